@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 from mpi4py import MPI
-from scenes import run_command, to_toml
+from scenes import COULOMB, FLOOR, certified, rectangle, run_command, to_toml
 from scipy.spatial import cKDTree
 
 import ddmpi
@@ -18,14 +18,11 @@ pytestmark = pytest.mark.slow
 COMM = MPI.COMM_WORLD
 SAME = 1e-9
 TIGHT = {"method": {"tolerance": 1e-12}}
-COULOMB = {"law": "coulomb", "coefficient": 0.3}
 
 
 def disc(name: str, y: float, divisions: tuple[int, int], order: int = 1, inner: float = 0.0, **more) -> dict:
     """A disc 1 m high from the radius `inner` to 2 m, with its bottom at y."""
-    return {"name": name, "material": {"young": 1e9, "poisson": 0.3},
-            "mesh": {"shape": "rectangle", "origin": [inner, y], "size": [2.0 - inner, 1.0],
-                     "divisions": list(divisions), "order": order}} | more
+    return rectangle(name, (inner, y), (2.0 - inner, 1.0), divisions, order, **more)
 
 
 def pressed(order: int = 1, matching: bool = False, law: dict | None = None, loose: bool = False, inner: float = 0.0,
@@ -38,7 +35,7 @@ def pressed(order: int = 1, matching: bool = False, law: dict | None = None, loo
     scene["body"][1]["material"] = {"young": 3e9, "poisson": 0.2}
     scene["contact"] = [{"bodies": ["upper", "lower"], "on": ["bottom", "top"], "friction": law or COULOMB} | contact]
     if loose:
-        scene["rigid"] = [{"name": "floor", "shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}]
+        scene["rigid"] = [FLOOR]
         scene["contact"].append({"bodies": ["lower", "floor"], "on": ["bottom"], "friction": COULOMB})
     return scene
 
@@ -60,12 +57,6 @@ SCENES = {"pairs": lambda: pressed(matching=True), "pairs of order 2": lambda: p
           "bonded": lambda: pressed(2, kind="bonded", law={"law": "none"}),
           "loose": lambda: pressed(loose=True), "loose, order 2": lambda: pressed(2, loose=True),
           "rings": lambda: pressed(2, inner=0.7, loose=True), "cone": on_cone}
-
-
-def solved(scene: dict, comm=MPI.COMM_SELF) -> Answer:
-    answer = ddmpi.solve(to_toml(scene), comm)
-    assert answer.certified, answer.reason
-    return answer
 
 
 def moved(scene: dict, up: float = 0.0, length: float = 1.0, stress: float = 1.0) -> dict:
@@ -107,10 +98,10 @@ def compare(one: Answer, other: Answer, up: float = 0.0, length: float = 1.0, st
 def test_elsewhere(name):
     """Along the axis, in mm and MPa, and with bodies and contacts in another order, scenes have the same answers."""
     scene = SCENES[name]() | TIGHT
-    one = solved(scene)
-    compare(one, solved(moved(scene, up=-3.0)), up=-3.0)
-    compare(one, solved(moved(scene, length=1e-3, stress=1e6)), length=1e-3, stress=1e6)
-    compare(one, solved(scene | {"body": scene["body"][::-1], "contact": scene["contact"][::-1]}))
+    one = certified(scene)
+    compare(one, certified(moved(scene, up=-3.0)), up=-3.0)
+    compare(one, certified(moved(scene, length=1e-3, stress=1e6)), length=1e-3, stress=1e6)
+    compare(one, certified(scene | {"body": scene["body"][::-1], "contact": scene["contact"][::-1]}))
 
 
 @pytest.mark.mpi(ranks=3)
@@ -118,7 +109,7 @@ def test_elsewhere(name):
 def test_three_ranks(comm, name):
     """On more ranks than bodies the answer is that of one rank."""
     scene = SCENES[name]() | TIGHT
-    compare(solved(scene), solved(scene, comm))
+    compare(certified(scene), certified(scene, comm))
 
 
 @pytest.mark.parametrize("compliance", ["explicit", "direct", "iterative"])
@@ -126,7 +117,7 @@ def test_three_ranks(comm, name):
 def test_compliances(name, compliance):
     """The compliance by any means; multigrid has the motions that cost little energy."""
     scene = SCENES[name]()
-    one, other = solved(scene | TIGHT), solved(scene | {"method": {"tolerance": 1e-10, "compliance": compliance}})
+    one, other = certified(scene | TIGHT), certified(scene | {"method": {"tolerance": 1e-10, "compliance": compliance}})
     largest = one.summary["displacement_max"]
     for body, found in other.bodies.items():
         assert np.abs(found.displacement - one.bodies[body].displacement).max() <= 1e-6 * largest
@@ -138,28 +129,26 @@ def test_published_iteration(comm, name):
     """The published iteration and its Anderson form find what Newton's method finds."""
     scene = SCENES[name]()
     scene["body"][0]["clamp"] = [{"on": "top", "y": -1e-3, "x": 0.0}]
-    one = solved(scene | TIGHT)
+    one = certified(scene | TIGHT)
     for method in ({"outer": "relaxation", "theta": 0.2}, {"outer": "anderson"}):
-        other = solved(scene | {"method": method | {"tolerance": 1e-8}}, comm)
+        other = certified(scene | {"method": method | {"tolerance": 1e-8}}, comm)
         force = one.summary["contacts"]["upper-lower"]["force"]
         assert other.summary["contacts"]["upper-lower"]["force"] == pytest.approx(force, rel=1e-4)
 
 
 def test_a_fit_by_heat_is_one_by_interference():
     """A shaft that is warmer than its hub presses as one that is too thick, at free ends; it grows along the axis."""
-    mesh, steel = {"shape": "rectangle", "order": 2}, {"young": 2e11, "poisson": 0.3, "expansion": 1.2e-5}
+    steel = {"young": 2e11, "poisson": 0.3, "expansion": 1.2e-5}
     scene = {"axisymmetric": True, "body": [
-        {"name": "shaft", "material": steel, "clamp": [{"on": "bottom", "y": 0.0}],
-         "mesh": mesh | {"origin": [0.0, 0.0], "size": [0.05, 0.05], "divisions": [5, 5]}},
-        {"name": "hub", "material": steel, "clamp": [{"on": "bottom", "y": 0.0}],
-         "mesh": mesh | {"origin": [0.05, 0.0], "size": [0.05, 0.05], "divisions": [5, 5]}}],
+        rectangle(name, (x, 0), (0.05, 0.05), (5, 5), 2, clamp=[{"on": "bottom", "y": 0.0}], material=steel)
+        for name, x in (("shaft", 0.0), ("hub", 0.05))],
         "contact": [{"bodies": ["shaft", "hub"], "on": ["right", "left"], "pairing": "nodes"}]} | TIGHT
     scene["body"][0]["temperature"] = 50.0
-    warm = solved(scene)
+    warm = certified(scene)
     del scene["body"][0]["temperature"]
     scene["body"][0]["material"] = scene["body"][1]["material"] = {"young": 2e11, "poisson": 0.3}
     scene["contact"][0]["gap"] = -1.2e-5 * 50.0 * 0.05
-    thick = solved(scene)
+    thick = certified(scene)
     one, other = (each.contacts["shaft-hub"].pressure for each in (warm, thick))
     assert one == pytest.approx(other, rel=1e-9)
     exact = 3e-5 * 2e11 / 2 / 0.05 * (1.0 - 0.05**2 / 0.1**2)
@@ -169,9 +158,9 @@ def test_a_fit_by_heat_is_one_by_interference():
 def test_clamping_the_axis_is_needless():
     """With and without a clamp at x = 0 the answer is the same, to the last bit, and that clamp bears nothing."""
     scene = pressed(2)
-    one = solved(scene)
+    one = certified(scene)
     scene["body"][0]["clamp"] = [{"on": "left", "x": 0.0}]
-    other = solved(scene)
+    other = certified(scene)
     assert np.array_equal(one.bodies["upper"].displacement, other.bodies["upper"].displacement)
     assert other.summary["bodies"]["upper"]["reactions"]["left"]["force"] == [0.0, 0.0]
 
@@ -180,7 +169,7 @@ def test_a_clamp_along_the_normal_is_a_cone_without_friction():
     """A ring that slides on a cone by a clamp along the normal moves as on a rigid cone that it is pressed onto."""
     scene = on_cone() | TIGHT
     scene["contact"][0]["friction"] = {"law": "none"}
-    one = solved(scene)
+    one = certified(scene)
     assert one.summary["contacts"]["ring-cone"]["open"] == 0
     scene["body"][0]["clamp"] = [{"on": "left", "normal": 0.0}]
     scene["rigid"], scene["body"] = [], [*scene["body"], disc("other", 5.0, (2, 2), 2, 3.0, clamp=["bottom"])]
@@ -188,7 +177,7 @@ def test_a_clamp_along_the_normal_is_a_cone_without_friction():
     scene["body"].append(disc("third", 6.0, (2, 2), 2, 3.0))
     scene["body"][2]["mesh"] |= {"origin": [3.0, 6.0], "size": [1.0, 1.0]}
     scene["contact"] = [{"bodies": ["other", "third"], "on": ["top", "bottom"], "kind": "bonded"}]
-    other = solved(scene)
+    other = certified(scene)
     found = other.bodies["ring"].displacement
     assert found == pytest.approx(one.bodies["ring"].displacement, abs=1e-9 * np.abs(found).max())
     reaction = other.summary["bodies"]["ring"]["reactions"]["left"]["force"]
@@ -198,17 +187,14 @@ def test_a_clamp_along_the_normal_is_a_cone_without_friction():
 
 def test_load_steps_keep_the_energy():
     """A shaft with interference is pushed through a hub: all friction acts, and the energy balance closes."""
-    mesh = {"shape": "rectangle", "order": 2}
-    steel = {"young": 2e11, "poisson": 0.3}
     scene = {"axisymmetric": True, "body": [
-        {"name": "shaft", "material": steel, "clamp": [{"on": "top", "y": -2e-4, "history": "push"}],
-         "mesh": mesh | {"origin": [0.0, -0.02], "size": [0.05, 0.09], "divisions": [5, 9]}},
-        {"name": "hub", "material": steel, "clamp": [{"on": "bottom", "y": 0.0}],
-         "mesh": mesh | {"origin": [0.05, 0.0], "size": [0.05, 0.05], "divisions": [5, 6]}}],
+        rectangle("shaft", (0, -0.02), (0.05, 0.09), (5, 9), 2, young=2e11,
+                  clamp=[{"on": "top", "y": -2e-4, "history": "push"}]),
+        rectangle("hub", (0.05, 0), (0.05, 0.05), (5, 6), 2, young=2e11, clamp=[{"on": "bottom", "y": 0.0}])],
         "contact": [{"bodies": ["shaft", "hub"], "on": ["right", "left"], "gap": -5e-5,
                      "friction": {"law": "coulomb", "coefficient": 0.2}}],
         "history": {"push": {"times": [1.0, 2.0], "factors": [0.0, 1.0]}}, "time": {"points": [1.0, 2.0], "steps": 4}}
-    answer = solved(scene)
+    answer = certified(scene)
     contact = answer.summary["contacts"]["shaft-hub"]
     assert contact["stick"] == 0 and contact["slip"] > 5
     assert abs(contact["force"][1]) == pytest.approx(0.2 * contact["normal_force"], rel=1e-6)
@@ -223,7 +209,7 @@ def test_target_error_refines_the_meshes():
     """An accuracy target is met by meshes that stay around the axis."""
     scene = pressed(2, law={"law": "none"}) | {"method": {"target_error": 0.003}}
     scene["body"][1]["clamp"] = [{"on": "bottom", "y": 0.0}]
-    answer = solved(scene)
+    answer = certified(scene)
     assert answer.summary["discretization_error"]["energy_norm"] <= 0.003
     assert len(answer.summary["discretization_error"]["levels"]) > 1
     assert answer.summary["contacts"]["upper-lower"]["normal_force"] == pytest.approx(2 * np.pi * 8 / 3 * 1e6)
@@ -252,10 +238,10 @@ def test_what_slides_along_the_axis_is_named():
     scene["body"][0]["clamp"] = ["bottom"]
     scene["body"][1]["mesh"] |= {"origin": [2.0, 0.0], "size": [1.0, 1.0]}
     scene["contact"] = [{"bodies": ["shaft", "sleeve"], "on": ["right", "left"], "gap": -1e-4}]
-    answer = solved(scene)
+    answer = certified(scene)
     assert answer.summary["undetermined"] == ["sleeve can slide along y without any force"]
     scene["body"][1]["volume_force"] = [0.0, -1e3]
-    failed = ddmpi.solve(to_toml(scene), MPI.COMM_SELF)
+    failed = ddmpi.solve(scene, MPI.COMM_SELF)
     assert failed.reason == "no equilibrium: sleeve would slide along -y"
 
 
@@ -276,7 +262,7 @@ def test_rows_on_the_axis_are_merged(partner):
         contact = {"bodies": ["ball", "shell"], "on": ["outer"], "gap": -1e-4}
         scene["rigid"] = [{"name": "shell", "shape": "circle", "center": [0.0, 0.0], "radius": 2.0, "inside": True}]
     scene["contact"] = [contact]
-    state = solved(scene).contacts["ball-shell"]
+    state = certified(scene).contacts["ball-shell"]
     lines = state.interface.lines
     ends = np.flatnonzero(lines.xy[:, 0] == 0.0)
     assert len(ends) == 2 and len(lines.row) == state.interface.m + 2
@@ -289,7 +275,7 @@ def test_a_row_that_half_moves_is_kept_in_all_units(length):
     """The slave's node on the axis faces one that is held there and, half as far as its neighbour, one that is not."""
     scene = pressed(pairing="mortar", slave="lower")
     scene["body"][0]["mesh"]["divisions"], scene["body"][1]["mesh"]["divisions"] = [4, 2], [2, 1]
-    assert solved(moved(scene, length=length)).summary["contacts"]["upper-lower"]["m"] == 3
+    assert certified(moved(scene, length=length)).summary["contacts"]["upper-lower"]["m"] == 3
 
 
 @pytest.mark.parametrize("seed", range(12))
@@ -309,10 +295,10 @@ def test_random_scenes(seed):
     if rng.random() < 0.5:
         scene["body"][0]["clamp"] = ["bottom"]
     else:
-        scene["rigid"] = [{"name": "floor", "shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}]
+        scene["rigid"] = [FLOOR]
         scene["contact"].append({"bodies": ["b0", "floor"], "on": ["bottom"], "friction": laws[rng.integers(3)]})
-    answer = solved(scene)
-    compare(answer, solved(scene | {"body": scene["body"][::-1], "contact": scene["contact"][::-1]}))
+    answer = certified(scene)
+    compare(answer, certified(scene | {"body": scene["body"][::-1], "contact": scene["contact"][::-1]}))
     load = answer.summary["bodies"][f"b{number - 1}"]["loads"]["top"]["force"][1]
     for contact in answer.summary["contacts"].values():
         sign = 1.0 if contact["force"][1] > 0.0 else -1.0

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import scenes
-from scenes import ROOT, to_toml
+from scenes import FLOOR, ROOT, rectangle
 from scipy.optimize import linprog
 
 import ddmpi
@@ -16,7 +16,6 @@ two_ranks = pytest.mark.mpi(ranks=2)
 YOUNG, POISSON = 2.0e10, 0.25
 MATERIAL = {"young": YOUNG, "poisson": POISSON}
 PLANE_MODULUS = YOUNG / (1 - POISSON**2)
-FLOOR = {"name": "floor", "shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}
 WEIGHT = [0.0, -2.0e4]
 
 DISPLACEMENT = {"wall": 5.3563296e-6, "arch": 5.00089917e-3}
@@ -24,7 +23,7 @@ DISPLACEMENT = {"wall": 5.3563296e-6, "arch": 5.00089917e-3}
 
 
 def solve(comm, scene: dict, certified: bool = True) -> Answer:
-    answer = ddmpi.solve(to_toml(scene), comm)
+    answer = ddmpi.solve(scene, comm)
     assert answer.certified is certified, answer.reason
     assert answer.summary["warnings"] == []
     return answer
@@ -35,9 +34,8 @@ def shipped(comm, name: str, **overrides) -> Answer:
 
 
 def block(name: str, x: float, y: float, width: float, height: float, N: int = 8, **more) -> dict:
-    return {"name": name, "material": MATERIAL, "mesh": {
-        "shape": "rectangle", "origin": [x, y], "size": [width, height],
-        "divisions": [round(width * N), round(height * N)]}} | more
+    divisions = round(width * N), round(height * N)
+    return rectangle(name, (x, y), (width, height), divisions, **{"material": MATERIAL} | more)
 
 
 def coulomb(coefficient: float) -> dict:
@@ -138,12 +136,10 @@ def test_a_bonded_block_is_one_block(comm):
     """Four bonded blocks move as one with the same mesh, which touches nothing: a floor is far below."""
     parts = shipped(comm, "bonded_block")
     assert parts.certified and parts.summary["warnings"] == []
-    one = ddmpi.solve(to_toml({
-        "body": [{"name": "one", "clamp": ["left"], "material": {"young": 2.1e11, "poisson": 0.3}, "mesh": {
-            "shape": "rectangle", "origin": [0.0, 0.0], "size": [2.0, 1.0], "divisions": [32, 16]},
-            "traction": [{"on": "top", "value": [0.0, -2.0e6]}, {"on": "right", "value": [0.0, -1.0e6]}]}],
-        "rigid": [FLOOR | {"point": [0.0, -1.0]}], "contact": [contact("one", "floor", "bottom")]}), comm)
-    assert one.certified
+    loads = [{"on": "top", "value": [0.0, -2.0e6]}, {"on": "right", "value": [0.0, -1.0e6]}]
+    one = scenes.certified({
+        "body": [rectangle("one", (0, 0), (2, 1), (32, 16), young=2.1e11, clamp=["left"], traction=loads)],
+        "rigid": [FLOOR | {"point": [0.0, -1.0]}], "contact": [contact("one", "floor", "bottom")]}, comm)
     everything = [(body.points, body.displacement) for rank in comm.allgather(
         [*parts.bodies.values()]) for body in rank]
     whole = next(rank["one"] for rank in comm.allgather(dict(one.bodies)) if rank)

@@ -3,13 +3,12 @@
 import meshio
 import numpy as np
 import pytest
+from boundaries import rectangle as generate
+from boundaries import write_msh
 from mpi4py import MPI
-from scenes import BRASS, ROOT, STEEL, to_toml
+from scenes import BRASS, FLOOR, ROOT, STEEL, certified, rectangle
 
 import ddmpi
-from ddmpi.mesh.shapes import generate_rectangle
-from ddmpi.run.answer import Answer
-from ddmpi.scene.bodies import MeshSpec
 
 RUBBER = {"young": 1.0e9, "poisson": 0.4}
 LOADS = {"traction": [{"on": "top", "pressure": "1e6 * (2 - x)"}, {"on": "top", "value": ["2e5 * x**2", 0.0]}]}
@@ -17,39 +16,25 @@ LOADS = {"traction": [{"on": "top", "pressure": "1e6 * (2 - x)"}, {"on": "top", 
 
 def write_layers(path) -> str:
     """A unit square of 8 × 8 cells; surface `upper` above y = 1/2, `lower` below."""
-    mesh = generate_rectangle(MeshSpec(shape="rectangle", size=(1.0, 1.0), divisions=(8, 8)))
+    mesh = generate((8, 8), (1.0, 1.0))
     upper = mesh.points[mesh.triangles, 1].mean(axis=1) > 0.5
-    lines = [("line", edges) for edges in mesh.groups.values()]
-    tags = [np.full(len(edges), k + 1) for k, (_, edges) in enumerate(lines)]
-    physical = [*tags, np.where(upper, 11, 12)]
-    names = {name: np.array([k + 1, 1]) for k, name in enumerate(mesh.groups)}
-    meshio.Mesh(np.column_stack([mesh.points, np.zeros(len(mesh.points))]), [*lines, ("triangle", mesh.triangles)],
-                cell_data={"gmsh:physical": physical, "gmsh:geometrical": physical},
-                field_data=names | {"upper": np.array([11, 2]), "lower": np.array([12, 2])},
-                ).write(path, file_format="gmsh22", binary=False)
-    return str(path)
-
-
-def solve(scene: dict) -> Answer:
-    answer = ddmpi.solve(to_toml(scene), MPI.COMM_SELF)
-    assert answer.certified, answer.reason
-    return answer
+    return write_msh(path, mesh, {"upper": upper, "lower": ~upper})
 
 
 @pytest.mark.parametrize("order", [1, 2])
 def test_a_body_of_two_materials_is_two_bonded_bodies(tmp_path, order):
     """A block of two layers slides on a base just as two bonded blocks do: the same forces and displacements."""
     def body(name: str, y: float, material: dict, **more) -> dict:
-        mesh = {"shape": "rectangle", "origin": [0.0, y], "size": [1.0, 0.5], "divisions": [8, 4], "order": order}
-        return {"name": name, "mesh": mesh, "material": material, "clamp": [{"on": "left", "x": 0.0}]} | more
+        clamp = {"clamp": [{"on": "left", "x": 0.0}]}
+        return rectangle(name, (0, y), (1, 0.5), (8, 4), order, **material, **clamp | more)
 
     block = {"name": "block", "mesh": {"file": write_layers(tmp_path / "layers.msh"), "order": order},
              "material": [{"on": "lower", **RUBBER}, STEEL], "clamp": [{"on": "left", "x": 0.0}]}
     base = body("base", -0.5, BRASS, clamp=["bottom"])
     contact = {"bodies": ["block", "base"], "on": ["bottom", "top"], "friction": {"law": "coulomb", "coefficient": 0.2}}
     bonded = {"bodies": ["block", "steel"], "on": ["top", "bottom"], "kind": "bonded"}
-    one = solve({"body": [block | LOADS, base], "contact": [contact]})
-    two = solve({"body": [body("block", 0.0, RUBBER), body("steel", 0.5, STEEL, **LOADS), base],
+    one = certified({"body": [block | LOADS, base], "contact": [contact]})
+    two = certified({"body": [body("block", 0.0, RUBBER), body("steel", 0.5, STEEL, **LOADS), base],
                  "contact": [contact, bonded]})
     mine, theirs = one.contacts["block-base"], two.contacts["block-base"]
     assert {"slip", "stick"} <= set(mine.status.tolist())
@@ -89,8 +74,7 @@ def test_points_that_carry_forces_are_warned_of(tmp_path, where, warned):
     mesh.write(path, file_format="gmsh22", binary=False)
     block = {"name": "block", "mesh": {"file": path}, "material": STEEL, "clamp": [{"on": "corner", "x": 0.0}],
              "traction": [{"on": "top", "pressure": 1e6}] + [{"on": on, "pressure": 1e5} for on in where]}
-    floor = {"name": "floor", "shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}
     contact = {"bodies": ["block", "floor"], "on": ["bottom"]}
-    warnings = solve({"body": [block], "rigid": [floor], "contact": [contact]}).summary["warnings"]
+    warnings = certified({"body": [block], "rigid": [FLOOR], "contact": [contact]}).summary["warnings"]
     assert len(warnings) == warned
     assert not warned or warnings[0].startswith("body.block.clamp: the point 'corner' carries a force of 1e+05; it")

@@ -5,21 +5,15 @@ import json
 import numpy as np
 import pytest
 from mpi4py import MPI
-from scenes import run_command, to_toml, write_scene
+from scenes import COULOMB, FLOOR, certified, rectangle, run_command, write_scene
+from solid_scenes import box
 
 import ddmpi
-from ddmpi.run.answer import Answer
 
 pytestmark = pytest.mark.slow
 
 GROWS = {"history": {"fit": {"times": [0.0, 1.0, 2.0], "factors": [0.0, 1.0, 0.5]}}, "time": {"points": [1.0, 2.0]}}
 QUARTER = [{"on": "start", "y": 0.0}, {"on": "end", "x": 0.0}]
-
-
-def solve(scene: dict, comm=MPI.COMM_SELF) -> Answer:
-    answer = ddmpi.solve(to_toml(scene), comm)
-    assert answer.certified, answer.reason
-    return answer
 
 
 def rings(gap, around: int = 15, **contact) -> dict:
@@ -34,9 +28,7 @@ def rings(gap, around: int = 15, **contact) -> dict:
 
 def boxes(gap, **contact) -> dict:
     """Two boxes in a row between clamps, joined by a bond or not."""
-    box = {"shape": "box", "size": [1.0, 1.0, 1.0], "divisions": [2, 2, 2]}
-    return {"body": [{"name": name, "material": {"young": 1e9, "poisson": 0.0},
-                      "mesh": box | {"origin": [x, 0.0, 0.0]}, "clamp": [end]}
+    return {"body": [box(name, (x, 0, 0), (1, 1, 1), (2, 2, 2), young=1e9, poisson=0.0, clamp=[end])
                      for name, x, end in (("first", 0.0, "left"), ("second", 1.0, "right"))],
             "contact": [{"bodies": ["first", "second"], "on": ["right", "left"], "gap": gap} | contact]}
 
@@ -49,7 +41,7 @@ def boxes(gap, **contact) -> dict:
     ids=["mortar", "nodes", "formula", "profile", "bonded", "boxes", "bonded boxes"])
 def test_a_gap_follows_its_history(scene, value):
     """Without friction the answer of each step is that of a constant gap, on any pairing; works balance."""
-    answer = solve(scene({"value": value, "history": "fit"}) | GROWS)
+    answer = certified(scene({"value": value, "history": "fit"}) | GROWS)
     (name,) = answer.contacts
     assert [step["time"] for step in answer.summary["steps"]][-1] == 2.0
     if isinstance(value, dict):
@@ -59,7 +51,7 @@ def test_a_gap_follows_its_history(scene, value):
     else:
         ends = [value, 0.5 * value]
     for step, gap in zip([each for each in answer.summary["steps"] if each["time"] in (1.0, 2.0)], ends, strict=True):
-        expected = solve(scene(gap)).contacts[name]
+        expected = certified(scene(gap)).contacts[name]
         force = np.array(step["contacts"][name]["force"])
         assert np.abs(force - expected.force).max() <= 1e-6 * np.abs(expected.force).max() > 0.0
     state = answer.contacts[name]
@@ -75,27 +67,25 @@ def test_an_overlap_of_clamped_nodes_is_none_of_the_answer():
     scene["history"] = {"fit": {"times": [0.0, 1.0, 2.0], "factors": [0.0, 1.0, -1.0]}}
     for body in scene["body"]:
         body["clamp"] = ["start", {"on": "end", "x": 0.0}]
-    state = solve(scene).contacts["shaft-hub"]
+    state = certified(scene).contacts["shaft-hub"]
     assert state.between.max() == pytest.approx(1e-4, rel=1e-6)
     scene["history"]["fit"]["factors"][2] = 1.0
-    assert not [each for each in solve(scene).summary["warnings"] if "overlap" in each]
+    assert not [each for each in certified(scene).summary["warnings"] if "overlap" in each]
 
 
 def test_a_gap_that_closes_is_a_body_that_is_let_down():
     """While a block is pushed aside it is let down on a plane: by its clamp, or by its gap. The slip is the same."""
     def down(y: dict, gap) -> dict:
-        return {"body": [{"name": "block", "mesh": {"shape": "rectangle", "size": [2.0, 1.0], "divisions": [4, 2]},
-                          "material": {"young": 1e9, "poisson": 0.3},
-                          "clamp": [{"on": "top"} | y, {"on": "top", "x": 1e-3, "history": "push"}]}],
-                "rigid": [{"name": "floor", "shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}],
+        clamp = [{"on": "top"} | y, {"on": "top", "x": 1e-3, "history": "push"}]
+        return {"body": [rectangle("block", (0, 0), (2, 1), (4, 2), clamp=clamp)], "rigid": [FLOOR],
                 "contact": [{"bodies": ["block", "floor"], "on": ["bottom"], "gap": gap,
-                             "friction": {"law": "coulomb", "coefficient": 0.8}}],
+                             "friction": COULOMB | {"coefficient": 0.8}}],
                 "history": {"push": {"times": [0.0, 2.0, 3.0], "factors": [0.0, 1.0, 0.0]},
                             "lower": {"times": [0.0, 2.0], "factors": [1.0, -1.0]},
                             "clamp": {"times": [0.0, 2.0], "factors": [0.0, -2.0]}},
                 "time": {"points": [2.0, 3.0]}}
 
-    ones, others = (solve(each).summary for each in (
+    ones, others = (certified(each).summary for each in (
         down({"y": 1e-4, "history": "clamp"}, 1e-4), down({"y": 0.0}, {"value": 1e-4, "history": "lower"})))
     assert len(ones["steps"]) == len(others["steps"]) > 4
     for one, other in zip(ones["steps"], others["steps"], strict=True):
@@ -108,7 +98,7 @@ def test_a_gap_that_closes_is_a_body_that_is_let_down():
 
 def test_ranks_and_restarts_have_the_same_gaps(tmp_path):
     """On two ranks, and continued from a checkpoint in a later leg: the same forces."""
-    scene = rings({"value": -1e-4, "history": "fit"}, friction={"law": "coulomb", "coefficient": 0.3}) | GROWS
+    scene = rings({"value": -1e-4, "history": "fit"}, friction=COULOMB) | GROWS
     scene["history"]["fit"]["factors"] = [0.0, 1.0, 0.5]
     scene["time"] |= {"steps": 3}
     path = write_scene(scene, tmp_path / "scene.toml")
@@ -131,5 +121,5 @@ def test_ranks_and_restarts_have_the_same_gaps(tmp_path):
 def test_a_gap_is_refused(gap, words):
     """One message that names the key, before anything is solved."""
     with pytest.raises(ddmpi.errors.InputError) as refused:
-        ddmpi.solve(to_toml(rings(gap) | GROWS), MPI.COMM_SELF)
+        ddmpi.solve(rings(gap) | GROWS, MPI.COMM_SELF)
     assert words in str(refused.value)

@@ -5,22 +5,15 @@ import json
 import numpy as np
 import pytest
 from mpi4py import MPI
-from scenes import run_command, to_toml, write_scene
+from scenes import certified, run_command, write_scene
 
 import ddmpi
-from ddmpi.run.answer import Answer
 
 pytestmark = pytest.mark.slow
 
 YOUNG, POISSON, PRESSURE = 1e9, 0.3, 1e6
 CONFINED = YOUNG * (1 - POISSON) / (1 + POISSON) / (1 - 2 * POISSON)
 STEEL = {"young": YOUNG, "poisson": POISSON}
-
-
-def solve(scene: dict, **overrides) -> Answer:
-    answer = ddmpi.solve(to_toml(scene), MPI.COMM_SELF, {k.replace("__", "."): v for k, v in overrides.items()})
-    assert answer.certified, answer.reason
-    return answer
 
 
 def resting(k: float, order: int = 1, solid: bool = False, unit: float = 1.0) -> dict:
@@ -44,7 +37,7 @@ def resting(k: float, order: int = 1, solid: bool = False, unit: float = 1.0) ->
 def test_a_block_on_a_mat(k, unit, order, solid):
     """p/k below and pH/M more above, springs alone holding the block; also a million times softer, and in other units.
     """
-    answer = solve(resting(k, order, solid, unit))
+    answer = certified(resting(k, order, solid, unit))
     block, fields = answer.summary["bodies"]["block"], answer.bodies["block"]
     y, u = fields.points[:, -1], -fields.displacement[:, -1] / unit
     low, high = u[y == 0.0], u[np.isclose(y, unit)]
@@ -61,7 +54,7 @@ def test_every_compliance_knows_of_the_springs(solver):
     scene = resting(1e8)
     scene["rigid"][0]["point"][-1] = 1.0
     scene["body"][0]["traction"][0]["value"][-1] = PRESSURE
-    answer = solve(scene, method__compliance=solver, method__tolerance=1e-6)
+    answer = certified(scene, method__compliance=solver, method__tolerance=1e-6)
     pressure = PRESSURE / (1.0 + 1e8 / CONFINED) * 1e8 / CONFINED
     assert answer.contacts["block-sky"].pressure == pytest.approx(np.full(7, PRESSURE), rel=1e-4) and pressure > 0.0
 
@@ -71,7 +64,7 @@ def test_tangential_springs():
     scene = resting(1e9)
     scene["body"][0] |= {"clamp": [], "foundation": [{"on": "bottom", "normal": 1e12, "tangential": 1e6}],
                          "traction": [{"on": "bottom", "value": [1e3, 0.0]}]}
-    answer = solve(scene)
+    answer = certified(scene)
     u = answer.bodies["block"].displacement
     assert u[:, 0].mean() == pytest.approx(1e-3, rel=1e-5)
     assert answer.summary["bodies"]["block"]["reaction"] == pytest.approx([-2e3, 0.0], abs=1e-6)
@@ -92,7 +85,7 @@ def test_a_curved_foundation(order):
     bulk = shear / (1 - 2 * POISSON)  # u = A r + B/r, σ_r = 2 bulk A − 2 shear B/r²
     A, B = np.linalg.solve([[2 * bulk, -2 * shear / a**2], [2 * bulk + k * b, -2 * shear / b**2 + k / b]],
                            [-PRESSURE, 0.0])
-    fields = solve(scene).bodies["ring"]
+    fields = certified(scene).bodies["ring"]
     rim = np.isclose(np.linalg.norm(fields.points, axis=1), b)
     u = np.einsum("ij,ij->i", fields.points, fields.displacement)[rim] / b
     assert u == pytest.approx(np.full(rim.sum(), A * b + B / b), rel={1: 5e-3, 2: 1e-5}[order])
@@ -118,19 +111,19 @@ def beside(solid: bool, tangential: float = 0.0, friction: float = 0.3, pull: fl
 def test_what_a_foundation_leaves(solid):
     """A normal one below a flat base leaves sliding: told where no load asks for it, no equilibrium where one does;
     with tangential springs, or a clamp, all is held."""
-    answer = solve(beside(solid))
+    answer = certified(beside(solid))
     assert any("slide along x without any force" in each for each in answer.summary["undetermined"])
     assert not answer.summary["bodies"]["lower"]["held"]
-    lost = ddmpi.solve(to_toml(beside(solid, pull=0.1 * PRESSURE)), MPI.COMM_SELF)
+    lost = ddmpi.solve(beside(solid, pull=0.1 * PRESSURE), MPI.COMM_SELF)
     assert "no equilibrium: nothing holds upper and lower: they would move along x" in lost.reason
-    held = solve(beside(solid, tangential=1e8, pull=0.1 * PRESSURE))
+    held = certified(beside(solid, tangential=1e8, pull=0.1 * PRESSURE))
     assert held.summary["bodies"]["lower"]["held"] and not held.summary["undetermined"]
     assert held.summary["bodies"]["lower"]["reaction"][0] == pytest.approx(-0.1 * PRESSURE, rel=1e-6)
-    clamped = solve(beside(solid, pull=0.1 * PRESSURE, clamp=["left"]))
+    clamped = certified(beside(solid, pull=0.1 * PRESSURE, clamp=["left"]))
     lower = clamped.summary["bodies"]["lower"]
     assert lower["held"] and lower["reaction"] == pytest.approx(
         np.sum([lower["reactions"][group]["force"] for group in ("left", "bottom")], axis=0), abs=1.0)
-    slips = ddmpi.solve(to_toml(beside(solid, tangential=1e8, friction=0.05, pull=0.1 * PRESSURE)), MPI.COMM_SELF)
+    slips = ddmpi.solve(beside(solid, tangential=1e8, friction=0.05, pull=0.1 * PRESSURE), MPI.COMM_SELF)
     assert "no equilibrium: upper would slide along x" in slips.reason
 
 
@@ -138,7 +131,7 @@ def test_what_a_foundation_leaves(solid):
 def test_soft_springs_cost_no_steps(solid):
     """A loose block on one that stands on springs of the stiffness of the blocks, and on some a million times softer:
     displacements grow, forces and steps hardly do."""
-    stiff, soft = (solve(beside(solid, tangential=k, pull=0.1 * PRESSURE) | {"method": {"tolerance": 1e-8}},
+    stiff, soft = (certified(beside(solid, tangential=k, pull=0.1 * PRESSURE) | {"method": {"tolerance": 1e-8}},
                          body__lower__foundation__0__normal=k) for k in (1e9, 1e3))
     assert soft.summary["outer_iterations"] <= 15 and soft.summary["n_A"] <= 2 * stiff.summary["n_A"]
     assert soft.summary["bodies"]["lower"]["reaction"][0] == pytest.approx(-0.1 * PRESSURE, rel=1e-7)
@@ -160,7 +153,7 @@ def test_a_body_of_pieces_may_stand_on_springs():
     both = [{"on": name, "normal": 1e9, "tangential": 1e9} for name in groups]
     for springs in (both, both[:1]):
         scene["body"][0]["foundation"] = springs
-        (body,) = read_scene("scene", to_toml(scene), []).body
+        (body,) = read_scene("scene", scene, []).body
         if springs is both:
             assert assemble(mesh, body).held
         else:
@@ -175,7 +168,7 @@ def test_load_steps_keep_the_balance_of_energy():
     scene["body"][1]["clamp"] = [{"on": "left", "y": -1e-4, "history": "push"}]
     scene |= {"history": {"push": {"times": [0.0, 1.0, 2.0], "factors": [0.0, 1.0, 0.3]}},
               "time": {"points": [1.0, 2.0], "steps": 2}}
-    energy = solve(scene).summary["energy"]
+    energy = certified(scene).summary["energy"]
     assert energy["residual"] <= 1e-10 and energy["strain_energy"] > 0.0
 
 
@@ -200,5 +193,5 @@ def test_a_foundation_is_refused(foundation, words):
     scene = resting(1e9)
     scene["body"][0]["foundation"] = [foundation]
     with pytest.raises(ddmpi.errors.InputError) as refused:
-        ddmpi.solve(to_toml(scene), MPI.COMM_SELF)
+        ddmpi.solve(scene, MPI.COMM_SELF)
     assert words in str(refused.value)

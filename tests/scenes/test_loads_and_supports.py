@@ -5,9 +5,8 @@ import tomllib
 import numpy as np
 import pytest
 from mpi4py import MPI
-from scenes import ROOT, pinched_blocks, solve_scene, to_toml
-
-import ddmpi
+from scenes import ROOT, STEEL, certified, pinched_blocks, rectangle, solve_scene
+from solid_scenes import box
 
 ALONE = MPI.COMM_SELF
 
@@ -61,14 +60,13 @@ def test_shrink_fit_by_heat_is_that_by_interference(order, plane, heat):
 def heated_stack(n: int, order: int) -> dict:
     """Two blocks between walls on all sides; the lower one is heated, then the upper one pressed and moved."""
     def block(name: str, y: float, clamp: list, **more) -> dict:
-        return {"name": name, "clamp": clamp, "material": {"young": 2.1e11, "poisson": 0.3} | more.pop("material", {}),
-                "mesh": {"shape": "rectangle", "origin": [0.0, y], "size": [2.0, 1.0], "divisions": [2 * n, n],
-                         "order": order}} | more
+        return rectangle(name, (0, y), (2, 1), (2 * n, n), order, clamp=clamp, **{"material": STEEL} | more)
 
     sides = [{"on": "left", "x": 0.0}, {"on": "right", "x": 0.0}]
     return {"body": [block("upper", 1.0, [{"on": "top", "x": 1e-3, "y": -2e-4, "history": "press"}]),
                      block("lower", 0.0, [*sides, {"on": "bottom", "x": 0.0, "y": 0.0}],
-                           material={"expansion": 1.2e-5}, temperature={"value": "50 + 10*x", "history": "day"})],
+                           material=STEEL | {"expansion": 1.2e-5},
+                           temperature={"value": "50 + 10*x", "history": "day"})],
             "contact": [{"bodies": ["upper", "lower"], "on": ["bottom", "top"],
                          "friction": {"law": "coulomb", "coefficient": 0.3}}],
             "history": {"day": {"times": [0.0, 1.0, 2.0, 3.0], "factors": [0.0, 1.0, 1.0, 0.3]},
@@ -79,8 +77,7 @@ def heated_stack(n: int, order: int) -> dict:
 @pytest.mark.parametrize("order", [1, 2])
 def test_energy_balances_while_temperatures_change(order):
     """Work of supports and heat is strain energy, less what friction takes; strain energy is that of the stresses."""
-    answer = ddmpi.solve(to_toml(heated_stack(3, order)), ALONE)
-    assert answer.certified
+    answer = certified(heated_stack(3, order))
     energy, bodies = answer.summary["energy"], answer.summary["bodies"]
     assert energy["residual"] <= 1e-9
     assert energy["external_work"] == pytest.approx(energy["strain_energy"] + energy["interface_work"], rel=1e-9)
@@ -96,14 +93,11 @@ def test_heat_closes_a_gap_in_space(order):
     sides = [{"on": on, axis: 0.0} for on, axis in (("left", "x"), ("right", "x"), ("front", "y"), ("back", "y"))]
 
     def bar(name: str, z: float, **more) -> dict:
-        return {"name": name, "clamp": [*sides, "top" if z else "bottom"],
-                "material": {"young": young, "poisson": nu} | ({} if z else {"expansion": 1.2e-5}),
-                "mesh": {"shape": "box", "origin": [0.0, 0.0, z], "size": [1.0, 1.0, 1.0], "divisions": [2, 2, 2],
-                         "order": order}} | more
+        return box(name, (0, 0, z), (1, 1, 1), (2, 2, 2), order, clamp=[*sides, "top" if z else "bottom"],
+                   material=STEEL | ({} if z else {"expansion": 1.2e-5}), **more)
 
-    answer = ddmpi.solve(to_toml({"body": [bar("lower", 0.0, temperature=60.0), bar("upper", 1.0 + gap)], "contact": [
-        {"bodies": ["lower", "upper"], "on": ["top", "bottom"]}], "method": {"tolerance": 1e-10}}), ALONE)
-    assert answer.certified
+    answer = certified({"body": [bar("lower", 0.0, temperature=60.0), bar("upper", 1.0 + gap)], "contact": [
+        {"bodies": ["lower", "upper"], "on": ["top", "bottom"]}], "method": {"tolerance": 1e-10}})
     exact = ((1 + nu) / (1 - nu) * 1.2e-5 * 60.0 - gap) / (2.0 / modulus)
     assert answer.contacts["lower-upper"].pressure == pytest.approx(exact, rel=1e-9)
 
@@ -170,9 +164,9 @@ def test_energy_balances_on_inclined_planes(d):
     scene |= {"time": {"points": [1.0, 2.0], "steps": 2},
               "history": {"up": {"times": [0.0, 1.0, 2.0], "factors": [0.0, 1.0, 0.5]},
                           "warm": {"times": [0.0, 2.0], "factors": [0.0, 1.0]}}}
-    answer = ddmpi.solve(to_toml(scene), ALONE)
+    answer = certified(scene)
     energy, bodies = answer.summary["energy"], answer.summary["bodies"]
-    assert answer.certified and energy["residual"] <= 1e-10 and energy["dissipated"] > 0.0
+    assert energy["residual"] <= 1e-10 and energy["dissipated"] > 0.0
     assert energy["strain_energy"] == pytest.approx(sum(each["energy"] for each in bodies.values()), rel=1e-9)
 
 
@@ -183,9 +177,8 @@ def test_an_accuracy_target_is_met_with_heat_and_inclined_planes():
     for body in scene["body"]:
         body["temperature"] = 120.0
         body["mesh"] |= {"divisions": [8, 3], "order": 1}
-    answer = ddmpi.solve(to_toml(scene | {"method": {"target_error": 0.1}}), ALONE)
-    error = answer.summary["discretization_error"]
-    assert answer.certified and error["energy_norm"] <= 0.1 < error["levels"][0]["error"]
+    error = certified(scene | {"method": {"target_error": 0.1}}).summary["discretization_error"]
+    assert error["energy_norm"] <= 0.1 < error["levels"][0]["error"]
 
 
 # Orthotropic materials
@@ -196,9 +189,8 @@ PLY = {"young": [1.4e11, 1.0e10, 2.0e10], "poisson": [0.3, 0.25, 0.4]}
 def plies(pairing: str, plane: str, order: int) -> dict:
     """Two plies of fibres at 30° with free sides, pressed by a millimetre."""
     def block(name: str, y: float, n: int, clamp: dict) -> dict:
-        return {"name": name, "clamp": [clamp], "material": PLY | {"shear": 5e9, "angle": 30.0, "plane": plane},
-                "mesh": {"shape": "rectangle", "origin": [0.0, y], "size": [2.0, 1.0], "divisions": [n, 2],
-                         "order": order}}
+        return rectangle(name, (0, y), (2, 1), (n, 2), order, clamp=[clamp],
+                         material=PLY | {"shear": 5e9, "angle": 30.0, "plane": plane})
 
     return {"body": [block("upper", 1.0, 4, {"on": "top", "normal": -1e-3}),
                      block("lower", 0.0, 4 if pairing == "nodes" else 6, {"on": "bottom", "normal": 0.0})],
@@ -225,9 +217,8 @@ def test_plies_are_pressed_together(pairing, plane, order):
 def orthotropic_solids(order: int) -> dict:
     """Two orthotropic boxes with free sides, pressed along axis 2 by a millimetre."""
     def block(name: str, y: float, clamp: dict) -> dict:
-        return {"name": name, "clamp": [clamp], "material": PLY | {"shear": [5e9, 7e9, 3e9]},
-                "mesh": {"shape": "box", "origin": [0.0, y, 0.0], "size": [1.0, 1.0, 1.0], "divisions": [2, 2, 2],
-                         "order": order}}
+        return box(name, (0, y, 0), (1, 1, 1), (2, 2, 2), order, clamp=[clamp],
+                   material=PLY | {"shear": [5e9, 7e9, 3e9]})
 
     return {"body": [block("upper", 1.0, {"on": "back", "normal": -1e-3}),
                      block("lower", 0.0, {"on": "front", "normal": 0.0})],

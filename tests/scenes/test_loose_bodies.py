@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from mpi4py import MPI
-from scenes import STEEL, to_toml
+from scenes import FLOOR, STEEL, rectangle
 
 import ddmpi
 from ddmpi.errors import InputError
@@ -12,13 +12,11 @@ from ddmpi.run.answer import Answer
 pytestmark = pytest.mark.slow
 
 WEIGHT = 1.0e5
-FLOOR = {"name": "floor", "shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}
 
 
 def block(name: str, x: float, y: float, divisions: int = 3, **more) -> dict:
     """A square of side 1."""
-    mesh = {"shape": "rectangle", "origin": [x, y], "size": [1.0, 1.0], "divisions": [divisions, divisions]}
-    return {"name": name, "mesh": mesh, "material": STEEL, **more}
+    return rectangle(name, (x, y), (1, 1), (divisions, divisions), **STEEL, **more)
 
 
 def ring(name: str, angles: tuple[float, float] = (0.0, 360.0), **more) -> dict:
@@ -33,7 +31,7 @@ def contact(body: str, partner: str, on: str, coefficient: float = 0.3, **more) 
 
 
 def solve(bodies: list[dict], rigid: list[dict], contacts: list[dict]) -> Answer:
-    return ddmpi.solve(to_toml({"body": bodies, "rigid": rigid, "contact": contacts}), MPI.COMM_SELF)
+    return ddmpi.solve({"body": bodies, "rigid": rigid, "contact": contacts}, MPI.COMM_SELF)
 
 
 def test_a_block_that_a_frictionless_floor_holds_without_deforming_it_at_the_contact():

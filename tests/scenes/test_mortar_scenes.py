@@ -2,22 +2,18 @@
 
 import numpy as np
 import pytest
-from scenes import pinched_blocks, to_toml
+from scenes import COULOMB, certified, pinched_blocks, rectangle
 
-import ddmpi
 from ddmpi.errors import InputError
 
 pytestmark = pytest.mark.slow
 
 YOUNG, POISSON, PRESSURE = 1e9, 0.3, 1e6
 orders = pytest.mark.parametrize("order", [1, 2])
-COULOMB = {"law": "coulomb", "coefficient": 0.3}
 
 
 def solved(bodies: list[dict], contacts: list[dict], tolerance: float = 1e-12):
-    answer = ddmpi.solve(to_toml({"body": bodies, "contact": contacts, "method": {"tolerance": tolerance}}))
-    assert answer.certified
-    return answer
+    return certified({"body": bodies, "contact": contacts, "method": {"tolerance": tolerance}})
 
 
 def body(name: str, mesh: dict, clamp: list, traction: dict | None = None, young: float = YOUNG) -> dict:
@@ -101,17 +97,14 @@ def test_two_leaves_held_at_one_end(sides, held, order):
     wall = {"name": "wall", "shape": "plane", "point": [0.0, 0.0], "normal": [1.0, 0.0]}
 
     def found(upper: int, lower: int) -> list[float]:
-        bodies = [{"name": name, "mesh": {"shape": "rectangle", "origin": [0.0, y], "size": [length, 6.0],
-                                          "divisions": [n, 4], "order": order},
-                   "material": {"young": 2.06e5, "poisson": 0.3}, "clamp": ["left"] * (held == "clamps")}
+        bodies = [rectangle(name, (0, y), (length, 6), (n, 4), order, 2.06e5, clamp=["left"] * (held == "clamps"))
                   for name, y, length, n in (("upper", 6.0, 100.0, upper), ("lower", 0.0, 80.0, lower))]
         bodies[0]["traction"] = [{"on": "top", "value": [0.0, -1.0]}]
         bonds = [{"bodies": [name, "wall"], "on": ["left"], "kind": "bonded"} for name in ("upper", "lower")]
         scene = {"body": bodies, "contact": [{"bodies": ["upper", "lower"], "on": ["bottom", "top"]}]}
         if held == "bonds":
             scene = {"rigid": [wall], "body": bodies, "contact": bonds + scene["contact"]}
-        answer = ddmpi.solve(to_toml(scene))
-        assert answer.certified
+        answer = certified(scene)
         force, x = answer.contacts["upper-lower"].normal_force, answer.contacts["upper-lower"].interface.xy[:, 0]
         return [answer.summary["bodies"][name]["displacement_max"] for name in ("upper", "lower")] + [
             force @ x, force.sum()]
@@ -140,8 +133,7 @@ def plates(seed: int) -> dict:
 @pytest.mark.parametrize("seed", range(8))
 def test_bodies_that_meet_at_a_point_do_not_run_through_each_other(seed):
     """Diagonally across a point of four bodies, their corners overlap as the meshes of its contacts do."""
-    answer = ddmpi.solve(to_toml(plates(seed)))
-    assert answer.certified
+    answer = certified(plates(seed))
     assert [each for each in answer.summary["warnings"] if "run through" in each] == []
 
 
@@ -150,9 +142,8 @@ def test_bonded_blocks_around_a_point(order):
     """Bonds that close a loop at a point carry what they do on matching meshes, in whatever order they are named."""
     def forces(divisions: list, turn: int = 1) -> np.ndarray:
         places = {"ll": [0.0, 0.0], "lr": [1.0, 0.0], "ul": [0.0, 0.5], "ur": [1.0, 0.5]}
-        bodies = [{"name": name, "material": {"young": 2.0e11, "poisson": 0.3},
-                   "mesh": {"shape": "rectangle", "origin": origin, "size": [1.0, 0.5], "divisions": each,
-                            "order": order}} for (name, origin), each in zip(places.items(), divisions, strict=True)]
+        bodies = [rectangle(name, origin, (1, 0.5), each, order, 2.0e11)
+                  for (name, origin), each in zip(places.items(), divisions, strict=True)]
         for body in bodies:
             if body["name"].endswith("l"):
                 body["clamp"] = ["left"]
@@ -161,8 +152,7 @@ def test_bonded_blocks_around_a_point(order):
         bonds = [{"bodies": list(pair), "on": list(on), "kind": "bonded"} for pair, on in (
             (("ll", "lr"), ("right", "left")), (("ul", "ur"), ("right", "left")), (("ul", "ll"), ("bottom", "top")),
             (("ur", "lr"), ("bottom", "top")))]
-        answer = ddmpi.solve(to_toml({"body": bodies, "contact": bonds[::turn]}))
-        assert answer.certified
+        answer = certified({"body": bodies, "contact": bonds[::turn]})
         return np.concatenate([answer.contacts["-".join(bond["bodies"])].force for bond in bonds])
 
     matching, mixed = forces([[8, 4]] * 4), [[8, 4], [9, 4], [8, 5], [9, 4]]
@@ -178,9 +168,7 @@ def test_a_clamped_end_costs_no_iterations(law):
     for sides in (48, 40):
         scene = pinched_blocks(16, law)
         scene["body"][0]["mesh"]["divisions"] = [sides, 16]
-        answer = ddmpi.solve(to_toml(scene))
-        assert answer.certified
-        counts.append(answer.summary["n_A"])
+        counts.append(certified(scene).summary["n_A"])
     assert counts[1] <= 1.2 * counts[0]
 
 

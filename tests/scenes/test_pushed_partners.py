@@ -5,12 +5,12 @@ import json
 import numpy as np
 import pytest
 from mpi4py import MPI
-from scenes import run_command, run_here, run_python, to_toml, write_scene
+from scenes import certified, rectangle, run_command, run_here, run_python, write_scene
+from solid_scenes import box
 
 import ddmpi
 from ddmpi.pictures.draw import draw_all
 from ddmpi.results.tables import read_results
-from ddmpi.run.answer import Answer
 
 pytestmark = pytest.mark.slow
 
@@ -21,27 +21,19 @@ SHAPES = {2: {"plane": {"point": [0.0, 1.0], "normal": [0.0, -1.0]}, "circle": {
               "cylinder": {"point": [1.0, 0.0, 4.0], "axis": [0.0, 1.0, 0.0], "radius": 3.0}}}
 
 
-def solve(scene: dict, **overrides) -> Answer:
-    settings = {key.replace("__", "."): value for key, value in overrides.items()}
-    answer = ddmpi.solve(to_toml(scene), MPI.COMM_SELF, settings)
-    assert answer.certified, answer.reason
-    return answer
-
-
 def refused(scene: dict) -> str:
     """Why there is no answer."""
-    answer = ddmpi.solve(to_toml(scene), MPI.COMM_SELF)
+    answer = ddmpi.solve(scene, MPI.COMM_SELF)
     assert not answer.certified
     return answer.reason
 
 
 def block(name: str, d: int, at: tuple[float, float] = (0.0, 0.0), size: tuple[float, float] = (2.0, 1.0),
           divisions: tuple[int, int] = (8, 4), order: int = 1, poisson: float = 0.3, **more) -> dict:
-    mesh = {"shape": "rectangle", "origin": list(at), "size": list(size), "divisions": list(divisions), "order": order}
-    if d == 3:
-        mesh |= {"shape": "box", "origin": [at[0], 0.0, at[1]], "size": [size[0], 1.0, size[1]],
-                 "divisions": [divisions[0], 2, divisions[1]]}
-    return {"name": name, "mesh": mesh, "material": {"young": YOUNG, "poisson": poisson}} | more
+    if d == 2:
+        return rectangle(name, at, size, divisions, order, YOUNG, poisson, **more)
+    return box(name, (at[0], 0.0, at[1]), (size[0], 1.0, size[1]), (divisions[0], 2, divisions[1]), order, YOUNG,
+               poisson, **more)
 
 
 def along(d: int, across: float, down: float) -> list[float]:
@@ -70,14 +62,14 @@ def test_pushed_as_far_as_moved(d, shape, law, order, lift):
     """Force balance to rounding; the same partner, moved as far, is pressed by the same forces; also across a gap."""
     force = along(d, 0.2 * FORCE if law != "none" else 0.0, FORCE)
     scene = pressed(d, shape, force, lift, LAWS[law], order)
-    answer = solve(scene)
+    answer = certified(scene)
     ram, (state,) = answer.summary["rigid"]["ram"], answer.contacts.values()
     axes = np.flatnonzero(force)  # along the others it is held
     assert np.abs(np.array(ram["force"]) + force)[axes].max() <= 1e-8 * FORCE
     assert state.forces.sum(axis=0)[axes] == pytest.approx(np.array(force)[axes], abs=1e-8 * FORCE)
     pushed = scene["rigid"][0]
     del pushed["force"]
-    moved = solve(scene | {"rigid": [pushed | {"displacement": ram["displacement"]}]})
+    moved = certified(scene | {"rigid": [pushed | {"displacement": ram["displacement"]}]})
     (other,) = moved.contacts.values()
     assert np.abs(other.forces - state.forces).max() <= 1e-5 * np.abs(state.forces).max()
 
@@ -93,14 +85,14 @@ def test_one_ram_on_two_bars(d):
     scene = {"body": bars, "rigid": [{"name": "ram", "shape": "plane", "point": along(d, 0.0, -1.0 - gap),
                                       "normal": along(d, 0.0, 1.0), "force": along(d, 0.0, 3 * FORCE)}],
              "contact": [{"bodies": [name, "ram"], "on": ["top"]} for name in ("one", "two")]}
-    answer = solve(scene, method__tolerance=1e-12)
+    answer = certified(scene, method__tolerance=1e-12)
     stiffness = YOUNG / np.array(heights)
     down = (3 * FORCE + stiffness[1] * 1e-3) / stiffness.sum()
     assert answer.summary["rigid"]["ram"]["displacement"] == pytest.approx(along(d, 0.0, gap + down), abs=1e-10)
     found = [answer.summary["contacts"][f"{name}-ram"]["normal_force"] for name in ("one", "two")]
     assert found == pytest.approx([stiffness[0] * down, stiffness[1] * (down - 1e-3)], rel=1e-9)
     scene["rigid"][0]["force"] = along(d, 0.0, 0.5 * FORCE)  # borne by the first alone
-    single = solve(scene).summary
+    single = certified(scene).summary
     assert single["contacts"]["two-ram"]["normal_force"] == 0.0
     assert single["contacts"]["one-ram"]["normal_force"] == pytest.approx(0.5 * FORCE, rel=1e-9)
 
@@ -118,7 +110,7 @@ def vice(d: int, force: float, weight: float) -> dict:
 @pytest.mark.parametrize("d", [2, 3])
 def test_a_pushed_jaw_holds_a_loose_body(d):
     """Up to the weight that friction bears; beyond it the block slides; without a force, and pulled, nothing holds."""
-    answer = solve(vice(d, FORCE, 0.9 * 0.3 * FORCE))
+    answer = certified(vice(d, FORCE, 0.9 * 0.3 * FORCE))
     contacts = answer.summary["contacts"]
     assert sum(each["force"][-1] for each in contacts.values()) == pytest.approx(0.54 * FORCE, rel=1e-6)
     assert answer.summary["rigid"]["moving"]["displacement"][0] > 0.1
@@ -139,7 +131,7 @@ def test_a_bonded_partner_may_be_pulled():
     """The same displacement as by a traction of a rigid side: forces in any direction."""
     scene = pressed(2, force=[2e5, 3e5])
     scene["contact"][0]["kind"] = "bonded"
-    answer = solve(scene)
+    answer = certified(scene)
     assert answer.summary["rigid"]["ram"]["force"] == pytest.approx([-2e5, -3e5], abs=1e-3)
     top = answer.bodies["block"].points[:, 1] == 1.0
     moved = answer.bodies["block"].displacement[top]
@@ -154,7 +146,7 @@ def test_load_steps(d):
                     displacement=along(d, 1e-3, 0.0))
     scene |= {"history": {"push": {"times": [0.0, 1.0, 2.0], "factors": [0.0, 1.0, 0.4]}},
               "time": {"points": [1.0, 2.0], "steps": 4}, "output": {"steps": "all"}}
-    summary = solve(scene).summary
+    summary = certified(scene).summary
     assert summary["energy"]["residual"] <= 1e-10
     for step, factor in zip(summary["steps"], [0.25, 0.5, 0.75, 1.0, 0.85, 0.7, 0.55, 0.4], strict=True):
         ram = step["rigid"]["ram"]
@@ -162,12 +154,12 @@ def test_load_steps(d):
         assert ram["displacement"][0] == pytest.approx(factor * 1e-3, rel=1e-12)
         assert ram["displacement"][-1] < -0.05
     scene["contact"][0]["friction"] = {"law": "none"}
-    stepped = solve(scene).summary["rigid"]["ram"]["displacement"]
+    stepped = certified(scene).summary["rigid"]["ram"]["displacement"]
     for key in ("history", "time", "output"):
         del scene[key]
     del scene["rigid"][0]["history"]
     scene["rigid"][0] |= {"force": along(d, 0.0, 0.4 * FORCE), "displacement": along(d, 4e-4, 0.0)}
-    assert stepped == pytest.approx(solve(scene).summary["rigid"]["ram"]["displacement"], rel=1e-7)
+    assert stepped == pytest.approx(certified(scene).summary["rigid"]["ram"]["displacement"], rel=1e-7)
 
 
 def test_ranks_agree_and_a_run_goes_on(tmp_path):
@@ -203,7 +195,7 @@ def test_a_partner_falls_on_a_clamped_node():
     """A flat ram that meets a node which clamps hold comes no farther."""
     scene = pressed(2)
     scene["body"][0]["clamp"] = ["bottom", "left"]
-    answer = solve(scene)
+    answer = certified(scene)
     assert answer.summary["rigid"]["ram"]["displacement"][1] == pytest.approx(0.0, abs=1e-12)
     assert answer.summary["rigid"]["ram"]["force"] == pytest.approx([0.0, FORCE], rel=1e-9, abs=1e-3)
 
@@ -213,14 +205,14 @@ def test_a_ram_around_an_axis():
     poisson, radius, k = 0.3, 2.0, 1e9
     scene = pressed(2, force=[0.0, -np.pi * radius**2 * FORCE], lift=0.3) | {"axisymmetric": True}
     scene["body"][0] |= {"clamp": [{"on": "right", "x": 0.0}], "foundation": [{"on": "bottom", "normal": k}]}
-    answer = solve(scene)
+    answer = certified(scene)
     confined = YOUNG * (1 - poisson) / (1 + poisson) / (1 - 2 * poisson)
     down = 0.3 + FORCE / k + FORCE / confined
     assert answer.summary["rigid"]["ram"]["displacement"] == pytest.approx([0.0, -down], rel=1e-9)
     assert answer.summary["rigid"]["ram"]["force"][1] == pytest.approx(np.pi * radius**2 * FORCE, rel=1e-12)
     scene["rigid"][0]["force"] = [1.0, -1.0]
     with pytest.raises(ddmpi.errors.InputError, match=r"rigid\.ram\.force: around an axis .* along y alone"):
-        ddmpi.solve(to_toml(scene), MPI.COMM_SELF)
+        ddmpi.solve(scene, MPI.COMM_SELF)
 
 
 @pytest.mark.parametrize(("ram", "words"), [
@@ -233,14 +225,14 @@ def test_a_push_is_refused(ram, words):
     scene = pressed(2)
     scene["rigid"][0] |= ram
     with pytest.raises(ddmpi.errors.InputError) as error:
-        ddmpi.solve(to_toml(scene), MPI.COMM_SELF)
+        ddmpi.solve(scene, MPI.COMM_SELF)
     assert words in str(error.value)
 
 
 def test_the_published_iteration_refuses_it():
     scene = pressed(2) | {"method": {"outer": "relaxation"}}
     with pytest.raises(ddmpi.errors.InputError, match="is for two held bodies with one unilateral contact"):
-        ddmpi.solve(to_toml(scene), MPI.COMM_SELF)
+        ddmpi.solve(scene, MPI.COMM_SELF)
 
 
 def test_a_scene_is_checked_before_it_is_solved(tmp_path):

@@ -5,22 +5,20 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from mpi4py import MPI
-from scenes import to_toml
+from scenes import COULOMB, certified
+from solid_scenes import box
 
-import ddmpi
 from ddmpi.run.answer import Answer
 
 YOUNG = 1e9
-FRICTION = {"friction": {"law": "coulomb", "coefficient": 0.3}}
+FRICTION = {"friction": COULOMB}
 FLOOR = {"name": "floor", "shape": "plane", "point": [0.0, 0.0, 0.0], "normal": [0.0, 0.0, 1.0]}
 
 
 def cube(name: str, z: float = 0.0, x: float = 0.0, divisions: int = 2, order: int = 1, young: float = YOUNG,
          poisson: float = 0.3, **more) -> dict:
     """Of side 1, with its lowest corner at (x, 0, z)."""
-    mesh = {"shape": "box", "origin": [x, 0.0, z], "size": [1.0, 1.0, 1.0], "divisions": [divisions] * 3,
-            "order": order}
-    return {"name": name, "mesh": mesh, "material": {"young": young, "poisson": poisson}, **more}
+    return box(name, (x, 0, z), (1, 1, 1), [divisions] * 3, order, young, poisson, **more)
 
 
 def rollers(**more: float) -> list[dict]:
@@ -28,11 +26,9 @@ def rollers(**more: float) -> list[dict]:
     return [{"on": "left", "x": 0.0}, {"on": "front", "y": 0.0}, *({"on": face, "z": z} for face, z in more.items())]
 
 
-def solve(bodies: list[dict], contacts: list[dict], comm: MPI.Comm = MPI.COMM_SELF, **more) -> Answer:
+def solve(bodies: list[dict], contacts: list[dict], **more) -> Answer:
     """The certified answer."""
-    answer = ddmpi.solve(to_toml({"body": bodies, "contact": contacts, **more}), comm)
-    assert answer.certified, answer.reason
-    return answer
+    return certified({"body": bodies, "contact": contacts, **more})
 
 
 def on(first: str, second: str, **more) -> dict:
@@ -118,8 +114,7 @@ def test_a_plate_that_is_dragged_around_a_circle_follows_the_radial_return():
     """Friction as a vector with memory: q ← P(q + k Δu) in each step, and what it dissipates."""
     angle = 2.0 * np.pi * np.arange(1, 17) / 16
     path = 2e-5 * np.column_stack([1.0 - np.cos(angle), np.sin(angle)])
-    answer = ddmpi.solve(to_toml(dragged(path)), MPI.COMM_WORLD)
-    assert answer.certified, answer.reason
+    answer = certified(dragged(path), MPI.COMM_WORLD)
     stiffness, bound = YOUNG / 2.0 / THICK, 0.3 * PRESSURE
     q, before, work = np.zeros(2), np.zeros(2), 0.0
     for k, (end, step) in enumerate(zip(path, answer.summary["steps"], strict=True)):

@@ -516,21 +516,17 @@ def newton(assembly: Assembly, u: np.ndarray, s: np.ndarray, first: ActiveSet | 
 # Interior points: the other way, where Newton's active sets go in circles
 
 
-def interior_point(assembly: Assembly, spring: np.ndarray, center: np.ndarray, g: np.ndarray | None = None,
-                   most: int = 60) -> tuple[np.ndarray, np.ndarray]:
+def interior_point(assembly: Assembly, spring: np.ndarray, center: np.ndarray, most: int = 60,
+                   ) -> tuple[np.ndarray, np.ndarray]:
     """Displacements and forces with springs about `center`, which hold loose bodies.
 
     The laws are written with products of numbers that are not negative, s_ν w = 0, p (g − s_t) = 0, q (g + s_t) = 0
     with the opening w and the slip p − q, and the products are led to zero (Mehrotra's predictor and corrector).
-    With frozen bounds `g` (one per row) this is a convex program,
-
-        min ½ uᵀSu − fᵀu + Σ g |B_t u| + ½ (u − center)ᵀ spring (u − center)    without penetration;
-
-    left out, bounds follow the normal forces, and the iteration may end anywhere. Rows whose bound is nil carry no
-    force. Bonded rows are given a compliance, whose bias the last forces take out again.
+    Bounds follow the normal forces, so that the iteration may end anywhere. Rows whose bound is nil carry no force.
+    Bonded rows are given a compliance, whose bias the last forces take out again.
     """
     force = np.abs(assembly.f).max(initial=0.0) or 1.0
-    slope, bound = (assembly.coefficient, assembly.bound) if g is None else (np.zeros(len(assembly.gap)), g)
+    slope, bound = assembly.coefficient, assembly.bound
     N, L = np.flatnonzero(assembly.normal), np.flatnonzero(assembly.bonded)
     T = np.flatnonzero(assembly.tangential & ((bound > 1e-12 * max(bound.max(initial=0.0), force)) | (slope > 0)))
     BN, BT, BL = assembly.B[N], assembly.B[T], assembly.B[L]
@@ -625,31 +621,6 @@ def by_interior_points(assembly: Assembly, loose: tuple[float, ...] = (1e-6, 1e-
     return course
 
 
-def everything_sticks(assembly: Assembly) -> ActiveSet:
-    return ActiveSet(np.ones(len(assembly.gap), bool), np.zeros(len(assembly.gap), np.int8))
-
-
-def by_approximations(assembly: Assembly, most: int = 60) -> Course:
-    """Successive approximations of the slip bound, with springs about where the loose bodies are, and Newton."""
-    zero = np.zeros(assembly.size), np.zeros(len(assembly.gap))
-    u, s = newton_step(assembly, everything_sticks(assembly), *zero, LOOSE, REDUNDANT)
-    center, loose, steps = np.zeros(assembly.size), 1e-2, 0
-    for k in range(1, most + 1):
-        g = assembly.limits(s)
-        with np.errstate(all="ignore"):
-            u, s = interior_point(assembly, loose * assembly.springs, center, g)
-        if not np.isfinite(u).all():
-            break
-        center = u
-        if k == 3 or k % 5 == 0:
-            course = newton(assembly, u, s, most=25)
-            steps += course.steps
-            if course.solved:
-                return Course(course.u, course.s, True, steps)
-            loose *= 0.3
-    return Course(u, s, False, steps)
-
-
 # A scene
 
 
@@ -703,15 +674,10 @@ def solve(scene: dict[str, Any]) -> Solution:
     shut = assembly.gap <= 0.0
     shut = np.where(assembly.follows >= 0, shut[assembly.follows], shut) if len(shut) else shut
     touching = ActiveSet(assembly.bonded | shut, np.zeros(len(shut), np.int8))
-    attempts = {"newton": lambda: newton(assembly, *zero, touching, most=25),
-                "interior points": lambda: by_interior_points(assembly),
-                "approximations": lambda: by_approximations(assembly)}
-    course = Course(*zero, False, 0)
-    for how, attempt in attempts.items():
-        course = attempt()
-        if course.solved or course.drifts:
-            return _finished(assembly, course, how, share)
-    return _finished(assembly, course, "nothing", share)
+    course, how = newton(assembly, *zero, touching, most=25), "newton"
+    if not course.solved:
+        course, how = by_interior_points(assembly), "interior points"
+    return _finished(assembly, course, how if course.solved or course.drifts else "nothing", share)
 
 
 def _finished(assembly: Assembly, course: Course, how: str, share: float) -> Solution:

@@ -1,5 +1,8 @@
 """Meshes and their boundaries for the tests of interfaces, and what bodies give way, densely."""
 
+from collections.abc import Mapping
+from pathlib import Path
+
 import numpy as np
 import scipy.sparse as sparse
 from scipy.sparse.linalg import spsolve
@@ -23,6 +26,22 @@ YOUNG, POISSON = 1e9, 0.3
 def rectangle(divisions, size, origin=(0.0, 0.0), order: int = 1) -> Mesh:
     mesh = generate_rectangle(MeshSpec(shape="rectangle", origin=origin, size=size, divisions=divisions))
     return raise_order(mesh, "mesh") if order == 2 else mesh
+
+
+def write_msh(path: Path, mesh: Mesh, surfaces: Mapping[str, np.ndarray] | None = None) -> str:
+    """A file of a plane mesh of order 1, of version 2.2, with its groups and, by name, cells of surfaces; its path."""
+    import meshio
+
+    number = np.full(len(mesh.triangles), 99)
+    names = {name: np.array([k, 1]) for k, name in enumerate(mesh.groups, start=1)}
+    for k, (name, cells) in enumerate((surfaces or {}).items(), start=11):
+        number[cells], names[name] = k, np.array([k, 2])
+    tags = [*(np.full(len(lines), k) for k, lines in enumerate(mesh.groups.values(), start=1)), number]
+    cells = [*(("line", lines) for lines in mesh.groups.values()), ("triangle", mesh.triangles)]
+    meshio.Mesh(np.pad(mesh.points, ((0, 0), (0, 1))), cells, field_data=names,
+                cell_data={"gmsh:physical": tags, "gmsh:geometrical": tags},
+                ).write(path, file_format="gmsh22", binary=False)
+    return str(path)
 
 
 def ring(inner: float, outer: float, angles: np.ndarray, order: int = 1, closed: bool = True) -> Mesh:
