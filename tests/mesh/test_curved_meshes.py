@@ -9,7 +9,7 @@ from ddmpi.errors import InputError
 from ddmpi.mesh.build import build_mesh, kind_of_files
 from ddmpi.mesh.elements import facet_measures, facet_shares
 from ddmpi.mesh.mesh import Mesh, refuse_folded
-from ddmpi.mesh.read import read_mesh
+from ddmpi.mesh.read import gmsh_session, read_mesh
 from ddmpi.mesh.refine import bend, halve, raise_order
 from ddmpi.scene.bodies import BodySpec, Material, MeshSpec
 
@@ -35,9 +35,7 @@ def length(mesh: Mesh, group: str) -> float:
 
 def write_ring(path, around: int, linear: bool = False):
     """A quarter of a ring by gmsh, unstructured, of second order, with `around` sides on the inner circle."""
-    gmsh.initialize([], readConfigFiles=False, interruptible=False)
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
+    with gmsh_session():
         geometry, size = gmsh.model.geo, INNER * np.pi / 2 / around
         centre = geometry.addPoint(0.0, 0.0, 0.0)
         points = [geometry.addPoint(*xy, 0.0, size) for xy in ((INNER, 0), (OUTER, 0), (0, OUTER), (0, INNER))]
@@ -54,8 +52,6 @@ def write_ring(path, around: int, linear: bool = False):
         gmsh.model.mesh.generate(2)
         gmsh.model.mesh.setOrder(2)
         gmsh.write(str(path))
-    finally:
-        gmsh.finalize()
     return path
 
 

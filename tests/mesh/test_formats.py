@@ -10,7 +10,7 @@ from ddmpi.errors import InputError
 from ddmpi.mesh.build import build_mesh
 from ddmpi.mesh.elements import facet_measures
 from ddmpi.mesh.mesh import Mesh
-from ddmpi.mesh.read import file_kind, read_mesh
+from ddmpi.mesh.read import file_kind, gmsh_session, read_mesh
 from ddmpi.scene.bodies import MeshSpec
 
 MIDDLES = (SQUARE + np.roll(SQUARE, -1, axis=0)) / 2
@@ -180,9 +180,7 @@ def test_sets_of_sets_and_parts_of_a_file(tmp_path):
 
 def test_input_of_gmsh(tmp_path):
     """gmsh writes lines as trusses, and physical groups as sets of elements; nodes of the groups add nothing."""
-    gmsh.initialize([], readConfigFiles=False, interruptible=False)
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
+    with gmsh_session():
         surface = gmsh.model.occ.addRectangle(0, 0, 0, 1, 1)
         gmsh.model.occ.synchronize()
         for curve, name in zip((1, 2, 3, 4), NAMES, strict=True):
@@ -191,8 +189,6 @@ def test_input_of_gmsh(tmp_path):
         gmsh.option.setNumber("Mesh.SaveGroupsOfNodes", 1)
         gmsh.model.mesh.generate(2)
         gmsh.write(str(tmp_path / "square.inp"))
-    finally:
-        gmsh.finalize()
     mesh = read_mesh(tmp_path / "square.inp", "upper")
     same_square(Mesh(mesh.points, mesh.triangles, {name: mesh.groups[name] for name in NAMES}))
     assert not mesh.vertices and len(mesh.surfaces["volume"]) == len(mesh.triangles)

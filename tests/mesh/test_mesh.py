@@ -15,7 +15,7 @@ from ddmpi.errors import InputError
 from ddmpi.mesh.boundary import boundary_group, group_nodes, segments, turn_outward
 from ddmpi.mesh.build import build_mesh
 from ddmpi.mesh.mesh import Mesh, signed_measures
-from ddmpi.mesh.read import file_kind, read_mesh
+from ddmpi.mesh.read import file_kind, gmsh_session, read_mesh
 from ddmpi.mesh.refine import HALVES as HALVED
 from ddmpi.mesh.refine import raise_order, shorter_diagonals
 from ddmpi.mesh.shapes import generate_rectangle
@@ -50,9 +50,7 @@ def write_by_gmsh(path: Path, version: float, binary: bool = False, lines=None, 
                   order: int = 1) -> Path:
     """The unit square as gmsh meshes and saves it; `lines` are named groups of the numbers of its sides."""
     lines = lines or {name: [i] for i, name in enumerate(NAMES)}
-    gmsh.initialize([], readConfigFiles=False, interruptible=False)
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
+    with gmsh_session():
         geometry = gmsh.model.geo
         corners = [geometry.addPoint(x, y, 0.0, 0.4) for x, y in SQUARE]
         sides = [geometry.addLine(corners[i], corners[(i + 1) % 4]) for i in range(4)]
@@ -67,16 +65,12 @@ def write_by_gmsh(path: Path, version: float, binary: bool = False, lines=None, 
         gmsh.option.setNumber("Mesh.MshFileVersion", version)
         gmsh.option.setNumber("Mesh.Binary", binary)
         gmsh.write(str(path))
-    finally:
-        gmsh.finalize()
     return path
 
 
 def write_parts(path: Path, version: float, order: int = 1, overlap: bool = False, binary: bool = False) -> Path:
     """Two unit squares side by side, surfaces `left part` and `right part`, points `heel`, `middle` and `far off`."""
-    gmsh.initialize([], readConfigFiles=False, interruptible=False)
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
+    with gmsh_session():
         geometry = gmsh.model.geo
         corners = [geometry.addPoint(x, y, 0.0, 0.4) for y in (0.0, 1.0) for x in (0.0, 1.0, 2.0)]
         low, high = ([geometry.addLine(corners[i], corners[i + 1]) for i in (k, k + 1)] for k in (0, 3))
@@ -95,8 +89,6 @@ def write_parts(path: Path, version: float, order: int = 1, overlap: bool = Fals
         gmsh.option.setNumber("Mesh.MshFileVersion", version)
         gmsh.option.setNumber("Mesh.Binary", binary)
         gmsh.write(str(path))
-    finally:
-        gmsh.finalize()
     return path
 
 
@@ -140,17 +132,6 @@ def body_with(mesh: MeshSpec, **rest) -> BodySpec:
 # Rectangles
 
 
-@pytest.mark.parametrize("divisions", [(1, 1), (1, 3), (4, 1), (6, 2), (66, 22)])
-def test_rectangle_has_the_right_counts(divisions):
-    nx, ny = divisions
-    mesh = rectangle(divisions)
-    assert mesh.points.shape == ((nx + 1) * (ny + 1), 2)
-    assert mesh.triangles.shape == (2 * nx * ny, 3)
-    assert {name: len(edges) for name, edges in mesh.groups.items()} == \
-        {"bottom": nx, "top": nx, "left": ny, "right": ny}
-    assert np.array_equal(np.unique(mesh.triangles), np.arange(len(mesh.points)))
-
-
 @pytest.mark.parametrize(("size", "origin"), [
     ((3.0, 1.0), (0.0, 1.0)), ((1e-9, 2e-9), (0.0, 0.0)), ((1e6, 5e5), (-2e6, 3.0)),
     ((1e-9, 1e6), (1e-9, -5e5)), ((1.0, 1.0), (1e6, -1e6))])
@@ -173,30 +154,10 @@ def test_the_extent_of_a_body_does_not_depend_on_the_axes():
     assert dataclasses.replace(mesh, points=turned).extent == pytest.approx(np.sqrt(13.0), rel=1e-12)
 
 
-def test_rectangle_groups_lie_on_their_sides():
-    mesh = rectangle((5, 4), (3.0, 2.0), (1.0, -1.0))
-    for name, component, value in (("left", 0, 1.0), ("right", 0, 4.0), ("bottom", 1, -1.0), ("top", 1, 1.0)):
-        assert np.all(mesh.points[mesh.groups[name], component] == value)
-        assert length(mesh, name) == pytest.approx(2.0 if component == 0 else 3.0, rel=1e-14, abs=0.0)
-
-
-@pytest.mark.parametrize("divisions", [(1, 1), (6, 2)])
-def test_rectangle_diagonals_run_from_lower_left_to_upper_right(divisions):
-    mesh = rectangle(divisions)
-    step = np.array([3.0, 1.0]) / divisions
-    corners = mesh.points[mesh.triangles]
-    edges = (np.roll(corners, -1, axis=1) - corners) / step
-    diagonal = edges[np.all(np.abs(edges) > 0.5, axis=2)]
-    assert len(diagonal) == len(mesh.triangles)
-    assert np.prod(diagonal, axis=1) == pytest.approx(np.ones(len(diagonal)), rel=1e-12, abs=0.0)
-
-
 @pytest.mark.parametrize("divisions", [(1, 1), (1, 3), (3, 1), (2, 2), (66, 22)])
 def test_rectangle_is_numbered_as_gmsh_does(divisions):
     """Nodes, triangles and lines of a rectangle have the numbers of gmsh's transfinite surface."""
-    gmsh.initialize([], readConfigFiles=False, interruptible=False)
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
+    with gmsh_session():
         geometry = gmsh.model.geo
         corners = [geometry.addPoint(x, y, 0.0) for x, y in SQUARE]
         sides = [geometry.addLine(corners[i], corners[(i + 1) % 4]) for i in range(4)]
@@ -209,8 +170,6 @@ def test_rectangle_is_numbered_as_gmsh_does(divisions):
         tags, points, _ = gmsh.model.mesh.getNodes()
         triangles = gmsh.model.mesh.getElementsByType(2)[1].reshape(-1, 3)
         lines = [gmsh.model.mesh.getElementsByType(1, side)[1].reshape(-1, 2) for side in sides]
-    finally:
-        gmsh.finalize()
     mesh = rectangle(divisions, (1.0, 1.0))
     assert np.array_equal(tags, np.arange(1, len(tags) + 1))
     assert mesh.points == pytest.approx(points.reshape(-1, 3)[:, :2], rel=0.0, abs=1e-10)
@@ -538,9 +497,7 @@ def test_quadrilaterals_are_cut_along_the_shorter_diagonal(tmp_path):
 def test_quadrilaterals_of_a_file(tmp_path, order):
     """A file of quadrilaterals of either order gives the mesh of a rectangle, and says how many were cut."""
     path = tmp_path / "quads.msh"
-    gmsh.initialize([], readConfigFiles=False, interruptible=False)
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
+    with gmsh_session():
         surface = gmsh.model.occ.addRectangle(0.0, 0.0, 0.0, 3.0, 1.0)
         gmsh.model.occ.synchronize()
         for curve, name in zip((1, 2, 3, 4), NAMES, strict=True):
@@ -552,8 +509,6 @@ def test_quadrilaterals_of_a_file(tmp_path, order):
         gmsh.model.mesh.generate(2)
         gmsh.model.mesh.setOrder(order)
         gmsh.write(str(path))
-    finally:
-        gmsh.finalize()
     mesh, expected = read_mesh(path, "upper"), rectangle((6, 3))
     assert (mesh.cut, mesh.order, file_kind(path, "upper")) == (18, 1, (2, order))
 
@@ -569,9 +524,7 @@ def test_quadrilaterals_of_a_file(tmp_path, order):
 def test_curved_quadrilaterals_of_a_file(tmp_path, complete, version):
     """A quarter of two rings, of nine- or eight-node quadrilaterals: curved along circles, each with its surface."""
     path = tmp_path / "rings.msh"
-    gmsh.initialize([], readConfigFiles=False, interruptible=False)
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
+    with gmsh_session():
         geo, centre = gmsh.model.geo, gmsh.model.geo.addPoint(0.0, 0.0, 0.0)
         ends = [(geo.addPoint(r, 0.0, 0.0), geo.addPoint(0.0, r, 0.0)) for r in (0.5, 0.75, 1.0)]
         arcs = [geo.addCircleArc(a, centre, b) for a, b in ends]
@@ -592,8 +545,6 @@ def test_curved_quadrilaterals_of_a_file(tmp_path, complete, version):
         gmsh.model.mesh.setOrder(2)
         gmsh.option.setNumber("Mesh.MshFileVersion", version)
         gmsh.write(str(path))
-    finally:
-        gmsh.finalize()
     mesh = build_mesh(body_with(MeshSpec(file=str(path), order=2)))
     assert (mesh.cut, len(mesh.triangles), len(mesh.curved)) == (24, 48, 24)  # inner sides are straight
     for name, radii in (("soft", (0.5, 0.75)), ("hard", (0.75, 1.0))):

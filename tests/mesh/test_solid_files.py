@@ -14,7 +14,7 @@ from ddmpi.mesh.boundary import boundary_facets, boundary_group, group_nodes, tu
 from ddmpi.mesh.build import build_mesh
 from ddmpi.mesh.elements import CELLS, facet_measures
 from ddmpi.mesh.mesh import Mesh, signed_measures
-from ddmpi.mesh.read import file_kind
+from ddmpi.mesh.read import file_kind, gmsh_session
 from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec, PartMaterial, Traction
 
 RADII, HEIGHT = (0.5, 1.0), 0.75
@@ -29,17 +29,14 @@ def body(path: Path, order=None, refine=0, **keys) -> BodySpec:
 
 def write(path: Path, draw: Callable, version: float = 4.1, order: int = 1, **options) -> Path:
     """A mesh that gmsh makes of what `draw` draws."""
-    gmsh.initialize([], readConfigFiles=False, interruptible=False)
-    try:
-        for option, value in {"General.Terminal": 0, "Mesh.MshFileVersion": version, "Mesh.MeshSizeMax": 0.3,
+    with gmsh_session():
+        for option, value in {"Mesh.MshFileVersion": version, "Mesh.MeshSizeMax": 0.3,
                               **{f"Mesh.{key}": value for key, value in options.items()}}.items():
             gmsh.option.setNumber(option, value)
         draw()
         gmsh.model.mesh.generate(3)
         gmsh.model.mesh.setOrder(order)
         gmsh.write(str(path))
-    finally:
-        gmsh.finalize()
     return path
 
 
