@@ -28,7 +28,7 @@ from experiment import seconds as as_written
 from mpi4py import MPI
 from petsc4py import PETSc
 from scenes import run_command, run_python
-from solids import SolidTraction, body, box, hold
+from solids import body, box, hold
 
 from ddmpi.body.elasticity import assemble
 from ddmpi.body.solver import StiffnessSolver
@@ -38,6 +38,7 @@ from ddmpi.mesh.read import gmsh_session
 from ddmpi.petsc.dissection import elimination_order
 from ddmpi.results.tables import read_results
 from ddmpi.run.solve import solve
+from ddmpi.scene.bodies import Traction
 from ddmpi.scene.reader import read_scene_file
 from ddmpi.system.agreement import LOCKSTEP
 from ddmpi.system.clock import Clock
@@ -230,7 +231,7 @@ def system_of(kind: str, size: int) -> tuple[PETSc.Mat, PETSc.Vec, sparse.csr_ma
     """The system of a box clamped on its left, with a row for each component of each vertex of its bottom."""
     order, length = 2 if kind.endswith("2") else 1, 3 if kind.startswith("slab") else 1
     mesh = box((length * size, size, size), (float(length), 1.0, 1.0), order)
-    load = SolidTraction(on="top", value=(0.0, 0.0, -1.0))
+    load = Traction(on="top", value=(0.0, 0.0, -1.0))
     problem = assemble(mesh, body(clamp=[hold("left", 0.0, 0.0, 0.0)], traction=[load]))
     place = np.full(len(mesh.points), -1)
     place[problem.nodes] = np.arange(len(problem.nodes))

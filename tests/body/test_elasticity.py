@@ -234,13 +234,6 @@ def test_load_is_the_integral(rest, expected, component, order):
     assert problem.b.array_r @ w.ravel() == pytest.approx(expected[component], rel=1e-13)
 
 
-def test_total_load():
-    mesh = rectangle()
-    traction = [Traction(on="right", value=(2.0, -3.0))]
-    b = assemble(mesh, body(clamp=["left"], traction=traction)).b.array_r.reshape(-1, 2)
-    assert b.sum(axis=0) == pytest.approx([4.0, -6.0], rel=1e-14)
-
-
 def small_load(kind: str, size: float) -> dict:
     return {"traction": {"traction": [Traction(on="right", value=(0.0, -size))]},
             "volume": {"volume_force": (size, 0.0)},

@@ -2,10 +2,7 @@
 
 import numpy as np
 import pytest
-from by_skfem import basis_of, solve
-from scipy.sparse import csr_matrix
-from skfem import BilinearForm, asm
-from skfem.helpers import ddot, eye, sym_grad, trace
+from by_skfem import solve
 
 from ddmpi.body.estimate import estimate_error
 from ddmpi.body.stiffness import sum_stiffness
@@ -23,7 +20,7 @@ from ddmpi.mesh.boundary import material_numbers
 from ddmpi.mesh.build import build_mesh
 from ddmpi.mesh.elements import FINE
 from ddmpi.mesh.mesh import Mesh
-from ddmpi.mesh.refine import halve, raise_order
+from ddmpi.mesh.refine import raise_order
 from ddmpi.mesh.shapes import generate_rectangle
 from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec, PartMaterial, Traction
 from ddmpi.scene.values import AffineScalar
@@ -83,28 +80,6 @@ def test_bar_of_two_materials_is_two_springs_in_series(order):
     u = solve(mesh, spec)
     top = np.unique(mesh.groups["top"])
     assert u[top, 1] == pytest.approx(1e6 * (0.5 / 2.0e11 + 0.5 / 1.0e9), rel=1e-10)
-
-
-@both_orders
-def test_stiffness_is_that_of_scikit_fem(order):
-    """Stiffnesses of both materials meet in the common nodes as scikit-fem adds them up."""
-    mesh, spec = layered(order), body({"on": "core", **CORE}, RIM)
-    composite = material_of(mesh, spec)
-    first, shear = np.array([material.lame for material in composite.materials]).T[:, composite.number]
-
-    @BilinearForm
-    def form(u, v, w):
-        strain = sym_grad(u)
-        return ddot(w["first"] * eye(trace(strain), 2) + 2 * w["shear"] * strain, sym_grad(v))
-
-    basis, numbers = basis_of(mesh)
-    each = {name: np.repeat(value[:, None], basis.dx.shape[1], axis=1)
-            for name, value in (("first", first), ("shear", shear))}
-    K = asm(form, basis, **each).tocoo()
-    reference = csr_matrix((K.data, (numbers[K.row], numbers[K.col])), K.shape)
-    size = len(mesh.points)
-    found = sum_stiffness(mesh, composite).to_csr(np.tile(np.eye(2), (size, 1, 1)), np.arange(size))
-    assert abs(found - reference).max() <= 1e-13 * abs(reference).max()
 
 
 @both_orders
@@ -169,16 +144,6 @@ def test_modulus_beside_a_contact():
     assert modulus_beside(mesh, material, mesh.groups["bottom"][:, [1, 0, 2]], "") == pytest.approx(rim, rel=1e-14)
     assert modulus_beside(mesh, material, mesh.groups["left"], "") == pytest.approx(2 / (1 / core + 1 / rim), rel=1e-12)
     assert modulus_beside(mesh, Material(**CORE), mesh.groups["left"], "") == core
-
-
-def test_surfaces_stay_when_meshes_are_refined():
-    """Halves of a triangle, and elements of order 2, are of the surface that the triangle is of."""
-    mesh = layered(1)
-    fine = raise_order(halve(mesh, "mesh"), "mesh")
-    assert len(fine.triangles) == 4 * len(mesh.triangles)
-    middles = fine.points[fine.triangles[:, :3]].mean(axis=1)
-    assert np.array_equal(np.sort(fine.surfaces["core"]), np.flatnonzero(middles[:, 1] > 0.5))
-    assert np.array_equal(np.sort(fine.surfaces["rim"]), np.flatnonzero(middles[:, 1] < 0.5))
 
 
 @pytest.mark.parametrize("parts, words", [

@@ -1,6 +1,4 @@
-"""Meshes of tetrahedra and their loads, until scenes have them."""
-
-from itertools import permutations
+"""Meshes of tetrahedra, and bodies of them."""
 
 import numpy as np
 
@@ -8,38 +6,15 @@ from ddmpi.body.elasticity import assemble
 from ddmpi.body.solver import StiffnessSolver
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import bend, raise_order
-from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec, Traction
-from ddmpi.scene.values import Formula, Number
+from ddmpi.mesh.shapes import generate_rectangle
+from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec
 
 STEEL = Material(young=2.1e11, poisson=0.3)
 SIDES = ("left", "right", "front", "back", "bottom", "top")
 
 
-class SolidClamp(Clamp, frozen=True, kw_only=True):
-    """A clamp with a third component; formulas may have z."""
-
-    z: Number | Formula | None = None
-
-    def __post_init__(self) -> None:
-        pass
-
-
-class SolidTraction(Traction, frozen=True, kw_only=True):
-    """A traction with three components; formulas may have z."""
-
-    def __post_init__(self) -> None:
-        pass
-
-
-class SolidBody(BodySpec, frozen=True, kw_only=True):
-    """A body whose volume force may have three components and z."""
-
-    def __post_init__(self) -> None:
-        pass
-
-
 def body(material=STEEL, **rest) -> BodySpec:
-    return SolidBody(**({"name": "block", "mesh": MeshSpec(file="unused.msh"), "material": material,
+    return BodySpec(**({"name": "block", "mesh": MeshSpec(file="unused.msh"), "material": material,
                          "volume_force": (0.0, 0.0, 0.0)} | rest))
 
 
@@ -52,26 +27,12 @@ def solve(mesh: Mesh, spec: BodySpec) -> np.ndarray:
 
 
 def hold(on: str, *values: float | str | None) -> Clamp:
-    return SolidClamp(on=on, **dict(zip("xyz", values, strict=True)))
+    return Clamp(on=on, **dict(zip("xyz", values, strict=True)))
 
 
 def grid(divisions: tuple[int, int, int]) -> Mesh:
-    """The unit cube, each cell of a grid cut into Kuhn's six tetrahedra, which share its diagonal."""
-    shape = np.array(divisions) + 1
-    points = np.stack(np.meshgrid(*[np.arange(n) for n in shape], indexing="ij"), axis=-1).reshape(-1, 3)
-    steps, first = np.array([shape[1] * shape[2], shape[2], 1]), (points < shape - 1).all(axis=1)
-    cells = []
-    for axes in permutations(range(3)):
-        corners = np.flatnonzero(first)[:, None] + np.concatenate([[0], np.cumsum(steps[list(axes)])])
-        even = np.linalg.det(np.eye(3)[list(axes)]) > 0
-        cells.append(corners if even else corners[:, [0, 2, 1, 3]])
-    cells = np.concatenate(cells)
-    facets = cells[:, [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]]].reshape(-1, 3)
-    groups = {}
-    for k, name in enumerate(SIDES):
-        on = points[facets, k // 2] == (k % 2) * (shape[k // 2] - 1)
-        groups[name] = facets[on.all(axis=1)]
-    return Mesh(points / (shape - 1.0), cells, groups)
+    """The unit cube, each cell of a grid cut into six tetrahedra."""
+    return generate_rectangle(MeshSpec(shape="box", origin=(0.0,) * 3, size=(1.0,) * 3, divisions=divisions))
 
 
 def box(divisions=(3, 2, 2), size=(1.0, 1.0, 1.0), order=1, jitter=0.0) -> Mesh:
