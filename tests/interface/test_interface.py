@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from boundaries import held_beside, holding, joined, pair
+from boundaries import held_beside, holding, joined, pair, ring
 
 from ddmpi.body.elasticity import assemble
 from ddmpi.errors import InputError
@@ -60,20 +60,6 @@ def refused(*arguments) -> str:
         pair(*arguments)
     assert str(error.value).startswith(f"contact.{NAME}: ")
     return str(error.value)
-
-
-def ring(inner: float, outer: float, angles: np.ndarray, layers: int = 2) -> Mesh:
-    """A ring of quadrilaterals cut in two; groups ``inner`` and ``outer`` are its two closed boundaries."""
-    n = len(angles)
-    radii = np.linspace(inner, outer, layers + 1)
-    points = (radii[:, None, None] * np.column_stack([np.cos(angles), np.sin(angles)])).reshape(-1, 2)
-    number = np.arange((layers + 1) * n).reshape(layers + 1, n)
-    a, b = number[:-1].ravel(), np.roll(number[:-1], -1, axis=1).ravel()
-    c, d = np.roll(number[1:], -1, axis=1).ravel(), number[1:].ravel()
-    triangles = np.concatenate([np.column_stack([a, d, c]), np.column_stack([a, c, b])])
-    loops = {name: np.column_stack([row, np.roll(row, -1)])
-             for name, row in (("inner", number[0]), ("outer", number[-1]))}
-    return Mesh(points, triangles, loops)
 
 
 # One side
@@ -428,7 +414,7 @@ def graded(n: int) -> np.ndarray:
 def test_regular_rings():
     n, radius = 24, 2.0
     angles = 2 * np.pi * np.arange(n) / n + 0.05
-    inside, outside = ring(1.0, radius, angles), ring(radius, 3.0, angles, layers=3)
+    inside, outside = ring(1.0, radius, angles), ring(radius, 3.0, angles)
     contact = pair(side(inside, "outer"), side(outside, "inner"), COULOMB, NAME)
     radial = contact.xy / radius
     assert contact.m == n

@@ -81,8 +81,7 @@ def test_hard_scenes_take_few_steps(word):
 @pytest.mark.parametrize("seed", [873, 897, 907])
 def test_stacks_where_bodies_slide_take_few_steps(seed):
     """Two walls and a row between walls where softening alone gets nowhere, which took 42 to 47 steps."""
-    answer = ddmpi.solve(scenes.to_toml(assembly_scenes.random_scene(seed)), MPI.COMM_SELF)
-    assert answer.certified and answer.summary["outer_iterations"] <= 30
+    assert scenes.certified(assembly_scenes.random_scene(seed)).summary["outer_iterations"] <= 30
 
 
 def test_given_slip_bounds_need_no_path():
@@ -132,14 +131,12 @@ def slot(contrast: float) -> dict:
 @pytest.mark.parametrize("contrast", [1e-2, 1e2, 1e4])
 def test_stiff_bodies_cross_clearances_without_friction(contrast):
     """Bodies move a thousand times farther than they give way; without friction there is always an answer."""
-    answer = ddmpi.solve(scenes.to_toml(slot(contrast)), MPI.COMM_SELF)
-    assert answer.certified and answer.summary["outer_iterations"] <= 60
+    assert scenes.certified(slot(contrast)).summary["outer_iterations"] <= 60
 
 
 def squeezed(friction: float) -> dict:
     """A block of weight between two walls, longer by 10 µm on either side than they are apart."""
-    block = {"name": "block", "volume_force": [0.0, -2e4], "material": {"young": 2e10, "poisson": 0.2},
-             "mesh": {"shape": "rectangle", "origin": [0.0, 0.0], "size": [1.0, 0.5], "divisions": [10, 5]}}
+    block = scenes.rectangle("block", (0, 0), (1, 0.5), (10, 5), young=2e10, poisson=0.2, volume_force=[0.0, -2e4])
     walls = [{"name": name, "shape": "plane", "point": [x, 0.0], "normal": [1.0 - 2.0 * x, 0.0]}
              for name, x in (("left", 0.0), ("right", 1.0))]
     return {"body": [block], "rigid": walls, "contact": [
@@ -150,13 +147,12 @@ def squeezed(friction: float) -> dict:
 @pytest.mark.parametrize("friction", [0.025, 0.035, 0.05])
 def test_a_squeezed_block_that_friction_holds_is_not_condemned(friction):
     """The least friction that holds it is about 0.0241; the linear program, which may squeeze harder, needs less."""
-    answer = ddmpi.solve(scenes.to_toml(squeezed(friction)), MPI.COMM_SELF)
-    assert answer.certified and answer.summary["outer_iterations"] <= 40
+    assert scenes.certified(squeezed(friction)).summary["outer_iterations"] <= 40
 
 
 @pytest.mark.parametrize("excess", [1.05, 1.2, 2.0])
 def test_a_squeezed_block_past_its_limit_is_named_in_few_steps(excess):
-    answer = ddmpi.solve(scenes.to_toml(squeezed(0.0241 / excess)), MPI.COMM_SELF)
+    answer = ddmpi.solve(squeezed(0.0241 / excess), MPI.COMM_SELF)
     assert "no equilibrium found: nothing holds block: it would move along -y" in answer.reason
     assert answer.summary["outer_iterations"] <= 60
 
@@ -177,21 +173,19 @@ def plug(walls: int, taper: float, friction: float, divisions: int, push: list[f
 @pytest.mark.parametrize("fall", [1e-3, 1e-2])
 def test_a_plug_falls_far_beyond_elastic_displacements(fall):
     """Where a stage of softening leaves all nodes open, the body falls on, until there is something that stops it."""
-    answer = ddmpi.solve(scenes.to_toml(plug(2, 0.4, 1.0, 2, [150.0, 200.0, -1e3], fall)), MPI.COMM_SELF)
-    assert answer.certified and answer.summary["outer_iterations"] <= 35
+    assert scenes.certified(plug(2, 0.4, 1.0, 2, [150.0, 200.0, -1e3], fall)).summary["outer_iterations"] <= 35
 
 
 def test_a_plug_that_turns_between_four_walls_comes_to_rest():
     """Friction of 1.9 on four walls, all of it on discs: interior points with squares ended elsewhere."""
-    answer = ddmpi.solve(scenes.to_toml(plug(4, 0.474, 1.9131, 4, [996.0, -923.0, -2707.0], 0.01)), MPI.COMM_SELF)
-    assert answer.certified and answer.summary["outer_iterations"] <= 100
+    scene = plug(4, 0.474, 1.9131, 4, [996.0, -923.0, -2707.0], 0.01)
+    assert scenes.certified(scene).summary["outer_iterations"] <= 100
 
 
 def box_in_a_bore(divisions, radius, center, friction, push):
     """A box falls into a bore of the x axis, far beyond what it gives way."""
-    return {"body": [{"name": "box", "material": {"young": 1e9, "poisson": 0.083}, "traction": [
-                {"on": "top", "value": push}], "mesh": {"shape": "box", "origin": [-0.5, -0.5, -0.5],
-                                                        "size": [1.0, 1.0, 0.5], "divisions": divisions}}],
+    return {"body": [solid_scenes.box("box", (-0.5, -0.5, -0.5), (1, 1, 0.5), divisions, young=1e9, poisson=0.083,
+                                      traction=[{"on": "top", "value": push}])],
             "rigid": [{"name": "bore", "shape": "cylinder", "inside": True, "point": center, "axis": [1.0, 0.0, 0.0],
                        "radius": radius}],
             "contact": [{"bodies": ["box", "bore"], "on": ["bottom"],
@@ -203,15 +197,14 @@ def box_in_a_bore(divisions, radius, center, friction, push):
     box_in_a_bore([4, 2, 1], 2.6627393074, [0.0, 0.0244531, 2.0153738966], 1.156323, [-3978.1, -5177.9, -47107.5])])
 def test_a_box_in_a_bore_comes_to_rest(scene):
     """All nodes slide round about; the second one needs interior points that stay close to their path."""
-    answer = ddmpi.solve(scenes.to_toml(scene), MPI.COMM_SELF)
-    assert answer.certified and answer.summary["outer_iterations"] <= 100
+    assert scenes.certified(scene).summary["outer_iterations"] <= 100
 
 
 def test_softened_springs_hold_in_steps_from_a_path(monkeypatch):
     """Friction that turns resists a drift by 1e-6 of the loads, which the path's own springs would take for ever."""
     monkeypatch.setattr(newton, "PATHS", (Softening,))
     scene = box_in_a_bore([4, 3, 2], 2.1270086681, [0.0, 0.0, 1.4674055902], 1.0104991663, [0.0, 0.0, -481657.80778])
-    assert ddmpi.solve(scenes.to_toml(scene), MPI.COMM_SELF).certified
+    scenes.certified(scene)
 
 
 @pytest.mark.parametrize("scene", [scenes.pinched_blocks(6), solid_scenes.two_boxes(2)], ids=["plane", "space"])
@@ -228,8 +221,7 @@ def test_interior_points_close_an_interference_without_loads(scene, monkeypatch)
 
 def force(scene: dict) -> tuple[list[float], list[str]]:
     """Of the only contact of a certified answer, with the stages of paths that led there."""
-    answer = ddmpi.solve(scenes.to_toml(scene), MPI.COMM_SELF)
-    assert answer.certified
+    answer = scenes.certified(scene)
     (contact,) = answer.summary["contacts"].values()
     return contact["force"], [step.stage for step in answer.solved.solution.outer.history if step.stage]
 
@@ -255,7 +247,7 @@ def test_bodies_on_their_way_to_a_contact_do_not_drift(way, ending, monkeypatch)
     disc = hard_scenes.falling_disc(1e-2)
     disc["body"][0]["mesh"]["angles"] = [-170.0, -10.0]  # the lower half
     disc["rigid"][0]["center"][1] = -2e-2
-    joint = prepare(MPI.COMM_SELF, read_scene("scene", scenes.to_toml(disc), [])).joint
+    joint = prepare(MPI.COMM_SELF, read_scene("scene", disc, [])).joint
     monkeypatch.setattr(newton, "PATHS", (Stuck,))
     monkeypatch.setattr(newton, "PATIENCE", 0)
     monkeypatch.setattr(Stuck, "way", way)

@@ -70,19 +70,6 @@ def test_fallback_that_fails_on_one_rank_ends_on_both(comm, monkeypatch):
     assert error.value.agreed
 
 
-def test_fallback_reaches_the_same_answer(comm, monkeypatch):
-    exact = None
-    for patience in (ddmpi.methods.newton.PATIENCE, 0):
-        monkeypatch.setattr(ddmpi.methods.newton, "PATIENCE", patience)
-        assembly = scenes.prepare_scene(comm, scenes.pinched_blocks(6))
-        answer = solve(assembly, assembly.scene.method)
-        outer = answer.outer
-        assert answer.certified
-        if exact is None:
-            exact = exact_forces(assembly)
-        assert np.linalg.norm(everywhere(assembly, outer.forces) - exact) <= 1e-7 * np.linalg.norm(exact)
-
-
 @two_ranks
 @pytest.mark.parametrize("contrast", [1e-4, 1.0, 1e4])
 def test_methods_agree(comm, contrast):

@@ -556,22 +556,3 @@ def test_signals_are_noted_and_not_deadly():
         interrupt._handlers.clear()
         for number, handler in before.items():
             signal.signal(number, handler)
-
-
-def test_signals_are_heard_after_gmsh(monkeypatch):
-    """The PETSc within gmsh sets the handler of SIGTERM back."""
-    from ddmpi.mesh.shapes import generate_rectangle
-    from ddmpi.scene.bodies import MeshSpec
-
-    before = {number: signal.getsignal(number) for number in interrupt.SIGNALS}
-    try:
-        signal.signal(signal.SIGINT, signal.SIG_DFL)  # where it is ignored, it stays so
-        interrupt.listen()
-        generate_rectangle(MeshSpec(shape="rectangle", size=(1.0, 1.0), divisions=(2, 2)))
-        for number in interrupt.SIGNALS:
-            os.kill(os.getpid(), number)
-        assert sorted(interrupt._received) == ["SIGINT", "SIGTERM", "SIGUSR1"]
-    finally:
-        interrupt._handlers.clear()
-        for number, handler in before.items():
-            signal.signal(number, handler)

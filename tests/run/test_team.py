@@ -6,7 +6,7 @@ import fault
 import numpy as np
 import pytest
 import scenes
-from scenes import pinched_blocks, to_toml
+from scenes import COULOMB, FLOOR, pinched_blocks, rectangle, to_toml
 
 import ddmpi
 from ddmpi.coupling.ranks import place_ranks
@@ -22,12 +22,9 @@ METHODS = {"explicit": {"compliance": "explicit"}, "direct": {"compliance": "dir
 def loose_block(**method) -> dict:
     """A block that rests on a rigid floor, held along it by its weight's friction and a roller only."""
     return {"title": "loose", "method": method,
-            "body": [{"name": "block", "mesh": {"shape": "rectangle", "size": [3.0, 1.0], "divisions": [18, 6]},
-                      "material": {"young": 2e11, "poisson": 0.3}, "clamp": [{"on": "left", "x": 0.0}],
-                      "traction": [{"on": "top", "value": [2e6, -1e7]}]}],
-            "rigid": [{"name": "floor", "shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}],
-            "contact": [{"bodies": ["block", "floor"], "on": ["bottom"],
-                         "friction": {"law": "coulomb", "coefficient": 0.3}}]}
+            "body": [rectangle("block", (0, 0), (3, 1), (18, 6), young=2e11, clamp=[{"on": "left", "x": 0.0}],
+                               traction=[{"on": "top", "value": [2e6, -1e7]}])],
+            "rigid": [FLOOR], "contact": [{"bodies": ["block", "floor"], "on": ["bottom"], "friction": COULOMB}]}
 
 
 def free_block(**method) -> dict:
@@ -35,8 +32,7 @@ def free_block(**method) -> dict:
     scene = loose_block(**method)
     scene["body"][0] |= {"clamp": [], "traction": [{"on": "top", "value": [-2e6, -1e7]}]}
     scene["rigid"].append({"name": "wall", "shape": "plane", "point": [0.0, 0.0], "normal": [1.0, 0.0]})
-    scene["contact"].append({"bodies": ["block", "wall"], "on": ["left"],
-                             "friction": {"law": "coulomb", "coefficient": 0.3}})
+    scene["contact"].append({"bodies": ["block", "wall"], "on": ["left"], "friction": COULOMB})
     return scene
 
 
@@ -109,9 +105,8 @@ def test_five_ranks_on_two_bodies_and_on_a_body_of_a_few_nodes(comm):
 @pytest.mark.mpi(ranks=5)
 def test_two_ranks_on_a_body_that_nothing_touches(comm):
     scene = pinched_blocks(6)
-    mesh = {"shape": "rectangle", "origin": [9.0, 0.0], "size": [3.0, 3.0], "divisions": [20, 20]}
-    scene["body"].append({"name": "alone", "mesh": mesh, "material": {"young": 1e11, "poisson": 0.3},
-                          "clamp": ["bottom"], "traction": [{"on": "top", "value": [0.0, -1e7]}]})
+    scene["body"].append(rectangle("alone", (9, 0), (3, 3), (20, 20), young=1e11, clamp=["bottom"],
+                                   traction=[{"on": "top", "value": [0.0, -1e7]}]))
     compare(comm, scene)
 
 

@@ -1,12 +1,9 @@
 """Scenes of any number of bodies, contacts and rigid partners: what is read, and what is refused in which words."""
 
-import json
 
 import pytest
-from scenes import to_toml
 
 from ddmpi.errors import InputError
-from ddmpi.mesh.build import build_mesh
 from ddmpi.scene.contacts import Circle, Coulomb, Gap, NoFriction, Plane
 from ddmpi.scene.reader import read_scene
 from ddmpi.scene.scene import Settled
@@ -114,74 +111,6 @@ def test_one_body_with_rigid_partners_is_a_scene():
                     for name, y, on in (("floor", 0, "bottom"), ("press", 1, "top")))
     alone = scene(text="[[body]]\n" + ALONE + rigid)
     assert [body.name for body in alone.body] == ["plate"] and len(alone.contact) == 2
-
-
-ARCH = """
-title = "Two voussoirs between springings"
-[[rigid]]
-name = "rigid1"
-shape = "plane"
-point = [4.0, 0.0]
-normal = [-0.0, 1.0]
-[[rigid]]
-name = "rigid0"
-shape = "plane"
-point = [-5.0, 6.123233995736766e-16]
-normal = [1.2246467991473535e-16, 1.0]
-[[body]]
-name = "body0"
-mesh = { shape = "quadrilateral", corners = [[-4, 4.9e-16], [0.0, 4.0], [0.0, 5.0], [-5, 6e-16]], divisions = [9, 8] }
-material = { young = 20000000000.0, poisson = 0.2 }
-clamp = []
-traction = []
-volume_force = [0.0, -20000.0]
-[[body]]
-name = "body1"
-mesh = { shape = "quadrilateral", corners = [[0.0, 4.0], [4.0, 0.0], [5.0, 0.0], [0.0, 5.0]], divisions = [9, 8] }
-material = { young = 20000000000.0, poisson = 0.2 }
-clamp = []
-traction = [{ on = "top", value = [0.0, -1.0] }]
-volume_force = [0.0, -20000.0]
-[[contact]]
-name = "i0"
-bodies = ["body0", "body1"]
-on = ["right", "left"]
-kind = "KIND"FRICTION
-[[contact]]
-name = "o0"
-bodies = ["body0", "rigid0"]
-on = ["left"]
-kind = "KIND"FRICTION
-[[contact]]
-name = "o1"
-bodies = ["body1", "rigid1"]
-on = ["right"]
-kind = "KIND"FRICTION
-[method]
-tolerance = 1e-8
-"""
-
-
-@pytest.mark.parametrize(("kind", "friction"), [
-    ("unilateral", '\nfriction = { law = "coulomb", coefficient = 0.6 }'), ("unilateral", ""), ("bonded", "")])
-def test_arch_is_read(kind, friction):
-    """Scenes as programs write them, with every list given and names of their own, are read and meshed."""
-    arch = scene(text=ARCH.replace("KIND", kind).replace("FRICTION", friction))
-    assert [contact.name for contact in arch.contact] == ["i0", "o0", "o1"]
-    assert {contact.kind for contact in arch.contact} == {kind}
-    assert all(len(build_mesh(body).groups) == 4 for body in arch.body)
-
-
-@pytest.mark.parametrize("settings", [[], ["rigid.bore.displacement=[0.0, 1e-3]", "method.preset=accurate"]])
-def test_resolved_assembly_round_trips(settings):
-    """The scene in summary.json, written as TOML without the keys that are null, is the same scene again."""
-    def without_none(value):
-        if isinstance(value, dict):
-            return {key: without_none(entry) for key, entry in value.items() if entry is not None}
-        return [without_none(entry) for entry in value] if isinstance(value, list) else value
-
-    original = scene(*settings)
-    assert scene(text=to_toml(without_none(json.loads(json.dumps(original.resolved()))))) == original
 
 
 @pytest.mark.parametrize(("setting", "at", "key", "value"), [

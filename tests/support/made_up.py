@@ -1,6 +1,6 @@
 """Results of runs that never were: blocks and contacts with plausible fields, written by the writers of results/."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -19,7 +19,15 @@ from ddmpi.mesh.refine import raise_order
 from ddmpi.mesh.shapes import generate_rectangle
 from ddmpi.results.fields import Fields, contact_fields, write_fields, write_xdmf
 from ddmpi.results.summary import rigid_partners, summarize, write_summary
-from ddmpi.results.tables import HISTORY, write_contact, write_sides, write_steps, write_table
+from ddmpi.results.tables import (
+    HISTORY,
+    leg_values,
+    write_contact,
+    write_legs,
+    write_sides,
+    write_steps,
+    write_table,
+)
 from ddmpi.scene.bodies import Material, MeshSpec
 from ddmpi.scene.contacts import Coulomb, NoFriction, SettledContact
 from ddmpi.surface.boundary import contact_side
@@ -137,17 +145,28 @@ def results(folder: Path, kind: str = "stack", order: int = 1, friction=COULOMB,
     parts = [fields(mesh, error, stresses) for mesh in meshes.values()]
     moved = {name: {"displacement_max": np.linalg.norm(part.displacement, axis=1).max()}
              for name, part in zip(meshes, parts, strict=True)}
-    found = {each.interface.name: each for each in states}
-    summary = summarize(scene(list(CONTACTS[kind]), friction, title), run(found, order=order),
-                        {name: body(**of) for name, of in moved.items()}, totals(found),
-                        certificate(CONTACTS[kind], meshes))
-    places = write_fields(folder, dict(enumerate(parts)), {name: contact_fields(each) for name, each in found.items()})
-    write_xdmf(folder, (), {name: places[number] for number, name in enumerate(meshes)},
-               {name: places[name] for name in found})
-    for each in states:
-        write_contact(folder, each.interface.name, each)
-        write_sides(folder, each.interface.name, each)
-    counts = [sum(each.count(status) for each in states) for status in ("open", "slip", "stick")]
+    return write_results(folder, scene(list(CONTACTS[kind]), friction, title),
+                         {name: body(**of) for name, of in moved.items()}, dict(zip(meshes, parts, strict=True)),
+                         [{each.interface.name: each for each in states}], order=order)
+
+
+def write_results(folder: Path, scene: dict, bodies: dict, parts: Mapping[str, Fields],
+                  marched: Sequence[Mapping[str, ContactState]], times: Sequence[float] = (), **changes) -> dict:
+    """All files of a run but the fields before its end, from those of each body and the states of contacts at the ends
+    of its legs, which have `times`, or of its only one; its summary. `changes` are those of `run`."""
+    states = marched[-1]
+    summary = summarize(scene, run(states, **changes), bodies, totals(states), certificate(states, parts))
+    places = write_fields(folder, dict(enumerate(parts.values())),
+                          {name: contact_fields(each) for name, each in states.items()})
+    write_xdmf(folder, times, {name: places[number] for number, name in enumerate(parts)},
+               {name: places[name] for name in states})
+    for name, each in states.items():
+        write_contact(folder, name, each)
+        write_sides(folder, name, each)
+        if times:
+            write_legs(folder, name, each, [(time, leg_values(found[name]))
+                                            for time, found in zip(times, marched, strict=True)])
+    counts = [sum(each.count(status) for each in states.values()) for status in ("open", "slip", "stick")]
     write_table(folder / "history.csv", HISTORY,
                 [(1, k, 3.0 * 10.0**-k, 10.0**-k, 1e-3, *counts, 20 * k) for k in range(1, 10)])
     write_steps(folder, summary["steps"])

@@ -16,18 +16,8 @@ from ddmpi.interface.state import ContactState
 from ddmpi.mesh.elements import facet_shares
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import raise_order
-from ddmpi.results.fields import Fields, contact_fields, write_fields, write_xdmf
-from ddmpi.results.summary import summarize, write_summary
-from ddmpi.results.tables import (
-    ENERGY,
-    HISTORY,
-    leg_values,
-    write_contact,
-    write_legs,
-    write_sides,
-    write_steps,
-    write_table,
-)
+from ddmpi.results.fields import Fields, contact_fields, write_fields
+from ddmpi.results.tables import ENERGY, leg_values, write_table
 from ddmpi.scene.contacts import NoFriction
 
 
@@ -134,31 +124,16 @@ def results(folder: Path, bodies: Mapping[str, Mesh], contacts: Mapping[str, tup
     steps = [{"time": time, "outer_iterations": 5,
               "contacts": {name: each.totals.resultants for name, each in found.items()}}
              for time, found in zip(times or (1.0,), marched, strict=True)]
-    summary = summarize(scene(contacts, friction, rigid, times), made_up.run(states, order=order, steps=steps), entries,
-                        made_up.totals(states), made_up.certificate(contacts, bodies))
-    places = write_fields(folder, dict(enumerate(parts.values())),
-                          {name: contact_fields(each) for name, each in states.items()})
+    summary = made_up.write_results(folder, scene(contacts, friction, rigid, times), entries, parts, marched, times,
+                                    order=order, steps=steps)
     for step, factor in enumerate(np.linspace(0.0, 1.0, len(times) + 1)[1:-1]):
         write_fields(folder, {number: fields(mesh, factor=factor, **how) for number, mesh in
                               enumerate(bodies.values())},
                      {name: contact_fields(each, leg_values(marched[step][name])) for name, each in states.items()},
                      step=step)
-    write_xdmf(folder, times, {name: places[number] for number, name in enumerate(bodies)},
-               {name: places[name] for name in states})
-    for name, each in states.items():
-        write_contact(folder, name, each)
-        write_sides(folder, name, each)
-        if times:
-            write_legs(folder, name, each, [(time, leg_values(found[name]))
-                                            for time, found in zip(times, marched, strict=True)])
     if times:
         write_table(folder / "energy.csv", ENERGY,
                     [(time, 2.0 * time, time, time, 0.5 * time, 1e-14) for time in times])
-    counts = [sum(each.count(status) for each in states.values()) for status in ("open", "slip", "stick")]
-    write_table(folder / "history.csv", HISTORY,
-                [(1, k, 3.0 * 10.0**-k, 10.0**-k, 1e-3, *counts, 20 * k) for k in range(1, 10)])
-    write_steps(folder, summary["steps"])
-    write_summary(folder, summary)
     return summary
 
 
