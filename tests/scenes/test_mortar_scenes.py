@@ -54,39 +54,6 @@ def test_constant_pressure(divisions, order):
 
 
 @orders
-@pytest.mark.parametrize("joint", [1.0, 0.9])
-def test_three_bodies_at_a_joint(joint, order):
-    """Two blocks on one, whose joint is a node or lies within a side; partly covered sides are exact, too."""
-    bodies = [body("below", quadrilateral(0.0, 0.0, 2.0, (6, 3), order),
-                   [{"on": "left", "x": 0.0}, {"on": "bottom", "y": 0.0}]),
-              body("left", quadrilateral(0.0, 1.0, joint, (4, 3), order), [{"on": "left", "x": 0.0}], press()),
-              body("right", quadrilateral(joint, 1.0, 2.0 - joint, (5, 3), order), [], press())]
-    for slave in (True, False):
-        contacts = [{"bodies": [name, "below"], "on": ["bottom", "top"], "friction": COULOMB, "pairing": "mortar",
-                     "slave": "below" if slave else name} for name in ("left", "right")]
-        answer = solved(bodies, [*contacts, {"bodies": ["left", "right"], "on": ["right", "left"]}])
-        for name in ("left-below", "right-below"):
-            assert answer.contacts[name].pressure == pytest.approx(PRESSURE, rel=1e-9)
-
-
-@orders
-@pytest.mark.parametrize("kind", ["unilateral", "bonded"])
-def test_inclined_contact(kind, order):
-    """The same pressure all around: so is that of the inclined contact, and nothing acts along it."""
-    right = {"on": "right", "value": [-PRESSURE, 0.0]}
-    upper = body("upper", quadrilateral(0.0, 1.0, 2.0, (7, 3), order, -0.1), [{"on": "left", "x": 0.0}], press())
-    lower = body("lower", quadrilateral(0.0, 0.0, 2.0, (10, 3), order, -0.1),
-                 [{"on": "left", "x": 0.0}, {"on": "bottom", "y": 0.0}])
-    for each in (upper, lower):
-        each["traction"] = [*each["traction"], right]
-    answer = solved([upper, lower], [{"bodies": ["upper", "lower"], "on": ["bottom", "top"], "kind": kind}])
-    contact = answer.contacts["upper-lower"]
-    assert contact.pressure == pytest.approx(PRESSURE, rel=1e-10)
-    assert np.abs(contact.shear).max() <= 1e-9 * PRESSURE
-    assert contact.force == pytest.approx([0.2 * PRESSURE, 2.0 * PRESSURE], rel=1e-9)
-
-
-@orders
 @pytest.mark.parametrize("held", ["clamps", "bonds"])
 @pytest.mark.parametrize("sides", [(48, 40), (48, 36), (30, 48)])
 def test_two_leaves_held_at_one_end(sides, held, order):
@@ -178,28 +145,6 @@ def ring(name: str, radii: tuple[float, float], divisions: tuple[int, int], orde
     return body(name, mesh, [{"on": "start", "y": 0.0}, {"on": "end", "x": 0.0}])
 
 
-@orders
-@pytest.mark.parametrize("ratio", [(4, 5), (5, 4)])
-def test_shrink_fit(ratio, order):
-    """Lamé's rings with an interference far below the heights of the chords' arcs; errors fall with the mesh."""
-    a, b, c, fit = 0.5, 1.0, 1.5, 1e-5
-    E, nu = YOUNG / (1 - POISSON**2), POISSON / (1 - POISSON)
-    exact = fit / (b / E * ((c**2 + b**2) / (c**2 - b**2) + nu + (b**2 + a**2) / (b**2 - a**2) - nu))
-    errors, resultants = [], []
-    for n in (2, 4):
-        shaft, hub = (n * each for each in ratio)
-        answer = solved([ring("shaft", (a, b + fit), (shaft, 2 * n), order), ring("hub", (b, c), (hub, 2 * n), order)],
-                        [{"bodies": ["shaft", "hub"], "on": ["outer", "inner"]}], 1e-8)
-        contact = answer.summary["contacts"]["shaft-hub"]
-        assert contact["open"] == 0 and contact["slave"] == ("shaft" if shaft < hub else "hub")
-        errors.append(float(np.sqrt(((answer.contacts["shaft-hub"].pressure / exact - 1) ** 2).mean())))
-        resultants.append(abs(contact["normal_force"] / (exact * b * np.pi / 2) - 1))
-        assert contact["moment_imbalance"] <= contact["moment_imbalance_bound"]
-        assert 0.0 < contact["pointwise_penetration"] < 0.2 * fit
-    assert errors[1] < 0.025 and errors[0] > 1.6 * errors[1]
-    assert resultants[1] < (6e-3, 1e-4)[order - 1] and resultants[0] > 3 * resultants[1]
-
-
 @pytest.mark.parametrize("given", [True, False])
 @pytest.mark.parametrize("ratio", [(4, 5), (4, 4)])
 def test_shrink_fit_of_curved_sides(ratio, given):
@@ -222,27 +167,6 @@ def test_shrink_fit_of_curved_sides(ratio, given):
     assert nodes < (2e-4 if ratio == (4, 5) else 4e-4)
     assert sides < 2e-5
     assert (np.log2(np.array(errors[0]) / errors[1]) > 1.8).all()
-
-
-def test_hertz():
-    """A roller on a block, four sides on half the contact: p0 and a within 2 %."""
-    R, load, h = 50.0, 17500.0, 3.2
-    mesh = {"shape": "annulus", "center": [0.0, R], "radii": [12.0, R], "angles": [-90.0, 0.0],
-            "divisions": [round(R * np.pi / 2 / h), 12], "order": 2}
-    roller = body("roller", mesh, [{"on": "start", "x": 0.0}],
-                  {"on": "end", "value": [0.0, -load / (R - 12.0)]}, 210e3)
-    wide = {"shape": "rectangle", "origin": [0.0, -60.0], "size": [60.0, 60.0], "divisions": [16, 12], "order": 2}
-    block = body("block", wide, [{"on": "left", "x": 0.0}, {"on": "bottom", "y": 0.0}], young=70e3)
-    answer = solved([roller, block], [{"bodies": ["roller", "block"], "on": ["outer", "top"]}], 1e-8)
-    E = 1 / ((1 - POISSON**2) / 210e3 + (1 - POISSON**2) / 70e3)
-    a = np.sqrt(8 * load * R / (np.pi * E))
-    p0 = 4 * load / (np.pi * a)
-    contact = answer.contacts["roller-block"]
-    x, p = contact.interface.xy[:, 0], contact.pressure
-    near = p > 0.2 * p0
-    slope, top = np.polyfit(x[near] ** 2, p[near] ** 2, 1)
-    assert np.sqrt(top) == pytest.approx(p0, rel=0.03)
-    assert np.sqrt(-top / slope) == pytest.approx(a, rel=0.05)
 
 
 @pytest.mark.parametrize("keys, words", [

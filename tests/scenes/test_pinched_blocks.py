@@ -42,28 +42,6 @@ SHIPPED = {
 }
 """One number of each scene in configs/; the last is from the independent code, too, with bounded least squares."""
 
-RESIDUALS = {"force_mismatch": float, "penetration": float, "complementarity": float, "friction": float}
-STEP = {"force": [float, float], "moment": float, "normal_force": float, "tangential_force": float, "open": int,
-        "slip": int, "stick": int, "dissipated": float}
-FORCES = {"force": [float, float], "moment": float}
-BODY = {"n": int, "ranks": [int], "n_A": int, "held": bool, "displacement_max": float, "von_mises_max": float,
-        "energy": float, "reaction": [float, float], "loads": {}, "reactions": {"left": FORCES},
-        "discretization_error": float, "compliance": str, "memory_mib": float}
-SUMMARY_KEYS = {
-    "format": int, "title": str, "converged": bool, "reason": str, "outer": str, "order": int, "algorithm": str,
-    "splitting": str, "friction": str, "n": int, "m": int, "ranks": int, "outer_iterations": int,
-    "inner_iterations": int, "n_A": int, "eff": float, "bodies": {"upper": BODY, "lower": BODY},
-    "contacts": {"upper-lower": {"m": int, "pairing": str, "pressure_max": float, "certificate": RESIDUALS,
-                                 "pointwise_penetration": float, "moment_imbalance": float,
-                                 "moment_imbalance_bound": float} | STEP},
-    "certificate": RESIDUALS | {"equilibrium": float}, "displacement_max": float, "warnings": [],
-    "discretization_error": {"energy_norm": float}, "exchange": {"messages": int, "bytes": int},
-    "seconds": {"mesh": float, "assemble": float, "factor": float, "outer": float, "recover": float, "output": float,
-                "total": float},
-    "versions": {}, "options": {}, "options_unused": [], "scene": {},
-}
-"""Keys and types of summary.json in format 2."""
-
 
 def run(scene, folder, *arguments: str, here: bool = False) -> Run:
     """On two ranks, or `here` on one."""
@@ -135,21 +113,6 @@ def displacement_at(done: Run, x: float, y: float) -> np.ndarray:
     upper = np.flatnonzero((np.abs(points - [x, y, 0.0]) < 1e-12).all(axis=1))
     assert len(upper) == 1
     return u[upper[0], :2]
-
-
-def check_types(value, kind, key: str) -> None:
-    if isinstance(kind, dict):
-        assert isinstance(value, dict), key
-        assert value.keys() >= kind.keys(), key
-        for name, inner in kind.items():
-            check_types(value[name], inner, f"{key}.{name}")
-    elif isinstance(kind, list):
-        assert isinstance(value, list), key
-        assert not kind or len(value) == len(kind), key
-        for entry, inner in zip(value, kind, strict=False):
-            check_types(entry, inner, key)
-    else:
-        assert type(value) is kind, f"{key} is {value!r}"
 
 
 # The answers
@@ -246,9 +209,8 @@ def test_units_change_rounding_only(in_units, law, method, unit):
 # The files
 
 
-def test_summary_has_all_keys_and_types(as_shipped):
+def test_summary(as_shipped):
     summary = as_shipped.summary
-    check_types(summary, SUMMARY_KEYS, "summary")
     assert summary["title"] == "Pinched steel blocks, Coulomb friction"
     assert summary["friction"] == "coulomb"
     assert (summary["n"], summary["m"], summary["ranks"]) == (6072, 66, 2)
@@ -263,71 +225,6 @@ def test_summary_has_all_keys_and_types(as_shipped):
     assert summary["versions"].keys() >= {"ddmpi", "python", "petsc", "petsc4py", "mpi4py", "numpy"}
     assert all(isinstance(version, str) and version for version in summary["versions"].values())
     assert len(summary["hosts"]) == 2
-
-
-def test_summary_says_what_was_solved_and_how(exact):
-    summary = exact["N = 22, Coulomb, published iteration"].summary
-    assert (summary["algorithm"], summary["splitting"], summary["friction"]) == ("original", "none", "coulomb")
-    scene = summary["scene"]
-    assert (scene["method"]["theta"], scene["method"]["tolerance"], scene["method"]["max_iterations"]) == (
-        0.25, 1e-9, 500)
-    assert scene["body"][0]["mesh"]["divisions"] == [66, 22]
-    assert scene["body"][0]["material"]["plane"] == "strain"  # a default
-    assert scene["contact"][0]["friction"] == {"law": "coulomb", "coefficient": 0.3}
-
-
-def test_interface_table(exact):
-    done = exact["N = 22, Coulomb"]
-    contact, columns = done.summary["contacts"]["upper-lower"], done.table("contact_upper-lower.csv")
-    assert list(columns) == ["x", "y", "nx", "ny", "length", "normal_force", "tangential_force", "normal_stress",
-                             "tangential_stress", "gap", "slip", "slip_total", "status"]
-    assert columns["x"] == pytest.approx(np.arange(1, 67) / 22)  # the node at the clamp carries no unknown
-    assert columns["y"] == pytest.approx(np.ones(66))
-    length = np.r_[np.full(65, 1 / 22), 1 / 44]
-    assert columns["length"] == pytest.approx(length)
-    assert not columns["nx"].any() and (columns["ny"] == -1.0).all()  # out of the upper block
-    assert columns["slip_total"].tolist() == columns["slip"].tolist()
-    assert columns["normal_stress"] * length == pytest.approx(columns["normal_force"])
-    assert columns["tangential_stress"] * length == pytest.approx(columns["tangential_force"])
-    assert columns["normal_force"].sum() == pytest.approx(contact["normal_force"], rel=1e-12)
-    assert columns["tangential_force"].sum() == pytest.approx(contact["tangential_force"], rel=1e-12)
-    for status in ("open", "slip", "stick"):
-        assert (columns["status"] == status).sum() == contact[status]
-
-
-def test_interface_table_obeys_the_laws_of_contact(exact):
-    for name, bound_of in (("N = 22, Coulomb", lambda c: 0.3 * c["normal_stress"]),
-                           ("N = 22, Coulomb, published iteration", lambda c: 0.3 * c["normal_stress"]),
-                           ("N = 22, Tresca", lambda c: np.full(66, 1.2e7))):
-        columns = exact[name].table("contact_upper-lower.csv")
-        gap, slip, shear, bound = (*(columns[c] for c in ("gap", "slip", "tangential_stress")), bound_of(columns))
-        opened, slipping, sticking = (columns["status"] == s for s in ("open", "slip", "stick"))
-        largest = np.abs(slip).max()
-        assert (columns["normal_force"] >= 0).all()
-        assert (columns["normal_force"][opened] == 0).all() and (gap[opened] > 0).all()
-        assert np.abs(gap[~opened]).max() <= 1e-7 * largest
-        assert np.abs(slip[sticking]).max() <= 1e-7 * largest
-        assert (np.abs(shear[sticking]) < bound[sticking]).all()
-        assert np.abs(shear[slipping]) == pytest.approx(bound[slipping], rel=1e-6)
-        assert (shear[slipping] * slip[slipping] >= -1e-7 * largest * bound.max()).all()
-
-
-@pytest.mark.parametrize("name", ["N = 22, Coulomb", "N = 22, Coulomb, published iteration"])
-def test_history_has_a_line_per_outer_iteration(exact, name):
-    summary, history = exact[name].summary, exact[name].table("history.csv")
-    nodes = ("open", "slip", "stick")
-    assert list(history) == ["step", "iteration", "update", "residual", "inner_precision", *nodes, "n_A"]
-    assert (history["step"] == 1).all()
-    assert (sum(history[status] for status in nodes) == summary["m"]).all()
-    assert {status: history[status][-1] for status in nodes} == {
-        status: summary["contacts"]["upper-lower"][status] for status in nodes}
-    assert history["iteration"].tolist() == list(range(1, summary["outer_iterations"] + 1))
-    assert history["residual"][-1] <= summary["certificate_limit"]
-    stopped_by = history["update" if "published" in name else "residual"]
-    assert (stopped_by[:-1] > 1e-9).all() and stopped_by[-1] <= 1e-9
-    count = history["n_A"]
-    assert (np.diff(count) > 0).all()
-    assert count[-1] <= summary["n_A"] <= count[-1] + 2  # and one for the displacement of each body
 
 
 def test_pictures_are_pictures(as_shipped):

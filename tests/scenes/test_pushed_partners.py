@@ -74,29 +74,6 @@ def test_pushed_as_far_as_moved(d, shape, law, order, lift):
     assert np.abs(other.forces - state.forces).max() <= 1e-5 * np.abs(state.forces).max()
 
 
-@pytest.mark.parametrize("d", [2, 3])
-def test_one_ram_on_two_bars(d):
-    """Bars of unlike height share the force as springs do, once the ram has come down on both."""
-    heights, gap = (1.0, 0.999), 0.2
-    bars = [block(name, d, (2.0 * k, 0.0), (1.0, height), (3 + k, 4), poisson=0.0,
-                  clamp=[{"on": "bottom", "y" if d == 2 else "z": 0.0}, {"on": "left", "x": 0.0},
-                         *[{"on": "front", "y": 0.0}][:d - 2]])
-            for k, (name, height) in enumerate(zip(("one", "two"), heights, strict=True))]
-    scene = {"body": bars, "rigid": [{"name": "ram", "shape": "plane", "point": along(d, 0.0, -1.0 - gap),
-                                      "normal": along(d, 0.0, 1.0), "force": along(d, 0.0, 3 * FORCE)}],
-             "contact": [{"bodies": [name, "ram"], "on": ["top"]} for name in ("one", "two")]}
-    answer = certified(scene, method__tolerance=1e-12)
-    stiffness = YOUNG / np.array(heights)
-    down = (3 * FORCE + stiffness[1] * 1e-3) / stiffness.sum()
-    assert answer.summary["rigid"]["ram"]["displacement"] == pytest.approx(along(d, 0.0, gap + down), abs=1e-10)
-    found = [answer.summary["contacts"][f"{name}-ram"]["normal_force"] for name in ("one", "two")]
-    assert found == pytest.approx([stiffness[0] * down, stiffness[1] * (down - 1e-3)], rel=1e-9)
-    scene["rigid"][0]["force"] = along(d, 0.0, 0.5 * FORCE)  # borne by the first alone
-    single = certified(scene).summary
-    assert single["contacts"]["two-ram"]["normal_force"] == 0.0
-    assert single["contacts"]["one-ram"]["normal_force"] == pytest.approx(0.5 * FORCE, rel=1e-9)
-
-
 def vice(d: int, force: float, weight: float) -> dict:
     """A loose block between a fixed jaw and one that is pushed, with a weight."""
     jaws = [("fixed", 2.0, -1.0), ("moving", -0.1, 1.0)]

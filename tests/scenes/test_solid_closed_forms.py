@@ -55,18 +55,6 @@ def test_cubes_between_planes_of_symmetry_bulge_alike(divisions, order):
     assert answer.contacts["c"].pressure == pytest.approx(YOUNG * push, rel=1e-7)
 
 
-@pytest.mark.parametrize("how", ["drawn", "given", "moved"])
-def test_overlapping_cubes_share_the_overlap(how):
-    """An interference that is drawn, given, or comes from a cube that is set down, is the same problem."""
-    overlap = 0.01
-    bodies = [cube("lower", 0.0, poisson=0.0, clamp=rollers(bottom=0.0)),
-              cube("upper", 1.0 - overlap * (how == "drawn"), poisson=0.0,
-                   clamp=rollers(top=-overlap * (how == "moved")))]
-    answer = solve(bodies, [on("upper", "lower", **({"gap": -overlap} if how == "given" else {}))])
-    assert answer.contacts["c"].pressure == pytest.approx(YOUNG * overlap / 2.0, rel=1e-6)
-    assert answer.bodies["lower"].displacement[:, 2].min() == pytest.approx(-overlap / 2.0, rel=1e-6)
-
-
 @pytest.mark.parametrize("gap, pressed", [(0.0, True), (4e-4, True), (1.1e-3, False)])
 def test_a_stack_closes_its_gap_first(gap, pressed):
     """Confined cubes of unlike stiffness: p = (δ − g) / Σ H/M, or nothing."""
@@ -77,19 +65,6 @@ def test_a_stack_closes_its_gap_first(gap, pressed):
     answer = solve(bodies, [on("upper", "lower", **FRICTION)])
     exact = (1e-3 - gap) / (1.0 / confined(YOUNG, 0.3) + 1.0 / confined(3.0 * YOUNG, 0.2)) if pressed else 0.0
     assert answer.contacts["c"].pressure == pytest.approx(exact, rel=1e-6, abs=1e-6)
-
-
-def test_cubes_side_by_side_carry_their_own_loads():
-    """Two cubes on one floor, pushed down unlike, touch each other and do not press: ν = 0."""
-    bodies = [cube(name, x=x, poisson=0.0, clamp=[{"on": "top", "x": 0.0, "y": 0.0, "z": -push}])
-              for name, x, push in (("a", 0.0, 1e-3), ("b", 1.0, 2e-3))]
-    contacts = [{"name": "a", "bodies": ["a", "floor"], "on": ["bottom"]},
-                {"name": "b", "bodies": ["b", "floor"], "on": ["bottom"]},
-                {"name": "between", "bodies": ["a", "b"], "on": ["right", "left"]}]
-    answer = solve(bodies, contacts, rigid=[FLOOR])
-    assert answer.contacts["a"].pressure == pytest.approx(YOUNG * 1e-3, rel=1e-7)
-    assert answer.contacts["b"].pressure == pytest.approx(YOUNG * 2e-3, rel=1e-7)
-    assert np.abs(answer.contacts["between"].force).max() < 1e-3
 
 
 PRESSURE, THICK = 1e6, 0.01

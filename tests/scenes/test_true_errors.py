@@ -92,15 +92,6 @@ def test_energy_norm_of_a_known_strain():
     assert energy(mesh, STEEL, u) == pytest.approx(2.1 * ((first + 2 * shear) + 4 * shear) * 1e-6, rel=1e-6)
 
 
-@ORDERS
-def test_shape_functions(order):
-    mesh, _ = rectangle(1, order)
-    element = mesh.cell
-    nodes = np.concatenate([np.eye(3), np.array([[1, 1, 0], [0, 1, 1], [1, 0, 1]]) / 2])[:(3, 6)[order - 1]]
-    assert np.array_equal(element.shapes(nodes), np.eye(len(nodes)))
-    assert element.shapes(np.full((4, 5, 3), 1 / 3)).sum(axis=-1) == pytest.approx(1.0)
-
-
 def test_stress_error_of_a_known_difference():
     """The exact stress is the computed one plus 2e6 Pa of shear, whose energy is τ²/μ per area."""
     mesh, _ = rectangle(2, 1)
@@ -271,42 +262,6 @@ def test_a_reference_without_certificate_is_refused(comm):
 # Against the closed form of two rings
 
 RINGS = Rings(a=0.4, b=1.0, c=1.7, overlap=1e-6)
-
-
-def at(radius: float, angle: float) -> tuple[np.ndarray, np.ndarray]:
-    """A point (1, 2) and the direction (2,) of the radius there."""
-    outward = np.array([np.cos(angle), np.sin(angle)])
-    return radius * outward[None], outward
-
-
-def traction(body: str, radius: float, angle: float) -> np.ndarray:
-    """σ n (2,) with n along the radius."""
-    point, n = at(radius, angle)
-    xx, yy, xy = RINGS.stress(body, point)[0]
-    return np.array([[xx, xy], [xy, yy]]) @ n
-
-
-@pytest.mark.parametrize("angle", [0.0, 0.4, 1.3, np.pi / 2])
-def test_closed_form_of_the_rings_holds_at_all_boundaries(angle):
-    p, (_, n) = RINGS.pressure, at(1.0, angle)
-    for body in (INNER, OUTER):
-        assert traction(body, RINGS.b, angle) == pytest.approx(-p * n, abs=1e-9 * p)
-    assert np.abs(traction(INNER, RINGS.a, angle)).max() <= 1e-9 * p
-    assert np.abs(traction(OUTER, RINGS.c, angle)).max() <= 1e-9 * p
-    jump = RINGS.displacement(OUTER, at(RINGS.b, angle)[0]) - RINGS.displacement(INNER, at(RINGS.b, angle)[0])
-    assert jump[0] == pytest.approx(RINGS.overlap * n, abs=1e-9 * RINGS.overlap)
-
-
-def test_stress_of_the_rings_is_that_of_their_displacement():
-    step = 1e-5
-    for body, radius in ((INNER, 0.7), (OUTER, 1.4)):
-        first, shear = RINGS.material(body).lame
-        point, _ = at(radius, 0.9)
-        (uxx, uyx), (uxy, uyy) = ((RINGS.displacement(body, point + e) - RINGS.displacement(body, point - e))[0]
-                                  / (2 * step) for e in step * np.eye(2))
-        trace = first * (uxx + uyy)
-        expected = [trace + 2 * shear * uxx, trace + 2 * shear * uyy, shear * (uxy + uyx)]
-        assert RINGS.stress(body, point)[0] == pytest.approx(expected, rel=1e-6)
 
 
 def test_pressure_and_energy_of_the_rings():
