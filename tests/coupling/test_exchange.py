@@ -257,18 +257,6 @@ def test_deferred_error_of_one_rank_is_raised_on_all(comm, way):
         WAYS[way](bodies, "test")
 
 
-@two_ranks
-def test_deferred_error_of_one_of_two_is_raised_on_both(comm):
-    for failing in (0, 1):
-        exchange = exchange_of_two(comm)
-        with exchange.deferred():
-            if comm.rank == failing:
-                raise SolverError(f"rank {failing} fails")
-        with pytest.raises(SolverError, match=rf"^rank {failing} fails$") as caught:
-            exchange.swap(np.zeros(4), "test")
-        assert caught.value.agreed
-
-
 @pytest.mark.mpi(ranks=1)
 def test_errors_of_a_single_rank_are_raised_at_the_same_point(comm):
     bodies = Bodies(comm)
@@ -423,21 +411,6 @@ def test_both_ranks_hold_the_same_contact_displacement(comm):
         for values in (outer.lam, outer.s1, outer.s2, outer._bound):
             mine, theirs = comm.allgather(values)
             assert np.array_equal(mine, theirs)
-
-
-@two_ranks
-def test_solver_error_of_one_body_is_raised_on_both(comm, monkeypatch):
-    _, outer = iterations_of(comm, Stack(3, {"law": "none"}).scene(outer="relaxation"))
-    outer.iterate()
-
-    def fail(*_):
-        raise SolverError("the lower body gives up")
-
-    if comm.rank == 1:
-        monkeypatch.setattr(outer.subproblem, "neumann", fail)
-    with pytest.raises(SolverError, match=r"^the lower body gives up$"):
-        outer.run(1e-10)
-    assert len(outer.history) == 0  # the failed step is no step
 
 
 @three_ranks

@@ -268,39 +268,6 @@ def test_a_body_clamped_along_y_only_slides_along_x():
     assert displaced(body, s)[1] <= 1e-12
 
 
-@pytest.mark.parametrize("order", [1, 2])
-@pytest.mark.parametrize("angle", [0.0, 1.0])
-def test_loose_bar_pressed_from_both_ends(angle, order):
-    """A bar of length L pressed at both ends by a pressure p shortens by p L / E', its ends move alike."""
-    length, p = 4.0, 5e7
-    mesh = rectangle((12, 4), (length, 1.0), order, angle)
-    body = member(mesh, elastic(mesh, angle=angle, loads={}), ["left", "right"])
-    s = np.zeros(body.C.size)
-    start = 0
-    for face in body.interfaces:
-        s[start:start + face.m] = p * nodal_lengths(mesh, face)
-        start += face.size
-    Cs = np.empty(body.C.size)
-    body.mult(s, Cs, "newton")
-    ends = [-Cs[:body.interfaces[0].m], -Cs[body.interfaces[0].size:][:body.interfaces[1].m]]
-    half = p * length / (YOUNG / (1 - POISSON**2)) / 2
-    for end in ends:
-        assert end == pytest.approx(np.full(len(end), -half), rel=1e-11)
-    u, residual = displaced(body, s)
-    assert residual <= 1e-12
-    assert body.trace(u) == pytest.approx(-Cs, abs=1e-11 * half)
-
-
-def nodal_lengths(mesh: Mesh, face: SimpleNamespace) -> np.ndarray:
-    """What a unit pressure on a side loads its nodes with: 1/2, 1/2 of an edge, or 1/6, 1/6, 2/3 with a middle."""
-    lengths, edges = np.zeros(len(mesh.points)), mesh.groups[face.name]
-    size = np.linalg.norm(mesh.points[edges[:, 1]] - mesh.points[edges[:, 0]], axis=1)
-    weights = [1 / 2, 1 / 2] if edges.shape[1] == 2 else [1 / 6, 1 / 6, 2 / 3]
-    for column, weight in zip(edges.T, weights, strict=True):
-        np.add.at(lengths, column, weight * size)
-    return lengths[face.nodes[0]]
-
-
 # Counts
 
 
