@@ -18,7 +18,6 @@ from ddmpi.system.memory import free_memory
 
 pytestmark = pytest.mark.slow
 
-GIB = 2.0**30
 METHODS = {"newton": {}, "anderson": {"outer": "anderson", "tolerance": 1e-6}, "relaxation": {"theta": 0.2}}
 
 

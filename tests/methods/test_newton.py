@@ -17,7 +17,6 @@ from scenes import (
     prepare_scene,
     run_here,
     the_interface,
-    to_toml,
     write_scene,
 )
 from solid_scenes import two_boxes
@@ -389,42 +388,6 @@ def test_diagnosis_mentions_uniqueness_for_large_friction_only():
 def test_diagnosis_names_what_the_certificate_finds():
     assert "the certificate fails: penetration 1e-3" in diagnosis("converged", history(0.1),
                                                                    violations=["penetration 1e-3"])
-
-
-# Which method
-
-def resolved(**method):
-    from ddmpi.scene.reader import read_scene
-
-    return read_scene("a scene", to_toml(pinched_blocks(6, **method))).method
-
-
-@pytest.mark.parametrize("named", [{}, {"tolerance": 1e-6}, {"max_iterations": 50}, {"compliance": "direct"}])
-def test_a_method_without_published_parameters_is_the_default(named):
-    method = resolved(**named)
-    assert method.outer == "newton"
-    assert (method.algorithm, method.splitting, method.theta) == (None, None, None)
-    assert method.tolerance == named.get("tolerance", 1e-8)
-
-
-@pytest.mark.parametrize("named", [{"theta": 0.3}, {"algorithm": "modified"}, {"splitting": "step1"},
-                                   {"outer": "relaxation"}, {"outer": "relaxation", "theta": 0.4}])
-def test_whoever_names_a_published_parameter_gets_the_published_iteration(named):
-    method = resolved(**named)
-    assert method.outer == "relaxation"
-    assert method.theta == named.get("theta", 0.2)
-    assert method.algorithm == named.get("algorithm", "original")
-    assert method.splitting == named.get("splitting", "none")
-    assert method.tolerance == 1e-4
-
-
-@pytest.mark.parametrize("outer", ["newton", "anderson"])
-@pytest.mark.parametrize("named", [{"theta": 0.3}, {"algorithm": "modified"}, {"splitting": "step1"}])
-def test_published_parameters_are_refused_elsewhere(outer, named):
-    from ddmpi.errors import InputError
-
-    with pytest.raises(InputError, match=rf"method: {next(iter(named))} belong.*relaxation.*not to \"{outer}\""):
-        resolved(outer=outer, **named)
 
 
 # What is said

@@ -1,14 +1,13 @@
 """The sixteen published variants, all in one pair of processes: the answer, and the outer iterations.
 
-The answer is that of the coupled problem, which `tests/support/brute_force.py` finds by brute force; what it found is
-checked here against the conditions that it has to fulfil.
+The answer is that of the coupled problem, which `tests/support/brute_force.py` finds by brute force.
 """
 
 import itertools
 
 import numpy as np
 import pytest
-from scenes import everywhere, exact_forces, joint_compliance, pinched_blocks, prepare_scene, the_interface
+from scenes import everywhere, exact_forces, pinched_blocks, prepare_scene
 
 pytestmark = pytest.mark.slow
 
@@ -31,30 +30,11 @@ def run(assembly, algorithm: str, splitting: str, **changes):
     return solve(assembly, Method(outer="relaxation", algorithm=algorithm, splitting=splitting, theta=0.2, **changes))
 
 
-def coupled(assembly) -> np.ndarray:
-    """The contact forces (size,) of the coupled problem, checked. Collective."""
-    from ddmpi.qp.box import Box
-
-    interface = the_interface(assembly)
-    s, m = exact_forces(assembly), interface.m
-    C, h = joint_compliance(assembly), sum(assembly.world.allgather(assembly.member.h))
-    g = interface.law.bound_at(s)
-    lower = np.concatenate([np.zeros(m), -g])
-    upper = np.concatenate([np.full(m, np.inf), g])
-    s = np.where(np.abs(s - np.clip(s, lower, upper)) <= 1e-9 * np.abs(s).max(), np.clip(s, lower, upper), s)
-    assert np.array_equal(s, np.clip(s, lower, upper))
-    opening = C @ s - h
-    opening[:m] += interface.gap
-    residual = Box(lower + 1e-9 * np.abs(s).max(), upper - 1e-9 * np.abs(s).max()).projected_gradient(opening, s)
-    assert np.linalg.norm(residual) <= 1e-9 * np.linalg.norm(h)
-    return s
-
-
 @pytest.mark.mpi(ranks=2)
 def test_every_variant_reaches_the_answer_of_the_coupled_problem(comm):
     for law in ("tresca", "coulomb"):
         assembly = prepare_scene(comm, pinched_blocks(4, law))
-        reference = coupled(assembly)
+        reference = exact_forces(assembly)
         for kind in itertools.product(ALGORITHMS, SPLITTINGS):
             answer = run(assembly, *kind, tolerance=1e-10)
             outer = answer.outer

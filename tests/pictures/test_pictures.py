@@ -22,12 +22,6 @@ from ddmpi.results.fields import drawn_facets
 from ddmpi.results.tables import HISTORY, Results, chains, read_results, write_table
 
 
-@pytest.fixture(autouse=True)
-def close_figures():
-    yield
-    plt.close("all")
-
-
 def made(folder, *missing: int, **how) -> Results:
     """Results of two blocks whose contact lacks some nodes."""
     made_up.results(folder, **how)

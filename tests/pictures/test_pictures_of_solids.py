@@ -11,7 +11,6 @@ import PIL.Image
 import pytest
 from documented import undocumented
 from matplotlib import image
-from matplotlib import pyplot as plt
 from mpi4py import MPI
 from scenes import pinched_blocks, to_toml
 from solid_scenes import two_boxes
@@ -28,12 +27,6 @@ from ddmpi.results.tables import Results, read_results
 from ddmpi.run.run import prepare_scene
 from ddmpi.scene.method import VIEWS
 from ddmpi.scene.reader import read_scene
-
-
-@pytest.fixture(autouse=True)
-def close_figures():
-    yield
-    plt.close("all")
 
 
 def stacked(folder, **how) -> Results:

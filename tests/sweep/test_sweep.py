@@ -161,20 +161,6 @@ def test_another_sweep_is_refused(mixed, small, change, words):
     assert {path: stamp(path) for path in mixed.folder.rglob("*")} == before
 
 
-def test_a_changed_mesh_file_is_another_sweep(tmp_path):
-    """The scene's text is the same; what the file holds is not."""
-    for name in ("punch_base.msh", "punch_block.msh"):
-        (tmp_path / name).write_bytes((scenes.ROOT / "meshes" / name).read_bytes())
-    text = (scenes.ROOT / "configs" / "punch.toml").read_text()
-    scene = tmp_path / "scene.toml"
-    scene.write_text(re.sub(r'file = "[^"]*/', 'file = "', text))
-    assert run_sweep(scene, tmp_path / "out", "--vary", f"{COEFFICIENT}=0.3", "--quiet").code == 0
-    with open(tmp_path / "punch_block.msh", "a") as file:
-        file.write("\n")
-    run = run_sweep(scene, tmp_path / "out", "--vary", f"{COEFFICIENT}=0.3", "--quiet")
-    assert run.code == 2 and "punch_block.msh" in run.messages[0]
-
-
 # Refused before any work
 
 
