@@ -22,39 +22,26 @@ STICK, SLIP = 1e-4, 1e-3
 """Shifts (m) below and above what the slip bounds allow."""
 
 
-def same_on_all_meshes() -> dict[str, Stack]:
-    """One element per side, two, and a finer mesh."""
-    cases = {}
-    for n in (1, 2, 5):
-        cases |= {
-            f"confined, touching, n={n}": confined_blocks(n, gap=0.0),
-            f"confined, gap closes, n={n}": confined_blocks(n, gap=4e-4),
-            f"confined, gap stays open, n={n}": confined_blocks(n, gap=1.5e-3),
-            f"confined, gap closes, Coulomb, n={n}": confined_blocks(n, gap=4e-4, friction=COULOMB),
-            f"confined, gap stays open, Coulomb, n={n}": confined_blocks(n, gap=1.5e-3, friction=COULOMB),
-            f"confined by tractions, gap closes, Tresca, n={n}":
-                confined_blocks(n, gap=4e-4, friction=TRESCA, sides="tractions"),
-            f"sheared, Coulomb stick, n={n}": sheared_stack(n, STICK, COULOMB),
-            f"sheared, Coulomb slip, n={n}": sheared_stack(n, SLIP, COULOMB),
-            f"sheared, Tresca stick, n={n}": sheared_stack(n, STICK, TRESCA),
-            f"sheared, Tresca slip, n={n}": sheared_stack(n, SLIP, TRESCA),
-        }
-    return cases
+def on_a_mesh(n: int, order: int = 1) -> dict[str, Stack]:
+    """Of n elements per side."""
+    return {
+        f"confined, touching, n={n}": confined_blocks(n, gap=0.0, order=order),
+        f"confined, gap closes, n={n}": confined_blocks(n, gap=4e-4, order=order),
+        f"confined, gap stays open, n={n}": confined_blocks(n, gap=1.5e-3, order=order),
+        f"confined, gap closes, Coulomb, n={n}": confined_blocks(n, gap=4e-4, friction=COULOMB, order=order),
+        f"confined, gap stays open, Coulomb, n={n}": confined_blocks(n, gap=1.5e-3, friction=COULOMB, order=order),
+        f"confined by tractions, gap closes, Tresca, n={n}":
+            confined_blocks(n, gap=4e-4, friction=TRESCA, sides="tractions", order=order),
+        f"sheared, Coulomb stick, n={n}": sheared_stack(n, STICK, COULOMB, order=order),
+        f"sheared, Coulomb slip, n={n}": sheared_stack(n, SLIP, COULOMB, order=order),
+        f"sheared, Tresca stick, n={n}": sheared_stack(n, STICK, TRESCA, order=order),
+        f"sheared, Tresca slip, n={n}": sheared_stack(n, SLIP, TRESCA, order=order),
+    }
 
 
 def quadratic() -> dict[str, Stack]:
     """Quadratic elements: stresses are forces over nodal lengths there, too."""
-    cases = {}
-    for n in (1, 3):
-        cases |= {
-            f"confined, touching, n={n}": confined_blocks(n, gap=0.0, order=2),
-            f"confined, gap closes, n={n}": confined_blocks(n, gap=4e-4, order=2),
-            f"confined, gap stays open, Coulomb, n={n}": confined_blocks(n, gap=1.5e-3, friction=COULOMB, order=2),
-            f"sheared, Coulomb stick, n={n}": sheared_stack(n, STICK, COULOMB, order=2),
-            f"sheared, Coulomb slip, n={n}": sheared_stack(n, SLIP, COULOMB, order=2),
-            f"sheared, Tresca stick, n={n}": sheared_stack(n, STICK, TRESCA, order=2),
-            f"sheared, Tresca slip, n={n}": sheared_stack(n, SLIP, TRESCA, order=2),
-        }
+    cases = on_a_mesh(1, 2) | on_a_mesh(3, 2)
     cases |= {
         "plane stress, Coulomb slip": sheared_stack(2, SLIP, COULOMB, plane="stress", order=2),
         "initial overlap, sheared": sheared_stack(2, SLIP, COULOMB, gap=-5e-4, approach=0.0, order=2),
@@ -102,7 +89,7 @@ def variations() -> dict[str, Stack]:
     }
 
 
-STACKS = same_on_all_meshes() | quadratic() | variations()
+STACKS = on_a_mesh(1) | on_a_mesh(2) | on_a_mesh(5) | quadratic() | variations()
 PUBLISHED = {f"{algorithm}, {splitting}": {"algorithm": algorithm, "splitting": splitting, "theta": 0.4}
              for algorithm in ("original", "modified") for splitting in ("none", "step1", "step2", "step1+2")}
 METHODS = {"newton": {"outer": "newton"}} | PUBLISHED
