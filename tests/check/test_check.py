@@ -7,7 +7,7 @@ import tomllib
 import numpy as np
 import pytest
 from mpi4py import MPI
-from scenes import ROOT, pinched_blocks, run_here, run_python, to_toml, tower, write_scene
+from scenes import ROOT, pinched_blocks, rectangle, run_here, run_python, to_toml, tower, write_scene
 from solid_scenes import HELD, box, two_boxes
 
 from ddmpi.check.check import check
@@ -57,8 +57,7 @@ def boxes_on_floor() -> dict:
 def plug_in_ring() -> dict:
     """Around an axis, a plug on a rigid floor that a rigid stamp pushes, in a ring on springs that no contact names."""
     def turned(name: str, radius: float, **more) -> dict:
-        return {"name": name, "material": {"young": 2.1e5, "poisson": 0.3}, "mesh": {
-            "shape": "rectangle", "origin": [radius, 0.0], "size": [10.0, 20.0], "divisions": [4, 8]}} | more
+        return rectangle(name, (radius, 0), (10, 20), (4, 8), young=2.1e5, **more)
 
     def plane(name: str, y: float, normal: float, **more) -> dict:
         return {"name": name, "shape": "plane", "point": [0.0, y], "normal": [0.0, normal]} | more

@@ -39,8 +39,8 @@ TOUCH = "touch VICTIM/touched"
 def scene(**mesh) -> dict:
     """A plate of any `mesh` under a block."""
     return {"body": [{"name": "plate", "mesh": mesh, "material": dict(STEEL), "clamp": ["bottom"]},
-                     {"name": "block", "material": dict(STEEL), "clamp": [{"on": "top", "x": 0.0, "y": -1e-4}],
-                      "mesh": {"shape": "rectangle", "origin": [0.0, 1.0], "size": [2.0, 1.0], "divisions": [4, 2]}}],
+                     scenes.rectangle("block", (0, 1), (2, 1), (4, 2), **STEEL,
+                                      clamp=[{"on": "top", "x": 0.0, "y": -1e-4}])],
             "contact": [{"bodies": ["plate", "block"], "on": ["top", "bottom"]}]}
 
 

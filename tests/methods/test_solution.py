@@ -19,13 +19,10 @@ two_ranks = pytest.mark.mpi(ranks=2)
 
 def approach() -> dict:
     """A block that is moved across a gap far wider than what it is then strained by."""
-    def block(name, x, clamp, young):
-        return {"name": name, "clamp": clamp, "material": {"young": young, "poisson": 0.3},
-                "mesh": {"shape": "rectangle", "origin": [x, 0.0], "size": [1.0, 1.0], "divisions": [8, 8]}}
-    return {"body": [block("left", 0.0, ["left"], 1e9),
-                     block("right", 1.01, [{"on": "right", "x": -0.01001, "y": 2e-6}], 3e9)],
-            "contact": [{"bodies": ["left", "right"], "on": ["right", "left"],
-                         "friction": {"law": "coulomb", "coefficient": 0.3}}]}
+    moved = [{"on": "right", "x": -0.01001, "y": 2e-6}]
+    return {"body": [scenes.rectangle("left", (0, 0), (1, 1), (8, 8), clamp=["left"]),
+                     scenes.rectangle("right", (1.01, 0), (1, 1), (8, 8), young=3e9, clamp=moved)],
+            "contact": [{"bodies": ["left", "right"], "on": ["right", "left"], "friction": scenes.COULOMB}]}
 
 
 @two_ranks

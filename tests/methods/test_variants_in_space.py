@@ -5,6 +5,7 @@ import itertools
 import numpy as np
 import pytest
 from scenes import everywhere, prepare_scene
+from solid_scenes import two_boxes
 
 pytestmark = pytest.mark.slow
 
@@ -13,17 +14,9 @@ SPLITTINGS = ("none", "step1", "step2", "step1+2")
 
 
 def pinched_boxes(N: int, law: str = "coulomb") -> dict:
-    """Two boxes 3 × 1 × 1 m clamped at their left sides, pressed together and pulled along both tangents."""
-    def box(name: str, y: float, traction: dict) -> dict:
-        return {"name": name, "clamp": ["left"],
-                "mesh": {"shape": "box", "origin": [0.0, y, 0.0], "size": [3.0, 1.0, 1.0], "divisions": [3 * N, N, N]},
-                "material": {"young": 2.119e11, "poisson": 0.277},
-                "traction": [{"on": on, "value": list(value)} for on, value in traction.items()]}
-
+    """Two boxes clamped at their left sides, pressed together and pulled along both tangents."""
     friction = {"coulomb": {"coefficient": 0.3}, "tresca": {"slip_bound": 1.2e7}, "none": {}}[law]
-    return {"body": [box("upper", 1.0, {"back": (0.0, -6.0e7, 0.0), "right": (2.0e7, 3.0e7, 1.5e7)}),
-                     box("lower", 0.0, {"front": (0.0, 4.0e7, 0.0)})],
-            "contact": [{"bodies": ["upper", "lower"], "on": ["front", "back"], "friction": {"law": law} | friction}]}
+    return two_boxes(N, law={"law": law} | friction)
 
 
 def run(assembly, **method):
