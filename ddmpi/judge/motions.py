@@ -42,8 +42,9 @@ FLAT = 1e-3
 LARGEST = 300
 """Of more loose bodies that lean on each other nobody asks which motions nothing resists: it takes too long."""
 
-ROUNDING = 1e-9
-"""A motion is not resisted by less than this part of what resists others."""
+RESISTED = 3e-4
+"""A motion is not resisted by less than this part of what resists others. Round parts turn in round bores against up to
+1.5e-4 where meshes do not match, as normals are off by so much; no force stands against it in truth."""
 
 
 @dataclass(frozen=True)
@@ -181,7 +182,7 @@ def _null_space(A: np.ndarray) -> np.ndarray:
 
     if not A.shape[1]:
         return np.empty((0, 0))
-    null = null_space(np.linalg.qr(np.vstack([A, np.zeros((1, A.shape[1]))]), mode="r"), ROUNDING).T
+    null = null_space(np.linalg.qr(np.vstack([A, np.zeros((1, A.shape[1]))]), mode="r"), RESISTED).T
     if len(null) == 0:
         return null
     pivots = qr(null, mode="r", pivoting=True)[1][:len(null)]

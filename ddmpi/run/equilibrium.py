@@ -16,7 +16,7 @@ from ddmpi.interface.law import across, direction
 from ddmpi.interface.state import ContactState
 from ddmpi.judge.equilibrium import Mechanism, find_mechanism, prove_imbalance
 from ddmpi.judge.forces import Forces, Scale
-from ddmpi.judge.motions import ROUNDING, MotionsOfBody, describe_motions, undetermined
+from ddmpi.judge.motions import RESISTED, MotionsOfBody, describe_motions, undetermined
 from ddmpi.system.agreement import agreed, from_first, gathered
 
 LARGEST = 3000
@@ -80,7 +80,7 @@ def undetermined_motions(assembly: Assembly, contacts: Mapping[str, ContactState
         if law.components > 1 and slips.any():
             turned = sparse.block_diag([sparse.csr_matrix((0, law.m)), *across(friction)[:, :, 1:].transpose(0, 2, 1)],
                                        format="csr")
-            parts.append(ROUNDING / ALONG * turned[np.flatnonzero(np.repeat(slips, law.components - 1))])
+            parts.append(RESISTED / ALONG * turned[np.flatnonzero(np.repeat(slips, law.components - 1))])
         slipping = np.append(np.zeros(law.m), np.repeat(slips, law.components) * s[law.m:])
         return sparse.vstack(parts, format="csr"), sparse.csr_matrix(slipping)
 

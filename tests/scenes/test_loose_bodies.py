@@ -99,6 +99,21 @@ def test_an_open_node_that_sticks_by_tresca_friction_holds_its_body():
     assert answer.summary["undetermined"] == []
 
 
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_round_pin_turns_freely_whatever_the_meshes(order):
+    """Where meshes do not match, normals that are a little off resist its turning; it is said to turn freely still."""
+    meshes = [{"shape": "annulus", "center": [0.0, 0.0], "radii": radii, "angles": [0, 360], "order": order,
+               "divisions": [around, 3]} for radii, around in (([1.0, 5.0], 48), ([5.0, 12.0], 37))]
+    bodies = [{"name": "pin", "mesh": meshes[0], "material": STEEL, "volume_force": [0.0, -1.0]},
+              {"name": "lug", "mesh": meshes[1], "material": STEEL, "clamp": ["outer"]}]
+    between = {"bodies": ["pin", "lug"], "on": ["outer", "inner"], "gap": -0.01}
+    answer = solve(bodies, [], [between])
+    assert answer.certified, answer.reason
+    assert answer.summary["undetermined"] == ["pin can turn about (0, 0) without any force"]
+    held = solve(bodies, [], [between | {"friction": {"law": "coulomb", "coefficient": 0.3}}])
+    assert held.certified and held.summary["undetermined"] == []
+
+
 def test_a_rigid_partner_that_nothing_touches_is_a_warning():
     bodies = [block("block", 0.0, 0.0, volume_force=[0.0, -WEIGHT])]
     answer = solve(bodies, [FLOOR, FLOOR | {"name": "spare"}], [contact("block", "floor", "bottom")])
