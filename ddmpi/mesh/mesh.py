@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import combinations
 from math import factorial
 
 import numpy as np
 
 from ddmpi.errors import InputError
-from ddmpi.mesh.elements import RULES, Cell, Mapped, cell_with, cross
+from ddmpi.mesh.elements import FACETS, RULES, Cell, Mapped, cell_with, cross
 from ddmpi.system.numbers import in_words
 
 MEASURE = {2: "area", 3: "volume"}
@@ -149,6 +150,20 @@ def tangents(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
     """∂x/∂λ_a (d, d, nt) of straight cells as in `signed_measures` (m): edges from their first corners."""
     x = np.take(points.T, corners[:, :points.shape[1] + 1].T, axis=1)
     return (x[:, 1:] - x[:, :1]).swapaxes(0, 1)
+
+
+def refuse_overlaps(mesh: Mesh, label: str) -> None:
+    """Raise InputError, after `label`, where two cells lie on the same side of a facet. Not collective."""
+    d = mesh.dimension
+    facets = mesh.corners[:, np.array(FACETS[d])].reshape(-1, d)
+    odd = sum(facets[:, i] > facets[:, j] for i, j in combinations(range(d), 2)) % 2
+    keys = np.vstack([np.sort(facets, axis=1).T, odd])
+    order = np.lexsort(keys)
+    twice = order[:-1][(np.diff(keys[:, order]) == 0).all(axis=0)]
+    if len(twice):
+        place = in_words(mesh.points[facets[twice.min()]].mean(axis=0))
+        raise InputError(f"{label} has {mesh.cell.names} that overlap at {place}: the mesh folds there, or two of its "
+                         "parts lie on each other")
 
 
 def refuse_folded(mesh: Mesh, key: str) -> None:

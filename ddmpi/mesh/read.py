@@ -15,7 +15,7 @@ import numpy as np
 from ddmpi.errors import InputError, InterruptionError
 from ddmpi.mesh.boundary import file_groups, file_members
 from ddmpi.mesh.elements import CELLS
-from ddmpi.mesh.mesh import MEASURE, PHYSICAL, Mesh, signed_measures
+from ddmpi.mesh.mesh import MEASURE, PHYSICAL, Mesh, refuse_overlaps, signed_measures
 from ddmpi.mesh.refine import FACES, KINDS, SIDES, bend, distinct, raise_order, simplices
 from ddmpi.scene.values import LARGEST
 from ddmpi.system import interrupt
@@ -103,6 +103,7 @@ def read_mesh(path: Path, body: str, order: int = 1, label: str = "") -> Mesh:
     turned, swap = measure < 0, [*range(d - 1), d, d - 1]
     cells[turned] = cells[turned][:, swap]
     mesh = Mesh(points, cells, groups, vertices, surfaces, cut, curves)
+    refuse_overlaps(mesh, label)
     ends = [sorted(swap[k] for k in corners) for corners in kind.between]
     bends[turned] = bends[turned][:, [ends.index(sorted(corners)) for corners in kind.between]]
     return bend(raise_order(mesh, f"body.{body}.mesh", order), bends)

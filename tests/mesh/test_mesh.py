@@ -587,6 +587,19 @@ def test_triangle_without_area(tmp_path):
     assert "triangles without area" in refused(path)
 
 
+def test_folded_triangles(tmp_path):
+    """Refused where a node lies across its neighbours, and where a part lies on another one; not where a part is
+    mirrored, which turns its triangles."""
+    fan = [[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]]
+    inside, outside = (np.vstack([SQUARE, [at]]) for at in ([0.5, 0.5], [0.5, 1.5]))
+    mirrored = write_square(tmp_path / "mirrored.msh", points=inside, triangles=[each[::-1] for each in fan])
+    assert area(read_mesh(mirrored, "upper")) == pytest.approx(1.0)
+    folded = write_square(tmp_path / "folded.msh", points=outside, triangles=fan)
+    assert "has triangles that overlap at (" in refused(folded)
+    twice = write_square(tmp_path / "twice.msh", points=np.vstack([inside, [[0.5, 0.8]]]), triangles=[*fan, [0, 1, 5]])
+    assert "has triangles that overlap at (0.5, 0)" in refused(twice)
+
+
 def test_coordinates_that_are_no_numbers(tmp_path):
     points = SQUARE.copy()
     points[2, 0] = np.nan

@@ -265,6 +265,18 @@ def test_a_surface_in_space_is_refused(tmp_path):
         build_mesh(body(write(tmp_path / "sphere.msh", sphere)))
 
 
+def test_overlapping_tetrahedra_are_refused(tmp_path):
+    """A node of a box that lies across its neighbours, as in a mesh that was moved."""
+    path = write(tmp_path / "ring.msh", ring)
+    raw = meshio.gmsh.read(path)
+    faces = np.concatenate([data for kind, data in raw.cells_dict.items() if kind == "triangle"])
+    inner = np.setdiff1d(raw.cells_dict["tetra"], faces)[0]
+    raw.points[inner, 2] += 3.0
+    raw.write(tmp_path / "ring.vtu")
+    with pytest.raises(InputError, match=r"has tetrahedra that overlap at \(.*: the mesh folds there"):
+        build_mesh(body(tmp_path / "ring.vtu"))
+
+
 def test_folded_tetrahedra_are_refused(tmp_path):
     """A file whose middles are on the wrong edges is refused."""
     path = write(tmp_path / "ring.msh", ring, 2.2, 2)
