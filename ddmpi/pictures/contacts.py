@@ -78,8 +78,9 @@ def draw_contacts(results: Results) -> Any:
         sheet.figure.set_figheight(sheet.figure.get_figheight() + 0.5)  # for the legend
         sheet.write(list(results.summary["bodies"]), middles(results))
     else:
-        sheet = Sheet(results, np.vstack([points[skin.beyond[:len(points)] <= 0.0], *forces]))
-        sheet.outline(skin.extended(points), skin.facets, skin.beyond)
+        at = skin.extended(points)
+        sheet = Sheet(results, np.vstack([at[skin.beyond <= 0.0], *forces]))
+        sheet.outline(at, skin.facets, skin.beyond)
         most = float(np.percentile(np.abs(stresses[stresses != 0.0]), BRIGHTEST)) if top else 1.0
         image = signed_colours(-most / factor * (low < 0.0), most / factor, "Blues")
         sheet.facets([(vectors(table), results.triangles(name), table["normal_stress"] / factor)

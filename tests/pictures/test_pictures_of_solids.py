@@ -243,6 +243,8 @@ def test_pictures_are_cut_and_seen_as_asked_for(tmp_path):
     assert left < 0.0 and 3.0 < right < 3.6
     results.summary["scene"]["output"] |= {"cut": {"x": 1.0}}
     assert draw_bodies(results).axes[0].get_xlim()[1] < 1.6
+    results.summary["scene"]["output"] |= {"view": "right", "cut": {"y": 0.8}}  # between nodes
+    assert draw_contacts(results).axes[0].get_xlim()[1] > 0.8
 
 
 def test_animations_of_solids_have_no_bands(tmp_path):
