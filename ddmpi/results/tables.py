@@ -6,6 +6,7 @@ from __future__ import annotations
 import contextlib
 import csv
 import json
+import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -20,6 +21,9 @@ from ddmpi.system.files import contact_files, writing
 
 FORMAT = 2
 """Version of the layout of all result files. Names and meanings of one format stay; entries may be added."""
+
+WIDE = 68
+"""So many letters of a title fit into a line of the narrowest picture."""
 
 # What each table has: the meaning of its columns by name. docs/reference/results.md shows these.
 
@@ -293,7 +297,7 @@ class Results:
 
     def heading(self, timed: bool = False) -> str:
         """What a picture's title begins with: the scene's title, and the time of the load step if it is `timed`."""
-        title = self.summary["title"].replace("$", r"\$")  # no formula
+        title = textwrap.fill(self.summary["title"], WIDE).replace("$", r"\$")  # no formula
         when = f"time {self.time:g}: " if timed and self.time is not None else ""
         return (f"{title}\n" if title else "") + when
 

@@ -192,6 +192,12 @@ def test_titles_are_not_formulas(tmp_path):
     assert draw_all(tmp_path)
 
 
+def test_long_titles_are_broken_into_lines(tmp_path):
+    """A title that is wider than a picture has several lines."""
+    made_up.results(tmp_path, title="a long word " * 20)
+    assert max(map(len, read_results(tmp_path).heading().splitlines())) < 70
+
+
 def test_what_is_wrong_is_named(tmp_path):
     """Without results there is an InputError; a picture that cannot be written is an OutputError with its name."""
     with pytest.raises(InputError, match="not a complete folder of results"):
