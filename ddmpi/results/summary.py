@@ -215,7 +215,8 @@ def write_mechanism(path: Path, mechanism: Mechanism) -> None:
 
 def _write_json(path: Path, content: dict) -> None:
     with writing(path):
-        path.write_text(json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
+        path.write_text(json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8",
+                        errors="backslashreplace")  # names of folders may have bytes that are no text
 
 
 def units(scene: dict, dimension: int = 2) -> dict[str, str]:
