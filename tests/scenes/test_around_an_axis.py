@@ -214,6 +214,22 @@ def test_target_error_refines_the_meshes():
     assert answer.summary["contacts"]["upper-lower"]["normal_force"] == pytest.approx(2 * np.pi * 8 / 3 * 1e6)
 
 
+def test_the_turned_sphere_is_the_solid_one(tmp_path):
+    """Hertz's ball around an axis and as a quarter of a solid agree to 2 % in force, pressure and radius."""
+    from problems import around_axis, solids
+
+    solid = solids.hertz_solid(3, 2, tmp_path)
+    mesh = around_axis.half_ball(tmp_path / "turned.msh", 0.088, 6, 2)
+    answer = around_axis.turned([around_axis.body("ball", mesh, 1.0, 0.3, [{"on": "top", "y": -0.0075}])],
+                                [around_axis.contact("ball", "floor", "contact")], around_axis.plane())
+    state = answer.contacts["ball-floor"]
+    values, _ = around_axis.hertz_values(state, 1.0 / 0.91, 1.0, 1.0)
+    of_solid = solid.answer.contacts["ball-floor"]
+    assert state.normal_force.sum() == pytest.approx(4 * of_solid.normal_force.sum(), rel=0.02)
+    for key, value in values.items():
+        assert value.computed == pytest.approx(solid.values[key].computed, rel=0.02 if key.startswith("a") else 0.04)
+
+
 def test_what_slides_along_the_axis_is_named():
     """A sleeve without friction on a shaft can slide along y; a load along y then has no equilibrium."""
     scene = pressed(inner=0.5)

@@ -753,3 +753,33 @@ def test_legs_that_have_an_answer_keep_their_warnings():
         "time": {"points": [1.0, 2.0], "steps": 1}}, MPI.COMM_SELF)
     assert "no equilibrium" in answer.reason
     assert answer.summary["warnings"] and all("(at time 1)" in each for each in answer.summary["warnings"])
+
+
+def test_a_curved_fit_whose_nodes_do_not_match_remembers():
+    """A shrink fit of curved quadratic rings, joined by mortar, turned by formulas beyond its limit and back: torques
+    and dissipation are those of an elastic, perfectly plastic spring."""
+    inner, fit, outer, overlap, young = 20.0, 40.0, 60.0, 0.02, 2.1e5
+    shear = young / 2.6
+    bulk = 2 * shear / 0.4
+    pressure = overlap / sum(abs(fit - rim**2 / fit) / (bulk + 2 * shear * rim**2 / fit**2) for rim in (inner, outer))
+    limit = 2 * np.pi * fit**2 * 0.3 * pressure
+    angle = limit * ((1 / inner**2 - 1 / fit**2) + (1 / fit**2 - 1 / outer**2)) / (4 * np.pi * shear)
+
+    def ring(name: str, radii: list, around: int, clamp: dict) -> dict:
+        return {"name": name, "material": {"young": young, "poisson": 0.3}, "clamp": [clamp],
+                "mesh": {"shape": "annulus", "center": [0.0, 0.0], "radii": radii, "angles": [0.0, 360.0],
+                         "divisions": [around, 2], "order": 2}}
+
+    scene = {"body": [ring("shaft", [inner, fit], 24, {"on": "inner", "x": 0.0, "y": 0.0}),
+                      ring("hub", [fit, outer], 30, {"on": "outer", "x": f"-{angle!r} * y", "y": f"{angle!r} * x",
+                                                     "history": "turn"})],
+             "contact": [{"name": "fit", "bodies": ["shaft", "hub"], "on": ["outer", "inner"], "friction": COULOMB,
+                          "gap": -overlap}],
+             "history": {"turn": {"times": [0.0, 1.0, 2.0, 3.0, 4.0], "factors": [0.0, 0.5, 1.5, -1.5, 0.0]}},
+             "time": {"points": [1.0, 2.0, 3.0, 4.0], "steps": 1}}
+    summary = certified(scene).summary
+    assert summary["contacts"]["fit"]["pairing"] == "mortar"
+    torques = [step["contacts"]["fit"]["moment"] / limit for step in summary["steps"]]
+    assert torques == pytest.approx([0.5, 1.0, -1.0, 0.5], abs=2e-3)
+    assert summary["contacts"]["fit"]["dissipated"] == pytest.approx(1.5 * limit * angle, rel=2e-3)
+    assert summary["energy"]["residual"] <= 1e-10

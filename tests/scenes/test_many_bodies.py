@@ -1,6 +1,7 @@
 """Any number of bodies on any number of ranks: one answer, however bodies are placed, ordered, turned and measured."""
 
 import copy
+import csv
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 import scenes
 from fault_cases import run_in_one_go
-from scenes import tower
+from scenes import pinched_blocks, tower
 from scipy.spatial import cKDTree
 
 from ddmpi.run.answer import solve  # starts PETSc, on all ranks together
@@ -47,6 +48,17 @@ def solved(comm, scene: dict, ranks: int | None = None) -> dict:
 
 # Ranks
 
+@pytest.mark.mpi(ranks=2)
+@pytest.mark.parametrize("law", ["coulomb", "tresca", "none"])
+def test_two_bodies_have_one_answer_on_one_and_two_ranks(comm, law):
+    """More ranks than bodies are tested in test_team.py."""
+    first, found = (solved(comm, pinched_blocks(6, law), ranks) for ranks in (1, 2))
+    assert close(found["u"], first["u"])
+    assert found["status"] == first["status"]
+    assert found["summary"]["ranks"] == 2
+    assert found["summary"]["outer_iterations"] == first["summary"]["outer_iterations"]
+
+
 @pytest.mark.mpi(ranks=4)
 @pytest.mark.parametrize("loose", [True, False])
 def test_a_tower_has_one_answer_on_any_number_of_ranks(comm, loose):
@@ -60,6 +72,16 @@ def test_a_tower_has_one_answer_on_any_number_of_ranks(comm, loose):
         assert found["summary"]["ranks"] == ranks
         placed = [body["ranks"] for body in found["summary"]["bodies"].values()]
         assert placed == [[k * ranks // 4] for k in range(4)], ranks
+
+
+@pytest.mark.mpi(ranks=[1, 3])
+@pytest.mark.parametrize("kind", ["direct", "iterative"])
+def test_a_tower_has_one_answer_with_any_compliance(comm, kind):
+    exact = solved(comm, tower(3, 3))
+    found = solved(comm, tower(3, 3, compliance=kind))
+    largest = max(np.abs(u).max() for u in exact["u"].values())
+    assert max(np.abs(found["u"][name] - u).max() for name, u in exact["u"].items()) <= 1e-7 * largest
+    assert found["status"] == exact["status"]
 
 
 # What must not matter
@@ -137,6 +159,41 @@ def test_order_units_and_position_do_not_matter(comm, loose):
         assert not statuses, name
 
 
+# Bytes, and bits
+
+@pytest.mark.mpi(ranks=8)
+def test_what_an_inner_rank_sends_does_not_grow_with_the_number_of_bodies(comm):
+    """A multiplication by the joint compliance is a message to each neighbour, in a row of four blocks or eight."""
+    sent = {}
+    for blocks in (4, 8):
+        part = comm.Split(int(comm.rank >= blocks))
+        if comm.rank < blocks:
+            assembly = scenes.prepare_scene(part, tower(blocks, 2))
+            exchange, x = assembly.exchange, np.ones(assembly.space.size)
+            before = exchange.sent["messages"], exchange.sent["bytes"]
+            for _ in range(5):
+                assembly.joint.product(x, "newton")
+            sent[blocks] = exchange.sent["messages"] - before[0], exchange.sent["bytes"] - before[1]
+        part.Free()
+        if comm.rank == 1:
+            assert sent[blocks] == (5 * 2, 5 * 2 * 8 * 2 * 7)  # up and down, m = 7 nodes with two unknowns each
+
+
+@pytest.mark.parametrize("ranks", [2, 3])
+def test_the_same_run_gives_the_same_bits(tmp_path, ranks):
+    """Where every body lives on one rank, sums are taken in one order."""
+    scene = scenes.write_scene(tower(3, 3), tmp_path / "scene.toml")
+    first, second = (scenes.run_command(scene, tmp_path / name, "--no-figures", ranks=ranks)
+                     for name in ("first", "second"))
+    assert first.code == second.code == 0, first.output + second.output
+    files = first.files - {"summary.json", "result.h5", "result.xdmf"}
+    assert files == {"history.csv", "steps.csv"} | {
+        f"contact_{name}.{ending}" for name in ("block2-block1", "block3-block2") for ending in ("csv", "vtu")}
+    for name in files:
+        assert (first.folder / name).read_bytes() == (second.folder / name).read_bytes(), name
+    assert bits(first.folder) == bits(second.folder)
+
+
 def bits(folder: Path) -> dict[str, bytes]:
     import h5py
 
@@ -191,3 +248,22 @@ def test_an_internal_error_on_the_last_of_three_ranks_is_reported_once(tmp_path)
     assert run.code == 1
     assert run.messages == ["ddmpi: internal error on rank 2:"]
     assert run.files <= {".unfinished"}  # rank 0 has no time to clear up
+
+
+# Sweeps
+
+def test_a_sweep_over_three_bodies(tmp_path):
+    """A key of one contact is varied; each case is as if it had run alone."""
+    scene = scenes.write_scene(tower(3, 2) | {"output": {"figures": False}}, tmp_path / "scene.toml")
+    key = "contact.block3-block2.friction.coefficient"
+    run = scenes.run_python(["-m", "ddmpi", "sweep", str(scene), "--vary", f"{key}=0.2,0.4", "--output",
+                             str(tmp_path / "sweep")], 2, tmp_path / "sweep")
+    assert run.code == 0, run.output
+    with open(run.folder / "sweep.csv", newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["exit"] for row in rows] == ["0", "0"]
+    for value, row in zip((0.2, 0.4), rows, strict=True):
+        assert float(row[key]) == value
+        alone = scenes.run_command(scene, tmp_path / f"alone {value}", "--set", f"{key}={value}", ranks=2)
+        assert bits(run.folder / row["folder"]) == bits(alone.folder)
+        assert alone.summary["scene"]["contact"][1]["friction"]["coefficient"] == value

@@ -42,6 +42,28 @@ SHIPPED = {
 }
 """One number of each scene in configs/; the last is from the independent code, too, with bounded least squares."""
 
+RESIDUALS = {"force_mismatch": float, "penetration": float, "complementarity": float, "friction": float}
+STEP = {"force": [float, float], "moment": float, "normal_force": float, "tangential_force": float, "open": int,
+        "slip": int, "stick": int, "dissipated": float}
+FORCES = {"force": [float, float], "moment": float}
+BODY = {"n": int, "ranks": [int], "n_A": int, "held": bool, "displacement_max": float, "von_mises_max": float,
+        "energy": float, "reaction": [float, float], "loads": {}, "reactions": {"left": FORCES},
+        "discretization_error": float, "compliance": str, "memory_mib": float}
+SUMMARY_KEYS = {
+    "format": int, "title": str, "converged": bool, "reason": str, "outer": str, "order": int, "algorithm": str,
+    "splitting": str, "friction": str, "n": int, "m": int, "ranks": int, "outer_iterations": int,
+    "inner_iterations": int, "n_A": int, "eff": float, "bodies": {"upper": BODY, "lower": BODY},
+    "contacts": {"upper-lower": {"m": int, "pairing": str, "pressure_max": float, "certificate": RESIDUALS,
+                                 "pointwise_penetration": float, "moment_imbalance": float,
+                                 "moment_imbalance_bound": float} | STEP},
+    "certificate": RESIDUALS | {"equilibrium": float}, "displacement_max": float, "warnings": [],
+    "discretization_error": {"energy_norm": float}, "exchange": {"messages": int, "bytes": int},
+    "seconds": {"mesh": float, "assemble": float, "factor": float, "outer": float, "recover": float, "output": float,
+                "total": float},
+    "versions": {}, "options": {}, "options_unused": [], "scene": {},
+}
+"""Keys and types of summary.json in format 2."""
+
 
 def run(scene, folder, *arguments: str, here: bool = False) -> Run:
     """On two ranks, or `here` on one."""
@@ -80,10 +102,13 @@ def as_shipped(shipped) -> Run:
 
 @pytest.fixture(scope="module")
 def small(folder) -> dict[str, Run]:
-    """N = 6; and without stress, with an option that PETSc does not know."""
-    scene = scenes.write_scene(pinched_blocks(6), folder / "small.toml")
-    return {"small": run(scene, folder / "small", "--no-figures", "--quiet"),
-            "no stress": run(scene, folder / "no stress", "--set", "output.stress=false", "-not_an_option", "3")}
+    """N = 6, with the bodies in both orders; and without stress, with an option that PETSc does not know."""
+    scene = pinched_blocks(6)
+    reordered = scene | {"body": scene["body"][::-1]}
+    first, second = (scenes.write_scene(each, folder / f"small {k}.toml") for k, each in enumerate((scene, reordered)))
+    return {"small": run(first, folder / "small", "--no-figures", "--quiet"),
+            "reordered": run(second, folder / "reordered", "--no-figures"),
+            "no stress": run(first, folder / "no stress", "--set", "output.stress=false", "-not_an_option", "3")}
 
 
 BASE = (1.0, 1.0)
@@ -113,6 +138,21 @@ def displacement_at(done: Run, x: float, y: float) -> np.ndarray:
     upper = np.flatnonzero((np.abs(points - [x, y, 0.0]) < 1e-12).all(axis=1))
     assert len(upper) == 1
     return u[upper[0], :2]
+
+
+def check_types(value, kind, key: str) -> None:
+    if isinstance(kind, dict):
+        assert isinstance(value, dict), key
+        assert value.keys() >= kind.keys(), key
+        for name, inner in kind.items():
+            check_types(value[name], inner, f"{key}.{name}")
+    elif isinstance(kind, list):
+        assert isinstance(value, list), key
+        assert not kind or len(value) == len(kind), key
+        for entry, inner in zip(value, kind, strict=False):
+            check_types(entry, inner, key)
+    else:
+        assert type(value) is kind, f"{key} is {value!r}"
 
 
 # The answers
@@ -206,11 +246,37 @@ def test_units_change_rounding_only(in_units, law, method, unit):
         assert np.abs(values - figures[name]).max() <= digits * np.abs(figures[name]).max(), name
 
 
+def without_place(value: object) -> object:
+    """An entry of the summary without what tells on which rank a body lives."""
+    if isinstance(value, dict):
+        return {key: without_place(entry) for key, entry in value.items() if key not in ("ranks", "memory_mib")}
+    return value
+
+
+def test_the_order_of_the_bodies_changes_labels_only(small):
+    first, second = small["small"].summary, small["reordered"].summary
+    for key in ("converged", "n", "m", "outer_iterations", "n_A", "contacts", "bodies", "certificate",
+                "displacement_max"):
+        assert without_place(first[key]) == without_place(second[key]), key
+    for name in ("contact_upper-lower.csv", "history.csv"):
+        assert (small["small"].folder / name).read_bytes() == (small["reordered"].folder / name).read_bytes()
+    fields = []
+    for name in ("small", "reordered"):
+        with h5py.File(small[name].folder / "result.h5") as file:
+            fields.append(np.concatenate([file["points"][()], file["displacement"][()]], axis=1))
+            assert [body["name"] for body in small[name].summary["scene"]["body"]] == (
+                ["upper", "lower"] if name == "small" else ["lower", "upper"])
+            assert (np.diff(file["body"][()]) >= 0).all()
+    half = len(fields[0]) // 2  # both bodies have equally many nodes
+    assert np.array_equal(fields[0], np.roll(fields[1], half, axis=0))
+
+
 # The files
 
 
-def test_summary(as_shipped):
+def test_summary_has_all_keys_and_types(as_shipped):
     summary = as_shipped.summary
+    check_types(summary, SUMMARY_KEYS, "summary")
     assert summary["title"] == "Pinched steel blocks, Coulomb friction"
     assert summary["friction"] == "coulomb"
     assert (summary["n"], summary["m"], summary["ranks"]) == (6072, 66, 2)
@@ -225,6 +291,97 @@ def test_summary(as_shipped):
     assert summary["versions"].keys() >= {"ddmpi", "python", "petsc", "petsc4py", "mpi4py", "numpy"}
     assert all(isinstance(version, str) and version for version in summary["versions"].values())
     assert len(summary["hosts"]) == 2
+
+
+def test_summary_says_what_was_solved_and_how(exact):
+    summary = exact["N = 22, Coulomb, published iteration"].summary
+    assert (summary["algorithm"], summary["splitting"], summary["friction"]) == ("original", "none", "coulomb")
+    scene = summary["scene"]
+    assert (scene["method"]["theta"], scene["method"]["tolerance"], scene["method"]["max_iterations"]) == (
+        0.25, 1e-9, 500)
+    assert scene["body"][0]["mesh"]["divisions"] == [66, 22]
+    assert scene["body"][0]["material"]["plane"] == "strain"  # a default
+    assert scene["contact"][0]["friction"] == {"law": "coulomb", "coefficient": 0.3}
+
+
+def test_interface_table(exact):
+    done = exact["N = 22, Coulomb"]
+    contact, columns = done.summary["contacts"]["upper-lower"], done.table("contact_upper-lower.csv")
+    assert list(columns) == ["x", "y", "nx", "ny", "length", "normal_force", "tangential_force", "normal_stress",
+                             "tangential_stress", "gap", "slip", "slip_total", "status"]
+    assert columns["x"] == pytest.approx(np.arange(1, 67) / 22)  # the node at the clamp carries no unknown
+    assert columns["y"] == pytest.approx(np.ones(66))
+    length = np.r_[np.full(65, 1 / 22), 1 / 44]
+    assert columns["length"] == pytest.approx(length)
+    assert not columns["nx"].any() and (columns["ny"] == -1.0).all()  # out of the upper block
+    assert columns["slip_total"].tolist() == columns["slip"].tolist()
+    assert columns["normal_stress"] * length == pytest.approx(columns["normal_force"])
+    assert columns["tangential_stress"] * length == pytest.approx(columns["tangential_force"])
+    assert columns["normal_force"].sum() == pytest.approx(contact["normal_force"], rel=1e-12)
+    assert columns["tangential_force"].sum() == pytest.approx(contact["tangential_force"], rel=1e-12)
+    for status in ("open", "slip", "stick"):
+        assert (columns["status"] == status).sum() == contact[status]
+
+
+def test_interface_table_obeys_the_laws_of_contact(exact):
+    for name, bound_of in (("N = 22, Coulomb", lambda c: 0.3 * c["normal_stress"]),
+                           ("N = 22, Coulomb, published iteration", lambda c: 0.3 * c["normal_stress"]),
+                           ("N = 22, Tresca", lambda c: np.full(66, 1.2e7))):
+        columns = exact[name].table("contact_upper-lower.csv")
+        gap, slip, shear, bound = (*(columns[c] for c in ("gap", "slip", "tangential_stress")), bound_of(columns))
+        opened, slipping, sticking = (columns["status"] == s for s in ("open", "slip", "stick"))
+        largest = np.abs(slip).max()
+        assert (columns["normal_force"] >= 0).all()
+        assert (columns["normal_force"][opened] == 0).all() and (gap[opened] > 0).all()
+        assert np.abs(gap[~opened]).max() <= 1e-7 * largest
+        assert np.abs(slip[sticking]).max() <= 1e-7 * largest
+        assert (np.abs(shear[sticking]) < bound[sticking]).all()
+        assert np.abs(shear[slipping]) == pytest.approx(bound[slipping], rel=1e-6)
+        assert (shear[slipping] * slip[slipping] >= -1e-7 * largest * bound.max()).all()
+
+
+@pytest.mark.parametrize("name", ["N = 22, Coulomb", "N = 22, Coulomb, published iteration"])
+def test_history_has_a_line_per_outer_iteration(exact, name):
+    summary, history = exact[name].summary, exact[name].table("history.csv")
+    nodes = ("open", "slip", "stick")
+    assert list(history) == ["step", "iteration", "update", "residual", "inner_precision", *nodes, "n_A"]
+    assert (history["step"] == 1).all()
+    assert (sum(history[status] for status in nodes) == summary["m"]).all()
+    assert {status: history[status][-1] for status in nodes} == {
+        status: summary["contacts"]["upper-lower"][status] for status in nodes}
+    assert history["iteration"].tolist() == list(range(1, summary["outer_iterations"] + 1))
+    assert history["residual"][-1] <= summary["certificate_limit"]
+    stopped_by = history["update" if "published" in name else "residual"]
+    assert (stopped_by[:-1] > 1e-9).all() and stopped_by[-1] <= 1e-9
+    count = history["n_A"]
+    assert (np.diff(count) > 0).all()
+    assert count[-1] <= summary["n_A"] <= count[-1] + 2  # and one for the displacement of each body
+
+
+def test_xdmf_reads_back(as_shipped):
+    mesh = meshio.read(as_shipped.folder / "result.xdmf")
+    points, cells, point_data, cell_data = mesh.points, mesh.cells, mesh.point_data, mesh.cell_data
+    assert points.shape == (2 * 67 * 23, 3)
+    assert (points.min(axis=0).tolist(), points.max(axis=0).tolist()) == ([0, 0, 0], [3, 2, 0])
+    assert [block.type for block in cells] == ["triangle"]
+    triangles = cells[0].data
+    assert triangles.shape == (4 * 66 * 22, 3)
+    a, b, c = (points[triangles[:, i], :2] for i in range(3))
+    area = ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]) / 2
+    assert area == pytest.approx(np.full(len(area), 1 / 22**2 / 2))
+
+    u = point_data["displacement"]
+    assert u.shape == points.shape
+    assert not u[points[:, 0] == 0].any()
+    assert np.linalg.norm(u, axis=1).max() == pytest.approx(as_shipped.summary["displacement_max"], rel=1e-12)
+    body = cell_data["body"][0]
+    assert np.array_equal(body, np.where(points[triangles, 1].mean(axis=1) > 1.0, 0, 1))  # in the scene's order
+
+    xx, xy, xz, yy, yz, zz = cell_data["stress"][0].T
+    assert not xz.any() and not yz.any()
+    assert zz == pytest.approx(0.277 * (xx + yy))
+    assert cell_data["von_mises"][0] == pytest.approx(
+        np.sqrt(0.5 * ((xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2) + 3 * xy**2))
 
 
 def test_pictures_are_pictures(as_shipped):

@@ -3,10 +3,14 @@
 Exactness on linear fields is in test_closed_forms, rates are in test_convergence.
 """
 
+import h5py
+import matplotlib.image
+import meshio
 import numpy as np
 import pytest
 import scenes
 from scenes import pinched_blocks
+from true_errors import Rings
 
 pytestmark = pytest.mark.slow
 
@@ -86,6 +90,69 @@ def test_nearer_to_the_limit_than_linear_triangles_with_as_many_unknowns(solutio
     assert normal == pytest.approx(1.1507844e8, rel=1e-3)  # linear triangles, N = 54 (design, section 3)
 
 
+def test_xdmf_reads_back(done):
+    mesh = meshio.read(done.folder / "result.xdmf")
+    points, cells, point_data, cell_data = mesh.points, mesh.cells, mesh.point_data, mesh.cell_data
+    assert [block.type for block in cells] == ["triangle6"]
+    triangles = cells[0].data
+    assert triangles.shape == (4 * 33 * 11, 6)
+    corners = triangles[:, :3]
+    middles = (points[corners] + points[np.roll(corners, -1, axis=1)]) / 2
+    assert np.abs(points[triangles[:, 3:]] - middles).max() <= 1e-15
+    assert np.array_equal(np.unique(triangles), np.arange(len(points)))
+    u = point_data["displacement"]
+    assert np.linalg.norm(u, axis=1).max() == pytest.approx(done.summary["displacement_max"], rel=1e-12)
+    assert cell_data["von_mises"][0].shape == (len(triangles),)
+    below = points[triangles, 1].max(axis=1) <= 1.0
+    assert np.array_equal(cell_data["body"][0] == 1, below)
+
+
+def test_stress_in_the_file_carries_the_loads(done):
+    """The mean of σ_xx over the triangles at the right end of the upper block is the traction there."""
+    with h5py.File(done.folder / "result.h5") as file:
+        points, cells, sigma = (file[name][()] for name in ("points", "cells", "stress"))
+    middle = points[cells[:, :3]].mean(axis=1)
+    right = (middle[:, 0] > 3.0 - 1 / 11) & (middle[:, 1] > 1.0)
+    assert sigma[right, 0].mean() == pytest.approx(2.0e7, rel=0.05)
+
+
+def test_interface_and_pictures(done):
+    table = done.table("contact_upper-lower.csv")
+    assert np.allclose(np.diff(table["x"]), 1 / 22)
+    share = table["normal_force"] / np.where(table["normal_stress"] > 0, table["normal_stress"], np.inf)
+    closed = table["status"] != "open"
+    assert share[closed][:2] == pytest.approx([4 / 66, 2 / 66])  # a middle, then a corner: the first node is clamped
+    for name in ("bodies.png", "contact.png", "convergence.png"):
+        pixels = matplotlib.image.imread(done.folder / name)
+        drawn = (pixels[..., :3] < 0.99).any(axis=2)
+        assert 0.01 < drawn.mean() < 0.99, name
+
+
+def test_means_over_sides_carry_the_force(done):
+    """All of it but the share of the first side, whose corner is clamped."""
+    sides, nodes = done.table("contact_upper-lower_sides.csv"), done.table("contact_upper-lower.csv")
+    assert np.allclose(sides["length"], 1 / 11) and len(sides["x"]) == 32
+    assert np.array_equal(sides["x"], nodes["x"][2::2])
+    for kind in ("normal", "tangential"):
+        force = nodes[f"{kind}_force"]
+        expected = force[1:].sum() - nodes[f"{kind}_stress"][1] / 66  # the first corner is half the first side's
+        assert sides["length"] @ sides[f"{kind}_stress"] == pytest.approx(expected, rel=1e-12)
+
+
+def test_means_over_sides_do_not_swing_on_a_curved_interface(folder):
+    rings = Rings()
+    rings.write_meshes(folder, 8)
+    bodies = [{"name": name, "mesh": {"file": f"rings_{name}_8.msh", "order": 2},
+               "material": {"young": rings.material(name).young, "poisson": rings.material(name).poisson},
+               "clamp": [{"on": "left", "x": 0.0}, {"on": "bottom", "y": 0.0}]} for name in ("inner", "outer")]
+    contact = {"bodies": ["inner", "outer"], "on": ["outside", "inside"], "friction": {"law": "none"}}
+    scene = scenes.write_scene({"title": "Shrink fit", "body": bodies, "contact": [contact]}, folder / "rings.toml")
+    run = scenes.run_here(scene, folder / "rings")
+    assert run.code == 0, run.output
+    nodes, sides = (run.table(f"contact_inner-outer{end}.csv")["normal_stress"] for end in ("", "_sides"))
+    assert np.abs(sides / rings.pressure - 1).max() < 1e-3 < 0.02 < np.abs(nodes / rings.pressure - 1).max()
+
+
 @pytest.mark.mpi(ranks=2)
 def test_the_coupled_problem_has_the_same_forces(comm):
     from ddmpi.run.solve import solve
@@ -102,4 +169,4 @@ def test_bodies_of_different_order_are_refused(folder):
     scene["body"][0]["mesh"]["order"] = 1
     run = scenes.run_here(scenes.write_scene(scene, folder / "mixed.toml"), folder / "mixed")
     assert run.code == 2
-    assert "bodies differ in mesh.order" in run.output and run.files == set()
+    assert "mesh.order 1 and 2" in run.output and run.files == set()
