@@ -28,7 +28,7 @@ from ddmpi.coupling.joint import Joint
 from ddmpi.coupling.space import Space
 from ddmpi.errors import SolverError
 from ddmpi.interface.law import Tangent
-from ddmpi.methods.half_space import SLENDER, HalfSpace, smooth_modes
+from ddmpi.methods.half_space import HalfSpace, smooth_modes
 from ddmpi.petsc.versions import call_solver, petsc_message, reason_name
 
 log = logging.getLogger("ddmpi")
@@ -41,6 +41,10 @@ takes fewer iterations a step, but more steps; 1e-3 is the cheapest from N = 54 
 
 KRYLOV_LIMIT = 300
 """Most GMRES iterations in one Newton step; a step that is not solved to FORCING is used as it is."""
+
+SLENDER = 3e-3
+"""Bodies are slender where half-spaces give way by less than this part of what they do: 1e-5 to 1e-7 in needles of
+1 : 100, 0.016 to 2 in two boxes."""
 
 HELD_LOOSELY = 1e-6
 """Stiffness of springs that steer rigid motions, over the plane modulus; from 0 to 1e-4 they change no count."""
