@@ -74,9 +74,10 @@ class Scene(Table, frozen=True, kw_only=True):
                 check_formulas(f"{key}.{name}", getattr(table, name, None))
         for contact in self.contact:
             self._check_partners(contact)
-        if len({body.mesh.order for body in self.body} - {None}) > 1:
-            raise ValueError("bodies differ in mesh.order; forces at their common nodes would mean different "
-                             "pressures, so give all bodies the same")
+        orders = sorted({body.mesh.order for body in self.body if body.mesh.order})
+        if len(orders) > 1:
+            raise ValueError(f"bodies have mesh.order {' and '.join(map(str, orders))}; forces at their common nodes "
+                             "would mean different pressures, so give all bodies the same")
         for rigid in self.rigid:
             if self.axisymmetric and 0 in rigid.pushed:
                 raise ValueError(f"rigid.{rigid.name}.force: around an axis a partner is pushed along y alone; what "
@@ -280,7 +281,8 @@ class Scene(Table, frozen=True, kw_only=True):
                  for body in self.body if body.mesh.file is not None}
         if len(set(found.values())) > 1:
             each = ", ".join(f"{key} is of order {order}" for key, order in found.items())
-            raise ValueError(f"{each}; say by mesh.order which one to use")
+            one = " or ".join(map(str, sorted({*found.values()})))
+            raise ValueError(f"{each}; say which one to use by mesh.order = {one}")
         return next(iter(found.values()), 1)
 
 

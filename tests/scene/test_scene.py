@@ -234,7 +234,7 @@ REFUSED = {
     "contact with itself": (['contact.0.bodies=["upper","upper"]'],
                             ["contact.upper-upper.bodies: names 'upper' twice", "two bodies"]),
     "mixed orders": (["body.upper.mesh.order=2", "body.lower.mesh.order=1"],
-                     ["bodies differ in mesh.order", "give all bodies the same"]),
+                     ["bodies have mesh.order 1 and 2", "give all bodies the same"]),
     "order three": (["body.upper.mesh.order=3"], ["body.upper.mesh.order: 3 is not valid; expected one of 1, 2"]),
     "mixed planes": (["body.upper.material.plane=stress"],
                      ["'upper' is in plane stress and 'lower' in plane strain; they cannot touch"]),
