@@ -22,13 +22,13 @@ from scipy.spatial import cKDTree
 from ddmpi.errors import InputError
 from ddmpi.interface.interface import Interface, Lines
 from ddmpi.interface.matching import pair
-from ddmpi.interface.rows import Rows, at_points, between, build, duals, holds_along, is_held, rows_of
+from ddmpi.interface.rows import Rows, at_points, between, build, duals, is_held, rows_of
 from ddmpi.interface.vertices import BARELY, UNCOVERED, rows_at_vertices
 from ddmpi.scene.contacts import SettledContact
 from ddmpi.surface.cover import corners, cover, faced_arc
 from ddmpi.surface.cut import Cover
 from ddmpi.surface.patch import Patch
-from ddmpi.surface.side import Side, frames, nodal, unit
+from ddmpi.surface.side import Side, nodal, unit
 from ddmpi.system.numbers import in_words
 
 SLIVER = 0.02
@@ -78,7 +78,7 @@ def mortar(first: Side, second: Side, contact: SettledContact) -> Interface:
     psi = _functions(side, over)
     root = _merged(side, over, psi)
     rows = _rows(sides, own, over, psi, root)
-    free = _unbound(rows, holds_along(contact), root)
+    free = _unbound(rows, root)
     if (free != root).any():
         rows = replace(_rows(sides, own, over, psi, free), bound=free != root)
     return build(rows, contact)
@@ -139,12 +139,11 @@ def _rows(sides: tuple[Side, Side], own: int, over: Cover, psi: sparse.csr_matri
     return replace(rows, lines=lines, whole=rows.whole & (number == 1)[place[side.facets]].all(axis=1))
 
 
-def _unbound(rows: Rows, tangential: bool, root: np.ndarray) -> np.ndarray:
-    """The `root` of each of the slave's nodes (k,), where rows nearly fixed (BARELY) are merged with a neighbour."""
+def _unbound(rows: Rows, root: np.ndarray) -> np.ndarray:
+    """The `root` of each of the slave's nodes (k,), where rows that are nearly fixed along the normal (BARELY) are
+    merged with a neighbour."""
     side = rows.sides[rows.own]
-    (held, most), (both, along) = (rows.held(direction) for direction in frames(rows.normal).swapaxes(0, 1))
-    if tangential:
-        most = np.where(both.all(axis=0), most, np.minimum(most, along))
+    held, most = rows.held(rows.normal)
     facets, found = rows.place[side.facets[rows.seen]], root.copy()
     most[held.all(axis=0)] = 0.0
     ends = _tied_ends(rows)

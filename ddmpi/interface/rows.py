@@ -25,6 +25,10 @@ NO_GAP = 1e-9
 """Gaps below this fraction of the distance to the neighbours are rounding of the mesh, and count as zero."""
 
 
+HELD = np.sqrt(0.5) - 1e-9
+"""What moves along a direction by less than this, where all else moves by one, is held along it. Of the two directions
+of a node that can move along one line only, the one nearest to this line stays."""
+
 LACKING = 1e-3
 """A facet of which no more than this part is not covered is wholly covered."""
 
@@ -115,10 +119,10 @@ def between(sides: tuple[Side, Side], own: int, over: Cover) -> Places:
 def build(rows: Rows, contact: SettledContact) -> Interface:
     """The interface of those rows that a body can move. Not collective. Raises InputError if there are none."""
     sides, side, bonded = rows.sides, rows.sides[rows.own], contact.kind == "bonded"
-    frame, xy = _along_clamps(rows, frames(rows.normal)), side.xy[rows.nodes]
+    (frame, across), xy = _along_clamps(rows, frames(rows.normal)), side.xy[rows.nodes]
     start = initial_gap(contact, rows.gap, xy, rows.arc)
     held = np.stack([rows.held(direction)[0] for direction in frame.swapaxes(0, 1)], axis=-1)  # (2, r, d)
-    live = ~held.all(axis=0)
+    live = np.column_stack([~held[:, :, 0].all(axis=0), ~across])
     dropped = ~live.any(axis=1) if bonded else ~live[:, 0]  # a bond also holds what slides
     keep = np.flatnonzero(~dropped)
     if len(keep) == 0:
@@ -149,18 +153,24 @@ def build(rows: Rows, contact: SettledContact) -> Interface:
         fixed=_at_rows(rows, dropped, start), probes=_probes(rows, contact, dropped, start))
 
 
-def _along_clamps(rows: Rows, frame: np.ndarray) -> np.ndarray:
-    """The frames (r, d, d), in space with tangents along which clamps of both sides hold a row, the free one first."""
-    if frame.shape[2] == 2:
-        return frame
-    sizes, axes = np.linalg.eigh(sum(side.moves_with(abs(transfer)) for side, transfer in
-                                     zip(rows.sides, rows.transfers, strict=True)))
-    some = sizes[:, 0] <= NOTHING
-    tangents, free, axes = frame[some, 1:], 1.0 * (sizes[some] > NOTHING), axes[some]
-    along = tangents @ axes
-    turns = np.linalg.eigh(np.einsum("rid,rd,rjd->rij", along, free, along))[1][:, :, ::-1]
-    frame[some, 1:] = turns.transpose(0, 2, 1) @ tangents
-    return frame
+def _along_clamps(rows: Rows, frame: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The frames (r, d, d) with tangents along the clamps that touch the node of a row, the free one first; and which
+    tangents (r, d − 1) both sides hold: this node, and a node of the other side that it meets.
+
+    Such a tangent carries no force. On a plane of symmetry there is no friction across the plane; a row for it would
+    constrain the curvature of the other side, of which only the nodes beside the plane move.
+    """
+    side, other, transfer = rows.sides[rows.own], rows.sides[1 - rows.own], rows.transfers[1 - rows.own]
+    free, mean, tangents = side.free[rows.nodes], other.moves_with(transfer), frame[:, 1:]
+    # a tangent t moves by M t: the quadratic forms tᵀ Mᵀ M t of both sides, in the basis of the tangents
+    moves = sum(tangents @ M.swapaxes(1, 2) @ M @ tangents.swapaxes(1, 2) for M in (free, mean))
+    turns = np.linalg.eigh(moves)[1][:, :, ::-1].swapaxes(1, 2)
+    turns[~is_touched(free)] = np.eye(tangents.shape[1])
+    tangents, entries, held = turns @ tangents, transfer.tocoo(), np.empty(tangents.shape[:2], bool)
+    for k, t in enumerate(tangents.swapaxes(0, 1)):
+        met = np.bincount(entries.row, is_held(t[entries.row], other.free[entries.col]), len(t))
+        held[:, k] = is_held(t, free) & (met > 0)
+    return np.concatenate([frame[:, :1], tangents], axis=1), held
 
 
 def _at_rows(rows: Rows, some: np.ndarray, gap: np.ndarray) -> Places:
@@ -212,12 +222,9 @@ def without_rounding(gap: np.ndarray, spacing: np.ndarray) -> np.ndarray:
 
 
 def is_held(direction: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """Whether clamps take the motion along `direction` (m, d) of nodes with projections `free` (m, d, d).
-
-    With one direction free, the unknown along that of the two which is nearest to it stays.
-    """
+    """Whether clamps take the motion along `direction` (m, d) of nodes with projections `free` (m, d, d), up to HELD."""
     left = np.einsum("kij,kj->ki", free, direction)
-    return np.linalg.norm(left, axis=1) < np.where(is_touched(free), np.sqrt(0.5) - 1e-9, 0.0)
+    return np.linalg.norm(left, axis=1) < np.where(is_touched(free), HELD, 0.0)
 
 
 def at_points(phi: np.ndarray, nodes: np.ndarray, size: int) -> sparse.csr_matrix:

@@ -18,12 +18,11 @@ import numpy as np
 import scipy.sparse as sparse
 
 from ddmpi.interface.interface import Lines
-from ddmpi.interface.rows import Rows, at_points, between, duals, holds_along, rows_of
+from ddmpi.interface.rows import Rows, at_points, between, duals, rows_of
 from ddmpi.mesh.boundary import creases, links
 from ddmpi.scene.contacts import SettledContact
 from ddmpi.surface.cut import Cover
 from ddmpi.surface.side import Side, nodal
-from ddmpi.system.numbers import is_touched
 
 SLIVER = 1e-6
 """The dual functions of a facet of which a smaller part is covered are constants."""
@@ -49,7 +48,7 @@ def rows_at_vertices(sides: tuple[Side, Side], own: int, over: Cover, looked: Co
     full = nodal(np.repeat(side.lengths[:, None] / 3.0, 3, axis=1), side.corners, len(met))  # ∫ of hats
     met[side.corners[seen]] = True
     D = np.asarray(psi.sum(axis=0)).ravel()
-    shares = (UNCOVERED * full > D) | (is_touched(side.free) if bonded else ~side.free.any(axis=(1, 2)))
+    shares = (UNCOVERED * full > D) | ~side.free.any(axis=(1, 2))
     also = shares | _meets_others(side, D, full)
     if _spread(side.xy[~also & met]):  # else rows in a line would be a hinge, which the bodies do not have
         shares = also
@@ -60,7 +59,7 @@ def rows_at_vertices(sides: tuple[Side, Side], own: int, over: Cover, looked: Co
     if np.isfinite(other.modulus):  # that of a rigid partner counts alone
         across += at_points(over.at, side.corners[over.facet], len(met)) @ side.normal
     rows = rows_of(sides, own, over, psi, _shared(met, shares, near), across)
-    held = _hardly_move(rows, holds_along(contact) and np.isfinite(other.modulus))
+    held = _hardly_move(rows)
     if held.any() and not held.all():
         shares[rows.nodes[held]] = True
         rows = rows_of(sides, own, over, psi, _shared(met, shares, near), across)
@@ -107,12 +106,10 @@ def _shared(vertices: np.ndarray, shares: np.ndarray, links: sparse.csr_matrix) 
     return parts.tocsr()
 
 
-def _hardly_move(rows: Rows, tangential: bool) -> np.ndarray:
-    """Which rows (r,) clamps of a side hardly let move, along the normal, or along any direction if this counts."""
+def _hardly_move(rows: Rows) -> np.ndarray:
+    """Which rows (r,) clamps of a side hardly let move along the normal."""
     moves = [side.moves_with(transfer) for side, transfer in zip(rows.sides, rows.transfers, strict=True)]
     axes = np.linalg.eigh(sum(each + each.swapaxes(1, 2) for each in moves))[1]
     most = np.max([np.linalg.norm(each @ axes, axis=1) for each in moves], axis=0)
-    if tangential:
-        return most.min(axis=1) < BARELY
     along = np.einsum("rd,rdk->rk", rows.normal, axes)
     return np.linalg.norm(along * np.minimum(most, 1.0), axis=1) < BARELY

@@ -1,8 +1,9 @@
 """Constant stress through contacts of solids whose meshes do not match: all six components, exact on any mesh."""
 
+import numpy as np
 import pytest
 from mpi4py import MPI
-from solid_scenes import CROSS, T_JUNCTION, jittered, patch, patch_errors, two_patches
+from solid_scenes import CROSS, T_JUNCTION, between_planes, jittered, patch, patch_errors, two_patches
 
 import ddmpi
 
@@ -46,6 +47,33 @@ def test_strips(order, bonded, slave, strip):
 def test_a_strip_is_not_covered(order, bonded):
     """The same where all but a strip of a facet is covered."""
     check(two_patches((3, 3, 3), (3, 4, 3), order, covered=1 - 1e-6 / 3, bonded=bonded, slave="b0"), still=2 / 3)
+
+
+ONE_PLANE = np.array([[3.0, 0.0, 0.0], [0.0, -5.0, 0.6], [0.0, 0.6, -4.0]])
+PLANES = {"between two": (ONE_PLANE, ("left", "right")), "at an edge": (np.diag([3.0, -5.0, -4.0]), ("left", "front"))}
+"""Stress (MPa) that planes of symmetry, groups of boxes, may have."""
+TURNED = np.linalg.qr(np.array([[2.0, 1.0, 0.3], [-1.0, 2.0, 0.5], [0.1, -0.7, 2.0]]))[0]
+"""An orthogonal matrix with no axis along another one."""
+
+
+@both_orders
+@pytest.mark.parametrize("kind", ["coulomb", "bonded"])
+@pytest.mark.parametrize("slave", ["upper", "lower"])
+@pytest.mark.parametrize("planes", PLANES)
+@pytest.mark.parametrize("Q", [np.eye(3), TURNED * np.linalg.det(TURNED)], ids=["rollers", "normal clamps"])
+def test_planes_of_symmetry(order, kind, slave, planes, Q):
+    """Contacts with friction and bonds have the rows of frictionless ones on planes of symmetry, and are exact."""
+    stress, groups = PLANES[planes]
+    law = {"kind": "bonded"} if kind == "bonded" else {"friction": {"law": "coulomb", "coefficient": 0.3}}
+    with jittered(0.3 if (Q == np.eye(3)).all() else 0.0):  # nodes stay on the planes
+        answer, smooth = (ddmpi.solve(between_planes(stress, groups, Q, [(3, 4, 3), (4, 3, 3)], order, slave=slave,
+                                                     pairing="mortar", **more), MPI.COMM_SELF)
+                          for more in (law, {}))
+    assert answer.certified, answer.reason
+    errors = patch_errors(answer, Q @ (stress * 1e6) @ Q.T)
+    assert errors.displacement <= EXACT
+    assert errors.traction <= EXACT
+    assert answer.summary["m"] == smooth.summary["m"]
 
 
 @pytest.mark.slow

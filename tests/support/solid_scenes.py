@@ -169,6 +169,37 @@ CROSS = ([((0, 0, 0), (1, 0.5, 0.5), (3, 3, 3)), ((0, 0.5, 0), (1, 0.5, 0.5), (4
           ((1, "top"), (3, "bottom"))])
 
 
+def between_planes(stress: np.ndarray, planes: Sequence[str], Q: np.ndarray, divisions: Sequence[Sequence[int]],
+                   order: int, **more) -> dict:
+    """Two cubes under a constant stress (3, 3) in MPa, turned by Q (3, 3): clamps along the normal hold the `planes`,
+    groups on which the stress has no shear; the lower one's bottom moves as it must; tractions act elsewhere. `more`
+    are keys of the contact."""
+    stress = Q @ (stress * 1e6) @ Q.T
+    strain = ((1 + POISSON) * stress - POISSON * np.trace(stress) * np.eye(3)) / YOUNG
+    exact = {axis: dict(zip(("x_slope", "y_slope", "z_slope"), map(float, row), strict=True))
+             for axis, row in zip("xyz", strain, strict=True)}
+    bodies = []
+    for name, z, face, cells in (("upper", 1.0, "bottom", divisions[0]), ("lower", 0.0, "top", divisions[1])):
+        places = corners({"shape": "box", "origin": [0.0, 0.0, z], "size": [1.0, 1.0, 1.0]}) @ Q.T
+        mesh = {"shape": "hexahedron", "corners": places.tolist(), "divisions": list(cells), "order": order}
+        clamps, traction = [{"on": "bottom"} | exact] if name == "lower" else [], []
+        for group, normal in NORMALS.items():
+            n = Q @ np.array(normal)
+            if group in planes:  # of a plane through the origin the displacement along the normal is 0, else constant
+                along = float(n @ strain @ n) if group in ("right", "back") else 0.0
+                if np.array_equal(Q, np.eye(3)):
+                    axis = int(np.abs(n).argmax())
+                    clamps.append({"on": group, "xyz"[axis]: along * float(n[axis])})
+                else:
+                    clamps.append({"on": group, "normal": along})
+            elif group != face and not (name == "lower" and group == "bottom"):
+                traction.append({"on": group, "value": (stress @ n).tolist()})
+        bodies.append({"name": name, "mesh": mesh, "material": {"young": YOUNG, "poisson": POISSON}, "clamp": clamps,
+                       "traction": traction})
+    return {"body": bodies, "contact": [{"bodies": ["upper", "lower"], "on": ["bottom", "top"]} | more],
+            "method": {"tolerance": 1e-12}}
+
+
 @contextlib.contextmanager
 def jittered(amount: float = 0.3, still: float = np.inf) -> Iterator[None]:
     """A context in which nodes of boxes are moved at random by up to `amount` of half a cell, those on a face within
@@ -200,12 +231,13 @@ def jittered(amount: float = 0.3, still: float = np.inf) -> Iterator[None]:
         assembly.build_mesh = build
 
 
-def patch_errors(answer) -> SimpleNamespace:
+def patch_errors(answer, stress: np.ndarray = STRESS) -> SimpleNamespace:
     """Of an answer to a `patch`: the largest errors of displacements and tractions, relative to the exact ones, of the
     bodies of this rank and of all contacts."""
-    u = max((np.abs(body.displacement - body.points @ STRAIN.T).max() / np.abs(body.points @ STRAIN.T).max()
+    strain = ((1 + POISSON) * stress - POISSON * np.trace(stress) * np.eye(3)) / YOUNG
+    u = max((np.abs(body.displacement - body.points @ strain.T).max() / np.abs(body.points @ strain.T).max()
              for body in answer.bodies.values()), default=0.0)
-    size = np.abs(STRESS).max()
-    t = max(np.abs(state.forces / state.interface.area[:, None] - state.interface.normal @ STRESS).max() / size
+    size = np.abs(stress).max()
+    t = max(np.abs(state.forces / state.interface.area[:, None] - state.interface.normal @ stress).max() / size
             for state in answer.contacts.values())
     return SimpleNamespace(displacement=float(u), traction=float(t))
