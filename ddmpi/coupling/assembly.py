@@ -36,6 +36,7 @@ from ddmpi.system import interrupt
 from ddmpi.system.agreement import agreed, gathered
 from ddmpi.system.clock import Clock
 from ddmpi.system.memory import free_memory
+from ddmpi.system.numbers import in_words
 
 NO_SIZES: Mapping[str, Sizes] = {}
 
@@ -251,7 +252,15 @@ def _join(scene: Settled, contact: SettledContact, sides: tuple[Side, Side | Non
     idle = [] if contact.slave is None or interface.slave else [
         f"contact.{contact.name}.slave: no side is a slave, because nodes match and are paired; pairing = \"mortar\" "
         "makes one of them the slave"]
-    return interface, idle + overlaps + uncovered_profile(interface, contact)
+    if interface.pointwise and interface.law.name == "tresca":
+        raise InputError(f"contact.{contact.name}.friction: the bodies meet along an edge or at a vertex only, at "
+                         f"{in_words(interface.xy[0])}, where a slip bound, a stress, has no area to act on; law = "
+                         '"coulomb" needs none')
+    bare = [] if not interface.pointwise else [
+        f"contact.{contact.name}: the bodies meet along an edge or at a vertex only, at {in_words(interface.xy[0])}"
+        f"{f' and {interface.m - 1} nodes more' * (interface.m > 1)}: there are forces, but no area and no stresses; "
+        "stresses in the bodies grow without limit there as meshes get finer"]
+    return interface, idle + bare + overlaps + uncovered_profile(interface, contact)
 
 
 def _check_method(scene: Settled, bodies: Mapping[str, Elasticity], interfaces: Sequence[Interface]) -> None:

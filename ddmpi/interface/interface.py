@@ -69,17 +69,25 @@ class Lines:
     row, xy : (l,) of each node, and (l, d) its position (m)
     area : (l,) nodal lengths of what faces the other side (m); those of a row add up to its own
     facets : (f, 2) neighbours in the order of nodes, of a closed chain also (last, first); in space (f, 3) triangles
+    at : (l, d) where its force acts (m): in space not at the vertex where facets are partly covered; None if it does
     """
 
     row: np.ndarray
     xy: np.ndarray
     area: np.ndarray
     facets: np.ndarray
+    at: np.ndarray | None = None
+
+    @property
+    def acting(self) -> np.ndarray:
+        """(l, d) where the forces act (m)."""
+        return self.xy if self.at is None else self.at
 
     def only(self, some: np.ndarray) -> Lines:
         """Those of the nodes with `some` (l,) bool, and the facets between them."""
         place = np.cumsum(some) - 1
-        return Lines(self.row[some], self.xy[some], self.area[some], place[self.facets[some[self.facets].all(axis=1)]])
+        return Lines(self.row[some], self.xy[some], self.area[some], place[self.facets[some[self.facets].all(axis=1)]],
+                     None if self.at is None else self.at[some])
 
 
 @dataclass(frozen=True)
@@ -117,6 +125,8 @@ class Interface:
     scale : factor of the gap at present
     arc : (m,) arc lengths along the first body's boundary, by which profiles count (m); empty where there are none
     axisymmetric : whether it turns around the axis x = 0; nodal lengths are areas then
+    pointwise : whether the sides share no facet, but meet along edges or at vertices: forces act at nodes, there are no
+        stresses, and `area`, that of the distance between nodes, only steers the iteration
     """
 
     name: str
@@ -143,6 +153,7 @@ class Interface:
     scale: float = 1.0
     arc: np.ndarray = field(default_factory=lambda: np.empty(0))
     axisymmetric: bool = False
+    pointwise: bool = False
 
     def under(self, factors: Mapping[str | None, float]) -> Interface:
         """The same interface with these `factors` of its gap and rigid partner, by history."""
@@ -152,6 +163,11 @@ class Interface:
     def prescribed(self) -> np.ndarray:
         """(size,) contact displacement of the rigid partner (m), with the sign of the second side."""
         return -(self.directions @ self.displacement)
+
+    @property
+    def shares(self) -> np.ndarray:
+        """(l,) the part of its row's force that each of the `lines` has."""
+        return np.ones(len(self.lines.row)) if self.pointwise else self.lines.area / self.area[self.lines.row]
 
     @property
     def opening(self) -> np.ndarray:

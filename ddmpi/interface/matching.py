@@ -21,7 +21,7 @@ from ddmpi.scene.contacts import Rigid, SettledContact
 from ddmpi.surface.cover import DEEPEST, cover
 from ddmpi.surface.cut import FACING, Cover, stretch
 from ddmpi.surface.side import Side, unit
-from ddmpi.system.numbers import in_words
+from ddmpi.system.numbers import across, in_words, together
 
 LARGEST_OFFSET = 1e-2
 """Largest tangential offset of two paired nodes, as a fraction of the distance to their neighbours in the meshes as
@@ -162,14 +162,35 @@ def _match_partly(first: Side, second: Side, refinement: int) -> Rows | None:
     if not ours.size:
         deepest = -DEEPEST * np.minimum(np.abs(normal) @ first.extent, np.abs(normal) @ second.extent)
         fits &= (np.einsum("ij,ij->i", own, other) < FACING) & (gap > deepest)
-        if not fits.any():
+        if not fits.any() or _unmatched(first, second, here[fits], there[fits]):
             return None
         here, there, normal, gap = here[fits], there[fits], normal[fits], gap[fits]
         area = (first.spacing[here] + second.spacing[there]) / 2
         area = area * circumference(np.maximum(first.xy[here], area[:, None] / 4), first.axisymmetric)
     elif not fits.all() or any(len(np.unique(each)) < len(each) for each in (here, there)):
         return None
-    return pairs((first, second), here, there, normal, area, gap, common[0])
+    found = pairs((first, second), here, there, normal, area, gap, common[0])
+    return replace(found, pointwise=not ours.size)
+
+
+def _unmatched(first: Side, second: Side, here: np.ndarray, there: np.ndarray) -> bool:
+    """Whether a neighbour of a paired node has no partner and lies on a facet at that node's partner, so that the two
+    sides touch along an edge on which their nodes do not match. Nodes `here` and `there` (k,) are pairs."""
+    for side, other, own, partner in ((first, second, here, there), (second, first, there, here)):
+        edges, match = links(side.facets, side.dimension), np.full(len(side.nodes), -1)
+        edges, match[own] = np.concatenate([edges, edges[:, ::-1]]), partner
+        start, end = edges[(match[edges[:, 0]] >= 0) & (match[edges[:, 1]] < 0)].T
+        corners = other.corners.ravel()
+        order = np.argsort(corners, kind="stable")
+        edge, place = together(match[start], corners[order])  # an edge, and a facet at its start's partner
+        facet = other.xy[other.corners[order[place] // side.dimension]]
+        away = side.xy[end] - side.xy[start] + other.xy[match[start]]
+        off, along = across(away[edge] - facet[:, 0], facet)
+        inside = (along > -LARGEST_OFFSET).all(axis=1) & (along.sum(axis=1) < 1.0 + LARGEST_OFFSET)
+        size = np.linalg.norm(side.xy[end] - side.xy[start], axis=1)[edge]
+        if (inside & (np.linalg.norm(off, axis=1) < LARGEST_OFFSET * size)).any():
+            return True
+    return False
 
 
 def _faced(side: Side, other: Side, least: float) -> np.ndarray:

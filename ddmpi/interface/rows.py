@@ -54,6 +54,7 @@ class Rows:
         itself
     lines : the nodes of the rows
     points : between the nodes, with their gaps; None where there are none
+    pointwise : as of an `Interface`
     """
 
     sides: tuple[Side, Side]
@@ -70,6 +71,7 @@ class Rows:
     whole: np.ndarray
     lines: Lines = Interface.lines
     points: Places | None = None
+    pointwise: bool = False
 
     def held(self, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Whether clamps hold all nodes of each side (2, r) that a row moves with along its direction (r, d); and how
@@ -137,7 +139,8 @@ def build(rows: Rows, contact: SettledContact) -> Interface:
     number = np.append(np.where(dropped, -1, np.cumsum(~dropped) - 1), -1)  # of the rows that are kept
     facets = number[rows.place[(side.facets if side.cell.bears else side.corners)[rows.whole]]]
     row = number[np.where(rows.bound, -1, rows.place)]
-    lines = replace(rows.lines, row=number[rows.lines.row]).only(~dropped[rows.lines.row])
+    lines = replace(rows.lines, row=number[rows.lines.row],
+                    area=rows.lines.area * (not rows.pointwise)).only(~dropped[rows.lines.row])
     xy, arc, area, places = xy[keep], rows.arc[keep], rows.area[keep], _at_rows(rows, ~dropped, start)
     return Interface(
         name=contact.name, bodies=(sides[0].body, sides[1].body), xy=xy, frame=frame[keep], area=area, gap=places.gap,
@@ -149,7 +152,7 @@ def build(rows: Rows, contact: SettledContact) -> Interface:
         one_sided=of_rows(held.any(axis=0)), displacement=np.zeros(xy.shape[1]), gap_history=contact.opening[1],
         slave=side.body if rows.points else None, lines=lines,
         at=(rows.transfers[0][keep] @ sides[0].xy, rows.transfers[1][keep] @ sides[1].xy),
-        axisymmetric=side.axisymmetric,
+        axisymmetric=side.axisymmetric, pointwise=rows.pointwise,
         fixed=_at_rows(rows, dropped, start), probes=_probes(rows, contact, dropped, start))
 
 
@@ -222,7 +225,7 @@ def without_rounding(gap: np.ndarray, spacing: np.ndarray) -> np.ndarray:
 
 
 def is_held(direction: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """Whether clamps take the motion along `direction` (m, d) of nodes with projections `free` (m, d, d), up to HELD."""
+    """Whether clamps hold (m,) nodes with projections `free` (m, d, d) along the `direction` (m, d), up to HELD."""
     left = np.einsum("kij,kj->ki", free, direction)
     return np.linalg.norm(left, axis=1) < np.where(is_touched(free), HELD, 0.0)
 

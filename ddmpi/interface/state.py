@@ -34,7 +34,7 @@ class ContactTotals(NamedTuple):
     open, slip, stick : numbers of nodes
     bodies, m, law, slave : of the interface; the law by its name
     rigid : (d,) displacement of the rigid partner (m); None if there is none
-    pressure_max : largest normal stress of a node (Pa)
+    pressure_max : largest normal stress of a node (Pa); NaN where the contact has no area
     normal_max, normal_sum : of the sizes of the nodes' normal forces (N)
     acting : sum of the sizes of the components of the nodes' forces (N)
     opening : the smallest at and between the nodes (m)
@@ -122,13 +122,17 @@ class ContactState:
 
     @property
     def pressure(self) -> np.ndarray:
-        """(m,) normal stress (Pa)."""
-        return self.normal_force / self.interface.area
+        """(m,) normal stress (Pa); NaN where the contact has no area."""
+        return self.normal_force / self._area
 
     @property
     def shear(self) -> np.ndarray:
-        """(m, d − 1) tangential stress (Pa)."""
-        return self.tangential_force / self.interface.area[:, None]
+        """(m, d − 1) tangential stress (Pa); NaN where the contact has no area."""
+        return self.tangential_force / self._area[:, None]
+
+    @property
+    def _area(self) -> np.ndarray:
+        return np.full_like(self.gap, np.nan) if self.interface.pointwise else self.interface.area
 
     @property
     def forces(self) -> np.ndarray:

@@ -65,7 +65,8 @@ def rows_at_vertices(sides: tuple[Side, Side], own: int, over: Cover, looked: Co
         rows = rows_of(sides, own, over, psi, _shared(met, shares, near), across)
     facets = rows.place[side.corners]
     kept = (facets >= 0).all(axis=1)
-    lines = Lines(np.arange(len(rows.nodes)), side.xy[rows.nodes], rows.area, facets[seen & kept])
+    lines = Lines(np.arange(len(rows.nodes)), side.xy[rows.nodes], rows.area, facets[seen & kept],
+                  rows.transfers[own] @ side.xy)
     return replace(rows, whole=rows.whole & kept, lines=lines, points=between(sides, own, looked))
 
 

@@ -56,7 +56,7 @@ def draw_contacts(results: Results) -> Any:
     measure = np.bincount(results.fields["body"], np.abs(signed_measures(points, results.fields["cells"])))
     size = WIDEST[d] * float(np.median(measure ** (1.0 / d)))
     forces, largest = _resultants(results, size)
-    stresses = np.concatenate([table["normal_stress"] for table in results.contacts.values()])
+    stresses = np.nan_to_num(np.concatenate([table["normal_stress"] for table in results.contacts.values()]))
     low, top = stresses.min(initial=0.0), np.abs(stresses).max(initial=0.0)
     (factor, unit_of), (times, of_force) = scaled_unit(top, units["stress"]), scaled_unit(largest, units["force"])
     kind, counted, legend = "pressure" if low >= 0.0 else "normal stress", "", list[Any]()
@@ -83,7 +83,7 @@ def draw_contacts(results: Results) -> Any:
         sheet.outline(at, skin.facets, skin.beyond)
         most = float(np.percentile(np.abs(stresses[stresses != 0.0]), BRIGHTEST)) if top else 1.0
         image = signed_colours(-most / factor * (low < 0.0), most / factor, "Blues")
-        sheet.facets([(vectors(table), results.triangles(name), table["normal_stress"] / factor)
+        sheet.facets([(vectors(table), results.triangles(name), np.nan_to_num(table["normal_stress"]) / factor)
                       for name, table in results.contacts.items()], image)
         sheet.colours(image, f"{kind} ({unit_of})", ("both" if low < 0.0 else "max") if most < top else "neither")
         counted = f"; nodes: {', '.join(f'{number} {zone}' for zone, number in counts.items())}"
@@ -121,7 +121,7 @@ def _profiles(results: Results, scale: float,
         table, facets = drawn_rows(results.contacts[name], results.facets[name])
         for chain in chains(facets):
             at = vectors(table)[chain]
-            ends = at - scale * table["normal_stress"][chain, None] * vectors(table, "n")[chain]
+            ends = at - scale * np.nan_to_num(table["normal_stress"])[chain, None] * vectors(table, "n")[chain]
             edges = np.vstack([at[:1], (at[1:] + at[:-1]) / 2, at[-1:]])
             areas.append(np.vstack([at, ends[::-1]]))
             rims.append(ends if chain[0] == chain[-1] else np.vstack([at[:1], ends, at[-1:]]))

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
 
 from ddmpi.errors import InputError
 from ddmpi.pictures.bodies import animate, draw_bodies, draw_error, draw_mechanism
@@ -89,7 +90,9 @@ def pictures_of(results: Results, last: Results, mechanism: Path | None = None) 
     if several:
         yield "contacts.png", lambda: draw_contacts(results)
     contact = draw_contact if results.dimension == 2 else draw_maps
-    for name in results.contacts if len(results.contacts) <= EACH else ():
+    for name, table in results.contacts.items() if len(results.contacts) <= EACH else ():
+        if np.isnan(table["normal_stress"]).all():  # the bodies meet at nodes only
+            continue
         yield contact_files(name).picture if several else "contact.png", functools.partial(contact, results, name)
     if len(results.energy.get("time", ())):
         yield "steps.png", lambda: draw_steps(results)

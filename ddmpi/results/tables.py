@@ -31,7 +31,7 @@ CONTACT = {
     "x": "position of the node", "y": "",
     "nx": "outer normal n of the first body", "ny": "",
     "length": "nodal length: the integral of the node's shape function over what faces the other side; around an axis "
-              "the column is called area",
+              "the column is called area; 0, and stresses are nan, where bodies meet at a corner only",
     "normal_force": "positive under pressure",
     "tangential_force": "along t = (−n_y, n_x), n turned counterclockwise; a positive one pushes the second body along "
                         "t, the first against it",
@@ -41,9 +41,10 @@ CONTACT = {
     "status": "open, slip or stick"}
 
 CONTACT_IN_SPACE = {
-    "x": "position of the node", "y": "", "z": "",
-    "nx": "outer normal of the first body", "ny": "", "nz": "",
-    "area": "nodal area: the integral of the node's shape function over what faces the other side",
+    "x": "where the force acts: the node, or where its force and its neighbour's in one row act together", "y": "",
+    "z": "", "nx": "outer normal of the first body", "ny": "", "nz": "",
+    "area": "nodal area: the integral of the node's shape function over what faces the other side; 0, and stresses are "
+            "nan, where bodies meet along an edge or at a vertex only",
     "normal_force": "positive under pressure", "tangential_force": "length of the vector",
     "normal_stress": "normal force over area", "tangential_stress": "tangential force over area",
     "gap": "opening along the normal",
@@ -113,10 +114,9 @@ def write_contact(path: Path, name: str, state: ContactState) -> None:
     """
     interface, at_nodes = state.interface, _by_line(state, leg_values(state))
     lines = interface.lines
-    share = lines.area / interface.area[lines.row]
-    forces = (force[lines.row] * share for force in (state.normal_force, signed(state.tangential_force)))
+    forces = (force[lines.row] * interface.shares for force in (state.normal_force, signed(state.tangential_force)))
     write_table(path / contact_files(name).table, named(CONTACT_IN[interface.dimension], interface.axisymmetric), zip(
-        *lines.xy.T, *interface.normal[lines.row].T, lines.area, *forces, *at_nodes, strict=True))
+        *lines.acting.T, *interface.normal[lines.row].T, lines.area, *forces, *at_nodes, strict=True))
 
 
 def write_sides(path: Path, name: str, state: ContactState) -> None:
@@ -168,8 +168,7 @@ def leg_values(state: ContactState) -> np.ndarray:
 
 def _by_line(state: ContactState, values: np.ndarray) -> list[np.ndarray]:
     """The `leg_columns` with `leg_values` (m, k) by line. Of nodes that share a row each has its part of the force."""
-    lines, found = state.interface.lines, []
-    share = lines.area / state.interface.area[lines.row]
+    lines, share, found = state.interface.lines, state.interface.shares, []
     for name, column in zip(leg_columns(state.interface.dimension), values[lines.row].T, strict=True):
         if name == "status":
             column = np.array(STATUS)[column.astype(int)]
@@ -190,7 +189,7 @@ def write_legs(path: Path, name: str, state: ContactState, steps: Iterable[tuple
     interface, lines = state.interface, state.interface.lines
     write_table(path / contact_files(name).legs, named(LEGS_IN[interface.dimension], interface.axisymmetric), (
         (time, *row) for time, values in steps
-        for row in zip(*lines.xy.T, lines.area, *_by_line(state, values), strict=True)))
+        for row in zip(*lines.acting.T, lines.area, *_by_line(state, values), strict=True)))
 
 
 def write_steps(path: Path, steps: Iterable[dict]) -> None:

@@ -196,7 +196,7 @@ def _log_contacts(summary: dict, solution: Solution) -> None:
     contacts, totals = summary["contacts"], solution.contacts
     listed = list(contacts)
     if len(contacts) > LISTED:
-        highest = max(contacts, key=lambda name: _number(contacts[name]["pressure_max"]))
+        highest = max(contacts, key=lambda name: contacts[name]["pressure_max"] or -np.inf)
         log.info("%d contacts: %d open, %d slip, %d stick nodes; largest pressure %.4g %s, of %s", len(contacts),
                  *(sum(contact[status] for contact in contacts.values()) for status in ("open", "slip", "stick")),
                  _number(contacts[highest]["pressure_max"]), summary["units"]["stress"], highest)
@@ -216,7 +216,8 @@ def describe_contact(summary: dict, name: str, body: str) -> str:
     contact, units = summary["contacts"][name], summary["units"]
     return (f"{name}: {contact['open']} open, {contact['slip']} slip, {contact['stick']} stick nodes; "
             f"force {_vector(contact['force'])} {units['force']} on {body}, "
-            f"largest pressure {_number(contact['pressure_max']):.4g} {units['stress']}")
+            + ("no area" if contact["pressure_max"] is None and None not in contact["force"] else
+               f"largest pressure {_number(contact['pressure_max']):.4g} {units['stress']}"))
 
 
 def _log_between_nodes(contacts: dict, units: dict) -> None:

@@ -111,13 +111,15 @@ def test_one_node_out_of_place_is_refused():
 
 @orders
 def test_a_contact_of_one_node(order):
-    """Bricks that share a corner: the length is the mean spacing of both sides there."""
+    """Bricks that share a corner: the iteration takes the mean spacing of both sides there for a length."""
     upper = rectangle((8, 2), (2.0, 1.0), (2.0, 1.0), order)
     contact = met(side(upper, "bottom"), side(brick(0.0, order=order), "top"))
     assert (contact.m, contact.xy.tolist()) == (1, [[2.0, 1.0]])
     assert contact.area == pytest.approx([(0.25 + 0.5) / 2 / order])
     assert contact.normal == pytest.approx(np.array([[0.0, -1.0]]))
     assert held_beside(contact) == 0.0 and len(contact.facets) == 0
+    assert contact.pointwise and contact.lines.area.tolist() == [0.0] and contact.shares.tolist() == [1.0]
+    assert not met(side(brick(1.0, 1.0, order), "bottom"), side(brick(0.0, order=order), "top")).pointwise
 
 
 def test_a_contact_of_two_corners():

@@ -1,9 +1,11 @@
 """The gallery: each of its scenes has the number, and the end, that docs/start/gallery.md tells."""
 
+import csv
 import re
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 from gallery import EXHIBITS, ROOT, WIDEST
 from matplotlib import image
@@ -11,6 +13,8 @@ from mpi4py import MPI
 from scenes import LIMIT, clean_environment
 
 import ddmpi
+from ddmpi.results.tables import write_contact
+from ddmpi.system.numbers import moment
 
 pytestmark = pytest.mark.slow
 
@@ -19,9 +23,27 @@ SECTIONS = re.split(r"^## ", PAGE, flags=re.MULTILINE)[1:]
 
 
 @pytest.mark.parametrize("exhibit", EXHIBITS, ids=lambda exhibit: exhibit.name)
-def test_exhibit(exhibit):
-    """A scene of the gallery ends as the page says, with its number, and warns of nothing."""
-    exhibit.check(ddmpi.solve(exhibit.path, MPI.COMM_SELF, exhibit.settings).summary)
+def test_exhibit(exhibit, tmp_path):
+    """A scene of the gallery ends as the page says, with its number, and warns of nothing. The lines of its tables have
+    the force and the moment of its contacts."""
+    answer = ddmpi.solve(exhibit.path, MPI.COMM_SELF, exhibit.settings)
+    exhibit.check(answer.summary)
+    for name, state in answer.contacts.items():
+        write_contact(tmp_path, name, state)
+        with open(tmp_path / f"contact_{name}.csv", encoding="utf-8") as file:
+            table = {column: np.array(values) for column, *values in zip(*csv.reader(file), strict=True)}
+        at, n = (np.column_stack([table[f"{before}{axis}"] for axis in "xyz" if axis in table]).astype(float)
+                 for before in ("", "n"))
+        if at.shape[1] == 3:
+            forces = np.column_stack([table[f"force_{axis}"] for axis in "xyz"]).astype(float)
+        else:  # −(s_ν n + s_t t), t being n turned counterclockwise
+            normal, tangential = (table[f"{kind}_force"].astype(float)[:, None] for kind in ("normal", "tangential"))
+            forces = -normal * n - tangential * n[:, ::-1] * [-1.0, 1.0]
+        size = np.abs(forces).sum()
+        assert forces.sum(axis=0) == pytest.approx(state.force, abs=1e-9 * size)
+        if not state.interface.axisymmetric:
+            apart = np.linalg.norm(moment(at, forces) - state.moment)
+            assert apart <= state.moment_imbalance[0] * (1.0 + 1e-6) + 1e-9 * size * np.abs(at).max(), name
 
 
 def test_the_page_shows_every_scene():
