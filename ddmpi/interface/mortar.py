@@ -90,8 +90,8 @@ def _cover(sides: tuple[Side, Side], own: int, name: str) -> Cover:
     if len(over.facet) == 0:
         raise InputError(f"contact.{name}: the boundaries of {first.body!r} and {second.body!r} do not face each other "
                          f"(the first begins at {in_words(first.xy[0])}). Are the two names of `on` in the order of "
-                         "`bodies`? If the bodies touch along an edge or at a vertex only, their nodes there must match "
-                         "(in space with linear elements), and pairing must not be \"mortar\"")
+                         "`bodies`? Where bodies touch along an edge or at a vertex only, their nodes there must "
+                         "match, in space with linear elements, and pairing must not be \"mortar\"")
     return over
 
 

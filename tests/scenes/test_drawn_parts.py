@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenes import ROOT, Run, run_here
+from scenes import ROOT, Run, certified, run_here
 
 pytestmark = pytest.mark.slow
 
@@ -81,3 +81,45 @@ def test_snap_hook_is_a_beam(parts):
     turn = y * length**2 / (2 * bending) - moment * length / bending
     forth = 1.0 + turn * lever - x * length / (young * height)
     assert down == pytest.approx(np.tan(angle) * forth, rel=0.02)
+
+
+PIN = """SetFactory("OpenCASCADE");
+Cylinder(1) = {0, 0, 0, 0, 0, 10, 50, Pi};
+Physical Volume("pin") = {1};
+e = 1e-3;
+Physical Surface("front") = Surface In BoundingBox{-51, -e, -e, 51, e, 10+e};
+Physical Surface("middle") = Surface In BoundingBox{-51, -e, -e, 51, 51, e};
+Physical Surface("end") = Surface In BoundingBox{-51, -e, 10-e, 51, 51, 10+e};
+Physical Surface("rim") = {1};
+"""
+SHEET = """SetFactory("OpenCASCADE");
+Box(1) = {-200, 0, 0, 200, 100, 5};
+Cylinder(2) = {0, 0, 0, 0, 0, 5, 100, Pi};
+BooleanUnion(3) = { Volume{1}; Delete; }{ Volume{2}; Delete; };
+Cylinder(4) = {0, 0, -1, 0, 0, 7, 50};
+BooleanDifference(5) = { Volume{3}; Delete; }{ Volume{4}; Delete; };
+Physical Volume("sheet") = {5};
+e = 1e-3;
+Physical Surface("bore") = Surface In BoundingBox{-50-e, -e, -e, 50+e, 50+e, 5+e};
+Physical Surface("wall") = Surface In BoundingBox{-200-e, -e, -e, -200+e, 100+e, 5+e};
+Physical Surface("front") = Surface In BoundingBox{-200-e, -e, -e, 100+e, e, 5+e};
+Physical Surface("middle") = Surface In BoundingBox{-200-e, -e, -e, 100+e, 100+e, e};
+"""
+
+
+def test_quarter_of_a_loaded_pin(tmp_path):
+    """The loaded pin of NAFEMS (Konter 2006, benchmark 4), a quarter: friction takes no row from its planes of symmetry
+    and changes the largest pressure by less than 3 %."""
+    (tmp_path / "pin.geo").write_text(PIN, encoding="utf-8")
+    (tmp_path / "sheet.geo").write_text(SHEET, encoding="utf-8")
+    planes = [{"on": "front", "y": 0.0}, {"on": "middle", "z": 0.0}]
+    scene = {"body": [{"name": name, "mesh": {"geometry": str(tmp_path / f"{name}.geo"), "size": size},
+                       "material": {"young": young, "poisson": 0.3}} | more for name, size, young, more in (
+                ("pin", 8.0, 210e3, {"clamp": planes, "traction": [{"on": "end", "force": [25e3, 0.0, 0.0]}]}),
+                ("sheet", 8.0, 70e3, {"clamp": [*planes, "wall"]}))],
+             "contact": [{"bodies": ["pin", "sheet"], "on": ["rim", "bore"]}]}
+    smooth, rough = (certified(scene | {"contact": [scene["contact"][0] | more]}).contacts["pin-sheet"] for more in (
+        {}, {"friction": {"law": "coulomb", "coefficient": 0.1}}))
+    assert rough.interface.m == smooth.interface.m
+    assert (np.abs(rough.interface.xy[:, 1:]) < 1e-6).any(axis=1).sum() > 50
+    assert rough.pressure.max() == pytest.approx(smooth.pressure.max(), rel=0.03)
