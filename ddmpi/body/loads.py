@@ -256,6 +256,10 @@ def _held(mesh: Mesh, clamp: Clamp, key: str) -> Iterator[tuple[str, Any, np.nda
     if clamp.normal is not None:
         if clamp.on not in mesh.groups:
             raise InputError(f"{key}: {clamp.on!r} is no boundary group of the mesh and has no normal; give x, y or z")
+        if clamp.on in mesh.vertices:
+            at = in_words(mesh.points[mesh.vertices[clamp.on][0]])
+            raise InputError(f"{key}: the node of {clamp.on!r} at {at} is on no {mesh.cell.facet.name} of it and has "
+                             "no normal; give x, y or z")
         yield "normal", clamp.normal, *outer_normals(mesh, clamp.on, key)
 
 

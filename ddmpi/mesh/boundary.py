@@ -5,11 +5,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from ddmpi.errors import InputError
 from ddmpi.mesh.elements import CELLS, cell_with, normals
 from ddmpi.mesh.mesh import PHYSICAL, Mesh, boundary_facets
-from ddmpi.mesh.refine import KINDS, distinct, simplices
+from ddmpi.mesh.refine import KINDS, distinct, middle_nodes, simplices
 from ddmpi.scene.bodies import BodySpec
 from ddmpi.scene.keys import nearest
 from ddmpi.system.numbers import across, in_words
@@ -37,18 +38,19 @@ def boundary_group(mesh: Mesh, name: str, key: str) -> np.ndarray:
 
 
 def group_nodes(mesh: Mesh, name: str, key: str) -> np.ndarray:
-    """Nodes (k,) of the boundary group, physical curve or point `name`. Raises InputError, naming `key`, if not one."""
-    kinds = (PHYSICAL[mesh.dimension - 1], mesh.groups), (PHYSICAL[1], mesh.curves), (PHYSICAL[0], mesh.vertices)
-    found = [(what, names[name]) for what, names in kinds if name in names]
-    if len(found) > 1:
-        raise InputError(f"{key}: {name!r} is the name of both a {found[0][0]} and a {found[1][0]} of the mesh; rename "
-                         "one")
+    """Nodes (k,) of the boundary group, physical curve or point `name`, or of a set of nodes, which may be of all three
+    kinds. Raises InputError, naming `key`, if it is none, or has nodes that the elements have not."""
+    kinds = (PHYSICAL[1], mesh.curves), (PHYSICAL[0], mesh.vertices)
+    found = [(what, names[name].ravel()) for what, names in kinds if name in names]
     if not found or name in mesh.groups:
-        return np.unique(boundary_group(mesh, name, key))
-    what, nodes = found[0]
+        found.append(("", boundary_group(mesh, name, key).ravel()))
+    nodes = np.unique(np.concatenate([each for _, each in found]))
     if len(nodes) == 0:
-        raise InputError(f"{key}: the {what} {name!r} of the mesh is at none of its {mesh.cell.names}")
-    return np.unique(nodes)
+        raise InputError(f"{key}: the {found[0][0]} {name!r} of the mesh is at none of its {mesh.cell.names}")
+    if nodes[0] < 0:
+        raise InputError(f"{key}: {name!r} has nodes in the middle of edges, which linear elements do not have; give "
+                         "the mesh order = 2")
+    return nodes
 
 
 def material_numbers(mesh: Mesh, body: BodySpec) -> np.ndarray:
@@ -174,7 +176,8 @@ def creases(points: np.ndarray, facets: np.ndarray, outward: np.ndarray) -> Crea
 def file_groups(raw, label: str, cells: np.ndarray) -> tuple[dict[str, np.ndarray], ...]:
     """By name the facets (·, d) of each group of the boundary, in space the lines (·, 2) of curves, and nodes.
 
-    Of a set of nodes the facets, or else the lines, or else the nodes. Raises InputError where no group has facets.
+    Of a set of nodes the facets, or else the lines, and in any case its nodes. Raises InputError where no group has
+    facets.
     """
     d, found = cells.shape[1] - 1, list[dict[str, np.ndarray]]()
     for dimension in range(d - 1, 0, -1):
@@ -188,9 +191,12 @@ def file_groups(raw, label: str, cells: np.ndarray) -> tuple[dict[str, np.ndarra
         sides = [np.unique(np.sort(each, axis=1), axis=0) for each in sides]
         for name, nodes in raw.point_sets.items():
             inside = [each[np.isin(each, nodes).all(axis=1)] for each in sides]
-            first = next((k for k, each in enumerate(inside) if len(each)), len(found))
             if name not in raw.cell_sets:
-                [*found, alone][first][name] = [*inside, np.asarray(nodes, int)][first]
+                alone[name] = np.asarray(nodes, int)
+                for kind, parts in zip(found, inside, strict=True):
+                    if len(parts):
+                        kind[name] = parts
+                        break
     if not found[0]:
         raise InputError(f"{label} has no named physical groups of {CELLS[d - 1, 1].names}; clamps, tractions and "
                          'contacts refer to boundaries by such names: '
@@ -198,6 +204,27 @@ def file_groups(raw, label: str, cells: np.ndarray) -> tuple[dict[str, np.ndarra
     points_of = raw.cells_dict.get("vertex", np.empty((0, 1), int))[:, 0]
     alone |= {name: np.unique(points_of[members]) for name, members in file_members(raw, 0).items()}
     return found[0], {} if d == 2 else found[1], alone
+
+
+def set_nodes(raw, mesh: Mesh, number: np.ndarray, sets: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """By name the nodes of the mesh in `sets` of the file's nodes that no facet or line of the set has. `number` (nr,)
+    is that of the file's nodes at corners, else −1; −1 also stands for middles of edges that a linear mesh lacks."""
+    middles, ends = middle_nodes(raw, mesh.dimension)
+    asked, found = np.isin(middles, np.concatenate([np.empty(0, int), *sets.values()])), {}
+    middles, ends = middles[asked], ends[asked]
+    if mesh.order > 1 and len(middles):  # those of the mesh are where the file has them
+        first = int(mesh.corners.max()) + 1
+        number = number.copy()
+        number[middles] = first + cKDTree(mesh.points[first:]).query(raw.points[middles, :mesh.dimension])[1]
+    for name, nodes in sets.items():
+        lone = np.isin(middles, nodes) & (number[middles] < 0) & ~np.isin(ends, nodes).all(axis=1)
+        own = number[nodes][number[nodes] >= 0]
+        taken = [each[name].ravel() for each in (mesh.groups, mesh.curves) if name in each]
+        own = np.setdiff1d(own, np.concatenate([np.empty(0, int), *taken]))
+        own = np.append(np.full(int(lone.any()), -1), own)
+        if len(own) or not taken:
+            found[name] = own
+    return found
 
 
 def file_members(raw, dimension: int) -> dict[str, np.ndarray]:

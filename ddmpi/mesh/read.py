@@ -7,13 +7,14 @@ import shutil
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from itertools import takewhile
 from pathlib import Path
 
 import numpy as np
 
 from ddmpi.errors import InputError, InterruptionError
-from ddmpi.mesh.boundary import file_groups, file_members
+from ddmpi.mesh.boundary import file_groups, file_members, set_nodes
 from ddmpi.mesh.elements import CELLS
 from ddmpi.mesh.mesh import MEASURE, PHYSICAL, Mesh, refuse_overlaps, signed_measures
 from ddmpi.mesh.refine import FACES, KINDS, SIDES, bend, distinct, raise_order, simplices
@@ -62,9 +63,9 @@ def read_mesh(path: Path, body: str, order: int = 1, label: str = "") -> Mesh:
     In order 2 the edges of second-order elements are curved as they are in the file; in order 1 only corners are kept.
     Edges of first-order elements are straight. Quadrilaterals are cut into triangles; hexahedra, prisms and pyramids
     into tetrahedra. Groups are physical groups of gmsh, sets of elements, and sets of nodes: the facets on the boundary
-    whose corners are in the set, or else in space its edges, or else the nodes. In formats without names of groups
-    (MSH 1.0, VTK) a group is called by its number. Errors begin with `label`. Not collective. Raises InputError for a
-    file that cannot be read, that has other elements or no named boundary groups, or that is degenerate.
+    whose corners are in the set, or else in space its edges, and the nodes that these do not have. In formats without
+    names of groups (MSH 1.0, VTK) a group is called by its number. Errors begin with `label`. Not collective. Raises
+    InputError for a file that cannot be read, that has other elements or no named boundary groups, or is degenerate.
     """
     label = label or f"body.{body}.mesh.file: {path}"
     raw = _load(path, label)
@@ -94,7 +95,6 @@ def read_mesh(path: Path, body: str, order: int = 1, label: str = "") -> Mesh:
     points, cells = np.asarray(raw.points[used, :d], float), renumbered.reshape(-1, d + 1)
     groups = {name: number[facets] for name, facets in groups.items()}
     curves = {name: number[lines][(number[lines] >= 0).all(axis=1)] for name, lines in curves.items()}
-    vertices = {name: number[nodes][number[nodes] >= 0] for name, nodes in vertices.items()}
     if any((facets < 0).any() for facets in groups.values()):
         raise InputError(f"{label} has boundary {kind.facet.names} that belong to no {kind.name}")
     measure = signed_measures(points, cells)
@@ -102,11 +102,12 @@ def read_mesh(path: Path, body: str, order: int = 1, label: str = "") -> Mesh:
         raise InputError(f"{label} has {kind.names} without {MEASURE[d]}")
     turned, swap = measure < 0, [*range(d - 1), d, d - 1]
     cells[turned] = cells[turned][:, swap]
-    mesh = Mesh(points, cells, groups, vertices, surfaces, cut, curves)
+    mesh = Mesh(points, cells, groups, surfaces=surfaces, cut=cut, curves=curves)
     refuse_overlaps(mesh, label)
     ends = [sorted(swap[k] for k in corners) for corners in kind.between]
     bends[turned] = bends[turned][:, [ends.index(sorted(corners)) for corners in kind.between]]
-    return bend(raise_order(mesh, f"body.{body}.mesh", order), bends)
+    mesh = bend(raise_order(mesh, f"body.{body}.mesh", order), bends)
+    return replace(mesh, vertices=set_nodes(raw, mesh, number, vertices))
 
 
 def file_kind(path: Path, body: str) -> tuple[int, int]:

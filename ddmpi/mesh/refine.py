@@ -155,6 +155,21 @@ def simplices(raw, d: int, points: np.ndarray, curved: bool = False
     return np.concatenate(cells), np.concatenate(bows), np.concatenate(element), cut
 
 
+def middle_nodes(raw, d: int) -> tuple[np.ndarray, np.ndarray]:
+    """The nodes (k,) of a file in the middle of edges of its elements of dimension d, and the corners (k, 2) there."""
+    found = [np.empty((0, 3), int)]
+    for kind in KINDS[d]:
+        shape = kind.rstrip("0123456789")
+        number, sides = 1 + max(map(max, SIDES[shape])), np.array(SIDES[shape])
+        if kind != shape and kind in raw.cells_dict:
+            nodes = raw.cells_dict[kind].astype(np.int64)
+            middles = nodes[:, number:number + len(sides), None]
+            found.append(np.concatenate([middles, nodes[:, sides]], axis=2).reshape(-1, 3))
+    entries = np.concatenate(found)
+    middles, first = np.unique(entries[:, 0], return_index=True)
+    return middles, entries[first, 1:]
+
+
 def graded(mesh: Mesh, sizes: np.ndarray) -> Sizes:
     """`sizes` (nt,) of the cells as sizes at the corners, which grow by no more than GRADE. Not collective."""
     measure, n = signed_measures(mesh.points, mesh.corners), mesh.dimension + 1

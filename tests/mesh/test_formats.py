@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 from test_mesh import HALVES, NAMES, SIDES, SQUARE, area, body_with, length, refused
 
+from ddmpi.body.loads import supports
 from ddmpi.errors import InputError
+from ddmpi.mesh.boundary import boundary_group, group_nodes
 from ddmpi.mesh.build import build_mesh
 from ddmpi.mesh.elements import facet_measures
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.read import file_kind, gmsh_session, read_mesh
-from ddmpi.scene.bodies import MeshSpec
+from ddmpi.scene.bodies import Clamp, MeshSpec
 
 MIDDLES = (SQUARE + np.roll(SQUARE, -1, axis=0)) / 2
 
@@ -55,6 +57,27 @@ def test_abaqus_input(tmp_path, kind):
     assert (file_kind(path, "upper"), mesh.cut) == ((2, order), int(corners in (4, 8)))
     assert mesh.surfaces.keys() == {"volume"} and len(mesh.surfaces["volume"]) == len(mesh.triangles)
     assert np.array_equal(mesh.points[mesh.vertices["corner"]], [[0.0, 0.0]])
+
+
+@pytest.mark.parametrize("kind", ["CPS6", "CPS8"])
+def test_a_set_of_a_side_and_other_nodes_is_held_whole(tmp_path, kind):
+    """Nodes beside the sides of a set are held, in the middle of an edge as well, unless linear elements have none."""
+    more = "*NSET, NSET=mixed\n4, 1, 6\n*NSET, NSET=middle\n6\n*NSET, NSET=side\n4, 1, 8"
+    path = write_inp(tmp_path / "square.inp", kind, more=more)
+    mesh, straight = (read_mesh(path, "upper", order) for order in (2, 1))
+
+    def held(name: str, of: Mesh = mesh) -> list[list[float]]:
+        return sorted(of.points[group_nodes(of, name, "clamp")].tolist())
+
+    side = [[0.0, 0.0], [0.0, 0.5], [0.0, 1.0]]
+    assert held("side") == side and held("mixed") == [*side, [1.0, 0.5]] and held("middle") == [[1.0, 0.5]]
+    assert "side" not in mesh.vertices and len(boundary_group(mesh, "mixed", "contact")) == 1
+    assert held("side", straight) == side[::2]
+    for name in ("mixed", "middle"):
+        with pytest.raises(InputError, match=f"clamp: '{name}' has nodes in the middle of edges, .* order = 2"):
+            held(name, straight)
+    with pytest.raises(InputError, match=r"the node of 'mixed' at \(1, 0.5\) is on no line of it and has no normal"):
+        supports(mesh, body_with(MeshSpec(file=str(path)), clamp=[Clamp(on="mixed", normal=0.0)]))
 
 
 def test_a_plane_part_is_moved_by_two_coordinates(tmp_path):

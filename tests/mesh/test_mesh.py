@@ -287,13 +287,12 @@ def test_points_may_be_clamped_only(tmp_path):
         build_mesh(body_with(mesh, clamp=["left part"]))
 
 
-def test_a_clamp_on_a_curve_and_a_point_of_one_name_is_refused():
-    """A clamp does not hold a point where the curve of the same name may be meant, nor the other way round."""
+def test_a_clamp_holds_all_of_a_name():
+    """A set of nodes may be a side and a node beside it: a clamp holds both, a load acts on the side."""
     mesh = generate_rectangle(MeshSpec(shape="rectangle", size=(2.0, 1.0), divisions=(2, 1)))
-    twice = Mesh(mesh.points, mesh.triangles, mesh.groups, {"left": np.array([0])})
+    twice = Mesh(mesh.points, mesh.triangles, mesh.groups, {"left": np.array([1])})
     assert len(group_nodes(mesh, "left", "body.upper.clamp")) == 2
-    with pytest.raises(InputError, match=r"^body\.upper\.clamp: 'left' is the name of both a physical curve and a"):
-        group_nodes(twice, "left", "body.upper.clamp")
+    assert group_nodes(twice, "left", "body.upper.clamp").tolist() == [0, 1, 3]
     assert len(boundary_group(twice, "left", "body.upper.traction")) == 1
 
 
