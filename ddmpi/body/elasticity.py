@@ -164,7 +164,7 @@ def assemble(mesh: Mesh, body: BodySpec) -> Elasticity:
     case = _sum_cases([(1.0, each) for each in cases.values()])
     whole, d = K.to_csr(held.free, nodes, sprung), mesh.dimension
     if not (np.isfinite(whole.data).all() and np.isfinite(case.b).all()
-            and K.diagonal[nodes].diagonal(axis1=1, axis2=2).min() > 0.0):
+            and K.diagonal[nodes].diagonal(axis1=1, axis2=2).min(initial=np.inf) > 0.0):
         raise InputError(f"body.{body.name}: material, loads and lengths give numbers out of the range of "
                          "double precision; choose other units")
 

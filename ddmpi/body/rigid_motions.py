@@ -133,7 +133,7 @@ def _centroid(mesh: Mesh) -> np.ndarray:
 def near_null_space(points: np.ndarray, free: np.ndarray) -> PETSc.NullSpace:
     """The rigid motions of `points` (k, d) in the directions onto which `free` (k, d, d) projects, orthonormal, for
     algebraic multigrid."""
-    motions = free @ rigid_motions(points, points.mean(axis=0))
+    motions = free @ rigid_motions(points, points.sum(axis=0) / max(len(points), 1))
     Q, _ = np.linalg.qr(motions.reshape(-1, motions.shape[2]))
     vectors = [PETSc.Vec().createWithArray(np.ascontiguousarray(q), bsize=points.shape[1], comm=PETSc.COMM_SELF)
                for q in Q.T]

@@ -199,7 +199,8 @@ def doubt_mesh(bodies: Sequence[SettledBody], error: DiscretizationError) -> lis
 def doubt_stress(assembly: Assembly, stresses: Mapping[str, np.ndarray | None]) -> list[str]:
     """Warnings, on the first rank, of bodies whose largest stress stands where that of the continuum is infinite.
     `stresses` (nt,) are von Mises stresses (Pa) of this rank's bodies; None where they are not wanted. Collective."""
-    own = {body.spec.name: (float(sigma.max()), _singular(body, sigma)) for body in assembly.bodies
+    unit = assembly.scene.output.stress_unit
+    own = {body.spec.name: (float(sigma.max()), _singular(body, sigma, unit)) for body in assembly.bodies
            for sigma in [stresses[body.spec.name]] if sigma is not None}
     found = gathered(assembly.world, own)
     least = SHARE * max((largest for largest, _ in found.values()), default=0.0)
@@ -207,21 +208,29 @@ def doubt_stress(assembly: Assembly, stresses: Mapping[str, np.ndarray | None]) 
             for warning in found[body.name][1]]
 
 
-def _singular(body: Body, stress: np.ndarray) -> list[str]:
+def _singular(body: Body, stress: np.ndarray, unit: str) -> list[str]:
     """A warning where the largest of the stresses (nt,) of a body stands at a re-entrant corner, in space an edge, or
-    where a clamp ends; not at an outer corner, as the singularity of a clamp there is much weaker."""
-    points, facets = body.mesh.points, Solid.of(body.mesh, np.zeros(1)).facets
+    where a clamp ends; not at an outer corner, as the singularity of a clamp there is much weaker. A facet is clamped
+    if it belongs to a clamp's group: at a corner of a free face clamps of other faces may hold all of a facet's nodes.
+    """
+    points, facets, d = body.mesh.points, Solid.of(body.mesh, np.zeros(1)).facets, body.mesh.dimension
     found = creases(points, facets[:, :-1], points[facets[:, 0]] - points[facets[:, -1]])
-    held = (body.member.elasticity.supports.clamps >= 0).any(axis=1)
-    ends = held[facets[:, :-1]].all(axis=1)[found.facets].sum(axis=1) == 1
-    ends &= held[found.nodes].all(axis=1) & (found.turn < SHARPEST)
-    top = np.unique(body.mesh.triangles[stress >= (1.0 - ALIKE) * stress.max()])
+    groups = [body.mesh.groups[clamp.on] for clamp in body.spec.clamps if clamp.on in body.mesh.groups]
+    parts = [group[:, body.mesh.cell.facet.parts].reshape(-1, d) for group in groups]
+    both = np.sort(np.concatenate([facets[:, :-1], *parts]), axis=1)
+    number = np.unique(both, axis=0, return_inverse=True)[1].ravel()
+    clamped = np.isin(number[:len(facets)], number[len(facets):])
+    ends = (clamped[found.facets].sum(axis=1) == 1) & (found.turn < SHARPEST)
+    largest = stress >= (1.0 - ALIKE) * stress.max()
+    if largest.all():  # a constant stress grows nowhere
+        return []
+    top = np.unique(body.mesh.triangles[largest])
     corner = {2: "corner", 3: "edge"}[body.mesh.dimension]
     for what, where, cure in ((f"a re-entrant {corner}", found.turn < -SHARPEST,
                                "; draw it rounded, or read it nearby"),
                               ("the end of a clamp", ends, "; read it nearby")):
         for place in points[np.intersect1d(found.nodes[where], top)[:1]]:
-            return [f"body.{body.spec.name}: the largest von Mises stress, {stress.max():.4g}, stands at {what} at "
+            return [f"body.{body.spec.name}: the largest von Mises stress, {stress.max():.4g} {unit}, stands at {what} at "
                     f"{in_words(place, 4)}, where it grows without limit as the mesh is refined{cure}"]
     return []
 

@@ -378,6 +378,18 @@ def test_the_largest_stress_at_the_end_of_a_clamp_is_a_warning(tmp_path, on, war
                for each in found)
 
 
+@pytest.mark.parametrize("pressed", ["constant", "growing"])
+def test_planes_of_symmetry_are_no_ends_of_clamps(pressed, tmp_path):
+    """At the corner of a free face where two planes meet, rollers hold all nodes of a facet that no clamp names."""
+    planes = [{"on": "left", "x": 0.0}, {"on": "front", "y": 0.0}]
+    one, two = (solid_scenes.box(name, (0, 0, z), (1, 1, 1), (n, n, n), clamp=[{"on": on, "z": 0.0}, *planes], young=125)
+                for name, z, n, on in (("one", 0.0, 2, "bottom"), ("two", 0.99, 3, "top")))
+    if pressed == "growing":  # towards the free faces beside the planes
+        one["traction"] = [{"on": "right", "pressure": "10 * (1 - y)"}]
+    done = run({"body": [one, two], "contact": [{"bodies": ["one", "two"], "on": ["top", "bottom"]}]}, tmp_path)
+    assert [each for each in warnings_of(done) if "von Mises" in each] == []
+
+
 def test_bodies_without_a_contact_need_one(tmp_path):
     """A row of blocks slides over the edge of the row below; no boundary of a contact is too short."""
     ll, lr, ul, ur = bodies = [

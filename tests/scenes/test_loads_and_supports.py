@@ -8,7 +8,7 @@ import tomllib
 import numpy as np
 import pytest
 from mpi4py import MPI
-from scenes import ROOT, STEEL, certified, pinched_blocks, rectangle, solve_scene
+from scenes import COULOMB, ROOT, STEEL, certified, pinched_blocks, rectangle, solve_scene
 from solid_scenes import box
 
 ALONE = MPI.COMM_SELF
@@ -27,6 +27,23 @@ def test_force_is_the_stress_times_the_area(comm):
     assert other["normal_force"] == pytest.approx(one["normal_force"], rel=1e-9, abs=1e-3)
     assert abs(other["n_A"] - one["n_A"]) <= 4  # rounding may decide one more product of each body
     assert np.abs(one["normal_force"]).max() > 1e6
+
+
+@pytest.mark.parametrize("on_the_left", [[], [{"on": "left", "x": 0.0}]], ids=["loose", "held"])
+@pytest.mark.parametrize("d", [2, 3])
+def test_a_body_whose_nodes_are_all_clamped_is_an_obstacle(d, on_the_left):
+    """It has no unknowns and does not move, and what is pressed on it has its reaction."""
+    make, unit, cells = (rectangle, (1.0, 1.0), (1, 1)) if d == 2 else (box, (1.0,) * 3, (1,) * 3)
+    up = np.eye(d)[-1]
+    scene = {"body": [make("lower", (0.0,) * d, unit, cells, clamp=["bottom", "top"]),
+                      make("upper", up.tolist(), unit, cells, clamp=on_the_left,
+                           traction=[{"on": "top", "value": (-1e6 * up).tolist()}])],
+             "contact": [{"bodies": ["upper", "lower"], "on": ["bottom", "top"], "friction": COULOMB}]}
+    answer = certified(scene)
+    force = answer.contacts["upper-lower"].force
+    assert force[-1] == pytest.approx(1e6)
+    assert answer.summary["bodies"]["lower"]["reaction"] == pytest.approx(force, abs=1e-3)
+    assert answer.summary["bodies"]["lower"]["n"] == 0 and not answer.bodies["lower"].displacement.any()
 
 
 # Heat
