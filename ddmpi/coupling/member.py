@@ -15,7 +15,7 @@ from ddmpi.body.rigid_motions import Centring, add_springs, support
 from ddmpi.body.solver import StiffnessSolver
 from ddmpi.coupling.team import TeamMatrix, TeamSolver
 from ddmpi.interface.interface import Interface
-from ddmpi.interface.trace import displacement_trace, nodal_forces, normal_trace, trace
+from ddmpi.interface.trace import displacement_trace, nodal_forces, normal_trace, sliding_trace, trace
 from ddmpi.petsc.events import event
 
 PRECISE = 1e-12
@@ -175,9 +175,11 @@ class Member:
         return sum((nodal_forces(each, side, s[part], len(self.motions)) for each, part, side in self._sides),
                    np.zeros(self.motions.shape[:2]))
 
-    def normal_parts(self, u: np.ndarray) -> dict[tuple[str, int], np.ndarray]:
-        """Normal displacements in metres at the probes of its interfaces, by contact and side. Not collective."""
-        return {(each.name, side): normal_trace(side, each.probes, u) for each, _, side in self._sides}
+    def beside(self, u: np.ndarray) -> dict[tuple[str, int], tuple[np.ndarray, np.ndarray]]:
+        """What its interfaces have no unknowns for, by contact and side: normal displacements at their probes, and
+        tangential ones of nodes without friction (m). Not collective."""
+        return {(each.name, side): (normal_trace(side, each.probes, u), sliding_trace(each, side, u))
+                for each, _, side in self._sides}
 
     def work(self, u: np.ndarray, s: np.ndarray) -> np.ndarray:
         """What loads, reactions and heat do along displacements: (2, k) in J, by history in the order of the scene.

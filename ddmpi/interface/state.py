@@ -83,7 +83,8 @@ class ContactState:
     normal_force : (m,) positive under pressure, negative under tension, which bonded nodes may bear (N)
     tangential_force : (m, d − 1) along t; zero at nodes without tangential unknowns (N)
     gap : (m,) opening (m)
-    slip : (m, d − 1) how far the first body has moved along t past the second, in this load step (m)
+    slip : (m, d − 1) how far the first body has moved along t past the second, in this load step (m); zero where a
+        support of both bodies leaves no tangential unknown
     status : (m,) "open", "slip" or "stick"
     between : (q,) opening at the probes of the interface (m), see `Interface`
     before : (m, d − 1) slip of the load steps before (m)
@@ -197,7 +198,7 @@ class ContactState:
 
 def contact_state(interface: Interface, s: np.ndarray, bound: np.ndarray, u: np.ndarray,
                   between: np.ndarray | None = None, since: tuple[np.ndarray, np.ndarray] | None = None,
-                  yielding: float = 0.0) -> ContactState:
+                  yielding: float = 0.0, slides: tuple[np.ndarray, np.ndarray | float] | None = None) -> ContactState:
     """The state of the contact nodes. Not collective.
 
     Parameters
@@ -209,6 +210,8 @@ def contact_state(interface: Interface, s: np.ndarray, bound: np.ndarray, u: np.
     since : (size,) displacement from which the slip of this load step counts (m), and forces at its beginning (N);
         left out, nothing has moved, free of stress
     yielding : as of a `ContactState`
+    slides : of a contact without friction, whose u has no tangential entries: how far the first body has moved along t
+        past the second (m, d − 1), now and as the load step began (m)
     """
     law, m, sliding = interface.law, interface.m, interface.sliding
     none = np.zeros(interface.size)
@@ -217,6 +220,9 @@ def contact_state(interface: Interface, s: np.ndarray, bound: np.ndarray, u: np.
     tangential, slip, before = np.zeros((3, m, law.components))
     tangential[sliding], slip[sliding], before[sliding] = law.split(s)[1], moved[1], law.split(start)[1]
     slip -= before
+    if slides:
+        before[:] = slides[1]
+        slip = slides[0] - before
     status, resistance = np.full(m, "slip" if law.name == "none" else "stick", dtype="U5"), np.zeros(m)
     slips, closed = law.reaches_bound(s, bound), law.closed(s, CLOSED)
     status[sliding[slips]] = "slip"

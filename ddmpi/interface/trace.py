@@ -37,6 +37,15 @@ def displacement_trace(interface: Interface, side: int, u: np.ndarray) -> np.nda
     return _sign(side) * np.einsum("ij,ij->i", moved, interface.directions)
 
 
+def sliding_trace(interface: Interface, side: int, u: np.ndarray) -> np.ndarray:
+    """How far (m, d − 1) the nodes of a contact without friction, which has no such unknowns, move along the tangents
+    in metres; nothing (0, d − 1) of other contacts. Not collective."""
+    if interface.law.name != "none":
+        return np.empty((0, interface.dimension - 1))
+    moved = interface.transfer[side] @ u[interface.nodes[side]]
+    return _sign(side) * np.einsum("mcd,md->mc", interface.frame[:, 1:], moved)
+
+
 def nodal_forces(interface: Interface, side: int, s: np.ndarray, nodes: int) -> np.ndarray:
     """−Bᵀ s (nodes, d): what contact forces s (size,) do to all nodes of the body on `side` (N). Not collective."""
     found, moves = np.zeros((nodes, interface.dimension)), rows(interface, side)

@@ -230,8 +230,8 @@ def _singular(body: Body, stress: np.ndarray, unit: str) -> list[str]:
                                "; draw it rounded, or read it nearby"),
                               ("the end of a clamp", ends, "; read it nearby")):
         for place in points[np.intersect1d(found.nodes[where], top)[:1]]:
-            return [f"body.{body.spec.name}: the largest von Mises stress, {stress.max():.4g} {unit}, stands at {what} at "
-                    f"{in_words(place, 4)}, where it grows without limit as the mesh is refined{cure}"]
+            return [f"body.{body.spec.name}: the largest von Mises stress, {stress.max():.4g} {unit}, stands at {what} "
+                    f"at {in_words(place, 4)}, where it grows without limit as the mesh is refined{cure}"]
     return []
 
 

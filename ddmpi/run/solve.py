@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import math
 import sys
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -43,6 +44,10 @@ rounding, and zero."""
 
 NO_SIZES = np.zeros(3)
 """The `Solution.sizes` of no load step."""
+
+Beginning = tuple[np.ndarray, np.ndarray, Mapping[str, np.ndarray]]
+"""Of a load step: the displacement (size,) from which slip counts (m), the forces (size,) (N), and by contact the
+`ContactState.slip_total` (m, d − 1) of those without friction."""
 
 
 @dataclass(frozen=True)
@@ -173,7 +178,7 @@ class Iteration:
         self._tolerance, self._worst, self._steps = (state[name] for name in ("tolerance", "worst", "steps"))
         self.statuses.restore(state["statuses"])
 
-    def solve(self, mechanism: Mechanism | None, since: tuple[np.ndarray, np.ndarray] | None = None,
+    def solve(self, mechanism: Mechanism | None, since: Beginning | None = None,
               largest: np.ndarray = NO_SIZES) -> Solution:
         """Iterate until the answer is certified, or nothing helps any more.
 
@@ -182,8 +187,7 @@ class Iteration:
         Parameters
         ----------
         mechanism : that shows that there is no equilibrium, so that nothing is tried
-        since : displacement (size,) from which slip counts (m) and forces (size,) (N) as the load step begins; left
-            out, nothing has moved, free of stress
+        since : with what the load step begins; left out, nothing has moved, free of stress
         largest : (3,) `Solution.sizes` of the load steps before
 
         Collective. Raises as the function `solve`.
@@ -213,15 +217,15 @@ class Iteration:
             log.info("the certificate fails (%s); going on to an update of %.0e", ", ".join(solution.violations),
                      self._tolerance)
 
-    def conclude(self, stopped: str, since: tuple[np.ndarray, np.ndarray] | None = None,
+    def conclude(self, stopped: str, since: Beginning | None = None,
                  largest: np.ndarray = NO_SIZES) -> Solution:
         """Displacements, contact states and certificate of the forces at hand. Collective."""
         assembly, outer = self.assembly, self.outer
-        start, former = since or np.zeros((2, assembly.space.size))
+        start, former, slid = since or (*np.zeros((2, assembly.space.size)), {})
         world, exchange, space, joint = assembly.world, assembly.exchange, assembly.space, assembly.joint
         forces, mismatch, bound = outer.forces, outer.mismatch, outer.bound
         moved, traces = {}, []
-        stayed: dict[tuple[str, int], tuple[np.ndarray, float]] = {}
+        stayed: dict[tuple[str, int], tuple[np.ndarray, np.ndarray, float]] = {}
         numbers: dict[str, dict[str, Any]] = {}
         for body, s in zip(assembly.bodies, outer.body_forces(), strict=True):
             member, alpha = body.member, outer.motions[joint.slices[body.spec.name]]
@@ -232,7 +236,7 @@ class Iteration:
             moved[member.name] = u
             traces.append(own)
             yielding = float(np.abs(member.h + member.G.T @ alpha - own).max(initial=0.0))
-            stayed |= {key: (part, yielding) for key, part in member.normal_parts(u).items()}
+            stayed |= {key: (*parts, yielding) for key, parts in member.beside(u).items()}
             farthest = float(np.linalg.norm(u, axis=1).max())
             numbers[member.name] = {"left": left, "acting": acting, "moved": farthest, "yielding": yielding,
                                     "made": member.stiffness * farthest, "load": member.elasticity.load,
@@ -259,10 +263,12 @@ class Iteration:
                 u1, u2 = both[0][part], both[1][part] + interface.prescribed
                 probes, near = interface.probes, list(filter(None, beside[interface.name]))
                 between = probes.opening(interface.scale) + probes.normal @ interface.displacement - sum(
-                    each for each, _ in near)
-                yielding = max(each for _, each in near)
+                    each for each, *_ in near)
+                slides = (sum(each for _, each, _ in near) - interface.frame[:, 1:] @ interface.displacement,
+                          slid.get(interface.name, 0.0)) if interface.law.name == "none" else None
+                yielding = max(each for *_, each in near)
                 state = states[interface.name] = contact_state(
-                    interface, forces[part], limit, u1 + u2, between, (start[part], former[part]), yielding)
+                    interface, forces[part], limit, u1 + u2, between, (start[part], former[part]), yielding, slides)
                 judged[interface.name] = state.totals, contact_residuals(
                     state, forces[part], mismatch[part], (u1, u2), load, yielding, now, largest[1:].tolist())
         force = world.allreduce(max((float(np.abs(state.forces).max()) for state in states.values()), default=0.0),

@@ -73,6 +73,7 @@ class _Mark:
     work : (2, k), as `Solution.work` (J)
     energy : strain energy (J)
     length : of what is closed (m)
+    slid : by contact without friction its slip (m, d − 1) of all load steps (m)
     """
 
     time: float
@@ -86,6 +87,7 @@ class _Mark:
     work: np.ndarray
     energy: float
     length: float
+    slid: dict[str, np.ndarray]
 
     @property
     def closed(self) -> np.ndarray:
@@ -99,7 +101,7 @@ class _Mark:
         touching = sum(float(each.area[each.opening <= 0.0].sum()) for each in space.interfaces)
         still, k = np.zeros(assembly.joint.rigid.size), len(assembly.scene.followed) + 1
         return cls(0.0, zero, still, zero, zero, space.opening, zero, np.zeros(k), np.zeros((2, k)), 0.0,
-                   float(space.add(np.array([touching]))[0]))
+                   float(space.add(np.array([touching]))[0]), {})
 
 
 def solve_scene(assembly: Assembly, report: Report = no_report, checkpoints: Checkpoints | None = None,
@@ -190,7 +192,7 @@ class March:
         self._resumed = False
         largest = self.log.most["sizes"]
         self.outer.nothing = NOTHING * largest[0]
-        return replace(self.iteration.solve(mechanism, (start, self._now.s), largest), time=time)
+        return replace(self.iteration.solve(mechanism, (start, self._now.s, self._now.slid), largest), time=time)
 
     def _begin(self, share: float, start: np.ndarray) -> None:
         """Begin to iterate for a step whose slip begins at `start` (size,).
@@ -261,7 +263,9 @@ class March:
         self.log.note_step(time, solution)
         self.log.judge(solution.certificate)
         self._now = _Mark(time, s, outer.motions, self._d, moved, space.opening, solution.prescribed, factors,
-                          solution.work, solution.energy, closed)
+                          solution.work, solution.energy, closed, {
+                              name: state.slip_total for name, state in solution.states.items()
+                              if state.interface.law.name == "none"})
         self._before = self._now if self._sudden and now.time == 0.0 else now
         del self._ahead[0]
         if not self._ahead or scene.output.steps == "all":

@@ -382,7 +382,8 @@ def test_the_largest_stress_at_the_end_of_a_clamp_is_a_warning(tmp_path, on, war
 def test_planes_of_symmetry_are_no_ends_of_clamps(pressed, tmp_path):
     """At the corner of a free face where two planes meet, rollers hold all nodes of a facet that no clamp names."""
     planes = [{"on": "left", "x": 0.0}, {"on": "front", "y": 0.0}]
-    one, two = (solid_scenes.box(name, (0, 0, z), (1, 1, 1), (n, n, n), clamp=[{"on": on, "z": 0.0}, *planes], young=125)
+    one, two = (solid_scenes.box(name, (0, 0, z), (1, 1, 1), (n, n, n), young=125,
+                                 clamp=[{"on": on, "z": 0.0}, *planes])
                 for name, z, n, on in (("one", 0.0, 2, "bottom"), ("two", 0.99, 3, "top")))
     if pressed == "growing":  # towards the free faces beside the planes
         one["traction"] = [{"on": "right", "pressure": "10 * (1 - y)"}]

@@ -29,6 +29,7 @@ from scenes import (
     sheared_stack,
     write_scene,
 )
+from solid_scenes import box
 
 import ddmpi
 from ddmpi.cli.report import write_report
@@ -783,3 +784,27 @@ def test_a_curved_fit_whose_nodes_do_not_match_remembers():
     assert torques == pytest.approx([0.5, 1.0, -1.0, 0.5], abs=2e-3)
     assert summary["contacts"]["fit"]["dissipated"] == pytest.approx(1.5 * limit * angle, rel=2e-3)
     assert summary["energy"]["residual"] <= 1e-10
+
+
+@pytest.mark.parametrize("partner", ["body", "rigid"])
+@pytest.mark.parametrize("d", [2, 3])
+def test_slip_without_friction(d, partner):
+    """A block that is moved over another one, or over a rigid plane, slips by what it is moved, in steps and in all."""
+    make, up = (rectangle, [0.0, 1.0]) if d == 2 else (box, [0.0, 0.0, 1.0])
+    sides = [{"on": on, "x": 1e-3, "history": "go"} for on in ("left", "right")]
+    upper = make("upper", up, (1.0,) * d, (2,) * d, poisson=0.0, clamp=sides,
+                 traction=[{"on": "top", "value": [-1e6 * each for each in up]}])
+    scene = {"body": [upper], "contact": [{"name": "c", "bodies": ["upper", "lower"], "on": ["bottom"]}],
+             "history": {"go": {"times": [0.0, 1.0, 2.0], "factors": [0.0, 1.0, 3.0]}}, "time": {"points": [1.0, 2.0]}}
+    if d == 3:
+        upper["clamp"].append({"on": "front", "y": 0.0})
+    if partner == "body":
+        scene["body"].append(make("lower", (0.0,) * d, (1.0,) * d, (2,) * d, poisson=0.0, clamp=["bottom"]))
+        scene["contact"][0]["on"].append("top")
+    else:
+        scene["rigid"] = [{"name": "lower", "shape": "plane", "point": up, "normal": up}]
+    state = certified(scene).contacts["c"]
+    along = state.along(state.slip), state.along(state.slip_total)
+    for vectors, moved in zip(along, (2e-3, 3e-3), strict=True):
+        assert vectors == pytest.approx(np.tile(np.eye(d)[0] * moved, (len(vectors), 1)), abs=1e-5)
+    assert set(state.status) == {"slip"} and state.dissipated == 0.0
