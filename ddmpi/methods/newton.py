@@ -25,7 +25,7 @@ from ddmpi.coupling.joint import Joint, Point
 from ddmpi.methods.half_space import MODEL_STEPS, Model, Modelled
 from ddmpi.methods.krylov import Linearised, LinearProblem, Preconditioner, forcing
 from ddmpi.methods.outer import Outer, Report, Step, no_report
-from ddmpi.methods.paths import DRIFT, NEAR, STOPPED, CloserPoints, InteriorPoints, Path, Softening
+from ddmpi.methods.paths import DRIFT, NEAR, STOPPED, InteriorPoints, Path, Softening
 from ddmpi.petsc.events import event
 from ddmpi.system.numbers import norm
 
@@ -41,9 +41,9 @@ PATIENCE, PROGRESS = 3, 0.7
 """A path begins after so many steps that together leave more than this of the smallest residual. Newton's own steps are
 tried from a path as long as each leaves less than this."""
 
-PATHS: tuple[type[Path], ...] = InteriorPoints, Softening, CloserPoints
-"""The paths in the order in which they are tried where bodies slide as wholes. Softening is first where all are held,
-which takes half the steps."""
+PATHS: tuple[type[Path], ...] = InteriorPoints, Softening
+"""The paths in the order in which they are tried where bodies slide as wholes. Reversed where clamps
+hold all bodies, which takes half the steps."""
 
 FULL_STEPS, GIVEN_STEPS, GROWTH = 12, 3, 3.0
 """In space the first so many steps are full ones, as long as none multiplies the residual by more than the last number:
@@ -120,8 +120,8 @@ class Newton(Outer):
         self._at = Point(s, r, alpha, joint.imbalance(s))
         self._warm = warm is not None and self.space.any(self._pressed())
         self._path: Path | None = None
-        self._paths = list(PATHS if len(joint.e) else (*PATHS[1::-1], *PATHS[2:]))  # that are left
-        self._softened = self._at  # where softening has ended
+        self._paths = list(PATHS if len(joint.e) else PATHS[::-1])  # that are left
+        self._ends: list[Point] = []  # of the paths so far
         self._trying = False  # Newton's own steps, from the path's point
         self._measured: tuple[np.ndarray | None, float] = (None, 0.0)
         self._far: float | None = None  # `_distances` of the iterate
@@ -217,7 +217,6 @@ class Newton(Outer):
                 self._path.step(self.direction)
             self._at = self._path.point
             far = self._distances([self._at])[0]
-            self._path.see(self._relative(far))
             near = self._path.kind == "softening" or self._relative(far) < NEAR
             self._trying = self._path.ready and near and not self._path.failed
         else:
@@ -244,14 +243,14 @@ class Newton(Outer):
         return not self._path and not self._stalled and len(self.history) < self._full
 
     def _next_path(self) -> bool:
-        """Whether there is another path, which begins then; else the iterate goes to the end of softening. Collective.
+        """Whether there is another path, which begins then; else the iterate goes to the end of one. Collective.
 
-        What is left of the loads there says which bodies drift.
+        That is the end where bodies have moved the farthest: what is left of the loads there says which bodies drift.
         """
-        if self._path and self._path.kind == "softening":
-            self._softened = self._path.point
+        if self._path:
+            self._ends.append(self._path.point)
         if not self._paths:
-            self._at = self._softened
+            self._at = max(self._ends, key=lambda end: self.space.largest(self.joint.rigid.spread(end.alpha)))
             return False
         self._path = self._paths.pop(0)(self.joint, self._c)
         return True

@@ -20,6 +20,7 @@ from collections.abc import Callable
 import numpy as np
 import scipy.sparse as sparse
 
+from ddmpi.coupling.coarse import CoarseSystem
 from ddmpi.coupling.joint import Joint, Point
 from ddmpi.interface.law import across, direction
 from ddmpi.methods.krylov import Linearised
@@ -54,14 +55,12 @@ DRIFT, STOPPED = 1e-4, 0.01
 """Where both paths fail and leave more than the first part of the loads, bodies drift, unless they go into a partner by
 more than the second part of their way (drifts below 1e-4, falls into wedges above 0.3)."""
 
-TO_BOUND, SHORTER = 0.99, 0.8
-"""A step of interior points goes to the first part of the way to the nearest bound; to the second part where they are
-followed anew, as far from the path that they jam at a bound."""
+TO_BOUND = 0.99
+"""A step of interior points goes to this part of the way to the nearest bound."""
 
 LOOSELY = 0.02
-"""The compliance that steers forces at nodes of several contacts slows Newton's method where these forces are nearly
-free: a step leaves 0.4 to 0.75 of the residual. The last path has this part of it; from the start walls would take up
-to four times the steps."""
+"""The part of the compliance SHARED of `krylov` that steers interior points. All of it slows Newton's steps where
+forces at edges are nearly free: a step leaves 0.4 to 0.9 of the residual."""
 
 LOWER = ((0.9, 0.1), (0.5, 0.2), (0.2, 0.5), (0.0, 0.8))
 """The barrier falls to the second number where the last step was longer than the first."""
@@ -73,9 +72,15 @@ INEXACT = 1e-2
 """GMRES reduces the residual of a step of interior points by this; 1e-3 takes a twentieth fewer steps, and a tenth more
 products."""
 
-MOST_POINTS, IDLE, LOWEST = 60, 8, 1e-18
-"""Interior points are given up after so many steps, after so many that neither lower the residual by a tenth nor halve
-the barrier, and with a barrier below the third part of the first one."""
+MOST_POINTS, IDLE, LONG, LOWEST = 60, 8, 0.2, 1e-18
+"""Interior points are given up after MOST_POINTS steps, after IDLE steps that are neither longer than LONG nor than all
+before, and with a barrier below the part LOWEST of the first one."""
+
+SPARE = 1.1
+"""The first multiplier y exceeds the slip |v| by this factor, so that the slip lies inside its cone."""
+
+UNSEEN = 1e-10
+"""Added to the diagonal of ZᵀZ (no unit), for rigid motions that no contact sees."""
 
 
 Solve = Callable[..., Point]
@@ -119,9 +124,6 @@ class Softening:
     @property
     def stage(self) -> str:
         return f"layer {self._delta:.0e}"
-
-    def see(self, residual: float) -> None:
-        """Nothing to do: stages are judged by what they are to solve themselves."""
 
     def go_on(self) -> None:
         """Begin the next stage, as Newton's own steps have not converged."""
@@ -216,12 +218,12 @@ class Softening:
 class InteriorPoints:
     """Interior points, from forces on that are all alike: as large as the loads, or as what closes the free gaps.
 
-    Parameters and attributes as for `Softening`. Collective.
+    The start is inside all bounds and fits the gaps and slips of these forces, so that a belt that a clamp drags along
+    slides from the first step on. Parameters and attributes as for `Softening`. Collective.
     """
 
     kind = "interior points"
-    to_bound = TO_BOUND
-    held, steered, forcing = 1e-6, 1.0, INEXACT
+    held, steered, forcing = 1e-6, LOOSELY, INEXACT
     """Springs of Newton's method would bring bodies across wide clearances too slowly: each step moves by the load that
     is left over the spring. Wherever there is a contact a barrier holds bodies, too."""
 
@@ -241,12 +243,20 @@ class InteriorPoints:
         self._unknown, self._holds = np.ones(size, bool), self._bounds(s)[0, :, 0] > 0.0
         self._unknown[rows[~self._holds]] = False  # no friction force at all
         self._rows = rows[self._holds]
-        self._w = np.where(self._normal, self._space.largest(np.maximum(joint.space.opening, force / c)), 0.0)
-        self._barrier = self._mean(s)
-        self._slip, self._most = np.zeros(self._rows.shape), 2.0 * self._barrier / self._bounds(s)[0]
-        self.point = Point(s, -joint.d, np.zeros(joint.rigid.size), joint.imbalance(s))
-        self._last, self._steps, self.failed = 1.0, 0, False
-        self._first, self._idle, self._smallest, self._lowest = 0.0, 0, np.inf, np.inf
+        r, alpha = joint.product(s, "newton") - joint.d, np.zeros(joint.rigid.size)
+        if joint.rigid.size:  # least squares: α = (ZᵀZ)⁻¹Zᵀr leaves the smallest gaps |r − Zα|
+            identity = sparse.identity(size, format="csr")
+            r, motions = CoarseSystem(joint.rigid, identity, identity, np.ones(size), lambda _, block: block,
+                                      np.full(joint.rigid.size, UNSEEN)).correct(r)
+            alpha = -motions
+        w = self._space.largest(np.maximum(joint.space.opening, force / c))
+        self._w, self._slip = np.where(self._normal, np.maximum(w, r), 0.0), r[self._rows]
+        # inside |v| < y; without slip g y + s_t·v = 2μ, as s_t = 0; this μ is the mean of s w
+        mu = float(self._space.add(np.array([s @ self._w]))[0]) / max(number, 1.0)
+        self._most = SPARE * magnitude(self._slip)[:, None] + 2.0 * mu / self._bounds(s)[0]
+        self._barrier = self._first = self._mean(s)
+        self.point = Point(s, r, alpha, joint.imbalance(s))
+        self._last, self._longest, self._steps, self._idle, self.failed = 1.0, 0.0, 0, 0, False
 
     def _first_force(self, c: np.ndarray) -> float:
         """The norm of the first forces (N): of the loads, or of those that close the free gaps d, but for clearances.
@@ -254,6 +264,8 @@ class InteriorPoints:
         These are c d, or the part of c d with which the energy is least: a slender body bends far under small forces.
         """
         gaps = self._joint.d + np.maximum(self._space.opening, 0.0)
+        closing = np.where(self._normal, np.maximum(gaps, 0.0), 0.0)
+        gaps = closing if self._space.any(closing) else gaps  # how far bodies slip says nothing of pressures
         forces = c * gaps
         given, stored = self._space.add(np.array([forces @ gaps, forces @ self._joint.product(forces, "newton")]))
         part = given / stored if stored > given else 1.0
@@ -284,21 +296,21 @@ class InteriorPoints:
                                   (np.append(straight, row), np.append(straight, column))))
 
     def _mean(self, s: np.ndarray) -> float:
-        """The mean of s w over the normal rows (J). Collective."""
-        work, number = self._space.add(np.array([s @ self._w, float(np.count_nonzero(self._normal))]))
+        """The barrier μ (J) that s and what belongs to it are at, on average. Collective."""
+        # on the path s w = μ for each normal force, and g y + s_t·v = 2μ for each friction force
+        work = s @ self._w + (self._bounds(s)[0] * self._most).sum() + (s[self._rows] * self._slip).sum()
+        number = np.count_nonzero(self._normal) + 2 * len(self._rows)
+        work, number = self._space.add(np.array([work, float(number)]))
         return float(work / max(number, 1.0))
 
     def step(self, solve: Solve) -> None:
         """One step. Collective; raises what `solve` raises."""
         normal, rows, w = self._normal, self._rows, self._w
-        if not self._steps:
-            self.point = self.point._replace(r=self._joint.product(self.point.s, "newton") - self._joint.d)
         point, s = self.point, self.point.s
         mean, (bound, slope), slip, most = self._mean(s), self._bounds(s), self._slip, self._most
         friction, under = s[rows], self._source[rows[:, :1]]
         room = cone_room(bound, friction)
         least = np.concatenate([s[normal], w[normal], *room, *cone_room(most, slip)]).min(initial=np.inf)
-        self._first = self._first or mean
         if self._space.any(np.array([not least > 0.0])) or not mean > LOWEST * self._first:
             self.failed = True
             return
@@ -324,23 +336,12 @@ class InteriorPoints:
         nears = np.concatenate([-change.s[normal] / s[normal], -opens[normal] / w[normal],
                                 *cone_exit(bound, friction, more, moved), *cone_exit(most, slip, mosts, slips)])
         fastest = self._space.largest(np.maximum(nears, 0.0))
-        length = min(1.0, self.to_bound / fastest) if fastest else 1.0
+        length = min(1.0, TO_BOUND / fastest) if fastest else 1.0
         self._w, self._slip, self._most = w + length * opens, slip + length * slips, most + length * mosts
         self.point, self._last, self._steps = point.along(change, length), length, self._steps + 1
-        self.failed = self._steps >= MOST_POINTS or not np.isfinite(fastest)
-
-    def see(self, residual: float) -> None:
-        """Note the residual that a step has left; give up after too many that get nowhere."""
-        gains = residual <= GAIN * self._smallest or self._barrier <= 0.5 * self._lowest
-        self._smallest, self._lowest = min(residual, self._smallest), min(self._barrier, self._lowest)
-        self._idle = 0 if gains else self._idle + 1
-        self.failed |= self._idle >= IDLE
-
-
-class CloserPoints(InteriorPoints):
-    """The same with shorter steps, which stay closer to the path of the barrier, and with forces steered less."""
-
-    to_bound, steered = SHORTER, LOOSELY
+        self._idle = 0 if length > min(self._longest, LONG) else self._idle + 1
+        self._longest = max(self._longest, length)
+        self.failed = self._steps >= MOST_POINTS or self._idle >= IDLE or not np.isfinite(fastest)
 
 
 Path = Softening | InteriorPoints

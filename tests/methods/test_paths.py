@@ -72,10 +72,15 @@ def test_a_step_ends_where_the_energy_is_least():
 @pytest.mark.parametrize("word", ["arch, 8 × 8, spread by 5", "soft_springs", "disc that falls by 0.01", "slack 0.001"])
 def test_hard_scenes_take_few_steps(word):
     """Hinges, soft springs, a fall across a clearance, a slack spanner: certified within the study's limits."""
-    (name, scene, steps, products), = (case for case in hard_scenes.cases() if word in case[0])
+    (name, scene, steps, products, _), = (case for case in hard_scenes.cases() if word in case[0])
     summary = ddmpi.solve(scene(), MPI.COMM_SELF).summary
     made = sum(body["n_A_by_purpose"]["newton"] for body in summary["bodies"].values()) / len(summary["bodies"])
     assert summary["converged"] and summary["outer_iterations"] <= steps and made <= products, name
+
+
+def test_interior_points_that_jam_are_given_up_soon():
+    """A row whose steps get shorter and shorter, or stay short: 79 steps where they are not given up."""
+    assert scenes.certified(assembly_scenes.random_scene(523)).summary["outer_iterations"] <= 40
 
 
 @pytest.mark.parametrize("seed", [873, 897, 907])
@@ -196,7 +201,7 @@ def box_in_a_bore(divisions, radius, center, friction, push):
     box_in_a_bore([4, 3, 2], 2.1270086681, [0.0, 0.0, 1.4674055902], 1.0104991663, [0.0, 0.0, -481657.8]),
     box_in_a_bore([4, 2, 1], 2.6627393074, [0.0, 0.0244531, 2.0153738966], 1.156323, [-3978.1, -5177.9, -47107.5])])
 def test_a_box_in_a_bore_comes_to_rest(scene):
-    """All nodes slide round about; the second one needs interior points that stay close to their path."""
+    """All nodes slide round about."""
     assert scenes.certified(scene).summary["outer_iterations"] <= 100
 
 

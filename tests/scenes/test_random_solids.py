@@ -26,7 +26,7 @@ def test_random_assembly(seed, verdict, tmp_path):
 
     217 needs that full steps which multiply the residual are not taken. Tresca's friction does not hold the torsion of
     214; 220 and 229 tip about the edges of contacts, or do not, where meshes are coarse. Forces at edges of 4039 are
-    steered too much for all paths but the last.
+    steered too much unless interior points are steered less.
     """
     command = functools.partial(scenes.run_command, ranks=RANKS[seed]) if seed in RANKS else scenes.run_here
     found = random_assemblies.judge_solids(seed, tmp_path, 1e-5, command)
