@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import scipy.sparse as sparse
 from mpi4py import MPI
+from scipy.sparse import csgraph
 
 from ddmpi.body.elasticity import Elasticity, assemble
 from ddmpi.body.loads import ON_AXIS
@@ -173,8 +176,9 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
             found = {contact.name: _join(scene, contact, both[contact.name],
                                          [specs[name] for name in contact.bodies if name in specs], factors, refinement)
                      for contact in contacts}
-            interfaces = [interface for interface, _ in found.values()]
-            _check_method(scene, bodies, interfaces)
+            _check_method(scene, bodies, [interface for interface, _ in found.values()])
+        found = _kept_by_bonds(scene, found, world)
+        interfaces = [interface for interface, _ in found.values()]
     memory = free_memory() / (ranks_beside(world) * max(len(mine), 1))
     if team:
         with agreed(world):
@@ -201,6 +205,36 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
                     space, exchange, Joint(members, exchange, space, histories, scene.pushed),
                     world.allreduce(sum(each.n for each in bodies.values())),
                     world.allreduce(sum(interface.m for interface in interfaces if interface.name in owned)), told)
+
+
+def _kept_by_bonds(scene: Settled, found: Mapping[str, tuple[Interface, list[str]]],
+                   world: MPI.Comm) -> dict[str, tuple[Interface, list[str]]]:
+    """The interfaces and their warnings of this rank, without overlaps of paired nodes that bonds of other contacts
+    hold together, directly or in a chain through other bodies: no force could part them. Collective."""
+    if len({contact.kind for contact in scene.contact}) < 2:
+        return dict(found)
+    pairs = {name: [[(body, int(node)) for body, node in zip(each.bodies, row, strict=True)] for row in np.column_stack(
+        [nodes[transfer.indices] for nodes, transfer in zip(each.nodes, each.transfer, strict=True)])]
+             for name, (each, _) in found.items() if not each.slave and not each.on_rigid}
+    shared = Counter(end for ends in pairs.values() for end in {end for row in ends for end in row})
+    bonds = {(name, k): row for name, ends in pairs.items() if found[name][0].law.name == "bonded"
+             for k, row in enumerate(ends) if max(shared[end] for end in row) > 1 and not found[name][0].gap[k]}
+    together = list({key: row for each in world.allgather(bonds) for key, row in each.items()}.values())
+    number = {end: k for k, end in enumerate(dict.fromkeys(end for row in together for end in row))}
+    links = np.array([[number[end] for end in row] for row in together], int).reshape(-1, 2)
+    piece = csgraph.connected_components(sparse.csr_matrix((np.ones(len(links)), links.T), (len(number),) * 2),
+                                         directed=False)[1]
+    result = dict(found)
+    for name, ends in pairs.items():
+        interface, warnings = found[name]
+        kept = np.array([row[0] in number and row[1] in number and piece[number[row[0]]] == piece[number[row[1]]]
+                         for row in ends]) & (interface.gap < 0.0) & (interface.law.name != "bonded")
+        if kept.any():
+            gap, at = np.where(kept, 0.0, interface.gap), in_words(interface.xy[kept][0])
+            result[name] = replace(interface, gap=gap), [
+                *warnings, f"contact.{name}: bonds of other contacts hold both sides together at {at}, so that the "
+                           f"overlap of {-interface.gap[kept].min():.3g} there is left out"]
+    return result
 
 
 def _doubts(scene: Settled, by_body: Mapping[str, list[str]], by_contact: Mapping[str, list[str]]) -> list[str]:

@@ -5,8 +5,8 @@ import pytest
 import scipy.sparse as sparse
 from assembly_study import cube
 from mpi4py import MPI
-from scenes import prepare_scene, to_toml
-from solid_scenes import two_boxes
+from scenes import certified, prepare_scene, rectangle, to_toml
+from solid_scenes import box, two_boxes
 
 import ddmpi
 from ddmpi.methods.krylov import forcing
@@ -77,3 +77,45 @@ def test_a_node_of_two_contacts_follows_the_forces_of_both():
     products = np.column_stack([joint.product(each, "test", 0.0) for each in s.T])
     others = joint.product(np.eye(1, joint.size, int(rows[0]))[0], "test", 0.0)
     assert np.abs(products).max() < 1e-9 * np.abs(others).max()
+
+
+def fit_across_bonds(d: int, gap: float, **contact) -> dict:
+    """Four blocks around a point, in space around an edge: bonded but for the upper two, which do not fit by `gap`."""
+    make, up = (rectangle, (0.0, 1.0)) if d == 2 else (box, (0.0, 0.0, 1.0))
+    steps = {"a": 0.0 * np.array(up), "b": np.eye(d)[0], "c": np.array(up), "d": np.eye(d)[0] + up}
+    bodies = [make(name, at.tolist(), (1.0,) * d, (3,) * d, young=3e10, poisson=0.2) for name, at in steps.items()]
+    for body in bodies[:2]:
+        body["clamp"] = ["bottom"]
+    bonds = [{"bodies": list(names), "on": list(on), "kind": "bonded"} for *names, on in (
+        ("a", "b", ("right", "left")), ("c", "a", ("bottom", "top")), ("d", "b", ("bottom", "top")))]
+    return {"body": bodies, "contact": [*bonds, {"bodies": ["c", "d"], "on": ["right", "left"], "gap": gap} | contact]}
+
+
+@pytest.mark.parametrize("law", [{}, {"friction": {"law": "coulomb", "coefficient": 0.3}}], ids=["smooth", "rough"])
+@pytest.mark.parametrize("d", [2, 3])
+def test_an_overlap_that_bonds_keep_is_left_out(d, law):
+    """At the cross point a chain of bonds holds both sides of the fit together: the rest of it is solved, with a
+    warning that names the place."""
+    answer = certified(fit_across_bonds(d, -4e-6, **law))
+    (warning,) = [each for each in answer.summary["warnings"] if "bonds of other contacts" in each]
+    assert warning.startswith("contact.c-d: ") and "overlap of 4e-06" in warning
+    state = answer.contacts["c-d"]
+    at_edge = state.interface.xy[:, -1] == 1.0
+    assert (state.interface.gap[at_edge] == 0.0).all() and (state.interface.gap[~at_edge] == -4e-6).all()
+    assert state.force[0] < -1e3
+
+
+def test_a_gap_that_bonds_keep_open_is_no_contradiction():
+    """Where bonds hold the sides apart or in touch nothing is changed."""
+    for gap in (0.0, 4e-6):
+        answer = certified(fit_across_bonds(2, gap))
+        assert not [each for each in answer.summary["warnings"] if "bonds" in each]
+        assert (answer.contacts["c-d"].interface.gap == gap).all()
+
+
+@pytest.mark.mpi(ranks=2)
+def test_an_overlap_that_bonds_keep_is_found_across_ranks(comm):
+    """The chain of bonds goes through bodies of another rank."""
+    answer = certified(fit_across_bonds(2, -4e-6), comm)
+    if comm.rank == 0:
+        assert sum("bonds of other contacts" in each for each in answer.summary["warnings"]) == 1
