@@ -35,8 +35,10 @@ log = logging.getLogger("ddmpi")
 TIGHTER = 0.1
 """By this the outer tolerance shrinks when the iteration stops but its certificate fails."""
 
-USEFUL = 0.9
-"""Steps that leave more than this of the certificate's largest residual are the last ones."""
+USEFUL, USELESS = 0.9, 2
+"""A tighter tolerance is useless if its steps leave more than the first number of the certificate's largest residual;
+so many in a row are the last ones. Not one: forces that are moved onto their bounds shift a body on soft springs by far
+more than the residual says, and a step that meets a tighter tolerance by chance hardly changes that."""
 
 NOTHING = 1e-10
 """Below this part of the largest ones of the load steps before, forces of a contact and displacements of a body are
@@ -162,20 +164,19 @@ class Iteration:
         with clock.phase("outer"):
             self.outer = choose_outer(assembly, method, note)
         self.limit, self._tolerance = certificate_limit(method.tolerance), method.tolerance
-        self._worst, self._steps = math.inf, 0  # what the certificate said before, after how many steps
+        self._judged = math.inf, 0, 0  # least that the certificate said before, useless rounds since, and steps so far
         self.given = assembly.world.allreduce(max(body.member.C.solver.given for body in assembly.bodies), MPI.MAX)
 
     def begin(self) -> None:
         """Forget what was judged of the load step before; the outer method begins anew by itself."""
-        self._tolerance, self._worst, self._steps = self.method.tolerance, math.inf, 0
+        self._tolerance, self._judged = self.method.tolerance, (math.inf, 0, 0)
         self.statuses.clear()
 
     def state(self) -> dict[str, Any]:
-        return {"tolerance": self._tolerance, "worst": self._worst, "steps": self._steps,
-                "statuses": self.statuses.state()}
+        return {"tolerance": self._tolerance, "judged": self._judged, "statuses": self.statuses.state()}
 
     def restore(self, state: dict[str, Any]) -> None:
-        self._tolerance, self._worst, self._steps = (state[name] for name in ("tolerance", "worst", "steps"))
+        self._tolerance, self._judged = state["tolerance"], tuple(state["judged"])
         self.statuses.restore(state["statuses"])
 
     def solve(self, mechanism: Mechanism | None, since: Beginning | None = None,
@@ -207,9 +208,10 @@ class Iteration:
                 if stopped == "drift":
                     solution = replace(solution, drift=describe_drift(assembly, outer.motions))
             worst = max(value for value, _ in solution.certificate.worst().values())
-            useless = len(outer.history) > self._steps and not worst < USEFUL * self._worst
-            self._worst, self._steps = worst, len(outer.history)
-            hopeless = (useless or self._tolerance < sys.float_info.epsilon
+            least, useless, steps = self._judged
+            useless = 0 if worst < USEFUL * least else useless + (len(outer.history) > steps)
+            self._judged = min(worst, least), useless, len(outer.history)
+            hopeless = (useless >= USELESS or self._tolerance < sys.float_info.epsilon
                         or (solution.unbalanced and not assembly.loose))
             if stopped != "converged" or solution.certified or hopeless:
                 return replace(solution, mechanism=mechanism)
