@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Collection
 from itertools import chain
 from typing import Any
 
@@ -102,8 +103,9 @@ def contraction(history: list[Step], quantity: str = "update") -> float:
 
 
 def diagnose(reason: str, stopped: str, violations: list[str], method: SettledMethod, history: list[Step],
-             log: StatusLog) -> str:
-    """One message: how the run ended, what was seen, what to try; `log` is of all nodes. Not collective."""
+             log: StatusLog, able: Collection[str] = ()) -> str:
+    """One message: how the run ended, what was seen, what to try, of which the scene is `able` to do some, see
+    `SettledMethod.advice`; `log` is of all nodes. Not collective."""
     last = history[-1]
     lines = [f"{reason} (iteration {last.iteration}, update {last.update:.1e}, residual {last.residual:.1e}, "
              f"asked for {method.tolerance:.0e})"]
@@ -129,5 +131,5 @@ def diagnose(reason: str, stopped: str, violations: list[str], method: SettledMe
         lines.append(f"with a friction coefficient of {log.largest_slope:g} a solution need not be unique, and none "
                      "may be near")
     lines.append("try: " + ("a larger method.tolerance; double precision holds no more" if rounding else
-                            method.advice(stopped, factor, last.iteration, last.update)))
+                            method.advice(stopped, factor, last.iteration, last.update, able)))
     return "\n  ".join(lines)

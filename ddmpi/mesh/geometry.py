@@ -65,6 +65,9 @@ FILLED, TINY = 0.01, 1e-6
 OFF = 1e22
 """What gmsh takes for no limit."""
 
+EXIT = re.compile(rb"\bExit\b")
+"""What ends gmsh within a .geo."""
+
 DRAWN = "drawn.msh"
 """The mesh that gmsh writes."""
 
@@ -86,7 +89,8 @@ def mesh_geometry(path: Path, body: BodySpec, contacts: Collection[str], sizes: 
     """
     label = f"body.{body.name}.mesh.geometry: {path}"
     with _opened(path, label) as (folder, source):
-        apart(folder, _draw, source, path.suffix.lower() == ".geo", body, contacts, sizes, label)
+        apart(folder, _draw, source, path.suffix.lower() == ".geo", body, contacts, sizes, label,
+              doing=f"body.{body.name}: gmsh is meshing {path.name}")
         return read_mesh(folder / DRAWN, body.name, body.mesh.order or 1, label)
 
 
@@ -117,7 +121,9 @@ def _opened(path: Path, label: str) -> Iterator[tuple[Path, Path]]:
                 error.args = (str(error).replace(str(copy), str(original)),)
             raise
         except ChildProcessError as error:
-            raise InputError(f"{label} ends gmsh ({error}); leave out Exit, if it is there") from None
+            exits = "; leave out Exit" * any(
+                EXIT.search(copy.read_bytes()) for copy in copies.values() if copy.exists())
+            raise InputError(f"{label} ends gmsh ({error}){exits}") from None
 
 
 def _copy(path: Path, copies: dict[Path, Path], folder: Path, label: str) -> Path:

@@ -189,8 +189,8 @@ def write_xdmf(path: Path, times: Sequence[float] = (), bodies: Mapping[str, np.
     with writing(path / "result.h5"), h5py.File(path / "result.h5", "r") as file:
         steps, surfaces = ([_described(file, group, group_of(k)) for k in range(max(len(times), 1))]
                            for group in ("/", f"/{SURFACES}"))
-    parts = [(name, part, fields) for own, fields in ((bodies, steps), (contacts, surfaces))
-             for name, part in (own or {}).items()]
+    parts = [(f"contact {name}" if own is contacts and name in (bodies or {}) else name, part, fields)
+             for own, fields in ((bodies, steps), (contacts, surfaces)) for name, part in (own or {}).items()]
     root = Element("Xdmf", Version="3.0")
     domain = SubElement(root, "Domain")
     _add_grids(domain, "bodies", times, steps)

@@ -98,7 +98,7 @@ def _run(world: MPI.Comm, scene: Settled, scene_path: str, output: str | None, f
             raise NotConvergedError(solution.reason)
         if statuses:
             raise NotConvergedError(diagnose(solution.reason, solution.stopped, solution.violations, scene.method,
-                                             outer.history, statuses))
+                                             outer.history, statuses, scene.able))
         if ladder.missed:
             raise NotConvergedError(ladder.missed)
 

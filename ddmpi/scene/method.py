@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Annotated, Any, ClassVar, Literal
 
 import msgspec
@@ -123,9 +123,10 @@ class SettledMethod(Method, frozen=True, kw_only=True):
         title = self.title.format_map(msgspec.structs.asdict(self))
         return f"{title}, {self.criterion} below {self.tolerance:g}"
 
-    def advice(self, stopped: str, factor: float, iteration: int, update: float) -> str:
+    def advice(self, stopped: str, factor: float, iteration: int, update: float, able: Collection[str]) -> str:
         """What to try where no answer is certified. The outer method has `stopped` as `Outer.run` says, its criterion
-        shrank by a factor per iteration, nan if unknown; `iteration` and `update` are the last ones."""
+        shrank by a factor per iteration, nan if unknown; `iteration` and `update` are the last ones; the scene is
+        `able` to have less "friction", or "anderson" for its method."""
         return 'method.outer = "newton", the default'
 
 
@@ -138,13 +139,13 @@ class Newton(SettledMethod, frozen=True, kw_only=True):
     criterion = "residual"
     diverging = "a residual that is not a number; a solve with the stiffness of a body must have failed"
 
-    def advice(self, stopped: str, factor: float, iteration: int, update: float) -> str:
-        if stopped == "stalled":
-            return "less friction, to see where the trouble begins, or a finer mesh where few nodes bear"
-        if not update:
-            return "a tighter -newton_ksp_rtol, or less friction to see where the trouble begins"
-        return ('a larger method.max_iterations, a tighter -newton_ksp_rtol, method.outer = "anderson", or less '
-                "friction to see where the trouble begins")
+    def advice(self, stopped: str, factor: float, iteration: int, update: float, able: Collection[str]) -> str:
+        found = ["a larger method.max_iterations"] * (stopped == "max_iterations")
+        found += ["a tighter -newton_ksp_rtol"] * (stopped != "stalled")
+        found += ['method.outer = "anderson"'] * ("anderson" in able and bool(update))
+        found += ["less friction, to see where the trouble begins"] * ("friction" in able)
+        found += ["a finer mesh where few nodes bear"] * (stopped == "stalled")
+        return ", or ".join(found)
 
 
 class Anderson(SettledMethod, frozen=True, kw_only=True):
@@ -162,7 +163,7 @@ class Published(SettledMethod, frozen=True, kw_only=True):
 
     title = "published iteration, {algorithm} algorithm, splitting {splitting}, theta = {theta:g}"
 
-    def advice(self, stopped: str, factor: float, iteration: int, update: float) -> str:
+    def advice(self, stopped: str, factor: float, iteration: int, update: float, able: Collection[str]) -> str:
         if stopped == "diverged" or not factor < 0.98:
             return ("leave algorithm, splitting and theta out, the default method needs none of them; or a smaller "
                     f"method.theta than {self.theta:g}")
@@ -272,7 +273,7 @@ class Output(Table, frozen=True, kw_only=True):
     animation: bool = False
     length_unit: str = "m"
     stress_unit: str = "Pa"
-    magnification: Positive | None = None
+    magnification: Annotated[float, msgspec.Meta(gt=0.0, le=1e12)] | None = None
     mirrored: bool = False
     view: Literal["front", "back", "left", "right", "top", "bottom", "iso"] | tuple[Number, Elevation] | None = None
     cut: Cut | None = None

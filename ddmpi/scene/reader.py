@@ -20,6 +20,9 @@ from ddmpi.scene.scene import FileKind, Scene, Settled
 DEEP = re.compile(r"""(?<![\w"'-])(?:[\w"'-]++\s*+\.\s*+){100}""")
 """A key of a hundred parts; tomllib's time grows with the square of their number."""
 
+DECK = re.compile(r"(\*\*.*\n|\s*\n)*\*[A-Za-z]")
+"""How a deck begins: with a keyword, after comments."""
+
 NESTED = 100
 """So many tables and lists may lie within each other in the data of a program, which may contain themselves."""
 
@@ -31,6 +34,9 @@ def read_data(path: str, scene: str | Mapping[str, Any], settings: Sequence[str]
             raise RecursionError
         data = tomllib.loads(scene) if isinstance(scene, str) else as_data(scene, path)
     except tomllib.TOMLDecodeError as error:
+        if DECK.match(str(scene)):
+            raise InputError(f"{path}: this is a deck of Abaqus or CalculiX, not a scene; a scene names it as the mesh "
+                             f'of a body: mesh = {{ file = "{Path(path).name}" }}') from None
         raise InputError(f"{path}: not valid TOML: {explain_syntax(error, str(scene))}") from None
     except RecursionError:
         raise InputError(f"{path}: is nested too deeply") from None

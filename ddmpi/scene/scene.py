@@ -14,7 +14,7 @@ import msgspec
 from msgspec.structs import replace
 
 from ddmpi.scene.bodies import BodySpec, Material, SettledBody
-from ddmpi.scene.contacts import ContactSpec, Rigid, SettledContact
+from ddmpi.scene.contacts import ContactSpec, NoFriction, Rigid, SettledContact
 from ddmpi.scene.keys import nearest
 from ddmpi.scene.method import PRESETS, Checkpoint, Method, Output, SettledMethod, Time, check_petsc
 from ddmpi.scene.values import WHERE, History, Name, Number, Table, check_formulas, histories, settle, tables, varies
@@ -316,6 +316,15 @@ class Settled(Table, frozen=True, kw_only=True):
         """Names of the histories that something follows, in the order of the scene."""
         used = histories(self) if self.history else []
         return [name for name in self.history if name in used]
+
+    @property
+    def able(self) -> set[str]:
+        """What the scene could do where no answer is found: have less "friction", or take the method "anderson", which
+        is for two held bodies with one contact that is not bonded, in one load step."""
+        two = len(self.body) == 2 and [contact.kind for contact in self.contact] == ["unilateral"] and not self.time
+        found = {"friction": any(contact.friction != NoFriction() for contact in self.contact),
+                 "anderson": two and all(body.clamps for body in self.body)}
+        return {name for name, can in found.items() if can}
 
     @property
     def pushed(self) -> list[Rigid]:

@@ -204,7 +204,7 @@ def _gather(sweep: Sweep) -> None:
 def _judge(sweep: Sweep) -> None:
     """Count the chosen cases by how they ended, and those that warn. Not collective.
 
-    Raises NotConvergedError unless all are certified.
+    Raises NotConvergedError unless all are certified; OutputError where results of one could not be written.
     """
     outcomes = [read_outcome(sweep.place(case)) for case in sweep.chosen]
     if warning := [outcome.warnings for outcome in outcomes if outcome.warnings]:
@@ -214,5 +214,6 @@ def _judge(sweep: Sweep) -> None:
     verdict = f"{counts.pop('certified', 0)} of {len(sweep.chosen)} cases in {sweep.folder} have a certified answer"
     if counts:
         rest = ", ".join(f"{number} {status}" for status, number in counts.most_common())
-        raise NotConvergedError(f"{verdict}; {rest}")
+        lost = any(outcome.exit == OutputError.exit_code for outcome in outcomes)
+        raise (OutputError if lost else NotConvergedError)(f"{verdict}; {rest}")
     log.info("%s", verdict)

@@ -15,6 +15,7 @@ import signal
 import sys
 import tempfile
 import threading
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -81,12 +82,16 @@ def check() -> None:
 PATIENCE = 0.2
 """Seconds between two looks at the note while another process works."""
 
+SILENT = 10.0
+"""Seconds of such work without a word; then twice, four times as many, and so on."""
+
 OF_RANKS = ("OMPI_", "PMIX_", "PMI_", "PRTE_", "HYDRA_", "MPI_LOCAL")
 """How the variables begin by which a launcher tells a process that it is a rank."""
 
 
-def apart(folder: Path, work: Callable[..., Any], *arguments: Any) -> Any:
-    """What `work`, a function of a module, returns in a new process, whose current folder and home are `folder`.
+def apart(folder: Path, work: Callable[..., Any], *arguments: Any, doing: str = "") -> Any:
+    """What `work`, a function of a module, returns in a new process, whose current folder and home are `folder`. If it
+    takes long, what it is `doing` is told on standard error, by whatever rank waits for it.
 
     The process is no rank and must not use MPI. It ends with this one, and where this one is told to end. Not
     collective. Raises InterruptionError, any DdmpiError of `work`, and ChildProcessError, which says how the process
@@ -104,8 +109,12 @@ def apart(folder: Path, work: Callable[..., Any], *arguments: Any) -> Any:
             process_group=0) as child:
         assert child.stdout
         try:
+            begun, silent = time.monotonic(), SILENT
             while not select.select([child.stdout], [], [], PATIENCE)[0]:
                 check()
+                if doing and time.monotonic() - begun > silent:
+                    print(f"ddmpi: {doing}, for {silent:.0f} s so far", file=sys.stderr, flush=True)
+                    silent *= 2.0
             returned = child.stdout.read()
             code = child.wait()
         finally:

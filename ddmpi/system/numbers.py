@@ -25,9 +25,14 @@ def moment(at: np.ndarray, forces: np.ndarray, axisymmetric: bool = False) -> np
     return total if at.shape[1] == 3 else total[2]
 
 
+ROUNDING = 1e-12
+"""Coordinates of a place below this part of the largest are rounding."""
+
+
 def in_words(point: np.ndarray, digits: int = 6) -> str:
-    """A point (d,) in words, such as (1.5, 2)."""
-    return f"({', '.join(f'{x:.{digits}g}' for x in point)})"
+    """A point (d,) in words, such as (1.5, 2); coordinates that are rounding beside the largest are 0."""
+    least = ROUNDING * np.abs(point).max(initial=0.0)
+    return f"({', '.join(f'{x:.{digits}g}' for x in np.where(np.abs(point) > least, point, 0.0))})"
 
 
 def scaled_unit(value: float, unit: str) -> tuple[float, str]:

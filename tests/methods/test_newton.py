@@ -15,8 +15,10 @@ from scenes import (
     joint_compliance,
     pinched_blocks,
     prepare_scene,
+    rectangle,
     run_here,
     the_interface,
+    to_toml,
     write_scene,
 )
 from solid_scenes import two_boxes
@@ -352,7 +354,7 @@ def diagnosis(stopped: str, steps: list, coefficient: float = 0.3, statuses=(), 
     from ddmpi.scene.method import Method
 
     return diagnose("the reason", stopped, list(violations), Method(**method).settled(), steps,
-                    recorded(*statuses, coefficient=coefficient))
+                    recorded(*statuses, coefficient=coefficient), ("friction", "anderson"))
 
 
 def test_diagnosis_of_divergence():
@@ -361,6 +363,27 @@ def test_diagnosis_of_divergence():
     assert "divergence" in text
     assert "smaller method.theta than 0.9" in text
     assert "default method" in text
+
+
+def test_diagnosis_names_what_the_scene_can_do():
+    """Less friction where there is some, Anderson where the scene is two held bodies in one step, iterations where they
+    ran out."""
+    from ddmpi.judge.diagnosis import diagnose
+    from ddmpi.scene.method import Method
+    from ddmpi.scene.reader import read_scene
+
+    def tried(scene: dict, stopped: str) -> str:
+        able = read_scene("scene", to_toml(scene)).able
+        return diagnose("the reason", stopped, [], Method().settled(), history(0.9), recorded(), able).split("try: ")[1]
+
+    two, smooth = pinched_blocks(2), pinched_blocks(2, "none")
+    assert all(words in tried(two, "max_iterations") for words in ("max_iterations", "anderson", "less friction"))
+    assert "max_iterations" not in tried(two, "converged") and "less friction" in tried(two, "stalled")
+    assert "friction" not in tried(smooth, "max_iterations") and "anderson" in tried(smooth, "max_iterations")
+    for more in ({"time": {"points": [1.0]}}, {"body": [*two["body"], rectangle("third", (9, 0), (1, 1), (1, 1))]}):
+        assert "anderson" not in tried(two | more, "max_iterations")
+    bonded = two | {"contact": [{"bodies": ["upper", "lower"], "on": ["bottom", "top"], "kind": "bonded"}]}
+    assert tried(bonded, "max_iterations") == "a larger method.max_iterations, or a tighter -newton_ksp_rtol"
 
 
 def test_diagnosis_of_slowness_says_how_many_iterations_it_would_take():

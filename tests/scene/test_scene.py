@@ -808,4 +808,5 @@ def test_every_outer_method_says_what_is_asked_of_it():
         method = Method(outer=name).settled()
         assert type(method) is kind and (method.outer, bool(Method(outer=name).for_two)) == (name, method.by_body)
         assert f"{method.criterion} below {method.tolerance:g}" in method.plan
-        assert method.title and all(method.curves) and method.diverging and method.advice("diverged", np.nan, 3, 0.1)
+        assert method.title and all(method.curves) and method.diverging
+        assert method.advice("diverged", np.nan, 3, 0.1, ())
