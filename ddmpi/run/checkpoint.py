@@ -36,7 +36,7 @@ from ddmpi.system.files import CHECKPOINT, write_atomically
 
 log = logging.getLogger("ddmpi")
 
-FORMAT, BLOCK = b"ddmpi checkpoint 14 sha256 ", 512
+FORMAT, BLOCK = b"ddmpi checkpoint 15 sha256 ", 512
 """What stands in HDF5's user block, before the digest of the rest; its size, the smallest that HDF5 has."""
 
 KIND = "a checkpoint of this version of ddmpi"

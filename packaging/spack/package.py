@@ -10,7 +10,7 @@ class PyDdmpi(PythonPackage):
 
     license("BSD-2-Clause")
 
-    version("0.13.4")
+    version("0.14.0")
 
     variant("figures", default=True, description="Draw pictures")
 
