@@ -124,16 +124,12 @@ class ContactState:
     @property
     def pressure(self) -> np.ndarray:
         """(m,) normal stress (Pa); NaN where the contact has no area."""
-        return self.normal_force / self._area
+        return self.normal_force / _areas(self.interface)
 
     @property
     def shear(self) -> np.ndarray:
         """(m, d − 1) tangential stress (Pa); NaN where the contact has no area."""
-        return self.tangential_force / self._area[:, None]
-
-    @property
-    def _area(self) -> np.ndarray:
-        return np.full_like(self.gap, np.nan) if self.interface.pointwise else self.interface.area
+        return self.tangential_force / _areas(self.interface)[:, None]
 
     @property
     def forces(self) -> np.ndarray:
@@ -194,6 +190,11 @@ class ContactState:
 
     def count(self, status: str) -> int:
         return int((self.status == status).sum())
+
+
+def _areas(interface: Interface) -> np.ndarray:
+    """(m,) what stresses are forces over (m or m²): NaN where bodies meet along edges or at vertices only."""
+    return np.full(interface.m, np.nan) if interface.pointwise else interface.area
 
 
 def contact_state(interface: Interface, s: np.ndarray, bound: np.ndarray, u: np.ndarray,
