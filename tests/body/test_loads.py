@@ -6,7 +6,7 @@ from by_skfem import load_of, solve
 from skfem import LinearForm
 
 from ddmpi.body.elasticity import assemble
-from ddmpi.body.loads import lost_loads, nodal_loads
+from ddmpi.body.loads import lost_loads, nodal_loads, springs
 from ddmpi.body.stiffness import sum_stiffness
 from ddmpi.errors import InputError
 from ddmpi.mesh.boundary import boundary_group
@@ -14,7 +14,7 @@ from ddmpi.mesh.build import build_mesh
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import raise_order
 from ddmpi.mesh.shapes import generate_quadrilateral
-from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec, Traction
+from ddmpi.scene.bodies import BodySpec, Clamp, Foundation, Material, MeshSpec, Traction
 from ddmpi.scene.values import AffineScalar, AffineVector
 
 STEEL = Material(young=2.1e11, poisson=0.3)
@@ -44,6 +44,25 @@ def ring(around: int, across: int, order: int) -> Mesh:
 def moment(mesh: Mesh, f: np.ndarray) -> float:
     """x F_y − y F_x about the origin (N m)."""
     return float(mesh.points[:, 0] @ f[:, 1] - mesh.points[:, 1] @ f[:, 0])
+
+
+# Foundations
+
+
+@both_orders
+@pytest.mark.parametrize("normal, tangential", [(3.0, 2.0), (0.0, 2.0), (3.0, 0.0)])
+def test_springs_act_along_the_normal_and_across_it(normal, tangential, order):
+    """A displacement stores half its normal part squared times the normal stiffness, and so along the surface: over the
+    area of a box's top, and around a ring, where each half of a displacement is normal on average."""
+    top = build_mesh(BodySpec(name="box", material=STEEL, mesh=MeshSpec(
+        shape="box", size=(3.0, 1.0, 2.0), divisions=(3, 2, 2), order=order)))
+    for mesh, on, area, u, along in ((top, "top", 3.0, (0.0, 0.0, 1.0), 1.0), (top, "top", 3.0, (0.6, 0.8, 0.0), 0.0),
+                                     (top, "top", 3.0, (0.6, 0.0, 0.8), 0.64),
+                                     (ring(64, 4, order), "inner", np.pi / 2, (1.0, 0.0), 0.5)):
+        (group, root, Q), = springs(mesh, body(foundation=(Foundation(on=on, normal=normal, tangential=tangential),)))
+        stored = (root * np.linalg.norm(Q @ np.tile(u, len(mesh.points)))) ** 2
+        assert group == on
+        assert stored == pytest.approx(area * (along * normal + (1.0 - along) * tangential), rel=1e-3)
 
 
 # Forces

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from boundaries import mortar, pair, raise_order, rectangle, ring, side, touch
+from made_up_solids import box, tube
 
 from ddmpi.interface.mortar import cover
 from ddmpi.mesh.elements import FINE, facet_measures, on_line
@@ -114,6 +115,26 @@ def test_gap_between_curved_sides_is_that_of_the_circles():
     curved, chords = (pair(*sides, NoFriction(), "seam") for sides in ((first, second), straight))
     assert curved.area.sum() == pytest.approx(1.5 * 1.0005, rel=2e-6)
     assert chords.area.sum() < (1.0 - 5e-4) * curved.area.sum()
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_normals_at_an_edge_of_a_solid_are_those_of_its_faces(order):
+    """Where faces meet at a sharp edge each keeps its own normal; along a wheel they are radial."""
+    boundary = side(box(divisions=(3, 2, 2), order=order), "top", "right")
+    assert boundary.fans == pytest.approx(np.repeat(boundary.outward[:, None], 3, axis=1), abs=1e-15)
+    rim = side(tube((0.5, 1.0), 1.0, order=order), "outer")
+    assert rim.fans[..., :2] == pytest.approx(rim.xy[rim.corners][..., :2], abs=1e-3)
+
+
+@pytest.mark.parametrize("rise", [0.0, 0.4])
+def test_areas_of_curved_facets_in_space_are_those_of_the_surface(rise):
+    """A top of the height 1 + c x (1 − x), c the rise, has the area ∫ (1 + c² (1 − 2x)²)^½ dx."""
+    vault, roof = box((0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (2, 2, 1), 2), box((-1.0, 0.0, 1.5), (3.0, 1.0, 1.0), (4, 3, 1))
+    x, _, z = vault.points.T
+    vault.points[:, 2] += rise * x * (1.0 - x) * z
+    over = cover(side(vault, "top"), side(roof, "bottom"))
+    t, weights = np.polynomial.legendre.leggauss(20)
+    assert over.weight.sum() == pytest.approx(weights @ np.sqrt(1.0 + (rise * t) ** 2) / 2, rel=1e-4)
 
 
 def test_single_curved_side_has_its_own_slopes():

@@ -436,6 +436,17 @@ def test_ends_tied_in_both_bodies_are_shared_but_no_hinge_is_left(sides, rows):
     assert one.m == sides[0]
 
 
+@orders
+@pytest.mark.parametrize("divisions, rows", [((2, 4), 15), ((3, 4), 6)])
+def test_a_rim_tied_in_both_bodies_is_shared_but_no_hinge_is_left_in_space(divisions, rows, order):
+    """Rows in a line would let bodies turn about it: then the rim keeps its rows."""
+    sides = (side(box((0.0, 0.0, z), (1.0, 1.0, 1.0), (*n, 1), order), group, body=name)
+             for z, n, group, name in ((1.0, divisions, "bottom", "upper"), (0.0, (5, 5), "top", "lower")))
+    upper, lower = (replace(each, tied=(np.abs(each.xy[:, :2] - 0.5) > 0.499).any(axis=1)) for each in sides)
+    contact = join(upper, lower, COULOMB, "seam", pairing="mortar", slave="upper")
+    assert contact.m == rows and contact.area.sum() == pytest.approx(1.0)
+
+
 def test_rows_that_no_body_moves_are_dropped():
     held = {"where": lambda x, y: x < 0.1, "x": True, "y": True}
     upper, lower = (rectangle((n, 2), (2.0, 1.0), (0.0, y)) for n, y in ((10, 1.0), (4, 0.0)))

@@ -310,6 +310,10 @@ def test_undetermined_motions():
     assert undetermined(*active(pushed(0.1), "slip")) == ["block can slide along x without any force"]
     assert undetermined(*active(pushed(0.1, angle=np.pi / 2), "slip")) == ["block can slide along y without any force"]
     assert undetermined(*active(pushed(0.1), "open")) == ["nothing touches block: it can move freely"]
+    for along, sign in (("x", 1.0), ("-x", -1.0)):  # friction at its limit pushes: against it the block is held
+        pushes = np.array([[sign, 0.0, 0.0], [1.0, 0.0, 0.0]])
+        said = undetermined(*active(pushed(0.1), "slip"), pushes)
+        assert said == [f"block can slide along {along} without any force"]
     one = Blocks().box("block", 0, 0, 1, 1).contact("block", "floor", (0, 0), (1, 0), "coulomb", 0.5, nodes=1)
     assert undetermined(*active(one, "stick")) == ["block can turn about (0, 0) without any force"]
     assert len(undetermined(*active(one, "slip"))) == 2

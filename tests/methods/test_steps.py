@@ -2,6 +2,7 @@
 
 import contextlib
 import itertools
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import cast
 
@@ -15,11 +16,11 @@ from ddmpi.coupling.exchange import Exchange
 from ddmpi.coupling.joint import Point
 from ddmpi.coupling.space import Space
 from ddmpi.interface.interface import Interface
-from ddmpi.interface.law import CoulombLaw
+from ddmpi.interface.law import BondedLaw, CoulombLaw
 from ddmpi.methods.half_space import Modelled
 from ddmpi.methods.newton import GAIN, LENGTHS, Newton
 from ddmpi.methods.outer import Step
-from ddmpi.methods.paths import Softening
+from ddmpi.methods.paths import InteriorPoints, Softening
 
 
 class Dense:
@@ -101,6 +102,38 @@ def test_friction_in_space_finds_its_direction(seed, path):
     assert s == pytest.approx(law.project(s - 3.0 * r), abs=1e-8)
     assert (np.linalg.norm(law.split(s)[1], axis=1) > 0.0).sum() > 3 and law.active_set(s - r).excess.any()
     assert Q @ found[1] == pytest.approx(s, abs=1e-8)
+
+
+@pytest.mark.parametrize("components", [1, 2])
+def test_a_step_of_interior_points_is_newtons(components):
+    """Whatever the forces change by, a short step along t takes away the part t of what is left of s w = μ and of
+    g y + s_t·v = 2μ, with the slip bound g that follows the pressure."""
+    joint = random_joint(3, coefficient=0.4, components=components)
+    path, rng = InteriorPoints(joint, np.full(joint.size, 0.5)), np.random.default_rng(2)
+    m, law = joint.size // (1 + components), joint.space.interfaces[0].law
+    path.point = path.point._replace(s=np.append(rng.uniform(1.0, 2.0, m), 0.1 * rng.standard_normal(m * components)))
+    path._slip, path._steps, path.to_bound = 0.1 * rng.standard_normal(path._slip.shape) * path._most, 1, 1e-6
+
+    def products() -> np.ndarray:
+        s = path.point.s
+        rubs = (s[path._rows] * path._slip).sum(axis=1)
+        return np.append(s[:m] * path._w[:m], (law.bound_at(s) * path._most[:, 0] + rubs) / 2.0)
+
+    before, ds = products(), rng.standard_normal(joint.size)
+    path.step(lambda *_: Point(ds, ds, joint.e, joint.e))
+    assert not path.failed and path._last < 1e-4
+    assert (products() - before) / path._last == pytest.approx(path._barrier - before, abs=1e-3 * before.max())
+
+
+def test_softening_leaves_bonds_as_they_are():
+    """The layer is between nodes that may open; one step closes a bond, C s = d."""
+    joint = random_joint(3)
+    (interface,) = joint.space.interfaces
+    joint.space = Space([replace(interface, law=BondedLaw(6, np.arange(6), 1))])
+    newton = Newton(joint, 40)
+    path = Softening(joint, newton._c)
+    path.step(newton.direction)
+    assert path.point.s == pytest.approx(np.linalg.solve(joint.C, joint.d), rel=1e-2)
 
 
 def residuals(newton: Newton) -> list[float]:

@@ -1,5 +1,6 @@
 """Load steps: friction with a memory, against closed forms; steps by accuracy; energy; files; restart."""
 
+import copy
 import csv
 import dataclasses
 import itertools
@@ -42,8 +43,9 @@ from ddmpi.pictures.moved import magnify, rigid_parts
 from ddmpi.results.histories import at_step
 from ddmpi.results.tables import read_results
 from ddmpi.run import checkpoint
+from ddmpi.run.gather import StepLog
 from ddmpi.run.run import run as run_scene
-from ddmpi.run.steps import March
+from ddmpi.run.steps import MARKS, March
 from ddmpi.scene.reader import read_scene_file
 
 pytestmark = pytest.mark.slow
@@ -92,6 +94,16 @@ def circle(**time) -> dict:
                          "gap": {"along": "x", "points": x.tolist(), "values": (x**2 / 60.0).tolist()}}],
             "history": {"press": {"times": [0.0, 1.0], "factors": [0.0, 1.0]}},
             "time": {"points": [1.0]} | time}
+
+
+def sheared(press: float, **gap) -> dict:
+    """Blocks that are pressed by a clamp, or a gap below zero, from time 0 on, and sheared in two legs."""
+    top = [{"on": "top", "y": -press}, {"on": "top", "x": 1e-4, "history": "shift"}]
+    return {"body": [rectangle(name, (0, y), (2, 1), (6, 4), young=2e11, clamp=clamp)
+                     for name, y, clamp in (("up", 1.0, top), ("low", 0.0, ["bottom"]))],
+            "contact": [{"bodies": ["up", "low"], "on": ["bottom", "top"], "friction": COULOMB, **gap}],
+            "history": {"shift": {"times": [0.0, 1.0, 2.0], "factors": [0.0, 0.2, 1.0]}},
+            "time": {"points": [1.0, 2.0]}}
 
 
 def pressed_blocks(factors: list[float], friction: dict = COULOMB) -> dict:
@@ -256,14 +268,6 @@ def test_legs_are_solved_in_as_many_steps_as_the_tolerance_asks_for():
 
 def test_an_overlap_that_acts_at_once_asks_for_no_steps():
     """An overlap of constant size is pressing a clamp down by as much, also in the number of load steps."""
-    def sheared(press: float, **gap) -> dict:
-        top = [{"on": "top", "y": -press}, {"on": "top", "x": 1e-4, "history": "shift"}]
-        return {"body": [rectangle(name, (0, y), (2, 1), (6, 4), young=2e11, clamp=clamp)
-                         for name, y, clamp in (("up", 1.0, top), ("low", 0.0, ["bottom"]))],
-                "contact": [{"bodies": ["up", "low"], "on": ["bottom", "top"], "friction": COULOMB, **gap}],
-                "history": {"shift": {"times": [0.0, 1.0, 2.0], "factors": [0.0, 0.2, 1.0]}},
-                "time": {"points": [1.0, 2.0]}}
-
     pressed, overlapping = certified(sheared(1e-4)), certified(sheared(0.0, gap=-1e-4))
     assert len(overlapping.summary["steps"]) == len(pressed.summary["steps"]) <= 4
     same = [answer.summary["contacts"]["up-low"]["dissipated"] for answer in (overlapping, pressed)]
@@ -359,6 +363,16 @@ def test_a_step_without_equilibrium_is_named_by_its_time(tmp_path):
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["reason"].startswith("no equilibrium: block would slide") and "to time 0.75" in summary["reason"]
     assert [step["time"] for step in summary["steps"]] == [0.25, 0.5]
+
+
+def test_a_load_that_nothing_holds_at_first_is_named_though_it_is_held_at_last():
+    """A block that is pushed from time 0 on, and pressed more and more: no forces hold it before time 2/3."""
+    loads = [{"on": "top", "value": [0.0, -1.0e5], "history": "press"}, {"on": "left", "value": [4.0e4, 0.0]}]
+    answer = ddmpi.solve({"body": [rectangle("block", (0, 0), (2, 1), (4, 2), traction=loads)], "rigid": [FLOOR],
+                          "contact": [{"bodies": ["block", "floor"], "on": ["bottom"], "friction": COULOMB}],
+                          "history": {"press": {"times": [0.0, 1.0], "factors": [0.0, 1.0]}},
+                          "time": {"points": [1.0], "steps": 2}}, MPI.COMM_SELF)
+    assert answer.reason.startswith("no equilibrium: block would") and not answer.summary["steps"]
 
 
 def test_a_rigid_partner_and_clamps_follow_histories():
@@ -458,6 +472,30 @@ def test_adaptive_steps_go_on_from_wherever_they_were(tmp_path, monkeypatch):
     assert len(kept) > 10
     for folder in kept[1::4]:
         assert compute(folder, folder) == whole
+
+
+def test_a_restored_march_is_the_whole_one(monkeypatch):
+    """All that a march through load steps knows is in its state, between any two steps: also what gaps that act at once
+    have given. What is found anew for each step need not be."""
+    states, keep, made = [], March._keep, noted_marches(monkeypatch)
+
+    def known(march: March) -> dict:
+        parts = {name: vars(value) if name in MARKS else value for name, value in vars(march).items()
+                 if name not in ("assembly", "iteration", "outer", "log", "_safe", "_resumed", "_state", "_d")}
+        return copy.deepcopy(parts)
+
+    def note(march: March) -> None:
+        keep(march)
+        states.append((march._state, known(march)))
+
+    monkeypatch.setattr(March, "_keep", note)
+    certified(sheared(0.0, gap=-1e-4))
+    (march,) = made
+    assert march._given and len(states) >= 6
+    for state, expected in states.copy():
+        fresh = March(march.assembly, march.iteration, StepLog())
+        fresh.restore(state)
+        np.testing.assert_equal(known(fresh), expected)
 
 
 def test_files_of_load_steps(tmp_path):
