@@ -213,6 +213,19 @@ def test_stress_at_nodes_is_exact_where_it_can_be(cell, order):
     assert np.array_equal(estimate_error(mesh, STEEL, u).stress, nodal_stress(mesh, STEEL, u))
 
 
+@ORDERS
+@pytest.mark.parametrize("count", [1, 3])
+def test_stress_at_nodes_of_few_triangles_is_theirs(count, order):
+    """Around no vertex are enough of them for a polynomial: nodes have the mean."""
+    x = np.arange(count + 2.0)
+    strip = Mesh(np.column_stack([x, x % 2.0]), np.array([[k, k + 1, k + 2] if k % 2 else [k, k + 2, k + 1]
+                                                          for k in range(count)]), {"start": np.array([[0, 1]])})
+    mesh = strip if order == 1 else raise_order(strip, "mesh")
+    u = mesh.points @ np.array([[1e-3, 2e-4], [-3e-4, 5e-4]])
+    expected = stress(mesh, STEEL, u)[0]
+    assert nodal_stress(mesh, STEEL, u) == pytest.approx(np.tile(expected, (len(u), 1)), rel=1e-9)
+
+
 def test_stress_at_nodes_knows_of_heat():
     """Where the strain and the temperature are constant, all nodes have the stress of the cells."""
     mesh, warm = rectangle(4, 1), Material(young=2e11, poisson=0.3, expansion=1e-5)

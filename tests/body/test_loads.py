@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from boundaries import elastic, rectangle, respond
 from by_skfem import load_of, solve
 from skfem import LinearForm
 
@@ -63,6 +64,15 @@ def test_springs_act_along_the_normal_and_across_it(normal, tangential, order):
         stored = (root * np.linalg.norm(Q @ np.tile(u, len(mesh.points)))) ** 2
         assert group == on
         assert stored == pytest.approx(area * (along * normal + (1.0 - along) * tangential), rel=1e-3)
+
+
+def test_clamps_move_the_ends_of_springs():
+    """A block that its bottom carries along a wall of springs, which a traction stretches as far: it moves as one."""
+    mesh, along, away = rectangle((4, 3), (2.0, 1.0)), np.array([2e-3, 1e-3]), np.array([5e8, 3e8])
+    block = elastic(mesh, [Clamp(on="bottom", x=along[0], y=along[1])],
+                    foundation=(Foundation(on="left", normal=away[0], tangential=away[1]),),
+                    traction=(Traction(on="left", value=tuple(away * along)),))
+    assert respond(block) == pytest.approx(np.tile(along, (len(mesh.points), 1)), rel=1e-9)
 
 
 # Forces

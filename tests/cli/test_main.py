@@ -49,6 +49,12 @@ def test_an_abort_waits_for_the_message_to_be_read(monkeypatch, reads):
     assert world.unread == (b"" if reads else b"the message\n")
 
 
+@pytest.mark.parametrize("name", ["info", "schema"])
+def test_commands_without_arguments(name):
+    """They take none, and are there."""
+    assert build_parser().parse_args([name]).command == name
+
+
 def test_two_cuts_are_refused():
     """The second would replace the first without a word."""
     command = ["figures", "results", "--cut", "x=0.5"]

@@ -381,7 +381,8 @@ def test_nodes_that_face_nothing_are_no_lines(part, order):
         x = contact.lines.xy[:, 0]
         assert (contact.lines.area > 0.0).all() and len(x) == contact.m == 3 * order + 1
         assert x.max() == pytest.approx(2.0 - 0.25 * part, abs=1e-12)
-        assert len(contact.facets) == 3
+        assert len(contact.facets) == 3 and len(contact.lines.facets) == 3 * order
+        assert np.abs(np.diff(x[contact.lines.facets])).max() <= 0.25 / order + 1e-9
 
 
 # Clamps

@@ -11,7 +11,7 @@ import pytest
 import scipy.sparse as sparse
 from mpi4py import MPI
 
-from ddmpi.coupling.coarse import CrossPoints, Motions
+from ddmpi.coupling.coarse import CoarseSystem, CrossPoints, Motions
 from ddmpi.coupling.exchange import Exchange
 from ddmpi.coupling.joint import Point
 from ddmpi.coupling.space import Space
@@ -123,6 +123,19 @@ def test_a_step_of_interior_points_is_newtons(components):
     path.step(lambda *_: Point(ds, ds, joint.e, joint.e))
     assert not path.failed and path._last < 1e-4
     assert (products() - before) / path._last == pytest.approx(path._barrier - before, abs=1e-3 * before.max())
+
+
+def test_the_coarse_problem_holds_motions_however_forces_follow_each_other():
+    """Ẑ y + D a = h, with friction that follows pressure, so that S is not symmetric."""
+    space, rng = random_joint(3).space, np.random.default_rng(4)
+    size, number = space.size, 3
+    motions = Motions(space, number, [(slice(0, size), np.arange(number), rng.standard_normal((size, number)))])
+    E, D, root = np.eye(size) + 0.3 * rng.standard_normal((size, size)), rng.random(number), rng.random((size, size))
+    coarse = CoarseSystem(motions, sparse.identity(size, format="csr"), sparse.csr_matrix(E), np.ones(size),
+                          lambda _, columns: root @ root.T @ columns, D)
+    h = rng.standard_normal(number)
+    y, a = coarse.correct(rng.standard_normal(size), h)
+    assert motions.sums(E @ y) + D * a == pytest.approx(h, rel=1e-8)
 
 
 def test_softening_leaves_bonds_as_they_are():
