@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from ddmpi.interface.law import CoulombLaw
+from ddmpi.methods.published import PublishedIteration
 from ddmpi.methods.subproblem import Subproblem
 from ddmpi.qp.box import Box, Discs
 
@@ -31,6 +32,14 @@ def subproblem(role: int, asked: list) -> Subproblem:
 def test_each_role_has_the_bounds_of_the_algorithm(algorithm, role, lower, upper):
     box = subproblem(role, []).constraints(np.array([1.0, 2.0]), algorithm)
     assert (box.lower.tolist(), box.upper.tolist()) == (lower, upper)
+
+
+def test_forces_follow_the_way_that_both_bodies_ask_for():
+    """λ moves by θ (w₁ + w₂), not at all where the displacements of both Neumann problems are opposite."""
+    iteration, w = SimpleNamespace(method=SimpleNamespace(theta=0.25)), np.array([4.0, -8.0])
+    assert PublishedIteration.advance(iteration, w, np.zeros(2)).tolist() == [1.0, -2.0]
+    assert PublishedIteration.advance(iteration, np.zeros(2), w).tolist() == [1.0, -2.0]
+    assert not PublishedIteration.advance(iteration, w, -w).any()
 
 
 def test_the_second_role_takes_the_gap():

@@ -9,7 +9,7 @@ import pytest
 import scipy.sparse as sparse
 from petsc4py import PETSc
 
-from ddmpi.petsc.mumps import _SPACE, _STRUCTURES, TOO_SMALL, VERSIONS, Factors, MumpsError, RefusedError
+from ddmpi.petsc.mumps import _SPACE, _STRUCTURES, TOO_SMALL, VERSIONS, Factors, MumpsError, RefusedError, _end
 
 OFFSETS = {  # in bytes, by a C compiler from the headers in Debian's libmumps-headers-dev
     "5.5.1": {"n": 5416, "irn": 5440, "a_loc": 5496, "perm_in": 5552, "rhs": 5600, "irhs_ptr": 5648, "lrhs": 5676,
@@ -68,6 +68,15 @@ def test_rows_that_cancel_are_no_error():
     assert factors.condensed is not None and not factors.response(np.zeros(9)).any()
     assert np.triu(factors.condensed) == pytest.approx(np.triu(C))
     factors.destroy()
+
+
+def test_mumps_ends_in_silence():
+    """Also one whose version was refused, that has MUMPS's own defaults."""
+    memory, told = ctypes.create_string_buffer(_SPACE), []
+    _STRUCTURES[0].from_buffer(memory).icntl[2] = 6
+    _end(lambda given: told.append(_STRUCTURES[0].from_buffer(given)), memory)
+    (data,) = told
+    assert data.job == -2 and data.icntl[2] < 0
 
 
 def test_a_compliance_that_solves_contradict_is_refused(monkeypatch):

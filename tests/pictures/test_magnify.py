@@ -7,8 +7,8 @@ from matplotlib import pyplot as plt
 
 from ddmpi.interface.trace import displacement_trace
 from ddmpi.mesh.mesh import Mesh
-from ddmpi.pictures.bodies import draw_bodies
-from ddmpi.pictures.moved import magnify
+from ddmpi.pictures.bodies import draw_bodies, middles
+from ddmpi.pictures.moved import _limits, magnify
 from ddmpi.results.tables import Results
 
 TOUCHES = 1e-12
@@ -117,6 +117,25 @@ def test_an_interference_that_the_scene_gives_is_drawn_without_air(overlap):
     factor, (gaps,) = drawn_gaps(results, interfaces)
     assert factor == {1e-6: 5000.0, 1e-3: 5.0}[overlap]
     assert np.abs(gaps).max() <= 0.002 * 4.0 + overlap
+
+
+@pytest.mark.parametrize("gap", [0.0, 5e-3])
+def test_open_nodes_are_magnified_until_their_overlap_is_seen(gap):
+    """Nodes with the gap g are drawn F g − (F − 1) l apart, where l is what shifts leave of the gap at first: into the
+    other body by as much as is visible."""
+    left, now = gap + 1e-3, gap + 5e-4
+    table = {"initial_gap": np.array([gap]), "gap": np.array([now]), "nx": np.array([0.0]), "ny": np.array([-1.0]),
+             "status": np.array(["open"])}
+    (limit,) = _limits(table, np.array([0.0, 1e-3]), 0.1)
+    assert limit * now - (limit - 1.0) * left == pytest.approx(-0.1)
+
+
+@pytest.mark.parametrize("far", [0.0, 40.0])
+def test_the_middle_of_a_body_is_far_from_its_own_boundary(far):
+    """Where other bodies are does not matter."""
+    meshes = {"upper": made_up.block((0.0, 1.0)), "lower": made_up.block((far, 0.0))}
+    results, _ = deformed(meshes, {"upper": [0.0, 0.0], "lower": [0.0, 0.0]}, {})
+    assert np.array(middles(results)) == pytest.approx(np.array([[1.5, 1.5], [1.5 + far, 0.5]]), abs=1e-9)
 
 
 def test_rows_on_the_second_body_are_drawn_alike():

@@ -86,6 +86,13 @@ def scene(text: str, *settings: str, **kinds: tuple) -> Settled:
     return read_scene("case.toml", text, settings, (lambda body: kinds[body.name]) if kinds else None)
 
 
+@pytest.mark.parametrize("more, size", [("", 0.25), (", contact_size = 0.1", 0.1)])
+def test_drawn_bodies_are_finer_along_contacts(more, size):
+    """A quarter of the size where nothing else is given; bodies from files have none."""
+    upper, lower = scene(FILES.replace("size = 1", f"size = 1{more}"), upper=(2, 1), lower=(2, 1)).body
+    assert lower.mesh.contact_size == size and upper.mesh.contact_size is None
+
+
 def test_solid_scene_is_filled_in():
     """What a solid scene leaves out has three components, and it has neither plane strain nor plane stress."""
     solid = scene(SOLID, "body.upper.mesh={shape='box', size=[3, 1, 1], divisions=[6, 2, 2]}")

@@ -13,8 +13,9 @@ from scenes import Run, pinched_blocks
 from solid_scenes import two_boxes
 
 from ddmpi.cli.arguments import split_arguments
-from ddmpi.errors import InputError
+from ddmpi.errors import InputError, InterruptionError
 from ddmpi.results.summary import units
+from ddmpi.sweep import sweep
 from ddmpi.sweep.table import find_column, numbers, read_table
 from ddmpi.system.files import UNFINISHED
 from ddmpi.system.provenance import whereabouts
@@ -257,6 +258,21 @@ def test_a_crash_costs_one_case(small, tmp_path):
     assert again.code == 0, again.output
     assert re.findall(r"\d/3  case (\d)", again.stdout) == ["2", "3", "1"]
     assert stamp(done[0]) == before
+
+
+def test_no_case_is_started_after_a_signal(small, tmp_path, monkeypatch):
+    """A failing case does not stop the others, an interrupted one does."""
+    started = []
+
+    def interrupted(world, scene, *_):
+        started.append(scene)
+        error = InterruptionError("SIGTERM")
+        error.agreed = True
+        raise error
+
+    monkeypatch.setattr(sweep, "run", interrupted)
+    assert run_sweep(small, tmp_path / "out", "--vary", f"{COEFFICIENT}=0.1:0.3:3").code == 6
+    assert len(started) == 1
 
 
 def test_a_signal_ends_the_sweep_and_the_next_start_continues_the_case(small, tmp_path):
