@@ -11,6 +11,7 @@ import pytest
 import scipy.sparse as sparse
 from mpi4py import MPI
 
+import ddmpi.methods.paths
 from ddmpi.coupling.coarse import CoarseSystem, CrossPoints, Motions
 from ddmpi.coupling.exchange import Exchange
 from ddmpi.coupling.joint import Point
@@ -105,14 +106,15 @@ def test_friction_in_space_finds_its_direction(seed, path):
 
 
 @pytest.mark.parametrize("components", [1, 2])
-def test_a_step_of_interior_points_is_newtons(components):
+def test_a_step_of_interior_points_is_newtons(components, monkeypatch):
     """Whatever the forces change by, a short step along t takes away the part t of what is left of s w = μ and of
     g y + s_t·v = 2μ, with the slip bound g that follows the pressure."""
     joint = random_joint(3, coefficient=0.4, components=components)
     path, rng = InteriorPoints(joint, np.full(joint.size, 0.5)), np.random.default_rng(2)
     m, law = joint.size // (1 + components), joint.space.interfaces[0].law
     path.point = path.point._replace(s=np.append(rng.uniform(1.0, 2.0, m), 0.1 * rng.standard_normal(m * components)))
-    path._slip, path._steps, path.to_bound = 0.1 * rng.standard_normal(path._slip.shape) * path._most, 1, 1e-6
+    path._slip, path._steps = 0.1 * rng.standard_normal(path._slip.shape) * path._most, 1
+    monkeypatch.setattr(ddmpi.methods.paths, "TO_BOUND", 1e-6)
 
     def products() -> np.ndarray:
         s = path.point.s

@@ -260,7 +260,7 @@ MUTANTS = [Mutant(*row) for row in (
     ("sign of the moment", "system/numbers", "np.cross(np.pad(at, flat), np.pad(forces, flat))",
      "np.cross(np.pad(forces, flat), np.pad(at, flat))",
      NODES),
-    ("pressure not divided by area", "interface/state", "return self.normal_force / self._area",
+    ("pressure not divided by area", "interface/state", "return self.normal_force / _areas(self.interface)",
      "return self.normal_force", NODES),
     # qp
     ("projected gradient without chopping", "qp/box", "p = np.where(x <= self.lower, np.minimum(g, 0.0), g)", "p = g",
@@ -460,7 +460,7 @@ MUTANTS = [Mutant(*row) for row in (
     ("the beginning of a leg forgotten at a restart", "run/steps", '"_now", "_before", "_base")',
      '"_now", "_before")', ADAPTIVE),
     ("the last change forgotten at a restart", "run/steps", '"_coarse", "_changed"', '"_coarse"', ADAPTIVE),
-    ("slip bounds of the step before forgotten", "run/steps", "(start, self._now.s),", "(start, 0.0 * start),",
+    ("slip bounds of the step before forgotten", "run/steps", "(start, self._now.s, self", "(start, 0.0 * start, self",
      "scenes/test_load_steps.py::test_a_proportional_load_dissipates_the_same_in_any_number_of_steps"),
     ("sign of the reactions", "body/elasticity", "u, held) - given[held]", "u, held) + given[held]",
      "body/test_normal_clamps.py::test_a_turned_body_on_symmetry_planes_is_its_twin"),
