@@ -215,7 +215,8 @@ def _kept_by_bonds(scene: Settled, found: Mapping[str, tuple[Interface, list[str
         return dict(found)
     pairs = {name: [[(body, int(node)) for body, node in zip(each.bodies, row, strict=True)] for row in np.column_stack(
         [nodes[transfer.indices] for nodes, transfer in zip(each.nodes, each.transfer, strict=True)])]
-             for name, (each, _) in found.items() if not each.slave and not each.on_rigid}
+             for name, (each, _) in found.items() if not each.slave and not each.on_rigid
+             and all(len(transfer.indices) == each.m for transfer in each.transfer)}  # no merged nodes on an axis
     shared = Counter(end for ends in pairs.values() for end in {end for row in ends for end in row})
     bonds = {(name, k): row for name, ends in pairs.items() if found[name][0].law.name == "bonded"
              for k, row in enumerate(ends) if max(shared[end] for end in row) > 1 and not found[name][0].gap[k]}

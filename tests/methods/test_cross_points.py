@@ -113,6 +113,16 @@ def test_a_gap_that_bonds_keep_open_is_no_contradiction():
         assert (answer.contacts["c-d"].interface.gap == gap).all()
 
 
+def test_bonds_and_fits_on_an_axis_are_solved():
+    """Rows of quadratic elements on an axis stand for two nodes each, and are left as they are."""
+    scene = fit_across_bonds(2, -4e-6) | {"axisymmetric": True}
+    for body in scene["body"]:
+        body["mesh"]["order"] = 2
+    scene["contact"] += [scene["contact"].pop(1) | {"kind": "unilateral", "gap": -1e-6}]
+    answer = certified(scene)
+    assert answer.contacts["c-a"].interface.gap.max() < 0.0
+
+
 @pytest.mark.mpi(ranks=2)
 def test_an_overlap_that_bonds_keep_is_found_across_ranks(comm):
     """The chain of bonds goes through bodies of another rank."""
