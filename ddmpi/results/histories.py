@@ -83,10 +83,15 @@ def at_step(results: Results, folder: Path, asked: float | None = None) -> Resul
         "displacement_max": float(moved.max()), "bodies": bodies, "rigid": rigid,
         "discretization_error": results.summary["discretization_error"] | {"energy_norm": None},
         "contacts": {name: entry | unknown | step[name] | {"dissipated": entry["dissipated"],
-                                                           "pressure_max": float(contacts[name]["normal_stress"].max())}
+                                                           "pressure_max": _largest(contacts[name]["normal_stress"])}
                      for name, entry in results.summary["contacts"].items()}}
     sides = {name: _means(table, contacts[name], results.axisymmetric) for name, table in results.sides.items()}
     return replace(results, summary=summary, contacts=contacts, fields=fields, time=time, sides=sides)
+
+
+def _largest(stress: np.ndarray) -> float | None:
+    """The largest of the stresses (l,) (Pa); None where the contact has no area, and they are NaN."""
+    return None if np.isnan(stress).all() else float(stress.max())
 
 
 def _means(sides: Columns, nodes: Columns, axisymmetric: bool) -> Columns:
