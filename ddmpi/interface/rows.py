@@ -124,7 +124,8 @@ def build(rows: Rows, contact: SettledContact) -> Interface:
     (frame, across), xy = _along_clamps(rows, frames(rows.normal)), side.xy[rows.nodes]
     start = initial_gap(contact, rows.gap, xy, rows.arc)
     held = np.stack([rows.held(direction)[0] for direction in frame.swapaxes(0, 1)], axis=-1)  # (2, r, d)
-    live = np.column_stack([~held[:, :, 0].all(axis=0), ~across])
+    live = ~held.all(axis=0)
+    live[:, 1:] &= ~across
     dropped = ~live.any(axis=1) if bonded else ~live[:, 0]  # a bond also holds what slides
     keep = np.flatnonzero(~dropped)
     if len(keep) == 0:
@@ -161,18 +162,20 @@ def _along_clamps(rows: Rows, frame: np.ndarray) -> tuple[np.ndarray, np.ndarray
     tangents (r, d − 1) both sides hold: this node, and a node of the other side that it meets.
 
     Such a tangent carries no force. On a plane of symmetry there is no friction across the plane; a row for it would
-    constrain the curvature of the other side, of which only the nodes beside the plane move.
+    constrain the curvature of the other side, of which only the nodes beside the plane move. A node that is held along
+    the normal as well has a row only for the nodes that share it, and these slide.
     """
     side, other, transfer = rows.sides[rows.own], rows.sides[1 - rows.own], rows.transfers[1 - rows.own]
     free, mean, tangents = side.free[rows.nodes], other.moves_with(transfer), frame[:, 1:]
     # a tangent t moves by M t: the quadratic forms tᵀ Mᵀ M t of both sides, in the basis of the tangents
-    moves = sum(tangents @ M.swapaxes(1, 2) @ M @ tangents.swapaxes(1, 2) for M in (free, mean))
-    turns = np.linalg.eigh(moves)[1][:, :, ::-1].swapaxes(1, 2)
+    turns = sum(tangents @ M.swapaxes(1, 2) @ M @ tangents.swapaxes(1, 2) for M in (free, mean))
+    turns = np.linalg.eigh(turns)[1][:, :, ::-1].swapaxes(1, 2)
     turns[~is_touched(free)] = np.eye(tangents.shape[1])
     tangents, entries, held = turns @ tangents, transfer.tocoo(), np.empty(tangents.shape[:2], bool)
+    moves = ~is_held(frame[:, 0], free)
     for k, t in enumerate(tangents.swapaxes(0, 1)):
         met = np.bincount(entries.row, is_held(t[entries.row], other.free[entries.col]), len(t))
-        held[:, k] = is_held(t, free) & (met > 0)
+        held[:, k] = is_held(t, free) & (met > 0) & moves
     return np.concatenate([frame[:, :1], tangents], axis=1), held
 
 

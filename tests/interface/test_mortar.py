@@ -427,6 +427,15 @@ def test_what_clamps_of_both_sides_hold_along_the_contact_carries_no_friction(la
     assert contact.m == 6 and len(contact.sliding) == sliding
 
 
+def test_a_node_that_is_held_wholly_shares_a_row_that_slides():
+    """A strip covers little of a facet whose one end is clamped: the row of its free end has friction as without."""
+    held = {"where": lambda x, y: x < 0.001, "x": True, "y": True}
+    upper, lower = rectangle((6, 2), (3.0, 1.0), (0.0, 1.0)), rectangle((90, 2), (0.01, 1.0))
+    contact = mortar(side(upper, "bottom", body="upper", **held), side(lower, "top", body="lower", **held), COULOMB,
+                     "seam", slave="upper")
+    assert contact.m == 1 and contact.sliding.tolist() == [0] and contact.law.live.all()
+
+
 @pytest.mark.parametrize("sides, rows", [((2, 3), 3), ((3, 4), 2), ((5, 8), 4)])
 def test_ends_tied_in_both_bodies_are_shared_but_no_hinge_is_left(sides, rows):
     """An end shares its neighbour's row where another contact or a clamp holds both bodies at that node."""
