@@ -128,7 +128,7 @@ class Joint:
         """`Member.stiffness` (N/m²; in space N/m) of the body that each rigid motion belongs to, or of the stiffest
         body that a partner pushes (rigid.size,); times the softest foundation over its body's, if that is softer."""
         world = self.exchange.world
-        soft = [member.elasticity.softest / member.stiffness for member in self.members]
+        soft = [member.elasticity.softest / member.stiffness for member in self.members if member.stiffness]
         share = world.allreduce(min([1.0, *soft]), MPI.MIN)
         pushing = [world.allreduce(max((member.stiffness for member in self.members if any(
             rigid.name in each.bodies for each in member.interfaces)), default=0.0), MPI.MAX) for rigid in self.pushed]

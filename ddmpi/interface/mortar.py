@@ -20,9 +20,9 @@ import scipy.sparse as sparse
 from scipy.spatial import cKDTree
 
 from ddmpi.errors import InputError
-from ddmpi.interface.interface import Interface, Lines
+from ddmpi.interface.interface import SAME, Interface, Lines
 from ddmpi.interface.matching import pair
-from ddmpi.interface.rows import Rows, at_points, between, build, duals, is_held, rows_of
+from ddmpi.interface.rows import Rows, at_points, between, build, duals, holds_along, is_held, rows_of
 from ddmpi.interface.vertices import BARELY, UNCOVERED, rows_at_vertices
 from ddmpi.scene.contacts import SettledContact
 from ddmpi.surface.cover import corners, cover, faced_arc
@@ -78,7 +78,7 @@ def mortar(first: Side, second: Side, contact: SettledContact) -> Interface:
     psi = _functions(side, over)
     root = _merged(side, over, psi)
     rows = _rows(sides, own, over, psi, root)
-    free = _unbound(rows, root)
+    free = _unbound(rows, root, holds_along(contact))
     if (free != root).any():
         rows = replace(_rows(sides, own, over, psi, free), bound=free != root)
     return build(rows, contact)
@@ -140,13 +140,18 @@ def _rows(sides: tuple[Side, Side], own: int, over: Cover, psi: sparse.csr_matri
     return replace(rows, lines=lines, whole=rows.whole & (number == 1)[place[side.facets]].all(axis=1))
 
 
-def _unbound(rows: Rows, root: np.ndarray) -> np.ndarray:
-    """The `root` of each of the slave's nodes (k,), where rows that are nearly fixed along the normal (BARELY) are
-    merged with a neighbour."""
+def _unbound(rows: Rows, root: np.ndarray, tangential: bool) -> np.ndarray:
+    """The `root` of each of the slave's nodes (k,), where rows that are nearly fixed along the normal (BARELY), or by a
+    clamp aslant if the contact is `tangential`, are merged with a neighbour."""
     side = rows.sides[rows.own]
     held, most = rows.held(rows.normal)
     facets, found = rows.place[side.facets[rows.seen]], root.copy()
     most[held.all(axis=0)] = 0.0
+    if tangential:  # a clamp aslant to the contact is no plane of symmetry: forces along the contact go through there
+        t = np.column_stack([-rows.normal[:, 1], rows.normal[:, 0]])
+        free = side.free[rows.nodes]
+        slant = np.linalg.norm(np.einsum("rij,rj->ri", free, t), axis=1)
+        most[is_held(t, free) & (slant > SAME)] = 0.0
     ends = _tied_ends(rows)
     if np.count_nonzero(np.delete(most, ends) >= BARELY) > 1:  # one row would be a hinge
         most[ends] = 0.0

@@ -175,7 +175,7 @@ def _along_clamps(rows: Rows, frame: np.ndarray) -> tuple[np.ndarray, np.ndarray
     moves = ~is_held(frame[:, 0], free)
     for k, t in enumerate(tangents.swapaxes(0, 1)):
         met = np.bincount(entries.row, is_held(t[entries.row], other.free[entries.col]), len(t))
-        held[:, k] = is_held(t, free) & (met > 0) & moves
+        held[:, k] = is_held(t, free) & (met > 0) & moves & bool(np.isfinite(other.modulus))
     return np.concatenate([frame[:, :1], tangents], axis=1), held
 
 

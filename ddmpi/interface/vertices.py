@@ -18,7 +18,7 @@ import numpy as np
 import scipy.sparse as sparse
 
 from ddmpi.interface.interface import Lines
-from ddmpi.interface.rows import Rows, at_points, between, duals, rows_of
+from ddmpi.interface.rows import Rows, at_points, between, duals, holds_along, is_held, rows_of
 from ddmpi.mesh.boundary import creases, links
 from ddmpi.scene.contacts import SettledContact
 from ddmpi.surface.cut import Cover
@@ -60,6 +60,8 @@ def rows_at_vertices(sides: tuple[Side, Side], own: int, over: Cover, looked: Co
         across += at_points(over.at, side.corners[over.facet], len(met)) @ side.normal
     rows = rows_of(sides, own, over, psi, _shared(met, shares, near), across)
     held = _hardly_move(rows)
+    if holds_along(contact) and np.isfinite(other.modulus):
+        held |= _held_along_rim(rows)
     if held.any() and not held.all():
         shares[rows.nodes[held]] = True
         rows = rows_of(sides, own, over, psi, _shared(met, shares, near), across)
@@ -114,3 +116,19 @@ def _hardly_move(rows: Rows) -> np.ndarray:
     most = np.max([np.linalg.norm(each @ axes, axis=1) for each in moves], axis=0)
     along = np.einsum("rd,rdk->rk", rows.normal, axes)
     return np.linalg.norm(along * np.minimum(most, 1.0), axis=1) < BARELY
+
+
+def _held_along_rim(rows: Rows) -> np.ndarray:
+    """Which rows (r,) have a vertex on an edge of the slave's rim along which one clamp holds both ends: shear goes
+    through there, unlike through a plane of symmetry."""
+    side = rows.sides[rows.own]
+    edges = np.sort(side.corners[rows.seen][:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    edges, number = np.unique(edges, axis=0, return_counts=True)
+    edges = edges[number == 1]
+    along = side.xy[edges[:, 1]] - side.xy[edges[:, 0]]
+    along /= np.linalg.norm(along, axis=1)[:, None]
+    first, second = edges.T
+    both = is_held(along, side.free[first]) & is_held(along, side.free[second])
+    axis, each = np.abs(along).argmax(axis=1), np.arange(len(edges))  # one cell between two planes is no such edge
+    both &= side.clamps[first][each, axis] == side.clamps[second][each, axis]
+    return np.isin(rows.nodes, edges[both])

@@ -20,7 +20,7 @@ from ddmpi.scene.scene import FileKind, Scene, Settled
 DEEP = re.compile(r"""(?<![\w"'-])(?:[\w"'-]++\s*+\.\s*+){100}""")
 """A key of a hundred parts; tomllib's time grows with the square of their number."""
 
-DECK = re.compile(r"(\*\*.*\n|\s*\n)*\*[A-Za-z]")
+DECK = re.compile(r"(?:\*\*[^\n]*\n|[^\S\n]*\n)*\*[A-Za-z]")
 """How a deck begins: with a keyword, after comments."""
 
 NESTED = 100
