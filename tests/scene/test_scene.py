@@ -810,3 +810,10 @@ def test_every_outer_method_says_what_is_asked_of_it():
         assert f"{method.criterion} below {method.tolerance:g}" in method.plan
         assert method.title and all(method.curves) and method.diverging
         assert method.advice("diverged", np.nan, 3, 0.1, ())
+
+
+@pytest.mark.parametrize("begin, deck", [("\n" * 2000 + "title =\n", False), ("** a deck\n\n*NODE\n1, 0, 0\n", True)])
+def test_a_deck_is_told_from_a_scene_with_a_mistake(begin, deck):
+    """However many lines are blank before it."""
+    with pytest.raises(InputError, match="deck of Abaqus" if deck else "not valid TOML"):
+        read_scene("some.toml", begin)

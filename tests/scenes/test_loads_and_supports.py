@@ -43,6 +43,8 @@ def test_a_body_whose_nodes_are_all_clamped_is_an_obstacle(d, on_the_left):
     force = answer.contacts["upper-lower"].force
     assert force[-1] == pytest.approx(1e6)
     assert answer.summary["bodies"]["lower"]["reaction"] == pytest.approx(force, abs=1e-3)
+    scene["body"].append(make("alone", (9.0,) * d, unit, cells, clamp=["bottom", "top"]))  # without a contact
+    assert certified(scene).contacts["upper-lower"].force == pytest.approx(force)
     assert answer.summary["bodies"]["lower"]["n"] == 0 and not answer.bodies["lower"].displacement.any()
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from mpi4py import MPI
-from solid_scenes import CROSS, T_JUNCTION, between_planes, jittered, patch, patch_errors, two_patches
+from solid_scenes import CROSS, HELD, T_JUNCTION, between_planes, box, jittered, patch, patch_errors, two_patches
 
 import ddmpi
 
@@ -74,6 +74,27 @@ def test_planes_of_symmetry(order, kind, slave, planes, Q):
     assert errors.displacement <= EXACT
     assert errors.traction <= EXACT
     assert answer.summary["m"] == smooth.summary["m"]
+
+
+@both_orders
+@both_kinds
+@pytest.mark.parametrize("held", ["x", "xy"])
+def test_shear_along_edges_that_are_held_along_themselves(order, bonded, held):
+    """Faces whose clamps move with a constant shear are no planes of symmetry: it goes through their edges exactly."""
+    slope, strain, cells = 0.02, 0.1, ((3, 3, 2), (4, 4, 2))
+    sides = [{"on": on} | {axis: value for axis, value in (("x", f"{slope} * z"), ("y", 0.0)) if axis in held}
+             for on in ("front", "back")]
+    ends = [{"on": "bottom"} | HELD, {"on": "top", "x": 2 * slope, "y": 0.0, "z": -2 * strain}]
+    shear = [{"on": on, "value": [0.0, 0.0, sign * 0.5 * slope]} for on, sign in (("left", -1.0), ("right", 1.0))]
+    bodies = [box(name, (0, 0, z), (1, 1, 1), n, order, young=1.0, poisson=0.0, clamp=[end, *sides], traction=shear)
+              for name, z, n, end in zip(("lower", "upper"), (0, 1), cells, ends, strict=True)]
+    law = {"kind": "bonded"} if bonded else {"friction": {"law": "coulomb", "coefficient": 0.5}}
+    answer = ddmpi.solve({"body": bodies, "contact": [{"bodies": ["lower", "upper"], "on": ["top", "bottom"],
+                                                       "pairing": "mortar"} | law], "method": {"tolerance": 1e-12}})
+    assert answer.certified, answer.reason
+    for body in answer.bodies.values():
+        z = body.points[:, 2]
+        assert body.displacement == pytest.approx(np.column_stack([slope * z, 0.0 * z, -strain * z]), abs=1e-8)
 
 
 @pytest.mark.slow
