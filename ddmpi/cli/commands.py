@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ddmpi.errors import InputError, OutputError
+from ddmpi.errors import InputError, InterruptionError, OutputError
 from ddmpi.system import interrupt, logs
 from ddmpi.system.agreement import agreed, from_first
 from ddmpi.system.memory import loading
@@ -41,6 +41,14 @@ def _run(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> None
     else:
         run(world, scene, options.scene, options.output, figures=scene.output.figures and not options.no_figures,
             restart=options.restart)
+
+
+def _check(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> None:
+    try:
+        _run(world, options, petsc)
+    except InterruptionError as error:
+        error.args = ("before the check was done",)
+        raise
 
 
 def _sweep(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> None:
@@ -130,7 +138,7 @@ def _alone(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> No
             ALONE[options.command](options)
 
 
-COMMANDS = {"run": _run, "check": _run, "sweep": _sweep} | dict.fromkeys(ALONE, _alone)
+COMMANDS = {"run": _run, "check": _check, "sweep": _sweep} | dict.fromkeys(ALONE, _alone)
 
 
 @contextlib.contextmanager

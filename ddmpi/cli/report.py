@@ -67,7 +67,7 @@ def write_report(folder: str | Path, output: str | None = None, time: float | No
         page = _sweep(folder) if (folder / SWEEP).exists() else _run(folder, time)
     if path.exists() and not (path.is_file() and MARK.encode() in path.read_bytes()[:1000]):
         raise InputError(f"--output {path}: is there already, and no report of ddmpi; name another file")
-    write_atomically(path, page.encode())
+    write_atomically(path, page.encode(errors="backslashreplace"))  # names of folders may be no text
     return path
 
 

@@ -65,9 +65,6 @@ FILLED, TINY = 0.01, 1e-6
 OFF = 1e22
 """What gmsh takes for no limit."""
 
-EXIT = re.compile(rb"\bExit\b")
-"""What ends gmsh within a .geo."""
-
 DRAWN = "drawn.msh"
 """The mesh that gmsh writes."""
 
@@ -121,9 +118,8 @@ def _opened(path: Path, label: str) -> Iterator[tuple[Path, Path]]:
                 error.args = (str(error).replace(str(copy), str(original)),)
             raise
         except ChildProcessError as error:
-            exits = "; leave out Exit" * any(
-                EXIT.search(copy.read_bytes()) for copy in copies.values() if copy.exists())
-            raise InputError(f"{label} ends gmsh ({error}){exits}") from None
+            exits = any(re.search(rb"\bExit\b", copy.read_bytes()) for copy in copies.values())
+            raise InputError(f"{label} ends gmsh ({error})" + "; leave out Exit" * exits) from None
 
 
 def _copy(path: Path, copies: dict[Path, Path], folder: Path, label: str) -> Path:
@@ -185,7 +181,7 @@ def _tamed(script: bytes, path: Path, copies: dict[Path, Path], folder: Path, la
 def _draw(source: Path, script: bool, body: BodySpec, contacts: Collection[str], sizes: Sizes | None,
           label: str) -> None:
     """Write the mesh of the drawing `source` as DRAWN; for a process that does nothing else. Raises InputError."""
-    with gmsh_session() as gmsh:
+    with gmsh_session() as gmsh, _gmsh_errors(f"{label} cannot be meshed"):
         with _gmsh_errors(f"{label} cannot be read"):
             gmsh.open(str(source))
         d = gmsh.model.getDimension()
@@ -199,10 +195,9 @@ def _draw(source: Path, script: bool, body: BodySpec, contacts: Collection[str],
         else:
             _refuse_tiny(gmsh, body, contacts, label)
             _refine_towards(gmsh, body, contacts)
-        with _gmsh_errors(f"{label} cannot be meshed"):
-            gmsh.model.mesh.generate(d)
-            gmsh.model.mesh.setOrder(body.mesh.order or 1)
-            gmsh.write(DRAWN)
+        gmsh.model.mesh.generate(d)
+        gmsh.model.mesh.setOrder(body.mesh.order or 1)
+        gmsh.write(DRAWN)
 
 
 def _choose_groups(gmsh, script: bool, body: BodySpec, contacts: Collection[str], label: str) -> None:
@@ -391,5 +386,7 @@ def _gmsh_errors(what: str) -> Iterator[None]:
     """Errors of gmsh as InputError that says `what`."""
     try:
         yield
+    except InputError:
+        raise
     except Exception as error:  # gmsh raises bare ones
         raise InputError(f"{what} (gmsh: {error})") from None

@@ -22,6 +22,9 @@ DRAWN = 0.08
 INVISIBLE = 0.002
 """Errors of at most this fraction of the bodies' extent cannot be seen in a picture: two pixels."""
 
+FARTHEST = 100.0
+"""Displacements are drawn as at most so many times the bodies' extent, whatever magnification is asked for."""
+
 AROUND = 1.25
 """A rigid surface is drawn beyond what may touch it in space, by this factor."""
 
@@ -32,8 +35,8 @@ def magnify(results: Results, largest: float = 0.0) -> tuple[float, np.ndarray]:
     Each body is shifted as a whole, by F − 1 times the gap that its contact had at first; negative for an overlap.
     Nodes are then drawn F times as far apart as they are, and touch where they touch. If gaps vary, as in rings, this
     holds for their mean only. F is then so small that no error at touching nodes, and no overlap at others, is visible;
-    at F = 1 there are none. A scene that gives ``output.magnification`` accepts what it does. `largest` is a
-    displacement of an earlier load step that F has to suit as well (m). Not collective.
+    at F = 1 there are none. A scene that gives ``output.magnification`` accepts what it does, up to FARTHEST. `largest`
+    is a displacement of an earlier load step that F has to suit as well (m). Not collective.
     """
     points, moved = results.points, np.linalg.norm(results.fields["displacement"], axis=1)
     owner, names, contacts = owners(results), list(results.summary["bodies"]), results.summary["scene"]["contact"]
@@ -56,7 +59,8 @@ def magnify(results: Results, largest: float = 0.0) -> tuple[float, np.ndarray]:
     limits = [limit for table, shift in zip(tables, apart @ shifts, strict=True)
               for limit in _limits(table, shift, INVISIBLE * extent)]
     chosen = round_down(min([DRAWN * extent / size, *limits])) if size else 1.0
-    factor = results.summary["scene"]["output"].get("magnification") or max(chosen, 1.0)
+    asked = results.summary["scene"]["output"].get("magnification")
+    factor = min(asked, FARTHEST * extent / size if size else asked) if asked else max(chosen, 1.0)
     return factor, (factor - 1.0) * shifts[owner]
 
 

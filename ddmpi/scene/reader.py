@@ -20,8 +20,8 @@ from ddmpi.scene.scene import FileKind, Scene, Settled
 DEEP = re.compile(r"""(?<![\w"'-])(?:[\w"'-]++\s*+\.\s*+){100}""")
 """A key of a hundred parts; tomllib's time grows with the square of their number."""
 
-DECK = re.compile(r"(?:\*\*[^\n]*\n|[^\S\n]*\n)*\*[A-Za-z]")
-"""How a deck begins: with a keyword, after comments."""
+MESHES = {"file": (".inp", ".msh", ".med", ".vtu", ".vtk"), "geometry": (".geo", ".step", ".stp", ".brep", ".brp")}
+"""Endings of files of meshes and drawings, by the key that names such a file in a scene."""
 
 NESTED = 100
 """So many tables and lists may lie within each other in the data of a program, which may contain themselves."""
@@ -34,10 +34,7 @@ def read_data(path: str, scene: str | Mapping[str, Any], settings: Sequence[str]
             raise RecursionError
         data = tomllib.loads(scene) if isinstance(scene, str) else as_data(scene, path)
     except tomllib.TOMLDecodeError as error:
-        if DECK.match(str(scene)):
-            raise InputError(f"{path}: this is a deck of Abaqus or CalculiX, not a scene; a scene names it as the mesh "
-                             f'of a body: mesh = {{ file = "{Path(path).name}" }}') from None
-        raise InputError(f"{path}: not valid TOML: {explain_syntax(error, str(scene))}") from None
+        raise InputError(_no_scene(path) or f"{path}: not valid TOML: {explain_syntax(error, str(scene))}") from None
     except RecursionError:
         raise InputError(f"{path}: is nested too deeply") from None
     except ValueError as error:  # an integer of too many digits
@@ -104,7 +101,16 @@ def read_text(path: str | Path) -> str:
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
-        raise InputError(f"{path}: not a text file in UTF-8") from None
+        raise InputError(_no_scene(path) or f"{path}: not a text file in UTF-8") from None
+
+
+def _no_scene(path: str | Path) -> str:
+    """What is wrong with a file that is given as a scene and is a mesh or a drawing by its name; else nothing."""
+    ending = Path(path).suffix.lower()
+    key = next((key for key, endings in MESHES.items() if ending in endings), "")
+    what = "an Abaqus or CalculiX deck" if ending == ".inp" else f"a {ending[1:].upper()} file"
+    return key and (f"{path}: {what}, and no scene; a scene is a file in TOML, where a body names this one: "
+                    f"mesh = {{ {key} = {_value(Path(path).name)} }}")
 
 
 def write_toml(scene: dict) -> str:

@@ -75,8 +75,7 @@ def run_sweep(world: MPI.Comm, sweep: Sweep) -> None:
 
     Raises InputError before any work: another sweep's folder, a wrong number of ranks, a varied PETSc option that is
     also given; OutputError where a record, the table or a plot cannot be written; InterruptionError when a signal ends
-    the case that is running, and the sweep with it; at the end NotConvergedError where a chosen case has no certified
-    answer, of a single case its own error.
+    the case that is running, and the sweep with it; at the end what `_judge` raises, of a single case its own error.
     """
     check_ranks(world, sweep.cases[0].scene)
     options, error = RunOptions(), None

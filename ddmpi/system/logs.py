@@ -21,7 +21,7 @@ class _LogFile(logging.FileHandler):
 
     def format(self, record: logging.LogRecord) -> str:
         stamp = utc(record.created)
-        return "\n".join(f"{stamp}  {line}".rstrip() for line in super().format(record).split("\n"))
+        return "\n".join(f"{stamp}  {line}".rstrip() for line in printable(super().format(record)).split("\n"))
 
     def handleError(self, record: logging.LogRecord | None) -> None:
         _give_up(self, f"the log {self.baseFilename} cannot be written any more ({sys.exc_info()[1]})")
@@ -34,6 +34,9 @@ class _LogFile(logging.FileHandler):
 
 
 class _Screen(logging.StreamHandler):
+    def format(self, record: logging.LogRecord) -> str:
+        return printable(super().format(record))
+
     def handleError(self, record: logging.LogRecord) -> None:
         leave_stdout()
         _give_up(self, f"messages cannot be printed any more ({sys.exc_info()[1]})")
@@ -45,6 +48,11 @@ def _give_up(handler: logging.Handler, message: str) -> None:
         handler.setLevel(logging.CRITICAL + 1)
         with contextlib.suppress(OSError):  # there is nowhere left to say it
             print(f"ddmpi: warning: {message}; the run goes on", file=sys.stderr, flush=True)
+
+
+def printable(text: str) -> str:
+    """The text with characters that control a screen, such as NUL, in words; lines stay."""
+    return re.sub(r"[\x00-\x09\x0b-\x1f\x7f]", lambda found: repr(found[0])[1:-1], text)
 
 
 def leave_stdout() -> None:
@@ -144,7 +152,7 @@ def diverted(path: Path | None) -> Iterator[None]:
 def report_error(message: str) -> None:
     """Print an error on stderr and append it to the log; any rank may do so on its own."""
     with contextlib.suppress(OSError):  # the exit code says it, too
-        sys.stderr.write(f"{message}\n")  # a whole line: Open MPI 5.0 mixes pieces of lines of both streams
+        sys.stderr.write(f"{printable(message)}\n")  # a whole line: Open MPI 5.0 mixes pieces of lines of both streams
         sys.stderr.flush()
     for handler in _log_files():
         with contextlib.suppress(OSError):  # the message is on the screen

@@ -9,6 +9,9 @@ import numpy as np
 SI = ("m", "Pa", "N/m", "N·m/m", "J/m", "N", "N·m", "J")
 """Units that take a prefix."""
 
+ROUNDING = 1e-12
+"""Coordinates of a place below this part of its largest one are rounding."""
+
 PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p"))
 
 

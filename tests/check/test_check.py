@@ -14,7 +14,7 @@ from ddmpi.check.check import check
 from ddmpi.check.drawing import Plan
 from ddmpi.check.nearby import NEAR, Missing
 from ddmpi.coupling.assembly import prepare
-from ddmpi.errors import InputError, NotConvergedError
+from ddmpi.errors import InputError, InterruptionError, NotConvergedError
 from ddmpi.scene.reader import read_scene
 
 
@@ -202,6 +202,17 @@ def test_colours_of_gaps_end_with_them(looked_at, monkeypatch):
     scene["contact"][0]["gap"] = -0.01
     looked_at(scene, "out")
     assert found == [(pytest.approx(-10.0), pytest.approx(0.0, abs=1e-9))]
+
+
+def test_a_check_that_is_interrupted_has_nothing_to_save(monkeypatch):
+    from ddmpi.cli import commands
+
+    def ends(*_):
+        raise InterruptionError("SIGTERM")
+
+    monkeypatch.setattr(commands, "_run", ends)
+    with pytest.raises(InterruptionError, match=r"^before the check was done$"):
+        commands.COMMANDS["check"](None, None, [])
 
 
 @pytest.mark.slow

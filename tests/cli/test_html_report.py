@@ -1,6 +1,7 @@
 """The report of a run: one HTML file that says how the run ended, whatever the end, and needs nothing else."""
 
 import json
+import os
 import subprocess
 import sys
 from html.parser import HTMLParser
@@ -235,6 +236,13 @@ def test_a_sweep_has_a_report(tmp_path):
     assert "Cases that warn: 1." in page.text and "Case 0: slid <far>" in page.text
     assert page.table("A line")[1:] == [["0", "0.2", "certified", "9", "120", "1.00", "–", "0.50"],
                                         ["1", "2", "not converged: diverged", "–", "–", "–", "–", "–"]]
+
+
+def test_the_name_of_the_folder_may_be_no_text(run):
+    """As one whose bytes are in another code than UTF-8."""
+    folder = run.rename(run.parent / os.fsdecode(b"no\xfftext"))
+    assert write_report(folder) == folder / "report.html"
+    assert "no\\udcfftext" in (folder / "report.html").read_text(encoding="utf-8")
 
 
 def test_only_reports_are_overwritten(run):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from ddmpi.errors import InputError
+from ddmpi.mesh import geometry
 from ddmpi.mesh.build import build_mesh
 from ddmpi.mesh.mesh import Mesh, signed_measures
 from ddmpi.mesh.read import gmsh_session
@@ -223,7 +224,7 @@ def test_curves_of_cad_files_are_groups_by_number(cad):
     (PLATE + "Point(9) = {1, 0, 0,};\nfoo bar;\n", "cannot be read (gmsh: "),
     (PLATE + GROUPS, "has no surface"),
     (SURFACE, "has no named physical groups of lines"),
-    (SURFACE + GROUPS + "Exit;", "ends gmsh (exit code 0)"),
+    (SURFACE + GROUPS + "Exit;", "ends gmsh (exit code 0); leave out Exit"),
     (SURFACE + GROUPS + 'Physical Curve("plate") = {1};', "both a physical curve and a physical surface"),
     (SURFACE.replace("{2, 1, 0}", "{2, 1, 1}").replace("{0, 1, 0}", "{0, 1, 1}") + GROUPS, "is not plane"),
     (SURFACE.replace('Physical Surface("plate") = {1};', "") + GROUPS
@@ -240,6 +241,27 @@ def test_bad_geometries_are_refused(tmp_path, text, words):
     assert str(error.value).startswith(f"body.plate.mesh.geometry: {path}") and words in str(error.value)
     assert len(str(error.value).splitlines()) == 1
     assert drawn(write(tmp_path / "good.geo", SURFACE + GROUPS)).triangles.size
+
+
+def test_any_error_of_gmsh_is_the_drawings(tmp_path, monkeypatch):
+    """Also one that comes up between reading and meshing; nothing is said of an Exit that is not there."""
+    path = write(tmp_path / "plate.geo", SURFACE + GROUPS)
+
+    def fails(*_):
+        raise Exception("Unknown curve 7")
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(geometry, "_refine_towards", fails)
+    monkeypatch.setattr(geometry, "apart", lambda folder, work, *arguments: work(*arguments))
+    with pytest.raises(InputError, match=r"plate\.geo cannot be meshed \(gmsh: Unknown curve 7\)$"):
+        drawn(path)
+
+    def ends(*_):
+        raise ChildProcessError("exit code 1: Unknown curve 7")
+
+    monkeypatch.setattr(geometry, "apart", ends)
+    with pytest.raises(InputError, match=r"plate\.geo ends gmsh \(exit code 1: Unknown curve 7\)$"):
+        drawn(path)
 
 
 def test_missing_files_and_groups_are_refused(tmp_path):

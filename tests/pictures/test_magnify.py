@@ -165,6 +165,13 @@ def test_a_far_body_stays_where_it_is():
     assert factor == 1.0 and not shift.any()
 
 
+def test_no_magnification_moves_bodies_out_of_all_bounds():
+    meshes = {"upper": made_up.block((0.0, 1.0)), "lower": made_up.block()}
+    u = {"upper": [0.0, 0.0], "lower": [0.0, -1e-4]}
+    results, _ = deformed(meshes, u, {"upper-lower": ("bottom", "top")}, 1e30)
+    assert magnify(results)[0] * 1e-4 == pytest.approx(100.0 * 3.0)  # 100 times the blocks' extent
+
+
 @pytest.mark.parametrize("given", [50.0, None])
 def test_bodies_are_drawn_at_the_magnification_in_the_title(given):
     """bodies.png has bodies that touch, and the magnification of the scene, or the chosen one, in its title."""

@@ -351,6 +351,17 @@ def test_missing_tables_are_named():
     assert "other: unknown key" in message(text=without_contact)
 
 
+@pytest.mark.parametrize(("name", "words"), [
+    ("punch.inp", 'an Abaqus or CalculiX deck, and no scene; .* mesh = { file = "punch.inp" }'),
+    ("part.step", 'a STEP file, and no scene; .* mesh = { geometry = "part.step" }')])
+@pytest.mark.parametrize("content", [b"*HEADING\n", b"\xff\xfe"])
+def test_a_mesh_or_a_drawing_is_no_scene(tmp_path, name, words, content):
+    """It is called what it is, with the key that names it in a scene."""
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(InputError, match=words):
+        read_scene_file(tmp_path / name)
+
+
 @pytest.mark.parametrize("text", ["title = ", "[[body]", 'title = "a"\ntitle = "b"', "x = 1\n[x]"])
 def test_invalid_toml_is_refused(text):
     """A file that is not TOML is refused."""
@@ -810,10 +821,3 @@ def test_every_outer_method_says_what_is_asked_of_it():
         assert f"{method.criterion} below {method.tolerance:g}" in method.plan
         assert method.title and all(method.curves) and method.diverging
         assert method.advice("diverged", np.nan, 3, 0.1, ())
-
-
-@pytest.mark.parametrize("begin, deck", [("\n" * 2000 + "title =\n", False), ("** a deck\n\n*NODE\n1, 0, 0\n", True)])
-def test_a_deck_is_told_from_a_scene_with_a_mistake(begin, deck):
-    """However many lines are blank before it."""
-    with pytest.raises(InputError, match="deck of Abaqus" if deck else "not valid TOML"):
-        read_scene("some.toml", begin)

@@ -205,6 +205,31 @@ def test_orthotropic_solids_are_pressed_together(order):
     assert found["normal_force"] / found["length"] == pytest.approx(1e-3 / 2.0 * PLY["young"][1], rel=1e-8)
 
 
+# Clamps on all nodes
+
+
+@pytest.mark.parametrize("make", [rectangle, box])
+@pytest.mark.parametrize("strain", [0.0, -1e-3])
+def test_a_body_whose_nodes_are_all_clamped_is_like_a_rigid_one(make, strain):
+    """What is pressed on it has the answer of a rigid plane; the clamps carry the force, whatever strains the body."""
+    d = 2 if make is rectangle else 3
+    up, away = "xyz"[d - 1], [0.0] * (d - 1)
+    lower = make("lower", [0.0] * d, [1.0] * d, [1] * d, clamp=[
+        {"on": on, up: moved} | dict.fromkeys("xyz"[:d - 1], 0.0) for on, moved in (("bottom", strain), ("top", 0.0))])
+    upper = make("upper", [*away, 1.0], [1.0] * d, [1] * d, traction=[{"on": "top", "pressure": 1e3}])
+    contact = {"name": "c", "bodies": ["upper", "lower"], "on": ["bottom", "top"],
+               "friction": {"law": "coulomb", "coefficient": 0.1}}
+    plane = {"name": "lower", "shape": "plane", "point": [*away, 1.0], "normal": [*away, 1.0]}
+    one = certified({"body": [upper, lower], "contact": [contact]})
+    other = certified({"body": [upper], "rigid": [plane], "contact": [contact | {"on": ["bottom"]}]})
+    assert one.contacts["c"].forces == pytest.approx(other.contacts["c"].forces, rel=1e-6, abs=1e-3)
+    moved = {name: answer.bodies["upper"].displacement for name, answer in (("one", one), ("other", other))}
+    assert moved["one"] == pytest.approx(moved["other"], rel=1e-5, abs=1e-12)
+    found = one.summary["bodies"]["lower"]
+    assert sum(each["force"][d - 1] for each in found["reactions"].values()) == pytest.approx(1e3)
+    assert (found["von_mises_max"] > 0.0) == (strain != 0.0)
+
+
 # Ranks
 
 SCENES = {"heat": rings, "planes": lambda: wedge(2, 33.0, 2, "mortar"),

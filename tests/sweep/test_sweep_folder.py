@@ -7,6 +7,7 @@ import subprocess
 import sys
 import tomllib
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
@@ -14,11 +15,12 @@ import scenes
 from scenes import pinched_blocks
 from test_sweep import COEFFICIENT, inject, rows, run_sweep, stamp
 
-from ddmpi.errors import InputError
+from ddmpi.errors import InputError, NotConvergedError, OutputError
 from ddmpi.scene.reader import read_data
 from ddmpi.sweep import table as sweep_table
 from ddmpi.sweep.cases import build_cases
-from ddmpi.sweep.table import check_sweep, claim_sweep, gather, identify, numbers
+from ddmpi.sweep.sweep import Sweep, _judge
+from ddmpi.sweep.table import check_sweep, claim_sweep, gather, identify, numbers, record_case
 from ddmpi.system.files import RECORD, SWEEP
 
 pytestmark = pytest.mark.slow
@@ -243,6 +245,17 @@ def test_a_plot_that_cannot_be_written(finished, small, tmp_path):
     run = run_sweep(small, folder, *TWO, "--plot", "n_A:coefficient")
     assert run.code == 5 and len(run.messages) == 1, run.output
     assert str(picture) in run.messages[0]
+
+
+@pytest.mark.parametrize(("codes", "error"), [((0, 5), OutputError), ((3, 2), NotConvergedError), ((0, 0), None)])
+def test_a_sweep_whose_results_cannot_be_written_ends_like_a_run(tmp_path, codes, error):
+    """On a full disk a run ends with exit code 5, and so does the sweep."""
+    sweep = Sweep("scene.toml", {}, tmp_path, build(*TWO[1:]), build(*TWO[1:]), False, [])
+    for case, code in zip(sweep.cases, codes, strict=True):
+        sweep.place(case).mkdir()
+        record_case(sweep.place(case), case, code, "")
+    with pytest.raises(error, match=r"of 2 cases in .* have a certified answer; ") if error else nullcontext():
+        _judge(sweep)
 
 
 # Shares, lists, closed folders
