@@ -42,7 +42,7 @@ PLACES = {
     "mesh/geometry": 1, "pictures/draw": 1, "pictures/contacts": 1, "pictures/curves": 2, "pictures/moved": 1,
     # columns, units and the name of the preconditioner
     "check/drawing": 1,
-    "results/tables": 1, "results/summary": 1, "run/report": 1,
+    "results/tables": 1, "scene/scene": 1, "run/report": 1,
     # a scene in the plane has plane strain or plane stress
     "scene/bodies": 1,
     # by the kind of a side, and by what is drawn of it

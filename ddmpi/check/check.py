@@ -29,7 +29,6 @@ from ddmpi.mesh.boundary import group_nodes
 from ddmpi.mesh.elements import CELLS
 from ddmpi.mesh.mesh import PHYSICAL, Mesh
 from ddmpi.results.folder import choose_folder
-from ddmpi.results.summary import units
 from ddmpi.run.equilibrium import look_for_mechanism, motions_without_resistance
 from ddmpi.run.report import LISTED, describe_gap, describe_method, grouped, some
 from ddmpi.run.run import DRAWERS, prepare_scene
@@ -153,7 +152,7 @@ def _page(assembly: Assembly, bodies: Mapping[str, Looked], interfaces: Sequence
           missing: Sequence[Missing], free: Sequence[str], ranks: int) -> Iterator[str]:
     """The lines of the page. Not collective."""
     scene = assembly.scene
-    unit = units(scene.resolved(), scene.dimension)
+    unit = scene.units
     yield (f"{assembly.n} unknowns ({CELLS[scene.dimension, scene.body[0].mesh.order].title}), {assembly.m} "
            f"contact nodes, bodies: {len(bodies)}, ranks: {ranks}; factors take about "
            f"{bytes_in_words(sum(each.memory for each in bodies.values()))}")

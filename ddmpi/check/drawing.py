@@ -21,7 +21,6 @@ from ddmpi.pictures.moved import rigid_parts
 from ddmpi.pictures.sheet import COLOURS, FILLED, NAMED, PIXELS, STYLE, Sheet, above, colours_of, rounded, start_drawing
 from ddmpi.pictures.views import Skin, Surface
 from ddmpi.results.fields import drawn_facets
-from ddmpi.results.summary import units
 from ddmpi.results.tables import Results
 from ddmpi.scene.scene import Settled
 from ddmpi.surface.side import nodal
@@ -121,7 +120,7 @@ def _as_results(scene: Settled, bodies: Mapping[str, Looked], interfaces: Sequen
     points = np.concatenate([mesh.points for mesh in meshes])
     tables = {each.name: dict(zip("xyz", each.lines.xy.T, strict=False)) for each in interfaces}
     return Results({"title": scene.title, "bodies": dict.fromkeys(bodies), "scene": plain_scene, "steps": [],
-                    "units": units(plain_scene, scene.dimension)}, tables, {}, {}, {}, {
+                    "units": scene.units}, tables, {}, {}, {}, {
         "points": points, "displacement": np.zeros_like(points),
         "cells": np.concatenate([mesh.triangles + start for mesh, start in zip(meshes, starts, strict=False)]),
         "body": np.repeat(np.arange(len(meshes)), [len(mesh.triangles) for mesh in meshes])},

@@ -16,10 +16,11 @@ from ddmpi.errors import InputError
 from ddmpi.mesh.elements import ORDERS
 from ddmpi.results.folder import FILES
 from ddmpi.results.histories import at_step
-from ddmpi.results.summary import RESIDUALS, units
+from ddmpi.results.summary import RESIDUALS
 from ddmpi.results.tables import read_results, read_summary, reading
 from ddmpi.scene.method import METHODS
 from ddmpi.scene.reader import write_toml
+from ddmpi.scene.scene import units
 from ddmpi.sweep.table import read_table
 from ddmpi.system.files import CHECKPOINT, MECHANISM, SUMMARY, SWEEP, TABLE, contact_files, write_atomically
 from ddmpi.system.provenance import has_matplotlib

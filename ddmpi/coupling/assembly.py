@@ -272,6 +272,7 @@ def _join(scene: Settled, contact: SettledContact, sides: tuple[Side, Side | Non
     """The interface of two sides, or of one and a rigid partner, of the bodies `specs`, and warnings. `factors` of
     histories are by the times at which loads turn. Raises InputError."""
     (first, second), clamps = sides, {body.name: [*body.clamps, ON_AXIS] for body in specs}
+    unit = scene.units["length"]
     if second is None:
         (rigid,) = (each for each in scene.rigid if each.name == contact.bodies[1])
         interface = face_rigid(first, rigid, contact)
@@ -282,8 +283,8 @@ def _join(scene: Settled, contact: SettledContact, sides: tuple[Side, Side | Non
         interface = connect(first, second, contact, refinement)
         partner = Mover(second, clamps[second.body])
     overlaps = check_overlap(interface, *(side for side in (first, second) if side),
-                             scales=[each[interface.gap_history] for each in factors.values()])
-    refuse_contradiction(interface, [Mover(first, clamps[first.body]), partner], factors)
+                             scales=[each[interface.gap_history] for each in factors.values()], unit=unit)
+    refuse_contradiction(interface, [Mover(first, clamps[first.body]), partner], factors, unit)
     idle = [] if contact.slave is None or interface.slave else [
         f"contact.{contact.name}.slave: no side is a slave, because nodes match and are paired; pairing = \"mortar\" "
         "makes one of them the slave"]

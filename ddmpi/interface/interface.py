@@ -240,7 +240,7 @@ class Interface:
         return self.bodies.index(body)
 
 
-def check_overlap(interface: Interface, *sides: Side, scales: Sequence[float] = (1.0,)) -> list[str]:
+def check_overlap(interface: Interface, *sides: Side, scales: Sequence[float] = (1.0,), unit: str = "m") -> list[str]:
     """Warnings of a large initial overlap; InputError where the sides turn their backs on each other. Not collective.
 
     `sides` are those of both bodies, or of the one that has a rigid partner, `scales` the factors that the gap has. A
@@ -253,17 +253,18 @@ def check_overlap(interface: Interface, *sides: Side, scales: Sequence[float] = 
     overlap, depths = -gap[k], [float(np.abs(normal[k]) @ side.extent) for side in sides]
     thin = sides[int(np.argmin(depths))].body
     if len(sides) == 1 and overlap > BEHIND * depths[0]:
-        raise InputError(f"contact.{interface.name}: {thin!r} lies {overlap:.3g} deep in {interface.bodies[1]!r}, "
-                         f"more than its depth of {depths[0]:.3g}: the surface or the boundary is turned the wrong way")
+        raise InputError(f"contact.{interface.name}: {thin!r} lies {overlap:.3g} {unit} deep in "
+                         f"{interface.bodies[1]!r}, more than its depth of {depths[0]:.3g} {unit}: the surface or the "
+                         "boundary is turned the wrong way")
     if overlap > min(depths):
-        raise InputError(f"contact.{interface.name}: the sides overlap by {overlap:.3g}, more than the depth of "
-                         f"{thin!r} ({min(depths):.3g}): they turn their backs on each other. Are the two names of "
-                         "`on` in the order of `bodies`?")
+        raise InputError(f"contact.{interface.name}: the sides overlap by {overlap:.3g} {unit}, more than the depth "
+                         f"of {thin!r} ({min(depths):.3g} {unit}): they turn their backs on each other. Are the two "
+                         "names of `on` in the order of `bodies`?")
     spacing = float(np.median(interface.spacing))
     if overlap > LARGE_OVERLAP * min(depths) or overlap > MANY_ELEMENTS * spacing:
         of = "of the thinner one's depth" if len(sides) == 2 else "of the body's depth"
-        return [f"contact.{interface.name}: the bodies overlap by {overlap:.3g} at first, {overlap / min(depths):.1%} "
-                f"{of} and {overlap / spacing:.3g} times the distance of contact nodes; "
+        return [f"contact.{interface.name}: the bodies overlap by {overlap:.3g} {unit} at first, "
+                f"{overlap / min(depths):.1%} {of} and {overlap / spacing:.3g} times the distance of contact nodes; "
                 "small-strain theory means small overlaps"]
     return []
 
@@ -309,7 +310,7 @@ class Mover:
 
 
 def refuse_contradiction(interface: Interface, movers: Sequence[Mover],
-                         factors: Mapping[float, Mapping[str | None, float]]) -> None:
+                         factors: Mapping[float, Mapping[str | None, float]], unit: str = "m") -> None:
     """InputError where clamps move both sides into each other, so that no force can keep them apart. Not collective.
 
     The sides of a bond they must not move against each other at all. An overlap that is drawn or given may stay between
@@ -345,6 +346,6 @@ def refuse_contradiction(interface: Interface, movers: Sequence[Mover],
             message = (f"contact.{interface.name}: at {at}{f', at time {time:g},' * (len(factors) > 1)} "
                        f"{first}, and {second}: " + ("they tear the bond apart" if bonded else
                                                      "they push the bodies into each other")
-                       + f" by {worst:.3g}, and no force can prevent that; prescribe motions that go together")
+                       + f" by {worst:.3g} {unit}, and no force can prevent that; prescribe motions that go together")
     if message:
         raise InputError(message)

@@ -137,7 +137,7 @@ def doubt_overlaps(assembly: Assembly, displacements: Mapping[str, np.ndarray],
     `contacts` are all on the first rank, on others those of their bodies. The first rank tells whose boxes overlap. Of
     two such bodies on two ranks one sends what is near. Collective.
     """
-    world, names = assembly.world, [body.name for body in assembly.scene.body]
+    world, names, unit = assembly.world, [body.name for body in assembly.scene.body], assembly.scene.units["length"]
     own = {body.number: Solid.of(body.mesh, displacements[body.spec.name]) for body in assembly.bodies}
     boxes = gathered(world, {number: (world.rank, each.box()) for number, each in own.items()})
     near = world.scatter(_pairs_by_rank(boxes, world.size) if world.rank == 0 else None)
@@ -161,8 +161,8 @@ def doubt_overlaps(assembly: Assembly, displacements: Mapping[str, np.ndarray],
         overlap, drawn = run_through(*solids, kept, _between(pair, depths[pair[0]], beside))
         if overlap:
             touch = any(set(contact.bodies) == set(pair) for contact in assembly.scene.contact)
-            found[a, b] = [f"body.{pair[0]} and body.{pair[1]} run through each other by {overlap.depth:.3g}"
-                           + f" ({drawn:.3g} as drawn)" * (drawn > 0.0)
+            found[a, b] = [f"body.{pair[0]} and body.{pair[1]} run through each other by {overlap.depth:.3g} {unit}"
+                           + f" ({drawn:.3g} {unit} as drawn)" * (drawn > 0.0)
                            + f", as at {in_words(overlap.place, 4)}, where no contact keeps them apart; "
                            + (WIDEN if touch else ADD)]
     found = gathered(world, {key: warnings for key, warnings in found.items() if warnings})
@@ -307,16 +307,17 @@ def _doubt_rigid(assembly: Assembly, displacements: Mapping[str, np.ndarray],
     the bodies of this rank. Collective."""
     moved = assembly.world.bcast({each.bodies[1]: each.rigid for each in contacts.values() if each.rigid is not None})
     found: dict[tuple[int, int], list[str]] = {}
+    unit = assembly.scene.units["length"]
     for body in assembly.bodies:
         facets = solids[body.number].facets[:, :-1]
         for k, rigid in enumerate(assembly.scene.rigid):
             U = moved.get(rigid.name, np.array(rigid.displacement or np.zeros(body.mesh.dimension)))
-            found[body.number, k] = _in_partner(body, facets, displacements[body.spec.name], U, rigid)
+            found[body.number, k] = _in_partner(body, facets, displacements[body.spec.name], U, rigid, unit)
     found = gathered(assembly.world, {key: warnings for key, warnings in found.items() if warnings})
     return [warning for _, warnings in sorted(found.items()) for warning in warnings]
 
 
-def _in_partner(body: Body, facets: np.ndarray, u: np.ndarray, U: np.ndarray, rigid: Rigid) -> list[str]:
+def _in_partner(body: Body, facets: np.ndarray, u: np.ndarray, U: np.ndarray, rigid: Rigid, unit: str) -> list[str]:
     """A warning where a body lies in a rigid partner between the nodes of its contacts with it, or beside these.
 
     Beside them, a partner through which the body is drawn is left out if it may be meant to end before: a bore may be a
@@ -334,8 +335,8 @@ def _in_partner(body: Body, facets: np.ndarray, u: np.ndarray, U: np.ndarray, ri
     k = int(np.argmax(sunk))
     if sunk[k] > 0.0:
         return [f"contact.{own[0].name}: {rigid.name} is small beside the distance of nodes of {name}, and lies "
-                f"{depth[k]:.3g} deep between two of them, as at {in_words(places[k] + U, 4)}; a finer mesh there "
-                "would be right"]
+                f"{depth[k]:.3g} {unit} deep between two of them, as at {in_words(places[k] + U, 4)}; a finer mesh "
+                "there would be right"]
     if rigid.may_end(bool(own)) and (
             rigid.depth(mesh.points[facets[~touching]]).max(initial=0.0) > BESIDE * mesh.extent):
         return []
@@ -344,8 +345,8 @@ def _in_partner(body: Body, facets: np.ndarray, u: np.ndarray, U: np.ndarray, ri
     if not beside[k] > overlap + BESIDE * mesh.extent + RESOLVED * float(np.abs(u).max()):
         return []
     where = f"contact.{own[0].name}: beside the contact" if own else "no contact keeps them apart:"
-    return [f"{where} {name} runs through {rigid.name} by {depth[k]:.3g}, as at {in_words(places[k] + U, 4)}; "
-            f"{WIDEN if own else ADD}{rigid.crossed}"]
+    return [f"{where} {name} runs through {rigid.name} by {depth[k]:.3g} {unit}, as at "
+            f"{in_words(places[k] + U, 4)}; {WIDEN if own else ADD}{rigid.crossed}"]
 
 
 def _depth_in_cell(points: np.ndarray, cells: np.ndarray) -> np.ndarray:

@@ -107,13 +107,14 @@ def doubt_answer(assembly: Assembly, displacements: Mapping[str, np.ndarray], st
     passing : whether other load steps follow; then motions alone are looked at, since a body that is unloaded on its
         way may have next to no forces
     """
-    world, own = assembly.world, {}
+    world, own, units = assembly.world, {}, assembly.scene.units
     if not world.allreduce(all(bool(np.isfinite(u).all()) for u in displacements.values()), MPI.LAND):
         return []
     mine: dict[tuple[str, int], tuple[np.ndarray, float]] = {}
     for body in assembly.bodies:
         name, u = body.spec.name, displacements[body.spec.name]
-        warnings = _large_motion(body, u) + ([] if passing else _points_that_carry(body, u, contacts))
+        warnings = _large_motion(body, u, units)
+        warnings += [] if passing else _points_that_carry(body, u, contacts, units)
         own[name] = warnings, body.member.elasticity.load
         for interface in body.member.interfaces:
             side = interface.side(name)
@@ -129,9 +130,9 @@ def doubt_answer(assembly: Assembly, displacements: Mapping[str, np.ndarray], st
         other, there = second or (interface.displacement, 0.0)
         here = max(here, there)
         found_here = _far_slip(assembly, state, first - other)
-        found_here += _overlap_between(assembly, state, here) + _held_through_air(state, IDLE * most)
+        found_here += _overlap_between(assembly, state, here) + _held_through_air(state, IDLE * most, units["length"])
         if not passing and np.abs(state.normal_force).max(initial=0.0) >= IDLE * pressed:
-            found_here += _lost_in_rounding(state, here) + _unresolved_zone(state)
+            found_here += _lost_in_rounding(state, here, units) + _unresolved_zone(state)
         if found_here:
             doubts[interface.name] = found_here
     by_contact, overlaps = gathered(world, doubts), doubt_overlaps(assembly, displacements, contacts)
@@ -142,31 +143,34 @@ def doubt_answer(assembly: Assembly, displacements: Mapping[str, np.ndarray], st
             *([] if passing else _unresolved(assembly, contacts, loads)), *overlaps]
 
 
-def _large_motion(body: Body, u: np.ndarray) -> list[str]:
+def _large_motion(body: Body, u: np.ndarray, units: Mapping[str, str]) -> list[str]:
     """A warning where a body moves far, or is strained or turned much."""
     moved, extent = float(np.linalg.norm(u, axis=1).max()), body.mesh.extent
     if moved > LARGE_MOTION * extent:
-        return [f"body.{body.spec.name}: its largest displacement of {moved:.3g} is {moved / extent:.2g} times its "
-                f"size ({extent:.3g}); small-strain theory means small displacements"]
+        unit = units["length"]
+        return [f"body.{body.spec.name}: its largest displacement of {moved:.3g} {unit} is {moved / extent:.2g} times "
+                f"its size ({extent:.3g} {unit}); small-strain theory means small displacements"]
     return _large_gradient(body, u)
 
 
 def _unresolved(assembly: Assembly, contacts: Mapping[str, ContactTotals], loads: Mapping[str, float]) -> list[str]:
     """Warnings of loose bodies whose loads and contact forces are nothing beside the loads of others."""
     most, found, pressed = max(loads.values()), [], dict.fromkeys(assembly.loose, 0.0)
+    unit = assembly.scene.units["force"]
     for each in contacts.values():
         for name in pressed.keys() & set(each.bodies):
             pressed[name] = max(pressed[name], each.acting)
     for name, acting in pressed.items():
         acting = max(loads.get(name, 0.0), acting)
         if 0.0 < acting < UNRESOLVED * most:
-            found.append(f"body.{name}: the forces on it, {acting:.3g} in all, are nothing beside the loads of "
-                         f"{most:.3g} of another body; the answer does not tell whether anything holds it. Solve it "
-                         "without the other")
+            found.append(f"body.{name}: the forces on it, {acting:.3g} {unit} in all, are nothing beside the "
+                         f"loads of {most:.3g} {unit} of another body; the answer does not tell whether anything "
+                         "holds it. Solve it without the other")
     return found
 
 
-def _points_that_carry(body: Body, u: np.ndarray, contacts: Mapping[str, ContactTotals]) -> list[str]:
+def _points_that_carry(body: Body, u: np.ndarray, contacts: Mapping[str, ContactTotals],
+                       units: Mapping[str, str]) -> list[str]:
     """Warnings of clamped points, on no clamped boundary group, at which a body moved by u (nv, d) is really held."""
     mesh, name = body.mesh, body.spec.name
     points = {clamp.on: mesh.vertices[clamp.on] for clamp in body.spec.clamps if clamp.on in mesh.vertices}
@@ -182,8 +186,9 @@ def _points_that_carry(body: Body, u: np.ndarray, contacts: Mapping[str, Contact
         force = np.abs(forces_at(mesh, body.material, u, nodes) - heat[nodes]) * clamped[nodes]
         alone = not any(np.isin(nodes, others).any() for others in held)
         if alone and (force > np.maximum(least, 2.0 * loads[nodes])).any():  # nodes have their share of other loads
-            found.append(f"body.{name}.clamp: the point {on!r} carries a force of {force.max():.3g}; it gives way the "
-                         "more the finer the mesh, without limit, so clamp a boundary group where forces are carried")
+            found.append(f"body.{name}.clamp: the point {on!r} carries a force of {force.max():.3g} {units['force']}; "
+                         "it gives way the more the finer the mesh, without limit, so clamp a boundary group where "
+                         "forces are carried")
     return found
 
 
@@ -194,7 +199,7 @@ def doubt_mesh(bodies: Sequence[SettledBody], error: DiscretizationError) -> lis
     if not error.relative > COARSE[order]:
         return []
     what, cure = {1: ("linear elements make it too stiff", "quadratic elements (mesh.order = 2) or a finer mesh"),
-                  2: ("its mesh is coarse, and forces at the edges of contacts are too large", "a finer mesh")}[order]
+                  2: ("its mesh is coarse, and forces at the edges of contacts are uncertain", "a finer mesh")}[order]
     return [f"body.{bodies[k].name}: {what}: the estimated discretization error is {error.relative:.2g}, "
             f"{error.by_body[bodies[k].name]:.2g} by this body; {cure} would be right"]
 
@@ -202,7 +207,7 @@ def doubt_mesh(bodies: Sequence[SettledBody], error: DiscretizationError) -> lis
 def doubt_stress(assembly: Assembly, stresses: Mapping[str, np.ndarray | None]) -> list[str]:
     """Warnings, on the first rank, of bodies whose largest stress stands where that of the continuum is infinite.
     `stresses` (nt,) are von Mises stresses (Pa) of this rank's bodies; None where they are not wanted. Collective."""
-    unit = assembly.scene.output.stress_unit
+    unit = assembly.scene.units["stress"]
     own = {body.spec.name: (float(sigma.max()), _singular(body, sigma, unit)) for body in assembly.bodies
            for sigma in [stresses[body.spec.name]] if sigma is not None}
     found = gathered(assembly.world, own)
@@ -238,21 +243,23 @@ def _singular(body: Body, stress: np.ndarray, unit: str) -> list[str]:
     return []
 
 
-def _lost_in_rounding(state: ContactState, moved: float) -> list[str]:
+def _lost_in_rounding(state: ContactState, moved: float, units: Mapping[str, str]) -> list[str]:
     """A warning where rounding of displacements up to `moved` (m) decides on forces, or whether there are any."""
-    name, widest = state.interface.name, float(np.abs(state.gap).max())
+    name, widest, length, force = (state.interface.name, float(np.abs(state.gap).max()), units["length"],
+                                   units["force"])
     largest = float(np.abs(state.normal_force).max(initial=0.0))
     if (state.status == "open").all() and moved and widest <= UNDECIDED * moved:
-        return [f"contact.{name}: rounding decides that it is open: its gaps, up to {widest:.3g}, are nothing beside "
-                f"the displacements of up to {moved:.3g}"]
+        return [f"contact.{name}: rounding decides that it is open: its gaps, up to {widest:.3g} {length}, are nothing "
+                f"beside the displacements of up to {moved:.3g} {length}"]
     noise = 2.0 * float(state.interface.stiffness.max()) * float(np.finfo(float).eps) * moved
     if not largest or noise <= LOST * largest:
         return []
-    return [f"contact.{name}: its forces are uncertain by about {noise / largest:.1g} of the largest ({largest:.3g} at "
-            f"a node), because the bodies move by {moved:.3g}, and rounding of that makes forces of {noise:.1g}"]
+    return [f"contact.{name}: its forces are uncertain by about {noise / largest:.1g} of the largest ({largest:.3g} "
+            f"{force} at a node), because the bodies move by {moved:.3g} {length}, and rounding of that makes forces "
+            f"of {noise:.1g} {force}"]
 
 
-def _held_through_air(state: ContactState, least: float) -> list[str]:
+def _held_through_air(state: ContactState, least: float, unit: str) -> list[str]:
     """A warning where friction of open nodes, of more than `least` (N), bears a good part of what a contact bears, as
     Tresca's bound allows."""
     sizes, name, law = np.linalg.norm(state.forces, axis=1), state.interface.name, state.interface.law.name
@@ -261,25 +268,27 @@ def _held_through_air(state: ContactState, least: float) -> list[str]:
         return []
     k = int(np.argmax(np.where(air > 0.0, air * state.gap, -np.inf)))  # of many that all bear their bound
     return [f"contact.{name}: friction of open nodes bears {air.sum() / sizes.sum():.0%} of its forces, as at "
-            f"{in_words(state.interface.xy[k], 4)}, where the gap is {state.gap[k]:.3g}: the bound of law = "
+            f"{in_words(state.interface.xy[k], 4)}, where the gap is {state.gap[k]:.3g} {unit}: the bound of law = "
             f'"{law}" asks for no pressure; with law = "coulomb" open nodes bear nothing']
 
 
 def _overlap_between(assembly: Assembly, state: ContactState, moved: float) -> list[str]:
     """A warning where bodies that move by up to `moved` (m) overlap much between the nodes of a contact."""
-    interface, overlap = state.interface, -state.between
+    interface, overlap, unit = state.interface, -state.between, assembly.scene.units["length"]
     k = int(np.argmax(overlap)) if len(overlap) else 0
     body = next(each for each in assembly.bodies if each.spec.name in interface.bodies)
     least = max(DEEP * state.yielding, RESOLVED * moved, 1e-3 * BESIDE * body.mesh.extent)
     if not len(overlap) or not overlap[k] > least:
         return []
     place = in_words(interface.probes.moved(interface.side(body.spec.name), body.mesh.points)[k], 4)
-    slave, other = interface.side(interface.slave) if interface.slave else 0, ""
-    if len(interface.nodes[1 - slave]) > len(interface.nodes[slave]):
-        other = f" or slave = {interface.bodies[1 - slave]!r}"
-    return [f"contact.{interface.name}: the bodies overlap by {overlap[k]:.3g} between nodes that bear forces, as at "
-            f"{place}, though contact forces move them by {state.yielding:.3g} at most; a finer mesh{other} would be "
-            "right"]
+    other = ""
+    if interface.slave:
+        slave = interface.side(interface.slave)
+        if len(interface.nodes[1 - slave]) > len(interface.nodes[slave]):
+            other = f" or slave = {interface.bodies[1 - slave]!r}"
+    return [f"contact.{interface.name}: the bodies overlap by {overlap[k]:.3g} {unit} between nodes that bear forces, "
+            f"as at {place}, though contact forces move them by {state.yielding:.3g} {unit} at most; a finer "
+            f"mesh{other} would be right"]
 
 
 def _unresolved_zone(state: ContactState) -> list[str]:

@@ -15,6 +15,7 @@ from ddmpi.judge.certificate import Certificate, ContactResiduals
 from ddmpi.judge.equilibrium import Mechanism, describe
 from ddmpi.results.tables import FORMAT
 from ddmpi.scene.contacts import Rigid
+from ddmpi.scene.scene import units
 from ddmpi.system.files import MECHANISM, writing
 
 RESIDUALS = {
@@ -217,19 +218,6 @@ def _write_json(path: Path, content: dict) -> None:
     with writing(path):
         path.write_text(json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8",
                         errors="backslashreplace")  # names of folders may have bytes that are no text
-
-
-def units(scene: dict, dimension: int = 2) -> dict[str, str]:
-    """Labels of lengths, stresses, forces, moments and energies; in the plane the last three are per unit of depth."""
-    length, stress = scene["output"]["length_unit"], scene["output"]["stress_unit"]
-    product = f"{stress}·{length}"
-    if dimension == 3 or scene.get("axisymmetric"):
-        named = {"Pa·m": ("N", "N·m", "J"), "MPa·mm": ("N", "N·mm", "mJ")}
-        force, moment, energy = named.get(product, (f"{product}²", f"{product}³", f"{product}³"))
-        return {"length": length, "stress": stress, "force": force, "moment": moment, "energy": energy}
-    force = {"Pa·m": "N/m", "MPa·mm": "N/mm"}.get(product, product)
-    moment, energy = {"N/m": ("N·m/m", "J/m"), "N/mm": ("N·mm/mm", "mJ/mm")}.get(force, (f"{force}·{length}",) * 2)
-    return {"length": length, "stress": stress, "force": force, "moment": moment, "energy": energy}
 
 
 def _contact(totals: ContactTotals) -> dict:

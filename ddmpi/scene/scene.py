@@ -347,3 +347,21 @@ class Settled(Table, frozen=True, kw_only=True):
     def resolved(self) -> dict:
         """The scene as plain data. Written as TOML without the keys that are None, it is read as this scene again."""
         return {key: value for key, value in msgspec.to_builtins(self).items() if key != "dimension"}
+
+    @property
+    def units(self) -> dict[str, str]:
+        """`units` of what is said of it."""
+        return units({"output": msgspec.to_builtins(self.output), "axisymmetric": self.axisymmetric}, self.dimension)
+
+
+def units(scene: dict, dimension: int = 2) -> dict[str, str]:
+    """Labels of lengths, stresses, forces, moments and energies; in the plane the last three are per unit of depth."""
+    length, stress = scene["output"]["length_unit"], scene["output"]["stress_unit"]
+    product = f"{stress}·{length}"
+    if dimension == 3 or scene.get("axisymmetric"):
+        named = {"Pa·m": ("N", "N·m", "J"), "MPa·mm": ("N", "N·mm", "mJ")}
+        force, moment, energy = named.get(product, (f"{product}²", f"{product}³", f"{product}³"))
+        return {"length": length, "stress": stress, "force": force, "moment": moment, "energy": energy}
+    force = {"Pa·m": "N/m", "MPa·mm": "N/mm"}.get(product, product)
+    moment, energy = {"N/m": ("N·m/m", "J/m"), "N/mm": ("N·mm/mm", "mJ/mm")}.get(force, (f"{force}·{length}",) * 2)
+    return {"length": length, "stress": stress, "force": force, "moment": moment, "energy": energy}

@@ -35,7 +35,7 @@ ROUNDING = 1e-12
 def in_words(point: np.ndarray, digits: int = 6) -> str:
     """A point (d,) in words, such as (1.5, 2); coordinates that are rounding beside the largest are 0."""
     least = ROUNDING * np.abs(point).max(initial=0.0)
-    return f"({', '.join(f'{x:.{digits}g}' for x in np.where(np.abs(point) > least, point, 0.0))})"
+    return f"({', '.join(f'{0.0 if abs(x) <= least else x:.{digits}g}' for x in point)})"
 
 
 def scaled_unit(value: float, unit: str) -> tuple[float, str]:

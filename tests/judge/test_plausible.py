@@ -4,6 +4,7 @@ import re
 from pathlib import Path
 from types import SimpleNamespace
 
+import made_up_solids
 import numpy as np
 import pytest
 import scenes
@@ -13,7 +14,7 @@ from mpi4py import MPI
 from scenes import COULOMB, FLOOR, Run, confined_blocks, pinched_blocks, sheared_stack
 
 import ddmpi
-from ddmpi.judge.plausible import _held_through_air
+from ddmpi.judge.plausible import _held_through_air, _singular
 from ddmpi.mesh.mesh import Mesh
 
 pytestmark = pytest.mark.slow
@@ -52,7 +53,7 @@ def test_sides_that_turn_their_backs_are_refused(tmp_path):
     done = run(pinched_blocks(6), tmp_path, "--set", 'contact.0.on=["top", "bottom"]')
     assert done.code == 2
     assert len(done.messages) == 1
-    for words in ("contact.upper-lower", "overlap by 2,", "'upper' (1)", "order of `bodies`"):
+    for words in ("contact.upper-lower", "overlap by 2 m,", "'upper' (1 m)", "order of `bodies`"):
         assert words in done.messages[0]
 
 
@@ -64,7 +65,7 @@ def test_a_large_initial_overlap_is_a_warning_and_every_one_is_in_the_plan(tmp_p
     assert f"upper-lower: initial overlap up to {overlap:g} m\n" in done.stdout
     found = [warning for warning in warnings_of(done) if "at first" in warning]
     assert len(found) == warned
-    assert all(f"overlap by {overlap:g} at first, {overlap:.1%} of the thinner one's depth" in each for each in found)
+    assert all(f"overlap by {overlap:g} m at first, {overlap:.1%} of the thinner one's depth" in each for each in found)
 
 
 def test_a_component_that_is_clamped_twice_differently_is_refused(tmp_path):
@@ -183,8 +184,8 @@ ROOF = WALL | {(i, 6) for i in range(8, 12)}
 
 @pytest.mark.parametrize(("filled", "traction", "depth"), [
     (WALL, (0.0, 0.0), None), (WALL, (-1e7, 0.0), None), (WALL, (0.0, 3e7), "by 0.00299"),
-    (WALL, (1e9, 3e7), "by 0.0166"), (ROOF, (0.0, 0.0), "by 0.5 (0.5 as drawn)"),
-    (ROOF, (0.0, 3e7), "by 0.493 (0.5 as drawn)")])
+    (WALL, (1e9, 3e7), "by 0.0166"), (ROOF, (0.0, 0.0), "by 0.5 m (0.5 m as drawn)"),
+    (ROOF, (0.0, 3e7), "by 0.493 m (0.5 m as drawn)")])
 def test_bodies_that_run_through_each_other_beside_an_open_contact_are_a_warning(tmp_path, filled, traction, depth):
     """A wall beside the upper block and a roof within it belong to the lower body, but not to the contact."""
     upper = block("upper", 0.0, 1.0, (3, 1), ["left"], [{"on": "right", "value": traction}], (12, 4))
@@ -391,6 +392,36 @@ def test_planes_of_symmetry_are_no_ends_of_clamps(pressed, tmp_path):
     assert [each for each in warnings_of(done) if "von Mises" in each] == []
 
 
+@pytest.mark.parametrize(("order", "n", "warned"), [(1, 1, False), (2, 1, True), (2, 4, False)])
+def test_quadratic_elements_too_coarse_for_a_punch_are_a_warning(tmp_path, order, n, warned):
+    """With one on half its width a flat punch bears 11 % too little in its inner half, and the estimate is 0.19."""
+    mirror = {"on": "left", "x": 0.0}
+    punch = scenes.rectangle("punch", (0, 0), (0.5, 0.5), (n, n), order, 2.1e11, clamp=[mirror],
+                             traction=[{"on": "top", "pressure": 1e8}])
+    base = scenes.rectangle("base", (0, -0.75), (1.5, 0.75), (3 * n, (3 * n) // 2), order, 7e10, 0.33,
+                            clamp=["bottom", mirror])
+    found = [each for each in warnings_of(run(pair_of(punch, base, {"law": "none"}), tmp_path)) if "coarse" in each]
+    assert len(found) == warned
+    assert all("forces at the edges of contacts are uncertain: the estimated discretization error is 0.19" in each
+               and each.endswith("; a finer mesh would be right") for each in found)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_box_on_planes_of_symmetry_has_no_end_of_a_clamp(order):
+    """At a corner a triangle of a free face may have all its nodes on clamped ones; its side is no end of a clamp."""
+    mesh = made_up_solids.box(divisions=(2, 2, 2), order=order)
+
+    def warned(groups: list[str], stress: np.ndarray) -> bool:
+        spec = SimpleNamespace(name="box", clamps=[SimpleNamespace(on=on) for on in groups])
+        return bool(_singular(SimpleNamespace(mesh=mesh, spec=spec), stress, "Pa"))
+
+    mesh.groups["part"] = mesh.groups["bottom"][:4]
+    cells = np.eye(len(mesh.triangles))
+    assert not any(warned(["left", "front", "bottom"], cell) for cell in cells)
+    assert any(warned(["part"], cell) for cell in cells)
+    assert not warned(["part"], np.ones(len(cells)))  # it stands everywhere
+
+
 def test_bodies_without_a_contact_need_one(tmp_path):
     """A row of blocks slides over the edge of the row below; no boundary of a contact is too short."""
     ll, lr, ul, ur = bodies = [
@@ -415,8 +446,8 @@ def test_rounding_does_not_choose_where_friction_crosses_air(more):
     interface = SimpleNamespace(name="c", law=SimpleNamespace(name="tresca"), xy=np.eye(3, 2))
     state = SimpleNamespace(interface=interface, status=np.array(["slip", "open", "open"]),
                             gap=np.array([0.0, 0.2, 0.1]), forces=np.array([[0, 3], [1, 0], [1 + more, 0]]))
-    (found,) = _held_through_air(state, 0.0)
-    assert "at (0, 1), where the gap is 0.2" in found
+    (found,) = _held_through_air(state, 0.0, "m")
+    assert "at (0, 1), where the gap is 0.2 m" in found
 
 
 @pytest.mark.parametrize(("law", "bound", "warned"), [
@@ -432,7 +463,7 @@ def test_friction_across_air_is_a_warning(tmp_path, law, bound, warned):
     found = warnings_of(done)
     assert len(found) == warned, found
     assert all("contact.block-wall: friction of open nodes bears 100% of its forces, as at (0.5, " in each
-               and "the gap is 0.5:" in each for each in found)
+               and "the gap is 0.5 m:" in each for each in found)
     assert "closed nowhere: block-wall (at least 0.5 apart)\n" in done.stdout
 
 
@@ -484,7 +515,7 @@ def test_a_tip_that_no_row_feels_is_a_warning(order, rigid, moved, capfd):
     answer = ddmpi.solve(scene, MPI.COMM_SELF, progress=True)
     (state,), found = answer.contacts.values(), [each for each in answer.summary["warnings"] if "overlap by" in each]
     assert answer.certified and not state.normal_force.any() and len(found) == (moved < 0.0)
-    assert all("by 0.001 between nodes that bear forces, as at (0.3, 0.3, " in each for each in found)
+    assert all("by 0.001 m between nodes that bear forces, as at (0.3, 0.3, " in each for each in found)
     assert state.deepest == pytest.approx(max(-moved, 0.0), rel=1e-9, abs=1e-15)
     assert f"(at least {'0' if moved < 0 else '0.001'} apart)" in capfd.readouterr().out
 

@@ -252,11 +252,11 @@ def test_any_error_of_gmsh_is_the_drawings(tmp_path, monkeypatch):
 
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(geometry, "_refine_towards", fails)
-    monkeypatch.setattr(geometry, "apart", lambda folder, work, *arguments: work(*arguments))
+    monkeypatch.setattr(geometry, "apart", lambda folder, work, *arguments, **_: work(*arguments))
     with pytest.raises(InputError, match=r"plate\.geo cannot be meshed \(gmsh: Unknown curve 7\)$"):
         drawn(path)
 
-    def ends(*_):
+    def ends(*_, **__):
         raise ChildProcessError("exit code 1: Unknown curve 7")
 
     monkeypatch.setattr(geometry, "apart", ends)
