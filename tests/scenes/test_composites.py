@@ -77,4 +77,4 @@ def test_points_that_carry_forces_are_warned_of(tmp_path, where, warned):
     contact = {"bodies": ["block", "floor"], "on": ["bottom"]}
     warnings = certified({"body": [block], "rigid": [FLOOR], "contact": [contact]}).summary["warnings"]
     assert len(warnings) == warned
-    assert not warned or warnings[0].startswith("body.block.clamp: the point 'corner' carries a force of 1e+05; it")
+    assert not warned or warnings[0].startswith("body.block.clamp: the point 'corner' carries a force of 1e+05 N/m; it")
