@@ -1,16 +1,9 @@
-"""What the studies share: the paper's scene and variants, tables that outlive interruptions, pages, figures, arguments.
-
-The paper: J. Haslinger, R. Kučera, T. Sassi, J. Riton, "A Domain Decomposition Algorithm for Contact
-Problems with Coulomb's Friction", slides, International Symposium on Modern Mathematics and
-Mechanics, Olomouc, June 23-27, 2014.
-"""
+"""What the studies share: tables that outlive interruptions, pages, figures, arguments."""
 
 from __future__ import annotations
 
 import argparse
-import copy
 import csv
-import dataclasses
 import functools
 import gc
 import inspect
@@ -21,78 +14,11 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
-import msgspec
 from mpi4py import MPI
-
-from ddmpi.coupling.assembly import Assembly, prepare
-from ddmpi.coupling.joint import Joint
-from ddmpi.coupling.space import Space
-from ddmpi.interface.law import law_of
-from ddmpi.scene.method import SettledMethod
-from ddmpi.scene.reader import read_scene_file
-from ddmpi.scene.scene import Settled
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.append(str(ROOT / "tests" / "support"))  # whose helpers the studies use as well
-LAWS = ("tresca", "coulomb")
-ALGORITHMS = ("original", "modified")
-SPLITTINGS = ("none", "step1", "step2", "step1+2")
-VARIANTS = [(algorithm, splitting) for algorithm in ALGORITHMS for splitting in SPLITTINGS]
-SIZES = (6, 22, 38, 54, 70, 86)
-"""N of the paper: bodies 3 x 1, cut into squares of side 1/N."""
-
-INNER_PRECISION = 0.02
-"""η of all runs unless they study it. At the program's default of 0.1, which is cheaper, rounding errors
-decide in some variants in which iteration the update falls below the tolerance (scripts/study inner_precision)."""
-
 Row = dict
-
-
-# Scenes and variants
-
-def pinched_blocks(law: str, N: int, *settings: str) -> Settled:
-    """The scene of configs/ with squares of side 1/N, and other `settings` (KEY=VALUE)."""
-    divisions = f"mesh.divisions=[{3 * N}, {N}]"
-    return read_scene_file(ROOT / "configs" / f"pinched_blocks_{law}.toml",
-                           [f"body.upper.{divisions}", f"body.lower.{divisions}", *settings])
-
-
-def prepare_laws(world: MPI.Comm, N: int, laws: Iterable[str] = LAWS,
-                 settings: Iterable[str] = ()) -> dict[str, Assembly]:
-    """The assemblies of several friction laws on one mesh, factored once. Collective."""
-    scenes = {law: pinched_blocks(law, N, *settings) for law in laws}
-    first = prepare(world, next(iter(scenes.values())))
-    (body,), (interface,) = first.bodies, first.member.interfaces
-
-    def with_law(scene: Settled) -> Assembly:
-        law = law_of(scene.contact[0].friction, interface.xy, interface.arc, interface.area, interface.sliding)
-        member = copy.copy(body.member)  # with the same factors and counts
-        member.interfaces = (dataclasses.replace(interface, law=law),)
-        space = Space(member.interfaces if first.space.interfaces else (), world)
-        return dataclasses.replace(first, scene=scene, bodies=(dataclasses.replace(body, member=member),), space=space,
-                                   joint=Joint([member], first.exchange, space))
-
-    return {law: with_law(scene) for law, scene in scenes.items()}
-
-
-def one_mesh(world: MPI.Comm, laws: Iterable[str] = LAWS,
-             settings: Iterable[str] = ()) -> Callable[[str, int], Assembly]:
-    """A function of law and N that returns their assembly and holds only the last mesh in memory; it is collective."""
-    held: dict[int, dict[str, Assembly]] = {}
-
-    def assembly(law: str, N: int) -> Assembly:
-        if N not in held:
-            held.clear()
-            held[N] = prepare_laws(world, N, laws, settings)
-        return held[N][law]
-
-    return assembly
-
-
-def variant(scene: Settled, algorithm: str, splitting: str, **changes) -> SettledMethod:
-    """The scene's method with another variant of the published iteration, and other `changes`."""
-    return msgspec.structs.replace(scene.method, outer="relaxation", algorithm=algorithm, splitting=splitting,
-                                   **{"inner_precision": INNER_PRECISION} | changes)
 
 
 # Tables that outlive interruptions
@@ -193,11 +119,6 @@ def processor() -> str:
     with open("/proc/cpuinfo", encoding="utf-8") as file:
         named = [line.split(":")[1].strip() for line in file if line.startswith("model name")]
     return named[0] if named else platform.processor()
-
-
-def seconds(value: float) -> str:
-    """Seconds for a table."""
-    return f"{value:.3f}" if value < 1 else f"{value:.2f}"
 
 
 def publish(name: str, text: str, folder: Path, complete: bool, draw: Callable[[Path], None] | None = None) -> None:

@@ -211,6 +211,12 @@ def draw(path: Path, corners: Mapping[str, tuple[float, float]], lines: Mapping[
     return {"file": str(path), "order": number(order)}
 
 
+def lame_fit(a: float, b: float, c: float, fit: float, young: float, poisson: float) -> float:
+    """The pressure of rings a < b < c of one material that overlap by `fit` at the radius b, in plane strain (Lamé)."""
+    E = young / (1.0 - poisson**2)  # ν of plane strain, ν/(1 − ν), cancels in the sum of both rings
+    return fit * E / b / ((b**2 + a**2) / (b**2 - a**2) + (c**2 + b**2) / (c**2 - b**2))
+
+
 # What is compared
 
 @dataclass(frozen=True)

@@ -23,6 +23,7 @@ from problems import (
     degrees,
     distance,
     draw,
+    lame_fit,
     number,
     problem,
     ring_of,
@@ -32,12 +33,6 @@ from problems import (
 )
 
 QUARTER = [{"on": "start", "y": 0.0}, {"on": "end", "x": 0.0}]
-
-
-def fit_pressure(a: float, b: float, c: float, fit: float, young: float, poisson: float) -> float:
-    """Lamé: of rings a < b < c of one material (plane stress: E and ν; plane strain: E/(1 − ν²) and ν/(1 − ν))."""
-    inner, outer = (b**2 + a**2) / (b**2 - a**2) - poisson, (c**2 + b**2) / (c**2 - b**2) + poisson
-    return fit * young / b / (inner + outer)
 
 
 # Rings
@@ -53,7 +48,7 @@ def fit_pressure(a: float, b: float, c: float, fit: float, young: float, poisson
                 "+ (b² + a²)/(b² − a²)).")
 def rings(n: int, order: Order, folder: Path) -> Found:
     a, b, c, fit, E, nu = 0.5, 1.0, 1.5, 1e-5, 1e9, 0.3
-    exact = fit_pressure(a, b, c, fit, E / (1 - nu**2), nu / (1 - nu))
+    exact = lame_fit(a, b, c, fit, E, nu)
     values = {}
     side, node = {1: (2e-2, 4e-2), "2 straight": (2e-3, 2e-2), 2: (2e-3, 2e-2)}[order]
     for name, gap in (("gap given", {"gap": -fit}), ("gap measured", {})):

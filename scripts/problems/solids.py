@@ -16,7 +16,7 @@ import ddmpi
 from ddmpi.interface.state import ContactState
 from ddmpi.mesh.read import gmsh_session
 from ddmpi.run.answer import Answer
-from problems import Curve, Found, Order, Value, body, contact, coulomb, distance, problem, solved
+from problems import Curve, Found, Order, Value, body, contact, coulomb, distance, lame_fit, problem, solved
 
 RADIUS = 1.0
 """Of the balls (m)."""
@@ -297,9 +297,7 @@ def tubes(n: int, order: Order, folder: Path) -> Found:
     answer = solved([body("inner", tube(folder / "inner.msh", a, b + fit, 0.3 / n, order), E, nu, ends),
                      body("outer", tube(folder / "outer.msh", b, c, 0.24 / n, order), E, nu, ends)],
                     [contact("inner", "outer", "outer", "inner")])
-    first, second = (E / (1 - nu**2), nu / (1 - nu))
-    exact = fit * first / b / ((b**2 + a**2) / (b**2 - a**2) - second + (c**2 + b**2) / (c**2 - b**2) + second)
-    return fitted(answer, exact, order, degrees_about_z, "angle (°)")
+    return fitted(answer, lame_fit(a, b, c, fit, E, nu), order, degrees_about_z, "angle (°)")
 
 
 @problem("spheres", "A ball in a shell with interference", (3, 6, 10), "elements across the shell",

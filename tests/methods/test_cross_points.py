@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 import scipy.sparse as sparse
-from assembly_study import cube
 from mpi4py import MPI
 from scenes import certified, prepare_scene, rectangle, to_toml
 from solid_scenes import box, two_boxes
@@ -12,6 +11,28 @@ import ddmpi
 from ddmpi.methods.krylov import forcing
 
 pytestmark = pytest.mark.slow
+
+
+def cube(side: int, N: int, pairing: str) -> dict:
+    """Loose cubes in rows, columns and layers on a rigid floor, Coulomb 0.5; by mortar every other one is finer."""
+    law = {"friction": {"law": "coulomb", "coefficient": 0.5}}
+    scene: dict = {"rigid": [{"name": "floor", "shape": "plane", "point": [0, 0, 0], "normal": [0, 0, 1]}], "body": [],
+                    "contact": [], "method": {"tolerance": 1e-8}}
+    for x, y, z in np.ndindex(side, side, side):
+        fine = N + ((x + y + z) % 2 if pairing == "mortar" else 0)
+        loads = [{"on": "top", "value": [0.0, 0.0, -1e5]}] * (z == side - 1)
+        scene["body"].append({
+            "name": f"b{x}{y}{z}", "mesh": {"shape": "box", "origin": [x, y, z], "size": [1, 1, 1],
+                                            "divisions": [fine, fine, fine]},
+            "material": {"young": 2e9, "poisson": 0.3}, "volume_force": [0.0, 0.0, -25e3],
+            "traction": loads + [{"on": "left", "value": [2e3, 0.0, 0.0]}] * (x == 0)})
+        if z == 0:
+            scene["contact"].append({"bodies": [f"b{x}{y}0", "floor"], "on": ["bottom"]} | law)
+        for X, Y, Z, *on in ((x + 1, y, z, "right", "left"), (x, y + 1, z, "back", "front"),
+                             (x, y, z + 1, "top", "bottom")):
+            if max(X, Y, Z) < side:
+                scene["contact"].append({"bodies": [f"b{x}{y}{z}", f"b{X}{Y}{Z}"], "on": on, "pairing": pairing} | law)
+    return scene
 
 
 @pytest.mark.parametrize(("pairing", "most"), [("nodes", 9.0), ("mortar", 9.5)])
