@@ -1,14 +1,13 @@
-"""The same scenes by ddmpi, by other programs of Debian and PyPI, and by hand: time, answer, what it took.
+"""The same solids by ddmpi, by other programs of Debian and PyPI, and by hand: time, answer, what it took.
 
-All get the same nodes and triangles, and run in turns, never two at once: each as a process of its own, timed from
-start to end, on one thread or process and on two. Writes to the folder --output peers.csv (a line per run, written at
-once, so that an interrupted comparison continues) and peers.md; once all scenes and sizes are done, the page is also
-written to docs/tables/. What is not installed is named and left out.
+All get the same nodes and cells, and run in turns, never two at once: each as a process of its own on one thread, timed
+from start to end. Writes to the folder --output peers.csv (a line per run, written at once, so that an interrupted
+comparison continues) and peers.md; once all scenes and sizes are done, the page is also written to docs/tables/. What
+is not installed is named and left out.
 """
 
 from __future__ import annotations
 
-import glob
 import importlib.util
 import json
 import math
@@ -28,9 +27,8 @@ import peers
 from experiment import ROOT, Ledger, Row, arguments, processor, publish, table, where
 from mpi4py import MPI
 from peers import Answer, Case, read_answer
-from problems import draw
 from problems.solids import half_ball
-from scenes import clean_environment, pinched_blocks, to_toml, tower
+from scenes import clean_environment, to_toml
 from scipy.spatial import cKDTree
 from solid_scenes import box, two_boxes
 
@@ -45,48 +43,12 @@ PROGRAMS = ROOT / "scripts" / "peers"
 
 # Scenes, as ddmpi reads them, and, from its own meshes, as a Case for everybody else
 
-RADIUS, LOAD, YOUNG, POISSON = 50.0, 17500.0, 210e3, 0.3
-"""Half of a steel roller: mm, N/mm, MPa."""
-
-WIDTH = float(np.sqrt(8 * LOAD * RADIUS * (1 - POISSON**2) / np.pi / YOUNG))
-"""Hertz's half width of the contact with a rigid plane (mm)."""
-
-SUMMIT = 4 * LOAD / np.pi / WIDTH
-"""Hertz's largest pressure (MPa)."""
-
+POISSON = 0.3
 BALL = 0.1
 """Hertz's radius of the contact of a ball of 1 m and 1 Pa with a rigid plane (m)."""
 
 PRESSED = 4 * BALL**3 / 3 / (1 - POISSON**2)
 """The force on it (N)."""
-
-
-def frictionless(N: int, folder: Path, order: int) -> dict:
-    return pinched_blocks(N, "none")
-
-
-def blocks(N: int, folder: Path, order: int) -> dict:
-    return pinched_blocks(N)
-
-
-def hertz(N: int, folder: Path, order: int) -> dict:
-    """N/2 nodes on the half width; the plane is rigid, so that nodes meet points."""
-    size = f"{2 * WIDTH / N} + 0.25 * Max(0, Sqrt(x * x + y * y) - {2 * WIDTH})"
-    mesh = draw(folder / "roller.msh", {"o": (0.0, 0.0), "b": (RADIUS, RADIUS), "c": (0.0, RADIUS)},
-                {"rim": ("o", "c", "b"), "cut": ("b", "c"), "axis": ("c", "o")}, size, 1)
-    return {"title": f"Roller on a rigid plane, {N} sides on the half width twice",
-            "rigid": [{"name": "plane", "shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}],
-            "body": [{"name": "roller", "mesh": mesh, "material": {"young": YOUNG, "poisson": POISSON},
-                      "clamp": [{"on": "axis", "x": 0.0}],
-                      "traction": [{"on": "cut", "value": [0.0, -LOAD / RADIUS]}]}],
-            "contact": [{"bodies": ["roller", "plane"], "on": ["rim"]}]}
-
-
-def stack(N: int, folder: Path, order: int) -> dict:
-    """Pushed so hard that its lower joints open and slide in part; nothing but contacts holds the upper three."""
-    scene = tower(4, N // 2)
-    scene["body"][-1]["traction"] = [{"on": "top", "value": [1.0e7, -6.0e7]}]
-    return scene
 
 
 def boxes(N: int, folder: Path, order: int) -> dict:
@@ -143,70 +105,47 @@ class Scene:
     Attributes
     ----------
     make : the scene for ddmpi from N, a folder and the order of the elements
-    watched : the point whose displacement is compared (m, of the roller mm)
+    watched : the point whose displacement is compared (m)
     sizes : how often each N is measured
+    fine : N of the fine answer of order 2
     compared : groups of columns of which the worst relative difference counts
     exact : known values, of the columns that they name
-    fine : N of the fine answer of order 2; 0 in the plane
     contacts : how many contacts make up the force that is compared
-    held : whether clamps hold each body, so that each has a regular stiffness matrix
     """
 
     title: str
     words: str
     make: Callable[[int, Path, int], dict]
-    watched: tuple[float, ...]
-    sizes: Mapping[int, int] = field(default_factory=lambda: {22: 3, 86: 3, 160: 2})
-    compared: Collection[tuple[str, ...]] = (("normal", "tangential"), ("pressure",), ("x", "y"))
+    watched: tuple[float, float, float]
+    sizes: Mapping[int, int]
+    fine: int
+    compared: Collection[tuple[str, ...]] = (("normal", "tangential"), ("x", "y", "z"))
     exact: Mapping[str, float] = field(default_factory=dict)
-    fine: int = 0
     contacts: int = 1
-    held: bool = False
-
-    @property
-    def in_space(self) -> bool:
-        return len(self.watched) == 3
 
 
 FORCE, MOVED = ("normal", "tangential"), ("x", "y", "z")
 WORDS = {FORCE: "force", MOVED: "displacement", ("pressure",): "largest pressure"}
 SCENES = {
-    "frictionless": Scene(
-        "Two blocks without friction", "`configs/pinched_blocks.toml` with squares of side 1/N. Displacement of the "
-        "point (3, 2).", frictionless, (3.0, 2.0), held=True),
-    "blocks": Scene(
-        "Two blocks with Coulomb friction 0.3", "`configs/pinched_blocks.toml` with squares of side 1/N: a part of the "
-        "contact is open, a part slips, a part sticks. Displacement of the point (3, 2).", blocks, (3.0, 2.0),
-        held=True),
-    "hertz": Scene(
-        "A roller on a rigid plane", "Half of a steel roller of radius 50 mm under 35 kN/mm, linear triangles of which "
-        f"N/2 lie on Hertz's half width. Hertz's largest pressure is {SUMMIT:.1f} MPa; the largest one of the nodes "
-        "depends on the triangles in the corner. mm, N, MPa. Nothing but its contact holds the roller in y.",
-        hertz, (0.0, RADIUS)),
-    "stack": Scene(
-        "A stack of four blocks with Coulomb friction 0.3", "Four blocks of 3 m × 1 m on each other, squares of side "
-        "2/N, pushed at the top by a sixth of what presses them. Only the lowest is clamped. The force is that of the "
-        "lowest contact; displacement of the upper right corner.", stack, (3.0, 4.0)),
     "boxes": Scene(
         "Two boxes in space with Coulomb friction 0.3", "`configs/two_boxes.toml` with cubes of side 1/N, each cut "
         "into six tetrahedra; at order 2 cubes of side 2/N and, on the lower box, by 0.85 fewer. A part of the contact "
         "is open, a part sticks, most of it slips. Displacement of the corner (3, 2, 1).", boxes, (3.0, 2.0, 1.0),
-        {8: 2, 16: 1, 22: 1}, (FORCE, MOVED), fine=28, held=True),
+        {8: 2, 16: 1, 22: 1}, 28),
     "tall": Scene(
         "A loose stack of four cubes with Coulomb friction 0.3", "Cubes of 1 m on each other, of N cells a side, "
         "pushed sideways at the top; only the lowest is clamped. The force, that of the lowest contact, is decided by "
-        "the load. Displacement of the corner (1, 1, 4).", tall, (1.0, 1.0, 4.0), {6: 2, 12: 1, 18: 1}, (FORCE, MOVED),
-        fine=24),
+        "the load. Displacement of the corner (1, 1, 4).", tall, (1.0, 1.0, 4.0), {6: 2, 12: 1, 18: 1}, 24),
     "ball": Scene(
         "A ball on a rigid plane", "A quarter of a half ball, R = 1 m, E = 1 Pa, N elements on the diameter of Hertz's "
         "contact, a = 0.1 m. Nothing but its contact holds the ball in z; no friction. The pressure is compared with "
         "Hertz's, the displacement, of the middle of the cut, with the fine answer's.", ball, (0.0, 0.0, 1.0),
-        {10: 2, 20: 1, 40: 1}, (("pressure",), MOVED), {"pressure": 2 * BALL / np.pi / (1 - POISSON**2)}, 60),
+        {10: 2, 20: 1, 40: 1}, 60, (("pressure",), MOVED), {"pressure": 2 * BALL / np.pi / (1 - POISSON**2)}),
     "wall": Scene(
         "A wall of fourteen bricks with Coulomb friction 0.6", "Running bond, 4 courses, 0.69 × 0.12 × 0.24 m, upright "
         "joints open by 30 mm; cells of 30/N mm. Only the lowest course is clamped; the uppermost is pressed and "
         "pushed along and across. The force is that of both contacts of the first brick. Displacement of the corner "
-        "(0.69, 0.12, 0.24).", wall, (0.69, 0.12, 0.24), {2: 2, 4: 1}, (FORCE, MOVED), fine=6, contacts=2),
+        "(0.69, 0.12, 0.24).", wall, (0.69, 0.12, 0.24), {2: 2, 4: 1}, 6, contacts=2),
 }
 """By name."""
 
@@ -221,10 +160,9 @@ def write_case(name: str, N: int, folder: Path, order: int = 1) -> Case:
     return case
 
 
-def case_of(scene: dict, watched: tuple[float, ...], contacts: int) -> Case:
+def case_of(scene: dict, watched: tuple[float, float, float], contacts: int) -> Case:
     """The Case of a scene whose contacts are flat and whose nodes match, or of one with the rigid plane through the
     origin across the last axis. At order 2 nodes need not match."""
-    d = len(watched)
     meshes = {body.name: build_mesh(body) for body in read_scene("a scene of peers", to_toml(scene)).body}
     counts = [len(mesh.points) for mesh in meshes.values()]
     starts = dict(zip(meshes, np.cumsum([0, *counts[:-1]]), strict=True))
@@ -237,9 +175,9 @@ def case_of(scene: dict, watched: tuple[float, ...], contacts: int) -> Case:
     clamped, load = [], np.zeros(points.shape)
     for body in scene["body"]:
         for clamp in body.get("clamp", []):
-            clamp = {"on": clamp} | dict.fromkeys("xyz"[:d]) if isinstance(clamp, str) else clamp
+            clamp = {"on": clamp} | dict.fromkeys("xyz") if isinstance(clamp, str) else clamp
             nodes = np.unique(facets_of(body["name"], clamp["on"]))
-            clamped += [d * nodes + c for c, component in enumerate("xyz"[:d]) if component in clamp]
+            clamped += [3 * nodes + c for c, component in enumerate("xyz") if component in clamp]
         for traction in body.get("traction", []):
             facets = facets_of(body["name"], traction["on"])
             shares = facet_shares(points[facets])
@@ -266,7 +204,7 @@ def case_of(scene: dict, watched: tuple[float, ...], contacts: int) -> Case:
             nodes, partner = nodes[there], facing[nearest[there]]
         share = np.bincount(sides[0].ravel(), facet_shares(points[sides[0]]).ravel(), len(points))[nodes]
         pairs = np.column_stack([nodes, partner])[:len(nodes) if order == 1 else 0]
-        dofs = d * pairs[:, :, None] + np.arange(d)
+        dofs = 3 * pairs[:, :, None] + np.arange(3)
         moves = ~np.isin(dofs, held).all(axis=(1, 2))
         gap = np.where(partner < 0, points[nodes, -1], 0.0)
         parts.append([pairs[moves], *(each[:len(pairs)][moves] for each in (gap, share, np.full(len(nodes), number)))])
@@ -277,7 +215,7 @@ def case_of(scene: dict, watched: tuple[float, ...], contacts: int) -> Case:
     return Case(points, np.concatenate([starts[name] + mesh.triangles for name, mesh in meshes.items()]),
                 np.repeat(np.arange(len(meshes)), [len(mesh.triangles) for mesh in meshes.values()]),
                 material["young"], material["poisson"], held, load.ravel(), pairs,
-                np.tile(-np.eye(d)[across], (len(pairs), 1)), gap, area, numbers,
+                np.tile(-np.eye(3)[across], (len(pairs), 1)), gap, area, numbers,
                 np.concatenate([facets for facets, _ in shown]),
                 np.concatenate([np.tile(side, (len(facets), 1)) for facets, side in shown]),
                 friction.get("coefficient", 0.0), int(np.linalg.norm(points - watched, axis=1).argmin()), contacts)
@@ -309,23 +247,21 @@ class Peer:
     Attributes
     ----------
     title : what the tables call it
-    scenes : that it can do
     missing : what is not there, or None
-    command : from folder and number of processes or threads
+    command : from the folder
     write : its input; not timed
     read : its answer
-    processes : whether two means processes, not threads
     order : of the elements
+    scenes : that it can do
     """
 
     title: str
-    scenes: Collection[str]
     missing: Callable[[], str | None]
-    command: Callable[[Path, int], list[str]]
+    command: Callable[[Path], list[str]]
     read: Callable[[Case, Path], Answer]
     write: Callable[[Case, Path], object] = lambda case, folder: None
-    processes: bool = False
     order: int = 1
+    scenes: Collection[str] = tuple(SCENES)
 
 
 @dataclass(frozen=True)
@@ -340,13 +276,12 @@ class Result:
     failure: str = ""
 
 
-def measure(peer: Peer, case: Case, folder: Path, count: int, limit: float,
-            environment: Mapping[str, str]) -> Result:
-    """Run a peer on `count` processes or threads, for at most `limit` seconds of processors, 4 `limit` on the clock."""
+def measure(peer: Peer, case: Case, folder: Path, limit: float) -> Result:
+    """Run a peer on one thread, for at most `limit` seconds of processors, 4 `limit` on the clock."""
     peer.write(case, folder)
-    threads = str(1 if peer.processes else count)
-    environment = {**environment, "OMP_NUM_THREADS": threads, "OPENBLAS_NUM_THREADS": threads}
-    command = [sys.executable, "-S", "-c", LAUNCH, "found.json", *peer.command(folder, count)]
+    environment = clean_environment() | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    environment["PYTHONPATH"] = f"{PROGRAMS.parent}:{environment['PYTHONPATH']}"
+    command = [sys.executable, "-S", "-c", LAUNCH, "found.json", *peer.command(folder)]
     most = max(math.ceil(limit), 1)
     gone = Result(math.nan, limit, math.nan, None, f"{LATE} {limit:.0f} s")
     with open(folder / "output.txt", "w+", encoding="utf-8", errors="replace") as output:
@@ -381,13 +316,9 @@ LIMIT = 600.0
 LATE = "more than"
 """How the failure of a run begins that was given up."""
 
-KEY = ("scene", "N", "peer", "count", "repetition")
+KEY = ("scene", "N", "peer", "repetition")
 MEASURED = ("unknowns", "pairs", "seconds", "processor", "memory", "iterations", "normal", "tangential", "pressure",
             "x", "y", "z", "failure")
-PLUGINS = glob.glob("/usr/lib/freefem++/MUMPS_seq.so") + glob.glob("/usr/lib/*/freefem++/MUMPS_seq.so")
-PLANE = tuple(name for name, its in SCENES.items() if not its.in_space)
-SPACE = tuple(name for name, its in SCENES.items() if its.in_space)
-HELD = tuple(name for name in PLANE if SCENES[name].held)
 
 
 # Who takes part
@@ -400,68 +331,41 @@ def lacks_program(name: str) -> str | None:
     return None if shutil.which(name) else f"no program {name}"
 
 
-def lacks_freefem() -> str | None:
-    return lacks_program("FreeFem++") or (None if PLUGINS else "FreeFem++ is there, but not its MUMPS (libfreefem++)")
+def script(name: str) -> dict:
+    """How a program of peers/ is started and read."""
+    return {"command": lambda folder: [sys.executable, "-m", f"peers.{name}", str(folder)],
+            "read": lambda case, folder: read_answer(folder)}
 
 
-def script(name: str, *words: str):
-    return lambda folder, count: [sys.executable, "-m", f"peers.{name}", str(folder), *words]
+def calculix(title: str, kind: str, order: int = 1) -> Peer:
+    return Peer(title, lambda: lacks_program("ccx"), peers.calculix_command, peers.read_calculix,
+                peers.write_calculix(kind), order)
 
 
-def by_hand(title: str, kind: str, scenes=tuple(SCENES), missing=lambda: lacks_module("skfem"), **more) -> Peer:
-    return Peer(title, scenes, missing, more.pop("command", script("active_set", kind)),
-                lambda case, folder: read_answer(folder), **more)
-
-
-def calculix(title: str, kind: str, scenes: Collection[str], **more) -> Peer:
-    return Peer(title, scenes, lambda: lacks_program("ccx"), peers.calculix_command, peers.read_calculix,
-                peers.write_calculix(kind), **more)
-
-
-def getfem(title: str, scenes: Collection[str], **more) -> Peer:
-    return Peer(title, scenes, lambda: lacks_module("getfem"), script("getfem_peer"),
-                lambda case, folder: read_answer(folder), **more)
-
-
-def ddmpi(title: str, scenes: Collection[str], **more) -> Peer:
-    return Peer(title, scenes, lambda: None, peers.ddmpi_command, peers.read_ddmpi, peers.clear_ddmpi, True, **more)
+def ddmpi(title: str, order: int) -> Peer:
+    return Peer(title, lambda: None, peers.ddmpi_command, peers.read_ddmpi, peers.clear_ddmpi, order)
 
 
 PEERS = {
-    "ddmpi": ddmpi("ddmpi", SCENES),
-    "petsc-dense": by_hand(
-        "by hand, dense, PETSc's MUMPS", "petsc-dense", HELD, processes=True,
-        command=lambda folder, count: ["mpirun", "-n", str(count), *script("active_set", "petsc-dense")(folder, 1)]),
-    "petsc": by_hand("by hand, sparse, PETSc's MUMPS", "petsc"),
-    "scipy-dense": by_hand("by hand, dense, SciPy's SuperLU", "scipy-dense", HELD),
-    "scipy": by_hand("by hand, sparse, SciPy's SuperLU", "scipy", PLANE),
-    "getfem": getfem("GetFEM", tuple(SCENES)),
-    "freefem": Peer("FreeFEM", tuple(SCENES), lacks_freefem, peers.freefem_command, peers.read_freefem,
-                    peers.write_freefem),
-    "calculix": calculix("CalculiX", "NODE TO SURFACE", PLANE),
-    "calculix-faces": calculix("CalculiX, face to face", "SURFACE TO SURFACE", SPACE),
-    "calculix-mortar": calculix("CalculiX, mortar", "LINMORTAR", SPACE),
-    "ddmpi-2": ddmpi("ddmpi, order 2", SPACE, order=2),
-    "getfem-2": getfem("GetFEM, integral brick, order 2", [name for name in SPACE if name != "ball"], order=2),
-    "calculix-2": calculix("CalculiX, face to face, order 2", "SURFACE TO SURFACE", SPACE, order=2),
+    "ddmpi": ddmpi("ddmpi", 1),
+    "petsc": Peer("by hand, sparse, PETSc's MUMPS", lambda: lacks_module("skfem"), **script("active_set")),
+    "getfem": Peer("GetFEM", lambda: lacks_module("getfem"), **script("getfem_peer")),
+    "calculix-faces": calculix("CalculiX, face to face", "SURFACE TO SURFACE"),
+    "calculix-mortar": calculix("CalculiX, mortar", "LINMORTAR"),
+    "ddmpi-2": ddmpi("ddmpi, order 2", 2),
+    "getfem-2": Peer("GetFEM, integral brick, order 2", lambda: lacks_module("getfem"), order=2,
+                     scenes=[name for name in SCENES if name != "ball"], **script("getfem_peer")),
+    "calculix-2": calculix("CalculiX, face to face, order 2", "SURFACE TO SURFACE", 2),
 }
-"""In the order of the tables. SuperLU is left out in space, where its factors are several times as large as MUMPS's."""
+"""In the order of the tables."""
 
 
 # Measurements
 
-def environment() -> dict[str, str]:
-    found = clean_environment()
-    found["PYTHONPATH"] = f"{PROGRAMS.parent}:{found['PYTHONPATH']}"
-    if PLUGINS:
-        found["FF_LOADPATH"] = f"{Path(PLUGINS[0]).parent};;"
-    return found
-
-
 def row_of(case: Case, result: Result) -> Row:
     answer = result.answer
     normal, tangential = answer.force if answer else (math.nan,) * 2
-    x, y, z = [*answer.displacement, math.nan][:3] if answer else (math.nan,) * 3
+    x, y, z = answer.displacement if answer else (math.nan,) * 3
     return {"unknowns": case.load.size - case.clamped.size, "pairs": len(case.pairs),
             "seconds": round(result.seconds, 4), "processor": round(result.processor, 3),
             "memory": round(result.memory, 1),
@@ -476,39 +380,37 @@ class Runs:
     def __init__(self, rows: list[Row], folder: Path, limit: float) -> None:
         self.rows, self.folder, self.limit, self.cases = rows, folder, limit, {}
 
-    def __call__(self, scene: str, N: int, peer: str, count: int, repetition: int) -> Row:
+    def __call__(self, scene: str, N: int, peer: str, repetition: int) -> Row:
         order = PEERS[peer].order
         place = self.folder / f"{scene}{N}-{order}"
         if (scene, N, order) not in self.cases:
             place.mkdir(exist_ok=True)
             self.cases = {(scene, N, order): write_case(scene, N, place, order)}  # one at a time
         case = self.cases[scene, N, order]
-        before = [row for row in where(self.rows, scene=scene, peer=peer, count=count)
+        before = [row for row in where(self.rows, scene=scene, peer=peer)
                   if row["failure"] and (row["N"] == N or (row["N"] < N and LATE in row["failure"]))]
         if before:
             return row_of(case, Result(math.nan, math.nan, math.nan, None, before[0]["failure"]))
         (place / "answer.npz").unlink(missing_ok=True)
-        return row_of(case, measure(PEERS[peer], case, place, count, self.limit, environment()))
+        return row_of(case, measure(PEERS[peer], case, place, self.limit))
 
 
 def best(rows: list[Row]) -> Row | None:
-    """The repetition with the smallest time, of processors in space, with the largest memory of all."""
+    """The repetition with the smallest time, with the largest memory of all."""
     done = [row for row in rows if not row["failure"]]
-    if not done:
-        return None
-    time = "processor" if SCENES[done[0]["scene"]].in_space else "seconds"
-    return min(done, key=lambda row: row[time]) | {"memory": max(row["memory"] for row in done)}
+    return min(done, key=lambda row: row["processor"]) | {
+        "memory": max(row["memory"] for row in done)} if done else None
 
 
-def difference(row: Row, other: Row, groups: Iterable[tuple[str, ...]] | None = None) -> float:
-    """The largest of those in force, pressure and displacement, each relative to its size in `row`."""
+def difference(row: Row, other: Row) -> float:
+    """The largest of those that the scene compares, each relative to its size in `row`."""
     return max(math.dist([other[name] for name in names], [row[name] for name in names])
                / math.hypot(*(row[name] for name in names))
-               for names in groups or SCENES[row["scene"]].compared)
+               for names in SCENES[row["scene"]].compared)
 
 
 def fine_answer(rows: list[Row], scene: str) -> Row | None:
-    """What errors in space are measured against."""
+    """What errors are measured against."""
     its = SCENES[scene]
     fine = best(where(rows, scene=scene, N=its.fine, peer="ddmpi-2"))
     return fine and fine | its.exact
@@ -518,10 +420,6 @@ def fine_answer(rows: list[Row], scene: str) -> Row | None:
 
 def number(value: float, form: str) -> str:
     return "–" if math.isnan(value) else format(value, form)
-
-
-def seconds(row: Row | None) -> str:
-    return "–" if row is None else f"{row['seconds']:.2f}"
 
 
 def found_in(row: Row) -> list[str]:
@@ -534,30 +432,25 @@ def found_in(row: Row) -> list[str]:
 
 
 def scene_table(rows: list[Row], scene: str, N: int) -> list[str]:
-    """Times of the clock on one and on two in the plane, of the processor and of the clock on one in space."""
-    solid, fine = SCENES[scene].in_space, fine_answer(rows, scene)
-    own = best(where(rows, scene=scene, N=N, peer="ddmpi"))
+    fine, own = fine_answer(rows, scene), best(where(rows, scene=scene, N=N, peer="ddmpi"))
     lines = []
     for name, peer in PEERS.items():
         runs = where(rows, scene=scene, N=N, peer=name)
         if not runs:
             continue
-        one, two = (best(where(runs, count=count)) for count in (1, 2))
-        row, size = one or two, [f"{runs[0]['unknowns']:,}"] if solid else []
+        row, start = best(runs), [peer.title, f"{runs[0]['unknowns']:,}"]
         if row is None:
-            lines.append([peer.title, *size, *["–"] * 6, f"**{failure(runs[0])}**", *["–"] * (1 + solid)])
+            lines.append([*start, *["–"] * 6, f"**{failure(runs[0])}**", "–", "–"])
             continue
         alike = peer.order == 1 and name != "ddmpi"
-        times = [f"{row['processor']:.2f}", seconds(row)] if solid else [seconds(one), seconds(two)]
-        lines.append([peer.title, *size, *times, f"{row['memory']:.0f}", row["iterations"], *found_in(row),
+        lines.append([*start, f"{row['processor']:.2f}", f"{row['seconds']:.2f}", f"{row['memory']:.0f}",
+                      row["iterations"], *found_in(row),
                       "" if not alike else "–" if own is None else f"{difference(own, row):.0e}",
-                      *(["–" if fine is None else f"{difference(fine, row):.1%}"] if solid else [])])
-    known = max(where(rows, scene=scene, N=N), key=lambda row: row["pairs"])
-    of = f"{known['pairs']} pairs of nodes"
-    return [f"### N = {N}: " + (f"{of} at order 1" if solid else f"{known['unknowns']:,} unknowns, {of}"), "",
-            *table(["", *(["unknowns", "processor (s)", "clock (s)"] if solid else ["one (s)", "two (s)"]), "MiB",
-                    "iterations", "normal force", "tangential force", "largest pressure; displacement",
-                    "difference to ddmpi", *(["error"] if solid else [])], lines)]
+                      "–" if fine is None else f"{difference(fine, row):.1%}"])
+    pairs = max(row["pairs"] for row in where(rows, scene=scene, N=N))
+    return [f"### N = {N}: {pairs} pairs of nodes at order 1", "",
+            *table(["", "unknowns", "processor (s)", "clock (s)", "MiB", "iterations", "normal force",
+                    "tangential force", "largest pressure; displacement", "difference to ddmpi", "error"], lines)]
 
 
 def failure(row: Row) -> str:
@@ -577,16 +470,16 @@ def fine_words(rows: list[Row], scene: str) -> list[str]:
 def short_table(rows: list[Row]) -> list[str]:
     """How many times as long as ddmpi peers take in space, at equal unknowns and at equal error."""
     lines = []
-    for scene in SPACE:
+    for scene in SCENES:
         fine = fine_answer(rows, scene)
         own = [row for N in SCENES[scene].sizes for name in ("ddmpi", "ddmpi-2")
-               if (row := best(where(rows, scene=scene, N=N, peer=name, count=1)))]
+               if (row := best(where(rows, scene=scene, N=N, peer=name)))]
         for name, peer in PEERS.items():
             sizes = [N for N in SCENES[scene].sizes if where(rows, scene=scene, N=N, peer=name)]
             done = max((N for N in sizes if best(where(rows, scene=scene, N=N, peer=name))), default=0)
             for N in [N for N in sizes if done <= N][:2 if done else 1]:
-                runs = where(rows, scene=scene, N=N, peer=name, count=1)
-                same = best(where(rows, scene=scene, N=N, peer="ddmpi-2" if peer.order == 2 else "ddmpi", count=1))
+                runs = where(rows, scene=scene, N=N, peer=name)
+                same = best(where(rows, scene=scene, N=N, peer="ddmpi-2" if peer.order == 2 else "ddmpi"))
                 if name in ("ddmpi", "ddmpi-2") or not runs or same is None:
                     continue
                 row, start = best(runs), [scene, peer.title, N, f"{runs[0]['unknowns']:,}"]
@@ -607,45 +500,39 @@ def short_table(rows: list[Row]) -> list[str]:
                     "times, equal error"], lines)] if lines else []
 
 
-def lines_of(path: Path, *comments: str) -> int:
+def lines_of(path: Path) -> int:
     """Lines of a file that are not empty and no comment."""
-    return sum(bool(line.strip()) and not line.strip().startswith(comments)
+    return sum(bool(line.strip()) and not line.strip().startswith("#")
                for line in path.read_text(encoding="utf-8").splitlines())
 
 
 def own_deck() -> int:
     """Lines of CalculiX's deck that are no tables of nodes, elements, sides, clamps and loads."""
     with tempfile.TemporaryDirectory() as folder:
-        text = peers.deck(write_case("blocks", 2, Path(folder)), "NODE TO SURFACE")
+        text = peers.deck(write_case("boxes", 2, Path(folder)), "SURFACE TO SURFACE")
     tables = ("*NODE, ", "*ELEMENT", "*NSET, NSET=B", "*BOUNDARY", "*SURFACE, ", "*CLOAD")
     return sum(1 if ("*" + part).startswith(tables) else len(part.splitlines()) for part in text.split("*")[1:])
 
 
 def effort_table(left_out: dict[str, str]) -> list[str]:
-    own = lines_of(ROOT / "configs" / "pinched_blocks.toml", "#")
-    solid = lines_of(ROOT / "configs" / "two_boxes.toml", "#")
-    hand, getfem = lines_of(PROGRAMS / "active_set.py", "#"), lines_of(PROGRAMS / "getfem_peer.py", "#")
-    free = lines_of(PROGRAMS / "freefem_contact.edp", "//")
+    own = lines_of(ROOT / "configs" / "two_boxes.toml")
+    hand, getfem = lines_of(PROGRAMS / "active_set.py"), lines_of(PROGRAMS / "getfem_peer.py")
     rows = [
-        ["ddmpi", f"a scene of {own} lines, in space of {solid}", "none"],
-        ["by hand", f"{hand} lines of Python for all four variants, on scikit-fem's matrices; matching nodes and "
-         "linear elements only, each node in one contact only", "the scale of the active set, E/(2 (1 − ν²)), in space "
-         "times the root of the nodal area; the dense variants need bodies that clamps hold"],
+        ["ddmpi", f"a scene of {own} lines", "none"],
+        ["by hand", f"{hand} lines of Python, on scikit-fem's matrices; matching nodes and linear elements only, each "
+         "node in one contact only", "the scale of the active set, E/(2 (1 − ν²)) times the root of the nodal area"],
         ["GetFEM", f"{getfem} lines of Python: matrices of the pairs for its nodal contact brick, bodies moved apart "
          "in one mesh, because it merges nodes at the same place; for its integral brick, at order 2, a mesh for each "
          "body, regions and multipliers",
-         "the augmentation parameter r = E, in space times the root of the nodal area, without which the wall does not "
-         "converge; of the integral brick r = E/h; units in which E = 1, because its residual adds newtons and metres "
-         "and else is met after one step, with a wrong answer; a first guess of the contact forces, without which the "
-         "stacks, which friction holds, do not converge"],
-        ["FreeFEM", f"{free} lines of its language: it has no contact, so that the script is the active set; "
-         "`FF_LOADPATH` for its MUMPS; bodies moved apart in one mesh", "the scale, as by hand"],
+         "the augmentation parameter r = E times the root of the nodal area, without which the wall does not converge; "
+         "of the integral brick r = E/h; units in which E = 1, because its residual adds newtons and metres and is else "
+         "met after one step, with a wrong answer; a first guess of the contact forces, without which the stack, which "
+         "friction holds, does not converge"],
         ["CalculiX", f"a deck of {own_deck()} lines without its tables; sides of elements for both surfaces; "
          "resultants are taken from its clamps, because it numbers the contact nodes anew",
-         "three numbers, found in some twenty runs with the answer known: stiffness of the springs "
-         f"{peers.STIFFNESS:g} E/h and the same while they stick, h the least edge; tension of open springs "
-         f"{peers.TENSION:g} E: with its own one the blocks with friction at N = 22 move 5 % differently; in space "
-         "face to face or mortar, and loads of a thousandth, so that rotations stay small"],
+         "the stiffness of the springs, found in some twenty runs with the answer known: "
+         f"{peers.STIFFNESS:g} E/h, h the least edge, also while they stick; face to face or mortar; loads of a "
+         "thousandth, so that rotations stay small"],
     ]
     lines = ["## What it took", "", *table(["", "to write", "to choose"], rows)]
     if left_out:
@@ -656,44 +543,32 @@ def effort_table(left_out: dict[str, str]) -> list[str]:
 def page(rows: list[Row], left_out: dict[str, str], remark: str) -> str:
     have = versions()
     parts = []
-    for scene in [*SPACE, *PLANE]:
-        its = SCENES[scene]
+    for scene, its in SCENES.items():
         sizes = [N for N in its.sizes if where(rows, scene=scene, N=N)]
         if sizes:
-            parts += [f"## {its.title}", "", its.words, "", *(fine_words(rows, scene) if its.in_space else []),
+            parts += [f"## {its.title}", "", its.words, "", *fine_words(rows, scene),
                       *(line for N in sizes for line in scene_table(rows, scene, N))]
-    flat = [row for row in rows if row["scene"] in PLANE] or rows
-    most = max(row["N"] for row in flat)
-    least = max(row["repetition"] for row in where(flat, N=most)) + 1
     return "\n".join([
         "# Peers", "", *([f"**{remark}**", ""] if remark else []),
         "Generated by `scripts/study peers`: the same nodes and elements by ddmpi, by other programs, and by hand. "
-        "Seconds are of the whole process from start to end, runs in turns. ddmpi also makes the mesh of the blocks, "
+        "Seconds are of the whole process from start to end, runs in turns. ddmpi also makes the mesh of boxes, "
         "estimates the discretization error, certifies its answer and writes its results; the others read a mesh, and "
-        "writing their input is not timed. MiB: the largest process, on one.", "",
-        "In space all run as one process on one thread, and seconds of the processor are compared, because other work "
-        "shares the machine; the smallest of up to two repetitions. A run that has not ended after "
+        "writing their input is not timed. [The plane, and FreeFEM](peers_in_plane.md) were compared earlier.", "",
+        "All run as one process on one thread, and processor seconds are compared, because other work shares the "
+        "machine; the smallest of up to two repetitions. A run that has not ended after "
         f"{LIMIT:.0f} of these seconds is given up, and its peer is not asked for a finer mesh of the scene. Order 2 "
         "has the same nodes as order 1, or fewer.", "",
-        "What limits the comparison of solids:", "",
-        "- By hand, GetFEM's nodal brick and FreeFEM solve ddmpi's discrete problem of order 1: `difference to ddmpi` "
-        "is that of force and displacement, each relative to its size. They take matching meshes only, the wall's "
-        "upright joints are open because by hand a node is in one contact only, and none of them says whether its "
-        "answer is right.",
-        "- FreeFEM has no contact: its solver is the method by hand in its language.",
-        "- CalculiX ends its iterations by its own tolerances, and has springs that "
-        "give. Its pressures are those that it extrapolates to nodes. Debian's solves with SPOOLES.",
-        "- At order 2 all use contacts of their own: ddmpi one force at each corner of the facets, GetFEM linear "
-        "stresses, CalculiX springs at integration points. On coarse meshes of the boxes and of the stack those two "
-        "come closer to the fine answer.",
+        "What limits the comparison:", "",
+        "- The program by hand and GetFEM's nodal brick solve ddmpi's discrete problem of order 1: `difference to "
+        "ddmpi` is that of force and displacement, each relative to its size. They take matching meshes only. The "
+        "wall's upright joints are open because the program by hand has a node in one contact only. Neither says "
+        "whether its answer is right.",
+        "- CalculiX ends its iterations by its own tolerances, and its contact springs have a finite stiffness. Its "
+        "pressures are those that it extrapolates to nodes. Debian's solves with SPOOLES.",
+        "- At order 2 each has a contact of its own: ddmpi one force at each corner of the facets, GetFEM linear "
+        "stresses, CalculiX springs at integration points. On coarse meshes of the boxes and of the stack GetFEM and "
+        "CalculiX come closer to the fine answer.",
         "- Small runs of ddmpi are mostly the start of Python, MPI and PETSc, about half a second.", "",
-        "In the plane seconds are those of the clock, the smallest of up to "
-        f"{max(row['repetition'] for row in flat) + 1} repetitions (N = {most}: {least}). `one` is one process on one "
-        "thread; `two` is two processes for ddmpi and the dense method on MUMPS, where each has a body, and two "
-        "threads for the others. `difference to ddmpi` is the largest of those in force, pressure and displacement. "
-        "CalculiX has contact springs, and large rotations wherever there is contact: at a hundredth of the load its "
-        "blocks differ from ddmpi's by 4e-4. At N = 22 ddmpi's seconds are mostly the start of Python, MPI and PETSc; "
-        "others start faster.", "",
         f"{processor()}, {os.cpu_count()} cores, PETSc {have['petsc']}, {have['mpi']}.", "",
         *short_table(rows), *effort_table(left_out), *parts])
 
@@ -718,10 +593,9 @@ def main() -> None:
         for scene in scenes:
             its = SCENES[scene]
             having = [name for name in names if name not in left_out and scene in PEERS[name].scenes]
-            found += [(place, scene, N, name, count, k) for place, (N, times) in enumerate(its.sizes.items())
-                      for k in range(options.repetitions or times) for name in having
-                      for count in ((1,) if its.in_space else (1, 2))]
-            found += [(1, scene, its.fine, name, 1, 0) for name in having if its.fine and name == "ddmpi-2"]
+            found += [(place, scene, N, name, k) for place, (N, times) in enumerate(its.sizes.items())
+                      for k in range(options.repetitions or times) for name in having]
+            found += [(1, scene, its.fine, name, 0) for name in having if name == "ddmpi-2"]
         return [rest for _, *rest in sorted(found, key=lambda each: each[0])]
 
     ledger = Ledger(MPI.COMM_WORLD, options.output / "peers.csv", KEY, MEASURED)

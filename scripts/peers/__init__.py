@@ -1,4 +1,4 @@
-"""What every peer is given and gives back, and those that read files: ddmpi, CalculiX and FreeFEM.
+"""What every peer is given and gives back, and those that read files: ddmpi and CalculiX.
 
 A scene on a mesh, on plain arrays in one file, and an answer. Nothing but numpy is imported here, because the time of a
 peer is that of its whole process.
@@ -19,23 +19,23 @@ FILE, ANSWER = "case.npz", "answer.npz"
 
 @dataclass(frozen=True)
 class Case:
-    """Elastic bodies of one material in the plane (plane strain) or in space, on simplices, and what may touch.
+    """Elastic solids of one material, on tetrahedra, and what may touch.
 
     Attributes
     ----------
-    points : (nv, d) nodes of all bodies (m); bodies share none
-    cells : (nt, d + 1) triangles or tetrahedra, or (nt, 10) of order 2 in the order of VTK and of CalculiX
+    points : (nv, 3) nodes of all bodies (m); bodies share none
+    cells : (nt, 4), or (nt, 10) of order 2 in the order of VTK and of CalculiX
     body : (nt,) number of each cell's body
     young, poisson : of the material (Pa)
-    clamped : (k,) dofs that are held; dof d i + c is component c of node i
-    load : (d nv,) nodal forces of the tractions (N; in the plane per metre of depth, as all forces)
+    clamped : (k,) clamped dofs; dof 3 i + c is component c of node i
+    load : (3 nv,) nodal forces of the tractions (N)
     pairs : (m, 2) nodes that face each other, of the first and the second body; −1 for the rigid plane through the
         origin, across the last axis. None at order 2, where facets that face each other do not match
-    normal : (m, d) outer normals of the first body
+    normal : (m, 3) outer normals of the first body
     gap : (m,) initial gaps (m)
-    area : (m,) nodal lengths or areas on the first body (m, m²)
+    area : (m,) nodal areas on the first body (m²)
     contact : (m,) number of each pair's contact
-    facets : (f, l) nodes of the facets that may touch
+    facets : (f, k) nodes of the facets that may touch
     side : (f, 2) number of each facet's contact, and 0 on the first body, 1 on the second
     friction : Coulomb's coefficient of all contacts
     watched : the node whose displacement is compared
@@ -61,15 +61,9 @@ class Case:
     compared: int
 
     @property
-    def dimension(self) -> int:
-        return self.points.shape[1]
-
-    @property
     def frame(self) -> np.ndarray:
-        """(m, d, d) the normals, then the tangents: in the plane normals turned counter-clockwise."""
+        """(m, 3, 3) the normals, then two tangents."""
         n = self.normal
-        if self.dimension == 2:
-            return np.stack([n, np.column_stack([-n[:, 1], n[:, 0]])], axis=1)
         first = np.cross(np.eye(3)[np.abs(n).argmin(axis=1)], n)
         first /= np.linalg.norm(first, axis=1)[:, None]
         return np.stack([n, first, np.cross(n, first)], axis=1)
@@ -82,8 +76,8 @@ class Case:
 
     @property
     def scale(self) -> np.ndarray:
-        """(m,) half of E/(1 − ν²), in space times a length: times it displacements are compared with forces."""
-        return self.young / 2 / (1 - self.poisson**2) * self.area ** ((self.dimension - 2) / (self.dimension - 1))
+        """(m,) half of E/(1 − ν²) times a length: times it displacements are compared with forces (N/m)."""
+        return self.young / 2 / (1 - self.poisson**2) * np.sqrt(self.area)
 
     @property
     def rigid(self) -> bool:
@@ -92,34 +86,34 @@ class Case:
 
     @property
     def axis(self) -> np.ndarray:
-        """(d,) a unit vector normal to the first contact, which is flat."""
-        corners = self.points[self.facets[0, :self.dimension]]
-        return np.eye(self.dimension)[-1] if self.rigid else np.linalg.svd(corners - corners.mean(axis=0))[2][-1]
+        """(3,) a unit vector normal to the first contact, which is flat."""
+        corners = self.points[self.facets[0, :3]]
+        return np.eye(3)[-1] if self.rigid else np.linalg.svd(corners - corners.mean(axis=0))[2][-1]
 
     @property
     def spacing(self) -> float:
         """The least edge of the facets (m)."""
-        corners = self.points[self.facets[:, :self.dimension]]
+        corners = self.points[self.facets[:, :3]]
         return float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).min())
 
     @property
     def apart(self) -> np.ndarray:
-        """(nv, d) the nodes with the bodies moved apart, for programs that merge nodes at the same place."""
+        """(nv, 3) the nodes with the bodies moved apart, for programs that merge nodes at the same place."""
         moved = self.points.copy()
         number = np.repeat(self.body, self.cells.shape[1])
         moved[self.cells.ravel(), 1] += 2.0 * np.ptp(self.points, axis=0).max() * number
         return moved
 
     def relative(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Rows, columns, values of the matrix (d m, d nv) that takes displacements to u_first − u_second in the frames.
+        """Rows, columns, values of the matrix (3 m, 3 nv) that takes displacements to u_first − u_second in the frames.
 
         Row a m + i is component a of pair i: the normal components come first.
         """
-        d, m, frame, found = self.dimension, len(self.pairs), self.frame, []
+        m, frame, found = len(self.pairs), self.frame, []
         for side, sign in ((0, 1.0), (1, -1.0)):
             i = np.flatnonzero(self.pairs[:, side] >= 0)
-            found += [(a * m + i, d * self.pairs[i, side] + c, sign * frame[i, a, c])
-                      for a in range(d) for c in range(d)]
+            found += [(a * m + i, 3 * self.pairs[i, side] + c, sign * frame[i, a, c])
+                      for a in range(3) for c in range(3)]
         rows, columns, values = (np.concatenate(each) for each in zip(*found, strict=True))
         return rows, columns, values
 
@@ -138,9 +132,8 @@ class Answer:
 
     Attributes
     ----------
-    displacement : (d,) of the watched node (m)
-    force : (2,) of the compared contacts (N; in the plane per metre), normal under pressure, and the length of its
-        tangential part
+    displacement : (3,) of the watched node (m)
+    force : (2,) of the compared contacts (N): normal, positive under pressure, and the length of its tangential part
     pressure : the largest of all nodes (Pa)
     iterations : of what the peer calls so
     """
@@ -155,7 +148,7 @@ class Answer:
 
 
 def answer_of(case: Case, u: np.ndarray, s: np.ndarray, iterations: int) -> Answer:
-    """From the displacement (d nv,) of all nodes in m and the forces (d, m) of the pairs in their frames, in N."""
+    """From the displacement (3 nv,) of all nodes in m and the forces (3, m) of the pairs in their frames, in N."""
     first = case.contact < case.compared
     pushed = np.einsum("am,mac->c", s[1:, first], case.frame[first, 1:])
     return Answer(u.reshape(case.points.shape)[case.watched], np.array([s[0, first].sum(), np.linalg.norm(pushed)]),
@@ -163,7 +156,7 @@ def answer_of(case: Case, u: np.ndarray, s: np.ndarray, iterations: int) -> Answ
 
 
 def along_and_across(case: Case, force: np.ndarray) -> np.ndarray:
-    """The lengths (2,) of the parts of a force (d,) along the axis of the first contact and across it."""
+    """The lengths (2,) of the parts of a force (3,) along the axis of the first contact and across it."""
     normal = case.axis @ force
     return np.array([abs(normal), np.linalg.norm(force - normal * case.axis)])
 
@@ -173,10 +166,10 @@ def read_answer(folder: Path) -> Answer:
         return Answer(**{name: file[name] if file[name].ndim else file[name].item() for name in file.files})
 
 
-# ddmpi itself, the whole command as a user types it; one or two processes
+# ddmpi itself, the whole command as a user types it
 
-def ddmpi_command(folder: Path, count: int) -> list[str]:
-    return ["mpirun", "-n", str(count), sys.executable, "-m", "ddmpi", "run", "scene.toml", "--no-figures",
+def ddmpi_command(folder: Path) -> list[str]:
+    return ["mpirun", "-n", "1", sys.executable, "-m", "ddmpi", "run", "scene.toml", "--no-figures",
             "--output", "results"]
 
 
@@ -192,8 +185,8 @@ def read_ddmpi(case: Case, folder: Path) -> Answer:
     contacts = list(summary["contacts"].values())
     force = sum(np.array(each["force"]) for each in contacts[:case.compared])
     with h5py.File(folder / "results" / "result.h5") as file:
-        distance = np.linalg.norm(file["points"][:, :case.dimension] - case.points[case.watched], axis=1)
-        u = file["displacement"][int(distance.argmin()), :case.dimension]
+        distance = np.linalg.norm(file["points"][:] - case.points[case.watched], axis=1)
+        u = file["displacement"][int(distance.argmin())]
     return Answer(u, along_and_across(case, force),
                   max(each["pressure_max"] for each in contacts), summary["outer_iterations"])
 
@@ -203,20 +196,16 @@ def read_ddmpi(case: Case, folder: Path) -> Answer:
 STIFFNESS = STICK = 40.0
 """Of the contact springs, normal and while they stick, in Young's moduli per least edge."""
 
-TENSION = 1e-8
-"""Stress that open springs bear, in Young's moduli; only of springs at nodes."""
-
 SMALL = 1e-3
 """The part of the load that solids on solids get, by whose inverse their answers are multiplied: without gaps those of
 small strains are proportional to the load, and CalculiX computes with large rotations wherever there is contact."""
 
-ELEMENTS = {(2, 3): "CPE3", (3, 4): "C3D4", (3, 10): "C3D10"}
-SIDES = {2: [(0, 1), (1, 2), (2, 0)], 3: [(0, 1, 2), (0, 1, 3), (1, 2, 3), (0, 2, 3)]}
+ELEMENTS = {4: "C3D4", 10: "C3D10"}
+SIDES = [(0, 1, 2), (0, 1, 3), (1, 2, 3), (0, 2, 3)]
 """Corners of the sides of CalculiX's elements."""
 
-BASE = {2: ("CPE4", "S3", [[0, 0], [1, 0], [1, 1], [0, 1]]),
-        3: ("C3D8", "S2", [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]])}
-"""The element that is the rigid plane, its upper side and its corners."""
+CUBE = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]]
+"""The corners of the element that is the rigid plane; its upper side is the second one."""
 
 
 def _lines(rows: Iterable) -> str:
@@ -226,47 +215,44 @@ def _lines(rows: Iterable) -> str:
 
 
 def part_of_load(case: Case) -> float:
-    return SMALL if case.dimension == 3 and not case.rigid else 1.0
+    return 1.0 if case.rigid else SMALL
 
 
 def deck(case: Case, kind: str) -> str:
     """The input of CalculiX; `kind` of contact is what its manual names."""
-    d, points = case.dimension, case.points
-    at_nodes, mortar = kind == "NODE TO SURFACE", "MORTAR" in kind
-    clamped = [(i // d + 1, i % d + 1, i % d + 1) for i in case.clamped.tolist()]
-    base = np.intersect1d(case.clamped // d, second_body(case)).tolist()
+    points, mortar = case.points, "MORTAR" in kind
+    clamped = [(i // 3 + 1, i % 3 + 1, i % 3 + 1) for i in case.clamped.tolist()]
+    base = np.intersect1d(case.clamped // 3, second_body(case)).tolist()
     rigid = ""
     if case.rigid:  # an element that cannot move
-        element, top, corners = BASE[d]
         size = 1.2 * np.ptp(points, axis=0).max()
         low = np.append(points.min(axis=0)[:-1] - 0.1 * size, -size)
-        base = list(range(len(points), len(points) + 2**d))
-        points = np.vstack([points, low + size * np.array(corners)])
-        clamped += [(i + 1, 1, d) for i in base]
-        rigid = f"*ELEMENT, TYPE={element}, ELSET=BODIES\n" + _lines([[len(case.cells) + 1, *(i + 1 for i in base)]])
-    rows = np.column_stack([points, np.zeros((len(points), 3 - d))]).tolist()
-    lines = ["*NODE, NSET=ALL\n", _lines((i + 1, *x) for i, x in enumerate(rows)),
-             f"*ELEMENT, TYPE={ELEMENTS[d, case.cells.shape[1]]}, ELSET=BODIES\n",
+        base = list(range(len(points), len(points) + len(CUBE)))
+        points = np.vstack([points, low + size * np.array(CUBE)])
+        clamped += [(i + 1, 1, 3) for i in base]
+        rigid = "*ELEMENT, TYPE=C3D8, ELSET=BODIES\n" + _lines([[len(case.cells) + 1, *(i + 1 for i in base)]])
+    lines = ["*NODE, NSET=ALL\n", _lines((i + 1, *x) for i, x in enumerate(points.tolist())),
+             f"*ELEMENT, TYPE={ELEMENTS[case.cells.shape[1]]}, ELSET=BODIES\n",
              _lines((e + 1, *each) for e, each in enumerate((case.cells + 1).tolist())), rigid,
              f"*NSET, NSET=WATCHED\n{case.watched + 1}\n*NSET, NSET=BASE\n", _lines((i + 1,) for i in base),
              f"*MATERIAL, NAME=STEEL\n*ELASTIC\n{case.young!r}, {case.poisson!r}\n",
              "*SOLID SECTION, ELSET=BODIES, MATERIAL=STEEL\n1.0\n*BOUNDARY\n", _lines(clamped)]
     for number in np.unique(case.side[:, 0]).tolist():
-        second = f"{len(case.cells) + 1}, {top}\n" if case.rigid else _lines(faces(case, number, 1))
+        second = f"{len(case.cells) + 1}, S2\n" if case.rigid else _lines(faces(case, number, 1))
         lines += [f"*SURFACE, NAME=FIRST{number}, TYPE=ELEMENT\n", _lines(faces(case, number, 0)),
                   f"*SURFACE, NAME=SECOND{number}, TYPE=ELEMENT\n", second,
                   f"*CONTACT PAIR, INTERACTION=TOUCH, TYPE={kind}\n", f"FIRST{number}, SECOND{number}\n"]
     spring = case.young / case.spacing
     lines += ["*SURFACE INTERACTION, NAME=TOUCH\n*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=",
               "HARD\n" if mortar else f"LINEAR\n{STIFFNESS * spring!r}",
-              "" if mortar else f", {TENSION * case.young!r}\n" if at_nodes else "\n"]
+              "" if mortar else "\n"]
     if case.friction:
         lines += [f"*FRICTION\n{case.friction!r}, {STICK * spring!r}\n"]
-    load = [(i // d + 1, i % d + 1, value) for i, value in enumerate((part_of_load(case) * case.load).tolist())
+    load = [(i // 3 + 1, i % 3 + 1, value) for i, value in enumerate((part_of_load(case) * case.load).tolist())
             if value]
     lines += ["*STEP, INC=1000\n*STATIC\n1., 1.\n*CLOAD\n", _lines(load), "*NODE PRINT, NSET=WATCHED\nU\n",
               "*NODE PRINT, NSET=BASE, TOTALS=ONLY\nRF\n",
-              "*CONTACT PRINT\nCSTR\n" if at_nodes else "*NODE FILE\nU\n*CONTACT FILE\nCSTR\n", "*END STEP\n"]
+              "*NODE FILE\nU\n*CONTACT FILE\nCSTR\n*END STEP\n"]
     return "".join(lines)
 
 
@@ -279,10 +265,9 @@ def second_body(case: Case) -> np.ndarray:
 
 def faces(case: Case, contact: int, which: int) -> list[tuple[int, str]]:
     """The sides of elements that are the facets of the first (0) or second (1) body of a contact."""
-    d = case.dimension
-    wanted = case.facets[(case.side == (contact, which)).all(axis=1), :d]
-    sides = np.sort(case.cells[:, SIDES[d]], axis=2) @ len(case.points) ** np.arange(d)
-    found = np.argwhere(np.isin(sides, np.sort(wanted, axis=1) @ len(case.points) ** np.arange(d)))
+    wanted, digits = case.facets[(case.side == (contact, which)).all(axis=1), :3], len(case.points) ** np.arange(3)
+    sides = np.sort(case.cells[:, SIDES], axis=2) @ digits
+    found = np.argwhere(np.isin(sides, np.sort(wanted, axis=1) @ digits))
     return [(e + 1, f"S{k + 1}") for e, k in found.tolist()]
 
 
@@ -294,7 +279,7 @@ def write_calculix(kind: str) -> Callable[[Case, Path], None]:
     return write
 
 
-def calculix_command(folder: Path, count: int) -> list[str]:
+def calculix_command(folder: Path) -> list[str]:
     return ["ccx", "contact"]
 
 
@@ -307,52 +292,15 @@ def _table(text: str, title: str) -> np.ndarray:
 
 def read_calculix(case: Case, folder: Path) -> Answer:
     """The resultant is what the second body's clamps leave of its loads."""
-    text, d, part = (folder / "contact.dat").read_text(encoding="utf-8"), case.dimension, part_of_load(case)
+    text, part = (folder / "contact.dat").read_text(encoding="utf-8"), part_of_load(case)
     *_, last = increments = (folder / "contact.sta").read_text(encoding="utf-8").splitlines()[2:]
     if "U" in last.split()[2] or float(last.split()[4]) < 1.0:
         raise RuntimeError(f"no convergence beyond {float(last.split()[4]):.3g} of the load")
     load = part * case.load
     load[case.clamped] = 0.0  # not part of what CalculiX calls a reaction
-    force = -_table(text, "total force")[0, :d] - load.reshape(-1, d)[second_body(case)].sum(axis=0)
-    if "contact stress" in text:
-        pressure = _table(text, "contact stress")[:, 1]
-    else:  # of faces: what CalculiX makes of it at nodes
-        _, found = (folder / "contact.frd").read_text(encoding="utf-8").split("CPRESS")
-        pressure = np.array([line[49:61] for line in found.splitlines() if line.startswith(" -1")], float)
-    return Answer(_table(text, "displacements")[0, 1:d + 1] / part, along_and_across(case, force) / part,
+    force = -_table(text, "total force")[0, :3] - load.reshape(-1, 3)[second_body(case)].sum(axis=0)
+    _, found = (folder / "contact.frd").read_text(encoding="utf-8").split("CPRESS")  # of faces, extrapolated to nodes
+    pressure = np.array([line[49:61] for line in found.splitlines() if line.startswith(" -1")], float)
+    return Answer(_table(text, "displacements")[0, 1:4] / part, along_and_across(case, force) / part,
                   float(pressure.max()) / part,
                   sum(int(row.split()[3]) for row in increments))
-
-
-# FreeFEM (freefem++, libfreefem++ for MUMPS): it has no contact, so that its script does the active set, too
-
-SCRIPT = Path(__file__).with_name("freefem_contact.edp")
-
-
-def write_freefem(case: Case, folder: Path) -> None:
-    (folder / "answer.txt").unlink(missing_ok=True)
-    d, nv, nt = case.dimension, len(case.points), len(case.cells)
-    (folder / "dimension.idp").write_text(f"macro dimension() {d} //\n", encoding="utf-8")
-    with open(folder / ("bodies.msh" if d == 2 else "bodies.mesh"), "w", encoding="utf-8") as file:
-        file.write(f"{nv} {nt} 0\n" if d == 2 else f"MeshVersionFormatted 2\nDimension 3\nVertices\n{nv}\n")
-        np.savetxt(file, np.column_stack([case.apart, np.zeros(nv)]), "%.17g " * d + "%d")
-        file.write("" if d == 2 else f"Tetrahedra\n{nt}\n")
-        np.savetxt(file, np.column_stack([case.cells + 1, case.body]), "%d")
-        file.write("" if d == 2 else "End\n")
-    rows, columns, values = case.relative()
-    with open(folder / "contact.txt", "w", encoding="utf-8") as file:
-        file.write(" ".join(map(repr, (*case.lame, float(case.friction)))))
-        file.write(f" {len(case.clamped)} {len(case.pairs)} {len(rows)}\n")
-        for each in (case.clamped, case.load, case.gap, case.scale):
-            np.savetxt(file, each, "%.17g")
-        np.savetxt(file, np.column_stack([rows, columns, values]), "%d %d %.17g")
-
-
-def freefem_command(folder: Path, count: int) -> list[str]:
-    return ["FreeFem++", "-nw", "-v", "0", str(SCRIPT)]
-
-
-def read_freefem(case: Case, folder: Path) -> Answer:
-    steps, *x = np.loadtxt(folder / "answer.txt")
-    u, s = np.split(np.array(x), [case.points.size])
-    return answer_of(case, u, s.reshape(case.dimension, -1), int(steps))

@@ -40,13 +40,12 @@ def matrix(rows: np.ndarray, columns: np.ndarray, values: np.ndarray, shape: tup
 
 def add_body(model: getfem.Model, case: Case, cells: np.ndarray, points: np.ndarray, name: str) -> tuple:
     """A variable of the model with stiffness, loads and clamps; returns its mesh, integration, nodes and their dofs."""
-    d, order, nodes = case.dimension, 2 if cells.shape[1] == 10 else 1, np.unique(cells)
+    d, order, nodes = 3, 2 if cells.shape[1] == 10 else 1, np.unique(cells)
     mesh = getfem.Mesh("empty", d)
     mesh.add_convex(getfem.GeoTrans(f"GT_PK({d},1)"), points[cells[:, :d + 1]].transpose(2, 1, 0))
     fem = getfem.MeshFem(mesh, d)
     fem.set_fem(getfem.Fem(f"FEM_PK({d},{order})"))
-    rule = {2: "IM_TRIANGLE", 3: "IM_TETRAHEDRON"}[d]
-    integration = getfem.MeshIm(mesh, getfem.Integ(f"{rule}({1 if order == 1 else 5})"))
+    integration = getfem.MeshIm(mesh, getfem.Integ(f"IM_TETRAHEDRON({1 if order == 1 else 5})"))
     dofs, own = dofs_of(fem, points[nodes], np.ptp(points)), (d * nodes[:, None] + np.arange(d)).ravel()
     load, held = np.zeros(fem.nbdof()), dofs[np.isin(own, case.clamped)]
     load[dofs] = case.load[own] / case.young
@@ -76,13 +75,13 @@ def iterate(model: getfem.Model) -> int:
 
 
 def at_nodes(case: Case) -> Answer:
-    d, m, size, model = case.dimension, len(case.pairs), np.ptp(case.points), start(case)
+    d, m, size, model = 3, len(case.pairs), np.ptp(case.points), start(case)
     body = add_body(model, case, case.cells, case.apart, "u")
     dofs = body[-1]
     model.add_variable("normal", m)
     model.add_initialized_data("r", 1.0)
     model.add_initialized_data("gap", case.gap)
-    model.add_initialized_data("alpha", case.area ** ((d - 2) / (d - 1)))  # in space forces are E times areas
+    model.add_initialized_data("alpha", np.sqrt(case.area))  # forces are E times areas
     rows, columns, values = case.relative()
     along, columns = rows < m, dofs[columns]
     BN = matrix(rows[along], columns[along], values[along], (m, len(dofs)))
@@ -103,7 +102,7 @@ def at_nodes(case: Case) -> Answer:
 
 
 def by_integrals(case: Case) -> Answer:
-    d, model = case.dimension, start(case)
+    d, model = 3, start(case)
     bodies = [add_body(model, case, case.cells[case.body == k], case.points, f"u{k}")
               for k in range(int(case.body.max()) + 1)]
     model.add_initialized_data("r", 1.0 / case.spacing)
@@ -142,4 +141,4 @@ def by_integrals(case: Case) -> Answer:
 if __name__ == "__main__":
     folder = Path(sys.argv[1])
     case = read_case(folder)
-    (at_nodes if case.cells.shape[1] == case.dimension + 1 else by_integrals)(case).save(folder)
+    (at_nodes if case.cells.shape[1] == 4 else by_integrals)(case).save(folder)
