@@ -297,7 +297,7 @@ def measure(peer: Peer, case: Case, folder: Path, limit: float) -> Result:
         found = json.loads((folder / "found.json").read_text(encoding="utf-8"))
         spent = found["seconds"], found["processor"], found["memory"]
         if found["code"]:
-            if found["processor"] > 0.9 * most:
+            if found["code"] == -signal.SIGXCPU or found["processor"] > 0.9 * most:
                 return gone
             output.seek(0)
             last = [line.strip() for line in output if line.strip()][-1:] or ["no word"]
@@ -525,9 +525,9 @@ def effort_table(left_out: dict[str, str]) -> list[str]:
          "in one mesh, because it merges nodes at the same place; for its integral brick, at order 2, a mesh for each "
          "body, regions and multipliers",
          "the augmentation parameter r = E times the root of the nodal area, without which the wall does not converge; "
-         "of the integral brick r = E/h; units in which E = 1, because its residual adds newtons and metres and is else "
-         "met after one step, with a wrong answer; a first guess of the contact forces, without which the stack, which "
-         "friction holds, does not converge"],
+         "of the integral brick r = E/h; units in which E = 1, because its residual adds newtons and metres and is "
+         "met after one step otherwise, with a wrong answer; a first guess of the contact forces, without which the "
+         "stack, which friction holds, does not converge"],
         ["CalculiX", f"a deck of {own_deck()} lines without its tables; sides of elements for both surfaces; "
          "resultants are taken from its clamps, because it numbers the contact nodes anew",
          "the stiffness of the springs, found in some twenty runs with the answer known: "

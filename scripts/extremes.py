@@ -1,14 +1,11 @@
 #!/usr/bin/env -S bash -c 'exec "${0%/*}/study" "$0" "$@"'
-"""The default method at the extremes, and what it costs.
+"""The default method at the extremes of material, friction, shape, size and load, and what it costs.
 
-Five tables: the extremes of material, friction, shape, size and load; multiplications by the inverse
-stiffness over meshes and stiffness contrasts; the default method against the other two; what the elements
-do in nearly incompressible material; the extremes in space. The first four are of variations of
-configs/pinched_blocks.toml, the last one of two boxes, of loose boxes on a plane, and of a ball; all at tolerance 1e-8.
+Two tables: in the plane, variations of configs/pinched_blocks.toml; in space, of two boxes, of loose boxes on a plane
+and of a ball. All at tolerance 1e-8.
 
-Writes to the folder --output: a CSV file per table (a line per run, written at once, so that an interrupted
-study continues), robustness_table.md and, for space, extremes_in_space.md; a page all of whose tables are done is also
-written to docs/tables/.
+Writes to the folder --output: a CSV file per table (a line per run, written at once, so that an interrupted study
+continues), robustness_table.md and, for space, extremes_in_space.md; each is also written to docs/tables/.
 """
 
 import copy
@@ -36,24 +33,13 @@ from ddmpi.scene.reader import read_scene
 from ddmpi.system.agreement import merged
 
 SCENE = ROOT / "configs" / "pinched_blocks.toml"
-PAGE, SPACE = "robustness_table.md", "extremes_in_space.md"
 YOUNG, PRESSED, PULLED, LIFTED = 2.119e11, (0.0, -6.0e7), (2.0e7, 3.0e7), (0.0, 4.0e7)
 """Material and loads of that scene (Pa)."""
 
 LARGEST_COUPLED = 500
 """Most contact unknowns with which the coupled problem is solved by brute force as well."""
 
-MESHES, CONTRASTS = (22, 54, 86), (1e-4, 1e-2, 1.0, 1e2, 1e4)
-PURPOSES = ("load", "norm", "newton", "approximation", "displacement")
-METHODS = ("newton", "anderson", "relaxation")
-POISSONS, LOCKING_MESHES = (0.277, 0.49, 0.499, 0.4999), {1: (11, 22, 44, 88), 2: (11, 22, 44)}
-FINEST = 88
-
 EXTREMES = ("n", "m", "outcome", "iterations", "n_A", "residual", "distance", "seconds")
-NUMBERS = ("certified", "iterations", "n_A", "dirichlet", "seconds",
-           *(f"{body}_{purpose}" for body in ("upper", "lower") for purpose in PURPOSES))
-COMPARISON = ("outcome", "iterations", "n_A", "seconds")
-LOCKING = ("outcome", "iterations", "n_A", "energy", "tangential_force", "corner_x")
 SOLIDS = ("outcome", "iterations", "n_A", "residual", "violation", "differs")
 KINDS = {(pairs, order): f"{'nodes match' if pairs else 'mortar'}, order {order}"
          for order in (1, 2) for pairs in (True, False)}
@@ -144,17 +130,6 @@ def cases() -> dict[tuple[str, str], Overrides]:
     found += [("not held", "no clamp", {"body.upper.clamp": []}),
               ("not held", "free along x", {"body.upper.clamp": [{"on": "left", "y": 0}]})]
     return {(group, case): changes for group, case, changes in found}
-
-
-def comparison_cases() -> dict[str, Overrides]:
-    """The cases on which the methods are compared."""
-    found = [("the scene as it is", {}), ("Tresca", tresca(1.2e7)), ("no friction", NO_FRICTION)]
-    found += [(f"E₁/E₂ = {c:g}", material(upper=c)) for c in (1e-4, 0.1, 10.0, 1e4)]
-    found += [(f"𝓕 = {F:g}", coulomb(F)) for F in (0.05, 1.0, 3.0)]
-    found += [("Poisson's ratio 0.4999", material(poisson=(0.4999, 0.4999))),
-              ("slender, 3 m × 0.3 m", size(3.0, 0.3) | divisions(66, 6)),
-              ("load on the upper body only", loads(TOP | RIGHT, {})), ("contact at a corner only", CORNER)]
-    return dict(found)
 
 
 # Variations in space
@@ -380,41 +355,26 @@ def solid_cases() -> dict[tuple[str, str], tuple[Callable[..., Scene], tuple[Cha
 
 # Runs
 
-def attempt(world: MPI.Comm, changes: Overrides, compare: bool = False) -> Row:
+def attempt(world: MPI.Comm, changes: Overrides) -> Row:
     """Solve a variation of the scene. Collective.
 
-    Returns a row with the columns of all tables. ``outcome`` is "certified" or the reason why not, ``energy`` the
-    strain energy of both bodies (J per metre of depth), ``corner_x`` the displacement along x (m) of the upper body's
-    upper right corner. With `compare`, ``distance`` is that of the contact forces from those of the coupled problem.
+    ``outcome`` is "certified" or the reason why not, ``energy`` the strain energy (J per metre of depth), ``distance``
+    that of the contact forces from those of the coupled problem, where that is small enough.
     """
     start = time.perf_counter()
-    row = dict.fromkeys((*EXTREMES, *NUMBERS, *LOCKING), np.nan)
-    row |= {"certified": False, "n": 0, "m": 0, "iterations": 0, "n_A": 0}
+    row = dict.fromkeys(EXTREMES, np.nan) | {"n": 0, "m": 0, "iterations": 0, "n_A": 0}
     try:
         answer = ddmpi.solve(SCENE.read_text(encoding="utf-8"), world, changes)
-        row |= describe(world, answer)
-        assembly = answer.solved.assembly  # brute force is for held bodies
-        if compare and not assembly.loose and world.allreduce(assembly.space.size) <= LARGEST_COUPLED:
+        summary, assembly = answer.summary, answer.solved.assembly
+        row |= {"outcome": "certified" if answer.certified else answer.reason, "n": summary["n"], "m": summary["m"],
+                "iterations": summary["outer_iterations"], "n_A": summary["n_A"],
+                "residual": max(residual for residual, _ in answer.solved.solution.certificate.worst().values()),
+                "energy": sum(body["energy"] for body in summary["bodies"].values())}
+        if not assembly.loose and world.allreduce(assembly.space.size) <= LARGEST_COUPLED:  # brute force
             row["distance"] = distance(answer)
     except DdmpiError as error:
         row["outcome"] = f"refused: {str(error).splitlines()[0].removeprefix('scene: ')}"
     return row | {"seconds": round(world.allreduce(time.perf_counter() - start, MPI.MAX), 2)}
-
-
-def describe(world: MPI.Comm, answer: Answer) -> Row:
-    """The entries of a row for a run that came to its end. Collective."""
-    summary, own = answer.summary, next(iter(answer.bodies.values()))
-    corner = own.displacement[np.argmax(own.points.sum(axis=1)), 0]
-    counts = {f"{name}_{purpose}": body["n_A_by_purpose"].get(purpose, 0)
-              for name, body in summary["bodies"].items() for purpose in PURPOSES}
-    return counts | {
-        "outcome": "certified" if answer.certified else answer.reason, "certified": answer.certified,
-        "n": summary["n"], "m": summary["m"], "iterations": summary["outer_iterations"], "n_A": summary["n_A"],
-        "dirichlet": summary["n_A"] - sum(counts.values()),  # nothing else is counted, so nothing else is solved
-        "residual": max(residual for residual, _ in answer.solved.solution.certificate.worst().values()),
-        "energy": sum(body["energy"] for body in summary["bodies"].values()),
-        "tangential_force": sum(contact["tangential_force"] for contact in summary["contacts"].values()),
-        "corner_x": world.bcast(float(corner))}
 
 
 def distance(answer: Answer) -> float:
@@ -482,63 +442,6 @@ def extremes_table(rows: list[Row]) -> list[str]:
             *table(["what", "case", "m", "certified", "iterations", "n_A", "residual", "distance", "s"], body)]
 
 
-def numbers_table(rows: list[Row]) -> list[str]:
-    at = {(row["contrast"], row["N"]): row for row in rows}
-    contrasts, meshes = sorted({c for c, _ in at}), sorted({N for _, N in at})
-    body, spreads = [], {}
-    for c in contrasts:
-        own = [at[c, N] for N in meshes if (c, N) in at]
-        n_A = [row["n_A"] for row in own]
-        spreads[c] = (max(n_A) - min(n_A)) / (max(n_A) + min(n_A))
-        cells = [f"{row['iterations']} · {row['n_A']}{'' if row['certified'] else ' (not certified)'}" for row in own]
-        body.append([f"{c:g}", *cells, f"±{spreads[c]:.0%}"])
-    columns = [[at[c, N]["n_A"] for c in contrasts if (c, N) in at] for N in meshes]
-    factors = [max(column) / min(column) for column in columns]
-    body.append(["factor over the contrasts", *(f"{factor:.2f}" for factor in factors), ""])
-    purposes = [[f"{row['contrast']:g}", row["N"], *(f"{row[f'upper_{p}']} + {row[f'lower_{p}']}" for p in PURPOSES),
-                 row["dirichlet"], f"{row['seconds']:.1f}"] for _, row in sorted(at.items())]
-    return ["## Multiplications over meshes and stiffness contrasts", "",
-            "Pinched blocks with Coulomb friction, matrix-free: every multiplication is a solve with A of one body. "
-            "Dirichlet solves: none, the preconditioner is a formula. In each cell: iterations · n_A.", "",
-            *table(["E₁/E₂", *(f"N = {N}" for N in meshes), "over the meshes"], body),
-            f"Most: {max(row['n_A'] for row in rows)}. Over the meshes at equal stiffness "
-            f"±{spreads.get(1.0, np.nan):.0%}, at other contrasts at most ±{max(spreads.values()):.0%}; over the "
-            f"contrasts at most a factor {max(factors):.2f}.", "", "What they were for, upper + lower body:", "",
-            *table(["E₁/E₂", "N", *PURPOSES, "Dirichlet", "s"], purposes)]
-
-
-def comparison_table(rows: list[Row]) -> list[str]:
-    at = {(row["case"], row["method"]): row for row in rows}
-    return ["## Methods", "", "To 1e-8 on N = 22, at most 1000 iterations: iterations · n_A, or how the run ended. "
-            "`newton` is the default, `anderson` the published map, weighted and accelerated, `relaxation` the "
-            "published iteration with θ = 0.2.", "",
-            *table(["scene", *METHODS], ([case, *(_cell(at.get((case, method))) for method in METHODS)]
-                                         for case in dict.fromkeys(row["case"] for row in rows)))]
-
-
-def _cell(row: Row | None) -> str:
-    if row is None:
-        return "not run"
-    cost = f"{row['iterations']} · {row['n_A']}"
-    return cost if row["outcome"] == "certified" else f"{row['outcome']}, {cost}"
-
-
-def locking_table(rows: list[Row]) -> list[str]:
-    at = {(row["poisson"], row["order"], row["N"]): row for row in rows}
-    meshes = sorted({N for _, _, N in at})
-    quantities = (("energy", "strain energy (kJ)", 1e-3), ("tangential_force", "tangential resultant (MN)", 1e-6),
-                  ("corner_x", "u_x at (3, 2) m (mm)", 1e3))
-    body = []
-    for nu, order in sorted({(nu, order) for nu, order, _ in at}):
-        for key, label, unit in quantities:
-            values = [unit * at[nu, order, N][key] if (nu, order, N) in at else np.nan for N in meshes]
-            body.append([f"{nu:g}", order, label, *(number(value, ".3f") for value in values)])
-    return ["## Nearly incompressible material", "",
-            "Both bodies alike, per metre of depth. All answers are certified: they are those of the discrete problem, "
-            "which is too stiff with linear triangles (order 1).", "",
-            *table(["Poisson's ratio", "order", "", *(f"N = {N}" for N in meshes)], body)]
-
-
 def solids_table(rows: list[Row]) -> list[str]:
     at: dict[tuple[str, str], dict[str, Row]] = {}
     for row in rows:
@@ -572,38 +475,13 @@ def solids_table(rows: list[Row]) -> list[str]:
 
 # All of it
 
-def extremes(world: MPI.Comm, folder: Path, most: int) -> list[str]:
+def extremes(world: MPI.Comm, folder: Path) -> list[str]:
     changes = cases()
     ledger = Ledger(world, folder / "extremes.csv", ("group", "case"), EXTREMES)
-    return extremes_table(ledger.fill(changes, lambda *key: attempt(world, changes[key], compare=True)))
+    return extremes_table(ledger.fill(changes, lambda *key: attempt(world, changes[key])))
 
 
-def numbers(world: MPI.Comm, folder: Path, most: int) -> list[str]:
-    ledger = Ledger(world, folder / "numbers.csv", ("contrast", "N"), NUMBERS)
-    return numbers_table(ledger.fill(
-        [(contrast, N) for N in MESHES if most >= N for contrast in CONTRASTS],
-        lambda contrast, N: attempt(world, material(upper=contrast) | squares(N) | {"method.compliance": "direct"})))
-
-
-def comparison(world: MPI.Comm, folder: Path, most: int) -> list[str]:
-    ledger, changes = Ledger(world, folder / "methods.csv", ("case", "method"), COMPARISON), comparison_cases()
-
-    def measure(case: str, method: str) -> Row:
-        named = {"method.theta": 0.2} if method == "relaxation" else {"method.outer": method}
-        return attempt(world, changes[case] | named | {"method.tolerance": 1e-8, "method.max_iterations": 1000})
-
-    return comparison_table(ledger.fill([(case, method) for case in changes for method in METHODS], measure))
-
-
-def locking(world: MPI.Comm, folder: Path, most: int) -> list[str]:
-    ledger = Ledger(world, folder / "locking.csv", ("poisson", "order", "N"), LOCKING)
-    return locking_table(ledger.fill(
-        [(nu, order, N) for order, meshes in LOCKING_MESHES.items() for N in meshes if most >= N for nu in POISSONS],
-        lambda nu, order, N: attempt(world, material(poisson=(nu, nu)) | squares(N) | {
-            "body.upper.mesh.order": order})))
-
-
-def solids(world: MPI.Comm, folder: Path, most: int) -> list[str]:
+def solids(world: MPI.Comm, folder: Path) -> list[str]:
     ledger, made = Ledger(world, folder / "solids.csv", ("group", "case", "kind"), SOLIDS), solid_cases()
     bases: dict[tuple, np.ndarray | None] = {}
     found: dict[tuple, Row] = {}
@@ -624,13 +502,14 @@ def solids(world: MPI.Comm, folder: Path, most: int) -> list[str]:
     return solids_table(ledger.fill([(*key, kind) for key in made for kind in KINDS.values()], measure))
 
 
-TABLES = {"extremes": extremes, "numbers": numbers, "methods": comparison, "locking": locking, "solids": solids}
-PAGES = {PAGE: ("extremes", "numbers", "methods", "locking"), SPACE: ("solids",)}
-TITLES = {PAGE: "The default method at the extremes", SPACE: "The default method at the extremes in space"}
-WORDS = {PAGE: "Default method, tolerance 1e-8, variations of `configs/pinched_blocks.toml`. n_A: all multiplications "
-               "by A⁻¹ of both bodies. Seconds are of two ranks on two shared cores, mesh and factorization included: "
-               "an aside.", SPACE: "Default method, tolerance 1e-8. n_A: all multiplications by A⁻¹ of all bodies."}
-"""Of the pages: which tables they have, what they are called, and what is said first."""
+TABLES = {"extremes": extremes, "solids": solids}
+PAGES = {"extremes": ("robustness_table.md", "The default method at the extremes",
+                      "Default method, tolerance 1e-8, variations of `configs/pinched_blocks.toml`. n_A: all "
+                      "multiplications by A⁻¹ of both bodies. Seconds are of two ranks on two shared cores, mesh and "
+                      "factorization included: an aside."),
+         "solids": ("extremes_in_space.md", "The default method at the extremes in space",
+                    "Default method, tolerance 1e-8. n_A: all multiplications by A⁻¹ of all bodies.")}
+"""File, title and first words of the page of each table."""
 
 
 @on_two_ranks
@@ -638,20 +517,14 @@ def main(world: MPI.Comm) -> None:
     parser = arguments(__doc__, "extremes")
     parser.add_argument("--tables", nargs="+", default=list(TABLES), choices=TABLES, metavar="TABLE",
                         help="which of %(choices)s (default: all)")
-    parser.add_argument("--most", type=int, default=FINEST, choices=(*MESHES, FINEST), metavar="N",
-                        help="finest mesh of the tables numbers and locking (default: %(default)s)")
     options = parser.parse_args()
-
-    for page, own in PAGES.items():
-        asked = [name for name in own if name in options.tables]
-        lines = [f"# {TITLES[page]}", "",
-                 "Generated by `scripts/study extremes`; what it means is in "
-                 f"[robustness.md](../understand/robustness.md). {WORDS[page]}", ""]
-        for name in asked:
-            lines += TABLES[name](world, options.output, options.most)
-        if world.rank == 0 and asked:
+    for name in options.tables:
+        page, title, words = PAGES[name]
+        lines = [f"# {title}", "", "Generated by `scripts/study extremes`; [robustness.md](../understand/robustness.md)"
+                 f" discusses it. {words}", "", *TABLES[name](world, options.output)]
+        if world.rank == 0:
             text = "\n".join(lines)
-            publish(page, text, options.output, asked == list(own) and options.most >= FINEST)
+            publish(page, text, options.output, complete=True)
             print(text)
 
 

@@ -3,10 +3,8 @@
 
     scripts/study gallery [--only NAME ...] [--skip NAME ...] [--output docs/figures]
 
-A line for each scene ends with the processor time of its slowest picture, and the last line has that of the z-buffer
-for a ball of 100,000 facets. Pictures are gallery_NAME.png in the folder --output. The words are in
-docs/start/gallery.md. tests/scripts/test_gallery.py checks the numbers of `EXHIBITS` on coarser meshes or in fewer load
-steps, and that the page shows them.
+Pictures are gallery_NAME.png in the folder --output. The words are in docs/start/gallery.md.
+tests/scripts/test_gallery.py checks the numbers of `EXHIBITS` on coarser meshes or in fewer load steps, and the page.
 """
 
 import argparse
@@ -15,28 +13,19 @@ import re
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from itertools import count
 from pathlib import Path
-from time import process_time
 from typing import Any
 
-import numpy as np
 from PIL import Image, ImageOps
 
-from ddmpi.pictures.draw import draw_all
-from ddmpi.pictures.sheet import PIXELS, start_drawing
-from ddmpi.pictures.views import rasterise
 from ddmpi.results.tables import read_results
 
 ROOT = Path(__file__).resolve().parents[1]
 
 WIDEST = 1000
 """A picture in the page is at most so wide and high (pixels)."""
-
-MOST = 1000
-"""A run has fewer pictures."""
 
 MARGIN = 16
 """White margin that is left around a picture (pixels)."""
@@ -189,38 +178,14 @@ def show(exhibit: Exhibit, figures: Path) -> str:
     """Run a scene as a user would and keep its picture; a line about it. Raises ValueError."""
     with tempfile.TemporaryDirectory() as folder:
         output = Path(folder) / "results"
-        done = subprocess.run([ROOT / "scripts" / "run.sh", exhibit.path, "--no-figures", "--output", output],
+        done = subprocess.run([ROOT / "scripts" / "run.sh", exhibit.path, "--output", output],
                               text=True, capture_output=True, env=dict(os.environ))  # without what MPI adds to it
         if done.returncode != (3 if exhibit.refused else 0):
             raise ValueError(f"{exhibit.scene} ended with {done.returncode}:\n{done.stdout}{done.stderr}")
         summary = read_results(output).summary
         exhibit.check(summary)
-        seconds, slowest = max(drawn(output))
         keep(output / exhibit.picture, figures / f"gallery_{exhibit.name}.png")
-    return (f"{exhibit.scene}: {exhibit.measure(summary):.6g} {exhibit.unit}, of {exhibit.told} ({exhibit.source}); "
-            f"{slowest} in {seconds:.2f} s")
-
-
-def drawn(folder: Path) -> Iterator[tuple[float, str]]:
-    """Draw each picture of a run; the processor time (s) that it took, with reading the results, and its name."""
-    for number in count():
-        start = process_time()
-        if not (paths := draw_all(folder, number, MOST)):
-            return
-        yield process_time() - start, paths[0].name
-
-
-def z_buffer(rings: int = 224) -> str:
-    """The processor time of the z-buffer for a ball that fills a picture; a line about it."""
-    mesh = np.arange(rings * rings).reshape(rings, rings)
-    a, b, c, d = (np.roll(mesh, shift, (0, 1))[1:].ravel() for shift in ((0, 0), (1, 0), (1, 1), (0, 1)))
-    facets = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
-    up, around = np.divmod(np.arange(rings * rings), rings)
-    up, around = np.pi * up / (rings - 1), 2.0 * np.pi * around / rings
-    at = PIXELS / 2 * (1.0 + np.column_stack([np.sin(up) * np.cos(around), np.sin(up) * np.sin(around), np.cos(up)]))
-    start = process_time()
-    seen = rasterise(np.pad(at, ((0, 0), (0, 1)))[facets], (PIXELS, PIXELS))[0]
-    return f"z-buffer: {len(facets)} facets, {(seen >= 0).sum()} pixels in {process_time() - start:.2f} s"
+    return (f"{exhibit.scene}: {exhibit.measure(summary):.6g} {exhibit.unit}, of {exhibit.told} ({exhibit.source})")
 
 
 def keep(picture: Path, path: Path) -> None:
@@ -241,7 +206,6 @@ def main() -> None:
     parser.add_argument("--output", type=Path, default=ROOT / "docs" / "figures")
     asked = parser.parse_args()
     asked.output.mkdir(parents=True, exist_ok=True)
-    start_drawing().subplots()[0].canvas.draw()  # fonts are loaded once
     wrong = False
     for exhibit in EXHIBITS:
         if exhibit.name in asked.only and exhibit.name not in asked.skip:
@@ -250,7 +214,6 @@ def main() -> None:
             except ValueError as error:
                 wrong = True
                 print(error, file=sys.stderr)
-    print(z_buffer())
     sys.exit(wrong)
 
 

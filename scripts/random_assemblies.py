@@ -5,24 +5,26 @@
 seed, then a table of families, and ends with 1 if a verdict is among `WRONG`.
 """
 
-import argparse
 import functools
 import sys
 import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable
-from inspect import cleandoc
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-from experiment import by_family, seeds, start  # isort: skip, with which the helpers of the tests can be imported
+from experiment import arguments, by_family, seeds, start  # isort: skip, with which the helpers of the tests can be imported
 
 import assemblies
 import assembly_scenes
 import scenes
 import solid_assemblies
+from mpi4py import MPI
+
+import ddmpi
+from ddmpi.errors import DdmpiError
 
 WRONG = {"differs", "missed", "unreported", "failed", "violated"}
 
@@ -35,9 +37,6 @@ SOLUTION = 1e-5
 
 def solve(scene: dict[str, Any], comm: Any) -> SimpleNamespace:
     """The package's answer with all bodies, on all ranks. Collective."""
-    import ddmpi
-    from ddmpi.errors import DdmpiError
-
     try:
         answer = ddmpi.solve(scenes.to_toml(scene), comm)
     except DdmpiError as error:
@@ -82,18 +81,11 @@ def judge(reference: assemblies.Solution, answer: SimpleNamespace, tolerance: fl
     return ("found" if excess <= SOLUTION else "differs"), f"violation {excess:.1e}"
 
 
-def described(study: Callable[[], None]) -> argparse.ArgumentParser:
-    """A parser of arguments that says what the study is."""
-    return argparse.ArgumentParser(description=cleandoc(study.__doc__ or ""),
-                                   formatter_class=argparse.RawDescriptionHelpFormatter)
-
-
 def random_assemblies() -> None:
     """Random assemblies: ddmpi against the brute-force reference of the tests, seed by seed.
 
         scripts/study random_assemblies --seeds 0:300                 # ddmpi on one rank
         mpirun -n 3 python scripts/random_assemblies.py random_assemblies --seeds 7  # on several
-        scripts/study random_assemblies --reference-only --seeds 0:50 # only the reference
         scripts/study random_assemblies --no-reference --seeds 0:600  # only steps and products of ddmpi; two minutes
 
     A line for each seed, then a table of families, and what ddmpi took: products are multiplications by a body's
@@ -108,62 +100,44 @@ def random_assemblies() -> None:
     undecided     the reference finds neither a solution nor a proof that there is none, and ddmpi certifies none; by
                   the reference "drift": bodies slide at a steady imbalance, so that there is hardly an equilibrium
     found         the same, but ddmpi certifies an answer, which is a solution
-    solved, none  with --reference-only: solution, or certainly no equilibrium
     failed        ddmpi raised an error
     """
-    parser = described(random_assemblies)
+    parser = arguments(random_assemblies.__doc__)
     parser.add_argument("--seeds", type=seeds, default=seeds("0:300"), help="A:B, or seeds with commas")
     parser.add_argument("--tolerance", type=float, default=1e-6, help="of displacements, over the largest one")
-    parser.add_argument("--reference-only", action="store_true")
     parser.add_argument("--no-reference", action="store_true")
-    parser.add_argument("--write", type=Path, help="folder for the scenes' TOML files; nothing is solved")
-    arguments = parser.parse_args()
-    if arguments.write:
-        arguments.write.mkdir(parents=True, exist_ok=True)
-        for seed in arguments.seeds:
-            text = scenes.to_toml(assembly_scenes.random_scene(seed))
-            (arguments.write / f"random_{seed}.toml").write_text(text, encoding="utf-8")
-        return
-    comm, first = None, True
-    if not arguments.reference_only:
-        from mpi4py import MPI
-
-        comm = MPI.COMM_WORLD
-        first = comm.rank == 0
+    options = parser.parse_args()
+    comm = MPI.COMM_WORLD
+    first = comm.rank == 0
     tally: Counter[tuple[str, str]] = Counter()
     attempts: Counter[str] = Counter()
     taken: dict[int, tuple[int, float]] = {}
     if first:
         print("seed family         N law        dofs rows  reference        steps    s  verdict     ddmpi: steps    s")
-    for seed in arguments.seeds:
+    for seed in options.seeds:
         scene = assembly_scenes.random_scene(seed)
-        reference, verdict, words, last = None, "", "", ""
         start = time.perf_counter()
-        if first and not arguments.no_reference:
-            reference = assemblies.solve(scene)
+        reference = assemblies.solve(scene) if first and not options.no_reference else None
         between = time.perf_counter()
-        answer = solve(scene, comm) if comm else None
+        answer = solve(scene, comm)
         end = time.perf_counter()
         if not first:
             continue
-        if answer and not answer.error:
+        if not answer.error:
             taken[seed] = answer.steps, answer.products
         if reference is None:
             print(f"{seed:4d} {scene['title']:42s} {taken.get(seed, (0, 0.0))[0]:3d} steps "
                   f"{taken.get(seed, (0, 0.0))[1]:6.0f} products  {answer.error or answer.reason}", flush=True)
             continue
-        if answer is None:
-            verdict = "solved" if reference.converged else reason_word(reference)
-        else:
-            verdict, words = judge(reference, answer, arguments.tolerance)
-            last = f"{getattr(answer, 'steps', 0):13d} {end - between:4.1f}  {words}"
+        verdict, words = judge(reference, answer, options.tolerance)
         family, _, N, law = scene["title"].split(", ")
         how = reference.how or "no equilibrium"
         attempts[how] += 1
         tally[family, verdict] += 1
         dofs = sum(body.b.size for body in reference.assembly.bodies.values())
         print(f"{seed:4d} {family:13s} {N[4:]:>2s} {law:9s} {dofs:6d} {len(reference.assembly.gap):4d}  {how:15s} "
-              f"{reference.steps:5d} {between - start:5.1f}  {verdict:10s} {last}", flush=True)
+              f"{reference.steps:5d} {between - start:5.1f}  {verdict:10s} "
+              f"{getattr(answer, 'steps', 0):13d} {end - between:4.1f}  {words}", flush=True)
     if not first:
         return
     if taken:
@@ -225,7 +199,7 @@ def random_solids() -> None:
     missed      ended for another reason, or "no equilibrium" is said to be certain and is not
     failed      ended with an error, or not within --limit seconds
     """
-    parser = described(random_solids)
+    parser = arguments(random_solids.__doc__)
     parser.add_argument("--seeds", type=seeds, default=seeds("0:300"), help="A:B, or seeds with commas")
     parser.add_argument("--ranks", type=int, help="left out, 1 to 4 by seed")
     parser.add_argument("--tolerance", type=float, default=1e-5, help="of violations, over the largest of their kind")

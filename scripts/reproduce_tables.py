@@ -71,8 +71,9 @@ def beside(ours: Row, k: int, n_A: int, eff: float) -> Row:
 def read_published() -> dict[tuple, tuple[int, int, float]]:
     """(k, n_A, eff) of the paper by (law, algorithm, splitting, m)."""
     with open(Path(__file__).with_name("published_tables.csv"), newline="", encoding="utf-8") as file:
-        return {(r["friction"], r["algorithm"], r["splitting"], int(r["m"])):
-                (int(r["outer_iterations"]), int(r["n_A"]), float(r["eff"])) for r in csv.DictReader(file)}
+        return {(row["friction"], row["algorithm"], splitting, int(row["m"])):
+                (int(row[f"k_{splitting}"]), int(row[f"n_A_{splitting}"]), float(row[f"eff_{splitting}"]))
+                for row in csv.DictReader(file) for splitting in SPLITTINGS}
 
 
 def tables_page(rows: list[Row]) -> str:

@@ -30,14 +30,12 @@ Order = int | str
 class Value:
     """A number that was computed, the exact one, and how far apart they may be on any of the meshes.
 
-    `allowed` counts relative to `exact`, or as it is where `exact` is zero: the value is an error itself. Where less is
-    welcome, only a larger value is wrong.
+    `allowed` counts relative to `exact`, or as it is where `exact` is zero: the value is an error itself.
     """
 
     computed: float
     exact: float
     allowed: float
-    less_is_welcome: bool = False
 
     @property
     def error(self) -> float:
@@ -45,7 +43,7 @@ class Value:
 
     @property
     def met(self) -> bool:
-        return (self.error if self.less_is_welcome else abs(self.error)) <= self.allowed
+        return abs(self.error) <= self.allowed
 
 
 @dataclass(frozen=True)

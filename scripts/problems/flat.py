@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from scenes import pinched_blocks
 
 from ddmpi.interface.state import ContactState
 from ddmpi.run.answer import Answer
@@ -15,7 +14,6 @@ from problems import (
     Order,
     Value,
     along,
-    annulus,
     block,
     body,
     contact,
@@ -307,44 +305,3 @@ def wedge(n: int, order: Order, folder: Path) -> Found:
                   "R_y (N)": Value(abs(y), PRESSURE, 1e-6)}, answer,
                  Curve(means.xy[order_of, 0], means.pressure[order_of], np.empty(0), np.empty(0), "x (m)",
                        "pressure (Pa)"))
-
-
-# Work
-
-@problem("work", "Newton steps and multiplications", (8, 16, 32), "sides to a unit of length of one body",
-         shows="A contact whose nodes do not match takes no more work than one whose nodes do.",
-         scene="The pinched blocks of `configs/pinched_blocks.toml`, with Coulomb's and Tresca's friction and "
-               "without; a shaft that lies with an interference in its hub (Coulomb 0.3); sides 5 : 6 in the place "
-               "of 6 : 6.",
-         source="The numbers beside are those of the meshes that match: the aim is 20 %.")
-def work(n: int, order: Order, folder: Path) -> Found:
-    values = {}
-    for law in ("coulomb", "tresca", "none"):
-        pair = []
-        for upper in (6, 5):
-            scene = pinched_blocks(n, law)
-            for each, sides in zip(scene["body"], (upper, 6), strict=True):
-                width, height = each["mesh"]["divisions"]
-                each["mesh"] |= {"divisions": [width * sides // 6, height], "order": order}
-            pair.append(solved(scene["body"], scene["contact"]))
-        values |= counted(f"blocks, {law}", *pair)
-    values |= counted("rings", *(
-        solved([body("shaft", annulus((0.5, 1.0), (6 * n, 2 * n), order, folder, (0.0, 360.0)), YOUNG, POISSON, [])
-                | {"volume_force": [0.0, -2e6]},
-                body("hub", annulus((1.0, 1.5), (outer * n, 2 * n), order, folder, (0.0, 360.0)), YOUNG, POISSON,
-                     ["outer"])],
-               [contact("shaft", "hub", "outer", "inner", gap=-1e-3, friction=coulomb(0.3))]) for outer in (6, 5)))
-    for words in ("steps", "n_A"):
-        some = [value for name, value in values.items() if name.endswith(words)]
-        values[f"all: {words}"] = Value(sum(value.computed for value in some), sum(value.exact for value in some), 0.2,
-                                        True)
-    drawn = pair[1]
-    state = drawn.contacts["upper-lower"]
-    return Found(values, drawn, Curve(state.interface.xy[:, 0], state.pressure, np.empty(0), np.empty(0), "x (m)",
-                                      "pressure (Pa)"))
-
-
-def counted(name: str, matching: Answer, other: Answer) -> dict[str, Value]:
-    """Newton steps and multiplications of two answers; fewer are welcome."""
-    return {f"{name}: {words}": Value(float(other.summary[key]), float(matching.summary[key]), 0.35, True)
-            for words, key in (("steps", "outer_iterations"), ("n_A", "n_A"))}

@@ -272,7 +272,7 @@ def test_bodies_that_are_too_slender_are_refused_with_the_reason(comm):
 def test_the_table_of_extremes_is_made_of_runs(comm):
     import extremes
 
-    found = extremes.attempt(comm, extremes.squares(6), compare=True)
+    found = extremes.attempt(comm, extremes.squares(6))
     assert found["outcome"] == "certified" and found["distance"] <= 1e-6
     assert found["energy"] == pytest.approx(3.6e4, rel=0.1)  # J per metre; 38866 at N = 22
 

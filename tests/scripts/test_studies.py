@@ -20,8 +20,6 @@ pytestmark = pytest.mark.slow
 ROOT = Path(__file__).resolve().parents[2]
 STUDIES = {
     # script: arguments; words of what it prints and of its pages; numbers of tables and figures
-    "extremes": ("--tables numbers --most 22",
-                 ("| 1 | 13 · 200 | ±0% |", "| 1 | 22 | 1 + 1 | 0 + 0 | 98 + 98 |"), 1, 0),
     "large_bodies": ("--millions 0.001 --solids 0.001 --ranks 1 --kinds chosen iterative",
                      ("## pinched_blocks, 0.001 million unknowns on 1 ranks", "## two_boxes, 0.001 million",
                       "| chosen | explicit |", "| iterative | iterative |"), 1, 0),
