@@ -313,7 +313,7 @@ def measure(peer: Peer, case: Case, folder: Path, limit: float) -> Result:
 LIMIT = 600.0
 """Seconds of processors after which a run is given up, and on finer meshes not tried."""
 
-LATE = "more than"
+LATE = "not done in"
 """How the failure of a run begins that was given up."""
 
 KEY = ("scene", "N", "peer", "repetition")
@@ -440,7 +440,7 @@ def scene_table(rows: list[Row], scene: str, N: int) -> list[str]:
             continue
         row, start = best(runs), [peer.title, f"{runs[0]['unknowns']:,}"]
         if row is None:
-            lines.append([*start, *["–"] * 6, f"**{failure(runs[0])}**", "–", "–"])
+            lines.append([*start, *["–"] * 6, f"**{runs[0]['failure']}**", "–", "–"])
             continue
         alike = peer.order == 1 and name != "ddmpi"
         lines.append([*start, f"{row['processor']:.2f}", f"{row['seconds']:.2f}", f"{row['memory']:.0f}",
@@ -451,10 +451,6 @@ def scene_table(rows: list[Row], scene: str, N: int) -> list[str]:
     return [f"### N = {N}: {pairs} pairs of nodes at order 1", "",
             *table(["", "unknowns", "processor (s)", "clock (s)", "MiB", "iterations", "normal force",
                     "tangential force", "largest pressure; displacement", "difference to ddmpi", "error"], lines)]
-
-
-def failure(row: Row) -> str:
-    return row["failure"].replace(LATE, "not done in")
 
 
 def fine_words(rows: list[Row], scene: str) -> list[str]:
@@ -485,7 +481,7 @@ def short_table(rows: list[Row]) -> list[str]:
                 row, start = best(runs), [scene, peer.title, N, f"{runs[0]['unknowns']:,}"]
                 if row is None:
                     over = LATE in runs[0]["failure"] and not math.isnan(runs[0]["processor"])
-                    lines.append([*start, failure(runs[0]),
+                    lines.append([*start, runs[0]["failure"],
                                   f"> {runs[0]['processor'] / same['processor']:.0f}" if over else "–", "–", "–"])
                     continue
                 error = math.nan if fine is None else difference(fine, row)
@@ -500,49 +496,10 @@ def short_table(rows: list[Row]) -> list[str]:
                     "times, equal error"], lines)] if lines else []
 
 
-def lines_of(path: Path) -> int:
-    """Lines of a file that are not empty and no comment."""
-    return sum(bool(line.strip()) and not line.strip().startswith("#")
-               for line in path.read_text(encoding="utf-8").splitlines())
-
-
-def own_deck() -> int:
-    """Lines of CalculiX's deck that are no tables of nodes, elements, sides, clamps and loads."""
-    with tempfile.TemporaryDirectory() as folder:
-        text = peers.deck(write_case("boxes", 2, Path(folder)), "SURFACE TO SURFACE")
-    tables = ("*NODE, ", "*ELEMENT", "*NSET, NSET=B", "*BOUNDARY", "*SURFACE, ", "*CLOAD")
-    return sum(1 if ("*" + part).startswith(tables) else len(part.splitlines()) for part in text.split("*")[1:])
-
-
-def effort_table(left_out: dict[str, str]) -> list[str]:
-    own = lines_of(ROOT / "configs" / "two_boxes.toml")
-    hand, getfem = lines_of(PROGRAMS / "active_set.py"), lines_of(PROGRAMS / "getfem_peer.py")
-    rows = [
-        ["ddmpi", f"a scene of {own} lines", "none"],
-        ["by hand", f"{hand} lines of Python, on scikit-fem's matrices; matching nodes and linear elements only, each "
-         "node in one contact only", "the scale of the active set, E/(2 (1 − ν²)) times the root of the nodal area"],
-        ["GetFEM", f"{getfem} lines of Python: matrices of the pairs for its nodal contact brick, bodies moved apart "
-         "in one mesh, because it merges nodes at the same place; for its integral brick, at order 2, a mesh for each "
-         "body, regions and multipliers",
-         "the augmentation parameter r = E times the root of the nodal area, without which the wall does not converge; "
-         "of the integral brick r = E/h; units in which E = 1, because its residual adds newtons and metres and is "
-         "met after one step otherwise, with a wrong answer; a first guess of the contact forces, without which the "
-         "stack, which friction holds, does not converge"],
-        ["CalculiX", f"a deck of {own_deck()} lines without its tables; sides of elements for both surfaces; "
-         "resultants are taken from its clamps, because it numbers the contact nodes anew",
-         "the stiffness of the springs, found in some twenty runs with the answer known: "
-         f"{peers.STIFFNESS:g} E/h, h the least edge, also while they stick; face to face or mortar; loads of a "
-         "thousandth, so that rotations stay small"],
-    ]
-    lines = ["## What it took", "", *table(["", "to write", "to choose"], rows)]
-    if left_out:
-        lines += ["Left out: " + "; ".join(f"{PEERS[name].title} ({why})" for name, why in left_out.items()) + ".", ""]
-    return [*lines, "Code_Aster is not in Debian.", ""]
-
-
 def page(rows: list[Row], left_out: dict[str, str], remark: str) -> str:
-    have = versions()
-    parts = []
+    have, parts = versions(), []
+    names = "; ".join(f"{PEERS[name].title} ({why})" for name, why in left_out.items())
+    absent = [f"Left out: {names}.", ""] if names else []
     for scene, its in SCENES.items():
         sizes = [N for N in its.sizes if where(rows, scene=scene, N=N)]
         if sizes:
@@ -553,7 +510,8 @@ def page(rows: list[Row], left_out: dict[str, str], remark: str) -> str:
         "Generated by `scripts/study peers`: the same nodes and elements by ddmpi, by other programs, and by hand. "
         "Seconds are of the whole process from start to end, runs in turns. ddmpi also makes the mesh of boxes, "
         "estimates the discretization error, certifies its answer and writes its results; the others read a mesh, and "
-        "writing their input is not timed. [The plane, and FreeFEM](peers_in_plane.md) were compared earlier.", "",
+        "writing their input is not timed. [The plane, and FreeFEM](peers_in_plane.md) were compared earlier; that "
+        "page also has what each program took to write.", "",
         "All run as one process on one thread, and processor seconds are compared, because other work shares the "
         "machine; the smallest of up to two repetitions. A run that has not ended after "
         f"{LIMIT:.0f} of these seconds is given up, and its peer is not asked for a finer mesh of the scene. Order 2 "
@@ -570,7 +528,7 @@ def page(rows: list[Row], left_out: dict[str, str], remark: str) -> str:
         "CalculiX come closer to the fine answer.",
         "- Small runs of ddmpi are mostly the start of Python, MPI and PETSc, about half a second.", "",
         f"{processor()}, {os.cpu_count()} cores, PETSc {have['petsc']}, {have['mpi']}.", "",
-        *short_table(rows), *effort_table(left_out), *parts])
+        *short_table(rows), *absent, *parts])
 
 
 def main() -> None:

@@ -141,13 +141,13 @@ Change = Callable[[Scene], Any]
 """What is changed in a scene of its own."""
 
 
-def held(pairs: bool, order: int, *changes: Change) -> Scene:
+def held(pairs: bool, order: int) -> Scene:
     """Two boxes that are clamped at one end."""
     N = {1: 4, 2: 3}[order]
-    return _changed(two_boxes(N, None if pairs else N - 1, order), changes)
+    return two_boxes(N, None if pairs else N - 1, order)
 
 
-def loose(pairs: bool, order: int, *changes: Change) -> Scene:
+def loose(pairs: bool, order: int) -> Scene:
     """Three boxes on each other and on a rigid plane, held by friction alone."""
     names, divisions = ("low", "middle", "top"), ((3, 3, 2), (3, 3, 2) if pairs else (2, 4, 2))
     bodies = [box(name, (0, 0, k), (1, 1, 1), divisions[k % 2], order, traction=[]) for k, name in enumerate(names)]
@@ -156,20 +156,20 @@ def loose(pairs: bool, order: int, *changes: Change) -> Scene:
     contacts = [{"name": f"{name}-{other}", "bodies": [name, other], "on": ["bottom", "top"]} | friction
                 for other, name in pairwise(names)]
     floor = {"name": "floor", "shape": "plane", "point": [0.0, 0.0, 0.0], "normal": [0.0, 0.0, 1.0]}
-    return _changed({"body": bodies, "rigid": [floor], "contact": [
-        {"name": "low-floor", "bodies": ["low", "floor"], "on": ["bottom"]} | friction, *contacts]}, changes)
+    return {"body": bodies, "rigid": [floor], "contact": [
+        {"name": "low-floor", "bodies": ["low", "floor"], "on": ["bottom"]} | friction, *contacts]}
 
 
 def pressed(size: tuple, divisions: tuple) -> Callable[..., Scene]:
     """Two boxes alike on each other, of which the upper one is moved down by 1e-4 of its height, and along x."""
-    def made(pairs: bool, order: int, *changes: Change) -> Scene:
+    def made(pairs: bool, order: int) -> Scene:
         across = divisions if pairs else tuple(max(1, n - 1) for n in divisions)
         move = {"on": "top", "x": 1e-5 * size[2], "y": 0.0, "z": -1e-4 * size[2]}
-        return _changed({"body": [
+        return {"body": [
             box("upper", (0, 0, size[2]), size, divisions, order, clamp=[move], traction=[]),
             box("lower", (0, 0, 0), size, across, order, clamp=[{"on": "bottom"} | HELD], traction=[])],
             "contact": [{"name": "upper-lower", "bodies": ["upper", "lower"], "on": ["bottom", "top"],
-                         "friction": {"law": "coulomb", "coefficient": 0.3}}]}, changes)
+                         "friction": {"law": "coulomb", "coefficient": 0.3}}]}
     return made
 
 
@@ -177,29 +177,29 @@ def side_by_side(slenderness: float) -> Callable[..., Scene]:
     """Two needles that are clamped at their lower ends; one is pressed against the other all along, and sideways."""
     w = 1.0 / slenderness
 
-    def made(pairs: bool, order: int, *changes: Change) -> Scene:
+    def made(pairs: bool, order: int) -> Scene:
         scene, load = pressed((w, w, 1.0), (2, 2, 30))(pairs, order), 6e7 * w**3
         upper, lower = scene["body"]
         upper["mesh"]["origin"], upper["clamp"] = [w, 0.0, 0.0], lower["clamp"]
         upper["traction"] = [{"on": "right", "value": [-load, 0.1 * load, 0.0]}]
         scene["contact"][0]["on"] = ["left", "right"]
-        return _changed(scene, changes)
+        return scene
     return made
 
 
 def small_on_large(part: float) -> Callable[..., Scene]:
     """A cube on another one that is larger by 1/`part`."""
-    def made(pairs: bool, order: int, *changes: Change) -> Scene:
+    def made(pairs: bool, order: int) -> Scene:
         scene = pressed((1.0, 1.0, 1.0), (3, 3, 3))(pairs, order)
         scene["body"][0]["mesh"] |= {"origin": [0.4, 0.4, 1.0], "size": [part] * 3}
         scene["body"][0]["clamp"] = [{"on": "top", "x": 1e-3 * part, "y": 0.0, "z": -1e-2 * part}]
-        return _changed(scene, changes)
+        return scene
     return made
 
 
 def ball(approach: float, modulus: float | None = None) -> Callable[..., Scene]:
     """A quarter of a ball that is pressed on a rigid plane, or on a box of this modulus."""
-    def made(pairs: bool, order: int, *changes: Change) -> Scene:
+    def made(pairs: bool, order: int) -> Scene:
         mesh = half_ball(Path(DRAWN.name) / "ball.msh", 0.1, 0.03, order)
         one = {"name": "ball", "mesh": mesh, "material": {"young": 1.0, "poisson": 0.3},
                "clamp": [*PLANES, {"on": "top", "z": -approach}]}
@@ -213,7 +213,7 @@ def ball(approach: float, modulus: float | None = None) -> Callable[..., Scene]:
     return made
 
 
-def _changed(scene: Scene, changes: tuple[Change, ...]) -> Scene:
+def changed(scene: Scene, changes: tuple[Change, ...]) -> Scene:
     scene = copy.deepcopy(scene)
     for change in changes:
         change(scene)
@@ -490,7 +490,7 @@ def solids(world: MPI.Comm, folder: Path) -> list[str]:
         make, changes, factor = made[group, case]
         if factor and (make, which) not in bases:
             bases[make, which] = attempt_solid(make(*which), None, None)[1]
-        return attempt_solid(make(*which, *changes), bases.get((make, which)), factor)[0]
+        return attempt_solid(changed(make(*which), changes), bases.get((make, which)), factor)[0]
 
     def measure(group: str, case: str, kind: str) -> Row:
         if (group, case, kind) not in found:  # each rank solves some kinds of a case alone

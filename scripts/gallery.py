@@ -1,7 +1,7 @@
 #!/usr/bin/env -S bash -c 'exec "${0%/*}/study" "$0" "$@"'
 """The gallery: runs its scenes as a user would, checks the number of each, and keeps a picture of each.
 
-    scripts/study gallery [--only NAME ...] [--skip NAME ...] [--output docs/figures]
+    scripts/study gallery [--only NAME ...] [--output docs/figures]
 
 Pictures are gallery_NAME.png in the folder --output. The words are in docs/start/gallery.md.
 tests/scripts/test_gallery.py checks the numbers of `EXHIBITS` on coarser meshes or in fewer load steps, and the page.
@@ -202,13 +202,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     names = [exhibit.name for exhibit in EXHIBITS]
     parser.add_argument("--only", nargs="+", choices=names, default=names, metavar="NAME")
-    parser.add_argument("--skip", nargs="+", choices=names, default=[], metavar="NAME")
     parser.add_argument("--output", type=Path, default=ROOT / "docs" / "figures")
     asked = parser.parse_args()
     asked.output.mkdir(parents=True, exist_ok=True)
     wrong = False
     for exhibit in EXHIBITS:
-        if exhibit.name in asked.only and exhibit.name not in asked.skip:
+        if exhibit.name in asked.only:
             try:
                 print(show(exhibit, asked.output), flush=True)
             except ValueError as error:

@@ -20,6 +20,7 @@ from typing import Any
 
 from experiment import ROOT, arguments, table
 from mpi4py import MPI
+from problems import coulomb
 from random_assemblies import products
 from scenes import to_toml
 
@@ -48,10 +49,6 @@ def arch(nx: int, ny: int, spread: float) -> Scene:
 
 def material(modulus: float = 2.1e11) -> dict[str, float]:
     return {"young": modulus, "poisson": 0.3}
-
-
-def coulomb(coefficient: float) -> dict[str, Any]:
-    return {"law": "coulomb", "coefficient": coefficient}
 
 
 def turned(corners: list[tuple[float, float]], degrees: float) -> list[list[float]]:
@@ -101,7 +98,6 @@ def spanner(slack: float) -> Scene:
     bodies = [{"name": name, "material": material(), "clamp": [], "mesh": {
         "shape": "quadrilateral", "corners": turned(corners, 7.0), "divisions": divisions[name]}}
         for name, corners in parts.items()]
-    bodies[0]["mesh"] = {"shape": "quadrilateral", "corners": turned(parts["nut"], 7.0), "divisions": divisions["nut"]}
     bodies[0]["clamp"] = ["left"]
     bodies[3]["traction"] = [{"on": "right", "value": turned([(0.0, -2e5)], 7.0)[0]}]
     return {"body": bodies, "contact": [

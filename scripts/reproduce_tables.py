@@ -179,16 +179,12 @@ def main(world: MPI.Comm) -> None:
     parser.add_argument("--sizes", type=int, nargs="+", default=SIZES, choices=SIZES, metavar="N",
                         help="meshes, squares of side 1/N (default: %(default)s)")
     parser.add_argument("--laws", nargs="+", default=LAWS, choices=LAWS, metavar="LAW")
-    parser.add_argument("--compliance", choices=("explicit", "direct"),
-                        help="multiply by a dense compliance or by a solve each time (default: the program's choice); "
-                             "the counts are the same up to rounding")
     options = parser.parse_args()
 
     published = read_published()
     @functools.lru_cache(maxsize=1)  # all variants of a law on one mesh share the factors
     def assembly(law: str, N: int) -> Assembly:
         settings = [f"body.{name}.mesh.divisions=[{3 * N}, {N}]" for name in ("upper", "lower")]
-        settings += [f"method.compliance={options.compliance}"] if options.compliance else []
         return prepare(world, read_scene_file(ROOT / "configs" / f"pinched_blocks_{law}.toml", settings))
 
     def measure(law: str, algorithm: str, splitting: str, N: int) -> Row:

@@ -17,8 +17,8 @@ import numpy as np
 import scipy.sparse as sparse
 from experiment import Ledger, Row, arguments, publish, table, where
 from mpi4py import MPI
-from problems import annulus, distance, lame_fit
-from problems.solids import PLANES, half_ball, hertz_values, tube
+from problems import annulus, distance, hertz_values, lame_fit, plane_strain
+from problems.solids import PLANES, half_ball, tube
 from scenes import pinched_blocks, to_toml
 from solid_scenes import two_boxes
 
@@ -202,7 +202,7 @@ class Trade:
         return [abs(value.error) for value in values.values()]
 
     def of_rings(self, answer: Answer, scene: str) -> list[float]:
-        exact, state = lame_fit(0.3, 0.6, 0.9, FIT, 2e11, 0.3), answer.contacts["inner-outer"]
+        exact, state = lame_fit(0.3, 0.6, 0.9, FIT, plane_strain(2e11, 0.3)), answer.contacts["inner-outer"]
         area = state.interface.area
         return [relative(float(state.normal_force.sum() / area.sum()), exact), distance(state.pressure, exact, area)]
 

@@ -170,7 +170,7 @@ def coulomb(coefficient: float) -> dict:
 def solved(bodies: list[dict], contacts: list[dict], rigid: Sequence[dict] = (), tolerance: float = 1e-8,
            **more) -> Answer:
     """The answer on this rank alone, of a scene with `more` tables. Stops with the reason where it is not certified."""
-    scene = {"rigid": list(rigid), "body": bodies, "contact": contacts, "method": {"tolerance": tolerance}} | more
+    scene = more | {"rigid": list(rigid), "body": bodies, "contact": contacts, "method": {"tolerance": tolerance}}
     answer = ddmpi.solve(to_toml(scene), MPI.COMM_SELF)
     if not answer.certified:
         raise RuntimeError(answer.reason)
@@ -209,10 +209,26 @@ def draw(path: Path, corners: Mapping[str, tuple[float, float]], lines: Mapping[
     return {"file": str(path), "order": number(order)}
 
 
-def lame_fit(a: float, b: float, c: float, fit: float, young: float, poisson: float) -> float:
-    """The pressure of rings a < b < c of one material that overlap by `fit` at the radius b, in plane strain (Lamé)."""
-    E = young / (1.0 - poisson**2)  # ν of plane strain, ν/(1 − ν), cancels in the sum of both rings
-    return fit * E / b / ((b**2 + a**2) / (b**2 - a**2) + (c**2 + b**2) / (c**2 - b**2))
+def lame_fit(a: float, b: float, c: float, fit: float, inner: tuple[float, float],
+             outer: tuple[float, float] | None = None) -> float:
+    """The pressure of rings a < b < c that overlap by `fit` at the radius b (Lamé), of one material or two.
+
+    Materials are E and ν in plane stress, those of `plane_strain` in plane strain.
+    """
+    (E, nu), (F, mu) = inner, outer or inner
+    return fit / b / (((b**2 + a**2) / (b**2 - a**2) - nu) / E + ((c**2 + b**2) / (c**2 - b**2) + mu) / F)
+
+
+def plane_strain(young: float, poisson: float) -> tuple[float, float]:
+    """The E and ν with which formulas of plane stress hold in plane strain."""
+    return young / (1.0 - poisson**2), poisson / (1.0 - poisson)
+
+
+def lame_ball(a: float, b: float, c: float, fit: float, young: float, poisson: float) -> float:
+    """The same of a hollow ball in a shell of one material."""
+    gives = [b / young * ((1 - 2 * poisson) * b**3 + (1 + poisson) * other**3 / 2) / abs(b**3 - other**3)
+             for other in (a, c)]
+    return fit / sum(gives)
 
 
 # What is compared
@@ -253,15 +269,46 @@ def worst(state: ContactState, pressure: float, shear: float | None = 0.0) -> fl
                  / max(abs(pressure), abs(shear)))
 
 
+def mean_pressure(state: ContactState) -> float:
+    return float(state.normal_force.sum() / state.interface.area.sum())
+
+
 def degrees(xy: np.ndarray) -> np.ndarray:
-    """The angles (k,) of places (k, 2) about the origin, from x (degrees)."""
+    """The angles (k,) of places (k, d) about the origin or the axis z, from x (degrees)."""
     return np.degrees(np.arctan2(xy[:, 1], xy[:, 0]))
 
 
-def along(state: ContactState, exact: Callable[[np.ndarray], np.ndarray], position: Callable[[np.ndarray], np.ndarray],
-          xlabel: str, ylabel: str, limit: float = np.inf, values: np.ndarray | None = None) -> Curve:
-    """The pressure (or other values) over a position of the nodes (k, 2), up to a limit of it, and the exact one."""
+def along(state: ContactState, exact: Callable[[np.ndarray], np.ndarray] | float,
+          position: Callable[[np.ndarray], np.ndarray], xlabel: str, ylabel: str, limit: float = np.inf,
+          values: np.ndarray | None = None) -> Curve:
+    """The pressure (or other values) over a position of the nodes (k, d), up to a limit of it, and the exact one."""
     at = position(state.interface.xy)
     order = np.argsort(at)[np.sort(at) <= limit]
     x = np.linspace(at[order[0]], at[order[-1]], 400)
-    return Curve(at[order], (state.pressure if values is None else values)[order], x, exact(x), xlabel, ylabel)
+    known = exact(x) if callable(exact) else np.full(len(x), exact)
+    return Curve(at[order], (state.pressure if values is None else values)[order], x, known, xlabel, ylabel)
+
+
+def along_x(xy: np.ndarray) -> np.ndarray:
+    return xy[:, 0]
+
+
+def hertz_values(state: ContactState, parts: int, modulus: float, radius: float,
+                 allowed: tuple[float, float]) -> tuple[dict[str, Value], Curve]:
+    """The greatest pressure and the radius of a contact of which 1/`parts` is modelled, beside those of its force.
+
+    The pressure by least squares of p² over r² up to 0.8 a, the radius by the second moment, Σ s r² = 2/5 P a².
+    """
+    def from_axis(xy: np.ndarray) -> np.ndarray:
+        return np.hypot(*xy[:, :2].T) if xy.shape[1] == 3 else xy[:, 0]
+
+    force, r, p = float(state.normal_force.sum()), from_axis(state.interface.xy), state.pressure
+    a = (3.0 * parts * force * radius / (4.0 * modulus)) ** (1 / 3)
+    top = 3.0 * parts * force / (2.0 * np.pi * a**2)
+    near = r < 0.8 * a
+    _, square = np.polyfit(r[near] ** 2, p[near] ** 2, 1)
+    second = np.sqrt(2.5 * float(state.normal_force @ r**2) / force)
+    values = {"p₀ (Pa)": Value(float(np.sqrt(max(square, 0.0))), top, allowed[0]),
+              "a (m)": Value(float(second), a, allowed[1])}
+    return values, along(state, lambda x: top * np.sqrt(np.maximum(1.0 - (x / a) ** 2, 0.0)), from_axis, "r (m)",
+                         "pressure (Pa)", 1.3 * a)

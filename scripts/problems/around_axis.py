@@ -2,31 +2,40 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import functools
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from mpi4py import MPI
-from scenes import to_toml
 
-import ddmpi
-from ddmpi.interface.state import ContactState
-from ddmpi.run.answer import Answer
-from problems import Curve, Found, Order, Value, along, annulus, block, body, contact, coulomb, draw, problem, worst
+from problems import (
+    Found,
+    Order,
+    Value,
+    along,
+    annulus,
+    block,
+    body,
+    contact,
+    coulomb,
+    draw,
+    hertz_values,
+    lame_ball,
+    lame_fit,
+    mean_pressure,
+    plane_strain,
+    problem,
+    solved,
+    worst,
+)
 from problems.flat import EXACT, TIGHT, frames
 
 RADIUS = 1.0
 """Of the balls (m)."""
 
 
-def turned(bodies: list[dict], contacts: list[dict], rigid: Sequence[dict] = (), tolerance: float = 1e-8) -> Answer:
-    """The answer of an axisymmetric scene. Stops with the reason where it is not certified."""
-    answer = ddmpi.solve(to_toml({"axisymmetric": True, "rigid": list(rigid), "body": bodies, "contact": contacts,
-                                  "method": {"tolerance": tolerance}}), MPI.COMM_SELF)
-    if not answer.certified:
-        raise RuntimeError(answer.reason)
-    return answer
+turned = functools.partial(solved, axisymmetric=True)
+"""The answer of an axisymmetric scene."""
 
 
 def plane(normal: tuple[float, float] = (0.0, 1.0), point: tuple[float, float] = (0.0, 0.0), **more) -> list[dict]:
@@ -39,10 +48,6 @@ def radius(xy: np.ndarray) -> np.ndarray:
 
 def height(xy: np.ndarray) -> np.ndarray:
     return xy[:, 1]
-
-
-def mean_pressure(state: ContactState) -> float:
-    return float(state.normal_force.sum() / state.interface.area.sum())
 
 
 # Patch tests
@@ -62,7 +67,7 @@ def cgs1_turned(n: int, order: Order, folder: Path) -> Found:
     state = answer.contacts["upper-lower"]
     return Found({"force (N)": Value(float(state.normal_force.sum()), 4 * np.pi * exact, EXACT),
                   "worst node": Value(worst(state, exact), 0.0, EXACT)}, answer,
-                 along(state, lambda x: np.full_like(x, exact), radius, "r (m)", "pressure (Pa)"))
+                 along(state, exact, radius, "r (m)", "pressure (Pa)"))
 
 
 @problem("cone-patch", "Constant stress through a cone", (1, 2, 4), "times finer than the coarsest mesh",
@@ -86,7 +91,7 @@ def cone_patch(n: int, order: Order, folder: Path) -> Found:
     state = answer.contacts["cone-hollow"]
     exact = -float(stress @ normal**2)
     return Found({"worst node": Value(worst(state, exact, -float(stress * normal @ tangent)), 0.0, EXACT)}, answer,
-                 along(state, lambda x: np.full_like(x, exact), height, "y (m)", "pressure (Pa)"))
+                 along(state, exact, height, "y (m)", "pressure (Pa)"))
 
 
 # Fits
@@ -104,11 +109,10 @@ def tubes_turned(n: int, order: Order, folder: Path) -> Found:
         answer = turned([body("inner", block(a, 0.0, b - a, 0.2, (n, n), order), *materials[0], clamp),
                          body("outer", block(b, 0.0, c - b, 0.2, (n, n + n // 2), order), *materials[1], clamp)],
                         [contact("inner", "outer", "right", "left", gap=-fit)])
-        (E, nu), (F, mu) = ((E / (1 - nu**2), nu / (1 - nu)) if ends == "held" else (E, nu) for E, nu in materials)
-        exact = fit / b / (((b**2 + a**2) / (b**2 - a**2) - nu) / E + ((c**2 + b**2) / (c**2 - b**2) + mu) / F)
+        exact = lame_fit(a, b, c, fit, *(plane_strain(*each) if ends == "held" else each for each in materials))
         state = answer.contacts["inner-outer"]
         values[f"{ends} ends: mean pressure (Pa)"] = Value(mean_pressure(state), exact, {1: 0.05}.get(int(order), 2e-3))
-    return Found(values, answer, along(state, lambda x: np.full_like(x, exact), height, "y (m)", "pressure (Pa)"))
+    return Found(values, answer, along(state, exact, height, "y (m)", "pressure (Pa)"))
 
 
 @problem("spheres-turned", "A ball in a shell with interference, around an axis", (3, 6, 10),
@@ -123,10 +127,9 @@ def spheres_turned(n: int, order: Order, folder: Path) -> Found:
     answer = turned([body("ball", annulus((a, b), (4 * n, n), order, folder), E, nu, half),
                      body("shell", annulus((b, c), (5 * n, n), order, folder), E, nu, half)],
                     [contact("ball", "shell", "outer", "inner", gap=-fit)])
-    gives = [b / E * ((1 - 2 * nu) * b**3 + (1 + nu) * other**3 / 2) / abs(b**3 - other**3) for other in (a, c)]
-    state, exact = answer.contacts["ball-shell"], fit / sum(gives)
+    state, exact = answer.contacts["ball-shell"], lame_ball(a, b, c, fit, E, nu)
     return Found({"mean pressure (Pa)": Value(mean_pressure(state), exact, {1: 0.06}.get(int(order), 2e-3))}, answer,
-                 along(state, lambda x: np.full_like(x, exact), lambda xy: np.degrees(np.arctan2(*xy.T[::-1])),
+                 along(state, exact, lambda xy: np.degrees(np.arctan2(*xy.T[::-1])),
                        "latitude (°)", "pressure (Pa)"))
 
 
@@ -146,24 +149,6 @@ def half_ball(path: Path, a: float, n: int, order: Order, up: float = 1.0) -> di
     return draw(path, corners, lines, f"min(0.1, {h} + 0.2 * max(0, sqrt(x*x + y*y) - {1.25 * a}))", order)
 
 
-def hertz_values(state: ContactState, modulus: float, relative: float,
-                 allowed: float) -> tuple[dict[str, Value], Curve]:
-    """The greatest pressure and the radius of a contact, beside those of its force.
-
-    The pressure by least squares of p² over r² up to 0.8 a, the radius by the second moment, Σ s r² = 2/5 P a².
-    """
-    force = float(state.normal_force.sum())
-    a = (3.0 * force * relative / (4.0 * modulus)) ** (1 / 3)
-    top = 3.0 * force / (2.0 * np.pi * a**2)
-    r, p = state.interface.xy[:, 0], state.pressure
-    near = r < 0.8 * a
-    _, square = np.polyfit(r[near] ** 2, p[near] ** 2, 1)
-    second = np.sqrt(2.5 * float(state.normal_force @ r**2) / force)
-    values = {"p₀ (Pa)": Value(float(np.sqrt(max(square, 0.0))), top, allowed), "a (m)": Value(second, a, allowed)}
-    return values, along(
-        state, lambda x: top * np.sqrt(np.maximum(1.0 - (x / a) ** 2, 0.0)), radius, "r (m)", "pressure (Pa)", 1.3 * a)
-
-
 @problem("hertz-turned", "A ball on a rigid plane, around an axis", (4, 8, 16), "nodes on a",
          shows="Hertz's point contact with an unknown zone, at the cost of a plane problem.",
          scene="Half of a half ball, R = 1 m, E = 1 Pa, ν = 0.3, whose flat face is moved by 2.6 mm; a ≈ 0.05 m.",
@@ -171,7 +156,8 @@ def hertz_values(state: ContactState, modulus: float, relative: float,
 def hertz_turned(n: int, order: Order, folder: Path) -> Found:
     answer = turned([body("ball", half_ball(folder / "ball.msh", 0.05, n, order), 1.0, 0.3,
                           [{"on": "top", "y": -0.0026}])], [contact("ball", "floor", "contact")], plane())
-    values, curve = hertz_values(answer.contacts["ball-floor"], 1.0 / (1.0 - 0.09), RADIUS, 0.06 if n < 8 else 0.02)
+    values, curve = hertz_values(answer.contacts["ball-floor"], 1, 1.0 / (1.0 - 0.09), RADIUS,
+                                 (0.06,) * 2 if n < 8 else (0.02,) * 2)
     return Found(values, answer, curve)
 
 
@@ -186,7 +172,8 @@ def two_balls_turned(n: int, order: Order, folder: Path) -> Found:
                      body("stiff", stiff, 5.0, 0.2, [{"on": "top", "y": 0.0}])],
                     [contact("soft", "stiff", "contact", "contact")])
     modulus = 1.0 / ((1.0 - 0.09) / 1.0 + (1.0 - 0.04) / 5.0)
-    values, curve = hertz_values(answer.contacts["soft-stiff"], modulus, RADIUS / 2, 0.08 if n < 8 else 0.03)
+    values, curve = hertz_values(answer.contacts["soft-stiff"], 1, modulus, RADIUS / 2,
+                                 (0.08,) * 2 if n < 8 else (0.03,) * 2)
     return Found(values, answer, curve)
 
 

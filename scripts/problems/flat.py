@@ -14,6 +14,7 @@ from problems import (
     Order,
     Value,
     along,
+    along_x,
     block,
     body,
     contact,
@@ -126,7 +127,7 @@ def pressed(answer: Answer) -> list[ContactState]:
 
 def curve_of(answer: Answer, exact: float = PRESSURE) -> Curve:
     state = pressed(answer)[0]
-    return along(state, lambda x: np.full(len(x), exact), lambda xy: xy[:, 0], "x (m)", "pressure (Pa)")
+    return along(state, exact, along_x, "x (m)", "pressure (Pa)")
 
 
 @problem("patch", "Contact patch tests", (1, 2, 4), "times finer than the coarsest meshes",
@@ -274,7 +275,7 @@ def three_bars(n: int, order: Order, folder: Path) -> Found:
                     [contact("first", "middle", "right", "left"), contact("middle", "last", "right", "left")],
                     tolerance=TIGHT)
     states = [answer.contacts[name] for name in ("first-middle", "middle-last")]
-    curve = along(states[0], lambda y: np.full(len(y), p), lambda xy: xy[:, 1], "y (m)", "pressure (Pa)")
+    curve = along(states[0], p, lambda xy: xy[:, 1], "y (m)", "pressure (Pa)")
     return Found({f"pressure {name} (Pa)": Value(float(state.normal_force.sum() / 0.5), p, EXACT)
                   for name, state in zip(("first – middle", "middle – last"), states, strict=True)}
                  | {"worst node": Value(max(worst(state, p) for state in states), 0.0, EXACT)}, answer, curve)

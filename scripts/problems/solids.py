@@ -13,10 +13,28 @@ from scipy.optimize import brentq
 from scipy.special import ellipe, ellipk
 
 import ddmpi
-from ddmpi.interface.state import ContactState
 from ddmpi.mesh.read import gmsh_session
 from ddmpi.run.answer import Answer
-from problems import Curve, Found, Order, Value, body, contact, coulomb, distance, lame_fit, problem, solved
+from problems import (
+    Curve,
+    Found,
+    Order,
+    Value,
+    along,
+    along_x,
+    body,
+    contact,
+    coulomb,
+    degrees,
+    distance,
+    hertz_values,
+    lame_ball,
+    lame_fit,
+    mean_pressure,
+    plane_strain,
+    problem,
+    solved,
+)
 
 RADIUS = 1.0
 """Of the balls (m)."""
@@ -116,26 +134,6 @@ def shell(path: Path, inner: float, outer: float, h: float, order: Order) -> dic
 
 
 # Hertz
-
-def hertz_values(state: ContactState, parts: int, modulus: float, radius: float,
-                 allowed: tuple[float, float]) -> tuple[dict[str, Value], Curve]:
-    """The greatest pressure and the radius of a contact that 1/`parts` of is modelled, beside those of its force.
-
-    The pressure by least squares of p² over r² up to 0.8 a, the radius by the second moment, Σ s r² = 2/5 P a².
-    """
-    force = parts * float(state.normal_force.sum())
-    a = (3.0 * force * radius / (4.0 * modulus)) ** (1 / 3)
-    top = 3.0 * force / (2.0 * np.pi * a**2)
-    r, p = np.hypot(*state.interface.xy[:, :2].T), state.pressure
-    near = r < 0.8 * a
-    _, square = np.polyfit(r[near] ** 2, p[near] ** 2, 1)
-    second = np.sqrt(2.5 * float(state.normal_force @ r**2) / float(state.normal_force.sum()))
-    values = {"p₀ (Pa)": Value(float(np.sqrt(max(square, 0.0))), top, allowed[0]),
-              "a (m)": Value(float(second), a, allowed[1])}
-    x, shown, order = np.linspace(0.0, a, 200), r < 1.3 * a, np.argsort(r)
-    order = order[shown[order]]
-    return values, Curve(r[order], p[order], x, top * np.sqrt(1.0 - (x / a) ** 2), "r (m)", "pressure (Pa)")
-
 
 ALLOWED = {1: (0.1, 0.06), 2: (0.06, 0.06)}
 """Of p₀ and a, by the order."""
@@ -269,21 +267,14 @@ def twisted_balls(n: int, order: Order, folder: Path) -> Found:
 
 # Fits
 
-def degrees_about_z(xy: np.ndarray) -> np.ndarray:
-    """The angles (k,) of places (k, 3) about z, from x (degrees)."""
-    return np.degrees(np.arctan2(xy[:, 1], xy[:, 0]))
-
-
 def fitted(answer: Answer, exact: float, order: Order, angle: Callable[[np.ndarray], np.ndarray],
            xlabel: str) -> Found:
     """The mean pressure of the only contact, and how far nodal ones are from the exact one in L2."""
     (state,) = answer.contacts.values()
-    area, at, (mean, nodes) = state.interface.area, angle(state.interface.xy), {1: (0.12, 0.6), 2: (0.03, 0.25)}[order]
-    values = {"mean pressure (Pa)": Value(float(state.normal_force.sum() / area.sum()), exact, mean),
+    area, (mean, nodes) = state.interface.area, {1: (0.12, 0.6), 2: (0.03, 0.25)}[order]
+    values = {"mean pressure (Pa)": Value(mean_pressure(state), exact, mean),
               "nodes, in L2": Value(distance(state.pressure, exact, area), 0.0, nodes)}
-    turn, ends = np.argsort(at), np.array([at.min(), at.max()])
-    return Found(values, answer, Curve(at[turn], state.pressure[turn], ends, np.full(2, exact), xlabel,
-                                       "pressure (Pa)"))
+    return Found(values, answer, along(state, exact, angle, xlabel, "pressure (Pa)"))
 
 
 @problem("tubes", "Two tubes with interference", (3, 6, 10), "elements across the wall",
@@ -297,7 +288,7 @@ def tubes(n: int, order: Order, folder: Path) -> Found:
     answer = solved([body("inner", tube(folder / "inner.msh", a, b + fit, 0.3 / n, order), E, nu, ends),
                      body("outer", tube(folder / "outer.msh", b, c, 0.24 / n, order), E, nu, ends)],
                     [contact("inner", "outer", "outer", "inner")])
-    return fitted(answer, lame_fit(a, b, c, fit, E, nu), order, degrees_about_z, "angle (°)")
+    return fitted(answer, lame_fit(a, b, c, fit, plane_strain(E, nu)), order, degrees, "angle (°)")
 
 
 @problem("spheres", "A ball in a shell with interference", (3, 6, 10), "elements across the shell",
@@ -311,8 +302,7 @@ def spheres(n: int, order: Order, folder: Path) -> Found:
     answer = solved([body("ball", shell(folder / "ball.msh", a, b + fit, 0.4 / n, order), E, nu, octant),
                      body("shell", shell(folder / "shell.msh", b, c, 0.5 / n, order), E, nu, octant)],
                     [contact("ball", "shell", "outer", "inner")])
-    gives = [b / E * ((1 - 2 * nu) * b**3 + (1 + nu) * other**3 / 2) / abs(b**3 - other**3) for other in (a, c)]
-    return fitted(answer, fit / sum(gives), order,
+    return fitted(answer, lame_ball(a, b, c, fit, E, nu), order,
                   lambda xy: np.degrees(np.arcsin(xy[:, 2] / np.linalg.norm(xy, axis=1))), "latitude (°)")
 
 
@@ -342,18 +332,18 @@ def sheared_solids(n: int, order: Order, folder: Path) -> Found:
     stack = np.array([[2.1e11, 0.3, 1.0], [1e11, 0.35, 0.5]])
     young, poisson, height = stack.T
     modulus, shear = young * (1 - poisson) / (1 + poisson) / (1 - 2 * poisson), young / 2 / (1 + poisson)
-    down, along, values = 1e-3, np.array([0.8, 0.6]), {}
+    down, way, values = 1e-3, np.array([0.8, 0.6]), {}
     p, gives = down / (height / modulus).sum(), (height / shear).sum()
     for name, shift in (("sticks", 0.15 * p * gives), ("slips", 0.6 * p * gives)):
         tau = min(shift / gives, 0.3 * p)
 
         def field(k: int, at: float, moved: np.ndarray, tau: float = tau) -> dict:
             """Of a box, `moved` at the height `at`."""
-            slope = np.append(tau / shear[k] * along, -p / modulus[k])
+            slope = np.append(tau / shear[k] * way, -p / modulus[k])
             return {axis: {"constant": float(u - at * du), "z_slope": float(du)}
                     for axis, u, du in zip("xyz", moved, slope, strict=True)}
 
-        upper, lower = field(0, 1.5, np.append(shift * along, -down)), field(1, 0.0, np.zeros(3))
+        upper, lower = field(0, 1.5, np.append(shift * way, -down)), field(1, 0.0, np.zeros(3))
         answer = solved([body("upper", box(0.0, 0.5, 1.0, (3 * n, 3 * n, n), order), young[0], poisson[0],
                               [{"on": on} | upper for on in (*SIDES, "top")]),
                          body("lower", box(0.0, 0.0, 0.5, (4 * n, 4 * n, n), order), young[1], poisson[1],
@@ -364,13 +354,11 @@ def sheared_solids(n: int, order: Order, folder: Path) -> Found:
         friction, slip = (np.einsum("ktd,kt->kd", frame, each[state.interface.sliding]) for each in (
             state.shear, state.slip))
         values |= {f"{name}: worst pressure": off(state.pressure, p),
-                   f"{name}: worst friction": off(friction, tau * np.append(along, 0.0))}
-        left = (shift - tau * gives) * np.append(along, 0.0)
+                   f"{name}: worst friction": off(friction, tau * np.append(way, 0.0))}
+        left = (shift - tau * gives) * np.append(way, 0.0)
         values[f"{name}: worst slip, over U"] = Value(float(np.abs(slip - left).max() / shift), 0.0, 1e-7)
-    x = state.interface.xy[:, 0]
-    rank = np.argsort(x)
-    return Found(values, answer, Curve(x[rank], np.linalg.norm(state.shear, axis=1)[rank], x[rank],
-                                       np.full(len(x), tau), "x (m)", "friction (Pa)"))
+    return Found(values, answer, along(state, tau, along_x, "x (m)", "friction (Pa)",
+                                       values=np.linalg.norm(state.shear, axis=1)))
 
 
 @problem("cubes", "Cubes that overlap, and cubes side by side", (1, 2, 4), "times finer than the coarsest meshes",
@@ -406,10 +394,7 @@ def cubes(n: int, order: Order, folder: Path) -> Found:
     state = answer.contacts["b-floor"]
     values["side by side: worst pressure between them"] = Value(
         float(np.abs(answer.contacts["a-b"].pressure).max() / young / 1e-3), 0.0, 1e-7)
-    x = state.interface.xy[:, 0]
-    rank = np.argsort(x)
-    return Found(values, answer, Curve(x[rank], state.pressure[rank], x[rank], np.full(len(x), 2e-3 * young), "x (m)",
-                                       "pressure (Pa)"))
+    return Found(values, answer, along(state, 2e-3 * young, along_x, "x (m)", "pressure (Pa)"))
 
 
 @problem("heated-cubes", "Heated cubes on inclined planes", (1, 2, 4), "times finer than the coarsest meshes",
@@ -436,8 +421,5 @@ def heated_cubes(n: int, order: Order, folder: Path) -> Found:
     answer = solved([lower | {"temperature": 60.0}, upper], [contact("lower", "upper", "top", "bottom")])
     exact = ((1 + poisson) / (1 - poisson) * 1.2e-5 * 60.0 - gap) * modulus / 2
     state = answer.contacts["lower-upper"]
-    x = state.interface.xy @ [c, s, 0.0]
-    rank = np.argsort(x)
     return Found({"worst pressure": Value(float(np.abs(state.pressure / exact - 1).max()), 0.0, 1e-7)}, answer,
-                 Curve(x[rank], state.pressure[rank], x[rank], np.full(len(x), exact), "along a side (m)",
-                       "pressure (Pa)"))
+                 along(state, exact, lambda xy: xy @ [c, s, 0.0], "along a side (m)", "pressure (Pa)"))

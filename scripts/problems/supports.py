@@ -13,13 +13,16 @@ from problems import (
     Order,
     Value,
     along,
+    along_x,
     annulus,
     block,
     body,
     contact,
     coulomb,
     degrees,
+    mean_pressure,
     number,
+    plane_strain,
     problem,
     solved,
 )
@@ -50,8 +53,8 @@ def ram(n: int, order: Order, folder: Path) -> Found:
     values |= {f"force on {name} (N/m)": Value(answer.summary["contacts"][f"{name}-ram"]["normal_force"],
                                                float(value), 1e-8) for name, value in zip(("one", "two"), borne,
                                                                                            strict=True)}
-    return Found(values, answer, along(answer.contacts["one-ram"], lambda x: np.full(len(x), borne[0]),
-                                       lambda xy: xy[:, 0], "x (m)", "pressure (Pa)"))
+    return Found(values, answer, along(answer.contacts["one-ram"], float(borne[0]), along_x, "x (m)",
+                                       "pressure (Pa)"))
 
 
 @problem("mat", "A block on springs", (1, 2, 4), "times finer than the coarsest mesh",
@@ -76,9 +79,8 @@ def mat(n: int, order: Order, folder: Path) -> Found:
                    f"above less below, k = {stiffness:g} (m)": Value(float(high.mean() - low.mean()),
                                                                       p * height / confined, 1e-7),
                    f"worst node below, k = {stiffness:g}": Value(float(np.ptp(low) * stiffness / p), 0.0, 1e-7)}
-    return Found(values, answer, along(answer.contacts["block-east"],
-                                       lambda y: np.full(len(y), p * poisson / (1 - poisson)), lambda xy: xy[:, 1],
-                                       "y (m)", "pressure of a wall (Pa)"))
+    return Found(values, answer, along(answer.contacts["block-east"], p * poisson / (1 - poisson),
+                                       lambda xy: xy[:, 1], "y (m)", "pressure of a wall (Pa)"))
 
 
 @problem("loosened-fit", "A fit that loosens under a torque", (24, 48, 96), "sides around",
@@ -109,8 +111,7 @@ def loosened_fit(n: int, order: Order, folder: Path) -> Found:
     values = {"torque turned (N mm/mm)": Value(moments[2.0], 0.8 * limit, near),
               "torque loosened (N mm/mm)": Value(moments[3.0], 0.5 * limit, near),
               "residual of energies": Value(answer.summary["energy"]["residual"], 0.0, 1e-9)}
-    return Found(values, answer, along(state, lambda x: np.full(len(x), p / 2), degrees, "angle (°)",
-                                       "pressure (MPa)"))
+    return Found(values, answer, along(state, p / 2, degrees, "angle (°)", "pressure (MPa)"))
 
 
 @problem("expansion", "Free and held expansion", (1, 2, 4), "times finer than the coarsest meshes",
@@ -140,7 +141,7 @@ def expansion(n: int, order: Order, folder: Path) -> Found:
     return Found({"free: worst displacement": Value(float(np.abs(free.displacement - grown).max() / grown.max()), 0.0,
                                                     1e-7),
                   "held: worst pressure": Value(float(np.abs(state.pressure / exact - 1).max()), 0.0, 1e-7)},
-                 answer, along(state, lambda x: np.full(len(x), exact), lambda xy: xy[:, 0], "x (m)", "pressure (Pa)"))
+                 answer, along(state, exact, along_x, "x (m)", "pressure (Pa)"))
 
 
 @problem("heated-shaft", "A shrink fit by heat", (24, 48, 96), "sides around",
@@ -150,7 +151,7 @@ def expansion(n: int, order: Order, folder: Path) -> Found:
          source="p = (1 + ν) α T / (u_o/p + u_i/p), Lamé in plane strain, with the outer ring's rim held.")
 def heated_shaft(n: int, order: Order, folder: Path) -> Found:
     young, poisson = STEEL
-    E, nu, a, c, fit = young / (1 - poisson**2), poisson / (1 - poisson), 0.6, 1.5, 1.3 * 1.25e-5 * 8.0
+    (E, nu), a, c, fit = plane_strain(young, poisson), 0.6, 1.5, 1.3 * 1.25e-5 * 8.0
     exact = fit * E / ((c**2 - 1) * (1 - nu**2) / (1 + nu + (1 - nu) * c**2) + (1 + a**2) / (1 - a**2) - nu)
 
     def fitted(heat: float | None) -> tuple:
@@ -162,11 +163,10 @@ def heated_shaft(n: int, order: Order, folder: Path) -> Found:
         return answer, answer.contacts["shaft-ring"]
 
     (answer, heated), (_, large) = fitted(8.0), fitted(None)
-    mean = heated.normal_force.sum() / heated.interface.area.sum()
-    return Found({"mean pressure (Pa)": Value(float(mean), exact, 0.02 if order == 1 else 2e-3),
+    return Found({"mean pressure (Pa)": Value(mean_pressure(heated), exact, 0.02 if order == 1 else 2e-3),
                   "worst node, heated less too large": Value(
                       float(np.abs(heated.pressure / large.pressure - 1).max()), 0.0, 1e-7)},
-                 answer, along(heated, lambda t: np.full(len(t), exact), degrees, "angle (°)", "pressure (Pa)"))
+                 answer, along(heated, exact, degrees, "angle (°)", "pressure (Pa)"))
 
 
 @problem("sector", "A sector on inclined planes of symmetry", (1, 2, 4), "times finer than the coarsest meshes",
@@ -198,7 +198,7 @@ def sector(n: int, order: Order, folder: Path) -> Found:
     return Found({"worst contact force, inclined less upright": Value(
         float(np.abs(other.normal_force - one.normal_force).max() / one.normal_force.max()), 0.0, 1e-9),
         "worst displacement, inclined less upright": Value(float(np.abs(back - u).max() / np.abs(u).max()), 0.0, 1e-9)},
-        inclined, along(one, lambda x: np.interp(x, *one.interface.xy.T[:1], one.pressure), lambda xy: xy[:, 0],
+        inclined, along(one, lambda x: np.interp(x, *one.interface.xy.T[:1], one.pressure), along_x,
                         "x (m)", "pressure (Pa)", values=other.pressure))
 
 
@@ -225,5 +225,4 @@ def plies(n: int, order: Order, folder: Path) -> Found:
                         [contact("upper", "lower", "bottom", "top", friction=coulomb(0.3))])
         state = answer.contacts["upper-lower"]
         values[f"worst pressure, plane {plane}"] = Value(float(np.abs(state.pressure / exact - 1).max()), 0.0, 1e-7)
-    return Found(values, answer, along(state, lambda x: np.full(len(x), exact), lambda xy: xy[:, 0], "x (m)",
-                                       "pressure (Pa)"))
+    return Found(values, answer, along(state, exact, along_x, "x (m)", "pressure (Pa)"))

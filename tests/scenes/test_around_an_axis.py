@@ -223,7 +223,7 @@ def test_the_turned_sphere_is_the_solid_one(tmp_path):
     answer = around_axis.turned([around_axis.body("ball", mesh, 1.0, 0.3, [{"on": "top", "y": -0.0075}])],
                                 [around_axis.contact("ball", "floor", "contact")], around_axis.plane())
     state = answer.contacts["ball-floor"]
-    values, _ = around_axis.hertz_values(state, 1.0 / 0.91, 1.0, 1.0)
+    values, _ = around_axis.hertz_values(state, 1, 1.0 / 0.91, 1.0, (1.0, 1.0))
     of_solid = solid.answer.contacts["ball-floor"]
     assert state.normal_force.sum() == pytest.approx(4 * of_solid.normal_force.sum(), rel=0.02)
     for key, value in values.items():

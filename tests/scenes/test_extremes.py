@@ -286,7 +286,7 @@ def test_solids_in_other_units_and_places_have_the_same_answer(case, pairs):
     for group in ("two boxes, held", "three boxes, loose"):
         make, changes, factor = extremes.solid_cases()[group, case]
         base = extremes.attempt_solid(make(pairs, 1), None, None)[1]
-        found, _ = extremes.attempt_solid(make(pairs, 1, *changes), base, factor)
+        found, _ = extremes.attempt_solid(extremes.changed(make(pairs, 1), changes), base, factor)
         assert found["outcome"] == "certified" and found["violation"] < 1e-7
         assert found["differs"] < (1e-8 if "origin" in case else 1e-9)
 
