@@ -63,7 +63,8 @@ def aims(runs: Runs) -> Iterator[list[str]]:
                   if of == name and mesh in (None, n) and order in (None, kind) and fnmatchcase(key, pattern)]
         if errors:
             words = [PROBLEMS[name].title, described(order) if order else "",
-                     f"{mesh} {PROBLEMS[name].unit}" if mesh else "", pattern.strip("*").replace("*", ", ") or "every value"]
+                     f"{mesh} {PROBLEMS[name].unit}" if mesh else "",
+                     pattern.strip("*").replace("*", ", ") or "every value"]
             yield [", ".join(filter(None, words)), f"≤ {aim:g}", f"{max(errors):.1e}",
                    "yes" if max(errors) <= aim else "**no**"]
 

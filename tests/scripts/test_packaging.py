@@ -158,16 +158,3 @@ def test_spack_package():
     assert set(re.findall(r"py-ddmpi@([\d.]+)", page)) == {ddmpi.__version__}
     found = dict(re.findall(r'^        depends_on\("(?:py-)?([\w-]+)@([\d.]+):', text, re.M))
     assert found == {"python": PROJECT["requires-python"].removeprefix(">="), **wanted()}
-
-
-def test_containers_copy_what_is_there():
-    """Both container recipes copy the same files, which exist, and set up by scripts/run.sh."""
-    folder = ROOT / "packaging" / "container"
-    docker, apptainer = ((folder / name).read_text(encoding="utf-8") for name in ("Dockerfile", "ddmpi.def"))
-    copied = re.findall(r"^    (\S+) (/opt/ddmpi/\S+)$", apptainer, re.M)
-    assert copied == [(source, f"/opt/ddmpi/{source}") for source, _ in copied]
-    assert [source for sources in re.findall(r"^COPY (.*) /", docker, re.M) for source in sources.split()] \
-        == [source for source, _ in copied] == ["pyproject.toml", "README.md", "LICENSE", "ddmpi", "scripts", "configs",
-                                                "meshes"]
-    assert all((ROOT / source).exists() for source, _ in copied)
-    assert all("/opt/ddmpi/scripts/run.sh info" in text for text in (docker, apptainer))

@@ -67,20 +67,9 @@ def test_one_rank_per_body_up_to_the_cores(root, arguments):
     assert (launcher, ranks, python) == ("-n", str(RANKS[arguments]), "python")
 
 
-@pytest.mark.parametrize(("cores", "ranks"), [("1", "2"), ("2", "2"), ("4", "4")])
-def test_at_least_two_ranks_for_several_bodies(root, cores, ranks):
-    """On a single core several bodies have two ranks, one body one."""
-    assert start(root, "5.toml", CORES=cores)[1] == ranks
-    assert start(root, "1.toml", CORES=cores)[1] == "1"
-
-
-def test_ranks_can_be_chosen(root):
-    """DDMPI_RANKS says otherwise."""
-    assert start(root, "5.toml", DDMPI_RANKS="11")[1] == "11"
-
-
 def test_arguments_are_handed_on(root):
-    """The command gets its arguments as they are."""
+    """The command gets its arguments as they are; several bodies have two ranks at least, or DDMPI_RANKS."""
+    assert start(root, "5.toml", CORES="1")[1] == "2" and start(root, "5.toml", DDMPI_RANKS="11")[1] == "11"
     assert start(root, "5.toml", "--set", "title=a b")[2:] == \
         ["python", "-m", "ddmpi", "run", "5.toml", "--set", "title=a b"]
     assert start(root, "report", "out")[2:] == ["python", "-m", "ddmpi", "report", "out"]
@@ -223,14 +212,3 @@ def test_what_hears_no_signal_is_said_to_be_interrupted(tmp_path):
         job.send_signal(signal.SIGTERM)
         _, said = job.communicate(timeout=scenes.LIMIT)
     assert (job.returncode, said) == (128 + signal.SIGUSR1, "ddmpi: error: interrupted by SIGTERM\n")
-
-
-def test_what_has_no_session_yet_is_ended_as_well(tmp_path):
-    """Ctrl-\\ before setsid has begun a session ends the run, too."""
-    script = ('set -euo pipefail; setsid() { touch ready; exec sleep 600; }; '
-              f'. {scenes.ROOT}/scripts/attend.sh; attend ignored; exit "$code"')
-    with subprocess.Popen(["bash", "-c", script], cwd=tmp_path, env=scenes.clean_environment(),
-                          preexec_fn=lambda: signal.signal(signal.SIGQUIT, signal.SIG_DFL)) as job:
-        await_that((tmp_path / "ready").exists, "it does not start")
-        job.send_signal(signal.SIGQUIT)
-        assert job.wait(timeout=scenes.LIMIT) == 130

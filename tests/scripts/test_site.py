@@ -34,21 +34,6 @@ def test_links(page):
     assert {link for link in links if not (ROOT / link).exists()} == set()
 
 
-def test_the_search_box_stays_in_sight():
-    """The theme scrolls its menu to the current page; the box above it stays where it is."""
-    style = (ROOT / "docs" / "site.css").read_text(encoding="utf-8")
-    assert re.search(r"\.wy-side-nav-search \{[^}]*position: sticky; top: 0;", style)
-
-
-def test_what_is_said_first():
-    """README and limits begin with what the program is for: solids and plane parts. The README leads to the peers."""
-    readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    first = {"README.md": readme.split("\n\n")[1],
-             "docs/use/limits.md": (ROOT / "docs" / "use" / "limits.md").read_text(encoding="utf-8").split("\n\n")[2]}
-    assert all("solids" in words and "plane" in words for words in first.values()), first
-    assert "(docs/tables/peers.md)" in readme
-
-
 def test_a_readme_of_two_screens():
     """The README stays short; what is more stands in docs/."""
     lines = (ROOT / "README.md").read_text(encoding="utf-8").splitlines()

@@ -113,11 +113,6 @@ def jobs(cluster) -> Cluster:
     return cluster
 
 
-def test_the_scripts_are_bash():
-    for path in SLURM.iterdir():
-        subprocess.run(["bash", "-n", path], check=True, timeout=scenes.LIMIT)
-
-
 @pytest.mark.slurm
 @pytest.mark.parametrize("launch", ["mpirun", "srun"])
 def test_run(jobs, launch):
@@ -127,14 +122,6 @@ def test_run(jobs, launch):
     assert summary["converged"] and summary["ranks"] == 2
     assert summary["slurm"]["job_id"] == jobs.jobs[launch] and summary["run"].endswith(f" job {jobs.jobs[launch]}")
     assert "converged and certified" in jobs.said(launch)
-
-
-@pytest.mark.slurm
-def test_both_launchers_give_the_same_answer(jobs):
-    for launch in ("mpirun", "srun"):
-        jobs.wait(launch)
-    for name in ("contact_upper-lower.csv", "history.csv"):
-        assert (jobs.folder / "mpirun" / name).read_bytes() == (jobs.folder / "srun" / name).read_bytes()
 
 
 @pytest.mark.slurm
@@ -184,16 +171,6 @@ def test_tables(jobs):
     with open(jobs.folder / "tables" / "tables.csv", newline="") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 8 and all(row["certified"] == "True" for row in rows)
-
-
-@pytest.mark.slurm
-def test_a_second_cluster_in_the_same_folder_is_refused(cluster):
-    again = subprocess.run([SLURM / "local_cluster.sh", "start"], env=cluster.environment, capture_output=True,
-                           text=True, timeout=scenes.LIMIT)
-    assert again.returncode == 1 and "running already" in again.stderr
-    status = subprocess.run([SLURM / "local_cluster.sh", "status"], env=cluster.environment, capture_output=True,
-                            text=True, timeout=scenes.LIMIT)
-    assert status.returncode == 0 and status.stdout.startswith("running")
 
 
 # What needs no Slurm: the script that all of them source, with a scontrol that takes notes
@@ -274,28 +251,12 @@ def test_results_end_a_job_only_if_it_is_the_one_that_made_them(tmp_path, holds,
     assert (job.returncode, bool(started)) == RESULTS[holds, again], job.stdout + job.stderr
 
 
-def test_an_empty_output_is_not_taken_for_none(tmp_path):
-    _, started = start_job(tmp_path, "--output", "")
-    assert started == ["-n", "2", "python", "-m", "ddmpi", "run", "scene.toml", "--output", ""]
-
-
 @pytest.mark.parametrize(("environment", "ranks"), [({"SLURM_NTASKS": "8"}, "8"), ({"SLURM_NTASKS": "8",
                                                                                   "DDMPI_RANKS": "3"}, "3")])
 def test_a_job_has_the_ranks_that_slurm_gives_it(tmp_path, environment, ranks):
     """sbatch --ntasks, or else DDMPI_RANKS, says how many ranks a job has."""
     _, started = start_job(tmp_path, "--output", "out", **environment)
     assert started[:2] == ["-n", ranks]
-
-
-def test_a_job_does_not_go_back_for_ever(tmp_path):
-    (tmp_path / "scripts").mkdir()
-    (tmp_path / "scripts" / "setup.sh").write_text("")
-    environment = scenes.clean_environment() | {
-        "ROOT": str(tmp_path), "SLURM_SUBMIT_DIR": str(tmp_path), "SLURM_JOB_ID": "7", "SLURM_JOB_NODELIST": "n",
-        "SLURM_RESTART_COUNT": "3", "DDMPI_REQUEUES": "3"}
-    script = f'. "{SLURM}/job.sh"; code=6; caught=USR1; scontrol() {{ echo called; }}; requeue_or_exit'
-    job = subprocess.run(["bash", "-c", script], env=environment, capture_output=True, text=True, timeout=scenes.LIMIT)
-    assert job.returncode == 6 and "called" not in job.stdout
 
 
 def start_task(root: Path, **variables: int) -> subprocess.CompletedProcess:
@@ -327,29 +288,3 @@ def test_tasks_of_an_array_have_each_a_share_or_are_refused(tmp_path, array):
     else:
         assert [run.stdout for run in runs] == [f"-m ddmpi sweep s.toml --output D --index {k}/{len(tasks)}\n"
                                                 for k in range(len(tasks))], runs[0].stderr
-
-
-@pytest.mark.parametrize(("folder", "code"), [("ours", 0), ("empty", 0), ("theirs", 1), ("copied", 1)])
-def test_a_cluster_removes_only_what_it_has_made(tmp_path, folder, code):
-    """It starts in a folder of its own and leaves there what it does not know, and in no folder of another Slurm."""
-    for name in ("munged", "slurmctld", "slurmd", "sbatch", "sinfo"):
-        (tmp_path / name).write_text("#!/bin/sh\necho idle\n")
-        (tmp_path / name).chmod(0o755)
-    place = tmp_path / folder
-    place.mkdir()
-    environment = scenes.clean_environment() | {"DDMPI_SLURM": str(place), "PATH": f"{tmp_path}:{os.environ['PATH']}"}
-
-    def start() -> int:
-        return subprocess.run([SLURM / "local_cluster.sh", "start"], env=environment, capture_output=True,
-                              timeout=scenes.LIMIT).returncode
-
-    if folder == "ours":
-        assert start() == 0
-    files = {} if folder == "empty" else {"slurm.conf": "ClusterName=ours\n", "thesis.txt": "years of work"}
-    if folder == "copied":
-        files["slurm.conf"] = "# Written by local_cluster.sh for /elsewhere\n"
-    for name in files if folder != "ours" else ["thesis.txt"]:
-        (place / name).write_text(files[name])
-    assert start() == code
-    known = {path.name: path.read_text() for path in place.iterdir() if path.name in files}
-    assert known == files if code else known.get("thesis.txt") == files.get("thesis.txt")

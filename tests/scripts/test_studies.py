@@ -1,6 +1,5 @@
 """Every script of a study is started, in its smallest form."""
 
-import os
 import re
 import runpy
 import shlex
@@ -29,10 +28,6 @@ STUDIES = {
 }
 
 
-COMMANDS = ("reproduce_tables", "hard_scenes", "random_assemblies", "extremes", "reference", "gallery",
-            "verification")
-
-
 def start(folder: Path, name: str, *arguments: str) -> subprocess.CompletedProcess:
     return subprocess.run([ROOT / "scripts/study", name, *arguments], text=True, capture_output=True, timeout=LIMIT,
                           cwd=folder, env=clean_environment() | {"DDMPI_PYTHON": sys.executable, "DDMPI_RANKS": "1"})
@@ -51,9 +46,12 @@ def test_studies_are_listed(tmp_path):
     assert "there is no study nothing" in start(tmp_path, "nothing").stderr
 
 
-@pytest.mark.parametrize("name", [name for name, _ in LISTED if name not in {"fault_injection", *STUDIES}])
+@pytest.mark.parametrize("name", [name for name, _ in LISTED if name not in {"extremes", *STUDIES}])
 def test_start(tmp_path, name, monkeypatch, capsys):
-    """Every study that no other test starts, starts by its name, on one rank, and says what its arguments are."""
+    """Every study that no other test starts, starts by its name, on one rank, and says what its arguments are.
+
+    The extremes want two ranks: tests/scenes/test_extremes.py uses their functions.
+    """
     (tmp_path / "python").write_text("#!/bin/sh\necho \"$@\"\n")
     (tmp_path / "python").chmod(0o755)
     done = subprocess.run([ROOT / "scripts/study", name, "--help"], text=True, capture_output=True, timeout=LIMIT,
@@ -62,26 +60,6 @@ def test_start(tmp_path, name, monkeypatch, capsys):
     with pytest.raises(SystemExit, match=r"^0$"):
         runpy.run_path(sys.argv[0], run_name="__main__")
     assert "usage:" in capsys.readouterr().out
-
-
-def test_files_that_are_commands():
-    """A file that was a command in earlier versions hands itself to scripts/study, from any folder.
-
-    All do so by the same line, so one of them is started; `test_start` and `test_study` start the studies.
-    """
-    files = [ROOT / "scripts" / f"{name}.py" for name in COMMANDS]
-    assert {name for name, _ in LISTED} >= set(COMMANDS) and all(os.access(file, os.X_OK) for file in files)
-    assert len({file.read_text(encoding="utf-8").splitlines()[0] for file in files}) == 1
-    done = subprocess.run([f"./{COMMANDS[0]}.py", "--help"], text=True, capture_output=True, timeout=LIMIT,
-                          cwd=ROOT / "scripts", env=clean_environment() | {"DDMPI_PYTHON": sys.executable})
-    assert done.returncode == 0 and f"usage: {COMMANDS[0]}" in done.stdout, done.stdout + done.stderr
-
-
-def test_files_begin_with_their_docstring():
-    """What a Python file in scripts/ is for stands in its first lines."""
-    for path in (ROOT / "scripts").rglob("*.py"):
-        first, *rest = path.read_text(encoding="utf-8").splitlines()
-        assert (rest[0] if first.startswith("#!") else first).startswith('"""'), path
 
 
 @pytest.mark.parametrize("name", STUDIES)
@@ -109,13 +87,6 @@ def test_verification(tmp_path):
         assert words in page
     assert "**!**" not in page and "N = 48" not in page
     assert {path.name for path in output.glob("figures/*")} == {"verification_cgs-1.png", "verification_rings.png"}
-
-
-def test_fault_injection_names_no_case(tmp_path):
-    """Words that no fault's name has end the script with a message; tests/run/test_faults.py tries some faults."""
-    done = start(tmp_path, "fault_injection", "no", "such", "fault")
-    assert done.returncode == 1
-    assert "no case has all these words in its name" in done.stderr
 
 
 def test_mutants_are_of_this_code():

@@ -4,7 +4,6 @@ import re
 import shutil
 import subprocess
 import sys
-import tomllib
 from pathlib import Path
 
 import pytest
@@ -95,13 +94,6 @@ def test_a_shared_mpirun_that_ends_without_a_word_is_a_failure(example):
     assert "the mpirun of this folder ended in it" in said
 
 
-def test_quiet_is_quiet(example):
-    """-q leaves out what pytest says at the start, and tests on several ranks run as without it: by one mpirun."""
-    said = run(sys.executable, "-m", "pytest", "-q", "-k", "good", cwd=example)
-    assert said.splitlines()[0].split()[0] == "...." and len(said.splitlines()) == 2
-    assert len([*example.glob("mpirun-*")]) == 1
-
-
 def test_no_test_has_a_time_limit_of_its_own():
     """The limit is to catch what hangs, on any machine, and stands in one place."""
     own = re.compile(r"\b(?:timeout|limit)=\d|monotonic\(\) \+ \d|^LIMIT = \d", re.M)
@@ -144,51 +136,7 @@ def test_test_sh_runs_tests_and_nothing_else(checkout):
     assert last == "-m pytest -x a test" and before in ([], ["-m pytest --collect-only -x a test"])
 
 
-@pytest.mark.skipif(shutil.which("slurmctld", path="/usr/sbin:/sbin") is not None, reason="Slurm is installed")
-def test_slurm_is_installed_where_its_tests_are_asked_for(checkout):
-    """What pytest would run decides, whatever the arguments are."""
-    (checkout / "collected").write_text("<Module test_slurm.py>\n")
-    assert calls(checkout, "scripts/test.sh", "-x")[1] == "installs slurm-wlm munge libpmix-dev"
-    (checkout / "collected").write_text("<Module test_law.py>\n")
-    assert calls(checkout, "scripts/test.sh", "tests/interface") == ["-m pytest --collect-only tests/interface",
-                                                                     "-m pytest tests/interface"]
-
-
-def test_ci_checks_and_then_tests(checkout):
-    """.ci/run runs the checks of check.sh and ends with the tests; a fault that the checks find ends it."""
-    executable(checkout / "scripts" / "check.sh", "echo checks >>calls")
-    said = calls(checkout, ".ci/run", "-x")
-    assert (said[0], said[-1]) == ("checks", "-m pytest -x")
-    executable(checkout / "scripts" / "check.sh", "exit 1")
-    run(checkout / ".ci" / "run", cwd=checkout, code=1)
-
-
-def test_checks_have_one_set_of_versions():
-    """What check.sh runs and what types are checked against is pinned, and the tests do not ask for it."""
-    extras = tomllib.loads((scenes.ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"][
-        "optional-dependencies"]
-    pinned = dict(each.split("==") for each in extras["dev"])
-    assert {"ruff", "mypy", "numpy"} <= set(pinned)
-    assert not {"ruff", "mypy"} & {re.split("[>=]", each)[0] for each in extras["test"]}
-
-
 def test_a_checkout_of_somebody_else_asks_for_a_folder(tmp_path):
     """Who cannot write where the set-up would go is told of DDMPI_VENV."""
     said = run("bash", SCRIPTS / "run.sh", cwd=tmp_path, code=1, DDMPI_VENV="/dev/null/venv")
     assert said == "ddmpi set-up: cannot write /dev/null/venv; name a folder of yours in DDMPI_VENV\n"
-
-
-def test_kernels_one_after_the_other(checkout):
-    """Each kernel that OpenBLAS takes runs the tests that are named. A failure counts to the end."""
-    executable(checkout / "bin" / "python", """case "$1 $OPENBLAS_CORETYPE" in
-        "-c Zen") echo Core: Generic;;
-        -c*) echo "Core: $OPENBLAS_CORETYPE";;
-        *Haswell) echo "$4: 1 failed"; exit 1;;
-        *) echo "$4: 2 passed";;
-    esac""")
-    for name in ("grep", "tee", "tail", "rm"):
-        (checkout / "bin" / name).symlink_to(shutil.which(name))
-    said = run(checkout / "scripts" / "kernels.sh", "-x", "tests/qp", cwd=checkout, code=1, PATH=str(checkout / "bin"))
-    assert said.splitlines()[-4:] == ["SkylakeX     tests/qp: 2 passed", "Haswell      tests/qp: 1 failed",
-                                      "Zen          not run: this OpenBLAS does not use it here",
-                                      "Sandybridge  tests/qp: 2 passed"]
