@@ -46,7 +46,7 @@ def test_studies_are_listed(tmp_path):
     assert "there is no study nothing" in start(tmp_path, "nothing").stderr
 
 
-@pytest.mark.parametrize("name", [name for name, _ in LISTED if name not in {"extremes", *STUDIES}])
+@pytest.mark.parametrize("name", [name for name, _ in LISTED if name not in {"extremes", "fault_injection", *STUDIES}])
 def test_start(tmp_path, name, monkeypatch, capsys):
     """Every study that no other test starts, starts by its name, on one rank, and says what its arguments are.
 
