@@ -127,8 +127,8 @@ def cases() -> dict[tuple[str, str], Overrides]:
               "on the lower body only": loads({}, BOTTOM), "contact at a corner only": CORNER}
     found += [("loads", f"{case}, {law}", changes | friction) for case, changes in loaded.items()
               for law, friction in (("Coulomb", coulomb(0.3)), ("Tresca", tresca(1.2e7)))]
-    found += [("not held", "no clamp", {"body.upper.clamp": []}),
-              ("not held", "free along x", {"body.upper.clamp": [{"on": "left", "y": 0}]})]
+    found += [("unsupported", "no clamp", {"body.upper.clamp": []}),
+              ("unsupported", "free along x", {"body.upper.clamp": [{"on": "left", "y": 0}]})]
     return {(group, case): changes for group, case, changes in found}
 
 
@@ -141,14 +141,14 @@ Change = Callable[[Scene], Any]
 """What is changed in a scene of its own."""
 
 
-def held(pairs: bool, order: int) -> Scene:
+def clamped(pairs: bool, order: int) -> Scene:
     """Two boxes that are clamped at one end."""
     N = {1: 4, 2: 3}[order]
     return two_boxes(N, None if pairs else N - 1, order)
 
 
 def loose(pairs: bool, order: int) -> Scene:
-    """Three boxes on each other and on a rigid plane, held by friction alone."""
+    """Three boxes on each other and on a rigid plane, supported by friction alone."""
     names, divisions = ("low", "middle", "top"), ((3, 3, 2), (3, 3, 2) if pairs else (2, 4, 2))
     bodies = [box(name, (0, 0, k), (1, 1, 1), divisions[k % 2], order, traction=[]) for k, name in enumerate(names)]
     bodies[2]["traction"] = [{"on": "top", "value": [5e3, 1.5e3, -1e5]}]
@@ -304,24 +304,25 @@ def no_loads(scene: Scene) -> None:
 def solid_cases() -> dict[tuple[str, str], tuple[Callable[..., Scene], tuple[Change, ...], float | None]]:
     """The table of extremes in space, by (group, case): what makes the scene, what is changed, and how many times
     larger displacements should be than without the change, if that is known."""
-    made: list[tuple] = [("two boxes, held", "as they are", held, (), None)]
-    made += [("two boxes, held", f"E₁/E₂ = {1 / c:g}", held, (stiffer(c),), None) for c in (1e-6, 1e-3, 1e3, 1e6)]
-    made += [("two boxes, held", f"𝓕 = {F:g}", held, (law("coulomb", coefficient=F),), None)
+    made: list[tuple] = [("two boxes, clamped", "as they are", clamped, (), None)]
+    made += [("two boxes, clamped", f"E₁/E₂ = {1 / c:g}", clamped, (stiffer(c),), None) for c in (1e-6, 1e-3, 1e3, 1e6)]
+    made += [("two boxes, clamped", f"𝓕 = {F:g}", clamped, (law("coulomb", coefficient=F),), None)
              for F in (0.0, 1e-6, 0.05, 1.0, 3.0, 10.0)]
-    made += [("two boxes, held", f"Tresca, g = {g:g} Pa", held, (law("tresca", slip_bound=g),), None)
+    made += [("two boxes, clamped", f"Tresca, g = {g:g} Pa", clamped, (law("tresca", slip_bound=g),), None)
              for g in (0.0, 1e3, 1e6, 1e20)]
-    made += [("two boxes, held", f"bonded, E₁/E₂ = {1 / c:g}", held, (law("bonded"), stiffer(c)), None)
+    made += [("two boxes, clamped", f"bonded, E₁/E₂ = {1 / c:g}", clamped, (law("bonded"), stiffer(c)), None)
              for c in (1e-6, 1.0, 1e6)]
-    made += [("two boxes, held", f"Poisson's ratios {a:g} and {b:g}", held, (of_bodies(poisson=(a, b)),), None)
+    made += [("two boxes, clamped", f"Poisson's ratios {a:g} and {b:g}", clamped, (of_bodies(poisson=(a, b)),), None)
              for a, b in ((0.0, 0.0), (0.49, 0.49), (0.499, 0.499), (0.49999, 0.49999), (0.0, 0.4999), (-0.9, 0.4))]
-    made += [("two boxes, held", f"unit of length {1 / c:g} m", held, (units(c),), c) for c in (1e-9, 1e9)]
-    made += [("two boxes, held", f"unit of force {1 / c:g} N", held, (units(stress=c),), 1.0) for c in (1e-9, 1e9)]
-    made += [("two boxes, held", f"{c:g} m from the origin", held, (elsewhere(c),), 1.0) for c in (1e3, 1e6)]
-    made += [("two boxes, held", f"drawn {g:g} m apart", held, (higher(g),), None) for g in (1e-9, -1e-9)]
-    made += [("two boxes, held", f"upper one {g:g} m above, bent down to touch at its edge", held, (
+    made += [("two boxes, clamped", f"unit of length {1 / c:g} m", clamped, (units(c),), c) for c in (1e-9, 1e9)]
+    made += [("two boxes, clamped", f"unit of force {1 / c:g} N", clamped, (units(stress=c),), 1.0)
+             for c in (1e-9, 1e9)]
+    made += [("two boxes, clamped", f"{c:g} m from the origin", clamped, (elsewhere(c),), 1.0) for c in (1e3, 1e6)]
+    made += [("two boxes, clamped", f"drawn {g:g} m apart", clamped, (higher(g),), None) for g in (1e-9, -1e-9)]
+    made += [("two boxes, clamped", f"upper one {g:g} m above, bent down to touch at its edge", clamped, (
         higher(g), lambda s: s["body"][1].update(traction=[]),
         lambda s: s["body"][0].update(traction=[{"on": "right", "value": [0.0, -3e8, 4e8]}])), None) for g in (0.02,)]
-    made += [("two boxes, held", f"{' × '.join(map(str, n))} cells", held, (cells(*n),), None)
+    made += [("two boxes, clamped", f"{' × '.join(map(str, n))} cells", clamped, (cells(*n),), None)
              for n in ((1, 1, 1), (60, 1, 1), (1, 60, 1), (1, 1, 60))]
     made += [("flat and slender bodies", f"pressed flat, 1 : {1 / h:g}", pressed((1.0, 1.0, h), (6, 6, 2)), (), None)
              for h in (1e-2, 1e-3, 1e-4)]

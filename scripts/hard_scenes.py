@@ -6,9 +6,9 @@
     scripts/study hard_scenes --only belt          # all belts around drums, clamped and loose
     mpirun -n 2 python scripts/hard_scenes.py      # the same on two ranks
 
-Products are multiplications by a body's compliance, all over the number of bodies. Ends with 1 where a scene takes more
-steps or products than its limit, or is not certified; of a loose belt beyond its limit, says anything but that no
-equilibrium was found.
+Products are multiplications by a body's compliance over the number of bodies. The study ends with 1 if a scene takes
+more steps or products than its limit or is not certified, or if the reason for a loose belt beyond its limit is not "no
+equilibrium found".
 """
 
 import itertools

@@ -99,17 +99,17 @@ def cone_patch(n: int, order: Order, folder: Path) -> Found:
 @problem("tubes-turned", "Two tubes with interference, around an axis", (2, 4, 8), "elements across the wall",
          shows="A fit as engineers draw it: a rectangle beside the axis.",
          scene="Tubes 0.3 – 0.6 – 0.9 m, 0.2 m long, E = 200 and 100 GPa, ν = 0.3 and 0.25, a gap of −60 µm; no "
-               "friction; their ends held along the axis, or free; elements 4 : 5.",
-         source="Lamé: in plane strain with held ends, in plane stress with free ones.")
+               "friction; their ends fixed along the axis, or free; elements 4 : 5.",
+         source="Lamé: in plane strain with fixed ends, in plane stress with free ones.")
 def tubes_turned(n: int, order: Order, folder: Path) -> Found:
     a, b, c, fit, values = 0.3, 0.6, 0.9, 6e-5, {}
     materials = (2e11, 0.3), (1e11, 0.25)
-    for ends in ("held", "free"):
-        clamp = [{"on": on, "y": 0.0} for on in ("bottom", "top")[:1 + (ends == "held")]]
+    for ends in ("fixed", "free"):
+        clamp = [{"on": on, "y": 0.0} for on in ("bottom", "top")[:1 + (ends == "fixed")]]
         answer = turned([body("inner", block(a, 0.0, b - a, 0.2, (n, n), order), *materials[0], clamp),
                          body("outer", block(b, 0.0, c - b, 0.2, (n, n + n // 2), order), *materials[1], clamp)],
                         [contact("inner", "outer", "right", "left", gap=-fit)])
-        exact = lame_fit(a, b, c, fit, *(plane_strain(*each) if ends == "held" else each for each in materials))
+        exact = lame_fit(a, b, c, fit, *(plane_strain(*each) if ends == "fixed" else each for each in materials))
         state = answer.contacts["inner-outer"]
         values[f"{ends} ends: mean pressure (Pa)"] = Value(mean_pressure(state), exact, {1: 0.05}.get(int(order), 2e-3))
     return Found(values, answer, along(state, exact, height, "y (m)", "pressure (Pa)"))

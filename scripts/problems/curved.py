@@ -165,10 +165,10 @@ def press_fit(n: int, order: Order, folder: Path) -> Found:
          shows="Whole rings, whose contact has neither beginning nor end, stick until their bound is reached, and "
                "then turn in each other.",
          scene="Rings 0.5 – 1 – 1.5 m, E = 1 GPa, ν = 0.3, plane strain, overlapping by 0.1 mm (`gap`); the inner "
-               "rim is held, the outer one is held and turned by φ; Tresca's law with the bound g = 50 kPa. Sides 4 "
-               ": 5.",
+               "rim is clamped, the outer one is clamped and turned by φ; Tresca's law with the bound g = 50 kPa. "
+               "Sides 4 : 5.",
          source="T = min(4πφ/((1/a² − 1/b²)/G + (1/b² − 1/c²)/G), 2πb²g); p = δ/(b(k_i + k_o)), k = |1 − r²/b²| / "
-                "(2(λ + G) + 2G r²/b²) with the radius r of a held rim.")
+                "(2(λ + G) + 2G r²/b²) with the radius r of a clamped rim.")
 def torsion(n: int, order: Order, folder: Path) -> Found:
     a, b, c, fit, bound, E, nu = 0.5, 1.0, 1.5, 1e-4, 5e4, 1e9, 0.3
     G, lame = E / 2 / (1 + nu), E * nu / (1 + nu) / (1 - 2 * nu)
@@ -276,7 +276,7 @@ def nafems_roller(n: int, order: Order, folder: Path) -> Found:
 @problem("tresca-strip", "Tresca strip", (8, 16, 32), "nodes on half the strip", view=(-3.0, 3.0, -2.0, 2.0),
          shows="Slip spreads from the ends of a strip at which two bodies are joined.",
          scene="Half-discs of 20 m, E = 1 GPa, ν = 0.3, plane strain, drawn, touch on the strip |x| < a = 1 m, nodes "
-               "1 : 1.2 apart; the lower rim is held, the upper one moved down and sideways. Tresca's law with the "
+               "1 : 1.2 apart; the lower rim is clamped, the upper one moved down and sideways. Tresca's law with the "
                "bound g.",
          source="c = a√(1 − (Q/2ga)²), q = g on c < |x| < a, q = (2g/π) arctan √((a² − c²)/(c² − x²)) inside, with "
                 "the computed Q: half-planes, of which discs differ by (a/R)².")

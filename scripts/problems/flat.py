@@ -201,7 +201,7 @@ def cgs1(n: int, order: Order, folder: Path) -> Found:
 # Linear fields
 
 @problem("sheared-stack", "Sheared stack", (1, 2, 4), "times finer than the coarsest meshes",
-         shows="Friction holds up to its bound, and then slips, by exactly so much, on meshes that do not match.",
+         shows="A contact sticks up to the bound of friction, then slips by the exact amount, on unlike meshes.",
          scene="A block of 2 m × 1 m on one of 2 m × 0.5 m, E = 210 and 100 GPa, ν = 0.3 and 0.35; the lower one is "
                "clamped, the top moved down and sideways by U; sides follow the linear field. 4 : 6 sides, Coulomb "
                "0.3.",
@@ -259,9 +259,9 @@ def walls(n: int, order: Order, folder: Path) -> Found:
 
 
 @problem("three-bars", "Three bars in a row, the middle one loose", (1, 2, 4), "times finer than the coarsest meshes",
-         shows="Contact forces alone hold a body.",
+         shows="Contact forces alone support a body.",
          scene="Bars of 1, 2 and 0.5 m, 0.5 m high, E = 1, 5 and 2 GPa, ν = 0.3, no friction; the first and the last "
-               "are held at their far ends, which approach by δ = 1 mm. 3 : 4 : 5 sides.",
+               "are fixed at their far ends, which approach by δ = 1 mm. 3 : 4 : 5 sides.",
          source="p = δ / Σ(L_i/E'_i) in both contacts.")
 def three_bars(n: int, order: Order, folder: Path) -> Found:
     lengths, moduli = (1.0, 2.0, 0.5), (1e9, 5e9, 2e9)
@@ -284,7 +284,7 @@ def three_bars(n: int, order: Order, folder: Path) -> Found:
 @problem("wedge", "Wedge under a block", (1, 2, 4), "times finer than the coarsest meshes",
          shows="A wedge that is driven under a block pushes it at the angle of friction.",
          scene="A wedge of slope 0.1, 2 m long, is driven by 5 mm on a rigid floor without friction; above it a "
-               "block of 1 m that is held by rollers at its side and pressed from above; E = 1 GPa, ν = 0.3, Coulomb "
+               "block of 1 m on rollers at its side and pressed from above; E = 1 GPa, ν = 0.3, Coulomb "
                "0.3. 9 : 5 sides a metre.",
          source="R_x/R_y = (μ + tan α)/(1 − μ tan α) = 0.412371; the value of NAFEMS CGS-4.")
 def wedge(n: int, order: Order, folder: Path) -> Found:

@@ -172,7 +172,7 @@ def two_balls(n: int, order: Order, folder: Path) -> Found:
 @problem("cattaneo-mindlin", "A ball that is pressed and rubbed", (4, 8), "elements on a", orders=(1,),
          shows="Friction with a memory in space: slip as vectors, a zone that sticks, energy lost in a loop.",
          scene="Halves of two half balls, R = 1 m, E = 1 Pa, ν = 0, 𝓕 = 0.5, a ≈ 0.03 m; the upper flat face is moved "
-               "by 1.8 mm, then along x to and fro, to about three quarters of the sliding force; 8 load steps a leg.",
+               "by 1.8 mm, then along x to and fro, to about ¾ of the sliding force; 8 load steps each way.",
          source="Cattaneo 1938, Mindlin 1949, for the forces that were computed: c = a (1 − Q/𝓕P)^⅓; energy of a loop "
                 "by Mindlin and Deresiewicz 1953.")
 def cattaneo(n: int, order: Order, folder: Path) -> Found:
@@ -279,7 +279,7 @@ def fitted(answer: Answer, exact: float, order: Order, angle: Callable[[np.ndarr
 
 @problem("tubes", "Two tubes with interference", (3, 6, 10), "elements across the wall",
          shows="Gaps between the surfaces that are meant: polygons overlap by less than the interference.",
-         scene="Quarters of tubes 0.3 – 0.6 – 0.9 m, held at both ends, E = 200 GPa, ν = 0.3, overlapping by 60 µm as "
+         scene="Quarters of tubes 0.3 – 0.6 – 0.9 m, fixed at both ends, E = 200 GPa, ν = 0.3, overlapping by 60 µm as "
                "drawn; no friction; elements 4 : 5.",
          source="Lamé, plane strain.")
 def tubes(n: int, order: Order, folder: Path) -> Found:
@@ -324,7 +324,7 @@ def off(values: np.ndarray, exact: np.ndarray | float) -> Value:
 
 
 @problem("sheared-solids", "Sheared stack of boxes", (1, 2, 4), "times finer than the coarsest meshes",
-         shows="Friction as a vector holds up to its bound, and then slips, by exactly so much.",
+         shows="A contact sticks up to the bound of the friction vector, then slips by the exact amount.",
          scene="Boxes of 1 m × 1 m, 1 and 0.5 m high, E = 210 and 100 GPa, ν = 0.3 and 0.35; the lower one is clamped, "
                "the top moved down, and by U at 37° to x; sides follow the linear field. 3 : 4 cells, Coulomb 0.3.",
          source="τ = min(U/(H₁/G₁ + H₂/G₂), 0.3 p) and slip = U − τ (H₁/G₁ + H₂/G₂), both along U.")

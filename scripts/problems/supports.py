@@ -58,7 +58,7 @@ def ram(n: int, order: Order, folder: Path) -> Found:
 
 
 @problem("mat", "A block on springs", (1, 2, 4), "times finer than the coarsest mesh",
-         shows="A foundation holds a body that nothing else holds, also where it is a million times softer.",
+         shows="A foundation is the only support of a body, also if it is a million times softer.",
          scene="A block of 2 m × 1 m between rigid walls on springs of 1 GN/m³, 1 MN/m³ and 1 kN/m³, pressed by "
                "1 MPa from above; E = 1 GPa, ν = 0.3, no friction.",
          source="u = p/k below, and pH/M more above, M = E(1 − ν)/((1 + ν)(1 − 2ν)); the walls bear ν/(1 − ν) p.")
@@ -88,7 +88,7 @@ def mat(n: int, order: Order, folder: Path) -> Found:
          scene="Rings 20 – 40 – 60 mm, E = 210 GPa, ν = 0.3, plane strain, Coulomb 0.3, sides 4 : 5. The interference "
                "grows to 0.02 mm; the rim is turned to 0.8 of what friction bears; the interference falls to a half.",
          source="p = δ/Σ |b − R²/b|/(2G/(1 − 2ν) + 2GR²/b²) with the interference δ of the time and the rims R, which "
-                "are held; M = 2πb²μp.")
+                "are clamped; M = 2πb²μp.")
 def loosened_fit(n: int, order: Order, folder: Path) -> Found:
     a, b, c, fit, E, nu, mu = 20.0, 40.0, 60.0, 0.02, 2.1e5, 0.3, 0.3
     G = E / 2 / (1 + nu)
@@ -114,13 +114,13 @@ def loosened_fit(n: int, order: Order, folder: Path) -> Found:
     return Found(values, answer, along(state, p / 2, degrees, "angle (°)", "pressure (MPa)"))
 
 
-@problem("expansion", "Free and held expansion", (1, 2, 4), "times finer than the coarsest meshes",
+@problem("expansion", "Free and constrained expansion", (1, 2, 4), "times finer than the coarsest meshes",
          shows="A temperature strains a body freely, or presses it.",
          scene="Two blocks of 2 m × 1 m on each other with rollers below; the lower one is heated by 80 K. First "
-               "nothing is above them, then rollers on all other sides hold them. E = 210 GPa, ν = 0.3, α = 12e-6/K, "
-               "no friction; 3 : 4 sides.",
-         source="Free: u = (1 + ν) α T x, no stress. Held: the lower one would grow by (1 + ν)/(1 − ν) α T H, which "
-                "the compliances H/M of both take up, M = E(1 − ν)/((1 + ν)(1 − 2ν)).")
+               "nothing is above them, then rollers on all other sides constrain them. E = 210 GPa, ν = 0.3, α = "
+               "12e-6/K, no friction; 3 : 4 sides.",
+         source="Free: u = (1 + ν) α T x, no stress. Constrained: the lower one would grow by (1 + ν)/(1 − ν) α T H, "
+                "which the compliances H/M of both take up, M = E(1 − ν)/((1 + ν)(1 − 2ν)).")
 def expansion(n: int, order: Order, folder: Path) -> Found:
     (young, poisson), alpha, warm = STEEL, 1.2e-5, 80.0
     left, sides = [{"on": "left", "x": 0.0}], [{"on": "left", "x": 0.0}, {"on": "right", "x": 0.0}]
@@ -140,15 +140,15 @@ def expansion(n: int, order: Order, folder: Path) -> Found:
     state = answer.contacts["upper-lower"]
     return Found({"free: worst displacement": Value(float(np.abs(free.displacement - grown).max() / grown.max()), 0.0,
                                                     1e-7),
-                  "held: worst pressure": Value(float(np.abs(state.pressure / exact - 1).max()), 0.0, 1e-7)},
+                  "constrained: worst pressure": Value(float(np.abs(state.pressure / exact - 1).max()), 0.0, 1e-7)},
                  answer, along(state, exact, along_x, "x (m)", "pressure (Pa)"))
 
 
 @problem("heated-shaft", "A shrink fit by heat", (24, 48, 96), "sides around",
          shows="A shaft that is heated fits like one that is too large.",
-         scene="Hollow shaft of 0.6 – 1 m in a ring of 1 – 1.5 m whose rim is held, both of steel, plane strain, "
+         scene="Hollow shaft of 0.6 – 1 m in a ring of 1 – 1.5 m whose rim is clamped, both of steel, plane strain, "
                "Coulomb 0.2. The shaft is heated by 8 K, α = 12.5e-6/K; or its radius is 0.13 mm too large.",
-         source="p = (1 + ν) α T / (u_o/p + u_i/p), Lamé in plane strain, with the outer ring's rim held.")
+         source="p = (1 + ν) α T / (u_o/p + u_i/p), Lamé in plane strain, with the outer ring's rim clamped.")
 def heated_shaft(n: int, order: Order, folder: Path) -> Found:
     young, poisson = STEEL
     (E, nu), a, c, fit = plane_strain(young, poisson), 0.6, 1.5, 1.3 * 1.25e-5 * 8.0
@@ -170,7 +170,7 @@ def heated_shaft(n: int, order: Order, folder: Path) -> Found:
 
 
 @problem("sector", "A sector on inclined planes of symmetry", (1, 2, 4), "times finer than the coarsest meshes",
-         shows="Clamps along normals hold at any angle as clamps along the axes do.",
+         shows="Clamps along normals act at any angle like clamps along the axes.",
          scene="Two blocks of 2 m × 1 m and 2 m × 0.5 m on planes of symmetry at the left and below, pressed and "
                "sheared, Coulomb 0.2; the same turned by 33°.",
          source="The scene along the axes, computed.")

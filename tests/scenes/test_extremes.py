@@ -283,7 +283,7 @@ def test_solids_in_other_units_and_places_have_the_same_answer(case, pairs):
     """To nine digits, and what is written obeys all laws; so the table of extremes in space is made."""
     import extremes
 
-    for group in ("two boxes, held", "three boxes, loose"):
+    for group in ("two boxes, clamped", "three boxes, loose"):
         make, changes, factor = extremes.solid_cases()[group, case]
         base = extremes.attempt_solid(make(pairs, 1), None, None)[1]
         found, _ = extremes.attempt_solid(extremes.changed(make(pairs, 1), changes), base, factor)
