@@ -25,6 +25,9 @@ STUDIES = {
     "reproduce_tables": ("--sizes 6 --laws tresca",
                          ("| 504 \\| 18 | 36 · ", "8 of them converged and certified"), 1, 2),
     "tradeoff": ("--finest 2 --scenes boxes", ("| order 1, N = 2, pairs | ", "| order 2, N = 2, mortar | "), 1, 0),
+    "verification": ("--coarse --only cgs-1 rings", (
+        "| NAFEMS CGS-1: contact patch test of unlike bodies, every value | ≤ 1e-08 | ", "(exact) |",
+        "## Two rings with interference", "| mean pressure, gap given (Pa) | 2575.5 | "), 0, 2),
 }
 
 
@@ -67,26 +70,13 @@ def test_study(tmp_path, name):
     """A study ends without an error and writes its tables, pages and figures."""
     arguments, words, tables, figures = STUDIES[name]
     output = tmp_path / "out"
-    done = start(tmp_path, name, *shlex.split(arguments), *(["--output", str(output)] if tables else []))
+    done = start(tmp_path, name, *shlex.split(arguments), "--output", str(output))
     assert done.returncode == 0, done.stdout + done.stderr
     written = done.stdout + "".join(path.read_text(encoding="utf-8") for path in output.glob("*.md"))
     for word in words:
         assert word in written
     assert len(list(output.glob("*.csv"))) == tables
     assert len(list(output.glob("figures/*.png"))) == figures
-
-
-def test_verification(tmp_path):
-    """Some problems on their coarsest meshes: a page with aims and tables, a picture of each, nothing in docs/."""
-    output = tmp_path / "out"
-    done = start(tmp_path, "verification", "--coarse", "--only", "cgs-1", "rings", "--output", str(output))
-    assert done.returncode == 0, done.stdout + done.stderr
-    page = (output / "verification.md").read_text(encoding="utf-8")
-    for words in ("| NAFEMS CGS-1: contact patch test of unlike bodies, every value | ≤ 1e-08 | ",
-                  "## Two rings with interference", "| mean pressure, gap given (Pa) | 2575.5 | ", "(exact) |"):
-        assert words in page
-    assert "**!**" not in page and "N = 48" not in page
-    assert {path.name for path in output.glob("figures/*")} == {"verification_cgs-1.png", "verification_rings.png"}
 
 
 def test_mutants_are_of_this_code():
