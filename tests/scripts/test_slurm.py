@@ -259,6 +259,17 @@ def test_a_job_has_the_ranks_that_slurm_gives_it(tmp_path, environment, ranks):
     assert started[:2] == ["-n", ranks]
 
 
+def test_a_job_does_not_go_back_for_ever(tmp_path):
+    (tmp_path / "scripts").mkdir()
+    (tmp_path / "scripts" / "setup.sh").write_text("")
+    environment = scenes.clean_environment() | {
+        "ROOT": str(tmp_path), "SLURM_SUBMIT_DIR": str(tmp_path), "SLURM_JOB_ID": "7", "SLURM_JOB_NODELIST": "n",
+        "SLURM_RESTART_COUNT": "3", "DDMPI_REQUEUES": "3"}
+    script = f'. "{SLURM}/job.sh"; code=6; caught=USR1; scontrol() {{ echo called; }}; requeue_or_exit'
+    job = subprocess.run(["bash", "-c", script], env=environment, capture_output=True, text=True, timeout=scenes.LIMIT)
+    assert job.returncode == 6 and "called" not in job.stdout
+
+
 def start_task(root: Path, **variables: int) -> subprocess.CompletedProcess:
     """sweep.sbatch as a task of an array, up to the command that it would launch."""
     (root / "scripts" / "slurm").mkdir(parents=True)
@@ -288,3 +299,29 @@ def test_tasks_of_an_array_have_each_a_share_or_are_refused(tmp_path, array):
     else:
         assert [run.stdout for run in runs] == [f"-m ddmpi sweep s.toml --output D --index {k}/{len(tasks)}\n"
                                                 for k in range(len(tasks))], runs[0].stderr
+
+
+@pytest.mark.parametrize(("folder", "code"), [("ours", 0), ("empty", 0), ("theirs", 1), ("copied", 1)])
+def test_a_cluster_removes_only_what_it_has_made(tmp_path, folder, code):
+    """It starts in a folder of its own and leaves there what it does not know, and in no folder of another Slurm."""
+    for name in ("munged", "slurmctld", "slurmd", "sbatch", "sinfo"):
+        (tmp_path / name).write_text("#!/bin/sh\necho idle\n")
+        (tmp_path / name).chmod(0o755)
+    place = tmp_path / folder
+    place.mkdir()
+    environment = scenes.clean_environment() | {"DDMPI_SLURM": str(place), "PATH": f"{tmp_path}:{os.environ['PATH']}"}
+
+    def start() -> int:
+        return subprocess.run([SLURM / "local_cluster.sh", "start"], env=environment, capture_output=True,
+                              timeout=scenes.LIMIT).returncode
+
+    if folder == "ours":
+        assert start() == 0
+    files = {} if folder == "empty" else {"slurm.conf": "ClusterName=ours\n", "thesis.txt": "years of work"}
+    if folder == "copied":
+        files["slurm.conf"] = "# Written by local_cluster.sh for /elsewhere\n"
+    for name in files if folder != "ours" else ["thesis.txt"]:
+        (place / name).write_text(files[name])
+    assert start() == code
+    known = {path.name: path.read_text() for path in place.iterdir() if path.name in files}
+    assert known == files if code else known.get("thesis.txt") == files.get("thesis.txt")
