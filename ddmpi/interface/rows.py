@@ -29,6 +29,9 @@ HELD = np.sqrt(0.5) - 1e-9
 """What moves along a direction by less than this, where all else moves by one, is held along it. Of the two directions
 of a node that can move along one line only, the one nearest to this line stays."""
 
+LEAST = 1e-2
+"""A covered part whose triangle has a smaller part of its facet's area is a sliver."""
+
 LACKING = 1e-3
 """A facet of which no more than this part is not covered is wholly covered."""
 
@@ -138,7 +141,8 @@ def build(rows: Rows, contact: SettledContact) -> Interface:
         return np.concatenate([values[keep, 0], values[keep[sliding], 1:].ravel()])
 
     number = np.append(np.where(dropped, -1, np.cumsum(~dropped) - 1), -1)  # of the rows that are kept
-    facets = number[rows.place[(side.facets if side.cell.bears else side.corners)[rows.whole]]]
+    facets = side.facets[rows.whole]
+    facets = number[rows.place[facets if side.cell.bears else side.cell.split(facets)]]
     row = number[np.where(rows.bound, -1, rows.place)]
     lines = replace(rows.lines, row=number[rows.lines.row],
                     area=rows.lines.area * (not rows.pointwise)).only(~dropped[rows.lines.row])
@@ -250,6 +254,27 @@ def duals(side: Side, over: Cover, phi: np.ndarray, sliver: float, alone: np.nda
     mass[thin] = np.eye(phi.shape[1])
     psi = np.einsum("qi,qij->qj", phi, np.linalg.inv(mass)[part]) * integrals[part]
     return over.weight[:, None] * np.where(thin[part, None], alone, psi)
+
+
+def inset(over: Cover, corners: Cover) -> np.ndarray:
+    """Coordinates (q, d) of the points of a cover by those triangles, or lengths, that reach as far as the covered part
+    of each facet: a vertex λ_i = 1 that is not covered moves to the farthest of the covered part's `corners`.
+
+    The dual functions of shape functions in these coordinates have their centres in what is covered, so that contact
+    forces reach no farther than the contact does. Facets that are covered as a whole, and those of whose coverage such
+    a triangle is no image (LEAST), keep their own.
+    """
+    facets, number = np.unique(np.concatenate([over.facet, corners.facet]), return_inverse=True)
+    at, number, d = corners.at, number[len(over.facet):], corners.at.shape[1]
+    most = np.zeros((len(facets), d))
+    np.maximum.at(most, number, at)
+    far = at > most[number] - NO_GAP  # several where the covered part ends parallel to an edge
+    ends = np.zeros((len(facets), d, d))
+    np.add.at(ends, number, far[:, :, None] * at[:, None, :])
+    ends /= np.maximum(ends.sum(axis=2, keepdims=True), 1.0)
+    ends[np.abs(np.linalg.det(ends)) < LEAST] = np.eye(d)
+    place = np.searchsorted(facets, over.facet)
+    return np.einsum("qi,qij->qj", over.at, np.linalg.inv(ends)[place])
 
 
 def means(integrals: sparse.csr_matrix, area: np.ndarray) -> sparse.csr_matrix:

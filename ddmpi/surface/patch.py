@@ -76,8 +76,8 @@ class Patch(Side):
         return found
 
     def pieces(self, some: np.ndarray) -> np.ndarray:
-        """Triangles between corners."""
-        return self.corners[some]
+        """Triangles between neighbouring nodes, four in each quadratic facet."""
+        return self.cell.split(self.facets[some])
 
 
 def in_places(facets: np.ndarray, points: np.ndarray, places: np.ndarray,
