@@ -22,7 +22,7 @@ from scipy.spatial import cKDTree
 from ddmpi.errors import InputError
 from ddmpi.interface.interface import SAME, Interface, Lines
 from ddmpi.interface.matching import pair
-from ddmpi.interface.rows import Rows, at_points, between, build, duals, holds_along, is_held, rows_of
+from ddmpi.interface.rows import Rows, at_points, between, build, duals, holds_along, inset, is_held, rows_of
 from ddmpi.interface.vertices import BARELY, UNCOVERED, rows_at_vertices
 from ddmpi.scene.contacts import SettledContact
 from ddmpi.surface.cover import corners, cover, faced_arc
@@ -97,7 +97,7 @@ def _cover(sides: tuple[Side, Side], own: int, name: str) -> Cover:
 
 def _functions(side: Side, over: Cover) -> sparse.csr_matrix:
     """w ψ (q, k) of the slave's nodes at the points: `duals`; on a sliver the nearest corner has one alone."""
-    phi = side.cell.shapes(over.at)
+    phi = side.cell.shapes(inset(over, over))
     middle = nodal(over.weight[:, None] * over.at, over.facet, len(side.facets))
     nearest = np.arange(phi.shape[1]) == middle.argmax(axis=1)[:, None]
     weighted = duals(side, over, phi, SLIVER, nearest[over.facet])
@@ -134,7 +134,7 @@ def _rows(sides: tuple[Side, Side], own: int, over: Cover, psi: sparse.csr_matri
     row = place[side.facets[over.facet]]
     rows = replace(rows, place=place, arc=side.arc[rows.nodes] if own == 0 else
                    faced_arc(side.xy[rows.nodes], row, over, other))
-    lines = _lines(rows)
+    lines = _lines(rows, over, psi)
     number = np.bincount(lines.row, minlength=len(rows.nodes))
     number -= np.bincount(place[side.bare & (place >= 0)], minlength=len(rows.nodes))
     return replace(rows, lines=lines, whole=rows.whole & (number == 1)[place[side.facets]].all(axis=1))
@@ -196,17 +196,18 @@ def _merged(side: Side, over: Cover, psi: sparse.csr_matrix) -> np.ndarray:
     return root
 
 
-def _lines(rows: Rows) -> Lines:
-    """The nodes on which the rows act, each with its part of its row's length, so that the forces on the nodes have the
-    rows' resultant and moment. A node with no more than UNSEEN of what the facets `seen` give it faces nothing."""
+def _lines(rows: Rows, over: Cover, psi: sparse.csr_matrix) -> Lines:
+    """The nodes for which the rows stand, each with the length and the centre of its own function, where the forces
+    have the rows' resultant and moment. A node of whose facets no more than the part UNSEEN is covered faces nothing."""
     side, nodes, place = rows.sides[rows.own], rows.nodes, rows.place
-    entries, length = rows.transfers[rows.own].tocoo(), np.zeros(len(place))
-    own = place[entries.col] == entries.row
-    length[entries.col[own]] = (rows.area[entries.row] * entries.data)[own]
-    faces = (np.abs(length) > UNSEEN * side.lengths_over(rows.seen)) | (side.bare & (place >= 0))
+    length = np.where(place >= 0, np.asarray(psi.sum(axis=0)).ravel(), 0.0)
+    points = np.einsum("qc,qcd->qd", side.cell.shapes(over.at), side.xy[side.facets[over.facet]])
+    faces = (length > UNSEEN * side.lengths_over(rows.seen)) | (side.bare & (place >= 0))
     faces[nodes] = True
     length[nodes] += rows.area - np.bincount(place[faces], length[faces])  # what is left out
-    return Lines(place, side.xy, length, side.pieces(rows.seen)).only(faces)
+    some = length > 0.0
+    centre = np.where(some[:, None], psi.T @ points / np.where(some, length, 1.0)[:, None], side.xy)
+    return Lines(place, side.xy, length, side.pieces(rows.seen), centre).only(faces)
 
 
 def _normals(side: Side, facets: np.ndarray) -> np.ndarray:

@@ -343,7 +343,7 @@ def forces_on_lines(state: ContactState) -> tuple[np.ndarray, float]:
     """Resultant and moment of the forces on the first body that contact_NAME.csv has at its nodes."""
     lines = state.interface.lines
     forces = state.forces[lines.row] * (lines.area / state.interface.area[lines.row])[:, None]
-    return forces.sum(axis=0), float(lines.xy[:, 0] @ forces[:, 1] - lines.xy[:, 1] @ forces[:, 0])
+    return forces.sum(axis=0), float(lines.acting[:, 0] @ forces[:, 1] - lines.acting[:, 1] @ forces[:, 0])
 
 
 @orders
