@@ -150,7 +150,7 @@ def plan_compliance(n: int, B: sparse.csr_matrix, kind: str | None, memory: floa
     """The `kind` that is asked for, or else that of `choose_kind`, and the reason; that of a body whose contact nodes
     cannot move, with a trace B of no entries, is direct. Not collective."""
     if not B.count_nonzero():
-        return "direct", "clamps hold its whole contact: C = 0" if B.shape[0] else "it touches nothing"
+        return "direct", "clamps constrain its whole contact: C = 0" if B.shape[0] else "it touches nothing"
     return (kind, "asked for") if kind else choose_kind(n, B.shape[0], memory, d)
 
 

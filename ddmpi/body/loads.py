@@ -285,7 +285,7 @@ def lost_loads(mesh: Mesh, body: BodySpec, free: np.ndarray) -> list[str]:
             loads[group, history] += 1
             acts, left = (np.abs(each).max(axis=0) > ROUNDING * np.abs(f).max()
                           for each in (f, np.einsum("kij,kj->ki", free, f)))
-            found += [f"{key}: the load on {group!r} along {axis} is lost, because clamps hold the whole group in this "
+            found += [f"{key}: the load on {group!r} along {axis} is lost, as clamps constrain the whole group in this "
                       "direction" for axis, lost in zip("xyz", acts & ~left, strict=False) if lost]
     return found + [f"{key}: {group!r} is loaded {number} times; the loads add up"
                     for (group, _), number in loads.items() if number > 1]

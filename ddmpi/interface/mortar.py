@@ -125,8 +125,8 @@ def _choose_slave(sides: tuple[Side, Side], contact: SettledContact, faced: Sequ
     else:
         slave = clamped.index(min(clamped)) if clamped[0] != clamped[1] else int(sizes[1] > (1.0 + 1e-6) * sizes[0])
     if clamped[slave] > clamped[1 - slave]:
-        raise InputError(f"contact.{contact.name}: clamps hold all of {sides[slave].body!r} at this contact; it cannot "
-                         "be the slave")
+        raise InputError(f"contact.{contact.name}: clamps constrain all of {sides[slave].body!r} at this contact; it "
+                         "cannot be the slave")
     return slave
 
 

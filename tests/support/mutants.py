@@ -497,7 +497,8 @@ EQUIVALENT = [Mutant(*row) for row in (
      "if False else SETTLED",
      "Newton's own steps and the certificate judge what the path leaves, so that it can only cost steps. The 20 scenes "
      "of scripts/hard_scenes.py converge in as many steps with it as without."),
-    ("bodies that bear are counted down", "coupling/joint", "bears[numbers[own]] += (", "bears[numbers[own]] -= (",
+    ("bodies that bear are counted down", "coupling/joint", "bears[numbers[of_body]] += (",
+     "bears[numbers[of_body]] -= (",
      "The numbers are summed over contacts and ranks, all with one sign, and only asked whether they are zero."),
     ("a body as far as it may be turns no more", "judge/motions", "np.linalg.norm(mean) > INSIDE",
      "np.linalg.norm(mean) >= INSIDE",
