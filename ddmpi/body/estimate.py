@@ -110,7 +110,7 @@ def sum_errors(bodies: Mapping[str, tuple[float, float, float]], own: dict[str, 
     collective."""
     error, energy, area = sums.tolist()
     shares = {name: float(np.sqrt(square / (error + energy))) if error + energy else 0.0
-             for name, (square, *_) in bodies.items()}
+              for name, (square, *_) in bodies.items()}
     return DiscretizationError(relative_error(error, energy), shares, own, energy / area)
 
 

@@ -293,4 +293,4 @@ def lost_loads(mesh: Mesh, body: BodySpec, free: np.ndarray) -> list[str]:
             warnings += [f"{key}: the load on {group!r} along {axis} is lost, as clamps constrain the whole group in "
                          "this direction" for axis, lost in zip("xyz", acts & ~left, strict=False) if lost]
     return warnings + [f"{key}: {group!r} is loaded {number} times; the loads add up"
-                    for (group, _), number in loads.items() if number > 1]
+                       for (group, _), number in loads.items() if number > 1]

@@ -135,7 +135,7 @@ def columns_of(sigma: np.ndarray, material: Material, warm: np.ndarray | None) -
     rows = [sigma[i, j] for i, j in COLUMNS if max(i, j) < d]
     if d == 2:
         rows.insert(d, np.einsum("kl,kln->n", material.across, sigma)
-                     - (0.0 if warm is None else thermal(material, d)[2] * warm))
+                    - (0.0 if warm is None else thermal(material, d)[2] * warm))
     return np.stack(rows)
 
 

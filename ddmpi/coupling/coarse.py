@@ -91,7 +91,7 @@ def gather_motions(exchange: Exchange, space: Space, members: Sequence[Member], 
             # A pushed partner is a second side without nodes: moving by e_x it opens the contact by −n·e_x.
             sides[interface.bodies[1]] = -interface.directions[:, axes[interface.bodies[1]]]
         seen = [(np.arange(slices[name].start, slices[name].stop), block)
-                 for name, block in sides.items() if block is not None]
+                for name, block in sides.items() if block is not None]
         numbers, columns = zip(*seen, strict=True)
         blocks.append((part, np.concatenate(numbers), np.hstack(columns)))
     return Motions(space, size, blocks), slices

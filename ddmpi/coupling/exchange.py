@@ -60,7 +60,7 @@ class Exchange:
         borrowed: dict[int, list[np.ndarray]] = {}
         for contact, first, second in self.ends:
             places = {parts[contact][1]: start + np.arange(sizes[k])[parts[contact][0]]
-                    for k, (start, parts) in enumerate(zip(starts, bodies, strict=True)) if contact in parts}
+                      for k, (start, parts) in enumerate(zip(starts, bodies, strict=True)) if contact in parts}
             if first != self.world.rank:
                 borrowed.setdefault(first, []).append(places[1])
                 continue

@@ -129,7 +129,7 @@ class Member:
         """
         B, several = self.C.B.tocoo(), self._several()
         compliance = np.concatenate([np.empty(0), *(1.0 / ((2.0 - interface.on_rigid) * interface.stiffness)
-                                             for interface in self.interfaces)])
+                                                    for interface in self.interfaces)])
         number = np.bincount(B.col, minlength=B.shape[1])
         node = np.bincount(B.col, compliance[B.row], B.shape[1]) / np.maximum(number, 1)
         squares = np.bincount(B.row, B.data**2 * node[B.col], self.size)
@@ -197,8 +197,8 @@ class Member:
                 # R = K u − f − heat + Bᵀs at clamped dofs, times p, with K p = `taken`. Then ∫ σ : ε with σ = C (ε(u) −
                 # ε_heat) is heat·u less the product of the stored roots, exact for one temperature field.
                 joules[1, k] = ((u * case.taken).sum() - ((acting.f + acting.heat) * case.prescribed).sum()
-                               + s @ self.trace(case.prescribed)
-                               - (case.heat * u).sum() + case.stored * acting.stored)
+                                + s @ self.trace(case.prescribed)
+                                - (case.heat * u).sum() + case.stored * acting.stored)
         return joules
 
     def displacement(self, s: np.ndarray, alpha: np.ndarray | None = None) -> tuple[np.ndarray, float, float, float]:

@@ -169,7 +169,7 @@ class Laws:
         """Active sets with the nodes `closed` closed and sticking, unless they fall, and all others open."""
         falls = np.zeros_like(closed) if falls is None else falls
         return [law.sticking(*marks) for law, *marks in zip(self.laws, np.split(closed, self._nodes),
-                                                        np.split(falls, self._nodes), strict=True)]
+                                                            np.split(falls, self._nodes), strict=True)]
 
     def linearise(self, active: list[ActiveSet]) -> list[Tangent]:
         """The tangents of the laws at the active sets, one for each interface."""

@@ -73,7 +73,7 @@ def cut(slave: Side, master: Side, depth: np.ndarray) -> Cover:
     where, weights = max(slave.cell, master.cell, key=lambda cell: cell.order).rule
     rule = np.concatenate([where, np.eye(3)]), np.append(weights, np.zeros(3))
     cuts = [_cut(slaves, masters, outward, facet[start:start + CHUNK], other[start:start + CHUNK], rule)
-             for start in range(0, max(len(facet), 1), CHUNK)]
+            for start in range(0, max(len(facet), 1), CHUNK)]
     facet, other, at, there, weight = (np.concatenate(values) for values in zip(*cuts, strict=True))
     number = len(rule[1])
     distance = np.einsum("qd,qd->q", np.einsum("qc,qcd->qd", there, masters[other])
