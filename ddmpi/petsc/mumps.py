@@ -173,8 +173,8 @@ class Factors:
             if data.version_number in [version.encode() for version in versions]:
                 return data
         self.destroy()
-        version = re.search(rb"\d+\.\d+\.\d+", self._memory.raw)
-        raise RefusedError(f"version {version[0].decode() if version else 'unknown'} is none of those that ddmpi knows")
+        found = re.search(rb"\d+\.\d+\.\d+", self._memory.raw)
+        raise RefusedError(f"version {found[0].decode() if found else 'unknown'} is not among those that ddmpi knows")
 
     def _check(self, B: sparse.csr_matrix, comm: MPI.Comm) -> None:
         """RefusedError unless C and a forward solve agree on a displacement; `StiffnessSolver` checks a full solve."""

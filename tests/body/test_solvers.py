@@ -381,7 +381,7 @@ ROUTES = {  # options, what counts in MUMPS's module, why MUMPS is not called di
     "MUMPS's order": ({}, {}, ""),
     "an ordering by option": ({"body_mat_mumps_icntl_7": 0}, {}, ""),
     "an option of PETSc's": ({"body_mat_mumps_icntl_10": 0}, {}, "-body_mat_mumps_icntl_10 is an option of PETSc's"),
-    "another MUMPS": ({}, {"VERSIONS": (("4.1",), ("4.2",), ("4.3",))}, "is none of those that ddmpi knows"),
+    "another MUMPS": ({}, {"VERSIONS": (("4.1",), ("4.2",), ("4.3",))}, "is not among those that ddmpi knows"),
     "no agreement": ({}, {"AGREEMENT": -1.0}, "the compliance does not agree with a solve"),
 }
 
