@@ -42,6 +42,11 @@ FACTORED, ITERATED = 1e-13, 1e-10
 class Compliance:
     """C = B A⁻¹ Bᵀ, by one solve with A per multiplication or as a dense matrix.
 
+    >>> A = PETSc.Mat().createAIJ((2, 2), csr=([0, 1, 2], [0, 1], [4.0, 2.0]))  # two springs
+    >>> C = Compliance(A, sparse.csr_matrix([[1.0, 1.0]]), "springs")
+    >>> C.dense().tolist(), C.kind
+    ([[0.75]], 'explicit')
+
     Parameters
     ----------
     A : stiffness of the body, positive definite

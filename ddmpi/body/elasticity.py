@@ -140,6 +140,13 @@ class Elasticity:
 def assemble(mesh: Mesh, body: BodySpec) -> Elasticity:
     """Assemble stiffness and load of `body` and eliminate its clamped dofs symmetrically.
 
+    >>> from ddmpi.mesh.build import build_mesh
+    >>> from ddmpi.scene.reader import read_scene_file
+    >>> spec = read_scene_file("configs/pinched_blocks.toml").body[0]
+    >>> elasticity = assemble(build_mesh(spec), spec)
+    >>> elasticity.n, elasticity.held, elasticity.A.getSize()
+    (3036, True, (3036, 3036))
+
     Not collective. Raises InputError if the clamps contradict each other, or leave a part of the body loose
     that is not connected to the rest.
     """

@@ -98,6 +98,10 @@ class Interface:
 
     A vector of the interface has `size` entries: m along the normals, then d − 1 tangential ones of each sliding node.
 
+        >>> interface = ddmpi.solve("configs/punch.toml").contacts["punch-base"].interface
+        >>> interface.m, interface.size, interface.normal[0].tolist(), interface.law.name
+        (41, 82, [0.0, -1.0], 'coulomb')
+
     Attributes
     ----------
     name : of the contact

@@ -312,7 +312,11 @@ class BondedLaw(Law):
 
 def law_of(friction: Friction, xy: np.ndarray, arc: np.ndarray, area: np.ndarray, sliding: np.ndarray,
            kind: str = "unilateral", live: np.ndarray | bool = True) -> Law:
-    """The law that a scene asks for, evaluated at the contact nodes. Not collective.
+    """The law of a scene at its contact nodes. Not collective.
+
+        >>> law = law_of(Coulomb(coefficient=0.3), np.zeros((2, 2)), np.zeros(2), np.ones(2), np.arange(2))
+        >>> law.project(np.array([100.0, -5.0, 50.0, 8.0])).tolist()  # of q: two normal, two tangential entries (N)
+        [100.0, 0.0, 30.0, 0.0]
 
     Parameters
     ----------

@@ -76,6 +76,10 @@ class ContactTotals(NamedTuple):
 class ContactState:
     """The state of an interface. Forces and directions are those of its first body.
 
+        >>> contact = ddmpi.solve("configs/punch.toml").contacts["punch-base"]
+        >>> contact.count("slip"), round(contact.resultants["normal_force"], 2), contact.pressure.shape
+        (5, 1362.52, (41,))
+
     Attributes
     ----------
     interface : interface.xy (m, d) are the nodes, interface.area (m,) their lengths, in space areas

@@ -34,6 +34,11 @@ def build_mesh(body: BodySpec, folder: Path = Path("."), contacts: Collection[st
                sizes: Sizes | None = None, dimension: int | None = None, axisymmetric: bool = False) -> Mesh:
     """Generate or read the mesh of `body` and check that it has the groups that the body names.
 
+    >>> from ddmpi.scene.reader import read_scene_file
+    >>> mesh = build_mesh(read_scene_file("configs/pinched_blocks.toml").body[0])
+    >>> mesh.cell.title, len(mesh.points), sorted(mesh.groups)
+    ('linear triangles', 1541, ['bottom', 'left', 'right', 'top'])
+
     Parameters
     ----------
     folder : of the scene; relative mesh files are looked for there first, then in the current directory

@@ -87,6 +87,10 @@ class Mapped:
 class Cell:
     """The reference simplex of one dimension d and order, with k nodes.
 
+    >>> cell = CELLS[2, 2]  # corners of quadratic triangles carry no constant pressure: ∫ φ_i = 0
+    >>> cell.title, cell.bears, cell.mass.sum(axis=1).round(3).tolist()
+    ('quadratic triangles', False, [0.0, 0.0, 0.0, 0.333, 0.333, 0.333])
+
     Attributes
     ----------
     nodes : (k, d + 1) barycentric coordinates of the nodes, corners first

@@ -183,8 +183,12 @@ class RigidSurface(Table, frozen=True, kw_only=True, tag_field="shape"):
         return [axis for axis, value in enumerate(self.force or ()) if value]
 
     def facing(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Its unit normals (…, d), towards the bodies, at the places nearest to points (…, d), and the distances (…)
-        along them (m), negative in the solid. A normal is zero where no place is nearest."""
+        """Unit normals (…, d), towards the bodies, at the nearest places to points (…, d), and the distances (…) along
+        them (m), negative in the solid. A normal is zero where no place is nearest.
+
+            >>> Circle(name="disc", center=(0.0, 1.0), radius=1.0).facing(np.array([[0.0, -0.5]]))
+            (array([[ 0., -1.]]), array([0.5]))
+        """
         raise NotImplementedError
 
     def depth(self, points: np.ndarray) -> np.ndarray:

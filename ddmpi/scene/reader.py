@@ -75,10 +75,14 @@ def as_data(value: Any, where: str, *key: str) -> Any:
 
 def read_scene(path: str, scene: str | Mapping[str, Any], settings: Sequence[str] = (),
                file_kind: FileKind | None = None) -> Settled:
-    """A scene of TOML text, or of tables, with ``KEY=VALUE`` settings as after ``--set``: checked, and filled in.
+    """A scene of TOML text, or of tables, with ``KEY=VALUE`` settings as after ``--set``: checked, with all defaults.
 
-    `path` names it in messages. `file_kind` gives dimension and order of a body's mesh file; without it, files count as
-    plane and linear. Raises InputError, the same on every rank, that names file and key. Not collective.
+        >>> scene = read_scene("punch.toml", read_text("configs/punch.toml"), ["contact.0.friction.coefficient=0.5"])
+        >>> scene.contact[0].name, scene.contact[0].friction, scene.method.outer
+        ('punch-base', Coulomb(coefficient=0.5), 'newton')
+
+    `path` stands in messages. `file_kind` gives dimension and order of a body's mesh file; without it, files count as
+    plane and linear. Raises InputError, the same on all ranks, with file and key. Not collective.
     """
     data = read_data(path, scene, settings)
     try:
@@ -114,7 +118,14 @@ def _no_scene(path: str | Path) -> str:
 
 
 def write_toml(scene: dict) -> str:
-    """A resolved scene, `Settled.resolved`, as TOML text that is read as this scene again. Not collective."""
+    """A resolved scene, `Settled.resolved`, as TOML text that is read as this scene again. Not collective.
+
+    >>> print(write_toml({"title": "A punch", "method": {"tolerance": 1e-8}}), end="")
+    title = "A punch"
+    <BLANKLINE>
+    [method]
+    tolerance = 1e-08
+    """
     nested = {key: value for key, value in scene.items() if _is_table(value)}
     parts = [_entries({key: value for key, value in scene.items() if key not in nested})]
     for key, value in nested.items():

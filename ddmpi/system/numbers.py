@@ -53,7 +53,11 @@ def spans(start: np.ndarray, stop: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def together(one: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """All pairs of places of equal numbers in `one` (q,) and the sorted `other` (p,), in the order of `one`."""
+    """All pairs of places of equal numbers in `one` (q,) and the sorted `other` (p,), in the order of `one`.
+
+    >>> [places.tolist() for places in together(np.array([7, 5]), np.array([5, 5, 7]))]
+    [[0, 1, 1], [2, 0, 1]]
+    """
     return spans(np.searchsorted(other, one), np.searchsorted(other, one, "right"))
 
 
