@@ -169,8 +169,10 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
                         _tied(others, edges, elasticity.supports.free, contact.on[side]),
                         any(contact.on[side] == other.on[which] for other, which in others))
                 interrupt.check()
+        # Sides are small. The ranks of both bodies get both of them and compute the same interface, bit for bit.
         both = exchange.swap_objects(sides)
         with agreed(world):
+            # Gaps and clamps are linear between turning points, so the worst overlap is at one of them, or at time 0.
             times = scene.legs if scene.time is None or scene.time.steps == 1 else [0.0, *scene.legs]
             specs, factors = {body.name: body for body in scene.body}, {time: scene.factors(time) for time in times}
             joined = {contact.name: _join(scene, contact, both[contact.name],
@@ -220,6 +222,7 @@ def _kept_by_bonds(scene: Settled, joined: Mapping[str, tuple[Interface, list[st
                                                 zip(interface.nodes, interface.transfer, strict=True)])]
              for name, (interface, _) in joined.items() if not interface.slave and not interface.on_rigid
              and all(len(move.indices) == interface.m for move in interface.transfer)}  # no merged nodes on an axis
+    # An end is a node of a body. Only bonds at a node of several contacts can close a chain.
     shared = Counter(end for ends in pairs.values() for end in {end for row in ends for end in row})
     bonds = {(name, k): row for name, ends in pairs.items() if joined[name][0].law.name == "bonded"
              for k, row in enumerate(ends) if max(shared[end] for end in row) > 1 and not joined[name][0].gap[k]}

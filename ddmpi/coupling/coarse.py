@@ -75,6 +75,7 @@ def gather_motions(exchange: Exchange, space: Space, members: Sequence[Member], 
     `columns` has the contact displacements of the motions of every local body (j, size of its vector) in metres. The
     translations of `pushed` partners, along the axes in which forces act on them, come last. Collective.
     """
+    # All ranks learn how many motions each body has, hence the same numbers; the motions themselves go to neighbours.
     counts = exchange.world.allgather([(member.name, len(own)) for member, own in zip(members, columns, strict=True)])
     slices, size, axes = {}, 0, {rigid.name: rigid.pushed for rigid in pushed}
     for name, count in itertools.chain(*counts, ((name, len(moves)) for name, moves in axes.items())):
@@ -142,6 +143,7 @@ class CoarseSystem:
 
         Collective.
         """
+        # The right-hand side is summed over ranks in one reduction, and a is sent back: a few numbers a body.
         a = self._space.solve_first(self._EZ.T @ Mf, lambda total: self._factors.solve(
             -total if h is None else h - total))
         return Mf + self._MZ @ a, a

@@ -173,6 +173,7 @@ class Exchange:
             return {}
         came = {rank: np.empty(len(vector)) for rank, vector in like.items()}
         with event("Exchange"):
+            # Receives first: messages find their buffers posted.
             requests = [self.world.Irecv(vector, rank, _PART) for rank, vector in came.items()]
             requests += [self.world.Isend(vector, rank, _PART) for rank, vector in send.items()]
             MPI.Request.Waitall(requests)

@@ -83,6 +83,8 @@ class Joint:
                        for name in histories}
         self.rigid, self.slices = gather_motions(exchange, space, members, [member.G for member in members], pushed)
         self.bodies = len(self.slices) - len(pushed)
+        # A pushed partner is a body without compliance: its row of G s = e is the balance of contact forces and its
+        # force.
         self._pulled = {name: self.of_all([member.response(name)[1] for member in members],
                                            [(rigid.history == name) * np.array(rigid.force)[rigid.pushed]
                                             for rigid in pushed]) for name in histories}
@@ -100,6 +102,7 @@ class Joint:
         y = np.empty(self.size)
         if relative is None:
             size = self.space.norm(x)
+            # A relative error of neglected/‖x‖ leaves forces of the size `neglected` unbalanced in the bodies.
             relative = min(self.neglected / size, STEERING) if size else 0.0
         self.mult(x, y, purpose, relative)
         return y
@@ -107,6 +110,7 @@ class Joint:
     def mult(self, x: np.ndarray, y: np.ndarray, purpose: str, relative: float = 0.0) -> None:
         """y ← C x (metres from newtons), both (size,); `relative` as for `Compliance.mult`."""
         parts = self.exchange.spread(x)
+        # An error on one rank waits for the exchange, which all ranks reach, and is raised on all of them there.
         with self.exchange.deferred():
             for member, part in zip(self.members, parts, strict=True):
                 member.mult(part.copy(), part, purpose, relative)
@@ -129,6 +133,7 @@ class Joint:
         """`Member.stiffness` (rigid.size,) of the rigid motions' bodies, or of the stiffest body at a pushed partner
         (N/m²; in space N/m), times the ratio of the softest foundation to its body, if below 1."""
         world = self.exchange.world
+        # The springs that steer rigid motions must be soft beside foundations, which resist the same motions.
         soft = [member.elasticity.softest / member.stiffness for member in self.members if member.stiffness]
         share = world.allreduce(min([1.0, *soft]), MPI.MIN)
         pushing = [world.allreduce(max((member.stiffness for member in self.members if any(
@@ -146,6 +151,7 @@ class Joint:
         press onto a touching node, such as a shaft that falls through its clearance.
         """
         space = self.space
+        # gap ≤ 0 without forces: touching or overlapping, as drawn and with rigid partners moved.
         touches = [space.gap[part][:interface.m] <= 0.0 for interface, part in space.each()]
         falls = [np.zeros(len(touch), bool) for touch in touches]
         lonely: list[str] = []

@@ -71,6 +71,7 @@ class Member:
         motions = self.motions[elasticity.nodes]
         R = motions.reshape(A.size[1], motions.shape[2])
         self.size = B.shape[0]
+        # G = Rᵀ Bᵀ and e = Rᵀ b, with the free rigid motions R as columns in A's dofs.
         self.G, self.e = np.ascontiguousarray((B @ R).T), R.T @ b.array_r
         self._R = R
         self._centring: Centring | None = None
@@ -101,6 +102,7 @@ class Member:
             h = self.C.B @ u.array_r
             if self._centring:
                 h = self._centring.project(h)
+        # B has no entries at clamped dofs; their prescribed displacements move the contact by a constant.
         return h + self.trace(case.prescribed), self._R.T @ case.b
 
     def response(self, history: str | None) -> tuple[np.ndarray, np.ndarray]:
@@ -128,6 +130,8 @@ class Member:
         A node's compliance is the mean of those of its rows, of which both bodies of a contact have half.
         """
         B, several = self.C.B.tocoo(), self._several()
+        # 1/c is the compliance of both bodies together at a row: each has half of it, beside a rigid partner all. By
+        # the squares of B a row distributes it over its nodes, with one or with several contacts.
         compliance = np.concatenate([np.empty(0), *(1.0 / ((2.0 - interface.on_rigid) * interface.stiffness)
                                                     for interface in self.interfaces)])
         number = np.bincount(B.col, minlength=B.shape[1])
@@ -155,6 +159,7 @@ class Member:
         if self._centring is None:
             self.C.mult(x, y, purpose, relative)
         else:
+            # P C P is symmetric, and the same for any springs.
             self.C.mult(self._centring.project(x), y, purpose, relative)
             y[:] = self._centring.project(y)
 
@@ -226,6 +231,7 @@ class Member:
             if self._centring:
                 u.array[:] = self._centring.centre(u.array_r)
             Au = u.duplicate()
+            # A here is the stiffness without springs: what contact forces leave unbalanced is in the residual.
             A.mult(u, Au)
             energy = 0.5 * u.dot(Au)
             Au.axpy(-1.0, f)

@@ -78,6 +78,7 @@ def place_ranks(nodes: Sequence[int | None], ranks: int) -> list[int]:
     mesh per rank. Bodies count as equal if the nodes of one are unknown."""
     sizes = [1 if None in nodes else size or 1 for size in nodes]
     number = [1] * len(sizes)
+    # Every further rank goes to the body with the most nodes a rank.
     for _ in range(ranks - len(sizes)):
         number[max(range(len(sizes)), key=lambda k: sizes[k] / number[k])] += 1
     return [body for body, times in enumerate(number) for _ in range(times)]

@@ -129,6 +129,7 @@ class Space:
         local = np.array(values, float)
         if self.comm.size == 1:
             return local[None]
+        # Gathered, not reduced by MPI: sums in the order of the ranks are the same bits on all of them.
         self.sent.update(reductions=1, reduced_bytes=local.nbytes)
         everyone = np.empty((self.comm.size, len(local)))
         self.comm.Allgather(local, everyone)

@@ -214,7 +214,8 @@ class Team:
         return result
 
     def _send(self, order: tuple | None) -> None:
-        self.comm.Ibcast(np.zeros(1)).Wait()  # wakes the others
+        # The ranks sleep and poll for this message; the command follows in a blocking broadcast.
+        self.comm.Ibcast(np.zeros(1)).Wait()
         self.comm.bcast(order)
 
     def _receive(self) -> tuple | None:

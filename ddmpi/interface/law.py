@@ -130,6 +130,8 @@ class Law:
         """The forces (size,) that the law assigns to q = s − c r."""
         normal, tangential = self.split(q)
         pressure = np.maximum(normal, self.least)
+        # The bound is that of the projected pressure: Coulomb's law as a fixed point, not a projection onto the cone,
+        # which would let slipping bodies separate (associated flow).
         return np.concatenate([pressure, shorten(tangential, self.slip_bound(pressure)).ravel()])
 
     def active_set(self, q: np.ndarray) -> ActiveSet:
