@@ -495,7 +495,7 @@ def test_of_sides_that_are_held_along_the_normal_of_a_bond_the_one_that_slides_i
     sides = (side(upper, "bottom", body="upper", where=lambda x, y: y == 1.0, x=True, y=True),
              side(lower, "top", body="lower", where=lambda x, y: y == 1.0, y=True))
     assert join(*sides, NoFriction(), "seam", kind="bonded").slave == "lower"
-    with pytest.raises(InputError, match="clamps hold all of 'upper'"):
+    with pytest.raises(InputError, match="clamps constrain all of 'upper'"):
         join(*sides, NoFriction(), "seam", kind="bonded", slave="upper")
 
 
