@@ -70,7 +70,7 @@ class Lines:
     row, xy : (l,) the row of each node, and (l, d) its position (m)
     area : (l,) nodal lengths over the part that faces the other side (m); they add up to the area of the row
     facets : (f, 2) neighbours in the order of nodes, of a closed chain also (last, first); in space (f, 3) triangles
-    at : (l, d) points of application of the forces (m), which differ from the vertices where facets are partly covered
+    at : (l, d) points of application of the forces (m), which differ from the nodes where facets are partly covered
         in space; None if they are the nodes
     """
 
@@ -115,7 +115,7 @@ class Interface:
     law : of contact and friction at these nodes
     modulus : E* (Pa), 1/E* = (1 − ν²)/E of the first body + that of the second; a rigid partner adds nothing
     fixed : nodes without unknowns, because clamps constrain both bodies there; the certificate ignores their gap
-    facets : (f, l) rows at the nodes of outward facets; in space triangles between vertices. Only facets that wholly
+    facets : (f, l) rows at the nodes of outward facets; in space triangles between nodes. Only facets that wholly
         face the other side and whose nodes do not share rows; at an axis, of order 2, the row of a middle stands twice
     laplacian : (m, m) sparse, of hat functions on all facets between the rows, m^(d − 3); nodes without a row that
         clamps or other contacts constrain are fixed. Rows with an entry are neighbours

@@ -73,7 +73,7 @@ def face_rigid(side: Side, rigid: Rigid, contact: SettledContact) -> Interface:
 
     Normals and gaps are those of the rigid surface at the body's nodes, exactly. Nodes that do not face it, such as
     the far side of a roller, carry no row; where the surface has no normal, the body's is taken. The second side has no
-    nodes: the partner's displacement gives `Interface.prescribed`. Quadratic tetrahedra have rows at vertices, see
+    nodes: the partner's displacement gives `Interface.prescribed`. Quadratic tetrahedra have mortar rows, see
     `vertices`. Not collective. Raises InputError where the body's boundary does not face the surface.
     """
     outward, measured = rigid.facing(side.xy)

@@ -56,7 +56,7 @@ def connect(first: Side, second: Side, contact: SettledContact, refinement: int 
 
 
 def mortar_in_space(first: Side, second: Side, contact: SettledContact) -> Interface:
-    """`mortar` of two sides in space: rows at the vertices of the slave, see `vertices`.
+    """`mortar` of two sides in space: rows at the nodes of the slave, see `vertices`.
 
     By default the slave is the side with the larger size of facets over plane modulus, unless it is wholly clamped.
     """
