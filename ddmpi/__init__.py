@@ -5,7 +5,7 @@ solves with its own stiffness, and exchanges only interface vectors with its nei
 
     answer = ddmpi.solve("scene.toml")
 
-`help(ddmpi.solve)` has the details.
+See `help(ddmpi.solve)`.
 """
 
 from __future__ import annotations
@@ -27,23 +27,30 @@ def solve(scene: str | Path | Mapping[str, Any], comm: MPI.Comm | None = None,
           overrides: Mapping[str, Any] | None = None, progress: bool = False) -> Answer:
     """Solve a scene; nothing is written. Collective on `comm`.
 
-        answer = ddmpi.solve("scene.toml", overrides={"contact.upper-lower.friction.coefficient": 0.5})
-        print(answer)                       # certified or not, forces, largest displacement
-        answer.contacts["upper-lower"].pressure.max(), answer.bodies["upper"].displacement
+        >>> import ddmpi
+        >>> block = {"name": "block", "mesh": {"shape": "rectangle", "size": [2, 1], "divisions": [4, 2]},
+        ...          "material": {"young": 2.1e11, "poisson": 0.3}, "traction": [{"on": "top", "pressure": 1e6}]}
+        >>> floor = {"name": "floor", "shape": "plane", "point": [0, 0], "normal": [0, 1]}
+        >>> scene = {"body": [block], "rigid": [floor], "contact": [{"bodies": ["block", "floor"], "on": ["bottom"]}]}
+        >>> answer = ddmpi.solve(scene, overrides={"body.block.traction.0.pressure": 2e6})
+        >>> answer.certified, round(answer.contacts["block-floor"].pressure.max())
+        (True, 2000000)
+        >>> answer.bodies["block"].displacement.shape
+        (15, 2)
 
     Parameters
     ----------
-    scene : a scene's file; or its text, of several lines; or a dict with the same keys, whose mesh files are looked for
-        in the current folder
+    scene : path of a scene file; or its text, of several lines; or a dict with the same keys, with mesh files in the
+        current folder
     comm : any number of ranks; MPI.COMM_WORLD if left out. PETSc starts on all ranks of
-        MPI.COMM_WORLD together: where `comm` is a part of it, call ``petsc4py.init()`` on all ranks before
+        MPI.COMM_WORLD together: if `comm` is a part of it, call ``petsc4py.init()`` on all ranks before
     overrides : values by key, as after ``--set``: ``{"contact.upper-lower.friction.coefficient": 0.5}``
-    progress : whether rank 0 prints what the command prints; if not, the logger ``ddmpi`` of the module logging has it
-        there: ``logging.basicConfig(level="INFO")`` shows it
+    progress : whether rank 0 prints the messages of the command; if not, they go to the logger ``ddmpi`` of the module
+        logging: ``logging.basicConfig(level="INFO")`` shows them
 
     Returns
     -------
-    An answer, also where it is not certified: look at ``answer.certified``.
+    An answer, certified or not: look at ``answer.certified``.
 
     Raises
     ------

@@ -19,7 +19,7 @@ from ddmpi.system import interrupt
 
 LARGEST_RATIO = 2e6, 5e6
 """In the plane and in space, a dense compliance is the default up to this ratio of k³ to n, with k contact unknowns and
-n dofs in all. Only thin bodies exceed it: their factorization takes longer by more than products save."""
+n dofs. Only thin bodies exceed it: condensation costs them more than cheap products save."""
 
 FACTORS, FACTORS_WITH_SCHUR = (55.0, 250.0), (60.0, 285.0)
 """Bytes of MUMPS's factors, without and with the compliance, per n log₂ n in the plane and per n^(4/3) in space.
@@ -42,22 +42,27 @@ FACTORED, ITERATED = 1e-13, 1e-10
 class Compliance:
     """C = B A⁻¹ Bᵀ, by one solve with A per multiplication or as a dense matrix.
 
+    >>> A = PETSc.Mat().createAIJ((2, 2), csr=([0, 1, 2], [0, 1], [4.0, 2.0]))  # two springs
+    >>> C = Compliance(A, sparse.csr_matrix([[1.0, 1.0]]), "springs")
+    >>> C.dense().tolist(), C.kind
+    ([[0.75]], 'explicit')
+
     Parameters
     ----------
     A : stiffness of the body, positive definite
     B : (size, columns of A) trace on its contact nodes
     name : the body's name, for messages
-    kind : "explicit", a dense matrix, from the factorization if it is MUMPS's, else by a solve for each row of B;
+    kind : "explicit", a dense matrix, from the factorization if it is MUMPS's, else by a solve for every row of B;
         "direct", a solve per multiplication; "iterative", the same by multigrid; None lets `choose_kind`
         decide, with direct instead of explicit if the factorization is not MUMPS's
-    memory : bytes that may be used
-    make_solver : what makes the solver with A, called as `StiffnessSolver` is
+    memory : free memory (bytes)
+    make_solver : constructor of the solver, called as `StiffnessSolver`
     points : (nodes of A, d) their positions, for the order of elimination; without them MUMPS chooses it
 
     Attributes
     ----------
     size : length of s, the rows of B
-    kind, reason : what was chosen, and why
+    kind, reason : the kind that was chosen, and why
     solver : solves with A
     accuracy : smallest relative error of a multiplication that can be relied on
     count : multiplications by A⁻¹ so far, by purpose; one by the dense matrix counts as a solve
@@ -70,8 +75,11 @@ class Compliance:
                  points: np.ndarray | None = None) -> None:
         self.B, self.size = B, B.shape[0]
         self.kind, self.reason = plan_compliance(A.size[0], B, kind, memory, A.getBlockSize())
+        # C = 0: the factors are still needed for the displacement under loads.
         self._rigid = not B.count_nonzero()
         dense = self.kind == "explicit"
+        # The Schur complement wants the contact's multipliers last; a nested dissection by positions keeps the fill low
+        # under this restriction. Without C MUMPS orders by itself.
         order = elimination_order(A, points) if dense and points is not None else None
         self.solver = make_solver(A, name, B if dense else None, order, iterative=self.kind == "iterative")
         self.accuracy = FACTORED if self.solver.direct else ITERATED
@@ -103,11 +111,12 @@ class Compliance:
                 self.solve(self._f, self._u, purpose, relative)
                 y[:] = self.B @ self._u.array_r
             else:
+                # One triangle of C is read: half the memory traffic of a full product.
                 self.count[purpose] += 1
                 y[:] = dsymv(1.0, self._matrix, x)
 
     def state(self) -> dict:
-        """Plain values that `restore` of a new Compliance takes, to go on counting as if uninterrupted."""
+        """Plain values for `restore` of a new Compliance, to go on counting as if uninterrupted."""
         return {"count": dict(self.count), "norm": self._norm}
 
     def restore(self, state: dict) -> None:
@@ -147,18 +156,18 @@ class Compliance:
 
 
 def plan_compliance(n: int, B: sparse.csr_matrix, kind: str | None, memory: float, d: int) -> tuple[str, str]:
-    """The `kind` that is asked for, or else that of `choose_kind`, and the reason; that of a body whose contact nodes
-    cannot move, with a trace B of no entries, is direct. Not collective."""
+    """The given `kind`, else that of `choose_kind`, and the reason; direct for a trace B without entries, of a body
+    whose contact nodes cannot move. Not collective."""
     if not B.count_nonzero():
-        return "direct", "clamps hold its whole contact: C = 0" if B.shape[0] else "it touches nothing"
+        return "direct", "clamps constrain its whole contact: C = 0" if B.shape[0] else "it touches nothing"
     return (kind, "asked for") if kind else choose_kind(n, B.shape[0], memory, d)
 
 
 def choose_kind(n: int, k: int, memory: float, d: int = 2) -> tuple[str, str]:
     """The kind of compliance for a body with `n` dofs, `d` of a node, and `k` contact unknowns, and the reason.
 
-    Beyond the `memory` (bytes) for factors a body is solved by multigrid. In space it is also where only the compliance
-    does not fit: hundreds of solves with factors take longer there. Not collective.
+    A body whose factors exceed the `memory` (bytes) is solved by multigrid; in space also one whose factors fit without
+    the compliance, as hundreds of solves with factors take longer there. Not collective.
     """
     solid, dense = d == 3, 8.0 * k**2
     plain, whole = (MARGIN * memory_of_factors(n, d, condensed) for condensed in (False, True))
@@ -176,8 +185,9 @@ def choose_kind(n: int, k: int, memory: float, d: int = 2) -> tuple[str, str]:
 
 
 def memory_of_factors(n: int, d: int, condensed: bool) -> float:
-    """Bytes of MUMPS's factors of `n` dofs, d a node, with the compliance if it is `condensed`; an estimate."""
+    """Estimated bytes of MUMPS's factors of `n` dofs, d a node, with the compliance if `condensed`."""
     solid = d == 3
+    # Nested dissection: factors grow as n log n in the plane and as n^(4/3) in space.
     growth = n ** (4 / 3) if solid else n * np.log2(max(n, 2))
     return (FACTORS_WITH_SCHUR if condensed else FACTORS)[solid] * growth
 

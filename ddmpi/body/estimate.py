@@ -36,13 +36,13 @@ UNSTRAINED = 1e-12
 """Relative error of a computed displacement. A displacement with smaller strains counts as a rigid motion."""
 
 SOLVABLE = 1e-8
-"""Smallest eigenvalue of a patch's normal equations, relative to its number of samples, for which a fit is made."""
+"""Least eigenvalue of a patch's normal equations, relative to its number of samples, for a fit of full degree."""
 
 REACH = 4
-"""How many edges from a node the patch may lie whose fit the node borrows."""
+"""Largest distance, in edges, between a node and the patch whose fit it borrows."""
 
 ROUNDING = 1e-9
-"""Distances that differ relatively by less than this are the same."""
+"""Distances are equal up to this relative difference."""
 
 
 @dataclass(frozen=True)
@@ -74,20 +74,20 @@ class ErrorEstimate:
 
 
 def relative_error(squared_error: float, energy: float) -> float:
-    """‖e‖ / ‖u‖ in the energy norm, with ‖u‖² = ‖u_h‖² + ‖e‖²; zero where nothing is strained."""
+    """‖e‖ / ‖u‖ in the energy norm, with ‖u‖² = ‖u_h‖² + ‖e‖² (Galerkin orthogonality); zero without strains."""
     size = squared_error + energy
     return float(np.sqrt(squared_error / size)) if size else 0.0
 
 
 @dataclass(frozen=True)
 class DiscretizationError:
-    """The estimated discretization error of all bodies together, as one rank holds it.
+    """The estimated discretization error of all bodies together, with the estimates of one rank's bodies.
 
     Attributes
     ----------
     relative : ‖e‖ / ‖u‖ in the energy norm of all bodies; nan if one of them has no estimate
-    by_body : each body's part of ‖e‖, over the same ‖u‖; nan as well; of all bodies on the first rank only
-    own : the estimates of the rank's own bodies
+    by_body : ‖e‖ of single bodies over the same ‖u‖; nan as well; of all bodies on the first rank only
+    own : the estimates of this rank's bodies
     mean : energy norm squared over area, of all bodies (J/m³)
     """
 
@@ -97,21 +97,21 @@ class DiscretizationError:
     mean: float
 
     def density(self, body: str) -> np.ndarray | None:
-        """Error of each cell (nt,) per area over the mean energy norm per area, without unit; None if unknown."""
+        """Error of all cells (nt,) per area over the mean energy norm per area, without unit; None if unknown."""
         if np.isnan(self.relative):
             return None
-        own = self.own[body]
-        return np.sqrt(own.squares / own.areas / self.mean) if self.mean else np.zeros(len(own.areas))
+        estimate = self.own[body]
+        return np.sqrt(estimate.squares / estimate.areas / self.mean) if self.mean else np.zeros(len(estimate.areas))
 
 
 def sum_errors(bodies: Mapping[str, tuple[float, float, float]], own: dict[str, ErrorEstimate],
                sums: np.ndarray) -> DiscretizationError:
-    """From squared errors, squared energy norms and areas of `bodies` by name, and their `sums` (3,) over all of them.
-    Not collective."""
+    """The error from squared errors, squared energy norms and areas of `bodies` by name, and their `sums` (3,). Not
+    collective."""
     error, energy, area = sums.tolist()
-    parts = {name: float(np.sqrt(each / (error + energy))) if error + energy else 0.0
-             for name, (each, *_) in bodies.items()}
-    return DiscretizationError(relative_error(error, energy), parts, own, energy / area)
+    shares = {name: float(np.sqrt(square / (error + energy))) if error + energy else 0.0
+              for name, (square, *_) in bodies.items()}
+    return DiscretizationError(relative_error(error, energy), shares, own, energy / area)
 
 
 def estimate_error(mesh: Mesh, material: Material | Composite, u: np.ndarray,
@@ -120,88 +120,92 @@ def estimate_error(mesh: Mesh, material: Material | Composite, u: np.ndarray,
 
     `heat` (nv,) is the temperature over the state free of stress (K).
 
-    Energy and error are zero where only rounding strains the body. Errors of linear cells that lock are nan: they
-    hardly deform, so that their stress jumps little however wrong it is. Where materials meet, stress does jump, and is
+    Energy and error are zero if all strains are rounding. Errors of linear cells that lock are nan: they hardly deform,
+    so that their stress jumps little however wrong it is. At interfaces of materials the true stress jumps, and is
     recovered from either side.
     """
     cell, (points, weights), measures = mesh.cell, mesh.cell.rule, mesh.measures()
     shapes = cell.shapes(points)
-    spans = [cell.derivatives(each).swapaxes(0, 1).reshape(len(each), -1) for each in (points, cell.samples[0])]
+    spans = [cell.derivatives(places).swapaxes(0, 1).reshape(len(places), -1) for places in (points, cell.samples[0])]
+    # On straight cells σ_h is a combination of the derivatives of shape functions, so its values at the samples give
+    # those at the points of quadrature: no second evaluation.
     between = spans[0] @ np.linalg.pinv(spans[1])  # stress is a sum of derivatives of shape functions
-    parts, sampled, recovered = _recovered(mesh, material, u, heat)
+    split, sampled, recovered = _recovered(mesh, material, u, heat)
     squares: np.ndarray = np.zeros(len(measures))
     energy = 0.0
-    for cells, own, curved in portions(mesh, material):
+    for cells, uniform, curved in portions(mesh, material):
         computed, share = between @ sampled[..., cells], weights[:, None] * measures[cells]
         if curved:
-            computed = components(cell_stress(mesh, own, u, points, cells, curved, heat))
+            computed = components(cell_stress(mesh, uniform, u, points, cells, curved, heat))
             share = weights[:, None] * mesh.map(cells, points).measures
-        difference = shapes @ np.take(recovered, parts.triangles[cells].T, axis=1) - computed
-        squares[cells] = (share * energy_density(own, difference)).sum(axis=0)
-        energy += float((share * energy_density(own, computed)).sum())
+        # η² = ∫ (σ* − σ_h) : C⁻¹ (σ* − σ_h), with σ* interpolated from the nodes (Zienkiewicz and Zhu).
+        difference = shapes @ np.take(recovered, split.triangles[cells].T, axis=1) - computed
+        squares[cells] = (share * energy_density(uniform, difference)).sum(axis=0)
+        energy += float((share * energy_density(uniform, computed)).sum())
         if heat is not None:  # in plane strain σ_zz has energy as well
             warm = cell_temperature(mesh, heat, points, cells) if curved else (
                 between @ cell_temperature(mesh, heat, cell.samples[0], cells))
-            energy += thermal(own, mesh.strains)[3] * float((share * warm**2).sum())
+            energy += thermal(uniform, mesh.strains)[3] * float((share * warm**2).sum())
     materials = [material] if isinstance(material, Material) else material.materials
-    stiffest = max(each.tensor(mesh.dimension).max() for each in materials)
+    stiffest = max(one.tensor(mesh.dimension).max() for one in materials)
     if energy <= stiffest * len(measures) * (UNSTRAINED * np.abs(u).max()) ** 2:
         squares, energy = np.zeros(len(measures)), 0.0
-    if mesh.cell.linear and any(each.locks for each in materials):
+    if mesh.cell.linear and any(one.locks for one in materials):
         squares = np.full(len(measures), np.nan)
-    return ErrorEstimate(squares, measures, energy, _joined(mesh, material, parts, recovered, heat))
+    return ErrorEstimate(squares, measures, energy, _joined(mesh, material, split, recovered, heat))
 
 
 def nodal_stress(mesh: Mesh, material: Material | Composite, u: np.ndarray,
                  heat: np.ndarray | None = None) -> np.ndarray:
     """The recovered stress at the nodes (nv, 4), in space (nv, 6), in Pa, with the columns and arguments of `stress`;
     where materials meet, the mean of theirs. Not collective."""
-    parts, _, recovered = _recovered(mesh, material, u, heat)
-    return _joined(mesh, material, parts, recovered, heat)
+    split, _, recovered = _recovered(mesh, material, u, heat)
+    return _joined(mesh, material, split, recovered, heat)
 
 
 def _recovered(mesh: Mesh, material: Material | Composite, u: np.ndarray, heat: np.ndarray | None,
                ) -> tuple[Mesh, np.ndarray, np.ndarray]:
-    """The mesh with nodes of its own for each material, stress (n, q, nt) at the samples, and recovered (n, ·)."""
-    parts = mesh if isinstance(material, Material) else _apart(mesh, material)
+    """The mesh with separate nodes for every material, stress (n, q, nt) at the samples, and recovered (n, ·)."""
+    split = mesh if isinstance(material, Material) else _apart(mesh, material)
     sampled = components(stress_at(mesh, material, u, mesh.cell.samples[0], heat))
-    return parts, sampled, _recover(parts, sampled)
+    return split, sampled, _recover(split, sampled)
 
 
-def _joined(mesh: Mesh, material: Material | Composite, parts: Mesh, recovered: np.ndarray,
+def _joined(mesh: Mesh, material: Material | Composite, split: Mesh, recovered: np.ndarray,
             heat: np.ndarray | None) -> np.ndarray:
-    """The columns of `stress` at the nodes of the mesh, from the recovered stress (n, ·) at those of its `parts`."""
+    """The columns of `stress` at the nodes of the mesh, from the recovered stress (n, ·) at those of its `split`."""
     n, columns = mesh.strains, 2 * mesh.dimension
     tensors = np.empty((n, n, recovered.shape[1]))
     i, j = np.triu_indices(n)
     tensors[i, j] = tensors[j, i] = recovered
     if isinstance(material, Material):
         return columns_of(tensors, material, heat)[:columns].T
-    node, number = np.empty((2, len(parts.points)), int)
-    node[parts.triangles], number[parts.triangles] = mesh.triangles, material.number[:, None]
+    node, number = np.empty((2, len(split.points)), int)
+    node[split.triangles], number[split.triangles] = mesh.triangles, material.number[:, None]
     total = np.zeros((len(mesh.points), columns))
-    for k, own in enumerate(material.materials):
+    for k, uniform in enumerate(material.materials):
         at = node[number == k]
-        found = columns_of(tensors[..., number == k], own, None if heat is None else heat[at])
-        np.add.at(total, at, found[:columns].T)
+        values = columns_of(tensors[..., number == k], uniform, None if heat is None else heat[at])
+        np.add.at(total, at, values[:columns].T)
     return total / np.bincount(node, minlength=len(total))[:, None]
 
 
 def _apart(mesh: Mesh, material: Composite) -> Mesh:
-    """The mesh with nodes of its own for each material, so that no patch reaches from one into another."""
+    """The mesh with separate nodes for every material, so that no patch reaches from one into another."""
     size = len(material.materials)
     keys, cells = np.unique(mesh.triangles * size + material.number[:, None], return_inverse=True)
     return replace(mesh, points=mesh.points[keys // size], triangles=cells.reshape(mesh.triangles.shape))
 
 
 def _recover(mesh: Mesh, sampled: np.ndarray) -> np.ndarray:
-    """The recovered stress (n, nv) at all nodes from that (n, q, nt) at the samples, in Pa: fits around the corners, at
-    nodes between these the mean of theirs."""
+    """The recovered stress (n, nv) at all nodes from that (n, q, nt) at the samples, in Pa: fits around the corners; at
+    middle nodes the mean of the fits of both corners."""
     x, order, corners, samples = mesh.points, mesh.order, mesh.corners, mesh.cell.samples[0]
     nv, n, k = int(corners.max()) + 1, len(sampled), comb(mesh.dimension + order, order)
     places = samples @ np.take(x.T, corners.T, axis=1)  # (d, q, nt)
     for bent in mesh.summed_blocks():
         places[..., bent] = mesh.map(bent, samples).places.transpose(2, 0, 1)
+    # Coordinates relative to the vertex, over the size of its patch, keep the normal equations well conditioned.
     reach = np.zeros(nv)
     for block in blocks(len(corners)):
         np.maximum.at(reach, corners[block], np.linalg.norm(np.ptp(x[corners[block]], axis=1), axis=1)[:, None])
@@ -248,6 +252,8 @@ def _fits(mesh: Mesh, moments: np.ndarray, sums: np.ndarray, upper: tuple[np.nda
         good[block], sums[:, block] = solvable, fit.reshape(len(fit), -1).T
 
     owner = np.where(good, np.arange(nv), -1)
+    # Breadth first along edges from the vertices with a fit; of several neighbours the nearest gives its fit, as
+    # assignments overwrite in the order of falling distance.
     near = corners[~good[corners].all(axis=1)]
     ends = np.concatenate([mesh.cell.edges[:, :2], mesh.cell.edges[:, 1::-1]])
     links = near[:, ends].swapaxes(0, 1).reshape(-1, 2)
@@ -267,16 +273,16 @@ def _well_posed(M: np.ndarray) -> np.ndarray:
 
 def _monomials(x: np.ndarray, order: int) -> np.ndarray:
     """All monomials (k, …) up to the order at the points x (d, …)."""
-    factors = (each for k in range(order) for each in itertools.combinations_with_replacement(x, k + 1))
-    return np.stack([np.ones_like(x[0]), *(functools.reduce(np.multiply, each) for each in factors)])
+    factors = (chosen for k in range(order) for chosen in itertools.combinations_with_replacement(x, k + 1))
+    return np.stack([np.ones_like(x[0]), *(functools.reduce(np.multiply, chosen) for chosen in factors)])
 
 
 def _evaluate(fit: np.ndarray, owner: np.ndarray, x: np.ndarray, reach: np.ndarray, nodes: np.ndarray,
               order: int) -> np.ndarray:
     """The polynomials `fit` (k n, nv) of the vertices `owner` (j,) at the `nodes` (j,) with coordinates x (nv, d)."""
-    parts = []
+    values = []
     for block in blocks(len(nodes)):
         vertex = owner[block]
         p = _monomials(((x[nodes[block]] - x[vertex]) / reach[vertex, None]).T, order)
-        parts.append(np.einsum("kj,knj->nj", p, np.take(fit, vertex, axis=1).reshape(len(p), -1, len(vertex))))
-    return np.concatenate(parts, axis=1)
+        values.append(np.einsum("kj,knj->nj", p, np.take(fit, vertex, axis=1).reshape(len(p), -1, len(vertex))))
+    return np.concatenate(values, axis=1)

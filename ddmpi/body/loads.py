@@ -23,33 +23,32 @@ SAME = 1e-9
 """Relative difference up to which two clamps prescribe the same displacement."""
 
 ALONG, EXACT = 1e-6, 1e-14
-"""A direction of which no more than the first is free is held. Of displacements, the second is rounding."""
+"""A direction is clamped if its free part is below the first; the second is the rounding of displacements."""
 
 ROUNDING = 1e-9
-"""A load has no component along an axis from which its direction differs by less than this from a right angle."""
+"""A component of a load below this fraction of its largest is zero."""
 
 SMALLEST = 1e-150
-"""Squares of smaller numbers lose digits or vanish; norms are made of squares."""
+"""Squares of smaller numbers, as in norms, lose digits or vanish."""
 
 ON_AXIS = Clamp(on="the axis", x=0.0)
-"""Around an axis, the clamp whose number follows those of the body."""
-
+"""The radial clamp of nodes on an axis, numbered after those of the body."""
 
 VOLUME = "volume_force"
-"""What the volume force is called among the groups that are loaded."""
+"""The name of the volume force among loaded groups."""
 
 
 def nodal_loads(mesh: Mesh, body: BodySpec, history: str | None = None) -> np.ndarray:
-    """Nodal loads (nv, d) in newtons of tractions, pressures and volume force that follow `history`, None for none.
+    """Nodal loads (nv, d) in newtons of tractions, pressures and volume force of a `history`, None for constant ones.
 
-    They are exact where these are affine on straight facets and cells; formulas, and what acts on curved ones, are
-    integrated by Gauss's rule. Raises InputError where a formula is not finite.
+    Affine loads on straight facets and cells are exact; formulas, and loads on curved ones, are integrated by Gauss's
+    rule. Raises InputError where a formula is not finite.
     """
     return sum((f for _, f in loads_by_group(mesh, body, history)), np.zeros_like(mesh.points))
 
 
 def loads_by_group(mesh: Mesh, body: BodySpec, history: str | None = None) -> Iterator[tuple[str, np.ndarray]]:
-    """The parts of `nodal_loads`, each with its group; the volume force is called VOLUME. A group may come again."""
+    """The summands of `nodal_loads` with their groups; the volume force is called VOLUME. A group may appear twice."""
     for traction in body.traction:
         if traction.history == history:
             key = f"body.{body.name}.traction"
@@ -60,14 +59,14 @@ def loads_by_group(mesh: Mesh, body: BodySpec, history: str | None = None) -> It
         yield VOLUME, _volume_force(mesh, force, f"body.{body.name}.volume_force")
 
 
-def resultants(mesh: Mesh, parts: Iterable[tuple[str, np.ndarray]]) -> dict[str, dict[str, np.ndarray]]:
-    """By group the force (d,) in newtons and the moment about the origin (N m), () or (3,), of nodal forces (nv, d)."""
-    found: dict[str, dict[str, np.ndarray]] = {}
-    for group, f in parts:
+def resultants(mesh: Mesh, groups: Iterable[tuple[str, np.ndarray]]) -> dict[str, dict[str, np.ndarray]]:
+    """Force (d,) in newtons and moment about the origin (N m), () or (3,), by group, of nodal forces (nv, d)."""
+    totals: dict[str, dict[str, np.ndarray]] = {}
+    for group, f in groups:
         acts = f.any(axis=1)
         now = {"force": f[acts].sum(axis=0), "moment": moment(mesh.points[acts], f[acts], mesh.axisymmetric)}
-        found[group] = {kind: now[kind] + value for kind, value in found[group].items()} if group in found else now
-    return found
+        totals[group] = {kind: now[kind] + value for kind, value in totals[group].items()} if group in totals else now
+    return totals
 
 
 def _traction(mesh: Mesh, traction: Traction, key: str) -> np.ndarray:
@@ -77,6 +76,8 @@ def _traction(mesh: Mesh, traction: Traction, key: str) -> np.ndarray:
     points, weights = FINE[cell.dimension]
     exact = ~(curved_facets(nodes) | varies(traction.given) | mesh.axisymmetric)
     f, area = np.zeros_like(mesh.points), 0.0
+    # Affine t on straight facets: a table of ∫ φ_l λ_k with the corners k as points. Else Gauss's rule, with weights
+    # times shape functions as the table.
     for part, where, table in ((exact, np.eye(mesh.dimension), cell.mass),
                                (~exact, points, (weights[:, None] * cell.shapes(points)).T)):
         if part.any():
@@ -85,6 +86,7 @@ def _traction(mesh: Mesh, traction: Traction, key: str) -> np.ndarray:
             places = np.einsum("ql,sld->qsd", cell.shapes(where), nodes[part])
             stress = values_at(traction.given, places, key)
             if traction.pressure is not None:
+                # A pressure acts against the outer normal; `vectors` are normals as long as the ratio of measures.
                 stress = -vectors / size * stress
             shares = table[..., None] * size * circumference(places, mesh.axisymmetric)
             area += float(shares.sum())
@@ -97,7 +99,7 @@ def _traction(mesh: Mesh, traction: Traction, key: str) -> np.ndarray:
 
 
 def temperature(mesh: Mesh, body: BodySpec, history: str | None) -> np.ndarray:
-    """Temperature (nv,) in K at the nodes, as far as it follows `history`. Raises InputError where it is not finite."""
+    """Temperature (nv,) in K at the nodes, zero for another history. Raises InputError where it is not finite."""
     value = body.heat.value if body.heat.history == history else 0.0
     return values_at(value, mesh.points, f"body.{body.name}.temperature")
 
@@ -105,10 +107,10 @@ def temperature(mesh: Mesh, body: BodySpec, history: str | None) -> np.ndarray:
 def _volume_force(mesh: Mesh, force: Vector | AffineVector, key: str) -> np.ndarray:
     """Nodal loads (nv, d) in newtons of a volume force (N/m³)."""
     f = np.zeros_like(mesh.points)
-    parts: list[slice] | list[np.ndarray] = mesh.summed_blocks()
+    cells: list[slice] | list[np.ndarray] = mesh.summed_blocks()
     if varies(force):
         values_at(force, mesh.points, key)
-        parts = blocks(len(mesh.triangles))
+        cells = blocks(len(mesh.triangles))
     else:
         measures = mesh.measures()
         measures[mesh.summed] = 0.0
@@ -117,8 +119,8 @@ def _volume_force(mesh: Mesh, force: Vector | AffineVector, key: str) -> np.ndar
             f[:, component] += np.bincount(mesh.triangles.ravel(), loads.ravel(), len(f))
     where, weights = FINE[mesh.dimension]
     shapes = mesh.cell.shapes(where)
-    for part in parts:
-        mapped, nodes = mesh.map(part, where), mesh.triangles[part]
+    for some in cells:
+        mapped, nodes = mesh.map(some, where), mesh.triangles[some]
         shares = weights[:, None] * mapped.measures
         for component, density in enumerate(values_at(force, mapped.places, key)):
             f[:, component] += np.bincount(nodes.ravel(), ((shares * density).T @ shapes).ravel(), len(f))
@@ -128,8 +130,8 @@ def _volume_force(mesh: Mesh, force: Vector | AffineVector, key: str) -> np.ndar
 def springs(mesh: Mesh, body: BodySpec) -> Iterator[tuple[str, float, sparse.csr_matrix]]:
     """The foundations of a body: group, stiffness √k (N/m)^½, and rows Q (r, d nv) without units.
 
-    Under a displacement u the springs store ½ k |Q u|², and take the forces k Qᵀ Q u. Not collective. Raises InputError
-    for inner facets.
+    Under a displacement u the springs store ½ k |Q u|², and their forces are −k Qᵀ Q u. Not collective. Raises
+    InputError for inner facets.
     """
     for foundation in body.foundation:
         key = f"body.{body.name}.foundation"
@@ -143,6 +145,8 @@ def springs(mesh: Mesh, body: BodySpec) -> Iterator[tuple[str, float, sparse.csr
         size = size * circumference(places, mesh.axisymmetric)
         largest, measure = max(foundation.normal, foundation.tangential), float(weights @ size.sum(axis=1))
         normal, tangential = np.sqrt([foundation.normal / largest, foundation.tangential / largest])
+        # The root of k_n n nᵀ + k_t (I − n nᵀ), as n nᵀ and I − n nᵀ are orthogonal projections; a row of Q a Gauss
+        # point.
         roots = normal * along + tangential * (np.eye(d) - along)
         roots = roots * np.sqrt(weights[:, None] * size / measure)[..., None, None]
         values = np.einsum("qsij,ql->qsilj", roots, cell.shapes(points))
@@ -153,16 +157,16 @@ def springs(mesh: Mesh, body: BodySpec) -> Iterator[tuple[str, float, sparse.csr
 
 
 def thermal_loads(mesh: Mesh, material: Material | Composite, heat: np.ndarray) -> tuple[np.ndarray, float]:
-    """Nodal loads (nv, d) in newtons by which a temperature (nv,) in K strains a body, ∫ β T : ∇φ; and twice the
-    elastic energy where no strain yields to it (J). Not collective.
+    """Nodal loads ∫ β T : ∇φ (nv, d) in newtons of a temperature (nv,) in K; and twice the elastic energy of the fully
+    constrained thermal strains (J). Not collective.
 
-    The temperature is that of the points where the stress is taken, see `Cell.samples`.
+    The temperature is evaluated where stresses are, see `Cell.samples`.
     """
     f, energy = np.zeros_like(mesh.points), 0.0
-    for cells, own, curved in portions(mesh, material):
+    for cells, uniform, curved in portions(mesh, material):
         points, weights = RULES[mesh.dimension] if curved else mesh.cell.samples
         mapped, warm = mesh.map(cells, points), cell_temperature(mesh, heat, points, cells)
-        beta, whole, *_ = thermal(own, mesh.strains)
+        beta, whole, *_ = thermal(uniform, mesh.strains)
         beta = np.einsum("ij,ijrc->rc", beta, gradients(mesh))
         share = weights[:, None] * mapped.measures * warm
         for component, loads in enumerate(np.einsum("rc,cqit,qt->rti", beta, mapped.slopes, share)):
@@ -173,27 +177,26 @@ def thermal_loads(mesh: Mesh, material: Material | Composite, heat: np.ndarray) 
 
 def values_at(value: Any, points: np.ndarray, key: str) -> np.ndarray:
     """`evaluate` at points (…, d). Raises InputError, naming `key`, where a formula is not finite."""
-    found = evaluate(value, *np.moveaxis(points, -1, 0))
-    if varies(value) and not np.isfinite(found).all():
-        at = np.argwhere(~np.isfinite(found))[0]
-        parts, where = value if isinstance(value, tuple) else (value,), in_words(points[tuple(at[1 - points.ndim:])])
-        raise InputError(f'{key}: the formula "{parts[at[0] if len(at) == points.ndim else 0]}" is '
-                         f"{found[tuple(at)]} at {where}; it must be a finite number wherever it acts")
-    return found
+    values = evaluate(value, *np.moveaxis(points, -1, 0))
+    if varies(value) and not np.isfinite(values).all():
+        at = np.argwhere(~np.isfinite(values))[0]
+        formulas, where = value if isinstance(value, tuple) else (value,), in_words(points[tuple(at[1 - points.ndim:])])
+        raise InputError(f'{key}: the formula "{formulas[at[0] if len(at) == points.ndim else 0]}" is '
+                         f"{values[tuple(at)]} at {where}; it must be a finite number wherever it acts")
+    return values
 
 
 @dataclass(frozen=True)
 class Supports:
-    """What clamps hold of a body.
+    """The clamped directions of all nodes of a body.
 
     Attributes
     ----------
     clamps : (nv, d) the number of the clamp that prescribes each component, −1 if none does; a clamp along a normal
         counts for all components that the normal has
-    free : (nv, d, d) projections onto the directions in which the nodes can move
-    moved : (nv, d) the displacements that clamps prescribe (m), at factor 1 of the history that they follow, None for
-        those that follow none
-    held : number of a clamp, nodes (k,) and unit vectors (k, d) along which it holds them, in the order of the scene
+    free : (nv, d, d) projections onto the free directions
+    moved : (nv, d) the displacements that clamps prescribe (m), by history, at its factor 1; None for constant ones
+    held : number of a clamp, its nodes (k,) and unit vectors (k, d) of the clamped directions, in the scene's order
     """
 
     clamps: np.ndarray
@@ -203,24 +206,25 @@ class Supports:
 
 
 def supports(mesh: Mesh, body: BodySpec) -> Supports:
-    """What the clamps of a body hold; several at a node hold what they hold together. Not collective.
+    """The clamped directions of a body: at a node the span of those of all its clamps. Not collective.
 
-    Nodes on an axis are held radially as by one clamp more.
-    Of two clamps along normals, a node where one surface goes on smoothly in the other has the normal of the first.
-    Raises InputError where two clamps prescribe different displacements in one direction, and at a corner inside a
-    group that is clamped along its normal.
+    Nodes on an axis have one more clamp, a radial one. Where two surfaces clamped along their normals continue each
+    other smoothly, a common node has the normal of the first. Raises InputError where two clamps prescribe different
+    displacements in one direction, and at a corner inside a group that is clamped along its normal.
     """
     (size, d), key, names = mesh.points.shape, f"body.{body.name}.clamp", [None, *histories(body)]
     clamps, free = np.full((size, d), -1), np.tile(np.eye(d), (size, 1, 1))
     moved, outer = np.zeros((len(names), size, d)), np.zeros((size, d))
     clamps[mesh.on_axis, 0], free[mesh.on_axis, 0, 0] = len(body.clamps), 0.0
-    held: list[tuple[int, np.ndarray, np.ndarray]] = []
+    directions: list[tuple[int, np.ndarray, np.ndarray]] = []
     for which, clamp in enumerate(body.clamps):
         for axis, value, nodes, direction in _held(mesh, clamp, key):
             if axis == "normal":
                 smooth = np.einsum("ki,ki->k", direction, outer[nodes]) > np.cos(SHARPEST)
                 outer[nodes] = direction = np.where(smooth[:, None], outer[nodes], direction)
-            held.append((which, nodes, direction))
+            directions.append((which, nodes, direction))
+            # Gram and Schmidt: the free part of the new direction. If nothing of it is free, earlier clamps prescribe
+            # the displacement along it, and both values must agree.
             rest = np.einsum("kij,kj->ki", free[nodes], direction)
             new = np.linalg.norm(rest, axis=1) > ALONG
             wanted = np.zeros((len(names), len(nodes)))
@@ -241,14 +245,15 @@ def supports(mesh: Mesh, body: BodySpec) -> Supports:
             clamps[nodes[rows], columns] = which
             nodes, rest = nodes[new], rest[new]
             squares = (rest**2).sum(axis=1)
+            # The change along `rest` that makes u · direction = wanted, without touching the directions clamped before.
             moved[:, nodes] += ((wanted - before)[:, new] / squares)[:, :, None] * rest
             free[nodes] -= rest[:, :, None] * rest[:, None] / squares[:, None, None]
-    free[np.einsum("kii->k", free) < 0.5] = 0.0  # nothing but rounding
-    return Supports(clamps, free, dict(zip(names, moved, strict=True)), held)
+    free[np.einsum("kii->k", free) < 0.5] = 0.0  # the trace is the number of free directions
+    return Supports(clamps, free, dict(zip(names, moved, strict=True)), directions)
 
 
 def _held(mesh: Mesh, clamp: Clamp, key: str) -> Iterator[tuple[str, Any, np.ndarray, np.ndarray]]:
-    """What a clamp prescribes: the component in words, its value, the nodes (k,) and unit vectors (k, d) there."""
+    """The components of a clamp: name, value, nodes (k,), and unit vectors (k, d) at them."""
     nodes = group_nodes(mesh, clamp.on, key)
     for axis, value, unit in zip("xyz", clamp.components, np.eye(3), strict=True):
         if value is not None and unit[:mesh.dimension].any():
@@ -264,9 +269,9 @@ def _held(mesh: Mesh, clamp: Clamp, key: str) -> Iterator[tuple[str, Any, np.nda
 
 
 def refuse_underflow(mesh: Mesh, body: BodySpec, f: np.ndarray, prescribed: np.ndarray, stiffest: float) -> None:
-    """Raise InputError where something acts that is too small to compute with: loads, nodal loads f (nv, d) in newtons,
-    displacements that are `prescribed` (nv, d) in metres, or f over the `stiffest` entry (N/m). Not collective."""
-    groups = [(each.given, mesh.points[boundary_group(mesh, each.on, "").ravel()]) for each in body.traction]
+    """Raise InputError for numbers too small to compute with: loads, nodal loads f (nv, d) in newtons, `prescribed`
+    displacements (nv, d) in metres, or f over the `stiffest` entry (N/m). Not collective."""
+    groups = [(load.given, mesh.points[boundary_group(mesh, load.on, "").ravel()]) for load in body.traction]
     values = [evaluate(value, *points.T) for value, points in [*groups, (body.weight[0], mesh.points)]]
     sizes = [float(np.abs(value).max()) for value in (*values, f, prescribed)]
     small = [size for size in (*sizes, float(np.abs(f).max() / stiffest)) if 0.0 < size < SMALLEST]
@@ -276,16 +281,16 @@ def refuse_underflow(mesh: Mesh, body: BodySpec, f: np.ndarray, prescribed: np.n
 
 
 def lost_loads(mesh: Mesh, body: BodySpec, free: np.ndarray) -> list[str]:
-    """Warnings of loads on groups that clamps take up wholly, and of groups that are loaded twice. Not collective."""
-    key, found, loads = f"body.{body.name}", [], Counter[tuple[str, str | None]]()
+    """Warnings of loads that act on clamps alone, and of groups that are loaded twice. Not collective."""
+    key, warnings, loads = f"body.{body.name}", [], Counter[tuple[str, str | None]]()
     for history in (None, *histories(body)):
         for group, f in loads_by_group(mesh, body, history):
             if group == VOLUME:
                 continue
             loads[group, history] += 1
-            acts, left = (np.abs(each).max(axis=0) > ROUNDING * np.abs(f).max()
-                          for each in (f, np.einsum("kij,kj->ki", free, f)))
-            found += [f"{key}: the load on {group!r} along {axis} is lost, because clamps hold the whole group in this "
-                      "direction" for axis, lost in zip("xyz", acts & ~left, strict=False) if lost]
-    return found + [f"{key}: {group!r} is loaded {number} times; the loads add up"
-                    for (group, _), number in loads.items() if number > 1]
+            acts, left = (np.abs(forces).max(axis=0) > ROUNDING * np.abs(f).max()
+                          for forces in (f, np.einsum("kij,kj->ki", free, f)))
+            warnings += [f"{key}: the load on {group!r} along {axis} is lost, as clamps constrain the whole group in "
+                         "this direction" for axis, lost in zip("xyz", acts & ~left, strict=False) if lost]
+    return warnings + [f"{key}: {group!r} is loaded {number} times; the loads add up"
+                       for (group, _), number in loads.items() if number > 1]

@@ -1,8 +1,8 @@
-"""Rigid motions of a body: those that its clamps leave free, and what they take to solve with its stiffness.
+"""The rigid motions that clamps leave a body free, and a generalised inverse of its stiffness.
 
-The stiffness of a body that clamps do not hold is singular. A few springs on it make it positive definite, and its
-inverse a generalised inverse: a balanced load finds its displacement, up to a rigid motion. `Centring` then takes out
-what depends on where the springs are.
+The stiffness of an unsupported body is singular. Springs at a few dofs make it positive definite, and its inverse a
+generalised inverse: a balanced load gets its displacement, up to a rigid motion. `Centring` then removes what depends
+on the place of the springs.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from ddmpi.mesh.mesh import Mesh
 from ddmpi.system.numbers import is_touched
 
 LOOSE = 1e-16
-"""A motion is free if its squared size at the clamps is below this, relative to the largest, for each component."""
+"""A motion is free if its squared size at the clamps, per component, is below this fraction of the largest."""
 
 PURE = 1e-10
-"""A translation is free by itself if the free motions miss it by less than this."""
+"""A translation is free by itself if its distance from the span of the free motions is below this."""
 
 SEEN = 1e-8
-"""The contact does not see a motion that moves it by less than this, relative to the motion's size."""
+"""A motion does not act on the contact if it moves it by less than this fraction of its size."""
 
 
 def rigid_motions(points: np.ndarray, centre: np.ndarray, size: float = 1.0) -> np.ndarray:
@@ -45,21 +45,22 @@ def rigid_motions(points: np.ndarray, centre: np.ndarray, size: float = 1.0) -> 
 
 
 def free_motions(motions: np.ndarray, free: np.ndarray, springs: Sequence[np.ndarray] = ()) -> np.ndarray:
-    """Combinations (j, ·) of `motions` (k, d, j), orthonormal columns, that move the nodes in the directions onto which
-    `free` (k, d, d) projects, and that strain no springs: rows (r, j) of what these see of the motions."""
+    """Combinations (j, ·) of `motions` (k, d, j), orthonormal columns, that move the nodes only in the directions onto
+    which `free` (k, d, d) projects, and strain no springs, given as rows (r, j) on the motions."""
     across = np.eye(free.shape[1]) - free
-    held = np.concatenate([(across @ motions)[across.diagonal(axis1=1, axis2=2) > 0.0], *springs])
-    _, values, vectors = np.linalg.svd(np.linalg.qr(held, mode="r") if len(held) else np.zeros((1, motions.shape[2])))
+    fixed = np.concatenate([(across @ motions)[across.diagonal(axis1=1, axis2=2) > 0.0], *springs])
+    # The null space of the clamped components; a QR first leaves the SVD a matrix of at most six rows.
+    _, values, vectors = np.linalg.svd(np.linalg.qr(fixed, mode="r") if len(fixed) else np.zeros((1, motions.shape[2])))
     squares = np.zeros(motions.shape[2])
     squares[:len(values)] = values**2
-    return vectors[squares <= LOOSE * max(squares[0], 1.0) * max(len(held), 1)].T
+    return vectors[squares <= LOOSE * max(squares[0], 1.0) * max(len(fixed), 1)].T
 
 
 def recognisable(left: np.ndarray, dimension: int) -> np.ndarray:
-    """A basis (j, ·) of the span of `left` (j, ·), orthonormal columns, in which translations stand by themselves.
+    """A basis (j, ·) of the span of `left` (j, ·), orthonormal columns, with translations separated.
 
-    The translations along axes that are in the span come first. The rest, if it is one motion, has the coefficient one
-    for its rotation (it turns about a point in the bounding box, as clamps hold no others).
+    Translations along axes that are in the span come first. The rest, if it is one motion, has the coefficient one for
+    its rotation, about a point in the bounding box, as clamps are at nodes.
     """
     axes = np.eye(len(left))[:, :dimension]
     pure = axes[:, np.linalg.norm(axes - left @ left[:dimension].T, axis=0) < PURE]
@@ -75,11 +76,11 @@ def body_motions(mesh: Mesh, K: Stiffness, free: np.ndarray, name: str,
                  springs: sparse.csr_matrix | None = None) -> np.ndarray:
     """The rigid motions that clamps and springs of a body leave free, as displacements (nv, d, j) of all nodes.
 
-    Of the springs there are rows (r, d nv) without units. Translations move by one; rotations by the distance from
-    their centre, over that of the farthest node from the centroid. So coefficients are lengths. If nothing is held, the
-    motions are those along the axes and the rotations about the centroid; around an axis there is only that along it.
+    The rows of the springs (r, d nv) are without units. Translations move by one, rotations by the distance from their
+    centre over that of the farthest node from the centroid, so that coefficients are lengths. Without supports the
+    motions are the translations along the axes and the rotations about the centroid; around an axis the axial one only.
 
-    Not collective. Raises InputError if a part of the body is loose that is not connected to the rest.
+    Not collective. Raises InputError if a loose part of the body is not connected to the rest.
     """
     pieces, piece = K.connected()
     for k in range(pieces if pieces > 1 else 0):
@@ -97,7 +98,7 @@ def _left_free(mesh: Mesh, members: np.ndarray, centre: np.ndarray, size: float,
                springs: sparse.csr_matrix | None) -> np.ndarray:
     """`free_motions` (j, ·) of the nodes `members` (nv,) bool, with springs as for `body_motions`.
 
-    Around an axis all motions but that along it strain the body, as if they strained springs.
+    Around an axis all motions but the axial one strain the body; they are excluded as if they strained springs.
     """
     touched, seen = members & is_touched(free), [np.eye(3)[[0, 2]]] if mesh.axisymmetric else []
     if springs is not None:
@@ -116,7 +117,7 @@ def _refuse_loose(mesh: Mesh, members: np.ndarray, pieces: int, free: np.ndarray
         groups = [group for group, edges in mesh.groups.items() if members[edges].any()]
         fix = f", or clamp it on its own boundary groups ({', '.join(groups)})" if groups else ""
         raise InputError(f"body.{name}.clamp: a piece of the body (it has {pieces} that are not connected) is not "
-                         f"held: it can still {motion} as a rigid body; make each piece a body of its own{fix}")
+                         f"supported: it can still {motion} as a rigid body; make each piece a body of its own{fix}")
 
 
 def _centroid(mesh: Mesh) -> np.ndarray:
@@ -131,7 +132,7 @@ def _centroid(mesh: Mesh) -> np.ndarray:
 
 
 def near_null_space(points: np.ndarray, free: np.ndarray) -> PETSc.NullSpace:
-    """The rigid motions of `points` (k, d) in the directions onto which `free` (k, d, d) projects, orthonormal, for
+    """The rigid motions of `points` (k, d), projected onto the free directions by `free` (k, d, d) and orthonormal, for
     algebraic multigrid."""
     motions = free @ rigid_motions(points, points.sum(axis=0) / max(len(points), 1))
     Q, _ = np.linalg.qr(motions.reshape(-1, motions.shape[2]))
@@ -141,9 +142,9 @@ def near_null_space(points: np.ndarray, free: np.ndarray) -> PETSc.NullSpace:
 
 
 def support(motions: np.ndarray) -> np.ndarray:
-    """As many dofs (j,) as there are `motions` (k, d, j), such that supports there, far apart, leave none of them free.
+    """As many dofs (j,) as `motions` (k, d, j), far apart, whose supports leave none of the motions free.
 
-    Greedy: each dof is that which the motions still free move most.
+    QR with column pivoting: the next dof is the one that the remaining motions move most.
     """
     rows = motions.reshape(-1, motions.shape[2])
     return qr(rows.T, mode="r", pivoting=True)[1][:rows.shape[1]]
@@ -152,10 +153,10 @@ def support(motions: np.ndarray) -> np.ndarray:
 def add_springs(A: PETSc.Mat, dofs: np.ndarray) -> PETSc.Mat:
     """A with springs on a few `dofs`, as a new matrix: positive definite, its inverse a generalised inverse of A.
 
-    It is A + ρ M Mᵀ, with M the free motions at these dofs, orthonormal. At as many dofs as there are motions, as
-    `support` gives them, M Mᵀ is the identity: the springs enter the diagonal only. A balanced load does not strain
-    them. Springs that link nodes cost multigrid more iterations (41 with four nodes, 27 so). ρ is the largest entry of
-    the diagonal; the condition number is then about that of a body clamped on its short side, or less.
+    It is A + ρ M Mᵀ, with the free motions M at these dofs, orthonormal. At as many dofs as motions, see `support`,
+    M Mᵀ is the identity: springs enter the diagonal only. A balanced load does not strain them. Springs between nodes
+    cost multigrid more iterations (41 with four nodes, instead of 27). ρ is the largest entry of the diagonal; the
+    condition number is then at most about that of a body clamped on its short side.
     """
     fixed = A.copy()
     stiffen(fixed, dofs)
@@ -174,16 +175,18 @@ def stiffen(A: PETSc.Mat, dofs: np.ndarray) -> float:
 
 
 class Centring:
-    """Takes the springs out of a generalised inverse A⁺ of a loose body, so that nothing depends on where they are.
+    """Makes a generalised inverse A⁺ of a loose body independent of the place of the springs.
 
     The centred inverse is Π A⁺ Πᵀ. Its displacements have no rigid motion in the least-squares sense at the contact,
-    and on average none of those motions that the contact does not see. R (n, j) has the free motions as columns in A's
-    dofs, B (size, n) is the trace on the contact nodes. Not collective.
+    and on average none of those motions that do not act on the contact. R (n, j) has the free motions as columns in
+    A's dofs, B (size, n) is the trace on the contact nodes. Not collective.
     """
 
     def __init__(self, R: np.ndarray, B: sparse.csr_matrix) -> None:
         self._R, self._B = R, B
         Q, T = np.linalg.qr(B @ R)
+        # G = (B R)ᵀ = Tᵀ Qᵀ = U Σ (Q Vᵀ)ᵀ. Its rank is below j where motions do not act on the contact, as those along
+        # a frictionless floor; P = I − Gᵀ(GGᵀ)⁺G is then made of the first `rank` vectors.
         U, values, V = np.linalg.svd(T.T)
         rank = int((values > SEEN * np.linalg.norm(B.data) * np.abs(R).max()).sum()) if len(values) else 0
         self._V = Q @ V[:rank].T
@@ -192,6 +195,7 @@ class Centring:
 
     def project(self, x: np.ndarray) -> np.ndarray:
         """P x with P = I − Gᵀ(GGᵀ)⁺G: the part of contact forces or displacements (size,) without rigid motion."""
+        # As many rigid motions as contact unknowns: P is zero, and subtraction would leave rounding.
         if self._V.shape[0] == self._V.shape[1]:
             return np.zeros_like(x)
         return x - self._V @ (self._V.T @ x)
@@ -199,6 +203,7 @@ class Centring:
     def balance(self, f: np.ndarray) -> np.ndarray:
         """Πᵀ f: the load (n,) with contact forces that balance it, as far as they can; the rest is left out."""
         f = f - self._unseen @ (self._unseen.T @ f)
+        # Πᵀ f = f − Bᵀ s with the least contact forces s of G s = Rᵀ f.
         return f - self._B.T @ (self._inverse @ (self._R.T @ f))
 
     def centre(self, u: np.ndarray) -> np.ndarray:

@@ -16,7 +16,7 @@ REFINEMENTS = 3
 """An iterative solve with too large a true residual is refined this often; then it is an error."""
 
 TRUE_RESIDUAL = ("cg", "fcg", "pipecg", "gmres", "fgmres", "bcgs", "cr")
-"""KSP types that can test the unpreconditioned residual; for the others the check after the solve decides."""
+"""KSP types that can test the unpreconditioned residual; the others are checked after the solve only."""
 
 MUMPS_ORDERING = 2
 """Approximate minimum fill. MUMPS's own choice without METIS, PORD, took 1.3 to 2 times as long with linear triangles
@@ -31,11 +31,11 @@ BACKWARD_ERROR = 2 * np.finfo(float).eps
 accepted even if it misses its tolerance, because a direct solve would do no better."""
 
 REMEMBERED = 40
-"""An iterative solve starts from the best combination of so many solutions before (Fischer, Comput. Methods Appl. Mech.
-Engng. 163, 1998), of which each takes as much memory as two displacements."""
+"""An iterative solve starts from the best combination of this many earlier solutions (Fischer, Comput. Methods Appl.
+Mech. Engng. 163, 1998), each of which takes the memory of two displacements."""
 
 USUAL, LEAST = 1e-10, 1e-13
-"""Relative residuals of an iterative solve: the usual one, and the smallest that is ever asked for."""
+"""Relative residuals of an iterative solve: the usual one and the smallest one."""
 
 
 class StiffnessSolver:
@@ -48,19 +48,19 @@ class StiffnessSolver:
     ----------
     A : the stiffness matrix, symmetric positive definite
     name : the body's name, for messages
-    trace : (k, columns of A) B, if C = B A⁻¹ Bᵀ is wanted; only MUMPS gives it. It is the first rank's; others give
-        one without rows
-    order : (columns of A,) the place of each row of A in the order of elimination, on the first rank; None leaves it
-        to MUMPS. It is used with `trace` only
+    trace : (k, columns of A) B on the first rank, if C = B A⁻¹ Bᵀ is wanted; without rows on the others. Only MUMPS
+        computes C
+    order : (columns of A,) the places of the rows of A in the order of elimination, on the first rank; None leaves it
+        to MUMPS. Used with `trace` only
     iterative : conjugate gradients with algebraic multigrid instead of a factorization
 
     Attributes
     ----------
     direct : whether solves are by a factorization alone
     given : relative residual at which -body_ksp_rtol stops an iterative solver; zero without that option
-    condensed : (k, k) C (m/N), in Fortran order, of which only the upper triangle counts; or None. On the first rank
+    condensed : (k, k) C (m/N), in Fortran order, of which only the upper triangle is set; or None. On the first rank
         only
-    refused : why MUMPS was not called directly for C, or nothing
+    refused : why MUMPS was not called directly for C, or empty
     """
 
     def __init__(self, A: PETSc.Mat, name: str, trace: sparse.csr_matrix | None = None,
@@ -83,7 +83,7 @@ class StiffnessSolver:
         self._first = True
 
     def _configure(self, iterative: bool) -> None:
-        """Set defaults, then the user's options, then what follows from both."""
+        """Set defaults, then the user's options, then settings that depend on both."""
         options = PETSc.Options("body_")
         self.ksp.setType(PETSc.KSP.Type.CG if iterative else PETSc.KSP.Type.PREONLY)
         pc = self.ksp.getPC()
@@ -141,6 +141,7 @@ class StiffnessSolver:
             raise SolverError(f"body {self.name!r}: the stiffness cannot be factored (MUMPS: INFOG(1) = {code})")
         if inverse is not None:
             part = trace[:, dofs]
+            # C = B_Γ S⁻¹ B_Γᵀ with the Schur complement S = (A⁻¹_ΓΓ)⁻¹ on the dofs Γ that B touches.
             self.condensed = np.asfortranarray(part @ (part @ inverse).T)
         if comm.size > 1:
             self.ksp.reset()
@@ -188,6 +189,8 @@ class StiffnessSolver:
             self.A.mult(u, self._residual)
             self._residual.aypx(-1.0, f)
             residual = self._residual.norm()
+            # Either the residual is as small as asked, or the backward error ‖f − A u‖/(‖A‖ ‖u‖) is that of a direct
+            # solver: no iteration gets below it.
             if residual <= target * size or residual <= min(BACKWARD_ERROR * self._norm * u.norm(),
                                                             DIRECT_RESIDUAL * size):
                 return
@@ -222,19 +225,19 @@ class StiffnessSolver:
         whole = np.empty(self.A.size[0]) if comm.rank == 0 else None
         comm.Gatherv(f.array_r, None if whole is None else [whole, counts])
         try:
-            found = factors.solve(whole)
+            moved = factors.solve(whole)
         except MumpsError as error:
             raise SolverError(f"body {self.name!r}: {self.description} failed: {error}") from None
-        own = np.empty(u.local_size)
-        comm.Scatterv(None if found is None else [found, counts], own)
-        u.array[:] = own
+        local = np.empty(u.local_size)
+        comm.Scatterv(None if moved is None else [moved, counts], local)
+        u.array[:] = local
 
     def destroy(self) -> None:
-        """Free what PETSc and MUMPS hold of it."""
+        """Free the objects of PETSc and MUMPS."""
         if self._factors is not None:
             self._factors.destroy()
-        for each in (self.ksp, self._residual, self._correction):
-            each.destroy()
+        for item in (self.ksp, self._residual, self._correction):
+            item.destroy()
 
 
 def best_cholesky(A: PETSc.Mat) -> str:

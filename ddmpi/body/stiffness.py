@@ -57,34 +57,35 @@ class Stiffness:
 
     def to_csr(self, free: np.ndarray, nodes: np.ndarray,
                springs: sparse.csr_matrix | None = None) -> sparse.csr_matrix:
-        """The rows and columns (d k, d k) of some `nodes` (k,), sorted; QᵀQ (N/m) of springs Q (r, d nv) is added.
+        """The rows and columns (d k, d k) of some `nodes` (k,), sorted, plus QᵀQ (N/m) of springs Q (r, d nv).
 
-        Directions across those onto which `free` (nv, d, d) projects are decoupled and keep their diagonal entries.
+        Clamped directions, outside of the range of `free` (nv, d, d), are decoupled and keep their diagonal entries.
         """
         loose, (size, d) = free[nodes], (len(nodes), free.shape[1])
         place = np.full(len(free), -1, dtype=np.int32)
         place[nodes] = np.arange(size, dtype=np.int32)
         inside = (place[self.first] >= 0) & (place[self.second] >= 0)
-        a, b, own = place[self.first[inside]], place[self.second[inside]], np.arange(size, dtype=np.int32)
+        a, b, diagonals = place[self.first[inside]], place[self.second[inside]], np.arange(size, dtype=np.int32)
         upper, diagonal = self.upper[inside], self.diagonal[nodes]
-        held = is_touched(loose)
-        pairs = held[a] | held[b]
+        clamped = is_touched(loose)
+        pairs = clamped[a] | clamped[b]
         upper[pairs] = loose[a[pairs]] @ upper[pairs] @ loose[b[pairs]]
-        P, Q, D = loose[held], np.eye(d) - loose[held], diagonal[held]
+        P, Q, D = loose[clamped], np.eye(d) - loose[clamped], diagonal[clamped]
+        # P D P along the free directions; across them any positive block does, here of the size of the diagonal.
         total = P @ D @ P + Q @ (D * np.eye(d)) @ Q
-        diagonal[held] = 0.5 * (total + total.swapaxes(1, 2))
-        ends = np.concatenate([own, a, b]), np.concatenate([own, b, a])
+        diagonal[clamped] = 0.5 * (total + total.swapaxes(1, 2))
+        ends = np.concatenate([diagonals, a, b]), np.concatenate([diagonals, b, a])
         order = sparse.csr_matrix((np.arange(len(ends[0]), dtype=np.int32), ends), (size, size))  # sorts
         blocks = np.empty((len(order.data), d, d))
         blocks[:size], blocks[size:size + len(a)], blocks[size + len(a):] = diagonal, upper, upper.swapaxes(1, 2)
         blocks = np.take(blocks, order.data, axis=0)
-        found = sparse.bsr_matrix((blocks, order.indices, order.indptr), (d * size, d * size))
+        matrix = sparse.bsr_matrix((blocks, order.indices, order.indptr), (d * size, d * size))
         if springs is not None:
-            directions = sparse.bsr_matrix((loose, own, np.arange(size + 1)), (d * size, d * size))
+            directions = sparse.bsr_matrix((loose, diagonals, np.arange(size + 1)), (d * size, d * size))
             seen = springs[:, (d * nodes[:, None] + np.arange(d)).ravel()] @ directions
-            found = found + (seen.T @ seen).tobsr((d, d))
-            found.sort_indices()
-        return found.tocsr()
+            matrix = matrix + (seen.T @ seen).tobsr((d, d))
+            matrix.sort_indices()
+        return matrix.tocsr()
 
 
 def sum_stiffness(mesh: Mesh, material: Material | Composite) -> Stiffness:
@@ -93,12 +94,14 @@ def sum_stiffness(mesh: Mesh, material: Material | Composite) -> Stiffness:
     upper = np.array(np.triu_indices(k, 1))
     alike = np.arange(k)
     filled = upper[:, mesh.cell.stiffness[tuple(upper)].any(axis=(1, 2))]  # on straight cells
-    parts = [(cells, own, curved, upper if curved else filled) for cells, own, curved in portions(mesh, material)]
-    number = sum(len(mesh.triangles[cells]) * pairs.shape[1] for cells, _, _, pairs in parts)
+    portioned = [(cells, uniform, curved, upper if curved else filled)
+                 for cells, uniform, curved in portions(mesh, material)]
+    number = sum(len(mesh.triangles[cells]) * pairs.shape[1] for cells, _, _, pairs in portioned)
     ends, entries, at = np.empty((2, number), mesh.triangles.dtype), np.empty((d, d, number)), 0
     own_entries = np.empty((d, d, *mesh.triangles.shape[::-1]))
-    for cells, own, curved, pairs in parts:
-        blocks = (_curved_blocks if curved else _straight_blocks)(mesh, own, cells, *np.hstack([[alike, alike], pairs]))
+    for cells, uniform, curved, pairs in portioned:
+        make = _curved_blocks if curved else _straight_blocks
+        blocks = make(mesh, uniform, cells, *np.hstack([[alike, alike], pairs]))
         own_entries[..., cells] = blocks[:, :, :k]
         nodes, to = mesh.triangles[cells].T, slice(at, at + pairs.shape[1] * blocks.shape[3])
         ends[:, to], entries[..., to] = nodes[pairs].reshape(2, -1), blocks[:, :, k:].reshape(d, d, -1)

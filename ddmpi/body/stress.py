@@ -17,7 +17,7 @@ from ddmpi.mesh.mesh import BLOCK, Mesh, tangents
 from ddmpi.scene.bodies import BodySpec, Material
 
 STRAIGHT_BLOCK = 4 * BLOCK
-"""Straight cells, or nodes, that are worked on at once, so that intermediate results stay in the processor's cache."""
+"""Number of straight cells, or nodes, per block of work, so that intermediate results stay in the processor's cache."""
 
 COLUMNS = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
 """The components in the columns of `stress`; in the plane the last two are left out."""
@@ -25,8 +25,8 @@ COLUMNS = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
 
 @dataclass(frozen=True)
 class Composite:
-    """Several materials in one body, in the place of a `Material`: no two with the same constants, all in the same
-    plane. `number` (nt,) says which one each cell has."""
+    """Several materials in one body, in place of a `Material`: with different constants, all in the same plane state.
+    `number` (nt,) are those of the cells."""
 
     materials: Sequence[Material]
     number: np.ndarray
@@ -37,25 +37,25 @@ def material_of(mesh: Mesh, body: BodySpec) -> Material | Composite:
     if isinstance(body.material, Material):
         return body.material
     constants = [replace(part, on=None) for part in body.material]
-    same = np.array([constants.index(each) for each in constants])  # entries that differ in their surfaces only
+    same = np.array([constants.index(entry) for entry in constants])  # entries that differ in their surfaces only
     kept, number = np.unique(same[material_numbers(mesh, body)], return_inverse=True)
     materials = [body.material[k] for k in kept]
     return Composite(materials, number.ravel()) if len(materials) > 1 else materials[0]
 
 
 def portions(mesh: Mesh, material: Material | Composite) -> list[tuple[slice | np.ndarray, Material, bool]]:
-    """All cells, some at a time, with their material and whether they are `summed`: so many that they stay in cache."""
+    """All cells in blocks that stay in cache, with their material, and whether they are `summed` by quadrature."""
     if isinstance(material, Material) and not len(mesh.summed):
         return [(block, material, False) for block in blocks(len(mesh.triangles))]
     number = np.zeros(len(mesh.triangles), int) if isinstance(material, Material) else material.number
     bent = np.zeros(len(number), bool)
     bent[mesh.summed] = True
-    found: list[tuple[slice | np.ndarray, Material, bool]] = []
-    for k, own in enumerate([material] if isinstance(material, Material) else material.materials):
+    pieces: list[tuple[slice | np.ndarray, Material, bool]] = []
+    for k, uniform in enumerate([material] if isinstance(material, Material) else material.materials):
         for curved in (False, True):
             cells, size = np.flatnonzero((number == k) & (bent == curved)), BLOCK if curved else STRAIGHT_BLOCK
-            found += [(cells[start:start + size], own, curved) for start in range(0, len(cells), size)]
-    return found
+            pieces += [(cells[start:start + size], uniform, curved) for start in range(0, len(cells), size)]
+    return pieces
 
 
 def modulus_beside(mesh: Mesh, material: Material | Composite, facets: np.ndarray, key: str) -> float:
@@ -70,35 +70,38 @@ def modulus_beside(mesh: Mesh, material: Material | Composite, facets: np.ndarra
     across /= np.linalg.norm(across, axis=1)[:, None]
     kinds = material.materials if isinstance(material, Composite) else [material]
     number = material.number[cells] if isinstance(material, Composite) else np.zeros(len(cells), int)
-    moduli = np.array([moduli_along(each, across) for each in kinds])[number, np.arange(len(cells))]
+    moduli = np.array([moduli_along(kind, across) for kind in kinds])[number, np.arange(len(cells))]
     measures = facet_measures(mesh.points[facets], mesh.axisymmetric)
     return float(measures.sum() / (measures / moduli).sum())
 
 
 def moduli_along(material: Material, directions: np.ndarray) -> np.ndarray:
-    """Plane moduli (k,) of a material along unit vectors (k, d) (Pa): under stress along these, while strain along one
-    direction across them is held. In space the harmonic mean of two such directions; none is held in plane stress."""
+    """Plane moduli (k,) of a material along unit vectors (k, d) (Pa): under stress along them, with the strain in one
+    transverse direction constrained. In space the harmonic mean over two such directions; in plane stress none is."""
     if material.shear is None:
         return np.full(len(directions), material.plane_modulus)
     S, (k, d) = material.compliance, directions.shape
     n = np.pad(directions, ((0, 0), (0, 3 - d)))
     strains = np.einsum("ijkl,ni,nj->nkl", S, n, n)
-    found = np.einsum("nkl,nk,nl->n", strains, n, n)
+    compliance = np.einsum("nkl,nk,nl->n", strains, n, n)
     across = [np.tile([0.0, 0.0, 1.0], (k, 1))]
     if d == len(S):
         one = np.cross(n, np.eye(3)[np.abs(n).round(6).argmin(axis=1)])  # rounding decides nothing
         across = [one / np.linalg.norm(one, axis=1)[:, None], np.cross(n, one / np.linalg.norm(one, axis=1)[:, None])]
     for t in across if material.plane != "stress" else ():
-        held = np.einsum("nkl,nk,nl->n", strains, t, t) ** 2 / np.einsum("ijkl,ni,nj,nk,nl->n", S, t, t, t, t)
-        found = found - held / len(across)
-    return 1.0 / found
+        # With σ_nn = 1 and ε_tt = 0: σ_tt = −S_ttnn/S_tttt, so that 1/E' = S_nnnn − S_nntt²/S_tttt; isotropic, that is
+        # (1 − ν²)/E.
+        constrained = np.einsum("nkl,nk,nl->n", strains, t, t) ** 2 / np.einsum("ijkl,ni,nj,nk,nl->n", S, t, t, t, t)
+        compliance = compliance - constrained / len(across)
+    return 1.0 / compliance
 
 
 def thermal(material: Material, dimension: int) -> tuple[np.ndarray, float, float, float]:
-    """What a temperature of 1 K does where no strain yields to it: β (d, d) of the stress −β (Pa/K); twice the elastic
-    energy (J/m³/K²); b of σ_zz = a : σ − b in the plane, where a is `Material.across`; and the part of that energy that
-    a free body keeps (J/m³/K²), zero but in plane strain."""
+    """Effects of a temperature of 1 K under fully constrained strain: β (d, d) of the stress −β (Pa/K); twice the
+    elastic energy (J/m³/K²); b of σ_zz = a : σ − b in the plane, where a is `Material.across`; and the energy that a
+    body free in the plane keeps in plane strain (J/m³/K²), else zero."""
     expansion = material.expansion or 0.0
+    # β = C : (α I). In plane strain ε_zz = 0 as well, so that the tensor in space applies: (1 + ν) α in the plane.
     beta = expansion * np.einsum("ijkk->ij", material.tensor(2 if material.plane == "stress" else 3))
     across = expansion * float(material.moduli[2]) * (len(beta) > dimension)
     return beta[:dimension, :dimension], expansion * float(np.trace(beta)), across, expansion * across
@@ -110,17 +113,17 @@ def stress(mesh: Mesh, material: Material | Composite, u: np.ndarray, heat: np.n
     In the plane σ_zz is that of plane strain, or zero, around an axis the circumferential stress. `u` (nv, d) is the
     displacement (m), `heat` (nv,) the temperature over the state free of stress (K). Not collective.
     """
-    found = np.empty((2 * mesh.dimension, len(mesh.triangles)))
-    for cells, own, curved in portions(mesh, material):
+    means = np.empty((2 * mesh.dimension, len(mesh.triangles)))
+    for cells, uniform, curved in portions(mesh, material):
         points, weights = RULES[mesh.dimension] if curved else exact_rule(mesh.dimension, mesh.order - 1)
-        sigma, parts = cell_stress(mesh, own, u, points, cells, curved, heat), np.ones((1, 1))
+        sigma, shares = cell_stress(mesh, uniform, u, points, cells, curved, heat), np.ones((1, 1))
         if curved:
-            parts = weights[:, None] * mesh.map(cells, points).measures
-        mean, warm = (sigma * parts).sum(axis=2) / parts.sum(axis=0), None
+            shares = weights[:, None] * mesh.map(cells, points).measures
+        mean, warm = (sigma * shares).sum(axis=2) / shares.sum(axis=0), None
         if heat is not None:
-            warm = (cell_temperature(mesh, heat, points, cells) * parts).sum(axis=0) / parts.sum(axis=0)
-        found[:, cells] = columns_of(mean, own, warm)[:len(found)]
-    return np.ascontiguousarray(found.T)
+            warm = (cell_temperature(mesh, heat, points, cells) * shares).sum(axis=0) / shares.sum(axis=0)
+        means[:, cells] = columns_of(mean, uniform, warm)[:len(means)]
+    return np.ascontiguousarray(means.T)
 
 
 def columns_of(sigma: np.ndarray, material: Material, warm: np.ndarray | None) -> np.ndarray:
@@ -129,11 +132,11 @@ def columns_of(sigma: np.ndarray, material: Material, warm: np.ndarray | None) -
     Around an axis the last two are zero.
     """
     d = len(sigma)
-    found = [sigma[i, j] for i, j in COLUMNS if max(i, j) < d]
+    rows = [sigma[i, j] for i, j in COLUMNS if max(i, j) < d]
     if d == 2:
-        found.insert(d, np.einsum("kl,kln->n", material.across, sigma)
-                     - (0.0 if warm is None else thermal(material, d)[2] * warm))
-    return np.stack(found)
+        rows.insert(d, np.einsum("kl,kln->n", material.across, sigma)
+                    - (0.0 if warm is None else thermal(material, d)[2] * warm))
+    return np.stack(rows)
 
 
 def principal(sigma: np.ndarray) -> np.ndarray:
@@ -143,32 +146,32 @@ def principal(sigma: np.ndarray) -> np.ndarray:
         xx, yy, zz, xy = sigma.T
         middle, radius = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
         high, low = middle + radius, middle - radius
-        found = np.column_stack([np.maximum(high, zz), np.clip(zz, low, high), np.minimum(low, zz)])
+        stresses = np.column_stack([np.maximum(high, zz), np.clip(zz, low, high), np.minimum(low, zz)])
     else:
         tensors = np.zeros((len(sigma), 3, 3))
         for column, (i, j) in zip(sigma.T, COLUMNS, strict=False):
             tensors[finite, i, j] = tensors[finite, j, i] = column[finite]
-        found = np.linalg.eigvalsh(tensors)[:, ::-1].copy()
-    found[~finite] = np.nan
-    return found
+        stresses = np.linalg.eigvalsh(tensors)[:, ::-1].copy()
+    stresses[~finite] = np.nan
+    return stresses
 
 
 def von_mises(sigma: np.ndarray) -> np.ndarray:
     """Von Mises stress (nt,) in Pa from `stress`."""
     xx, yy, zz, *shears = sigma.T
-    return np.sqrt(0.5 * ((xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2) + 3 * sum(each**2 for each in shears))
+    return np.sqrt(0.5 * ((xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2) + 3 * sum(shear**2 for shear in shears))
 
 
 def stress_at(mesh: Mesh, material: Material | Composite, u: np.ndarray, barycentric: np.ndarray,
               heat: np.ndarray | None = None) -> np.ndarray:
-    """Stress (n, n, q, nt) in Pa at the same points (q, d + 1) of every cell, for a displacement u (nv, d) in metres
+    """Stress (n, n, q, nt) in Pa at barycentric points (q, d + 1) of all cells, for a displacement u (nv, d) in metres
     and a temperature (nv,) in K.
 
     n is `Mesh.strains`. Not collective.
     """
     sigma = np.empty((mesh.strains, mesh.strains, len(barycentric), len(mesh.triangles)))
-    for cells, own, curved in portions(mesh, material):
-        sigma[..., cells] = cell_stress(mesh, own, u, barycentric, cells, curved, heat)
+    for cells, uniform, curved in portions(mesh, material):
+        sigma[..., cells] = cell_stress(mesh, uniform, u, barycentric, cells, curved, heat)
     return sigma
 
 

@@ -1,4 +1,4 @@
-"""From a scene to what one rank solves: mesh, matrices, interfaces, and its body among the others."""
+"""From a scene to the discrete problem on one rank: meshes, matrices, interfaces, and the joint operator."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ NO_SIZES: Mapping[str, Sizes] = {}
 
 @dataclass(frozen=True)
 class Body:
-    """One body on its rank: its number in the order of the scene, what was asked for, its mesh, and its contacts."""
+    """One body on its rank: its number in the scene, its specification, its mesh, and its contacts (`member`)."""
 
     number: int
     spec: SettledBody
@@ -55,25 +55,25 @@ class Body:
 
     @property
     def material(self) -> Material | Composite:
-        """Its material, or those of its triangles."""
+        """The material of the body, or those of its cells."""
         return material_of(self.mesh, self.spec)
 
 
 @dataclass(frozen=True)
 class Assembly:
-    """A scene, discretised and factored, as one rank holds it.
+    """One rank's part of a scene, discretised and factored.
 
     Attributes
     ----------
-    world : communicator of all ranks that hold bodies
-    scene : what was asked for
+    world : communicator of all ranks with bodies
+    scene : the scene with all defaults
     bodies : of this rank, in the order of the scene
     space : the layout of the vectors of the interfaces that this rank owns
     exchange : between the bodies
     joint : the operator of all bodies together
     n : free dofs of all bodies
     m : contact nodes of all interfaces
-    warnings : what a sensible person would ask about the scene; of all bodies and contacts on the first rank
+    warnings : warnings about the scene; of all bodies and contacts on the first rank
     """
 
     world: MPI.Comm
@@ -87,7 +87,7 @@ class Assembly:
     warnings: list[str]
 
     def act(self, time: float) -> None:
-        """Let loads, clamps and rigid partners act as their histories have them at `time`. Not collective."""
+        """Set loads, clamps and rigid partners to their values at `time`. Not collective."""
         factors = self.scene.factors(time)
         self.space.act(factors)
         for body in self.bodies:
@@ -96,20 +96,20 @@ class Assembly:
 
     @property
     def member(self) -> Member:
-        """The only body of this rank, for methods that know but two bodies."""
+        """The only body of this rank, for methods of two bodies."""
         (body,) = self.bodies
         return body.member
 
     @property
     def pushes(self) -> dict[str, float]:
-        """Sum of the components (N) of the force on each pushed partner, the largest at the ends of all legs."""
+        """Sum of the components (N) of the force on each pushed partner, the largest over all turning points."""
         factors = [self.scene.factors(time) for time in self.scene.legs]
-        return {rigid.name: float(np.abs(rigid.force or 0.0).sum()) * max(abs(each[rigid.history]) for each in factors)
+        return {rigid.name: float(np.abs(rigid.force or 0.0).sum()) * max(abs(at[rigid.history]) for at in factors)
                 for rigid in self.joint.pushed}
 
     @property
     def loose(self) -> list[str]:
-        """Names of the bodies that clamps do not hold, and of the rigid partners that are pushed."""
+        """Names of the bodies without sufficient clamps, and of the pushed rigid partners."""
         return [name for name, motions in self.joint.slices.items() if motions.stop > motions.start]
 
 
@@ -122,15 +122,15 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
     world : at most as many ranks as the scene has bodies
     folder : where relative mesh files are looked for first
     clock : times the phases mesh, assemble and factor
-    refinement : how many times finer the meshes of `scene` are than the given ones, but for geometries
-    sizes : of the elements of geometries, by the names of the own bodies, where an accuracy target has led to them
-    factor : False for an assembly that is only looked at, see `Member`
+    refinement : the meshes of `scene` are this many times finer than the given ones; geometries excepted
+    sizes : of the elements of geometries, by the names of this rank's bodies, once an accuracy target refines them
+    factor : False for an assembly that is only checked, see `Member`
     """
     clock = clock or Clock()
     team = team_of(world)
     if team:
         with agreed(world):
-            team.do("drop")  # what is left of other meshes
+            team.do("drop")  # matrices of the mesh before
     homes = homes_of([body.name for body in scene.body], world)
     mine = [body for body in scene.body if homes[body.name] == world.rank]
     at_body: dict[str, list[tuple[SettledContact, int]]] = {body.name: [] for body in mine}
@@ -147,10 +147,10 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
     sides: dict[tuple[str, int], Side] = {}
     with clock.phase("mesh"), agreed(world):
         for spec in mine:
-            own = at_body[spec.name]
-            meshes[spec.name] = build_mesh(spec, folder, [contact.on[side] for contact, side in own],
+            touching = at_body[spec.name]
+            meshes[spec.name] = build_mesh(spec, folder, [contact.on[side] for contact, side in touching],
                                            sizes.get(spec.name), scene.dimension, scene.axisymmetric)
-            for contact, side in own:
+            for contact, side in touching:
                 edges[contact.name, side] = boundary_group(meshes[spec.name], contact.on[side], _key(contact))
             interrupt.check()
     with clock.phase("assemble"):
@@ -160,25 +160,28 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
                 elasticity = assemble(mesh, spec)
                 material = material_of(mesh, spec)
                 bodies[spec.name] = elasticity
-                own = at_body[spec.name]
-                for contact, side in own:
-                    others = [(each, which) for each, which in own if each is not contact]
+                touching = at_body[spec.name]
+                for contact, side in touching:
+                    others = [(other, which) for other, which in touching if other is not contact]
                     links, key = edges[contact.name, side], _key(contact)
                     sides[contact.name, side] = contact_side(
                         mesh, links, elasticity.supports, spec.name, modulus_beside(mesh, material, links, key), key,
                         _tied(others, edges, elasticity.supports.free, contact.on[side]),
                         any(contact.on[side] == other.on[which] for other, which in others))
                 interrupt.check()
+        # Sides are small. The ranks of both bodies get both of them and compute the same interface, bit for bit.
         both = exchange.swap_objects(sides)
         with agreed(world):
+            # Gaps and clamps are linear between turning points, so the worst overlap is at one of them, or at time 0.
             times = scene.legs if scene.time is None or scene.time.steps == 1 else [0.0, *scene.legs]
             specs, factors = {body.name: body for body in scene.body}, {time: scene.factors(time) for time in times}
-            found = {contact.name: _join(scene, contact, both[contact.name],
+            joined = {contact.name: _join(scene, contact, both[contact.name],
                                          [specs[name] for name in contact.bodies if name in specs], factors, refinement)
-                     for contact in contacts}
-            _check_method(scene, bodies, [interface for interface, _ in found.values()])
-        found = _kept_by_bonds(scene, found, world)
-        interfaces = [interface for interface, _ in found.values()]
+                      for contact in contacts}
+            _check_method(scene, bodies, [interface for interface, _ in joined.values()])
+        joined = _kept_by_bonds(scene, joined, world)
+        interfaces = [interface for interface, _ in joined.values()]
+    # All bodies of all ranks on this machine share its memory evenly; a team asks all its machines.
     memory = free_memory() / (ranks_beside(world) * max(len(mine), 1))
     if team:
         with agreed(world):
@@ -190,44 +193,48 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
             if factor and team and team.comm.size > 1:
                 A, held = bodies[spec.name].A, bodies[spec.name].held
                 bodies[spec.name] = replace(bodies[spec.name], A=TeamMatrix(team, A, points, held))
-            ours = [found[contact.name][0] for contact, _ in at_body[spec.name]]
+            ours = [joined[contact.name][0] for contact, _ in at_body[spec.name]]
             members.append(Member(spec.name, bodies[spec.name], ours, scene.method.compliance, memory, histories,
                                   points, factor))
             interrupt.check()
+    # From here on each interface lives on its first body's rank only.
     owned = {contact for contact, first, _ in exchange.ends if first == world.rank}
     space = Space([interface for interface in interfaces if interface.name in owned], world, exchange.sent)
     exchange.connect(space, [member.parts for member in members])
-    told = _doubts(scene, gathered(world, {name: each.warnings for name, each in bodies.items() if each.warnings}),
-                   gathered(world, {name: warnings for name, (_, warnings) in found.items() if warnings}))
+    told = _doubts(scene, gathered(world, {name: body.warnings for name, body in bodies.items() if body.warnings}),
+                   gathered(world, {name: warnings for name, (_, warnings) in joined.items() if warnings}))
     numbers = [body.name for body in scene.body]
     return Assembly(world, scene, tuple(Body(numbers.index(spec.name), spec, meshes[spec.name], member)
                                         for spec, member in zip(mine, members, strict=True)),
                     space, exchange, Joint(members, exchange, space, histories, scene.pushed),
-                    world.allreduce(sum(each.n for each in bodies.values())),
+                    world.allreduce(sum(body.n for body in bodies.values())),
                     world.allreduce(sum(interface.m for interface in interfaces if interface.name in owned)), told)
 
 
-def _kept_by_bonds(scene: Settled, found: Mapping[str, tuple[Interface, list[str]]],
+def _kept_by_bonds(scene: Settled, joined: Mapping[str, tuple[Interface, list[str]]],
                    world: MPI.Comm) -> dict[str, tuple[Interface, list[str]]]:
-    """The interfaces and their warnings of this rank, without overlaps of paired nodes that bonds of other contacts
-    hold together, directly or in a chain through other bodies: no force could part them. Collective."""
+    """The interfaces and warnings of this rank, without overlaps of paired nodes that bonds of other contacts connect,
+    directly or in a chain through other bodies: no force could separate them. Collective."""
     if len({contact.kind for contact in scene.contact}) < 2:
-        return dict(found)
-    pairs = {name: [[(body, int(node)) for body, node in zip(each.bodies, row, strict=True)] for row in np.column_stack(
-        [nodes[transfer.indices] for nodes, transfer in zip(each.nodes, each.transfer, strict=True)])]
-             for name, (each, _) in found.items() if not each.slave and not each.on_rigid
-             and all(len(transfer.indices) == each.m for transfer in each.transfer)}  # no merged nodes on an axis
+        return dict(joined)
+    pairs = {name: [[(body, int(node)) for body, node in zip(interface.bodies, row, strict=True)]
+                    for row in np.column_stack([nodes[transfer.indices] for nodes, transfer in
+                                                zip(interface.nodes, interface.transfer, strict=True)])]
+             for name, (interface, _) in joined.items() if not interface.slave and not interface.on_rigid
+             and all(len(move.indices) == interface.m for move in interface.transfer)}  # no merged nodes on an axis
+    # An end is a node of a body. Only bonds at a node of several contacts can close a chain.
     shared = Counter(end for ends in pairs.values() for end in {end for row in ends for end in row})
-    bonds = {(name, k): row for name, ends in pairs.items() if found[name][0].law.name == "bonded"
-             for k, row in enumerate(ends) if max(shared[end] for end in row) > 1 and not found[name][0].gap[k]}
-    together = list({key: row for each in world.allgather(bonds) for key, row in each.items()}.values())
+    bonds = {(name, k): row for name, ends in pairs.items() if joined[name][0].law.name == "bonded"
+             for k, row in enumerate(ends) if max(shared[end] for end in row) > 1 and not joined[name][0].gap[k]}
+    # Chains of bonds are the connected components of a graph: nodes of bodies, and bonds as edges between them.
+    together = list({key: row for interface in world.allgather(bonds) for key, row in interface.items()}.values())
     number = {end: k for k, end in enumerate(dict.fromkeys(end for row in together for end in row))}
     links = np.array([[number[end] for end in row] for row in together], int).reshape(-1, 2)
     piece = csgraph.connected_components(sparse.csr_matrix((np.ones(len(links)), links.T), (len(number),) * 2),
                                          directed=False)[1]
-    result = dict(found)
+    result = dict(joined)
     for name, ends in pairs.items():
-        interface, warnings = found[name]
+        interface, warnings = joined[name]
         kept = np.array([row[0] in number and row[1] in number and piece[number[row[0]]] == piece[number[row[1]]]
                          for row in ends]) & (interface.gap < 0.0) & (interface.law.name != "bonded")
         if kept.any():
@@ -239,7 +246,7 @@ def _kept_by_bonds(scene: Settled, found: Mapping[str, tuple[Interface, list[str
 
 
 def _doubts(scene: Settled, by_body: Mapping[str, list[str]], by_contact: Mapping[str, list[str]]) -> list[str]:
-    """All warnings of a scene, in its order, from those of bodies and contacts that have some."""
+    """All warnings about a scene, in its order, from those by body and by contact."""
     named = {name for contact in scene.contact for name in contact.bodies}
     return [*(warning for body in scene.body for warning in by_body.get(body.name, ())),
             *(f"body.{body.name}: no contact names it; it is solved alone" for body in scene.body
@@ -257,24 +264,24 @@ def _key(contact: SettledContact) -> str:
 
 
 def _tied(others: Sequence[tuple[SettledContact, int]], edges: Mapping[tuple[str, int], np.ndarray],
-          free: np.ndarray, here: str) -> np.ndarray:
-    """Nodes (nv,) bool of a body that clamps hold in all components, or that lie on `others` of its contacts, with its
-    side in each, that can hold: bonded or frictional ones; in space on those of other groups than the one `here`."""
+          free: np.ndarray, group: str) -> np.ndarray:
+    """Nodes (nv,) bool of a body that are clamped in all components or lie on one of its `others` contacts, given with
+    the side, that carries tangential forces; in space only if that has another `group`."""
     tied = ~free.any(axis=(1, 2))
     for contact, side in others:
-        if holds_along(contact) and (free.shape[1] == 2 or contact.on[side] != here):
+        if holds_along(contact) and (free.shape[1] == 2 or contact.on[side] != group):
             tied[edges[contact.name, side]] = True
     return tied
 
 
 def _join(scene: Settled, contact: SettledContact, sides: tuple[Side, Side | None], specs: Sequence[SettledBody],
           factors: Mapping[float, Mapping[str | None, float]], refinement: int) -> tuple[Interface, list[str]]:
-    """The interface of two sides, or of one and a rigid partner, of the bodies `specs`, and warnings. `factors` of
-    histories are by the times at which loads turn. Raises InputError."""
+    """The interface of two sides, or of one and a rigid partner, of the bodies `specs`, and warnings. `factors` are by
+    the turning points of loads, and by history. Raises InputError."""
     (first, second), clamps = sides, {body.name: [*body.clamps, ON_AXIS] for body in specs}
     unit = scene.units["length"]
     if second is None:
-        (rigid,) = (each for each in scene.rigid if each.name == contact.bodies[1])
+        (rigid,) = (rigid for rigid in scene.rigid if rigid.name == contact.bodies[1])
         interface = face_rigid(first, rigid, contact)
         partner = Mover(rigid)
     else:
@@ -283,7 +290,7 @@ def _join(scene: Settled, contact: SettledContact, sides: tuple[Side, Side | Non
         interface = connect(first, second, contact, refinement)
         partner = Mover(second, clamps[second.body])
     overlaps = check_overlap(interface, *(side for side in (first, second) if side),
-                             scales=[each[interface.gap_history] for each in factors.values()], unit=unit)
+                             scales=[now[interface.gap_history] for now in factors.values()], unit=unit)
     refuse_contradiction(interface, [Mover(first, clamps[first.body]), partner], factors, unit)
     idle = [] if contact.slave is None or interface.slave else [
         f"contact.{contact.name}.slave: no side is a slave, because nodes match and are paired; pairing = \"mortar\" "
@@ -300,13 +307,14 @@ def _join(scene: Settled, contact: SettledContact, sides: tuple[Side, Side | Non
 
 
 def _check_method(scene: Settled, bodies: Mapping[str, Elasticity], interfaces: Sequence[Interface]) -> None:
-    """InputError where a method of two bodies cannot do what is asked of it."""
+    """InputError where a method of two bodies cannot solve the scene."""
     if not scene.method.by_body:
         return
     for name, elasticity in bodies.items():
         if not elasticity.held:
-            raise InputError(f"method.outer = {scene.method.outer!r}: its clamps do not hold {name!r}, so that its "
-                             'Neumann problems have no solution; outer = "newton", the default, can do it')
+            raise InputError(f"method.outer = {scene.method.outer!r}: the clamps of {name!r} leave a rigid motion "
+                             'free, so that its Neumann problems have no solution; outer = "newton", the default, '
+                             "solves it")
     if any(interface.one_sided.any() for interface in interfaces):
-        raise InputError(f"method.outer = {scene.method.outer!r}: at some contact nodes a clamp holds one body "
-                         "only, which this iteration cannot do; the default method can")
+        raise InputError(f"method.outer = {scene.method.outer!r}: at some contact nodes a clamp constrains one "
+                         "body only, which this iteration does not support; the default method does")

@@ -1,9 +1,9 @@
-"""The coarse problem: a few motions of each body, which every force on it feels at once.
+"""The coarse problem: a few motions of each body, which couple all its contact forces at once.
 
-The rigid motions R_a that clamps leave a body free are unknowns, α_a, with an equation each: the contact forces must
-balance the loads, G s = e with G = RᵀBᵀ and e = Rᵀb. Smooth deformations of a body serve the preconditioner in the same
-form. A motion is known by what it does at the interfaces, columns of Z; only these, and one small system for all
-bodies, are ever exchanged.
+The rigid motions R_a that clamps leave free are unknowns α_a, with an equation each: the contact forces must balance
+the loads, G s = e with G = RᵀBᵀ and e = Rᵀb. This is the coarse problem of FETI (Farhat and Roux, Int. J. Numer. Meth.
+Engng. 32, 1991). Smooth deformations of a body serve the preconditioner in the same form. A motion is given by its
+contact displacements, columns of Z; only these, and one small system for all bodies, are ever exchanged.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from ddmpi.system.agreement import agreed
 
 
 class Motions:
-    """Motions of bodies as the owned interfaces see them.
+    """Motions of bodies, by their contact displacements at the owned interfaces.
 
     Parameters
     ----------
     space : of the interfaces
     size : number of motions of all bodies
-    blocks : of each owned interface its part of a vector, the numbers (c,) of the motions that it sees, and the contact
-        displacements of these (its size, c); together they are Z (owned size, size), sparse (m)
+    blocks : for each owned interface its part of a vector, the numbers (c,) of the motions of its bodies, and their
+        contact displacements (its size, c); together they are Z (owned size, size), sparse (m)
     """
 
     def __init__(self, space: Space, size: int, blocks: Sequence[tuple[slice, np.ndarray, np.ndarray]]) -> None:
@@ -50,7 +50,7 @@ class Motions:
                         (part, ours, block), (_, theirs, more) in zip(self.blocks, other.blocks, strict=True)])
 
     def assemble(self, blocks: Sequence[np.ndarray]) -> sparse.csr_matrix:
-        """Columns of each owned interface (its size, c), for the motions that it sees, as a matrix like Z."""
+        """A matrix like Z from columns (its size, c) of every owned interface, for the motions of its bodies."""
         rows, columns, values = [np.empty(0, int)], [np.empty(0, int)], [np.empty(0)]
         for (part, numbers, _), block in zip(self.blocks, blocks, strict=True):
             rows.append(np.repeat(np.arange(part.start, part.stop), len(numbers)))
@@ -60,24 +60,25 @@ class Motions:
                                  (self.space.size, self.size))
 
     def spread(self, alpha: np.ndarray) -> np.ndarray:
-        """Zα (owned size,) in metres: the contact displacements of motions of the sizes α (size,)."""
+        """Zα (owned size,) in metres: the contact displacements of motions with amplitudes α (size,)."""
         return self.Z @ alpha if self.size else np.zeros(self.space.size)
 
     def sums(self, s: np.ndarray) -> np.ndarray:
-        """Zᵀs (size,) in newtons, the same on all ranks: what the forces s do along each motion. Collective."""
+        """Zᵀs (size,) in newtons, the same on all ranks: generalised forces of s along the motions. Collective."""
         return self.space.add(self.Z.T @ s) if self.size else np.zeros(0)
 
 
 def gather_motions(exchange: Exchange, space: Space, members: Sequence[Member], columns: Sequence[np.ndarray],
                    pushed: Sequence[Rigid] = ()) -> tuple[Motions, dict[str, slice]]:
-    """The motions of all bodies, and their numbers by body: in the order of the ranks and of the bodies there.
+    """The motions of all bodies, and their numbers by body: in the order of ranks, then of the bodies on a rank.
 
-    `columns` has, of each local body, the contact displacements of its motions (j, size of its vector) in metres. The
-    translations of `pushed` partners, along the axes where forces act on them, come last. Collective.
+    `columns` has the contact displacements of the motions of every local body (j, size of its vector) in metres. The
+    translations of `pushed` partners, along the axes in which forces act on them, come last. Collective.
     """
+    # All ranks learn how many motions each body has, hence the same numbers; the motions themselves go to neighbours.
     counts = exchange.world.allgather([(member.name, len(own)) for member, own in zip(members, columns, strict=True)])
     slices, size, axes = {}, 0, {rigid.name: rigid.pushed for rigid in pushed}
-    for name, count in itertools.chain(*counts, ((name, len(own)) for name, own in axes.items())):
+    for name, count in itertools.chain(*counts, ((name, len(moves)) for name, moves in axes.items())):
         slices[name] = slice(size, size + count)
         size += count
     if not size:
@@ -88,25 +89,26 @@ def gather_motions(exchange: Exchange, space: Space, members: Sequence[Member], 
     for interface, part in space.each():
         sides = dict(zip(interface.bodies, both[interface.name], strict=True))
         if interface.bodies[1] in axes:
+            # A pushed partner is a second side without nodes: moving by e_x it opens the contact by −n·e_x.
             sides[interface.bodies[1]] = -interface.directions[:, axes[interface.bodies[1]]]
-        found = [(np.arange(slices[name].start, slices[name].stop), block)
-                 for name, block in sides.items() if block is not None]
-        numbers, columns = zip(*found, strict=True)
+        seen = [(np.arange(slices[name].start, slices[name].stop), block)
+                for name, block in sides.items() if block is not None]
+        numbers, columns = zip(*seen, strict=True)
         blocks.append((part, np.concatenate(numbers), np.hstack(columns)))
     return Motions(space, size, blocks), slices
 
 
 class CoarseSystem:
-    """S = Ẑ M Z̃ᵀ + D for one set of unknown forces, factored on the first rank, which solves for all.
+    """S = Ẑ M Z̃ᵀ + D for one set of unknown forces, Ẑ = Zᵀ E, Z̃ = Zᵀ I, factored and solved on the first rank.
 
     Factors on every rank take memory on each and keep all cores of a host busy with the same work; shared by several
     ranks they do not solve faster (docs/studies/scaling.md).
 
     Parameters
     ----------
-    basis, E : I and E (owned size, k) sparse, along which forces are unknown, and all forces from these
-    weights : W (k,) along the unknown forces; W Iᵀ M I W stands in the place of Iᵀ M I
-    stiffness : M on columns of an owned interface, from its number and (its size, c) to the same
+    basis, E : I and E (owned size, k) sparse: directions of the unknown forces, and all forces from the unknown ones
+    weights : W (k,) along the unknown forces; W Iᵀ M I W replaces Iᵀ M I
+    stiffness : M times columns (its size, c) of an owned interface, called with its number
     diagonal : D (size,)
 
     Construction is collective.
@@ -118,15 +120,17 @@ class CoarseSystem:
         with event("CoarseSystem"):
             smooth = []
             for number, (part, _, block) in enumerate(motions.blocks):
-                own = basis[part]
-                smooth.append(stiffness(number, own @ (weights[:, None] * (own.T @ block))))
+                unknown = basis[part]
+                smooth.append(stiffness(number, unknown @ (weights[:, None] * (unknown.T @ block))))
+            # Elimination of y from [M⁻¹ −Z̃ᵀ; Ẑ D] leaves S. Slipping nodes' friction follows the pressure, so E
+            # differs from I and S is not symmetric: an oblique projector in place of FETI's.
             self._MZ = (sparse.diags(weights) @ basis.T @ motions.assemble(smooth)).tocsr()
             self._EZ = (E.T @ motions.Z).tocsr()
             local = (self._EZ.T @ self._MZ).tocoo()
             entries, self.size = self._space.gather((local.row, local.col, local.data)), motions.size
             with agreed(self._space.comm):
                 if entries is not None:
-                    row, column, value = (np.concatenate(each) for each in zip(*entries, strict=True))
+                    row, column, value = (np.concatenate(arrays) for arrays in zip(*entries, strict=True))
                     S = sparse.csc_matrix((value, (row, column)), (self.size, self.size))
                     try:
                         S = (S + sparse.diags(diagonal)).tocsc()
@@ -139,43 +143,46 @@ class CoarseSystem:
 
         Collective.
         """
+        # The right-hand side is summed over ranks in one reduction, and a is sent back: a few numbers a body.
         a = self._space.solve_first(self._EZ.T @ Mf, lambda total: self._factors.solve(
             -total if h is None else h - total))
         return Mf + self._MZ @ a, a
 
 
 class CrossPoints:
-    """How nodes give way at which bodies have several contacts: R = Σ B_a B_aᵀ / c_a, with the rows B_a there.
+    """The local compliance R = Σ B_a B_aᵀ / c_a of nodes at which bodies have several contacts, with their rows B_a.
 
-    Half-spaces know one contact each. Around an edge where bodies meet forces may even cancel on all of them. The first
-    rank has R, from the `members` of all, and solves for all. Construction is collective.
+    The half-spaces of the preconditioner know one contact each. Around an edge where several bodies meet, forces of
+    different contacts act on the same node and may cancel. R is on the first rank. Construction is collective.
     """
 
     def __init__(self, members: Sequence[Member], exchange: Exchange, space: Space) -> None:
-        found = [member.at_cross_points() for member in members]
-        rest = exchange.total([own for _, own in found], "cross points")
+        points = [member.at_cross_points() for member in members]
+        rest = exchange.total([rest for _, rest in points], "cross points")
         blocks = [([(name, part.stop - part.start) for name, (part, _) in member.parts.items()], block)
-                  for member, (block, _) in zip(members, found, strict=True)]
+                  for member, (block, _) in zip(members, points, strict=True)]
         self._space, everyone = space, space.gather((space.parts, rest, blocks))
         if everyone is not None:
             layouts, rests, parts = zip(*everyone, strict=True)
-            before = np.cumsum([0, *(len(each) for each in rests)])
-            starts = {name: start + part.start for start, own in zip(before, layouts, strict=False)
-                      for name, part in own.items()}
+            before = np.cumsum([0, *(len(values) for values in rests)])
+            # Where the vector of each interface begins among those of all ranks.
+            starts = {name: start + part.start for start, layout in zip(before, layouts, strict=False)
+                      for name, part in layout.items()}
             placed = [sparse.csr_matrix((before[-1], 0))]
             for sizes, block in itertools.chain(*parts):
                 rows = np.concatenate([np.zeros(0, int), *(starts[name] + np.arange(size) for name, size in sizes)])
                 placed.append(sparse.csr_matrix((np.ones(len(rows)), (rows, np.arange(len(rows)))),
                                                 (before[-1], len(rows))) @ block)
             B = sparse.hstack(placed, "csr")
+            # The diagonal rest is what nodes with one contact only contribute to the compliance of these rows.
             self._R = B @ B.T + sparse.diags(np.concatenate(rests))
 
     def corrector(self, basis: sparse.csr_matrix, D: np.ndarray, rows: np.ndarray,
                   ) -> Callable[[np.ndarray], np.ndarray] | None:
-        """w ↦ diag(K) K⁻¹ w for displacements (k,) along the unknown forces, K = Iᵀ R I + D; collective as this is.
+        """w ↦ diag(K) K⁻¹ w for displacements (k,) along the unknown forces, K = Iᵀ R I + D. It is collective, too.
 
-        `basis` is I (owned size, k), sparse, D (k,) are compliances (m/N) above zero, and `rows` (owned size,) bool the
-        entries of this rank's vectors at such nodes. None where no such force is unknown. Raises SolverError.
+        `basis` is I (owned size, k), sparse, D (k,) are positive compliances (m/N), and `rows` (owned size,) bool marks
+        entries of this rank's vectors at cross points. None where all their forces are known. Raises SolverError.
         """
         space, columns = self._space, np.unique(basis[rows].indices)
         if not space.any(np.array([len(columns)])):
@@ -184,9 +191,11 @@ class CrossPoints:
         everyone = space.gather((unknown, D[columns]))
         with agreed(space.comm):
             if everyone is not None:
-                parts, own = zip(*everyone, strict=True)
+                parts, layers = zip(*everyone, strict=True)
                 along = sparse.block_diag(parts, "csr")
-                K = (along.T @ self._R @ along + sparse.diags(np.concatenate(own))).tocsc()
+                # Forces that cancel in R are redundant multipliers; D > 0 makes K regular. diag(K) K⁻¹ is 1 where
+                # nothing couples.
+                K = (along.T @ self._R @ along + sparse.diags(np.concatenate(layers))).tocsc()
                 diagonal = K.diagonal()
                 try:
                     factors = splu(K, permc_spec="MMD_AT_PLUS_A")
@@ -194,8 +203,8 @@ class CrossPoints:
                     raise SolverError(f"the forces where contacts meet cannot be solved for: {cause}") from None
 
         def correct(w: np.ndarray) -> np.ndarray:
-            found = w.copy()
-            found[columns] = space.solve_joined(w[columns], lambda right: diagonal * factors.solve(right))
-            return found
+            corrected = w.copy()
+            corrected[columns] = space.solve_joined(w[columns], lambda right: diagonal * factors.solve(right))
+            return corrected
 
         return correct

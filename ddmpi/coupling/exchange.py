@@ -21,7 +21,7 @@ _PART, _OBJECT = 12, 13
 
 
 class Ends(NamedTuple):
-    """A contact and the ranks of its first and second body; a rigid partner has no rank, and the first's stands here.
+    """A contact and the ranks of its first and second body; for a rigid partner the first body's rank.
 
     The first body's rank owns the contact: it holds the vectors of its interface.
     """
@@ -32,16 +32,15 @@ class Ends(NamedTuple):
 
 
 class Exchange:
-    """Carries the vectors of interfaces between the ranks that own them and those of the bodies that meet there.
+    """Carries the vectors of interfaces between the ranks that own them and the ranks of their bodies.
 
-    A product with the joint compliance is `spread`, the bodies' own work, and `total`. At its end all ranks agree on
-    errors and signals, so that an error on one rank reaches the others instead of leaving them waiting, and on what the
-    vectors are about, so that ranks whose iterations came to different ends (on unlike processors, say) notice it.
+    A product with the joint compliance is `spread`, the local products of the bodies, and `total`. At its end all ranks
+    agree on errors and signals, so that no rank waits for one that failed, and on the purpose of the vectors: ranks
+    whose iterations took different branches, as on unlike processors, notice it.
 
-    `world` is the communicator of all bodies; `ends` are of all contacts in which a body of this rank takes part, in
-    the order of the scene. `sent` counts what this rank has sent so far: messages and bytes of interface vectors;
-    reductions over all ranks, of flags, scalars and coarse problems, and reduced_bytes, what it gave to them. PETSc's
-    own in Krylov methods are not counted.
+    `world` is the communicator of all bodies; `ends` are all contacts of this rank's bodies, in the order of the scene.
+    `sent` counts what this rank has sent so far: messages and bytes of interface vectors; reductions over all ranks (of
+    flags, scalars and coarse problems) and its reduced_bytes. Reductions within PETSc's Krylov methods are not counted.
     """
 
     def __init__(self, world: MPI.Comm, ends: Sequence[Ends]) -> None:
@@ -50,8 +49,8 @@ class Exchange:
         self._failure: DdmpiError | None = None
 
     def connect(self, space: Space, bodies: Sequence[Mapping[str, tuple[slice, int]]]) -> None:
-        """Say where the parts of vectors lie: of those of the owned interfaces by `space`; of the local `bodies`' own,
-        by contact, the part there, and the body's side, 0 or 1."""
+        """Set the layout of vectors: of the owned interfaces by `space`; of the local `bodies` by contact, as the part
+        and the body's side, 0 or 1."""
         sizes = [max((part.stop for part, _ in parts.values()), default=0) for parts in bodies]
         self._owned = space.size
         *starts, self._size = np.cumsum([0, *sizes])
@@ -60,21 +59,23 @@ class Exchange:
         lent: dict[int, list[np.ndarray]] = {}
         borrowed: dict[int, list[np.ndarray]] = {}
         for contact, first, second in self.ends:
-            here = {parts[contact][1]: start + np.arange(sizes[k])[parts[contact][0]]
-                    for k, (start, parts) in enumerate(zip(starts, bodies, strict=True)) if contact in parts}
+            places = {parts[contact][1]: start + np.arange(sizes[k])[parts[contact][0]]
+                      for k, (start, parts) in enumerate(zip(starts, bodies, strict=True)) if contact in parts}
             if first != self.world.rank:
-                borrowed.setdefault(first, []).append(here[1])
+                borrowed.setdefault(first, []).append(places[1])
                 continue
             part = np.arange(space.size)[space.parts[contact]]
-            local += [np.stack([own, part, np.full_like(part, side)]) for side, own in here.items()]
+            local += [np.stack([place, part, np.full_like(part, side)]) for side, place in places.items()]
             if second != first:
                 lent.setdefault(second, []).append(part)
+        # Plain index arrays: of contacts within this rank, of those lent to the second body's rank, and of those
+        # borrowed.
         self._local, self._at, self._side = np.hstack([np.zeros((3, 0), int), *local])  # rows of bodies, of owner; side
-        self._lent, self._borrowed = ({rank: np.concatenate(parts) for rank, parts in each.items()}
-                                      for each in (lent, borrowed))
+        self._lent, self._borrowed = ({rank: np.concatenate(parts) for rank, parts in indices.items()}
+                                      for indices in (lent, borrowed))
 
     def spread(self, x: np.ndarray) -> list[np.ndarray]:
-        """What each local body sees of a vector `x` of the owned interfaces. Collective over neighbours."""
+        """A vector of each local body, from a vector `x` of the owned interfaces. Collective over neighbours."""
         whole = np.zeros(self._size)
         came = self._trade({rank: x[at] for rank, at in self._lent.items()}, self._borrowed)
         whole[self._local] = x[self._at]
@@ -83,10 +84,10 @@ class Exchange:
         return np.split(whole, self._ends)
 
     def collect(self, parts: Sequence[np.ndarray], about: str) -> tuple[np.ndarray, np.ndarray]:
-        """What the first and the second bodies of the owned interfaces contribute, from the local bodies' vectors.
+        """Contributions of the first and of the second bodies to the owned interfaces, from the local bodies' vectors.
 
         The second is zero where the partner is rigid. Collective on the world. Raises the error of any rank on all,
-        InterruptionError when a signal came to one of them, and SolverError when they are about different things.
+        InterruptionError after a signal to one of them, and SolverError if their purposes differ.
         """
         whole, both = np.concatenate(parts), np.zeros((2, self._owned))
         came = self._trade({rank: whole[at] for rank, at in self._borrowed.items()}, self._lent)
@@ -102,12 +103,13 @@ class Exchange:
         return first + second
 
     def meet(self, about: str) -> None:
-        """Agree on errors, signals and what is being done. Collective; raises as `collect` does."""
+        """Agree on errors, signals and the purpose `about`. Collective; raises as `collect` does."""
         self._failure = self._failure or interrupt.interruption()
         if self.world.size == 1:
             if self._failure:
                 agree(self.world, self._failure)
             return
+        # The maxima of topic and −topic are the largest and the smallest topic: equal topics show in one reduction.
         topic = zlib.crc32(about.encode())
         words = np.array([self._failure is not None, topic, -topic], dtype=np.int64)
         self.sent.update(reductions=1, reduced_bytes=words.nbytes)
@@ -121,9 +123,9 @@ class Exchange:
             agree(self.world, self._failure)
 
     def swap(self, mine: np.ndarray, about: str) -> tuple[np.ndarray, np.ndarray]:
-        """Where two ranks hold a body each: both ranks' vectors, first that of the first contact's first body.
+        """Equally long vectors of both ranks that hold a body each, that of the first contact's first body first.
 
-        They are equally long. Collective; raises as `collect`.
+        Collective; raises as `collect`.
         """
         self.meet(about)
         _, first, second = self.ends[0]
@@ -132,9 +134,9 @@ class Exchange:
         return (mine, theirs) if self.world.rank == first else (theirs, mine)
 
     def swap_objects(self, mine: Mapping[tuple[str, int], Any]) -> dict[str, tuple]:
-        """Both bodies' objects by contact, on the ranks of both, from each rank's own by contact and side.
+        """Objects of both bodies by contact, on the ranks of both, from those of this rank by contact and side.
 
-        For small objects during set-up and output; not counted. A rigid partner's is None. Collective over neighbours.
+        For small objects during set-up and output; not counted. None for a rigid partner. Collective over neighbours.
         """
         outgoing: dict[int, dict[tuple[str, int], Any]] = {}
         for contact, first, second in self.ends:
@@ -166,11 +168,12 @@ class Exchange:
             self._failure = error
 
     def _trade(self, send: Mapping[int, np.ndarray], like: Mapping[int, np.ndarray]) -> dict[int, np.ndarray]:
-        """Send vectors to ranks, and receive vectors from others, as long as `like`."""
+        """Send vectors to ranks, and receive vectors of the lengths of `like` from others."""
         if not (send or like):
             return {}
-        came = {rank: np.empty(len(each)) for rank, each in like.items()}
+        came = {rank: np.empty(len(vector)) for rank, vector in like.items()}
         with event("Exchange"):
+            # Receives first: messages find their buffers posted.
             requests = [self.world.Irecv(vector, rank, _PART) for rank, vector in came.items()]
             requests += [self.world.Isend(vector, rank, _PART) for rank, vector in send.items()]
             MPI.Request.Waitall(requests)

@@ -17,21 +17,21 @@ from ddmpi.scene.contacts import Rigid
 from ddmpi.system.numbers import norm
 
 STEERING = 0.1
-"""Where the compliance is applied by an iterative solver: a product in GMRES need only be as precise as this times
-what GMRES has left to do (Bouras and Frayssé, SIAM J. Matrix Anal. Appl. 26, 2005), since it steers, no more."""
+"""With an iterative solver, a product in GMRES needs no more relative precision than this times the ratio by which
+GMRES has still to reduce its residual (Bouras and Frayssé, SIAM J. Matrix Anal. Appl. 26, 2005)."""
 
 BALANCED = 1e-12
-"""The force on a pushed partner is balanced if less than this part of it and of all contact forces is left."""
+"""The force on a pushed partner is balanced if the rest is below this fraction of it and of all contact forces."""
 
 
 class Point(NamedTuple):
-    """Forces and what follows from them; also a change of these, along which all of it is linear.
+    """Forces with the gaps and motions that follow from them; or a change of a point, as all of it is linear.
 
     Attributes
     ----------
     s, r : (size,) forces (N) and gaps (m)
     alpha : motions of loose bodies (m)
-    left : e − G s, the loads on these motions that the forces leave (N)
+    left : e − G s, the imbalance along these motions (N)
     """
 
     s: np.ndarray
@@ -40,35 +40,35 @@ class Point(NamedTuple):
     left: np.ndarray
 
     def along(self, change: Point, length: float) -> Point:
-        """The point at this length of the step `change`."""
-        return Point(*(own + length * step for own, step in zip(self, change, strict=True)))
+        """The point after the fraction `length` of the step `change`."""
+        return Point(*(value + length * step for value, step in zip(self, change, strict=True)))
 
 
 class Joint:
     """C = Σ C_a over the bodies a, the free gaps d = Σ h_a − gap, and the rigid motions α of loose bodies.
 
     The gaps under forces s are r = C s − d − Gᵀα, and G s = e is the equilibrium of the loose bodies. An operator in
-    the sense of `qp`. What stands above this class works on vectors of the `space` and never hears of a rank. All
-    methods that multiply or add up are collective on all bodies, and raise what any of them raises.
+    the sense of `qp`. Users of this class work on vectors of the `space` and need not know of ranks. All methods that
+    multiply or add up are collective on all bodies, and raise the errors of any of them.
 
     Parameters
     ----------
     members : the bodies of this rank
     exchange, space : between the bodies, and the layout of the vectors
-    histories : that loads, clamps and rigid partners follow, None for those that follow none
-    pushed : rigid partners that forces push: loose bodies without compliance that do not turn
+    histories : of loads, clamps and rigid partners, None for constant ones
+    pushed : rigid partners under forces: loose bodies without compliance that do not turn
 
     Attributes
     ----------
     size : length of the vectors on this rank
     bodies : number of bodies of all ranks
-    d : (size,) how far the bodies would overlap without contact forces (m), tangentially from where slip begins, which
-        a load step says after `act`
-    rigid : the rigid motions of loose bodies, Gᵀ = rigid.Z; of size 0 where clamps hold all bodies
-    slices : of them by body, also of the bodies that have none, and by pushed partner
-    e : (rigid.size,) the loads along them (N)
-    neglected : forces (N) that do not matter in a product that is kept
-    steering : how precise products in GMRES need be, as a part of what it has left to do
+    d : (size,) overlap without contact forces (m); its tangential part, from where slip begins, is set by the load step
+        after `act`
+    rigid : the rigid motions of loose bodies, Gᵀ = rigid.Z; of size 0 where clamps support all bodies
+    slices : of the motions by body, empty for supported ones, and by pushed partner
+    e : (rigid.size,) the loads along the motions (N)
+    neglected : forces (N) that are negligible in a product that is kept
+    steering : relative precision of products in GMRES, over the ratio of reduction that GMRES still needs
     dear : whether a body's products are by an iterative solver
     """
 
@@ -83,22 +83,26 @@ class Joint:
                        for name in histories}
         self.rigid, self.slices = gather_motions(exchange, space, members, [member.G for member in members], pushed)
         self.bodies = len(self.slices) - len(pushed)
+        # A pushed partner is a body without compliance: its row of G s = e is the balance of contact forces and its
+        # force.
         self._pulled = {name: self.of_all([member.response(name)[1] for member in members],
                                            [(rigid.history == name) * np.array(rigid.force)[rigid.pushed]
                                             for rigid in pushed]) for name in histories}
         self.act(dict.fromkeys(histories, 1.0))
 
     def act(self, factors: Mapping[str | None, float]) -> None:
-        """Take d and e of loads and clamps with these `factors` by history; `space` and members know them already."""
+        """Set d and e of loads and clamps with these `factors` by history, after those of `space` and members."""
         self.d, self.e = (sum((factors[name] * part for name, part in parts.items()), np.zeros(1))
                           for parts in (self._moved, self._pulled))
+        # d = Σ B_a A_a⁺ b_a − gap: positive where the free bodies would overlap.
         self.d = self.d - self.space.gap
 
     def product(self, x: np.ndarray, purpose: str, relative: float | None = None) -> np.ndarray:
-        """C x (size,), as a new vector, precise enough to be kept, or `relative` as for `Compliance.mult`."""
+        """C x (size,) as a new vector, precise enough to be kept, or `relative` as for `Compliance.mult`."""
         y = np.empty(self.size)
         if relative is None:
             size = self.space.norm(x)
+            # A relative error of neglected/‖x‖ leaves forces of the size `neglected` unbalanced in the bodies.
             relative = min(self.neglected / size, STEERING) if size else 0.0
         self.mult(x, y, purpose, relative)
         return y
@@ -106,18 +110,19 @@ class Joint:
     def mult(self, x: np.ndarray, y: np.ndarray, purpose: str, relative: float = 0.0) -> None:
         """y ← C x (metres from newtons), both (size,); `relative` as for `Compliance.mult`."""
         parts = self.exchange.spread(x)
+        # An error on one rank waits for the exchange, which all ranks reach, and is raised on all of them there.
         with self.exchange.deferred():
             for member, part in zip(self.members, parts, strict=True):
                 member.mult(part.copy(), part, purpose, relative)
         y[:] = self.exchange.total(parts, purpose)
 
     def add_motions(self, columns: Sequence[np.ndarray], values: Sequence[np.ndarray]) -> tuple[Motions, np.ndarray]:
-        """The rigid and then further motions: of each local body (j, its size); with a value of each further one."""
+        """The rigid motions and then further ones of all local bodies (j, its size), with values of the latter."""
         more, _ = gather_motions(self.exchange, self.space, self.members, columns)
         return self.rigid.joined(more), self.of_all(values)
 
     def cross_points(self) -> CrossPoints:
-        """How nodes give way at which bodies have several contacts. Collective."""
+        """The local compliance of nodes at which bodies have several contacts. Collective."""
         return CrossPoints(self.members, self.exchange, self.space)
 
     def shared(self) -> np.ndarray:
@@ -125,38 +130,42 @@ class Joint:
         return self.exchange.total([member.shared().astype(float) for member in self.members], "shared nodes") > 0.0
 
     def rigid_moduli(self) -> np.ndarray:
-        """`Member.stiffness` (N/m²; in space N/m) of the body that each rigid motion belongs to, or of the stiffest
-        body that a partner pushes (rigid.size,); times the softest foundation over its body's, if that is softer."""
+        """`Member.stiffness` (rigid.size,) of the rigid motions' bodies, or of the stiffest body at a pushed partner
+        (N/m²; in space N/m), times the ratio of the softest foundation to its body, if below 1."""
         world = self.exchange.world
+        # The springs that steer rigid motions must be soft beside foundations, which resist the same motions.
         soft = [member.elasticity.softest / member.stiffness for member in self.members if member.stiffness]
         share = world.allreduce(min([1.0, *soft]), MPI.MIN)
         pushing = [world.allreduce(max((member.stiffness for member in self.members if any(
-            rigid.name in each.bodies for each in member.interfaces)), default=0.0), MPI.MAX) for rigid in self.pushed]
+            rigid.name in met.bodies for met in member.interfaces)), default=0.0), MPI.MAX) for rigid in self.pushed]
         return share * self.of_all([np.full(len(member.e), member.stiffness) for member in self.members],
                                     [np.full(len(rigid.pushed), stiffness) for rigid, stiffness in
                                      zip(self.pushed, pushing, strict=True)])
 
     def first_closed(self) -> tuple[np.ndarray, np.ndarray]:
-        """The nodes (m,) bool of all owned interfaces that a first guess takes as closed, and the open ones of these
-        that bodies fall onto, which may turn. Collective.
+        """The nodes (m,) bool of all owned interfaces that the first guess closes, and those of them that are open and
+        onto which a body falls that may turn. Collective.
 
-        All of them where clamps hold all bodies. A loose body that nothing presses must not be drawn to a partner, so
-        with loose bodies those that touch at first; and all of a loose body whose load presses it on none of these, as
-        of a shaft that falls through its clearance.
+        The guess closes all nodes where clamps support all bodies; with loose bodies the nodes that touch, as forces
+        would draw an unloaded body to a distant partner. It closes all nodes of a loose body that its load does not
+        press onto a touching node, such as a shaft that falls through its clearance.
         """
         space = self.space
+        # gap ≤ 0 without forces: touching or overlapping, as drawn and with rigid partners moved.
         touches = [space.gap[part][:interface.m] <= 0.0 for interface, part in space.each()]
-        falls = [np.zeros(len(own), bool) for own in touches]
+        falls = [np.zeros(len(touch), bool) for touch in touches]
         lonely: list[str] = []
         if self.rigid.size:
             bears = np.zeros(self.rigid.size)
             for interface, block_of, closed in zip(space.interfaces, self.rigid.blocks, touches, strict=True):
                 _, numbers, block = block_of
                 for at in (self.slices[name] for name in interface.bodies if name in self.slices):
-                    own = (at.start <= numbers) & (numbers < at.stop)
-                    bears[numbers[own]] += (block[:interface.m][closed][:, own] @ self.e[at] > 0.0).any()
+                    of_body = (at.start <= numbers) & (numbers < at.stop)
+                    # (Gᵀe)_j > 0: motion along the load closes the gap at a touching node.
+                    bears[numbers[of_body]] += (block[:interface.m][closed][:, of_body] @ self.e[at] > 0.0).any()
             bears = space.add(bears)
             lonely = [name for name, at in self.slices.items() if self.e[at].any() and not bears[at].any()]
+        # Pushed partners do not turn, so the direction of slip after their fall is known.
         upright = {rigid.name for rigid in self.pushed}
         for k, interface in enumerate(space.interfaces):
             falling = set(interface.bodies) & set(lonely)
@@ -166,24 +175,25 @@ class Joint:
         none = np.empty(0, bool)
         return np.concatenate([none, *touches]), np.concatenate([none, *falls])
 
-    def of_all(self, own: Sequence[np.ndarray], partners: Sequence[np.ndarray] = ()) -> np.ndarray:
-        """The arrays of all bodies and then of pushed partners one after the other, in the order of the motions."""
-        everyone = self.exchange.world.allgather(own)
+    def of_all(self, arrays: Sequence[np.ndarray], partners: Sequence[np.ndarray] = ()) -> np.ndarray:
+        """Arrays of all bodies and then of pushed partners, concatenated in the order of the motions."""
+        everyone = self.exchange.world.allgather(arrays)
         return np.concatenate([np.zeros(0), *itertools.chain(*everyone), *partners])
 
     def pushed_by(self, alpha: np.ndarray) -> dict[str, np.ndarray]:
-        """How far (d,) pushed partners move along with the motions α (rigid.size,), beside their displacements (m)."""
+        """Displacements (d,) of pushed partners by the motions α (rigid.size,), on top of the prescribed ones (m)."""
         return {rigid.name: np.bincount(rigid.pushed, alpha[self.slices[rigid.name]], len(rigid.force or ()))
                 for rigid in self.pushed}
 
     def imbalance(self, s: np.ndarray) -> np.ndarray:
-        """e − G s (rigid.size,) in newtons: the loads on loose bodies that the forces s leave."""
+        """e − G s (rigid.size,) in newtons: loads on loose bodies that the forces s do not balance."""
         return self.e - self.rigid.sums(s)
 
     def balances(self, left: np.ndarray, size: float) -> bool:
-        """Whether `imbalance` leaves nothing on pushed partners beside them, and beside forces of this size (N)."""
-        own = [self.slices[rigid.name] for rigid in self.pushed]
-        return all(norm(left[at]) <= BALANCED * (norm(self.e[at]) + size) for at in own)
+        """Whether the `imbalance` on pushed partners is rounding beside their forces and those of contacts, `size` (N).
+        """
+        motions = [self.slices[rigid.name] for rigid in self.pushed]
+        return all(norm(left[at]) <= BALANCED * (norm(self.e[at]) + size) for at in motions)
 
     def multiplications(self) -> int:
         """Multiplications by A_a⁻¹ so far, of all bodies."""

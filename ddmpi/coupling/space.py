@@ -17,16 +17,16 @@ from ddmpi.system.numbers import norm
 
 
 class Space:
-    """Vectors over interfaces, one interface's part after the other: of all ranks together the interfaces of a scene.
+    """Vectors over interfaces, one interface's part after the other; the ranks together have all interfaces of a scene.
 
-    What adds or compares entries of such vectors goes through the methods below, the only places where ranks
-    reduce. Reductions are in the order of the ranks and the same on all of them.
+    Norms, sums and comparisons of such vectors go through the methods below, the only places where ranks reduce.
+    Reductions are in the order of the ranks and have the same result on all of them.
 
     Parameters
     ----------
-    interfaces : that this rank owns, in the order of the parts
-    comm : of the ranks that own the others
-    sent : where reductions over several ranks and what this one gives to them are counted
+    interfaces : owned by this rank, in the order of the parts
+    comm : of all ranks that own interfaces
+    sent : counter of reductions over several ranks and of the bytes that this rank contributes
 
     Attributes
     ----------
@@ -34,8 +34,8 @@ class Space:
     size : length of this rank's vectors
     petsc_comm : `comm` as PETSc takes it
     laws : of the owned interfaces, on vectors of this space
-    opening : (size,) initial gaps at the normal entries (m), as their histories have them; zero at the tangential ones
-    prescribed : (size,) what rigid partners move (m)
+    opening : (size,) initial gaps at the normal entries (m), times their histories; zero at the tangential ones
+    prescribed : (size,) contact displacements of rigid partners (m)
     gap : (size,) the first less the second
     """
 
@@ -61,9 +61,9 @@ class Space:
         self.gap = self.opening - self.prescribed
 
     def act(self, factors: Mapping[str | None, float]) -> None:
-        """Let gaps and rigid partners be as their histories have them with these `factors`."""
-        if any((each.history, each.gap_history) != (None, None) for each in self._drawn):
-            self.interfaces = tuple(each.under(factors) for each in self._drawn)
+        """Set gaps and rigid partners to these `factors` by history."""
+        if any((interface.history, interface.gap_history) != (None, None) for interface in self._drawn):
+            self.interfaces = tuple(interface.under(factors) for interface in self._drawn)
             self._place()
 
     def each(self) -> list[tuple[Interface, slice]]:
@@ -80,7 +80,8 @@ class Space:
 
     def norms(self, vectors: Sequence[np.ndarray]) -> list[float]:
         """`norm` of several vectors in one reduction. Collective."""
-        return [math.hypot(*each) for each in self._gather([norm(x) for x in vectors]).T]
+        # hypot neither overflows nor underflows, and sums in the order of the ranks.
+        return [math.hypot(*entries) for entries in self._gather([norm(x) for x in vectors]).T]
 
     def largest(self, x: np.ndarray) -> float:
         """The largest |entry| of a vector (size,) over all ranks. Collective."""
@@ -101,7 +102,7 @@ class Space:
         return total
 
     def solve_first(self, values: np.ndarray, solve: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
-        """What `solve` makes on the first rank of the sum of `values` (k,) over the ranks: (k,) on all. Collective."""
+        """`solve` on the first rank, applied to the sum of `values` (k,) over the ranks: (k,) on all. Collective."""
         total = self.add(values)
         if self.comm.rank == 0:
             total = solve(total)
@@ -109,28 +110,29 @@ class Space:
         return total
 
     def solve_joined(self, values: np.ndarray, solve: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
-        """The own part (k,) of what `solve` makes on the first rank of the `values` (k,) of all ranks. Collective."""
+        """This rank's part (k,) of `solve` on the first rank, applied to the `values` (k,) of all ranks. Collective."""
         if self.comm.size == 1:
             return solve(values)
         self.sent.update(reductions=1, reduced_bytes=values.nbytes)
         if parts := self.comm.gather(values):
-            parts = np.split(solve(np.concatenate(parts)), np.cumsum([len(each) for each in parts])[:-1])
+            parts = np.split(solve(np.concatenate(parts)), np.cumsum([len(values) for values in parts])[:-1])
         return self.comm.scatter(parts)
 
     def gather(self, parts: tuple) -> list[tuple] | None:
         """The `parts` of all ranks, such as arrays, on the first. Collective."""
         if self.comm.size > 1:
-            self.sent.update(reductions=1, reduced_bytes=sum(getattr(each, "nbytes", 0) for each in parts))
+            self.sent.update(reductions=1, reduced_bytes=sum(getattr(array, "nbytes", 0) for array in parts))
         return self.comm.gather(parts)
 
     def _gather(self, values: Sequence[float]) -> np.ndarray:
         """The values (ranks, k) of all ranks."""
-        own = np.array(values, float)
+        local = np.array(values, float)
         if self.comm.size == 1:
-            return own[None]
-        self.sent.update(reductions=1, reduced_bytes=own.nbytes)
-        everyone = np.empty((self.comm.size, len(own)))
-        self.comm.Allgather(own, everyone)
+            return local[None]
+        # Gathered, not reduced by MPI: sums in the order of the ranks are the same bits on all of them.
+        self.sent.update(reductions=1, reduced_bytes=local.nbytes)
+        everyone = np.empty((self.comm.size, len(local)))
+        self.comm.Allgather(local, everyone)
         return everyone
 
 
@@ -142,7 +144,7 @@ class Laws:
         self.size = sum(law.size for law in self.laws)
         ends, self._nodes, self._sliding = np.cumsum(
             [(law.size, law.m, len(law.sliding)) for law in self.laws], axis=0)[:-1].T
-        self._parts = [slice(*each) for each in itertools.pairwise([0, *ends, self.size])]
+        self._parts = [slice(*pair) for pair in itertools.pairwise([0, *ends, self.size])]
 
     @property
     def largest_slope(self) -> float:
@@ -165,18 +167,18 @@ class Laws:
         return [law.active_set(part) for law, part in self.parts(q)]
 
     def sticking(self, closed: np.ndarray, falls: np.ndarray | None = None) -> list[ActiveSet]:
-        """The nodes `closed` of all interfaces closed and sticking, but for those that fall; the others open."""
+        """Active sets with the nodes `closed` closed and sticking, unless they fall, and all others open."""
         falls = np.zeros_like(closed) if falls is None else falls
-        return [law.sticking(*own) for law, *own in zip(self.laws, np.split(closed, self._nodes),
-                                                        np.split(falls, self._nodes), strict=True)]
+        return [law.sticking(*marks) for law, *marks in zip(self.laws, np.split(closed, self._nodes),
+                                                            np.split(falls, self._nodes), strict=True)]
 
     def linearise(self, active: list[ActiveSet]) -> list[Tangent]:
-        """What the active sets imply for the forces of each interface."""
-        return [law.linearise(each) for law, each in zip(self.laws, active, strict=True)]
+        """The tangents of the laws at the active sets, one for each interface."""
+        return [law.linearise(active_set) for law, active_set in zip(self.laws, active, strict=True)]
 
     def settle(self, s: np.ndarray, active: list[ActiveSet]) -> np.ndarray:
         """The forces (size,) next to s that obey all bounds exactly."""
-        return np.concatenate([law.settle(part, each) for (law, part), each in zip(self.parts(s), active, strict=True)])
+        return np.concatenate([law.settle(part, one) for (law, part), one in zip(self.parts(s), active, strict=True)])
 
     def bound_at(self, s: np.ndarray) -> np.ndarray:
         """The slip bounds of all sliding nodes under the forces s (size,), in newtons."""
@@ -184,4 +186,4 @@ class Laws:
 
     def cone(self, bound: np.ndarray) -> Box | Discs:
         """The forces that are allowed while the slip bounds of all sliding nodes stay `bound`."""
-        return product([law.cone(own) for law, own in zip(self.laws, self.bounds(bound), strict=True)])
+        return product([law.cone(limits) for law, limits in zip(self.laws, self.bounds(bound), strict=True)])

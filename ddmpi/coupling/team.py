@@ -1,9 +1,8 @@
 """The ranks of one body: the root commands, the others serve.
 
-Everything that meets other bodies is done by the roots, which never notice that they have help: a root sees a
-`TeamMatrix` in place of its stiffness and a `TeamSolver` in place of its solver. Each of their methods is a command, at
-which all ranks of the body do the same with their `Share`, the rows of the stiffness that they hold. Between commands
-the others sleep.
+The roots do all work between bodies, with the same code as single ranks: a root has a `TeamMatrix` in place of its
+stiffness and a `TeamSolver` in place of its solver. A method of these is a command, which all ranks of the body carry
+out with their `Share`, the rows of the stiffness that they hold. Between commands the others sleep.
 """
 
 from __future__ import annotations
@@ -24,19 +23,19 @@ from ddmpi.system.numbers import bisect
 from ddmpi.system.provenance import peak_memory
 
 SHORTEST, LONGEST, PATIENCE = 1e-3, 5e-2, 1e-2
-"""Seconds that a rank without a command sleeps at a time, at least and at most, and as a share of what it has waited;
+"""Shortest and longest sleep (s) of a rank without a command, and its length as a fraction of the time waited so far;
 Open MPI would keep a core busy with waiting."""
 
 GRACE = 5.0
-"""A rank that meets an error waits so many seconds for the others of its team to come to the end of the command. If
-they do not, they are waiting for it within a collective call of PETSc, and only the end of all processes helps."""
+"""Seconds that a rank with an error waits for its team to end the command. Ranks that do not end it wait for this one
+within a collective call of PETSc, and only the end of all processes helps."""
 
 
 class Share:
-    """What one rank of a team holds of its body: rows of the stiffness, its part of a solver.
+    """One rank's part of a body: rows of the stiffness, its part of a solver.
 
-    Methods are collective on the team, and are commands: their first argument is what the root alone gives, None
-    elsewhere, the others are the same on all ranks; they return something on the root only. `beside` is as of `Team`.
+    Methods are commands, collective on the team: the first argument comes from the root, None elsewhere, the others are
+    the same on all ranks; they return a value on the root only. `beside` is as of `Team`.
     """
 
     def __init__(self, comm: MPI.Comm, beside: int) -> None:
@@ -49,24 +48,24 @@ class Share:
         """Forget the body. PETSc frees what several ranks share only when all of them say so."""
         if self._A is None:
             return
-        for each in (self._solver, self._A, self._f, self._u, self._whole, self._deal):
-            if each is not None:
-                each.destroy()
+        for item in (self._solver, self._A, self._f, self._u, self._whole, self._deal):
+            if item is not None:
+                item.destroy()
         self._A = self._solver = None
         PETSc.garbage_cleanup(self.comm)
 
     def factor(self, given: tuple | None, held: bool, condensed: bool, name: str,
                iterative: bool) -> StiffnessSolver | None:
-        """Take one's rows of a stiffness, and make the solver with them.
+        """Distribute the rows of a stiffness over the ranks, and make the solver with them.
 
-        Nodes stay together; each rank has those of a part of the body. The root has none where MUMPS factors: it holds
-        the mesh, and MUMPS shares out its own work.
+        All rows of a node go to one rank, nodes by regions of the body. Where MUMPS factors the root gets none: it has
+        the mesh, and MUMPS distributes its work by itself.
 
         Parameters
         ----------
-        given : the stiffness, which goes, the positions of its nodes, dofs on which springs hold a loose body, see
-            `rigid_motions.add_springs`, and a trace and an order as for `StiffnessSolver`, in the root's numbers
-        held : whether clamps hold the body
+        given : the stiffness, which is destroyed, the positions of its nodes, the dofs of springs that support a loose
+            body (`rigid_motions.add_springs`), and a trace and an order as for `StiffnessSolver`, in the root's numbers
+        held : whether clamps support the body
         condensed : whether there is a trace
         """
         self.drop()
@@ -77,12 +76,13 @@ class Share:
             first, width, rows = int(not iterative), A.getBlockSize(), A.getValuesCSR()
             near = [vector.array_r.copy() for vector in A.getNearNullSpace().getVecs()]
             A.destroy()
+            # Recursive bisection of the nodes' positions: few entries of A couple the rows of different ranks.
             owner = first + bisect(points, self.comm.size - first)
             order = (width * np.argsort(owner, kind="stable")[:, None] + np.arange(width)).ravel()
             pieces = np.split(order, width * np.cumsum(np.bincount(owner, minlength=self.comm.size))[:-1])
-        own = self.comm.scatter(pieces)
+        indices = self.comm.scatter(pieces)
         width, number, dofs = self.comm.bcast((width, len(near), dofs))
-        mine = PETSc.IS().createGeneral(own.astype(PETSc.IntType), comm=self.comm)
+        mine = PETSc.IS().createGeneral(indices.astype(PETSc.IntType), comm=self.comm)
         mine.setBlockSize(width)
         layout = (len(rows[0]) - 1, None)  # all rows on the root at first
         whole = PETSc.Mat().createAIJ((layout, layout), bsize=width, csr=rows, comm=self.comm)
@@ -95,9 +95,10 @@ class Share:
         motions = [self._scatter(near[k] if near else None, self._A.createVecRight()) for k in range(number)]
         space = PETSc.NullSpace().create(vectors=motions, comm=self.comm)
         self._A.setNearNullSpace(space)
-        for each in (*motions, space, mine, whole):
-            each.destroy()  # the matrix keeps its own reference
-        sprung = np.flatnonzero(np.isin(own, dofs))
+        for item in (*motions, space, mine, whole):
+            item.destroy()  # the matrix keeps its own reference
+        # `mult` takes the springs off again: residuals and energies are those of A without them.
+        sprung = np.flatnonzero(np.isin(indices, dofs))
         self._springs = sprung, stiffen(self._A, sprung) if len(dofs) else 0.0
         if given is None or not condensed:
             trace, eliminated = sparse.csr_matrix((0, self._A.size[1])) if condensed else None, None
@@ -121,11 +122,11 @@ class Share:
         return self._gather(self._f)
 
     def room(self, given: None = None) -> float:
-        """Bytes that the ranks can get, together."""
+        """Free memory of all ranks together (bytes)."""
         return self.comm.allreduce(free_memory() / self._beside)
 
     def machine(self, given: None = None) -> tuple[float, list[str]]:
-        """The most memory (MiB) that a rank has held, and the host of each rank."""
+        """The peak memory (MiB) of the ranks, and their hosts."""
         peaks, hosts = zip(*self.comm.allgather((peak_memory(), MPI.Get_processor_name())), strict=True)
         return max(peaks), list(hosts)
 
@@ -137,7 +138,7 @@ class Share:
         return to
 
     def _gather(self, vector: PETSc.Vec) -> np.ndarray | None:
-        """The vector as the root has it, on the root."""
+        """The vector in the root's order, on the root."""
         self._deal.scatter(vector, self._whole, mode=PETSc.ScatterMode.REVERSE)
         return self._whole.array_r.copy() if self.comm.rank == 0 else None
 
@@ -151,16 +152,16 @@ class Team:
     ranks : their numbers in the world
     beside : how many ranks share this machine's memory
 
-    `lost` says whether an error left ranks in a collective call that will not end.
+    `lost` : whether an error left ranks in a collective call that will never end.
     """
 
     def __init__(self, comm: MPI.Comm, ranks: list[int], beside: int) -> None:
         self.comm, self.ranks, self.lost = comm, ranks, False
         self._share: Share | None = Share(comm, beside)
-        self._votes = comm.Dup()  # a rank votes here that has left the others in the middle of a command
+        self._votes = comm.Dup()  # apart from `comm`, on which others may still be in the middle of a command
 
     def do(self, command: str, given: Any = None, *arguments: Any) -> Any:
-        """Have all ranks call this method of their share, and return what it returns here. Root only.
+        """Call a method of `Share` on all ranks, and return the root's result. Root only.
 
         Raises the error of any rank, as one that the other roots do not know of yet.
         """
@@ -177,9 +178,9 @@ class Team:
         self._votes.Free()
 
     def serve(self) -> None:
-        """Do what the root commands until it stops. Not on the root.
+        """Carry out the root's commands until it stops. Not on the root.
 
-        An error is the root's to report, unless it leaves other ranks in a collective call: only then it is raised.
+        The root reports errors; only one that leaves other ranks in a collective call is raised here.
         """
         while (order := self._receive()) is not None:
             command, arguments = order
@@ -192,12 +193,14 @@ class Team:
         self._votes.Free()
 
     def _perform(self, command: str, given: Any, arguments: tuple) -> Any:
-        """What a command of the own share returns. Raises the error of any rank on all of them."""
+        """The result of a command on this rank's share. Raises the error of any rank on all of them."""
         result, failure = None, None
         try:
             result = getattr(self._share, command)(given, *arguments)
         except DdmpiError as error:
             failure = error
+        # All ranks vote after a command. One that failed polls: if the vote does not end in time, the others are stuck
+        # in a collective call of PETSc that it has left.
         failed, deadline = np.array([failure is not None]), time.monotonic() + GRACE
         request = self._votes.Iallreduce(MPI.IN_PLACE, failed, MPI.LOR)
         while failure and not request.Test():
@@ -211,7 +214,8 @@ class Team:
         return result
 
     def _send(self, order: tuple | None) -> None:
-        self.comm.Ibcast(np.zeros(1)).Wait()  # wakes the others
+        # The ranks sleep and poll for this message; the command follows in a blocking broadcast.
+        self.comm.Ibcast(np.zeros(1)).Wait()
         self.comm.bcast(order)
 
     def _receive(self) -> tuple | None:
@@ -222,10 +226,10 @@ class Team:
 
 
 class TeamMatrix:
-    """The stiffness of a body whose rows are on the ranks of its team, as its root sees it, once there is a solver.
+    """The root's view of a stiffness whose rows are on the ranks of the team, once there is a solver.
 
     Until then the root has all of A, with a block of rows for each of the nodes at `points` (k, d). `held` says whether
-    clamps hold the body, so that A is positive definite. Methods in PETSc's names are those of its matrices.
+    clamps support the body, so that A is positive definite. Methods with PETSc's names are those of its matrices.
     """
 
     def __init__(self, team: Team, A: PETSc.Mat, points: np.ndarray, held: bool) -> None:
@@ -250,13 +254,13 @@ class TeamMatrix:
         return tuple(PETSc.Vec().createSeq(size, self._width) for size in self.size)
 
     def with_springs(self, dofs: np.ndarray) -> TeamMatrix:
-        """The same for a loose body that is held by springs on `dofs` when it is solved with."""
+        """The same with springs on `dofs` that support a loose body in solves."""
         self.springs = dofs
         return self
 
 
 class TeamSolver:
-    """What a `StiffnessSolver` is, with a `TeamMatrix`, on the root. It deals the rows of A out, which is done once."""
+    """A `StiffnessSolver` of a `TeamMatrix`, on the root. Construction distributes the rows of A, once."""
 
     def __init__(self, A: TeamMatrix, name: str, trace: sparse.csr_matrix | None = None,
                  order: np.ndarray | None = None, iterative: bool = False) -> None:

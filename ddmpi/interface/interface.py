@@ -1,6 +1,7 @@
-"""The interface of two bodies: contact nodes, directions, gaps, and how each side's nodes move them.
+"""The interface of two bodies: contact nodes, directions, gaps, and the transfers from the nodes of both sides.
 
-Also whether it can be what its user meant. Every rank that holds the interface computes the same one from the sides.
+`check_overlap` and `refuse_contradiction` find mistakes of a scene. Every rank that holds an interface computes the
+same one from the sides.
 """
 
 from __future__ import annotations
@@ -20,29 +21,29 @@ from ddmpi.surface.side import Side
 from ddmpi.system.numbers import in_words
 
 LARGE_OVERLAP = 0.02
-"""An initial overlap of this part of the thinner body's depth is worth a warning."""
+"""Warn of an initial overlap above this fraction of the thinner body's depth."""
 
 MANY_ELEMENTS = 5.0
-"""So is one of so many distances between neighbouring nodes."""
+"""Warn of an initial overlap above this multiple of the distance between neighbouring nodes."""
 
 SAME = 1e-6
-"""Displacements that differ by less than this part of them are the same; so are places by this part of a side."""
+"""Displacements are equal up to this fraction of their size, places up to this fraction of an edge."""
 
 BEHIND = 1.0 - 1e-9
-"""A body that lies this part of its depth or more inside a rigid partner lies behind its surface."""
+"""A body that overlaps a rigid partner by this fraction of its depth lies behind the partner's surface."""
 
 
 @dataclass(frozen=True)
 class Places:
-    """Places on an interface where its gap is looked at, but which carry no unknown.
+    """Places on an interface at which the gap is evaluated; they carry no unknowns.
 
     Attributes
     ----------
-    nodes : of each side (j,), numbers in its body's mesh; none of a rigid partner
+    nodes : of both sides (j,), numbers in the meshes; empty for a rigid partner
     normal : (k, d) outer normals of the first body
     gap : (k,) initial gap (m), at the factor 1 of its history
-    transfer : of each side (k, j), sparse: a place moves as the rows say that the side's nodes move
-    stays : (k,) the part of an overlap that clamps keep, and that is no overlap of the answer
+    transfer : of both sides (k, j), sparse: displacements of the places from those of the side's nodes
+    stays : (k,) the fraction of an initial overlap that clamps preserve; the answer is not to blame for it
     """
 
     nodes: tuple[np.ndarray, np.ndarray] = (np.empty(0, int), np.empty(0, int))
@@ -52,24 +53,25 @@ class Places:
     stays: np.ndarray | float = 0.0
 
     def opening(self, scale: float) -> np.ndarray:
-        """(k,) the gap times `scale` (m), without what clamps keep of an overlap."""
+        """(k,) the gap times `scale` (m), without the overlap that clamps preserve."""
         return scale * self.gap - self.stays * np.minimum(scale * self.gap, 0.0)
 
     def moved(self, side: int, u: np.ndarray) -> np.ndarray:
-        """Displacement (k, d) of the places with a side whose nodes all move by `u` (nv, d)."""
+        """Displacement (k, d) of the places with a side, from that of all its body's nodes (nv, d)."""
         return self.transfer[side] @ u[self.nodes[side]]
 
 
 @dataclass(frozen=True)
 class Lines:
-    """The nodes that rows stand for, of which several may share a row and have a common pressure.
+    """The nodes of the rows. Nodes that share a row have a common pressure.
 
     Attributes
     ----------
-    row, xy : (l,) of each node, and (l, d) its position (m)
-    area : (l,) nodal lengths of what faces the other side (m); those of a row add up to its own
+    row, xy : (l,) the row of each node, and (l, d) its position (m)
+    area : (l,) nodal lengths over the part that faces the other side (m); they add up to the area of the row
     facets : (f, 2) neighbours in the order of nodes, of a closed chain also (last, first); in space (f, 3) triangles
-    at : (l, d) where its force acts (m): in space not at the vertex where facets are partly covered; None if it does
+    at : (l, d) points of application of the forces (m), which differ from the nodes where facets are partly covered
+        in space; None if they are the nodes
     """
 
     row: np.ndarray
@@ -80,11 +82,11 @@ class Lines:
 
     @property
     def acting(self) -> np.ndarray:
-        """(l, d) where the forces act (m)."""
+        """(l, d) points of application of the forces (m)."""
         return self.xy if self.at is None else self.at
 
     def only(self, some: np.ndarray) -> Lines:
-        """Those of the nodes with `some` (l,) bool, and the facets between them."""
+        """The nodes marked by `some` (l,) bool, and the facets between them."""
         place = np.cumsum(some) - 1
         return Lines(self.row[some], self.xy[some], self.area[some], place[self.facets[some[self.facets].all(axis=1)]],
                      None if self.at is None else self.at[some])
@@ -96,37 +98,40 @@ class Interface:
 
     A vector of the interface has `size` entries: m along the normals, then d − 1 tangential ones of each sliding node.
 
+        >>> interface = ddmpi.solve("configs/punch.toml").contacts["punch-base"].interface
+        >>> interface.m, interface.size, interface.normal[0].tolist(), interface.law.name
+        (41, 82, [0.0, -1.0], 'coulomb')
+
     Attributes
     ----------
     name : of the contact
     bodies : names of the first and the second body; the second one may be a rigid partner, which has no nodes
     xy : (m, d) positions of the contact nodes on the first side, or on the slave (m)
     frame : (m, d, d) unit vectors of the first body: outer normal, then tangents; the second body's are opposite
-    area : (m,) nodal lengths, in three dimensions areas, of what faces the other side (m)
+    area : (m,) nodal lengths, in space areas, over the part that faces the other side (m or m²)
     gap : (m,) initial gap along the normal (m), at the factor 1 of its history; negative for an initial overlap
-    nodes : of each side (k,), numbers in its body's mesh; none of a rigid partner
-    transfer : of each side (m, k), sparse: a contact node moves as the rows say that the side's nodes move
+    nodes : of both sides (k,), numbers in the meshes; empty for a rigid partner
+    transfer : of both sides (m, k), sparse: displacements of the contact nodes from those of the side's nodes
     law : of contact and friction at these nodes
-    modulus : E* (Pa), 1/E* being the sum of both bodies' (1 − ν²)/E, of which a rigid partner's is zero
-    fixed : nodes without unknowns, because clamps hold both bodies there; the gap they keep is no residual
-    facets : (f, l) rows at the nodes of facets, turned out of the body; in space triangles between vertices. Only of
-        facets that wholly face the other side and whose nodes all have a row to themselves, but for those on an axis in
-        order 2: a facet there has the row of its middle twice
+    modulus : E* (Pa), 1/E* = (1 − ν²)/E of the first body + that of the second; a rigid partner adds nothing
+    fixed : nodes without unknowns, because clamps constrain both bodies there; the certificate ignores their gap
+    facets : (f, l) rows at the nodes of outward facets; in space triangles between nodes. Only facets that wholly
+        face the other side and whose nodes do not share rows; at an axis, of order 2, the row of a middle stands twice
     laplacian : (m, m) sparse, of hat functions on all facets between the rows, m^(d − 3); nodes without a row that
-        clamps or other contacts hold are fixed. Rows with an entry are neighbours
+        clamps or other contacts constrain are fixed. Rows with an entry are neighbours
     one_sided : (size,) bool, unknowns along which only one of the bodies can move
     displacement : (d,) of a rigid partner (m); zero for bodies
-    at : of each side (m, d), where the forces of the rows act on it (m); None where this is not known
+    at : of both sides (m, d), points of application of the rows' forces (m); None where unknown
     slave : name of the body whose nodes carry the rows where the nodes do not match, else None
     lines : the nodes of the rows
-    probes : places between the nodes of sides that do not match; of others, fixed nodes that can still move a little
-    history : that the displacement of the rigid partner follows, or None
-    gap_history : that the gap follows, or None
+    probes : places between the nodes of non-matching sides; of matching ones, fixed nodes that can still move a little
+    history : the history of the rigid partner's displacement, or None
+    gap_history : the history of the gap, or None
     scale : factor of the gap at present
     arc : (m,) arc lengths along the first body's boundary, by which profiles count (m); empty where there are none
-    axisymmetric : whether it turns around the axis x = 0; nodal lengths are areas then
-    pointwise : whether the sides share no facet, but meet along edges or at vertices: forces act at nodes, there are no
-        stresses, and `area`, that of the distance between nodes, only steers the iteration
+    axisymmetric : whether nodal lengths are areas of revolution around x = 0
+    pointwise : whether the sides meet along edges or at vertices only: nodal forces without stresses; `area` then comes
+        from the distance between nodes and only steers the iteration
     """
 
     name: str
@@ -162,6 +167,7 @@ class Interface:
     @property
     def prescribed(self) -> np.ndarray:
         """(size,) contact displacement of the rigid partner (m), with the sign of the second side."""
+        # B² u with the second side's signs: its normal is −ν, its tangents −t.
         return -(self.directions @ self.displacement)
 
     @property
@@ -195,23 +201,27 @@ class Interface:
     @property
     def around(self) -> np.ndarray | float:
         """`circumference` (m,) at the rows (m); at the axis that of a circle within the row's area."""
+        # The hat function at the axis has the area A = π h²/3. The circumference at h/3, √(4πA/3), makes its length
+        # A/around = h/2, as that of any other end node.
         least = np.sqrt(4.0 / 3.0 * np.pi * self.area) if self.axisymmetric else 0.0
         return np.maximum(circumference(self.xy, self.axisymmetric), least)
 
     @property
     def length(self) -> float:
-        """Of the contact, in space the root of its area (m)."""
+        """Length of the contact, in space the root of its area (m)."""
         return float((self.area / self.around).sum() ** (1.0 / self.law.components))
 
     @property
     def stiffness(self) -> np.ndarray:
-        """c (size,), that of half-spaces against waves as short as the distance between nodes (N/m)."""
+        """c (size,) of s − c r: the stiffness of half-spaces against waves of the nodes' spacing (N/m)."""
+        # Half-spaces resist a wave of pressure of wave number k by E* k/2 per area; with k = 1/spacing, times the area
+        # of a node, this is E*/2 in the plane. Any c > 0 has the same solutions: it steers the active sets only.
         width = self.around * (self.area / self.around) ** (1.0 - 1.0 / self.law.components)  # 1 in the plane
         return 0.5 * self.modulus * width[self.law.node]
 
     @property
     def dropped(self) -> int:
-        """How many node pairs of the boundary carry no unknown."""
+        """Number of node pairs without unknowns."""
         return len(self.fixed.gap)
 
     @property
@@ -221,7 +231,7 @@ class Interface:
 
     @property
     def sliding(self) -> np.ndarray:
-        """(mt,) the nodes that carry tangential unknowns: none without friction, else all that no clamp holds."""
+        """(mt,) the nodes with tangential unknowns: none without friction, else all that clamps leave free."""
         return self.law.sliding
 
     @property
@@ -231,9 +241,9 @@ class Interface:
 
     @property
     def directions(self) -> np.ndarray:
-        """(size, d) unit vectors of the first body along which the unknowns count; zero where no body can move."""
-        found = np.concatenate([self.normal, self.frame[self.sliding, 1:].reshape(-1, self.dimension)])
-        return found if self.law.live.all() else found * self.law.live[:, None]
+        """(size, d) the first body's unit vectors of all unknowns; zero where neither body can move."""
+        directions = np.concatenate([self.normal, self.frame[self.sliding, 1:].reshape(-1, self.dimension)])
+        return directions if self.law.live.all() else directions * self.law.live[:, None]
 
     def side(self, body: str) -> int:
         """0 where `body` is the first body, 1 where it is the second."""
@@ -241,10 +251,10 @@ class Interface:
 
 
 def check_overlap(interface: Interface, *sides: Side, scales: Sequence[float] = (1.0,), unit: str = "m") -> list[str]:
-    """Warnings of a large initial overlap; InputError where the sides turn their backs on each other. Not collective.
+    """Warnings of a large initial overlap; InputError where the sides face away from each other. Not collective.
 
-    `sides` are those of both bodies, or of the one that has a rigid partner, `scales` the factors that the gap has. A
-    body's depth is its extent along the normal of the contact.
+    `sides` are those of the elastic bodies, `scales` all factors of the gap. The depth of a body is its extent along
+    the normal of the contact.
     """
     given = np.concatenate([interface.gap, interface.fixed.gap])
     gap = np.min([scale * given for scale in scales], axis=0)
@@ -258,8 +268,8 @@ def check_overlap(interface: Interface, *sides: Side, scales: Sequence[float] = 
                          "boundary is turned the wrong way")
     if overlap > min(depths):
         raise InputError(f"contact.{interface.name}: the sides overlap by {overlap:.3g} {unit}, more than the depth "
-                         f"of {thin!r} ({min(depths):.3g} {unit}): they turn their backs on each other. Are the two "
-                         "names of `on` in the order of `bodies`?")
+                         f"of {thin!r} ({min(depths):.3g} {unit}): they face away from each other. Are the two names "
+                         "of `on` in the order of `bodies`?")
     spacing = float(np.median(interface.spacing))
     if overlap > LARGE_OVERLAP * min(depths) or overlap > MANY_ELEMENTS * spacing:
         of = "of the thinner one's depth" if len(sides) == 2 else "of the body's depth"
@@ -271,19 +281,19 @@ def check_overlap(interface: Interface, *sides: Side, scales: Sequence[float] = 
 
 @dataclass(frozen=True)
 class Mover:
-    """What moves a side whatever the forces are: the `clamps` of its body, or, in its place, a rigid partner."""
+    """What prescribes the motion of a side: the `clamps` of its body, or the rigid partner that stands in its place."""
 
     side: Side | Rigid
     clamps: Sequence[Clamp] = ()
 
     def free(self, places: Places, k: int) -> np.ndarray:
-        """M (n, d, d): where all else would move by e, `places` move by M e with this side, the k-th."""
+        """M (n, d, d): `places` move by M e with this side, the k-th, where unconstrained nodes move by e."""
         axes = np.arange(places.normal.shape[1])
         return self.at(places, k, self.side.free if isinstance(self.side, Side)
                        else np.diag(1.0 * np.isin(axes, self.side.pushed))[None])
 
     def moved(self, places: Places, k: int, factors: Mapping[str | None, float]) -> np.ndarray:
-        """(n, d) the displacement of places that is prescribed (m), with these factors by history."""
+        """(n, d) the prescribed displacement of places (m), with these factors by history."""
         u = np.zeros((1, places.normal.shape[1]))
         for history, part in (self.side.moved.items() if isinstance(self.side, Side) else
                               [(self.side.history, np.array(self.side.displacement))]):
@@ -291,7 +301,7 @@ class Mover:
         return self.at(places, k, u)
 
     def at(self, places: Places, k: int, values: np.ndarray) -> np.ndarray:
-        """(n, …) at places, from the values (j, …) at the nodes of the side, or that (1, …) of a partner."""
+        """(n, …) values at places, from those (j, …) at the nodes of the side, or the one (1, …) of a partner."""
         if not isinstance(self.side, Side):
             return values.repeat(len(places.gap), axis=0)
         whole = np.zeros((self.side.nodes.max() + 1, values[0].size))
@@ -299,7 +309,7 @@ class Mover:
         return places.moved(k, whole).reshape(-1, *values.shape[1:])
 
     def words(self, places: Places, k: int, place: int, axes: Sequence[int], u: np.ndarray) -> str:
-        """What prescribes the displacement u (d,) of one of the places along some axes."""
+        """The clamps or the rigid displacement that prescribe u (d,) of a place along some axes, in words."""
         values = [f"{'xyz'[axis]} = {u[axis] + 0.0:.6g}" for axis in axes]
         if not isinstance(self.side, Side):
             return f"rigid.{self.side.name}.displacement prescribes {', '.join(values)}"
@@ -311,16 +321,18 @@ class Mover:
 
 def refuse_contradiction(interface: Interface, movers: Sequence[Mover],
                          factors: Mapping[float, Mapping[str | None, float]], unit: str = "m") -> None:
-    """InputError where clamps move both sides into each other, so that no force can keep them apart. Not collective.
+    """InputError where clamps push both sides into each other, which no contact force can prevent. Not collective.
 
-    The sides of a bond they must not move against each other at all. An overlap that is drawn or given may stay between
-    clamps: a fit is no contradiction. `factors` are by time and history; displacements are linear between the times.
+    Bonded sides must not move against each other at all. An overlap that is drawn or given may stay between clamps: an
+    interference fit is no contradiction. `factors` are by time and history; displacements are linear in between.
     """
     if any(isinstance(mover.side, Side) and (mover.side.clamps < 0).all() for mover in movers):
         return
     worst, message, bonded = 0.0, "", interface.law.name == "bonded"
     pairs = [Places(interface.nodes, interface.normal, interface.gap, interface.transfer), interface.fixed]
     for places in [interface.probes] if interface.slave else pairs:
+        # Along eigenvectors of M_1 + M_2 with eigenvalue zero neither side can yield to a force. The sum is positive
+        # semi-definite, as projections and means of them are.
         sizes, axes = np.linalg.eigh(sum(mover.free(places, k) for k, mover in enumerate(movers)))
         normal, free = np.einsum("nd,ndk->nk", places.normal, axes), np.abs(sizes) > SAME
         for time, now in factors.items():
@@ -328,17 +340,21 @@ def refuse_contradiction(interface: Interface, movers: Sequence[Mover],
             u = np.array([mover.moved(places, k, now) for k, mover in enumerate(movers)])
             closing, slack = u[0] - u[1], SAME * (np.abs(gap) + np.linalg.norm(u, axis=2).sum(axis=0)[:, None])
             if bonded:
+                # A bond may keep its gap or close it, or anything between: the closing motion u_1 − u_2 has to end
+                # between 0 and gap n along each constrained direction.
                 ends, closing = np.stack([0.0 * normal, gap * normal]), np.einsum("nd,ndk->nk", closing, axes)
                 beyond = np.maximum(closing - ends.max(axis=0), ends.min(axis=0) - closing)
                 beyond[free] = 0.0
             else:
+                # A unilateral contact is contradicted if the sides close by more than the gap, and if no direction that
+                # can yield has a component along the normal.
                 beyond = (closing * places.normal).sum(axis=1, keepdims=True) - np.maximum(gap, 0.0)
                 beyond[(free & (np.abs(normal) > SAME)).any(axis=1)] = 0.0
             beyond[beyond <= slack] = 0.0
             if not beyond.max(initial=0.0) > worst:
                 continue
             worst = float(beyond.max())
-            place, axis = (int(each) for each in np.unravel_index(np.argmax(beyond), beyond.shape))
+            place, axis = (int(number) for number in np.unravel_index(np.argmax(beyond), beyond.shape))
             along = np.flatnonzero(np.abs(axes[place, :, axis] if bonded else places.normal[place]) > SAME).tolist()
             first, second = (mover.words(places, k, place, along, u[k, place]) for k, mover in enumerate(movers))
             assert isinstance(movers[0].side, Side)

@@ -1,6 +1,6 @@
 """The contact and friction laws of interfaces, on plain arrays.
 
-A law says which forces s of an interface fit its gaps r. With q = s − c r they obey it exactly when
+A law relates the forces s of an interface to its gaps r. With q = s − c r, for any c > 0, they obey it exactly when
 
     s_ν = max(0, q_ν),        s_t = P(q_t),  P the projection on |s_t| ≤ g,        g = g(max(0, q_ν))
 
@@ -130,6 +130,8 @@ class Law:
         """The forces (size,) that the law assigns to q = s − c r."""
         normal, tangential = self.split(q)
         pressure = np.maximum(normal, self.least)
+        # The bound is that of the projected pressure: Coulomb's law as a fixed point, not a projection onto the cone,
+        # which would let slipping bodies separate (associated flow).
         return np.concatenate([pressure, shorten(tangential, self.slip_bound(pressure)).ravel()])
 
     def active_set(self, q: np.ndarray) -> ActiveSet:
@@ -138,7 +140,10 @@ class Law:
         pressure = np.maximum(normal, self.least)
         bound = self.slip_bound(pressure)
         size = magnitude(tangential)
+        # Not >: where Coulomb's bound is zero, at an open node, s_t = 0 must count as known.
         slips = size >= bound
+        # Where |q_t| > g the projection is g q_t/|q_t|. Across the slip its derivative is g/|q_t|, so that there κ δs +
+        # c δr = 0 with κ = |q_t|/g − 1: friction turns against a spring κ/c (the semismooth derivative).
         excess = np.where(slips & (bound > 0.0), size / np.where(bound > 0.0, bound, 1.0) - 1.0, 0.0)
         slip = np.where(slips[:, None], direction(tangential), 0.0)
         return ActiveSet(pressure, normal > self.least, slip, bound, excess)
@@ -146,7 +151,8 @@ class Law:
     def sticking(self, closed: np.ndarray, falls: np.ndarray) -> ActiveSet:
         """The nodes `closed` (m,) closed and sticking, the others open: the guess where nothing is known.
 
-        Coulomb's friction holds none that `falls` (m,): which way it slides is not known before the body has fallen.
+        Coulomb friction does not hold nodes that `falls` (m,) marks: before the body has fallen onto its partner, the
+        direction of their slip is unknown.
         """
         none, mt = np.zeros(self.m), len(self.sliding)
         active = ActiveSet(none, closed, np.zeros((mt, self.components)), self.slip_bound(none), np.zeros(mt))
@@ -157,6 +163,8 @@ class Law:
     def linearise(self, active: ActiveSet) -> Tangent:
         """The forces that an active set implies: zero where open, free where sticking, on the bound where slipping."""
         slips, turns = active.slip.any(axis=1), active.bound > 0.0
+        # In the turned frames the first tangent points along the slip. Its force follows the pressure, s_t = g(p) +
+        # g'(p) (s_ν − p) with the last pressure p; the forces across it stay unknown and turn the friction.
         unknown = np.repeat(~slips[:, None], self.components, axis=1)
         unknown[:, 1:] |= turns[:, None]  # without a bound there is no friction to turn
         slope = self.slope(active.pressure)
@@ -176,6 +184,7 @@ class Law:
         normal, tangential = self.split(s)
         normal = np.where(active.closed, np.maximum(normal, self.least), 0.0)
         g = self.slip_bound(normal)
+        # A linear solve leaves slipping nodes on the tangent of the bound; the certificate asks for the bound itself.
         tangential = np.where(active.slip.any(axis=1)[:, None], active.slip * g[:, None], shorten(tangential, g))
         return np.concatenate([normal, tangential.ravel()])
 
@@ -184,7 +193,7 @@ class Law:
         return self.slip_bound(np.maximum(s[:self.m], 0.0))
 
     def cone(self, bound: np.ndarray) -> Box | Discs:
-        """The forces that are allowed while the slip bound stays `bound` (mt,)."""
+        """The set of allowed forces while the slip bound stays `bound` (mt,): boxes in the plane, discs in space."""
         free, limit = np.full(self.size, np.inf), np.repeat(bound, self.components)
         if self.components == 1:
             return Box(np.concatenate([np.zeros(self.m), -limit]), np.concatenate([free[:self.m], limit]))
@@ -213,11 +222,14 @@ class Law:
     def reaches_bound(self, s: np.ndarray, bound: np.ndarray) -> np.ndarray:
         """Nodes (mt,) whose tangential force lies on the slip bound (mt,), up to rounding."""
         size = magnitude(self.split(s)[1])
+        # Relative to the bound, and at most to the largest force: a Tresca bound far above all forces has no node
+        # within ON_BOUND of it.
         return size >= bound - ON_BOUND * np.minimum(bound, size.max(initial=0.0) or np.inf)
 
     def closed(self, s: np.ndarray, share: float = 0.0) -> np.ndarray:
         """Nodes (m,) under more pressure than this share of the largest, given the forces s (size,)."""
         normal = s[:self.m]
+        # Negated, so that NaN counts as closed.
         return ~(normal <= share * normal.max(initial=0.0))
 
     def misfit(self, gap: np.ndarray) -> float:
@@ -232,6 +244,8 @@ class Law:
         """Largest |P(s_t + ρ u_t) − s_t| (N): forces beyond the bound, slip below it, slip in a wrong direction, by the
         forces s (size,), the slip u_t (mt, d − 1) in metres and a stiffness ρ (N/m)."""
         tangential = self.split(s)[1]
+        # The law holds exactly when s_t = P(s_t + ρ u_t) for any ρ > 0, since r_t = −u_t: one number that sees forces
+        # off the cone, slip of sticking nodes and slip in a wrong direction.
         return float(magnitude(shorten(tangential + stiffness * slip, self.bound_at(s)) - tangential).max(initial=0.0))
 
 
@@ -264,7 +278,7 @@ class TrescaLaw(Law):
 
 @dataclass(frozen=True)
 class BondedLaw(Law):
-    """r = 0: nodes that neither part nor slide, whatever the forces; tension is one of them. All stick."""
+    """r = 0 whatever the forces, tension included: nodes neither separate nor slide. All stick."""
 
     name = "bonded"
     least = -np.inf
@@ -300,14 +314,18 @@ class BondedLaw(Law):
 
 def law_of(friction: Friction, xy: np.ndarray, arc: np.ndarray, area: np.ndarray, sliding: np.ndarray,
            kind: str = "unilateral", live: np.ndarray | bool = True) -> Law:
-    """The law that a scene asks for, evaluated at the contact nodes. Not collective.
+    """The law of a scene at its contact nodes. Not collective.
+
+        >>> law = law_of(Coulomb(coefficient=0.3), np.zeros((2, 2)), np.zeros(2), np.ones(2), np.arange(2))
+        >>> law.project(np.array([100.0, -5.0, 50.0, 8.0])).tolist()  # of q: two normal, two tangential entries (N)
+        [100.0, 0.0, 30.0, 0.0]
 
     Parameters
     ----------
     xy, arc : (m, d) positions, and (m,) arc lengths along the first body (m)
     area : (m,) nodal lengths or areas, with which a slip-bound stress becomes a force
     sliding : (mt,) the nodes that carry tangential forces
-    kind : "unilateral", or "bonded", for which `friction` does not count
+    kind : "unilateral", or "bonded", which ignores `friction`
     live : of a `Law`
     """
     def values(value) -> np.ndarray:

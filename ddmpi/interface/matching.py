@@ -1,6 +1,6 @@
 """Pairing of two sides whose nodes lie opposite each other, everywhere or in the part that they have in common.
 
-A rigid surface, which has neither nodes nor compliance, lies opposite every node that faces it.
+A rigid surface, which has neither nodes nor compliance, is opposite to every node that faces it.
 """
 
 from __future__ import annotations
@@ -24,36 +24,39 @@ from ddmpi.surface.side import Side, unit
 from ddmpi.system.numbers import across, in_words, together
 
 LARGEST_OFFSET = 1e-2
-"""Largest tangential offset of two paired nodes, as a fraction of the distance to their neighbours in the meshes as
-given: finer versions of the same boundaries are offset as much."""
+"""Largest tangential offset of two paired nodes, as a fraction of the distance to their neighbours in the given meshes:
+refinement keeps the offset."""
 
 
-def pairs(sides: tuple[Side, Side], here: np.ndarray, there: np.ndarray, normal: np.ndarray, area: np.ndarray,
+def pairs(sides: tuple[Side, Side], nodes: np.ndarray, partners: np.ndarray, normal: np.ndarray, area: np.ndarray,
           gap: np.ndarray, seen: np.ndarray) -> Rows:
-    """The rows of nodes `here` (r,) of the first side and their partners. `Side.bare` nodes share those of middles."""
+    """The rows of `nodes` (r,) of the first side and their `partners`; `seen` (f,) marks its facets of the contact."""
     side = sides[0]
     place, lengths = np.full(len(side.nodes), -1), np.zeros(len(side.nodes))
-    place[here], lengths[here] = np.arange(len(here)), area
+    place[nodes], lengths[nodes] = np.arange(len(nodes)), area
+    # A corner on the axis has ∫ φ r = 0 at order 2 (D = h r/6 with r = 0): its pressure would be 0/0. It shares the row
+    # of the middle beside it.
     for facet in side.facets[side.bare[side.facets].any(axis=1) & (place[side.facets] >= 0).all(axis=1)]:
         place[facet[side.bare[facet]]] = place[facet[2]]
-    kept, row = np.unique(place[here], return_inverse=True)
+    kept, row = np.unique(place[nodes], return_inverse=True)
     total = np.bincount(row, area)
-    transfers = [sparse.csr_matrix((area / total[row], (row, nodes)), (len(kept), len(each.nodes)))
-                 for each, nodes in zip(sides, (here, there), strict=True)]
-    place[here], here = row, here[kept]
+    # Weights area/total sum to one: rigid translations pass through, and nodal forces are pressure × length.
+    transfers = [sparse.csr_matrix((area / total[row], (row, numbers)), (len(kept), len(one.nodes)))
+                 for one, numbers in zip(sides, (nodes, partners), strict=True)]
+    place[nodes], nodes = row, nodes[kept]
     lines = Lines(place, side.xy, lengths, side.pieces(seen)).only(place >= 0)
-    return Rows(sides, 0, here, place, seen, (transfers[0], transfers[1]), normal[kept], total, gap[kept],
-                side.arc[here], np.zeros(len(place), bool), seen, lines)
+    return Rows(sides, 0, nodes, place, seen, (transfers[0], transfers[1]), normal[kept], total, gap[kept],
+                side.arc[nodes], np.zeros(len(place), bool), seen, lines)
 
 
 def pair(first: Side, second: Side, contact: SettledContact, refinement: int = 1) -> Interface:
-    """The interface of two sides, whose nodes are paired by position.
+    """The interface of two sides whose nodes are paired by position.
 
-    Where the sides do not match as a whole, they may cover each other partly: then all nodes of either side that face
-    the other one have a partner, and the others carry no row.
+    Sides that do not match as a whole may cover each other partly: then every node that faces the other side has a
+    partner, and the other nodes carry no row.
 
-    A `gap` of the contact takes the place of the measured one. The meshes are `refinement` times finer than the given
-    ones, whose spacing the tolerance follows. Not collective. Raises InputError where nodes do not match.
+    A `gap` of the contact overrides the measured one. The meshes are `refinement` times finer than the given ones,
+    whose spacing sets the tolerance. Not collective. Raises InputError where nodes do not match.
     """
     try:
         rows = _match_whole(first, second, contact.name, refinement)
@@ -69,21 +72,24 @@ def face_rigid(side: Side, rigid: Rigid, contact: SettledContact) -> Interface:
     """The interface of a body, which is the first, and a rigid partner.
 
     Normals and gaps are those of the rigid surface at the body's nodes, exactly. Nodes that do not face it, such as
-    the far side of a roller, carry no row; where it has no normal, the body's counts. The second side has no nodes: the
-    partner's displacement gives `Interface.prescribed`. Not collective. Raises InputError when the body's boundary
-    does not face the surface. In space quadratic elements have rows at vertices, see `vertices`.
+    the far side of a roller, carry no row; where the surface has no normal, the body's is taken. The second side has no
+    nodes: the partner's displacement gives `Interface.prescribed`. Quadratic tetrahedra have mortar rows, see
+    `vertices`. Not collective. Raises InputError where the body's boundary does not face the surface.
     """
     outward, measured = rigid.facing(side.xy)
     outward = np.where(outward.any(axis=1, keepdims=True), outward, -side.normal)
+    # Middles of straight quadratic sides lie h²/8R inside the arc: the gap is that of the arc over the chord.
     measured = without_rounding(measured - side.rise(np.arange(len(measured)), -outward), side.spacing)
     towards = (np.einsum("icj,ij->ic", outward[side.facets], side.outward) < FACING).all(axis=1)
-    here = np.unique(side.facets[towards])
-    if len(here) == 0:
+    facing = np.unique(side.facets[towards])
+    if len(facing) == 0:
         place = in_words(side.xy[np.argmin(np.einsum("ij,ij->i", outward, side.normal))])
         raise InputError(f"contact.{contact.name}: near {place} the boundary of {side.body!r} does not face "
                          f"{rigid.name!r}; {rigid.turned}")
     clamps = np.zeros_like(side.clamps)
     clamps[:, rigid.pushed] = -1
+    # The partner stands in as a second side with a node opposite to each of the body's: compliance zero (modulus ∞),
+    # all directions clamped but those in which it is pushed.
     partner = replace(side, body=rigid.name, modulus=np.inf, xy=side.xy - measured[:, None] * outward, normal=outward,
                       clamps=clamps, free=(clamps < 0)[:, :, None] * np.eye(side.dimension))
     if not side.cell.bears:
@@ -91,18 +97,19 @@ def face_rigid(side: Side, rigid: Rigid, contact: SettledContact) -> Interface:
             side.cell.rule, (side.cell.nodes, np.zeros(len(side.cell.nodes)))))
         rows = rows_at_vertices((side, partner), 0, over, looked, contact)
     else:
-        rows = pairs((side, partner), here, here, -outward[here], side.lengths_over(towards)[here], measured[here],
-                     towards)
-    found = build(rows, contact)
+        rows = pairs((side, partner), facing, facing, -outward[facing], side.lengths_over(towards)[facing],
+                     measured[facing], towards)
+    interface = build(rows, contact)
+    # The stand-in's nodes go: the second side has no stiffness to take a trace of.
     U, none = np.array(rigid.displacement or np.zeros(side.dimension)), np.empty(0, int)
-    fixed, probes = (replace(each, nodes=(each.nodes[0], none)) for each in (found.fixed, found.probes))
-    return replace(found, nodes=(found.nodes[0], none), modulus=side.modulus, fixed=fixed, probes=probes, slave=None,
-                   transfer=(found.transfer[0], sparse.csr_matrix((found.m, 0))), history=rigid.history,
-                   displacement=U)
+    fixed, probes = (replace(places, nodes=(places.nodes[0], none)) for places in (interface.fixed, interface.probes))
+    return replace(interface, nodes=(interface.nodes[0], none), modulus=side.modulus, fixed=fixed, probes=probes,
+                   slave=None, transfer=(interface.transfer[0], sparse.csr_matrix((interface.m, 0))),
+                   history=rigid.history, displacement=U)
 
 
 def _over_rigid(side: Side, rigid: Rigid, some: np.ndarray, where: np.ndarray, weights: np.ndarray) -> Cover:
-    """Points `where` (p, 3), with weights (p,), on some facets (n,) of a side in space that face a rigid surface."""
+    """The cover of some facets (n,) that face a rigid surface in space, at points `where` (p, 3) with weights (p,)."""
     facet, at = np.repeat(some, len(where)), np.tile(where, (len(some), 1))
     outward, gap = rigid.facing(np.einsum("qc,qcd->qd", at, side.xy[side.corners[facet]]))
     outward = np.where(outward.any(axis=1, keepdims=True), outward, -side.outward[facet])
@@ -116,30 +123,33 @@ def _match_whole(first: Side, second: Side, name: str, refinement: int) -> Rows:
     if len(first.nodes) != len(second.nodes):
         raise InputError(f"contact.{name}: the two sides have {len(first.nodes)} and {len(second.nodes)} nodes; "
                          "their meshes must match node by node")
-    here, match = np.arange(len(first.nodes)), cKDTree(second.xy).query(first.xy)[1]
+    nodes, match = np.arange(len(first.nodes)), cKDTree(second.xy).query(first.xy)[1]
     if len(np.unique(match)) != len(match):
         raise InputError(f"contact.{name}: the nodes of the two sides do not pair off one to one"
                          f"{_worst(first, second, match)}; their meshes must match node by node")
     normal = first.normal - second.normal[match]
     size = np.linalg.norm(normal, axis=1)
-    if (size < 1.0).any():  # the outer normals must face each other (an angle above 120°)
+    # |n_1 − n_2| = 2 sin(angle/2): opposite normals give 2, and 1 is an angle of 60°, 120° short of opposite.
+    if (size < 1.0).any():
         raise InputError(f"contact.{name}: near {in_words(first.xy[np.argmin(size)])} the two boundaries do not face "
                          "each other")
     normal /= size[:, None]
-    gap, aside, spacing = _offset(first, second, here, match, normal)
+    gap, aside, spacing = _offset(first, second, nodes, match, normal)
     if (aside > LARGEST_OFFSET * refinement * spacing).any():
         raise InputError(f"contact.{name}: the nodes of the two sides do not lie opposite each other"
                          f"{_worst(first, second, match)}; their meshes must match node by node")
-    return pairs((first, second), here, match, normal, (first.area + second.area[match]) / 2, gap,
+    return pairs((first, second), nodes, match, normal, (first.area + second.area[match]) / 2, gap,
                  np.ones(len(first.facets), bool))
 
 
 def _match_partly(first: Side, second: Side, refinement: int) -> Rows | None:
-    """The nodes of the part that two sides have in common, or nodes at which they meet; None unless each facet
-    that faces the other side faces one facet, whose nodes are the partners of its own."""
+    """The rows of the common part of two sides, or of the nodes at which they meet along an edge or at a vertex. None
+    unless facets face each other one to one, with nodes that are partners."""
     offset = LARGEST_OFFSET * refinement
     ours = _faced(first, second, offset)
-    if any(len(np.unique(each)) < len(each) for each in ours):
+    # Facets must pair off in both directions. Seen from one side alone, a facet that faces half of a larger one would
+    # pass.
+    if any(len(np.unique(numbers)) < len(numbers) for numbers in ours):
         return None
     theirs = _faced(second, first, offset)[::-1]
     if not np.array_equal(ours, theirs[:, np.argsort(theirs[0], kind="stable")]):
@@ -147,44 +157,51 @@ def _match_partly(first: Side, second: Side, refinement: int) -> Rows | None:
     if ours.size:
         a, b = first.facets[ours[0]], second.facets[ours[1]]
         nearest = np.linalg.norm(first.xy[a][:, :, None] - second.xy[b][:, None], axis=3).argmin(axis=2)
-        here, there = np.unique(np.stack([a.ravel(), np.take_along_axis(b, nearest, axis=1).ravel()]), axis=1)
+        nodes, partners = np.unique(np.stack([a.ravel(), np.take_along_axis(b, nearest, axis=1).ravel()]), axis=1)
     else:
+        # No facet faces one of the other side. The bodies can still meet along an edge or at a vertex: there, nodes
+        # that are each other's nearest are candidates.
         nearest, back = cKDTree(second.xy).query(first.xy)[1], cKDTree(first.xy).query(second.xy)[1]
-        here = np.flatnonzero(back[nearest] == np.arange(len(nearest)))
-        there = nearest[here]
+        nodes = np.flatnonzero(back[nearest] == np.arange(len(nearest)))
+        partners = nearest[nodes]
     common = [np.isin(np.arange(len(side.facets)), some) for side, some in zip((first, second), ours, strict=True)]
-    own, other = first.normals_over(common[0])[here], second.normals_over(common[1])[there]
-    normal = unit(own - other)
-    normal = np.where(normal.any(axis=1, keepdims=True), normal, own)
-    gap, aside, spacing = _offset(first, second, here, there, normal)
-    area = (first.lengths_over(common[0])[here] + second.lengths_over(common[1])[there]) / 2
+    outward, other = first.normals_over(common[0])[nodes], second.normals_over(common[1])[partners]
+    normal = unit(outward - other)
+    # Parallel normals, at edges where surfaces continue each other, cancel: then the first side's counts.
+    normal = np.where(normal.any(axis=1, keepdims=True), normal, outward)
+    gap, aside, spacing = _offset(first, second, nodes, partners, normal)
+    area = (first.lengths_over(common[0])[nodes] + second.lengths_over(common[1])[partners]) / 2
     fits = aside <= offset * spacing
     if not ours.size:
+        # Candidates count if their normals face each other and they do not lie on the far sides of the bodies.
         deepest = -DEEPEST * np.minimum(np.abs(normal) @ first.extent, np.abs(normal) @ second.extent)
-        fits &= (np.einsum("ij,ij->i", own, other) < FACING) & (gap > deepest)
-        if not fits.any() or _unmatched(first, second, here[fits], there[fits]):
+        fits &= (np.einsum("ij,ij->i", outward, other) < FACING) & (gap > deepest)
+        if not fits.any() or _unmatched(first, second, nodes[fits], partners[fits]):
             return None
-        here, there, normal, gap = here[fits], there[fits], normal[fits], gap[fits]
-        area = (first.spacing[here] + second.spacing[there]) / 2
-        area = area * circumference(np.maximum(first.xy[here], area[:, None] / 4), first.axisymmetric)
-    elif not fits.all() or any(len(np.unique(each)) < len(each) for each in (here, there)):
+        nodes, partners, normal, gap = nodes[fits], partners[fits], normal[fits], gap[fits]
+        # Edges and vertices have no area; the spacing stands in, as only the iteration uses it. At the axis as above:
+        # h/4.
+        area = (first.spacing[nodes] + second.spacing[partners]) / 2
+        area = area * circumference(np.maximum(first.xy[nodes], area[:, None] / 4), first.axisymmetric)
+    elif not fits.all() or any(len(np.unique(numbers)) < len(numbers) for numbers in (nodes, partners)):
         return None
-    found = pairs((first, second), here, there, normal, area, gap, common[0])
-    return replace(found, pointwise=not ours.size)
+    rows = pairs((first, second), nodes, partners, normal, area, gap, common[0])
+    return replace(rows, pointwise=not ours.size)
 
 
-def _unmatched(first: Side, second: Side, here: np.ndarray, there: np.ndarray) -> bool:
-    """Whether a neighbour of a paired node has no partner and lies on a facet at that node's partner, so that the two
-    sides touch along an edge on which their nodes do not match. Nodes `here` and `there` (k,) are pairs."""
-    for side, other, own, partner in ((first, second, here, there), (second, first, there, here)):
+def _unmatched(first: Side, second: Side, nodes: np.ndarray, partners: np.ndarray) -> bool:
+    """Whether the sides touch along an edge on which their nodes do not match: a neighbour of a paired node then has no
+    partner but lies on a facet at that node's partner. `nodes` and `partners` (k,) are the pairs."""
+    for side, other, matched, partner in ((first, second, nodes, partners), (second, first, partners, nodes)):
         edges, match = links(side.facets, side.dimension), np.full(len(side.nodes), -1)
-        edges, match[own] = np.concatenate([edges, edges[:, ::-1]]), partner
+        edges, match[matched] = np.concatenate([edges, edges[:, ::-1]]), partner
         start, end = edges[(match[edges[:, 0]] >= 0) & (match[edges[:, 1]] < 0)].T
         corners = other.corners.ravel()
         order = np.argsort(corners, kind="stable")
         edge, place = together(match[start], corners[order])  # an edge, and a facet at its start's partner
         facet = other.xy[other.corners[order[place] // side.dimension]]
         away = side.xy[end] - side.xy[start] + other.xy[match[start]]
+        # The neighbour, moved with its paired node onto the partner, in barycentric coordinates of the partner's facet.
         off, along = across(away[edge] - facet[:, 0], facet)
         inside = (along > -LARGEST_OFFSET).all(axis=1) & (along.sum(axis=1) < 1.0 + LARGEST_OFFSET)
         size = np.linalg.norm(side.xy[end] - side.xy[start], axis=1)[edge]
@@ -194,23 +211,23 @@ def _unmatched(first: Side, second: Side, here: np.ndarray, there: np.ndarray) -
 
 
 def _faced(side: Side, other: Side, least: float) -> np.ndarray:
-    """Facets of a side and those of the other one that they face (2, n), in the order of the first. A facet of which no
-    more than the part `least` is covered does not count: by so much an end may stand aside."""
+    """Facets of a side and of the other one that face each other (2, n), in the order of the first. A facet covered by
+    at most the fraction `least` does not count: ends may be offset by as much."""
     over = cover(side, other)
     facets, point = np.unique(np.stack([over.facet, over.other]), axis=1, return_inverse=True)
     covered = np.bincount(point.ravel(), over.weight, facets.shape[1])
     return facets[:, covered > least * side.areas[facets[0]]]
 
 
-def _offset(first: Side, second: Side, here: np.ndarray, there: np.ndarray,
+def _offset(first: Side, second: Side, nodes: np.ndarray, partners: np.ndarray,
             normal: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Each (k,): gaps along normals between the arcs over chords, how far partners lie aside, and the spacing there."""
-    ends, offset = links(first.facets, first.dimension), second.xy[there] - first.xy[here]
+    """Of all pairs (k,): gap along the normal between the arcs over the chords, tangential offset, spacing of nodes."""
+    ends, offset = links(first.facets, first.dimension), second.xy[partners] - first.xy[nodes]
     half = np.linalg.norm(first.xy[ends[:, 1]] - first.xy[ends[:, 0]], axis=1) / 2 / (first.dimension - 1)
-    spacing = np.bincount(ends.ravel(), np.repeat(half, 2), len(first.nodes))[here]
+    spacing = np.bincount(ends.ravel(), np.repeat(half, 2), len(first.nodes))[nodes]
     gap = np.einsum("ij,ij->i", offset, normal)
     aside = np.linalg.norm(offset - gap[:, None] * normal, axis=1)
-    gap = gap - first.rise(here, normal) - second.rise(there, -normal)
+    gap = gap - first.rise(nodes, normal) - second.rise(partners, -normal)
     return without_rounding(gap, spacing), aside, spacing
 
 

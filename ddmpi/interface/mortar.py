@@ -4,10 +4,10 @@ One side is the slave; its nodes carry the rows. With the dual functions ψ_j of
 
     D_j = ∫ φ_j,   P_jl = D_j⁻¹ ∫ ψ_j φ_l of the other side,   ∫ ψ_j φ_k = D_j δ_jk,   Σ_l P_jl = 1,
 
-row j counts how far the slave's node j and the mean Σ_l P_jl u_l of the other side's move together along the contact's
-normal (Wohlmuth, SIAM J. Numer. Anal. 38, 2000; Popp, Gitterle, Gee, Wall, Int. J. Numer. Meth. Engng. 83, 2010).
-Integrals are over what faces the other side, cut where its corners are projected, and ψ is built there, so that a
-constant pressure is exact on any meshes. Gaps are those of the boundaries that are meant: of the arcs over the chords.
+row j is the approach of the slave's node j and the mean Σ_l P_jl u_l of the other side along the contact's normal
+(Wohlmuth, SIAM J. Numer. Anal. 38, 2000; Popp, Gitterle, Gee, Wall, Int. J. Numer. Meth. Engng. 83, 2010).
+Integrals run over the part that faces the other side, cut at its projected corners, and ψ is dual over this part, so
+that constant pressures are exact on any meshes. Gaps are those between the arcs over the chords.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from scipy.spatial import cKDTree
 from ddmpi.errors import InputError
 from ddmpi.interface.interface import SAME, Interface, Lines
 from ddmpi.interface.matching import pair
-from ddmpi.interface.rows import Rows, at_points, between, build, duals, holds_along, is_held, rows_of
+from ddmpi.interface.rows import Rows, at_points, between, build, duals, holds_along, inset, is_held, rows_of
 from ddmpi.interface.vertices import BARELY, UNCOVERED, rows_at_vertices
 from ddmpi.scene.contacts import SettledContact
 from ddmpi.surface.cover import corners, cover, faced_arc
@@ -32,14 +32,16 @@ from ddmpi.surface.side import Side, nodal, unit
 from ddmpi.system.numbers import in_words
 
 SLIVER = 0.02
-"""A side of which a smaller part is covered has a constant dual function, of its nearest corner."""
+"""A facet covered by a smaller fraction has one constant dual function, that of the nearest corner."""
 
 UNSEEN = 1e-7
-"""A node of whose length no more than this part is covered faces nothing: the other side ends at its neighbour."""
+"""A node faces nothing if at most this fraction of its length is covered: the other side ends at its neighbour."""
 
 
 def connect(first: Side, second: Side, contact: SettledContact, refinement: int = 1) -> Interface:
-    """The interface of two sides, as `pair` or `mortar`: by pairs where nodes match, or as `contact.pairing` says."""
+    """The interface of two sides: by `pair` where nodes match, else by `mortar`, unless `contact.pairing` chooses."""
+    # On curved surfaces with an overlap mortar rows of matching meshes differ from pairs by about gap/R, so pairs come
+    # first wherever they can be made.
     paired = first.cell.bears and second.cell.bears
     if contact.pairing == "nodes" and not paired:
         raise InputError(f"contact.{contact.name}.pairing: pairs of nodes are for linear tetrahedra, as corners of "
@@ -54,39 +56,40 @@ def connect(first: Side, second: Side, contact: SettledContact, refinement: int 
 
 
 def mortar_in_space(first: Side, second: Side, contact: SettledContact) -> Interface:
-    """`mortar` of two sides in space: rows at the vertices of the slave, see `vertices`.
+    """`mortar` of two sides in space: rows at the nodes of the slave, see `vertices`.
 
-    By default the slave is the side with the larger facets over plane modulus, and not one that clamps hold wholly.
+    By default the slave is the side with the larger size of facets over plane modulus, unless it is wholly clamped.
     """
     sides = (first, second)
-    own = _choose_slave(sides, contact, [slice(None)] * 2)
-    over = _cover(sides, own, contact.name)
-    return build(rows_at_vertices(sides, own, over.only(over.weight > 0.0), corners(over), contact), contact)
+    slave = _choose_slave(sides, contact, [slice(None)] * 2)
+    over = _cover(sides, slave, contact.name)
+    return build(rows_at_vertices(sides, slave, over.only(over.weight > 0.0), corners(over), contact), contact)
 
 
 def mortar(first: Side, second: Side, contact: SettledContact) -> Interface:
     """The interface of two sides whose nodes need not match; the first gives the directions. By default the `slave` is
-    the side with the larger spacing of nodes over plane modulus, and not one that clamps hold all along the contact.
+    the side with the larger spacing of nodes over plane modulus, unless clamps constrain all of it.
 
-    Not collective. Raises InputError when the sides do not face each other, or clamps hold all of the slave.
+    Not collective. Raises InputError where the sides do not face each other, or the slave is wholly clamped.
     """
     sides = (first, second)
-    covers = {own: _cover(sides, own, contact.name) for own in (0, 1) if contact.slave != sides[1 - own].body}
+    covers = {slave: _cover(sides, slave, contact.name) for slave in (0, 1) if contact.slave != sides[1 - slave].body}
     faced = [np.unique(covers[k].facet if k in covers else covers[1 - k].other) for k in (0, 1)]
-    own = _choose_slave(sides, contact, faced)
-    side, over = sides[own], covers[own]
+    slave = _choose_slave(sides, contact, faced)
+    side, over = sides[slave], covers[slave]
     psi = _functions(side, over)
+    # Rows are merged twice: nodes that are hardly covered first, then rows that clamps nearly fix.
     root = _merged(side, over, psi)
-    rows = _rows(sides, own, over, psi, root)
+    rows = _rows(sides, slave, over, psi, root)
     free = _unbound(rows, root, holds_along(contact))
     if (free != root).any():
-        rows = replace(_rows(sides, own, over, psi, free), bound=free != root)
+        rows = replace(_rows(sides, slave, over, psi, free), bound=free != root)
     return build(rows, contact)
 
 
-def _cover(sides: tuple[Side, Side], own: int, name: str) -> Cover:
+def _cover(sides: tuple[Side, Side], slave: int, name: str) -> Cover:
     """The part of one of the sides that faces the other. Raises InputError if there is none."""
-    over, (first, second) = cover(sides[own], sides[1 - own]), sides
+    over, (first, second) = cover(sides[slave], sides[1 - slave]), sides
     if len(over.facet) == 0:
         raise InputError(f"contact.{name}: the boundaries of {first.body!r} and {second.body!r} do not face each other "
                          f"(the first begins at {in_words(first.xy[0])}). Are the two names of `on` in the order of "
@@ -96,8 +99,8 @@ def _cover(sides: tuple[Side, Side], own: int, name: str) -> Cover:
 
 
 def _functions(side: Side, over: Cover) -> sparse.csr_matrix:
-    """w ψ (q, k) of the slave's nodes at the points: `duals`; on a sliver the nearest corner has one alone."""
-    phi = side.cell.shapes(over.at)
+    """w ψ (q, k) of the slave's nodes at the points: `duals`; on a sliver 1 at the nearest corner, 0 at the others."""
+    phi = side.cell.shapes(inset(over, over))
     middle = nodal(over.weight[:, None] * over.at, over.facet, len(side.facets))
     nearest = np.arange(phi.shape[1]) == middle.argmax(axis=1)[:, None]
     weighted = duals(side, over, phi, SLIVER, nearest[over.facet])
@@ -105,68 +108,76 @@ def _functions(side: Side, over: Cover) -> sparse.csr_matrix:
 
 
 def _choose_slave(sides: tuple[Side, Side], contact: SettledContact, faced: Sequence[np.ndarray | slice]) -> int:
-    """0 or 1, the slave: the side that is named, else the one that clamps hold less all along the facets `faced` of
-    each side, else that of larger facets over modulus. Raises InputError where clamps hold it more than the other."""
-    held, sizes = [], []
+    """0 or 1, the slave: the side that the contact names, else the less clamped one of the facets `faced`, else that of
+    larger h/E'. Raises InputError where it is more clamped than the other."""
+    clamped, sizes = [], []
     for side, some in zip(sides, faced, strict=True):
         nodes, size = np.unique(side.facets[some]), side.areas[some].mean() / len(side.cell.parts)
         free = side.free[nodes]
-        held.append(int(is_held(side.normal[nodes], free).all()) + int((np.einsum("kii->k", free) < 0.5).all()))
+        # 0 free, 1 clamped along the normal, 2 clamped throughout (the trace of the projection counts free directions).
+        # As a slave a clamped, finer side would make C singular: more rows than the other side has nodes.
+        clamped.append(int(is_held(side.normal[nodes], free).all()) + int((np.einsum("kii->k", free) < 0.5).all()))
+        # h/E': a fine and stiff slave against a coarse and soft master has errors of 15 to 150 % on Hertz's problem;
+        # this rule never chooses it. A tie, up to rounding, goes to the first side.
         sizes.append(size ** (1.0 / (side.dimension - 1)) / side.modulus)
     if contact.slave is not None:
-        own = [side.body for side in sides].index(contact.slave)
+        slave = [side.body for side in sides].index(contact.slave)
     else:
-        own = held.index(min(held)) if held[0] != held[1] else int(sizes[1] > (1.0 + 1e-6) * sizes[0])
-    if held[own] > held[1 - own]:
-        raise InputError(f"contact.{contact.name}: clamps hold all of {sides[own].body!r} at this contact; it cannot "
-                         "be the slave")
-    return own
+        slave = clamped.index(min(clamped)) if clamped[0] != clamped[1] else int(sizes[1] > (1.0 + 1e-6) * sizes[0])
+    if clamped[slave] > clamped[1 - slave]:
+        raise InputError(f"contact.{contact.name}: clamps constrain all of {sides[slave].body!r} at this contact; it "
+                         "cannot be the slave")
+    return slave
 
 
-def _rows(sides: tuple[Side, Side], own: int, over: Cover, psi: sparse.csr_matrix, root: np.ndarray) -> Rows:
-    """The rows of the slave, `sides[own]`, whose nodes share those of their `root` (k,)."""
-    side, other, shown = sides[own], sides[1 - own], np.flatnonzero(root >= 0)
+def _rows(sides: tuple[Side, Side], slave: int, over: Cover, psi: sparse.csr_matrix, root: np.ndarray) -> Rows:
+    """The rows of the slave, `sides[slave]`. A node uses the row of its `root` (k,)."""
+    side, other, shown = sides[slave], sides[1 - slave], np.flatnonzero(root >= 0)
     parts = sparse.csr_matrix((np.ones(len(shown)), (root[shown], shown)), (len(root), len(root)))
-    at = between(sides, own, over).transfer[::1 if own == 0 else -1]
+    at = between(sides, slave, over).transfer[::1 if slave == 0 else -1]
+    # n_j ∝ n_slave − P n_master: opposite sides contribute alike, so that swapping the roles changes little.
     across = at[0] @ _normals(side, over.facet) - at[1] @ _normals(other, over.other)
-    rows = rows_of(sides, own, over, psi, parts, across)
+    rows = rows_of(sides, slave, over, psi, parts, across)
     place = np.where(root >= 0, rows.place[root], -1)
     row = place[side.facets[over.facet]]
-    rows = replace(rows, place=place, arc=side.arc[rows.nodes] if own == 0 else
+    rows = replace(rows, place=place, arc=side.arc[rows.nodes] if slave == 0 else
                    faced_arc(side.xy[rows.nodes], row, over, other))
-    lines = _lines(rows)
+    lines = _lines(rows, over, psi)
+    # A facet is whole if none of its nodes shares a row with another; bare nodes on the axis always do.
     number = np.bincount(lines.row, minlength=len(rows.nodes))
     number -= np.bincount(place[side.bare & (place >= 0)], minlength=len(rows.nodes))
     return replace(rows, lines=lines, whole=rows.whole & (number == 1)[place[side.facets]].all(axis=1))
 
 
 def _unbound(rows: Rows, root: np.ndarray, tangential: bool) -> np.ndarray:
-    """The `root` of each of the slave's nodes (k,), where rows that are nearly fixed along the normal (BARELY), or by a
-    clamp aslant if the contact is `tangential`, are merged with a neighbour."""
-    side = rows.sides[rows.own]
-    held, most = rows.held(rows.normal)
-    facets, found = rows.place[side.facets[rows.seen]], root.copy()
-    most[held.all(axis=0)] = 0.0
-    if tangential:  # a clamp aslant to the contact is no plane of symmetry: forces along the contact go through there
+    """The `root` of all nodes of the slave (k,), with rows merged into a neighbour's where clamps nearly fix the normal
+    motion (BARELY) or, if the contact is `tangential`, one tangential direction aslant to the contact."""
+    side = rows.sides[rows.slave]
+    clamped, most = rows.clamped(rows.normal)
+    facets, roots = rows.place[side.facets[rows.seen]], root.copy()
+    # Rows that both sides clamp carry no unknown: `build` drops them, and no other row may join them.
+    most[clamped.all(axis=0)] = 0.0
+    if tangential:
+        # Unlike a plane of symmetry, a clamp aslant to the contact lets tangential forces pass.
         t = np.column_stack([-rows.normal[:, 1], rows.normal[:, 0]])
         free = side.free[rows.nodes]
         slant = np.linalg.norm(np.einsum("rij,rj->ri", free, t), axis=1)
         most[is_held(t, free) & (slant > SAME)] = 0.0
     ends = _tied_ends(rows)
-    if np.count_nonzero(np.delete(most, ends) >= BARELY) > 1:  # one row would be a hinge
+    if np.count_nonzero(np.delete(most, ends) >= BARELY) > 1:  # a single row left would be a hinge
         most[ends] = 0.0
-    for number in np.flatnonzero((most < BARELY) & ~held.all(axis=0)):
+    for number in np.flatnonzero((most < BARELY) & ~clamped.all(axis=0)):
         near = np.unique(facets[(facets == number).any(axis=1)])
         near = rows.nodes[near[most[near] >= BARELY]]
         if len(near):
-            here = rows.nodes[number]
-            found[root == here] = near[np.argmin(np.linalg.norm(side.xy[near] - side.xy[here], axis=1))]
-    return found
+            node = rows.nodes[number]
+            roots[root == node] = near[np.argmin(np.linalg.norm(side.xy[near] - side.xy[node], axis=1))]
+    return roots
 
 
 def _tied_ends(rows: Rows) -> np.ndarray:
-    """The last rows at ends of the slave's covered part where both bodies are `tied`, the other at its nearest node."""
-    side, other = rows.sides[rows.own], rows.sides[1 - rows.own]
+    """The last rows at those ends of the slave's covered part where it and the nearest node of the other are `tied`."""
+    side, other = rows.sides[rows.slave], rows.sides[1 - rows.slave]
     facets = side.facets[rows.seen]
     ends = np.flatnonzero(np.bincount(side.corners[rows.seen].ravel(), minlength=len(side.nodes)) == 1)
     ends = ends[side.tied[ends] & other.tied[cKDTree(other.xy).query(side.xy[ends])[1]]]
@@ -176,11 +187,13 @@ def _tied_ends(rows: Rows) -> np.ndarray:
 
 
 def _merged(side: Side, over: Cover, psi: sparse.csr_matrix) -> np.ndarray:
-    """Of each of the slave's nodes (k,) the one whose row it has: its own, a neighbour's, or none (−1)."""
+    """The node (k,) whose row a node of the slave uses: itself, a neighbour, or none (−1)."""
     D = np.asarray(psi.sum(axis=0)).ravel()
     some = np.isin(np.arange(len(side.facets)), over.facet)
     full = side.lengths_over(some)
     best = np.full(len(D), -1)
+    # On a quadratic side covered over less than 3/4, D of the far corner is negative; small D of any sign would divide
+    # rounding. Equal pressure with the neighbour of the largest D keeps constants exact.
     thin = (full * UNCOVERED > D) | side.bare
     for facet in side.facets[some & thin[side.facets].any(axis=1)]:
         top = facet[2 if side.bare[facet].any() else np.argmax(D[facet])]  # D of the other end may be the same
@@ -188,6 +201,7 @@ def _merged(side: Side, over: Cover, psi: sparse.csr_matrix) -> np.ndarray:
             if top != node and (best[node] < 0 or D[top] > D[best[node]]):
                 best[node] = top
     root = np.where(full > 0.0, np.arange(len(D)), -1)
+    # Thin nodes may point at thin nodes: follow them while D grows.
     for node in np.flatnonzero(best >= 0):
         at = int(node)
         while best[at] >= 0 and D[best[at]] > D[at]:
@@ -196,21 +210,23 @@ def _merged(side: Side, over: Cover, psi: sparse.csr_matrix) -> np.ndarray:
     return root
 
 
-def _lines(rows: Rows) -> Lines:
-    """The nodes on which the rows act, each with its part of its row's length, so that the forces on the nodes have the
-    rows' resultant and moment. A node with no more than UNSEEN of what the facets `seen` give it faces nothing."""
-    side, nodes, place = rows.sides[rows.own], rows.nodes, rows.place
-    entries, length = rows.transfers[rows.own].tocoo(), np.zeros(len(place))
-    own = place[entries.col] == entries.row
-    length[entries.col[own]] = (rows.area[entries.row] * entries.data)[own]
-    faces = (np.abs(length) > UNSEEN * side.lengths_over(rows.seen)) | (side.bare & (place >= 0))
+def _lines(rows: Rows, over: Cover, psi: sparse.csr_matrix) -> Lines:
+    """The nodes for which the rows stand. A node has the length of its function, and its force acts at the function's
+    centre, so that forces have the rows' resultant and moment. One covered by at most UNSEEN of its length is left out.
+    """
+    side, nodes, place = rows.sides[rows.slave], rows.nodes, rows.place
+    length = np.where(place >= 0, np.asarray(psi.sum(axis=0)).ravel(), 0.0)
+    points = np.einsum("qc,qcd->qd", side.cell.shapes(over.at), side.xy[side.facets[over.facet]])
+    faces = (length > UNSEEN * side.lengths_over(rows.seen)) | (side.bare & (place >= 0))
     faces[nodes] = True
-    length[nodes] += rows.area - np.bincount(place[faces], length[faces])  # what is left out
-    return Lines(place, side.xy, length, side.pieces(rows.seen)).only(faces)
+    length[nodes] += rows.area - np.bincount(place[faces], length[faces])  # of nodes that are left out
+    some = length > 0.0
+    centre = np.where(some[:, None], psi.T @ points / np.where(some, length, 1.0)[:, None], side.xy)
+    return Lines(place, side.xy, length, side.pieces(rows.seen), centre).only(faces)
 
 
 def _normals(side: Side, facets: np.ndarray) -> np.ndarray:
-    """Unit normals (k, 2) of the arcs over some of the facets, averaged with their lengths; else zero."""
+    """Unit normals (k, 2) of the arcs over some facets, averaged with the facets' lengths; zero at other nodes."""
     some = np.unique(facets)
     fans = unit(side.cell.nodes @ side.fans[some])
     return unit(nodal(side.lengths[some, None, None] * fans, side.facets[some], len(side.nodes)))

@@ -1,4 +1,4 @@
-"""The rows of a contact as geometry has them, and the interface that clamps and laws make of them."""
+"""The rows of a contact by geometry alone, and the interface that `build` makes of them with clamps and the law."""
 
 from __future__ import annotations
 
@@ -24,41 +24,42 @@ NOTHING = 1e-12
 NO_GAP = 1e-9
 """Gaps below this fraction of the distance to the neighbours are rounding of the mesh, and count as zero."""
 
-
 HELD = np.sqrt(0.5) - 1e-9
-"""What moves along a direction by less than this, where all else moves by one, is held along it. Of the two directions
-of a node that can move along one line only, the one nearest to this line stays."""
+"""A direction is clamped if its projection onto the free ones is shorter than this, cos 45°: of a normal and a tangent
+of a node that can move along one line only, the one nearer to this line stays free."""
+
+LEAST = 1e-2
+"""A covered part whose triangle has a smaller part of its facet's area is a sliver."""
 
 LACKING = 1e-3
-"""A facet of which no more than this part is not covered is wholly covered."""
+"""A facet counts as wholly covered up to this fraction of its area."""
 
 
 @dataclass(frozen=True)
 class Rows:
-    """The rows of a contact as geometry has them: clamps and laws do not count yet.
+    """The rows of a contact by geometry alone, without clamps and laws.
 
     Attributes
     ----------
     sides : the first and the second
-    own : 0 or 1, the side at whose nodes the rows stand
-    nodes : (r,) which of its nodes
-    place : (k,) the row with which each of its nodes moves, or −1
-    seen : (f,) bool, whether its facets face the other side
-    transfers : of each side (r, ·), sparse: a row moves as its entries say that all nodes of the side move
+    slave : 0 or 1, the side whose nodes carry the rows
+    nodes : (r,) the nodes of that side with a row
+    place : (k,) the row that a node of that side uses, or −1
+    seen : (f,) bool, whether facets of that side face the other one
+    transfers : of both sides (r, ·), sparse: displacements of the rows from those of all nodes of the side
     normal : (r, d) unit normals of the contact, out of the first body
-    area : (r,) nodal lengths of the part that both sides have in common (m)
+    area : (r,) nodal lengths over the common part of both sides (m)
     gap : (r,) along the normals, between the arcs over the chords (m)
     arc : (r,) arc lengths along the first body's boundary (m)
-    bound : (k,) bool, nodes that share another one's row because clamps or other contacts hold them
-    whole : (f,) bool, whether facets wholly face the other side, each of their nodes that is not `bare` with a row to
-        itself
+    bound : (k,) bool, nodes that share a neighbour's row because clamps or other contacts constrain them
+    whole : (f,) bool, facets that wholly face the other side and whose nodes, but for `bare` ones, do not share rows
     lines : the nodes of the rows
-    points : between the nodes, with their gaps; None where there are none
+    points : places between the nodes, with their gaps, or None
     pointwise : as of an `Interface`
     """
 
     sides: tuple[Side, Side]
-    own: int
+    slave: int
     nodes: np.ndarray
     place: np.ndarray
     seen: np.ndarray
@@ -73,63 +74,68 @@ class Rows:
     points: Places | None = None
     pointwise: bool = False
 
-    def held(self, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Whether clamps hold all nodes of each side (2, r) that a row moves with along its direction (r, d); and how
-        far it moves where free nodes of a side move by one, the larger of both (r,)."""
-        held, most = np.empty((2, len(direction)), bool), np.zeros(len(direction))
+    def clamped(self, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Whether clamps constrain all nodes of each side (2, r) in a row's direction (r, d); and how far (r,) the row
+        moves if the free nodes of a side move by one, the larger of both sides."""
+        clamped, most = np.empty((2, len(direction)), bool), np.zeros(len(direction))
         for number, (side, transfer) in enumerate(zip(self.sides, self.transfers, strict=True)):
             entries = transfer.tocoo()
             moves = ~is_held(direction[entries.row], side.free[entries.col])
-            held[number] = np.bincount(entries.row, moves, len(direction)) == 0
+            clamped[number] = np.bincount(entries.row, moves, len(direction)) == 0
             most = np.maximum(most, np.abs(np.bincount(entries.row, entries.data * moves, len(direction))))
-        return held, most
+        return clamped, most
 
 
-def rows_of(sides: tuple[Side, Side], own: int, over: Cover, psi: sparse.csr_matrix, parts: sparse.csr_matrix,
+def rows_of(sides: tuple[Side, Side], slave: int, over: Cover, psi: sparse.csr_matrix, parts: sparse.csr_matrix,
             across: np.ndarray) -> Rows:
-    """The rows of the slave, `sides[own]`, which faces the other side at the points of `over`. Not collective.
+    """The rows of the slave, `sides[slave]`, which faces the other side at the points of `over`. Not collective.
 
     Parameters
     ----------
-    psi : (q, k) sparse, functions of the slave's nodes at the points, with the weights of these
-    parts : (k, k) sparse, the part of each node's function that each node has; nodes without any have no row
+    psi : (q, k) sparse, w ψ: functions of the slave's nodes at the points, times the points' weights
+    parts : (k, k) sparse, θ = parts ψ: how much of the functions of all nodes a node takes over; empty rows are dropped
     across : (q, d) normals at the points, of any length, out of the slave
     """
     nodes, place = np.flatnonzero(np.diff(parts.indptr)), np.full(parts.shape[0], -1)
     place[nodes] = np.arange(len(nodes))
     theta = (parts[nodes] @ psi.T).tocsr()
+    # D_j = ∫ θ_j, the nodal length; n_j ∝ ∫ θ_j n.
     area, normal = theta @ np.ones(len(over.facet)), unit(theta @ across)
+    # The cover measures gaps along the slave's normals; the cosine turns them onto the row's normal.
     gap = theta @ over.gap / area * np.einsum("ij,ij->i", unit(theta @ over.direction), normal)
-    side, points = sides[own], between(sides, own, over)
+    side, points = sides[slave], between(sides, slave, over)
     share = np.bincount(over.facet, over.weight, len(side.facets))
     seen = np.isin(np.arange(len(side.facets)), over.facet)
-    one, other = (means(theta @ each, area) for each in points.transfer)
-    return Rows(sides, own, nodes, place, seen, (one, other), normal if own == 0 else -normal, area,
+    # P = D⁻¹ ∫ θ φ for both sides; for the slave it is the identity unless rows are merged.
+    one, other = (means(theta @ transfer, area) for transfer in points.transfer)
+    return Rows(sides, slave, nodes, place, seen, (one, other), normal if slave == 0 else -normal, area,
                 without_rounding(gap, side.spacing[nodes]), np.zeros(len(nodes)), np.zeros(len(place), bool),
                 seen & (share >= (1.0 - LACKING) * side.areas), points=points)
 
 
-def between(sides: tuple[Side, Side], own: int, over: Cover) -> Places:
-    """The points at which the slave, `sides[own]`, faces the other side, each moving with the nodes of its facets."""
-    side, other = sides[own], sides[1 - own]
+def between(sides: tuple[Side, Side], slave: int, over: Cover) -> Places:
+    """The points at which the slave, `sides[slave]`, faces the other side, interpolated on both facets."""
+    side, other = sides[slave], sides[1 - slave]
     at = (at_points(side.cell.shapes(over.at), side.facets[over.facet], len(side.nodes)),
           at_points(other.cell.shapes(over.there), other.facets[over.other], len(other.nodes)))
-    first, sign = (1, 1.0) if own == 0 else (-1, -1.0)
+    first, sign = (1, 1.0) if slave == 0 else (-1, -1.0)
     return Places((sides[0].nodes, sides[1].nodes), sign * over.direction, over.gap, at[::first])
 
 
 def build(rows: Rows, contact: SettledContact) -> Interface:
-    """The interface of those rows that a body can move. Not collective. Raises InputError if there are none."""
-    sides, side, bonded = rows.sides, rows.sides[rows.own], contact.kind == "bonded"
+    """The interface of those rows that a body can move. Not collective. Raises InputError where all are clamped."""
+    sides, side, bonded = rows.sides, rows.sides[rows.slave], contact.kind == "bonded"
     (frame, across), xy = _along_clamps(rows, frames(rows.normal)), side.xy[rows.nodes]
     start = initial_gap(contact, rows.gap, xy, rows.arc)
-    held = np.stack([rows.held(direction)[0] for direction in frame.swapaxes(0, 1)], axis=-1)  # (2, r, d)
-    live = ~held.all(axis=0)
+    clamped = np.stack([rows.clamped(direction)[0] for direction in frame.swapaxes(0, 1)], axis=-1)  # (2, r, d)
+    live = ~clamped.all(axis=0)
+    # An unknown that both sides clamp would be a zero row of C.
     live[:, 1:] &= ~across
-    dropped = ~live.any(axis=1) if bonded else ~live[:, 0]  # a bond also holds what slides
+    dropped = ~live.any(axis=1) if bonded else ~live[:, 0]  # a bond also carries tangential forces alone
     keep = np.flatnonzero(~dropped)
     if len(keep) == 0:
         raise InputError(f"contact.{contact.name}: all nodes of the contact are clamped; there is nothing to solve")
+    # A bond whose normal motion is clamped on both sides can never close its gap.
     start[~live[:, 0] & ~dropped] = 0.0
     sliding = np.flatnonzero(live[keep, 1:].any(axis=1) & holds_along(contact))
 
@@ -137,8 +143,9 @@ def build(rows: Rows, contact: SettledContact) -> Interface:
         """The values (r, d) as a vector of the interface."""
         return np.concatenate([values[keep, 0], values[keep[sliding], 1:].ravel()])
 
-    number = np.append(np.where(dropped, -1, np.cumsum(~dropped) - 1), -1)  # of the rows that are kept
-    facets = number[rows.place[(side.facets if side.cell.bears else side.corners)[rows.whole]]]
+    number = np.append(np.where(dropped, -1, np.cumsum(~dropped) - 1), -1)  # new numbers of rows; −1 stays −1
+    facets = side.facets[rows.whole]
+    facets = number[rows.place[facets if side.cell.bears else side.cell.split(facets)]]
     row = number[np.where(rows.bound, -1, rows.place)]
     lines = replace(rows.lines, row=number[rows.lines.row],
                     area=rows.lines.area * (not rows.pointwise)).only(~dropped[rows.lines.row])
@@ -150,7 +157,7 @@ def build(rows: Rows, contact: SettledContact) -> Interface:
         modulus=1.0 / (1.0 / sides[0].modulus + 1.0 / sides[1].modulus),
         facets=facets[(facets >= 0).all(axis=1)],
         laplacian=laplacian(side.xy, side.pieces(rows.seen), row, len(keep), side.axisymmetric),
-        one_sided=of_rows(held.any(axis=0)), displacement=np.zeros(xy.shape[1]), gap_history=contact.opening[1],
+        one_sided=of_rows(clamped.any(axis=0)), displacement=np.zeros(xy.shape[1]), gap_history=contact.opening[1],
         slave=side.body if rows.points else None, lines=lines,
         at=(rows.transfers[0][keep] @ sides[0].xy, rows.transfers[1][keep] @ sides[1].xy),
         axisymmetric=side.axisymmetric, pointwise=rows.pointwise,
@@ -158,62 +165,63 @@ def build(rows: Rows, contact: SettledContact) -> Interface:
 
 
 def _along_clamps(rows: Rows, frame: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The frames (r, d, d) with tangents along the clamps that touch the node of a row, the free one first; and which
-    tangents (r, d − 1) both sides hold: this node, and a node of the other side that it meets.
+    """The frames (r, d, d) with tangents turned along the clamps of a row's node, the freest first; and the tangents
+    (r, d − 1) that both sides constrain: the row's node, and a node of the other side that it meets.
 
-    Such a tangent carries no force. On a plane of symmetry there is no friction across the plane; a row for it would
-    constrain the curvature of the other side, of which only the nodes beside the plane move. A node that is held along
-    the normal as well has a row only for the nodes that share it, and these slide.
+    Such a tangent carries no force: on a plane of symmetry there is no friction across the plane. A row for it would
+    constrain the curvature of the other side, of which only the nodes beside the plane move. A node that is clamped
+    along the normal too has a row only on behalf of the nodes that share it, and these slide.
     """
-    side, other, transfer = rows.sides[rows.own], rows.sides[1 - rows.own], rows.transfers[1 - rows.own]
+    side, other, transfer = rows.sides[rows.slave], rows.sides[1 - rows.slave], rows.transfers[1 - rows.slave]
     free, mean, tangents = side.free[rows.nodes], other.moves_with(transfer), frame[:, 1:]
     # a tangent t moves by M t: the quadratic forms tᵀ Mᵀ M t of both sides, in the basis of the tangents
     turns = sum(tangents @ M.swapaxes(1, 2) @ M @ tangents.swapaxes(1, 2) for M in (free, mean))
     turns = np.linalg.eigh(turns)[1][:, :, ::-1].swapaxes(1, 2)
     turns[~is_touched(free)] = np.eye(tangents.shape[1])
-    tangents, entries, held = turns @ tangents, transfer.tocoo(), np.empty(tangents.shape[:2], bool)
+    tangents, entries, constrained = turns @ tangents, transfer.tocoo(), np.empty(tangents.shape[:2], bool)
     moves = ~is_held(frame[:, 0], free)
     for k, t in enumerate(tangents.swapaxes(0, 1)):
         met = np.bincount(entries.row, is_held(t[entries.row], other.free[entries.col]), len(t))
-        held[:, k] = is_held(t, free) & (met > 0) & moves & bool(np.isfinite(other.modulus))
-    return np.concatenate([frame[:, :1], tangents], axis=1), held
+        constrained[:, k] = is_held(t, free) & (met > 0) & moves & bool(np.isfinite(other.modulus))
+    return np.concatenate([frame[:, :1], tangents], axis=1), constrained
 
 
 def _at_rows(rows: Rows, some: np.ndarray, gap: np.ndarray) -> Places:
-    """The places of some of the rows (r,) bool, with gaps from those of all (r,)."""
-    (first, own), (second, other) = (_used(side, transfer[some]) for side, transfer in
+    """The places of the rows marked by `some` (r,) bool, with their entries of `gap` (r,)."""
+    (first, one), (second, other) = (_used(side, transfer[some]) for side, transfer in
                                      zip(rows.sides, rows.transfers, strict=True))
-    return Places((first, second), rows.normal[some], gap[some], (own, other))
+    return Places((first, second), rows.normal[some], gap[some], (one, other))
 
 
 def _probes(rows: Rows, contact: SettledContact, dropped: np.ndarray, start: np.ndarray) -> Places:
-    """Places between the nodes; else dropped rows which can still move a little. What clamps keep of overlaps stays."""
+    """Places between the nodes, or dropped rows that can still move a little, with overlaps that clamps preserve."""
     if rows.points is None:
         moves = sum(np.abs(np.einsum("rij,rj->ri", side.moves_with(transfer), rows.normal)).max(axis=1)
                     for side, transfer in zip(rows.sides, rows.transfers, strict=True)) > SAME
         return replace(_at_rows(rows, dropped & moves, start), stays=1.0)
     points, gap, stays = rows.points, rows.points.gap, [np.zeros(1)]
     if contact.gap is not None or contact.kind == "bonded":
-        gap = points.transfer[rows.own] @ np.append(start, 0.0)[rows.place]
+        # A given gap, or none of a bond, overrides the geometry between the nodes too.
+        gap = points.transfer[rows.slave] @ np.append(start, 0.0)[rows.place]
     if contact.kind != "bonded":
-        stays = [each @ is_held(side.normal, side.free) for each, side in zip(points.transfer, rows.sides, strict=True)]
+        stays = [move @ is_held(side.normal, side.free) for move, side in zip(points.transfer, rows.sides, strict=True)]
     return replace(points, gap=gap, stays=np.clip(np.min(stays, axis=0), 0.0, 1.0))
 
 
 def _used(side: Side, transfer: sparse.csr_matrix) -> tuple[np.ndarray, sparse.csr_matrix]:
-    """The nodes of a side that a transfer has entries of, in the order of its rows, and the transfer to these."""
+    """The nodes of a side with entries in a transfer, in the order of its rows, and the transfer restricted to them."""
     columns, first = np.unique(transfer.indices, return_index=True)
     columns = columns[np.argsort(first)]
     return side.nodes[columns], transfer[:, columns]
 
 
 def holds_along(contact: SettledContact) -> bool:
-    """Whether a contact may hold bodies along it: by friction or a bond."""
+    """Whether a contact can carry tangential forces: by friction or a bond."""
     return contact.kind == "bonded" or not isinstance(contact.friction, NoFriction)
 
 
 def initial_gap(contact: SettledContact, measured: np.ndarray, xy: np.ndarray, arc: np.ndarray) -> np.ndarray:
-    """The initial gap (k,) at nodes `xy` (k, d), at arc lengths (k,): given, else measured, or zero of a bond."""
+    """The initial gap (k,) at nodes `xy` (k, d), at arc lengths (k,): given, else measured; zero for bonds."""
     given, _ = contact.opening
     if isinstance(given, Profile):
         return given.at(xy, arc).astype(float)
@@ -223,12 +231,12 @@ def initial_gap(contact: SettledContact, measured: np.ndarray, xy: np.ndarray, a
 
 
 def without_rounding(gap: np.ndarray, spacing: np.ndarray) -> np.ndarray:
-    """Gaps (r,) without what is rounding beside the distance between nodes (r,)."""
+    """Gaps (r,), zero where they are rounding beside the distance between nodes (r,)."""
     return np.where(np.abs(gap) <= NO_GAP * spacing, 0.0, gap)
 
 
 def is_held(direction: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """Whether clamps hold (m,) nodes with projections `free` (m, d, d) along the `direction` (m, d), up to HELD."""
+    """Whether clamps with projections `free` (m, d, d) constrain nodes (m,) along directions (m, d), see HELD."""
     left = np.einsum("kij,kj->ki", free, direction)
     return np.linalg.norm(left, axis=1) < np.where(is_touched(free), HELD, 0.0)
 
@@ -240,36 +248,60 @@ def at_points(phi: np.ndarray, nodes: np.ndarray, size: int) -> sparse.csr_matri
 
 
 def duals(side: Side, over: Cover, phi: np.ndarray, sliver: float, alone: np.ndarray | float) -> np.ndarray:
-    """w ψ (q, c) at the points, with their weights: ∫ ψ_j φ_k = δ_jk ∫ φ_j over the covered part of each facet, for the
-    functions φ (q, c) of a side. Where less than the part `sliver` of a facet is covered, ψ is what it is `alone`."""
+    """w ψ (q, c) at the points with weights w: ∫ ψ_j φ_k = δ_jk ∫ φ_j over the covered part of each facet, for the
+    functions φ (q, c) of a side. Facets covered by less than the fraction `sliver` get ψ = `alone`."""
     covered, part = np.unique(over.facet, return_inverse=True)
     integrals, mass = (np.zeros((len(covered), *phi.shape[1:] * times)) for times in (1, 2))
+    # ψ = D_e M_e⁻¹ φ with D_e = diag ∫ φ_j and M_e = ∫ φ_i φ_j over the covered part of facet e (Wohlmuth 2000).
     np.add.at(integrals, part, over.weight[:, None] * phi)
     np.add.at(mass, part, np.einsum("q,qi,qj->qij", over.weight, phi, phi))
     thin = np.bincount(part, over.weight, len(covered)) < sliver * side.areas[covered]
+    # Over a sliver M_e is nearly singular; its inverse is not used.
     mass[thin] = np.eye(phi.shape[1])
     psi = np.einsum("qi,qij->qj", phi, np.linalg.inv(mass)[part]) * integrals[part]
     return over.weight[:, None] * np.where(thin[part, None], alone, psi)
 
 
+def inset(over: Cover, corners: Cover) -> np.ndarray:
+    """Coordinates (q, d) of the points of a cover by those triangles, or lengths, that reach as far as the covered part
+    of each facet: a vertex λ_i = 1 that is not covered moves to the farthest of the covered part's `corners`.
+
+    The dual functions of shape functions in these coordinates have their centres in what is covered, so that contact
+    forces reach no farther than the contact does. Facets that are covered as a whole, and those of whose coverage such
+    a triangle is no image (LEAST), keep their own.
+    """
+    facets, number = np.unique(np.concatenate([over.facet, corners.facet]), return_inverse=True)
+    at, number, d = corners.at, number[len(over.facet):], corners.at.shape[1]
+    most = np.zeros((len(facets), d))
+    np.maximum.at(most, number, at)
+    far = at > most[number] - NO_GAP  # several where the covered part ends parallel to an edge
+    ends = np.zeros((len(facets), d, d))
+    np.add.at(ends, number, far[:, :, None] * at[:, None, :])
+    ends /= np.maximum(ends.sum(axis=2, keepdims=True), 1.0)
+    ends[np.abs(np.linalg.det(ends)) < LEAST] = np.eye(d)
+    place = np.searchsorted(facets, over.facet)
+    return np.einsum("qi,qij->qj", over.at, np.linalg.inv(ends)[place])
+
+
 def means(integrals: sparse.csr_matrix, area: np.ndarray) -> sparse.csr_matrix:
-    """∫ ψ φ (r, k) without what is rounding beside the areas (r,), in rows that sum to one."""
-    found = integrals.tocsr()
-    found.data[np.abs(found.data) <= NOTHING * area.repeat(np.diff(found.indptr))] = 0.0
-    found.eliminate_zeros()
-    return (sparse.diags(1.0 / np.asarray(found.sum(axis=1)).ravel()) @ found).tocsr()
+    """∫ ψ φ (r, k) without entries that are rounding beside the areas (r,), scaled to rows that sum to one: rigid
+    translations then open no gap, and forces on both bodies balance exactly."""
+    transfer = integrals.tocsr()
+    transfer.data[np.abs(transfer.data) <= NOTHING * area.repeat(np.diff(transfer.indptr))] = 0.0
+    transfer.eliminate_zeros()
+    return (sparse.diags(1.0 / np.asarray(transfer.sum(axis=1)).ravel()) @ transfer).tocsr()
 
 
 def uncovered_profile(interface: Interface, contact: SettledContact) -> list[str]:
     """A warning where a profile of friction or of the gap ends before the contact does. Not collective."""
-    found = []
-    for key, values in (*(("friction", each) for each in astuple(contact.friction)), ("gap", contact.opening[0])):
+    warnings = []
+    for key, values in (*(("friction", value) for value in astuple(contact.friction)), ("gap", contact.opening[0])):
         if not isinstance(values, Profile) or len(values.points) < 2:
             continue
         along = values.position(interface.xy, interface.arc)
         low, high, slack = values.points[0], values.points[-1], 1e-6 * float(np.ptp(along))
         if along.min() < low - slack or along.max() > high + slack:
-            found.append(f"contact.{interface.name}.{key}: the profile covers {values.along} from {low:g} to {high:g}, "
-                         f"the contact goes from {along.min():g} to {along.max():g}; beyond its ends the profile is "
-                         "constant")
-    return found
+            warnings.append(
+                f"contact.{interface.name}.{key}: the profile covers {values.along} from {low:g} to {high:g}, the "
+                f"contact goes from {along.min():g} to {along.max():g}; beyond its ends the profile is constant")
+    return warnings

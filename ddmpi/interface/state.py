@@ -13,31 +13,30 @@ from ddmpi.qp.box import magnitude
 from ddmpi.system.numbers import moment
 
 CLOSED = 1e-8
-"""A node whose normal force is this part of the largest one, or less, counts as open, unless it is bonded."""
-
+"""A node counts as open, unless bonded, up to this fraction of the largest normal force."""
 
 SLIDING = 1e-9
-"""An open node that closes by less than this part of how far it slides does not close."""
+"""An open node is not closing if its gap shrinks by less than this fraction of its slip."""
 
 RESULTANTS = ("force", "moment", "normal_force", "tangential_force", "open", "slip", "stick", "dissipated")
-"""What is written of a contact at each load step, of its `ContactTotals`."""
+"""The entries of `ContactTotals` that are written at every load step."""
 
 
 class ContactTotals(NamedTuple):
-    """A contact as a whole, in few numbers whatever its nodes: what ranks tell each other of contacts.
+    """Resultants and extremes of a contact: what ranks send each other, whatever the number of its nodes.
 
     Attributes
     ----------
     force, moment, dissipated, moment_imbalance : as of a `ContactState`
-    normal_force, tangential_force : sums over the nodes along n and t (N); in space, where nodes have no common t, the
-        latter is the length of the vectors' sum
+    normal_force, tangential_force : sums over the nodes along n and t (N); in space the length of the sum of the
+        tangential vectors, as nodes have no common t
     open, slip, stick : numbers of nodes
     bodies, m, law, slave : of the interface; the law by its name
     rigid : (d,) displacement of the rigid partner (m); None if there is none
     pressure_max : largest normal stress of a node (Pa); NaN where the contact has no area
     normal_max, normal_sum : of the sizes of the nodes' normal forces (N)
     acting : sum of the sizes of the components of the nodes' forces (N)
-    opening : the smallest at and between the nodes (m)
+    opening : smallest gap at and between the nodes (m)
     closed : length, in space area, of the nodes that are not open
     """
 
@@ -64,7 +63,7 @@ class ContactTotals(NamedTuple):
 
     @property
     def resultants(self) -> dict[str, Any]:
-        """What is written of each load step."""
+        """The entries that are written at every load step."""
         return {name: getattr(self, name) for name in RESULTANTS}
 
     @property
@@ -77,9 +76,13 @@ class ContactTotals(NamedTuple):
 class ContactState:
     """The state of an interface. Forces and directions are those of its first body.
 
+        >>> contact = ddmpi.solve("configs/punch.toml").contacts["punch-base"]
+        >>> contact.count("slip"), round(contact.resultants["normal_force"], 2), contact.pressure.shape
+        (5, 1362.52, (41,))
+
     Attributes
     ----------
-    interface : that it is of; interface.xy (m, d) are the nodes, interface.area (m,) their lengths, in space areas
+    interface : interface.xy (m, d) are the nodes, interface.area (m,) their lengths, in space areas
     normal_force : (m,) positive under pressure, negative under tension, which bonded nodes may bear (N)
     tangential_force : (m, d − 1) along t; zero at nodes without tangential unknowns (N)
     gap : (m,) opening (m)
@@ -88,9 +91,9 @@ class ContactState:
     status : (m,) "open", "slip" or "stick"
     between : (q,) opening at the probes of the interface (m), see `Interface`
     before : (m, d − 1) slip of the load steps before (m)
-    yielding : how far contact forces move the bodies at their contacts, at most (m)
-    resistance : (m,) the mean of the slip bounds at the beginning and at the end of the load step, where the node slips
-        and pressure or the law gives it a bound; zero elsewhere (N)
+    yielding : largest displacement of the bodies at their contacts by contact forces (m)
+    resistance : (m,) mean of the slip bounds at the beginning and the end of the load step where the node slips and has
+        a bound; zero elsewhere (N)
     """
 
     interface: Interface
@@ -116,8 +119,8 @@ class ContactState:
     def dissipated(self) -> float:
         """Frictional work of the load step, Σ ½ (g_n + g_n−1) |u_t| over the nodes that slip (J).
 
-        It is exact where slip and slip bound g grow together from zero, and where the bound is constant. Sticking nodes
-        dissipate nothing: their slip is an error of the iteration, and left out. In the plane per metre of depth.
+        It is exact where slip and slip bound g grow together from zero, and where the bound is constant. The slip of
+        sticking nodes is an error of the iteration, and left out. In the plane per metre of depth.
         """
         return float((self.resistance * magnitude(self.slip)).sum())
 
@@ -154,10 +157,10 @@ class ContactState:
 
     @property
     def moment_imbalance(self) -> tuple[float, float]:
-        """What the moments on both bodies leave, and the bound of it, Σ |arm| |force| (N m).
+        """Sum of the moments on both bodies, and its bound Σ |arm| |force| (N m).
 
-        Forces act along the normal of the contact on nodes that stand apart: by the gap, and where the nodes of curved
-        sides do not match by their arcs over the chords.
+        Opposite forces act at points that are apart by the gap and, on curved non-matching sides, by the distance of
+        the arcs from their chords.
         """
         if self.interface.at is None or self.interface.axisymmetric:
             return 0.0, 0.0
@@ -167,7 +170,7 @@ class ContactState:
 
     @property
     def totals(self) -> ContactTotals:
-        """The contact as a whole, in few numbers."""
+        """Resultants and extremes of the contact."""
         interface, tangential, normal = self.interface, self.tangential_force, np.abs(self.normal_force)
         total = tangential.sum() if interface.dimension == 2 else np.linalg.norm(self.along(tangential).sum(axis=0))
         return ContactTotals(
@@ -193,7 +196,7 @@ class ContactState:
 
 
 def _areas(interface: Interface) -> np.ndarray:
-    """(m,) what stresses are forces over (m or m²): NaN where bodies meet along edges or at vertices only."""
+    """(m,) nodal lengths or areas of stresses (m or m²): NaN where bodies meet along edges or at vertices only."""
     return np.full(interface.m, np.nan) if interface.pointwise else interface.area
 
 
@@ -205,14 +208,14 @@ def contact_state(interface: Interface, s: np.ndarray, bound: np.ndarray, u: np.
     Parameters
     ----------
     s : (size,) contact forces that obey the bounds (N)
-    bound : (mt,) slip bound that held for them (N)
+    bound : (mt,) their slip bound (N)
     u : (size,) relative displacement, the sum of both bodies' traces (m)
     between : (q,) opening at the interface's probes (m), if any
     since : (size,) displacement from which the slip of this load step counts (m), and forces at its beginning (N);
         left out, nothing has moved, free of stress
     yielding : as of a `ContactState`
-    slides : of a contact without friction, whose u has no tangential entries: how far the first body has moved along t
-        past the second (m, d − 1), now and as the load step began (m)
+    slides : of a contact without friction, whose u has no tangential entries: displacement of the first body along t
+        past the second (m, d − 1), now and at the beginning of the load step (m)
     """
     law, m, sliding = interface.law, interface.m, interface.sliding
     none = np.zeros(interface.size)
@@ -224,10 +227,12 @@ def contact_state(interface: Interface, s: np.ndarray, bound: np.ndarray, u: np.
     if slides:
         before[:] = slides[1]
         slip = slides[0] - before
+    # A node without tangential unknowns sticks, but without friction it slides. Open overrules both.
     status, resistance = np.full(m, "slip" if law.name == "none" else "stick", dtype="U5"), np.zeros(m)
     slips, closed = law.reaches_bound(s, bound), law.closed(s, CLOSED)
     status[sliding[slips]] = "slip"
     status[~closed] = "open"
+    # Trapezoidal rule for ∫ g d|u_t|. An open node dissipates only under a bound that needs no pressure, as Tresca's.
     slips &= closed[sliding] | (law.bound_at(none) > 0.0)
     resistance[sliding[slips]] = 0.5 * bound[slips] + 0.5 * law.bound_at(former)[slips]
     return ContactState(interface, normal, tangential, interface.opening - moved[0], slip, status,
@@ -235,10 +240,10 @@ def contact_state(interface: Interface, s: np.ndarray, bound: np.ndarray, u: np.
 
 
 def slip_start(law: Law, s: np.ndarray, closed: np.ndarray, rate: np.ndarray, ahead: float) -> np.ndarray:
-    """Where the slip of the next load step begins: displacement (size,), tangential entries only (m). Not collective.
+    """The displacement from which slip counts in the next load step (size,), tangential entries only (m).
 
-    It is that at the end of the last step, of open nodes as well. A node that may slide as it likes slips from where it
-    touches, though: as if its gap went on closing as in the last step, at the latest at the end of the next one.
+    It is the displacement at the end of the last step, open nodes included. An open node without friction begins to
+    slip where it touches: its gap is taken to go on closing at the rate of the last step. Not collective.
 
     Parameters
     ----------
@@ -251,6 +256,8 @@ def slip_start(law: Law, s: np.ndarray, closed: np.ndarray, rate: np.ndarray, ah
     if law.name == "bonded":  # nothing slides
         return start
     (normal, tangential), (closing, sliding) = law.split(closed), law.split(rate)
+    # Touching-time correction: the node touches after the share gap / closing of a step like the last one, and has by
+    # then moved on tangentially by that share. Without it, steps in which contact grows converge only like n^−½.
     gap, closing = -normal[law.sliding], closing[law.sliding]
     closes = closing > SLIDING * np.linalg.norm(sliding, axis=1)
     touches = (law.bound_at(s) == 0.0) & (gap > 0.0) & closes
@@ -261,5 +268,5 @@ def slip_start(law: Law, s: np.ndarray, closed: np.ndarray, rate: np.ndarray, ah
 
 
 def signed(components: np.ndarray) -> np.ndarray:
-    """(m,) of tangential components (m, d − 1) the only one, in the plane, or the length of their vector."""
+    """(m,) the tangential component of (m, 1) in the plane; in space the length of the vector (m, 2)."""
     return components[:, 0] if components.shape[1] == 1 else np.linalg.norm(components, axis=1)

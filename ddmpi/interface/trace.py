@@ -9,7 +9,7 @@ from ddmpi.body.elasticity import Elasticity
 from ddmpi.interface.interface import Interface, Places
 
 ROUNDING = 1e-12
-"""Entries of a clamped node that are no larger than this part of the others are rounding."""
+"""Entries of a clamped node below this fraction of the others are rounding."""
 
 
 def trace(interface: Interface, side: int, body: Elasticity) -> sparse.csr_matrix:
@@ -20,12 +20,15 @@ def trace(interface: Interface, side: int, body: Elasticity) -> sparse.csr_matri
     """
     d, moves = interface.dimension, rows(interface, side).tocoo()
     nodes = interface.nodes[side][moves.col]
-    held = (body.supports.clamps >= 0).any(axis=1)
-    place = np.full(len(held), -1)
+    clamped = (body.supports.clamps >= 0).any(axis=1)
+    place = np.full(len(clamped), -1)
     place[body.nodes] = np.arange(len(body.nodes))
+    # u_ν = u¹·ν¹ + u²·ν² with ν² = −ν¹: the second body's rows have the opposite sign.
     along = _sign(side) * moves.data[:, None] * interface.directions[moves.row]
+    # A is P K P with the projection P onto the free directions, so B becomes B P. At clamps aslant to the axes P leaves
+    # rounding in the constrained direction, which would make a column of B where A is decoupled.
     values = np.einsum("kij,kj->ki", body.supports.free[nodes], along)
-    entry = np.abs(values) > np.where(held[nodes], ROUNDING * np.linalg.norm(along, axis=1), 0.0)[:, None]
+    entry = np.abs(values) > np.where(clamped[nodes], ROUNDING * np.linalg.norm(along, axis=1), 0.0)[:, None]
     columns = d * place[nodes][:, None] + np.arange(d)
     row = np.repeat(moves.row[:, None], d, axis=1)
     return sparse.csr_matrix((values[entry], (row[entry], columns[entry])), (interface.size, body.A.size[1]))
@@ -38,8 +41,8 @@ def displacement_trace(interface: Interface, side: int, u: np.ndarray) -> np.nda
 
 
 def sliding_trace(interface: Interface, side: int, u: np.ndarray) -> np.ndarray:
-    """How far (m, d − 1) the nodes of a contact without friction, which has no such unknowns, move along the tangents
-    in metres; nothing (0, d − 1) of other contacts. Not collective."""
+    """Tangential displacement (m, d − 1) in metres at a contact without friction, which has no tangential unknowns;
+    empty (0, d − 1) for other contacts. Not collective."""
     if interface.law.name != "none":
         return np.empty((0, interface.dimension - 1))
     moved = interface.transfer[side] @ u[interface.nodes[side]]
@@ -47,10 +50,10 @@ def sliding_trace(interface: Interface, side: int, u: np.ndarray) -> np.ndarray:
 
 
 def nodal_forces(interface: Interface, side: int, s: np.ndarray, nodes: int) -> np.ndarray:
-    """−Bᵀ s (nodes, d): what contact forces s (size,) do to all nodes of the body on `side` (N). Not collective."""
-    found, moves = np.zeros((nodes, interface.dimension)), rows(interface, side)
-    np.add.at(found, interface.nodes[side], -_sign(side) * (moves.T @ (s[:, None] * interface.directions)))
-    return found
+    """−Bᵀ s (nodes, d): forces on all nodes of the body on `side` by contact forces s (size,) (N). Not collective."""
+    forces, moves = np.zeros((nodes, interface.dimension)), rows(interface, side)
+    np.add.at(forces, interface.nodes[side], -_sign(side) * (moves.T @ (s[:, None] * interface.directions)))
+    return forces
 
 
 def normal_trace(side: int, places: Places, u: np.ndarray) -> np.ndarray:

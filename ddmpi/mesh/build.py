@@ -1,4 +1,4 @@
-"""The mesh of a body as its scene asks for it: generated, read or drawn, refined, and raised to the order."""
+"""The mesh of a body by its scene: generated, read or drawn, refined, and raised to the order."""
 
 from __future__ import annotations
 
@@ -24,15 +24,20 @@ from ddmpi.system.memory import free_memory
 from ddmpi.system.numbers import in_words
 
 EACH = 200.0
-"""Bytes that a linear cell needs at least: its nodes and groups, and its part of the stiffness."""
+"""Least memory of a linear cell (bytes): nodes, groups, and its part of the stiffness."""
 
 ROUNDING = 1e-12
-"""Nodes nearer to the axis than this part of the largest coordinate lie on it."""
+"""Nodes lie on the axis up to this fraction of the largest coordinate."""
 
 
 def build_mesh(body: BodySpec, folder: Path = Path("."), contacts: Collection[str] = (),
                sizes: Sizes | None = None, dimension: int | None = None, axisymmetric: bool = False) -> Mesh:
     """Generate or read the mesh of `body` and check that it has the groups that the body names.
+
+    >>> from ddmpi.scene.reader import read_scene_file
+    >>> mesh = build_mesh(read_scene_file("configs/pinched_blocks.toml").body[0])
+    >>> mesh.cell.title, len(mesh.points), sorted(mesh.groups)
+    ('linear triangles', 1541, ['bottom', 'left', 'right', 'top'])
 
     Parameters
     ----------
@@ -69,15 +74,15 @@ def build_mesh(body: BodySpec, folder: Path = Path("."), contacts: Collection[st
     mesh = raise_order(mesh, key, spec.order or 1)
     refuse_folded(mesh, key)
     material_numbers(mesh, body)
-    for name, each in body.acting:
-        (group_nodes if name == "clamp" else boundary_group)(mesh, each.on, f"body.{body.name}.{name}")
-    acted = [*contacts, *(each.on for name, each in body.acting if name != "clamp")]
+    for name, acting in body.acting:
+        (group_nodes if name == "clamp" else boundary_group)(mesh, acting.on, f"body.{body.name}.{name}")
+    acted = [*contacts, *(acting.on for name, acting in body.acting if name != "clamp")]
     return _turned(mesh, key, acted) if axisymmetric else mesh
 
 
 def _turned(mesh: Mesh, key: str, acted: Collection[str]) -> Mesh:
-    """The mesh around the axis x = 0, with nodes on it that lie there but for rounding. Raises InputError for x < 0,
-    and where a group that is `acted` on has facets on the axis."""
+    """The axisymmetric mesh, with nodes moved onto x = 0 that are on it up to rounding. Raises InputError for x < 0,
+    and for facets on the axis of a group that is `acted` on."""
     points = mesh.points.copy()
     points[np.abs(points[:, 0]) <= ROUNDING * np.abs(points).max(), 0] = 0.0
     if points[:, 0].min() < 0.0:
@@ -91,7 +96,7 @@ def _turned(mesh: Mesh, key: str, acted: Collection[str]) -> Mesh:
 
 
 def _refuse_huge(cells: float, names: str, key: str) -> None:
-    """Raise InputError where the memory that is free cannot hold so many cells and their stiffness."""
+    """Raise InputError where free memory cannot hold so many cells and their stiffness."""
     needed, free = EACH * cells, free_memory()
     if needed > free:
         raise InputError(f"{key}: {cells:.2g} {names} need more than {needed / 2**30:.2g} GiB of memory; "

@@ -36,23 +36,24 @@ CUTS = {1: np.array([[[0, 2], [2, 1]]]), 2: np.array([[[0, 3, 5], [3, 1, 4], [5,
                      for ends, around in (((4, 9), ((5, 6), (6, 7), (7, 8), (8, 5))),
                                           ((5, 7), ((6, 4), (9, 6), (8, 9), (4, 8))),
                                           ((6, 8), ((4, 5), (5, 9), (9, 7), (7, 4))))])}
-"""Ways (w, 2^d, d + 1) to cut a cell with halved edges, by dimension: its nodes in order 2 at the corners of the parts.
-In space each has four parts around another diagonal of the octahedron within, the first two nodes of the last one."""
+"""Ways (w, 2^d, d + 1) to cut a cell with halved edges, by dimension: its nodes of order 2 at the corners of the parts.
+In space four parts lie around one of the octahedron's three diagonals, whose ends are the first two nodes of the last
+part."""
 
 NAMES = {0: ("point", "points"), 1: ("line", "lines"), 2: ("triangle", "triangles"), 3: ("tetrahedron", "tetrahedra")}
 """One and several, by dimension."""
 
 TOPOLOGY = {1: "Polyline", 2: "Triangle", 3: "Tetrahedron"}
-"""What XDMF calls linear cells, by dimension. To others it adds how many nodes they have."""
+"""XDMF's names of linear cells, by dimension; the names of others end in the number of their nodes."""
 
 ORDERS = {1: "linear", 2: "quadratic"}
-"""What elements are called, by order."""
+"""Names of elements, by order."""
 
 REGULAR = {2: 3**0.5 / 4, 3: 2**0.5 / 12}
 """Area of the triangle, volume of the tetrahedron, with edges of length one."""
 
 BENT = 1e-9
-"""A cell is curved if a node is off its straight place by more than this part of the distance of corners around it."""
+"""A cell is curved if a node is off its straight place by more than this fraction of the distance of the corners."""
 
 
 @dataclass(frozen=True)
@@ -61,10 +62,10 @@ class Mapped:
 
     Attributes
     ----------
-    places : (q, t, d) where the points lie (m)
+    places : (q, t, d) coordinates of the points (m)
     measures : (q, t) ratio of measures to those of the reference cell, of measure one; positive unless the cell folds
     derivatives, inverse : ∂φ_i/∂λ_a (d, q, k), and ∂λ_a/∂x (d, d, q, t) (1/m)
-    turned : φ_i (q, k) of cells that turn around an axis, else None
+    turned : φ_i (q, k) of axisymmetric cells, else None
     """
 
     places: np.ndarray
@@ -86,13 +87,17 @@ class Mapped:
 class Cell:
     """The reference simplex of one dimension d and order, with k nodes.
 
+    >>> cell = CELLS[2, 2]  # corners of quadratic triangles carry no constant pressure: ∫ φ_i = 0
+    >>> cell.title, cell.bears, cell.mass.sum(axis=1).round(3).tolist()
+    ('quadratic triangles', False, [0.0, 0.0, 0.0, 0.333, 0.333, 0.333])
+
     Attributes
     ----------
     nodes : (k, d + 1) barycentric coordinates of the nodes, corners first
-    between : (k − d − 1, order) the corners whose mean each of the other nodes is: in order 2 both ends of its edge
-    edges : (e, order + 1) nodes of each edge as those of `CELLS[1, order]`
-    facets : (d + 1, l) nodes of each facet as those of `CELLS[d - 1, order]`, turned outward
-    parts : (p, d + 1) nodes at the corners of the linear simplices that it is cut into
+    between : (k − d − 1, order) the corners with their mean at a node that is none: of order 2 both ends of its edge
+    edges : (e, order + 1) nodes of the edges, numbered as in `CELLS[1, order]`
+    facets : (d + 1, l) nodes of the facets, numbered as in `CELLS[d - 1, order]`, turned outward
+    parts : (p, d + 1) nodes at the corners of the linear simplices into which the cell is cut
     samples : exact to degree 2 order − 2, at points where the stress is more accurate than elsewhere
     rule : exact to degree 2 order
     powers, coefficients : (n, d + 1) exponents α and (k, n) integers c of φ_i = Σ c_in λ^α_n
@@ -126,17 +131,17 @@ class Cell:
 
     @property
     def title(self) -> str:
-        """Its order and name, of several."""
+        """Order and name in the plural."""
         return f"{ORDERS[self.order]} {self.names}"
 
     @property
     def topology(self) -> str:
-        """What XDMF calls it."""
+        """Name in XDMF."""
         return TOPOLOGY[self.dimension] + f"_{len(self.nodes)}" * (not self.linear)
 
     @property
     def facet(self) -> Cell:
-        """What its facets are in themselves."""
+        """The cell of the facets."""
         return CELLS[self.dimension - 1, self.order]
 
     @property
@@ -146,24 +151,25 @@ class Cell:
 
     @property
     def bears(self) -> bool:
-        """Whether a constant pressure acts on all of its nodes, as it does not on corners of quadratic triangles."""
+        """Whether a constant pressure acts on all nodes: ∫ φ_i > 0, unlike at corners of quadratic triangles."""
         return bool((self.coefficients @ _products(self.powers) > 0.0).all())  # integers
 
     def bends(self, nodes: np.ndarray, least: float = BENT) -> np.ndarray:
-        """How far (…, k − d − 1, D) all nodes but the corners are off the means `between`, of cells with `nodes`
-        (…, k, D) (m). Exactly zero up to the part `least` of the distance of the corners there."""
+        """Offsets (…, k − d − 1, D) of all nodes but the corners from the means `between`, of cells with `nodes`
+        (…, k, D) (m). Exactly zero up to the fraction `least` of the distance of the corners."""
         corners = nodes[..., self.between, :]
         off = nodes[..., self.dimension + 1:, :] - corners.mean(axis=-2)
         bent = np.linalg.norm(off, axis=-1) > least * np.linalg.norm(np.ptp(corners, axis=-2), axis=-1)
         return np.where(bent[..., None], off, 0.0)
 
     def split(self, nodes: np.ndarray) -> np.ndarray:
-        """The corners (·, d + 1) of linear simplices that cells with `nodes` (n, k) are cut into, first parts first."""
+        """The corners (·, d + 1) of the linear simplices in cells with `nodes` (n, k), first parts first."""
         return nodes[:, self.parts].swapaxes(0, 1).reshape(-1, self.parts.shape[1])
 
     @cached_property
     def mass(self) -> np.ndarray:
         """(k, d + 1) ∫ φ_i λ_a over a cell of measure one."""
+        # λ_a φ_i = Σ c λ^(α + e_a), and ∫ λ^β = β! d!/(d + |β|)! over a simplex of measure one.
         higher = self.powers[:, None] + np.eye(self.dimension + 1, dtype=int)
         return self.coefficients @ _products(higher) * self._scale(self.order + 1)
 
@@ -174,6 +180,7 @@ class Cell:
         Zeros are exact: all that is summed are integers over the same denominator.
         """
         scaled = self.coefficients[..., None] * self.powers  # ∂φ_i/∂λ_a = Σ_n scaled_ina λ^(α_n − e_a)
+        # Products of derivatives are monomials with exponents α_n − e_a + α_m − e_b; where α_na = 0 the factor is zero.
         products = _products(self._lower[:, :, None, None] + self._lower)
         w = np.einsum("ina,jmb,namb->ijab", scaled, scaled, products)
         w = w[:, :, 1:, 1:] - w[:, :, 1:, :1] - w[:, :, :1, 1:] + w[:, :, :1, :1]  # as λ_0 = 1 − λ_1 − …
@@ -192,11 +199,16 @@ class Cell:
         """The shape functions (…, k) at points given by their barycentric coordinates (…, d + 1)."""
         return (barycentric[..., None, :] ** self.powers).prod(axis=-1) @ self.coefficients.T
 
+    def bernstein(self, barycentric: np.ndarray) -> np.ndarray:
+        """Bernstein's polynomials (…, k) of the nodes at points (…, d + 1): order! Π λ_a^α_a / α_a!. They are positive,
+        sum to one and have equal integrals; a linear function has its values at the nodes for coefficients."""
+        return (barycentric[..., None, :] ** self.powers).prod(axis=-1) * factorial(self.order) / _products(self.powers)
+
     def derivatives(self, barycentric: np.ndarray) -> np.ndarray:
         """∂φ_i/∂λ_a (d, q, k) at points (q, d + 1), for a = 1 … d with λ_0 = 1 − λ_1 − …."""
         terms = (barycentric[:, None, None] ** self._lower).prod(axis=-1) * self.powers  # (q, n, d + 1)
-        found = np.einsum("qna,in->aqi", terms, self.coefficients)
-        return found[1:] - found[:1]
+        slopes = np.einsum("qna,in->aqi", terms, self.coefficients)
+        return slopes[1:] - slopes[:1]
 
     def tangents(self, nodes: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
         """∂x/∂λ_a (d, D, q, t) at points (q, d + 1) of t cells in space of dimension D, with `nodes` (t, k, D) (m)."""
@@ -224,15 +236,17 @@ def _products(powers: np.ndarray) -> np.ndarray:
 
 
 def _orbits(*orbits: tuple[float, Sequence[float]]) -> Rule:
-    """A rule of points by weights and barycentric coordinates, of which all permutations are points as well."""
+    """A rule from weights and barycentric coordinates, all permutations of which are points."""
     points = [sorted(set(permutations(point))) for _, point in orbits]
-    return np.concatenate(points), np.repeat([weight for weight, _ in orbits], [len(each) for each in points])
+    return np.concatenate(points), np.repeat([weight for weight, _ in orbits], [len(orbit) for orbit in points])
 
 
 def _collapsed(dimension: int) -> Rule:
     """Gauss's five points along each edge of a cube mapped to the simplex (Duffy 1982): exact to degree 10 − d."""
-    at, weights = (each / 2 for each in np.polynomial.legendre.leggauss(5))
+    at, weights = (values / 2 for values in np.polynomial.legendre.leggauss(5))
     at, points, weight = 0.5 + at, np.ones((1, 1)), np.ones(1)
+    # Split off one coordinate at a time: λ_last → λ_last (1 − t), λ_last t. The Jacobian is t^(rest − 1), and the
+    # factor `rest` makes the weights sum to one.
     for rest in range(dimension, 0, -1):
         points, last, t = points[:, :-1].repeat(5, axis=0), points[:, -1].repeat(5), np.tile(at, len(points))
         points = np.column_stack([points, last * (1.0 - t), last * t])
@@ -259,17 +273,17 @@ RULES = {2: _orbits((0.223381589678011, [1 - 2 * _A, _A, _A]), (0.10995174365532
 constant stress needs degree d and ∫ φ_i degree d + 2, so that constant stresses and volume forces are exact."""
 
 FINE = {dimension: _collapsed(dimension) for dimension in EDGES}
-"""For loads and for measures of curved facets, which are no polynomials."""
+"""For loads and measures of curved facets, whose integrands are no polynomials."""
 
 
 def exact_rule(dimension: int, degree: int) -> Rule:
-    """The one with fewest points, of these, that is exact to a degree."""
+    """The rule with the fewest points among these that is exact to a degree."""
     rules = [FIRST, FIRST, SECOND, RULES, RULES, *[FINE] * 5][degree]
     return rules.get(dimension, FINE[dimension])
 
 
 def _means(dimension: int, order: int) -> list[tuple[int, ...]]:
-    """The corners whose mean each node is: of a corner itself, in order 2 then both ends of each edge."""
+    """The corners with their mean at a node: a corner itself, then, of order 2, both ends of an edge."""
     return [(k,) * order for k in range(dimension + 1)] + EDGES.get(dimension, []) * (order == 2)
 
 
@@ -281,8 +295,9 @@ def _lagrange(dimension: int, order: int) -> Cell:
     def nodes_of(corners: tuple[int, ...]) -> list[int]:
         return [number[tuple(sorted(corners[k] for k in mean))] for mean in _means(len(corners) - 1, order)]
 
-    edges, facets = (np.array([nodes_of(each) for each in every]) for every in (EDGES[dimension], FACETS[dimension]))
+    edges, facets = (np.array([nodes_of(part) for part in every]) for every in (EDGES[dimension], FACETS[dimension]))
     powers = np.array([np.bincount(mean, minlength=dimension + 1) for mean in means])
+    # Values of the monomials at the nodes; the inverse has the coefficients of the shape functions, which are integers.
     values = ((powers[:, None] / order) ** powers).prod(axis=-1)
     return Cell(powers / order, np.array(means[dimension + 1:], int).reshape(-1, order), edges, facets,
                 np.arange(dimension + 1)[None] if order == 1 else CUTS[dimension][0],
@@ -295,7 +310,7 @@ CELLS = {(dimension, order): _lagrange(dimension, order) for dimension in EDGES 
 
 
 def cell_with(number: int, dimension: int | None = None) -> Cell:
-    """The cell with so many nodes, of a dimension or else of the largest one."""
+    """The cell with this number of nodes, of a dimension or else of the largest one."""
     return next(cell for (d, _), cell in reversed(CELLS.items())
                 if len(cell.nodes) == number and dimension in (None, d))
 
@@ -303,16 +318,16 @@ def cell_with(number: int, dimension: int | None = None) -> Cell:
 def cross(rows: Sequence[np.ndarray] | np.ndarray) -> np.ndarray:
     """The vectors c (d, …) with c · v = det [v; rows] for all v, of `rows` (d − 1, d, …); of (x, y) it is (y, −x)."""
     columns = range(len(rows) + 1)
-    found = np.stack([_determinant([[row[m] for m in columns if m != k] for row in rows]) for k in columns])
-    found[1::2] *= -1.0
-    return found
+    minors = np.stack([_determinant([[row[m] for m in columns if m != k] for row in rows]) for k in columns])
+    minors[1::2] *= -1.0
+    return minors
 
 
 def _determinant(rows: Sequence[Sequence[np.ndarray]]) -> np.ndarray:
     first, rest = rows[0], rows[1:]
     if not rest:
         return first[0]
-    terms = [each * _determinant([[*row[:k], *row[k + 1:]] for row in rest]) for k, each in enumerate(first)]
+    terms = [entry * _determinant([[*row[:k], *row[k + 1:]] for row in rest]) for k, entry in enumerate(first)]
     return sum(terms[2::2], terms[0]) - sum(terms[3::2], terms[1])
 
 
@@ -326,7 +341,7 @@ def invert(tangents: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def facet_cell(facets: np.ndarray) -> Cell:
-    """What facets with nodes (s, l, D) are in themselves."""
+    """The cell of facets with nodes (s, l, D)."""
     return cell_with(facets.shape[1], facets.shape[2] - 1)
 
 
@@ -342,7 +357,7 @@ def curved_facets(facets: np.ndarray) -> np.ndarray:
 
 
 def circumference(places: np.ndarray, axisymmetric: bool) -> np.ndarray | float:
-    """By what measures in the plane count at places (…, d): 2πr (…) around an axis (m), else one."""
+    """The factor of measures in the plane at places (…, d): 2πr (…) around an axis (m), else one."""
     return 2.0 * np.pi * places[..., 0] if axisymmetric else 1.0
 
 
@@ -355,12 +370,12 @@ def facet_shares(facets: np.ndarray, axisymmetric: bool = False) -> np.ndarray:
     """∫ φ_i (s, l) over facets with nodes (s, l, D) (m or m²)."""
     cell, bent = facet_cell(facets), curved_facets(facets) | axisymmetric
     (centre, _), (points, weights) = FIRST[cell.dimension], FINE[cell.dimension]
-    found = np.outer(np.linalg.norm(cell.vectors(facets, centre)[:, 0], axis=0), cell.mass.sum(axis=1))
+    shares = np.outer(np.linalg.norm(cell.vectors(facets, centre)[:, 0], axis=0), cell.mass.sum(axis=1))
     size = np.linalg.norm(cell.vectors(facets[bent], points), axis=0).T
     shapes = cell.shapes(points)
     around = circumference(shapes @ facets[bent], axisymmetric)
-    found[bent] = (size * around * weights) @ shapes
-    return found
+    shares[bent] = (size * around * weights) @ shapes
+    return shares
 
 
 def on_line(at: np.ndarray) -> np.ndarray:

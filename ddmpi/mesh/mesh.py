@@ -18,13 +18,13 @@ from ddmpi.mesh.elements import FACETS, RULES, Cell, Mapped, cell_with, cross
 from ddmpi.system.numbers import in_words
 
 MEASURE = {2: "area", 3: "volume"}
-"""What cells have, by dimension."""
+"""Measure of cells, by dimension."""
 
 PHYSICAL = ("physical point", "physical curve", "physical surface", "physical volume")
-"""What gmsh calls named groups, by dimension."""
+"""Gmsh's names of groups, by dimension."""
 
 BLOCK = 2048
-"""Curved cells that are worked on at a time, so that their data stay in the processor's cache."""
+"""Number of curved cells per block of work, so that their data stay in the processor's cache."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,11 @@ class Mesh:
     surfaces : name → (k,) int, the cells of each physical surface or volume
     cut : how many cells of a file were cut into triangles or tetrahedra
     curves : name → (·, 2 or 3) int, in space the lines of each physical curve
-    axisymmetric : whether the cells turn around the axis x = 0: all integrals are over the rings that they are then
+    axisymmetric : whether integrals are over the rings of revolution of the cells around x = 0
+
+    >>> mesh = Mesh(np.array([[0.0, 0.0], [2.0, 0.0], [0.0, 1.0]]), np.array([[0, 1, 2]]), {"base": np.array([[0, 1]])})
+    >>> mesh.cell.title, mesh.measures().tolist(), mesh.boundary[0].tolist()
+    ('linear triangles', [1.0], [[0, 1], [1, 2], [2, 0]])
     """
 
     points: np.ndarray
@@ -76,7 +80,8 @@ class Mesh:
     @cached_property
     def curved(self) -> np.ndarray:
         """(nc,) the numbers of the cells that are curved."""
-        off = np.zeros(len(self.triangles), bool)  # as nearly all edges of most meshes are straight to the last bit
+        # Nearly all edges of most meshes are straight to the last bit; only the others need the tolerance.
+        off = np.zeros(len(self.triangles), bool)
         for first in range(0, len(off), BLOCK):
             nodes = self.triangles[first:first + BLOCK].T
             for x in self.points.T:
@@ -92,12 +97,12 @@ class Mesh:
 
     @property
     def summed(self) -> np.ndarray:
-        """(nc,) the cells over which integrals are sums over points: curved ones, around an axis all."""
+        """(nc,) the cells whose integrals need quadrature: curved ones, around an axis all."""
         return np.arange(len(self.triangles)) if self.axisymmetric else self.curved
 
     @property
     def on_axis(self) -> np.ndarray:
-        """(nv,) bool, nodes on an axis, which do not move radially."""
+        """(nv,) bool, nodes on an axis of revolution, which cannot move radially."""
         return (self.points[:, 0] == 0.0) & self.axisymmetric
 
     @property
@@ -111,25 +116,25 @@ class Mesh:
         return [cells[start:start + BLOCK] for start in range(0, len(cells), BLOCK)]
 
     def map(self, cells: np.ndarray | slice, barycentric: np.ndarray) -> Mapped:
-        """Some cells, numbers or a slice of them, at the points `barycentric` (q, d + 1) of each, curved or not."""
+        """Cells (numbers or a slice), curved or not, at their points `barycentric` (q, d + 1)."""
         return self.cell.map(self.points[self.triangles[cells]], barycentric, self.axisymmetric)
 
     def measures(self) -> np.ndarray:
         """(nt,) areas or volumes of the cells, around an axis those of rings (m² or m³)."""
-        found, (points, weights) = signed_measures(self.points, self.corners), RULES[self.dimension]
+        measures, (points, weights) = signed_measures(self.points, self.corners), RULES[self.dimension]
         for cells in self.summed_blocks():
-            found[cells] = weights @ self.map(cells, points).measures
-        return found
+            measures[cells] = weights @ self.map(cells, points).measures
+        return measures
 
     @property
     def extent(self) -> float:
-        """Distance between two nodes that are farthest, or nearly so, from each other (m); of a box its diagonal."""
+        """The largest distance between two nodes, or nearly so (m); of a box its diagonal."""
         far = self.points[np.linalg.norm(self.points - self.points.mean(axis=0), axis=1).argmax()]
         return float(np.linalg.norm(self.points - far, axis=1).max())
 
 
 def boundary_facets(cells: np.ndarray, dimension: int | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """The facets (f, l) that belong to one of the cells (nt, k) only, turned outward, and the cell (f,) of each."""
+    """The facets (f, l) that belong to only one of the cells (nt, k), turned outward, and their cells (f,)."""
     cell = cell_with(cells.shape[1], dimension)
     facets = cells[:, cell.facets].reshape(-1, cell.facets.shape[1])
     corners = np.sort(facets[:, :cell.dimension], axis=1).T
@@ -140,8 +145,8 @@ def boundary_facets(cells: np.ndarray, dimension: int | None = None) -> tuple[np
 
 
 def signed_measures(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """The areas or volumes (nt,) of straight cells (m² or m³) by the `points` (nv, d) at the first d + 1 of their
-    `corners` (nt, ·), negative where they are turned inside out."""
+    """The areas or volumes (nt,) of straight cells (m² or m³) with `points` (nv, d) at the first d + 1 of their
+    `corners` (nt, ·), negative for inverted ones."""
     edges = tangents(points, corners)
     return (edges[0] * cross(edges[1:])).sum(axis=0) / factorial(len(edges))
 
@@ -156,6 +161,8 @@ def refuse_overlaps(mesh: Mesh, label: str) -> None:
     """Raise InputError, after `label`, where two cells lie on the same side of a facet. Not collective."""
     d = mesh.dimension
     facets = mesh.corners[:, np.array(FACETS[d])].reshape(-1, d)
+    # Two cells on either side of a facet traverse it in opposite directions. Equal corners with equal parity are two
+    # cells on the same side.
     odd = sum(facets[:, i] > facets[:, j] for i, j in combinations(range(d), 2)) % 2
     keys = np.vstack([np.sort(facets, axis=1).T, odd])
     order = np.lexsort(keys)

@@ -19,7 +19,7 @@ KINDS = {
 """The orders of the element types that are read, by dimension and meshio's words."""
 
 SIMPLICES = ("vertex", "line", "triangle", "tetra")
-"""By dimension; other elements are cut."""
+"""Simplices by dimension; other elements are cut."""
 
 SIDES: dict[str, list[tuple[int, int]]] = {
     **{shape: EDGES[d] for d, shape in enumerate(SIMPLICES) if d}, "quad": [(0, 1), (1, 2), (2, 3), (3, 0)],
@@ -38,18 +38,18 @@ HALVES = np.array([[[0, 1, 2], [2, 3, 0]], [[1, 2, 3], [3, 0, 1]]])
 """Corners of the triangles that a quadrilateral is cut into, along its first or its second diagonal."""
 
 EQUAL = 1e-6
-"""Diagonals whose lengths differ by less than this part of them are equally long."""
+"""Diagonals are equally long up to this fraction of their lengths."""
 
 STRAIGHT = 1e-6
-"""A side whose middle node is off its midpoint by no more than this part of its length is straight."""
+"""A side is straight if its middle node is off its midpoint by at most this fraction of its length."""
 
 GRADE = 0.3
-"""By how much the size of elements grows with the distance, at most."""
+"""Largest slope of the size of elements over the distance."""
 
 
 @dataclass(frozen=True)
 class Sizes:
-    """The sizes (k,) that the sides of a body's elements shall have (m), linear on cells (t, d + 1) between earlier
+    """Prescribed sizes (k,) of the sides of a body's elements (m), linear on cells (t, d + 1) of the last mesh, with
     points (k, d)."""
 
     points: np.ndarray
@@ -58,7 +58,7 @@ class Sizes:
 
 
 def raise_order(mesh: Mesh, key: str, order: int = 2) -> Mesh:
-    """The mesh of the `order` whose first nodes are those of a linear one; `mesh` itself if it has at least the order.
+    """The mesh with nodes of the `order` appended to those of a linear one; `mesh` itself if it has at least the order.
 
     Not collective. Raises InputError, naming `key`, where lines or triangles of a group are not sides of cells.
     """
@@ -71,15 +71,15 @@ def raise_order(mesh: Mesh, key: str, order: int = 2) -> Mesh:
         return np.ravel_multi_index(tuple(np.moveaxis(corners, -1, 0)), (size,) * order)
 
     def raised(groups: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-        found = {}
+        result = {}
         for name, facets in groups.items():
             wanted = keys(facets)
             place = np.minimum(np.searchsorted(new, wanted), len(new) - 1)
             if not np.array_equal(new[place], wanted):
                 raise InputError(f"{key}: the group {name!r} has {cell_with(facets.shape[1]).names} that are not "
                                  f"sides of {mesh.cell.names}")
-            found[name] = np.column_stack([facets, size + place])
-        return found
+            result[name] = np.column_stack([facets, size + place])
+        return result
 
     of_cells = keys(mesh.triangles)
     new, number = np.unique(of_cells, return_inverse=True)
@@ -92,7 +92,7 @@ def raise_order(mesh: Mesh, key: str, order: int = 2) -> Mesh:
 def bend(mesh: Mesh, bends: np.ndarray) -> Mesh:
     """The straight mesh with its nodes moved off by `bends` (nt, k − d − 1, d) (m), as of `Cell.bends`.
 
-    Where several cells give a node's, they give the same; zero means that another one's counts.
+    Cells that share a node have the same bend for it, or zero, which does not count.
     """
     bent, points = bends.any(axis=2), mesh.points.copy()
     points[mesh.triangles[:, mesh.dimension + 1:][bent]] += bends[bent]
@@ -102,8 +102,8 @@ def bend(mesh: Mesh, bends: np.ndarray) -> Mesh:
 def halve(mesh: Mesh, key: str) -> Mesh:
     """The mesh of the same order with every edge halved: every triangle cut into four, every tetrahedron into eight.
 
-    What is left of a tetrahedron without its corners is cut around its shortest diagonal (Bey 1995). Curved cells are
-    cut where their maps have them. Not collective. Raises InputError as `raise_order` does.
+    The octahedron within a tetrahedron is cut around its shortest diagonal (Bey 1995). Curved cells are cut along their
+    maps. Not collective. Raises InputError as `raise_order` does.
     """
     fine, d, ways = raise_order(mesh, key), mesh.dimension, CUTS[mesh.dimension]
     lengths = np.linalg.norm(np.diff(fine.points[fine.triangles[:, ways[:, -1, :2]]], axis=2)[:, :, 0], axis=2)
@@ -129,8 +129,8 @@ def simplices(raw, d: int, points: np.ndarray, curved: bool = False
                ) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
     """All elements of dimension d, cut into simplices.
 
-    Corners (n, d + 1), if `curved` the bends (n, e, ·) of their edges (m), of which element each is a part, counted
-    through all KINDS, and how many different elements were cut.
+    Corners (n, d + 1), if `curved` the bends (n, e, ·) of their edges (m), the elements that they are parts of, counted
+    through all KINDS, and the number of different elements that were cut.
     """
     cells, bows, element, before, cut = [], [], [], 0, 0
     for kind in KINDS[d]:
@@ -140,15 +140,15 @@ def simplices(raw, d: int, points: np.ndarray, curved: bool = False
         corners, middles = nodes[:, :number], nodes[:, number:number + len(SIDES[shape])]
         parts = _cuts(points, corners, shape)
         cells.append(np.take_along_axis(corners[:, None], parts, axis=2).reshape(-1, d + 1))
-        found = np.zeros((*parts.shape[:2], len(EDGES[d]) * curved, points.shape[1]))
+        bow = np.zeros((*parts.shape[:2], len(EDGES[d]) * curved, points.shape[1]))
         if curved and kind != shape and len(nodes):
             ends = corners[:, np.array(SIDES[shape])]
             off = CELLS[1, 2].bends(points[np.concatenate([ends, middles[..., None]], axis=2)], STRAIGHT)[:, :, 0]
             bent = np.flatnonzero(off.any(axis=(1, 2)))
             between = np.einsum("ijs,nsc->nijc", _weights(shape, number), off[bent])
             i, j = np.moveaxis(parts[bent][:, :, EDGES[d]], -1, 0)
-            found[bent] = between[np.arange(len(bent))[:, None, None], i, j]
-        bows.append(found.reshape(parts.shape[0] * parts.shape[1], *found.shape[2:]))
+            bow[bent] = between[np.arange(len(bent))[:, None, None], i, j]
+        bows.append(bow.reshape(parts.shape[0] * parts.shape[1], *bow.shape[2:]))
         element.append(before + np.repeat(np.arange(len(nodes)), parts.shape[1]))
         before += len(nodes)
         cut += len(distinct(corners)[0]) if shape not in SIMPLICES else 0
@@ -156,16 +156,16 @@ def simplices(raw, d: int, points: np.ndarray, curved: bool = False
 
 
 def middle_nodes(raw, d: int) -> tuple[np.ndarray, np.ndarray]:
-    """The nodes (k,) of a file in the middle of edges of its elements of dimension d, and the corners (k, 2) there."""
-    found = [np.empty((0, 3), int)]
+    """The nodes (k,) of a file in the middle of edges of elements of dimension d, and the ends (k, 2) of the edges."""
+    triples = [np.empty((0, 3), int)]
     for kind in KINDS[d]:
         shape = kind.rstrip("0123456789")
         number, sides = 1 + max(map(max, SIDES[shape])), np.array(SIDES[shape])
         if kind != shape and kind in raw.cells_dict:
             nodes = raw.cells_dict[kind].astype(np.int64)
             middles = nodes[:, number:number + len(sides), None]
-            found.append(np.concatenate([middles, nodes[:, sides]], axis=2).reshape(-1, 3))
-    entries = np.concatenate(found)
+            triples.append(np.concatenate([middles, nodes[:, sides]], axis=2).reshape(-1, 3))
+    entries = np.concatenate(triples)
     middles, first = np.unique(entries[:, 0], return_index=True)
     return middles, entries[first, 1:]
 
@@ -179,15 +179,17 @@ def graded(mesh: Mesh, sizes: np.ndarray) -> Sizes:
     nodal = np.exp(np.bincount(corners.ravel(), np.repeat(measure * np.log(sizes), n)) / weight)
     links = np.concatenate([corners[:, edge] for edge in mesh.cell.edges[:, :2]])
     far = GRADE * np.linalg.norm(points[links[:, 0]] - points[links[:, 1]], axis=1)
-    ends = np.concatenate([links.T, [np.full(k, k), np.arange(k)]], axis=1)  # the shortest way from an outer node
+    # size(x) = min over y of size(y) + GRADE |x − y|: shortest paths from an outer node k whose links to the corners
+    # are as long as their sizes.
+    ends = np.concatenate([links.T, [np.full(k, k), np.arange(k)]], axis=1)
     _, first = np.unique(np.sort(ends, axis=0), axis=1, return_index=True)
     graph = sparse.csr_matrix((np.concatenate([far, nodal])[first], ends[:, first]), shape=(k + 1, k + 1))
     return Sizes(points, corners, csgraph.dijkstra(graph, directed=False, indices=k)[:k])
 
 
 def _cuts(points: np.ndarray, corners: np.ndarray, shape: str) -> np.ndarray:
-    """(n, parts, d + 1) which of its corners (n, k) the parts of each element have. In space quadrilaterals have their
-    diagonal from their smallest node, so that neighbours fit, and elements are pyramids from theirs."""
+    """(n, parts, d + 1) the corners of the parts of elements, as numbers of their corners (n, k). In space faces are
+    cut from their smallest node, so that neighbours fit, and elements into pyramids from theirs."""
     n, k = corners.shape
     if shape in SIMPLICES:
         return np.broadcast_to(np.arange(k), (n, 1, k))
@@ -196,16 +198,16 @@ def _cuts(points: np.ndarray, corners: np.ndarray, shape: str) -> np.ndarray:
     parts = np.empty((n, {"hexahedron": 6, "wedge": 3, "pyramid": 2}[shape], 4), int)
     smallest = corners.argmin(axis=1)
     for apex in range(k):
-        own, faces = corners[smallest == apex], [np.array(face) for face in FACES[shape] if apex not in face]
-        over = [face[HALVES[own[:, face].argmin(axis=1) % 2]] if len(face) == 4
-                else np.broadcast_to(face, (len(own), 1, 3)) for face in faces]
+        elements, faces = corners[smallest == apex], [np.array(face) for face in FACES[shape] if apex not in face]
+        over = [face[HALVES[elements[:, face].argmin(axis=1) % 2]] if len(face) == 4
+                else np.broadcast_to(face, (len(elements), 1, 3)) for face in faces]
         parts[smallest == apex] = np.pad(np.concatenate(over, axis=1), ((0, 0), (0, 0), (1, 0)), constant_values=apex)
     return parts
 
 
 def _weights(shape: str, number: int) -> np.ndarray:
-    """(k, k, s) the bend in the middle between two corners of a curved element, as a sum of those of its edges: of a
-    face's diagonal half of the sum of its edges, of a hexahedron's a quarter of all. In the plane they are straight."""
+    """(k, k, s) weights of the bends of edges in the bend between two corners of a curved element: on a face's diagonal
+    half of each of its edges, on a hexahedron's a quarter of all. In the plane diagonals are straight."""
     sides, weights = [set(side) for side in SIDES[shape]], np.zeros((number, number, len(SIDES[shape])))
     if shape == "hexahedron":
         weights += 0.25
@@ -217,10 +219,10 @@ def _weights(shape: str, number: int) -> np.ndarray:
 
 
 def shorter_diagonals(points: np.ndarray, quads: np.ndarray) -> np.ndarray:
-    """Which diagonal (k,), 0 or 1, cuts each quadrilateral (k, 4) by its corners in the plane `points`: the shorter.
+    """The diagonal (k,), 0 or 1, that cuts a quadrilateral (k, 4) with corners in the plane `points`: the shorter one.
 
-    Of equal diagonals it is the one that begins farthest to the left and below. The order in which a file names the
-    corners makes no difference. A quadrilateral that is not convex is cut from its inner corner. Not collective.
+    Of equal diagonals it is the one that begins farthest to the left and below, whatever the order of the corners in a
+    file. A quadrilateral that is not convex is cut from its inner corner. Not collective.
     """
     corners = points[quads]
     diagonals = np.linalg.norm(corners[:, :2] - corners[:, 2:], axis=2)
@@ -234,8 +236,8 @@ def shorter_diagonals(points: np.ndarray, quads: np.ndarray) -> np.ndarray:
 
 
 def distinct(elements: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The places of different elements (k,), in the given order, and which of these each element is: up to version 2 a
-    file repeats an element for each group that it is in."""
+    """The places of different elements (k,), in the given order, and the number of every element among them: up to
+    version 2 a file repeats an element for each of its groups."""
     _, first, same = np.unique(np.sort(elements, axis=1), axis=0, return_index=True, return_inverse=True)
     order = np.argsort(first)
     return first[order], np.argsort(order)[same.ravel()]

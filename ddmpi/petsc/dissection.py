@@ -8,18 +8,18 @@ from petsc4py import PETSc
 from scipy.sparse import csgraph
 
 LEAF = 30
-"""Parts of at most so many nodes are not divided, so that parts have 15 to 30. With 20 or 40 factorizations of plane
-bodies took as long or up to 3 % longer, with 8, 10 or 60 up to a tenth."""
+"""Largest number of nodes in an undivided part; parts have 15 to 30. With 20 or 40 factorizations of plane bodies took
+as long or up to 3 % longer, with 8, 10 or 60 up to a tenth."""
 
 FEWEST = 300_000
-"""Entries of a matrix from which on it has an order of our own, as bodies of 10,000 linear triangles' nodes have, or of
-2,000 of linear tetrahedra. Below MUMPS's own order, minimum degree, costs no more."""
+"""Fewest entries of a matrix for this order, as of 10,000 nodes of linear triangles or 2,000 of linear tetrahedra.
+Below, MUMPS's own order, minimum degree, costs no more."""
 
 SAMPLE = 16
-"""One of so many pairs of nodes is looked at for their mean lengths."""
+"""The mean lengths of pairs of nodes are those of every SAMPLE-th pair."""
 
 TILT = 1e-4
-"""Of nodes with equal coordinates along the axis of a cut the other coordinates decide, times this."""
+"""Weight of the other coordinates in a cut, which sort nodes of equal coordinates along its axis."""
 
 
 def elimination_order(A: PETSc.Mat, points: np.ndarray) -> np.ndarray | None:
@@ -57,7 +57,7 @@ def dissect(points: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.nda
     turned = one[between] > two[between]
     lower = np.where(turned, second[between], first[between])
     upper = np.where(turned, first[between], second[between])
-    level = (depth - np.frexp((one ^ two)[between].astype(float))[1]).astype(np.int16)  # the highest bit that differs
+    level = (depth - np.frexp((one ^ two)[between].astype(float))[1]).astype(np.int16)  # the first bit that differs
     order = np.argsort(level, kind="stable")
     lower, upper, ends = lower[order], upper[order], np.cumsum([0, *np.bincount(level, minlength=depth)])
     cut = np.full(len(points), depth)  # the level of the separator that has the node
@@ -66,17 +66,18 @@ def dissect(points: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.nda
         left = (cut[a] == depth) & (cut[b] == depth)
         if left.any():
             cut[_cover(a[left], b[left])] = k
-    last = part | ((1 << (depth - cut)) - 1)  # the last part that a separator follows
+    # A separator of level k follows all parts with its k leading bits, and separators of finer levels before it.
+    last = part | ((1 << (depth - cut)) - 1)
     place = np.empty(len(points), np.int32)
     place[np.argsort((depth + 1) * last + depth - cut, kind="stable")] = np.arange(len(points))
     return place
 
 
 def _bisect(points: np.ndarray, depth: int) -> np.ndarray:
-    """The part (k,) of each node, of 2**depth: halves along the longest extent, halved again, as bits of its number.
+    """The numbers (k,) of the nodes' parts, of 2**depth: the bits say in which half of each bisection a node is.
 
-    Nodes are sorted along each axis once; the sorted lists are then split. Some nodes are there twice at first, so
-    that all parts have equally many.
+    Nodes are sorted along each axis once; the sorted lists are then split. Some nodes are doubled at first, so that all
+    parts have equally many.
     """
     k, d = points.shape
     width = -(-k // 2**depth)
@@ -85,12 +86,12 @@ def _bisect(points: np.ndarray, depth: int) -> np.ndarray:
     x = (points + TILT * points.sum(axis=1)[:, None])[node]
     lists = [np.argsort(x[:, axis], kind="stable").astype(np.int32).reshape(1, -1) for axis in range(d)]
     for level in range(depth):
-        extent = [x[each[:, -1], axis] - x[each[:, 0], axis] for axis, each in enumerate(lists)]
+        extent = [x[nodes[:, -1], axis] - x[nodes[:, 0], axis] for axis, nodes in enumerate(lists)]
         longest, half = np.argmax(extent, axis=0), lists[0].shape[1] // 2
         upper = np.zeros(len(node), bool)
         upper[np.stack(lists)[longest, np.arange(1 << level), half:]] = True
-        lists = [np.stack([each[~above].reshape(-1, half), each[above].reshape(-1, half)], axis=1).reshape(-1, half)
-                 for each, above in ((each, upper[each]) for each in lists)]
+        lists = [np.stack([nodes[~above].reshape(-1, half), nodes[above].reshape(-1, half)], axis=1).reshape(-1, half)
+                 for nodes, above in ((nodes, upper[nodes]) for nodes in lists)]
     part = np.empty(k, np.int32)
     part[node[lists[0]]] = np.arange(1 << depth, dtype=np.int32)[:, None]
     return part
@@ -111,4 +112,5 @@ def _cover(first: np.ndarray, second: np.ndarray) -> np.ndarray:
                                np.concatenate([single, m + column, matched]))), (source + 1, source + 1))
     reached = np.zeros(source + 1, bool)  # by alternating paths from rows that are not matched
     reached[csgraph.breadth_first_order(ways, source, return_predecessors=False)] = True
+    # Kőnig: rows that alternating paths from unmatched rows do not reach, and columns that they reach.
     return np.concatenate([left[~reached[:m]], right[reached[m:-1]]])

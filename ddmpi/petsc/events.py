@@ -19,4 +19,4 @@ def event(name: str) -> PETSc.Log.Event:
     knows them again by their names. Not collective."""
     from petsc4py import PETSc
 
-    return {each: PETSc.Log.Event(each) for each in NAMES}[name]
+    return {title: PETSc.Log.Event(title) for title in NAMES}[name]

@@ -28,7 +28,7 @@ def estimate_norm(mult: Product, size: int, change: float = 1e-2, limit: int = 3
     def length(x: np.ndarray) -> float:
         return float(np.sqrt(products(x[None], x)[0]))
 
-    v = 1.0 + 0.3 * np.random.default_rng(0).standard_normal(size)  # the same in every run, and in no eigenspace
+    v = 1.0 + 0.3 * np.random.default_rng(0).standard_normal(size)  # the same in every run, with all eigenvectors
     basis, diagonal = [v / length(v)], []
     off: list[float] = []
     y = np.empty(size)
@@ -40,6 +40,7 @@ def estimate_norm(mult: Product, size: int, change: float = 1e-2, limit: int = 3
         V = np.array(basis)
         along = products(V, y)
         diagonal.append(float(along[-1]))
+        # Full reorthogonalisation: without it Lanczos vectors lose orthogonality once an eigenvalue has converged.
         r = y - V.T @ along
         r -= V.T @ products(V, r)
         previous, norm = norm, eigh_tridiagonal(diagonal, off, eigvals_only=True)[-1]

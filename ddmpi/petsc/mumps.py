@@ -27,16 +27,16 @@ VERSIONS = (("5.5.0", "5.5.1", "5.6.0", "5.6.1", "5.6.2"),
 says which of them ran here."""
 
 KNOWN = ("body_ksp_type", "body_pc_type", "body_pc_factor_mat_solver_type")
-"""Options of a body's solver that are obeyed before MUMPS is called."""
+"""Options of a body's solver that take effect before MUMPS is called."""
 
 SETTINGS = (4, 6, 7, 8, 13, 14, 22, 23, 27, 29, 35, 36, 38, 48, 56, 58)
 """The ICNTL that a user may set; all others are PETSc's to set, or change what is computed."""
 
 TOO_SMALL, RETRIES = (-8, -9), 4
-"""INFOG(1) where MUMPS's own estimate of its memory was too small; it may take twice as much more, so many times."""
+"""INFOG(1) of a memory estimate of MUMPS that was too small, and how often its margin is doubled then."""
 
 AGREEMENT = 1e-3
-"""C·1 may differ from a solve by so much, relatively. What is misread is wrong by orders."""
+"""Largest relative difference of C·1 and a solve. Misread structures differ by orders of magnitude."""
 
 _INT, _LONG, _REAL, _POINTER, _CHAR = ctypes.c_int32, ctypes.c_int64, ctypes.c_double, ctypes.c_void_p, ctypes.c_char
 
@@ -57,16 +57,15 @@ _LAYOUT: tuple[tuple[tuple[int, ...], Any, str], ...] = (
     (_ALL, _POINTER, "pivnul_list mapping"), (_NEW, _POINTER, "singular_values"), (_NEWEST, _INT, "nb_singular_values"),
     (_ALL, _INT, "size_schur"), (_ALL, _POINTER, "listvar_schur schur"), (_OLD, _INT, "instance_number"),
     (_ALL, _POINTER, "wk_user"), (_ALL, _CHAR, "version_number:32"))
-"""Which structures have them, the type and the names of their entries as far as they are used, with the lengths of
-arrays."""
+"""Entries of the structures up to the last one in use: versions that have them, type, and names with array lengths."""
 
 _SPACE = 2**16
-"""Bytes for the structure of any version, of which the largest known has 11,000."""
+"""Bytes for the structure of any version; the largest known has 11,000."""
 
 
 def _structure(number: int) -> type[ctypes.Structure]:
     fields = [(name, kind * int(length) if length else kind) for those, kind, names in _LAYOUT if number in those
-              for name, _, length in (each.partition(":") for each in names.split())]
+              for name, _, length in (word.partition(":") for word in names.split())]
     return type(f"Structure{number}", (ctypes.Structure,), {"_fields_": fields})
 
 
@@ -130,6 +129,7 @@ class Factors:
             raise
         for name in ("irn", "jcn", "a", "irn_loc", "jcn_loc", "a_loc", "perm_in"):  # these arrays go
             setattr(data, name, None)
+        # MUMPS leaves 0 − B A⁻¹ Bᵀ = −C on the variables of the Schur complement.
         self.condensed = np.negative(schur, out=schur).T if comm.rank == 0 else None
         self._check(B, comm)
 
@@ -149,7 +149,7 @@ class Factors:
         rows, left = np.flatnonzero(f), np.zeros(self._size)
         entries, places, ends = f[rows], (rows + 1).astype(np.int32), np.array([1, len(rows) + 1], np.int32)
         data = self._data
-        data.rhs_sparse, data.irhs_sparse, data.irhs_ptr = (each.ctypes.data for each in (entries, places, ends))
+        data.rhs_sparse, data.irhs_sparse, data.irhs_ptr = (array.ctypes.data for array in (entries, places, ends))
         data.nz_rhs, data.redrhs, data.lredrhs = len(rows), left.ctypes.data, len(left)
         sparse_right = self._alone and len(rows) > 0
         self._substitute(np.concatenate([f, left]), (int(sparse_right), 1))  # what is left of (f, 0)
@@ -163,7 +163,7 @@ class Factors:
         self._do(3)
 
     def destroy(self) -> None:
-        """Free what MUMPS holds, if that has not been done."""
+        """Free MUMPS's memory, once."""
         self._end()
 
     def _known(self) -> ctypes.Structure:
@@ -177,12 +177,12 @@ class Factors:
         raise RefusedError(f"version {found[0].decode() if found else 'unknown'} is not among those that ddmpi knows")
 
     def _check(self, B: sparse.csr_matrix, comm: MPI.Comm) -> None:
-        """RefusedError unless C gives the displacement that half a solve gives; the first solve is checked itself."""
-        found, agrees = self.response(B.T @ np.ones(B.shape[0]) if comm.rank == 0 else None), True
-        if found is not None and self.condensed is not None:
-            moved = dsymv(1.0, self.condensed, np.ones(len(found)))
-            size = max(np.linalg.norm(moved), self.condensed.diagonal().max())  # rows may nearly cancel each other
-            agrees = bool(np.linalg.norm(found - moved) <= AGREEMENT * size)
+        """RefusedError unless C and a forward solve agree on a displacement; `StiffnessSolver` checks a full solve."""
+        solved, agrees = self.response(B.T @ np.ones(B.shape[0]) if comm.rank == 0 else None), True
+        if solved is not None and self.condensed is not None:
+            moved = dsymv(1.0, self.condensed, np.ones(len(solved)))
+            size = max(np.linalg.norm(moved), self.condensed.diagonal().max())  # sums of rows may nearly cancel
+            agrees = bool(np.linalg.norm(solved - moved) <= AGREEMENT * size)
         if not comm.bcast(agrees):
             self.destroy()
             raise RefusedError("the compliance does not agree with a solve")
@@ -205,7 +205,7 @@ class Factors:
 
 
 def _entries(A: PETSc.Mat, B: sparse.csr_matrix) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rows, columns (from one on) and values of the upper triangle of [A Bᵀ; B 0], of the own rows of A and of B."""
+    """Rows, columns (from one on) and values of the upper triangle of [A Bᵀ; B 0], of this rank's rows of A and B."""
     start, _ = A.getOwnershipRange()
     indptr, columns, values = A.getValuesCSR()
     rows = np.repeat(np.arange(start, start + len(indptr) - 1, dtype=np.int32), np.diff(indptr))
@@ -222,14 +222,14 @@ def _entries(A: PETSc.Mat, B: sparse.csr_matrix) -> tuple[np.ndarray, np.ndarray
 
 def _settings() -> dict[int, int]:
     """The ICNTL among the options for bodies. Raises RefusedError if there are options that only PETSc can obey."""
-    options, found = PETSc.Options(), {}
+    options, values = PETSc.Options(), {}
     for name in options.getAll():
         if name.startswith("body_") and name not in KNOWN:
             number = re.fullmatch(r"body_mat_mumps_icntl_(\d+)", name)
             if not number or int(number[1]) not in SETTINGS:
                 raise RefusedError(f"-{name} is an option of PETSc's")
-            found[int(number[1])] = options.getInt(name)
-    return found
+            values[int(number[1])] = options.getInt(name)
+    return values
 
 
 @functools.cache

@@ -18,9 +18,9 @@ def _plain(table: dict[str, str | int | float | bool]) -> dict[str, str | None]:
 
 
 class RunOptions:
-    """PETSc's options for several runs of one process: each sees those of its scene and of the command line.
+    """PETSc's options for several runs of one process: those of the scene of a run and of the command line.
 
-    To be made after petsc4py.init. Not collective, but all ranks must do the same.
+    Construct it after petsc4py.init. Not collective, but all ranks must do the same.
     """
 
     def __init__(self) -> None:
@@ -38,8 +38,8 @@ class RunOptions:
         """Set the options of the scene's [petsc] `table`, and those given to petsc4py.init, which win."""
         for name in self._options.getAll():
             self._options.delValue(name)
-        own = {name: value for name, value in _plain(table).items() if not self.given(name)}
-        for name, value in (own | self._given).items():
+        scene = {name: value for name, value in _plain(table).items() if not self.given(name)}
+        for name, value in (scene | self._given).items():
             self._options.setValue(name, value)
             if name in self._used:
                 self._options.hasName(name)  # PETSc notes that it was asked for

@@ -28,14 +28,14 @@ from ddmpi.scene.values import (
 )
 
 LOCKING = 0.48
-"""Largest Poisson's ratio at which the error estimate of linear triangles can be trusted: measured values below 0.3
-are right to within a fifth."""
+"""Largest Poisson's ratio for error estimates of linear triangles; for measured relative errors below 0.3 these are
+right to within a fifth."""
 
 Moduli = Annotated[tuple[Positive, ...], msgspec.Meta(min_length=3, max_length=3)]
 Ratios = Annotated[tuple[Number, ...], msgspec.Meta(min_length=3, max_length=3)]
 
 DEFINITE = 1e-9
-"""Smallest eigenvalue of a compliance without units that counts as positive."""
+"""Least eigenvalue of the normalised compliance of a positive definite material."""
 
 
 class Material(Table, frozen=True, kw_only=True):
@@ -48,7 +48,7 @@ class Material(Table, frozen=True, kw_only=True):
         orthotropic: [ν12, ν13, ν23], where ν12 = −ε2/ε1 under stress along axis 1
     shear : of an orthotropic material: shear modulus G12 in the plane (Pa), in space [G12, G13, G23]
     angle : of axis 1 of an orthotropic material in the plane, counter-clockwise from x (degrees); left out, 0
-    plane : plane strain, the default in the plane, or plane stress; solids and turned parts have none
+    plane : plane strain, the default in the plane, or plane stress; not for solids and axisymmetric bodies
     expansion : coefficient of thermal expansion (1/K), with the body's temperature
     """
 
@@ -72,10 +72,10 @@ class Material(Table, frozen=True, kw_only=True):
                              "positive definite; ν12 is −ε2/ε1 under stress along axis 1, so that |ν12| < √(E1/E2)")
 
     def of_one_dimension(self, axisymmetric: bool) -> Iterator[tuple[int, str, str]]:
-        """What has a meaning in one dimension only: this dimension, the key, and the reason."""
+        """Keys of one dimension only: the dimension, the key, and the reason."""
         if self.plane:
             yield 3 if axisymmetric else 2, "plane", (
-                "solids and turned parts are neither in plane strain nor in plane stress; leave it out")
+                "solids and axisymmetric bodies are neither in plane strain nor in plane stress; leave it out")
         if self.angle is not None:
             yield 2, "angle", "the axes 1, 2, 3 of solids are x, y, z; leave it out"
         if isinstance(self.shear, tuple):
@@ -90,7 +90,7 @@ class Material(Table, frozen=True, kw_only=True):
 
     @property
     def _matrix(self) -> np.ndarray:
-        """(6, 6) of strains ε11, ε22, ε33, 2 ε12, 2 ε13, 2 ε23 of an orthotropic material (1/Pa)."""
+        """Compliance matrix (6, 6) of an orthotropic material, for ε11, ε22, ε33, 2 ε12, 2 ε13, 2 ε23 (1/Pa)."""
         E, (n12, n13, n23) = self.moduli, self.poisson if isinstance(self.poisson, tuple) else [self.poisson] * 3
         S = np.diag(1.0 / np.append(E, np.array(self.shear) * np.ones(3)))  # in the plane G13 and G23 do not count
         S[0, 1] = S[1, 0] = -n12 / E[0]
@@ -124,6 +124,7 @@ class Material(Table, frozen=True, kw_only=True):
         if self.shear is not None:
             C = self._along_axes(np.linalg.inv(self._matrix))
             if self.plane == "stress":
+                # σ_zz = 0 eliminates ε_zz.
                 C = C - np.multiply.outer(C[..., 2, 2], C[2, 2]) / C[2, 2, 2, 2]
             return C[:dimension, :dimension, :dimension, :dimension]
         (first, shear), unit = self.lame, np.eye(dimension)
@@ -140,12 +141,12 @@ class Material(Table, frozen=True, kw_only=True):
 
     @property
     def locks(self) -> bool:
-        """Whether linear elements are so much too stiff for this material that error estimates mean nothing."""
+        """Whether linear elements lock in this material, so that their error cannot be estimated."""
         return self.plane != "stress" and self.mean_ratio > LOCKING
 
     @property
     def mean_ratio(self) -> float:
-        """Poisson's ratio, of an orthotropic material that of its mean compliances (Reuss)."""
+        """Poisson's ratio; of an orthotropic material that of its mean compliances (Reuss)."""
         if not isinstance(self.poisson, tuple):
             return self.poisson
         normal, shears = self._matrix[:3, :3], np.trace(self._matrix[3:, 3:])
@@ -165,8 +166,7 @@ class PartMaterial(Material, frozen=True, kw_only=True):
 
     Attributes
     ----------
-    on : physical surface (of a solid: volume) of the drawing or the mesh file; left out, all cells that no other entry
-        names
+    on : physical surface (of a solid: volume) of the drawing or the mesh file; left out, all other cells
     """
 
     on: Group | None = None
@@ -179,7 +179,7 @@ class Clamp(Table, frozen=True, kw_only=True):
     ----------
     on : boundary group or physical point, in space also physical curve
     x, y, z : component of the displacement (m); left out, it is free
-    normal : the displacement along the outer normal of a boundary group (m), node by node; along it the group slides
+    normal : the displacement along the outer normal of a boundary group (m), node by node; the group can slide
     history : [history.NAME] whose factor multiplies it
     """
 
@@ -231,12 +231,12 @@ class Traction(Table, frozen=True, kw_only=True):
 
 
 class Foundation(Table, frozen=True, kw_only=True):
-    """Springs between a boundary group and the ground, as a mat or rubber; see docs/use/supports.md.
+    """Springs between a boundary group and the ground, such as a mat or rubber; see docs/use/supports.md.
 
     Attributes
     ----------
     on : boundary group
-    normal : stiffness along the normal, per area (N/m³); it pulls as well as it presses
+    normal : stiffness along the normal, per area (N/m³), in tension as in compression
     tangential : stiffness along the surface, per area (N/m³)
     """
 
@@ -250,15 +250,15 @@ class Foundation(Table, frozen=True, kw_only=True):
 
 
 class BodySpec(Table, frozen=True, kw_only=True):
-    """One elastic body. Where clamps do not hold it, its contacts do, or the run says that it can move.
+    """One elastic body. It needs no supports if its contacts hold it; else the run names the free motion.
 
     Attributes
     ----------
     name : unique among bodies and rigid partners
     mesh : see below
-    material : one, or a list with an entry for each part of a drawing or a mesh file
-    clamp : boundary groups or physical points: by name, whose displacements are zero, or with given displacements
-    foundation : springs on boundary groups, which hold the body where they resist
+    material : one, or a list with entries for the parts of a drawing or a mesh file
+    clamp : boundary groups or physical points: by name, with zero displacement, or with given displacements
+    foundation : springs on boundary groups, which support the body along their stiffness
     traction : loads on boundary groups
     volume_force : such as weight (N/m³), a list [x, y] or [x, y, z], or a table
     temperature : over the state free of stress (K), a number, a formula, or a table; it takes a material.expansion
@@ -316,13 +316,13 @@ class BodySpec(Table, frozen=True, kw_only=True):
 
     @property
     def acting(self) -> list[tuple[str, Clamp | Traction | Foundation]]:
-        """Clamps, loads and foundations, which act on groups, each with its key."""
+        """Clamps, loads and foundations on groups, with their keys."""
         return [*(("clamp", each) for each in self.clamps), *(("traction", each) for each in self.traction),
                 *(("foundation", each) for each in self.foundation)]
 
     @property
     def weight(self) -> tuple[Vector | AffineVector, str | None]:
-        """The volume force (N/m³), and the history that it follows."""
+        """The volume force (N/m³) and its history."""
         force = self.volume_force
         if isinstance(force, VolumeForce) and force.value is not None:
             return force.value, force.history
@@ -330,7 +330,7 @@ class BodySpec(Table, frozen=True, kw_only=True):
 
     @property
     def heat(self) -> Heat:
-        """The temperature (K), zero where none is given, and the history that it follows."""
+        """The temperature (K), zero if none is given, with its history."""
         given = self.temperature
         return given if isinstance(given, Heat) else Heat(value=0.0 if given is None else given)
 
@@ -340,10 +340,10 @@ class BodySpec(Table, frozen=True, kw_only=True):
         finest = mesh.contact_size or TOWARDS_CONTACTS * mesh.largest if mesh.geometry is not None else None
         origin = mesh.origin or (0.0,) * dimension if mesh.shape in WITH_ORIGIN else None
         plane = self.plane if dimension == 2 and not axisymmetric else None
-        parts = [replace(part, plane=plane) for part in self.materials]
+        materials = [replace(material, plane=plane) for material in self.materials]
         settled_mesh = settle(mesh, SettledMesh, order=order, contact_size=finest, origin=origin)
         return settle(self, SettledBody, mesh=settled_mesh,
-                      material=parts[0] if isinstance(self.material, Material) else parts,
+                      material=materials[0] if isinstance(self.material, Material) else materials,
                       volume_force=(0.0,) * dimension if self.volume_force is None else self.volume_force)
 
 

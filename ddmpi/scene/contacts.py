@@ -1,4 +1,4 @@
-"""Types of one contact: its name, the two sides, what holds between them; and of rigid partners, which are surfaces."""
+"""Types of one contact, with its sides and laws, and of rigid partners, which are surfaces."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from ddmpi.scene.values import Formula, Group, Name, NonNegative, Number, Point,
 from ddmpi.system.numbers import nearest_in
 
 SQUASHED = 1e-6
-"""What is nearest to an axis is looked for with lengths along it times this."""
+"""The search for the nearest point to an axis scales lengths along the axis by this."""
 
 WHOLE = 1.5
-"""A rigid circle that bodies may touch over more than this angle is drawn as a whole."""
+"""A rigid circle is drawn as a whole if bodies may touch it over more than this angle (rad)."""
 
 
 class Coulomb(Table, frozen=True, kw_only=True, tag_field="law", tag="coulomb"):
@@ -30,7 +30,7 @@ class Coulomb(Table, frozen=True, kw_only=True, tag_field="law", tag="coulomb"):
 
 
 class Tresca(Table, frozen=True, kw_only=True, tag_field="law", tag="tresca"):
-    """Friction with a given slip bound, which holds at every contact node, open or not (as in the slides).
+    """Friction with a given slip bound at every contact node, open or closed (as in the slides).
 
     Attributes
     ----------
@@ -87,18 +87,18 @@ class Gap(SignedProfile, frozen=True, kw_only=True):
 
 
 class ContactSpec(Table, frozen=True, kw_only=True):
-    """Two bodies that may touch, or a body and a rigid partner. Their meshes need not match; a side may overhang.
+    """Two bodies that may touch, or a body and a rigid partner. Their meshes need not match; either side may be larger.
 
     Attributes
     ----------
     name : unique among contacts; left out, the names in bodies with a dash between
     bodies : two bodies, or a body and then a rigid partner; normals and forces of the results are the first one's
     on : a boundary group of each body, so only one if the partner is rigid
-    kind : "bonded" neither parts nor slides
+    kind : "bonded" sides neither separate nor slide
     friction : law of friction; left out, none
     gap : initial gap along the normal (m), positive open, negative an interference, as in -1e-5 or { value = -1e-5,
         history = "fit" }; left out, it is measured, on curved sides between the arcs over their chords
-    pairing : "nodes" with nodes, or "mortar"; left out, by nodes where those of both sides match, else by (dual) mortar
+    pairing : "nodes" or "mortar"; left out, by nodes if those of both sides match, else by dual mortar
     slave : with mortar, the body whose nodes carry the forces; left out, the one with the larger spacing of nodes over
         E/(1 − ν²)
     """
@@ -121,14 +121,14 @@ class ContactSpec(Table, frozen=True, kw_only=True):
 
     @property
     def opening(self) -> tuple[Number | Formula | SignedProfile | None, str | None]:
-        """The gap that is given, if one is, and the history that it follows."""
+        """The given gap, or None, and its history."""
         if isinstance(self.gap, Gap) and self.gap.value is not None:
             return self.gap.value, self.gap.history
         return self.gap, None
 
     @property
     def called(self) -> str:
-        """Its name, which is by default the bodies' names with a dash."""
+        """The name; by default the bodies' names with a dash."""
         return self.name or default_name(self.bodies)
 
 
@@ -139,19 +139,19 @@ class SettledContact(ContactSpec, frozen=True, kw_only=True):
 
 
 def default_name(bodies: tuple[str, ...] | list[str]) -> str:
-    """The name of a contact between `bodies` that is given none."""
+    """The default name of a contact between `bodies`."""
     return "-".join(bodies)
 
 
 class RigidSurface(Table, frozen=True, kw_only=True, tag_field="shape"):
-    """A rigid surface, which bodies touch from one side. What others ask of its shape, in any dimension, stands here.
+    """A rigid surface, which bodies touch from one side. Subclasses are shapes; other rooms use their methods only.
 
     Attributes
     ----------
     name : unique among bodies and rigid partners
-    displacement : how it is moved (m); left out, not at all
-    force : by which it is pushed along those axes where it is not 0 (N); along the others it follows the displacement.
-        It never turns
+    displacement : prescribed displacement (m); left out, zero
+    force : force (N) along the axes on which it is not 0; along the others the displacement is prescribed. A partner
+        never rotates
     history : [history.NAME] whose factor multiplies displacement and force
     """
 
@@ -161,13 +161,13 @@ class RigidSurface(Table, frozen=True, kw_only=True, tag_field="shape"):
     history: Name | None = None
 
     only_in: ClassVar[int | None] = None
-    """The dimension that has this shape, unless both have it."""
+    """The dimension of a shape that only one dimension has, or None."""
 
     turned: ClassVar[str]
-    """What helps where the boundary of a body does not face it."""
+    """Advice where the boundary of a body does not face it."""
 
     crossed: ClassVar[str] = ""
-    """Ends the advice where a body runs through it."""
+    """End of the advice where a body penetrates it."""
 
     def __post_init__(self) -> None:
         if self.force is not None and not self.pushed:
@@ -179,34 +179,38 @@ class RigidSurface(Table, frozen=True, kw_only=True, tag_field="shape"):
 
     @property
     def pushed(self) -> list[int]:
-        """The axes along which a force moves it."""
+        """The axes along which a force acts on it."""
         return [axis for axis, value in enumerate(self.force or ()) if value]
 
     def facing(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Its unit normals (…, d), towards the bodies, at the places nearest to points (…, d), and the distances (…)
-        along them (m), negative in the solid. A normal is zero where no place is nearest."""
+        """Unit normals (…, d), towards the bodies, at the nearest places to points (…, d), and the distances (…) along
+        them (m), negative in the solid. A normal is zero where no place is nearest.
+
+            >>> Circle(name="disc", center=(0.0, 1.0), radius=1.0).facing(np.array([[0.0, -0.5]]))
+            (array([[ 0., -1.]]), array([0.5]))
+        """
         raise NotImplementedError
 
     def depth(self, points: np.ndarray) -> np.ndarray:
-        """How deep (…) points (…, d) lie in the solid (m)."""
+        """Depth (…) of points (…, d) in the solid (m)."""
         return -self.facing(points)[1]
 
     def deepest(self, simplices: np.ndarray) -> np.ndarray:
-        """The place (k, d) of each simplex (k, j, d) that lies deepest in the solid: a corner, unless it bulges."""
+        """The deepest places (k, d) of simplices (k, j, d) in the solid: corners, unless the surface is convex."""
         return simplices[np.arange(len(simplices)), np.argmax(self.depth(simplices), axis=1)]
 
     @property
     def bend(self) -> float:
-        """Its smallest radius of curvature (m)."""
+        """The smallest radius of curvature (m)."""
         return math.inf
 
     def may_end(self, touched: bool) -> bool:
-        """Whether it may be meant to end before a body drawn through it, with which it has a contact if `touched`."""
+        """Whether the surface may end before a body that penetrates it, with a contact between both if `touched`."""
         return False
 
     def outline(self, touched: np.ndarray, bodies: np.ndarray, margin: float) -> np.ndarray:
-        """Places (k, 2) along it, in the plane, for pictures: along nodes (m, 2) that may touch it or those (n, 2) of
-        their bodies, which are on the left; longer by a margin at both ends (m)."""
+        """Points (k, 2) of the surface in the plane, for pictures: along nodes (m, 2) that may touch it or those (n, 2)
+        of their bodies, which are on the left, and beyond both ends by a margin (m)."""
         raise NotImplementedError
 
 
@@ -244,12 +248,12 @@ class Plane(RigidSurface, frozen=True, kw_only=True, tag="plane"):
 
 
 class Round(RigidSurface, frozen=True, kw_only=True):
-    """A rigid surface at a distance from a point or an axis.
+    """A rigid surface at a radius around a point or an axis.
 
     Attributes
     ----------
     radius : its radius (m)
-    inside : whether it is hollow, and bodies touch it from inside
+    inside : whether it is hollow, with bodies touching it from inside
     """
 
     radius: Positive
@@ -258,11 +262,11 @@ class Round(RigidSurface, frozen=True, kw_only=True):
     turned = "bodies touch what is round from outside, unless inside = true"
 
     def away(self, points: np.ndarray) -> np.ndarray:
-        """The ways (…, d) to points (…, d) from the places nearest to them on centre or axis (m)."""
+        """Vectors (…, d) to points (…, d) from the centre, or from the nearest places on the axis (m)."""
         raise NotImplementedError
 
     def across(self, vectors: np.ndarray) -> np.ndarray:
-        """The part of vectors (…, d) across the axis; all of them, if there is none."""
+        """The part of vectors (…, d) orthogonal to the axis; without an axis the vectors."""
         return vectors
 
     def facing(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -276,6 +280,8 @@ class Round(RigidSurface, frozen=True, kw_only=True):
         away = self.away(simplices)
         axis = simplices - away  # places nearest to corners on it, or the centre
         middle = axis.mean(axis=1)
+        # With lengths along the axis scaled to nearly nothing, the nearest point to the origin is the one nearest to
+        # the axis; the scaling is then undone.
         place = nearest_in(np.zeros(away.shape[2]), away + SQUASHED * (axis - middle[:, None]))
         return middle + self.across(place) + (place - self.across(place)) / SQUASHED
 
@@ -288,7 +294,7 @@ class Round(RigidSurface, frozen=True, kw_only=True):
 
 
 class Centred(Round, frozen=True, kw_only=True):
-    """A rigid surface at a distance from a point.
+    """A rigid surface at a radius around a point.
 
     Attributes
     ----------

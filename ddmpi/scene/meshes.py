@@ -16,20 +16,20 @@ SHAPES = {"rectangle": {"size": "[width, height]", "divisions": "[nx, ny]"},
                       "divisions": "[around, across]"},
           "box": {"size": "[length, depth, height]", "divisions": "[nx, ny, nz]"},
           "hexahedron": {"corners": "[[x, y, z], …]", "divisions": "[nx, ny, nz]"}}
-"""The keys that each shape needs, and how to write them."""
+"""The keys of the shapes, and how to write them."""
 
 SIZED = {"size": "h, the largest size of an element"}
 """The same for a geometry."""
 
 WITH_ORIGIN = ("rectangle", "box")
-"""The shapes that may have an ``origin``, too."""
+"""Shapes with an optional ``origin``."""
 
 SOLIDS = ("box", "hexahedron")
 """The shapes in space; the others are in the plane."""
 
 CORNER = 1e-8
-"""Smallest sine of a corner of a quadrilateral; the triangles at a flatter one have almost no area. Of a hexahedron the
-smallest volume between unit vectors along the edges of its map."""
+"""Smallest sine of a corner of a quadrilateral, as triangles at a flatter one have almost no area; of a hexahedron the
+smallest volume of unit vectors along the edges of its map."""
 
 UNIT_CUBE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]])
 """Corners in the order of those of a hexahedron."""
@@ -38,10 +38,10 @@ GEOMETRIES = (".geo", ".step", ".stp", ".brep", ".brp")
 """Endings of the files of geometries."""
 
 TOWARDS_CONTACTS = 0.25
-"""The size of elements at contacts as a part of ``size``, if a geometry has no ``contact_size``."""
+"""The default ``contact_size`` of a geometry over its ``size``."""
 
 CLOSED = 1e-9
-"""How far from 360 the angle (degrees) of a closed ring may be, because of rounding."""
+"""Rounding of the angle of a closed ring (degrees)."""
 
 Sizes = Annotated[tuple[Positive, ...], msgspec.Meta(min_length=2, max_length=3)] | Positive
 """A size in each direction, or one number."""
@@ -52,7 +52,7 @@ Angle = Annotated[float, msgspec.Meta(ge=-720, le=720)]
 class MeshSpec(Table, frozen=True, kw_only=True):
     """The mesh of one body: a generated ``shape``, a ``file``, or a ``geometry`` that gmsh meshes in the run.
 
-    Files are looked for beside the scene, then in the current folder.
+    Paths of files are relative to the scene's folder, else to the current folder.
 
     Attributes
     ----------
@@ -78,7 +78,7 @@ class MeshSpec(Table, frozen=True, kw_only=True):
     order : 1 for linear elements, 2 for quadratic ones, whose sides are curved along circles of an annulus, curves of
         a geometry, and as a second-order file has them; the same for all bodies. Left out, it follows another body
         that names it, then the preset, then the files; otherwise it is 1; see docs/use/elements.md
-    refine : how often the sides of a file's mesh are halved, or "as needed" for method.target_error
+    refine : number of times that the sides of a file's mesh are halved, or "as needed" for method.target_error
     """
 
     shape: Literal["rectangle", "quadrilateral", "annulus", "box", "hexahedron"] | None = None
@@ -97,12 +97,12 @@ class MeshSpec(Table, frozen=True, kw_only=True):
 
     @property
     def halvings(self) -> int:
-        """How often the sides of the file's mesh are halved."""
+        """Number of times that the sides of the file's mesh are halved."""
         return self.refine if isinstance(self.refine, int) else 0
 
     @property
     def refinable(self) -> bool:
-        """Whether an accuracy target may make the mesh finer."""
+        """Whether an accuracy target may refine the mesh."""
         return self.file is None or self.refine == "as needed"
 
     @property
@@ -184,7 +184,7 @@ class MeshSpec(Table, frozen=True, kw_only=True):
 
 def _check_corners(corners: tuple[Point, ...]) -> None:
     """Raise ValueError unless the corners are those of a convex quadrilateral, counter-clockwise, or of a hexahedron
-    whose trilinear map keeps volumes positive: angles between edges of the map, at 9 or 27 points, say so."""
+    with positive volumes of its trilinear map: by the edges of the map at 9 or 27 points."""
     x = np.array(corners)
     unit, d = UNIT_CUBE[:len(x), :len(x[0])], len(x[0])
     along = 1.0 - np.abs(unit - np.array(list(product((0.0, 0.5, 1.0), repeat=d)))[:, None])

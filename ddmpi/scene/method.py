@@ -1,4 +1,4 @@
-"""Types of how a scene is solved, in which load steps, and what is written."""
+"""Types of the method, the load steps and the output."""
 
 from __future__ import annotations
 
@@ -32,21 +32,21 @@ class Method(Table, frozen=True, kw_only=True):
 
     Attributes
     ----------
-    outer : "newton", which has no parameter to tune; for two held bodies with one contact also "anderson", the
+    outer : "newton", without parameters to tune; for two supported bodies with one contact also "anderson", the
         published map, weighted by stiffness and accelerated, and "relaxation", the published iteration. Left out,
         "relaxation" where algorithm, splitting or theta is given, else "newton"
     algorithm : of the published iteration; left out, "original"
     splitting : of the published iteration, in which step Gauss-Seidel sweeps replace QPs; left out, "none"
     theta : relaxation of the published iteration; left out, 0.2
-    tolerance : where the outer iteration ends: Newton's relative residual, the relative update of other methods; the
-        residuals of the certificate must lie below 50 times it. Left out, 1e-8, in the published iteration 1e-4, with
+    tolerance : of the outer iteration: Newton's relative residual, the relative update of other methods; the residuals
+        of the certificate must lie below 50 times it. Left out, 1e-8, in the published iteration 1e-4, with
         a preset the preset's, with target_error a hundredth of it (in the published iteration times theta), with both
         the smaller one
     max_iterations : most outer iterations of a load step
-    target_error : discretization error to reach, estimated, relative in the energy norm; meshes are refined until the
-        estimate is safely below it
-    max_unknowns : no finer mesh is made for target_error
-    preset : fills in order, tolerance and target_error where they are left out, see below
+    target_error : estimated relative discretization error in the energy norm; meshes are refined until the estimate is
+        safely below it
+    max_unknowns : largest mesh for target_error
+    preset : order, tolerance and target_error where they are left out, see below
     compliance : how C = B A⁻¹ Bᵀ of each body is applied: "explicit", a dense matrix; "direct", a solve for each
         multiplication; "iterative", the same by multigrid. Left out, sizes and free memory decide
     inner_precision : of the published iteration: inner solves are as precise as this times the last outer update, or
@@ -80,13 +80,13 @@ class Method(Table, frozen=True, kw_only=True):
 
     @property
     def for_two(self) -> str:
-        """The keys that ask for a method of two bodies with one contact, as in a message; empty for other methods."""
+        """The keys that choose a method of two bodies with one contact, for messages; empty for other methods."""
         if not METHODS[self._kind].by_body:
             return ""
         return f'outer = "{self.outer}"' if self.outer else f'{", ".join(self._published)} (outer = "relaxation")'
 
     def settled(self, refinable: bool = True) -> SettledMethod:
-        """With everything filled in; a preset asks for a ``target_error`` only if the meshes are `refinable`."""
+        """The method with all defaults; a preset sets a ``target_error`` only if the meshes are `refinable`."""
         preset = PRESETS.get(self.preset or "", {})
         target = self.target_error or (preset.get("target_error") if refinable else None)
         published, theta = self._kind == "relaxation", self.theta or 0.2
@@ -102,31 +102,31 @@ class Method(Table, frozen=True, kw_only=True):
 
 
 class SettledMethod(Method, frozen=True, kw_only=True):
-    """A method without optional keys, and what is asked of it beyond keys.
+    """A method without optional keys, with its titles, labels and advice.
 
-    None means: no ``target_error`` is asked for; there is no ``preset``; the ``compliance`` of each body is chosen
-    from its size. ``algorithm``, ``splitting`` and ``theta`` are None but for `Published`.
+    None means: no ``target_error``; no ``preset``; a ``compliance`` chosen by the size of a body. ``algorithm``,
+    ``splitting`` and ``theta`` are None but for `Published`.
     """
 
     outer: OuterName
     tolerance: Tolerance
 
-    by_body: ClassVar[bool] = True  # whether each of two held bodies solves problems of its own, on a rank of its own
-    title: ClassVar[str]  # what logs and reports call it, with keys in braces
+    by_body: ClassVar[bool] = True  # whether two supported bodies solve problems of their own, on a rank each
+    title: ClassVar[str]  # in logs and reports, with keys in braces
     curves: ClassVar[tuple[str, str]] = "λ", "force mismatch  ‖s$_1$ − s$_2$‖ / ‖s‖"  # of its history, in pictures
     criterion: ClassVar[Literal["update", "residual"]] = "update"  # what `tolerance` bounds
-    diverging: ClassVar[str] = "divergence, the contact displacement grew beyond all bounds"  # what is seen then
+    diverging: ClassVar[str] = "divergence, the contact displacement grew beyond all bounds"  # in words
 
     @property
     def plan(self) -> str:
-        """What it will do, in words."""
+        """The method and its criterion, in words."""
         title = self.title.format_map(msgspec.structs.asdict(self))
         return f"{title}, {self.criterion} below {self.tolerance:g}"
 
     def advice(self, stopped: str, factor: float, iteration: int, update: float, able: Collection[str]) -> str:
-        """What to try where no answer is certified. The outer method has `stopped` as `Outer.run` says, its criterion
-        shrank by a factor per iteration, nan if unknown; `iteration` and `update` are the last ones; the scene is
-        `able` to have less "friction", or "anderson" for its method."""
+        """Advice where no answer is certified. `stopped` is the reason of `Outer.run`, `factor` the reduction of the
+        criterion per iteration, nan if unknown; `iteration` and `update` are the last ones; the scene is `able` to have
+        less "friction", or "anderson" for its method."""
         return 'method.outer = "newton", the default'
 
 
@@ -180,8 +180,9 @@ class Time(Table, frozen=True, kw_only=True):
 
     Attributes
     ----------
-    points : the ends of legs, of which the first starts at time 0; kinks of histories end legs, too
-    steps : load steps of each leg
+    points : turning points of the loads, the ends of legs; the first leg starts at time 0; kinks of histories end legs,
+        too
+    steps : load steps per leg
     tolerance : without steps, a leg is solved in 1, 2, 4, … load steps until the forces at its end change by less than
         this, relative to the forces; left out, 0.02
     """
@@ -201,22 +202,22 @@ class Time(Table, frozen=True, kw_only=True):
                              "asks for")
 
     def settled(self) -> Time:
-        """With the tolerance filled in where no number of steps is given."""
+        """The load steps, with a tolerance if no number of steps is given."""
         return settle(self, Time, tolerance=None if self.steps else self.tolerance or 0.02)
 
 
 REACHING = re.compile("debug|dll|python|file|string|info|trace|history|citations|malloc|mpe|tmpdir|saws|draw|display")
-"""Names of PETSc's options that start programs, load code, or name files."""
+"""PETSc's options that start programs, load code, or name files."""
 
 VIEWING, FILES = re.compile("view|monitor"), re.compile("binary|hdf5|vtk|matlab|socket|saws|adios|exodus|cgns|draw")
-"""Names of those that show something, and what has them do so in files or windows."""
+"""Options that show something, and values that send it to files or windows."""
 
 OWN = "ddmpi.mprgp.MPRGP"
-"""The only Python class that an option of a scene may name."""
+"""The only Python class that a scene's options may name."""
 
 
 def check_petsc(options: Mapping[str, object]) -> None:
-    """Raise ValueError where PETSc's options would reach beyond the run. Not collective."""
+    """Raise ValueError for PETSc's options that reach beyond the run. Not collective."""
     for name, value in options.items():
         reaching = ((REACHING.search(name.lower()) and (isinstance(value, str) or "debug" in name.lower()))
                     or (VIEWING.search(name.lower()) and FILES.match(str(value).lower())))
@@ -227,15 +228,15 @@ def check_petsc(options: Mapping[str, object]) -> None:
 
 VIEWS = {"front": (-90.0, 0.0), "back": (90.0, 0.0), "left": (180.0, 0.0), "right": (0.0, 0.0),
          "top": (-90.0, 90.0), "bottom": (-90.0, -90.0), "iso": (-45.0, 35.264)}
-"""From where solids are seen, by name: azimuth and elevation (degrees)."""
+"""Views of solids by name: azimuth and elevation (degrees)."""
 
 
 class Cut(Table, frozen=True, kw_only=True):
-    """A plane at which pictures cut solids open, as in ``cut = { x = 0.5 }``: its x, y or z before bodies move.
+    """A plane at which pictures cut solids open, as in ``cut = { x = 0.5 }``, in coordinates before bodies move.
 
     Attributes
     ----------
-    x, y, z : where it crosses this axis; exactly one of them
+    x, y, z : coordinate of the plane; exactly one of them
     """
 
     x: Number | None = None
@@ -248,22 +249,21 @@ class Cut(Table, frozen=True, kw_only=True):
 
 
 class Output(Table, frozen=True, kw_only=True):
-    """Which fields and pictures are written beside the tables; the others are not computed.
+    """Fields and pictures that are written beside the tables; others are not computed.
 
     Attributes
     ----------
     stress : stress and von Mises stress of the bodies
     error : field and picture of the estimated discretization error
     figures : pictures
-    steps : load steps whose fields are written: those that end legs, or all
+    steps : load steps whose fields are written: ends of legs, or all
     animation : animation.gif plays the load steps whose fields are written
-    length_unit, stress_unit : labels of pictures, summary and what is printed; the numbers mean what the scene's own
-        units make of them
-    magnification : of displacements and gaps in bodies.png; left out, as much as suits the picture
+    length_unit, stress_unit : labels in pictures, summary and messages; numbers are in the scene's own units
+    magnification : of displacements and gaps in bodies.png; left out, it suits the picture
     mirrored : bodies.png of an axisymmetric scene also shows the other half
-    view : from where solids are seen: front, back (along y), left, right (x), bottom, top (z), iso, or [azimuth,
+    view : side from which solids are seen: front, back (along y), left, right (x), bottom, top (z), iso, or [azimuth,
         elevation] in degrees, about z from x on and above the plane of x and y; left out, a corner that suits them
-    cut : where pictures cut solids open; left out, nowhere
+    cut : plane at which pictures cut solids open; left out, none
     """
 
     stress: bool = True
@@ -280,7 +280,7 @@ class Output(Table, frozen=True, kw_only=True):
 
 
 class Checkpoint(Table, frozen=True, kw_only=True):
-    """How often the state of the iteration is written, apart from signals; see docs/use/restart.md.
+    """Intervals at which the state of the iteration is written, apart from signals; see docs/use/restart.md.
 
     Attributes
     ----------

@@ -18,13 +18,13 @@ from ddmpi.scene.keys import explain, explain_syntax, name_of, override, parse_v
 from ddmpi.scene.scene import FileKind, Scene, Settled
 
 DEEP = re.compile(r"""(?<![\w"'-])(?:[\w"'-]++\s*+\.\s*+){100}""")
-"""A key of a hundred parts; tomllib's time grows with the square of their number."""
+"""A key of a hundred parts; the time of tomllib grows with the square of their number."""
 
 MESHES = {"file": (".inp", ".msh", ".med", ".vtu", ".vtk"), "geometry": (".geo", ".step", ".stp", ".brep", ".brp")}
 """Endings of files of meshes and drawings, by the key that names such a file in a scene."""
 
 NESTED = 100
-"""So many tables and lists may lie within each other in the data of a program, which may contain themselves."""
+"""Deepest nesting of tables and lists in the data of a program, which may contain themselves."""
 
 
 def read_data(path: str, scene: str | Mapping[str, Any], settings: Sequence[str] = ()) -> dict:
@@ -50,9 +50,9 @@ def read_data(path: str, scene: str | Mapping[str, Any], settings: Sequence[str]
 
 
 def as_data(value: Any, where: str, *key: str) -> Any:
-    """A value of a program, that of a `key`, as TOML has it, a copy; entries of tables that are None are left out.
+    """A copy of a program's value of a `key` in the types of TOML; entries of tables that are None are left out.
 
-    Raises InputError, which begins with `where` and the key, for what no scene can hold.
+    Raises InputError, which begins with `where` and the key, for other types.
     """
     if len(key) > NESTED:
         raise InputError(f"{where}: {'.'.join(key[:3])}…: is nested too deeply, or contains itself")
@@ -75,10 +75,14 @@ def as_data(value: Any, where: str, *key: str) -> Any:
 
 def read_scene(path: str, scene: str | Mapping[str, Any], settings: Sequence[str] = (),
                file_kind: FileKind | None = None) -> Settled:
-    """A scene of TOML text, or of tables, with ``KEY=VALUE`` settings as after ``--set``: checked, and filled in.
+    """A scene of TOML text, or of tables, with ``KEY=VALUE`` settings as after ``--set``: checked, with all defaults.
 
-    `path` names it in messages. `file_kind` gives dimension and order of a body's mesh file; without it, files count as
-    plane and linear. Raises InputError, the same on every rank, that names file and key. Not collective.
+        >>> scene = read_scene("punch.toml", read_text("configs/punch.toml"), ["contact.0.friction.coefficient=0.5"])
+        >>> scene.contact[0].name, scene.contact[0].friction, scene.method.outer
+        ('punch-base', Coulomb(coefficient=0.5), 'newton')
+
+    `path` stands in messages. `file_kind` gives dimension and order of a body's mesh file; without it, files count as
+    plane and linear. Raises InputError, the same on all ranks, with file and key. Not collective.
     """
     data = read_data(path, scene, settings)
     try:
@@ -105,7 +109,7 @@ def read_text(path: str | Path) -> str:
 
 
 def _no_scene(path: str | Path) -> str:
-    """What is wrong with a file that is given as a scene and is a mesh or a drawing by its name; else nothing."""
+    """The error of a file given as a scene that is a mesh or a drawing by its name; else empty."""
     ending = Path(path).suffix.lower()
     key = next((key for key, endings in MESHES.items() if ending in endings), "")
     what = "an Abaqus or CalculiX deck" if ending == ".inp" else f"a {ending[1:].upper()} file"
@@ -114,7 +118,14 @@ def _no_scene(path: str | Path) -> str:
 
 
 def write_toml(scene: dict) -> str:
-    """A resolved scene, `Settled.resolved`, as TOML text that is read as this scene again. Not collective."""
+    """A resolved scene, `Settled.resolved`, as TOML text that is read as this scene again. Not collective.
+
+    >>> print(write_toml({"title": "A punch", "method": {"tolerance": 1e-8}}), end="")
+    title = "A punch"
+    <BLANKLINE>
+    [method]
+    tolerance = 1e-08
+    """
     nested = {key: value for key, value in scene.items() if _is_table(value)}
     parts = [_entries({key: value for key, value in scene.items() if key not in nested})]
     for key, value in nested.items():
@@ -128,7 +139,7 @@ def write_toml(scene: dict) -> str:
 
 
 def _is_table(value: Any) -> bool:
-    """Whether `value` is a table that holds something, or a list of tables."""
+    """Whether `value` is a table with entries, or a list of tables."""
     return bool(value) and (isinstance(value, dict) or (isinstance(value, list) and isinstance(value[0], dict)))
 
 

@@ -1,6 +1,6 @@
-"""The scene: bodies, rigid partners, contacts and method, as the user asks for them and with everything filled in.
+"""The scene: bodies, rigid partners, contacts and method, as a user writes them, and with all defaults.
 
-`Scene` is the frozen data of a TOML file, and checks what does not fit together. Other rooms work with `Settled`.
+`Scene` is the frozen data of a TOML file, and checks that its parts fit together. Other rooms work with `Settled`.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ FileKind = Callable[[BodySpec], tuple[int, int]]
 """Gives dimension and order of the elements in the mesh file, or in the drawing, of a body; raises InputError."""
 
 EXTENTS = ("size", "divisions", "radii", "angles", "bodies", "on", "young", "poisson", "shear", "view")
-"""Rows of numbers or words that are neither places nor vectors."""
+"""Keys of lists that are neither places nor vectors."""
 
 FORMULAS = ("x", "y", "z", "normal", "value", "pressure", "volume_force", "gap", "temperature")
 """Keys whose values may be formulas."""
@@ -37,17 +37,17 @@ class Scene(Table, frozen=True, kw_only=True):
 
     Attributes
     ----------
-    title : heads pictures and summary
-    axisymmetric : whether all parts turn around the axis x = 0: x is the radius, y the axis, forces are of the whole
-        circumference
+    title : of pictures and summary
+    axisymmetric : whether bodies are solids of revolution around x = 0: x is the radius, y the axis, forces are of the
+        whole circumference
     body : elastic bodies
-    rigid : partners of contacts without mesh and material, which take no rank
-    contact : where bodies meet each other or a rigid partner
+    rigid : partners of contacts without mesh, material and rank
+    contact : contacts of bodies with each other or with a rigid partner
     history : factors over time by name, [history.NAME]
     time : load steps; left out, all loads act at once
-    method : how the scene is solved
-    output : what is written
-    checkpoint : how often the state is written
+    method : method and accuracy
+    output : files that are written
+    checkpoint : intervals at which the state is written
     petsc : PETSc options by name without the dash, such as body_ksp_type = "cg"; the command line wins, and it
         alone may name files and programs
     """
@@ -83,16 +83,16 @@ class Scene(Table, frozen=True, kw_only=True):
                 raise ValueError(f"rigid.{rigid.name}.force: around an axis a partner is pushed along y alone; what "
                                  "pushes it across the axis cancels all around")
         if self.output.mirrored and not self.axisymmetric:
-            raise ValueError("output.mirrored: shows the other half of what turns around an axis; write axisymmetric = "
-                             "true at the top, or leave it out")
+            raise ValueError("output.mirrored: shows the other half of axisymmetric bodies; write axisymmetric = true "
+                             "at the top, or leave it out")
         self._check_histories()
         self._check_heat()
         check_petsc(self.petsc)
         two = (len(self.body), len(self.rigid), len(self.contact)) == (2, 0, 1)
         if self.method.for_two and not (two and self.contact[0].kind == "unilateral"):
-            raise ValueError(f"method.{self.method.for_two} is for two held bodies with one unilateral contact; beyond "
-                             "that the published iteration diverges for theta >= 0.02, accelerated or not; what works "
-                             'is outer = "newton", the default')
+            raise ValueError(f"method.{self.method.for_two} is for two supported bodies with one unilateral contact; "
+                             "beyond that the published iteration diverges for theta >= 0.02, accelerated or not; use "
+                             'outer = "newton", the default')
 
     def _check_names(self) -> None:
         """Bodies and rigid partners share one list of names, contacts have another."""
@@ -122,7 +122,7 @@ class Scene(Table, frozen=True, kw_only=True):
                                  "contacts name both in the same way")
 
     def _check_files(self) -> None:
-        """Each contact has files of its own, also where a file system takes capitals and small letters for the same."""
+        """The files of contacts differ, also on file systems that do not distinguish capitals and small letters."""
         found: dict[str, tuple[str, str]] = {}
         for name, file in ((contact.called, file) for contact in self.contact
                            for file in contact_files(contact.called)):
@@ -136,7 +136,7 @@ class Scene(Table, frozen=True, kw_only=True):
                                  'rename one of them by name = "…"')
 
     def _check_histories(self) -> None:
-        """What follows a history names one that there is, and load steps are what this method can do."""
+        """Histories exist, and the method supports load steps."""
         for key, table in tables(self):
             name = getattr(table, "history", None)
             if name is not None and name not in self.history:
@@ -155,7 +155,7 @@ class Scene(Table, frozen=True, kw_only=True):
                              "mesh.refine")
 
     def _check_heat(self) -> None:
-        """Where materials expand, some body has a temperature; the others keep that of the state free of stress."""
+        """If materials expand, some body has a temperature; the others keep that of the state free of stress."""
         expanding = [body.name for body in self.body if any(material.expansion for material in body.materials)]
         if expanding and all(body.temperature is None for body in self.body):
             raise ValueError(f"body.{expanding[0]}.material.expansion: no body has a temperature, so nothing expands; "
@@ -194,14 +194,14 @@ class Scene(Table, frozen=True, kw_only=True):
                              f"rows stand at the nodes of {first!r}, so leave this key out")
 
     def settled(self, file_kind: FileKind | None = None) -> Settled:
-        """The scene with everything filled in that was left out.
+        """The scene with all defaults.
 
-        The order of the elements is that of a body that names one, else 2 for a ``target_error`` where linear triangles
-        lock, else the preset's, else what `file_kind` says of the mesh files, else 1. The dimension is that of shapes,
+        The order of the elements is that of a body that names one, else 2 for a ``target_error`` if linear triangles
+        lock, else the preset's, else that of the mesh files by `file_kind`, else 1. The dimension is that of shapes,
         else of places and vectors, else of the files.
 
-        Raises ValueError if ``method.target_error`` is asked of elements whose error estimate cannot be trusted, if
-        mesh files differ in order, and if parts of the scene differ in dimension; and what `file_kind` raises.
+        Raises ValueError for a ``method.target_error`` with elements that lock, for mesh files of different orders, and
+        for different dimensions in one scene; and the errors of `file_kind`.
         """
         dimension = self._dimension(file_kind)
         method = self.method.settled(refinable=self.time is None and all(body.mesh.refinable for body in self.body))
@@ -222,7 +222,7 @@ class Scene(Table, frozen=True, kw_only=True):
                       contact=[settle(contact, SettledContact, name=contact.called) for contact in self.contact])
 
     def _dimension(self, file_kind: FileKind | None) -> int:
-        """Number of coordinates of all places and vectors. Raises ValueError where parts of the scene differ in it."""
+        """Number of coordinates of all places and vectors. Raises ValueError if it differs within the scene."""
         found: list[tuple[str, Any, int]] = [(f"body.{body.name}.mesh.shape", body.mesh.shape, body.mesh.dimension)
                                              for body in self.body if body.mesh.dimension]
         found += [(key, list(value), len(value)) for key, value in _vectors(self)]
@@ -242,7 +242,7 @@ class Scene(Table, frozen=True, kw_only=True):
         return dimension
 
     def _misplaced(self) -> Iterator[tuple[int, str, str]]:
-        """What has a meaning in one dimension only: this dimension, the key, and the reason."""
+        """Keys of one dimension only: the dimension, the key, and the reason."""
         for rigid in self.rigid:
             if rigid.only_in:
                 others = [each.__struct_config__.tag for each in get_args(Rigid) if each.only_in != rigid.only_in]
@@ -253,7 +253,7 @@ class Scene(Table, frozen=True, kw_only=True):
             if getattr(self.output, name) is not None:
                 yield 3, f"output.{name}", "only pictures of solids have a view and a cut; leave it out"
         if self.axisymmetric:
-            yield 2, "axisymmetric", "parts that turn around an axis are drawn in the half-plane x >= 0"
+            yield 2, "axisymmetric", "axisymmetric bodies are drawn in the half-plane x >= 0"
         what = "nothing is twisted around the axis" if self.axisymmetric else "there is no z in the plane"
         for key, table in tables(self):
             along = getattr(table, "along", "")  # of a profile
@@ -296,7 +296,7 @@ def _vectors(scene: Scene) -> Iterator[tuple[str, tuple]]:
 
 
 class Settled(Table, frozen=True, kw_only=True):
-    """A whole scene without optional keys: everything that was left out is filled in; in the plane or in space."""
+    """A whole scene without optional keys, with all defaults, in the plane or in space."""
 
     title: str
     axisymmetric: bool
@@ -313,14 +313,14 @@ class Settled(Table, frozen=True, kw_only=True):
 
     @property
     def followed(self) -> list[str]:
-        """Names of the histories that something follows, in the order of the scene."""
+        """Names of the histories that are used, in the order of the scene."""
         used = histories(self) if self.history else []
         return [name for name in self.history if name in used]
 
     @property
     def able(self) -> set[str]:
-        """What the scene could do where no answer is found: have less "friction", or take the method "anderson", which
-        is for two held bodies with one contact that is not bonded, in one load step."""
+        """Changes that may help where no answer is found: less "friction", or the method "anderson", for two supported
+        bodies with one contact that is not bonded, in one load step."""
         two = len(self.body) == 2 and [contact.kind for contact in self.contact] == ["unilateral"] and not self.time
         found = {"friction": any(contact.friction != NoFriction() for contact in self.contact),
                  "anderson": two and all(body.clamps for body in self.body)}
@@ -328,20 +328,20 @@ class Settled(Table, frozen=True, kw_only=True):
 
     @property
     def pushed(self) -> list[Rigid]:
-        """The rigid partners that are pushed, and that some contact names."""
+        """The rigid partners with a force and a contact."""
         named = {contact.bodies[1] for contact in self.contact}
         return [rigid for rigid in self.rigid if rigid.pushed and rigid.name in named]
 
     @property
     def legs(self) -> list[float]:
-        """The times that end legs, in their order: the points, and kinks of used histories between them."""
+        """The ends of legs in ascending order: the points, and kinks of used histories between them."""
         if self.time is None:
             return [1.0]
         kinks = {time for name in self.followed for time in self.history[name].kinks}
         return sorted({*self.time.points, *(time for time in kinks if 0.0 < time < self.time.points[-1])})
 
     def factors(self, time: float) -> dict[str | None, float]:
-        """The factors at `time` by history; what has none, under None, acts fully from the first step on."""
+        """The factors at `time` by history; 1 under None, for what has no history."""
         return {None: 1.0} | {name: self.history[name].at(time) for name in self.followed}
 
     def resolved(self) -> dict:
@@ -350,7 +350,7 @@ class Settled(Table, frozen=True, kw_only=True):
 
     @property
     def units(self) -> dict[str, str]:
-        """`units` of what is said of it."""
+        """`units` of the scene's quantities."""
         return units({"output": msgspec.to_builtins(self.output), "axisymmetric": self.axisymmetric}, self.dimension)
 
 

@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 
 LARGEST = 1e100
-"""Bounds numbers: squares and products of larger ones have no place in double precision. TOML has inf and nan, too."""
+"""Largest number: squares and products of larger ones overflow. It also excludes TOML's inf and nan."""
 
 Number = Annotated[float, msgspec.Meta(ge=-LARGEST, le=LARGEST)]
 Positive = Annotated[float, msgspec.Meta(gt=0, le=LARGEST)]
@@ -42,7 +42,7 @@ class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def tables(table: Table, key: str = "") -> Iterator[tuple[str, Table]]:
-    """All tables within a table, each with its key, entries of lists by their names."""
+    """All tables within a table with their keys, entries of lists by their names."""
     for name in table.__struct_fields__:
         value = getattr(table, name)
         for number, each in enumerate(value if isinstance(value, list) else [value]):
@@ -54,7 +54,7 @@ def tables(table: Table, key: str = "") -> Iterator[tuple[str, Table]]:
 
 
 def histories(table: Table) -> list[str]:
-    """Names of the histories that tables within a table follow, each once."""
+    """Names of the histories of all tables within a table, without repetition."""
     named = (getattr(each, "history", None) for _, each in tables(table))
     return list(dict.fromkeys(name for name in named if name is not None))
 
@@ -63,7 +63,7 @@ AnyTable = TypeVar("AnyTable", bound=Table)
 
 
 def settle(table: Table, kind: type[AnyTable], **values: Any) -> AnyTable:
-    """`table` as a `kind`, its counterpart without optional keys, with `values` for what was left out."""
+    """`table` as a `kind`, its counterpart without optional keys, with `values` for keys that were left out."""
     return kind(**msgspec.structs.asdict(table) | values)
 
 
@@ -111,7 +111,7 @@ _OPERATORS: dict[type[ast.AST], Callable[..., Any]] = {
     ast.Gt: lambda a, b: 1.0 * (a > b), ast.GtE: lambda a, b: 1.0 * (a >= b)}
 
 DEEPEST = 200
-"""How many brackets, signs and terms of a formula may stand within each other; Python's own limit is not far above."""
+"""Deepest nesting of brackets, signs and terms of a formula, a little below Python's own limit."""
 
 
 @functools.lru_cache
@@ -122,7 +122,7 @@ def _parse(formula: str) -> ast.expr:
 
 
 def _value(node: ast.AST, places: Mapping[str, Any], depth: int = 0) -> Any:
-    """The value of a part of a formula. Raises ValueError for what is not made of numbers, `places` and functions."""
+    """The value of a part of a formula. Raises ValueError unless it consists of numbers, `places` and functions."""
     known = f"known are {', '.join([*places, *FUNCTIONS])}"
     function: Callable[..., Any] | None
     if depth == DEEPEST:
@@ -158,7 +158,7 @@ def _value(node: ast.AST, places: Mapping[str, Any], depth: int = 0) -> Any:
 
 
 def _compute(formula: str, *x: np.ndarray) -> np.ndarray:
-    """The values of a formula at points, in their shape. Raises ValueError, which quotes it, if it is none."""
+    """The values of a formula at points, in their shape. Raises ValueError, with the formula, if it is invalid."""
     try:
         with np.errstate(all="ignore"):
             found = _value(_parse(formula), dict(zip("xyz", x, strict=False)) | {"pi": np.float64(np.pi)})
@@ -171,7 +171,7 @@ def _compute(formula: str, *x: np.ndarray) -> np.ndarray:
 
 
 def varies(value: Any, coordinates: str = "xyz") -> bool:
-    """Whether a value is, or has, a formula in which one of some coordinates occurs."""
+    """Whether a value is, or contains, a formula with one of the coordinates."""
     if isinstance(value, tuple):
         return any(varies(part, coordinates) for part in value)
     return isinstance(value, str) and any(isinstance(node, ast.Name) and node.id in tuple(coordinates)
@@ -179,7 +179,7 @@ def varies(value: Any, coordinates: str = "xyz") -> bool:
 
 
 def check_formulas(key: str, value: Any) -> None:
-    """Raise ValueError, naming `key`, where `value` is, or has, a formula that cannot be evaluated anywhere."""
+    """Raise ValueError, naming `key`, if `value` is, or contains, a formula that cannot be evaluated."""
     for formula in (part for part in (value if isinstance(value, tuple) else (value,)) if isinstance(part, str)):
         try:
             found = _compute(formula, np.array([0.25, 0.75]), np.array([0.5, 0.125]), np.array([0.375, 0.625]))
@@ -190,7 +190,7 @@ def check_formulas(key: str, value: Any) -> None:
 
 
 def evaluate(value: Any, *x: np.ndarray) -> np.ndarray:
-    """A number, a formula, a tuple of these, or what is affine, at points whose d coordinates (m) have the same shape.
+    """A number, a formula, a tuple of these, or an affine value, at points with d coordinates (m) of the same shape.
 
     An array of that shape for a scalar, ``(d, *shape)`` for a vector; units of `value`. Formulas may give inf and nan.
     """
@@ -244,11 +244,11 @@ class Profile(Table, frozen=True, kw_only=True):
 
     With { along = "x", points = [0, 1, 1, 3], values = [0.1, 0.1, 0.3, 0.3] } it jumps from 0.1 to 0.3 at x = 1.
 
-    Arc length is that of the first body's boundary which `on` names. It counts from the start of this boundary, on the
-    way with the body to the left: counterclockwise around a body, clockwise around a hole. Each piece of a boundary
-    counts from its own start. A closed boundary starts where its mesh does: at the angle where a ring begins, and in
-    files and geometries where the first line of the group begins. Clamps and the choice of the slave make no
-    difference: nodes of the second body have the arc length of the place that they face.
+    The arc length is measured along the first body's boundary in `on`, from its start, with the body to the left:
+    counterclockwise around a body, clockwise around a hole. Separate pieces of a boundary have separate starts. A
+    closed boundary starts where its mesh does: at the angle where a ring begins, and in files and geometries where the
+    first line of the group begins. Clamps and the choice of the slave make no difference: nodes of the second body have
+    the arc length of the point that they face.
 
     Attributes
     ----------
@@ -269,11 +269,11 @@ class Profile(Table, frozen=True, kw_only=True):
             raise ValueError("points must ascend (a repeated point is a jump)")
 
     def position(self, xy: np.ndarray, arc: np.ndarray) -> np.ndarray:
-        """Where on the profile (m,) the contact nodes `xy` (m, d) lie, at arc lengths `arc` (m,)."""
+        """Positions (m,) of the contact nodes `xy` (m, d) on the profile, with arc lengths `arc` (m,)."""
         return arc if self.along == "arc" else xy[:, "xyz".index(self.along)]
 
     def at(self, xy: np.ndarray, arc: np.ndarray) -> np.ndarray:
-        """Values (m,) at the contact nodes `xy` (m, d), at arc lengths `arc` (m,)."""
+        """Values (m,) at the contact nodes `xy` (m, d) with arc lengths `arc` (m,)."""
         return np.interp(self.position(xy, arc), self.points, self.values)
 
 

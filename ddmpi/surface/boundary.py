@@ -13,18 +13,18 @@ from ddmpi.surface.patch import Patch, in_places
 from ddmpi.surface.side import Side, across, nodal, unit
 
 COARSE = 1e-6
-"""Nodes are put in order by their places in multiples of this part of the mesh's extent: rounding decides nothing."""
+"""Nodes are sorted by their positions rounded to this fraction of the mesh's extent, independent of rounding."""
 
 KINDS = {2: (Curve, in_chains), 3: (Patch, in_places)}
-"""What a side is, and how its nodes are put in order, by dimension."""
+"""The class of a side and the function that sorts its nodes, by dimension."""
 
 
-def contact_side(mesh: Mesh, edges: np.ndarray, held: Supports, body: str, modulus: float, key: str,
+def contact_side(mesh: Mesh, edges: np.ndarray, supports: Supports, body: str, modulus: float, key: str,
                  tied: np.ndarray | None = None, parted: bool = False) -> Side:
-    """The contact boundary made of `edges` (k, l), in the plane ordered from its first end. Not collective.
+    """The contact boundary of the facets `edges` (k, l), in the plane sorted from its first end. Not collective.
 
-    `tied` (nv,) and `parted` as those of a `Side`, of all nodes of the body; without it none is tied. Raises InputError
-    naming `key` when an edge does not lie on the boundary.
+    `tied` (nv,) and `parted` as of a `Side`, for all nodes of the body; left out, none is tied. Raises InputError
+    naming `key` where a facet is not on the boundary.
     """
     origins, edges = edges[:, 0], turn_outward(mesh, edges, key)[0]
     places = np.round((mesh.points - mesh.points.min(axis=0)) / (COARSE * np.ptp(mesh.points, axis=0).max()))
@@ -36,7 +36,7 @@ def contact_side(mesh: Mesh, edges: np.ndarray, held: Supports, body: str, modul
     facets = facets[np.argsort(facets[:, -1])]
     normal = unit(nodal(across(xy[facets]), facets, len(nodes)))
     area = nodal(facet_shares(xy[facets], mesh.axisymmetric), facets, len(nodes))
-    return kind(body, modulus, nodes, xy, normal, area, held.clamps[nodes],
-                held.free[nodes], {name: u[nodes] for name, u in held.moved.items()},
+    return kind(body, modulus, nodes, xy, normal, area, supports.clamps[nodes],
+                supports.free[nodes], {name: u[nodes] for name, u in supports.moved.items()},
                 np.zeros(len(nodes), bool) if tied is None else tied[nodes], np.ptp(mesh.points, axis=0),
                 arc[nodes], facets, parted, mesh.axisymmetric)

@@ -1,4 +1,4 @@
-"""Which part of a side faces another one: rays from the one side, cut where corners of the other are met."""
+"""The part of a side that faces another one: rays from the slave, cut where they meet corners of the master."""
 
 from __future__ import annotations
 
@@ -11,28 +11,28 @@ from ddmpi.surface.side import Side, cross, unit
 from ddmpi.system.numbers import together
 
 DEEPEST = 0.5
-"""Partners deeper than this part of the thinner body's depth are ignored: they belong to its far side."""
+"""Partners deeper than this fraction of the thinner body's depth belong to its far side and are ignored."""
 
 POINTS = 5
 """Gauss points on each piece of a side, between its two ends, which have no weight."""
 
 TOUCHING = 1e-9
-"""Parts of a side below this are rounding: they are no pieces."""
+"""Fractions of a facet below this are rounding and make no piece."""
 
 FINEST = 2**20
-"""Corners of pieces nearer to each other than a part of so many of a facet are one."""
+"""Corners of pieces that are nearer than one over this, in barycentric coordinates, are one."""
 
 BLOCK = 32
-"""Partners of a side's facets are looked for among so many facets at once."""
+"""The search for partners tests bounding boxes of this many facets first."""
 
 
 def cover(slave: Side, master: Side) -> Cover:
     """The part of the slave that faces the master, along its averaged normals, in space along those of its facets.
     Some points have no weight: ends of pieces, in space corners. Not collective.
 
-    Pieces, rays and gaps are found on chords; a point of a curved facet stands upright on its chord, and faces what its
-    ray meets. A piece of the slave faces what is nearest of the other side with a normal against its own. What lies
-    behind the slave counts as an overlap up to DEEPEST of the thinner body's depth; ahead, any distance counts.
+    Pieces, rays and gaps are computed on chords; a point of a curved facet lies upright on its chord. A piece of the
+    slave faces the nearest facet of the master with a normal opposite to its own. Behind the slave, distances up to
+    DEEPEST of the thinner body's depth count, as overlaps; ahead of it, any distance.
     """
     outward = slave.outward
     depth = DEEPEST * np.minimum(np.abs(outward) @ slave.extent, np.abs(outward) @ master.extent)
@@ -42,8 +42,8 @@ def cover(slave: Side, master: Side) -> Cover:
 
 
 def corners(over: Cover) -> Cover:
-    """The points of a cover in space that have no weight, each once: corners of what facets have in common. Between
-    them lie the least and the greatest gap of plane facets. Not collective."""
+    """The points without weight of a cover in space, without repetition: corners of the common polygons of facets. The
+    gap of plane facets has its extremes there. Not collective."""
     some = np.flatnonzero(over.weight == 0.0)
     fine = np.round(over.at[some, :2] * FINEST).astype(np.int64)
     key = (over.facet[some] * 2 * FINEST + fine[:, 0]) * 2 * FINEST + fine[:, 1]
@@ -53,38 +53,48 @@ def corners(over: Cover) -> Cover:
 def _along(slave: Curve, master: Curve, depth: np.ndarray) -> Cover:
     """`cover` in the plane, where facets (f,) count up to their `depth` behind the slave."""
     outward = slave.outward
-    own, corners, fans = slave.xy[slave.corners], master.xy[master.corners], slave.fans
+    chords, corners, fans = slave.xy[slave.corners], master.xy[master.corners], slave.fans
     length = np.linalg.norm(slave.along, axis=1)
-    facet, one = _swept(corners, own, fans)
+    # The rays of a facet sweep from its first to its second averaged normal; a master facet outside of this strip faces
+    # none of it.
+    facet, one = _swept(corners, chords, fans)
     facing = np.einsum("pi,pi->p", outward[facet], master.outward[one]) < FACING
     facet, one = facet[facing], one[facing]
-    on, low, high = _pieces(facet, corners[one], own, fans)
+    # Within a piece no ray meets a corner of the master, so that integrands are smooth and Gauss's rule exact; without
+    # cutting, constant pressures fail the patch test.
+    on, low, high = _pieces(facet, corners[one], chords, fans)
     middle = (low + high) / 2
     piece, pair = together(on, facet)
-    there, distance, _ = _meet(own, fans, on[piece], middle[piece], corners[one[pair]])
+    there, distance, _ = _meet(chords, fans, on[piece], middle[piece], corners[one[pair]])
+    # One ray from the middle of a piece tells which master facets it meets: no corners lie in between.
     met = (there >= -TOUCHING) & (there <= 1.0 + TOUCHING) & (distance >= -depth[on[piece]])
     piece, pair, distance = piece[met], pair[met], np.abs(distance[met])
     order = np.lexsort((distance, piece))  # the nearest of each piece comes first
     nearest = order[np.flatnonzero(np.diff(piece[order], prepend=-1))]
     piece, one, distance = piece[nearest], one[pair[nearest]], distance[nearest]
-    seen = ~_hidden(own, fans, on[piece], middle[piece], distance)
+    # A piece whose rays pass through another part of the slave itself, as across a slot, does not face the master.
+    seen = ~_hidden(chords, fans, on[piece], middle[piece], distance)
     piece, one = piece[seen], np.repeat(one[seen], POINTS + 2)
     facet, low, size = on[piece], low[piece], (high - low)[piece]
-    points, weights = (np.pad(each, 1) for each in np.polynomial.legendre.leggauss(POINTS))
+    points, weights = (np.pad(rule, 1) for rule in np.polynomial.legendre.leggauss(POINTS))
+    # Both ends without weight: there, gaps of straight facets have their extremes, and overlaps are looked for.
     points[[0, -1]] = -1.0, 1.0
     at = (low[:, None] + size[:, None] * (1.0 + points) / 2).ravel()
     weight = ((length[facet] * size)[:, None] * weights / 2).ravel()
     facet = np.repeat(facet, POINTS + 2)
-    there, distance, ray = _meet(own, fans, facet, at, corners[one])
+    there, distance, ray = _meet(chords, fans, facet, at, corners[one])
+    # The chords of curved boundaries stand off by h²/8R, more than most fits: the gap is between the arcs.
     gap = distance - slave.bulge(facet, at, ray) - master.bulge(one, np.clip(there, 0.0, 1.0), -ray)
     height, ratio = slave.off_chords(facet, at)
     on = slave.parameters(facet, at, outward[facet])
+    # A point of a curved facet is `height` off its chord; moved by so much along the chord's normal, its ray meets the
+    # master's chord elsewhere.
     there = np.clip(there + height * cross(outward[facet], ray) / cross(master.along[one], ray), 0.0, 1.0)
     return Cover(facet, on_line(on), one, on_line(master.parameters(one, there, ray)), weight * ratio, ray, gap)
 
 
 def faced_arc(xy: np.ndarray, rows: np.ndarray, over: Cover, master: Side) -> np.ndarray:
-    """Arc lengths (m,) of the master's places nearest to `xy` (m, 2), on facets that the rows (q, c) of points face."""
+    """Arc lengths (m,) of the master's points nearest to `xy` (m, 2), on facets that the rows (q, c) of points face."""
     row, facet = np.unique(np.stack([rows.ravel(), np.repeat(over.other, rows.shape[1])]), axis=1)
     start, end = master.corners[facet].T
     along = master.xy[end] - master.xy[start]
@@ -92,13 +102,14 @@ def faced_arc(xy: np.ndarray, rows: np.ndarray, over: Cover, master: Side) -> np
     at = np.clip(np.einsum("pi,pi->p", away, along) / np.einsum("pi,pi->p", along, along), 0.0, 1.0)
     order = np.lexsort((np.linalg.norm(away - at[:, None] * along, axis=1), row))
     nearest = order[np.flatnonzero(np.diff(row[order], prepend=-1))]
+    # At the second end its own arc length counts: zero where a closed chain ends in its start.
     arc = np.where(at < 1.0 - TOUCHING, master.arc[start] + at * master.lengths[facet], master.arc[end])
-    return arc[nearest]  # where a closed chain ends, it starts
+    return arc[nearest]
 
 
 def _swept(segments: np.ndarray, facets: np.ndarray, fans: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The pairs of a facet (·, 2, 2) and a segment (·, 2, 2) whose line rays from the facet can meet, facet by facet.
-    Rays have the directions `fans` (·, 2, 2) at its ends. Boxes around BLOCK segments are looked at first."""
+    """Pairs of a facet (·, 2, 2) and a segment (·, 2, 2) that rays from the facet may meet, forward or backward, sorted
+    by facets. Rays at its ends have the directions `fans` (·, 2, 2). Boxes of BLOCK segments are tested first."""
     first = np.arange(0, len(segments), BLOCK)
     low, high = np.minimum.reduceat(segments.min(axis=1), first), np.maximum.reduceat(segments.max(axis=1), first)
     boxes = np.where([[[0, 0], [1, 0], [0, 1], [1, 1]]], high[:, None], low[:, None])
@@ -110,7 +121,7 @@ def _swept(segments: np.ndarray, facets: np.ndarray, fans: np.ndarray) -> tuple[
 
 
 def _crossed(points: np.ndarray, facets: np.ndarray, fans: np.ndarray) -> np.ndarray:
-    """Whether points (…, c, 2) lie neither all to the left nor all to the right of the rays at both ends of facets."""
+    """Whether points (…, c, 2) lie neither all to the left nor all to the right of the lines of both end rays."""
     beside = cross(fans[..., None, :], points[..., None, :, :] - facets[..., None, :])
     slack = TOUCHING * np.linalg.norm(facets[..., 1, :] - facets[..., 0, :], axis=-1)[..., None, None]
     return ~((beside < -slack).all(axis=(-2, -1)) | (beside > slack).all(axis=(-2, -1)))
@@ -118,7 +129,7 @@ def _crossed(points: np.ndarray, facets: np.ndarray, fans: np.ndarray) -> np.nda
 
 def _meet(facets: np.ndarray, fans: np.ndarray, facet: np.ndarray, at: np.ndarray,
           segments: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Where rays from places `at` (q,) on facets meet the lines of segments (q, 2, 2), how far away, and the rays."""
+    """Parameters on segments (q, 2, 2) where rays from places `at` (q,) on facets meet them, distances, and rays."""
     ray = unit(fans[facet, 0] + at[:, None] * (fans[facet, 1] - fans[facet, 0]))
     away = segments[:, 0] - (facets[facet, 0] + at[:, None] * (facets[facet, 1] - facets[facet, 0]))
     across = segments[:, 1] - segments[:, 0]
@@ -143,14 +154,17 @@ def _hidden(facets: np.ndarray, fans: np.ndarray, facet: np.ndarray, at: np.ndar
 
 def _pieces(facet: np.ndarray, segments: np.ndarray, facets: np.ndarray,
             fans: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The pieces of facets between the places where their rays hit ends of segments (p, 2, 2): facet, from, to, (q,).
-    The segments stand beside their facets (p,), which are sorted."""
-    each, rays = facets[facet], fans[facet]
-    fan, turn, along = rays[:, :1], rays[:, 1:] - rays[:, :1], each[:, 1:] - each[:, :1]
-    points = segments - each[:, :1]
+    """The pieces of facets between the places where rays hit ends of segments (p, 2, 2): facet, start and end, (q,).
+    The facets (p,) of the segments are sorted."""
+    chords, rays = facets[facet], fans[facet]
+    fan, turn, along = rays[:, :1], rays[:, 1:] - rays[:, :1], chords[:, 1:] - chords[:, :1]
+    points = segments - chords[:, :1]
+    # The ray at t from x_0 + t L with direction f + t w meets p if (p − x_0 − t L) × (f + t w) = 0, a quadratic in t:
+    # −L×w t² + (p×w − L×f) t + p×f = 0, with p from x_0.
     a = np.broadcast_to(-cross(along, turn), points.shape[:2])
     b, c = cross(points, turn) - cross(along, fan), cross(points, fan)
     with np.errstate(divide="ignore", invalid="ignore"):
+        # Both roots without cancellation: q/a and c/q. Complex ones and those of a = 0 are NaN or infinite.
         q = -(b + np.where(b < 0.0, -1.0, 1.0) * np.sqrt(b * b - 4.0 * a * c)) / 2.0
         roots = np.column_stack([c / q, q / a])
     inside = (roots > TOUCHING) & (roots < 1.0 - TOUCHING)

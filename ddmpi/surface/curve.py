@@ -1,4 +1,4 @@
-"""The contact boundary of a body in the plane, and the arcs that are meant over its chords."""
+"""The contact boundary of a body in the plane, with smooth arcs over its chords."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ STRAIGHT = 1e-9
 """Turns (rad) below this are rounding of a straight boundary."""
 
 FLAT = 1e-3
-"""So are turns below this part of that at the other end of an element's side."""
+"""So are turns below this fraction of the turn at the other end of the facet."""
 
 STEEPEST = 0.24
-"""Lines that meet a curved facet count as no nearer to its direction at an end than this; at 1/4 they touch it."""
+"""Largest |δ| of `Curve.parameters`; at 1/4 a line is tangent to the facet at an end."""
 
 
 class Curve(Side):
@@ -28,17 +28,17 @@ class Curve(Side):
 
     @property
     def bends(self) -> np.ndarray:
-        """(f, 2) how far the middle of each facet is off that of its chord (m); zero if it is straight."""
+        """(f, 2) offset of the middle of a facet from the middle of its chord (m); zero if it is straight."""
         return self.cell.bends(self.xy[self.facets]).sum(axis=1)
 
     @property
     def slopes(self) -> np.ndarray:
-        """(f, 2) angles by which the boundary that is meant leaves each facet outward, at its first and second end.
+        """(f, 2) angles between the arc and its chord, positive outward, at the first and the second end of facets.
 
-        Where the boundary turns from one facet to the next, both share the turn as arcs of one circle would: their
-        sines go as the lengths. A facet that is straight at its other end leaves all of it to its neighbour; two such
-        facets meet in a corner, and so do facets at an angle above SHARPEST. At a sharp corner and at an end of the
-        boundary, the slope of the other end counts, mirrored; where both ends are such, that of a curved facet itself.
+        Two facets share the turn between them as chords of one circle do: the sines of the angles are in the ratio of
+        the lengths. A facet that is straight at its other end leaves the whole turn to its neighbour; two such facets,
+        and facets at an angle above SHARPEST, meet in a corner. At corners and ends of the boundary the slope of the
+        other end is mirrored; where both ends are such, a curved facet has its own slope, a straight one none.
         """
         return self._slopes()[0]
 
@@ -50,7 +50,7 @@ class Curve(Side):
         return np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=2)
 
     def _slopes(self) -> tuple[np.ndarray, np.ndarray]:
-        """The slopes, and the same without corners below SHARPEST."""
+        """The slopes; and for rays the same with every turn below SHARPEST shared, corners between flats included."""
         ends, outer = self.corners, self.outward
         length = np.linalg.norm(self.along, axis=1)
         before, after = np.full((2, len(self.nodes)), -1)  # the facets that end and begin at a node
@@ -63,6 +63,8 @@ class Curve(Side):
         turns[node] = turn = np.where(np.abs(turn) <= STRAIGHT, 0.0, turn)
         smooth = np.abs(turn) <= SHARPEST
         node, b, a, turn = node[smooth], b[smooth], a[smooth], turn[smooth]
+        # Chords of one circle that turn by τ = α_b + α_a with sin α_b / sin α_a = L_b / L_a: tan α_b = L_b sin τ / (L_a
+        # + L_b cos τ). This is exact on circles of any grading.
         part = np.arctan2(length[b] * np.sin(turn), length[a] + length[b] * np.cos(turn))
         flat = [np.abs(turns[other]) <= FLAT * np.abs(turn) for other in (ends[b, 0], ends[a, 1])]
         shared, height = np.full((len(ends), 2), np.nan), np.einsum("ij,ij->i", self.bends, outer)
@@ -71,6 +73,7 @@ class Curve(Side):
         curved[b, 1] = np.where(flat[0], 0.0, np.where(flat[1], turn, part))
         curved[a, 0] = np.where(flat[1], 0.0, np.where(flat[0], turn, turn - part))
         curved = np.where(np.isnan(curved), curved[:, ::-1], curved)
+        # The slope of a parabola of height h over a chord of length L at its end is 4 h / L.
         curved = np.where(np.isnan(curved), np.arctan(4.0 * height / length)[:, None], curved)
         return curved, np.where(np.isnan(shared), curved, shared)
 
@@ -79,56 +82,61 @@ class Curve(Side):
         slope, along, z = self.slopes[facets], self.along[facets], 2.0 * at - 1.0
         length = np.linalg.norm(along, axis=1)
         first, second = np.tan(slope).T
+        # Hermite's cubic with the slopes tan α at both ends, over the chord's length.
         cubic = at * (1.0 - at) * (first * (1.0 - at) + second * at)
+        # Its derivative. For a circle, arc/parabola = 2 cos α / (√(1 − sin²α z²) + cos α), z from −1 to 1.
         rise = first * (1.0 - at) * (1.0 - 3.0 * at) + second * at * (2.0 - 3.0 * at)
         c, s = np.cos(slope.mean(axis=1)), np.sin(slope.mean(axis=1))
         root = np.sqrt(1.0 - (s * z) ** 2)
         arc = 2.0 * c / (root + c)
         rise = rise * arc + cubic * 4.0 * c * s**2 * z / (root * (root + c) ** 2)
         across = np.einsum("qi,qi->q", direction, self.outward[facets])
+        # Along a ray aslant to the chord, to first order: height / (cos φ − y' sin φ).
         return length * cubic * arc / (across - rise * np.einsum("qi,qi->q", direction, along) / length)
 
     def rise(self, nodes: np.ndarray, direction: np.ndarray) -> np.ndarray:
-        found, facet = np.zeros(len(nodes)), np.full(len(self.nodes), -1)
+        # Only middles of quadratic facets are off the arc, by its height less their own over the chord.
+        rise, facet = np.zeros(len(nodes)), np.full(len(self.nodes), -1)
         facet[self.facets[:, 2:]] = np.arange(len(self.facets))[:, None]
         inner = np.flatnonzero(facet[nodes] >= 0)
         if not len(inner):
-            return found
+            return rise
         facets, direction = facet[nodes[inner]], direction[inner]
         along, outward = self.along[facets], self.outward[facets]
         away = self.xy[nodes[inner]] - self.xy[self.facets[facets, 0]]
         at = np.einsum("qi,qi->q", away, along) / np.einsum("qi,qi->q", along, along)
         height = np.einsum("qi,qi->q", away, outward) * np.einsum("qi,qi->q", outward, direction)
-        found[inner] = self.bulge(facets, at, direction) - height
-        return found
+        rise[inner] = self.bulge(facets, at, direction) - height
+        return rise
 
     def parameters(self, facets: np.ndarray, at: np.ndarray, direction: np.ndarray) -> np.ndarray:
-        """The parameters t (q,) where lines with a direction (q, 2) through places `at` (q,) on chords, from 0 to 1,
-        meet the facets (q,) themselves; of straight ones the same.
+        """The parameters t (q,) at which lines with a direction (q, 2) through places `at` (q,) on chords, from 0 to 1,
+        meet the facets (q,); `at` for straight ones.
 
         The facet is x(t) = chord(t) + 4 t (1 − t) bend; so t + 4 t (1 − t) δ = `at`, δ = bend × line / chord × line.
         """
         bent, along = self.bends[facets], self.along[facets]
         delta = np.clip(cross(bent, direction) / cross(along, direction), -STEEPEST, STEEPEST)
+        # The root that tends to `at` for δ → 0, without cancellation.
         return 2.0 * at / (1.0 + 4.0 * delta + np.sqrt((1.0 + 4.0 * delta) ** 2 - 16.0 * delta * at))
 
     def off_chords(self, facets: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """How far (q,) facets themselves are off their chords (m), and their length over the chord's, times
-        `circumference` (q,), at places upright on the chords of `facets` (q,), at `at` (q,) from 0 to 1."""
+        """Height (q,) of facets over their chords (m), and the ratio of lengths of facet and chord times the
+        `circumference` (q,), upright over places `at` (q,) from 0 to 1 on the chords."""
         outward, along, nodes = self.outward[facets], self.along[facets], self.xy[self.facets[facets]]
         t = on_line(self.parameters(facets, at, outward))
-        places, tangent = (np.einsum("ql,qli->qi", each, nodes) for each in (
+        places, tangent = (np.einsum("ql,qli->qi", table, nodes) for table in (
             self.cell.shapes(t), self.cell.derivatives(t)[0]))
         ratio = np.linalg.norm(along, axis=1) * np.linalg.norm(tangent, axis=1) / (along * tangent).sum(axis=1)
         return ((places - nodes[:, 0]) * outward).sum(axis=1), ratio * circumference(places, self.axisymmetric)
 
     def pieces(self, some: np.ndarray) -> np.ndarray:
-        """Segments between neighbouring nodes, also those of quadratic facets, `in_order`."""
+        """Segments between neighbouring nodes, two of a quadratic facet, `in_order`."""
         return in_order(segments(self.facets[some]))
 
 
 def in_order(pairs: np.ndarray) -> np.ndarray:
-    """Pairs (f, 2) in the order of their nodes, each with the node before the other first, but for (last, first)."""
+    """Pairs (f, 2) sorted along the chain, the earlier node first; of a closed chain also (last, first)."""
     pairs = np.sort(pairs, axis=1)
     closing = np.diff(pairs, axis=1)[:, 0] > 1
     pairs[closing] = pairs[closing, ::-1]
@@ -142,8 +150,8 @@ def in_chains(facets: np.ndarray, points: np.ndarray, places: np.ndarray,
 
 
 def _arc(edges: np.ndarray, points: np.ndarray, origins: np.ndarray) -> np.ndarray:
-    """Arc lengths (nv,) of the nodes of turned edges (k, 2 or 3) from the start of their chain. Each chain counts from
-    its own start: where no edge ends, else at the first of `origins` (k,) that is on it."""
+    """Arc lengths (nv,) of the nodes of turned edges (k, 2 or 3) from the start of their chain: a node at which no edge
+    ends, or the first of `origins` (k,) on a closed chain."""
     length = facet_measures(points[edges])
     after = dict(zip(edges[:, 0].tolist(), zip(edges[:, 1].tolist(), length.tolist(), strict=True), strict=True))
     arc = np.full(len(points), np.nan)

@@ -1,4 +1,4 @@
-"""The contact boundary of a body in space, and the curved one that is meant over its plane triangles."""
+"""The contact boundary of a body in space, with a smooth surface over its plane triangles."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from ddmpi.surface.side import Side, unit
 from ddmpi.system.numbers import spans, together
 
 FEWEST = 5
-"""A surface is fitted to no fewer neighbours than this, which are as many as its coefficients."""
+"""Fewest neighbours of a fit: as many as a quadratic surface through a corner has coefficients."""
 
 FITS = 3
-"""How often it is fitted, each time in the frame of the normal before."""
+"""Number of fits, each in the frame of the last normal."""
 
 FLAT = 1e-9
-"""Triangles whose corners' normals differ by less are flat."""
+"""Triangles are flat if the normals at their corners differ by less."""
 
 
 class Patch(Side):
@@ -26,26 +26,29 @@ class Patch(Side):
 
     @cached_property
     def fans(self) -> np.ndarray:
-        """Those of a quadratic surface through a corner and its two rings of neighbours, by least squares, where there
-        are enough, also at the rim of the boundary. Else, and where triangles meet at an edge sharper than SHARPEST, of
-        each side's own ones the mean with weights that are exact on spheres (Max, J. Graphics Tools 4, 1999).
+        """Normals of a quadratic surface through a corner, fitted to its two rings of neighbours by least squares, also
+        at the rim. With too few neighbours, and on both sides of an edge sharper than SHARPEST, the mean of the
+        triangles' normals with weights that are exact on spheres (Max, J. Graphics Tools 4, 1999).
         """
         xy, facets = self.xy, self.corners
         corners = xy[facets]
         edges = np.roll(corners, -1, axis=1) - corners  # to the next corner
-        own, before = self.outward, -np.roll(edges, 1, axis=1)  # to the one before
+        outward, before = self.outward, -np.roll(edges, 1, axis=1)  # to the one before
+        # Max's weight of a triangle at its corner: sin of the angle over the lengths of both edges, times the unit
+        # normal.
         weighted = np.cross(edges, before) / ((edges**2).sum(axis=2) * (before**2).sum(axis=2))[..., None]
         node, facet = facets.ravel(), np.repeat(np.arange(len(facets)), 3)
         order = np.argsort(node, kind="stable")
         entry, place = together(node, node[order])
         met = order[place]
-        smooth = np.einsum("pd,pd->p", own[facet[entry]], own[facet[met]]) > np.cos(SHARPEST)
+        # Triangles at a corner count together only up to SHARPEST, so that a sharp edge keeps a normal for either side.
+        smooth = np.einsum("pd,pd->p", outward[facet[entry]], outward[facet[met]]) > np.cos(SHARPEST)
         total = np.zeros((len(node), 3))
         np.add.at(total, entry[smooth], weighted.reshape(-1, 3)[met[smooth]])
         mean = unit(total)
         whole = np.ones(len(xy), bool)  # corners without sharp edges
         whole[node[entry[~smooth]]] = False
-        if (np.abs(mean - own[facet]).max(initial=0.0) <= FLAT) or not whole.any():
+        if (np.abs(mean - outward[facet]).max(initial=0.0) <= FLAT) or not whole.any():
             return mean.reshape(-1, 3, 3)
         at_node = np.zeros_like(xy)
         at_node[node] = mean
@@ -53,31 +56,35 @@ class Patch(Side):
         return np.where(fitted.any(axis=1, keepdims=True), fitted, mean).reshape(-1, 3, 3)
 
     def bulge(self, facets: np.ndarray, at: np.ndarray, direction: np.ndarray) -> np.ndarray:
-        """It is the root of a sphere's equation, of the mean curvature κ of the corners' normals: exact on spheres."""
+        """The height of a sphere whose curvature κ is the mean of that of the corners' normals: exact on spheres."""
         normals = self.fans
         bent = np.abs(normals - normals.mean(axis=1, keepdims=True)).max(axis=(1, 2)) > FLAT
-        found, some = np.zeros(len(facets)), np.flatnonzero(bent[facets])
+        heights, some = np.zeros(len(facets)), np.flatnonzero(bent[facets])
         if not len(some):
-            return found
+            return heights
         facets, weight, ray = facets[some], np.maximum(at[some], 0.0), direction[some]  # κ is a mean
         x, n = self.xy[self.corners[facets]], normals[facets]
-        apart, turn = (np.roll(each, -1, axis=1) - each for each in (x, n))  # to the next corner
+        apart, turn = (np.roll(values, -1, axis=1) - values for values in (x, n))  # to the next corner
         part = weight * np.roll(weight, -1, axis=1)
-        Q, K = (np.einsum("qc,qcd,qcd->q", part, apart, each) for each in (apart, turn))
+        # On a sphere Q = Σ w_i w_j |x_i − x_j|² is R² less the squared distance of the point from the centre, and
+        # normals differ by κ (x_i − x_j): κ = K/Q, a mean over the edges weighted by the point.
+        Q, K = (np.einsum("qc,qcd,qcd->q", part, apart, values) for values in (apart, turn))
         kappa = np.where(Q > 0.0, K / np.where(Q > 0.0, Q, 1.0), 0.0)
         square = np.roll((apart**2).sum(axis=2), -1, axis=1)  # of the edge that a corner is not on
         share = square * (square.sum(axis=1, keepdims=True) - 2.0 * square)
         middle = np.einsum("qc,qcd->qd", share / share.sum(axis=1, keepdims=True), x)  # of the circle through corners
+        # κ times the distance of the plane from the centre, with the circle's radius by the distance of a corner.
         rest = np.sqrt(np.maximum(1.0 - kappa**2 * ((x[:, 0] - middle) ** 2).sum(axis=1), 0.0))
         place = np.einsum("qc,qcd->qd", weight, x) - middle
         beta = np.einsum("qd,qd->q", ray, kappa[:, None] * place + rest[:, None] * self.outward[facets])
+        # κ t² + 2 β t − κ Q = 0 for the distance t along the ray; its small root, without cancellation.
         below = beta + np.sqrt(np.maximum(beta**2 + kappa**2 * Q, 0.0))
-        found[some] = kappa * Q / np.where(below > 0.0, below, np.inf)
-        return found
+        heights[some] = kappa * Q / np.where(below > 0.0, below, np.inf)
+        return heights
 
     def pieces(self, some: np.ndarray) -> np.ndarray:
-        """Triangles between corners."""
-        return self.corners[some]
+        """Triangles between neighbouring nodes, four in each quadratic facet."""
+        return self.cell.split(self.facets[some])
 
 
 def in_places(facets: np.ndarray, points: np.ndarray, places: np.ndarray,
@@ -88,7 +95,7 @@ def in_places(facets: np.ndarray, points: np.ndarray, places: np.ndarray,
 
 
 def _fitted(xy: np.ndarray, facets: np.ndarray, normal: np.ndarray, whole: np.ndarray) -> np.ndarray:
-    """Normals (k, 3) of surfaces fitted at corners that are `whole` (k,) bool; zero where others are too few."""
+    """Normals (k, 3) of surfaces fitted at the corners marked by `whole` (k,); zero with too few neighbours."""
     pairs, size = links(facets, 3), len(xy)
     near = sparse.csr_matrix((np.ones(2 * len(pairs)), np.concatenate([pairs, pairs[:, ::-1]]).T), (size, size))
     ring = near @ sparse.diags(1.0 * whole)
@@ -96,15 +103,16 @@ def _fitted(xy: np.ndarray, facets: np.ndarray, normal: np.ndarray, whole: np.nd
     near = near + sparse.diags(1.0 * (near.getnnz(axis=1) <= FEWEST)) @ (ring @ near)  # of few, a third ring
     near = (near - sparse.diags(near.diagonal())).tocsr()
     near.eliminate_zeros()
-    found, nodes = np.zeros_like(xy), np.flatnonzero(whole & (near.getnnz(axis=1) >= FEWEST))
+    normals, nodes = np.zeros_like(xy), np.flatnonzero(whole & (near.getnnz(axis=1) >= FEWEST))
     if not len(nodes):
-        return found
+        return normals
     row, place = spans(near.indptr[nodes], near.indptr[nodes + 1])
     away, fitted = xy[near.indices[place]] - xy[nodes[row]], normal[nodes]
     for _ in range(FITS):
         first = unit(np.cross(fitted, np.eye(3)[np.abs(fitted).argmin(axis=1)]))
         axes = np.stack([first, np.cross(fitted, first), fitted], axis=1)
         a, b, c = np.einsum("pd,pid->ip", away, axes[row])
+        # Coordinates over their root mean square keep the normal equations well conditioned.
         size = np.sqrt(np.bincount(row, a * a + b * b) / np.bincount(row))[row]
         a, b, c = a / size, b / size, c / size
         arc = 1.0 + c * c / (a * a + b * b)  # a section that is an arc has c = κ (ρ² + c²) / 2
@@ -114,5 +122,5 @@ def _fitted(xy: np.ndarray, facets: np.ndarray, normal: np.ndarray, whole: np.nd
         np.add.at(right, row, terms * c[:, None])
         slopes = (np.linalg.pinv(squares, rcond=1e-10, hermitian=True) @ right[..., None])[:, :2, 0]
         fitted = unit(np.einsum("ni,nid->nd", np.column_stack([-slopes, np.ones(len(nodes))]), axes))
-    found[nodes] = fitted
-    return found
+    normals[nodes] = fitted
+    return normals

@@ -1,4 +1,4 @@
-"""The contact boundary of one body: what holds in the plane and in space."""
+"""The contact boundary of one body: the common part of `Curve` and `Patch`."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ddmpi.mesh.elements import Cell, cell_with, circumference, facet_cell, face
 
 @dataclass(frozen=True)
 class Side:
-    """Contact boundary of one body: a `Curve` in the plane, nodes ordered along it, a `Patch` in space.
+    """Contact boundary of one body: a `Curve` in the plane, with nodes sorted along it, a `Patch` in space.
 
     Attributes
     ----------
@@ -30,14 +30,14 @@ class Side:
         two thirds of its edge for a middle, a sixth of the adjacent edges for a corner, where these are straight
     clamps : (k, d) the number of the clamp that prescribes each component, −1 if none does
     free : (k, d, d) projections onto the directions in which clamps let the nodes move
-    moved : (k, d) the displacements that clamps prescribe (m), by the history that they follow
-    tied : (k,) bool, whether clamps hold a node in all components, or another contact can
+    moved : (k, d) the displacements that clamps prescribe (m), by their history
+    tied : (k,) bool, whether a node is clamped in all components, or on another contact that carries tangential forces
     extent : (d,) of the body along the axes (m)
     arc : (k,) arc length from the start of the node's chain, on the way with the body to the left (m). A closed chain
         starts at the first node of the group's first line on it. Zero in space
-    facets : (f, l) by the places of their nodes, turned outward as `turn_outward` does; in the order of the last column
+    facets : (f, l) indices of their nodes, turned outward as by `turn_outward`; sorted by the last column
     parted : whether another contact is on the same group
-    axisymmetric : whether it turns around the axis x = 0; nodal lengths are areas then
+    axisymmetric : whether nodal lengths are areas of revolution around x = 0
     """
 
     body: str
@@ -71,7 +71,7 @@ class Side:
         return self.facets[:, :self.dimension]
 
     def moves_with(self, transfer: sparse.csr_matrix) -> np.ndarray:
-        """M (r, d, d): places of a transfer (r, k) move by M e where all nodes move by e as clamps let them."""
+        """M (r, d, d): rows of a transfer (r, k) move by M e where all nodes move by e, projected by their clamps."""
         return (transfer @ self.free.reshape(len(self.free), -1)).reshape(-1, *self.free.shape[1:])
 
     @property
@@ -81,12 +81,12 @@ class Side:
 
     @property
     def bare(self) -> np.ndarray:
-        """(k,) bool, nodes on an axis if the integrals of their shape functions vanish there, as in order 2."""
+        """(k,) bool, nodes on an axis of revolution with vanishing integrals of their shape functions: of order 2."""
         return (self.xy[:, 0] == 0.0) & (self.axisymmetric and self.cell.mass[0, 1] == 0.0)
 
     @property
     def areas(self) -> np.ndarray:
-        """(f,) the same, around an axis areas."""
+        """(f,) lengths or areas of the facets, around an axis areas of revolution (m or m²)."""
         return facet_measures(self.xy[self.facets], self.axisymmetric)
 
     @property
@@ -104,35 +104,36 @@ class Side:
 
     @property
     def fans(self) -> np.ndarray:
-        """(f, d, d) unit normals at the corners of facets, the same for all that meet there at less than SHARPEST."""
+        """(f, d, d) unit normals at the corners of facets, shared by all that meet at less than SHARPEST."""
         raise NotImplementedError
 
     def bulge(self, facets: np.ndarray, at: np.ndarray, direction: np.ndarray) -> np.ndarray:
-        """How far (q,) the boundary that is meant stands off its chords, or plane triangles, outward (m).
+        """Distance (q,) of the smooth boundary from its chords, or plane triangles, outward (m).
 
-        It counts along unit vectors, the `direction` (q, d), at places on facets (q,): in the plane `at` (q,) from 0 at
-        the first end to 1 at the second, in space `at` barycentric coordinates (q, 3).
+        It is measured along unit vectors `direction` (q, d) from places on facets (q,): in the plane `at` (q,) from 0
+        at the first end to 1 at the second, in space at barycentric coordinates `at` (q, 3).
         """
         raise NotImplementedError
 
     def rise(self, nodes: np.ndarray, direction: np.ndarray) -> np.ndarray:
-        """How far (q,) the boundary that is meant stands off some nodes (q,), along vectors (q, d) (m).
+        """Distance (q,) of the smooth boundary from nodes (q,), along vectors (q, d) (m).
 
-        Corners, where all rows in space stand, lie on it; middles on the chord or, if the facet is curved, near it.
+        Corners lie on it, and all rows in space are at corners; middles lie on the chord or, if the facet is curved,
+        near the smooth boundary.
         """
         return np.zeros(len(nodes))
 
     def pieces(self, some: np.ndarray) -> np.ndarray:
-        """Straight facets (·, d) between rows, of some of the facets (f,) bool."""
+        """Straight facets (·, d) between the nodes of the facets marked by `some` (f,) bool."""
         raise NotImplementedError
 
     def lengths_over(self, some: np.ndarray) -> np.ndarray:
-        """Nodal lengths (k,) over some of the facets (f,) bool: integrals of the shape functions (m)."""
+        """Nodal lengths (k,) over the facets marked by `some` (f,): integrals of the shape functions (m)."""
         facets = self.facets[some]
         return nodal(facet_shares(self.xy[facets], self.axisymmetric), facets, len(self.nodes))
 
     def normals_over(self, some: np.ndarray) -> np.ndarray:
-        """Outer unit normals (k, d) averaged over some of the facets (f,) bool; those of the side away from these."""
+        """Outer unit normals (k, d) averaged over the facets marked by `some` (f,); elsewhere those of the side."""
         facets = self.facets[some]
         total = unit(nodal(across(self.xy[facets]), facets, len(self.nodes)))
         return np.where(total.any(axis=1, keepdims=True), total, self.normal)
@@ -142,13 +143,14 @@ def laplacian(xy: np.ndarray, facets: np.ndarray, row: np.ndarray, m: int,
               axisymmetric: bool = False) -> sparse.csr_matrix:
     """Laplacian (m, m) of the hat functions of rows on facets between nodes at `xy` (k, d), in m^(d − 3).
 
-    Facets (f, d) are straight simplices. The nodes with number j in `row` (k,) move with row j; −1 is held fast.
-    Around an axis the integrals count by `circumference`.
+    Facets (f, d) are straight simplices. Nodes with number j in `row` (k,) move with row j, those with −1 are fixed.
+    Around an axis the integrals are weighted by `circumference`.
     """
     along = xy[facets[:, 1:]] - xy[facets[:, :1]]
     gram, order = along @ along.transpose(0, 2, 1), along.shape[1]
     slopes = np.vstack([-np.ones(order), np.eye(order)])
     measures = np.sqrt(np.linalg.det(gram)) / factorial(order) * circumference(xy[facets].mean(axis=1), axisymmetric)
+    # ∫ ∇φ_i · ∇φ_j of linear functions on a simplex: slopes G⁻¹ slopesᵀ |T|, with the Gram matrix G of its edges.
     local = slopes @ np.linalg.inv(gram) @ slopes.T * measures[:, None, None]
     one, other = np.broadcast_arrays(row[facets][:, :, None], row[facets][:, None, :])
     moves = (one >= 0) & (other >= 0)
@@ -162,10 +164,10 @@ def unit(vectors: np.ndarray) -> np.ndarray:
 
 
 def frames(normal: np.ndarray) -> np.ndarray:
-    """Unit vectors (k, d, d) at places with unit normals (k, d): these, then the tangents.
+    """Unit vectors (k, d, d) at places with unit normals (k, d): normal, then tangents.
 
-    In the plane the tangent lies at their left. In space the three are right-handed; the tangents of the mean normal
-    are turned with it to each normal the shortest way, so that neighbours have nearly the same.
+    In the plane the tangent is to the left of the normal. In space the three are right-handed: the shortest rotation of
+    the mean normal onto a normal carries the tangents along, so that those of neighbours are nearly equal.
     """
     if normal.shape[1] == 2:
         return np.stack([normal, normal[:, ::-1] * [-1.0, 1.0]], axis=1)
@@ -178,7 +180,7 @@ def frames(normal: np.ndarray) -> np.ndarray:
 
 
 def nodal(values: np.ndarray, facets: np.ndarray, size: int) -> np.ndarray:
-    """Sums (size, …) at nodes of the values (f, c, …) at the nodes (f, c) of facets, or (f, …) at one (f,) of each."""
+    """Sums (size, …) at nodes of values (f, c, …) at the nodes (f, c) of facets, or (f, …) at one node (f,) of each."""
     total = np.zeros((size, *values.shape[facets.ndim:]))
     np.add.at(total, facets, values)
     return total

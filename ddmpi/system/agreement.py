@@ -23,7 +23,7 @@ a collective; tests/support/lockstep.py does. Launchers do not hand the environm
 
 
 def in_lockstep(comm: MPI.Comm) -> MPI.Comm:
-    """The communicator, or what the code that `LOCKSTEP` names makes of it. Collective."""
+    """The communicator, wrapped by the code in `LOCKSTEP` if there is one. Collective."""
     path = comm.bcast(os.environ.get(LOCKSTEP)) if comm.size > 1 else None
     if not path:
         return comm
@@ -34,13 +34,13 @@ def in_lockstep(comm: MPI.Comm) -> MPI.Comm:
 
 
 def agree(world: MPI.Comm, error: DdmpiError | None) -> None:
-    """Raise the first error that a rank has, if any has one, on all ranks. Collective."""
+    """Raise the first error of any rank on all ranks. Collective."""
     failed = np.array([error is not None])
     world.Allreduce(MPI.IN_PLACE, failed, MPI.LOR)
-    for found in world.allgather(error) if failed[0] else ():
-        if found is not None:
-            found.agreed = True
-            raise found
+    for failure in world.allgather(error) if failed[0] else ():
+        if failure is not None:
+            failure.agreed = True
+            raise failure
 
 
 @contextlib.contextmanager
@@ -67,7 +67,7 @@ def agreed(world: MPI.Comm) -> Iterator[None]:
 
 
 def from_first(world: MPI.Comm, work: Callable[[], T]) -> T:
-    """What `work` returns on rank 0, where alone it is called, on all ranks; so is an error. Collective."""
+    """Call `work` on rank 0 only; all ranks return its result or raise its error. Collective."""
     result = None
     with agreed(world):
         if world.rank == 0:
@@ -76,15 +76,15 @@ def from_first(world: MPI.Comm, work: Callable[[], T]) -> T:
 
 
 def gathered(world: MPI.Comm, own: Mapping[K, T]) -> dict[K, T]:
-    """The tables of all ranks as one on the first rank, in the order of the ranks; on the others their own. Collective.
+    """One table from those of all ranks on the first rank, in their order; on the others their own. Collective.
 
-    What grows with the number of bodies is gathered, not `merged`: the first rank judges, says and writes it, and what
-    the others must know follows in a few numbers.
+    Tables that grow with the number of bodies are gathered, not `merged`: the first rank judges and writes them, and
+    sends the others a few numbers.
     """
     everyone = world.gather(own)
     return dict(own) if everyone is None else {key: value for rank in everyone for key, value in rank.items()}
 
 
 def merged(world: MPI.Comm, own: Mapping[K, T]) -> dict[K, T]:
-    """The tables of all ranks as one, in the order of the ranks. Collective."""
+    """One table from those of all ranks, in the order of the ranks. Collective."""
     return {key: value for rank in world.allgather(own) for key, value in rank.items()}

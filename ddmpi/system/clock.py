@@ -26,8 +26,8 @@ class Clock:
         self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
 
     def largest(self, world: MPI.Comm) -> dict[str, float]:
-        """Seconds of each phase and in total, of the slowest rank in each. Collective."""
-        own = self.seconds | {"total": time.perf_counter() - self.started}
-        everyone = world.allgather(own)
-        names = dict.fromkeys(name for each in everyone for name in each)  # a rank without a body has no phases
-        return {name: round(max(each.get(name, 0.0) for each in everyone), 6) for name in names}
+        """Seconds of the slowest rank, by phase and in total. Collective."""
+        seconds = self.seconds | {"total": time.perf_counter() - self.started}
+        everyone = world.allgather(seconds)
+        names = dict.fromkeys(name for phases in everyone for name in phases)  # a rank without a body has no phases
+        return {name: round(max(phases.get(name, 0.0) for phases in everyone), 6) for name in names}

@@ -1,4 +1,4 @@
-"""Names of the files that have a meaning of their own, and files that are whole or absent."""
+"""Names of files with a fixed meaning, and writing of files that are whole or absent."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from ddmpi.errors import OutputError
 from ddmpi.system.agreement import agreed
 
 SUMMARY, CHECKPOINT, MECHANISM = "summary.json", "checkpoint.h5", "mechanism.json"
-"""The last file of a result: where it is, the others are. The state of a run that was not completed."""
+"""The summary is the last file of a result: with it all others are complete. The checkpoint has an unfinished run."""
 
 SWEEP, TABLE, RECORD = "sweep.json", "sweep.csv", "case.json"
-"""What identifies a sweep, its table, and the record of one of its cases."""
+"""The identity of a sweep, its table, and the record of one of its cases."""
 
 UNFINISHED = ".unfinished"
-"""Names of what a run has not finished begin like this."""
+"""Prefix of unfinished files."""
 
 LONGEST = 255
-"""The longest name of a file that common file systems take, in bytes."""
+"""The longest file name that common file systems accept (bytes)."""
 
 
 class ContactFiles(NamedTuple):
-    """The files that a contact may have in a folder of results; nothing else there begins with ``contact_``."""
+    """The files of a contact in a folder of results; no other file begins with ``contact_``."""
 
     table: str
     sides: str
@@ -52,7 +52,7 @@ class FileOfHDF5(io.FileIO):
     _error: OSError | None = None
 
     def write(self, data: Any) -> int:
-        """Take all of `data`, whether there is room or not."""
+        """Accept all of `data`, even on a full disk."""
         view = memoryview(data).cast("B")
         done = 0
         with self._postponed():
@@ -66,7 +66,7 @@ class FileOfHDF5(io.FileIO):
         return self.tell() if size is None else size
 
     def close(self) -> None:
-        """Close the file. Raises the first OSError that was met."""
+        """Close the file. Raises the first postponed OSError."""
         super().close()
         error, self._error = self._error, None
         if error:
@@ -83,7 +83,7 @@ class FileOfHDF5(io.FileIO):
 
 @contextlib.contextmanager
 def writing(path: Path) -> Iterator[None]:
-    """A context in which `path` is written: an error of the system becomes an OutputError that names the file."""
+    """A context for writing `path`: an OSError becomes an OutputError that names the file."""
     try:
         yield
     except OSError as error:
@@ -95,15 +95,15 @@ def write_rows(target: Path, parts: Mapping[str, Sequence[np.ndarray]], places: 
                world: MPI.Comm, group: str | None = None) -> None:
     """Write datasets of an HDF5 file, all ranks at once, each its rows.
 
-    The first rank makes the datasets. Then each rank writes to where HDF5 has them in the file: HDF5 with MPI is not
-    needed, and nobody waits for a turn.
+    The first rank creates the datasets. Then all ranks write at the offsets that HDF5 reports, without parallel HDF5
+    and without taking turns.
 
     Parameters
     ----------
-    parts : by name the rows (k, …) of this rank, at least one, in pieces that follow each other; datasets of which it
-        has none are left out
-    places : by name how many rows are before these, and how many there are in all
-    group : None for a new file; a new group of one that is there, or its root for ""
+    parts : by name the rows (k, …) of this rank, at least one, in consecutive pieces; datasets without rows of this
+        rank are left out
+    places : by name the number of rows before these, and of all rows
+    group : None for a new file; a new group of an existing file, or its root for ""
 
     Collective. Raises OutputError, on all ranks.
     """
@@ -112,36 +112,36 @@ def write_rows(target: Path, parts: Mapping[str, Sequence[np.ndarray]], places: 
     everyone, shares = world.gather(shapes), None
     with agreed(world):
         if everyone is not None:
-            made = _made(target, {name: shape for each in everyone for name, shape in each.items()}, group)
-            shares = [{name: made[name] for name in each} for each in everyone]
+            made = _made(target, {name: shape for table in everyone for name, shape in table.items()}, group)
+            shares = [{name: made[name] for name in table} for table in everyone]
     starts = world.scatter(shares)
     with agreed(world):
-        own = {name: [np.ascontiguousarray(piece, starts[name][1]) for piece in pieces]
-               for name, pieces in parts.items()}
+        arrays = {name: [np.ascontiguousarray(piece, starts[name][1]) for piece in pieces]
+                  for name, pieces in parts.items()}
         put(target, [(starts[name][0] + places[name][0] * pieces[0].itemsize * math.prod(pieces[0].shape[1:]), pieces)
-                     for name, pieces in own.items() if places[name][1]])
+                     for name, pieces in arrays.items() if places[name][1]])
 
 
 def _made(target: Path, shapes: Mapping[str, tuple[tuple[int, ...], str]], group: str | None) -> dict[str, tuple]:
-    """Make datasets with their room in an HDF5 file: by name where they begin and of what they are; `group` as of
-    `write_rows`. Not collective."""
+    """Create datasets with allocated space in an HDF5 file: offsets and types by name; `group` as of `write_rows`. Not
+    collective."""
     import h5py
 
-    mode, found = "w" if group is None else "r+", {}
+    mode, places = "w" if group is None else "r+", {}
     with writing(target), FileOfHDF5(target, f"{mode[0]}+") as storage, h5py.File(storage, mode) as file:
         parent = file.create_group(group) if group else file
         at_once = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
         at_once.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)
         at_once.set_fill_time(h5py.h5d.FILL_TIME_NEVER)
         for name, (shape, kind) in shapes.items():
-            found[name] = parent.create_dataset(name, shape, kind, dcpl=at_once).id.get_offset(), kind
-    return found
+            places[name] = parent.create_dataset(name, shape, kind, dcpl=at_once).id.get_offset(), kind
+    return places
 
 
 def put(target: Path, parts: Sequence[tuple[int, Sequence[np.ndarray]]]) -> None:
-    """Write arrays into a file that is there, some after each other from a byte on. Not collective. Raises OutputError.
+    """Write arrays into an existing file, consecutive ones from an offset on. Not collective. Raises OutputError.
 
-    It is opened for writing only: a host that had read what is beside its bytes, on NFS, would write that, too.
+    The file is opened for writing only: on NFS a host that had read bytes beside its own would write these back, too.
     """
     with writing(target), open(os.open(target, os.O_WRONLY), "wb") as file:
         for start, pieces in parts:

@@ -1,8 +1,8 @@
 """Signals that ask a run to end in good order: SIGTERM and SIGUSR1, as batch systems send them, and Ctrl-C.
 
-The handler only notes the signal. The run looks at the note between the phases of the set-up, at every multiplication
-by a compliance, and at every exchange, where other ranks learn of it too. Work within a library that does not return
-for long, such as gmsh, is done in another process, `apart`, which a signal ends.
+The handler only notes the signal. The run checks the note between phases of the set-up, at every multiplication by a
+compliance, and at every exchange, which tells the other ranks. Long calls of libraries, such as gmsh, are made in
+another process, `apart`, which a signal ends.
 """
 
 from __future__ import annotations
@@ -30,20 +30,20 @@ _handlers: dict[int, Callable | signal.Handlers] = {}
 
 
 def listen() -> None:
-    """From now on signals are noted; they do not end the process. Not collective.
+    """Note signals from now on, without ending the process. Not collective.
 
-    To be called when the process starts, and again after PETSc's initialisation, which may install its own handler.
+    Call it when the process starts, and again after PETSc's initialisation, which may install its own handler.
     """
     _handle(_note)
 
 
 def leave() -> None:
-    """From now on signals end the process, which has nothing to lose. Not collective."""
+    """Let signals end the process from now on, as nothing can be lost. Not collective."""
     _handle(signal.SIG_DFL)
 
 
 def ignore() -> None:
-    """From now on signals do nothing: the results are there. Not collective."""
+    """Ignore signals from now on, as results are complete. Not collective."""
     _handle(signal.SIG_IGN)
 
 
@@ -68,34 +68,34 @@ def _note(number: int, _frame: object) -> None:
 
 
 def interruption() -> InterruptionError | None:
-    """The error to raise where this process has received a signal, or None. Not collective."""
+    """The error of a received signal, or None. Not collective."""
     return InterruptionError(_received[0]) if _received else None
 
 
 def check() -> None:
-    """Raise InterruptionError, on this rank alone, where this process has received a signal. Not collective."""
+    """Raise InterruptionError, on this rank alone, after a signal to it. Not collective."""
     error = interruption()
     if error:
         raise error
 
 
 PATIENCE = 0.2
-"""Seconds between two looks at the note while another process works."""
+"""Seconds between two checks for signals while another process works."""
 
 SILENT = 10.0
-"""Seconds of such work without a word; then twice, four times as many, and so on."""
+"""Seconds of such work before the first message; the next ones follow after twice, four times as many, and so on."""
 
 OF_RANKS = ("OMPI_", "PMIX_", "PMI_", "PRTE_", "HYDRA_", "MPI_LOCAL")
-"""How the variables begin by which a launcher tells a process that it is a rank."""
+"""Prefixes of the environment variables by which a launcher tells a process that it is a rank."""
 
 
 def apart(folder: Path, work: Callable[..., Any], *arguments: Any, doing: str = "") -> Any:
-    """What `work`, a function of a module, returns in a new process, whose current folder and home are `folder`. If it
-    takes long, what it is `doing` is told on standard error, by whatever rank waits for it.
+    """The result of `work`, a function of a module, in a new process with current folder and home `folder`. If it takes
+    long, the waiting rank prints what it is `doing` on standard error.
 
-    The process is no rank and must not use MPI. It ends with this one, and where this one is told to end. Not
-    collective. Raises InterruptionError, any DdmpiError of `work`, and ChildProcessError, which says how the process
-    has ended, where it has not returned from `work`.
+    The process is no rank and must not use MPI. It ends with this one, or with a signal to this one. Not collective.
+    Raises InterruptionError, any DdmpiError of `work`, and ChildProcessError, with the way in which the process ended,
+    if it did not return from `work`.
     """
     import subprocess
 
@@ -133,7 +133,7 @@ def apart(folder: Path, work: Callable[..., Any], *arguments: Any, doing: str = 
 
 
 def _serve() -> None:
-    """The other process: do the work, and return its result on what was standard output."""
+    """The other process: do the work, and return its result on the former standard output."""
     back, parent = os.fdopen(os.dup(1), "wb"), os.dup(0)
     os.dup2(2, 1)  # for what libraries print
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)  # for what they ask

@@ -1,4 +1,4 @@
-"""Where messages go: rank 0 prints them on the screen and appends them, with time stamps, to a log file."""
+"""Messages: rank 0 prints them on the screen and appends them, with time stamps, to a log file."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class _LogFile(logging.FileHandler):
     def close(self) -> None:
         try:
             super().close()
-        except OSError:  # what could not be written is tried once more
+        except OSError:  # closing tries to write the buffer once more
             self.handleError(None)
 
 
@@ -43,20 +43,20 @@ class _Screen(logging.StreamHandler):
 
 
 def _give_up(handler: logging.Handler, message: str) -> None:
-    """Silence a handler that cannot write, with one warning: a log is not worth a run."""
+    """Silence a handler that cannot write, with one warning; the run goes on."""
     if handler.level <= logging.CRITICAL:
         handler.setLevel(logging.CRITICAL + 1)
-        with contextlib.suppress(OSError):  # there is nowhere left to say it
+        with contextlib.suppress(OSError):  # stderr may be closed, too
             print(f"ddmpi: warning: {message}; the run goes on", file=sys.stderr, flush=True)
 
 
 def printable(text: str) -> str:
     """The text with characters that control a screen, such as NUL, in words; lines stay."""
-    return re.sub(r"[\x00-\x09\x0b-\x1f\x7f]", lambda found: repr(found[0])[1:-1], text)
+    return re.sub(r"[\x00-\x09\x0b-\x1f\x7f]", lambda match: repr(match[0])[1:-1], text)
 
 
 def leave_stdout() -> None:
-    """Print nothing any more: when the process ends, Python would try the contents of the buffer again."""
+    """Discard all further output: at its end Python would try to write the buffer once more."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, sys.stdout.fileno())
     os.close(nowhere)
@@ -70,9 +70,9 @@ def utc(seconds: float | None = None) -> str:
 def configure(rank: int, quiet: bool = False, file: str | None = None, heading: str = "") -> None:
     """Print messages on rank 0's screen, warnings on stderr; with `quiet` only these; other ranks are silent.
 
-    The log `file` gets the line `heading`, "ddmpi VERSION on …", and then the same messages with time stamps, also
-    those that `quiet` keeps off the screen, and the errors that other ranks report. A log that is there already is
-    continued. Not collective. Raises InputError, on rank 0, where the file cannot be written or is no log.
+    The log `file` gets the line `heading`, "ddmpi VERSION on …", and then all messages with time stamps, also those
+    that `quiet` keeps off the screen, and errors of other ranks. An existing log is continued. Not collective. Raises
+    InputError, on rank 0, where the file cannot be written or is no log.
     """
     close()
     _logger.propagate = False
@@ -104,7 +104,7 @@ def _on_screen(quiet: bool = False) -> list[logging.Handler]:
 
 @contextlib.contextmanager
 def told_by_first(rank: int, printed: bool) -> Iterator[None]:
-    """Within the block rank 0 alone has messages; they are `printed` as those of a command, or left to `logging`."""
+    """Within the block only rank 0 has messages, `printed` as by a command, or left to `logging`."""
     before = _logger.handlers, _logger.level, _logger.propagate
     if rank:
         _logger.setLevel(logging.CRITICAL + 1)

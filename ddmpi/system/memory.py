@@ -1,4 +1,4 @@
-"""How much memory is free on this machine, and how to give some back."""
+"""Free memory of this machine, and returning memory to it."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ _MALLOC = {-1: 2**20, -3: 2**20, -4: 2**16}
 """Settings of mallopt: M_TRIM_THRESHOLD and M_MMAP_THRESHOLD (bytes), M_MMAP_MAX."""
 
 GROUPS = {"": ("sys/fs/cgroup", "memory.max"), "memory": ("sys/fs/cgroup/memory", "memory.limit_in_bytes")}
-"""Where control groups keep the limit that a batch system sets: version 2 (no controller named) and version 1."""
+"""Folder and file of the limit that a batch system sets by control groups: version 2 (no controller named) and 1."""
 
 
 def free_memory(root: Path = Path("/")) -> float:
-    """Bytes that a process can get: what is free on the machine, or the limit of the control group if that is less.
+    """Bytes that a process can allocate: free memory of the machine, or the limit of the control group if less.
 
-    Infinite where neither is known. `root` is where the file system begins. Not collective.
+    Infinite if neither is known. `root` is the root of the file system. Not collective.
     """
     lines = [line.split() for line in _read(root / "proc/meminfo").splitlines()]
     known = [1024.0 * int(line[1]) for line in lines if line[0] == "MemAvailable:"]
@@ -34,7 +34,7 @@ def free_memory(root: Path = Path("/")) -> float:
 
 
 def give_back() -> None:
-    """From now on give freed memory back to the system, where the C library is glibc. Not collective.
+    """Return freed memory to the system from now on, if the C library is glibc. Not collective.
 
     Once PETSc is loaded (Debian's, at least), arrays of all sizes share one heap that never shrinks, in pieces that
     the next large array may not fit into. These are glibc's own settings: large arrays are mapped one by one.
@@ -47,7 +47,7 @@ def give_back() -> None:
 
 
 def _read(path: Path) -> str:
-    """The text of a file; empty where it cannot be read."""
+    """The text of a file; empty if it cannot be read."""
     try:
         return path.read_text(encoding="ascii")
     except OSError:
@@ -56,9 +56,9 @@ def _read(path: Path) -> str:
 
 @contextlib.contextmanager
 def loading() -> Iterator[None]:
-    """Load modules without looking for garbage meanwhile, nor among all that is there ever after. Not collective.
+    """Load modules without garbage collection, and exclude all present objects from later ones. Not collective.
 
-    For the start of a process only: what is there must have no PETSc objects, which would outlive PETSc.
+    For the start of a process only: present objects must not hold PETSc objects, which would outlive PETSc.
     """
     gc.disable()
     try:

@@ -9,9 +9,6 @@ import numpy as np
 SI = ("m", "Pa", "N/m", "N·m/m", "J/m", "N", "N·m", "J")
 """Units that take a prefix."""
 
-ROUNDING = 1e-12
-"""Coordinates of a place below this part of its largest one are rounding."""
-
 PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p"))
 
 
@@ -29,7 +26,7 @@ def moment(at: np.ndarray, forces: np.ndarray, axisymmetric: bool = False) -> np
 
 
 ROUNDING = 1e-12
-"""Coordinates of a place below this part of the largest are rounding."""
+"""Coordinates of a point are rounding below this fraction of the largest."""
 
 
 def in_words(point: np.ndarray, digits: int = 6) -> str:
@@ -49,21 +46,25 @@ def scaled_unit(value: float, unit: str) -> tuple[float, str]:
 
 
 def spans(start: np.ndarray, stop: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """For ranges from `start` to `stop` (s,): the number of the range and the place of each of their members."""
+    """The members of ranges from `start` to `stop` (s,): the number of their range, and the members themselves."""
     count = np.maximum(stop - start, 0)
     owner = np.repeat(np.arange(len(count)), count)
     return owner, np.arange(len(owner)) + np.repeat(start - np.cumsum(count) + count, count)
 
 
 def together(one: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """All pairs of places of equal numbers in `one` (q,) and the sorted `other` (p,), in the order of `one`."""
+    """All pairs of places of equal numbers in `one` (q,) and the sorted `other` (p,), in the order of `one`.
+
+    >>> [places.tolist() for places in together(np.array([7, 5]), np.array([5, 5, 7]))]
+    [[0, 1, 1], [2, 0, 1]]
+    """
     return spans(np.searchsorted(other, one), np.searchsorted(other, one, "right"))
 
 
 def bisect(points: np.ndarray, parts: int) -> np.ndarray:
-    """The part (k,) of each of the `points` (k, d): halves along the longest extent, halved again. Not collective.
+    """The parts (k,) of `points` (k, d) by recursive bisection along the longest extent. Not collective.
 
-    Parts are as large as each other to within one point for each halving, and depend on the points alone.
+    Sizes of parts differ by at most one point per bisection, and depend on the points alone.
     """
     part = np.zeros(len(points), np.int64)
     if parts > 1 and len(points):
@@ -76,10 +77,11 @@ def bisect(points: np.ndarray, parts: int) -> np.ndarray:
 
 
 def nearest_in(points: np.ndarray, simplices: np.ndarray) -> np.ndarray:
-    """The place (k, d) nearest to each point (k, d), or to one for all, in its simplex (k, j, d) of any dimension."""
+    """The nearest places (k, d) in simplices (k, j, d) of any dimension to points (k, d), or to one point."""
     points = np.broadcast_to(points, simplices[:, 0].shape)
     aside, part = across(points - simplices[:, 0], simplices)
     places, beside = points - aside, (part < 0.0).any(axis=1) | (part.sum(axis=1) > 1.0)
+    # Outside of the simplex the nearest place is on one of its facets, simplices of one dimension less.
     if beside.any():
         sides = np.stack([nearest_in(points[beside], np.delete(simplices[beside], k, axis=1))
                           for k in range(simplices.shape[1])])
@@ -89,12 +91,12 @@ def nearest_in(points: np.ndarray, simplices: np.ndarray) -> np.ndarray:
 
 
 def is_touched(free: np.ndarray) -> np.ndarray:
-    """Which (k,) of the projections (k, d, d) onto directions in which nodes can move are not the identity."""
+    """Which (k,) of the projections (k, d, d) onto free directions are not the identity: nodes with clamps."""
     return (free != np.eye(free.shape[1])).any(axis=(1, 2))
 
 
 def across(v: np.ndarray, simplices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The part of vectors (k, d) across simplices (k, j, d), and the coordinates (k, j − 1) of the rest along them."""
+    """The parts of vectors (k, d) orthogonal to simplices (k, j, d), and the coordinates (k, j − 1) of the rest."""
     along = simplices[:, 1:] - simplices[:, :1]
     metric = np.einsum("kid,kjd->kij", along, along) + np.finfo(float).tiny * np.eye(along.shape[1])
     part = np.linalg.solve(metric, np.einsum("kid,kd->ki", along, v)[:, :, None])[:, :, 0]

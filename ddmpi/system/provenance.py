@@ -31,7 +31,7 @@ def versions() -> dict[str, str]:
     """Versions of the software that a result depends on. After petsc4py.init only: importing PETSc starts it."""
     from petsc4py import PETSc
 
-    found = {"ddmpi": ddmpi.__version__, "python": sys.version.split()[0],
+    table = {"ddmpi": ddmpi.__version__, "python": sys.version.split()[0],
              "petsc": ".".join(str(v) for v in PETSc.Sys.getVersion()),
              "mpi": " ".join(MPI.Get_library_version().split("\n")[0].split(",")[0].strip("\0").split())}
     installed = _installed()
@@ -41,18 +41,18 @@ def versions() -> dict[str, str]:
                 installed[name] = getattr(importlib.import_module(name), "__version__", "unknown")
         except (ImportError, OSError):  # the second one where gmsh lacks a library
             installed[name] = "not there"
-        found[name] = installed[name]
-    return found
+        table[name] = installed[name]
+    return table
 
 
 def _installed() -> dict[str, str]:
     """Versions of packages by name, from the names of their metadata. To import importlib.metadata takes 20 ms."""
-    found: dict[str, str] = {}
+    packages: dict[str, str] = {}
     for folder in reversed(sys.path):
         with contextlib.suppress(OSError):  # zip files, folders that nobody may read
             names = [re.fullmatch(r"(\w+)-(\d[^-]*).*\.(?:dist|egg)-info", name) for name in os.listdir(folder or ".")]
-            found |= {name[1].lower(): name[2] for name in names if name}
-    return found
+            packages |= {name[1].lower(): name[2] for name in names if name}
+    return packages
 
 
 def has_matplotlib() -> bool:

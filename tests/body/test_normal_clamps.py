@@ -223,4 +223,4 @@ def test_a_load_that_a_clamp_takes_up_is_warned_of(angle):
     for load, lost in ((Traction(on="left", pressure=1e6), True), (Traction(on="left", force=along), False),
                        (Traction(on="top", pressure=1e6), False)):
         warnings = assemble(mesh, body(clamp=[Clamp(on="left", normal=0.0)], traction=[load])).warnings
-        assert any("is lost, because clamps hold the whole group" in each for each in warnings) == lost
+        assert any("is lost, as clamps constrain the whole group" in each for each in warnings) == lost

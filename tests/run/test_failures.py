@@ -64,7 +64,7 @@ ON_SCENE = {
     "unknown argument": (changed(), ["--ouput=x"], ["--ouput"]),
     "boundary that is not there": (changed(0, clamp=["lfet"]), [], ["scene.toml", "body.upper.clamp", "lfet", "left"]),
     "body that is not held, where it must be": (changed(0, clamp=[{"on": "left", "x": 0.0}]), RELAXATION,
-                                                ["scene.toml", "method.outer", "do not hold 'upper'"]),
+                                                ["scene.toml", "method.outer", "of 'upper' leave a rigid motion free"]),
     "meshes that do not match": (changed(), ["--set", "body.upper.mesh.divisions=[7, 2]", "contact.0.pairing=nodes"],
                                  ["scene.toml", "contact.upper-lower", "8 and 7"]),
 }

@@ -167,10 +167,10 @@ REFUSED = {
     "profile along arc": (SOLID, "contact.0.gap={along='arc', points=[0], values=[1]}",
                           "contact.upper-lower.gap.along: surfaces have no arc length; take a coordinate"),
     "plane stress of one": (SOLID, "body.upper.material.plane=stress",
-                            "body.upper.material.plane: solids and turned parts are neither"),
+                            "body.upper.material.plane: solids and axisymmetric bodies are neither"),
     "plane stress": (SOLID, "body.upper.material.plane=strain",
-                     "body.upper.material.plane: solids and turned parts are neither in plane strain nor in plane "
-                     "stress; leave it out"),
+                     "body.upper.material.plane: solids and axisymmetric bodies are neither in plane strain nor in "
+                     "plane stress; leave it out"),
     "angle": (SOLID, "body.upper.material={young=[3e9, 2e9, 1e9], poisson=[0.3, 0.3, 0.3], shear=[1e9, 1e9, 1e9], "
                      "angle=30}", "body.upper.material.angle: the axes 1, 2, 3 of solids are x, y, z; leave it out"),
     "one shear modulus": (SOLID, "body.upper.material={young=[3e9, 2e9, 1e9], poisson=[0.3, 0.3, 0.3], shear=1e9}",
@@ -182,15 +182,15 @@ REFUSED = {
                "rigid.floor.shape: a sphere is a shape in space; in the plane there are plane, circle"),
     "cylinder": (PLANE, "rigid.floor={name='floor', shape='cylinder', point=[0, 0], axis=[0, 1], radius=1}",
                  "rigid.floor.shape: a cylinder is a shape in space"),
-    "solid around an axis": (SOLID, "axisymmetric=true", "axisymmetric: parts that turn around an axis are drawn in "
+    "solid around an axis": (SOLID, "axisymmetric=true", "axisymmetric: axisymmetric bodies are drawn in "
                              "the half-plane x >= 0; this scene is in space, as body.upper.mesh.shape = box"),
     "plane strain around an axis": (AROUND, "body.upper.material.plane=strain",
-                                    "body.upper.material.plane: solids and turned parts are neither in plane strain "
-                                    "nor in plane stress; leave it out; this scene is around an axis"),
+                                    "body.upper.material.plane: solids and axisymmetric bodies are neither in plane "
+                                    "strain nor in plane stress; leave it out; this scene is around an axis"),
     "torsion": (AROUND, "body.upper.clamp=[{on='left', z=0.1}]", "body.upper.clamp.0.z: nothing is twisted around the "
                 "axis; this scene is around an axis, as axisymmetric = true"),
     "torque": (AROUND, "body.upper.volume_force=[0, 0, 1]", "body.upper.volume_force: [0.0, 0.0, 1.0] is in space"),
-    "mirrored": (PLANE, "output.mirrored=true", "output.mirrored: shows the other half of what turns around an axis"),
+    "mirrored": (PLANE, "output.mirrored=true", "output.mirrored: shows the other half of axisymmetric bodies"),
     "no axis": (SOLID, "rigid.shaft.axis=[0, 0, 0]", "rigid.shaft: axis must not be zero"),
     "flat box": (SOLID, "body.upper.mesh.size=[3, 1]", "body.upper.mesh.size: a box has size = [length, depth, "
                  "height], got [3.0, 1.0]"),

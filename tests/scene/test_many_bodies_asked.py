@@ -256,7 +256,7 @@ BEYOND = {"three bodies": TWO.replace("[[contact]]", "[[body]]\n" + ALONE + "[[c
 def test_published_iterations_are_refused_beyond_two_bodies(beyond, setting, asks):
     """Iterations that diverge beyond two bodies in one contact are refused with the reason and what works."""
     text = message(setting, text=BEYOND[beyond])
-    for fragment in (asks, "two held bodies with one unilateral contact", "diverges for theta >= 0.02",
+    for fragment in (asks, "two supported bodies with one unilateral contact", "diverges for theta >= 0.02",
                      'outer = "newton", the default'):
         assert fragment in text
     assert scene(text=BEYOND[beyond]).method.outer == "newton"

@@ -117,7 +117,7 @@ def test_ranks_and_restarts_have_the_same_gaps(tmp_path):
     ({"points": [0.0], "values": [1.0], "history": "fit"}, "a gap with a history has a value"),
     ({"value": "1e-4 / z", "history": "fit"}, "there is no z in the plane"),
     ({"value": "1e-4 / (y - y)", "history": "fit"}, 'gap: the formula "1e-4 / (y - y)" is inf at'),
-    ({"value": -5.0, "history": "fit"}, "they turn their backs on each other")])
+    ({"value": -5.0, "history": "fit"}, "they face away from each other")])
 def test_a_gap_is_refused(gap, words):
     """One message that names the key, before anything is solved."""
     with pytest.raises(ddmpi.errors.InputError) as refused:

@@ -157,7 +157,7 @@ def test_a_body_of_pieces_may_stand_on_springs():
         if springs is both:
             assert assemble(mesh, body).held
         else:
-            with pytest.raises(InputError, match=r"a piece of the body .* is not held"):
+            with pytest.raises(InputError, match=r"a piece of the body .* is not supported"):
                 assemble(mesh, body)
 
 

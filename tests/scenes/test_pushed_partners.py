@@ -208,7 +208,7 @@ def test_a_push_is_refused(ram, words):
 
 def test_the_published_iteration_refuses_it():
     scene = pressed(2) | {"method": {"outer": "relaxation"}}
-    with pytest.raises(ddmpi.errors.InputError, match="is for two held bodies with one unilateral contact"):
+    with pytest.raises(ddmpi.errors.InputError, match="is for two supported bodies with one unilateral contact"):
         ddmpi.solve(scene, MPI.COMM_SELF)
 
 
