@@ -64,24 +64,25 @@ def _check(world: MPI.Comm, scene: Settled, scene_path: str, output: str | None,
         log.info("%s", scene.title or scene_path)
         assembly = prepare_scene(world, scene, scene_path, factor=False)
         mechanism, free = look_for_mechanism(assembly), motions_without_resistance(assembly)
-        still = [msgspec.structs.replace(each, displacement=(0.0,) * scene.dimension) for each in scene.rigid]
+        still = [msgspec.structs.replace(rigid, displacement=(0.0,) * scene.dimension) for rigid in scene.rigid]
         overlaps = doubt_overlaps(
             dataclasses.replace(assembly, scene=msgspec.structs.replace(scene, rigid=still)),
             {body.spec.name: np.zeros_like(body.mesh.points) for body in assembly.bodies}, {})
         with agreed(world):
-            own = {body.spec.name: _look(body) for body in assembly.bodies}
-        found, owned = merged(world, own), merged(world, {each.name: each for each in assembly.space.interfaces})
+            local = {body.spec.name: _look(body) for body in assembly.bodies}
+        looked = merged(world, local)
+        owned = merged(world, {interface.name: interface for interface in assembly.space.interfaces})
         hosts, folder = world.allgather(MPI.Get_processor_name()), world.bcast(folder)
         near = [rank for rank, host in enumerate(hosts) if host == hosts[0]][:DRAWERS]
         with agreed(world):
-            bodies = {body.name: found[body.name] for body in scene.body}
+            bodies = {body.name: looked[body.name] for body in scene.body}
             interfaces = [owned[contact.name] for contact in scene.contact]
-            missing = list(find_missing({name: each.boundary for name, each in bodies.items()}, scene.rigid,
+            missing = list(find_missing({name: body.boundary for name, body in bodies.items()}, scene.rigid,
                                         scene.contact))
             for line in _page(assembly, bodies, interfaces, missing, free, ranks):
                 log.info("%s", line)
             for warning in (*assembly.warnings, *(body.locking for body in scene.body if body.locking), *overlaps,
-                            *(each.doubt for each in bodies.values() if each.doubt)):
+                            *(body.doubt for body in bodies.values() if body.doubt)):
                 log.warning("%s", warning)
             if folder and world.rank in near:
                 names = draw(folder, scene, bodies, interfaces, missing, near.index(world.rank), len(near))
@@ -98,7 +99,7 @@ def _look(body: Body) -> Looked:
     loads = [(history, on, f) for history in (None, *histories(spec))
              for on, f in loads_by_group(mesh, spec, history)]
     supports = [(_held(clamp, mesh.dimension), clamp.on, clamp.history) for clamp in spec.clamps]
-    supports += [("foundation", each.on, None) for each in spec.foundation]
+    supports += [("foundation", foundation.on, None) for foundation in spec.foundation]
     length = edge_lengths(mesh)
     size, doubt = _range(length.max(axis=1).min(), length.max()), doubt_cells(mesh, spec.name)
     words = [f"{len(mesh.points)} nodes, {len(mesh.triangles)} {mesh.cell.names} of size {size}; "
@@ -106,8 +107,8 @@ def _look(body: Body) -> Looked:
     words += [f"{how} on {on}{_following(history)}" for how, on, history in supports]
     if not member.elasticity.held:
         motions = undetermined(np.zeros((len(member.e), 0)), [MotionsOfBody.of(spec.name, mesh.points, member.motions)])
-        words.append("loose: " + "; ".join(each.rpartition(": ")[2].removesuffix(" without any force").replace(
-            f"{spec.name} can", "it can", 1) for each in motions))
+        words.append("loose: " + "; ".join(motion.rpartition(": ")[2].removesuffix(" without any force").replace(
+            f"{spec.name} can", "it can", 1) for motion in motions))
     if spec.heat.value:
         words.append(f"temperature {spec.heat.value}{_following(spec.heat.history)}")
     words += [f"load on {on}{_following(history)}: {_force(mesh, on, f)}" for history, on, f in loads]
@@ -117,7 +118,7 @@ def _look(body: Body) -> Looked:
     dense, memory = member.kind == "explicit", 0.0
     if member.kind != "iterative":
         memory = memory_of_factors(member.elasticity.A.size[0], mesh.dimension, dense) + dense * 8.0 * member.size**2
-    return Looked(mesh, Boundary.of(mesh), [each[1:] for each in loads],
+    return Looked(mesh, Boundary.of(mesh), [load[1:] for load in loads],
                   [(how, group_nodes(mesh, on, "")) for how, on, _ in supports], memory, words, doubt)
 
 
@@ -133,7 +134,7 @@ def _following(history: str | None) -> str:
 
 
 def _range(least: float, most: float) -> str:
-    return " to ".join(dict.fromkeys(f"{each:.3g}" for each in (least, most)))
+    return " to ".join(dict.fromkeys(f"{value:.3g}" for value in (least, most)))
 
 
 def _force(mesh: Mesh, on: str, f: np.ndarray) -> str:
@@ -155,15 +156,15 @@ def _page(assembly: Assembly, bodies: Mapping[str, Looked], interfaces: Sequence
     unit = scene.units
     yield (f"{assembly.n} unknowns ({CELLS[scene.dimension, scene.body[0].mesh.order].title}), {assembly.m} "
            f"contact nodes, bodies: {len(bodies)}, ranks: {ranks}; factors take about "
-           f"{bytes_in_words(sum(each.memory for each in bodies.values()))}")
+           f"{bytes_in_words(sum(body.memory for body in bodies.values()))}")
     yield describe_method(scene.method, scene.dimension)
     yield f"lengths in {unit['length']}, forces in {unit['force']}, moments about the origin in {unit['moment']}"
-    for words, names in grouped(("\n    ".join(each.words), name) for name, each in bodies.items()):
+    for words, names in grouped(("\n    ".join(body.words), name) for name, body in bodies.items()):
         yield f"body {some(names, 'bodies')}: {words}"
-    for each in scene.rigid:
-        for how, value in ("moved", each.displacement), ("pushed", each.force):
+    for rigid in scene.rigid:
+        for how, value in ("moved", rigid.displacement), ("pushed", rigid.force):
             if value and any(value):
-                yield f"rigid {each.name}: {how} by {_vector(value, np.zeros(1))}{_following(each.history)}"
+                yield f"rigid {rigid.name}: {how} by {_vector(value, np.zeros(1))}{_following(rigid.history)}"
     contacts = []
     for contact, interface in zip(scene.contact, interfaces, strict=True):
         sides = " and ".join(".".join(side) for side in zip(contact.bodies, contact.on, strict=False))

@@ -115,16 +115,16 @@ def draw(folder: Path, scene: Settled, bodies: Mapping[str, Looked], interfaces:
 
 def _as_results(scene: Settled, bodies: Mapping[str, Looked], interfaces: Sequence[Interface]) -> Results:
     """Bodies and contacts at rest, as the pictures of a run take them."""
-    meshes, plain_scene = [each.mesh for each in bodies.values()], scene.resolved()
+    meshes, plain_scene = [body.mesh for body in bodies.values()], scene.resolved()
     starts = np.cumsum([0, *(len(mesh.points) for mesh in meshes)])
     points = np.concatenate([mesh.points for mesh in meshes])
-    tables = {each.name: dict(zip("xyz", each.lines.xy.T, strict=False)) for each in interfaces}
+    tables = {interface.name: dict(zip("xyz", interface.lines.xy.T, strict=False)) for interface in interfaces}
     return Results({"title": scene.title, "bodies": dict.fromkeys(bodies), "scene": plain_scene, "steps": [],
                     "units": scene.units}, tables, {}, {}, {}, {
         "points": points, "displacement": np.zeros_like(points),
         "cells": np.concatenate([mesh.triangles + start for mesh, start in zip(meshes, starts, strict=False)]),
         "body": np.repeat(np.arange(len(meshes)), [len(mesh.triangles) for mesh in meshes])},
-        facets={each.name: drawn_facets(each.lines) for each in interfaces})
+                   facets={interface.name: drawn_facets(interface.lines) for interface in interfaces})
 
 
 def draw_bodies(results: Results, bodies: Mapping[str, Looked], behind: bool = False) -> Any:
@@ -132,30 +132,30 @@ def draw_bodies(results: Results, bodies: Mapping[str, Looked], behind: bool = F
     from matplotlib.lines import Line2D
 
     plan, looked, ways = _plan(results, behind), list(bodies.values()), dict[str, int]()
-    names = dict.fromkeys(group for each in looked for group in each.boundary.groups)
+    names = dict.fromkeys(group for body in looked for group in body.boundary.groups)
     colours = {name: GROUPS[k % len(GROUPS)] for k, name in enumerate(names)}
-    plan.show([_meshed(plan, each, colours) for each in looked])
-    groups = [(body, name, each, own) for body, each in bodies.items() for name, own in each.boundary.groups.items()
-              if own.any()]
-    for number, (body, name, each, own) in enumerate(groups):
+    plan.show([_meshed(plan, body, colours) for body in looked])
+    groups = [(called, name, body, some) for called, body in bodies.items()
+              for name, some in body.boundary.groups.items() if some.any()]
+    for number, (called, name, body, some) in enumerate(groups):
         if not plan.view.solid:
-            plan.lines(each.mesh.points[segments(each.boundary.facets[own])], colors=colours[name], linewidth=2.4,
+            plan.lines(body.mesh.points[segments(body.boundary.facets[some])], colors=colours[name], linewidth=2.4,
                        zorder=4)
         if len(groups) <= NAMED:
-            plan.name(f"{body}." * plan.view.solid + name, each.boundary.at[own].mean(axis=1),
-                      each.boundary.normal[own], number)
-    arrows = [_stresses(each, on, f, plan.size / PLACES) for each in looked for on, f in each.loads if on != VOLUME]
+            plan.name(f"{called}." * plan.view.solid + name, body.boundary.at[some].mean(axis=1),
+                      body.boundary.normal[some], number)
+    arrows = [_stresses(body, on, f, plan.size / PLACES) for body in looked for on, f in body.loads if on != VOLUME]
     largest = max((np.linalg.norm(stress, axis=1).max() for _, stress, _ in arrows), default=0.0)
     for at, stress, outward in arrows:
         plan.point(at, ARROW * plan.size / (largest or 1.0) * stress, outward, COLOURS["force"])
     inside = middles(results)
-    weights = [(at, f.sum(axis=0)) for at, each in zip(inside, looked, strict=True)
-               for on, f in each.loads if on == VOLUME]
+    weights = [(at, f.sum(axis=0)) for at, body in zip(inside, looked, strict=True)
+               for on, f in body.loads if on == VOLUME]
     for at, force in weights:
         plan.arrows(at[None], ARROW * plan.size / (np.linalg.norm(force) or 1.0) * force[None], COLOURS["moved"])
-    for each in looked:
-        for how, nodes in each.supports:
-            at, _ = _thinned(each.mesh.points[nodes], plan.size / PLACES)
+    for body in looked:
+        for how, nodes in body.supports:
+            at, _ = _thinned(body.mesh.points[nodes], plan.size / PLACES)
             plan.mark(at, MARKERS[ways.setdefault(how, len(ways)) % len(MARKERS)])
     factor, unit_of = scaled_unit(largest, results.summary["units"]["stress"])
     loads = {COLOURS["force"]: f"loads, up to {rounded(largest / factor)} {unit_of}" * bool(arrows),
@@ -175,24 +175,25 @@ def draw_contacts(results: Results, interfaces: Sequence[Interface], missing: Se
 
     plan, skin = _plan(results), skin_of(results)
     plan.rigid = []  # they would hide contacts
-    gaps = np.concatenate([each.gap for each in interfaces])
+    gaps = np.concatenate([interface.gap for interface in interfaces])
     factor, unit_of = scaled_unit(np.abs(gaps).max(), results.summary["units"]["length"])
     image = colours_of(gaps.min() / factor, gaps.max() / factor if gaps.any() else 1.0,
                        "viridis" if gaps.any() else "Blues_r")
     image.cmap = image.cmap.with_extremes(bad=MISSING)
     plan.outline(skin.extended(results.points), skin.facets, skin.beyond)
-    parts = [(each.lines.xy, results.facets[each.name], each.gap[each.lines.row] / factor) for each in interfaces]
+    parts = [(interface.lines.xy, results.facets[interface.name], interface.gap[interface.lines.row] / factor)
+             for interface in interfaces]
     for lack in missing:
         at = lack.facets.reshape(-1, lack.facets.shape[-1])
         parts.append((at, np.arange(len(at)).reshape(lack.facets.shape[:2]), np.full(len(at), np.nan)))
     plan.facets(parts, image)
-    for each in interfaces:
-        if each.at is not None:
-            plan.lines(np.stack([plan.place(at)[:, :2] for at in each.at], axis=1), colors=COLOURS["rigid"],
+    for interface in interfaces:
+        if interface.at is not None:
+            plan.lines(np.stack([plan.place(at)[:, :2] for at in interface.at], axis=1), colors=COLOURS["rigid"],
                        linewidth=0.5, zorder=4)
         if len(interfaces) <= NAMED:
-            at = each.lines.xy
-            plan.label(each.name, at[np.argmin(np.linalg.norm(at - at.mean(axis=0), axis=1))])
+            at = interface.lines.xy
+            plan.label(interface.name, at[np.argmin(np.linalg.norm(at - at.mean(axis=0), axis=1))])
     if gaps.any():
         plan.colours(image, f"gap, negative where bodies overlap ({unit_of})")
     if missing:
@@ -208,8 +209,8 @@ def _meshed(plan: Plan, body: Looked, colours: Mapping[str, str]) -> Surface:
 
     skin = Skin(plan.view, body.mesh.points, body.mesh.triangles)
     paint = np.tile(to_rgb(FILLED["still"]), (len(skin.facets), 1))
-    for name, own in body.boundary.groups.items() if plan.view.solid else ():
-        paint[np.append(own, False)[skin.of]] = to_rgb(colours[name])  # nothing of a cut
+    for name, some in body.boundary.groups.items() if plan.view.solid else ():
+        paint[np.append(some, False)[skin.of]] = to_rgb(colours[name])  # nothing of a cut
     points = skin.extended(body.mesh.points)
     at = plan.place(points)[:, :2][skin.facets]
     sides = np.roll(at, 1, axis=1) - np.roll(at, -1, axis=1)  # opposite of the corners
@@ -227,16 +228,16 @@ def _thinned(at: np.ndarray, size: float, *values: np.ndarray) -> tuple[np.ndarr
     """Means (j, d) of the places (k, d) in cubes of a size, and the sums of values (k, …) there."""
     _, cube, count = np.unique(np.round((at - at.min(axis=0)) / size), axis=0, return_inverse=True, return_counts=True)
     sums = []
-    for each in (at, *values):
-        sums.append(np.zeros((len(count), *each.shape[1:])))
-        np.add.at(sums[-1], cube.ravel(), each)
+    for array in (at, *values):
+        sums.append(np.zeros((len(count), *array.shape[1:])))
+        np.add.at(sums[-1], cube.ravel(), array)
     return sums[0] / count[:, None], sums[1:]
 
 
 def _stresses(body: Looked, on: str, f: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Some places (k, d) on the group `on`, its load there (Pa), and which way is outward; from nodal loads (nv, d)."""
-    own = body.boundary.groups[on]
-    facets, normal = body.boundary.facets[own], body.boundary.normal[own]
+    some = body.boundary.groups[on]
+    facets, normal = body.boundary.facets[some], body.boundary.normal[some]
     nodes, area = np.unique(facets), nodal(
         facet_shares(body.mesh.points[facets], body.mesh.axisymmetric), facets, len(f))
     outward = nodal(np.repeat(normal[:, None], facets.shape[1], axis=1), facets, len(f))

@@ -149,7 +149,7 @@ def _tamed(script: bytes, path: Path, copies: dict[Path, Path], folder: Path, la
     Comments go because gmsh skips loops and conditions by other rules than those by which it reads them."""
     if os.environ.get(TRUST) == "1":
         return b'Include "%b";\n' % os.fsencode(path)
-    script = SKIPPED.sub(lambda each: each[1] or b" " + b"\n" * each[0].count(b"\n"), script)
+    script = SKIPPED.sub(lambda match: match[1] or b" " + b"\n" * match[0].count(b"\n"), script)
 
     def refuse(word: re.Match[bytes], what: str) -> None:
         line = 1 + script.count(b"\n", 0, word.start())
@@ -172,8 +172,8 @@ def _tamed(script: bytes, path: Path, copies: dict[Path, Path], folder: Path, la
             copy = _copy(other, copies, folder, label)
         return b'%b%b"%b"' % (word, between, os.fsencode(copy))
 
-    if found := HARMFUL.search(script):
-        refuse(found, "could start programs or write files")
+    if match := HARMFUL.search(script):
+        refuse(match, "could start programs or write files")
     printing = re.sub(rb"\bPrintf\b", b"Warning", script)  # Printf may write into a file
     return READS.sub(use_copy, printing) + b"\n"  # without it gmsh 4.15 would lose statements
 
@@ -217,17 +217,17 @@ def _choose_groups(gmsh, script: bool, body: BodySpec, contacts: Collection[str]
 def _name_sides(gmsh, body: BodySpec, contacts: Collection[str], label: str) -> None:
     """Make every curve or face a group by its number, and by the last part of its label. So are curves of solids and
     points that are asked for, as in "curve 5" and "point 3". Raises InputError."""
-    side, kinds, found = gmsh.model.getDimension() - 1, ("point", "curve", "face"), dict[tuple[str, int], list[int]]()
+    side, kinds, tagged = gmsh.model.getDimension() - 1, ("point", "curve", "face"), dict[tuple[str, int], list[int]]()
     for k, tag in gmsh.model.getEntities():
         number = str(tag) if k == side else f"{PHYSICAL[k].split()[1]} {tag}"
         for name in {number, gmsh.model.getEntityName(k, tag).split("/")[-1]} - {""} if k <= side else ():
-            found.setdefault((name, k), []).append(tag)
-    asked = [each.on for _, each in body.acting]
-    for missing in (each for each in [*contacts, *asked] if not any((each, k) in found for k in range(3))):
+            tagged.setdefault((name, k), []).append(tag)
+    asked = [acting.on for _, acting in body.acting]
+    for missing in (name for name in [*contacts, *asked] if not any((name, k) in tagged for k in range(3))):
         of = next((k for k in range(side) if missing.startswith(kinds[k])), side)
-        each = "; ".join(f"{name} {_where(gmsh, k, tags[0])}" for (name, k), tags in found.items() if k == of)
-        raise InputError(f"{label} has no {kinds[of]} {missing!r}; it has {each}")
-    for (name, k), tags in found.items():
+        listed = "; ".join(f"{name} {_where(gmsh, k, tags[0])}" for (name, k), tags in tagged.items() if k == of)
+        raise InputError(f"{label} has no {kinds[of]} {missing!r}; it has {listed}")
+    for (name, k), tags in tagged.items():
         if k == side or name in asked:
             gmsh.model.addPhysicalGroup(k, tags, name=name)
 
@@ -254,7 +254,7 @@ def _refuse_tiny(gmsh, body: BodySpec, contacts: Collection[str], label: str) ->
     for key, size, covered in (("size", largest, whole), ("contact_size", finest, min(whole, band))):
         cells = covered / (REGULAR[d] * size**d)
         if cells > TOO_MANY:
-            extents = " by ".join(f"{each:.3g}" for each in np.diff(_box(gmsh), axis=0)[0, :d])
+            extents = " by ".join(f"{length:.3g}" for length in np.diff(_box(gmsh), axis=0)[0, :d])
             raise InputError(f"{label}: {key} = {size:g} would make {cells:.1g} {CELLS[d, 1].names} of a drawing of "
                              f"{extents}; is it in the units of the drawing?")
 
@@ -270,7 +270,7 @@ def _of_groups(gmsh, dimension: int, names: Collection[str] | None = None) -> np
     """The numbers of the curves, surfaces or volumes of physical groups, all or those of some names."""
     groups = [tag for _, tag in gmsh.model.getPhysicalGroups(dimension)
               if names is None or gmsh.model.getPhysicalName(dimension, tag) in names]
-    return np.unique([each for tag in groups for each in gmsh.model.getEntitiesForPhysicalGroup(dimension, tag)])
+    return np.unique([entity for tag in groups for entity in gmsh.model.getEntitiesForPhysicalGroup(dimension, tag)])
 
 
 def _samples(gmsh, curve: int) -> np.ndarray:
@@ -294,8 +294,8 @@ def _refine_towards(gmsh, body: BodySpec, contacts: Collection[str]) -> None:
     for option, most in (("Mesh.MeshSizeMax", largest), ("Mesh.MeshSizeMin", finest)):
         gmsh.option.setNumber(option, min(gmsh.option.getNumber(option), most))
     side = gmsh.model.getDimension() - 1
-    near, own = _of_groups(gmsh, side, contacts), re.search(r"^Background Field = (\d+);", _unrolled(gmsh), re.M)
-    fields = _around(gmsh, largest) + ([int(own[1])] if own else [])
+    near, background = _of_groups(gmsh, side, contacts), re.search(r"^Background Field = (\d+);", _unrolled(gmsh), re.M)
+    fields = _around(gmsh, largest) + ([int(background[1])] if background else [])
     if len(near) and finest < largest:
         fields.append(_near(gmsh, side, near, finest, largest))
     if fields:
@@ -333,8 +333,8 @@ def _around(gmsh, largest: float) -> list[int]:
         size = max(2 * np.pi / AROUND / max(bend, 1 / OFF), extent / MOST)
         if size < largest and extent > TINY * _extent(gmsh):
             alike.setdefault((dimension, round(np.log(size) / ALIKE)), []).append((size, tag))
-    return [_near(gmsh, dimension, [tag for _, tag in each], min(each)[0], largest)
-            for (dimension, _), each in alike.items()]
+    return [_near(gmsh, dimension, [tag for _, tag in group], min(group)[0], largest)
+            for (dimension, _), group in alike.items()]
 
 
 def _extent(gmsh, *part: int) -> float:

@@ -85,7 +85,7 @@ class Sheet:
         self.size = float(np.ptp(results.points, axis=0).max())
         self._pixels = pixels
         self._depth, self._origin, self._pixel = np.zeros((0, 0)), np.zeros(3), 1.0
-        at = self.place(np.vstack([everything, *(each.at for each in rigid)]))[:, :2]
+        at = self.place(np.vstack([everything, *(surface.at for surface in rigid)]))[:, :2]
         self.figure, self.axes = (self._with_arms if self.view.solid else self._with_scales)(results, at)
         self._fixed = list(self.axes.lines)
         self.meet(rigid)
@@ -132,21 +132,21 @@ class Sheet:
         from matplotlib.patheffects import withTickedStroke
 
         self.rigid = rigid if self.view.solid else ()
-        for each in () if self.view.solid else rigid:
-            self.axes.plot(*each.at.T, color=COLOURS["rigid"], linewidth=1.4, zorder=2.5,
+        for surface in () if self.view.solid else rigid:
+            self.axes.plot(*surface.at.T, color=COLOURS["rigid"], linewidth=1.4, zorder=2.5,
                            path_effects=[withTickedStroke(angle=-135, linewidth=0.7)])
 
     def show(self, surfaces: Sequence[Surface]) -> None:
         """Draw surfaces and rigid partners without what is hidden or cut away, and their `outlines`."""
         if not (some := [*surfaces, *self.rigid]):
             return
-        placed = [self.place(each.at) for each in some]
-        beyond = [self.view.beyond(each.at) if each.beyond is None else each.beyond for each in some]
-        corners = np.concatenate([np.column_stack([at, cut])[each.facets] for at, cut, each in zip(
+        placed = [self.place(surface.at) for surface in some]
+        beyond = [self.view.beyond(surface.at) if surface.beyond is None else surface.beyond for surface in some]
+        corners = np.concatenate([np.column_stack([at, cut])[surface.facets] for at, cut, surface in zip(
             placed, beyond, some, strict=True)])
-        number = [len(each.facets) for each in some]
+        number = [len(surface.facets) for surface in some]
         across = unit(np.cross(corners[:, 1, :3] - corners[:, 0, :3], corners[:, 2, :3] - corners[:, 0, :3]))
-        across[np.repeat([each.thin for each in some], number) & (across[:, 2] < 0.0)] *= -1.0
+        across[np.repeat([surface.thin for surface in some], number) & (across[:, 2] < 0.0)] *= -1.0
         low, high = corners[..., :2].min(axis=(0, 1)), corners[..., :2].max(axis=(0, 1))
         self._pixel = pixel = (high - low).max() / self._pixels
         self._origin = origin = np.append(low - pixel, 0.0)
@@ -154,22 +154,22 @@ class Sheet:
         seen = np.flatnonzero(across[:, 2] > 0.0)
         corners[..., :3] = (corners[..., :3] - origin) / pixel
         face, weights, self._depth = rasterise(corners[seen], (height, width))
-        there = face >= 0
-        face = seen[face[there]]
+        covered = face >= 0
+        face = seen[face[covered]]
         colours, ends = np.zeros((len(face), 3)), np.cumsum([0, *number])
-        for each, start, stop in zip(some, ends[:-1], ends[1:], strict=True):
-            own = (face >= start) & (face < stop)
-            colours[own] = each.paint(face[own] - start, weights[own])[:, :3]
+        for surface, start, stop in zip(some, ends[:-1], ends[1:], strict=True):
+            pixels = (face >= start) & (face < stop)
+            colours[pixels] = surface.paint(face[pixels] - start, weights[pixels])[:, :3]
         if self.view.solid:
             light = DARKEST + (1.0 - DARKEST) * np.clip(across @ unit(LIGHT), 0.0, 1.0)
             colours *= light[face][:, None]
         image = np.zeros((height, width, 4), np.float32)
-        image[there] = np.column_stack([colours, np.ones(len(face))])
+        image[covered] = np.column_stack([colours, np.ones(len(face))])
         self.axes.imshow(image, origin="lower", interpolation="antialiased", zorder=2, extent=(
             origin[0], origin[0] + width * pixel, origin[1], origin[1] + height * pixel))
-        for at, cut, each in zip(placed, beyond, some, strict=True):
-            self.lines(unhidden((outlines(at, each.facets, cut) - origin) / pixel, self._depth) * pixel + origin[:2],
-                       colors=each.edges, linewidth=0.6, zorder=3)
+        for at, cut, surface in zip(placed, beyond, some, strict=True):
+            self.lines(unhidden((outlines(at, surface.facets, cut) - origin) / pixel, self._depth) * pixel + origin[:2],
+                       colors=surface.edges, linewidth=0.6, zorder=3)
 
     def outline(self, at: np.ndarray, facets: np.ndarray, beyond: np.ndarray, **style: Any) -> None:
         """Draw the `outlines` of facets (f, 3), hidden ones as well, by default as thin grey lines below everything."""
@@ -196,7 +196,7 @@ class Sheet:
 
     def arrows(self, at: np.ndarray, vectors: np.ndarray, colour: str, width: float = 0.004) -> None:
         """Draw vectors (k, d) as arrows from places (k, d)."""
-        ends = (self.place(each)[:, :2].T for each in (at, vectors))
+        ends = (self.place(places)[:, :2].T for places in (at, vectors))
         self.axes.quiver(*np.concatenate([*ends]), angles="xy", scale_units="xy", scale=1.0, width=width, zorder=6,
                          color=colour)
 

@@ -96,8 +96,8 @@ def parse_value(text: str) -> Any:
 
 def explain_syntax(error: tomllib.TOMLDecodeError, text: str) -> str:
     """What is wrong with `text`, which is not TOML: the line, and what would be right."""
-    found = re.search(r"line (\d+)", str(error))
-    line = text.splitlines()[int(found[1]) - 1].strip() if found else ""
+    place = re.search(r"line (\d+)", str(error))
+    line = text.splitlines()[int(place[1]) - 1].strip() if place else ""
     bare = re.sub(r"'[^']*'|\"[^\"]*\"|#.*", '""', line)
     right = next((f"; {right}" for slip, right in SLIPS.items() if re.search(slip, bare)), "")
     return f"{error}{right}" + f": {line}" * bool(line)
@@ -119,9 +119,9 @@ def differences(ours: dict, theirs: dict) -> str:
     def word(table: dict, key: str) -> str:
         return repr(table[key]) if key in table else "not set"
 
-    here, there = dict(flatten(ours)), dict(flatten(theirs))
-    differing = [key for key in here | there if here.get(key) != there.get(key)]
-    words = [f"{key} is {word(here, key)} here, {word(there, key)} there" for key in differing[:3]]
+    mine, others = dict(flatten(ours)), dict(flatten(theirs))
+    differing = [key for key in mine | others if mine.get(key) != others.get(key)]
+    words = [f"{key} is {word(mine, key)} here, {word(others, key)} there" for key in differing[:3]]
     return "; ".join(words) + (f", and {len(differing) - 3} more" if len(differing) > 3 else "")
 
 
@@ -170,11 +170,11 @@ def explain(message: str, data: dict, root: type) -> str:
             words = ", ".join(str(kind.tag) for kind in tables if kind.tag_field == found[2])
             return f"{key}: this key is required and missing" + f" (one of {words})" * bool(words)
         fields = [name for kind in tables for name in (kind.tag_field, *(field.name for field in kind.fields)) if name]
-        meant = _meant(found[2], fields, [each.__name__ for kind in tables for each in kind.cls.__mro__])
+        meant = _meant(found[2], fields, [base.__name__ for kind in tables for base in kind.cls.__mro__])
         return f"{key}: unknown key{meant} (valid here: {', '.join(fields)})"
     field, _, rest = problem.partition(": ")
-    if rest and any(field == each.name for kind in kinds if isinstance(kind, inspect.StructType)
-                    for each in kind.fields):  # the table's own check names a key
+    if rest and any(field == entry.name for kind in kinds if isinstance(kind, inspect.StructType)
+                    for entry in kind.fields):  # the table's own check names a key
         named, problem = [*named, field], rest
     key = ".".join(named) + ": " * bool(named)
     allowed = [str(value) for kind in kinds if isinstance(kind, inspect.LiteralType) for value in kind.values]
@@ -238,7 +238,7 @@ def _inside(kind: inspect.Type, part: str) -> list[inspect.Type]:
             inner = [value]
         case _:
             inner = []
-    return [one for each in inner for one in (each.types if isinstance(each, inspect.UnionType) else (each,))]
+    return [one for entry in inner for one in (entry.types if isinstance(entry, inspect.UnionType) else (entry,))]
 
 
 def _remedy(named: list[str], kinds: list[inspect.Type], here: Any) -> str:
@@ -271,11 +271,11 @@ def read_docstring(text: str | None) -> tuple[str, dict[str, dict[str, str]]]:
 
 def meanings(kind: type) -> dict[str, str]:
     """What the docstrings of a class and those that it inherits from say of its attributes, by name."""
-    found: dict[str, str] = {}
-    for each in reversed(kind.__mro__):
-        for names, meaning in read_docstring(vars(each).get("__doc__"))[1].get("Attributes", {}).items():
-            found |= dict.fromkeys(names.split(", "), meaning)
-    return found
+    words: dict[str, str] = {}
+    for base in reversed(kind.__mro__):
+        for names, meaning in read_docstring(vars(base).get("__doc__"))[1].get("Attributes", {}).items():
+            words |= dict.fromkeys(names.split(", "), meaning)
+    return words
 
 
 def json_schema(root: type) -> dict[str, Any]:
@@ -308,7 +308,7 @@ def _plain(text: str) -> str:
 def _tidy(node: Any, titles: list[tuple[dict, dict]]) -> Any:
     """A part of the schema in terms of DIALECT, without what TOML cannot write: null, numbers that are not finite."""
     if isinstance(node, list | tuple):
-        return [_tidy(each, titles) for each in node]
+        return [_tidy(entry, titles) for entry in node]
     if not isinstance(node, dict):
         return node
     for wanted, title in titles:

@@ -115,18 +115,18 @@ def build_cases(path: str, scene: dict, varied: list[str], file_kind: FileKind |
     """
     if not varied:
         raise InputError(f"a sweep needs --vary {_RANGE}")
-    axes = [parse_axis(each) for each in varied]
+    axes = [parse_axis(text) for text in varied]
     number = math.prod(len(values) for _, values in axes)
     if number > LARGEST_SWEEP:
         raise InputError(f"--vary: these are {number} cases; {LARGEST_SWEEP} is the limit of one sweep")
     cases: list[Case] = []
     known: dict[str, Case] = {}
     for chosen in itertools.product(*(values for _, values in axes)):
-        own = {key: value for (keys, _), value in zip(axes, chosen, strict=True) for key in keys}
-        named = {keys[0]: own[keys[0]] for keys, _ in axes}
-        varying = [f"{key}={value}" for key, value in own.items()]
+        settings = {key: value for (keys, _), value in zip(axes, chosen, strict=True) for key in keys}
+        named = {keys[0]: settings[keys[0]] for keys, _ in axes}
+        varying = [f"{key}={value}" for key, value in settings.items()]
         try:
-            case = Case(len(cases), own, named, read_scene(path, scene, varying, file_kind))
+            case = Case(len(cases), settings, named, read_scene(path, scene, varying, file_kind))
         except InputError as error:
             raise InputError(f"--vary {' '.join(varying)}: {str(error).removeprefix('--set ')}") from None
         cases.append(case)

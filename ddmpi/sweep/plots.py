@@ -71,8 +71,9 @@ def draw_curves(rows: list[dict[str, Any]], result: str, key: str, summary: dict
     curves = _curves(points, others, plot)
     words = not all(isinstance(row[key], int | float) for row in points)
     figure, axes = plt.subplots(figsize=(7.2 if len(curves) == 1 else 8.6, 4.6))
-    for k, (combination, own) in enumerate(curves.items()):
-        at = [(str(row[key]), row[result]) for row in own] if words else sorted((row[key], row[result]) for row in own)
+    for k, (combination, curve) in enumerate(curves.items()):
+        at = [(row[key], row[result]) for row in curve]
+        at = [(str(value), number) for value, number in at] if words else sorted(at)
         share = k / max(len(curves) - 1, 1)
         colour = plt.get_cmap("viridis")(0.9 * share) if len(curves) > 1 else COLOURS["normal"]
         label = ", ".join(f"{value:g}" if isinstance(value, int | float) else str(value) for value in combination)

@@ -148,7 +148,7 @@ def _taken(place: Path) -> str:
 def _run_case(world: MPI.Comm, sweep: Sweep, case: Case, options: RunOptions) -> DdmpiError | None:
     """Run one case; its error, where all ranks agree on it. Collective. Raises OutputError."""
     place, error, restart = sweep.place(case), None, None
-    own = world.Dup()  # no message of a failing case may reach the next one
+    comm = world.Dup()  # no message of a failing case may reach the next one
     with contextlib.ExitStack() as stack:
         with agreed(world):
             if world.rank == 0:
@@ -162,7 +162,7 @@ def _run_case(world: MPI.Comm, sweep: Sweep, case: Case, options: RunOptions) ->
         restart = world.bcast(restart)
         options.use(case.scene.petsc)
         try:
-            run(own, case.scene, sweep.scene_path, str(place), case.scene.output.figures and sweep.figures, restart)
+            run(comm, case.scene, sweep.scene_path, str(place), case.scene.output.figures and sweep.figures, restart)
         except DdmpiError as failure:
             if not failure.agreed:
                 raise
@@ -171,7 +171,7 @@ def _run_case(world: MPI.Comm, sweep: Sweep, case: Case, options: RunOptions) ->
             log.error("ddmpi: %s: %s", error.kind, error)
     gc.collect()  # objects that refer to each other in a circle, such as solvers and their contexts
     free_garbage()
-    own.Free()
+    comm.Free()
     code, words = (error.exit_code, str(error).split("\n")[0]) if error else (0, "")
     from_first(world, lambda: record_case(place, case, code, words))
     return error

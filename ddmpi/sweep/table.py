@@ -122,22 +122,22 @@ def read_outcome(folder: Path) -> Outcome:
 
 def numbers(summary: dict) -> dict[str, float]:
     """The numbers of a summary that have columns, by their dotted names; those of a vector end with .x, .y, .z."""
-    found: dict[str, float] = {}
+    columns: dict[str, float] = {}
     for name, value in flatten({name: summary.get(name) for name in (*RESULTS, *GROUPS)}):
         if isinstance(value, list) and len(value) <= 3 and all(isinstance(entry, float) for entry in value):
-            found |= {f"{name}.{axis}": entry for axis, entry in zip("xyz", value, strict=False)}
+            columns |= {f"{name}.{axis}": entry for axis, entry in zip("xyz", value, strict=False)}
         elif type(value) in (int, float) and not name.startswith(LEVELS):
-            found[name] = value
-    return found
+            columns[name] = value
+    return columns
 
 
 def gather(folder: Path, cases: list[Case]) -> Path:
     """Write the table of `cases` out of what is on disk; its path. Raises OutputError, InputError. Not collective."""
     outcomes = [read_outcome(folder / case.folder) for case in cases]
     results = [numbers(outcome.summary or {}) for outcome in outcomes]
-    found = dict.fromkeys([*RESULTS, *(name for result in results for name in result)])
+    names = dict.fromkeys([*RESULTS, *(name for result in results for name in result)])
     text = io.StringIO()
-    writer = csv.DictWriter(text, ["case", *cases[0].settings, "status", "exit", "reason", *found, "started", "folder",
+    writer = csv.DictWriter(text, ["case", *cases[0].settings, "status", "exit", "reason", *names, "started", "folder",
                                   "warnings"], lineterminator="\n")
     writer.writeheader()
     for case, outcome, result in zip(cases, outcomes, results, strict=True):  # what is missing is an empty field
