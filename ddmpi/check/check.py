@@ -1,4 +1,4 @@
-"""What a run would do, without solving: a scene meshed, assembled and paired, in words and pictures."""
+"""A scene meshed, assembled and paired, but not solved, in words and pictures."""
 
 from __future__ import annotations
 
@@ -45,22 +45,22 @@ SOLVERS = {"explicit": "direct solver", "direct": "direct solver, compliance dir
 
 
 def check(world: MPI.Comm, scene: Settled, scene_path: str, output: str | None, figures: bool) -> None:
-    """Log what a run of `scene` would do. With `figures`, and matplotlib, draw it into the folder `output`, or a new
-    one under results/. Collective on `world`.
+    """Log meshes, supports, loads and contacts of `scene`. With `figures`, and matplotlib, draw them into the folder
+    `output`, or a new one under results/. Collective on `world`.
 
-    Raises what a run raises, the same on all ranks; NotConvergedError where it would find that there is no equilibrium.
+    Raises the errors of a run, the same on all ranks; NotConvergedError if there is no equilibrium.
     """
     ranks = world.size
     on_working_ranks(world, scene, lambda part: _check(part, scene, scene_path, output, figures, ranks))
 
 
 def _check(world: MPI.Comm, scene: Settled, scene_path: str, output: str | None, figures: bool, ranks: int) -> None:
-    """`check` on the ranks that hold bodies, of all `ranks`."""
-    folder, held = None, contextlib.ExitStack()
+    """`check` on the ranks with bodies, of all `ranks`."""
+    folder, claimed = None, contextlib.ExitStack()
     with agreed(world):
         if world.rank == 0 and figures and has_matplotlib():
-            folder = held.enter_context(choose_folder(output, None, f"{Path(scene_path).stem}-check"))
-    with held:
+            folder = claimed.enter_context(choose_folder(output, None, f"{Path(scene_path).stem}-check"))
+    with claimed:
         log.info("%s", scene.title or scene_path)
         assembly = prepare_scene(world, scene, scene_path, factor=False)
         mechanism, free = look_for_mechanism(assembly), motions_without_resistance(assembly)
@@ -94,11 +94,11 @@ def _check(world: MPI.Comm, scene: Settled, scene_path: str, output: str | None,
 
 
 def _look(body: Body) -> Looked:
-    """What there is to say of a body. Not collective."""
+    """A body's mesh, loads and supports, with the words about them. Not collective."""
     mesh, spec, member = body.mesh, body.spec, body.member
     loads = [(history, on, f) for history in (None, *histories(spec))
              for on, f in loads_by_group(mesh, spec, history)]
-    supports = [(_held(clamp, mesh.dimension), clamp.on, clamp.history) for clamp in spec.clamps]
+    supports = [(_prescribed(clamp, mesh.dimension), clamp.on, clamp.history) for clamp in spec.clamps]
     supports += [("foundation", foundation.on, None) for foundation in spec.foundation]
     length = edge_lengths(mesh)
     size, doubt = _range(length.max(axis=1).min(), length.max()), doubt_cells(mesh, spec.name)
@@ -122,10 +122,10 @@ def _look(body: Body) -> Looked:
                   [(how, group_nodes(mesh, on, "")) for how, on, _ in supports], memory, words, doubt)
 
 
-def _held(clamp: Clamp, d: int) -> str:
-    """How a clamp holds nodes, in words."""
+def _prescribed(clamp: Clamp, d: int) -> str:
+    """The components that a clamp prescribes, in words."""
     given = dict(zip("xyz"[:d], clamp.components, strict=False)) | {"its normal": clamp.normal}
-    ways = grouped(("held" if value == 0.0 else "moved", axis) for axis, value in given.items() if value is not None)
+    ways = grouped(("fixed" if value == 0.0 else "moved", axis) for axis, value in given.items() if value is not None)
     return ", ".join(f"{how} along {', '.join(axes)}" for how, axes in ways)
 
 
@@ -138,13 +138,13 @@ def _range(least: float, most: float) -> str:
 
 
 def _force(mesh: Mesh, on: str, f: np.ndarray) -> str:
-    """Resultant, and unless it is that of volume forces moment, of nodal loads (nv, d), in words."""
+    """Resultant of nodal loads (nv, d), and their moment unless they are volume forces, in words."""
     moments = f", moment {_vector(moment(mesh.points, f, mesh.axisymmetric), f * np.abs(mesh.points).max())}"
     return f"force {_vector(f.sum(axis=0), f)}{moments * (on != VOLUME)}"
 
 
 def _vector(value: Sequence[float] | np.ndarray, summands: np.ndarray) -> str:
-    """A vector, or one number, in words, without what is rounding beside its summands."""
+    """A vector, or one number, in words, with zero for rounding beside its summands."""
     parts = np.where(np.abs(value) <= ROUNDING * np.abs(summands).sum(), 0.0, value)
     return in_words(parts, 4) if parts.ndim else f"{parts:.4g}"
 

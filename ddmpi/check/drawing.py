@@ -1,4 +1,4 @@
-"""Pictures of a scene that is not solved: meshes, groups, loads and clamps; contacts with their pairing and gaps."""
+"""Pictures of an unsolved scene: meshes, groups, loads and clamps; contacts with their pairing and gaps."""
 
 from __future__ import annotations
 
@@ -28,34 +28,34 @@ from ddmpi.system.files import writing
 from ddmpi.system.numbers import scaled_unit
 
 PLACES, ARROW = 16, 0.08
-"""Loads and clamps are drawn at about so many places along the bodies' extent, the longest arrow as this part of it."""
+"""Approximate number of loads and clamps along the bodies' extent, and the length of the longest arrow over it."""
 
 GROUPS = ("#7fa8d1", "#e3b272", "#8fc08a", "#c79ac7", "#d98f8f", "#a8a36b", "#79bdbd", "#b59a86")
 """Colours of groups, by name."""
 
 MARKERS = "s^>DoPv*ph"
-"""Of the ways in which clamps hold."""
+"""Markers of the kinds of supports."""
 
 HELD, MISSING = "#1f6f4a", "#e00000"
-"""Colours of clamps, and of contacts that are not there."""
+"""Colours of clamps and of missing contacts."""
 
 SPACED = 4.0
-"""Lines between the nodes of cells are drawn if half of them are so many pixels away from the opposite corner."""
+"""Edges of cells are drawn if half of them are at least this many pixels away from the opposite corner."""
 
 TRIED = 8
-"""So many facets of a group are tried for a place at which its name is not hidden."""
+"""Number of facets of a group that are tried for a visible place of its name."""
 
 
 @dataclass(frozen=True)
 class Looked:
-    """A body as its rank looks at it."""
+    """A body with the data of its pictures and words."""
 
     mesh: Mesh
     boundary: Boundary
     loads: list[tuple[str, np.ndarray]]  # nodal loads (nv, d) by group (N), that of the volume force is VOLUME
-    supports: list[tuple[str, np.ndarray]]  # how each clamp and foundation holds its nodes, in words, and these
+    supports: list[tuple[str, np.ndarray]]  # clamps and foundations in words, and their nodes
     memory: float  # bytes of its factors, none for multigrid; an estimate
-    words: list[str]  # what there is to say
+    words: list[str]  # lines of the page
     doubt: str  # a warning of its mesh, or nothing
 
 
@@ -69,8 +69,8 @@ class Plan(Sheet):
                                                        "edgecolor": "none"})
 
     def name(self, group: str, at: np.ndarray, normal: np.ndarray, number: int) -> None:
-        """Write the name of a group, the how manieth that is, at one of its facets (f, d) with `normal` that is seen:
-        the one in the middle; around rings names stand at different places."""
+        """Write the name of a group at the middle one of its visible facets (f, d) with `normal`; around rings it is
+        shifted by the `number` of the group."""
         away = np.linalg.norm(at - at.mean(axis=0), axis=1)
         order = np.argsort(away, kind="stable")[np.linspace(0, len(at) - 1, min(len(at), TRIED)).astype(int)]
         seen = order[(self.place(normal[order])[:, 2] > 0.1 * self.view.solid - 0.05) & self.shows(at[order])]
@@ -99,7 +99,7 @@ def _plan(results: Results, behind: bool = False) -> Plan:
 
 def draw(folder: Path, scene: Settled, bodies: Mapping[str, Looked], interfaces: Sequence[Interface],
          missing: Sequence[Missing], number: int = 0, drawers: int = 1) -> list[str]:
-    """Write the pictures, or this one's share of several `drawers`; all names. Not collective. Raises OutputError."""
+    """Write the pictures, or a share of them for several `drawers`; all names. Not collective. Raises OutputError."""
     plt, results = start_drawing(), _as_results(scene, bodies, interfaces)
     pictures = {"bodies.png": lambda: draw_bodies(results, bodies)}
     if scene.dimension > 2:
@@ -114,7 +114,7 @@ def draw(folder: Path, scene: Settled, bodies: Mapping[str, Looked], interfaces:
 
 
 def _as_results(scene: Settled, bodies: Mapping[str, Looked], interfaces: Sequence[Interface]) -> Results:
-    """Bodies and contacts at rest, as the pictures of a run take them."""
+    """Bodies and contacts at rest, in the form of results, for the pictures of a run."""
     meshes, plain_scene = [body.mesh for body in bodies.values()], scene.resolved()
     starts = np.cumsum([0, *(len(mesh.points) for mesh in meshes)])
     points = np.concatenate([mesh.points for mesh in meshes])
@@ -170,7 +170,7 @@ def draw_bodies(results: Results, bodies: Mapping[str, Looked], behind: bool = F
 
 
 def draw_contacts(results: Results, interfaces: Sequence[Interface], missing: Sequence[Missing]) -> Any:
-    """Contacts with their pairing and gaps, and those that bodies are close enough to have; a figure."""
+    """Contacts with their pairing and gaps, and missing ones; a figure."""
     from matplotlib.lines import Line2D
 
     plan, skin = _plan(results), skin_of(results)
@@ -204,7 +204,7 @@ def draw_contacts(results: Results, interfaces: Sequence[Interface], missing: Se
 
 
 def _meshed(plan: Plan, body: Looked, colours: Mapping[str, str]) -> Surface:
-    """What is seen of a body, with the edges of its cells, and in space in the colours of its groups."""
+    """The visible surface of a body, with the edges of its cells, and in space in the colours of its groups."""
     from matplotlib.colors import to_rgb
 
     skin = Skin(plan.view, body.mesh.points, body.mesh.triangles)
@@ -235,7 +235,7 @@ def _thinned(at: np.ndarray, size: float, *values: np.ndarray) -> tuple[np.ndarr
 
 
 def _stresses(body: Looked, on: str, f: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Some places (k, d) on the group `on`, its load there (Pa), and which way is outward; from nodal loads (nv, d)."""
+    """Points (k, d) on the group `on`, its load at them (Pa), and outward vectors; from nodal loads (nv, d)."""
     some = body.boundary.groups[on]
     facets, normal = body.boundary.facets[some], body.boundary.normal[some]
     nodes, area = np.unique(facets), nodal(

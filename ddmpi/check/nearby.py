@@ -1,4 +1,4 @@
-"""Contacts that bodies lie close enough to have, but that the scene does not name. The same in any dimension."""
+"""Missing contacts: bodies that lie close to each other without a contact in the scene. In any dimension."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from ddmpi.surface.side import across, unit
 from ddmpi.system.numbers import nearest_in
 
 NEAR = 0.25
-"""Facets that are closer than this part of the smaller one's size may be meant to touch."""
+"""Facets may be meant to touch if they are closer than this fraction of the smaller one's size."""
 
 ASIDE, ROUNDING = 0.5, 1e-6
-"""What is nearest to a facet lies before it: aside by at most the first of its distance, and the second of its size."""
+"""The nearest point lies before a facet: offset by at most the first of its distance plus the second of its size."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Boundary:
 
     @classmethod
     def of(cls, mesh: Mesh) -> Boundary:
-        """That of a body's mesh. Not collective."""
+        """The boundary of a mesh. Not collective."""
         d, facets = mesh.dimension, mesh.boundary[0]
         at = mesh.points[facets[:, :d]]
         keys = [np.sort(part[:, :d], axis=1) for part in (facets, *mesh.groups.values())]
@@ -49,8 +49,8 @@ class Boundary:
         return np.linalg.norm(self.at - np.roll(self.at, 1, axis=1), axis=2).max(axis=1)
 
     def named(self, some: np.ndarray) -> np.ndarray:
-        """Of some facets (k,) the group of each: of those that it belongs to that which most of them do, of these the
-        smallest; "" if it belongs to none."""
+        """Groups of some facets (k,), or "": of a facet's groups the one with the most of these facets, of equal ones
+        the smallest."""
         names = np.full(len(some), "", dtype=object)
         for name in sorted(self.groups, key=lambda name: (-self.groups[name][some].sum(), self.groups[name].sum())):
             names[(names == "") & self.groups[name][some]] = name
@@ -58,7 +58,7 @@ class Boundary:
 
 
 class Missing(NamedTuple):
-    """A contact that is not there."""
+    """A missing contact."""
 
     bodies: tuple[str, str]  # the second may be a rigid partner
     on: tuple[str, ...]  # a group of each body; "" where the boundary has no name
@@ -66,7 +66,7 @@ class Missing(NamedTuple):
     gap: tuple[float, float]  # the least and the largest distance, negative where they overlap (m)
 
     def lines(self, taken: set[str]) -> str:
-        """What to add to the scene, whose contacts have the names that are `taken`; one more is then."""
+        """The TOML of the contact, with a name that is not among those `taken`, which gets this one."""
         first, k = default_name(self.bodies), 1
         while (name := first if k == 1 else f"{first}-{k}") in taken:
             k += 1
@@ -79,7 +79,7 @@ def find_missing(boundaries: Mapping[str, Boundary], rigid: Sequence[Rigid],
                  contacts: Sequence[SettledContact]) -> Iterator[Missing]:
     """Groups of bodies, and rigid partners, that face each other closer than NEAR, but not in a contact of both.
 
-    Each facet is looked at with what is nearest to its middle of other bodies and rigid partners. Not collective.
+    Facets are compared with the nearest point to their middle on other bodies and rigid partners. Not collective.
     """
     bodies = list(boundaries.values())
     number = {name: k for k, name in enumerate((*boundaries, *(surface.name for surface in rigid)))}

@@ -24,21 +24,21 @@ from ddmpi.system.interrupt import apart
 from ddmpi.system.numbers import in_words
 
 TRUST = "DDMPI_TRUST_GEOMETRY"
-"""The variable that allows drawings to start programs and write files, if it is 1. No file can set it."""
+"""The environment variable that allows drawings to start programs and write files, if it is 1."""
 
 HARMFUL = re.compile(rb"\b(System|SystemCall|NonBlockingSystemCall|OnelabRun|ExternalProcess|Plugin|SendToServer|Save"
                      rb"|CreateDir|(?:Tmp|Session|Options|Error)FileName|S2N|StringToName|Print(?!\s*\.))\b")
-"""What starts programs or writes files in a .geo, and what makes such a word out of strings."""
+"""Commands of a .geo that start programs or write files, or that build such a command from strings."""
 
 SKIPPED = re.compile(rb"""("[^"]*"|'[^']*')|//[^\n]*|/\*.*?\*/""", re.S)
 """A string of a .geo, or a comment."""
 
 READS = re.compile(rb"""\b(Include|Merge|MergeWithBoundingBox|ShapeFromFile|ListFromFile|FileExists|FileName)\b"""
                    rb"""([\s=(\[]*)(?:"([^"\n]{1,999})"|'([^'\n]{1,999})')?""")
-"""What reads another file in a .geo, and its name; gmsh cuts strings at 1023 characters and reads on."""
+"""Commands of a .geo that read another file, and its name; gmsh cuts strings at 1023 characters and reads on."""
 
 READ_AS_DATA = (".step", ".stp", ".brep", ".brp", ".iges", ".igs", ".stl")
-"""Endings, in small letters, of files that gmsh takes for no script whatever they hold."""
+"""Lower-case endings of files that gmsh never reads as scripts."""
 
 AROUND = 24
 """Elements around a full circle, at least: beyond 40 degrees from one side to the next a contact has a corner. With
@@ -54,16 +54,16 @@ ALIKE = 0.1
 """Curves are alike if the logarithms of their sizes differ by less."""
 
 NEAR = 2.0
-"""Elements have the size of contacts up to so many times this size away from them."""
+"""Elements have the size of contacts up to this multiple of the size away from them."""
 
 TOO_MANY = 2e7
-"""So many cells of a body come from a size in other units than the drawing; gmsh takes minutes and all memory."""
+"""More cells of a body mean a size in other units than the drawing; gmsh would take minutes and all memory."""
 
 FILLED, TINY = 0.01, 1e-6
 """What a thin solid fills of its box. Curves shorter than this part of the drawing, as at poles, have no curvature."""
 
 OFF = 1e22
-"""What gmsh takes for no limit."""
+"""Gmsh's value for no limit."""
 
 DRAWN = "drawn.msh"
 """The mesh that gmsh writes."""
@@ -72,7 +72,7 @@ _OPTIONS = {"General.NumThreads": 1, "Mesh.MaxNumThreads1D": 1, "Mesh.MaxNumThre
             "Mesh.RandomSeed": 1, "Mesh.ElementOrder": 1, "Mesh.SecondOrderLinear": 0, "Mesh.MshFileVersion": 4.1,
             "Mesh.Binary": 1, "Mesh.SaveAll": 0, "Mesh.SaveParametric": 0, "Mesh.MeshOnlyVisible": 0,
             "Mesh.MeshOnlyEmpty": 0, "Mesh.RecombineAll": 0, "Mesh.SubdivisionAlgorithm": 0, "Mesh.ScalingFactor": 1}
-"""What the options of a file do not change."""
+"""Options that a file cannot change."""
 
 
 def mesh_geometry(path: Path, body: BodySpec, contacts: Collection[str], sizes: Sizes | None = None) -> Mesh:
@@ -201,7 +201,7 @@ def _draw(source: Path, script: bool, body: BodySpec, contacts: Collection[str],
 
 
 def _choose_groups(gmsh, script: bool, body: BodySpec, contacts: Collection[str], label: str) -> None:
-    """See to it that the groups have names, and that the body is saved. Raises InputError."""
+    """Name the groups, and save the cells of the body. Raises InputError."""
     d = gmsh.model.getDimension()
     if not script:  # other files have no physical groups
         _name_sides(gmsh, body, contacts, label)
@@ -303,7 +303,7 @@ def _refine_towards(gmsh, body: BodySpec, contacts: Collection[str]) -> None:
 
 
 def _follow(gmsh, sizes: Sizes, largest: float, label: str) -> None:
-    """Have elements of the given sizes, whatever the file says of its own."""
+    """Prescribe the sizes of elements, overriding those of the file."""
     gmsh.model.mesh.removeConstraints()  # numbers of nodes on curves; but those of gmsh's own kernel remain
     script = _unrolled(gmsh)
     free = re.sub(r"^(Transfinite|Recombine) .*\n", "", script, flags=re.M)
@@ -326,7 +326,7 @@ def _follow(gmsh, sizes: Sizes, largest: float, label: str) -> None:
 
 
 def _around(gmsh, largest: float) -> list[int]:
-    """Fields that make elements along curved curves and faces small enough for their radii."""
+    """Size fields for elements that are small enough for the radii of curves and faces."""
     alike: dict[tuple[int, int], list[tuple[float, int]]] = {}
     for dimension, tag in [*gmsh.model.getEntities(1), *gmsh.model.getEntities(2)]:
         bend, extent = {1: _curve_bend, 2: _face_bend}[dimension](gmsh, tag)

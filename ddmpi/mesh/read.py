@@ -22,36 +22,36 @@ from ddmpi.scene.values import LARGEST
 from ddmpi.system import interrupt
 
 MSH = (b"$MeshFormat", b"$Comments", b"$NOD", b"$NOE")
-"""How files of meshes by gmsh begin. Only these does it open: what it does not know it runs as a script."""
+"""First words of mesh files that gmsh may open: it runs unknown files as scripts."""
 
 COMPLETE = {"wedge18": [0, 1, 2, 3, 4, 5, 6, 9, 7, 12, 14, 13, 8, 10, 11],
             "pyramid14": [0, 1, 2, 3, 4, 5, 8, 10, 6, 7, 9, 11, 12]}
 """The order of VTK in elements with middles of faces, which meshio leaves in gmsh's."""
 
 FORMATS = {".med": "med", ".vtu": "vtu", ".vtk": "vtk"}
-"""What meshio calls the formats of other programs, by the ending of a file. `Input` reads .inp; others are gmsh's."""
+"""Meshio's names of the formats of other programs, by ending. `Input` reads .inp; others are gmsh's."""
 
 NUMBERED = ("cell_tags", "gmsh:physical", "CellEntityIds")
-"""What numbers the groups of elements in these formats."""
+"""Names of the data that number the groups of elements in these formats."""
 
 ELEMENTS: dict[str, dict[int, str]] = {
     "CPE|CPS|CPEG|CAX|CGAX|S|STRI|M3D|SFM3D|R3D": {3: "triangle", 4: "quad", 6: "triangle6", 65: "triangle6",
                                                    8: "quad8", 9: "quad9"},
     "C3D": {4: "tetra", 5: "pyramid", 6: "wedge", 8: "hexahedron", 10: "tetra10", 15: "wedge15", 20: "hexahedron20"},
     "T2D|T3D": {2: "line", 3: "line3"}, "B2|B3": {1: "line", 2: "line3", 3: "line"}}
-"""Abaqus's names of elements: letters, a number, and what follows does not matter."""
+"""Abaqus's names of elements: letters and a number; further letters are ignored."""
 
 SHAPELESS = ("MASS", "ROTARYI", "SPRING", "DASHPOT", "CONN", "GAP", "DCOUP")
-"""Elements whose names begin like this are left out."""
+"""Prefixes of the names of elements that are skipped."""
 
 GENERATING = ("NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "SYSTEM")
 """Keywords that make nodes or elements from others, or move them; they are not read."""
 
 MOST = 10**8
-"""A set that is generated has not more members than this."""
+"""Largest number of members of a generated set."""
 
 PLANE = 1e-9
-"""How far the z coordinates of a plane mesh may differ, as a fraction of its extent."""
+"""Largest difference of the z coordinates of a plane mesh over its extent."""
 
 FLAT = 1e-14
 """A triangle has no area if it is smaller than this fraction of the largest one; for volumes its power 3/2."""

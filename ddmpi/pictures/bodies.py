@@ -21,24 +21,23 @@ from ddmpi.system.files import writing
 from ddmpi.system.numbers import scaled_unit
 
 BRIGHTEST = 99.5
-"""The colours of a stress end at this percentile: stresses are singular in corners, which must not set the scale."""
+"""Percentile at which the colours of stresses end: singular stresses in corners must not set the scale."""
 
 MOVED, TURNED_BY = 0.1, 0.3
-"""In the picture of a mechanism no node moves by more than this part of the bodies' extent, and no body turns by more
-than this angle."""
+"""Largest displacement in the picture of a mechanism, over the bodies' extent, and largest rotation (rad)."""
 
 AT_REST = 1e-3
-"""A body whose velocity is below this part of the largest one is not drawn moved."""
+"""A body is drawn at rest if its velocity is below this fraction of the largest."""
 
 FRAMES, SECONDS, SLOWEST, FASTEST = 200, 6.0, 2.0, 20.0
-"""An animation has at most so many frames, and takes about so long, within these limits of frames a second."""
+"""Largest number of frames of an animation, its duration (s), and limits of frames per second."""
 
 COARSE = 700
 """Pixels of the longer side of the bodies in an animation."""
 
 
 def skin_of(results: Results) -> Skin:
-    """What pictures show of the bodies. Raises InputError where a cut meets none."""
+    """The visible surfaces of the bodies. Raises InputError for a cut that meets none."""
     view = View(results.points, results.summary["scene"]["output"])
     return Skin(view, results.points, results.fields["cells"])
 
@@ -67,7 +66,7 @@ def draw_bodies(results: Results) -> Any:
 
 
 def coloured(results: Results, fields: dict[str, np.ndarray]) -> tuple[np.ndarray, str, str]:
-    """What colours bodies, at their nodes (nv,), with its name and unit: von Mises stress, else displacement."""
+    """The values (nv,) for the colours of bodies, with name and unit: von Mises stress, else displacement."""
     output = results.summary["scene"]["output"]
     if "nodal_von_mises" in fields:
         return fields["nodal_von_mises"], "von Mises stress", output["stress_unit"]
@@ -84,7 +83,7 @@ def _both_halves(facets: np.ndarray, at: np.ndarray, still: np.ndarray, *values:
 
 
 def draw_error(results: Results) -> Any:
-    """The estimated discretization error of the cells that are seen; a figure."""
+    """The estimated discretization error of the visible cells; a figure."""
     skin, top = skin_of(results), results.fields["error"].max() or 1.0
     image = colours_of(1e-3 * top, top, "magma_r", logarithmic=True)
     values = np.maximum(results.fields["error"][skin.cell], 1e-3 * top)[:, None].repeat(3, axis=1)
@@ -98,7 +97,7 @@ def draw_error(results: Results) -> Any:
 
 
 def draw_mechanism(results: Results, mechanism: dict[str, Any]) -> Any:
-    """The bodies as they stand, and as the `mechanism`, the content of mechanism.json, would move them; a figure."""
+    """The bodies at rest, and moved by the `mechanism`, the content of mechanism.json; a figure."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
@@ -145,7 +144,7 @@ def crossed(turning: np.ndarray, at: np.ndarray) -> np.ndarray:
 
 
 def middles(results: Results) -> list[np.ndarray]:
-    """A node (d,) of each body far from its boundary, near the body's middle if there are several."""
+    """Nodes (d,), one a body, far from its boundary, of several the one nearest to the middle."""
     from scipy.spatial import cKDTree
 
     owner, edge, places = owners(results), np.unique(boundary_facets(results.fields["cells"], results.dimension)[0]), []
@@ -206,7 +205,7 @@ def animate(results: Results, folder: Path, title: str) -> Path:
 
 
 def _frames(folder: Path) -> Iterator[tuple[float, dict[str, np.ndarray]]]:
-    """Time, and the fields that differ from step to step, of what an animation shows of the series result.xdmf."""
+    """Time, and the fields that change with it, of the load steps in the series result.xdmf."""
     import h5py
 
     times = step_times(folder)

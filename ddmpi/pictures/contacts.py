@@ -21,11 +21,11 @@ from ddmpi.surface.side import unit
 from ddmpi.system.numbers import moment, scaled_unit
 
 WIDEST = {2: 0.3, 3: 0.6}
-"""Half of the largest resultant is drawn as this part of a body's size, the root of its area or volume, and in the
-plane the largest pressure as 0.8 of it; by dimension."""
+"""Length of half of the largest resultant over a body's size, the root of its area or volume, by dimension; in the
+plane the largest pressure has 0.8 of it."""
 
 WEAK = 0.01
-"""Resultants below this part of the largest one are not drawn."""
+"""Resultants below this fraction of the largest are not drawn."""
 
 FACING, STRAIGHT = 0.4, 0.02
 """A contact is seen from the front if the mean of its normals is longer than the first, and is unrolled about an axis
@@ -33,20 +33,20 @@ if the mean square of their parts along it is at most the second. Directions who
 the second are those of x, y or z."""
 
 LONG = 5.0
-"""Maps of contacts that are longer than this times their width stand one below the other."""
+"""Maps of contacts longer than this times their width are arranged in one column."""
 
 ARROWS = 16
-"""Slip is drawn as about so many arrows along a contact."""
+"""Approximate number of arrows of slip along a contact."""
 
 BRIGHTEST = 98.0
-"""On the bodies, the colours of stresses that are not zero end at this percentile."""
+"""Percentile of nonzero stresses at which the colours on the bodies end."""
 
 SMALL = 0.5
-"""If no more than this part of a contact's extent is closed, its maps show what is closed and as much around it."""
+"""Maps of a contact that is closed over at most this fraction of its extent show the closed part and as much around."""
 
 
 def draw_contacts(results: Results) -> Any:
-    """All contacts where the bodies stand: normal stresses, resultants, and in the plane zones; a figure.
+    """All contacts on the undeformed bodies: normal stresses, resultants, and in the plane zones; a figure.
 
     In the plane a pressure is drawn as an area into the contact's first body, tension into the second; in space they
     are colours. A resultant stands on its line of action, its middle at the contact, unless it passes this by.
@@ -95,7 +95,7 @@ def draw_contacts(results: Results) -> Any:
 
 
 def _resultants(results: Results, size: float) -> tuple[list[np.ndarray], float]:
-    """Ends (2, d) of the resultants that are drawn, half of the largest as long as `size` (m); the largest (N)."""
+    """Ends (2, d) of the drawn resultants, half of the largest as long as `size` (m); the largest (N)."""
     arrows, tables, contacts = [], results.contacts, results.summary["contacts"]
     largest = max(float(np.linalg.norm(contact["force"])) for contact in contacts.values())
     sizes = {name: np.hypot(table["normal_force"], table["tangential_force"]) for name, table in tables.items()}

@@ -22,13 +22,13 @@ SHADE = 0.35
 """Opacity of zones behind curves."""
 
 ROUNDING = 1e-6
-"""Resultants below this part of the normal force are none, as of a shaft in its hub."""
+"""Resultants below this fraction of the normal force count as zero, as of a shaft in its hub."""
 
 LOOPS = 3
-"""At most so many contacts, those with the largest forces, have their loop and their stresses drawn."""
+"""Largest number of contacts, those with the largest forces, with loops and stresses in pictures."""
 
 CURVES = 8
-"""Of more ends of legs than this, so many are drawn, from the first to the last."""
+"""Largest number of ends of legs in a picture, from the first to the last."""
 
 
 def draw_contact(results: Results, name: str) -> Any:
@@ -187,8 +187,8 @@ def draw_steps(results: Results) -> Any:
 
 
 def _driver(summary: dict, times: np.ndarray) -> tuple[str, np.ndarray]:
-    """The factor, at time 0 and at all `times`, of the history that goes the longest way after it first rests or turns;
-    of the only one, if there is one; or time itself."""
+    """The factor, at time 0 and at all `times`, of the history that varies most after it first rests or turns, or of
+    the only history; else time itself."""
     best: tuple[float, str, np.ndarray] | None = None
     points = np.concatenate([[0.0], times])
     for name, history in summary["scene"]["history"].items():
@@ -227,13 +227,13 @@ def _draw_stresses(axes: Any, name: str, results: Results, units: dict) -> None:
 
 
 def _resultant(steps: Columns) -> str:
-    """What to draw of a contact: its force, or of solids where there is none its moment."""
+    """The resultant of a contact in pictures: force, or the moment of solids without a force."""
     forces = [np.abs(values).max() for column, values in steps.items() if column.startswith("force_")]
     return "moment" if "moment_x" in steps and max(forces) <= ROUNDING * steps["normal_force"].max() else "force"
 
 
 def _draw_course(axes: Any, name: str, results: Results, units: dict) -> None:
-    """Force on the first body along x, y and z, or where there is none its moment, and nodes by status, over time."""
+    """Force on the first body along x, y and z, or its moment without a force, and nodes by status, over time."""
     rows = results.steps["contact"] == name
     steps = {column: values[rows] for column, values in results.steps.items()}
     time = np.append(0.0, steps["time"])

@@ -1,4 +1,4 @@
-"""Where pictures draw bodies and rigid partners, and how much enlarged."""
+"""Positions of bodies and rigid partners in pictures, and the magnification of displacements."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ INVISIBLE = 0.002
 """Errors of at most this fraction of the bodies' extent cannot be seen in a picture: two pixels."""
 
 FARTHEST = 100.0
-"""Displacements are drawn as at most so many times the bodies' extent, whatever magnification is asked for."""
+"""Largest drawn displacement over the bodies' extent, whatever the magnification."""
 
 AROUND = 1.25
-"""A rigid surface is drawn beyond what may touch it in space, by this factor."""
+"""Size of a drawn rigid surface in space over that of the part that bodies may touch."""
 
 
 def magnify(results: Results, largest: float = 0.0) -> tuple[float, np.ndarray]:
@@ -113,7 +113,7 @@ def rigid_parts(results: Results, factor: float = 0.0, time: float | None = None
 
 
 def _around(rigid: Rigid, at: np.ndarray, facets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The part of a rigid surface around what may touch it, facets (f, 3) of places (k, 3): the same of itself."""
+    """The part of a rigid surface near bodies, as facets and points, from their facets (f, 3) and points (k, 3)."""
     at = at.mean(axis=0) + AROUND * (at - at.mean(axis=0))
     normal, distance = rigid.facing(at)
     at, facets = at - distance[:, None] * normal, facets[:, ::-1]

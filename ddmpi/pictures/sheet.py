@@ -1,4 +1,4 @@
-"""What pictures share: colours, axes, how places and surfaces are put on them, colour bars and names."""
+"""Common parts of pictures: colours, axes, placement of points and surfaces, colour bars and names."""
 
 from __future__ import annotations
 
@@ -22,35 +22,35 @@ COLOURS = {"normal": "#1b4f8f", "tangential": "#c8501e", "bound": "#7a7a7a", "ri
            "moved": "#c8501e", "force": "#8c1a3a"}
 
 FILLED = {"still": "#f4f5f7", "moved": "#f6dfd4", "patch": "#cdd2d8"}
-"""The insides of bodies, and rigid partners."""
+"""Fill colours of bodies and rigid partners."""
 
 ZONES = {"open": "#b4bac2", "slip": "#e8954a", "stick": "#5fa35f"}
 """Colours of nodes by their status."""
 
 RESOLVED = 1e-6
-"""Gaps and slips below this fraction of the largest displacement are drawn as none, and so are resultants below this
+"""Gaps and slips below this fraction of the largest displacement are drawn as zero, and so are resultants below this
 fraction of the sum of the nodes' forces."""
 
 BESIDE: dict[str, Any] = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0)}
 """Legends to the right of the axes."""
 
 NAMED = 40
-"""Names are written on at most this many bodies."""
+"""Largest number of bodies with names in pictures."""
 
 PIXELS = 1100
-"""Of the longer side of a picture of surfaces."""
+"""Pixels of the longer side of a picture of surfaces."""
 
 WIDE = 1.4
-"""What is wider than this times its height has its colour bar below it."""
+"""Pictures wider than this times their height have the colour bar below."""
 
 MARGIN = 0.04
-"""What is left around bodies, and by which rigid surfaces are longer than bodies may touch; parts of the extent."""
+"""Margin around bodies, and of rigid surfaces beyond the part that bodies may touch, over the extent."""
 
 ARM = 0.18
-"""The arms along x, y and z are at most this part of the picture's longer side."""
+"""Length of the axes x, y and z over the picture's longer side."""
 
 LIGHT, DARKEST = np.array([-0.35, 0.5, 0.8]), 0.8
-"""Where light comes from on solids, as the picture has right, up and towards the eye; what is left in the shade."""
+"""Direction of the light on solids (right, up, towards the eye), and the brightness in the shade."""
 
 
 def start_drawing() -> Any:
@@ -191,7 +191,7 @@ class Sheet:
         self.axes.add_collection(LineCollection(ends, **{"capstyle": "round"} | style))
 
     def shows(self, at: np.ndarray) -> np.ndarray:
-        """Which places (k, d) nothing hides that is shown."""
+        """Whether places (k, d) are visible."""
         return (self.view.beyond(at) <= 0.0) & is_seen((self.place(at) - self._origin) / self._pixel, self._depth)
 
     def arrows(self, at: np.ndarray, vectors: np.ndarray, colour: str, width: float = 0.004) -> None:
@@ -234,7 +234,7 @@ def _figure(low: np.ndarray, high: np.ndarray) -> tuple[Any, Any]:
 
 
 def colours_of(low: float, top: float, colours: str, logarithmic: bool = False) -> Any:
-    """What colours values from `low` to `top`, as `Sheet.colours` takes it."""
+    """A colour map of values from `low` to `top`, for `Sheet.colours`."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import LogNorm, Normalize
 

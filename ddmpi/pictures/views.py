@@ -1,4 +1,4 @@
-"""What is seen of bodies: from where, cut open, and without what is hidden. The plane is seen from the front."""
+"""Views of bodies: direction, cut, and hidden surfaces. The plane is seen from the front."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ CROSSED = {1: [[(0, 1), (0, 2), (0, 3)]], 2: [[(0, 2), (0, 3), (1, 3)], [(0, 2),
 these come first."""
 
 ROUNDING = 1e-9
-"""Nodes that are nearer to a cut than this part of the bodies' extent are on it."""
+"""Nodes are on a cut up to this fraction of the bodies' extent."""
 
 CHUNK = 2_000_000
-"""Pixels that facets may cover are looked at by so many at a time."""
+"""Number of candidate pixels per block of work."""
 
 Paint = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """The colours (p, 3 or 4) of places on facets (p,), with barycentric coordinates (p, 3)."""
 
 
 class View:
-    """From where bodies are seen, without perspective, and where they are cut open.
+    """The direction from which bodies are seen, without perspective, and the plane that cuts them open.
 
     Attributes
     ----------
@@ -72,17 +72,17 @@ class View:
             self.cut = sign * np.eye(3)[k], sign * at
 
     def place(self, at: np.ndarray) -> np.ndarray:
-        """Places (…, d) to the right, upwards, and towards the eye."""
+        """Coordinates of points (…, d) to the right, upwards, and towards the eye."""
         return at @ self.axes[:, :at.shape[-1]].T
 
     def beyond(self, at: np.ndarray) -> np.ndarray:
-        """How far places (k, d) are in front of the cut (m); nothing is without one."""
+        """Distance of points (k, d) in front of the cut (m); zero without a cut."""
         distance = np.zeros(len(at)) if self.cut is None else at @ self.cut[0] - self.cut[1]
         return np.where(np.abs(distance) > ROUNDING * np.ptp(distance), distance, 0.0)
 
 
 class Skin:
-    """What a picture shows of bodies: in the plane all their triangles, in space those of boundaries and of a cut.
+    """The triangles of bodies in a picture: in the plane all of them, in space those of boundaries and of a cut.
 
     Attributes
     ----------
@@ -155,8 +155,8 @@ class Surface:
 
 
 def rasterise(corners: np.ndarray, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The facet nearest to the eye at each pixel of an image (h, w), −1 where there is none; barycentric coordinates
-    (p, 3) of the pixels where there is one, row by row; and how near it is (h, w).
+    """The facet nearest to the eye at all pixels of an image (h, w), or −1; barycentric coordinates (p, 3) of the
+    pixels with a facet, row by row; and the depth (h, w), larger towards the eye.
 
     Parameters
     ----------
@@ -222,7 +222,7 @@ def outlines(at: np.ndarray, facets: np.ndarray, beyond: np.ndarray) -> np.ndarr
 
 
 def unhidden(edges: np.ndarray, depth: np.ndarray) -> np.ndarray:
-    """The parts (s, 2, 2) of edges (e, 2, 3) in front of what an image shows at `depth` (h, w), all in pixels."""
+    """The visible parts (s, 2, 2) of edges (e, 2, 3) in an image with `depth` (h, w), all in pixels."""
     number = np.ceil(np.abs(np.diff(edges[..., :2], axis=1)).max(axis=(1, 2))).astype(int) + 2
     edge, place = spans(np.zeros(len(edges), int), number)
     t = (place / (number[edge] - 1))[:, None]
@@ -234,7 +234,7 @@ def unhidden(edges: np.ndarray, depth: np.ndarray) -> np.ndarray:
 
 
 def is_seen(at: np.ndarray, depth: np.ndarray) -> np.ndarray:
-    """Which places (k, 3) are in front of what an image shows at `depth` (h, w), all in pixels."""
+    """Whether points (k, 3) are visible in an image with `depth` (h, w), all in pixels."""
     from scipy.ndimage import minimum_filter
 
     column, row = np.clip(at[:, :2].astype(int), 0, np.array(depth.shape)[::-1] - 1).T
