@@ -23,13 +23,13 @@ from ddmpi.scene.contacts import LAWS, default_name
 from ddmpi.scene.values import LARGEST, Formula, Group, Name, Table
 
 DIALECT = "http://json-schema.org/draft-07/schema#"
-"""The editors' tools know little of later ones."""
+"""Draft of the schema; editors support later ones poorly."""
 
 TITLES = {"name": Name, "group": Group, "formula": Formula}
-"""What words are called that a scene's author chooses."""
+"""Titles of the words that a scene's author chooses."""
 
 SIMILAR = 0.65
-"""Words that are less alike than this are no misspellings of each other."""
+"""Least similarity of a word to a misspelling of it."""
 
 MEANT = {
     "E": "young", "youngs_modulus": "young", "modulus": "young", "nu": "poisson", "poissons_ratio": "poisson",
@@ -50,7 +50,7 @@ MEANT = {
     "rotation": "nothing is turned by an angle", "units": "any units that fit together do; [output] has labels",
     "axisymmetric": "axisymmetric = true stands at the top of the scene", "steps": "load steps stand in [time]",
     "dimension": "meshes and lists say it: [x, y] in the plane, [x, y, z] in space"}
-"""What engineers write, anywhere or as a key of one table, and what is right here: a key, a word, or an explanation."""
+"""Engineers' usual words, anywhere or as a key of one table, and those of scenes: a key, a word, or an explanation."""
 
 WRITTEN = {
     "friction": 'friction = { law = "coulomb", coefficient = 0.3 }',
@@ -61,7 +61,7 @@ WRITTEN = {
     **{key: f"{key} = [x, y], in space [x, y, z]" for key in ("value", "volume_force", "force", "origin", "center",
                                                               "point", "normal", "axis", "displacement")},
     "method": '[method], and below it a line for each key, such as preset = "accurate"'}
-"""How a table or a pair is written."""
+"""Examples of tables and pairs."""
 
 SLIPS = {
     r"[=\[,] *[+-]?(\.\d|\d+\.(?!\d))": "a number has digits before and after its point, as in 0.5",
@@ -69,7 +69,7 @@ SLIPS = {
     r"\b(True|False)\b": "write true or false",
     r"[=\[,] *(?!(true|false|inf|nan)\b|[\w.-]+ *=)[A-Za-z_]": "words stand in quotation marks",
     r"[{,][^}]*$|, *\}": "a table { … } stands on one line, without a comma at its end"}
-"""What is often wrong with a line that is not TOML, and what would be right."""
+"""Frequent mistakes in lines that are not TOML, with remedies."""
 
 
 def override(data: dict, key: str, value: Any) -> None:
@@ -95,7 +95,7 @@ def parse_value(text: str) -> Any:
 
 
 def explain_syntax(error: tomllib.TOMLDecodeError, text: str) -> str:
-    """What is wrong with `text`, which is not TOML: the line, and what would be right."""
+    """The mistake in `text`, which is not TOML: the line, and a remedy."""
     place = re.search(r"line (\d+)", str(error))
     line = text.splitlines()[int(place[1]) - 1].strip() if place else ""
     bare = re.sub(r"'[^']*'|\"[^\"]*\"|#.*", '""', line)
@@ -104,7 +104,7 @@ def explain_syntax(error: tomllib.TOMLDecodeError, text: str) -> str:
 
 
 def flatten(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
-    """The leaves of nested tables, each with its key."""
+    """The leaves of nested tables with their keys."""
     if isinstance(value, list | tuple) and value and all(isinstance(entry, dict) for entry in value):
         value = {name_of(entry) or str(k): entry for k, entry in enumerate(value)}
     if isinstance(value, dict):
@@ -115,7 +115,7 @@ def flatten(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def differences(ours: dict, theirs: dict) -> str:
-    """How two nested tables differ, in words: the first three keys with both values. Empty where they are the same."""
+    """The differences of two nested tables, in words: the first three keys with both values. Empty for equal ones."""
     def word(table: dict, key: str) -> str:
         return repr(table[key]) if key in table else "not set"
 
