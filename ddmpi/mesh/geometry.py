@@ -60,7 +60,7 @@ TOO_MANY = 2e7
 """More cells of a body mean a size in other units than the drawing; gmsh would take minutes and all memory."""
 
 FILLED, TINY = 0.01, 1e-6
-"""What a thin solid fills of its box. Curves shorter than this part of the drawing, as at poles, have no curvature."""
+"""Fraction of its box that a thin solid fills; curves below this fraction of the drawing, as at poles, are straight."""
 
 OFF = 1e22
 """Gmsh's value for no limit."""

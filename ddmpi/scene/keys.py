@@ -270,7 +270,7 @@ def read_docstring(text: str | None) -> tuple[str, dict[str, dict[str, str]]]:
 
 
 def meanings(kind: type) -> dict[str, str]:
-    """What the docstrings of a class and those that it inherits from say of its attributes, by name."""
+    """The meanings of attributes by name, from the docstrings of a class and of its bases."""
     words: dict[str, str] = {}
     for base in reversed(kind.__mro__):
         for names, meaning in read_docstring(vars(base).get("__doc__"))[1].get("Attributes", {}).items():
