@@ -1,4 +1,4 @@
-"""What a run would do, without solving: a scene meshed, assembled and paired, in words and pictures."""
+"""A scene meshed, assembled and paired, but not solved, in words and pictures."""
 
 from __future__ import annotations
 
@@ -45,43 +45,44 @@ SOLVERS = {"explicit": "direct solver", "direct": "direct solver, compliance dir
 
 
 def check(world: MPI.Comm, scene: Settled, scene_path: str, output: str | None, figures: bool) -> None:
-    """Log what a run of `scene` would do. With `figures`, and matplotlib, draw it into the folder `output`, or a new
-    one under results/. Collective on `world`.
+    """Log meshes, supports, loads and contacts of `scene`. With `figures`, and matplotlib, draw them into the folder
+    `output`, or a new one under results/. Collective on `world`.
 
-    Raises what a run raises, the same on all ranks; NotConvergedError where it would find that there is no equilibrium.
+    Raises the errors of a run, the same on all ranks; NotConvergedError if there is no equilibrium.
     """
     ranks = world.size
     on_working_ranks(world, scene, lambda part: _check(part, scene, scene_path, output, figures, ranks))
 
 
 def _check(world: MPI.Comm, scene: Settled, scene_path: str, output: str | None, figures: bool, ranks: int) -> None:
-    """`check` on the ranks that hold bodies, of all `ranks`."""
-    folder, held = None, contextlib.ExitStack()
+    """`check` on the ranks with bodies, of all `ranks`."""
+    folder, claimed = None, contextlib.ExitStack()
     with agreed(world):
         if world.rank == 0 and figures and has_matplotlib():
-            folder = held.enter_context(choose_folder(output, None, f"{Path(scene_path).stem}-check"))
-    with held:
+            folder = claimed.enter_context(choose_folder(output, None, f"{Path(scene_path).stem}-check"))
+    with claimed:
         log.info("%s", scene.title or scene_path)
         assembly = prepare_scene(world, scene, scene_path, factor=False)
         mechanism, free = look_for_mechanism(assembly), motions_without_resistance(assembly)
-        still = [msgspec.structs.replace(each, displacement=(0.0,) * scene.dimension) for each in scene.rigid]
+        still = [msgspec.structs.replace(rigid, displacement=(0.0,) * scene.dimension) for rigid in scene.rigid]
         overlaps = doubt_overlaps(
             dataclasses.replace(assembly, scene=msgspec.structs.replace(scene, rigid=still)),
             {body.spec.name: np.zeros_like(body.mesh.points) for body in assembly.bodies}, {})
         with agreed(world):
-            own = {body.spec.name: _look(body) for body in assembly.bodies}
-        found, owned = merged(world, own), merged(world, {each.name: each for each in assembly.space.interfaces})
+            local = {body.spec.name: _look(body) for body in assembly.bodies}
+        looked = merged(world, local)
+        owned = merged(world, {interface.name: interface for interface in assembly.space.interfaces})
         hosts, folder = world.allgather(MPI.Get_processor_name()), world.bcast(folder)
         near = [rank for rank, host in enumerate(hosts) if host == hosts[0]][:DRAWERS]
         with agreed(world):
-            bodies = {body.name: found[body.name] for body in scene.body}
+            bodies = {body.name: looked[body.name] for body in scene.body}
             interfaces = [owned[contact.name] for contact in scene.contact]
-            missing = list(find_missing({name: each.boundary for name, each in bodies.items()}, scene.rigid,
+            missing = list(find_missing({name: body.boundary for name, body in bodies.items()}, scene.rigid,
                                         scene.contact))
             for line in _page(assembly, bodies, interfaces, missing, free, ranks):
                 log.info("%s", line)
             for warning in (*assembly.warnings, *(body.locking for body in scene.body if body.locking), *overlaps,
-                            *(each.doubt for each in bodies.values() if each.doubt)):
+                            *(body.doubt for body in bodies.values() if body.doubt)):
                 log.warning("%s", warning)
             if folder and world.rank in near:
                 names = draw(folder, scene, bodies, interfaces, missing, near.index(world.rank), len(near))
@@ -93,12 +94,12 @@ def _check(world: MPI.Comm, scene: Settled, scene_path: str, output: str | None,
 
 
 def _look(body: Body) -> Looked:
-    """What there is to say of a body. Not collective."""
+    """A body's mesh, loads and supports, with the words about them. Not collective."""
     mesh, spec, member = body.mesh, body.spec, body.member
     loads = [(history, on, f) for history in (None, *histories(spec))
              for on, f in loads_by_group(mesh, spec, history)]
-    supports = [(_held(clamp, mesh.dimension), clamp.on, clamp.history) for clamp in spec.clamps]
-    supports += [("foundation", each.on, None) for each in spec.foundation]
+    supports = [(_prescribed(clamp, mesh.dimension), clamp.on, clamp.history) for clamp in spec.clamps]
+    supports += [("foundation", foundation.on, None) for foundation in spec.foundation]
     length = edge_lengths(mesh)
     size, doubt = _range(length.max(axis=1).min(), length.max()), doubt_cells(mesh, spec.name)
     words = [f"{len(mesh.points)} nodes, {len(mesh.triangles)} {mesh.cell.names} of size {size}; "
@@ -106,8 +107,8 @@ def _look(body: Body) -> Looked:
     words += [f"{how} on {on}{_following(history)}" for how, on, history in supports]
     if not member.elasticity.held:
         motions = undetermined(np.zeros((len(member.e), 0)), [MotionsOfBody.of(spec.name, mesh.points, member.motions)])
-        words.append("loose: " + "; ".join(each.rpartition(": ")[2].removesuffix(" without any force").replace(
-            f"{spec.name} can", "it can", 1) for each in motions))
+        words.append("loose: " + "; ".join(motion.rpartition(": ")[2].removesuffix(" without any force").replace(
+            f"{spec.name} can", "it can", 1) for motion in motions))
     if spec.heat.value:
         words.append(f"temperature {spec.heat.value}{_following(spec.heat.history)}")
     words += [f"load on {on}{_following(history)}: {_force(mesh, on, f)}" for history, on, f in loads]
@@ -117,14 +118,14 @@ def _look(body: Body) -> Looked:
     dense, memory = member.kind == "explicit", 0.0
     if member.kind != "iterative":
         memory = memory_of_factors(member.elasticity.A.size[0], mesh.dimension, dense) + dense * 8.0 * member.size**2
-    return Looked(mesh, Boundary.of(mesh), [each[1:] for each in loads],
+    return Looked(mesh, Boundary.of(mesh), [load[1:] for load in loads],
                   [(how, group_nodes(mesh, on, "")) for how, on, _ in supports], memory, words, doubt)
 
 
-def _held(clamp: Clamp, d: int) -> str:
-    """How a clamp holds nodes, in words."""
+def _prescribed(clamp: Clamp, d: int) -> str:
+    """The components that a clamp prescribes, in words."""
     given = dict(zip("xyz"[:d], clamp.components, strict=False)) | {"its normal": clamp.normal}
-    ways = grouped(("held" if value == 0.0 else "moved", axis) for axis, value in given.items() if value is not None)
+    ways = grouped(("fixed" if value == 0.0 else "moved", axis) for axis, value in given.items() if value is not None)
     return ", ".join(f"{how} along {', '.join(axes)}" for how, axes in ways)
 
 
@@ -133,17 +134,17 @@ def _following(history: str | None) -> str:
 
 
 def _range(least: float, most: float) -> str:
-    return " to ".join(dict.fromkeys(f"{each:.3g}" for each in (least, most)))
+    return " to ".join(dict.fromkeys(f"{value:.3g}" for value in (least, most)))
 
 
 def _force(mesh: Mesh, on: str, f: np.ndarray) -> str:
-    """Resultant, and unless it is that of volume forces moment, of nodal loads (nv, d), in words."""
+    """Resultant of nodal loads (nv, d), and their moment unless they are volume forces, in words."""
     moments = f", moment {_vector(moment(mesh.points, f, mesh.axisymmetric), f * np.abs(mesh.points).max())}"
     return f"force {_vector(f.sum(axis=0), f)}{moments * (on != VOLUME)}"
 
 
 def _vector(value: Sequence[float] | np.ndarray, summands: np.ndarray) -> str:
-    """A vector, or one number, in words, without what is rounding beside its summands."""
+    """A vector, or one number, in words, with zero for rounding beside its summands."""
     parts = np.where(np.abs(value) <= ROUNDING * np.abs(summands).sum(), 0.0, value)
     return in_words(parts, 4) if parts.ndim else f"{parts:.4g}"
 
@@ -155,15 +156,15 @@ def _page(assembly: Assembly, bodies: Mapping[str, Looked], interfaces: Sequence
     unit = scene.units
     yield (f"{assembly.n} unknowns ({CELLS[scene.dimension, scene.body[0].mesh.order].title}), {assembly.m} "
            f"contact nodes, bodies: {len(bodies)}, ranks: {ranks}; factors take about "
-           f"{bytes_in_words(sum(each.memory for each in bodies.values()))}")
+           f"{bytes_in_words(sum(body.memory for body in bodies.values()))}")
     yield describe_method(scene.method, scene.dimension)
     yield f"lengths in {unit['length']}, forces in {unit['force']}, moments about the origin in {unit['moment']}"
-    for words, names in grouped(("\n    ".join(each.words), name) for name, each in bodies.items()):
+    for words, names in grouped(("\n    ".join(body.words), name) for name, body in bodies.items()):
         yield f"body {some(names, 'bodies')}: {words}"
-    for each in scene.rigid:
-        for how, value in ("moved", each.displacement), ("pushed", each.force):
+    for rigid in scene.rigid:
+        for how, value in ("moved", rigid.displacement), ("pushed", rigid.force):
             if value and any(value):
-                yield f"rigid {each.name}: {how} by {_vector(value, np.zeros(1))}{_following(each.history)}"
+                yield f"rigid {rigid.name}: {how} by {_vector(value, np.zeros(1))}{_following(rigid.history)}"
     contacts = []
     for contact, interface in zip(scene.contact, interfaces, strict=True):
         sides = " and ".join(".".join(side) for side in zip(contact.bodies, contact.on, strict=False))

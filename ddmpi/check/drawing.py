@@ -1,4 +1,4 @@
-"""Pictures of a scene that is not solved: meshes, groups, loads and clamps; contacts with their pairing and gaps."""
+"""Pictures of an unsolved scene: meshes, groups, loads and clamps; contacts with their pairing and gaps."""
 
 from __future__ import annotations
 
@@ -28,34 +28,34 @@ from ddmpi.system.files import writing
 from ddmpi.system.numbers import scaled_unit
 
 PLACES, ARROW = 16, 0.08
-"""Loads and clamps are drawn at about so many places along the bodies' extent, the longest arrow as this part of it."""
+"""Approximate number of loads and clamps along the bodies' extent, and the length of the longest arrow over it."""
 
 GROUPS = ("#7fa8d1", "#e3b272", "#8fc08a", "#c79ac7", "#d98f8f", "#a8a36b", "#79bdbd", "#b59a86")
 """Colours of groups, by name."""
 
 MARKERS = "s^>DoPv*ph"
-"""Of the ways in which clamps hold."""
+"""Markers of the kinds of supports."""
 
 HELD, MISSING = "#1f6f4a", "#e00000"
-"""Colours of clamps, and of contacts that are not there."""
+"""Colours of clamps and of missing contacts."""
 
 SPACED = 4.0
-"""Lines between the nodes of cells are drawn if half of them are so many pixels away from the opposite corner."""
+"""Edges of cells are drawn if half of them are at least this many pixels away from the opposite corner."""
 
 TRIED = 8
-"""So many facets of a group are tried for a place at which its name is not hidden."""
+"""Number of facets of a group that are tried for a visible place of its name."""
 
 
 @dataclass(frozen=True)
 class Looked:
-    """A body as its rank looks at it."""
+    """A body with the data of its pictures and words."""
 
     mesh: Mesh
     boundary: Boundary
     loads: list[tuple[str, np.ndarray]]  # nodal loads (nv, d) by group (N), that of the volume force is VOLUME
-    supports: list[tuple[str, np.ndarray]]  # how each clamp and foundation holds its nodes, in words, and these
+    supports: list[tuple[str, np.ndarray]]  # clamps and foundations in words, and their nodes
     memory: float  # bytes of its factors, none for multigrid; an estimate
-    words: list[str]  # what there is to say
+    words: list[str]  # lines of the page
     doubt: str  # a warning of its mesh, or nothing
 
 
@@ -69,8 +69,8 @@ class Plan(Sheet):
                                                        "edgecolor": "none"})
 
     def name(self, group: str, at: np.ndarray, normal: np.ndarray, number: int) -> None:
-        """Write the name of a group, the how manieth that is, at one of its facets (f, d) with `normal` that is seen:
-        the one in the middle; around rings names stand at different places."""
+        """Write the name of a group at the middle one of its visible facets (f, d) with `normal`; around rings it is
+        shifted by the `number` of the group."""
         away = np.linalg.norm(at - at.mean(axis=0), axis=1)
         order = np.argsort(away, kind="stable")[np.linspace(0, len(at) - 1, min(len(at), TRIED)).astype(int)]
         seen = order[(self.place(normal[order])[:, 2] > 0.1 * self.view.solid - 0.05) & self.shows(at[order])]
@@ -99,7 +99,7 @@ def _plan(results: Results, behind: bool = False) -> Plan:
 
 def draw(folder: Path, scene: Settled, bodies: Mapping[str, Looked], interfaces: Sequence[Interface],
          missing: Sequence[Missing], number: int = 0, drawers: int = 1) -> list[str]:
-    """Write the pictures, or this one's share of several `drawers`; all names. Not collective. Raises OutputError."""
+    """Write the pictures, or a share of them for several `drawers`; all names. Not collective. Raises OutputError."""
     plt, results = start_drawing(), _as_results(scene, bodies, interfaces)
     pictures = {"bodies.png": lambda: draw_bodies(results, bodies)}
     if scene.dimension > 2:
@@ -114,17 +114,17 @@ def draw(folder: Path, scene: Settled, bodies: Mapping[str, Looked], interfaces:
 
 
 def _as_results(scene: Settled, bodies: Mapping[str, Looked], interfaces: Sequence[Interface]) -> Results:
-    """Bodies and contacts at rest, as the pictures of a run take them."""
-    meshes, plain_scene = [each.mesh for each in bodies.values()], scene.resolved()
+    """Bodies and contacts at rest, in the form of results, for the pictures of a run."""
+    meshes, plain_scene = [body.mesh for body in bodies.values()], scene.resolved()
     starts = np.cumsum([0, *(len(mesh.points) for mesh in meshes)])
     points = np.concatenate([mesh.points for mesh in meshes])
-    tables = {each.name: dict(zip("xyz", each.lines.xy.T, strict=False)) for each in interfaces}
+    tables = {interface.name: dict(zip("xyz", interface.lines.xy.T, strict=False)) for interface in interfaces}
     return Results({"title": scene.title, "bodies": dict.fromkeys(bodies), "scene": plain_scene, "steps": [],
                     "units": scene.units}, tables, {}, {}, {}, {
         "points": points, "displacement": np.zeros_like(points),
         "cells": np.concatenate([mesh.triangles + start for mesh, start in zip(meshes, starts, strict=False)]),
         "body": np.repeat(np.arange(len(meshes)), [len(mesh.triangles) for mesh in meshes])},
-        facets={each.name: drawn_facets(each.lines) for each in interfaces})
+                   facets={interface.name: drawn_facets(interface.lines) for interface in interfaces})
 
 
 def draw_bodies(results: Results, bodies: Mapping[str, Looked], behind: bool = False) -> Any:
@@ -132,30 +132,30 @@ def draw_bodies(results: Results, bodies: Mapping[str, Looked], behind: bool = F
     from matplotlib.lines import Line2D
 
     plan, looked, ways = _plan(results, behind), list(bodies.values()), dict[str, int]()
-    names = dict.fromkeys(group for each in looked for group in each.boundary.groups)
+    names = dict.fromkeys(group for body in looked for group in body.boundary.groups)
     colours = {name: GROUPS[k % len(GROUPS)] for k, name in enumerate(names)}
-    plan.show([_meshed(plan, each, colours) for each in looked])
-    groups = [(body, name, each, own) for body, each in bodies.items() for name, own in each.boundary.groups.items()
-              if own.any()]
-    for number, (body, name, each, own) in enumerate(groups):
+    plan.show([_meshed(plan, body, colours) for body in looked])
+    groups = [(called, name, body, some) for called, body in bodies.items()
+              for name, some in body.boundary.groups.items() if some.any()]
+    for number, (called, name, body, some) in enumerate(groups):
         if not plan.view.solid:
-            plan.lines(each.mesh.points[segments(each.boundary.facets[own])], colors=colours[name], linewidth=2.4,
+            plan.lines(body.mesh.points[segments(body.boundary.facets[some])], colors=colours[name], linewidth=2.4,
                        zorder=4)
         if len(groups) <= NAMED:
-            plan.name(f"{body}." * plan.view.solid + name, each.boundary.at[own].mean(axis=1),
-                      each.boundary.normal[own], number)
-    arrows = [_stresses(each, on, f, plan.size / PLACES) for each in looked for on, f in each.loads if on != VOLUME]
+            plan.name(f"{called}." * plan.view.solid + name, body.boundary.at[some].mean(axis=1),
+                      body.boundary.normal[some], number)
+    arrows = [_stresses(body, on, f, plan.size / PLACES) for body in looked for on, f in body.loads if on != VOLUME]
     largest = max((np.linalg.norm(stress, axis=1).max() for _, stress, _ in arrows), default=0.0)
     for at, stress, outward in arrows:
         plan.point(at, ARROW * plan.size / (largest or 1.0) * stress, outward, COLOURS["force"])
     inside = middles(results)
-    weights = [(at, f.sum(axis=0)) for at, each in zip(inside, looked, strict=True)
-               for on, f in each.loads if on == VOLUME]
+    weights = [(at, f.sum(axis=0)) for at, body in zip(inside, looked, strict=True)
+               for on, f in body.loads if on == VOLUME]
     for at, force in weights:
         plan.arrows(at[None], ARROW * plan.size / (np.linalg.norm(force) or 1.0) * force[None], COLOURS["moved"])
-    for each in looked:
-        for how, nodes in each.supports:
-            at, _ = _thinned(each.mesh.points[nodes], plan.size / PLACES)
+    for body in looked:
+        for how, nodes in body.supports:
+            at, _ = _thinned(body.mesh.points[nodes], plan.size / PLACES)
             plan.mark(at, MARKERS[ways.setdefault(how, len(ways)) % len(MARKERS)])
     factor, unit_of = scaled_unit(largest, results.summary["units"]["stress"])
     loads = {COLOURS["force"]: f"loads, up to {rounded(largest / factor)} {unit_of}" * bool(arrows),
@@ -170,29 +170,30 @@ def draw_bodies(results: Results, bodies: Mapping[str, Looked], behind: bool = F
 
 
 def draw_contacts(results: Results, interfaces: Sequence[Interface], missing: Sequence[Missing]) -> Any:
-    """Contacts with their pairing and gaps, and those that bodies are close enough to have; a figure."""
+    """Contacts with their pairing and gaps, and missing ones; a figure."""
     from matplotlib.lines import Line2D
 
     plan, skin = _plan(results), skin_of(results)
     plan.rigid = []  # they would hide contacts
-    gaps = np.concatenate([each.gap for each in interfaces])
+    gaps = np.concatenate([interface.gap for interface in interfaces])
     factor, unit_of = scaled_unit(np.abs(gaps).max(), results.summary["units"]["length"])
     image = colours_of(gaps.min() / factor, gaps.max() / factor if gaps.any() else 1.0,
                        "viridis" if gaps.any() else "Blues_r")
     image.cmap = image.cmap.with_extremes(bad=MISSING)
     plan.outline(skin.extended(results.points), skin.facets, skin.beyond)
-    parts = [(each.lines.xy, results.facets[each.name], each.gap[each.lines.row] / factor) for each in interfaces]
+    parts = [(interface.lines.xy, results.facets[interface.name], interface.gap[interface.lines.row] / factor)
+             for interface in interfaces]
     for lack in missing:
         at = lack.facets.reshape(-1, lack.facets.shape[-1])
         parts.append((at, np.arange(len(at)).reshape(lack.facets.shape[:2]), np.full(len(at), np.nan)))
     plan.facets(parts, image)
-    for each in interfaces:
-        if each.at is not None:
-            plan.lines(np.stack([plan.place(at)[:, :2] for at in each.at], axis=1), colors=COLOURS["rigid"],
+    for interface in interfaces:
+        if interface.at is not None:
+            plan.lines(np.stack([plan.place(at)[:, :2] for at in interface.at], axis=1), colors=COLOURS["rigid"],
                        linewidth=0.5, zorder=4)
         if len(interfaces) <= NAMED:
-            at = each.lines.xy
-            plan.label(each.name, at[np.argmin(np.linalg.norm(at - at.mean(axis=0), axis=1))])
+            at = interface.lines.xy
+            plan.label(interface.name, at[np.argmin(np.linalg.norm(at - at.mean(axis=0), axis=1))])
     if gaps.any():
         plan.colours(image, f"gap, negative where bodies overlap ({unit_of})")
     if missing:
@@ -203,13 +204,13 @@ def draw_contacts(results: Results, interfaces: Sequence[Interface], missing: Se
 
 
 def _meshed(plan: Plan, body: Looked, colours: Mapping[str, str]) -> Surface:
-    """What is seen of a body, with the edges of its cells, and in space in the colours of its groups."""
+    """The visible surface of a body, with the edges of its cells, and in space in the colours of its groups."""
     from matplotlib.colors import to_rgb
 
     skin = Skin(plan.view, body.mesh.points, body.mesh.triangles)
     paint = np.tile(to_rgb(FILLED["still"]), (len(skin.facets), 1))
-    for name, own in body.boundary.groups.items() if plan.view.solid else ():
-        paint[np.append(own, False)[skin.of]] = to_rgb(colours[name])  # nothing of a cut
+    for name, some in body.boundary.groups.items() if plan.view.solid else ():
+        paint[np.append(some, False)[skin.of]] = to_rgb(colours[name])  # nothing of a cut
     points = skin.extended(body.mesh.points)
     at = plan.place(points)[:, :2][skin.facets]
     sides = np.roll(at, 1, axis=1) - np.roll(at, -1, axis=1)  # opposite of the corners
@@ -227,16 +228,16 @@ def _thinned(at: np.ndarray, size: float, *values: np.ndarray) -> tuple[np.ndarr
     """Means (j, d) of the places (k, d) in cubes of a size, and the sums of values (k, …) there."""
     _, cube, count = np.unique(np.round((at - at.min(axis=0)) / size), axis=0, return_inverse=True, return_counts=True)
     sums = []
-    for each in (at, *values):
-        sums.append(np.zeros((len(count), *each.shape[1:])))
-        np.add.at(sums[-1], cube.ravel(), each)
+    for array in (at, *values):
+        sums.append(np.zeros((len(count), *array.shape[1:])))
+        np.add.at(sums[-1], cube.ravel(), array)
     return sums[0] / count[:, None], sums[1:]
 
 
 def _stresses(body: Looked, on: str, f: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Some places (k, d) on the group `on`, its load there (Pa), and which way is outward; from nodal loads (nv, d)."""
-    own = body.boundary.groups[on]
-    facets, normal = body.boundary.facets[own], body.boundary.normal[own]
+    """Points (k, d) on the group `on`, its load at them (Pa), and outward vectors; from nodal loads (nv, d)."""
+    some = body.boundary.groups[on]
+    facets, normal = body.boundary.facets[some], body.boundary.normal[some]
     nodes, area = np.unique(facets), nodal(
         facet_shares(body.mesh.points[facets], body.mesh.axisymmetric), facets, len(f))
     outward = nodal(np.repeat(normal[:, None], facets.shape[1], axis=1), facets, len(f))

@@ -1,4 +1,4 @@
-"""Contacts that bodies lie close enough to have, but that the scene does not name. The same in any dimension."""
+"""Missing contacts: bodies that lie close to each other without a contact in the scene. In any dimension."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from ddmpi.surface.side import across, unit
 from ddmpi.system.numbers import nearest_in
 
 NEAR = 0.25
-"""Facets that are closer than this part of the smaller one's size may be meant to touch."""
+"""Facets may be meant to touch if they are closer than this fraction of the smaller one's size."""
 
 ASIDE, ROUNDING = 0.5, 1e-6
-"""What is nearest to a facet lies before it: aside by at most the first of its distance, and the second of its size."""
+"""The nearest point lies before a facet: offset by at most the first of its distance plus the second of its size."""
 
 
 @dataclass(frozen=True)
@@ -34,14 +34,14 @@ class Boundary:
 
     @classmethod
     def of(cls, mesh: Mesh) -> Boundary:
-        """That of a body's mesh. Not collective."""
+        """The boundary of a mesh. Not collective."""
         d, facets = mesh.dimension, mesh.boundary[0]
         at = mesh.points[facets[:, :d]]
-        keys = [np.sort(each[:, :d], axis=1) for each in (facets, *mesh.groups.values())]
+        keys = [np.sort(part[:, :d], axis=1) for part in (facets, *mesh.groups.values())]
         number = np.split(np.unique(np.concatenate(keys), axis=0, return_inverse=True)[1].ravel(),
-                          np.cumsum([len(each) for each in keys])[:-1])
+                          np.cumsum([len(key) for key in keys])[:-1])
         return cls(facets, at, unit(across(at)[:, 0]), {
-            name: np.isin(number[0], own) for name, own in zip(mesh.groups, number[1:], strict=True)})
+            name: np.isin(number[0], members) for name, members in zip(mesh.groups, number[1:], strict=True)})
 
     @property
     def size(self) -> np.ndarray:
@@ -49,16 +49,16 @@ class Boundary:
         return np.linalg.norm(self.at - np.roll(self.at, 1, axis=1), axis=2).max(axis=1)
 
     def named(self, some: np.ndarray) -> np.ndarray:
-        """Of some facets (k,) the group of each: of those that it belongs to that which most of them do, of these the
-        smallest; "" if it belongs to none."""
-        found = np.full(len(some), "", dtype=object)
+        """Groups of some facets (k,), or "": of a facet's groups the one with the most of these facets, of equal ones
+        the smallest."""
+        names = np.full(len(some), "", dtype=object)
         for name in sorted(self.groups, key=lambda name: (-self.groups[name][some].sum(), self.groups[name].sum())):
-            found[(found == "") & self.groups[name][some]] = name
-        return found
+            names[(names == "") & self.groups[name][some]] = name
+        return names
 
 
 class Missing(NamedTuple):
-    """A contact that is not there."""
+    """A missing contact."""
 
     bodies: tuple[str, str]  # the second may be a rigid partner
     on: tuple[str, ...]  # a group of each body; "" where the boundary has no name
@@ -66,7 +66,7 @@ class Missing(NamedTuple):
     gap: tuple[float, float]  # the least and the largest distance, negative where they overlap (m)
 
     def lines(self, taken: set[str]) -> str:
-        """What to add to the scene, whose contacts have the names that are `taken`; one more is then."""
+        """The TOML of the contact, with a name that is not among those `taken`, which gets this one."""
         first, k = default_name(self.bodies), 1
         while (name := first if k == 1 else f"{first}-{k}") in taken:
             k += 1
@@ -79,14 +79,14 @@ def find_missing(boundaries: Mapping[str, Boundary], rigid: Sequence[Rigid],
                  contacts: Sequence[SettledContact]) -> Iterator[Missing]:
     """Groups of bodies, and rigid partners, that face each other closer than NEAR, but not in a contact of both.
 
-    Each facet is looked at with what is nearest to its middle of other bodies and rigid partners. Not collective.
+    Facets are compared with the nearest point to their middle on other bodies and rigid partners. Not collective.
     """
     bodies = list(boundaries.values())
-    number = {name: k for k, name in enumerate((*boundaries, *(each.name for each in rigid)))}
-    starts = np.cumsum([0, *(len(each.at) for each in bodies)])
+    number = {name: k for k, name in enumerate((*boundaries, *(surface.name for surface in rigid)))}
+    starts = np.cumsum([0, *(len(body.at) for body in bodies)])
     owner = np.repeat(np.arange(len(bodies)), np.diff(starts))
-    middle, normal, size = (np.concatenate(each) for each in zip(*(
-        (each.at.mean(axis=1), each.normal, each.size) for each in bodies), strict=True))
+    middle, normal, size = (np.concatenate(arrays) for arrays in zip(*(
+        (body.at.mean(axis=1), body.normal, body.size) for body in bodies), strict=True))
     least, gap = np.full(len(owner), np.inf), np.zeros(len(owner))
     partner, facing = np.full((2, len(owner)), -1)
 
@@ -110,12 +110,12 @@ def find_missing(boundaries: Mapping[str, Boundary], rigid: Sequence[Rigid],
             note(some, k, away, body.normal[there], np.minimum(size[some], body.size[there]), there)
     named = [(number[on], starts[number[body]] + np.flatnonzero(boundaries[body].groups[contact.on[0]]))
              for contact in contacts for body, on in [contact.bodies] if on not in boundaries]
-    for k, some in [*named, *((number[each.name], np.arange(len(owner))) for each in rigid)]:  # of planes in line
+    for k, some in [*named, *((number[surface.name], np.arange(len(owner))) for surface in rigid)]:  # of planes in line
         surface = rigid[k - len(bodies)]  # that comes first which a contact names
         against, distance = surface.facing(middle[some])
         note(some, k, -distance[:, None] * against, against, np.minimum(size[some], surface.bend))
-    own = np.arange(len(owner)) - starts[owner]
-    first, second = (np.where(owner < partner, *each) for each in ((own, facing), (facing, own)))
+    local = np.arange(len(owner)) - starts[owner]
+    first, second = (np.where(owner < partner, *pair) for pair in ((local, facing), (facing, local)))
     low, high = np.minimum(owner, partner), np.maximum(owner, partner)
     names = list(number)
     for a, b in np.unique(np.column_stack([low, high])[partner >= 0], axis=0):
@@ -125,10 +125,10 @@ def find_missing(boundaries: Mapping[str, Boundary], rigid: Sequence[Rigid],
                 both = [boundaries[name].groups[on][(first if name == names[a] else second)[some]]
                         for name, on in zip(contact.bodies, contact.on, strict=False)]
                 some = some[~np.logical_and.reduce(both)]
-        sides = [(bodies[k], each[some]) for k, each in ((a, first), (b, second)) if k < len(bodies)]
-        groups = list(zip(*(body.named(each) for body, each in sides), strict=True))
+        sides = [(bodies[k], facets[some]) for k, facets in ((a, first), (b, second)) if k < len(bodies)]
+        groups = list(zip(*(body.named(facets) for body, facets in sides), strict=True))
         for on in dict.fromkeys(groups):
-            chosen = np.array([each == on for each in groups])
+            chosen = np.array([group == on for group in groups])
             yield Missing((names[a], names[b]), on,
-                          np.concatenate([body.at[np.unique(each[chosen])] for body, each in sides]),
+                          np.concatenate([body.at[np.unique(facets[chosen])] for body, facets in sides]),
                           (float(gap[some[chosen]].min()), float(gap[some[chosen]].max())))

@@ -175,9 +175,9 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
             # Gaps and clamps are linear between turning points, so the worst overlap is at one of them, or at time 0.
             times = scene.legs if scene.time is None or scene.time.steps == 1 else [0.0, *scene.legs]
             specs, factors = {body.name: body for body in scene.body}, {time: scene.factors(time) for time in times}
-            joined = {contact.name: _join(scene, contact, both[contact.name],
-                                         [specs[name] for name in contact.bodies if name in specs], factors, refinement)
-                      for contact in contacts}
+            joined = {contact.name: _join(
+                scene, contact, both[contact.name], [specs[name] for name in contact.bodies if name in specs], factors,
+                refinement) for contact in contacts}
             _check_method(scene, bodies, [interface for interface, _ in joined.values()])
         joined = _kept_by_bonds(scene, joined, world)
         interfaces = [interface for interface, _ in joined.values()]

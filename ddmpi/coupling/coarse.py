@@ -89,7 +89,7 @@ def gather_motions(exchange: Exchange, space: Space, members: Sequence[Member], 
     for interface, part in space.each():
         sides = dict(zip(interface.bodies, both[interface.name], strict=True))
         if interface.bodies[1] in axes:
-            # A pushed partner is a second side without nodes: moving by e_x it opens the contact by −n·e_x.
+            # A pushed partner is a second side without nodes: moving by e_x it closes the contact by −n·e_x.
             sides[interface.bodies[1]] = -interface.directions[:, axes[interface.bodies[1]]]
         seen = [(np.arange(slices[name].start, slices[name].stop), block)
                 for name, block in sides.items() if block is not None]

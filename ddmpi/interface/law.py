@@ -32,7 +32,7 @@ NO_BOUND = sys.float_info.max
 
 @dataclass
 class ActiveSet:
-    """What the projection of a point q = s − c r finds at each node.
+    """The state of the nodes by the projection of a point q = s − c r.
 
     Attributes
     ----------

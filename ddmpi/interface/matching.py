@@ -129,7 +129,7 @@ def _match_whole(first: Side, second: Side, name: str, refinement: int) -> Rows:
                          f"{_worst(first, second, match)}; their meshes must match node by node")
     normal = first.normal - second.normal[match]
     size = np.linalg.norm(normal, axis=1)
-    # |n_1 − n_2| = 2 sin(angle/2): opposite normals give 2, and 1 is an angle of 60°, 120° short of opposite.
+    # |n_1 − n_2| = 2 sin(angle/2): 2 for opposite normals; below 1 the angle between them is below 60°.
     if (size < 1.0).any():
         raise InputError(f"contact.{name}: near {in_words(first.xy[np.argmin(size)])} the two boundaries do not face "
                          "each other")
@@ -179,8 +179,8 @@ def _match_partly(first: Side, second: Side, refinement: int) -> Rows | None:
         if not fits.any() or _unmatched(first, second, nodes[fits], partners[fits]):
             return None
         nodes, partners, normal, gap = nodes[fits], partners[fits], normal[fits], gap[fits]
-        # Edges and vertices have no area; the spacing stands in, as only the iteration uses it. At the axis as above:
-        # h/4.
+        # Edges and vertices have no area; the spacing stands in, as only the iteration uses it. On the axis the
+        # circumference is that at a quarter of the spacing.
         area = (first.spacing[nodes] + second.spacing[partners]) / 2
         area = area * circumference(np.maximum(first.xy[nodes], area[:, None] / 4), first.axisymmetric)
     elif not fits.all() or any(len(np.unique(numbers)) < len(numbers) for numbers in (nodes, partners)):

@@ -128,8 +128,8 @@ def build(rows: Rows, contact: SettledContact) -> Interface:
     (frame, across), xy = _along_clamps(rows, frames(rows.normal)), side.xy[rows.nodes]
     start = initial_gap(contact, rows.gap, xy, rows.arc)
     clamped = np.stack([rows.clamped(direction)[0] for direction in frame.swapaxes(0, 1)], axis=-1)  # (2, r, d)
+    # An unknown that both sides clamp would be a zero row of C. Tangents `across` planes of symmetry carry no force.
     live = ~clamped.all(axis=0)
-    # An unknown that both sides clamp would be a zero row of C.
     live[:, 1:] &= ~across
     dropped = ~live.any(axis=1) if bonded else ~live[:, 0]  # a bond also carries tangential forces alone
     keep = np.flatnonzero(~dropped)

@@ -91,7 +91,7 @@ def _turned(mesh: Mesh, key: str, acted: Collection[str]) -> Mesh:
     for name in acted:
         if name in mesh.groups and not points[mesh.groups[name], 0].any(axis=1).all():
             raise InputError(f"{key}: {name!r} has sides on the axis, where they have no area: contacts, loads and "
-                             "foundations are on other sides, and nodes on the axis are held radially anyway")
+                             "foundations are on other sides, and nodes on the axis are fixed radially anyway")
     return replace(mesh, points=points, axisymmetric=True)
 
 

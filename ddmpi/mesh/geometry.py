@@ -24,21 +24,21 @@ from ddmpi.system.interrupt import apart
 from ddmpi.system.numbers import in_words
 
 TRUST = "DDMPI_TRUST_GEOMETRY"
-"""The variable that allows drawings to start programs and write files, if it is 1. No file can set it."""
+"""The environment variable that allows drawings to start programs and write files, if it is 1."""
 
 HARMFUL = re.compile(rb"\b(System|SystemCall|NonBlockingSystemCall|OnelabRun|ExternalProcess|Plugin|SendToServer|Save"
                      rb"|CreateDir|(?:Tmp|Session|Options|Error)FileName|S2N|StringToName|Print(?!\s*\.))\b")
-"""What starts programs or writes files in a .geo, and what makes such a word out of strings."""
+"""Commands of a .geo that start programs or write files, or that build such a command from strings."""
 
 SKIPPED = re.compile(rb"""("[^"]*"|'[^']*')|//[^\n]*|/\*.*?\*/""", re.S)
 """A string of a .geo, or a comment."""
 
 READS = re.compile(rb"""\b(Include|Merge|MergeWithBoundingBox|ShapeFromFile|ListFromFile|FileExists|FileName)\b"""
                    rb"""([\s=(\[]*)(?:"([^"\n]{1,999})"|'([^'\n]{1,999})')?""")
-"""What reads another file in a .geo, and its name; gmsh cuts strings at 1023 characters and reads on."""
+"""Commands of a .geo that read another file, and its name; gmsh cuts strings at 1023 characters and reads on."""
 
 READ_AS_DATA = (".step", ".stp", ".brep", ".brp", ".iges", ".igs", ".stl")
-"""Endings, in small letters, of files that gmsh takes for no script whatever they hold."""
+"""Lower-case endings of files that gmsh never reads as scripts."""
 
 AROUND = 24
 """Elements around a full circle, at least: beyond 40 degrees from one side to the next a contact has a corner. With
@@ -54,16 +54,16 @@ ALIKE = 0.1
 """Curves are alike if the logarithms of their sizes differ by less."""
 
 NEAR = 2.0
-"""Elements have the size of contacts up to so many times this size away from them."""
+"""Elements have the size of contacts up to this multiple of the size away from them."""
 
 TOO_MANY = 2e7
-"""So many cells of a body come from a size in other units than the drawing; gmsh takes minutes and all memory."""
+"""More cells of a body mean a size in other units than the drawing; gmsh would take minutes and all memory."""
 
 FILLED, TINY = 0.01, 1e-6
-"""What a thin solid fills of its box. Curves shorter than this part of the drawing, as at poles, have no curvature."""
+"""Fraction of its box that a thin solid fills; curves below this fraction of the drawing, as at poles, are straight."""
 
 OFF = 1e22
-"""What gmsh takes for no limit."""
+"""Gmsh's value for no limit."""
 
 DRAWN = "drawn.msh"
 """The mesh that gmsh writes."""
@@ -72,7 +72,7 @@ _OPTIONS = {"General.NumThreads": 1, "Mesh.MaxNumThreads1D": 1, "Mesh.MaxNumThre
             "Mesh.RandomSeed": 1, "Mesh.ElementOrder": 1, "Mesh.SecondOrderLinear": 0, "Mesh.MshFileVersion": 4.1,
             "Mesh.Binary": 1, "Mesh.SaveAll": 0, "Mesh.SaveParametric": 0, "Mesh.MeshOnlyVisible": 0,
             "Mesh.MeshOnlyEmpty": 0, "Mesh.RecombineAll": 0, "Mesh.SubdivisionAlgorithm": 0, "Mesh.ScalingFactor": 1}
-"""What the options of a file do not change."""
+"""Options that a file cannot change."""
 
 
 def mesh_geometry(path: Path, body: BodySpec, contacts: Collection[str], sizes: Sizes | None = None) -> Mesh:
@@ -149,7 +149,7 @@ def _tamed(script: bytes, path: Path, copies: dict[Path, Path], folder: Path, la
     Comments go because gmsh skips loops and conditions by other rules than those by which it reads them."""
     if os.environ.get(TRUST) == "1":
         return b'Include "%b";\n' % os.fsencode(path)
-    script = SKIPPED.sub(lambda each: each[1] or b" " + b"\n" * each[0].count(b"\n"), script)
+    script = SKIPPED.sub(lambda match: match[1] or b" " + b"\n" * match[0].count(b"\n"), script)
 
     def refuse(word: re.Match[bytes], what: str) -> None:
         line = 1 + script.count(b"\n", 0, word.start())
@@ -172,8 +172,8 @@ def _tamed(script: bytes, path: Path, copies: dict[Path, Path], folder: Path, la
             copy = _copy(other, copies, folder, label)
         return b'%b%b"%b"' % (word, between, os.fsencode(copy))
 
-    if found := HARMFUL.search(script):
-        refuse(found, "could start programs or write files")
+    if match := HARMFUL.search(script):
+        refuse(match, "could start programs or write files")
     printing = re.sub(rb"\bPrintf\b", b"Warning", script)  # Printf may write into a file
     return READS.sub(use_copy, printing) + b"\n"  # without it gmsh 4.15 would lose statements
 
@@ -201,7 +201,7 @@ def _draw(source: Path, script: bool, body: BodySpec, contacts: Collection[str],
 
 
 def _choose_groups(gmsh, script: bool, body: BodySpec, contacts: Collection[str], label: str) -> None:
-    """See to it that the groups have names, and that the body is saved. Raises InputError."""
+    """Name the groups, and save the cells of the body. Raises InputError."""
     d = gmsh.model.getDimension()
     if not script:  # other files have no physical groups
         _name_sides(gmsh, body, contacts, label)
@@ -217,17 +217,17 @@ def _choose_groups(gmsh, script: bool, body: BodySpec, contacts: Collection[str]
 def _name_sides(gmsh, body: BodySpec, contacts: Collection[str], label: str) -> None:
     """Make every curve or face a group by its number, and by the last part of its label. So are curves of solids and
     points that are asked for, as in "curve 5" and "point 3". Raises InputError."""
-    side, kinds, found = gmsh.model.getDimension() - 1, ("point", "curve", "face"), dict[tuple[str, int], list[int]]()
+    side, kinds, tagged = gmsh.model.getDimension() - 1, ("point", "curve", "face"), dict[tuple[str, int], list[int]]()
     for k, tag in gmsh.model.getEntities():
         number = str(tag) if k == side else f"{PHYSICAL[k].split()[1]} {tag}"
         for name in {number, gmsh.model.getEntityName(k, tag).split("/")[-1]} - {""} if k <= side else ():
-            found.setdefault((name, k), []).append(tag)
-    asked = [each.on for _, each in body.acting]
-    for missing in (each for each in [*contacts, *asked] if not any((each, k) in found for k in range(3))):
+            tagged.setdefault((name, k), []).append(tag)
+    asked = [acting.on for _, acting in body.acting]
+    for missing in (name for name in [*contacts, *asked] if not any((name, k) in tagged for k in range(3))):
         of = next((k for k in range(side) if missing.startswith(kinds[k])), side)
-        each = "; ".join(f"{name} {_where(gmsh, k, tags[0])}" for (name, k), tags in found.items() if k == of)
-        raise InputError(f"{label} has no {kinds[of]} {missing!r}; it has {each}")
-    for (name, k), tags in found.items():
+        listed = "; ".join(f"{name} {_where(gmsh, k, tags[0])}" for (name, k), tags in tagged.items() if k == of)
+        raise InputError(f"{label} has no {kinds[of]} {missing!r}; it has {listed}")
+    for (name, k), tags in tagged.items():
         if k == side or name in asked:
             gmsh.model.addPhysicalGroup(k, tags, name=name)
 
@@ -254,7 +254,7 @@ def _refuse_tiny(gmsh, body: BodySpec, contacts: Collection[str], label: str) ->
     for key, size, covered in (("size", largest, whole), ("contact_size", finest, min(whole, band))):
         cells = covered / (REGULAR[d] * size**d)
         if cells > TOO_MANY:
-            extents = " by ".join(f"{each:.3g}" for each in np.diff(_box(gmsh), axis=0)[0, :d])
+            extents = " by ".join(f"{length:.3g}" for length in np.diff(_box(gmsh), axis=0)[0, :d])
             raise InputError(f"{label}: {key} = {size:g} would make {cells:.1g} {CELLS[d, 1].names} of a drawing of "
                              f"{extents}; is it in the units of the drawing?")
 
@@ -270,7 +270,7 @@ def _of_groups(gmsh, dimension: int, names: Collection[str] | None = None) -> np
     """The numbers of the curves, surfaces or volumes of physical groups, all or those of some names."""
     groups = [tag for _, tag in gmsh.model.getPhysicalGroups(dimension)
               if names is None or gmsh.model.getPhysicalName(dimension, tag) in names]
-    return np.unique([each for tag in groups for each in gmsh.model.getEntitiesForPhysicalGroup(dimension, tag)])
+    return np.unique([entity for tag in groups for entity in gmsh.model.getEntitiesForPhysicalGroup(dimension, tag)])
 
 
 def _samples(gmsh, curve: int) -> np.ndarray:
@@ -294,8 +294,8 @@ def _refine_towards(gmsh, body: BodySpec, contacts: Collection[str]) -> None:
     for option, most in (("Mesh.MeshSizeMax", largest), ("Mesh.MeshSizeMin", finest)):
         gmsh.option.setNumber(option, min(gmsh.option.getNumber(option), most))
     side = gmsh.model.getDimension() - 1
-    near, own = _of_groups(gmsh, side, contacts), re.search(r"^Background Field = (\d+);", _unrolled(gmsh), re.M)
-    fields = _around(gmsh, largest) + ([int(own[1])] if own else [])
+    near, background = _of_groups(gmsh, side, contacts), re.search(r"^Background Field = (\d+);", _unrolled(gmsh), re.M)
+    fields = _around(gmsh, largest) + ([int(background[1])] if background else [])
     if len(near) and finest < largest:
         fields.append(_near(gmsh, side, near, finest, largest))
     if fields:
@@ -303,7 +303,7 @@ def _refine_towards(gmsh, body: BodySpec, contacts: Collection[str]) -> None:
 
 
 def _follow(gmsh, sizes: Sizes, largest: float, label: str) -> None:
-    """Have elements of the given sizes, whatever the file says of its own."""
+    """Prescribe the sizes of elements, overriding those of the file."""
     gmsh.model.mesh.removeConstraints()  # numbers of nodes on curves; but those of gmsh's own kernel remain
     script = _unrolled(gmsh)
     free = re.sub(r"^(Transfinite|Recombine) .*\n", "", script, flags=re.M)
@@ -326,15 +326,15 @@ def _follow(gmsh, sizes: Sizes, largest: float, label: str) -> None:
 
 
 def _around(gmsh, largest: float) -> list[int]:
-    """Fields that make elements along curved curves and faces small enough for their radii."""
+    """Size fields for elements that are small enough for the radii of curves and faces."""
     alike: dict[tuple[int, int], list[tuple[float, int]]] = {}
     for dimension, tag in [*gmsh.model.getEntities(1), *gmsh.model.getEntities(2)]:
         bend, extent = {1: _curve_bend, 2: _face_bend}[dimension](gmsh, tag)
         size = max(2 * np.pi / AROUND / max(bend, 1 / OFF), extent / MOST)
         if size < largest and extent > TINY * _extent(gmsh):
             alike.setdefault((dimension, round(np.log(size) / ALIKE)), []).append((size, tag))
-    return [_near(gmsh, dimension, [tag for _, tag in each], min(each)[0], largest)
-            for (dimension, _), each in alike.items()]
+    return [_near(gmsh, dimension, [tag for _, tag in group], min(group)[0], largest)
+            for (dimension, _), group in alike.items()]
 
 
 def _extent(gmsh, *part: int) -> float:

@@ -22,36 +22,36 @@ from ddmpi.scene.values import LARGEST
 from ddmpi.system import interrupt
 
 MSH = (b"$MeshFormat", b"$Comments", b"$NOD", b"$NOE")
-"""How files of meshes by gmsh begin. Only these does it open: what it does not know it runs as a script."""
+"""First words of mesh files that gmsh may open: it runs unknown files as scripts."""
 
 COMPLETE = {"wedge18": [0, 1, 2, 3, 4, 5, 6, 9, 7, 12, 14, 13, 8, 10, 11],
             "pyramid14": [0, 1, 2, 3, 4, 5, 8, 10, 6, 7, 9, 11, 12]}
 """The order of VTK in elements with middles of faces, which meshio leaves in gmsh's."""
 
 FORMATS = {".med": "med", ".vtu": "vtu", ".vtk": "vtk"}
-"""What meshio calls the formats of other programs, by the ending of a file. `Input` reads .inp; others are gmsh's."""
+"""Meshio's names of the formats of other programs, by ending. `Input` reads .inp; others are gmsh's."""
 
 NUMBERED = ("cell_tags", "gmsh:physical", "CellEntityIds")
-"""What numbers the groups of elements in these formats."""
+"""Names of the data that number the groups of elements in these formats."""
 
 ELEMENTS: dict[str, dict[int, str]] = {
     "CPE|CPS|CPEG|CAX|CGAX|S|STRI|M3D|SFM3D|R3D": {3: "triangle", 4: "quad", 6: "triangle6", 65: "triangle6",
                                                    8: "quad8", 9: "quad9"},
     "C3D": {4: "tetra", 5: "pyramid", 6: "wedge", 8: "hexahedron", 10: "tetra10", 15: "wedge15", 20: "hexahedron20"},
     "T2D|T3D": {2: "line", 3: "line3"}, "B2|B3": {1: "line", 2: "line3", 3: "line"}}
-"""Abaqus's names of elements: letters, a number, and what follows does not matter."""
+"""Abaqus's names of elements: letters and a number; further letters are ignored."""
 
 SHAPELESS = ("MASS", "ROTARYI", "SPRING", "DASHPOT", "CONN", "GAP", "DCOUP")
-"""Elements whose names begin like this are left out."""
+"""Prefixes of the names of elements that are skipped."""
 
 GENERATING = ("NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "SYSTEM")
 """Keywords that make nodes or elements from others, or move them; they are not read."""
 
 MOST = 10**8
-"""A set that is generated has not more members than this."""
+"""Largest number of members of a generated set."""
 
 PLANE = 1e-9
-"""How far the z coordinates of a plane mesh may differ, as a fraction of its extent."""
+"""Largest difference of the z coordinates of a plane mesh over its extent."""
 
 FLAT = 1e-14
 """A triangle has no area if it is smaller than this fraction of the largest one; for volumes its power 3/2."""
@@ -167,11 +167,11 @@ def _refuse_double_names(path: Path, label: str) -> None:
     """Raise InputError where groups of two dimensions have one name: meshio would forget one of them."""
     with open(path, encoding="utf-8", errors="replace") as file:
         head = "".join(takewhile(lambda line: not line.startswith(("$EndPhysicalNames", "$Nodes", "$NOD")), file))
-    found: dict[str, str] = {}
+    dimensions: dict[str, str] = {}
     for dimension, name in re.findall(r'^([0-3])\s+\d+\s+"(.*)"', head, re.MULTILINE):
-        kinds = found.setdefault(name, dimension), dimension
+        kinds = dimensions.setdefault(name, dimension), dimension
         if len(set(kinds)) > 1:
-            one, other = (PHYSICAL[int(each)] for each in kinds)
+            one, other = (PHYSICAL[int(kind)] for kind in kinds)
             raise InputError(f"{label}: {name!r} is the name of both a {one} and a {other}; rename one")
 
 
@@ -192,7 +192,7 @@ def _with_sets(raw):
     numbers: list = next((raw.cell_data[kind] for kind in NUMBERED if kind in raw.cell_data), [])
     raw.cell_sets |= _sets(numbers, getattr(raw, "cell_tags", None))
     nodes = [raw.point_data["point_tags"]] if "point_tags" in raw.point_data else []
-    raw.point_sets |= {name: own[0] for name, own in _sets(nodes, getattr(raw, "point_tags", None)).items()}
+    raw.point_sets |= {name: blocks[0] for name, blocks in _sets(nodes, getattr(raw, "point_tags", None)).items()}
     raw.points, raw.field_data = np.pad(raw.points, ((0, 0), (0, 3 - raw.points.shape[1]))), {}
     _check_nodes(raw)
     return raw
@@ -206,13 +206,13 @@ def _check_nodes(raw) -> None:
 
 def _sets(blocks: list, names: dict[int, list[str]] | None) -> dict[str, list[np.ndarray]]:
     """The entries of each of the `blocks` of numbers that a group has, by the names of the numbers, or by these."""
-    found: dict[str, list[np.ndarray]] = {}
+    sets: dict[str, list[np.ndarray]] = {}
     for number in np.unique(np.concatenate(blocks)) if blocks else ():
         for name in names.get(number, ()) if names else [str(int(number))] * bool(number):
-            own = [np.flatnonzero(np.asarray(block) == number) for block in blocks]
-            before = found.get(name.strip(" \0"), own)
-            found[name.strip(" \0")] = [np.union1d(*each) for each in zip(own, before, strict=True)]
-    return found
+            members = [np.flatnonzero(np.asarray(block) == number) for block in blocks]
+            before = sets.get(name.strip(" \0"), members)
+            sets[name.strip(" \0")] = [np.union1d(*pair) for pair in zip(members, before, strict=True)]
+    return sets
 
 
 class Input:
@@ -237,17 +237,17 @@ class Input:
                 if word in ("PART", "INSTANCE") and word in scopes[1:]:
                     raise ValueError(f"it has several {word.lower()}s; each body needs a file of its own")
                 scopes.append("ASSEMBLY" if word == "END INSTANCE" else word)
-                self.place += [[float(each) for each in row] for row in rows]
+                self.place += [[float(number) for number in row] for row in rows]
             elif scopes[-1] != "ASSEMBLY" or word == "SURFACE" or "INSTANCE" in given:
                 self._take(word, given, rows)
 
     def _take(self, word: str, given: dict[str, str], rows: list[list[str]]) -> None:
         """Note what one keyword says."""
         if word == "NODE":
-            self.points |= {int(row[0]): [float(each or 0.0) for each in [*row[1:], "", ""][:3]] for row in rows}
+            self.points |= {int(row[0]): [float(word or 0.0) for word in [*row[1:], "", ""][:3]] for row in rows}
         elif word == "ELEMENT" and not given["TYPE"].upper().startswith(SHAPELESS):
             kind, number = _element(given["TYPE"])
-            entries = [int(each) for row in rows for each in row if each]
+            entries = [int(word) for row in rows for word in row if word]
             self.blocks.append((kind, np.array(entries).reshape(-1, 1 + number)))
             if "ELSET" in given:
                 self._set("ELSET", given["ELSET"], self.blocks[-1][1][:, 0].tolist())
@@ -257,7 +257,7 @@ class Input:
                 if max(map(len, runs), default=0) > MOST:
                     raise ValueError(f"the set {given[word]} has more than {MOST} members")
                 rows = [list(map(str, run)) for run in runs]
-            self._set(word, given[word], [each for row in rows for each in row if each], "INTERNAL" in given)
+            self._set(word, given[word], [entry for row in rows for entry in row if entry], "INTERNAL" in given)
         elif word == "SURFACE" and given.get("TYPE", "").upper() == "NODE":
             self._set("NSET", given["NAME"], [row[0] for row in rows])
         elif word == "SURFACE":
@@ -275,7 +275,7 @@ class Input:
         name = str(what).rpartition(".")[2].lower()
         if name in within or name not in self.sets[kind]:
             raise ValueError(f"the set {what} contains itself" if name in within else f"there is no set {what}")
-        return set().union(*(self._members(kind, each, (*within, name)) for each in self.sets[kind][name]))
+        return set().union(*(self._members(kind, member, (*within, name)) for member in self.sets[kind][name]))
 
     def mesh(self):
         """All of it as a mesh of meshio; surfaces are elements between corners."""
@@ -299,12 +299,12 @@ class Input:
         for key, name in self.names.items():
             for what, face in ([*row, ""][:2] for row in self.sets["SURFACE"].get(key[1] * (key[0] == "SURFACE"), [])):
                 for (kind, entries), (_, nodes) in list(zip(self.blocks, cells, strict=False)):
-                    own = nodes[chosen("ELSET", what, entries[:, 0])]
-                    if len(own):
-                        facets, before = own[:, _face(kind, face.upper(), name)], groups.get(name, [])
+                    elements = nodes[chosen("ELSET", what, entries[:, 0])]
+                    if len(elements):
+                        facets, before = elements[:, _face(kind, face.upper(), name)], groups.get(name, [])
                         groups[name] = [*before, *[nothing] * (len(cells) - len(before)), np.arange(len(facets))]
                         cells.append((("line", "triangle", "quad")[len(facets.T) - 2], facets))
-        groups = {name: [*own, *[nothing] * (len(cells) - len(own))] for name, own in groups.items()}
+        groups = {name: [*blocks, *[nothing] * (len(cells) - len(blocks))] for name, blocks in groups.items()}
         return meshio.Mesh(self._placed(points), cells, cell_sets=groups, point_sets={
             name: chosen(*key, numbers) for key, name in self.names.items() if key[0] == "NSET"})
 
@@ -333,12 +333,12 @@ def _keywords(path: Path, within: tuple[Path, ...] = ()) -> Iterator[tuple[str, 
         while head.endswith(",") and first < end:
             head, first = head + lines[first], first + 1
         word, *rest = head[1:].split(",")
-        word, parts = " ".join(word.split()).upper(), [each.partition("=") for each in rest]
+        word, parts = " ".join(word.split()).upper(), [entry.partition("=") for entry in rest]
         given = {name.strip().upper(): value.strip().strip('"') for name, _, value in parts}
         if word == "INCLUDE":
             yield from _keywords(path.parent / given["INPUT"], (*within, path))
         else:
-            yield word, given, [[each.strip() for each in line.rstrip(", ").split(",")] for line in lines[first:end]]
+            yield word, given, [[entry.strip() for entry in line.rstrip(", ").split(",")] for line in lines[first:end]]
 
 
 def _element(name: str) -> tuple[str, int]:

@@ -1,4 +1,4 @@
-"""Meshes of simple shapes: a grid of cells, each cut into triangles or tetrahedra, and where its nodes lie."""
+"""Meshes of simple shapes: grids of cells, cut into triangles or tetrahedra, and the positions of their nodes."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from ddmpi.scene.meshes import MeshSpec
 
 def generate_rectangle(spec: MeshSpec) -> Mesh:
     """A rectangle or a box; touching ones of equal divisions match. Not collective."""
-    assert spec.divisions and isinstance(spec.size, tuple)  # of a shape, the scene has seen to it
+    assert spec.divisions and isinstance(spec.size, tuple)  # checked by the scene
     parameters, cells, sides = _grid_of(spec)
-    # exact multiples, so that both sides of an interface agree
+    # Exact multiples, so that both sides of an interface agree.
     return Mesh(np.array(spec.origin or (0.0,) * len(spec.size)) + parameters * spec.size, cells, sides)
 
 
@@ -111,7 +111,7 @@ def _grid(nx: int, ny: int, closed: bool = False) -> tuple[np.ndarray, np.ndarra
 
 
 def _between(start, end, part: np.ndarray) -> np.ndarray:
-    """Values at parts of the way from `start` to `end`, both of which are met exactly."""
+    """Linear interpolation from `start` to `end`, exact at both."""
     return np.where(part == 1.0, end, start + part * (np.asarray(end) - start))
 
 
@@ -125,4 +125,4 @@ def _directions(degrees: np.ndarray) -> np.ndarray:
 
 SHAPES = {"rectangle": generate_rectangle, "box": generate_rectangle, "quadrilateral": generate_quadrilateral,
           "hexahedron": generate_quadrilateral, "annulus": generate_annulus}
-"""What generates the mesh of a shape."""
+"""The functions that generate the shapes."""

@@ -21,24 +21,23 @@ from ddmpi.system.files import writing
 from ddmpi.system.numbers import scaled_unit
 
 BRIGHTEST = 99.5
-"""The colours of a stress end at this percentile: stresses are singular in corners, which must not set the scale."""
+"""Percentile at which the colours of stresses end: singular stresses in corners must not set the scale."""
 
 MOVED, TURNED_BY = 0.1, 0.3
-"""In the picture of a mechanism no node moves by more than this part of the bodies' extent, and no body turns by more
-than this angle."""
+"""Largest displacement in the picture of a mechanism, over the bodies' extent, and largest rotation (rad)."""
 
 AT_REST = 1e-3
-"""A body whose velocity is below this part of the largest one is not drawn moved."""
+"""A body is drawn at rest if its velocity is below this fraction of the largest."""
 
 FRAMES, SECONDS, SLOWEST, FASTEST = 200, 6.0, 2.0, 20.0
-"""An animation has at most so many frames, and takes about so long, within these limits of frames a second."""
+"""Largest number of frames of an animation, its duration (s), and limits of frames per second."""
 
 COARSE = 700
 """Pixels of the longer side of the bodies in an animation."""
 
 
 def skin_of(results: Results) -> Skin:
-    """What pictures show of the bodies. Raises InputError where a cut meets none."""
+    """The visible surfaces of the bodies. Raises InputError for a cut that meets none."""
     view = View(results.points, results.summary["scene"]["output"])
     return Skin(view, results.points, results.fields["cells"])
 
@@ -49,25 +48,25 @@ def draw_bodies(results: Results) -> Any:
     values, quantity, unit = coloured(results, fields)
     values, still = skin.extended(values), skin.extended(results.points + shift)
     facets, at = skin.facets, still + skin.extended(results.displacement(scale))
-    own, moved = values[np.unique(facets)], float(np.linalg.norm(results.displacement(), axis=1).max())
-    low, top = (0.0, float(np.percentile(own, BRIGHTEST))) if quantity != "displacement" else (own.min(), own.max())
+    seen, moved = values[np.unique(facets)], float(np.linalg.norm(results.displacement(), axis=1).max())
+    low, top = (0.0, float(np.percentile(seen, BRIGHTEST))) if quantity != "displacement" else (seen.min(), seen.max())
     beyond, rigid = skin.beyond, rigid_parts(results, scale)
     if results.summary["scene"]["output"].get("mirrored"):
         facets, at, still, values, beyond = _both_halves(facets, at, still, values, beyond)
-        rigid += [replace(each, at=each.at[::-1] * (-1.0, 1.0)) for each in rigid]
-    factor, unit = scaled_unit(own.max(), unit)
+        rigid += [replace(surface, at=surface.at[::-1] * (-1.0, 1.0)) for surface in rigid]
+    factor, unit = scaled_unit(seen.max(), unit)
     image = colours_of(low / factor, top / factor or 1.0, "viridis")
     sheet = Sheet(results, np.vstack([still[beyond <= 0.0], at[beyond <= 0.0]]), rigid)
     sheet.outline(still, facets, beyond)
     sheet.show([Surface(at, facets, by_value(values[facets] / factor, image), beyond)])
-    sheet.colours(image, f"{quantity} ({unit})", "max" if own.max() > top else "neither")
+    sheet.colours(image, f"{quantity} ({unit})", "max" if seen.max() > top else "neither")
     factor, unit = scaled_unit(moved, results.summary["units"]["length"])
     sheet.figure.suptitle(f"{results.heading(True)}displacement × {scale:g}, largest {rounded(moved / factor)} {unit}")
     return sheet.figure
 
 
 def coloured(results: Results, fields: dict[str, np.ndarray]) -> tuple[np.ndarray, str, str]:
-    """What colours bodies, at their nodes (nv,), with its name and unit: von Mises stress, else displacement."""
+    """The values (nv,) for the colours of bodies, with name and unit: von Mises stress, else displacement."""
     output = results.summary["scene"]["output"]
     if "nodal_von_mises" in fields:
         return fields["nodal_von_mises"], "von Mises stress", output["stress_unit"]
@@ -79,11 +78,12 @@ def _both_halves(facets: np.ndarray, at: np.ndarray, still: np.ndarray, *values:
     number = np.arange(len(at))
     other = np.where(still[:, 0] == 0.0, number, number + len(at))  # none of its own on the axis
     return [np.vstack([facets, other[facets[:, ::-1]]]),
-            *(np.vstack([each, each * (-1.0, 1.0)]) for each in (at, still)), *(np.tile(each, 2) for each in values)]
+            *(np.vstack([array, array * (-1.0, 1.0)]) for array in (at, still)),
+            *(np.tile(array, 2) for array in values)]
 
 
 def draw_error(results: Results) -> Any:
-    """The estimated discretization error of the cells that are seen; a figure."""
+    """The estimated discretization error of the visible cells; a figure."""
     skin, top = skin_of(results), results.fields["error"].max() or 1.0
     image = colours_of(1e-3 * top, top, "magma_r", logarithmic=True)
     values = np.maximum(results.fields["error"][skin.cell], 1e-3 * top)[:, None].repeat(3, axis=1)
@@ -97,7 +97,7 @@ def draw_error(results: Results) -> Any:
 
 
 def draw_mechanism(results: Results, mechanism: dict[str, Any]) -> Any:
-    """The bodies as they stand, and as the `mechanism`, the content of mechanism.json, would move them; a figure."""
+    """The bodies at rest, and moved by the `mechanism`, the content of mechanism.json; a figure."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
@@ -119,11 +119,11 @@ def draw_mechanism(results: Results, mechanism: dict[str, Any]) -> Any:
     moves = np.bincount(owner, speed > AT_REST * fastest) > 0
     rigid = [*rigid_parts(results), *rigid_parts(results, step, going=going)]
     still, at = skin.extended(points), skin.extended(points + step * u)
-    own = moves[results.fields["body"][skin.cell]]
+    moving = moves[results.fields["body"][skin.cell]]
     sheet = Sheet(results, np.vstack([points, at]), rigid)
     sheet.show([Surface(at, skin.facets[some], filled(kind), skin.beyond, edges=COLOURS[kind])
-                for some, kind in ((~own, "still"), (own, "moved")) if some.any()])
-    sheet.outline(still, skin.facets[own], skin.beyond, zorder=4)
+                for some, kind in ((~moving, "still"), (moving, "moved")) if some.any()])
+    sheet.outline(still, skin.facets[moving], skin.beyond, zorder=4)
     sheet.arrows(centres[moves], step * velocity[moves], COLOURS["force"])
     sheet.write(names, centres + np.where(moves[:, None], step * velocity, 0.0), below=True)
     legend: list[Any] = [Line2D([], [], color=COLOURS["still"], linewidth=0.9, label="as the bodies stand"),
@@ -144,16 +144,16 @@ def crossed(turning: np.ndarray, at: np.ndarray) -> np.ndarray:
 
 
 def middles(results: Results) -> list[np.ndarray]:
-    """A node (d,) of each body far from its boundary, near the body's middle if there are several."""
+    """Nodes (d,), one a body, far from its boundary, of several the one nearest to the middle."""
     from scipy.spatial import cKDTree
 
-    owner, edge, found = owners(results), np.unique(boundary_facets(results.fields["cells"], results.dimension)[0]), []
+    owner, edge, places = owners(results), np.unique(boundary_facets(results.fields["cells"], results.dimension)[0]), []
     for k in range(owner.max() + 1):
-        own = results.points[owner == k]
-        depth = cKDTree(results.points[edge[owner[edge] == k]]).query(own)[0]
-        off = np.linalg.norm(own - (own.max(axis=0) + own.min(axis=0)) / 2, axis=1)
-        found.append(own[np.argmin(np.where(depth >= 0.8 * depth.max(), off, np.inf))])
-    return found
+        nodes = results.points[owner == k]
+        depth = cKDTree(results.points[edge[owner[edge] == k]]).query(nodes)[0]
+        off = np.linalg.norm(nodes - (nodes.max(axis=0) + nodes.min(axis=0)) / 2, axis=1)
+        places.append(nodes[np.argmin(np.where(depth >= 0.8 * depth.max(), off, np.inf))])
+    return places
 
 
 def animate(results: Results, folder: Path, title: str) -> Path:
@@ -176,8 +176,8 @@ def animate(results: Results, folder: Path, title: str) -> Path:
     still = skin.extended(results.points + shift)
     scale, unit = scaled_unit(top, unit)
     image = colours_of(0.0, top / scale or 1.0, "viridis")
-    sheet = Sheet(results, np.vstack([(still + factor * skin.extended(each))[skin.beyond <= 0.0]
-                                      for each in (low, high)]), pixels=COARSE)
+    sheet = Sheet(results, np.vstack([(still + factor * skin.extended(state))[skin.beyond <= 0.0]
+                                      for state in (low, high)]), pixels=COARSE)
     sheet.axes.set_title("time")
     sheet.colours(image, f"{quantity} ({unit})", "max")
     sheet.figure.suptitle(title.strip())
@@ -195,8 +195,8 @@ def animate(results: Results, folder: Path, title: str) -> Path:
         frames.append(Image.fromarray(np.asarray(sheet.figure.canvas.buffer_rgba())).convert("RGB"))
     plt.close(sheet.figure)
     some = frames[::len(frames) // 20 + 1]
-    palette = Image.fromarray(np.vstack([np.asarray(each)[::2, ::2] for each in some])).quantize()
-    first, *others = (each.quantize(palette=palette) for each in frames)
+    palette = Image.fromarray(np.vstack([np.asarray(frame)[::2, ::2] for frame in some])).quantize()
+    first, *others = (frame.quantize(palette=palette) for frame in frames)
     with writing(path):
         path.unlink(missing_ok=True)  # it may be a link
         first.save(path, save_all=True, append_images=others, loop=0,
@@ -205,7 +205,7 @@ def animate(results: Results, folder: Path, title: str) -> Path:
 
 
 def _frames(folder: Path) -> Iterator[tuple[float, dict[str, np.ndarray]]]:
-    """Time, and the fields that differ from step to step, of what an animation shows of the series result.xdmf."""
+    """Time, and the fields that change with it, of the load steps in the series result.xdmf."""
     import h5py
 
     times = step_times(folder)

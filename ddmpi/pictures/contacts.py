@@ -21,11 +21,11 @@ from ddmpi.surface.side import unit
 from ddmpi.system.numbers import moment, scaled_unit
 
 WIDEST = {2: 0.3, 3: 0.6}
-"""Half of the largest resultant is drawn as this part of a body's size, the root of its area or volume, and in the
-plane the largest pressure as 0.8 of it; by dimension."""
+"""Length of half of the largest resultant over a body's size, the root of its area or volume, by dimension; in the
+plane the largest pressure has 0.8 of it."""
 
 WEAK = 0.01
-"""Resultants below this part of the largest one are not drawn."""
+"""Resultants below this fraction of the largest are not drawn."""
 
 FACING, STRAIGHT = 0.4, 0.02
 """A contact is seen from the front if the mean of its normals is longer than the first, and is unrolled about an axis
@@ -33,20 +33,20 @@ if the mean square of their parts along it is at most the second. Directions who
 the second are those of x, y or z."""
 
 LONG = 5.0
-"""Maps of contacts that are longer than this times their width stand one below the other."""
+"""Maps of contacts longer than this times their width are arranged in one column."""
 
 ARROWS = 16
-"""Slip is drawn as about so many arrows along a contact."""
+"""Approximate number of arrows of slip along a contact."""
 
 BRIGHTEST = 98.0
-"""On the bodies, the colours of stresses that are not zero end at this percentile."""
+"""Percentile of nonzero stresses at which the colours on the bodies end."""
 
 SMALL = 0.5
-"""If no more than this part of a contact's extent is closed, its maps show what is closed and as much around it."""
+"""Maps of a contact that is closed over at most this fraction of its extent show the closed part and as much around."""
 
 
 def draw_contacts(results: Results) -> Any:
-    """All contacts where the bodies stand: normal stresses, resultants, and in the plane zones; a figure.
+    """All contacts on the undeformed bodies: normal stresses, resultants, and in the plane zones; a figure.
 
     In the plane a pressure is drawn as an area into the contact's first body, tension into the second; in space they
     are colours. A resultant stands on its line of action, its middle at the contact, unless it passes this by.
@@ -87,7 +87,7 @@ def draw_contacts(results: Results) -> Any:
                       for name, table in results.contacts.items()], image)
         sheet.colours(image, f"{kind} ({unit_of})", ("both" if low < 0.0 else "max") if most < top else "neither")
         counted = f"; nodes: {', '.join(f'{number} {zone}' for zone, number in counts.items())}"
-    sheet.lines([sheet.place(each)[:, :2] for each in forces], colors=COLOURS["force"], linewidth=1.4, zorder=6)
+    sheet.lines([sheet.place(ends)[:, :2] for ends in forces], colors=COLOURS["force"], linewidth=1.4, zorder=6)
     if legend:
         above(sheet.axes, legend, 2 + (sheet.figure.get_figwidth() > sheet.figure.get_figheight()))
     sheet.figure.suptitle(f"{results.heading(True)}contact forces{counted}")
@@ -95,11 +95,11 @@ def draw_contacts(results: Results) -> Any:
 
 
 def _resultants(results: Results, size: float) -> tuple[list[np.ndarray], float]:
-    """Ends (2, d) of the resultants that are drawn, half of the largest as long as `size` (m); the largest (N)."""
-    found, tables, contacts = [], results.contacts, results.summary["contacts"]
+    """Ends (2, d) of the drawn resultants, half of the largest as long as `size` (m); the largest (N)."""
+    arrows, tables, contacts = [], results.contacts, results.summary["contacts"]
     largest = max(float(np.linalg.norm(contact["force"])) for contact in contacts.values())
     sizes = {name: np.hypot(table["normal_force"], table["tangential_force"]) for name, table in tables.items()}
-    weak = max(WEAK * largest, RESOLVED * max(each.sum() for each in sizes.values()))
+    weak = max(WEAK * largest, RESOLVED * max(values.sum() for values in sizes.values()))
     for name, table in tables.items():
         force = np.array(contacts[name]["force"], float)
         if np.linalg.norm(force) > weak:
@@ -108,8 +108,8 @@ def _resultants(results: Results, size: float) -> tuple[list[np.ndarray], float]
             left = np.atleast_1d(contacts[name]["moment"] - moment(centre[None], force[None], results.axisymmetric))
             at = centre - crossed(left[None], force[None])[0] / (force @ force)
             if np.linalg.norm(at - centre) <= np.ptp(xy, axis=0).max() + size:
-                found.append(at + np.outer((-1.0, 1.0), size / largest * force))
-    return found, largest
+                arrows.append(at + np.outer((-1.0, 1.0), size / largest * force))
+    return arrows, largest
 
 
 def _profiles(results: Results, scale: float,
@@ -134,7 +134,7 @@ def draw_maps(results: Results, name: str) -> Any:
     """Pressure, zones, friction with arrows of slip, and gap or slip, if there is any, on a contact; a figure."""
     table, facets, summary = results.contacts[name], results.triangles(name), results.summary
     at, labels, along = flatten(table, facets)
-    asked = next(each for each in summary["scene"]["contact"] if each["name"] == name)
+    asked = next(contact for contact in summary["scene"]["contact"] if contact["name"] == name)
     visible = RESOLVED * summary["displacement_max"]
     gaps, slips = (np.abs(table[what]).max(initial=0.0) > visible for what in ("gap", "slip"))
     holds = asked["friction"]["law"] != "none" or asked.get("kind") == "bonded"
@@ -157,9 +157,9 @@ def draw_maps(results: Results, name: str) -> Any:
     tall = np.clip((9.6 / columns - 1.6) * height / width, 0.8, 4.2) + 0.55
     figure, grid = plt.subplots(rows, columns, figsize=(9.6, rows * tall + 0.5), sharex=True, sharey=True,
                                 layout="compressed", squeeze=False)
-    for axes, each in zip(grid.ravel(), maps, strict=True):
-        if each:
-            what, values, quantity, colours = each
+    for axes, panel in zip(grid.ravel(), maps, strict=True):
+        if panel:
+            what, values, quantity, colours = panel
             factor, unit_of = scaled_unit(np.abs(values).max(initial=0.0) or summary["displacement_max"],
                                           summary["units"][quantity])
             values = values[facets].ravel() / factor
@@ -217,7 +217,7 @@ def flatten(table: Columns, facets: np.ndarray) -> tuple[np.ndarray, tuple[str, 
             right = unit(np.cross([0.0, 0.0, 1.0], front)) if abs(front[2]) < 0.9 else unit(np.cross(
                 [0.0, 1.0, 0.0], front))
             along, names = np.stack([right, np.cross(front, right)]), ""
-        labels = names or ["along\n({:.2g}, {:.2g}, {:.2g})".format(*(each + 0.0)) for each in along]
+        labels = names or ["along\n({:.2g}, {:.2g}, {:.2g})".format(*(vector + 0.0)) for vector in along]
         return (at @ along.T)[facets], (labels[0], labels[1]), np.broadcast_to(along, (len(at), 2, 3))
     axis = axes[:, 0] * np.sign(axes[np.abs(axes[:, 0]).argmax(), 0])
     across = np.eye(3) - normal[:, :, None] * normal[:, None, :] - np.outer(axis, axis)  # distances from its normal
@@ -241,7 +241,7 @@ def _draw_zones(axes: Any, at: np.ndarray, status: np.ndarray, counts: dict) -> 
     """Colour the parts of facets (f, 3, 2) that are nearest to their corners by the status (f, 3) of these."""
     after, before, middle = np.roll(at, -1, axis=1), np.roll(at, 1, axis=1), at.mean(axis=1, keepdims=True)
     parts = np.stack([at, (at + after) / 2, np.broadcast_to(middle, at.shape), (at + before) / 2], axis=2)
-    axes.add_collection(PolyCollection(parts.reshape(-1, 4, 2), facecolors=[ZONES[each] for each in status.ravel()],
+    axes.add_collection(PolyCollection(parts.reshape(-1, 4, 2), facecolors=[ZONES[value] for value in status.ravel()],
                                        edgecolors="face", linewidth=0.3, rasterized=True))
     above(axes, zone_legend(counts))
 

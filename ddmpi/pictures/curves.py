@@ -22,13 +22,13 @@ SHADE = 0.35
 """Opacity of zones behind curves."""
 
 ROUNDING = 1e-6
-"""Resultants below this part of the normal force are none, as of a shaft in its hub."""
+"""Resultants below this fraction of the normal force count as zero, as of a shaft in its hub."""
 
 LOOPS = 3
-"""At most so many contacts, those with the largest forces, have their loop and their stresses drawn."""
+"""Largest number of contacts, those with the largest forces, with loops and stresses in pictures."""
 
 CURVES = 8
-"""Of more ends of legs than this, so many are drawn, from the first to the last."""
+"""Largest number of ends of legs in a picture, from the first to the last."""
 
 
 def draw_contact(results: Results, name: str) -> Any:
@@ -38,7 +38,7 @@ def draw_contact(results: Results, name: str) -> Any:
     """
     (nodes, facets), sides = drawn_rows(results.contacts[name], results.facets[name]), results.sides.get(name)
     units, breaks = results.summary["units"], np.array([chain[0] for chain in chains(facets)[1:]], int)
-    contact = next(each for each in results.summary["scene"]["contact"] if each["name"] == name)
+    contact = next(contact for contact in results.summary["scene"]["contact"] if contact["name"] == name)
     friction, frictional = contact["friction"], contact["friction"]["law"] != "none"
     position, along = _position(nodes)
     shown, place, apart, extent = nodes, position, breaks, ""
@@ -113,9 +113,9 @@ def _position(nodes: Columns) -> tuple[np.ndarray, str]:
     """The coordinate (m,) over which a contact is drawn, and its name: x or y of a straight one, else arc length."""
     x, y = nodes["x"], nodes["y"]
     arc = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
-    for own, other, name in ((x, y, "x"), (y, x, "y")):
+    for axis, other, name in ((x, y, "x"), (y, x, "y")):
         if np.ptp(other) <= 1e-9 * arc[-1]:
-            return own, name
+            return axis, name
     return arc, "arc length along the contact"
 
 
@@ -168,12 +168,12 @@ def draw_steps(results: Results) -> Any:
     words: dict[str, None] = {}
     label, driver = _driver(summary, results.energy["time"])
     for name in shown:
-        own = {key: values[steps["contact"] == name] for key, values in steps.items()}
-        what, column, of_one = _resultant(own), "tangential_force", name
+        rows = {key: values[steps["contact"] == name] for key, values in steps.items()}
+        what, column, of_one = _resultant(rows), "tangential_force", name
         if what == "moment":
-            column = max((f"moment_{axis}" for axis in "xyz"), key=lambda each: np.ptp(own[each]))
+            column = max((f"moment_{axis}" for axis in "xyz"), key=lambda component: np.ptp(rows[component]))
             of_one = f"{name}, {column.replace('_', ' ')}"
-        loop.plot(driver, np.append(0.0, own[column]), marker=".", label=of_one)
+        loop.plot(driver, np.append(0.0, rows[column]), marker=".", label=of_one)
         words[f"{'tangential ' * (what == 'force')}{what} ({summary['units'][what]})"] = None
     loop.set(xlabel=label, ylabel=", ".join(words))
     _draw_energies(energies, results.energy, summary["units"]["energy"])
@@ -187,8 +187,8 @@ def draw_steps(results: Results) -> Any:
 
 
 def _driver(summary: dict, times: np.ndarray) -> tuple[str, np.ndarray]:
-    """The factor, at time 0 and at all `times`, of the history that goes the longest way after it first rests or turns;
-    of the only one, if there is one; or time itself."""
+    """The factor, at time 0 and at all `times`, of the history that varies most after it first rests or turns, or of
+    the only history; else time itself."""
     best: tuple[float, str, np.ndarray] | None = None
     points = np.concatenate([[0.0], times])
     for name, history in summary["scene"]["history"].items():
@@ -227,15 +227,15 @@ def _draw_stresses(axes: Any, name: str, results: Results, units: dict) -> None:
 
 
 def _resultant(steps: Columns) -> str:
-    """What to draw of a contact: its force, or of solids where there is none its moment."""
+    """The resultant of a contact in pictures: force, or the moment of solids without a force."""
     forces = [np.abs(values).max() for column, values in steps.items() if column.startswith("force_")]
     return "moment" if "moment_x" in steps and max(forces) <= ROUNDING * steps["normal_force"].max() else "force"
 
 
 def _draw_course(axes: Any, name: str, results: Results, units: dict) -> None:
-    """Force on the first body along x, y and z, or where there is none its moment, and nodes by status, over time."""
-    own = results.steps["contact"] == name
-    steps = {column: values[own] for column, values in results.steps.items()}
+    """Force on the first body along x, y and z, or its moment without a force, and nodes by status, over time."""
+    rows = results.steps["contact"] == name
+    steps = {column: values[rows] for column, values in results.steps.items()}
     time = np.append(0.0, steps["time"])
     what = _resultant(steps)
     for axis in "xyz":
@@ -245,5 +245,5 @@ def _draw_course(axes: Any, name: str, results: Results, units: dict) -> None:
     counts = (np.insert(steps[zone], 0, steps[zone][:1]) for zone in ZONES)
     axes[1].stackplot(time, *counts, labels=list(ZONES), colors=list(ZONES.values()), alpha=SHADE)
     axes[1].set(xlabel="time", ylabel=f"nodes of {name}", xlim=(0.0, time[-1]))
-    for each in axes:
-        each.legend(fontsize=7, **BESIDE)
+    for ax in axes:
+        ax.legend(fontsize=7, **BESIDE)

@@ -23,15 +23,15 @@ from ddmpi.system.files import MECHANISM, contact_files, writing
 from ddmpi.system.provenance import identity
 
 EACH = 6
-"""Of at most so many contacts each has a picture of its own; of more, all share one only."""
+"""Largest number of contacts with separate pictures; more contacts share one."""
 
 Pictures = Iterator[tuple[str, Callable[[], Any]]]
-"""Each picture's file name and what draws its figure."""
+"""File names of pictures and the functions that draw their figures."""
 
 
 def draw_all(folder: str | Path, number: int = 0, drawers: int = 1, time: float | None = None,
              into: Path | None = None, **asked: Any) -> list[Path]:
-    """Draw all pictures of the results in `folder` into it, or this one's share if several `drawers` do; their paths.
+    """Draw all pictures of the results in `folder` into it, or this process's share of several `drawers`; their paths.
 
     Those of bodies and contacts are of the load step at `time`, by default as `at_step` chooses it. `into` another
     folder go pictures without the animation. What is `asked` for, such as a view, is taken in place of the keys of the
@@ -67,7 +67,7 @@ def draw_all(folder: str | Path, number: int = 0, drawers: int = 1, time: float 
 
 
 def _ask(results: Results, asked: dict[str, Any]) -> None:
-    """Put what is asked for, unless it is None, into the scene of the summary. Raises InputError where it is wrong."""
+    """Put options that are not None into the scene of the summary. Raises InputError for invalid ones."""
     new = {key: value for key, value in asked.items() if value is not None}
     try:
         msgspec.convert(new, Output)

@@ -1,4 +1,4 @@
-"""Where pictures draw bodies and rigid partners, and how much enlarged."""
+"""Positions of bodies and rigid partners in pictures, and the magnification of displacements."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ INVISIBLE = 0.002
 """Errors of at most this fraction of the bodies' extent cannot be seen in a picture: two pixels."""
 
 FARTHEST = 100.0
-"""Displacements are drawn as at most so many times the bodies' extent, whatever magnification is asked for."""
+"""Largest drawn displacement over the bodies' extent, whatever the magnification."""
 
 AROUND = 1.25
-"""A rigid surface is drawn beyond what may touch it in space, by this factor."""
+"""Size of a drawn rigid surface in space over that of the part that bodies may touch."""
 
 
 def magnify(results: Results, largest: float = 0.0) -> tuple[float, np.ndarray]:
@@ -40,8 +40,8 @@ def magnify(results: Results, largest: float = 0.0) -> tuple[float, np.ndarray]:
     """
     points, moved = results.points, np.linalg.norm(results.fields["displacement"], axis=1)
     owner, names, contacts = owners(results), list(results.summary["bodies"]), results.summary["scene"]["contact"]
-    tables = [results.contacts[each["name"]] for each in contacts]
-    follows = [each["gap"].get("history") if isinstance(each.get("gap"), dict) else None for each in contacts]
+    tables = [results.contacts[contact["name"]] for contact in contacts]
+    follows = [contact["gap"].get("history") if isinstance(contact.get("gap"), dict) else None for contact in contacts]
     tables = [table | {"initial_gap": factor_at(results.summary, name, results.time) * table["initial_gap"]}
               for name, table in zip(follows, tables, strict=True)]
     mobile, apart = np.zeros(len(names)), np.zeros((len(tables), len(names)))
@@ -89,31 +89,31 @@ def rigid_parts(results: Results, factor: float = 0.0, time: float | None = None
     with the velocities of a mechanism with which they are `going`.
     """
     points, names, owner = results.points, list(results.summary["bodies"]), owners(results)
-    scene, found = results.summary["scene"], list[Surface]()
+    scene, surfaces = results.summary["scene"], list[Surface]()
     for rigid in msgspec.convert(scene.get("rigid", ()), list[Rigid]):
-        contacts = [each for each in scene["contact"] if each["bodies"][1] == rigid.name]
+        contacts = [contact for contact in scene["contact"] if contact["bodies"][1] == rigid.name]
         now = results.time if time is None else time
         moved = displacement_at(results.summary, rigid, now) if going is None else going.get(rigid.name)
         if not contacts or moved is None:
             continue
         if results.dimension > 2:
-            parts = (_around(rigid, vectors(results.contacts[each["name"]]), results.triangles(each["name"]))
-                     for each in contacts)
-            found += [Surface(at + factor * moved, facets, filled("patch"), edges=COLOURS["still"])
-                      for at, facets in parts if len(facets)]
+            parts = (_around(rigid, vectors(results.contacts[contact["name"]]), results.triangles(contact["name"]))
+                     for contact in contacts)
+            surfaces += [Surface(at + factor * moved, facets, filled("patch"), edges=COLOURS["still"])
+                         for at, facets in parts if len(facets)]
             continue
-        touched = np.concatenate([vectors(results.contacts[each["name"]]) for each in contacts])
-        bodies = points[np.isin(owner, [names.index(each["bodies"][0]) for each in contacts])]
+        touched = np.concatenate([vectors(results.contacts[contact["name"]]) for contact in contacts])
+        bodies = points[np.isin(owner, [names.index(contact["bodies"][0]) for contact in contacts])]
         at = rigid.outline(touched, bodies, MARGIN * np.ptp(points, axis=0).max())
         if results.axisymmetric:
             right = np.flatnonzero(at[:, 0] >= 0.0)
             at = np.roll(at[right], -1 - np.argmax(np.diff(right, append=right[-1] + 2) > 1), axis=0)
-        found.append(Surface(at + factor * moved, np.zeros((0, 3), int), filled("patch")))
-    return found
+        surfaces.append(Surface(at + factor * moved, np.zeros((0, 3), int), filled("patch")))
+    return surfaces
 
 
 def _around(rigid: Rigid, at: np.ndarray, facets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The part of a rigid surface around what may touch it, facets (f, 3) of places (k, 3): the same of itself."""
+    """The part of a rigid surface near bodies, as facets and points, from their facets (f, 3) and points (k, 3)."""
     at = at.mean(axis=0) + AROUND * (at - at.mean(axis=0))
     normal, distance = rigid.facing(at)
     at, facets = at - distance[:, None] * normal, facets[:, ::-1]

@@ -1,4 +1,4 @@
-"""What pictures share: colours, axes, how places and surfaces are put on them, colour bars and names."""
+"""Common parts of pictures: colours, axes, placement of points and surfaces, colour bars and names."""
 
 from __future__ import annotations
 
@@ -22,35 +22,35 @@ COLOURS = {"normal": "#1b4f8f", "tangential": "#c8501e", "bound": "#7a7a7a", "ri
            "moved": "#c8501e", "force": "#8c1a3a"}
 
 FILLED = {"still": "#f4f5f7", "moved": "#f6dfd4", "patch": "#cdd2d8"}
-"""The insides of bodies, and rigid partners."""
+"""Fill colours of bodies and rigid partners."""
 
 ZONES = {"open": "#b4bac2", "slip": "#e8954a", "stick": "#5fa35f"}
 """Colours of nodes by their status."""
 
 RESOLVED = 1e-6
-"""Gaps and slips below this fraction of the largest displacement are drawn as none, and so are resultants below this
+"""Gaps and slips below this fraction of the largest displacement are drawn as zero, and so are resultants below this
 fraction of the sum of the nodes' forces."""
 
 BESIDE: dict[str, Any] = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0)}
 """Legends to the right of the axes."""
 
 NAMED = 40
-"""Names are written on at most this many bodies."""
+"""Largest number of bodies with names in pictures."""
 
 PIXELS = 1100
-"""Of the longer side of a picture of surfaces."""
+"""Pixels of the longer side of a picture of surfaces."""
 
 WIDE = 1.4
-"""What is wider than this times its height has its colour bar below it."""
+"""Pictures wider than this times their height have the colour bar below."""
 
 MARGIN = 0.04
-"""What is left around bodies, and by which rigid surfaces are longer than bodies may touch; parts of the extent."""
+"""Margin around bodies, and of rigid surfaces beyond the part that bodies may touch, over the extent."""
 
 ARM = 0.18
-"""The arms along x, y and z are at most this part of the picture's longer side."""
+"""Length of the axes x, y and z over the picture's longer side."""
 
 LIGHT, DARKEST = np.array([-0.35, 0.5, 0.8]), 0.8
-"""Where light comes from on solids, as the picture has right, up and towards the eye; what is left in the shade."""
+"""Direction of the light on solids (right, up, towards the eye), and the brightness in the shade."""
 
 
 def start_drawing() -> Any:
@@ -85,7 +85,7 @@ class Sheet:
         self.size = float(np.ptp(results.points, axis=0).max())
         self._pixels = pixels
         self._depth, self._origin, self._pixel = np.zeros((0, 0)), np.zeros(3), 1.0
-        at = self.place(np.vstack([everything, *(each.at for each in rigid)]))[:, :2]
+        at = self.place(np.vstack([everything, *(surface.at for surface in rigid)]))[:, :2]
         self.figure, self.axes = (self._with_arms if self.view.solid else self._with_scales)(results, at)
         self._fixed = list(self.axes.lines)
         self.meet(rigid)
@@ -132,21 +132,21 @@ class Sheet:
         from matplotlib.patheffects import withTickedStroke
 
         self.rigid = rigid if self.view.solid else ()
-        for each in () if self.view.solid else rigid:
-            self.axes.plot(*each.at.T, color=COLOURS["rigid"], linewidth=1.4, zorder=2.5,
+        for surface in () if self.view.solid else rigid:
+            self.axes.plot(*surface.at.T, color=COLOURS["rigid"], linewidth=1.4, zorder=2.5,
                            path_effects=[withTickedStroke(angle=-135, linewidth=0.7)])
 
     def show(self, surfaces: Sequence[Surface]) -> None:
         """Draw surfaces and rigid partners without what is hidden or cut away, and their `outlines`."""
         if not (some := [*surfaces, *self.rigid]):
             return
-        placed = [self.place(each.at) for each in some]
-        beyond = [self.view.beyond(each.at) if each.beyond is None else each.beyond for each in some]
-        corners = np.concatenate([np.column_stack([at, cut])[each.facets] for at, cut, each in zip(
+        placed = [self.place(surface.at) for surface in some]
+        beyond = [self.view.beyond(surface.at) if surface.beyond is None else surface.beyond for surface in some]
+        corners = np.concatenate([np.column_stack([at, cut])[surface.facets] for at, cut, surface in zip(
             placed, beyond, some, strict=True)])
-        number = [len(each.facets) for each in some]
+        number = [len(surface.facets) for surface in some]
         across = unit(np.cross(corners[:, 1, :3] - corners[:, 0, :3], corners[:, 2, :3] - corners[:, 0, :3]))
-        across[np.repeat([each.thin for each in some], number) & (across[:, 2] < 0.0)] *= -1.0
+        across[np.repeat([surface.thin for surface in some], number) & (across[:, 2] < 0.0)] *= -1.0
         low, high = corners[..., :2].min(axis=(0, 1)), corners[..., :2].max(axis=(0, 1))
         self._pixel = pixel = (high - low).max() / self._pixels
         self._origin = origin = np.append(low - pixel, 0.0)
@@ -154,22 +154,22 @@ class Sheet:
         seen = np.flatnonzero(across[:, 2] > 0.0)
         corners[..., :3] = (corners[..., :3] - origin) / pixel
         face, weights, self._depth = rasterise(corners[seen], (height, width))
-        there = face >= 0
-        face = seen[face[there]]
+        covered = face >= 0
+        face = seen[face[covered]]
         colours, ends = np.zeros((len(face), 3)), np.cumsum([0, *number])
-        for each, start, stop in zip(some, ends[:-1], ends[1:], strict=True):
-            own = (face >= start) & (face < stop)
-            colours[own] = each.paint(face[own] - start, weights[own])[:, :3]
+        for surface, start, stop in zip(some, ends[:-1], ends[1:], strict=True):
+            pixels = (face >= start) & (face < stop)
+            colours[pixels] = surface.paint(face[pixels] - start, weights[pixels])[:, :3]
         if self.view.solid:
             light = DARKEST + (1.0 - DARKEST) * np.clip(across @ unit(LIGHT), 0.0, 1.0)
             colours *= light[face][:, None]
         image = np.zeros((height, width, 4), np.float32)
-        image[there] = np.column_stack([colours, np.ones(len(face))])
+        image[covered] = np.column_stack([colours, np.ones(len(face))])
         self.axes.imshow(image, origin="lower", interpolation="antialiased", zorder=2, extent=(
             origin[0], origin[0] + width * pixel, origin[1], origin[1] + height * pixel))
-        for at, cut, each in zip(placed, beyond, some, strict=True):
-            self.lines(unhidden((outlines(at, each.facets, cut) - origin) / pixel, self._depth) * pixel + origin[:2],
-                       colors=each.edges, linewidth=0.6, zorder=3)
+        for at, cut, surface in zip(placed, beyond, some, strict=True):
+            self.lines(unhidden((outlines(at, surface.facets, cut) - origin) / pixel, self._depth) * pixel + origin[:2],
+                       colors=surface.edges, linewidth=0.6, zorder=3)
 
     def outline(self, at: np.ndarray, facets: np.ndarray, beyond: np.ndarray, **style: Any) -> None:
         """Draw the `outlines` of facets (f, 3), hidden ones as well, by default as thin grey lines below everything."""
@@ -191,12 +191,12 @@ class Sheet:
         self.axes.add_collection(LineCollection(ends, **{"capstyle": "round"} | style))
 
     def shows(self, at: np.ndarray) -> np.ndarray:
-        """Which places (k, d) nothing hides that is shown."""
+        """Whether places (k, d) are visible."""
         return (self.view.beyond(at) <= 0.0) & is_seen((self.place(at) - self._origin) / self._pixel, self._depth)
 
     def arrows(self, at: np.ndarray, vectors: np.ndarray, colour: str, width: float = 0.004) -> None:
         """Draw vectors (k, d) as arrows from places (k, d)."""
-        ends = (self.place(each)[:, :2].T for each in (at, vectors))
+        ends = (self.place(places)[:, :2].T for places in (at, vectors))
         self.axes.quiver(*np.concatenate([*ends]), angles="xy", scale_units="xy", scale=1.0, width=width, zorder=6,
                          color=colour)
 
@@ -234,7 +234,7 @@ def _figure(low: np.ndarray, high: np.ndarray) -> tuple[Any, Any]:
 
 
 def colours_of(low: float, top: float, colours: str, logarithmic: bool = False) -> Any:
-    """What colours values from `low` to `top`, as `Sheet.colours` takes it."""
+    """A colour map of values from `low` to `top`, for `Sheet.colours`."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import LogNorm, Normalize
 

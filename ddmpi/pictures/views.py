@@ -1,4 +1,4 @@
-"""What is seen of bodies: from where, cut open, and without what is hidden. The plane is seen from the front."""
+"""Views of bodies: direction, cut, and hidden surfaces. The plane is seen from the front."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ CROSSED = {1: [[(0, 1), (0, 2), (0, 3)]], 2: [[(0, 2), (0, 3), (1, 3)], [(0, 2),
 these come first."""
 
 ROUNDING = 1e-9
-"""Nodes that are nearer to a cut than this part of the bodies' extent are on it."""
+"""Nodes are on a cut up to this fraction of the bodies' extent."""
 
 CHUNK = 2_000_000
-"""Pixels that facets may cover are looked at by so many at a time."""
+"""Number of candidate pixels per block of work."""
 
 Paint = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """The colours (p, 3 or 4) of places on facets (p,), with barycentric coordinates (p, 3)."""
 
 
 class View:
-    """From where bodies are seen, without perspective, and where they are cut open.
+    """The direction from which bodies are seen, without perspective, and the plane that cuts them open.
 
     Attributes
     ----------
@@ -72,17 +72,17 @@ class View:
             self.cut = sign * np.eye(3)[k], sign * at
 
     def place(self, at: np.ndarray) -> np.ndarray:
-        """Places (…, d) to the right, upwards, and towards the eye."""
+        """Coordinates of points (…, d) to the right, upwards, and towards the eye."""
         return at @ self.axes[:, :at.shape[-1]].T
 
     def beyond(self, at: np.ndarray) -> np.ndarray:
-        """How far places (k, d) are in front of the cut (m); nothing is without one."""
-        found = np.zeros(len(at)) if self.cut is None else at @ self.cut[0] - self.cut[1]
-        return np.where(np.abs(found) > ROUNDING * np.ptp(found), found, 0.0)
+        """Distance of points (k, d) in front of the cut (m); zero without a cut."""
+        distance = np.zeros(len(at)) if self.cut is None else at @ self.cut[0] - self.cut[1]
+        return np.where(np.abs(distance) > ROUNDING * np.ptp(distance), distance, 0.0)
 
 
 class Skin:
-    """What a picture shows of bodies: in the plane all their triangles, in space those of boundaries and of a cut.
+    """The triangles of bodies in a picture: in the plane all of them, in space those of boundaries and of a cut.
 
     Attributes
     ----------
@@ -155,8 +155,8 @@ class Surface:
 
 
 def rasterise(corners: np.ndarray, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The facet nearest to the eye at each pixel of an image (h, w), −1 where there is none; barycentric coordinates
-    (p, 3) of the pixels where there is one, row by row; and how near it is (h, w).
+    """The facet nearest to the eye at all pixels of an image (h, w), or −1; barycentric coordinates (p, 3) of the
+    pixels with a facet, row by row; and the depth (h, w), larger towards the eye.
 
     Parameters
     ----------
@@ -171,30 +171,30 @@ def rasterise(corners: np.ndarray, shape: tuple[int, int]) -> tuple[np.ndarray, 
     of_b, of_c = np.stack([two[:, 1], -two[:, 0]]) / double, np.stack([-one[:, 1], one[:, 0]]) / double  # gradients
     of_z, of_cut = (of_b * one[:, k] + of_c * two[:, k] for k in (2, 3))
     low, high = (np.ceil(extreme(corners[..., 1], axis=1) - 0.5).astype(int) for extreme in (np.min, np.max))
-    own, row = spans(np.maximum(low, 0), np.where(np.isfinite(double), np.minimum(high, shape[0]), low))
-    up = row + 0.5 - y[own]
-    left, right = (extreme(corners[..., 0], axis=1)[own] - x[own] for extreme in (np.min, np.max))
-    for start, gradient in ((0.0, of_b), (0.0, of_c), (1.0, -of_b - of_c), (-cut[own], -of_cut)):  # not below zero
-        slope, rest = gradient[0, own], start + gradient[1, own] * up + 1e-9
+    facet, row = spans(np.maximum(low, 0), np.where(np.isfinite(double), np.minimum(high, shape[0]), low))
+    up = row + 0.5 - y[facet]
+    left, right = (extreme(corners[..., 0], axis=1)[facet] - x[facet] for extreme in (np.min, np.max))
+    for start, gradient in ((0.0, of_b), (0.0, of_c), (1.0, -of_b - of_c), (-cut[facet], -of_cut)):  # not below zero
+        slope, rest = gradient[0, facet], start + gradient[1, facet] * up + 1e-9
         end = -rest / np.where(slope == 0.0, 1.0, slope)
         left = np.where(slope > 0.0, np.maximum(left, end), left)
         right = np.where(slope < 0.0, np.minimum(right, end), np.where((slope == 0.0) & (rest < 0.0), -np.inf, right))
-    first = np.maximum(np.ceil(left + x[own] - 0.5), 0).astype(int)
-    stop = np.clip(np.floor(right + x[own] + 0.5), 0, shape[1]).astype(int)
-    base, ends = z[own] + of_z[1, own] * up, np.cumsum(np.maximum(stop - first, 0))
-    for some in np.split(np.arange(len(own)), np.searchsorted(ends, np.arange(CHUNK, ends[-1:].sum(), CHUNK))):
+    first = np.maximum(np.ceil(left + x[facet] - 0.5), 0).astype(int)
+    stop = np.clip(np.floor(right + x[facet] + 0.5), 0, shape[1]).astype(int)
+    base, ends = z[facet] + of_z[1, facet] * up, np.cumsum(np.maximum(stop - first, 0))
+    for some in np.split(np.arange(len(facet)), np.searchsorted(ends, np.arange(CHUNK, ends[-1:].sum(), CHUNK))):
         line, column = spans(first[some], stop[some])
         line = some[line]
         at = row[line] * shape[1] + column
-        depth = base[line] + of_z[0, own[line]] * (column + 0.5 - x[own[line]])
+        depth = base[line] + of_z[0, facet[line]] * (column + 0.5 - x[facet[line]])
         order = np.argsort(depth, kind="stable")
         last[at[order]] = order  # what is nearest is written last
         shown = np.flatnonzero((last[at] == np.arange(len(at))) & (depth > nearest[at]))
-        face[at[shown]], nearest[at[shown]] = own[line[shown]], depth[shown]
-    there = np.flatnonzero(face >= 0)
-    own, (up, across) = face[there], np.divmod(there, shape[1])
-    up, across = up + 0.5 - y[own], across + 0.5 - x[own]
-    b, c = (gradient[0, own] * across + gradient[1, own] * up for gradient in (of_b, of_c))
+        face[at[shown]], nearest[at[shown]] = facet[line[shown]], depth[shown]
+    covered = np.flatnonzero(face >= 0)
+    facet, (up, across) = face[covered], np.divmod(covered, shape[1])
+    up, across = up + 0.5 - y[facet], across + 0.5 - x[facet]
+    b, c = (gradient[0, facet] * across + gradient[1, facet] * up for gradient in (of_b, of_c))
     return face.reshape(shape), np.column_stack([1.0 - b - c, b, c]), nearest.reshape(shape)
 
 
@@ -222,19 +222,19 @@ def outlines(at: np.ndarray, facets: np.ndarray, beyond: np.ndarray) -> np.ndarr
 
 
 def unhidden(edges: np.ndarray, depth: np.ndarray) -> np.ndarray:
-    """The parts (s, 2, 2) of edges (e, 2, 3) in front of what an image shows at `depth` (h, w), all in pixels."""
+    """The visible parts (s, 2, 2) of edges (e, 2, 3) in an image with `depth` (h, w), all in pixels."""
     number = np.ceil(np.abs(np.diff(edges[..., :2], axis=1)).max(axis=(1, 2))).astype(int) + 2
-    own, place = spans(np.zeros(len(edges), int), number)
-    t = (place / (number[own] - 1))[:, None]
-    shown = is_seen((1.0 - t) * edges[own, 0] + t * edges[own, 1], depth)
-    at = (1.0 - t) * edges[own, 0, :2] + t * edges[own, 1, :2]
-    begins = shown & ~np.append(False, shown[:-1] & (own[1:] == own[:-1]))
-    stops = shown & ~np.append(shown[1:] & (own[1:] == own[:-1]), False)
+    edge, place = spans(np.zeros(len(edges), int), number)
+    t = (place / (number[edge] - 1))[:, None]
+    shown = is_seen((1.0 - t) * edges[edge, 0] + t * edges[edge, 1], depth)
+    at = (1.0 - t) * edges[edge, 0, :2] + t * edges[edge, 1, :2]
+    begins = shown & ~np.append(False, shown[:-1] & (edge[1:] == edge[:-1]))
+    stops = shown & ~np.append(shown[1:] & (edge[1:] == edge[:-1]), False)
     return np.stack([at[begins], at[stops]], axis=1)
 
 
 def is_seen(at: np.ndarray, depth: np.ndarray) -> np.ndarray:
-    """Which places (k, 3) are in front of what an image shows at `depth` (h, w), all in pixels."""
+    """Whether points (k, 3) are visible in an image with `depth` (h, w), all in pixels."""
     from scipy.ndimage import minimum_filter
 
     column, row = np.clip(at[:, :2].astype(int), 0, np.array(depth.shape)[::-1] - 1).T

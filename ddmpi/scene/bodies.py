@@ -227,7 +227,7 @@ class Traction(Table, frozen=True, kw_only=True):
     @property
     def given(self) -> Vector | AffineVector | Number | Formula | AffineScalar:
         """The value, the pressure or the force, whichever there is."""
-        return next(each for each in (self.value, self.pressure, self.force) if each is not None)
+        return next(value for value in (self.value, self.pressure, self.force) if value is not None)
 
 
 class Foundation(Table, frozen=True, kw_only=True):
@@ -317,8 +317,8 @@ class BodySpec(Table, frozen=True, kw_only=True):
     @property
     def acting(self) -> list[tuple[str, Clamp | Traction | Foundation]]:
         """Clamps, loads and foundations on groups, with their keys."""
-        return [*(("clamp", each) for each in self.clamps), *(("traction", each) for each in self.traction),
-                *(("foundation", each) for each in self.foundation)]
+        return [*(("clamp", entry) for entry in self.clamps), *(("traction", entry) for entry in self.traction),
+                *(("foundation", entry) for entry in self.foundation)]
 
     @property
     def weight(self) -> tuple[Vector | AffineVector, str | None]:

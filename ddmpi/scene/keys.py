@@ -23,13 +23,13 @@ from ddmpi.scene.contacts import LAWS, default_name
 from ddmpi.scene.values import LARGEST, Formula, Group, Name, Table
 
 DIALECT = "http://json-schema.org/draft-07/schema#"
-"""The editors' tools know little of later ones."""
+"""Draft of the schema; editors support later ones poorly."""
 
 TITLES = {"name": Name, "group": Group, "formula": Formula}
-"""What words are called that a scene's author chooses."""
+"""Titles of the words that a scene's author chooses."""
 
 SIMILAR = 0.65
-"""Words that are less alike than this are no misspellings of each other."""
+"""Least similarity of a word to a misspelling of it."""
 
 MEANT = {
     "E": "young", "youngs_modulus": "young", "modulus": "young", "nu": "poisson", "poissons_ratio": "poisson",
@@ -50,7 +50,7 @@ MEANT = {
     "rotation": "nothing is turned by an angle", "units": "any units that fit together do; [output] has labels",
     "axisymmetric": "axisymmetric = true stands at the top of the scene", "steps": "load steps stand in [time]",
     "dimension": "meshes and lists say it: [x, y] in the plane, [x, y, z] in space"}
-"""What engineers write, anywhere or as a key of one table, and what is right here: a key, a word, or an explanation."""
+"""Engineers' usual words, anywhere or as a key of one table, and those of scenes: a key, a word, or an explanation."""
 
 WRITTEN = {
     "friction": 'friction = { law = "coulomb", coefficient = 0.3 }',
@@ -61,7 +61,7 @@ WRITTEN = {
     **{key: f"{key} = [x, y], in space [x, y, z]" for key in ("value", "volume_force", "force", "origin", "center",
                                                               "point", "normal", "axis", "displacement")},
     "method": '[method], and below it a line for each key, such as preset = "accurate"'}
-"""How a table or a pair is written."""
+"""Examples of tables and pairs."""
 
 SLIPS = {
     r"[=\[,] *[+-]?(\.\d|\d+\.(?!\d))": "a number has digits before and after its point, as in 0.5",
@@ -69,7 +69,7 @@ SLIPS = {
     r"\b(True|False)\b": "write true or false",
     r"[=\[,] *(?!(true|false|inf|nan)\b|[\w.-]+ *=)[A-Za-z_]": "words stand in quotation marks",
     r"[{,][^}]*$|, *\}": "a table { … } stands on one line, without a comma at its end"}
-"""What is often wrong with a line that is not TOML, and what would be right."""
+"""Frequent mistakes in lines that are not TOML, with remedies."""
 
 
 def override(data: dict, key: str, value: Any) -> None:
@@ -95,16 +95,16 @@ def parse_value(text: str) -> Any:
 
 
 def explain_syntax(error: tomllib.TOMLDecodeError, text: str) -> str:
-    """What is wrong with `text`, which is not TOML: the line, and what would be right."""
-    found = re.search(r"line (\d+)", str(error))
-    line = text.splitlines()[int(found[1]) - 1].strip() if found else ""
+    """The mistake in `text`, which is not TOML: the line, and a remedy."""
+    place = re.search(r"line (\d+)", str(error))
+    line = text.splitlines()[int(place[1]) - 1].strip() if place else ""
     bare = re.sub(r"'[^']*'|\"[^\"]*\"|#.*", '""', line)
     right = next((f"; {right}" for slip, right in SLIPS.items() if re.search(slip, bare)), "")
     return f"{error}{right}" + f": {line}" * bool(line)
 
 
 def flatten(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
-    """The leaves of nested tables, each with its key."""
+    """The leaves of nested tables with their keys."""
     if isinstance(value, list | tuple) and value and all(isinstance(entry, dict) for entry in value):
         value = {name_of(entry) or str(k): entry for k, entry in enumerate(value)}
     if isinstance(value, dict):
@@ -115,13 +115,13 @@ def flatten(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def differences(ours: dict, theirs: dict) -> str:
-    """How two nested tables differ, in words: the first three keys with both values. Empty where they are the same."""
+    """The differences of two nested tables, in words: the first three keys with both values. Empty for equal ones."""
     def word(table: dict, key: str) -> str:
         return repr(table[key]) if key in table else "not set"
 
-    here, there = dict(flatten(ours)), dict(flatten(theirs))
-    differing = [key for key in here | there if here.get(key) != there.get(key)]
-    words = [f"{key} is {word(here, key)} here, {word(there, key)} there" for key in differing[:3]]
+    mine, others = dict(flatten(ours)), dict(flatten(theirs))
+    differing = [key for key in mine | others if mine.get(key) != others.get(key)]
+    words = [f"{key} is {word(mine, key)} here, {word(others, key)} there" for key in differing[:3]]
     return "; ".join(words) + (f", and {len(differing) - 3} more" if len(differing) > 3 else "")
 
 
@@ -170,11 +170,11 @@ def explain(message: str, data: dict, root: type) -> str:
             words = ", ".join(str(kind.tag) for kind in tables if kind.tag_field == found[2])
             return f"{key}: this key is required and missing" + f" (one of {words})" * bool(words)
         fields = [name for kind in tables for name in (kind.tag_field, *(field.name for field in kind.fields)) if name]
-        meant = _meant(found[2], fields, [each.__name__ for kind in tables for each in kind.cls.__mro__])
+        meant = _meant(found[2], fields, [base.__name__ for kind in tables for base in kind.cls.__mro__])
         return f"{key}: unknown key{meant} (valid here: {', '.join(fields)})"
     field, _, rest = problem.partition(": ")
-    if rest and any(field == each.name for kind in kinds if isinstance(kind, inspect.StructType)
-                    for each in kind.fields):  # the table's own check names a key
+    if rest and any(field == entry.name for kind in kinds if isinstance(kind, inspect.StructType)
+                    for entry in kind.fields):  # the table's own check names a key
         named, problem = [*named, field], rest
     key = ".".join(named) + ": " * bool(named)
     allowed = [str(value) for kind in kinds if isinstance(kind, inspect.LiteralType) for value in kind.values]
@@ -238,7 +238,7 @@ def _inside(kind: inspect.Type, part: str) -> list[inspect.Type]:
             inner = [value]
         case _:
             inner = []
-    return [one for each in inner for one in (each.types if isinstance(each, inspect.UnionType) else (each,))]
+    return [one for entry in inner for one in (entry.types if isinstance(entry, inspect.UnionType) else (entry,))]
 
 
 def _remedy(named: list[str], kinds: list[inspect.Type], here: Any) -> str:
@@ -270,12 +270,12 @@ def read_docstring(text: str | None) -> tuple[str, dict[str, dict[str, str]]]:
 
 
 def meanings(kind: type) -> dict[str, str]:
-    """What the docstrings of a class and those that it inherits from say of its attributes, by name."""
-    found: dict[str, str] = {}
-    for each in reversed(kind.__mro__):
-        for names, meaning in read_docstring(vars(each).get("__doc__"))[1].get("Attributes", {}).items():
-            found |= dict.fromkeys(names.split(", "), meaning)
-    return found
+    """The meanings of attributes by name, from the docstrings of a class and of its bases."""
+    words: dict[str, str] = {}
+    for base in reversed(kind.__mro__):
+        for names, meaning in read_docstring(vars(base).get("__doc__"))[1].get("Attributes", {}).items():
+            words |= dict.fromkeys(names.split(", "), meaning)
+    return words
 
 
 def json_schema(root: type) -> dict[str, Any]:
@@ -308,7 +308,7 @@ def _plain(text: str) -> str:
 def _tidy(node: Any, titles: list[tuple[dict, dict]]) -> Any:
     """A part of the schema in terms of DIALECT, without what TOML cannot write: null, numbers that are not finite."""
     if isinstance(node, list | tuple):
-        return [_tidy(each, titles) for each in node]
+        return [_tidy(entry, titles) for entry in node]
     if not isinstance(node, dict):
         return node
     for wanted, title in titles:

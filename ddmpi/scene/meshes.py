@@ -113,7 +113,7 @@ class MeshSpec(Table, frozen=True, kw_only=True):
     def __post_init__(self) -> None:
         if self.file is None and self.refine:
             raise ValueError("refine belongs to a file; for a shape, raise divisions, for a geometry, lower size")
-        if sum(each is not None for each in (self.shape, self.file, self.geometry)) != 1:
+        if sum(source is not None for source in (self.shape, self.file, self.geometry)) != 1:
             raise ValueError('a mesh is either { file = "….msh" } or { geometry = "….geo", size = … } or has a shape, '
                              f'one of {", ".join(SHAPES)}, as in {{ shape = "rectangle", size = …, divisions = … }}')
         if str(self.file).lower().endswith(GEOMETRIES):

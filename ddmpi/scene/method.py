@@ -140,12 +140,12 @@ class Newton(SettledMethod, frozen=True, kw_only=True):
     diverging = "a residual that is not a number; a solve with the stiffness of a body must have failed"
 
     def advice(self, stopped: str, factor: float, iteration: int, update: float, able: Collection[str]) -> str:
-        found = ["a larger method.max_iterations"] * (stopped == "max_iterations")
-        found += ["a tighter -newton_ksp_rtol"] * (stopped != "stalled")
-        found += ['method.outer = "anderson"'] * ("anderson" in able and bool(update))
-        found += ["less friction, to see where the trouble begins"] * ("friction" in able)
-        found += ["a finer mesh where few nodes bear"] * (stopped == "stalled")
-        return ", or ".join(found)
+        advice = ["a larger method.max_iterations"] * (stopped == "max_iterations")
+        advice += ["a tighter -newton_ksp_rtol"] * (stopped != "stalled")
+        advice += ['method.outer = "anderson"'] * ("anderson" in able and bool(update))
+        advice += ["less friction, to see where the trouble begins"] * ("friction" in able)
+        advice += ["a finer mesh where few nodes bear"] * (stopped == "stalled")
+        return ", or ".join(advice)
 
 
 class Anderson(SettledMethod, frozen=True, kw_only=True):

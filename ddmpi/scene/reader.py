@@ -130,9 +130,9 @@ def write_toml(scene: dict) -> str:
     parts = [_entries({key: value for key, value in scene.items() if key not in nested})]
     for key, value in nested.items():
         if isinstance(value, list):
-            parts += [f"[[{_key(key)}]]\n{_entries(each)}" for each in value]
-        elif all(_is_table(each) for each in value.values()):
-            parts += [f"[{_key(key)}.{_key(name)}]\n{_entries(each)}" for name, each in value.items()]
+            parts += [f"[[{_key(key)}]]\n{_entries(entry)}" for entry in value]
+        elif all(_is_table(entry) for entry in value.values()):
+            parts += [f"[{_key(key)}.{_key(name)}]\n{_entries(entry)}" for name, entry in value.items()]
         else:
             parts.append(f"[{_key(key)}]\n{_entries(value)}")
     return "\n\n".join(parts) + "\n"

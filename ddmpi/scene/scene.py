@@ -123,13 +123,13 @@ class Scene(Table, frozen=True, kw_only=True):
 
     def _check_files(self) -> None:
         """The files of contacts differ, also on file systems that do not distinguish capitals and small letters."""
-        found: dict[str, tuple[str, str]] = {}
+        files: dict[str, tuple[str, str]] = {}
         for name, file in ((contact.called, file) for contact in self.contact
                            for file in contact_files(contact.called)):
             if (size := len(file.encode())) > LONGEST:
                 raise ValueError(f"contact.{name}: is too long for the name of a file; {file} has {size} bytes, and "
                                  f'{LONGEST} are allowed; give the contact a shorter name = "…"')
-            other, same = found.setdefault(unicodedata.normalize("NFC", file).casefold(), (name, file))
+            other, same = files.setdefault(unicodedata.normalize("NFC", file).casefold(), (name, file))
             if other != name:
                 alike = f" and {same}, which are the same on some file systems" * (same != file)
                 raise ValueError(f"contact.{name}: this contact and contact.{other} would both write {file}{alike}; "
@@ -223,19 +223,19 @@ class Scene(Table, frozen=True, kw_only=True):
 
     def _dimension(self, file_kind: FileKind | None) -> int:
         """Number of coordinates of all places and vectors. Raises ValueError if it differs within the scene."""
-        found: list[tuple[str, Any, int]] = [(f"body.{body.name}.mesh.shape", body.mesh.shape, body.mesh.dimension)
+        given: list[tuple[str, Any, int]] = [(f"body.{body.name}.mesh.shape", body.mesh.shape, body.mesh.dimension)
                                              for body in self.body if body.mesh.dimension]
-        found += [(key, list(value), len(value)) for key, value in _vectors(self)]
-        if not found and file_kind:
-            found = [(f"body.{body.name}.mesh.{'file' if body.mesh.file else 'geometry'}",
+        given += [(key, list(value), len(value)) for key, value in _vectors(self)]
+        if not given and file_kind:
+            given = [(f"body.{body.name}.mesh.{'file' if body.mesh.file else 'geometry'}",
                       body.mesh.file or body.mesh.geometry, file_kind(body)[0]) for body in self.body]
-        first, value, dimension = found[0] if found else ("", "", 2)
-        where = {each: f"{words}{f', as {first} = {value}' * bool(first)}" for each, words in WHERE.items()} | (
+        first, value, dimension = given[0] if given else ("", "", 2)
+        where = {d: f"{words}{f', as {first} = {value}' * bool(first)}" for d, words in WHERE.items()} | (
             {2: "around an axis, as axisymmetric = true"} if self.axisymmetric else {})
         for number, key, what in self._misplaced():
             if number != dimension:
                 raise ValueError(f"{key}: {what}; this scene is {where[dimension]}")
-        for key, other, number in found:
+        for key, other, number in given:
             if number != dimension:
                 raise ValueError(f"{key}: {other} is {WHERE[number]}, and {first} = {value} is {WHERE[dimension]}; a "
                                  "scene has plane shapes and lists [x, y], or solid ones and lists [x, y, z]")
@@ -245,7 +245,7 @@ class Scene(Table, frozen=True, kw_only=True):
         """Keys of one dimension only: the dimension, the key, and the reason."""
         for rigid in self.rigid:
             if rigid.only_in:
-                others = [each.__struct_config__.tag for each in get_args(Rigid) if each.only_in != rigid.only_in]
+                others = [shape.__struct_config__.tag for shape in get_args(Rigid) if shape.only_in != rigid.only_in]
                 yield rigid.only_in, f"rigid.{rigid.name}.shape", (
                     f"a {rigid.__struct_config__.tag} is a shape {WHERE[rigid.only_in]}; {WHERE[5 - rigid.only_in]} "
                     f"there are {', '.join(others)}")
@@ -277,13 +277,13 @@ class Scene(Table, frozen=True, kw_only=True):
 
     def _order_of_files(self, file_kind: FileKind) -> int:
         """The order that all mesh files have; 1 if there are none. Raises ValueError if they differ."""
-        found = {f"body.{body.name}.mesh.file = {body.mesh.file}": file_kind(body)[1]
-                 for body in self.body if body.mesh.file is not None}
-        if len(set(found.values())) > 1:
-            each = ", ".join(f"{key} is of order {order}" for key, order in found.items())
-            one = " or ".join(map(str, sorted({*found.values()})))
-            raise ValueError(f"{each}; say which one to use by mesh.order = {one}")
-        return next(iter(found.values()), 1)
+        orders = {f"body.{body.name}.mesh.file = {body.mesh.file}": file_kind(body)[1]
+                  for body in self.body if body.mesh.file is not None}
+        if len(set(orders.values())) > 1:
+            listed = ", ".join(f"{key} is of order {order}" for key, order in orders.items())
+            one = " or ".join(map(str, sorted({*orders.values()})))
+            raise ValueError(f"{listed}; say which one to use by mesh.order = {one}")
+        return next(iter(orders.values()), 1)
 
 
 def _vectors(scene: Scene) -> Iterator[tuple[str, tuple]]:
@@ -322,9 +322,9 @@ class Settled(Table, frozen=True, kw_only=True):
         """Changes that may help where no answer is found: less "friction", or the method "anderson", for two supported
         bodies with one contact that is not bonded, in one load step."""
         two = len(self.body) == 2 and [contact.kind for contact in self.contact] == ["unilateral"] and not self.time
-        found = {"friction": any(contact.friction != NoFriction() for contact in self.contact),
-                 "anderson": two and all(body.clamps for body in self.body)}
-        return {name for name, can in found.items() if can}
+        able = {"friction": any(contact.friction != NoFriction() for contact in self.contact),
+                "anderson": two and all(body.clamps for body in self.body)}
+        return {name for name, can in able.items() if can}
 
     @property
     def pushed(self) -> list[Rigid]:

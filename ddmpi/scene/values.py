@@ -45,17 +45,17 @@ def tables(table: Table, key: str = "") -> Iterator[tuple[str, Table]]:
     """All tables within a table with their keys, entries of lists by their names."""
     for name in table.__struct_fields__:
         value = getattr(table, name)
-        for number, each in enumerate(value if isinstance(value, list) else [value]):
-            if isinstance(each, Table):
-                called = getattr(each, "called", getattr(each, "name", number))
-                here = f"{key}.{name}".lstrip(".") + f".{called}" * (each is not value)
-                yield here, each
-                yield from tables(each, here)
+        for number, entry in enumerate(value if isinstance(value, list) else [value]):
+            if isinstance(entry, Table):
+                called = getattr(entry, "called", getattr(entry, "name", number))
+                path = f"{key}.{name}".lstrip(".") + f".{called}" * (entry is not value)
+                yield path, entry
+                yield from tables(entry, path)
 
 
 def histories(table: Table) -> list[str]:
     """Names of the histories of all tables within a table, without repetition."""
-    named = (getattr(each, "history", None) for _, each in tables(table))
+    named = (getattr(entry, "history", None) for _, entry in tables(table))
     return list(dict.fromkeys(name for name in named if name is not None))
 
 
@@ -140,7 +140,7 @@ def _value(node: ast.AST, places: Mapping[str, Any], depth: int = 0) -> Any:
             if name not in FUNCTIONS:
                 raise ValueError(f"the function {name!r} is not known; {known}")
             function, count = FUNCTIONS[name], getattr(FUNCTIONS[name], "nin", 3)  # more are places for numpy's results
-            if named or len(inside) != count or any(isinstance(each, ast.Starred) for each in inside):
+            if named or len(inside) != count or any(isinstance(argument, ast.Starred) for argument in inside):
                 raise ValueError(f"{name} takes {count} value{'s' * (count > 1)}, as in "
                                  f"{name}({', '.join('xyz'[:count])})")
         case ast.UnaryOp(op=sign, operand=one):
@@ -154,15 +154,15 @@ def _value(node: ast.AST, places: Mapping[str, Any], depth: int = 0) -> Any:
     if function is None:
         raise ValueError("a power is written **, not ^" if isinstance(sign, ast.BitXor) else
                          f"formulas do not have this operator ({type(sign).__name__}), only + - * / ** < <= > >=")
-    return function(*[_value(each, places, depth + 1) for each in inside])
+    return function(*[_value(argument, places, depth + 1) for argument in inside])
 
 
 def _compute(formula: str, *x: np.ndarray) -> np.ndarray:
     """The values of a formula at points, in their shape. Raises ValueError, with the formula, if it is invalid."""
     try:
         with np.errstate(all="ignore"):
-            found = _value(_parse(formula), dict(zip("xyz", x, strict=False)) | {"pi": np.float64(np.pi)})
-        return np.array(np.broadcast_to(np.asarray(found, float), np.shape(x[0])))
+            values = _value(_parse(formula), dict(zip("xyz", x, strict=False)) | {"pi": np.float64(np.pi)})
+        return np.array(np.broadcast_to(np.asarray(values, float), np.shape(x[0])))
     except SyntaxError as error:
         reason = f"it is not a formula: {error.msg}"
     except (ValueError, TypeError, ArithmeticError, MemoryError, RecursionError) as error:
@@ -182,11 +182,11 @@ def check_formulas(key: str, value: Any) -> None:
     """Raise ValueError, naming `key`, if `value` is, or contains, a formula that cannot be evaluated."""
     for formula in (part for part in (value if isinstance(value, tuple) else (value,)) if isinstance(part, str)):
         try:
-            found = _compute(formula, np.array([0.25, 0.75]), np.array([0.5, 0.125]), np.array([0.375, 0.625]))
+            values = _compute(formula, np.array([0.25, 0.75]), np.array([0.5, 0.125]), np.array([0.375, 0.625]))
         except ValueError as error:
             raise ValueError(f"{key}: {error}") from None
-        if not varies(formula) and not np.isfinite(found).all():
-            raise ValueError(f'{key}: the formula "{formula}" is {found[0]}, which is not a finite number')
+        if not varies(formula) and not np.isfinite(values).all():
+            raise ValueError(f'{key}: the formula "{formula}" is {values[0]}, which is not a finite number')
 
 
 def evaluate(value: Any, *x: np.ndarray) -> np.ndarray:

@@ -17,7 +17,7 @@ from ddmpi.scene.reader import read_scene
 from ddmpi.scene.scene import FileKind, Settled
 
 LARGEST_SWEEP = 10_000
-"""Most cases of one sweep; more than that is a typing error."""
+"""Largest number of cases of a sweep; more is a typing error."""
 
 LONGEST_NAME = 150
 """Longest name of a case's folder, or of a plot, before it is cut, in bytes (file systems allow 255)."""
@@ -108,25 +108,25 @@ def _split(text: str) -> list[str]:
 
 
 def build_cases(path: str, scene: dict, varied: list[str], file_kind: FileKind | None = None) -> list[Case]:
-    """The cases of a sweep: all combinations of what is `varied`, the last --vary running fastest.
+    """The cases of a sweep: all combinations of the `varied` keys, the last --vary running fastest.
 
     `path`, `scene` and `file_kind` are as for `read_scene`. Raises InputError, the same on every rank, that names a
     key or value that is not valid, or two cases that are the same. Not collective.
     """
     if not varied:
         raise InputError(f"a sweep needs --vary {_RANGE}")
-    axes = [parse_axis(each) for each in varied]
+    axes = [parse_axis(text) for text in varied]
     number = math.prod(len(values) for _, values in axes)
     if number > LARGEST_SWEEP:
         raise InputError(f"--vary: these are {number} cases; {LARGEST_SWEEP} is the limit of one sweep")
     cases: list[Case] = []
     known: dict[str, Case] = {}
     for chosen in itertools.product(*(values for _, values in axes)):
-        own = {key: value for (keys, _), value in zip(axes, chosen, strict=True) for key in keys}
-        named = {keys[0]: own[keys[0]] for keys, _ in axes}
-        varying = [f"{key}={value}" for key, value in own.items()]
+        settings = {key: value for (keys, _), value in zip(axes, chosen, strict=True) for key in keys}
+        named = {keys[0]: settings[keys[0]] for keys, _ in axes}
+        varying = [f"{key}={value}" for key, value in settings.items()]
         try:
-            case = Case(len(cases), own, named, read_scene(path, scene, varying, file_kind))
+            case = Case(len(cases), settings, named, read_scene(path, scene, varying, file_kind))
         except InputError as error:
             raise InputError(f"--vary {' '.join(varying)}: {str(error).removeprefix('--set ')}") from None
         cases.append(case)
@@ -138,7 +138,7 @@ def build_cases(path: str, scene: dict, varied: list[str], file_kind: FileKind |
 
 
 def choose(cases: list[Case], index: str | None) -> list[Case]:
-    """The cases that ``--index`` names: I, or ``I/N``, every N-th from I on. Raises InputError. Not collective."""
+    """The cases of ``--index``: I, or ``I/N``, every N-th from I on. Raises InputError. Not collective."""
     if index is None:
         return cases
     match = re.fullmatch(r"(\d+)(?:/(\d+))?", index, re.ASCII)

@@ -24,7 +24,7 @@ UNITS = {"seconds": "s", "memory_mib": "MiB", "displacement_max": "{length}", "y
          "slip_bound": "{stress}", "von_mises_max": "{stress}", "pressure_max": "{stress}",
          **dict.fromkeys(("normal_force", "tangential_force", "force", "reaction"), "{force}"),
          "moment": "{moment}", "energy": "{energy}", "dissipated": "{energy}"}
-"""Units by a part of a column's name, as the summary names them."""
+"""Units by a part of a column's name, as keys of the summary's units."""
 
 
 def draw_plot(folder: Path, plot: str) -> Path:
@@ -71,8 +71,9 @@ def draw_curves(rows: list[dict[str, Any]], result: str, key: str, summary: dict
     curves = _curves(points, others, plot)
     words = not all(isinstance(row[key], int | float) for row in points)
     figure, axes = plt.subplots(figsize=(7.2 if len(curves) == 1 else 8.6, 4.6))
-    for k, (combination, own) in enumerate(curves.items()):
-        at = [(str(row[key]), row[result]) for row in own] if words else sorted((row[key], row[result]) for row in own)
+    for k, (combination, curve) in enumerate(curves.items()):
+        at = [(row[key], row[result]) for row in curve]
+        at = [(str(value), number) for value, number in at] if words else sorted(at)
         share = k / max(len(curves) - 1, 1)
         colour = plt.get_cmap("viridis")(0.9 * share) if len(curves) > 1 else COLOURS["normal"]
         label = ", ".join(f"{value:g}" if isinstance(value, int | float) else str(value) for value in combination)
@@ -94,7 +95,7 @@ def draw_curves(rows: list[dict[str, Any]], result: str, key: str, summary: dict
 
 
 def _others(rows: list[dict[str, Any]], names: list[str], key: str) -> list[str]:
-    """Those of `names` that tell cases of one `key` apart; of keys that vary together the first."""
+    """The `names` that distinguish cases of one `key`; of keys that vary together the first."""
     patterns: dict[tuple[int, ...], str] = {}
     for name in (key, *names):
         first: dict[str, int] = {}  # the row in which a value comes first
@@ -121,6 +122,6 @@ def _crowds(values: list[float]) -> bool:
 
 
 def _label(name: str, summary: dict) -> str:
-    """A column's name and its unit, in the units that the scene names."""
+    """A column's name and its unit, in the scene's units."""
     unit = next((UNITS[part] for part in name.split(".") if part in UNITS), "").format_map(summary["units"])
     return f"{name} ({unit})" if unit else name

@@ -40,7 +40,7 @@ log = logging.getLogger("ddmpi")
 
 @dataclass(frozen=True)
 class Sweep:
-    """What was asked for."""
+    """A sweep by its command line."""
 
     scene_path: str
     identity: dict
@@ -116,9 +116,9 @@ def _pending(sweep: Sweep, options: RunOptions) -> list[int]:
 
 
 def _check_cuts(sweep: Sweep) -> None:
-    """Refuse a cut of pictures that meets no body, which only meshes show. Not collective. Raises InputError.
+    """Refuse a cut of pictures that meets no body, by the meshes. Not collective. Raises InputError.
 
-    What is wrong with a mesh is left to its case, as without a cut.
+    Errors of a mesh are left to its case, as without a cut.
     """
     ends: dict[str, np.ndarray] = {}
     for case in sweep.chosen:
@@ -138,7 +138,7 @@ def _check_cuts(sweep: Sweep) -> None:
 
 
 def _taken(place: Path) -> str:
-    """What another process has made of a case since this one started, in words; nothing where it is free."""
+    """The state of a case that another process has taken since this one started, in words; empty for a free case."""
     if read_outcome(place).summary:
         return "has been finished by another process"
     owner = running(place)
@@ -146,9 +146,9 @@ def _taken(place: Path) -> str:
 
 
 def _run_case(world: MPI.Comm, sweep: Sweep, case: Case, options: RunOptions) -> DdmpiError | None:
-    """Run one case; its error, where all ranks agree on it. Collective. Raises OutputError."""
+    """Run one case; its error, if all ranks agree on it. Collective. Raises OutputError."""
     place, error, restart = sweep.place(case), None, None
-    own = world.Dup()  # no message of a failing case may reach the next one
+    comm = world.Dup()  # no message of a failing case may reach the next one
     with contextlib.ExitStack() as stack:
         with agreed(world):
             if world.rank == 0:
@@ -162,7 +162,7 @@ def _run_case(world: MPI.Comm, sweep: Sweep, case: Case, options: RunOptions) ->
         restart = world.bcast(restart)
         options.use(case.scene.petsc)
         try:
-            run(own, case.scene, sweep.scene_path, str(place), case.scene.output.figures and sweep.figures, restart)
+            run(comm, case.scene, sweep.scene_path, str(place), case.scene.output.figures and sweep.figures, restart)
         except DdmpiError as failure:
             if not failure.agreed:
                 raise
@@ -171,14 +171,14 @@ def _run_case(world: MPI.Comm, sweep: Sweep, case: Case, options: RunOptions) ->
             log.error("ddmpi: %s: %s", error.kind, error)
     gc.collect()  # objects that refer to each other in a circle, such as solvers and their contexts
     free_garbage()
-    own.Free()
+    comm.Free()
     code, words = (error.exit_code, str(error).split("\n")[0]) if error else (0, "")
     from_first(world, lambda: record_case(place, case, code, words))
     return error
 
 
 def _describe(place: Path) -> str:
-    """A case's end in one line."""
+    """The outcome of a case in one line."""
     outcome = read_outcome(place)
     end = f"{outcome.status}: {outcome.reason}"
     if outcome.summary:
@@ -201,7 +201,7 @@ def _gather(sweep: Sweep) -> None:
 
 
 def _judge(sweep: Sweep) -> None:
-    """Count the chosen cases by how they ended, and those that warn. Not collective.
+    """Count the chosen cases by outcome, and those with warnings. Not collective.
 
     Raises NotConvergedError unless all are certified; OutputError where results of one could not be written.
     """

@@ -1,4 +1,4 @@
-"""What a sweep leaves on disk: sweep.json, which says what the sweep is, the record of each case, and the table.
+"""The files of a sweep: its identity sweep.json, the records of cases, and the table.
 
 The first process of a sweep writes sweep.json. Every other one, at the same time or later, compares it with its own
 and refuses to work in the folder of another sweep. A case is finished when its results are there.
@@ -30,7 +30,7 @@ RESULTS = ("outer_iterations", "inner_iterations", "n_A", "eff", "n", "m", "disp
 
 GROUPS = ("contacts", "certificate", "discretization_error", "bodies", "seconds")
 LEVELS = "discretization_error.levels."
-"""Tables of summary.json all of whose numbers have columns, but for these."""
+"""Tables of summary.json whose numbers have columns, but for those of levels."""
 
 STATUS = {None: "unfinished", 0: "certified", 2: "refused", 3: "not converged", 4: "solver failed", 5: "not written",
           6: "interrupted"}
@@ -42,7 +42,7 @@ PATIENCE = 5.0
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a case has ended, as far as it has: exit code, first line of the message, results."""
+    """The outcome of a case so far: exit code, first line of the message, results."""
 
     status: str
     exit: int | None = None
@@ -51,12 +51,12 @@ class Outcome:
 
     @property
     def warnings(self) -> list[str]:
-        """What its answer may still not mean, as in summary.json."""
+        """Warnings about the answer, as in summary.json."""
         return (self.summary or {}).get("warnings", [])
 
 
 def identify(scene: dict, petsc: list[str], cases: list[Case], scene_folder: Path) -> dict:
-    """What a sweep is, but for its --vary: the data of the scene, PETSc options of the command line, mesh files.
+    """The identity of a sweep, without its --vary: the scene's data, PETSc options of the command line, mesh files.
 
     A mesh file that cannot be read is left to the runs of its cases. Not collective.
     """
@@ -70,7 +70,7 @@ def identify(scene: dict, petsc: list[str], cases: list[Case], scene_folder: Pat
 
 
 def claim_sweep(folder: Path, identity: dict, cases: list[Case]) -> None:
-    """Make `folder` that of the sweep with this identity, unless it is that already. Not collective.
+    """Claim `folder` for the sweep with this identity, unless it has it already. Not collective.
 
     Raises InputError where it is the folder of another sweep, or cannot be written.
     """
@@ -108,7 +108,7 @@ def record_case(folder: Path, case: Case, code: int | None, reason: str) -> None
 
 
 def read_outcome(folder: Path) -> Outcome:
-    """How the case in `folder` has ended, from what is on disk. Raises InputError where that cannot be read."""
+    """The outcome of the case in `folder`, from its files. Raises InputError if they cannot be read."""
     with reading(folder):
         summary = _read_json(folder / SUMMARY)
         record = {"exit": 0 if summary["converged"] else 3, "reason": summary["reason"]} if summary else \
@@ -122,22 +122,22 @@ def read_outcome(folder: Path) -> Outcome:
 
 def numbers(summary: dict) -> dict[str, float]:
     """The numbers of a summary that have columns, by their dotted names; those of a vector end with .x, .y, .z."""
-    found: dict[str, float] = {}
+    columns: dict[str, float] = {}
     for name, value in flatten({name: summary.get(name) for name in (*RESULTS, *GROUPS)}):
         if isinstance(value, list) and len(value) <= 3 and all(isinstance(entry, float) for entry in value):
-            found |= {f"{name}.{axis}": entry for axis, entry in zip("xyz", value, strict=False)}
+            columns |= {f"{name}.{axis}": entry for axis, entry in zip("xyz", value, strict=False)}
         elif type(value) in (int, float) and not name.startswith(LEVELS):
-            found[name] = value
-    return found
+            columns[name] = value
+    return columns
 
 
 def gather(folder: Path, cases: list[Case]) -> Path:
-    """Write the table of `cases` out of what is on disk; its path. Raises OutputError, InputError. Not collective."""
+    """Write the table of `cases` from their files; its path. Raises OutputError, InputError. Not collective."""
     outcomes = [read_outcome(folder / case.folder) for case in cases]
     results = [numbers(outcome.summary or {}) for outcome in outcomes]
-    found = dict.fromkeys([*RESULTS, *(name for result in results for name in result)])
+    names = dict.fromkeys([*RESULTS, *(name for result in results for name in result)])
     text = io.StringIO()
-    writer = csv.DictWriter(text, ["case", *cases[0].settings, "status", "exit", "reason", *found, "started", "folder",
+    writer = csv.DictWriter(text, ["case", *cases[0].settings, "status", "exit", "reason", *names, "started", "folder",
                                   "warnings"], lineterminator="\n")
     writer.writeheader()
     for case, outcome, result in zip(cases, outcomes, results, strict=True):  # what is missing is an empty field

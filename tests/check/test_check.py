@@ -160,8 +160,8 @@ def test_what_there_is_to_say(looked_at):
     scene["body"][1]["mesh"]["size"] = [0.3, 1.0]
     text = looked_at(scene)
     for words in ("load on top: force (0, -1.8e+08), moment -2.7e+08", "load on volume_force: force (0, -3e+04)",
-                  "loads in all: force (2e+07, -1.5e+08), moment -2.1e+08", "held along x on left",
-                  "loose: it can slide along y", "held along x, y on left", "mortar, slave upper, law coulomb",
+                  "loads in all: force (2e+07, -1.5e+08), moment -2.1e+08", "fixed along x on left",
+                  "loose: it can slide along y", "fixed along x, y on left", "mortar, slave upper, law coulomb",
                   "body.lower.mesh: 360 of 360 triangles are thin", "Newton"):
         assert words in text
 
@@ -173,7 +173,7 @@ def test_clamps_along_normals_and_heat_are_told(looked_at):
     scene["body"][1] |= {"temperature": "20 + 10 * x"}
     scene["body"][1]["material"] |= {"expansion": 1.2e-5}
     text = looked_at(scene)
-    for words in ("held along its normal on left", "held along y, moved along its normal on right",
+    for words in ("fixed along its normal on left", "fixed along y, moved along its normal on right",
                   "temperature 20 + 10 * x"):
         assert words in text
 
