@@ -25,7 +25,6 @@ from ddmpi.judge.forces import ROUNDING
 from ddmpi.judge.motions import MotionsOfBody, undetermined
 from ddmpi.judge.overlap import doubt_overlaps
 from ddmpi.judge.plausible import doubt_cells, edge_lengths
-from ddmpi.mesh.boundary import group_nodes
 from ddmpi.mesh.elements import CELLS
 from ddmpi.mesh.mesh import PHYSICAL, Mesh
 from ddmpi.results.folder import choose_folder
@@ -118,7 +117,7 @@ def _look(body: Body) -> Looked:
     if member.kind != "iterative":
         memory = memory_of_factors(member.elasticity.A.size[0], mesh.dimension, dense) + dense * 8.0 * member.size**2
     return Looked(mesh, Boundary.of(mesh), [each[1:] for each in loads],
-                  [(how, group_nodes(mesh, on, "")) for how, on, _ in supports], memory, words, doubt)
+                  [(how, mesh.nodes_of(on)) for how, on, _ in supports], memory, words, doubt)
 
 
 def _held(clamp: Clamp, d: int) -> str:

@@ -17,7 +17,7 @@ from ddmpi.body.estimate import DiscretizationError, estimate_error, nodal_stres
 from ddmpi.body.stress import stress, von_mises
 from ddmpi.coupling.assembly import NO_SIZES, Assembly, Body, prepare
 from ddmpi.coupling.ranks import on_working_ranks
-from ddmpi.errors import InputError, NotConvergedError, OutputError, SolverError
+from ddmpi.errors import InputError, NotConvergedError, OutputError, SolverError, naming
 from ddmpi.judge.accuracy import MeshLadder, demand, refine_scene
 from ddmpi.judge.diagnosis import diagnose
 from ddmpi.judge.plausible import doubt_answer, doubt_cells, doubt_mesh, doubt_shape, doubt_stress
@@ -237,17 +237,14 @@ def check_cut(ends: Sequence[np.ndarray], scene: Settled) -> None:
 def prepare_scene(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock | None = None,
                   refinement: int = 1, sizes: Mapping[str, Sizes] = NO_SIZES, factor: bool = True) -> Assembly:
     """`prepare`, with the scene's file named in what is wrong with it, as with a cut of pictures. Collective."""
-    try:
+    with naming(scene_path):
         assembly = prepare(world, scene, Path(scene_path).parent, clock, refinement, sizes, factor)
         if scene.output.cut:
             ends = merged(world, {body.number: np.array([body.mesh.points.min(axis=0), body.mesh.points.max(axis=0)])
                                   for body in assembly.bodies})
             with agreed(world):
                 check_cut([*ends.values()], scene)
-        return assembly
-    except InputError as error:
-        error.args = (f"{scene_path}: {error}",)
-        raise
+    return assembly
 
 
 def _write(solved: Solved, folder: Path | None, clock: Clock, figures: bool, checkpoints: Checkpoints) -> None:

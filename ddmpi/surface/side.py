@@ -35,7 +35,7 @@ class Side:
     extent : (d,) of the body along the axes (m)
     arc : (k,) arc length from the start of the node's chain, on the way with the body to the left (m). A closed chain
         starts at the first node of the group's first line on it. Zero in space
-    facets : (f, l) by the places of their nodes, turned outward as `turn_outward` does; in the order of the last column
+    facets : (f, l) by the places of their nodes, turned outward, see `Facets`; in the order of the last column
     parted : whether another contact is on the same group
     axisymmetric : whether it turns around the axis x = 0; nodal lengths are areas then
     """

@@ -87,7 +87,7 @@ MUTANTS = [Mutant(*row) for row in (
     ("clockwise triangles mix up their middles", "mesh/read",
      "bends[turned] = bends[turned][:, [ends.index(sorted(corners)) for corners in kind.between]]", "pass",
      "mesh/test_curved_meshes.py::test_turned_triangles_keep_their_middles"),
-    ("edges are not turned outward", "mesh/boundary", "return outer[found], owners", "return facets, owners",
+    ("edges are not turned outward", "mesh/mesh", "Facets(outer[at], owners[at],", "Facets(facets, owners[at],",
      "mesh/test_mesh.py::test_edges_are_turned_and_walked"),
     ("a halved triangle is turned over", "mesh/elements", "[3, 4, 5]]", "[3, 5, 4]]",
      "judge/test_accuracy.py::test_halved_mesh"),
