@@ -103,7 +103,7 @@ def test_a_report_has_verdict_numbers_and_pictures(run):
     assert page.text.index("Made up") < page.text.index("Certified") < page.text.index("the mesh is coarse")
     assert page.column("Force and moment", "force y MN/m") == [number(contact["force"][1] / 1e6)]
     assert page.column("Force and moment", "slip") == [str(contact["slip"])]
-    assert page.column("Largest displacement", "von Mises MPa") == ["80.00", "80.00"]
+    assert page.column("Largest displacement", "von Mises stress MPa") == ["80.00", "80.00"]
     assert page.column("The worst", "verdict") == ["holds"] * 5
     assert page.column("Time of", "time s") == ["2.00"]
     assert [src[:15] for src in page.pictures.values()] == ["data:image/png;", "data:image/png;", "data:image/gif;",
