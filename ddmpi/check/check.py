@@ -29,8 +29,9 @@ from ddmpi.mesh.elements import CELLS
 from ddmpi.mesh.mesh import PHYSICAL, Mesh
 from ddmpi.results.folder import choose_folder
 from ddmpi.run.equilibrium import look_for_mechanism, motions_without_resistance
+from ddmpi.run.gather import DRAWERS
 from ddmpi.run.report import LISTED, describe_gap, describe_method, grouped, some
-from ddmpi.run.run import DRAWERS, prepare_scene
+from ddmpi.run.run import prepare_scene
 from ddmpi.scene.bodies import Clamp
 from ddmpi.scene.scene import Settled
 from ddmpi.scene.values import histories

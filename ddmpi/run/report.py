@@ -41,16 +41,16 @@ def log_plan(assembly: Assembly, figures: bool) -> None:
     scene, world = assembly.scene, assembly.world
     ranks = team.comm.size if (team := team_of(world)) else 1
     bodies = gathered(world, {body.spec.name: _describe_body(body, ranks) for body in assembly.bodies})
-    owned = gathered(world, {each.name: (each.law.name, describe_gap(each, scene.output.length_unit),
-                                         _contact_left_out(each)) for each in assembly.space.interfaces})
+    owned = gathered(world, {interface.name: (interface.law.name, _plan_of(interface, scene.output.length_unit))
+                             for interface in assembly.space.interfaces})
     if world.rank:
         return
     contacts = {contact.name: owned[contact.name] for contact in scene.contact}
     log.info("n = %d unknowns (%s), m = %d contact nodes, friction: %s", assembly.n,
              CELLS[scene.dimension, scene.body[0].mesh.order].title, assembly.m,
-             ", ".join(dict.fromkeys(law for law, *_ in contacts.values())))
-    for gap, names in grouped((gap, name) for name, (_, gap, _) in contacts.items()):
-        log.info("%s: %s", some(names, "contacts"), gap)
+             ", ".join(dict.fromkeys(law for law, _ in contacts.values())))
+    for plan, names in grouped((plan, name) for name, (_, plan) in contacts.items()):
+        log.info("%s: %s", some(names, "contacts"), plan)
     for way, names in grouped((bodies[spec.name][0], spec.name) for spec in scene.body):
         log.info("%s: %s", some(names, "bodies"), way)
     unloaded = [spec.name for spec in scene.body if not bodies[spec.name][1]]
@@ -61,11 +61,9 @@ def log_plan(assembly: Assembly, figures: bool) -> None:
         log.info("%s: no contact names %s", some(unused, "partners"), "it" if len(unused) == 1 else "them")
     if world.size < len(scene.body):
         log.info("%d bodies on %s", len(scene.body), _count(world.size, "rank"))
-    left_out = [what % ("" if len(names) == len(contacts) else f" of {some(names, 'contacts')}") for what, names in
-                grouped((what, name) for name, (*_, left) in contacts.items() for what in left)]
-    left_out += [what for what, missing in (("rigid motions (supports hold all bodies)", not assembly.loose),
-                                            ("stress in the files (not asked for)", not scene.output.stress),
-                                            ("pictures (not asked for)", not figures)) if missing]
+    left_out = [what for what, missing in (("rigid motions (supports hold all bodies)", not assembly.loose),
+                                           ("stress in the files (not asked for)", not scene.output.stress),
+                                           ("pictures (not asked for)", not figures)) if missing]
     if figures and not has_matplotlib():
         left_out.append(f"pictures ({NO_MATPLOTLIB})")
     left_out += _target_left_out(scene)
@@ -110,18 +108,16 @@ def some(names: Sequence[str], what: str) -> str:
     return ", ".join(names) if len(names) <= NAMED else f"{names[0]}, {names[1]}, … ({len(names)} {what})"
 
 
-def _contact_left_out(interface: Interface) -> list[str]:
-    """What a contact does not need, with %s where the contacts of which it is said are named."""
-    found, held = [], interface.m - len(interface.sliding)
+def _plan_of(interface: Interface, unit: str) -> str:
+    """How a contact begins, and which unknowns it does not need."""
+    facts, held = [describe_gap(interface, unit)], interface.m - len(interface.sliding)
     if interface.law.name == "none":
-        found.append("tangential unknowns%s (no friction)")
+        facts.append("no friction")
     elif held:
-        found.append(f"{_count(held, 'tangential unknown')}%s (held by clamps)")
+        facts.append(f"clamps hold {_count(held, 'tangential unknown')}")
     if interface.dropped:
-        found.append(f"{_count(interface.dropped, 'contact node')}%s (clamped)")
-    if not interface.gap.any():
-        found.append("initial gap%s (all nodes touch)")
-    return found
+        facts.append(f"clamps hold {_count(interface.dropped, 'contact node')}")
+    return "; ".join(facts)
 
 
 def _target_left_out(scene: Settled) -> list[str]:

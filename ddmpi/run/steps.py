@@ -104,8 +104,8 @@ class _Mark:
                    float(space.add(np.array([touching]))[0]), {})
 
 
-def solve_scene(assembly: Assembly, report: Report = no_report, checkpoints: Checkpoints | None = None,
-                clock: Clock | None = None) -> tuple[Solution, StepLog]:
+def march(assembly: Assembly, report: Report = no_report, checkpoints: Checkpoints | None = None,
+          clock: Clock | None = None) -> tuple[Solution, StepLog]:
     """Solve `assembly` in the load steps that its scene asks for, without [time] in one; and what is kept of them.
 
     Parameters and what is raised as for `solve`. The solution is that of the last step, with the largest residuals of

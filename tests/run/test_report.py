@@ -48,7 +48,7 @@ def test_what_is_printed_has_units_and_says_how_bodies_are_held(tmp_path):
     assert run.code == 0, run.output
     for word in ("not held by clamps (3 rigid motions); direct solver\n", " bodies on 1 rank\n",
                  ") N/mm on ", " MPa\n", " N/mm, largest displacement ", " mm, von Mises stress ",
-                 ", pictures (not asked for)\n"):
+                 " pictures (not asked for)\n"):
         assert word in run.stdout, run.stdout
 
 
