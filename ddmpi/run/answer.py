@@ -81,7 +81,7 @@ def solve(scene: str | Path | Mapping[str, Any], comm: MPI.Comm | None = None,
     options.use(settled.petsc)
     try:
         with logs.told_by_first(world.rank, progress):
-            solved = on_working_ranks(world, settled, lambda ranks: compute(ranks, settled, path, clock))
+            solved = on_working_ranks(world, settled, lambda ranks: compute(ranks, settled, path, clock, write=False))
     finally:
         options.use({})
     seconds = clock.largest(world)

@@ -56,9 +56,6 @@ def log_plan(assembly: Assembly, figures: bool) -> None:
     unloaded = [spec.name for spec in scene.body if not bodies[spec.name][1]]
     if unloaded:
         log.info("%s: no loads", some(unloaded, "bodies"))
-    unused = [rigid.name for rigid in scene.rigid if all(rigid.name not in each.bodies for each in scene.contact)]
-    if unused:
-        log.info("%s: no contact names %s", some(unused, "partners"), "it" if len(unused) == 1 else "them")
     if world.size < len(scene.body):
         log.info("%d bodies on %s", len(scene.body), _count(world.size, "rank"))
     left_out = [what for what, missing in (("rigid motions (supports hold all bodies)", not assembly.loose),

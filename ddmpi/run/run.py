@@ -5,9 +5,8 @@ from __future__ import annotations
 import contextlib
 import gc
 import logging
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from mpi4py import MPI
@@ -38,24 +37,24 @@ from ddmpi.system.provenance import versions
 log = logging.getLogger("ddmpi")
 
 
-class Wanted(NamedTuple):
-    """What a run writes, and what it goes on from.
+def run(world: MPI.Comm, scene: Settled, scene_path: str, output: str | None, figures: bool,
+        restart: str | None = None) -> None:
+    """Solve `scene` and write its results; parameters and errors as of `compute`. Collective on `world`."""
+    on_working_ranks(world, scene, lambda ranks: compute(ranks, scene, scene_path, Clock(), output, figures, restart))
 
-    Attributes
+
+def compute(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock, output: str | None = None,
+            figures: bool = False, restart: str | None = None, write: bool = True) -> Solved:
+    """Solve `scene` on one mesh after the other until its accuracy target is met, and write the results. Collective.
+
+    Parameters
     ----------
+    world : of ranks that all hold bodies
+    scene_path : the scene's file; mesh files are looked for beside it first
     output : folder for the results, or None for that of `restart` or a new one under results/
     figures : whether pictures are drawn, if matplotlib is installed
     restart : folder with the checkpoint to go on from, or None
-    """
-
-    output: str | None = None
-    figures: bool = False
-    restart: str | None = None
-
-
-def run(world: MPI.Comm, scene: Settled, scene_path: str, output: str | None, figures: bool,
-        restart: str | None = None) -> None:
-    """Solve `scene` and write its results; parameters as of `Wanted` and `compute`. Collective on `world`.
+    write : False where nothing is written, and an answer that is not certified is no error
 
     Raises
     ------
@@ -63,22 +62,7 @@ def run(world: MPI.Comm, scene: Settled, scene_path: str, output: str | None, fi
         the same on all ranks. After NotConvergedError the results are there, marked as not converged; after
         the last two a checkpoint is, as far as one could be written.
     """
-    wanted = Wanted(output, figures, restart)
-    on_working_ranks(world, scene, lambda ranks: compute(ranks, scene, scene_path, Clock(), wanted))
-
-
-def compute(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock, wanted: Wanted | None = None) -> Solved:
-    """Solve `scene` on one mesh after the other until its accuracy target is met. Collective.
-
-    Parameters
-    ----------
-    world : of ranks that all hold bodies
-    scene_path : the scene's file; mesh files are looked for beside it first
-    wanted : None where nothing is written, and an answer that is not certified is no error
-
-    Raises as `run`.
-    """
-    figures, told = bool(wanted and wanted.figures), list[str]()
+    told = list[str]()
 
     def attempt() -> Solved | None:
         """Solve on the ladder's present mesh and write the results; None if the ladder goes on to another mesh, which
@@ -87,7 +71,7 @@ def compute(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock, want
         assembly = prepare_scene(world, mesh, scene_path, clock, ladder.factor, ladder.sizes)
         log_plan(assembly, figures)
         log_warnings(assembly.warnings, told)
-        solution, steps = march(assembly, log_step, checkpoints if wanted else None, clock)
+        solution, steps = march(assembly, log_step, checkpoints if write else None, clock)
         error = _estimate(assembly, solution, clock)
         if _another_mesh(ladder, assembly, solution, error):
             return None
@@ -95,16 +79,20 @@ def compute(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock, want
         if solved.summary:
             log_end(solved.summary, solution)
             log_warnings(solved.summary["warnings"], told)
-        if wanted:
+        if write:
             write_files(solved, folder, clock, figures, checkpoints)
         return solved
 
-    with _claimed(world, wanted, scene_path) as folder:
-        if wanted:
-            log.info("%s", scene.title or scene_path)
+    folder, claim = None, contextlib.ExitStack()
+    with agreed(world):
+        if write and world.rank == 0:
+            folder = claim.enter_context(choose_folder(output, restart, scene_path))
+    if write:
+        log.info("%s", scene.title or scene_path)
+    with claim:
         identity = {} if world.rank else identify(scene, PETSc.Options().getAll(), versions())
         ladder, solved = MeshLadder(scene), None
-        state = continue_from(world, wanted.restart, identity, ladder) if wanted and wanted.restart else None
+        state = continue_from(world, restart, identity, ladder) if restart else None
         checkpoints = Checkpoints(world, folder, identity, scene.checkpoint, clock, ladder, state)
         with checkpoints.kept():
             if ladder.levels:
@@ -113,7 +101,7 @@ def compute(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock, want
                 try:
                     solved = attempt()
                 except (InputError, SolverError) as failure:
-                    # what is wrong on this mesh only leaves the answer on the one before; a checkpoint is wrong on all
+                    # an error on a finer mesh leaves the answer on the one before; a refused checkpoint leaves nothing
                     refused = isinstance(failure, InputError) and checkpoints.continuing
                     if refused or not failure.agreed or not ladder.fall_back(str(failure)):
                         raise
@@ -121,20 +109,9 @@ def compute(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock, want
                     checkpoints.leave()
                     gc.collect()
                     free_garbage()
-    if wanted:
+    if write:
         _refuse_uncertified(solved, ladder)
     return solved
-
-
-@contextlib.contextmanager
-def _claimed(world: MPI.Comm, wanted: Wanted | None, scene_path: str) -> Iterator[Path | None]:
-    """The folder of the results on rank 0, which no other run can take during the block. Collective."""
-    folder = None
-    with contextlib.ExitStack() as claim:
-        with agreed(world):
-            if wanted and world.rank == 0:
-                folder = claim.enter_context(choose_folder(wanted.output, wanted.restart, scene_path))
-        yield folder
 
 
 def _refuse_uncertified(solved: Solved, ladder: MeshLadder) -> None:
