@@ -18,7 +18,7 @@ from ddmpi.errors import InputError
 from ddmpi.mesh.elements import ORDERS
 from ddmpi.results.folder import FILES
 from ddmpi.results.histories import at_step
-from ddmpi.results.summary import RESIDUALS, Row, largest
+from ddmpi.results.summary import RESIDUALS, Row, count, largest
 from ddmpi.results.summary import SUMMARY as ROWS
 from ddmpi.results.tables import read_results, read_summary, reading
 from ddmpi.scene.method import METHODS
@@ -215,8 +215,7 @@ class RunReport:
     def _numbers(self) -> dict[str, Any]:
         """The numbers that are looked at first."""
         contacts = self.contacts.values()
-        counts = [f"{sum(contact[status] for contact in contacts)} {status}" for status in ("open", "slip", "stick")]
-        found = {"m": sum(contact["m"] for contact in contacts), "nodes": ", ".join(counts), "of_step": self.of_step,
+        found = {"m": sum(contact["m"] for contact in contacts), "nodes": count(contacts), "of_step": self.of_step,
                  "depth": "depth" if len(self.axes) == 2 and not self.scene.get("axisymmetric") else "",
                  "estimate": number(self.error["energy_norm"], 2, "%"), "body_number": len(self.bodies),
                  "elements": ORDERS[self.summary["order"]]}

@@ -13,7 +13,7 @@ import numpy as np
 from ddmpi.interface.state import ContactTotals
 from ddmpi.judge.certificate import Certificate, ContactResiduals
 from ddmpi.judge.equilibrium import Mechanism, describe
-from ddmpi.results.tables import FORMAT
+from ddmpi.results.tables import FORMAT, STATUS
 from ddmpi.scene.contacts import Rigid
 from ddmpi.scene.scene import units
 from ddmpi.system.files import MECHANISM, writing
@@ -181,6 +181,12 @@ def tell(summary: Mapping[str, Any], table: str, name: str, key: str, digits: in
     components = np.array([number(component) for component in value])
     components[np.abs(components) < PRECISION * np.linalg.norm(components)] = 0.0
     return f"{row.words} ({', '.join(f'{component:.{digits}g}' for component in components)}) {unit}"
+
+
+def count(contacts: Iterable[Mapping[str, Any]]) -> str:
+    """The nodes of some contacts by their status, in words: "3 open, 4 slip, 3 stick"."""
+    contacts = list(contacts)
+    return ", ".join(f"{sum(contact[status] for contact in contacts)} {status}" for status in STATUS)
 
 
 def largest(entries: Mapping[str, Mapping], key: str) -> tuple[float | None, str]:

@@ -13,8 +13,7 @@ from ddmpi.interface.interface import Interface
 from ddmpi.interface.state import ContactTotals
 from ddmpi.mesh.elements import CELLS
 from ddmpi.methods.outer import Step
-from ddmpi.results.summary import largest, number, tell
-from ddmpi.results.tables import STATUS
+from ddmpi.results.summary import count, largest, number, tell
 from ddmpi.run.solve import Solution
 from ddmpi.scene.method import PRESETS, SettledMethod
 from ddmpi.scene.scene import Settled
@@ -184,8 +183,8 @@ def _contacts(summary: dict, totals: Mapping[str, ContactTotals]) -> Iterator[st
     contacts = summary["contacts"]
     listed = list(contacts)
     if len(contacts) > LISTED:
-        counts = ", ".join(f"{sum(contact[status] for contact in contacts.values())} {status}" for status in STATUS)
-        yield f"{len(contacts)} contacts: {counts} nodes; {_largest(summary, 'contacts', 'pressure_max')}"
+        pressure = _largest(summary, "contacts", "pressure_max")
+        yield f"{len(contacts)} contacts: {count(contacts.values())} nodes; {pressure}"
         listed = [name for name in contacts if totals[name].rigid is not None][:LISTED]
     yield from (describe_contact(summary, name, totals[name].bodies[0]) for name in listed)
     closed = {name for step in summary["steps"] for name, contact in step["contacts"].items()
@@ -199,11 +198,10 @@ def _contacts(summary: dict, totals: Mapping[str, ContactTotals]) -> Iterator[st
 def describe_contact(summary: dict, name: str, body: str) -> str:
     """The state of a contact in one line; `body` is its first one. Not collective."""
     contact = summary["contacts"][name]
-    counts = ", ".join(tell(summary, "contacts", name, status) for status in STATUS)
     # bodies that meet along an edge only have forces but no area, so no pressure
     pressure = ("no area" if contact["pressure_max"] is None and None not in contact["force"] else
                 tell(summary, "contacts", name, "pressure_max"))
-    return f"{name}: {counts} nodes; {tell(summary, 'contacts', name, 'force')} on {body}, {pressure}"
+    return f"{name}: {count([contact])} nodes; {tell(summary, 'contacts', name, 'force')} on {body}, {pressure}"
 
 
 def _largest(summary: dict, table: str, key: str) -> str:

@@ -136,7 +136,7 @@ class Solution:
                     f"leave that option out, or give at most {0.1 * self.limit:.0e}")
         return {"converged": "the iteration stopped, but its certificate fails", "diverged": "diverged",
                 "max_iterations": "not converged: method.max_iterations is reached",
-                "stalled": "not converged: neither Newton's method nor softening nor interior points lead on"
+                "stalled": "not converged: Newton's method and its fallbacks stalled"
                 }[self.stopped]
 
 

@@ -342,7 +342,7 @@ class March:
                 return False
         if 2 * self._number > MOST or not self._largest.all():
             if self._largest.all():
-                log.warning("the leg to time %g misses time.tolerance in %d steps: they change the forces by %.2g",
+                log.warning("time %g: forces miss time.tolerance in %d load steps; doubling changed them by %.2g",
                             self._legs[self._leg], self._number, self._changed)
             return False
         closing = space.any(np.array([

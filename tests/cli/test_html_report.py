@@ -194,12 +194,6 @@ def test_a_mechanism_is_shown_instead_of_numbers(run):
     assert not [name for name in page.tables if "Force" in name or "residual" in name]
 
 
-def test_a_run_without_pictures_says_how_to_draw_them(run):
-    """The report of a run with --no-figures names the command that draws them."""
-    page = report(run)
-    assert not page.pictures and f"python -m ddmpi figures {run}" in page.text
-
-
 @pytest.mark.parametrize(("contacts", "shown"), [(1, 3), (5, 3)])
 def test_many_load_steps_are_condensed(run, contacts, shown):
     """Of many load steps those at the ends of legs are listed; of many contacts their sums."""
