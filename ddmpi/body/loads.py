@@ -53,8 +53,9 @@ def loads_by_group(mesh: Mesh, body: BodySpec, history: str | None = None) -> It
     for traction in body.traction:
         if traction.history == history:
             key = f"body.{body.name}.traction"
-            values_at(traction.given, mesh.points[mesh.facets(traction.on).nodes], key)
-            yield traction.on, _traction(mesh, traction, key)
+            facets = mesh.facets(traction.on).nodes
+            values_at(traction.given, mesh.points[facets], key)  # a formula must be finite at the nodes, too
+            yield traction.on, _traction(mesh, facets, traction, key)
     force, follows = body.weight
     if follows == history and force != (0.0,) * mesh.dimension:
         yield VOLUME, _volume_force(mesh, force, f"body.{body.name}.volume_force")
@@ -70,9 +71,9 @@ def resultants(mesh: Mesh, parts: Iterable[tuple[str, np.ndarray]]) -> dict[str,
     return found
 
 
-def _traction(mesh: Mesh, traction: Traction, key: str) -> np.ndarray:
-    """Nodal loads (nv, d) in newtons of a traction, a pressure or a force; by tables where these are exact."""
-    facets = mesh.facets(traction.on).nodes
+def _traction(mesh: Mesh, facets: np.ndarray, traction: Traction, key: str) -> np.ndarray:
+    """Nodal loads (nv, d) in newtons of a traction, a pressure or a force on facets (k, l); by tables where these are
+    exact."""
     nodes, cell = mesh.points[facets], mesh.cell.facet
     points, weights = FINE[cell.dimension]
     exact = ~(curved_facets(nodes) | varies(traction.given) | mesh.axisymmetric)

@@ -217,10 +217,10 @@ def _between_nodes(summary: dict) -> Iterator[str]:
         return
     _, deepest = largest(unmatched, "pointwise_penetration")
     _, turned = largest(unmatched, "moment_imbalance")
+    bound = number(unmatched[turned]["moment_imbalance_bound"])
     for name, words in grouped([
             (deepest, tell(summary, "contacts", deepest, "pointwise_penetration", 2)),
-            (turned, f"{tell(summary, 'contacts', turned, 'moment_imbalance', 2)} "
-                     f"({tell(summary, 'contacts', turned, 'moment_imbalance_bound', 2)})")]):
+            (turned, f"{tell(summary, 'contacts', turned, 'moment_imbalance', 3)} (bound {bound:.3g})")]):
         yield f"non-matching meshes at {name}: {'; '.join(words)}"
 
 
