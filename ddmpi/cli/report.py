@@ -151,7 +151,7 @@ class RunReport:
             row = ROWS[table + key]
             assert isinstance(row, Row)
             values = [functools.reduce(operator.getitem, key.split("."), entry) for entry in entries]
-            if not any(isinstance(value, list) for value in values):
+            if not any(isinstance(value, list | tuple) for value in values):
                 yield Column(row.words, values, self.units[row.quantity])
                 continue
             for k, axis in enumerate(self.axes):
