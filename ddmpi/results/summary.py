@@ -177,8 +177,8 @@ def tell(summary: Mapping[str, Any], table: str, name: str, key: str, digits: in
         return f"{value} {row.words}"
     unit = summary["units"][row.quantity]
     if not isinstance(value, list):
-        return f"{row.words} {number(value):.{digits}g} {unit}"
-    components = np.array([number(component) for component in value])
+        return f"{row.words} {as_float(value):.{digits}g} {unit}"
+    components = np.array([as_float(component) for component in value])
     components[np.abs(components) < PRECISION * np.linalg.norm(components)] = 0.0
     return f"{row.words} ({', '.join(f'{component:.{digits}g}' for component in components)}) {unit}"
 
@@ -195,7 +195,7 @@ def largest(entries: Mapping[str, Mapping], key: str) -> tuple[float | None, str
     return entries[name][key] if name else None, name
 
 
-def number(value: float | None) -> float:
+def as_float(value: float | None) -> float:
     """A number of a summary, which has None for those that are not finite."""
     return math.nan if value is None else value
 

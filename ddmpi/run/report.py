@@ -13,7 +13,7 @@ from ddmpi.interface.interface import Interface
 from ddmpi.interface.state import ContactTotals
 from ddmpi.mesh.elements import CELLS
 from ddmpi.methods.outer import Step
-from ddmpi.results.summary import count, largest, number, tell
+from ddmpi.results.summary import as_float, count, largest, tell
 from ddmpi.run.solve import Solution
 from ddmpi.scene.method import PRESETS, SettledMethod
 from ddmpi.scene.scene import Settled
@@ -161,7 +161,7 @@ def log_end(summary: dict, solution: Solution) -> None:
     """Log how the run ended, and what a user looks at first. Not collective."""
     lines = [f"{summary['reason']} ({summary['outer_iterations']} outer iterations, n_A = {summary['n_A']})"]
     if not solution.mechanism:  # its forces and displacements would mean nothing
-        residuals = ", ".join(f"{kind.replace('_', ' ')} {number(value):.1e}"
+        residuals = ", ".join(f"{kind.replace('_', ' ')} {as_float(value):.1e}"
                               for kind, value in summary["certificate"].items())
         lines += [*_contacts(summary, solution.contacts), *_bodies(summary), *_partners(summary),
                   f"certificate (limit {summary['certificate_limit']:.2g}): {residuals}", *_between_nodes(summary)]
@@ -217,7 +217,7 @@ def _between_nodes(summary: dict) -> Iterator[str]:
         return
     _, deepest = largest(unmatched, "pointwise_penetration")
     _, turned = largest(unmatched, "moment_imbalance")
-    bound = number(unmatched[turned]["moment_imbalance_bound"])
+    bound = as_float(unmatched[turned]["moment_imbalance_bound"])
     for name, words in grouped([
             (deepest, tell(summary, "contacts", deepest, "pointwise_penetration", 2)),
             (turned, f"{tell(summary, 'contacts', turned, 'moment_imbalance', 3)} (bound {bound:.3g})")]):
