@@ -69,24 +69,21 @@ SUMMARY = {
     "bodies.NAME.n_A": Row("solves", "", "multiplications by A⁻¹"),
     "bodies.NAME.held": "whether its clamps and foundations alone prevent every rigid motion",
     "bodies.NAME.displacement_max": Row("largest displacement", "length"),
-    "bodies.NAME.von_mises_max": Row("von Mises stress", "stress",
-                                     "largest von Mises stress; null if stresses were not asked for"),
+    "bodies.NAME.von_mises_max": Row("von Mises stress", "stress", "largest von Mises stress; null if stresses were "
+        "not asked for"),
     "bodies.NAME.energy": Row("strain energy", "energy", "strain energy, without that of foundations"),
-    "bodies.NAME.reaction": Row(
-        "reaction", "force", "[x, y], in space [x, y, z]: resultant of the forces of its clamps and foundations; "
-        "around an axis, as all forces, [radial sum, axial force] of the whole circumference"),
-    "bodies.NAME.loads.GROUP.force": Row(
-        "force", "force", "[x, y], in space [x, y, z]: resultant of the tractions on a boundary group; that of the "
-        "volume force is under the name volume_force"),
-    "bodies.NAME.loads.GROUP.moment": Row(
-        "moment", "moment", "x F_y − y F_x of the same forces, in space [x, y, z], about the origin"),
-    "bodies.NAME.reactions.GROUP.force": "resultant of the forces of clamps and foundations on a group. "
-                                         "Where groups share nodes, the force on a node is split along the "
-                                         "directions that clamps hold; each counts for one clamp, the last one in the "
-                                         "scene that holds it; all reactions together are reaction",
+    "bodies.NAME.reaction": Row("reaction", "force", "[x, y], in space [x, y, z]: resultant of the forces of its "
+        "clamps and foundations; around an axis, as all forces, [radial sum, axial force] of the whole circumference"),
+    "bodies.NAME.loads.GROUP.force": Row("force", "force", "[x, y], in space [x, y, z]: resultant of the tractions on "
+        "a boundary group; that of the volume force is under the name volume_force"),
+    "bodies.NAME.loads.GROUP.moment": Row("moment", "moment", "x F_y − y F_x of the same forces, in space [x, y, z], "
+        "about the origin"),
+    "bodies.NAME.reactions.GROUP.force": "resultant of the forces of clamps and foundations on a group. Where groups "
+        "share nodes, the force on a node is split along the directions that clamps hold; each counts for one clamp, "
+        "the last one in the scene that holds it; all reactions together are reaction",
     "bodies.NAME.reactions.GROUP.moment": "of the same forces about the origin",
-    "bodies.NAME.discretization_error": Row(
-        "estimated error", "%", "its part of the estimated error, relative to the energy norm of all bodies"),
+    "bodies.NAME.discretization_error": Row("estimated error", "%", "its part of the estimated error, relative to the "
+        "energy norm of all bodies"),
     "bodies.NAME.n_A_by_purpose": "n_A in parts",
     "bodies.NAME.inner_steps": "steps of inner solvers, by kind",
     "bodies.NAME.solver": Row("solver", "", "how A is solved with"),
@@ -97,15 +94,14 @@ SUMMARY = {
     "contacts.NAME.pairing": "nodes or mortar",
     "contacts.NAME.slave": "the body whose nodes carry the forces; null with pairing by nodes",
     "contacts.NAME.friction": "its law",
-    "contacts.NAME.force": Row("force", "force", "[x, y], in space [x, y, z]: resultant on the first body, "
-                               "−Σ (normal_force · n + tangential_force · t)"),
-    "contacts.NAME.moment": Row(
-        "moment", "moment", "x F_y − y F_x of the same forces, in space [x, y, z], about the origin, on the first "
-        "body's nodes. That of the lines of contact_NAME.csv is the same; where the second body is the slave it "
-        "differs by moment_imbalance. Around an axis all moments are 0"),
+    "contacts.NAME.force": Row("force", "force", "[x, y], in space [x, y, z]: resultant on the first body, −Σ "
+        "(normal_force · n + tangential_force · t)"),
+    "contacts.NAME.moment": Row("moment", "moment", "x F_y − y F_x of the same forces, in space [x, y, z], about the "
+        "origin, on the first body's nodes. That of the lines of contact_NAME.csv is the same; where the second body "
+        "is the slave it differs by moment_imbalance. Around an axis all moments are 0"),
     "contacts.NAME.normal_force": Row("normal force", "force", "sum over the nodes"),
     "contacts.NAME.tangential_force": Row("tangential force", "force", "sum over the nodes; in space the length of the "
-                                          "sum of their vectors"),
+        "sum of their vectors"),
     "contacts.NAME.open": Row("open", "", "number of open nodes"),
     "contacts.NAME.slip": Row("slip", "", "number of slipping nodes"),
     "contacts.NAME.stick": Row("stick", "", "number of sticking nodes"),
@@ -114,46 +110,45 @@ SUMMARY = {
     **{f"contacts.NAME.certificate.{kind}": Row(kind.replace("_", " "), "", RESIDUALS[kind])
        for kind in ContactResiduals._fields},
     "contacts.NAME.pointwise_penetration": Row("penetration between nodes up to", "length", "largest overlap at any "
-                                               "point, also between the nodes; warned of"),
-    "contacts.NAME.moment_imbalance": Row(
-        "moment imbalance", "moment", "where nodes do not match: by how much the moments of the two bodies' forces "
-        "differ, because they act on nodes that stand apart; without a limit"),
+        "point, also between the nodes; warned of"),
+    "contacts.NAME.moment_imbalance": Row("moment imbalance", "moment", "where nodes do not match: by how much the "
+        "moments of the two bodies' forces differ, because they act on nodes that stand apart; without a limit"),
     "contacts.NAME.moment_imbalance_bound": Row("bound", "moment", "the bound on it"),
     "rigid.NAME.displacement": Row("displacement", "length", "[x, y], in space [x, y, z]: of a rigid partner that "
-                                   "bodies may touch"),
+        "bodies may touch"),
     "rigid.NAME.force": Row("force of bodies", "force", "resultant of the bodies' forces on it; where it is pushed, "
-                            "against the force that pushes it"),
+        "against the force that pushes it"),
     "certificate.force_mismatch": "the worst of all contacts and load steps; so are the next three",
     "certificate.penetration": "", "certificate.complementarity": "", "certificate.friction": "",
     "certificate.equilibrium": "the worst of all bodies, pushed partners and load steps",
     "certificate_limit": "the largest residual of a certified answer: 50 times the tolerance, but at most 0.05",
     "steps": "load steps in the order of time: time, outer_iterations, and contacts by name with force, moment, "
-             "normal_force, tangential_force, open, slip, stick and dissipated, of the step, and rigid as above; in "
-             "summary.json, where the fields of the step are written, bodies with reaction, loads and reactions",
-    "energy.external_work": Row("work of loads, clamps and rigid partners", "energy",
-                                "with load steps: the last line of energy.csv; so are the next three"),
+        "normal_force, tangential_force, open, slip, stick and dissipated, of the step, and rigid as above; in "
+        "summary.json, where the fields of the step are written, bodies with reaction, loads and reactions",
+    "energy.external_work": Row("work of loads, clamps and rigid partners", "energy", "with load steps: the last line "
+        "of energy.csv; so are the next three"),
     "energy.strain_energy": Row("strain energy", "energy", ""),
     "energy.interface_work": Row("work of the contact forces", "energy", ""),
     "energy.dissipated": Row("of it dissipated by friction", "energy", ""),
     "energy.lost": Row("of it taken by interference, closing gaps and time stepping", "energy", "interface work less "
-                       "dissipation: what interference, closing gaps and time stepping take"),
+        "dissipation: what interference, closing gaps and time stepping take"),
     "energy.residual": "the largest residual of a step over the largest energy",
     "discretization_error.energy_norm": "estimated, relative to the energy norm of all bodies; null where there is no "
-                                        "estimate",
+        "estimate",
     "discretization_error.target": "method.target_error",
     "discretization_error.levels": "for each mesh that was solved on: refinement, unknowns n, estimated error, and "
-                                   "dofs, clamped ones included",
+        "dofs, clamped ones included",
     "displacement_max": "largest displacement of all bodies",
     "units": "labels of lengths, stresses, forces, moments and energies; in the plane the last three are per unit of "
-             "depth",
+        "depth",
     "warnings": "each once, in words",
     "undetermined": "rigid motions that no contact resists, in words",
     "seconds": "by phase, of the slowest rank",
     "exchange": "the most that a rank has sent: messages and bytes of interface vectors to its neighbours; reductions "
-                "over all ranks, of flags, scalars and coarse problems, and reduced_bytes, what it gave to them; "
-                "without PETSc's own in Krylov methods",
+        "over all ranks, of flags, scalars and coarse problems, and reduced_bytes, what it gave to them; without "
+        "PETSc's own in Krylov methods",
     "solvers": "qp: TAO type of the quadratic subproblems, or none; in space those with friction have discs, and "
-               "python (APG) solves them whatever it is",
+        "python (APG) solves them whatever it is",
     "options": "PETSc's",
     "options_unused": "those that nothing has used",
     "scene": "with every default filled in",
