@@ -1,5 +1,10 @@
 """The ways a run can fail, each with the exit code that scripts see."""
 
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+
 
 class DdmpiError(Exception):
     """Base of all errors whose message is meant for the user and needs no traceback.
@@ -17,6 +22,16 @@ class InputError(DdmpiError):
     """Bad input: the scene, a mesh or the command line; one message with file and key, and nothing was computed."""
 
     exit_code = 2
+
+
+@contextlib.contextmanager
+def naming(place: str) -> Iterator[None]:
+    """InputErrors of the block begin with the `place` in the input, a file or a key, that they are about."""
+    try:
+        yield
+    except InputError as error:
+        error.args = (f"{place}: {error}",)
+        raise
 
 
 class NotConvergedError(DdmpiError):

@@ -32,7 +32,6 @@ from scenes import clean_environment, to_toml
 from scipy.spatial import cKDTree
 from solid_scenes import box, two_boxes
 
-from ddmpi.mesh.boundary import boundary_group
 from ddmpi.mesh.build import build_mesh
 from ddmpi.mesh.elements import facet_shares
 from ddmpi.scene.reader import read_scene
@@ -170,7 +169,7 @@ def case_of(scene: dict, watched: tuple[float, float, float], contacts: int) -> 
     order = next(iter(meshes.values())).order
 
     def facets_of(name: str, group: str) -> np.ndarray:
-        return starts[name] + boundary_group(meshes[name], group, "mesh")
+        return starts[name] + meshes[name].facets(group).nodes
 
     clamped, load = [], np.zeros(points.shape)
     for body in scene["body"]:

@@ -226,7 +226,7 @@ def commands_page() -> str:
         lines += table(("argument", "meaning"), rows) if rows else []
     codes: dict[int, str] = {}
     for kind in vars(errors).values():
-        if isinstance(kind, type) and kind is not errors.DdmpiError:
+        if isinstance(kind, type) and issubclass(kind, errors.DdmpiError) and kind is not errors.DdmpiError:
             codes.setdefault(kind.exit_code, read_docstring(kind.__doc__)[0].split("\n\n")[0])
     lines += ["## Exit codes", "",
               *table(("code", "meaning"), [

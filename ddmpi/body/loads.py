@@ -12,7 +12,7 @@ import scipy.sparse as sparse
 
 from ddmpi.body.stress import Composite, blocks, cell_temperature, gradients, portions, thermal
 from ddmpi.errors import InputError
-from ddmpi.mesh.boundary import SHARPEST, boundary_group, group_nodes, outer_normals, turn_outward
+from ddmpi.mesh.boundary import SHARPEST, outer_normals
 from ddmpi.mesh.elements import FINE, RULES, circumference, curved_facets
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import BodySpec, Clamp, Material, Traction
@@ -52,8 +52,9 @@ def loads_by_group(mesh: Mesh, body: BodySpec, history: str | None = None) -> It
     for traction in body.traction:
         if traction.history == history:
             key = f"body.{body.name}.traction"
-            values_at(traction.given, mesh.points[boundary_group(mesh, traction.on, key)], key)
-            yield traction.on, _traction(mesh, traction, key)
+            facets = mesh.facets(traction.on).nodes
+            values_at(traction.given, mesh.points[facets], key)  # a formula must be finite at the nodes, too
+            yield traction.on, _traction(mesh, facets, traction, key)
     force, follows = body.weight
     if follows == history and force != (0.0,) * mesh.dimension:
         yield VOLUME, _volume_force(mesh, force, f"body.{body.name}.volume_force")
@@ -69,9 +70,9 @@ def resultants(mesh: Mesh, groups: Iterable[tuple[str, np.ndarray]]) -> dict[str
     return totals
 
 
-def _traction(mesh: Mesh, traction: Traction, key: str) -> np.ndarray:
-    """Nodal loads (nv, d) in newtons of a traction, a pressure or a force; by tables where these are exact."""
-    facets = turn_outward(mesh, boundary_group(mesh, traction.on, key), key)[0]
+def _traction(mesh: Mesh, facets: np.ndarray, traction: Traction, key: str) -> np.ndarray:
+    """Nodal loads (nv, d) in newtons of a traction, a pressure or a force on facets (k, l); by tables where these are
+    exact."""
     nodes, cell = mesh.points[facets], mesh.cell.facet
     points, weights = FINE[cell.dimension]
     exact = ~(curved_facets(nodes) | varies(traction.given) | mesh.axisymmetric)
@@ -130,12 +131,10 @@ def _volume_force(mesh: Mesh, force: Vector | AffineVector, key: str) -> np.ndar
 def springs(mesh: Mesh, body: BodySpec) -> Iterator[tuple[str, float, sparse.csr_matrix]]:
     """The foundations of a body: group, stiffness √k (N/m)^½, and rows Q (r, d nv) without units.
 
-    Under a displacement u the springs store ½ k |Q u|², and their forces are −k Qᵀ Q u. Not collective. Raises
-    InputError for inner facets.
+    Under a displacement u the springs store ½ k |Q u|², and their forces are −k Qᵀ Q u. Not collective.
     """
     for foundation in body.foundation:
-        key = f"body.{body.name}.foundation"
-        facets = turn_outward(mesh, boundary_group(mesh, foundation.on, key), key)[0]
+        facets = mesh.facets(foundation.on).nodes
         cell, d = mesh.cell.facet, mesh.dimension
         points, weights = FINE[cell.dimension]
         vectors = cell.vectors(mesh.points[facets], points)
@@ -254,7 +253,7 @@ def supports(mesh: Mesh, body: BodySpec) -> Supports:
 
 def _held(mesh: Mesh, clamp: Clamp, key: str) -> Iterator[tuple[str, Any, np.ndarray, np.ndarray]]:
     """The components of a clamp: name, value, nodes (k,), and unit vectors (k, d) at them."""
-    nodes = group_nodes(mesh, clamp.on, key)
+    nodes = mesh.nodes_of(clamp.on)
     for axis, value, unit in zip("xyz", clamp.components, np.eye(3), strict=True):
         if value is not None and unit[:mesh.dimension].any():
             yield axis, value, nodes, np.tile(unit[:mesh.dimension], (len(nodes), 1))
@@ -271,7 +270,7 @@ def _held(mesh: Mesh, clamp: Clamp, key: str) -> Iterator[tuple[str, Any, np.nda
 def refuse_underflow(mesh: Mesh, body: BodySpec, f: np.ndarray, prescribed: np.ndarray, stiffest: float) -> None:
     """Raise InputError for numbers too small to compute with: loads, nodal loads f (nv, d) in newtons, `prescribed`
     displacements (nv, d) in metres, or f over the `stiffest` entry (N/m). Not collective."""
-    groups = [(load.given, mesh.points[boundary_group(mesh, load.on, "").ravel()]) for load in body.traction]
+    groups = [(load.given, mesh.points[mesh.facets(load.on).nodes.ravel()]) for load in body.traction]
     values = [evaluate(value, *points.T) for value, points in [*groups, (body.weight[0], mesh.points)]]
     sizes = [float(np.abs(value).max()) for value in (*values, f, prescribed)]
     small = [size for size in (*sizes, float(np.abs(f).max() / stiffest)) if 0.0 < size < SMALLEST]

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from msgspec.structs import replace
 
-from ddmpi.mesh.boundary import material_numbers, turn_outward
+from ddmpi.mesh.boundary import material_numbers
 from ddmpi.mesh.elements import RULES, exact_rule, facet_measures, invert, normals
-from ddmpi.mesh.mesh import BLOCK, Mesh, tangents
+from ddmpi.mesh.mesh import BLOCK, Facets, Mesh, tangents
 from ddmpi.scene.bodies import BodySpec, Material
 
 STRAIGHT_BLOCK = 4 * BLOCK
@@ -58,14 +58,11 @@ def portions(mesh: Mesh, material: Material | Composite) -> list[tuple[slice | n
     return pieces
 
 
-def modulus_beside(mesh: Mesh, material: Material | Composite, facets: np.ndarray, key: str) -> float:
-    """Plane modulus (Pa) of the cells at boundary facets (k, l), along their normals: the harmonic mean by measures.
-
-    Raises InputError, naming `key`, for an inner facet. Not collective.
-    """
+def modulus_beside(mesh: Mesh, material: Material | Composite, boundary: Facets) -> float:
+    """Plane modulus (Pa) of the cells beside a `boundary`, along its normals: the harmonic mean by measures."""
     if isinstance(material, Material) and material.shear is None:
         return material.plane_modulus
-    facets, cells = turn_outward(mesh, facets, key)
+    facets, cells, _ = boundary
     across = normals(mesh.points[facets[:, :mesh.dimension]])
     across /= np.linalg.norm(across, axis=1)[:, None]
     kinds = material.materials if isinstance(material, Composite) else [material]

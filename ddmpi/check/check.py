@@ -25,13 +25,13 @@ from ddmpi.judge.forces import ROUNDING
 from ddmpi.judge.motions import MotionsOfBody, undetermined
 from ddmpi.judge.overlap import doubt_overlaps
 from ddmpi.judge.plausible import doubt_cells, edge_lengths
-from ddmpi.mesh.boundary import group_nodes
 from ddmpi.mesh.elements import CELLS
 from ddmpi.mesh.mesh import PHYSICAL, Mesh
 from ddmpi.results.folder import choose_folder
 from ddmpi.run.equilibrium import look_for_mechanism, motions_without_resistance
+from ddmpi.run.gather import DRAWERS
 from ddmpi.run.report import LISTED, describe_gap, describe_method, grouped, some
-from ddmpi.run.run import DRAWERS, prepare_scene
+from ddmpi.run.run import prepare_scene
 from ddmpi.scene.bodies import Clamp
 from ddmpi.scene.scene import Settled
 from ddmpi.scene.values import histories
@@ -119,7 +119,7 @@ def _look(body: Body) -> Looked:
     if member.kind != "iterative":
         memory = memory_of_factors(member.elasticity.A.size[0], mesh.dimension, dense) + dense * 8.0 * member.size**2
     return Looked(mesh, Boundary.of(mesh), [load[1:] for load in loads],
-                  [(how, group_nodes(mesh, on, "")) for how, on, _ in supports], memory, words, doubt)
+                  [(how, mesh.nodes_of(on)) for how, on, _ in supports], memory, words, doubt)
 
 
 def _prescribed(clamp: Clamp, d: int) -> str:

@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import math
+import operator
 import tempfile
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ddmpi.cli.report_markup import Cell, Column, Html, element, fill, noted, number, picture, table
+from ddmpi.cli.report_markup import Column, Html, element, fill, noted, number, picture, table
 from ddmpi.errors import InputError
 from ddmpi.mesh.elements import ORDERS
 from ddmpi.results.folder import FILES
 from ddmpi.results.histories import at_step
-from ddmpi.results.summary import RESIDUALS
+from ddmpi.results.summary import RESIDUALS, Row, count, largest
+from ddmpi.results.summary import SUMMARY as ROWS
 from ddmpi.results.tables import read_results, read_summary, reading
 from ddmpi.scene.method import METHODS
 from ddmpi.scene.reader import write_toml
@@ -38,18 +41,11 @@ PHASES = {"mesh": "making or reading the meshes", "assemble": "stiffness, pairin
           "factor": "factorization of the stiffness", "outer": "the iteration", "recover": "displacements, stresses",
           "estimate": "estimate of the error", "output": "files and pictures", "total": "all"}
 
-ENERGIES = {"external_work": "work of loads, clamps and rigid partners", "strain_energy": "strain energy",
-            "interface_work": "work of the contact forces", "dissipated": "of it dissipated by friction",
-            "lost": "of it taken by interference, closing gaps and time stepping"}
+RESULTANTS = ["force", "moment", "normal_force", "tangential_force"]
 
-Columns = dict[str, tuple[str, str]]
-"""Columns of a table by their heads: an entry of the summary, by its dotted name, and a quantity for its unit."""
+STATES = ["open", "slip", "stick", "dissipated"]
 
-STATES: Columns = {"open": ("open", ""), "slip": ("slip", ""), "stick": ("stick", ""),
-                   "dissipated": ("dissipated", "energy")}
-
-BETWEEN: Columns = {"overlap": ("pointwise_penetration", "length"), "moment left": ("moment_imbalance", "moment"),
-                    "at most": ("moment_imbalance_bound", "moment")}
+BETWEEN = ("pointwise_penetration", "moment_imbalance", "moment_imbalance_bound")
 """Of contacts whose nodes do not match."""
 
 
@@ -137,10 +133,6 @@ class RunReport:
         self.of_step = ("of the last load step" if last else f"at time {time:g}") if self.stepped else ""
         self.axes = "xyz"[:len(next(iter(self.bodies.values()))["reaction"])]
         self.units = units(self.scene, len(self.axes)) | {"": "", "%": "%"}
-        moment = self._vector("moment", "moment") if len(self.axes) > 2 else {"moment": ("moment", "moment")}
-        self.force = self._vector("force", "force") | moment
-        sums = {"normal": ("normal_force", "force"), "tangential": ("tangential_force", "force")}
-        self.resultants = self.force | sums
 
     def page(self) -> str:
         values = self._run() | self._work() | self._pictures() | self._steps() | self._numbers()
@@ -149,17 +141,27 @@ class RunReport:
         mechanism = json.loads((self.folder / MECHANISM).read_text(encoding="utf-8"))
         return fill(values | {"imbalance": number(mechanism["imbalance"], 2)}, {"numbers"})
 
-    def _vector(self, name: str, unit: str) -> Columns:
-        return {f"{name} {axis}": (f"{name}.{k}", unit) for k, axis in enumerate(self.axes)}
+    def _columns(self, table: str, keys: Iterable[str | Column], entries: Iterable[Any]) -> Iterator[Column]:
+        """The `keys` of `entries` as columns, by the rows that begin with `table`; of vectors one for each axis."""
+        entries = list(entries)
+        for key in keys:
+            if isinstance(key, Column):
+                yield key
+                continue
+            row = ROWS[table + key]
+            assert isinstance(row, Row)
+            values = [functools.reduce(operator.getitem, key.split("."), entry) for entry in entries]
+            if not any(isinstance(value, list | tuple) for value in values):
+                yield Column(row.words, values, self.units[row.quantity])
+                continue
+            for k, axis in enumerate(self.axes):
+                yield Column(f"{row.words} {axis}", [value and value[k] for value in values], self.units[row.quantity])
 
-    def _columns(self, columns: Columns, entries: Collection[dict]) -> list[Column]:
-        def value(entry: Any, name: str) -> Cell:
-            for key in name.split("."):
-                entry = entry[int(key) if key.isdigit() else key]
-            return entry
-
-        return [Column(head, [value(entry, name) for entry in entries], self.units[unit])
-                for head, (name, unit) in columns.items()]
+    def _table(self, of: str, caption: str, *keys: str | Column, entries: dict | None = None, **options) -> Html:
+        """A table with a line for each of the "bodies" or "contacts", or of `entries` in their place, by name."""
+        entries = self.summary[of] if entries is None else entries
+        return table(caption, Column({"bodies": "body", "contacts": "contact"}[of], list(entries)),
+                     *self._columns(f"{of}.NAME.", keys, entries.values()), **options)
 
     def _run(self) -> dict[str, Any]:
         """The verdict, warnings, provenance and scene, and the numbers of the summary by their names."""
@@ -213,20 +215,17 @@ class RunReport:
     def _numbers(self) -> dict[str, Any]:
         """The numbers that are looked at first."""
         contacts = self.contacts.values()
-        counts = [f"{sum(contact[status] for contact in contacts)} {status}" for status in ("open", "slip", "stick")]
-        found = {"m": sum(contact["m"] for contact in contacts), "nodes": ", ".join(counts), "of_step": self.of_step,
+        found = {"m": sum(contact["m"] for contact in contacts), "nodes": count(contacts), "of_step": self.of_step,
                  "depth": "depth" if len(self.axes) == 2 and not self.scene.get("axisymmetric") else "",
                  "estimate": number(self.error["energy_norm"], 2, "%"), "body_number": len(self.bodies),
                  "elements": ORDERS[self.summary["order"]]}
         if not {contact["friction"] for contact in contacts} <= {"none", "bonded"}:
             found["dissipated"] = number(sum(each["dissipated"] or 0.0 for each in contacts), unit=self.units["energy"])
-        for name, entries, key, unit in (("displacement", self.bodies, "displacement_max", "length"),
-                                         ("von_mises", self.bodies, "von_mises_max", "stress"),
-                                         ("pressure", self.contacts, "pressure_max", "stress")):
-            known = {of: entry[key] for of, entry in entries.items() if entry[key] is not None}
-            best = max(known, key=lambda of: known[of], default=None)
-            found[name] = number(known.get(best), unit=self.units[unit])
-            found[f"{name}_of"] = "not computed" if best is None else f"of {best}"
+        for name, entries, unit in (("displacement", self.bodies, "length"), ("von_mises", self.bodies, "stress"),
+                                    ("pressure", self.contacts, "stress")):
+            value, of = largest(entries, f"{name}_max")
+            found[name] = number(value, unit=self.units[unit])
+            found[f"{name}_of"] = "not computed" if value is None else f"of {of}"
         return found
 
     def _pictures(self) -> dict[str, Any]:
@@ -245,46 +244,45 @@ class RunReport:
         return {"pictures": found, "undrawn": "" if found else self.folder}
 
     def _contacts(self) -> dict[str, Any]:
-        names, asked = Column("contact", list(self.contacts)), {each["name"]: each for each in self.scene["contact"]}
-        unmatched = [name for name, contact in self.contacts.items() if contact["slave"]]
-        contacts = [contact if contact["slave"] else contact | dict.fromkeys(key for key, _ in BETWEEN.values())
-                    for contact in self.contacts.values()]
+        contacts, asked = self.contacts, {contact["name"]: contact for contact in self.scene["contact"]}
+        unmatched = [name for name, contact in contacts.items() if contact["slave"]]
+        # where nodes match there is nothing between them
+        entries = {name: contact if contact["slave"] else contact | dict.fromkeys(BETWEEN)
+                   for name, contact in contacts.items()}
+        pairing = [f"mortar, nodes of {contact['slave']}" if contact["slave"] else "node to node"
+                   for contact in contacts.values()]
         return {
-            "contacts": table(
-                "Force and moment on the first body, about the origin; normal forces are positive under pressure",
-                names, *self._columns(
-                    self.resultants | {"pressure, largest": ("pressure_max", "stress")} | STATES, contacts)),
-            "pairing": table(
-                "Pairing; directions are those of the first body", names,
-                Column("bodies", [", ".join(asked[name]["bodies"]) for name in self.contacts]),
-                Column("law", [_law(asked[name]) for name in self.contacts]),
-                Column("nodes", [contact["m"] for contact in contacts]),
-                Column("pairing", [f"mortar, nodes of {contact['slave']}" if contact["slave"] else "node to node"
-                                   for contact in contacts]),
-                *(self._columns(BETWEEN, contacts) if unmatched else []), digits=3, minor=True),
+            "contacts": self._table(
+                "contacts", "Force and moment on the first body, about the origin; normal forces are positive under "
+                "pressure", *RESULTANTS, "pressure_max", *STATES),
+            "pairing": self._table(
+                "contacts", "Pairing; directions are those of the first body",
+                Column("bodies", [", ".join(asked[name]["bodies"]) for name in contacts]),
+                Column("law", [_law(asked[name]) for name in contacts]), "m", Column("pairing", pairing),
+                *(BETWEEN if unmatched else ()), entries=entries, digits=3, minor=True),
             "unmatched": ", ".join(unmatched[:FEW]) + ", …" * (len(unmatched) > FEW)}
 
     def _bodies(self) -> dict[str, Any]:
-        supports = {each["name"]: [word for word in ("clamp", "foundation") if each.get(word)]
-                    for each in self.scene["body"]}
-        bodies = [body if supports[name] else body | {"reaction": (None,) * len(self.axes)}
-                  for name, body in self.bodies.items()]
-        columns = {"unknowns": ("n", ""), "displacement": ("displacement_max", "length"),
-                   "von Mises": ("von_mises_max", "stress")} | self._vector("reaction", "force") | {
-                       "strain energy": ("energy", "energy")}
-        return {"bodies": table(
-            "Largest displacement and stress; the reaction of clamps and foundations, where there are any",
-            Column("body", list(self.bodies)), *self._columns(columns, bodies),
-            Column("held by", [" and ".join([f"{word}s" for word in supports[name]] + ["contacts"] * (not body["held"]))
-                               for name, body in self.bodies.items()])),
-            "groups": self._groups()}
+        supports = {body["name"]: [f"{word}s" for word in ("clamp", "foundation") if body.get(word)]
+                    for body in self.scene["body"]}
+        entries = {name: body if supports[name] else body | {"reaction": [None] * len(self.axes)}
+                   for name, body in self.bodies.items()}
+        supported = [" and ".join(supports[name] + ["contacts"] * (not body["held"]))
+                     for name, body in self.bodies.items()]
+        return {"groups": self._groups(), "bodies": self._table(
+            "bodies", "Largest displacement and stress; the reaction of clamps and foundations, where there are any",
+            "n", "displacement_max", "von_mises_max", "reaction", "energy", Column("supported by", supported),
+            entries=entries)}
 
     def _groups(self) -> Html | str:
         rows = [(name, group, by, forces) for name, body in self.bodies.items() for by in ("loads", "reactions")
                 for group, forces in body.get(by, {}).items()]
-        return table("What loads and supports do to bodies, by group; moments are about the origin", *(
-            Column(head, [row[k] for row in rows]) for k, head in enumerate(("body", "group", "of"))),
-            *self._columns(self.force, [forces for *_, forces in rows])) if rows else ""
+        if not rows:
+            return ""
+        *names, forces = zip(*rows, strict=True)
+        return table("What loads and supports do to bodies, by group; moments are about the origin",
+                     *(Column(head, column) for head, column in zip(("body", "group", "of"), names, strict=True)),
+                     *self._columns("bodies.NAME.loads.GROUP.", ("force", "moment"), forces))
 
     def _steps(self) -> dict[str, Any]:
         """The load steps, condensed where there are many, and the balance of energy."""
@@ -297,21 +295,22 @@ class RunReport:
             steps = [steps[k] for k in evenly]
         if len(self.contacts) <= FEW:
             rows = [(step, name, contact) for step in steps for name, contact in step["contacts"].items()]
-            caption, columns = "Forces on the first body", self.resultants | STATES
+            caption, keys = "Forces on the first body", RESULTANTS + STATES
         else:
             rows = [(step, "all", {key: sum(contact[key] or 0 for contact in step["contacts"].values())
-                                   for key, _ in STATES.values()}) for step in steps]
-            caption, columns = "Nodes of all contacts", STATES
+                                   for key in STATES}) for step in steps]
+            caption, keys = "Nodes of all contacts", STATES
         several = [Column("contact", [name for _, name, _ in rows])] if 1 < len(self.contacts) <= FEW else []
         caption += f"; {len(steps)} of {len(every)} steps, steps.csv has all" * (len(steps) < len(every))
         found = {"step_number": f"{len(every)} load steps to time {every[-1]['time']:g}.", "steps": table(
             caption, Column("time", [f"{step['time']:g}" for step, *_ in rows]),
             Column("iterations", [step["outer_iterations"] for step, *_ in rows]), *several,
-            *self._columns(columns, [contact for *_, contact in rows]))}
+            *self._columns("contacts.NAME.", keys, [contact for *_, contact in rows]))}
         if energy := self.summary.get("energy"):
+            told = {key: row.words for key in energy if isinstance(row := ROWS[f"energy.{key}"], Row)}
             found |= {"energy": table(
-                "Energy since time 0: the first is the sum of the next two", Column("what", list(ENERGIES.values())),
-                Column("energy", [energy[key] for key in ENERGIES], self.units["energy"])),
+                "Energy since time 0: the first is the sum of the next two", Column("what", list(told.values())),
+                Column("energy", [energy[key] for key in told], self.units["energy"])),
                 "imbalance_of_energy": number(energy["residual"], 2)}
         return found
 
@@ -321,7 +320,7 @@ class RunReport:
         worst = [_worst({name: each["certificate"].get(kind, 0.0) for name, each in parts}) for kind in kinds]
         verdicts = [element("span", "fails", kind="fails") if self._fails(value) else "holds"
                     for value in kinds.values()]
-        of_contacts = {_words(kind): (f"certificate.{kind}", "") for kind in kinds if kind != "equilibrium"}
+        of_contacts = [f"certificate.{kind}" for kind in kinds if kind != "equilibrium"]
         return {
             "limit": f"{self.summary['certificate_limit']:.2g}",
             "residuals": table(
@@ -329,26 +328,22 @@ class RunReport:
                 Column("residual", [_words(kind) for kind in kinds]), Column("value", list(kinds.values())),
                 Column("verdict", verdicts), Column("worst of", worst),
                 Column("what it is", [element("div", RESIDUALS[kind], kind="words") for kind in kinds]), digits=2),
-            "residuals_of_contacts": table(
-                "By contact", Column("contact", list(self.contacts)),
-                *self._columns(of_contacts, self.contacts.values()), digits=2, minor=True)
+            "residuals_of_contacts": self._table("contacts", "By contact", *of_contacts, digits=2, minor=True)
             if len(self.contacts) > 1 else "",
-            "residuals_of_bodies": table(
-                "By body, with its part of the estimated discretization error", Column("body", list(self.bodies)),
-                *self._columns({"equilibrium": ("certificate.equilibrium", ""),
-                                "estimated error": ("discretization_error", "%")}, self.bodies.values()),
-                digits=2, minor=True)}
+            "residuals_of_bodies": self._table(
+                "bodies", "By body, with its part of the estimated discretization error", "certificate.equilibrium",
+                "discretization_error", digits=2, minor=True)}
 
     def _error(self) -> dict[str, Any]:
         estimate, target, levels = self.error["energy_norm"], self.error.get("target"), self.error.get("levels") or []
         if estimate is None:
             return {"no_estimate": self.of_step if self.of_step.startswith("at") else "for this run"}
-        return {"error": number(estimate, 2, "%"),
-                "target": f"; {number(target, 2, '%')} was asked for" if target else "",
-                "meshes": table(
-                    "The meshes on the way", Column("mesh", [f"{k}" for k in range(1, len(levels) + 1)]),
-                    *self._columns({"refinement": ("refinement", ""), "unknowns": ("n", ""),
-                                    "estimated error": ("error", "%")}, levels), digits=2) if len(levels) > 1 else ""}
+        meshes = table("The meshes on the way", Column("mesh", [f"{k}" for k in range(1, len(levels) + 1)]),
+                       *(Column(head, [level[key] for level in levels], unit) for head, key, unit in (
+                           ("refinement", "refinement", ""), ("unknowns", "n", ""), ("estimated error", "error", "%"))),
+                       digits=2)
+        return {"error": number(estimate, 2, "%"), "meshes": meshes if len(levels) > 1 else "",
+                "target": f"; {number(target, 2, '%')} was asked for" if target else ""}
 
     def _work(self) -> dict[str, Any]:
         summary, seconds, bodies = self.summary, self.summary["seconds"], self.bodies.values()
@@ -360,11 +355,9 @@ class RunReport:
             "times": table("Time of the slowest rank", Column("phase", list(seconds)),
                            Column("time", list(seconds.values()), "s", decimals=2),
                            Column("what it is", [PHASES.get(name, "") for name in seconds])) if seconds else "",
-            "work_of_bodies": table(
-                "By body", Column("body", list(self.bodies)),
-                Column("ranks", [_ranks(body["ranks"]) for body in bodies]), *self._columns(
-                    {"solves": ("n_A", ""), "solver": ("solver", ""), "compliance": ("compliance", "")}, bodies),
-                Column("memory", [round(body["memory_mib"]) for body in bodies], "MiB"), minor=True)}
+            "work_of_bodies": self._table(
+                "bodies", "By body", Column("ranks", [_ranks(body["ranks"]) for body in bodies]), "n_A", "solver",
+                "compliance", Column("memory", [round(body["memory_mib"]) for body in bodies], "MiB"), minor=True)}
 
 
 def _words(kind: str) -> str:

@@ -21,12 +21,11 @@ from ddmpi.coupling.member import Member
 from ddmpi.coupling.ranks import homes_of, ranks_beside, team_of
 from ddmpi.coupling.space import Space
 from ddmpi.coupling.team import TeamMatrix
-from ddmpi.errors import InputError
+from ddmpi.errors import InputError, naming
 from ddmpi.interface.interface import Interface, Mover, check_overlap, refuse_contradiction
 from ddmpi.interface.matching import face_rigid
 from ddmpi.interface.mortar import connect
 from ddmpi.interface.rows import holds_along, uncovered_profile
-from ddmpi.mesh.boundary import boundary_group
 from ddmpi.mesh.build import build_mesh
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import Sizes
@@ -142,7 +141,6 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
     exchange = Exchange(world, [Ends(contact.name, homes[contact.bodies[0]],
                                      homes.get(contact.bodies[1], homes[contact.bodies[0]])) for contact in contacts])
     meshes: dict[str, Mesh] = {}
-    edges: dict[tuple[str, int], np.ndarray] = {}
     bodies: dict[str, Elasticity] = {}
     sides: dict[tuple[str, int], Side] = {}
     with clock.phase("mesh"), agreed(world):
@@ -151,7 +149,8 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
             meshes[spec.name] = build_mesh(spec, folder, [contact.on[side] for contact, side in touching],
                                            sizes.get(spec.name), scene.dimension, scene.axisymmetric)
             for contact, side in touching:
-                edges[contact.name, side] = boundary_group(meshes[spec.name], contact.on[side], _key(contact))
+                with naming(f"contact.{contact.name}.on"):
+                    meshes[spec.name].facets(contact.on[side])
             interrupt.check()
     with clock.phase("assemble"):
         with agreed(world):
@@ -163,10 +162,10 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
                 touching = at_body[spec.name]
                 for contact, side in touching:
                     others = [(other, which) for other, which in touching if other is not contact]
-                    links, key = edges[contact.name, side], _key(contact)
+                    boundary = mesh.facets(contact.on[side])
                     sides[contact.name, side] = contact_side(
-                        mesh, links, elasticity.supports, spec.name, modulus_beside(mesh, material, links, key), key,
-                        _tied(others, edges, elasticity.supports.free, contact.on[side]),
+                        mesh, boundary, elasticity.supports, spec.name, modulus_beside(mesh, material, boundary),
+                        _tied(mesh, others, elasticity.supports.free, contact.on[side]),
                         any(contact.on[side] == other.on[which] for other, which in others))
                 interrupt.check()
         # Sides are small. The ranks of both bodies get both of them and compute the same interface, bit for bit.
@@ -259,18 +258,13 @@ def _doubts(scene: Settled, by_body: Mapping[str, list[str]], by_contact: Mappin
             *(warning for contact in scene.contact for warning in by_contact.get(contact.name, ()))]
 
 
-def _key(contact: SettledContact) -> str:
-    return f"contact.{contact.name}.on"
-
-
-def _tied(others: Sequence[tuple[SettledContact, int]], edges: Mapping[tuple[str, int], np.ndarray],
-          free: np.ndarray, group: str) -> np.ndarray:
+def _tied(mesh: Mesh, others: Sequence[tuple[SettledContact, int]], free: np.ndarray, group: str) -> np.ndarray:
     """Nodes (nv,) bool of a body that are clamped in all components or lie on one of its `others` contacts, given with
     the side, that carries tangential forces; in space only if that has another `group`."""
     tied = ~free.any(axis=(1, 2))
     for contact, side in others:
         if holds_along(contact) and (free.shape[1] == 2 or contact.on[side] != group):
-            tied[edges[contact.name, side]] = True
+            tied[mesh.facets(contact.on[side]).nodes] = True
     return tied
 
 

@@ -11,6 +11,7 @@ h_new = κ h_e η_e^(−1/(p+1)). In space the exponent is −2/(2p+3).
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
@@ -22,6 +23,8 @@ from msgspec.structs import replace
 from ddmpi.mesh.mesh import Mesh, signed_measures
 from ddmpi.mesh.refine import Sizes, graded
 from ddmpi.scene.scene import Settled
+
+log = logging.getLogger("ddmpi")
 
 FIRST_RATE = 0.75
 """Rate of convergence expected until two meshes have shown theirs: corners of clamps and ends of contacts hold
@@ -211,6 +214,8 @@ class MeshLadder:
         following = None if given else self._next(demands or {})
         if following:
             self.refinement = following
+            log.info("estimated discretization error %.2g, at most %.2g is asked for: going on with %s", error,
+                     self.goal, self.meshes)
             return following
         reason = (f"the mesh of {' and of '.join(given)} is given: allow finer ones by mesh.refine = \"as needed\""
                   if given else
@@ -233,8 +238,10 @@ class MeshLadder:
         """
         if not self.levels or self.missed or self.levels[-1].refinement == self.refinement:
             return False
-        reason = f"{self.meshes} have no certified answer: {reason}"
-        self.missed, self.sizes, self.refinement = self._miss(reason), self._former, self.levels[-1].refinement
+        failed = self.meshes
+        self.missed = self._miss(f"{failed} have no certified answer: {reason}")
+        self.sizes, self.refinement = self._former, self.levels[-1].refinement
+        log.info("no certified answer on %s (%s): back to %s", failed, reason, self.meshes)
         return True
 
     def _miss(self, reason: str) -> str:

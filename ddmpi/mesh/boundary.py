@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ddmpi.errors import InputError
+from ddmpi.errors import InputError, naming
 from ddmpi.mesh.elements import CELLS, cell_with, normals
 from ddmpi.mesh.mesh import PHYSICAL, Mesh, boundary_facets
 from ddmpi.mesh.refine import KINDS, distinct, middle_nodes, simplices
@@ -17,40 +17,6 @@ from ddmpi.system.numbers import across, in_words
 
 SHARPEST = np.deg2rad(40.0)
 """Where a boundary turns by more than this from one facet to the next, it has a corner; else it may be a curve."""
-
-
-def boundary_group(mesh: Mesh, name: str, key: str) -> np.ndarray:
-    """Facets (k, l) of the group `name`. Raises InputError, naming `key`, if the mesh has no such group."""
-    d, of = mesh.dimension, ", ".join(sorted(mesh.groups))
-    if name not in mesh.groups:
-        for what, names in zip(PHYSICAL, (mesh.vertices, mesh.curves), strict=False):
-            if name in names:
-                raise InputError(f"{key}: {name!r} is a {what} of the mesh, which only a clamp may name; where a force "
-                                 "acts on it, the displacement has no limit as the mesh gets finer")
-        if name in mesh.surfaces:
-            raise InputError(f"{key}: {name!r} is a {PHYSICAL[d]} of the mesh, not a boundary group; these are {of} "
-                             f"(a boundary needs a name that no {PHYSICAL[d]} has)")
-        raise InputError(f"{key}: the mesh has no boundary group {name!r}{nearest(name, list(mesh.groups))} (it has "
-                         f"{of})")
-    if len(mesh.groups[name]) == 0:
-        raise InputError(f"{key}: the boundary group {name!r} of the mesh has a name, but no {mesh.cell.facet.names}")
-    return mesh.groups[name]
-
-
-def group_nodes(mesh: Mesh, name: str, key: str) -> np.ndarray:
-    """Nodes (k,) of the boundary group, physical curve or point `name`, or of a set of nodes, which may be of all three
-    kinds. Raises InputError, naming `key`, if it is none, or has nodes that the elements have not."""
-    kinds = (PHYSICAL[1], mesh.curves), (PHYSICAL[0], mesh.vertices)
-    found = [(what, names[name].ravel()) for what, names in kinds if name in names]
-    if not found or name in mesh.groups:
-        found.append(("", boundary_group(mesh, name, key).ravel()))
-    nodes = np.unique(np.concatenate([each for _, each in found]))
-    if len(nodes) == 0:
-        raise InputError(f"{key}: the {found[0][0]} {name!r} of the mesh is at none of its {mesh.cell.names}")
-    if nodes[0] < 0:
-        raise InputError(f"{key}: {name!r} has nodes in the middle of edges, which linear elements do not have; give "
-                         "the mesh order = 2")
-    return nodes
 
 
 def material_numbers(mesh: Mesh, body: BodySpec) -> np.ndarray:
@@ -84,25 +50,6 @@ def _place(mesh: Mesh, triangle: int) -> str:
     return f"the {mesh.cell.name} at {in_words(mesh.points[mesh.corners[triangle]].mean(axis=0))}"
 
 
-def turn_outward(mesh: Mesh, facets: np.ndarray, key: str) -> tuple[np.ndarray, np.ndarray]:
-    """The facets (k, l), turned outward, and the cell (k,) of each. In the plane the body lies to their left, in space
-    they are counter-clockwise from outside. Raises InputError, naming `key`, for an inner one.
-    """
-    d, marked, (outer, owners) = mesh.dimension, np.zeros(len(mesh.points), dtype=bool), mesh.boundary
-    marked[facets] = True
-    near = marked[outer].all(axis=1)
-    outer, owners = outer[near], owners[near]
-    _, number = np.unique(np.sort(np.concatenate([outer[:, :d], facets[:, :d]])), axis=0, return_inverse=True)
-    place = np.full(len(number), -1)
-    place[number.ravel()[:len(outer)]] = np.arange(len(outer))
-    found = place[number.ravel()[len(outer):]]
-    if (found < 0).any():
-        at = in_words(mesh.points[facets[found < 0][0, :d]].mean(axis=0))
-        raise InputError(f"{key}: the group has {mesh.cell.facet.names} that are not on the body's boundary, as at "
-                         f"{at}")
-    return outer[found], owners[found]
-
-
 def segments(edges: np.ndarray) -> np.ndarray:
     """Pairs (·, 2) of neighbouring nodes on edges (k, 2 or 3), in the edges' direction."""
     return cell_with(edges.shape[1], 1).split(edges)
@@ -124,8 +71,8 @@ def outer_normals(mesh: Mesh, name: str, key: str) -> tuple[np.ndarray, np.ndarr
     a sphere (Max, J. Graphics Tools 4, 1999). Raises InputError, naming `key`, at a corner inside the group.
     """
     d = mesh.dimension
-    facets = turn_outward(mesh, boundary_group(mesh, name, key), key)[0]
-    corners = facets[:, mesh.cell.facet.parts].reshape(-1, d)
+    with naming(key):
+        corners = mesh.facets(name).nodes[:, mesh.cell.facet.parts].reshape(-1, d)
     points = mesh.points[corners]
     outward = normals(points)
     found = creases(mesh.points, corners, outward)

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ddmpi.errors import InputError
-from ddmpi.mesh.boundary import boundary_group, group_nodes, material_numbers
+from ddmpi.errors import InputError, naming
+from ddmpi.mesh.boundary import material_numbers
 from ddmpi.mesh.elements import NAMES
 from ddmpi.mesh.mesh import MEASURE, Mesh, refuse_folded, signed_measures
 from ddmpi.mesh.refine import Sizes, halve, raise_order
@@ -32,7 +32,7 @@ ROUNDING = 1e-12
 
 def build_mesh(body: BodySpec, folder: Path = Path("."), contacts: Collection[str] = (),
                sizes: Sizes | None = None, dimension: int | None = None, axisymmetric: bool = False) -> Mesh:
-    """Generate or read the mesh of `body` and check that it has the groups that the body names.
+    """Generate or read the mesh of `body`, and resolve the groups on which something acts.
 
     >>> from ddmpi.scene.reader import read_scene_file
     >>> mesh = build_mesh(read_scene_file("configs/pinched_blocks.toml").body[0])
@@ -74,10 +74,13 @@ def build_mesh(body: BodySpec, folder: Path = Path("."), contacts: Collection[st
     mesh = raise_order(mesh, key, spec.order or 1)
     refuse_folded(mesh, key)
     material_numbers(mesh, body)
+    if axisymmetric:
+        mesh = _turned(mesh, key, [*contacts, *(acting.on for name, acting in body.acting if name != "clamp")])
     for name, acting in body.acting:
-        (group_nodes if name == "clamp" else boundary_group)(mesh, acting.on, f"body.{body.name}.{name}")
-    acted = [*contacts, *(acting.on for name, acting in body.acting if name != "clamp")]
-    return _turned(mesh, key, acted) if axisymmetric else mesh
+        with naming(f"body.{body.name}.{name}"):
+            # a clamp holds nodes, of points and curves as well; all else acts on facets
+            mesh.nodes_of(acting.on) if name == "clamp" else mesh.facets(acting.on)
+    return mesh
 
 
 def _turned(mesh: Mesh, key: str, acted: Collection[str]) -> Mesh:

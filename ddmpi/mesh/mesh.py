@@ -10,11 +10,13 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import combinations
 from math import factorial
+from typing import NamedTuple
 
 import numpy as np
 
 from ddmpi.errors import InputError
 from ddmpi.mesh.elements import FACETS, RULES, Cell, Mapped, cell_with, cross
+from ddmpi.scene.keys import nearest
 from ddmpi.system.numbers import in_words
 
 MEASURE = {2: "area", 3: "volume"}
@@ -25,6 +27,22 @@ PHYSICAL = ("physical point", "physical curve", "physical surface", "physical vo
 
 BLOCK = 2048
 """Number of curved cells per block of work, so that their data stay in the processor's cache."""
+
+
+class Facets(NamedTuple):
+    """A part of a body's boundary, such as a group.
+
+    Attributes
+    ----------
+    nodes : (k, l) of the facets, turned outward: in the plane the body lies to their left, in space they are
+        counter-clockwise from outside
+    cells : (k,) the cell of each
+    starts : (k,) the node that each began with before it was turned
+    """
+
+    nodes: np.ndarray
+    cells: np.ndarray
+    starts: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -95,6 +113,48 @@ class Mesh:
         """`boundary_facets` of all cells."""
         return boundary_facets(self.triangles, self.dimension)
 
+    @cached_property
+    def _resolved(self) -> dict[str, Facets]:
+        return {}
+
+    def facets(self, name: str) -> Facets:
+        """The boundary group `name`, resolved at the first call. Raises InputError where there is no such group, where
+        it has no facets, or inner ones."""
+        if name not in self._resolved:
+            self._resolved[name] = turn_outward(self, self._group(name))
+        return self._resolved[name]
+
+    def _group(self, name: str) -> np.ndarray:
+        """The facets (k, l) of a boundary group as the mesh has them. Raises InputError."""
+        d, of = self.dimension, ", ".join(sorted(self.groups))
+        if name not in self.groups:
+            for what, names in zip(PHYSICAL, (self.vertices, self.curves), strict=False):
+                if name in names:
+                    raise InputError(f"{name!r} is a {what} of the mesh, which only a clamp may name; where a force "
+                                     "acts on it, the displacement has no limit as the mesh gets finer")
+            if name in self.surfaces:
+                raise InputError(f"{name!r} is a {PHYSICAL[d]} of the mesh, not a boundary group; these are {of} "
+                                 f"(a boundary needs a name that no {PHYSICAL[d]} has)")
+            raise InputError(f"the mesh has no boundary group {name!r}{nearest(name, list(self.groups))} (it has {of})")
+        if len(self.groups[name]) == 0:
+            raise InputError(f"the boundary group {name!r} of the mesh has a name, but no {self.cell.facet.names}")
+        return self.groups[name]
+
+    def nodes_of(self, name: str) -> np.ndarray:
+        """Nodes (k,) of the boundary group, physical curve or point `name`, or of a set of nodes, which may be of all
+        three kinds. Raises InputError where it is none, or has nodes that the elements have not."""
+        kinds = (PHYSICAL[1], self.curves), (PHYSICAL[0], self.vertices)
+        found = [(what, names[name].ravel()) for what, names in kinds if name in names]
+        if not found or name in self.groups:
+            found.append(("", self._group(name).ravel()))
+        nodes = np.unique(np.concatenate([members for _, members in found]))
+        if len(nodes) == 0:
+            raise InputError(f"the {found[0][0]} {name!r} of the mesh is at none of its {self.cell.names}")
+        if nodes[0] < 0:
+            raise InputError(f"{name!r} has nodes in the middle of edges, which linear elements do not have; give the "
+                             "mesh order = 2")
+        return nodes
+
     @property
     def summed(self) -> np.ndarray:
         """(nc,) the cells whose integrals need quadrature: curved ones, around an axis all."""
@@ -142,6 +202,23 @@ def boundary_facets(cells: np.ndarray, dimension: int | None = None) -> tuple[np
     new = (np.diff(corners[:, order], prepend=-1, append=-1) != 0).any(axis=0)
     alone = np.sort(order[new[:-1] & new[1:]])
     return facets[alone], alone // len(cell.facets)
+
+
+def turn_outward(mesh: Mesh, facets: np.ndarray) -> Facets:
+    """Facets (k, l) on the boundary of a mesh. Raises InputError for inner ones."""
+    d, marked, (outer, owners) = mesh.dimension, np.zeros(len(mesh.points), dtype=bool), mesh.boundary
+    marked[facets] = True
+    near = marked[outer].all(axis=1)
+    outer, owners = outer[near], owners[near]
+    # a facet is found on the boundary by the set of its corners, whatever their order
+    _, number = np.unique(np.sort(np.concatenate([outer[:, :d], facets[:, :d]])), axis=0, return_inverse=True)
+    place = np.full(len(number), -1)
+    place[number.ravel()[:len(outer)]] = np.arange(len(outer))
+    at = place[number.ravel()[len(outer):]]
+    if (at < 0).any():
+        inner = in_words(mesh.points[facets[at < 0][0, :d]].mean(axis=0))
+        raise InputError(f"the group has {mesh.cell.facet.names} that are not on the body's boundary, as at {inner}")
+    return Facets(outer[at], owners[at], facets[:, 0])
 
 
 def signed_measures(points: np.ndarray, corners: np.ndarray) -> np.ndarray:

@@ -13,10 +13,32 @@ import numpy as np
 from ddmpi.interface.state import ContactTotals
 from ddmpi.judge.certificate import Certificate, ContactResiduals
 from ddmpi.judge.equilibrium import Mechanism, describe
-from ddmpi.results.tables import FORMAT
+from ddmpi.results.tables import FORMAT, STATUS
 from ddmpi.scene.contacts import Rigid
 from ddmpi.scene.scene import units
 from ddmpi.system.files import MECHANISM, writing
+
+PRECISION = 1e-8
+"""Components of a force below this part of it are told as zero: rounding, and what iterations leave."""
+
+
+class Row(str):
+    """The meaning of an entry that the log and the report tell as well.
+
+    Attributes
+    ----------
+    words : that they have for it
+    quantity : that it is an amount of, for its unit: a key of `units`, or "%"; empty for counts and names
+    """
+
+    words: str
+    quantity: str
+
+    def __new__(cls, words: str, quantity: str = "", meaning: str | None = None) -> Row:
+        row = super().__new__(cls, words if meaning is None else meaning)
+        row.words, row.quantity = words, quantity
+        return row
+
 
 RESIDUALS = {
     "force_mismatch": "how far the contact forces of the two bodies are from cancelling, over the forces",
@@ -42,81 +64,91 @@ SUMMARY = {
     "inner_iterations": "of GMRES, or of the QPs of the published iteration",
     "n_A": "multiplications by A⁻¹ of all bodies",
     "eff": "n_A / (2 m)",
-    "bodies.NAME.n": "its unknowns",
+    "bodies.NAME.n": Row("unknowns", "", "its unknowns"),
     "bodies.NAME.ranks": "that it lives on",
-    "bodies.NAME.n_A": "multiplications by A⁻¹",
+    "bodies.NAME.n_A": Row("solves", "", "multiplications by A⁻¹"),
     "bodies.NAME.held": "whether its clamps and foundations alone prevent every rigid motion",
-    "bodies.NAME.displacement_max": "largest displacement",
-    "bodies.NAME.von_mises_max": "largest von Mises stress; null if stresses were not asked for",
-    "bodies.NAME.energy": "strain energy, without that of foundations",
-    "bodies.NAME.reaction": "[x, y], in space [x, y, z]: resultant of the forces of its clamps and "
-                           "foundations; around an axis, as all forces, [radial sum, axial force] of the whole "
-                           "circumference",
-    "bodies.NAME.loads.GROUP.force": "[x, y], in space [x, y, z]: resultant of the tractions on a boundary group; that "
-                                     "of the volume force is under the name volume_force",
-    "bodies.NAME.loads.GROUP.moment": "x F_y − y F_x of the same forces, in space [x, y, z], about the origin",
-    "bodies.NAME.reactions.GROUP.force": "resultant of the forces of clamps and foundations on a group. "
-                                         "Where groups share nodes, the force on a node is split along the "
-                                         "directions that clamps hold; each counts for one clamp, the last one in the "
-                                         "scene that holds it; all reactions together are reaction",
+    "bodies.NAME.displacement_max": Row("largest displacement", "length"),
+    "bodies.NAME.von_mises_max": Row("von Mises stress", "stress", "largest von Mises stress; null if stresses were "
+        "not asked for"),
+    "bodies.NAME.energy": Row("strain energy", "energy", "strain energy, without that of foundations"),
+    "bodies.NAME.reaction": Row("reaction", "force", "[x, y], in space [x, y, z]: resultant of the forces of its "
+        "clamps and foundations; around an axis, as all forces, [radial sum, axial force] of the whole circumference"),
+    "bodies.NAME.loads.GROUP.force": Row("force", "force", "[x, y], in space [x, y, z]: resultant of the tractions on "
+        "a boundary group; that of the volume force is under the name volume_force"),
+    "bodies.NAME.loads.GROUP.moment": Row("moment", "moment", "x F_y − y F_x of the same forces, in space [x, y, z], "
+        "about the origin"),
+    "bodies.NAME.reactions.GROUP.force": "resultant of the forces of clamps and foundations on a group. Where groups "
+        "share nodes, the force on a node is split along the directions that clamps hold; each counts for one clamp, "
+        "the last one in the scene that holds it; all reactions together are reaction",
     "bodies.NAME.reactions.GROUP.moment": "of the same forces about the origin",
-    "bodies.NAME.discretization_error": "its part of the estimated error, relative to the energy norm of all bodies",
+    "bodies.NAME.discretization_error": Row("estimated error", "%", "its part of the estimated error, relative to the "
+        "energy norm of all bodies"),
     "bodies.NAME.n_A_by_purpose": "n_A in parts",
     "bodies.NAME.inner_steps": "steps of inner solvers, by kind",
-    "bodies.NAME.solver": "how A is solved with",
-    "bodies.NAME.compliance": "how C = B A⁻¹ Bᵀ is applied: explicit, direct or iterative",
+    "bodies.NAME.solver": Row("solver", "", "how A is solved with"),
+    "bodies.NAME.compliance": Row("compliance", "", "how C = B A⁻¹ Bᵀ is applied: explicit, direct or iterative"),
     "bodies.NAME.memory_mib": "the most memory that its ranks have held, MiB",
-    "bodies.NAME.certificate.equilibrium": RESIDUALS["equilibrium"],
-    "contacts.NAME.m": "its nodes",
+    "bodies.NAME.certificate.equilibrium": Row("equilibrium", "", RESIDUALS["equilibrium"]),
+    "contacts.NAME.m": Row("nodes", "", "its nodes"),
     "contacts.NAME.pairing": "nodes or mortar",
     "contacts.NAME.slave": "the body whose nodes carry the forces; null with pairing by nodes",
     "contacts.NAME.friction": "its law",
-    "contacts.NAME.force": "[x, y], in space [x, y, z]: resultant on the first body, −Σ (normal_force · n + "
-                           "tangential_force · t)",
-    "contacts.NAME.moment": "x F_y − y F_x of the same forces, in space [x, y, z], about the origin, on the first "
-                            "body's nodes. That of the lines of contact_NAME.csv is the same; where the second body "
-                            "is the slave it differs by moment_imbalance. Around an axis all moments are 0",
-    "contacts.NAME.normal_force": "sum over the nodes",
-    "contacts.NAME.tangential_force": "sum over the nodes; in space the length of the sum of their vectors",
-    "contacts.NAME.open": "number of open nodes",
-    "contacts.NAME.slip": "number of slipping nodes",
-    "contacts.NAME.stick": "number of sticking nodes",
-    "contacts.NAME.dissipated": "frictional work of all load steps",
-    "contacts.NAME.pressure_max": "largest normal stress of a node",
-    **{f"contacts.NAME.certificate.{kind}": RESIDUALS[kind] for kind in ContactResiduals._fields},
-    "contacts.NAME.pointwise_penetration": "largest overlap at any point, also between the nodes; warned of",
-    "contacts.NAME.moment_imbalance": "where nodes do not match: by how much the moments of the two bodies' forces "
-                                      "differ, because they act on nodes that stand apart; without a limit",
-    "contacts.NAME.moment_imbalance_bound": "the bound on it",
-    "rigid.NAME.displacement": "[x, y], in space [x, y, z]: of a rigid partner that bodies may touch",
-    "rigid.NAME.force": "resultant of the bodies' forces on it; where it is pushed, against the force that pushes it",
+    "contacts.NAME.force": Row("force", "force", "[x, y], in space [x, y, z]: resultant on the first body, −Σ "
+        "(normal_force · n + tangential_force · t)"),
+    "contacts.NAME.moment": Row("moment", "moment", "x F_y − y F_x of the same forces, in space [x, y, z], about the "
+        "origin, on the first body's nodes. That of the lines of contact_NAME.csv is the same; where the second body "
+        "is the slave it differs by moment_imbalance. Around an axis all moments are 0"),
+    "contacts.NAME.normal_force": Row("normal force", "force", "sum over the nodes"),
+    "contacts.NAME.tangential_force": Row("tangential force", "force", "sum over the nodes; in space the length of the "
+        "sum of their vectors"),
+    "contacts.NAME.open": Row("open", "", "number of open nodes"),
+    "contacts.NAME.slip": Row("slip", "", "number of slipping nodes"),
+    "contacts.NAME.stick": Row("stick", "", "number of sticking nodes"),
+    "contacts.NAME.dissipated": Row("dissipated", "energy", "frictional work of all load steps"),
+    "contacts.NAME.pressure_max": Row("largest pressure", "stress", "largest normal stress of a node"),
+    **{f"contacts.NAME.certificate.{kind}": Row(kind.replace("_", " "), "", RESIDUALS[kind])
+       for kind in ContactResiduals._fields},
+    "contacts.NAME.pointwise_penetration": Row("penetration between nodes up to", "length", "largest overlap at any "
+        "point, also between the nodes; warned of"),
+    "contacts.NAME.moment_imbalance": Row("moment imbalance", "moment", "where nodes do not match: by how much the "
+        "moments of the two bodies' forces differ, because they act on nodes that stand apart; without a limit"),
+    "contacts.NAME.moment_imbalance_bound": Row("bound", "moment", "the bound on it"),
+    "rigid.NAME.displacement": Row("displacement", "length", "[x, y], in space [x, y, z]: of a rigid partner that "
+        "bodies may touch"),
+    "rigid.NAME.force": Row("force of bodies", "force", "resultant of the bodies' forces on it; where it is pushed, "
+        "against the force that pushes it"),
     "certificate.force_mismatch": "the worst of all contacts and load steps; so are the next three",
     "certificate.penetration": "", "certificate.complementarity": "", "certificate.friction": "",
     "certificate.equilibrium": "the worst of all bodies, pushed partners and load steps",
     "certificate_limit": "the largest residual of a certified answer: 50 times the tolerance, but at most 0.05",
     "steps": "load steps in the order of time: time, outer_iterations, and contacts by name with force, moment, "
-             "normal_force, tangential_force, open, slip, stick and dissipated, of the step, and rigid as above; in "
-             "summary.json, where the fields of the step are written, bodies with reaction, loads and reactions",
-    "energy.external_work": "with load steps: the last line of energy.csv; so are the next three",
-    "energy.strain_energy": "", "energy.interface_work": "", "energy.dissipated": "",
-    "energy.lost": "interface work less dissipation: what interference, closing gaps and time stepping take",
+        "normal_force, tangential_force, open, slip, stick and dissipated, of the step, and rigid as above; in "
+        "summary.json, where the fields of the step are written, bodies with reaction, loads and reactions",
+    "energy.external_work": Row("work of loads, clamps and rigid partners", "energy", "with load steps: the last line "
+        "of energy.csv; so are the next three"),
+    "energy.strain_energy": Row("strain energy", "energy", ""),
+    "energy.interface_work": Row("work of the contact forces", "energy", ""),
+    "energy.dissipated": Row("of it dissipated by friction", "energy", ""),
+    "energy.lost": Row("of it taken by interference, closing gaps and time stepping", "energy", "interface work less "
+        "dissipation: what interference, closing gaps and time stepping take"),
     "energy.residual": "the largest residual of a step over the largest energy",
     "discretization_error.energy_norm": "estimated, relative to the energy norm of all bodies; null where there is no "
-                                        "estimate",
+        "estimate",
     "discretization_error.target": "method.target_error",
     "discretization_error.levels": "for each mesh that was solved on: refinement, unknowns n, estimated error, and "
-                                   "dofs, clamped ones included",
+        "dofs, clamped ones included",
     "displacement_max": "largest displacement of all bodies",
     "units": "labels of lengths, stresses, forces, moments and energies; in the plane the last three are per unit of "
-             "depth",
+        "depth",
     "warnings": "each once, in words",
     "undetermined": "rigid motions that no contact resists, in words",
     "seconds": "by phase, of the slowest rank",
     "exchange": "the most that a rank has sent: messages and bytes of interface vectors to its neighbours; reductions "
-                "over all ranks, of flags, scalars and coarse problems, and reduced_bytes, what it gave to them; "
-                "without PETSc's own in Krylov methods",
+        "over all ranks, of flags, scalars and coarse problems, and reduced_bytes, what it gave to them; without "
+        "PETSc's own in Krylov methods",
     "solvers": "qp: TAO type of the quadratic subproblems, or none; in space those with friction have discs, and "
-               "python (APG) solves them whatever it is",
+        "python (APG) solves them whatever it is",
     "options": "PETSc's",
     "options_unused": "those that nothing has used",
     "scene": "with every default filled in",
@@ -129,6 +161,38 @@ SUMMARY = {
     "versions": "of the software that a result depends on"}
 """What each entry of summary.json means, by its dotted name; NAME is that of a body or contact.
 docs/reference/results.md shows this."""
+
+
+def tell(summary: Mapping[str, Any], table: str, name: str, key: str, digits: int = 4) -> str:
+    """An entry of a body, contact or rigid partner in words: "3 open", "largest pressure 64.42 MPa", "force (3, −4) N".
+    """
+    row, value = SUMMARY[f"{table}.NAME.{key}"], summary[table][name][key]
+    assert isinstance(row, Row)
+    if not row.quantity:
+        return f"{value} {row.words}"
+    unit = summary["units"][row.quantity]
+    if not isinstance(value, list):
+        return f"{row.words} {as_float(value):.{digits}g} {unit}"
+    components = np.array([as_float(component) for component in value])
+    components[np.abs(components) < PRECISION * np.linalg.norm(components)] = 0.0
+    return f"{row.words} ({', '.join(f'{component:.{digits}g}' for component in components)}) {unit}"
+
+
+def count(contacts: Iterable[Mapping[str, Any]]) -> str:
+    """The nodes of some contacts by their status, in words: "3 open, 4 slip, 3 stick"."""
+    contacts = list(contacts)
+    return ", ".join(f"{sum(contact[status] for contact in contacts)} {status}" for status in STATUS)
+
+
+def largest(entries: Mapping[str, Mapping], key: str) -> tuple[float | None, str]:
+    """The largest value of the `entries` by name, and whose it is; None, and the first name, where none has one."""
+    name = max(entries, default="", key=lambda name: -math.inf if entries[name][key] is None else entries[name][key])
+    return entries[name][key] if name else None, name
+
+
+def as_float(value: float | None) -> float:
+    """A number of a summary, which has None for those that are not finite."""
+    return math.nan if value is None else value
 
 
 def summarize(scene: dict, run: Mapping[str, Any], bodies: Mapping[str, dict], contacts: Mapping[str, ContactTotals],

@@ -14,8 +14,9 @@ from ddmpi.interface.state import ContactState
 from ddmpi.mesh.build import kind_of_files
 from ddmpi.petsc.options import RunOptions
 from ddmpi.results.fields import Fields
+from ddmpi.run.gather import Solved
 from ddmpi.run.report import LISTED, describe_contact
-from ddmpi.run.run import Solved, compute
+from ddmpi.run.run import compute
 from ddmpi.scene.keys import override
 from ddmpi.scene.reader import as_data, read_data, read_scene, read_text
 from ddmpi.scene.scene import Settled
@@ -80,10 +81,10 @@ def solve(scene: str | Path | Mapping[str, Any], comm: MPI.Comm | None = None,
     options.use(settled.petsc)
     try:
         with logs.told_by_first(world.rank, progress):
-            computed = on_working_ranks(world, settled, lambda part: compute(part, settled, path, clock, write=False))
+            solved = on_working_ranks(world, settled, lambda ranks: compute(ranks, settled, path, clock, write=False))
     finally:
         options.use({})
-    seconds, solved = clock.largest(world), computed[0] if computed else None
+    seconds = clock.largest(world)
     states = merged(world, solved.solution.states if solved else {})
     summary = world.bcast(solved.summary | {"seconds": seconds} if solved else None)
     return Answer(summary, {contact.name: states[contact.name] for contact in settled.contact},

@@ -1,10 +1,13 @@
-"""What is kept of the load steps of a run, and its summary, gathered from all ranks."""
+"""What is kept of a run: its load steps, its summary, gathered from all ranks, and its files."""
 
 from __future__ import annotations
 
 import itertools
+import logging
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,18 +15,33 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ddmpi.body.elasticity import clamp_forces
-from ddmpi.body.estimate import DiscretizationError
+from ddmpi.body.estimate import DiscretizationError, nodal_stress
 from ddmpi.body.loads import loads_by_group, resultants
+from ddmpi.body.stress import stress, von_mises
 from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.coupling.ranks import team_of
+from ddmpi.errors import OutputError
 from ddmpi.interface.state import ContactTotals
 from ddmpi.judge.accuracy import MeshLadder
 from ddmpi.judge.certificate import Certificate, ContactResiduals
+from ddmpi.petsc.events import event
 from ddmpi.petsc.options import unused_options
-from ddmpi.results.fields import Fields
-from ddmpi.results.summary import plain, rigid_partners, summarize
-from ddmpi.run.solve import Solution
-from ddmpi.system.provenance import peak_memory, provenance
+from ddmpi.results.fields import Datasets, Fields, contact_fields, write_fields, write_surface, write_xdmf
+from ddmpi.results.folder import Staging
+from ddmpi.results.summary import plain, rigid_partners, summarize, write_mechanism, write_summary
+from ddmpi.results.tables import ENERGY, HISTORY, write_contact, write_legs, write_sides, write_steps, write_table
+from ddmpi.run.checkpoint import Checkpoints
+from ddmpi.run.report import describe_files
+from ddmpi.run.solve import Solution, recover
+from ddmpi.system.agreement import agreed, gathered
+from ddmpi.system.clock import Clock
+from ddmpi.system.files import contact_files
+from ddmpi.system.provenance import has_matplotlib, peak_memory, provenance
+
+log = logging.getLogger("ddmpi")
+
+DRAWERS = 2
+"""So many ranks share the pictures, if they are on one host: files of another one may come late."""
 
 LITTLE = 0.1
 """Frictional work below this part of the largest energy is little."""
@@ -192,3 +210,128 @@ def forces_by_group(body: Body, u: np.ndarray, s: np.ndarray, factors: Mapping[s
     reactions = resultants(mesh, clamp_forces(mesh, body.spec, member.elasticity, u, member.pull(s)))
     return {"reaction": sum((each["force"] for each in reactions.values()), np.zeros(mesh.dimension)),
             "loads": resultants(mesh, loads), "reactions": reactions}
+
+
+@dataclass(frozen=True)
+class Solved:
+    """A scene on one mesh, solved, as one rank holds it; fields of its bodies by name. All but `steps` is of the last
+    load step."""
+
+    assembly: Assembly
+    solution: Solution
+    fields: dict[str, Fields]
+    summary: dict
+    steps: StepLog
+
+
+def fields_of(assembly: Assembly, body: Body, u: np.ndarray, error: DiscretizationError | None = None) -> Fields:
+    """The fields of a body that moves by `u` (nv, 2), as far as they are asked for. Not collective."""
+    mesh, output = body.mesh, assembly.scene.output
+    density = error.density(body.spec.name) if error and output.error else None
+    if not output.stress:
+        return Fields(mesh.points, mesh.triangles, u, error=density)
+    heat = body.member.elasticity.acting.heated
+    sigma = stress(mesh, body.material, u, heat)
+    return Fields(mesh.points, mesh.triangles, u, sigma, von_mises(sigma), density,
+                  error.own[body.spec.name].stress if error else nodal_stress(mesh, body.material, u, heat))
+
+
+def write_files(solved: Solved, folder: Path | None, clock: Clock, figures: bool, checkpoints: Checkpoints) -> None:
+    """Write all result files; they appear together or not at all, and the checkpoint goes. Collective."""
+    world, bodies, summary = solved.assembly.world, solved.assembly.bodies, solved.summary
+    staging, picture_error = Staging(folder) if folder else None, None
+    path = world.bcast(staging.path if staging else None)
+    scene = solved.assembly.scene
+    try:
+        with clock.phase("output"):
+            surfaces = {name: contact_fields(state) for name, state in solved.solution.states.items()}
+            with event("WriteFields"):
+                parts = write_fields(path, {body.number: solved.fields[body.spec.name] for body in bodies}, surfaces,
+                                     world)
+            times = _write_steps(path, solved)
+            with agreed(world), event("WriteTables"):
+                _write_contacts(path, solved, surfaces)
+                if staging:
+                    write_xdmf(path, times, {body.name: parts[number] for number, body in enumerate(scene.body)},
+                               {contact.name: parts[contact.name] for contact in scene.contact})
+                    write_table(path / "history.csv", HISTORY, solved.steps.iterations)
+                    write_steps(path, summary["steps"])
+                    if scene.time:
+                        write_table(path / "energy.csv", ENERGY, solved.steps.energies)
+                    if solved.solution.mechanism:
+                        write_mechanism(path, solved.solution.mechanism)
+                    if figures:  # they show it
+                        write_summary(path, summary)
+            if figures:
+                hosts = world.allgather(MPI.Get_processor_name())
+                near = [rank for rank, host in enumerate(hosts) if host == hosts[0]][:DRAWERS]
+                with agreed(world), event("Figures"):
+                    picture_error = _draw(path, near.index(world.rank), len(near)) if world.rank in near else None
+        seconds = clock.largest(world)
+        with agreed(world):
+            if staging:
+                write_summary(path, summary | {"seconds": seconds})
+                files = staging.publish(name for each in scene.contact for name in contact_files(each.name))
+                log.info("results in %s: %s (%.1f s in all)", folder, describe_files([f.name for f in files]),
+                         seconds["total"])
+        checkpoints.remove()
+        with agreed(world):
+            if picture_error:
+                raise picture_error
+    finally:
+        if staging:
+            staging.discard()
+
+
+def _write_steps(path: Path, solved: Solved) -> list[float]:
+    """Write the fields of the load steps that are kept, computed anew from their forces; their times. The summary has
+    the forces of each by body and group. Collective."""
+    assembly, times, steps = solved.assembly, [], solved.steps
+    world, joint = assembly.world, assembly.joint
+    told = {step["time"]: step for step in solved.summary.get("steps", ())}  # on the first rank
+    for number, (time, s, alpha, *values) in enumerate(steps.kept):
+        times.append(time)
+        if time == solved.solution.time:  # the last one is there
+            if told:
+                told[time]["bodies"] = {name: {key: body[key] for key in ("reaction", "loads", "reactions")}
+                                        for name, body in solved.summary["bodies"].items()}
+            continue
+        assembly.act(time)
+        parts, fields, forces, factors = joint.exchange.spread(s), {}, {}, assembly.scene.factors(time)
+        with agreed(world):
+            for body, part in zip(assembly.bodies, parts, strict=True):
+                u, *_ = recover(body.member, part, alpha[joint.slices[body.spec.name]], steps.most["sizes"])
+                fields[body.number] = fields_of(assembly, body, u)
+                forces[body.spec.name] = plain(forces_by_group(body, u, part, factors))
+            surfaces = {name: contact_fields(state, own) for (name, state), own in zip(
+                solved.solution.states.items(), values, strict=True)}
+        forces = gathered(world, forces)
+        if told:
+            told[time]["bodies"] = {name: forces[name] for name in solved.summary["bodies"]}
+        with event("WriteFields"):
+            write_fields(path, fields, surfaces, world, number)
+    return times or ([solved.solution.time] if solved.solution.time is not None else [])
+
+
+def _write_contacts(path: Path, solved: Solved, surfaces: Mapping[str, Datasets]) -> None:
+    """Write the tables and `surfaces` of the contacts that this rank owns. Not collective."""
+    for k, (name, state) in enumerate(solved.solution.states.items()):
+        write_contact(path, name, state)
+        write_sides(path, name, state)
+        if solved.assembly.scene.time:
+            write_legs(path, name, state, [(time, values[k]) for time, _, _, *values in solved.steps.kept])
+        write_surface(path, name, surfaces[name])
+
+
+def _draw(path: Path, number: int, drawers: int) -> OutputError | None:
+    """Draw this rank's share of the pictures, where matplotlib is installed; its error waits for the numbers."""
+    from ddmpi.pictures.draw import draw_all
+
+    if not has_matplotlib():
+        return None
+    try:
+        draw_all(path, number, drawers)
+    except Exception as error:  # matplotlib raises what it likes
+        return OutputError(f"the pictures could not be drawn ({type(error).__name__}: {error}); the other results "
+                           "are complete")
+    return None

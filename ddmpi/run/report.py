@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 
 from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.coupling.ranks import team_of
 from ddmpi.interface.interface import Interface
+from ddmpi.interface.state import ContactTotals
 from ddmpi.mesh.elements import CELLS
 from ddmpi.methods.outer import Step
+from ddmpi.results.summary import as_float, count, largest, tell
 from ddmpi.run.solve import Solution
 from ddmpi.scene.method import PRESETS, SettledMethod
 from ddmpi.scene.scene import Settled
@@ -29,9 +31,6 @@ LISTED = 12
 DIRECT = "preonly + cholesky (mumps)"
 """How PETSc calls the solver that bodies have by default."""
 
-PRECISION = 1e-8
-"""Components of a force below this part of it are printed as zero: rounding, and what iterations leave."""
-
 UNDETERMINED = 3
 """Of more undetermined motions than this, the first ones stand for all."""
 
@@ -41,35 +40,27 @@ def log_plan(assembly: Assembly, figures: bool) -> None:
     scene, world = assembly.scene, assembly.world
     ranks = team.comm.size if (team := team_of(world)) else 1
     bodies = gathered(world, {body.spec.name: _describe_body(body, ranks) for body in assembly.bodies})
-    owned = gathered(world, {each.name: (each.law.name, describe_gap(each, scene.output.length_unit),
-                                         _contact_left_out(each)) for each in assembly.space.interfaces})
+    owned = gathered(world, {interface.name: (interface.law.name, _plan_of(interface, scene.output.length_unit))
+                             for interface in assembly.space.interfaces})
     if world.rank:
         return
     contacts = {contact.name: owned[contact.name] for contact in scene.contact}
     log.info("n = %d unknowns (%s), m = %d contact nodes, friction: %s", assembly.n,
              CELLS[scene.dimension, scene.body[0].mesh.order].title, assembly.m,
-             ", ".join(dict.fromkeys(law for law, *_ in contacts.values())))
-    for gap, names in grouped((gap, name) for name, (_, gap, _) in contacts.items()):
-        log.info("%s: %s", some(names, "contacts"), gap)
+             ", ".join(dict.fromkeys(law for law, _ in contacts.values())))
+    for plan, names in grouped((plan, name) for name, (_, plan) in contacts.items()):
+        log.info("%s: %s", some(names, "contacts"), plan)
     for way, names in grouped((bodies[spec.name][0], spec.name) for spec in scene.body):
         log.info("%s: %s", some(names, "bodies"), way)
     unloaded = [spec.name for spec in scene.body if not bodies[spec.name][1]]
-    left_out = [what % ("" if len(names) == len(contacts) else f" of {some(names, 'contacts')}") for what, names in
-                grouped((what, name) for name, (*_, left) in contacts.items() for what in left)]
     if unloaded:
-        left_out.append(f"loads of {some(unloaded, 'bodies')} (there are none)")
-    unused = [rigid.name for rigid in scene.rigid if all(rigid.name not in each.bodies for each in scene.contact)]
-    if unused:
-        left_out.append(f"rigid {some(unused, 'partners')} (no contact names {'it' if len(unused) == 1 else 'them'})")
-    if not assembly.loose:
-        left_out.append("rigid motions (all bodies are held)")
+        log.info("%s: no loads", some(unloaded, "bodies"))
     if world.size < len(scene.body):
         log.info("%d bodies on %s", len(scene.body), _count(world.size, "rank"))
-    if not scene.output.stress:
-        left_out.append("stress in the files (not asked for)")
-    if not figures:
-        left_out.append("pictures (not asked for)")
-    elif not has_matplotlib():
+    left_out = [what for what, missing in (("rigid motions (supports hold all bodies)", not assembly.loose),
+                                           ("stress in the files (not asked for)", not scene.output.stress),
+                                           ("pictures (not asked for)", not figures)) if missing]
+    if figures and not has_matplotlib():
         left_out.append(f"pictures ({NO_MATPLOTLIB})")
     left_out += _target_left_out(scene)
     log.info("%s; left out: %s", describe_method(scene.method, scene.dimension), ", ".join(left_out) or "nothing")
@@ -113,18 +104,16 @@ def some(names: Sequence[str], what: str) -> str:
     return ", ".join(names) if len(names) <= NAMED else f"{names[0]}, {names[1]}, … ({len(names)} {what})"
 
 
-def _contact_left_out(interface: Interface) -> list[str]:
-    """What a contact does not need, with %s where the contacts of which it is said are named."""
-    found, held = [], interface.m - len(interface.sliding)
+def _plan_of(interface: Interface, unit: str) -> str:
+    """How a contact begins, and which unknowns it does not need."""
+    facts, held = [describe_gap(interface, unit)], interface.m - len(interface.sliding)
     if interface.law.name == "none":
-        found.append("tangential unknowns%s (no friction)")
+        facts.append("no friction")
     elif held:
-        found.append(f"{_count(held, 'tangential unknown')}%s (held by clamps)")
+        facts.append(f"clamps hold {_count(held, 'tangential unknown')}")
     if interface.dropped:
-        found.append(f"{_count(interface.dropped, 'contact node')}%s (clamped)")
-    if not interface.gap.any():
-        found.append("initial gap%s (all nodes touch)")
-    return found
+        facts.append(f"clamps hold {_count(interface.dropped, 'contact node')}")
+    return "; ".join(facts)
 
 
 def _target_left_out(scene: Settled) -> list[str]:
@@ -170,97 +159,91 @@ def describe_method(method: SettledMethod, dimension: int) -> str:
 
 def log_end(summary: dict, solution: Solution) -> None:
     """Log how the run ended, and what a user looks at first. Not collective."""
-    log.info("%s (%d outer iterations, n_A = %d)", summary["reason"], summary["outer_iterations"], summary["n_A"])
-    if not solution.mechanism:
-        _log_contacts(summary, solution)
-        _log_bodies(summary)
-        _log_partners(summary)
-        log.info("certificate (limit %.2g): %s", solution.limit,
-                 ", ".join(f"{kind.replace('_', ' ')} {value:.1e}"
-                           for kind, (value, _) in solution.certificate.worst().items()))
-        _log_between_nodes(summary["contacts"], summary["units"])
+    lines = [f"{summary['reason']} ({summary['outer_iterations']} outer iterations, n_A = {summary['n_A']})"]
+    if not solution.mechanism:  # its forces and displacements would mean nothing
+        residuals = ", ".join(f"{kind.replace('_', ' ')} {as_float(value):.1e}"
+                              for kind, value in summary["certificate"].items())
+        lines += [*_contacts(summary, solution.contacts), *_bodies(summary), *_partners(summary),
+                  f"certificate (limit {summary['certificate_limit']:.2g}): {residuals}", *_between_nodes(summary)]
         error = summary["discretization_error"]["energy_norm"]
         if error is not None:
-            log.info("estimated discretization error: %.2g of the energy norm", error)
+            lines.append(f"estimated discretization error: {error:.2g} of the energy norm")
     motions = summary["undetermined"]
-    for motion in motions[:UNDETERMINED]:
-        log.info("%s; how far it has moved is not determined", motion)
+    lines += [f"{motion}; how far it has moved is not determined" for motion in motions[:UNDETERMINED]]
     if len(motions) > UNDETERMINED:
-        log.info("and %d more such motions, which summary.json lists", len(motions) - UNDETERMINED)
+        lines.append(f"and {len(motions) - UNDETERMINED} more such motions, which summary.json lists")
+    for line in lines:
+        log.info("%s", line)
     if summary["options_unused"]:
         log.warning("PETSc options that nothing used: %s (solvers have those with the prefixes body_, newton_ and qp_)",
                     ", ".join(summary["options_unused"]))
 
 
-def _log_contacts(summary: dict, solution: Solution) -> None:
-    contacts, totals = summary["contacts"], solution.contacts
+def _contacts(summary: dict, totals: Mapping[str, ContactTotals]) -> Iterator[str]:
+    contacts = summary["contacts"]
     listed = list(contacts)
     if len(contacts) > LISTED:
-        highest = max(contacts, key=lambda name: contacts[name]["pressure_max"] or -np.inf)
-        log.info("%d contacts: %d open, %d slip, %d stick nodes; largest pressure %.4g %s, of %s", len(contacts),
-                 *(sum(contact[status] for contact in contacts.values()) for status in ("open", "slip", "stick")),
-                 _number(contacts[highest]["pressure_max"]), summary["units"]["stress"], highest)
+        pressure = _largest(summary, "contacts", "pressure_max")
+        yield f"{len(contacts)} contacts: {count(contacts.values())} nodes; {pressure}"
         listed = [name for name in contacts if totals[name].rigid is not None][:LISTED]
-    for name in listed:
-        log.info("%s", describe_contact(summary, name, totals[name].bodies[0]))
-    closed = {name for step in summary["steps"] for name, each in step["contacts"].items()
-              if each["slip"] + each["stick"]}
-    apart = [f"{name} (at least {max(each.opening, 0.0):.3g} apart)" for name, each in totals.items()
+    yield from (describe_contact(summary, name, totals[name].bodies[0]) for name in listed)
+    closed = {name for step in summary["steps"] for name, contact in step["contacts"].items()
+              if contact["slip"] + contact["stick"]}
+    apart = [f"{name} (at least {max(contact.opening, 0.0):.3g} apart)" for name, contact in totals.items()
              if name not in closed]
     if apart:
-        log.info("closed nowhere%s: %s", " at any time" * (len(summary["steps"]) > 1), some(apart, "contacts"))
+        yield f"closed nowhere{' at any time' * (len(summary['steps']) > 1)}: {some(apart, 'contacts')}"
 
 
 def describe_contact(summary: dict, name: str, body: str) -> str:
     """The state of a contact in one line; `body` is its first one. Not collective."""
-    contact, units = summary["contacts"][name], summary["units"]
-    return (f"{name}: {contact['open']} open, {contact['slip']} slip, {contact['stick']} stick nodes; "
-            f"force {_vector(contact['force'])} {units['force']} on {body}, "
-            + ("no area" if contact["pressure_max"] is None and None not in contact["force"] else
-               f"largest pressure {_number(contact['pressure_max']):.4g} {units['stress']}"))
+    contact = summary["contacts"][name]
+    # bodies that meet along an edge only have forces but no area, so no pressure
+    pressure = ("no area" if contact["pressure_max"] is None and None not in contact["force"] else
+                tell(summary, "contacts", name, "pressure_max"))
+    return f"{name}: {count([contact])} nodes; {tell(summary, 'contacts', name, 'force')} on {body}, {pressure}"
 
 
-def _log_between_nodes(contacts: dict, units: dict) -> None:
+def _largest(summary: dict, table: str, key: str) -> str:
+    """The largest value of all bodies or contacts, and whose it is."""
+    _, name = largest(summary[table], key)
+    return f"{tell(summary, table, name, key)}, of {name}"
+
+
+def _between_nodes(summary: dict) -> Iterator[str]:
     """What the certificate cannot promise where nodes do not match: the worst of all such contacts."""
-    some = {name: contact for name, contact in contacts.items() if contact["slave"]}
-    if not some:
+    unmatched = {name: contact for name, contact in summary["contacts"].items() if contact["slave"]}
+    if not unmatched:
         return
-    deepest, turned = (max(some, key=lambda name: _number(some[name][key]))
-                       for key in ("pointwise_penetration", "moment_imbalance"))
+    _, deepest = largest(unmatched, "pointwise_penetration")
+    _, turned = largest(unmatched, "moment_imbalance")
+    bound = as_float(unmatched[turned]["moment_imbalance_bound"])
     for name, words in grouped([
-            (deepest, f"overlap between nodes {_number(some[deepest]['pointwise_penetration']):.2g} {units['length']}"),
-            (turned, f"moments out of balance by {_number(some[turned]['moment_imbalance']):.2g}, at most "
-                     f"{_number(some[turned]['moment_imbalance_bound']):.2g} {units['moment']}")]):
-        log.info("mesh error at the non-matching contact %s (small is good): %s", name, "; ".join(words))
+            (deepest, tell(summary, "contacts", deepest, "pointwise_penetration", 2)),
+            (turned, f"{tell(summary, 'contacts', turned, 'moment_imbalance', 3)} (bound {bound:.3g})")]):
+        yield f"non-matching meshes at {name}: {'; '.join(words)}"
 
 
-def _log_bodies(summary: dict) -> None:
-    bodies, units = summary["bodies"], summary["units"]
-    held = {each["name"] for each in summary["scene"]["body"] if each["clamp"] or each["foundation"]}
+def _bodies(summary: dict) -> Iterator[str]:
+    bodies = summary["bodies"]
+    supported = {body["name"] for body in summary["scene"]["body"] if body["clamp"] or body["foundation"]}
     listed = list(bodies)
     if len(bodies) > LISTED:
-        moved, stressed = (max(bodies, key=lambda name: _number(bodies[name][key]))
-                           for key in ("displacement_max", "von_mises_max"))
-        stress = bodies[stressed]["von_mises_max"]
-        log.info("%d bodies: largest displacement %.4g %s, of %s%s", len(bodies),
-                 _number(bodies[moved]["displacement_max"]), units["length"], moved,
-                 "" if stress is None else f"; largest von Mises stress {stress:.4g} {units['stress']}, of {stressed}")
-        listed = [name for name in bodies if name in held][:LISTED]
+        keys = ["displacement_max"] + ["von_mises_max"] * (largest(bodies, "von_mises_max")[0] is not None)
+        yield f"{len(bodies)} bodies: {'; '.join(_largest(summary, 'bodies', key) for key in keys)}"
+        listed = [name for name in bodies if name in supported][:LISTED]
     for name in listed:
-        body, stress = bodies[name], bodies[name]["von_mises_max"]
-        log.info("%s: %slargest displacement %.4g %s%s", name,
-                 f"reaction {_vector(body['reaction'])} {units['force']}, " if name in held else "",
-                 _number(body["displacement_max"]), units["length"],
-                 "" if stress is None else f", von Mises stress {stress:.4g} {units['stress']}")
+        keys = [*["reaction"] * (name in supported), "displacement_max",
+                *["von_mises_max"] * (bodies[name]["von_mises_max"] is not None)]
+        yield f"{name}: {', '.join(tell(summary, 'bodies', name, key) for key in keys)}"
 
 
-def _log_partners(summary: dict) -> None:
+def _partners(summary: dict) -> Iterator[str]:
     """Where forces have pushed rigid partners."""
     for rigid in summary["scene"]["rigid"]:
-        if rigid["force"] and rigid["name"] in summary["rigid"]:
-            found, units = summary["rigid"][rigid["name"]], summary["units"]
-            log.info("%s: force of bodies %s %s, displacement %s %s", rigid["name"], _vector(found["force"]),
-                     units["force"], _vector(found["displacement"]), units["length"])
+        name = rigid["name"]
+        if rigid["force"] and name in summary["rigid"]:
+            yield f"{name}: {tell(summary, 'rigid', name, 'force')}, {tell(summary, 'rigid', name, 'displacement')}"
 
 
 def describe_files(names: Sequence[str]) -> str:
@@ -270,14 +253,3 @@ def describe_files(names: Sequence[str]) -> str:
         return ", ".join(names)
     return ", ".join(dict.fromkeys(f"contact_NAME ({len(tables)} files)" if name in tables else name
                                    for name in names))
-
-
-def _number(value: float | None) -> float:
-    return np.nan if value is None else value
-
-
-def _vector(components: list[float | None]) -> str:
-    """In words, as zero what is below the precision of forces."""
-    parts = np.array([_number(component) for component in components])
-    parts[np.abs(parts) < PRECISION * np.linalg.norm(parts)] = 0.0
-    return "(" + ", ".join(f"{part:.4g}" for part in parts) + ")"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import math
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -15,8 +15,15 @@ from mpi4py import MPI
 from ddmpi.coupling.assembly import Assembly
 from ddmpi.coupling.member import Member
 from ddmpi.errors import SolverError
+from ddmpi.interface.interface import Interface
 from ddmpi.interface.state import ContactState, ContactTotals, contact_state
-from ddmpi.judge.certificate import Certificate, certificate_limit, contact_residuals, equilibrium_residual
+from ddmpi.judge.certificate import (
+    Certificate,
+    ContactResiduals,
+    certificate_limit,
+    contact_residuals,
+    equilibrium_residual,
+)
 from ddmpi.judge.diagnosis import StatusLog
 from ddmpi.judge.equilibrium import Mechanism, describe
 from ddmpi.methods.newton import Newton
@@ -129,7 +136,7 @@ class Solution:
                     f"leave that option out, or give at most {0.1 * self.limit:.0e}")
         return {"converged": "the iteration stopped, but its certificate fails", "diverged": "diverged",
                 "max_iterations": "not converged: method.max_iterations is reached",
-                "stalled": "not converged: neither Newton's method nor softening nor interior points lead on"
+                "stalled": "not converged: Newton's method and its fallbacks stalled"
                 }[self.stopped]
 
 
@@ -223,68 +230,105 @@ class Iteration:
                  largest: np.ndarray = NO_SIZES) -> Solution:
         """Displacements, contact states and certificate of the forces at hand. Collective."""
         assembly, outer = self.assembly, self.outer
-        start, former, slid = since or (*np.zeros((2, assembly.space.size)), {})
-        world, exchange, space, joint = assembly.world, assembly.exchange, assembly.space, assembly.joint
-        forces, mismatch, bound = outer.forces, outer.mismatch, outer.bound
-        moved, traces = {}, []
-        stayed: dict[tuple[str, int], tuple[np.ndarray, np.ndarray, float]] = {}
-        numbers: dict[str, dict[str, Any]] = {}
-        for body, s in zip(assembly.bodies, outer.body_forces(), strict=True):
-            member, alpha = body.member, outer.motions[joint.slices[body.spec.name]]
-            u, left, acting, energy = np.zeros_like(member.elasticity.acting.prescribed), np.nan, 0.0, np.nan
-            with exchange.deferred():
-                u, left, acting, energy = recover(member, s, alpha, largest)
-            own = member.trace(u)
-            moved[member.name] = u
-            traces.append(own)
-            yielding = float(np.abs(member.h + member.G.T @ alpha - own).max(initial=0.0))
-            stayed |= {key: (*parts, yielding) for key, parts in member.beside(u).items()}
-            farthest = float(np.linalg.norm(u, axis=1).max())
-            numbers[member.name] = {"left": left, "acting": acting, "moved": farthest, "yielding": yielding,
-                                    "made": member.stiffness * farthest, "load": member.elasticity.load,
-                                    "energy": energy, "work": member.work(u, s)}
+        world, space, joint = assembly.world, assembly.space, assembly.joint
+        displacements, sizes, own = self._displaced(largest)
+        traces = [body.member.trace(displacements[body.spec.name]) for body in assembly.bodies]
         outer.refresh(traces)
-        both, beside = exchange.collect(traces, "answer"), exchange.swap_objects(stayed)
-        gone, unbalanced = joint.pushed_by(outer.motions), joint.imbalance(forces) if joint.pushed else joint.e
-        bodies = gathered(world, numbers)
-        for rigid in joint.pushed:
-            at = joint.slices[rigid.name]
-            acting = max(norm(joint.e[at]), norm(joint.e[at] - unbalanced[at]))
-            bodies[rigid.name] = dict.fromkeys(("yielding", "made", "energy", "work"), 0.0) | {
-                "left": norm(unbalanced[at]), "acting": acting, "moved": norm(gone[rigid.name]),
-                "load": assembly.pushes[rigid.name]}
-        load, energy, work = (sum(each[key] for each in bodies.values()) for key in ("load", "energy", "work"))
-        now = [max(each[key] for each in bodies.values()) for key in ("moved", "yielding")]
+        both, beside = assembly.exchange.collect(traces, "answer"), assembly.exchange.swap_objects(own)
+        gone = joint.pushed_by(outer.motions)
+        bodies = gathered(world, sizes) | self._pushed_partners()
+        load, energy, work = (sum(size[key] for size in bodies.values()) for key in ("load", "energy", "work"))
+        now = [max(size[key] for size in bodies.values()) for key in ("moved", "yielding")]
         load, energy, work, now = world.bcast((load, energy, work, now))
-        interfaces = [replace(each, displacement=each.displacement + gone.get(each.bodies[1], 0.0))
-                      for each in space.interfaces]
-        prescribed = np.concatenate([np.empty(0), *(each.prescribed for each in interfaces)])
-        states, judged = {}, {}
+
+        interfaces = [replace(interface, displacement=interface.displacement + gone.get(interface.bodies[1], 0.0))
+                      for interface in space.interfaces]
+        prescribed = np.concatenate([np.empty(0), *(interface.prescribed for interface in interfaces)])
         with event("Certificate"):
-            for interface, part, limit in zip(interfaces, space.parts.values(), space.laws.bounds(bound), strict=False):
-                u1, u2 = both[0][part], both[1][part] + interface.prescribed
-                probes, near = interface.probes, list(filter(None, beside[interface.name]))
-                between = probes.opening(interface.scale) + probes.normal @ interface.displacement - sum(
-                    each for each, *_ in near)
-                slides = (sum(each for _, each, _ in near) - interface.frame[:, 1:] @ interface.displacement,
-                          slid.get(interface.name, 0.0)) if interface.law.name == "none" else None
-                yielding = max(each for *_, each in near)
-                state = states[interface.name] = contact_state(
-                    interface, forces[part], limit, u1 + u2, between, (start[part], former[part]), yielding, slides)
-                judged[interface.name] = state.totals, contact_residuals(
-                    state, forces[part], mismatch[part], (u1, u2), load, yielding, now, largest[1:].tolist())
+            states, judged = self._contacts(interfaces, both, beside, since, (load, now, largest[1:].tolist()))
         force = world.allreduce(max((float(np.abs(state.forces).max()) for state in states.values()), default=0.0),
                                 MPI.MAX)
-        told = exchange.swap_objects({(name, side): judged.get(name) for name, *_ in exchange.ends for side in (0, 1)})
+        # the owner of a contact tells its totals to the ranks of both bodies, and to the first rank those of all
+        told = assembly.exchange.swap_objects({(name, side): judged.get(name) for name, *_ in assembly.exchange.ends
+                                               for side in (0, 1)})
         known = {name: one or other for name, (one, other) in told.items()} | gathered(world, judged)
-        found = {contact.name: known[contact.name] for contact in assembly.scene.contact if contact.name in known}
-        certificate = Certificate({name: residuals for name, (_, residuals) in found.items()},
-                                  {name: equilibrium_residual(each["left"], each["acting"], load, each["made"])
-                                   for name, each in bodies.items()})
-        return Solution(stopped, moved, states, {name: totals for name, (totals, _) in found.items()},
+        contacts = {contact.name: known[contact.name] for contact in assembly.scene.contact if contact.name in known}
+        certificate = Certificate({name: residuals for name, (_, residuals) in contacts.items()},
+                                  {name: equilibrium_residual(size["left"], size["acting"], load, size["made"])
+                                   for name, size in bodies.items()})
+        return Solution(stopped, displacements, states, {name: totals for name, (totals, _) in contacts.items()},
                         certificate.told(world), self.limit, outer, self.statuses, self.given,
                         moved=both[0] + both[1] + prescribed, prescribed=prescribed, energy=energy,
                         sizes=np.array([force, *now]), work=work)
+
+    def _displaced(self, largest: np.ndarray) -> tuple[dict[str, np.ndarray], dict[str, dict[str, Any]],
+                                                       dict[tuple[str, int], tuple]]:
+        """By body of this rank the displacements (nv, d) under the forces at hand, and the numbers by which they are
+        judged; by contact and side how the body moves beside the nodes. Not collective."""
+        assembly, outer = self.assembly, self.outer
+        displacements, sizes = dict[str, np.ndarray](), dict[str, dict[str, Any]]()
+        beside: dict[tuple[str, int], tuple[np.ndarray, np.ndarray, float]] = {}
+        for body, s in zip(assembly.bodies, outer.body_forces(), strict=True):
+            member, alpha = body.member, outer.motions[assembly.joint.slices[body.spec.name]]
+            u, left, acting, energy = np.zeros_like(member.elasticity.acting.prescribed), np.nan, 0.0, np.nan
+            with assembly.exchange.deferred():  # an error is raised on all ranks, after the next exchange
+                u, left, acting, energy = recover(member, s, alpha, largest)
+            # C s, by which contact forces move the contacts: all but the free displacement and rigid motions
+            yielding = float(np.abs(member.h + member.G.T @ alpha - member.trace(u)).max(initial=0.0))
+            displacements[member.name] = u
+            beside |= {key: (*motion, yielding) for key, motion in member.beside(u).items()}
+            farthest = float(np.linalg.norm(u, axis=1).max())
+            sizes[member.name] = {"left": left, "acting": acting, "moved": farthest, "yielding": yielding,
+                                  "made": member.stiffness * farthest, "load": member.elasticity.load,
+                                  "energy": energy, "work": member.work(u, s)}
+        return displacements, sizes, beside
+
+    def _pushed_partners(self) -> dict[str, dict[str, float]]:
+        """The same numbers of rigid partners that forces push, which are bodies without elasticity. Collective."""
+        joint, outer = self.assembly.joint, self.outer
+        gone, unbalanced = joint.pushed_by(outer.motions), joint.imbalance(outer.forces) if joint.pushed else joint.e
+        sizes = {}
+        for rigid in joint.pushed:
+            at = joint.slices[rigid.name]
+            acting = max(norm(joint.e[at]), norm(joint.e[at] - unbalanced[at]))
+            sizes[rigid.name] = dict.fromkeys(("yielding", "made", "energy", "work"), 0.0) | {
+                "left": norm(unbalanced[at]), "acting": acting, "moved": norm(gone[rigid.name]),
+                "load": self.assembly.pushes[rigid.name]}
+        return sizes
+
+    def _contacts(self, interfaces: Sequence[Interface], both: Sequence[np.ndarray], beside: Mapping[str, tuple],
+                  since: Beginning | None, sizes: tuple[float, list[float], list[float]],
+                  ) -> tuple[dict[str, ContactState], dict[str, tuple[ContactTotals, ContactResiduals]]]:
+        """State, and totals with residuals, of each contact that this rank owns. Not collective.
+
+        Parameters
+        ----------
+        both : (2, size) traces of the two bodies
+        beside : of both bodies by contact, as of `_displaced`
+        sizes : loads, and displacements of this load step and of those before, to which residuals are relative
+        """
+        space, outer = self.assembly.space, self.outer
+        start, former, slid = since or (*np.zeros((2, space.size)), {})
+        forces, mismatch = outer.forces, outer.mismatch
+        states, judged = {}, {}
+        for interface, part, bound in zip(interfaces, space.parts.values(), space.laws.bounds(outer.bound),
+                                          strict=False):
+            u1, u2 = both[0][part], both[1][part] + interface.prescribed
+            probes, near = interface.probes, list(filter(None, beside[interface.name]))
+            # the gap at points between the nodes, where the discrete conditions promise nothing
+            between = (probes.opening(interface.scale) + probes.normal @ interface.displacement
+                       - sum(closing for closing, *_ in near))
+            # without friction the unknowns have no tangential part; slip is that of the bodies beside the nodes
+            slides = None if interface.law.name != "none" else (
+                sum(along for _, along, _ in near) - interface.frame[:, 1:] @ interface.displacement,
+                slid.get(interface.name, 0.0))
+            yielding = max(elastic for *_, elastic in near)
+            state = states[interface.name] = contact_state(
+                interface, forces[part], bound, u1 + u2, between, (start[part], former[part]), yielding, slides)
+            load, now, before = sizes
+            judged[interface.name] = state.totals, contact_residuals(
+                state, forces[part], mismatch[part], (u1, u2), load, yielding, now, before)
+        return states, judged
 
 
 def solve(assembly: Assembly, method: SettledMethod, report: Report = no_report,

@@ -104,8 +104,8 @@ class _Mark:
                    float(space.add(np.array([touching]))[0]), {})
 
 
-def solve_scene(assembly: Assembly, report: Report = no_report, checkpoints: Checkpoints | None = None,
-                clock: Clock | None = None) -> tuple[Solution, StepLog]:
+def march(assembly: Assembly, report: Report = no_report, checkpoints: Checkpoints | None = None,
+          clock: Clock | None = None) -> tuple[Solution, StepLog]:
     """Solve `assembly` in the load steps that its scene asks for, without [time] in one; and what is kept of them.
 
     Parameters and what is raised as for `solve`. The solution is that of the last step, with the largest residuals of
@@ -245,16 +245,18 @@ class March:
         factors = np.array(list(scene.factors(time).values()))
         s, moved = outer.forces, solution.moved
         opened, gone = space.opening - now.opening, solution.prescribed - now.prescribed
+        # forces and displacements are taken as linear in time within the step, so work is by the trapezoidal rule
         closing = moved - now.moved - opened
         mean = 0.5 * (s + now.s)
         driven, interface_work = space.add(np.array([mean @ (gone - opened), mean @ closing]))
-        if now.time == 0.0:
+        if now.time == 0.0:  # an overlap (of bonds also a gap) acts at once, before any load
             sudden = np.concatenate([np.empty(0), *(now.opening[part] if each.law.name == "bonded" else
                                                     np.minimum(now.opening[part], 0.0) for each, part in space.each())])
             self._given = float(space.add(np.array([mean @ sudden]))[0])
+        # loads over displacements, and reactions of clamps over what these prescribe: ΔW = ½ (b_n + b_n−1) Δu
         work = 0.5 * (factors + now.factors) @ (solution.work[0] - now.work[0])
         work += 0.5 * (factors - now.factors) @ (solution.work[1] + now.work[1]) + driven
-        lost = work - (solution.energy - now.energy) - interface_work
+        lost = work - (solution.energy - now.energy) - interface_work  # ΔW − ΔU − ΔI, zero but for rounding
         dissipated, closed = assembly.world.bcast((sum(each.dissipated for each in contacts),
                                                    sum(each.closed for each in contacts)))
         _, worked, _, taken, rubbed, _ = self.log.energies[-1] if self.log.energies else np.zeros(6)
@@ -311,6 +313,7 @@ class March:
         """
         start, end = self._base.time, self._legs[self._leg]
         x, first = np.arange(1, self._number) / self._number, self._base.length
+        # length² = first² + t (length² − first²), solved for the times t at which the length has grown by the shares x
         if length > first:
             x = ((first + x * (length - first)) ** 2 - first**2) / (length**2 - first**2)
         if closing:
@@ -326,13 +329,16 @@ class March:
         if self._steps or not space.any(np.array([len(frictional)])):
             return False  # without friction there is no memory
         size = space.norm(s)
+        # tangential forces are compared with slip bounds: with little friction they are small beside all forces
         bound = space.norm(np.minimum(space.laws.bound_at(s), size))
         self._largest = np.maximum(self._largest, [size, min(bound, size)])
         if self._coarse is not None and self._largest.all():
             change = self._change(s - self._coarse)
-            faster = self._changed / change - 1.0 if change else math.inf  # the error left is about change / faster
+            # where changes fall by r = former / change with each doubling, those to come add up to change / (r − 1)
+            faster = self._changed / change - 1.0 if change else math.inf
             before, self._changed = self._changed, change
             close = change <= self._tolerance * (1.0 if math.isnan(before) else min(max(faster, CERTAIN), 1.0))
+            # forces may agree by chance while slip is coarse: friction then dissipates more than contacts took
             given = self._given if self._base.time == 0.0 else 0.0
             enough = close and self.log.excess(self._noted, given) <= self._tolerance
             log.info("time %g reached: %d and %d steps agree to %.2g, %s", self._legs[self._leg], self._number // 2,
@@ -342,9 +348,10 @@ class March:
                 return False
         if 2 * self._number > MOST or not self._largest.all():
             if self._largest.all():
-                log.warning("the leg to time %g misses time.tolerance in %d steps: they change the forces by %.2g",
+                log.warning("time %g: forces miss time.tolerance in %d load steps; doubling changed them by %.2g",
                             self._legs[self._leg], self._number, self._changed)
             return False
+        # nodes that were open and now carry force: their gaps close within the leg
         closing = space.any(np.array([
             ((s[part][:each.m] > 0.0) & (self._base.s[part][:each.m] <= 0.0)
              & (self._base.closed[part][:each.m] < 0.0)).any() for each, part in frictional]))

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ddmpi.body.loads import Supports
-from ddmpi.mesh.boundary import turn_outward
 from ddmpi.mesh.elements import facet_shares
-from ddmpi.mesh.mesh import Mesh
+from ddmpi.mesh.mesh import Facets, Mesh
 from ddmpi.surface.curve import Curve, in_chains
 from ddmpi.surface.patch import Patch, in_places
 from ddmpi.surface.side import Side, across, nodal, unit
@@ -19,20 +18,18 @@ KINDS = {2: (Curve, in_chains), 3: (Patch, in_places)}
 """The class of a side and the function that sorts its nodes, by dimension."""
 
 
-def contact_side(mesh: Mesh, edges: np.ndarray, supports: Supports, body: str, modulus: float, key: str,
+def contact_side(mesh: Mesh, boundary: Facets, supports: Supports, body: str, modulus: float,
                  tied: np.ndarray | None = None, parted: bool = False) -> Side:
-    """The contact boundary of the facets `edges` (k, l), in the plane sorted from its first end. Not collective.
+    """The side of a contact made of a `boundary` of the mesh, in the plane sorted from its first end. Not collective.
 
-    `tied` (nv,) and `parted` as of a `Side`, for all nodes of the body; left out, none is tied. Raises InputError
-    naming `key` where a facet is not on the boundary.
+    `tied` (nv,) and `parted` as of a `Side`, for all nodes of the body; left out, none is tied.
     """
-    origins, edges = edges[:, 0], turn_outward(mesh, edges, key)[0]
     places = np.round((mesh.points - mesh.points.min(axis=0)) / (COARSE * np.ptp(mesh.points, axis=0).max()))
     kind, ordered = KINDS[mesh.dimension]
-    nodes, arc = ordered(edges, mesh.points, places, origins)
+    nodes, arc = ordered(boundary.nodes, mesh.points, places, boundary.starts)
     place, xy = np.empty(len(mesh.points), int), mesh.points[nodes]
     place[nodes] = np.arange(len(nodes))
-    facets = place[edges]
+    facets = place[boundary.nodes]
     facets = facets[np.argsort(facets[:, -1])]
     normal = unit(nodal(across(xy[facets]), facets, len(nodes)))
     area = nodal(facet_shares(xy[facets], mesh.axisymmetric), facets, len(nodes))

@@ -35,7 +35,7 @@ class Side:
     extent : (d,) of the body along the axes (m)
     arc : (k,) arc length from the start of the node's chain, on the way with the body to the left (m). A closed chain
         starts at the first node of the group's first line on it. Zero in space
-    facets : (f, l) indices of their nodes, turned outward as by `turn_outward`; sorted by the last column
+    facets : (f, l) indices of their nodes, turned outward, see `Facets`; sorted by the last column
     parted : whether another contact is on the same group
     axisymmetric : whether nodal lengths are areas of revolution around x = 0
     """

@@ -451,7 +451,7 @@ def test_free_motions_are_those_that_the_clamps_allow(held, number):
 
 def test_load_and_clamp_name_absent_groups():
     mesh = rectangle()
-    with pytest.raises(InputError, match=r"body\.block\.clamp: .*'lft'"):
+    with pytest.raises(InputError, match="no boundary group 'lft'"):
         assemble(mesh, body(clamp=["lft"]))
-    with pytest.raises(InputError, match=r"body\.block\.traction: .*'rigt'"):
+    with pytest.raises(InputError, match="no boundary group 'rigt'"):
         assemble(mesh, body(clamp=["left"], traction=[Traction(on="rigt", value=(1.0, 0.0))]))

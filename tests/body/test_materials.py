@@ -140,10 +140,10 @@ def test_modulus_beside_a_contact():
     mesh = layered(2)
     material = material_of(mesh, body({"on": "core", **CORE}, RIM))
     core, rim = (Material(**each).plane_modulus for each in (CORE, RIM))
-    assert modulus_beside(mesh, material, mesh.groups["top"], "") == pytest.approx(core, rel=1e-14)
-    assert modulus_beside(mesh, material, mesh.groups["bottom"][:, [1, 0, 2]], "") == pytest.approx(rim, rel=1e-14)
-    assert modulus_beside(mesh, material, mesh.groups["left"], "") == pytest.approx(2 / (1 / core + 1 / rim), rel=1e-12)
-    assert modulus_beside(mesh, Material(**CORE), mesh.groups["left"], "") == core
+    assert modulus_beside(mesh, material, mesh.facets("top")) == pytest.approx(core, rel=1e-14)
+    assert modulus_beside(mesh, material, mesh.facets("bottom")) == pytest.approx(rim, rel=1e-14)
+    assert modulus_beside(mesh, material, mesh.facets("left")) == pytest.approx(2 / (1 / core + 1 / rim), rel=1e-12)
+    assert modulus_beside(mesh, Material(**CORE), mesh.facets("left")) == core
 
 
 @pytest.mark.parametrize("parts, words", [

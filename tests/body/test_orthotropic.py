@@ -140,13 +140,13 @@ def test_an_angle_turns_the_material(plane):
 def test_the_modulus_at_a_contact_is_that_along_its_normal():
     """Along the fibres a laminate is stiff, across them soft; two materials count by their measures."""
     mesh, _ = strip(2, 1)
-    stiff, soft = (modulus_beside(mesh, laminate("stress", angle), mesh.groups["left"], "key") for angle in (0.0, 90.0))
+    stiff, soft = (modulus_beside(mesh, laminate("stress", angle), mesh.facets("left")) for angle in (0.0, 90.0))
     assert (stiff, soft) == pytest.approx(E[:2])
-    stiff = modulus_beside(mesh, laminate("strain", 0.0), mesh.groups["left"], "key")
+    stiff = modulus_beside(mesh, laminate("strain", 0.0), mesh.facets("left"))
     assert stiff == pytest.approx(1.0 / (1.0 / E[0] - NU[1]**2 * E[2] / E[0]**2))
     number = (mesh.points[mesh.corners].mean(axis=1)[:, 1] > 0.5).astype(int)
     both = modulus_beside(mesh, Composite([laminate("stress", 0.0), laminate("stress", 90.0)], number),
-                          mesh.groups["left"], "key")
+                          mesh.facets("left"))
     assert soft < both < stiff
 
 

@@ -276,8 +276,8 @@ def contact_problem(divisions=(8, 4), clamp=("left",), order=1) -> tuple[Elastic
     spec = BodySpec(name="upper", mesh=MeshSpec(file="unused.msh"), clamp=list(clamp),
                     material=Material(young=2e11, poisson=0.3), traction=[Traction(on="top", value=(1e6, -2e6))])
     problem, other = assemble(upper, spec), assemble(lower, spec)
-    sides = [contact_side(upper, upper.groups["bottom"], problem.supports, "upper", 2e11, "contact.upper-lower.on"),
-             contact_side(lower, lower.groups["top"], other.supports, "lower", 2e11, "contact.upper-lower.on")]
+    sides = [contact_side(upper, upper.facets("bottom"), problem.supports, "upper", 2e11),
+             contact_side(lower, lower.facets("top"), other.supports, "lower", 2e11)]
     contact = SettledContact(name="upper-lower", bodies=("upper", "lower"), on=("bottom", "top"),
                              friction=Coulomb(coefficient=0.3))
     B = trace(pair(*sides, contact), 0, problem)

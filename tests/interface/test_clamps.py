@@ -163,7 +163,7 @@ def test_clamps_along_normals_that_push_bodies_into_each_other(below, angle):
             clamp = Clamp(on="part", normal=value)
             held = supports(mesh, BodySpec(name=name, mesh=MeshSpec(file="none.msh"), clamp=[clamp],
                                            material=Material(young=1.0, poisson=0.3)))
-            movers.append(Mover(contact_side(mesh, edges, held, name, 1.0, "contact.seam.on"), [clamp]))
+            movers.append(Mover(contact_side(mesh, mesh.facets(on), held, name, 1.0), [clamp]))
         interface = join(*(mover.side for mover in movers), NoFriction(), "seam")
         if below == 6:
             assert interface.m == 3 and interface.dropped == 4  # the pairs that both sides hold carry no row

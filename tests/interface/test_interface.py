@@ -11,7 +11,7 @@ from ddmpi.body.elasticity import assemble
 from ddmpi.errors import InputError
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.trace import displacement_trace, trace
-from ddmpi.mesh.mesh import Mesh
+from ddmpi.mesh.mesh import Mesh, turn_outward
 from ddmpi.mesh.refine import raise_order
 from ddmpi.mesh.shapes import generate_rectangle
 from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec
@@ -37,7 +37,7 @@ def side(mesh: Mesh, group: str, free: np.ndarray | None = None) -> Side:
 
 def side_of(mesh: Mesh, edges: np.ndarray, free: np.ndarray | None = None) -> Side:
     clamps = np.where(all_free(mesh) if free is None else free, -1, 0)
-    return contact_side(mesh, edges, holding(clamps), "body", 2e11, f"contact.{NAME}.on")
+    return contact_side(mesh, turn_outward(mesh, edges), holding(clamps), "body", 2e11)
 
 
 def moved(mesh: Mesh, shift=(0.0, 0.0), scale: float = 1.0) -> Mesh:

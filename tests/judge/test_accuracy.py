@@ -382,7 +382,7 @@ def test_errors_on_a_finer_mesh_leave_the_last_certified_answer(comm, tmp_path, 
     from ddmpi.run import run as module
 
     folder = Path(comm.bcast(str(tmp_path)))
-    name = "prepare" if failure is InputError else "solve_scene"
+    name = "prepare" if failure is InputError else "march"
     works = getattr(module, name)
 
     def fails(first, second, *more):

@@ -12,9 +12,9 @@ import pytest
 from scenes import LIMIT, run_here, write_scene
 
 from ddmpi.errors import InputError
-from ddmpi.mesh.boundary import boundary_group, group_nodes, segments, turn_outward
+from ddmpi.mesh.boundary import segments
 from ddmpi.mesh.build import build_mesh
-from ddmpi.mesh.mesh import Mesh, signed_measures
+from ddmpi.mesh.mesh import Mesh, signed_measures, turn_outward
 from ddmpi.mesh.read import file_kind, gmsh_session, read_mesh
 from ddmpi.mesh.refine import HALVES as HALVED
 from ddmpi.mesh.refine import raise_order, shorter_diagonals
@@ -291,9 +291,9 @@ def test_a_clamp_holds_all_of_a_name():
     """A set of nodes may be a side and a node beside it: a clamp holds both, a load acts on the side."""
     mesh = generate_rectangle(MeshSpec(shape="rectangle", size=(2.0, 1.0), divisions=(2, 1)))
     twice = Mesh(mesh.points, mesh.triangles, mesh.groups, {"left": np.array([1])})
-    assert len(group_nodes(mesh, "left", "body.upper.clamp")) == 2
-    assert group_nodes(twice, "left", "body.upper.clamp").tolist() == [0, 1, 3]
-    assert len(boundary_group(twice, "left", "body.upper.traction")) == 1
+    assert len(mesh.nodes_of("left")) == 2
+    assert twice.nodes_of("left").tolist() == [0, 1, 3]
+    assert len(twice.facets("left").nodes) == 1
 
 
 def test_materials_are_those_of_the_files_surfaces(tmp_path):
@@ -442,7 +442,7 @@ def test_edges_are_turned_and_walked():
     mesh = raise_order(rectangle((2, 1)), "mesh")
     edges = mesh.groups["top"].copy()
     edges[0] = edges[0][[1, 0, 2]]
-    turned, _ = turn_outward(mesh, edges, "contact.0.on")
+    turned, *_ = turn_outward(mesh, edges)
     assert (np.diff(mesh.points[turned][:, :2, 0], axis=1) < 0).all()  # the body lies to the left
     assert np.array_equal(turned[:, 2], edges[:, 2])
     steps = mesh.points[segments(turned)]
@@ -638,9 +638,10 @@ def test_group_without_lines(tmp_path):
 
 def test_boundary_group():
     mesh = rectangle((2, 1))
-    assert boundary_group(mesh, "left", "body.upper.clamp") is mesh.groups["left"]
-    with pytest.raises(InputError, match=r"contact\.0\.on: .* no boundary group 'lft'; did you mean 'left'\?"):
-        boundary_group(mesh, "lft", "contact.0.on")
+    assert np.array_equal(mesh.facets("left").nodes, mesh.groups["left"])
+    assert mesh.facets("left") is mesh.facets("left")  # resolved once
+    with pytest.raises(InputError, match=r"^the mesh has no boundary group 'lft'; did you mean 'left'\?"):
+        mesh.facets("lft")
 
 
 def test_file_is_looked_for_next_to_the_scene_first(tmp_path, monkeypatch):

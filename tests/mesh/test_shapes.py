@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from ddmpi.judge.accuracy import refine_scene
-from ddmpi.mesh.boundary import turn_outward
 from ddmpi.mesh.build import build_mesh
 from ddmpi.mesh.mesh import Mesh, signed_measures
 from ddmpi.mesh.shapes import generate_rectangle
@@ -52,7 +51,7 @@ def check_boundary(mesh: Mesh) -> None:
     edges = [edge for group in mesh.groups.values() for edge in map(tuple, group[:, :2].tolist())]
     assert len(edges) == len(set(edges)) and set(edges) == boundary
     for name, group in mesh.groups.items():
-        assert np.array_equal(turn_outward(mesh, group, name)[0], group)
+        assert np.array_equal(mesh.facets(name).nodes, group)
 
 
 # Quadrilaterals

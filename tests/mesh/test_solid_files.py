@@ -10,10 +10,9 @@ import pytest
 from scipy.spatial import KDTree
 
 from ddmpi.errors import InputError
-from ddmpi.mesh.boundary import boundary_facets, boundary_group, group_nodes, turn_outward
 from ddmpi.mesh.build import build_mesh
 from ddmpi.mesh.elements import CELLS, facet_measures
-from ddmpi.mesh.mesh import Mesh, signed_measures
+from ddmpi.mesh.mesh import Mesh, boundary_facets, signed_measures
 from ddmpi.mesh.read import file_kind, gmsh_session
 from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec, PartMaterial, Traction
 
@@ -78,7 +77,7 @@ def check(mesh: Mesh) -> None:
     facets = np.sort(mesh.corners[:, CELLS[3, 1].facets].reshape(-1, 3), axis=1)
     assert np.unique(facets, axis=0, return_counts=True)[1].max() == 2
     for name, group in mesh.groups.items():
-        assert len(turn_outward(mesh, group, name)[0]) == len(group)
+        assert len(mesh.facets(name).nodes) == len(group)
     outer = boundary_facets(mesh.triangles)[0]
     closed = np.sort(outer[:, CELLS[2, 1].edges].reshape(-1, 2), axis=1)
     assert (np.unique(closed, axis=0, return_counts=True)[1] == 2).all()
@@ -104,10 +103,10 @@ def test_solids_of_a_file(tmp_path, cells, order, version):
     parts = {name: mesh.measures()[own].sum() for name, own in mesh.surfaces.items()}
     assert sum(parts.values()) == pytest.approx(mesh.measures().sum(), rel=1e-12) and parts.keys() == {"soft", "hard"}
     assert parts["hard"] / parts["soft"] == pytest.approx((1 - 0.75**2) / (0.75**2 - 0.5**2), rel=close)
-    rim = mesh.points[group_nodes(mesh, "rim", "")]
+    rim = mesh.points[mesh.nodes_of("rim")]
     assert np.hypot(*rim[:, :2].T) == pytest.approx(RADII[1]) and np.ptp(rim[:, 2]) == 0.0
     assert len(rim) == order * len(mesh.curves["rim"]) + 1
-    assert mesh.points[group_nodes(mesh, "heel", "")] == pytest.approx(np.array([[1.0, 0.0, 0.0]]))
+    assert mesh.points[mesh.nodes_of("heel")] == pytest.approx(np.array([[1.0, 0.0, 0.0]]))
 
 
 @pytest.mark.parametrize("cells", ["prisms", "hexahedra"])
@@ -208,7 +207,7 @@ def test_halved_solid(tmp_path, cells, order):
     for name, own in coarse.groups.items():
         found = facet_measures(fine.points[fine.groups[name]]).reshape(4, -1).sum(axis=0)
         assert found == pytest.approx(facet_measures(coarse.points[own]), rel=1e-7)
-    assert len(group_nodes(fine, "rim", "")) == 2 * len(group_nodes(coarse, "rim", "")) - 1
+    assert len(fine.nodes_of("rim")) == 2 * len(coarse.nodes_of("rim")) - 1
     for name, own in coarse.surfaces.items():
         assert np.array_equal(np.unique(fine.surfaces[name] // 8), own)
     quality = [signed_measures(mesh.points, mesh.triangles) / np.linalg.norm(
@@ -245,9 +244,9 @@ def test_what_groups_of_solids_may_name(tmp_path):
     assert "the mesh has no physical volume 'top'" in refused(material=[PartMaterial(on="top", **part)])
     assert "in the physical volume 'hard', has no material" in refused(material=[PartMaterial(on="soft", **part)])
     mesh = build_mesh(body(path))
-    assert len(boundary_group(mesh, "bottom", "")) and len(np.unique(mesh.surfaces["soft"]))
+    assert len(mesh.facets("bottom").nodes) and len(np.unique(mesh.surfaces["soft"]))
     twice = Mesh(mesh.points, mesh.triangles, {"rim": mesh.groups["top"]}, curves=mesh.curves)
-    assert np.array_equal(group_nodes(twice, "rim", "clamp"), np.union1d(mesh.groups["top"], mesh.curves["rim"]))
+    assert np.array_equal(twice.nodes_of("rim"), np.union1d(mesh.groups["top"], mesh.curves["rim"]))
     with pytest.raises(InputError, match="the mesh is in space, and the scene is in the plane"):
         build_mesh(body(path), dimension=2)
 

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from ddmpi.errors import InputError
-from ddmpi.mesh.boundary import group_nodes, turn_outward
 from ddmpi.mesh.build import build_mesh, kind_of_files
 from ddmpi.mesh.elements import facet_measures
 from ddmpi.mesh.mesh import Mesh, signed_measures
@@ -88,9 +87,9 @@ def test_solid_has_its_groups_and_is_as_fine_as_asked(tmp_path, order):
     assert bore == pytest.approx(np.pi * 0.5, rel={1: 1e-2, 2: 1e-4}[order])
     assert len(mesh.groups["bore"]) >= 24  # elements around
     for name, group in mesh.groups.items():
-        assert len(turn_outward(mesh, group, name)[0]) == len(group)
-    assert (mesh.points[group_nodes(mesh, "edge", "")][:, [0, 2]] == 0.0).all()
-    assert mesh.points[group_nodes(mesh, "corner", "")].tolist() == [[0.0, 0.0, 0.0]]
+        assert len(mesh.facets(name).nodes) == len(group)
+    assert (mesh.points[mesh.nodes_of("edge")][:, [0, 2]] == 0.0).all()
+    assert mesh.points[mesh.nodes_of("corner")].tolist() == [[0.0, 0.0, 0.0]]
 
 
 def test_a_solid_is_finer_along_contacts(tmp_path):
@@ -167,7 +166,7 @@ def test_curves_and_points_of_cad_files_may_be_clamped(tmp_path, suffix):
         drawn(path, clamp=["point 99"])
     mesh = drawn(path, order=2, clamp=["curve 3", "point 2", "5"])
     assert list(mesh.curves) == ["curve 3"] and list(mesh.vertices) == ["point 2"] and len(mesh.groups) == 6
-    ends = mesh.points[group_nodes(mesh, "curve 3", "")]
+    ends = mesh.points[mesh.nodes_of("curve 3")]
     assert np.count_nonzero(np.ptp(ends, axis=0) > 1e-9) == 1 and len(mesh.vertices["point 2"]) == 1
     with pytest.raises(InputError, match="'curve 3' is a physical curve of the mesh, which only a clamp may name"):
         drawn(path, traction=[Traction(on="curve 3", pressure=1.0)])

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from ddmpi.errors import InputError
-from ddmpi.mesh.boundary import boundary_facets, turn_outward
 from ddmpi.mesh.build import build_mesh
 from ddmpi.mesh.elements import facet_measures
-from ddmpi.mesh.mesh import Mesh, signed_measures
+from ddmpi.mesh.mesh import Mesh, boundary_facets, signed_measures
 from ddmpi.scene.bodies import BodySpec, Material, MeshSpec
 
 SIZE = {"left": 2.0, "right": 2.0, "front": 6.0, "back": 6.0, "bottom": 3.0, "top": 3.0}
@@ -55,7 +54,7 @@ def test_box_has_the_volume_and_sides_of_its_size(divisions, order):
         assert own.shape[1] == 3 * order
         assert facet_measures(mesh.points[own]).sum() == pytest.approx(area, rel=1e-14)
         assert np.ptp(mesh.points[own][:, :, number // 2]) == 0.0
-        assert np.array_equal(turn_outward(mesh, own, name)[0], own)
+        assert np.array_equal(mesh.facets(name).nodes, own)
     everything = np.sort(np.concatenate(list(mesh.groups.values())), axis=1).tolist()
     outer = boundary_facets(mesh.triangles)[0]
     assert sorted(everything) == sorted(np.sort(outer, axis=1).tolist())

@@ -13,7 +13,6 @@ from pathlib import Path
 import pytest
 import scenes
 
-from ddmpi.cli.commands import COMMANDS
 from ddmpi.errors import InputError, OutputError, TakenError
 from ddmpi.results.folder import FILES, MOVED, Staging, choose_folder, running
 from ddmpi.results.summary import write_summary
@@ -394,19 +393,6 @@ def test_run_sh_returns_the_exit_code_of_an_interrupted_run(tmp_path, number, an
         if not answer:
             (tmp_path / "complete").touch()
         assert run.wait(timeout=scenes.LIMIT) == code
-
-
-def test_run_sh_solves_by_the_default_method_and_names_all_commands(tmp_path):
-    """Without arguments run.sh runs configs/pinched_blocks.toml; with --help it lists all commands."""
-    noted = executable(tmp_path / "python", "printf '%s\\n' \"$@\"")
-    said = {}
-    for python, argument in ((noted, []), (sys.executable, ["--help"])):
-        said[python] = subprocess.run([str(scenes.ROOT / "scripts" / "run.sh"), *argument], text=True,
-                                      env=scenes.clean_environment() | {"DDMPI_PYTHON": str(python)},
-                                      capture_output=True, timeout=scenes.LIMIT).stdout
-    scene = Path(next(line for line in said[noted].splitlines() if line.endswith(".toml")))
-    assert scene.name == "pinched_blocks.toml" and "[method]" not in scene.read_text(encoding="utf-8")
-    assert all(f"\n    {command}" in said[sys.executable] for command in COMMANDS)
 
 
 def test_words_of_mpi_are_not_ours():

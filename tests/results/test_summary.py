@@ -92,27 +92,6 @@ def test_sums_are_those_of_all_bodies_and_contacts():
     assert summary["displacement_max"] == 0.5
 
 
-def test_resultants_are_those_of_the_nodes():
-    """force acts on the first body, moment about the origin, the other sums count along the nodes' own directions."""
-    state = row()["middle-right"]  # at x = 6, pressed along the x axis
-    p, q = state.normal_force, state.tangential_force[:, 0]
-    y = state.interface.xy[:, 1]
-    contact = summary_of({"middle-right": state})["contacts"]["middle-right"]
-    assert contact["force"] == pytest.approx([-p.sum(), -q.sum()], rel=1e-14)
-    assert contact["moment"] == pytest.approx((6.0 * -q + y * p).sum(), rel=1e-14)
-    assert (contact["normal_force"], contact["tangential_force"]) == pytest.approx((p.sum(), q.sum()), rel=1e-14)
-    assert contact["pressure_max"] == pytest.approx(5e7)
-    assert (contact["open"], contact["slip"], contact["stick"]) == (2, 4, 3)
-
-
-def test_friction_dissipates_what_slip_overcomes():
-    """dissipated is half the slip bound times the slip where a single load step grows from zero."""
-    state = row()["left-middle"]
-    slips = state.status == "slip"
-    work = 0.5 * (0.3 * state.normal_force * np.abs(state.slip[:, 0]))[slips]
-    assert state.resultants["dissipated"] == pytest.approx(work.sum(), rel=1e-14) and work.sum() > 0.0
-
-
 def test_the_work_of_all_load_steps_is_added_up():
     """dissipated of a contact is that of all load steps; of a step it is its own."""
     log, contacts = StepLog(), row()

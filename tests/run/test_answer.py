@@ -1,40 +1,21 @@
 """The Python interface: resultants and counts of an answer against closed forms."""
 
-import dataclasses
 import datetime
 import inspect
 from pathlib import Path
 
 import numpy as np
 import pytest
-from scenes import confined_blocks, pinched_blocks, run_python, sheared_stack, to_toml, tower
+from scenes import confined_blocks, pinched_blocks, run_python, to_toml, tower
 
 import ddmpi
 from ddmpi.errors import InputError
 from ddmpi.results.fields import contact_fields
-from ddmpi.run.run import _write_contacts
+from ddmpi.run.gather import _write_contacts
 
 pytestmark = pytest.mark.slow
 
 two_ranks = pytest.mark.mpi(ranks=2)
-
-
-@two_ranks
-def test_reactions_of_the_clamps_balance_the_contact(comm):
-    """Force, moment and reactions of a contact that is pressed down and sheared, whichever body is the first."""
-    stack = sheared_stack(4, 3e-3, {"law": "coulomb", "coefficient": 0.3})
-    (x, y), p, tau, width = stack.corner, stack.pressure, stack.shear, stack.width
-    assert stack.status == "slip"
-    for first, sign in (("upper", 1.0), ("lower", -1.0)):
-        scene = dataclasses.replace(stack, first=first).scene()
-        summary = ddmpi.solve(to_toml(scene), comm).summary
-        (contact,) = summary["contacts"].values()
-        assert contact["force"] == pytest.approx([-sign * tau * width, sign * p * width], rel=1e-6)
-        moment = (x + width / 2) * p * width + (y + stack.lower.height) * tau * width
-        assert contact["moment"] == pytest.approx(sign * moment, rel=1e-6)
-        assert contact["pressure_max"] == pytest.approx(p, rel=1e-6)
-        assert summary["bodies"]["lower"]["reaction"] == pytest.approx([-tau * width, p * width], rel=1e-6)
-        assert summary["bodies"]["upper"]["reaction"] == pytest.approx([tau * width, -p * width], rel=1e-6)
 
 
 @two_ranks

@@ -60,7 +60,7 @@ PHASES = {
     "outer": ("ddmpi.body.compliance.Compliance.mult", 12, ()),  # within GMRES of the Newton method
     "outer, published": ("ddmpi.methods.subproblem.Subproblem.neumann", 3, RELAXATION),
     "output": ("ddmpi.system.files.put", 1, ()),
-    "end of output": ("ddmpi.run.run.write_summary", 1, ()),  # by rank 0 alone, when all else is there
+    "end of output": ("ddmpi.run.gather.write_summary", 1, ()),  # by rank 0 alone, when all else is there
 }
 CASES = [(phase, rank) for phase in PHASES for rank in (0, 1) if (phase, rank) != ("end of output", 1)]
 KINDS = {"SolverError": 4, "OutputError": 5}

@@ -1,11 +1,10 @@
 """Messages of a run stay short for many bodies and contacts, have units, and say what is meant."""
 
-import logging
 import re
 
 import scenes
 
-from ddmpi.run.report import _log_between_nodes, describe_files, grouped, some
+from ddmpi.run.report import _between_nodes, describe_files, grouped, some
 
 
 def test_equal_lines_are_said_once():
@@ -25,25 +24,20 @@ def test_many_tables_are_one():
     assert describe_files(many) == "bodies.png, contact_NAME (18 files), summary.json"
 
 
-def test_what_lies_between_nodes_is_said_of_the_worst_contacts(monkeypatch):
+def test_what_lies_between_nodes_is_said_of_the_worst_contacts():
     """Of contacts whose nodes do not match, apart from the certificate; of others nothing."""
-    def contact(slave: str | None, deepest: float | None, turned: float, bound: float) -> dict:
-        return {"slave": slave, "pointwise_penetration": deepest, "moment_imbalance": turned,
-                "moment_imbalance_bound": bound}
+    def said(**contacts: tuple[str | None, float, float, float]) -> list[str]:
+        keys = ("slave", "pointwise_penetration", "moment_imbalance", "moment_imbalance_bound")
+        return list(_between_nodes({
+            "units": {"length": "mm", "stress": "MPa", "force": "N/mm", "moment": "N·mm/mm"},
+            "contacts": {name: dict(zip(keys, values, strict=True)) for name, values in contacts.items()}}))
 
-    messages: list[str] = []
-    monkeypatch.setattr(logging.getLogger("ddmpi"), "info", lambda text, *values: messages.append(text % values))
-    units = {"length": "mm", "stress": "MPa", "force": "N/mm", "moment": "N·mm/mm"}
-    _log_between_nodes({"a-b": contact(None, 1.0, 9.0, 9.0)}, units)
-    assert not messages
-    _log_between_nodes({"a-b": contact(None, 1.0, 9.0, 9.0), "b-c": contact("b", 2e-3, 0.5, 4.0),
-                        "c-d": contact("d", 1e-3, 0.75, 3.0)}, units)
-    said = "mesh error at the non-matching contact {} (small is good): {}".format
-    assert messages == [said("b-c", "overlap between nodes 0.002 mm"),
-                        said("c-d", "moments out of balance by 0.75, at most 3 N·mm/mm")]
-    messages.clear()
-    _log_between_nodes({"b-c": contact("b", 2e-3, 0.5, 4.0)}, units)
-    assert messages == [said("b-c", "overlap between nodes 0.002 mm; moments out of balance by 0.5, at most 4 N·mm/mm")]
+    assert not said(ab=(None, 1.0, 9.0, 9.0))
+    assert said(ab=(None, 1.0, 9.0, 9.0), bc=("b", 2e-3, 0.5, 4.0), cd=("d", 1e-3, 0.75, 3.0)) == [
+        "non-matching meshes at bc: penetration between nodes up to 0.002 mm",
+        "non-matching meshes at cd: moment imbalance 0.75 N·mm/mm (bound 3)"]
+    assert said(bc=("b", 2e-3, 0.5, 4.0)) == ["non-matching meshes at bc: penetration between nodes up to 0.002 mm; "
+                                              "moment imbalance 0.5 N·mm/mm (bound 4)"]
 
 
 def test_what_is_printed_has_units_and_says_how_bodies_are_held(tmp_path):
@@ -54,7 +48,7 @@ def test_what_is_printed_has_units_and_says_how_bodies_are_held(tmp_path):
     assert run.code == 0, run.output
     for word in ("not held by clamps (3 rigid motions); direct solver\n", " bodies on 1 rank\n",
                  ") N/mm on ", " MPa\n", " N/mm, largest displacement ", " mm, von Mises stress ",
-                 ", pictures (not asked for)\n"):
+                 " pictures (not asked for)\n"):
         assert word in run.stdout, run.stdout
 
 

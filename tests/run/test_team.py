@@ -89,11 +89,6 @@ def test_two_ranks_where_petsc_calls_mumps(comm, petsc_options):
     compare(comm, loose_block())
 
 
-@pytest.mark.mpi(ranks=4)
-def test_two_ranks_on_each_of_two_bodies(comm):
-    compare(comm, pinched_blocks(6))
-
-
 @pytest.mark.mpi(ranks=5)
 def test_five_ranks_on_two_bodies_and_on_a_body_of_a_few_nodes(comm):
     compare(comm, pinched_blocks(6))

@@ -12,7 +12,7 @@ from ddmpi.body.loads import Supports
 from ddmpi.interface import matching, rows
 from ddmpi.interface import mortar as mortars
 from ddmpi.interface.interface import Interface
-from ddmpi.mesh.mesh import Mesh
+from ddmpi.mesh.mesh import Mesh, turn_outward
 from ddmpi.mesh.refine import raise_order
 from ddmpi.mesh.shapes import generate_rectangle
 from ddmpi.scene.bodies import BodySpec, Material, MeshSpec
@@ -61,7 +61,7 @@ def side(mesh: Mesh, *groups: str, body: str = "body", where=None, x: bool = Fal
     if where is not None:
         clamps[np.ix_(where(*mesh.points.T), [x, y])] = 0
     edges = np.concatenate([mesh.groups[group] for group in groups])
-    return contact_side(mesh, edges, holding(clamps), body, YOUNG / (1 - POISSON**2), "contact.seam.on")
+    return contact_side(mesh, turn_outward(mesh, edges), holding(clamps), body, YOUNG / (1 - POISSON**2))
 
 
 def holding(clamps: np.ndarray, *displacements: tuple[str | None, np.ndarray]) -> Supports:
@@ -75,7 +75,7 @@ def directions(free: np.ndarray) -> np.ndarray:
 
 
 def body_side(mesh: Mesh, body: Elasticity, group: str, name: str = "body") -> Side:
-    return contact_side(mesh, mesh.groups[group], body.supports, name, YOUNG / (1 - POISSON**2), "contact.seam.on")
+    return contact_side(mesh, mesh.facets(group), body.supports, name, YOUNG / (1 - POISSON**2))
 
 
 def elastic(mesh: Mesh, clamp: list, **loads) -> Elasticity:

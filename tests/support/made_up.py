@@ -65,8 +65,8 @@ def ring(radii=(1.0, 2.0), around: int = 24, order: int = 1) -> Mesh:
 
 def interface(name: str, first: Mesh, second: Mesh, on: tuple[str, str], friction=COULOMB) -> Interface:
     """Of two meshes without clamps."""
-    sides = [contact_side(mesh, mesh.groups[group], holding(np.full((len(mesh.points), 2), -1)), body,
-                          STEEL.plane_modulus, group)
+    sides = [contact_side(mesh, mesh.facets(group), holding(np.full((len(mesh.points), 2), -1)), body,
+                          STEEL.plane_modulus)
              for mesh, group, body in zip((first, second), on, name.split("-"), strict=True)]
     return pair(*sides, SettledContact(name=name, bodies=tuple(name.split("-")), on=on, friction=friction))
 
