@@ -45,10 +45,10 @@ from scenes import prepare_scene
 from ddmpi.coupling.assembly import Assembly, prepare
 from ddmpi.errors import SolverError
 from ddmpi.methods.newton import Newton
-from ddmpi.methods.published import PublishedIteration
-from ddmpi.methods.subproblem import friction_role
-from ddmpi.qp.program import QPResult
-from ddmpi.qp.tao import QPSolver
+from ddmpi.published.program import QPResult
+from ddmpi.published.published import PublishedIteration
+from ddmpi.published.subproblem import friction_role
+from ddmpi.published.tao import QPSolver
 from ddmpi.run.solve import solve
 
 # The paper's tables

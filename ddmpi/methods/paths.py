@@ -24,7 +24,7 @@ from ddmpi.coupling.coarse import CoarseSystem
 from ddmpi.coupling.joint import Joint, Point
 from ddmpi.interface.law import across, direction
 from ddmpi.methods.krylov import Linearised
-from ddmpi.qp.box import cone_exit, cone_room, dots, magnitude
+from ddmpi.sets import cone_exit, cone_room, dots, magnitude
 from ddmpi.system.numbers import norm
 
 SOFTEST, HARDEST, HARDER = 1e3, 1e-7, 0.1

@@ -306,11 +306,11 @@ def solve(assembly: Assembly, method: SettledMethod, report: Report = no_report,
 def choose_outer(assembly: Assembly, method: SettledMethod, report: Report = no_report) -> Outer:
     """The outer method that was asked for. Collective."""
     if method.outer == "relaxation":
-        from ddmpi.methods.published import PublishedIteration
+        from ddmpi.published.published import PublishedIteration
 
         return PublishedIteration(assembly, method, report)
     if method.outer == "anderson":
-        from ddmpi.methods.anderson import AndersonIteration
+        from ddmpi.published.anderson import AndersonIteration
 
         return AndersonIteration(assembly, method, report)
     return Newton(assembly.joint, method.max_iterations, report)

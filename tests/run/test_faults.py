@@ -58,7 +58,7 @@ PHASES = {
     "assemble": ("ddmpi.coupling.assembly.assemble", 1, ()),
     "factor": ("ddmpi.body.solver.StiffnessSolver.__init__", 1, ()),
     "outer": ("ddmpi.body.compliance.Compliance.mult", 12, ()),  # within GMRES of the Newton method
-    "outer, published": ("ddmpi.methods.subproblem.Subproblem.neumann", 3, RELAXATION),
+    "outer, published": ("ddmpi.published.subproblem.Subproblem.neumann", 3, RELAXATION),
     "output": ("ddmpi.system.files.put", 1, ()),
     "end of output": ("ddmpi.run.run.write_summary", 1, ()),  # by rank 0 alone, when all else is there
 }

@@ -45,7 +45,7 @@ METHODS = {
     "solids": solids_in_steps(),
 }
 FACTOR, MULT, NEUMANN = "ddmpi.body.solver.StiffnessSolver.__init__", "ddmpi.body.compliance.Compliance.mult", \
-    "ddmpi.methods.subproblem.Subproblem.neumann"
+    "ddmpi.published.subproblem.Subproblem.neumann"
 INTERRUPTED = {
     # name: method, signal, rank, target, call (not the last ones: versions of PETSc differ by a few), whether there is
     # a checkpoint then

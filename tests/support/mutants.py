@@ -23,7 +23,7 @@ PATH = "methods/test_newton.py::test_each_path_alone_leads_to_the_same_answer"
 STATE = "methods/test_steps.py::test_newton_goes_on_from_its_whole_state"
 RESTORED = "run/test_checkpoint.py::test_a_restored_state_is_the_whole_state"
 SKFEM = "body/test_elasticity.py::test_stiffness_is_that_of_skfem"
-RANDOM = "qp/test_mprgp.py::test_random_programs"
+RANDOM = "published/test_mprgp.py::test_random_programs"
 LAW, SIDES, LEGS = "interface/test_law.py", "interface/test_interface.py", "coupling/test_exchange.py"
 UNLOADED = "scenes/test_load_steps.py::test_what_is_unloaded_is_zero"
 ADAPTIVE = "scenes/test_load_steps.py::test_adaptive_steps_go_on_from_wherever_they_were"
@@ -35,7 +35,7 @@ ANSWER, NODES = "run/test_answer.py", f"{CERTIFICATE}::test_the_state_of_the_nod
 MUTANTS = [Mutant(*row) for row in (
     # petsc, system
     ("norm of an operator stops early", "petsc/lanczos", "abs(norm - previous) <= change * norm", "norm > 0.0",
-     "qp/test_mprgp.py::test_estimate_norm_is_a_little_too_small"),
+     "published/test_mprgp.py::test_estimate_norm_is_a_little_too_small"),
     ("both sides of a cut divide the nodes", "petsc/dissection",
      "np.concatenate([left[~reached[:m]], right[reached[m:-1]]])", "np.concatenate([left, right])",
      "petsc/test_dissection.py::test_smallest_cover"),
@@ -263,14 +263,14 @@ MUTANTS = [Mutant(*row) for row in (
     ("pressure not divided by area", "interface/state", "return self.normal_force / _areas(self.interface)",
      "return self.normal_force", NODES),
     # qp
-    ("projected gradient without chopping", "qp/box", "p = np.where(x <= self.lower, np.minimum(g, 0.0), g)", "p = g",
-     "qp/test_box.py::test_gradient_is_split_by_what_the_bounds_hold"),
-    ("proportioning beyond the opposite bound", "qp/mprgp",
+    ("projected gradient without chopping", "sets", "p = np.where(x <= self.lower, np.minimum(g, 0.0), g)", "p = g",
+     "published/test_box.py::test_gradient_is_split_by_what_the_bounds_hold"),
+    ("proportioning beyond the opposite bound", "published/mprgp",
      "min(slope / bent, longest)", "slope / bent", RANDOM),
-    ("gradient not updated", "qp/mprgp", "g += H_change", "g += 0.9 * H_change", RANDOM),
-    ("QPs end too early", "qp/tao", "gatol=tolerance / problem.displacement", "gatol=1e-3", RANDOM),
-    ("a QP that failed is accepted", "qp/tao", "if not result.residual <= max(1.01 * tolerance, rounding):",
-     "if False:", "qp/test_mprgp.py::test_iteration_limit_from_the_options"),
+    ("gradient not updated", "published/mprgp", "g += H_change", "g += 0.9 * H_change", RANDOM),
+    ("QPs end too early", "published/tao", "gatol=tolerance / problem.displacement", "gatol=1e-3", RANDOM),
+    ("a QP that failed is accepted", "published/tao", "if not result.residual <= max(1.01 * tolerance, rounding):",
+     "if False:", "published/test_mprgp.py::test_iteration_limit_from_the_options"),
     # coupling
     ("a loose body's compliance is not centred", "coupling/member", "y[:] = self._centring.project(y)", "pass",
      f"{MEMBER}::test_nothing_depends_on_the_supports"),
@@ -350,22 +350,22 @@ MUTANTS = [Mutant(*row) for row in (
     ("friction does not turn in space", "interface/law", "unknown[:, 1:] |= turns[:, None]", "pass  #", LAW),
     ("friction turns without a spring", "interface/law",
      "spring[tangential] = np.repeat(active.excess, self.components)", "pass", LAW),
-    ("`smallest` left out of Anderson's checkpoints", "methods/anderson",
+    ("`smallest` left out of Anderson's checkpoints", "published/anderson",
      'self._smallest = state["smallest"]', "self._smallest = np.inf", RESTORED),
-    ("`step_size` left out of checkpoints", "methods/published", 'self._step_size = state["step_size"]', "pass",
+    ("`step_size` left out of checkpoints", "published/published", 'self._step_size = state["step_size"]', "pass",
      RESTORED),
-    ("forces follow one body less the other", "methods/published", "self.method.theta * (w1 + w2)",
+    ("forces follow one body less the other", "published/published", "self.method.theta * (w1 + w2)",
      "self.method.theta * (w1 - w2)",
-     "methods/test_subproblem.py::test_forces_follow_the_way_that_both_bodies_ask_for"),
+     "published/test_subproblem.py::test_forces_follow_the_way_that_both_bodies_ask_for"),
     ("preconditioner ignores the Laplacian", "methods/half_space", "over @ interface.laplacian @ over + ", "",
      "methods/test_newton.py::test_half_space_of_one_node"),
     ("preconditioner twice too stiff", "methods/half_space", "0.5 * interface.modulus",
      "interface.modulus", "methods/test_newton.py::test_half_space_of_one_node"),
-    ("bounds of the other role", "methods/subproblem", "slides = self.role != friction_role(algorithm)",
+    ("bounds of the other role", "published/subproblem", "slides = self.role != friction_role(algorithm)",
      "slides = self.role == friction_role(algorithm)",
-     "methods/test_subproblem.py::test_each_role_has_the_bounds_of_the_algorithm"),
-    ("published iteration ignores the gap", "methods/subproblem", "d[self._normal] -= self.interface.gap", "pass",
-     "methods/test_subproblem.py::test_the_second_role_takes_the_gap"),
+     "published/test_subproblem.py::test_each_role_has_the_bounds_of_the_algorithm"),
+    ("published iteration ignores the gap", "published/subproblem", "d[self._normal] -= self.interface.gap", "pass",
+     "published/test_subproblem.py::test_the_second_role_takes_the_gap"),
     ("rounding of an unloaded contact is a force", "methods/newton", "max(initial=0.0) <= self.nothing",
      "max(initial=0.0) < 0.0", UNLOADED),
     # judge
@@ -505,7 +505,7 @@ EQUIVALENT = [Mutant(*row) for row in (
     ("a matrix to be inverted is four times as large", "methods/half_space",
      "scale = 1.0 / np.sqrt(np.maximum(gram", "scale = 2.0 / np.sqrt(np.maximum(gram",
      "The scale, whose size is arbitrary, cancels: a power of two even bit for bit."),
-    ("proportioning later", "qp/mprgp", "PROPORTION = 1.0", "PROPORTION = 2.0",
+    ("proportioning later", "published/mprgp", "PROPORTION = 1.0", "PROPORTION = 2.0",
      "MPRGP converges with any positive Γ (Dostál and Schöberl, Comput. Optim. Appl. 30, 2005), which only decides "
      "what step comes next."),
     ("a leg has one step more at most", "run/steps", "MOST = 1024", "MOST = 1025",

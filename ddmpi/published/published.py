@@ -15,7 +15,7 @@ import numpy as np
 from ddmpi.coupling.assembly import Assembly
 from ddmpi.coupling.space import Space
 from ddmpi.methods.outer import Outer, Report, Step, no_report
-from ddmpi.methods.subproblem import Subproblem, friction_role
+from ddmpi.published.subproblem import Subproblem, friction_role
 from ddmpi.scene.method import SettledMethod
 from ddmpi.system.numbers import norm
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from ddmpi.coupling.assembly import Assembly
 from ddmpi.methods.outer import Report, no_report
-from ddmpi.methods.published import PublishedIteration
+from ddmpi.published.published import PublishedIteration
 from ddmpi.scene.method import SettledMethod
 from ddmpi.system.numbers import norm
 

@@ -11,10 +11,10 @@ from petsc4py import PETSc
 from ddmpi.errors import SolverError
 from ddmpi.petsc.events import event
 from ddmpi.petsc.versions import TaoReason, call_solver, petsc_message, reason_name
-from ddmpi.qp.apg import APG
-from ddmpi.qp.box import Box, Discs
-from ddmpi.qp.mprgp import MPRGP
-from ddmpi.qp.program import QP, QPResult
+from ddmpi.published.apg import APG
+from ddmpi.published.mprgp import MPRGP
+from ddmpi.published.program import QP, QPResult
+from ddmpi.sets import Box, Discs
 from ddmpi.system.numbers import norm
 
 LEAST_PRECISE = 1e-2

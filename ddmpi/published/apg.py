@@ -13,8 +13,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ddmpi.qp.box import Box
-from ddmpi.qp.mprgp import TaoType
+from ddmpi.published.mprgp import TaoType
+from ddmpi.sets import Box
 
 EPS = float(np.finfo(float).eps)
 

@@ -16,9 +16,9 @@ import numpy as np
 from ddmpi.coupling.member import Member
 from ddmpi.interface.interface import Interface
 from ddmpi.petsc.events import event
-from ddmpi.qp.box import Box
-from ddmpi.qp.program import QP
-from ddmpi.qp.tao import QPSolver
+from ddmpi.published.program import QP
+from ddmpi.published.tao import QPSolver
+from ddmpi.sets import Box
 
 
 def friction_role(algorithm: str) -> int:

@@ -24,7 +24,7 @@ from petsc4py import PETSc
 
 from ddmpi.petsc.lanczos import estimate_norm
 from ddmpi.petsc.versions import TaoReason
-from ddmpi.qp.box import Box
+from ddmpi.sets import Box
 from ddmpi.system.agreement import in_lockstep
 
 log = logging.getLogger("ddmpi")
