@@ -64,9 +64,6 @@ SOFTER, SOFTEST, NEARLY = 1e-3, 1e-6, 1e-3
 """The springs get softer by the first factor, at most by the second, where a step leaves most of an imbalance that is
 below the third part of the loads: friction that turns may resist a motion less than they do."""
 
-KEPT = ("start", "warm", "least", "settled", "error", "held", "far", "stalled", "smallest")
-"""What `state` has beside the iterate."""
-
 
 class Newton(Outer):
     """The iteration.
@@ -158,8 +155,6 @@ class Newton(Outer):
             self.joint.neglected = NEGLECTED * tolerance * self._size()
             self._settled, self._far = False, self._look()
         while True:
-            if not self._path:  # which is gone through again from its beginning
-                self.checkpoint()
             if self._far is None:
                 self._far = self._distances([self._at])[0]
             far = self._far
@@ -376,15 +371,10 @@ class Newton(Outer):
         """Nothing to do: the gaps are computed afresh where the iteration goes on."""
 
     def state(self) -> dict[str, Any]:
-        return self._at._asdict() | {name: getattr(self, f"_{name}") for name in KEPT} | {
-            "norm": self._norm(), "inner_steps": dict(self.inner_steps), "history": tuple(self.history)}
+        return self._at._asdict() | {"least": self._least, "inner_steps": dict(self.inner_steps),
+                                     "history": tuple(self.history)}
 
     def restore(self, state: dict[str, Any]) -> None:
-        for name in KEPT:
-            setattr(self, f"_{name}", state[name])
-        self._at = Point(*(state[name] for name in Point._fields))
-        self._measured = self._at.s, state["norm"]
+        self._at, self._least = Point(*(state[name] for name in Point._fields)), state["least"]
         self.inner_steps.update(state["inner_steps"])  # in which the model counts, too
         self.history = [Step(*row) for row in state["history"]]
-        if self._modelled:
-            self._modelled.rough = True  # which the state does not say

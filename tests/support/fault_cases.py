@@ -43,8 +43,8 @@ PHASES = {
     "conclude": ("newton", "ddmpi.coupling.member.Member.displacement", 1),
     "output": ("newton", "ddmpi.system.files.put", 1),
 }
-AFTER_ITERATIONS = ("outer", "outer, published", "conclude", "output")
-"""In these a checkpoint must be there."""
+KEPT = ("outer, published", "conclude", "output")
+"""In these a checkpoint must be there; Newton's method keeps nothing within a load step."""
 
 KINDS = {
     # fault: exit codes; None: any but zero, which is the operating system's or mpirun's business
@@ -93,7 +93,7 @@ def all_cases() -> list[Case]:
     for phase, (method, target, call) in PHASES.items():
         for kind, codes in KINDS.items():
             for rank in (0, 1):
-                after = phase in AFTER_ITERATIONS
+                after = phase in KEPT
                 over = phase == "output" and kind in ("SIGTERM", "SIGUSR1")  # the writing is finished first
                 harmless = kind in ("full", "little room") and rank == 1  # rank 0 is the one that makes files grow
                 cases.append(Case(f"{phase}: {kind} on rank {rank}", method, rank, target, call, kind,

@@ -20,7 +20,6 @@ CERTIFICATE = "judge/test_certificate.py"
 SPOILT = f"{CERTIFICATE}::test_a_wrong_answer_has_the_residual_of_its_error"
 SOLVED = f"{CERTIFICATE}::test_a_solved_scene_that_is_spoilt_is_not_certified"
 PATH = "methods/test_newton.py::test_each_path_alone_leads_to_the_same_answer"
-STATE = "methods/test_steps.py::test_newton_goes_on_from_its_whole_state"
 RESTORED = "run/test_checkpoint.py::test_a_restored_state_is_the_whole_state"
 SKFEM = "body/test_elasticity.py::test_stiffness_is_that_of_skfem"
 RANDOM = "published/test_mprgp.py::test_random_programs"
@@ -331,10 +330,6 @@ MUTANTS = [Mutant(*row) for row in (
      "return min(zip(full + there(LENGTHS[1:]), LENGTHS, strict=True))",
      "return there(LENGTHS[-1:])[0], LENGTHS[-1]",
      "methods/test_steps.py::test_the_full_step_is_taken_where_it_gains_and_the_best_one_elsewhere"),
-    ("`stalled` left out of checkpoints", "methods/newton", '"far", "stalled", "smallest")', '"far", "smallest")',
-     STATE),
-    ("states on a path kept without the path", "methods/newton", "if not self._path:  # which", "if True:  # which",
-     "run/test_checkpoint.py::test_restart_on_a_path"),
     ("the layer left out of the linear problem", "methods/newton", "right -= layer[linearised.unknown] * y", "pass",
      "methods/test_paths.py::test_softened_springs_hold_in_steps_from_a_path"),
     ("no step of softening is a full one", "methods/paths", "settled = length == 1.0", "settled = length == 2.0",
@@ -441,8 +436,12 @@ MUTANTS = [Mutant(*row) for row in (
      'differing and what == "scene":',
      "run/test_checkpoint.py::test_another_run_is_refused_with_the_reason"),
     ("a checkpoint of another mesh accepted", "run/checkpoint",
-     'if self._begin["mesh"] != self._fixed["mesh"]:', "if False:",
+     'if self._begin["mesh"] != self._mesh:', "if False:",
      "run/test_checkpoint.py::test_another_mesh_is_refused_on_both_ranks"),
+    ("the state of a former end is kept while Newton's method goes on", "run/solve", "self._checkpoints.forget()",
+     "pass", "run/test_checkpoint.py::test_newtons_method_is_not_kept_within_a_load_step"),
+    ("an answer that is kept is looked for again", "run/solve", "self._stopped or outer.run", "outer.run",
+     "run/test_checkpoint.py::test_results_that_cannot_be_written_leave_a_checkpoint"),
     ("checkpoints wait for iterations and seconds", "run/checkpoint", "due or time.monotonic()",
      "due and time.monotonic()", "run/test_checkpoint.py::test_every_so_many_seconds_by_the_clock_of_rank_0"),
     ("the answer is another rank's", "run/answer", "computed[0] if computed", "computed[1] if computed", AT_FIRST),
