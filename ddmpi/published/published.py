@@ -133,6 +133,8 @@ class PublishedIteration(Outer):
         size = self._step_size
         if self.method.inner_precision == "fixed":  # as if the last update were this one already
             size = self.method.tolerance * (norm(self.lam) or self._scale)
+        # inner solves are as precise as η ‖λ_{k−1} − λ_{k−2}‖: both are displacements, so that η has no units; a rule
+        # relative to the subproblem's right-hand side stalls
         precision = float(max(self._precision * size, body.member.C.accuracy * self._scale))
         neglected = NEGLECTED * self._precision * self._tolerance * norm(self.lam)
 
