@@ -177,7 +177,8 @@ def in_terminal(program: str, here: Path, command: list[str], *ready: str) -> tu
 def test_ctrl_c_leaves_a_checkpoint_and_one_message(tmp_path, alone):
     """Ctrl-C, which a terminal sends to all that runs in it, ends a run with a checkpoint, its name, and code 6."""
     scene, folder = scenes.pinched_blocks(2), tmp_path / "out"
-    scene |= {"history": {"load": {"times": [0.0, 1.0], "factors": [0.0, 1.0]}}, "time": {"points": [1.0], "steps": 9}}
+    scene |= {"history": {"load": {"times": [0.0, 1.0, 2.0], "factors": [0.0, 1.0, 0.0]}},
+              "time": {"points": [1.0, 2.0], "steps": 9}}
     for body in scene["body"]:
         body["traction"] = [load | {"history": "load"} for load in body["traction"]]
     scenes.write_scene(scene, tmp_path / "scene.toml")

@@ -120,8 +120,8 @@ def all_cases() -> list[Case]:
         codes = None if codes is None else frozenset(codes)
         signal = kind in ("SIGTERM", "SIGUSR1")
         if kind not in ("full", "little room", "gone"):
-            cases.append(Case(f"writing a checkpoint: {kind}", target="ddmpi.system.files.os.replace", call=3,
-                              fault=kind, codes=codes, kept=True))
+            cases.append(Case(f"writing a checkpoint: {kind}", "published", target="ddmpi.system.files.os.replace",
+                              call=3, fault=kind, codes=codes, kept=True))
         cases.append(Case(f"end of output: {kind}", target="ddmpi.run.run.write_summary", call=1, fault=kind,
                           codes=codes, kept=kind != "gone",
                           whole=signal or kind == "little room"))  # a summary still fits
