@@ -57,7 +57,8 @@ class TakenError(OutputError):
 
 
 class InterruptionError(DdmpiError):
-    """Interrupted by Ctrl-C, SIGTERM or SIGUSR1, or by SIGUSR1 to mpirun itself; a checkpoint is written.
+    """Interrupted by Ctrl-C, SIGTERM or SIGUSR1, or by SIGUSR1 to mpirun itself; a checkpoint is written where
+    there is something to save, which there is not in the first load step.
 
     Parameters
     ----------
@@ -67,7 +68,7 @@ class InterruptionError(DdmpiError):
     exit_code = 6
 
     def __init__(self, signal: str) -> None:
-        super().__init__("before the first iteration; there was nothing to save")
+        super().__init__("in the first load step or before it; there was nothing to save")
         self.kind = f"interrupted by {signal}"
 
     def __reduce__(self) -> tuple:

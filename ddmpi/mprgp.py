@@ -1,5 +1,5 @@
 """Our TAO type under the name in users' options: ``-tao_python_type ddmpi.mprgp.MPRGP``."""
 
-from ddmpi.qp.mprgp import MPRGP
+from ddmpi.published.mprgp import MPRGP
 
 __all__ = ["MPRGP"]

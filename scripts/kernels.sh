@@ -5,7 +5,7 @@
 set -euo pipefail
 . "$(dirname "${BASH_SOURCE[0]}")/setup.sh"
 cd "$ROOT"
-[ $# -gt 0 ] || set -- tests/body tests/interface tests/judge tests/methods tests/qp
+[ $# -gt 0 ] || set -- tests/body tests/interface tests/judge tests/methods tests/published
 export MPLBACKEND=agg
 code=0 summary=""
 for OPENBLAS_CORETYPE in ${KERNELS:-SkylakeX Haswell Zen Sandybridge}; do

@@ -19,8 +19,8 @@ from typing import Any
 from experiment import ROOT, table
 
 import ddmpi.interface.state
-import ddmpi.qp.apg
-import ddmpi.qp.mprgp
+import ddmpi.published.apg
+import ddmpi.published.mprgp
 from ddmpi import errors
 from ddmpi.cli.arguments import build_parser
 from ddmpi.results import folder, summary, tables
@@ -253,7 +253,7 @@ def python_page() -> str:
                 first = " ".join(inspect.cleandoc(value.__doc__ or "").split("\n\n")[0].split()).rstrip(".")
                 rows[name] = first[:1].lower() + first[1:]
         lines += [f"## {heading}", "", words, "", *table(("attribute", "meaning"), _coded(rows))]
-    for kind, room in (("ddmpi.mprgp.MPRGP", ddmpi.qp.mprgp), ("ddmpi.apg.APG", ddmpi.qp.apg)):
+    for kind, room in (("ddmpi.mprgp.MPRGP", ddmpi.published.mprgp), ("ddmpi.apg.APG", ddmpi.published.apg)):
         lines += [f"## {kind}", "", *_described(getattr(room, kind.split(".")[-1])), inspect.cleandoc(room.__doc__), ""]
     return "\n".join(lines)
 

@@ -12,7 +12,7 @@ from mpi4py import MPI
 
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.law import ActiveSet, Law, Tangent
-from ddmpi.qp.box import Box, Discs, product
+from ddmpi.sets import Box, Discs, product
 from ddmpi.system.numbers import norm
 
 

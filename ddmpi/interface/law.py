@@ -20,8 +20,8 @@ from typing import NamedTuple
 import numpy as np
 import scipy.sparse as sparse
 
-from ddmpi.qp.box import Box, Discs, magnitude, shorten
 from ddmpi.scene.contacts import Coulomb, Friction, Tresca
+from ddmpi.sets import Box, Discs, magnitude, shorten
 
 ON_BOUND = 1e-8
 """Relative distance to its slip bound below which a tangential force counts as lying on it."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.law import Law
-from ddmpi.qp.box import magnitude
+from ddmpi.sets import magnitude
 from ddmpi.system.numbers import moment
 
 CLOSED = 1e-8

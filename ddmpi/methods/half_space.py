@@ -66,9 +66,9 @@ class HalfSpace:
 
     def softened(self, deltas: Sequence[float]) -> HalfSpace:
         """(1 + δ) (M⁻¹ + δ/c)⁻¹: half-spaces behind a layer, δ of each interface, c as `Interface.stiffness`."""
-        found = copy.copy(self)
-        found._blocks = [block.softened(delta) for block, delta in zip(self._blocks, deltas, strict=True)]
-        return found
+        softer = copy.copy(self)
+        softer._blocks = [block.softened(delta) for block, delta in zip(self._blocks, deltas, strict=True)]
+        return softer
 
     def mult(self, x: np.ndarray, inverse: bool = False) -> np.ndarray:
         """M x (size,) in newtons, of x (size,) in metres; or M⁻¹ x in metres, of x in newtons."""
@@ -95,21 +95,25 @@ class _Block:
         lowest = (LONGEST[interface.law.components] / interface.length) ** 2
         over = sparse.diags(1.0 / self._root[:, 0])
         A = (over @ interface.laplacian @ over + lowest * sparse.identity(interface.m)).tocsr()
+        # Hale, Higham, Trefethen 2008, method 3: A^½ = (2/π) ∫ A (A + t²)⁻¹ dt over t > 0 with t = √lowest sn/cn(u), by
+        # the midpoint rule in u up to the complete elliptic integral K of m = 1 − lowest/highest. Twice the largest
+        # diagonal entry stands for the highest eigenvalue
         modulus = lowest / (2.0 * A.diagonal().max())
         quarter = ellipkm1(modulus)
         sn, cn, dn, _ = ellipj((np.arange(SHIFTS) + 0.5) * quarter / SHIFTS, 1.0 - modulus)
         self._weights = 2.0 * quarter * np.sqrt(lowest) / (np.pi * SHIFTS) * dn / cn**2
         self._shifts, self._lowest, self._sum = lowest * (sn / cn) ** 2, lowest, self._weights.sum()
+        # all A + t² in one block-diagonal matrix: one factorization and one solve
         shifted = sparse.block_diag(SHIFTS * [A], format="csc")
         shifted.setdiag(shifted.diagonal() + np.repeat(self._shifts, interface.m))
         self._shifted = splu(shifted)
 
     def softened(self, delta: float) -> _Block:
         """With R/(1 + bR) = 2/π ∫ (1 − t²(A + t²)⁻¹) / (1 + b²t²) dt for the root R, b being δ node distances."""
-        found, b = copy.copy(self), delta * self._spacing
-        found._scale, found._weights = self._scale * (1.0 + delta), self._weights / (1.0 + b**2 * self._shifts)
-        found._sum = 1.0 / b if b**2 * self._lowest > 1.0 else found._weights.sum()  # the shifts miss small t
-        return found
+        softer, b = copy.copy(self), delta * self._spacing
+        softer._scale, softer._weights = self._scale * (1.0 + delta), self._weights / (1.0 + b**2 * self._shifts)
+        softer._sum = 1.0 / b if b**2 * self._lowest > 1.0 else softer._weights.sum()  # the shifts miss small t
+        return softer
 
     def mult(self, x: np.ndarray, inverse: bool = False) -> np.ndarray:
         """M x, or M⁻¹ x, of columns x (size, c)."""
@@ -121,6 +125,7 @@ class _Block:
         """The root of the operator, or its inverse A^−½ = Σ w (A + t²)⁻¹, on columns x (m, c)."""
         if not x.size:
             return x
+        # M = scale W^½ A^½ W^½ with A^½ = Σ w (1 − t² (A + t²)⁻¹), and M⁻¹ = W^−½ A^−½ W^−½ / scale
         x = x / self._root if inverse else self._root * x
         shifted = self._shifted.solve(np.concatenate(SHIFTS * [x])).reshape(SHIFTS, -1)
         if inverse:
@@ -149,8 +154,10 @@ def smooth_modes(operator: Member | Joint, space: Space, limit: float) -> tuple[
     half_space, size = HalfSpace(space), space.size
     most = min(MODE_STEPS, int(space.add(np.array([float(size)]))[0]))
     V, W, H = np.empty((0, size)), np.empty((0, size)), np.empty((0, 0))  # W = M V, H = Wᵀ C W
-    v, found = 1.0 + 0.3 * np.random.default_rng(0).standard_normal(size), (np.empty((0, size)), np.empty(0))
+    v, modes = 1.0 + 0.3 * np.random.default_rng(0).standard_normal(size), (np.empty((0, size)), np.empty(0))
     while len(V) < most:
+        # C M is symmetric in the product vᵀ M w: Lanczos steps with it, made orthogonal to all before, twice against
+        # rounding; H = Wᵀ C W, the whole of it, as products with C are only as precise as MODE_PRECISION
         for _ in range(2):
             v = v - V.T @ space.add(W @ v)
         w = half_space.mult(v)
@@ -164,12 +171,12 @@ def smooth_modes(operator: Member | Joint, space: Space, limit: float) -> tuple[
         mu, Y = np.linalg.eigh(H)
         left = v - V.T @ column
         length = np.sqrt(max(space.add(np.array([left @ half_space.mult(left)]))[0], 0.0))
-        error = length * np.abs(Y[-1])  # of each Ritz value's vector
+        error = length * np.abs(Y[-1])  # what the residual of each Ritz pair is, and bounds the error of μ
         above = mu > limit
-        found = Y[:, above].T @ V, mu[above]
+        modes = Y[:, above].T @ V, mu[above]
         if len(V) > 2 and (error <= MODE_PRECISION * np.maximum(mu, limit))[mu > limit - error].all():
             break
-    return found
+    return modes
 
 
 class Model(Joint):
@@ -198,6 +205,7 @@ class Model(Joint):
     def mult(self, x: np.ndarray, y: np.ndarray, purpose: str, relative: float = 0.0) -> None:
         """y ← C̃ x; collective on all bodies, without a product of theirs."""
         y[:] = self._unlearnt(x)
+        # block BFGS: C̃ ← C̃ − C̃X (Xᵀ C̃ X)⁻¹ (C̃X)ᵀ + Y (Xᵀ Y)⁻¹ Yᵀ, from the C̃ that knows no products
         if len(self._x):
             a, b = self.space.add(np.stack([self._bx @ x, self._y @ x]))
             y += self._y.T @ (self._known @ b) - self._bx.T @ (self._within @ a)
@@ -210,14 +218,15 @@ class Model(Joint):
         size = self.space.norm(x)
         if not size:
             return
-        known = (np.vstack([own, new]) for own, new in
+        known = (np.vstack([former, new]) for former, new in
                  zip((self._x, self._y, self._bx), (x / size, y / size, self._unlearnt(x / size)), strict=True))
-        self._x, self._y, self._bx = (each[-LEARNT:] for each in known)
+        self._x, self._y, self._bx = (rows[-LEARNT:] for rows in known)
         grams = self.space.add(np.stack([self._x @ self._bx.T, self._x @ self._y.T]))
-        self._within, self._known = (_inverse(0.5 * (each + each.T)) for each in grams)
+        self._within, self._known = (_inverse(0.5 * (gram + gram.T)) for gram in grams)  # Xᵀ Y is not quite symmetric
 
     def pass_through(self, s: np.ndarray, r: np.ndarray, alpha: np.ndarray, e: np.ndarray) -> None:
         """Have the gaps r (size,) under the forces s (size,) and rigid motions α, and the loads e."""
+        # C̃ s − d̃ − Gᵀα = r: the model then knows the iterate's gaps exactly, and errs in their change alone
         self.d, self.e = self.product(s, "model", 0.0) - r - self.rigid.spread(alpha), e
 
 

@@ -87,15 +87,15 @@ class Linearised(Tangent):
     """
 
     @classmethod
-    def of(cls, parts: Sequence[Tangent]) -> Linearised:
+    def of(cls, tangents: Sequence[Tangent]) -> Linearised:
         """That of interfaces, one after the other."""
-        unknown, source, coupling, given, spring = (np.concatenate([getattr(part, name) for part in parts])
+        unknown, source, coupling, given, spring = (np.concatenate([getattr(tangent, name) for tangent in tangents])
                                                     for name in ("unknown", "source", "coupling", "given", "spring"))
-        sizes, turn = [len(part.unknown) for part in parts], None
+        sizes, turn = [len(tangent.unknown) for tangent in tangents], None
         source = source + np.repeat(np.cumsum(sizes) - sizes, sizes)
-        if any(part.turn is not None for part in parts):
-            turn = sparse.block_diag([sparse.identity(size) if part.turn is None else part.turn
-                                      for part, size in zip(parts, sizes, strict=True)], format="csr")
+        if any(tangent.turn is not None for tangent in tangents):
+            turn = sparse.block_diag([sparse.identity(size) if tangent.turn is None else tangent.turn
+                                      for tangent, size in zip(tangents, sizes, strict=True)], format="csr")
         return cls(unknown, source, coupling, given, spring, turn)
 
     @cached_property
@@ -168,13 +168,14 @@ class Preconditioner:
         self.half_space, self.c, rigid = HalfSpace(joint.space), c, joint.rigid
         self.motions, self.diagonal = rigid, HELD_LOOSELY * joint.rigid_moduli()
         if joint.bodies >= MANY or rigid.size:
-            found = [(np.empty((0, member.size)), np.empty(0)) for member in joint.members]
+            modes = [(np.empty((0, member.size)), np.empty(0)) for member in joint.members]
             with joint.exchange.deferred():
-                found = [smooth_modes(member, Space(member.interfaces),
-                                      SMOOTH[max(each.law.components for each in member.interfaces)])
-                         if member.interfaces else none for member, none in zip(joint.members, found, strict=True)]
+                modes = [smooth_modes(member, Space(member.interfaces),
+                                      SMOOTH[max(interface.law.components for interface in member.interfaces)])
+                         if member.interfaces else none for member, none in zip(joint.members, modes, strict=True)]
             joint.exchange.meet("coarse modes")
-            self.motions, more = joint.add_motions([v for v, _ in found], [1.0 / (mu - 0.5) for _, mu in found])
+            # M⁻¹ is the compliance of two half-spaces, of which a body has ½: a mode gives way by μ − ½ more
+            self.motions, more = joint.add_motions([v for v, _ in modes], [1.0 / (mu - 0.5) for _, mu in modes])
             self.diagonal = np.append(self.diagonal, more)
         if self.motions.size:
             log.info("coarse problem: %d rigid motions and %d smooth modes of %d bod%s", rigid.size,
@@ -193,7 +194,7 @@ class LinearProblem:
     preconditioner : for all active sets
     linearised : the forces that the active set implies
     layer : (joint.size,) compliance D (m/N) of a layer, a barrier, or the springs across friction, in turned frames
-    held, steered : part of the springs ε that steer rigid motions, and of the compliances that steer shared nodes
+    springs, steered : part of the springs ε that steer rigid motions, and of the compliances that steer shared nodes
     forcing : by which GMRES reduces the residual
     precise : whether the forces are to be known as well as the displacements; slender bodies always need this
 
@@ -201,12 +202,14 @@ class LinearProblem:
     """
 
     def __init__(self, joint: Joint, preconditioner: Preconditioner, linearised: Linearised,
-                 layer: np.ndarray, held: float = 1.0, steered: float = 1.0, forcing: float = FORCING,
+                 layer: np.ndarray, springs: float = 1.0, steered: float = 1.0, forcing: float = FORCING,
                  precise: bool = False) -> None:
         self.joint, self.linearised = joint, linearised
         self._D = (steered * preconditioner.shared + layer)[linearised.unknown]
         crossing = preconditioner.crossing
         self._correct = crossing and crossing.corrector(linearised.basis, self._D, preconditioner.shared > 0.0)
+        # M_δ of each interface has one δ: the least one, so that the stiffest nodes are preconditioned well; W does the
+        # rest node by node
         deltas = np.where(linearised.unknown, layer * preconditioner.c, np.inf)
         self._half_space = preconditioner.half_space.softened(
             [least if np.isfinite(least) else 0.0 for part in joint.space.parts.values()
@@ -217,7 +220,7 @@ class LinearProblem:
         self._coarse: CoarseSystem | None = None
         if preconditioner.motions.size:
             diagonal = preconditioner.diagonal.copy()
-            diagonal[:self._rigid] *= held
+            diagonal[:self._rigid] *= springs
             self._coarse = CoarseSystem(preconditioner.motions, linearised.basis, linearised.expansion, self._weights,
                                         self._half_space.on_interface, diagonal)
 
@@ -229,6 +232,7 @@ class LinearProblem:
         """
         if self._correct:
             w = self._weights * self._correct(w / self._weights)
+        # y = W Iᵀ M_δ I W w, then the coarse problem of rigid motions and smooth modes makes the second row hold
         y = self._weights * self.linearised.restrict(self._half_space.mult(self.linearised.place(w)))
         if not self._coarse:
             return y, np.zeros(0)
@@ -259,8 +263,8 @@ class LinearProblem:
             ksp.setOptionsPrefix("newton_")
             ksp.setOperators(K)
             ksp.setType(PETSc.KSP.Type.GMRES)
-            ksp.setGMRESRestart(KRYLOV_LIMIT)
-            ksp.getPC().setType(PETSc.PC.Type.NONE)
+            ksp.setGMRESRestart(KRYLOV_LIMIT)  # no restarts: a basis of short vectors costs little
+            ksp.getPC().setType(PETSc.PC.Type.NONE)  # `mult` has it in it, from the right: the residual is the true one
             ksp.setTolerances(rtol=self._forcing, atol=0.0, max_it=KRYLOV_LIMIT)
             ksp.setFromOptions()
             ksp.setConvergenceTest(self._converged)
@@ -283,6 +287,8 @@ class LinearProblem:
 
     def mult(self, _mat: PETSc.Mat, x: PETSc.Vec, z: PETSc.Vec) -> None:
         """The first row of the system at the preconditioned point; called by PETSc."""
+        # inexact Krylov methods (Simoncini and Szyld, SIAM J. Sci. Comput. 25, 2003): a product may be the coarser the
+        # less is left of the residual
         left = (self._ksp.getResidualNorm() or self._size) / self._size
         relative = self.joint.steering * min(self._ksp.getTolerances()[0] / left, 1.0)
         y, alpha = self.precondition(x.array_r)
@@ -298,6 +304,8 @@ class LinearProblem:
             return PETSc.KSP.ConvergedReason.DIVERGED_DTOL
         if not residual <= max(rtol * self._size, atol):
             return None
+        # w is what half-spaces would give way by. Where it is far smaller than the right-hand side, bodies are slender:
+        # a residual that is small beside their displacements need not be beside w, which the forces follow from
         w = ksp.buildSolution()
         size = w.norm()
         w.destroy()  # else it stays until PETSc collects garbage

@@ -64,9 +64,6 @@ SOFTER, SOFTEST, NEARLY = 1e-3, 1e-6, 1e-3
 """The springs get softer by the first factor, at most by the second, where a step leaves most of an imbalance that is
 below the third part of the loads: friction that turns may resist a motion less than they do."""
 
-KEPT = ("start", "warm", "least", "settled", "error", "held", "far", "stalled", "smallest")
-"""What `state` has beside the iterate."""
-
 
 class Newton(Outer):
     """The iteration.
@@ -127,7 +124,7 @@ class Newton(Outer):
         self._far: float | None = None  # `_distances` of the iterate
         self._least = max(self._least, NO_FORCE * max(self.space.norm(self._c * joint.d), norm(joint.e)))
         self._start, self._settled, self._error = not foreseen, False, math.inf if foreseen else 0.0
-        self._stalled, self._smallest, self._held = 0, np.inf, 1.0
+        self._stalled, self._smallest, self._springs = 0, np.inf, 1.0
         self.history: list[Step] = []
 
     def _pressed(self) -> np.ndarray:
@@ -157,16 +154,14 @@ class Newton(Outer):
         if self._settled:  # the forces were moved onto their bounds; the gaps must follow
             self.joint.neglected = NEGLECTED * tolerance * self._size()
             self._settled, self._far = False, self._look()
-        while True:
-            if not self._path:  # which is gone through again from its beginning
-                self.checkpoint()
+        while True:  # far is ‖residual of all equations‖ in newtons, residual the same over the forces
             if self._far is None:
                 self._far = self._distances([self._at])[0]
             far = self._far
             residual = self._relative(far)
             done = (residual <= tolerance and self._error <= ERROR * tolerance
-                    and not (self._start and residual > 0.0))
-            if done and self._rough:
+                    and not (self._start and residual > 0.0))  # guessed active sets may fit by chance
+            if done and self._rough:  # the gaps were only as precise as the step needed: look again
                 self._far = self._look()
                 continue
             if (done or not np.isfinite(residual)) and not self.history:
@@ -204,19 +199,20 @@ class Newton(Outer):
     def _iterate(self, far: float, tolerance: float) -> float:
         """One step, of Newton's method or of a path, from and to where `_distances` is `far` and what is returned."""
         residual = self._relative(far)
+        # Newton's steps count as stalled while they gain little; full steps in space and steps of a path do not
         gained = residual < PROGRESS * self._smallest
         self._stalled = 0 if gained or self._path else self._stalled + (not self._runs)
         self._smallest = residual if gained else self._smallest
         before, imbalance = self._at.s, norm(self._at.left)
         self.joint.neglected = NEGLECTED * tolerance * self._size()
-        if self._stalled >= PATIENCE and not self._path:
+        if self._stalled >= PATIENCE and not self._path:  # active sets cycle: approach by a series of easier problems
             self._next_path()
         stage = "" if self._trying or not self._path else self._path.stage
         if stage and self._path:
             with event("NewtonStep"):
                 self._path.step(self.direction)
             self._at = self._path.point
-            far = self._distances([self._at])[0]
+            far = self._distances([self._at])[0]  # of the equations without layer or barrier
             near = self._path.kind == "softening" or self._relative(far) < NEAR
             self._trying = self._path.ready and near and not self._path.failed
         else:
@@ -224,12 +220,13 @@ class Newton(Outer):
                 far = self._newton_step(far)
         self._start = False
         after, size, left = self._relative(far), self._size(), norm(self._at.left)
+        # rigid motions stop where the springs that steer them are stiffer than the friction that turns: soften these
         if max(tolerance * size, PROGRESS * imbalance) < left < NEARLY * norm(self.joint.e):
-            self._held = max(SOFTER * self._held, SOFTEST)
+            self._springs = max(SOFTER * self._springs, SOFTEST)
         update = self.space.norm(self._at.s - before) / size if size else 0.0
         if not update:
             self._stalled = PATIENCE  # the next step would be the same
-        self._error = update * after / residual if residual else 0.0
+        self._error = update * after / residual if residual else 0.0  # as if the next step shrank like the residual
         self._note(after, update, stage)
         if self._path and self._trying and not stage and not after <= PROGRESS * residual:
             self._trying, self._at = False, self._path.point  # back to where the path was left
@@ -267,7 +264,7 @@ class Newton(Outer):
 
     @property
     def _forcing(self) -> float:
-        return self._path.forcing if self._path else forcing([each.residual for each in self.history], self._in_space)
+        return self._path.forcing if self._path else forcing([step.residual for step in self.history], self._in_space)
 
     def _note(self, residual: float, update: float, stage: str = "") -> None:
         step = Step(len(self.history) + 1, update, residual, self._forcing, self.joint.multiplications(), stage)
@@ -291,11 +288,12 @@ class Newton(Outer):
     def _distances(self, points: Iterable[Point]) -> list[float]:
         """The norms (N) of the residuals of all equations at some points.
 
-        Contact and friction want s = P(s − c r), loose bodies G s = e. All points in one reduction. Collective.
+        Contact and friction want s = P(s − c r) (Alart and Curnier 1991), with the projection P onto the forces that
+        the laws allow and any c > 0; loose bodies want G s = e. All points in one reduction. Collective.
         """
         points = list(points)
         contact = self.space.norms([s - self._laws.project(s - self._c * r) for s, r, *_ in points])
-        return [math.hypot(each, norm(point.left)) for each, point in zip(contact, points, strict=True)]
+        return [math.hypot(misfit, norm(point.left)) for misfit, point in zip(contact, points, strict=True)]
 
     def _newton_step(self, far: float) -> float:
         """Solve for the forces that the active sets of the iterate imply, and go there as far as it helps.
@@ -303,7 +301,7 @@ class Newton(Outer):
         It takes and returns `_distances` of the iterate (N).
         """
         change = None
-        if self._modelled and not self._path and not self._stalled % 2:
+        if self._modelled and not self._path and not self._stalled % 2:  # every other stalled step does without
             change = self._modelled.step(self._at, self._relative(far), self._size(), self._start, self._warm)
         if change is None:
             if self._rough:  # which may be why the model did not lead on
@@ -315,6 +313,7 @@ class Newton(Outer):
             linearised = Linearised.of(self._laws.linearise(active))
             if self._start:  # nor do bounds follow pressures
                 linearised = linearised.frozen(0.0 * s)
+            # nodes that slip in space turn their friction against springs κ/c: r + (κ/c) s = 0 across it
             move, layer = linearised.move(s), linearised.spring / self._c
             change = self.direction(self._at, linearised, move, -layer * (s + move), layer)
         far, length = self._length(far, change)
@@ -338,9 +337,9 @@ class Newton(Outer):
         alpha, C_change = np.zeros(rigid.size), np.zeros_like(change)
         problem, y = None, np.zeros(linearised.number)
         if (self._path and rigid.size) or space.any(np.ones(linearised.number)):  # springs let fall
-            held = self._path.held if self._path else 1.0
-            held = min(held, self._held) if self._trying or not self._path else held
-            problem = LinearProblem(joint, self._preconditioner, linearised, layer, held,
+            springs = self._path.springs if self._path else 1.0
+            springs = min(springs, self._springs) if self._trying or not self._path else springs
+            problem = LinearProblem(joint, self._preconditioner, linearised, layer, springs,
                                     self._path.steered if self._path else 1.0, self._forcing, self._path is not None)
             if rigid.size:  # the nearest forces by half-planes that balance the loads
                 y, alpha = problem.precondition(y, joint.imbalance(point.s + change))
@@ -351,7 +350,7 @@ class Newton(Outer):
             more = np.zeros_like(y)
             with joint.exchange.deferred():
                 right = linearised.restrict(wanted - point.r - C_change + rigid.spread(alpha))
-                right -= layer[linearised.unknown] * y
+                right -= layer[linearised.unknown] * y  # the layer has given way by D y already
                 more, turn, iterations = problem.solve(right)
                 alpha = alpha + turn
                 self.inner_steps["gmres"] += iterations
@@ -361,13 +360,13 @@ class Newton(Outer):
 
     def _length(self, far: float, change: Point) -> tuple[float, float]:
         """The smallest residual (N) and the length of the step to it; the full one if it gains enough on `far`."""
-        def there(lengths: Sequence[float]) -> list[float]:
+        def distances(lengths: Sequence[float]) -> list[float]:
             return self._distances(self._at.along(change, length) for length in lengths)
 
-        full = there(LENGTHS[:1])
+        full = distances(LENGTHS[:1])  # r is linear in s, so that no length takes another product with C
         if self._start or full[0] <= (GROWTH if self._runs else GAIN) * far:
             return full[0], LENGTHS[0]
-        return min(zip(full + there(LENGTHS[1:]), LENGTHS, strict=True))
+        return min(zip(full + distances(LENGTHS[1:]), LENGTHS, strict=True))
 
     def body_forces(self) -> list[np.ndarray]:
         return self.joint.exchange.spread(self._at.s)
@@ -376,15 +375,10 @@ class Newton(Outer):
         """Nothing to do: the gaps are computed afresh where the iteration goes on."""
 
     def state(self) -> dict[str, Any]:
-        return self._at._asdict() | {name: getattr(self, f"_{name}") for name in KEPT} | {
-            "norm": self._norm(), "inner_steps": dict(self.inner_steps), "history": tuple(self.history)}
+        return self._at._asdict() | {"least": self._least, "inner_steps": dict(self.inner_steps),
+                                     "history": tuple(self.history)}
 
     def restore(self, state: dict[str, Any]) -> None:
-        for name in KEPT:
-            setattr(self, f"_{name}", state[name])
-        self._at = Point(*(state[name] for name in Point._fields))
-        self._measured = self._at.s, state["norm"]
+        self._at, self._least = Point(*(state[name] for name in Point._fields)), state["least"]
         self.inner_steps.update(state["inner_steps"])  # in which the model counts, too
         self.history = [Step(*row) for row in state["history"]]
-        if self._modelled:
-            self._modelled.rough = True  # which the state does not say

@@ -42,7 +42,7 @@ class Outer(Protocol):
     forces : contact forces (N) at the interfaces that this rank owns, which obey all bounds
     bound : slip bounds (N) of their sliding nodes, for which the forces are meant
     inner_steps : iterations of GMRES or steps of the QP solver, by kind
-    checkpoint : called before iterations from which `state` goes on
+    checkpoint : called by a method of many iterations before those from which `state` goes on
     """
 
     history: list[Step]
@@ -84,7 +84,7 @@ class Outer(Protocol):
         """Take the contact displacements (m) of this rank's bodies, computed afresh from `body_forces`."""
 
     def state(self) -> dict[str, Any]:
-        """Everything that the next iteration depends on: numbers, arrays, lists and tables of them.
+        """What the answer follows from, and the next load step or call of `checkpoint`: numbers, arrays, lists, tables.
 
         Arrays in it are not changed afterwards but replaced.
         """

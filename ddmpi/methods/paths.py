@@ -24,7 +24,7 @@ from ddmpi.coupling.coarse import CoarseSystem
 from ddmpi.coupling.joint import Joint, Point
 from ddmpi.interface.law import across, direction
 from ddmpi.methods.krylov import Linearised
-from ddmpi.qp.box import cone_exit, cone_room, dots, magnitude
+from ddmpi.sets import cone_exit, cone_room, dots, magnitude
 from ddmpi.system.numbers import norm
 
 SOFTEST, HARDEST, HARDER = 1e3, 1e-7, 0.1
@@ -100,12 +100,12 @@ class Softening:
     point : the iterate
     ready : whether Newton's own steps are worth trying from it
     failed : whether the path leads nowhere
-    held, steered : parts of `LinearProblem`'s springs and compliances that steer
+    springs, steered : parts of `LinearProblem`'s springs and compliances that steer
     forcing : of the linear problems; what 1e-3 leaves of a stage decides where a slender body goes
     """
 
     kind = "softening"
-    held, steered, forcing = 1.0, 1.0, 1e-4
+    springs, steered, forcing = 1.0, 1.0, 1e-4
 
     def __init__(self, joint: Joint, c: np.ndarray) -> None:
         self._joint, self._space, self._laws, self._c = joint, joint.space, joint.space.laws, c
@@ -134,11 +134,12 @@ class Softening:
     def step(self, solve: Solve) -> None:
         """One step of the stage, or the first one of the next. Collective; raises what `solve` raises."""
         point, first = self.point, not self._seen
-        if first:
+        if first:  # nothing is known: what is closed at first sticks
             active, q = self._laws.sticking(self._joint.first_closed()[0]), point.s
         else:
             q = self._pressed(point, self._seen)
             active = self._laws.active_sets(q)
+        # s = P(−r/D), linearised: r + D s = 0 along the forces that P leaves free, with D = δ/c
         linearised = Linearised.of(self._laws.linearise(active))
         layer = np.where(self._bonded, 0.0, self._delta / self._c)
         change = self._towards(solve, linearised, layer)
@@ -151,13 +152,14 @@ class Softening:
 
     def _towards(self, solve: Solve, linearised: Linearised, layer: np.ndarray) -> Point:
         s = self.point.s
+        # friction at its bound is g q̂: across q̂ the layer gives way by D |q_t|/g = D (1 + κ)
         change, layer = linearised.move(s), layer * (1.0 + linearised.spring)
         return solve(self.point, linearised, change, -layer * (s + change), layer)
 
     def _pressed(self, point: Point, delta: float) -> np.ndarray:
         """q (size,) whose projection are the forces of a layer; of bonded rows, the forces that close them."""
-        own = -self._c / delta * point.r
-        return np.where(self._bonded, point.s - self._c * point.r, own) if self._bonded.any() else own
+        pressed = -self._c / delta * point.r
+        return np.where(self._bonded, point.s - self._c * point.r, pressed) if self._bonded.any() else pressed
 
     def _slopes(self, change: Point, lengths: np.ndarray, bound: np.ndarray | None) -> np.ndarray:
         """Derivatives (k,) of the energy (J) by the length of the step, at the `lengths` (k,), in one reduction.
@@ -165,13 +167,13 @@ class Softening:
         φ' = dr·(s − P(−r/D)) − dα·(e − G s): what bodies and layer store less what the loads do. The bonded rows
         stay closed. `bound` (mt,): of frozen slip bounds, None where they follow the pressure.
         """
-        way, found = np.where(self._bonded, 0.0, change.r), []
+        way, slopes = np.where(self._bonded, 0.0, change.r), []
         project = self._laws.project if bound is None else self._laws.cone(bound).project
         for t in lengths:
-            there = self.point.along(change, t)
-            found.append(way @ (there.s - project(self._pressed(there, self._delta))))
+            ahead = self.point.along(change, t)
+            slopes.append(way @ (ahead.s - project(self._pressed(ahead, self._delta))))
         rigid = change.alpha @ self.point.left + lengths * (change.alpha @ change.left)
-        return self._space.add(np.array(found)) - rigid
+        return self._space.add(np.array(slopes)) - rigid
 
     def _length(self, change: Point, bound: np.ndarray | None) -> float:
         """The length of the step; zero where the energy does not fall along it."""
@@ -182,6 +184,7 @@ class Softening:
             return 0.0
         if slopes[-1] <= SLOPE * falls:
             return 1.0
+        # the least energy lies where its slope changes sign; closer and closer lengths between the two neighbours
         for _ in range(REFINEMENTS):
             k = max(int(np.argmax(slopes > 0.0)), 1)
             t = np.linspace(t[k - 1], t[k], CLOSER)
@@ -203,6 +206,7 @@ class Softening:
         self._steps += 1
         gained = self._far <= GAIN * self._smallest
         self._since, self._smallest = (0, self._far) if gained else (self._since + 1, self._smallest)
+        # early stages only have to lead near the next one; in late ones few nodes decide where a body goes
         late = self._delta <= LATE
         share = min(SETTLED_LATE, self._delta) if late else SETTLED
         settled = length == 1.0 and self._far <= share * size
@@ -223,19 +227,21 @@ class InteriorPoints:
     """
 
     kind = "interior points"
-    held, steered, forcing = 1e-6, LOOSELY, INEXACT
+    springs, steered, forcing = 1e-6, LOOSELY, INEXACT
     """Springs of Newton's method would bring bodies across wide clearances too slowly: each step moves by the load that
     is left over the spring. Wherever there is a contact a barrier holds bodies, too."""
 
     def __init__(self, joint: Joint, c: np.ndarray) -> None:
         self._joint, self._space, size = joint, joint.space, joint.size
-        self._parts = [(each.law, part) for each, part in joint.space.each() if each.law.name != "bonded"]
+        self._laws = [(interface.law, part) for interface, part in joint.space.each()
+                      if interface.law.name != "bonded"]
         self._normal, self._source = np.zeros(size, bool), np.arange(size)
-        rows = np.empty((0, max((law.components for law, _ in self._parts), default=1)), int)
-        for law, part in self._parts:
+        rows = np.empty((0, max((law.components for law, _ in self._laws), default=1)), int)
+        for law, part in self._laws:
             self._normal[part.start:part.start + law.m] = True
             self._source[part] = part.start + law.node
             rows = np.append(rows, np.arange(part.start + law.m, part.stop).reshape(-1, law.components), axis=0)
+        # all nodes carry alike, so that the norm of their forces is the first force
         number = float(self._space.add(np.array([float(np.count_nonzero(self._normal))]))[0])
         force = self._first_force(c) / np.sqrt(max(number, 1.0))
         s = np.where(self._normal, force, 0.0)
@@ -249,6 +255,7 @@ class InteriorPoints:
             r, motions = CoarseSystem(joint.rigid, identity, identity, np.ones(size), lambda _, block: block,
                                       np.full(joint.rigid.size, UNSEEN)).correct(r)
             alpha = -motions
+        # all gaps w begin as wide as the widest clearance, or as what the first force closes, or as r if that is wider
         w = self._space.largest(np.maximum(joint.space.opening, force / c))
         self._w, self._slip = np.where(self._normal, np.maximum(w, r), 0.0), r[self._rows]
         # inside |v| < y; without slip g y + s_t·v = 2μ, as s_t = 0; this μ is the mean of s w
@@ -283,8 +290,8 @@ class InteriorPoints:
 
     def _bounds(self, s: np.ndarray) -> np.ndarray:
         """Slip bounds (N) and their slopes (2, k, 1) at the nodes with friction, under the forces s (size,)."""
-        found = [(law.bound_at(s[part]), law.slope(np.maximum(s[part][:law.m], 0.0))) for law, part in self._parts]
-        return np.concatenate([np.empty((2, 0)), *found], axis=1)[:, self._holds, None]
+        bounds = [(law.bound_at(s[part]), law.slope(np.maximum(s[part][:law.m], 0.0))) for law, part in self._laws]
+        return np.concatenate([np.empty((2, 0)), *bounds], axis=1)[:, self._holds, None]
 
     def _turn(self, axes: np.ndarray) -> sparse.csr_matrix | None:
         """Frames (size, size) with tangential `axes` (k, d − 1) at the nodes with friction; None in the plane."""
@@ -315,11 +322,14 @@ class InteriorPoints:
             self.failed = True
             return
         mu = self._barrier = mean * next(part for least, part in LOWER if self._last >= least)
+        # friction s_t below g and slip v below y: g y + s_t·v = 2μ and g v + y s_t = 0. Without y, this is the slip
+        # v = −2μ s_t/(g² − |s_t|²); linearised, it has one compliance along s_t and another one across it
         axes, size = direction(friction), magnitude(friction)[:, None]
         ahead = dots(axes, slip)
         power, across_slip = bound * most - size * ahead, slip - ahead * axes
         along, aside = power / room, most / bound  # what slip across friction does to slip along it is left out
-        turns = (size * most - bound * ahead) / power * axes - across_slip / most
+        turns = (size * most - bound * ahead) / power * axes - across_slip / most  # ds_t/dg at the slip as it is
+        # s w = μ, linearised, with the new gap for the new w: r + (w/s) ds = μ/s
         pressure = np.where(normal, s, 1.0)
         layer, coupling, wanted = w / pressure, np.zeros(len(s)), np.where(normal, mu / pressure, 0.0)
         layer[rows], coupling[rows], wanted[rows] = aside, slope * turns, -2.0 * mu / room * friction
@@ -328,11 +338,13 @@ class InteriorPoints:
         linearised = Linearised(self._unknown, self._source, coupling, none, none, self._turn(axes))
         change = solve(point, linearised, none, wanted, layer)
         more, moved = slope * change.s[under], change.s[rows]
-        own = moved - more * turns
-        part = dots(axes, own) * axes
-        slips = wanted[rows] - along * part - aside * (own - part) - slip
+        # the changes of v, y and w that belong to that of the forces
+        beyond = moved - more * turns  # of friction, but for what follows the bound
+        straight = dots(axes, beyond) * axes
+        slips = wanted[rows] - along * straight - aside * (beyond - straight) - slip
         mosts = (2.0 * mu - dots(friction, slip + slips) - dots(slip, moved) - most * more) / bound - most
         opens = np.where(normal, (mu - w * change.s) / pressure - w, 0.0)
+        # as far as TO_BOUND of the way to where a force, a gap, or a limit of a force or slip becomes zero
         nears = np.concatenate([-change.s[normal] / s[normal], -opens[normal] / w[normal],
                                 *cone_exit(bound, friction, more, moved), *cone_exit(most, slip, mosts, slips)])
         fastest = self._space.largest(np.maximum(nears, 0.0))

@@ -1,7 +1,10 @@
-"""Checkpoints: the state of a run between two iterations, and the file from which it is continued.
+"""Checkpoints: the state of a run at a point that is cheap to describe, and the file from which it is continued.
 
-Before every iteration each rank notes the `state()` of its objects, so there is always a whole state of one iteration
-on all ranks, whatever ends the next one. Rank 0 gathers these states into one HDF5 file, which begins with a digest of
+These points are the ends of load steps, mesh levels and iterations of the published method, and the end of the last
+iteration, from which results follow. A load step that is ended within Newton's method is repeated: it takes seconds.
+
+At such a point each rank notes the `state()` of its objects, so there is always a whole state of one point on all
+ranks, whatever ends the work after it. Rank 0 gathers these states into one HDF5 file, which begins with a digest of
 the rest (in HDF5's user block), so that damage is noticed before HDF5 sees it.
 """
 
@@ -15,7 +18,7 @@ import logging
 import os
 import re
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -25,7 +28,6 @@ from mpi4py import MPI
 from ddmpi.coupling.assembly import Assembly
 from ddmpi.errors import InputError, InterruptionError, OutputError, TakenError
 from ddmpi.judge.accuracy import MeshLadder
-from ddmpi.methods.outer import Outer
 from ddmpi.results.tables import reading
 from ddmpi.scene.keys import differences
 from ddmpi.scene.method import Checkpoint
@@ -36,7 +38,7 @@ from ddmpi.system.files import CHECKPOINT, write_atomically
 
 log = logging.getLogger("ddmpi")
 
-FORMAT, BLOCK = b"ddmpi checkpoint 15 sha256 ", 512
+FORMAT, BLOCK = b"ddmpi checkpoint 16 sha256 ", 512
 """What stands in HDF5's user block, before the digest of the rest; its size, the smallest that HDF5 has."""
 
 KIND = "a checkpoint of this version of ddmpi"
@@ -49,7 +51,7 @@ ONLY_PRINT = r"(^|_)(view|monitor|log|info|reason|left|table|malloc|memory|help|
 
 
 class Part(Protocol):
-    """What carries numbers, words, arrays, lists and tables of them from one iteration to the next."""
+    """What carries numbers, words, arrays, lists and tables of them from one point to the next."""
 
     def state(self) -> dict[str, Any]: ...
 
@@ -116,80 +118,72 @@ class Checkpoints:
     def __init__(self, world: MPI.Comm, folder: Path | None, identity: dict[str, dict], spec: Checkpoint, clock: Clock,
                  ladder: MeshLadder, state: dict[str, Any] | None = None) -> None:
         self.world, self.folder, self.identity, self.spec, self.clock = world, folder, identity, spec, clock
-        self._begin, self._ladder, self._known = state or {}, ladder, len(ladder.levels)
+        self._begin, self._ladder = state or {}, ladder
         self.continuing = "outer" in self._begin
         self._parts: dict[str, Part] = {}
-        self._fixed: dict[str, Any] = {}
-        self._now: dict[str, Any] = {}
-        self._at = 0
-        self._written, self._last = -1, time.monotonic()
+        self._mesh = ""
+        self._now: dict[str, Any] = {}  # the last state that was noted; empty where there is nothing to go on from
+        self._at = self._written = 0  # the iterations so far at this state, and at the one in the file
+        self._last = time.monotonic()
         if folder:
             import h5py  # noqa: F401  a signal may leave a second, and to load it takes a part of that
 
-    def follow(self, assembly: Assembly, outer: Outer, before: Callable[[], int] = int, **parts: Part) -> None:
-        """Keep the state of the iteration and of other `parts` from now on; restore what there is to go on from.
+    def follow(self, assembly: Assembly, **parts: Part) -> None:
+        """Take the state of `parts` in every `note` from now on; restore them from the state to go on from, if any.
 
-        `before` says how many iterations the load steps before the present one have taken.
         Collective. Raises InputError on all ranks when the checkpoint is of other meshes.
         """
-        exchange, bodies = assembly.exchange, assembly.bodies
-
-        def count() -> int:
-            return len(outer.history) + before()
-
-        self._parts = parts | {"ladder": self._ladder, "outer": outer, "exchange": exchange}
-        self._parts |= {f"compliance of {body.spec.name}": body.member.C for body in bodies}
-        self._fixed = {"mesh": _digest(assembly), "kind": ", ".join(body.member.C.kind for body in bodies),
-                       "h": np.concatenate([body.member.h for body in bodies])}
+        self._parts = parts | {"ladder": self._ladder, "exchange": assembly.exchange}
+        self._parts |= {f"compliance of {body.spec.name}": body.member.C for body in assembly.bodies}
+        self._mesh = _digest(assembly)
         if self.continuing:
             with agreed(assembly.world):
-                if self._begin["mesh"] != self._fixed["mesh"]:
-                    names = " or ".join(repr(body.spec.name) for body in bodies)
+                if self._begin["mesh"] != self._mesh:
+                    names = " or ".join(repr(body.spec.name) for body in assembly.bodies)
                     raise InputError(f"the checkpoint is of another mesh of body {names}")
                 with reading(CHECKPOINT, KIND):
                     for name, part in self._parts.items():
                         part.restore(self._begin[name])
-            same = (self._begin["kind"] == self._fixed["kind"]
-                    and np.array_equal(self._begin["h"], self._fixed["h"]))
-            if not all(assembly.world.allgather(same)):
-                log.warning("this machine computes otherwise than that of the checkpoint did (another processor, less "
-                            "memory): the answer will be as good, but not the same to the last digit")
-            self._written = count()
-            log.info("continuing after iteration %d", self._written)
-        outer.checkpoint = lambda: self._note(count())
+                    self._at = self._written = int(self._begin["iterations"])
+            log.info("continuing after iteration %d", self._at)
 
-    def _note(self, k: int) -> None:
-        """Note the state after iteration k, and write it when it is due. Collective."""
-        self._at = k
-        self._now = {name: part.state() for name, part in self._parts.items()} | self._fixed
-        due = self.spec.iterations > 0 and k > 0 and k % self.spec.iterations == 0
+    def note(self, iteration: int) -> None:
+        """Note the state of all parts after so many iterations of the run, and write it when it is due. Collective."""
+        self._hold(iteration, {name: part.state() for name, part in self._parts.items()} | {
+            "mesh": self._mesh, "iterations": iteration})
+
+    def forget(self) -> None:
+        """Drop the state that was noted: the parts go on from it in a way that it does not describe."""
+        self._now = {}
+
+    def leave(self) -> None:
+        """Leave the present mesh for another one; only what has led there is kept. Collective."""
+        self.continuing, self._written = False, -1
+        self._hold(0, {"ladder": self._ladder.state()})
+        self._written = 0
+
+    def _hold(self, iteration: int, state: dict[str, Any]) -> None:
+        """Hold a state, and write it when it is due. Collective."""
+        self._at, self._now = iteration, state
+        due = 0 < self.spec.iterations <= iteration - self._written
         if self.spec.seconds:
             due = self.world.bcast(due or time.monotonic() - self._last >= self.spec.seconds)
-        if due and k != self._written:
+        if due and iteration != self._written:
             try:
                 self._write()
             except OutputError as error:  # on rank 0 alone; the run is worth more than its checkpoint
                 log.warning("%s; going on without", error)
 
-    def leave(self) -> None:
-        """Keep nothing of the present mesh any more."""
-        self._now, self.continuing, self._written = {}, False, -1
-
     @contextlib.contextmanager
     def kept(self) -> Iterator[None]:
-        """An error that ends the block, a signal or results that cannot be written, leaves a checkpoint. Collective.
-
-        In the set-up of a finer mesh it holds what the coarser ones have led to.
-        """
+        """An error that ends the block, a signal or results that cannot be written, leaves a checkpoint. Collective."""
         try:
             yield
         except (InterruptionError, OutputError) as error:
-            between = not self._now and len(self._ladder.levels) > self._known and isinstance(error, InterruptionError)
-            if not error.agreed or not (self._now or between):
+            if not error.agreed or not self._now:
                 raise
             by_signal, world = isinstance(error, InterruptionError), self.world
             restart = f"--restart {world.bcast(str(self.folder))}" + " --output OTHER" * isinstance(error, TakenError)
-            self._now = self._now or {"ladder": self._ladder.state()}
             try:
                 with agreed(world):
                     self._write()
@@ -199,8 +193,8 @@ class Checkpoints:
                                 + f"; {restart} goes on from the checkpoint before" * bool(former),)
                 raise failure from None
             kept = f"the state after iteration {self._at} is kept, {restart} goes on from there"
-            if between:
-                kept = f"in the set-up of a finer mesh, which {restart} begins with"
+            if "outer" not in self._now:
+                kept = f"{restart} begins with {self._ladder.meshes}"
             error.args = (kept if by_signal else f"{error}; {kept}",)
             raise
 
@@ -219,8 +213,7 @@ class Checkpoints:
             states = self.world.gather(self._now)
             self._last, self._written = time.monotonic(), self._at
             if self.folder and states:
-                assert len({len(state["outer"]["history"]) for state in states if "outer" in state}) < 2, (
-                    "states of different iterations")
+                assert len({state.get("iterations") for state in states}) == 1, "states of different iterations"
                 write(self.folder / CHECKPOINT, self.identity, states)
 
 

@@ -152,7 +152,7 @@ def describe_method(method: SettledMethod, dimension: int) -> str:
     if not method.by_body:
         return plan
 
-    from ddmpi.qp.tao import QPSolver
+    from ddmpi.published.tao import QPSolver
 
     return f"{plan}; subproblems by TAO {QPSolver().type.replace('python', 'python (MPRGP)')}{discs}"
 

@@ -172,18 +172,34 @@ class Iteration:
             self.outer = choose_outer(assembly, method, note)
         self.limit, self._tolerance = certificate_limit(method.tolerance), method.tolerance
         self._judged = math.inf, 0, 0  # least that the certificate said before, useless rounds since, and steps so far
+        self._stopped = ""  # why the outer method has ended, until it goes on
+        self._checkpoints: Checkpoints | None = None
         self.given = assembly.world.allreduce(max(body.member.C.solver.given for body in assembly.bodies), MPI.MAX)
 
     def begin(self) -> None:
         """Forget what was judged of the load step before; the outer method begins anew by itself."""
-        self._tolerance, self._judged = self.method.tolerance, (math.inf, 0, 0)
+        self._tolerance, self._judged, self._stopped = self.method.tolerance, (math.inf, 0, 0), ""
         self.statuses.clear()
 
+    def keep(self, checkpoints: Checkpoints) -> None:
+        """Note states in `checkpoints` as the outer method asks for it, and at its end; go on from what is there.
+
+        For a run of one load step. Collective. Raises InputError on all ranks when the checkpoint is of other meshes.
+        """
+        self._checkpoints = checkpoints
+        checkpoints.follow(self.assembly, outer=self.outer, iteration=self)
+        self.outer.checkpoint = self._note
+
+    def _note(self) -> None:
+        if self._checkpoints:
+            self._checkpoints.note(len(self.outer.history))
+
     def state(self) -> dict[str, Any]:
-        return {"tolerance": self._tolerance, "judged": self._judged, "statuses": self.statuses.state()}
+        return {"tolerance": self._tolerance, "judged": self._judged, "stopped": self._stopped,
+                "statuses": self.statuses.state()}
 
     def restore(self, state: dict[str, Any]) -> None:
-        self._tolerance, self._judged = state["tolerance"], tuple(state["judged"])
+        self._tolerance, self._judged, self._stopped = state["tolerance"], tuple(state["judged"]), state["stopped"]
         self.statuses.restore(state["statuses"])
 
     def solve(self, mechanism: Mechanism | None, since: Beginning | None = None,
@@ -204,12 +220,14 @@ class Iteration:
         while True:
             try:
                 with self.clock.phase("outer"):
-                    stopped = "mechanism" if mechanism else outer.run(self._tolerance)
+                    stopped = "mechanism" if mechanism else self._stopped or outer.run(self._tolerance)
             except SolverError as error:
                 if self.given > method.tolerance:
                     error.args = (f"{error}; -body_ksp_rtol {self.given:g} is too coarse for method.tolerance = "
                                   f"{method.tolerance:g}: leave that option out",)
                 raise
+            self._stopped = stopped
+            self._note()  # results follow from here, whatever prevents them from being written
             with self.clock.phase("recover"):
                 solution = self.conclude(stopped, since, largest)
                 if stopped == "drift":
@@ -222,6 +240,9 @@ class Iteration:
                         or (solution.unbalanced and not assembly.loose))
             if stopped != "converged" or solution.certified or hopeless:
                 return replace(solution, mechanism=mechanism)
+            self._stopped = ""
+            if self._checkpoints:
+                self._checkpoints.forget()
             self._tolerance *= TIGHTER
             log.info("the certificate fails (%s); going on to an update of %.0e", ", ".join(solution.violations),
                      self._tolerance)
@@ -343,18 +364,18 @@ def solve(assembly: Assembly, method: SettledMethod, report: Report = no_report,
         mechanism = look_for_mechanism(assembly)
     iteration = Iteration(assembly, method, report, clock)
     if checkpoints:
-        checkpoints.follow(assembly, outer=iteration.outer, iteration=iteration)
+        iteration.keep(checkpoints)
     return iteration.solve(mechanism)
 
 
 def choose_outer(assembly: Assembly, method: SettledMethod, report: Report = no_report) -> Outer:
     """The outer method that was asked for. Collective."""
     if method.outer == "relaxation":
-        from ddmpi.methods.published import PublishedIteration
+        from ddmpi.published.published import PublishedIteration
 
         return PublishedIteration(assembly, method, report)
     if method.outer == "anderson":
-        from ddmpi.methods.anderson import AndersonIteration
+        from ddmpi.published.anderson import AndersonIteration
 
         return AndersonIteration(assembly, method, report)
     return Newton(assembly.joint, method.max_iterations, report)

@@ -120,9 +120,8 @@ def march(assembly: Assembly, report: Report = no_report, checkpoints: Checkpoin
     assembly.act(scene.legs[0])
     march = March(assembly, Iteration(assembly, scene.method, no_report, clock), log)
     if checkpoints:
-        checkpoints.follow(assembly, outer=march.outer, iteration=march.iteration, steps=march,
-                           before=lambda: march.iterations)
-    return march.run(), log
+        checkpoints.follow(assembly, outer=march.outer, steps=march)
+    return march.run(checkpoints), log
 
 
 class March:
@@ -143,7 +142,7 @@ class March:
         self._legs, self._steps, self._tolerance = scene.legs, scene.time.steps, scene.time.tolerance or math.inf
         self._safe: bool | None = None
         self._largest = np.zeros(2)  # forces and slip bounds so far (N)
-        self._cuts, self._resumed = 0, False
+        self._cuts = 0
         factors = [scene.factors(time) for time in (0.0, *self._legs)]
         for body in assembly.bodies:  # forces are compared with the largest loads of all legs
             body.member.elasticity = body.member.elasticity.largest(factors)
@@ -153,11 +152,12 @@ class March:
         self._given = 0.0  # by gaps that are not of time, in the first step: they act at once (J)
         self._leg = -1
         self._next_leg()
-        self._keep()
 
-    def run(self) -> Solution:
+    def run(self, checkpoints: Checkpoints | None = None) -> Solution:
         """Solve all load steps; the solution of the last one, or of the one that has none."""
         while True:
+            if checkpoints and self.iterations:
+                checkpoints.note(self.iterations)
             time = self._ahead[0]
             solution = self._step(time)
             if not solution.certified:
@@ -173,7 +173,6 @@ class March:
                 loose = undetermined_motions(self.assembly, solution.states)[:UNDETERMINED]
                 self.log.doubt(time, [*doubts, *loose])
                 self._next_leg()
-            self._keep()
         worst = self.log.judge(solution.certificate)
         return replace(solution, certificate=worst.told(self.assembly.world))
 
@@ -187,9 +186,7 @@ class March:
         share = (time - self._now.time) / span if span else 0.0
         start = self._slip_begins(share)
         joint.d = joint.d - start
-        if not self._resumed:
-            self._begin(share, start)
-        self._resumed = False
+        self._begin(share, start)
         largest = self.log.most["sizes"]
         self.outer.nothing = NOTHING * largest[0]
         return replace(self.iteration.solve(mechanism, (start, self._now.s, self._now.slid), largest), time=time)
@@ -291,7 +288,6 @@ class March:
         self._ahead.insert(0, (self._now.time + time) / 2)
         log.info("no certified answer at time %g (%s); the step is halved", time, solution.reason)
         self._leave()
-        self._keep()
         return True
 
     def _next_leg(self) -> None:
@@ -369,18 +365,12 @@ class March:
             tangential[part][:interface.m] = 0.0
         return float((space.norms([change, tangential]) / self._largest).max())
 
-    def _keep(self) -> None:
-        """Make the state that checkpoints write until the next step is over."""
-        self._state = {name: getattr(self, name) for name in KEPT} | {
-            name: asdict(getattr(self, name)) for name in MARKS} | {
+    def state(self) -> dict[str, Any]:
+        return {name: getattr(self, name) for name in KEPT} | {name: asdict(getattr(self, name)) for name in MARKS} | {
             "ahead": tuple(self._ahead), "log": self.log.state()}
 
-    def state(self) -> dict[str, Any]:
-        return self._state
-
     def restore(self, state: dict[str, Any]) -> None:
-        """Go on within the step that `state` is of."""
+        """Go on with the first of the steps that lie ahead in `state`."""
         vars(self).update({name: state[name] for name in KEPT} | {name: _Mark(**state[name]) for name in MARKS})
         self._ahead, self._safe = list(state["ahead"]), None
         self.log.restore(state["log"])
-        self._state, self._resumed = state, True

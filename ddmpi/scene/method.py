@@ -280,12 +280,12 @@ class Output(Table, frozen=True, kw_only=True):
 
 
 class Checkpoint(Table, frozen=True, kw_only=True):
-    """Intervals at which the state of the iteration is written, apart from signals; see docs/use/restart.md.
+    """Intervals at which the state of the run is written, apart from signals; see docs/use/restart.md.
 
     Attributes
     ----------
-    seconds : time between checkpoints (s); zero for never
-    iterations : outer iterations between checkpoints; zero for never
+    seconds : least time between checkpoints (s); zero for never
+    iterations : least number of outer iterations between checkpoints; zero for never
     """
 
     seconds: NonNegative = 600.0

@@ -12,6 +12,7 @@ echo "job $SLURM_JOB_ID on $SLURM_JOB_NODELIST, start number $((${SLURM_RESTART_
 # SIGUSR1 announces the end of the time limit (#SBATCH --signal), SIGTERM that the job is cancelled or preempted.
 launch() {
     local ranks=${DDMPI_RANKS:-${SLURM_NTASKS:-2}}
+    saved=$(checkpoint)
     case "${DDMPI_LAUNCH:-mpirun}" in
         mpirun) attend $MPIRUN -n "$ranks" "$PYTHON" "$@" ;;
         srun) attend srun --mpi="${DDMPI_MPI:-pmix}" -n "$ranks" "$PYTHON" "$@" ;;
@@ -19,12 +20,18 @@ launch() {
     esac
 }
 
+# The number of the file with the checkpoint of a run into `output`; another one is written to another file.
+checkpoint() { ls -i "${output:-/nowhere}/checkpoint.h5" 2>/dev/null || true; }
+
 # Exit code 6 says: interrupted, to be continued; so is what the signal itself has ended, before Python could listen to
 # it, unless `output`, where it is set, holds results. Slurm requeues preempted jobs by itself, and a cancelled one is
 # not to come back.
 requeue_or_exit() {
     local again=""
-    if [ "$code" = 6 ]; then
+    if [ "$code" = 6 ] && [ "$caught" = USR1 ] && [ -n "${output:-}" ] && [ "$(checkpoint)" = "${saved:-}" ]; then
+        echo "the time is up, and nothing new is saved: a load step takes longer than this job's time limit; submit it" \
+            "again with a longer one (sbatch --time)" >&2
+    elif [ "$code" = 6 ]; then
         again=yes
     elif [ "$code" -gt 128 ] && ! [ -e "${output:-/nowhere}/summary.json" ]; then
         again=yes

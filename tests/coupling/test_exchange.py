@@ -335,7 +335,7 @@ def test_two_ranks_at_different_points_notice_it_whatever_they_send(comm):
 
 def iterations_of(comm, scene: dict):
     """The assembly of a published iteration, and the iteration at its first step."""
-    from ddmpi.methods.published import PublishedIteration
+    from ddmpi.published.published import PublishedIteration
 
     assembly = scenes.prepare_scene(comm, scene)
     return assembly, PublishedIteration(assembly, assembly.scene.method)

@@ -18,9 +18,7 @@ from ddmpi.coupling.joint import Point
 from ddmpi.coupling.space import Space
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.law import BondedLaw, CoulombLaw
-from ddmpi.methods.half_space import Modelled
 from ddmpi.methods.newton import GAIN, LENGTHS, Newton
-from ddmpi.methods.outer import Step
 from ddmpi.methods.paths import InteriorPoints, Softening
 
 
@@ -154,7 +152,13 @@ def test_softening_leaves_bonds_as_they_are():
 def residuals(newton: Newton) -> list[float]:
     """Norms of the residual (N) before every step, for the forces' present size does not count here."""
     found: list[float] = []
-    newton.checkpoint = lambda: found.extend(newton._distances([newton._at]))
+    iterate = newton._iterate
+
+    def noted(far: float, tolerance: float) -> float:
+        found.append(far)
+        return iterate(far, tolerance)
+
+    newton._iterate = noted
     assert newton.run(1e-8) == "converged"
     return found
 
@@ -187,38 +191,3 @@ def test_the_full_step_is_taken_where_it_gains_and_the_best_one_elsewhere():
     assert len({best for _, best, gains in taken if not gains}) >= 4
     assert 0 < sum(gains for _, _, gains in taken) < 40
     assert all(chosen == (1.0 if gains else best) for chosen, best, gains in taken)
-
-
-def test_newton_goes_on_from_its_whole_state():
-    """What is restored is what the state held, entry by entry; no entry is as in a new iteration."""
-    state = {"s": np.arange(12.0), "r": np.arange(12.0) - 5.0, "alpha": np.arange(3.0), "left": -np.arange(3.0),
-             "start": False, "warm": True, "least": 2.5, "settled": True, "error": 0.25, "held": 0.1, "far": 0.5,
-             "norm": 3.0, "stalled": 4, "smallest": 0.125, "inner_steps": {"gmres": 7},
-             "history": (Step(1, 0.5, 0.25, 1e-3, 12),)}
-    new, fresh = Newton(random_joint(0), 60), Newton(random_joint(0), 60)
-    new.restore(state)
-    assert flat(new.state()) == flat(state)
-    assert new._stalled == 4
-    other = flat(fresh.state())
-    assert not [name for name, value in flat(state).items() if value == other[name]]
-    assert not set(flat(state)) ^ set(other)
-
-
-def test_restored_gaps_count_as_rough():
-    """The state does not say how precise gaps are: they are computed anew before a restored iterate is an answer."""
-    joint = random_joint(0)
-    held, new = Newton(joint, 60), Newton(joint, 60)
-    new._modelled = cast(Modelled, SimpleNamespace(rough=False))
-    new.restore(held.state())
-    assert new._modelled.rough
-
-
-def flat(state: dict, name: str = "") -> dict:
-    """Values by dotted names, arrays as lists."""
-    found = {}
-    for key, value in state.items():
-        if isinstance(value, dict):
-            found |= flat(value, f"{name}{key}.")
-        else:
-            found[name + key] = value.tolist() if isinstance(value, np.ndarray) else value
-    return found

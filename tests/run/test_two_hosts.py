@@ -29,11 +29,11 @@ ENVIRONMENT = [name for name in scenes.clean_environment()
                if name in ("PYTHONPATH", "PYTHONPYCACHEPREFIX", "OMP_NUM_THREADS") or name.startswith("OPENBLAS_")]
 """What mpirun is to hand on to ranks that it starts by ssh; OpenBLAS's kernels round differently."""
 
-NEWTON = pinched_blocks(6) | {"checkpoint": {"iterations": 1}}
+PUBLISHED = pinched_blocks(2, theta=0.2, tolerance=1e-3) | {"checkpoint": {"iterations": 1}}
 SCENES = {
     # ranks: scenes by name
-    2: {"newton": NEWTON, "published": pinched_blocks(2, theta=0.2, tolerance=1e-3),
-        "tower": scenes.tower(4, 2), "one body": loose_block(), "solids": two_boxes(2)},
+    2: {"published": PUBLISHED, "newton": pinched_blocks(6), "tower": scenes.tower(4, 2),
+        "one body": loose_block(), "solids": two_boxes(2)},
     4: {"tower": scenes.tower(4, 2), "two bodies": pinched_blocks(6), "two solids": two_boxes(2)},
 }
 SHARED = {(2, "one body"), (4, "two bodies"), (4, "two solids")}
@@ -58,7 +58,7 @@ def permitted() -> None:
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory) -> dict[tuple[int, str, str], Run]:
-    """By number of ranks, scene and hosts; "interrupted" is the first scene with a signal on rank 1."""
+    """By number of ranks, scene and hosts; "interrupted" is the published method with a signal on rank 1."""
     here, found = tmp_path_factory.mktemp("hosts"), {}
     given = [word for name in ENVIRONMENT for word in ("-x", name)]
     for ranks, some in SCENES.items():
@@ -68,9 +68,9 @@ def runs(tmp_path_factory) -> dict[tuple[int, str, str], Run]:
             launcher = [SCRIPTS / "local_hosts.sh", "mpirun", "--quiet", "--host", hosts, "--map-by", "node", *given]
             faults = {name: (0, "", 0, "", str(here / f"{name} {ranks} {where}"), [str(here / f"{name}.toml")])
                       for name in some}
-            first = next(iter(some))
-            faults["interrupted"] = (1, MULT, 20, "SIGUSR1", str(here / f"interrupted {ranks} {where}"),
-                                     [str(here / f"{first}.toml")])
+            if "published" in some:
+                faults["interrupted"] = (1, MULT, 60, "SIGUSR1", str(here / f"interrupted {ranks} {where}"),
+                                         [str(here / "published.toml")])
             with pytest.MonkeyPatch.context() as patch:
                 patch.setenv("MPIRUN", " ".join(map(str, launcher)))
                 ended = run_in_one_go(list(faults.values()), "run", "--no-figures", ranks=ranks)
@@ -96,10 +96,9 @@ def test_two_hosts_give_the_results_of_one(runs, ranks, name):
     assert was["status"].tolist() == now["status"].tolist()
 
 
-@pytest.mark.parametrize("ranks", SCENES)
-def test_two_hosts_leave_the_checkpoint_of_one(runs, ranks):
+def test_two_hosts_leave_the_checkpoint_of_one(runs):
     """All that is in it; the file itself has times of HDF5, too."""
-    one, two = (runs[ranks, "interrupted", where] for where in HOSTS)
+    one, two = (runs[2, "interrupted", where] for where in HOSTS)
     assert one.code == two.code == 6, one.output + two.output
     assert one.files == two.files == {"checkpoint.h5"}
     np.testing.assert_equal(read(one.folder / "checkpoint.h5"), read(two.folder / "checkpoint.h5"))
@@ -117,7 +116,7 @@ class Hosts:
     """
 
     def __init__(self, here: Path) -> None:
-        self.here, self.scene = here, scenes.write_scene(NEWTON, here / "scene.toml")
+        self.here, self.scene = here, scenes.write_scene(PUBLISHED, here / "scene.toml")
         environment = scenes.clean_environment() | {
             "OMPI_MCA_mca_base_env_list": ";".join(ENVIRONMENT),
             "OMPI_MCA_orte_default_hostfile": str(here / "hosts"), "DDMPI_PYTHON": str(here / "python"),
@@ -128,7 +127,7 @@ class Hosts:
 
     def run(self, hosts: str, folder: Path, *arguments: str, rank: int = 1, kind: str = "") -> Run:
         """scripts/run.sh on a, with its two ranks on `hosts`; with a `kind`, the host of `rank` is lost under way."""
-        faulty = [fault.__file__, json.dumps([(rank, MULT, 30, kind, str(folder), [])])]
+        faulty = [fault.__file__, json.dumps([(rank, MULT, 60, kind, str(folder), [])])]
         program = [sys.executable, *(faulty if kind else ["-m", "ddmpi"])]
         (self.here / "python").write_text(f'#!/bin/sh\nshift 2\nexec {shlex.join(program)} "$@"\n')
         (self.here / "python").chmod(0o755)
@@ -174,8 +173,8 @@ def test_a_lost_host_ends_the_run_and_restart_goes_on(hosts, runs, tmp_path, nam
         shutil.rmtree(claim)
     again = hosts.run(after, lost.folder, "--restart", str(lost.folder))
     assert again.code == 0, again.output
-    assert "continuing after iteration" in again.stdout and "same to the last digit" not in again.output
+    assert "continuing after iteration" in again.stdout
     assert again.summary["hosts"] == list(after)
-    expected = runs[2, "newton", "one"]
+    expected = runs[2, "published", "one"]
     assert again.files == expected.files
     assert contents(again.folder) == contents(expected.folder)

@@ -417,8 +417,8 @@ def test_a_node_slips_from_where_it_touches():
     assert not slip_start(interface.law, s, closed, rate, 1.0)[:m].any()
 
 
-def test_a_run_goes_on_within_a_load_step_bit_for_bit(tmp_path):
-    """Killed in a later leg, and continued: the files of an uninterrupted run."""
+def test_a_run_goes_on_with_a_load_step_bit_for_bit(tmp_path):
+    """Ended in a later leg, and continued with the load step that it was in: the files of an uninterrupted run."""
     scene = write_scene(sheared_blocks() | {"output": {"steps": "all"}}, tmp_path / "scene.toml")
     code = """
 import os, signal, sys
@@ -477,18 +477,18 @@ def test_adaptive_steps_go_on_from_wherever_they_were(tmp_path, monkeypatch):
 def test_a_restored_march_is_the_whole_one(monkeypatch):
     """All that a march through load steps knows is in its state, between any two steps: also what gaps that act at once
     have given. What is found anew for each step need not be."""
-    states, keep, made = [], March._keep, noted_marches(monkeypatch)
+    states, step, made = [], March._step, noted_marches(monkeypatch)
 
     def known(march: March) -> dict:
         parts = {name: vars(value) if name in MARKS else value for name, value in vars(march).items()
-                 if name not in ("assembly", "iteration", "outer", "log", "_safe", "_resumed", "_state", "_d")}
+                 if name not in ("assembly", "iteration", "outer", "log", "_safe", "_d")}
         return copy.deepcopy(parts)
 
-    def note(march: March) -> None:
-        keep(march)
-        states.append((march._state, known(march)))
+    def note(march: March, time: float):
+        states.append((march.state(), known(march)))
+        return step(march, time)
 
-    monkeypatch.setattr(March, "_keep", note)
+    monkeypatch.setattr(March, "_step", note)
     certified(sheared(0.0, gap=-1e-4))
     (march,) = made
     assert march._given and len(states) >= 6

@@ -221,7 +221,7 @@ def undisturbed(tmp_path_factory):
 
 @pytest.mark.parametrize("rank", [1, 2])
 def test_a_fault_on_any_of_three_ranks_ends_them_all_with_one_message(tmp_path, undisturbed, rank):
-    """And a signal leaves a checkpoint, from which the run goes on to the same results."""
+    """And a signal after the last iteration leaves a checkpoint, from which the run goes on to the same results."""
     scene = scenes.write_scene(tower(3, 2) | {"output": {"figures": False}}, tmp_path / "scene.toml")
     cases = [(place, kind) for place in PLACES for kind in KINDS if kind != "OutputError" or place in ITERATES]
     runs = run_in_one_go([(rank, *PLACES[place], kind, str(tmp_path / f"{place} {kind}"), []) for place, kind in cases],
@@ -229,9 +229,9 @@ def test_a_fault_on_any_of_three_ranks_ends_them_all_with_one_message(tmp_path, 
     for (place, kind), run in zip(cases, runs, strict=True):
         assert run.code == KINDS[kind], (place, kind, run.output)
         assert len(run.messages) == 1, (place, kind, run.output)
-        kept = place in ITERATES and kind in ("OutputError", "SIGTERM")
+        kept = place == "conclude" and kind in ("OutputError", "SIGTERM")
         assert run.files == ({"checkpoint.h5"} if kept else set()), (place, kind)
-    (interrupted,) = (run for case, run in zip(cases, runs, strict=True) if case == ("outer", "SIGTERM"))
+    (interrupted,) = (run for case, run in zip(cases, runs, strict=True) if case == ("conclude", "SIGTERM"))
     refused = scenes.run_command(scene, interrupted.folder, "--restart", str(interrupted.folder), ranks=rank)
     assert refused.code == 2 and "mpirun -n 3" in refused.messages[0]
     again = scenes.run_command(scene, interrupted.folder, "--restart", str(interrupted.folder), ranks=3)

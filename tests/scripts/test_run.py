@@ -102,7 +102,7 @@ original, calls = Compliance.mult, []
 
 def mult(*arguments):
     calls.append(1)
-    if len(calls) == 12:
+    if len(calls) == 120:
         open(os.environ["READY"], "w").close()
         end = 1200 + time.monotonic()
         while not interrupt.interruption() and time.monotonic() < end:
@@ -112,7 +112,7 @@ def mult(*arguments):
 Compliance.mult = mult
 main(sys.argv[3:])
 """
-"""The command, which at its twelfth multiplication waits for a signal."""
+"""The command, which at its 120th multiplication waits for a signal."""
 
 DEAF = """
 import os, signal, time
@@ -165,8 +165,13 @@ def in_terminal(program: str, here: Path, command: list[str], *ready: str) -> tu
 @pytest.mark.parametrize("alone", [False, True], ids=["run.sh", "one rank, no mpirun"])
 def test_ctrl_c_leaves_a_checkpoint_and_one_message(tmp_path, alone):
     """Ctrl-C, which a terminal sends to all that runs in it, ends a run with a checkpoint, its name, and code 6."""
-    scene, folder = scenes.write_scene(scenes.pinched_blocks(2), tmp_path / "scene.toml"), tmp_path / "out"
-    arguments = ["run", str(scene), "--no-figures", "--output", str(folder)]
+    scene, folder = scenes.pinched_blocks(2), tmp_path / "out"
+    scene |= {"history": {"load": {"times": [0.0, 1.0, 2.0], "factors": [0.0, 1.0, 0.0]}},
+              "time": {"points": [1.0, 2.0], "steps": 9}}
+    for body in scene["body"]:
+        body["traction"] = [load | {"history": "load"} for load in body["traction"]]
+    scenes.write_scene(scene, tmp_path / "scene.toml")
+    arguments = ["run", str(tmp_path / "scene.toml"), "--no-figures", "--output", str(folder)]
     command = [str(tmp_path / "python"), "-m", "ddmpi"] if alone else [str(scenes.ROOT / "scripts" / "run.sh")]
     code, said = in_terminal(HELD, tmp_path, [*command, *arguments], "ready")
     assert code == 6, said

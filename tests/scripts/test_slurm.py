@@ -178,7 +178,8 @@ def test_tables(jobs):
 
 ENDS = {
     # what the command does: (signal, exit code of the job, requeued)
-    "trap 'exit 6' USR1": ("USR1", 6, True),
+    "mkdir out; trap 'touch out/checkpoint.h5; exit 6' USR1": ("USR1", 6, True),
+    "trap 'exit 6' USR1": ("USR1", 6, False),  # nothing is saved, nor would it be the next time
     "trap 'exit 3' USR1": ("USR1", 3, False),  # it had ended otherwise just then
     "trap 'exit 6' USR1 #": ("TERM", 6, False),  # cancelled; it gets SIGUSR1 all the same
     "trap - USR1": ("USR1", 138, True),  # it did not listen yet

@@ -13,7 +13,7 @@ from ddmpi.coupling.assembly import Assembly
 from ddmpi.coupling.member import Member
 from ddmpi.errors import InputError, NotConvergedError
 from ddmpi.interface.law import Law
-from ddmpi.qp.box import Box
+from ddmpi.sets import Box
 from ddmpi.system.agreement import agreed
 from ddmpi.system.numbers import norm
 

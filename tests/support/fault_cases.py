@@ -39,12 +39,12 @@ PHASES = {
     "assemble": ("newton", "ddmpi.coupling.assembly.assemble", 1),
     "factor": ("newton", "ddmpi.body.solver.StiffnessSolver.__init__", 1),
     "outer": ("newton", "ddmpi.body.compliance.Compliance.mult", 30),  # within GMRES, some iterations on
-    "outer, published": ("published", "ddmpi.methods.subproblem.Subproblem.neumann", 5),
+    "outer, published": ("published", "ddmpi.published.subproblem.Subproblem.neumann", 5),
     "conclude": ("newton", "ddmpi.coupling.member.Member.displacement", 1),
     "output": ("newton", "ddmpi.system.files.put", 1),
 }
-AFTER_ITERATIONS = ("outer", "outer, published", "conclude", "output")
-"""In these a checkpoint must be there."""
+KEPT = ("outer, published", "conclude", "output")
+"""In these a checkpoint must be there; Newton's method keeps nothing within a load step."""
 
 KINDS = {
     # fault: exit codes; None: any but zero, which is the operating system's or mpirun's business
@@ -93,7 +93,7 @@ def all_cases() -> list[Case]:
     for phase, (method, target, call) in PHASES.items():
         for kind, codes in KINDS.items():
             for rank in (0, 1):
-                after = phase in AFTER_ITERATIONS
+                after = phase in KEPT
                 over = phase == "output" and kind in ("SIGTERM", "SIGUSR1")  # the writing is finished first
                 harmless = kind in ("full", "little room") and rank == 1  # rank 0 is the one that makes files grow
                 cases.append(Case(f"{phase}: {kind} on rank {rank}", method, rank, target, call, kind,
@@ -110,7 +110,7 @@ def all_cases() -> list[Case]:
         numbers("NaN from a product", "ddmpi.body.compliance.Compliance.mult", 30, "nan", whole=True)
         numbers("NaN from a product, published", "ddmpi.body.compliance.Compliance.mult", 40, "nan", "published",
                 whole=True)
-        numbers("NaN from a Neumann problem", "ddmpi.methods.subproblem.Subproblem.neumann", 5, "nan", "published",
+        numbers("NaN from a Neumann problem", "ddmpi.published.subproblem.Subproblem.neumann", 5, "nan", "published",
                 whole=True)
         numbers("NaN from a solve", "ddmpi.body.solver.StiffnessSolver._solve", 1, "nan")
         numbers("NaN from the last solve", "ddmpi.body.solver.StiffnessSolver._solve", 2, "nan", whole=True)
@@ -120,8 +120,8 @@ def all_cases() -> list[Case]:
         codes = None if codes is None else frozenset(codes)
         signal = kind in ("SIGTERM", "SIGUSR1")
         if kind not in ("full", "little room", "gone"):
-            cases.append(Case(f"writing a checkpoint: {kind}", target="ddmpi.system.files.os.replace", call=3,
-                              fault=kind, codes=codes, kept=True))
+            cases.append(Case(f"writing a checkpoint: {kind}", "published", target="ddmpi.system.files.os.replace",
+                              call=3, fault=kind, codes=codes, kept=True))
         cases.append(Case(f"end of output: {kind}", target="ddmpi.run.gather.write_summary", call=1, fault=kind,
                           codes=codes, kept=kind != "gone",
                           whole=signal or kind == "little room"))  # a summary still fits

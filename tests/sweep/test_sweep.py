@@ -281,7 +281,7 @@ def test_a_signal_ends_the_sweep_and_the_next_start_continues_the_case(small, tm
     assert whole.code == 0, whole.output
     # in the middle of the second case: every case has the same calls or more
     neumann = int(rows(whole)[0]["outer_iterations"]) + 5
-    faults = [(1, "ddmpi.methods.subproblem.Subproblem.neumann", neumann, "SIGUSR1", str(tmp_path / "out"), [])]
+    faults = [(1, "ddmpi.published.subproblem.Subproblem.neumann", neumann, "SIGUSR1", str(tmp_path / "out"), [])]
     run = scenes.run_python([fault.__file__, json.dumps(faults), "sweep", str(small), *arguments],
                             folder=tmp_path / "out")
     assert f"{fault.END} 6 6" in run.stderr, run.output

@@ -138,7 +138,7 @@ def test_meshes_that_a_target_has_refined_are_the_sweeps_own(tmp_path):
 def interrupted(small, tmp_path_factory) -> Path:
     """A folder with a checkpoint of the first of two cases."""
     folder = tmp_path_factory.mktemp("interrupted") / "out"
-    run = inject(small, folder, "ddmpi.methods.subproblem.Subproblem.neumann", 3, "SIGUSR1", "--set",
+    run = inject(small, folder, "ddmpi.published.subproblem.Subproblem.neumann", 3, "SIGUSR1", "--set",
                  "method.outer=relaxation", *TWO)
     assert "interrupted by SIGUSR1" in run.stderr, run.output
     assert [path.name for path in folder.glob("*/checkpoint.h5")] == ["checkpoint.h5"]

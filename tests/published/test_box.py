@@ -5,8 +5,8 @@ import pytest
 from petsc4py import PETSc
 
 from ddmpi.mprgp import MPRGP
-from ddmpi.qp.apg import APG
-from ddmpi.qp.box import Box
+from ddmpi.published.apg import APG
+from ddmpi.sets import Box
 
 BOX = Box(np.array([0.0, -1.0, -np.inf, 2.0, 0.0]), np.array([np.inf, 1.0, np.inf, 2.0, 3.0]))
 

@@ -15,7 +15,7 @@ import numpy as np
 from ddmpi.coupling.assembly import Assembly
 from ddmpi.coupling.space import Space
 from ddmpi.methods.outer import Outer, Report, Step, no_report
-from ddmpi.methods.subproblem import Subproblem, friction_role
+from ddmpi.published.subproblem import Subproblem, friction_role
 from ddmpi.scene.method import SettledMethod
 from ddmpi.system.numbers import norm
 
@@ -133,6 +133,8 @@ class PublishedIteration(Outer):
         size = self._step_size
         if self.method.inner_precision == "fixed":  # as if the last update were this one already
             size = self.method.tolerance * (norm(self.lam) or self._scale)
+        # inner solves are as precise as η ‖λ_{k−1} − λ_{k−2}‖: both are displacements, so that η has no units; a rule
+        # relative to the subproblem's right-hand side stalls
         precision = float(max(self._precision * size, body.member.C.accuracy * self._scale))
         neglected = NEGLECTED * self._precision * self._tolerance * norm(self.lam)
 

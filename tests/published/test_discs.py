@@ -8,9 +8,9 @@ from scipy.optimize import brentq
 from test_mprgp import Dense, program, random_matrix
 
 from ddmpi.errors import SolverError
-from ddmpi.qp.box import Box, Discs, cone_exit, magnitude
-from ddmpi.qp.program import QP, QPResult
-from ddmpi.qp.tao import QPSolver
+from ddmpi.published.program import QP, QPResult
+from ddmpi.published.tao import QPSolver
+from ddmpi.sets import Box, Discs, cone_exit, magnitude
 
 
 def contact(m: int, radius: np.ndarray) -> Discs:
@@ -176,7 +176,7 @@ def test_types_that_know_bounds_only_leave_discs_to_projected_gradients(options,
 
 
 def test_a_long_solve_says_how_far_it_has_come(caplog, monkeypatch):
-    monkeypatch.setattr("ddmpi.qp.mprgp.TELLING", 10)
+    monkeypatch.setattr("ddmpi.published.mprgp.TELLING", 10)
     with caplog.at_level(logging.INFO, logger="ddmpi"):
         solve(on_discs(20), 1e-8)
     assert "10 projected gradient steps: residual" in caplog.text

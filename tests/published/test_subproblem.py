@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from ddmpi.interface.law import CoulombLaw
-from ddmpi.methods.published import PublishedIteration
-from ddmpi.methods.subproblem import Subproblem
-from ddmpi.qp.box import Box, Discs
+from ddmpi.published.published import PublishedIteration
+from ddmpi.published.subproblem import Subproblem
+from ddmpi.sets import Box, Discs
 
 INF = np.inf
 LAW = CoulombLaw(2, np.arange(2), 1, np.full(2, 0.3))

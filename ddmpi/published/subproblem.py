@@ -16,9 +16,9 @@ import numpy as np
 from ddmpi.coupling.member import Member
 from ddmpi.interface.interface import Interface
 from ddmpi.petsc.events import event
-from ddmpi.qp.box import Box
-from ddmpi.qp.program import QP
-from ddmpi.qp.tao import QPSolver
+from ddmpi.published.program import QP
+from ddmpi.published.tao import QPSolver
+from ddmpi.sets import Box
 
 
 def friction_role(algorithm: str) -> int:
@@ -75,8 +75,9 @@ class Subproblem:
         and "Further modifications".
         """
         C, d, allowed = self.member.C, self.member.h - self._sign * lam, self.constraints(bound, algorithm)
-        if self.role == 2:
+        if self.role == 2:  # body 2 has the contact condition, and meets body 1 across the initial gap
             d[self._normal] -= self.interface.gap
+        # a block alone is the whole QP with the other forces as they are: d changes by C_νt s_t or C_tν s_ν by itself
         for block in (self._normal, self._tangential) if split else (self._whole,):
             qp = QP(C, d, allowed.holding(self.s, block))
             result = self.solver.solve(qp, self.s, self.Cs, tolerance, f"step{self.role}", neglected)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ddmpi.body.compliance import Compliance
-from ddmpi.qp.box import Box, Discs
+from ddmpi.sets import Box, Discs
 from ddmpi.system.numbers import norm
 
 

@@ -8,9 +8,9 @@ from scipy.optimize import lsq_linear
 
 from ddmpi.errors import SolverError
 from ddmpi.petsc.lanczos import estimate_norm
-from ddmpi.qp.box import Box
-from ddmpi.qp.program import QP, QPResult
-from ddmpi.qp.tao import GRADIENT_ROUNDING, QPSolver
+from ddmpi.published.program import QP, QPResult
+from ddmpi.published.tao import GRADIENT_ROUNDING, QPSolver
+from ddmpi.sets import Box
 
 
 class Dense:

@@ -11,10 +11,10 @@ from petsc4py import PETSc
 from ddmpi.errors import SolverError
 from ddmpi.petsc.events import event
 from ddmpi.petsc.versions import TaoReason, call_solver, petsc_message, reason_name
-from ddmpi.qp.apg import APG
-from ddmpi.qp.box import Box, Discs
-from ddmpi.qp.mprgp import MPRGP
-from ddmpi.qp.program import QP, QPResult
+from ddmpi.published.apg import APG
+from ddmpi.published.mprgp import MPRGP
+from ddmpi.published.program import QP, QPResult
+from ddmpi.sets import Box, Discs
 from ddmpi.system.numbers import norm
 
 LEAST_PRECISE = 1e-2
@@ -178,9 +178,9 @@ class _Scaled:
         self._norm = qp.C.norm()
         self.displacement = max(norm(qp.d), norm(Cs)) or 1.0
         self.force = self.displacement / self._norm
-        own = qp.constraints
-        self._own = Box(own.lower[moving], own.upper[moving]) if len(moving) < qp.C.size else own
-        self.constraints = self._own.scaled(self.force)
+        whole = qp.constraints
+        self._moving = Box(whole.lower[moving], whole.upper[moving]) if len(moving) < qp.C.size else whole
+        self.constraints = self._moving.scaled(self.force)
         # the gradient at x is that at the start, whose product is known, plus H (x − start)
         self._start = s[moving] / self.force
         self._start_gradient = (Cs - qp.d)[moving] / self.displacement
@@ -194,7 +194,7 @@ class _Scaled:
 
     def unscaled(self, x: np.ndarray, near: float) -> np.ndarray:
         """Forces (N) from scaled unknowns; moved to bounds that are `near`, relative to the largest unknown."""
-        return self._own.unscaled(x, self.force, near * max(np.abs(x).max(initial=0.0), 1e-300))
+        return self._moving.unscaled(x, self.force, near * max(np.abs(x).max(initial=0.0), 1e-300))
 
     def hessian(self) -> PETSc.Mat:
         k = len(self.moving)
@@ -239,6 +239,7 @@ class _Explicit(_Scaled):
     def vectors(self) -> tuple[PETSc.Vec, PETSc.Vec, PETSc.Vec]:
         """As before, but instead of infinite bounds those that no point better than the start exceeds."""
         vectors = super().vectors()
+        # f(x) ≤ f(start) holds at most ‖x − start‖ = 2 ‖gradient‖/λ_min away, so that bounds beyond bind nowhere
         reach = 2 * norm(self._start_gradient) / np.linalg.eigvalsh(self._matrix)[0]
         for bound, sign in zip(vectors[1:], (-1.0, 1.0), strict=True):
             finite = np.isfinite(bound.array_r)

@@ -7,9 +7,9 @@ from petsc4py import PETSc
 from test_mprgp import bounds, random_matrix
 
 from ddmpi.petsc.lanczos import estimate_norm
-from ddmpi.qp.apg import APG
-from ddmpi.qp.box import Box, Discs, product
-from ddmpi.qp.mprgp import MPRGP
+from ddmpi.published.apg import APG
+from ddmpi.published.mprgp import MPRGP
+from ddmpi.sets import Box, Discs, product
 
 pytestmark = pytest.mark.slow
 

@@ -24,7 +24,7 @@ from petsc4py import PETSc
 
 from ddmpi.petsc.lanczos import estimate_norm
 from ddmpi.petsc.versions import TaoReason
-from ddmpi.qp.box import Box
+from ddmpi.sets import Box
 from ddmpi.system.agreement import in_lockstep
 
 log = logging.getLogger("ddmpi")
@@ -108,6 +108,7 @@ class MPRGP(TaoType):
         self.steps, p = dict.fromkeys(("cg", "expansion", "proportioning"), 0), np.empty(0)
         Hp, curvature = np.zeros_like(x), 0.0  # without curvature the next conjugate gradient step is the first one
         while True:
+            # proportional: ‖chopped‖² ≤ Γ² (reduced free)·free, the paper's test of whether the bounds are right enough
             free, chopped = feasible.split(g, x)
             gradient, leading, gain, beta = reduce(free + chopped, free + chopped, chopped, chopped,
                                                    feasible.reduced(free, x, STEP / norm), free, free, Hp)
@@ -116,12 +117,12 @@ class MPRGP(TaoType):
                 return reason
             expansion, proportional = False, leading <= PROPORTION**2 * gain
             if proportional:
-                p = free - (beta / curvature) * p if curvature else free
+                p = free - (beta / curvature) * p if curvature else free  # β = freeᵀ H p
                 Hp = multiply(p)
                 curvature, slope, size, longest = reduce(p, Hp, g, p, p, p, least=feasible.longest_step(x, p))
                 if not curvature > 0.0:  # underflow, or not a number
                     return TaoReason.DIVERGED_NAN
-                norm, step = max(norm, curvature / size), slope / curvature
+                norm, step = max(norm, curvature / size), slope / curvature  # Rayleigh quotients improve ‖H‖ from below
                 expansion = step > longest
             if not proportional:
                 self.steps["proportioning"] += 1
@@ -135,10 +136,11 @@ class MPRGP(TaoType):
                 change, H_change = -step * p, -step * Hp
             else:
                 self.steps["expansion"] += 1
+                # the projected conjugate gradient step, if it lowers ½ xᵀ H x − xᵀ d: by change·g + ½ changeᵀ H change
                 curvature, change = 0.0, feasible.project(x - step * p) - x
                 H_change = multiply(change)
                 falls, bent = reduce(change, g, change, H_change)
-                if falls + 0.5 * bent >= 0.0:
+                if falls + 0.5 * bent >= 0.0:  # else the paper's: to the bound, then a step of fixed length
                     half_x, half_g = x - longest * p, g - longest * Hp
                     half_free = feasible.split(half_g, half_x)[0]
                     while True:
@@ -161,13 +163,13 @@ def reduction(X: PETSc.Vec) -> Callable[..., list[float]]:
     comm = in_lockstep(X.comm.tompi4py())
 
     def reduce(*vectors: np.ndarray, least: float | None = None) -> list[float]:
-        own = [float(a @ b) for a, b in zip(vectors[::2], vectors[1::2], strict=True)]
+        products = [float(a @ b) for a, b in zip(vectors[::2], vectors[1::2], strict=True)]
         if comm.size == 1:
-            return own if least is None else [*own, least]
-        mine = np.array(own if least is None else [*own, least])
+            return products if least is None else [*products, least]
+        mine = np.array(products if least is None else [*products, least])
         everyone = np.empty((comm.size, len(mine)))
         comm.Allgather(mine, everyone)
-        return [*everyone[:, :len(own)].sum(axis=0).tolist(), *everyone[:, len(own):].min(axis=0).tolist()]
+        return [*everyone[:, :len(products)].sum(axis=0).tolist(), *everyone[:, len(products):].min(axis=0).tolist()]
 
     return reduce
 
@@ -185,6 +187,6 @@ def hessian_norm(H: PETSc.Mat, like: PETSc.Vec, reduce: Callable[..., list[float
         y[:] = w.array_r
 
     def products(V: np.ndarray, y: np.ndarray) -> np.ndarray:
-        return np.array(reduce(*(each for v in V for each in (v, y))))
+        return np.array(reduce(*(vector for v in V for vector in (v, y))))
 
     return estimate_norm(mult, like.getLocalSize(), products=products, steps=like.getSize())

@@ -15,7 +15,7 @@ import numpy as np
 
 from ddmpi.coupling.assembly import Assembly
 from ddmpi.methods.outer import Report, no_report
-from ddmpi.methods.published import PublishedIteration
+from ddmpi.published.published import PublishedIteration
 from ddmpi.scene.method import SettledMethod
 from ddmpi.system.numbers import norm
 
@@ -41,8 +41,9 @@ class AndersonIteration(PublishedIteration):
     def __init__(self, assembly: Assembly, method: SettledMethod, report: Report = no_report) -> None:
         (interface,) = assembly.member.interfaces
         bodies = {body.name: body for body in assembly.scene.body}
-        moduli = [harmonic_mean([each.plane_modulus for each in bodies[name].materials]) for name in interface.bodies]
-        lead = int(moduli[1] > moduli[0])
+        moduli = [harmonic_mean([material.plane_modulus for material in bodies[name].materials])
+                  for name in interface.bodies]
+        lead = int(moduli[1] > moduli[0])  # with the softer body in role 1 the iteration crawls
         super().__init__(assembly, method, report, lead, PRECISION)
         self._weights = moduli[lead] / sum(moduli), moduli[1 - lead] / sum(moduli)
         self._lams: list[np.ndarray] = []
@@ -51,6 +52,7 @@ class AndersonIteration(PublishedIteration):
 
     def advance(self, w1: np.ndarray, w2: np.ndarray) -> np.ndarray:
         """The accelerated update of λ (m)."""
+        # weighted Neumann–Neumann; the factor 4 makes equal weights ½ the published map
         a1, a2 = self._weights
         f = 4.0 * (a1**2 * w1 + a2**2 * w2)
         size = norm(f)
@@ -62,6 +64,7 @@ class AndersonIteration(PublishedIteration):
         del self._lams[:-DEPTH - 1], self._residuals[:-DEPTH - 1]
         if len(self._lams) == 1:
             return MIXING * f
+        # the combination of earlier steps with the least residual f − F γ; then a step of the map from there
         X = np.diff(np.array(self._lams), axis=0).T
         F = np.diff(np.array(self._residuals), axis=0).T
         gamma = np.linalg.lstsq(F, f, rcond=1e-12)[0]

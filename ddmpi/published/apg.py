@@ -13,8 +13,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ddmpi.qp.box import Box
-from ddmpi.qp.mprgp import TaoType
+from ddmpi.published.mprgp import TaoType
+from ddmpi.sets import Box
 
 EPS = float(np.finfo(float).eps)
 
@@ -34,6 +34,7 @@ class APG(TaoType):
         change, H_change = np.zeros_like(x), np.zeros_like(x)
         self.steps, momentum = {"gradient": 0, "restart": 0}, 1.0
         while True:
+            # one reduction: the residual, the curvature along the last step, whether y − x turns uphill, and ‖x‖
             left = feasible.reduced(g, x, 1.0 / norm)
             gradient, bent, moved, uphill, size = reduce(left, left, change, H_change, change, change, y - x, change,
                                                          x, x)
@@ -46,6 +47,7 @@ class APG(TaoType):
                 momentum, ahead = 1.0, 0.0
                 self.steps["restart"] += 1
             else:
+                # t_{k+1} = (1 + √(1 + 4 t_k²))/2, and the next point lies (t_k − 1)/t_{k+1} of the last change ahead
                 before, momentum = momentum, 0.5 + math.sqrt(0.25 + momentum**2)
                 ahead = (before - 1.0) / momentum
             y, g_y = x + ahead * change, g + ahead * H_change
