@@ -13,7 +13,7 @@ from ddmpi.body.estimate import DiscretizationError
 from ddmpi.body.stiffness import forces_at
 from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.interface.state import ContactState, ContactTotals
-from ddmpi.judge.overlap import BESIDE, RESOLVED, Solid, doubt_overlaps
+from ddmpi.judge.overlap import RESOLVED, Solid, doubt_overlaps
 from ddmpi.mesh.boundary import SHARPEST, creases
 from ddmpi.mesh.elements import REGULAR, cell_with, invert
 from ddmpi.mesh.mesh import Mesh, signed_measures, tangents
@@ -277,7 +277,7 @@ def _overlap_between(assembly: Assembly, state: ContactState, moved: float) -> l
     interface, overlap, unit = state.interface, -state.between, assembly.scene.units["length"]
     k = int(np.argmax(overlap)) if len(overlap) else 0
     body = next(each for each in assembly.bodies if each.spec.name in interface.bodies)
-    least = max(DEEP * state.yielding, RESOLVED * moved, 1e-3 * BESIDE * body.mesh.extent)
+    least = max(DEEP * state.yielding, RESOLVED * moved, 1e-12 * body.mesh.extent)
     if not len(overlap) or not overlap[k] > least:
         return []
     place = in_words(interface.probes.moved(interface.side(body.spec.name), body.mesh.points)[k], 4)

@@ -167,7 +167,7 @@ class RigidSurface(Table, frozen=True, kw_only=True, tag_field="shape"):
     """What helps where the boundary of a body does not face it."""
 
     crossed: ClassVar[str] = ""
-    """Ends the advice where a body runs through it."""
+    """Ends the advice where a body penetrates it."""
 
     def __post_init__(self) -> None:
         if self.force is not None and not self.pushed:
