@@ -274,7 +274,7 @@ def main() -> None:
     parser.add_argument("--only", nargs="+", choices=names, default=names, metavar="NAME")
     parser.add_argument("--skip", nargs="+", choices=names, default=[], metavar="NAME")
     parser.add_argument("--output", type=Path, default=ROOT / "docs" / "figures")
-    parser.add_argument("--overlaps", action="store_true", help="print what the search for overlaps takes, draw nothing")
+    parser.add_argument("--overlaps", action="store_true", help="print the time for overlaps, draw nothing")
     asked = parser.parse_args()
     if asked.overlaps:
         return overlaps([exhibit for exhibit in EXHIBITS if exhibit.name in asked.only])

@@ -156,8 +156,8 @@ def doubt_overlaps(assembly: Assembly, displacements: Mapping[str, np.ndarray],
                 touch = any(set(contact.bodies) == set(pair) for contact in assembly.scene.contact)
                 as_drawn = f" ({drawn:.3g} {unit} as drawn)" * (drawn > 0.0)
                 warnings[a, b] = (f"body.{pair[0]} and body.{pair[1]} penetrate each other by {overlap.depth:.3g} "
-                                  f"{unit}{as_drawn}, as at {in_words(overlap.place, 4)}, where no contact keeps them apart; "
-                                  f"{WIDEN if touch else ADD}")
+                                  f"{unit}{as_drawn}, as at {in_words(overlap.place, 4)}, where no contact keeps them "
+                                  f"apart; {WIDEN if touch else ADD}")
     MPI.Request.waitall(sending)
     return [*_in_order(world, warnings), *_doubt_rigid(assembly, contacts, solids)]
 

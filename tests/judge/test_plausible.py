@@ -14,7 +14,8 @@ from mpi4py import MPI
 from scenes import COULOMB, FLOOR, Run, confined_blocks, pinched_blocks, sheared_stack
 
 import ddmpi
-from ddmpi.judge.plausible import _held_through_air, _singular
+from ddmpi.judge import plausible
+from ddmpi.judge.plausible import DOUBTS, LIMIT, _held_through_air, _singular
 from ddmpi.mesh.mesh import Mesh
 
 pytestmark = pytest.mark.slow
@@ -126,6 +127,15 @@ def test_a_profile_that_does_not_cover_the_contact_is_a_warning(tmp_path, points
     assert len(found) == warned
     words = f"covers x from {points[0]:g} to {points[1]:g}, the contact goes from 0.25 to 3"
     assert all(words in each for each in found)
+
+
+def test_the_table_of_doubts_names_functions_that_ask_for_its_limits():
+    """Each row has a limit that is asked for, and a function of this module."""
+    source = Path(plausible.__file__).read_text(encoding="utf-8")
+    assert LIMIT.keys() == DOUBTS.keys()
+    for name, doubt in DOUBTS.items():
+        assert callable(getattr(plausible, doubt.function)) and doubt.limit > 0.0
+        assert f'LIMIT["{name}"]' in source or name in ("linear", "quadratic", "drawn"), name
 
 
 # Of the answer
