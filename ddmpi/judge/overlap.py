@@ -247,8 +247,8 @@ def penetration(first: Solid, second: Solid, kept: Sequence[np.ndarray], slack: 
     slack : overlaps of the answer below this do not count (m)
     """
     def deepest(part: float, least: float) -> Overlap:
-        return max(deepest_in(first, second, *kept, part, least),
-                   deepest_in(second, first, *kept[::-1], part, least), key=lambda overlap: overlap.depth)
+        return max(deepest_in(first, second, kept[0], kept[1], part, least),
+                   deepest_in(second, first, kept[1], kept[0], part, least), key=lambda overlap: overlap.depth)
 
     rounding = 32.0 * float(np.spacing(max(np.abs(solid.at).max() for solid in (first, second))))
     heights = np.concatenate([first.height, second.height])
