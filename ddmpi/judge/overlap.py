@@ -270,8 +270,8 @@ def deepest_in(a: Solid, b: Solid, kept: np.ndarray, kept_of_b: np.ndarray, part
     """Where the boundary of `a` lies deepest in `b`, if deeper than `least` and the sagittas, after a `part` of the
     displacements.
 
-    Boundary nodes are looked at, the middles of facets, and in the drawing, where bodies may have a common boundary,
-    places a little inside of these. Those that contacts keep apart do not count where the boundary of `b` that is
+    Boundary nodes are looked at, the middles of facets, and places a little inside of these, as bodies may have a
+    common boundary. Those that contacts keep apart do not count where the boundary of `b` that is
     nearest faces them; the others must lie deeper than these.
     """
     x, at = a.placed(part), b.placed(part)
@@ -280,10 +280,9 @@ def deepest_in(a: Solid, b: Solid, kept: np.ndarray, kept_of_b: np.ndarray, part
     facets = np.flatnonzero(((cells.max(axis=0) > low) & (cells.min(axis=0) < high)).all(axis=1))
     corners, middle = a.facets[facets, :-1], cells[:-1, facets].mean(axis=0)
     nodes, first = np.unique(corners, return_index=True)
-    middles = [middle] if part else [middle, 0.75 * middle + 0.25 * cells[-1, facets]]
-    points = np.concatenate([x[nodes], *middles])
-    facet = np.concatenate([facets[first // corners.shape[1]], *len(middles) * [facets]])
-    closed = np.concatenate([kept[nodes], *len(middles) * [kept[corners].all(axis=1)]])
+    points = np.concatenate([x[nodes], middle, 0.75 * middle + 0.25 * cells[-1, facets]])
+    facet = np.concatenate([facets[first // corners.shape[1]], facets, facets])
+    closed = np.concatenate([kept[nodes], *2 * [kept[corners].all(axis=1)]])
     some = ((points > low) & (points < high)).all(axis=1)
     if not some.any():
         return Overlap()
@@ -295,8 +294,10 @@ def deepest_in(a: Solid, b: Solid, kept: np.ndarray, kept_of_b: np.ndarray, part
         """Which points, of some (k,) bool, lie in cells, up to rounding where two of these meet."""
         return np.flatnonzero(some)[in_cells(points[some], at[cells.T]) > -1e-12]
 
-    # What is closed lies in cells at the contact, up to small errors: most contacts need no distances, others need all.
-    free = np.concatenate([inside(~closed, near), inside(closed, near[~kept_of_b[near].any(axis=1)])])
+    # What is closed lies in cells at the contact, up to small errors: most contacts need no distances.
+    at_contact = np.zeros(len(at), bool)
+    at_contact[b.facets[kept_of_b[b.facets[:, :-1]].all(axis=1), :-1]] = True
+    free = np.concatenate([inside(~closed, near), inside(closed, near[~at_contact[near].any(axis=1)])])
     boundary = at[b.facets[:, :-1]]
     if not len(free) or distance_to(points[free], boundary, least)[0].max() <= least:
         return Overlap()
