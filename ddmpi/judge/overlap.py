@@ -305,8 +305,8 @@ def deepest_in(a: Solid, b: Solid, kept: np.ndarray, kept_of_b: np.ndarray, part
     depth, nearest = distance_to(points[some], boundary)
     facing = closed[some] & kept_of_b[b.facets[nearest, :-1]].all(axis=1)
     excess = depth - least - a.sagitta[facet[some]] - b.sagitta[nearest] - depth[facing].max(initial=0.0)
-    k = int(np.argmax(np.where(facing, 0.0, excess)))
-    return Overlap(float(depth[k]), points[some[k]]) if excess[k] > 0.0 and not facing[k] else Overlap()
+    k = int(np.argmax(excess))
+    return Overlap(float(depth[k]), points[some[k]]) if excess[k] > 0.0 else Overlap()
 
 
 def _doubt_rigid(assembly: Assembly, contacts: Mapping[str, ContactTotals], solids: Mapping[int, Solid]) -> list[str]:

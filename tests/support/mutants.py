@@ -62,8 +62,8 @@ MUTANTS = [Mutant(*row) for row in (
      "judge/test_overlap.py::test_a_body_that_has_passed_a_thin_one_is_found"),
     ("curvature counts as an overlap", "judge/overlap", " - a.sagitta[facet[some]] - b.sagitta[nearest]", "",
      "judge/test_overlap.py::test_the_sagitta_of_a_curve_is_no_overlap"),
-    ("what contacts keep apart overlaps", "judge/overlap", "np.where(facing, 0.0, excess)", "excess",
-     "judge/test_overlap.py::test_a_contact_that_closes_is_no_overlap"),
+    ("what contacts keep apart overlaps", "judge/overlap", " - depth[facing].max(initial=0.0)", "",
+     "judge/test_overlap.py::test_a_solid_that_is_moved_through_another_is_found"),
     # scene
     ("unknown keys are accepted", "scene/values", "forbid_unknown_fields=True", "forbid_unknown_fields=False",
      "scene/test_scene.py::test_refusal_names_file_key_and_remedy"),
