@@ -2,6 +2,7 @@
 """The gallery: runs its scenes as a user would, checks the number of each, and keeps a picture of each.
 
     scripts/study gallery [--only NAME ...] [--output docs/figures]
+    scripts/study gallery --overlaps [--only NAME ...]  # the part of the processor time that looks for overlaps takes
 
 Pictures are gallery_NAME.png in the folder --output. The words are in docs/start/gallery.md.
 tests/scripts/test_gallery.py checks the numbers of `EXHIBITS` on coarser meshes or in fewer load steps, and the page.
@@ -18,11 +19,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from experiment import ROOT
 from PIL import Image, ImageOps
+from solid_scenes import two_boxes
 
 from ddmpi.results.tables import read_results
-
-ROOT = Path(__file__).resolve().parents[1]
+from ddmpi.scene.reader import write_toml
 
 WIDEST = 1000
 """A picture in the page is at most so wide and high (pixels)."""
@@ -188,6 +190,39 @@ def show(exhibit: Exhibit, figures: Path) -> str:
     return (f"{exhibit.scene}: {exhibit.measure(summary):.6g} {exhibit.unit}, of {exhibit.told} ({exhibit.source})")
 
 
+WATCHED = """
+import time
+from ddmpi.cli.main import main
+from ddmpi.judge import plausible
+
+taken, doubt_overlaps = [], plausible.doubt_overlaps
+def watched(*given):
+    start = time.process_time()
+    found = doubt_overlaps(*given)
+    taken.append(time.process_time() - start)
+    return found
+plausible.doubt_overlaps = watched
+try:
+    main()
+finally:
+    print(f"{sum(taken):.3f} of {time.process_time():.2f} s, {sum(taken) / time.process_time():.1%}")
+"""
+"""A run that says which part of its processor time the search for overlaps took."""
+
+
+def overlaps(exhibits: list[Exhibit]) -> None:
+    """Print that part for exhibits, and for two boxes in space of both orders."""
+    with tempfile.TemporaryDirectory() as folder:
+        paths = [exhibit.path for exhibit in exhibits]
+        for N, order in ((8, 1), (16, 1), (4, 2), (8, 2)):
+            paths.append(Path(folder) / f"two_boxes_{N}_order_{order}.toml")
+            paths[-1].write_text(write_toml(two_boxes(N, N + 1 - order, order)), encoding="utf-8")
+        for path in paths:
+            done = subprocess.run([sys.executable, "-c", WATCHED, "run", path, "--no-figures", "--output",
+                                   f"{folder}/{path.stem}"], text=True, capture_output=True)
+            print(f"{path.stem}: overlaps took {done.stdout.splitlines()[-1]}", flush=True)
+
+
 def keep(picture: Path, path: Path) -> None:
     """A smaller copy of a picture, in 256 colours and without its white margins."""
     with Image.open(picture) as opened:
@@ -203,7 +238,10 @@ def main() -> None:
     names = [exhibit.name for exhibit in EXHIBITS]
     parser.add_argument("--only", nargs="+", choices=names, default=names, metavar="NAME")
     parser.add_argument("--output", type=Path, default=ROOT / "docs" / "figures")
+    parser.add_argument("--overlaps", action="store_true", help="print the time for overlaps, draw nothing")
     asked = parser.parse_args()
+    if asked.overlaps:
+        return overlaps([exhibit for exhibit in EXHIBITS if exhibit.name in asked.only])
     asked.output.mkdir(parents=True, exist_ok=True)
     wrong = False
     for exhibit in EXHIBITS:

@@ -8,11 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ddmpi.judge.overlap import distance_to
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.contacts import Rigid, SettledContact, default_name
 from ddmpi.scene.reader import write_toml
 from ddmpi.surface.cut import FACING
+from ddmpi.surface.near import distance_to
 from ddmpi.surface.side import across, unit
 from ddmpi.system.numbers import nearest_in
 

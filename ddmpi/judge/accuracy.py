@@ -27,40 +27,36 @@ from ddmpi.scene.scene import Settled
 log = logging.getLogger("ddmpi")
 
 FIRST_RATE = 0.75
-"""Rate of convergence expected until two meshes have shown theirs: corners of clamps and ends of contacts hold
-both orders back."""
+"""Rate assumed on the first mesh: corners of clamps and ends of contacts slow down elements of both orders."""
 
 RATES = (0.4, 2.0)
-"""Limits of a rate that is believed."""
+"""A measured rate is limited to this range."""
 
 GROWTH = 4
-"""Largest refinement in one step; a larger one is done in two."""
+"""Largest refinement in one step."""
 
-AIM = 0.95
-"""The error that a step aims for, as a part of the goal."""
+AIM, AIM_DRAWN = 0.95, 0.85
+"""The error that a step aims for over the goal; the second one for geometries."""
 
 CAUTION = 0.2
-"""The largest estimate that meets a target is smaller by this part of it, over the order. True errors were at most
-larger than the estimate by as much (docs/understand/tradeoff.md)."""
+"""A target is met by estimates that are smaller by this fraction of it, over the order: true errors were larger than
+estimates by at most as much (docs/understand/tradeoff.md)."""
 
 HOPELESS = 1.25
-"""If the goal takes meshes finer than the largest ones by more than this factor, the last steps are not made."""
+"""Stop refining when the goal needs meshes finer than the largest ones by more than this factor."""
 
 DROP = 0.2
-"""The part of the error that is left by one step of a geometry, at least. Estimates on coarse meshes find the places,
-not the amounts."""
-
-AIM_DRAWN = 0.85
-"""The error that a step of a geometry aims for, as a part of the goal."""
+"""A step of a geometry aims for at least this fraction of the error: estimates on coarse meshes find the places of the
+error, not its size."""
 
 SHRINK, GROW = 0.1, 2.0
-"""Limits of the new size of an element over the former one."""
+"""Limits of the new size of an element over its old size."""
 
 SLOWEST, ALMOST = 0.5, 0.95
-"""The lowest rate that is believed; a larger part of an error that is left by a step counts as this."""
+"""The lowest rate of geometries; a step that leaves a larger fraction of the error than ALMOST counts as this."""
 
 STEPS = 12
-"""Most meshes of a geometry; estimates that do not fall let a run end."""
+"""Largest number of meshes of a geometry, if estimates do not fall."""
 
 
 class Level(NamedTuple):
@@ -119,10 +115,10 @@ def next_refinement(levels: Sequence[Level], goal: float, most: int, doubling: b
         seen = True
         rate = math.log(levels[-2].error / last.error) / math.log(last.refinement / levels[-2].refinement)
         rate = min(max(rate, RATES[0]), RATES[1])
-    factor = (last.error / (AIM * goal)) ** (1 / rate)
+    factor = (last.error / (AIM * goal)) ** (1 / rate)  # from ‖e‖ ∝ refinement^(−rate)
     largest = last.refinement * (most / last.dofs) ** (1 / dimension)
     if seen and GROWTH * last.refinement > largest:
-        least = (last.error / goal) ** (1 / max(rate, FIRST_RATE))  # coarse meshes hide their rate
+        least = (last.error / goal) ** (1 / max(rate, FIRST_RATE))  # rates on coarse meshes are too low
         if last.refinement * least > HOPELESS * largest:
             return None
     wanted = last.refinement * (factor if factor <= GROWTH else min(math.sqrt(factor), GROWTH))
@@ -256,6 +252,8 @@ class MeshLadder:
         last, rate = self.levels[-1], self._rate
         d = self.scene.dimension
         share, square, cells = (sum(column) for column in zip(*demands.values(), strict=True))
+        # Equal errors of all new elements leave a part of Σ η_e² if κ^(2p) = part² Σ η_e² / Σ η_e^(2d/(2p+d)), and take
+        # κ^(−d) Σ η_e^(2d/(2p+d)) elements: the `times` of those that there are.
         final = AIM_DRAWN * self.goal / last.error
         scale = [(square * part**2 / share) ** (0.5 / rate) for part in (max(final, DROP), final)]
         times = [share / cells / each**d for each in scale]

@@ -1,8 +1,9 @@
-"""Can the answer be meant? Warnings of certified answers that small-strain theory or the drawing do not cover."""
+"""Warnings about a scene and its certified answer; `DOUBTS` has all of them with their limits."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sparse
@@ -13,7 +14,7 @@ from ddmpi.body.estimate import DiscretizationError
 from ddmpi.body.stiffness import forces_at
 from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.interface.state import ContactState, ContactTotals
-from ddmpi.judge.overlap import BESIDE, RESOLVED, Solid, doubt_overlaps
+from ddmpi.judge.overlap import DRAWN, RESOLVED, Solid, doubt_overlaps
 from ddmpi.mesh.boundary import SHARPEST, creases
 from ddmpi.mesh.elements import REGULAR, cell_with, invert
 from ddmpi.mesh.mesh import Mesh, signed_measures, tangents
@@ -21,54 +22,52 @@ from ddmpi.scene.bodies import SettledBody
 from ddmpi.system.agreement import gathered
 from ddmpi.system.numbers import in_words
 
-LARGE_MOTION = 0.1
-"""A displacement of this part of the body's size is no small one."""
 
-LARGE_GRADIENT = 0.1
-"""Strains and rotations of this size are no small ones."""
+class Doubt(NamedTuple):
+    """A kind of warning: the limit beyond which there is one, the function that warns, and what the limit is of."""
 
-FAR_SLIP = 1.0
-"""Nodes that slid further than this part of the distance to their neighbours are no longer opposite each other."""
+    limit: float
+    function: str
+    words: str
 
-UNRESOLVED = 1e-8
-"""Neither the linear program nor the certificate resolves forces on a body below this part of another's loads."""
 
-LARGE_TURN = 0.1
-"""Nodes that slid around a rigid partner by more than this part of its radius meet it where its normal is another."""
+DOUBTS = {
+    # of a mesh
+    "thin": Doubt(0.05, "doubt_cells", "least measure of a cell, over that of a regular one with edges as long in the "
+                                       "root mean square"),
+    "slender": Doubt(50.0, "doubt_shape", "length of a body over its thickness; in a row of needles side by side those "
+                                          "of 1 : 100 may fail, those of 1 : 30 do not"),
+    "linear": Doubt(0.5, "doubt_mesh", "estimated discretization error of linear elements; they lock then, and the "
+                                       "true error is larger still"),
+    "quadratic": Doubt(0.15, "doubt_mesh", "the same of quadratic elements, which put too much force at the edge of a "
+                                           "contact then, as in the NAFEMS punch at 0.16"),
+    # of small-strain theory
+    "motion": Doubt(0.1, "_large_motion", "displacement over the size of the body"),
+    "gradient": Doubt(0.1, "_large_gradient", "strain or rotation of a cell"),
+    "slip": Doubt(1.0, "_far_slip", "slip of a closed node over the distance to its neighbours"),
+    "turn": Doubt(0.1, "_far_slip", "slip of a closed node over the radius of its rigid partner"),
+    # of forces
+    "point": Doubt(0.01, "_points_that_carry", "force at a clamped point over all forces on the body"),
+    "light": Doubt(1e-8, "_unresolved", "least forces on a loose body, over the loads of another body"),
+    "rounding": Doubt(1e-6, "_lost_in_rounding", "contact forces by rounding of the displacements, over the largest"),
+    "undecided": Doubt(1e-9, "_lost_in_rounding", "largest gap of an open contact, over the displacements; by "
+                                                  "rounding up to 1e-13"),
+    "idle": Doubt(1e-6, "doubt_answer", "least force of a contact, over that of all, for doubts of its forces"),
+    # of contacts; in good answers the first two are up to 0.12
+    "between": Doubt(0.25, "_overlap_between", "overlap between nodes over the displacement by contact forces"),
+    "air": Doubt(0.25, "_held_through_air", "friction of open nodes over all forces of the contact"),
+    "zone": Doubt(0.1, "_unresolved_zone", "least force of a zone on few nodes, over that of the contact"),
+    "stress": Doubt(0.1, "doubt_stress", "least stress at a singularity, over the largest of all bodies"),
+    # of overlaps outside of contacts
+    "overlap": Doubt(RESOLVED, "doubt_overlaps", "overlap over the displacements, in the body itself over a cell"),
+    "drawn": Doubt(DRAWN, "doubt_overlaps", "overlap in the drawing over the distance between nodes"),
+}
+"""All warnings about a scene and its answer. Whether a loose body can move freely, `motions` says."""
 
-CURVED = ALIKE = 1e-6
+LIMIT = {name: doubt.limit for name, doubt in DOUBTS.items()}
+
+ALIKE = 1e-6
 """Gaps are alike that differ by less than this part of the distance of nodes, and stresses by this part of them."""
-
-SHARE = 0.1
-"""Zones with less than this part of a contact's normal force do not count, nor do bodies of less stress than others."""
-
-DEEP = AIR = 0.25
-"""An overlap between nodes of this part of what contact forces move bodies by is no small error of the mesh, nor is it
-nothing if friction of open nodes bears this part of a contact; in good answers both are up to 0.12."""
-
-LOST = 1e-6
-"""Rounding of the displacements that changes contact forces by more than this part is worth a warning."""
-
-UNDECIDED = 1e-9
-"""An open contact whose gaps are all below this part of the displacements might as well be closed: rounding makes gaps
-of up to 1e-13 of them, loads that matter larger ones by far."""
-
-COARSE = {1: 0.5, 2: 0.15}
-"""By order, the estimated discretization error from which on a warning says so. Linear elements lock then, and the true
-error is larger still; quadratic ones put too much force at the edge of a contact, as in the NAFEMS punch at 0.16."""
-
-POINT = 0.01
-"""A point that carries a larger part of a body's forces than this does not only fix its position."""
-
-IDLE = 1e-6
-"""A contact with less than this part of the largest force of all contacts carries nothing that could be lost."""
-
-POOR = 0.05
-"""Cells with less of the measure of a regular one, whose edges are as long in the root mean square, are poor."""
-
-SLENDER = 50.0
-"""Bodies are slender where they are so many times as long as thick; in a row of needles side by side those of 1 : 100
-may fail, those of 1 : 30 do not."""
 
 
 def edge_lengths(mesh: Mesh) -> np.ndarray:
@@ -81,7 +80,7 @@ def doubt_cells(mesh: Mesh, name: str) -> str:
     """A warning of thin cells of a body's mesh; empty if there are none. Not collective."""
     regular = REGULAR[mesh.dimension] * np.sqrt((edge_lengths(mesh)**2).mean(axis=1)) ** mesh.dimension
     quality = signed_measures(mesh.points, mesh.corners) / regular
-    worst, poor = int(quality.argmin()), int((quality < POOR).sum())
+    worst, poor = int(quality.argmin()), int((quality < LIMIT["thin"]).sum())
     return (f"body.{name}.mesh: {poor} of {len(quality)} {mesh.cell.names} are thin: the one at "
             f"{in_words(mesh.points[mesh.corners[worst]].mean(axis=0), 4)} has {quality[worst]:.2g} of the measure of "
             "a regular one; stresses are poor there") * (poor > 0)
@@ -93,7 +92,7 @@ def doubt_shape(mesh: Mesh, name: str) -> str:
     ratio = sizes.max() / max(sizes.min(), np.finfo(float).tiny)
     return (f"body.{name}: it is about {ratio:.0f} times as long as it is thick; a body so slender bends so much more "
             "than contacts give way that the iteration and rounding may not resolve its contact forces") * (
-                bool(ratio > SLENDER))
+                bool(ratio > LIMIT["slender"]))
 
 
 def doubt_answer(assembly: Assembly, displacements: Mapping[str, np.ndarray], states: Mapping[str, ContactState],
@@ -107,38 +106,39 @@ def doubt_answer(assembly: Assembly, displacements: Mapping[str, np.ndarray], st
     passing : whether other load steps follow; then motions alone are looked at, since a body that is unloaded on its
         way may have next to no forces
     """
-    world, own, units = assembly.world, {}, assembly.scene.units
+    world, units = assembly.world, assembly.scene.units
     if not world.allreduce(all(bool(np.isfinite(u).all()) for u in displacements.values()), MPI.LAND):
         return []
-    mine: dict[tuple[str, int], tuple[np.ndarray, float]] = {}
+    by_body, moved = {}, dict[tuple[str, int], tuple[np.ndarray, float]]()
     for body in assembly.bodies:
         name, u = body.spec.name, displacements[body.spec.name]
         warnings = _large_motion(body, u, units)
         warnings += [] if passing else _points_that_carry(body, u, contacts, units)
-        own[name] = warnings, body.member.elasticity.load
+        by_body[name] = warnings, body.member.elasticity.load
         for interface in body.member.interfaces:
             side = interface.side(name)
-            mine[interface.name, side] = (interface.transfer[side] @ u[interface.nodes[side]],
-                                          float(np.linalg.norm(u, axis=1).max()))
-    bodies = gathered(world, own)
-    loads = {name: load for name, (_, load) in bodies.items()}
-    pressed = max((each.normal_max for each in contacts.values()), default=0.0)
+            moved[interface.name, side] = (interface.transfer[side] @ u[interface.nodes[side]],
+                                           float(np.linalg.norm(u, axis=1).max()))
+    by_body = gathered(world, by_body)
+    loads = {name: load for name, (_, load) in by_body.items()}
+    pressed = max((contact.normal_max for contact in contacts.values()), default=0.0)
     pressed, most = world.bcast((pressed, max(loads.values())))
-    both, doubts = assembly.exchange.swap_objects(mine), {}
+    both, by_contact = assembly.exchange.swap_objects(moved), {}
     for interface in assembly.space.interfaces:
-        state, ((first, here), second) = states[interface.name], both[interface.name]
-        other, there = second or (interface.displacement, 0.0)
-        here = max(here, there)
-        found_here = _far_slip(assembly, state, first - other)
-        found_here += _overlap_between(assembly, state, here) + _held_through_air(state, IDLE * most, units["length"])
-        if not passing and np.abs(state.normal_force).max(initial=0.0) >= IDLE * pressed:
-            found_here += _lost_in_rounding(state, here, units) + _unresolved_zone(state)
-        if found_here:
-            doubts[interface.name] = found_here
-    by_contact, overlaps = gathered(world, doubts), doubt_overlaps(assembly, displacements, contacts)
+        state, ((first, largest), second) = states[interface.name], both[interface.name]
+        other, largest_of_other = second or (interface.displacement, 0.0)
+        largest = max(largest, largest_of_other)
+        warnings = [*_far_slip(assembly, state, first - other), *_overlap_between(assembly, state, largest),
+                    *_held_through_air(state, LIMIT["idle"] * most, units["length"])]
+        # What contacts that carry next to nothing say of their forces is noise.
+        if not passing and np.abs(state.normal_force).max(initial=0.0) >= LIMIT["idle"] * pressed:
+            warnings += _lost_in_rounding(state, largest, units) + _unresolved_zone(state)
+        if warnings:
+            by_contact[interface.name] = warnings
+    by_contact, overlaps = gathered(world, by_contact), doubt_overlaps(assembly, displacements, contacts)
     if world.rank:
         return []
-    return [*(warning for body in assembly.scene.body for warning in bodies[body.name][0]),
+    return [*(warning for body in assembly.scene.body for warning in by_body[body.name][0]),
             *(warning for name in contacts for warning in by_contact.get(name, ())),
             *([] if passing else _unresolved(assembly, contacts, loads)), *overlaps]
 
@@ -146,7 +146,7 @@ def doubt_answer(assembly: Assembly, displacements: Mapping[str, np.ndarray], st
 def _large_motion(body: Body, u: np.ndarray, units: Mapping[str, str]) -> list[str]:
     """A warning where a body moves far, or is strained or turned much."""
     moved, extent = float(np.linalg.norm(u, axis=1).max()), body.mesh.extent
-    if moved > LARGE_MOTION * extent:
+    if moved > LIMIT["motion"] * extent:
         unit = units["length"]
         return [f"body.{body.spec.name}: its largest displacement of {moved:.3g} {unit} is {moved / extent:.2g} times "
                 f"its size ({extent:.3g} {unit}); small-strain theory means small displacements"]
@@ -162,7 +162,7 @@ def _unresolved(assembly: Assembly, contacts: Mapping[str, ContactTotals], loads
             pressed[name] = max(pressed[name], each.acting)
     for name, acting in pressed.items():
         acting = max(loads.get(name, 0.0), acting)
-        if 0.0 < acting < UNRESOLVED * most:
+        if 0.0 < acting < LIMIT["light"] * most:
             found.append(f"body.{name}: the forces on it, {acting:.3g} {unit} in all, are nothing beside the "
                          f"loads of {most:.3g} {unit} of another body; the answer does not tell whether anything "
                          "holds it. Solve it without the other")
@@ -181,7 +181,7 @@ def _points_that_carry(body: Body, u: np.ndarray, contacts: Mapping[str, Contact
     acting, clamped = body.member.elasticity.acting, ~body.member.elasticity.free
     loads, heat = np.abs(acting.f), acting.heat
     pressed = sum(contacts[each.name].normal_sum for each in body.member.interfaces)
-    least, found = POINT * max(body.member.elasticity.load, pressed), []
+    least, found = LIMIT["point"] * max(body.member.elasticity.load, pressed), []
     for on, nodes in points.items():
         force = np.abs(forces_at(mesh, body.material, u, nodes) - heat[nodes]) * clamped[nodes]
         alone = not any(np.isin(nodes, others).any() for others in held)
@@ -195,11 +195,12 @@ def _points_that_carry(body: Body, u: np.ndarray, contacts: Mapping[str, Contact
 def doubt_mesh(bodies: Sequence[SettledBody], error: DiscretizationError) -> list[str]:
     """A warning of elements that make the estimated discretization error large. Not collective."""
     k = int(np.argmax([error.by_body[body.name] for body in bodies]))
-    order = bodies[k].mesh.order
-    if not error.relative > COARSE[order]:
+    what, cure, limit = {
+        1: ("linear elements make it too stiff", "quadratic elements (mesh.order = 2) or a finer mesh", "linear"),
+        2: ("its mesh is coarse, and forces at the edges of contacts are uncertain", "a finer mesh", "quadratic"),
+    }[bodies[k].mesh.order]
+    if not error.relative > LIMIT[limit]:
         return []
-    what, cure = {1: ("linear elements make it too stiff", "quadratic elements (mesh.order = 2) or a finer mesh"),
-                  2: ("its mesh is coarse, and forces at the edges of contacts are uncertain", "a finer mesh")}[order]
     return [f"body.{bodies[k].name}: {what}: the estimated discretization error is {error.relative:.2g}, "
             f"{error.by_body[bodies[k].name]:.2g} by this body; {cure} would be right"]
 
@@ -211,7 +212,7 @@ def doubt_stress(assembly: Assembly, stresses: Mapping[str, np.ndarray | None]) 
     own = {body.spec.name: (float(sigma.max()), _singular(body, sigma, unit)) for body in assembly.bodies
            for sigma in [stresses[body.spec.name]] if sigma is not None}
     found = gathered(assembly.world, own)
-    least = SHARE * max((largest for largest, _ in found.values()), default=0.0)
+    least = LIMIT["stress"] * max((largest for largest, _ in found.values()), default=0.0)
     return [warning for body in assembly.scene.body if body.name in found and found[body.name][0] > least
             for warning in found[body.name][1]]
 
@@ -248,11 +249,11 @@ def _lost_in_rounding(state: ContactState, moved: float, units: Mapping[str, str
     name, widest, length, force = (state.interface.name, float(np.abs(state.gap).max()), units["length"],
                                    units["force"])
     largest = float(np.abs(state.normal_force).max(initial=0.0))
-    if (state.status == "open").all() and moved and widest <= UNDECIDED * moved:
+    if (state.status == "open").all() and moved and widest <= LIMIT["undecided"] * moved:
         return [f"contact.{name}: rounding decides that it is open: its gaps, up to {widest:.3g} {length}, are nothing "
                 f"beside the displacements of up to {moved:.3g} {length}"]
     noise = 2.0 * float(state.interface.stiffness.max()) * float(np.finfo(float).eps) * moved
-    if not largest or noise <= LOST * largest:
+    if not largest or noise <= LIMIT["rounding"] * largest:
         return []
     return [f"contact.{name}: its forces are uncertain by about {noise / largest:.1g} of the largest ({largest:.3g} "
             f"{force} at a node), because the bodies move by {moved:.3g} {length}, and rounding of that makes forces "
@@ -264,7 +265,7 @@ def _held_through_air(state: ContactState, least: float, unit: str) -> list[str]
     Tresca's bound allows."""
     sizes, name, law = np.linalg.norm(state.forces, axis=1), state.interface.name, state.interface.law.name
     air = np.where(state.status == "open", sizes, 0.0)
-    if not air.sum() > max(AIR * sizes.sum(), least):
+    if not air.sum() > max(LIMIT["air"] * sizes.sum(), least):
         return []
     k = int(np.argmax(np.where(air > 0.0, air * state.gap, -np.inf)))  # of many that all bear their bound
     return [f"contact.{name}: friction of open nodes bears {air.sum() / sizes.sum():.0%} of its forces, as at "
@@ -277,7 +278,7 @@ def _overlap_between(assembly: Assembly, state: ContactState, moved: float) -> l
     interface, overlap, unit = state.interface, -state.between, assembly.scene.units["length"]
     k = int(np.argmax(overlap)) if len(overlap) else 0
     body = next(each for each in assembly.bodies if each.spec.name in interface.bodies)
-    least = max(DEEP * state.yielding, RESOLVED * moved, 1e-3 * BESIDE * body.mesh.extent)
+    least = max(LIMIT["between"] * state.yielding, LIMIT["overlap"] * moved, 1e-12 * body.mesh.extent)
     if not len(overlap) or not overlap[k] > least:
         return []
     place = in_words(interface.probes.moved(interface.side(body.spec.name), body.mesh.points)[k], 4)
@@ -305,7 +306,7 @@ def _unresolved_zone(state: ContactState) -> list[str]:
     zone = csgraph.connected_components(links, directed=False)[1]
     parting = pairs[closed[pairs[:, 0]] != closed[pairs[:, 1]]]
     inner, outer = np.where(closed[parting[:, :1]], parting, parting[:, ::-1]).T
-    apart = interface.opening[outer] > interface.opening[inner] + CURVED * interface.spacing[inner]
+    apart = interface.opening[outer] > interface.opening[inner] + ALIKE * interface.spacing[inner]
     curving = np.bincount(zone[inner[apart]], minlength=number)  # where it ends because the boundaries curve apart
     axis = interface.axisymmetric & (interface.xy[:, 0] < 0.75 * interface.spacing)
     twice = 1 + (np.bincount(zone[axis], minlength=number) > 0)  # a zone goes on beyond the axis
@@ -317,7 +318,7 @@ def _unresolved_zone(state: ContactState) -> list[str]:
     cornered = np.bincount(zone[sharp], minlength=number) > 0
     size, force = np.bincount(zone, closed, number) * twice, np.bincount(zone, state.normal_force, number)
     least = (2 * cell_with(interface.facets.shape[1], d - 1).order + 1) ** (d - 1)  # nodes; fewer say little of it
-    poor = (size > 0) & (size < least) & enclosed & ~cornered & (force > SHARE * force.sum())
+    poor = (size > 0) & (size < least) & enclosed & ~cornered & (force > LIMIT["zone"] * force.sum())
     if not poor.any():
         return []
     k = int(np.argmax(np.where(poor, force, -np.inf)))
@@ -331,9 +332,9 @@ def _large_gradient(body: Body, u: np.ndarray) -> list[str]:
     """A warning where a cell of the own mesh is strained or turned much, by its corners alone."""
     corners = body.mesh.corners
     gradients = np.einsum("art,act->trc", invert(tangents(body.mesh.points, corners))[0], tangents(u, corners))
-    large = np.flatnonzero((gradients**2).sum(axis=(1, 2)) > LARGE_GRADIENT**2)  # bounds singular values
+    large = np.flatnonzero((gradients**2).sum(axis=(1, 2)) > LIMIT["gradient"] ** 2)  # bounds singular values
     size = np.linalg.norm(gradients[large], ord=2, axis=(1, 2))
-    if size.max(initial=0.0) <= LARGE_GRADIENT:
+    if size.max(initial=0.0) <= LIMIT["gradient"]:
         return []
     k = int(np.argmax(size))
     return [f"body.{body.spec.name}: strains and rotations reach {size[k]:.2g}, as at "
@@ -346,7 +347,7 @@ def _far_slip(assembly: Assembly, state: ContactState, moved: np.ndarray) -> lis
     interface, closed = state.interface, state.status != "open"
     rigid = next((each for each in assembly.scene.rigid if each.name == interface.bodies[1]), None)
     spacing = np.maximum(interface.spacing, interface.spacing[closed].mean() if closed.any() else 0.0)
-    far, limit = (spacing, FAR_SLIP) if rigid is None else (np.full_like(spacing, rigid.bend), LARGE_TURN)
+    far, limit = (spacing, LIMIT["slip"]) if rigid is None else (np.full_like(spacing, rigid.bend), LIMIT["turn"])
     along = np.linalg.norm(np.einsum("mcd,md->mc", interface.frame[:, 1:], moved), axis=1)
     slid = np.where(closed, along, 0.0) / far
     k = int(np.argmax(slid))

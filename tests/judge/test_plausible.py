@@ -14,7 +14,8 @@ from mpi4py import MPI
 from scenes import COULOMB, FLOOR, Run, confined_blocks, pinched_blocks, sheared_stack
 
 import ddmpi
-from ddmpi.judge.plausible import _held_through_air, _singular
+from ddmpi.judge import plausible
+from ddmpi.judge.plausible import DOUBTS, LIMIT, _held_through_air, _singular
 from ddmpi.mesh.mesh import Mesh
 
 pytestmark = pytest.mark.slow
@@ -128,6 +129,15 @@ def test_a_profile_that_does_not_cover_the_contact_is_a_warning(tmp_path, points
     assert all(words in each for each in found)
 
 
+def test_the_table_of_doubts_names_functions_that_ask_for_its_limits():
+    """Each row has a limit that is asked for, and a function of this module."""
+    source = Path(plausible.__file__).read_text(encoding="utf-8")
+    assert LIMIT.keys() == DOUBTS.keys()
+    for name, doubt in DOUBTS.items():
+        assert callable(getattr(plausible, doubt.function)) and doubt.limit > 0.0
+        assert f'LIMIT["{name}"]' in source or name in ("linear", "quadratic", "drawn"), name
+
+
 # Of the answer
 
 
@@ -164,7 +174,7 @@ def test_contact_that_reaches_the_end_of_its_group_is_a_warning(tmp_path, whole)
     scene = {"body": [upper, base], "contact": [{"bodies": ["upper", "lower"], "on": [on, on], "friction": COULOMB}]}
     found = warnings_of(run(scene, tmp_path))
     assert len(found) == (not whole)
-    assert all("body.upper and body.lower run through each other by 0.000106" in each and "name the whole" in each
+    assert all("body.upper and body.lower penetrate each other by 0.000106" in each and "name the whole" in each
                for each in found), found
 
 
@@ -193,7 +203,7 @@ def test_bodies_that_run_through_each_other_beside_an_open_contact_are_a_warning
              "material": {"young": 2e11, "poisson": 0.3}}
     found = warnings_of(run(pair_of(upper, lower), tmp_path))
     assert len(found) == (depth is not None), found
-    assert all(f"run through each other {depth}" in each for each in found), found
+    assert all(f"penetrate each other {depth}" in each for each in found), found
 
 
 EITHER = "its forces are uncertain by about|rounding decides that it is open"
@@ -262,10 +272,10 @@ def test_scenes_with_closed_forms_do_not_warn(tmp_path, scene):
 
 
 @pytest.mark.parametrize(("partner", "words"), [
-    ({"shape": "plane", "point": [2.0005, 0.0], "normal": [-1.0, 0.0]}, "block runs through stop by 0.0005"),
+    ({"shape": "plane", "point": [2.0005, 0.0], "normal": [-1.0, 0.0]}, "block penetrates stop by 0.0005"),
     ({"shape": "plane", "point": [1.0, 0.0], "normal": [-1.0, 0.0]}, ""),
-    ({"shape": "circle", "center": [2.4, 0.5], "radius": 0.4}, "block runs through stop by 0.00"),
-    ({"shape": "circle", "center": [0.0, 0.0], "radius": 5**0.5, "inside": True}, "block runs through stop by 0.00"),
+    ({"shape": "circle", "center": [2.4, 0.5], "radius": 0.4}, "block penetrates stop by 0.00"),
+    ({"shape": "circle", "center": [0.0, 0.0], "radius": 5**0.5, "inside": True}, "block penetrates stop by 0.00"),
     ({"shape": "circle", "center": [0.0, 0.0], "radius": 2.1, "inside": True}, "")])
 def test_a_body_that_moves_through_a_rigid_partner_of_another_is_a_warning(tmp_path, partner, words):
     """A stop that only another body touches does not stop this one; a plane drawn through a body ends before it."""
@@ -276,7 +286,7 @@ def test_a_body_that_moves_through_a_rigid_partner_of_another_is_a_warning(tmp_p
     other = block("other", *at, (0.8, 0.5), ["bottom" if on == "top" else "top"], divisions=(4, 4))
     scene = {"body": [pushed, other], "rigid": [{"name": "stop", **partner}],
              "contact": [{"bodies": ["other", "stop"], "on": [on]}]}
-    found = [each for each in warnings_of(run(scene, tmp_path)) if "runs through" in each]
+    found = [each for each in warnings_of(run(scene, tmp_path)) if "penetrates" in each]
     assert all("no contact keeps them apart" in each and "add a [[contact]] between them" in each for each in found)
     assert len(found) == bool(words), found
     assert all(f"no contact keeps them apart: {words}" in each for each in found), found
@@ -436,8 +446,8 @@ def test_bodies_without_a_contact_need_one(tmp_path):
     contacts = [{"bodies": list(pair), "on": list(on), "friction": COULOMB | {"coefficient": 0.5}} for pair, on in (
         (("ll", "lr"), ("right", "left")), (("ul", "ur"), ("right", "left")), (("ul", "ll"), ("bottom", "top")),
         (("ur", "lr"), ("bottom", "top")))]
-    (found,) = [each for each in warnings_of(run({"body": bodies, "contact": contacts}, tmp_path)) if "through" in each]
-    assert "body.lr and body.ul run through each other" in found and "add a [[contact]] between them" in found
+    (found,) = warnings_of(run({"body": bodies, "contact": contacts}, tmp_path))
+    assert "body.lr and body.ul penetrate each other" in found and "add a [[contact]] between them" in found
 
 
 @pytest.mark.parametrize("more", [-1e-15, 0.0, 1e-15])

@@ -54,6 +54,15 @@ MUTANTS = [Mutant(*row) for row in (
      "run/test_checkpoint.py::test_signals_are_noted_and_not_deadly"),
     ("coordinates on a simplex are the second ones", "system/numbers", "[:, :, None])[:, :, 0]",
      "[:, :, None])[:, :, 1]", "judge/test_overlap.py::test_drawn_overlaps_are_found"),
+    # surface, judge: overlaps
+    ("the last bin of a box is not looked at", "surface/near", "starts[row + last[-1][box] + 1]",
+     "starts[row + last[-1][box]]", "judge/test_overlap.py::test_points_and_the_boxes_that_contain_them"),
+    ("a body jumps over a thin one", "judge/overlap", "np.ceil(way / height), 1, 16)", "np.ceil(way / height), 1, 1)",
+     "judge/test_overlap.py::test_a_body_that_has_passed_a_thin_one_is_found"),
+    ("curvature counts as an overlap", "judge/overlap", " - a.sagitta[facet[some]] - b.sagitta[nearest]", "",
+     "judge/test_overlap.py::test_the_sagitta_of_a_curve_is_no_overlap"),
+    ("what contacts keep apart overlaps", "judge/overlap", " - depth[facing].max(initial=0.0)", "",
+     "judge/test_overlap.py::test_a_solid_that_is_moved_through_another_is_found"),
     # scene
     ("unknown keys are accepted", "scene/values", "forbid_unknown_fields=True", "forbid_unknown_fields=False",
      "scene/test_scene.py::test_refusal_names_file_key_and_remedy"),
