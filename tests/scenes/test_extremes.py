@@ -136,16 +136,6 @@ def test_thin_triangles_in_a_single_row():
     assert answer.certified
 
 
-def test_bodies_of_a_nanometre_and_of_a_thousand_kilometres(comm):
-    _, _, usual, _ = find(comm, scene())
-    for width in (1e-9, 1e6):
-        _, answer, outer, distance = find(comm, scene(mesh(3 * N, N, width, width / 3)))
-        assert answer.certified and distance <= DISTANCE
-        assert len(outer.history) == len(usual.history)
-        least = 1e-9 * usual.forces.max(initial=0.0)  # the rank that owns no forces has nothing to compare
-        assert outer.forces * (3.0 / width) == pytest.approx(usual.forces, rel=1e-9, abs=least)
-
-
 LIFTING = loads({"top": (0.0, 6e7)}, {"bottom": (0.0, -6e7)})
 
 
@@ -267,14 +257,6 @@ def test_bodies_that_are_too_slender_are_refused_with_the_reason(comm):
 
     with pytest.raises(SolverError, match=r"body '(upper|lower)'.*true residual"):
         find(comm, scene(mesh(66, 6, 3.0, 0.003)))  # a cantilever whose stiffness is singular to the last digits
-
-
-def test_the_table_of_extremes_is_made_of_runs(comm):
-    import extremes
-
-    found = extremes.attempt(comm, extremes.squares(6), compare=True)
-    assert found["outcome"] == "certified" and found["distance"] <= 1e-6
-    assert found["energy"] == pytest.approx(3.6e4, rel=0.1)  # J per metre; 38866 at N = 22
 
 
 @pytest.mark.parametrize("pairs", [True, False])

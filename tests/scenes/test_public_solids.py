@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 import scenes
+from elsewhere import corners
 from mpi4py import MPI
-from solid_scenes import PUBLIC, corners, two_boxes
+from solid_scenes import PUBLIC, two_boxes
 
 import ddmpi
 

@@ -140,3 +140,15 @@ def test_errors_of_order_2_fall_with_the_cube_of_cells():
     """Linear pressure between meshes 2 : 3 by dual multipliers: nearly the power 3 in displacements."""
     errors = [bent(cells, 2, "mortar") for cells in (2, 4)]
     assert errors[0] < 0.015 and errors[0] / errors[1] > 6.0
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_normals_on_a_rigid_partner_are_its_own(order):
+    """Also where a body lies askew on it: no force along a plane without friction."""
+    corners = [[0, 0, 0.0], [1, 0, 0.01], [1, 1, 0.03], [0, 1, 0.02], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]]
+    mesh = {"shape": "hexahedron", "corners": corners, "divisions": [2, 2, 2], "order": order}
+    block = {"name": "block", "mesh": mesh,
+             "material": {"young": 1e9, "poisson": 0.3}, "clamp": [{"on": "top", "x": 0.0, "y": 0.0, "z": -0.05}]}
+    state = solve([block], [on("block", "floor")], rigid=[FLOOR]).contacts["c"]
+    assert np.abs(state.interface.normal + np.eye(3)[2]).max() < 1e-15
+    assert np.abs(state.force[:2]).max() <= 1e-12 * state.force[2]

@@ -1,6 +1,5 @@
 """The errors that studies report (scripts/true_errors.py), against known errors and known solutions."""
 
-import tempfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,25 +7,18 @@ import numpy as np
 import pytest
 import scenes
 from true_errors import (
-    INNER,
-    OUTER,
     ClosedForm,
     Contact,
     Rings,
     contact_of,
-    difference,
-    end_error,
     energy,
     interpolate,
-    own_body,
-    relative,
     side_difference,
     solve_reference,
     stress_error,
     zone_ends,
 )
 
-from ddmpi.body.estimate import estimate_error, relative_error
 from ddmpi.coupling.assembly import prepare
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import raise_order
@@ -38,7 +30,6 @@ pytestmark = pytest.mark.slow
 
 STEEL = Material(young=2e11, poisson=0.3)
 ORDERS = pytest.mark.parametrize("order", [1, 2])
-two_ranks = pytest.mark.mpi(ranks=2)
 
 
 def rectangle(factor: int, order: int) -> tuple[Mesh, MeshSpec]:
@@ -63,24 +54,6 @@ def test_interpolation_reproduces_what_the_elements_hold(order):
     for points in (mesh.points, inside, rectangle(5, 2)[0].points):
         u = interpolate(mesh, spec, polynomial(mesh.points, order), points)
         assert np.abs(u - polynomial(points, order)).max() <= 1e-12
-
-
-@ORDERS
-def test_a_finer_mesh_holds_the_coarse_displacement(order):
-    """Its energy is the same there, but not on a finer mesh of lower order, or one that is no multiple."""
-    mesh, spec = rectangle(2, order)
-    u = np.random.default_rng(7).normal(size=mesh.points.shape)
-    expected = energy(mesh, STEEL, u)
-
-    def energy_on(factor: int, fine_order: int) -> float:
-        fine, _ = rectangle(factor, fine_order)
-        return energy(fine, STEEL, interpolate(mesh, spec, u, fine.points))
-
-    for factor in (2, 4, 6):
-        assert energy_on(factor, 2) == pytest.approx(expected, rel=1e-12)
-    assert energy_on(3, order) != pytest.approx(expected, rel=1e-3)
-    if order == 2:
-        assert energy_on(6, 1) != pytest.approx(expected, rel=1e-3)
 
 
 def test_energy_norm_of_a_known_strain():
@@ -116,45 +89,12 @@ def test_zone_ends():
         assert len(zone_ends(x, np.full(11, everything))) == 0
 
 
-def test_zones_of_single_nodes_on_a_fine_mesh_are_passed_over():
-    x = np.linspace(0.0, 3.0, 1001)
-    inside = (x > 1.0) & (x < 2.0)
-    for single in (0, 1, 400, 500, 700, 999, 1000):
-        noisy = inside.copy()
-        noisy[single] = ~noisy[single]
-        assert zone_ends(x, noisy) == pytest.approx([1.0, 2.0], abs=2e-3), single
-    noisy = inside.copy()
-    noisy[335:341:2] = ~noisy[335:341:2]  # the end itself frays
-    assert zone_ends(x, noisy) == pytest.approx([1.0, 2.0], abs=0.02)
-
-
-def test_end_error():
-    assert end_error(np.array([1.0, 2.0]), np.array([1.1, 1.95])) == pytest.approx(0.1)
-    assert end_error(np.empty(0), np.empty(0)) == 0.0
-    assert np.isnan(end_error(np.array([1.0]), np.empty(0)))
-
-
-def test_difference_and_relative():
-    length = np.array([0.5, 1.0, 0.5])
-    assert difference(np.array([1.0, 1.0, 3.0]), np.ones(3), length) == pytest.approx(1.0)
-    assert np.isnan(difference(np.ones(3), np.zeros(3), length))
-    assert relative(-1.5, -1.0) == 0.5
-    assert np.isnan(relative(1.0, 0.0))
-
-
 def contact(x: list[float], length: list[float], middle: list[int], pressure: list[float]) -> Contact:
     """Nodes stick where there is pressure, except for the second node, which slips; shear is half the pressure."""
     status = np.where(np.array(pressure) > 0, "stick", "open")
     status[1] = "slip"
     return Contact(np.column_stack([x, np.zeros(len(x))]), np.array(length), np.array(middle, bool), np.array(pressure),
                    np.array(pressure) / -2, status)
-
-
-def test_resultants_and_zones_of_a_contact():
-    found = contact([0.0, 1.0, 2.0], [0.5, 1.0, 0.5], [0, 0, 0], [2.0, 4.0, 0.0])
-    assert (found.normal_force, found.tangential_force) == (5.0, -2.5)
-    assert found.contact_ends.tolist() == [1.5]
-    assert found.stick_ends.tolist() == [0.5]
 
 
 def test_side_means_of_the_pressure():
@@ -197,36 +137,9 @@ def solved(comm, scene):
     return assembly, solve(assembly, scene.method)
 
 
-@pytest.fixture
-def folder(comm):
-    """A temporary folder for both ranks."""
-    with tempfile.TemporaryDirectory() as made:
-        yield Path(comm.bcast(made))
-        comm.Barrier()
-
-
-@two_ranks
-def test_errors_against_a_fine_solution(comm):
-    fine = solve_reference(comm, blocks(24, 2))
-    assert 0.01 < fine.own_error < 0.04
-    found = {}
-    for order, N in ((1, 4), (1, 12), (2, 4), (2, 12)):
-        assembly, solution = solved(comm, blocks(N, order))
-        found[order, N] = fine.errors(assembly, solution)
-        estimate = estimate_error(*own_body(assembly, solution))
-        estimated = relative_error(comm.allreduce(estimate.total), comm.allreduce(estimate.energy))
-        assert 0.75 <= estimated / found[order, N].energy <= 1.2
-        spacing = 1 / (N * order)
-        assert max(found[order, N].contact_end, found[order, N].stick_end) <= spacing
-    for name in ("energy", "pressure", "shear", "side_pressure", "normal_force", "tangential_force"):
-        for order in (1, 2):
-            coarse, finer = getattr(found[order, 4], name), getattr(found[order, 12], name)
-            assert 0.0 < finer < 0.7 * coarse, (name, order)
-        assert getattr(found[2, 4], name) < getattr(found[1, 4], name), name
-
-
-@two_ranks
+@pytest.mark.mpi(ranks=2)
 def test_the_fine_solution_itself_and_a_known_distance_from_it(comm):
+    """The errors of a fine solution are its own; a stretched one is off by the energy of the stretch."""
     scene = blocks(8, 2)
     fine = solve_reference(comm, scene)
     assembly, solution = solved(comm, scene)
@@ -235,28 +148,15 @@ def test_the_fine_solution_itself_and_a_known_distance_from_it(comm):
     assert max(errors.pressure, errors.side_pressure, errors.shear) <= 1e-7
     assert max(errors.normal_force, errors.tangential_force) <= 1e-7
     assert (errors.contact_end, errors.stick_end) == (0.0, 0.0)
-    own = energy(*own_body(assembly, solution))
-    assert fine.size == pytest.approx(comm.allreduce(own), rel=1e-8)
-
     (body,) = assembly.bodies
     stretched = {name: u + 1e-5 * body.mesh.points * [1, 0] for name, u in solution.displacements.items()}
     first, shear = body.spec.material.lame
     distance = fine.errors(assembly, replace(solution, displacements=stretched)).energy
     added = 2 * 3.0 * (first + 2 * shear) * 1e-10
     assert (distance**2 - fine.own_error**2) * fine.size == pytest.approx(added, rel=1e-6)
-
     states = {name: replace(state, normal_force=1.01 * state.normal_force) for name, state in solution.states.items()}
     errors = fine.errors(assembly, replace(solution, states=states))
     assert [errors.pressure, errors.normal_force] == pytest.approx([0.01, 0.01], rel=1e-6)
-
-
-@two_ranks
-def test_a_reference_without_certificate_is_refused(comm):
-    from ddmpi.scene.reader import read_scene
-
-    scene = scenes.pinched_blocks(4, tolerance=1e-10, theta=0.2, max_iterations=3)
-    with pytest.raises(RuntimeError, match="max_iterations"):
-        solve_reference(comm, read_scene("scene of a test", scenes.to_toml(scene)))
 
 
 # Against the closed form of two rings
@@ -264,40 +164,21 @@ def test_a_reference_without_certificate_is_refused(comm):
 RINGS = Rings(a=0.4, b=1.0, c=1.7, overlap=1e-6)
 
 
-def test_pressure_and_energy_of_the_rings():
-    """Equal materials, plane strain: p = E' δ (b²−a²)(c²−b²) / (2 b³ (c²−a²)); all of the overlap's work is strain."""
-    steel = Rings(0.4, 1.0, 1.7, 1e-6, STEEL, STEEL)
-    a2, b2, c2 = 0.16, 1.0, 1.7**2
-    assert steel.pressure == pytest.approx(STEEL.plane_modulus * 1e-6 * (b2 - a2) * (c2 - b2) / (2 * (c2 - a2)))
-    assert RINGS.normal_force == pytest.approx(RINGS.pressure * np.pi / 2)
-    assert RINGS.energy(INNER) > 0.0 < RINGS.energy(OUTER)
-    assert RINGS.energy(INNER) + RINGS.energy(OUTER) == pytest.approx(RINGS.normal_force * RINGS.overlap)
-
-
-@two_ranks
-def test_solutions_converge_to_the_closed_form(comm, folder):
+@pytest.mark.mpi(ranks=2)
+def test_solutions_converge_to_the_closed_form(comm, tmp_path):
     """Order 1 at rate 1; order 2 at rate 1.8, because straight sides cut the corners of the circle."""
-    exact, errors = ClosedForm(RINGS), {}
-    for N in (3, 6, 12):
+    exact, errors, folder = ClosedForm(RINGS), {}, Path(comm.bcast(str(tmp_path)))
+    for N in (3, 6):
         if comm.rank == 0:
             RINGS.write_meshes(folder, N)
         comm.Barrier()
         for order in (1, 2):
             assembly, solution = solved(comm, RINGS.scene(folder, N, order, "method.tolerance=1e-10"))
-            assert scenes.the_interface(assembly).gap == pytest.approx(-RINGS.overlap, rel=1e-2)
             assert solution.certified
             errors[order, N] = exact.errors(assembly, solution)
-            assert errors[order, N].contact_end == 0.0
             assert contact_of(assembly, solution).normal_force == pytest.approx(
                 RINGS.normal_force, rel=1.01 * errors[order, N].normal_force)
     for order, expected in ((1, 1.0), (2, 1.8)):
-        energy = [errors[order, N].energy for N in (3, 6, 12)]
-        assert np.log2(energy[0] / energy[1]) == pytest.approx(expected, abs=0.2), energy
-        assert np.log2(energy[1] / energy[2]) == pytest.approx(expected, abs=0.15), energy
-    assert errors[2, 12].energy < 0.1 * errors[1, 12].energy
-    assert errors[1, 12].normal_force < 3e-3
-    assert errors[2, 12].normal_force < 3e-4
-    assert errors[1, 12].pressure < 0.02
-    for N in (3, 6, 12):  # the kinks at the corners show in the pressure at nodes, not in its means over sides
+        assert np.log2(errors[order, 3].energy / errors[order, 6].energy) == pytest.approx(expected, abs=0.2)
+    for N in (3, 6):  # the kinks at the corners show in the pressure at nodes, not in its means over sides
         assert errors[2, N].side_pressure < 0.1 * errors[2, N].pressure
-    assert errors[2, 12].side_pressure < 1e-3
