@@ -79,25 +79,6 @@ def test_a_row_that_half_moves_is_kept_in_all_units(length):
     assert found(Elsewhere(length=length).scene(scene)).summary["contacts"]["upper-lower"]["m"] == 3
 
 
-def test_a_fit_by_heat_is_one_by_interference():
-    """A shaft that is warmer than its hub presses as one that is too thick, at free ends; it grows along the axis."""
-    steel = {"young": 2e11, "poisson": 0.3, "expansion": 1.2e-5}
-    scene = {"axisymmetric": True, "body": [
-        rectangle(name, (x, 0), (0.05, 0.05), (5, 5), 2, clamp=[{"on": "bottom", "y": 0.0}], material=steel)
-        for name, x in (("shaft", 0.0), ("hub", 0.05))],
-        "contact": [{"bodies": ["shaft", "hub"], "on": ["right", "left"], "pairing": "nodes"}]} | TIGHT
-    scene["body"][0]["temperature"] = 50.0
-    warm = certified(scene)
-    del scene["body"][0]["temperature"]
-    scene["body"][0]["material"] = scene["body"][1]["material"] = {"young": 2e11, "poisson": 0.3}
-    scene["contact"][0]["gap"] = -1.2e-5 * 50.0 * 0.05
-    thick = certified(scene)
-    one, other = (each.contacts["shaft-hub"].pressure for each in (warm, thick))
-    assert one == pytest.approx(other, rel=1e-9)
-    exact = 3e-5 * 2e11 / 2 / 0.05 * (1.0 - 0.05**2 / 0.1**2)
-    assert one.mean() == pytest.approx(exact, rel=2e-3)
-
-
 def test_clamping_the_axis_is_needless():
     """With and without a clamp at x = 0 the answer is the same, to the last bit, and that clamp bears nothing."""
     scene = pressed(2)

@@ -2,7 +2,6 @@
 
 import copy
 import dataclasses
-import itertools
 import json
 import tomllib
 from pathlib import Path
@@ -10,9 +9,7 @@ from pathlib import Path
 import made_up
 import meshio
 import numpy as np
-import PIL.Image
 import pytest
-from documented import undocumented
 from mpi4py import MPI
 from scenes import (
     COULOMB,
@@ -30,7 +27,6 @@ from solid_scenes import box
 import ddmpi
 from ddmpi.cli.report import write_report
 from ddmpi.errors import InputError
-from ddmpi.interface.state import slip_start
 from ddmpi.methods.newton import Newton
 from ddmpi.pictures.curves import draw_steps
 from ddmpi.pictures.moved import magnify, rigid_parts
@@ -370,25 +366,6 @@ def test_a_rigid_partner_and_clamps_follow_histories():
     assert answer.summary["energy"]["interface_work"] != 0.0 or expected.normal_force.sum() > 0.0
 
 
-def test_a_node_slips_from_where_it_touches():
-    """The slip of an open node begins when its gap, going on as in the last step, closes; others keep theirs."""
-    (contact,) = certified(circle(steps=1)).contacts.values()
-    interface, m = contact.interface, contact.interface.m
-    s, closed, rate = np.zeros(interface.size), np.zeros(interface.size), np.zeros(interface.size)
-    closed[:m] = -2.0  # all gaps are 2
-    closed[m:] = 5.0
-    rate[:m], rate[m:] = 4.0, 1.0
-    assert slip_start(interface.law, s, closed, rate, 0.0)[m:] == pytest.approx(np.full(m, 5.0))
-    assert slip_start(interface.law, s, closed, rate, 1.0)[m:] == pytest.approx(np.full(m, 5.5))
-    assert slip_start(interface.law, s, closed, rate, 0.25)[m:] == pytest.approx(np.full(m, 5.25))
-    assert slip_start(interface.law, s, closed, -rate, 1.0)[m:] == pytest.approx(np.full(m, 5.0))
-    rounded = np.where(np.arange(len(rate)) < m, 1e-15, rate)  # rounding closes no gap
-    assert slip_start(interface.law, s, closed, rounded, 1.0)[m:] == pytest.approx(np.full(m, 5.0))
-    s[:m] = 1.0
-    assert slip_start(interface.law, s, closed, rate, 1.0)[m:] == pytest.approx(np.full(m, 5.0))
-    assert not slip_start(interface.law, s, closed, rate, 1.0)[:m].any()
-
-
 def test_adaptive_steps_go_on_from_wherever_they_were(tmp_path, monkeypatch):
     """From checkpoints here and there in legs of large, of smaller and of no forces, in as many steps as the tolerance
     asks for: the tables of an uninterrupted run, byte for byte."""
@@ -462,10 +439,9 @@ def test_files_of_load_steps(tmp_path):
         assert grid["pressure"].tolist() == legs["normal_stress"][legs["time"] == grid["time"]].tolist()
         assert grid["slip_total"].tolist() == legs["slip_total"][legs["time"] == grid["time"]].tolist()
     assert np.array_equal(legs["tangential_stress"][legs["time"] == 3.0], last["tangential_stress"])
-    (loop, energies, *_) = draw_steps(results).axes
+    (loop, *_) = draw_steps(results).axes
     assert loop.lines[0].get_xdata().tolist() == [0.0, 0.0, 0.0, 0.5, 1.0, 0.7, 0.4]
     assert loop.lines[0].get_ydata()[1:].tolist() == results.steps["tangential_force"].tolist()
-    assert len(energies.lines) == 5  # with the axis
     pressed = certified(sheared_blocks(steps=2), time__points=[1.0])
     u = np.concatenate([pressed.bodies[name].displacement for name in ("upper", "lower")])
     assert found[0][1]["displacement"][:, :2] == pytest.approx(u, rel=1e-9, abs=1e-9 * np.abs(u).max())
@@ -538,29 +514,6 @@ def test_followers_name_histories_that_there_are():
                                  {"on": "left", "x": 1e-4, "y": 0.0, "history": "press"}]
     with pytest.raises(InputError, match=r"body\.upper\.clamp: x at .*prescribed twice.*another history"):
         ddmpi.solve(scene, MPI.COMM_SELF)
-
-
-def test_an_animation_has_a_frame_for_each_step_written(tmp_path):
-    """The frames of animation.gif are the steps whose fields are written, and differ; a rigid partner moves along."""
-    block = rectangle("block", (0, 0), (2, 1), (4, 2), clamp=["top"])
-    floor = FLOOR | {"displacement": [0.0, 0.02], "history": "rise"}
-    scene = write_scene({"body": [block], "rigid": [floor],
-                         "contact": [{"bodies": ["block", "floor"], "on": ["bottom"], "friction": COULOMB}],
-                         "history": {"rise": {"times": [0.0, 3.0], "factors": [0.0, 1.5]}},
-                         "time": {"points": [3.0], "steps": 3},
-                         "output": {"steps": "all", "animation": True}}, tmp_path / "scene.toml")
-    done = run_here(scene, tmp_path / "out")
-    assert done.code == 0, done.messages
-    assert undocumented(tmp_path / "out") == []
-    with PIL.Image.open(tmp_path / "out" / "animation.gif") as picture:
-        frames = []
-        for k in range(picture.n_frames):
-            picture.seek(k)
-            frames.append(np.asarray(picture.convert("RGB")).copy())
-    assert len(frames) == 3 and all(np.abs(a - b.astype(int)).max() > 50 for a, b in itertools.pairwise(frames))
-    results = read_results(tmp_path / "out")
-    heights = [rigid_parts(results, 1.0, time)[0].at[0, 1] for time in (1.0, 3.0)]
-    assert heights == pytest.approx([0.01, 0.03]) and rigid_parts(results, 1.0)[0].at[0, 1] == heights[1]
 
 
 def test_the_shipped_fretting_scene():

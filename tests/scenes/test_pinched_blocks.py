@@ -1,7 +1,5 @@
 """The model scene through the real command: the measured answers of the design, and every result file."""
 
-import h5py
-import meshio
 import numpy as np
 import pytest
 import scenes
@@ -209,41 +207,3 @@ def test_interface_table_obeys_the_laws_of_contact(laws, law, bound_of):
     assert (np.abs(shear[sticking]) < bound[sticking]).all()
     assert np.abs(shear[slipping]) == pytest.approx(bound[slipping], rel=1e-6)
     assert (shear[slipping] * slip[slipping] >= -1e-7 * largest * bound.max()).all()
-
-
-def test_history_has_a_line_per_outer_iteration(laws):
-    """With the residual that ends the iteration, nodes by status, and the products so far."""
-    summary, history = laws["coulomb"].summary, laws["coulomb"].table("history.csv")
-    nodes = ("open", "slip", "stick")
-    assert list(history) == ["step", "iteration", "update", "residual", "inner_precision", *nodes, "n_A"]
-    assert (history["step"] == 1).all()
-    assert (sum(history[status] for status in nodes) == summary["m"]).all()
-    assert {status: history[status][-1] for status in nodes} == {
-        status: summary["contacts"]["upper-lower"][status] for status in nodes}
-    assert history["iteration"].tolist() == list(range(1, summary["outer_iterations"] + 1))
-    assert history["residual"][-1] <= summary["certificate_limit"]
-    assert (history["residual"][:-1] > 1e-9).all() and history["residual"][-1] <= 1e-9
-    count = history["n_A"]
-    assert (np.diff(count) > 0).all()
-    assert count[-1] <= summary["n_A"] <= count[-1] + 2  # and one for the displacement of each body
-
-
-def test_xdmf_reads_back(laws):
-    """By meshio, with the area of the bodies, what clamps hold, and von Mises stresses of the stresses."""
-    done = laws["coulomb"]
-    mesh = meshio.read(done.folder / "result.xdmf")
-    points, point_data, cell_data, (block,) = mesh.points, mesh.point_data, mesh.cell_data, mesh.cells
-    assert block.type == "triangle" and points.shape == (2 * 67 * 23, 3) and block.data.shape == (4 * 66 * 22, 3)
-    assert (points.min(axis=0).tolist(), points.max(axis=0).tolist()) == ([0, 0, 0], [3, 2, 0])
-    u = point_data["displacement"]
-    assert not u[points[:, 0] == 0].any()
-    assert np.linalg.norm(u, axis=1).max() == pytest.approx(done.summary["displacement_max"], rel=1e-12)
-    body = cell_data["body"][0]
-    assert np.array_equal(body, np.where(points[block.data, 1].mean(axis=1) > 1.0, 0, 1))  # in the scene's order
-    xx, xy, xz, yy, yz, zz = cell_data["stress"][0].T
-    assert not xz.any() and not yz.any()
-    assert zz == pytest.approx(0.277 * (xx + yy))
-    assert cell_data["von_mises"][0] == pytest.approx(
-        np.sqrt(0.5 * ((xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2) + 3 * xy**2))
-    with h5py.File(done.folder / "result.h5") as file:
-        assert {"points", "cells", "body", "displacement", "stress", "von_mises"} <= set(file)

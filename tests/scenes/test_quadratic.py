@@ -3,8 +3,6 @@
 Exactness on linear fields is in test_closed_forms, rates are in test_convergence.
 """
 
-import h5py
-import meshio
 import numpy as np
 import pytest
 import scenes
@@ -21,14 +19,6 @@ def blocks(N: int, order: int, law: str = "coulomb", **method) -> dict:
     for body in scene["body"]:
         body["mesh"]["order"] = order
     return scene
-
-
-@pytest.fixture(scope="module")
-def done(tmp_path_factory) -> scenes.Run:
-    folder = tmp_path_factory.mktemp("quadratic")
-    run = scenes.run_here(scenes.write_scene(blocks(22, 2), folder / "blocks.toml"), folder / "results", "--no-figures")
-    assert run.code == 0, run.output
-    return run
 
 
 def test_more_for_the_same_work_than_linear_triangles():
@@ -60,30 +50,6 @@ def test_all_methods_give_the_same_forces(comm):
     published = solve_scene(comm, blocks(12, 2, outer="relaxation", tolerance=1e-6))
     forces = np.concatenate([published["normal_force"], published["tangential_force"][published["sliding"]]])
     assert published["certified"] and np.linalg.norm(forces - exact) <= 1e-3 * size
-
-
-def test_files(done):
-    """Fields read back with the nodes in the middle; stresses carry the loads; means over sides carry all of the force
-    but the share of the first side, whose corner is clamped."""
-    summary = done.summary
-    assert (summary["order"], summary["n"], summary["m"]) == (2, 12 * 22 * 23, 3 * 22)
-    mesh = meshio.read(done.folder / "result.xdmf")
-    (block,), points = mesh.cells, mesh.points
-    assert block.type == "triangle6" and block.data.shape == (4 * 33 * 11, 6)
-    corners = block.data[:, :3]
-    middles = (points[corners] + points[np.roll(corners, -1, axis=1)]) / 2
-    assert np.abs(points[block.data[:, 3:]] - middles).max() <= 1e-15
-    assert np.linalg.norm(mesh.point_data["displacement"], axis=1).max() == pytest.approx(summary["displacement_max"])
-    with h5py.File(done.folder / "result.h5") as file:
-        points, cells, sigma = (file[name][()] for name in ("points", "cells", "stress"))
-    middle = points[cells[:, :3]].mean(axis=1)
-    right = (middle[:, 0] > 3.0 - 1 / 11) & (middle[:, 1] > 1.0)
-    assert sigma[right, 0].mean() == pytest.approx(2.0e7, rel=0.05)
-    sides, nodes = done.table("contact_upper-lower_sides.csv"), done.table("contact_upper-lower.csv")
-    assert np.allclose(sides["length"], 1 / 11) and np.array_equal(sides["x"], nodes["x"][2::2])
-    for kind in ("normal", "tangential"):
-        expected = nodes[f"{kind}_force"][1:].sum() - nodes[f"{kind}_stress"][1] / 66
-        assert sides["length"] @ sides[f"{kind}_stress"] == pytest.approx(expected, rel=1e-12)
 
 
 def test_means_over_sides_do_not_swing_on_a_curved_interface(tmp_path):

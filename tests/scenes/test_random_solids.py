@@ -14,14 +14,13 @@ from solid_scenes import two_boxes
 import ddmpi
 from ddmpi.results.tables import CONTACT_IN_SPACE
 
-RANKS = {8: 2, 10: 4, 29: 4, 52: 4, 220: 4, 229: 3}
+RANKS = {29: 4, 229: 3}
 
 
 @pytest.mark.parametrize("seed, verdict", [(46, "verified"), (10, "reported"), (52, "reported"), *(
     pytest.param(seed, verdict, marks=pytest.mark.slow) for seed, verdict in
-    [(3, "verified"), (5, "verified"), (6, "verified"), (8, "verified"), (11, "verified"), (26, "verified"),
-     (29, "verified"), (23, "verified"), (2, "verified"), (0, "reported"), (27, "reported"), (31, "reported"),
-     (214, "reported"), (217, "verified"), (220, "edge"), (229, "edge"), (4039, "verified")])])
+    [(3, "verified"), (5, "verified"), (26, "verified"), (29, "verified"), (23, "verified"), (0, "reported"),
+     (31, "reported"), (214, "reported"), (217, "verified"), (220, "edge"), (229, "edge"), (4039, "verified")])])
 def test_random_assembly(seed, verdict, tmp_path):
     """Certified and verified, or without equilibrium; some on several ranks.
 

@@ -113,13 +113,6 @@ def test_on_two_ranks(comm, bodies):
     check(patch(*bodies, 1), comm)
 
 
-@pytest.mark.slow
-@pytest.mark.mpi(ranks=4)
-def test_two_bodies_on_four_ranks(comm):
-    """Two ranks a body."""
-    check(two_patches((3, 4, 3), (4, 3, 3), 2), comm)
-
-
 def test_a_stress_that_varies_is_not_exact():
     """What these tests measure can fail: a load that is a little larger is seen."""
     scene = two_patches((2, 2, 2), (3, 3, 3), 1)
