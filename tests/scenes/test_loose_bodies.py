@@ -6,6 +6,7 @@ from mpi4py import MPI
 from scenes import FLOOR, STEEL, rectangle
 
 import ddmpi
+from ddmpi.errors import InputError
 from ddmpi.run.answer import Answer
 
 pytestmark = pytest.mark.slow
@@ -111,6 +112,13 @@ def test_a_round_pin_turns_freely_whatever_the_meshes(order):
     assert answer.summary["undetermined"] == ["pin can turn about (0, 0) without any force"]
     held = solve(bodies, [], [between | {"friction": {"law": "coulomb", "coefficient": 0.3}}])
     assert held.certified and held.summary["undetermined"] == []
+
+
+def test_a_second_contact_between_the_same_sides_is_refused():
+    """One message names both contacts."""
+    bodies = [block("block", 0.0, 0.0, volume_force=[0.0, -WEIGHT])]
+    with pytest.raises(InputError, match=r"contact\.again: is between the same sides as contact\.block-floor"):
+        solve(bodies, [FLOOR], [contact("block", "floor", "bottom"), contact("block", "floor", "bottom", name="again")])
 
 
 @pytest.mark.parametrize("far", [1e-9, 1e-4, 1e2])

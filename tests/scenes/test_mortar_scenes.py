@@ -104,30 +104,6 @@ def test_bodies_that_meet_at_a_point_do_not_run_through_each_other(seed):
     assert [each for each in answer.summary["warnings"] if "run through" in each] == []
 
 
-@orders
-def test_bonded_blocks_around_a_point(order):
-    """Bonds that close a loop at a point carry what they do on matching meshes, in whatever order they are named."""
-    def forces(divisions: list, turn: int = 1) -> np.ndarray:
-        places = {"ll": [0.0, 0.0], "lr": [1.0, 0.0], "ul": [0.0, 0.5], "ur": [1.0, 0.5]}
-        bodies = [rectangle(name, origin, (1, 0.5), each, order, 2.0e11)
-                  for (name, origin), each in zip(places.items(), divisions, strict=True)]
-        for body in bodies:
-            if body["name"].endswith("l"):
-                body["clamp"] = ["left"]
-            if body["name"].startswith("u"):
-                body["traction"] = [{"on": "top", "value": [0.0, -3.0e5]}]
-        bonds = [{"bodies": list(pair), "on": list(on), "kind": "bonded"} for pair, on in (
-            (("ll", "lr"), ("right", "left")), (("ul", "ur"), ("right", "left")), (("ul", "ll"), ("bottom", "top")),
-            (("ur", "lr"), ("bottom", "top")))]
-        answer = certified({"body": bodies, "contact": bonds[::turn]})
-        return np.concatenate([answer.contacts["-".join(bond["bodies"])].force for bond in bonds])
-
-    matching, mixed = forces([[8, 4]] * 4), [[8, 4], [9, 4], [8, 5], [9, 4]]
-    found = forces(mixed)
-    assert found == pytest.approx(matching, abs=0.1 * np.abs(matching).max())
-    assert forces(mixed, -1) == pytest.approx(found, abs=1e-7 * np.abs(found).max())
-
-
 @pytest.mark.parametrize("law", ["none", "coulomb"])
 def test_a_clamped_end_costs_no_iterations(law):
     """Where a clamp holds the end of the slave, a solve takes no more multiplications than on matching meshes."""

@@ -8,54 +8,20 @@ import pytest
 import scenes
 from true_errors import (
     ClosedForm,
-    Contact,
     Rings,
     contact_of,
-    interpolate,
-    side_difference,
     solve_reference,
     zone_ends,
 )
 
 from ddmpi.coupling.assembly import prepare
-from ddmpi.mesh.mesh import Mesh
-from ddmpi.mesh.refine import raise_order
-from ddmpi.mesh.shapes import generate_rectangle
 from ddmpi.run.solve import solve
-from ddmpi.scene.bodies import MeshSpec
 
 pytestmark = pytest.mark.slow
 
-ORDERS = pytest.mark.parametrize("order", [1, 2])
-
-
-def rectangle(factor: int, order: int) -> tuple[Mesh, MeshSpec]:
-    spec = MeshSpec(shape="rectangle", origin=(1.0, -0.5), size=(3.0, 0.7), divisions=(4 * factor, 3 * factor),
-                    order=order)
-    mesh = generate_rectangle(spec)
-    return (mesh if order == 1 else raise_order(mesh, "mesh")), spec
-
-
-def polynomial(points: np.ndarray, order: int) -> np.ndarray:
-    x, y = points.T
-    linear = np.column_stack([1 + 2 * x - y, 3 * x + 0.5 * y])
-    return linear if order == 1 else linear + np.column_stack([x * x - 3 * x * y, y * y + x * y])
-
-
-# Displacements on another mesh
-
-@ORDERS
-def test_interpolation_reproduces_what_the_elements_hold(order):
-    mesh, spec = rectangle(1, order)
-    inside = np.array([1.0, -0.5]) + np.random.default_rng(3).uniform(0, 1, (200, 2)) * (3.0, 0.7)
-    for points in (mesh.points, inside, rectangle(5, 2)[0].points):
-        u = interpolate(mesh, spec, polynomial(mesh.points, order), points)
-        assert np.abs(u - polynomial(points, order)).max() <= 1e-12
-
-
-# Along the interface
 
 def test_zone_ends():
+    """Zones end between the nodes where they end, whichever way the nodes are numbered."""
     x = np.linspace(0.0, 1.0, 11)
     inside = np.array([False, True, True, True, False, False, False, True, True, True, True])
     assert zone_ends(x, inside) == pytest.approx([0.05, 0.35, 0.65])
@@ -63,24 +29,6 @@ def test_zone_ends():
     assert zone_ends(x, ~inside) == pytest.approx([0.05, 0.35, 0.65])
     for everything in (True, False):
         assert len(zone_ends(x, np.full(11, everything))) == 0
-
-
-def contact(x: list[float], length: list[float], middle: list[int], pressure: list[float]) -> Contact:
-    """Nodes stick where there is pressure, except for the second node, which slips; shear is half the pressure."""
-    status = np.where(np.array(pressure) > 0, "stick", "open")
-    status[1] = "slip"
-    return Contact(np.column_stack([x, np.zeros(len(x))]), np.array(length), np.array(middle, bool), np.array(pressure),
-                   np.array(pressure) / -2, status)
-
-
-def test_side_means_are_compared_with_those_over_the_same_sides():
-    """Pairs of fine sides make a coarse one; a pressure that swings between the fine nodes does not count."""
-    fine = contact([1.0, 2.0, 3.0, 4.0, 5.0], [0.5, 1.0, 1.0, 1.0, 0.5], [0] * 5, [2.0, 3.0, 4.0, 5.0, 6.0])
-    swinging = replace(fine, pressure=fine.pressure + np.array([1.0, -1.0, 1.0, -1.0, 1.0]))
-    coarse = contact([1.0, 3.0, 5.0], [1.0, 2.0, 1.0], [0, 0, 0], [2.0, 4.0, 6.0])
-    assert side_difference(coarse, fine) == side_difference(coarse, swinging) == 0.0
-    wrong = replace(coarse, pressure=1.1 * coarse.pressure)
-    assert side_difference(wrong, fine) == pytest.approx(0.1)
 
 
 # Against a fine solution

@@ -22,7 +22,7 @@ def corners(mesh: dict) -> np.ndarray:
     unit = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
     if len(mesh["size"]) == 3:
         unit = np.array([[*xy, z] for z in (0, 1) for xy in unit])
-    return np.array(mesh.get("origin", [0.0] * unit.shape[1])) + unit * mesh["size"]
+    return np.array(mesh.get("origin", [0.0] * unit.shape[1]), float) + unit * mesh["size"]
 
 
 @dataclass(frozen=True)
