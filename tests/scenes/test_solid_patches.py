@@ -8,7 +8,7 @@ from solid_scenes import CROSS, HELD, T_JUNCTION, between_planes, box, jittered,
 import ddmpi
 
 EXACT = 1e-10
-both_orders = pytest.mark.parametrize("order", [1, 2])
+both_orders = pytest.mark.parametrize("order", [1, pytest.param(2, marks=pytest.mark.slow)])
 both_kinds = pytest.mark.parametrize("bonded", [False, True], ids=["coulomb", "bonded"])
 STRIPS = (0.3, 0.01, 1e-4, 1e-6)
 """How far the other body covers the last facets of the slave, of their width."""
