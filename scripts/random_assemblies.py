@@ -19,7 +19,7 @@ from typing import Any
 from experiment import by_family, seeds, start  # isort: skip, with which the helpers of the tests can be imported
 
 import assembly_scenes
-import checker
+import result_check
 import scenes
 import solid_assemblies
 
@@ -49,24 +49,24 @@ def judge(scene: dict[str, Any], folder: Path, tolerance: float, command: Callab
         return "failed", run.output.strip()[-300:]
     reason = run.summary["reason"]
     if "no equilibrium" in reason and run.code == 3:
-        if not checker.feasible(scene):
+        if not result_check.feasible(scene):
             return "reported", reason
-        certain = checker.feasible(scene, -checker.REACH)
+        certain = result_check.feasible(scene, -result_check.REACH)
         return "finding" if "found" in reason else "missed" if certain else "edge", reason
     if run.code != 0 or not run.summary["converged"]:
         return "missed", f"exit code {run.code}: {reason}"
-    law, worst = max(checker.violations(scene, folder / "results").items(), key=lambda item: item[1])
+    law, worst = max(result_check.violations(scene, folder / "results").items(), key=lambda item: item[1])
     said = f"largest violation {worst:.1e} ({law})"
-    if not checker.feasible(scene, checker.REACH):
+    if not result_check.feasible(scene, result_check.REACH):
         return "violated", f"{said}; no forces can hold the bodies"
-    return "violated" if worst > tolerance else "verified" if checker.feasible(scene) else "edge", said
+    return "violated" if worst > tolerance else "verified" if result_check.feasible(scene) else "edge", said
 
 
 VERDICTS = """
 Each scene is solved by the command. What it writes is checked without anything of the program's that computed it
-(tests/support/checker.py): the equilibrium of bodies as wholes and at their nodes, and all laws of all contacts. A line
-for each seed, then a table of families, and what ddmpi took: products are multiplications by a body's compliance over
-the number of bodies. Verdicts:
+(tests/support/result_check.py): the equilibrium of bodies as wholes and at their nodes, and all laws of all contacts. A
+line for each seed, then a table of families, and what ddmpi took: products are multiplications by a body's compliance
+over the number of bodies. Verdicts:
 
 verified    certified, and all violations below --tolerance
 reported    no equilibrium, and a linear program over the corners of the contacts agrees

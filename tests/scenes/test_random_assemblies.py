@@ -4,14 +4,14 @@ check."""
 import functools
 
 import assembly_scenes
-import checker
 import numpy as np
 import pytest
 import random_assemblies
+import result_check
 import scenes
 import solid_assemblies
-from checker import feasible, violations
 from mpi4py import MPI
+from result_check import feasible, violations
 from solid_scenes import box, two_boxes
 
 import ddmpi
@@ -83,7 +83,7 @@ def test_the_check_sees_what_is_wrong(solved, monkeypatch, name, column, law):
     """A column that is not what was computed."""
     scene, folder = solved[name]
     assert max(violations(scene, folder).values()) < 1e-7
-    read = checker.read_results
+    read = result_check.read_results
 
     def spoiled(path):
         results = read(path)
@@ -91,7 +91,7 @@ def test_the_check_sees_what_is_wrong(solved, monkeypatch, name, column, law):
             table[column] = -1.01 * table[column] - 1e-6
         return results
 
-    monkeypatch.setattr(checker, "read_results", spoiled)
+    monkeypatch.setattr(result_check, "read_results", spoiled)
     assert violations(scene, folder)[law] > 1e-5
 
 
@@ -99,7 +99,7 @@ def test_the_check_sees_what_is_wrong(solved, monkeypatch, name, column, law):
 def test_the_check_sees_wrong_displacements(solved, monkeypatch, name, law):
     """A field that is turned a little, and bent within bodies."""
     scene, folder = solved[name]
-    read = checker.read_results
+    read = result_check.read_results
 
     def spoiled(path):
         results = read(path)
@@ -107,7 +107,7 @@ def test_the_check_sees_wrong_displacements(solved, monkeypatch, name, law):
         u += 1e-3 * np.abs(u).max() * np.sin(5.0 * results.fields["points"] + 1.0)
         return results
 
-    monkeypatch.setattr(checker, "read_results", spoiled)
+    monkeypatch.setattr(result_check, "read_results", spoiled)
     assert violations(scene, folder)[law] > 1e-5
 
 
