@@ -20,8 +20,8 @@ import numpy as np
 from experiment import ROOT, Ledger, Row, arguments, on_two_ranks, publish, table
 from mpi4py import MPI
 from problems.solids import PLANES, half_ball
+from result_check import violations
 from scenes import everywhere, exact_forces, to_toml
-from solid_assemblies import violations
 from solid_scenes import HELD, box, two_boxes
 
 import ddmpi

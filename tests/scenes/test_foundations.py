@@ -1,11 +1,10 @@
 """Foundations: springs per area on boundary groups, against closed forms; what they hold, and what they leave."""
 
-import json
-
 import numpy as np
 import pytest
+from elsewhere import assert_same, found
 from mpi4py import MPI
-from scenes import certified, run_command, write_scene
+from scenes import certified
 
 import ddmpi
 
@@ -29,23 +28,6 @@ def resting(k: float, order: int = 1, solid: bool = False, unit: float = 1.0) ->
                       "traction": [{"on": "top", "value": [*none, -PRESSURE / unit]}]}],
             "rigid": [{"name": "sky", "shape": "plane", "point": [*none, 9.0 * unit], "normal": [*none, -1.0]}],
             "contact": [{"bodies": ["block", "sky"], "on": ["top"]}]}
-
-
-@pytest.mark.parametrize("solid", [False, True])
-@pytest.mark.parametrize("order", [1, 2])
-@pytest.mark.parametrize(("k", "unit"), [(1e9, 1.0), (1e3, 1.0), (1e15, 1.0), (1e9, 1e3)])
-def test_a_block_on_a_mat(k, unit, order, solid):
-    """p/k below and pH/M more above, springs alone holding the block; also a million times softer, and in other units.
-    """
-    answer = certified(resting(k, order, solid, unit))
-    block, fields = answer.summary["bodies"]["block"], answer.bodies["block"]
-    y, u = fields.points[:, -1], -fields.displacement[:, -1] / unit
-    low, high = u[y == 0.0], u[np.isclose(y, unit)]
-    assert low == pytest.approx(np.full(len(low), PRESSURE / k), rel=1e-7)
-    assert high.mean() - low.mean() == pytest.approx(PRESSURE / CONFINED, rel=1e-7)
-    force = block["reactions"]["bottom"]["force"]
-    assert force == pytest.approx(block["reaction"], rel=1e-7, abs=1e-7 * PRESSURE * unit)
-    assert block["held"] and block["reaction"][-1] == pytest.approx(2.0 * PRESSURE * (unit if solid else 1.0), rel=1e-7)
 
 
 @pytest.mark.parametrize("solver", ["explicit", "direct", "iterative"])
@@ -138,29 +120,6 @@ def test_soft_springs_cost_no_steps(solid):
     assert soft.summary["displacement_max"] > 1e4 * stiff.summary["displacement_max"]
 
 
-def test_a_body_of_pieces_may_stand_on_springs():
-    """Pieces that are not connected are held each by its own springs; one without is refused with its name."""
-    from ddmpi.body.elasticity import assemble
-    from ddmpi.errors import InputError
-    from ddmpi.mesh.mesh import Mesh
-    from ddmpi.scene.reader import read_scene
-
-    points = np.array([[0, 0], [1, 0], [0, 1], [3, 0], [4, 0], [3, 1]], float)
-    groups = {"one": np.array([[0, 1]]), "two": np.array([[3, 4]])}
-    mesh = Mesh(points, np.array([[0, 1, 2], [3, 4, 5]]), groups)
-    scene = resting(1e9)
-    scene["body"][0] |= {"clamp": [], "traction": []}
-    both = [{"on": name, "normal": 1e9, "tangential": 1e9} for name in groups]
-    for springs in (both, both[:1]):
-        scene["body"][0]["foundation"] = springs
-        (body,) = read_scene("scene", scene, []).body
-        if springs is both:
-            assert assemble(mesh, body).held
-        else:
-            with pytest.raises(InputError, match=r"a piece of the body .* is not supported"):
-                assemble(mesh, body)
-
-
 def test_load_steps_keep_the_balance_of_energy():
     """Springs store what loads and a moved clamp put in; steps come back to where they were."""
     scene = beside(False, tangential=1e8, pull=2e5)
@@ -172,16 +131,11 @@ def test_load_steps_keep_the_balance_of_energy():
     assert energy["residual"] <= 1e-10 and energy["strain_energy"] > 0.0
 
 
-def test_ranks_agree(tmp_path):
-    """Bodies on one, two and four ranks."""
-    path = write_scene(beside(True, tangential=1e8, pull=1e5), tmp_path / "scene.toml")
-    found = []
-    for ranks in (1, 2, 4):
-        assert run_command(path, tmp_path / f"{ranks}", "--no-figures", ranks=ranks).code == 0
-        summary = json.loads((tmp_path / f"{ranks}" / "summary.json").read_text())
-        found.append([summary["displacement_max"], *summary["contacts"]["upper-lower"]["force"]])
-    for other in found[1:]:
-        assert other == pytest.approx(found[0], rel=1e-9, abs=1e-4)
+@pytest.mark.mpi(ranks=4)
+def test_ranks_agree(comm):
+    """Two bodies have one answer on four ranks."""
+    scene = beside(True, tangential=1e8, pull=1e5)
+    assert_same(found(scene), found(scene, comm))
 
 
 @pytest.mark.parametrize(("foundation", "words"), [

@@ -1,9 +1,7 @@
 """Load steps: friction with a memory, against closed forms; steps by accuracy; energy; files; restart."""
 
 import copy
-import csv
 import dataclasses
-import itertools
 import json
 import os
 import tomllib
@@ -12,10 +10,7 @@ from pathlib import Path
 import made_up
 import meshio
 import numpy as np
-import PIL.Image
 import pytest
-from documented import undocumented
-from fault_cases import run_in_one_go
 from mpi4py import MPI
 from scenes import (
     COULOMB,
@@ -35,10 +30,8 @@ from solid_scenes import box
 import ddmpi
 from ddmpi.cli.report import write_report
 from ddmpi.errors import InputError
-from ddmpi.interface.state import slip_start
 from ddmpi.methods.newton import Newton
 from ddmpi.pictures.curves import draw_steps
-from ddmpi.pictures.draw import draw_all
 from ddmpi.pictures.moved import magnify, rigid_parts
 from ddmpi.results.histories import at_step
 from ddmpi.results.tables import read_results
@@ -186,37 +179,15 @@ def test_a_small_load_after_a_large_one_is_solved_by_itself(little):
 
 
 @pytest.mark.mpi(ranks=2)
-def test_two_ranks_remember_the_same(comm):
-    """Load steps do not depend on how many ranks there are."""
-    scene = sheared_blocks(steps=2)
-    two = certified(scene, comm)
-    if comm.rank == 0:
-        one = certified(scene)
-        ours, theirs = two.summary["steps"], one.summary["steps"]
-        for each, other in zip(ours, theirs, strict=True):
-            assert each["contacts"]["upper-lower"]["force"] == pytest.approx(other["contacts"]["upper-lower"]["force"],
-                                                                             rel=1e-8)
-
-
-@pytest.mark.mpi(ranks=2)
 def test_two_ranks_take_the_same_steps(comm):
-    """So they do where the contact grows, which the rank that owns no contact is told: in the first leg at time 0."""
-    two = certified(circle(tolerance=0.2), comm).summary["steps"]
+    """To the same forces, also where the contact grows, which the rank that owns no contact is told."""
+    two = certified(circle(tolerance=0.5), comm).summary["steps"]
     if comm.rank == 0:
-        one = certified(circle(tolerance=0.2)).summary["steps"]
+        one = certified(circle(tolerance=0.5)).summary["steps"]
         assert len(one) > 2 and [step["time"] for step in two] == pytest.approx([step["time"] for step in one])
-
-
-def test_a_bonded_stack_has_no_memory():
-    """A contact that nothing slides in ends unloaded where it began, without dissipation."""
-    scene, _, bound = turned_stack(kind="bonded", steps=2)
-    del scene["contact"][0]["friction"]
-    scene["history"]["shear"]["factors"] = list(SHIFTS)
-    answer = certified(scene)
-    (contact,) = answer.contacts.values()
-    assert np.abs(contact.shear).max() <= 1e-6 * bound
-    assert answer.summary["energy"]["dissipated"] == pytest.approx(0.0, abs=1e-6 * answer.summary["energy"][
-        "strain_energy"])
+        for each, other in zip(two, one, strict=True):
+            assert each["contacts"]["soft-hard"]["force"] == pytest.approx(other["contacts"]["soft-hard"]["force"],
+                                                                           rel=1e-8, abs=1e-9)
 
 
 def test_one_load_step_is_the_run_without_time():
@@ -398,25 +369,6 @@ def test_a_rigid_partner_and_clamps_follow_histories():
     assert answer.summary["energy"]["interface_work"] != 0.0 or expected.normal_force.sum() > 0.0
 
 
-def test_a_node_slips_from_where_it_touches():
-    """The slip of an open node begins when its gap, going on as in the last step, closes; others keep theirs."""
-    (contact,) = certified(circle(steps=1)).contacts.values()
-    interface, m = contact.interface, contact.interface.m
-    s, closed, rate = np.zeros(interface.size), np.zeros(interface.size), np.zeros(interface.size)
-    closed[:m] = -2.0  # all gaps are 2
-    closed[m:] = 5.0
-    rate[:m], rate[m:] = 4.0, 1.0
-    assert slip_start(interface.law, s, closed, rate, 0.0)[m:] == pytest.approx(np.full(m, 5.0))
-    assert slip_start(interface.law, s, closed, rate, 1.0)[m:] == pytest.approx(np.full(m, 5.5))
-    assert slip_start(interface.law, s, closed, rate, 0.25)[m:] == pytest.approx(np.full(m, 5.25))
-    assert slip_start(interface.law, s, closed, -rate, 1.0)[m:] == pytest.approx(np.full(m, 5.0))
-    rounded = np.where(np.arange(len(rate)) < m, 1e-15, rate)  # rounding closes no gap
-    assert slip_start(interface.law, s, closed, rounded, 1.0)[m:] == pytest.approx(np.full(m, 5.0))
-    s[:m] = 1.0
-    assert slip_start(interface.law, s, closed, rate, 1.0)[m:] == pytest.approx(np.full(m, 5.0))
-    assert not slip_start(interface.law, s, closed, rate, 1.0)[:m].any()
-
-
 def test_a_run_goes_on_with_a_load_step_bit_for_bit(tmp_path):
     """Ended in a later leg, and continued with the load step that it was in: the files of an uninterrupted run."""
     scene = write_scene(sheared_blocks() | {"output": {"steps": "all"}}, tmp_path / "scene.toml")
@@ -502,77 +454,49 @@ def test_files_of_load_steps(tmp_path):
     """Fields of the legs' ends are a time series; steps.csv, energy.csv and history.csv have a line per step, and the
     picture has the loop of the forces."""
     scene = write_scene(sheared_blocks(steps=2), tmp_path / "scene.toml")
-    assert run_here(scene, tmp_path / "out", "--no-figures").code == 0
-    rows = {name: list(csv.DictReader((tmp_path / "out" / f"{name}.csv").open())) for name in
-            ("steps", "energy", "history", "contact_upper-lower")}
-    times = [0.5, 1.0, 1.5, 2.0, 2.5, 3.0]
-    assert [float(row["time"]) for row in rows["steps"]] == times == [float(row["time"]) for row in rows["energy"]]
-    assert {int(row["step"]) for row in rows["history"]} == {1, 2, 3, 4, 5, 6}
-    assert any(row["slip"] != row["slip_total"] for row in rows["contact_upper-lower"])
-    dissipated = sum(float(row["dissipated"]) for row in rows["steps"])
-    assert float(rows["energy"][-1]["dissipated"]) == pytest.approx(dissipated, rel=1e-12)
+    done = run_here(scene, tmp_path / "out", "--no-figures")
+    steps, energy, history = (done.table(f"{name}.csv") for name in ("steps", "energy", "history"))
+    assert steps["time"].tolist() == [0.5, 1.0, 1.5, 2.0, 2.5, 3.0] == energy["time"].tolist()
+    assert set(history["step"]) == {1, 2, 3, 4, 5, 6}
+    assert energy["dissipated"][-1] == pytest.approx(steps["dissipated"].sum(), rel=1e-12)
     with meshio.xdmf.TimeSeriesReader(tmp_path / "out" / "result.xdmf") as reader:
         reader.read_points_cells()
         found = [reader.read_data(k) for k in range(reader.num_steps)]
     assert [time for time, _, _ in found] == [1.0, 2.0, 3.0]
-    results = read_results(tmp_path / "out")
+    results, grids = read_results(tmp_path / "out"), made_up.named_grids(tmp_path / "out")
     legs, last = results.legs["upper-lower"], results.contacts["upper-lower"]
-    grids = made_up.named_grids(tmp_path / "out")
+    assert (last["slip"] != last["slip_total"]).any()
     assert [grid["time"] for grid in grids["upper"]] == [1.0, 2.0, 3.0]
     assert list(grids) == ["upper", "lower", "upper-lower"]
     for grid in grids["upper-lower"]:
         assert grid["pressure"].tolist() == legs["normal_stress"][legs["time"] == grid["time"]].tolist()
         assert grid["slip_total"].tolist() == legs["slip_total"][legs["time"] == grid["time"]].tolist()
-    assert np.array_equal(np.concatenate([grids[name][0]["displacement"] for name in ("upper", "lower")]),
-                          found[0][1]["displacement"])
-    assert np.unique(legs["time"]).tolist() == [1.0, 2.0, 3.0]
     assert np.array_equal(legs["tangential_stress"][legs["time"] == 3.0], last["tangential_stress"])
-    (loop, energies, *_) = draw_steps(results).axes
+    (loop, *_) = draw_steps(results).axes
     assert loop.lines[0].get_xdata().tolist() == [0.0, 0.0, 0.0, 0.5, 1.0, 0.7, 0.4]
     assert loop.lines[0].get_ydata()[1:].tolist() == results.steps["tangential_force"].tolist()
-    assert len(energies.lines) == 5  # with the axis
     pressed = certified(sheared_blocks(steps=2), time__points=[1.0])
     u = np.concatenate([pressed.bodies[name].displacement for name in ("upper", "lower")])
     assert found[0][1]["displacement"][:, :2] == pytest.approx(u, rel=1e-9, abs=1e-9 * np.abs(u).max())
-
-
-def test_means_over_sides_around_an_axis_are_those_of_the_step(tmp_path):
-    """The table of sides of a step before the last one is that of a run that ends with it, and sides are as long as
-    elements, also the one on the axis: its end there shares the row of its middle."""
-    tables = []
-    for number in (2, 1):
-        scene = pressed_blocks([0.0, 1.0, 0.5][:number + 1]) | {"axisymmetric": True, "output": {"figures": False}}
-        scene["time"]["steps"] = 1
-        for body in scene["body"]:
-            body["mesh"]["order"] = 2
-        path, folder = write_scene(scene, tmp_path / f"{number}.toml"), tmp_path / str(number)
-        run_scene(MPI.COMM_SELF, read_scene_file(path), str(path), str(folder), False)
-        tables.append(at_step(read_results(folder), folder, 1.0).sides)
-    for name, table in tables[1].items():
-        assert table["length"] == pytest.approx(np.full(len(table["x"]), 2.0 / len(table["x"])))
-        for column, values in table.items():
-            assert tables[0][name][column] == pytest.approx(values, rel=1e-12), column
 
 
 def test_the_step_of_the_largest_load_is_shown(tmp_path):
     """Pictures and report are those of a run that ends with the largest load, or with any other step that is written;
     their titles say which."""
     folders = {}
-    for name, factors in (("whole", [0.0, 0.5, 1.0, 1.0, 0.0]), ("end", [0.0, 0.5, 1.0, 1.0])):
+    for name, factors in (("whole", [0.0, 0.5, 1.0, 0.0]), ("end", [0.0, 0.5, 1.0])):
         scene = pressed_blocks(factors)
         scene["rigid"][0] |= {"displacement": [0.0, 1e-4], "history": "press"}
-        scene["time"]["steps"], scene["output"] = 1, {"error": True}
+        scene["time"]["steps"] = 1
         for body in scene["body"]:
-            body["mesh"]["order"] = 2
-        folders[name] = tmp_path / name
+            body["mesh"] |= {"order": 2, "divisions": [4, 2]}
         path = write_scene(scene, tmp_path / f"{name}.toml")
-        run_scene(MPI.COMM_SELF, read_scene_file(path), str(path), str(folders[name]), False)
+        folders[name] = run_here(path, tmp_path / name, "--no-figures").folder
     whole, end = (read_results(folder) for folder in folders.values())
     shown = at_step(whole, folders["whole"])
-    assert (shown.time, shown.heading(True)) == (3.0, "time 3: ")
+    assert (shown.time, shown.heading(True)) == (2.0, "time 2: ")
     assert shown.summary["displacement_max"] == end.summary["displacement_max"] > 0.0
     for name, table in end.contacts.items():
-        assert end.sides[name]["normal_stress"].any()
         for ours, theirs in ((shown.contacts[name], table), (shown.sides[name], end.sides[name])):
             assert all(np.array_equal(ours[column], values) if column == "status" else
                        ours[column] == pytest.approx(values, rel=1e-12) for column, values in theirs.items())
@@ -582,14 +506,11 @@ def test_the_step_of_the_largest_load_is_shown(tmp_path):
         assert np.array_equal(shown.fields[name], end.fields[name])
     assert np.array_equal(magnify(shown)[1], magnify(end)[1])
     assert np.array_equal(rigid_parts(shown, 1.0)[0].at, rigid_parts(end, 1.0)[0].at)
-    last = at_step(whole, folders["whole"], 4.0)
+    last = at_step(whole, folders["whole"], 3.0)
     assert last.fields is whole.fields and not last.fields["displacement"].any()
-    with pytest.raises(InputError, match=r"no fields of time 1.5; the times that have some: 1, 2, 3, 4"):
+    with pytest.raises(InputError, match=r"no fields of time 1.5; the times that have some: 1, 2, 3"):
         at_step(whole, folders["whole"], 1.5)
-    refused = run_python(["-m", "ddmpi", "figures", str(folders["whole"]), "--step", "1.5"], 1)
-    assert refused.code == 2 and "no fields of time 1.5" in refused.messages[0]
-    assert {path.name for path in draw_all(folders["whole"], time=2.0, into=tmp_path)} >= {"bodies.png", "error.png"}
-    for time, words in ((None, "at time 3"), (2.0, "at time 2"), (4.0, "of the last load step")):
+    for time, words in ((None, "at time 2"), (1.0, "at time 1"), (3.0, "of the last load step")):
         page = write_report(folders["whole"], str(tmp_path / "report.html"), time).read_text(encoding="utf-8")
         assert f"are those {words};" in page and ("data:image/png" in page) == (time is not None)
 
@@ -628,49 +549,6 @@ def test_followers_name_histories_that_there_are():
         ddmpi.solve(scene, MPI.COMM_SELF)
 
 
-def test_a_wheel_of_two_materials_follows_a_history():
-    """A pressure by a formula on a curved wheel of two materials: the first leg in one step is the run without [time];
-    without friction the next one depends on its end alone; works balance."""
-    scene = tomllib.loads((ROOT / "configs" / "lined_wheel.toml").read_text(encoding="utf-8"))
-    (body,), (contact,) = scene["body"], scene["contact"]
-    body["mesh"]["file"] = str(ROOT / "meshes" / "lined_wheel.msh")
-    for factors in ([1.0], [1.0, 0.5]):
-        body["traction"] = [{"on": "bore", "pressure": f"{factors[-1]} * 1.5 * max(0, -y/8)"}]
-        expected = certified(scene).contacts["wheel-ground"].forces
-        body["traction"] = [{"on": "bore", "pressure": "1.5 * max(0, -y/8)", "history": "press"}]
-        times = [0.0, 1.0, 2.0][:len(factors) + 1]
-        answer = certified(scene | {"history": {"press": {"times": times, "factors": [0.0, *factors]}},
-                                "time": {"points": times[1:], "steps": 1}})
-        assert len(answer.summary["steps"]) == len(factors)
-        forces = answer.contacts["wheel-ground"].forces
-        assert np.abs(forces - expected).max() <= 1e-6 * np.abs(expected).max()
-        assert answer.summary["energy"]["residual"] <= 1e-9
-        contact["friction"] = {"law": "none"}
-
-
-def test_an_animation_has_a_frame_for_each_step_written(tmp_path):
-    """The frames of animation.gif are the steps whose fields are written, and differ; a rigid partner moves along."""
-    block = rectangle("block", (0, 0), (2, 1), (4, 2), clamp=["top"])
-    floor = FLOOR | {"displacement": [0.0, 0.02], "history": "rise"}
-    scene = write_scene({"body": [block], "rigid": [floor],
-                         "contact": [{"bodies": ["block", "floor"], "on": ["bottom"], "friction": COULOMB}],
-                         "history": {"rise": {"times": [0.0, 3.0], "factors": [0.0, 1.5]}},
-                         "time": {"points": [3.0], "steps": 3},
-                         "output": {"steps": "all", "animation": True}}, tmp_path / "scene.toml")
-    done = run_here(scene, tmp_path / "out")
-    assert done.code == 0, done.messages
-    assert undocumented(tmp_path / "out") == []
-    with PIL.Image.open(tmp_path / "out" / "animation.gif") as picture:
-        frames = []
-        for k in range(picture.n_frames):
-            picture.seek(k)
-            frames.append(np.asarray(picture.convert("RGB")).copy())
-    assert len(frames) == 3 and all(np.abs(a - b.astype(int)).max() > 50 for a, b in itertools.pairwise(frames))
-    results = read_results(tmp_path / "out")
-    heights = [rigid_parts(results, 1.0, time)[0].at[0, 1] for time in (1.0, 3.0)]
-    assert heights == pytest.approx([0.01, 0.03]) and rigid_parts(results, 1.0)[0].at[0, 1] == heights[1]
-
-
 def test_the_shipped_fretting_scene():
     """The pad slips at its edges and sticks in its middle, each later cycle dissipates as much as the one before, and
     shear stays when the load is gone."""
@@ -685,57 +563,6 @@ def test_the_shipped_fretting_scene():
     assert np.abs(contact.shear).max() > 0.1 * 0.3 * contact.pressure.max()
     assert abs(steps[6.0]["tangential_force"]) < 0.1 * abs(steps[5.5]["tangential_force"])
     assert answer.summary["energy"]["residual"] <= 1e-10
-
-
-def test_faults_in_a_later_load_step_end_the_run_on_all_ranks(tmp_path):
-    """An error, a signal, broken numbers and results that cannot be written in a later step: the right exit code, one
-    message; where a checkpoint is left, the run that goes on from it has the files of one without a fault."""
-    scene = write_scene(sheared_blocks(steps=2), tmp_path / "scene.toml")
-    late = ("ddmpi.coupling.member.Member.displacement", 4)
-    faults = {"SolverError": (1, *late, 4, False), "SIGTERM": (1, *late, 6, True), "nan": (0, *late, 3, False),
-              "OutputError": (0, "ddmpi.system.files.put", 2, 5, True)}
-    runs = run_in_one_go([(rank, target, call, kind, str(tmp_path / kind), ())
-                          for kind, (rank, target, call, *_) in faults.items()], "run", str(scene), "--no-figures")
-    whole = run_command(scene, tmp_path / "whole", "--no-figures")
-    assert whole.code == 0
-    for run, (kind, (*_, code, kept)) in zip(runs, faults.items(), strict=True):
-        assert (run.code, len(run.messages)) == (code, 1), (kind, run.output)
-        assert ("checkpoint.h5" in run.files) == kept, kind
-        if kept:
-            assert run_command(scene, run.folder, "--restart", str(run.folder), "--no-figures").code == 0
-            for name in ("steps.csv", "energy.csv", "history.csv", "contact_upper-lower_legs.csv"):
-                assert (run.folder / name).read_bytes() == (tmp_path / "whole" / name).read_bytes(), (kind, name)
-    failed = json.loads((tmp_path / "nan" / "summary.json").read_text())
-    assert "to time" in failed["reason"] and [step["time"] for step in failed["steps"]] == [0.5, 1.0, 1.5]
-
-
-def test_any_number_of_steps_gives_the_same_forces_at_constant_pressure():
-    """Where pressures stay as they are while the blocks are sheared, forces after loading and after a reversal do not
-    depend on the number of steps, to what the method leaves."""
-    x = np.linspace(0.0, 4.0, 25)
-
-    def block(name: str, corners: list, divisions: list, clamped: str, sign: float) -> dict:
-        return {"name": name, "material": {"young": 1.0, "poisson": 0.3},
-                "mesh": {"shape": "quadrilateral", "corners": corners, "divisions": divisions},
-                "clamp": [{"on": clamped, "y": -0.01 * sign}, {"on": clamped, "x": 0.01 * sign, "history": "shear"}]}
-
-    def forces(steps: int, last: float) -> np.ndarray:
-        scene = {"body": [block("upper", [[0.0, 0.0], [4.0, 0.0], [4.0, 1.0], [0.0, 1.0]], [24, 6], "top", 1.0),
-                          block("lower", [[4.0, -1.0], [4.0, 0.0], [0.0, 0.0], [0.0, -1.0]], [6, 24], "left", -1.0)],
-                 "contact": [{"bodies": ["upper", "lower"], "on": ["bottom", "right"], "friction": COULOMB,
-                              "gap": {"along": "x", "points": x.tolist(), "values": (4e-3 * (x - 2.0)**2).tolist()}}],
-                 "history": {"shear": {"times": [0.0, 1.0, 2.0, 3.0], "factors": [0.0, 0.0, 0.8, -0.6]}},
-                 "time": {"points": [point for point in (1.0, 2.0, 3.0) if point <= last], "steps": steps},
-                 "method": {"tolerance": 1e-13}}
-        contact = certified(scene).contacts["upper-lower"]
-        if last > 1.0:
-            assert min(contact.count(status) for status in ("open", "slip", "stick")) >= 2
-        return contact.forces
-
-    for last in (2.0, 3.0):
-        one = forces(1, last)
-        for steps in (4, 16):
-            assert np.abs(forces(steps, last) - one).max() <= 1e-10 * np.abs(one).max()
 
 
 def test_motions_that_come_back_are_doubted():
@@ -792,36 +619,6 @@ def test_legs_that_have_an_answer_keep_their_warnings():
         "time": {"points": [1.0, 2.0], "steps": 1}}, MPI.COMM_SELF)
     assert "no equilibrium" in answer.reason
     assert answer.summary["warnings"] and all("(at time 1)" in each for each in answer.summary["warnings"])
-
-
-def test_a_curved_fit_whose_nodes_do_not_match_remembers():
-    """A shrink fit of curved quadratic rings, joined by mortar, turned by formulas beyond its limit and back: torques
-    and dissipation are those of an elastic, perfectly plastic spring."""
-    inner, fit, outer, overlap, young = 20.0, 40.0, 60.0, 0.02, 2.1e5
-    shear = young / 2.6
-    bulk = 2 * shear / 0.4
-    pressure = overlap / sum(abs(fit - rim**2 / fit) / (bulk + 2 * shear * rim**2 / fit**2) for rim in (inner, outer))
-    limit = 2 * np.pi * fit**2 * 0.3 * pressure
-    angle = limit * ((1 / inner**2 - 1 / fit**2) + (1 / fit**2 - 1 / outer**2)) / (4 * np.pi * shear)
-
-    def ring(name: str, radii: list, around: int, clamp: dict) -> dict:
-        return {"name": name, "material": {"young": young, "poisson": 0.3}, "clamp": [clamp],
-                "mesh": {"shape": "annulus", "center": [0.0, 0.0], "radii": radii, "angles": [0.0, 360.0],
-                         "divisions": [around, 2], "order": 2}}
-
-    scene = {"body": [ring("shaft", [inner, fit], 24, {"on": "inner", "x": 0.0, "y": 0.0}),
-                      ring("hub", [fit, outer], 30, {"on": "outer", "x": f"-{angle!r} * y", "y": f"{angle!r} * x",
-                                                     "history": "turn"})],
-             "contact": [{"name": "fit", "bodies": ["shaft", "hub"], "on": ["outer", "inner"], "friction": COULOMB,
-                          "gap": -overlap}],
-             "history": {"turn": {"times": [0.0, 1.0, 2.0, 3.0, 4.0], "factors": [0.0, 0.5, 1.5, -1.5, 0.0]}},
-             "time": {"points": [1.0, 2.0, 3.0, 4.0], "steps": 1}}
-    summary = certified(scene).summary
-    assert summary["contacts"]["fit"]["pairing"] == "mortar"
-    torques = [step["contacts"]["fit"]["moment"] / limit for step in summary["steps"]]
-    assert torques == pytest.approx([0.5, 1.0, -1.0, 0.5], abs=2e-3)
-    assert summary["contacts"]["fit"]["dissipated"] == pytest.approx(1.5 * limit * angle, rel=2e-3)
-    assert summary["energy"]["residual"] <= 1e-10
 
 
 @pytest.mark.parametrize("partner", ["body", "rigid"])

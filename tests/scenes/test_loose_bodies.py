@@ -114,41 +114,11 @@ def test_a_round_pin_turns_freely_whatever_the_meshes(order):
     assert held.certified and held.summary["undetermined"] == []
 
 
-def test_a_rigid_partner_that_nothing_touches_is_a_warning():
-    bodies = [block("block", 0.0, 0.0, volume_force=[0.0, -WEIGHT])]
-    answer = solve(bodies, [FLOOR, FLOOR | {"name": "spare"}], [contact("block", "floor", "bottom")])
-    assert answer.summary["warnings"] == ["rigid.spare: no contact names it; nothing touches it"]
-
-
 def test_a_second_contact_between_the_same_sides_is_refused():
+    """One message names both contacts."""
     bodies = [block("block", 0.0, 0.0, volume_force=[0.0, -WEIGHT])]
     with pytest.raises(InputError, match=r"contact\.again: is between the same sides as contact\.block-floor"):
         solve(bodies, [FLOOR], [contact("block", "floor", "bottom"), contact("block", "floor", "bottom", name="again")])
-
-
-@pytest.mark.parametrize("shape", ["plane", "circle"])
-def test_a_body_that_runs_through_its_rigid_partner_beside_the_contact_is_warned_of(shape):
-    """An arch whose legs go through the plane that its vault stands on; one that puts but one foot on a disc."""
-    partner = {"name": "floor", "shape": "plane", "point": [0.0, 0.3], "normal": [0.0, 1.0]}
-    on, more = "inner", {}
-    if shape == "circle":
-        partner = {"name": "floor", "shape": "circle", "center": [0.0, -2.0], "radius": 2.03}
-        on, more = "start", {"gap": 0.0}
-    arch = ring("arch", (0.0, 180.0), clamp=["outer"])
-    answer = solve([arch], [partner], [contact("arch", "floor", on, **more)])
-    (warning,) = [each for each in answer.summary["warnings"] if "penetrates" in each]
-    depth = 0.3 if shape == "plane" else 2.03 - np.hypot(2.0, 0.3)
-    assert f"arch penetrates floor by {depth:.3g}"[:-1] in warning
-    assert warning.startswith("contact.arch-floor: beside the contact ")
-
-
-def test_a_body_on_its_rigid_partner_is_not_warned_of():
-    bore = {"name": "bore", "shape": "circle", "center": [0.0, 0.0], "radius": 1.0, "inside": True}
-    pin = {"name": "pin", "shape": "circle", "center": [0.0, 0.0], "radius": 0.3}
-    answer = solve([ring("disc")], [bore, pin, FLOOR | {"point": [0.0, -1.0]}],
-                   [contact("disc", "bore", "outer"), contact("disc", "pin", "inner"),
-                    contact("disc", "floor", "outer")])
-    assert not [each for each in answer.summary["warnings"] if "penetrates" in each]
 
 
 @pytest.mark.parametrize("far", [1e-9, 1e-4, 1e2])

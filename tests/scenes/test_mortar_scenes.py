@@ -35,7 +35,7 @@ def press(group: str = "top") -> dict:
 
 
 @orders
-@pytest.mark.parametrize("divisions", [(7, 11), (11, 7), (3, 16)])
+@pytest.mark.parametrize("divisions", [(7, 11), (16, 3)])
 def test_constant_pressure(divisions, order):
     """Two blocks under a uniform pressure: exact on any meshes, and forces balance to rounding."""
     upper, lower = divisions
@@ -55,7 +55,7 @@ def test_constant_pressure(divisions, order):
 
 @orders
 @pytest.mark.parametrize("held", ["clamps", "bonds"])
-@pytest.mark.parametrize("sides", [(48, 40), (48, 36), (30, 48)])
+@pytest.mark.parametrize("sides", [(48, 36), (30, 48)])
 def test_two_leaves_held_at_one_end(sides, held, order):
     """Whatever the meshes, they bend as on matching ones, and so does the moment of their pressure about that end.
 
@@ -97,35 +97,11 @@ def plates(seed: int) -> dict:
                                         for a, b, on, facing in pairs]}
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(4))
 def test_bodies_that_meet_at_a_point_do_not_run_through_each_other(seed):
     """Diagonally across a point of four bodies, their corners overlap as the meshes of its contacts do."""
     answer = certified(plates(seed))
     assert [each for each in answer.summary["warnings"] if "penetrate" in each] == []
-
-
-@orders
-def test_bonded_blocks_around_a_point(order):
-    """Bonds that close a loop at a point carry what they do on matching meshes, in whatever order they are named."""
-    def forces(divisions: list, turn: int = 1) -> np.ndarray:
-        places = {"ll": [0.0, 0.0], "lr": [1.0, 0.0], "ul": [0.0, 0.5], "ur": [1.0, 0.5]}
-        bodies = [rectangle(name, origin, (1, 0.5), each, order, 2.0e11)
-                  for (name, origin), each in zip(places.items(), divisions, strict=True)]
-        for body in bodies:
-            if body["name"].endswith("l"):
-                body["clamp"] = ["left"]
-            if body["name"].startswith("u"):
-                body["traction"] = [{"on": "top", "value": [0.0, -3.0e5]}]
-        bonds = [{"bodies": list(pair), "on": list(on), "kind": "bonded"} for pair, on in (
-            (("ll", "lr"), ("right", "left")), (("ul", "ur"), ("right", "left")), (("ul", "ll"), ("bottom", "top")),
-            (("ur", "lr"), ("bottom", "top")))]
-        answer = certified({"body": bodies, "contact": bonds[::turn]})
-        return np.concatenate([answer.contacts["-".join(bond["bodies"])].force for bond in bonds])
-
-    matching, mixed = forces([[8, 4]] * 4), [[8, 4], [9, 4], [8, 5], [9, 4]]
-    found = forces(mixed)
-    assert found == pytest.approx(matching, abs=0.1 * np.abs(matching).max())
-    assert forces(mixed, -1) == pytest.approx(found, abs=1e-7 * np.abs(found).max())
 
 
 @pytest.mark.parametrize("law", ["none", "coulomb"])
@@ -137,36 +113,6 @@ def test_a_clamped_end_costs_no_iterations(law):
         scene["body"][0]["mesh"]["divisions"] = [sides, 16]
         counts.append(certified(scene).summary["n_A"])
     assert counts[1] <= 1.2 * counts[0]
-
-
-def ring(name: str, radii: tuple[float, float], divisions: tuple[int, int], order: int) -> dict:
-    mesh = {"shape": "annulus", "center": [0.0, 0.0], "radii": list(radii), "angles": [0.0, 90.0],
-            "divisions": list(divisions), "order": order}
-    return body(name, mesh, [{"on": "start", "y": 0.0}, {"on": "end", "x": 0.0}])
-
-
-@pytest.mark.parametrize("given", [True, False])
-@pytest.mark.parametrize("ratio", [(4, 5), (4, 4)])
-def test_shrink_fit_of_curved_sides(ratio, given):
-    """Lamé's rings of curved sides: pressures at nodes and means over sides converge with the second power of h."""
-    a, b, c, fit = 0.5, 1.0, 1.5, 1e-6
-    E, nu = YOUNG / (1 - POISSON**2), POISSON / (1 - POISSON)
-    exact = fit / (b / E * ((c**2 + b**2) / (c**2 - b**2) + nu + (b**2 + a**2) / (b**2 - a**2) - nu))
-    errors = []
-    for n in (3, 6):
-        shaft, hub = (n * each for each in ratio)
-        contact = {"bodies": ["shaft", "hub"], "on": ["outer", "inner"]} | ({"gap": -fit} if given else {})
-        outer = b if given else b + fit
-        answer = solved([ring("shaft", (a, outer), (shaft, 2 * n), 2), ring("hub", (b, c), (hub, 2 * n), 2)], [contact],
-                        1e-10)
-        p, (start, end, middle) = answer.contacts["shaft-hub"].pressure, answer.contacts["shaft-hub"].interface.facets.T
-        sides = (p[start] + 4 * p[middle] + p[end]) / 6
-        errors.append([np.sqrt(((each / exact - 1) ** 2).mean()) for each in (p, sides)])
-    assert answer.summary["contacts"]["shaft-hub"]["pairing"] == ("mortar" if ratio == (4, 5) else "nodes")
-    nodes, sides = errors[-1]
-    assert nodes < (2e-4 if ratio == (4, 5) else 4e-4)
-    assert sides < 2e-5
-    assert (np.log2(np.array(errors[0]) / errors[1]) > 1.8).all()
 
 
 @pytest.mark.parametrize("keys, words", [
@@ -200,8 +146,7 @@ def test_a_wheel_comes_down_on_a_block(slave, order):
     assert contact["pointwise_penetration"] < 0.01 and contact["certificate"]["penetration"] <= 5e-7
 
 
-@pytest.mark.parametrize("moved", [0.0, 2.3e-16, -2.3e-16])
-@pytest.mark.parametrize("slave", [None, "left", "right"])
+@pytest.mark.parametrize("slave, moved", [(None, 2.3e-16), (None, -2.3e-16), ("left", 0.0), ("right", 2.3e-16)])
 def test_friction_along_the_arc_is_the_same_whatever_the_slave(slave, moved):
     """Of an upright contact, of which rounding decides whose corner is farther to the left; bodies swapped as well."""
     sizes = {"left": (0.0, 1.0 + moved), "right": (1.0, 2.0)}

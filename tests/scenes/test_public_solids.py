@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 import scenes
+from elsewhere import corners
 from mpi4py import MPI
-from solid_scenes import PUBLIC, corners, two_boxes
+from solid_scenes import PUBLIC, two_boxes
 
 import ddmpi
 
@@ -61,13 +62,9 @@ TRESCA = {"law": "tresca", "slip_bound": 1.2e7}
     boxes(4, steps=8, inner=73, force=(1.13363555e8, -8.0786785e6, -4.9433846e6), m=60),
     boxes(4, law=TRESCA, steps=8, inner=75, force=(1.13303709e8, -7.5050547e6, -4.6935660e6), m=60),
     boxes(8, steps=10, inner=98, force=(1.146577e8, -8.234903e6, -4.547908e6), m=216, slow=True),
-    boxes(8, law=TRESCA, steps=10, inner=108, force=(1.146029e8, -7.192454e6, -4.160715e6), m=216, slow=True),
-    boxes(16, steps=11, inner=134, force=(1.1529466e8, -8.268981e6, -4.433111e6), m=816, slow=True),
     boxes(8, pairing="mortar", steps=10, inner=99, force=(1.1567e8,), m=216, rel=1e-4, slow=True),
-    boxes(8, 6, slave="upper", steps=11, inner=119, force=(1.157e8,), m=216, rel=2e-3, slow=True),
     boxes(4, order=2, steps=7, inner=59, force=(1.1620e8,), m=60, rel=1e-4),
-    boxes(8, 7, order=2, slave="upper", steps=8, inner=83, force=(1.15911e8,), m=216, rel=1e-5, slow=True),
-    boxes(16, 13, slave="upper", steps=13, inner=160, force=(1.15780e8,), m=816, rel=1e-5, slow=True)])
+    boxes(8, 7, order=2, slave="upper", steps=8, inner=83, force=(1.15911e8,), m=216, rel=1e-5, slow=True)])
 def test_two_boxes(arguments, keys, steps, inner, force, m, rel):
     """Resultants as measured by another program, steps and GMRES iterations within 1.2 of its own."""
     order = keys.get("order", 1)
@@ -77,8 +74,6 @@ def test_two_boxes(arguments, keys, steps, inner, force, m, rel):
     assert (summary["order"], contact["m"]) == (order, m)
     assert contact["pairing"] == ("nodes" if order == 1 and len(arguments) == 1 and "pairing" not in keys else "mortar")
     assert np.array(contact["force"])[[1, 0, 2]][:len(force)] == pytest.approx(force, rel=rel)
-    if arguments == (16,):
-        assert [contact[key] for key in ("open", "slip", "stick")] == [82, 659, 75]
     assert summary["outer_iterations"] <= 1.2 * steps
     assert summary["inner_iterations"] <= 1.2 * inner
 

@@ -1,33 +1,131 @@
-"""ddmpi against the brute-force reference on thirty of the assemblies of scripts/random_assemblies.py."""
+"""Random assemblies, checked from their result files as scripts/study random_assemblies and random_solids do; and that
+check."""
 
-import assemblies
+import functools
+
+import assembly_scenes
+import numpy as np
 import pytest
 import random_assemblies
-from assembly_scenes import random_scene
+import result_check
+import scenes
+import solid_assemblies
 from mpi4py import MPI
+from result_check import feasible, violations
+from solid_scenes import box, two_boxes
 
-pytestmark = pytest.mark.slow
+import ddmpi
 
-TOLERANCE = 1e-6
-SEEDS = {
-    # family: seeds with an equilibrium, seeds without
-    "stack": ((80, 168, 176), (88,)),
-    "wall": ((9, 25, 193), (161,)),
-    "arch": ((10, 162, 170, 178), (194,)),
-    "row": ((43, 107, 171), (115,)),
-    "checkerboard": ((12, 172, 188), ()),
-    "tower": ((5, 189), (197,)),
-    "pushed": ((166, 190), (70, 150)),
-    "lintel": ((79, 183, 191), ()),
-}
+SOLIDS = {"verified": (46, 3, 5, 23, 26, 29, 217, 4039), "reported": (10, 52, 0, 31, 214), "edge": (220, 229)}
+"""Seeds by verdict.
+
+217 needs that full steps which multiply the residual are not taken. Tresca's friction does not hold the torsion of 214;
+220 and 229 tip about the edges of contacts, or do not, where meshes are coarse. Forces at edges of 4039 are steered too
+much unless interior points are steered less. 52 has no friction, only faces z = const, and a shear that its history has
+act from time 1 on: without a force along x or y nothing balances it, though at time 1 itself all bodies are held.
+"""
+
+PLANE = {"verified": (80, 168, 176, 9, 25, 193, 10, 162, 170, 178, 43, 107, 171, 12, 172, 188, 5, 189, 166, 190, 79,
+                      183, 191), "reported": (88, 161, 194, 115, 197, 70, 150)}
+RANKS = {29: 4, 229: 3}
+QUICK = {46, 10, 52, 88, 80, 161}
+RUNS = [pytest.param(kind, seed, verdict, marks=[] if seed in QUICK else pytest.mark.slow)
+        for kind, chosen in ((assembly_scenes, PLANE), (solid_assemblies, SOLIDS))
+        for verdict, seeds in chosen.items() for seed in seeds]
 
 
-@pytest.mark.parametrize("family, seed, verdict", [
-    (family, seed, verdict) for family, both in SEEDS.items()
-    for seeds, verdict in zip(both, ("agrees", "reported"), strict=True) for seed in seeds])
-def test_random_assembly(family, seed, verdict):
-    """Displacements to 1e-6 where there is an equilibrium; where there is none, ddmpi says so."""
-    scene = random_scene(seed)
-    assert scene["title"].startswith(family)
-    found = random_assemblies.judge(assemblies.solve(scene), random_assemblies.solve(scene, MPI.COMM_SELF), TOLERANCE)
+@pytest.mark.parametrize("kind, seed, verdict", RUNS)
+def test_random_assembly(kind, seed, verdict, tmp_path):
+    """Certified and verified, or without equilibrium; some on several ranks."""
+    command = functools.partial(scenes.run_command, ranks=RANKS[seed]) if seed in RANKS else scenes.run_here
+    tolerance = 1e-8 if kind is assembly_scenes else 1e-5
+    found = random_assemblies.judge(kind.random_scene(seed), tmp_path, tolerance, command)
     assert found[0] == verdict, found
+
+
+@pytest.mark.parametrize("kind, families", [(assembly_scenes, tuple(assembly_scenes.FAMILIES)),
+                                            (solid_assemblies, solid_assemblies.FAMILIES)])
+def test_families_take_turns(kind, families):
+    """A seed has one scene, whose title says of which family it is."""
+    for seed, family in enumerate(families):
+        scene = kind.random_scene(seed)
+        assert scene == kind.random_scene(seed) and scene["title"].replace(",", " ").split()[0] == family
+
+
+@pytest.mark.slow
+def test_bodies_that_slide_between_walls_have_no_equilibrium():
+    """Springs that get softer near an answer stay stiff enough for the coarse problem."""
+    scene = solid_assemblies.random_scene(1053)
+    for load in (load for body in scene["body"] for load in body["traction"]):
+        load["value"] = [0.5 * value for value in load["value"]]
+    answer = ddmpi.solve(scenes.to_toml(scene), MPI.COMM_SELF)
+    assert not answer.certified and "no equilibrium" in answer.reason
+
+
+SOLVED = {"plane": lambda: assembly_scenes.random_scene(80), "solids": lambda: two_boxes(2)}
+
+
+@pytest.fixture(scope="module")
+def solved(tmp_path_factory) -> dict:
+    folder, made = tmp_path_factory.mktemp("solved"), {}
+    for name, scene in SOLVED.items():
+        made[name] = scene(), folder / name
+        run = scenes.run_here(scenes.write_scene(scene(), folder / f"{name}.toml"), folder / name, "--no-figures")
+        assert run.code == 0, run.output
+    return made
+
+
+@pytest.mark.parametrize("name, column, law", [
+    ("solids", "force_x", "at nodes"), ("solids", "force_y", "force"), ("solids", "gap", "penetration"),
+    ("solids", "slip_x", "slip against friction"), ("plane", "normal_force", "at nodes"),
+    ("plane", "tangential_force", "at nodes"), ("plane", "gap", "penetration")])
+def test_the_check_sees_what_is_wrong(solved, monkeypatch, name, column, law):
+    """A column that is not what was computed."""
+    scene, folder = solved[name]
+    assert max(violations(scene, folder).values()) < 1e-7
+    read = result_check.read_results
+
+    def spoiled(path):
+        results = read(path)
+        for table in results.contacts.values():
+            table[column] = -1.01 * table[column] - 1e-6
+        return results
+
+    monkeypatch.setattr(result_check, "read_results", spoiled)
+    assert violations(scene, folder)[law] > 1e-5
+
+
+@pytest.mark.parametrize("name, law", [("plane", "inside"), ("plane", "clamps"), ("solids", "inside")])
+def test_the_check_sees_wrong_displacements(solved, monkeypatch, name, law):
+    """A field that is turned a little, and bent within bodies."""
+    scene, folder = solved[name]
+    read = result_check.read_results
+
+    def spoiled(path):
+        results = read(path)
+        u = results.fields["displacement"]
+        u += 1e-3 * np.abs(u).max() * np.sin(5.0 * results.fields["points"] + 1.0)
+        return results
+
+    monkeypatch.setattr(result_check, "read_results", spoiled)
+    assert violations(scene, folder)[law] > 1e-5
+
+
+@pytest.mark.parametrize("make, law, bound", [(make, law, bound) for make in ("plane", "space") for law, bound in (
+    ("coulomb", 0.3), ("tresca", 3e5), ("none", 0.0))])
+def test_what_friction_can_hold_is_feasible(make, law, bound):
+    """A block on a floor that is pushed by 0.9 of what friction bears, and not by 1.1 of it."""
+    key = {"coulomb": "coefficient", "tresca": "slip_bound", "none": ""}[law]
+    friction = {"law": law} | ({key: bound} if key else {})
+    for part in (0.9, 1.1):
+        push = part * 3e5 if bound else (part > 1.0) * 1e3
+        if make == "plane":
+            block = scenes.rectangle("b", (0, 0), (4, 1), (4, 2), traction=[{"on": "top", "value": [push, -1e6]}])
+            floor = scenes.FLOOR
+        else:
+            block = box("b", (0, 0, 0), (4, 4, 1), (2, 2, 2), traction=[{"on": "top", "value": [push, 0.0, -1e6]}])
+            floor = {"name": "floor", "shape": "plane", "point": [0.0, 0.0, 0.0], "normal": [0.0, 0.0, 1.0]}
+        scene = {"body": [block], "rigid": [floor], "contact": [
+            {"name": "c", "bodies": ["b", "floor"], "on": ["bottom"], "friction": friction}]}
+        assert feasible(scene) == (part < 1.0)
+    assert feasible(two_boxes(2))

@@ -8,7 +8,7 @@ from solid_scenes import CROSS, HELD, T_JUNCTION, between_planes, box, jittered,
 import ddmpi
 
 EXACT = 1e-10
-both_orders = pytest.mark.parametrize("order", [1, 2])
+both_orders = pytest.mark.parametrize("order", [1, pytest.param(2, marks=pytest.mark.slow)])
 both_kinds = pytest.mark.parametrize("bonded", [False, True], ids=["coulomb", "bonded"])
 STRIPS = (0.3, 0.01, 1e-4, 1e-6)
 """How far the other body covers the last facets of the slave, of their width."""
@@ -111,13 +111,6 @@ def test_contacts_meet_at_an_edge(order, bonded, bodies):
 @pytest.mark.parametrize("bodies", [T_JUNCTION, CROSS], ids=["T", "cross"])
 def test_on_two_ranks(comm, bodies):
     check(patch(*bodies, 1), comm)
-
-
-@pytest.mark.slow
-@pytest.mark.mpi(ranks=4)
-def test_two_bodies_on_four_ranks(comm):
-    """Two ranks a body."""
-    check(two_patches((3, 4, 3), (4, 3, 3), 2), comm)
 
 
 def test_a_stress_that_varies_is_not_exact():

@@ -1,9 +1,8 @@
 """Small scenes with known answers, and the two ways in which tests run them.
 
-`solve_scene` composes the package's rooms on a communicator; `solve_all` does so for
-many scenes, here or in a child; `run_command` starts the real command, `run_here` calls it. Every child has a time
-limit and an environment without traces of an MPI that the parent may have initialised: with them a
-nested ``mpirun`` dies silently.
+`certified` and `solve_scene` solve a scene in the test's own process; `run_command` starts the real command,
+`run_here` calls it. Every child has a time limit and an environment without traces of an MPI that the parent may have
+initialised: with them a nested ``mpirun`` dies silently.
 """
 
 from __future__ import annotations
@@ -14,7 +13,6 @@ import gc
 import io
 import json
 import os
-import pickle
 import re
 import signal
 import subprocess
@@ -349,67 +347,19 @@ def solve_scene(comm, scene: dict) -> dict:
             "body": {b["name"]: (b["points"], b["u"]) for b in bodies}}
 
 
-def solve_all(scenes: dict[str, dict], folder: Path) -> dict[str, dict]:
-    """`solve_scene` for many scenes; {"error": …} stands for what could not be solved.
-
-    Newton's method runs here, published ones in a child on a rank for each body. A scene at which the child dies or
-    hangs takes those after it along.
-    """
+def solve_all(scenes: dict[str, dict], folder: Path | None = None) -> dict[str, dict]:
+    """`solve_scene` for many scenes on one rank; {"error": …} stands for what could not be solved."""
     from mpi4py import MPI
 
-    published = {name: scene for name, scene in scenes.items() if _published(scene["method"])}
-    solutions = {name: _solved(MPI.COMM_SELF, scene) for name, scene in scenes.items() if name not in published}
-    if not published:
-        return solutions
-    (folder / "scenes.json").write_text(json.dumps(published))
-    problem = "the child ended before this scene"
-    try:
-        child = run_python([__file__, str(folder)])
-        if child.code != 0:
-            problem = child.output
-    except AssertionError as late:
-        problem = str(late)
-    with open(folder / "solutions.pickle", "rb") as file:
-        for name in published:
-            try:
-                solutions[name] = pickle.load(file)
-            except (EOFError, pickle.UnpicklingError):
-                solutions[name] = {"error": problem}
-                problem = f"not reached, after {name!r}"
-    return solutions
-
-
-def _solved(comm, scene: dict) -> dict:
-    """`solve_scene`, or the error of ddmpi's with which it ended."""
     from ddmpi.errors import DdmpiError
 
-    try:
-        return solve_scene(comm, scene)
-    except DdmpiError as error:
-        return {"error": f"{type(error).__name__}: {error}"}
-
-
-def _published(method: dict) -> bool:
-    """Whether a scene's method is the published iteration, or its accelerated form."""
-    return method.get("outer", "relaxation" if {"algorithm", "splitting", "theta"} & set(method) else "") in (
-        "relaxation", "anderson")
-
-
-def _solve_all(folder: Path) -> None:
-    """The child of `solve_all`; ends all ranks if one of them meets an error alone."""
-    import traceback
-
-    from mpi4py import MPI
-
-    world = MPI.COMM_WORLD
-    with open(folder / "solutions.pickle" if world.rank == 0 else os.devnull, "wb", buffering=0) as file:
-        for scene in json.loads((folder / "scenes.json").read_text()).values():
-            try:
-                solution = _solved(world, scene)
-            except Exception:
-                print(traceback.format_exc(), file=sys.stderr, flush=True)
-                world.Abort(1)
-            file.write(pickle.dumps(solution))
+    solutions = {}
+    for name, scene in scenes.items():
+        try:
+            solutions[name] = solve_scene(MPI.COMM_SELF, scene)
+        except DdmpiError as error:
+            solutions[name] = {"error": f"{type(error).__name__}: {error}"}
+    return solutions
 
 
 # As a child process
@@ -556,7 +506,3 @@ def call(*arguments: str, folder: Path | None = None) -> Run:
 def write_scene(scene: dict, path: Path) -> Path:
     path.write_text(to_toml(scene), encoding="utf-8")
     return path
-
-
-if __name__ == "__main__":
-    _solve_all(Path(sys.argv[1]))

@@ -1,5 +1,5 @@
 """Scenes of solids that tests and studies share: published ones with their answers, two boxes, patches of constant
-stress; and what turns, mirrors and rescales a scene."""
+stress."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
+from elsewhere import corners
 
 PUBLIC = {each["scene"]["title"]: each for each in json.loads(
     Path(__file__).with_name("public_solids.json").read_text(encoding="utf-8"))}
@@ -42,53 +43,6 @@ def two_boxes(N: int, M: int | None = None, order: int = 1, law: dict | None = N
                          traction=[{"on": "front", "value": [0.0, 4e7, 0.0]}])],
             "contact": [{"name": "upper-lower", "bodies": ["upper", "lower"], "on": ["front", "back"],
                          "friction": law or {"law": "coulomb", "coefficient": 0.3}} | more]}
-
-
-# The same scene elsewhere
-
-def corners(mesh: dict) -> np.ndarray:
-    """The corners (8, 3) of a box or a hexahedron."""
-    if mesh["shape"] == "hexahedron":
-        return np.array(mesh["corners"])
-    unit = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
-    at = np.array([[*xy, z] for z in (0, 1) for xy in unit])
-    return np.array(mesh["origin"]) + at * mesh["size"]
-
-
-def moved(scene: dict, Q: np.ndarray, length: float = 1.0, stress: float = 1.0) -> dict:
-    """The scene turned or mirrored by the orthogonal Q (3, 3), in units of `length` m and `stress` Pa.
-
-    Its clamps hold all components at rest. Mirrored, the first two parameters of bodies change places, so that the
-    mesh is the mirror image: a box is cut in the same way along all of its axes.
-    """
-    mirrored = np.linalg.det(Q) < 0
-    swapped = {"left": "front", "front": "left", "right": "back", "back": "right"} if mirrored else {}
-    order = [0, 3, 2, 1, 4, 7, 6, 5] if mirrored else list(range(8))
-
-    def turned(vector: Sequence[float], unit: float = 1.0) -> list[float]:
-        return (np.array(vector) @ Q.T / unit).tolist()
-
-    scene = json.loads(json.dumps(scene))  # in which no two bodies share a list
-    for body in scene["body"]:
-        nx, ny, nz = body["mesh"]["divisions"]
-        body["mesh"] = {"shape": "hexahedron", "corners": turned(corners(body["mesh"])[order], length),
-                        "divisions": [ny, nx, nz] if mirrored else [nx, ny, nz], "order": body["mesh"].get("order", 1)}
-        body["material"]["young"] /= stress
-        for each in [*body.get("clamp", []), *body.get("traction", [])]:
-            each["on"] = swapped.get(each["on"], each["on"])
-            if "value" in each:
-                each["value"] = turned(each["value"], stress)
-        if "volume_force" in body:
-            body["volume_force"] = turned(body["volume_force"], stress / length)
-    for rigid in scene.get("rigid", []):
-        rigid |= {"point": turned(rigid["point"], length), "normal": turned(rigid["normal"])}
-        if "displacement" in rigid:
-            rigid["displacement"] = turned(rigid["displacement"], length)
-    for contact in scene["contact"]:
-        contact["on"] = [swapped.get(on, on) for on in contact["on"]]
-        if "slip_bound" in contact.get("friction", {}):
-            contact["friction"]["slip_bound"] /= stress
-    return scene
 
 
 # Patches of constant stress

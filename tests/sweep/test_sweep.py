@@ -9,6 +9,7 @@ from pathlib import Path
 import fault
 import pytest
 import scenes
+from PIL import Image
 from scenes import Run, pinched_blocks
 from solid_scenes import two_boxes
 
@@ -22,7 +23,7 @@ from ddmpi.system.provenance import whereabouts
 
 pytestmark = pytest.mark.slow
 
-COEFFICIENT = "contact.0.friction.coefficient"
+COEFFICIENT, NEUMANN = "contact.0.friction.coefficient", "ddmpi.published.subproblem.Subproblem.neumann"
 
 
 def run_sweep(scene: Path, folder: Path, *arguments: str, ranks: int = 1) -> Run:
@@ -48,24 +49,6 @@ def small(tmp_path_factory) -> Path:
     return scenes.write_scene(pinched_blocks(2), tmp_path_factory.mktemp("scene") / "scene.toml")
 
 
-def test_a_sweep_over_load_steps(tmp_path):
-    """Cases may have load steps, whose number is varied like any key; each case has the files of them."""
-    scene = pinched_blocks(2)
-    scene["body"][0]["traction"][1]["history"] = "pull"
-    scene["history"] = {"pull": {"times": [0.0, 1.0, 2.0], "factors": [0.0, 1.0, 0.3]}}
-    scene["time"] = {"points": [1.0, 2.0]}
-    run = run_sweep(scenes.write_scene(scene, tmp_path / "scene.toml"), tmp_path / "sweep", "--vary",
-                    "time.steps=1,3", "history.pull.factors=[0.0,1.0,0.3],[0.0,0.5,0.5]", "--set",
-                    "output.figures=false")
-    assert run.code == 0, run.output
-    assert [row["status"] for row in rows(run)] == ["certified"] * 4
-    folders = sorted(path.parent for path in run.folder.glob("*/summary.json"))
-    steps = [json.loads((folder / "summary.json").read_text())["steps"] for folder in folders]
-    assert [len(each) for each in steps] == [2, 2, 6, 6]
-    assert all((folder / "energy.csv").read_text().count("\n") == len(each) + 1
-               for folder, each in zip(folders, steps, strict=True))
-
-
 # One sweep in which cases end in every way
 
 MIXED = ["--set", "petsc.body_ksp_type=cg", "petsc.body_pc_type=none", "contact.0.pairing=nodes",
@@ -88,33 +71,28 @@ def test_failing_cases_do_not_stop_the_others(mixed):
     assert [row["exit"] for row in rows(mixed)] == [EXITS[status] for status in EXPECTED]
     assert mixed.messages == [f"ddmpi: error: 1 of 8 cases in {mixed.folder} have a certified answer; 4 refused, "
                               "2 solver failed, 1 not converged"]
-
-
-def test_reasons_stand_in_the_table(mixed):
-    reasons = [row["reason"] for row in rows(mixed)]
-    assert "contact.upper-lower" in reasons[0] and "DIVERGED_MAX_IT" in reasons[4]
-    assert "max_iterations" in reasons[6] and reasons[7] == "converged and certified"
-
-
-def test_a_line_for_each_case_on_the_screen(mixed):
     lines = [line for line in mixed.stdout.splitlines() if re.match(r"\d/8  case ", line)]
     assert [line.partition("  case ")[2][0] for line in lines] == list("01234567")
-    for line, status in zip(lines, EXPECTED, strict=True):
-        assert f": {status}" in line
+    assert all(f": {status}" in line for line, status in zip(lines, EXPECTED, strict=True))
     assert "PETSc options that nothing used: not_an_option, " in lines[7]
 
 
-def test_the_story_of_a_case_is_in_its_folder(mixed):
-    log = (mixed.folder / rows(mixed)[6]["folder"] / "run.log").read_text()
-    assert "n = " in log and "ddmpi: error: not converged" in log
-
-
-def test_table_repeats_the_summaries(mixed):
-    for row in rows(mixed)[6:]:
+def test_the_table_has_reasons_and_repeats_the_summaries(mixed):
+    """Of cases without an answer the columns are empty; their story is in their folders, a picture beside the table."""
+    table = rows(mixed)
+    reasons = [row["reason"] for row in table]
+    assert "contact.upper-lower" in reasons[0] and "DIVERGED_MAX_IT" in reasons[4]
+    assert "max_iterations" in reasons[6] and reasons[7] == "converged and certified"
+    for row in table[6:]:
         found = numbers(json.loads((mixed.folder / row["folder"] / "summary.json").read_text()))
         assert {"n_A", "certificate.friction", "seconds.total"} <= found.keys()
         assert {name: float(row[name]) for name in found} == found
-    assert all(row[name] == "" for row in rows(mixed)[:6] for name in found)
+    assert all(row[name] == "" for row in table[:6] for name in found)
+    log = (mixed.folder / table[6]["folder"] / "run.log").read_text()
+    assert "n = " in log and "ddmpi: error: not converged" in log
+    assert read_table(mixed.folder / "sweep.csv")[7]["n_A"] == int(table[7]["n_A"])
+    with Image.open(mixed.folder / "n_A-method.max_iterations.png") as picture:
+        assert "ddmpi sweep" in picture.text["Description"]
 
 
 def test_as_if_it_had_run_alone(mixed, small, tmp_path):
@@ -132,7 +110,14 @@ def test_as_if_it_had_run_alone(mixed, small, tmp_path):
 
 
 def test_again_only_what_has_no_results(mixed, small):
-    """Runs after the tests above have looked at the first table."""
+    """A list names all cases with their status; a new start runs those without results, and a plot can come later.
+
+    Runs after the tests above have looked at the first table.
+    """
+    listed = run_sweep(small, mixed.folder, *MIXED, *GIVEN, "--list")
+    assert listed.code == 0 and listed.own_stderr == ""
+    assert [line.split()[0] for line in listed.stdout.splitlines()] == list("01234567")
+    assert all(status in line for line, status in zip(listed.stdout.splitlines(), EXPECTED, strict=True))
     before = {path: stamp(path) for path in mixed.folder.glob("*/summary.json")}
     assert len(before) == 2
     again = run_sweep(small, mixed.folder, *MIXED, *GIVEN, ranks=2)
@@ -140,20 +125,13 @@ def test_again_only_what_has_no_results(mixed, small):
     assert "6 to run, 2 finished" in again.stdout
     assert {path: stamp(path) for path in mixed.folder.glob("*/summary.json")} == before
     assert [row["status"] for row in rows(again)] == EXPECTED
-
-
-def test_list(mixed, small):
-    run = run_sweep(small, mixed.folder, *MIXED, *GIVEN, "--list")
-    assert run.code == 0 and run.own_stderr == ""
-    assert [line.split()[0] for line in run.stdout.splitlines()] == list("01234567")
-    for line, status in zip(run.stdout.splitlines(), EXPECTED, strict=True):
-        assert status in line
+    assert scenes.call("sweep-plot", str(mixed.folder), "eff:max_iterations").code == 0
+    assert (mixed.folder / "eff-method.max_iterations.png").is_file()
 
 
 @pytest.mark.parametrize(("change", "words"), [
     (["--set", "body.upper.material.poisson=0.1"], ["body.upper.material.poisson is 0.1 here, 0.277 there"]),
-    (["-body_ksp_rtol", "1e-3"], ["PETSc options"]), (["--set", "method.theta=0.1", "--list"], ["method"]),
-    (["--set", "method.theta=0.1", "--gather"], ["method"])])
+    (["-body_ksp_rtol", "1e-3"], ["PETSc options"])])
 def test_another_sweep_is_refused(mixed, small, change, words):
     before = {path: stamp(path) for path in mixed.folder.rglob("*")}
     run = run_sweep(small, mixed.folder, *MIXED, *GIVEN, *change)
@@ -207,6 +185,8 @@ def test_tasks_of_an_array_share_a_folder(small, tmp_path):
     gathered = run_sweep(small, tmp_path / "out", *arguments, "--gather")
     assert gathered.code == 0, gathered.output
     assert [row["status"] for row in rows(gathered)] == ["certified"] * 4
+    more = run_sweep(small, tmp_path / "out", "--vary", f"{COEFFICIENT}=0.1,0.5", "--gather")
+    assert more.code == 3 and [row["status"] for row in rows(more)] == ["certified", "not run"]
 
 
 def test_a_case_that_another_process_runs_is_left_to_it(small, tmp_path):
@@ -221,15 +201,6 @@ def test_a_case_that_another_process_runs_is_left_to_it(small, tmp_path):
     assert f"is left to another process ({whereabouts()})" in run.stdout and list(place.iterdir()) == [claim.parent]
     claim.rmdir()
     assert run_sweep(small, tmp_path / "out", *arguments).code == 0
-
-
-def test_gathering_what_is_not_complete(small, tmp_path):
-    arguments = ["--vary", f"{COEFFICIENT}=0.1:0.4:4"]
-    one = run_sweep(small, tmp_path / "out", *arguments, "--index", "2")
-    assert one.code == 0, one.output
-    gathered = run_sweep(small, tmp_path / "out", *arguments, "--gather")
-    assert gathered.code == 3
-    assert [row["status"] for row in rows(gathered)] == ["not run", "not run", "certified", "not run"]
 
 
 def test_a_single_case_ends_with_its_own_exit_code(small, tmp_path):
@@ -281,9 +252,7 @@ def test_a_signal_ends_the_sweep_and_the_next_start_continues_the_case(small, tm
     assert whole.code == 0, whole.output
     # in the middle of the second case: every case has the same calls or more
     neumann = int(rows(whole)[0]["outer_iterations"]) + 5
-    faults = [(1, "ddmpi.published.subproblem.Subproblem.neumann", neumann, "SIGUSR1", str(tmp_path / "out"), [])]
-    run = scenes.run_python([fault.__file__, json.dumps(faults), "sweep", str(small), *arguments],
-                            folder=tmp_path / "out")
+    run = inject(small, tmp_path / "out", NEUMANN, neumann, "SIGUSR1", *arguments)
     assert f"{fault.END} 6 6" in run.stderr, run.output
     assert "interrupted by SIGUSR1" in run.stderr
     assert {path.name for path in run.folder.glob("*/checkpoint.h5")} == {"checkpoint.h5"}
@@ -297,22 +266,6 @@ def test_a_signal_ends_the_sweep_and_the_next_start_continues_the_case(small, tm
         for name in ("contact_upper-lower.csv", "history.csv"):
             assert (run.folder / row["folder"] / name).read_bytes() == \
                 (whole.folder / row["folder"] / name).read_bytes()
-
-
-def peaks(run: Run, row: dict) -> list[float]:
-    """The most memory of each rank (MiB)."""
-    summary = json.loads((run.folder / row["folder"] / "summary.json").read_text())
-    return [body["memory_mib"] for body in summary["bodies"].values()]
-
-
-def test_memory_does_not_grow(tmp_path):
-    """A body of N = 6 with its factors and solvers takes a quarter of a mebibyte, so that these would take three."""
-    scene = scenes.write_scene(pinched_blocks(6, outer="relaxation", tolerance=1e-2), tmp_path / "scene.toml")
-    run = run_sweep(scene, tmp_path / "out", "--vary", f"{COEFFICIENT}=0.1:0.5:20", ranks=2)
-    assert run.code == 0, run.output
-    for rank in (0, 1):
-        peak = [peaks(run, row)[rank] for row in rows(run)]
-        assert peak[-1] - peak[7] < 1.0
 
 
 # PETSc's options
@@ -388,21 +341,12 @@ def test_curves():
     ("bodies.tyre.energy", "bodies.tyre.energy (mJ/mm)"), ("displacement_max", "displacement_max (mm)"),
     ("seconds.total", "seconds.total (s)"), ("n_A", "n_A")])
 def test_labels(result, label):
-    """A label is the column's name with its unit, in the units of the scene."""
-    rows = [row | {result: 1.0} for row in table(**{"method.theta": [1, 2]})]
-    assert draw(rows, result, "method.theta").get_ylabel() == label
-
-
-def test_curves_of_numbers_stand_by_size():
-    rows = table(**{"method.theta": [0.1] * 3, "k.v": [2e11, 20000000000, 2e9]}, n_A=[1] * 3)
-    axes = draw(rows, "n_A", "method.theta")
+    """Names have their units, those of the scene; numbers stand by size, words beside each other."""
+    varied = {"method.splitting": ["step2", "none", "none"], "k.v": [2e11, 20000000000, 2e9]}
+    axes = draw([row | {result: 1.0} for row in table(**varied)], result, "method.splitting")
+    assert axes.get_ylabel() == label
+    assert [each.get_text() for each in axes.get_xticklabels()] == ["none", "step2"]
     assert [line.get_label() for line in axes.get_legend().get_lines()] == ["2e+09", "2e+10", "2e+11"]
-
-
-def test_words_stand_beside_each_other():
-    rows = table(**{"method.splitting": ["step2", "none"]}, n_A=[1, 2])
-    axes = draw(rows, "n_A", "method.splitting")
-    assert [label.get_text() for label in axes.get_xticklabels()] == ["step2", "none"]
 
 
 @pytest.mark.parametrize(("values", "scale"), [
@@ -427,18 +371,3 @@ def test_an_axis_on_which_values_crowd(values, scale):
 def test_plots_that_cannot_be_drawn(columns, result, word):
     with pytest.raises(InputError, match=word):
         draw(table(**columns), result, "method.theta")
-
-
-def test_plot_from_the_table(mixed):
-    from PIL import Image
-
-    path = mixed.folder / "n_A-method.max_iterations.png"
-    with Image.open(path) as picture:
-        assert "ddmpi sweep" in picture.text["Description"]
-    assert read_table(mixed.folder / "sweep.csv")[7]["n_A"] == int(rows(mixed)[7]["n_A"])
-
-
-def test_a_plot_later(mixed):
-    run = scenes.run_python(["-m", "ddmpi", "sweep-plot", str(mixed.folder), "eff:max_iterations"], 1)
-    assert run.code == 0, run.output
-    assert (mixed.folder / "eff-method.max_iterations.png").is_file()
