@@ -150,26 +150,6 @@ def test_thick_ring_converges():
     assert ratios[-1] == pytest.approx(1.0, abs=0.15)
 
 
-@pytest.mark.parametrize("pressure", [AffineScalar(constant=2.0, x_slope=1.0, y_slope=-3.0), "2 + x - 3*y"])
-def test_pressure_all_around_a_curved_body_is_its_buoyancy(pressure):
-    """∮ p n ds is the integral of ∇p over the curved triangles, exactly, for numbers and for formulas."""
-    mesh = annulus((6, 2), (0.0, 360.0))
-    loads = nodal_loads(mesh, spec(traction=[Traction(on=on, pressure=pressure) for on in ("inner", "outer")]))
-    assert loads.sum(axis=0) == pytest.approx(mesh.measures().sum() * np.array([-1.0, 3.0]), rel=1e-13)
-
-
-def test_volume_forces_as_formulas_are_those_of_numbers():
-    """On curved triangles both are integrated; a quadratic one has the moment that its integral has."""
-    mesh = annulus((6, 2))
-    affine = AffineVector(constant=(1.0, 2.0), x_slope=(3.0, 0.0), y_slope=(0.0, -1.0))
-    loads = [nodal_loads(mesh, spec(volume_force=force)) for force in (affine, ("1 + 3*x", "2 - y"))]
-    assert np.abs(loads[0] - loads[1]).max() <= 1e-13 * np.abs(loads[0]).max()
-    fine = annulus((48, 16))
-    one, other = (nodal_loads(each, spec(volume_force=("x**2 + y**2", 0.0))).sum() for each in (mesh, fine))
-    assert other == pytest.approx(np.pi * (OUTER**4 - INNER**4) / 8, rel=1e-6)
-    assert one == pytest.approx(other, rel=1e-3)
-
-
 def test_parts_of_a_curved_body_have_their_own_materials():
     """Its stiffness is the sum of those of its parts, and so is its energy."""
     mesh = wavy()

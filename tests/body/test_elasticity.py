@@ -3,14 +3,12 @@
 import numpy as np
 import pytest
 import scipy.sparse as sparse
-from boundaries import directions
 from by_skfem import load_of, stiffness_of
 from petsc4py import PETSc
 from scipy.sparse.linalg import spsolve
 from skfem import LinearForm
 
 from ddmpi.body.elasticity import Elasticity, assemble
-from ddmpi.body.rigid_motions import free_motions, rigid_motions
 from ddmpi.body.stiffness import sum_stiffness
 from ddmpi.body.stress import principal, stress, von_mises
 from ddmpi.errors import InputError
@@ -121,20 +119,6 @@ def test_patch_with_tractions(material, order):
                  Traction(on="bottom", value=(-sxy, -syy))]
     u = solve(assemble(mesh, body(material, clamp=[linear_clamp("left")], traction=tractions)))
     assert np.abs(u - linear(mesh.points)).max() <= 1e-12 * np.abs(u).max()
-
-
-@both_orders
-@pytest.mark.parametrize("scale", [1e-9, 1e6])
-def test_patch_of_any_size_and_stiffness(scale, order):
-    mesh = rectangle(size=(3.0 * scale, 2.0 * scale), origin=(0.0, 0.0), order=order)
-    material = Material(young=2e11, poisson=0.3)
-    clamps = [Clamp(on="left", x=0.0, y=0.0), Clamp(on="bottom", y=0.0)]
-    sigma = 1e6
-    traction = [Traction(on="right", value=(sigma, 0.0))]
-    u = solve(assemble(mesh, body(material, clamp=[Clamp(on="left", x=0.0), *clamps[1:]], traction=traction)))
-    strain = sigma * (1 - 0.3**2) / 2e11
-    expected = mesh.points * [strain, -strain * 0.3 / 0.7]
-    assert np.abs(u - expected).max() <= 1e-12 * np.abs(expected).max()
 
 
 @both_orders
@@ -337,19 +321,6 @@ def test_near_null_space_holds_the_rigid_motions(clamps, order):
     assert np.abs(forces[~interior]).max() > 1e-3
 
 
-def test_expand_puts_everything_in_its_place():
-    mesh = rectangle((2, 2))
-    problem = assemble(mesh, body(clamp=["left", Clamp(on="right", y=5.0)]))
-    u = problem.b.duplicate()
-    u.array[:] = 100 + np.arange(u.size)
-    full = problem.expand(u)
-    x = mesh.points[:, 0]
-    assert np.all(full[x == 1.0] == 0.0)
-    assert np.all(full[x == 4.0, 1] == 5.0)
-    free = problem.free[problem.nodes].ravel()
-    assert np.array_equal(full[problem.free], u.array_r[free])
-
-
 LOOSE = {
     "no clamp": ([], "x y rotation"),
     "slides along x": ([Clamp(on="bottom", y=0.0)], "x"),
@@ -421,37 +392,3 @@ def test_piece_that_no_clamp_holds_is_refused(clamps):
     with pytest.raises(InputError, match=r"body\.block\.clamp: a piece of the body .* can still .*; make each piece a "
                                          r"body of its own"):
         assemble(two_squares(), body(clamp=clamps))
-
-
-def test_pieces_that_clamps_hold_are_one_body():
-    assert assemble(two_squares(), body(clamp=["left", "other"])).held
-
-
-@pytest.mark.parametrize(("held", "number"), [
-    ([], 3), ([("bottom", 1)], 1), ([("bottom", 0)], 2), ([("bottom", 0), ("left", 1)], 1),
-    ([("bottom", 1), ("left", 0)], 0), ([("left", 0), ("left", 1)], 0)])
-def test_free_motions_are_those_that_the_clamps_allow(held, number):
-    """The rigid motions of a body strain nothing, and those that its clamps leave free are found.
-
-    Sides that are fixed along themselves let the body turn about the corner between them.
-    """
-    mesh = rectangle()
-    motions = rigid_motions(mesh.points, mesh.points.mean(axis=0), mesh.extent)
-    K = sum_stiffness(mesh, STRAIN)
-    for motion in motions.transpose(2, 0, 1):
-        assert np.abs(K.mult(motion)).max() <= 1e-14 * np.abs(K.diagonal).max()
-    free = np.ones_like(mesh.points, dtype=bool)
-    for group, component in held:
-        free[np.unique(mesh.groups[group]), component] = False
-    found = free_motions(motions, directions(free))
-    assert found.shape == (3, number)
-    assert found.T @ found == pytest.approx(np.eye(number), abs=1e-14)
-    assert np.abs((motions @ found)[~free]).max(initial=0.0) <= 1e-8
-
-
-def test_load_and_clamp_name_absent_groups():
-    mesh = rectangle()
-    with pytest.raises(InputError, match=r"body\.block\.clamp: .*'lft'"):
-        assemble(mesh, body(clamp=["lft"]))
-    with pytest.raises(InputError, match=r"body\.block\.traction: .*'rigt'"):
-        assemble(mesh, body(clamp=["left"], traction=[Traction(on="rigt", value=(1.0, 0.0))]))

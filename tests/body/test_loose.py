@@ -6,7 +6,6 @@ import scipy.sparse as sparse
 from petsc4py import PETSc
 from scipy.linalg import null_space
 
-from ddmpi.body.compliance import Compliance
 from ddmpi.body.elasticity import Elasticity, assemble
 from ddmpi.body.rigid_motions import Centring, add_springs, support
 from ddmpi.body.solver import StiffnessSolver
@@ -85,17 +84,6 @@ def test_matrix_with_springs_is_what_solvers_need():
     assert fixed.getInfo()["nz_used"] == problem.A.getInfo()["nz_used"]
 
 
-@pytest.mark.parametrize("order", [1, 2])
-@pytest.mark.parametrize("clamp", CLAMPS.values(), ids=CLAMPS)
-def test_supports_are_far_apart(clamp, order):
-    """No free motion of size one leaves all supported dofs in place, or nearly so."""
-    problem = elastic(rectangle((30, 10), order=order), clamp)
-    motions = problem.motions[problem.nodes]
-    dofs = support(motions)
-    assert len(set(dofs)) == motions.shape[2]
-    assert np.linalg.svd(motions.reshape(-1, motions.shape[2])[dofs], compute_uv=False)[-1] > 0.4
-
-
 # Solvers
 
 
@@ -105,19 +93,6 @@ def contact_of(problem: Elasticity, nodes: np.ndarray) -> sparse.csr_matrix:
     place[problem.nodes] = np.arange(len(problem.nodes))
     dofs = (2 * place[nodes][:, None] + [0, 1])[problem.free[nodes]]
     return sparse.identity(problem.A.size[0], format="csr")[dofs]
-
-
-@pytest.mark.parametrize("kind", ["explicit", "direct", "iterative"])
-@pytest.mark.parametrize("clamp", CLAMPS.values(), ids=CLAMPS)
-def test_compliance_of_a_loose_body(clamp, kind):
-    """All kinds of compliance take the matrix with springs."""
-    mesh = rectangle((12, 4))
-    problem, top = elastic(mesh, clamp), along(mesh, "top")
-    fixed, B = with_springs(problem), contact_of(problem, top)
-    C = Compliance(fixed, B, "block", kind)
-    expected = B @ np.linalg.inv(dense(fixed)) @ B.T
-    assert C.kind == kind
-    assert np.abs(C.dense() - expected).max() <= (1e-8 if kind == "iterative" else 1e-12) * np.abs(expected).max()
 
 
 def test_multigrid_solves_a_loose_body_as_fast_as_a_held_one():

@@ -7,7 +7,6 @@ from by_skfem import solve
 
 from ddmpi.body.elasticity import assemble
 from ddmpi.body.estimate import estimate_error
-from ddmpi.body.stiffness import sum_stiffness
 from ddmpi.body.stress import Composite, components, energy_density, moduli_along, modulus_beside, stress, thermal
 from ddmpi.mesh.build import build_mesh
 from ddmpi.mesh.mesh import Mesh
@@ -122,19 +121,6 @@ def test_equal_constants_are_isotropic(d, plane):
     assert moduli_along(other, normals) == pytest.approx(moduli_along(one, normals), rel=1e-12)
     sigma = components(rng.standard_normal((d, d, 7)))
     assert energy_density(other, sigma) == pytest.approx(energy_density(one, sigma), rel=1e-12)
-
-
-@planes
-def test_an_angle_turns_the_material(plane):
-    """A body whose material and mesh are turned has the stiffness of the body that is not, turned."""
-    mesh, _ = strip(2, 2)
-    c, s = np.cos(0.6), np.sin(0.6)
-    R = np.array([[c, -s], [s, c]])
-    turned = Mesh(mesh.points @ R.T, mesh.triangles, mesh.groups)
-    u = np.sin(3 * mesh.points)
-    one = sum_stiffness(mesh, laminate(plane, 10.0)).mult(u)
-    other = sum_stiffness(turned, laminate(plane, 10.0 + np.rad2deg(0.6))).mult(u @ R.T)
-    assert np.abs(other - one @ R.T).max() <= 1e-12 * np.abs(one).max()
 
 
 def test_the_modulus_at_a_contact_is_that_along_its_normal():
