@@ -136,16 +136,6 @@ def test_both_bodies_contributions_come_to_the_owner(comm):
 
 
 @one_to_four_ranks
-def test_not_a_number_and_infinity_cross_as_they_are(comm):
-    bodies = Bodies(comm)
-    for value in (np.nan, -np.inf):
-        assert all(np.array_equal(part, np.full(len(part), value), equal_nan=True)
-                   for part in bodies.exchange.spread(np.full(bodies.size, value)))
-        first, _ = bodies.exchange.collect([np.full(len(each), value) for each in bodies.of_bodies()], "test")
-        assert np.array_equal(first, np.full(bodies.size, value), equal_nan=True)
-
-
-@one_to_four_ranks
 def test_objects_of_both_bodies_come_to_both_ranks(comm):
     """By contact, the first body's first; None for a rigid partner's."""
     bodies = Bodies(comm)
@@ -257,16 +247,6 @@ def test_deferred_error_of_one_rank_is_raised_on_all(comm, way):
         WAYS[way](bodies, "test")
 
 
-@pytest.mark.mpi(ranks=1)
-def test_errors_of_a_single_rank_are_raised_at_the_same_point(comm):
-    bodies = Bodies(comm)
-    with bodies.exchange.deferred():
-        raise SolverError("fails")
-    with pytest.raises(SolverError, match=r"^fails$") as caught:
-        bodies.exchange.total(bodies.of_bodies(), "test")
-    assert caught.value.agreed
-
-
 @three_ranks
 def test_a_signal_to_one_rank_is_raised_on_all(comm):
     for hit in range(3):
@@ -318,15 +298,6 @@ def test_ranks_at_different_points_notice_it(comm, way):
         WAYS[way](bodies, "forces")
         with pytest.raises(SolverError, match="different points") as caught:
             WAYS[way](bodies, "answer" if comm.rank == astray else "forces")
-        assert caught.value.agreed
-
-
-@two_ranks
-def test_two_ranks_at_different_points_notice_it_whatever_they_send(comm):
-    """The vectors of different points have different lengths."""
-    for longer in (0, 1):
-        with pytest.raises(SolverError, match="different points") as caught:
-            exchange_of_two(comm).swap(np.zeros(7 if comm.rank == longer else 4), ("forces", "answer")[comm.rank])
         assert caught.value.agreed
 
 
@@ -400,17 +371,6 @@ def test_a_product_is_a_message_there_and_back(comm):
     neighbours = {rank for ends in exchange.ends for rank in ends[1:]} - {comm.rank}
     assert exchange.sent["messages"] - messages == len(neighbours) < comm.size
     assert exchange.sent["reductions"] - reductions == 1
-
-
-@two_ranks
-def test_both_ranks_hold_the_same_contact_displacement(comm):
-    stack = Stack(4, {"law": "tresca", "slip_bound": 4e7}, shift=1e-3)
-    _, outer = iterations_of(comm, stack.scene(outer="relaxation"))
-    for _ in range(3):
-        outer.iterate()
-        for values in (outer.lam, outer.s1, outer.s2, outer._bound):
-            mine, theirs = comm.allgather(values)
-            assert np.array_equal(mine, theirs)
 
 
 @three_ranks

@@ -16,7 +16,7 @@ from boundaries import (
 )
 
 from ddmpi.coupling.space import Laws, Space
-from ddmpi.interface.law import NO_BOUND, BondedLaw, CoulombLaw, Law, law_of
+from ddmpi.interface.law import NO_BOUND, BondedLaw, CoulombLaw, Law
 from ddmpi.interface.state import contact_state
 from ddmpi.interface.trace import displacement_trace, trace
 from ddmpi.judge.diagnosis import StatusLog
@@ -43,28 +43,15 @@ def bonded(upper, lower, **arguments):
 
 # The law
 
-def test_no_force_is_projected():
-    """s − P(s − c r) = c r: whatever the forces, the gaps must vanish."""
+def test_all_nodes_are_closed_and_stick_whatever_the_forces():
+    """s − P(s − c r) = c r: whatever the forces, the gaps must vanish; none reaches a bound."""
     for s, r in zip(points(7), points(7)[::-1], strict=True):
         assert s - LAW.project(s - 2.0 * r) == pytest.approx(2.0 * r)
-        assert LAW.settle(s, LAW.active_set(s)).tolist() == s.tolist()
-    q = points(7)[0]
-    LAW.project(q)[:] = 0.0
-    assert q.any()  # a copy
-
-
-def test_all_nodes_are_closed_and_stick_whatever_the_sign():
-    for q in points(7):
-        active = LAW.active_set(q)
-        assert active.closed.all() and not active.slip.any()
-        assert active.pressure.tolist() == q[:4].tolist()
+        active = LAW.active_set(s)
+        assert active.closed.all() and not active.slip.any() and LAW.closed(s, 0.5).all()
+        assert LAW.settle(s, active).tolist() == s.tolist() and active.pressure.tolist() == s[:4].tolist()
         linear = Linearised.of([LAW.linearise(active)])
-        assert linear.number == 7 and not linear.given.any()
-        assert linear.expand(q).tolist() == q.tolist()
-        assert LAW.closed(q, 0.5).all()
-
-
-def test_no_force_reaches_the_bound():
+        assert linear.number == 7 and not linear.given.any() and linear.expand(s).tolist() == s.tolist()
     for s in (np.zeros(7), np.full(7, 1e300), -np.full(7, 1e300)):
         assert not LAW.reaches_bound(s, LAW.bound_at(s)).any()
     box = LAW.cone(LAW.bound_at(np.zeros(7)))
@@ -102,12 +89,6 @@ def test_bonded_and_other_laws_mix():
         assert np.isinf(box.lower[5:12]).all() and np.isinf(box.upper[5:12]).all()
         assert (box.lower[[0, 1, 2, 12, 13]] == 0.0).all() and np.isfinite(box.upper[3:5]).all()
     assert together.largest_slope == 0.5
-
-
-def test_the_kind_chooses_the_law():
-    xy, arc, area = np.zeros((4, 2)), np.zeros(4), np.ones(4)
-    assert isinstance(law_of(NoFriction(), xy, arc, area, np.arange(4), "bonded"), BondedLaw)
-    assert law_of(NoFriction(), xy, arc, area, np.empty(0, int)).name == "none"
 
 
 # The interface

@@ -129,44 +129,7 @@ def test_matching_sides_stay_paired(order):
         join(*blocks(6, 7, order), COULOMB, "seam", pairing="nodes")
 
 
-@orders
-@slaves
-@pytest.mark.parametrize("how", [{"angle": 0.7}, {"angle": -2.5, "mirrored": True}, {"scale": 1e-6}, {"scale": 1e5}])
-def test_turned_mirrored_scaled(how, slave, order):
-    plain, other = (met(blocks(5, 8, order, 0.3, 0.01, **each), slave=slave) for each in ({}, how))
-    scale = how.get("scale", 1.0)
-    assert np.sort(other.area) == pytest.approx(scale * np.sort(plain.area), rel=1e-9)
-    assert other.gap == pytest.approx(scale * 0.01 * np.ones(other.m), rel=1e-9)
-    assert other.at[1] - other.at[0] == pytest.approx(scale * 0.01 * other.normal, abs=1e-9 * scale)
-
-
-@orders
-def test_forces_balance_to_rounding(order):
-    """Whatever the geometry: the rows of both transfers add up to one."""
-    for sides in (blocks(5, 8, order, 0.977), arcs(5, 8, order, 0.01), arcs(7, 4, order, -0.01)):
-        for slave in (None, *(each.body for each in sides)):
-            contact = met(sides, slave=slave)
-            s = np.random.default_rng(1).normal(size=contact.m)
-            one, two = (transfer.T @ (s[:, None] * contact.normal) for transfer in contact.transfer)
-            assert np.abs(one.sum(axis=0) - two.sum(axis=0)).max() <= 1e-14 * np.abs(s).sum()
-
-
 # Gaps
-
-
-@orders
-@pytest.mark.parametrize("gap", [1e-3, -1e-3, 0.2, 5.0])
-def test_gap_of_straight_sides(gap, order):
-    """Sides far apart that approach each other are fine."""
-    assert met(blocks(5, 8, order, 0.3, gap)).gap == pytest.approx(gap, rel=1e-12)
-
-
-def test_gap_of_a_wedge():
-    """Along the normal of the contact, at the slave's nodes."""
-    upper, lower = (rectangle((n, 2), (2.0, 1.0), (0.0, y)) for n, y in ((5, 1.0), (8, 0.0)))
-    upper.points[:, 1] += 0.01 * upper.points[:, 0]
-    contact = met((side(upper, "bottom", body="upper"), side(lower, "top", body="lower")), slave="lower")
-    assert contact.gap == pytest.approx(0.01 * contact.xy[:, 0], rel=1e-4, abs=1e-6)
 
 
 @orders
@@ -532,10 +495,3 @@ def test_every_corner_in_space_is_looked_at(order):
     for number, nodes in enumerate(upper.facets[:, :3]):
         away = places[looked.facet == number] - upper.xy[nodes][:, None]
         assert np.linalg.norm(away, axis=2).min(axis=1) == pytest.approx(0.0, abs=1e-12)
-
-
-def test_pieces_of_the_cover_add_up():
-    """Points lie in order on the pieces between the projected corners."""
-    over = cover(*blocks(5, 8))
-    assert over.weight.sum() == pytest.approx(2.0)
-    assert np.all(np.bincount(over.facet) % 7 == 0)  # five of Gauss and the ends of each piece

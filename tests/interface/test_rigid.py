@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from boundaries import body_side, elastic, held_beside, joined, rectangle, ring, side, touch
+from boundaries import held_beside, joined, rectangle, ring, side, touch
 
 from ddmpi.errors import InputError
 from ddmpi.interface.interface import check_overlap
-from ddmpi.interface.trace import displacement_trace, trace
+from ddmpi.interface.trace import displacement_trace
 from ddmpi.scene.contacts import Circle, Coulomb, NoFriction, Plane
 from ddmpi.scene.values import Profile
 
@@ -48,16 +48,6 @@ def test_a_block_above_a_floor(order):
     assert contact.one_sided.all() and joined(contact).all()
     assert (contact.size, contact.law.name) == (2 * contact.m, "coulomb")
     assert len(contact.facets) == 6
-
-
-def test_the_distance_from_an_inclined_plane():
-    """Along the plane's normal, not the body's."""
-    slope = Plane(name="slope", point=(0.0, -1.0), normal=(3.0, 4.0))
-    contact = touch(side(block(), "bottom"), slope, NoFriction(), "seam")
-    assert contact.gap == pytest.approx(0.6 * contact.xy[:, 0] + 0.8)
-    assert contact.normal == pytest.approx(np.tile([-0.6, -0.8], (7, 1)))
-    on_plane = contact.xy + contact.gap[:, None] * contact.normal
-    assert (on_plane - [0.0, -1.0]) @ [3.0, 4.0] == pytest.approx(np.zeros(7), abs=1e-14)
 
 
 def test_rounding_is_no_gap():
@@ -204,14 +194,6 @@ def test_nodes_that_clamps_hold_along_the_normal_carry_no_row():
     assert (contact.m, contact.sliding.tolist()) == (7, [1, 2, 3, 4, 5, 6])
     assert "all nodes of the contact are clamped" in refused(
         side(block(), "bottom", where=lambda x, y: y == 0.0, y=True), moving, COULOMB, "seam")
-
-
-def test_the_trace_of_the_body_needs_no_second_side():
-    mesh = block()
-    body = elastic(mesh, ["top"])
-    contact = touch(body_side(mesh, body, "bottom"), FLOOR, COULOMB, "seam")
-    dense = trace(contact, 0, body).toarray()
-    assert dense @ dense.T == pytest.approx(np.eye(14), abs=1e-15)
 
 
 def test_a_given_gap_and_a_bond():

@@ -71,18 +71,6 @@ def test_pictures_come_from_files_alone(tmp_path):
     assert draw_all(tmp_path) == list(first)
 
 
-def test_every_body_is_in_the_picture(tmp_path):
-    """The bodies' picture reaches from the first block to the last one."""
-    axes = draw_bodies(made(tmp_path, kind="row")).axes[0]
-    assert axes.get_xlim()[0] <= 0.0 and axes.get_xlim()[1] >= 9.0
-    assert axes.get_xlabel() == "x (m)"
-
-
-def test_neighbours_are_joined(tmp_path):
-    """A contact in one piece is one curve."""
-    assert np.array_equal(pressure(made(tmp_path)).get_xdata(), np.linspace(0.0, 3.0, 25))
-
-
 @pytest.mark.parametrize("order", [1, 2])
 def test_pieces_of_a_contact_are_not_joined(tmp_path, order):
     """Where nodes are missing, the curve has a break, and no zone is shaded."""
@@ -127,12 +115,6 @@ def test_the_curve_ends_where_the_contact_ends(tmp_path, end):
         lines = Lines(row, np.column_stack([x, x]), area, np.column_stack([np.arange(24), np.arange(1, 25)]))
         results.facets["upper-lower"] = drawn_facets(lines)
         assert pressure(results).get_xdata().tolist() == shown.tolist()
-
-
-def test_a_lone_node_is_visible(tmp_path):
-    """Long curves have no markers, but for nodes that no line reaches."""
-    curve = pressure(made(tmp_path, *range(49, 60), *range(61, 71), divisions=(150, 4)))
-    assert curve.get_xdata()[curve.get_markevery()] == pytest.approx([1.2]) and curve.get_marker() == "o"
 
 
 def test_a_vertical_contact_is_drawn_over_y(tmp_path):
@@ -184,12 +166,6 @@ def test_iterations_of_all_load_steps_follow_each_other(tmp_path):
                 [(step, k, 10.0**-k, 10.0**-k, 0.0, 0, 0, 0, 0) for step in (1, 2) for k in (1, 2, 3)])
     axes = draw_convergence(read_results(tmp_path)).axes[0]
     assert axes.lines[0].get_xdata() == pytest.approx([1, 2, 3, np.nan, 4, 5, 6], nan_ok=True)
-
-
-def test_titles_are_not_formulas(tmp_path):
-    """A title may have dollar signs."""
-    made_up.results(tmp_path, title="costs $ and $\\frac")
-    assert draw_all(tmp_path)
 
 
 def test_long_titles_are_broken_into_lines(tmp_path):
