@@ -71,19 +71,6 @@ def test_iterative_solves_follow_the_precision_that_is_needed(comm, name, petsc_
     assert taken < 0.85 * fixed
 
 
-@pytest.mark.mpi(ranks=2)
-def test_explicit_without_mumps_takes_blocks_of_solves(comm, petsc_options):
-    exact = solved(comm, {"compliance": "explicit"})[2].forces
-    for package in ("petsc", "cholmod"):
-        petsc_options(body_pc_factor_mat_solver_type=package)
-        assembly, _, outer, _ = solved(comm, {"compliance": "explicit"})
-        assert assembly.member.C.count["explicit"] == assembly.member.C.size
-        assert np.linalg.norm(outer.forces - exact) <= 1e-8 * np.linalg.norm(exact)
-        assembly = solved(comm, {})[0]
-        assert assembly.member.C.kind == "direct"
-        assert package in assembly.member.C.reason
-
-
 # The choice
 
 

@@ -5,7 +5,8 @@ import pytest
 
 from ddmpi.body.estimate import ErrorEstimate, estimate_error, nodal_stress, relative_error, sum_errors
 from ddmpi.body.stiffness import sum_stiffness
-from ddmpi.body.stress import Composite, stress
+from ddmpi.body.stress import Composite, components, energy_density, stress, stress_at
+from ddmpi.mesh.elements import FINE
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import raise_order
 from ddmpi.mesh.shapes import generate_rectangle
@@ -39,60 +40,13 @@ def wave_stress(points: np.ndarray, material: Material) -> np.ndarray:
     return np.stack([first * (exx + eyy) + 2 * shear * exx, first * (exx + eyy) + 2 * shear * eyy, shear * gxy])
 
 
-def true_error(mesh: Mesh, material: Material) -> tuple[float, float]:
-    """Squared energy norms of the error of the interpolated wave and of itself.
-
-    Each triangle's polynomial is found anew from its nodes; 25 points integrate over a triangle.
-    """
-    first, shear = material.lame
-    nodes = mesh.points[mesh.triangles]
-    corners = nodes[:, :3]
-    centre = corners.mean(axis=1, keepdims=True)
-    quadratic = nodes.shape[1] == 6
-
-    def monomials(z):
-        x, y = z[..., 0], z[..., 1]
-        one, zero = np.ones_like(x), np.zeros_like(x)
-        p = [one, x, y] + quadratic * [x * x, x * y, y * y]
-        px = [zero, one, zero] + quadratic * [2 * x, y, zero]
-        py = [zero, zero, one] + quadratic * [zero, x, 2 * y]
-        return (np.stack(q, axis=-1) for q in (p, px, py))
-
-    size = np.abs(nodes - centre).max()
-    coefficients = np.linalg.solve(next(monomials((nodes - centre) / size)), wave(mesh.points)[mesh.triangles])
-    t, w = np.polynomial.legendre.leggauss(5)
-    a, b = np.meshgrid((1 + t) / 2, (1 + t) / 2, indexing="ij")
-    weight = (np.outer(w, w) / 4 * (1 - a)).ravel()  # Duffy's map of the square to the triangle
-    a, b = a.ravel(), (b * (1 - a)).ravel()
-    at = np.einsum("qi,tid->tqd", np.column_stack([1 - a - b, a, b]), corners)
-    _, px, py = monomials((at - centre) / size)
-    ux, uy = px @ coefficients / size, py @ coefficients / size
-    trace = first * (ux[..., 0] + uy[..., 1])
-    found = np.stack([trace + 2 * shear * ux[..., 0], trace + 2 * shear * uy[..., 1],
-                      shear * (uy[..., 0] + ux[..., 1])])
-    error = found - wave_stress(at.reshape(-1, 2), material).reshape(found.shape)
-    edges = corners[:, 1:] - corners[:, :1]
-    doubled = np.abs(edges[:, 0, 0] * edges[:, 1, 1] - edges[:, 0, 1] * edges[:, 1, 0])
-
-    def squared(s):
-        return float(doubled @ ((s[0]**2 + s[1]**2 + 2 * s[2]**2 - first / (2 * (first + shear)) * (s[0] + s[1])**2)
-                                / (2 * shear)) @ weight)
-    return squared(error), squared(found)
-
-
-@ORDERS
-@pytest.mark.parametrize("distorted", [False, True])
-def test_effectivity_tends_to_one(order, distorted):
-    effectivities = []
-    for N in (4, 8, 16):
-        mesh = rectangle(N, order, distorted)
-        estimate = estimate_error(mesh, STEEL, wave(mesh.points))
-        error, energy = true_error(mesh, STEEL)
-        assert estimate.energy == pytest.approx(energy, rel=1e-3)
-        assert estimate.squares.shape == (len(mesh.triangles),)
-        assert estimate.total == pytest.approx(estimate.squares.sum())
-        effectivities.append(np.sqrt(estimate.total / error))
-    assert effectivities[-1] == pytest.approx(1.0, abs=0.1), effectivities
+def true_error(mesh: Mesh) -> tuple[float, float]:
+    """Squared energy norms of the error of the interpolated wave and of itself, of steel."""
+    points, weights = FINE[2]
+    places = np.einsum("qa,tad->qtd", points, mesh.points[mesh.corners])
+    found = components(stress_at(mesh, STEEL, wave(mesh.points), points))
+    error = found - wave_stress(places.reshape(-1, 2), STEEL).reshape(found.shape)
+    return tuple(float(weights @ energy_density(STEEL, each) @ mesh.measures()) for each in (error, found))
 
 
 @ORDERS
@@ -170,7 +124,7 @@ def test_bodies_without_inner_vertices_get_a_rough_estimate(order, divisions):
     mesh = generate_rectangle(MeshSpec(shape="rectangle", size=size, divisions=divisions))
     mesh = mesh if order == 1 else raise_order(mesh, "mesh")
     estimate = estimate_error(mesh, STEEL, wave(mesh.points))
-    error, energy = true_error(mesh, STEEL)
+    error, energy = true_error(mesh)
     effectivity = relative_error(estimate.total, estimate.energy) / relative_error(error, energy)
     assert 0.5 <= effectivity <= 2.0
 

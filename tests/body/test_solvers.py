@@ -1,6 +1,5 @@
 """Solves with a stiffness matrix, direct and iterative, what fails and how; the contact compliance."""
 
-import json
 
 import numpy as np
 import pytest
@@ -290,32 +289,6 @@ def test_compliance_counts_by_purpose(name, petsc_options):
     assert operator.count - before == {"step1": 2, "neumann": 1, "load": 1}
     expected = B @ spsolve(to_scipy(problem.A), problem.b.array_r)
     assert np.linalg.norm(B @ u.array_r - expected) <= precision * np.linalg.norm(expected)
-
-
-@pytest.mark.parametrize("kind", ["explicit", "direct"])
-def test_compliance_norm_is_estimated_once(kind):
-    problem, B, C = contact_problem()
-    operator = Compliance(problem.A, B, "upper", kind)
-    true = np.linalg.norm(C, 2)
-    assert 0.97 * true <= operator.norm() <= true * (1 + 1e-10)
-    count = operator.count["norm"]
-    assert 0 < count <= 30
-    operator.norm()
-    assert operator.count["norm"] == count
-
-
-def test_restored_compliance_goes_on_counting():
-    """A compliance that is restored from plain values has the counts and the norm of the old one, at no cost."""
-    problem, B, _ = contact_problem()
-    old, new = (Compliance(problem.A, B, "upper", "direct") for _ in range(2))
-    y = np.empty(16)
-    old.mult(np.ones(16), y, "step1")
-    norm = old.norm()
-    new.restore(json.loads(json.dumps(old.state())))
-    assert new.norm() == norm
-    assert new.count == old.count
-    new.mult(np.ones(16), y, "step1")
-    assert new.count - old.count == {"step1": 1}  # no shared counter
 
 
 @pytest.mark.parametrize("kind", ["explicit", "direct"])

@@ -304,40 +304,12 @@ def test_ranks_at_different_points_notice_it(comm, way):
 # Traffic of the iterations
 
 
-def iterations_of(comm, scene: dict):
-    """The assembly of a published iteration, and the iteration at its first step."""
-    from ddmpi.methods.published import PublishedIteration
-
-    assembly = scenes.prepare_scene(comm, scene)
-    return assembly, PublishedIteration(assembly, assembly.scene.method)
-
-
 def taller(stack: Stack, rows: int) -> dict:
     """The stack's scene with `rows` rows of elements in each body instead of as many as columns."""
     scene = stack.scene(outer="relaxation", algorithm="original", tolerance=1e-6)
     for body in scene["body"]:
         body["mesh"]["divisions"][1] = rows
     return scene
-
-
-@two_ranks
-def test_an_iteration_moves_interface_vectors_only(comm):
-    """Two messages: the forces; the contact displacements and a count of multiplications. Whatever n is."""
-    stack, sizes, moved = Stack(6, {"law": "coulomb", "coefficient": 0.3}, shift=1e-3), [], []
-    for rows in (2, 24):
-        assembly, outer = iterations_of(comm, taller(stack, rows))
-        traffic = assembly.exchange.world = Traffic(comm)
-        for _ in range(4):
-            messages, moved_before = assembly.exchange.sent["messages"], assembly.exchange.sent["bytes"]
-            outer.iterate()
-            assert assembly.exchange.sent["messages"] - messages == 2
-            moved.append(assembly.exchange.sent["bytes"] - moved_before)
-        assert traffic.calls == ["Allreduce", "Irecv", "Isend"] * 8
-        sizes.append((assembly.m, assembly.n))
-    (m, n), (other_m, other_n) = sizes
-    assert m == other_m == 7
-    assert other_n == 12 * n
-    assert set(moved) == {WORD * (2 * 2 * m + 1)}
 
 
 @two_ranks
@@ -371,23 +343,3 @@ def test_a_product_is_a_message_there_and_back(comm):
     neighbours = {rank for ends in exchange.ends for rank in ends[1:]} - {comm.rank}
     assert exchange.sent["messages"] - messages == len(neighbours) < comm.size
     assert exchange.sent["reductions"] - reductions == 1
-
-
-@three_ranks
-def test_solver_error_of_one_body_of_three_is_raised_on_all(comm, monkeypatch):
-    """In the midst of Newton's iteration, on a rank that shares a contact with one of the others only."""
-    from ddmpi.methods.newton import Newton
-
-    assembly = scenes.prepare_scene(comm, scenes.tower(3, 4))
-    newton = Newton(assembly.joint, 500)
-    (body,) = assembly.bodies
-
-    def fail(*_):
-        raise SolverError(f"{body.spec.name} gives up")
-
-    if comm.rank == 2:
-        monkeypatch.setattr(body.member.C, "mult", fail)
-    with pytest.raises(SolverError, match=r"^block3 gives up$") as caught:
-        newton.run(1e-8)
-    assert caught.value.agreed
-    assert len(newton.history) == 0  # the failed step is no step

@@ -18,11 +18,10 @@ from boundaries import (
 from ddmpi.coupling.space import Laws, Space
 from ddmpi.interface.law import NO_BOUND, BondedLaw, CoulombLaw, Law
 from ddmpi.interface.state import contact_state
-from ddmpi.interface.trace import displacement_trace, trace
+from ddmpi.interface.trace import trace
 from ddmpi.judge.diagnosis import StatusLog
-from ddmpi.mesh.mesh import Mesh
 from ddmpi.methods.krylov import Linearised
-from ddmpi.scene.bodies import Clamp, Traction
+from ddmpi.scene.bodies import Clamp
 from ddmpi.scene.contacts import Coulomb, NoFriction, Plane
 from ddmpi.scene.values import Profile
 
@@ -157,40 +156,6 @@ def test_bonded_nodes_stick_under_tension():
 
 
 # Mechanics
-
-def glued(upper: Mesh, lower: Mesh) -> tuple[Mesh, np.ndarray]:
-    """One mesh of both, and the numbers of the upper nodes in it."""
-    points = lower.points.tolist()
-    number = np.empty(len(upper.points), int)
-    for k, point in enumerate(upper.points.tolist()):
-        if point not in points:
-            points.append(point)
-        number[k] = points.index(point)
-    groups = {name: np.concatenate([number[upper.groups[name]], lower.groups[name]]) for name in ("left", "right")}
-    return Mesh(np.array(points), np.concatenate([number[upper.triangles], lower.triangles]),
-                groups | {"top": number[upper.groups["top"]]}), number
-
-
-@pytest.mark.parametrize("order", [1, 2])
-def test_bonded_bodies_are_one_body(order):
-    """Where r = 0 at a bond, bodies move like the same body in one piece, pulled and sheared as they may be."""
-    upper, lower = blocks(order=order)
-    pull = [Traction(on="top", value=(2e6, 5e6))]
-    whole, number = glued(upper, lower)
-    expected = respond(elastic(whole, ["left"], traction=pull))
-
-    meshes, bodies = (upper, lower), (elastic(upper, ["left"], traction=pull), elastic(lower, ["left"]))
-    contact = bonded(*(body_side(mesh, body, group) for mesh, body, group
-                       in zip(meshes, bodies, ("bottom", "top"), strict=True)))
-    B = [trace(contact, which, body).toarray() for which, body in enumerate(bodies)]
-    d = sum(displacement_trace(contact, which, respond(body)) for which, body in enumerate(bodies)) - np.concatenate(
-        [contact.gap, np.zeros(contact.size - contact.m)])
-    s = np.linalg.solve(sum(compliance(body, B[which]) for which, body in enumerate(bodies)), d)
-    assert (s[:contact.m] < 0.0).any()  # tension
-    found = [respond(body, -B[which].T @ s) for which, body in enumerate(bodies)]
-    assert found[0] == pytest.approx(expected[number], abs=1e-10 * np.abs(expected).max())
-    assert found[1] == pytest.approx(expected[:len(lower.points)], abs=1e-10 * np.abs(expected).max())
-
 
 def test_a_body_bonded_to_a_moving_floor_moves_as_if_clamped_to_it():
     """The displacement of a rigid partner acts like a prescribed one of the body's nodes, sign and all."""

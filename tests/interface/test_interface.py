@@ -149,34 +149,11 @@ def test_area_and_normal_are_those_of_both_sides():
     assert contact.normal == pytest.approx(np.tile([-np.sin(0.1), -np.cos(0.1)], (7, 1)))
 
 
-def test_roles_can_be_swapped():
-    upper, lower = blocks(gap=1e-3)
-    one = interface_of(upper, lower)
-    other = pair(side(lower, "top"), side(upper, "bottom"), COULOMB, NAME)
-    assert np.array_equal(one.nodes[0], other.nodes[1])
-    assert np.array_equal(one.normal, -other.normal)
-    assert np.array_equal(one.frame[:, 1], -other.frame[:, 1])
-    assert other.gap == pytest.approx(one.gap, rel=1e-12)
-
-
 @pytest.mark.parametrize("gap", [1e-3, -1e-3, 0.2, 5.0])
 def test_gap_and_overlap(gap):
     contact = interface_of(*blocks(gap))
     assert contact.gap == pytest.approx(np.full(7, gap), rel=1e-12)
     assert contact.xy[:, 1] == pytest.approx(np.full(7, 1.0 + gap), rel=1e-15)
-
-
-@pytest.mark.parametrize("scale", [1e-9, 1e6])
-def test_scale(scale):
-    plain, scaled = interface_of(*blocks(1e-3)), interface_of(*blocks(1e-3, scale=scale))
-    for a, b in zip(plain.nodes, scaled.nodes, strict=True):
-        assert np.array_equal(a, b)
-    assert np.abs(scaled.normal - plain.normal).max() <= 1e-15
-    assert scaled.area == pytest.approx(scale * plain.area, rel=1e-12, abs=0.0)
-    assert scaled.gap == pytest.approx(scale * plain.gap, rel=1e-12, abs=0.0)
-    upper, lower = blocks(aside=0.1, scale=scale)
-    text = refused(side(upper, "bottom"), side(lower, "top"), COULOMB, NAME)
-    assert "opposite" in text
 
 
 def test_shifted_nodes_are_refused_with_coordinates():
@@ -185,26 +162,6 @@ def test_shifted_nodes_are_refused_with_coordinates():
     one, other = map(float, re.search(r"\((\S+), 1\) against \((\S+), 1\)", text).groups())
     assert one - other == pytest.approx(0.02, rel=1e-4)
     assert interface_of(*blocks(aside=0.001)).m == 7
-
-
-@pytest.mark.parametrize("group", [("bottom", "top"), ("inner", "outer")])
-def test_pairing_of_order_2_is_as_tolerant_as_for_half_the_spacing(group):
-    """A hundredth of the distance to the neighbours, though a corner's nodal length is a third of it."""
-    if group == ("bottom", "top"):
-        meshes, step = [raise_order(mesh, "mesh") for mesh in blocks()], 0.25
-    else:
-        angles = np.linspace(0, 2 * np.pi, 24, endpoint=False)
-        meshes = [raise_order(mesh, "mesh") for mesh in (ring(1.0, 2.0, angles), ring(0.5, 1.0, angles))]
-        step = np.sin(np.pi / 24)  # of half an edge
-    for aside, fits in ((0.004, True), (0.011, False)):
-        upper = moved(meshes[0], (aside * step, 0.0))
-        sides = side(upper, group[0]), side(meshes[1], group[1])
-        if fits:
-            contact = pair(*sides, COULOMB, NAME)
-            assert contact.m == len(sides[0].nodes)
-            assert (contact.area > 0).all()
-        else:
-            assert "opposite" in refused(*sides, COULOMB, NAME)
 
 
 # Refusals
@@ -348,14 +305,6 @@ def test_displacement_trace_has_the_signs_of_the_slides():
     assert np.array_equal(still, -down)
 
 
-def test_trace_rows_are_unit_vectors():
-    upper, lower = blocks()
-    body = assemble(upper, BodySpec(name="block", mesh=MeshSpec(file="unused.msh"), clamp=["top"],
-                                    material=Material(young=1.0, poisson=0.3)))
-    dense = trace(interface_of(upper, lower), 0, body).toarray()
-    assert dense @ dense.T == pytest.approx(np.eye(14), abs=1e-15)
-
-
 # Curved interfaces
 
 
@@ -363,19 +312,6 @@ def graded(n: int) -> np.ndarray:
     """Angles that advance unevenly but smoothly."""
     t = 2 * np.pi * np.arange(n) / n
     return t + 0.3 * np.sin(t)
-
-
-def test_regular_rings():
-    n, radius = 24, 2.0
-    angles = 2 * np.pi * np.arange(n) / n + 0.05
-    inside, outside = ring(1.0, radius, angles), ring(radius, 3.0, angles)
-    contact = pair(side(inside, "outer"), side(outside, "inner"), COULOMB, NAME)
-    radial = contact.xy / radius
-    assert contact.m == n
-    assert np.abs(contact.normal - radial).max() <= 1e-14
-    assert np.abs(contact.frame[:, 1] - np.column_stack([-radial[:, 1], radial[:, 0]])).max() <= 1e-14
-    assert contact.area == pytest.approx(np.full(n, 2 * radius * np.sin(np.pi / n)), rel=1e-13)
-    assert np.array_equal(contact.gap, np.zeros(n))
 
 
 def test_closed_loop_is_walked_once_around():

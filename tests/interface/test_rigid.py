@@ -119,21 +119,6 @@ def test_the_distance_from_a_disc():
     assert joined(contact).all() and held_beside(contact) == pytest.approx(0.0, abs=1e-12)
 
 
-def test_the_distance_from_a_bore():
-    """From inside the gap is counted towards the wall, which the outer normal of the body faces."""
-    bore = Circle(name="bore", center=(0.0, 0.0), radius=1.1, inside=True)
-    contact = touch(side(ring(0.5, 1.0, circle_of(40, True)), "outer"), bore, COULOMB, "seam")
-    assert contact.gap == pytest.approx(np.full(40, 0.1))
-    assert contact.normal == pytest.approx(contact.xy)
-    assert contact.m == 40
-    disc = Circle(name="disc", center=(0.0, 0.0), radius=0.6)
-    contact = touch(side(ring(0.5, 1.0, circle_of(40, True)), "inner"), disc, COULOMB, "seam")
-    assert contact.gap == pytest.approx(np.full(40, -0.1))
-    assert contact.normal == pytest.approx(-2.0 * contact.xy)
-    refused(side(ring(0.5, 1.0, circle_of(40, True)), "outer"), disc, COULOMB, "seam")
-    refused(side(ring(0.5, 1.0, circle_of(40, True)), "inner"), bore, COULOMB, "seam")
-
-
 @pytest.mark.parametrize("graded", [False, True])
 @pytest.mark.parametrize("closed", [False, True])
 @pytest.mark.parametrize(("group", "rigid", "gap"), [

@@ -97,11 +97,6 @@ def test_bonds_carry_shear(tmp_path, kind, drawn):
     assert ("tangential" in [line.get_label() for line in lines]) == drawn
 
 
-def test_one_missing_node_is_a_break(tmp_path):
-    """A clamped node in the middle of a contact separates its neighbours."""
-    assert np.flatnonzero(np.isnan(pressure(made(tmp_path, 10)).get_xdata())).tolist() == [10]
-
-
 @pytest.mark.parametrize("end", [0, -1])
 def test_the_curve_ends_where_the_contact_ends(tmp_path, end):
     """A node that hardly faces anything and shares the row of its neighbour is not drawn, in any picture."""
@@ -140,13 +135,6 @@ def test_bonded_contacts_have_no_loops(tmp_path):
         assert {label for label in labels if not label.startswith("_")} == shown
 
 
-def test_units_have_prefixes(tmp_path):
-    """Axes have units, in SI with the prefix that suits the numbers."""
-    stresses, motion = draw_contact(made(tmp_path), "upper-lower").axes
-    assert stresses.get_ylabel() == "contact stress (MPa)" and motion.get_ylabel() == "gap, slip (µm)"
-    assert stresses.lines[0].get_ydata().max() == pytest.approx(50.0)
-
-
 def test_stresses_of_load_steps_have_prefixes(tmp_path):
     """steps.png labels stresses as contact.png does: kPa for what is some thousand Pa."""
     results = made(tmp_path)
@@ -166,12 +154,6 @@ def test_iterations_of_all_load_steps_follow_each_other(tmp_path):
                 [(step, k, 10.0**-k, 10.0**-k, 0.0, 0, 0, 0, 0) for step in (1, 2) for k in (1, 2, 3)])
     axes = draw_convergence(read_results(tmp_path)).axes[0]
     assert axes.lines[0].get_xdata() == pytest.approx([1, 2, 3, np.nan, 4, 5, 6], nan_ok=True)
-
-
-def test_long_titles_are_broken_into_lines(tmp_path):
-    """A title that is wider than a picture has several lines."""
-    made_up.results(tmp_path, title="a long word " * 20)
-    assert max(map(len, read_results(tmp_path).heading().splitlines())) < 70
 
 
 def test_what_is_wrong_is_named(tmp_path):

@@ -189,13 +189,6 @@ def test_zero_load_keeps_zero_forces():
     assert qp.C.count["program"] == 0
 
 
-def test_conjugate_gradients_end_after_as_many_steps_as_eigenvalues():
-    Q, _ = np.linalg.qr(np.random.default_rng(3).normal(size=(30, 30)))
-    matrix = (Q * np.repeat([1.0, 0.5, 0.1], 10)) @ Q.T
-    qp = QP(Dense((matrix + matrix.T) / 2), np.ones(30), Box(np.full(30, -np.inf), np.full(30, np.inf)))
-    assert solve(qp, 1e-8).iterations == 3
-
-
 @pytest.mark.parametrize("kind", ["none", "lower", "contact", "zero width"])
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 def test_zero_tolerance_is_reached_to_rounding_or_not_at_all(kind):
