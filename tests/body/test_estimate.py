@@ -37,7 +37,7 @@ def wave_stress(points: np.ndarray, material: Material) -> np.ndarray:
     first, shear = material.lame
     c, s = np.cos(1.3 * x + 0.5 * y), np.sin(0.7 * x - 1.1 * y)
     exx, eyy, gxy = 1.3e-3 * c, 2.2e-3 * s, 0.5e-3 * c - 1.4e-3 * s
-    return np.stack([first * (exx + eyy) + 2 * shear * exx, first * (exx + eyy) + 2 * shear * eyy, shear * gxy])
+    return np.stack([first * (exx + eyy) + 2 * shear * exx, shear * gxy, first * (exx + eyy) + 2 * shear * eyy])
 
 
 def true_error(mesh: Mesh) -> tuple[float, float]:

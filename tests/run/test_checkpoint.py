@@ -19,6 +19,7 @@ import scenes
 from mpi4py import MPI
 from scenes import pinched_blocks
 
+import ddmpi
 import ddmpi.methods.newton
 import ddmpi.run.solve
 from ddmpi.body.compliance import Compliance

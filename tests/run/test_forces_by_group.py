@@ -20,6 +20,7 @@ SHAPES = {2: {"upper": {"origin": [-1.5, 0.0], "size": [3.0, 1.0], "divisions": 
               "lower": {"origin": [-2.0, 0.0, -1.0], "size": [4.0, 3.0, 1.0], "divisions": [5, 3, 2]}}}
 
 
+
 def scene(d: int, order: int = 1) -> dict:
     """A block on a wider one whose nodes do not match; at time 2 the history's factor is 0.5."""
     up = [0.0] * (d - 1)

@@ -27,7 +27,6 @@ pytestmark = pytest.mark.slow
 
 FILES = set(RESULTS)
 
-
 def solids_in_steps() -> dict:
     """Two boxes that are loaded in four steps and then in the other direction."""
     scene = two_boxes(2) | {"history": {"load": {"times": [0.0, 1.0, 2.0], "factors": [0.0, 1.0, 0.5]}},
