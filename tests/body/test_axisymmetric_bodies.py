@@ -13,7 +13,7 @@ from skfem.helpers import ddot, sym_grad, trace
 from ddmpi.body.elasticity import assemble
 from ddmpi.body.estimate import estimate_error
 from ddmpi.body.loads import supports
-from ddmpi.body.stiffness import forces_at, sum_stiffness
+from ddmpi.body.stiffness import sum_stiffness
 from ddmpi.body.stress import stress, von_mises
 from ddmpi.errors import InputError
 from ddmpi.mesh.build import build_mesh
@@ -146,13 +146,6 @@ def test_nothing_acts_on_the_axis():
         with pytest.raises(InputError, match=r"body.ring.mesh: 'left' has sides on the axis, where they have no area"):
             build_mesh(spec, Path("."), contacts, dimension=2, axisymmetric=True)
     turned(ring(inner=0.0, clamp=["left"]))
-
-
-def test_no_nodes_have_no_forces():
-    """The forces at none of the nodes of a body: those of clamps where there are none."""
-    mesh = turned(ring())
-    assert forces_at(mesh, STEEL, mesh.points, np.empty(0, int)).shape == (0, 2)
-    assert forces_at(replace(mesh, axisymmetric=False), STEEL, mesh.points, np.empty(0, int)).shape == (0, 2)
 
 
 @both_orders

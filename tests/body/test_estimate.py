@@ -73,22 +73,14 @@ def test_rounding_does_not_choose(order):
     assert np.array(squares) == pytest.approx(np.tile(squares[0], (6, 1)), rel=1e-6, abs=1e-9 * squares[0].max())
 
 
-@pytest.mark.parametrize("material", [Material(young=1.0, poisson=0.0), Material(young=1.0, poisson=0.4999),
-                                      Material(young=1.0, poisson=0.3, plane="stress")], ids=str)
-def test_energy_is_twice_the_strain_energy(material):
-    """Of a pull along x by 0.001 and nothing else: σ_xx = (λ + 2μ) 0.001."""
-    mesh = rectangle(3, 1)
-    estimate = estimate_error(mesh, material, np.column_stack([1e-3 * mesh.points[:, 0], np.zeros(len(mesh.points))]))
-    first, shear = material.lame
-    assert estimate.energy == pytest.approx(3.0 * (first + 2 * shear) * 1e-6, rel=1e-10)
-
-
 @ORDERS
-def test_energy_is_that_of_the_stiffness(order):
+@pytest.mark.parametrize("material", [STEEL, Material(young=1.0, poisson=0.0), Material(young=1.0, poisson=0.4999),
+                                      Material(young=1.0, poisson=0.3, plane="stress")], ids=str)
+def test_energy_is_that_of_the_stiffness(order, material):
     mesh = rectangle(5, order, distorted=True)
     u = wave(mesh.points)
-    expected = float((u * sum_stiffness(mesh, STEEL).mult(u)).sum())
-    assert estimate_error(mesh, STEEL, u).energy == pytest.approx(expected, rel=1e-11)
+    expected = float((u * sum_stiffness(mesh, material).mult(u)).sum())
+    assert estimate_error(mesh, material, u).energy == pytest.approx(expected, rel=1e-10)
 
 
 @pytest.mark.parametrize("order, plane, known", [(1, "strain", False), (2, "strain", True), (1, "stress", True)])

@@ -7,7 +7,7 @@ from by_skfem import load_of, solve
 from skfem import LinearForm
 
 from ddmpi.body.elasticity import assemble
-from ddmpi.body.loads import lost_loads, nodal_loads, springs
+from ddmpi.body.loads import nodal_loads, springs
 from ddmpi.body.stiffness import sum_stiffness
 from ddmpi.errors import InputError
 from ddmpi.mesh.build import build_mesh
@@ -141,19 +141,6 @@ def test_formulas_on_curved_triangles_and_sides():
     assert f.sum(axis=0) == pytest.approx([np.pi / 2 * (2**6 - 1) / 6, np.pi / 4 * 3], rel=1e-5)  # sides are parabolas
 
 
-def test_pressure_that_clamps_take_up_is_warned_of():
-    """A pressure acts along the normal only: clamps of the other direction do not lose it, those of its own do."""
-    mesh, load = dam(1), {"traction": [Traction(on="top", pressure=1e6)]}
-
-    def warnings(clamp: Clamp) -> list[str]:
-        spec = body(clamp=[clamp], **load)
-        return lost_loads(mesh, spec, assemble(mesh, spec).supports.free)
-
-    assert warnings(Clamp(on="top", x=0.0)) == []
-    (warning,) = warnings(Clamp(on="top", y=0.0))
-    assert warning.startswith("body.block: the load on 'top' along y is lost")
-
-
 # Formulas
 
 
@@ -171,16 +158,6 @@ def mesh_load(mesh: Mesh, force) -> np.ndarray:
         return sum(part * v[k] for k, part in enumerate(force(*w.x)))
 
     return load_of(mesh, LinearForm(form), 8).reshape(-1, 2)
-
-
-@both_orders
-def test_formula_of_a_traction_is_integrated(order):
-    """The resultant of a wave of stress along a side is that of calculus, and only nodes of the side are loaded."""
-    mesh = dam(order, (6, 2))
-    f = nodal_loads(mesh, body(traction=[Traction(on="bottom", value=("1e6 * sin(pi * x / 30)", 0.0))]))
-    assert f.sum(axis=0) == pytest.approx([2e6 / np.pi * 30, 0.0], rel=1e-10)
-    nodes = np.unique(mesh.groups["bottom"])
-    assert not np.delete(f, nodes, axis=0).any() and f[nodes, 0].min() > 0.0
 
 
 def test_prescribed_displacement_by_a_formula():

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from by_skfem import load_of, stiffness_of
+from by_skfem import load_of, stiffness_of, to_scipy
 from petsc4py import PETSc
 from scipy.sparse import csr_matrix, identity, kron
 from skfem import LinearForm
@@ -14,12 +14,11 @@ from ddmpi.body.elasticity import assemble
 from ddmpi.body.estimate import estimate_error
 from ddmpi.body.loads import nodal_loads
 from ddmpi.body.rigid_motions import add_springs, body_motions, support
-from ddmpi.body.solver import StiffnessSolver, best_cholesky
+from ddmpi.body.solver import StiffnessSolver
 from ddmpi.body.stiffness import Stiffness, sum_stiffness
 from ddmpi.body.stress import components, energy_density, stress, stress_at, von_mises
 from ddmpi.mesh.elements import RULES
 from ddmpi.mesh.mesh import Mesh, refuse_folded
-from ddmpi.petsc.dissection import elimination_order
 from ddmpi.scene.bodies import Material, Traction
 
 both_orders = pytest.mark.parametrize("order", [1, 2])
@@ -86,20 +85,6 @@ def test_pressure_all_around_a_curved_body_is_its_buoyancy():
 
 
 # Rigid motions
-
-
-def test_rigid_motions():
-    """Six of them make no forces, and nothing else does; they are what clamps leave."""
-    for mesh in (box((2, 2, 2), order=1, jitter=0.2), wavy()):
-        K = sum_stiffness(mesh, STEEL)
-        full = matrix(mesh, K).toarray()
-        assert np.array_equal(full, full.T)
-        values = np.linalg.eigvalsh(full)
-        assert np.count_nonzero(values < 1e-10 * values[-1]) == 6 and values[0] > -1e-13 * values[-1]
-        motions = body_motions(mesh, K, np.tile(np.eye(3), (len(mesh.points), 1, 1)), "block")
-        assert motions.shape == (*mesh.points.shape, 6)
-        assert max(np.abs(K.mult(motion)).max() for motion in np.moveaxis(motions, 2, 0)) <= 1e-12 * values[-1]
-        assert np.abs(motions[:, :, :3] - np.eye(3)).max() <= 1e-14
 
 
 @pytest.mark.parametrize("clamp, number", [
@@ -290,11 +275,6 @@ def contact(order: int, held: bool) -> tuple[PETSc.Mat, csr_matrix, np.ndarray]:
     return A, kron(B, identity(3), "csr"), mesh.points[problem.nodes]
 
 
-def dense(A: PETSc.Mat) -> np.ndarray:
-    indptr, columns, values = A.getValuesCSR()
-    return csr_matrix((values, columns, indptr), A.size).toarray()
-
-
 @both_orders
 @pytest.mark.parametrize("held", [True, False], ids=["held", "loose"])
 @pytest.mark.parametrize("route", ["own order", "MUMPS's order", "through PETSc"])
@@ -305,37 +285,10 @@ def test_compliance_is_the_dense_one(order, held, route, petsc_options, monkeypa
         petsc_options(body_mat_mumps_icntl_10=0)
     A, B, points = contact(order, held)
     found = Compliance(A, B, "block", "explicit", points=points)
-    expected = B @ np.linalg.solve(dense(A), B.T.toarray())
+    expected = B @ np.linalg.solve(to_scipy(A).toarray(), B.T.toarray())
     assert np.abs(found.dense() - expected).max() <= 1e-11 * np.abs(expected).max()
     f, u = A.createVecs()
     f.array[:] = np.random.default_rng(2).standard_normal(f.size)
     found.solve(f, u, "load")
-    expected = np.linalg.solve(dense(A), f.array_r)
+    expected = np.linalg.solve(to_scipy(A).toarray(), f.array_r)
     assert np.abs(u.array_r - expected).max() <= 1e-11 * np.abs(expected).max()
-
-
-@pytest.mark.slow
-@pytest.mark.mpi(ranks=2)
-@pytest.mark.parametrize("options", [{}, {"body_mat_mumps_icntl_10": 0}], ids=["directly", "through PETSc"])
-def test_compliance_on_two_ranks(comm, options, petsc_options, monkeypatch):
-    """Of a body whose rows are on both."""
-    monkeypatch.setattr("ddmpi.petsc.dissection.FEWEST", 0)
-    petsc_options(**options)
-    whole, B, points = contact(2, held=True)
-    order, n = elimination_order(whole, points), whole.size[0]
-    first, last = ((rank * len(points) // 2) * 3 for rank in (comm.rank, comm.rank + 1))
-    indptr, columns, values = whole.getValuesCSR()
-    own = slice(indptr[first], indptr[last])
-    A = PETSc.Mat().createAIJ(((last - first, n),) * 2, bsize=3, comm=PETSc.COMM_WORLD,
-                              csr=(indptr[first:last + 1] - indptr[first], columns[own], values[own]))
-    A.setOption(PETSc.Mat.Option.SPD, True)
-    solver = StiffnessSolver(A, "block", B if comm.rank == 0 else B[:0], order if comm.rank == 0 else None)
-    inverse = np.linalg.inv(dense(whole))
-    if comm.rank == 0 and best_cholesky(whole) == "mumps":
-        expected = np.triu(B @ inverse @ B.T)
-        assert np.abs(np.triu(solver.condensed) - expected).max() <= 1e-11 * np.abs(expected).max()
-    f, u = A.createVecs()
-    f.set(1.0)
-    solver.solve(f, u)
-    expected = inverse.sum(axis=1)
-    assert np.abs(u.array_r - expected[first:last]).max() <= 1e-11 * np.abs(expected).max()

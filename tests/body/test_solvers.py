@@ -4,6 +4,7 @@
 import numpy as np
 import pytest
 import scipy.sparse as sparse
+from by_skfem import to_scipy
 from petsc4py import PETSc
 from scenes import mumps_is_known
 from scipy.sparse.linalg import spsolve
@@ -26,11 +27,6 @@ def block(divisions=(12, 6), young=2e11, clamp=("left",), size=(2.0, 1.0)) -> El
     return assemble(mesh, BodySpec(name="upper", mesh=MeshSpec(file="unused.msh"), clamp=list(clamp),
                                    material=Material(young=young, poisson=0.3),
                                    traction=[Traction(on="top", value=(1e6, -2e6))]))
-
-
-def to_scipy(A: PETSc.Mat) -> sparse.csc_matrix:
-    indptr, indices, data = A.getValuesCSR()
-    return sparse.csr_matrix((data, indices, indptr), shape=A.size).tocsc()
 
 
 def from_dense(matrix) -> PETSc.Mat:
@@ -70,27 +66,17 @@ def test_ordering_of_mumps(petsc_options):
     assert PETSc.Options().getInt("body_mat_mumps_icntl_7") == 0
 
 
-def test_default_is_a_direct_cholesky_factorization():
+@pytest.mark.parametrize("package", [None, "mumps", "cholmod", "petsc"])
+def test_default_is_a_direct_cholesky_factorization_by_the_best_package_or_that_asked_for(package, petsc_options):
     problem = block()
-    solver = StiffnessSolver(problem.A, "upper")
-    assert solver.direct
-    assert solver.description == f"preonly + cholesky ({best_cholesky(problem.A)})"
-    u = problem.b.duplicate()
-    expected = spsolve(to_scipy(problem.A), problem.b.array_r)
+    if package:
+        petsc_options(body_pc_factor_mat_solver_type=package)
+    solver, u = StiffnessSolver(problem.A, "upper"), problem.b.duplicate()
+    assert solver.direct and solver.description == f"preonly + cholesky ({package or best_cholesky(problem.A)})"
+    expected = spsolve(to_scipy(problem.A).tocsc(), problem.b.array_r)
     for factor in (1.0, -2.0):  # the second solve uses the same factorization
-        f = problem.b.copy()
-        f.scale(factor)
-        solver.solve(f, u)
-        assert np.linalg.norm(u.array_r - factor * expected) <= 1e-12 * np.linalg.norm(expected)
-
-
-@pytest.mark.parametrize("package", ["mumps", "cholmod", "petsc"])
-def test_factorization_can_be_chosen(package, petsc_options):
-    petsc_options(body_pc_factor_mat_solver_type=package)
-    problem = block()
-    assert package in StiffnessSolver(problem.A, "upper").description
-    expected = spsolve(to_scipy(problem.A), problem.b.array_r)
-    assert np.linalg.norm(solve(problem.A, problem.b) - expected) <= 1e-11 * np.linalg.norm(expected)
+        solver.solve(factor * problem.b, u)
+        assert np.linalg.norm(u.array_r - factor * expected) <= 1e-11 * np.linalg.norm(expected)
 
 
 # Iterative
@@ -161,7 +147,7 @@ def test_what_rounding_leaves_of_a_residual_is_no_failure():
     """A cantilever of 3 m × 25 mm: relative to the load, no solver gets the residual below 1e-8."""
     problem = block((240, 2), size=(3.0, 0.025))
     A, b = to_scipy(problem.A), problem.b
-    direct = spsolve(A, b.array_r)
+    direct = spsolve(A.tocsc(), b.array_r)
     assert np.linalg.norm(b.array_r - A @ direct) > 2e-10 * b.norm()
     u = b.duplicate()
     StiffnessSolver(problem.A, "upper", iterative=True).solve(b, u)
@@ -197,12 +183,6 @@ def test_singular_matrix_is_an_error(case, package, petsc_options):
     matrix = SINGULAR[case]
     with pytest.raises(SolverError, match="body 'upper'"):
         solve(from_dense(matrix), vector(1.0 + np.arange(len(matrix))))
-
-
-def test_singular_matrix_with_an_iterative_solver_is_an_error(petsc_options):
-    petsc_options(body_ksp_type="cg", body_pc_type="jacobi", body_ksp_max_it=100)
-    with pytest.raises(SolverError, match="body 'upper'"):
-        solve(from_dense(SINGULAR["floating chain"]), vector([1.0, 2.0, 3.0, 4.0]))
 
 
 @pytest.mark.parametrize("options", [{}, ITERATIVE["cg + jacobi"]], ids=["direct", "iterative"])
@@ -287,7 +267,7 @@ def test_compliance_counts_by_purpose(name, petsc_options):
     u = problem.b.duplicate()
     operator.solve(problem.b, u, "load")
     assert operator.count - before == {"step1": 2, "neumann": 1, "load": 1}
-    expected = B @ spsolve(to_scipy(problem.A), problem.b.array_r)
+    expected = B @ spsolve(to_scipy(problem.A).tocsc(), problem.b.array_r)
     assert np.linalg.norm(B @ u.array_r - expected) <= precision * np.linalg.norm(expected)
 
 
@@ -326,9 +306,9 @@ def test_one_factorization_gives_the_compliance_and_solves(route, petsc_options,
     if solver._factors:
         assert (solver._factors._data.infog[6] == 1) == (route == "own order")  # ICNTL(7) as it was used
         for f in (problem.b.array_r, B[3].toarray()[0]):  # many entries and one
-            found, moved = solver._factors.response(f), B @ spsolve(to_scipy(problem.A), f)
+            found, moved = solver._factors.response(f), B @ spsolve(to_scipy(problem.A).tocsc(), f)
             assert np.abs(found - moved).max() <= 1e-12 * np.abs(moved).max()
-    u, expected = problem.b.duplicate(), spsolve(to_scipy(problem.A), problem.b.array_r)
+    u, expected = problem.b.duplicate(), spsolve(to_scipy(problem.A).tocsc(), problem.b.array_r)
     for factor in (1.0, -2.0):
         f = problem.b.copy()
         f.scale(factor)

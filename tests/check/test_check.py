@@ -11,7 +11,6 @@ from scenes import ROOT, pinched_blocks, rectangle, run_here, run_python, to_tom
 from solid_scenes import HELD, box, two_boxes
 
 from ddmpi.check.check import check
-from ddmpi.check.drawing import Plan
 from ddmpi.check.nearby import NEAR, Missing
 from ddmpi.coupling.assembly import prepare
 from ddmpi.errors import InputError, InterruptionError, NotConvergedError
@@ -190,18 +189,6 @@ def test_pictures(scene, looked_at, tmp_path):
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"bodies.png", "contacts.png"} | solid
     with pytest.raises(InputError, match="name a new folder"):
         looked_at(scene, "out")
-
-
-@pytest.mark.slow
-def test_colours_of_gaps_end_with_them(looked_at, monkeypatch):
-    """Where all bodies overlap or touch, colours go from the largest overlap to none."""
-    pytest.importorskip("matplotlib")
-    found = []
-    monkeypatch.setattr(Plan, "colours", lambda plan, image, label: found.append((image.norm.vmin, image.norm.vmax)))
-    scene = boxes_on_floor()
-    scene["contact"][0]["gap"] = -0.01
-    looked_at(scene, "out")
-    assert found == [(pytest.approx(-10.0), pytest.approx(0.0, abs=1e-9))]
 
 
 def test_a_check_that_is_interrupted_has_nothing_to_save(monkeypatch):

@@ -7,14 +7,13 @@ import numpy as np
 import pytest
 from boundaries import held_beside, holding, joined, pair, ring
 
-from ddmpi.body.elasticity import assemble
 from ddmpi.errors import InputError
 from ddmpi.interface.interface import Interface
-from ddmpi.interface.trace import displacement_trace, trace
+from ddmpi.interface.trace import displacement_trace
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import raise_order
 from ddmpi.mesh.shapes import generate_rectangle
-from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec
+from ddmpi.scene.bodies import MeshSpec
 from ddmpi.scene.contacts import Coulomb, NoFriction
 from ddmpi.surface.boundary import contact_side
 from ddmpi.surface.side import Side
@@ -79,19 +78,6 @@ def test_side_of_a_rectangle(group, normal, component):
     assert boundary.area[[0, -1]] == pytest.approx([step / 2, step / 2], rel=1e-14)
     assert boundary.area.sum() == pytest.approx(total, rel=1e-14)
     assert np.array_equal(boundary.free, np.tile(np.eye(2), (count, 1, 1)))
-
-
-def test_side_does_not_depend_on_order_and_direction_of_its_edges():
-    mesh = rectangle((6, 4))
-    edges = mesh.groups["top"]
-    rng = np.random.default_rng(1)
-    shuffled = rng.permutation(edges)
-    flip = rng.random(len(edges)) < 0.5
-    shuffled[flip] = shuffled[flip][:, ::-1]
-    plain, mixed = side(mesh, "top"), side_of(mesh, shuffled)
-    assert np.array_equal(plain.nodes, mixed.nodes)
-    assert np.array_equal(plain.normal, mixed.normal)
-    assert np.array_equal(plain.area, mixed.area)
 
 
 def test_side_around_a_corner_averages_normals_by_length():
@@ -265,36 +251,6 @@ def test_roller_at_an_oblique_contact_keeps_the_nearest_unknown(angle, kept):
 
 # Traces
 
-CLAMPS = {"full": ["left"], "rollers": [Clamp(on="left", x=1e-3), Clamp(on="right", y=2e-3)],
-          "both": [Clamp(on="left", x=0.5, y=-0.25), Clamp(on="right", x=0.125)]}
-
-
-@pytest.mark.parametrize("friction", [COULOMB, NoFriction()], ids=["friction", "none"])
-@pytest.mark.parametrize("which", [0, 1])
-@pytest.mark.parametrize("clamps", CLAMPS.values(), ids=CLAMPS)
-def test_trace_matrix_against_trace_of_a_displacement(clamps, which, friction):
-    upper, lower = blocks()
-    mesh, group = (upper, "bottom") if which == 0 else (lower, "top")
-    other, other_group = (lower, "top") if which == 0 else (upper, "bottom")
-    body = assemble(mesh, BodySpec(name="block", mesh=MeshSpec(file="unused.msh"), clamp=clamps,
-                                   material=Material(young=1.0, poisson=0.3)))
-    sides = [side(mesh, group, body.free), side(other, other_group)]
-    contact = pair(*(sides if which == 0 else sides[::-1]), friction, NAME)
-    B = trace(contact, which, body)
-    assert B.shape == (contact.size, 2 * len(body.nodes))
-
-    rng = np.random.default_rng(which)
-    u = body.A.createVecRight()
-    u.array[:] = rng.normal(size=u.size) * body.free[body.nodes].ravel()
-    expected = displacement_trace(contact, which, body.expand(u))
-    constant = displacement_trace(contact, which, body.acting.prescribed)
-    assert np.abs(B @ u.array_r + constant - expected).max() <= 1e-15 * np.abs(expected).max() * 4
-
-    u.array[:] = rng.normal(size=u.size)  # what is in the place of clamped components is not seen
-    expected = displacement_trace(contact, which, body.expand(u))
-    assert np.abs(B @ u.array_r + constant - expected).max() <= 1e-15 * np.abs(expected).max() * 4
-
-
 def test_displacement_trace_has_the_signs_of_the_slides():
     """Opposite normals and tangents: closing and sliding displacements of the two bodies add up."""
     upper, lower = blocks()
@@ -325,20 +281,6 @@ def test_closed_loop_is_walked_once_around():
     chords = np.linalg.norm(np.diff(boundary.xy, axis=0, append=boundary.xy[:1]), axis=1)
     assert boundary.area.sum() == pytest.approx(chords.sum(), rel=1e-13)
     assert np.all(np.einsum("ij,ij->i", boundary.normal, boundary.xy) < 0)  # out of the ring, into the hole
-
-
-@pytest.mark.parametrize("start", [0.0, 0.13])
-def test_quadratic_edges_of_a_closed_contact_go_around(start):
-    """A ring of 24 quadratic edges has 24 edges at the contact, whether its chain starts at a corner or a middle."""
-    angles = start + 2 * np.pi * np.arange(24) / 24
-    meshes = [raise_order(mesh, "mesh") for mesh in (ring(1.0, 2.0, angles), ring(2.0, 3.0, angles))]
-    for mesh in meshes if start else ():  # turned so that the smallest x is a middle's
-        mesh.points[:] = mesh.points @ [[np.cos(0.13), np.sin(0.13)], [-np.sin(0.13), np.cos(0.13)]]
-    contact = pair(side(meshes[0], "outer"), side(meshes[1], "inner"), COULOMB, NAME)
-    assert contact.facets.shape == (24, 3)
-    assert np.unique(contact.facets[:, :2], return_counts=True)[1].tolist() == [2] * 24
-    ends = contact.xy[contact.facets[:, :2]]
-    assert ends.mean(axis=1) == pytest.approx(contact.xy[contact.facets[:, 2]], rel=1e-12)
 
 
 def test_quadratic_edges_with_a_node_without_unknowns_are_left_out():

@@ -106,19 +106,6 @@ def test_rows_reproduce_linear_motions(order, slave):
 
 
 @orders
-def test_matching_flat_sides_give_the_pairs(order):
-    """What today's pairing gives, to rounding."""
-    sides = blocks(6, 6, order)
-    ours, theirs = met(sides, slave="upper"), pair(*sides, COULOMB, "seam")
-    assert ours.area == pytest.approx(theirs.area, rel=1e-13)
-    assert ours.frame == pytest.approx(theirs.frame, abs=1e-15)
-    assert np.array_equal(ours.facets, theirs.facets) and np.array_equal(joined(ours), joined(theirs))
-    for own, other, nodes, paired in zip(ours.transfer, theirs.transfer, ours.nodes, theirs.nodes, strict=True):
-        order_of = np.argsort(paired)
-        assert own.toarray()[:, np.argsort(nodes)] == pytest.approx(other.toarray()[:, order_of], abs=1e-13)
-
-
-@orders
 def test_matching_sides_stay_paired(order):
     """Bit for bit; `pairing` chooses otherwise."""
     sides = blocks(6, 6, order)
@@ -242,26 +229,6 @@ def test_a_closed_shaft_in_a_closed_hub(order):
         assert np.einsum("mi,mi->m", contact.normal, contact.xy) == pytest.approx(np.hypot(*contact.xy.T), rel=2e-2)
         assert joined(contact).all() and contact.laplacian[0, contact.m - 1] < 0.0
         assert contact.lines.facets.tolist() == [[k, (k + 1) % contact.m] for k in range(contact.m)]
-
-
-@orders
-@pytest.mark.parametrize("divisions", [(20, 20), (20, 27)])
-def test_a_clamp_beside_the_beginning_of_a_closed_chain(divisions, order):
-    """The nodes on both sides of one that clamps hold have a held neighbour, wherever the chain begins."""
-    def near(x, y):
-        return np.hypot(x + 1.0, y) < 0.05
-
-    meshes = [ring(*radii, 2 * np.pi * np.arange(n) / n, order)
-              for n, radii in zip(divisions, ((0.5, 1.0), (1.0, 1.5)), strict=True)]
-    sides = [side(mesh, group, body=name, where=near if n == 20 else lambda x, y: x < 0.0, x=True, y=True)
-             for mesh, group, name, n in zip(meshes, ("outer", "inner"), ("shaft", "hub"), divisions, strict=True)]
-    contact = join(*sides, NoFriction(), "seam")
-    assert contact.dropped == 1 and contact.laplacian[0, contact.m - 1] == 0.0
-    beside = np.flatnonzero(held_beside(contact) > 1e-9)
-    assert len(beside) == 2
-    assert contact.xy[beside[0]] == pytest.approx(contact.xy[beside[1]] * [1.0, -1.0])
-    distance = 2 * np.sin(np.pi / 20) / order
-    assert held_beside(contact)[beside] == pytest.approx(1.0 / distance, rel=2e-2)
 
 
 def test_sides_that_turn_their_backs_on_each_other_are_refused():

@@ -109,15 +109,6 @@ def test_a_corner_seen_from_behind_is_no_contact(groups):
     refused(side(brick(0.0, 1.0), groups[0]), side(brick(1.0), groups[1]))
 
 
-def test_whole_boundaries_meet_where_they_face_each_other():
-    """All four sides of two bricks: only the two that touch pair off."""
-    groups = "bottom", "right", "top", "left"
-    contact = met(side(brick(1.0, 1.0), *groups), side(brick(0.0), *groups))
-    assert sorted(contact.xy.tolist()) == [[1.0, 1.0], [1.5, 1.0], [2.0, 1.0]]
-    assert contact.area.sum() == pytest.approx(1.0)
-    assert contact.normal == pytest.approx(np.tile([0.0, -1.0], (3, 1)))
-
-
 def test_a_hole_in_one_side_is_not_bridged():
     """Two pieces of a boundary, one element apart: the other side's edge between them is no common one."""
     mesh = brick(0.0)

@@ -72,17 +72,6 @@ def test_what_does_not_face_the_surface_carries_no_row():
     assert contact.dropped == 0
 
 
-def test_a_wheel_on_a_floor_touches_with_its_lower_part():
-    angles = circle_of(48, False)
-    boundary = side(ring(0.5, 1.0, angles), "outer")
-    contact = touch(boundary, Plane(name="floor", point=(0.0, -1.0), normal=(0.0, 1.0)), COULOMB, "seam")
-    assert 12 < contact.m < 20
-    assert (contact.xy[:, 1] < -0.45).all()
-    assert contact.gap == pytest.approx(1.0 + contact.xy[:, 1])
-    chords = np.linalg.norm(np.diff(contact.xy, axis=0), axis=1)[joined(contact)]
-    assert contact.area.sum() == pytest.approx(chords.sum())
-
-
 def test_a_body_behind_the_surface_is_refused():
     """Deeper than its own depth a body cannot be meant to lie in a rigid partner; a large overlap is worth a word."""
     for origin, fits in ((-1.0, False), (-1.5, False), (-0.5, True), (0.0, True)):

@@ -193,12 +193,6 @@ def test_unused_points_are_dropped(tmp_path):
     assert np.array_equal(np.vstack([mesh.groups[name] for name in NAMES]), SIDES)
 
 
-@pytest.mark.parametrize("scale", [1e-9, 1e6])
-def test_file_of_any_size_is_read(tmp_path, scale):
-    mesh = read_mesh(write_square(tmp_path / "square.msh", points=scale * (SQUARE + 3.0)), "upper")
-    assert area(mesh) == pytest.approx(scale**2, rel=1e-12, abs=0.0)
-
-
 # Order 2
 
 

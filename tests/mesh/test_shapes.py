@@ -106,17 +106,6 @@ def test_annulus_has_area_and_lengths_of_its_polygons(angles, order):
     check_boundary(mesh)
 
 
-@pytest.mark.parametrize("divisions", [(3, 1), (4, 1), (5, 3), (24, 2)])
-def test_whole_ring_is_closed(divisions):
-    """A whole ring has every node once, and as many cells as were asked for."""
-    around, across = divisions
-    mesh = annulus(divisions, (17.0, 377.0))
-    assert len(mesh.points) == around * (across + 1) == len(np.unique(mesh.points.round(9), axis=0))
-    assert np.array_equal(np.unique(mesh.triangles), np.arange(len(mesh.points)))
-    assert len(mesh.triangles) == 2 * around * across
-    check_boundary(mesh)
-
-
 def test_ring_is_closed_in_spite_of_rounding():
     """Angles that are 360 degrees apart but for rounding close the ring."""
     for end in np.nextafter(360.0, 0.0), np.nextafter(360.0, 720.0):

@@ -13,7 +13,7 @@ from ddmpi.mesh.build import build_mesh, kind_of_files
 from ddmpi.mesh.elements import facet_measures
 from ddmpi.mesh.mesh import Mesh, signed_measures
 from ddmpi.mesh.read import gmsh_session
-from ddmpi.mesh.refine import Sizes, graded
+from ddmpi.mesh.refine import Sizes
 from ddmpi.scene.bodies import BodySpec, Material, MeshSpec, Traction
 from ddmpi.scene.reader import read_scene
 
@@ -106,19 +106,6 @@ def test_a_curved_face_has_enough_elements(tmp_path):
     assert mesh.measures().sum() == pytest.approx(4 / 3 * np.pi, rel=0.05)
     normals = np.linalg.norm(mesh.points[mesh.groups["1"]].mean(axis=1), axis=1)
     assert normals.min() > np.cos(np.radians(20)) and len(mesh.groups["1"]) > 200
-
-
-@pytest.mark.slow
-def test_given_sizes_are_followed(tmp_path):
-    """Sizes by an accuracy target replace all others; they are linear on the tetrahedra of the mesh before."""
-    for text in (BLOCK + GROUPS, EXTRUDED % ""):
-        path = write(tmp_path / "block.geo", text)
-        start = drawn(path)
-        at = start.points[start.corners].mean(axis=1)
-        sizes = graded(start, np.where(at[:, 0] < 1.0, 0.08, 0.4))
-        mesh = drawn(path, sizes=sizes)
-        x = mesh.points[mesh.corners].mean(axis=1)[:, 0]
-        assert np.median(longest(mesh)[x < 0.6]) < 0.15 and np.median(longest(mesh)[x > 1.7]) > 0.2
 
 
 @pytest.mark.parametrize("layers", ["", "Layers{3};", "Layers{3}; Recombine;"])

@@ -72,16 +72,6 @@ def test_all_cells_of_a_box_are_cut_alike():
     assert all({(0.0, 0.0, 0.0), (1.0, 1.0, 1.0)} <= cell for cell in cells(unit, 0.0))
 
 
-@pytest.mark.parametrize("order", [1, 2])
-@pytest.mark.parametrize("axis, low, high", [(0, "left", "right"), (1, "front", "back"), (2, "bottom", "top")])
-def test_touching_boxes_match(axis, low, high, order):
-    """Boxes of equal divisions that touch have the same facets where they do, to the last bit."""
-    move = 0.7 * np.eye(3)[axis]
-    one = box(order=order, size=(0.7, 0.7, 0.7))
-    two = box(order=order, size=(0.7, 0.7, 0.7), origin=tuple(map(float, move)))
-    assert facets(one, high) == facets(two, low)
-
-
 def test_hexahedron_is_the_trilinear_map_of_a_grid():
     """Nodes lie at equal parameters; those at corners are the corners exactly."""
     mesh, grid = hexahedron(), box(size=(1.0, 1.0, 1.0))

@@ -62,15 +62,6 @@ def test_there_is_a_picture_of_everything(tmp_path, how, contacts):
         assert len({colour.tobytes() for colour in pixels[::3, ::3].reshape(-1, pixels.shape[2])}) > 20, path.name
 
 
-@pytest.mark.slow
-def test_pictures_come_from_files_alone(tmp_path):
-    """Drawn twice from the same files, pictures are the same pixel for pixel."""
-    made_up.results(tmp_path, error=True)
-    first = {path: image.imread(path) for path in draw_all(tmp_path)}
-    assert all(np.array_equal(image.imread(path), pixels) for path, pixels in first.items())
-    assert draw_all(tmp_path) == list(first)
-
-
 @pytest.mark.parametrize("order", [1, 2])
 def test_pieces_of_a_contact_are_not_joined(tmp_path, order):
     """Where nodes are missing, the curve has a break, and no zone is shaded."""
