@@ -16,13 +16,13 @@ STEEL = Material(young=2e11, poisson=0.3)
 ORDERS = pytest.mark.parametrize("order", [1, 2])
 
 
-def rectangle(N: int, order: int, distorted: bool = False, scale: float = 1.0) -> Mesh:
+def rectangle(N: int, order: int, distorted: bool = False) -> Mesh:
     mesh = generate_rectangle(MeshSpec(shape="rectangle", size=(3.0, 1.0), divisions=(3 * N, N)))
     points = mesh.points.copy()
     if distorted:
         inner = (points > 1e-9).all(axis=1) & (points < np.array([3.0, 1.0]) - 1e-9).all(axis=1)
         points[inner] += np.random.default_rng(1).uniform(-0.2 / N, 0.2 / N, (inner.sum(), 2))
-    mesh = Mesh(scale * points, mesh.triangles, mesh.groups)
+    mesh = Mesh(points, mesh.triangles, mesh.groups)
     return mesh if order == 1 else raise_order(mesh, "mesh")
 
 

@@ -22,7 +22,6 @@ from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import raise_order
 from ddmpi.mesh.shapes import generate_rectangle
 from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec, PartMaterial, Traction
-from ddmpi.scene.values import AffineScalar
 
 CORE, RIM = {"young": 2.1e11, "poisson": 0.3}, {"young": 1.0e9, "poisson": 0.45}
 both_orders = pytest.mark.parametrize("order", [1, 2])
@@ -153,19 +152,3 @@ def test_rest_takes_what_the_others_leave():
     assert isinstance(material, Composite)
     poisson = np.array([each.poisson for each in material.materials])[material.number]
     assert (poisson[mesh.surfaces["rim"]] == 0.45).all() and (poisson[mesh.surfaces["core"]] == 0.3).all()
-
-
-def test_bending_of_a_bimetal():
-    """A laminate that is bent to a circle: quadratic elements have the exact field, the end carries κ Σ ∫ E y² dy.
-
-    Without cross contraction that field is u_x = κ x (y − 1/2), u_y = −κ x² / 2, whatever the moduli.
-    """
-    mesh, bend = layered(2, (4, 4)), 1e-3
-    spec = body({"on": "core", "young": 3e9, "poisson": 0.0}, {"young": 1e9, "poisson": 0.0},
-                clamp=[Clamp(on="left", x=0.0), Clamp(on="right", x=AffineScalar(constant=-bend, y_slope=2 * bend)),
-                       Clamp(on="bottom", y=f"-{bend} * x**2 / 2")])
-    u, (x, y) = solve(mesh, spec), mesh.points.T
-    assert np.abs(u - bend * np.column_stack([x * (y - 0.5), -x**2 / 2])).max() <= 1e-9 * bend
-    end = np.unique(mesh.groups["right"])
-    forces = sum_stiffness(mesh, material_of(mesh, spec)).mult(u)[end, 0]
-    assert forces @ (y[end] - 0.5) == pytest.approx(bend * (3e9 + 1e9) * 0.5**3 / 3, rel=1e-9)

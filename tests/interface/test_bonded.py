@@ -115,14 +115,6 @@ def test_a_roller_along_the_normal_does_not_break_the_bond():
     assert pair(*sides, Coulomb(coefficient=0.3), "seam").m == 6
 
 
-@pytest.mark.parametrize("gap", [1e-3, -1e-3, 5.0])
-def test_the_gap_of_a_bond_is_zero_unless_given(gap):
-    upper, lower = blocks(gap)
-    sides = side(upper, "bottom"), side(lower, "top")
-    assert not bonded(*sides).gap.any()
-    assert bonded(*sides, gap=2e-4).gap == pytest.approx(np.full(7, 2e-4))
-
-
 @pytest.mark.parametrize("kind", ["unilateral", "bonded"])
 def test_a_given_gap_takes_the_place_of_the_measured_one(kind):
     """A number or a profile with signs, at nodes without unknowns as well."""

@@ -22,14 +22,14 @@ slaves = pytest.mark.parametrize("slave", ["upper", "lower"])
 QUARTER = np.pi / 2
 
 
-def turned(mesh: Mesh, angle: float = 0.0, scale: float = 1.0, mirrored: bool = False) -> Mesh:
-    """The mesh mirrored at the y axis, turned and scaled."""
+def turned(mesh: Mesh, angle: float = 0.0, mirrored: bool = False) -> Mesh:
+    """The mesh mirrored at the y axis and turned."""
     c, s = np.cos(angle), np.sin(angle)
     points, triangles = mesh.points.copy(), mesh.triangles
     if mirrored:
         points[:, 0] *= -1.0
         triangles = triangles[:, [0, 2, 1] if triangles.shape[1] == 3 else [0, 2, 1, 5, 4, 3]]
-    return Mesh(scale * points @ np.array([[c, s], [-s, c]]), triangles, mesh.groups)
+    return Mesh(points @ np.array([[c, s], [-s, c]]), triangles, mesh.groups)
 
 
 def blocks(above: int, below: int, order: int = 1, x: float = 0.0, gap: float = 0.0, **how) -> tuple[Side, Side]:
@@ -39,10 +39,10 @@ def blocks(above: int, below: int, order: int = 1, x: float = 0.0, gap: float = 
     return side(turned(upper, **how), "bottom", body="upper"), side(turned(lower, **how), "top", body="lower")
 
 
-def arcs(one: int, two: int, order: int, gap: float = 0.0, radius: float = 1.0) -> tuple[Side, Side]:
+def arcs(one: int, two: int, order: int, gap: float = 0.0) -> tuple[Side, Side]:
     """A quarter of a shaft in a quarter of a hub."""
     shaft, hub = (ring(*radii, np.linspace(0.0, QUARTER, n + 1), order, closed=False) for radii, n in
-                  (((0.5 * radius, radius - gap / 2), one), ((radius + gap / 2, 2 * radius), two)))
+                  (((0.5, 1.0 - gap / 2), one), ((1.0 + gap / 2, 2.0), two)))
     return side(shaft, "outer", body="shaft"), side(hub, "inner", body="hub")
 
 

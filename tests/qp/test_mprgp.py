@@ -158,14 +158,6 @@ def test_warm_start_is_cheaper_and_start_outside_costs_one_product():
     check(qp, result, 1e6)
 
 
-def test_all_given():
-    qp = program(6, "box")
-    qp.constraints.lower[:] = qp.constraints.upper
-    result = solve(qp, 1e-14)
-    assert np.array_equal(result.s, qp.constraints.upper)
-    assert result.residual == 0.0
-
-
 def test_zero_load_keeps_zero_forces():
     qp = program(6, "lower")
     qp.d[:] = 0.0
