@@ -39,16 +39,17 @@ def test_types_give_the_same_run(comm, petsc_options):
     from ddmpi.run.solve import solve
     from ddmpi.scene.method import Method
 
-    for law, algorithm, splitting in (("coulomb", "original", "none"), ("tresca", "modified", "step1+2")):
+    for law, algorithm, splitting, types in (("coulomb", "original", "none", TYPES[::4]),
+                                             ("tresca", "modified", "step1+2", TYPES)):
         assembly = prepare_scene(comm, pinched_blocks(2, law))
         method = Method(outer="relaxation", algorithm=algorithm, splitting=splitting, theta=0.3, tolerance=1e-5)
         found = {}
-        for name in TYPES:
+        for name in types:
             petsc_options(qp_tao_type=name)
             answer = solve(assembly, method)
             assert answer.certified, (name, answer.reason)
             found[name] = len(answer.outer.history), answer.outer.forces
         k, forces = found["python"]
-        for name in TYPES:
+        for name in types:
             assert found[name][0] == pytest.approx(k, rel=0.2), name
             assert np.linalg.norm(found[name][1] - forces) <= 1e-4 * np.linalg.norm(forces), name
