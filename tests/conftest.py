@@ -63,11 +63,12 @@ class Bar:
         reporter = self.config.pluginmanager.get_plugin("terminalreporter")
         reporter.showfspath = reporter._show_progress_info = False
 
-    @pytest.hookimpl(wrapper=True)
-    def pytest_report_teststatus(self) -> Generator[None, tuple, tuple]:
+    @pytest.hookimpl(hookwrapper=True)
+    def pytest_report_teststatus(self) -> Generator:
         """The category alone, without a letter."""
-        category, _, word = yield
-        return category, "", word
+        outcome = yield
+        category, _, word = outcome.get_result()
+        outcome.force_result((category, "", word))
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         self.failed += report.failed
