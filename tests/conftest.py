@@ -5,8 +5,10 @@ import os
 import pickle
 import re
 import shlex
+import shutil
 import sys
-from collections.abc import Callable, Iterator
+from collections import Counter
+from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
 
 import pytest
@@ -35,6 +37,8 @@ def pytest_configure(config: pytest.Config) -> None:
     config.option.mpi_default_test_timeout = config.option.mpi_default_test_timeout or LIMIT
     if config.option.verbose < 0:
         config.option.verbose = Quiet(config.option.verbose)
+    if sys.stdout.isatty() and config.option.verbose == 0 and config.getoption("capture") != "no":
+        config.pluginmanager.register(Bar(config), "bar")
     config.addinivalue_line("markers", "hosts: runs on several hosts, which scripts/local_hosts.sh makes")
 
 
@@ -44,6 +48,54 @@ def pytest_sessionstart(session: pytest.Session) -> None:
         if run := getattr(plugin, "_mpi_runtestprotocol", None):
             plugin._mpi_runtestprotocol = Together(run)
             plugin._mpi_runtestprococol_inner = Kept(plugin._mpi_runtestprococol_inner)
+
+
+class Bar:
+    """On a terminal, one line that grows in place of letters for tests: what is done, what has failed, where it is."""
+
+    WIDTH = 30
+
+    def __init__(self, config: pytest.Config) -> None:
+        self.config, self.total, self.done, self.failed = config, 0, 0, 0
+
+    def pytest_collection_finish(self, session: pytest.Session) -> None:
+        self.total = len(session.items)
+        reporter = self.config.pluginmanager.get_plugin("terminalreporter")
+        reporter.showfspath = reporter._show_progress_info = False
+
+    @pytest.hookimpl(hookwrapper=True)
+    def pytest_report_teststatus(self) -> Generator:
+        """The category alone, without a letter."""
+        outcome = yield
+        category, _, word = outcome.get_result()
+        outcome.force_result((category, "", word))
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        self.failed += report.failed
+
+    def pytest_runtest_logfinish(self, nodeid: str) -> None:
+        """Once for each test, on however many ranks."""
+        self.done += 1
+        part = self.done / max(self.total, 1)
+        failed = f", {self.failed} failed" if self.failed else ""
+        bar = "#" * round(part * self.WIDTH)
+        line = f"[{bar:<{self.WIDTH}}] {part:4.0%} of {self.total}{failed}  {nodeid.partition('::')[0]}"
+        end = "\n" if self.done == self.total else ""
+        sys.__stdout__.write(f"\r\033[K{line[:shutil.get_terminal_size().columns - 1]}{end}")
+        sys.__stdout__.flush()
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """The five files that took longest, with setups, tests on several ranks by all of them."""
+    spent: Counter[str] = Counter()
+    for reports in terminalreporter.stats.values():
+        for report in reports:
+            if isinstance(report, pytest.TestReport):
+                spent[report.nodeid.partition("::")[0]] += report.duration
+    if spent and terminalreporter.verbosity >= 0:
+        terminalreporter.section("slowest files")
+        for file, seconds in spent.most_common(5):
+            terminalreporter.line(f"{seconds:7.1f} s  {file}")
 
 
 Runner = Callable[[pytest.Item], list[pytest.TestReport]]

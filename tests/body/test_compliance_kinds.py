@@ -1,5 +1,7 @@
 """The kinds of contact compliance in whole runs: one answer, one count; who chooses them, and how precise they are."""
 
+from collections.abc import Iterator
+
 import numpy as np
 import pytest
 import scenes
@@ -69,68 +71,37 @@ def test_iterative_solves_follow_the_precision_that_is_needed(comm, name, petsc_
     assert taken < 0.85 * fixed
 
 
-@pytest.mark.mpi(ranks=2)
-def test_explicit_without_mumps_takes_blocks_of_solves(comm, petsc_options):
-    exact = solved(comm, {"compliance": "explicit"})[2].forces
-    for package in ("petsc", "cholmod"):
-        petsc_options(body_pc_factor_mat_solver_type=package)
-        assembly, _, outer, _ = solved(comm, {"compliance": "explicit"})
-        assert assembly.member.C.count["explicit"] == assembly.member.C.size
-        assert np.linalg.norm(outer.forces - exact) <= 1e-8 * np.linalg.norm(exact)
-        assembly = solved(comm, {})[0]
-        assert assembly.member.C.kind == "direct"
-        assert package in assembly.member.C.reason
-
-
 # The choice
 
 
-def test_kind_is_chosen_from_sizes():
-    assert choose_kind(100_000, 500, np.inf)[0] == "explicit"
+def choices() -> Iterator[tuple[int, int, float, int, str, str]]:
+    """Unknowns, contact unknowns, memory, dimension; the kind, and words of the reason."""
+    yield 100_000, 500, np.inf, 2, "explicit", ""
+    for n in (0, 1, 2):  # next to nothing
+        yield n, n, np.inf, 2, "explicit", ""
     for d, ratio in zip((2, 3), LARGEST_RATIO, strict=True):
         thin = int((ratio * 100_000) ** (1 / 3))
-        assert choose_kind(100_000, thin, np.inf, d)[0] == "explicit"
-        kind, reason = choose_kind(100_000, thin + 10, np.inf, d)
-        assert kind == "direct"
-        assert f"{thin + 10} contact unknowns" in reason
+        yield 100_000, thin, np.inf, d, "explicit", ""
+        yield 100_000, thin + 10, np.inf, d, "direct", f"{thin + 10} contact unknowns"
+        yield 30_000, 15_000, 2**31, d, "direct", ""  # thin bodies beyond memory: factors alone are small
+    n, k = int(LARGEST_CONDENSED), 2000  # factors in space take time with n²
+    yield n, 5000, np.inf, 3, "explicit", ""
+    yield n + 1, 5000, np.inf, 3, "iterative", str(n + 1)
+    yield 10 * n, 5000, np.inf, 2, "explicit", ""
+    # where factors fit without the compliance, a body in the plane keeps them, and one in space does not
+    for d, n, growth, without in ((2, 1_000_000, 1e6 * np.log2(1e6), "direct"), (3, 216_000, 60.0**4, "iterative")):
+        direct, explicit = (MARGIN * each[d == 3] * growth for each in (FACTORS, FACTORS_WITH_SCHUR))
+        explicit += 8 * k**2
+        yield n, k, 1.01 * explicit, d, "explicit", ""
+        yield n, k, 0.99 * explicit, d, without, "GiB"
+        yield n, k, 1.01 * direct, d, without, "GiB"
+        yield n, k, 0.99 * direct, d, "iterative", "factors may take"
 
 
-@pytest.mark.parametrize(("d", "n", "growth", "without"), [(2, 1_000_000, 1e6 * np.log2(1e6), "direct"),
-                                                            (3, 216_000, 60.0**4, "iterative")])
-def test_kind_is_chosen_from_memory(d, n, growth, without):
-    """Where factors fit without the compliance, a body in the plane keeps them, and one in space does not."""
-    k = 2000
-    direct, explicit = (MARGIN * each[d == 3] * growth for each in (FACTORS, FACTORS_WITH_SCHUR))
-    explicit += 8 * k**2
-    assert choose_kind(n, k, 1.01 * explicit, d)[0] == "explicit"
-    for memory in (0.99 * explicit, 1.01 * direct):
-        kind, reason = choose_kind(n, k, memory, d)
-        assert kind == without
-        assert "GiB" in reason
-    kind, reason = choose_kind(n, k, 0.99 * direct, d)
-    assert kind == "iterative"
-    assert "factors may take" in reason and "are free" in reason
-
-
-@pytest.mark.parametrize("d", [2, 3])
-def test_kind_of_thin_bodies_beyond_memory(d):
-    """Their factors alone are small."""
-    assert choose_kind(30_000, 15_000, 2**31, d)[0] == "direct"
-
-
-def test_large_solids_are_solved_by_multigrid():
-    """Factors in space take time with n²; in the plane they stay the fastest as long as memory has room for them."""
-    n = int(LARGEST_CONDENSED)
-    assert choose_kind(n, 5000, np.inf, 3)[0] == "explicit"
-    kind, reason = choose_kind(n + 1, 5000, np.inf, 3)
-    assert kind == "iterative"
-    assert str(n + 1) in reason
-    assert choose_kind(10 * n, 5000, np.inf, 2)[0] == "explicit"
-
-
-@pytest.mark.parametrize("n", [0, 1, 2])
-def test_kind_of_next_to_nothing(n):
-    assert choose_kind(n, n, np.inf)[0] == "explicit"
+@pytest.mark.parametrize("n, k, memory, d, kind, words", list(choices()))
+def test_kind_is_chosen_from_sizes_and_memory(n, k, memory, d, kind, words):
+    found, reason = choose_kind(n, k, memory, d)
+    assert found == kind and words in reason
 
 
 @pytest.mark.mpi(ranks=2)
@@ -203,16 +174,11 @@ def machine(folder, available: int | None = None, groups: dict[str, str] | None 
     return folder
 
 
-def test_free_memory_of_this_machine():
+def test_free_memory(tmp_path):
+    """That of the machine, or what control groups of either version leave; unknown where nothing says so."""
     assert 2**20 < free_memory() < np.inf
-
-
-def test_free_memory_is_unknown(tmp_path):
     assert free_memory(tmp_path) == np.inf
     assert free_memory(machine(tmp_path / "no limit", None, {"memory.max": "max"}, "0::/\n")) == np.inf
-
-
-def test_free_memory_within_control_groups(tmp_path):
     assert free_memory(machine(tmp_path / "1", 2048)) == 2048 * 1024
     second = {"job/step/memory.max": "max", "job/memory.max": "1000000"}
     assert free_memory(machine(tmp_path / "2", 2048, second, "0::/job/step\n")) == 1e6

@@ -22,28 +22,28 @@ SHAPES = {
     "ring": {"shape": "annulus", "center": (0.0, 0.0), "radii": (1.0, 2.0), "angles": (0.0, 90.0), "divisions": (6, 3)},
     "box": {"shape": "hexahedron", "divisions": (2, 2, 2), "corners": (
         (0.0, 0.0, 0.0), (2.0, 0.0, 0.0), (2.0, 1.5, 0.0), (0.0, 1.0, 0.0),
-        (0.0, 0.0, 1.0), (2.2, 0.0, 1.0), (2.0, 1.0, 1.2), (0.0, 1.0, 1.0))}}
+        (0.0, 0.0, 1.0), (2.2, 0.0, 1.0), (2.0, 1.0, 1.2), (0.0, 1.0, 1.0))},
+    "cone": {"shape": "quadrilateral", "corners": ((0.0, 0.0), (2.0, 0.0), (1.5, 1.0), (0.0, 1.0)),
+             "divisions": (4, 3)}}
 HELD = {"quadrilateral": [Clamp(on="left", x=0.0), Clamp(on="corner", y=0.0)],
         "ring": [Clamp(on="start", y=0.0), Clamp(on="end", x=0.0)],
-        "box": [Clamp(on="left", x=0.0), Clamp(on="front", y=0.0), Clamp(on="bottom", z=0.0)]}
-every = [pytest.mark.parametrize("order", [1, 2]), pytest.mark.parametrize(
-    ("shape", "plane"), [("quadrilateral", "strain"), ("quadrilateral", "stress"), ("ring", "strain"), ("box", None)])]
+        "box": [Clamp(on="left", x=0.0), Clamp(on="front", y=0.0), Clamp(on="bottom", z=0.0)],
+        "cone": [Clamp(on="bottom", y=0.0)]}
+PLANES = [("quadrilateral", "strain"), ("quadrilateral", "stress"), ("ring", "strain"), ("box", None)]
+every_body = pytest.mark.parametrize(("shape", "plane"), [*PLANES, ("cone", None)])
+both_orders = pytest.mark.parametrize("order", [1, 2])
 
 
 def body(shape: str, order: int, plane: str | None, **more) -> tuple[Mesh, BodySpec]:
     material = Material(young=E, poisson=NU, plane=plane, expansion=ALPHA)
     spec = BodySpec(name="body", mesh=MeshSpec(order=order, **SHAPES[shape]), material=material)
     mesh, spec = build_mesh(spec), replace(spec, **more)
-    return Mesh(mesh.points, mesh.triangles, mesh.groups, {"corner": np.array([0])}), spec
+    return Mesh(mesh.points, mesh.triangles, mesh.groups, {"corner": np.array([0])},
+                axisymmetric=shape == "cone"), spec
 
 
-def both(tests):
-    for mark in every:
-        tests = mark(tests)
-    return tests
-
-
-@both
+@every_body
+@both_orders
 def test_free_expansion(shape, plane, order):
     """A body that nothing hinders grows by α T, in plane strain by (1 + ν) α T, without stress but that across."""
     mesh, spec = body(shape, order, plane, clamp=HELD[shape], temperature=T)
@@ -61,7 +61,8 @@ def test_free_expansion(shape, plane, order):
     assert error.total <= least
 
 
-@both
+@every_body
+@both_orders
 def test_held_expansion(shape, plane, order):
     """A body whose whole boundary is held has the pressure E α T / (1 − 2 ν), in plane stress E α T / (1 − ν)."""
     mesh, spec = body(shape, order, plane, temperature=T)
@@ -69,7 +70,7 @@ def test_held_expansion(shape, plane, order):
     problem, u = assemble(mesh, spec), solve(mesh, spec)
     assert np.abs(u).max() <= 1e-12 * ALPHA * T
     pressure = E * ALPHA * T / (1.0 - NU if plane == "stress" else 1.0 - 2.0 * NU)
-    expected = np.zeros(4 if plane else 6)
+    expected = np.zeros(6 if shape == "box" else 4)
     expected[:2] = -pressure
     expected[2] = 0.0 if plane == "stress" else -pressure
     sigma = stress(mesh, spec.material, u, problem.acting.heated)
@@ -97,7 +98,7 @@ def test_linear_temperature_strains_freely(shape):
     assert np.abs(sigma).max() <= 1e-9 * E * ALPHA * 100.0
 
 
-@pytest.mark.parametrize("order", [1, 2])
+@both_orders
 def test_bars_of_two_materials_between_walls(order):
     """Two bars in a row between walls on all sides: along them σ = −T (α₁ L₁ + α₂ L₂) / (L₁/E₁ + L₂/E₂) for ν = 0."""
     mesh = build_mesh(BodySpec(name="body", material=Material(young=1.0, poisson=0.0), mesh=MeshSpec(
@@ -116,7 +117,8 @@ def test_bars_of_two_materials_between_walls(order):
     assert reactions["right"]["force"] == pytest.approx([-pressure, 0.0], rel=1e-10, abs=1e-10 * pressure)
 
 
-@both
+@pytest.mark.parametrize(("shape", "plane"), PLANES)
+@both_orders
 def test_thermal_loads_balance(shape, plane, order):
     """Thermal loads have neither force nor moment, whatever the temperature."""
     mesh, spec = body(shape, order, plane)

@@ -7,7 +7,7 @@ from by_skfem import load_of, solve
 from skfem import LinearForm
 
 from ddmpi.body.elasticity import assemble
-from ddmpi.body.loads import lost_loads, nodal_loads, springs
+from ddmpi.body.loads import nodal_loads, springs
 from ddmpi.body.stiffness import sum_stiffness
 from ddmpi.errors import InputError
 from ddmpi.mesh.build import build_mesh
@@ -121,17 +121,6 @@ def test_water_behind_a_leaning_dam(order, pressure):
     assert moment(mesh, f) == pytest.approx(about, rel=1e-13)
 
 
-@both_orders
-def test_pressure_all_around_balances(order):
-    """The same pressure on the whole boundary has neither force nor moment."""
-    mesh = dam(order)
-    f = nodal_loads(mesh, body(traction=[Traction(on=side, pressure=3e6) for side in mesh.groups]))
-    size = np.abs(f).sum()
-    assert np.abs(f.sum(axis=0)).max() <= 1e-15 * size
-    assert abs(moment(mesh, f)) <= 1e-15 * size * 40
-    assert size > 1e8
-
-
 def test_pressure_on_curved_sides():
     """A pressure on an arc has the force p r of its chord and no moment about the centre, to rounding."""
     mesh = ring(6, 3, 2)
@@ -152,19 +141,6 @@ def test_formulas_on_curved_triangles_and_sides():
     assert f.sum(axis=0) == pytest.approx([np.pi / 2 * (2**6 - 1) / 6, np.pi / 4 * 3], rel=1e-5)  # sides are parabolas
 
 
-def test_pressure_that_clamps_take_up_is_warned_of():
-    """A pressure acts along the normal only: clamps of the other direction do not lose it, those of its own do."""
-    mesh, load = dam(1), {"traction": [Traction(on="top", pressure=1e6)]}
-
-    def warnings(clamp: Clamp) -> list[str]:
-        spec = body(clamp=[clamp], **load)
-        return lost_loads(mesh, spec, assemble(mesh, spec).supports.free)
-
-    assert warnings(Clamp(on="top", x=0.0)) == []
-    (warning,) = warnings(Clamp(on="top", y=0.0))
-    assert warning.startswith("body.block: the load on 'top' along y is lost")
-
-
 # Formulas
 
 
@@ -182,40 +158,6 @@ def mesh_load(mesh: Mesh, force) -> np.ndarray:
         return sum(part * v[k] for k, part in enumerate(force(*w.x)))
 
     return load_of(mesh, LinearForm(form), 8).reshape(-1, 2)
-
-
-@both_orders
-def test_formula_of_a_traction_is_integrated(order):
-    """The resultant of a wave of stress along a side is that of calculus, and only nodes of the side are loaded."""
-    mesh = dam(order, (6, 2))
-    f = nodal_loads(mesh, body(traction=[Traction(on="bottom", value=("1e6 * sin(pi * x / 30)", 0.0))]))
-    assert f.sum(axis=0) == pytest.approx([2e6 / np.pi * 30, 0.0], rel=1e-10)
-    nodes = np.unique(mesh.groups["bottom"])
-    assert not np.delete(f, nodes, axis=0).any() and f[nodes, 0].min() > 0.0
-
-
-@both_orders
-def test_linear_formula_is_the_affine_load(order):
-    """Loads that are linear in x and y are the same as formulas and as tables of slopes."""
-    mesh = dam(order)
-    formula = ("3 + 2*x", "-6e7 * (1 + x/3) + y")
-    affine = AffineVector(constant=(3.0, -6e7), x_slope=(2.0, -2e7), y_slope=(0.0, 1.0))
-    for load in (lambda value: {"volume_force": value}, lambda value: {"traction": [Traction(on="left", value=value)]}):
-        f, g = nodal_loads(mesh, body(**load(formula))), nodal_loads(mesh, body(**load(affine)))
-        assert np.abs(f - g).max() <= 1e-14 * np.abs(g).max()
-
-
-@both_orders
-def test_constant_formula_is_its_number(order):
-    """A formula without x and y gives the very same loads and displacements as the number it is, bit for bit."""
-    def loads(value, pressure, push) -> BodySpec:
-        return body(clamp=[Clamp(on="bottom", x=push, y=push)], volume_force=value,
-                    traction=[Traction(on="top", value=value), Traction(on="left", pressure=pressure)])
-
-    mesh = dam(order)
-    one, other = loads(("1/3", "-6e7 * 2"), "sqrt(2)", "0.1 + 0.2"), loads((1 / 3, -1.2e8), 2**0.5, 0.1 + 0.2)
-    assert np.array_equal(nodal_loads(mesh, one), nodal_loads(mesh, other))
-    assert np.array_equal(assemble(mesh, one).acting.prescribed, assemble(mesh, other).acting.prescribed)
 
 
 def test_prescribed_displacement_by_a_formula():
@@ -240,12 +182,6 @@ def test_formula_that_is_not_finite_is_refused(loads, key, words):
     assert str(error.value).startswith(f"body.block.{key}: the formula {words}")
 
 
-def test_formula_that_is_infinite_elsewhere_is_not_refused():
-    """Where a formula does not act, it may be what it likes."""
-    f = nodal_loads(dam(1), body(traction=[Traction(on="top", pressure="1 / y")]))
-    assert f.sum(axis=0) == pytest.approx([0.0, -7.0 / 40.0])
-
-
 # Points
 
 
@@ -263,20 +199,3 @@ def test_point_clamps_that_determine_the_position_carry_nothing():
     strain = np.linalg.lstsq(mesh.points, u, rcond=None)[0]  # the same pressure everywhere: all of it contracts alike
     bulk = -3e6 * (1 + 0.3) * (1 - 2 * 0.3) / STEEL.young
     assert np.abs(strain - bulk * np.eye(2)).max() <= 1e-9 * abs(bulk)
-
-
-def test_one_point_clamp_leaves_the_rotation_about_it():
-    """A clamp on one point is a hinge."""
-    mesh = dam(1, vertices=("heel", "toe"))
-    motions = assemble(mesh, body(clamp=["toe"])).motions
-    assert motions.shape[2] == 1
-    spin = motions[0, 1, 0] / -30.0
-    away = mesh.points - mesh.points[1]
-    assert motions[:, :, 0] == pytest.approx(spin * np.column_stack([-away[:, 1], away[:, 0]]), abs=1e-12)
-
-
-def test_only_clamps_may_name_a_point():
-    """A traction or a contact on a point is refused with the reason."""
-    mesh = dam(1, vertices=("heel",))
-    with pytest.raises(InputError, match=r"'heel' is a physical point .* no limit"):
-        nodal_loads(mesh, body(traction=[Traction(on="heel", value=(0.0, 1.0))]))

@@ -5,9 +5,7 @@ import numpy as np
 import pytest
 from by_skfem import solve
 
-from ddmpi.body.elasticity import assemble
 from ddmpi.body.estimate import estimate_error
-from ddmpi.body.stiffness import sum_stiffness
 from ddmpi.body.stress import Composite, components, energy_density, moduli_along, modulus_beside, stress, thermal
 from ddmpi.mesh.build import build_mesh
 from ddmpi.mesh.mesh import Mesh
@@ -124,19 +122,6 @@ def test_equal_constants_are_isotropic(d, plane):
     assert energy_density(other, sigma) == pytest.approx(energy_density(one, sigma), rel=1e-12)
 
 
-@planes
-def test_an_angle_turns_the_material(plane):
-    """A body whose material and mesh are turned has the stiffness of the body that is not, turned."""
-    mesh, _ = strip(2, 2)
-    c, s = np.cos(0.6), np.sin(0.6)
-    R = np.array([[c, -s], [s, c]])
-    turned = Mesh(mesh.points @ R.T, mesh.triangles, mesh.groups)
-    u = np.sin(3 * mesh.points)
-    one = sum_stiffness(mesh, laminate(plane, 10.0)).mult(u)
-    other = sum_stiffness(turned, laminate(plane, 10.0 + np.rad2deg(0.6))).mult(u @ R.T)
-    assert np.abs(other - one @ R.T).max() <= 1e-12 * np.abs(one).max()
-
-
 def test_the_modulus_at_a_contact_is_that_along_its_normal():
     """Along the fibres a laminate is stiff, across them soft; two materials count by their measures."""
     mesh, _ = strip(2, 1)
@@ -148,17 +133,3 @@ def test_the_modulus_at_a_contact_is_that_along_its_normal():
     both = modulus_beside(mesh, Composite([laminate("stress", 0.0), laminate("stress", 90.0)], number),
                           mesh.facets("left"))
     assert soft < both < stiff
-
-
-def test_heat_in_an_orthotropic_body():
-    """Heated without a hindrance, it grows alike in all directions, in plane strain more along the soft ones."""
-    for plane, d in (("stress", 2), (None, 3), ("strain", 2)):
-        mesh, spec = strip(d, 1, material=laminate(plane, expansion=ALPHA), temperature=50.0)
-        u = solve(mesh, spec)
-        gradient = np.linalg.lstsq(np.column_stack([np.ones(len(u)), mesh.points]), u, rcond=None)[0][1:]
-        more = np.zeros(d) if plane != "strain" else np.array([NU[1] * E[2] / E[0], NU[2] * E[2] / E[1]])
-        expected = np.diag(ALPHA * 50.0 * (1.0 + more))
-        assert np.abs((gradient + gradient.T) / 2 - expected).max() <= 1e-10 * ALPHA * 50.0
-        sigma = stress(mesh, spec.material, u, assemble(mesh, spec).acting.heated)
-        sigma[:, 2] += E[2] * ALPHA * 50.0 * (plane == "strain")
-        assert np.abs(sigma).max() <= 1e-8 * E[2] * ALPHA * 50.0

@@ -136,16 +136,6 @@ def test_both_bodies_contributions_come_to_the_owner(comm):
 
 
 @one_to_four_ranks
-def test_not_a_number_and_infinity_cross_as_they_are(comm):
-    bodies = Bodies(comm)
-    for value in (np.nan, -np.inf):
-        assert all(np.array_equal(part, np.full(len(part), value), equal_nan=True)
-                   for part in bodies.exchange.spread(np.full(bodies.size, value)))
-        first, _ = bodies.exchange.collect([np.full(len(each), value) for each in bodies.of_bodies()], "test")
-        assert np.array_equal(first, np.full(bodies.size, value), equal_nan=True)
-
-
-@one_to_four_ranks
 def test_objects_of_both_bodies_come_to_both_ranks(comm):
     """By contact, the first body's first; None for a rigid partner's."""
     bodies = Bodies(comm)
@@ -199,25 +189,12 @@ def test_swap_returns_the_first_bodys_vector_first(comm):
         assert two.tolist() == [1 - first, 10.5, -np.inf]
         assert mine.tolist() == [comm.rank, 10.5, -np.inf]
 
-        rng = np.random.default_rng(comm.rank)
-        own = rng.standard_normal(1000)
-        pair = exchange.swap(own, "test")
-        for place, vector in enumerate(pair):
-            rank = first if place == 0 else 1 - first
-            assert np.array_equal(vector, np.random.default_rng(rank).standard_normal(1000))
-
         assert [len(vector) for vector in exchange.swap(np.empty(0), "test")] == [0, 0]
         assert all(np.isnan(vector).all() for vector in exchange.swap(np.full(2, np.nan), "test"))
 
         before = exchange.swap(np.full(3, 1.0 + comm.rank), "test")
         exchange.swap(np.full(3, 7.0), "test")  # must not overwrite what was received
         assert sorted(vector.tolist() for vector in before) == [[1.0] * 3, [2.0] * 3]
-
-    exchange, sizes = exchange_of_two(comm, 1), [5, 0, 132, 1]
-    for number, size in enumerate(sizes, start=1):
-        exchange.swap(np.zeros(size), "test")
-        assert exchange.sent["messages"] == number
-        assert exchange.sent["bytes"] == WORD * sum(sizes[:number])
 
 
 def exchange_of_two(comm, first: int = 0) -> Exchange:
@@ -255,16 +232,6 @@ def test_deferred_error_of_one_rank_is_raised_on_all(comm, way):
         raise SolverError(f"rank {comm.rank} fails, too")
     with pytest.raises(SolverError, match=r"^rank 0 fails, too$"):
         WAYS[way](bodies, "test")
-
-
-@pytest.mark.mpi(ranks=1)
-def test_errors_of_a_single_rank_are_raised_at_the_same_point(comm):
-    bodies = Bodies(comm)
-    with bodies.exchange.deferred():
-        raise SolverError("fails")
-    with pytest.raises(SolverError, match=r"^fails$") as caught:
-        bodies.exchange.total(bodies.of_bodies(), "test")
-    assert caught.value.agreed
 
 
 @three_ranks
@@ -321,24 +288,7 @@ def test_ranks_at_different_points_notice_it(comm, way):
         assert caught.value.agreed
 
 
-@two_ranks
-def test_two_ranks_at_different_points_notice_it_whatever_they_send(comm):
-    """The vectors of different points have different lengths."""
-    for longer in (0, 1):
-        with pytest.raises(SolverError, match="different points") as caught:
-            exchange_of_two(comm).swap(np.zeros(7 if comm.rank == longer else 4), ("forces", "answer")[comm.rank])
-        assert caught.value.agreed
-
-
 # Traffic of the iterations
-
-
-def iterations_of(comm, scene: dict):
-    """The assembly of a published iteration, and the iteration at its first step."""
-    from ddmpi.published.published import PublishedIteration
-
-    assembly = scenes.prepare_scene(comm, scene)
-    return assembly, PublishedIteration(assembly, assembly.scene.method)
 
 
 def taller(stack: Stack, rows: int) -> dict:
@@ -347,26 +297,6 @@ def taller(stack: Stack, rows: int) -> dict:
     for body in scene["body"]:
         body["mesh"]["divisions"][1] = rows
     return scene
-
-
-@two_ranks
-def test_an_iteration_moves_interface_vectors_only(comm):
-    """Two messages: the forces; the contact displacements and a count of multiplications. Whatever n is."""
-    stack, sizes, moved = Stack(6, {"law": "coulomb", "coefficient": 0.3}, shift=1e-3), [], []
-    for rows in (2, 24):
-        assembly, outer = iterations_of(comm, taller(stack, rows))
-        traffic = assembly.exchange.world = Traffic(comm)
-        for _ in range(4):
-            messages, moved_before = assembly.exchange.sent["messages"], assembly.exchange.sent["bytes"]
-            outer.iterate()
-            assert assembly.exchange.sent["messages"] - messages == 2
-            moved.append(assembly.exchange.sent["bytes"] - moved_before)
-        assert traffic.calls == ["Allreduce", "Irecv", "Isend"] * 8
-        sizes.append((assembly.m, assembly.n))
-    (m, n), (other_m, other_n) = sizes
-    assert m == other_m == 7
-    assert other_n == 12 * n
-    assert set(moved) == {WORD * (2 * 2 * m + 1)}
 
 
 @two_ranks
@@ -400,34 +330,3 @@ def test_a_product_is_a_message_there_and_back(comm):
     neighbours = {rank for ends in exchange.ends for rank in ends[1:]} - {comm.rank}
     assert exchange.sent["messages"] - messages == len(neighbours) < comm.size
     assert exchange.sent["reductions"] - reductions == 1
-
-
-@two_ranks
-def test_both_ranks_hold_the_same_contact_displacement(comm):
-    stack = Stack(4, {"law": "tresca", "slip_bound": 4e7}, shift=1e-3)
-    _, outer = iterations_of(comm, stack.scene(outer="relaxation"))
-    for _ in range(3):
-        outer.iterate()
-        for values in (outer.lam, outer.s1, outer.s2, outer._bound):
-            mine, theirs = comm.allgather(values)
-            assert np.array_equal(mine, theirs)
-
-
-@three_ranks
-def test_solver_error_of_one_body_of_three_is_raised_on_all(comm, monkeypatch):
-    """In the midst of Newton's iteration, on a rank that shares a contact with one of the others only."""
-    from ddmpi.methods.newton import Newton
-
-    assembly = scenes.prepare_scene(comm, scenes.tower(3, 4))
-    newton = Newton(assembly.joint, 500)
-    (body,) = assembly.bodies
-
-    def fail(*_):
-        raise SolverError(f"{body.spec.name} gives up")
-
-    if comm.rank == 2:
-        monkeypatch.setattr(body.member.C, "mult", fail)
-    with pytest.raises(SolverError, match=r"^block3 gives up$") as caught:
-        newton.run(1e-8)
-    assert caught.value.agreed
-    assert len(newton.history) == 0  # the failed step is no step

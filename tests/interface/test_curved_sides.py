@@ -8,7 +8,7 @@ from boundaries import mortar, pair, raise_order, rectangle, ring, side, touch
 from made_up_solids import box, tube
 
 from ddmpi.interface.mortar import cover
-from ddmpi.mesh.elements import FINE, facet_measures, on_line
+from ddmpi.mesh.elements import on_line
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import bend
 from ddmpi.scene.contacts import Circle, NoFriction
@@ -51,36 +51,6 @@ def test_normals_and_lengths_of_a_graded_circle():
     curved = side(mesh, "outer")
     off = np.abs(cross(curved.normal[1:-1], curved.xy[1:-1])).max()
     assert 20 * off < np.abs(cross(straight.normal[1:-1], straight.xy[1:-1])).max()
-
-
-def uneven_side() -> Side:
-    """The top of a rectangle whose sides are bent upward, downward and along themselves."""
-    mesh = rectangle((3, 1), (3.0, 1.0), order=2)
-    bends = np.zeros((len(mesh.triangles), 3, 2))
-    on_top = np.isin(mesh.triangles[:, 3:], mesh.groups["top"][:, 2])
-    bends[on_top] = [[0.06, 0.08], [-0.05, -0.04], [0.0, 0.1]]
-    return side(bend(mesh, bends), "top")
-
-
-def test_lines_through_chords_meet_curved_links():
-    """The parameter of a place on a chord is where a line through that place meets the link, in any direction."""
-    boundary, rng = uneven_side(), np.random.default_rng(3)
-    links, at = rng.integers(0, 3, 50), rng.random(50)
-    angle = rng.uniform(np.pi / 4, 3 * np.pi / 4, 50)
-    direction = np.column_stack([np.cos(angle), np.sin(angle)])
-    on_chord = boundary.xy[boundary.facets[links, 0]] + at[:, None] * boundary.along[links]
-    t = boundary.parameters(links, at, direction)
-    assert cross(points(boundary, links, t) - on_chord, direction) == pytest.approx(0.0, abs=1e-14)
-    upright = boundary.outward[links]
-    height, ratio = boundary.off_chords(links, at)
-    t = boundary.parameters(links, at, upright)
-    assert points(boundary, links, t) == pytest.approx(on_chord + height[:, None] * upright, abs=1e-14)
-    rule, weights = FINE[1]
-    links = np.repeat([0, 1, 2], len(rule))
-    _, ratio = boundary.off_chords(links, np.tile(rule[:, 1], 3))
-    chords = np.linalg.norm(boundary.along, axis=1)
-    assert (ratio.reshape(3, -1) @ weights) * chords == pytest.approx(
-        facet_measures(boundary.xy[boundary.facets]), rel=1e-5)
 
 
 def test_points_that_face_each_other_lie_on_one_ray():
@@ -148,15 +118,6 @@ def test_single_curved_side_has_its_own_slopes():
     assert boundary.bulge(here, np.array([0.5]), up) == pytest.approx(0.05, rel=0.02)
     assert boundary.rise(boundary.facets[here, 2], up) == pytest.approx(0.0, abs=1e-3)
     assert side(raise_order(rectangle((1, 1), (1.0, 1.0)), "mesh"), "top").slopes.tolist() == [[0.0, 0.0]]
-
-
-def test_lines_along_a_strongly_bent_side_meet_it_somewhere():
-    """Lines nearly in the direction of a side have parameters, too: numbers between its ends."""
-    boundary = uneven_side()
-    at = np.array([0.0, 0.5, 1.0])
-    for angle in np.linspace(0.02, 3.12, 40):
-        t = boundary.parameters(np.zeros(3, int), at, np.tile([np.cos(angle), np.sin(angle)], (3, 1)))
-        assert np.isfinite(t).all() and (t >= 0.0).all() and (t <= 1.0 + 1e-12).all()
 
 
 def test_a_curved_triangle_meets_its_corners():

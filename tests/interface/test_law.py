@@ -81,21 +81,6 @@ def test_settled_forces_lie_on_their_bounds(law):
         assert law.cone(law.bound_at(s)).project(s) == pytest.approx(s)
 
 
-def test_laws_of_several_interfaces_are_those_of_each():
-    laws = [LAWS["coulomb"], LAWS["none"], LAWS["tresca"]]
-    together = Laws(laws)
-    rng = np.random.default_rng(2)
-    parts = [rng.standard_normal(law.size) for law in laws]
-    q = np.concatenate(parts)
-    assert together.project(q).tolist() == np.concatenate(
-        [law.project(part) for law, part in zip(laws, parts, strict=True)]).tolist()
-    assert together.bound_at(q).tolist() == np.concatenate(
-        [law.bound_at(part) for law, part in zip(laws, parts, strict=True)]).tolist()
-    active = together.active_sets(q)
-    assert Linearised.of(together.linearise(active)).move(together.project(q)) == pytest.approx(np.zeros(together.size))
-    assert together.cone(together.bound_at(q)).project(q).tolist() == together.project(q).tolist()
-
-
 def test_cones_of_laws_with_boxes_and_discs():
     """The product of cones projects each part, in the plane and in space."""
     together = Laws([LAWS["coulomb in space"], BondedLaw(2, np.arange(2), 2), Law(3, SLIDING[:0], 2)])

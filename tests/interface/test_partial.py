@@ -7,7 +7,7 @@ from boundaries import held_beside, joined, pair, rectangle, ring, side
 from ddmpi.errors import InputError
 from ddmpi.interface.interface import Interface
 from ddmpi.mesh.mesh import Mesh
-from ddmpi.scene.contacts import Coulomb, NoFriction
+from ddmpi.scene.contacts import Coulomb
 from ddmpi.surface.side import Side
 
 COULOMB = Coulomb(coefficient=0.3)
@@ -64,20 +64,6 @@ def test_partners_lie_opposite_each_other(order):
     assert swapped.area == pytest.approx(contact.area) and swapped.normal == pytest.approx(-contact.normal)
 
 
-@pytest.mark.parametrize("gap", [-0.02, 0.3])
-def test_gap_of_a_common_part(gap):
-    contact = met(side(brick(1.0, 1.0 + gap), "bottom"), side(brick(0.0), "top"))
-    assert contact.gap == pytest.approx([gap] * 3)
-
-
-def test_a_short_side_within_a_long_one():
-    """All nodes of the one side pair off, the other goes on at both ends."""
-    long = rectangle((12, 2), (6.0, 1.0))
-    contact = met(side(brick(1.5, 1.0), "bottom"), side(long, "top"))
-    assert contact.xy[:, 0] == pytest.approx([1.5, 2.0, 2.5, 3.0, 3.5])
-    assert contact.area == pytest.approx([0.25, 0.5, 0.5, 0.5, 0.25])
-
-
 @orders
 @pytest.mark.parametrize("part", [0.006, 0.02, 0.25, 0.5, 0.9])
 def test_a_shift_by_a_part_of_an_element_is_refused(order, part):
@@ -92,21 +78,6 @@ def test_corners_opposite_middles_are_no_partners():
     """Quadratic bricks shifted by half an edge: their nodes coincide, but what a pressure gives them does not."""
     for aside in (0.25, 1.25):
         refused(side(brick(aside, 1.0, 2), "bottom"), side(brick(0.0, order=2), "top"))
-
-
-def test_different_divisions_are_refused():
-    """Some nodes lie opposite each other, but not all that face the other side."""
-    for divisions in (2, 3, 5, 8):
-        lower = rectangle((divisions, 2), (2.0, 1.0))
-        text = refused(side(brick(0.0, 1.0), "bottom"), side(lower, "top"))
-        assert f"5 and {divisions + 1} nodes" in text
-        refused(side(brick(1.0, 1.0), "bottom"), side(lower, "top"))
-
-
-def test_one_node_out_of_place_is_refused():
-    upper, lower = brick(1.0, 1.0), brick(0.0)
-    lower.points[np.flatnonzero((lower.points == [1.5, 1.0]).all(axis=1)), 0] = 1.55
-    refused(side(upper, "bottom"), side(lower, "top"))
 
 
 @orders
@@ -131,43 +102,11 @@ def test_a_contact_of_two_corners():
     assert sorted(contact.xy.tolist()) == [[2.0, 1.0], [4.0, 1.0]] and contact.area == pytest.approx(0.5)
 
 
-def test_sides_apart_are_refused():
-    assert "one to one" in refused(side(brick(2.5, 1.0), "bottom"), side(brick(0.0), "top"))
-    assert "one to one" in refused(side(brick(40.0, 1.0), "bottom"), side(brick(0.0), "top"))
-
-
 @pytest.mark.parametrize("groups", [("left", "right"), ("left", "left"), ("bottom", "left"), ("top", "bottom"),
                                     ("left", "top"), ("top", "top")])
 def test_a_corner_seen_from_behind_is_no_contact(groups):
     """Sides that do not face each other, or only through their own bodies, may share a node by accident."""
     refused(side(brick(0.0, 1.0), groups[0]), side(brick(1.0), groups[1]))
-
-
-def test_around_a_corner_the_common_edges_give_the_normal():
-    """A brick ends at the corner of a boundary that goes on downwards."""
-    contact = met(side(brick(1.0, 1.0, size=(1.0, 1.0), divisions=(2, 2)), "bottom"), side(brick(0.0), "top", "right"))
-    assert contact.xy[:, 0] == pytest.approx([1.0, 1.5, 2.0])
-    assert contact.normal == pytest.approx(np.tile([0.0, -1.0], (3, 1)))
-    assert contact.area == pytest.approx([0.25, 0.5, 0.25])
-
-
-def test_whole_boundaries_meet_where_they_face_each_other():
-    """All four sides of two bricks: only the two that touch pair off."""
-    groups = "bottom", "right", "top", "left"
-    contact = met(side(brick(1.0, 1.0), *groups), side(brick(0.0), *groups))
-    assert sorted(contact.xy.tolist()) == [[1.0, 1.0], [1.5, 1.0], [2.0, 1.0]]
-    assert contact.area.sum() == pytest.approx(1.0)
-    assert contact.normal == pytest.approx(np.tile([0.0, -1.0], (3, 1)))
-
-
-def test_running_bond_keeps_the_end_nodes_of_all_joints():
-    """Where a vertical joint ends on a horizontal one, each contact has its own end node."""
-    below, left, right = brick(0.0), brick(-1.0, 1.0), brick(1.0, 1.0)
-    vertical = met(side(left, "right"), side(right, "left"))
-    horizontal = [met(side(each, "bottom"), side(below, "top")) for each in (left, right)]
-    for contact in (vertical, *horizontal):
-        assert [1.0, 1.0] in contact.xy.tolist()
-    assert vertical.m == horizontal[0].m == horizontal[1].m == 3
 
 
 def test_a_hole_in_one_side_is_not_bridged():
@@ -209,17 +148,3 @@ def test_a_half_ring_in_a_ring(order):
         assert (swapped.laplacian.nnz - swapped.m) == 2 * 12 * order  # a closed chain begins somewhere
         assert contact.laplacian[0, contact.m - 1] == 0.0
         assert len(swapped.facets) == 12
-
-
-def test_the_law_sees_the_nodes_of_the_common_part():
-    contact = met(side(brick(1.0, 1.0), "bottom"), side(brick(0.0), "top"))
-    assert (contact.size, contact.law.m, contact.sliding.tolist()) == (6, 3, [0, 1, 2])
-    assert contact.law.slip_bound(np.ones(3)).tolist() == [0.3] * 3
-    assert pair(side(brick(1.0, 1.0), "bottom"), side(brick(0.0), "top"), NoFriction(), "seam").size == 3
-
-
-@pytest.mark.parametrize("scale", [1e-9, 1e6])
-def test_scale(scale):
-    meshes = [Mesh(scale * mesh.points, mesh.triangles, mesh.groups) for mesh in (brick(1.0, 1.0), brick(0.0))]
-    contact = met(side(meshes[0], "bottom"), side(meshes[1], "top"))
-    assert contact.area == pytest.approx(scale * np.array([0.25, 0.5, 0.25]), rel=1e-12, abs=0.0)

@@ -45,8 +45,8 @@ def check(contact: Interface, expected: np.ndarray, tolerance: float = 1e-9) -> 
 
 @orders
 @slaves
-@pytest.mark.parametrize("lean", [1e-16, -2e-16, 1e-3, -1e-3])
-@pytest.mark.parametrize("angle", [0.0, 0.4, np.pi])
+@pytest.mark.parametrize("lean", [-2e-16, 1e-3])
+@pytest.mark.parametrize("angle", [0.4, np.pi])
 def test_arc_length_counts_along_the_first_body(angle, lean, slave, order):
     """From where its boundary starts with the body on the left, whatever the slave, the coordinates, or rounding."""
     for divisions in ((6, 6), (6, 9), (9, 6)):

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from boundaries import body_side, elastic, held_beside, joined, rectangle, ring, side, touch
+from boundaries import held_beside, joined, rectangle, ring, side, touch
 
 from ddmpi.errors import InputError
 from ddmpi.interface.interface import check_overlap
-from ddmpi.interface.trace import displacement_trace, trace
+from ddmpi.interface.trace import displacement_trace
 from ddmpi.scene.contacts import Circle, Coulomb, NoFriction, Plane
 from ddmpi.scene.values import Profile
 
@@ -50,16 +50,6 @@ def test_a_block_above_a_floor(order):
     assert len(contact.facets) == 6
 
 
-def test_the_distance_from_an_inclined_plane():
-    """Along the plane's normal, not the body's."""
-    slope = Plane(name="slope", point=(0.0, -1.0), normal=(3.0, 4.0))
-    contact = touch(side(block(), "bottom"), slope, NoFriction(), "seam")
-    assert contact.gap == pytest.approx(0.6 * contact.xy[:, 0] + 0.8)
-    assert contact.normal == pytest.approx(np.tile([-0.6, -0.8], (7, 1)))
-    on_plane = contact.xy + contact.gap[:, None] * contact.normal
-    assert (on_plane - [0.0, -1.0]) @ [3.0, 4.0] == pytest.approx(np.zeros(7), abs=1e-14)
-
-
 def test_rounding_is_no_gap():
     assert not touch(side(block(origin=(0.0, 1e-13)), "bottom"), FLOOR, COULOMB, "seam").gap.any()
 
@@ -80,17 +70,6 @@ def test_what_does_not_face_the_surface_carries_no_row():
     assert not contact.xy[:, 1].any()
     assert contact.area[np.argmin(contact.xy[:, 0])] == pytest.approx(0.05)
     assert contact.dropped == 0
-
-
-def test_a_wheel_on_a_floor_touches_with_its_lower_part():
-    angles = circle_of(48, False)
-    boundary = side(ring(0.5, 1.0, angles), "outer")
-    contact = touch(boundary, Plane(name="floor", point=(0.0, -1.0), normal=(0.0, 1.0)), COULOMB, "seam")
-    assert 12 < contact.m < 20
-    assert (contact.xy[:, 1] < -0.45).all()
-    assert contact.gap == pytest.approx(1.0 + contact.xy[:, 1])
-    chords = np.linalg.norm(np.diff(contact.xy, axis=0), axis=1)[joined(contact)]
-    assert contact.area.sum() == pytest.approx(chords.sum())
 
 
 def test_a_body_behind_the_surface_is_refused():
@@ -127,21 +106,6 @@ def test_the_distance_from_a_disc():
     assert contact.xy[:, 0] == pytest.approx([0.75, 1.0, 1.25, 1.5, 1.75, 2.0, 2.25])  # up to 60°: 0.866 aside
     assert contact.area == pytest.approx([0.125, *[0.25] * 5, 0.125])
     assert joined(contact).all() and held_beside(contact) == pytest.approx(0.0, abs=1e-12)
-
-
-def test_the_distance_from_a_bore():
-    """From inside the gap is counted towards the wall, which the outer normal of the body faces."""
-    bore = Circle(name="bore", center=(0.0, 0.0), radius=1.1, inside=True)
-    contact = touch(side(ring(0.5, 1.0, circle_of(40, True)), "outer"), bore, COULOMB, "seam")
-    assert contact.gap == pytest.approx(np.full(40, 0.1))
-    assert contact.normal == pytest.approx(contact.xy)
-    assert contact.m == 40
-    disc = Circle(name="disc", center=(0.0, 0.0), radius=0.6)
-    contact = touch(side(ring(0.5, 1.0, circle_of(40, True)), "inner"), disc, COULOMB, "seam")
-    assert contact.gap == pytest.approx(np.full(40, -0.1))
-    assert contact.normal == pytest.approx(-2.0 * contact.xy)
-    refused(side(ring(0.5, 1.0, circle_of(40, True)), "outer"), disc, COULOMB, "seam")
-    refused(side(ring(0.5, 1.0, circle_of(40, True)), "inner"), bore, COULOMB, "seam")
 
 
 @pytest.mark.parametrize("graded", [False, True])
@@ -204,14 +168,6 @@ def test_nodes_that_clamps_hold_along_the_normal_carry_no_row():
     assert (contact.m, contact.sliding.tolist()) == (7, [1, 2, 3, 4, 5, 6])
     assert "all nodes of the contact are clamped" in refused(
         side(block(), "bottom", where=lambda x, y: y == 0.0, y=True), moving, COULOMB, "seam")
-
-
-def test_the_trace_of_the_body_needs_no_second_side():
-    mesh = block()
-    body = elastic(mesh, ["top"])
-    contact = touch(body_side(mesh, body, "bottom"), FLOOR, COULOMB, "seam")
-    dense = trace(contact, 0, body).toarray()
-    assert dense @ dense.T == pytest.approx(np.eye(14), abs=1e-15)
 
 
 def test_a_given_gap_and_a_bond():

@@ -71,16 +71,6 @@ def test_facets_face_outward(dimension, order):
     assert facet_shares(facets) == pytest.approx(np.outer(np.linalg.norm(vectors, axis=1), side.mass.sum(axis=1)))
 
 
-def test_curved_facet_of_a_ball():
-    """The area of a fine octant of a sphere, by curved triangles, and of its shares."""
-    from solids import shell
-
-    mesh = shell(6)
-    outer = mesh.points[mesh.groups["outer"]]
-    assert facet_measures(outer).sum() == pytest.approx(np.pi / 2, rel=1e-4)
-    assert facet_shares(outer).sum() == pytest.approx(np.pi / 2, rel=1e-4)
-
-
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_inverse_of_small_matrices(dimension):
     tangents = np.random.default_rng(5).normal(size=(dimension, dimension, 7))

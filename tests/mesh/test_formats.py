@@ -1,18 +1,344 @@
-"""Mesh files of other programs: their sets of elements and nodes are groups."""
+"""Mesh files: one body by every kind of cell, format and order; and what Abaqus's inputs say."""
+
+from pathlib import Path
 
 import gmsh
 import meshio
 import numpy as np
 import pytest
+from scipy.spatial import KDTree
 from test_mesh import HALVES, NAMES, SIDES, SQUARE, area, body_with, length, refused
 
 from ddmpi.body.loads import supports
 from ddmpi.errors import InputError
-from ddmpi.mesh.build import build_mesh
-from ddmpi.mesh.elements import facet_measures
-from ddmpi.mesh.mesh import Mesh
+from ddmpi.mesh.build import build_mesh, kind_of_files
+from ddmpi.mesh.elements import CELLS, facet_measures
+from ddmpi.mesh.mesh import Mesh, boundary_facets, signed_measures
 from ddmpi.mesh.read import file_kind, gmsh_session, read_mesh
-from ddmpi.scene.bodies import Clamp, MeshSpec
+from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec, PartMaterial, Traction
+
+# One shape by all formats: a quarter of a ring of two materials, in space of a tube
+
+RADII, HEIGHT = (0.5, 0.75, 1.0), 0.75
+
+DIMENSION = {"triangle": 2, "quad": 2, "tetra": 3, "wedge": 3, "hexahedron": 3}
+
+CUT = {"triangle": 0, "quad": 24, "tetra": 0, "wedge": 144, "hexahedron": 72}
+"""How many cells are cut into simplices."""
+
+GMSH = {"msh 1": (1.0, False), "msh 2.2": (2.2, False), "binary msh 2.2": (2.2, True), "msh 4": (4.0, False),
+        "msh 4.1": (4.1, False), "binary msh 4.1": (4.1, True)}
+"""Versions of gmsh's format; meshio reads neither 1 nor 4."""
+
+NUMBERS = {"outer": "1", "bottom": "2", "around": "3", "heel": "5", "soft": "8", "hard": "9", "all": "10",
+           "centre": "6"}
+"""What groups are called where a format has no names."""
+
+TYPES = {("triangle", 1): "CPS3", ("triangle", 2): "CPE6M", ("quad", 1): "CPS4R", ("quad", 2): "CPS8",
+         ("tetra", 1): "C3D4", ("tetra", 2): "C3D10", ("wedge", 1): "C3D6", ("wedge", 2): "C3D15",
+         ("hexahedron", 1): "C3D8R", ("hexahedron", 2): "C3D20R"}
+"""Abaqus's names of elements."""
+
+
+def draw_ring(cells: str) -> None:
+    """The shape in gmsh, structured unless of simplices, with its groups: `outer` at the largest radius, `bottom` at
+    y = 0, in space z = 0, `around` both; `soft` within `hard`, `all` of both; the point `heel`, and `centre`, which no
+    cell has; in space the curve `rim`."""
+    geo, solid, structured = gmsh.model.geo, DIMENSION[cells] == 3, cells not in ("triangle", "tetra")
+    centre = geo.addPoint(0.0, 0.0, 0.0)
+    ends = [(geo.addPoint(r, 0.0, 0.0), geo.addPoint(0.0, r, 0.0)) for r in RADII]
+    arcs = [geo.addCircleArc(a, centre, b) for a, b in ends]
+    parts, outer, bottom = [], arcs[2], []
+    for k in (0, 1):
+        (a, b), (c, d) = ends[k:k + 2]
+        lines = geo.addLine(a, c), geo.addLine(b, d)
+        surface = geo.addPlaneSurface([geo.addCurveLoop([lines[0], arcs[k + 1], -lines[1], -arcs[k]])])
+        if structured:
+            for curve, number in ((arcs[k], 7), (arcs[k + 1], 7), (lines[0], 3), (lines[1], 3)):
+                geo.mesh.setTransfiniteCurve(curve, number)
+            geo.mesh.setTransfiniteSurface(surface)
+            if cells != "wedge":
+                geo.mesh.setRecombine(2, surface)
+        if solid:
+            out = geo.extrude([(2, surface)], 0.0, 0.0, HEIGHT, [3] if structured else [], recombine=structured)
+            outer = out[3][1]  # sides follow in the order of the loop
+        parts.append(out[1][1] if solid else surface)
+        bottom.append(surface if solid else lines[0])
+    geo.synchronize()
+    d = DIMENSION[cells]
+    groups = [(d - 1, [outer], "outer"), (d - 1, bottom, "bottom"), (d - 1, [outer, *bottom], "around"),
+              (d, parts[:1], "soft"), (d, parts[1:], "hard"), (d, parts, "all"), (0, [ends[2][0]], "heel"),
+              (0, [centre], "centre")]
+    for dimension, tags, name in groups + [(1, [arcs[2]], "rim")] * solid:
+        gmsh.model.addPhysicalGroup(dimension, tags, int(NUMBERS.get(name, 4)), name)
+
+
+def write_ring(folder: Path, cells: str, order: int, form: str = "msh 4.1", incomplete: int = 1) -> Path:
+    """A file of the shape; elements of order 2 have no nodes in the middle of quadrilaterals if `incomplete`."""
+    suffix = next(word for word in ("msh", "inp", "vtu", "vtk", "med") if word in form)
+    path, d = folder / f"ring.{suffix}", DIMENSION[cells]
+    version, binary = GMSH.get(form, (4.1, False))
+    with gmsh_session():
+        for option, value in (("MeshSizeMax", 0.3), ("SecondOrderIncomplete", incomplete), ("MshFileVersion", version),
+                              ("Binary", binary), ("SaveGroupsOfNodes", 1)):
+            gmsh.option.setNumber(f"Mesh.{option}", value)
+        draw_ring(cells)
+        gmsh.model.mesh.generate(3)
+        gmsh.model.mesh.setOrder(order)
+        gmsh.write(str(path if "gmsh" in form else path.with_suffix(".msh")))
+    if form in GMSH or "gmsh" in form:
+        return path
+    raw = meshio.gmsh.read(path.with_suffix(".msh"))
+    kinds = sorted({block.type for block in raw.cells if block.dim in (d - 1, d)}, key=list(raw.cells_dict).index)[::-1]
+    tags = [raw.cell_data_dict["gmsh:physical"][kind] for kind in kinds]
+    if form == "inp":
+        return write_sets(path, raw.points, raw.cells_dict[kinds[0]], TYPES[cells, order], tags[0])
+    written = meshio.Mesh(raw.points, [(kind, raw.cells_dict[kind]) for kind in kinds])
+    if form == "med":  # names are padded with blanks, a family of cells belongs to several groups, a group has several
+        written.cell_data["cell_tags"] = [-number for number in tags]
+        written.cell_tags = {-int(NUMBERS[name]): [f"{name:<80}", *(group.ljust(80, "\0") for group in more)]
+                             for name, more in (("outer", ["around"]), ("bottom", ["around"]), ("soft", ["all"]),
+                                                ("hard", ["all"]))}
+        written.point_data["point_tags"] = 5 * (raw.points == [1.0, 0.0, 0.0]).all(axis=1)
+        written.point_tags = {5: [f"{'heel':<80}"]}
+    else:
+        written.cell_data["CellEntityIds"] = tags
+    written.write(path)
+    return path
+
+
+def write_sets(path: Path, points: np.ndarray, elements: np.ndarray, kind: str, parts: np.ndarray) -> Path:
+    """An input of Abaqus: materials as sets of elements, boundaries as sets of nodes, which name no facets."""
+    low = points[:, 2 if np.ptp(points[:, 2]) else 1] == 0.0
+    outer = np.abs(np.hypot(*points[:, :2].T) - RADII[-1]) < 1e-9
+    sets = {"outer": outer, "bottom": low, "heel": outer & (points[:, 1] == 0.0) & (points[:, 2] == 0.0)}
+    sets |= {"rim": outer & low} if kind.startswith("C3D") else {}
+    lines = ["*NODE", *(f"{k}, {x!r}, {y!r}, {z!r}" for k, (x, y, z) in enumerate(points.tolist(), 1))]
+    for name in ("soft", "hard"):
+        lines.append(f"*ELEMENT, TYPE={kind}, ELSET={name}")
+        for k in np.flatnonzero(parts == int(NUMBERS[name])):
+            words = [str(k + 1), *(str(1 + node) for node in elements[k])]
+            lines += [", ".join(words[:11]) + "," * (len(words) > 11), *[", ".join(words[11:])] * (len(words) > 11)]
+    for name, members in sets.items():
+        lines += [f"*NSET, NSET={name}", *(f"{1 + node}," for node in np.flatnonzero(members))]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def ring(path: Path, order: int | None = None, refine: int = 0, **keys) -> BodySpec:
+    return BodySpec(name="ring", mesh=MeshSpec(file=str(path), order=order, refine=refine),
+                    **{"material": Material(young=1.0, poisson=0.3)} | keys)
+
+
+def check(mesh: Mesh) -> None:
+    """All cells are positive, they match, the boundary is closed, and groups are on it."""
+    assert (signed_measures(mesh.points, mesh.triangles) > 0).all()
+    d = mesh.dimension
+    facets = np.sort(mesh.corners[:, CELLS[d, 1].facets].reshape(-1, d), axis=1)
+    assert np.unique(facets, axis=0, return_counts=True)[1].max() == 2
+    for name, group in mesh.groups.items():
+        assert len(mesh.facets(name).nodes) == len(group)
+    outer = boundary_facets(mesh.triangles)[0]
+    ends = np.sort(outer[:, CELLS[2, 1].edges].reshape(-1, 2), axis=1) if d == 3 else outer[:, :2].reshape(-1, 1)
+    assert (np.unique(ends, axis=0, return_counts=True)[1] == 2).all()
+
+
+def check_ring(mesh: Mesh, form: str) -> None:
+    """Measures are those of the ring, with curved sides nearly exactly; groups, materials, curves, points are named."""
+    check(mesh)
+    d, close = mesh.dimension, {1: 2e-2, 2: 3e-4}[mesh.order]
+    height, (inner, middle, outer) = HEIGHT if d == 3 else 1.0, RADII
+    areas = np.pi / 4 * np.array([middle**2 - inner**2, outer**2 - middle**2])
+    sizes = {"soft": areas[0] * height, "hard": areas[1] * height, "outer": np.pi / 2 * outer * height,
+             "bottom": areas.sum() if d == 3 else outer - inner}
+    sizes["around"] = sizes["outer"] + sizes["bottom"]
+    names = NUMBERS if form in ("msh 1", "vtu", "vtk") else {name: name for name in NUMBERS}
+    sizes["all"], named = sizes["soft"] + sizes["hard"], form in GMSH or form in ("med", "inp by gmsh")
+    groups = ["outer", "bottom"] + ["around"] * named
+    parts = ["soft", "hard"] + ["all"] * named if form != "msh 1" else []  # which has boundaries only
+    found = {name: facet_measures(mesh.points[facets]).sum() for name, facets in mesh.groups.items()}
+    assert found == pytest.approx({names[name]: sizes[name] for name in groups}, rel=close)
+    found = {name: mesh.measures()[cells].sum() for name, cells in mesh.surfaces.items()}
+    assert found == pytest.approx({names[name]: sizes[name] for name in parts}, rel=close)
+    assert mesh.measures().sum() == pytest.approx(sizes["all"], rel=close)
+    sides = mesh.points[mesh.groups[names["outer"]]]
+    rounding = 1e-9 if d == 2 or mesh.order == 1 else 1e-3  # middles of faces are not on the arcs
+    assert np.hypot(sides[..., 0], sides[..., 1]) == pytest.approx(outer, abs=rounding)
+    if form not in ("msh 1", "vtu", "vtk"):
+        assert mesh.points[mesh.nodes_of(names["heel"])].tolist() == [[1.0, 0.0, 0.0][:d]]
+        if d == 3 and form != "med":
+            rim = mesh.points[mesh.nodes_of("rim")]
+            assert np.hypot(*rim[:, :2].T) == pytest.approx(outer) and np.ptp(rim[:, 2]) == 0.0
+            assert len(rim) == mesh.order * len(mesh.curves["rim"]) + 1
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize(("cells", "form"), [
+    ("triangle", "msh 1"), ("hexahedron", "msh 4"), ("quad", "inp by gmsh"),
+    *((cells, form) for cells in DIMENSION for form in ("msh 2.2", "msh 4.1", "inp")),
+    *((cells, form) for cells in ("triangle", "hexahedron") for form in ("binary msh 2.2", "binary msh 4.1", "vtu",
+                                                                        "vtk", "med"))])
+def test_a_ring_of_any_cells_and_format(tmp_path, cells, form, order):
+    """Simplices, or what other cells are cut into, fill the body, curved in order 2; in order 1 corners are kept."""
+    path = write_ring(tmp_path, cells, order, form)
+    mesh = build_mesh(ring(path, order))
+    assert kind_of_files(tmp_path / "scene.toml")(ring(path)) == (DIMENSION[cells], order)
+    assert (mesh.dimension, mesh.order, mesh.cut) == (DIMENSION[cells], order, CUT[cells])
+    check_ring(mesh, form)
+    if order == 2 and form == "msh 4.1":
+        corners = build_mesh(ring(path, 1))
+        assert corners.order == 1 and len(mesh.curved) > 0 == len(corners.curved)
+        assert np.array_equal(corners.points, mesh.points[:len(corners.points)])
+        assert np.array_equal(corners.triangles, mesh.corners)
+
+
+@pytest.mark.parametrize("cells", ["quad", "wedge", "hexahedron"])
+def test_elements_without_middles_of_faces_are_cut_alike(tmp_path, cells):
+    """Elements of second order without nodes on faces, and those with them, give the same mesh."""
+    one, two = (build_mesh(ring(write_ring(tmp_path, cells, 2, "msh 4.1", number), 2)) for number in (0, 1))
+    assert np.array_equal(one.corners, two.corners)
+    assert one.points == pytest.approx(two.points, abs=1e-12)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("cells", ["triangle", "tetra", "hexahedron"])
+def test_halves_of_a_file(tmp_path, cells, order):
+    """Every edge is halved, in the cells, facets and lines of each name; curved where the coarse map has them."""
+    path = write_ring(tmp_path, cells, order)
+    coarse, fine = (build_mesh(ring(path, order, refine)) for refine in (0, 1))
+    check(fine)
+    d, parts = coarse.dimension, 2**coarse.dimension
+    assert len(fine.triangles) == parts * len(coarse.triangles) and fine.cut == coarse.cut
+    assert fine.measures().reshape(-1, parts).sum(axis=1) == pytest.approx(coarse.measures(), rel=1e-12)
+    for name, own in coarse.groups.items():
+        found = facet_measures(fine.points[fine.groups[name]]).reshape(parts // 2, -1).sum(axis=0)
+        assert found == pytest.approx(facet_measures(coarse.points[own]), rel=1e-7)
+    for name, own in coarse.surfaces.items():
+        assert np.array_equal(np.unique(fine.surfaces[name] // parts), own)
+    if d == 3:
+        assert len(fine.nodes_of("rim")) == 2 * len(coarse.nodes_of("rim")) - 1
+    ends = [mesh.points[mesh.corners[:, mesh.cell.edges[:, :2]]] for mesh in (coarse, fine)]
+    longest = [np.linalg.norm(np.diff(each, axis=2)[:, :, 0], axis=2).max(axis=1) for each in ends]
+    quality = [(mesh.measures() / size**d).min() for mesh, size in zip((coarse, fine), longest, strict=True)]
+    assert quality[1] > 0.4 * quality[0]
+    if order == 2:
+        quarters = np.array(list(np.ndindex((5,) * (d + 1)))) / 4
+        places = coarse.map(slice(None), quarters[quarters.sum(axis=1) == 1.0]).places.reshape(-1, d)
+        assert KDTree(places).query(fine.points)[0].max() <= 1e-12
+
+
+PYRAMID = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1],
+                    [.5, .5, .5]])
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_pyramids_are_cut(tmp_path, order, mirrored):
+    """Six pyramids make a cube, whichever way their corners run; its facets are cut from their smallest nodes."""
+    bases = [(0, 1, 2, 3), (4, 7, 6, 5), (0, 4, 5, 1), (1, 5, 6, 2), (2, 6, 7, 3), (3, 7, 4, 0)]
+    cells = np.array([[*(base[::-1] if mirrored else base), 8] for base in bases])
+    quads = np.array(bases)
+    points, kinds = PYRAMID.astype(float), {"pyramid": cells, "quad": quads}
+    if order == 2:
+        ends = np.unique(np.sort(np.concatenate([cells[:, [a, b]] for a, b in (
+            (0, 1), (1, 2), (2, 3), (3, 0), (0, 4), (1, 4), (2, 4), (3, 4))]), axis=1), axis=0)
+        middle = {tuple(pair): 9 + k for k, pair in enumerate(ends.tolist())}
+        points = np.concatenate([points, points[ends].mean(axis=1)])
+        kinds = {f"{kind}{number}": np.array([[*row, *(middle[tuple(sorted((row[a], row[b])))] for a, b in pairs)]
+                                              for row in rows.tolist()])
+                 for kind, number, rows, pairs in (
+                     ("pyramid", 13, cells, ((0, 1), (1, 2), (2, 3), (3, 0), (0, 4), (1, 4), (2, 4), (3, 4))),
+                     ("quad", 8, quads, ((0, 1), (1, 2), (2, 3), (3, 0))))}
+    tags = [np.full(6, 7), np.arange(1, 7)]
+    path = tmp_path / "cube.vtu"
+    meshio.Mesh(points, list(kinds.items()), cell_data={"CellEntityIds": tags}).write(path)
+    mesh = build_mesh(ring(path, order))
+    check(mesh)
+    assert (mesh.cut, len(mesh.triangles), len(mesh.curved)) == (6, 12, 0)
+    assert mesh.measures().sum() == pytest.approx(1.0, rel=1e-14)
+    assert {name: facet_measures(mesh.points[group]).tolist() for name, group in mesh.groups.items()} == \
+        {str(k): pytest.approx([0.5, 0.5]) for k in range(1, 7)}
+    for k, base in enumerate(bases, 1):  # the node of least number is in both triangles
+        assert (mesh.points[mesh.groups[str(k)]] == PYRAMID[min(base)]).all(axis=2).any(axis=1).all()
+
+
+# What names of a file may be used for
+
+PART = {"young": 1.0, "poisson": 0.3}
+
+ASKED = {
+    "load on a curve": ("tetra", {"traction": [Traction(on="rim", pressure=1.0)]},
+                        "traction: 'rim' is a physical curve of the mesh, which only a clamp may name; where a force "
+                        "acts on it, the displacement has no limit as the mesh gets finer"),
+    "load on a point": ("triangle", {"traction": [Traction(on="heel", pressure=1.0)]},
+                        "traction: 'heel' is a physical point of the mesh, which only a clamp may name"),
+    "clamped volume": ("tetra", {"clamp": ["soft"]}, "clamp: 'soft' is a physical volume of the mesh, not a boundary "),
+    "clamped surface": ("triangle", {"clamp": ["soft"]}, "clamp: 'soft' is a physical surface of the mesh"),
+    "far point": ("triangle", {"clamp": ["centre"]}, "clamp: the physical point 'centre' of the mesh is at none"),
+    "no group": ("tetra", {"clamp": ["botom"]}, "clamp: the mesh has no boundary group 'botom'; did you mean"),
+    "no volume": ("tetra", {"material": [PartMaterial(on="top", **PART)]},
+                  "material.0.on: the mesh has no physical volume 'top'"),
+    "no material": ("tetra", {"material": [PartMaterial(on="soft", **PART)]}, "material: the tetrahedron at (")}
+
+
+@pytest.mark.parametrize(("cells", "keys", "words"), ASKED.values(), ids=ASKED)
+def test_what_names_of_a_file_may_not_be_used_for(tmp_path, cells, keys, words):
+    """Clamps may name boundaries, curves and points of bodies; loads only boundaries; materials only parts."""
+    with pytest.raises(InputError) as error:
+        build_mesh(ring(write_ring(tmp_path, cells, 1), **keys))
+    assert str(error.value).startswith(f"body.ring.{words}")
+
+
+def test_a_clamp_holds_all_of_a_name(tmp_path):
+    """A set of nodes may be a side and more beside it: a clamp holds all, a load acts on the side."""
+    mesh = build_mesh(ring(write_ring(tmp_path, "tetra", 1), clamp=["bottom", "rim", Clamp(on="heel", z=0.0)]))
+    twice = Mesh(mesh.points, mesh.triangles, {"rim": mesh.groups["bottom"]}, {"rim": mesh.groups["outer"][:2, 0]},
+                 curves=mesh.curves)
+    expected = np.unique(np.concatenate([each["rim"].ravel() for each in (twice.groups, twice.curves, twice.vertices)]))
+    assert np.array_equal(twice.nodes_of("rim"), expected)
+    assert len(twice.facets("rim").nodes) == len(mesh.groups["bottom"])
+
+
+def test_a_solid_in_a_plane_scene_is_refused(tmp_path):
+    with pytest.raises(InputError, match="the mesh is in space, and the scene is in the plane"):
+        build_mesh(ring(write_ring(tmp_path, "tetra", 1)), dimension=2)
+
+
+# Files of solids that are none
+
+
+def moved_node(raw: meshio.Mesh) -> None:
+    inside = np.linalg.norm(raw.points - [0.53, 0.53, HEIGHT / 2], axis=1).argmin()
+    raw.points[inside, 2] += 3.0
+
+
+def wrong_edges(raw: meshio.Mesh) -> None:
+    for block in raw.cells:
+        if block.type == "tetra10":
+            block.data[:, [4, 5]] = block.data[:, [5, 4]]
+
+
+def surface_alone(raw: meshio.Mesh) -> None:
+    raw.cells = [block for block in raw.cells if block.dim == 2]
+
+
+@pytest.mark.parametrize(("order", "spoil", "words"), [
+    (1, moved_node, r"has tetrahedra that overlap at \(.*: the mesh folds there"),
+    (2, wrong_edges, r"the curved tetrahedron at .* folds"),
+    (1, surface_alone, r'is not plane \(its z coordinates differ\), and has no tetrahedra; a solid needs its cells: '
+                       r'Physical Volume\("body"\)')])
+def test_solids_that_are_none_are_refused(tmp_path, order, spoil, words):
+    """A node that lies across its neighbours, middles on the wrong edges, and a mere surface."""
+    raw = meshio.gmsh.read(write_ring(tmp_path, "tetra", order))
+    spoil(raw)
+    blocks = [(block.type, block.data) for block in raw.cells if block.dim > 1]
+    tags = [np.full(len(data), k) for k, (_, data) in enumerate(blocks, start=1)]
+    meshio.Mesh(raw.points, blocks, cell_data={"CellEntityIds": tags}).write(tmp_path / "ring.vtu")
+    with pytest.raises(InputError, match=words):
+        build_mesh(ring(tmp_path / "ring.vtu", order))
+
+
+# Inputs of Abaqus, by hand
 
 MIDDLES = (SQUARE + np.roll(SQUARE, -1, axis=0)) / 2
 
@@ -200,49 +526,9 @@ def test_sets_of_sets_and_parts_of_a_file(tmp_path):
     assert path.exists()
 
 
-def test_input_of_gmsh(tmp_path):
-    """gmsh writes lines as trusses, and physical groups as sets of elements; nodes of the groups add nothing."""
-    with gmsh_session():
-        surface = gmsh.model.occ.addRectangle(0, 0, 0, 1, 1)
-        gmsh.model.occ.synchronize()
-        for curve, name in zip((1, 2, 3, 4), NAMES, strict=True):
-            gmsh.model.addPhysicalGroup(1, [curve], name=name)
-        gmsh.model.addPhysicalGroup(2, [surface], name="volume")
-        gmsh.option.setNumber("Mesh.SaveGroupsOfNodes", 1)
-        gmsh.model.mesh.generate(2)
-        gmsh.write(str(tmp_path / "square.inp"))
-    mesh = read_mesh(tmp_path / "square.inp", "upper")
-    same_square(Mesh(mesh.points, mesh.triangles, {name: mesh.groups[name] for name in NAMES}))
-    assert not mesh.vertices and len(mesh.surfaces["volume"]) == len(mesh.triangles)
-
-
 def square(**data) -> meshio.Mesh:
     points = np.column_stack([SQUARE, np.zeros(4)])
     return meshio.Mesh(points, [("line", SIDES), ("triangle", HALVES)], **data)
-
-
-def test_med_groups_have_no_blanks(tmp_path):
-    """MED pads names with blanks; a family of elements may belong to several groups, and a group have several."""
-    made = square(cell_data={"cell_tags": [np.array([-1, -2, -3, -4]), np.array([-5, -5])]},
-                  point_data={"point_tags": np.array([2, 0, 0, 0])})
-    made.cell_tags = {-k: [f"{name:<80}", "rim".ljust(80, "\0")] for k, name in enumerate(NAMES, 1)} | {-5: ["volume"]}
-    made.point_tags = {2: ["corner" + 74 * " "]}
-    made.write(tmp_path / "square.med")
-    mesh = read_mesh(tmp_path / "square.med", "upper")
-    assert length(mesh, "rim") == pytest.approx(4.0) and mesh.vertices["corner"].tolist() == [0]
-    del mesh.groups["rim"]
-    same_square(mesh)
-
-
-@pytest.mark.parametrize("ending", [".vtu", ".vtk"])
-def test_groups_by_number(tmp_path, ending):
-    """VTK's formats number groups, as gmsh does there; 0 is none."""
-    numbers = [np.array([1, 2, 3, 4]), np.array([0, 9])]
-    path = tmp_path / f"square{ending}"
-    square(cell_data={"CellEntityIds": numbers}).write(path)
-    mesh = read_mesh(path, "upper")
-    same_square(mesh, "1234")
-    assert {name: each.tolist() for name, each in mesh.surfaces.items()} == {"9": [1]}
 
 
 @pytest.mark.parametrize(("more", "words"), [

@@ -274,31 +274,6 @@ def test_missing_files_and_groups_are_refused(tmp_path):
         drawn(write(tmp_path / "good.geo", SURFACE + GROUPS), clamp=[Clamp(on="lift", x=0.0)])
 
 
-def test_circles_are_curved_in_order_2(tmp_path):
-    """Elements of order 2 follow a hole's circle: the area is right to five digits on a coarse mesh."""
-    mesh = drawn(write(tmp_path / "hole.geo", HOLE), size=1.0, order=2)
-    assert len(mesh.curved) >= 24
-    assert mesh.measures().sum() == pytest.approx(2 - np.pi * 0.04, rel=1e-5, abs=0.0)
-
-
-def test_quadrilaterals_keep_curved_sides(tmp_path):
-    """A file of second-order quadrilaterals is cut into triangles whose outer sides are curved as before."""
-    with gmsh_session():
-        gmsh.model.occ.addDisk(0, 0, 0, 1, 1)
-        gmsh.model.occ.synchronize()
-        gmsh.model.addPhysicalGroup(1, [1], name="rim")
-        gmsh.model.addPhysicalGroup(2, [1], name="disc")
-        gmsh.option.setNumber("Mesh.RecombineAll", 1)
-        gmsh.option.setNumber("Mesh.MeshSizeMax", 0.3)
-        gmsh.model.mesh.generate(2)
-        gmsh.model.mesh.setOrder(2)
-        gmsh.write(str(tmp_path / "disc.msh"))
-    spec = BodySpec(name="disc", mesh=MeshSpec(file=str(tmp_path / "disc.msh"), order=2),
-                    material=Material(young=1.0, poisson=0.3))
-    mesh = build_mesh(spec)
-    assert mesh.cut > 20 and mesh.measures().sum() == pytest.approx(np.pi, rel=1e-4, abs=0.0)
-
-
 @pytest.mark.parametrize("key", ["size", "contact_size"])
 @pytest.mark.parametrize("text", [HOLE, """SetFactory("OpenCASCADE"); Rectangle(1) = {0, 0, 0, 2, 1};
 Disk(2) = {1, 0.5, 0, 0.2}; BooleanDifference(3) = { Surface{1}; Delete; }{ Surface{2}; Delete; };

@@ -36,12 +36,6 @@ def lengths(mesh: Mesh, group: str) -> np.ndarray:
     return np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
 
 
-def nodes(mesh: Mesh, group: str) -> np.ndarray:
-    """Points (k, 2) of a group in the order of their coordinates, to rounding."""
-    points = mesh.points[np.unique(mesh.groups[group])]
-    return points[np.lexsort(np.round(points, 9).T)]
-
-
 def check_boundary(mesh: Mesh) -> None:
     """The groups cover the boundary once, and the body lies to the left of their edges."""
     t = mesh.triangles
@@ -88,42 +82,6 @@ def test_quadrilateral_is_the_bilinear_map_of_a_grid():
         {name: edges.tolist() for name, edges in grid.groups.items()}
 
 
-@pytest.mark.parametrize(("origin", "size"), [((0.0, 0.0), (3.0, 1.0)), ((0.5, -2.0), (0.25, 7.0)),
-                                              ((0.0, 1.0), (3.0, 1.0)), ((-4.0, 2.0), (8.0, 1 / 3))])
-def test_upright_quadrilateral_is_a_rectangle(origin, size):
-    """A quadrilateral with sides along the axes is the rectangle, to the last bit."""
-    (x, y), (width, height) = origin, size
-    corners = ((x, y), (x + width, y), (x + width, y + height), (x, y + height))
-    ours = quadrilateral((7, 11), corners)
-    theirs = generate_rectangle(MeshSpec(shape="rectangle", origin=origin, size=size, divisions=(7, 11)))
-    exact = corners[2][1] - y == height  # else the corners say less than origin and size
-    assert ours.points == pytest.approx(theirs.points, rel=0, abs=0 if exact else 1e-15)
-    assert np.array_equal(ours.triangles, theirs.triangles)
-
-
-@pytest.mark.parametrize("order", [1, 2])
-@pytest.mark.parametrize("turn", range(4))
-def test_quadrilaterals_share_the_nodes_of_a_common_side(turn, order):
-    """Two quadrilaterals with a side in common have the same nodes on it, whichever of their sides it is."""
-    b, c = SLANTED[1:3]
-    other = [(3.9, 0.1), (3.7, 1.9), c, b]  # its third side is our second
-    other = tuple(other[turn:] + other[:turn])
-    ours = quadrilateral((4, 37), order=order)
-    theirs = quadrilateral((37, 5) if turn % 2 == 0 else (5, 37), other, order)
-    name = NAMES[(2 - turn) % 4]
-    scale = max(map(max, SLANTED))
-    left, right = nodes(ours, "right"), nodes(theirs, name)
-    assert left == pytest.approx(right, rel=0, abs=1e-15 * scale)
-    assert {b, c} <= {tuple(p) for p in left.tolist()} & {tuple(p) for p in right.tolist()}  # to the last bit
-
-
-@pytest.mark.parametrize("scale", [1e-9, 1e6])
-def test_quadrilateral_of_any_size(scale):
-    """A quadrilateral in other units is the same one."""
-    scaled = quadrilateral((6, 4), tuple((scale * x, scale * y) for x, y in SLANTED))
-    assert scaled.points / scale == pytest.approx(quadrilateral((6, 4)).points, rel=0, abs=1e-14)
-
-
 # Annuli
 
 
@@ -147,31 +105,10 @@ def test_annulus_has_area_and_lengths_of_its_polygons(angles, order):
     check_boundary(mesh)
 
 
-@pytest.mark.parametrize("divisions", [(3, 1), (4, 1), (5, 3), (24, 2)])
-def test_whole_ring_is_closed(divisions):
-    """A whole ring has every node once, and as many cells as were asked for."""
-    around, across = divisions
-    mesh = annulus(divisions, (17.0, 377.0))
-    assert len(mesh.points) == around * (across + 1) == len(np.unique(mesh.points.round(9), axis=0))
-    assert np.array_equal(np.unique(mesh.triangles), np.arange(len(mesh.points)))
-    assert len(mesh.triangles) == 2 * around * across
-    check_boundary(mesh)
-
-
 def test_ring_is_closed_in_spite_of_rounding():
     """Angles that are 360 degrees apart but for rounding close the ring."""
     for end in np.nextafter(360.0, 0.0), np.nextafter(360.0, 720.0):
         assert set(annulus((12, 2), (0.0, float(end))).groups) == {"inner", "outer"}
-
-
-def test_annulus_is_numbered_as_a_rectangle():
-    """Corners come first, then the sides, both counter-clockwise from the inner end of the start."""
-    mesh, (a, b) = annulus((4, 3)), (0.5, 1.25)
-    assert mesh.points[:4].tolist() == [[a, 0.0], [b, 0.0], [0.0, b], [0.0, a]]
-    grid = generate_rectangle(MeshSpec(shape="rectangle", size=(1.0, 1.0), divisions=(3, 4)))
-    assert np.array_equal(mesh.triangles, grid.triangles)
-    for ours, theirs in (("start", "bottom"), ("outer", "right"), ("end", "top"), ("inner", "left")):
-        assert np.array_equal(mesh.groups[ours], grid.groups[theirs])
 
 
 def test_annulus_is_exact_on_the_axes_and_symmetric():
@@ -182,41 +119,7 @@ def test_annulus_is_exact_on_the_axes_and_symmetric():
     assert np.count_nonzero(points == 0.0) == 4 * 3
 
 
-@pytest.mark.parametrize("order", [1, 2])
-@pytest.mark.parametrize(("inner", "outer"), [((24, (0.0, 360.0)), (24, (0.0, 360.0))),
-                                              ((10, (20.0, 80.0)), (10, (20.0, 80.0))),
-                                              ((24, (0.0, 360.0)), (24, (-90.0, 270.0)))])
-def test_annuli_share_the_nodes_of_a_common_radius(inner, outer, order):
-    """Two annuli with a radius in common have the same nodes on it."""
-    center, radius = (0.3, -0.7), 0.7
-    ours = annulus((inner[0], 3), inner[1], (0.1, radius), center, order)
-    theirs = annulus((outer[0], 2), outer[1], (radius, 1.9), center, order)
-    assert nodes(theirs, "inner") == pytest.approx(nodes(ours, "outer"), rel=0, abs=1e-15 * (radius + 0.7))
-
-
-def test_annulus_approaches_the_circles():
-    """The area of linear triangles approaches that between the circles with the square of the size of its cells."""
-    exact = np.pi * (1.25**2 - 0.5**2) / 4
-    errors = [exact - areas(annulus((n, 2))).sum() for n in (4, 8, 16)]
-    assert np.log2(np.array(errors[:-1]) / errors[1:]) == pytest.approx([2, 2], abs=0.02)
-
-
 # Order 2 and refinement
-
-
-@pytest.mark.parametrize("make", [quadrilateral, annulus, lambda divisions, order=1: annulus(
-    divisions, (0.0, 360.0), order=order)])
-def test_order_two_has_nodes_in_the_middles_of_sides(make):
-    """A shape of order 2 is that of order 1 with a node in the middle of every side, straight but of an annulus."""
-    linear, quadratic = make((5, 3)), make((5, 3), order=2)
-    assert np.array_equal(quadratic.points[:len(linear.points)], linear.points)
-    assert np.array_equal(quadratic.triangles[:, :3], linear.triangles)
-    edges = len(linear.points) + len(linear.triangles) - (0 if len(linear.groups) == 2 else 1)  # Euler
-    assert len(quadratic.points) == len(linear.points) + edges
-    for edges in quadratic.groups.values():
-        a, b, middle = quadratic.points[edges].transpose(1, 0, 2)
-        if make is quadrilateral:
-            assert middle == pytest.approx((a + b) / 2, rel=0, abs=1e-15)
 
 
 SCENE = """

@@ -71,26 +71,6 @@ def test_all_cells_of_a_box_are_cut_alike():
     assert all({(0.0, 0.0, 0.0), (1.0, 1.0, 1.0)} <= cell for cell in cells(unit, 0.0))
 
 
-@pytest.mark.parametrize("order", [1, 2])
-@pytest.mark.parametrize("axis, low, high", [(0, "left", "right"), (1, "front", "back"), (2, "bottom", "top")])
-def test_touching_boxes_match(axis, low, high, order):
-    """Boxes of equal divisions that touch have the same facets where they do, to the last bit."""
-    move = 0.7 * np.eye(3)[axis]
-    one = box(order=order, size=(0.7, 0.7, 0.7))
-    two = box(order=order, size=(0.7, 0.7, 0.7), origin=tuple(map(float, move)))
-    assert facets(one, high) == facets(two, low)
-
-
-@pytest.mark.parametrize("order", [1, 2])
-def test_hexahedron_of_a_box_is_the_box(order):
-    """A hexahedron with the corners of a box has its nodes, cells and groups."""
-    ours, theirs = hexahedron(corners=CORNERS, order=order), box(order=order)
-    assert ours.points == pytest.approx(theirs.points, rel=0, abs=1e-15)
-    assert np.array_equal(ours.triangles, theirs.triangles)
-    assert {name: group.tolist() for name, group in ours.groups.items()} == \
-        {name: group.tolist() for name, group in theirs.groups.items()}
-
-
 def test_hexahedron_is_the_trilinear_map_of_a_grid():
     """Nodes lie at equal parameters; those at corners are the corners exactly."""
     mesh, grid = hexahedron(), box(size=(1.0, 1.0, 1.0))
@@ -98,7 +78,8 @@ def test_hexahedron_is_the_trilinear_map_of_a_grid():
     weights = [(x if c[0] else 1 - x) * (y if c[1] else 1 - y) * (z if c[2] else 1 - z) for c in CORNERS]
     assert mesh.points == pytest.approx(sum(w * a for w, a in zip(weights, at, strict=True)), rel=0, abs=1e-15)
     assert {tuple(map(float, corner)) for corner in LEANING} <= set(map(tuple, mesh.points.tolist()))
-    assert (signed_measures(mesh.points, mesh.triangles) > 0).all()
+    assert (signed_measures(mesh.points, mesh.triangles) > 0).all() and np.array_equal(mesh.triangles, grid.triangles)
+    assert all(np.array_equal(mesh.groups[name], grid.groups[name]) for name in SIZE)
 
 
 def test_hexahedra_share_the_nodes_of_a_common_face():

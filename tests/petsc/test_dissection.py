@@ -54,13 +54,6 @@ def test_last_nodes_divide_the_others():
     assert sorted(sizes[sizes > 1]) == [228, 240]
 
 
-def test_flat_cells():
-    """Cells that are a hundred times longer than high are divided like squares."""
-    points, first, second = grid(24, 24)
-    flat = dissect(points * [1.0, 100.0], first, second)
-    assert entries(flat, first, second) == entries(dissect(points, first, second), first, second)
-
-
 def test_nodes_at_one_place_and_few_nodes():
     """What cannot be divided is ordered all the same."""
     everywhere = np.triu_indices(50, 1)

@@ -33,34 +33,6 @@ def test_gradient_is_split_by_what_the_bounds_hold():
         assert np.array_equal(BOX.project(x - 1e-9 * g)[held], x[held])
 
 
-def test_longest_step_ends_on_a_bound():
-    """The longest feasible step reaches a bound and a longer one leaves the box; it is infinite if no step leaves."""
-    rng = np.random.default_rng(2)
-    for x in points():
-        p = BOX.split(rng.normal(size=5), x)[0]
-        longest = BOX.longest_step(x, p)
-        if np.isfinite(longest):
-            outside = x - (1 + 1e-9) * longest * p
-            assert BOX.project(x - longest * p) == pytest.approx(x - longest * p, rel=1e-14, abs=1e-14)
-            assert (outside < BOX.lower).any() or (outside > BOX.upper).any()
-        else:
-            assert np.array_equal(BOX.project(x - 1e9 * p), x - 1e9 * p)
-        reduced = BOX.reduced(p, x, 0.7)
-        assert x - 0.7 * reduced == pytest.approx(BOX.project(x - 0.7 * p), rel=1e-14, abs=1e-14)
-
-
-def test_scaling_there_and_back_keeps_what_lies_on_bounds():
-    """A component on a bound of the scaled box, or within the given distance, lies on the bound itself, exactly."""
-    unit = 0.7e11
-    box = Box(unit * BOX.lower / 3, unit * BOX.upper / 3)
-    for x in points():
-        x = x / 3
-        back = box.unscaled(x + 1e-13, unit, 1e-12)
-        assert back == pytest.approx(unit * x, rel=1e-11, abs=1e-1)
-        on = np.isclose(x, BOX.lower / 3, rtol=0, atol=1e-14) | np.isclose(x, BOX.upper / 3, rtol=0, atol=1e-14)
-        assert np.array_equal(on, (back == box.lower) | (back == box.upper))
-
-
 @pytest.mark.parametrize("name, kind", [("ddmpi.mprgp.MPRGP", MPRGP), ("ddmpi.apg.APG", APG)])
 def test_our_types_take_the_variable_bounds_of_any_tao(name, kind, petsc_options):
     """``-tao_python_type ddmpi.mprgp.MPRGP`` solves a TAO of the user's own, within its variable bounds."""

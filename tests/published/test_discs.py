@@ -56,14 +56,6 @@ def test_projection_is_feasible_to_the_last_bit_and_projects_once():
         assert np.all(x[:500] >= 0.0)
 
 
-def test_reduced_gradient_leads_to_the_projection():
-    rng = np.random.default_rng(1)
-    discs = contact(50, rng.uniform(0.0, 1.0, 50))
-    for step in (0.1, 1.0, 10.0):
-        x, g = discs.project(rng.normal(size=150)), rng.normal(size=150)
-        assert x - step * discs.reduced(g, x, step) == pytest.approx(discs.project(x - step * g), abs=1e-14 * step)
-
-
 def test_without_a_free_disc_the_set_is_a_box():
     """Where the tangential forces are held, or unbounded, or none: what remains is for all TAO types."""
     x = np.arange(9.0)
@@ -130,18 +122,6 @@ def test_a_step_costs_one_product_and_a_start_at_the_answer_none():
     again = QPSolver().solve(qp, result.s, result.Cs, 1e-9, "program")
     assert (again.iterations, qp.C.count["program"]) == (0, result.iterations)
     assert np.array_equal(again.s, result.s)
-
-
-def test_steps_grow_with_the_root_of_the_condition():
-    """Of plain projected gradients they would grow with the condition, a hundred times instead of ten."""
-    steps = [solve(on_discs(20, condition), 1e-8).iterations for condition in (1e2, 1e4)]
-    assert steps[1] <= 20 * steps[0]
-
-
-def test_a_norm_that_is_too_small_is_raised():
-    qp = on_discs(10)
-    qp.C._norm = 0.3 * np.linalg.norm(qp.C.matrix, 2)
-    assert np.linalg.norm(multipliers(qp, solve(qp, 1e-8).s)[0]) <= 1e-6
 
 
 def test_precision_beyond_rounding_is_real_or_refused():

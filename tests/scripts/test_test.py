@@ -78,6 +78,7 @@ def test_ranks_report_under_the_name_of_their_test(example):
     assert re.findall(r"^FAILED (\S+)", said, re.M) == names
     assert all(f"- on rank {rank} -" in said for rank in (0, 1)) and "time limit of 5.0s" in said
     assert re.findall(r"\[ *(\d+)%\]", said)[-1] == "100"
+    assert re.search(r"= slowest files =+\n *\d+\.\d s  test_example\.py\n", said)
     listed = run(*pytest_, "--lf", "--collect-only", "-q", cwd=example)
     assert listed.splitlines()[:4] == names
     assert "1 failed, 1 passed" in run(*pytest_, names[1], cwd=example, code=1)

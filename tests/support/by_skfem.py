@@ -2,6 +2,7 @@
 
 import numpy as np
 import scipy.sparse as sparse
+from petsc4py import PETSc
 from scipy.sparse.linalg import spsolve
 from skfem import (
     Basis,
@@ -70,7 +71,11 @@ def load_of(mesh: Mesh, form, intorder: int = 4, on: np.ndarray | None = None) -
 def solve(mesh: Mesh, spec: BodySpec) -> np.ndarray:
     """The displacement (nv, d) of one body that clamps hold, by SciPy's sparse solver (m)."""
     problem = assemble(mesh, spec)
-    indptr, indices, data = problem.A.getValuesCSR()
     u = problem.b.duplicate()
-    u.array[:] = spsolve(sparse.csr_matrix((data, indices, indptr)).tocsc(), problem.b.array_r)
+    u.array[:] = spsolve(to_scipy(problem.A).tocsc(), problem.b.array_r)
     return problem.expand(u)
+
+
+def to_scipy(A: PETSc.Mat) -> sparse.csr_matrix:
+    indptr, indices, values = A.getValuesCSR()
+    return sparse.csr_matrix((values, indices, indptr), A.size)
