@@ -103,7 +103,7 @@ def test_a_body_that_slides_off_is_named_where_interior_points_fail_too(coeffici
     """Friction that the linear program believes in and elastic bodies do not find: b02 slides along -x."""
     answer = ddmpi.solve(str(hard_scenes.HARD / "drift.toml"), MPI.COMM_SELF,
                          {"contact.c1.friction.coefficient": coefficient})
-    assert "no equilibrium found: nothing holds b02: it would move along -x" in answer.reason
+    assert "no equilibrium found: b02 would move along -x" in answer.reason
     assert answer.summary["outer_iterations"] <= 60
 
 
@@ -158,7 +158,7 @@ def test_a_squeezed_block_that_friction_holds_is_not_condemned(friction):
 @pytest.mark.parametrize("excess", [1.05, 1.2, 2.0])
 def test_a_squeezed_block_past_its_limit_is_named_in_few_steps(excess):
     answer = ddmpi.solve(squeezed(0.0241 / excess), MPI.COMM_SELF)
-    assert "no equilibrium found: nothing holds block: it would move along -y" in answer.reason
+    assert "no equilibrium found: block would move along -y" in answer.reason
     assert answer.summary["outer_iterations"] <= 60
 
 

@@ -155,7 +155,7 @@ def test_a_tower_tips_and_stands(tmp_path):
     name = ROOT / "configs" / "tipping_tower.toml"
     done = scenes.run_command(name, tmp_path / "out")
     assert done.code == 3
-    assert "no equilibrium: second, third and fourth tip to the right about (1, 0.5)" in done.stderr
+    assert "no equilibrium: second, third and fourth would move most at (" in done.stderr
     assert (tmp_path / "out" / "mechanism.png").exists() and not (tmp_path / "out" / "bodies.png").exists()
     text = name.read_text()
     head, *tables = text.split("\n[[")
@@ -297,7 +297,7 @@ def test_a_stack_with_a_slip_bound(comm):
 def test_a_frictionless_stack_stays_where_it_is(comm):
     """Sideways motions are undetermined, and named; the weights are borne, and nothing moves far."""
     answer = solve(comm, pushed(0.0, None))
-    assert len(answer.summary["undetermined"]) == 2 and "slide along x" in answer.summary["undetermined"][0]
+    assert len(answer.summary["undetermined"]) == 2 and "move along x" in answer.summary["undetermined"][0]
     assert answer.summary["contacts"]["lower-floor"]["force"] == pytest.approx([0.0, 4.0e4], rel=1e-6, abs=1e-2)
     assert answer.summary["displacement_max"] < 1e-5
 
@@ -307,7 +307,7 @@ def test_a_frictionless_stack_stays_where_it_is(comm):
 def test_a_block_is_pushed_up_to_its_friction(comm, push, holds):
     """Friction holds 0.5 of the upper block's weight, 20 kN."""
     answer = solve(comm, pushed(push * 2.0e4 / 0.5, coulomb(0.5)), certified=holds)
-    assert holds or "no equilibrium: upper would slide along x" in answer.reason
+    assert holds or "no equilibrium: upper would move along x" in answer.reason
 
 
 def test_a_ring_in_a_rigid_bore(comm):

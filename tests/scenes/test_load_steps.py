@@ -361,7 +361,7 @@ def test_a_step_without_equilibrium_is_named_by_its_time(tmp_path):
     done = run_here(write_scene(scene, tmp_path / "scene.toml"), tmp_path / "out", "--no-figures")
     assert done.code == 3
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
-    assert summary["reason"].startswith("no equilibrium: block would slide") and "to time 0.75" in summary["reason"]
+    assert summary["reason"].startswith("no equilibrium: block would move") and "to time 0.75" in summary["reason"]
     assert [step["time"] for step in summary["steps"]] == [0.25, 0.5]
 
 

@@ -98,7 +98,7 @@ def test_a_twisted_block(part):
     answer = ddmpi.solve({"body": [block], "rigid": [floor], "contact": [contact]}, MPI.COMM_SELF)
     assert answer.certified == (part < 1.0)
     if part > 1.0:
-        assert answer.reason.startswith("no equilibrium found: block turns about the axis through (")
+        assert answer.reason.startswith("no equilibrium found: block would ")
         assert ", 0.3) along z" in answer.reason
         assert answer.summary["outer_iterations"] <= 60
     else:
