@@ -11,7 +11,7 @@ from rigid_blocks import Blocks, Boxes, arch, beam, pushed, squeezed, tall, towe
 
 from ddmpi.interface.law import CoulombLaw
 from ddmpi.judge import motions
-from ddmpi.judge.equilibrium import describe, find_mechanism
+from ddmpi.judge.equilibrium import _Free, describe, find_mechanism
 from ddmpi.judge.forces import Forces
 from ddmpi.judge.motions import MotionsOfBody, direction, undetermined
 from ddmpi.run import equilibrium
@@ -88,6 +88,19 @@ def test_friction_of_a_given_bound():
     """Tresca's bound holds whatever the pressure, and all nodes add to it."""
     assert words(pushed(0.299, "tresca", 0.3)) == "equilibrium"
     assert words(pushed(0.301, "tresca", 0.3)) == "block would move along x"
+
+
+def test_the_imbalance_of_given_friction():
+    """What friction of given bounds takes of a push is balanced; the rest is compared with push, weight and moment."""
+    loads = np.sqrt(0.4 ** 2 + 1.0 + 6.0 * (0.4 / 4) ** 2)  # the moment over the radius of gyration, 1/√6
+    assert found(pushed(0.4, "tresca", 0.3)).imbalance == pytest.approx(0.1 / loads, rel=1e-5)
+
+
+@pytest.mark.parametrize("v", [(0.0, -1.0, 0.0), (-1.0, 1.0, 0.0), (np.nan, np.nan, np.nan), (0.0, 0.0, 0.0)])
+def test_what_a_solver_returns_is_no_proof_by_itself(v, monkeypatch):
+    """A motion into the floor, one against the loads, and none at all prove nothing."""
+    monkeypatch.setattr(_Free, "start", lambda self, slope, bound: (np.array(v), np.zeros_like(slope)))
+    assert found(pushed(0.6)) is None
 
 
 @dataclass(frozen=True)
@@ -205,6 +218,9 @@ def test_a_light_body_is_seen_beside_a_heavy_one():
     """A lid of a millionth of the load of others that floats is found."""
     scene = pushed(0.0).box("lid", 0, 3, 1, 0.1, weight=1e-6)
     assert words(scene) == "lid would move along -y"
+    scene = pushed(0.4).box("lid", 0, 1, 1, 0.1, ((0.6e-6, 0.0), (0.5, 1.0)), weight=1e-6)
+    scene.contact("lid", "block", (0, 1), (1, 1), "coulomb", 0.5)
+    assert words(scene) == "lid would move along x"
 
 
 @pytest.fixture
