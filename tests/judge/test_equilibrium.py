@@ -16,6 +16,8 @@ from ddmpi.judge.forces import Forces
 from ddmpi.judge.motions import MotionsOfBody, direction, undetermined
 from ddmpi.run import equilibrium
 
+pytestmark = pytest.mark.clarabel
+
 
 def find(interfaces, G, e, bodies, load=0.0):
     """The mechanism of a scene; None where there may be equilibrium."""

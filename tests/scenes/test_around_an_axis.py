@@ -230,6 +230,7 @@ def test_the_turned_sphere_is_the_solid_one(tmp_path):
         assert value.computed == pytest.approx(solid.values[key].computed, rel=0.02 if key.startswith("a") else 0.04)
 
 
+@pytest.mark.clarabel
 def test_what_slides_along_the_axis_is_named():
     """A sleeve without friction on a shaft can move along y; a load along y then has no equilibrium."""
     scene = pressed(inner=0.5)

@@ -150,6 +150,7 @@ def test_a_bonded_block_is_one_block(comm):
         assert np.abs(displacement - expected).max() <= 1e-8 * largest
 
 
+@pytest.mark.clarabel
 def test_a_tower_tips_and_stands(tmp_path):
     """The command ends with exit code 3, names the bodies, and draws how they tip; with a block less they stand."""
     name = ROOT / "configs" / "tipping_tower.toml"
@@ -285,6 +286,7 @@ def test_a_driven_wedge_pushes_at_the_angle_of_friction(comm, mu):
     assert x / y == pytest.approx((mu + 0.2) / (1 - mu * 0.2), rel=1e-6)
 
 
+@pytest.mark.clarabel
 def test_a_stack_with_a_slip_bound(comm):
     """The bounds hold pushes up to bound × length; a larger push is refused."""
     bound = {"law": "tresca", "slip_bound": 2.0e4}
@@ -304,6 +306,7 @@ def test_a_frictionless_stack_stays_where_it_is(comm):
 
 @two_ranks
 @pytest.mark.parametrize("push, holds", [(0.49, True), (0.51, False)])
+@pytest.mark.clarabel
 def test_a_block_is_pushed_up_to_its_friction(comm, push, holds):
     """Friction holds 0.5 of the upper block's weight, 20 kN."""
     answer = solve(comm, pushed(push * 2.0e4 / 0.5, coulomb(0.5)), certified=holds)
@@ -327,6 +330,7 @@ def test_plates_in_a_press(comm):
 
 
 @two_ranks
+@pytest.mark.clarabel
 def test_a_chain_of_bars(comm):
     """Bonds bear the pull, and the end moves by σ L/E'; without bonds nothing holds the last bar."""
     answer = solve(comm, chain())

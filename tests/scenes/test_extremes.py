@@ -242,6 +242,7 @@ def test_a_huge_friction_coefficient_ends_in_good_order(comm):
 
 
 @two_ranks
+@pytest.mark.clarabel
 def test_bodies_that_clamps_do_not_hold_are_held_by_contact_or_the_reason_is_named(comm):
     """By friction they are; without it, a body without a clamp along x would slide. The published iteration refuses."""
     from ddmpi.errors import InputError

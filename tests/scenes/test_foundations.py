@@ -108,6 +108,7 @@ def beside(solid: bool, tangential: float = 0.0, friction: float = 0.3, pull: fl
 
 
 @pytest.mark.parametrize("solid", [False, True])
+@pytest.mark.clarabel
 def test_what_a_foundation_leaves(solid):
     """A normal one below a flat base leaves sliding: told where no load asks for it, no equilibrium where one does;
     with tangential springs, or a clamp, all is held."""

@@ -38,6 +38,7 @@ def test_answer_is_the_published_one(title):
 
 
 @pytest.mark.parametrize("title", IMPOSSIBLE)
+@pytest.mark.clarabel
 def test_what_cannot_stand_is_refused_by_the_command(title, tmp_path):
     """Exit code 3, and a reason that names it."""
     path = scenes.write_scene(PUBLIC[title]["scene"], tmp_path / "scene.toml")

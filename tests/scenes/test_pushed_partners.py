@@ -11,6 +11,7 @@ from solid_scenes import box
 import ddmpi
 from ddmpi.pictures.draw import draw_all
 from ddmpi.results.tables import read_results
+from ddmpi.run import equilibrium, report
 
 pytestmark = pytest.mark.slow
 
@@ -85,6 +86,7 @@ def vice(d: int, force: float, weight: float) -> dict:
 
 
 @pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.clarabel
 def test_a_pushed_jaw_holds_a_loose_body(d):
     """Up to the weight that friction bears; beyond it the block slides; without a force, and pulled, nothing holds."""
     answer = certified(vice(d, FORCE, 0.9 * 0.3 * FORCE))
@@ -96,12 +98,22 @@ def test_a_pushed_jaw_holds_a_loose_body(d):
 
 
 @pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.clarabel
 def test_a_push_that_nothing_bears(d):
     """The partner moves away, or slides off, in words that name it."""
     assert "no equilibrium: ram would move along " + "xyz"[d - 1] in refused(
         pressed(d, force=along(d, 0.0, -FORCE), lift=0.1))
     assert "no equilibrium: ram would move along x" in refused(
         pressed(d, force=along(d, 0.6 * FORCE, FORCE), law=LAWS["coulomb"]))
+
+
+def test_without_clarabel_the_question_is_not_asked(tmp_path, monkeypatch):
+    """The log says so once, and what to install; scenes that have an answer are solved."""
+    for module in (equilibrium, report):
+        monkeypatch.setattr(module, "has_clarabel", lambda: False)
+    run = run_here(write_scene(vice(2, FORCE, 0.9 * 0.3 * FORCE), tmp_path / "scene.toml"), tmp_path / "out")
+    assert run.code == 0 and run.stdout.count("pip install clarabel") == 1
+    assert not refused(vice(2, FORCE, 2.0 * 0.3 * FORCE)).startswith("no equilibrium:")
 
 
 def test_a_bonded_partner_may_be_pulled():

@@ -52,6 +52,7 @@ def test_a_shear_without_friction_has_no_equilibrium_but_at_its_zero():
 
 
 @pytest.mark.slow
+@pytest.mark.clarabel
 def test_bodies_that_slide_between_walls_have_no_equilibrium():
     """Springs that get softer near an answer stay stiff enough for the coarse problem."""
     scene = random_scene(1053)
