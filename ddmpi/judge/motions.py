@@ -95,13 +95,14 @@ class MotionsOfBody:
 
 
 def describe_motions(bodies: Sequence[MotionsOfBody], velocities: np.ndarray, verb: str = "would") -> str:
-    """How the fastest bodies "would" or "can" move with the velocities (nb, n), and which others move, too."""
+    """How the fastest bodies "would" or "can" move with the velocities (nb, n), and which others; "" if none moves."""
     speeds = np.array([body.speed(v) for body, v in zip(bodies, velocities, strict=True)])
-    moving = [int(k) for k in np.flatnonzero(speeds > SAME * speeds.max())]
+    top = speeds.max(initial=0.0)
+    moving = [int(k) for k in np.flatnonzero(speeds > SAME * top)]
     sentences: list[str] = []
-    for lead in np.flatnonzero(speeds >= (1.0 - SAME) * speeds.max()):
+    for lead in np.flatnonzero(speeds >= (1.0 - SAME) * top):
         if lead in moving and len(sentences) < NAMED:
-            group = _moving_as(int(lead), bodies, velocities, SAME * speeds.max())
+            group = _moving_as(int(lead), bodies, velocities, SAME * top)
             moving = [k for k in moving if k not in group]
             way = _way([bodies[k] for k in group], velocities[group[0]])
             sentences.append(f"{_names(bodies, group)} {verb} {way}")

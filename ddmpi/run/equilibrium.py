@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 import scipy.sparse as sparse
 
-from ddmpi.coupling.assembly import Assembly
+from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.law import across, direction
 from ddmpi.interface.state import ContactState
@@ -36,7 +36,7 @@ def look_for_mechanism(assembly: Assembly) -> Mechanism | None:
     if not assembly.loose or len(assembly.loose) > LARGEST:
         return None
     world, space, joint, scene = assembly.world, assembly.space, assembly.joint, assembly.scene
-    loads = joint.of_all([np.array([load]) for _, load in _loose_bodies(assembly)],
+    loads = joint.of_all([np.array([body.member.elasticity.load]) for body in _loose(assembly)],
                          [np.array([size]) for size in assembly.pushes.values()])
     with agreed(world):
         own = {interface.name: Forces.of(interface, G) for interface, G in
@@ -105,20 +105,14 @@ def _undetermined(assembly: Assembly, chosen: Callable[[Interface], tuple[sparse
 
 def describe_drift(assembly: Assembly, motions: np.ndarray) -> str:
     """Where the loose bodies drift to, in words; `motions` as `Outer.motions`. Collective."""
-    bodies = _with_partners(assembly)
-
-    def describe() -> str:
-        velocities = np.array([body.basis @ motions[assembly.joint.slices[body.name]] for body in bodies])
-        fastest = max((body.speed(v) for body, v in zip(bodies, velocities, strict=True)), default=0.0)
-        return describe_motions(bodies, velocities / fastest) if fastest else "no body"
-
-    return from_first(assembly.world, describe)
+    bodies, slices = _with_partners(assembly), assembly.joint.slices
+    return from_first(assembly.world, lambda: describe_motions(
+        bodies, np.array([body.basis @ motions[slices[body.name]] for body in bodies])) or "no body")
 
 
-def _loose_bodies(assembly: Assembly) -> list[tuple[MotionsOfBody, float]]:
-    """The bodies of this rank that clamps do not hold, with the sizes of their loads. Not collective."""
-    return [(MotionsOfBody.of(body.spec.name, body.mesh.points, body.member.motions), body.member.elasticity.load)
-            for body in assembly.bodies if not body.member.elasticity.held]
+def _loose(assembly: Assembly) -> list[Body]:
+    """The bodies of this rank that clamps do not hold. Not collective."""
+    return [body for body in assembly.bodies if not body.member.elasticity.held]
 
 
 def _with_partners(assembly: Assembly) -> list[MotionsOfBody]:
@@ -126,7 +120,9 @@ def _with_partners(assembly: Assembly) -> list[MotionsOfBody]:
 
     A partner has the shape of what faces it. Collective.
     """
-    found = list(gathered(assembly.world, {body.name: body for body, _ in _loose_bodies(assembly)}).values())
+    found = list(gathered(assembly.world, {
+        body.spec.name: MotionsOfBody.of(body.spec.name, body.mesh.points, body.member.motions)
+        for body in _loose(assembly)}).values())
     for rigid in assembly.joint.pushed:
         facing = gathered(assembly.world, {
             each.name: [each.xy + side * each.spacing[:, None] * axis for axis in np.eye(each.dimension)
