@@ -70,6 +70,7 @@ def plug_in_ring() -> dict:
 
 
 @pytest.mark.slow
+@pytest.mark.clarabel
 def test_around_an_axis_with_springs_and_pushed_partners(looked_at, tmp_path):
     """Forces are of the whole circumference; what is not clamped is said to be held by springs, or loose."""
     pytest.importorskip("matplotlib")
@@ -134,6 +135,7 @@ def test_the_lines_quote_all_names():
 
 
 @pytest.mark.slow
+@pytest.mark.clarabel
 def test_the_lines_solve_the_scene(tmp_path):
     """Pasted at the end of the file, they make of a scene without equilibrium one with a certified answer."""
     path = ROOT / "configs" / "bolted_plates.toml"

@@ -173,6 +173,7 @@ def test_ranks_agree_and_a_run_goes_on(tmp_path):
 
 
 @pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.clarabel
 def test_a_mechanism_of_a_partner_alone_is_drawn(d, tmp_path):
     """No body moves, and the picture shows the partner that does."""
     path = write_scene(pressed(d, force=along(d, 0.0, -FORCE)), tmp_path / "scene.toml")
