@@ -100,9 +100,9 @@ def floor_resultant(summary: dict) -> float:
 
 
 def tipping_edge(summary: dict) -> float:
-    """x of the point about which the bodies tip (m), as the reason says it."""
-    found = re.search(r"about \(([^,]*),", summary["reason"])
-    return float(found[1]) if found else float("nan")
+    """x of the point at the height 0.5 m about which the bodies tip (m), from where they move most and which way."""
+    x, y, along, up = map(float, re.search(r"at \((.*), (.*)\), along \((.*), (.*)\)", summary["reason"]).groups())
+    return x + (y - 0.5) * up / along
 
 
 def second_cycle(summary: dict) -> float:
@@ -159,8 +159,8 @@ EXHIBITS = [
     Exhibit("wall", "contacts.png", 0.47745, "m", 1e-4, "balance", floor_resultant),
     Exhibit("arch", "bodies.png", 40.194, "kN/m", 1e-4, "statics: the least thrust",
             contact("v5-v6", "force", 0, -1e-3), {f"body.v{k}.mesh.divisions": [6, 4] for k in range(1, 11)}),
-    Exhibit("tipping_tower", "mechanism.png", 1, "m", 1e-6, "balance", tipping_edge,
-            refused="no equilibrium: second, third and fourth tip to the right"),
+    Exhibit("tipping_tower", "mechanism.png", 1, "m", 0.02, "balance", tipping_edge,
+            refused="no equilibrium: second, third and fourth would move most at ("),
     Exhibit("bonded_block", "contacts.png", 3, "MN/m", 1e-5, "balance",
             lambda summary: -1e-6 * sum(summary["contacts"][name]["force"][1] for name in ("lower", "upper"))),
     Exhibit("lined_wheel", "bodies.png", 18.85, "N/mm", 0.02, "balance, with a round bore",

@@ -39,7 +39,14 @@ def pytest_configure(config: pytest.Config) -> None:
         config.option.verbose = Quiet(config.option.verbose)
     if sys.stdout.isatty() and config.option.verbose == 0 and config.getoption("capture") != "no":
         config.pluginmanager.register(Bar(config), "bar")
+    config.addinivalue_line("markers", "clarabel: asks whether there is an equilibrium")
     config.addinivalue_line("markers", "hosts: runs on several hosts, which scripts/local_hosts.sh makes")
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """What needs the optional clarabel is skipped without it."""
+    if item.get_closest_marker("clarabel"):
+        pytest.importorskip("clarabel", reason="needs clarabel")
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:

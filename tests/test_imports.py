@@ -39,9 +39,9 @@ ASKS = re.compile(
 
 PLACES = {
     # of the laws: a box and two edges in the plane, discs and polygons in space; no friction turns in the plane
-    "interface/law": 3, "run/equilibrium": 1, "mesh/boundary": 1, "interface/interface": 2,
+    "interface/law": 2, "run/equilibrium": 1, "mesh/boundary": 1, "interface/interface": 2,
     # what the plane has and space has not, to be replaced with solids
-    "surface/curve": 1, "interface/state": 1, "judge/motions": 1,
+    "surface/curve": 1, "interface/state": 1,
     # pictures, and meshes that are made or drawn
     "mesh/geometry": 1, "pictures/draw": 1, "pictures/contacts": 1, "pictures/curves": 2, "pictures/moved": 1,
     # columns, units and the name of the preconditioner

@@ -20,8 +20,7 @@ from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.coupling.ranks import on_working_ranks
 from ddmpi.errors import NotConvergedError
 from ddmpi.interface.interface import Interface
-from ddmpi.judge.equilibrium import describe
-from ddmpi.judge.forces import ROUNDING
+from ddmpi.judge.equilibrium import ROUNDING, describe
 from ddmpi.judge.motions import MotionsOfBody, undetermined
 from ddmpi.judge.overlap import doubt_overlaps
 from ddmpi.judge.plausible import doubt_cells, edge_lengths
@@ -37,7 +36,7 @@ from ddmpi.scene.scene import Settled
 from ddmpi.scene.values import histories
 from ddmpi.system.agreement import agreed, merged
 from ddmpi.system.numbers import in_words, moment
-from ddmpi.system.provenance import NO_MATPLOTLIB, has_matplotlib
+from ddmpi.system.provenance import NO_CLARABEL, NO_MATPLOTLIB, has_clarabel, has_matplotlib
 
 log = logging.getLogger("ddmpi")
 
@@ -89,6 +88,8 @@ def _check(world: MPI.Comm, scene: Settled, scene_path: str, output: str | None,
                 log.info("pictures in %s: %s", folder, ", ".join(names))
             elif figures and not folder:
                 log.info("no pictures: %s", NO_MATPLOTLIB)
+            if assembly.loose and not has_clarabel():
+                log.info("whether contacts can hold the loose bodies is not asked: %s", NO_CLARABEL)
             if mechanism:
                 raise NotConvergedError(describe(mechanism))
 

@@ -13,9 +13,7 @@ the forces, which is the same equation without a projection: s = q.
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sparse
@@ -69,14 +67,6 @@ class Tangent:
     given: np.ndarray
     spring: np.ndarray
     turn: sparse.csr_matrix | None = None
-
-
-class Edges(NamedTuple):
-    """Forces (size, k) of one interface, the same at one node after the other, and how much there may be of each."""
-
-    forces: sparse.csc_matrix
-    lower: np.ndarray
-    upper: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -200,25 +190,6 @@ class Law:
         lower = np.where(np.arange(self.size) < self.m, 0.0, -free)
         return Discs(lower, free, np.arange(self.m, self.size).reshape(-1, self.components), bound)
 
-    def edges(self, sides: int = 16, inside: bool = False) -> Iterator[Edges]:
-        """What the allowed forces are sums of: edges of their cone, and tangential ones that need no pressure.
-
-        The bound is taken as g(0) + s_ν dg/ds_ν(0), which no concave one exceeds, and a disc as the regular polygon
-        around it, or `inside` it, with an even number of `sides`.
-        """
-        one, none = sparse.identity(self.size, format="csc"), np.zeros(self.m)
-        tangential, each = one[:, self.m:], sparse.identity(len(self.sliding), format="csc")
-        slope, bound = self.slope(none), self.slip_bound(none)
-        leans, holds = slope > 0.0, bound > 0.0
-        corners, ranges = polygon(self.components, sides, inside)
-        for corner in corners:
-            lean = tangential @ sparse.kron(each.multiply(slope), corner[:, None], format="csc")
-            yield _multiples((one[:, self.sliding] + lean)[:, leans], 0.0, np.inf)
-        yield _multiples(one[:, np.setdiff1d(np.arange(self.m), self.sliding[leans])], 0.0, np.inf)
-        for vector in ranges:
-            forces = tangential @ sparse.kron(each, vector[:, None], format="csc")
-            yield _multiples(forces[:, holds], -bound[holds], bound[holds])
-
     def reaches_bound(self, s: np.ndarray, bound: np.ndarray) -> np.ndarray:
         """Nodes (mt,) whose tangential force lies on the slip bound (mt,), up to rounding."""
         size = magnitude(self.split(s)[1])
@@ -292,9 +263,6 @@ class BondedLaw(Law):
     def cone(self, bound: np.ndarray) -> Box:
         return Box(np.full(self.size, -np.inf), np.full(self.size, np.inf))
 
-    def edges(self, sides: int = 16, inside: bool = False) -> Iterator[Edges]:
-        yield _multiples(sparse.identity(self.size, format="csc"), -np.inf, np.inf)
-
     def closed(self, s: np.ndarray, share: float = 0.0) -> np.ndarray:
         """All nodes, those under tension as well."""
         return np.ones(self.m, bool)
@@ -340,23 +308,6 @@ def law_of(friction: Friction, xy: np.ndarray, arc: np.ndarray, area: np.ndarray
     if isinstance(friction, Tresca):
         return TrescaLaw(*shape, values(friction.slip_bound) * area[sliding], live=moves)
     return Law(*shape, live=moves)
-
-
-def _multiples(forces: sparse.csc_matrix, lower: np.ndarray | float, upper: np.ndarray | float) -> Edges:
-    return Edges(forces, *(np.broadcast_to(each, forces.shape[1]) for each in (lower, upper)))
-
-
-def polygon(components: int, sides: int, inside: bool = False) -> tuple[np.ndarray, np.ndarray]:
-    """The regular polygon with so many sides around the unit disc, or inside it; with one component, [−1, 1].
-
-    Its corners (c, components), and vectors (r, components) whose multiples from −1 to 1 sum up to it.
-    """
-    if components == 1:
-        return np.array([[1.0], [-1.0]]), np.ones((1, 1))
-    angle = 2 * np.pi * np.arange(sides) / sides
-    unit = np.column_stack([np.cos(angle), np.sin(angle)])
-    reach = 1.0 if inside else 1.0 / np.cos(np.pi / sides)
-    return reach * unit, reach * np.sin(np.pi / sides) * unit[:sides // 2]
 
 
 def direction(vectors: np.ndarray) -> np.ndarray:

@@ -1,203 +1,103 @@
-"""The forces that contacts allow on rigid bodies, as programs that are free of units.
-
-Serial work on plain arrays.
-"""
+"""The forces that contacts allow on rigid bodies, as cones and discs. Serial work on plain arrays."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sparse
 
 from ddmpi.interface.interface import Interface
-from ddmpi.interface.law import NO_BOUND
-
-ROUNDING = 1e-9
-"""Loads on rigid motions below this part of all loads on a body are what rounding leaves of none."""
-
-LIGHTEST = 1e-3
-"""Loads of a body are compared with at least this part of the largest loads of any body."""
 
 BENT = 1e-7
-"""A contact is straight or flat if what its forces do on rigid motions bends by less than this part of it."""
+"""A contact is flat if its forces on the rigid motions bend by less than this fraction of them."""
 
 DIGITS = 7
-"""Forces whose directions agree in so many digits are parallel."""
+"""Directions and coefficients that agree in so many digits are equal."""
 
 HULL = 3
 """Corners are looked for in at most so many dimensions."""
 
-SAME = 1e-13
-"""Columns whose difference is below this part of them are the same."""
 
+class Forces(NamedTuple):
+    """The forces of contacts, as rows of what they do on the rigid motions (·, nc).
 
-class Scale:
-    """What makes the program free of units.
-
-    Parameters
-    ----------
-    speeds : of each loose body (j,), see `MotionsOfBody`
-    e : (nc,) power of the loads on the motions (N, for motions in metres)
-    load : (nb,) sum of the sizes of all nodal loads on each body (N), with which rounding is compared: e does not see
-        loads that cancel
+    A law with a concave bound allows s_ν ≥ 0 and |s_t| ≤ g(0) + 𝓕 s_ν at most, 𝓕 = dg/ds_ν(0). These forces are sums
+    of those in a cone, |s_t| ≤ 𝓕 s_ν (Coulomb), and those in a disc, |s_t| ≤ g(0) (Tresca).
 
     Attributes
     ----------
-    unit : (nc,) largest nodal velocity of each motion
-    largest : loads (N) of the body that is loaded most
-    of_row : (nc,) loads of the row's body (N), but not less than `LIGHTEST` of the largest
+    bonded : (b, nc) forces of any size
+    normal : (m, nc) normal forces of the cones
+    slope : (m,) 𝓕 of the cones
+    friction : ((d − 1) m, nc) tangential forces of the cones, node by node
+    given : ((d − 1) k, nc) tangential forces of the discs, node by node
+    bound : (k,) g(0) of the discs (N)
     """
 
-    def __init__(self, speeds: Sequence[np.ndarray], e: np.ndarray, load: np.ndarray) -> None:
-        numbers = [len(each) for each in speeds]
-        self._starts = np.cumsum(numbers)[:-1]
-        self.unit = np.concatenate(speeds)
-        own = np.array([np.abs(part).max(initial=0.0) for part in self.split(e / self.unit)])
-        loads = np.maximum(own, load)
-        self.largest = float(loads.max())
-        self.of_row = np.repeat(np.maximum(loads, LIGHTEST * self.largest), numbers)
-
-    def idle(self, e: np.ndarray) -> bool:
-        """Whether the loads e (nc,) are nothing but rounding."""
-        return not self.largest or bool((np.abs(e) <= ROUNDING * self.of_row).all())
-
-    def rows(self, G: sparse.spmatrix) -> sparse.csc_matrix:
-        """G (nc, ·) for motions whose fastest node has velocity 1."""
-        return sparse.csc_matrix(sparse.diags(1.0 / self.unit) @ G)
-
-    def split(self, x: np.ndarray) -> list[np.ndarray]:
-        """Parts of a vector (nc,) by body."""
-        return np.split(x, self._starts)
-
-
-class Program(NamedTuple):
-    """The forces that contacts allow: combinations of `columns` (nc, k), each with coefficients between two (k,)."""
-
-    columns: sparse.csc_matrix
-    lower: np.ndarray
-    upper: np.ndarray
-
-
-@dataclass(frozen=True)
-class Forces:
-    """The forces that the laws allow.
-
-    Attributes
-    ----------
-    program : their powers on the rigid motions, and what their coefficients lie between
-    node : (k,) the column of G of the normal force of its node
-    presses, leans : (k,) bool, whether it has a normal, and a tangential part
-    owner : (size,) the column of G of the normal force of each column's node
-    slope : (size,) of the cone of a node, at the column of its normal force; zero elsewhere
-    bound : (size, c) of the friction that needs no pressure, at tangential columns, by contact that has any
-    """
-
-    program: Program
-    node: np.ndarray
-    presses: np.ndarray
-    leans: np.ndarray
-    owner: np.ndarray
+    bonded: sparse.csr_matrix
+    normal: sparse.csr_matrix
     slope: np.ndarray
-    bound: sparse.csr_matrix
+    friction: sparse.csr_matrix
+    given: sparse.csr_matrix
+    bound: np.ndarray
 
     @classmethod
-    def allowed(cls, interfaces: Sequence[Interface], A: sparse.csc_matrix, unit: float,
-                inside: bool = False) -> Forces:
-        """Of all interfaces; forces are counted in `unit` (N), and discs are polygons around them, or `inside` them.
+    def of(cls, interface: Interface, G: sparse.csc_matrix) -> Forces:
+        """Of one contact, from the columns G (nc, size) of all its forces, of which some are not zero."""
+        law, zero, d = interface.law, np.zeros(interface.m), interface.dimension
+        motions = np.unique(G.indices)  # few, of two bodies
+        powers, n = G[motions].toarray().T, len(motions)
 
-        Of a flat piece with the same coefficient only the corners are needed: all nodes between are means of them.
-        """
-        entries: list[tuple[np.ndarray, ...]] = [(np.empty(0),) * 3]
-        others: list[tuple[np.ndarray, ...]] = [(np.empty(0),) * 5]
-        bounds = [sparse.csc_matrix((A.shape[1], 0))]
-        owner, slope, start, k = [np.empty(0, int)], np.zeros(A.shape[1]), 0, 0
-        for interface in interfaces:
-            law, own = interface.law, A[:, start:start + interface.size]
-            rows = np.unique(own.indices)
-            for forces, lower, upper in law.edges(inside=inside):
-                columns = (own[rows] @ forces).toarray()
-                if np.isinf(upper).all():
-                    keep = np.flatnonzero(_corners(columns, forces.T @ interface.directions))
-                    lower, upper = lower[keep], upper[keep]
-                else:  # forces along the same line are as good as their sum
-                    keep = np.flatnonzero(np.append(True, _length(np.diff(columns)) > SAME * _length(columns[:, 1:])))
-                    lower, upper = (np.add.reduceat(each, keep) / unit for each in (lower, upper))
-                forces, columns = forces[:, keep], columns[:, keep]
-                i, j = np.nonzero(columns)
-                entries.append((columns[i, j], rows[i], k + j))
-                normal, tangential = (part.getnnz(axis=0) > 0 for part in (forces[:law.m], forces[law.m:]))
-                others.append((lower, upper, start + law.node[forces.indices[forces.indptr[:-1]]], normal, tangential))
-                k += len(keep)
-            owner.append(start + law.node)
-            slope[start + law.sliding] = law.slope(np.zeros(law.m))
-            bound = law.slip_bound(np.zeros(law.m))
-            holds = np.flatnonzero(np.repeat((bound > 0.0) & (bound < NO_BOUND), law.components))
-            if len(holds):
-                bounds.append(sparse.csc_matrix((np.repeat(bound / unit, law.components)[holds], (
-                    start + law.m + holds, np.zeros_like(holds))), (A.shape[1], 1)))
-            start += interface.size
-        value, row, column = (np.concatenate(each) for each in zip(*entries, strict=True))
-        lower, upper, node, presses, leans = (np.concatenate(each) for each in zip(*others, strict=True))
-        columns = sparse.csc_matrix((value, (row.astype(int), column.astype(int))), (A.shape[0], k))
-        return cls(Program(columns, lower, upper), node.astype(int), presses.astype(bool), leans.astype(bool),
-                   np.concatenate(owner), slope, sparse.hstack(bounds, format="csr"))
+        def rows(x: np.ndarray) -> sparse.csr_matrix:
+            k = x.size // n
+            return sparse.csr_matrix((x.ravel(), np.tile(motions, k), n * np.arange(k + 1)), (k, G.shape[0]))
 
-    @property
-    def tangential(self) -> np.ndarray:
-        """(size,) bool, the columns of G of tangential forces."""
-        return self.owner != np.arange(len(self.owner))
+        none = rows(powers[:0])
+        if law.name == "bonded":
+            _, sizes, basis = np.linalg.svd(powers, full_matrices=False)
+            return cls(rows(basis[sizes > BENT * sizes.max()]), none, zero[:0], none, none, zero[:0])
+        tangential, slope, bound = np.zeros((law.m, d - 1, n)), zero.copy(), zero.copy()
+        tangential[law.sliding] = powers[law.m:].reshape(-1, d - 1, n)
+        slope[law.sliding], bound[law.sliding] = law.slope(zero), law.slip_bound(zero)
+        columns = np.concatenate([powers[:law.m, None], tangential], axis=1).reshape(law.m, -1)
+        corners = _corners(columns, np.column_stack([interface.frame.reshape(law.m, -1), slope]))
+        # Along a straight contact all nodes have the same tangential forces: one disc with the sum of their bounds.
+        given, disc = np.unique(tangential[bound > 0.0].round(DIGITS + 2), axis=0, return_inverse=True)
+        return cls(none, rows(powers[corners]), slope[corners], rows(tangential[corners]), rows(given),
+                   np.bincount(disc.ravel(), bound[bound > 0.0], len(given)))
 
-    def sliding(self, rate: np.ndarray) -> np.ndarray:
-        """(size,) how fast nodes slide, at the columns of their normal forces, from all velocities (size,) there."""
-        squares = np.where(self.tangential, rate, 0.0) ** 2
-        return np.sqrt(np.bincount(self.owner, squares, len(rate)))
-
-    def edges(self, nodes: np.ndarray, rate: np.ndarray) -> sparse.csc_matrix:
-        """(size, k) the edges of the cones of `nodes` (k,) that resist the sliding of `rate` (size,) most."""
-        entry, place = np.flatnonzero(np.isin(self.owner, nodes)), np.searchsorted(nodes, self.owner)
-        value = np.where(self.tangential, self.slope[self.owner] * self._along(rate), 1.0)
-        return sparse.csc_matrix((value[entry], (entry, place[entry])), (len(rate), len(nodes)))
-
-    def friction(self, rate: np.ndarray) -> sparse.csc_matrix:
-        """(size, c) by contact the friction on its bound that resists the sliding of `rate` (size,) most."""
-        return sparse.csc_matrix(sparse.diags(self._along(rate)) @ self.bound)
-
-    def _along(self, rate: np.ndarray) -> np.ndarray:
-        """(size,) the directions in which nodes slide, at the columns of tangential forces."""
-        size = self.sliding(rate)[self.owner]
-        return np.divide(rate, size, out=np.zeros_like(rate), where=size > 0.0)
+    @classmethod
+    def together(cls, contacts: Sequence[Forces], n: int) -> Forces:
+        """Of all `contacts`, on n rigid motions."""
+        rows, numbers = sparse.csr_matrix((0, n)), np.empty(0)
+        none = cls(rows, rows, numbers, rows, rows, numbers)
+        return cls(*(np.concatenate(arrays) if isinstance(arrays[0], np.ndarray) else
+                     sparse.vstack(arrays, format="csr") for arrays in zip(none, *contacts, strict=True)))
 
 
-def _corners(columns: np.ndarray, along: np.ndarray) -> np.ndarray:
-    """(k,) bool: which columns are not means of others with the same force `along` (k, d), and not zero.
+def _corners(x: np.ndarray, kinds: np.ndarray) -> np.ndarray:
+    """The nodes whose rows of x (m, ·) are not means of those of other nodes of the same kind (m, ·).
 
-    What a force does on the motions of a body is linear in its place, so means of places are means of columns.
+    What a force does on a rigid motion is linear in its place. So where normals, tangents and 𝓕 are the same, as on
+    a flat contact, forces at the corners of the convex hull are as good as forces at all nodes.
     """
     from scipy.spatial import ConvexHull
 
-    length = _length(columns)
-    keep = np.zeros(len(length), bool)
-    if not length.any():
-        return keep
-    _, group = np.unique(np.round(along, DIGITS), axis=0, return_inverse=True)
-    order = np.argsort(group.ravel(), kind="stable")
-    for members in np.split(order, np.cumsum(np.bincount(group.ravel()))[:-1]):
-        x = columns[:, members] - columns[:, members].mean(axis=1, keepdims=True)
-        axes, sizes, _ = np.linalg.svd(x, full_matrices=False)
-        rank = int((sizes > BENT * length[members].max(initial=0.0)).sum())
-        places = x.T @ axes[:, :rank]
+    corners = [np.empty(0, int)]
+    _, kind = np.unique(np.round(kinds, DIGITS), axis=0, return_inverse=True)
+    order = np.argsort(kind.ravel(), kind="stable")
+    for nodes in np.split(order, np.cumsum(np.bincount(kind.ravel()))[:-1]):
+        away = x[nodes] - x[nodes].mean(axis=0)
+        _, sizes, axes = np.linalg.svd(away, full_matrices=False)
+        rank = int((sizes > BENT * np.abs(x[nodes]).max(initial=0.0)).sum())
+        places = away @ axes[:rank].T
         if rank == 0:
-            members = members[:1]
+            nodes = nodes[:1]
         elif rank == 1:
-            members = members[[places.argmin(), places.argmax()]]
-        elif rank <= HULL and len(members) > rank + 1:
-            members = members[ConvexHull(places / np.abs(places).max(axis=0)).vertices]
-        keep[members] = True
-    return keep & (length > 0.0)
-
-
-def _length(columns: np.ndarray) -> np.ndarray:
-    return np.linalg.norm(columns, axis=0)
+            nodes = nodes[[places.argmin(), places.argmax()]]
+        elif rank <= HULL and len(nodes) > rank + 1:
+            nodes = nodes[ConvexHull(places / np.abs(places).max(axis=0)).vertices]
+        corners.append(nodes)
+    return np.sort(np.concatenate(corners))

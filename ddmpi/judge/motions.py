@@ -1,40 +1,34 @@
 """Rigid motions of bodies, and the words for them.
 
 A velocity is that of the body's centre, and then the turning: (v_x, v_y, ω), counterclockwise, in the plane, and
-(v_x, v_y, v_z, ω_x, ω_y, ω_z), about these axes by the right hand, in space. An axis in words points such that the body
-turns about it by the right hand.
+(v_x, v_y, v_z, ω_x, ω_y, ω_z), about these axes by the right hand, in space.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from math import factorial
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sparse
 from scipy.sparse import csgraph
 
-TURNS = {2: ((0, 1),), 3: ((1, 2), (2, 0), (0, 1))}
-"""By dimension, the axes of each turning: the first turns towards the second."""
+SPINS = {d: np.array([np.outer(axes[j], axes[i]) - np.outer(axes[i], axes[j]) for i, j in pairs])
+         for d, axes, pairs in ((2, np.eye(2), [(0, 1)]), (3, np.eye(3), [(1, 2), (2, 0), (0, 1)]))}
+"""By dimension, (n − d, d, d) what takes places to their velocities, of each turning: the first axis turns towards the
+second."""
 
 SAME = 1e-2
 """Velocities that differ by less than this part of the largest one count as one motion."""
 
-REACH = 3.0
-"""A body turns about a point or an axis if that is at most this many sizes away; else it moves and turns."""
-
-INSIDE = 0.1
-"""A body turns about a point or axis nearer to its centre than this part of its size; else it tips about it."""
-
-SIDEWAYS = 0.1
-"""A body tips to the left or right if the horizontal part of its velocity is at least this part of it."""
-
-TOWARDS = 0.8
-"""In space a body tips towards x if this part of its velocity is along x; else towards (0.7, 0, -0.7)."""
+TURNS_ABOUT = 0.25
+"""A body turns about its middle if that moves by at most this fraction of the fastest node."""
 
 NAMED = 2
 """Of more bodies than three, so many are named."""
+
+DIGITS = 6
+"""Places that agree in so many digits of a body's size are equal."""
 
 FLAT = 1e-3
 """A body is at least this part of its size thick."""
@@ -56,30 +50,30 @@ class MotionsOfBody:
     name : of the body
     centre : (d,) centroid of the body's convex hull (m)
     size : distance from the centre to the farthest node (m)
-    measure : area or volume of the convex hull (m² or m³)
-    spread : (d, d) mean of x xᵀ over the convex hull, with x from the centre (m²)
     outline : (k, d) nodes at the corners of the convex hull: one of them is always the fastest (m)
-    basis : (n, j) the free motions as combinations of: along the axes, and the turnings about the centre over the size
+    basis : (n, j) the velocities of the free motions
+    inertia : (j, j) mass matrix of the free motions of the convex hull, if its mass is one
     """
 
     name: str
     centre: np.ndarray
     size: float
-    measure: float
-    spread: np.ndarray
     outline: np.ndarray
     basis: np.ndarray
+    inertia: np.ndarray
 
     @classmethod
     def of(cls, name: str, points: np.ndarray, motions: np.ndarray) -> MotionsOfBody:
         """From the nodes (nv, d) and the displacements (nv, d, j) that the free motions mean there. Not collective."""
-        d = points.shape[1]
-        outline, centre, measure, spread = _hull(points)
+        outline, places, weights = _hull(points)
+        centre = weights @ places
         size = float(np.linalg.norm(outline - centre, axis=1).max())
-        body = cls(name, centre, size, max(measure, FLAT * size ** d), spread, outline, np.eye(d + len(TURNS[d])))
-        rigid = np.stack([body.at(body.velocity(unit), points) for unit in body.basis], axis=2)
-        fitted = np.linalg.lstsq(rigid.reshape(-1, len(body.basis)), motions.reshape(-1, motions.shape[2]), rcond=None)
-        return replace(body, basis=fitted[0])
+        rigid = _rigid((points - centre) / size).reshape(motions[..., 0].size, -1)
+        basis = np.linalg.lstsq(rigid, motions.reshape(len(rigid), -1), rcond=None)[0]
+        moved = _rigid((places - centre) / size) @ basis
+        inertia = np.einsum("k,kdi,kdj->ij", weights, moved, moved) + FLAT ** 2 * basis.T @ basis
+        basis[len(centre):] /= size
+        return cls(name, centre, size, outline, basis, inertia)
 
     @property
     def dimension(self) -> int:
@@ -87,54 +81,34 @@ class MotionsOfBody:
         return len(self.centre)
 
     @property
-    def inertia(self) -> np.ndarray:
-        """(j, j) mass matrix of the free motions for density one (m² or m³)."""
-        d = self.dimension
-        spins = [_spin(turning) / self.size for turning in np.eye(len(self.basis))[:, d:]]
-        mass = np.array([[np.trace(one @ self.spread @ other.T) for other in spins] for one in spins])
-        mass[:d, :d] = np.eye(d)
-        return self.measure * self.basis.T @ mass @ self.basis
-
-    @property
     def speeds(self) -> np.ndarray:
         """(j,) the largest nodal velocity of each free motion."""
-        return np.array([self.speed(self.velocity(unit)) for unit in np.eye(self.basis.shape[1])])
-
-    def velocity(self, coefficients: np.ndarray) -> np.ndarray:
-        """(n,) that of the combination (j,) of the free motions."""
-        found = self.basis @ coefficients
-        return np.append(found[:self.dimension], found[self.dimension:] / self.size)
+        return np.array([self.speed(velocity) for velocity in self.basis.T])
 
     def at(self, velocity: np.ndarray, points: np.ndarray) -> np.ndarray:
         """Velocities (k, d) of `points` (k, d) that move with the body."""
-        return velocity[:self.dimension] + (points - self.centre) @ _spin(velocity[self.dimension:]).T
+        return _rigid(points - self.centre) @ velocity
 
     def speed(self, velocity: np.ndarray) -> float:
         """The largest velocity of a node."""
         return float(np.linalg.norm(self.at(velocity, self.outline), axis=1).max())
 
 
-def describe_motions(bodies: Sequence[MotionsOfBody], velocities: np.ndarray, touching: set[frozenset[str]]) -> str:
-    """How the fastest bodies move, and which others move, too: "tower tips to the left about (2, 0)".
-
-    Parameters
-    ----------
-    velocities : (nb, n) of each body
-    touching : pairs of names of bodies, or rigid partners, that stay in contact
-    """
+def describe_motions(bodies: Sequence[MotionsOfBody], velocities: np.ndarray, verb: str = "would") -> str:
+    """How the fastest bodies "would" or "can" move with the velocities (nb, n), and which others; "" if none moves."""
     speeds = np.array([body.speed(v) for body, v in zip(bodies, velocities, strict=True)])
-    top = speeds.max()
-    said: set[int] = set()
-    lines: list[str] = []
+    top = speeds.max(initial=0.0)
+    moving = [int(k) for k in np.flatnonzero(speeds > SAME * top)]
+    sentences: list[str] = []
     for lead in np.flatnonzero(speeds >= (1.0 - SAME) * top):
-        if lead not in said and len(lines) < NAMED:
+        if lead in moving and len(sentences) < NAMED:
             group = _moving_as(int(lead), bodies, velocities, SAME * top)
-            said |= set(group)
-            lines.append(_would(group, bodies, velocities, touching))
-    others = [bodies[k].name for k in np.flatnonzero(speeds > SAME * top) if k not in said]
-    if others:
-        lines.append(f"{_names(others)} {'moves' if len(others) == 1 else 'move'}, too")
-    return "; ".join(lines)
+            moving = [k for k in moving if k not in group]
+            way = _way([bodies[k] for k in group], velocities[group[0]])
+            sentences.append(f"{_names(bodies, group)} {verb} {way}")
+    if moving:
+        sentences.append(f"{_names(bodies, moving)} {verb} move, too")
+    return "; ".join(sentences)
 
 
 def undetermined(G_active: np.ndarray, bodies: Sequence[MotionsOfBody],
@@ -169,10 +143,12 @@ def undetermined(G_active: np.ndarray, bodies: Sequence[MotionsOfBody],
             for motion in _null_space(own[:, np.unique(own.indices)].toarray().T):
                 motion = motion / unit[rows]
                 work, most = motion @ friction[0, rows], friction[1, rows] / unit[rows]
-                driven = abs(work) > SAME * most.max()
-                parts = np.split(-motion if work < 0.0 else motion, np.cumsum([numbers[k] for k in members])[:-1])
-                found[1].append(_can(some, np.array([body.velocity(part) for body, part in
-                                                     zip(some, parts, strict=True)]), driven))
+                parts = np.split(motion, np.cumsum([numbers[k] for k in members])[:-1])
+                velocities = np.array([body.basis @ part for body, part in zip(some, parts, strict=True)])
+                if not abs(work) > SAME * most.max():  # of both ways the one along the axes
+                    work = _forwards(some, velocities)
+                way = describe_motions(some, -velocities if work < 0.0 else velocities, "can")
+                found[1].append(f"{way} without any force")
     return [*found[0], *found[1]]
 
 
@@ -189,63 +165,32 @@ def _null_space(A: np.ndarray) -> np.ndarray:
     return np.linalg.solve(null[:, pivots], null)
 
 
-def _can(bodies: Sequence[MotionsOfBody], velocities: np.ndarray, driven: bool) -> str:
-    """What bodies can do: the way that they are `driven`, or of both ways the one along the axes."""
-    speeds = np.array([body.speed(v) for body, v in zip(bodies, velocities, strict=True)])
-    lead = int(np.argmax(speeds))
-    group = _moving_as(lead, bodies, velocities, SAME * speeds[lead])
-    v, d = velocities[lead] / speeds[lead], bodies[lead].dimension
-    names = _names([bodies[k].name for k in group])
-    others = [bodies[k].name for k in np.flatnonzero(speeds > SAME * speeds[lead]) if k not in group]
-    if _is_translation(bodies[lead], v):
-        how = f"slide along {direction(v[:d] if driven else _forwards(v[:d]))}"
-    else:
-        turning = _Turning.of([bodies[k] for k in group], bodies[lead], v)
-        way = v[d:] if turning.pole else v[:d]
-        v = v if driven or _forwards(way) is way else -v
-        turning = _Turning.of([bodies[k] for k in group], bodies[lead], v)
-        how = (f"turn about {turning.pole}" + f" and move {turning.along} it" * bool(turning.along) if turning.pole else
-               f"move along {direction(v[:d])} and turn{turning.axis}")
-    return f"{names} can {how}{f', {_names(others)} moving with it,' if others else ''} without any force"
+def _forwards(bodies: Sequence[MotionsOfBody], velocities: np.ndarray) -> float:
+    """Whether the fastest body moves, or turns, along the axes (positive) or against them (negative)."""
+    lead = int(np.argmax([body.speed(v) for body, v in zip(bodies, velocities, strict=True)]))
+    v, d = velocities[lead], bodies[lead].dimension
+    vector = v[:d] if _is_translation(bodies[lead], v) else v[d:]
+    parts = np.round(vector / np.linalg.norm(vector), 2)
+    return parts.sum() or parts[parts != 0.0][0]
 
 
-def _would(group: list[int], bodies: Sequence[MotionsOfBody], velocities: np.ndarray,
-           touching: set[frozenset[str]]) -> str:
-    """What a group of bodies that move as one would do."""
-    members, one = [bodies[k] for k in group], len(group) == 1
-    lead, v = members[0], velocities[group[0]]
-    v, d = v / lead.speed(v), lead.dimension
-    own = {body.name for body in members}
-    names = _names([body.name for body in members])
-    if _is_translation(lead, v):
-        if any(len(pair & own) == 1 for pair in touching):
-            return f"{names} would slide along {direction(v[:d])}"
-        return f"nothing holds {names}: {'it' if one else 'they'} would move along {direction(v[:d])}"
-    turning = _Turning.of(members, lead, v)
-    if not turning.pole:
-        return f"{names} would move along {direction(v[:d])} and turn{turning.sense}{turning.axis}"
-    mean = sum(body.measure * lead.at(v, body.centre[None])[0] for body in members)
-    mean = mean / sum(body.measure for body in members)
-    far = np.linalg.norm(mean) > INSIDE * np.linalg.norm(v[d:]) * max(body.size for body in members)
-    verb = ("tip" if far and not turning.along else "turn") + "s" * one
-    how = _towards(mean) if verb.startswith("tip") else ""
-    also = f" and move{'s' * one} {turning.along} it" if turning.along else ""
-    return f"{names} {verb}{how or turning.sense} about {turning.pole}{also}"
-
-
-def _towards(mean: np.ndarray) -> str:
-    """Where a body tips whose centre has this velocity (d,); nothing for one in the plane that goes up or down."""
-    size = np.abs(mean) / np.linalg.norm(mean)
-    if len(mean) > 2:
-        return f" towards {direction(np.where(size == size.max(), mean, 0.0) if size.max() >= TOWARDS else mean)}"
-    return f" to the {'right' if mean[0] > 0.0 else 'left'}" if size[0] >= SIDEWAYS else ""
-
-
-def _forwards(vector: np.ndarray) -> np.ndarray:
-    """The vector itself, or its opposite, whichever is more along the axes."""
-    parts = vector / np.linalg.norm(vector)
-    ways = [each for each in (parts.sum(), *parts) if abs(each) > SAME]
-    return vector if ways[0] > 0.0 else -vector
+def _way(members: list[MotionsOfBody], v: np.ndarray) -> str:
+    """How bodies move that move as one, with the velocity v (n,) of the first of them."""
+    first, d = members[0], members[0].dimension
+    if _is_translation(first, v):
+        return f"move along {direction(v[:d])}"
+    nodes, size = np.concatenate([body.outline for body in members]), min(body.size for body in members)
+    speeds = np.linalg.norm(first.at(v, nodes), axis=1)
+    middle = (nodes.max(axis=0) + nodes.min(axis=0)) / 2
+    turning, mean = v[d:], first.at(v, middle[None])[0]
+    if np.linalg.norm(mean) <= TURNS_ABOUT * speeds.max():
+        # The axis comes nearest to the middle at ω × v / ω·ω from it.
+        place = _place(middle + _rigid(mean[None])[0, :, d:] @ turning / (turning @ turning), size)
+        return (f"turn {'counter' * bool(turning[0] > 0.0)}clockwise about {place}" if d == 2 else
+                f"turn about the axis through {place} along {direction(turning)}")
+    fastest = nodes[speeds >= (1.0 - SAME) * speeds.max()]
+    at = np.array(max(np.round(fastest / size, DIGITS).tolist())) * size  # of nodes as fast always the same one
+    return f"move most at {_place(at, size)}, along {direction(first.at(v, at[None])[0])}"
 
 
 def _moving_as(lead: int, bodies: Sequence[MotionsOfBody], velocities: np.ndarray, least: float) -> list[int]:
@@ -259,52 +204,14 @@ def _moving_as(lead: int, bodies: Sequence[MotionsOfBody], velocities: np.ndarra
 
 
 def _is_translation(body: MotionsOfBody, v: np.ndarray) -> bool:
+    """Whether the turning moves no node by more than `SAME` of the fastest one."""
     return bool(np.linalg.norm(v[body.dimension:]) * body.size <= SAME * body.speed(v))
 
 
-def _spin(turning: np.ndarray) -> np.ndarray:
-    """(d, d) what takes places to their velocities where a body turns about the origin."""
-    (axes,) = (each for each in TURNS.values() if len(each) == len(turning))
-    spin = np.zeros((max(map(max, axes)) + 1,) * 2)
-    for (first, second), rate in zip(axes, turning, strict=True):
-        spin[first, second], spin[second, first] = -rate, rate
-    return spin
-
-
-@dataclass(frozen=True)
-class _Turning:
-    """Words for how bodies turn that move as one.
-
-    Attributes
-    ----------
-    pole : about what, if that is in their reach: a point in the plane, an axis in space
-    sense : which way, in the plane: " clockwise"
-    axis : along what, in space: " about an axis along z"
-    along : in space, how they move besides: "along" the axis or "against" it
-    """
-
-    pole: str
-    sense: str
-    axis: str
-    along: str
-
-    @classmethod
-    def of(cls, members: list[MotionsOfBody], lead: MotionsOfBody, v: np.ndarray) -> _Turning:
-        """From the velocity (n,) of the body `lead`, the fastest node of which has velocity one."""
-        d, nodes = lead.dimension, np.concatenate([body.outline for body in members])
-        middle = (nodes.max(axis=0) + nodes.min(axis=0)) / 2
-        size = float(np.linalg.norm(nodes - middle, axis=1).max())
-        spin, turning = _spin(v[d:]), v[d:]
-        away = spin @ lead.at(v, middle[None])[0] / (turning @ turning)  # no farther than the axis is
-        pole = ""
-        if np.linalg.norm(away) <= REACH * size:
-            pole = f"({', '.join(_rounded(x, min(body.size for body in members)) for x in middle + away)})"
-        if lead.dimension == 2:
-            return cls(pole, " counterclockwise" if turning[0] > 0.0 else " clockwise", "", "")
-        along = turning @ v[:d] / np.linalg.norm(turning)
-        return cls(f"the axis through {pole} along {direction(turning)}" if pole else "", "",
-                   f" about an axis along {direction(turning)}",
-                   "" if abs(along) <= SAME else "along" if along > 0.0 else "against")
+def _rigid(x: np.ndarray) -> np.ndarray:
+    """(k, d, n) how places x (k, d), from the centre, move with each of the n unit velocities."""
+    k, d = x.shape
+    return np.concatenate([np.broadcast_to(np.eye(d), (k, d, d)), np.einsum("nij,kj->kin", SPINS[d], x)], axis=2)
 
 
 def direction(v: np.ndarray) -> str:
@@ -316,34 +223,36 @@ def direction(v: np.ndarray) -> str:
     return f"({', '.join(f'{x:g}' for x in parts)})"
 
 
-def _rounded(value: float, size: float) -> str:
-    """A coordinate to a tenth or hundredth of `size`."""
+def _place(x: np.ndarray, size: float) -> str:
+    """The coordinates x (d,) to a tenth or hundredth of `size`."""
     digits = 1 - int(np.floor(np.log10(size)))
-    return f"{round(float(value), digits) + 0.0:.10g}"
+    return f"({', '.join(f'{round(float(value), digits) + 0.0:.10g}' for value in x)})"
 
 
-def _names(names: list[str]) -> str:
-    shown = names if len(names) <= NAMED + 1 else names[:NAMED]
-    if len(shown) < len(names):
-        return f"{', '.join(shown)} (and {len(names) - len(shown)} more)"
-    return " and ".join([", ".join(shown[:-1]), shown[-1]] if len(shown) > 1 else shown)
+def _names(bodies: Sequence[MotionsOfBody], chosen: Sequence[int]) -> str:
+    """The names of the `chosen` bodies; of more than three, the first and how many more."""
+    names = [bodies[k].name for k in chosen]
+    if len(names) > NAMED + 1:
+        return f"{', '.join(names[:NAMED])} (and {len(names) - NAMED} more)"
+    return " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
 
 
-def _hull(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, float, np.ndarray]:
-    """Corners, centroid, measure and spread of the convex hull; the measure is 0 on a line, or a plane in space."""
+def _hull(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Corners of the convex hull; places (k, d) in it with weights (k,), with which means of quadratic functions are
+    exact. Nodes on a line, or on a plane in space, stand for themselves.
+
+    A simplex has 1 / (d + 1)(d + 2) of its weight at each corner, and the rest at its centroid.
+    """
     from scipy.spatial import ConvexHull, QhullError
 
     middle, d = points.mean(axis=0), points.shape[1]
-    size = np.abs(points - middle).max()
     try:
-        hull = ConvexHull((points - middle) / size)
+        hull = ConvexHull((points - middle) / np.abs(points - middle).max())
     except QhullError:
-        x = points - middle
-        return points, middle, 0.0, x.T @ x / len(x) + (FLAT * size) ** 2 * np.eye(d)
+        return points, points, np.full(len(points), 1.0 / len(points))
     facets = points[hull.simplices] - middle  # (f, d, d), each with the middle a simplex
-    measures = np.abs(np.linalg.det(facets)) / factorial(d)
-    sums, measure = facets.sum(axis=1), measures.sum()
-    shift = measures @ sums / (d + 1) / measure
-    squares = np.einsum("f,fki,fkj->ij", measures, facets, facets) + np.einsum("f,fi,fj->ij", measures, sums, sums)
-    spread = squares / ((d + 1) * (d + 2)) / measure - np.outer(shift, shift)
-    return points[hull.vertices], middle + shift, float(measure), spread
+    corners = np.concatenate([facets, np.zeros((len(facets), 1, d))], axis=1)
+    measures = np.abs(np.linalg.det(facets))
+    weights = np.concatenate([np.repeat(measures, d + 1) / (d + 1), (d + 1) * measures]) / (d + 2)
+    places = np.concatenate([corners.reshape(-1, d), corners.mean(axis=1)])
+    return points[hull.vertices], middle + places, weights / measures.sum()

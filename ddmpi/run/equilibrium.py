@@ -10,17 +10,18 @@ from collections.abc import Callable, Mapping
 import numpy as np
 import scipy.sparse as sparse
 
-from ddmpi.coupling.assembly import Assembly
+from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.law import across, direction
 from ddmpi.interface.state import ContactState
-from ddmpi.judge.equilibrium import Mechanism, find_mechanism, prove_imbalance
-from ddmpi.judge.forces import Forces, Scale
+from ddmpi.judge.equilibrium import Mechanism, find_mechanism
+from ddmpi.judge.forces import Forces
 from ddmpi.judge.motions import RESISTED, MotionsOfBody, describe_motions, undetermined
 from ddmpi.system.agreement import agreed, from_first, gathered
+from ddmpi.system.provenance import has_clarabel
 
 LARGEST = 3000
-"""Of more loose bodies nothing is looked for: the linear program of 1,000 takes 2.4 s, and grows with power 2.2."""
+"""The search for a mechanism is skipped for more loose bodies: a wall of so many bricks takes 2 to 3 s."""
 
 ALONG = 3e-3
 """Motions whose slip is along friction but for this part of it only turn friction that is at its limit: as a body goes
@@ -30,30 +31,20 @@ on, its friction becomes parallel to the load, and what is left to turn vanishes
 def look_for_mechanism(assembly: Assembly) -> Mechanism | None:
     """The mechanism that shows that no contact forces hold the loose bodies, on all ranks; None where some do.
 
-    Not asked where clamps hold all bodies, nor of more than `LARGEST` loose ones. Collective.
+    Not asked where clamps hold all bodies, of more than `LARGEST` loose ones, and without clarabel. Collective.
     """
     if not assembly.loose or len(assembly.loose) > LARGEST:
         return None
     world, space, joint, scene = assembly.world, assembly.space, assembly.joint, assembly.scene
-    bodies = _loose_bodies(assembly)
-    speeds = joint.of_all([body.speeds for body, _ in bodies], [np.ones(len(rigid.pushed)) for rigid in joint.pushed])
-    loads = joint.of_all([np.array([load]) for _, load in bodies],
+    loads = joint.of_all([np.array([body.member.elasticity.load]) for body in _loose(assembly)],
                          [np.array([size]) for size in assembly.pushes.values()])
-    scale = Scale([speeds[joint.slices[name]] for name in assembly.loose], joint.e, loads)
-    if scale.idle(joint.e):
-        return None
     with agreed(world):
-        A = scale.rows(joint.rigid.Z.T)
-        own = {interface.name: Forces.allowed([interface], A[:, part], scale.largest).program
-               for interface, part in space.each()}
-    everyone = gathered(world, own)
-    proof = from_first(world, lambda: prove_imbalance([everyone[contact.name] for contact in scene.contact], joint.e,
-                                                      scale))
-    if proof is None:
-        return None
-    interfaces, G = _whole(assembly)
-    whole = _with_partners(assembly)
-    return from_first(world, lambda: find_mechanism(interfaces, G, joint.e, whole, scale, *proof))
+        own = {interface.name: Forces.of(interface, G) for interface, G in
+               ((interface, joint.rigid.Z[part].T.tocsc()) for interface, part in space.each()) if G.nnz}
+    forces, bodies = gathered(world, own), _with_partners(assembly)
+    return from_first(world, lambda: find_mechanism(  # the first rank decides for all
+        [forces[contact.name] for contact in scene.contact if contact.name in forces], joint.e, bodies,
+        loads) if has_clarabel() else None)
 
 
 def motions_without_resistance(assembly: Assembly) -> list[str]:
@@ -114,30 +105,14 @@ def _undetermined(assembly: Assembly, chosen: Callable[[Interface], tuple[sparse
 
 def describe_drift(assembly: Assembly, motions: np.ndarray) -> str:
     """Where the loose bodies drift to, in words; `motions` as `Outer.motions`. Collective."""
-    bodies = _with_partners(assembly)
-
-    def describe() -> str:
-        velocities = np.array([body.velocity(motions[assembly.joint.slices[body.name]]) for body in bodies])
-        fastest = max((body.speed(v) for body, v in zip(bodies, velocities, strict=True)), default=0.0)
-        return describe_motions(bodies, velocities / fastest, set()) if fastest else "no body"
-
-    return from_first(assembly.world, describe)
+    bodies, slices = _with_partners(assembly), assembly.joint.slices
+    return from_first(assembly.world, lambda: describe_motions(
+        bodies, np.array([body.basis @ motions[slices[body.name]] for body in bodies])) or "no body")
 
 
-def _whole(assembly: Assembly) -> tuple[list[Interface], sparse.csc_matrix]:
-    """On the first rank all interfaces in the order of the scene, and G of their forces. Collective."""
-    Z = assembly.joint.rigid.Z
-    own = {interface.name: (interface, Z[part]) for interface, part in assembly.space.each()}
-    found = gathered(assembly.world, own)
-    ordered = [found[contact.name] for contact in assembly.scene.contact if contact.name in found]
-    return ([interface for interface, _ in ordered],
-            sparse.vstack([sparse.csr_matrix((0, Z.shape[1])), *(rows for _, rows in ordered)]).T.tocsc())
-
-
-def _loose_bodies(assembly: Assembly) -> list[tuple[MotionsOfBody, float]]:
-    """The bodies of this rank that clamps do not hold, with the sizes of their loads. Not collective."""
-    return [(MotionsOfBody.of(body.spec.name, body.mesh.points, body.member.motions), body.member.elasticity.load)
-            for body in assembly.bodies if not body.member.elasticity.held]
+def _loose(assembly: Assembly) -> list[Body]:
+    """The bodies of this rank that clamps do not hold. Not collective."""
+    return [body for body in assembly.bodies if not body.member.elasticity.held]
 
 
 def _with_partners(assembly: Assembly) -> list[MotionsOfBody]:
@@ -145,7 +120,9 @@ def _with_partners(assembly: Assembly) -> list[MotionsOfBody]:
 
     A partner has the shape of what faces it. Collective.
     """
-    found = list(gathered(assembly.world, {body.name: body for body, _ in _loose_bodies(assembly)}).values())
+    found = list(gathered(assembly.world, {
+        body.spec.name: MotionsOfBody.of(body.spec.name, body.mesh.points, body.member.motions)
+        for body in _loose(assembly)}).values())
     for rigid in assembly.joint.pushed:
         facing = gathered(assembly.world, {
             each.name: [each.xy + side * each.spacing[:, None] * axis for axis in np.eye(each.dimension)

@@ -18,7 +18,7 @@ from ddmpi.run.solve import Solution
 from ddmpi.scene.method import PRESETS, SettledMethod
 from ddmpi.scene.scene import Settled
 from ddmpi.system.agreement import gathered
-from ddmpi.system.provenance import NO_MATPLOTLIB, has_matplotlib
+from ddmpi.system.provenance import NO_CLARABEL, NO_MATPLOTLIB, has_clarabel, has_matplotlib
 
 log = logging.getLogger("ddmpi")
 
@@ -52,6 +52,8 @@ def log_plan(assembly: Assembly, figures: bool) -> None:
         log.info("%s: %s", some(names, "contacts"), plan)
     for way, names in grouped((bodies[spec.name][0], spec.name) for spec in scene.body):
         log.info("%s: %s", some(names, "bodies"), way)
+    if assembly.loose and not has_clarabel():
+        log.info("whether contacts can hold the loose bodies is not asked: %s", NO_CLARABEL)
     unloaded = [spec.name for spec in scene.body if not bodies[spec.name][1]]
     if unloaded:
         log.info("%s: no loads", some(unloaded, "bodies"))

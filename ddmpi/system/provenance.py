@@ -23,6 +23,7 @@ SLURM = {"job_id": "SLURM_JOB_ID", "job_name": "SLURM_JOB_NAME", "array_job_id":
          "nodes": "SLURM_JOB_NODELIST"}
 """Environment variables in which Slurm describes the job."""
 
+NO_CLARABEL = "clarabel is not installed: pip install clarabel"
 NO_MATPLOTLIB = "matplotlib is not installed: pip install matplotlib, or Debian's python3-matplotlib"
 
 
@@ -35,7 +36,7 @@ def versions() -> dict[str, str]:
              "petsc": ".".join(str(v) for v in PETSc.Sys.getVersion()),
              "mpi": " ".join(MPI.Get_library_version().split("\n")[0].split(",")[0].strip("\0").split())}
     installed = _installed()
-    for name in ("petsc4py", "mpi4py", "numpy", "scipy", "gmsh", "meshio", "h5py"):
+    for name in ("petsc4py", "mpi4py", "numpy", "scipy", "gmsh", "meshio", "h5py", "clarabel"):
         try:
             if name in sys.modules or name not in installed:  # Debian's h5py carries no metadata
                 installed[name] = getattr(importlib.import_module(name), "__version__", "unknown")
@@ -58,6 +59,11 @@ def _installed() -> dict[str, str]:
 def has_matplotlib() -> bool:
     """Whether pictures can be drawn. Not collective."""
     return find_spec("matplotlib") is not None
+
+
+def has_clarabel() -> bool:
+    """Whether a run can ask if there is an equilibrium. Not collective."""
+    return find_spec("clarabel") is not None
 
 
 def provenance(started: float, hosts: list[str]) -> dict:

@@ -13,6 +13,7 @@ class PyDdmpi(PythonPackage):
     version("0.14.0")
 
     variant("figures", default=True, description="Draw pictures")
+    variant("equilibrium", default=True, description="Ask whether contacts can hold loose bodies")
 
     depends_on("py-setuptools@77:", type="build")
 
@@ -27,5 +28,6 @@ class PyDdmpi(PythonPackage):
         depends_on("py-meshio@5.3:")
         depends_on("py-msgspec@0.19:")
         depends_on("py-matplotlib@3.6:", when="+figures")
+        depends_on("py-clarabel@0.11:", when="+equilibrium")
 
     depends_on("petsc+mumps")

@@ -181,7 +181,7 @@ def test_a_mechanism_is_shown_instead_of_numbers(run):
     square = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
     motions = np.stack([np.tile(axis, (4, 1)) for axis in np.eye(2)] + [square[:, ::-1] * (-1.0, 1.0)], axis=2)
     mechanism = Mechanism((MotionsOfBody.of("upper", square, motions),), np.array([[-0.35, 0.35, 0.7]]),
-                          np.array([0.0, 0.0, 0.7]), 0.1, frozenset({frozenset({"upper", "lower"})}))
+                          0.1)
     write_mechanism(run, mechanism)
     reason = json.loads((run / "mechanism.json").read_text(encoding="utf-8"))["reason"]
     change(run, converged=False, reason=reason)

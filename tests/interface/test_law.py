@@ -4,8 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-import scipy.sparse as sparse
-from scipy.optimize import linprog
 
 from ddmpi.coupling.space import Laws
 from ddmpi.interface.law import BondedLaw, CoulombLaw, Law, TrescaLaw, law_of
@@ -110,30 +108,6 @@ class Cohesive(CoulombLaw):
 
     def slip_bound(self, pressure: np.ndarray) -> np.ndarray:
         return np.minimum(super().slip_bound(pressure) + np.array([0.5, 0.0, 0.25]), 4.0)
-
-
-@pytest.mark.parametrize("sides", [8, 16])
-@pytest.mark.parametrize("law", [
-    *LAWS.values(), BondedLaw(4, SLIDING, 2), TrescaLaw(4, SLIDING, 2, np.array([0.4, 1.0, 0.0])),
-    Cohesive(4, SLIDING, 1, np.array([0.3, 0.0, 2.0])), Cohesive(4, SLIDING, 2, np.array([0.3, 0.0, 2.0]))])
-def test_edges_span_what_a_law_allows_and_little_more(law, sides):
-    """Also of a law that is known by its bound alone; more by what polygons around discs have at their corners."""
-    edges = list(law.edges(sides))
-    forces = sparse.hstack([each.forces for each in edges]).toarray()
-    lower, upper = (np.concatenate([each[k] for each in edges]) for k in (1, 2))
-    for q in points(law):
-        found = linprog(np.zeros(len(lower)), A_eq=forces, b_eq=law.project(q), bounds=np.column_stack([lower, upper]))
-        assert found.status == 0
-    for direction in points(law):
-        _, tangential = law.split(direction)
-        rate = forces.T @ np.concatenate([np.full(law.m, -10.0), tangential.ravel()])
-        rate[np.abs(rate) < 1e-12] = 0.0
-        most = np.where(rate > 0.0, upper, lower)[rate != 0.0] @ rate[rate != 0.0]
-        exact = np.inf  # but where pressure does not pay
-        if law.name != "bonded":
-            exact = np.linalg.norm(tangential, axis=1) @ law.slip_bound(np.zeros(4))
-        around = 1.0 if law.components == 1 else 1.0 / np.cos(np.pi / sides)
-        assert (1 - 1e-12) * exact <= most <= (1 + 1e-12) * around * exact
 
 
 @pytest.mark.parametrize("components", [1, 2])

@@ -294,7 +294,7 @@ def test_a_body_that_moves_through_a_rigid_partner_of_another_is_a_warning(tmp_p
 
 @pytest.mark.parametrize(("weight", "warned"), [(1e-3, True), (1e3, False)])
 def test_a_light_loose_body_beside_a_heavy_one_is_a_warning(tmp_path, weight, warned):
-    """What acts on it is below what the linear program and the certificate resolve, so nothing is known of it."""
+    """What acts on it is below what the convex program and the certificate resolve, so nothing is known of it."""
     light = block("light", 0.0, 0.0, (1, 1), [], [{"on": "top", "value": [0.0, -weight]}], (4, 4))
     heavy = block("heavy", 3.0, 0.0, (1, 1), [], [{"on": "top", "value": [0.0, -1e8]}], (4, 4))
     scene = {"body": [light, heavy], "rigid": [FLOOR],

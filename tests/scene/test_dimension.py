@@ -156,8 +156,8 @@ REFUSED = [
     (SOLID, "contact.0.gap={along='arc', points=[0], values=[1]}",
      "contact.upper-lower.gap.along: surfaces have no arc length; take a coordinate"),
     (SOLID, "body.upper.material.plane=strain",
-     "body.upper.material.plane: solids and axisymmetric bodies are neither in plane strain nor in plane stress; leave it "
-     "out"),
+     "body.upper.material.plane: solids and axisymmetric bodies are neither in plane strain nor in plane stress; "
+     "leave it out"),
     (SOLID, "body.upper.material={young=[3e9, 2e9, 1e9], poisson=[0.3, 0.3, 0.3], shear=[1e9, 1e9, 1e9], angle=30}",
      "body.upper.material.angle: the axes 1, 2, 3 of solids are x, y, z; leave it out"),
     (SOLID, "body.upper.material={young=[3e9, 2e9, 1e9], poisson=[0.3, 0.3, 0.3], shear=1e9}",
@@ -173,8 +173,8 @@ REFUSED = [
      "axisymmetric: axisymmetric bodies are drawn in the half-plane x >= 0; this scene is in space, as "
      "body.upper.mesh.shape = box"),
     (AROUND, "body.upper.material.plane=strain",
-     "body.upper.material.plane: solids and axisymmetric bodies are neither in plane strain nor in plane stress; leave it "
-     "out; this scene is around an axis"),
+     "body.upper.material.plane: solids and axisymmetric bodies are neither in plane strain nor in plane stress; "
+     "leave it out; this scene is around an axis"),
     (AROUND, "body.upper.clamp=[{on='left', z=0.1}]",
      "body.upper.clamp.0.z: nothing is twisted around the axis; this scene is around an axis, as axisymmetric = true"),
     (AROUND, "body.upper.volume_force=[0, 0, 1]", "body.upper.volume_force: [0.0, 0.0, 1.0] is in space"),

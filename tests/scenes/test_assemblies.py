@@ -106,12 +106,13 @@ def test_a_bonded_block_is_one_block(comm):
         assert np.abs(displacement - expected).max() <= 1e-8 * largest
 
 
+@pytest.mark.clarabel
 def test_a_tower_tips_and_stands(tmp_path):
     """The command ends with exit code 3, names the bodies, and draws how they tip; with a block less they stand."""
     name = ROOT / "configs" / "tipping_tower.toml"
     done = scenes.run_here(name, tmp_path / "out")
     assert done.code == 3
-    assert "no equilibrium: second, third and fourth tip to the right about (1, 0.5)" in done.stderr
+    assert "no equilibrium: second, third and fourth would move most at (" in done.stderr
     assert (tmp_path / "out" / "mechanism.png").exists() and not (tmp_path / "out" / "bodies.png").exists()
     scene = tomllib.loads(name.read_text(encoding="utf-8"))
     scene["body"] = [each for each in scene["body"] if each["name"] != "fourth"]
@@ -164,16 +165,18 @@ def test_both_feet_bear_half_of_a_ring(comm):
 
 
 @two_ranks
+@pytest.mark.clarabel
 @pytest.mark.parametrize("law, bears", [(COULOMB | {"coefficient": 0.5}, 1.0e4),
                                         ({"law": "tresca", "slip_bound": 5.0e3}, 1.0e4)], ids=["coulomb", "tresca"])
 def test_a_block_is_pushed_up_to_its_friction(comm, law, bears):
     """Friction holds 0.5 of the upper block's weight, or the slip bound times the length; a larger push is refused."""
     for each in solve(comm, pushed(0.98 * bears, law)).summary["contacts"].values():
         assert each["force"][0] == pytest.approx(-0.98 * bears, rel=1e-6)
-    assert "no equilibrium: upper would slide along x" in solve(comm, pushed(1.02 * bears, law), certified=False).reason
+    assert "no equilibrium: upper would move along x" in solve(comm, pushed(1.02 * bears, law), certified=False).reason
 
 
 @two_ranks
+@pytest.mark.clarabel
 def test_a_chain_of_bars(comm):
     """Bonds bear the pull, and the end moves by σ L/E'; without bonds nothing holds the last bar."""
     answer = solve(comm, chain())

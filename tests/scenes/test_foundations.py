@@ -90,14 +90,15 @@ def beside(solid: bool, tangential: float = 0.0, friction: float = 0.3, pull: fl
 
 
 @pytest.mark.parametrize("solid", [False, True])
+@pytest.mark.clarabel
 def test_what_a_foundation_leaves(solid):
     """A normal one below a flat base leaves sliding: told where no load asks for it, no equilibrium where one does;
     with tangential springs, or a clamp, all is held."""
     answer = certified(beside(solid))
-    assert any("slide along x without any force" in each for each in answer.summary["undetermined"])
+    assert any("move along x without any force" in each for each in answer.summary["undetermined"])
     assert not answer.summary["bodies"]["lower"]["held"]
     lost = ddmpi.solve(beside(solid, pull=0.1 * PRESSURE), MPI.COMM_SELF)
-    assert "no equilibrium: nothing holds upper and lower: they would move along x" in lost.reason
+    assert "no equilibrium: upper and lower would move along x" in lost.reason
     held = certified(beside(solid, tangential=1e8, pull=0.1 * PRESSURE))
     assert held.summary["bodies"]["lower"]["held"] and not held.summary["undetermined"]
     assert held.summary["bodies"]["lower"]["reaction"][0] == pytest.approx(-0.1 * PRESSURE, rel=1e-6)
@@ -106,7 +107,7 @@ def test_what_a_foundation_leaves(solid):
     assert lower["held"] and lower["reaction"] == pytest.approx(
         np.sum([lower["reactions"][group]["force"] for group in ("left", "bottom")], axis=0), abs=1.0)
     slips = ddmpi.solve(beside(solid, tangential=1e8, friction=0.05, pull=0.1 * PRESSURE), MPI.COMM_SELF)
-    assert "no equilibrium: upper would slide along x" in slips.reason
+    assert "no equilibrium: upper would move along x" in slips.reason
 
 
 @pytest.mark.parametrize("solid", [False, True])

@@ -39,6 +39,7 @@ def test_answer_is_the_published_one(title):
 
 
 @pytest.mark.parametrize("title", IMPOSSIBLE)
+@pytest.mark.clarabel
 def test_what_cannot_stand_is_refused_by_the_command(title, tmp_path):
     """Exit code 3, and a reason that names it."""
     path = scenes.write_scene(PUBLIC[title]["scene"], tmp_path / "scene.toml")
@@ -93,7 +94,7 @@ def test_a_twisted_block(part):
     answer = ddmpi.solve({"body": [block], "rigid": [floor], "contact": [contact]}, MPI.COMM_SELF)
     assert answer.certified == (part < 1.0)
     if part > 1.0:
-        assert answer.reason.startswith("no equilibrium found: block turns about the axis through (")
+        assert answer.reason.startswith("no equilibrium found: block would ")
         assert ", 0.3) along z" in answer.reason
         assert answer.summary["outer_iterations"] <= 60
     else:

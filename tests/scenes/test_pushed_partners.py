@@ -8,6 +8,7 @@ from scenes import call, certified, rectangle, run_here, write_scene
 from solid_scenes import box
 
 import ddmpi
+from ddmpi.run import equilibrium, report
 
 pytestmark = pytest.mark.slow
 
@@ -82,23 +83,34 @@ def vice(d: int, force: float, weight: float) -> dict:
 
 
 @pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.clarabel
 def test_a_pushed_jaw_holds_a_loose_body(d):
     """Up to the weight that friction bears; beyond it the block slides; without a force, and pulled, nothing holds."""
     answer = certified(vice(d, FORCE, 0.9 * 0.3 * FORCE))
     contacts = answer.summary["contacts"]
     assert sum(each["force"][-1] for each in contacts.values()) == pytest.approx(0.54 * FORCE, rel=1e-6)
     assert answer.summary["rigid"]["moving"]["displacement"][0] > 0.1
-    assert "no equilibrium: part would slide along -" + "xyz"[d - 1] in refused(vice(d, FORCE, 1.1 * 0.3 * FORCE))
+    assert "no equilibrium: part would move along -" + "xyz"[d - 1] in refused(vice(d, FORCE, 1.1 * 0.3 * FORCE))
     assert "no equilibrium" in refused(vice(d, -FORCE, 0.0))
 
 
 @pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.clarabel
 def test_a_push_that_nothing_bears(d):
     """The partner moves away, or slides off, in words that name it."""
-    assert "no equilibrium: nothing holds ram: it would move along " + "xyz"[d - 1] in refused(
+    assert "no equilibrium: ram would move along " + "xyz"[d - 1] in refused(
         pressed(d, force=along(d, 0.0, -FORCE), lift=0.1))
-    assert "no equilibrium: ram would slide along x" in refused(
+    assert "no equilibrium: ram would move along x" in refused(
         pressed(d, force=along(d, 0.6 * FORCE, FORCE), law=LAWS["coulomb"]))
+
+
+def test_without_clarabel_the_question_is_not_asked(tmp_path, monkeypatch):
+    """The log says so once, and what to install; scenes that have an answer are solved."""
+    for module in (equilibrium, report):
+        monkeypatch.setattr(module, "has_clarabel", lambda: False)
+    run = run_here(write_scene(vice(2, FORCE, 0.9 * 0.3 * FORCE), tmp_path / "scene.toml"), tmp_path / "out")
+    assert run.code == 0 and run.stdout.count("pip install clarabel") == 1
+    assert not refused(vice(2, FORCE, 2.0 * 0.3 * FORCE)).startswith("no equilibrium:")
 
 
 def test_a_bonded_partner_may_be_pulled():
@@ -152,6 +164,7 @@ def test_ranks_agree(comm):
         assert mine["rigid"]["ram"]["displacement"] == pytest.approx(theirs["rigid"]["ram"]["displacement"], rel=1e-9)
 
 
+@pytest.mark.clarabel
 def test_a_scene_is_checked_and_a_mechanism_drawn(tmp_path):
     """`ddmpi check` says by what a partner is pushed; where only the partner moves, a picture shows it."""
     path = write_scene(pressed(2, force=along(2, 0.0, -FORCE)), tmp_path / "scene.toml")

@@ -123,18 +123,20 @@ def test_one_version():
 
 
 def test_extras_are_in_the_tests():
-    """The extra `test` has all that the others have, and setup.sh looks for each module."""
+    """The extra `test` has all that the others have, and setup.sh looks for each module that is needed."""
     extras = PROJECT["optional-dependencies"]
-    assert {*extras["figures"], *extras["docs"]} <= {*extras["test"]}
+    assert {*extras["figures"], *extras["docs"], *extras["equilibrium"]} <= {*extras["test"]}
     setup = (ROOT / "scripts" / "setup.sh").read_text(encoding="utf-8")
     modules = " ".join(re.findall(r'^MODULES\+?="(.*)"', setup, re.M)).split()
     names = {re.match(r"[\w-]+", each)[0].replace("-", "_") for each in PROJECT["dependencies"] + extras["test"]}
-    assert {*modules} == names - {"setuptools", "scikit_fem"} | {"skfem"}
+    assert {*modules} == names - {"setuptools", "scikit_fem", "clarabel"} | {"skfem"}
+    assert re.findall(r'^CLARABEL="(.*?)"', setup, re.M) == extras["equilibrium"]
 
 
 def wanted() -> dict[str, str]:
     """The lower bound of each package that runs and draws, by its name on PyPI."""
-    requirements = PROJECT["dependencies"] + PROJECT["optional-dependencies"]["figures"]
+    extras = PROJECT["optional-dependencies"]
+    requirements = PROJECT["dependencies"] + extras["figures"] + extras["equilibrium"]
     return dict(requirement.split(">=") for requirement in requirements)
 
 

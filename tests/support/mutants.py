@@ -16,7 +16,7 @@ class Mutant(NamedTuple):
     tests: str
 
 
-CERTIFICATE = "judge/test_certificate.py"
+CERTIFICATE, EQUILIBRIUM = "judge/test_certificate.py", "judge/test_equilibrium.py"
 SPOILT = f"{CERTIFICATE}::test_a_wrong_answer_has_the_residual_of_its_error"
 SOLVED = f"{CERTIFICATE}::test_a_solved_scene_that_is_spoilt_is_not_certified"
 PATH = "methods/test_newton.py::test_each_path_alone_leads_to_the_same_answer"
@@ -400,14 +400,26 @@ MUTANTS = [Mutant(*row) for row in (
      "methods/test_newton.py::test_status_log"),
     ("a status like the first one is a cycle", "judge/diagnosis", "if np.array_equal(c, codes[-1])]",
      "if np.array_equal(c, codes[-0])]", "methods/test_newton.py::test_status_log"),
-    ("a driven motion is named the wrong way", "judge/motions", "-motion if work < 0.0 else motion", "motion",
-     "judge/test_equilibrium.py::test_undetermined_motions"),
-    ("rounding in a rate counts in a proof", "judge/equilibrium", "rate[np.abs(rate) <= PROVEN] = 0.0", "pass",
-     "judge/test_equilibrium.py::test_a_pushed_block_slides_beyond_it"),
-    ("what a proof weighs in the wrong order", "judge/equilibrium", "np.append(b, weight)", "np.append(weight, b)",
-     "judge/test_equilibrium.py::test_given_friction_lets_a_block_slide_where_it_is_pushed"),
-    ("bodies without mass", "judge/motions", "mass[:d, :d] = np.eye(d)", "pass",
-     "judge/test_equilibrium.py::test_a_pushed_block_slides_beyond_it"),
+    ("a driven motion is named the wrong way", "judge/motions", "-velocities if work < 0.0 else velocities",
+     "velocities", f"{EQUILIBRIUM}::test_undetermined_motions"),
+    ("all of a simplex's mass is at its corners", "judge/motions", "(d + 1) * measures]) / (d + 2)",
+     "0 * measures]) / (d + 2)", f"{EQUILIBRIUM}::test_motions_of_solids_are_found_from_displacements"),
+    ("a motion that presses into a contact is a proof", "judge/equilibrium",
+     "if not presses <= PRESSES * speeds.max():", "if False:",
+     f"{EQUILIBRIUM}::test_what_a_solver_returns_is_no_proof_by_itself"),
+    ("friction of given bounds takes no work in a proof", "judge/equilibrium", "self._e @ v - forces.bound @ given",
+     "self._e @ v", f"{EQUILIBRIUM}::test_the_imbalance_of_given_friction"),
+    ("what slides is lifted", "judge/equilibrium", "ROUNDS * bool(slope.any())", "0",
+     f"{EQUILIBRIUM}::test_a_pushed_block_slides_beyond_it"),
+    ("bounds do not follow the pressure of the last round", "judge/equilibrium", "free.start(none, slope * pressure)",
+     "free.start(none, none)", f"{EQUILIBRIUM}::test_a_block_that_is_pushed_hard_slides_and_tips"),
+    ("light bodies have the mass of heavy ones", "judge/equilibrium", "root / np.sqrt(mass)", "root",
+     f"{EQUILIBRIUM}::test_a_light_body_is_seen_beside_a_heavy_one"),
+    ("one end of a straight contact is lost", "judge/forces", "[places.argmin(), places.argmax()]", "[places.argmin()]",
+     f"{EQUILIBRIUM}::test_a_block_tips_at_its_limit"),
+    ("bounds of discs that are the same are not added", "judge/forces",
+     "np.bincount(disc.ravel(), bound[bound > 0.0], len(given))", "bound[bound > 0.0][:len(given)]",
+     f"{EQUILIBRIUM}::test_friction_of_a_given_bound"),
     # results
     ("n_A of the first body only", "results/summary", "in entries.values()), sum(", "in [*entries.values()][:1]), sum(",
      "results/test_summary.py::test_sums_are_those_of_all_bodies_and_contacts"),
@@ -512,9 +524,9 @@ EQUIVALENT = [Mutant(*row) for row in (
     ("bodies that bear are counted down", "coupling/joint", "bears[numbers[of_body]] += (",
      "bears[numbers[of_body]] -= (",
      "The numbers are summed over contacts and ranks, all with one sign, and only asked whether they are zero."),
-    ("a body as far as it may be turns no more", "judge/motions", "np.linalg.norm(mean) > INSIDE",
-     "np.linalg.norm(mean) >= INSIDE",
-     "It differs where two computed numbers are equal; INSIDE is a matter of words, where either one is right."),
+    ("a body as far as it may be turns no more", "judge/motions", "np.linalg.norm(mean) <= TURNS_ABOUT",
+     "np.linalg.norm(mean) < TURNS_ABOUT",
+     "It differs where two computed numbers are equal; TURNS_ABOUT is a matter of words, where either one is right."),
     ("a matrix to be inverted is four times as large", "methods/half_space",
      "scale = 1.0 / np.sqrt(np.maximum(gram", "scale = 2.0 / np.sqrt(np.maximum(gram",
      "The scale, whose size is arbitrary, cancels: a power of two even bit for bit."),
