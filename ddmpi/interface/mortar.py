@@ -77,9 +77,10 @@ def mortar(first: Side, second: Side, contact: SettledContact) -> Interface:
     faced = [np.unique(covers[k].facet if k in covers else covers[1 - k].other) for k in (0, 1)]
     slave = _choose_slave(sides, contact, faced)
     side, over = sides[slave], covers[slave]
-    psi = _functions(side, over)
-    # Rows are merged twice: nodes that are hardly covered first, then rows that clamps nearly fix.
-    root = _merged(side, over, psi)
+    psi = _functions(side, over, inset(over, over))
+    # Rows are merged twice: nodes that are hardly covered first, then rows that clamps nearly fix. Where two contacts
+    # share a facet, its nodes bear the rows of both, so coverage counts by the facet's own functions there.
+    root = _merged(side, over, _functions(side, over, over.at) if side.parted else psi)
     rows = _rows(sides, slave, over, psi, root)
     free = _unbound(rows, root, holds_along(contact))
     if (free != root).any():
@@ -98,9 +99,10 @@ def _cover(sides: tuple[Side, Side], slave: int, name: str) -> Cover:
     return over
 
 
-def _functions(side: Side, over: Cover) -> sparse.csr_matrix:
-    """w ψ (q, k) of the slave's nodes at the points: `duals`; on a sliver 1 at the nearest corner, 0 at the others."""
-    phi = side.cell.shapes(inset(over, over))
+def _functions(side: Side, over: Cover, at: np.ndarray) -> sparse.csr_matrix:
+    """w ψ (q, k) of the slave's nodes at the points, `at` (q, 2) on facets: `duals`; on a sliver 1 at the nearest corner,
+    0 at the others."""
+    phi = side.cell.shapes(at)
     middle = nodal(over.weight[:, None] * over.at, over.facet, len(side.facets))
     nearest = np.arange(phi.shape[1]) == middle.argmax(axis=1)[:, None]
     weighted = duals(side, over, phi, SLIVER, nearest[over.facet])

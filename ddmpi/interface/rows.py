@@ -144,8 +144,7 @@ def build(rows: Rows, contact: SettledContact) -> Interface:
         return np.concatenate([values[keep, 0], values[keep[sliding], 1:].ravel()])
 
     number = np.append(np.where(dropped, -1, np.cumsum(~dropped) - 1), -1)  # new numbers of rows; −1 stays −1
-    facets = side.facets[rows.whole]
-    facets = number[rows.place[facets if side.cell.bears else side.cell.split(facets)]]
+    facets = number[rows.place[(side.facets if side.cell.bears else side.corners)[rows.whole]]]
     row = number[np.where(rows.bound, -1, rows.place)]
     lines = replace(rows.lines, row=number[rows.lines.row],
                     area=rows.lines.area * (not rows.pointwise)).only(~dropped[rows.lines.row])

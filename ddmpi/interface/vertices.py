@@ -1,16 +1,16 @@
-"""Rows of contacts in space, which stand at the nodes of the slave's facets, of order 1 and 2 alike.
+"""Rows of contacts in space, which stand at the vertices of the slave's facets, of order 1 and 2 alike.
 
-With Bernstein's polynomials φ_j of the nodes (hat functions in order 1; λ_i² and 2 λ_i λ_j in order 2), functions ψ_j
-dual to them over the covered part of each facet, and the functions θ_j of the rows,
+With the hat functions φ_j of the vertices, functions ψ_j dual to them over the covered part of each facet, and the
+functions θ_j of the rows,
 
     ∫ ψ_j φ_k = δ_jk ∫ φ_j,   D_j = ∫ θ_j,
     row j: u ↦ n_j · D_j⁻¹ ∫ θ_j (u of the slave − u of what it faces),   gap_j = D_j⁻¹ ∫ θ_j gap
 
-(Wohlmuth, SIAM J. Numer. Anal. 38, 2000). Unlike shape functions of order 2, whose integrals vanish at corners, these
-polynomials are positive, so that a pressure acts on all nodes (the purpose of the transformed basis of Popp, Wohlmuth,
-Gee, Wall, SIAM J. Sci. Comput. 34, 2012); and as they reproduce linear functions, ∫ ψ_j x = D_j x_j: the force of row j
-acts at its node. A node whose constraint would nearly depend on others shares its function among its neighbours,
-θ_j = ψ_j + Σ a_dj ψ_d, so that the θ sum to one and constant stresses are exact.
+(Wohlmuth, SIAM J. Numer. Anal. 38, 2000; Popp, Wohlmuth, Gee, Wall, SIAM J. Sci. Comput. 34, 2012). As hats reproduce
+linear functions, ∫ ψ_j x = D_j x_j: the force of row j acts at its vertex, and where a facet is covered partly at the
+place that `inset` gives it. Bonds, which have no active set, take φ itself for ψ. A vertex whose constraint would
+nearly depend on others gets no row of its own: its function is shared among its neighbours, θ_j = ψ_j + Σ a_dj ψ_d, so
+that the θ sum to one and constant stresses are exact.
 """
 
 from __future__ import annotations
@@ -44,22 +44,21 @@ FLAT = 1e-3
 def rows_at_vertices(sides: tuple[Side, Side], own: int, over: Cover, looked: Cover, contact: SettledContact) -> Rows:
     """The rows of the slave, `sides[own]`, which faces the other at the points of `over`; at the points `looked` the
     answer is checked for overlaps. Not collective."""
-    side, other = sides[own], sides[1 - own]
+    side, other, bonded = sides[own], sides[1 - own], contact.kind == "bonded"
     seen, met = np.isin(np.arange(len(side.facets)), over.facet), np.zeros(len(side.nodes), bool)
-    count = side.facets.shape[1]
-    weighted = duals(side, over, side.cell.bernstein(inset(over, looked)), SLIVER, 1.0 / count)
-    psi = at_points(weighted, side.facets[over.facet], len(met))
-    full = nodal(np.repeat(side.lengths[:, None] / count, count, axis=1), side.facets, len(met))  # ∫ of the polynomials
-    met[side.facets[seen]] = True
+    weighted = over.weight[:, None] * over.at if bonded else duals(side, over, inset(over, looked), SLIVER, 1.0 / 3.0)
+    psi = at_points(weighted, side.corners[over.facet], len(met))
+    full = nodal(np.repeat(side.lengths[:, None] / 3.0, 3, axis=1), side.corners, len(met))  # ∫ of hats
+    met[side.corners[seen]] = True
     D = np.asarray(psi.sum(axis=0)).ravel()
-    # Nodes that are hardly covered or wholly clamped share; those of other contacts as well, as long as enough
+    # Vertices that are hardly covered or wholly clamped share; those of other contacts as well, as long as enough
     # remain.
     shares = (UNCOVERED * full > D) | ~side.free.any(axis=(1, 2))
     also = shares | _meets_others(side, D, full)
     if _spread(side.xy[~also & met]):  # rows along a line would be a hinge, which the bodies do not have
         shares = also
     shares[~met] = False
-    pairs, size = links(side.pieces(seen), 3), len(side.nodes)
+    pairs, size = links(side.corners[seen], 3), len(side.nodes)
     near = sparse.csr_matrix((np.ones(2 * len(pairs)), np.concatenate([pairs, pairs[:, ::-1]]).T), (size, size))
     across = -at_points(over.there, other.corners[over.other], len(other.nodes)) @ other.normal
     if np.isfinite(other.modulus):  # a rigid partner's normal counts alone
@@ -72,8 +71,9 @@ def rows_at_vertices(sides: tuple[Side, Side], own: int, over: Cover, looked: Co
     if held.any() and not held.all():
         shares[rows.nodes[held]] = True
         rows = rows_of(sides, own, over, psi, _shared(met, shares, near), across)
-    kept = (rows.place[side.facets] >= 0).all(axis=1)
-    lines = Lines(np.arange(len(rows.nodes)), side.xy[rows.nodes], rows.area, rows.place[side.pieces(seen & kept)],
+    facets = rows.place[side.corners]
+    kept = (facets >= 0).all(axis=1)
+    lines = Lines(np.arange(len(rows.nodes)), side.xy[rows.nodes], rows.area, facets[seen & kept],
                   rows.transfers[own] @ side.xy)
     return replace(rows, whole=rows.whole & kept, lines=lines, points=between(sides, own, looked))
 
@@ -83,8 +83,7 @@ def _meets_others(side: Side, D: np.ndarray, full: np.ndarray) -> np.ndarray:
     and, if other contacts have the same group, where the covered part `D` (k,) of `full` (k,) ends.
     """
     rim = np.zeros(len(side.nodes), bool)
-    pieces = side.pieces(np.ones(len(side.facets), bool))
-    rim[creases(side.xy, pieces, np.tile(side.outward, (len(side.cell.parts), 1))).rim] = True
+    rim[creases(side.xy, side.corners, side.outward).rim] = True
     partly = (1.0 - UNCOVERED) * full > D
     return (rim & side.tied) | (partly & side.parted)
 

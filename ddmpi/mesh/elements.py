@@ -199,11 +199,6 @@ class Cell:
         """The shape functions (…, k) at points given by their barycentric coordinates (…, d + 1)."""
         return (barycentric[..., None, :] ** self.powers).prod(axis=-1) @ self.coefficients.T
 
-    def bernstein(self, barycentric: np.ndarray) -> np.ndarray:
-        """Bernstein's polynomials (…, k) of the nodes at points (…, d + 1): order! Π λ_a^α_a / α_a!. They are positive,
-        sum to one and have equal integrals; a linear function has its values at the nodes for coefficients."""
-        return (barycentric[..., None, :] ** self.powers).prod(axis=-1) * factorial(self.order) / _products(self.powers)
-
     def derivatives(self, barycentric: np.ndarray) -> np.ndarray:
         """∂φ_i/∂λ_a (d, q, k) at points (q, d + 1), for a = 1 … d with λ_0 = 1 − λ_1 − …."""
         terms = (barycentric[:, None, None] ** self._lower).prod(axis=-1) * self.powers  # (q, n, d + 1)

@@ -83,8 +83,8 @@ class Patch(Side):
         return heights
 
     def pieces(self, some: np.ndarray) -> np.ndarray:
-        """Triangles between neighbouring nodes, four in each quadratic facet."""
-        return self.cell.split(self.facets[some])
+        """Triangles between corners."""
+        return self.corners[some]
 
 
 def in_places(facets: np.ndarray, points: np.ndarray, places: np.ndarray,
