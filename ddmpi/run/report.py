@@ -69,9 +69,9 @@ def log_plan(assembly: Assembly, figures: bool) -> None:
     log.info("%5s  %10s  %10s  %6s", "k", "update", "residual", "n_A")
 
 
-def log_warnings(found: Iterable[str], told: list[str]) -> None:
+def log_warnings(warnings: Iterable[str], told: list[str]) -> None:
     """Log the warnings that have not been `told`, and note that they are. Not collective."""
-    for warning in found:
+    for warning in warnings:
         if warning not in told:
             log.warning("%s", warning)
             told.append(warning)
@@ -95,10 +95,10 @@ def _describe_body(body: Body, ranks: int) -> tuple[str, bool]:
 
 def grouped(pairs: Iterable[tuple[str, str]]) -> Iterator[tuple[str, list[str]]]:
     """The second ones of pairs by the first ones, each of which is there once, in the order of its first mention."""
-    found: dict[str, list[str]] = {}
+    groups: dict[str, list[str]] = {}
     for first, second in pairs:
-        found.setdefault(first, []).append(second)
-    yield from found.items()
+        groups.setdefault(first, []).append(second)
+    yield from groups.items()
 
 
 def some(names: Sequence[str], what: str) -> str:
@@ -108,11 +108,11 @@ def some(names: Sequence[str], what: str) -> str:
 
 def _plan_of(interface: Interface, unit: str) -> str:
     """How a contact begins, and which unknowns it does not need."""
-    facts, held = [describe_gap(interface, unit)], interface.m - len(interface.sliding)
+    facts, constrained = [describe_gap(interface, unit)], interface.m - len(interface.sliding)
     if interface.law.name == "none":
         facts.append("no friction")
-    elif held:
-        facts.append(f"clamps hold {_count(held, 'tangential unknown')}")
+    elif constrained:
+        facts.append(f"clamps hold {_count(constrained, 'tangential unknown')}")
     if interface.dropped:
         facts.append(f"clamps hold {_count(interface.dropped, 'contact node')}")
     return "; ".join(facts)

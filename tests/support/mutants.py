@@ -447,7 +447,7 @@ MUTANTS = [Mutant(*row) for row in (
      "            for name in names[1:]:\n", "results/test_files.py::test_what_is_written_is_published"),
     ("results overwritten", "results/folder", "            if taken:\n", "            if False:\n",
      "results/test_files.py::test_publishing_overwrites_nothing"),
-    ("cells of the second body have the first one's nodes", "results/fields", 'each["cells"] + start',
+    ("cells of the second body have the first one's nodes", "results/fields", 'entry["cells"] + start',
      'each["cells"]', "results/test_fields.py::test_meshio_reads_all_bodies"),
     # run
     ("digest of a checkpoint unchecked", "run/checkpoint", "if data[:BLOCK] != _head(data[BLOCK:]):",
