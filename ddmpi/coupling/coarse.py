@@ -86,7 +86,7 @@ def gather_motions(exchange: Exchange, space: Space, members: Sequence[Member], 
     both = exchange.swap_objects({(contact, side): own[:, part].T for member, own in zip(members, columns, strict=True)
                                   for contact, (part, side) in member.parts.items()})
     blocks = []
-    for interface, part in space.each():
+    for interface, part in space.with_slices():
         sides = dict(zip(interface.bodies, both[interface.name], strict=True))
         if interface.bodies[1] in axes:
             # A pushed partner is a second side without nodes: moving by e_x it closes the contact by −n·e_x.

@@ -128,7 +128,7 @@ class Newton(Outer):
     def _pressed(self) -> np.ndarray:
         """The nodes (m,) bool of all interfaces that are under pressure."""
         return np.concatenate([np.empty(0, bool), *(self._at.s[part][:interface.m] > 0.0
-                                                    for interface, part in self.space.each())])
+                                                    for interface, part in self.space.with_slices())])
 
     @property
     def forces(self) -> np.ndarray:
@@ -178,7 +178,7 @@ class Newton(Outer):
         if not self._coulomb or norm(self._at.left) <= DRIFT * norm(self.joint.e):
             return False
         moved = self.joint.rigid.spread(self._at.alpha)
-        closing = [moved[part][:interface.m].max(initial=0.0) for interface, part in self.space.each()]
+        closing = [moved[part][:interface.m].max(initial=0.0) for interface, part in self.space.with_slices()]
         return self.space.largest(np.array(closing)) <= STOPPED * self.space.largest(np.abs(moved))
 
     @property
@@ -253,7 +253,7 @@ class Newton(Outer):
         zero."""
         s, r, *_ = self._at
         s = self._laws.settle(s, self._laws.active_sets(s - self._c * r))
-        for _, part in self.space.each():
+        for _, part in self.space.with_slices():
             if np.abs(s[part]).max(initial=0.0) <= self.nothing:
                 s[part] = 0.0
         self._at = self._at._replace(s=s)

@@ -233,7 +233,7 @@ class InteriorPoints:
 
     def __init__(self, joint: Joint, c: np.ndarray) -> None:
         self._joint, self._space, size = joint, joint.space, joint.size
-        self._laws = [(interface.law, part) for interface, part in joint.space.each()
+        self._laws = [(interface.law, part) for interface, part in joint.space.with_slices()
                       if interface.law.name != "bonded"]
         self._normal, self._source = np.zeros(size, bool), np.arange(size)
         rows = np.empty((0, max((law.components for law, _ in self._laws), default=1)), int)

@@ -41,7 +41,7 @@ def look_for_mechanism(assembly: Assembly) -> Mechanism | None:
                          [np.array([size]) for size in assembly.pushes.values()])
     with agreed(world):
         allowed = {interface.name: Forces.of(interface, G) for interface, G in
-                   ((interface, joint.rigid.Z[part].T.tocsc()) for interface, part in space.each()) if G.nnz}
+                   ((interface, joint.rigid.Z[part].T.tocsc()) for interface, part in space.with_slices()) if G.nnz}
     forces, bodies = gathered(world, allowed), _with_partners(assembly)
     return from_first(world, lambda: find_mechanism(  # the first rank decides for all
         [forces[contact.name] for contact in scene.contact if contact.name in forces], joint.e, bodies,
@@ -88,7 +88,7 @@ def _undetermined(assembly: Assembly, chosen: Callable[[Interface], tuple[sparse
     if not assembly.loose:
         return []
     of_rank, Z, size = {}, assembly.joint.rigid.Z, assembly.joint.rigid.size
-    for interface, part in assembly.space.each():
+    for interface, part in assembly.space.with_slices():
         rows, friction = chosen(interface)
         forces = (rows @ Z[part]).tocsr()
         motions = np.unique(forces.indices)
@@ -114,7 +114,7 @@ def describe_drift(assembly: Assembly, motions: np.ndarray) -> str:
 
 def _loose(assembly: Assembly) -> list[Body]:
     """The loose bodies of this rank. Not collective."""
-    return [body for body in assembly.bodies if not body.member.elasticity.held]
+    return [body for body in assembly.bodies if not body.member.elasticity.supported]
 
 
 def _with_partners(assembly: Assembly) -> list[MotionsOfBody]:

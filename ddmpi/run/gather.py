@@ -191,10 +191,10 @@ def _body(body: Body, solution: Solution, error: DiscretizationError, fields: Fi
     """The summary's entry of a body of this rank; its `ranks` have used up to `memory` MiB. Not collective."""
     member, name = body.member, body.spec.name
     return {
-        "n": member.elasticity.n, "ranks": ranks, "held": member.elasticity.held,
+        "n": member.elasticity.n, "ranks": ranks, "held": member.elasticity.supported,
         "displacement_max": float(np.linalg.norm(solution.displacements[name], axis=1).max()),
         "von_mises_max": None if fields.von_mises is None else float(fields.von_mises.max()),
-        "energy": error.own[name].energy / 2,  # by the stresses: rigid motions add no rounding
+        "energy": error.estimates[name].energy / 2,  # by the stresses: rigid motions add no rounding
         "discretization_error": error.by_body[name],
         "n_A_by_purpose": dict(member.C.count), "inner_steps": dict(solution.outer.inner_steps),
         "solver": member.C.solver.description, "compliance": member.C.kind, "memory_mib": memory}
@@ -232,7 +232,7 @@ def fields_of(assembly: Assembly, body: Body, u: np.ndarray, error: Discretizati
     heat = body.member.elasticity.acting.heated
     sigma = stress(mesh, body.material, u, heat)
     return Fields(mesh.points, mesh.triangles, u, sigma, von_mises(sigma), density,
-                  error.own[body.spec.name].stress if error else nodal_stress(mesh, body.material, u, heat))
+                  error.estimates[body.spec.name].stress if error else nodal_stress(mesh, body.material, u, heat))
 
 
 def write_files(solved: Solved, folder: Path | None, clock: Clock, figures: bool, checkpoints: Checkpoints) -> None:

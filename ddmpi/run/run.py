@@ -166,7 +166,7 @@ def _another_mesh(ladder: MeshLadder, assembly: Assembly, solution: Solution, er
     if not solution.certified:
         return ladder.fall_back(solution.reason)
     dofs = assembly.world.allreduce(sum(body.mesh.points.size for body in assembly.bodies))
-    drawn = {body.spec.name: (body.mesh, error.own[body.spec.name].squares) for body in assembly.bodies
+    drawn = {body.spec.name: (body.mesh, error.estimates[body.spec.name].squares) for body in assembly.bodies
              if body.spec.mesh.geometry}
     rate = ladder.rate(error.relative)
     demands = merged(assembly.world, {name: demand(squares, rate, mesh.dimension)

@@ -213,7 +213,7 @@ class March:
         s, closed = self._now.s, self._now.closed
         gain = closed - self._before.closed
         starts = [slip_start(interface.law, s[part], closed[part], gain[part], share)
-                  for interface, part in self.assembly.space.each()]
+                  for interface, part in self.assembly.space.with_slices()]
         return np.concatenate([np.empty(0), *starts])
 
     def _mechanism(self, time: float) -> Mechanism | None:
@@ -249,7 +249,7 @@ class March:
         if now.time == 0.0:  # an overlap (of bonds also a gap) acts at once, before any load
             sudden = np.concatenate([np.empty(0), *(
                 now.opening[part] if interface.law.name == "bonded" else np.minimum(now.opening[part], 0.0)
-                for interface, part in space.each())])
+                for interface, part in space.with_slices())])
             self._given = float(space.add(np.array([mean @ sudden]))[0])
         # loads over displacements, and reactions of clamps over what these prescribe: ΔW = ½ (b_n + b_n−1) Δu
         work = 0.5 * (factors + now.factors) @ (solution.work[0] - now.work[0])
@@ -324,7 +324,7 @@ class March:
     def _refine(self) -> bool:
         """Whether to solve the leg once more in twice as many steps, now that its end is reached."""
         space, s = self.assembly.space, self._now.s
-        frictional = [(interface, part) for interface, part in space.each()
+        frictional = [(interface, part) for interface, part in space.with_slices()
                       if len(interface.sliding) and interface.law.name != "bonded"]
         if self._steps or not space.any(np.array([len(frictional)])):
             return False  # without friction there is no memory
@@ -366,7 +366,7 @@ class March:
         larger."""
         space = self.assembly.space
         tangential = change.copy()
-        for interface, part in space.each():
+        for interface, part in space.with_slices():
             tangential[part][:interface.m] = 0.0
         return float((space.norms([change, tangential]) / self._largest).max())
 
