@@ -133,7 +133,7 @@ def _add_sweep(commands: argparse._SubParsersAction, scene: _Parser, formats: di
 
 
 def split_arguments(arguments: list[str]) -> tuple[list[str], list[str]]:
-    """Our own arguments, and PETSc's: those with one dash and a letter, each with its value.
+    """The arguments of ddmpi, and PETSc's: those with one dash and a letter, each with its value.
 
     One ``--set`` or ``--vary`` may be followed by several KEY=VALUE.
     """

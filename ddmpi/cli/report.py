@@ -121,8 +121,8 @@ def _entry(value: object) -> str:
 
 
 class RunReport:
-    """What a report says of a run: the summary of its `folder` at the load step of a `time`; pictures of this step that
-    have been `drawn` into another folder take the place of those there."""
+    """The contents of a report of a run: the summary of its `folder` at the load step of a `time`; pictures of this
+    step that have been `drawn` into another folder take the place of those there."""
 
     def __init__(self, folder: Path, summary: dict, time: float | None = None, drawn: Path | None = None) -> None:
         self.folder, self.summary, self.drawn = folder, summary, drawn or folder

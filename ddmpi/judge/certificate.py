@@ -63,7 +63,7 @@ class Certificate:
     ----------
     contacts : residuals by contact, of all on the first rank
     equilibrium : ‖A u + Bᵀ s − b‖ over the loads, by body, of all on the first rank
-    known : what `worst` returns, if the first rank has told the others
+    known : the result of `worst` on the first rank, if the others have it
     """
 
     contacts: Mapping[str, ContactResiduals]

@@ -96,7 +96,7 @@ class StatusLog:
 
 
 def contraction(history: list[Step], quantity: str = "update") -> float:
-    """The factor by which `quantity` shrank per iteration, lately (geometric mean); nan if unknown."""
+    """The factor by which `quantity` shrank per iteration lately, a geometric mean; nan if unknown."""
     values = np.array([getattr(step, quantity) for step in history[-LOOK_BACK - 1:]])
     if len(values) < 3 or not (np.isfinite(values) & (values > 0)).all():
         return float("nan")

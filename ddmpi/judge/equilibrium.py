@@ -7,8 +7,8 @@ constraint, rigid bodies at rest that are let go start with the velocities v tha
 
 (J. J. Moreau, Unilateral contact and dry friction in finite freedom dynamics, 1988). The pressures are the multipliers
 of the conditions, and M v = e − G s is what the forces leave of the loads. So v = 0 if there is an equilibrium. If not,
-e·v > Σ g |v_t|: v proves that no allowed forces hold the bodies, as it presses into no contact, and the loads do more
-work on it than friction of given bounds takes. The proof is checked apart, whatever the solver says of itself.
+e·v > Σ g |v_t|: v proves that no allowed forces balance the loads, as it presses into no contact, and the loads do
+more work on it than friction of given bounds takes. The proof is checked apart, whatever status the solver returns.
 
 The condition with 𝓕 lifts what slides (associated flow). So the motion that is named has v_ν ≤ 0 and g = 𝓕 s_ν, which
 follows the pressures of the solution before: the paper's fixed point, for rigid bodies as in V. Acary, B. Brogliato,
@@ -90,7 +90,7 @@ def find_mechanism(contacts: Sequence[Forces], e: np.ndarray, bodies: Sequence[M
         return None
     for _ in range(ROUNDS * bool(slope.any())):
         before, (v, pressure) = v, free.start(none, slope * pressure)
-        if not free.imbalance(v, none) > 0.0:  # friction of these bounds holds the bodies, or v was not found
+        if not free.imbalance(v, none) > 0.0:  # friction of these bounds balances the loads, or v was not found
             v = before
             break
         if np.abs(v - before).max() <= SETTLED * np.abs(v).max():

@@ -21,7 +21,7 @@ HULL = 3
 
 
 class Forces(NamedTuple):
-    """The forces of contacts, as rows of what they do on the rigid motions (·, nc).
+    """The forces of contacts, as rows (·, nc) of their power on the rigid motions.
 
     A law with a concave bound allows s_ν ≥ 0 and |s_t| ≤ g(0) + 𝓕 s_ν at most, 𝓕 = dg/ds_ν(0). These forces are sums
     of those in a cone, |s_t| ≤ 𝓕 s_ν (Coulomb), and those in a disc, |s_t| ≤ g(0) (Tresca).

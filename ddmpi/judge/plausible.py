@@ -165,9 +165,9 @@ def _unresolved(assembly: Assembly, contacts: Mapping[str, ContactTotals], loads
     for name, acting in pressed.items():
         acting = max(loads.get(name, 0.0), acting)
         if 0.0 < acting < LIMIT["light"] * most:
-            warnings.append(f"body.{name}: the forces on it, {acting:.3g} {unit} in all, are nothing beside the "
-                            f"loads of {most:.3g} {unit} of another body; the answer does not tell whether anything "
-                            "holds it. Solve it without the other")
+            warnings.append(f"body.{name}: the forces on it, {acting:.3g} {unit} in all, are negligible beside the "
+                            f"loads of {most:.3g} {unit} of another body, so that the answer does not show whether "
+                            "anything supports it; solve it without the other body")
     return warnings
 
 
@@ -252,8 +252,8 @@ def _lost_in_rounding(state: ContactState, moved: float, units: Mapping[str, str
                                    units["force"])
     largest = float(np.abs(state.normal_force).max(initial=0.0))
     if (state.status == "open").all() and moved and widest <= LIMIT["undecided"] * moved:
-        return [f"contact.{name}: rounding decides that it is open: its gaps, up to {widest:.3g} {length}, are nothing "
-                f"beside the displacements of up to {moved:.3g} {length}"]
+        return [f"contact.{name}: rounding decides that it is open: its gaps, up to {widest:.3g} {length}, are "
+                f"negligible beside the displacements of up to {moved:.3g} {length}"]
     # rounding of the displacements of both bodies, times the stiffness of a node against a gap
     noise = 2.0 * float(state.interface.stiffness.max()) * float(np.finfo(float).eps) * moved
     if not largest or noise <= LIMIT["rounding"] * largest:

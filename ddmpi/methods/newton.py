@@ -1,6 +1,6 @@
 """The default outer method: a semi-smooth Newton method on the contact forces of the interfaces.
 
-The two bodies at an interface carry the same forces s, so these cancel from the start; what is sought is the s for
+The two bodies at an interface carry the same forces s, which cancel from the start. The unknown is the s for
 which the gaps r = C s − d − Gᵀα fit the forces. The laws of contact and friction (`ddmpi.interface.law`) make
 equations of this (Alart and Curnier 1991; Christensen, Klarbring, Pang and Strömberg 1998). The Newton step is the
 primal–dual active set step: the projections say which nodes are open, slip and stick, and GMRES solves the linear
@@ -9,7 +9,7 @@ equations is known along the whole step without a further multiplication, and th
 smallest: this stops the active sets from cycling. Where that gets nowhere, interior points lead to where it does, and
 where they fail, a layer between the bodies (`ddmpi.methods.paths`).
 
-Bodies that no clamp holds have rigid motions α: unknowns with an equation each, G s = e, in every step.
+Loose bodies have rigid motions α, unknowns with the equations G s = e in every step.
 """
 
 from __future__ import annotations

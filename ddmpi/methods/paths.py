@@ -1,7 +1,7 @@
 """Two paths to where Newton's own steps converge: a barrier that gets lower, and a layer that gets harder.
 
-Where bodies hinge, jam or slide as wholes, a few closed nodes hold them, and a Newton step that guesses these wrong
-leads nowhere. Both paths solve a series of easier problems, each from the answer of the one before, by the same linear
+Where bodies hinge, jam or slide as wholes, a few closed nodes support them, and a Newton step with wrong ones does not
+lead on. Both paths solve a series of easier problems, each from the answer of the one before, by the same linear
 problem with a diagonal D added (`ddmpi.methods.krylov`).
 
 Interior points replace each bound by a barrier μ: s w = μ for forces s and gaps w; g y + s_t·v = 2μ and
@@ -134,7 +134,7 @@ class Softening:
     def step(self, solve: Solve) -> None:
         """One step of the stage, or the first one of the next. Collective; raises what `solve` raises."""
         point, first = self.point, not self._seen
-        if first:  # nothing is known: what is closed at first sticks
+        if first:  # nodes that are closed at first stick
             active, q = self._laws.sticking(self._joint.first_closed()[0]), point.s
         else:
             q = self._pressed(point, self._seen)
@@ -245,10 +245,10 @@ class InteriorPoints:
         number = float(self._space.add(np.array([float(np.count_nonzero(self._normal))]))[0])
         force = self._first_force(c) / np.sqrt(max(number, 1.0))
         s = np.where(self._normal, force, 0.0)
-        self._holds = np.ones(len(rows), bool)
-        self._unknown, self._holds = np.ones(size, bool), self._bounds(s)[0, :, 0] > 0.0
-        self._unknown[rows[~self._holds]] = False  # no friction force at all
-        self._rows = rows[self._holds]
+        self._rubbing = np.ones(len(rows), bool)
+        self._unknown, self._rubbing = np.ones(size, bool), self._bounds(s)[0, :, 0] > 0.0
+        self._unknown[rows[~self._rubbing]] = False  # no friction force at all
+        self._rows = rows[self._rubbing]
         r, alpha = joint.product(s, "newton") - joint.d, np.zeros(joint.rigid.size)
         if joint.rigid.size:  # least squares: α = (ZᵀZ)⁻¹Zᵀr leaves the smallest gaps |r − Zα|
             identity = sparse.identity(size, format="csr")
@@ -272,7 +272,7 @@ class InteriorPoints:
         """
         gaps = self._joint.d + np.maximum(self._space.opening, 0.0)
         closing = np.where(self._normal, np.maximum(gaps, 0.0), 0.0)
-        gaps = closing if self._space.any(closing) else gaps  # how far bodies slip says nothing of pressures
+        gaps = closing if self._space.any(closing) else gaps  # slip alone tells no pressure
         forces = c * gaps
         given, stored = self._space.add(np.array([forces @ gaps, forces @ self._joint.product(forces, "newton")]))
         fraction = given / stored if stored > given else 1.0
@@ -291,7 +291,7 @@ class InteriorPoints:
     def _bounds(self, s: np.ndarray) -> np.ndarray:
         """Slip bounds (N) and their slopes (2, k, 1) at the nodes with friction, under the forces s (size,)."""
         bounds = [(law.bound_at(s[part]), law.slope(np.maximum(s[part][:law.m], 0.0))) for law, part in self._laws]
-        return np.concatenate([np.empty((2, 0)), *bounds], axis=1)[:, self._holds, None]
+        return np.concatenate([np.empty((2, 0)), *bounds], axis=1)[:, self._rubbing, None]
 
     def _turn(self, axes: np.ndarray) -> sparse.csr_matrix | None:
         """Frames (size, size) with tangential `axes` (k, d − 1) at the nodes with friction; None in the plane."""

@@ -137,7 +137,7 @@ class Sheet:
                            path_effects=[withTickedStroke(angle=-135, linewidth=0.7)])
 
     def show(self, surfaces: Sequence[Surface]) -> None:
-        """Draw surfaces and rigid partners without what is hidden or cut away, and their `outlines`."""
+        """Draw the visible surfaces and rigid partners, and their `outlines`."""
         if not (some := [*surfaces, *self.rigid]):
             return
         placed = [self.place(surface.at) for surface in some]
@@ -211,7 +211,7 @@ class Sheet:
                                path_effects=[withStroke(linewidth=2, foreground="#ffffffc0")])
 
     def colours(self, image: Any, label: str, extend: str = "neither") -> None:
-        """Draw the colour bar of an image, below what is wide."""
+        """Draw the colour bar of an image, below wide pictures."""
         wide = np.ptp(self.axes.get_xlim()) > WIDE * np.ptp(self.axes.get_ylim())
         self.figure.colorbar(image, ax=self.axes, label=label, extend=extend, shrink=0.85, aspect=40 if wide else 25,
                              orientation="horizontal" if wide else "vertical")

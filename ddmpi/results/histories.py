@@ -104,7 +104,7 @@ def _means(sides: Columns, nodes: Columns, axisymmetric: bool) -> Columns:
 
 
 def along(results: Results, start: Sequence[float], end: Sequence[float], number: int) -> Columns:
-    """The columns PATH at so many places, evenly from `start` to `end` (d,), by shape functions from the nodes.
+    """The columns PATH at `number` places, evenly from `start` to `end` (d,), by shape functions from the nodes.
 
     A place outside all bodies has no line, unless it is hardly outside, as where the mesh has a chord for a curved
     side; where bodies touch, each has a line. Places are undeformed. Not collective. Raises InputError.

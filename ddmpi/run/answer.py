@@ -1,4 +1,4 @@
-"""The Python interface: a scene solved from a program, and what the answer holds."""
+"""The Python interface: `ddmpi.solve` and its answer."""
 
 from __future__ import annotations
 

@@ -157,7 +157,7 @@ class Checkpoints:
         self._now = {}
 
     def leave(self) -> None:
-        """Leave the present mesh for another one; only what has led there is kept. Collective."""
+        """Leave the present mesh for another one; of the state, only the ladder is kept. Collective."""
         self.continuing, self._written = False, -1
         self._hold(0, {"ladder": self._ladder.state()})
         self._written = 0

@@ -330,7 +330,7 @@ def _draw(path: Path, number: int, drawers: int) -> OutputError | None:
         return None
     try:
         draw_all(path, number, drawers)
-    except Exception as error:  # matplotlib raises what it likes
+    except Exception as error:  # matplotlib may raise anything
         return OutputError(f"the pictures could not be drawn ({type(error).__name__}: {error}); the other results "
                            "are complete")
     return None

@@ -41,8 +41,8 @@ SHORT = 0.01
 """Where gaps close along a leg, its first step is divided at this fraction, to learn how fast they close."""
 
 CUTS = 6
-"""A step that fails is halved at most so often, and no step becomes shorter than the leg's shortest planned one halved
-so often: steps that are halved again after each success would creep towards a load without equilibrium."""
+"""Most times that a failing step is halved, and that the leg's shortest planned step may be: steps that are halved
+again after each success would creep towards a load without equilibrium."""
 
 CURABLE = ("diverged", "max_iterations", "stalled", "drift", "converged")
 """The ends of an iteration that a shorter step may cure; "converged" has a certificate that fails."""
@@ -72,7 +72,7 @@ class _Mark:
     factors : (k,) by history
     work : (2, k), as `Solution.work` (J)
     energy : strain energy (J)
-    length : of what is closed (m)
+    length : of closed contacts, in space their area (m, m²)
     slid : by contact without friction its slip (m, d − 1) of all load steps (m)
     """
 
