@@ -89,7 +89,7 @@ def _check(world: MPI.Comm, scene: Settled, scene_path: str, output: str | None,
             elif figures and not folder:
                 log.info("no pictures: %s", NO_MATPLOTLIB)
             if assembly.loose and not has_clarabel():
-                log.info("whether contacts can hold the loose bodies is not asked: %s", NO_CLARABEL)
+                log.info("the search for an equilibrium of loose bodies is skipped: %s", NO_CLARABEL)
             if mechanism:
                 raise NotConvergedError(describe(mechanism))
 

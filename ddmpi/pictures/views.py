@@ -98,6 +98,7 @@ class Skin:
         if view.cut is None:
             return
         facets, cell = self._cap(points, cells, view.cut[0])
+        # boundary facets behind the cut, of cells that are not wholly in front of it, and the cap
         kept = (self.beyond[cells] < 0.0).any(axis=1)  # others are in front of the cut
         seen = kept[self.cell] & (self.beyond[self.facets] <= 0.0).any(axis=1)
         self.beyond = np.append(self.beyond, np.zeros(len(self._ends)))
@@ -214,12 +215,14 @@ def outlines(at: np.ndarray, facets: np.ndarray, beyond: np.ndarray) -> np.ndarr
     order = np.argsort(key, kind="stable")
     _, first, count = np.unique(key[order], return_index=True, return_counts=True)
     a, b = (normal[order[np.minimum(first + k, len(order) - 1)] // 3] for k in (0, 1))
+    # a silhouette: one of two facets faces the eye; facets without area have no direction
     flat = ~a.any(axis=1) | ~b.any(axis=1)
     drawn = (count != 2) | ~flat & (
         ((a * b).sum(axis=1) < np.cos(SHARPEST)) | ((a[:, 2] > 0.0) != (b[:, 2] > 0.0)))
     pairs = pairs[order[first[drawn]]]
     pairs = pairs[(beyond[pairs] <= 0.0).any(axis=1)]
     pairs = np.take_along_axis(pairs, np.argsort(beyond[pairs], axis=1), axis=1)
+    # what is beyond the cut goes: the edge ends where the distance, linear along it, is zero
     low, high = beyond[pairs].T
     share = np.where(high > 0.0, low / np.where(high > 0.0, low - high, 1.0), 1.0)[:, None]
     return np.stack([at[pairs[:, 0]], (1.0 - share) * at[pairs[:, 0]] + share * at[pairs[:, 1]]], axis=1)

@@ -85,7 +85,7 @@ class QPSolver:
             return QPResult(start, Cs, qp.residual(start, Cs), 0, {})
         feasible = qp.constraints
         bounds = np.isfinite([feasible.lower, feasible.upper]).any() and not isinstance(feasible, Discs)
-        solve = self._petsc if bounds and self.type != "python" else self._own
+        solve = self._petsc if bounds and self.type != "python" else self._python
         try:
             with event("ContactQP"):
                 result = solve(qp, start, Cs, tolerance, multiply)
@@ -98,7 +98,7 @@ class QPSolver:
             self._release()
         return result
 
-    def _own(self, qp: QP, s: np.ndarray, Cs: np.ndarray, tolerance: float, multiply: Product) -> QPResult:
+    def _python(self, qp: QP, s: np.ndarray, Cs: np.ndarray, tolerance: float, multiply: Product) -> QPResult:
         problem = _Scaled(qp, np.arange(qp.C.size), s, Cs, multiply)
         tao = self._create(problem, "python", tolerance)
         call_solver(tao.solve)

@@ -50,6 +50,7 @@ def at_step(results: Results, folder: Path, asked: float | None = None) -> Resul
     if asked is None:
         if len(times) == 0 or not results.summary["converged"]:
             return results
+        # Σ |factor| / max |factor| over all histories, at the times of the steps
         loads = np.zeros(len(times))
         for history in results.summary["scene"].get("history", {}).values():
             loads += np.abs(np.interp(times, history["times"], history["factors"])) / (
@@ -97,6 +98,7 @@ def _largest(stress: np.ndarray) -> float | None:
 def _means(sides: Columns, nodes: Columns, axisymmetric: bool) -> Columns:
     """The table of sides with means of the stresses at their three `nodes`, of which the table has the middle one."""
     row = {place: k for k, place in enumerate(zip(nodes["x"], nodes["y"], strict=True))}
+    # the nodes of a quadratic side are neighbours in the table; in a closed contact the first row follows the last one
     middle = np.array([row[place] for place in zip(sides["x"], sides["y"], strict=True)], int)
     three = np.stack([middle - 1, (middle + 1) % len(row), middle], axis=1)
     return sides | {column: side_means(nodes[column][three], vectors(nodes)[three], axisymmetric)

@@ -121,6 +121,8 @@ class StepLog:
 
     def balance(self) -> dict[str, float]:
         """The entry ``energy`` of summary.json: the balance at the end; the worst residual over the largest energy."""
+        # ΔW − ΔU − ΔI of a step is rounding; interface work less dissipation goes to interference, closing gaps and
+        # errors of time stepping
         rows = np.array(self.energies or np.zeros((1, 6)))
         _, external, strain, interface, dissipated, _ = rows[-1].tolist()
         size = float(np.abs(rows[:, 1:4]).max())
