@@ -46,12 +46,12 @@ FILES = {
     "result.h5": "the data of result.xdmf: points, displacement, nodal_stress, nodal_principal, nodal_von_mises by "
                  "node, stresses recovered from the cells around it; cells, body (its number), stress "
                  "(xx, xy, xz, yy, yz, zz), principal (the largest first), von_mises, error by cell; earlier load "
-                 "steps in groups step_000000, …; in surfaces what contacts have, one after the other; in "
+                 "steps in groups step_000000, …; in surfaces the data of contacts, one after the other; in "
                  "contacts/NAME the facets, pairs of lines of contact_NAME.csv "
                  "whose nodes are neighbours, of solids triples, and initial_gap of each line at the factor 1 of its "
                  "history",
     "bodies.png": "the deformed bodies, coloured by von Mises stress, else by displacement. Displacements are enlarged "
-                  "as the title says, grey outlines are undeformed, and what touches is drawn touching",
+                  "as the title says, grey outlines are undeformed, and closed contacts are drawn closed",
     "contact.png": "of one contact: stresses, slip bound, gap and slip along the contact, and its zones; of solids, "
                    "pressure, friction with arrows of slip, zones and gap as seen from the front, or unrolled about an "
                    "axis",
@@ -63,14 +63,14 @@ FILES = {
                  "solids, loops of the tangential force, energies, forces and numbers of nodes over time",
     "animation.gif": "with load steps, if asked for: the moving bodies",
     "error.png": "if asked for: where the estimated discretization error is",
-    "mechanism.json": "where there is no equilibrium: centres of the bodies that no clamp holds and their velocities "
+    "mechanism.json": "where there is no equilibrium: centres of the loose bodies and their velocities "
                       "(x, y, turning; in space x, y, z, and turning about them) in the mechanism, of which the "
                       "fastest node has 1",
-    "mechanism.png": "the bodies as they stand and as the mechanism would move them, in place of all other pictures",
-    "path.csv": "what `ddmpi path` has found along a line",
-    "report.html": "what `ddmpi report` has made of all these",
+    "mechanism.png": "the bodies at rest and moved by the mechanism, in place of all other pictures",
+    "path.csv": "displacements and stresses along a line, by `ddmpi path`",
+    "report.html": "the report of all these, by `ddmpi report`",
     "checkpoint.h5": "of an interrupted run, for --restart; completed runs have none"}
-"""What a folder of results may hold; NAME is that of a contact. docs/reference/results.md shows this."""
+"""The files of a folder of results; NAME is that of a contact. docs/reference/results.md shows this."""
 
 
 @contextlib.contextmanager

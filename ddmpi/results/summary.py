@@ -41,12 +41,12 @@ class Row(str):
 
 
 RESIDUALS = {
-    "force_mismatch": "how far the contact forces of the two bodies are from cancelling, over the forces",
+    "force_mismatch": "difference of the contact forces of the two bodies, over the forces",
     "penetration": "the largest overlap at the nodes, or opening where bonded, over the size of the contact "
                    "displacements",
     "complementarity": "force across open nodes, and tension",
-    "friction": "how far tangential forces are from the friction law, over the largest force",
-    "equilibrium": "what is left of the balance of forces in a body, over its loads"}
+    "friction": "distance of tangential forces from the friction law, over the largest force",
+    "equilibrium": "imbalance of the forces in a body, over its loads"}
 """What each residual of the certificate means."""
 
 SUMMARY = {
@@ -57,7 +57,7 @@ SUMMARY = {
     "outer": "the method's", "algorithm": "the method's", "splitting": "the method's",
     "friction": "the laws of all contacts",
     "order": "of the elements",
-    "n": "unknowns of all bodies: degrees of freedom that no clamp holds",
+    "n": "unknowns of all bodies: degrees of freedom that no clamp constrains",
     "m": "contact nodes",
     "ranks": "their number",
     "outer_iterations": "of all load steps",
@@ -79,16 +79,16 @@ SUMMARY = {
     "bodies.NAME.loads.GROUP.moment": Row("moment", "moment", "x F_y − y F_x of the same forces, in space [x, y, z], "
         "about the origin"),
     "bodies.NAME.reactions.GROUP.force": "resultant of the forces of clamps and foundations on a group. Where groups "
-        "share nodes, the force on a node is split along the directions that clamps hold; each counts for one clamp, "
-        "the last one in the scene that holds it; all reactions together are reaction",
+        "share nodes, the force on a node is split along the clamped directions; each counts for one clamp, the last "
+        "one in the scene that constrains it; all reactions together are reaction",
     "bodies.NAME.reactions.GROUP.moment": "of the same forces about the origin",
     "bodies.NAME.discretization_error": Row("estimated error", "%", "its part of the estimated error, relative to the "
         "energy norm of all bodies"),
-    "bodies.NAME.n_A_by_purpose": "n_A in parts",
+    "bodies.NAME.n_A_by_purpose": "n_A by what the multiplications were for",
     "bodies.NAME.inner_steps": "steps of inner solvers, by kind",
-    "bodies.NAME.solver": Row("solver", "", "how A is solved with"),
+    "bodies.NAME.solver": Row("solver", "", "how systems with A are solved"),
     "bodies.NAME.compliance": Row("compliance", "", "how C = B A⁻¹ Bᵀ is applied: explicit, direct or iterative"),
-    "bodies.NAME.memory_mib": "the most memory that its ranks have held, MiB",
+    "bodies.NAME.memory_mib": "the largest memory of its ranks, MiB",
     "bodies.NAME.certificate.equilibrium": Row("equilibrium", "", RESIDUALS["equilibrium"]),
     "contacts.NAME.m": Row("nodes", "", "its nodes"),
     "contacts.NAME.pairing": "nodes or mortar",
@@ -112,7 +112,7 @@ SUMMARY = {
     "contacts.NAME.pointwise_penetration": Row("penetration between nodes up to", "length", "largest overlap at any "
         "point, also between the nodes; warned of"),
     "contacts.NAME.moment_imbalance": Row("moment imbalance", "moment", "where nodes do not match: by how much the "
-        "moments of the two bodies' forces differ, because they act on nodes that stand apart; without a limit"),
+        "moments of the two bodies' forces differ, because they act on different nodes; without a limit"),
     "contacts.NAME.moment_imbalance_bound": Row("bound", "moment", "the bound on it"),
     "rigid.NAME.displacement": Row("displacement", "length", "[x, y], in space [x, y, z]: of a rigid partner that "
         "bodies may touch"),
@@ -145,8 +145,8 @@ SUMMARY = {
     "undetermined": "rigid motions that no contact resists, in words",
     "seconds": "by phase, of the slowest rank",
     "exchange": "the most that a rank has sent: messages and bytes of interface vectors to its neighbours; reductions "
-        "over all ranks, of flags, scalars and coarse problems, and reduced_bytes, what it gave to them; without "
-        "PETSc's own in Krylov methods",
+        "over all ranks, of flags, scalars and coarse problems, and reduced_bytes, its contribution to them; without "
+        "those of PETSc in Krylov methods",
     "solvers": "qp: TAO type of the quadratic subproblems, or none; in space those with friction have discs, and "
         "python (APG) solves them whatever it is",
     "options": "PETSc's",

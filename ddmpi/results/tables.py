@@ -93,8 +93,8 @@ STEPS_IN = {
 ENERGY = {
     "time": "end of the load step", "external_work": "of loads, clamps, heat and rigid partners since time 0",
     "strain_energy": "of all bodies", "interface_work": "of the contact forces since time 0",
-    "dissipated": "its part that friction takes",
-    "residual": "what external work exceeds the growth of strain energy and interface work by, of the step"}
+    "dissipated": "friction's part of it",
+    "residual": "external work of the step less the growth of strain energy and interface work"}
 
 PATH = {
     "distance": "from the start", "x": "place before the bodies move", "y": "", "z": "in space",
