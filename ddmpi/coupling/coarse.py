@@ -76,7 +76,7 @@ def gather_motions(exchange: Exchange, space: Space, members: Sequence[Member], 
     translations of `pushed` partners, along the axes in which forces act on them, come last. Collective.
     """
     # All ranks learn how many motions each body has, hence the same numbers; the motions themselves go to neighbours.
-    counts = exchange.world.allgather([(member.name, len(own)) for member, own in zip(members, columns, strict=True)])
+    counts = exchange.world.allgather([(member.name, len(rows)) for member, rows in zip(members, columns, strict=True)])
     slices, size, axes = {}, 0, {rigid.name: rigid.pushed for rigid in pushed}
     for name, count in itertools.chain(*counts, ((name, len(moves)) for name, moves in axes.items())):
         slices[name] = slice(size, size + count)

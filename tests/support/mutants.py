@@ -448,7 +448,7 @@ MUTANTS = [Mutant(*row) for row in (
     ("results overwritten", "results/folder", "            if taken:\n", "            if False:\n",
      "results/test_files.py::test_publishing_overwrites_nothing"),
     ("cells of the second body have the first one's nodes", "results/fields", 'entry["cells"] + start',
-     'each["cells"]', "results/test_fields.py::test_meshio_reads_all_bodies"),
+     'entry["cells"]', "results/test_fields.py::test_meshio_reads_all_bodies"),
     # run
     ("digest of a checkpoint unchecked", "run/checkpoint", "if data[:BLOCK] != _head(data[BLOCK:]):",
      "if not data.startswith(FORMAT):",
