@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 SHORT = float(1 - 4 * np.finfo(float).eps)
-"""Vectors are shortened to this part of their limit, so that none exceeds it by rounding and is shortened again."""
+"""Vectors are shortened to this fraction of their limit, so that none exceeds it by rounding and is shortened again."""
 
 
 @dataclass
