@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 SHORT = float(1 - 4 * np.finfo(float).eps)
-"""Vectors are shortened to this part of their limit, so that none exceeds it by rounding and is shortened again."""
+"""Vectors are shortened to this fraction of their limit, so that none exceeds it by rounding and is shortened again."""
 
 
 @dataclass
@@ -79,10 +79,10 @@ class Discs(Box):
         return y
 
     def reduced(self, g: np.ndarray, x: np.ndarray, step: float) -> np.ndarray:
-        cut, there = super().reduced(g, x, step), (x - step * g)[self.entries]
-        leaves = magnitude(there) > self.radius
+        cut, moved = super().reduced(g, x, step), (x - step * g)[self.entries]
+        leaves = magnitude(moved) > self.radius
         discs = self.entries[leaves]
-        cut[discs] = (x[discs] - shorten(there[leaves], self.radius[leaves])) / step
+        cut[discs] = (x[discs] - shorten(moved[leaves], self.radius[leaves])) / step
         return cut
 
     def holding(self, x: np.ndarray, free: slice) -> Box:
@@ -98,13 +98,13 @@ class Discs(Box):
 
 def product(sets: Sequence[Box]) -> Box:
     """The points whose parts, one after the other, lie in the `sets`. Their discs have equally many components."""
-    lower, upper = (np.concatenate([getattr(each, name) for each in sets]) for name in ("lower", "upper"))
-    starts = np.cumsum([0, *(len(each.lower) for each in sets)])
-    discs = [(each.entries + start, each.radius) for each, start in zip(sets, starts, strict=False)
-             if isinstance(each, Discs)]
+    lower, upper = (np.concatenate([getattr(box, name) for box in sets]) for name in ("lower", "upper"))
+    starts = np.cumsum([0, *(len(box.lower) for box in sets)])
+    discs = [(box.entries + start, box.radius) for box, start in zip(sets, starts, strict=False)
+             if isinstance(box, Discs)]
     if not discs:
         return Box(lower, upper)
-    return Discs(lower, upper, *(np.concatenate(each) for each in zip(*discs, strict=True)))
+    return Discs(lower, upper, *(np.concatenate(arrays) for arrays in zip(*discs, strict=True)))
 
 
 def magnitude(vectors: np.ndarray) -> np.ndarray:

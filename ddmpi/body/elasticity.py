@@ -126,8 +126,8 @@ class Elasticity:
         return replace(self, load=max(case.size for case in sums))
 
     @property
-    def held(self) -> bool:
-        """Whether clamps leave no rigid motion free."""
+    def supported(self) -> bool:
+        """Whether clamps and springs leave no rigid motion free."""
         return self.motions.shape[2] == 0
 
     def expand(self, u: PETSc.Vec) -> np.ndarray:
@@ -144,7 +144,7 @@ def assemble(mesh: Mesh, body: BodySpec) -> Elasticity:
     >>> from ddmpi.scene.reader import read_scene_file
     >>> spec = read_scene_file("configs/pinched_blocks.toml").body[0]
     >>> elasticity = assemble(build_mesh(spec), spec)
-    >>> elasticity.n, elasticity.held, elasticity.A.getSize()
+    >>> elasticity.n, elasticity.supported, elasticity.A.getSize()
     (3036, True, (3036, 3036))
 
     Not collective. Raises InputError if the clamps contradict each other, or leave a part of the body loose
@@ -211,7 +211,7 @@ def clamp_forces(mesh: Mesh, body: BodySpec, elasticity: Elasticity, u: np.ndarr
     free, shares = np.tile(np.eye(mesh.dimension), (len(u), 1, 1)), []
     # Clamps of one node may be oblique to each other. The part of a direction orthogonal to those of later clamps
     # measures its share of the reaction; the remainder is left to the later ones.
-    for which, nodes, direction in reversed(elasticity.supports.held):
+    for which, nodes, direction in reversed(elasticity.supports.constrained):
         direction = np.where(mesh.on_axis[nodes, None] & (np.arange(mesh.dimension) == 0), 0.0, direction)
         rest = apply(free[nodes], direction)
         squares = np.where((rest**2).sum(axis=1) > ALONG**2, (rest**2).sum(axis=1), np.inf)

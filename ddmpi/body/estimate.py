@@ -87,31 +87,31 @@ class DiscretizationError:
     ----------
     relative : ‖e‖ / ‖u‖ in the energy norm of all bodies; nan if one of them has no estimate
     by_body : ‖e‖ of single bodies over the same ‖u‖; nan as well; of all bodies on the first rank only
-    own : the estimates of this rank's bodies
+    estimates : the estimates of this rank's bodies
     mean : energy norm squared over area, of all bodies (J/m³)
     """
 
     relative: float
     by_body: dict[str, float]
-    own: dict[str, ErrorEstimate]
+    estimates: dict[str, ErrorEstimate]
     mean: float
 
     def density(self, body: str) -> np.ndarray | None:
         """Error of all cells (nt,) per area over the mean energy norm per area, without unit; None if unknown."""
         if np.isnan(self.relative):
             return None
-        estimate = self.own[body]
+        estimate = self.estimates[body]
         return np.sqrt(estimate.squares / estimate.areas / self.mean) if self.mean else np.zeros(len(estimate.areas))
 
 
-def sum_errors(bodies: Mapping[str, tuple[float, float, float]], own: dict[str, ErrorEstimate],
+def sum_errors(bodies: Mapping[str, tuple[float, float, float]], estimates: dict[str, ErrorEstimate],
                sums: np.ndarray) -> DiscretizationError:
     """The error from squared errors, squared energy norms and areas of `bodies` by name, and their `sums` (3,). Not
     collective."""
     error, energy, area = sums.tolist()
     shares = {name: float(np.sqrt(square / (error + energy))) if error + energy else 0.0
               for name, (square, *_) in bodies.items()}
-    return DiscretizationError(relative_error(error, energy), shares, own, energy / area)
+    return DiscretizationError(relative_error(error, energy), shares, estimates, energy / area)
 
 
 def estimate_error(mesh: Mesh, material: Material | Composite, u: np.ndarray,

@@ -195,13 +195,14 @@ class Supports:
         counts for all components that the normal has
     free : (nv, d, d) projections onto the free directions
     moved : (nv, d) the displacements that clamps prescribe (m), by history, at its factor 1; None for constant ones
-    held : number of a clamp, its nodes (k,) and unit vectors (k, d) of the clamped directions, in the scene's order
+    constrained : number of a clamp, its nodes (k,) and unit vectors (k, d) of the clamped directions, in the scene's
+        order
     """
 
     clamps: np.ndarray
     free: np.ndarray
     moved: Mapping[str | None, np.ndarray]
-    held: Sequence[tuple[int, np.ndarray, np.ndarray]] = ()
+    constrained: Sequence[tuple[int, np.ndarray, np.ndarray]] = ()
 
 
 def supports(mesh: Mesh, body: BodySpec) -> Supports:
@@ -217,7 +218,7 @@ def supports(mesh: Mesh, body: BodySpec) -> Supports:
     clamps[mesh.on_axis, 0], free[mesh.on_axis, 0, 0] = len(body.clamps), 0.0
     directions: list[tuple[int, np.ndarray, np.ndarray]] = []
     for which, clamp in enumerate(body.clamps):
-        for axis, value, nodes, direction in _held(mesh, clamp, key):
+        for axis, value, nodes, direction in _constrained(mesh, clamp, key):
             if axis == "normal":
                 smooth = np.einsum("ki,ki->k", direction, outer[nodes]) > np.cos(SHARPEST)
                 outer[nodes] = direction = np.where(smooth[:, None], outer[nodes], direction)
@@ -251,7 +252,7 @@ def supports(mesh: Mesh, body: BodySpec) -> Supports:
     return Supports(clamps, free, dict(zip(names, moved, strict=True)), directions)
 
 
-def _held(mesh: Mesh, clamp: Clamp, key: str) -> Iterator[tuple[str, Any, np.ndarray, np.ndarray]]:
+def _constrained(mesh: Mesh, clamp: Clamp, key: str) -> Iterator[tuple[str, Any, np.ndarray, np.ndarray]]:
     """The components of a clamp: name, value, nodes (k,), and unit vectors (k, d) at them."""
     nodes = mesh.nodes_of(clamp.on)
     for axis, value, unit in zip("xyz", clamp.components, np.eye(3), strict=True):

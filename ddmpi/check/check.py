@@ -89,7 +89,7 @@ def _check(world: MPI.Comm, scene: Settled, scene_path: str, output: str | None,
             elif figures and not folder:
                 log.info("no pictures: %s", NO_MATPLOTLIB)
             if assembly.loose and not has_clarabel():
-                log.info("whether contacts can hold the loose bodies is not asked: %s", NO_CLARABEL)
+                log.info("the search for an equilibrium of loose bodies is skipped: %s", NO_CLARABEL)
             if mechanism:
                 raise NotConvergedError(describe(mechanism))
 
@@ -106,7 +106,7 @@ def _look(body: Body) -> Looked:
     words = [f"{len(mesh.points)} nodes, {len(mesh.triangles)} {mesh.cell.names} of size {size}; "
              f"groups {', '.join(mesh.groups)}"]
     words += [f"{how} on {on}{_following(history)}" for how, on, history in supports]
-    if not member.elasticity.held:
+    if not member.elasticity.supported:
         motions = undetermined(np.zeros((len(member.e), 0)), [MotionsOfBody.of(spec.name, mesh.points, member.motions)])
         words.append("loose: " + "; ".join(motion.rpartition(": ")[2].removesuffix(" without any force").replace(
             f"{spec.name} can", "it can", 1) for motion in motions))

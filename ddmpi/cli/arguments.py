@@ -35,7 +35,7 @@ def _named(word: str) -> str:
 
 def _point(word: str) -> list[float]:
     try:
-        return [float(each) for each in word.split(",")]
+        return [float(coordinate) for coordinate in word.split(",")]
     except ValueError:
         raise argparse.ArgumentTypeError(f"{word!r} is no point; write it as 0,0.5 or 0,0,1") from None
 
@@ -133,11 +133,11 @@ def _add_sweep(commands: argparse._SubParsersAction, scene: _Parser, formats: di
 
 
 def split_arguments(arguments: list[str]) -> tuple[list[str], list[str]]:
-    """Our own arguments, and PETSc's: those with one dash and a letter, each with its value.
+    """The arguments of ddmpi, and PETSc's: those with one dash and a letter, each with its value.
 
     One ``--set`` or ``--vary`` may be followed by several KEY=VALUE.
     """
-    own: list[str] = []
+    ours: list[str] = []
     petsc: list[str] = []
     words = list(arguments)
     while words:
@@ -147,9 +147,9 @@ def split_arguments(arguments: list[str]) -> tuple[list[str], list[str]]:
             if words and not re.match(r"--?[A-Za-z]", words[0]):
                 petsc.append(words.pop(0))
         elif f"{word}=" in REPEATED + SIGNED and words:
-            own.append(f"{word}={words.pop(0)}")
-        elif "=" in word and word[0] != "-" and own and own[-1].startswith(REPEATED):
-            own.append(f"{own[-1].partition('=')[0]}={word}")
+            ours.append(f"{word}={words.pop(0)}")
+        elif "=" in word and word[0] != "-" and ours and ours[-1].startswith(REPEATED):
+            ours.append(f"{ours[-1].partition('=')[0]}={word}")
         else:
-            own.append(word)
-    return own, petsc
+            ours.append(word)
+    return ours, petsc

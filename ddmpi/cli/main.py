@@ -23,14 +23,14 @@ if TYPE_CHECKING:
 def main(arguments: list[str] | None = None) -> None:
     """Entry point of ``python -m ddmpi`` and ``ddmpi``; ends the process with the exit code. Collective."""
     interrupt.listen()
-    own, petsc = split_arguments(sys.argv[1:] if arguments is None else arguments)
+    ours, petsc = split_arguments(sys.argv[1:] if arguments is None else arguments)
     from mpi4py import MPI
 
     from ddmpi.system.agreement import in_lockstep
 
     world = in_lockstep(MPI.COMM_WORLD)
     try:
-        code = _main(world, own, petsc)
+        code = _main(world, ours, petsc)
     except BaseException as error:
         # This rank may be alone with the error, and others wait for it, so it ends them all.
         if isinstance(error, DdmpiError):
@@ -55,7 +55,7 @@ def _abort(world: MPI.Comm, code: int) -> None:
     world.Abort(code)
 
 
-def _main(world: MPI.Comm, own: list[str], petsc: list[str]) -> int:
+def _main(world: MPI.Comm, ours: list[str], petsc: list[str]) -> int:
     from ddmpi.cli.commands import COMMANDS, printing
     from ddmpi.system.agreement import agreed, explained
     from ddmpi.system.provenance import command, whereabouts
@@ -63,7 +63,7 @@ def _main(world: MPI.Comm, own: list[str], petsc: list[str]) -> int:
     try:
         with agreed(world), printing(world):
             try:
-                options = build_parser().parse_args(own)
+                options = build_parser().parse_args(ours)
             except SystemExit as end:  # --help and --version
                 return int(end.code or 0)
         with agreed(world):

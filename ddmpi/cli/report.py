@@ -29,13 +29,13 @@ from ddmpi.system.files import CHECKPOINT, MECHANISM, SUMMARY, SWEEP, TABLE, con
 from ddmpi.system.provenance import has_matplotlib
 
 MARK = '<meta name="generator" content="ddmpi '
-"""What a report begins with, and a file that may be overwritten."""
+"""The beginning of a report; a file with it may be overwritten."""
 
 MOST_STEPS = 24
-"""Of more load steps those at the ends of legs are listed, and of more of these so many."""
+"""Most load steps in the table: of more steps those at the ends of legs, of more ends an even choice."""
 
 FEW = 3
-"""Of at most so many contacts each has its lines in the table of load steps."""
+"""Most contacts with lines of their own in the table of load steps."""
 
 PHASES = {"mesh": "making or reading the meshes", "assemble": "stiffness, pairing of the contacts",
           "factor": "factorization of the stiffness", "outer": "the iteration", "recover": "displacements, stresses",
@@ -46,7 +46,7 @@ RESULTANTS = ["force", "moment", "normal_force", "tangential_force"]
 STATES = ["open", "slip", "stick", "dissipated"]
 
 BETWEEN = ("pointwise_penetration", "moment_imbalance", "moment_imbalance_bound")
-"""Of contacts whose nodes do not match."""
+"""Entries of contacts whose nodes do not match."""
 
 
 def write_report(folder: str | Path, output: str | None = None, time: float | None = None) -> Path:
@@ -121,8 +121,8 @@ def _entry(value: object) -> str:
 
 
 class RunReport:
-    """What a report says of a run: the summary of its `folder` at the load step of a `time`; pictures of this step that
-    have been `drawn` into another folder take the place of those there."""
+    """The contents of a report of a run: the summary of its `folder` at the load step of a `time`; pictures of this
+    step that have been `drawn` into another folder take the place of those there."""
 
     def __init__(self, folder: Path, summary: dict, time: float | None = None, drawn: Path | None = None) -> None:
         self.folder, self.summary, self.drawn = folder, summary, drawn or folder
@@ -191,17 +191,18 @@ class RunReport:
         summary, warnings = self.summary, len(self.summary.get("warnings", ()))
         limit, estimate = f"{summary['certificate_limit']:.2g}", self.error["energy_norm"]
         if summary["converged"]:
-            found = [f"All residuals of the coupled problem are below {limit}."]
+            sentences = [f"All residuals of the coupled problem are below {limit}."]
             if estimate is not None:
-                found.append(f"The mesh leaves an estimated error of {number(estimate, 2, '%')} in the energy norm.")
+                sentences.append(
+                    f"The mesh leaves an estimated error of {number(estimate, 2, '%')} in the energy norm.")
             if warnings:
-                found.append(f"The run warns of {warnings} thing{'s' * (warnings > 1)}.")
-            return ["Certified", " ".join(found)]
+                sentences.append(f"The run warns of {warnings} thing{'s' * (warnings > 1)}.")
+            return ["Certified", " ".join(sentences)]
         reason = summary["reason"]
         no_answer = "" if self.refused else "The numbers below are those of the last iteration, and no answer."
         if reason.startswith("no equilibrium"):
-            found, _, motion = reason.partition(": ")
-            return [found.capitalize(), motion, no_answer]
+            verdict, _, motion = reason.partition(": ")
+            return [verdict.capitalize(), motion, no_answer]
         failing = [f"{_words(kind)} {number(value, 2)}" for kind, value in summary["certificate"].items()
                    if self._fails(value)]
         if not failing:  # an accuracy target is missed
@@ -213,20 +214,21 @@ class RunReport:
         return value is None or value > self.summary["certificate_limit"]
 
     def _numbers(self) -> dict[str, Any]:
-        """The numbers that are looked at first."""
+        """The numbers at the top of the report."""
         contacts = self.contacts.values()
-        found = {"m": sum(contact["m"] for contact in contacts), "nodes": count(contacts), "of_step": self.of_step,
-                 "depth": "depth" if len(self.axes) == 2 and not self.scene.get("axisymmetric") else "",
-                 "estimate": number(self.error["energy_norm"], 2, "%"), "body_number": len(self.bodies),
-                 "elements": ORDERS[self.summary["order"]]}
+        numbers = {"m": sum(contact["m"] for contact in contacts), "nodes": count(contacts), "of_step": self.of_step,
+                   "depth": "depth" if len(self.axes) == 2 and not self.scene.get("axisymmetric") else "",
+                   "estimate": number(self.error["energy_norm"], 2, "%"), "body_number": len(self.bodies),
+                   "elements": ORDERS[self.summary["order"]]}
         if not {contact["friction"] for contact in contacts} <= {"none", "bonded"}:
-            found["dissipated"] = number(sum(each["dissipated"] or 0.0 for each in contacts), unit=self.units["energy"])
+            dissipated = sum(contact["dissipated"] or 0.0 for contact in contacts)
+            numbers["dissipated"] = number(dissipated, unit=self.units["energy"])
         for name, entries, unit in (("displacement", self.bodies, "length"), ("von_mises", self.bodies, "stress"),
                                     ("pressure", self.contacts, "stress")):
             value, of = largest(entries, f"{name}_max")
-            found[name] = number(value, unit=self.units[unit])
-            found[f"{name}_of"] = "not computed" if value is None else f"of {of}"
-        return found
+            numbers[name] = number(value, unit=self.units[unit])
+            numbers[f"{name}_of"] = "not computed" if value is None else f"of {of}"
+        return numbers
 
     def _pictures(self) -> dict[str, Any]:
         captions: dict[str, str] = {}
@@ -239,14 +241,14 @@ class RunReport:
                 captions[file] = words[:1].upper() + words[1:]
         if self.refused:
             captions = {"mechanism.png": self.summary["reason"]}
-        found = Html("".join(picture(self.drawn / file, words) or picture(self.folder / file, words)
-                             for file, words in captions.items()))
-        return {"pictures": found, "undrawn": "" if found else self.folder}
+        pictures = Html("".join(picture(self.drawn / file, words) or picture(self.folder / file, words)
+                                for file, words in captions.items()))
+        return {"pictures": pictures, "undrawn": "" if pictures else self.folder}
 
     def _contacts(self) -> dict[str, Any]:
         contacts, asked = self.contacts, {contact["name"]: contact for contact in self.scene["contact"]}
         unmatched = [name for name, contact in contacts.items() if contact["slave"]]
-        # where nodes match there is nothing between them
+        # matching nodes have no such errors
         entries = {name: contact if contact["slave"] else contact | dict.fromkeys(BETWEEN)
                    for name, contact in contacts.items()}
         pairing = [f"mortar, nodes of {contact['slave']}" if contact["slave"] else "node to node"
@@ -302,22 +304,22 @@ class RunReport:
             caption, keys = "Nodes of all contacts", STATES
         several = [Column("contact", [name for _, name, _ in rows])] if 1 < len(self.contacts) <= FEW else []
         caption += f"; {len(steps)} of {len(every)} steps, steps.csv has all" * (len(steps) < len(every))
-        found = {"step_number": f"{len(every)} load steps to time {every[-1]['time']:g}.", "steps": table(
+        values = {"step_number": f"{len(every)} load steps to time {every[-1]['time']:g}.", "steps": table(
             caption, Column("time", [f"{step['time']:g}" for step, *_ in rows]),
             Column("iterations", [step["outer_iterations"] for step, *_ in rows]), *several,
             *self._columns("contacts.NAME.", keys, [contact for *_, contact in rows]))}
         if energy := self.summary.get("energy"):
             told = {key: row.words for key in energy if isinstance(row := ROWS[f"energy.{key}"], Row)}
-            found |= {"energy": table(
+            values |= {"energy": table(
                 "Energy since time 0: the first is the sum of the next two", Column("what", list(told.values())),
                 Column("energy", [energy[key] for key in told], self.units["energy"])),
                 "imbalance_of_energy": number(energy["residual"], 2)}
-        return found
+        return values
 
     def _certificate(self) -> dict[str, Any]:
-        parts = [*self.contacts.items(), *self.bodies.items()]
+        entries = [*self.contacts.items(), *self.bodies.items()]
         kinds = {kind: value for kind, value in self.summary["certificate"].items() if kind in RESIDUALS}
-        worst = [_worst({name: each["certificate"].get(kind, 0.0) for name, each in parts}) for kind in kinds]
+        worst = [_worst({name: entry["certificate"].get(kind, 0.0) for name, entry in entries}) for kind in kinds]
         verdicts = [element("span", "fails", kind="fails") if self._fails(value) else "holds"
                     for value in kinds.values()]
         of_contacts = [f"certificate.{kind}" for kind in kinds if kind != "equilibrium"]
@@ -365,7 +367,7 @@ def _words(kind: str) -> str:
 
 
 def _law(contact: dict) -> str:
-    """What holds in a contact of the scene: bonded, or its friction law with its numbers."""
+    """The law of a contact of the scene: bonded, or its friction law with its numbers."""
     if contact.get("kind") == "bonded":
         return "bonded"
     law, *numbers = contact["friction"].values()
@@ -376,7 +378,7 @@ def _law(contact: dict) -> str:
 
 
 def _worst(values: Mapping[str, float | None]) -> Html | str:
-    """The name with the largest value, or with one that is no number; a dash where all are zero."""
+    """The name with the largest value, or with None; a dash where all are zero."""
     sizes = {name: math.inf if value is None else value for name, value in values.items()}
     name = max(sizes, key=lambda name: sizes[name], default="")
     return element("span", name, kind="name") if name and sizes[name] else "–"

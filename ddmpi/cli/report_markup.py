@@ -16,7 +16,7 @@ from ddmpi import __version__
 from ddmpi.system.numbers import scaled_unit
 
 NOISE = 1e-9
-"""Numbers below this part of the largest one of their unit in a table are shown as about zero."""
+"""Numbers below this fraction of the largest of their unit in a table are shown as about zero."""
 
 LONG = 12
 """Minor tables of more rows are folded."""
@@ -32,9 +32,9 @@ class Html(str):
 
 @dataclass(frozen=True)
 class Column:
-    """What a column of a table is, its entries, and their unit: numbers of one unit share a prefix.
+    """A column of a table: its head, entries, and unit; numbers of one unit share a prefix.
 
-    `decimals` of all its numbers, where they are not to have equally many digits.
+    With `decimals`, all numbers have so many; without, equally many digits.
     """
 
     head: str
@@ -52,9 +52,9 @@ def fill(values: Mapping[str, object], without: Collection[str] = ()) -> str:
     given = {"version": Html(__version__)} | {name: text(value) for name, value in values.items()
                                               if value not in (None, "")}
 
-    def wanted(part: re.Match[str]) -> str:
-        known = given.keys() & re.findall(r"\$(\w+)", part[0])
-        return part[0] if known and part["id"] not in without else ""
+    def wanted(section: re.Match[str]) -> str:
+        known = given.keys() & re.findall(r"\$(\w+)", section[0])
+        return section[0] if known and section["id"] not in without else ""
 
     template = re.sub(r'<section id="(?P<id>\w+)">.*?</section>\n', wanted, template, flags=re.DOTALL)
     return string.Template(re.sub(r"(?P<id>).*\$.*\n", wanted, template)).substitute(defaultdict(str, given))
@@ -71,7 +71,7 @@ def element(tag: str, *inside: object, **attributes: str) -> Html:
 
 
 def number(value: float | None, digits: int = 4, unit: str = "") -> str:
-    """A number to so many digits, with its unit; integers as they are, a dash where there is none."""
+    """A number to so many digits, with its unit; an integer unchanged, a dash for None."""
     if value is None:
         return "–"
     factor, unit = scaled_unit(abs(value), unit)
@@ -121,12 +121,12 @@ def _cell(entry: Cell, digits: int, decimals: int | None, factor: float, noise: 
 
 
 def noted(entries: Sequence[object]) -> Html | str:
-    """A list of what is to be noticed, if there is anything."""
+    """A list of notes, if there are any."""
     return element("ul", *(element("li", entry) for entry in entries), kind="note") if entries else ""
 
 
 def picture(path: Path, caption: str, kind: str = "picture") -> Html:
-    """A picture within the page, if it is there."""
+    """A picture within the page, if its file exists."""
     if not path.exists():
         return Html("")
     data = base64.b64encode(path.read_bytes()).decode()

@@ -190,8 +190,8 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
         for spec in mine:
             points = meshes[spec.name].points[bodies[spec.name].nodes]
             if factor and team and team.comm.size > 1:
-                A, held = bodies[spec.name].A, bodies[spec.name].held
-                bodies[spec.name] = replace(bodies[spec.name], A=TeamMatrix(team, A, points, held))
+                A, supported = bodies[spec.name].A, bodies[spec.name].supported
+                bodies[spec.name] = replace(bodies[spec.name], A=TeamMatrix(team, A, points, supported))
             ours = [joined[contact.name][0] for contact, _ in at_body[spec.name]]
             members.append(Member(spec.name, bodies[spec.name], ours, scene.method.compliance, memory, histories,
                                   points, factor))
@@ -305,7 +305,7 @@ def _check_method(scene: Settled, bodies: Mapping[str, Elasticity], interfaces: 
     if not scene.method.by_body:
         return
     for name, elasticity in bodies.items():
-        if not elasticity.held:
+        if not elasticity.supported:
             raise InputError(f"method.outer = {scene.method.outer!r}: the clamps of {name!r} leave a rigid motion "
                              'free, so that its Neumann problems have no solution; outer = "newton", the default, '
                              "solves it")

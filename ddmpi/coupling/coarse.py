@@ -76,7 +76,7 @@ def gather_motions(exchange: Exchange, space: Space, members: Sequence[Member], 
     translations of `pushed` partners, along the axes in which forces act on them, come last. Collective.
     """
     # All ranks learn how many motions each body has, hence the same numbers; the motions themselves go to neighbours.
-    counts = exchange.world.allgather([(member.name, len(own)) for member, own in zip(members, columns, strict=True)])
+    counts = exchange.world.allgather([(member.name, len(rows)) for member, rows in zip(members, columns, strict=True)])
     slices, size, axes = {}, 0, {rigid.name: rigid.pushed for rigid in pushed}
     for name, count in itertools.chain(*counts, ((name, len(moves)) for name, moves in axes.items())):
         slices[name] = slice(size, size + count)
@@ -86,7 +86,7 @@ def gather_motions(exchange: Exchange, space: Space, members: Sequence[Member], 
     both = exchange.swap_objects({(contact, side): own[:, part].T for member, own in zip(members, columns, strict=True)
                                   for contact, (part, side) in member.parts.items()})
     blocks = []
-    for interface, part in space.each():
+    for interface, part in space.with_slices():
         sides = dict(zip(interface.bodies, both[interface.name], strict=True))
         if interface.bodies[1] in axes:
             # A pushed partner is a second side without nodes: moving by e_x it closes the contact by −n·e_x.

@@ -152,7 +152,7 @@ class Joint:
         """
         space = self.space
         # gap ≤ 0 without forces: touching or overlapping, as drawn and with rigid partners moved.
-        touches = [space.gap[part][:interface.m] <= 0.0 for interface, part in space.each()]
+        touches = [space.gap[part][:interface.m] <= 0.0 for interface, part in space.with_slices()]
         falls = [np.zeros(len(touch), bool) for touch in touches]
         lonely: list[str] = []
         if self.rigid.size:

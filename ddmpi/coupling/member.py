@@ -81,7 +81,7 @@ class Member:
             self._responses = {name: (np.zeros(self.size), R.T @ case.b) for name, case in elasticity.cases.items()}
             return
         shared = isinstance(A, TeamMatrix)
-        if not elasticity.held:
+        if not elasticity.supported:
             # A is singular. With springs on a few dofs its inverse is a generalised inverse of A; centring then removes
             # what depends on the choice of the springs: C ← P C P, h ← P h, P = I − Gᵀ(G Gᵀ)⁺G.
             self._centring, dofs = Centring(R, B), support(motions)

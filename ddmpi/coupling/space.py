@@ -55,7 +55,7 @@ class Space:
 
     def _place(self) -> None:
         self.opening = np.zeros(self.size)
-        for interface, part in self.each():
+        for interface, part in self.with_slices():
             self.opening[part][:interface.m] = interface.opening
         self.prescribed = np.concatenate([np.empty(0), *(interface.prescribed for interface in self.interfaces)])
         self.gap = self.opening - self.prescribed
@@ -66,8 +66,8 @@ class Space:
             self.interfaces = tuple(interface.under(factors) for interface in self._drawn)
             self._place()
 
-    def each(self) -> list[tuple[Interface, slice]]:
-        """The interfaces with their parts of a vector."""
+    def with_slices(self) -> list[tuple[Interface, slice]]:
+        """The interfaces with the slices of a vector that are theirs."""
         return list(zip(self.interfaces, self.parts.values(), strict=True))
 
     def spread(self, values: Sequence[float]) -> np.ndarray:

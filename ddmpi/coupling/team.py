@@ -54,7 +54,7 @@ class Share:
         self._A = self._solver = None
         PETSc.garbage_cleanup(self.comm)
 
-    def factor(self, given: tuple | None, held: bool, condensed: bool, name: str,
+    def factor(self, given: tuple | None, supported: bool, condensed: bool, name: str,
                iterative: bool) -> StiffnessSolver | None:
         """Distribute the rows of a stiffness over the ranks, and make the solver with them.
 
@@ -65,7 +65,7 @@ class Share:
         ----------
         given : the stiffness, which is destroyed, the positions of its nodes, the dofs of springs that support a loose
             body (`rigid_motions.add_springs`), and a trace and an order as for `StiffnessSolver`, in the root's numbers
-        held : whether clamps support the body
+        supported : whether clamps support the body
         condensed : whether there is a trace
         """
         self.drop()
@@ -88,7 +88,7 @@ class Share:
         whole = PETSc.Mat().createAIJ((layout, layout), bsize=width, csr=rows, comm=self.comm)
         del rows
         self._A = whole.createSubMatrix(mine, mine)
-        self._A.setOption(PETSc.Mat.Option.SPD if held else PETSc.Mat.Option.SYMMETRIC, True)
+        self._A.setOption(PETSc.Mat.Option.SPD if supported else PETSc.Mat.Option.SYMMETRIC, True)
         self._u, self._f = self._A.createVecs()
         self._whole = whole.createVecRight()  # the root has all of it, in its own order
         self._deal = PETSc.Scatter().create(self._whole, mine, self._f, None)
@@ -228,14 +228,15 @@ class Team:
 class TeamMatrix:
     """The root's view of a stiffness whose rows are on the ranks of the team, once there is a solver.
 
-    Until then the root has all of A, with a block of rows for each of the nodes at `points` (k, d). `held` says whether
-    clamps support the body, so that A is positive definite. Methods with PETSc's names are those of its matrices.
+    Until then the root has all of A, with a block of rows for each of the nodes at `points` (k, d). `supported` says
+    whether clamps support the body, so that A is positive definite. Methods with PETSc's names are those of its
+    matrices.
     """
 
-    def __init__(self, team: Team, A: PETSc.Mat, points: np.ndarray, held: bool) -> None:
+    def __init__(self, team: Team, A: PETSc.Mat, points: np.ndarray, supported: bool) -> None:
         self.team, self.size, self._width, self._diagonal = team, A.getSize(), A.getBlockSize(), A.getDiagonal()
         self.whole: tuple[PETSc.Mat, np.ndarray] | None = (A, points)
-        self.held, self.springs = held, np.zeros(0, int)
+        self.supported, self.springs = supported, np.zeros(0, int)
 
     def getDiagonal(self) -> PETSc.Vec:
         return self._diagonal
@@ -266,7 +267,7 @@ class TeamSolver:
                  order: np.ndarray | None = None, iterative: bool = False) -> None:
         assert A.whole is not None
         given, A.whole, self._team = (*A.whole, A.springs, trace, order), None, A.team
-        solver = self._team.do("factor", given, A.held, trace is not None, name, iterative)
+        solver = self._team.do("factor", given, A.supported, trace is not None, name, iterative)
         self.direct, self.given, self.description = solver.direct, solver.given, solver.description
         self.condensed, self.refused = solver.condensed, solver.refused
 

@@ -41,10 +41,10 @@ FLAT = 1e-3
 """Places are collinear if they deviate from a line by less than this fraction of their extent."""
 
 
-def rows_at_vertices(sides: tuple[Side, Side], own: int, over: Cover, looked: Cover, contact: SettledContact) -> Rows:
-    """The rows of the slave, `sides[own]`, which faces the other at the points of `over`; at the points `looked` the
+def rows_at_vertices(sides: tuple[Side, Side], slave: int, over: Cover, looked: Cover, contact: SettledContact) -> Rows:
+    """The rows of the slave, `sides[slave]`, which faces the other at the points of `over`; at the points `looked` the
     answer is checked for overlaps. Not collective."""
-    side, other, bonded = sides[own], sides[1 - own], contact.kind == "bonded"
+    side, other, bonded = sides[slave], sides[1 - slave], contact.kind == "bonded"
     seen, met = np.isin(np.arange(len(side.facets)), over.facet), np.zeros(len(side.nodes), bool)
     weighted = over.weight[:, None] * over.at if bonded else duals(side, over, inset(over, looked), SLIVER, 1.0 / 3.0)
     psi = at_points(weighted, side.corners[over.facet], len(met))
@@ -63,19 +63,19 @@ def rows_at_vertices(sides: tuple[Side, Side], own: int, over: Cover, looked: Co
     across = -at_points(over.there, other.corners[over.other], len(other.nodes)) @ other.normal
     if np.isfinite(other.modulus):  # a rigid partner's normal counts alone
         across += at_points(over.at, side.corners[over.facet], len(met)) @ side.normal
-    rows = rows_of(sides, own, over, psi, _shared(met, shares, near), across)
+    rows = rows_of(sides, slave, over, psi, _shared(met, shares, near), across)
     # Which rows clamps nearly fix is known only from the rows, so they are made a second time without these.
-    held = _hardly_move(rows)
+    fixed = _hardly_move(rows)
     if holds_along(contact) and np.isfinite(other.modulus):
-        held |= _held_along_rim(rows)
-    if held.any() and not held.all():
-        shares[rows.nodes[held]] = True
-        rows = rows_of(sides, own, over, psi, _shared(met, shares, near), across)
+        fixed |= _fixed_along_rim(rows)
+    if fixed.any() and not fixed.all():
+        shares[rows.nodes[fixed]] = True
+        rows = rows_of(sides, slave, over, psi, _shared(met, shares, near), across)
     facets = rows.place[side.corners]
     kept = (facets >= 0).all(axis=1)
     lines = Lines(np.arange(len(rows.nodes)), side.xy[rows.nodes], rows.area, facets[seen & kept],
-                  rows.transfers[own] @ side.xy)
-    return replace(rows, whole=rows.whole & kept, lines=lines, points=between(sides, own, looked))
+                  rows.transfers[slave] @ side.xy)
+    return replace(rows, whole=rows.whole & kept, lines=lines, points=between(sides, slave, looked))
 
 
 def _meets_others(side: Side, D: np.ndarray, full: np.ndarray) -> np.ndarray:
@@ -121,13 +121,13 @@ def _hardly_move(rows: Rows) -> np.ndarray:
     moves = [side.moves_with(transfer) for side, transfer in zip(rows.sides, rows.transfers, strict=True)]
     # A row moves by M e where free nodes move by e. In the common axes of both M the row can move by the larger of both
     # sides; what these leave of the normal is compared with BARELY.
-    axes = np.linalg.eigh(sum(each + each.swapaxes(1, 2) for each in moves))[1]
-    most = np.max([np.linalg.norm(each @ axes, axis=1) for each in moves], axis=0)
+    axes = np.linalg.eigh(sum(move + move.swapaxes(1, 2) for move in moves))[1]
+    most = np.max([np.linalg.norm(move @ axes, axis=1) for move in moves], axis=0)
     along = np.einsum("rd,rdk->rk", rows.normal, axes)
     return np.linalg.norm(along * np.minimum(most, 1.0), axis=1) < BARELY
 
 
-def _held_along_rim(rows: Rows) -> np.ndarray:
+def _fixed_along_rim(rows: Rows) -> np.ndarray:
     """Rows (r,) at an edge of the slave's rim whose ends one clamp constrains along the edge: shear passes through it,
     unlike through a plane of symmetry."""
     side = rows.sides[rows.slave]
@@ -138,6 +138,6 @@ def _held_along_rim(rows: Rows) -> np.ndarray:
     along /= np.linalg.norm(along, axis=1)[:, None]
     first, second = edges.T
     both = is_held(along, side.free[first]) & is_held(along, side.free[second])
-    axis, each = np.abs(along).argmax(axis=1), np.arange(len(edges))  # one cell between two planes is no such edge
-    both &= side.clamps[first][each, axis] == side.clamps[second][each, axis]
+    axis, edge = np.abs(along).argmax(axis=1), np.arange(len(edges))  # one cell between two planes is no such edge
+    both &= side.clamps[first][edge, axis] == side.clamps[second][edge, axis]
     return np.isin(rows.nodes, edges[both])

@@ -1,7 +1,7 @@
 """An accuracy target: how fine the meshes must be for the estimated discretization error to meet it.
 
-All shapes and mesh files of a scene are refined by the same whole number, so that the two sides of a contact go on
-matching. The number follows from the errors on the meshes before: ‖e‖ ∝ refinement^(−rate).
+All shapes and mesh files of a scene are refined by the same whole number, so that matching contacts stay matching. It
+follows from the errors on the former meshes: ‖e‖ ∝ refinement^(−rate).
 
 Geometries are meshed anew, with elements as large as their errors allow. If η_e² ∝ h_e^(2p) is the squared error of an
 element over its area, with the order p, then a given total takes the fewest elements if all have the same squared
@@ -36,27 +36,27 @@ GROWTH = 4
 """Largest refinement in one step."""
 
 AIM, AIM_DRAWN = 0.95, 0.85
-"""The error that a step aims for over the goal; the second one for geometries."""
+"""The error that a step aims for, over the goal: of shapes and files, of geometries."""
 
 CAUTION = 0.2
 """A target is met by estimates that are smaller by this fraction of it, over the order: true errors were larger than
 estimates by at most as much (docs/understand/tradeoff.md)."""
 
 HOPELESS = 1.25
-"""Stop refining when the goal needs meshes finer than the largest ones by more than this factor."""
+"""Stop refining when the goal needs meshes more than this many times finer than `max_unknowns` allows."""
 
 DROP = 0.2
-"""A step of a geometry aims for at least this fraction of the error: estimates on coarse meshes find the places of the
-error, not its size."""
+"""A step of a geometry aims for at least this fraction of the error: estimates on coarse meshes say where the error is,
+not how large it is."""
 
 SHRINK, GROW = 0.1, 2.0
 """Limits of the new size of an element over its old size."""
 
 SLOWEST, ALMOST = 0.5, 0.95
-"""The lowest rate of geometries; a step that leaves a larger fraction of the error than ALMOST counts as this."""
+"""The lowest rate of geometries; a step that leaves more than ALMOST of the error counts as leaving ALMOST."""
 
 STEPS = 12
-"""Largest number of meshes of a geometry, if estimates do not fall."""
+"""Largest number of meshes of a geometry."""
 
 
 class Level(NamedTuple):
@@ -95,10 +95,10 @@ def finer_sizes(mesh: Mesh, squares: np.ndarray, rate: float, scale: float) -> S
 
 
 def next_refinement(levels: Sequence[Level], goal: float, most: int, doubling: bool, dimension: int) -> int | None:
-    """How much finer than the scene's own the next meshes are.
+    """How many times finer than the scene's the next meshes are.
 
-    None if they would have too many unknowns, or if the next step would be one of the last and the largest meshes
-    would miss the goal by far at the rate seen so far.
+    None if they would have too many unknowns, or if the largest meshes are near and would miss the goal by far at the
+    measured rate.
 
     Parameters
     ----------
@@ -150,13 +150,13 @@ class MeshLadder:
 
     def state(self) -> dict[str, Any]:
         return {"levels": tuple(self.levels), "missed": self.missed, "refinement": self.refinement,
-                "sizes": {name: asdict(each) for name, each in self.sizes.items()},
-                "former": {name: asdict(each) for name, each in self._former.items()}}
+                "sizes": {name: asdict(sizes) for name, sizes in self.sizes.items()},
+                "former": {name: asdict(sizes) for name, sizes in self._former.items()}}
 
     def restore(self, state: dict[str, Any]) -> None:
-        self.levels, self.missed = [Level(*each) for each in state["levels"]], state["missed"]
+        self.levels, self.missed = [Level(*level) for level in state["levels"]], state["missed"]
         self.refinement = state["refinement"]
-        self.sizes, self._former = ({name: Sizes(**each) for name, each in state[kind].items()}
+        self.sizes, self._former = ({name: Sizes(**entry) for name, entry in state[kind].items()}
                                     for kind in ("sizes", "former"))
 
     @property
@@ -179,10 +179,8 @@ class MeshLadder:
         return (1.0 - CAUTION / self.scene.body[0].mesh.order) * target if target else math.inf
 
     def rate(self, error: float) -> float:
-        """The rate with which errors of geometries fall, by the `error` on this mesh against what was aimed for.
-
-        It is the order of the elements at first; corners, where stresses are singular, make it smaller.
-        """
+        """The rate of geometries: the order of the elements, or less where the `error` on this mesh is larger than was
+        aimed for, as with singular stresses at corners."""
         order = float(self.scene.body[0].mesh.order)
         if not self.levels:
             return order
@@ -221,11 +219,11 @@ class MeshLadder:
         self.missed = self._miss(reason)
         return None
 
-    def draw(self, own: Mapping[str, tuple[Mesh, np.ndarray]]) -> None:
-        """Find the sizes of the next meshes of the own geometries from their meshes and squared errors."""
+    def draw(self, geometries: Mapping[str, tuple[Mesh, np.ndarray]]) -> None:
+        """Find the sizes of the next meshes of this rank's geometries from their meshes and squared errors."""
         self._former = self.sizes
         self.sizes = {name: finer_sizes(mesh, squares, self._rate, self._scale)
-                      for name, (mesh, squares) in own.items()}
+                      for name, (mesh, squares) in geometries.items()}
 
     def fall_back(self, reason: str) -> bool:
         """Go back to the last mesh with a certified answer, because of `reason` this one has none.
@@ -252,12 +250,13 @@ class MeshLadder:
         last, rate = self.levels[-1], self._rate
         d = self.scene.dimension
         share, square, cells = (sum(column) for column in zip(*demands.values(), strict=True))
-        # Equal errors of all new elements leave a part of Σ η_e² if κ^(2p) = part² Σ η_e² / Σ η_e^(2d/(2p+d)), and take
-        # κ^(−d) Σ η_e^(2d/(2p+d)) elements: the `times` of those that there are.
+        # Equal errors of all new elements leave the fraction f of the error if κ^(2p) = f² Σ η_e² / Σ η_e^(2d/(2p+d)),
+        # and take κ^(−d) Σ η_e^(2d/(2p+d)) elements, `times` as many as now.
         final = AIM_DRAWN * self.goal / last.error
-        scale = [(square * part**2 / share) ** (0.5 / rate) for part in (max(final, DROP), final)]
-        times = [share / cells / each**d for each in scale]
-        growth = [(each + max(1.0 - each, 0.0) / GROW**d) ** (1 / d) for each in times]  # not all grow as they might
+        scale = [(square * fraction**2 / share) ** (0.5 / rate) for fraction in (max(final, DROP), final)]
+        times = [share / cells / kappa**d for kappa in scale]
+        # an element that is not needed is not removed: it grows by GROW at most
+        growth = [(ratio + max(1.0 - ratio, 0.0) / GROW**d) ** (1 / d) for ratio in times]
         largest = (self.scene.method.max_unknowns / last.dofs) ** (1 / d)
         if len(self.levels) >= STEPS or (len(self.levels) > 1 and growth[1] > HOPELESS * largest):
             return None

@@ -1,5 +1,5 @@
-"""Is this answer right? The residuals of the coupled problem, free of units, from the final displacements and forces of
-the bodies alone; nothing of the iteration that found them enters."""
+"""The certificate of an answer: the residuals of the coupled problem, without units, from the final displacements and
+forces of the bodies alone. Nothing of the iteration enters."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ from ddmpi.interface.state import ContactState
 from ddmpi.system.numbers import norm
 
 FACTOR = 50.0
-"""A certificate holds when all its residuals are below FACTOR times the tolerance, which bounds the relative step of
-the outer iteration: with a contraction of 0.8 per step the contact displacement is off by four steps, and the contact
-forces, which a compliance of wide spectrum ties to it, by three to twenty times that."""
+"""All residuals of a certified answer are below FACTOR times the tolerance, which bounds the relative step of the outer
+iteration. With a contraction of 0.8 per step the contact displacement is off by four steps, and the contact forces by
+three to twenty times that, because the spectrum of the compliance is wide."""
 
 SMALLEST_LIMIT, LARGEST_LIMIT = 1e-10, 0.05
-"""No certificate asks for less than the first, whatever the tolerance; none allows more than the second."""
+"""Limits of the largest residual of a certified answer, whatever the tolerance."""
 
 RESOLVED = 1e-8
-"""Contact displacements below this part of the bodies' largest displacement are lost in rounding: the usual limit, 5e-7
-of it, is twenty times the rounding of one number, and solves have been seen to leave eight times that."""
+"""Contact displacements below this fraction of the bodies' largest displacement are rounding: the usual limit, 5e-7 of
+them, is then twenty times the rounding of one number. Solves left up to eight times that."""
 
 NO_FORCE = 1e-6
-"""Contact forces below this part of the loads, per node, are compared with these instead."""
+"""Contact forces are compared with at least this fraction of the loads, per node."""
 
 EPSILON = float(np.finfo(float).eps)
 
 LITTLE = 1e-4
-"""Forces on a body below this part of the loads of all bodies are compared with these instead."""
+"""The forces on a body are compared with at least this fraction of the loads of all bodies."""
 
 
 class ContactResiduals(NamedTuple):
@@ -63,7 +63,7 @@ class Certificate:
     ----------
     contacts : residuals by contact, of all on the first rank
     equilibrium : ‖A u + Bᵀ s − b‖ over the loads, by body, of all on the first rank
-    known : what `worst` returns, if the first rank has told the others
+    known : the result of `worst` on the first rank, if the others have it
     """
 
     contacts: Mapping[str, ContactResiduals]
@@ -71,19 +71,19 @@ class Certificate:
     known: Mapping[str, tuple[float, str]] | None = None
 
     def told(self, world: MPI.Comm) -> Certificate:
-        """This certificate, whose `worst` residuals are those of all contacts and bodies on all ranks. Collective."""
+        """This certificate, with the `worst` residuals of all contacts and bodies on all ranks. Collective."""
         return replace(self, known=world.bcast(self.worst() if world.rank == 0 else None))
 
     def worst(self) -> Mapping[str, tuple[float, str]]:
-        """The largest residual of each kind, and the contact or body that has it; what is no number is largest."""
+        """The largest residual of each kind, and its contact or body; NaN counts as the largest."""
         if self.known is not None:
             return self.known
         kinds = zip(ContactResiduals._fields, zip(*self.contacts.values(), strict=True), strict=True)
-        found = {kind: _largest(dict(zip(self.contacts, values, strict=True))) for kind, values in kinds}
-        return found | {"equilibrium": _largest(self.equilibrium)}
+        worst = {kind: _largest(dict(zip(self.contacts, values, strict=True))) for kind, values in kinds}
+        return worst | {"equilibrium": _largest(self.equilibrium)}
 
     def violations(self, limit: float) -> list[str]:
-        """The residuals above `limit` (or not a number), worded for a message."""
+        """The residuals above `limit` or NaN, in words for a message."""
         return [f"{kind.replace('_', ' ')} {value:.1e} of {name}" for kind, (value, name) in self.worst().items()
                 if not value <= limit]
 
@@ -94,11 +94,10 @@ def certificate_limit(tolerance: float) -> float:
 
 
 def equilibrium_residual(left: float, acting: float, load: float, moved: float = 0.0) -> float:
-    """‖A u + Bᵀ s − b‖ = `left` over max(‖b‖, ‖Bᵀ s‖) = `acting` (N).
+    """‖A u + Bᵀ s − b‖ = `left` over max(‖b‖, ‖Bᵀ s‖) = `acting`, or LITTLE of the `load` of all bodies (N).
 
-    What acts on a body that others leave alone is rounding; it is compared with LITTLE of the `load` of all bodies.
-    Nothing is left where all are less than rounding of displacements makes, EPSILON of `moved`, stiffness times
-    displacement (N): a partner carries the body without any force.
+    It is 0 where all these forces are less than the rounding of displacements makes: EPSILON times `moved`, stiffness
+    times displacement (N), as of a body that its partner carries along without force.
     """
     size = max(acting, LITTLE * load)
     return 0.0 if max(left, size) < EPSILON * moved else _ratio(left, size)
@@ -119,26 +118,29 @@ def contact_residuals(state: ContactState, s: np.ndarray, mismatch: np.ndarray, 
         where there are none, and where they are below NO_FORCE of it per node
     yielding : largest contact displacement that the contact forces cause in a body (m). Displacements
         are compared with this (or the overlap, if that is larger) or with the contact displacements,
-        whichever is smaller: a body may move far without being strained, or be held back from moving far. On a rigid
-        partner the body may not move at all, and displacements are compared with the first
-    everywhere : largest displacement of all bodies, and largest yielding (m). Nothing is compared with less than
-        RESOLVED times the first, or than what half-spaces would give way, as where clamps hold all that touches. A
-        contact that carries next to no force is compared with the second
-    former : the largest of the same in the load steps before. Nothing is compared with less than RESOLVED times the
-        first and NO_FORCE times the second
+        whichever is smaller: a body may move far without strain, or supports may keep it from moving. On a rigid
+        partner the body may not move at all, and displacements are compared with yielding
+    everywhere : largest displacement of all bodies, and largest yielding (m). Displacements are compared with at least
+        RESOLVED times the first, and at least with what half-spaces give way, as where clamps constrain the whole
+        contact. A contact with next to no force is compared with the second
+    former : the largest of the same in the load steps before; displacements are compared with at least RESOLVED times
+        the first and NO_FORCE times the second
     """
     interface, law = state.interface, state.interface.law
+    # S is the size of forces, U that of displacements; the floors keep rounding from being compared with rounding
     floor = (NO_FORCE if s.any() else 1.0) * load / np.sqrt(interface.m)
     overlap = law.misfit(state.gap)
-    U = np.inf if interface.on_rigid else max(np.abs(each).max(initial=0.0) for each in u)
+    U = np.inf if interface.on_rigid else max(np.abs(trace).max(initial=0.0) for trace in u)
     S = np.abs(s).max(initial=0.0)
     (moved, largest), (moved_before, before) = everywhere, former
     U = max(min(U, max(yielding, overlap)), RESOLVED * max(moved, moved_before, S / interface.stiffness.max()),
             largest if floor >= S else NO_FORCE * largest, NO_FORCE * before)
     work, tension = law.complementarity(state.normal_force, state.gap)
+    # s_ν ≥ 0 and s_ν r_ν = 0: the work of pressure on gaps, over all pressure on gaps of size U; tension
     complementarity = max(_ratio(work, np.maximum(state.normal_force, 0.0).sum() * U), _ratio(tension, max(S, floor)))
     friction, size = 0.0, S or floor or 1.0
     if len(interface.sliding):
+        # ρ = S/U, so that a slip of size U counts as much as a force of size S
         friction = law.violation(s, state.slip[interface.sliding], _ratio(size, U) if S or U else 0.0)
     return ContactResiduals(
         force_mismatch=_ratio(norm(mismatch), max(norm(s), norm(s + mismatch), floor)),

@@ -1,4 +1,4 @@
-"""What to tell the user of a run that did not end with a certified answer."""
+"""What a user is told of a run that ends without a certified answer."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from ddmpi.scene.method import SettledMethod
 from ddmpi.system.numbers import in_words
 
 LOOK_BACK = 10
-"""Over so many iterations convergence is judged."""
+"""Number of iterations by which convergence is judged."""
 
 SMALLEST = 1e-15
 """A residual below this cannot become smaller."""
 
 LARGE_FRICTION = 1.0
-"""From here on it is worth saying that a solution with Coulomb friction need not be unique."""
+"""From this friction coefficient on a message says that a solution need not be unique."""
 
 
 class StatusLog:
@@ -44,14 +44,15 @@ class StatusLog:
     def record(self, s: np.ndarray, bound: np.ndarray) -> None:
         """Note the status of each node under forces s (size,) and slip bounds of all sliding nodes (N). Collective."""
         codes, counts, laws = [], np.zeros(3, int), self._space.laws
-        for interface, (law, own), limit in zip(self._space.interfaces, laws.parts(s), laws.bounds(bound),
-                                                strict=False):
-            closed = law.closed(own)
-            on_bound = law.reaches_bound(own, limit)
+        for interface, (law, forces), limit in zip(self._space.interfaces, laws.parts(s), laws.bounds(bound),
+                                                   strict=False):
+            closed = law.closed(forces)
+            on_bound = law.reaches_bound(forces, limit)
             slipping = np.full(interface.m, not len(interface.sliding))  # without friction all closed nodes slip
             slipping[interface.sliding] = on_bound
+            # one number for each state: open 0, stick 1, slip 1 + 10 × the signs of the friction as digits to base 3
             code = closed.astype(int)
-            towards = np.sign(law.split(own)[1]).astype(int) @ 3 ** np.arange(law.components)
+            towards = np.sign(law.split(forces)[1]).astype(int) @ 3 ** np.arange(law.components)
             code[interface.sliding] += 10 * np.where(on_bound, towards, 0)
             codes.append(code)
             counts += (~closed).sum(), (closed & slipping).sum(), (closed & ~slipping).sum()
@@ -64,7 +65,7 @@ class StatusLog:
         whole, comm = StatusLog(Space([])), self._space.comm
         everyone = comm.allgather((list(self._recent), self.xy, self.largest_slope))
         recent, places, slopes = zip(*everyone, strict=True)
-        whole._recent.extend(np.concatenate(each) for each in zip(*recent, strict=True))
+        whole._recent.extend(np.concatenate(codes) for codes in zip(*recent, strict=True))
         whole.xy, whole.largest_slope, whole.counts = list(chain(*places)), max(slopes), self.counts
         return whole
 
@@ -78,7 +79,7 @@ class StatusLog:
 
     def restore(self, state: dict[str, Any]) -> None:
         self._recent = deque(state["recent"], LOOK_BACK)
-        self.counts = [tuple(each) for each in state["counts"]]
+        self.counts = [tuple(row) for row in state["counts"]]
 
     def unsettled(self) -> np.ndarray:
         """Nodes whose status changed during the last iterations."""
@@ -95,7 +96,7 @@ class StatusLog:
 
 
 def contraction(history: list[Step], quantity: str = "update") -> float:
-    """The factor by which `quantity` shrank per iteration, lately (geometric mean); nan if unknown."""
+    """The factor by which `quantity` shrank per iteration lately, a geometric mean; nan if unknown."""
     values = np.array([getattr(step, quantity) for step in history[-LOOK_BACK - 1:]])
     if len(values) < 3 or not (np.isfinite(values) & (values > 0)).all():
         return float("nan")
@@ -104,8 +105,8 @@ def contraction(history: list[Step], quantity: str = "update") -> float:
 
 def diagnose(reason: str, stopped: str, violations: list[str], method: SettledMethod, history: list[Step],
              log: StatusLog, able: Collection[str] = ()) -> str:
-    """One message: how the run ended, what was seen, what to try, of which the scene is `able` to do some, see
-    `SettledMethod.advice`; `log` is of all nodes. Not collective."""
+    """A message: how the run ended, what was seen, what to try. `log` is of all nodes; `able` as of
+    `SettledMethod.advice`. Not collective."""
     last = history[-1]
     lines = [f"{reason} (iteration {last.iteration}, update {last.update:.1e}, residual {last.residual:.1e}, "
              f"asked for {method.tolerance:.0e})"]

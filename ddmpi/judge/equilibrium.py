@@ -1,4 +1,4 @@
-"""Whether contact forces can hold the bodies that no clamp holds, and if not, how these would move.
+"""Whether contact forces can balance the loads on loose bodies, those without enough clamps, and how they move if not.
 
 Contact forces s within the laws with G s = e are an equilibrium of all rigid motions. By Gauss's principle of least
 constraint, rigid bodies at rest that are let go start with the velocities v that minimise, in Moreau's form,
@@ -7,8 +7,8 @@ constraint, rigid bodies at rest that are let go start with the velocities v tha
 
 (J. J. Moreau, Unilateral contact and dry friction in finite freedom dynamics, 1988). The pressures are the multipliers
 of the conditions, and M v = e − G s is what the forces leave of the loads. So v = 0 if there is an equilibrium. If not,
-e·v > Σ g |v_t|: v proves that no allowed forces hold the bodies, as it presses into no contact, and the loads do more
-work on it than friction of given bounds takes. The proof is checked apart, whatever the solver says of itself.
+e·v > Σ g |v_t|: v proves that no allowed forces balance the loads, as it presses into no contact, and the loads do
+more work on it than friction of given bounds takes. The proof is checked apart, whatever status the solver returns.
 
 The condition with 𝓕 lifts what slides (associated flow). So the motion that is named has v_ν ≤ 0 and g = 𝓕 s_ν, which
 follows the pressures of the solution before: the paper's fixed point, for rigid bodies as in V. Acary, B. Brogliato,
@@ -36,24 +36,24 @@ LIGHTEST = 1e-3, 1e-6
 """Loads and mass of a body count as at least these fractions of the largest loads and of the largest mass."""
 
 PRESSES = 1e-6
-"""A mechanism may press into a contact by this fraction of its velocity: the solver's tolerance."""
+"""A mechanism may press into a contact by this fraction of its velocity, the solver's tolerance."""
 
 ROUNDS, SETTLED = 20, 1e-5
-"""Friction bounds follow pressures at most so often; they are settled if v changes by less than the second number."""
+"""Most rounds in which friction bounds follow the pressures; they end when v changes by less than SETTLED."""
 
 TOLERANCES = (1e-16, 1e-12, 1e-12), (1e-13, 1e-9, 1e-9)
-"""Gap, relative gap and feasibility that clarabel is asked for; the second where it makes no progress to the first."""
+"""Tolerances of clarabel for gap, relative gap and feasibility: first strict ones, near a limit looser ones."""
 
 
 @dataclass(frozen=True)
 class Mechanism:
-    """How loose bodies move if no contact forces hold them.
+    """How loose bodies move if no contact forces balance their loads.
 
     Attributes
     ----------
     bodies : the loose ones
     velocities : (nb, n) of each, as of `MotionsOfBody`; the fastest node has velocity 1
-    imbalance : loads that nothing balances, as a fraction of the loads on a body: at least so many
+    imbalance : least loads that no forces balance, as a fraction of the loads on a body
     """
 
     bodies: tuple[MotionsOfBody, ...]
@@ -68,7 +68,7 @@ def describe(mechanism: Mechanism) -> str:
 
 def find_mechanism(contacts: Sequence[Forces], e: np.ndarray, bodies: Sequence[MotionsOfBody],
                    load: np.ndarray | float = 0.0) -> Mechanism | None:
-    """How loose bodies move that no contact forces hold; None where some may. Not collective.
+    """How loose bodies move if no contact forces can balance their loads, else None. Not collective.
 
     None does not prove that there is an equilibrium: with Coulomb friction forces that balance the loads may be out of
     reach of elastic bodies.
@@ -90,7 +90,7 @@ def find_mechanism(contacts: Sequence[Forces], e: np.ndarray, bodies: Sequence[M
         return None
     for _ in range(ROUNDS * bool(slope.any())):
         before, (v, pressure) = v, free.start(none, slope * pressure)
-        if not free.imbalance(v, none) > 0.0:  # friction of these bounds holds the bodies, or v was not found
+        if not free.imbalance(v, none) > 0.0:  # friction of these bounds balances the loads, or v was not found
             v = before
             break
         if np.abs(v - before).max() <= SETTLED * np.abs(v).max():
@@ -115,7 +115,8 @@ class _Free:
         self._components = bodies[0].dimension - 1
         # v = Wᵀ w with M⁻¹ = Wᵀ W: in w neither the basis of the motions nor units matter, and v·Mv is w·w.
         roots = [np.linalg.inv(np.linalg.cholesky(body.inertia)) for body in bodies]
-        net = np.array([np.linalg.norm(root @ own) for root, own in zip(roots, np.split(e, self._starts), strict=True)])
+        net = np.array([np.linalg.norm(root @ of_body) for root, of_body in
+                        zip(roots, np.split(e, self._starts), strict=True)])
         loads = np.maximum(net, load)
         self._largest = float(loads.max())
         self._loads = np.maximum(loads, LIGHTEST[0] * self._largest)
@@ -125,8 +126,10 @@ class _Free:
 
     def velocities(self, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Of the bodies (nb, n), as of `MotionsOfBody`, and of their fastest nodes (nb,), from coefficients (nc,)."""
-        found = [body.basis @ own for body, own in zip(self._bodies, np.split(v, self._starts), strict=True)]
-        return np.array(found), np.array([body.speed(own) for body, own in zip(self._bodies, found, strict=True)])
+        coefficients = np.split(v, self._starts)
+        motions = [body.basis @ of_body for body, of_body in zip(self._bodies, coefficients, strict=True)]
+        speeds = [body.speed(motion) for body, motion in zip(self._bodies, motions, strict=True)]
+        return np.array(motions), np.array(speeds)
 
     def start(self, slope: np.ndarray, bound: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The motion v (nc,) with which the bodies start, and the pressures (m,) at the cones' nodes.

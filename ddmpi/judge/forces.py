@@ -14,14 +14,14 @@ BENT = 1e-7
 """A contact is flat if its forces on the rigid motions bend by less than this fraction of them."""
 
 DIGITS = 7
-"""Directions and coefficients that agree in so many digits are equal."""
+"""Directions and coefficients that agree to this many digits are equal."""
 
 HULL = 3
-"""Corners are looked for in at most so many dimensions."""
+"""Most dimensions in which corners of a convex hull are computed."""
 
 
 class Forces(NamedTuple):
-    """The forces of contacts, as rows of what they do on the rigid motions (·, nc).
+    """The forces of contacts, as rows (·, nc) of their power on the rigid motions.
 
     A law with a concave bound allows s_ν ≥ 0 and |s_t| ≤ g(0) + 𝓕 s_ν at most, 𝓕 = dg/ds_ν(0). These forces are sums
     of those in a cone, |s_t| ≤ 𝓕 s_ν (Coulomb), and those in a disc, |s_t| ≤ g(0) (Tresca).
@@ -55,7 +55,7 @@ class Forces(NamedTuple):
             return sparse.csr_matrix((x.ravel(), np.tile(motions, k), n * np.arange(k + 1)), (k, G.shape[0]))
 
         none = rows(powers[:0])
-        if law.name == "bonded":
+        if law.name == "bonded":  # forces of any sign: a basis of what they do stands for all
             _, sizes, basis = np.linalg.svd(powers, full_matrices=False)
             return cls(rows(basis[sizes > BENT * sizes.max()]), none, zero[:0], none, none, zero[:0])
         tangential, slope, bound = np.zeros((law.m, d - 1, n)), zero.copy(), zero.copy()
@@ -86,6 +86,7 @@ def _corners(x: np.ndarray, kinds: np.ndarray) -> np.ndarray:
     from scipy.spatial import ConvexHull
 
     corners = [np.empty(0, int)]
+    # the centred rows, along their principal axes: in 0, 1 and few dimensions corners are cheap to find
     _, kind = np.unique(np.round(kinds, DIGITS), axis=0, return_inverse=True)
     order = np.argsort(kind.ravel(), kind="stable")
     for nodes in np.split(order, np.cumsum(np.bincount(kind.ravel()))[:-1]):

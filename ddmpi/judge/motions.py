@@ -1,7 +1,7 @@
 """Rigid motions of bodies, and the words for them.
 
-A velocity is that of the body's centre, and then the turning: (v_x, v_y, ω), counterclockwise, in the plane, and
-(v_x, v_y, v_z, ω_x, ω_y, ω_z), about these axes by the right hand, in space.
+A velocity (n,) is that of the body's centre, then its rotation: (v_x, v_y, ω), counterclockwise, in the plane, and
+(v_x, v_y, v_z, ω_x, ω_y, ω_z), by the right-hand rule, in space.
 """
 
 from __future__ import annotations
@@ -15,30 +15,29 @@ from scipy.sparse import csgraph
 
 SPINS = {d: np.array([np.outer(axes[j], axes[i]) - np.outer(axes[i], axes[j]) for i, j in pairs])
          for d, axes, pairs in ((2, np.eye(2), [(0, 1)]), (3, np.eye(3), [(1, 2), (2, 0), (0, 1)]))}
-"""By dimension, (n − d, d, d) what takes places to their velocities, of each turning: the first axis turns towards the
-second."""
+"""By dimension, the matrices (n − d, d, d) that take places to their velocities: the first axis turns to the second."""
 
 SAME = 1e-2
-"""Velocities that differ by less than this part of the largest one count as one motion."""
+"""Velocities that differ by less than this fraction of the largest count as one motion."""
 
 TURNS_ABOUT = 0.25
 """A body turns about its middle if that moves by at most this fraction of the fastest node."""
 
 NAMED = 2
-"""Of more bodies than three, so many are named."""
+"""Of more than NAMED + 1 bodies, this many are named."""
 
 DIGITS = 6
-"""Places that agree in so many digits of a body's size are equal."""
+"""Places that agree to this many digits of a body's size are equal."""
 
 FLAT = 1e-3
-"""A body is at least this part of its size thick."""
+"""Least thickness of a body over its size."""
 
 LARGEST = 300
-"""Of more loose bodies that lean on each other nobody asks which motions nothing resists: it takes too long."""
+"""Skip the search for free motions in larger groups of bodies."""
 
 RESISTED = 3e-4
-"""A motion is not resisted by less than this part of what resists others. Round parts turn in round bores against up to
-1.5e-4 where meshes do not match, as normals are off by so much; no force stands against it in truth."""
+"""Resistance below this fraction of that of other motions counts as none. Meshes that do not match resist turning of a
+round part in a round bore by up to 1.5e-4, because their normals are off; the true resistance is zero."""
 
 
 @dataclass(frozen=True)
@@ -115,15 +114,15 @@ def undetermined(G_active: np.ndarray, bodies: Sequence[MotionsOfBody],
                  friction: np.ndarray | None = None) -> list[str]:
     """The rigid motions that no closed contact resists at a solution, one sentence each. Not collective.
 
-    Bodies that lean on each other are looked at together, unless they are more than `LARGEST`.
+    Bodies that touch form a group, which is skipped if it has more than `LARGEST`.
 
     Parameters
     ----------
     G_active : (nc, k) columns of G of the forces that resist: normal ones of closed nodes, tangential ones of
         nodes that stick, all of bonded contacts; or others with the same sums of squares; sparse or dense
     bodies : the loose ones, in the order of the rows
-    friction : (2, k) G s and |G||s| of the friction s at its limit (N): a motion against it is held, and the sentence
-        names the other way; left out, there is none
+    friction : (2, k) G s and |G||s| of the friction s at its limit (N), zero if left out: it resists a motion against
+        it, so that the sentence names the other direction
     """
     numbers = [body.basis.shape[1] for body in bodies]
     starts, owner = np.cumsum([0, *numbers]), np.repeat(np.arange(len(bodies)), numbers)
@@ -133,31 +132,32 @@ def undetermined(G_active: np.ndarray, bodies: Sequence[MotionsOfBody],
     G.eliminate_zeros()
     touches = sparse.csr_matrix((np.ones(starts[-1]), (owner, np.arange(starts[-1])))) @ abs(G)
     number, island = csgraph.connected_components(touches @ touches.T, directed=False)
-    found: tuple[list[str], list[str]] = [], []
+    untouched, unresisted = list[str](), list[str]()
     for members in np.split(np.argsort(island, kind="stable"), np.cumsum(np.bincount(island, minlength=number))[:-1]):
         rows, some = np.flatnonzero(np.isin(owner, members)), [bodies[k] for k in members]
         if len(some) == 1 and not touches[members].nnz and numbers[members[0]] == len(some[0].basis):
-            found[0].append(f"nothing touches {some[0].name}: it can move freely")
+            untouched.append(f"nothing touches {some[0].name}: it can move freely")
         elif len(some) <= LARGEST:
-            own = G[rows]
-            for motion in _null_space(own[:, np.unique(own.indices)].toarray().T):
+            G_island = G[rows]
+            for motion in _null_space(G_island[:, np.unique(G_island.indices)].toarray().T):
                 motion = motion / unit[rows]
                 work, most = motion @ friction[0, rows], friction[1, rows] / unit[rows]
-                parts = np.split(motion, np.cumsum([numbers[k] for k in members])[:-1])
-                velocities = np.array([body.basis @ part for body, part in zip(some, parts, strict=True)])
+                coefficients = np.split(motion, np.cumsum([numbers[k] for k in members])[:-1])
+                velocities = np.array([body.basis @ of_body for body, of_body in zip(some, coefficients, strict=True)])
                 if not abs(work) > SAME * most.max():  # of both ways the one along the axes
                     work = _forwards(some, velocities)
                 way = describe_motions(some, -velocities if work < 0.0 else velocities, "can")
-                found[1].append(f"{way} without any force")
-    return [*found[0], *found[1]]
+                unresisted.append(f"{way} without any force")
+    return untouched + unresisted
 
 
 def _null_space(A: np.ndarray) -> np.ndarray:
-    """Vectors (q, n) that A (k, n) takes to nothing, each with an entry 1 where the others have zeros."""
+    """A basis (q, n) of the null space of A (k, n), each vector with an entry 1 where the others have zeros."""
     from scipy.linalg import null_space, qr
 
     if not A.shape[1]:
         return np.empty((0, 0))
+    # R of QR has the null space of A and at most n rows; pivots are the entries that tell the vectors apart best
     null = null_space(np.linalg.qr(np.vstack([A, np.zeros((1, A.shape[1]))]), mode="r"), RESISTED).T
     if len(null) == 0:
         return null
@@ -170,8 +170,8 @@ def _forwards(bodies: Sequence[MotionsOfBody], velocities: np.ndarray) -> float:
     lead = int(np.argmax([body.speed(v) for body, v in zip(bodies, velocities, strict=True)]))
     v, d = velocities[lead], bodies[lead].dimension
     vector = v[:d] if _is_translation(bodies[lead], v) else v[d:]
-    parts = np.round(vector / np.linalg.norm(vector), 2)
-    return parts.sum() or parts[parts != 0.0][0]
+    rounded = np.round(vector / np.linalg.norm(vector), 2)
+    return rounded.sum() or rounded[rounded != 0.0][0]
 
 
 def _way(members: list[MotionsOfBody], v: np.ndarray) -> str:
@@ -216,11 +216,11 @@ def _rigid(x: np.ndarray) -> np.ndarray:
 
 def direction(v: np.ndarray) -> str:
     """The direction of a vector (d,) in words: x, -y, or (0.8, 0.6)."""
-    parts = np.round(v / np.linalg.norm(v), 2) + 0.0
-    (axes,) = np.nonzero(np.abs(parts) >= SAME)
+    rounded = np.round(v / np.linalg.norm(v), 2) + 0.0
+    (axes,) = np.nonzero(np.abs(rounded) >= SAME)
     if len(axes) == 1:
-        return ("-" if parts[axes[0]] < 0.0 else "") + "xyz"[axes[0]]
-    return f"({', '.join(f'{x:g}' for x in parts)})"
+        return ("-" if rounded[axes[0]] < 0.0 else "") + "xyz"[axes[0]]
+    return f"({', '.join(f'{x:g}' for x in rounded)})"
 
 
 def _place(x: np.ndarray, size: float) -> str:

@@ -96,9 +96,9 @@ class Solid:
         inward = np.einsum("fkd,fkd->fk", mean - normal[:, None], ends.mean(axis=1)[:, None] - ends)
         return np.where(curved, inward, 0.0).max(axis=1, initial=0.0)
 
-    def placed(self, part: float) -> np.ndarray:
-        """Its nodes (n, d) after a `part` of their displacements (m)."""
-        return self.at + part * (self.moved - self.at) if part else self.at
+    def placed(self, fraction: float) -> np.ndarray:
+        """Its nodes (n, d) after a `fraction` of their displacements (m)."""
+        return self.at + fraction * (self.moved - self.at) if fraction else self.at
 
     def box(self) -> tuple[np.ndarray, np.ndarray]:
         """The corners of the box around it, as drawn and in the answer."""
@@ -111,8 +111,8 @@ class Solid:
         sides = np.packbits(beyond, axis=1)[:, 0]  # a bit for each side of the box; no cell may have one in common
         return self.cells[np.bitwise_and.reduce(sides[self.cells.T]) == 0]
 
-    def part(self, low: np.ndarray, high: np.ndarray) -> Solid:
-        """Its boundary and the cells that may meet a box on their way, for another rank."""
+    def near_box(self, low: np.ndarray, high: np.ndarray) -> Solid:
+        """Its boundary, and the cells that may meet a box between the drawing and the answer, for another rank."""
         cells = self.near(low, high, self.at, self.moved)
         nodes = np.unique(np.concatenate([cells.ravel(), self.facets.ravel()]))
         return Solid(self.at[nodes], self.moved[nodes], np.searchsorted(nodes, cells),
@@ -130,8 +130,8 @@ def doubt_overlaps(assembly: Assembly, displacements: Mapping[str, np.ndarray],
                    contacts: Mapping[str, ContactTotals]) -> list[str]:
     """Warnings, on the first rank, where bodies penetrate each other or rigid partners outside their contacts.
 
-    `contacts` are all on the first rank, which tells whose boxes overlap. Of two such bodies on two ranks one sends
-    what is near. Collective.
+    `contacts` are all on the first rank, which finds the pairs of bodies whose boxes overlap. Where the two are on two
+    ranks, that of the second sends the cells near the first. Collective.
     """
     world, names, unit = assembly.world, [body.name for body in assembly.scene.body], assembly.scene.units["length"]
     solids = {body.number: Solid.of(body.mesh, displacements[body.spec.name]) for body in assembly.bodies}
@@ -139,7 +139,7 @@ def doubt_overlaps(assembly: Assembly, displacements: Mapping[str, np.ndarray],
     boxes = gathered(world, {number: (world.rank, solid.box()) for number, solid in solids.items()})
     near = world.scatter(_pairs_by_rank(boxes, world.size) if world.rank == 0 else None)
     depths = world.bcast(_depths(contacts))
-    sending = [world.isend(solids[b].part(*box), rank, b) for (a, b), rank, box in near
+    sending = [world.isend(solids[b].near_box(*box), rank, b) for (a, b), rank, box in near
                if b in solids and a not in solids]
     for number, solid in solids.items():
         if (place := penetrates_itself(solid)) is not None:
@@ -169,8 +169,8 @@ def _in_order(world: MPI.Comm, warnings: Mapping[tuple[int, int], str]) -> list[
 
 def _pairs_by_rank(boxes: Mapping[int, tuple[int, tuple[np.ndarray, np.ndarray]]],
                    ranks: int) -> list[list[tuple[tuple[int, int], int, tuple[np.ndarray, np.ndarray]]]]:
-    """For each rank the pairs of bodies of which it has one and whose boxes overlap: numbers, the other's rank, and the
-    box of the first. `boxes` are the ranks and boxes of all bodies. Not collective."""
+    """For each rank its pairs of bodies whose boxes overlap, one of them on this rank: numbers, the other's rank, and
+    the box of the first. `boxes` are the ranks and boxes of all bodies. Not collective."""
     numbers = sorted(boxes)
     low, high = np.array([boxes[number][1] for number in numbers]).transpose(1, 0, 2)
     pairs: list[list] = [[] for _ in range(ranks)]
@@ -185,7 +185,7 @@ def _pairs_by_rank(boxes: Mapping[int, tuple[int, tuple[np.ndarray, np.ndarray]]
 
 
 def _depths(contacts: Mapping[str, ContactTotals]) -> dict[str, dict[str, float]]:
-    """By body and partner how deep they lie in each other between the nodes of their contacts (m)."""
+    """By body and partner how deep they overlap between the nodes of their contacts (m)."""
     depths: dict[str, dict[str, float]] = {}
     for contact in contacts.values():
         for name, partner in (contact.bodies, contact.bodies[::-1]):
@@ -195,8 +195,8 @@ def _depths(contacts: Mapping[str, ContactTotals]) -> dict[str, dict[str, float]
 
 
 def _between(first: str, second: str, depths: Mapping[str, Mapping[str, float]]) -> float:
-    """By how much two bodies may overlap beside their contacts, or where they meet at a corner of others: as these do.
-    The overlap of a contact between its nodes is an error of the discretization, which has a warning of its own."""
+    """How deep two bodies may overlap (m): as their contacts do between nodes, and those with a common neighbour.
+    Overlaps between contact nodes are errors of the discretization, of which `_overlap_between` warns."""
     one, other = depths.get(first, {}), depths.get(second, {})
     return one.get(second, 0.0) + sum(one[body] + other[body] for body in one.keys() & other)
 
@@ -209,23 +209,23 @@ def _kept(interfaces: Sequence[Interface], body: str, other: str) -> np.ndarray:
 
 
 def _positions(way: float, height: float) -> Iterable[float]:
-    """Fractions of the displacements at which overlaps are looked for, so that no point jumps over a cell of some
-    `height` on its `way` (m); 16 at most."""
+    """Fractions of the displacements at which overlaps are looked for, 16 at most, so that no point passes a cell of
+    this `height` on its `way` (m) unseen."""
     count = int(np.clip(np.ceil(way / height), 1, 16))
     return np.arange(1, count + 1) / count
 
 
 def penetrates_itself(body: Solid) -> np.ndarray | None:
-    """Where (d,) middles of facets lie in the cells at the boundary in the answer, but not as drawn; None if nowhere.
+    """A place (d,) where the middle of a facet lies in a boundary cell in the answer but not as drawn, or None.
 
-    The simplices between facets and the opposite corners of their cells make up these cells.
+    A boundary cell is the simplex of a facet and the opposite corner of its cell.
     """
     way = float(np.linalg.norm(np.ptp((body.moved - body.at)[body.outer], axis=0)))
     height = float(body.height.min())
     if not RESOLVED * height < way <= np.ptp(body.at, axis=0).max():  # or is no number
         return None
-    for part in _positions(way, height):
-        x = body.placed(part)
+    for fraction in _positions(way, height):
+        x = body.placed(fraction)
         middle = x[body.facets[:, :-1]].mean(axis=1)
         inside = np.flatnonzero(in_cells(middle, x[body.facets.T]) > RESOLVED)
         drawn = body.at[body.facets[inside, :-1]].mean(axis=1)
@@ -246,9 +246,9 @@ def penetration(first: Solid, second: Solid, kept: Sequence[np.ndarray], slack: 
     kept : (n,) of each body, which of its nodes contacts keep from the other one
     slack : overlaps of the answer below this do not count (m)
     """
-    def deepest(part: float, least: float) -> Overlap:
-        return max(deepest_in(first, second, kept[0], kept[1], part, least),
-                   deepest_in(second, first, kept[1], kept[0], part, least), key=lambda overlap: overlap.depth)
+    def deepest(fraction: float, least: float) -> Overlap:
+        return max(deepest_in(first, second, kept[0], kept[1], fraction, least),
+                   deepest_in(second, first, kept[1], kept[0], fraction, least), key=lambda overlap: overlap.depth)
 
     rounding = 32.0 * float(np.spacing(max(np.abs(solid.at).max() for solid in (first, second))))
     heights = np.concatenate([first.height, second.height])
@@ -261,20 +261,20 @@ def penetration(first: Solid, second: Solid, kept: Sequence[np.ndarray], slack: 
     largest = float(np.linalg.norm(motions - motions.mean(axis=0), axis=1).max())
     # Small-strain theory neglects products of displacements with strains and rotations.
     least += max(RESOLVED, first.gradient, second.gradient) * largest
-    answer = max((deepest(part, least) for part in _positions(largest, float(heights.min()))),
+    answer = max((deepest(fraction, least) for fraction in _positions(largest, float(heights.min()))),
                  key=lambda overlap: overlap.depth)
     return (answer if answer.depth else drawn), drawn.depth
 
 
-def deepest_in(a: Solid, b: Solid, kept: np.ndarray, kept_of_b: np.ndarray, part: float, least: float) -> Overlap:
-    """Where the boundary of `a` lies deepest in `b`, if deeper than `least` and the sagittas, after a `part` of the
-    displacements.
+def deepest_in(a: Solid, b: Solid, kept: np.ndarray, kept_of_b: np.ndarray, fraction: float, least: float) -> Overlap:
+    """Where the boundary of `a` lies deepest in `b`, if deeper than `least` and the sagittas, after a `fraction` of
+    the displacements.
 
-    Boundary nodes are looked at, the middles of facets, and places a little inside of these, as bodies may have a
-    common boundary. Those that contacts keep apart do not count where the boundary of `b` that is
-    nearest faces them; the others must lie deeper than these.
+    Points are boundary nodes, middles of facets, and places a little inside of these, as bodies may have a common
+    boundary. Points of contact nodes do not count where the nearest boundary of `b` is of the contact, too; the others
+    must lie deeper than these.
     """
-    x, at = a.placed(part), b.placed(part)
+    x, at = a.placed(fraction), b.placed(fraction)
     low, high = at[b.outer].min(axis=0) + least, at[b.outer].max(axis=0) - least
     cells = x[a.facets.T]
     facets = np.flatnonzero(((cells.max(axis=0) > low) & (cells.min(axis=0) < high)).all(axis=1))
@@ -318,8 +318,8 @@ def _doubt_rigid(assembly: Assembly, contacts: Mapping[str, ContactTotals], soli
     for body in assembly.bodies:
         for k, rigid in enumerate(assembly.scene.rigid):
             U = moved.get(rigid.name, np.array(rigid.displacement or np.zeros(body.mesh.dimension)))
-            if found := _in_partner(body, solids[body.number], U, rigid, assembly.scene.units["length"]):
-                warnings[body.number, k] = found
+            if warning := _in_partner(body, solids[body.number], U, rigid, assembly.scene.units["length"]):
+                warnings[body.number, k] = warning
     return _in_order(assembly.world, warnings)
 
 
@@ -330,8 +330,8 @@ def _in_partner(body: Body, solid: Solid, U: np.ndarray, rigid: Rigid, unit: str
     piece of a socket, and a plane need not go on where no contact of the body names it.
     """
     name, extent, facets = body.spec.name, body.mesh.extent, solid.facets[:, :-1]
-    own = [interface for interface in body.member.interfaces if interface.bodies[1] == rigid.name]
-    touching = np.isin(facets, _kept(own, name, rigid.name))
+    contacts = [interface for interface in body.member.interfaces if interface.bodies[1] == rigid.name]
+    touching = np.isin(facets, _kept(contacts, name, rigid.name))
     ends, between = solid.moved[facets] - U, touching.all(axis=1)
     places, at_ends = rigid.deepest(ends), rigid.depth(ends)
     depth = rigid.depth(places)
@@ -340,15 +340,15 @@ def _in_partner(body: Body, solid: Solid, U: np.ndarray, rigid: Rigid, unit: str
     sunk = np.where(between, depth - np.maximum(at_ends.max(axis=1), 0.0) - 0.25 * size, 0.0)
     k = int(np.argmax(sunk))
     if sunk[k] > 0.0:
-        return (f"contact.{own[0].name}: {rigid.name} is small beside the distance of nodes of {name}, and lies "
+        return (f"contact.{contacts[0].name}: {rigid.name} is small beside the distance of nodes of {name}, and lies "
                 f"{depth[k]:.3g} {unit} deep between two of them, as at {in_words(places[k] + U, 4)}; a finer mesh "
                 "there would be right")
     least = 1e-9 * extent  # rounding
-    if rigid.may_end(bool(own)) and rigid.depth(solid.at[facets[~touching]]).max(initial=0.0) > least:
+    if rigid.may_end(bool(contacts)) and rigid.depth(solid.at[facets[~touching]]).max(initial=0.0) > least:
         return ""
     least += float(at_ends[touching].max(initial=0.0)) + RESOLVED * float(np.abs(solid.moved - solid.at).max())
     beside = np.where(between, 0.0, depth)
     k = int(np.argmax(beside))
-    where = f"contact.{own[0].name}: beside the contact" if own else "no contact keeps them apart:"
+    where = f"contact.{contacts[0].name}: beside the contact" if contacts else "no contact keeps them apart:"
     return (f"{where} {name} penetrates {rigid.name} by {depth[k]:.3g} {unit}, as at {in_words(places[k] + U, 4)}; "
-            f"{WIDEN if own else ADD}{rigid.crossed}") * bool(beside[k] > least)
+            f"{WIDEN if contacts else ADD}{rigid.crossed}") * bool(beside[k] > least)

@@ -62,12 +62,12 @@ DOUBTS = {
     "overlap": Doubt(RESOLVED, "doubt_overlaps", "overlap over the displacements, in the body itself over a cell"),
     "drawn": Doubt(DRAWN, "doubt_overlaps", "overlap in the drawing over the distance between nodes"),
 }
-"""All warnings about a scene and its answer. Whether a loose body can move freely, `motions` says."""
+"""All warnings about a scene and its answer, but for free motions of loose bodies, which are those of `motions`."""
 
 LIMIT = {name: doubt.limit for name, doubt in DOUBTS.items()}
 
 ALIKE = 1e-6
-"""Gaps are alike that differ by less than this part of the distance of nodes, and stresses by this part of them."""
+"""Gaps are equal up to this fraction of the distance of nodes, stresses up to this fraction of them."""
 
 
 def edge_lengths(mesh: Mesh) -> np.ndarray:
@@ -78,6 +78,7 @@ def edge_lengths(mesh: Mesh) -> np.ndarray:
 
 def doubt_cells(mesh: Mesh, name: str) -> str:
     """A warning of thin cells of a body's mesh; empty if there are none. Not collective."""
+    # 1 for a regular cell, 0 for a degenerate one
     regular = REGULAR[mesh.dimension] * np.sqrt((edge_lengths(mesh)**2).mean(axis=1)) ** mesh.dimension
     quality = signed_measures(mesh.points, mesh.corners) / regular
     worst, poor = int(quality.argmin()), int((quality < LIMIT["thin"]).sum())
@@ -88,6 +89,7 @@ def doubt_cells(mesh: Mesh, name: str) -> str:
 
 def doubt_shape(mesh: Mesh, name: str) -> str:
     """A warning of a body so slender or flat that rounding may hide its answer; empty if not. Not collective."""
+    # extents along the principal axes of the nodes
     sizes = np.ptp(mesh.points @ np.linalg.svd(np.cov(mesh.points.T))[0], axis=0)
     ratio = sizes.max() / max(sizes.min(), np.finfo(float).tiny)
     return (f"body.{name}: it is about {ratio:.0f} times as long as it is thick; a body so slender bends so much more "
@@ -154,42 +156,42 @@ def _large_motion(body: Body, u: np.ndarray, units: Mapping[str, str]) -> list[s
 
 
 def _unresolved(assembly: Assembly, contacts: Mapping[str, ContactTotals], loads: Mapping[str, float]) -> list[str]:
-    """Warnings of loose bodies whose loads and contact forces are nothing beside the loads of others."""
-    most, found, pressed = max(loads.values()), [], dict.fromkeys(assembly.loose, 0.0)
+    """Warnings of loose bodies whose loads and contact forces are rounding beside the loads of others."""
+    most, warnings, pressed = max(loads.values()), [], dict.fromkeys(assembly.loose, 0.0)
     unit = assembly.scene.units["force"]
-    for each in contacts.values():
-        for name in pressed.keys() & set(each.bodies):
-            pressed[name] = max(pressed[name], each.acting)
+    for contact in contacts.values():
+        for name in pressed.keys() & set(contact.bodies):
+            pressed[name] = max(pressed[name], contact.acting)
     for name, acting in pressed.items():
         acting = max(loads.get(name, 0.0), acting)
         if 0.0 < acting < LIMIT["light"] * most:
-            found.append(f"body.{name}: the forces on it, {acting:.3g} {unit} in all, are nothing beside the "
-                         f"loads of {most:.3g} {unit} of another body; the answer does not tell whether anything "
-                         "holds it. Solve it without the other")
-    return found
+            warnings.append(f"body.{name}: the forces on it, {acting:.3g} {unit} in all, are negligible beside the "
+                            f"loads of {most:.3g} {unit} of another body, so that the answer does not show whether "
+                            "anything supports it; solve it without the other body")
+    return warnings
 
 
 def _points_that_carry(body: Body, u: np.ndarray, contacts: Mapping[str, ContactTotals],
                        units: Mapping[str, str]) -> list[str]:
-    """Warnings of clamped points, on no clamped boundary group, at which a body moved by u (nv, d) is really held."""
+    """Warnings where the displacement u (nv, d) means forces at clamped points outside clamped groups and contacts."""
     mesh, name = body.mesh, body.spec.name
     points = {clamp.on: mesh.vertices[clamp.on] for clamp in body.spec.clamps if clamp.on in mesh.vertices}
     if not points:
         return []
-    held = [interface.nodes[interface.side(name)] for interface in body.member.interfaces]
-    held += [np.unique(mesh.groups[clamp.on]) for clamp in body.spec.clamps if clamp.on in mesh.groups]
+    supported = [interface.nodes[interface.side(name)] for interface in body.member.interfaces]
+    supported += [np.unique(mesh.groups[clamp.on]) for clamp in body.spec.clamps if clamp.on in mesh.groups]
     acting, clamped = body.member.elasticity.acting, ~body.member.elasticity.free
     loads, heat = np.abs(acting.f), acting.heat
-    pressed = sum(contacts[each.name].normal_sum for each in body.member.interfaces)
-    least, found = LIMIT["point"] * max(body.member.elasticity.load, pressed), []
+    pressed = sum(contacts[interface.name].normal_sum for interface in body.member.interfaces)
+    least, warnings = LIMIT["point"] * max(body.member.elasticity.load, pressed), []
     for on, nodes in points.items():
         force = np.abs(forces_at(mesh, body.material, u, nodes) - heat[nodes]) * clamped[nodes]
-        alone = not any(np.isin(nodes, others).any() for others in held)
-        if alone and (force > np.maximum(least, 2.0 * loads[nodes])).any():  # nodes have their share of other loads
-            found.append(f"body.{name}.clamp: the point {on!r} carries a force of {force.max():.3g} {units['force']}; "
-                         "it gives way the more the finer the mesh, without limit, so clamp a boundary group where "
-                         "forces are carried")
-    return found
+        alone = not any(np.isin(nodes, others).any() for others in supported)
+        if alone and (force > np.maximum(least, 2.0 * loads[nodes])).any():  # loads at the point itself do not count
+            warnings.append(f"body.{name}.clamp: the point {on!r} carries a force of {force.max():.3g} "
+                            f"{units['force']}; it gives way the more the finer the mesh, without limit, so "
+                            "clamp a boundary group where forces are carried")
+    return warnings
 
 
 def doubt_mesh(bodies: Sequence[SettledBody], error: DiscretizationError) -> list[str]:
@@ -209,49 +211,50 @@ def doubt_stress(assembly: Assembly, stresses: Mapping[str, np.ndarray | None]) 
     """Warnings, on the first rank, of bodies whose largest stress stands where that of the continuum is infinite.
     `stresses` (nt,) are von Mises stresses (Pa) of this rank's bodies; None where they are not wanted. Collective."""
     unit = assembly.scene.units["stress"]
-    own = {body.spec.name: (float(sigma.max()), _singular(body, sigma, unit)) for body in assembly.bodies
-           for sigma in [stresses[body.spec.name]] if sigma is not None}
-    found = gathered(assembly.world, own)
-    least = LIMIT["stress"] * max((largest for largest, _ in found.values()), default=0.0)
-    return [warning for body in assembly.scene.body if body.name in found and found[body.name][0] > least
-            for warning in found[body.name][1]]
+    of_rank = {body.spec.name: (float(sigma.max()), _singular(body, sigma, unit)) for body in assembly.bodies
+               for sigma in [stresses[body.spec.name]] if sigma is not None}
+    of_all = gathered(assembly.world, of_rank)
+    least = LIMIT["stress"] * max((largest for largest, _ in of_all.values()), default=0.0)
+    return [warning for body in assembly.scene.body if body.name in of_all and of_all[body.name][0] > least
+            for warning in of_all[body.name][1]]
 
 
 def _singular(body: Body, stress: np.ndarray, unit: str) -> list[str]:
-    """A warning where the largest of the stresses (nt,) of a body stands at a re-entrant corner, in space an edge, or
-    where a clamp ends; not at an outer corner, as the singularity of a clamp there is much weaker. A facet is clamped
-    if it belongs to a clamp's group: at a corner of a free face clamps of other faces may hold all of a facet's nodes.
+    """A warning where the largest of the stresses (nt,) of a body is at a re-entrant corner (in space an edge) or where
+    a clamp ends, but not where it ends at an outer corner, a much weaker singularity. A facet is clamped if it belongs
+    to a clamp's group: clamps of the faces around a free one may constrain all nodes of its facets.
     """
     points, facets, d = body.mesh.points, Solid.of(body.mesh, np.zeros(1)).facets, body.mesh.dimension
-    found = creases(points, facets[:, :-1], points[facets[:, 0]] - points[facets[:, -1]])
+    bends = creases(points, facets[:, :-1], points[facets[:, 0]] - points[facets[:, -1]])
     groups = [body.mesh.groups[clamp.on] for clamp in body.spec.clamps if clamp.on in body.mesh.groups]
-    parts = [group[:, body.mesh.cell.facet.parts].reshape(-1, d) for group in groups]
-    both = np.sort(np.concatenate([facets[:, :-1], *parts]), axis=1)
+    clamped_facets = [group[:, body.mesh.cell.facet.parts].reshape(-1, d) for group in groups]
+    both = np.sort(np.concatenate([facets[:, :-1], *clamped_facets]), axis=1)
     number = np.unique(both, axis=0, return_inverse=True)[1].ravel()
     clamped = np.isin(number[:len(facets)], number[len(facets):])
-    ends = (clamped[found.facets].sum(axis=1) == 1) & (found.turn < SHARPEST)
+    ends = (clamped[bends.facets].sum(axis=1) == 1) & (bends.turn < SHARPEST)
     largest = stress >= (1.0 - ALIKE) * stress.max()
     if largest.all():  # a constant stress grows nowhere
         return []
     top = np.unique(body.mesh.triangles[largest])
     corner = {2: "corner", 3: "edge"}[body.mesh.dimension]
-    for what, where, cure in ((f"a re-entrant {corner}", found.turn < -SHARPEST,
+    for what, where, cure in ((f"a re-entrant {corner}", bends.turn < -SHARPEST,
                                "; draw it rounded, or read it nearby"),
                               ("the end of a clamp", ends, "; read it nearby")):
-        for place in points[np.intersect1d(found.nodes[where], top)[:1]]:
+        for place in points[np.intersect1d(bends.nodes[where], top)[:1]]:
             return [f"body.{body.spec.name}: the largest von Mises stress, {stress.max():.4g} {unit}, stands at {what} "
                     f"at {in_words(place, 4)}, where it grows without limit as the mesh is refined{cure}"]
     return []
 
 
 def _lost_in_rounding(state: ContactState, moved: float, units: Mapping[str, str]) -> list[str]:
-    """A warning where rounding of displacements up to `moved` (m) decides on forces, or whether there are any."""
+    """A warning where rounding of displacements up to `moved` (m) decides on the forces or the status of a contact."""
     name, widest, length, force = (state.interface.name, float(np.abs(state.gap).max()), units["length"],
                                    units["force"])
     largest = float(np.abs(state.normal_force).max(initial=0.0))
     if (state.status == "open").all() and moved and widest <= LIMIT["undecided"] * moved:
-        return [f"contact.{name}: rounding decides that it is open: its gaps, up to {widest:.3g} {length}, are nothing "
-                f"beside the displacements of up to {moved:.3g} {length}"]
+        return [f"contact.{name}: rounding decides that it is open: its gaps, up to {widest:.3g} {length}, are "
+                f"negligible beside the displacements of up to {moved:.3g} {length}"]
+    # rounding of the displacements of both bodies, times the stiffness of a node against a gap
     noise = 2.0 * float(state.interface.stiffness.max()) * float(np.finfo(float).eps) * moved
     if not largest or noise <= LIMIT["rounding"] * largest:
         return []
@@ -261,8 +264,8 @@ def _lost_in_rounding(state: ContactState, moved: float, units: Mapping[str, str
 
 
 def _held_through_air(state: ContactState, least: float, unit: str) -> list[str]:
-    """A warning where friction of open nodes, of more than `least` (N), bears a good part of what a contact bears, as
-    Tresca's bound allows."""
+    """A warning where friction of open nodes is more than `least` (N) and a large fraction of a contact's forces, as
+    Tresca's law allows."""
     sizes, name, law = np.linalg.norm(state.forces, axis=1), state.interface.name, state.interface.law.name
     air = np.where(state.status == "open", sizes, 0.0)
     if not air.sum() > max(LIMIT["air"] * sizes.sum(), least):
@@ -277,7 +280,7 @@ def _overlap_between(assembly: Assembly, state: ContactState, moved: float) -> l
     """A warning where bodies that move by up to `moved` (m) overlap much between the nodes of a contact."""
     interface, overlap, unit = state.interface, -state.between, assembly.scene.units["length"]
     k = int(np.argmax(overlap)) if len(overlap) else 0
-    body = next(each for each in assembly.bodies if each.spec.name in interface.bodies)
+    body = next(body for body in assembly.bodies if body.spec.name in interface.bodies)
     least = max(LIMIT["between"] * state.yielding, LIMIT["overlap"] * moved, 1e-12 * body.mesh.extent)
     if not len(overlap) or not overlap[k] > least:
         return []
@@ -293,9 +296,11 @@ def _overlap_between(assembly: Assembly, state: ContactState, moved: float) -> l
 
 
 def _unresolved_zone(state: ContactState) -> list[str]:
-    """A warning where the pressure of a contact zone between boundaries that curve apart stands on too few nodes. At
-    corners and ends of a boundary it does so by right: there no mesh resolves it. Zones between boundaries that are
-    flat are what is left of a contact that parts."""
+    """A warning where a contact zone between boundaries that curve apart has too few nodes to resolve its pressure.
+
+    Not at corners and ends of a boundary, where no mesh resolves it, nor between flat boundaries: there, few closed
+    nodes are what is left of a contact that opens.
+    """
     interface, number = state.interface, len(state.status)
     if interface.law.name == "bonded" or number < 3:
         return []
@@ -329,10 +334,11 @@ def _unresolved_zone(state: ContactState) -> list[str]:
 
 
 def _large_gradient(body: Body, u: np.ndarray) -> list[str]:
-    """A warning where a cell of the own mesh is strained or turned much, by its corners alone."""
+    """A warning where a cell is strained or turned much, by its corners alone."""
     corners = body.mesh.corners
+    # ∇u by the tangents of the cell as drawn and of its displacement
     gradients = np.einsum("art,act->trc", invert(tangents(body.mesh.points, corners))[0], tangents(u, corners))
-    large = np.flatnonzero((gradients**2).sum(axis=(1, 2)) > LIMIT["gradient"] ** 2)  # bounds singular values
+    large = np.flatnonzero((gradients**2).sum(axis=(1, 2)) > LIMIT["gradient"] ** 2)  # ‖∇u‖_F ≥ ‖∇u‖₂
     size = np.linalg.norm(gradients[large], ord=2, axis=(1, 2))
     if size.max(initial=0.0) <= LIMIT["gradient"]:
         return []
@@ -342,10 +348,10 @@ def _large_gradient(body: Body, u: np.ndarray) -> list[str]:
 
 
 def _far_slip(assembly: Assembly, state: ContactState, moved: np.ndarray) -> list[str]:
-    """A warning where closed nodes have `moved` (m, d) far past their partners, or far around a rigid one. Nodes that
-    are closer together than the closed ones on average, as at corners, count as far apart as these."""
+    """A warning where closed nodes have `moved` (m, d) far past their partners, or far around a rigid one. Distances of
+    nodes count as at least the mean of the closed ones, as they are smaller at corners."""
     interface, closed = state.interface, state.status != "open"
-    rigid = next((each for each in assembly.scene.rigid if each.name == interface.bodies[1]), None)
+    rigid = next((partner for partner in assembly.scene.rigid if partner.name == interface.bodies[1]), None)
     spacing = np.maximum(interface.spacing, interface.spacing[closed].mean() if closed.any() else 0.0)
     far, limit = (spacing, LIMIT["slip"]) if rigid is None else (np.full_like(spacing, rigid.bend), LIMIT["turn"])
     along = np.linalg.norm(np.einsum("mcd,md->mc", interface.frame[:, 1:], moved), axis=1)

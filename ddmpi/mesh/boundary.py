@@ -22,21 +22,21 @@ SHARPEST = np.deg2rad(40.0)
 def material_numbers(mesh: Mesh, body: BodySpec) -> np.ndarray:
     """Which one of the body's materials each triangle (nt,) has. Raises InputError unless each has exactly one."""
     number, what = np.full(len(mesh.triangles), -1), PHYSICAL[mesh.dimension]
-    parts = [] if not isinstance(body.material, list) else body.material
-    for k, on in ((k, part.on) for k, part in enumerate(parts) if part.on is not None):
+    materials = [] if not isinstance(body.material, list) else body.material
+    for k, on in ((k, material.on) for k, material in enumerate(materials) if material.on is not None):
         key = f"body.{body.name}.material.{k}.on"
         if on not in mesh.surfaces:
             raise InputError(f"{key}: the mesh has no {what} {on!r}{nearest(on, list(mesh.surfaces))} "
                              f"(it has {', '.join(sorted(mesh.surfaces)) or 'none with a name'})")
-        own = mesh.surfaces[on]
-        if len(own) == 0:
+        cells = mesh.surfaces[on]
+        if len(cells) == 0:
             raise InputError(f"{key}: the {what} {on!r} of the mesh has a name, but no {mesh.cell.names}")
-        if (number[own] >= 0).any():
-            triangle = own[number[own] >= 0][0]
+        if (number[cells] >= 0).any():
+            triangle = cells[number[cells] >= 0][0]
             raise InputError(f"{key}: {_place(mesh, triangle)} is in the {what}s {on!r} and "
-                             f"{parts[number[triangle]].on!r}, which would both give it a material")
-        number[own] = k
-    rest = next((k for k, part in enumerate(parts) if part.on is None), None if parts else 0)
+                             f"{materials[number[triangle]].on!r}, which would both give it a material")
+        number[cells] = k
+    rest = next((k for k, material in enumerate(materials) if material.on is None), None if materials else 0)
     if rest is None and (number < 0).any():
         triangle = np.flatnonzero(number < 0)[0]
         around = [name for name, members in mesh.surfaces.items() if triangle in members]
@@ -75,10 +75,10 @@ def outer_normals(mesh: Mesh, name: str, key: str) -> tuple[np.ndarray, np.ndarr
         corners = mesh.facets(name).nodes[:, mesh.cell.facet.parts].reshape(-1, d)
     points = mesh.points[corners]
     outward = normals(points)
-    found = creases(mesh.points, corners, outward)
-    sharp = np.flatnonzero(np.abs(found.turn) > SHARPEST)
+    bends = creases(mesh.points, corners, outward)
+    sharp = np.flatnonzero(np.abs(bends.turn) > SHARPEST)
     if len(sharp):
-        at = in_words(mesh.points[found.nodes[sharp[0]]].mean(axis=0))
+        at = in_words(mesh.points[bends.nodes[sharp[0]]].mean(axis=0))
         raise InputError(f"{key}: {name!r} has a corner at {at}, where it has no normal; make groups of what meets "
                          "there, and clamp each along its normal")
     squares = ((points[:, :, None] - points[:, None]) ** 2).sum(axis=3) + np.eye(d)
@@ -126,38 +126,38 @@ def file_groups(raw, label: str, cells: np.ndarray) -> tuple[dict[str, np.ndarra
     Of a set of nodes the facets, or else the lines, and in any case its nodes. Raises InputError where no group has
     facets.
     """
-    d, found = cells.shape[1] - 1, list[dict[str, np.ndarray]]()
+    d, kinds = cells.shape[1] - 1, list[dict[str, np.ndarray]]()
     for dimension in range(d - 1, 0, -1):
         parts, _, element, _ = simplices(raw, dimension, raw.points)
-        own = {name: parts[np.isin(element, members)] for name, members in file_members(raw, dimension).items()}
-        found.append({name: facets[distinct(facets)[0]] for name, facets in own.items()})
+        named = {name: parts[np.isin(element, members)] for name, members in file_members(raw, dimension).items()}
+        kinds.append({name: facets[distinct(facets)[0]] for name, facets in named.items()})
     alone: dict[str, np.ndarray] = {}
     if raw.point_sets and not raw.field_data:
         facets = boundary_facets(cells)[0]
-        sides = [facets, facets[:, CELLS[d - 1, 1].edges].reshape(-1, 2)][:len(found)]
-        sides = [np.unique(np.sort(each, axis=1), axis=0) for each in sides]
+        sides = [facets, facets[:, CELLS[d - 1, 1].edges].reshape(-1, 2)][:len(kinds)]
+        sides = [np.unique(np.sort(pieces, axis=1), axis=0) for pieces in sides]
         for name, nodes in raw.point_sets.items():
-            inside = [each[np.isin(each, nodes).all(axis=1)] for each in sides]
+            inside = [pieces[np.isin(pieces, nodes).all(axis=1)] for pieces in sides]
             if name not in raw.cell_sets:
                 alone[name] = np.asarray(nodes, int)
-                for kind, parts in zip(found, inside, strict=True):
+                for kind, parts in zip(kinds, inside, strict=True):
                     if len(parts):
                         kind[name] = parts
                         break
-    if not found[0]:
+    if not kinds[0]:
         raise InputError(f"{label} has no named physical groups of {CELLS[d - 1, 1].names}; clamps, tractions and "
                          'contacts refer to boundaries by such names: '
                          f'{PHYSICAL[d - 1].title()}("left") = {{4}};')
     points_of = raw.cells_dict.get("vertex", np.empty((0, 1), int))[:, 0]
     alone |= {name: np.unique(points_of[members]) for name, members in file_members(raw, 0).items()}
-    return found[0], {} if d == 2 else found[1], alone
+    return kinds[0], {} if d == 2 else kinds[1], alone
 
 
 def set_nodes(raw, mesh: Mesh, number: np.ndarray, sets: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """By name the nodes of the mesh in `sets` of the file's nodes that no facet or line of the set has. `number` (nr,)
     is that of the file's nodes at corners, else −1; −1 also stands for middles of edges that a linear mesh lacks."""
     middles, ends = middle_nodes(raw, mesh.dimension)
-    asked, found = np.isin(middles, np.concatenate([np.empty(0, int), *sets.values()])), {}
+    asked, alone = np.isin(middles, np.concatenate([np.empty(0, int), *sets.values()])), {}
     middles, ends = middles[asked], ends[asked]
     if mesh.order > 1 and len(middles):  # those of the mesh are where the file has them
         first = int(mesh.corners.max()) + 1
@@ -165,13 +165,13 @@ def set_nodes(raw, mesh: Mesh, number: np.ndarray, sets: dict[str, np.ndarray]) 
         number[middles] = first + cKDTree(mesh.points[first:]).query(raw.points[middles, :mesh.dimension])[1]
     for name, nodes in sets.items():
         lone = np.isin(middles, nodes) & (number[middles] < 0) & ~np.isin(ends, nodes).all(axis=1)
-        own = number[nodes][number[nodes] >= 0]
-        taken = [each[name].ravel() for each in (mesh.groups, mesh.curves) if name in each]
-        own = np.setdiff1d(own, np.concatenate([np.empty(0, int), *taken]))
-        own = np.append(np.full(int(lone.any()), -1), own)
-        if len(own) or not taken:
-            found[name] = own
-    return found
+        members = number[nodes][number[nodes] >= 0]
+        taken = [groups[name].ravel() for groups in (mesh.groups, mesh.curves) if name in groups]
+        members = np.setdiff1d(members, np.concatenate([np.empty(0, int), *taken]))
+        members = np.append(np.full(int(lone.any()), -1), members)
+        if len(members) or not taken:
+            alone[name] = members
+    return alone
 
 
 def file_members(raw, dimension: int) -> dict[str, np.ndarray]:
@@ -187,7 +187,7 @@ def file_members(raw, dimension: int) -> dict[str, np.ndarray]:
     for kind in kinds:
         physical = raw.cell_data_dict.get("gmsh:physical", {}).get(kind, np.empty(0, int))
         for tag, name in tags.items():
-            own = sets[name].get(kind, ()) if name in sets else np.flatnonzero(physical == tag)
-            members[name].append(before + np.asarray(own, int))
+            numbers = sets[name].get(kind, ()) if name in sets else np.flatnonzero(physical == tag)
+            members[name].append(before + np.asarray(numbers, int))
         before += len(raw.cells_dict.get(kind, ()))
-    return {name: np.concatenate(own) for name, own in members.items()}
+    return {name: np.concatenate(numbers) for name, numbers in members.items()}

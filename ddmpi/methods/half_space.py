@@ -29,7 +29,7 @@ from ddmpi.interface.interface import Interface
 
 LONGEST = {1: 1.5, 2: 3.0}
 """Wave number of the longest wave, times the length of the interface, by the number of tangential components. Bodies
-give way less to what loads a whole contact than half-spaces do, in space still less: neighbours hold all sides."""
+give way less to loads on a whole contact than half-spaces do, in space still less."""
 
 SHIFTS = 6
 """Terms of the root: its relative error is about exp(−2π² SHIFTS/(ln κ + 3)), 1e-3 at a condition κ of A of 1e6."""
@@ -41,20 +41,19 @@ LIMIT = 2.5
 """The model of a compliance has the modes in which bodies give way more than this times what half-spaces do."""
 
 BENDING = 1e-4
-"""Forces that products leave unbalanced bend a body too far where half-spaces give way by less than this part of what
-it does: 1e-5 in needles of 1 : 30. At 7e-4, in bolted plates, precise products cost three times as much for nothing."""
+"""Where half-spaces give way by less than this fraction of the body, forces that products leave unbalanced bend it too
+far: 1e-5 in needles of 1 : 30. At 7e-4, in bolted plates, precise products cost three times as much for nothing."""
 
 LEARNT, DEPENDENT = 60, 1e-8
-"""How many products a model knows at most; directions of them that are rounding."""
-
+"""Most products that a model knows; directions below this fraction of the largest are rounding."""
 
 MODEL_STEPS, FORESEEN, SOLVED = 40, 0.1, 0.03
-"""Most steps to the answer of a model, which leave the third part of the residual. They begin with the nodes closed and
-slipping as they are where the residual is below the second number, else with all pressed ones sticking."""
+"""Most steps to the answer of a model, which leave SOLVED of the residual. They begin with the present status of nodes
+if the residual is below FORESEEN, else with all nodes under pressure sticking."""
 
 CORRECTED, COARSEST, FINER = 0.03, 3e-3, 0.1
-"""The next product is as precise as the first part of the forces' change, the second part of the forces at most, and by
-the third factor more after each step that gains nothing: small errors of slender bodies are large displacements."""
+"""Error of the next product over the change of the forces, its limit over the forces, and the factor on the first after
+each step that gains nothing: small errors of forces on slender bodies are large displacements."""
 
 
 class HalfSpace:
@@ -180,7 +179,7 @@ def smooth_modes(operator: Member | Joint, space: Space, limit: float) -> tuple[
 
 
 class Model(Joint):
-    """An approximation C̃ of the joint compliance, where a product with C is dear.
+    """An approximation C̃ of the joint compliance, where a product with C is expensive.
 
     C̃ = M⁻¹ + Σ (μ − 1) v vᵀ has the half-spaces and the smooth modes v of all bodies. Products y = C x that are known
     make it better: C̃ x = y for all of them, by the block form of the update of Broyden, Fletcher, Goldfarb and Shanno
@@ -231,7 +230,7 @@ class Model(Joint):
 
 
 class Modelled:
-    """Steps to where a model of the compliance with the gaps of the iterate has its answer; a product corrects it.
+    """Steps to the answer of a model of the compliance with the gaps of the iterate; one product corrects each step.
 
     Parameters
     ----------
@@ -240,7 +239,7 @@ class Modelled:
 
     Attributes
     ----------
-    rough : whether the gaps are only as precise as the last step needs them
+    rough : whether the gaps are only as precise as the last step needs
     """
 
     def __init__(self, joint: Joint, newton: Any) -> None:
@@ -251,8 +250,8 @@ class Modelled:
 
         Parameters
         ----------
-        residual, size : of the equations over the forces, and what forces are compared with (N)
-        start, warm : whether nothing is known but where the pressure is, and whether that is known
+        residual, size : of the equations over the forces, and the size (N) with which forces are compared
+        start, warm : whether the step is the first one, and whether it has the forces of a load step before
 
         Collective. Raises SolverError.
         """
@@ -270,13 +269,14 @@ class Modelled:
         return Point(forces - s, opened, newton.motions - alpha, joint.imbalance(forces) - left)
 
     def refine(self) -> None:
-        """The gaps are precise now, and are to be more precise from now on if they were not."""
+        """Note that the gaps are precise now; if they were rough, later ones will be more precise."""
         self._corrected *= FINER if self.rough else 1.0
         self.rough = False
 
 
 def _inverse(gram: np.ndarray) -> np.ndarray:
-    """Of a positive definite matrix, but for directions that are rounding, or below zero by errors of products."""
+    """The inverse of a positive definite matrix without directions that are rounding, or negative by errors of
+    products."""
     scale = 1.0 / np.sqrt(np.maximum(gram.diagonal(), np.finfo(float).tiny))
     values, vectors = np.linalg.eigh(scale[:, None] * gram * scale)
     kept = values > DEPENDENT * values[-1]

@@ -3,7 +3,7 @@
     [ IᵀCE + D  −G̃ᵀ ] [ y ]   [ f ]
     [ Ĝ          εE* ] [ α ] = [ h ]        Ĝ = G E, G̃ = G I
 
-with the rigid motions α of bodies that nothing holds. D is that of a layer between the bodies, or of a barrier
+with the rigid motions α of loose bodies. D is the compliance of a layer between the bodies, or of a barrier
 (`ddmpi.methods.paths`). In Newton's method it holds the springs that friction turns against, which the plane does not
 have, and a part that steers, as ε does, and biases nothing. The preconditioner is the same system with W M_δ W in the
 place of (C + D)⁻¹ and W = (1 + Dc)^−½, whose coarse problem is solved exactly. M_δ = (1 + δ)(M⁻¹ + δ/c)⁻¹, with the
@@ -34,36 +34,36 @@ from ddmpi.petsc.versions import call_solver, petsc_message, reason_name
 log = logging.getLogger("ddmpi")
 
 FORCING, LOOSEST, SHARE = 1e-3, 1e-2, 0.9
-"""GMRES reduces the residual of a Newton equation by the first number. In space it is the third times the square of
-what the last step left, between the first and the second, see `forcing`. Measured on pinched blocks in the plane: 1e-2
-takes fewer iterations a step, but more steps; 1e-3 is the cheapest from N = 54 on, and the most even over the meshes.
-"""
+"""GMRES reduces the residual of a Newton equation by FORCING, in space by SHARE times the square of the fraction that
+the last step left, between FORCING and LOOSEST (see `forcing`). Measured on pinched blocks in the plane: 1e-2 takes
+fewer iterations a step, but more steps; 1e-3 is the cheapest from N = 54 on, and the most even over the meshes."""
 
 KRYLOV_LIMIT = 300
 """Most GMRES iterations in one Newton step; a step that is not solved to FORCING is used as it is."""
 
 SLENDER = 3e-3
-"""Bodies are slender where half-spaces give way by less than this part of what they do: 1e-5 to 1e-7 in needles of
+"""Bodies are slender where half-spaces give way by less than this fraction of the bodies: 1e-5 to 1e-7 in needles of
 1 : 100, 0.016 to 2 in two boxes."""
 
 HELD_LOOSELY = 1e-6
 """Stiffness of springs that steer rigid motions, over the plane modulus; from 0 to 1e-4 they change no count."""
 
 SHARED = 5e-4
-"""Compliance that steers forces at nodes which several contacts share, over their own. Without it six of 27 walls fail;
-it must not be in the equations, where it would change displacements by 1e-2."""
+"""Compliance that steers forces at nodes of several contacts, over that of half-spaces there. Without it six of 27
+walls fail; in the equations it would change displacements by 1e-2."""
 
 SMOOTH = {1: 0.75, 2: 1.5}
-"""Deformations in which a body gives way more than this times what half-spaces do are coarse modes, by the number of
-tangential components: in the plane two to five of a compact body. At 1, walls take a tenth to a quarter more
-multiplications; in space 0.75 takes more for the modes than it saves."""
+"""Coarse modes are deformations in which a body gives way more than this times half-spaces, by the number of tangential
+components: in the plane two to five of a compact body. At 1, walls take a tenth to a quarter more multiplications; in
+space 0.75 takes more for the modes than it saves."""
 
 MANY = 3
-"""Coarse modes serve from so many bodies on, and wherever bodies are loose."""
+"""Coarse modes are used from this number of bodies on, and with loose bodies."""
 
 
 def forcing(residuals: Sequence[float], in_space: bool) -> float:
-    """By which GMRES reduces the residual of the next Newton equation, from the `residuals` after the steps so far.
+    """The factor by which GMRES reduces the residual of the next Newton equation, by the `residuals` of all steps so
+    far.
 
     In space less after steps that gained little (Eisenstat and Walker, SIAM J. Sci. Comput. 17, 1996, choice 2), but
     not in the first step: two boxes with N = 8 take 9 steps, and 21 where the first one is solved to 1e-2, as friction
@@ -137,7 +137,7 @@ class Linearised(Tangent):
         return (x if self._transposed is None else self._transposed @ x)[self.unknown]
 
     def move(self, s: np.ndarray) -> np.ndarray:
-        """The change (size,) of the forces s that keeps the unknown ones and gives the others what is implied."""
+        """The change (size,) of the forces s that keeps the unknown ones and gives the others their implied values."""
         return self.expand(self.restrict(s)) + self.given - s
 
     def frozen(self, q: np.ndarray) -> Linearised:
@@ -156,9 +156,8 @@ class Preconditioner:
     Attributes
     ----------
     motions : coarse motions, the rigid ones first
-    diagonal : (motions.size,) what stands for them in the lower right block (N/m): ε E* of rigid motions,
-        1/(μ − ½) of modes
-    crossing : how nodes give way at which bodies have several contacts; None where that does not count
+    diagonal : (motions.size,) their diagonal of the lower right block (N/m): ε E* of rigid motions, 1/(μ − ½) of modes
+    crossing : the compliance of nodes at which bodies have several contacts; None in the plane
     shared : (joint.size,) compliances (m/N) that steer there, zero elsewhere
 
     Construction is collective.
@@ -196,7 +195,7 @@ class LinearProblem:
     layer : (joint.size,) compliance D (m/N) of a layer, a barrier, or the springs across friction, in turned frames
     springs, steered : part of the springs ε that steer rigid motions, and of the compliances that steer shared nodes
     forcing : by which GMRES reduces the residual
-    precise : whether the forces are to be known as well as the displacements; slender bodies always need this
+    precise : whether forces are solved as precisely as displacements; those of slender bodies always are
 
     Construction is collective.
     """
@@ -244,8 +243,8 @@ class LinearProblem:
     def solve(self, right: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
         """The unknown forces y (k,) and rigid motions α for the right-hand side f (k,) in metres and h = 0.
 
-        To `forcing`, or less where y is not known well enough then: a slender body gives way so much that a small
-        residual of displacements says little of its forces. Returns them and the number of iterations. Collective on
+        GMRES ends at `forcing`, or later: a slender body gives way so much that a small residual of displacements says
+        little of its forces. Returns them and the number of iterations. Collective on
         all bodies. Raises SolverError; what the products raise is deferred by the caller.
         """
         comm = self.joint.space.petsc_comm

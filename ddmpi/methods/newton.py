@@ -1,6 +1,6 @@
 """The default outer method: a semi-smooth Newton method on the contact forces of the interfaces.
 
-The two bodies at an interface carry the same forces s, so these cancel from the start; what is sought is the s for
+The two bodies at an interface carry the same forces s, which cancel from the start. The unknown is the s for
 which the gaps r = C s − d − Gᵀα fit the forces. The laws of contact and friction (`ddmpi.interface.law`) make
 equations of this (Alart and Curnier 1991; Christensen, Klarbring, Pang and Strömberg 1998). The Newton step is the
 primal–dual active set step: the projections say which nodes are open, slip and stick, and GMRES solves the linear
@@ -9,7 +9,7 @@ equations is known along the whole step without a further multiplication, and th
 smallest: this stops the active sets from cycling. Where that gets nowhere, interior points lead to where it does, and
 where they fail, a layer between the bodies (`ddmpi.methods.paths`).
 
-Bodies that no clamp holds have rigid motions α: unknowns with an equation each, G s = e, in every step.
+Loose bodies have rigid motions α, unknowns with the equations G s = e in every step.
 """
 
 from __future__ import annotations
@@ -32,48 +32,47 @@ from ddmpi.system.numbers import norm
 log = logging.getLogger("ddmpi")
 
 LENGTHS = (1.0, 0.8, 0.65, 0.5, 0.4, 0.3, 0.2, 0.15, 0.1, 0.05, 0.02)
-"""Lengths of the Newton step that are tried; the full one is taken at once if it gains enough."""
+"""Lengths of a Newton step; the full one is taken at once if it gains enough."""
 
 GAIN = 0.7
-"""The full step is taken when it reduces the residual to this or less."""
+"""The full step is taken if it leaves at most this fraction of the residual."""
 
 PATIENCE, PROGRESS = 3, 0.7
-"""A path begins after so many steps that together leave more than this of the smallest residual. Newton's own steps are
-tried from a path as long as each leaves less than this."""
+"""A path begins after PATIENCE steps in a row that leave more than PROGRESS of the smallest residual. From a path
+Newton's steps go on as long as each leaves less."""
 
 PATHS: tuple[type[Path], ...] = InteriorPoints, Softening
-"""The paths in the order in which they are tried where bodies slide as wholes. Reversed where clamps
-hold all bodies, which takes half the steps."""
+"""The paths in the order in which they are tried with loose bodies; without, the reversed order takes half the
+steps."""
 
 FULL_STEPS, GIVEN_STEPS, GROWTH = 12, 3, 3.0
-"""In space the first so many steps are full ones, as long as none multiplies the residual by more than the last number:
-while friction turns, lengths by residuals take a quarter more steps. In the plane fewer are, and none with Coulomb
-friction: where bounds are given, full steps seldom cycle."""
+"""The first FULL_STEPS steps in space are full unless one multiplies the residual by more than GROWTH: while friction
+turns, lengths by residuals take a quarter more steps. In the plane the first GIVEN_STEPS are, but none with Coulomb
+friction, as full steps seldom cycle where bounds are given."""
 
 ERROR = 10.0
-"""The forces are converged when the error estimated for them is below this times the tolerance."""
+"""The forces have converged when their estimated error is below this times the tolerance."""
 
 NEGLECTED = 0.01
-"""Where the compliance is applied by an iterative solver: the error of a product that is kept, as a share of the error
-that is asked for."""
+"""Error of a product by an iterative solver that is kept, over the error that the tolerance allows."""
 
 NO_FORCE = 1e-6
-"""Forces below this part of those that would close the free gaps in a half-plane are compared with these instead."""
+"""Forces are compared with at least this fraction of those that would close the free gaps of half-planes."""
 
 SOFTER, SOFTEST, NEARLY = 1e-3, 1e-6, 1e-3
-"""The springs get softer by the first factor, at most by the second, where a step leaves most of an imbalance that is
-below the third part of the loads: friction that turns may resist a motion less than they do."""
+"""The springs get softer by SOFTER, down to SOFTEST, where a step leaves most of an imbalance below NEARLY of the
+loads: friction that turns may resist a motion less than the springs do."""
 
 
 class Newton(Outer):
-    """The iteration.
+    """The semi-smooth Newton method.
 
     Parameters
     ----------
     joint : the operator of all bodies
     max_iterations : most steps
     report : called with every Step
-    preconditioner : for all active sets; left out, it is made
+    preconditioner : for all active sets; made if left out
 
     Attributes
     ----------
@@ -103,14 +102,13 @@ class Newton(Outer):
     def begin(self, warm: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None, foreseen: bool = False) -> None:
         """Begin a load step, for the present loads of the joint. Collective.
 
-        The first step of Newton's method takes the nodes under pressure as closed and all of them as sticking, which
-        is right at a reversal, where warm starts from slipping nodes cycle; without forces, what `Joint.first_closed`
-        says.
+        The first step takes the nodes under pressure as closed and sticking, which is right at a reversal, where starts
+        with slipping nodes cycle; without forces, the nodes of `Joint.first_closed`.
 
         Parameters
         ----------
-        warm : forces s (size,), gaps r (size,) and motions α of the step before under the present loads; None for none
-        foreseen : they are a guess of this step's, and nodes are closed and slip as they say
+        warm : forces s (size,), gaps r (size,) under the present loads, and motions α, of the step before; or None
+        foreseen : whether these predict this step, so that its first status of nodes follows from them
         """
         joint = self.joint
         s, r, alpha = warm or (np.zeros(joint.size), -joint.d, np.zeros(joint.rigid.size))
@@ -130,7 +128,7 @@ class Newton(Outer):
     def _pressed(self) -> np.ndarray:
         """The nodes (m,) bool of all interfaces that are under pressure."""
         return np.concatenate([np.empty(0, bool), *(self._at.s[part][:interface.m] > 0.0
-                                                    for interface, part in self.space.each())])
+                                                    for interface, part in self.space.with_slices())])
 
     @property
     def forces(self) -> np.ndarray:
@@ -147,9 +145,9 @@ class Newton(Outer):
     def run(self, tolerance: float) -> str:
         """Iterate until the residual of the equations is below `tolerance` times the forces, and their error too.
 
-        The residual understates the error where a body is stiffer than a half-plane (a thin incompressible
-        layer). So the error is estimated as well: what a step changed, times what it left of the residual.
-        Otherwise as `Outer.run`.
+        The residual understates the error where a body is stiffer than a half-plane, as a thin incompressible layer.
+        The estimated error is the change of a step times the fraction of the residual that it left. Otherwise as
+        `Outer.run`.
         """
         if self._settled:  # the forces were moved onto their bounds; the gaps must follow
             self.joint.neglected = NEGLECTED * tolerance * self._size()
@@ -176,16 +174,16 @@ class Newton(Outer):
             self._far = self._iterate(far, tolerance)
 
     def _drifts(self) -> bool:
-        """Whether bodies move on and on under loads that friction leaves; what goes into a partner will be stopped."""
+        """Whether bodies move on and on under loads that friction does not balance, and not into a partner."""
         if not self._coulomb or norm(self._at.left) <= DRIFT * norm(self.joint.e):
             return False
         moved = self.joint.rigid.spread(self._at.alpha)
-        closing = [moved[part][:interface.m].max(initial=0.0) for interface, part in self.space.each()]
+        closing = [moved[part][:interface.m].max(initial=0.0) for interface, part in self.space.with_slices()]
         return self.space.largest(np.array(closing)) <= STOPPED * self.space.largest(np.abs(moved))
 
     @property
     def _rough(self) -> bool:
-        """Whether the gaps of the iterate are only as precise as a step by the model needs them."""
+        """Whether the gaps of the iterate are only as precise as a step by the model needs."""
         return self._modelled is not None and self._modelled.rough
 
     def _look(self) -> float:
@@ -197,7 +195,7 @@ class Newton(Outer):
         return self._distances([self._at])[0]
 
     def _iterate(self, far: float, tolerance: float) -> float:
-        """One step, of Newton's method or of a path, from and to where `_distances` is `far` and what is returned."""
+        """One step of Newton's method or of a path; takes and returns `_distances` of the iterate (N)."""
         residual = self._relative(far)
         # Newton's steps count as stalled while they gain little; full steps in space and steps of a path do not
         gained = residual < PROGRESS * self._smallest
@@ -236,14 +234,12 @@ class Newton(Outer):
 
     @property
     def _runs(self) -> bool:
-        """Whether steps are full ones though they gain nothing."""
+        """Whether steps are full even if they gain nothing."""
         return not self._path and not self._stalled and len(self.history) < self._full
 
     def _next_path(self) -> bool:
-        """Whether there is another path, which begins then; else the iterate goes to the end of one. Collective.
-
-        That is the end where bodies have moved the farthest: what is left of the loads there says which bodies drift.
-        """
+        """Begin the next path; whether there is one. If not, go to the end of that path on which bodies moved farthest:
+        the loads that are left show which bodies drift. Collective."""
         if self._path:
             self._ends.append(self._path.point)
         if not self._paths:
@@ -253,10 +249,11 @@ class Newton(Outer):
         return True
 
     def _settle(self) -> None:
-        """Move the forces onto their bounds, so that they obey all of them exactly; what is rounding becomes zero."""
+        """Move the forces onto their bounds, so that they obey all of them exactly; forces that are rounding become
+        zero."""
         s, r, *_ = self._at
         s = self._laws.settle(s, self._laws.active_sets(s - self._c * r))
-        for _, part in self.space.each():
+        for _, part in self.space.with_slices():
             if np.abs(s[part]).max(initial=0.0) <= self.nothing:
                 s[part] = 0.0
         self._at = self._at._replace(s=s)
@@ -276,7 +273,7 @@ class Newton(Outer):
         return residual / size if size else 0.0
 
     def _size(self) -> float:
-        """What forces are compared with (N): themselves, unless they are next to nothing."""
+        """The size (N) with which forces are compared: their own, or the least."""
         return max(self._norm(), self._least)
 
     def _norm(self) -> float:
@@ -296,7 +293,7 @@ class Newton(Outer):
         return [math.hypot(misfit, norm(point.left)) for misfit, point in zip(contact, points, strict=True)]
 
     def _newton_step(self, far: float) -> float:
-        """Solve for the forces that the active sets of the iterate imply, and go there as far as it helps.
+        """Solve for the forces that the active sets of the iterate imply, and go towards them as far as it helps.
 
         It takes and returns `_distances` of the iterate (N).
         """
@@ -304,7 +301,7 @@ class Newton(Outer):
         if self._modelled and not self._path and not self._stalled % 2:  # every other stalled step does without
             change = self._modelled.step(self._at, self._relative(far), self._size(), self._start, self._warm)
         if change is None:
-            if self._rough:  # which may be why the model did not lead on
+            if self._rough:  # which may be why the model failed
                 far = self._look()
             s, r, *_ = self._at
             active = self._laws.active_sets(s - self._c * r)
@@ -336,7 +333,7 @@ class Newton(Outer):
         joint, rigid, space = self.joint, self.joint.rigid, self.space
         alpha, C_change = np.zeros(rigid.size), np.zeros_like(change)
         problem, y = None, np.zeros(linearised.number)
-        if (self._path and rigid.size) or space.any(np.ones(linearised.number)):  # springs let fall
+        if (self._path and rigid.size) or space.any(np.ones(linearised.number)):  # with springs loose bodies may fall
             springs = self._path.springs if self._path else 1.0
             springs = min(springs, self._springs) if self._trying or not self._path else springs
             problem = LinearProblem(joint, self._preconditioner, linearised, layer, springs,

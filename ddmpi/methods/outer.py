@@ -1,4 +1,4 @@
-"""What all outer methods have in common."""
+"""The interface of the outer methods."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class Step(NamedTuple):
     ``update`` is the relative change of the unknown (the contact forces; in the published iteration the contact
     displacement λ), ``residual`` that of the contact equations over the forces (there the force mismatch
     ‖s_1 − s_2‖ / ‖s_2‖), ``inner_precision`` the tolerance of the subproblems (m; for Newton, of GMRES), ``n_A`` the
-    multiplications by A_a⁻¹ of all bodies so far, ``stage`` the way that Newton's method is on, in a word or two.
+    multiplications by A_a⁻¹ of all bodies so far, ``stage`` the stage of a path of Newton's method, in words.
     """
 
     iteration: int
@@ -30,11 +30,11 @@ Report = Callable[[Step], None]
 
 
 def no_report(step: Step) -> None:
-    """A report that goes nowhere."""
+    """A report to nowhere."""
 
 
 class Outer(Protocol):
-    """An iteration for the contact forces of all interfaces; every rank runs the same lines.
+    """An iteration for the contact forces of all interfaces; all ranks run the same lines.
 
     Attributes
     ----------
@@ -42,7 +42,7 @@ class Outer(Protocol):
     forces : contact forces (N) at the interfaces that this rank owns, which obey all bounds
     bound : slip bounds (N) of their sliding nodes, for which the forces are meant
     inner_steps : iterations of GMRES or steps of the QP solver, by kind
-    checkpoint : called by a method of many iterations before those from which `state` goes on
+    checkpoint : called by a method of many iterations before each that can begin from `state`
     """
 
     history: list[Step]
@@ -67,7 +67,7 @@ class Outer(Protocol):
 
     @property
     def motions(self) -> np.ndarray:
-        """Rigid motions (m) of the bodies that nothing holds, of all ranks."""
+        """Rigid motions (m) of the loose bodies of all ranks."""
         return np.zeros(0)
 
     def body_forces(self) -> list[np.ndarray]:
@@ -81,10 +81,10 @@ class Outer(Protocol):
         """
 
     def refresh(self, u: list[np.ndarray]) -> None:
-        """Take the contact displacements (m) of this rank's bodies, computed afresh from `body_forces`."""
+        """Take the contact displacements (m) of this rank's bodies, computed anew from `body_forces`."""
 
     def state(self) -> dict[str, Any]:
-        """What the answer follows from, and the next load step or call of `checkpoint`: numbers, arrays, lists, tables.
+        """The numbers, arrays, lists and tables from which the answer and the next load step or iteration follow.
 
         Arrays in it are not changed afterwards but replaced.
         """

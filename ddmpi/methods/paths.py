@@ -1,7 +1,7 @@
 """Two paths to where Newton's own steps converge: a barrier that gets lower, and a layer that gets harder.
 
-Where bodies hinge, jam or slide as wholes, a few closed nodes hold them, and a Newton step that guesses these wrong
-leads nowhere. Both paths solve a series of easier problems, each from the answer of the one before, by the same linear
+Where bodies hinge, jam or slide as wholes, a few closed nodes support them, and a Newton step with wrong ones does not
+lead on. Both paths solve a series of easier problems, each from the answer of the one before, by the same linear
 problem with a diagonal D added (`ddmpi.methods.krylov`).
 
 Interior points replace each bound by a barrier μ: s w = μ for forces s and gaps w; g y + s_t·v = 2μ and
@@ -31,50 +31,50 @@ SOFTEST, HARDEST, HARDER = 1e3, 1e-7, 0.1
 """δ of the first and the last stage, and of each stage over that of the one before."""
 
 LATE, SETTLED, SETTLED_LATE = 0.2, 0.2, 0.02
-"""A stage is over when a full step leaves less than the second part of the forces; the third, or δ of them, from the
-first δ on."""
+"""A stage is over when a full step leaves less than SETTLED of the forces; from δ = LATE on SETTLED_LATE or δ of them,
+if less."""
 
 MOST_STEPS = 15
 """Most steps of a stage."""
 
 STUCK, GAIN = 8, 0.9
-"""A stage leads nowhere after so many steps that together leave more than the second part of the residual."""
+"""A stage has failed after STUCK steps in a row that leave more than GAIN of the least residual."""
 
 STIFF = 0.011
 """Newton's own steps are tried after each stage from this δ on."""
 
 SLOPE, ZERO = 0.5, 0.1
-"""The full step is taken where the energy rises at its end by less than the first part of how it falls at the start;
-otherwise its least is looked for, until the second part is left."""
+"""The full step is taken if the slope of the energy at its end is at most SLOPE times the descent at its start.
+Otherwise the least energy is looked for, until the slope is at most ZERO of the descent."""
 
 SHORTEST, LENGTHS, CLOSER, REFINEMENTS = 1e-9, 46, 12, 3
-"""Shortest step; how many lengths down to it are looked at in one reduction, and how many between two of them, so many
-times."""
+"""Shortest step, number of lengths down to it in one reduction, of lengths between two of them, and of such
+refinements."""
 
 DRIFT, STOPPED = 1e-4, 0.01
-"""Where both paths fail and leave more than the first part of the loads, bodies drift, unless they go into a partner by
-more than the second part of their way (drifts below 1e-4, falls into wedges above 0.3)."""
+"""Bodies drift if both paths fail and leave more than DRIFT of the loads, unless they move into a partner by more than
+STOPPED of their way (below 1e-4 in drifts, above 0.3 in falls into wedges)."""
 
 TO_BOUND = 0.99
-"""A step of interior points goes to this part of the way to the nearest bound."""
+"""A step of interior points goes this fraction of the way to the nearest bound."""
 
 LOOSELY = 0.02
-"""The part of the compliance SHARED of `krylov` that steers interior points. All of it slows Newton's steps where
-forces at edges are nearly free: a step leaves 0.4 to 0.9 of the residual."""
+"""Factor on the compliance SHARED of `krylov` for interior points. The whole of it slows steps where forces at edges
+are nearly free: a step leaves 0.4 to 0.9 of the residual."""
 
 LOWER = ((0.9, 0.1), (0.5, 0.2), (0.2, 0.5), (0.0, 0.8))
-"""The barrier falls to the second number where the last step was longer than the first."""
+"""The barrier falls by the second factor where the last step was at least as long as the first."""
 
 NEAR = 1e-2
-"""Newton's own steps are tried from interior points with a smaller residual."""
+"""Newton's own steps are tried from interior points whose residual is smaller than this."""
 
 INEXACT = 1e-2
-"""GMRES reduces the residual of a step of interior points by this; 1e-3 takes a twentieth fewer steps, and a tenth more
-products."""
+"""Factor by which GMRES reduces the residual of a step of interior points; 1e-3 takes a twentieth fewer steps and a
+tenth more products."""
 
 MOST_POINTS, IDLE, LONG, LOWEST = 60, 8, 0.2, 1e-18
-"""Interior points are given up after MOST_POINTS steps, after IDLE steps that are neither longer than LONG nor than all
-before, and with a barrier below the part LOWEST of the first one."""
+"""Interior points fail after MOST_POINTS steps, after IDLE steps in a row that are neither longer than LONG nor longer
+than all before, and with a barrier below LOWEST of the first."""
 
 SPARE = 1.1
 """The first multiplier y exceeds the slip |v| by this factor, so that the slip lies inside its cone."""
@@ -88,7 +88,7 @@ Solve = Callable[..., Point]
 
 
 class Softening:
-    """The stages of a layer, from the forces zero on.
+    """The path of a layer, from zero forces on.
 
     Parameters
     ----------
@@ -99,9 +99,9 @@ class Softening:
     ----------
     point : the iterate
     ready : whether Newton's own steps are worth trying from it
-    failed : whether the path leads nowhere
+    failed : whether the path has failed
     springs, steered : parts of `LinearProblem`'s springs and compliances that steer
-    forcing : of the linear problems; what 1e-3 leaves of a stage decides where a slender body goes
+    forcing : of the linear problems; at 1e-3 the error of a stage decides where a slender body goes
     """
 
     kind = "softening"
@@ -134,7 +134,7 @@ class Softening:
     def step(self, solve: Solve) -> None:
         """One step of the stage, or the first one of the next. Collective; raises what `solve` raises."""
         point, first = self.point, not self._seen
-        if first:  # nothing is known: what is closed at first sticks
+        if first:  # nodes that are closed at first stick
             active, q = self._laws.sticking(self._joint.first_closed()[0]), point.s
         else:
             q = self._pressed(point, self._seen)
@@ -195,9 +195,9 @@ class Softening:
         return float(t[best])
 
     def _judge(self, change: Point, length: float) -> None:
-        """Look at where a step has led; whether the stage is over, and what follows. Collective.
+        """Decide after a step whether the stage is over, and the path ready or failed. Collective.
 
-        A short step ends where a node begins to slip or opens, and the active sets are still to change.
+        A short step ends where a node begins to slip or opens, so that the active sets are still to change.
         """
         point = self.point
         misfit = point.s - self._laws.project(self._pressed(point, self._delta))
@@ -220,20 +220,20 @@ class Softening:
 
 
 class InteriorPoints:
-    """Interior points, from forces on that are all alike: as large as the loads, or as what closes the free gaps.
+    """The path of interior points, from equal forces on, as large as the loads or as those that close the free gaps.
 
-    The start is inside all bounds and fits the gaps and slips of these forces, so that a belt that a clamp drags along
+    The start is inside all bounds and has the gaps and slips of its forces, so that a belt that a clamp drags along
     slides from the first step on. Parameters and attributes as for `Softening`. Collective.
     """
 
     kind = "interior points"
     springs, steered, forcing = 1e-6, LOOSELY, INEXACT
-    """Springs of Newton's method would bring bodies across wide clearances too slowly: each step moves by the load that
-    is left over the spring. Wherever there is a contact a barrier holds bodies, too."""
+    """Springs of Newton's method would move bodies across wide clearances too slowly, by the load that is left over the
+    spring in each step. Wherever there is a contact, a barrier supports bodies, too."""
 
     def __init__(self, joint: Joint, c: np.ndarray) -> None:
         self._joint, self._space, size = joint, joint.space, joint.size
-        self._laws = [(interface.law, part) for interface, part in joint.space.each()
+        self._laws = [(interface.law, part) for interface, part in joint.space.with_slices()
                       if interface.law.name != "bonded"]
         self._normal, self._source = np.zeros(size, bool), np.arange(size)
         rows = np.empty((0, max((law.components for law, _ in self._laws), default=1)), int)
@@ -245,10 +245,10 @@ class InteriorPoints:
         number = float(self._space.add(np.array([float(np.count_nonzero(self._normal))]))[0])
         force = self._first_force(c) / np.sqrt(max(number, 1.0))
         s = np.where(self._normal, force, 0.0)
-        self._holds = np.ones(len(rows), bool)
-        self._unknown, self._holds = np.ones(size, bool), self._bounds(s)[0, :, 0] > 0.0
-        self._unknown[rows[~self._holds]] = False  # no friction force at all
-        self._rows = rows[self._holds]
+        self._rubbing = np.ones(len(rows), bool)
+        self._unknown, self._rubbing = np.ones(size, bool), self._bounds(s)[0, :, 0] > 0.0
+        self._unknown[rows[~self._rubbing]] = False  # no friction force at all
+        self._rows = rows[self._rubbing]
         r, alpha = joint.product(s, "newton") - joint.d, np.zeros(joint.rigid.size)
         if joint.rigid.size:  # least squares: α = (ZᵀZ)⁻¹Zᵀr leaves the smallest gaps |r − Zα|
             identity = sparse.identity(size, format="csr")
@@ -266,17 +266,17 @@ class InteriorPoints:
         self._last, self._longest, self._steps, self._idle, self.failed = 1.0, 0.0, 0, 0, False
 
     def _first_force(self, c: np.ndarray) -> float:
-        """The norm of the first forces (N): of the loads, or of those that close the free gaps d, but for clearances.
+        """The norm of the first forces (N): of the loads, or of those that close the free gaps d, clearances left out.
 
-        These are c d, or the part of c d with which the energy is least: a slender body bends far under small forces.
+        These are c d, or the fraction of c d with the least energy: a slender body bends far under small forces.
         """
         gaps = self._joint.d + np.maximum(self._space.opening, 0.0)
         closing = np.where(self._normal, np.maximum(gaps, 0.0), 0.0)
-        gaps = closing if self._space.any(closing) else gaps  # how far bodies slip says nothing of pressures
+        gaps = closing if self._space.any(closing) else gaps  # slip alone tells no pressure
         forces = c * gaps
         given, stored = self._space.add(np.array([forces @ gaps, forces @ self._joint.product(forces, "newton")]))
-        part = given / stored if stored > given else 1.0
-        return max(norm(self._joint.e), part * self._space.norm(forces))
+        fraction = given / stored if stored > given else 1.0
+        return max(norm(self._joint.e), fraction * self._space.norm(forces))
 
     @property
     def stage(self) -> str:
@@ -291,7 +291,7 @@ class InteriorPoints:
     def _bounds(self, s: np.ndarray) -> np.ndarray:
         """Slip bounds (N) and their slopes (2, k, 1) at the nodes with friction, under the forces s (size,)."""
         bounds = [(law.bound_at(s[part]), law.slope(np.maximum(s[part][:law.m], 0.0))) for law, part in self._laws]
-        return np.concatenate([np.empty((2, 0)), *bounds], axis=1)[:, self._holds, None]
+        return np.concatenate([np.empty((2, 0)), *bounds], axis=1)[:, self._rubbing, None]
 
     def _turn(self, axes: np.ndarray) -> sparse.csr_matrix | None:
         """Frames (size, size) with tangential `axes` (k, d − 1) at the nodes with friction; None in the plane."""
@@ -321,7 +321,7 @@ class InteriorPoints:
         if self._space.any(np.array([not least > 0.0])) or not mean > LOWEST * self._first:
             self.failed = True
             return
-        mu = self._barrier = mean * next(part for least, part in LOWER if self._last >= least)
+        mu = self._barrier = mean * next(factor for least, factor in LOWER if self._last >= least)
         # friction s_t below g and slip v below y: g y + s_t·v = 2μ and g v + y s_t = 0. Without y, this is the slip
         # v = −2μ s_t/(g² − |s_t|²); linearised, it has one compliance along s_t and another one across it
         axes, size = direction(friction), magnitude(friction)[:, None]

@@ -76,7 +76,7 @@ def coloured(results: Results, fields: dict[str, np.ndarray]) -> tuple[np.ndarra
 def _both_halves(facets: np.ndarray, at: np.ndarray, still: np.ndarray, *values: np.ndarray) -> list[np.ndarray]:
     """Triangles (f, 3), places (nv, 2) and values (nv,) of a half-plane x ≥ 0 together with their mirror images."""
     number = np.arange(len(at))
-    other = np.where(still[:, 0] == 0.0, number, number + len(at))  # none of its own on the axis
+    other = np.where(still[:, 0] == 0.0, number, number + len(at))  # the mirror image of a node on the axis is the node
     return [np.vstack([facets, other[facets[:, ::-1]]]),
             *(np.vstack([array, array * (-1.0, 1.0)]) for array in (at, still)),
             *(np.tile(array, 2) for array in values)]
@@ -138,13 +138,13 @@ def draw_mechanism(results: Results, mechanism: dict[str, Any]) -> Any:
 
 
 def crossed(turning: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Angular velocities (k, 1 or 3) times places (k, d)."""
+    """ω × x (k, d) of angular velocities ω (k, 1 or 3) and places x (k, d)."""
     flat = np.pad(turning, ((0, 0), (3 - turning.shape[1], 0))), np.pad(at, ((0, 0), (0, 3 - at.shape[1])))
     return np.cross(*flat)[:, :at.shape[1]]
 
 
 def middles(results: Results) -> list[np.ndarray]:
-    """Nodes (d,), one a body, far from its boundary, of several the one nearest to the middle."""
+    """A node (d,) of each body for its name, far from the boundary and as near as possible to the middle of its box."""
     from scipy.spatial import cKDTree
 
     owner, edge, places = owners(results), np.unique(boundary_facets(results.fields["cells"], results.dimension)[0]), []

@@ -48,8 +48,8 @@ SMALL = 0.5
 def draw_contacts(results: Results) -> Any:
     """All contacts on the undeformed bodies: normal stresses, resultants, and in the plane zones; a figure.
 
-    In the plane a pressure is drawn as an area into the contact's first body, tension into the second; in space they
-    are colours. A resultant stands on its line of action, its middle at the contact, unless it passes this by.
+    In the plane a pressure is drawn as an area into the contact's first body, tension into the second; in space both
+    are colours. A resultant is drawn on its line of action, with its middle at the contact, unless the line misses it.
     """
     units, contacts, d = results.summary["units"], results.summary["contacts"], results.dimension
     skin, points = skin_of(results), results.points
@@ -60,7 +60,7 @@ def draw_contacts(results: Results) -> Any:
     low, top = stresses.min(initial=0.0), np.abs(stresses).max(initial=0.0)
     (factor, unit_of), (times, of_force) = scaled_unit(top, units["stress"]), scaled_unit(largest, units["force"])
     kind, counted, legend = "pressure" if low >= 0.0 else "normal stress", "", list[Any]()
-    counts = {zone: sum(each[zone] for each in contacts.values()) for zone in ZONES}
+    counts = {zone: sum(contact[zone] for contact in contacts.values()) for zone in ZONES}
     if forces:
         legend.append(Line2D([], [], color=COLOURS["force"],
                              label=f"resultants, largest {rounded(largest / times)} {of_force}"))
@@ -104,6 +104,7 @@ def _resultants(results: Results, size: float) -> tuple[list[np.ndarray], float]
         force = np.array(contacts[name]["force"], float)
         if np.linalg.norm(force) > weak:
             xy = vectors(table)
+            # the line of action: r × F = M, nearest to the centre c at c + F × (M − c × F)/F·F
             centre = sizes[name] @ xy / sizes[name].sum()
             left = np.atleast_1d(contacts[name]["moment"] - moment(centre[None], force[None], results.axisymmetric))
             at = centre - crossed(left[None], force[None])[0] / (force @ force)
@@ -137,15 +138,15 @@ def draw_maps(results: Results, name: str) -> Any:
     asked = next(contact for contact in summary["scene"]["contact"] if contact["name"] == name)
     visible = RESOLVED * summary["displacement_max"]
     gaps, slips = (np.abs(table[what]).max(initial=0.0) > visible for what in ("gap", "slip"))
-    holds = asked["friction"]["law"] != "none" or asked.get("kind") == "bonded"
+    has_shear = asked["friction"]["law"] != "none" or asked.get("kind") == "bonded"
     stress = table["normal_stress"]
     tension = -stress.min(initial=0.0) > RESOLVED * np.abs(stress).max(initial=0.0)
     maps = [("normal stress" if tension else "pressure", stress, "stress", "Blues"), None]
-    if holds:
+    if has_shear:
         maps.append(("friction", table["tangential_stress"], "stress", "Oranges"))
     if gaps:
         maps.append(("gap", table["gap"], "length", "Greens"))
-    elif slips and holds:
+    elif slips and has_shear:
         maps.append(("slip", table["slip"], "length", "Purples"))
     edges, owner = boundary_facets(facets)
     ends = at[owner[:, None], (facets[owner, None] == edges[:, :, None]).argmax(axis=2)]
@@ -240,9 +241,10 @@ def flatten(table: Columns, facets: np.ndarray) -> tuple[np.ndarray, tuple[str, 
 def _draw_zones(axes: Any, at: np.ndarray, status: np.ndarray, counts: dict) -> None:
     """Colour the parts of facets (f, 3, 2) that are nearest to their corners by the status (f, 3) of these."""
     after, before, middle = np.roll(at, -1, axis=1), np.roll(at, 1, axis=1), at.mean(axis=1, keepdims=True)
-    parts = np.stack([at, (at + after) / 2, np.broadcast_to(middle, at.shape), (at + before) / 2], axis=2)
-    axes.add_collection(PolyCollection(parts.reshape(-1, 4, 2), facecolors=[ZONES[value] for value in status.ravel()],
-                                       edgecolors="face", linewidth=0.3, rasterized=True))
+    quarters = np.stack([at, (at + after) / 2, np.broadcast_to(middle, at.shape), (at + before) / 2], axis=2)
+    colours = [ZONES[value] for value in status.ravel()]
+    axes.add_collection(PolyCollection(quarters.reshape(-1, 4, 2), facecolors=colours, edgecolors="face",
+                                       linewidth=0.3, rasterized=True))
     above(axes, zone_legend(counts))
 
 

@@ -33,9 +33,9 @@ def draw_all(folder: str | Path, number: int = 0, drawers: int = 1, time: float 
              into: Path | None = None, **asked: Any) -> list[Path]:
     """Draw all pictures of the results in `folder` into it, or this process's share of several `drawers`; their paths.
 
-    Those of bodies and contacts are of the load step at `time`, by default as `at_step` chooses it. `into` another
-    folder go pictures without the animation. What is `asked` for, such as a view, is taken in place of the keys of the
-    scene's table `output`. Without equilibrium there is mechanism.png alone, unless a `time` is given.
+    Pictures of bodies and contacts show the load step at `time`, by default as `at_step` chooses it. `into` is another
+    folder for the pictures, without the animation. `asked`, such as a view, replaces keys of the scene's table
+    `output`. Without equilibrium there is mechanism.png alone, unless a `time` is given.
 
     Not collective. Raises InputError without results or matplotlib, where results of an earlier version lack what
     pictures need, or what is asked for is wrong; OutputError if a picture cannot be written.

@@ -32,11 +32,11 @@ AROUND = 1.25
 def magnify(results: Results, largest: float = 0.0) -> tuple[float, np.ndarray]:
     """The magnification F and a shift (nv, d) in metres: a node at x that moves by u is drawn at x + shift + F u.
 
-    Each body is shifted as a whole, by F − 1 times the gap that its contact had at first; negative for an overlap.
-    Nodes are then drawn F times as far apart as they are, and touch where they touch. If gaps vary, as in rings, this
-    holds for their mean only. F is then so small that no error at touching nodes, and no overlap at others, is visible;
-    at F = 1 there are none. A scene that gives ``output.magnification`` accepts what it does, up to FARTHEST. `largest`
-    is a displacement of an earlier load step that F has to suit as well (m). Not collective.
+    Each body is shifted as a whole, by F − 1 times the initial gap of its contact, negative for an overlap. Gaps are
+    then drawn F times as wide as they are, and closed nodes touch. Where initial gaps vary, as in rings, this holds for
+    their mean alone; F is so small that errors at closed nodes and overlaps at others are invisible. A scene that gives
+    ``output.magnification`` gets it, up to FARTHEST. `largest` is a displacement of an earlier load step that F has to
+    suit as well (m). Not collective.
     """
     points, moved = results.points, np.linalg.norm(results.fields["displacement"], axis=1)
     owner, names, contacts = owners(results), list(results.summary["bodies"]), results.summary["scene"]["contact"]
@@ -54,6 +54,7 @@ def magnify(results: Results, largest: float = 0.0) -> tuple[float, np.ndarray]:
         apart[k, bodies] = (-1.0, 1.0)[:len(bodies)]
     shifts = np.zeros((len(names), results.dimension))
     if distances.any():
+        # least squares: shifts of two bodies differ by the gaps of their contacts, weighted by their displacements
         shifts = mobile[:, None] * (np.linalg.pinv(apart * mobile) @ distances)  # mostly of the body that moves most
     extent, size = np.ptp(points, axis=0).max(), max(moved.max(), largest, np.abs(shifts).max())
     limits = [limit for table, shift in zip(tables, apart @ shifts, strict=True)
@@ -70,14 +71,15 @@ def _initially(table: Columns) -> np.ndarray:
 
 
 def _limits(table: Columns, shift: np.ndarray, visible: float) -> Iterator[float]:
-    """The largest magnifications at which errors are not `visible` (m), `shift` being per unit of F − 1. The nodes are
-    drawn F times as far apart as they are, but for (F − 1) `left`."""
+    """The largest magnifications F at which errors are not `visible` (m); `shift` is per unit of F − 1. A gap is drawn
+    as F times itself less (F − 1) `left`."""
     left, gap = _initially(table) - shift, table["gap"]
     wrong = np.linalg.norm(left[table["status"] != "open"], axis=1).max(initial=0.0)
     if wrong:
         yield 1.0 + visible / wrong
     into = np.einsum("ld,ld->l", left, vectors(table, "n"))
     overlapping = into > gap
+    # the drawn overlap (F − 1) into − F gap is visible from this F on
     yield from (visible + into[overlapping]) / (into - gap)[overlapping]
 
 
@@ -85,8 +87,8 @@ def rigid_parts(results: Results, factor: float = 0.0, time: float | None = None
                 going: Mapping[str, np.ndarray] | None = None) -> list[Surface]:
     """The parts of rigid partners that bodies may touch; in the plane lines, with the bodies on their left.
 
-    They are drawn where they have gone to at `time`, else at that of the results, the displacement times `factor`; or
-    with the velocities of a mechanism with which they are `going`.
+    They are moved by `factor` times their displacement at `time`, by default that of the results, or times the
+    velocities `going` of a mechanism.
     """
     points, names, owner = results.points, list(results.summary["bodies"]), owners(results)
     scene, surfaces = results.summary["scene"], list[Surface]()
@@ -97,16 +99,16 @@ def rigid_parts(results: Results, factor: float = 0.0, time: float | None = None
         if not contacts or moved is None:
             continue
         if results.dimension > 2:
-            parts = (_around(rigid, vectors(results.contacts[contact["name"]]), results.triangles(contact["name"]))
+            shapes = (_around(rigid, vectors(results.contacts[contact["name"]]), results.triangles(contact["name"]))
                      for contact in contacts)
             surfaces += [Surface(at + factor * moved, facets, filled("patch"), edges=COLOURS["still"])
-                         for at, facets in parts if len(facets)]
+                         for at, facets in shapes if len(facets)]
             continue
         touched = np.concatenate([vectors(results.contacts[contact["name"]]) for contact in contacts])
         bodies = points[np.isin(owner, [names.index(contact["bodies"][0]) for contact in contacts])]
         at = rigid.outline(touched, bodies, MARGIN * np.ptp(points, axis=0).max())
         if results.axisymmetric:
-            right = np.flatnonzero(at[:, 0] >= 0.0)
+            right = np.flatnonzero(at[:, 0] >= 0.0)  # one line, that begins after the gap on the left of the axis
             at = np.roll(at[right], -1 - np.argmax(np.diff(right, append=right[-1] + 2) > 1), axis=0)
         surfaces.append(Surface(at + factor * moved, np.zeros((0, 3), int), filled("patch")))
     return surfaces

@@ -1,4 +1,4 @@
-"""Common parts of pictures: colours, axes, placement of points and surfaces, colour bars and names."""
+"""What all pictures share: colours, axes, placement of points and surfaces, colour bars and names."""
 
 from __future__ import annotations
 
@@ -66,21 +66,21 @@ def start_drawing() -> Any:
 
 
 class Sheet:
-    """One picture of bodies: its figure and axes, from where they are seen, and how places are put on it.
+    """A picture of bodies: figure and axes, the view of the bodies, and how it maps places to the figure.
 
     Attributes
     ----------
     figure, axes : of matplotlib
-    view, place : from where bodies are seen, the plane from the front; its method that places what it sees
+    view, place : the view of the bodies, and its method that maps places
     size : extent of the bodies (m)
     rigid : surfaces of rigid partners, in space
     """
 
-    def __init__(self, results: Results, everything: np.ndarray, rigid: Sequence[Surface] = (), behind: bool = False,
+    def __init__(self, results: Results, everything: np.ndarray, rigid: Sequence[Surface] = (),
                  pixels: int = PIXELS) -> None:
-        """For places (k, d) and what `rigid_parts` finds; from the opposite side `behind`; the surfaces with so many
-        `pixels`. Raises InputError where a cut meets no body."""
-        self.view = View(results.points, results.summary["scene"]["output"], behind)
+        """For places (k, d) and the surfaces of `rigid_parts`; with `pixels` along the longer side of surfaces. Raises
+        InputError where a cut meets no body."""
+        self.view = View(results.points, results.summary["scene"]["output"])
         self.place = self.view.place
         self.size = float(np.ptp(results.points, axis=0).max())
         self._pixels = pixels
@@ -91,7 +91,7 @@ class Sheet:
         self.meet(rigid)
 
     def _with_scales(self, results: Results, at: np.ndarray) -> tuple[Any, Any]:
-        """Axes with scales for what lies `at` (k, 2); with that around which bodies turn, if it is near."""
+        """Axes with scales for places (k, 2), and the axis of axisymmetric bodies if it is near."""
         near = results.axisymmetric and at[:, 0].min() <= np.ptp(at, axis=0).max()
         if near:
             at = np.vstack([at, at * (0.0, 1.0)])
@@ -104,7 +104,7 @@ class Sheet:
         return figure, axes
 
     def _with_arms(self, results: Results, at: np.ndarray) -> tuple[Any, Any]:
-        """Axes without scales for what lies `at` (k, 2), with arms along x, y and z that show their length."""
+        """Axes without scales for places (k, 2), with arms along x, y and z that show their length."""
         low, high = at.min(axis=0), at.max(axis=0)
         arm, margin = round_down(ARM * (high - low).max()), 0.02 * (high - low).max()
         arms, text = arm * self.view.axes[:2].T, 0.2 * arm
@@ -137,7 +137,7 @@ class Sheet:
                            path_effects=[withTickedStroke(angle=-135, linewidth=0.7)])
 
     def show(self, surfaces: Sequence[Surface]) -> None:
-        """Draw surfaces and rigid partners without what is hidden or cut away, and their `outlines`."""
+        """Draw the visible surfaces and rigid partners, and their `outlines`."""
         if not (some := [*surfaces, *self.rigid]):
             return
         placed = [self.place(surface.at) for surface in some]
@@ -145,6 +145,7 @@ class Sheet:
         corners = np.concatenate([np.column_stack([at, cut])[surface.facets] for at, cut, surface in zip(
             placed, beyond, some, strict=True)])
         number = [len(surface.facets) for surface in some]
+        # normals of facets; those of thin surfaces face the eye, all others away from it are back faces
         across = unit(np.cross(corners[:, 1, :3] - corners[:, 0, :3], corners[:, 2, :3] - corners[:, 0, :3]))
         across[np.repeat([surface.thin for surface in some], number) & (across[:, 2] < 0.0)] *= -1.0
         low, high = corners[..., :2].min(axis=(0, 1)), corners[..., :2].max(axis=(0, 1))
@@ -176,12 +177,12 @@ class Sheet:
         self.lines(outlines(self.place(at), facets, beyond)[..., :2], **{
             "colors": COLOURS["still"], "linewidth": 0.7, "zorder": 1} | style)
 
-    def facets(self, parts: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]], image: Any) -> None:
+    def facets(self, pieces: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]], image: Any) -> None:
         """Draw facets (f, d) between places (k, d), lines or surfaces, by values (k,) in the colours of an image."""
         if self.view.solid:
             self.show([Surface(at, facets, by_value(values[facets], image), thin=True)
-                       for at, facets, values in parts if len(facets)])
-        for at, facets, values in () if self.view.solid else parts:
+                       for at, facets, values in pieces if len(facets)])
+        for at, facets, values in () if self.view.solid else pieces:
             self.lines(at[facets], colors=image.to_rgba(values[facets].mean(axis=1)), linewidth=2.4, zorder=5)
 
     def lines(self, ends: Any, **style: Any) -> None:
@@ -210,7 +211,7 @@ class Sheet:
                                path_effects=[withStroke(linewidth=2, foreground="#ffffffc0")])
 
     def colours(self, image: Any, label: str, extend: str = "neither") -> None:
-        """Draw the colour bar of an image, below what is wide."""
+        """Draw the colour bar of an image, below wide pictures."""
         wide = np.ptp(self.axes.get_xlim()) > WIDE * np.ptp(self.axes.get_ylim())
         self.figure.colorbar(image, ax=self.axes, label=label, extend=extend, shrink=0.85, aspect=40 if wide else 25,
                              orientation="horizontal" if wide else "vertical")
@@ -223,7 +224,7 @@ class Sheet:
 
 
 def _figure(low: np.ndarray, high: np.ndarray) -> tuple[Any, Any]:
-    """A figure and axes of a size that suits what lies between two corners (2,)."""
+    """A figure and axes whose size suits the rectangle between two corners (2,)."""
     import matplotlib.pyplot as plt
 
     width, height = high - low

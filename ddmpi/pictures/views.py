@@ -18,13 +18,13 @@ from ddmpi.surface.side import unit
 from ddmpi.system.numbers import spans
 
 CORNER, ABOVE = (-60.0, 24.0), 40.0
-"""Azimuth and elevation (degrees) from which solids are seen if nothing is said: from half the azimuth what is longer
-along y than along x or cut across x, from the second elevation what is cut across z."""
+"""Default azimuth and elevation (degrees) of solids: half the azimuth for those longer along y than along x or cut
+across x; the second elevation for those cut across z."""
 
 CROSSED = {1: [[(0, 1), (0, 2), (0, 3)]], 2: [[(0, 2), (0, 3), (1, 3)], [(0, 2), (1, 3), (1, 2)]],
            3: [[(0, 3), (1, 3), (2, 3)]]}
-"""Triangles in which a plane cuts a tetrahedron, as edges between its corners, by the number of corners that are kept;
-these come first."""
+"""Triangles in which a plane cuts a tetrahedron, as edges between its corners, by the number of corners behind the
+plane; these come first."""
 
 ROUNDING = 1e-9
 """Nodes are on a cut up to this fraction of the bodies' extent."""
@@ -37,7 +37,7 @@ Paint = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 class View:
-    """The direction from which bodies are seen, without perspective, and the plane that cuts them open.
+    """The direction of an orthogonal projection of bodies, and the plane that cuts them open.
 
     Attributes
     ----------
@@ -47,9 +47,8 @@ class View:
         origin (m); or None
     """
 
-    def __init__(self, points: np.ndarray, output: Mapping[str, Any] | None = None, behind: bool = False) -> None:
-        """Of nodes (nv, d), as the table `output` of a scene asks for; from the opposite side `behind`. Raises
-        InputError where a cut meets no body."""
+    def __init__(self, points: np.ndarray, output: Mapping[str, Any] | None = None) -> None:
+        """Of nodes (nv, d), as the table `output` of a scene asks for. Raises InputError where a cut meets no body."""
         extent, self.solid, self.axes, self.cut = np.ptp(points, axis=0), points.shape[1] > 2, np.eye(3), None
         asked, cut = (output or {}).get("view"), (output or {}).get("cut") or {}
         across = {k: cut[axis] for k, axis in enumerate("xyz") if cut.get(axis) is not None}
@@ -60,10 +59,9 @@ class View:
         low = (extent[0] < 0.99 * extent[1] and 1 not in across) or 0 in across
         chosen = VIEWS[asked] if isinstance(asked, str) else asked or (
             CORNER[0] / (1 + low), ABOVE if 2 in across else CORNER[1])
+        # orthogonal projection: the third axis points to azimuth and elevation, the first is horizontal
         (c, up), (s, high) = np.cos(np.deg2rad(chosen)), np.sin(np.deg2rad(chosen))
         self.axes = np.array([[-s, c, 0.0], [-c * high, -s * high, up], [c * up, s * up, high]])
-        if behind:
-            self.axes[[0, 2]] *= -1.0
         for k, at in across.items():
             low, high = points[:, k].min(), points[:, k].max()
             if not 2.0 * ROUNDING * (high - low) < min(at - low, high - at):
@@ -87,7 +85,7 @@ class Skin:
     Attributes
     ----------
     facets : (f, 3) nodes, counter-clockwise as seen from outside; on a cut they go on after the last node
-    cell, of : (f,) the cell, and which facet of the boundary, or in the plane which cell, each is part of; −1 on a cut
+    cell, of : (f,) the cell of each, and its facet of the boundary, in the plane its cell again; −1 on a cut
     beyond : (k,) how far nodes are in front of the cut, before the bodies move (m)
     """
 
@@ -100,7 +98,8 @@ class Skin:
         if view.cut is None:
             return
         facets, cell = self._cap(points, cells, view.cut[0])
-        kept = (self.beyond[cells] < 0.0).any(axis=1)  # else a cell touches the cut from the front at most
+        # boundary facets behind the cut, of cells that are not wholly in front of it, and the cap
+        kept = (self.beyond[cells] < 0.0).any(axis=1)  # others are in front of the cut
         seen = kept[self.cell] & (self.beyond[self.facets] <= 0.0).any(axis=1)
         self.beyond = np.append(self.beyond, np.zeros(len(self._ends)))
         self.facets, self.of, self.cell = (np.concatenate([old[seen], new]) for old, new in (
@@ -109,19 +108,22 @@ class Skin:
     def _cap(self, points: np.ndarray, cells: np.ndarray, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Triangles (t, 3) in which the cut crosses cells, and the cell (t,) of each."""
         some = np.flatnonzero((self.beyond[cells].min(axis=1) < 0.0) & (self.beyond[cells].max(axis=1) >= 0.0))
-        parts = cell_with(cells.shape[1], 3).parts
-        corners = cells[some][:, parts].reshape(-1, 4)
+        subcells = cell_with(cells.shape[1], 3).parts  # linear tetrahedra
+        corners = cells[some][:, subcells].reshape(-1, 4)
+        # the corners behind the cut first; CROSSED has the edges that cross it
         order = np.argsort(self.beyond[corners] >= 0.0, axis=1, kind="stable")
         corners, kept = np.take_along_axis(corners, order, axis=1), (self.beyond[corners] < 0.0).sum(axis=1)
         edges = np.concatenate([corners[kept == n][:, crossed].reshape(-1, 3, 2) for n, crossed in CROSSED.items()])
-        cell = np.concatenate([np.repeat(some[np.flatnonzero(kept == n) // len(parts)], len(crossed))
+        cell = np.concatenate([np.repeat(some[np.flatnonzero(kept == n) // len(subcells)], len(crossed))
                                for n, crossed in CROSSED.items()])
         key, number = np.unique(edges.min(axis=2) * len(points) + edges.max(axis=2), return_inverse=True)
         self._ends = np.column_stack(np.divmod(key, len(points)))
+        # nodes of the cut, one for each edge that crosses it, by linear interpolation of the distance to the plane
         first, second = self.beyond[self._ends].T
         self._share = first / (first - second)
         triangles, at = number.reshape(-1, 3), self.extended(points)[len(points):]
         a, b, c = at[triangles].transpose(1, 0, 2)
+        # counter-clockwise as seen from the front
         turned = np.cross(b - a, c - a) @ normal < 0.0
         triangles[turned] = triangles[turned][:, ::-1]
         return len(points) + triangles, cell
@@ -155,14 +157,16 @@ class Surface:
 
 
 def rasterise(corners: np.ndarray, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The facet nearest to the eye at all pixels of an image (h, w), or −1; barycentric coordinates (p, 3) of the
-    pixels with a facet, row by row; and the depth (h, w), larger towards the eye.
+    """The z-buffer of an image (h, w): the facet nearest to the eye at all pixels, or −1; barycentric coordinates (p,
+    3) of the pixels with a facet, row by row; and the depth (h, w), larger towards the eye.
 
     Parameters
     ----------
     corners : (f, 3, 4) of the facets; x to the right, y upwards, in pixels from the image's corner, z towards the eye,
         and how far they are beyond a cut
     """
+    # b and c, barycentric coordinates of a facet's second and third corner, depth and distance to the cut are linear in
+    # x and y, so each row of pixels of a facet is an interval: a, b, c ≥ 0, and not beyond the cut
     face, nearest, last = (np.full(shape[0] * shape[1], value) for value in (-1, -np.inf, -1))
     x, y, z, cut = corners[:, 0].T
     one, two = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
@@ -182,6 +186,7 @@ def rasterise(corners: np.ndarray, shape: tuple[int, int]) -> tuple[np.ndarray, 
     first = np.maximum(np.ceil(left + x[facet] - 0.5), 0).astype(int)
     stop = np.clip(np.floor(right + x[facet] + 0.5), 0, shape[1]).astype(int)
     base, ends = z[facet] + of_z[1, facet] * up, np.cumsum(np.maximum(stop - first, 0))
+    # the z-buffer: pixels of all intervals in blocks, of each pixel the nearest facet so far
     for some in np.split(np.arange(len(facet)), np.searchsorted(ends, np.arange(CHUNK, ends[-1:].sum(), CHUNK))):
         line, column = spans(first[some], stop[some])
         line = some[line]
@@ -210,19 +215,24 @@ def outlines(at: np.ndarray, facets: np.ndarray, beyond: np.ndarray) -> np.ndarr
     order = np.argsort(key, kind="stable")
     _, first, count = np.unique(key[order], return_index=True, return_counts=True)
     a, b = (normal[order[np.minimum(first + k, len(order) - 1)] // 3] for k in (0, 1))
+    # a silhouette: one of two facets faces the eye; facets without area have no direction
     flat = ~a.any(axis=1) | ~b.any(axis=1)
     drawn = (count != 2) | ~flat & (
         ((a * b).sum(axis=1) < np.cos(SHARPEST)) | ((a[:, 2] > 0.0) != (b[:, 2] > 0.0)))
     pairs = pairs[order[first[drawn]]]
     pairs = pairs[(beyond[pairs] <= 0.0).any(axis=1)]
     pairs = np.take_along_axis(pairs, np.argsort(beyond[pairs], axis=1), axis=1)
+    # what is beyond the cut goes: the edge ends where the distance, linear along it, is zero
     low, high = beyond[pairs].T
     share = np.where(high > 0.0, low / np.where(high > 0.0, low - high, 1.0), 1.0)[:, None]
     return np.stack([at[pairs[:, 0]], (1.0 - share) * at[pairs[:, 0]] + share * at[pairs[:, 1]]], axis=1)
 
 
 def unhidden(edges: np.ndarray, depth: np.ndarray) -> np.ndarray:
-    """The visible parts (s, 2, 2) of edges (e, 2, 3) in an image with `depth` (h, w), all in pixels."""
+    """The visible segments (s, 2, 2) of edges (e, 2, 3) in an image with `depth` (h, w), all in pixels.
+
+    An edge is sampled once a pixel; visible samples that follow each other make a segment.
+    """
     number = np.ceil(np.abs(np.diff(edges[..., :2], axis=1)).max(axis=(1, 2))).astype(int) + 2
     edge, place = spans(np.zeros(len(edges), int), number)
     t = (place / (number[edge] - 1))[:, None]
@@ -238,4 +248,5 @@ def is_seen(at: np.ndarray, depth: np.ndarray) -> np.ndarray:
     from scipy.ndimage import minimum_filter
 
     column, row = np.clip(at[:, :2].astype(int), 0, np.array(depth.shape)[::-1] - 1).T
+    # the least depth around, less one pixel: an edge is as deep as the facets that it bounds
     return at[:, 2] >= minimum_filter(depth, 3, mode="constant", cval=-np.inf)[row, column] - 1.0

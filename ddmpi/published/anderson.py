@@ -20,13 +20,13 @@ from ddmpi.scene.method import SettledMethod
 from ddmpi.system.numbers import norm
 
 DEPTH = 10
-"""How many earlier steps are remembered."""
+"""Number of earlier steps in the memory."""
 
 MIXING = 0.5
 """θ of the accelerated map."""
 
 PRECISION = 1e-3
-"""η: inner solves are as precise as this times the last outer update."""
+"""η, the precision of inner solves over the last outer update."""
 
 GROWTH = 2.0
 """The memory is dropped when the residual exceeds the smallest so far by this factor."""

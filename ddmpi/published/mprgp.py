@@ -1,16 +1,14 @@
 """MPRGP: modified proportioning with reduced gradient projections, as a TAO type in Python.
 
-Dostál, Schöberl: Minimizing quadratic functions over non-negative vectors with the rate of
-convergence and finite termination, Comput. Optim. Appl. 30 (2005) 23–43; here for bounds on both sides,
-`box.Box`. Without constraints it is the conjugate gradient method.
+Dostál, Schöberl: Minimizing quadratic functions over non-negative vectors with the rate of convergence and finite
+termination, Comput. Optim. Appl. 30 (2005) 23–43. Without constraints it is the conjugate gradient method. Differences
+from the paper:
 
-Differences from the paper:
-
+* bounds are on both sides (`sets.Box`), and a proportioning step ends at the opposite bound;
 * an expansion, where the conjugate gradient step leaves the set, first tries the *projected conjugate gradient step*
   and keeps it if it lowers the objective; otherwise it takes the projected gradient step of fixed length;
-* the proportioning step ends at the opposite bound;
-* the gradient follows the iterates by recurrence: every step costs one multiplication by the
-  Hessian, an expansion two or three.
+* the gradient follows the iterates by recurrence: a step costs one multiplication by the Hessian, an expansion two or
+  three.
 """
 
 from __future__ import annotations
@@ -36,16 +34,16 @@ STEP = 1.9
 """Fixed step times ‖H‖; descent needs less than 2, and ‖H‖ is estimated from below."""
 
 TELLING = 1000
-"""After so many steps, and again and again, the log shows how far the solve has come."""
+"""The log shows the residual after every so many steps."""
 
 
 class TaoType:
-    """A TAO type in Python: what `iterate` of each one works with.
+    """The base of the TAO types in Python.
 
-    The Hessian must be a PETSc matrix. If its Python context has ``norm()``, that estimate of ‖H‖₂ is used; otherwise
-    Lanczos steps make one. The solution satisfies the constraints exactly, and the TAO's gradient vector holds the
-    gradient there. Without `constraints`, the set of feasible points, it takes the variable bounds of the TAO. `steps`
-    has the number of steps of each kind in the last solve.
+    The estimate of ‖H‖₂ is ``norm()`` of the Hessian's Python context if it has that, else from Lanczos steps. The
+    solution satisfies the constraints exactly, and the TAO's gradient vector is the gradient there. `constraints` is
+    the set of feasible points, by default the variable bounds of the TAO. `steps` is the number of steps of each kind
+    in the last solve.
     """
 
     title: str
@@ -78,11 +76,12 @@ class TaoType:
 
     def iterate(self, x: np.ndarray, g: np.ndarray, feasible: Box, multiply: Callable[[np.ndarray], np.ndarray],
                 reduce: Callable[..., list[float]], norm: float) -> int:
-        """Improve x and its gradient g in place; why it ends. `norm` is ‖H‖₂ from below, `reduce` as of `reduction`."""
+        """Improve x and its gradient g in place; the reason of the end. `norm` is ‖H‖₂ from below, `reduce` as of
+        `reduction`."""
         raise NotImplementedError
 
     def _ends(self, residual: float, rounding: float = 0.0) -> int | None:
-        """Why it ends with this residual, or where a step would be `rounding`; else None, and a step counts."""
+        """The reason to end at this residual, or where a step would be `rounding`; else None, and count a step."""
         if not np.isfinite(residual + rounding):
             return TaoReason.DIVERGED_NAN
         if residual <= self._tolerance:
@@ -156,10 +155,8 @@ class MPRGP(TaoType):
 
 
 def reduction(X: PETSc.Vec) -> Callable[..., list[float]]:
-    """The scalar products of pairs of local arrays over all ranks of X, and the `least` of a number of each rank.
-
-    All in one reduction, the same on all ranks.
-    """
+    """A function for scalar products of pairs of local arrays over all ranks of X, and the `least` of all ranks'
+    numbers, in one reduction; the same on all ranks."""
     comm = in_lockstep(X.comm.tompi4py())
 
     def reduce(*vectors: np.ndarray, least: float | None = None) -> list[float]:

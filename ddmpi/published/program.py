@@ -1,4 +1,4 @@
-"""What is solved: a convex quadratic problem with constraints, and how far a point is from solving it."""
+"""A convex quadratic program with constraints, and the residual of a point."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """The published outer iteration: the domain decomposition algorithm (DD)_h of two bodies in dual matrix form.
 
-Written for one body; the other one's rank runs the same lines in the other role. Both hold the same λ, bit for bit,
-because both add the same two vectors.
+The code is that of one body; the rank of the other runs the same lines in the other role. Both have the same λ, bit for
+bit, because both add the same two vectors.
 """
 
 from __future__ import annotations
@@ -20,26 +20,25 @@ from ddmpi.scene.method import SettledMethod
 from ddmpi.system.numbers import norm
 
 FIRST_PRECISION = 0.01
-"""Inner precision of the first iteration, times max‖h_α‖: there is no earlier step to measure by. Times
-‖h_1 + h_2 − gap‖ where that is smaller, as when a body is moved far to touch the other a little."""
+"""Inner precision of the first iteration, which has no earlier step, over max‖h_α‖, or over ‖h_1 + h_2 − gap‖ where
+that is smaller, as when a body is moved far to touch the other a little."""
 
 FIXED_PRECISION = 0.1
-"""η of inner_precision = "fixed", applied to the update that is asked for at the end, from the start."""
+"""η of inner_precision = "fixed", from the start on over the update that the tolerance asks for at the end."""
 
 NEGLECTED = 1e-3
-"""Where the compliance is applied by an iterative solver: the error that a multiplication in a QP may leave, as a share
-of the inner precision at the end. QPs keep their products by recurrence from one outer iteration to the next, so an
-error made in an early one is still in the last."""
+"""Error of a multiplication by an iterative solver in a QP, over the inner precision at the end: QPs keep their
+products by recurrence from one outer iteration to the next, and with them the errors of early ones."""
 
 PASSING = 0.01
-"""There, the precision of a Neumann solve, as a share of η; its result only moves λ."""
+"""Precision of a Neumann solve by an iterative solver, over η; its result only moves λ."""
 
 DIVERGED = 1e8
 """The iteration has diverged when ‖λ‖ exceeds the free contact displacements by this factor."""
 
 
 class PublishedIteration(Outer):
-    """λ, both bodies' contact forces, and the iteration that improves them.
+    """The iteration for λ and the contact forces of both bodies.
 
     Parameters
     ----------
@@ -82,7 +81,7 @@ class PublishedIteration(Outer):
 
     @property
     def forces(self) -> np.ndarray:
-        """The contact forces that obey all bounds (N): each from the role that bounds it."""
+        """The contact forces that obey all bounds (N): each component from the role that bounds it."""
         m = self.interface.m
         tangential = self.s2 if friction_role(self.algorithm) == 2 else self.s1
         return np.concatenate([self.s2[:m], tangential[m:]])[self._owned]
@@ -131,7 +130,7 @@ class PublishedIteration(Outer):
         body, exchange = self.subproblem, self.exchange
         self._bound = self._laws.bound_at(self.s2)
         size = self._step_size
-        if self.method.inner_precision == "fixed":  # as if the last update were this one already
+        if self.method.inner_precision == "fixed":  # as if the last update were that of the end
             size = self.method.tolerance * (norm(self.lam) or self._scale)
         # inner solves are as precise as η ‖λ_{k−1} − λ_{k−2}‖: both are displacements, so that η has no units; a rule
         # relative to the subproblem's right-hand side stalls
@@ -159,7 +158,7 @@ class PublishedIteration(Outer):
         return both[self._lead], both[1 - self._lead]
 
     def refresh(self, u: list[np.ndarray]) -> None:
-        """Take the product C s afresh; the iteration updates it by recurrence."""
+        """Take the product C s from `u`; the iteration updates it by recurrence."""
         self.subproblem.Cs = self.subproblem.member.h - u[0]
 
     def state(self) -> dict[str, Any]:

@@ -1,6 +1,6 @@
-"""A body's part in the published iteration: its QP and its Neumann problem.
+"""The work of one body in the published iteration: its QP and its Neumann problem.
 
-Role 1 is given the contact displacement λ, role 2 the contact condition; the bounds are all that differs:
+Role 1 has the contact displacement λ prescribed, role 2 the contact condition; only the bounds differ:
 
                  role 1                     role 2
     original     none                       s_ν ≥ 0 and |s_t| ≤ g
@@ -67,7 +67,7 @@ class Subproblem:
         ----------
         tolerance : largest norm of the projected gradient (m)
         algorithm : "original" or "modified"
-        split : one Gauss–Seidel sweep, the normal forces with the tangential ones held and then the
+        split : one Gauss–Seidel sweep, the normal forces with fixed tangential ones and then the
             tangential ones, instead of all at once
         neglected : largest error (m) that a multiplication may leave in C s, see `QPSolver.solve`
 

@@ -1,4 +1,4 @@
-"""How a QP is solved: by a TAO type, our MPRGP by default, our APG on discs; options prefix ``qp_``."""
+"""Solves QPs by a TAO type, by default our MPRGP, on discs our APG; options prefix ``qp_``."""
 
 from __future__ import annotations
 
@@ -18,30 +18,30 @@ from ddmpi.sets import Box, Discs
 from ddmpi.system.numbers import norm
 
 LEAST_PRECISE = 1e-2
-"""Largest relative error that a multiplication may be allowed."""
+"""Largest relative error of a multiplication."""
 
 FRESH = 1e-11
-"""Tolerance, relative to the displacements, below which a product that MPRGP updated is computed afresh."""
+"""Tolerance, over the displacements, below which a product that MPRGP updated is computed anew."""
 
 GRADIENT_ROUNDING = float(8 * np.finfo(float).eps)
-"""A projected gradient below this is rounding, relative to the displacements whose difference it is."""
+"""A projected gradient below this fraction of the displacements whose difference it is, is rounding."""
 
 ON_BOUND = 1e-12
-"""An unknown of PETSc's TAO types this near a bound, relative to the largest unknown, is meant to be on it."""
+"""An unknown of PETSc's TAO types this near to a bound, over the largest unknown, is moved onto it."""
 
 MOST = 200
-"""Most iterations, times one more than the number of unknowns: it ends what would never end."""
+"""Most iterations over the number of unknowns plus one."""
 
 MOST_GRADIENTS = 20_000
-"""At least so many are allowed on discs: projected gradients do not end after as many steps as there are unknowns."""
+"""Most iterations on discs, if that is more: projected gradients do not end after as many steps as there are
+unknowns."""
 
 STRICTER = 0.1
-"""Factor on the tolerance when one of PETSc's types stops too early by its own norm (bncg: Fischer's)."""
+"""Factor on the tolerance when a type of PETSc stops too early by its own norm (bncg by Fischer's)."""
 
 ATTEMPTS = 3
-"""One of PETSc's types is started this often on one QP: again if it stopped too early or its line search failed
-(blmvm of 3.26 with tiny friction bounds), from the last point, moved exactly onto its bounds, and without memory."""
-
+"""Most starts of a type of PETSc on one QP: again after it stopped too early or its line search failed (blmvm of 3.26
+with tiny friction bounds), without memory, from the last point, moved exactly onto its bounds."""
 
 Product = Callable[[np.ndarray, float], np.ndarray]
 """C x, counted, from x and the size (m) to which its error is relative."""
@@ -50,11 +50,11 @@ Product = Callable[[np.ndarray, float], np.ndarray]
 class QPSolver:
     """Solves QPs with one TAO type; options prefix ``qp_``.
 
-    Every type gets the same problem, scaled free of units (Hessian and linear term have norm one), and the
-    same stopping test, which is checked again afterwards. For PETSc's types, unknowns whose two bounds
-    coincide are taken out, and the QP is posed for the change from the starting point. MPRGP needs neither,
-    and updates the product C s on its way. bqpip needs a dense Hessian (counted as "explicit"). PETSc's types
-    know bounds only: whatever the type, MPRGP solves what has none, and APG what has discs.
+    Every type gets the same problem without units (Hessian and linear term have norm one), and the same stopping test,
+    which is checked afterwards. For PETSc's types, unknowns with two equal bounds are left out, and the QP is posed for
+    the change from the starting point. MPRGP needs neither, and updates the product C s on its way. bqpip needs a dense
+    Hessian (counted as "explicit"). PETSc's types have bounds only: whatever the type, MPRGP solves QPs without bounds,
+    and APG those with discs.
     """
 
     def __init__(self) -> None:
@@ -85,7 +85,7 @@ class QPSolver:
             return QPResult(start, Cs, qp.residual(start, Cs), 0, {})
         feasible = qp.constraints
         bounds = np.isfinite([feasible.lower, feasible.upper]).any() and not isinstance(feasible, Discs)
-        solve = self._petsc if bounds and self.type != "python" else self._own
+        solve = self._petsc if bounds and self.type != "python" else self._python
         try:
             with event("ContactQP"):
                 result = solve(qp, start, Cs, tolerance, multiply)
@@ -98,14 +98,14 @@ class QPSolver:
             self._release()
         return result
 
-    def _own(self, qp: QP, s: np.ndarray, Cs: np.ndarray, tolerance: float, multiply: Product) -> QPResult:
+    def _python(self, qp: QP, s: np.ndarray, Cs: np.ndarray, tolerance: float, multiply: Product) -> QPResult:
         problem = _Scaled(qp, np.arange(qp.C.size), s, Cs, multiply)
         tao = self._create(problem, "python", tolerance)
         call_solver(tao.solve)
         x, g = tao.getSolution().array_r, tao.getGradient()[0].array_r
         s = problem.unscaled(x, 0.0)
         Cs = problem.displacement * g + qp.d
-        if tolerance < FRESH * problem.displacement:  # the recurrence may have lost it
+        if tolerance < FRESH * problem.displacement:  # the recurrence may be off by rounding
             Cs = multiply(s, problem.displacement)
         steps = dict(tao.getPythonContext().steps)
         return QPResult(s, Cs, qp.residual(s, Cs), tao.getIterationNumber(), steps)
@@ -149,7 +149,7 @@ class QPSolver:
         tao.setTolerances(gatol=tolerance / problem.displacement, grtol=0.0, gttol=0.0)
         if kind == self.type:  # otherwise the options are meant for another type
             tao.setFromOptions()
-        if discs:  # of which no other type knows, whatever the options say
+        if discs:  # no other type solves these, whatever the options say
             tao.setPythonContext(APG(problem.constraints))
         if kind in ("gpcg", "tron") and not PETSc.Options("qp_").hasName("pc_type"):
             tao.getKSP().getPC().setType(PETSc.PC.Type.NONE)  # the Hessian is a shell
@@ -168,8 +168,8 @@ class QPSolver:
 class _Scaled:
     """A QP in scaled unknowns x = s/force on the indices `moving`; Hessian and linear term have norm one.
 
-    The Hessian is applied through the whole operator. The product at the last point is stored, so that
-    objective and gradient at one point cost one multiplication.
+    The Hessian is applied through the whole operator. The last product is stored, so that objective and gradient at one
+    point cost one multiplication.
     """
 
     def __init__(self, qp: QP, moving: np.ndarray, s: np.ndarray, Cs: np.ndarray, multiply: Product) -> None:
@@ -237,7 +237,8 @@ class _Explicit(_Scaled):
         self._matrix = qp.C.dense()[np.ix_(moving, moving)] / self._norm
 
     def vectors(self) -> tuple[PETSc.Vec, PETSc.Vec, PETSc.Vec]:
-        """As before, but instead of infinite bounds those that no point better than the start exceeds."""
+        """As of `_Scaled`, but with finite bounds that no point better than the start exceeds in place of infinite
+        ones."""
         vectors = super().vectors()
         # f(x) ≤ f(start) holds at most ‖x − start‖ = 2 ‖gradient‖/λ_min away, so that bounds beyond bind nowhere
         reach = 2 * norm(self._start_gradient) / np.linalg.eigvalsh(self._matrix)[0]
@@ -247,7 +248,7 @@ class _Explicit(_Scaled):
         return vectors
 
     def unscaled(self, x: np.ndarray, near: float) -> np.ndarray:
-        """As before; an unknown that is nearer to its bound than its multiplier to zero is moved there."""
+        """As of `_Scaled`; an unknown that is nearer to its bound than its multiplier to zero is moved there."""
         g, lower, upper = self._gradient(x), self.constraints.lower, self.constraints.upper
         x = np.where(x - lower <= g, lower, np.where(upper - x <= -g, upper, x))
         return super().unscaled(x, near)

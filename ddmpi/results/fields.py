@@ -21,7 +21,7 @@ from ddmpi.system.agreement import gathered
 from ddmpi.system.files import contact_files, write_rows, writing
 
 Datasets = Mapping[str, np.ndarray]
-"""What result.h5 has of a body or a contact, by name."""
+"""The data of a body or a contact in result.h5, by name."""
 
 KIND = {1: "Scalar", 3: "Vector", 6: "Tensor6"}
 """What XDMF calls a field, by its number of components."""
@@ -33,7 +33,7 @@ AT_CONTACT = ("pressure", "friction", "gap", "slip", "slip_total", "status")
 """The fields of a contact, with a row per line of its table: columns of contact_NAME.csv, stresses by other names."""
 
 AT_CONTACT_IN_SPACE = ("friction_vector", "slip_vector")
-"""So are these, as vectors: the friction that acts on the first body, and how it has slipped past the second."""
+"""Fields of a contact as vectors: the friction on the first body, and its slip past the second."""
 
 AT_STEPS = ("displacement", "stress", "principal", "von_mises", *NODAL, "error", *AT_CONTACT, *AT_CONTACT_IN_SPACE)
 """The datasets that differ from load step to load step."""
@@ -42,16 +42,16 @@ AT_NODES = ("points", "displacement", *NODAL, "initial_gap", *AT_CONTACT, *AT_CO
 """What has a row per node; all else has a row per cell."""
 
 IN_FILES = [0, 3, 5, 1, 4, 2]
-"""Where the columns of `stress` stand in files: σ_xx, σ_xy, σ_xz, σ_yy, σ_yz, σ_zz."""
+"""The places of the columns of `stress` in files: σ_xx, σ_xy, σ_xz, σ_yy, σ_yz, σ_zz."""
 
 SURFACES = "surfaces"
 """The group of result.h5, and in that of a load step, with the fields of contacts, one contact after the other."""
 
 MANY = 10_000
-"""Of more bodies and contacts than this, times load steps, result.xdmf has no grids of their own."""
+"""Most grids of single bodies and contacts, one for each load step, in result.xdmf."""
 
 FEW = 0.02
-"""A node that shares its neighbour's row and has less than this part of its length hardly faces the other side."""
+"""A node that shares its neighbour's row and has less than this fraction of its length hardly faces the other side."""
 
 
 @dataclass(frozen=True)
@@ -94,46 +94,46 @@ def write_fields(path: Path, bodies: Mapping[int, Fields], contacts: Mapping[str
     contacts : `contact_fields` of those that this rank owns, by name
     step : number of a load step before the last one
 
-    Returns (2, 2) of each body and contact its first node and cell in the datasets, and how many it has: of all on the
-    first rank, on others of their own. Collective. Raises OutputError, on all ranks.
+    Returns the span (2, 2) of each body and contact in the datasets: its first node and cell, and their numbers; of all
+    on the first rank, of its own on another. Collective. Raises OutputError, on all ranks.
     """
     everything: dict[str, Mapping[Any, Datasets]] = {
-        "": {number: _datasets_of(each, number) for number, each in bodies.items()}, f"{SURFACES}/": contacts or {}}
-    parts, places, found = {}, {}, dict[int | str, np.ndarray]()
-    for group, own in everything.items():
-        number = np.array([(len(each["points"]), len(each["cells"])) for each in own.values()]).reshape(-1, 2)
+        "": {number: _datasets_of(fields, number) for number, fields in bodies.items()}, f"{SURFACES}/": contacts or {}}
+    arrays, places, spans = {}, {}, dict[int | str, np.ndarray]()
+    for group, entries in everything.items():
+        number = np.array([(len(entry["points"]), len(entry["cells"])) for entry in entries.values()]).reshape(-1, 2)
         mine = number.sum(axis=0, dtype=int)
         ends, total = np.empty_like(mine), np.empty_like(mine)
         MPI.Intracomm(world).Scan(mine, ends)
         world.Allreduce(mine, total)
         first = ends - number[::-1].cumsum(axis=0)[::-1]
-        found |= zip(own, np.stack([first, number], axis=1), strict=True)
-        for name in next(iter(own.values()), ()):
+        spans |= zip(entries, np.stack([first, number], axis=1), strict=True)
+        for name in next(iter(entries.values()), ()):
             if step is None or name in AT_STEPS:
                 kind = 0 if name in AT_NODES else 1
-                parts[group + name] = [each[name] for each in own.values()]
+                arrays[group + name] = [entry[name] for entry in entries.values()]
                 places[group + name] = int(first[0, kind]), int(total[kind])
-        if f"{group}cells" in parts:
-            parts[f"{group}cells"] = [each["cells"] + start for each, start in zip(
-                own.values(), first[:, 0], strict=True)]
-    for name, each in contacts.items() if contacts and step is None else ():
-        for key, data in {"facets": each["cells"], "initial_gap": each["initial_gap"]}.items():
-            parts[f"contacts/{name}/{key}"], places[f"contacts/{name}/{key}"] = [data], (0, len(data))
-    write_rows(path / "result.h5", parts, places, world, None if step is None else group_of(step))
-    return gathered(world, found)
+        if f"{group}cells" in arrays:
+            arrays[f"{group}cells"] = [entry["cells"] + start for entry, start in zip(
+                entries.values(), first[:, 0], strict=True)]
+    for name, surface in contacts.items() if contacts and step is None else ():
+        for key, data in {"facets": surface["cells"], "initial_gap": surface["initial_gap"]}.items():
+            arrays[f"contacts/{name}/{key}"], places[f"contacts/{name}/{key}"] = [data], (0, len(data))
+    write_rows(path / "result.h5", arrays, places, world, None if step is None else group_of(step))
+    return gathered(world, spans)
 
 
 def _datasets_of(fields: Fields, body: int) -> dict[str, np.ndarray]:
     """The datasets of result.h5 of the body number `body`, by name."""
-    parts = {"points": _padded(fields.points), "cells": fields.triangles,
-             "displacement": _padded(fields.displacement), "body": np.full(len(fields.triangles), body)}
+    data = {"points": _padded(fields.points), "cells": fields.triangles,
+            "displacement": _padded(fields.displacement), "body": np.full(len(fields.triangles), body)}
     for where, sigma in ("", fields.stress), ("nodal_", fields.nodal_stress):
         if sigma is not None:
             tensor = np.zeros((len(sigma), 6))
             tensor[:, IN_FILES[:sigma.shape[1]]] = sigma
-            parts |= {f"{where}stress": tensor, f"{where}principal": principal(sigma),
-                      f"{where}von_mises": von_mises(sigma)}
-    return parts if fields.error is None else parts | {"error": fields.error}
+            data |= {f"{where}stress": tensor, f"{where}principal": principal(sigma),
+                     f"{where}von_mises": von_mises(sigma)}
+    return data if fields.error is None else data | {"error": fields.error}
 
 
 def contact_fields(state: ContactState, values: np.ndarray | None = None) -> dict[str, np.ndarray]:
@@ -144,21 +144,21 @@ def contact_fields(state: ContactState, values: np.ndarray | None = None) -> dic
     interface = state.interface
     lines = interface.lines
     values = leg_values(state) if values is None else values
-    found = {"points": _padded(lines.xy), "cells": drawn_facets(lines, interface.axisymmetric),
-             "initial_gap": interface.gap[lines.row]}
-    found |= zip(AT_CONTACT, values[lines.row].T[:len(AT_CONTACT)], strict=True)
+    data = {"points": _padded(lines.xy), "cells": drawn_facets(lines, interface.axisymmetric),
+            "initial_gap": interface.gap[lines.row]}
+    data |= zip(AT_CONTACT, values[lines.row].T[:len(AT_CONTACT)], strict=True)
     if len(values.T) > len(AT_CONTACT):
         force, slip = np.split(values[:, len(AT_CONTACT):], 2, axis=1)
         friction = force / interface.area[:, None] + values[:, :1] * interface.normal
-        found |= zip(AT_CONTACT_IN_SPACE, (friction[lines.row], slip[lines.row]), strict=True)
-    return found
+        data |= zip(AT_CONTACT_IN_SPACE, (friction[lines.row], slip[lines.row]), strict=True)
+    return data
 
 
 def drawn_facets(lines: Lines, axisymmetric: bool = False) -> np.ndarray:
     """The facets (f, d) of a contact that are drawn, by the lines of its table; a node by itself has k alone.
 
     A facet is left out if it hardly faces the other side: two of its nodes share a row, and one has less than FEW of
-    another's length or area and is not on an axis. Drawn, the stress would go on outside of the body. Not collective.
+    another's length or area and is not on an axis. Its stress would be drawn outside of the body. Not collective.
     """
     facets, nodes = lines.facets, np.arange(len(lines.row))
     row, area = np.sort(lines.row[facets], axis=1), lines.area[facets]
@@ -189,20 +189,20 @@ def write_xdmf(path: Path, times: Sequence[float] = (), bodies: Mapping[str, np.
     with writing(path / "result.h5"), h5py.File(path / "result.h5", "r") as file:
         steps, surfaces = ([_described(file, group, group_of(k)) for k in range(max(len(times), 1))]
                            for group in ("/", f"/{SURFACES}"))
-    parts = [(f"contact {name}" if own is contacts and name in (bodies or {}) else name, part, fields)
-             for own, fields in ((bodies, steps), (contacts, surfaces)) for name, part in (own or {}).items()]
+    grids = [(f"contact {name}" if spans is contacts and name in (bodies or {}) else name, span, fields)
+             for spans, fields in ((bodies, steps), (contacts, surfaces)) for name, span in (spans or {}).items()]
     root = Element("Xdmf", Version="3.0")
     domain = SubElement(root, "Domain")
     _add_grids(domain, "bodies", times, steps)
-    if 0 < len(parts) * len(steps) <= MANY:
+    if 0 < len(grids) * len(steps) <= MANY:
         domain[0].set("Reference", "XML")
         domain[0].text = f"/Xdmf/Domain/Grid{'/Grid[1]' * bool(times)}/Information/Grid"
         first = domain[0][0] if times else domain[0]
         hidden = SubElement(first, "Information", Name="named")
         hidden.text = "<none/>"  # as meshio reads it
         named = SubElement(hidden, "Grid", Name="results", GridType="Collection", CollectionType="Spatial")
-        for name, part, fields in parts:
-            _add_grids(named, name, times, fields, part, alone=1.0)
+        for name, span, fields in grids:
+            _add_grids(named, name, times, fields, span, alone=1.0)
     _write_document(path / "result.xdmf", root)
     if times:
         root = Element("Xdmf", Version="3.0")
@@ -238,22 +238,22 @@ def _write_document(path: Path, root: Element) -> None:
 
 
 def group_of(step: int) -> str:
-    """Where result.h5 has the fields of a load step before the last one."""
+    """The group of result.h5 with the fields of a load step before the last one."""
     return f"step_{step:06d}"
 
 
 def _described(file: Any, group: str, step: str = "") -> dict[str, tuple[str, tuple[int, ...], str]]:
     """Path, shape and kind of the datasets in a group of result.h5, by name; those of a load step in their place."""
-    own, changed = datasets(file.get(group, {})), datasets(file.get(f"{step}{group}", {})) if step else {}
-    kept = {name: own[name] for name in own if not changed or name not in AT_STEPS} | changed
+    last, changed = datasets(file.get(group, {})), datasets(file.get(f"{step}{group}", {})) if step else {}
+    kept = {name: last[name] for name in last if not changed or name not in AT_STEPS} | changed
     return {name: (data.name, data.shape, data.dtype.kind) for name, data in kept.items()}
 
 
 def _add_grids(parent: Element, name: str, times: Sequence[float], steps: Sequence[Mapping[str, tuple]],
-               part: np.ndarray | None = None, alone: float | None = None) -> None:
-    """Add grids to an element of XDMF: of each time one, in a collection, or one of the time `alone`, if that is any.
+               span: np.ndarray | None = None, alone: float | None = None) -> None:
+    """Add grids to an element of XDMF: a collection with one for each time, or a single one with the time `alone`.
 
-    A grid has the mesh and the fields of its step, `_described`; of these a `part`, as of `write_fields`.
+    A grid has the mesh and the fields of its step, `_described`, or the `span` of them, as of `write_fields`.
     """
     if times:
         parent = SubElement(parent, "Grid", Name=name, GridType="Collection", CollectionType="Temporal")
@@ -262,13 +262,13 @@ def _add_grids(parent: Element, name: str, times: Sequence[float], steps: Sequen
         if time is not None:
             SubElement(grid, "Time", Value=repr(time))
         for field, stored in fields.items():
-            _add_field(grid, field, stored, part)
+            _add_field(grid, field, stored, span)
 
 
-def _add_field(grid: Element, name: str, stored: tuple[str, tuple[int, ...], str], part: np.ndarray | None) -> None:
-    """Add what is `stored` of a field, or a part of it, to a grid."""
+def _add_field(grid: Element, name: str, stored: tuple[str, tuple[int, ...], str], span: np.ndarray | None) -> None:
+    """Add a `stored` field, or a span of it, to a grid."""
     (path, shape, kind), nodal = stored, name in AT_NODES
-    start, number = (0, shape[0]) if part is None else part[:, 0 if nodal else 1].tolist()
+    start, number = (0, shape[0]) if span is None else span[:, 0 if nodal else 1].tolist()
     if name == "points":
         parent = SubElement(grid, "Geometry", GeometryType="XYZ")
     elif name == "cells":
@@ -276,12 +276,12 @@ def _add_field(grid: Element, name: str, stored: tuple[str, tuple[int, ...], str
         parent = SubElement(grid, "Topology", TopologyType=topology, NumberOfElements=str(number))
         if topology == "Polyline":
             parent.set("NodesPerElement", "2")
-        if part is not None:
-            parent.set("BaseOffset", str(part[0, 0]))
+        if span is not None:
+            parent.set("BaseOffset", str(span[0, 0]))
     else:
         parent = SubElement(grid, "Attribute", Name=name, AttributeType=KIND[int(np.prod(shape[1:]))],
                             Center="Node" if nodal else "Cell")
-    if part is not None:
+    if span is not None:
         parent = SubElement(parent, "DataItem", ItemType="HyperSlab", Dimensions=_words(number, *shape[1:]))
         slab = np.array([[start, 1, number], *([0, 1, size] for size in shape[1:])])
         item = SubElement(parent, "DataItem", DataType="Int", Format="XML", Dimensions=f"3 {len(shape)}")
@@ -300,16 +300,16 @@ def _padded(array: np.ndarray) -> np.ndarray:
 
 
 def linear_triangles(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Cells (nt, k) in the plane as triangles between neighbouring nodes, and the cell that each is part of."""
-    parts = cell_with(cells.shape[1], 2).parts
-    return cells[:, parts].reshape(-1, 3), np.repeat(np.arange(len(cells)), len(parts))
+    """Cells (nt, k) in the plane as triangles between neighbouring nodes, and the cell of each."""
+    subcells = cell_with(cells.shape[1], 2).parts
+    return cells[:, subcells].reshape(-1, 3), np.repeat(np.arange(len(cells)), len(subcells))
 
 
 def owners(results: Results) -> np.ndarray:
     """(nv,) the number of the body that each node belongs to."""
-    found = np.zeros(len(results.fields["points"]), int)
-    found[results.fields["cells"]] = results.fields["body"][:, None]
-    return found
+    owner = np.zeros(len(results.fields["points"]), int)
+    owner[results.fields["cells"]] = results.fields["body"][:, None]
+    return owner
 
 
 def vectors(table: Columns, name: str = "") -> np.ndarray:

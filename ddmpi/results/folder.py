@@ -46,12 +46,12 @@ FILES = {
     "result.h5": "the data of result.xdmf: points, displacement, nodal_stress, nodal_principal, nodal_von_mises by "
                  "node, stresses recovered from the cells around it; cells, body (its number), stress "
                  "(xx, xy, xz, yy, yz, zz), principal (the largest first), von_mises, error by cell; earlier load "
-                 "steps in groups step_000000, …; in surfaces what contacts have, one after the other; in "
+                 "steps in groups step_000000, …; in surfaces the data of contacts, one after the other; in "
                  "contacts/NAME the facets, pairs of lines of contact_NAME.csv "
                  "whose nodes are neighbours, of solids triples, and initial_gap of each line at the factor 1 of its "
                  "history",
     "bodies.png": "the deformed bodies, coloured by von Mises stress, else by displacement. Displacements are enlarged "
-                  "as the title says, grey outlines are undeformed, and what touches is drawn touching",
+                  "as the title says, grey outlines are undeformed, and closed contacts are drawn closed",
     "contact.png": "of one contact: stresses, slip bound, gap and slip along the contact, and its zones; of solids, "
                    "pressure, friction with arrows of slip, zones and gap as seen from the front, or unrolled about an "
                    "axis",
@@ -63,14 +63,14 @@ FILES = {
                  "solids, loops of the tangential force, energies, forces and numbers of nodes over time",
     "animation.gif": "with load steps, if asked for: the moving bodies",
     "error.png": "if asked for: where the estimated discretization error is",
-    "mechanism.json": "where there is no equilibrium: centres of the bodies that no clamp holds and their velocities "
+    "mechanism.json": "where there is no equilibrium: centres of the loose bodies and their velocities "
                       "(x, y, turning; in space x, y, z, and turning about them) in the mechanism, of which the "
                       "fastest node has 1",
-    "mechanism.png": "the bodies as they stand and as the mechanism would move them, in place of all other pictures",
-    "path.csv": "what `ddmpi path` has found along a line",
-    "report.html": "what `ddmpi report` has made of all these",
+    "mechanism.png": "the bodies at rest and moved by the mechanism, in place of all other pictures",
+    "path.csv": "displacements and stresses along a line, by `ddmpi path`",
+    "report.html": "the report of all these, by `ddmpi report`",
     "checkpoint.h5": "of an interrupted run, for --restart; completed runs have none"}
-"""What a folder of results may hold; NAME is that of a contact. docs/reference/results.md shows this."""
+"""The files of a folder of results; NAME is that of a contact. docs/reference/results.md shows this."""
 
 
 @contextlib.contextmanager
@@ -105,7 +105,7 @@ def choose_folder(wanted: str | None, restart: str | None, scene: str) -> Iterat
 
 
 def _make(folder: Path) -> bool:
-    """Make the folder; whether it was not there. Raises InputError."""
+    """Make the folder; whether it is new. Raises InputError."""
     try:
         folder.mkdir(parents=True)
     except OSError as error:
@@ -116,7 +116,7 @@ def _make(folder: Path) -> bool:
 
 
 def running(folder: Path) -> str:
-    """Host and process of another run that has claimed `folder`; nothing where there is none, or it has ended.
+    """Host and process of another run that has claimed `folder`; empty if there is none, or it has ended.
 
     On another host, only a run of the same batch job has certainly ended. Not collective. Raises OSError.
     """
@@ -145,17 +145,17 @@ def _is_alive(process: int) -> bool:
 
 
 def _claim(folder: Path) -> None:
-    """Claim the folder, and remove what a killed run has left. Raises OSError, InputError where another run has it. Of
-    several runs that come upon the claim of a killed one, the one that renames the folder in it has it."""
+    """Claim the folder, and remove the files of a killed run. Raises OSError, InputError where another run has it. Of
+    several runs that find the claim of a killed one, the first to rename the folder in it wins."""
     claim, ours = folder / UNFINISHED, folder / f"{UNFINISHED}-{whereabouts()}"
     if claim.is_symlink():
         raise InputError(f"--output {folder}: {claim} is a link; remove it")
-    found = list(claim.glob("*"))
-    if all(_has_ended(left.name) for left in found):
+    claimants = list(claim.glob("*"))
+    if all(_has_ended(left.name) for left in claimants):
         try:
-            for left in found:
+            for left in claimants:
                 left.rename(claim / whereabouts())
-            if found:
+            if claimants:
                 _clear(claim)
             for left in folder.glob(f"{UNFINISHED}-*"):
                 if not left.is_dir():
@@ -172,7 +172,7 @@ def _claim(folder: Path) -> None:
 
 
 def _refuse_taken(folder: Path, restart: str | None) -> None:
-    """InputError where the folder holds what may not be there, or results. Raises OSError."""
+    """Raise InputError where the folder holds results or other files. Raises OSError."""
     present = sorted(os.listdir(folder))
     if SUMMARY in present:
         raise InputError(f"--output {folder}: there are results already ({SUMMARY}); nothing is overwritten, so name "
@@ -212,8 +212,8 @@ class Staging:
         Raises OutputError, TakenError where one of these files is there already; `discard` then leaves no result.
         """
         with writing(self.folder):
-            found = {*os.listdir(self.path), *(name for name in others if os.path.lexists(self.path / name))}
-            names = [name for name in found if not name.startswith(".")]
+            written = {*os.listdir(self.path), *(name for name in others if os.path.lexists(self.path / name))}
+            names = [name for name in written if not name.startswith(".")]
             names.sort(key=lambda name: (name == SUMMARY, name))
             taken = [name for name in names if os.path.lexists(self.folder / name)]
             if taken:

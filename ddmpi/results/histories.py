@@ -18,19 +18,19 @@ from ddmpi.results.tables import PATH, Columns, Results, datasets, leg_columns, 
 from ddmpi.system.numbers import in_words
 
 INSIDE, OUTSIDE = -1e-6, -0.05
-"""A place is in a cell if no barycentric coordinate is below the first, hardly outside if none is below the second."""
+"""A place is in a cell if its barycentric coordinates are above INSIDE, hardly outside if they are above OUTSIDE."""
 
 MOST, FARTHEST = 100_000, 1e150
-"""A path has at most so many points; their coordinates are below the second, of which squares are numbers (m)."""
+"""Most points of a path, and their largest coordinate (m), whose square does not overflow."""
 
 NEWTON = 8
-"""Steps to the barycentric coordinates of a place; straight cells need one."""
+"""Newton steps to the barycentric coordinates of a place; straight cells need one."""
 
 
 def step_times(folder: Path) -> list[float]:
     """The ends of the load steps whose fields are in the `folder`; none without [time]."""
     document = ElementTree(file=folder / "result.xdmf")
-    return [float(each.attrib["Value"]) for each in document.findall("Domain/Grid/Grid/Time")]
+    return [float(element.attrib["Value"]) for element in document.findall("Domain/Grid/Grid/Time")]
 
 
 def at_step(results: Results, folder: Path, asked: float | None = None) -> Results:
@@ -39,9 +39,9 @@ def at_step(results: Results, folder: Path, asked: float | None = None) -> Resul
 
     The load is the sum of the factors of all histories, without signs, each over its largest one.
 
-    What the summary has of the last step alone is None: strain energies, estimated errors, overlaps between nodes. The
-    certificate and what friction dissipates stay those of all steps. Without load steps, or without an answer,
-    `results` are as they were read. Not collective. Raises InputError where the time `asked` for has no fields.
+    Entries of the summary that are known for the last step alone are None: strain energies, estimated errors, overlaps
+    between nodes. The certificate and the dissipation stay those of all steps. Without load steps, or without an
+    answer, `results` are as they were read. Not collective. Raises InputError where the time `asked` for has no fields.
     """
     import h5py
 
@@ -50,28 +50,29 @@ def at_step(results: Results, folder: Path, asked: float | None = None) -> Resul
     if asked is None:
         if len(times) == 0 or not results.summary["converged"]:
             return results
+        # Σ |factor| / max |factor| over all histories, at the times of the steps
         loads = np.zeros(len(times))
         for history in results.summary["scene"].get("history", {}).values():
             loads += np.abs(np.interp(times, history["times"], history["factors"])) / (
                 np.abs(history["factors"]).max() or 1.0)
         asked = times[loads >= loads.max() - 1e-9][-1]
-    there = np.flatnonzero(np.abs(times - asked) <= 1e-9 * abs(asked))
-    if len(there) == 0:
+    matching = np.flatnonzero(np.abs(times - asked) <= 1e-9 * abs(asked))
+    if len(matching) == 0:
         raise InputError(f"{folder}: there are no fields of time {asked:g}; the times that have some: "
                          f"{', '.join(f'{time:g}' for time in times) or 'none'}")
-    time = float(times[there[0]])
+    time = float(times[matching[0]])
     with h5py.File(folder / "result.h5", "r") as file:
-        if group_of(there[0]) not in file:  # it is the last step
+        if group_of(matching[0]) not in file:  # it is the last step
             return replace(results, time=time)
-        fields = results.fields | {name: data[()] for name, data in datasets(file[group_of(there[0])]).items()}
+        fields = results.fields | {name: data[()] for name, data in datasets(file[group_of(matching[0])]).items()}
     contacts = {}
     for name, legs in results.legs.items():
         table = results.contacts[name] | {column: legs[column][legs["time"] == time]
                                           for column in leg_columns(results.dimension)}
         area = table["length"] if "length" in table else table["area"]
         contacts[name] = table | {f"{kind}_force": table[f"{kind}_stress"] * area for kind in ("normal", "tangential")}
-    entry = next(each for each in results.summary["steps"] if each["time"] == time)
-    step, rigid, forces = entry["contacts"], entry.get("rigid", {}), entry.get("bodies", {})
+    entry = next(step for step in results.summary["steps"] if step["time"] == time)
+    totals, rigid, forces = entry["contacts"], entry.get("rigid", {}), entry.get("bodies", {})
     moved, owner = np.linalg.norm(fields["displacement"], axis=1), owners(results)
     unknown: dict[str, Any] = {"energy": None, "reaction": (None,) * results.dimension, "discretization_error": None,
                                "loads": {}, "reactions": {}}
@@ -82,8 +83,8 @@ def at_step(results: Results, folder: Path, asked: float | None = None) -> Resul
     summary = results.summary | {
         "displacement_max": float(moved.max()), "bodies": bodies, "rigid": rigid,
         "discretization_error": results.summary["discretization_error"] | {"energy_norm": None},
-        "contacts": {name: entry | unknown | step[name] | {"dissipated": entry["dissipated"],
-                                                           "pressure_max": _largest(contacts[name]["normal_stress"])}
+        "contacts": {name: entry | unknown | totals[name] | {
+            "dissipated": entry["dissipated"], "pressure_max": _largest(contacts[name]["normal_stress"])}
                      for name, entry in results.summary["contacts"].items()}}
     sides = {name: _means(table, contacts[name], results.axisymmetric) for name, table in results.sides.items()}
     return replace(results, summary=summary, contacts=contacts, fields=fields, time=time, sides=sides)
@@ -95,8 +96,9 @@ def _largest(stress: np.ndarray) -> float | None:
 
 
 def _means(sides: Columns, nodes: Columns, axisymmetric: bool) -> Columns:
-    """The table of sides with means of the stresses at their three `nodes`."""
+    """The table of sides with means of the stresses at their three `nodes`, of which the table has the middle one."""
     row = {place: k for k, place in enumerate(zip(nodes["x"], nodes["y"], strict=True))}
+    # the nodes of a quadratic side are neighbours in the table; in a closed contact the first row follows the last one
     middle = np.array([row[place] for place in zip(sides["x"], sides["y"], strict=True)], int)
     three = np.stack([middle - 1, (middle + 1) % len(row), middle], axis=1)
     return sides | {column: side_means(nodes[column][three], vectors(nodes)[three], axisymmetric)
@@ -104,12 +106,12 @@ def _means(sides: Columns, nodes: Columns, axisymmetric: bool) -> Columns:
 
 
 def along(results: Results, start: Sequence[float], end: Sequence[float], number: int) -> Columns:
-    """The columns PATH at so many places, evenly from `start` to `end` (d,), by shape functions from the nodes.
+    """The columns PATH at `number` places, evenly from `start` to `end` (d,), by shape functions from the nodes.
 
-    A place in no body has no line, unless it is hardly outside, as where a body's curved side is a chord in the mesh;
-    one at which bodies touch has a line for each. Bodies have not moved yet. Not collective. Raises InputError.
+    A place outside all bodies has no line, unless it is hardly outside, as where the mesh has a chord for a curved
+    side; where bodies touch, each has a line. Places are undeformed. Not collective. Raises InputError.
     """
-    d, (first, last) = results.dimension, (np.array(each) for each in (start, end))
+    d, (first, last) = results.dimension, (np.array(point) for point in (start, end))
     alike = {len(first), len(last)} == {d} and np.abs([first, last]).max() < FARTHEST
     if not alike or not np.linalg.norm(last - first) or not 2 <= number <= MOST:
         raise InputError(f"a path has two different ends with {d} coordinates each, and 2 to {MOST} points")
@@ -121,37 +123,39 @@ def along(results: Results, start: Sequence[float], end: Sequence[float], number
     nodes = results.fields["cells"][cell]
     shapes = cell_with(nodes.shape[1], d).shapes(at)
 
-    def there(values: np.ndarray) -> np.ndarray:
+    def interpolated(values: np.ndarray) -> np.ndarray:
         return np.einsum("pk,pkc->pc", shapes, values[nodes])
 
-    axes, found = "xyz"[:d], {"distance": length * share[place]}
-    found |= zip(axes, places[place].T, strict=True)
-    found["body"] = np.array(list(results.summary["bodies"]))[results.fields["body"][cell]]
-    found |= zip((f"displacement_{axis}" for axis in axes), there(results.displacement()).T, strict=True)
+    axes, columns = "xyz"[:d], {"distance": length * share[place]}
+    columns |= zip(axes, places[place].T, strict=True)
+    columns["body"] = np.array(list(results.summary["bodies"]))[results.fields["body"][cell]]
+    columns |= zip((f"displacement_{axis}" for axis in axes), interpolated(results.displacement()).T, strict=True)
     if "nodal_stress" in results.fields:
-        sigma = there(results.fields["nodal_stress"])[:, IN_FILES[:2 * d]]
+        sigma = interpolated(results.fields["nodal_stress"])[:, IN_FILES[:2 * d]]
         for kind, values in ("stress", sigma), ("principal", principal(sigma)):
-            found |= zip((name for name in PATH if name.startswith(kind)), values.T, strict=False)
-        found["von_mises"] = von_mises(sigma)
-    return found
+            columns |= zip((name for name in PATH if name.startswith(kind)), values.T, strict=False)
+        columns["von_mises"] = von_mises(sigma)
+    return columns
 
 
 def _located(points: np.ndarray, cells: np.ndarray, body: np.ndarray, places: np.ndarray,
              ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Which of some `places` lies in which cell, the best of each body (nt,), and its barycentric coordinates there."""
+    """The numbers of `places` that are in a cell, the best cell of each `body` (nt,), and barycentric coordinates."""
     low, high = (extreme.reduce([points[node] for node in cells.T]) for extreme in (np.minimum, np.maximum))
     low, high = low + OUTSIDE * (high - low), high - OUTSIDE * (high - low)
     near = np.flatnonzero(((low <= places.max(axis=0)) & (high >= places.min(axis=0))).all(axis=1))
-    pairs = [near[((low[near] <= each) & (high[near] >= each)).all(axis=1)] for each in places]
-    place, cell = np.repeat(np.arange(len(places)), [len(each) for each in pairs]), np.concatenate(pairs)
+    candidates = [near[((low[near] <= point) & (high[near] >= point)).all(axis=1)] for point in places]
+    place, cell = np.repeat(np.arange(len(places)), list(map(len, candidates))), np.concatenate(candidates)
     kind, nodes = cell_with(cells.shape[1], points.shape[1]), points[cells[cell]]
     at = np.full((len(cell), points.shape[1] + 1), 1.0 / (points.shape[1] + 1))
+    # x(ξ) = Σ N_k(ξ) x_k for ξ, by Newton's method from the centroid
     for _ in range(NEWTON if nodes.shape[1] > at.shape[1] else 1):
         off = places[place] - np.einsum("pk,pkd->pd", kind.shapes(at), nodes)
         step = np.linalg.solve(np.einsum("apk,pkd->pda", kind.derivatives(at), nodes), off[:, :, None])[:, :, 0]
         inner = np.clip(at[:, 1:] + step, -1.0, 2.0)
         at = np.column_stack([1.0 - inner.sum(axis=1), inner])
     inside = at.min(axis=1)
+    # hardly outside counts where a place is in no cell; of each place and body the cell that it is deepest in
     kept = inside >= INSIDE
     kept |= (inside >= OUTSIDE) & ~np.isin(place, place[kept])
     order = np.lexsort((-inside, body[cell], place))

@@ -19,16 +19,16 @@ from ddmpi.scene.scene import units
 from ddmpi.system.files import MECHANISM, writing
 
 PRECISION = 1e-8
-"""Components of a force below this part of it are told as zero: rounding, and what iterations leave."""
+"""Components of a force below this fraction of it are told as zero: they are errors of rounding and iterations."""
 
 
 class Row(str):
-    """The meaning of an entry that the log and the report tell as well.
+    """The meaning of an entry that the log and the report have as well.
 
     Attributes
     ----------
-    words : that they have for it
-    quantity : that it is an amount of, for its unit: a key of `units`, or "%"; empty for counts and names
+    words : the entry's name there
+    quantity : of its unit, a key of `units`, or "%"; empty for counts and names
     """
 
     words: str
@@ -41,12 +41,12 @@ class Row(str):
 
 
 RESIDUALS = {
-    "force_mismatch": "how far the contact forces of the two bodies are from cancelling, over the forces",
+    "force_mismatch": "difference of the contact forces of the two bodies, over the forces",
     "penetration": "the largest overlap at the nodes, or opening where bonded, over the size of the contact "
                    "displacements",
     "complementarity": "force across open nodes, and tension",
-    "friction": "how far tangential forces are from the friction law, over the largest force",
-    "equilibrium": "what is left of the balance of forces in a body, over its loads"}
+    "friction": "distance of tangential forces from the friction law, over the largest force",
+    "equilibrium": "imbalance of the forces in a body, over its loads"}
 """What each residual of the certificate means."""
 
 SUMMARY = {
@@ -57,7 +57,7 @@ SUMMARY = {
     "outer": "the method's", "algorithm": "the method's", "splitting": "the method's",
     "friction": "the laws of all contacts",
     "order": "of the elements",
-    "n": "unknowns of all bodies: degrees of freedom that no clamp holds",
+    "n": "unknowns of all bodies: degrees of freedom that no clamp constrains",
     "m": "contact nodes",
     "ranks": "their number",
     "outer_iterations": "of all load steps",
@@ -79,16 +79,16 @@ SUMMARY = {
     "bodies.NAME.loads.GROUP.moment": Row("moment", "moment", "x F_y − y F_x of the same forces, in space [x, y, z], "
         "about the origin"),
     "bodies.NAME.reactions.GROUP.force": "resultant of the forces of clamps and foundations on a group. Where groups "
-        "share nodes, the force on a node is split along the directions that clamps hold; each counts for one clamp, "
-        "the last one in the scene that holds it; all reactions together are reaction",
+        "share nodes, the force on a node is split along the clamped directions; each counts for one clamp, the last "
+        "one in the scene that constrains it; all reactions together are reaction",
     "bodies.NAME.reactions.GROUP.moment": "of the same forces about the origin",
     "bodies.NAME.discretization_error": Row("estimated error", "%", "its part of the estimated error, relative to the "
         "energy norm of all bodies"),
-    "bodies.NAME.n_A_by_purpose": "n_A in parts",
+    "bodies.NAME.n_A_by_purpose": "n_A by what the multiplications were for",
     "bodies.NAME.inner_steps": "steps of inner solvers, by kind",
-    "bodies.NAME.solver": Row("solver", "", "how A is solved with"),
+    "bodies.NAME.solver": Row("solver", "", "how systems with A are solved"),
     "bodies.NAME.compliance": Row("compliance", "", "how C = B A⁻¹ Bᵀ is applied: explicit, direct or iterative"),
-    "bodies.NAME.memory_mib": "the most memory that its ranks have held, MiB",
+    "bodies.NAME.memory_mib": "the largest memory of its ranks, MiB",
     "bodies.NAME.certificate.equilibrium": Row("equilibrium", "", RESIDUALS["equilibrium"]),
     "contacts.NAME.m": Row("nodes", "", "its nodes"),
     "contacts.NAME.pairing": "nodes or mortar",
@@ -112,7 +112,7 @@ SUMMARY = {
     "contacts.NAME.pointwise_penetration": Row("penetration between nodes up to", "length", "largest overlap at any "
         "point, also between the nodes; warned of"),
     "contacts.NAME.moment_imbalance": Row("moment imbalance", "moment", "where nodes do not match: by how much the "
-        "moments of the two bodies' forces differ, because they act on nodes that stand apart; without a limit"),
+        "moments of the two bodies' forces differ, because they act on different nodes; without a limit"),
     "contacts.NAME.moment_imbalance_bound": Row("bound", "moment", "the bound on it"),
     "rigid.NAME.displacement": Row("displacement", "length", "[x, y], in space [x, y, z]: of a rigid partner that "
         "bodies may touch"),
@@ -145,8 +145,8 @@ SUMMARY = {
     "undetermined": "rigid motions that no contact resists, in words",
     "seconds": "by phase, of the slowest rank",
     "exchange": "the most that a rank has sent: messages and bytes of interface vectors to its neighbours; reductions "
-        "over all ranks, of flags, scalars and coarse problems, and reduced_bytes, what it gave to them; without "
-        "PETSc's own in Krylov methods",
+        "over all ranks, of flags, scalars and coarse problems, and reduced_bytes, its contribution to them; without "
+        "those of PETSc in Krylov methods",
     "solvers": "qp: TAO type of the quadratic subproblems, or none; in space those with friction have discs, and "
         "python (APG) solves them whatever it is",
     "options": "PETSc's",
@@ -185,13 +185,13 @@ def count(contacts: Iterable[Mapping[str, Any]]) -> str:
 
 
 def largest(entries: Mapping[str, Mapping], key: str) -> tuple[float | None, str]:
-    """The largest value of the `entries` by name, and whose it is; None, and the first name, where none has one."""
+    """The largest value of the `entries`, and its name; None, and the first name, if all are None."""
     name = max(entries, default="", key=lambda name: -math.inf if entries[name][key] is None else entries[name][key])
     return entries[name][key] if name else None, name
 
 
 def as_float(value: float | None) -> float:
-    """A number of a summary, which has None for those that are not finite."""
+    """A number of a summary, NaN for None."""
     return math.nan if value is None else value
 
 
@@ -213,37 +213,38 @@ def summarize(scene: dict, run: Mapping[str, Any], bodies: Mapping[str, dict], c
     entries = {name: body | {"n_A": sum(body["n_A_by_purpose"].values()),
                              "certificate": {"equilibrium": certificate.equilibrium[name]}}
                for name, body in bodies.items()}
-    n_A, m = sum(entry["n_A"] for entry in entries.values()), sum(each.m for each in contacts.values())
-    found = plain({
+    n_A, m = sum(entry["n_A"] for entry in entries.values()), sum(contact.m for contact in contacts.values())
+    summary = plain({
         "format": FORMAT, "title": scene["title"],
         "outer": method["outer"], "algorithm": method.get("algorithm") or method["outer"],
         "splitting": method.get("splitting") or "none",
-        "friction": ", ".join(dict.fromkeys(each.law for each in contacts.values())),
+        "friction": ", ".join(dict.fromkeys(contact.law for contact in contacts.values())),
         "n": sum(body["n"] for body in bodies.values()), "m": m, "n_A": n_A,
         "eff": n_A / (2 * m) if m else None, "bodies": entries,
-        "contacts": {name: _contact(each) | {
+        "contacts": {name: _contact(contact) | {
             "certificate": certificate.contacts[name]._asdict(),
             "dissipated": np.sum(np.array([step["contacts"][name]["dissipated"] for step in run["steps"]], float))}
-            for name, each in contacts.items()},
+            for name, contact in contacts.items()},
         "rigid": rigid_partners(contacts.values()),
         "certificate": {kind: value for kind, (value, _) in certificate.worst().items()},
         "displacement_max": np.max([body["displacement_max"] for body in bodies.values()]),
         "units": units(scene, dimension), "seconds": {}, "scene": scene, **run})
-    return {name: found[name] for name in dict.fromkeys(key.partition(".")[0] for key in SUMMARY) if name in found}
+    return {name: summary[name] for name in dict.fromkeys(key.partition(".")[0] for key in SUMMARY) if name in summary}
 
 
 def rigid_partners(contacts: Iterable[ContactTotals]) -> dict[str, dict[str, np.ndarray]]:
     """Displacement (m) and force (N) (d,) of each rigid partner that bodies may touch, by its name."""
-    found: dict[str, dict[str, np.ndarray]] = {}
-    for each in contacts:
-        if each.rigid is not None:
-            entry = found.setdefault(each.bodies[1], {"displacement": each.rigid, "force": np.zeros(len(each.rigid))})
-            entry["force"] = entry["force"] - each.force
-    return found
+    partners: dict[str, dict[str, np.ndarray]] = {}
+    for contact in contacts:
+        if contact.rigid is not None:
+            entry = partners.setdefault(contact.bodies[1], {"displacement": contact.rigid,
+                                                            "force": np.zeros(len(contact.rigid))})
+            entry["force"] = entry["force"] - contact.force
+    return partners
 
 
 def factor_at(summary: dict, name: str | None, time: float | None) -> float:
-    """The factor at `time`, else at the last load step, of the history with a name; 1 of none."""
+    """The factor of the history `name` at `time`, by default at the last load step; 1 without a history."""
     history = summary["scene"].get("history", {}).get(name)
     if not history:
         return 1.0
@@ -252,13 +253,13 @@ def factor_at(summary: dict, name: str | None, time: float | None) -> float:
 
 
 def displacement_at(summary: dict, rigid: Rigid, time: float | None) -> np.ndarray:
-    """The displacement (d,) of a rigid partner at `time`, else at the last load step (m)."""
+    """The displacement (d,) of a rigid partner at `time`, by default at the last load step (m)."""
     if not rigid.pushed:
         return factor_at(summary, rigid.history, time) * np.array(rigid.displacement)
     at = {0.0: [0.0] * len(rigid.force or ())} | {
         step["time"]: step["rigid"][rigid.name]["displacement"] for step in summary.get("steps", ())}
     now = max(at) if time is None else time
-    return np.array([np.interp(now, list(at), each) for each in zip(*at.values(), strict=True)])
+    return np.array([np.interp(now, list(at), component) for component in zip(*at.values(), strict=True)])
 
 
 def write_summary(path: Path, summary: dict) -> None:

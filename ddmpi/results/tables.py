@@ -23,7 +23,7 @@ FORMAT = 2
 """Version of the layout of all result files. Names and meanings of one format stay; entries may be added."""
 
 WIDE = 68
-"""So many letters of a title fit into a line of the narrowest picture."""
+"""Letters of a title in a line of the narrowest picture."""
 
 # What each table has: the meaning of its columns by name. docs/reference/results.md shows these.
 
@@ -93,8 +93,8 @@ STEPS_IN = {
 ENERGY = {
     "time": "end of the load step", "external_work": "of loads, clamps, heat and rigid partners since time 0",
     "strain_energy": "of all bodies", "interface_work": "of the contact forces since time 0",
-    "dissipated": "its part that friction takes",
-    "residual": "what external work exceeds the growth of strain energy and interface work by, of the step"}
+    "dissipated": "friction's part of it",
+    "residual": "external work of the step less the growth of strain energy and interface work"}
 
 PATH = {
     "distance": "from the start", "x": "place before the bodies move", "y": "", "z": "in space",
@@ -109,7 +109,7 @@ PATH = {
 def write_contact(path: Path, name: str, state: ContactState) -> None:
     """Write contact_NAME.csv into the folder `path`: one line per contact node, in the plane along the contact.
 
-    Where nodes do not match, they are the slave's. Of those that share a row, each has its part of the forces.
+    Where nodes do not match, they are the slave's. Nodes that share a row share its forces.
     Directions are those of the first body. Not collective. Raises OutputError.
     """
     interface, at_nodes = state.interface, _by_line(state, leg_values(state))
@@ -142,6 +142,7 @@ def write_sides(path: Path, name: str, state: ContactState) -> None:
 
 def side_means(stress: np.ndarray, places: np.ndarray, axisymmetric: bool) -> np.ndarray:
     """Means (f,) over sides of stresses (f, 3) at their ends and middles at `places` (f, 3, 2), by Simpson's rule."""
+    # ∫ σ ds by Simpson's weights 1/6, 1/6, 4/6, around an axis times 2πr
     shares = cell_with(stress.shape[1], 1).mass.sum(axis=1) * circumference(places, axisymmetric) * np.ones_like(stress)
     return (shares * stress).sum(axis=1) / shares.sum(axis=1)
 
@@ -158,22 +159,22 @@ def leg_columns(dimension: int) -> list[str]:
 
 
 def leg_values(state: ContactState) -> np.ndarray:
-    """The numbers (m, k) of the `leg_columns`; of the status its place in STATUS. A force is that of the whole row."""
+    """The numbers (m, k) of the `leg_columns`; a status is its place in STATUS, a force that of the whole row."""
     status = np.argmax(state.status[:, None] == np.array(STATUS), axis=1)
-    found = [state.pressure, signed(state.shear), state.gap, signed(state.slip), signed(state.slip_total), status]
+    columns = [state.pressure, signed(state.shear), state.gap, signed(state.slip), signed(state.slip_total), status]
     if state.interface.dimension > 2:
-        found += [state.forces + 0.0, state.along(state.slip) + 0.0]  # no −0
-    return np.column_stack(found)
+        columns += [state.forces + 0.0, state.along(state.slip) + 0.0]  # no −0
+    return np.column_stack(columns)
 
 
 def _by_line(state: ContactState, values: np.ndarray) -> list[np.ndarray]:
-    """The `leg_columns` with `leg_values` (m, k) by line. Of nodes that share a row each has its part of the force."""
-    lines, share, found = state.interface.lines, state.interface.shares, []
+    """The `leg_columns` with `leg_values` (m, k) by line. Nodes that share a row share its force."""
+    lines, share, columns = state.interface.lines, state.interface.shares, []
     for name, column in zip(leg_columns(state.interface.dimension), values[lines.row].T, strict=True):
         if name == "status":
             column = np.array(STATUS)[column.astype(int)]
-        found.append(column * share if name.startswith("force") else column)
-    return found
+        columns.append(column * share if name.startswith("force") else column)
+    return columns
 
 
 def write_legs(path: Path, name: str, state: ContactState, steps: Iterable[tuple[float, np.ndarray]]) -> None:
@@ -203,8 +204,8 @@ def write_steps(path: Path, steps: Iterable[dict]) -> None:
 
 
 def write_path(path: Path, columns: Columns) -> None:
-    """Write what `fields.along` has found as a table. A table of this kind is overwritten, any other file is not. Not
-    collective. Raises InputError, OutputError."""
+    """Write the columns of `histories.along`. A table of a path is overwritten, any other file is not. Not collective.
+    Raises InputError, OutputError."""
     if path.exists() and not (path.is_file() and path.read_bytes().startswith(b"distance,x,y,")):
         raise InputError(f"--output {path}: is there already, and no table of a path; name another file")
     write_table(path, columns, zip(*columns.values(), strict=True))
@@ -212,7 +213,7 @@ def write_path(path: Path, columns: Columns) -> None:
 
 @contextlib.contextmanager
 def reading(path: str | Path, what: str = "a complete folder of results") -> Iterator[None]:
-    """A context in which files are read that may hold anything: what their types lead to becomes an InputError."""
+    """A context for reading files with any content: all errors become InputError."""
     try:
         yield
     except DdmpiError:
@@ -233,7 +234,7 @@ def write_table(path: Path, columns: Iterable[str], rows: Iterable[Sequence]) ->
 
 
 def _cell(value: object) -> object:
-    """The value with all its digits; what the summary calls null is nan."""
+    """The value with all its digits; None, null in the summary, is nan."""
     if value is None:
         return "nan"
     return repr(float(value)) if isinstance(value, float | np.floating) else value
@@ -318,7 +319,7 @@ def read_results(folder: str | Path) -> Results:
             fields = {name: data[()] for name, data in datasets(file).items()}
             drawn = {name: {key: data[()] for key, data in group.items()}
                      for name, group in file.get("contacts", {}).items()}
-        facets = {name: each.pop("facets") for name, each in drawn.items()}
+        facets = {name: data.pop("facets") for name, data in drawn.items()}
         steps = summary["scene"].get("time") is not None
         return Results(summary, {name: _read_csv(path) | drawn.get(name, {}) for name, path in tables.items()},
                        {name: _read_csv(path) for name, path in sides.items() if path.exists()},
@@ -359,6 +360,6 @@ def drawn_rows(table: Columns, facets: np.ndarray) -> tuple[Columns, np.ndarray]
 
 
 def chains(facets: np.ndarray) -> list[np.ndarray]:
-    """The rows of the nodes that facets (f, 2) join, chain by chain; a closed one ends with the node it begins with."""
-    parts = np.split(facets, 1 + np.flatnonzero(facets[1:, 0] != facets[:-1, 1]))
-    return [np.append(part[:, 0], part[part[:, 0] != part[:, 1]][-1:, 1]) for part in parts]
+    """The rows of the nodes that facets (f, 2) join, chain by chain; a closed chain ends with its first node."""
+    runs = np.split(facets, 1 + np.flatnonzero(facets[1:, 0] != facets[:-1, 1]))
+    return [np.append(run[:, 0], run[run[:, 0] != run[:, 1]][-1:, 1]) for run in runs]

@@ -1,4 +1,4 @@
-"""The Python interface: a scene solved from a program, and what the answer holds."""
+"""The Python interface: `ddmpi.solve` and its answer."""
 
 from __future__ import annotations
 
@@ -27,15 +27,14 @@ from ddmpi.system.clock import Clock
 
 @dataclass(frozen=True)
 class Answer:
-    """An answer as one rank holds it.
+    """An answer, as one rank has it.
 
     Attributes
     ----------
     summary : what a run writes as summary.json; the same on all ranks
     contacts : state by contact: normal_force, pressure, shear, gap, slip, status, force, …; the same on all ranks
-    bodies : fields of the bodies that live on this rank, by name
-    solved : everything else that was computed, for studies of the method; None on ranks without a body; not a stable
-        interface
+    bodies : fields of the bodies of this rank, by name
+    solved : all else that was computed, for studies of the method; None on ranks without a body; no stable interface
     """
 
     summary: dict[str, Any]

@@ -1,10 +1,10 @@
-"""Checkpoints: the state of a run at a point that is cheap to describe, and the file from which it is continued.
+"""Checkpoints: the state of a run at points that take few numbers to describe, and the file that continues it.
 
-These points are the ends of load steps, mesh levels and iterations of the published method, and the end of the last
-iteration, from which results follow. A load step that is ended within Newton's method is repeated: it takes seconds.
+The points are the ends of load steps, of meshes, of iterations of the published method, and of the last iteration, from
+which the results follow. A load step that is interrupted within Newton's method is repeated: it takes seconds.
 
-At such a point each rank notes the `state()` of its objects, so there is always a whole state of one point on all
-ranks, whatever ends the work after it. Rank 0 gathers these states into one HDF5 file, which begins with a digest of
+At a point each rank notes the `state()` of its objects, so that all ranks have a state of the same point, whatever
+ends the work later. Rank 0 gathers these states into one HDF5 file, which begins with a digest of
 the rest (in HDF5's user block), so that damage is noticed before HDF5 sees it.
 """
 
@@ -39,7 +39,7 @@ from ddmpi.system.files import CHECKPOINT, write_atomically
 log = logging.getLogger("ddmpi")
 
 FORMAT, BLOCK = b"ddmpi checkpoint 16 sha256 ", 512
-"""What stands in HDF5's user block, before the digest of the rest; its size, the smallest that HDF5 has."""
+"""The beginning of HDF5's user block, before the digest of the rest; the block's size, the smallest that HDF5 has."""
 
 KIND = "a checkpoint of this version of ddmpi"
 
@@ -50,8 +50,8 @@ ONLY_PRINT = r"(^|_)(view|monitor|log|info|reason|left|table|malloc|memory|help|
 """PETSc options that print, and change no number."""
 
 
-class Part(Protocol):
-    """What carries numbers, words, arrays, lists and tables of them from one point to the next."""
+class Stateful(Protocol):
+    """An object whose state is numbers, words, arrays, and lists and tables of these."""
 
     def state(self) -> dict[str, Any]: ...
 
@@ -59,20 +59,20 @@ class Part(Protocol):
 
 
 def identify(scene: Settled, options: dict[str, str], versions: dict[str, str]) -> dict[str, dict]:
-    """What a run is known by: the scene, PETSc options, versions. Not collective."""
+    """What a checkpoint and the run that continues it must share: scene, PETSc options, versions. Not collective."""
     data = scene.resolved()
     for key in MAY_DIFFER:
         del data[key]
     del data["method"]["max_iterations"]
-    found = {"scene": data,
-             "PETSc options": {key: value for key, value in options.items() if not re.search(ONLY_PRINT, key)},
-             "versions": {name: versions[name] for name in ("ddmpi", "petsc", "numpy", "scipy")}}
-    return json.loads(json.dumps(found))  # as it comes out of a file
+    identity = {"scene": data,
+                "PETSc options": {key: value for key, value in options.items() if not re.search(ONLY_PRINT, key)},
+                "versions": {name: versions[name] for name in ("ddmpi", "petsc", "numpy", "scipy")}}
+    return json.loads(json.dumps(identity))  # as it comes out of a file
 
 
 def continue_from(world: MPI.Comm, folder: str, identity: dict[str, dict],
                   ladder: MeshLadder | None = None) -> dict[str, Any]:
-    """The own part of the state in the checkpoint of `folder`; a `ladder` is restored. Collective.
+    """This rank's state in the checkpoint of `folder`; a `ladder` is restored. Collective.
 
     Raises InputError, on all ranks, when there is no checkpoint, or it is damaged, or of a run of another `identity`.
     """
@@ -120,21 +120,21 @@ class Checkpoints:
         self.world, self.folder, self.identity, self.spec, self.clock = world, folder, identity, spec, clock
         self._begin, self._ladder = state or {}, ladder
         self.continuing = "outer" in self._begin
-        self._parts: dict[str, Part] = {}
+        self._followed: dict[str, Stateful] = {}
         self._mesh = ""
         self._now: dict[str, Any] = {}  # the last state that was noted; empty where there is nothing to go on from
         self._at = self._written = 0  # the iterations so far at this state, and at the one in the file
         self._last = time.monotonic()
         if folder:
-            import h5py  # noqa: F401  a signal may leave a second, and to load it takes a part of that
+            import h5py  # noqa: F401  loading takes time, and a signal may leave only a second
 
-    def follow(self, assembly: Assembly, **parts: Part) -> None:
-        """Take the state of `parts` in every `note` from now on; restore them from the state to go on from, if any.
+    def follow(self, assembly: Assembly, **objects: Stateful) -> None:
+        """Take the state of `objects` in every `note` from now on; restore them from the state to go on from, if any.
 
         Collective. Raises InputError on all ranks when the checkpoint is of other meshes.
         """
-        self._parts = parts | {"ladder": self._ladder, "exchange": assembly.exchange}
-        self._parts |= {f"compliance of {body.spec.name}": body.member.C for body in assembly.bodies}
+        self._followed = objects | {"ladder": self._ladder, "exchange": assembly.exchange}
+        self._followed |= {f"compliance of {body.spec.name}": body.member.C for body in assembly.bodies}
         self._mesh = _digest(assembly)
         if self.continuing:
             with agreed(assembly.world):
@@ -142,28 +142,28 @@ class Checkpoints:
                     names = " or ".join(repr(body.spec.name) for body in assembly.bodies)
                     raise InputError(f"the checkpoint is of another mesh of body {names}")
                 with reading(CHECKPOINT, KIND):
-                    for name, part in self._parts.items():
-                        part.restore(self._begin[name])
+                    for name, followed in self._followed.items():
+                        followed.restore(self._begin[name])
                     self._at = self._written = int(self._begin["iterations"])
             log.info("continuing after iteration %d", self._at)
 
     def note(self, iteration: int) -> None:
-        """Note the state of all parts after so many iterations of the run, and write it when it is due. Collective."""
-        self._hold(iteration, {name: part.state() for name, part in self._parts.items()} | {
+        """Note the state of all objects after this iteration of the run, and write it when it is due. Collective."""
+        self._hold(iteration, {name: followed.state() for name, followed in self._followed.items()} | {
             "mesh": self._mesh, "iterations": iteration})
 
     def forget(self) -> None:
-        """Drop the state that was noted: the parts go on from it in a way that it does not describe."""
+        """Drop the state that was noted: the run goes on from it in a way that it does not describe."""
         self._now = {}
 
     def leave(self) -> None:
-        """Leave the present mesh for another one; only what has led there is kept. Collective."""
+        """Leave the present mesh for another one; of the state, only the ladder is kept. Collective."""
         self.continuing, self._written = False, -1
         self._hold(0, {"ladder": self._ladder.state()})
         self._written = 0
 
     def _hold(self, iteration: int, state: dict[str, Any]) -> None:
-        """Hold a state, and write it when it is due. Collective."""
+        """Keep a state, and write it when it is due. Collective."""
         self._at, self._now = iteration, state
         due = 0 < self.spec.iterations <= iteration - self._written
         if self.spec.seconds:
@@ -218,10 +218,10 @@ class Checkpoints:
 
 
 def _digest(assembly: Assembly) -> str:
-    """A digest of the own meshes and interfaces."""
+    """A digest of this rank's meshes and interfaces."""
     meshes, interfaces = [body.mesh for body in assembly.bodies], assembly.space.interfaces
     arrays = [array for mesh in meshes for array in (mesh.points, mesh.triangles)]
-    arrays += [array for each in interfaces for array in (each.xy, each.gap)]
+    arrays += [array for interface in interfaces for array in (interface.xy, interface.gap)]
     return hashlib.sha256(b"".join(array.tobytes() for array in arrays)).hexdigest()
 
 

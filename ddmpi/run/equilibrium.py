@@ -1,10 +1,11 @@
-"""Whether contact forces can hold the bodies that no clamp holds: asked before the iteration and after it.
+"""Whether contact forces can balance the loads on loose bodies: before the iteration, and after it.
 
-Each rank says of its contacts what forces they allow or resist, in a few columns; the first rank does the rest.
+Each rank describes the forces that its contacts allow or resist in a few columns; the first rank does the rest.
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Mapping
 
 import numpy as np
@@ -21,17 +22,17 @@ from ddmpi.system.agreement import agreed, from_first, gathered
 from ddmpi.system.provenance import has_clarabel
 
 LARGEST = 3000
-"""The search for a mechanism is skipped for more loose bodies: a wall of so many bricks takes 2 to 3 s."""
+"""Most loose bodies for the search for a mechanism, which takes 2 to 3 s for a wall of so many bricks."""
 
 ALONG = 3e-3
-"""Motions whose slip is along friction but for this part of it only turn friction that is at its limit: as a body goes
-on, its friction becomes parallel to the load, and what is left to turn vanishes."""
+"""A motion whose slip is along friction up to this fraction only turns friction that is at its limit: as the body moves
+on, friction becomes parallel to the load, and the resistance vanishes."""
 
 
 def look_for_mechanism(assembly: Assembly) -> Mechanism | None:
-    """The mechanism that shows that no contact forces hold the loose bodies, on all ranks; None where some do.
+    """The mechanism that proves that no contact forces balance the loads on loose bodies, or None; on all ranks.
 
-    Not asked where clamps hold all bodies, of more than `LARGEST` loose ones, and without clarabel. Collective.
+    Skipped without loose bodies, with more than `LARGEST`, and without clarabel. Collective.
     """
     if not assembly.loose or len(assembly.loose) > LARGEST:
         return None
@@ -39,9 +40,9 @@ def look_for_mechanism(assembly: Assembly) -> Mechanism | None:
     loads = joint.of_all([np.array([body.member.elasticity.load]) for body in _loose(assembly)],
                          [np.array([size]) for size in assembly.pushes.values()])
     with agreed(world):
-        own = {interface.name: Forces.of(interface, G) for interface, G in
-               ((interface, joint.rigid.Z[part].T.tocsc()) for interface, part in space.each()) if G.nnz}
-    forces, bodies = gathered(world, own), _with_partners(assembly)
+        allowed = {interface.name: Forces.of(interface, G) for interface, G in
+                   ((interface, joint.rigid.Z[part].T.tocsc()) for interface, part in space.with_slices()) if G.nnz}
+    forces, bodies = gathered(world, allowed), _with_partners(assembly)
     return from_first(world, lambda: find_mechanism(  # the first rank decides for all
         [forces[contact.name] for contact in scene.contact if contact.name in forces], joint.e, bodies,
         loads) if has_clarabel() else None)
@@ -57,8 +58,9 @@ def undetermined_motions(assembly: Assembly, contacts: Mapping[str, ContactState
     """The rigid motions that no contact resists at the solution, a sentence each, the same on all ranks. Collective."""
 
     def resists(interface: Interface) -> tuple[sparse.csr_matrix, sparse.csr_matrix]:
-        """Of each force that resists motions a row (size,): of closed nodes, of sticking ones, and where friction can
-        turn of slipping ones, across it; and the friction (1, size) of slipping nodes (N)."""
+        """A row (size,) for each force that resists motions: normal ones of closed nodes, tangential ones of sticking
+        nodes, and in space those across the friction of slipping nodes, which turn it. And the friction (1, size) of
+        slipping nodes (N)."""
         state, law = contacts[interface.name], interface.law
         sticks = state.status[law.sliding] == "stick"
         s = np.concatenate([state.normal_force, state.tangential_force[law.sliding].ravel()])
@@ -67,13 +69,13 @@ def undetermined_motions(assembly: Assembly, contacts: Mapping[str, ContactState
         friction = direction(state.tangential_force[law.sliding])
         slips = ~sticks & (bound > 0.0) & (state.status[law.sliding] != "open")
         chosen = np.concatenate([state.status != "open", np.repeat(sticks, law.components)])
-        parts = [sparse.identity(law.size, format="csr")[np.flatnonzero(chosen)]]
+        rows = [sparse.identity(law.size, format="csr")[np.flatnonzero(chosen)]]
         if law.components > 1 and slips.any():
             turned = sparse.block_diag([sparse.csr_matrix((0, law.m)), *across(friction)[:, :, 1:].transpose(0, 2, 1)],
                                        format="csr")
-            parts.append(RESISTED / ALONG * turned[np.flatnonzero(np.repeat(slips, law.components - 1))])
+            rows.append(RESISTED / ALONG * turned[np.flatnonzero(np.repeat(slips, law.components - 1))])
         slipping = np.append(np.zeros(law.m), np.repeat(slips, law.components) * s[law.m:])
-        return sparse.vstack(parts, format="csr"), sparse.csr_matrix(slipping)
+        return sparse.vstack(rows, format="csr"), sparse.csr_matrix(slipping)
 
     return _undetermined(assembly, resists)
 
@@ -81,54 +83,55 @@ def undetermined_motions(assembly: Assembly, contacts: Mapping[str, ContactState
 def _undetermined(assembly: Assembly, chosen: Callable[[Interface], tuple[sparse.spmatrix, ...]]) -> list[str]:
     """The rigid motions that none of the `chosen` forces, rows (·, size) by contact, resists, a sentence each.
 
-    `chosen` also returns friction (1, size) that gives way. Of each contact a triangular matrix R stands for all its
-    forces F: RᵀR = FᵀF. Collective.
+    `chosen` also returns friction (1, size) at its limit. Collective.
     """
     if not assembly.loose:
         return []
-    own, Z, size = {}, assembly.joint.rigid.Z, assembly.joint.rigid.size
-    for interface, part in assembly.space.each():
+    of_rank, Z, size = {}, assembly.joint.rigid.Z, assembly.joint.rigid.size
+    for interface, part in assembly.space.with_slices():
         rows, friction = chosen(interface)
         forces = (rows @ Z[part]).tocsr()
         motions = np.unique(forces.indices)
+        # RᵀR = FᵀF: a triangular matrix stands for all forces F of a contact
         R = np.atleast_2d(np.linalg.qr(forces[:, motions].toarray(), mode="r"))
-        own[interface.name] = sparse.csr_matrix((R.ravel(), np.tile(motions, len(R)), len(motions) * np.arange(
+        of_rank[interface.name] = sparse.csr_matrix((R.ravel(), np.tile(motions, len(R)), len(motions) * np.arange(
             len(R) + 1)), (len(R), size)), sparse.vstack([friction @ Z[part], abs(friction) @ abs(Z[part])])
-    everyone, bodies = gathered(assembly.world, own), _with_partners(assembly)
+    of_all, bodies = gathered(assembly.world, of_rank), _with_partners(assembly)
 
     def describe() -> list[str]:
-        forces, slipping = zip(*everyone.values(), strict=True)
+        forces, slipping = zip(*of_all.values(), strict=True)
         return undetermined(sparse.vstack(forces).T, bodies, sum(slipping).toarray())
 
     return from_first(assembly.world, describe)
 
 
 def describe_drift(assembly: Assembly, motions: np.ndarray) -> str:
-    """Where the loose bodies drift to, in words; `motions` as `Outer.motions`. Collective."""
+    """How the loose bodies drift, in words; `motions` as `Outer.motions`. Collective."""
     bodies, slices = _with_partners(assembly), assembly.joint.slices
     return from_first(assembly.world, lambda: describe_motions(
         bodies, np.array([body.basis @ motions[slices[body.name]] for body in bodies])) or "no body")
 
 
 def _loose(assembly: Assembly) -> list[Body]:
-    """The bodies of this rank that clamps do not hold. Not collective."""
-    return [body for body in assembly.bodies if not body.member.elasticity.held]
+    """The loose bodies of this rank. Not collective."""
+    return [body for body in assembly.bodies if not body.member.elasticity.supported]
 
 
 def _with_partners(assembly: Assembly) -> list[MotionsOfBody]:
-    """On the first rank all loose bodies, and the partners that are pushed, in the order of their motions.
+    """On the first rank all loose bodies and pushed partners, in the order of their motions. Collective.
 
-    A partner has the shape of what faces it. Collective.
+    A partner has the outline of the contact nodes that face it.
     """
-    found = list(gathered(assembly.world, {
+    all_motions = list(gathered(assembly.world, {
         body.spec.name: MotionsOfBody.of(body.spec.name, body.mesh.points, body.member.motions)
         for body in _loose(assembly)}).values())
     for rigid in assembly.joint.pushed:
         facing = gathered(assembly.world, {
-            each.name: [each.xy + side * each.spacing[:, None] * axis for axis in np.eye(each.dimension)
-                        for side in (-1.0, 1.0)] for each in assembly.space.interfaces if each.bodies[1] == rigid.name})
+            interface.name: [interface.xy + side * interface.spacing[:, None] * axis
+                             for axis in np.eye(interface.dimension) for side in (-1.0, 1.0)]
+            for interface in assembly.space.interfaces if interface.bodies[1] == rigid.name})
         if assembly.world.rank == 0:
-            at = np.concatenate([places for each in facing.values() for places in each])
+            at = np.concatenate([*itertools.chain(*facing.values())])
             motions = np.broadcast_to(np.eye(at.shape[1])[:, rigid.pushed], (*at.shape, len(rigid.pushed)))
-            found.append(MotionsOfBody.of(rigid.name, at, motions))
-    return found
+            all_motions.append(MotionsOfBody.of(rigid.name, at, motions))
+    return all_motions

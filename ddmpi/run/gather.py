@@ -1,4 +1,4 @@
-"""What is kept of a run: its load steps, its summary, gathered from all ranks, and its files."""
+"""The record of a run: its load steps, its summary, gathered from all ranks, and its files."""
 
 from __future__ import annotations
 
@@ -41,26 +41,26 @@ from ddmpi.system.provenance import has_matplotlib, peak_memory, provenance
 log = logging.getLogger("ddmpi")
 
 DRAWERS = 2
-"""So many ranks share the pictures, if they are on one host: files of another one may come late."""
+"""Most ranks that share the pictures; all are on one host, as files of another one may come late."""
 
 LITTLE = 0.1
-"""Frictional work below this part of the largest energy is little."""
+"""Frictional work is compared with at least this fraction of the largest energy."""
 
 TABLES = ("steps", "energies", "iterations")
 """Tables of a `StepLog` with a row for each step or iteration."""
 
 
 class StepLog:
-    """What is kept of the load steps, in their order. Without [time] there is one.
+    """The record of the load steps, in their order. Without [time] there is one.
 
     Attributes
     ----------
     steps : the entry of that name in the summary
     energies : the lines of energy.csv (J)
     iterations : the lines of history.csv: the load step, fields of `methods.outer.Step`, and numbers of nodes
-    kept : of the steps whose fields are written the time, and what these follow from: forces (size,), motions, and
-        `leg_values` of each of the rank's contacts
-    doubts : warnings of answers at the ends of legs before the last one, of each kind the first
+    kept : of the steps whose fields are written the time, forces (size,), motions, and `leg_values` of each of the
+        rank's contacts
+    doubts : warnings of answers at the ends of legs before the last one, the first of each kind
     most : the largest so far: residuals of contacts (nc, 4) and bodies (nb,), `Solution.sizes` (3,)
     """
 
@@ -78,7 +78,7 @@ class StepLog:
                            dict(zip(bodies, self.most["bodies"].tolist(), strict=True)))
 
     def _raise(self, **values: np.ndarray | Sequence) -> None:
-        self.most = self.most | {name: np.maximum(self.most[name], each) for name, each in values.items()}
+        self.most = self.most | {name: np.maximum(self.most[name], sizes) for name, sizes in values.items()}
 
     def note_step(self, time: float, solution: Solution) -> None:
         """Note the end of a step: its iterations and sizes, resultants, and where rigid partners are."""
@@ -88,18 +88,18 @@ class StepLog:
 
     def note_iterations(self, solution: Solution) -> None:
         """Note the iterations of the next step."""
-        for each, counts in zip(solution.outer.history, solution.statuses.counts, strict=True):
-            self.iterations.append((len(self.steps) + 1, *each[:4], *counts, each.n_A))
+        for step, counts in zip(solution.outer.history, solution.statuses.counts, strict=True):
+            self.iterations.append((len(self.steps) + 1, *step[:4], *counts, step.n_A))
 
     def note_contacts(self, time: float, iterations: int, contacts: Mapping[str, ContactTotals]) -> None:
         """Note the resultants of a step, and where rigid partners are."""
         self.steps.append(plain({
             "time": time, "outer_iterations": iterations,
-            "contacts": {name: each.resultants for name, each in contacts.items()},
+            "contacts": {name: contact.resultants for name, contact in contacts.items()},
             "rigid": rigid_partners(contacts.values())}))
 
     def doubt(self, time: float, warnings: Sequence[str]) -> None:
-        """Note the warnings of the answer at the end of a leg, unless there are such that differ in numbers alone."""
+        """Note the warnings of the answer at the end of a leg; of those that differ only in numbers, the first."""
         for warning in warnings:
             self.doubts.setdefault(_kind(warning), f"{warning} (at time {time:g})")
 
@@ -109,11 +109,10 @@ class StepLog:
         return [doubt for kind, doubt in self.doubts.items() if kind not in known]
 
     def excess(self, since: dict[str, Any], given: float = 0.0) -> float:
-        """How much more friction has dissipated since a `state` than contacts took, over all that it has dissipated.
+        """By how much friction has dissipated more than the interface work since a `state`, over all dissipation.
 
-        What contacts took counts without the work `given` (J) of an overlap that acts at once, which no step divides.
-        Never so in truth, it shows how coarse the steps are where slip begins within one of them. Friction that
-        dissipates less than LITTLE of the largest energy is compared with that.
+        The exact value is never positive; a positive one shows that steps are too coarse where slip begins within one.
+        The work `given` (J) of an overlap that acts at once does not count: no step divides it.
         """
         rows, k = np.array(self.energies), len(since["energies"])
         took, dissipated = rows[-1, 3:5] - (rows[k - 1, 3:5] if k else 0.0)
@@ -122,6 +121,8 @@ class StepLog:
 
     def balance(self) -> dict[str, float]:
         """The entry ``energy`` of summary.json: the balance at the end; the worst residual over the largest energy."""
+        # ΔW − ΔU − ΔI of a step is rounding; interface work less dissipation goes to interference, closing gaps and
+        # errors of time stepping
         rows = np.array(self.energies or np.zeros((1, 6)))
         _, external, strain, interface, dissipated, _ = rows[-1].tolist()
         size = float(np.abs(rows[:, 1:4]).max())
@@ -146,13 +147,13 @@ def _kind(warning: str) -> str:
     return re.sub(r"(?<![\w-])-?\d+(\.\d*)?(e[-+]?\d+)?", "#", warning)
 
 
-def gather_summary(assembly: Assembly, solution: Solution, error: DiscretizationError, own_fields: dict[str, Fields],
+def gather_summary(assembly: Assembly, solution: Solution, error: DiscretizationError, fields: dict[str, Fields],
                    ladder: MeshLadder, warnings: list[str], free: list[str], started: float, steps: StepLog) -> dict:
     """All of summary.json but the times, on the first rank; nothing on the others. Collective.
 
     Parameters
     ----------
-    error, own_fields : of the rank's own bodies
+    error, fields : of this rank's bodies
     ladder : the meshes that led here
     warnings, free : of the scene and of the answer; motions that no contact resists
     started : as for `provenance`
@@ -162,16 +163,16 @@ def gather_summary(assembly: Assembly, solution: Solution, error: Discretization
     ranks = team.ranks if team else [world.rank]
     memory, hosts = team.do("machine") if team else (peak_memory(), [MPI.Get_processor_name()])
     factors = scene.factors(1.0 if solution.time is None else solution.time)
-    own = [(body.number, (body.spec.name, _body(body, solution, error, own_fields[body.spec.name], ranks, memory)
-                          | forces_by_group(body, solution.displacements[body.spec.name], s, factors)))
-           for body, s in zip(assembly.bodies, outer.body_forces(), strict=True)]
-    everyone = world.gather((own, set(unused_options()), sum(outer.inner_steps.values()), assembly.exchange.state(),
+    mine = [(body.number, (body.spec.name, _body(body, solution, error, fields[body.spec.name], ranks, memory)
+                           | forces_by_group(body, solution.displacements[body.spec.name], s, factors)))
+            for body, s in zip(assembly.bodies, outer.body_forces(), strict=True)]
+    of_ranks = world.gather((mine, set(unused_options()), sum(outer.inner_steps.values()), assembly.exchange.state(),
                              hosts))
-    if everyone is None:
+    if of_ranks is None:
         return {}
-    parts, unused, inner, sent, named = zip(*everyone, strict=True)
+    bodies_of_ranks, unused, inner, sent, named = zip(*of_ranks, strict=True)
     hosts = list(itertools.chain(*named))
-    bodies = dict(body for _, body in sorted(itertools.chain(*parts), key=lambda pair: pair[0]))
+    bodies = dict(body for _, body in sorted(itertools.chain(*bodies_of_ranks), key=lambda pair: pair[0]))
     run = {"converged": solution.certified and not ladder.missed,
            "reason": (solution.certified and ladder.missed) or solution.reason, "order": scene.body[0].mesh.order,
            "ranks": len(hosts), "outer_iterations": len(steps.iterations),
@@ -189,13 +190,13 @@ def gather_summary(assembly: Assembly, solution: Solution, error: Discretization
 
 def _body(body: Body, solution: Solution, error: DiscretizationError, fields: Fields, ranks: list[int],
           memory: float) -> dict:
-    """What the summary says of a body of this rank; its `ranks` have held up to `memory` MiB. Not collective."""
+    """The summary's entry of a body of this rank; its `ranks` have used up to `memory` MiB. Not collective."""
     member, name = body.member, body.spec.name
     return {
-        "n": member.elasticity.n, "ranks": ranks, "held": member.elasticity.held,
+        "n": member.elasticity.n, "ranks": ranks, "held": member.elasticity.supported,
         "displacement_max": float(np.linalg.norm(solution.displacements[name], axis=1).max()),
         "von_mises_max": None if fields.von_mises is None else float(fields.von_mises.max()),
-        "energy": error.own[name].energy / 2,  # of the stresses: free of what moves the body without strain
+        "energy": error.estimates[name].energy / 2,  # by the stresses: rigid motions add no rounding
         "discretization_error": error.by_body[name],
         "n_A_by_purpose": dict(member.C.count), "inner_steps": dict(solution.outer.inner_steps),
         "solver": member.C.solver.description, "compliance": member.C.kind, "memory_mib": memory}
@@ -208,13 +209,13 @@ def forces_by_group(body: Body, u: np.ndarray, s: np.ndarray, factors: Mapping[s
     loads = ((group, factor * f) for history, factor in factors.items()
              for group, f in loads_by_group(mesh, body.spec, history))
     reactions = resultants(mesh, clamp_forces(mesh, body.spec, member.elasticity, u, member.pull(s)))
-    return {"reaction": sum((each["force"] for each in reactions.values()), np.zeros(mesh.dimension)),
+    return {"reaction": sum((reaction["force"] for reaction in reactions.values()), np.zeros(mesh.dimension)),
             "loads": resultants(mesh, loads), "reactions": reactions}
 
 
 @dataclass(frozen=True)
 class Solved:
-    """A scene on one mesh, solved, as one rank holds it; fields of its bodies by name. All but `steps` is of the last
+    """A solved scene on one mesh, as one rank has it, with fields of its bodies by name; but for `steps`, at the last
     load step."""
 
     assembly: Assembly
@@ -233,7 +234,7 @@ def fields_of(assembly: Assembly, body: Body, u: np.ndarray, error: Discretizati
     heat = body.member.elasticity.acting.heated
     sigma = stress(mesh, body.material, u, heat)
     return Fields(mesh.points, mesh.triangles, u, sigma, von_mises(sigma), density,
-                  error.own[body.spec.name].stress if error else nodal_stress(mesh, body.material, u, heat))
+                  error.estimates[body.spec.name].stress if error else nodal_stress(mesh, body.material, u, heat))
 
 
 def write_files(solved: Solved, folder: Path | None, clock: Clock, figures: bool, checkpoints: Checkpoints) -> None:
@@ -246,14 +247,14 @@ def write_files(solved: Solved, folder: Path | None, clock: Clock, figures: bool
         with clock.phase("output"):
             surfaces = {name: contact_fields(state) for name, state in solved.solution.states.items()}
             with event("WriteFields"):
-                parts = write_fields(path, {body.number: solved.fields[body.spec.name] for body in bodies}, surfaces,
+                spans = write_fields(path, {body.number: solved.fields[body.spec.name] for body in bodies}, surfaces,
                                      world)
             times = _write_steps(path, solved)
             with agreed(world), event("WriteTables"):
                 _write_contacts(path, solved, surfaces)
                 if staging:
-                    write_xdmf(path, times, {body.name: parts[number] for number, body in enumerate(scene.body)},
-                               {contact.name: parts[contact.name] for contact in scene.contact})
+                    write_xdmf(path, times, {body.name: spans[number] for number, body in enumerate(scene.body)},
+                               {contact.name: spans[contact.name] for contact in scene.contact})
                     write_table(path / "history.csv", HISTORY, solved.steps.iterations)
                     write_steps(path, summary["steps"])
                     if scene.time:
@@ -271,7 +272,7 @@ def write_files(solved: Solved, folder: Path | None, clock: Clock, figures: bool
         with agreed(world):
             if staging:
                 write_summary(path, summary | {"seconds": seconds})
-                files = staging.publish(name for each in scene.contact for name in contact_files(each.name))
+                files = staging.publish(name for contact in scene.contact for name in contact_files(contact.name))
                 log.info("results in %s: %s (%.1f s in all)", folder, describe_files([f.name for f in files]),
                          seconds["total"])
         checkpoints.remove()
@@ -284,26 +285,26 @@ def write_files(solved: Solved, folder: Path | None, clock: Clock, figures: bool
 
 
 def _write_steps(path: Path, solved: Solved) -> list[float]:
-    """Write the fields of the load steps that are kept, computed anew from their forces; their times. The summary has
-    the forces of each by body and group. Collective."""
+    """Write the fields of the kept load steps, computed anew from their forces, and the forces of each by body and
+    group into the summary; the times of the steps. Collective."""
     assembly, times, steps = solved.assembly, [], solved.steps
     world, joint = assembly.world, assembly.joint
     told = {step["time"]: step for step in solved.summary.get("steps", ())}  # on the first rank
     for number, (time, s, alpha, *values) in enumerate(steps.kept):
         times.append(time)
-        if time == solved.solution.time:  # the last one is there
+        if time == solved.solution.time:  # its fields are written already
             if told:
                 told[time]["bodies"] = {name: {key: body[key] for key in ("reaction", "loads", "reactions")}
                                         for name, body in solved.summary["bodies"].items()}
             continue
         assembly.act(time)
-        parts, fields, forces, factors = joint.exchange.spread(s), {}, {}, assembly.scene.factors(time)
+        body_forces, fields, forces, factors = joint.exchange.spread(s), {}, {}, assembly.scene.factors(time)
         with agreed(world):
-            for body, part in zip(assembly.bodies, parts, strict=True):
-                u, *_ = recover(body.member, part, alpha[joint.slices[body.spec.name]], steps.most["sizes"])
+            for body, s_body in zip(assembly.bodies, body_forces, strict=True):
+                u, *_ = recover(body.member, s_body, alpha[joint.slices[body.spec.name]], steps.most["sizes"])
                 fields[body.number] = fields_of(assembly, body, u)
-                forces[body.spec.name] = plain(forces_by_group(body, u, part, factors))
-            surfaces = {name: contact_fields(state, own) for (name, state), own in zip(
+                forces[body.spec.name] = plain(forces_by_group(body, u, s_body, factors))
+            surfaces = {name: contact_fields(state, leg) for (name, state), leg in zip(
                 solved.solution.states.items(), values, strict=True)}
         forces = gathered(world, forces)
         if told:
@@ -331,7 +332,7 @@ def _draw(path: Path, number: int, drawers: int) -> OutputError | None:
         return None
     try:
         draw_all(path, number, drawers)
-    except Exception as error:  # matplotlib raises what it likes
+    except Exception as error:  # matplotlib may raise anything
         return OutputError(f"the pictures could not be drawn ({type(error).__name__}: {error}); the other results "
                            "are complete")
     return None

@@ -1,4 +1,4 @@
-"""What a run logs: its plan, its progress, its end."""
+"""The log of a run: its plan, its progress, its end."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ from ddmpi.system.provenance import NO_CLARABEL, NO_MATPLOTLIB, has_clarabel, ha
 log = logging.getLogger("ddmpi")
 
 NAMED = 4
-"""Of more names than this that share a line, the first two stand for all."""
+"""Most names in a line; of more, the first two and the number."""
 
 LISTED = 12
-"""More contacts or bodies than this have one line in all at the end, but for contacts with rigid partners."""
+"""Most contacts or bodies with lines of their own at the end; of more, those with rigid partners or supports."""
 
 DIRECT = "preonly + cholesky (mumps)"
-"""How PETSc calls the solver that bodies have by default."""
+"""PETSc's name for the default solver of bodies."""
 
 UNDETERMINED = 3
-"""Of more undetermined motions than this, the first ones stand for all."""
+"""Most undetermined motions in the log."""
 
 
 def log_plan(assembly: Assembly, figures: bool) -> None:
@@ -53,13 +53,13 @@ def log_plan(assembly: Assembly, figures: bool) -> None:
     for way, names in grouped((bodies[spec.name][0], spec.name) for spec in scene.body):
         log.info("%s: %s", some(names, "bodies"), way)
     if assembly.loose and not has_clarabel():
-        log.info("whether contacts can hold the loose bodies is not asked: %s", NO_CLARABEL)
+        log.info("the search for an equilibrium of loose bodies is skipped: %s", NO_CLARABEL)
     unloaded = [spec.name for spec in scene.body if not bodies[spec.name][1]]
     if unloaded:
         log.info("%s: no loads", some(unloaded, "bodies"))
     if world.size < len(scene.body):
         log.info("%d bodies on %s", len(scene.body), _count(world.size, "rank"))
-    left_out = [what for what, missing in (("rigid motions (supports hold all bodies)", not assembly.loose),
+    left_out = [what for what, missing in (("rigid motions (all bodies are supported)", not assembly.loose),
                                            ("stress in the files (not asked for)", not scene.output.stress),
                                            ("pictures (not asked for)", not figures)) if missing]
     if figures and not has_matplotlib():
@@ -69,22 +69,22 @@ def log_plan(assembly: Assembly, figures: bool) -> None:
     log.info("%5s  %10s  %10s  %6s", "k", "update", "residual", "n_A")
 
 
-def log_warnings(found: Iterable[str], told: list[str]) -> None:
+def log_warnings(warnings: Iterable[str], told: list[str]) -> None:
     """Log the warnings that have not been `told`, and note that they are. Not collective."""
-    for warning in found:
+    for warning in warnings:
         if warning not in told:
             log.warning("%s", warning)
             told.append(warning)
 
 
 def _describe_body(body: Body, ranks: int) -> tuple[str, bool]:
-    """How a body is solved, on how many ranks, after how its cells were cut; and whether loads act on it."""
+    """How the cells of a body were cut, and how it is solved, on how many ranks; whether loads act on it."""
     mesh, motions, compliance = body.mesh, body.member.motions.shape[2], body.member.C
     solver, what = compliance.solver.description, {"triangle": "quadrilaterals"}.get(mesh.cell.name, "other cells")
     way = f"{mesh.cut} {what} cut into {mesh.cell.names}; " if mesh.cut else ""
     way += "" if ranks == 1 else f"on {ranks} ranks; "
     if motions:
-        way += f"not held by clamps ({_count(motions, 'rigid motion')}); "
+        way += f"not supported by clamps ({_count(motions, 'rigid motion')}); "
     way += "direct solver" if solver == DIRECT else f"solver {solver}"
     if compliance.solver.refused:
         way += f" through PETSc (MUMPS is not called directly: {compliance.solver.refused})"
@@ -94,32 +94,32 @@ def _describe_body(body: Body, ranks: int) -> tuple[str, bool]:
 
 
 def grouped(pairs: Iterable[tuple[str, str]]) -> Iterator[tuple[str, list[str]]]:
-    """The second ones of pairs by the first ones, each of which is there once, in the order of its first mention."""
-    found: dict[str, list[str]] = {}
+    """The second entries of pairs by the first ones, in the order of their first mention."""
+    groups: dict[str, list[str]] = {}
     for first, second in pairs:
-        found.setdefault(first, []).append(second)
-    yield from found.items()
+        groups.setdefault(first, []).append(second)
+    yield from groups.items()
 
 
 def some(names: Sequence[str], what: str) -> str:
-    """Names in a row; of many the first ones and their number: "a, b, … (12 contacts)"."""
+    """All names, or of many the first ones and the number: "a, b, … (12 contacts)"."""
     return ", ".join(names) if len(names) <= NAMED else f"{names[0]}, {names[1]}, … ({len(names)} {what})"
 
 
 def _plan_of(interface: Interface, unit: str) -> str:
-    """How a contact begins, and which unknowns it does not need."""
-    facts, held = [describe_gap(interface, unit)], interface.m - len(interface.sliding)
+    """The initial gap of a contact, and which unknowns it does not need."""
+    facts, constrained = [describe_gap(interface, unit)], interface.m - len(interface.sliding)
     if interface.law.name == "none":
         facts.append("no friction")
-    elif held:
-        facts.append(f"clamps hold {_count(held, 'tangential unknown')}")
+    elif constrained:
+        facts.append(f"clamps constrain {_count(constrained, 'tangential unknown')}")
     if interface.dropped:
-        facts.append(f"clamps hold {_count(interface.dropped, 'contact node')}")
+        facts.append(f"clamps constrain {_count(interface.dropped, 'contact node')}")
     return "; ".join(facts)
 
 
 def _target_left_out(scene: Settled) -> list[str]:
-    """That a preset's target is not applied, because meshes are given."""
+    """That a preset's target is not applied, because meshes are not refined."""
     target = PRESETS.get(scene.method.preset or "", {}).get("target_error")
     given = [body.name for body in scene.body if not body.mesh.refinable]
     if not (target and given and scene.method.target_error is None):
@@ -133,7 +133,7 @@ def _count(number: int, what: str) -> str:
 
 
 def describe_gap(interface: Interface, unit: str) -> str:
-    """How far the sides are apart at first, and what a load on them means."""
+    """The initial gap or overlap of a contact."""
     gap = np.concatenate([interface.gap, interface.fixed.gap])
     if not gap.any():
         return "all nodes touch at first"
@@ -207,13 +207,13 @@ def describe_contact(summary: dict, name: str, body: str) -> str:
 
 
 def _largest(summary: dict, table: str, key: str) -> str:
-    """The largest value of all bodies or contacts, and whose it is."""
+    """The largest value of all bodies or contacts, and its name."""
     _, name = largest(summary[table], key)
     return f"{tell(summary, table, name, key)}, of {name}"
 
 
 def _between_nodes(summary: dict) -> Iterator[str]:
-    """What the certificate cannot promise where nodes do not match: the worst of all such contacts."""
+    """Errors of contacts whose nodes do not match, of which the certificate says nothing: the worst of all."""
     unmatched = {name: contact for name, contact in summary["contacts"].items() if contact["slave"]}
     if not unmatched:
         return
@@ -241,7 +241,7 @@ def _bodies(summary: dict) -> Iterator[str]:
 
 
 def _partners(summary: dict) -> Iterator[str]:
-    """Where forces have pushed rigid partners."""
+    """Forces on pushed rigid partners, and their displacements."""
     for rigid in summary["scene"]["rigid"]:
         name = rigid["name"]
         if rigid["force"] and name in summary["rigid"]:
@@ -249,7 +249,7 @@ def _partners(summary: dict) -> Iterator[str]:
 
 
 def describe_files(names: Sequence[str]) -> str:
-    """The files of the results; many tables of contacts as one."""
+    """The names of the result files; many tables of contacts as one."""
     tables = [name for name in names if name.startswith("contact_") and name.endswith((".csv", ".vtu"))]
     if len(tables) <= NAMED:
         return ", ".join(names)

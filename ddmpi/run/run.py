@@ -65,8 +65,8 @@ def compute(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock, outp
     told = list[str]()
 
     def attempt() -> Solved | None:
-        """Solve on the ladder's present mesh and write the results; None if the ladder goes on to another mesh, which
-        needs the memory of this one."""
+        """Solve on the ladder's present mesh and write the results, or return None: the ladder goes on to another mesh,
+        which needs the memory of this one."""
         mesh = refine_scene(scene, ladder.factor)
         assembly = prepare_scene(world, mesh, scene_path, clock, ladder.factor, ladder.sizes)
         log_plan(assembly, figures)
@@ -115,7 +115,7 @@ def compute(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock, outp
 
 
 def _refuse_uncertified(solved: Solved, ladder: MeshLadder) -> None:
-    """NotConvergedError, on all ranks, with what to try, unless there is an answer as the scene asks for it."""
+    """Raise NotConvergedError, on all ranks, with advice, unless the answer is certified and meets its target."""
     solution, scene = solved.solution, ladder.scene
     statuses = None if solution.certified else solution.statuses.whole()
     with agreed(solved.assembly.world):
@@ -139,7 +139,7 @@ def check_cut(ends: Sequence[np.ndarray], scene: Settled) -> None:
 
 def prepare_scene(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock | None = None,
                   refinement: int = 1, sizes: Mapping[str, Sizes] = NO_SIZES, factor: bool = True) -> Assembly:
-    """`prepare`, with the scene's file named in what is wrong with it, as with a cut of pictures. Collective."""
+    """`prepare`, and the check of the pictures' cut; their errors name the scene's file. Collective."""
     with naming(scene_path):
         assembly = prepare(world, scene, Path(scene_path).parent, clock, refinement, sizes, factor)
         if scene.output.cut:
@@ -161,12 +161,12 @@ def _estimate(assembly: Assembly, solution: Solution, clock: Clock) -> Discretiz
 
 
 def _another_mesh(ladder: MeshLadder, assembly: Assembly, solution: Solution, error: DiscretizationError) -> bool:
-    """Whether the ladder goes on: to a finer mesh, or back to one that had a certified answer, whose factors were not
-    kept. Collective."""
+    """Whether the ladder goes on to a finer mesh, or back to the last one with a certified answer, which has to be
+    solved again. Collective."""
     if not solution.certified:
         return ladder.fall_back(solution.reason)
     dofs = assembly.world.allreduce(sum(body.mesh.points.size for body in assembly.bodies))
-    drawn = {body.spec.name: (body.mesh, error.own[body.spec.name].squares) for body in assembly.bodies
+    drawn = {body.spec.name: (body.mesh, error.estimates[body.spec.name].squares) for body in assembly.bodies
              if body.spec.mesh.geometry}
     rate = ladder.rate(error.relative)
     demands = merged(assembly.world, {name: demand(squares, rate, mesh.dimension)
@@ -179,7 +179,7 @@ def _another_mesh(ladder: MeshLadder, assembly: Assembly, solution: Solution, er
 
 def _judge(assembly: Assembly, solution: Solution, steps: StepLog, error: DiscretizationError, ladder: MeshLadder,
            clock: Clock) -> Solved:
-    """The answer with its doubts: fields that are asked for, and on the first rank the summary. Collective."""
+    """The answer with its warnings, fields, and on the first rank the summary. Collective."""
     scene, world = assembly.scene, assembly.world
     with clock.phase("recover"), agreed(world), event("Stress"):
         fields = {body.spec.name: fields_of(assembly, body, solution.displacements[body.spec.name], error)
@@ -191,7 +191,7 @@ def _judge(assembly: Assembly, solution: Solution, steps: StepLog, error: Discre
         warnings += [*doubts, *steps.doubts_beside([*doubts, *free]),
                      *(() if world.rank else doubt_mesh(scene.body, error)),
                      *doubt_stress(assembly, {name: field.von_mises for name, field in fields.items()})]
-    else:  # there is no answer to doubt, but meshes may be why
+    else:  # no answer to warn of, but meshes may be the reason
         thin = gathered(world, {body.spec.name: [doubt(body.mesh, body.spec.name) for doubt in (
             doubt_cells, doubt_shape)] for body in assembly.bodies})
         warnings += [doubt for body in scene.body for doubt in thin.get(body.name, ()) if doubt]

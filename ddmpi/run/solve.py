@@ -40,16 +40,16 @@ from ddmpi.system.numbers import norm
 log = logging.getLogger("ddmpi")
 
 TIGHTER = 0.1
-"""By this the outer tolerance shrinks when the iteration stops but its certificate fails."""
+"""Factor on the outer tolerance when the iteration stops but its certificate fails."""
 
 USEFUL, USELESS = 0.9, 2
-"""A tighter tolerance is useless if its steps leave more than the first number of the certificate's largest residual;
-so many in a row are the last ones. Not one: forces that are moved onto their bounds shift a body on soft springs by far
-more than the residual says, and a step that meets a tighter tolerance by chance hardly changes that."""
+"""Tighter tolerances end after USELESS ones in a row that leave more than USEFUL of the certificate's largest residual.
+One is too few: forces that are moved onto their bounds shift a body on soft springs by far more than the residual says,
+and a step that meets a tighter tolerance by chance hardly changes that."""
 
 NOTHING = 1e-10
-"""Below this part of the largest ones of the load steps before, forces of a contact and displacements of a body are
-rounding, and zero."""
+"""Forces of a contact and displacements of a body below this fraction of the largest in the load steps before are
+rounding, and become zero."""
 
 NO_SIZES = np.zeros(3)
 """The `Solution.sizes` of no load step."""
@@ -61,12 +61,12 @@ Beginning = tuple[np.ndarray, np.ndarray, Mapping[str, np.ndarray]]
 
 @dataclass(frozen=True)
 class Solution:
-    """The end of an iteration, as one rank holds it.
+    """The end of an iteration, as one rank has it.
 
     Attributes
     ----------
-    stopped : why the iteration ended: "converged", "diverged", "max_iterations", "stalled"; "drift" where it found no
-        equilibrium of loose bodies, "mechanism" where there is none
+    stopped : why the iteration ended: "converged", "diverged", "max_iterations", "stalled"; "drift" if loose bodies
+        moved on and on, "mechanism" if there is no equilibrium
     displacements : (nv, d) of each body of this rank (m), by name
     states : by contact, of those that this rank owns
     contacts : each as a whole, on the first rank all, on others those of their bodies
@@ -75,10 +75,10 @@ class Solution:
     outer : the iteration, which can go on
     statuses : of the contact nodes in the last iterations
     given : precision of the solves as -body_ksp_rtol sets it, or zero
-    mechanism : of bodies that no contact forces hold, or None
-    drift : where loose bodies drift, in words
-    moved : (size,) how far the bodies have moved against each other at the interfaces that this rank owns (m)
-    prescribed : (size,) what rigid partners have, those that are pushed as well
+    mechanism : that proves that there is no equilibrium, or None
+    drift : how loose bodies drift, in words
+    moved : (size,) relative displacement of the bodies at the interfaces that this rank owns (m)
+    prescribed : (size,) the share of rigid partners in it, those that are pushed as well (m)
     energy : strain energy of all bodies (J)
     sizes : (3,) largest nodal contact force (N), displacement, and displacement by contact forces (m)
     work : (2, cases) of all bodies, as `Member.work`, by history in the order of the scene
@@ -105,7 +105,7 @@ class Solution:
 
     @property
     def unbalanced(self) -> bool:
-        """Whether a body's equilibrium fails, which no further outer iteration can improve."""
+        """Whether the equilibrium of a body fails, which no outer iteration can improve."""
         return not self.certificate.worst()["equilibrium"][0] <= self.limit
 
     @property
@@ -141,7 +141,7 @@ class Solution:
 
 
 class Iteration:
-    """The outer iteration of an assembly with what judges it: all that goes on from one load step to the next.
+    """The outer iteration of an assembly and its certificate, from one load step to the next.
 
     Construction is collective.
 
@@ -177,12 +177,12 @@ class Iteration:
         self.given = assembly.world.allreduce(max(body.member.C.solver.given for body in assembly.bodies), MPI.MAX)
 
     def begin(self) -> None:
-        """Forget what was judged of the load step before; the outer method begins anew by itself."""
+        """Forget the certificates of the load step before; the outer method begins anew by itself."""
         self._tolerance, self._judged, self._stopped = self.method.tolerance, (math.inf, 0, 0), ""
         self.statuses.clear()
 
     def keep(self, checkpoints: Checkpoints) -> None:
-        """Note states in `checkpoints` as the outer method asks for it, and at its end; go on from what is there.
+        """Note states in `checkpoints` when the outer method asks for it, and at its end; continue from its state.
 
         For a run of one load step. Collective. Raises InputError on all ranks when the checkpoint is of other meshes.
         """
@@ -204,14 +204,14 @@ class Iteration:
 
     def solve(self, mechanism: Mechanism | None, since: Beginning | None = None,
               largest: np.ndarray = NO_SIZES) -> Solution:
-        """Iterate until the answer is certified, or nothing helps any more.
+        """Iterate until the answer is certified, or tighter tolerances are useless.
 
         Where the iteration stops by its criterion but the certificate fails, it goes on with a tighter one.
 
         Parameters
         ----------
-        mechanism : that shows that there is no equilibrium, so that nothing is tried
-        since : with what the load step begins; left out, nothing has moved, free of stress
+        mechanism : that proves that there is no equilibrium; there is no iteration then
+        since : the beginning of the load step; left out, no displacement and no stress
         largest : (3,) `Solution.sizes` of the load steps before
 
         Collective. Raises as the function `solve`.
@@ -249,13 +249,14 @@ class Iteration:
 
     def conclude(self, stopped: str, since: Beginning | None = None,
                  largest: np.ndarray = NO_SIZES) -> Solution:
-        """Displacements, contact states and certificate of the forces at hand. Collective."""
+        """Displacements, contact states and certificate of the outer method's forces. Collective."""
         assembly, outer = self.assembly, self.outer
         world, space, joint = assembly.world, assembly.space, assembly.joint
-        displacements, sizes, own = self._displaced(largest)
+        displacements, sizes, motions = self._displaced(largest)
         traces = [body.member.trace(displacements[body.spec.name]) for body in assembly.bodies]
         outer.refresh(traces)
-        both, beside = assembly.exchange.collect(traces, "answer"), assembly.exchange.swap_objects(own)
+        both = assembly.exchange.collect(traces, "answer")
+        beside = assembly.exchange.swap_objects(motions)
         gone = joint.pushed_by(outer.motions)
         bodies = gathered(world, sizes) | self._pushed_partners()
         load, energy, work = (sum(size[key] for size in bodies.values()) for key in ("load", "energy", "work"))
@@ -284,8 +285,8 @@ class Iteration:
 
     def _displaced(self, largest: np.ndarray) -> tuple[dict[str, np.ndarray], dict[str, dict[str, Any]],
                                                        dict[tuple[str, int], tuple]]:
-        """By body of this rank the displacements (nv, d) under the forces at hand, and the numbers by which they are
-        judged; by contact and side how the body moves beside the nodes. Not collective."""
+        """By body of this rank the displacements (nv, d) under the outer method's forces, and the sizes for the
+        certificate; by contact and side how the body moves beside the nodes. Not collective."""
         assembly, outer = self.assembly, self.outer
         displacements, sizes = dict[str, np.ndarray](), dict[str, dict[str, Any]]()
         beside: dict[tuple[str, int], tuple[np.ndarray, np.ndarray, float]] = {}
@@ -305,7 +306,7 @@ class Iteration:
         return displacements, sizes, beside
 
     def _pushed_partners(self) -> dict[str, dict[str, float]]:
-        """The same numbers of rigid partners that forces push, which are bodies without elasticity. Collective."""
+        """The sizes of rigid partners that forces push, which are bodies without elasticity. Collective."""
         joint, outer = self.assembly.joint, self.outer
         gone, unbalanced = joint.pushed_by(outer.motions), joint.imbalance(outer.forces) if joint.pushed else joint.e
         sizes = {}
@@ -354,7 +355,7 @@ class Iteration:
 
 def solve(assembly: Assembly, method: SettledMethod, report: Report = no_report,
           checkpoints: Checkpoints | None = None, clock: Clock | None = None) -> Solution:
-    """Solve `assembly` by `method` in one load step, from zero or from what `checkpoints` holds.
+    """Solve `assembly` by `method` in one load step, from zero or from the state in `checkpoints`.
 
     `clock` times the phases outer and recover. Collective. Raises SolverError, and InterruptionError
     when a signal came; the same on all ranks.
@@ -383,7 +384,7 @@ def choose_outer(assembly: Assembly, method: SettledMethod, report: Report = no_
 
 def recover(member: Member, s: np.ndarray, alpha: np.ndarray,
             largest: np.ndarray) -> tuple[np.ndarray, float, float, float]:
-    """`Member.displacement`, but none where it and its forces are nothing beside the `largest` sizes (3,) so far."""
+    """`Member.displacement`, but zero where it and its forces are rounding beside the `largest` sizes (3,) so far."""
     u, left, acting, energy = member.displacement(s, alpha)
     force, moved, _ = NOTHING * largest
     if acting <= force and np.abs(u).max() <= moved:

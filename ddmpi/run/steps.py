@@ -1,12 +1,12 @@
-"""Load steps: friction has a memory.
+"""Load steps, for friction that depends on the path of the loads.
 
-Each step is solved like a scene without steps, but slip counts from the end of the step before.
-The first step of a leg starts from the last forces, with the nodes under pressure closed and sticking; a later one from
-what follows if all goes on as in the step before it. Factors of the stiffness, compliances and the coarse problem are
-those of the first step; only right-hand sides change.
+Each step is solved like a scene without load steps, but slip counts from the end of the step before. Factors of the
+stiffness, compliances and the coarse problem are those of the first step; only right-hand sides change.
 
-A leg, from one turning point of the loads to the next, is solved in 1, 2, 4, … steps until the forces at its end
-change little, unless the scene says in how many. Where the contact grows the steps are equal in its growth.
+A leg is the path from one turning point of the loads to the next. It is solved in 1, 2, 4, … load steps until the
+forces at its end change little, unless the scene gives the number. Where the contact grows, the steps are equal in its
+growth. The first step of a leg starts from the last forces, with the nodes under pressure closed and sticking; a later
+one from the linear extrapolation of the two steps before it.
 """
 
 from __future__ import annotations
@@ -35,32 +35,32 @@ from ddmpi.system.clock import Clock
 log = logging.getLogger("ddmpi")
 
 MOST = 1024
-"""A leg is solved in at most so many steps for the sake of ``time.tolerance``."""
+"""Most load steps of a leg for ``time.tolerance``."""
 
 SHORT = 0.01
-"""Where gaps close along a leg, its first step is divided after this part: only then is known how fast."""
+"""Where gaps close along a leg, its first step is divided at this fraction, to learn how fast they close."""
 
 CUTS = 6
-"""A step that fails is halved at most so often. None becomes shorter than the leg's shortest planned one halved so
-often: steps halved again after each success would creep towards a load that nothing holds."""
+"""Most times that a failing step is halved, and that the leg's shortest planned step may be: steps that are halved
+again after each success would creep towards a load without equilibrium."""
 
 CURABLE = ("diverged", "max_iterations", "stalled", "drift", "converged")
-"""How an iteration ends that may do better in a shorter step; the last one is that its certificate fails."""
+"""The ends of an iteration that a shorter step may cure; "converged" has a certificate that fails."""
 
 CERTAIN = 0.25
-"""Changes below this part of ``time.tolerance`` are small enough however slowly they fall: with the root of the number
-of steps, as where nodes touch in the midst of a step, the error left is 2.4 times the change."""
+"""Changes below this fraction of ``time.tolerance`` are small enough at any rate. At the slowest one, the root of the
+number of steps, as where nodes touch within a step, the error left is 2.4 times the change."""
 
 KEPT = ("iterations", "_leg", "_number", "_coarse", "_changed", "_largest", "_given", "_cuts", "_noted", "_shortest")
-"""Attributes of a march that checkpoints keep as they are."""
+"""Attributes of a march that checkpoints keep unchanged."""
 
 MARKS = ("_now", "_before", "_base")
-"""Those that are marks."""
+"""Attributes of a march that are marks."""
 
 
 @dataclass
 class _Mark:
-    """The end of a load step: what the next one depends on, and what energies are counted from.
+    """The end of a load step, from which the next one and its energies count.
 
     Attributes
     ----------
@@ -72,7 +72,7 @@ class _Mark:
     factors : (k,) by history
     work : (2, k), as `Solution.work` (J)
     energy : strain energy (J)
-    length : of what is closed (m)
+    length : of closed contacts, in space their area (m, m²)
     slid : by contact without friction its slip (m, d − 1) of all load steps (m)
     """
 
@@ -98,7 +98,7 @@ class _Mark:
     def first(cls, assembly: Assembly) -> _Mark:
         """Time 0, free of stress."""
         space, zero = assembly.space, np.zeros(assembly.space.size)
-        touching = sum(float(each.area[each.opening <= 0.0].sum()) for each in space.interfaces)
+        touching = sum(float(interface.area[interface.opening <= 0.0].sum()) for interface in space.interfaces)
         still, k = np.zeros(assembly.joint.rigid.size), len(assembly.scene.followed) + 1
         return cls(0.0, zero, still, zero, zero, space.opening, zero, np.zeros(k), np.zeros((2, k)), 0.0,
                    float(space.add(np.array([touching]))[0]), {})
@@ -106,10 +106,10 @@ class _Mark:
 
 def march(assembly: Assembly, report: Report = no_report, checkpoints: Checkpoints | None = None,
           clock: Clock | None = None) -> tuple[Solution, StepLog]:
-    """Solve `assembly` in the load steps that its scene asks for, without [time] in one; and what is kept of them.
+    """Solve `assembly` in the load steps of its scene, without [time] in one; the solution and the record of the steps.
 
-    Parameters and what is raised as for `solve`. The solution is that of the last step, with the largest residuals of
-    all. Collective.
+    Parameters and errors as of `solve`. The solution is that of the last step, with the largest residuals of all steps.
+    Collective.
     """
     scene, clock = assembly.scene, clock or Clock()
     log = StepLog()
@@ -125,13 +125,13 @@ def march(assembly: Assembly, report: Report = no_report, checkpoints: Checkpoin
 
 
 class March:
-    """The way through all legs. Everything is collective.
+    """The solution of all legs, step by step. Everything is collective.
 
     Attributes
     ----------
-    iteration, outer : that every load step is solved by
-    log : what is kept of the steps of the accepted subdivision
-    iterations : of all steps before the present one, those of rejected subdivisions as well
+    iteration, outer : that solve every load step
+    log : the record of the steps of accepted subdivisions
+    iterations : of all steps before the present one, also of rejected subdivisions
     """
 
     def __init__(self, assembly: Assembly, iteration: Iteration, log: StepLog) -> None:
@@ -182,7 +182,7 @@ class March:
         mechanism = self._mechanism(time)
         assembly.act(time)
         self._d = joint.d
-        span = self._now.time - self._before.time
+        span = self._now.time - self._before.time  # zero at a turning point, where _before is _now
         share = (time - self._now.time) / span if span else 0.0
         start = self._slip_begins(share)
         joint.d = joint.d - start
@@ -194,8 +194,8 @@ class March:
     def _begin(self, share: float, start: np.ndarray) -> None:
         """Begin to iterate for a step whose slip begins at `start` (size,).
 
-        It is a `share` of the step before it, zero where they are not alike. There, and after a cut, nothing is known
-        of the way on.
+        The step is a `share` of the one before, zero at a turning point. There, and after a cut, nothing can be
+        extrapolated.
         """
         now, before = self._now, self._before
         self.iteration.begin()
@@ -209,18 +209,18 @@ class March:
             self.outer.begin((now.s, now.d - self._d - now.closed + start, now.alpha))
 
     def _slip_begins(self, share: float) -> np.ndarray:
-        """Where the slip of the next step begins (size,), which is a `share` of the step before it."""
+        """Where the slip of the next step, a `share` of the one before, begins (size,) (m)."""
         s, closed = self._now.s, self._now.closed
         gain = closed - self._before.closed
-        parts = [slip_start(interface.law, s[part], closed[part], gain[part], share)
-                 for interface, part in self.assembly.space.each()]
-        return np.concatenate([np.empty(0), *parts])
+        starts = [slip_start(interface.law, s[part], closed[part], gain[part], share)
+                  for interface, part in self.assembly.space.with_slices()]
+        return np.concatenate([np.empty(0), *starts])
 
     def _mechanism(self, time: float) -> Mechanism | None:
-        """The mechanism that shows that no forces hold the loads at `time`.
+        """The mechanism that proves that no contact forces balance the loads at `time`, or None.
 
-        The loads that some forces hold are a convex set, and loads are linear in time along a leg. So where its ends
-        are held all of it is.
+        The loads that contact forces can balance are a convex set, and loads are linear in time along a leg. So if
+        those at its two ends have an equilibrium, all have.
         """
         assembly = self.assembly
         if not assembly.loose:
@@ -230,7 +230,7 @@ class March:
             assembly.act(at)
             return look_for_mechanism(assembly)
 
-        if self._safe is None:  # all legs but the first begin where there is an answer
+        if self._safe is None:  # all legs but the first begin at a solved step
             self._safe = (self._leg > 0 or look(0.0) is None) and look(self._legs[self._leg]) is None
         return None if self._safe else look(time)
 
@@ -247,15 +247,16 @@ class March:
         mean = 0.5 * (s + now.s)
         driven, interface_work = space.add(np.array([mean @ (gone - opened), mean @ closing]))
         if now.time == 0.0:  # an overlap (of bonds also a gap) acts at once, before any load
-            sudden = np.concatenate([np.empty(0), *(now.opening[part] if each.law.name == "bonded" else
-                                                    np.minimum(now.opening[part], 0.0) for each, part in space.each())])
+            sudden = np.concatenate([np.empty(0), *(
+                now.opening[part] if interface.law.name == "bonded" else np.minimum(now.opening[part], 0.0)
+                for interface, part in space.with_slices())])
             self._given = float(space.add(np.array([mean @ sudden]))[0])
         # loads over displacements, and reactions of clamps over what these prescribe: ΔW = ½ (b_n + b_n−1) Δu
         work = 0.5 * (factors + now.factors) @ (solution.work[0] - now.work[0])
         work += 0.5 * (factors - now.factors) @ (solution.work[1] + now.work[1]) + driven
         lost = work - (solution.energy - now.energy) - interface_work  # ΔW − ΔU − ΔI, zero but for rounding
-        dissipated, closed = assembly.world.bcast((sum(each.dissipated for each in contacts),
-                                                   sum(each.closed for each in contacts)))
+        dissipated, closed = assembly.world.bcast((sum(contact.dissipated for contact in contacts),
+                                                   sum(contact.closed for contact in contacts)))
         _, worked, _, taken, rubbed, _ = self.log.energies[-1] if self.log.energies else np.zeros(6)
         self.log.energies.append([time, worked + work, solution.energy, taken + interface_work, rubbed + dissipated,
                                   lost])
@@ -269,7 +270,7 @@ class March:
         del self._ahead[0]
         if not self._ahead or scene.output.steps == "all":
             self.log.kept.append((time, s, outer.motions, *map(leg_values, solution.states.values())))
-        counts = [sum(getattr(each, status) for each in contacts) for status in ("open", "slip", "stick")]
+        counts = [sum(getattr(contact, status) for contact in contacts) for status in ("open", "slip", "stick")]
         log.info("time %-10.6g %3d iterations; %d open, %d slip, %d stick nodes", time, len(outer.history), *counts)
         self._leave()
         self._cuts = 0
@@ -280,7 +281,8 @@ class March:
         self.outer.history = []
 
     def _cut(self, solution: Solution, time: float) -> bool:
-        """Whether to go on with a step half as long, from the state before the one to `time` that has failed."""
+        """Whether to try again in a step half as long, after the step to `time` has failed."""
+        # shorter steps cure neither loads without equilibrium nor solves that -body_ksp_rtol makes too coarse
         if solution.mechanism or solution.stopped not in CURABLE or self._cuts == CUTS or (
                 solution.given and solution.unbalanced) or time - self._now.time < 1.5 * self._shortest:
             return False
@@ -304,8 +306,9 @@ class March:
     def _times(self, length: float = 0.0, closing: bool = False) -> list[float]:
         """The times of the steps of the present leg.
 
-        They are equal in growth where the leg's end has a larger closed `length`. Its square is taken as linear in the
-        loads, as in the contact of a circle and a plane. Where gaps are `closing`, the first step is divided.
+        They are equal in the growth of the contact where the leg's end has a larger closed `length`, whose square is
+        taken as linear in the loads, as for a circle on a plane (Hertz). Where gaps are `closing`, the first step is
+        divided.
         """
         start, end = self._base.time, self._legs[self._leg]
         x, first = np.arange(1, self._number) / self._number, self._base.length
@@ -319,9 +322,10 @@ class March:
         return times
 
     def _refine(self) -> bool:
-        """Whether to solve the leg, which has come to its end, once more in twice as many steps."""
+        """Whether to solve the leg once more in twice as many steps, now that its end is reached."""
         space, s = self.assembly.space, self._now.s
-        frictional = [(each, part) for each, part in space.each() if len(each.sliding) and each.law.name != "bonded"]
+        frictional = [(interface, part) for interface, part in space.with_slices()
+                      if len(interface.sliding) and interface.law.name != "bonded"]
         if self._steps or not space.any(np.array([len(frictional)])):
             return False  # without friction there is no memory
         size = space.norm(s)
@@ -349,8 +353,8 @@ class March:
             return False
         # nodes that were open and now carry force: their gaps close within the leg
         closing = space.any(np.array([
-            ((s[part][:each.m] > 0.0) & (self._base.s[part][:each.m] <= 0.0)
-             & (self._base.closed[part][:each.m] < 0.0)).any() for each, part in frictional]))
+            ((s[part][:interface.m] > 0.0) & (self._base.s[part][:interface.m] <= 0.0)
+             & (self._base.closed[part][:interface.m] < 0.0)).any() for interface, part in frictional]))
         self._coarse, self._number = s, 2 * self._number
         length, self._now, self._before = self._now.length, self._base, self._base
         self.log.restore(self._noted)
@@ -358,10 +362,11 @@ class March:
         return True
 
     def _change(self, change: np.ndarray) -> float:
-        """The size of a `change` (size,) of forces: over all forces, and of tangential ones over slip bounds."""
+        """The size of a `change` (size,) of forces over all forces, or of its tangential part over slip bounds if
+        larger."""
         space = self.assembly.space
         tangential = change.copy()
-        for interface, part in space.each():
+        for interface, part in space.with_slices():
             tangential[part][:interface.m] = 0.0
         return float((space.norms([change, tangential]) / self._largest).max())
 

@@ -162,7 +162,7 @@ def name_of(entry: Any) -> str | None:
 def explain(message: str, data: dict, root: type) -> str:
     """Reword msgspec's `message` about `data` as a `root`: the user's key, and what would have been right."""
     problem, _, path = message.replace("`key` in `$", "`$").partition(" - at `$")
-    named, here, kinds = _locate(re.findall(r"\w+|\.\.\.", path), data, root)
+    named, given, kinds = _locate(re.findall(r"\w+|\.\.\.", path), data, root)
     if found := re.search(r"(missing required|unknown) field `(.*?)`", problem):
         key = ".".join([*named, found[2]])
         tables = [kind for kind in kinds if isinstance(kind, inspect.StructType)]
@@ -180,37 +180,37 @@ def explain(message: str, data: dict, root: type) -> str:
     allowed = [str(value) for kind in kinds if isinstance(kind, inspect.LiteralType) for value in kind.values]
     if problem.startswith("Invalid") and allowed:
         number = "a number or " * any(isinstance(kind, inspect.IntType | inspect.FloatType) for kind in kinds)
-        return f"{key}{here!r} is not valid; expected {number}one of {', '.join(allowed)}{_meant(str(here), allowed)}"
-    if isinstance(here, float) and not math.isfinite(here):
+        return f"{key}{given!r} is not valid; expected {number}one of {', '.join(allowed)}{_meant(str(given), allowed)}"
+    if isinstance(given, float) and not math.isfinite(given):
         problem = "must be a finite number"
     if "matching regex" in problem:  # only names have a pattern
         problem = "a name has no '.', '=', '/', blank or control character"
     rows = [kind for kind in kinds if isinstance(kind, inspect.VarTupleType) and kind.max_length]
-    if rows and isinstance(here, list):
+    if rows and isinstance(given, list):
         lengths = dict.fromkeys((rows[0].min_length, rows[0].max_length))
-        problem = f"expected a list of length {' or '.join(map(str, lengths))}, got {len(here)}"
-    if not isinstance(here, dict | list):
-        problem = re.sub(r", got `.*?`$", "", problem) + f" (got {here!r})"
+        problem = f"expected a list of length {' or '.join(map(str, lengths))}, got {len(given)}"
+    if not isinstance(given, dict | list):
+        problem = re.sub(r", got `.*?`$", "", problem) + f" (got {given!r})"
     problem = re.sub(r"`(.*?)`", lambda kind: kind[1].replace("object", "a table").replace("array", "a list")
                      .replace("float", "a number").replace("int", "a whole number").replace("str", "words in quotes")
                      .replace("bool", "true or false").replace(" | null", "").replace("|", "or"), problem)
-    return key + problem[:1].lower() + problem[1:] + _remedy(named, kinds, here)
+    return key + problem[:1].lower() + problem[1:] + _remedy(named, kinds, given)
 
 
-def _locate(parts: list[str], data: dict, root: type) -> tuple[list[str], Any, list[inspect.Type]]:
+def _locate(path: list[str], data: dict, root: type) -> tuple[list[str], Any, list[inspect.Type]]:
     """What stands at a path in `data`: the key, entries of lists by name; the value; the types that it may have."""
-    named, here, kinds = list[str](), data, [inspect.type_info(root)]
-    for part in parts:
-        if part == "...":  # of a table of free names of the root, msgspec does not say which one
+    named, given, kinds = list[str](), data, [inspect.type_info(root)]
+    for key in path:
+        if key == "...":  # of a table of free names of the root, msgspec does not say which one
             entry = get_args(get_type_hints(root, include_extras=True)[named[-1]])[1]
-            part = next(name for name, value in here.items() if not _fits(value, entry))
-        kinds = [inner for kind in kinds for inner in _inside(kind, part)]
-        in_list, here = isinstance(here, list), here[int(part) if isinstance(here, list) else part]
-        named.append((in_list and name_of(here)) or part)
-        if isinstance(here, dict):  # its tag, as in law = "coulomb", tells unions apart
+            key = next(name for name, value in given.items() if not _fits(value, entry))
+        kinds = [inner for kind in kinds for inner in _inside(kind, key)]
+        in_list, given = isinstance(given, list), given[int(key) if isinstance(given, list) else key]
+        named.append((in_list and name_of(given)) or key)
+        if isinstance(given, dict):  # its tag, as in law = "coulomb", tells unions apart
             kinds = [kind for kind in kinds if isinstance(kind, inspect.StructType) and kind.tag
-                     and kind.tag == here.get(kind.tag_field)] or kinds
-    return named, here, kinds
+                     and kind.tag == given.get(kind.tag_field)] or kinds
+    return named, given, kinds
 
 
 def _fits(value: Any, kind: Any) -> bool:
@@ -241,23 +241,23 @@ def _inside(kind: inspect.Type, part: str) -> list[inspect.Type]:
     return [one for entry in inner for one in (entry.types if isinstance(entry, inspect.UnionType) else (entry,))]
 
 
-def _remedy(named: list[str], kinds: list[inspect.Type], here: Any) -> str:
+def _remedy(named: list[str], kinds: list[inspect.Type], value: Any) -> str:
     """The end of a message that shows how to write `here`, if it only lacks quotation marks, brackets or braces."""
-    if isinstance(here, str) and here[:1] in ("[", "{"):  # from --set, after the shell has had it
-        quoted = re.sub(r"([=\[,] *)([A-Za-z_][^][{},=\"']*?)(?= *[],}])", r'\1"\2"', here)
+    if isinstance(value, str) and value[:1] in ("[", "{"):  # from --set, after the shell has had it
+        quoted = re.sub(r"([=\[,] *)([A-Za-z_][^][{},=\"']*?)(?= *[],}])", r'\1"\2"', value)
         return f"; the shell must leave quotation marks around words: '{'.'.join(named)}={quoted}'"
-    if isinstance(here, dict) and any(isinstance(kind, inspect.StructType) for kind in kinds):
+    if isinstance(value, dict) and any(isinstance(kind, inspect.StructType) for kind in kinds):
         return ""  # a table may stand here, and what is wrong is within
     for kind in kinds:
-        if isinstance(kind, inspect.StructType) and kind.tag == here == "none":
-            return f'; write {named[-1]} = {{ {kind.tag_field} = "{here}" }}'
-        wanted = inspect.StrType if isinstance(here, str) else inspect.StructType if isinstance(here, dict) else ()
+        if isinstance(kind, inspect.StructType) and kind.tag == value == "none":
+            return f'; write {named[-1]} = {{ {kind.tag_field} = "{value}" }}'
+        wanted = inspect.StrType if isinstance(value, str) else inspect.StructType if isinstance(value, dict) else ()
         is_list = isinstance(kind, inspect.ListType | inspect.VarTupleType) and (kind.min_length or 0) < 2
         if is_list and any(isinstance(item, wanted) for item in _inside(kind, "0")):
-            inner = f'"{here}"' if isinstance(here, str) else "{ … }"
+            inner = f'"{value}"' if isinstance(value, str) else "{ … }"
             return f"; write {named[-1]} = [{inner}]" if named[1:] else f"; write [[{named[0]}]]"
     compound = any(isinstance(kind, inspect.StructType | inspect.TupleType | inspect.VarTupleType) for kind in kinds)
-    written = WRITTEN.get(named[-1]) if named and compound and not isinstance(here, dict) else None
+    written = WRITTEN.get(named[-1]) if named and compound and not isinstance(value, dict) else None
     return f"; write {written}" if written else ""
 
 

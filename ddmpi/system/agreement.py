@@ -75,16 +75,16 @@ def from_first(world: MPI.Comm, work: Callable[[], T]) -> T:
     return world.bcast(result)
 
 
-def gathered(world: MPI.Comm, own: Mapping[K, T]) -> dict[K, T]:
+def gathered(world: MPI.Comm, entries: Mapping[K, T]) -> dict[K, T]:
     """One table from those of all ranks on the first rank, in their order; on the others their own. Collective.
 
     Tables that grow with the number of bodies are gathered, not `merged`: the first rank judges and writes them, and
     sends the others a few numbers.
     """
-    everyone = world.gather(own)
-    return dict(own) if everyone is None else {key: value for rank in everyone for key, value in rank.items()}
+    of_ranks = world.gather(entries)
+    return dict(entries) if of_ranks is None else {key: value for rank in of_ranks for key, value in rank.items()}
 
 
-def merged(world: MPI.Comm, own: Mapping[K, T]) -> dict[K, T]:
+def merged(world: MPI.Comm, entries: Mapping[K, T]) -> dict[K, T]:
     """One table from those of all ranks, in the order of the ranks. Collective."""
-    return {key: value for rank in world.allgather(own) for key, value in rank.items()}
+    return {key: value for rank in world.allgather(entries) for key, value in rank.items()}

@@ -254,7 +254,7 @@ def test_motions_of_a_loose_body(case, geometry):
     clamps, expected = LOOSE[case]
     mesh = rectangle(**geometry)
     problem = assemble(mesh, body(clamp=clamps))
-    assert not problem.held
+    assert not problem.supported
     assert problem.motions.shape == (*mesh.points.shape, len(expected.split()))
     assert not problem.motions[~problem.free].any()
     low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)

@@ -191,7 +191,7 @@ def test_point_clamps_that_determine_the_position_carry_nothing():
     spec = body(clamp=["heel", Clamp(on="toe", y=0.0)],
                 traction=[Traction(on=side, pressure=3e6) for side in mesh.groups])
     problem = assemble(mesh, spec)
-    assert problem.held
+    assert problem.supported
     assert np.argwhere(~problem.free).tolist() == [[0, 0], [0, 1], [1, 1]]
     u = solve(mesh, spec)
     reaction = sum_stiffness(mesh, STEEL).mult(u) - nodal_loads(mesh, spec)

@@ -95,7 +95,7 @@ def test_clamps_leave_rigid_motions(clamp, number):
     """A face on rollers leaves three, two faces one; matrix and near null space have blocks of three."""
     mesh = box((2, 2, 2))
     problem = assemble(mesh, body(clamp=clamp))
-    assert problem.motions.shape[2] == number and problem.held == (number == 0)
+    assert problem.motions.shape[2] == number and problem.supported == (number == 0)
     assert problem.A.getBlockSize() == 3 and problem.A.isSymmetric(1e-5 * STEEL.young)
     assert len(problem.A.getNearNullSpace().getVecs()) == 6
 

@@ -421,7 +421,7 @@ def test_the_plan_says_what_is_left_out(tmp_path):
     done = run_here(write_scene(scene, tmp_path / "scene.toml"), tmp_path / "results")
     assert done.code == 0, done.output
     left_out = next(line for line in done.stdout.splitlines() if "left out: " in line).partition("left out: ")[2]
-    assert left_out.split(", ") == ["rigid motions (supports hold all bodies)", "stress in the files (not asked for)",
+    assert left_out.split(", ") == ["rigid motions (all bodies are supported)", "stress in the files (not asked for)",
                                     "pictures (not asked for)"]
     assert "upper-lower: all nodes touch at first; no friction; clamps hold 1 contact node\n" in done.stdout
     assert "lower: no loads\n" in done.stdout

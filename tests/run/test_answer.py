@@ -133,7 +133,7 @@ def test_help_says_it_all():
     """help(ddmpi.solve) describes every parameter, and has an example."""
     words = inspect.getdoc(ddmpi.solve)
     assert all(f"\n{name} : " in words for name in inspect.signature(ddmpi.solve).parameters)
-    assert 'ddmpi.solve("scene.toml"' in words and "InputError" in words
+    assert ">>> answer = ddmpi.solve(scene" in words and "InputError" in words
 
 
 TOLD = """

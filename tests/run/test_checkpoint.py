@@ -210,7 +210,7 @@ def test_a_restored_state_is_the_whole_state(comm, shared, kind):
     held, states, copies = [], [], []
 
     def remember(checkpoints: Checkpoints) -> None:
-        held.append({name: data_of(part) for name, part in checkpoints._parts.items()})
+        held.append({name: data_of(part) for name, part in checkpoints._followed.items()})
         states.append(checkpoints._now)
         copies.append(copy.deepcopy(checkpoints._now))
 
@@ -226,7 +226,7 @@ def test_a_restored_state_is_the_whole_state(comm, shared, kind):
         restored = []
         assembly, again = start(comm, scene, shared, restart=True)
         solve_looking(again, assembly, lambda found, restored=restored: restored.append(
-            {name: data_of(part) for name, part in found._parts.items()}))
+            {name: data_of(part) for name, part in found._followed.items()}))
         assert restored[0].keys() == held[k].keys()
         for name, part in restored[0].items():
             for key, value in part.items():

@@ -46,7 +46,7 @@ def test_what_is_printed_has_units_and_says_how_bodies_are_held(tmp_path):
     path = scenes.write_scene(scene, tmp_path / "scene.toml")
     run = scenes.run_here(path, tmp_path / "out", "--no-figures")
     assert run.code == 0, run.output
-    for word in ("not held by clamps (3 rigid motions); direct solver\n", " bodies on 1 rank\n",
+    for word in ("not supported by clamps (3 rigid motions); direct solver\n", " bodies on 1 rank\n",
                  ") N/mm on ", " MPa\n", " N/mm, largest displacement ", " mm, von Mises stress ",
                  " pictures (not asked for)\n"):
         assert word in run.stdout, run.stdout
