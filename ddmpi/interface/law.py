@@ -176,7 +176,7 @@ class Law:
         g = self.slip_bound(normal)
         # A linear solve leaves slipping nodes on the tangent of the bound; the certificate asks for the bound itself.
         tangential = np.where(active.slip.any(axis=1)[:, None], active.slip * g[:, None], shorten(tangential, g))
-        return np.concatenate([normal, tangential.ravel()])
+        return np.concatenate([normal, tangential.ravel()]) * self.live  # steps by a model move the others, too
 
     def bound_at(self, s: np.ndarray) -> np.ndarray:
         """The slip bound (mt,) under the forces s (size,), tension taken as no pressure."""

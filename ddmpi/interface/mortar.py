@@ -77,7 +77,7 @@ def mortar(first: Side, second: Side, contact: SettledContact) -> Interface:
     faced = [np.unique(covers[k].facet if k in covers else covers[1 - k].other) for k in (0, 1)]
     slave = _choose_slave(sides, contact, faced)
     side, over = sides[slave], covers[slave]
-    psi = _functions(side, over, inset(over, over))
+    psi = _functions(side, over, inset(side, over, over))
     # Rows are merged twice: nodes that are hardly covered first, then rows that clamps nearly fix. Where two contacts
     # share a facet, its nodes bear the rows of both, so coverage counts by the facet's own functions there.
     root = _merged(side, over, _functions(side, over, over.at) if side.parted else psi)
@@ -100,8 +100,8 @@ def _cover(sides: tuple[Side, Side], slave: int, name: str) -> Cover:
 
 
 def _functions(side: Side, over: Cover, at: np.ndarray) -> sparse.csr_matrix:
-    """w ψ (q, k) of the slave's nodes at the points, `at` (q, 2) on facets: `duals`; on a sliver 1 at the nearest corner,
-    0 at the others."""
+    """w ψ (q, k) of the slave's nodes at the points, with shape functions by the coordinates `at` (q, 2): `duals`; on a
+    sliver 1 at the nearest corner, 0 at the others."""
     phi = side.cell.shapes(at)
     middle = nodal(over.weight[:, None] * over.at, over.facet, len(side.facets))
     nearest = np.arange(phi.shape[1]) == middle.argmax(axis=1)[:, None]
@@ -224,6 +224,7 @@ def _lines(rows: Rows, over: Cover, psi: sparse.csr_matrix) -> Lines:
     length[nodes] += rows.area - np.bincount(place[faces], length[faces])  # of nodes that are left out
     some = length > 0.0
     centre = np.where(some[:, None], psi.T @ points / np.where(some, length, 1.0)[:, None], side.xy)
+    centre = np.where(np.abs(centre - side.xy) <= SAME * side.spacing[:, None], side.xy, centre)  # but for rounding
     return Lines(place, side.xy, length, side.pieces(rows.seen), centre).only(faces)
 
 

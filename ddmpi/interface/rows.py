@@ -29,7 +29,10 @@ HELD = np.sqrt(0.5) - 1e-9
 of a node that can move along one line only, the one nearer to this line stays free."""
 
 LEAST = 1e-2
-"""A covered part whose triangle has a smaller part of its facet's area is a sliver."""
+"""A triangle smaller than this fraction of the covered part is a sliver, and so is an integral of a hat over it."""
+
+END = 1e-2
+"""Corners of a covered part this near to its end, as a fraction of its extent, count to where it ends."""
 
 LACKING = 1e-3
 """A facet counts as wholly covered up to this fraction of its area."""
@@ -261,25 +264,37 @@ def duals(side: Side, over: Cover, phi: np.ndarray, sliver: float, alone: np.nda
     return over.weight[:, None] * np.where(thin[part, None], alone, psi)
 
 
-def inset(over: Cover, corners: Cover) -> np.ndarray:
+def inset(side: Side, over: Cover, corners: Cover) -> np.ndarray:
     """Coordinates (q, d) of the points of a cover by those triangles, or lengths, that reach as far as the covered part
     of each facet: a vertex λ_i = 1 that is not covered moves to the farthest of the covered part's `corners`.
 
     The dual functions of shape functions in these coordinates have their centres in what is covered, so that contact
-    forces reach no farther than the contact does. Facets that are covered as a whole, and those of whose coverage such
-    a triangle is no image (LEAST), keep their own.
+    forces reach no farther than the contact does. Facets that are covered as a whole keep their own, and so do those
+    whose cover is no such triangle: a sliver (LEAST), or parts apart, over which one of the hats has no integral.
     """
-    facets, number = np.unique(np.concatenate([over.facet, corners.facet]), return_inverse=True)
-    at, number, d = corners.at, number[len(over.facet):], corners.at.shape[1]
-    most = np.zeros((len(facets), d))
+    facets, place = np.unique(over.facet, return_inverse=True)
+    kept = np.isin(corners.facet, facets)
+    at, number, d = corners.at[kept], np.searchsorted(facets, corners.facet[kept]), corners.at.shape[1]
+    most, least = np.zeros((len(facets), d)), np.ones((len(facets), d))
     np.maximum.at(most, number, at)
-    far = at > most[number] - NO_GAP  # several where the covered part ends parallel to an edge
-    ends = np.zeros((len(facets), d, d))
-    np.add.at(ends, number, far[:, :, None] * at[:, None, :])
-    ends /= np.maximum(ends.sum(axis=2, keepdims=True), 1.0)
-    ends[np.abs(np.linalg.det(ends)) < LEAST] = np.eye(d)
-    place = np.searchsorted(facets, over.facet)
-    return np.einsum("qi,qij->qj", over.at, np.linalg.inv(ends)[place])
+    np.minimum.at(least, number, at)
+    # The mean of the corners within END of the farthest one, by weights that fall to zero there: where the cover ends
+    # parallel to an edge there are several, and a small turn of the end must move the vertex little.
+    near = np.maximum(1.0 - (most[number] - at) / np.maximum(END * (most - least), NO_GAP)[number], 0.0)
+    ends, total = np.zeros((len(facets), d, d)), np.zeros((len(facets), d))
+    np.add.at(ends, number, near[:, :, None] * at[:, None, :])
+    np.add.at(total, number, near)
+    ends /= np.maximum(total, NOTHING)[:, :, None]
+    # From there towards the vertex, until λ_i is the largest of what is covered.
+    own = np.einsum("fii->fi", ends)
+    shift = np.where(own < 1.0, (most - own) / np.where(own < 1.0, 1.0 - own, 1.0), 0.0)
+    ends += shift[:, :, None] * (np.eye(d) - ends)
+    covered = np.bincount(place, over.weight, len(facets))
+    ends[np.abs(np.linalg.det(ends)) < LEAST * covered / side.areas[facets]] = np.eye(d)
+    hats = np.einsum("qi,qij->qj", over.at, np.linalg.inv(ends)[place])
+    integrals = np.zeros((len(facets), d))
+    np.add.at(integrals, place, over.weight[:, None] * hats)
+    return np.where((integrals.min(axis=1) > LEAST * covered)[place, None], hats, over.at)
 
 
 def means(integrals: sparse.csr_matrix, area: np.ndarray) -> sparse.csr_matrix:

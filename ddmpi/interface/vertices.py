@@ -46,14 +46,19 @@ def rows_at_vertices(sides: tuple[Side, Side], slave: int, over: Cover, looked: 
     answer is checked for overlaps. Not collective."""
     side, other, bonded = sides[slave], sides[1 - slave], contact.kind == "bonded"
     seen, met = np.isin(np.arange(len(side.facets)), over.facet), np.zeros(len(side.nodes), bool)
-    weighted = over.weight[:, None] * over.at if bonded else duals(side, over, inset(over, looked), SLIVER, 1.0 / 3.0)
-    psi = at_points(weighted, side.corners[over.facet], len(met))
+    psi = over.weight[:, None] * over.at
+    if not bonded:
+        psi = duals(side, over, inset(side, over, looked), SLIVER, 1.0 / 3.0)
+    psi = at_points(psi, side.corners[over.facet], len(met))
     full = nodal(np.repeat(side.lengths[:, None] / 3.0, 3, axis=1), side.corners, len(met))  # ∫ of hats
     met[side.corners[seen]] = True
     D = np.asarray(psi.sum(axis=0)).ravel()
     # Vertices that are hardly covered or wholly clamped share; those of other contacts as well, as long as enough
     # remain.
-    shares = (UNCOVERED * full > D) | ~side.free.any(axis=(1, 2))
+    clamped = ~side.free.any(axis=(1, 2))
+    shares = (UNCOVERED * full > D) | clamped
+    if not _spread(side.xy[~shares & met]):  # the contact is small beside the facets: its own size counts
+        shares = (UNCOVERED * D.max() > D) | clamped
     also = shares | _meets_others(side, D, full)
     if _spread(side.xy[~also & met]):  # rows along a line would be a hinge, which the bodies do not have
         shares = also
