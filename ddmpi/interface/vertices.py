@@ -52,13 +52,14 @@ def rows_at_vertices(sides: tuple[Side, Side], slave: int, over: Cover, looked: 
     psi = at_points(psi, side.corners[over.facet], len(met))
     full = nodal(np.repeat(side.lengths[:, None] / 3.0, 3, axis=1), side.corners, len(met))  # ∫ of hats
     met[side.corners[seen]] = True
-    D = np.asarray(psi.sum(axis=0)).ravel()
+    D = nodal(over.weight[:, None] * over.at, side.corners[over.facet], len(met))  # ∫ of hats over what is covered
     # Vertices that are hardly covered or wholly clamped share; those of other contacts as well, as long as enough
     # remain.
     clamped = ~side.free.any(axis=(1, 2))
     shares = (UNCOVERED * full > D) | clamped
     if not _spread(side.xy[~shares & met]):  # the contact is small beside the facets: its own size counts
-        shares = (UNCOVERED * D.max() > D) | clamped
+        own = np.asarray(psi.sum(axis=0)).ravel()
+        shares = (UNCOVERED * own.max() > own) | clamped
     also = shares | _meets_others(side, D, full)
     if _spread(side.xy[~also & met]):  # rows along a line would be a hinge, which the bodies do not have
         shares = also

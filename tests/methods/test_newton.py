@@ -423,7 +423,7 @@ def test_the_plan_says_what_is_left_out(tmp_path):
     left_out = next(line for line in done.stdout.splitlines() if "left out: " in line).partition("left out: ")[2]
     assert left_out.split(", ") == ["rigid motions (all bodies are supported)", "stress in the files (not asked for)",
                                     "pictures (not asked for)"]
-    assert "upper-lower: all nodes touch at first; no friction; clamps hold 1 contact node\n" in done.stdout
+    assert "upper-lower: all nodes touch at first; no friction; clamps constrain 1 contact node\n" in done.stdout
     assert "lower: no loads\n" in done.stdout
     assert "semi-smooth Newton, GMRES with half-plane preconditioner" in done.stdout
     assert "upper, lower: direct solver\n" in done.stdout
