@@ -28,6 +28,9 @@ FACES = {2: {"bottom": (0, 1), "right": (1, 2), "top": (2, 3), "left": (3, 0)},
              "bottom": (0, 1, 2, 3), "top": (4, 5, 6, 7)}}
 """The corners of faces, around them."""
 
+NOTHING = 1e-6
+"""Forces below this fraction of the scene's are compared with it: bodies and contacts without forces have rounding."""
+
 MOTIONS = {"penetration", "gap under pressure", "slip against friction", "slip of sticking", "opening of bonds",
            "clamps"}
 """Violations that are displacements; the others are forces."""
@@ -92,13 +95,14 @@ def violations(scene: Scene, folder: Path) -> dict[str, float]:
                 force = force + sign * forces[contact["name"]].sum(axis=0)
                 moment = moment + sign * np.array(results.summary["contacts"][contact["name"]]["moment"])
         told = {"force": np.abs(force).max() / size, "moment": 0.0 if held else np.abs(moment).max() / (arm * size)}
-        told |= _residual(scene, results, number, forces, u)
+        told |= _residual(scene, results, number, forces, u, NOTHING * size)
         told["clamps"] /= largest
         found = {law: max(value, float(told[law])) for law, value in found.items()}
     for contact in scene["contact"]:
         table, own = results.contacts[contact["name"]], forces[contact["name"]]
-        for law, value in _laws(contact, table, own).items():
-            found[law] = max(found.get(law, 0.0), value / (largest if law in MOTIONS else np.abs(own).max() or 1.0))
+        for law, value in _laws(contact, table, own, NOTHING * size).items():
+            least = largest if law in MOTIONS else max(np.abs(own).max(), NOTHING * size) or 1.0
+            found[law] = max(found.get(law, 0.0), value / least)
     return found
 
 
@@ -120,8 +124,9 @@ def contact_forces(table: Columns, axes: str) -> np.ndarray:
     return -table["normal_force"][:, None] * normals(table, axes) - along(table, axes, "tangential_force")
 
 
-def _laws(contact: dict, table: Columns, force: np.ndarray) -> dict[str, float]:
-    """Violations of the contact's laws at its nodes: forces (N) and displacements (m)."""
+def _laws(contact: dict, table: Columns, force: np.ndarray, nothing: float) -> dict[str, float]:
+    """Violations of the contact's laws at its nodes: forces (N) and displacements (m). Forces below `nothing` are none.
+    """
     axes = "xyz"[:force.shape[1]]
     n, slip = normals(table, axes), along(table, axes, "slip")
     p = -np.einsum("md,md->m", force, n)
@@ -132,7 +137,7 @@ def _laws(contact: dict, table: Columns, force: np.ndarray) -> dict[str, float]:
     bound = {"none": 0.0 * p, "coulomb": law.get("coefficient", 0.0) * p,
              "tresca": law.get("slip_bound", 0.0) * table["area" if "area" in table else "length"]}[law["law"]]
     found = {"tension": float(-p.min()), "penetration": float(-table["gap"].min()),
-             "gap under pressure": float((np.maximum(p, 0.0) / (np.abs(p).max() or 1.0) * table["gap"]).max())}
+             "gap under pressure": float((np.maximum(p, 0.0) * table["gap"]).max() / (max(np.abs(p).max(), nothing) or 1.0))}
     size, moves = np.linalg.norm(t, axis=1), np.linalg.norm(slip, axis=1)
     found["friction bound"] = float((size - bound).max())
     sticks, slips = table["status"] == "stick", table["status"] == "slip"
@@ -147,8 +152,9 @@ def _laws(contact: dict, table: Columns, force: np.ndarray) -> dict[str, float]:
 
 
 def _residual(scene: Scene, results: Results, number: int, forces: dict[str, np.ndarray],
-              u: np.ndarray) -> dict[str, float]:
-    """What elasticity leaves of a body, by another program's stiffness, over the largest nodal force: inside, at nodes
+              u: np.ndarray, nothing: float) -> dict[str, float]:
+    """What elasticity leaves of a body, by another program's stiffness, over the largest nodal force, `nothing` at least:
+    inside, at nodes
     of no clamp and no contact; and, where all of its contacts have pairs of nodes, also at those of its contacts. And
     how far its clamped nodes have moved."""
     body, d = scene["body"][number], u.shape[1]
@@ -169,7 +175,7 @@ def _residual(scene: Scene, results: Results, number: int, forces: dict[str, np.
         part = None if group is None else facets[on[group][facets].all(axis=1)]
         residual += load_of(mesh, form, on=part)
     residual = residual.reshape(-1, d)
-    exact, largest, touched = mesh.order == 1, np.abs(residual).max() or 1.0, np.zeros(len(nodes), bool)
+    exact, largest, touched = mesh.order == 1, max(np.abs(residual).max(), nothing) or 1.0, np.zeros(len(nodes), bool)
     clamped = np.zeros(len(nodes), bool)
     for clamp in body.get("clamp", []):
         clamped |= on[clamp if isinstance(clamp, str) else clamp["on"]]
