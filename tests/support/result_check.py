@@ -137,7 +137,8 @@ def _laws(contact: dict, table: Columns, force: np.ndarray, nothing: float) -> d
     bound = {"none": 0.0 * p, "coulomb": law.get("coefficient", 0.0) * p,
              "tresca": law.get("slip_bound", 0.0) * table["area" if "area" in table else "length"]}[law["law"]]
     found = {"tension": float(-p.min()), "penetration": float(-table["gap"].min()),
-             "gap under pressure": float((np.maximum(p, 0.0) * table["gap"]).max() / (max(np.abs(p).max(), nothing) or 1.0))}
+             "gap under pressure": float((np.maximum(p, 0.0) * table["gap"]).max())
+             / (max(np.abs(p).max(), nothing) or 1.0)}
     size, moves = np.linalg.norm(t, axis=1), np.linalg.norm(slip, axis=1)
     found["friction bound"] = float((size - bound).max())
     sticks, slips = table["status"] == "stick", table["status"] == "slip"
@@ -153,10 +154,11 @@ def _laws(contact: dict, table: Columns, force: np.ndarray, nothing: float) -> d
 
 def _residual(scene: Scene, results: Results, number: int, forces: dict[str, np.ndarray],
               u: np.ndarray, nothing: float) -> dict[str, float]:
-    """What elasticity leaves of a body, by another program's stiffness, over the largest nodal force, `nothing` at least:
-    inside, at nodes
-    of no clamp and no contact; and, where all of its contacts have pairs of nodes, also at those of its contacts. And
-    how far its clamped nodes have moved."""
+    """What elasticity leaves of a body, by another program's stiffness, over its largest nodal force or `nothing`.
+
+    Inside, at nodes of no clamp and no contact; and, where all of its contacts have pairs of nodes, also at those of
+    its contacts. And how far its clamped nodes have moved.
+    """
     body, d = scene["body"][number], u.shape[1]
     cells = results.fields["cells"][results.fields["body"] == number]
     nodes, cells = np.unique(cells, return_inverse=True)
