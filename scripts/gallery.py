@@ -100,7 +100,10 @@ def floor_resultant(summary: dict) -> float:
 
 
 def tipping_edge(summary: dict) -> float:
-    """x of the point at the height 0.5 m about which the bodies tip (m), from where they move most and which way."""
+    """x of the point at the height 0.5 m about which the bodies tip (m), from where they move most and which way.
+
+    The words have two or three digits, so this is right to 2 % only.
+    """
     x, y, along, up = map(float, re.search(r"at \((.*), (.*)\), along \((.*), (.*)\)", summary["reason"]).groups())
     return x + (y - 0.5) * up / along
 

@@ -1,7 +1,7 @@
 """Two paths to where Newton's own steps converge: a barrier that gets lower, and a layer that gets harder.
 
-Where bodies hinge, jam or slide as wholes, a few closed nodes support them, and a Newton step with wrong ones does not
-lead on. Both paths solve a series of easier problems, each from the answer of the one before, by the same linear
+Where bodies hinge, jam or slide as wholes, a few closed nodes support them, and Newton's steps stall if they start from
+wrong ones. Both paths solve a series of easier problems, each from the answer of the one before, by the same linear
 problem with a diagonal D added (`ddmpi.methods.krylov`).
 
 Interior points replace each bound by a barrier μ: s w = μ for forces s and gaps w; g y + s_t·v = 2μ and
