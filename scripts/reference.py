@@ -40,7 +40,8 @@ HEADINGS = {
     "Coulomb": "friction by Coulomb", "Tresca": "friction by Tresca", "NoFriction": "no friction",
     "Profile": "profile", "SignedProfile": "signed profile", "Gap": "gap", "Plane": "[[rigid]]: a plane",
     "Circle": "[[rigid]]: a circle", "Sphere": "[[rigid]]: a sphere", "Cylinder": "[[rigid]]: a cylinder",
-    "History": "[history.NAME]", "Time": "[time]", "Method": "[method]", "Output": "[output]", "Cut": "cut",
+    "History": "[history.NAME]", "Time": "[time]", "Cycle": "cycle of load steps",
+    "Method": "[method]", "Output": "[output]", "Cut": "cut",
     "Checkpoint": "[checkpoint]"}
 """The tables of a scene in the order of the page."""
 
@@ -200,8 +201,9 @@ def results_page() -> str:
             "contact_NAME.csv": tables.CONTACT_IN[2], "contact_NAME.csv of solids": tables.CONTACT_IN[3],
             "contact_NAME_sides.csv": tables.SIDES,
             "contact_NAME_legs.csv": tables.LEGS_IN[2], "contact_NAME_legs.csv of solids": tables.LEGS_IN[3],
-            "history.csv": tables.HISTORY, "steps.csv": tables.STEPS_IN[2], "steps.csv of solids": tables.STEPS_IN[3],
-            "energy.csv": tables.ENERGY, "path.csv": tables.PATH}.items():
+            "history.csv": tables.HISTORY, "steps.csv": tables.STEPS_IN[2] | tables.CYCLE,
+            "steps.csv of solids": tables.STEPS_IN[3] | tables.CYCLE,
+            "energy.csv": tables.ENERGY | tables.CYCLE, "path.csv": tables.PATH}.items():
         lines += [f"## {name}", "", *table(("column", "meaning"), _coded(columns))]
     lines += ["## summary.json", "",
               "`null` stands for numbers that are not finite. NAME is that of a body or contact.", "",

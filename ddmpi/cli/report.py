@@ -18,7 +18,7 @@ from ddmpi.errors import InputError
 from ddmpi.mesh.elements import ORDERS
 from ddmpi.results.folder import FILES
 from ddmpi.results.histories import at_step
-from ddmpi.results.summary import RESIDUALS, Row, count, largest
+from ddmpi.results.summary import RESIDUALS, Row, count, drawn_times, largest
 from ddmpi.results.summary import SUMMARY as ROWS
 from ddmpi.results.tables import read_results, read_summary, reading
 from ddmpi.scene.method import METHODS
@@ -292,7 +292,8 @@ class RunReport:
         if not self.stepped or not every:
             return {"no_steps": "No load step was completed." if self.stepped else ""}
         if len(every) > MOST_STEPS:
-            steps = [step for step in every if step["time"] in self.scene["time"]["points"]] or every
+            steps = [step for step in every if drawn_times(self.summary, step["time"]) in self.scene["time"]["points"]
+                     ] or every
             evenly = np.unique(np.linspace(0, len(steps) - 1, MOST_STEPS).round().astype(int))
             steps = [steps[k] for k in evenly]
         if len(self.contacts) <= FEW:

@@ -59,6 +59,8 @@ class Member:
                  compliance: str | None = None, memory: float = np.inf,
                  histories: Sequence[str | None] = (None,), points: np.ndarray | None = None,
                  factor: bool = True) -> None:
+        self._acting: Mapping[str | None, float] | None = None
+        self._elasticity = elasticity
         self.name, self.elasticity, self.interfaces = name, elasticity, tuple(interfaces)
         self._histories = tuple(histories)
         ends = np.cumsum([0, *(interface.size for interface in self.interfaces)]).tolist()
@@ -110,9 +112,25 @@ class Member:
         """h (size,) and e (j,) of the loads and clamps with this history, at its factor 1; zero if there are none."""
         return self._responses.get(history) or (np.zeros(self.size), np.zeros(len(self.e)))
 
+    @property
+    def elasticity(self) -> Elasticity:
+        """A and the present b. Not collective."""
+        if self._acting is not None:
+            self._elasticity, self._acting = self._elasticity.under(self._acting), None
+        return self._elasticity
+
+    @elasticity.setter
+    def elasticity(self, elasticity: Elasticity) -> None:
+        self._elasticity, self._acting = elasticity, None
+
+    @property
+    def load(self) -> float:
+        """Sum of the absolute nodal loads (N), as of an `Elasticity`."""
+        return self._elasticity.load
+
     def act(self, factors: Mapping[str | None, float]) -> None:
         """Set loads and prescribed displacements to these `factors` by history. Not collective."""
-        self.elasticity = self.elasticity.under(factors)
+        self._acting = factors  # whose loads on all nodes are summed when they are asked for
         self._factors = np.array([factors[name] for name in self._histories])
         self.h, self.e = (sum((factors[name] * response[k] for name, response in self._responses.items()), np.zeros(1))
                           for k in (0, 1))

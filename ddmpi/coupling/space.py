@@ -74,6 +74,11 @@ class Space:
         """A vector (size,) that is constant on each interface."""
         return np.repeat(np.asarray(values, float), [interface.size for interface in self.interfaces])
 
+    def at_nodes(self, x: np.ndarray) -> np.ndarray:
+        """The sizes of the vectors of all owned nodes, of a vector (size,): whatever the directions of tangents."""
+        return np.concatenate([np.empty(0), *(np.sqrt(np.bincount(interface.law.node, x[part]**2, interface.m))
+                                              for interface, part in self.with_slices())])
+
     def norm(self, x: np.ndarray) -> float:
         """‖x‖₂ of a vector (size,) over all ranks. Collective."""
         return self.norms([x])[0]

@@ -7,7 +7,6 @@ ten iterations of GMRES, which takes a hundred between slender bodies.
 from __future__ import annotations
 
 import numpy as np
-import scipy.sparse as sparse
 from scipy.linalg.lapack import dgetrf, dgetrs
 
 from ddmpi.coupling.joint import Joint, Point
@@ -30,6 +29,7 @@ class Direct:
     def __init__(self, joint: Joint, preconditioner: Preconditioner) -> None:
         self._joint, self._preconditioner = joint, preconditioner
         self._C: np.ndarray | None = None  # once it is asked for; without entries where it is not known
+        self._Z = np.empty((0, 0))
         self.steps = self.long = False
 
     def direction(self, point: Point, linearised: Linearised, change: np.ndarray, wanted: np.ndarray,
@@ -50,14 +50,14 @@ class Direct:
             return None
         if self._C is None:
             C = joint.dense(SMALL)
-            self._C = np.empty((0, 0)) if C is None else C
+            self._C, self._Z = np.empty((0, 0)) if C is None else C, rigid.Z.toarray()
         if not self._C.size:  # as on several ranks, of which one may have no unknowns
             return None
         C_change = joint.product(change, "newton")
         right = linearised.restrict(wanted - point.r - C_change), joint.imbalance(point.s + change)
         softly = steered * steering.shared[linearised.unknown], springs * steering.diagonal[:rigid.size]
-        K = _matrix(self._C, linearised, rigid.Z, layer[linearised.unknown] + softly[0], softly[1])
-        factors, pivots, singular = dgetrf(K)
+        K = _matrix(self._C, linearised, self._Z, layer[linearised.unknown] + softly[0], softly[1])
+        factors, pivots, singular = dgetrf(K, overwrite_a=True)
         if singular:
             return None
         found = dgetrs(factors, pivots, np.concatenate(right))[0]
@@ -70,21 +70,21 @@ class Direct:
         return Point(change, C_change - rigid.spread(alpha), alpha, joint.imbalance(point.s + change) - point.left)
 
 
-def _matrix(C: np.ndarray, linearised: Linearised, Z: sparse.csr_matrix, D: np.ndarray,
-            springs: np.ndarray) -> np.ndarray:
+def _matrix(C: np.ndarray, linearised: Linearised, Z: np.ndarray, D: np.ndarray, springs: np.ndarray) -> np.ndarray:
     """[Iᵀ C E + D, −Iᵀ Z; Zᵀ E, springs], of k unknown forces and j rigid motions. Not collective.
 
     C (size, size) is symmetric, Z (size, j) are the contact displacements of the motions, and D (k,) are compliances.
     """
-    unknown, turn, EZ = linearised.unknown, linearised.turn, Z.T
-    if linearised.coupling.any():  # E = (1 + F) I with friction that follows the pressure
-        size = len(unknown)
-        F = sparse.csr_matrix((linearised.coupling, linearised.source, np.arange(size + 1)), (size, size))
-        C, EZ = C + (F.T @ C).T, Z.T + (F.T @ Z).T
+    unknown, turn, size, k = linearised.unknown, linearised.turn, len(C), linearised.number
+    both = np.hstack([C, Z])
+    follow = np.flatnonzero(linearised.coupling)
+    if len(follow):  # Eᵀ [C Z] with E = (1 + F) I: friction follows the pressure, one or two entries of a node
+        nodes, first = np.unique(linearised.source[follow], return_index=True)
+        both[nodes] += np.add.reduceat(linearised.coupling[follow, None] * np.hstack([C[follow], Z[follow]]), first)
     if turn is not None:
-        C, EZ, Z = (turn.T @ (turn.T @ C).T).T, EZ @ turn, turn.T @ Z
-    K = C[unknown][:, unknown]
-    K.flat[::len(K) + 1] += D
-    if not Z.shape[1]:
-        return K
-    return np.block([[K, -Z.tocsr()[unknown].toarray()], [EZ.tocsc()[:, unknown].toarray(), np.diag(springs)]])
+        both, Z = turn.T @ np.hstack([(turn.T @ both[:, :size].T).T, both[:, size:]]), turn.T @ Z
+    K = np.empty((k + Z.shape[1],) * 2, order="F")
+    K[:, :k] = both[unknown][:, np.append(unknown, np.ones(Z.shape[1], bool))].T
+    K[:k, k:], K[k:, k:] = -Z[unknown], np.diag(springs)
+    K[np.arange(k), np.arange(k)] += D
+    return K

@@ -381,9 +381,10 @@ class Newton(Outer):
 
     def state(self) -> dict[str, Any]:
         return self._at._asdict() | {"least": self._least, "inner_steps": dict(self.inner_steps),
-                                     "history": tuple(self.history)}
+                                     "long": self.direct.long, "history": tuple(self.history)}
 
     def restore(self, state: dict[str, Any]) -> None:
         self._at, self._least = Point(*(state[name] for name in Point._fields)), state["least"]
+        self.direct.long = state["long"]
         self.inner_steps.update(state["inner_steps"])  # in which the model counts, too
         self.history = [Step(*row) for row in state["history"]]

@@ -10,6 +10,7 @@ import numpy as np
 
 from ddmpi.interface.law import law_of
 from ddmpi.pictures.sheet import BESIDE, COLOURS, RESOLVED, ZONES, above, zone_legend
+from ddmpi.results.summary import drawn_times
 from ddmpi.results.tables import Columns, Results, chains, drawn_rows
 from ddmpi.scene.contacts import Friction
 from ddmpi.scene.method import METHODS
@@ -192,7 +193,7 @@ def _driver(summary: dict, times: np.ndarray) -> tuple[str, np.ndarray]:
     best: tuple[float, str, np.ndarray] | None = None
     points = np.concatenate([[0.0], times])
     for name, history in summary["scene"]["history"].items():
-        factors = np.interp(points, history["times"], history["factors"])
+        factors = np.interp(drawn_times(summary, points), history["times"], history["factors"])
         turns = float(np.abs(np.diff(factors)).sum() - abs(factors[-1] - factors[0]))
         if best is None or turns > best[0]:
             best = turns, f"factor of history {name}", factors

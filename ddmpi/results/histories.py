@@ -14,6 +14,7 @@ from ddmpi.body.stress import principal, von_mises
 from ddmpi.errors import InputError
 from ddmpi.mesh.elements import cell_with
 from ddmpi.results.fields import IN_FILES, group_of, owners, vectors
+from ddmpi.results.summary import drawn_times
 from ddmpi.results.tables import PATH, Columns, Results, datasets, leg_columns, side_means
 from ddmpi.system.numbers import in_words
 
@@ -53,7 +54,7 @@ def at_step(results: Results, folder: Path, asked: float | None = None) -> Resul
         # Σ |factor| / max |factor| over all histories, at the times of the steps
         loads = np.zeros(len(times))
         for history in results.summary["scene"].get("history", {}).values():
-            loads += np.abs(np.interp(times, history["times"], history["factors"])) / (
+            loads += np.abs(np.interp(drawn_times(results.summary, times), history["times"], history["factors"])) / (
                 np.abs(history["factors"]).max() or 1.0)
         asked = times[loads >= loads.max() - 1e-9][-1]
     matching = np.flatnonzero(np.abs(times - asked) <= 1e-9 * abs(asked))

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from ddmpi.interface.state import ContactTotals
@@ -15,6 +16,7 @@ from ddmpi.judge.certificate import Certificate, ContactResiduals
 from ddmpi.judge.equilibrium import Mechanism, describe
 from ddmpi.results.tables import FORMAT, STATUS
 from ddmpi.scene.contacts import Rigid
+from ddmpi.scene.method import Cycle
 from ddmpi.scene.scene import units
 from ddmpi.system.files import MECHANISM, writing
 
@@ -123,8 +125,12 @@ SUMMARY = {
     "certificate.equilibrium": "the worst of all bodies, pushed partners and load steps",
     "certificate_limit": "the largest residual of a certified answer: 50 times the tolerance, but at most 0.05",
     "steps": "load steps in the order of time: time, outer_iterations, and contacts by name with force, moment, "
-        "normal_force, tangential_force, open, slip, stick and dissipated, of the step, and rigid as above; in "
-        "summary.json, where the fields of the step are written, bodies with reaction, loads and reactions",
+        "normal_force, tangential_force, open, slip, stick and dissipated, of the step, and rigid as above; of cycles "
+        "those of the last one; in summary.json, where the fields of the step are written, bodies with reaction, loads "
+        "and reactions",
+    "cycles.run": "with [time] cycle: cycles run, one that failed included",
+    "cycles.change": "change of the forces over the last cycle that has ended, over the largest force of a node; null "
+        "if there is none",
     "energy.external_work": Row("work of loads, clamps and rigid partners", "energy", "with load steps: the last line "
         "of energy.csv; so are the next three"),
     "energy.strain_energy": Row("strain energy", "energy", ""),
@@ -243,13 +249,20 @@ def rigid_partners(contacts: Iterable[ContactTotals]) -> dict[str, dict[str, np.
     return partners
 
 
+def drawn_times(summary: dict, times: Any) -> Any:
+    """The times in the histories of the scene of the `times` of load steps, as cycles repeat some and delay others."""
+    cycle = (summary["scene"].get("time") or {}).get("cycle")
+    return msgspec.convert(cycle, Cycle).drawn(times, summary["cycles"]["run"]) if cycle else times
+
+
 def factor_at(summary: dict, name: str | None, time: float | None) -> float:
     """The factor of the history `name` at `time`, by default at the last load step; 1 without a history."""
     history = summary["scene"].get("history", {}).get(name)
     if not history:
         return 1.0
     last = max([0.0, *(step["time"] for step in summary.get("steps", ()))])
-    return float(np.interp(last if time is None else time, history["times"], history["factors"]))
+    drawn = drawn_times(summary, last if time is None else time)
+    return float(np.interp(drawn, history["times"], history["factors"]))
 
 
 def displacement_at(summary: dict, rigid: Rigid, time: float | None) -> np.ndarray:

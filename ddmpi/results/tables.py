@@ -96,6 +96,9 @@ ENERGY = {
     "dissipated": "friction's part of it",
     "residual": "external work of the step less the growth of strain energy and interface work"}
 
+CYCLE = {"cycle": "in scenes with [time] cycle the number of the cycle; 0 before and after"}
+"""The last column of steps.csv and energy.csv."""
+
 PATH = {
     "distance": "from the start", "x": "place before the bodies move", "y": "", "z": "in space",
     "body": "its name; where bodies touch, there is a line for each",
@@ -196,11 +199,21 @@ def write_legs(path: Path, name: str, state: ContactState, steps: Iterable[tuple
 def write_steps(path: Path, steps: Iterable[dict]) -> None:
     """Write steps.csv into the folder `path`: one line per load step and contact. `steps` is the entry of that name in
     the summary (`summary.summarize`). Not collective. Raises OutputError."""
+    steps = list(steps)
+    cycles = CYCLE if any("cycle" in step for step in steps) else {}
     rows = [(step["time"], name, *contact["force"], *np.atleast_1d(contact["moment"]),
-             *(contact[column] for column in TOTALS))
+             *(contact[column] for column in TOTALS), *(step.get(column, 0) for column in cycles))
             for step in steps for name, contact in step["contacts"].items()]
-    write_table(path / "steps.csv", next(columns for columns in STEPS_IN.values()
-                                         if not rows or len(columns) == len(rows[0])), rows)
+    write_table(path / "steps.csv", next([*columns, *cycles] for columns in STEPS_IN.values()
+                                         if not rows or len(columns) + len(cycles) == len(rows[0])), rows)
+
+
+def write_energies(path: Path, energies: Iterable[Sequence[float]], steps: Sequence[dict]) -> None:
+    """Write energy.csv into the folder `path`: a line for each of the `steps`, as for `write_steps`, with the numbers
+    ENERGY. Not collective. Raises OutputError."""
+    cycles = CYCLE if any("cycle" in step for step in steps) else {}
+    write_table(path / "energy.csv", [*ENERGY, *cycles], (
+        (*row, *(step.get(column, 0) for column in cycles)) for row, step in zip(energies, steps, strict=True)))
 
 
 def write_path(path: Path, columns: Columns) -> None:

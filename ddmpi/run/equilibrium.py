@@ -1,4 +1,5 @@
-"""Whether contact forces can balance the loads on loose bodies, and how bodies move under those that are found.
+"""Whether contact forces can balance the loads on loose bodies; how bodies move under those that are found, and what is
+remembered of it.
 
 Each rank describes the forces that its contacts allow or resist in a few columns; the first rank does the rest.
 """
@@ -7,6 +8,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,6 +16,7 @@ import scipy.sparse as sparse
 
 from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.coupling.member import Member
+from ddmpi.coupling.space import Space
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.law import across, direction
 from ddmpi.interface.state import ContactState
@@ -149,6 +152,79 @@ def _with_partners(assembly: Assembly) -> list[MotionsOfBody]:
     return all_motions
 
 
+@dataclass
+class Mark:
+    """The end of a load step, from which the next one and its energies count.
+
+    Attributes
+    ----------
+    time : of the step
+    s, alpha : forces (size,) in N and motions of loose bodies in m
+    d : (size,) free displacements less gaps, tangentially from the beginning (m)
+    moved : (size,) relative displacements (m)
+    opening, prescribed : (size,) of a `Space` (m)
+    factors : (k,) by history
+    work : (2, k), as `Solution.work` (J)
+    energy : strain energy (J)
+    length : of closed contacts, in space their area (m, m²)
+    slid : by contact without friction its slip (m, d − 1) of all load steps (m)
+    """
+
+    time: float
+    s: np.ndarray
+    alpha: np.ndarray
+    d: np.ndarray
+    moved: np.ndarray
+    opening: np.ndarray
+    prescribed: np.ndarray
+    factors: np.ndarray
+    work: np.ndarray
+    energy: float
+    length: float
+    slid: dict[str, np.ndarray]
+
+    @property
+    def closed(self) -> np.ndarray:
+        """(size,) relative displacements less the initial gaps (m)."""
+        return self.moved - self.opening
+
+    def work_since(self, before: Mark, space: Space) -> tuple[float, float]:
+        """External work and interface work (J) of the step from `before` to here. Collective."""
+        # forces and displacements are taken as linear in time within the step, so work is by the trapezoidal rule
+        opened, gone = self.opening - before.opening, self.prescribed - before.prescribed
+        closing, mean = self.moved - before.moved - opened, 0.5 * (self.s + before.s)
+        driven, interface_work = space.add(np.array([mean @ (gone - opened), mean @ closing]))
+        # loads over displacements, and reactions of clamps over what these prescribe: ΔW = ½ (b_n + b_n−1) Δu
+        work = 0.5 * (self.factors + before.factors) @ (self.work[0] - before.work[0])
+        work += 0.5 * (self.factors - before.factors) @ (self.work[1] + before.work[1]) + driven
+        return float(work), float(interface_work)
+
+    def change_since(self, s: np.ndarray, largest: np.ndarray, space: Space) -> float:
+        """The change of the forces since `s` (size,) over the largest of all, or of its tangential part over the
+        largest slip bounds if that is more; `largest` (2,) has both (N). Collective."""
+        change = self.s - s
+        tangential = change.copy()
+        for interface, part in space.with_slices():
+            tangential[part][:interface.m] = 0.0
+        return float((space.norms([change, tangential]) / largest).max())
+
+    def given(self, before: Mark, space: Space) -> float:
+        """The work (J) of an overlap, of bonds also of a gap, that acts at once, before any load. Collective."""
+        sudden = np.concatenate([np.empty(0), *(
+            before.opening[part] if interface.law.name == "bonded" else np.minimum(before.opening[part], 0.0)
+            for interface, part in space.with_slices())])
+        return float(space.add(np.array([0.5 * (self.s + before.s) @ sudden]))[0])
+
+    @classmethod
+    def first(cls, assembly: Assembly) -> Mark:
+        """Time 0, free of stress."""
+        space, zero = assembly.space, np.zeros(assembly.space.size)
+        touching = sum(float(interface.area[interface.opening <= 0.0].sum()) for interface in space.interfaces)
+        still, k = np.zeros(assembly.joint.rigid.size), len(assembly.scene.followed) + 1
+        return cls(0.0, zero, still, zero, zero, space.opening, zero, np.zeros(k), np.zeros((2, k)), 0.0,
+                   float(space.add(np.array([touching]))[0]), {})
+
+
 def displaced(assembly: Assembly, outer: Outer, largest: np.ndarray) -> Moved:
     """By displacements of all nodes. Not collective."""
     displacements, traces, sizes = dict[str, np.ndarray](), list[np.ndarray](), dict[str, dict[str, Any]]()
@@ -187,7 +263,7 @@ def at_contacts(assembly: Assembly, outer: Outer, largest: np.ndarray) -> Moved:
         beside |= {(name, side): (None, None, yielding) for name, (_, side) in member.parts.items()}
         sizes[member.name] = {"left": norm(member.e - member.G @ s), "acting": acting, "moved": farthest,
                               "yielding": yielding, "made": member.stiffness * farthest,
-                              "load": member.elasticity.load, "energy": energy, "work": work}
+                              "load": member.load, "energy": energy, "work": work}
     return {}, traces, sizes, beside
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import logging
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -29,7 +30,15 @@ from ddmpi.petsc.options import unused_options
 from ddmpi.results.fields import Datasets, Fields, contact_fields, write_fields, write_surface, write_xdmf
 from ddmpi.results.folder import Staging
 from ddmpi.results.summary import plain, rigid_partners, summarize, write_mechanism, write_summary
-from ddmpi.results.tables import ENERGY, HISTORY, write_contact, write_legs, write_sides, write_steps, write_table
+from ddmpi.results.tables import (
+    HISTORY,
+    write_contact,
+    write_energies,
+    write_legs,
+    write_sides,
+    write_steps,
+    write_table,
+)
 from ddmpi.run.checkpoint import Checkpoints
 from ddmpi.run.equilibrium import recover
 from ddmpi.run.report import describe_files
@@ -62,12 +71,16 @@ class StepLog:
     kept : of the steps whose fields are written the time, forces (size,), motions, and `leg_values` of each of the
         rank's contacts
     doubts : warnings of answers at the ends of legs before the last one, the first of each kind
+    run, change, cycle : cycles begun; change of the forces over the last that has ended, as for `Cycle.until`; number
+        of the present one, 0 outside, None without cycles
     most : the largest so far: residuals of contacts (nc, 4) and bodies (nb,), `Solution.sizes` (3,)
     """
 
     def __init__(self) -> None:
         self.doubts = dict[str, str]()
         self.steps, self.energies, self.iterations, self.kept = (list[Any]() for _ in range(4))
+        self.run, self.change = 0, math.nan
+        self.cycle: int | None = None
         self.most = {"contacts": np.zeros(1), "bodies": np.zeros(1), "sizes": np.zeros(3)}
 
     def judge(self, certificate: Certificate) -> Certificate:
@@ -97,7 +110,17 @@ class StepLog:
         self.steps.append(plain({
             "time": time, "outer_iterations": iterations,
             "contacts": {name: contact.resultants for name, contact in contacts.items()},
-            "rigid": rigid_partners(contacts.values())}))
+            "rigid": rigid_partners(contacts.values())} | ({} if self.cycle is None else {"cycle": self.cycle})))
+
+    def begin_cycle(self, since: float) -> None:
+        """Begin another cycle; fields are kept of the last one alone, and of steps before it began first, `since`."""
+        self.run += 1
+        self.kept = [row for row in self.kept if row[0] <= since]
+
+    @property
+    def told(self) -> list[dict]:
+        """The steps in summary.json: of cycles those of the last one."""
+        return [step for step in self.steps if step.get("cycle", 0) in (0, self.run)]
 
     def doubt(self, time: float, warnings: Sequence[str]) -> None:
         """Note the warnings of the answer at the end of a leg; of those that differ only in numbers, the first."""
@@ -133,6 +156,7 @@ class StepLog:
 
     def state(self) -> dict[str, Any]:
         return {name: tuple(getattr(self, name)) for name in TABLES} | self.most | {
+            "cycles": (self.run, self.change, self.cycle),
             "kept": {str(k): list(column) for k, column in enumerate(zip(*self.kept, strict=True))},
             "doubts": tuple(self.doubts.items())}
 
@@ -140,6 +164,7 @@ class StepLog:
         for name in TABLES:
             setattr(self, name, list(state[name]))
         self.kept = [(float(time), *row) for time, *row in zip(*state["kept"].values(), strict=True)]
+        self.run, self.change, self.cycle = state["cycles"]
         self.doubts, self.most = dict(state["doubts"]), {name: state[name] for name in self.most}
 
 
@@ -163,7 +188,7 @@ def gather_summary(assembly: Assembly, solution: Solution, error: Discretization
     team = team_of(world)
     ranks = team.ranks if team else [world.rank]
     memory, hosts = team.do("machine") if team else (peak_memory(), [MPI.Get_processor_name()])
-    factors = scene.factors(1.0 if solution.time is None else solution.time)
+    factors = scene.factors(1.0 if solution.time is None else scene.drawn(solution.time, steps.run))
     mine = [(body.number, (body.spec.name, _body(body, solution, error, fields[body.spec.name], ranks, memory)
                            | forces_by_group(body, solution.displacements[body.spec.name], s, factors)))
             for body, s in zip(assembly.bodies, outer.body_forces(), strict=True)]
@@ -185,8 +210,10 @@ def gather_summary(assembly: Assembly, solution: Solution, error: Discretization
            "exchange": {name: max(counts[name] for counts in sent) for name in sent[0]},
            "solvers": {"qp": outer.qp_type}, "options": PETSc.Options().getAll(),
            "options_unused": sorted(set.intersection(*unused))} | ({"energy": steps.balance()} if scene.time else {})
-    return summarize(scene.resolved(), run, bodies, solution.contacts, solution.certificate) | provenance(
-        started, hosts)
+    if scene.time and scene.time.cycle:
+        run["cycles"] = {"run": steps.run, "change": steps.change}
+    summary = summarize(scene.resolved(), run, bodies, solution.contacts, solution.certificate)
+    return summary | {"steps": steps.told} | provenance(started, hosts)
 
 
 def _body(body: Body, solution: Solution, error: DiscretizationError, fields: Fields, ranks: list[int],
@@ -257,9 +284,9 @@ def write_files(solved: Solved, folder: Path | None, clock: Clock, figures: bool
                     write_xdmf(path, times, {body.name: spans[number] for number, body in enumerate(scene.body)},
                                {contact.name: spans[contact.name] for contact in scene.contact})
                     write_table(path / "history.csv", HISTORY, solved.steps.iterations)
-                    write_steps(path, summary["steps"])
+                    write_steps(path, solved.steps.steps)
                     if scene.time:
-                        write_table(path / "energy.csv", ENERGY, solved.steps.energies)
+                        write_energies(path, solved.steps.energies, solved.steps.steps)
                     if solved.solution.mechanism:
                         write_mechanism(path, solved.solution.mechanism)
                     if figures:  # they show it
@@ -298,8 +325,9 @@ def _write_steps(path: Path, solved: Solved) -> list[float]:
                 told[time]["bodies"] = {name: {key: body[key] for key in ("reaction", "loads", "reactions")}
                                         for name, body in solved.summary["bodies"].items()}
             continue
-        assembly.act(time)
-        body_forces, fields, forces, factors = joint.exchange.spread(s), {}, {}, assembly.scene.factors(time)
+        drawn = assembly.scene.drawn(time, steps.run)
+        assembly.act(drawn)
+        body_forces, fields, forces, factors = joint.exchange.spread(s), {}, {}, assembly.scene.factors(drawn)
         with agreed(world):
             for body, s_body in zip(assembly.bodies, body_forces, strict=True):
                 u, *_ = recover(body.member, s_body, alpha[joint.slices[body.spec.name]], steps.most["sizes"])

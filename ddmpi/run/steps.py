@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import logging
 import math
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -26,7 +26,7 @@ from ddmpi.methods.newton import Newton
 from ddmpi.methods.outer import Report, no_report
 from ddmpi.results.tables import leg_values
 from ddmpi.run.checkpoint import Checkpoints
-from ddmpi.run.equilibrium import NOTHING, look_for_mechanism, undetermined_motions
+from ddmpi.run.equilibrium import NOTHING, Mark, look_for_mechanism, undetermined_motions
 from ddmpi.run.gather import StepLog
 from ddmpi.run.report import UNDETERMINED
 from ddmpi.run.solve import Iteration, Solution, solve
@@ -52,57 +52,12 @@ CERTAIN = 0.25
 """Changes below this fraction of ``time.tolerance`` are small enough at any rate. At the slowest one, the root of the
 number of steps, as where nodes touch within a step, the error left is 2.4 times the change."""
 
-KEPT = ("iterations", "_leg", "_number", "_coarse", "_changed", "_largest", "_given", "_cuts", "_noted", "_shortest")
+KEPT = ("iterations", "_leg", "_number", "_coarse", "_changed", "_largest", "_given", "_cuts", "_noted", "_shortest",
+        "_began", "_planned", "_plans")
 """Attributes of a march that checkpoints keep unchanged."""
 
 MARKS = ("_now", "_before", "_base")
 """Attributes of a march that are marks."""
-
-
-@dataclass
-class _Mark:
-    """The end of a load step, from which the next one and its energies count.
-
-    Attributes
-    ----------
-    time : of the step
-    s, alpha : forces (size,) in N and motions of loose bodies in m
-    d : (size,) free displacements less gaps, tangentially from the beginning (m)
-    moved : (size,) relative displacements (m)
-    opening, prescribed : (size,) of a `Space` (m)
-    factors : (k,) by history
-    work : (2, k), as `Solution.work` (J)
-    energy : strain energy (J)
-    length : of closed contacts, in space their area (m, m²)
-    slid : by contact without friction its slip (m, d − 1) of all load steps (m)
-    """
-
-    time: float
-    s: np.ndarray
-    alpha: np.ndarray
-    d: np.ndarray
-    moved: np.ndarray
-    opening: np.ndarray
-    prescribed: np.ndarray
-    factors: np.ndarray
-    work: np.ndarray
-    energy: float
-    length: float
-    slid: dict[str, np.ndarray]
-
-    @property
-    def closed(self) -> np.ndarray:
-        """(size,) relative displacements less the initial gaps (m)."""
-        return self.moved - self.opening
-
-    @classmethod
-    def first(cls, assembly: Assembly) -> _Mark:
-        """Time 0, free of stress."""
-        space, zero = assembly.space, np.zeros(assembly.space.size)
-        touching = sum(float(interface.area[interface.opening <= 0.0].sum()) for interface in space.interfaces)
-        still, k = np.zeros(assembly.joint.rigid.size), len(assembly.scene.followed) + 1
-        return cls(0.0, zero, still, zero, zero, space.opening, zero, np.zeros(k), np.zeros((2, k)), 0.0,
-                   float(space.add(np.array([touching]))[0]), {})
 
 
 def march(assembly: Assembly, report: Report = no_report, checkpoints: Checkpoints | None = None,
@@ -141,6 +96,13 @@ class March:
         self.assembly, self.iteration, self.outer, self.log = assembly, iteration, iteration.outer, log
         self.iterations = 0
         self._legs, self._steps, self._tolerance = scene.legs, scene.time.steps, scene.time.tolerance or math.inf
+        self._cycle = scene.time.cycle
+        self._in_cycle = slice(0, 0)  # the legs of the cycle
+        if self._cycle:
+            self._in_cycle = slice(*(self._legs.index(end) + 1 if end else 0 for end in (self._cycle.begin,
+                                                                                          self._cycle.to)))
+        self._began = np.zeros(assembly.space.size)  # forces at the beginning of the present cycle (N)
+        self._plans: dict[str, tuple[float, ...]] = {}  # the ends of steps in the first cycle, by leg
         self._safe: bool | None = None
         self._largest = np.zeros(2)  # forces and slip bounds so far (N)
         self._cuts = 0
@@ -151,15 +113,15 @@ class March:
         # from the step before, which needs them as well. By multigrid a product with C would cost as much.
         slides, rubs = (any(contact.kind == "unilateral" and (contact.friction == NoFriction()) == free
                             for contact in scene.contact) for free in (True, False))
-        several = scene.time.steps > 1 if scene.time.steps else rubs
-        self._leanly = several and not assembly.joint.dear and scene.output.steps != "all" and 1 + slides
+        several = scene.time.steps > 1 or self._cycle if scene.time.steps else rubs
+        self._leanly = bool(several) and not assembly.joint.dear and scene.output.steps != "all" and 1 + slides
         if self._leanly:
             with assembly.exchange.deferred():
                 for body in assembly.bodies:
                     body.member.prepare_energies()
         assembly.act(0.0)
         self._sudden = assembly.space.any(assembly.joint.d + assembly.space.opening)  # loads act at time 0
-        self._now = _Mark.first(assembly)
+        self._now = Mark.first(assembly)
         self._given = 0.0  # by gaps that are not of time, in the first step: they act at once (J)
         self._leg = -1
         self._next_leg()
@@ -178,12 +140,15 @@ class March:
                 break
             self._accept(time, solution)
             if not self._ahead and not self._refine():
-                if self._leg == len(self._legs) - 1:
+                again = self._again()
+                if self._leg == len(self._legs) - 1 and not again:
                     break
-                doubts = doubt_answer(self.assembly, solution.displacements, solution.states, solution.contacts, True)
-                loose = undetermined_motions(self.assembly, solution.states)[:UNDETERMINED]
-                self.log.doubt(time, [*doubts, *loose])
-                self._next_leg()
+                if solution.displacements:
+                    doubts = doubt_answer(self.assembly, solution.displacements, solution.states, solution.contacts,
+                                          True)
+                    loose = undetermined_motions(self.assembly, solution.states)[:UNDETERMINED]
+                    self.log.doubt(time, [*doubts, *loose])
+                self._next_leg(again)
         worst = self.log.judge(solution.certificate)
         return replace(solution, certificate=worst.told(self.assembly.world))
 
@@ -191,7 +156,7 @@ class March:
         """Solve the load step to `time`."""
         assembly, joint = self.assembly, self.assembly.joint
         mechanism = self._mechanism(time)
-        assembly.act(time)
+        assembly.act(self._drawn(time))
         self._d = joint.d
         span = self._now.time - self._before.time  # zero at a turning point, where _before is _now
         share = (time - self._now.time) / span if span else 0.0
@@ -204,8 +169,46 @@ class March:
         return replace(solution, time=time)
 
     def _lean(self) -> bool:
-        """Whether nobody asks for the displacements of the present step."""
-        return 0 < self._leanly < len(self._ahead)
+        """Whether nobody asks for the displacements of the present step.
+
+        Of cycles they are asked for at the ends of legs in the first and in the last one, as far as it is known to be
+        the last, and at the end of the last one. Collective.
+        """
+        if not self._leanly or len(self._ahead) > self._leanly:
+            return bool(self._leanly)
+        return self._leanly == 1 and self._cycle is not None and self._repeated and (
+            self._leg < self._in_cycle.stop - 1 or not self._steady()) and self.log.run < self._cycle.repeat
+
+    @property
+    def _repeated(self) -> bool:
+        """Whether the present leg was run before, in the cycle before."""
+        return self.log.run > 1 and self._in_cycle.start <= self._leg < self._in_cycle.stop
+
+    def _steady(self) -> bool:
+        """Whether the forces that are found end the cycles, as they are those at the cycle's beginning. Collective."""
+        assert self._cycle
+        space, s = self.assembly.space, self.outer.forces
+        change, largest = (space.largest(space.at_nodes(x)) for x in (s - self._began, s))
+        self.log.change = change / largest if largest else 0.0
+        return self.log.change < (self._cycle.until or 0.0)
+
+    def _again(self) -> bool:
+        """Whether a cycle ends here, and the next one begins. Collective."""
+        if self._cycle is None or self._leg != self._in_cycle.stop - 1:
+            return False
+        steady = self._steady()
+        log.info("cycle %d to time %g: forces at its end changed by %.2g of the largest", self.log.run, self._now.time,
+                 self.log.change)
+        return not steady and self.log.run < self._cycle.repeat
+
+    @property
+    def _shift(self) -> float:
+        """By how much the present leg is later than in the scene."""
+        return (self.log.run - 1) * self._cycle.span if self._cycle and self._leg >= self._in_cycle.start else 0.0
+
+    def _drawn(self, time: float) -> float:
+        """The time in the scene's histories."""
+        return self.assembly.scene.drawn(time, self.log.run)
 
     def _begin(self, share: float, start: np.ndarray) -> None:
         """Begin to iterate for a step whose slip begins at `start` (size,).
@@ -243,11 +246,11 @@ class March:
             return None
 
         def look(at: float) -> Mechanism | None:
-            assembly.act(at)
+            assembly.act(self._drawn(at))
             return look_for_mechanism(assembly)
 
         if self._safe is None:  # all legs but the first begin at a solved step
-            self._safe = (self._leg > 0 or look(0.0) is None) and look(self._legs[self._leg]) is None
+            self._safe = self._repeated or ((self._leg > 0 or look(0.0) is None) and look(self._end) is None)
         return None if self._safe else look(time)
 
     def _accept(self, time: float, solution: Solution) -> None:
@@ -255,39 +258,28 @@ class March:
         assembly, now, outer = self.assembly, self._now, self.outer
         space, scene = assembly.space, assembly.scene
         contacts = solution.contacts.values()
-        factors = np.array(list(scene.factors(time).values()))
-        s, moved = outer.forces, solution.moved
-        opened, gone = space.opening - now.opening, solution.prescribed - now.prescribed
-        # forces and displacements are taken as linear in time within the step, so work is by the trapezoidal rule
-        closing = moved - now.moved - opened
-        mean = 0.5 * (s + now.s)
-        driven, interface_work = space.add(np.array([mean @ (gone - opened), mean @ closing]))
-        if now.time == 0.0:  # an overlap (of bonds also a gap) acts at once, before any load
-            sudden = np.concatenate([np.empty(0), *(
-                now.opening[part] if interface.law.name == "bonded" else np.minimum(now.opening[part], 0.0)
-                for interface, part in space.with_slices())])
-            self._given = float(space.add(np.array([mean @ sudden]))[0])
-        # loads over displacements, and reactions of clamps over what these prescribe: ΔW = ½ (b_n + b_n−1) Δu
-        work = 0.5 * (factors + now.factors) @ (solution.work[0] - now.work[0])
-        work += 0.5 * (factors - now.factors) @ (solution.work[1] + now.work[1]) + driven
-        lost = work - (solution.energy - now.energy) - interface_work  # ΔW − ΔU − ΔI, zero but for rounding
         dissipated, closed = assembly.world.bcast((sum(contact.dissipated for contact in contacts),
                                                    sum(contact.closed for contact in contacts)))
+        self._now = Mark(time, outer.forces, outer.motions, self._d, solution.moved, space.opening, solution.prescribed,
+                         np.array(list(scene.factors(self._drawn(time)).values())), solution.work, solution.energy,
+                         closed, {name: state.slip_total for name, state in solution.states.items()
+                                  if state.interface.law.name == "none"})
+        if now.time == 0.0:
+            self._given = self._now.given(now, space)
+        work, interface_work = self._now.work_since(now, space)
+        lost = work - (solution.energy - now.energy) - interface_work  # ΔW − ΔU − ΔI, zero but for rounding
         _, worked, _, taken, rubbed, _ = self.log.energies[-1] if self.log.energies else np.zeros(6)
         self.log.energies.append([time, worked + work, solution.energy, taken + interface_work, rubbed + dissipated,
                                   lost])
         self.log.note_step(time, solution)
         self.log.judge(solution.certificate)
-        self._now = _Mark(time, s, outer.motions, self._d, moved, space.opening, solution.prescribed, factors,
-                          solution.work, solution.energy, closed, {
-                              name: state.slip_total for name, state in solution.states.items()
-                              if state.interface.law.name == "none"})
         self._before = self._now if self._sudden and now.time == 0.0 else now
         del self._ahead[0]
         if not self._ahead or scene.output.steps == "all":
-            self.log.kept.append((time, s, outer.motions, *map(leg_values, solution.states.values())))
+            self.log.kept.append((time, outer.forces, outer.motions, *map(leg_values, solution.states.values())))
         counts = [sum(getattr(contact, status) for contact in contacts) for status in ("open", "slip", "stick")]
-        log.info("time %-10.6g %3d iterations; %d open, %d slip, %d stick nodes", time, len(outer.history), *counts)
+        log.log(logging.DEBUG if self._repeated else logging.INFO, "time %-10.6g %3d iterations; %d open, %d slip, "
+                "%d stick nodes", time, len(outer.history), *counts)
         self._leave()
         self._cuts = 0
 
@@ -308,11 +300,18 @@ class March:
         self._leave()
         return True
 
-    def _next_leg(self) -> None:
-        """Begin the next leg."""
-        self._leg += 1
+    def _next_leg(self, again: bool = False) -> None:
+        """Begin the next leg, or the cycle `again`."""
+        if self._cycle and self._in_cycle.start <= self._leg < self._in_cycle.stop:
+            self._plans.setdefault(str(self._leg), tuple(np.subtract(self._planned, self._shift).tolist()))
+        self._leg = self._in_cycle.start if again else self._leg + 1
+        if self._cycle and self._leg == self._in_cycle.start:
+            self.log.begin_cycle(self._cycle.begin)
+            self._began = self._now.s
+        if self._cycle:
+            self.log.cycle = self.log.run if self._in_cycle.start <= self._leg < self._in_cycle.stop else 0
         self._base = self._before = self._now
-        self._noted = self.log.state()
+        self._noted = {} if self._steps or self._repeated else self.log.state()
         self._safe = None
         self._coarse: np.ndarray | None = None
         self._changed = math.nan
@@ -326,15 +325,26 @@ class March:
         taken as linear in the loads, as for a circle on a plane (Hertz). Where gaps are `closing`, the first step is
         divided.
         """
-        start, end = self._base.time, self._legs[self._leg]
+        if self._repeated:  # in the steps of the first cycle, so that only slip makes a difference
+            ahead = [time + self._shift for time in self._plans[str(self._leg)]]
+            return self._plan([*ahead[:-1], self._end])
+        start, end = self._base.time, self._end
         x, first = np.arange(1, self._number) / self._number, self._base.length
         # length² = first² + t (length² − first²), solved for the times t at which the length has grown by the shares x
         if length > first:
             x = ((first + x * (length - first)) ** 2 - first**2) / (length**2 - first**2)
         if closing:
             x = np.insert(x, 0, SHORT * x[0])
-        times = [*(start + x * (end - start)).tolist(), end]
-        self._shortest = 0.5**CUTS * float(np.diff([start, *times]).min())
+        return self._plan([*(start + x * (end - start)).tolist(), end])
+
+    @property
+    def _end(self) -> float:
+        """The time at which the present leg ends."""
+        return self._legs[self._leg] + self._shift
+
+    def _plan(self, times: list[float]) -> list[float]:
+        self._planned = tuple(times)
+        self._shortest = 0.5**CUTS * float(np.diff([self._base.time, *times]).min())
         return times
 
     def _refine(self) -> bool:
@@ -342,14 +352,14 @@ class March:
         space, s = self.assembly.space, self._now.s
         frictional = [(interface, part) for interface, part in space.with_slices()
                       if len(interface.sliding) and interface.law.name != "bonded"]
-        if self._steps or not space.any(np.array([len(frictional)])):
+        if self._steps or self._repeated or not space.any(np.array([len(frictional)])):
             return False  # without friction there is no memory
         size = space.norm(s)
         # tangential forces are compared with slip bounds: with little friction they are small beside all forces
         bound = space.norm(np.minimum(space.laws.bound_at(s), size))
         self._largest = np.maximum(self._largest, [size, min(bound, size)])
         if self._coarse is not None and self._largest.all():
-            change = self._change(s - self._coarse)
+            change = self._now.change_since(self._coarse, self._largest, space)
             # where changes fall by r = former / change with each doubling, those to come add up to change / (r − 1)
             faster = self._changed / change - 1.0 if change else math.inf
             before, self._changed = self._changed, change
@@ -357,7 +367,7 @@ class March:
             # forces may agree by chance while slip is coarse: friction then dissipates more than contacts took
             given = self._given if self._base.time == 0.0 else 0.0
             enough = close and self.log.excess(self._noted, given) <= self._tolerance
-            log.info("time %g reached: %d and %d steps agree to %.2g, %s", self._legs[self._leg], self._number // 2,
+            log.info("time %g reached: %d and %d steps agree to %.2g, %s", self._end, self._number // 2,
                      self._number, change, "accepted" if enough else "but friction dissipates more than it can"
                      if close else "not enough")
             if enough:
@@ -365,7 +375,7 @@ class March:
         if 2 * self._number > MOST or not self._largest.all():
             if self._largest.all():
                 log.warning("time %g: forces miss time.tolerance in %d load steps; doubling changed them by %.2g",
-                            self._legs[self._leg], self._number, self._changed)
+                            self._end, self._number, self._changed)
             return False
         # nodes that were open and now carry force: their gaps close within the leg
         closing = space.any(np.array([
@@ -377,21 +387,12 @@ class March:
         self._ahead = self._times(length, closing)
         return True
 
-    def _change(self, change: np.ndarray) -> float:
-        """The size of a `change` (size,) of forces over all forces, or of its tangential part over slip bounds if
-        larger."""
-        space = self.assembly.space
-        tangential = change.copy()
-        for interface, part in space.with_slices():
-            tangential[part][:interface.m] = 0.0
-        return float((space.norms([change, tangential]) / self._largest).max())
-
     def state(self) -> dict[str, Any]:
         return {name: getattr(self, name) for name in KEPT} | {name: asdict(getattr(self, name)) for name in MARKS} | {
             "ahead": tuple(self._ahead), "log": self.log.state()}
 
     def restore(self, state: dict[str, Any]) -> None:
         """Go on with the first of the steps that lie ahead in `state`."""
-        vars(self).update({name: state[name] for name in KEPT} | {name: _Mark(**state[name]) for name in MARKS})
+        vars(self).update({name: state[name] for name in KEPT} | {name: Mark(**state[name]) for name in MARKS})
         self._ahead, self._safe = list(state["ahead"]), None
         self.log.restore(state["log"])

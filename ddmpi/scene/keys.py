@@ -169,11 +169,12 @@ def explain(message: str, data: dict, root: type) -> str:
         if found[1] != "unknown":
             words = ", ".join(str(kind.tag) for kind in tables if kind.tag_field == found[2])
             return f"{key}: this key is required and missing" + f" (one of {words})" * bool(words)
-        fields = [name for kind in tables for name in (kind.tag_field, *(field.name for field in kind.fields)) if name]
+        fields = [name for kind in tables
+                  for name in (kind.tag_field, *(field.encode_name for field in kind.fields)) if name]
         meant = _meant(found[2], fields, [base.__name__ for kind in tables for base in kind.cls.__mro__])
         return f"{key}: unknown key{meant} (valid here: {', '.join(fields)})"
     field, _, rest = problem.partition(": ")
-    if rest and any(field == entry.name for kind in kinds if isinstance(kind, inspect.StructType)
+    if rest and any(field == entry.encode_name for kind in kinds if isinstance(kind, inspect.StructType)
                     for entry in kind.fields):  # the table's own check names a key
         named, problem = [*named, field], rest
     key = ".".join(named) + ": " * bool(named)
@@ -229,7 +230,7 @@ def _inside(kind: inspect.Type, part: str) -> list[inspect.Type]:
         case inspect.StructType(tag_field=field, tag=tag) if field == part:
             inner = [inspect.LiteralType((tag,))]
         case inspect.StructType(fields=fields):
-            inner = [field.type for field in fields if field.name == part]
+            inner = [field.type for field in fields if field.encode_name == part]
         case inspect.TupleType(item_types=items):
             inner = [items[int(part)]]
         case inspect.ListType(item_type=item) | inspect.VarTupleType(item_type=item):

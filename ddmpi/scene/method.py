@@ -8,6 +8,7 @@ from collections.abc import Collection, Mapping
 from typing import Annotated, Any, ClassVar, Literal
 
 import msgspec
+import numpy as np
 
 from ddmpi.scene.values import Count, NonNegative, Number, Positive, Table, settle
 
@@ -175,6 +176,40 @@ METHODS: dict[str, type[SettledMethod]] = {"newton": Newton, "anderson": Anderso
 """The outer methods by the name in ``method.outer``."""
 
 
+class Cycle(Table, frozen=True, kw_only=True, rename={"begin": "from"}):
+    """A part of the load steps that is run again and again, as in ``cycle = { from = 1.5, to = 3.5, repeat = 500 }``.
+
+    Later points shift by the time of the cycles run. Both ends of the cycle end legs, too.
+
+    Attributes
+    ----------
+    from : time at which the cycle begins; all histories have the same factor there and at its end
+    to : time at which it ends, at most the last of the points
+    repeat : how many times it is run in all
+    until : the cycles stop early when the forces at the end of one differ from those at its beginning by less than
+        this times the largest; left out, all are run
+    """
+
+    begin: NonNegative
+    to: Positive
+    repeat: Annotated[int, msgspec.Meta(ge=1, le=10**6)]
+    until: Tolerance | None = None
+
+    def __post_init__(self) -> None:
+        if self.begin >= self.to:
+            raise ValueError(f"from: {self.begin:g} must be before to = {self.to:g}")
+
+    @property
+    def span(self) -> float:
+        """The time that a cycle takes."""
+        return self.to - self.begin
+
+    def drawn(self, time: Any, run: int) -> Any:
+        """The time in `points` of a `time`, or of an array of times, of a run with `run` cycles."""
+        shifts = np.ceil((time - self.to) / self.span - 1e-9)  # a time on an end belongs to the cycle before
+        return time - np.clip(shifts, 0, max(run - 1, 0)) * self.span
+
+
 class Time(Table, frozen=True, kw_only=True):
     """Load steps, in which friction has a memory; see docs/use/load_steps.md.
 
@@ -185,11 +220,13 @@ class Time(Table, frozen=True, kw_only=True):
     steps : load steps per leg
     tolerance : without steps, a leg is solved in 1, 2, 4, … load steps until the forces at its end change by less than
         this, relative to the forces; left out, 0.02
+    cycle : a part that is run again and again
     """
 
     points: Annotated[list[Number], msgspec.Meta(min_length=1)]
     steps: Annotated[int, msgspec.Meta(ge=1, le=10**6)] | None = None
     tolerance: Tolerance | None = None
+    cycle: Cycle | None = None
 
     def __post_init__(self) -> None:
         if self.points[0] <= 0.0:
@@ -200,6 +237,8 @@ class Time(Table, frozen=True, kw_only=True):
         if self.steps is not None and self.tolerance is not None:
             raise ValueError("steps and tolerance do not go together; leave steps out to have as many as tolerance "
                              "asks for")
+        if self.cycle and self.cycle.to > self.points[-1]:
+            raise ValueError(f"cycle: to = {self.cycle.to:g} is after the last of the points, {self.points[-1]:g}")
 
     def settled(self) -> Time:
         """The load steps, with a tolerance if no number of steps is given."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 import unicodedata
 from collections import Counter
 from collections.abc import Callable, Iterator
+from functools import cached_property
 from typing import Annotated, Any, get_args
 
 import msgspec
@@ -28,6 +29,9 @@ EXTENTS = ("size", "divisions", "radii", "angles", "bodies", "on", "young", "poi
 
 FORMULAS = ("x", "y", "z", "normal", "value", "pressure", "volume_force", "gap", "temperature")
 """Keys whose values may be formulas."""
+
+SAME = 1e-9
+"""Factors of a history that differ by less than this part of the largest are the same."""
 
 PETScOptions = dict[str, str | int | Number | bool]
 
@@ -150,6 +154,13 @@ class Scene(Table, frozen=True, kw_only=True):
         if self.time is not None and self.method.for_two:
             raise ValueError(f"time: method.{self.method.for_two} solves one load step; what knows several is outer = "
                              '"newton", the default')
+        cycle = self.time and self.time.cycle
+        for name, history in self.history.items() if cycle else ():
+            assert cycle
+            first, last = history.at(cycle.begin), history.at(cycle.to)
+            if abs(first - last) > SAME * max(map(abs, history.factors)):
+                raise ValueError(f"time.cycle: history.{name} has the factor {first:g} at from = {cycle.begin:g} and "
+                                 f"{last:g} at to = {cycle.to:g}; a cycle ends with the loads with which it begins")
         if self.time is not None and self.method.target_error:
             raise ValueError("time: method.target_error is for one load step; refine the meshes by mesh.divisions or "
                              "mesh.refine")
@@ -295,7 +306,7 @@ def _vectors(scene: Scene) -> Iterator[tuple[str, tuple]]:
                 yield from ((f"{key}.{name}", part) for part in (value if isinstance(value[0], tuple) else [value]))
 
 
-class Settled(Table, frozen=True, kw_only=True):
+class Settled(Table, frozen=True, kw_only=True, dict=True):
     """A whole scene without optional keys, with all defaults, in the plane or in space."""
 
     title: str
@@ -311,7 +322,7 @@ class Settled(Table, frozen=True, kw_only=True):
     petsc: PETScOptions
     dimension: int
 
-    @property
+    @cached_property
     def followed(self) -> list[str]:
         """Names of the histories that are used, in the order of the scene."""
         used = histories(self) if self.history else []
@@ -334,11 +345,17 @@ class Settled(Table, frozen=True, kw_only=True):
 
     @property
     def legs(self) -> list[float]:
-        """The ends of legs in ascending order: the points, and kinks of used histories between them."""
+        """The ends of legs in ascending order: the points, and the ends of cycles and kinks of used histories between
+        them."""
         if self.time is None:
             return [1.0]
         kinks = {time for name in self.followed for time in self.history[name].kinks}
+        kinks |= {self.time.cycle.begin, self.time.cycle.to} if self.time.cycle else set()
         return sorted({*self.time.points, *(time for time in kinks if 0.0 < time < self.time.points[-1])})
+
+    def drawn(self, time: float, run: int) -> float:
+        """The time in the histories of a `time` of a run with `run` cycles."""
+        return float(self.time.cycle.drawn(time, run)) if self.time and self.time.cycle else time
 
     def factors(self, time: float) -> dict[str | None, float]:
         """The factors at `time` by history; 1 under None, for what has no history."""

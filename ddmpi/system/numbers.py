@@ -12,6 +12,10 @@ SI = ("m", "Pa", "N/m", "N·m/m", "J/m", "N", "N·m", "J")
 PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p"))
 
 
+QUARTER = np.array([[0.0, 1.0], [-1.0, 0.0]])
+"""Rows are turned by 90 degrees, counterclockwise."""
+
+
 def norm(x: np.ndarray) -> float:
     """‖x‖₂ of a vector."""
     return math.sqrt(x @ x)
@@ -19,10 +23,10 @@ def norm(x: np.ndarray) -> float:
 
 def moment(at: np.ndarray, forces: np.ndarray, axisymmetric: bool = False) -> np.ndarray:
     """The moment about the origin, () or (3,), of forces (m, d) at places (m, d); around an axis they have none."""
-    flat = ((0, 0), (0, 3 - at.shape[1]))
     at = at * (not axisymmetric)
-    total = np.ascontiguousarray(np.cross(np.pad(at, flat), np.pad(forces, flat)).T).sum(axis=1)
-    return total if at.shape[1] == 3 else total[2]
+    if at.shape[1] == 2:
+        return ((at @ QUARTER) * forces).sum(axis=1).sum()
+    return np.ascontiguousarray(np.cross(at, forces).T).sum(axis=1)
 
 
 ROUNDING = 1e-12

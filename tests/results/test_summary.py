@@ -65,7 +65,7 @@ def test_everything_has_a_name():
 def test_every_entry_is_documented():
     """What a summary holds, load steps included, is what the reference says."""
     balance = dict.fromkeys(("external_work", "strain_energy", "interface_work", "dissipated", "lost", "residual"), 0.0)
-    summary = summary_of(row(), {"energy": balance}) | provenance(0.0, ["host"])
+    summary = summary_of(row(), {"energy": balance, "cycles": {"run": 3, "change": 0.5}}) | provenance(0.0, ["host"])
     summary["rigid"] = {"floor": {"displacement": [0.0, 0.0], "force": [1.0, 2.0]}}
     assert set(entries(summary)) == set(SUMMARY)
 
@@ -119,10 +119,12 @@ def test_what_is_kept_of_load_steps_outlives_a_restart():
     log.doubt(1.0, ["body.left: moves far, by 0.3"])
     log.judge(made_up.certificate(contacts, made_up.ROW, left_middle={"friction": 0.25}))
     log.most |= {"sizes": np.array([3.0, 2.0, 1.0])}
+    log.begin_cycle(1.0)
+    log.change, log.cycle = 0.5, 1
     again = StepLog()
     again.restore(log.state())
     np.testing.assert_equal(vars(again), vars(log))
-    assert all(map(len, vars(log).values()))
+    assert all(np.size(value) and np.all(value) if np.isscalar(value) else len(value) for value in vars(log).values())
     assert log.most["sizes"].all()
 
 

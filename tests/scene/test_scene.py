@@ -520,7 +520,8 @@ OPTIONAL = {
     "Gap": {"value", "history"},  # a profile
     "AffineVector": {"constant", "x_slope", "y_slope", "z_slope"},  # zero
     **{shape: {"displacement", "force", "history"} for shape in ("Plane", "Circle", "Sphere", "Cylinder")},  # at rest
-    "Settled": {"time"}, "Time": {"steps", "tolerance"},  # one load step; the one or the other
+    "Settled": {"time"}, "Time": {"steps", "tolerance", "cycle"},  # one load step; the one or the other; no cycles
+    "Cycle": {"until"},  # all are run
     "Output": {"magnification", "view", "cut"},  # chosen by the picture
     "Cut": {"x", "y", "z"},  # one of them
     "SettledMethod": {"algorithm", "splitting", "theta", "target_error", "preset", "compliance"},

@@ -19,6 +19,8 @@ pytestmark = pytest.mark.slow
 ROOT = Path(__file__).resolve().parents[2]
 STUDIES = {
     # script: arguments; words of what it prints and of its pages; numbers of tables and figures
+    "cycles": ("--repeats 1 2", ("| 2 | all run | 2 | 36 | ", "| 2 | until = 0.0001 | 2 | 36 | ",
+                                 "| 1 | a long history instead | 1 | 28 | "), 1, 0),
     "large_bodies": ("--millions 0.001 --solids 0.001 --ranks 1 --kinds chosen iterative",
                      ("## pinched_blocks, 0.001 million unknowns on 1 ranks", "## two_boxes, 0.001 million",
                       "| chosen | explicit |", "| iterative | iterative |"), 1, 0),

@@ -25,6 +25,7 @@ SKFEM = "body/test_elasticity.py::test_stiffness_is_that_of_skfem"
 RANDOM = "published/test_mprgp.py::test_random_programs"
 LAW, SIDES, LEGS = "interface/test_law.py", "interface/test_interface.py", "coupling/test_exchange.py"
 UNLOADED = "scenes/test_load_steps.py::test_what_is_unloaded_is_zero"
+CYCLES = "scenes/test_cycles.py"
 DENSE = "methods/test_dense.py"
 LEAN = "scenes/test_lean_steps.py"
 ADAPTIVE = "scenes/test_load_steps.py::test_adaptive_steps_go_on_from_wherever_they_were"
@@ -486,6 +487,17 @@ MUTANTS = [Mutant(*row) for row in (
     ("the last change forgotten at a restart", "run/steps", '"_coarse", "_changed"', '"_coarse"', ADAPTIVE),
     ("slip bounds of the step before forgotten", "run/steps", "(start, self._now.s, self", "(start, 0.0 * start, self",
      "scenes/test_load_steps.py::test_a_proportional_load_dissipates_the_same_in_any_number_of_steps"),
+    ("loads of a cycle are those of the scene's time", "scene/method", "np.clip(shifts, 0, max(run - 1, 0))",
+     "0.0 * shifts", f"{CYCLES}::test_cycles_are_what_a_long_history_gives"),
+    ("later cycles ask for steps of their own", "run/steps", "self._repeated:  # in the", "False:  # in the",
+     f"{CYCLES}::test_cycles_are_what_a_long_history_gives"),
+    ("cycles never end early", "run/steps", "return not steady and", "return",
+     f"{CYCLES}::test_cycles_end_when_forces_stay"),
+    ("fields of all cycles are kept", "run/gather", "if row[0] <= since]", "]", f"{CYCLES}::test_files_of_cycles"),
+    ("where a cycle began is forgotten at a restart", "run/steps", '"_began", "_planned"', '"_planned"',
+     f"{CYCLES}::test_a_run_goes_on_within_cycles"),
+    ("a cycle may end with other loads", "scene/scene", "abs(first - last) > SAME", "abs(first - last) > 3.0",
+     f"{CYCLES}::test_what_cycles_cannot_be_is_refused"),
     ("a direct direction forgets that friction follows pressure", "methods/dense", "C + (F.T @ C).T", "C",
      f"{DENSE}::test_a_direct_direction_solves_its_equations"),
     ("what steers a direct direction biases it", "methods/dense", "found += dgetrs", "dgetrs",
