@@ -72,7 +72,7 @@ def _run(folder: Path, time: float | None) -> str:
     """The report of a run that shows the load step at `time`. Raises InputError."""
     if (folder / CHECKPOINT).exists() and not (folder / SUMMARY).exists():
         raise InputError(f"{folder}: the run was not completed; go on from its checkpoint with --restart {folder}")
-    steps = time is not None or (folder / "energy.csv").exists()
+    steps = time is not None or ((folder / "energy.csv").exists() and (folder / "result.h5").exists())
     results, drawn = at_step(read_results(folder), folder, time) if steps else None, None
     summary = results.summary if results else read_summary(folder)
     with tempfile.TemporaryDirectory() as place:

@@ -70,8 +70,9 @@ SUMMARY = {
     "bodies.NAME.held": "whether its clamps and foundations alone prevent every rigid motion",
     "bodies.NAME.displacement_max": Row("largest displacement", "length"),
     "bodies.NAME.von_mises_max": Row("von Mises stress", "stress", "largest von Mises stress; null if stresses were "
-        "not asked for"),
-    "bodies.NAME.energy": Row("strain energy", "energy", "strain energy, without that of foundations"),
+        "not asked for, and with output.only"),
+    "bodies.NAME.energy": Row("strain energy", "energy", "strain energy, without that of foundations; null with "
+        "output.only"),
     "bodies.NAME.reaction": Row("reaction", "force", "[x, y], in space [x, y, z]: resultant of the forces of its "
         "clamps and foundations; around an axis, as all forces, [radial sum, axial force] of the whole circumference"),
     "bodies.NAME.loads.GROUP.force": Row("force", "force", "[x, y], in space [x, y, z]: resultant of the tractions on "

@@ -521,7 +521,7 @@ OPTIONAL = {
     "AffineVector": {"constant", "x_slope", "y_slope", "z_slope"},  # zero
     **{shape: {"displacement", "force", "history"} for shape in ("Plane", "Circle", "Sphere", "Cylinder")},  # at rest
     "Settled": {"time"}, "Time": {"steps", "tolerance"},  # one load step; the one or the other
-    "Output": {"magnification", "view", "cut"},  # chosen by the picture
+    "Output": {"only", "magnification", "view", "cut"},  # chosen by the picture
     "Cut": {"x", "y", "z"},  # one of them
     "SettledMethod": {"algorithm", "splitting", "theta", "target_error", "preset", "compliance"},
     "Published": {"target_error", "preset", "compliance"},
