@@ -249,7 +249,7 @@ def _doubts(scene: Settled, by_body: Mapping[str, list[str]], by_contact: Mappin
     named = {name for contact in scene.contact for name in contact.bodies}
     return [*(warning for body in scene.body for warning in by_body.get(body.name, ())),
             *(f"body.{body.name}: no contact names it; it is solved alone" for body in scene.body
-              if body.name not in named),
+              if body.name not in named and (named or len(scene.body) > 1)),
             *(f"rigid.{rigid.name}: no contact names it; nothing touches it" for rigid in scene.rigid
               if rigid.name not in named),
             *(f"history.{name}: nothing follows it" for name in scene.history if name not in scene.followed),

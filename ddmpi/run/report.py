@@ -45,8 +45,8 @@ def log_plan(assembly: Assembly, figures: bool) -> None:
     if world.rank:
         return
     contacts = {contact.name: owned[contact.name] for contact in scene.contact}
-    log.info("n = %d unknowns (%s), m = %d contact nodes, friction: %s", assembly.n,
-             CELLS[scene.dimension, scene.body[0].mesh.order].title, assembly.m,
+    log.info("n = %d unknowns (%s), m = %d contact nodes%s%s", assembly.n,
+             CELLS[scene.dimension, scene.body[0].mesh.order].title, assembly.m, ", friction: " * bool(contacts),
              ", ".join(dict.fromkeys(law for law, _ in contacts.values())))
     for plan, names in grouped((plan, name) for name, (_, plan) in contacts.items()):
         log.info("%s: %s", some(names, "contacts"), plan)

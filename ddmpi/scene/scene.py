@@ -42,7 +42,7 @@ class Scene(Table, frozen=True, kw_only=True):
         whole circumference
     body : elastic bodies
     rigid : partners of contacts without mesh, material and rank
-    contact : contacts of bodies with each other or with a rigid partner
+    contact : contacts of bodies with each other or with a rigid partner; left out, each body is solved alone
     history : factors over time by name, [history.NAME]
     time : load steps; left out, all loads act at once
     method : method and accuracy
@@ -56,7 +56,7 @@ class Scene(Table, frozen=True, kw_only=True):
     axisymmetric: bool = False
     body: Annotated[list[BodySpec], msgspec.Meta(min_length=1)]
     rigid: list[Rigid] = []
-    contact: list[ContactSpec]
+    contact: list[ContactSpec] = []
     history: dict[Name, History] = {}
     time: Time | None = None
     method: Method = Method()
@@ -65,8 +65,6 @@ class Scene(Table, frozen=True, kw_only=True):
     petsc: PETScOptions = {}
 
     def __post_init__(self) -> None:
-        if not self.contact:
-            raise ValueError('contact: a scene needs at least one contact; write [[contact]], bodies = ["…", "…"]')
         self._check_names()
         self._check_files()
         for key, table in tables(self):

@@ -182,7 +182,6 @@ REFUSED = [
     (["body.upper.mesh.order=2", "body.lower.mesh.order=1"], "bodies have mesh.order 1 and 2|give all bodies the same"),
     ("body.upper.mesh.order=3", "body.upper.mesh.order: 3 is not valid; expected one of 1, 2"),
     ("body.upper.material.plane=stress", "'upper' is in plane stress and 'lower' in plane strain; they cannot touch"),
-    ("contact=[]", "contact: a scene needs at least one contact; write [[contact]], bodies = "),
     ("body.lower.mesh.shape=rectangle", "body.lower.mesh: a mesh is either|rectangle|file"),
     ("body.lower.mesh={}", "body.lower.mesh: a mesh is either|rectangle|file"),
     ("body.lower.mesh.size=[1,1]", "body.lower.mesh: size belongs to shape = |not to a file"),
