@@ -29,6 +29,9 @@ MANY_ELEMENTS = 5.0
 SAME = 1e-6
 """Displacements are equal up to this fraction of their size, places up to this fraction of an edge."""
 
+WRONG = {"bonded": "tear the bond apart", "guided": "take the guided sides off each other"}
+"""What clamps do that contradict a law of two signs, by its name."""
+
 BEHIND = 1.0 - 1e-9
 """A body that overlaps a rigid partner by this fraction of its depth lies behind the partner's surface."""
 
@@ -323,12 +326,14 @@ def refuse_contradiction(interface: Interface, movers: Sequence[Mover],
                          factors: Mapping[float, Mapping[str | None, float]], unit: str = "m") -> None:
     """InputError where clamps push both sides into each other, which no contact force can prevent. Not collective.
 
-    Bonded sides must not move against each other at all. An overlap that is drawn or given may stay between clamps: an
-    interference fit is no contradiction. `factors` are by time and history; displacements are linear in between.
+    Bonded sides must not move against each other at all, guided ones not along the normal. An overlap that is
+    drawn or given may stay between clamps: an interference fit is no contradiction. `factors` are by time and history;
+    displacements are linear in between.
     """
     if any(isinstance(mover.side, Side) and (mover.side.clamps < 0).all() for mover in movers):
         return
-    worst, message, bonded = 0.0, "", interface.law.name == "bonded"
+    worst, message, law = 0.0, "", interface.law
+    bonded = law.two_sided and not law.frictionless
     pairs = [Places(interface.nodes, interface.normal, interface.gap, interface.transfer), interface.fixed]
     for places in [interface.probes] if interface.slave else pairs:
         # Along eigenvectors of M_1 + M_2 with eigenvalue zero neither side can yield to a force. The sum is positive
@@ -348,7 +353,10 @@ def refuse_contradiction(interface: Interface, movers: Sequence[Mover],
             else:
                 # A unilateral contact is contradicted if the sides close by more than the gap, and if no direction that
                 # can yield has a component along the normal.
-                beyond = (closing * places.normal).sum(axis=1, keepdims=True) - np.maximum(gap, 0.0)
+                across = (closing * places.normal).sum(axis=1, keepdims=True)
+                beyond = across - np.maximum(gap, 0.0)
+                if law.two_sided:  # nor may guided sides be pulled apart
+                    beyond = np.maximum(beyond, np.minimum(gap, 0.0) - across)
                 beyond[(free & (np.abs(normal) > SAME)).any(axis=1)] = 0.0
             beyond[beyond <= slack] = 0.0
             if not beyond.max(initial=0.0) > worst:
@@ -360,8 +368,7 @@ def refuse_contradiction(interface: Interface, movers: Sequence[Mover],
             assert isinstance(movers[0].side, Side)
             at = in_words(movers[0].at(places, 0, movers[0].side.xy)[place])
             message = (f"contact.{interface.name}: at {at}{f', at time {time:g},' * (len(factors) > 1)} "
-                       f"{first}, and {second}: " + ("they tear the bond apart" if bonded else
-                                                     "they push the bodies into each other")
-                       + f" by {worst:.3g} {unit}, and no force can prevent that; prescribe motions that go together")
+                       f"{first}, and {second}: they {WRONG.get(law.name, 'push the bodies into each other')} by "
+                       f"{worst:.3g} {unit}, and no force can prevent that; prescribe motions that go together")
     if message:
         raise InputError(message)

@@ -228,7 +228,7 @@ def contact_state(interface: Interface, s: np.ndarray, bound: np.ndarray, u: np.
         before[:] = slides[1]
         slip = slides[0] - before
     # A node without tangential unknowns sticks, but without friction it slides. Open overrules both.
-    status, resistance = np.full(m, "slip" if law.name == "none" else "stick", dtype="U5"), np.zeros(m)
+    status, resistance = np.full(m, "slip" if law.frictionless else "stick", dtype="U5"), np.zeros(m)
     slips, closed = law.reaches_bound(s, bound), law.closed(s, CLOSED)
     status[sliding[slips]] = "slip"
     status[~closed] = "open"

@@ -303,7 +303,7 @@ def _unresolved_zone(state: ContactState) -> list[str]:
     nodes are what is left of a contact that opens.
     """
     interface, number = state.interface, len(state.status)
-    if interface.law.name == "bonded" or number < 3:
+    if interface.law.two_sided or number < 3:
         return []
     pairs = np.column_stack(sparse.triu(interface.laplacian, 1).nonzero())
     d, closed = interface.dimension, state.status != "open"

@@ -42,7 +42,7 @@ class Row(str):
 
 RESIDUALS = {
     "force_mismatch": "difference of the contact forces of the two bodies, over the forces",
-    "penetration": "the largest overlap at the nodes, or opening where bonded, over the size of the contact "
+    "penetration": "the largest overlap at the nodes, or opening where bonded or guided, over the size of the contact "
                    "displacements",
     "complementarity": "force across open nodes, and tension",
     "friction": "distance of tangential forces from the friction law, over the largest force",

@@ -113,7 +113,7 @@ def some(names: Sequence[str], what: str) -> str:
 def _plan_of(interface: Interface, unit: str) -> str:
     """The initial gap of a contact, and which unknowns it does not need."""
     facts, constrained = [describe_gap(interface, unit)], interface.m - len(interface.sliding)
-    if interface.law.name == "none":
+    if interface.law.frictionless:
         facts.append("no friction")
     elif constrained:
         facts.append(f"clamps constrain {_count(constrained, 'tangential unknown')}")

@@ -341,7 +341,7 @@ class Iteration:
             between = (probes.opening(interface.scale) + probes.normal @ interface.displacement
                        - sum(closing for closing, *_ in near))
             # without friction the unknowns have no tangential part; slip is that of the bodies beside the nodes
-            slides = None if interface.law.name != "none" else (
+            slides = None if not interface.law.frictionless else (
                 sum(along for _, along, _ in near) - interface.frame[:, 1:] @ interface.displacement,
                 slid.get(interface.name, 0.0))
             yielding = max(elastic for *_, elastic in near)

@@ -246,9 +246,9 @@ class March:
         closing = moved - now.moved - opened
         mean = 0.5 * (s + now.s)
         driven, interface_work = space.add(np.array([mean @ (gone - opened), mean @ closing]))
-        if now.time == 0.0:  # an overlap (of bonds also a gap) acts at once, before any load
+        if now.time == 0.0:  # an overlap (of bonds and guides also a gap) acts at once, before any load
             sudden = np.concatenate([np.empty(0), *(
-                now.opening[part] if interface.law.name == "bonded" else np.minimum(now.opening[part], 0.0)
+                now.opening[part] if interface.law.two_sided else np.minimum(now.opening[part], 0.0)
                 for interface, part in space.with_slices())])
             self._given = float(space.add(np.array([mean @ sudden]))[0])
         # loads over displacements, and reactions of clamps over what these prescribe: ΔW = ½ (b_n + b_n−1) Δu
@@ -265,7 +265,7 @@ class March:
         self._now = _Mark(time, s, outer.motions, self._d, moved, space.opening, solution.prescribed, factors,
                           solution.work, solution.energy, closed, {
                               name: state.slip_total for name, state in solution.states.items()
-                              if state.interface.law.name == "none"})
+                              if state.interface.law.frictionless})
         self._before = self._now if self._sudden and now.time == 0.0 else now
         del self._ahead[0]
         if not self._ahead or scene.output.steps == "all":

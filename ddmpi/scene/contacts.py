@@ -94,7 +94,8 @@ class ContactSpec(Table, frozen=True, kw_only=True):
     name : unique among contacts; left out, the names in bodies with a dash between
     bodies : two bodies, or a body and then a rigid partner; normals and forces of the results are the first one's
     on : a boundary group of each body, so only one if the partner is rigid
-    kind : "bonded" sides neither separate nor slide
+    kind : "bonded" sides neither separate nor slide; "guided" ones do not separate and slide without friction, as a
+        face in a guide: normal forces have both signs
     friction : law of friction; left out, none
     gap : initial gap along the normal (m), positive open, negative an interference, as in -1e-5 or { value = -1e-5,
         history = "fit" }; left out, it is measured, on curved sides between the arcs over their chords
@@ -106,18 +107,23 @@ class ContactSpec(Table, frozen=True, kw_only=True):
     name: Name | None = None
     bodies: tuple[Name, Name]
     on: Annotated[tuple[Group, ...], msgspec.Meta(min_length=1, max_length=2)]
-    kind: Literal["unilateral", "bonded"] = "unilateral"
+    kind: Literal["unilateral", "bonded", "guided"] = "unilateral"
     friction: Friction = NoFriction()
     gap: Number | Formula | Gap | None = None
     pairing: Literal["nodes", "mortar"] | None = None
     slave: Name | None = None
 
     def __post_init__(self) -> None:
-        if self.kind == "bonded" and not isinstance(self.friction, NoFriction):
-            raise ValueError('friction does not go with kind = "bonded", which lets nothing slide; leave one of them '
-                             "out")
+        if self.two_sided and not isinstance(self.friction, NoFriction):
+            how = "nothing slide" if self.kind == "bonded" else "all slide freely"
+            raise ValueError(f'friction does not go with kind = "{self.kind}", which lets {how}; leave one of them out')
         if self.slave is not None and self.pairing == "nodes":
             raise ValueError('slave does not go with pairing = "nodes", which has none; leave one of them out')
+
+    @property
+    def two_sided(self) -> bool:
+        """Whether normal forces have both signs, so that the sides do not separate."""
+        return self.kind != "unilateral"
 
     @property
     def opening(self) -> tuple[Number | Formula | SignedProfile | None, str | None]:
