@@ -31,8 +31,9 @@ from ddmpi.results.folder import Staging
 from ddmpi.results.summary import plain, rigid_partners, summarize, write_mechanism, write_summary
 from ddmpi.results.tables import ENERGY, HISTORY, write_contact, write_legs, write_sides, write_steps, write_table
 from ddmpi.run.checkpoint import Checkpoints
+from ddmpi.run.equilibrium import recover
 from ddmpi.run.report import describe_files
-from ddmpi.run.solve import Solution, recover
+from ddmpi.run.solve import Solution
 from ddmpi.system.agreement import agreed, gathered
 from ddmpi.system.clock import Clock
 from ddmpi.system.files import contact_files
