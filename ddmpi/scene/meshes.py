@@ -73,6 +73,8 @@ class MeshSpec(Table, frozen=True, kw_only=True):
         [nx, ny, nz], each cut into six tetrahedra
     file : triangles or tetrahedra with groups: "x.msh" as gmsh writes it, in any version of its format; "x.inp" of
         Abaqus or CalculiX; "x.med"; "x.vtu" and "x.vtk"; other elements are cut into these; see docs/start/drawing.md
+    part : of a file with several bodies the one of this body, by the name of its set of elements (ELSET), part or
+        instance, MED group or gmsh's physical volume (surface in the plane)
     geometry : a drawing (.geo, .step, .brep) with physical groups, or of a solid; see docs/start/drawing.md
     contact_size : size of a geometry's elements along contacts (m); left out, a quarter of size
     order : 1 for linear elements, 2 for quadratic ones, whose sides are curved along circles of an annulus, curves of
@@ -90,6 +92,7 @@ class MeshSpec(Table, frozen=True, kw_only=True):
     angles: tuple[Angle, Angle] | None = None
     divisions: Annotated[tuple[Count, ...], msgspec.Meta(min_length=2, max_length=3)] | None = None
     file: str | None = None
+    part: str | None = None
     geometry: str | None = None
     contact_size: Positive | None = None
     order: Literal[1, 2] | None = None
@@ -116,6 +119,8 @@ class MeshSpec(Table, frozen=True, kw_only=True):
         if sum(source is not None for source in (self.shape, self.file, self.geometry)) != 1:
             raise ValueError('a mesh is either { file = "….msh" } or { geometry = "….geo", size = … } or has a shape, '
                              f'one of {", ".join(SHAPES)}, as in {{ shape = "rectangle", size = …, divisions = … }}')
+        if self.part is not None and self.file is None:
+            raise ValueError(f"part belongs to a file with several bodies, not to {self._what}")
         if str(self.file).lower().endswith(GEOMETRIES):
             raise ValueError(f'{self.file} is a drawing; write geometry = "{self.file}", size = h, the largest size of '
                              "an element")

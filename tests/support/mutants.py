@@ -89,6 +89,12 @@ MUTANTS = [Mutant(*row) for row in (
     ("an unknown key has no name", "scene/keys", "[*named, found[2]]", "[*named, found[3]]",
      "scene/test_scene.py::test_refusal_names_file_key_and_remedy"),
     # mesh
+    ("a part has all elements", "mesh/read", "own = np.isin(element, _members(raw, d, part, label))",
+     "own = np.isin(element, element)", "mesh/test_formats.py::test_a_part_of_a_file"),
+    ("a part has the groups of others", "mesh/boundary", "parts, element = parts[own], element[own]", "pass",
+     "mesh/test_formats.py::test_a_part_of_a_file"),
+    ("a part of an assembly is not moved", "decks/deck", "points[own] += [*row", "points[own] -= [*row",
+     "mesh/test_formats.py::test_parts_of_an_assembly"),
     ("clockwise triangles stay", "mesh/read", "cells[turned] = cells[turned][:, swap]", "pass",
      "mesh/test_mesh.py::test_clockwise_triangles_are_turned"),
     ("curved sides are straightened", "mesh/refine", "off = CELLS[1, 2]", "off = 0.0 * CELLS[1, 2]",
