@@ -78,7 +78,7 @@ class Solution:
     mechanism : that proves that there is no equilibrium, or None
     drift : how loose bodies drift, in words
     moved : (size,) relative displacement of the bodies at the interfaces that this rank owns (m)
-    prescribed : (size,) the share of rigid partners in it, those that are pushed as well (m)
+    prescribed : (size,) the share of rigid partners in it, driven ones as well (m)
     energy : strain energy of all bodies (J)
     sizes : (3,) largest nodal contact force (N), displacement, and displacement by contact forces (m)
     work : (2, cases) of all bodies, as `Member.work`, by history in the order of the scene
@@ -251,20 +251,18 @@ class Iteration:
                  largest: np.ndarray = NO_SIZES) -> Solution:
         """Displacements, contact states and certificate of the outer method's forces. Collective."""
         assembly, outer = self.assembly, self.outer
-        world, space, joint = assembly.world, assembly.space, assembly.joint
+        world, joint = assembly.world, assembly.joint
         displacements, sizes, motions = self._displaced(largest)
         traces = [body.member.trace(displacements[body.spec.name]) for body in assembly.bodies]
         outer.refresh(traces)
         both = assembly.exchange.collect(traces, "answer")
         beside = assembly.exchange.swap_objects(motions)
-        gone = joint.pushed_by(outer.motions)
-        bodies = gathered(world, sizes) | self._pushed_partners()
+        bodies = gathered(world, sizes) | self._driven()
         load, energy, work = (sum(size[key] for size in bodies.values()) for key in ("load", "energy", "work"))
         now = [max(size[key] for size in bodies.values()) for key in ("moved", "yielding")]
         load, energy, work, now = world.bcast((load, energy, work, now))
 
-        interfaces = [replace(interface, displacement=interface.displacement + gone.get(interface.bodies[1], 0.0))
-                      for interface in space.interfaces]
+        interfaces = joint.placed(outer.motions)
         prescribed = np.concatenate([np.empty(0), *(interface.prescribed for interface in interfaces)])
         with event("Certificate"):
             states, judged = self._contacts(interfaces, both, beside, since, (load, now, largest[1:].tolist()))
@@ -305,17 +303,17 @@ class Iteration:
                                   "energy": energy, "work": member.work(u, s)}
         return displacements, sizes, beside
 
-    def _pushed_partners(self) -> dict[str, dict[str, float]]:
-        """The sizes of rigid partners that forces push, which are bodies without elasticity. Collective."""
+    def _driven(self) -> dict[str, dict[str, float]]:
+        """The sizes of driven partners, which are bodies without elasticity. Collective."""
         joint, outer = self.assembly.joint, self.outer
-        gone, unbalanced = joint.pushed_by(outer.motions), joint.imbalance(outer.forces) if joint.pushed else joint.e
+        unbalanced = joint.imbalance(outer.forces) if joint.driven else joint.e
         sizes = {}
-        for rigid in joint.pushed:
-            at = joint.slices[rigid.name]
+        for each in joint.driven:
+            at = joint.slices[each.name]
             acting = max(norm(joint.e[at]), norm(joint.e[at] - unbalanced[at]))
-            sizes[rigid.name] = dict.fromkeys(("yielding", "made", "energy", "work"), 0.0) | {
-                "left": norm(unbalanced[at]), "acting": acting, "moved": norm(gone[rigid.name]),
-                "load": self.assembly.pushes[rigid.name]}
+            sizes[each.name] = dict.fromkeys(("yielding", "made", "energy", "work"), 0.0) | {
+                "left": norm(unbalanced[at]), "acting": acting, "moved": norm(outer.motions[at]),
+                "load": self.assembly.pushes[each.name]}
         return sizes
 
     def _contacts(self, interfaces: Sequence[Interface], both: Sequence[np.ndarray], beside: Mapping[str, tuple],
@@ -332,17 +330,19 @@ class Iteration:
         space, outer = self.assembly.space, self.outer
         start, former, slid = since or (*np.zeros((2, space.size)), {})
         forces, mismatch = outer.forces, outer.mismatch
-        states, judged = {}, {}
+        states, judged, points = {}, {}, {body.spec.name: body.mesh.points for body in self.assembly.bodies}
         for interface, part, bound in zip(interfaces, space.parts.values(), space.laws.bounds(outer.bound),
                                           strict=False):
             u1, u2 = both[0][part], both[1][part] + interface.prescribed
             probes, near = interface.probes, list(filter(None, beside[interface.name]))
             # the gap at points between the nodes, where the discrete conditions promise nothing
-            between = (probes.opening(interface.scale) + probes.normal @ interface.displacement
+            beyond = interface.carried(probes.moved(0, points[interface.bodies[0]]))
+            between = (probes.opening(interface.scale) + np.einsum("qd,qd->q", probes.normal, beyond)
                        - sum(closing for closing, *_ in near))
             # without friction the unknowns have no tangential part; slip is that of the bodies beside the nodes
             slides = None if not interface.law.frictionless else (
-                sum(along for _, along, _ in near) - interface.frame[:, 1:] @ interface.displacement,
+                sum(along for _, along, _ in near)
+                - np.einsum("mcd,md->mc", interface.frame[:, 1:], interface.carried(interface.places)),
                 slid.get(interface.name, 0.0))
             yielding = max(elastic for *_, elastic in near)
             state = states[interface.name] = contact_state(
