@@ -18,7 +18,7 @@ from ddmpi.mesh.elements import circumference
 from ddmpi.scene.bodies import Clamp
 from ddmpi.scene.contacts import Rigid
 from ddmpi.surface.side import Side
-from ddmpi.system.numbers import in_words
+from ddmpi.system.numbers import RigidMotion, in_words
 
 LARGE_OVERLAP = 0.02
 """Warn of an initial overlap above this fraction of the thinner body's depth."""
@@ -123,7 +123,8 @@ class Interface:
     laplacian : (m, m) sparse, of hat functions on all facets between the rows, m^(d − 3); nodes without a row that
         clamps or other contacts constrain are fixed. Rows with an entry are neighbours
     one_sided : (size,) bool, unknowns along which only one of the bodies can move
-    displacement : (d,) of a rigid partner (m); zero for bodies
+    displacement : (d,) of a rigid partner, or of its pivot (m); zero for bodies
+    turn, pivot : of a rigid partner that turns: (t,) about (d,) the pivot (rad, m); empty for all others
     at : of both sides (m, d), points of application of the rows' forces (m); None where unknown
     slave : name of the body whose nodes carry the rows where the nodes do not match, else None
     lines : the nodes of the rows
@@ -160,6 +161,8 @@ class Interface:
     gap_history: str | None = None
     scale: float = 1.0
     arc: np.ndarray = field(default_factory=lambda: np.empty(0))
+    turn: np.ndarray = field(default_factory=lambda: np.empty(0))
+    pivot: np.ndarray = field(default_factory=lambda: np.empty(0))
     axisymmetric: bool = False
     pointwise: bool = False
 
@@ -171,7 +174,16 @@ class Interface:
     def prescribed(self) -> np.ndarray:
         """(size,) contact displacement of the rigid partner (m), with the sign of the second side."""
         # B² u with the second side's signs: its normal is −ν, its tangents −t.
-        return -(self.directions @ self.displacement)
+        return -np.einsum("id,id->i", self.directions, self.carried(self.places)[self.law.node])
+
+    def carried(self, places: np.ndarray) -> np.ndarray:
+        """The displacement (k, d) of the rigid partner at places (k, d) (m); zero for bodies."""
+        return RigidMotion(self.displacement, self.turn, self.pivot).at(places)
+
+    @property
+    def places(self) -> np.ndarray:
+        """(m, d) where forces act on the first body (m)."""
+        return self.xy if self.at is None else self.at[0]
 
     @property
     def shares(self) -> np.ndarray:
@@ -293,7 +305,7 @@ class Mover:
         """M (n, d, d): `places` move by M e with this side, the k-th, where unconstrained nodes move by e."""
         axes = np.arange(places.normal.shape[1])
         return self.at(places, k, self.side.free if isinstance(self.side, Side)
-                       else np.diag(1.0 * np.isin(axes, self.side.pushed))[None])
+                       else np.diag(1.0 * (np.isin(axes, self.side.pushed) | self.side.turning))[None])
 
     def moved(self, places: Places, k: int, factors: Mapping[str | None, float]) -> np.ndarray:
         """(n, d) the prescribed displacement of places (m), with these factors by history."""

@@ -130,22 +130,21 @@ def _loose(assembly: Assembly) -> list[Body]:
 
 
 def _with_partners(assembly: Assembly) -> list[MotionsOfBody]:
-    """On the first rank all loose bodies and pushed partners, in the order of their motions. Collective.
+    """On the first rank all loose bodies and driven partners, in the order of their motions. Collective.
 
     A partner has the outline of the contact nodes that face it.
     """
     all_motions = list(gathered(assembly.world, {
         body.spec.name: MotionsOfBody.of(body.spec.name, body.mesh.points, body.member.motions)
         for body in _loose(assembly)}).values())
-    for rigid in assembly.joint.pushed:
+    for each in assembly.joint.driven:
         facing = gathered(assembly.world, {
             interface.name: [interface.xy + side * interface.spacing[:, None] * axis
                              for axis in np.eye(interface.dimension) for side in (-1.0, 1.0)]
-            for interface in assembly.space.interfaces if interface.bodies[1] == rigid.name})
+            for interface in assembly.space.interfaces if each.acts_on(interface)})
         if assembly.world.rank == 0:
             at = np.concatenate([*itertools.chain(*facing.values())])
-            motions = np.broadcast_to(np.eye(at.shape[1])[:, rigid.pushed], (*at.shape, len(rigid.pushed)))
-            all_motions.append(MotionsOfBody.of(rigid.name, at, motions))
+            all_motions.append(MotionsOfBody.of(each.name, at, each.motions(at)))
     return all_motions
 
 
@@ -191,17 +190,17 @@ def at_contacts(assembly: Assembly, outer: Outer, largest: np.ndarray) -> Moved:
     return {}, traces, sizes, beside
 
 
-def pushed_partners(assembly: Assembly, outer: Outer) -> dict[str, dict[str, float]]:
-    """The sizes of rigid partners that forces push, which are bodies without elasticity. Collective."""
+def driven_partners(assembly: Assembly, outer: Outer) -> dict[str, dict[str, float]]:
+    """The sizes of driven partners, which are bodies without elasticity. Collective."""
     joint = assembly.joint
-    gone, unbalanced = joint.pushed_by(outer.motions), joint.imbalance(outer.forces) if joint.pushed else joint.e
+    unbalanced = joint.imbalance(outer.forces) if joint.driven else joint.e
     sizes = {}
-    for rigid in joint.pushed:
-        at = joint.slices[rigid.name]
+    for each in joint.driven:
+        at = joint.slices[each.name]
         acting = max(norm(joint.e[at]), norm(joint.e[at] - unbalanced[at]))
-        sizes[rigid.name] = dict.fromkeys(("yielding", "made", "energy", "work"), 0.0) | {
-            "left": norm(unbalanced[at]), "acting": acting, "moved": norm(gone[rigid.name]),
-            "load": assembly.pushes[rigid.name]}
+        sizes[each.name] = dict.fromkeys(("yielding", "made", "energy", "work"), 0.0) | {
+            "left": norm(unbalanced[at]), "acting": acting, "moved": norm(outer.motions[at]),
+            "load": assembly.pushes[each.name]}
     return sizes
 
 

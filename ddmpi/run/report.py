@@ -245,11 +245,12 @@ def _bodies(summary: dict) -> Iterator[str]:
 
 
 def _partners(summary: dict) -> Iterator[str]:
-    """Forces on pushed rigid partners, and their displacements."""
+    """Forces on rigid partners that move as these want, and their displacements and turns."""
     for rigid in summary["scene"]["rigid"]:
         name = rigid["name"]
-        if rigid["force"] and name in summary["rigid"]:
-            yield f"{name}: {tell(summary, 'rigid', name, 'force')}, {tell(summary, 'rigid', name, 'displacement')}"
+        if (rigid["force"] or rigid["free"] or rigid["pivot"]) and name in summary["rigid"]:
+            turns = ["moment", "turn"] * bool(rigid["pivot"])
+            yield f"{name}: {', '.join(tell(summary, 'rigid', name, key) for key in ['force', 'displacement', *turns])}"
 
 
 def describe_files(names: Sequence[str]) -> str:

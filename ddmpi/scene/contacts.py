@@ -156,14 +156,23 @@ class RigidSurface(Table, frozen=True, kw_only=True, tag_field="shape"):
     ----------
     name : unique among bodies and rigid partners
     displacement : prescribed displacement (m); left out, zero
-    force : force (N) along the axes on which it is not 0; along the others the displacement is prescribed. A partner
-        never rotates
-    history : [history.NAME] whose factor multiplies displacement and force
+    force : force (N) along the axes on which it is not 0; along the others the displacement is prescribed
+    free : axes along which it moves freely if no force acts on it, as in ["x"]; left out, none. But a partner with a
+        bonded contact that turns under a moment or a force, and has no displacement, is free along all axes: forces and
+        moment are then all that acts on the bonded face from outside
+    moment : moment (N m) that turns it about the pivot, in space [x, y, z]
+    turns : whether it turns, also without a moment; otherwise only with one
+    pivot : the point about which it turns by small angles; displacement and force are those of this point (m)
+    history : [history.NAME] whose factor multiplies displacement, force and moment
     """
 
     name: Name
     displacement: Point | None = None
     force: Point | None = None
+    free: list[Literal["x", "y", "z"]] | None = None
+    moment: Number | Point | None = None
+    turns: bool = False
+    pivot: Point | None = None
     history: Name | None = None
 
     only_in: ClassVar[int | None] = None
@@ -176,17 +185,42 @@ class RigidSurface(Table, frozen=True, kw_only=True, tag_field="shape"):
     """End of the advice where a body penetrates it."""
 
     def __post_init__(self) -> None:
-        if self.force is not None and not self.pushed:
+        if self.force is not None and not any(self.force):
             raise ValueError("force must not be zero; leave it out, or the partner moves as displacement says")
+        if self.moment is not None and not np.any(self.moment):
+            raise ValueError("moment must not be zero; leave it out, or write turns = true: it then turns freely")
+        if self.turning and self.pivot is None:
+            raise ValueError(f"{'turns' if self.moment is None else 'moment'} needs pivot = […], the point about which "
+                             "the partner turns")
+        if self.pivot is not None and not self.turning:
+            raise ValueError("pivot goes with a moment, or with turns = true; leave it out where the partner does not "
+                             "turn")
         both = [axis for axis in self.pushed if self.displacement and self.displacement[axis]]
         if both:
-            raise ValueError(f"along {'xyz'[both[0]]} it has both a force and a displacement; it is pushed or moved, "
+            what = "a force" if (self.force or (0.0,) * 3)[both[0]] else "freedom to move"
+            raise ValueError(f"along {'xyz'[both[0]]} it has both {what} and a displacement; it is pushed or moved, "
                              "so set one of them to 0")
 
     @property
     def pushed(self) -> list[int]:
-        """The axes along which a force acts on it."""
-        return [axis for axis, value in enumerate(self.force or ()) if value]
+        """The axes along which a force acts on it, or nothing resists it."""
+        force = self.force or (0.0,) * 3
+        return [axis for axis, value in enumerate(force) if value or "xyz"[axis] in (self.free or ())]
+
+    @property
+    def turning(self) -> bool:
+        """Whether it turns."""
+        return self.turns or self.moment is not None
+
+    @property
+    def turns_by(self) -> int:
+        """The number of its turns: 1 in the plane, 3 in space, 0 if it does not turn."""
+        return 2 * len(self.pivot or ()) - 3 if self.turning else 0
+
+    @property
+    def yields(self) -> bool:
+        """Whether it moves as the forces on it want, along an axis or about the pivot."""
+        return bool(self.pushed) or self.turning
 
     def facing(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Unit normals (…, d), towards the bodies, at the nearest places to points (…, d), and the distances (…) along

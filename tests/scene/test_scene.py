@@ -518,7 +518,8 @@ OPTIONAL = {
     "VolumeForce": {"value", "history", "constant", "x_slope", "y_slope", "z_slope"},
     "Gap": {"value", "history"},  # a profile
     "AffineVector": {"constant", "x_slope", "y_slope", "z_slope"},  # zero
-    **{shape: {"displacement", "force", "history"} for shape in ("Plane", "Circle", "Sphere", "Cylinder")},  # at rest
+    **{shape: {"displacement", "force", "free", "moment", "pivot", "history"}
+       for shape in ("Plane", "Circle", "Sphere", "Cylinder")},  # at rest
     "Settled": {"time"}, "Time": {"steps", "tolerance"},  # one load step; the one or the other
     "Output": {"only", "magnification", "view", "cut"},  # chosen by the picture
     "Cut": {"x", "y", "z"},  # one of them
