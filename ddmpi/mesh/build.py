@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from ddmpi.errors import InputError, naming
-from ddmpi.mesh.boundary import material_numbers
+from ddmpi.mesh.boundary import combined, material_numbers
 from ddmpi.mesh.elements import NAMES
 from ddmpi.mesh.mesh import MEASURE, Mesh, refuse_folded, signed_measures
 from ddmpi.mesh.refine import Sizes, halve, raise_order
@@ -50,7 +50,11 @@ def build_mesh(body: BodySpec, folder: Path = Path("."), contacts: Collection[st
     """
     spec = body.mesh
     key = f"body.{body.name}.mesh"
-    if spec.shape:
+    if spec.drawn:
+        from ddmpi.mesh.geometry import mesh_geometry
+
+        mesh = mesh_geometry(locate_mesh(body, folder) if spec.geometry else None, body, contacts, sizes)
+    elif spec.shape:
         assert spec.divisions
         _refuse_huge(float(factorial(len(spec.divisions)) * np.prod(spec.divisions, dtype=float)),
                      NAMES[len(spec.divisions)][1], f"{key}.divisions")
@@ -58,10 +62,6 @@ def build_mesh(body: BodySpec, folder: Path = Path("."), contacts: Collection[st
         if not signed_measures(mesh.points, mesh.triangles).min() > 0.0:
             raise InputError(f"{key}: its {mesh.cell.names} have no {MEASURE[mesh.dimension]} in double precision; "
                              "sizes, place and units do not fit together")
-    elif spec.geometry is not None:
-        from ddmpi.mesh.geometry import mesh_geometry
-
-        mesh = mesh_geometry(locate_mesh(body, folder), body, contacts, sizes)
     else:
         from ddmpi.mesh.read import read_mesh
 
@@ -74,6 +74,9 @@ def build_mesh(body: BodySpec, folder: Path = Path("."), contacts: Collection[st
     mesh = raise_order(mesh, key, spec.order or 1)
     refuse_folded(mesh, key)
     material_numbers(mesh, body)
+    for name, on in [*(("mesh", on) for on in contacts), *((name, acting.on) for name, acting in body.acting)]:
+        with naming(f"body.{body.name}.{name}"):
+            mesh = combined(mesh, on, name == "clamp")
     if axisymmetric:
         mesh = _turned(mesh, key, [*contacts, *(acting.on for name, acting in body.acting if name != "clamp")])
     for name, acting in body.acting:
