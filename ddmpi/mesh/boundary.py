@@ -266,7 +266,8 @@ def _face(gmsh, k: int, tag: int) -> Face:
         measure = gmsh.model.occ.getMass(k, tag)
     except Exception:  # gmsh's own kernel knows no areas
         measure = curve_bend(gmsh, tag)[1] if k == 1 else 0.0
-    return Face(kind, 1.0 / bend if bend else 0.0, measure)
+    place = np.round(box(gmsh, k, tag).mean(axis=0)[:gmsh.model.getDimension()], 5 - int(np.log10(extent(gmsh)))) + 0.0
+    return Face(kind, 1.0 / bend if bend else 0.0, measure, tuple(place.tolist()))
 
 
 def where(gmsh, k: int, tag: int) -> str:

@@ -53,11 +53,13 @@ class Face(NamedTuple):
     kind : gmsh's word, such as "plane", "cylinder" or "line"
     radius : of a circle, a cylinder, a sphere, and of the tube of a torus (m); of others 0
     measure : its length (m) or area (m²)
+    place : the middle of its box (m)
     """
 
     kind: str
     radius: float
     measure: float
+    place: tuple[float, ...]
 
 
 @dataclass(frozen=True)
