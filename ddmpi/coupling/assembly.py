@@ -279,7 +279,7 @@ def _join(scene: Settled, contact: SettledContact, sides: tuple[Side, Side | Non
         interface = face_rigid(first, rigid, contact)
         partner = Mover(rigid)
     else:
-        if any(body.mesh.geometry for body in specs):
+        if any(body.mesh.drawn for body in specs):
             refinement = 1  # its nodes match by their number alone
         interface = connect(first, second, contact, refinement)
         partner = Mover(second, clamps[second.body])

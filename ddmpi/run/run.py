@@ -172,7 +172,7 @@ def _another_mesh(ladder: MeshLadder, assembly: Assembly, solution: Solution, er
         return ladder.fall_back(solution.reason)
     dofs = assembly.world.allreduce(sum(body.mesh.points.size for body in assembly.bodies))
     drawn = {body.spec.name: (body.mesh, error.estimates[body.spec.name].squares) for body in assembly.bodies
-             if body.spec.mesh.geometry}
+             if body.spec.mesh.drawn}
     rate = ladder.rate(error.relative)
     demands = merged(assembly.world, {name: demand(squares, rate, mesh.dimension)
                                       for name, (mesh, squares) in drawn.items()})

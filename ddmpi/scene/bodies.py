@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 import msgspec
 import numpy as np
-from msgspec.structs import replace
+from msgspec.structs import force_setattr, replace
 
 from ddmpi.scene.meshes import TOWARDS_CONTACTS, WITH_ORIGIN, MeshSpec, SettledMesh
 from ddmpi.scene.values import (
@@ -19,11 +19,13 @@ from ddmpi.scene.values import (
     Name,
     NonNegative,
     Number,
+    On,
     Point,
     Positive,
     Table,
     Vector,
     VolumeForce,
+    joined,
     settle,
 )
 
@@ -177,13 +179,14 @@ class Clamp(Table, frozen=True, kw_only=True):
 
     Attributes
     ----------
-    on : boundary group or physical point, in space also physical curve
+    on : boundary group or physical point, in space also physical curve; several together, as the faces [8, 27] of a
+        drawing; or what groups have in common, an edge or a corner: "left & bottom"
     x, y, z : component of the displacement (m); left out, it is free
     normal : the displacement along the outer normal of a boundary group (m), node by node; the group can slide
     history : [history.NAME] whose factor multiplies it
     """
 
-    on: Group
+    on: On
     x: Number | Formula | AffineScalar | None = None
     y: Number | Formula | AffineScalar | None = None
     z: Number | Formula | AffineScalar | None = None
@@ -191,6 +194,7 @@ class Clamp(Table, frozen=True, kw_only=True):
     history: Name | None = None
 
     def __post_init__(self) -> None:
+        force_setattr(self, "on", joined(self.on))
         if (*self.components, self.normal) == (None,) * 4:
             raise ValueError("a clamp prescribes one or several of x, y and, in space, z, or the normal component; to "
                              f'fix all, write clamp = ["{self.on}"]')
@@ -206,20 +210,21 @@ class Traction(Table, frozen=True, kw_only=True):
 
     Attributes
     ----------
-    on : boundary group
+    on : boundary group, or several together, as the faces [8, 27] of a drawing
     value : force per area (Pa), as in [0.0, "-6e7 * (1 + x/3)"]
     pressure : normal stress (Pa) against the outer normal
     force : total force (N; in the plane per metre of depth), spread evenly over the area of the group
     history : [history.NAME] whose factor multiplies it
     """
 
-    on: Group
+    on: On
     value: Vector | AffineVector | None = None
     pressure: Number | Formula | AffineScalar | None = None
     force: Point | None = None
     history: Name | None = None
 
     def __post_init__(self) -> None:
+        force_setattr(self, "on", joined(self.on))
         if [self.value, self.pressure, self.force].count(None) != 2:
             raise ValueError("a traction has either a value (Pa), as in value = [0.0, -6e7], or a pressure along the "
                              "inner normal, as in pressure = 1e6, or the total force (N), as in force = [0.0, -1e4]")
@@ -235,16 +240,17 @@ class Foundation(Table, frozen=True, kw_only=True):
 
     Attributes
     ----------
-    on : boundary group
+    on : boundary group, or several together, as the faces [8, 27] of a drawing
     normal : stiffness along the normal, per area (N/m³), in tension as in compression
     tangential : stiffness along the surface, per area (N/m³)
     """
 
-    on: Group
+    on: On
     normal: NonNegative = 0.0
     tangential: NonNegative = 0.0
 
     def __post_init__(self) -> None:
+        force_setattr(self, "on", joined(self.on))
         if not self.normal and not self.tangential:
             raise ValueError("a foundation has a stiffness per area, as in normal = 1e9 or tangential = 1e8")
 
@@ -257,7 +263,7 @@ class BodySpec(Table, frozen=True, kw_only=True):
     name : unique among bodies and rigid partners
     mesh : see below
     material : one, or a list with entries for the parts of a drawing or a mesh file
-    clamp : boundary groups or physical points: by name, with zero displacement, or with given displacements
+    clamp : boundary groups or physical points: by name or number, with zero displacement, or with given displacements
     foundation : springs on boundary groups, which support the body along their stiffness
     traction : loads on boundary groups
     volume_force : such as weight (N/m³), a list [x, y] or [x, y, z], or a table
@@ -267,7 +273,7 @@ class BodySpec(Table, frozen=True, kw_only=True):
     name: Name
     mesh: MeshSpec
     material: Material | Annotated[list[PartMaterial], msgspec.Meta(min_length=1)]
-    clamp: list[Group | Clamp] = []
+    clamp: list[On | Clamp] = []
     foundation: list[Foundation] = []
     traction: list[Traction] = []
     volume_force: Vector | VolumeForce | None = None
@@ -312,7 +318,7 @@ class BodySpec(Table, frozen=True, kw_only=True):
     @property
     def clamps(self) -> list[Clamp]:
         """All clamps in the long form; a bare group name fixes all components."""
-        return [Clamp(on=c, x=0.0, y=0.0, z=0.0) if isinstance(c, str) else c for c in self.clamp]
+        return [c if isinstance(c, Clamp) else Clamp(on=c, x=0.0, y=0.0, z=0.0) for c in self.clamp]
 
     @property
     def acting(self) -> list[tuple[str, Clamp | Traction | Foundation]]:
@@ -337,7 +343,7 @@ class BodySpec(Table, frozen=True, kw_only=True):
     def settled(self, order: int, dimension: int = 2, axisymmetric: bool = False) -> SettledBody:
         """This body with elements of `order`, in the plane, around an axis or in space."""
         mesh = self.mesh
-        finest = mesh.contact_size or TOWARDS_CONTACTS * mesh.largest if mesh.geometry is not None else None
+        finest = mesh.contact_size or TOWARDS_CONTACTS * mesh.largest if mesh.drawn else None
         origin = mesh.origin or (0.0,) * dimension if mesh.shape in WITH_ORIGIN else None
         plane = self.plane if dimension == 2 and not axisymmetric else None
         materials = [replace(material, plane=plane) for material in self.materials]

@@ -174,7 +174,7 @@ def explain(message: str, data: dict, root: type) -> str:
         meant = _meant(found[2], fields, [base.__name__ for kind in tables for base in kind.cls.__mro__])
         return f"{key}: unknown key{meant} (valid here: {', '.join(fields)})"
     field, _, rest = problem.partition(": ")
-    if rest and any(field == entry.name for kind in kinds if isinstance(kind, inspect.StructType)
+    if rest and any(field.partition(".")[0] == entry.name for kind in kinds if isinstance(kind, inspect.StructType)
                     for entry in kind.fields):  # the table's own check names a key
         named, problem = [*named, field], rest
     key = ".".join(named) + ": " * bool(named)

@@ -184,7 +184,8 @@ class Scene(Table, frozen=True, kw_only=True):
                              f'["{second}", "{first}"], on = ["{contact.on[-1]}"]')
         if second in rigid and len(contact.on) > 1:
             raise ValueError(f"{key}.on: {second!r} is rigid and has no boundary groups; write on = "
-                             f'["{contact.on[0]}"], the one of {first!r}')
+                             f'["{contact.on[0]}"], the one of {first!r}' + (
+                                 f", or on = [[{', '.join(contact.on)}]], both" * "".join(contact.on).isdigit()))
         if second in bodies and len(contact.on) < 2:
             raise ValueError(f"{key}.on: names a boundary group of {first!r}, and must name one of {second!r}, too; "
                              f'write on = ["{contact.on[0]}", "…"]')

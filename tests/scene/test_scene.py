@@ -507,8 +507,8 @@ def test_elements_have_the_order_of_the_files():
 
 
 OPTIONAL = {
-    "SettledMesh": {"shape", "origin", "size", "corners", "center", "radii", "angles", "divisions", "file", "geometry",
-                    "contact_size", "part"},  # one of shape, file and geometry
+    "SettledMesh": {"shape", "origin", "size", "corners", "center", "radius", "radii", "axis", "height", "angles",
+                    "divisions", "file", "geometry", "part", "contact_size"},  # one of shape, file and geometry
     "SettledContact": {"gap", "pairing", "slave"},  # measured, chosen
     "Material": {"plane", "expansion", "shear", "angle"},  # solids have none; isotropic
     "PartMaterial": {"on", "plane", "expansion", "shear", "angle"},  # what the others leave
