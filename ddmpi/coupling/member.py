@@ -165,6 +165,16 @@ class Member:
             self.C.mult(self._centring.project(x), y, purpose, relative)
             y[:] = self._centring.project(y)
 
+    @property
+    def known(self) -> bool:
+        """Whether `dense` takes no solve."""
+        return self.C.kind == "explicit" or not self.C.B.count_nonzero()
+
+    def dense(self) -> np.ndarray:
+        """C (size, size) as a matrix, centred (m/N)."""
+        C = self.C.dense()
+        return C if self._centring is None else self._centring.project(self._centring.project(C).T)
+
     def restart(self) -> None:
         """Count multiplications from the set-up on, for another iteration on the same factors."""
         self.C.count = self._set_up.copy()

@@ -199,7 +199,7 @@ class March:
         joint.d = joint.d - start
         self._begin(share, start)
         largest = self.log.most["sizes"]
-        self.outer.nothing = NOTHING * largest[0]
+        self.outer.nothing, self.outer.direct.steps = NOTHING * largest[0], self._now.time > 0.0
         solution = self.iteration.solve(mechanism, (start, self._now.s, self._now.slid), largest, self._lean)
         return replace(solution, time=time)
 
