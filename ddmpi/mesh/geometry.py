@@ -192,6 +192,7 @@ def _draw(source: Path | None, script: bool, body: BodySpec, contacts: Collectio
         faces = _choose_groups(gmsh, script, body, contacts, label)
         for option, value in _OPTIONS.items():
             gmsh.option.setNumber(option, value)
+        gmsh.option.setNumber("General.Terminal", 1)  # for who waits
         if sizes:
             _follow(gmsh, sizes, body.mesh.largest, label)
         else:
