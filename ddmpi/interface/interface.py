@@ -93,6 +93,21 @@ class Lines:
 
 
 @dataclass(frozen=True)
+class Outline:
+    """What faces the other side, to its true outline: whole facets of the slave, and pieces of others.
+
+    Attributes
+    ----------
+    xy, cells : (n, d) points (m), the nodes of the `lines` first, and (c, d) the lines or triangles between them
+    shares : (n, m) sparse, values at the points from those of the rows; its rows sum to one
+    """
+
+    xy: np.ndarray
+    cells: np.ndarray
+    shares: sparse.csr_matrix
+
+
+@dataclass(frozen=True)
 class Interface:
     """Where two bodies meet. The first of its two sides defines the directions.
 
@@ -124,6 +139,7 @@ class Interface:
     at : of both sides (m, d), points of application of the rows' forces (m); None where unknown
     slave : name of the body whose nodes carry the rows where the nodes do not match, else None
     lines : the nodes of the rows
+    outline : what is covered, to be drawn
     probes : places between the nodes of non-matching sides; of matching ones, fixed nodes that can still move a little
     history : the history of the rigid partner's displacement, or None
     gap_history : the history of the gap, or None
@@ -152,6 +168,7 @@ class Interface:
     at: tuple[np.ndarray, np.ndarray] | None = None
     slave: str | None = None
     lines: Lines = Lines(np.empty(0, int), np.empty((0, 2)), np.empty(0), np.empty((0, 2), int))
+    outline: Outline | None = None
     probes: Places = field(default_factory=Places)
     history: str | None = None
     gap_history: str | None = None

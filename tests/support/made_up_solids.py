@@ -10,7 +10,7 @@ from solids import grid
 
 from ddmpi.body.estimate import nodal_stress
 from ddmpi.body.stress import stress, von_mises
-from ddmpi.interface.interface import Interface, Lines
+from ddmpi.interface.interface import Interface, Lines, Outline
 from ddmpi.interface.law import law_of
 from ddmpi.interface.state import ContactState
 from ddmpi.mesh.elements import facet_shares
@@ -65,7 +65,8 @@ def interface(name: str, mesh: Mesh, group: str, friction=made_up.COULOMB, kind=
                      nodes=(nodes, np.empty(0, int)), transfer=(sparse.identity(m, format="csr"),) * 2, law=law,
                      modulus=1e11, facets=facets, laplacian=sparse.csr_matrix((m, m)),
                      one_sided=np.zeros(law.size, bool), displacement=np.zeros(3),
-                     lines=Lines(np.arange(m), xy, area, facets))
+                     lines=Lines(np.arange(m), xy, area, facets),
+                     outline=Outline(xy, facets, sparse.identity(m, format="csr")))
 
 
 def state(interface: Interface, pressure: float = 5e7, factor: float = 1.0) -> ContactState:
