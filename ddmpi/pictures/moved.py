@@ -100,7 +100,7 @@ def rigid_parts(results: Results, factor: float = 0.0, time: float | None = None
         if not contacts or moved is None:
             continue
         if results.dimension > 2:
-            shapes = (_around(rigid, vectors(results.contacts[contact["name"]]), results.triangles(contact["name"]))
+            shapes = (_around(rigid, results.surfaces[contact["name"]]["points"], results.triangles(contact["name"]))
                      for contact in contacts)
             surfaces += [Surface(at + factor * moved.at(at), facets, filled("patch"), edges=COLOURS["still"])
                          for at, facets in shapes if len(facets)]

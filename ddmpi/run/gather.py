@@ -26,7 +26,7 @@ from ddmpi.judge.accuracy import MeshLadder
 from ddmpi.judge.certificate import Certificate, ContactResiduals
 from ddmpi.petsc.events import event
 from ddmpi.petsc.options import unused_options
-from ddmpi.results.fields import Datasets, Fields, contact_fields, write_fields, write_surface, write_xdmf
+from ddmpi.results.fields import Datasets, Fields, contact_fields, table_fields, write_fields, write_surface, write_xdmf
 from ddmpi.results.folder import Staging
 from ddmpi.results.summary import plain, rigid_partners, summarize, write_mechanism, write_summary
 from ddmpi.results.tables import ENERGY, HISTORY, write_contact, write_legs, write_sides, write_steps, write_table
@@ -253,7 +253,8 @@ def write_files(solved: Solved, folder: Path | None, clock: Clock, figures: bool
                 surfaces = {name: contact_fields(state) for name, state in solved.solution.states.items()}
                 with event("WriteFields"):
                     spans = write_fields(path, {body.number: solved.fields[body.spec.name] for body in bodies},
-                                         surfaces, world)
+                                         surfaces, world, tables={name: table_fields(state) for name, state in
+                                                                  solved.solution.states.items()})
             times = _write_steps(path, solved)
             with agreed(world), event("WriteTables"):
                 _write_contacts(path, solved, surfaces)
