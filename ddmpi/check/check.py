@@ -169,6 +169,13 @@ def _page(assembly: Assembly, bodies: Mapping[str, Looked], interfaces: Sequence
         for how, value in ("moved", rigid.displacement), ("pushed", rigid.force):
             if value and any(value):
                 yield f"rigid {rigid.name}: {how} by {_vector(value, np.zeros(1))}{_following(rigid.history)}"
+        if unpushed := [axis for k, axis in enumerate("xyz") if axis in (rigid.free or ()) and not (
+                rigid.force and rigid.force[k])]:
+            yield f"rigid {rigid.name}: moves freely along {', '.join(unpushed)}"
+        if rigid.turning:
+            under = "freely" if rigid.moment is None else f"by {_vector(np.array(rigid.moment), np.zeros(1))}"
+            yield (f"rigid {rigid.name}: turned {under} about {in_words(np.array(rigid.pivot), 4)}"
+                   f"{_following(rigid.history) * (rigid.moment is not None)}")
     contacts = []
     for contact, interface in zip(scene.contact, interfaces, strict=True):
         sides = " and ".join(".".join(side) for side in zip(contact.bodies, contact.on, strict=False))

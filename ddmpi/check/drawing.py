@@ -118,7 +118,8 @@ def draw(folder: Path, scene: Settled, bodies: Mapping[str, Looked], interfaces:
     pictures: dict[str, Callable[[], Any]] = {"bodies.png": lambda: draw_bodies(results, bodies)}
     if scene.dimension > 2:
         pictures["bodies_behind.png"] = lambda: draw_bodies(results, bodies, behind=True)
-    pictures["contacts.png"] = lambda: draw_contacts(results, interfaces, missing)
+    if scene.contact or missing:
+        pictures["contacts.png"] = lambda: draw_contacts(results, interfaces, missing)
     pictures |= more
     with plt.rc_context(STYLE):
         for name, make in islice(pictures.items(), number, None, drawers):
@@ -190,7 +191,7 @@ def draw_contacts(results: Results, interfaces: Sequence[Interface], missing: Se
 
     plan, skin = _plan(results), skin_of(results)
     plan.rigid = []  # they would hide contacts
-    gaps = np.concatenate([interface.gap for interface in interfaces])
+    gaps = np.concatenate([np.zeros(int(not interfaces)), *(interface.gap for interface in interfaces)])
     factor, unit_of = scaled_unit(np.abs(gaps).max(), results.summary["units"]["length"])
     image = colours_of(gaps.min() / factor, gaps.max() / factor if gaps.any() else 1.0,
                        "viridis" if gaps.any() else "Blues_r")

@@ -6,6 +6,7 @@ import functools
 import re
 from collections.abc import Collection
 from dataclasses import replace
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -279,15 +280,20 @@ def where(gmsh, k: int, tag: int) -> str:
     return " to ".join(dict.fromkeys(map(in_words, corners)))
 
 
-def file_groups(raw, label: str, cells: np.ndarray) -> tuple[dict[str, np.ndarray], ...]:
+def file_groups(raw, label: str, cells: np.ndarray, part: bool = False) -> tuple[dict[str, np.ndarray], ...]:
     """By name the facets (·, d) of each group of the boundary, in space the lines (·, 2) of curves, and nodes.
 
-    Of a set of nodes the facets, or else the lines, and in any case its nodes. Raises InputError where no group has
-    facets.
+    Of a set of nodes the facets, or else the lines, and in any case its nodes. If the `cells` are a `part` of the file,
+    only what belongs to them. Raises InputError where no group has facets.
     """
     d, kinds = cells.shape[1] - 1, list[dict[str, np.ndarray]]()
     for dimension in range(d - 1, 0, -1):
-        parts, _, element, _ = simplices(raw, dimension, raw.points)
+        parts, _, element = simplices(raw, dimension, raw.points)
+        if part:
+            of_cells = cells[:, list(combinations(range(d + 1), dimension + 1))].reshape(-1, dimension + 1)
+            number = np.unique(np.sort(np.concatenate([of_cells, parts]), axis=1), axis=0, return_inverse=True)[1]
+            own = np.isin(number.ravel()[len(of_cells):], number.ravel()[:len(of_cells)])
+            parts, element = parts[own], element[own]
         named = {name: parts[np.isin(element, members)] for name, members in file_members(raw, dimension).items()}
         kinds.append({name: facets[distinct(facets)[0]] for name, facets in named.items()})
     alone: dict[str, np.ndarray] = {}
@@ -309,6 +315,10 @@ def file_groups(raw, label: str, cells: np.ndarray) -> tuple[dict[str, np.ndarra
                          f'{PHYSICAL[d - 1].title()}("left") = {{4}};')
     points_of = raw.cells_dict.get("vertex", np.empty((0, 1), int))[:, 0]
     alone |= {name: np.unique(points_of[members]) for name, members in file_members(raw, 0).items()}
+    if part:  # groups of other parts are not of this one
+        kinds = [{name: own for name, own in kind.items() if len(own)} for kind in kinds]
+        alone = {name: own for name, own in alone.items() if np.isin(own, cells).any() or any(
+            name in kind for kind in kinds)}
     return kinds[0], {} if d == 2 else kinds[1], alone
 
 

@@ -65,7 +65,8 @@ def build_mesh(body: BodySpec, folder: Path = Path("."), contacts: Collection[st
     else:
         from ddmpi.mesh.read import read_mesh
 
-        mesh = read_mesh(locate_mesh(body, folder), body.name, spec.order or 1)
+        mesh = read_mesh(locate_mesh(body, folder), body.name, spec.order or 1,
+                         part=None if spec.part is None else str(spec.part))
     if dimension not in (None, mesh.dimension):
         raise InputError(f"{key}: the mesh is {WHERE[mesh.dimension]}, and the scene is {WHERE[dimension or 2]}")
     for _ in range(spec.halvings):
@@ -115,7 +116,7 @@ def kind_of_files(scene_path: str | Path) -> Callable[[BodySpec], tuple[int, int
     Drawings have no order, so 1. Not collective. The function raises InputError.
     """
     @functools.cache
-    def of_file(path: Path, name: str, drawn: bool) -> tuple[int, int]:
+    def of_file(path: Path, name: str, drawn: bool, part: str | None) -> tuple[int, int]:
         if drawn:
             from ddmpi.mesh.geometry import geometry_dimension
 
@@ -123,10 +124,11 @@ def kind_of_files(scene_path: str | Path) -> Callable[[BodySpec], tuple[int, int
 
         from ddmpi.mesh.read import file_kind
 
-        return file_kind(path, name)
+        return file_kind(path, name, part)
 
     folder = Path(scene_path).parent
-    return lambda body: of_file(locate_mesh(body, folder), body.name, bool(body.mesh.geometry))
+    return lambda body: of_file(locate_mesh(body, folder), body.name, bool(body.mesh.geometry),
+                                None if body.mesh.part is None else str(body.mesh.part))
 
 
 def locate_mesh(body: BodySpec, folder: Path) -> Path:

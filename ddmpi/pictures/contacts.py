@@ -11,14 +11,14 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from ddmpi.mesh.mesh import boundary_facets, signed_measures
-from ddmpi.pictures.bodies import crossed, middles, skin_of
+from ddmpi.pictures.bodies import middles, skin_of
 from ddmpi.pictures.moved import rigid_parts
 from ddmpi.pictures.sheet import COLOURS, RESOLVED, ZONES, Sheet, above, filled, rounded, signed_colours, zone_legend
 from ddmpi.pictures.views import Surface
 from ddmpi.results.fields import vectors
 from ddmpi.results.tables import Columns, Results, chains, drawn_rows
 from ddmpi.surface.side import unit
-from ddmpi.system.numbers import moment, scaled_unit
+from ddmpi.system.numbers import crossed, moment, scaled_unit
 
 WIDEST = {2: 0.3, 3: 0.6}
 """Length of half of the largest resultant over a body's size, the root of its area or volume, by dimension; in the

@@ -35,6 +35,7 @@ MEANT = {
     "E": "young", "youngs_modulus": "young", "modulus": "young", "nu": "poisson", "poissons_ratio": "poisson",
     "mu": "coefficient", "ux": "x", "uy": "y", "group": "on", "centre": "center", "elements": "divisions", "uz": "z",
     "tied": "bonded", "glued": "bonded", "welded": "bonded", "contact": "unilateral", "frictionless": "unilateral",
+    "sliding": "guided", "no separation": "guided", "roller": "guided",
     "fix": "clamp", "fixed": "clamp", "support": "clamp", "boundary": "clamp", "dirichlet": "clamp",
     "springs": "foundation", "spring": "foundation", "winkler": "foundation", "bed": "foundation",
     "load": "traction", "loads": "traction", "BodySpec.force": "traction", "BodySpec.pressure": "traction",

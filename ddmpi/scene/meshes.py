@@ -89,7 +89,9 @@ class MeshSpec(Table, frozen=True, kw_only=True):
     file : triangles or tetrahedra with groups: "x.msh" as gmsh writes it, in any version of its format; "x.inp" of
         Abaqus or CalculiX; "x.med"; "x.vtu" and "x.vtk"; other elements are cut into these; see docs/start/drawing.md
     geometry : a drawing (.geo, .step, .brep) with physical groups, or of a solid; see docs/start/drawing.md
-    part : the body in a geometry of several, by its name in the file or by its number
+    part : of a file or a geometry with several bodies the one of this body: by the name of its set of elements
+        (ELSET), part or instance, MED group or gmsh's physical volume (surface in the plane); in a geometry by its name
+        in the file or by its number
     contact_size : size of a geometry's elements along contacts (m); left out, a quarter of size
     size_on : sizes of a geometry's elements along groups by name or number (m), in contacts as well, as in
         { bore = 1.5, 27 = 3.0 }
@@ -152,9 +154,9 @@ class MeshSpec(Table, frozen=True, kw_only=True):
         if self.geometry is not None and not self.geometry.lower().endswith(GEOMETRIES):
             mesh = "; a mesh is given by file = …" * self.geometry.endswith(".msh")
             raise ValueError(f"geometry = {self.geometry!r} must end with one of {', '.join(GEOMETRIES)}{mesh}")
-        for key, wrong in (("contact_size", not self.drawn), ("size_on", not self.drawn), ("part", not self.geometry)):
+        for key, wrong in (("contact_size", not self.drawn), ("size_on", not self.drawn), ("part", bool(self.shape))):
             if getattr(self, key) and wrong:
-                raise ValueError(f"{key} belongs to a geometry, not to {self._what}")
+                raise ValueError(f"{key} belongs to a geometry{' or a file' * (key == 'part')}, not to {self._what}")
         needed = SIZED if self.geometry else SHAPES.get(self.shape or "", {})
         self._check_keys(needed)
         d = self.dimension or 0

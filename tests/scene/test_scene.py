@@ -182,7 +182,6 @@ REFUSED = [
     (["body.upper.mesh.order=2", "body.lower.mesh.order=1"], "bodies have mesh.order 1 and 2|give all bodies the same"),
     ("body.upper.mesh.order=3", "body.upper.mesh.order: 3 is not valid; expected one of 1, 2"),
     ("body.upper.material.plane=stress", "'upper' is in plane stress and 'lower' in plane strain; they cannot touch"),
-    ("contact=[]", "contact: a scene needs at least one contact; write [[contact]], bodies = "),
     ("body.lower.mesh.shape=rectangle", "body.lower.mesh: a mesh is either|rectangle|file"),
     ("body.lower.mesh={}", "body.lower.mesh: a mesh is either|rectangle|file"),
     ("body.lower.mesh.size=[1,1]", "body.lower.mesh: size belongs to shape = |not to a file"),
@@ -519,9 +518,10 @@ OPTIONAL = {
     "VolumeForce": {"value", "history", "constant", "x_slope", "y_slope", "z_slope"},
     "Gap": {"value", "history"},  # a profile
     "AffineVector": {"constant", "x_slope", "y_slope", "z_slope"},  # zero
-    **{shape: {"displacement", "force", "history"} for shape in ("Plane", "Circle", "Sphere", "Cylinder")},  # at rest
+    **{shape: {"displacement", "force", "free", "moment", "pivot", "history"}
+       for shape in ("Plane", "Circle", "Sphere", "Cylinder")},  # at rest
     "Settled": {"time"}, "Time": {"steps", "tolerance"},  # one load step; the one or the other
-    "Output": {"magnification", "view", "cut"},  # chosen by the picture
+    "Output": {"only", "magnification", "view", "cut"},  # chosen by the picture
     "Cut": {"x", "y", "z"},  # one of them
     "SettledMethod": {"algorithm", "splitting", "theta", "target_error", "preset", "compliance"},
     "Published": {"target_error", "preset", "compliance"},
