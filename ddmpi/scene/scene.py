@@ -13,7 +13,7 @@ from typing import Annotated, Any, get_args
 import msgspec
 from msgspec.structs import replace
 
-from ddmpi.scene.bodies import BodySpec, Material, SettledBody
+from ddmpi.scene.bodies import BodySpec, Material, SettledBody, Traction
 from ddmpi.scene.contacts import ContactSpec, NoFriction, Rigid, SettledContact
 from ddmpi.scene.keys import nearest
 from ddmpi.scene.method import PRESETS, Checkpoint, Method, Output, SettledMethod, Time, check_petsc
@@ -158,7 +158,7 @@ class Scene(Table, frozen=True, kw_only=True):
 
     def _check_heat(self) -> None:
         """If materials expand, some body has a temperature; the others keep that of the state free of stress."""
-        expanding = [body.name for body in self.body if any(material.expansion for material in body.materials)]
+        expanding = [body.name for body in self.body if any(material.expansions.any() for material in body.materials)]
         if expanding and all(body.temperature is None for body in self.body):
             raise ValueError(f"body.{expanding[0]}.material.expansion: no body has a temperature, so nothing expands; "
                              "write temperature = 80.0 (K over the state free of stress) into a [[body]], or leave "
@@ -274,6 +274,10 @@ class Scene(Table, frozen=True, kw_only=True):
             along = getattr(table, "along", "")  # of a profile
             if along == "arc":
                 yield 2, f"{key}.along", 'surfaces have no arc length; take a coordinate, such as along = "x"'
+            if isinstance(table, Traction) and table.moment is not None and self.axisymmetric:
+                yield 3, f"{key}.moment", what
+            elif isinstance(table, Traction) and isinstance(table.moment, float):
+                yield 2, f"{key}.moment", "in space a moment is [Mx, My, Mz]"
             if isinstance(table, Material):
                 yield from ((number, f"{key}.{name}", words) for number, name, words in table.of_one_dimension(
                     self.axisymmetric))
