@@ -110,18 +110,20 @@ class CoarseSystem:
     weights : W (k,) along the unknown forces; W Iᵀ M I W replaces Iᵀ M I
     stiffness : M times columns (its size, c) of an owned interface, called with its number
     diagonal : D (size,)
+    columns : of Z̃ = Zᵀ columns (owned size, k) sparse: I if left out; E for the transposed system, which has I as `E`
 
     Construction is collective.
     """
 
     def __init__(self, motions: Motions, basis: sparse.csr_matrix, E: sparse.csr_matrix,
-                 weights: np.ndarray, stiffness: Callable[[int, np.ndarray], np.ndarray], diagonal: np.ndarray) -> None:
+                 weights: np.ndarray, stiffness: Callable[[int, np.ndarray], np.ndarray], diagonal: np.ndarray,
+                 columns: sparse.csr_matrix | None = None) -> None:
         self._space = motions.space
         with event("CoarseSystem"):
             smooth = []
             for number, (part, _, block) in enumerate(motions.blocks):
-                unknown = basis[part]
-                smooth.append(stiffness(number, unknown @ (weights[:, None] * (unknown.T @ block))))
+                along = basis if columns is None else columns
+                smooth.append(stiffness(number, basis[part] @ (weights[:, None] * (along[part].T @ block))))
             # Elimination of y from [M⁻¹ −Z̃ᵀ; Ẑ D] leaves S. Slipping nodes' friction follows the pressure, so E
             # differs from I and S is not symmetric: an oblique projector in place of FETI's.
             self._MZ = (sparse.diags(weights) @ basis.T @ motions.assemble(smooth)).tocsr()
