@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sparse
@@ -73,11 +73,13 @@ class Driven:
         # where nodes lie on the axis of a turn, nothing resists it; any size will do
         most = sizes.max(initial=0.0) or np.linalg.norm(arm) or 1.0
         sizes = np.where(sizes > UNTURNED * most, sizes, most)
-        # the work of force and moment: F·(U + θ shift) + M θ, of which the motions' coordinates are U and θ size
-        force = np.array(rigid.force or np.zeros(d))
-        moment = np.zeros(len(turns)) + np.array(rigid.moment or 0.0)
-        return cls(rigid.name, rigid.history, axes, np.append(axes @ force, (moment + shifts @ force) / sizes), pivot,
-                   shifts, sizes)
+        driven = cls(rigid.name, rigid.history, axes, np.empty(0), pivot, shifts, sizes)
+        return replace(driven, push=driven.along(np.array(rigid.force or np.zeros(d)), np.array(rigid.moment or 0.0)))
+
+    def along(self, force: np.ndarray, moment: np.ndarray | float = 0.0) -> np.ndarray:
+        """A force (d,) and a moment (t,) along the motions (a + t,) (N)."""
+        # their work is F·(U + θ shift) + M θ, of which the motions' coordinates are U and θ size
+        return np.append(self.axes @ force, (moment + self.shifts @ force) / self.sizes)
 
     def motions(self, points: np.ndarray) -> np.ndarray:
         """The displacements (k, d, j) of points (k, d) by the motions."""
@@ -183,18 +185,20 @@ class CoarseSystem:
     weights : W (k,) along the unknown forces; W Iᵀ M I W replaces Iᵀ M I
     stiffness : M times columns (its size, c) of an owned interface, called with its number
     diagonal : D (size,)
+    columns : of Z̃ = Zᵀ columns (owned size, k) sparse: I if left out; E for the transposed system, which has I as `E`
 
     Construction is collective.
     """
 
     def __init__(self, motions: Motions, basis: sparse.csr_matrix, E: sparse.csr_matrix,
-                 weights: np.ndarray, stiffness: Callable[[int, np.ndarray], np.ndarray], diagonal: np.ndarray) -> None:
+                 weights: np.ndarray, stiffness: Callable[[int, np.ndarray], np.ndarray], diagonal: np.ndarray,
+                 columns: sparse.csr_matrix | None = None) -> None:
         self._space = motions.space
         with event("CoarseSystem"):
             smooth = []
             for number, (part, _, block) in enumerate(motions.blocks):
-                unknown = basis[part]
-                smooth.append(stiffness(number, unknown @ (weights[:, None] * (unknown.T @ block))))
+                along = basis if columns is None else columns
+                smooth.append(stiffness(number, basis[part] @ (weights[:, None] * (along[part].T @ block))))
             # Elimination of y from [M⁻¹ −Z̃ᵀ; Ẑ D] leaves S. Slipping nodes' friction follows the pressure, so E
             # differs from I and S is not symmetric: an oblique projector in place of FETI's.
             self._MZ = (sparse.diags(weights) @ basis.T @ motions.assemble(smooth)).tocsr()

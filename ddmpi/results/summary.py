@@ -131,6 +131,14 @@ SUMMARY = {
     "steps": "load steps in the order of time: time, outer_iterations, and contacts by name with force, moment, "
         "normal_force, tangential_force, open, slip, stick and dissipated, of the step, and rigid as above; in "
         "summary.json, where the fields of the step are written, bodies with reaction, loads and reactions",
+    "derivatives.KEY.until": "with output.derivatives, for the derivatives by a number KEY, or by a factor on the load "
+        "or motion KEY: [from, to] between which no node changes its status, by a linear forecast; null where none is "
+        "foreseen. All of KEY is null, with a warning, where the derivatives are not precise",
+    "derivatives.KEY.contacts.NAME": "derivatives of force, moment, normal_force, tangential_force, pressure_max and "
+        "dissipated, in the unit of the result over that of the number. With load steps those at the end; steps has "
+        "those at the ends of legs, in derivatives",
+    "derivatives.KEY.bodies.NAME": "of reaction, and of the displacements at physical points of the mesh, in points",
+    "derivatives.KEY.rigid.NAME": "of displacement and force",
     "energy.external_work": Row("work of loads, clamps and rigid partners", "energy", "with load steps: the last line "
         "of energy.csv; so are the next three"),
     "energy.strain_energy": Row("strain energy", "energy", ""),

@@ -15,6 +15,7 @@ from petsc4py import PETSc
 from ddmpi.body.estimate import DiscretizationError, estimate_error, sum_errors
 from ddmpi.coupling.assembly import NO_SIZES, Assembly, prepare
 from ddmpi.coupling.ranks import on_working_ranks
+from ddmpi.derive.entries import ENOUGH
 from ddmpi.errors import InputError, NotConvergedError, SolverError, naming
 from ddmpi.judge.accuracy import MeshLadder, demand, refine_scene
 from ddmpi.judge.diagnosis import diagnose
@@ -197,6 +198,8 @@ def _judge(assembly: Assembly, solution: Solution, steps: StepLog, error: Discre
         if not scene.output.only:
             warnings += [*(() if world.rank else doubt_mesh(scene.body, error)),
                          *doubt_stress(assembly, {name: field.von_mises for name, field in fields.items()})]
+        warnings += [f"derivatives.{key}: not told, as GMRES does not reach {ENOUGH:.0e} against their equations"
+                     for key, entry in steps.derived[0].items() if entry is None and not world.rank]
     else:  # no answer to warn of, but meshes may be the reason
         thin = gathered(world, {body.spec.name: [doubt(body.mesh, body.spec.name) for doubt in (
             doubt_cells, doubt_shape)] for body in assembly.bodies})

@@ -15,7 +15,7 @@ from msgspec.structs import replace
 
 from ddmpi.scene.bodies import BodySpec, Material, SettledBody, Traction
 from ddmpi.scene.contacts import ContactSpec, NoFriction, Rigid, SettledContact
-from ddmpi.scene.keys import nearest
+from ddmpi.scene.keys import nearest, refuse_underivable
 from ddmpi.scene.method import PRESETS, Checkpoint, Method, Output, SettledMethod, Time, check_petsc
 from ddmpi.scene.values import WHERE, History, Name, Number, Table, check_formulas, histories, settle, tables, varies
 from ddmpi.system.files import LONGEST, contact_files
@@ -218,12 +218,15 @@ class Scene(Table, frozen=True, kw_only=True):
         if not order:
             order = self._order_of_files(file_kind) if file_kind else 1
         still = (0.0,) * dimension
-        return settle(self, Settled, method=method, dimension=dimension,
+        scene = settle(self, Settled, method=method, dimension=dimension,
                       body=[body.settled(order, dimension, self.axisymmetric) for body in self.body],
                       rigid=[replace(rigid, displacement=rigid.displacement or still,
                                      free=self._free(rigid, dimension)) for rigid in self.rigid],
                       time=self.time.settled() if self.time else None,
                       contact=[settle(contact, SettledContact, name=contact.called) for contact in self.contact])
+        if self.output.derivatives:
+            refuse_underivable(scene.resolved())
+        return scene
 
     def _free(self, rigid: Rigid, dimension: int) -> Sequence[str] | None:
         """The axes along which a rigid partner moves freely if no force acts on it: as it says, or, if it says nothing
