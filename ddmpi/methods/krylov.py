@@ -221,7 +221,7 @@ class LinearProblem:
             diagonal = preconditioner.diagonal.copy()
             diagonal[:self._rigid] *= springs
             self._coarse = CoarseSystem(preconditioner.motions, linearised.basis, linearised.expansion, self._weights,
-                                        self._half_space.on_interface, diagonal)
+                                        self._half_space.on_interface, diagonal, joint.kept)
 
     def precondition(self, w: np.ndarray, h: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """The unknown forces y (k,) and rigid motions α of the half-space system for w (k,) in metres, h in newtons.

@@ -107,6 +107,8 @@ SUMMARY = {
     "contacts.NAME.slip": Row("slip", "", "number of slipping nodes"),
     "contacts.NAME.stick": Row("stick", "", "number of sticking nodes"),
     "contacts.NAME.dissipated": Row("dissipated", "energy", "frictional work of all load steps"),
+    "contacts.NAME.pretension.force": "of a bond with a pretension: the force on the first body along its direction",
+    "contacts.NAME.pretension.offset": "by how much the first side is pulled along it, past the second",
     "contacts.NAME.pressure_max": Row("largest pressure", "stress", "largest normal stress of a node"),
     **{f"contacts.NAME.certificate.{kind}": Row(kind.replace("_", " "), "", RESIDUALS[kind])
        for kind in ContactResiduals._fields},
@@ -128,8 +130,8 @@ SUMMARY = {
     "certificate.equilibrium": "the worst of all bodies, pushed partners and load steps",
     "certificate_limit": "the largest residual of a certified answer: 50 times the tolerance, but at most 0.05",
     "steps": "load steps in the order of time: time, outer_iterations, and contacts by name with force, moment, "
-        "normal_force, tangential_force, open, slip, stick and dissipated, of the step, and rigid as above; in "
-        "summary.json, where the fields of the step are written, bodies with reaction, loads and reactions",
+        "normal_force, tangential_force, open, slip, stick and dissipated, of the step, pretension and rigid as above; "
+        "in summary.json, where the fields of the step are written, bodies with reaction, loads and reactions",
     "energy.external_work": Row("work of loads, clamps and rigid partners", "energy", "with load steps: the last line "
         "of energy.csv; so are the next three"),
     "energy.strain_energy": Row("strain energy", "energy", ""),
