@@ -250,7 +250,7 @@ class Scene(Table, frozen=True, kw_only=True):
                     f"a {rigid.__struct_config__.tag} is a shape {WHERE[rigid.only_in]}; {WHERE[5 - rigid.only_in]} "
                     f"there are {', '.join(others)}")
         for name in ("view", "cut"):
-            if getattr(self.output, name) is not None:
+            if getattr(self.output, name) not in (None, True, False):
                 yield 3, f"output.{name}", "only pictures of solids have a view and a cut; leave it out"
         if self.axisymmetric:
             yield 2, "axisymmetric", "axisymmetric bodies are drawn in the half-plane x >= 0"
