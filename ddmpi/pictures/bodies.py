@@ -60,11 +60,10 @@ def draw_bodies(results: Results) -> Any:
     sheet.outline(still, facets, beyond)
     sheet.show([Surface(at, facets, by_value(values[facets] / factor, image), beyond, plain=True)])
     sheet.colours(image, f"{quantity} ({unit})", "max" if seen.max() > top else "neither")
-    largest = np.flatnonzero(values >= seen.max())
-    largest = largest[sheet.shows(at[largest], beyond[largest])] if sheet.view.solid else largest[:1]
-    if len(largest) and seen.max():
-        mark(sheet.axes, sheet.place(at[largest[0]])[:2], f"{rounded(seen.max() / factor)} {unit}")
-    words = f"{quantity} up to {rounded(seen.max() / factor)} {unit}; " if quantity != "displacement" else ""
+    most, node = largest_of(fields)
+    if most and (not sheet.view.solid or sheet.shows(at[[node]], beyond[[node]])[0]):
+        mark(sheet.axes, sheet.place(at[node])[:2], f"{rounded(most / factor)} {unit}")
+    words = f"{quantity} up to {rounded(most / factor)} {unit}; " if quantity != "displacement" else ""
     factor, unit = scaled_unit(moved, results.summary["units"]["length"])
     sheet.figure.suptitle(f"{results.heading(True)}{words}displacement × {scale:g}, "
                           f"largest {rounded(moved / factor)} {unit}")
@@ -77,6 +76,17 @@ def coloured(results: Results, fields: dict[str, np.ndarray]) -> tuple[np.ndarra
     if "nodal_von_mises" in fields:
         return fields["nodal_von_mises"], "von Mises stress", output["stress_unit"]
     return np.linalg.norm(fields["displacement"], axis=1), "displacement", output["length_unit"]
+
+
+def largest_of(fields: dict[str, np.ndarray]) -> tuple[float, int]:
+    """The largest value of `coloured`, and a node where it is. A stress is that of a cell, as in the summary: at nodes
+    it is extrapolated."""
+    if "nodal_von_mises" not in fields:
+        size = np.linalg.norm(fields["displacement"], axis=1)
+        return float(size.max()), int(size.argmax())
+    cell = fields["von_mises"].argmax()
+    corners = fields["cells"][cell]
+    return float(fields["von_mises"][cell]), int(corners[fields["nodal_von_mises"][corners].argmax()])
 
 
 def _both_halves(facets: np.ndarray, at: np.ndarray, still: np.ndarray, *values: np.ndarray) -> list[np.ndarray]:

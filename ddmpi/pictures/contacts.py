@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 from ddmpi.mesh.elements import normals
 from ddmpi.mesh.mesh import boundary_facets, signed_measures
 from ddmpi.pictures.bodies import middles, skin_of
-from ddmpi.pictures.moved import rigid_parts
+from ddmpi.pictures.moved import FACING, STRAIGHT, apart, first_is_slave, rigid_parts
 from ddmpi.pictures.sheet import (
     COLOURS,
     RESOLVED,
@@ -42,14 +42,8 @@ plane the largest pressure has 0.8 of it."""
 WEAK = 0.01
 """Resultants below this fraction of the largest are not drawn."""
 
-FACING, STRAIGHT = 0.4, 0.02
-"""A contact is seen from the front if the mean of its normals is longer than the first, and is unrolled about an axis
-if the mean square of their parts along it is at most the second. Directions whose cosine differs from 1 by less than
-the second are those of x, y or z."""
-
-OPENED, ABOVE = 0.45, 2e-3
-"""How far contacts are drawn open over the root of their areas; and colours above the bodies that bear them, over the
-bodies' extent."""
+ABOVE = 2e-3
+"""How far colours are drawn above the bodies that bear them, over the bodies' extent."""
 
 MEETING = 0.02
 """Edges of cells meet if they are this near to each other, over their length."""
@@ -106,7 +100,7 @@ def draw_contacts(results: Results) -> Any:
         sheet.figure.set_figheight(sheet.figure.get_figheight() + 0.5)  # for the legend
         sheet.write(list(results.summary["bodies"]), middles(results))
     else:
-        shifts = _apart(results)
+        shifts = apart(results, View(points, results.summary["scene"]["output"]))
         at = skin.extended(points + np.array([shifts[name] for name in results.summary["bodies"]])[owners(results)])
         most = float(np.percentile(np.abs(stresses[stresses != 0.0]), BRIGHTEST)) if top else 1.0
         image = signed_colours(-most / factor * (low < 0.0), most / factor, "YlOrRd")
@@ -152,39 +146,6 @@ def _resultants(results: Results, size: float) -> tuple[dict[str, np.ndarray], f
     return arrows, largest
 
 
-def _apart(results: Results) -> dict[str, np.ndarray]:
-    """Shifts (3,) of bodies and rigid partners, by name, that open contacts so that both sides can be seen (m).
-
-    Two that face each other move apart along the mean normal, by OPENED times the root of the area; one that is around
-    the other is drawn off along the axis, towards the eye, unless others part them.
-    """
-    scene = results.summary["scene"]
-    names = [*results.summary["bodies"], *(rigid["name"] for rigid in scene.get("rigid", ()))]
-    rows, aims = np.zeros((len(scene["contact"]), len(names))), np.zeros((len(scene["contact"]), 3))
-    for row, aim, contact in zip(rows, aims, scene["contact"], strict=True):
-        points, cells = results.surfaces[contact["name"]]["points"], results.triangles(contact["name"])
-        across = normals(points[cells]) / 2 * (1.0 if _first_is_slave(results, contact) else -1.0)
-        area = np.linalg.norm(across, axis=1)
-        if not area.any():
-            continue
-        mean, second = across.sum(axis=0) / area.sum(), np.einsum("ci,cj,c->ij", across, across, 1.0 / area)
-        least, axes = np.linalg.eigh(second / area.sum())
-        faces, weight = np.linalg.norm(mean) > FACING, 1.0
-        if faces:
-            aim[:] = -OPENED * np.sqrt(area.sum()) * unit(mean)
-        elif least[0] <= STRAIGHT and least[1] > STRAIGHT:
-            eye = View(results.points, scene["output"]).axes[2]
-            aim[:] = 1.1 * np.ptp(points @ axes[:, 0]) * axes[:, 0] * (1.0 if axes[:, 0] @ eye > 0.0 else -1.0)
-            weight = 1e-3  # others come first
-        row[[names.index(name) for name in contact["bodies"]]] = weight, -weight
-        aim *= weight
-    return dict(zip(names, np.linalg.pinv(rows) @ aims, strict=True))
-
-
-def _first_is_slave(results: Results, contact: dict) -> bool:
-    return results.summary["contacts"][contact["name"]]["slave"] in (None, contact["bodies"][0])
-
-
 def _painted(results: Results, names: Collection[str], shifts: dict[str, np.ndarray], image: Any,
              factor: float) -> Iterator[tuple[Surface, np.ndarray]]:
     """The surfaces of some contacts as they lie on either side, shifted with it; their pressures (n,) over `factor`."""
@@ -194,7 +155,7 @@ def _painted(results: Results, names: Collection[str], shifts: dict[str, np.ndar
         pressure = np.nan_to_num(surface["pressure"]) / factor
         outward = unit(nodal(normals(surface["points"][cells])[:, None].repeat(3, axis=1), cells, len(pressure)))
         for body, own in zip(contact["bodies"], (True, False), strict=True):
-            facets, sign = (cells, 1.0) if own == _first_is_slave(results, contact) else (cells[:, ::-1], -1.0)
+            facets, sign = (cells, 1.0) if own == first_is_slave(results, contact) else (cells[:, ::-1], -1.0)
             at = surface["points"] + sign * off * outward + shifts[body]
             yield Surface(at, facets, by_value(pressure[facets], image), view.beyond(surface["points"]), plain=True,
                           edges=""), pressure

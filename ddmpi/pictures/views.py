@@ -51,6 +51,7 @@ class View:
         """Of nodes (nv, d), as the table `output` of a scene asks for. Raises InputError where a cut meets no body."""
         extent, self.solid, self.axes, self.cut = np.ptp(points, axis=0), points.shape[1] > 2, np.eye(3), None
         asked, cut = (output or {}).get("view"), (output or {}).get("cut") or {}
+        asked = None if isinstance(asked, bool) else asked  # whether there is a view.html
         across = {k: cut[axis] for k, axis in enumerate("xyz") if cut.get(axis) is not None}
         if not self.solid:
             if asked or across:
@@ -211,6 +212,18 @@ def outlines(at: np.ndarray, facets: np.ndarray, beyond: np.ndarray) -> np.ndarr
     They are those between facets that meet at more than SHARPEST, at the end of a surface, and where it turns away from
     the eye; without what is `beyond` (k,) a cut.
     """
+    pairs = sharp_edges(at, facets, silhouette=True)
+    pairs = pairs[(beyond[pairs] <= 0.0).any(axis=1)]
+    pairs = np.take_along_axis(pairs, np.argsort(beyond[pairs], axis=1), axis=1)
+    # what is beyond the cut goes: the edge ends where the distance, linear along it, is zero
+    low, high = beyond[pairs].T
+    share = np.where(high > 0.0, low / np.where(high > 0.0, low - high, 1.0), 1.0)[:, None]
+    return np.stack([at[pairs[:, 0]], (1.0 - share) * at[pairs[:, 0]] + share * at[pairs[:, 1]]], axis=1)
+
+
+def sharp_edges(at: np.ndarray, facets: np.ndarray, silhouette: bool = False) -> np.ndarray:
+    """Edges (e, 2) of facets (f, 3) between places (k, 3): where facets meet at more than SHARPEST, at the end of a
+    surface and, as a `silhouette`, where it turns away from the third axis."""
     normal = unit(np.cross(at[facets[:, 1]] - at[facets[:, 0]], at[facets[:, 2]] - at[facets[:, 0]]))
     pairs = np.sort(facets[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     key = pairs[:, 0] * len(at) + pairs[:, 1]
@@ -219,15 +232,8 @@ def outlines(at: np.ndarray, facets: np.ndarray, beyond: np.ndarray) -> np.ndarr
     a, b = (normal[order[np.minimum(first + k, len(order) - 1)] // 3] for k in (0, 1))
     # a silhouette: one of two facets faces the eye; facets without area have no direction
     flat = ~a.any(axis=1) | ~b.any(axis=1)
-    drawn = (count != 2) | ~flat & (
-        ((a * b).sum(axis=1) < np.cos(SHARPEST)) | ((a[:, 2] > 0.0) != (b[:, 2] > 0.0)))
-    pairs = pairs[order[first[drawn]]]
-    pairs = pairs[(beyond[pairs] <= 0.0).any(axis=1)]
-    pairs = np.take_along_axis(pairs, np.argsort(beyond[pairs], axis=1), axis=1)
-    # what is beyond the cut goes: the edge ends where the distance, linear along it, is zero
-    low, high = beyond[pairs].T
-    share = np.where(high > 0.0, low / np.where(high > 0.0, low - high, 1.0), 1.0)[:, None]
-    return np.stack([at[pairs[:, 0]], (1.0 - share) * at[pairs[:, 0]] + share * at[pairs[:, 1]]], axis=1)
+    turns = silhouette & ((a[:, 2] > 0.0) != (b[:, 2] > 0.0))
+    return pairs[order[first[(count != 2) | ~flat & (((a * b).sum(axis=1) < np.cos(SHARPEST)) | turns)]]]
 
 
 def unhidden(edges: np.ndarray, depth: np.ndarray) -> np.ndarray:

@@ -19,10 +19,10 @@ from ddmpi.cli.report import write_report
 from ddmpi.errors import InputError
 from ddmpi.pictures import views
 from ddmpi.pictures.bodies import animate, draw_bodies
-from ddmpi.pictures.contacts import _apart, draw_contacts, draw_maps, flatten
+from ddmpi.pictures.contacts import draw_contacts, draw_maps, flatten
 from ddmpi.pictures.curves import draw_steps
 from ddmpi.pictures.draw import draw_all
-from ddmpi.pictures.moved import rigid_parts
+from ddmpi.pictures.moved import apart, rigid_parts
 from ddmpi.results.tables import STATUS, Results, read_results
 from ddmpi.run.run import prepare_scene
 from ddmpi.scene.method import VIEWS
@@ -324,7 +324,7 @@ def test_resultants_of_solids_lie_on_their_line_of_action(tmp_path):
     force, moment = np.array(contact["force"]), np.array(contact["moment"])
     line = next(np.array([text.xyann, text.xy]) for text in axes.texts
                 if text.arrow_patch and np.linalg.norm(text.xy - view.place(results.points.mean(axis=0))[:2]) < 2.0)
-    line = line - view.place(_apart(results)["upper"])[:2]
+    line = line - view.place(apart(results, view)["upper"])[:2]
     at = np.cross(force, moment) / (force @ force)
     direction, off = view.place(force)[:2], line[1] - view.place(at)[:2]
     assert direction[0] * off[1] == pytest.approx(direction[1] * off[0], abs=1e-9 * np.linalg.norm(direction))
