@@ -40,10 +40,10 @@ class ContactResiduals(NamedTuple):
     Attributes
     ----------
     force_mismatch : ‖s_1 − s_2‖ / ‖s‖, the two bodies' contact forces must cancel
-    penetration : largest overlap, if bonded also opening, over the size of the contact displacements (see
+    penetration : largest overlap, if bonded or guided also opening, over the size of the contact displacements (see
         `contact_residuals`)
     complementarity : Σ s_ν |gap| over Σ s_ν times that size, and the largest
-        tension over the largest normal force; the larger of both; zero if bonded
+        tension over the largest normal force; the larger of both; zero if bonded or guided
     friction : largest distance of s_t from the friction law, P(s_t + ρ u_t) − s_t with the projection
         P on |s_t| ≤ g, over the largest force; it sees forces beyond the bound, slip below it, and
         slip in the wrong direction; if bonded the largest slip over the size of the contact displacements

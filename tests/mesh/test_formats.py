@@ -538,7 +538,7 @@ def test_parts_of_an_assembly(tmp_path):
 
 def test_part_belongs_to_a_file():
     """A part of a shape is refused."""
-    with pytest.raises(ValueError, match="part belongs to a file with several bodies, not to shape"):
+    with pytest.raises(ValueError, match="part belongs to a geometry or a file, not to shape"):
         MeshSpec(shape="rectangle", size=(1, 1), divisions=(1, 1), part="a")
 
 
