@@ -23,8 +23,8 @@ LONG = 12
 
 TYPES = {".png": "image/png", ".gif": "image/gif"}
 
-CONTACT = ("Contact NAME: normal and tangential stress with the slip bound, gap and slip, and zones of open, slipping and "
-           "sticking nodes.",
+CONTACT = ("Contact NAME: normal and tangential stress with the slip bound, gap and slip, and zones of open, slipping "
+           "and sticking nodes.",
            "Contact NAME, laid flat: pressure, zones of open, slipping and sticking nodes, friction with the slip as "
            "arrows, and the gap or slip; circles mark the largest values.")
 

@@ -89,9 +89,9 @@ def face_rigid(side: Side, rigid: Rigid, contact: SettledContact) -> Interface:
         raise InputError(f"contact.{contact.name}: near {place} the boundary of {side.body!r} does not face "
                          f"{rigid.name!r}; {rigid.turned}")
     clamps = np.zeros_like(side.clamps)
-    clamps[:, rigid.pushed] = -1
+    clamps[:, slice(None) if rigid.turning else rigid.pushed] = -1
     # The partner stands in as a second side with a node opposite to each of the body's: compliance zero (modulus ∞),
-    # all directions clamped but those in which it is pushed.
+    # all directions clamped but those in which it is pushed; if it turns, none.
     partner = replace(side, body=rigid.name, modulus=np.inf, xy=side.xy - measured[:, None] * outward, normal=outward,
                       clamps=clamps, free=(clamps < 0)[:, :, None] * np.eye(side.dimension))
     if not side.cell.bears:
@@ -107,7 +107,7 @@ def face_rigid(side: Side, rigid: Rigid, contact: SettledContact) -> Interface:
     fixed, probes = (replace(places, nodes=(places.nodes[0], none)) for places in (interface.fixed, interface.probes))
     return replace(interface, nodes=(interface.nodes[0], none), modulus=side.modulus, fixed=fixed, probes=probes,
                    slave=None, transfer=(interface.transfer[0], sparse.csr_matrix((interface.m, 0))),
-                   history=rigid.history, displacement=U)
+                   history=rigid.history, displacement=U, pivot=np.array(rigid.pivot or ()))
 
 
 def _over_rigid(side: Side, rigid: Rigid, some: np.ndarray, where: np.ndarray, weights: np.ndarray) -> Cover:

@@ -10,12 +10,12 @@ from msgspec.structs import astuple
 
 from ddmpi.body.loads import values_at
 from ddmpi.errors import InputError
-from ddmpi.interface.interface import SAME, Interface, Lines, Outline, Places
+from ddmpi.interface.interface import SAME, Interface, Lines, Places
 from ddmpi.interface.law import law_of
 from ddmpi.scene.contacts import NoFriction, SettledContact
 from ddmpi.scene.values import Profile
 from ddmpi.surface.cut import Cover
-from ddmpi.surface.outline import Outlined, drawn_cells, whole_facets
+from ddmpi.surface.outline import Outline, Outlined, drawn_cells, whole_facets
 from ddmpi.surface.side import Side, frames, laplacian, unit
 from ddmpi.system.numbers import is_touched
 
@@ -235,10 +235,10 @@ def _probes(rows: Rows, contact: SettledContact, dropped: np.ndarray, start: np.
                     for side, transfer in zip(rows.sides, rows.transfers, strict=True)) > SAME
         return replace(_at_rows(rows, dropped & moves, start), stays=1.0)
     points, gap, stays = rows.points, rows.points.gap, [np.zeros(1)]
-    if contact.gap is not None or contact.kind == "bonded":
-        # A given gap, or none of a bond, overrides the geometry between the nodes too.
+    if contact.gap is not None or contact.two_sided:
+        # A given gap, or none of a bond or a guide, overrides the geometry between the nodes too.
         gap = points.transfer[rows.slave] @ np.append(start, 0.0)[rows.place]
-    if contact.kind != "bonded":
+    if not contact.two_sided:
         stays = [move @ is_held(side.normal, side.free) for move, side in zip(points.transfer, rows.sides, strict=True)]
     return replace(points, gap=gap, stays=np.clip(np.min(stays, axis=0), 0.0, 1.0))
 
@@ -256,13 +256,14 @@ def holds_along(contact: SettledContact) -> bool:
 
 
 def initial_gap(contact: SettledContact, measured: np.ndarray, xy: np.ndarray, arc: np.ndarray) -> np.ndarray:
-    """The initial gap (k,) at nodes `xy` (k, d), at arc lengths (k,): given, else measured; zero for bonds."""
+    """The initial gap (k,) at nodes `xy` (k, d), at arc lengths (k,): given, else measured; zero for bonds and
+    guides."""
     given, _ = contact.opening
     if isinstance(given, Profile):
         return given.at(xy, arc).astype(float)
     if given is not None:
         return values_at(given, xy, f"contact.{contact.name}.gap")
-    return np.zeros(len(xy)) if contact.kind == "bonded" else measured
+    return np.zeros(len(xy)) if contact.two_sided else measured
 
 
 def without_rounding(gap: np.ndarray, spacing: np.ndarray) -> np.ndarray:

@@ -18,7 +18,7 @@ from ddmpi.results.fields import group_of, owners
 from ddmpi.results.histories import step_times
 from ddmpi.results.tables import Results
 from ddmpi.system.files import writing
-from ddmpi.system.numbers import scaled_unit
+from ddmpi.system.numbers import RigidMotion, crossed, scaled_unit
 
 BRIGHTEST = 99.5
 """Percentile at which the colours of stresses end: singular stresses in corners must not set the scale."""
@@ -125,11 +125,12 @@ def draw_mechanism(results: Results, mechanism: dict[str, Any]) -> Any:
             k = names.index(body["name"])
             centres[k], velocities[k] = body["centre"], body["velocity"]
         else:
-            going[body["name"]] = np.array(body["velocity"][:d])
+            velocity, centre = np.array(body["velocity"]), np.array(body["centre"])
+            going[body["name"]] = RigidMotion(velocity[:d], velocity[d:], centre)
     velocity, turning = velocities[:, :d], velocities[:, d:]
     u = velocity[owner] + crossed(turning[owner], points - centres[owner])
     speed = np.linalg.norm(u, axis=1)
-    fastest = max([speed.max(), *map(np.linalg.norm, going.values())])
+    fastest = max([speed.max(), *(np.linalg.norm(motion.displacement) for motion in going.values())])
     step = min(MOVED * np.ptp(points, axis=0).max() / fastest,
                TURNED_BY / max(np.linalg.norm(turning, axis=1).max(), 1e-300))
     moves = np.bincount(owner, speed > AT_REST * fastest) > 0
@@ -151,12 +152,6 @@ def draw_mechanism(results: Results, mechanism: dict[str, Any]) -> Any:
     width = int(11 * sheet.figure.get_figwidth())
     sheet.figure.suptitle(results.heading() + "\n".join(textwrap.wrap(mechanism["reason"], width)).replace("$", r"\$"))
     return sheet.figure
-
-
-def crossed(turning: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """ω × x (k, d) of angular velocities ω (k, 1 or 3) and places x (k, d)."""
-    flat = np.pad(turning, ((0, 0), (3 - turning.shape[1], 0))), np.pad(at, ((0, 0), (0, 3 - at.shape[1])))
-    return np.cross(*flat)[:, :at.shape[1]]
 
 
 def middles(results: Results) -> list[np.ndarray]:

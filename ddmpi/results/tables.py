@@ -311,6 +311,9 @@ def read_results(folder: str | Path) -> Results:
 
     folder = Path(folder)
     summary = read_summary(folder)
+    if only := summary["scene"].get("output", {}).get("only"):
+        raise InputError(f'{folder}: holds contacts alone, without fields, because of output.only = "{only}"; run the '
+                         "scene without it")
     with reading(folder):
         for name in summary["contacts"]:
             if "/" in name:

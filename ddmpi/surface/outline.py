@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+import scipy.sparse as sparse
 
 from ddmpi.mesh.elements import curved_facets, facet_measures
 from ddmpi.surface.cut import Cover
@@ -23,6 +25,21 @@ HALVED = {2: np.array([[[2, 0], [1, 1]], [[1, 1], [0, 2]]]) / 2,
 
 ROUNDS, MOST_MOVED = 8, 0.5
 """Secant steps for places on curved facets, and by which part of its height over the chord a corner may move."""
+
+
+@dataclass(frozen=True)
+class Outline:
+    """What faces the other side, to its true outline: whole facets of the slave, and pieces of others.
+
+    Attributes
+    ----------
+    xy, cells : (n, d) points (m), the nodes of the `lines` first, and (c, d) the lines or triangles between them
+    shares : (n, m) sparse, values at the points from those of the rows; its rows sum to one
+    """
+
+    xy: np.ndarray
+    cells: np.ndarray
+    shares: sparse.csr_matrix
 
 
 class Outlined(NamedTuple):

@@ -10,7 +10,7 @@ from solids import grid
 
 from ddmpi.body.estimate import nodal_stress
 from ddmpi.body.stress import stress, von_mises
-from ddmpi.interface.interface import Interface, Lines, Outline
+from ddmpi.interface.interface import Interface, Lines
 from ddmpi.interface.law import law_of
 from ddmpi.interface.state import ContactState
 from ddmpi.mesh.elements import facet_shares
@@ -19,6 +19,7 @@ from ddmpi.mesh.refine import raise_order
 from ddmpi.results.fields import Fields, contact_fields, write_fields
 from ddmpi.results.tables import ENERGY, leg_values, write_table
 from ddmpi.scene.contacts import NoFriction
+from ddmpi.surface.outline import Outline
 
 
 def box(origin=(0.0, 0.0, 0.0), size=(3.0, 1.0, 1.0), divisions=(12, 4, 4), order=1) -> Mesh:
