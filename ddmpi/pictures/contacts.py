@@ -10,10 +10,9 @@ import numpy as np
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from scipy.spatial import cKDTree
 
 from ddmpi.mesh.elements import normals
-from ddmpi.mesh.mesh import boundary_facets, signed_measures
+from ddmpi.mesh.mesh import signed_measures
 from ddmpi.pictures.bodies import middles, skin_of
 from ddmpi.pictures.moved import FACING, STRAIGHT, apart, first_is_slave, rigid_parts
 from ddmpi.pictures.sheet import (
@@ -29,7 +28,7 @@ from ddmpi.pictures.sheet import (
     signed_colours,
     zone_legend,
 )
-from ddmpi.pictures.views import Surface, View
+from ddmpi.pictures.views import Surface, View, rim
 from ddmpi.results.fields import owners, vectors
 from ddmpi.results.tables import STATUS, Columns, Results, chains, drawn_rows
 from ddmpi.surface.side import nodal, unit
@@ -44,9 +43,6 @@ WEAK = 0.01
 
 ABOVE = 2e-3
 """How far colours are drawn above the bodies that bear them, over the bodies' extent."""
-
-MEETING = 0.02
-"""Edges of cells meet if they are this near to each other, over their length."""
 
 APART = 1e-3
 """Flats are apart if they are, over the extent of the contact."""
@@ -234,23 +230,6 @@ def draw_maps(results: Results, name: str) -> Any:
     of_one = f" of {name}" if len(results.contacts) > 1 else ""
     figure.suptitle(f"{results.heading(True)}contact{of_one}{'' if bears else ': open everywhere'}")
     return figure
-
-
-def rim(points: np.ndarray, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Edges (e, 2) where cells (c, 3) between `points` end, and the cell (e,) of each. Within a surface, too, there are
-    cells with points of others along their edges: an edge is none of the rim if its middle lies on another one."""
-    edges, owner = boundary_facets(cells)
-    ends = points[edges]
-    middle, along = ends.mean(axis=1), ends[:, 1] - ends[:, 0]
-    length = np.linalg.norm(along, axis=1)
-    pairs = cKDTree(middle).query_ball_point(middle, 0.51 * length.max(initial=0.0))
-    one, other = np.repeat(np.arange(len(edges)), list(map(len, pairs))), np.concatenate([np.zeros(0, int), *pairs])
-    one, other = one[one != other], other[one != other].astype(int)
-    away = middle[one] - ends[other, 0]
-    share = np.clip(np.einsum("pd,pd->p", away, along[other]) / length[other] ** 2, 0.0, 1.0)
-    met = np.linalg.norm(away - share[:, None] * along[other], axis=1) < MEETING * length[one]
-    inner = np.bincount(one, met, len(edges)) > 0
-    return edges[~inner], owner[~inner]
 
 
 def _shown(at: np.ndarray, closed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from ddmpi.errors import InputError
 from ddmpi.mesh.boundary import SHARPEST
@@ -28,6 +29,9 @@ plane; these come first."""
 
 ROUNDING = 1e-9
 """Nodes are on a cut up to this fraction of the bodies' extent."""
+
+MEETING = 0.02
+"""Edges of cells meet if they are this near to each other, over their length."""
 
 CHUNK = 2_000_000
 """Number of candidate pixels per block of work."""
@@ -234,6 +238,23 @@ def sharp_edges(at: np.ndarray, facets: np.ndarray, silhouette: bool = False) ->
     flat = ~a.any(axis=1) | ~b.any(axis=1)
     turns = silhouette & ((a[:, 2] > 0.0) != (b[:, 2] > 0.0))
     return pairs[order[first[(count != 2) | ~flat & (((a * b).sum(axis=1) < np.cos(SHARPEST)) | turns)]]]
+
+
+def rim(points: np.ndarray, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Edges (e, 2) where cells (c, 3) between `points` end, and the cell (e,) of each. Within a surface, too, there are
+    cells with points of others along their edges: an edge is none of the rim if its middle lies on another one."""
+    edges, owner = boundary_facets(cells)
+    ends = points[edges]
+    middle, along = ends.mean(axis=1), ends[:, 1] - ends[:, 0]
+    length = np.linalg.norm(along, axis=1)
+    pairs = cKDTree(middle).query_ball_point(middle, 0.51 * length.max(initial=0.0))
+    one, other = np.repeat(np.arange(len(edges)), list(map(len, pairs))), np.concatenate([np.zeros(0, int), *pairs])
+    one, other = one[one != other], other[one != other].astype(int)
+    away = middle[one] - ends[other, 0]
+    share = np.clip(np.einsum("pd,pd->p", away, along[other]) / length[other] ** 2, 0.0, 1.0)
+    met = np.linalg.norm(away - share[:, None] * along[other], axis=1) < MEETING * length[one]
+    inner = np.bincount(one, met, len(edges)) > 0
+    return edges[~inner], owner[~inner]
 
 
 def unhidden(edges: np.ndarray, depth: np.ndarray) -> np.ndarray:
