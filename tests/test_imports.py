@@ -13,8 +13,8 @@ from scenes import LIMIT
 
 PACKAGE = Path(__file__).resolve().parents[1] / "ddmpi"
 
-ROOMS = ["errors", "sets", "petsc", "system", "scene", "mesh", "body", "surface", "interface", "coupling", "methods",
-         "published", "judge", "results", "pictures", "run", "check", "sweep", "cli"]
+ROOMS = ["errors", "sets", "petsc", "system", "scene", "decks", "mesh", "body", "surface", "interface", "coupling",
+         "methods", "published", "judge", "results", "pictures", "derive", "run", "check", "sweep", "cli"]
 """From the bottom to the top: a room imports only itself and rooms to its left."""
 
 FILES = {"errors", "sets"}
@@ -46,7 +46,7 @@ PLACES = {
     "mesh/geometry": 1, "pictures/draw": 1, "pictures/contacts": 1, "pictures/curves": 2, "pictures/moved": 1,
     # columns, units and the name of the preconditioner
     "check/drawing": 1,
-    "results/tables": 1, "scene/scene": 1, "run/report": 1,
+    "results/tables": 1, "scene/method": 1, "run/report": 1,
     # a scene in the plane has plane strain or plane stress
     "scene/bodies": 1,
     # by the kind of a side, and by what is drawn of it

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -91,17 +92,17 @@ class Member:
             A = A.with_springs(dofs) if shared else add_springs(A, dofs)
         self.C = Compliance(A, B, name, compliance, memory, TeamSolver if shared else StiffnessSolver, points)
         self.dear = self.C.kind == "iterative"
-        self._responses = {name: self._response(case) for name, case in elasticity.cases.items()}
+        self._responses = {name: self.response_to(case) for name, case in elasticity.cases.items()}
         self.h = sum((h for h, _ in self._responses.values()), np.zeros(1))
         self._set_up = self.C.count.copy()
 
-    def _response(self, case: LoadCase) -> tuple[np.ndarray, np.ndarray]:
+    def response_to(self, case: LoadCase, purpose: str = "load") -> tuple[np.ndarray, np.ndarray]:
         """h (size,) and e (j,) of one load case. Collective on the body's communicator."""
         b, u, h = self.elasticity.b.duplicate(), self.elasticity.b.duplicate(), np.zeros(self.C.size)
         b.array[:] = case.b
         if self.C.size and b.norm() > 0.0:
             with event("LoadResponse"):
-                self.C.solve(self._balanced(b), u, "load")
+                self.C.solve(self._balanced(b), u, purpose)
             h = self.C.B @ u.array_r
             if self._centring:
                 h = self._centring.project(h)
@@ -197,6 +198,13 @@ class Member:
         """Count multiplications from the set-up on, for another iteration on the same factors."""
         self.C.count = self._set_up.copy()
 
+    def loaded_by(self, case: LoadCase) -> Member:
+        """The same body under another load case alone, on the same factors. Not collective."""
+        other, b = copy.copy(self), self.elasticity.b.duplicate()
+        b.array[:] = case.b
+        other.elasticity = replace(self.elasticity, b=b, acting=case)
+        return other
+
     def need_norm(self) -> None:
         """Estimate ‖C‖ now, as a part of the set-up. Collective on the body's communicator."""
         self.C.norm()
@@ -250,7 +258,7 @@ class Member:
                 self._along[k] = self._pushed[k] = self.response(name)[0]
                 if case.taken.any() or case.heat.any():
                     loads = apply(self.elasticity.supports.free[now.nodes], case.f[now.nodes]).ravel()
-                    self._pushed[k] = self._response(replace(case, b=loads, prescribed=0.0 * case.prescribed))[0]
+                    self._pushed[k] = self.response_to(replace(case, b=loads, prescribed=0.0 * case.prescribed))[0]
         self.elasticity = now
 
     def at_contacts(self, s: np.ndarray, alpha: np.ndarray) -> tuple[np.ndarray, np.ndarray, float, np.ndarray]:
@@ -276,7 +284,8 @@ class Member:
         work[0] += np.array([self.response(name)[1] @ alpha for name in self._histories])
         return self.h + self.G.T @ alpha - yielded, yielded, energy, work
 
-    def displacement(self, s: np.ndarray, alpha: np.ndarray | None = None) -> tuple[np.ndarray, float, float, float]:
+    def displacement(self, s: np.ndarray, alpha: np.ndarray | None = None,
+                     purpose: str = "displacement") -> tuple[np.ndarray, float, float, float]:
         """Displacement under the load and the contact forces s (size,) in newtons.
 
         A loose body also moves by the rigid motions α (j,) in metres; without them its displacement is centred, as in
@@ -297,7 +306,7 @@ class Member:
             f.aypx(-1.0, b)
             load = self._balanced(f)
             if load.norm() > 0.0:
-                self.C.solve(load, u, "displacement", PRECISE)
+                self.C.solve(load, u, purpose, PRECISE)
             if self._centring:
                 u.array[:] = self._centring.centre(u.array_r)
             Au = u.duplicate()

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -24,6 +24,7 @@ from ddmpi.judge.equilibrium import Mechanism, find_mechanism
 from ddmpi.judge.forces import Forces
 from ddmpi.judge.motions import RESISTED, MotionsOfBody, describe_motions, undetermined
 from ddmpi.methods.outer import Outer
+from ddmpi.scene.contacts import NoFriction
 from ddmpi.system.agreement import agreed, from_first, gathered
 from ddmpi.system.numbers import norm
 from ddmpi.system.provenance import has_clarabel
@@ -54,9 +55,11 @@ def look_for_mechanism(assembly: Assembly) -> Mechanism | None:
     world, space, joint, scene = assembly.world, assembly.space, assembly.joint, assembly.scene
     loads = joint.of_all([np.array([body.member.elasticity.load]) for body in _loose(assembly)],
                          [np.array([size]) for size in assembly.pushes.values()])
+    moves = sparse.diags(1.0 - joint.kept)
     with agreed(world):
         allowed = {interface.name: Forces.of(interface, G) for interface, G in
-                   ((interface, joint.rigid.Z[part].T.tocsc()) for interface, part in space.with_slices()) if G.nnz}
+                   ((interface, (moves @ joint.rigid.Z[part].T).tocsc()) for interface, part in space.with_slices())
+                   if G.nnz}
     forces, bodies = gathered(world, allowed), _with_partners(assembly)
     return from_first(world, lambda: find_mechanism(  # the first rank decides for all
         [forces[contact.name] for contact in scene.contact if contact.name in forces], joint.e, bodies,
@@ -114,8 +117,10 @@ def _undetermined(assembly: Assembly, chosen: Callable[[Interface], tuple[sparse
     of_all, bodies = gathered(assembly.world, of_rank), _with_partners(assembly)
 
     def describe() -> list[str]:
-        forces, slipping = zip(*of_all.values(), strict=True)
-        return undetermined(sparse.vstack(forces).T, bodies, sum(slipping).toarray())
+        none = sparse.csr_matrix((0, size)), sparse.csr_matrix((2, size))  # of a scene without contacts
+        forces, slipping = zip(none, *of_all.values(), strict=True)
+        kept = sparse.identity(size, format="csr")[assembly.joint.kept]  # as if forces resisted them
+        return undetermined(sparse.vstack([*forces, kept]).T, bodies, sum(slipping).toarray())
 
     return from_first(assembly.world, describe)
 
@@ -133,22 +138,21 @@ def _loose(assembly: Assembly) -> list[Body]:
 
 
 def _with_partners(assembly: Assembly) -> list[MotionsOfBody]:
-    """On the first rank all loose bodies and pushed partners, in the order of their motions. Collective.
+    """On the first rank all loose bodies and driven partners, in the order of their motions. Collective.
 
     A partner has the outline of the contact nodes that face it.
     """
     all_motions = list(gathered(assembly.world, {
         body.spec.name: MotionsOfBody.of(body.spec.name, body.mesh.points, body.member.motions)
         for body in _loose(assembly)}).values())
-    for rigid in assembly.joint.pushed:
+    for each in assembly.joint.driven:
         facing = gathered(assembly.world, {
             interface.name: [interface.xy + side * interface.spacing[:, None] * axis
                              for axis in np.eye(interface.dimension) for side in (-1.0, 1.0)]
-            for interface in assembly.space.interfaces if interface.bodies[1] == rigid.name})
+            for interface in assembly.space.interfaces if each.acts_on(interface)})
         if assembly.world.rank == 0:
             at = np.concatenate([*itertools.chain(*facing.values())])
-            motions = np.broadcast_to(np.eye(at.shape[1])[:, rigid.pushed], (*at.shape, len(rigid.pushed)))
-            all_motions.append(MotionsOfBody.of(rigid.name, at, motions))
+            all_motions.append(MotionsOfBody.of(each.name, at, each.motions(at)))
     return all_motions
 
 
@@ -168,6 +172,7 @@ class Mark:
     energy : strain energy (J)
     length : of closed contacts, in space their area (m, m²)
     slid : by contact without friction its slip (m, d − 1) of all load steps (m)
+    derived : derivatives, see `ddmpi.derive.chain`
     """
 
     time: float
@@ -182,6 +187,7 @@ class Mark:
     energy: float
     length: float
     slid: dict[str, np.ndarray]
+    derived: dict[str, np.ndarray] = field(default_factory=dict)
 
     @property
     def closed(self) -> np.ndarray:
@@ -209,20 +215,21 @@ class Mark:
         return float((space.norms([change, tangential]) / largest).max())
 
     def given(self, before: Mark, space: Space) -> float:
-        """The work (J) of an overlap, of bonds also of a gap, that acts at once, before any load. Collective."""
+        """The work (J) of an overlap, of bonds and guides also of a gap: it acts at once, before any load. Collective.
+        """
         sudden = np.concatenate([np.empty(0), *(
-            before.opening[part] if interface.law.name == "bonded" else np.minimum(before.opening[part], 0.0)
+            before.opening[part] if interface.law.two_sided else np.minimum(before.opening[part], 0.0)
             for interface, part in space.with_slices())])
         return float(space.add(np.array([0.5 * (self.s + before.s) @ sudden]))[0])
 
     @classmethod
-    def first(cls, assembly: Assembly) -> Mark:
+    def first(cls, assembly: Assembly, derived: dict[str, np.ndarray]) -> Mark:
         """Time 0, free of stress."""
         space, zero = assembly.space, np.zeros(assembly.space.size)
         touching = sum(float(interface.area[interface.opening <= 0.0].sum()) for interface in space.interfaces)
         still, k = np.zeros(assembly.joint.rigid.size), len(assembly.scene.followed) + 1
         return cls(0.0, zero, still, zero, zero, space.opening, zero, np.zeros(k), np.zeros((2, k)), 0.0,
-                   float(space.add(np.array([touching]))[0]), {})
+                   float(space.add(np.array([touching]))[0]), {}, derived)
 
 
 def displaced(assembly: Assembly, outer: Outer, largest: np.ndarray) -> Moved:
@@ -246,6 +253,24 @@ def displaced(assembly: Assembly, outer: Outer, largest: np.ndarray) -> Moved:
     return displacements, traces, sizes, beside
 
 
+def prepare_leanness(assembly: Assembly) -> int:
+    """How many of the last steps of a leg need displacements; 0 if all steps do. Collective: prepares `at_contacts`.
+
+    Slip without friction, which is not among the unknowns, counts from the step before, which needs them as well. By
+    multigrid a product with C costs as much as a displacement.
+    """
+    scene, time = assembly.scene, assembly.scene.time
+    slides, rubs = (any(contact.kind != "bonded" and (contact.friction == NoFriction()) == free
+                        for contact in scene.contact) for free in (True, False))
+    several = time and (time.cycle or (time.steps > 1 if time.steps else rubs))
+    if not several or assembly.joint.dear or scene.output.steps == "all" or scene.output.derivatives:
+        return 0
+    with assembly.exchange.deferred():
+        for body in assembly.bodies:
+            body.member.prepare_energies()
+    return 1 + slides
+
+
 def at_contacts(assembly: Assembly, outer: Outer, largest: np.ndarray) -> Moved:
     """The same by products with the compliances, as far as these know it. Not collective."""
     force, moved, _ = NOTHING * largest
@@ -267,17 +292,17 @@ def at_contacts(assembly: Assembly, outer: Outer, largest: np.ndarray) -> Moved:
     return {}, traces, sizes, beside
 
 
-def pushed_partners(assembly: Assembly, outer: Outer) -> dict[str, dict[str, float]]:
-    """The sizes of rigid partners that forces push, which are bodies without elasticity. Collective."""
+def driven_partners(assembly: Assembly, outer: Outer) -> dict[str, dict[str, float]]:
+    """The sizes of driven partners, which are bodies without elasticity. Collective."""
     joint = assembly.joint
-    gone, unbalanced = joint.pushed_by(outer.motions), joint.imbalance(outer.forces) if joint.pushed else joint.e
+    unbalanced = joint.imbalance(outer.forces) if joint.driven else joint.e
     sizes = {}
-    for rigid in joint.pushed:
-        at = joint.slices[rigid.name]
+    for each in joint.driven:
+        at = joint.slices[each.name]
         acting = max(norm(joint.e[at]), norm(joint.e[at] - unbalanced[at]))
-        sizes[rigid.name] = dict.fromkeys(("yielding", "made", "energy", "work"), 0.0) | {
-            "left": norm(unbalanced[at]), "acting": acting, "moved": norm(gone[rigid.name]),
-            "load": assembly.pushes[rigid.name]}
+        sizes[each.name] = dict.fromkeys(("yielding", "made", "energy", "work"), 0.0) | {
+            "left": norm(unbalanced[at]), "acting": acting, "moved": norm(outer.motions[at]),
+            "load": assembly.pushes[each.name]}
     return sizes
 
 

@@ -34,8 +34,8 @@ from ddmpi.run.equilibrium import (
     at_contacts,
     describe_drift,
     displaced,
+    driven_partners,
     look_for_mechanism,
-    pushed_partners,
 )
 from ddmpi.scene.method import SettledMethod
 from ddmpi.system.agreement import gathered
@@ -78,7 +78,7 @@ class Solution:
     mechanism : that proves that there is no equilibrium, or None
     drift : how loose bodies drift, in words
     moved : (size,) relative displacement of the bodies at the interfaces that this rank owns (m)
-    prescribed : (size,) the share of rigid partners in it, those that are pushed as well (m)
+    prescribed : (size,) the share of rigid partners in it, driven ones as well (m)
     energy : strain energy of all bodies (J)
     sizes : (3,) largest nodal contact force (N), displacement, and displacement by contact forces (m)
     work : (2, cases) of all bodies, as `Member.work`, by history in the order of the scene
@@ -261,19 +261,17 @@ class Iteration:
         of contacts that have no friction.
         """
         assembly, outer = self.assembly, self.outer
-        world, space, joint = assembly.world, assembly.space, assembly.joint
+        world, joint = assembly.world, assembly.joint
         displacements, traces, sizes, motions = (at_contacts if lean else displaced)(assembly, outer, largest)
         outer.refresh(traces)
         both = assembly.exchange.collect(traces, "answer")
         beside = assembly.exchange.swap_objects(motions)
-        gone = joint.pushed_by(outer.motions)
-        bodies = gathered(world, sizes) | pushed_partners(assembly, outer)
+        bodies = gathered(world, sizes) | driven_partners(assembly, outer)
         load, energy, work = (sum(size[key] for size in bodies.values()) for key in ("load", "energy", "work"))
         now = [max(size[key] for size in bodies.values()) for key in ("moved", "yielding")]
         load, energy, work, now = world.bcast((load, energy, work, now))
 
-        interfaces = [replace(interface, displacement=interface.displacement + gone.get(interface.bodies[1], 0.0))
-                      for interface in space.interfaces]
+        interfaces = joint.placed(outer.motions)
         prescribed = np.concatenate([np.empty(0), *(interface.prescribed for interface in interfaces)])
         with event("Certificate"):
             states, judged = self._contacts(interfaces, both, beside, since, (load, now, largest[1:].tolist()))
@@ -306,18 +304,20 @@ class Iteration:
         space, outer = self.assembly.space, self.outer
         start, former, slid = since or (*np.zeros((2, space.size)), {})
         forces, mismatch = outer.forces, outer.mismatch
-        states, judged = {}, {}
+        states, judged, points = {}, {}, {body.spec.name: body.mesh.points for body in self.assembly.bodies}
         for interface, part, bound in zip(interfaces, space.parts.values(), space.laws.bounds(outer.bound),
                                           strict=False):
             u1, u2 = both[0][part], both[1][part] + interface.prescribed
             probes, near, between, slides = interface.probes, list(filter(None, beside[interface.name])), None, None
             if near[0][0] is not None:
                 # the gap at points between the nodes, where the discrete conditions promise nothing
-                between = (probes.opening(interface.scale) + probes.normal @ interface.displacement
+                beyond = interface.carried(probes.moved(0, points[interface.bodies[0]]))
+                between = (probes.opening(interface.scale) + np.einsum("qd,qd->q", probes.normal, beyond)
                            - sum(closing for closing, *_ in near))
                 # without friction the unknowns have no tangential part; slip is that of the bodies beside the nodes
-                slides = None if interface.law.name != "none" else (
-                    sum(along for _, along, _ in near) - interface.frame[:, 1:] @ interface.displacement,
+                slides = None if not interface.law.frictionless else (
+                    sum(along for _, along, _ in near)
+                    - np.einsum("mcd,md->mc", interface.frame[:, 1:], interface.carried(interface.places)),
                     slid.get(interface.name, 0.0))
             yielding = max(elastic for *_, elastic in near)
             state = states[interface.name] = contact_state(

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from ddmpi.coupling.assembly import Assembly
+from ddmpi.derive.chain import Chain
 from ddmpi.interface.state import slip_start
 from ddmpi.judge.equilibrium import Mechanism
 from ddmpi.judge.plausible import doubt_answer
@@ -26,11 +27,10 @@ from ddmpi.methods.newton import Newton
 from ddmpi.methods.outer import Report, no_report
 from ddmpi.results.tables import leg_values
 from ddmpi.run.checkpoint import Checkpoints
-from ddmpi.run.equilibrium import NOTHING, Mark, look_for_mechanism, undetermined_motions
+from ddmpi.run.equilibrium import NOTHING, Mark, look_for_mechanism, prepare_leanness, undetermined_motions
 from ddmpi.run.gather import StepLog
 from ddmpi.run.report import UNDETERMINED
 from ddmpi.run.solve import Iteration, Solution, solve
-from ddmpi.scene.contacts import NoFriction
 from ddmpi.system.clock import Clock
 
 log = logging.getLogger("ddmpi")
@@ -70,8 +70,11 @@ def march(assembly: Assembly, report: Report = no_report, checkpoints: Checkpoin
     scene, clock = assembly.scene, clock or Clock()
     log = StepLog()
     if scene.time is None:
+        chain, time = Chain(assembly, scene.output.derivatives), scene.legs[0]
         solution = solve(assembly, scene.method, report, checkpoints, clock)
-        log.note_step(scene.legs[0], solution)
+        log.note_step(time, solution)
+        if solution.certified:
+            log.derive(*chain.entries(time, chain.advance(time, solution.outer, solution), solution), several=False)
         return solution, log
     assembly.act(scene.legs[0])
     march = March(assembly, Iteration(assembly, scene.method, no_report, clock), log)
@@ -109,19 +112,12 @@ class March:
         factors = [scene.factors(time) for time in (0.0, *self._legs)]
         for body in assembly.bodies:  # forces are compared with the largest loads of all legs
             body.member.elasticity = body.member.elasticity.largest(factors)
-        # Displacements are asked for at the end of a leg. Slip without friction is not among the unknowns and counts
-        # from the step before, which needs them as well. By multigrid a product with C would cost as much.
-        slides, rubs = (any(contact.kind == "unilateral" and (contact.friction == NoFriction()) == free
-                            for contact in scene.contact) for free in (True, False))
-        several = scene.time.steps > 1 or self._cycle if scene.time.steps else rubs
-        self._leanly = bool(several) and not assembly.joint.dear and scene.output.steps != "all" and 1 + slides
-        if self._leanly:
-            with assembly.exchange.deferred():
-                for body in assembly.bodies:
-                    body.member.prepare_energies()
+        self._leanly = prepare_leanness(assembly)
         assembly.act(0.0)
         self._sudden = assembly.space.any(assembly.joint.d + assembly.space.opening)  # loads act at time 0
-        self._now = Mark.first(assembly)
+        self._chain = Chain(assembly, scene.output.derivatives)
+        self._now = self._before = Mark.first(assembly, self._chain.first())
+        self._ahead: list[float] = []
         self._given = 0.0  # by gaps that are not of time, in the first step: they act at once (J)
         self._leg = -1
         self._next_leg()
@@ -155,6 +151,8 @@ class March:
     def _step(self, time: float) -> Solution:
         """Solve the load step to `time`."""
         assembly, joint = self.assembly, self.assembly.joint
+        over = [name for name, end in assembly.scene.tightened.items() if end <= self._drawn(self._now.time)]
+        joint.keep(over, self._now.alpha)
         mechanism = self._mechanism(time)
         assembly.act(self._drawn(time))
         self._d = joint.d
@@ -263,7 +261,7 @@ class March:
         self._now = Mark(time, outer.forces, outer.motions, self._d, solution.moved, space.opening, solution.prescribed,
                          np.array(list(scene.factors(self._drawn(time)).values())), solution.work, solution.energy,
                          closed, {name: state.slip_total for name, state in solution.states.items()
-                                  if state.interface.law.name == "none"})
+                                  if state.interface.law.frictionless})
         if now.time == 0.0:
             self._given = self._now.given(now, space)
         work, interface_work = self._now.work_since(now, space)
@@ -273,6 +271,10 @@ class March:
                                   lost])
         self.log.note_step(time, solution)
         self.log.judge(solution.certificate)
+        derived = self._chain.advance(time, outer, solution, now, self._before, self._drawn(time))
+        if len(self._ahead) == 1:  # the end of a leg
+            self.log.derive(*self._chain.entries(self._drawn(time), derived, solution))
+        self._now = replace(self._now, derived=derived)
         self._before = self._now if self._sudden and now.time == 0.0 else now
         del self._ahead[0]
         if not self._ahead or scene.output.steps == "all":

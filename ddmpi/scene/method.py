@@ -10,7 +10,7 @@ from typing import Annotated, Any, ClassVar, Literal
 import msgspec
 import numpy as np
 
-from ddmpi.scene.values import Count, NonNegative, Number, Positive, Table, settle
+from ddmpi.scene.values import Count, History, NonNegative, Number, Positive, Table, settle
 
 ALGEBRAIC = 0.01
 """Tolerance of the outer iteration as a part of ``target_error``."""
@@ -176,6 +176,10 @@ METHODS: dict[str, type[SettledMethod]] = {"newton": Newton, "anderson": Anderso
 """The outer methods by the name in ``method.outer``."""
 
 
+SAME = 1e-9
+"""Factors of a history that differ by less than this part of the largest are the same."""
+
+
 class Cycle(Table, frozen=True, kw_only=True, rename={"begin": "from"}):
     """A part of the load steps that is run again and again, as in ``cycle = { from = 1.5, to = 3.5, repeat = 500 }``.
 
@@ -240,6 +244,20 @@ class Time(Table, frozen=True, kw_only=True):
         if self.cycle and self.cycle.to > self.points[-1]:
             raise ValueError(f"cycle: to = {self.cycle.to:g} is after the last of the points, {self.points[-1]:g}")
 
+    @property
+    def cycle_ends(self) -> tuple[float, ...]:
+        """The times at which a cycle begins and ends; none without one."""
+        return (self.cycle.begin, self.cycle.to) if self.cycle else ()
+
+    def check_cycle(self, histories: Mapping[str, History]) -> None:
+        """Raise ValueError unless a cycle ends with the loads with which it begins."""
+        for name, history in histories.items() if self.cycle else ():
+            first, last = map(history.at, self.cycle_ends)
+            if abs(first - last) > SAME * max(map(abs, history.factors)):
+                begin, end = self.cycle_ends
+                raise ValueError(f"time.cycle: history.{name} has the factor {first:g} at from = {begin:g} and "
+                                 f"{last:g} at to = {end:g}; a cycle ends with the loads with which it begins")
+
     def settled(self) -> Time:
         """The load steps, with a tolerance if no number of steps is given."""
         return settle(self, Time, tolerance=None if self.steps else self.tolerance or 0.02)
@@ -292,6 +310,8 @@ class Output(Table, frozen=True, kw_only=True):
 
     Attributes
     ----------
+    only : "contacts": certificate, contacts, reactions and rigid partners alone, in tables and summary.json; no fields,
+        stresses, pictures, estimate of the discretization error, nor warnings that need fields. Left out, all
     stress : stress and von Mises stress of the bodies
     error : field and picture of the estimated discretization error
     figures : pictures
@@ -300,11 +320,14 @@ class Output(Table, frozen=True, kw_only=True):
     length_unit, stress_unit : labels in pictures, summary and messages; numbers are in the scene's own units
     magnification : of displacements and gaps in bodies.png; left out, it suits the picture
     mirrored : bodies.png of an axisymmetric scene also shows the other half
-    view : side from which solids are seen: front, back (along y), left, right (x), bottom, top (z), iso, or [azimuth,
-        elevation] in degrees, about z from x on and above the plane of x and y; left out, a corner that suits them
+    view : true for view.html, in which a browser turns the bodies; or the side from which pictures show solids: front,
+        back (along y), left, right (x), bottom, top (z), iso, or [azimuth, elevation] in degrees, about z from x on
+        and above the plane of x and y; left out, a corner that suits them
     cut : plane at which pictures cut solids open; left out, none
+    derivatives : keys by which the answer is differentiated; see docs/use/derivatives.md
     """
 
+    only: Literal["contacts"] | None = None
     stress: bool = True
     error: bool = False
     figures: bool = True
@@ -314,8 +337,15 @@ class Output(Table, frozen=True, kw_only=True):
     stress_unit: str = "Pa"
     magnification: Annotated[float, msgspec.Meta(gt=0.0, le=1e12)] | None = None
     mirrored: bool = False
-    view: Literal["front", "back", "left", "right", "top", "bottom", "iso"] | tuple[Number, Elevation] | None = None
+    view: (bool | Literal["front", "back", "left", "right", "top", "bottom", "iso"] | tuple[Number, Elevation]
+           | None) = None
     cut: Cut | None = None
+    derivatives: list[str] = []
+
+    def __post_init__(self) -> None:
+        for key in ("error", "animation"):
+            if self.only and getattr(self, key):
+                raise ValueError(f'{key} = true asks for what only = "{self.only}" leaves out; drop one of the two')
 
 
 class Checkpoint(Table, frozen=True, kw_only=True):
@@ -329,3 +359,16 @@ class Checkpoint(Table, frozen=True, kw_only=True):
 
     seconds: NonNegative = 600.0
     iterations: Annotated[int, msgspec.Meta(ge=0)] = 0
+
+
+def units(scene: dict, dimension: int = 2) -> dict[str, str]:
+    """Labels of lengths, stresses, forces, moments and energies; in the plane the last three are per unit of depth."""
+    length, stress = scene["output"]["length_unit"], scene["output"]["stress_unit"]
+    product = f"{stress}·{length}"
+    if dimension == 3 or scene.get("axisymmetric"):
+        named = {"Pa·m": ("N", "N·m", "J"), "MPa·mm": ("N", "N·mm", "mJ")}
+        force, moment, energy = named.get(product, (f"{product}²", f"{product}³", f"{product}³"))
+        return {"length": length, "stress": stress, "force": force, "moment": moment, "energy": energy}
+    force = {"Pa·m": "N/m", "MPa·mm": "N/mm"}.get(product, product)
+    moment, energy = {"N/m": ("N·m/m", "J/m"), "N/mm": ("N·mm/mm", "mJ/mm")}.get(force, (f"{force}·{length}",) * 2)
+    return {"length": length, "stress": stress, "force": force, "moment": moment, "energy": energy}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,6 +28,35 @@ def moment(at: np.ndarray, forces: np.ndarray, axisymmetric: bool = False) -> np
     if at.shape[1] == 2:
         return ((at @ QUARTER) * forces).sum(axis=1).sum()
     return np.ascontiguousarray(np.cross(at, forces).T).sum(axis=1)
+
+
+def crossed(turning: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """ω × x (k, d) of rotations ω (k, 1 or 3) and places x (k, d)."""
+    flat = np.pad(turning, ((0, 0), (3 - turning.shape[1], 0))), np.pad(at, ((0, 0), (0, 3 - at.shape[1])))
+    return np.cross(*flat)[:, :at.shape[1]]
+
+
+class RigidMotion(NamedTuple):
+    """A small rigid motion: the displacement (d,) of a pivot (m), and the turn about it (rad), one number in the plane
+    and three in space; without a turn it is empty, and any point is the pivot."""
+
+    displacement: np.ndarray
+    turn: np.ndarray = np.empty(0)
+    pivot: np.ndarray | float = 0.0
+
+    def at(self, points: np.ndarray) -> np.ndarray:
+        """The displacements (k, d) of points (k, d)."""
+        moved = np.zeros_like(points) + self.displacement
+        return moved + crossed(self.turn[None], points - self.pivot) if len(self.turn) else moved
+
+    def undone(self, points: np.ndarray) -> np.ndarray:
+        """The places (k, d) from which the motion takes something to `points` (k, d)."""
+        if not len(self.turn):
+            return points - self.displacement
+        axes = np.eye(points.shape[1])
+        # rows e_i + θ × e_i: (x − p) times them is x − p + θ × (x − p)
+        return self.pivot + (points - self.displacement - self.pivot) @ np.linalg.inv(
+            axes + crossed(self.turn[None], axes))
 
 
 ROUNDING = 1e-12

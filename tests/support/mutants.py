@@ -32,6 +32,7 @@ ADAPTIVE = "scenes/test_load_steps.py::test_adaptive_steps_go_on_from_wherever_t
 AT_FIRST = "scenes/test_load_steps.py::test_a_load_that_nothing_holds_at_first_is_named_though_it_is_held_at_last"
 DISSIPATED = "interface/test_state.py"
 MEMBER, MORTAR, ARC = "coupling/test_member.py", "interface/test_mortar.py", "interface/test_profiles.py"
+PARTS, NUMBERED = "mesh/test_parts.py", "check/test_check.py::test_numbered_faces_are_told_and_proposed"
 ANSWER, NODES = "run/test_answer.py", f"{CERTIFICATE}::test_the_state_of_the_nodes"
 
 MUTANTS = [Mutant(*row) for row in (
@@ -91,6 +92,12 @@ MUTANTS = [Mutant(*row) for row in (
     ("an unknown key has no name", "scene/keys", "[*named, found[2]]", "[*named, found[3]]",
      "scene/test_scene.py::test_refusal_names_file_key_and_remedy"),
     # mesh
+    ("a part has all elements", "mesh/read", "own = np.isin(element, _members(raw, d, part, label))",
+     "own = np.isin(element, element)", "mesh/test_formats.py::test_a_part_of_a_file"),
+    ("a part has the groups of others", "mesh/boundary", "parts, element = parts[own], element[own]", "pass",
+     "mesh/test_formats.py::test_a_part_of_a_file"),
+    ("a part of an assembly is not moved", "decks/deck", "points[own] += [*row", "points[own] -= [*row",
+     "mesh/test_formats.py::test_parts_of_an_assembly"),
     ("clockwise triangles stay", "mesh/read", "cells[turned] = cells[turned][:, swap]", "pass",
      "mesh/test_mesh.py::test_clockwise_triangles_are_turned"),
     ("curved sides are straightened", "mesh/refine", "off = CELLS[1, 2]", "off = 0.0 * CELLS[1, 2]",
@@ -111,6 +118,24 @@ MUTANTS = [Mutant(*row) for row in (
      "self.inverse.transpose(0, 2, 1, 3)", "body/test_curved_bodies.py::test_linear_displacement_is_exact"),
     ("folded triangles are accepted", "mesh/mesh", "if (least <= 0.0).any():", "if (least <= -9.0).any():",
      "mesh/test_curved_meshes.py::test_folded_triangle_is_refused"),
+    ("a part is meshed with all others", "mesh/boundary",
+     "gmsh.model.removeEntities([(d, tag) for tag in names if tag != meant[0]], recursive=True)", "pass",
+     f"{PARTS}::test_a_part_of_an_assembly_by_name_and_number"),
+    ("a part forgets its groups", "mesh/boundary", "gmsh.model.addPhysicalGroup(k, tags, group, name)", "pass",
+     f"{PARTS}::test_parts_of_a_script"),
+    ("of several faces together one is taken", "mesh/boundary", "[kind[part] for part in parts if part in kind]",
+     "[kind[part] for part in parts[:1] if part in kind]",
+     f"{PARTS}::test_numbered_faces_are_groups_of_clamps_loads_and_contacts"),
+    ("an edge is a whole face", "mesh/boundary", "functools.reduce(np.intersect1d, nodes)", "nodes[0]",
+     f"{PARTS}::test_edges_and_corners_of_any_body_may_be_clamped"),
+    ("contacts are fine where a scene wants them coarse", "mesh/geometry", "near = np.setdiff1d(near, along)",
+     "near = near", f"{PARTS}::test_sizes_by_group"),
+    ("the bore of a tube is its outside", "mesh/shapes", '"inner" if inner', '"outer" if inner',
+     f"{PARTS}::test_balls_and_cylinders_have_their_volume_and_groups"),
+    ("a moment has a resultant", "body/loads", "first - share * (first.sum(axis=0) / share[:, 0].sum())", "first",
+     "body/test_loads.py::test_a_moment_is_spread_without_a_force"),
+    ("expansion along x, y and z, whatever the axes", "scene/bodies", "return R @ np.diag(", "return np.diag(",
+     "body/test_orthotropic.py::test_expansion_along_each_axis"),
     ("groups of solids without names are not seen", "mesh/read", "gmsh.model.getEntities(3) else 1",
      "gmsh.model.getEntities(4) else 1", "mesh/test_geometry.py::test_groups_without_names"),
     ("drawings are of order 0", "mesh/build", "geometry_dimension(path, name), 1", "geometry_dimension(path, name), 0",
@@ -496,7 +521,7 @@ MUTANTS = [Mutant(*row) for row in (
     ("fields of all cycles are kept", "run/gather", "if row[0] <= since]", "]", f"{CYCLES}::test_files_of_cycles"),
     ("where a cycle began is forgotten at a restart", "run/steps", '"_began", "_planned"', '"_planned"',
      f"{CYCLES}::test_a_run_goes_on_within_cycles"),
-    ("a cycle may end with other loads", "scene/scene", "abs(first - last) > SAME", "abs(first - last) > 3.0",
+    ("a cycle may end with other loads", "scene/method", "abs(first - last) > SAME", "abs(first - last) > 3.0",
      f"{CYCLES}::test_what_cycles_cannot_be_is_refused"),
     ("a direct direction forgets that friction follows pressure", "methods/dense", "C + (F.T @ C).T", "C",
      f"{DENSE}::test_a_direct_direction_solves_its_equations"),
@@ -530,6 +555,10 @@ MUTANTS = [Mutant(*row) for row in (
     ("uncertified cases are called certified", "sweep/table", '"exit": 0 if summary["converged"] else 3', '"exit": 0',
      "sweep/test_sweep.py::test_failing_cases_do_not_stop_the_others"),
     # check, cli
+    ("a bore is a shaft", "check/faces", "@ measures < 0.0", "@ measures > 0.0", NUMBERED),
+    ("the halves of a bore are two contacts", "check/nearby", "(any(same) or all(smooth))", "any(same)", NUMBERED),
+    ("solids from behind are seen from the front", "check/drawing", "    if behind:\n", "    if not behind:\n",
+     "check/test_check.py::test_numbered_faces_are_drawn"),
     ("contacts are proposed where nothing is near", "check/nearby", "distance_to(middle[some], body.at)[1]",
      "distance_to(middle[some], body.at)[0]", "check/test_check.py::test_contacts_that_are_missing_are_proposed"),
     ("numbers of a law are not said", "cli/report", "if not numbers:", "if numbers:",
