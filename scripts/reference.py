@@ -105,7 +105,10 @@ answer = ddmpi.solve("scene.toml", overrides={{"contact.upper-lower.friction.coe
 contact = answer.contacts["upper-lower"]                # the same on every rank; so is answer.summary
 print(answer.certified, answer.reason, contact.force, contact.pressure.max(), contact.status)
 print({{name: body.displacement for name, body in answer.bodies.items()}})    # the bodies of this rank
+table = contact.table()                                 # the columns of contact_NAME.csv; pandas.DataFrame(table)
 ```
+
+In a notebook, `answer` alone in a cell shows the contacts in a table and, if matplotlib is installed, their stresses.
 """
 
 

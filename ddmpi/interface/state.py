@@ -171,6 +171,35 @@ class ContactState:
         bound = np.linalg.norm(arm, axis=1) @ np.linalg.norm(self.forces, axis=1)
         return float(np.linalg.norm(moment(arm, self.forces))), float(bound)
 
+    def table(self) -> np.ndarray:
+        """A structured array (l,) with the columns of contact_NAME.csv, a row for each contact node.
+
+            >>> table = ddmpi.solve("configs/punch.toml").contacts["punch-base"].table()
+            >>> table.dtype.names[:5], len(table), round(table["normal_force"].sum(), 2)
+            (('x', 'y', 'nx', 'ny', 'length'), 41, 1362.52)
+
+        ``pandas.DataFrame(table)`` takes it. Nodes that share a row share its forces. Not collective.
+        """
+        interface, lines = self.interface, self.interface.lines
+        normal, tangential = self.normal_force, signed(self.tangential_force)
+        columns = dict(zip("xyz", lines.acting.T, strict=False))
+        columns |= zip(("nx", "ny", "nz"), interface.normal[lines.row].T, strict=False)
+        solid = "nz" in columns
+        columns["area" if solid or interface.axisymmetric else "length"] = lines.area
+        columns |= {"normal_force": normal[lines.row] * interface.shares,
+                    "tangential_force": tangential[lines.row] * interface.shares}
+        columns |= {name: values[lines.row] for name, values in (
+            ("normal_stress", self.pressure), ("tangential_stress", signed(self.shear)), ("gap", self.gap),
+            ("slip", signed(self.slip)), ("slip_total", signed(self.slip_total)), ("status", self.status))}
+        if solid:
+            forces, slip = self.forces[lines.row].T * interface.shares + 0.0, self.along(self.slip)[lines.row].T + 0.0
+            columns |= zip(("force_x", "force_y", "force_z", "slip_x", "slip_y", "slip_z"), (*forces, *slip),
+                           strict=True)  # no −0
+        table = np.empty(len(lines.row), [(name, values.dtype) for name, values in columns.items()])
+        for name, values in columns.items():
+            table[name] = values
+        return table
+
     @property
     def totals(self) -> ContactTotals:
         """Resultants and extremes of the contact."""

@@ -115,11 +115,8 @@ def write_contact(path: Path, name: str, state: ContactState) -> None:
     Where nodes do not match, they are the slave's. Nodes that share a row share its forces.
     Directions are those of the first body. Not collective. Raises OutputError.
     """
-    interface, at_nodes = state.interface, _by_line(state, leg_values(state))
-    lines = interface.lines
-    forces = (force[lines.row] * interface.shares for force in (state.normal_force, signed(state.tangential_force)))
-    write_table(path / contact_files(name).table, named(CONTACT_IN[interface.dimension], interface.axisymmetric), zip(
-        *lines.acting.T, *interface.normal[lines.row].T, lines.area, *forces, *at_nodes, strict=True))
+    table = state.table()
+    write_table(path / contact_files(name).table, table.dtype.names or (), table.tolist())
 
 
 def write_sides(path: Path, name: str, state: ContactState) -> None:

@@ -16,6 +16,7 @@ from ddmpi.interface.state import ContactState
 from ddmpi.mesh.build import kind_of_files
 from ddmpi.petsc.options import RunOptions
 from ddmpi.results.fields import Fields
+from ddmpi.results.notebook import as_html
 from ddmpi.run.gather import Solved
 from ddmpi.run.report import LISTED, describe_contact
 from ddmpi.run.run import compute
@@ -77,6 +78,10 @@ class Answer:
         if len(contacts) > LISTED:
             lines.append(f"and {len(contacts) - LISTED} more contacts")
         return "\n    ".join(lines)
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: the table of the contacts and a picture. Not collective."""
+        return as_html(self.summary, self.contacts)
 
 
 def solve(scene: str | Path | Mapping[str, Any], comm: MPI.Comm | None = None,

@@ -1,16 +1,22 @@
 """The Python interface: resultants and counts of an answer against closed forms."""
 
+import base64
 import datetime
 import inspect
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
-from scenes import confined_blocks, pinched_blocks, run_python, to_toml, tower
+from mpi4py import MPI
+from scenes import confined_blocks, pinched_blocks, rectangle, run_here, run_python, to_toml, tower, write_scene
+from solid_scenes import two_boxes
 
 import ddmpi
 from ddmpi.errors import InputError
+from ddmpi.results import notebook
 from ddmpi.results.fields import contact_fields
+from ddmpi.results.tables import CONTACT_IN, named
 from ddmpi.run.gather import _write_contacts
 
 pytestmark = pytest.mark.slow
@@ -155,3 +161,49 @@ def test_progress_is_told_by_rank_0_alone():
     assert run.stdout.count("converged and certified") == 1 and "INFO" not in run.stdout
     assert run.stderr.count("INFO converged and certified") == 1
     assert run.stderr.count("WARNING again") == 2
+
+
+@pytest.mark.parametrize("scene", ["plane", "axis", "space"])
+def test_a_contact_is_a_table(scene, tmp_path):
+    """`ContactState.table` has the names, rows and numbers of contact_NAME.csv."""
+    plain = {"plane": lambda: pinched_blocks(2), "space": lambda: two_boxes(2, 3),
+             "axis": lambda: {"axisymmetric": True, "body": [
+                 rectangle("disc", (0.0, 1.0), (1.0, 1.0), (2, 2), 2, clamp=[{"on": "top", "y": -1e-3}]),
+                 rectangle("core", (0.0, 0.0), (1.0, 1.0), (3, 2), 2, clamp=["bottom"])],
+                 "contact": [{"bodies": ["disc", "core"], "on": ["bottom", "top"]}]}}[scene]()
+    run = run_here(write_scene(plain, tmp_path / "scene.toml"), tmp_path / "out", "--no-figures")
+    ((name, state),) = ddmpi.solve(plain, MPI.COMM_SELF).contacts.items()
+    table, file = state.table(), run.table(f"contact_{name}.csv")
+    assert list(table.dtype.names) == list(file)
+    assert list(table.dtype.names) == named(CONTACT_IN[3 if scene == "space" else 2], scene == "axis")
+    for column, values in file.items():
+        assert np.array_equal(table[column], values), column
+    # nodes that share a row share its force
+    assert (len(table) > state.interface.m) == (scene == "axis")
+    assert table["normal_force"].sum() == pytest.approx(state.normal_force.sum(), rel=1e-12)
+    assert table["normal_stress"] @ table["area" if "area" in file else "length"] == pytest.approx(
+        state.normal_force.sum(), rel=1e-12)
+    forces = [table[f"force_{axis}"].sum() for axis in "xyz"] if scene == "space" else []
+    assert forces == pytest.approx(state.force[:len(forces)], rel=1e-9)
+    assert set(table["status"]) <= {"open", "slip", "stick"} and table["normal_force"].any()
+
+
+@pytest.mark.parametrize("scene", [lambda: pinched_blocks(2), lambda: two_boxes(2), lambda: tower(3, 2)],
+                         ids=["plane", "space", "tower"])
+def test_a_notebook_shows_an_answer(scene, monkeypatch):
+    """HTML with each contact's numbers and units, whatever its name, and a picture within it; without matplotlib the
+    table alone."""
+    scene = scene() | {"title": "<Two> & more $x"}
+    scene["contact"][0]["name"] = "a<b>&$"
+    answer = ddmpi.solve(scene, MPI.COMM_SELF)
+    shown = answer._repr_html_()
+    assert "&lt;Two&gt; &amp; more" in shown and "<th>a&lt;b&gt;&amp;$</th>" in shown and "a<b>" not in shown
+    assert shown.count("<tr>") == 1 + len(answer.contacts)
+    contact = answer.summary["contacts"]["a<b>&$"]
+    cells = re.findall(r"<td>(.*?)</td>", shown)
+    assert cells[3:6] == [str(contact[status]) for status in ("open", "slip", "stick")]
+    (image,) = re.findall(r'src="data:image/png;base64,([^"]*)"', shown)
+    assert base64.b64decode(image).startswith(b"\x89PNG")
+    assert "http" not in shown
+    monkeypatch.setattr(notebook, "has_matplotlib", lambda: False)
+    assert "<img" not in answer._repr_html_() and "<table>" in answer._repr_html_()
