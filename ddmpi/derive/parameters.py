@@ -98,7 +98,7 @@ class Parameters:
             made = []
             for key in keys:
                 with naming(f"output.derivatives: {key}"):
-                    made.append(_parameter(assembly, key))
+                    made.append(parameter(assembly, key))
         return cls(assembly, made)
 
     @cached_property
@@ -137,7 +137,7 @@ def scaled(case: LoadCase | None, factor: float) -> LoadCase:
     return LoadCase(*(factor * getattr(case, entry.name) for entry in fields(case)))
 
 
-def _parameter(assembly: Assembly, key: str) -> Parameter:
+def parameter(assembly: Assembly, key: str) -> Parameter:
     """The parameter of a valid key. Not collective. Raises InputError."""
     scene, space, joint = assembly.scene, assembly.space, assembly.joint
     kind, name, *rest = key.split(".")

@@ -129,7 +129,7 @@ def derivable(scene: dict) -> list[str]:
     bodies = [body | {"clamp": [{"on": entry} if isinstance(entry, str) else entry for entry in body["clamp"]]}
               for body in scene["body"]]
     fixed = {f"rigid.{rigid['name']}.{'displacement' if force else 'force'}.{axis}" for rigid in scene["rigid"]
-             for axis, force in enumerate(rigid["force"] or ())}  # a pushed axis is not moved, and the other way round
+             for axis, force in enumerate(rigid.get("force") or ())}  # an axis is pushed or moved
     for leaf, value in flatten({"body": bodies, "contact": scene["contact"], "rigid": scene["rigid"]}):
         whole = re.match(WHOLE, leaf)
         if whole and value is not None:
