@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from mpi4py import MPI
 
-from ddmpi.coupling.coarse import CrossPoints, Motions, gather_motions
+from ddmpi.coupling.coarse import CrossPoints, Driven, Motions, gather_motions
 from ddmpi.coupling.exchange import Exchange
 from ddmpi.coupling.member import Member
 from ddmpi.coupling.space import Space
+from ddmpi.interface.interface import Interface
 from ddmpi.scene.contacts import Rigid
 from ddmpi.system.numbers import norm
 
@@ -21,7 +23,7 @@ STEERING = 0.1
 GMRES has still to reduce its residual (Bouras and Frayssé, SIAM J. Matrix Anal. Appl. 26, 2005)."""
 
 BALANCED = 1e-12
-"""The force on a pushed partner is balanced if the rest is below this fraction of it and of all contact forces."""
+"""The force on a driven partner is balanced if the rest is below this fraction of it and of all contact forces."""
 
 
 class Point(NamedTuple):
@@ -56,7 +58,7 @@ class Joint:
     members : the bodies of this rank
     exchange, space : between the bodies, and the layout of the vectors
     histories : of loads, clamps and rigid partners, None for constant ones
-    pushed : rigid partners under forces: loose bodies without compliance that do not turn
+    pushed : rigid partners that move as forces want: loose bodies without compliance
 
     Attributes
     ----------
@@ -65,7 +67,8 @@ class Joint:
     d : (size,) overlap without contact forces (m); its tangential part, from where slip begins, is set by the load step
         after `act`
     rigid : the rigid motions of loose bodies, Gᵀ = rigid.Z; of size 0 where clamps support all bodies
-    slices : of the motions by body, empty for supported ones, and by pushed partner
+    driven : the same
+    slices : of the motions by body, empty for supported ones, and by what is driven
     e : (rigid.size,) the loads along the motions (N)
     neglected : forces (N) that are negligible in a product that is kept
     steering : relative precision of products in GMRES, over the ratio of reduction that GMRES still needs
@@ -74,20 +77,21 @@ class Joint:
 
     def __init__(self, members: Sequence[Member], exchange: Exchange, space: Space,
                  histories: Sequence[str | None] = (None,), pushed: Sequence[Rigid] = ()) -> None:
-        self.pushed = tuple(pushed)
         self.members, self.space, self.size = tuple(members), space, space.size
         self.neglected, self.steering = 0.0, STEERING
         self.exchange = exchange
         self.dear = exchange.world.allreduce(any(member.dear for member in members), MPI.LOR)
         self._moved = {name: exchange.total([member.response(name)[0] for member in members], "free displacement")
                        for name in histories}
-        self.rigid, self.slices = gather_motions(exchange, space, members, [member.G for member in members], pushed)
-        self.bodies = len(self.slices) - len(pushed)
-        # A pushed partner is a body without compliance: its row of G s = e is the balance of contact forces and its
-        # force.
+        self.driven = tuple(Driven.of(rigid, space) for rigid in pushed)
+        self.rigid, self.slices = gather_motions(exchange, space, members, [member.G for member in members],
+                                                 self.driven)
+        self.bodies = len(self.slices) - len(self.driven)
+        # A driven partner is a body without compliance: its rows of G s = e are the balance of contact forces with its
+        # force and moment.
         self._pulled = {name: self.of_all([member.response(name)[1] for member in members],
-                                           [(rigid.history == name) * np.array(rigid.force)[rigid.pushed]
-                                            for rigid in pushed]) for name in histories}
+                                           [(each.history == name) * each.push for each in self.driven])
+                        for name in histories}
         self.act(dict.fromkeys(histories, 1.0))
 
     def act(self, factors: Mapping[str | None, float]) -> None:
@@ -116,6 +120,16 @@ class Joint:
                 member.mult(part.copy(), part, purpose, relative)
         y[:] = self.exchange.total(parts, purpose)
 
+    def dense(self, most: int) -> np.ndarray | None:
+        """C (size, size) as a matrix (m/N), where one rank has all of it explicitly and in at most `most` rows."""
+        if self.exchange.world.size > 1 or self.size > most or not all(member.known for member in self.members):
+            return None
+        C = np.zeros((self.size, self.size))
+        for member, places in zip(self.members, self.exchange.spread(np.arange(self.size)), strict=True):
+            at = places.astype(int)
+            C[np.ix_(at, at)] += member.dense()
+        return C
+
     def add_motions(self, columns: Sequence[np.ndarray], values: Sequence[np.ndarray]) -> tuple[Motions, np.ndarray]:
         """The rigid motions and then further ones of all local bodies (j, its size), with values of the latter."""
         more, _ = gather_motions(self.exchange, self.space, self.members, columns)
@@ -130,17 +144,17 @@ class Joint:
         return self.exchange.total([member.shared().astype(float) for member in self.members], "shared nodes") > 0.0
 
     def rigid_moduli(self) -> np.ndarray:
-        """`Member.stiffness` (rigid.size,) of the rigid motions' bodies, or of the stiffest body at a pushed partner
+        """`Member.stiffness` (rigid.size,) of the rigid motions' bodies, or of the stiffest body at a driven one
         (N/m²; in space N/m), times the ratio of the softest foundation to its body, if below 1."""
         world = self.exchange.world
         # The springs that steer rigid motions must be soft beside foundations, which resist the same motions.
         soft = [member.elasticity.softest / member.stiffness for member in self.members if member.stiffness]
         share = world.allreduce(min([1.0, *soft]), MPI.MIN)
         pushing = [world.allreduce(max((member.stiffness for member in self.members if any(
-            rigid.name in met.bodies for met in member.interfaces)), default=0.0), MPI.MAX) for rigid in self.pushed]
+            map(each.acts_on, member.interfaces))), default=0.0), MPI.MAX) for each in self.driven]
         return share * self.of_all([np.full(len(member.e), member.stiffness) for member in self.members],
-                                    [np.full(len(rigid.pushed), stiffness) for rigid, stiffness in
-                                     zip(self.pushed, pushing, strict=True)])
+                                    [np.full(len(each.push), stiffness) for each, stiffness in
+                                     zip(self.driven, pushing, strict=True)])
 
     def first_closed(self) -> tuple[np.ndarray, np.ndarray]:
         """The nodes (m,) bool of all owned interfaces that the first guess closes, and those of them that are open and
@@ -165,8 +179,8 @@ class Joint:
                     bears[numbers[of_body]] += (block[:interface.m][closed][:, of_body] @ self.e[at] > 0.0).any()
             bears = space.add(bears)
             lonely = [name for name, at in self.slices.items() if self.e[at].any() and not bears[at].any()]
-        # Pushed partners do not turn, so the direction of slip after their fall is known.
-        upright = {rigid.name for rigid in self.pushed}
+        # Of partners that do not turn the direction of slip after their fall is known.
+        upright = {each.name for each in self.driven if not len(each.sizes)}
         for k, interface in enumerate(space.interfaces):
             falling = set(interface.bodies) & set(lonely)
             if falling - upright:
@@ -176,23 +190,27 @@ class Joint:
         return np.concatenate([none, *touches]), np.concatenate([none, *falls])
 
     def of_all(self, arrays: Sequence[np.ndarray], partners: Sequence[np.ndarray] = ()) -> np.ndarray:
-        """Arrays of all bodies and then of pushed partners, concatenated in the order of the motions."""
+        """Arrays of all bodies and then of what is driven, concatenated in the order of the motions."""
         everyone = self.exchange.world.allgather(arrays)
         return np.concatenate([np.zeros(0), *itertools.chain(*everyone), *partners])
 
-    def pushed_by(self, alpha: np.ndarray) -> dict[str, np.ndarray]:
-        """Displacements (d,) of pushed partners by the motions α (rigid.size,), on top of the prescribed ones (m)."""
-        return {rigid.name: np.bincount(rigid.pushed, alpha[self.slices[rigid.name]], len(rigid.force or ()))
-                for rigid in self.pushed}
+    def placed(self, alpha: np.ndarray) -> list[Interface]:
+        """The owned interfaces, with rigid partners where the motions α (rigid.size,) take them."""
+        interfaces = list(self.space.interfaces)
+        for each in self.driven:
+            moved = each.moved(alpha[self.slices[each.name]])
+            interfaces = [replace(met, displacement=met.displacement + moved.displacement, turn=moved.turn)
+                          if each.acts_on(met) else met for met in interfaces]
+        return interfaces
 
     def imbalance(self, s: np.ndarray) -> np.ndarray:
         """e − G s (rigid.size,) in newtons: loads on loose bodies that the forces s do not balance."""
         return self.e - self.rigid.sums(s)
 
     def balances(self, left: np.ndarray, size: float) -> bool:
-        """Whether the `imbalance` on pushed partners is rounding beside their forces and those of contacts, `size` (N).
+        """Whether the `imbalance` on what is driven is rounding beside its forces and those of contacts, `size` (N).
         """
-        motions = [self.slices[rigid.name] for rigid in self.pushed]
+        motions = [self.slices[each.name] for each in self.driven]
         return all(norm(left[at]) <= BALANCED * (norm(self.e[at]) + size) for at in motions)
 
     def multiplications(self) -> int:

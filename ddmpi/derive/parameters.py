@@ -115,7 +115,7 @@ class Parameters:
             parts = [member.response_to(cases[member.name], PURPOSE) if member.name in cases else none
                      for member, none in zip(joint.members, parts, strict=True)]
         h = joint.exchange.total([part for part, _ in parts], "load of a derivative")
-        return h, joint.of_all([e for _, e in parts], [np.zeros(len(rigid.pushed)) for rigid in joint.pushed])
+        return h, joint.of_all([e for _, e in parts], [np.zeros(len(each.push)) for each in joint.driven])
 
     def changes(self, number: int, factors: Mapping[str | None, float],
                 u: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
@@ -159,8 +159,9 @@ def parameter(assembly: Assembly, key: str) -> Parameter:
         along = np.array(vector)
         if rest[0] == "force":
             force = np.zeros(joint.rigid.size)
-            if name in joint.slices:
-                force[joint.slices[name]] = along[rigid.pushed]
+            for each in joint.driven:
+                if each.name == name:
+                    force[joint.slices[name]] = each.along(along)
             return replace(blank, value=value, history=rigid.history, force=force)
         driven = np.zeros(space.size)
         for interface, part in space.with_slices():

@@ -10,7 +10,7 @@ import numpy as np
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.law import Law
 from ddmpi.sets import magnitude
-from ddmpi.system.numbers import moment
+from ddmpi.system.numbers import RigidMotion, moment
 
 CLOSED = 1e-8
 """A node counts as open, unless bonded, up to this fraction of the largest normal force."""
@@ -32,7 +32,7 @@ class ContactTotals(NamedTuple):
         tangential vectors, as nodes have no common t
     open, slip, stick : numbers of nodes
     bodies, m, law, slave : of the interface; the law by its name
-    rigid : (d,) displacement of the rigid partner (m); None if there is none
+    rigid : motion of the rigid partner; None if there is none
     pressure_max : largest normal stress of a node (Pa); NaN where the contact has no area
     normal_max, normal_sum : of the sizes of the nodes' normal forces (N)
     acting : sum of the sizes of the components of the nodes' forces (N)
@@ -52,7 +52,7 @@ class ContactTotals(NamedTuple):
     m: int
     law: str
     slave: str | None
-    rigid: np.ndarray | None
+    rigid: RigidMotion | None
     pressure_max: float
     normal_max: float
     normal_sum: float
@@ -176,7 +176,8 @@ class ContactState:
         return ContactTotals(
             self.force, self.moment, float(self.normal_force.sum()), float(total), self.count("open"),
             self.count("slip"), self.count("stick"), self.dissipated, interface.bodies, interface.m,
-            interface.law.name, interface.slave, interface.displacement if interface.on_rigid else None,
+            interface.law.name, interface.slave,
+            RigidMotion(interface.displacement, interface.turn, interface.pivot) if interface.on_rigid else None,
             float(self.pressure.max()), float(normal.max()), float(normal.sum()), float(np.abs(self.forces).sum()),
             float(self.between.min(initial=self.gap.min())), float(interface.area[self.status != "open"].sum()),
             self.moment_imbalance)
@@ -228,7 +229,7 @@ def contact_state(interface: Interface, s: np.ndarray, bound: np.ndarray, u: np.
         before[:] = slides[1]
         slip = slides[0] - before
     # A node without tangential unknowns sticks, but without friction it slides. Open overrules both.
-    status, resistance = np.full(m, "slip" if law.name == "none" else "stick", dtype="U5"), np.zeros(m)
+    status, resistance = np.full(m, "slip" if law.frictionless else "stick", dtype="U5"), np.zeros(m)
     slips, closed = law.reaches_bound(s, bound), law.closed(s, CLOSED)
     status[sliding[slips]] = "slip"
     status[~closed] = "open"

@@ -37,7 +37,7 @@ class Answer:
     ----------
     summary : what a run writes as summary.json; the same on all ranks
     contacts : state by contact: normal_force, pressure, shear, gap, slip, status, force, …; the same on all ranks
-    bodies : fields of the bodies of this rank, by name
+    bodies : fields of the bodies of this rank, by name; none with only="contacts"
     solved : all else that was computed, for studies of the method; None on ranks without a body; no stable interface
     derived : derivatives of arrays by key: of nodes by contact, the same on all ranks, and of this rank's bodies
     """
@@ -97,7 +97,7 @@ class Answer:
 
 
 def solve(scene: str | Path | Mapping[str, Any], comm: MPI.Comm | None = None,
-          overrides: Mapping[str, Any] | None = None, progress: bool = False) -> Answer:
+          overrides: Mapping[str, Any] | None = None, progress: bool = False, only: str | None = None) -> Answer:
     """`ddmpi.solve`. Collective."""
     world = in_lockstep(MPI.COMM_WORLD if comm is None else comm)
     in_words = isinstance(scene, Mapping) or "\n" in str(scene)
@@ -105,7 +105,7 @@ def solve(scene: str | Path | Mapping[str, Any], comm: MPI.Comm | None = None,
 
     def read() -> Settled:
         data = read_data(path, scene if isinstance(scene, Mapping) else str(scene) if in_words else read_text(path))
-        for key, value in (overrides or {}).items():
+        for key, value in {**(overrides or {}), **({"output.only": only} if only else {})}.items():
             override(data, str(key), as_data(value, "overrides", str(key)))
         return read_scene(path, data, file_kind=kind_of_files(path))
 

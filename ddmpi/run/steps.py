@@ -27,10 +27,11 @@ from ddmpi.methods.newton import Newton
 from ddmpi.methods.outer import Report, no_report
 from ddmpi.results.tables import leg_values
 from ddmpi.run.checkpoint import Checkpoints
-from ddmpi.run.equilibrium import look_for_mechanism, undetermined_motions
+from ddmpi.run.equilibrium import NOTHING, look_for_mechanism, undetermined_motions
 from ddmpi.run.gather import StepLog
 from ddmpi.run.report import UNDETERMINED
-from ddmpi.run.solve import NOTHING, Iteration, Solution, solve
+from ddmpi.run.solve import Iteration, Solution, solve
+from ddmpi.scene.contacts import NoFriction
 from ddmpi.system.clock import Clock
 
 log = logging.getLogger("ddmpi")
@@ -152,6 +153,17 @@ class March:
         factors = [scene.factors(time) for time in (0.0, *self._legs)]
         for body in assembly.bodies:  # forces are compared with the largest loads of all legs
             body.member.elasticity = body.member.elasticity.largest(factors)
+        # Displacements are asked for at the end of a leg. Slip without friction is not among the unknowns and counts
+        # from the step before, which needs them as well. By multigrid a product with C would cost as much.
+        slides, rubs = (any(contact.kind == "unilateral" and (contact.friction == NoFriction()) == free
+                            for contact in scene.contact) for free in (True, False))
+        several = scene.time.steps > 1 if scene.time.steps else rubs
+        self._leanly = several and not assembly.joint.dear and scene.output.steps != "all" and 1 + slides
+        self._leanly = not scene.output.derivatives and self._leanly  # these may need displacements at every step
+        if self._leanly:
+            with assembly.exchange.deferred():
+                for body in assembly.bodies:
+                    body.member.prepare_energies()
         assembly.act(0.0)
         self._sudden = assembly.space.any(assembly.joint.d + assembly.space.opening)  # loads act at time 0
         self._chain = Chain(assembly, scene.output.derivatives)
@@ -196,8 +208,13 @@ class March:
         joint.d = joint.d - start
         self._begin(share, start)
         largest = self.log.most["sizes"]
-        self.outer.nothing = NOTHING * largest[0]
-        return replace(self.iteration.solve(mechanism, (start, self._now.s, self._now.slid), largest), time=time)
+        self.outer.nothing, self.outer.direct.steps = NOTHING * largest[0], self._now.time > 0.0
+        solution = self.iteration.solve(mechanism, (start, self._now.s, self._now.slid), largest, self._lean)
+        return replace(solution, time=time)
+
+    def _lean(self) -> bool:
+        """Whether nobody asks for the displacements of the present step."""
+        return 0 < self._leanly < len(self._ahead)
 
     def _begin(self, share: float, start: np.ndarray) -> None:
         """Begin to iterate for a step whose slip begins at `start` (size,).
@@ -254,9 +271,9 @@ class March:
         closing = moved - now.moved - opened
         mean = 0.5 * (s + now.s)
         driven, interface_work = space.add(np.array([mean @ (gone - opened), mean @ closing]))
-        if now.time == 0.0:  # an overlap (of bonds also a gap) acts at once, before any load
+        if now.time == 0.0:  # an overlap (of bonds and guides also a gap) acts at once, before any load
             sudden = np.concatenate([np.empty(0), *(
-                now.opening[part] if interface.law.name == "bonded" else np.minimum(now.opening[part], 0.0)
+                now.opening[part] if interface.law.two_sided else np.minimum(now.opening[part], 0.0)
                 for interface, part in space.with_slices())])
             self._given = float(space.add(np.array([mean @ sudden]))[0])
         # loads over displacements, and reactions of clamps over what these prescribe: ΔW = ½ (b_n + b_n−1) Δu
@@ -276,7 +293,7 @@ class March:
         self._now = _Mark(time, s, outer.motions, self._d, moved, space.opening, solution.prescribed, factors,
                           solution.work, solution.energy, closed, {
                               name: state.slip_total for name, state in solution.states.items()
-                              if state.interface.law.name == "none"}, derived)
+                              if state.interface.law.frictionless}, derived)
         self._before = self._now if self._sudden and now.time == 0.0 else now
         del self._ahead[0]
         if not self._ahead or scene.output.steps == "all":

@@ -35,6 +35,7 @@ MEANT = {
     "E": "young", "youngs_modulus": "young", "modulus": "young", "nu": "poisson", "poissons_ratio": "poisson",
     "mu": "coefficient", "ux": "x", "uy": "y", "group": "on", "centre": "center", "elements": "divisions", "uz": "z",
     "tied": "bonded", "glued": "bonded", "welded": "bonded", "contact": "unilateral", "frictionless": "unilateral",
+    "sliding": "guided", "no separation": "guided", "roller": "guided",
     "fix": "clamp", "fixed": "clamp", "support": "clamp", "boundary": "clamp", "dirichlet": "clamp",
     "springs": "foundation", "spring": "foundation", "winkler": "foundation", "bed": "foundation",
     "load": "traction", "loads": "traction", "BodySpec.force": "traction", "BodySpec.pressure": "traction",
@@ -216,7 +217,7 @@ def explain(message: str, data: dict, root: type) -> str:
         meant = _meant(found[2], fields, [base.__name__ for kind in tables for base in kind.cls.__mro__])
         return f"{key}: unknown key{meant} (valid here: {', '.join(fields)})"
     field, _, rest = problem.partition(": ")
-    if rest and any(field == entry.name for kind in kinds if isinstance(kind, inspect.StructType)
+    if rest and any(field.partition(".")[0] == entry.name for kind in kinds if isinstance(kind, inspect.StructType)
                     for entry in kind.fields):  # the table's own check names a key
         named, problem = [*named, field], rest
     key = ".".join(named) + ": " * bool(named)

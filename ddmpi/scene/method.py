@@ -253,6 +253,8 @@ class Output(Table, frozen=True, kw_only=True):
 
     Attributes
     ----------
+    only : "contacts": certificate, contacts, reactions and rigid partners alone, in tables and summary.json; no fields,
+        stresses, pictures, estimate of the discretization error, nor warnings that need fields. Left out, all
     stress : stress and von Mises stress of the bodies
     error : field and picture of the estimated discretization error
     figures : pictures
@@ -267,6 +269,7 @@ class Output(Table, frozen=True, kw_only=True):
     derivatives : keys by which the answer is differentiated; see docs/use/derivatives.md
     """
 
+    only: Literal["contacts"] | None = None
     stress: bool = True
     error: bool = False
     figures: bool = True
@@ -279,6 +282,11 @@ class Output(Table, frozen=True, kw_only=True):
     view: Literal["front", "back", "left", "right", "top", "bottom", "iso"] | tuple[Number, Elevation] | None = None
     cut: Cut | None = None
     derivatives: list[str] = []
+
+    def __post_init__(self) -> None:
+        for key in ("error", "animation"):
+            if self.only and getattr(self, key):
+                raise ValueError(f'{key} = true asks for what only = "{self.only}" leaves out; drop one of the two')
 
 
 class Checkpoint(Table, frozen=True, kw_only=True):

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import unicodedata
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Annotated, Any, get_args
 
 import msgspec
 from msgspec.structs import replace
 
-from ddmpi.scene.bodies import BodySpec, Material, SettledBody
+from ddmpi.scene.bodies import BodySpec, Material, SettledBody, Traction
 from ddmpi.scene.contacts import ContactSpec, NoFriction, Rigid, SettledContact
 from ddmpi.scene.keys import nearest, refuse_underivable
 from ddmpi.scene.method import PRESETS, Checkpoint, Method, Output, SettledMethod, Time, check_petsc
@@ -42,7 +42,7 @@ class Scene(Table, frozen=True, kw_only=True):
         whole circumference
     body : elastic bodies
     rigid : partners of contacts without mesh, material and rank
-    contact : contacts of bodies with each other or with a rigid partner
+    contact : contacts of bodies with each other or with a rigid partner; left out, each body is solved alone
     history : factors over time by name, [history.NAME]
     time : load steps; left out, all loads act at once
     method : method and accuracy
@@ -56,7 +56,7 @@ class Scene(Table, frozen=True, kw_only=True):
     axisymmetric: bool = False
     body: Annotated[list[BodySpec], msgspec.Meta(min_length=1)]
     rigid: list[Rigid] = []
-    contact: list[ContactSpec]
+    contact: list[ContactSpec] = []
     history: dict[Name, History] = {}
     time: Time | None = None
     method: Method = Method()
@@ -65,8 +65,6 @@ class Scene(Table, frozen=True, kw_only=True):
     petsc: PETScOptions = {}
 
     def __post_init__(self) -> None:
-        if not self.contact:
-            raise ValueError('contact: a scene needs at least one contact; write [[contact]], bodies = ["…", "…"]')
         self._check_names()
         self._check_files()
         for key, table in tables(self):
@@ -78,10 +76,14 @@ class Scene(Table, frozen=True, kw_only=True):
         if len(orders) > 1:
             raise ValueError(f"bodies have mesh.order {' and '.join(map(str, orders))}; forces at their common nodes "
                              "would mean different pressures, so give all bodies the same")
-        for rigid in self.rigid:
-            if self.axisymmetric and 0 in rigid.pushed:
-                raise ValueError(f"rigid.{rigid.name}.force: around an axis a partner is pushed along y alone; what "
-                                 "pushes it across the axis cancels all around")
+        for rigid in self.rigid if self.axisymmetric else ():
+            if 0 in rigid.pushed:
+                raise ValueError(f"rigid.{rigid.name}.{'force' if rigid.force and rigid.force[0] else 'free'}: around "
+                                 "an axis a partner is pushed along y alone; what pushes it across the axis cancels "
+                                 "all around")
+            if rigid.turning:
+                raise ValueError(f"rigid.{rigid.name}.pivot: around an axis a partner does not turn; moments cancel "
+                                 "all around")
         if self.output.mirrored and not self.axisymmetric:
             raise ValueError("output.mirrored: shows the other half of axisymmetric bodies; write axisymmetric = true "
                              "at the top, or leave it out")
@@ -156,7 +158,7 @@ class Scene(Table, frozen=True, kw_only=True):
 
     def _check_heat(self) -> None:
         """If materials expand, some body has a temperature; the others keep that of the state free of stress."""
-        expanding = [body.name for body in self.body if any(material.expansion for material in body.materials)]
+        expanding = [body.name for body in self.body if any(material.expansions.any() for material in body.materials)]
         if expanding and all(body.temperature is None for body in self.body):
             raise ValueError(f"body.{expanding[0]}.material.expansion: no body has a temperature, so nothing expands; "
                              "write temperature = 80.0 (K over the state free of stress) into a [[body]], or leave "
@@ -182,7 +184,8 @@ class Scene(Table, frozen=True, kw_only=True):
                              f'["{second}", "{first}"], on = ["{contact.on[-1]}"]')
         if second in rigid and len(contact.on) > 1:
             raise ValueError(f"{key}.on: {second!r} is rigid and has no boundary groups; write on = "
-                             f'["{contact.on[0]}"], the one of {first!r}')
+                             f'["{contact.on[0]}"], the one of {first!r}' + (
+                                 f", or on = [[{', '.join(contact.on)}]], both" * "".join(contact.on).isdigit()))
         if second in bodies and len(contact.on) < 2:
             raise ValueError(f"{key}.on: names a boundary group of {first!r}, and must name one of {second!r}, too; "
                              f'write on = ["{contact.on[0]}", "…"]')
@@ -217,12 +220,20 @@ class Scene(Table, frozen=True, kw_only=True):
         still = (0.0,) * dimension
         scene = settle(self, Settled, method=method, dimension=dimension,
                       body=[body.settled(order, dimension, self.axisymmetric) for body in self.body],
-                      rigid=[replace(rigid, displacement=rigid.displacement or still) for rigid in self.rigid],
+                      rigid=[replace(rigid, displacement=rigid.displacement or still,
+                                     free=self._free(rigid, dimension)) for rigid in self.rigid],
                       time=self.time.settled() if self.time else None,
                       contact=[settle(contact, SettledContact, name=contact.called) for contact in self.contact])
         if self.output.derivatives:
             refuse_underivable(scene.resolved())
         return scene
+
+    def _free(self, rigid: Rigid, dimension: int) -> Sequence[str] | None:
+        """The axes along which a rigid partner moves freely if no force acts on it: as it says, or, if it says nothing
+        of its displacement, all of one that brings a force and a moment to a bonded face."""
+        remote = rigid.turning and (rigid.moment or rigid.force) and rigid.displacement is None and any(
+            contact.bodies[1] == rigid.name and contact.kind == "bonded" for contact in self.contact)
+        return list("xyz"[:dimension]) if rigid.free is None and remote else rigid.free
 
     def _dimension(self, file_kind: FileKind | None) -> int:
         """Number of coordinates of all places and vectors. Raises ValueError if it differs within the scene."""
@@ -252,6 +263,10 @@ class Scene(Table, frozen=True, kw_only=True):
                 yield rigid.only_in, f"rigid.{rigid.name}.shape", (
                     f"a {rigid.__struct_config__.tag} is a shape {WHERE[rigid.only_in]}; {WHERE[5 - rigid.only_in]} "
                     f"there are {', '.join(others)}")
+            if "z" in (rigid.free or ()):
+                yield 3, f"rigid.{rigid.name}.free", "there is no z in the plane"
+            if isinstance(rigid.moment, float | int):
+                yield 2, f"rigid.{rigid.name}.moment", "a moment in space has three components, [x, y, z]"
         for name in ("view", "cut"):
             if getattr(self.output, name) is not None:
                 yield 3, f"output.{name}", "only pictures of solids have a view and a cut; leave it out"
@@ -262,6 +277,10 @@ class Scene(Table, frozen=True, kw_only=True):
             along = getattr(table, "along", "")  # of a profile
             if along == "arc":
                 yield 2, f"{key}.along", 'surfaces have no arc length; take a coordinate, such as along = "x"'
+            if isinstance(table, Traction) and table.moment is not None and self.axisymmetric:
+                yield 3, f"{key}.moment", what
+            elif isinstance(table, Traction) and isinstance(table.moment, float):
+                yield 2, f"{key}.moment", "in space a moment is [Mx, My, Mz]"
             if isinstance(table, Material):
                 yield from ((number, f"{key}.{name}", words) for number, name, words in table.of_one_dimension(
                     self.axisymmetric))
@@ -331,9 +350,9 @@ class Settled(Table, frozen=True, kw_only=True):
 
     @property
     def pushed(self) -> list[Rigid]:
-        """The rigid partners with a force and a contact."""
+        """The rigid partners with a contact that move as the forces on them want."""
         named = {contact.bodies[1] for contact in self.contact}
-        return [rigid for rigid in self.rigid if rigid.pushed and rigid.name in named]
+        return [rigid for rigid in self.rigid if rigid.yields and rigid.name in named]
 
     @property
     def legs(self) -> list[float]:
