@@ -135,9 +135,10 @@ def functional(assembly: Assembly, states: Mapping[str, ContactState], result: s
         found.body = name
     if kind == "rigid" and what == "displacement":
         found.partner = name
-        pushed = next((rigid.pushed for rigid in joint.pushed if rigid.name == name), [])
-        if found.axis in pushed:
-            found.motions[joint.slices[name].start + pushed.index(found.axis)] = 1.0
+        for each in joint.driven:
+            if each.name == name:  # `moved` is linear in the motions
+                found.motions[joint.slices[name]] = [each.moved(one).displacement[found.axis]
+                                                     for one in np.eye(len(each.push))]
     for interface, part in space.with_slices():
         if kind == "contacts" and interface.name == name:
             _of_contact(found, interface, states[name], part, what)

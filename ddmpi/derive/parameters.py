@@ -157,11 +157,12 @@ def parameter(assembly: Assembly, key: str) -> Parameter:
         rigid = next(rigid for rigid in scene.rigid if rigid.name == name)
         vector, value = _unit(getattr(rigid, rest[0]), rest[1:])
         along = np.array(vector)
-        if rest[0] == "force":
+        if rest[0] != "displacement":
             force = np.zeros(joint.rigid.size)
             for each in joint.driven:
                 if each.name == name:
-                    force[joint.slices[name]] = each.along(along)
+                    push = (along,) if rest[0] == "force" else (np.zeros(scene.dimension), along)
+                    force[joint.slices[name]] = each.along(*push)
             return replace(blank, value=value, history=rigid.history, force=force)
         driven = np.zeros(space.size)
         for interface, part in space.with_slices():

@@ -133,7 +133,7 @@ class Linearisation:
         for (law, q), (_, dq), (_, ds), active, bound in zip(
                 *(self.joint.space.laws.parts(x) for x in (self._q, change, changed.s)), self.active, bounds,
                 strict=False):
-            if law.name == "bonded":  # whose nodes keep their status
+            if law.two_sided:  # nodes of bonds and guides keep their status
                 continue
             (normal, t), (dn, dt) = law.split(q), law.split(dq)
             live = np.broadcast_to(law.live, law.size)[:law.m]
