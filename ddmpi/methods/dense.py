@@ -56,7 +56,7 @@ class Direct:
         C_change = joint.product(change, "newton")
         right = linearised.restrict(wanted - point.r - C_change), joint.imbalance(point.s + change)
         softly = steered * steering.shared[linearised.unknown], springs * steering.diagonal[:rigid.size]
-        K = _matrix(self._C, linearised, rigid.Z, layer[linearised.unknown] + softly[0], softly[1])
+        K = matrix(self._C, linearised, rigid.Z, layer[linearised.unknown] + softly[0], softly[1])
         factors, pivots, singular = dgetrf(K)
         if singular:
             return None
@@ -70,7 +70,7 @@ class Direct:
         return Point(change, C_change - rigid.spread(alpha), alpha, joint.imbalance(point.s + change) - point.left)
 
 
-def _matrix(C: np.ndarray, linearised: Linearised, Z: sparse.csr_matrix, D: np.ndarray,
+def matrix(C: np.ndarray, linearised: Linearised, Z: sparse.csr_matrix, D: np.ndarray,
             springs: np.ndarray) -> np.ndarray:
     """[Iᵀ C E + D, −Iᵀ Z; Zᵀ E, springs], of k unknown forces and j rigid motions. Not collective.
 

@@ -2,10 +2,9 @@
 
 import numpy as np
 import pytest
-from differences import TIGHT, with_derivatives
+from differences import TIGHT, ring, rubbed, vice, with_derivatives
 from scenes import pinched_blocks, tower
 from solid_scenes import two_boxes
-from test_derivatives import rubbed, vice
 
 import ddmpi
 from ddmpi.errors import InputError
@@ -26,7 +25,7 @@ def compare(answer, results) -> None:
     """Every result's gradient with the derivatives by all keys, which the answer has."""
     for result in results:
         gradient = answer.gradient(result)
-        assert gradient.keys() == {*answer.summary["derivatives"], "gap"}
+        assert gradient.keys() >= {*answer.summary["derivatives"], "gap"}
         size = abs(entry_of(answer.summary, result)) or 1.0
         for key, entry in answer.summary["derivatives"].items():
             direct = entry_of(entry, result)
@@ -35,7 +34,9 @@ def compare(answer, results) -> None:
 
 
 def with_all(scene, world=None):
-    scene = with_derivatives(scene, derivable(with_derivatives(scene, [])))
+    """The answer with derivatives by all keys, but for a clamp on an axis, which cannot move."""
+    keys = derivable(with_derivatives(scene, []))
+    scene = with_derivatives(scene, [key for key in keys if key != "body.shaft.clamp.0.x"])
     return ddmpi.solve(scene, world, TIGHT)
 
 
@@ -102,3 +103,10 @@ def test_what_has_no_gradient():
         ddmpi.solve(rubbed(steps=1)).gradient("contacts.fit.normal_force")
     with pytest.raises(InputError, match="follows from a certified answer"):
         ddmpi.solve(pinched_blocks(4, max_iterations=1)).gradient("contacts.upper-lower.normal_force")
+    with pytest.raises(InputError, match="hoop stresses"):
+        ddmpi.solve(ring()).gradient("bodies.shaft.reaction.x")
+
+
+def test_around_an_axis():
+    """Temperatures and clamps; the axial reaction follows from equilibrium."""
+    compare(with_all(ring()), ["bodies.shaft.reaction.y", "contacts.fit.normal_force"])
