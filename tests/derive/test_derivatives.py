@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from differences import TIGHT, difference, with_derivatives
+from differences import TIGHT, difference, ring, rubbed, vice, with_derivatives
 from scenes import FLOOR, pinched_blocks, rectangle, tower
 from solid_scenes import two_boxes
 
@@ -53,18 +53,6 @@ def test_a_number_of_a_slip_bound_and_of_a_gap():
           {"contact.upper-lower.gap": 1e-6})
 
 
-def vice() -> dict:
-    """A loose block between a moved and a pushed plane, in millimetres."""
-    sides = [{"name": "fixed", "shape": "plane", "point": [0.0, 0.0], "normal": [1.0, 0.0],
-              "displacement": [1e-3, 0.0]},
-             {"name": "ram", "shape": "plane", "point": [40.0, 0.0], "normal": [-1.0, 0.0], "force": [-200.0, 0.0]}]
-    friction = {"law": "coulomb", "coefficient": 0.3}
-    return {"body": [rectangle("part", (0, 0), (40, 20), (6, 4), young=7e4,
-                               traction=[{"on": "top", "value": [0.0, -1.5]}])],
-            "rigid": sides, "contact": [{"bodies": ["part", "fixed"], "on": ["left"], "friction": friction},
-                                        {"bodies": ["part", "ram"], "on": ["right"], "friction": friction}]}
-
-
 def test_a_loose_body_between_rigid_partners():
     """Motions of a loose body and of a pushed partner follow, by displacement and by force."""
     answer = check(vice(), ["rigid.ram.force", "rigid.ram.force.0", "rigid.fixed.displacement",
@@ -84,14 +72,7 @@ def test_loose_blocks_on_each_other():
 
 def test_around_an_axis_with_heat():
     """A heated ring that is shrunk onto a shaft: temperature, interference, moduli of parts."""
-    ring = {"shape": "rectangle", "origin": [20.0, 5.0], "size": [10.0, 12.0], "divisions": [3, 5]}
-    steel = {"young": 2.1e5, "poisson": 0.3, "expansion": 1.2e-5}
-    scene = {"axisymmetric": True, "body": [
-        rectangle("shaft", (0, 0), (20, 22), (4, 8), young=2.1e5, clamp=["bottom"]),
-        {"name": "ring", "mesh": ring, "material": steel, "temperature": 40.0,
-         "traction": [{"on": "top", "value": [0.0, -5.0]}]}],
-        "contact": [{"name": "fit", "bodies": ["ring", "shaft"], "on": ["left", "right"], "gap": -0.03,
-                     "friction": {"law": "coulomb", "coefficient": 0.2}}]}
+    scene = ring()
     check(scene, ["contact.fit.gap", "body.ring.temperature", "body.ring.material.young", "body.ring.traction.0",
                   "contact.fit.friction.coefficient"])
 
@@ -101,20 +82,6 @@ def test_boxes_in_space():
     scene = two_boxes(2, law={"law": "coulomb", "coefficient": 0.3})
     check(scene, ["contact.upper-lower.friction.coefficient", "body.upper.traction.0", "body.upper.material.young",
                   "body.lower.material.young"])
-
-
-def rubbed(**time) -> dict:
-    """A block that is pressed onto another one through a gap, rubbed to and fro, and warmed."""
-    history = {"press": {"times": [0, 1], "factors": [0, 1]},
-               "rub": {"times": [0, 1, 2, 3], "factors": [0, 0, 1, -0.6]}}
-    steel = {"young": 2.1e5, "poisson": 0.3}
-    return {"body": [rectangle("pad", (1, 4), (4, 2), (4, 2), young=2.1e5, clamp=[
-                         {"on": "top", "x": 0.004, "history": "rub"}, {"on": "top", "y": -0.01, "history": "press"}]),
-                     {"name": "base", "material": steel, "clamp": ["bottom"],
-                      "mesh": {"shape": "rectangle", "size": [6, 4], "divisions": [6, 4]}}],
-            "contact": [{"name": "fit", "bodies": ["pad", "base"], "on": ["bottom", "top"], "gap": "5e-4 * (x - 1)**2",
-                         "friction": {"law": "coulomb", "coefficient": 0.3}}],
-            "history": history, "time": {"points": [1.0, 2.0, 3.0]} | time}
 
 
 def test_load_steps_are_chained():
