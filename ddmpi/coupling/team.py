@@ -8,6 +8,7 @@ out with their `Share`, the rows of the stiffness that they hold. Between comman
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -171,11 +172,15 @@ class Team:
         return self._perform(command, given, arguments)
 
     def stop(self) -> None:
-        """Let the other ranks go. Root only."""
-        self.do("drop")
+        """Let the other ranks go; they keep their shares until they `end`, and may serve again. Root only."""
         self._send(None)
-        self._share = None
-        self._votes.Free()
+
+    def end(self) -> None:
+        """Free what the team has, once none serves any more. Collective on the team."""
+        if self._share is not None:
+            self._share.drop()
+            self._share = None
+            self._votes.Free()
 
     def serve(self) -> None:
         """Carry out the root's commands until it stops. Not on the root.
@@ -189,8 +194,6 @@ class Team:
             except DdmpiError:
                 if self.lost:
                     raise
-        self._share = None
-        self._votes.Free()
 
     def _perform(self, command: str, given: Any, arguments: tuple) -> Any:
         """The result of a command on this rank's share. Raises the error of any rank on all of them."""
@@ -229,21 +232,28 @@ class TeamMatrix:
     """The root's view of a stiffness whose rows are on the ranks of the team, once there is a solver.
 
     Until then the root has all of A, with a block of rows for each of the nodes at `points` (k, d). `supported` says
-    whether clamps support the body, so that A is positive definite. Methods with PETSc's names are those of its
-    matrices.
+    whether clamps support the body, so that A is positive definite; `again` makes A for another solver. Methods with
+    PETSc's names are those of its matrices.
     """
 
-    def __init__(self, team: Team, A: PETSc.Mat, points: np.ndarray, supported: bool) -> None:
+    def __init__(self, team: Team, A: PETSc.Mat, points: np.ndarray, supported: bool,
+                 again: Callable[[], PETSc.Mat]) -> None:
         self.team, self.size, self._width, self._diagonal = team, A.getSize(), A.getBlockSize(), A.getDiagonal()
-        self.whole: tuple[PETSc.Mat, np.ndarray] | None = (A, points)
+        self._whole, self._again, self.points = A, again, points
         self.supported, self.springs = supported, np.zeros(0, int)
+
+    @property
+    def whole(self) -> PETSc.Mat:
+        """All of A, on the root; made again where a solver has distributed and destroyed it."""
+        if not self._whole:
+            self._whole = self._again()
+        return self._whole
 
     def getDiagonal(self) -> PETSc.Vec:
         return self._diagonal
 
     def getRowIJ(self) -> tuple[np.ndarray, np.ndarray]:
-        assert self.whole is not None
-        return self.whole[0].getRowIJ()
+        return self.whole.getRowIJ()
 
     def getBlockSize(self) -> int:
         return self._width
@@ -261,12 +271,11 @@ class TeamMatrix:
 
 
 class TeamSolver:
-    """A `StiffnessSolver` of a `TeamMatrix`, on the root. Construction distributes the rows of A, once."""
+    """A `StiffnessSolver` of a `TeamMatrix`, on the root. Construction distributes the rows of A."""
 
     def __init__(self, A: TeamMatrix, name: str, trace: sparse.csr_matrix | None = None,
                  order: np.ndarray | None = None, iterative: bool = False) -> None:
-        assert A.whole is not None
-        given, A.whole, self._team = (*A.whole, A.springs, trace, order), None, A.team
+        given, self._team = (A.whole, A.points, A.springs, trace, order), A.team
         solver = self._team.do("factor", given, A.supported, trace is not None, name, iterative)
         self.direct, self.given, self.description = solver.direct, solver.given, solver.description
         self.condensed, self.refused = solver.condensed, solver.refused

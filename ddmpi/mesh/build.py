@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import functools
+import hashlib
 import os
+import re
 import stat
 from collections.abc import Callable, Collection
 from dataclasses import replace
@@ -81,6 +83,16 @@ def build_mesh(body: BodySpec, folder: Path = Path("."), contacts: Collection[st
             # a clamp holds nodes, of points and curves as well; all else acts on facets
             mesh.nodes_of(acting.on) if name == "clamp" else mesh.facets(acting.on)
     return mesh
+
+
+def content(body: BodySpec, folder: Path = Path(".")) -> bytes | None:
+    """A digest of the file of a body's mesh, empty for a shape; None where the file may name others, as a drawing can
+    include one and XDMF keeps its data beside it. Not collective. Raises InputError."""
+    if body.mesh.shape:
+        return b""
+    data = locate_mesh(body, folder).read_bytes()
+    names_others = re.search(rb"include|merge|import|open|\.h5|\.hdf", data, re.IGNORECASE)
+    return None if names_others else hashlib.blake2b(data).digest()
 
 
 def _turned(mesh: Mesh, key: str, acted: Collection[str]) -> Mesh:
