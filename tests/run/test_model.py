@@ -3,7 +3,7 @@
 import random
 
 import pytest
-from asked_again import CHANGES, changes, content, differences
+from reused import CHANGES, changes, content, differences
 from scenes import pinched_blocks, rectangle, tower
 from solid_scenes import two_boxes
 
