@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from ddmpi.mesh.mesh import Mesh
 from ddmpi.pictures.bodies import middles, skin_of
 from ddmpi.pictures.moved import rigid_parts
 from ddmpi.pictures.sheet import COLOURS, FILLED, NAMED, PIXELS, STYLE, Sheet, above, colours_of, rounded, start_drawing
-from ddmpi.pictures.views import Skin, Surface
+from ddmpi.pictures.views import Skin, Surface, View
 from ddmpi.results.fields import drawn_facets
 from ddmpi.results.tables import Results
 from ddmpi.scene.scene import Settled
@@ -90,21 +90,37 @@ class Plan(Sheet):
         self.axes.plot(*self.place(at[self.shows(at)])[:, :2].T, marker, color=HELD, markersize=4.0, zorder=7)
 
 
+def seen_from(results: Results, behind: bool, **output: Any) -> Results:
+    """Results that are drawn as their scene asks for, with other entries of its `output`, or from the opposite side
+    `behind`."""
+    scene = results.summary["scene"]
+    asked = scene["output"] | output
+    if behind:
+        x, y, z = -View(results.points, asked).axes[2]
+        asked = asked | {"view": np.rad2deg([np.arctan2(y, x), np.arcsin(z)]).tolist()}
+    return replace(results, summary=results.summary | {"scene": scene | {"output": asked}})
+
+
 def _plan(results: Results, behind: bool = False) -> Plan:
     """A plan of all bodies, with rigid partners and room for arrows; from the opposite side `behind`."""
+    results = seen_from(results, behind)
     corners = np.stack([results.points.min(axis=0), results.points.max(axis=0)])
     room = ARROW * np.ptp(corners, axis=0).max() * np.array([[-1.0], [1.0]])
-    return Plan(results, np.vstack([results.points, corners + room]), rigid_parts(results), behind)
+    return Plan(results, np.vstack([results.points, corners + room]), rigid_parts(results))
 
 
 def draw(folder: Path, scene: Settled, bodies: Mapping[str, Looked], interfaces: Sequence[Interface],
-         missing: Sequence[Missing], number: int = 0, drawers: int = 1) -> list[str]:
-    """Write the pictures, or a share of them for several `drawers`; all names. Not collective. Raises OutputError."""
-    plt, results = start_drawing(), _as_results(scene, bodies, interfaces)
-    pictures = {"bodies.png": lambda: draw_bodies(results, bodies)}
+         missing: Sequence[Missing], more: Mapping[str, Callable[[], Any]], number: int = 0,
+         drawers: int = 1) -> list[str]:
+    """Write the pictures and `more`, or a share of them for several `drawers`; all names. Not collective. Raises
+    OutputError."""
+    plt, results = start_drawing(), as_results(scene, bodies, interfaces)
+    pictures: dict[str, Callable[[], Any]] = {"bodies.png": lambda: draw_bodies(results, bodies)}
     if scene.dimension > 2:
         pictures["bodies_behind.png"] = lambda: draw_bodies(results, bodies, behind=True)
-    pictures["contacts.png"] = lambda: draw_contacts(results, interfaces, missing)
+    if scene.contact or missing:
+        pictures["contacts.png"] = lambda: draw_contacts(results, interfaces, missing)
+    pictures |= more
     with plt.rc_context(STYLE):
         for name, make in islice(pictures.items(), number, None, drawers):
             with writing(folder / name):
@@ -113,7 +129,7 @@ def draw(folder: Path, scene: Settled, bodies: Mapping[str, Looked], interfaces:
     return list(pictures)
 
 
-def _as_results(scene: Settled, bodies: Mapping[str, Looked], interfaces: Sequence[Interface]) -> Results:
+def as_results(scene: Settled, bodies: Mapping[str, Looked], interfaces: Sequence[Interface]) -> Results:
     """Bodies and contacts at rest, in the form of results, for the pictures of a run."""
     meshes, plain_scene = [body.mesh for body in bodies.values()], scene.resolved()
     starts = np.cumsum([0, *(len(mesh.points) for mesh in meshes)])
@@ -134,7 +150,7 @@ def draw_bodies(results: Results, bodies: Mapping[str, Looked], behind: bool = F
     plan, looked, ways = _plan(results, behind), list(bodies.values()), dict[str, int]()
     names = dict.fromkeys(group for body in looked for group in body.boundary.groups)
     colours = {name: GROUPS[k % len(GROUPS)] for k, name in enumerate(names)}
-    plan.show([_meshed(plan, body, colours) for body in looked])
+    plan.show([meshed(plan, body, colours) for body in looked])
     groups = [(called, name, body, some) for called, body in bodies.items()
               for name, some in body.boundary.groups.items() if some.any()]
     for number, (called, name, body, some) in enumerate(groups):
@@ -175,7 +191,7 @@ def draw_contacts(results: Results, interfaces: Sequence[Interface], missing: Se
 
     plan, skin = _plan(results), skin_of(results)
     plan.rigid = []  # they would hide contacts
-    gaps = np.concatenate([interface.gap for interface in interfaces])
+    gaps = np.concatenate([np.zeros(int(not interfaces)), *(interface.gap for interface in interfaces)])
     factor, unit_of = scaled_unit(np.abs(gaps).max(), results.summary["units"]["length"])
     image = colours_of(gaps.min() / factor, gaps.max() / factor if gaps.any() else 1.0,
                        "viridis" if gaps.any() else "Blues_r")
@@ -203,7 +219,7 @@ def draw_contacts(results: Results, interfaces: Sequence[Interface], missing: Se
     return plan.figure
 
 
-def _meshed(plan: Plan, body: Looked, colours: Mapping[str, str]) -> Surface:
+def meshed(plan: Plan, body: Looked, colours: Mapping[str, str]) -> Surface:
     """The visible surface of a body, with the edges of its cells, and in space in the colours of its groups."""
     from matplotlib.colors import to_rgb
 

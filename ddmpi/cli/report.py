@@ -220,7 +220,7 @@ class RunReport:
                    "depth": "depth" if len(self.axes) == 2 and not self.scene.get("axisymmetric") else "",
                    "estimate": number(self.error["energy_norm"], 2, "%"), "body_number": len(self.bodies),
                    "elements": ORDERS[self.summary["order"]]}
-        if not {contact["friction"] for contact in contacts} <= {"none", "bonded"}:
+        if not {contact["friction"] for contact in contacts} <= {"none", "bonded", "guided"}:
             dissipated = sum(contact["dissipated"] or 0.0 for contact in contacts)
             numbers["dissipated"] = number(dissipated, unit=self.units["energy"])
         for name, entries, unit in (("displacement", self.bodies, "length"), ("von_mises", self.bodies, "stress"),
@@ -367,9 +367,9 @@ def _words(kind: str) -> str:
 
 
 def _law(contact: dict) -> str:
-    """The law of a contact of the scene: bonded, or its friction law with its numbers."""
-    if contact.get("kind") == "bonded":
-        return "bonded"
+    """The law of a contact of the scene: bonded, guided, or its friction law with its numbers."""
+    if contact.get("kind", "unilateral") != "unilateral":
+        return contact["kind"]
     law, *numbers = contact["friction"].values()
     if not numbers:
         return {"none": "no friction"}.get(law, law)

@@ -43,16 +43,16 @@ class Share:
         self.comm, self._beside = comm, beside
         self._A: PETSc.Mat | None = None
         self._springs: tuple[np.ndarray, float] = (np.zeros(0, int), 0.0)  # in A, on own rows; their stiffness
-        self._solver: StiffnessSolver | None = None
+        self.solver: StiffnessSolver | None = None
 
     def drop(self, given: None = None) -> None:
         """Forget the body. PETSc frees what several ranks share only when all of them say so."""
         if self._A is None:
             return
-        for item in (self._solver, self._A, self._f, self._u, self._whole, self._deal):
+        for item in (self.solver, self._A, self._f, self._u, self._whole, self._deal):
             if item is not None:
                 item.destroy()
-        self._A = self._solver = None
+        self._A = self.solver = None
         PETSc.garbage_cleanup(self.comm)
 
     def factor(self, given: tuple | None, supported: bool, condensed: bool, name: str,
@@ -105,13 +105,13 @@ class Share:
             trace, eliminated = sparse.csr_matrix((0, self._A.size[1])) if condensed else None, None
         else:
             trace, eliminated = trace[:, order], None if eliminated is None else eliminated[order]
-        self._solver = StiffnessSolver(self._A, name, trace, eliminated, iterative)
-        return self._solver if self.comm.rank == 0 else None
+        self.solver = StiffnessSolver(self._A, name, trace, eliminated, iterative)
+        return self.solver if self.comm.rank == 0 else None
 
     def solve(self, given: np.ndarray | None, relative: float) -> np.ndarray | None:
         """A⁻¹ f of the root's vector."""
-        assert self._solver is not None
-        self._solver.solve(self._scatter(given, self._f), self._u, relative)
+        assert self.solver is not None
+        self.solver.solve(self._scatter(given, self._f), self._u, relative)
         return self._gather(self._u)
 
     def mult(self, given: np.ndarray | None) -> np.ndarray | None:
@@ -170,6 +170,10 @@ class Team:
             raise SolverError("the ranks of this body have ended their work")
         self._send((command, arguments))
         return self._perform(command, given, arguments)
+
+    def holds(self, solver: StiffnessSolver) -> bool:
+        """Whether the root's share has this solver. Root only."""
+        return self._share is None or self._share.solver is solver
 
     def stop(self) -> None:
         """Let the other ranks go; they keep their shares until they `end`, and may serve again. Root only."""
@@ -276,10 +280,12 @@ class TeamSolver:
     def __init__(self, A: TeamMatrix, name: str, trace: sparse.csr_matrix | None = None,
                  order: np.ndarray | None = None, iterative: bool = False) -> None:
         given, self._team = (A.whole, A.points, A.springs, trace, order), A.team
-        solver = self._team.do("factor", given, A.supported, trace is not None, name, iterative)
+        self._solver = solver = self._team.do("factor", given, A.supported, trace is not None, name, iterative)
         self.direct, self.given, self.description = solver.direct, solver.given, solver.description
         self.condensed, self.refused = solver.condensed, solver.refused
 
     def solve(self, f: PETSc.Vec, u: PETSc.Vec, relative: float = 0.0) -> None:
-        """u ← A⁻¹ f, see `StiffnessSolver.solve`."""
+        """u ← A⁻¹ f, see `StiffnessSolver.solve`. Raises SolverError where other factors have taken their place."""
+        if not self._team.holds(self._solver):
+            raise SolverError("the ranks of this body hold the factors of a later solve of the model")
         u.array[:] = self._team.do("solve", f.array_r, relative)

@@ -44,10 +44,10 @@ FLAT = 1e-3
 def rows_at_vertices(sides: tuple[Side, Side], slave: int, over: Cover, looked: Cover, contact: SettledContact) -> Rows:
     """The rows of the slave, `sides[slave]`, which faces the other at the points of `over`; at the points `looked` the
     answer is checked for overlaps. Not collective."""
-    side, other, bonded = sides[slave], sides[1 - slave], contact.kind == "bonded"
+    side, other = sides[slave], sides[1 - slave]
     seen, met = np.isin(np.arange(len(side.facets)), over.facet), np.zeros(len(side.nodes), bool)
     psi = over.weight[:, None] * over.at
-    if not bonded:
+    if not contact.two_sided:
         psi = duals(side, over, inset(side, over, looked), SLIVER, 1.0 / 3.0)
     psi = at_points(psi, side.corners[over.facet], len(met))
     full = nodal(np.repeat(side.lengths[:, None] / 3.0, 3, axis=1), side.corners, len(met))  # ∫ of hats

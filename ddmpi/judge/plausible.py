@@ -128,7 +128,8 @@ def doubt_answer(assembly: Assembly, displacements: Mapping[str, np.ndarray], st
     both, by_contact = assembly.exchange.swap_objects(moved), {}
     for interface in assembly.space.interfaces:
         state, ((first, largest), second) = states[interface.name], both[interface.name]
-        other, largest_of_other = second or (interface.displacement, 0.0)
+        carried = state.interface.carried(state.interface.places)
+        other, largest_of_other = (second[0] + carried, second[1]) if second else (carried, 0.0)
         largest = max(largest, largest_of_other)
         warnings = [*_far_slip(assembly, state, first - other), *_overlap_between(assembly, state, largest),
                     *_held_through_air(state, LIMIT["idle"] * most, units["length"])]
@@ -303,7 +304,7 @@ def _unresolved_zone(state: ContactState) -> list[str]:
     nodes are what is left of a contact that opens.
     """
     interface, number = state.interface, len(state.status)
-    if interface.law.name == "bonded" or number < 3:
+    if interface.law.two_sided or number < 3:
         return []
     pairs = np.column_stack(sparse.triu(interface.laplacian, 1).nonzero())
     d, closed = interface.dimension, state.status != "open"

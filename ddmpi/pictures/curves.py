@@ -160,8 +160,8 @@ def draw_steps(results: Results) -> Any:
     steps, summary = results.steps, results.summary
     largest = {name: np.abs(steps["normal_force"][steps["contact"] == name]).max(initial=0.0)
                for name in results.contacts}
-    bonded = {contact["name"] for contact in summary["scene"]["contact"] if contact.get("kind") == "bonded"}
-    loops = [name for name in largest if name not in bonded] or largest
+    tied = {contact["name"] for contact in summary["scene"]["contact"] if contact.get("kind") in ("bonded", "guided")}
+    loops = [name for name in largest if name not in tied] or largest
     shown = sorted(loops, key=lambda name: -largest[name])[:LOOPS]
     figure, grid = plt.subplots(len(shown) + 1, 2, figsize=(9.6, 2.9 * (len(shown) + 1)), squeeze=False)
     loop, energies = grid[0]

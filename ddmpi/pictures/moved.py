@@ -11,10 +11,11 @@ from scipy.spatial import ConvexHull
 from ddmpi.pictures.sheet import COLOURS, MARGIN, filled, round_down
 from ddmpi.pictures.views import Surface
 from ddmpi.results.fields import owners, vectors
-from ddmpi.results.summary import displacement_at, factor_at
+from ddmpi.results.summary import factor_at, motion_at
 from ddmpi.results.tables import Columns, Results
 from ddmpi.scene.contacts import Rigid
 from ddmpi.surface.side import frames
+from ddmpi.system.numbers import RigidMotion
 
 DRAWN = 0.08
 """Displacements and shifts are drawn as at most this fraction of the bodies' extent."""
@@ -84,7 +85,7 @@ def _limits(table: Columns, shift: np.ndarray, visible: float) -> Iterator[float
 
 
 def rigid_parts(results: Results, factor: float = 0.0, time: float | None = None,
-                going: Mapping[str, np.ndarray] | None = None) -> list[Surface]:
+                going: Mapping[str, RigidMotion] | None = None) -> list[Surface]:
     """The parts of rigid partners that bodies may touch; in the plane lines, with the bodies on their left.
 
     They are moved by `factor` times their displacement at `time`, by default that of the results, or times the
@@ -95,13 +96,13 @@ def rigid_parts(results: Results, factor: float = 0.0, time: float | None = None
     for rigid in msgspec.convert(scene.get("rigid", ()), list[Rigid]):
         contacts = [contact for contact in scene["contact"] if contact["bodies"][1] == rigid.name]
         now = results.time if time is None else time
-        moved = displacement_at(results.summary, rigid, now) if going is None else going.get(rigid.name)
+        moved = motion_at(results.summary, rigid, now) if going is None else going.get(rigid.name)
         if not contacts or moved is None:
             continue
         if results.dimension > 2:
-            shapes = (_around(rigid, vectors(results.contacts[contact["name"]]), results.triangles(contact["name"]))
+            shapes = (_around(rigid, results.surfaces[contact["name"]]["points"], results.triangles(contact["name"]))
                      for contact in contacts)
-            surfaces += [Surface(at + factor * moved, facets, filled("patch"), edges=COLOURS["still"])
+            surfaces += [Surface(at + factor * moved.at(at), facets, filled("patch"), edges=COLOURS["still"])
                          for at, facets in shapes if len(facets)]
             continue
         touched = np.concatenate([vectors(results.contacts[contact["name"]]) for contact in contacts])
@@ -110,7 +111,7 @@ def rigid_parts(results: Results, factor: float = 0.0, time: float | None = None
         if results.axisymmetric:
             right = np.flatnonzero(at[:, 0] >= 0.0)  # one line, that begins after the gap on the left of the axis
             at = np.roll(at[right], -1 - np.argmax(np.diff(right, append=right[-1] + 2) > 1), axis=0)
-        surfaces.append(Surface(at + factor * moved, np.zeros((0, 3), int), filled("patch")))
+        surfaces.append(Surface(at + factor * moved.at(at), np.zeros((0, 3), int), filled("patch")))
     return surfaces
 
 

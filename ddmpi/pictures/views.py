@@ -145,7 +145,8 @@ class Surface:
     paint : their colours
     beyond : (k,) how far they are in front of the cut (m), which hides them; None where that is as they are drawn
     thin : whether they are seen from inside, too
-    edges : colour of their outlines
+    plain : whether the light does not change their colours, which are values
+    edges : colour of their outlines; none are drawn if it is empty
     """
 
     at: np.ndarray
@@ -153,6 +154,7 @@ class Surface:
     paint: Paint
     beyond: np.ndarray | None = None
     thin: bool = False
+    plain: bool = False
     edges: str = "black"
 
 

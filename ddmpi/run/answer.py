@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from mpi4py import MPI
 
+from ddmpi.derive.entries import Entry, joined
 from ddmpi.errors import InputError
 from ddmpi.interface.state import ContactState
 from ddmpi.mesh.build import kind_of_files
@@ -18,7 +19,7 @@ from ddmpi.results.fields import Fields
 from ddmpi.run.gather import Solved
 from ddmpi.run.report import LISTED, describe_contact
 from ddmpi.run.run import Cases
-from ddmpi.scene.keys import override
+from ddmpi.scene.keys import nearest, override
 from ddmpi.scene.reader import as_data, read_data, read_scene, read_text
 from ddmpi.scene.scene import Settled
 from ddmpi.system import logs
@@ -36,12 +37,14 @@ class Answer:
     contacts : state by contact: normal_force, pressure, shear, gap, slip, status, force, …; the same on all ranks
     bodies : fields of the bodies of this rank, by name; none with only="contacts"
     solved : all else that was computed, for studies of the method; None on ranks without a body; no stable interface
+    derived : derivatives of arrays by key: of nodes by contact, the same on all ranks, and of this rank's bodies
     """
 
     summary: dict[str, Any]
     contacts: Mapping[str, ContactState]
     bodies: Mapping[str, Fields]
     solved: Solved | None
+    derived: Mapping[str, Entry] = field(default_factory=dict)
 
     @property
     def certified(self) -> bool:
@@ -52,6 +55,18 @@ class Answer:
     def reason(self) -> str:
         """How the run ended, in words."""
         return self.summary["reason"]
+
+    def derivative(self, key: str) -> Entry | None:
+        """The derivatives of the answer by a key of ``output.derivatives``: its entry of the summary, with arrays of
+        nodes and bodies, such as ``.contacts["fit"].pressure``; None where they are not precise. Not collective.
+
+        Raises InputError for another key.
+        """
+        entries = self.summary.get("derivatives", {})
+        if key not in entries:
+            raise InputError(f"derivative({key!r}): output.derivatives of the scene does not name it"
+                             f"{nearest(key, list(entries))} (there: {', '.join(entries) or 'none'})")
+        return joined(entries[key], self.derived[key]) if entries[key] else None
 
     def __repr__(self) -> str:
         summary, contacts = self.summary, list(self.summary["contacts"])
@@ -131,11 +146,15 @@ class Model:
             options.use({})
         seconds = clock.largest(world)
         states = merged(world, solved.solution.states if solved else {})
+        none = {key: Entry(contacts={}, bodies={}) for key in settled.output.derivatives}
+        arrays = {key: solved.steps.derived[1].get(key, none[key]) if solved else none[key] for key in none}
+        derived = {key: Entry(contacts=merged(world, entry.contacts), bodies=entry.bodies)
+                   for key, entry in arrays.items()}
         more = {"started_from": start.summary["run"]} if start else {}
         summary = world.bcast(solved.summary | {"seconds": seconds} | more if solved else None)
         self.reused = summary["reused"]
         return Answer(summary, {contact.name: states[contact.name] for contact in settled.contact},
-                      solved.fields if solved else {}, solved)
+                      solved.fields if solved else {}, solved, derived)
 
 
 def prepare(scene: str | Path | Mapping[str, Any], comm: MPI.Comm | None = None) -> Model:

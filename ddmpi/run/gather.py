@@ -26,13 +26,14 @@ from ddmpi.judge.accuracy import MeshLadder
 from ddmpi.judge.certificate import Certificate, ContactResiduals
 from ddmpi.petsc.events import event
 from ddmpi.petsc.options import unused_options
-from ddmpi.results.fields import Datasets, Fields, contact_fields, write_fields, write_surface, write_xdmf
+from ddmpi.results.fields import Datasets, Fields, contact_fields, table_fields, write_fields, write_surface, write_xdmf
 from ddmpi.results.folder import Staging
 from ddmpi.results.summary import plain, rigid_partners, summarize, write_mechanism, write_summary
 from ddmpi.results.tables import ENERGY, HISTORY, write_contact, write_legs, write_sides, write_steps, write_table
 from ddmpi.run.checkpoint import Checkpoints
+from ddmpi.run.equilibrium import recover
 from ddmpi.run.report import describe_files
-from ddmpi.run.solve import Solution, recover
+from ddmpi.run.solve import Solution
 from ddmpi.system.agreement import agreed, gathered
 from ddmpi.system.clock import Clock
 from ddmpi.system.files import contact_files
@@ -62,10 +63,11 @@ class StepLog:
         rank's contacts
     doubts : warnings of answers at the ends of legs before the last one, the first of each kind
     most : the largest so far: residuals of contacts (nc, 4) and bodies (nb,), `Solution.sizes` (3,)
+    derived : the derivatives at the end of the last leg, of results and of arrays, as of `ddmpi.derive.entries_of`
     """
 
     def __init__(self) -> None:
-        self.doubts = dict[str, str]()
+        self.doubts, self.derived = dict[str, str](), (dict[str, Any](), dict[str, Any]())
         self.steps, self.energies, self.iterations, self.kept = (list[Any]() for _ in range(4))
         self.most = {"contacts": np.zeros(1), "bodies": np.zeros(1), "sizes": np.zeros(3)}
 
@@ -97,6 +99,12 @@ class StepLog:
             "time": time, "outer_iterations": iterations,
             "contacts": {name: contact.resultants for name, contact in contacts.items()},
             "rigid": rigid_partners(contacts.values())}))
+
+    def derive(self, entries: dict[str, Any], arrays: dict[str, Any], several: bool = True) -> None:
+        """Note the derivatives at the end of the last step, which is that of a leg, if there are `several` steps."""
+        self.derived = plain(entries), arrays
+        if several and entries:
+            self.steps[-1]["derivatives"] = self.derived[0]
 
     def doubt(self, time: float, warnings: Sequence[str]) -> None:
         """Note the warnings of the answer at the end of a leg; of those that differ only in numbers, the first."""
@@ -185,6 +193,8 @@ def gather_summary(assembly: Assembly, solution: Solution, error: Discretization
            "exchange": {name: max(counts[name] for counts in sent) for name in sent[0]},
            "reused": reused, "solvers": {"qp": outer.qp_type}, "options": PETSc.Options().getAll(),
            "options_unused": sorted(set.intersection(*unused))} | ({"energy": steps.balance()} if scene.time else {})
+    if scene.output.derivatives:
+        run["derivatives"] = steps.derived[0]
     return summarize(scene.resolved(), run, bodies, solution.contacts, solution.certificate) | provenance(
         started, hosts)
 
@@ -253,7 +263,8 @@ def write_files(solved: Solved, folder: Path | None, clock: Clock, figures: bool
                 surfaces = {name: contact_fields(state) for name, state in solved.solution.states.items()}
                 with event("WriteFields"):
                     spans = write_fields(path, {body.number: solved.fields[body.spec.name] for body in bodies},
-                                         surfaces, world)
+                                         surfaces, world, tables={name: table_fields(state) for name, state in
+                                                                  solved.solution.states.items()})
             times = _write_steps(path, solved)
             with agreed(world), event("WriteTables"):
                 _write_contacts(path, solved, surfaces)

@@ -18,6 +18,7 @@ from ddmpi.body.estimate import DiscretizationError, estimate_error, sum_errors
 from ddmpi.coupling.assembly import NO_SIZES, Assembly, prepare
 from ddmpi.coupling.ranks import WorkingRanks, on_working_ranks, team_of
 from ddmpi.coupling.team import Team
+from ddmpi.derive.entries import ENOUGH
 from ddmpi.errors import InputError, NotConvergedError, SolverError, naming
 from ddmpi.interface.state import ContactState
 from ddmpi.judge.accuracy import MeshLadder, demand, refine_scene
@@ -237,7 +238,7 @@ def _another_mesh(ladder: MeshLadder, assembly: Assembly, solution: Solution, er
         return ladder.fall_back(solution.reason)
     dofs = assembly.world.allreduce(sum(body.mesh.points.size for body in assembly.bodies))
     drawn = {body.spec.name: (body.mesh, error.estimates[body.spec.name].squares) for body in assembly.bodies
-             if body.spec.mesh.geometry}
+             if body.spec.mesh.drawn}
     rate = ladder.rate(error.relative)
     demands = merged(assembly.world, {name: demand(squares, rate, mesh.dimension)
                                       for name, (mesh, squares) in drawn.items()})
@@ -262,6 +263,8 @@ def _judge(assembly: Assembly, solution: Solution, steps: StepLog, error: Discre
         if not scene.output.only:
             warnings += [*(() if world.rank else doubt_mesh(scene.body, error)),
                          *doubt_stress(assembly, {name: field.von_mises for name, field in fields.items()})]
+        warnings += [f"derivatives.{key}: not told, as GMRES does not reach {ENOUGH:.0e} against their equations"
+                     for key, entry in steps.derived[0].items() if entry is None and not world.rank]
     else:  # no answer to warn of, but meshes may be the reason
         thin = gathered(world, {body.spec.name: [doubt(body.mesh, body.spec.name) for doubt in (
             doubt_cells, doubt_shape)] for body in assembly.bodies})

@@ -266,6 +266,7 @@ class Output(Table, frozen=True, kw_only=True):
     view : side from which solids are seen: front, back (along y), left, right (x), bottom, top (z), iso, or [azimuth,
         elevation] in degrees, about z from x on and above the plane of x and y; left out, a corner that suits them
     cut : plane at which pictures cut solids open; left out, none
+    derivatives : keys by which the answer is differentiated; see docs/use/derivatives.md
     """
 
     only: Literal["contacts"] | None = None
@@ -280,6 +281,7 @@ class Output(Table, frozen=True, kw_only=True):
     mirrored: bool = False
     view: Literal["front", "back", "left", "right", "top", "bottom", "iso"] | tuple[Number, Elevation] | None = None
     cut: Cut | None = None
+    derivatives: list[str] = []
 
     def __post_init__(self) -> None:
         for key in ("error", "animation"):

@@ -25,6 +25,8 @@ SKFEM = "body/test_elasticity.py::test_stiffness_is_that_of_skfem"
 RANDOM = "published/test_mprgp.py::test_random_programs"
 LAW, SIDES, LEGS = "interface/test_law.py", "interface/test_interface.py", "coupling/test_exchange.py"
 UNLOADED = "scenes/test_load_steps.py::test_what_is_unloaded_is_zero"
+DENSE = "methods/test_dense.py"
+LEAN = "scenes/test_lean_steps.py"
 ADAPTIVE = "scenes/test_load_steps.py::test_adaptive_steps_go_on_from_wherever_they_were"
 AT_FIRST = "scenes/test_load_steps.py::test_a_load_that_nothing_holds_at_first_is_named_though_it_is_held_at_last"
 DISSIPATED = "interface/test_state.py"
@@ -88,6 +90,12 @@ MUTANTS = [Mutant(*row) for row in (
     ("an unknown key has no name", "scene/keys", "[*named, found[2]]", "[*named, found[3]]",
      "scene/test_scene.py::test_refusal_names_file_key_and_remedy"),
     # mesh
+    ("a part has all elements", "mesh/read", "own = np.isin(element, _members(raw, d, part, label))",
+     "own = np.isin(element, element)", "mesh/test_formats.py::test_a_part_of_a_file"),
+    ("a part has the groups of others", "mesh/boundary", "parts, element = parts[own], element[own]", "pass",
+     "mesh/test_formats.py::test_a_part_of_a_file"),
+    ("a part of an assembly is not moved", "decks/deck", "points[own] += [*row", "points[own] -= [*row",
+     "mesh/test_formats.py::test_parts_of_an_assembly"),
     ("clockwise triangles stay", "mesh/read", "cells[turned] = cells[turned][:, swap]", "pass",
      "mesh/test_mesh.py::test_clockwise_triangles_are_turned"),
     ("curved sides are straightened", "mesh/refine", "off = CELLS[1, 2]", "off = 0.0 * CELLS[1, 2]",
@@ -470,7 +478,7 @@ MUTANTS = [Mutant(*row) for row in (
     ("nobody is told that there are no pictures", "run/report", '("pictures (not asked for)", not figures)',
      '("pictures (not asked for)", False)',
      "run/test_report.py::test_what_is_printed_has_units_and_says_how_bodies_are_held"),
-    ("rounding of an unloaded body is a result", "run/solve", "np.abs(u).max() <= moved", "False", UNLOADED),
+    ("rounding of an unloaded body is a result", "run/equilibrium", "np.abs(u).max() <= moved", "False", UNLOADED),
     ("the certificate of a history is that of its last step", "run/steps",
      "certificate=worst.told(self.assembly.world))", "certificate=solution.certificate)", UNLOADED),
     ("the largest forces forgotten at a restart", "run/steps", '"_largest", "_given"', '"_given"', ADAPTIVE),
@@ -484,6 +492,16 @@ MUTANTS = [Mutant(*row) for row in (
     ("the last change forgotten at a restart", "run/steps", '"_coarse", "_changed"', '"_coarse"', ADAPTIVE),
     ("slip bounds of the step before forgotten", "run/steps", "(start, self._now.s, self", "(start, 0.0 * start, self",
      "scenes/test_load_steps.py::test_a_proportional_load_dissipates_the_same_in_any_number_of_steps"),
+    ("a direct direction forgets that friction follows pressure", "methods/dense", "C + (F.T @ C).T", "C",
+     f"{DENSE}::test_a_direct_direction_solves_its_equations"),
+    ("what steers a direct direction biases it", "methods/dense", "found += dgetrs", "dgetrs",
+     f"{DENSE}::test_a_direct_direction_solves_its_equations"),
+    ("slender bodies are left to GMRES", "methods/newton", "self.direct.long |= iterations > LONG", "pass",
+     f"{DENSE}::test_needles_side_by_side_take_few_steps"),
+    ("energies of lean steps take clamps and heat for loads", "coupling/member", "work[0] -= self._pushed @ s",
+     "work[0] -= self._along @ s", f"{LEAN}::test_steps_without_displacements_are_those_with_them"),
+    ("what a lean certificate doubts is believed", "run/solve", "if solution is None or not solution.certified:",
+     "if solution is None:", f"{LEAN}::test_what_a_lean_certificate_doubts_is_judged_by_displacements"),
     ("sign of the reactions", "body/elasticity", "u, clamped) - given[clamped]",
      "u, clamped) + given[clamped]",
      "body/test_normal_clamps.py::test_a_turned_body_on_symmetry_planes_is_its_twin"),
