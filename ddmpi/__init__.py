@@ -24,7 +24,7 @@ __version__ = "0.15.0"
 
 
 def solve(scene: str | Path | Mapping[str, Any], comm: MPI.Comm | None = None,
-          overrides: Mapping[str, Any] | None = None, progress: bool = False) -> Answer:
+          overrides: Mapping[str, Any] | None = None, progress: bool = False, only: str | None = None) -> Answer:
     """Solve a scene; nothing is written. Collective on `comm`.
 
         >>> import ddmpi
@@ -47,6 +47,7 @@ def solve(scene: str | Path | Mapping[str, Any], comm: MPI.Comm | None = None,
     overrides : values by key, as after ``--set``: ``{"contact.upper-lower.friction.coefficient": 0.5}``
     progress : whether rank 0 prints the messages of the command; if not, they go to the logger ``ddmpi`` of the module
         logging: ``logging.basicConfig(level="INFO")`` shows them
+    only : "contacts" leaves out fields, stresses and the estimated error, as ``output.only`` does
 
     Returns
     -------
@@ -59,4 +60,4 @@ def solve(scene: str | Path | Mapping[str, Any], comm: MPI.Comm | None = None,
     """
     from ddmpi.run.answer import solve  # not before it is needed: MPI and PETSc start with it
 
-    return solve(scene, comm, overrides, progress)
+    return solve(scene, comm, overrides, progress, only)

@@ -101,14 +101,14 @@ class Assembly:
 
     @property
     def pushes(self) -> dict[str, float]:
-        """Sum of the components (N) of the force on each pushed partner, the largest over all turning points."""
+        """Sum of the forces (N) along the motions of each driven partner, the largest over all turning points."""
         factors = [self.scene.factors(time) for time in self.scene.legs]
-        return {rigid.name: float(np.abs(rigid.force or 0.0).sum()) * max(abs(at[rigid.history]) for at in factors)
-                for rigid in self.joint.pushed}
+        return {each.name: float(np.abs(each.push).sum()) * max(abs(at[each.history]) for at in factors)
+                for each in self.joint.driven}
 
     @property
     def loose(self) -> list[str]:
-        """Names of the bodies without sufficient clamps, and of the pushed rigid partners."""
+        """Names of the bodies without sufficient clamps, and of the driven rigid partners."""
         return [name for name, motions in self.joint.slices.items() if motions.stop > motions.start]
 
 
@@ -205,7 +205,7 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
     numbers = [body.name for body in scene.body]
     return Assembly(world, scene, tuple(Body(numbers.index(spec.name), spec, meshes[spec.name], member)
                                         for spec, member in zip(mine, members, strict=True)),
-                    space, exchange, Joint(members, exchange, space, histories, scene.pushed),
+                    space, exchange, Joint(members, exchange, space, histories, scene.pushed, scene.bolts),
                     world.allreduce(sum(body.n for body in bodies.values())),
                     world.allreduce(sum(interface.m for interface in interfaces if interface.name in owned)), told)
 
@@ -249,7 +249,7 @@ def _doubts(scene: Settled, by_body: Mapping[str, list[str]], by_contact: Mappin
     named = {name for contact in scene.contact for name in contact.bodies}
     return [*(warning for body in scene.body for warning in by_body.get(body.name, ())),
             *(f"body.{body.name}: no contact names it; it is solved alone" for body in scene.body
-              if body.name not in named),
+              if body.name not in named and (named or len(scene.body) > 1)),
             *(f"rigid.{rigid.name}: no contact names it; nothing touches it" for rigid in scene.rigid
               if rigid.name not in named),
             *(f"history.{name}: nothing follows it" for name in scene.history if name not in scene.followed),
@@ -279,7 +279,7 @@ def _join(scene: Settled, contact: SettledContact, sides: tuple[Side, Side | Non
         interface = face_rigid(first, rigid, contact)
         partner = Mover(rigid)
     else:
-        if any(body.mesh.geometry for body in specs):
+        if any(body.mesh.drawn for body in specs):
             refinement = 1  # its nodes match by their number alone
         interface = connect(first, second, contact, refinement)
         partner = Mover(second, clamps[second.body])

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from mpi4py import MPI
 
-from ddmpi.coupling.coarse import CrossPoints, Motions, gather_motions
+from ddmpi.coupling.coarse import CrossPoints, Driven, Motions, gather_motions
 from ddmpi.coupling.exchange import Exchange
 from ddmpi.coupling.member import Member
 from ddmpi.coupling.space import Space
-from ddmpi.scene.contacts import Rigid
+from ddmpi.interface.interface import Interface
+from ddmpi.scene.contacts import Rigid, SettledContact
 from ddmpi.system.numbers import norm
 
 STEERING = 0.1
@@ -21,7 +22,7 @@ STEERING = 0.1
 GMRES has still to reduce its residual (Bouras and Frayssé, SIAM J. Matrix Anal. Appl. 26, 2005)."""
 
 BALANCED = 1e-12
-"""The force on a pushed partner is balanced if the rest is below this fraction of it and of all contact forces."""
+"""The force on a driven partner is balanced if the rest is below this fraction of it and of all contact forces."""
 
 
 class Point(NamedTuple):
@@ -56,7 +57,8 @@ class Joint:
     members : the bodies of this rank
     exchange, space : between the bodies, and the layout of the vectors
     histories : of loads, clamps and rigid partners, None for constant ones
-    pushed : rigid partners under forces: loose bodies without compliance that do not turn
+    pushed, bolts : rigid partners that move as forces want, and contacts with a pretension: loose bodies without
+        compliance
 
     Attributes
     ----------
@@ -65,7 +67,9 @@ class Joint:
     d : (size,) overlap without contact forces (m); its tangential part, from where slip begins, is set by the load step
         after `act`
     rigid : the rigid motions of loose bodies, Gᵀ = rigid.Z; of size 0 where clamps support all bodies
-    slices : of the motions by body, empty for supported ones, and by pushed partner
+    driven : the same
+    kept, still : (rigid.size,) the motions that stay as they are, bool, and their amplitudes (m), zero of others
+    slices : of the motions by body, empty for supported ones, and by what is driven
     e : (rigid.size,) the loads along the motions (N)
     neglected : forces (N) that are negligible in a product that is kept
     steering : relative precision of products in GMRES, over the ratio of reduction that GMRES still needs
@@ -73,22 +77,39 @@ class Joint:
     """
 
     def __init__(self, members: Sequence[Member], exchange: Exchange, space: Space,
-                 histories: Sequence[str | None] = (None,), pushed: Sequence[Rigid] = ()) -> None:
-        self.pushed = tuple(pushed)
+                 histories: Sequence[str | None] = (None,), pushed: Sequence[Rigid] = (),
+                 bolts: Sequence[SettledContact] = ()) -> None:
         self.members, self.space, self.size = tuple(members), space, space.size
         self.neglected, self.steering = 0.0, STEERING
         self.exchange = exchange
         self.dear = exchange.world.allreduce(any(member.dear for member in members), MPI.LOR)
         self._moved = {name: exchange.total([member.response(name)[0] for member in members], "free displacement")
                        for name in histories}
-        self.rigid, self.slices = gather_motions(exchange, space, members, [member.G for member in members], pushed)
-        self.bodies = len(self.slices) - len(pushed)
-        # A pushed partner is a body without compliance: its row of G s = e is the balance of contact forces and its
-        # force.
+        self.driven = (*(Driven.of(rigid, space) for rigid in pushed),
+                       *map(Driven.of_bond, bolts))
+        self.rigid, self.slices = gather_motions(exchange, space, members, [member.G for member in members],
+                                                 self.driven)
+        self.bodies = len(self.slices) - len(self.driven)
+        self.kept, self.still = np.zeros(self.rigid.size, bool), np.zeros(self.rigid.size)
+        # A driven partner is a body without compliance: its rows of G s = e are the balance of contact forces with its
+        # force and moment.
         self._pulled = {name: self.of_all([member.response(name)[1] for member in members],
-                                           [(rigid.history == name) * np.array(rigid.force)[rigid.pushed]
-                                            for rigid in pushed]) for name in histories}
+                                           [(each.history == name) * each.push for each in self.driven])
+                        for name in histories}
         self.act(dict.fromkeys(histories, 1.0))
+
+    def keep(self, bonds: Collection[str], alpha: np.ndarray) -> None:
+        """Have the pretensions of these `bonds`, and of no others, stay as in the motions α (rigid.size,) from the next
+        `act` on: offsets are given then, forces follow."""
+        # In place: the model of a joint shares them.
+        for each in self.driven:
+            self.kept[self.slices[each.name]] = each.bond in bonds
+        self.still[:] = np.where(self.kept, alpha, 0.0)
+
+    def at_rest(self) -> Point:
+        """No forces, and no motions but those that are kept. Collective."""
+        s = np.zeros(self.size)
+        return Point(s, -self.d - self.rigid.spread(self.still), self.still.copy(), self.imbalance(s))
 
     def act(self, factors: Mapping[str | None, float]) -> None:
         """Set d and e of loads and clamps with these `factors` by history, after those of `space` and members."""
@@ -96,6 +117,7 @@ class Joint:
                           for parts in (self._moved, self._pulled))
         # d = Σ B_a A_a⁺ b_a − gap: positive where the free bodies would overlap.
         self.d = self.d - self.space.gap
+        self.e = np.where(self.kept, 0.0, self.e)
 
     def product(self, x: np.ndarray, purpose: str, relative: float | None = None) -> np.ndarray:
         """C x (size,) as a new vector, precise enough to be kept, or `relative` as for `Compliance.mult`."""
@@ -116,6 +138,16 @@ class Joint:
                 member.mult(part.copy(), part, purpose, relative)
         y[:] = self.exchange.total(parts, purpose)
 
+    def dense(self, most: int) -> np.ndarray | None:
+        """C (size, size) as a matrix (m/N), where one rank has all of it explicitly and in at most `most` rows."""
+        if self.exchange.world.size > 1 or self.size > most or not all(member.known for member in self.members):
+            return None
+        C = np.zeros((self.size, self.size))
+        for member, places in zip(self.members, self.exchange.spread(np.arange(self.size)), strict=True):
+            at = places.astype(int)
+            C[np.ix_(at, at)] += member.dense()
+        return C
+
     def add_motions(self, columns: Sequence[np.ndarray], values: Sequence[np.ndarray]) -> tuple[Motions, np.ndarray]:
         """The rigid motions and then further ones of all local bodies (j, its size), with values of the latter."""
         more, _ = gather_motions(self.exchange, self.space, self.members, columns)
@@ -130,17 +162,17 @@ class Joint:
         return self.exchange.total([member.shared().astype(float) for member in self.members], "shared nodes") > 0.0
 
     def rigid_moduli(self) -> np.ndarray:
-        """`Member.stiffness` (rigid.size,) of the rigid motions' bodies, or of the stiffest body at a pushed partner
+        """`Member.stiffness` (rigid.size,) of the rigid motions' bodies, or of the stiffest body at a driven one
         (N/m²; in space N/m), times the ratio of the softest foundation to its body, if below 1."""
         world = self.exchange.world
         # The springs that steer rigid motions must be soft beside foundations, which resist the same motions.
         soft = [member.elasticity.softest / member.stiffness for member in self.members if member.stiffness]
         share = world.allreduce(min([1.0, *soft]), MPI.MIN)
         pushing = [world.allreduce(max((member.stiffness for member in self.members if any(
-            rigid.name in met.bodies for met in member.interfaces)), default=0.0), MPI.MAX) for rigid in self.pushed]
+            map(each.acts_on, member.interfaces))), default=0.0), MPI.MAX) for each in self.driven]
         return share * self.of_all([np.full(len(member.e), member.stiffness) for member in self.members],
-                                    [np.full(len(rigid.pushed), stiffness) for rigid, stiffness in
-                                     zip(self.pushed, pushing, strict=True)])
+                                    [np.full(len(each.push), stiffness) for each, stiffness in
+                                     zip(self.driven, pushing, strict=True)])
 
     def first_closed(self) -> tuple[np.ndarray, np.ndarray]:
         """The nodes (m,) bool of all owned interfaces that the first guess closes, and those of them that are open and
@@ -165,8 +197,8 @@ class Joint:
                     bears[numbers[of_body]] += (block[:interface.m][closed][:, of_body] @ self.e[at] > 0.0).any()
             bears = space.add(bears)
             lonely = [name for name, at in self.slices.items() if self.e[at].any() and not bears[at].any()]
-        # Pushed partners do not turn, so the direction of slip after their fall is known.
-        upright = {rigid.name for rigid in self.pushed}
+        # Of partners that do not turn the direction of slip after their fall is known.
+        upright = {each.name for each in self.driven if not len(each.sizes)}
         for k, interface in enumerate(space.interfaces):
             falling = set(interface.bodies) & set(lonely)
             if falling - upright:
@@ -176,23 +208,26 @@ class Joint:
         return np.concatenate([none, *touches]), np.concatenate([none, *falls])
 
     def of_all(self, arrays: Sequence[np.ndarray], partners: Sequence[np.ndarray] = ()) -> np.ndarray:
-        """Arrays of all bodies and then of pushed partners, concatenated in the order of the motions."""
+        """Arrays of all bodies and then of what is driven, concatenated in the order of the motions."""
         everyone = self.exchange.world.allgather(arrays)
         return np.concatenate([np.zeros(0), *itertools.chain(*everyone), *partners])
 
-    def pushed_by(self, alpha: np.ndarray) -> dict[str, np.ndarray]:
-        """Displacements (d,) of pushed partners by the motions α (rigid.size,), on top of the prescribed ones (m)."""
-        return {rigid.name: np.bincount(rigid.pushed, alpha[self.slices[rigid.name]], len(rigid.force or ()))
-                for rigid in self.pushed}
+    def placed(self, alpha: np.ndarray) -> list[Interface]:
+        """The owned interfaces, with rigid partners and offsets where the motions α (rigid.size,) take them."""
+        interfaces = list(self.space.interfaces)
+        for each in self.driven:
+            interfaces = [each.place(met, alpha[self.slices[each.name]]) for met in interfaces]
+        return interfaces
 
     def imbalance(self, s: np.ndarray) -> np.ndarray:
-        """e − G s (rigid.size,) in newtons: loads on loose bodies that the forces s do not balance."""
-        return self.e - self.rigid.sums(s)
+        """e − G s (rigid.size,) in newtons: loads on loose bodies that the forces s do not balance; zero of kept
+        motions."""
+        return np.where(self.kept, 0.0, self.e - self.rigid.sums(s))
 
     def balances(self, left: np.ndarray, size: float) -> bool:
-        """Whether the `imbalance` on pushed partners is rounding beside their forces and those of contacts, `size` (N).
+        """Whether the `imbalance` on what is driven is rounding beside its forces and those of contacts, `size` (N).
         """
-        motions = [self.slices[rigid.name] for rigid in self.pushed]
+        motions = [self.slices[each.name] for each in self.driven]
         return all(norm(left[at]) <= BALANCED * (norm(self.e[at]) + size) for at in motions)
 
     def multiplications(self) -> int:

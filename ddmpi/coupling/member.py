@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import copy
 import itertools
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 import scipy.sparse as sparse
 from petsc4py import PETSc
 
 from ddmpi.body.compliance import Compliance, plan_compliance
-from ddmpi.body.elasticity import Elasticity, LoadCase
+from ddmpi.body.elasticity import Elasticity, LoadCase, apply
 from ddmpi.body.rigid_motions import Centring, add_springs, support
 from ddmpi.body.solver import StiffnessSolver
 from ddmpi.coupling.team import TeamMatrix, TeamSolver
@@ -88,17 +90,17 @@ class Member:
             A = A.with_springs(dofs) if shared else add_springs(A, dofs)
         self.C = Compliance(A, B, name, compliance, memory, TeamSolver if shared else StiffnessSolver, points)
         self.dear = self.C.kind == "iterative"
-        self._responses = {name: self._response(case) for name, case in elasticity.cases.items()}
+        self._responses = {name: self.response_to(case) for name, case in elasticity.cases.items()}
         self.h = sum((h for h, _ in self._responses.values()), np.zeros(1))
         self._set_up = self.C.count.copy()
 
-    def _response(self, case: LoadCase) -> tuple[np.ndarray, np.ndarray]:
+    def response_to(self, case: LoadCase, purpose: str = "load") -> tuple[np.ndarray, np.ndarray]:
         """h (size,) and e (j,) of one load case. Collective on the body's communicator."""
         b, u, h = self.elasticity.b.duplicate(), self.elasticity.b.duplicate(), np.zeros(self.C.size)
         b.array[:] = case.b
         if self.C.size and b.norm() > 0.0:
             with event("LoadResponse"):
-                self.C.solve(self._balanced(b), u, "load")
+                self.C.solve(self._balanced(b), u, purpose)
             h = self.C.B @ u.array_r
             if self._centring:
                 h = self._centring.project(h)
@@ -112,6 +114,7 @@ class Member:
     def act(self, factors: Mapping[str | None, float]) -> None:
         """Set loads and prescribed displacements to these `factors` by history. Not collective."""
         self.elasticity = self.elasticity.under(factors)
+        self._factors = np.array([factors[name] for name in self._histories])
         self.h, self.e = (sum((factors[name] * response[k] for name, response in self._responses.items()), np.zeros(1))
                           for k in (0, 1))
 
@@ -163,9 +166,26 @@ class Member:
             self.C.mult(self._centring.project(x), y, purpose, relative)
             y[:] = self._centring.project(y)
 
+    @property
+    def known(self) -> bool:
+        """Whether `dense` takes no solve."""
+        return self.C.kind == "explicit" or not self.C.B.count_nonzero()
+
+    def dense(self) -> np.ndarray:
+        """C (size, size) as a matrix, centred (m/N)."""
+        C = self.C.dense()
+        return C if self._centring is None else self._centring.project(self._centring.project(C).T)
+
     def restart(self) -> None:
         """Count multiplications from the set-up on, for another iteration on the same factors."""
         self.C.count = self._set_up.copy()
+
+    def loaded_by(self, case: LoadCase) -> Member:
+        """The same body under another load case alone, on the same factors. Not collective."""
+        other, b = copy.copy(self), self.elasticity.b.duplicate()
+        b.array[:] = case.b
+        other.elasticity = replace(self.elasticity, b=b, acting=case)
+        return other
 
     def need_norm(self) -> None:
         """Estimate ‖C‖ now, as a part of the set-up. Collective on the body's communicator."""
@@ -206,7 +226,48 @@ class Member:
                                 - (case.heat * u).sum() + case.stored * acting.stored)
         return joules
 
-    def displacement(self, s: np.ndarray, alpha: np.ndarray | None = None) -> tuple[np.ndarray, float, float, float]:
+    def prepare_energies(self) -> None:
+        """Compute what `at_contacts` needs of each load case: its displacement without contact forces, and the contact
+        displacement of its loads without clamps and heat. Collective on the body's communicator. Raises SolverError.
+        """
+        now, none = self.elasticity, np.zeros(self.size)
+        self._joules = np.zeros((2, len(self._histories), len(self._histories)))
+        self._pushed, self._along = np.zeros((2, len(self._histories), self.size))
+        for k, (name, case) in enumerate((name, now.cases.get(name)) for name in self._histories):
+            if case:
+                self.elasticity = now.under({other: float(other == name) for other in now.cases})
+                self._joules[:, :, k] = self.work(self.displacement(none)[0], none)
+                self._along[k] = self._pushed[k] = self.response(name)[0]
+                if case.taken.any() or case.heat.any():
+                    loads = apply(self.elasticity.supports.free[now.nodes], case.f[now.nodes]).ravel()
+                    self._pushed[k] = self.response_to(replace(case, b=loads, prescribed=0.0 * case.prescribed))[0]
+        self.elasticity = now
+
+    def at_contacts(self, s: np.ndarray, alpha: np.ndarray) -> tuple[np.ndarray, np.ndarray, float, np.ndarray]:
+        """What `displacement`, `trace` and `work` say of contact forces s (size,) in newtons and motions α (j,) in
+        metres, by one product with C. Collective on the body's communicator. Raises SolverError.
+
+        Returns
+        -------
+        u : (size,) contact displacement B u (m)
+        yielded : (size,) C s, what contact forces move the contacts by (m)
+        energy : strain energy (J)
+        work : (2, k), as `work` (J)
+        """
+        yielded = np.empty(self.size)
+        self.mult(s, yielded, "certificate")
+        # A displacement is linear in the factors φ and in s: u = Σ φ_j u_j − A⁻¹Bᵀ s + R α. By Betti f·A⁻¹Bᵀ s is
+        # (B A⁻¹ f)·s, so that work needs no displacement of the body.
+        work = self._joules @ self._factors
+        work[0] -= self._pushed @ s
+        work[1] += (self._along - self._pushed) @ s
+        # Clapeyron: twice the energy is the work of loads, clamps, heat and contact forces; rigid motions do none in it
+        energy = 0.5 * float(self._factors @ work.sum(axis=0) - s @ (self.h - yielded))
+        work[0] += np.array([self.response(name)[1] @ alpha for name in self._histories])
+        return self.h + self.G.T @ alpha - yielded, yielded, energy, work
+
+    def displacement(self, s: np.ndarray, alpha: np.ndarray | None = None,
+                     purpose: str = "displacement") -> tuple[np.ndarray, float, float, float]:
         """Displacement under the load and the contact forces s (size,) in newtons.
 
         A loose body also moves by the rigid motions α (j,) in metres; without them its displacement is centred, as in
@@ -227,7 +288,7 @@ class Member:
             f.aypx(-1.0, b)
             load = self._balanced(f)
             if load.norm() > 0.0:
-                self.C.solve(load, u, "displacement", PRECISE)
+                self.C.solve(load, u, purpose, PRECISE)
             if self._centring:
                 u.array[:] = self._centring.centre(u.array_r)
             Au = u.duplicate()

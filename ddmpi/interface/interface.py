@@ -17,8 +17,9 @@ from ddmpi.interface.law import Law
 from ddmpi.mesh.elements import circumference
 from ddmpi.scene.bodies import Clamp
 from ddmpi.scene.contacts import Rigid
+from ddmpi.surface.outline import Outline
 from ddmpi.surface.side import Side
-from ddmpi.system.numbers import in_words
+from ddmpi.system.numbers import RigidMotion, in_words
 
 LARGE_OVERLAP = 0.02
 """Warn of an initial overlap above this fraction of the thinner body's depth."""
@@ -28,6 +29,9 @@ MANY_ELEMENTS = 5.0
 
 SAME = 1e-6
 """Displacements are equal up to this fraction of their size, places up to this fraction of an edge."""
+
+WRONG = {"bonded": "tear the bond apart", "guided": "take the guided sides off each other"}
+"""What clamps do that contradict a law of two signs, by its name."""
 
 BEHIND = 1.0 - 1e-9
 """A body that overlaps a rigid partner by this fraction of its depth lies behind the partner's surface."""
@@ -120,10 +124,14 @@ class Interface:
     laplacian : (m, m) sparse, of hat functions on all facets between the rows, m^(d − 3); nodes without a row that
         clamps or other contacts constrain are fixed. Rows with an entry are neighbours
     one_sided : (size,) bool, unknowns along which only one of the bodies can move
-    displacement : (d,) of a rigid partner (m); zero for bodies
+    displacement : (d,) of a rigid partner, or of its pivot (m); zero for bodies
+    pull, offset : (d,) direction of a pretension, empty without; by how much the first side is pulled along it, so that
+        a bond is closed when the sides are apart by that (m)
+    turn, pivot : of a rigid partner that turns: (t,) about (d,) the pivot (rad, m); empty for all others
     at : of both sides (m, d), points of application of the rows' forces (m); None where unknown
     slave : name of the body whose nodes carry the rows where the nodes do not match, else None
     lines : the nodes of the rows
+    outline : what is covered, to be drawn
     probes : places between the nodes of non-matching sides; of matching ones, fixed nodes that can still move a little
     history : the history of the rigid partner's displacement, or None
     gap_history : the history of the gap, or None
@@ -152,11 +160,16 @@ class Interface:
     at: tuple[np.ndarray, np.ndarray] | None = None
     slave: str | None = None
     lines: Lines = Lines(np.empty(0, int), np.empty((0, 2)), np.empty(0), np.empty((0, 2), int))
+    outline: Outline | None = None
     probes: Places = field(default_factory=Places)
     history: str | None = None
     gap_history: str | None = None
     scale: float = 1.0
     arc: np.ndarray = field(default_factory=lambda: np.empty(0))
+    pull: np.ndarray = field(default_factory=lambda: np.empty(0))
+    offset: float = 0.0
+    turn: np.ndarray = field(default_factory=lambda: np.empty(0))
+    pivot: np.ndarray = field(default_factory=lambda: np.empty(0))
     axisymmetric: bool = False
     pointwise: bool = False
 
@@ -168,7 +181,17 @@ class Interface:
     def prescribed(self) -> np.ndarray:
         """(size,) contact displacement of the rigid partner (m), with the sign of the second side."""
         # B² u with the second side's signs: its normal is −ν, its tangents −t.
-        return -(self.directions @ self.displacement)
+        return -np.einsum("id,id->i", self.directions, self.carried(self.places)[self.law.node])
+
+    def carried(self, places: np.ndarray) -> np.ndarray:
+        """The displacement (k, d) of the rigid partner, or by the offset, at places (k, d) (m); of bodies zero."""
+        offset = self.offset * self.pull if self.offset else 0.0
+        return RigidMotion(self.displacement + offset, self.turn, self.pivot).at(places)
+
+    @property
+    def places(self) -> np.ndarray:
+        """(m, d) where forces act on the first body (m)."""
+        return self.xy if self.at is None else self.at[0]
 
     @property
     def shares(self) -> np.ndarray:
@@ -290,7 +313,7 @@ class Mover:
         """M (n, d, d): `places` move by M e with this side, the k-th, where unconstrained nodes move by e."""
         axes = np.arange(places.normal.shape[1])
         return self.at(places, k, self.side.free if isinstance(self.side, Side)
-                       else np.diag(1.0 * np.isin(axes, self.side.pushed))[None])
+                       else np.diag(1.0 * (np.isin(axes, self.side.pushed) | self.side.turning))[None])
 
     def moved(self, places: Places, k: int, factors: Mapping[str | None, float]) -> np.ndarray:
         """(n, d) the prescribed displacement of places (m), with these factors by history."""
@@ -323,12 +346,14 @@ def refuse_contradiction(interface: Interface, movers: Sequence[Mover],
                          factors: Mapping[float, Mapping[str | None, float]], unit: str = "m") -> None:
     """InputError where clamps push both sides into each other, which no contact force can prevent. Not collective.
 
-    Bonded sides must not move against each other at all. An overlap that is drawn or given may stay between clamps: an
-    interference fit is no contradiction. `factors` are by time and history; displacements are linear in between.
+    Bonded sides must not move against each other at all, guided ones not along the normal. An overlap that is
+    drawn or given may stay between clamps: an interference fit is no contradiction. `factors` are by time and history;
+    displacements are linear in between.
     """
     if any(isinstance(mover.side, Side) and (mover.side.clamps < 0).all() for mover in movers):
         return
-    worst, message, bonded = 0.0, "", interface.law.name == "bonded"
+    worst, message, law = 0.0, "", interface.law
+    bonded = law.two_sided and not law.frictionless
     pairs = [Places(interface.nodes, interface.normal, interface.gap, interface.transfer), interface.fixed]
     for places in [interface.probes] if interface.slave else pairs:
         # Along eigenvectors of M_1 + M_2 with eigenvalue zero neither side can yield to a force. The sum is positive
@@ -348,7 +373,10 @@ def refuse_contradiction(interface: Interface, movers: Sequence[Mover],
             else:
                 # A unilateral contact is contradicted if the sides close by more than the gap, and if no direction that
                 # can yield has a component along the normal.
-                beyond = (closing * places.normal).sum(axis=1, keepdims=True) - np.maximum(gap, 0.0)
+                across = (closing * places.normal).sum(axis=1, keepdims=True)
+                beyond = across - np.maximum(gap, 0.0)
+                if law.two_sided:  # nor may guided sides be pulled apart
+                    beyond = np.maximum(beyond, np.minimum(gap, 0.0) - across)
                 beyond[(free & (np.abs(normal) > SAME)).any(axis=1)] = 0.0
             beyond[beyond <= slack] = 0.0
             if not beyond.max(initial=0.0) > worst:
@@ -360,8 +388,7 @@ def refuse_contradiction(interface: Interface, movers: Sequence[Mover],
             assert isinstance(movers[0].side, Side)
             at = in_words(movers[0].at(places, 0, movers[0].side.xy)[place])
             message = (f"contact.{interface.name}: at {at}{f', at time {time:g},' * (len(factors) > 1)} "
-                       f"{first}, and {second}: " + ("they tear the bond apart" if bonded else
-                                                     "they push the bodies into each other")
-                       + f" by {worst:.3g} {unit}, and no force can prevent that; prescribe motions that go together")
+                       f"{first}, and {second}: they {WRONG.get(law.name, 'push the bodies into each other')} by "
+                       f"{worst:.3g} {unit}, and no force can prevent that; prescribe motions that go together")
     if message:
         raise InputError(message)

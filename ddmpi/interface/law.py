@@ -7,7 +7,8 @@ A law relates the forces s of an interface to its gaps r. With q = s − c r, fo
 (Alart and Curnier, Comput. Methods Appl. Mech. Engrg. 92, 1991). A vector of an interface holds m normal
 entries and then, for each of the mt nodes that slide, its d − 1 tangential entries. A new friction law is a
 subclass of `Law` with a concave `slip_bound` and its `slope`, and a line in `law_of`. Bonded nodes obey r = 0 whatever
-the forces, which is the same equation without a projection: s = q.
+the forces, which is the same equation without a projection: s = q. So do guided ones along the normal; they have no
+tangential forces.
 """
 
 from __future__ import annotations
@@ -85,10 +86,18 @@ class Law:
     least = 0.0
     """The least normal force of a node (N)."""
 
+    frictionless = True
+    """Whether nodes slide without resistance, so that they have no tangential unknowns."""
+
     m: int
     sliding: np.ndarray
     components: int
     live: np.ndarray = field(default_factory=lambda: np.array(True), kw_only=True)
+
+    @property
+    def two_sided(self) -> bool:
+        """Whether normal forces have any sign, so that nodes do not separate."""
+        return self.least < 0.0
 
     @property
     def size(self) -> int:
@@ -225,6 +234,7 @@ class CoulombLaw(Law):
     """g = 𝓕 s_ν, with the coefficient 𝓕 (mt,) at the nodes that slide."""
 
     name = "coulomb"
+    frictionless = False
 
     coefficient: np.ndarray
 
@@ -240,6 +250,7 @@ class TrescaLaw(Law):
     """A given bound (mt,) in newtons, which holds whether a node is open or not, as in the paper."""
 
     name = "tresca"
+    frictionless = False
 
     bound: np.ndarray
 
@@ -253,6 +264,7 @@ class BondedLaw(Law):
 
     name = "bonded"
     least = -np.inf
+    frictionless = False
 
     def slip_bound(self, pressure: np.ndarray) -> np.ndarray:
         return np.full(len(self.sliding), NO_BOUND)
@@ -280,6 +292,14 @@ class BondedLaw(Law):
         return float(magnitude(stiffness * slip).max(initial=0.0))
 
 
+@dataclass(frozen=True)
+class GuidedLaw(BondedLaw):
+    """r_ν = 0 whatever the normal forces, as in a guide: nodes slide without friction and do not separate."""
+
+    name = "guided"
+    frictionless = True
+
+
 def law_of(friction: Friction, xy: np.ndarray, arc: np.ndarray, area: np.ndarray, sliding: np.ndarray,
            kind: str = "unilateral", live: np.ndarray | bool = True) -> Law:
     """The law of a scene at its contact nodes. Not collective.
@@ -293,7 +313,7 @@ def law_of(friction: Friction, xy: np.ndarray, arc: np.ndarray, area: np.ndarray
     xy, arc : (m, d) positions, and (m,) arc lengths along the first body (m)
     area : (m,) nodal lengths or areas, with which a slip-bound stress becomes a force
     sliding : (mt,) the nodes that carry tangential forces
-    kind : "unilateral", or "bonded", which ignores `friction`
+    kind : "unilateral", or "bonded" or "guided", which ignore `friction`
     live : of a `Law`
     """
     def values(value) -> np.ndarray:
@@ -301,8 +321,8 @@ def law_of(friction: Friction, xy: np.ndarray, arc: np.ndarray, area: np.ndarray
         return at_nodes[sliding].astype(float)
 
     shape, moves = (len(area), sliding, xy.shape[1] - 1), np.asarray(live)
-    if kind == "bonded":
-        return BondedLaw(*shape, live=moves)
+    if kind != "unilateral":
+        return (BondedLaw if kind == "bonded" else GuidedLaw)(*shape, live=moves)
     if isinstance(friction, Coulomb):
         return CoulombLaw(*shape, values(friction.coefficient), live=moves)
     if isinstance(friction, Tresca):

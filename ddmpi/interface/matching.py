@@ -46,7 +46,9 @@ def pairs(sides: tuple[Side, Side], nodes: np.ndarray, partners: np.ndarray, nor
     place[nodes], nodes = row, nodes[kept]
     lines = Lines(place, side.xy, lengths, side.pieces(seen)).only(place >= 0)
     return Rows(sides, 0, nodes, place, seen, (transfers[0], transfers[1]), normal[kept], total, gap[kept],
-                side.arc[nodes], np.zeros(len(place), bool), seen, lines)
+                side.arc[nodes], np.zeros(len(place), bool), seen,
+                sparse.csr_matrix((np.ones((place >= 0).sum()), (np.flatnonzero(place >= 0), place[place >= 0])),
+                                  (len(place), len(kept))), lines)
 
 
 def pair(first: Side, second: Side, contact: SettledContact, refinement: int = 1) -> Interface:
@@ -87,9 +89,9 @@ def face_rigid(side: Side, rigid: Rigid, contact: SettledContact) -> Interface:
         raise InputError(f"contact.{contact.name}: near {place} the boundary of {side.body!r} does not face "
                          f"{rigid.name!r}; {rigid.turned}")
     clamps = np.zeros_like(side.clamps)
-    clamps[:, rigid.pushed] = -1
+    clamps[:, slice(None) if rigid.turning else rigid.pushed] = -1
     # The partner stands in as a second side with a node opposite to each of the body's: compliance zero (modulus ∞),
-    # all directions clamped but those in which it is pushed.
+    # all directions clamped but those in which it is pushed; if it turns, none.
     partner = replace(side, body=rigid.name, modulus=np.inf, xy=side.xy - measured[:, None] * outward, normal=outward,
                       clamps=clamps, free=(clamps < 0)[:, :, None] * np.eye(side.dimension))
     if not side.cell.bears:
@@ -105,7 +107,7 @@ def face_rigid(side: Side, rigid: Rigid, contact: SettledContact) -> Interface:
     fixed, probes = (replace(places, nodes=(places.nodes[0], none)) for places in (interface.fixed, interface.probes))
     return replace(interface, nodes=(interface.nodes[0], none), modulus=side.modulus, fixed=fixed, probes=probes,
                    slave=None, transfer=(interface.transfer[0], sparse.csr_matrix((interface.m, 0))),
-                   history=rigid.history, displacement=U)
+                   history=rigid.history, displacement=U, pivot=np.array(rigid.pivot or ()))
 
 
 def _over_rigid(side: Side, rigid: Rigid, some: np.ndarray, where: np.ndarray, weights: np.ndarray) -> Cover:

@@ -43,7 +43,7 @@ def displacement_trace(interface: Interface, side: int, u: np.ndarray) -> np.nda
 def sliding_trace(interface: Interface, side: int, u: np.ndarray) -> np.ndarray:
     """Tangential displacement (m, d − 1) in metres at a contact without friction, which has no tangential unknowns;
     empty (0, d − 1) for other contacts. Not collective."""
-    if interface.law.name != "none":
+    if not interface.law.frictionless:
         return np.empty((0, interface.dimension - 1))
     moved = interface.transfer[side] @ u[interface.nodes[side]]
     return _sign(side) * np.einsum("mcd,md->mc", interface.frame[:, 1:], moved)

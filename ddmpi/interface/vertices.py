@@ -50,13 +50,13 @@ FLAT = 1e-3
 def rows_at_vertices(sides: tuple[Side, Side], slave: int, over: Cover, looked: Cover, contact: SettledContact) -> Rows:
     """The rows of the slave, `sides[slave]`, which faces the other at the points of `over`; at the points `looked` the
     answer is checked for overlaps. Not collective."""
-    side, other, bonded = sides[slave], sides[1 - slave], contact.kind == "bonded"
+    side, other = sides[slave], sides[1 - slave]
     seen, met = np.isin(np.arange(len(side.facets)), over.facet), np.zeros(len(side.nodes), bool)
     # A row at a wholly clamped vertex of quadratic facets constrains the middles beside it.
-    clamped, quadratic = ~side.free.any(axis=(1, 2)), not (bonded or side.cell.bears)
-    kept, hats = clamped & quadratic, over.at if bonded else inset(side, over, looked)
+    clamped, quadratic = ~side.free.any(axis=(1, 2)), not (contact.two_sided or side.cell.bears)
+    kept, hats = clamped & quadratic, over.at if contact.two_sided else inset(side, over, looked)
     psi = over.weight[:, None] * hats
-    if not bonded:
+    if not contact.two_sided:
         psi = duals(side, over, hats, SLIVER, 1.0 / 3.0, kept[side.corners])
     psi = at_points(psi, side.corners[over.facet], len(met))
     own = np.asarray(psi.sum(axis=0)).ravel()

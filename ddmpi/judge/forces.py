@@ -55,7 +55,7 @@ class Forces(NamedTuple):
             return sparse.csr_matrix((x.ravel(), np.tile(motions, k), n * np.arange(k + 1)), (k, G.shape[0]))
 
         none = rows(powers[:0])
-        if law.name == "bonded":  # forces of any sign: a basis of what they do stands for all
+        if law.two_sided:  # forces of any sign: a basis of what they do stands for all
             _, sizes, basis = np.linalg.svd(powers, full_matrices=False)
             return cls(rows(basis[sizes > BENT * sizes.max()]), none, zero[:0], none, none, zero[:0])
         tangential, slope, bound = np.zeros((law.m, d - 1, n)), zero.copy(), zero.copy()

@@ -21,7 +21,7 @@ from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.contacts import Rigid
 from ddmpi.surface.near import distance_to, in_cells
 from ddmpi.system.agreement import gathered
-from ddmpi.system.numbers import in_words
+from ddmpi.system.numbers import RigidMotion, in_words
 
 RESOLVED = 1e-3
 """Do not warn of overlaps below this fraction of the largest displacement, in a body itself of a cell."""
@@ -317,14 +317,15 @@ def _doubt_rigid(assembly: Assembly, contacts: Mapping[str, ContactTotals], soli
     warnings: dict[tuple[int, int], str] = {}
     for body in assembly.bodies:
         for k, rigid in enumerate(assembly.scene.rigid):
-            U = moved.get(rigid.name, np.array(rigid.displacement or np.zeros(body.mesh.dimension)))
-            if warning := _in_partner(body, solids[body.number], U, rigid, assembly.scene.units["length"]):
+            still = RigidMotion(np.array(rigid.displacement or np.zeros(body.mesh.dimension)))
+            if warning := _in_partner(body, solids[body.number], moved.get(rigid.name, still), rigid,
+                                         assembly.scene.units["length"]):
                 warnings[body.number, k] = warning
     return _in_order(assembly.world, warnings)
 
 
-def _in_partner(body: Body, solid: Solid, U: np.ndarray, rigid: Rigid, unit: str) -> str:
-    """A warning where a body lies in a rigid partner, moved by `U` (d,), between contact nodes or beside its contacts.
+def _in_partner(body: Body, solid: Solid, motion: RigidMotion, rigid: Rigid, unit: str) -> str:
+    """A warning where a body lies in a rigid partner, after its `motion`, between contact nodes or beside contacts.
 
     Beside them, a partner through which the body is drawn is left out if it may be meant to end before: a bore may be a
     piece of a socket, and a plane need not go on where no contact of the body names it.
@@ -332,16 +333,16 @@ def _in_partner(body: Body, solid: Solid, U: np.ndarray, rigid: Rigid, unit: str
     name, extent, facets = body.spec.name, body.mesh.extent, solid.facets[:, :-1]
     contacts = [interface for interface in body.member.interfaces if interface.bodies[1] == rigid.name]
     touching = np.isin(facets, _kept(contacts, name, rigid.name))
-    ends, between = solid.moved[facets] - U, touching.all(axis=1)
+    ends, between = motion.undone(solid.moved)[facets], touching.all(axis=1)
     places, at_ends = rigid.deepest(ends), rigid.depth(ends)
-    depth = rigid.depth(places)
+    depth, moved = rigid.depth(places), places + motion.at(places)
     # Between two contact nodes it may lie as deep as a quarter of their distance, or of its radius.
     size = np.minimum(np.linalg.norm(np.ptp(ends, axis=1), axis=1), rigid.bend)
     sunk = np.where(between, depth - np.maximum(at_ends.max(axis=1), 0.0) - 0.25 * size, 0.0)
     k = int(np.argmax(sunk))
     if sunk[k] > 0.0:
         return (f"contact.{contacts[0].name}: {rigid.name} is small beside the distance of nodes of {name}, and lies "
-                f"{depth[k]:.3g} {unit} deep between two of them, as at {in_words(places[k] + U, 4)}; a finer mesh "
+                f"{depth[k]:.3g} {unit} deep between two of them, as at {in_words(moved[k], 4)}; a finer mesh "
                 "there would be right")
     least = 1e-9 * extent  # rounding
     if rigid.may_end(bool(contacts)) and rigid.depth(solid.at[facets[~touching]]).max(initial=0.0) > least:
@@ -350,5 +351,5 @@ def _in_partner(body: Body, solid: Solid, U: np.ndarray, rigid: Rigid, unit: str
     beside = np.where(between, 0.0, depth)
     k = int(np.argmax(beside))
     where = f"contact.{contacts[0].name}: beside the contact" if contacts else "no contact keeps them apart:"
-    return (f"{where} {name} penetrates {rigid.name} by {depth[k]:.3g} {unit}, as at {in_words(places[k] + U, 4)}; "
+    return (f"{where} {name} penetrates {rigid.name} by {depth[k]:.3g} {unit}, as at {in_words(moved[k], 4)}; "
             f"{WIDEN if contacts else ADD}{rigid.crossed}") * bool(beside[k] > least)

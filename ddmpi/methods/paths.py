@@ -109,9 +109,8 @@ class Softening:
 
     def __init__(self, joint: Joint, c: np.ndarray) -> None:
         self._joint, self._space, self._laws, self._c = joint, joint.space, joint.space.laws, c
-        self._bonded = joint.space.spread([interface.law.name == "bonded" for interface in joint.space.interfaces]) > 0
-        zero = np.zeros(joint.size)
-        self.point = Point(zero, -joint.d, np.zeros(joint.rigid.size), joint.imbalance(zero))
+        self._two_sided = joint.space.spread([interface.law.two_sided for interface in joint.space.interfaces]) > 0
+        self.point = joint.at_rest()
         self._delta, self._seen = SOFTEST, 0.0  # of the present layer, and of the one that the active sets are of
         self._begin()
 
@@ -141,7 +140,7 @@ class Softening:
             active = self._laws.active_sets(q)
         # s = P(−r/D), linearised: r + D s = 0 along the forces that P leaves free, with D = δ/c
         linearised = Linearised.of(self._laws.linearise(active))
-        layer = np.where(self._bonded, 0.0, self._delta / self._c)
+        layer = np.where(self._two_sided, 0.0, self._delta / self._c)
         change = self._towards(solve, linearised, layer)
         length = 1.0 if first else self._length(change, None)
         if not length:  # with the bound as it is the energy is convex, and falls
@@ -159,7 +158,7 @@ class Softening:
     def _pressed(self, point: Point, delta: float) -> np.ndarray:
         """q (size,) whose projection are the forces of a layer; of bonded rows, the forces that close them."""
         pressed = -self._c / delta * point.r
-        return np.where(self._bonded, point.s - self._c * point.r, pressed) if self._bonded.any() else pressed
+        return np.where(self._two_sided, point.s - self._c * point.r, pressed) if self._two_sided.any() else pressed
 
     def _slopes(self, change: Point, lengths: np.ndarray, bound: np.ndarray | None) -> np.ndarray:
         """Derivatives (k,) of the energy (J) by the length of the step, at the `lengths` (k,), in one reduction.
@@ -167,7 +166,7 @@ class Softening:
         φ' = dr·(s − P(−r/D)) − dα·(e − G s): what bodies and layer store less what the loads do. The bonded rows
         stay closed. `bound` (mt,): of frozen slip bounds, None where they follow the pressure.
         """
-        way, slopes = np.where(self._bonded, 0.0, change.r), []
+        way, slopes = np.where(self._two_sided, 0.0, change.r), []
         project = self._laws.project if bound is None else self._laws.cone(bound).project
         for t in lengths:
             ahead = self.point.along(change, t)
@@ -234,7 +233,7 @@ class InteriorPoints:
     def __init__(self, joint: Joint, c: np.ndarray) -> None:
         self._joint, self._space, size = joint, joint.space, joint.size
         self._laws = [(interface.law, part) for interface, part in joint.space.with_slices()
-                      if interface.law.name != "bonded"]
+                      if not interface.law.two_sided]
         self._normal, self._source = np.zeros(size, bool), np.arange(size)
         rows = np.empty((0, max((law.components for law, _ in self._laws), default=1)), int)
         for law, part in self._laws:
@@ -249,12 +248,12 @@ class InteriorPoints:
         self._unknown, self._rubbing = np.ones(size, bool), self._bounds(s)[0, :, 0] > 0.0
         self._unknown[rows[~self._rubbing]] = False  # no friction force at all
         self._rows = rows[self._rubbing]
-        r, alpha = joint.product(s, "newton") - joint.d, np.zeros(joint.rigid.size)
+        r, alpha = joint.product(s, "newton") - joint.d - joint.rigid.spread(joint.still), joint.still.copy()
         if joint.rigid.size:  # least squares: α = (ZᵀZ)⁻¹Zᵀr leaves the smallest gaps |r − Zα|
             identity = sparse.identity(size, format="csr")
             r, motions = CoarseSystem(joint.rigid, identity, identity, np.ones(size), lambda _, block: block,
-                                      np.full(joint.rigid.size, UNSEEN)).correct(r)
-            alpha = -motions
+                                      np.full(joint.rigid.size, UNSEEN), joint.kept).correct(r)
+            alpha -= motions
         # all gaps w begin as wide as the widest clearance, or as what the first force closes, or as r if that is wider
         w = self._space.largest(np.maximum(joint.space.opening, force / c))
         self._w, self._slip = np.where(self._normal, np.maximum(w, r), 0.0), r[self._rows]

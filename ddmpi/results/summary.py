@@ -17,6 +17,7 @@ from ddmpi.results.tables import FORMAT, STATUS
 from ddmpi.scene.contacts import Rigid
 from ddmpi.scene.scene import units
 from ddmpi.system.files import MECHANISM, writing
+from ddmpi.system.numbers import RigidMotion, moment
 
 PRECISION = 1e-8
 """Components of a force below this fraction of it are told as zero: they are errors of rounding and iterations."""
@@ -28,7 +29,7 @@ class Row(str):
     Attributes
     ----------
     words : the entry's name there
-    quantity : of its unit, a key of `units`, or "%"; empty for counts and names
+    quantity : of its unit, a key of `units`, "angle" or "%"; empty for counts and names
     """
 
     words: str
@@ -42,7 +43,7 @@ class Row(str):
 
 RESIDUALS = {
     "force_mismatch": "difference of the contact forces of the two bodies, over the forces",
-    "penetration": "the largest overlap at the nodes, or opening where bonded, over the size of the contact "
+    "penetration": "the largest overlap at the nodes, or opening where bonded or guided, over the size of the contact "
                    "displacements",
     "complementarity": "force across open nodes, and tension",
     "friction": "distance of tangential forces from the friction law, over the largest force",
@@ -70,8 +71,9 @@ SUMMARY = {
     "bodies.NAME.held": "whether its clamps and foundations alone prevent every rigid motion",
     "bodies.NAME.displacement_max": Row("largest displacement", "length"),
     "bodies.NAME.von_mises_max": Row("von Mises stress", "stress", "largest von Mises stress; null if stresses were "
-        "not asked for"),
-    "bodies.NAME.energy": Row("strain energy", "energy", "strain energy, without that of foundations"),
+        "not asked for, and with output.only"),
+    "bodies.NAME.energy": Row("strain energy", "energy", "strain energy, without that of foundations; null with "
+        "output.only"),
     "bodies.NAME.reaction": Row("reaction", "force", "[x, y], in space [x, y, z]: resultant of the forces of its "
         "clamps and foundations; around an axis, as all forces, [radial sum, axial force] of the whole circumference"),
     "bodies.NAME.loads.GROUP.force": Row("force", "force", "[x, y], in space [x, y, z]: resultant of the tractions on "
@@ -106,6 +108,8 @@ SUMMARY = {
     "contacts.NAME.slip": Row("slip", "", "number of slipping nodes"),
     "contacts.NAME.stick": Row("stick", "", "number of sticking nodes"),
     "contacts.NAME.dissipated": Row("dissipated", "energy", "frictional work of all load steps"),
+    "contacts.NAME.pretension.force": "of a bond with a pretension: the force on the first body along its direction",
+    "contacts.NAME.pretension.offset": "by how much the first side is pulled along it, past the second",
     "contacts.NAME.pressure_max": Row("largest pressure", "stress", "largest normal stress of a node"),
     **{f"contacts.NAME.certificate.{kind}": Row(kind.replace("_", " "), "", RESIDUALS[kind])
        for kind in ContactResiduals._fields},
@@ -118,13 +122,25 @@ SUMMARY = {
         "bodies may touch"),
     "rigid.NAME.force": Row("force of bodies", "force", "resultant of the bodies' forces on it; where it is pushed, "
         "against the force that pushes it"),
+    "rigid.NAME.turn": Row("turn", "angle", "of a partner that turns: its turn about the pivot (rad), in space [x, y, "
+        "z]; displacement is that of the pivot"),
+    "rigid.NAME.moment": Row("moment of bodies", "moment", "of a partner that turns: of the same forces about the "
+        "pivot, against the moment that turns it"),
     "certificate.force_mismatch": "the worst of all contacts and load steps; so are the next three",
     "certificate.penetration": "", "certificate.complementarity": "", "certificate.friction": "",
     "certificate.equilibrium": "the worst of all bodies, pushed partners and load steps",
     "certificate_limit": "the largest residual of a certified answer: 50 times the tolerance, but at most 0.05",
     "steps": "load steps in the order of time: time, outer_iterations, and contacts by name with force, moment, "
-        "normal_force, tangential_force, open, slip, stick and dissipated, of the step, and rigid as above; in "
-        "summary.json, where the fields of the step are written, bodies with reaction, loads and reactions",
+        "normal_force, tangential_force, open, slip, stick and dissipated, of the step, pretension and rigid as above; "
+        "in summary.json, where the fields of the step are written, bodies with reaction, loads and reactions",
+    "derivatives.KEY.until": "with output.derivatives, for the derivatives by a number KEY, or by a factor on the load "
+        "or motion KEY: [from, to] between which no node changes its status, by a linear forecast; null where none is "
+        "foreseen. All of KEY is null, with a warning, where the derivatives are not precise",
+    "derivatives.KEY.contacts.NAME": "derivatives of force, moment, normal_force, tangential_force, pressure_max and "
+        "dissipated, in the unit of the result over that of the number. With load steps those at the end; steps has "
+        "those at the ends of legs, in derivatives",
+    "derivatives.KEY.bodies.NAME": "of reaction, and of the displacements at physical points of the mesh, in points",
+    "derivatives.KEY.rigid.NAME": "of displacement and force",
     "energy.external_work": Row("work of loads, clamps and rigid partners", "energy", "with load steps: the last line "
         "of energy.csv; so are the next three"),
     "energy.strain_energy": Row("strain energy", "energy", ""),
@@ -170,7 +186,7 @@ def tell(summary: Mapping[str, Any], table: str, name: str, key: str, digits: in
     assert isinstance(row, Row)
     if not row.quantity:
         return f"{value} {row.words}"
-    unit = summary["units"][row.quantity]
+    unit = "rad" if row.quantity == "angle" else summary["units"][row.quantity]
     if not isinstance(value, list):
         return f"{row.words} {as_float(value):.{digits}g} {unit}"
     components = np.array([as_float(component) for component in value])
@@ -233,13 +249,18 @@ def summarize(scene: dict, run: Mapping[str, Any], bodies: Mapping[str, dict], c
 
 
 def rigid_partners(contacts: Iterable[ContactTotals]) -> dict[str, dict[str, np.ndarray]]:
-    """Displacement (m) and force (N) (d,) of each rigid partner that bodies may touch, by its name."""
+    """Displacement (m) and force (N) (d,) of each rigid partner that bodies may touch, by its name; of one that turns
+    also its turn (rad) and the moment about its pivot (N m)."""
     partners: dict[str, dict[str, np.ndarray]] = {}
     for contact in contacts:
         if contact.rigid is not None:
-            entry = partners.setdefault(contact.bodies[1], {"displacement": contact.rigid,
-                                                            "force": np.zeros(len(contact.rigid))})
+            moved, turn, pivot = contact.rigid
+            entry = partners.setdefault(contact.bodies[1], {"displacement": moved, "force": np.zeros(len(moved))})
             entry["force"] = entry["force"] - contact.force
+            if len(turn):
+                about = moment(np.atleast_2d(pivot), contact.force[None])
+                entry["turn"] = turn if len(turn) > 1 else turn[0]
+                entry["moment"] = entry.get("moment", 0.0) - contact.moment + about
     return partners
 
 
@@ -252,14 +273,17 @@ def factor_at(summary: dict, name: str | None, time: float | None) -> float:
     return float(np.interp(last if time is None else time, history["times"], history["factors"]))
 
 
-def displacement_at(summary: dict, rigid: Rigid, time: float | None) -> np.ndarray:
-    """The displacement (d,) of a rigid partner at `time`, by default at the last load step (m)."""
-    if not rigid.pushed:
-        return factor_at(summary, rigid.history, time) * np.array(rigid.displacement)
-    at = {0.0: [0.0] * len(rigid.force or ())} | {
-        step["time"]: step["rigid"][rigid.name]["displacement"] for step in summary.get("steps", ())}
+def motion_at(summary: dict, rigid: Rigid, time: float | None) -> RigidMotion:
+    """The motion of a rigid partner at `time`, by default at the last load step."""
+    still = np.array(rigid.displacement)
+    if not rigid.yields:
+        return RigidMotion(factor_at(summary, rigid.history, time) * still)
+    at = {0.0: np.zeros(len(still) + rigid.turns_by)} | {
+        step["time"]: np.append(*(step["rigid"][rigid.name].get(key, []) for key in ("displacement", "turn")))
+        for step in summary.get("steps", ())}
     now = max(at) if time is None else time
-    return np.array([np.interp(now, list(at), component) for component in zip(*at.values(), strict=True)])
+    moved = np.array([np.interp(now, list(at), component) for component in zip(*at.values(), strict=True)])
+    return RigidMotion(moved[:len(still)], moved[len(still):], np.array(rigid.pivot or still))
 
 
 def write_summary(path: Path, summary: dict) -> None:

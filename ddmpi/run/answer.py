@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from mpi4py import MPI
 
 from ddmpi.coupling.ranks import on_working_ranks
+from ddmpi.derive.entries import Entry, joined
+from ddmpi.errors import InputError
 from ddmpi.interface.state import ContactState
 from ddmpi.mesh.build import kind_of_files
 from ddmpi.petsc.options import RunOptions
@@ -17,7 +19,7 @@ from ddmpi.results.fields import Fields
 from ddmpi.run.gather import Solved
 from ddmpi.run.report import LISTED, describe_contact
 from ddmpi.run.run import compute
-from ddmpi.scene.keys import override
+from ddmpi.scene.keys import nearest, override
 from ddmpi.scene.reader import as_data, read_data, read_scene, read_text
 from ddmpi.scene.scene import Settled
 from ddmpi.system import logs
@@ -33,14 +35,16 @@ class Answer:
     ----------
     summary : what a run writes as summary.json; the same on all ranks
     contacts : state by contact: normal_force, pressure, shear, gap, slip, status, force, …; the same on all ranks
-    bodies : fields of the bodies of this rank, by name
+    bodies : fields of the bodies of this rank, by name; none with only="contacts"
     solved : all else that was computed, for studies of the method; None on ranks without a body; no stable interface
+    derived : derivatives of arrays by key: of nodes by contact, the same on all ranks, and of this rank's bodies
     """
 
     summary: dict[str, Any]
     contacts: Mapping[str, ContactState]
     bodies: Mapping[str, Fields]
     solved: Solved | None
+    derived: Mapping[str, Entry] = field(default_factory=dict)
 
     @property
     def certified(self) -> bool:
@@ -51,6 +55,18 @@ class Answer:
     def reason(self) -> str:
         """How the run ended, in words."""
         return self.summary["reason"]
+
+    def derivative(self, key: str) -> Entry | None:
+        """The derivatives of the answer by a key of ``output.derivatives``: its entry of the summary, with arrays of
+        nodes and bodies, such as ``.contacts["fit"].pressure``; None where they are not precise. Not collective.
+
+        Raises InputError for another key.
+        """
+        entries = self.summary.get("derivatives", {})
+        if key not in entries:
+            raise InputError(f"derivative({key!r}): output.derivatives of the scene does not name it"
+                             f"{nearest(key, list(entries))} (there: {', '.join(entries) or 'none'})")
+        return joined(entries[key], self.derived[key]) if entries[key] else None
 
     def __repr__(self) -> str:
         summary, contacts = self.summary, list(self.summary["contacts"])
@@ -64,7 +80,7 @@ class Answer:
 
 
 def solve(scene: str | Path | Mapping[str, Any], comm: MPI.Comm | None = None,
-          overrides: Mapping[str, Any] | None = None, progress: bool = False) -> Answer:
+          overrides: Mapping[str, Any] | None = None, progress: bool = False, only: str | None = None) -> Answer:
     """`ddmpi.solve`. Collective."""
     world = in_lockstep(MPI.COMM_WORLD if comm is None else comm)
     in_words = isinstance(scene, Mapping) or "\n" in str(scene)
@@ -72,7 +88,7 @@ def solve(scene: str | Path | Mapping[str, Any], comm: MPI.Comm | None = None,
 
     def read() -> Settled:
         data = read_data(path, scene if isinstance(scene, Mapping) else str(scene) if in_words else read_text(path))
-        for key, value in (overrides or {}).items():
+        for key, value in {**(overrides or {}), **({"output.only": only} if only else {})}.items():
             override(data, str(key), as_data(value, "overrides", str(key)))
         return read_scene(path, data, file_kind=kind_of_files(path))
 
@@ -85,6 +101,9 @@ def solve(scene: str | Path | Mapping[str, Any], comm: MPI.Comm | None = None,
         options.use({})
     seconds = clock.largest(world)
     states = merged(world, solved.solution.states if solved else {})
+    none = {key: Entry(contacts={}, bodies={}) for key in settled.output.derivatives}
+    arrays = {key: solved.steps.derived[1].get(key, none[key]) if solved else none[key] for key in none}
     summary = world.bcast(solved.summary | {"seconds": seconds} if solved else None)
+    derived = {key: Entry(contacts=merged(world, entry.contacts), bodies=entry.bodies) for key, entry in arrays.items()}
     return Answer(summary, {contact.name: states[contact.name] for contact in settled.contact},
-                  solved.fields if solved else {}, solved)
+                  solved.fields if solved else {}, solved, derived)

@@ -45,8 +45,8 @@ def log_plan(assembly: Assembly, figures: bool) -> None:
     if world.rank:
         return
     contacts = {contact.name: owned[contact.name] for contact in scene.contact}
-    log.info("n = %d unknowns (%s), m = %d contact nodes, friction: %s", assembly.n,
-             CELLS[scene.dimension, scene.body[0].mesh.order].title, assembly.m,
+    log.info("n = %d unknowns (%s), m = %d contact nodes%s%s", assembly.n,
+             CELLS[scene.dimension, scene.body[0].mesh.order].title, assembly.m, ", friction: " * bool(contacts),
              ", ".join(dict.fromkeys(law for law, _ in contacts.values())))
     for plan, names in grouped((plan, name) for name, (_, plan) in contacts.items()):
         log.info("%s: %s", some(names, "contacts"), plan)
@@ -59,9 +59,13 @@ def log_plan(assembly: Assembly, figures: bool) -> None:
         log.info("%s: no loads", some(unloaded, "bodies"))
     if world.size < len(scene.body):
         log.info("%d bodies on %s", len(scene.body), _count(world.size, "rank"))
-    left_out = [what for what, missing in (("rigid motions (all bodies are supported)", not assembly.loose),
-                                           ("stress in the files (not asked for)", not scene.output.stress),
-                                           ("pictures (not asked for)", not figures)) if missing]
+    only = scene.output.only
+    left_out = [what for what, missing in (
+        ("rigid motions (all bodies are supported)", not assembly.loose),
+        ("fields, stresses, pictures, the estimated error and warnings of strains, stresses and overlaps of bodies "
+         f'(output.only = "{only}")', only),
+        ("stress in the files (not asked for)", not only and not scene.output.stress),
+        ("pictures (not asked for)", not only and not figures)) if missing]
     if figures and not has_matplotlib():
         left_out.append(f"pictures ({NO_MATPLOTLIB})")
     left_out += _target_left_out(scene)
@@ -109,7 +113,7 @@ def some(names: Sequence[str], what: str) -> str:
 def _plan_of(interface: Interface, unit: str) -> str:
     """The initial gap of a contact, and which unknowns it does not need."""
     facts, constrained = [describe_gap(interface, unit)], interface.m - len(interface.sliding)
-    if interface.law.name == "none":
+    if interface.law.frictionless:
         facts.append("no friction")
     elif constrained:
         facts.append(f"clamps constrain {_count(constrained, 'tangential unknown')}")
@@ -203,7 +207,10 @@ def describe_contact(summary: dict, name: str, body: str) -> str:
     # bodies that meet along an edge only have forces but no area, so no pressure
     pressure = ("no area" if contact["pressure_max"] is None and None not in contact["force"] else
                 tell(summary, "contacts", name, "pressure_max"))
-    return f"{name}: {count([contact])} nodes; {tell(summary, 'contacts', name, 'force')} on {body}, {pressure}"
+    bolt, units = contact.get("pretension"), summary["units"]
+    pulled = (f"; pretension {as_float(bolt['force']):.4g} {units['force']} at the offset "
+              f"{as_float(bolt['offset']):.4g} {units['length']}") if bolt else ""
+    return f"{name}: {count([contact])} nodes; {tell(summary, 'contacts', name, 'force')} on {body}, {pressure}{pulled}"
 
 
 def _largest(summary: dict, table: str, key: str) -> str:
@@ -241,11 +248,12 @@ def _bodies(summary: dict) -> Iterator[str]:
 
 
 def _partners(summary: dict) -> Iterator[str]:
-    """Forces on pushed rigid partners, and their displacements."""
+    """Forces on rigid partners that move as these want, and their displacements and turns."""
     for rigid in summary["scene"]["rigid"]:
         name = rigid["name"]
-        if rigid["force"] and name in summary["rigid"]:
-            yield f"{name}: {tell(summary, 'rigid', name, 'force')}, {tell(summary, 'rigid', name, 'displacement')}"
+        if (rigid["force"] or rigid["free"] or rigid["pivot"]) and name in summary["rigid"]:
+            turns = ["moment", "turn"] * bool(rigid["pivot"])
+            yield f"{name}: {', '.join(tell(summary, 'rigid', name, key) for key in ['force', 'displacement', *turns])}"
 
 
 def describe_files(names: Sequence[str]) -> str:

@@ -15,6 +15,7 @@ from petsc4py import PETSc
 from ddmpi.body.estimate import DiscretizationError, estimate_error, sum_errors
 from ddmpi.coupling.assembly import NO_SIZES, Assembly, prepare
 from ddmpi.coupling.ranks import on_working_ranks
+from ddmpi.derive.entries import ENOUGH
 from ddmpi.errors import InputError, NotConvergedError, SolverError, naming
 from ddmpi.judge.accuracy import MeshLadder, demand, refine_scene
 from ddmpi.judge.diagnosis import diagnose
@@ -36,6 +37,8 @@ from ddmpi.system.provenance import versions
 
 log = logging.getLogger("ddmpi")
 
+NO_ESTIMATE = DiscretizationError(np.nan, {}, {}, 0.0)
+
 
 def run(world: MPI.Comm, scene: Settled, scene_path: str, output: str | None, figures: bool,
         restart: str | None = None) -> None:
@@ -50,6 +53,7 @@ def compute(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock, outp
     Parameters
     ----------
     world : of ranks that all hold bodies
+    scene : with output.only, no fields are computed and written, and no pictures
     scene_path : the scene's file; mesh files are looked for beside it first
     output : folder for the results, or None for that of `restart` or a new one under results/
     figures : whether pictures are drawn, if matplotlib is installed
@@ -62,7 +66,7 @@ def compute(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock, outp
         the same on all ranks. After NotConvergedError the results are there, marked as not converged; after
         the last two a checkpoint is, as far as one could be written.
     """
-    told = list[str]()
+    told, figures = list[str](), figures and not scene.output.only
 
     def attempt() -> Solved | None:
         """Solve on the ladder's present mesh and write the results, or return None: the ladder goes on to another mesh,
@@ -151,7 +155,9 @@ def prepare_scene(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock
 
 
 def _estimate(assembly: Assembly, solution: Solution, clock: Clock) -> DiscretizationError:
-    """The discretization error of all bodies. Collective."""
+    """The discretization error of all bodies; none with output.only, unless meshes follow it. Collective."""
+    if assembly.scene.output.only and not assembly.scene.method.target_error:
+        return NO_ESTIMATE
     with clock.phase("estimate"):
         errors = {body.spec.name: estimate_error(body.mesh, body.material, solution.displacements[body.spec.name],
                                                  body.member.elasticity.acting.heated) for body in assembly.bodies}
@@ -167,7 +173,7 @@ def _another_mesh(ladder: MeshLadder, assembly: Assembly, solution: Solution, er
         return ladder.fall_back(solution.reason)
     dofs = assembly.world.allreduce(sum(body.mesh.points.size for body in assembly.bodies))
     drawn = {body.spec.name: (body.mesh, error.estimates[body.spec.name].squares) for body in assembly.bodies
-             if body.spec.mesh.geometry}
+             if body.spec.mesh.drawn}
     rate = ladder.rate(error.relative)
     demands = merged(assembly.world, {name: demand(squares, rate, mesh.dimension)
                                       for name, (mesh, squares) in drawn.items()})
@@ -183,14 +189,17 @@ def _judge(assembly: Assembly, solution: Solution, steps: StepLog, error: Discre
     scene, world = assembly.scene, assembly.world
     with clock.phase("recover"), agreed(world), event("Stress"):
         fields = {body.spec.name: fields_of(assembly, body, solution.displacements[body.spec.name], error)
-                  for body in assembly.bodies}
+                  for body in assembly.bodies if not scene.output.only}
     free = [] if solution.mechanism else undetermined_motions(assembly, solution.states)
     warnings = [*assembly.warnings, *(body.locking for body in scene.body if body.locking)]
     if solution.certified:
         doubts = doubt_answer(assembly, solution.displacements, solution.states, solution.contacts)
-        warnings += [*doubts, *steps.doubts_beside([*doubts, *free]),
-                     *(() if world.rank else doubt_mesh(scene.body, error)),
-                     *doubt_stress(assembly, {name: field.von_mises for name, field in fields.items()})]
+        warnings += [*doubts, *steps.doubts_beside([*doubts, *free])]
+        if not scene.output.only:
+            warnings += [*(() if world.rank else doubt_mesh(scene.body, error)),
+                         *doubt_stress(assembly, {name: field.von_mises for name, field in fields.items()})]
+        warnings += [f"derivatives.{key}: not told, as GMRES does not reach {ENOUGH:.0e} against their equations"
+                     for key, entry in steps.derived[0].items() if entry is None and not world.rank]
     else:  # no answer to warn of, but meshes may be the reason
         thin = gathered(world, {body.spec.name: [doubt(body.mesh, body.spec.name) for doubt in (
             doubt_cells, doubt_shape)] for body in assembly.bodies})

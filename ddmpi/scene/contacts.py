@@ -3,12 +3,27 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, ClassVar, Literal, get_args
+from typing import Annotated, ClassVar, Literal, Self, get_args
 
 import msgspec
 import numpy as np
+from msgspec.structs import force_setattr
 
-from ddmpi.scene.values import Formula, Group, Name, NonNegative, Number, Point, Positive, Profile, Table
+from ddmpi.scene.values import (
+    Formula,
+    Gap,
+    Name,
+    NonNegative,
+    Number,
+    On,
+    Point,
+    Positive,
+    Pretension,
+    Profile,
+    SignedProfile,
+    Table,
+    joined,
+)
 from ddmpi.system.numbers import nearest_in
 
 SQUASHED = 1e-6
@@ -50,42 +65,6 @@ LAWS = {str(law.__struct_config__.tag): {"law", *law.__struct_fields__} for law 
 """The keys of each law of friction."""
 
 
-class SignedProfile(Profile, frozen=True, kw_only=True):
-    """A profile whose values may be negative.
-
-    Attributes
-    ----------
-    values : the number at each point
-    """
-
-    values: list[Number]
-
-
-class Gap(SignedProfile, frozen=True, kw_only=True):
-    """An initial gap: a profile along the contact, or a ``value``, which may follow a history.
-
-    Attributes
-    ----------
-    points, values : of the profile
-    value : a number, a formula or a profile, in place of points and values
-    history : [history.NAME] whose factor multiplies the value
-    """
-
-    points: list[Number] = []
-    values: list[Number] = []
-    value: Number | Formula | SignedProfile | None = None
-    history: Name | None = None
-
-    def __post_init__(self) -> None:
-        if self.value is None:
-            super().__post_init__()
-        elif self.points or self.values:
-            raise ValueError("value does not go with points and values; write them into it, as in value = "
-                             "{ points = […], values = […] }")
-        if self.value is None and self.history is not None:
-            raise ValueError('a gap with a history has a value: write { value = …, history = "…" }')
-
-
 class ContactSpec(Table, frozen=True, kw_only=True):
     """Two bodies that may touch, or a body and a rigid partner. Their meshes need not match; either side may be larger.
 
@@ -93,31 +72,43 @@ class ContactSpec(Table, frozen=True, kw_only=True):
     ----------
     name : unique among contacts; left out, the names in bodies with a dash between
     bodies : two bodies, or a body and then a rigid partner; normals and forces of the results are the first one's
-    on : a boundary group of each body, so only one if the partner is rigid
-    kind : "bonded" sides neither separate nor slide
+    on : a boundary group of each body, so only one if the partner is rigid: ["sole", "top"]; numbered faces of a
+        drawing are groups, and so are several of them in a list: [[5, 8], 27]
+    kind : "bonded" sides neither separate nor slide; "guided" ones do not separate and slide without friction, as a
+        face in a guide: normal forces have both signs
     friction : law of friction; left out, none
     gap : initial gap along the normal (m), positive open, negative an interference, as in -1e-5 or { value = -1e-5,
         history = "fit" }; left out, it is measured, on curved sides between the arcs over their chords
     pairing : "nodes" or "mortar"; left out, by nodes if those of both sides match, else by dual mortar
-    slave : with mortar, the body whose nodes carry the forces; left out, the one with the larger spacing of nodes over
-        E/(1 − ν²)
+    pretension : of a bolt that a bond cuts through its shank, or of its thread: the force that pulls the first body
+        along a direction, by one offset of the whole bond
+    slave : with mortar, the body whose nodes carry the forces; left out, that of larger node spacing over E/(1 − ν²)
     """
 
     name: Name | None = None
     bodies: tuple[Name, Name]
-    on: Annotated[tuple[Group, ...], msgspec.Meta(min_length=1, max_length=2)]
-    kind: Literal["unilateral", "bonded"] = "unilateral"
+    on: Annotated[tuple[On, ...], msgspec.Meta(min_length=1, max_length=2)]
+    kind: Literal["unilateral", "bonded", "guided"] = "unilateral"
     friction: Friction = NoFriction()
     gap: Number | Formula | Gap | None = None
     pairing: Literal["nodes", "mortar"] | None = None
     slave: Name | None = None
+    pretension: Pretension | None = None
 
     def __post_init__(self) -> None:
-        if self.kind == "bonded" and not isinstance(self.friction, NoFriction):
-            raise ValueError('friction does not go with kind = "bonded", which lets nothing slide; leave one of them '
-                             "out")
+        force_setattr(self, "on", tuple(map(joined, self.on)))
+        if self.pretension and self.kind != "bonded":
+            raise ValueError(f'pretension goes with kind = "bonded", a bond that is pulled as a whole; this contact is '
+                             f"{self.kind}")
+        if self.two_sided and not isinstance(self.friction, NoFriction):
+            raise ValueError(f'friction does not go with kind = "{self.kind}"; leave one of them out')
         if self.slave is not None and self.pairing == "nodes":
             raise ValueError('slave does not go with pairing = "nodes", which has none; leave one of them out')
+
+    @property
+    def two_sided(self) -> bool:
+        """Whether normal forces have both signs, so that the sides do not separate."""
+        return self.kind != "unilateral"
 
     @property
     def opening(self) -> tuple[Number | Formula | SignedProfile | None, str | None]:
@@ -133,7 +124,7 @@ class ContactSpec(Table, frozen=True, kw_only=True):
 
 
 class SettledContact(ContactSpec, frozen=True, kw_only=True):
-    """A contact without optional keys, but for a ``gap``, ``pairing`` or ``slave`` that is not given."""
+    """A contact without optional keys, but for those that are not given."""
 
     name: Name
 
@@ -143,6 +134,9 @@ def default_name(bodies: tuple[str, ...] | list[str]) -> str:
     return "-".join(bodies)
 
 
+Axis = Literal["x", "y", "z"]
+
+
 class RigidSurface(Table, frozen=True, kw_only=True, tag_field="shape"):
     """A rigid surface, which bodies touch from one side. Subclasses are shapes; other rooms use their methods only.
 
@@ -150,14 +144,23 @@ class RigidSurface(Table, frozen=True, kw_only=True, tag_field="shape"):
     ----------
     name : unique among bodies and rigid partners
     displacement : prescribed displacement (m); left out, zero
-    force : force (N) along the axes on which it is not 0; along the others the displacement is prescribed. A partner
-        never rotates
-    history : [history.NAME] whose factor multiplies displacement and force
+    force : force (N) along the axes on which it is not 0; along the others the displacement is prescribed
+    free : axes along which it moves freely if no force acts on it, as in ["x"]; left out, none. But a partner with a
+        bonded contact that turns under a moment or a force, and has no displacement, is free along all axes: forces and
+        moment are then all that acts on the bonded face from outside
+    moment : moment (N m) that turns it about the pivot, in space [x, y, z]
+    turns : whether it turns, also without a moment; otherwise only with one
+    pivot : the point about which it turns by small angles; displacement and force are those of this point (m)
+    history : [history.NAME] whose factor multiplies displacement, force and moment
     """
 
     name: Name
     displacement: Point | None = None
     force: Point | None = None
+    free: list[Axis] | None = None
+    moment: Number | Point | None = None
+    turns: bool = False
+    pivot: Point | None = None
     history: Name | None = None
 
     only_in: ClassVar[int | None] = None
@@ -170,17 +173,49 @@ class RigidSurface(Table, frozen=True, kw_only=True, tag_field="shape"):
     """End of the advice where a body penetrates it."""
 
     def __post_init__(self) -> None:
-        if self.force is not None and not self.pushed:
+        if self.force is not None and not any(self.force):
             raise ValueError("force must not be zero; leave it out, or the partner moves as displacement says")
+        if self.moment is not None and not np.any(self.moment):
+            raise ValueError("moment must not be zero; leave it out, or write turns = true: it then turns freely")
+        if self.turning and self.pivot is None:
+            raise ValueError(f"{'turns' if self.moment is None else 'moment'} needs pivot = […], the point about which "
+                             "the partner turns")
+        if self.pivot is not None and not self.turning:
+            raise ValueError("pivot goes with a moment, or with turns = true; leave it out where the partner does not "
+                             "turn")
         both = [axis for axis in self.pushed if self.displacement and self.displacement[axis]]
         if both:
-            raise ValueError(f"along {'xyz'[both[0]]} it has both a force and a displacement; it is pushed or moved, "
+            what = "a force" if (self.force or (0.0,) * 3)[both[0]] else "freedom to move"
+            raise ValueError(f"along {'xyz'[both[0]]} it has both {what} and a displacement; it is pushed or moved, "
                              "so set one of them to 0")
 
     @property
     def pushed(self) -> list[int]:
-        """The axes along which a force acts on it."""
-        return [axis for axis, value in enumerate(self.force or ()) if value]
+        """The axes along which a force acts on it, or nothing resists it."""
+        force = self.force or (0.0,) * 3
+        return [axis for axis, value in enumerate(force) if value or "xyz"[axis] in (self.free or ())]
+
+    @property
+    def turning(self) -> bool:
+        """Whether it turns."""
+        return self.turns or self.moment is not None
+
+    @property
+    def turns_by(self) -> int:
+        """The number of its turns: 1 in the plane, 3 in space, 0 if it does not turn."""
+        return 2 * len(self.pivot or ()) - 3 if self.turning else 0
+
+    @property
+    def yields(self) -> bool:
+        """Whether it moves as the forces on it want, along an axis or about the pivot."""
+        return bool(self.pushed) or self.turning
+
+    def settled(self, dimension: int, bonded: bool) -> Self:
+        """The partner with all defaults; `bonded` if a body is bonded to it."""
+        free = self.free
+        if free is None and bonded and self.turning and (self.moment or self.force) and self.displacement is None:
+            free = list(get_args(Axis)[:dimension])  # it brings forces to a face, and does not hold it
+        return msgspec.structs.replace(self, displacement=self.displacement or (0.0,) * dimension, free=free)
 
     def facing(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Unit normals (…, d), towards the bodies, at the nearest places to points (…, d), and the distances (…) along

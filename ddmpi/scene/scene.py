@@ -11,11 +11,10 @@ from collections.abc import Callable, Iterator
 from typing import Annotated, Any, get_args
 
 import msgspec
-from msgspec.structs import replace
 
-from ddmpi.scene.bodies import BodySpec, Material, SettledBody
+from ddmpi.scene.bodies import BodySpec, Material, SettledBody, Traction
 from ddmpi.scene.contacts import ContactSpec, NoFriction, Rigid, SettledContact
-from ddmpi.scene.keys import nearest
+from ddmpi.scene.keys import nearest, refuse_underivable
 from ddmpi.scene.method import PRESETS, Checkpoint, Method, Output, SettledMethod, Time, check_petsc
 from ddmpi.scene.values import WHERE, History, Name, Number, Table, check_formulas, histories, settle, tables, varies
 from ddmpi.system.files import LONGEST, contact_files
@@ -42,7 +41,7 @@ class Scene(Table, frozen=True, kw_only=True):
         whole circumference
     body : elastic bodies
     rigid : partners of contacts without mesh, material and rank
-    contact : contacts of bodies with each other or with a rigid partner
+    contact : contacts of bodies with each other or with a rigid partner; left out, each body is solved alone
     history : factors over time by name, [history.NAME]
     time : load steps; left out, all loads act at once
     method : method and accuracy
@@ -56,7 +55,7 @@ class Scene(Table, frozen=True, kw_only=True):
     axisymmetric: bool = False
     body: Annotated[list[BodySpec], msgspec.Meta(min_length=1)]
     rigid: list[Rigid] = []
-    contact: list[ContactSpec]
+    contact: list[ContactSpec] = []
     history: dict[Name, History] = {}
     time: Time | None = None
     method: Method = Method()
@@ -65,8 +64,6 @@ class Scene(Table, frozen=True, kw_only=True):
     petsc: PETScOptions = {}
 
     def __post_init__(self) -> None:
-        if not self.contact:
-            raise ValueError('contact: a scene needs at least one contact; write [[contact]], bodies = ["…", "…"]')
         self._check_names()
         self._check_files()
         for key, table in tables(self):
@@ -78,10 +75,15 @@ class Scene(Table, frozen=True, kw_only=True):
         if len(orders) > 1:
             raise ValueError(f"bodies have mesh.order {' and '.join(map(str, orders))}; forces at their common nodes "
                              "would mean different pressures, so give all bodies the same")
-        for rigid in self.rigid:
-            if self.axisymmetric and 0 in rigid.pushed:
-                raise ValueError(f"rigid.{rigid.name}.force: around an axis a partner is pushed along y alone; what "
-                                 "pushes it across the axis cancels all around")
+        for contact in self.contact:
+            if self.axisymmetric and contact.pretension and contact.pretension.along[0]:
+                raise ValueError(f"contact.{contact.called}.pretension.along: around an axis a bond is pulled along y "
+                                 "alone, so write along = [0, 1] or [0, -1]")
+        for rigid in self.rigid if self.axisymmetric else ():
+            if 0 in rigid.pushed or rigid.turning:
+                key = "pivot" if rigid.turning else "force" if rigid.force and rigid.force[0] else "free"
+                raise ValueError(f"rigid.{rigid.name}.{key}: around an axis a partner is pushed along y alone, and "
+                                 "does not turn; what acts across the axis cancels all around")
         if self.output.mirrored and not self.axisymmetric:
             raise ValueError("output.mirrored: shows the other half of axisymmetric bodies; write axisymmetric = true "
                              "at the top, or leave it out")
@@ -147,6 +149,12 @@ class Scene(Table, frozen=True, kw_only=True):
                              "[1.0, 2.0]; without it all loads act at once")
         if self.output.animation and self.time is None:
             raise ValueError("output.animation: plays load steps, and without [time] there is only one; leave it out")
+        for contact in self.contact:
+            name = contact.pretension.history if contact.pretension else None
+            if name and self.history[name].times[-1] <= 0.0:
+                raise ValueError(f"contact.{contact.called}.pretension.history: [history.{name}] ends at time "
+                                 f"{self.history[name].times[-1]:g}, before the first load step, so that the force "
+                                 "would never act; let it end at a later time, or leave it out")
         if self.time is not None and self.method.for_two:
             raise ValueError(f"time: method.{self.method.for_two} solves one load step; what knows several is outer = "
                              '"newton", the default')
@@ -156,7 +164,7 @@ class Scene(Table, frozen=True, kw_only=True):
 
     def _check_heat(self) -> None:
         """If materials expand, some body has a temperature; the others keep that of the state free of stress."""
-        expanding = [body.name for body in self.body if any(material.expansion for material in body.materials)]
+        expanding = [body.name for body in self.body if any(material.expansions.any() for material in body.materials)]
         if expanding and all(body.temperature is None for body in self.body):
             raise ValueError(f"body.{expanding[0]}.material.expansion: no body has a temperature, so nothing expands; "
                              "write temperature = 80.0 (K over the state free of stress) into a [[body]], or leave "
@@ -182,7 +190,8 @@ class Scene(Table, frozen=True, kw_only=True):
                              f'["{second}", "{first}"], on = ["{contact.on[-1]}"]')
         if second in rigid and len(contact.on) > 1:
             raise ValueError(f"{key}.on: {second!r} is rigid and has no boundary groups; write on = "
-                             f'["{contact.on[0]}"], the one of {first!r}')
+                             f'["{contact.on[0]}"], the one of {first!r}' + (
+                                 f", or on = [[{', '.join(contact.on)}]], both" * "".join(contact.on).isdigit()))
         if second in bodies and len(contact.on) < 2:
             raise ValueError(f"{key}.on: names a boundary group of {first!r}, and must name one of {second!r}, too; "
                              f'write on = ["{contact.on[0]}", "…"]')
@@ -214,12 +223,15 @@ class Scene(Table, frozen=True, kw_only=True):
         order = named or (2 if locking else PRESETS.get(method.preset or "", {}).get("order"))
         if not order:
             order = self._order_of_files(file_kind) if file_kind else 1
-        still = (0.0,) * dimension
-        return settle(self, Settled, method=method, dimension=dimension,
+        bonded = {contact.bodies[1] for contact in self.contact if contact.kind == "bonded"}
+        scene = settle(self, Settled, method=method, dimension=dimension,
                       body=[body.settled(order, dimension, self.axisymmetric) for body in self.body],
-                      rigid=[replace(rigid, displacement=rigid.displacement or still) for rigid in self.rigid],
+                      rigid=[rigid.settled(dimension, rigid.name in bonded) for rigid in self.rigid],
                       time=self.time.settled() if self.time else None,
                       contact=[settle(contact, SettledContact, name=contact.called) for contact in self.contact])
+        if self.output.derivatives:
+            refuse_underivable(scene.resolved())
+        return scene
 
     def _dimension(self, file_kind: FileKind | None) -> int:
         """Number of coordinates of all places and vectors. Raises ValueError if it differs within the scene."""
@@ -249,8 +261,12 @@ class Scene(Table, frozen=True, kw_only=True):
                 yield rigid.only_in, f"rigid.{rigid.name}.shape", (
                     f"a {rigid.__struct_config__.tag} is a shape {WHERE[rigid.only_in]}; {WHERE[5 - rigid.only_in]} "
                     f"there are {', '.join(others)}")
+            if "z" in (rigid.free or ()):
+                yield 3, f"rigid.{rigid.name}.free", "there is no z in the plane"
+            if isinstance(rigid.moment, float | int):
+                yield 2, f"rigid.{rigid.name}.moment", "a moment in space has three components, [x, y, z]"
         for name in ("view", "cut"):
-            if getattr(self.output, name) is not None:
+            if getattr(self.output, name) not in (None, True, False):
                 yield 3, f"output.{name}", "only pictures of solids have a view and a cut; leave it out"
         if self.axisymmetric:
             yield 2, "axisymmetric", "axisymmetric bodies are drawn in the half-plane x >= 0"
@@ -259,6 +275,10 @@ class Scene(Table, frozen=True, kw_only=True):
             along = getattr(table, "along", "")  # of a profile
             if along == "arc":
                 yield 2, f"{key}.along", 'surfaces have no arc length; take a coordinate, such as along = "x"'
+            if isinstance(table, Traction) and table.moment is not None and self.axisymmetric:
+                yield 3, f"{key}.moment", what
+            elif isinstance(table, Traction) and isinstance(table.moment, float):
+                yield 2, f"{key}.moment", "in space a moment is [Mx, My, Mz]"
             if isinstance(table, Material):
                 yield from ((number, f"{key}.{name}", words) for number, name, words in table.of_one_dimension(
                     self.axisymmetric))
@@ -328,16 +348,29 @@ class Settled(Table, frozen=True, kw_only=True):
 
     @property
     def pushed(self) -> list[Rigid]:
-        """The rigid partners with a force and a contact."""
+        """The rigid partners with a contact that move as the forces on them want."""
         named = {contact.bodies[1] for contact in self.contact}
-        return [rigid for rigid in self.rigid if rigid.pushed and rigid.name in named]
+        return [rigid for rigid in self.rigid if rigid.yields and rigid.name in named]
+
+    @property
+    def bolts(self) -> list[SettledContact]:
+        """The contacts with a pretension."""
+        return [contact for contact in self.contact if contact.pretension]
+
+    @property
+    def tightened(self) -> dict[str, float]:
+        """When the histories of pretensions end, by contact: from then on these keep their offsets."""
+        return {contact.name: self.history[bolt.history].times[-1] for contact in self.contact
+                if (bolt := contact.pretension) and bolt.history}
 
     @property
     def legs(self) -> list[float]:
-        """The ends of legs in ascending order: the points, and kinks of used histories between them."""
+        """The ends of legs in ascending order: the points, and between them kinks of used histories and the ends of
+        those of pretensions."""
         if self.time is None:
             return [1.0]
         kinks = {time for name in self.followed for time in self.history[name].kinks}
+        kinks.update(self.tightened.values())
         return sorted({*self.time.points, *(time for time in kinks if 0.0 < time < self.time.points[-1])})
 
     def factors(self, time: float) -> dict[str | None, float]:

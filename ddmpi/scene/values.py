@@ -7,7 +7,7 @@ import functools
 import operator
 import warnings
 from collections.abc import Callable, Iterator, Mapping
-from typing import Annotated, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 import msgspec
 import numpy as np
@@ -33,8 +33,20 @@ Vector = Annotated[tuple[Number | Formula, ...], msgspec.Meta(min_length=2, max_
 Group = Annotated[str, msgspec.Meta(min_length=1)]
 """Name of a boundary group of a mesh."""
 
+if TYPE_CHECKING:
+    On = str  # once a table is made: `joined`
+else:
+    On = Group | Annotated[int, msgspec.Meta(ge=1)] | Annotated[
+        tuple[Group | Annotated[int, msgspec.Meta(ge=1)], ...], msgspec.Meta(min_length=1)]
+"""A group by name, a numbered curve or face of a drawing, or a list of these, which are one group together."""
+
 Name = Annotated[str, msgspec.Meta(min_length=1, max_length=100, pattern=r"^[^.=/\s\x00-\x1f\x7f]*\Z")]
 """Name of a body or contact; it is a part of keys (``--set body.NAME.key=value``) and of file names."""
+
+
+def joined(on: Any) -> str:
+    """The name of the group that a value of `On` means: "8+27" of [8, 27]. Meshes make it of its parts."""
+    return "+".join(map(str, on)) if isinstance(on, tuple) else str(on)
 
 
 class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -275,6 +287,63 @@ class Profile(Table, frozen=True, kw_only=True):
     def at(self, xy: np.ndarray, arc: np.ndarray) -> np.ndarray:
         """Values (m,) at the contact nodes `xy` (m, d) with arc lengths `arc` (m,)."""
         return np.interp(self.position(xy, arc), self.points, self.values)
+
+
+class SignedProfile(Profile, frozen=True, kw_only=True):
+    """A profile whose values may be negative.
+
+    Attributes
+    ----------
+    values : the number at each point
+    """
+
+    values: list[Number]
+
+
+class Gap(SignedProfile, frozen=True, kw_only=True):
+    """An initial gap: a profile along the contact, or a ``value``, which may follow a history.
+
+    Attributes
+    ----------
+    points, values : of the profile
+    value : a number, a formula or a profile, in place of points and values
+    history : [history.NAME] whose factor multiplies the value
+    """
+
+    points: list[Number] = []
+    values: list[Number] = []
+    value: Number | Formula | SignedProfile | None = None
+    history: Name | None = None
+
+    def __post_init__(self) -> None:
+        if self.value is None:
+            super().__post_init__()
+        elif self.points or self.values:
+            raise ValueError("value does not go with points and values; write them into it, as in value = "
+                             "{ points = […], values = […] }")
+        if self.value is None and self.history is not None:
+            raise ValueError('a gap with a history has a value: write { value = …, history = "…" }')
+
+
+class Pretension(Table, frozen=True, kw_only=True):
+    """The force of a bolt: it is given while its history goes on; after that the bond keeps its offset.
+
+    Attributes
+    ----------
+    force : on the first body, along ``along`` (N, in the plane per unit of depth, around an axis of the whole
+        circumference); positive pulls it towards where ``along`` points
+    along : direction of the force and of the offset, of any length
+    history : [history.NAME] whose factor multiplies the force until its last time, from which on the offset stays;
+        left out, the force is given throughout
+    """
+
+    force: Number
+    along: Point
+    history: Name | None = None
+
+    def __post_init__(self) -> None:
+        if not any(self.along):
+            raise ValueError("along must not be zero; it is the direction in which the bond is pulled")
 
 
 class History(Table, frozen=True, kw_only=True):

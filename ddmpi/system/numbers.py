@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,6 +24,35 @@ def moment(at: np.ndarray, forces: np.ndarray, axisymmetric: bool = False) -> np
     at = at * (not axisymmetric)
     total = np.ascontiguousarray(np.cross(np.pad(at, flat), np.pad(forces, flat)).T).sum(axis=1)
     return total if at.shape[1] == 3 else total[2]
+
+
+def crossed(turning: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """ω × x (k, d) of rotations ω (k, 1 or 3) and places x (k, d)."""
+    flat = np.pad(turning, ((0, 0), (3 - turning.shape[1], 0))), np.pad(at, ((0, 0), (0, 3 - at.shape[1])))
+    return np.cross(*flat)[:, :at.shape[1]]
+
+
+class RigidMotion(NamedTuple):
+    """A small rigid motion: the displacement (d,) of a pivot (m), and the turn about it (rad), one number in the plane
+    and three in space; without a turn it is empty, and any point is the pivot."""
+
+    displacement: np.ndarray
+    turn: np.ndarray = np.empty(0)
+    pivot: np.ndarray | float = 0.0
+
+    def at(self, points: np.ndarray) -> np.ndarray:
+        """The displacements (k, d) of points (k, d)."""
+        moved = np.zeros_like(points) + self.displacement
+        return moved + crossed(self.turn[None], points - self.pivot) if len(self.turn) else moved
+
+    def undone(self, points: np.ndarray) -> np.ndarray:
+        """The places (k, d) from which the motion takes something to `points` (k, d)."""
+        if not len(self.turn):
+            return points - self.displacement
+        axes = np.eye(points.shape[1])
+        # rows e_i + θ × e_i: (x − p) times them is x − p + θ × (x − p)
+        return self.pivot + (points - self.displacement - self.pivot) @ np.linalg.inv(
+            axes + crossed(self.turn[None], axes))
 
 
 ROUNDING = 1e-12
