@@ -32,6 +32,8 @@ AT_FIRST = "scenes/test_load_steps.py::test_a_load_that_nothing_holds_at_first_i
 DISSIPATED = "interface/test_state.py"
 MEMBER, MORTAR, ARC = "coupling/test_member.py", "interface/test_mortar.py", "interface/test_profiles.py"
 PARTS, NUMBERED = "mesh/test_parts.py", "check/test_check.py::test_numbered_faces_are_told_and_proposed"
+TOLD = "run/test_model.py::test_what_is_kept_is_told"
+CHANGED = "run/test_model.py::test_each_change_has_the_answer_of_a_run_by_itself"
 ANSWER, NODES = "run/test_answer.py", f"{CERTIFICATE}::test_the_state_of_the_nodes"
 
 MUTANTS = [Mutant(*row) for row in (
@@ -313,6 +315,51 @@ MUTANTS = [Mutant(*row) for row in (
     ("QPs end too early", "published/tao", "gatol=tolerance / problem.displacement", "gatol=1e-3", RANDOM),
     ("a QP that failed is accepted", "published/tao", "if not result.residual <= max(1.01 * tolerance, rounding):",
      "if False:", "published/test_mprgp.py::test_iteration_limit_from_the_options"),
+    # kept, and what stages depend on
+    ("kept in spite of other options", "kept/kept", "set(), digest(conditions)", 'set(), ""',
+     "kept/test_kept.py::test_values_are_taken_by_key"),
+    ("factors that are not met again stay, kept", "kept/kept", "and keys.get(slot[1]) != key", "and False",
+     "kept/test_kept.py::test_what_is_not_met_again_goes_first"),
+    ("kept by the key of another case", "kept/kept", "if slot in self._entries and slot in self._met",
+     "if slot in self._entries", "kept/test_kept.py::test_what_depends_on_something_not_kept_is_not_taken"),
+    ("the memory that is left decides, not that without what is kept", "kept/kept", "self._memory or measure()",
+     "measure()", "kept/test_kept.py::test_memory_is_that_of_the_first_case"),
+    ("a stiffness is kept for another material", "body/elasticity", "(mesh_key, body.material, body.foundation,",
+     "(mesh_key, body.foundation,", TOLD),
+    ("a stiffness is kept for other foundations", "body/elasticity", "body.material, body.foundation,",
+     "body.material,", f"{CHANGED}[load steps]"),
+    ("a stiffness is kept for other clamped directions", "body/elasticity", "body.foundation, clamped.free)",
+     "body.foundation)", f"{CHANGED}[held]"),
+    ("supports are kept for other clamps", "body/elasticity", "(mesh_key, body.clamp, histories(body))",
+     "(mesh_key, histories(body))", f"{CHANGED}[held]"),
+    ("loads are kept for others", "body/elasticity", '(kept.key("stiffness", name), body)',
+     '(kept.key("stiffness", name),)', f"{CHANGED}[held]"),
+    ("a compliance is kept for other rows", "coupling/member", "self._B, self.kind, self.reason\n",
+     "self.kind, self.reason\n", f"{CHANGED}[held]"),
+    ("a compliance is kept for another kind", "coupling/member", "self._B, self.kind, self.reason\n", "self._B\n",
+     TOLD),
+    ("a displacement is kept for another load", "coupling/member", '(kept.key("compliance", self.name), case.b)',
+     '(kept.key("compliance", self.name),)', f"{CHANGED}[held]"),
+    ("counts of the case before are kept", "coupling/member", "self.C.renew()", "pass", f"{CHANGED}[held]"),
+    ("multigrid is kept", "coupling/member", "value[0].solver.direct", "True",
+     "run/test_model.py::test_multigrid_remembers_nothing"),
+    ("a mesh is kept for another one", "coupling/assembly", "depends = (spec.mesh, ", "depends = (", TOLD),
+    ("a mesh is kept for another file", "coupling/assembly",
+     'kept.key("file", spec.name) if file is None else file, contacts', "contacts",
+     "run/test_model.py::test_the_content_of_a_mesh_file_counts"),
+    ("rows are kept for another first side", "coupling/assembly", "(first, depends, drawn), make",
+     "(depends, drawn), make", TOLD),
+    ("rows are kept for another second side", "coupling/assembly", "(first, depends, drawn), make",
+     "(first, drawn), make", TOLD),
+    ("rows are kept for another gap", "coupling/assembly", "replace(contact, friction=NoFriction())",
+     "replace(contact, friction=NoFriction(), gap=None)", f"{CHANGED}[held]"),
+    ("rows are kept without friction", "coupling/assembly",
+     "friction=NoFriction()), isinstance(contact.friction, NoFriction)", "friction=NoFriction()), False",
+     f"{CHANGED}[held]"),
+    ("a friction law is kept", "coupling/assembly", "interface = replace(interface, law=law)", "del law",
+     f"{CHANGED}[held]"),
+    ("what is kept outlives the ranks of a body", "run/run", "if team_of(ranks) is not self._team:", "if False:",
+     "run/test_model.py::test_the_ranks_of_a_body_stay"),
     # coupling
     ("a loose body's compliance is not centred", "coupling/member", "y[:] = self._centring.project(y)", "pass",
      f"{MEMBER}::test_nothing_depends_on_the_supports"),
