@@ -34,6 +34,7 @@ MEMBER, MORTAR, ARC = "coupling/test_member.py", "interface/test_mortar.py", "in
 PARTS, NUMBERED = "mesh/test_parts.py", "check/test_check.py::test_numbered_faces_are_told_and_proposed"
 TOLD = "run/test_model.py::test_what_is_kept_is_told"
 CHANGED = "run/test_model.py::test_each_change_has_the_answer_of_a_run_by_itself"
+DERIVED = "derive/test_derivatives.py"
 ANSWER, NODES = "run/test_answer.py", f"{CERTIFICATE}::test_the_state_of_the_nodes"
 
 MUTANTS = [Mutant(*row) for row in (
@@ -530,6 +531,48 @@ MUTANTS = [Mutant(*row) for row in (
      "results/test_files.py::test_publishing_overwrites_nothing"),
     ("cells of the second body have the first one's nodes", "results/fields", 'entry["cells"] + start',
      'entry["cells"]', "results/test_fields.py::test_meshio_reads_all_bodies"),
+    # derivatives
+    ("friction does not turn against springs in derivatives", "methods/linear",
+     "left = f - inward(product - rigid.spread(alpha)) - layer * y", "left = f - inward(product - rigid.spread(alpha))",
+     f"{DERIVED}::test_boxes_in_space"),
+    ("motions of a gradient have the wrong sign", "methods/linear", "sign = -1.0 if transposed else 1.0", "sign = 1.0",
+     "derive/test_gradient.py::test_loose_bodies"),
+    ("a status is lost on the other side", "methods/linear", "(sign * side * slope < 0.0)",
+     "(sign * side * slope > 0.0)", f"{DERIVED}::test_both_sides_of_a_change_of_status"),
+    ("slip bounds have no part in a derivative", "methods/linear", "(active.slip * bound[:, None]).ravel()",
+     "(0.0 * active.slip * bound[:, None]).ravel()", f"{DERIVED}::test_blocks_with_coulomb_friction"),
+    ("GMRES solves another system than the transposed one", "methods/krylov",
+     "(linearised.place, linearised.contract) if transposed", "(linearised.expand, linearised.restrict) if transposed",
+     "derive/test_gradient.py::test_on_two_ranks"),
+    ("where slip begins does not change with the touching time", "interface/state",
+     "= dt + dshare[:, None] * sliding + share", "= dt + share", f"{DERIVED}::test_load_steps_are_chained"),
+    ("where slip begins does not change", "derive/chain", "equations.direct(rho - start, de",
+     "equations.direct(rho, de", f"{DERIVED}::test_load_steps_are_chained"),
+    ("the first slip bounds do not count", "derive/chain", "0.5 * (dnew + dold) * size", "0.5 * dnew * size",
+     f"{DERIVED}::test_a_number_of_a_slip_bound_and_of_a_gap"),
+    ("until is that of the last step alone", "derive/chain", "max(fall, since[\"until\"][k, 0])", "fall",
+     f"{DERIVED}::test_until_is_that_of_all_steps"),
+    ("a factor on a gap is a number", "derive/parameters", "interface.gap / value if value else 1.0", "1.0",
+     f"{DERIVED}::test_blocks_that_do_not_match_with_profiles"),
+    ("heat does not follow a modulus", "derive/parameters", "f += thermal_loads(mesh, entry, acting.warm)[0]", "pass",
+     f"{DERIVED}::test_around_an_axis_with_heat"),
+    ("a part has the modulus of the whole body", "derive/parameters", "if len(body.spec.materials) > 1:", "if False:",
+     f"{DERIVED}::test_parts_of_a_body"),
+    ("a load case has the loads beside it", "derive/parameters", "change(spec, traction=[], clamp=clamps,",
+     "change(spec, clamp=clamps,", f"{DERIVED}::test_blocks_with_coulomb_friction"),
+    ("tangential forces in space add up by components", "derive/entries", "if tangential.shape[1] > 1:", "if False:",
+     f"{DERIVED}::test_boxes_in_space"),
+    ("derivatives are told however precise", "derive/entries",
+     'None if derived["residual"][k] > ENOUGH else', "None if False else",
+     f"{DERIVED}::test_a_loose_body_that_nothing_holds_along_the_floor_has_no_derivative"),
+    ("a gradient by gaps has the wrong sign", "derive/gradient", "-interface.scale * w[part]",
+     "interface.scale * w[part]", "derive/test_gradient.py::test_supported_blocks"),
+    ("a reaction does not follow its loads", "derive/gradient", "if name == wanted.body:", "if False:",
+     "derive/test_gradient.py::test_supported_blocks"),
+    ("friction beyond the law does not move bodies", "derive/gradient", " - joint.rigid.spread(beta)", "",
+     "derive/test_gradient.py::test_loose_bodies"),
+    ("a key that names nothing is taken", "scene/keys", "        if key not in able:", "        if False:",
+     f"{DERIVED}::test_a_key_that_names_nothing_is_refused"),
     # run
     ("digest of a checkpoint unchecked", "run/checkpoint", "if data[:BLOCK] != _head(data[BLOCK:]):",
      "if not data.startswith(FORMAT):",
