@@ -200,16 +200,16 @@ class CoarseSystem:
     weights : W (k,) along the unknown forces; W Iᵀ M I W replaces Iᵀ M I
     stiffness : M times columns (its size, c) of an owned interface, called with its number
     diagonal : D (size,)
-    kept : (k,) bool, of the first motions, those that stay where they are
+    kept : (k,) bool, which of the first motions stay where they are
 
     Construction is collective.
     """
 
     def __init__(self, motions: Motions, basis: sparse.csr_matrix, E: sparse.csr_matrix,
                  weights: np.ndarray, stiffness: Callable[[int, np.ndarray], np.ndarray], diagonal: np.ndarray,
-                 kept: np.ndarray) -> None:
+                 kept: Sequence[bool] | np.ndarray = ()) -> None:
         self._space = motions.space
-        moves = sparse.diags(np.append(1.0 - kept, np.ones(motions.size - len(kept))))
+        moves = sparse.diags(np.append(1.0 - np.asarray(kept, float), np.ones(motions.size - len(kept))))
         with event("CoarseSystem"):
             smooth = []
             for number, (part, _, block) in enumerate(motions.blocks):

@@ -26,6 +26,7 @@ class Dense:
     """A joint operator of two bodies that clamps hold, with the matrix C and the free gaps d."""
 
     members, bodies, e, dear = (), 2, np.empty(0), False
+    kept = still = np.empty(0)
 
     def __init__(self, C: np.ndarray, d: np.ndarray, coefficient: float, components: int = 1) -> None:
         dimension, size = 1 + components, len(d)
@@ -58,6 +59,9 @@ class Dense:
 
     def rigid_moduli(self) -> np.ndarray:
         return np.empty(0)
+
+    def at_rest(self) -> Point:
+        return Point(np.zeros(self.size), -self.d, np.empty(0), np.empty(0))
 
     def imbalance(self, s) -> np.ndarray:
         return np.empty(0)
