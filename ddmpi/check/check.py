@@ -184,6 +184,9 @@ def _page(assembly: Assembly, bodies: Mapping[str, Looked], interfaces: Sequence
         pairing = f"mortar, slave {interface.slave}" if interface.slave else "paired"
         contacts.append((f"{sides}: " * (len(interfaces) <= LISTED) + f"{interface.m} nodes, {pairing}, law "
                          f"{interface.law.name}; {describe_gap(interface, unit['length'])}", contact.name))
+        if bolt := contact.pretension:
+            contacts.append((f"pulled by {bolt.force:g} along {in_words(np.array(bolt.along), 4)}"
+                             f"{_following(bolt.history)}", contact.name))
     yield from (f"contact {some(names, 'contacts')}: {words}" for words, names in grouped(contacts))
     yield from (f"{motion}, whatever touches" for motion in free)
     taken = {contact.name for contact in scene.contact}

@@ -25,6 +25,7 @@ from ddmpi.coupling.joint import Joint, Point
 from ddmpi.methods.dense import LONG, Direct
 from ddmpi.methods.half_space import MODEL_STEPS, Model, Modelled
 from ddmpi.methods.krylov import Linearised, LinearProblem, Preconditioner, forcing
+from ddmpi.methods.linear import Linearisation
 from ddmpi.methods.outer import Outer, Report, Step, no_report
 from ddmpi.methods.paths import DRIFT, NEAR, STOPPED, InteriorPoints, Path, Softening
 from ddmpi.petsc.events import event
@@ -114,8 +115,7 @@ class Newton(Outer):
         foreseen : whether these predict this step, so that its first status of nodes follows from them
         """
         joint = self.joint
-        s, r, alpha = warm or (np.zeros(joint.size), -joint.d, np.zeros(joint.rigid.size))
-        self._at = Point(s, r, alpha, joint.imbalance(s))
+        self._at = Point(*warm, joint.imbalance(warm[0])) if warm else joint.at_rest()
         self._warm = warm is not None and self.space.any(self._pressed())
         self._path: Path | None = None
         self._paths = list(PATHS if len(joint.e) else PATHS[::-1])  # that are left
@@ -375,6 +375,10 @@ class Newton(Outer):
 
     def body_forces(self) -> list[np.ndarray]:
         return self.joint.exchange.spread(self._at.s)
+
+    def linearisation(self) -> Linearisation:
+        """The equations at the present forces, for the derivatives of the answer. Collective."""
+        return Linearisation(self.joint, self._preconditioner, self._at, self._c)
 
     def refresh(self, u: list[np.ndarray]) -> None:
         """Nothing to do: the gaps are computed afresh where the iteration goes on."""

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from ddmpi.coupling.assembly import Assembly
+from ddmpi.derive.chain import Chain
 from ddmpi.interface.state import slip_start
 from ddmpi.judge.equilibrium import Mechanism
 from ddmpi.judge.plausible import doubt_answer
@@ -29,8 +30,7 @@ from ddmpi.run.checkpoint import Checkpoints
 from ddmpi.run.equilibrium import NOTHING, look_for_mechanism, undetermined_motions
 from ddmpi.run.gather import StepLog
 from ddmpi.run.report import UNDETERMINED
-from ddmpi.run.solve import Iteration, Solution, solve
-from ddmpi.scene.contacts import NoFriction
+from ddmpi.run.solve import Iteration, Solution, lean_steps, solve
 from ddmpi.system.clock import Clock
 
 log = logging.getLogger("ddmpi")
@@ -75,6 +75,7 @@ class _Mark:
     energy : strain energy (J)
     length : of closed contacts, in space their area (m, m²)
     slid : by contact without friction its slip (m, d − 1) of all load steps (m)
+    derived : derivatives, see `ddmpi.derive.chain`
     """
 
     time: float
@@ -89,6 +90,7 @@ class _Mark:
     energy: float
     length: float
     slid: dict[str, np.ndarray]
+    derived: dict[str, np.ndarray]
 
     @property
     def closed(self) -> np.ndarray:
@@ -96,13 +98,13 @@ class _Mark:
         return self.moved - self.opening
 
     @classmethod
-    def first(cls, assembly: Assembly) -> _Mark:
+    def first(cls, assembly: Assembly, derived: dict[str, np.ndarray]) -> _Mark:
         """Time 0, free of stress."""
         space, zero = assembly.space, np.zeros(assembly.space.size)
         touching = sum(float(interface.area[interface.opening <= 0.0].sum()) for interface in space.interfaces)
         still, k = np.zeros(assembly.joint.rigid.size), len(assembly.scene.followed) + 1
         return cls(0.0, zero, still, zero, zero, space.opening, zero, np.zeros(k), np.zeros((2, k)), 0.0,
-                   float(space.add(np.array([touching]))[0]), {})
+                   float(space.add(np.array([touching]))[0]), {}, derived)
 
 
 def march(assembly: Assembly, report: Report = no_report, checkpoints: Checkpoints | None = None,
@@ -115,8 +117,11 @@ def march(assembly: Assembly, report: Report = no_report, checkpoints: Checkpoin
     scene, clock = assembly.scene, clock or Clock()
     log = StepLog()
     if scene.time is None:
+        chain, time = Chain(assembly, scene.output.derivatives), scene.legs[0]
         solution = solve(assembly, scene.method, report, checkpoints, clock)
-        log.note_step(scene.legs[0], solution)
+        log.note_step(time, solution)
+        if solution.certified:
+            log.derive(*chain.entries(time, chain.advance(time, solution.outer, solution), solution), several=False)
         return solution, log
     assembly.act(scene.legs[0])
     march = March(assembly, Iteration(assembly, scene.method, no_report, clock), log)
@@ -147,19 +152,12 @@ class March:
         factors = [scene.factors(time) for time in (0.0, *self._legs)]
         for body in assembly.bodies:  # forces are compared with the largest loads of all legs
             body.member.elasticity = body.member.elasticity.largest(factors)
-        # Displacements are asked for at the end of a leg. Slip without friction is not among the unknowns and counts
-        # from the step before, which needs them as well. By multigrid a product with C would cost as much.
-        slides, rubs = (any(contact.kind == "unilateral" and (contact.friction == NoFriction()) == free
-                            for contact in scene.contact) for free in (True, False))
-        several = scene.time.steps > 1 if scene.time.steps else rubs
-        self._leanly = several and not assembly.joint.dear and scene.output.steps != "all" and 1 + slides
-        if self._leanly:
-            with assembly.exchange.deferred():
-                for body in assembly.bodies:
-                    body.member.prepare_energies()
+        self._leanly = lean_steps(assembly)
         assembly.act(0.0)
         self._sudden = assembly.space.any(assembly.joint.d + assembly.space.opening)  # loads act at time 0
-        self._now = _Mark.first(assembly)
+        self._chain = Chain(assembly, scene.output.derivatives)
+        self._now = self._before = _Mark.first(assembly, self._chain.first())
+        self._ahead: list[float] = []
         self._given = 0.0  # by gaps that are not of time, in the first step: they act at once (J)
         self._leg = -1
         self._next_leg()
@@ -190,6 +188,8 @@ class March:
     def _step(self, time: float) -> Solution:
         """Solve the load step to `time`."""
         assembly, joint = self.assembly, self.assembly.joint
+        over = [name for name, end in assembly.scene.tightened.items() if end <= self._now.time]
+        joint.keep(over, self._now.alpha)
         mechanism = self._mechanism(time)
         assembly.act(time)
         self._d = joint.d
@@ -278,10 +278,13 @@ class March:
                                   lost])
         self.log.note_step(time, solution)
         self.log.judge(solution.certificate)
+        derived = self._chain.advance(time, outer, solution, now, self._before)
+        if len(self._ahead) == 1:  # the end of a leg
+            self.log.derive(*self._chain.entries(time, derived, solution))
         self._now = _Mark(time, s, outer.motions, self._d, moved, space.opening, solution.prescribed, factors,
                           solution.work, solution.energy, closed, {
                               name: state.slip_total for name, state in solution.states.items()
-                              if state.interface.law.frictionless})
+                              if state.interface.law.frictionless}, derived)
         self._before = self._now if self._sudden and now.time == 0.0 else now
         del self._ahead[0]
         if not self._ahead or scene.output.steps == "all":
