@@ -23,6 +23,9 @@ from ddmpi.system.numbers import RigidMotion, crossed, scaled_unit
 BRIGHTEST = 99.5
 """Percentile at which the colours of stresses end: singular stresses in corners must not set the scale."""
 
+NARROW = 6.5
+"""Width of figures (inches) in which a title takes another line."""
+
 MOVED, TURNED_BY = 0.1, 0.3
 """Largest displacement in the picture of a mechanism, over the bodies' extent, and largest rotation (rad)."""
 
@@ -65,6 +68,8 @@ def draw_bodies(results: Results) -> Any:
         mark(sheet.axes, sheet.place(at[node])[:2], f"{rounded(most / factor)} {unit}")
     words = f"{quantity} up to {rounded(most / factor)} {unit}; " if quantity != "displacement" else ""
     factor, unit = scaled_unit(moved, results.summary["units"]["length"])
+    if sheet.figure.get_figwidth() < NARROW:
+        words = words.replace("; ", "\n")
     sheet.figure.suptitle(f"{results.heading(True)}{words}displacement × {scale:g}, "
                           f"largest {rounded(moved / factor)} {unit}")
     return sheet.figure

@@ -22,7 +22,7 @@ from ddmpi.pictures.bodies import animate, draw_bodies
 from ddmpi.pictures.contacts import draw_contacts, draw_maps, flatten
 from ddmpi.pictures.curves import draw_steps
 from ddmpi.pictures.draw import draw_all
-from ddmpi.pictures.moved import apart, rigid_parts
+from ddmpi.pictures.moved import apart, directions, rigid_parts
 from ddmpi.results.tables import STATUS, Results, read_results
 from ddmpi.run.run import prepare_scene
 from ddmpi.scene.method import VIEWS
@@ -96,7 +96,7 @@ def test_edges_are_drawn_where_facets_meet_at_an_angle_and_are_seen():
 
 def flattened(mesh, group):
     face = made_up_solids.interface("a-b", mesh, group)
-    at, labels, along = flatten(face.xy, face.facets)
+    at, labels, along = flatten(face.xy, face.facets, *directions(face.normal, face.area))
     a, b, c = at.transpose(1, 0, 2)
     return at, labels, along, np.abs(np.linalg.det(np.stack([b - a, c - a], axis=1))).sum() / 2, face
 
