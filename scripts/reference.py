@@ -38,7 +38,8 @@ HEADINGS = {
     "VolumeForce": "volume_force", "Heat": "temperature", "AffineVector": "vector with slopes",
     "AffineScalar": "number with slopes", "ContactSpec": "[[contact]]",
     "Coulomb": "friction by Coulomb", "Tresca": "friction by Tresca", "NoFriction": "no friction",
-    "Profile": "profile", "SignedProfile": "signed profile", "Gap": "gap", "Plane": "[[rigid]]: a plane",
+    "Profile": "profile", "SignedProfile": "signed profile", "Gap": "gap", "Pretension": "pretension",
+    "Plane": "[[rigid]]: a plane",
     "Circle": "[[rigid]]: a circle", "Sphere": "[[rigid]]: a sphere", "Cylinder": "[[rigid]]: a cylinder",
     "History": "[history.NAME]", "Time": "[time]", "Method": "[method]", "Output": "[output]", "Cut": "cut",
     "Checkpoint": "[checkpoint]"}

@@ -80,6 +80,14 @@ def build_parser() -> argparse.ArgumentParser:
     commands.add_parser("check", help="say and draw what a run would do, without solving", parents=[scene, written],
                         **formats)
     _add_sweep(commands, scene, formats)
+    deck = commands.add_parser("import", help="write a scene from an Abaqus or CalculiX deck", allow_abbrev=False,
+                               description="Write scene.toml and its meshes from an Abaqus or CalculiX deck, and list "
+                               "by lines what was taken, what was changed and what is lost. Where a load, a support or "
+                               "a contact would be lost, nothing is written.")
+    deck.add_argument("deck", type=_named, metavar="DECK.inp", help="the deck")
+    deck.add_argument("--output", type=_named, metavar="FOLDER", required=True, help="folder for the scene and its "
+                      "meshes; nothing is overwritten")
+    deck.add_argument("--partial", action="store_true", help="write the scene without what is not possible")
     results = _Parser(add_help=False)
     results.add_argument("folder", type=_named, metavar="DIR", help="folder of results")
     results.add_argument("--step", type=float, metavar="TIME", help="time of the load step to show, of those whose "

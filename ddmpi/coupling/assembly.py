@@ -205,7 +205,7 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
     numbers = [body.name for body in scene.body]
     return Assembly(world, scene, tuple(Body(numbers.index(spec.name), spec, meshes[spec.name], member)
                                         for spec, member in zip(mine, members, strict=True)),
-                    space, exchange, Joint(members, exchange, space, histories, scene.pushed),
+                    space, exchange, Joint(members, exchange, space, histories, scene.pushed, scene.bolts),
                     world.allreduce(sum(body.n for body in bodies.values())),
                     world.allreduce(sum(interface.m for interface in interfaces if interface.name in owned)), told)
 

@@ -17,7 +17,7 @@ from ddmpi.scene.values import Profile
 from ddmpi.surface.cut import Cover
 from ddmpi.surface.outline import Outline, Outlined, drawn_cells, whole_facets
 from ddmpi.surface.side import Side, frames, laplacian, unit
-from ddmpi.system.numbers import is_touched
+from ddmpi.system.numbers import in_words, is_touched
 
 NOTHING = 1e-12
 """Entries of transfers below this are rounding."""
@@ -156,6 +156,8 @@ def build(rows: Rows, contact: SettledContact) -> Interface:
     row = number[np.where(rows.bound, -1, rows.place)]
     lines = replace(rows.lines, row=number[rows.lines.row],
                     area=rows.lines.area * (not rows.pointwise)).only(~dropped[rows.lines.row])
+    pull = unit(np.array([contact.pretension.along]))[0] if contact.pretension else np.empty(0)
+    _refuse_held(contact, pull, frame, live, xy)
     xy, arc, area, places = xy[keep], rows.arc[keep], rows.area[keep], _at_rows(rows, ~dropped, start)
     return Interface(
         name=contact.name, bodies=(sides[0].body, sides[1].body), xy=xy, frame=frame[keep], area=area, gap=places.gap,
@@ -168,7 +170,16 @@ def build(rows: Rows, contact: SettledContact) -> Interface:
         slave=side.body if rows.points else None, lines=lines, outline=_outline(rows, keep),
         at=(rows.transfers[0][keep] @ sides[0].xy, rows.transfers[1][keep] @ sides[1].xy),
         axisymmetric=side.axisymmetric, pointwise=rows.pointwise,
-        fixed=_at_rows(rows, dropped, start), probes=_probes(rows, contact, dropped, start))
+        fixed=_at_rows(rows, dropped, start), probes=_probes(rows, contact, dropped, start), pull=pull)
+
+
+def _refuse_held(contact: SettledContact, pull: np.ndarray, frame: np.ndarray, live: np.ndarray,
+                 xy: np.ndarray) -> None:
+    """InputError where clamps of both sides hold nodes along the direction `pull` of a pretension, by the frames
+    (r, d, d) of the rows at places `xy` (r, d) and which of their directions move (r, d)."""
+    if len(pull) and (left := np.linalg.norm(np.einsum("rcd,d->rc", frame, pull) * ~live, axis=1)).max() > SAME:
+        raise InputError(f"contact.{contact.name}.pretension: at {in_words(xy[left.argmax()])} clamps hold both sides "
+                         f"along {in_words(pull, 3)}, so that the bond cannot be pulled; leave one side free there")
 
 
 def _along_clamps(rows: Rows, frame: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -57,6 +57,9 @@ class Direct:
         right = linearised.restrict(wanted - point.r - C_change), joint.imbalance(point.s + change)
         softly = steered * steering.shared[linearised.unknown], springs * steering.diagonal[:rigid.size]
         K = _matrix(self._C, linearised, rigid.Z, layer[linearised.unknown] + softly[0], softly[1])
+        kept = k + np.flatnonzero(joint.kept)  # offsets that stay as they are, without an equation of forces
+        K[kept], K[:, kept] = 0.0, 0.0
+        K[kept, kept] = 1.0
         factors, pivots, singular = dgetrf(K)
         if singular:
             return None

@@ -94,6 +94,7 @@ class Linearisation:
         """The unknown forces y (k,), the motions α, C times the forces (size,), and the relative residual."""
         joint, space, rigid = self.joint, self.joint.space, self.joint.rigid
         y, alpha, product = np.zeros(len(f)), np.zeros(rigid.size), np.zeros(space.size)
+        h = np.where(joint.kept, 0.0, h)  # no forces are asked of motions that stay where they are
         residual = 0.0 if not (space.any(f) or h.any()) else np.inf
         if not residual or not space.any(np.ones(len(f))):
             return y, alpha, product, residual
@@ -114,7 +115,7 @@ class Linearisation:
             # the true equations: neither ε nor D at nodes of several contacts stands in them
             product = joint.product(problem.expand(y), PURPOSE, AIM)
             left = f - problem.restrict(product - rigid.spread(alpha)) - layer * y
-            out = h - rigid.sums(problem.expand(y))
+            out = np.where(joint.kept, 0.0, h - rigid.sums(problem.expand(y)))
             misfit, size, now = space.norms([left, f, y])
             size, pull = max(size, space.norm(problem.restrict(rigid.spread(alpha)))), max(pull, now)
             before, residual = residual, max(misfit / size if size else 0.0, norm(out) / pull if pull else 0.0)

@@ -31,6 +31,7 @@ ADAPTIVE = "scenes/test_load_steps.py::test_adaptive_steps_go_on_from_wherever_t
 AT_FIRST = "scenes/test_load_steps.py::test_a_load_that_nothing_holds_at_first_is_named_though_it_is_held_at_last"
 DISSIPATED = "interface/test_state.py"
 MEMBER, MORTAR, ARC = "coupling/test_member.py", "interface/test_mortar.py", "interface/test_profiles.py"
+PARTS, NUMBERED = "mesh/test_parts.py", "check/test_check.py::test_numbered_faces_are_told_and_proposed"
 ANSWER, NODES = "run/test_answer.py", f"{CERTIFICATE}::test_the_state_of_the_nodes"
 
 MUTANTS = [Mutant(*row) for row in (
@@ -116,6 +117,24 @@ MUTANTS = [Mutant(*row) for row in (
      "self.inverse.transpose(0, 2, 1, 3)", "body/test_curved_bodies.py::test_linear_displacement_is_exact"),
     ("folded triangles are accepted", "mesh/mesh", "if (least <= 0.0).any():", "if (least <= -9.0).any():",
      "mesh/test_curved_meshes.py::test_folded_triangle_is_refused"),
+    ("a part is meshed with all others", "mesh/boundary",
+     "gmsh.model.removeEntities([(d, tag) for tag in names if tag != meant[0]], recursive=True)", "pass",
+     f"{PARTS}::test_a_part_of_an_assembly_by_name_and_number"),
+    ("a part forgets its groups", "mesh/boundary", "gmsh.model.addPhysicalGroup(k, tags, group, name)", "pass",
+     f"{PARTS}::test_parts_of_a_script"),
+    ("of several faces together one is taken", "mesh/boundary", "[kind[part] for part in parts if part in kind]",
+     "[kind[part] for part in parts[:1] if part in kind]",
+     f"{PARTS}::test_numbered_faces_are_groups_of_clamps_loads_and_contacts"),
+    ("an edge is a whole face", "mesh/boundary", "functools.reduce(np.intersect1d, nodes)", "nodes[0]",
+     f"{PARTS}::test_edges_and_corners_of_any_body_may_be_clamped"),
+    ("contacts are fine where a scene wants them coarse", "mesh/geometry", "near = np.setdiff1d(near, along)",
+     "near = near", f"{PARTS}::test_sizes_by_group"),
+    ("the bore of a tube is its outside", "mesh/shapes", '"inner" if inner', '"outer" if inner',
+     f"{PARTS}::test_balls_and_cylinders_have_their_volume_and_groups"),
+    ("a moment has a resultant", "body/loads", "first - share * (first.sum(axis=0) / share[:, 0].sum())", "first",
+     "body/test_loads.py::test_a_moment_is_spread_without_a_force"),
+    ("expansion along x, y and z, whatever the axes", "scene/bodies", "return R @ np.diag(", "return np.diag(",
+     "body/test_orthotropic.py::test_expansion_along_each_axis"),
     ("groups of solids without names are not seen", "mesh/read", "gmsh.model.getEntities(3) else 1",
      "gmsh.model.getEntities(4) else 1", "mesh/test_geometry.py::test_groups_without_names"),
     ("drawings are of order 0", "mesh/build", "geometry_dimension(path, name), 1", "geometry_dimension(path, name), 0",
@@ -524,6 +543,10 @@ MUTANTS = [Mutant(*row) for row in (
     ("uncertified cases are called certified", "sweep/table", '"exit": 0 if summary["converged"] else 3', '"exit": 0',
      "sweep/test_sweep.py::test_failing_cases_do_not_stop_the_others"),
     # check, cli
+    ("a bore is a shaft", "check/faces", "@ measures < 0.0", "@ measures > 0.0", NUMBERED),
+    ("the halves of a bore are two contacts", "check/nearby", "(any(same) or all(smooth))", "any(same)", NUMBERED),
+    ("solids from behind are seen from the front", "check/drawing", "    if behind:\n", "    if not behind:\n",
+     "check/test_check.py::test_numbered_faces_are_drawn"),
     ("contacts are proposed where nothing is near", "check/nearby", "distance_to(middle[some], body.at)[1]",
      "distance_to(middle[some], body.at)[0]", "check/test_check.py::test_contacts_that_are_missing_are_proposed"),
     ("numbers of a law are not said", "cli/report", "if not numbers:", "if numbers:",
