@@ -101,6 +101,28 @@ def flattened(mesh, group):
     return at, labels, along, np.abs(np.linalg.det(np.stack([b - a, c - a], axis=1))).sum() / 2, face
 
 
+def test_the_rim_of_a_contact_is_where_it_ends():
+    """Not where cells meet others that have points along their edges."""
+    points = np.array([[0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0], [4, 0, 0], [4, 2, 0], [2, 1, 0]], float)
+    cells = np.array([[0, 1, 2], [0, 2, 3], [1, 4, 6], [4, 5, 6], [6, 5, 2]])
+    edges, owner = views.rim(points, cells)
+    assert sorted(map(tuple, np.sort(edges, axis=1))) == [(0, 1), (0, 3), (1, 4), (2, 3), (2, 5), (4, 5)]
+    assert all(set(edge) <= set(cells[cell]) for edge, cell in zip(edges, owner, strict=True))
+
+
+def test_flats_behind_each_other_stand_side_by_side():
+    """Two faces with opposite normals keep their shape and area, and do not lie on each other."""
+    box = made_up_solids.box(size=(3.0, 2.0, 1.0), divisions=(3, 2, 2))
+    low, high = (made_up_solids.interface("a-b", box, group) for group in ("bottom", "top"))
+    points, facets = np.vstack([low.xy, high.xy]), np.vstack([low.facets, high.facets + len(low.xy)])
+    normal, area = np.vstack([low.normal, high.normal]), np.append(low.area, high.area)
+    at, labels, _ = flatten(points, facets, *directions(normal, area))
+    a, b, c = at.transpose(1, 0, 2)
+    assert np.abs(np.cross(b - a, c - a)).sum() / 2 == pytest.approx(12.0) and labels == ("x (side by side)", "y")
+    first, second = at[:len(low.facets), :, 0], at[len(low.facets):, :, 0]
+    assert first.max() < second.min() or second.max() < first.min()
+
+
 def test_flat_contacts_are_drawn_in_their_coordinates():
     """A face of a box is drawn over the two coordinates that vary on it; an inclined one keeps its area."""
     mesh = made_up_solids.box((1.0, 2.0, 3.0), (3.0, 1.0, 2.0))
