@@ -3,6 +3,7 @@
 import dataclasses
 import itertools
 import json
+import shutil
 
 import made_up
 import made_up_solids
@@ -16,7 +17,7 @@ from scenes import pinched_blocks, to_toml
 from solid_scenes import two_boxes
 
 from ddmpi.cli.report import write_report
-from ddmpi.errors import InputError
+from ddmpi.errors import InputError, OutputError
 from ddmpi.pictures import views
 from ddmpi.pictures.bodies import animate, draw_bodies
 from ddmpi.pictures.contacts import draw_contacts, draw_maps, flatten
@@ -263,6 +264,26 @@ def test_pictures_are_cut_and_seen_as_asked_for(tmp_path):
     assert draw_bodies(results).axes[0].get_xlim()[1] < 1.6
     results.summary["scene"]["output"] |= {"view": "right", "cut": {"y": 0.8}}  # between nodes
     assert draw_contacts(results).axes[0].get_xlim()[1] > 0.8
+
+
+@pytest.mark.skipif(not shutil.which("ffmpeg"), reason="no ffmpeg to write videos")
+def test_an_animation_is_a_video_too(tmp_path):
+    """Where ffmpeg is installed, of the same size but for a line of pixels."""
+    animate(stacked(tmp_path, times=(1.0, 2.0)), tmp_path, "")
+    video = (tmp_path / "animation.mp4").read_bytes()
+    assert video[4:8] == b"ftyp" and len(video) > 2000
+
+
+def test_a_video_that_fails_is_told(tmp_path, monkeypatch):
+    """With the words of ffmpeg."""
+    tool = tmp_path / "ffmpeg"
+    tool.write_text("#!/bin/sh\necho no encoder >&2\nexit 1\n")
+    tool.chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    (tmp_path / "made").mkdir()
+    results = stacked(tmp_path / "made", times=(1.0, 2.0))
+    with pytest.raises(OutputError, match="no encoder"):
+        animate(results, tmp_path / "made", "")
 
 
 def test_animations_of_solids_have_no_bands(tmp_path):
