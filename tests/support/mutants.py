@@ -26,6 +26,7 @@ RANDOM = "published/test_mprgp.py::test_random_programs"
 LAW, SIDES, LEGS = "interface/test_law.py", "interface/test_interface.py", "coupling/test_exchange.py"
 UNLOADED = "scenes/test_load_steps.py::test_what_is_unloaded_is_zero"
 DENSE = "methods/test_dense.py"
+OUTLINES = "results/test_outlines.py"
 LEAN = "scenes/test_lean_steps.py"
 ADAPTIVE = "scenes/test_load_steps.py::test_adaptive_steps_go_on_from_wherever_they_were"
 AT_FIRST = "scenes/test_load_steps.py::test_a_load_that_nothing_holds_at_first_is_named_though_it_is_held_at_last"
@@ -559,6 +560,22 @@ MUTANTS = [Mutant(*row) for row in (
      "results/test_path.py::test_quadratic_elements_are_exact_and_bodies_that_touch_have_a_line_each"),
     ("a node that hardly faces anything is drawn", "results/fields", "(area.min(axis=1) >= FEW",
      "(area.min(axis=1) >= -FEW", "pictures/test_pictures.py::test_the_curve_ends_where_the_contact_ends"),
+    ("facets that face the other side partly are drawn whole", "surface/outline", "<= WHOLE)[facet]", "<= 1.0)[facet]",
+     f"{OUTLINES}::test_a_face_that_ends_within_facets_is_drawn_as_it_is"),
+    ("values beyond what rows have are drawn", "surface/outline", "np.maximum(hats.reshape(-1, d), 0.0)",
+     "hats.reshape(-1, d)", f"{OUTLINES}::test_a_face_that_ends_within_facets_is_drawn_as_it_is"),
+    ("straight cells cut arcs short", "surface/outline", "abs(factor - 1.0) < MOST_MOVED", "False",
+     f"{OUTLINES}::test_arcs_have_their_length_in_straight_cells"),
+    ("cells at clamped nodes are left out", "interface/rows", "cells[known[cells].any(axis=1)]",
+     "cells[known[cells].all(axis=1)]", f"{OUTLINES}::test_cells_of_clamped_nodes_alone_are_left_out"),
+    ("edges within a contact are drawn as its rim", "pictures/views", "return edges[~inner], owner[~inner]",
+     "return edges, owner", "pictures/test_pictures_of_solids.py::test_the_rim_of_a_contact_is_where_it_ends"),
+    ("painted sides lie in the parts", "pictures/browser", "sign * ABOVE * extent * outward", "-sign * ABOVE * outward",
+     "pictures/test_browser.py::test_a_view_has_what_the_results_have"),
+    ("a view shows the last load step alone", "pictures/browser", "len(times) - 1, 0, min(",
+     "len(times) - 1, 0, 0 * min(", "pictures/test_browser.py::test_a_view_has_what_the_results_have"),
+    ("gaps are not magnified in views", "pictures/browser", "(0, 3 - d))) + s\n", "(0, 3 - d)))\n",
+     "pictures/test_browser.py::test_a_view_closes_gaps_as_pictures_do"),
     ("a closed contact is drawn open", "surface/curve", "pairs[closing] = pairs[closing, ::-1]", "pass",
      "pictures/test_pictures.py::test_closed_contacts_are_drawn_closed"),
     ("overlaps in drawings are limited without the shift", "pictures/moved", "(visible + into[overlapping])", "visible",
