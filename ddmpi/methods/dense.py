@@ -29,7 +29,6 @@ class Direct:
     def __init__(self, joint: Joint, preconditioner: Preconditioner) -> None:
         self._joint, self._preconditioner = joint, preconditioner
         self._C: np.ndarray | None = None  # once it is asked for; without entries where it is not known
-        self._Z = np.empty((0, 0))
         self.steps = self.long = False
 
     def direction(self, point: Point, linearised: Linearised, change: np.ndarray, wanted: np.ndarray,
@@ -50,16 +49,13 @@ class Direct:
             return None
         if self._C is None:
             C = joint.dense(SMALL)
-            self._C, self._Z = np.empty((0, 0)) if C is None else C, rigid.Z.toarray()
+            self._C = np.empty((0, 0)) if C is None else C
         if not self._C.size:  # as on several ranks, of which one may have no unknowns
             return None
         C_change = joint.product(change, "newton")
         right = linearised.restrict(wanted - point.r - C_change), joint.imbalance(point.s + change)
         softly = steered * steering.shared[linearised.unknown], springs * steering.diagonal[:rigid.size]
-        K = _matrix(self._C, linearised, self._Z, layer[linearised.unknown] + softly[0], softly[1])
-        kept = k + np.flatnonzero(joint.kept)  # offsets that stay as they are, without an equation of forces
-        K[kept], K[:, kept] = 0.0, 0.0
-        K[kept, kept] = 1.0
+        K = matrix(self._C, linearised, joint, layer[linearised.unknown] + softly[0], softly[1])
         factors, pivots, singular = dgetrf(K, overwrite_a=True)
         if singular:
             return None
@@ -73,11 +69,13 @@ class Direct:
         return Point(change, C_change - rigid.spread(alpha), alpha, joint.imbalance(point.s + change) - point.left)
 
 
-def _matrix(C: np.ndarray, linearised: Linearised, Z: np.ndarray, D: np.ndarray, springs: np.ndarray) -> np.ndarray:
+def matrix(C: np.ndarray, linearised: Linearised, joint: Joint, D: np.ndarray, springs: np.ndarray) -> np.ndarray:
     """[Iᵀ C E + D, −Iᵀ Z; Zᵀ E, springs], of k unknown forces and j rigid motions. Not collective.
 
     C (size, size) is symmetric, Z (size, j) are the contact displacements of the motions, and D (k,) are compliances.
+    Motions that are kept have no equation of forces: they are zero.
     """
+    Z, springs = joint.rigid.Z.toarray() * (1.0 - joint.kept), np.where(joint.kept, 1.0, springs)
     unknown, turn, size, k = linearised.unknown, linearised.turn, len(C), linearised.number
     both = np.hstack([C, Z])
     follow = np.flatnonzero(linearised.coupling)

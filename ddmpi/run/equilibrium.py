@@ -24,7 +24,6 @@ from ddmpi.judge.equilibrium import Mechanism, find_mechanism
 from ddmpi.judge.forces import Forces
 from ddmpi.judge.motions import RESISTED, MotionsOfBody, describe_motions, undetermined
 from ddmpi.methods.outer import Outer
-from ddmpi.scene.contacts import NoFriction
 from ddmpi.system.agreement import agreed, from_first, gathered
 from ddmpi.system.numbers import norm
 from ddmpi.system.provenance import has_clarabel
@@ -251,24 +250,6 @@ def displaced(assembly: Assembly, outer: Outer, largest: np.ndarray) -> Moved:
                               "made": member.stiffness * farthest, "load": member.elasticity.load,
                               "energy": energy, "work": member.work(u, s)}
     return displacements, traces, sizes, beside
-
-
-def prepare_leanness(assembly: Assembly) -> int:
-    """How many of the last steps of a leg need displacements; 0 if all steps do. Collective: prepares `at_contacts`.
-
-    Slip without friction, which is not among the unknowns, counts from the step before, which needs them as well. By
-    multigrid a product with C costs as much as a displacement.
-    """
-    scene, time = assembly.scene, assembly.scene.time
-    slides, rubs = (any(contact.kind != "bonded" and (contact.friction == NoFriction()) == free
-                        for contact in scene.contact) for free in (True, False))
-    several = time and (time.cycle or (time.steps > 1 if time.steps else rubs))
-    if not several or assembly.joint.dear or scene.output.steps == "all" or scene.output.derivatives:
-        return 0
-    with assembly.exchange.deferred():
-        for body in assembly.bodies:
-            body.member.prepare_energies()
-    return 1 + slides
 
 
 def at_contacts(assembly: Assembly, outer: Outer, largest: np.ndarray) -> Moved:

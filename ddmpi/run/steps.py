@@ -27,10 +27,10 @@ from ddmpi.methods.newton import Newton
 from ddmpi.methods.outer import Report, no_report
 from ddmpi.results.tables import leg_values
 from ddmpi.run.checkpoint import Checkpoints
-from ddmpi.run.equilibrium import NOTHING, Mark, look_for_mechanism, prepare_leanness, undetermined_motions
+from ddmpi.run.equilibrium import NOTHING, Mark, look_for_mechanism, undetermined_motions
 from ddmpi.run.gather import StepLog
 from ddmpi.run.report import UNDETERMINED
-from ddmpi.run.solve import Iteration, Solution, solve
+from ddmpi.run.solve import Iteration, Solution, lean_steps, solve
 from ddmpi.system.clock import Clock
 
 log = logging.getLogger("ddmpi")
@@ -112,7 +112,7 @@ class March:
         factors = [scene.factors(time) for time in (0.0, *self._legs)]
         for body in assembly.bodies:  # forces are compared with the largest loads of all legs
             body.member.elasticity = body.member.elasticity.largest(factors)
-        self._leanly = prepare_leanness(assembly)
+        self._leanly = lean_steps(assembly)
         assembly.act(0.0)
         self._sudden = assembly.space.any(assembly.joint.d + assembly.space.opening)  # loads act at time 0
         self._chain = Chain(assembly, scene.output.derivatives)

@@ -68,4 +68,4 @@ def test_needles_side_by_side_take_few_steps(cells):
                box("lower", (0, 0, 0), size, cells, 2, clamp=[{"on": "bottom"} | HELD])]
     contact = {"bodies": ["upper", "lower"], "on": ["left", "right"], "friction": COULOMB}
     summary = certified({"body": needles, "contact": [contact], "output": {"stress": False}}).summary
-    assert summary["outer_iterations"] <= 10 and 40 < summary["inner_iterations"] < 150
+    assert summary["outer_iterations"] <= 10 and 40 < summary["inner_iterations"] <= 300
