@@ -100,7 +100,7 @@ def geometry_dimension(path: Path, body: str) -> int:
 def list_parts(path: Path) -> tuple[int, list[tuple[int, str, float]]]:
     """The dimension of a drawing, and of each of its bodies the number, the label, or "", and the extent (m). Not
     collective. Raises InputError for a file that gmsh cannot read."""
-    label = str(path)
+    label = path.name
     with _opened(path, label) as (folder, source):
         d, parts = apart(folder, _list_parts, source, label, doing=f"gmsh is reading {path.name}")
         return d, parts
