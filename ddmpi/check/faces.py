@@ -23,6 +23,9 @@ from ddmpi.system.numbers import in_words
 SQUARE = "", "", "²"
 """The powers of the unit of length of lengths and areas, by the dimension of what has them."""
 
+DRAWN = 24
+"""The numbers are not drawn of more bodies, as each takes two pictures."""
+
 EDGEWISE = 0.1
 """Facets are not numbered whose normal points less to the eye."""
 
@@ -51,7 +54,8 @@ def face_pictures(scene: Settled, bodies: Mapping[str, Looked]) -> dict[str, Cal
     """The pictures, by their names, of each body with numbered faces, of solids from both sides. Not collective."""
     return {f"faces_{name if len(name.encode()) < LONGEST - 20 else k}{'_behind' * behind}.png": partial(
         draw_faces, as_results(scene, {name: body}, []), name, body, bool(behind))
-        for k, (name, body) in enumerate(bodies.items()) if body.mesh.faces for behind in range(scene.dimension - 1)}
+        for k, (name, body) in enumerate(bodies.items()) if body.mesh.faces and len(bodies) <= DRAWN
+        for behind in range(scene.dimension - 1)}
 
 
 def draw_faces(results: Results, name: str, body: Looked, behind: bool) -> Any:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -82,15 +82,19 @@ class Missing(NamedTuple):
     facets: np.ndarray  # (k, d, d) of both bodies (m)
     gap: tuple[float, float]  # the least and the largest distance, negative where they overlap (m)
 
+    @property
+    def sides(self) -> list[Any]:
+        """The value of ``on``: names, numbers of faces, and lists of these."""
+        numbers: list[list] = [sorted(map(int, on.split("+"))) if NUMBERS.fullmatch(on) else [on] for on in self.on]
+        return [parts if len(parts) > 1 else parts[0] for parts in numbers]
+
     def lines(self, taken: set[str]) -> str:
         """The TOML of the contact, with a name that is not among those `taken`, which gets this one."""
         first, k = default_name(self.bodies), 1
         while (name := first if k == 1 else f"{first}-{k}") in taken:
             k += 1
         taken.add(name)
-        numbers = [sorted(map(int, on.split("+"))) if NUMBERS.fullmatch(on) else [on] for on in self.on]
-        entry = {"name": name if k > 1 else None, "bodies": self.bodies,
-                 "on": [parts if len(parts) > 1 else parts[0] for parts in numbers]}
+        entry = {"name": name if k > 1 else None, "bodies": self.bodies, "on": self.sides}
         return write_toml({"contact": [entry]}).strip()
 
 

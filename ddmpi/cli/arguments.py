@@ -80,11 +80,13 @@ def build_parser() -> argparse.ArgumentParser:
     commands.add_parser("check", help="say and draw what a run would do, without solving", parents=[scene, written],
                         **formats)
     _add_sweep(commands, scene, formats)
-    deck = commands.add_parser("import", help="write a scene from an Abaqus or CalculiX deck", allow_abbrev=False,
+    deck = commands.add_parser("import", help="write a scene from an Abaqus or CalculiX deck, or a first one from an "
+                               "assembly (.step, .brep)", allow_abbrev=False,
                                description="Write scene.toml and its meshes from an Abaqus or CalculiX deck, and list "
                                "by lines what was taken, what was changed and what is lost. Where a load, a support or "
-                               "a contact would be lost, nothing is written.")
-    deck.add_argument("deck", type=_named, metavar="DECK.inp", help="the deck")
+                               "a contact would be lost, nothing is written. Of an assembly (.step, .brep) the scene "
+                               "has its parts, and contacts where they touch, to be completed.")
+    deck.add_argument("deck", type=_named, metavar="DECK.inp", help="the deck, or an assembly")
     deck.add_argument("--output", type=_named, metavar="FOLDER", required=True, help="folder for the scene and its "
                       "meshes; nothing is overwritten")
     deck.add_argument("--partial", action="store_true", help="write the scene without what is not possible")

@@ -17,6 +17,9 @@ from ddmpi.system import interrupt, logs
 from ddmpi.system.agreement import agreed, from_first
 from ddmpi.system.memory import loading
 
+ASSEMBLIES = (".step", ".stp", ".brep", ".brp")
+"""Endings of drawings of which `import` makes a first scene."""
+
 if TYPE_CHECKING:
     import argparse
 
@@ -113,6 +116,11 @@ def _view(options: argparse.Namespace) -> None:
 
 
 def _import(options: argparse.Namespace) -> None:
+    if options.deck.lower().endswith(ASSEMBLIES):
+        from ddmpi.check.draft import draft_scene
+
+        print(draft_scene(options.deck, options.output))
+        return
     from ddmpi.decks.scene import import_deck
 
     print(import_deck(options.deck, options.output, options.partial))

@@ -97,6 +97,23 @@ def geometry_dimension(path: Path, body: str) -> int:
         return int(apart(folder, _dimension, source, label))
 
 
+def list_parts(path: Path) -> tuple[int, list[tuple[int, str, float]]]:
+    """The dimension of a drawing, and of each of its bodies the number, the label, or "", and the extent (m). Not
+    collective. Raises InputError for a file that gmsh cannot read."""
+    label = path.name
+    with _opened(path, label) as (folder, source):
+        d, parts = apart(folder, _list_parts, source, label, doing=f"gmsh is reading {path.name}")
+        return d, parts
+
+
+def _list_parts(source: Path, label: str) -> tuple[int, list[tuple[int, str, float]]]:
+    with gmsh_session() as gmsh, _gmsh_errors(f"{label} cannot be read"):
+        gmsh.open(str(source))
+        bodies = gmsh.model.getEntities(max(gmsh.model.getDimension(), 2))
+        return max(gmsh.model.getDimension(), 2), [
+            (tag, gmsh.model.getEntityName(d, tag).split("/")[-1], extent(gmsh, d, tag)) for d, tag in bodies]
+
+
 def _dimension(source: Path, label: str) -> int:
     with gmsh_session() as gmsh, _gmsh_errors(f"{label} cannot be read"):
         gmsh.open(str(source))

@@ -1,0 +1,41 @@
+"""A first scene from an assembly."""
+
+import contextlib
+import re
+
+import pytest
+from mpi4py import MPI
+from test_check import drawn_parts
+
+from ddmpi.check import draft
+from ddmpi.check.check import check
+from ddmpi.check.draft import draft_scene
+from ddmpi.errors import InputError, NotConvergedError, TakenError
+from ddmpi.mesh.build import kind_of_files
+from ddmpi.scene.reader import read_scene_file
+
+
+def test_an_assembly_becomes_a_scene(tmp_path, caplog, monkeypatch):
+    """Its parts are bodies, by name where CAD gave one and by number elsewhere, with a contact where they touch; check
+    reads the scene, and proposes no further contact."""
+    monkeypatch.setattr(draft, "FINE", 4.0)
+    drawn_parts(tmp_path)
+    step = tmp_path / "all.step"
+    step.write_text(re.sub(r"'Open CASCADE STEP translator [\d.]+ \d+\.1'", "'a block'", step.read_text()))
+    said = draft_scene(step, tmp_path / "made")
+    assert "made/scene.toml: 3 bodies, 3 contacts" in said
+    assert "contact of part_2 and part_3: on = [[7, 9], [18, 20]]" in said
+    path = tmp_path / "made" / "scene.toml"
+    scene = read_scene_file(path, [], kind_of_files(path))
+    parts = [(body.name, body.mesh.part) for body in scene.body]
+    assert parts == [("a_block", "a block"), ("part_2", 2), ("part_3", 3)]
+    caplog.set_level("INFO", "ddmpi")
+    with contextlib.suppress(NotConvergedError):  # nothing is clamped yet
+        check(MPI.COMM_SELF, scene, str(path), None, False)
+    assert "contact a_block-part_2: " in caplog.text and "where they may touch, add" not in caplog.text
+    with pytest.raises(TakenError, match="is there already; nothing is overwritten"):
+        draft_scene(step, tmp_path / "made")
+    step.write_text("no drawing")
+    with pytest.raises(InputError, match=r"all\.step"):
+        draft_scene(step, tmp_path / "other")
+    assert not (tmp_path / "other").exists()
