@@ -18,13 +18,13 @@ if TYPE_CHECKING:
 
     from mpi4py import MPI
 
-    from ddmpi.run.answer import Answer
+    from ddmpi.run.answer import Answer, Model
 
 __version__ = "0.15.0"
 
 
 def solve(scene: str | Path | Mapping[str, Any], comm: MPI.Comm | None = None,
-          overrides: Mapping[str, Any] | None = None, progress: bool = False) -> Answer:
+          overrides: Mapping[str, Any] | None = None, progress: bool = False, only: str | None = None) -> Answer:
     """Solve a scene; nothing is written. Collective on `comm`.
 
         >>> import ddmpi
@@ -47,6 +47,7 @@ def solve(scene: str | Path | Mapping[str, Any], comm: MPI.Comm | None = None,
     overrides : values by key, as after ``--set``: ``{"contact.upper-lower.friction.coefficient": 0.5}``
     progress : whether rank 0 prints the messages of the command; if not, they go to the logger ``ddmpi`` of the module
         logging: ``logging.basicConfig(level="INFO")`` shows them
+    only : "contacts" leaves out fields, stresses and the estimated error, as ``output.only`` does
 
     Returns
     -------
@@ -59,4 +60,32 @@ def solve(scene: str | Path | Mapping[str, Any], comm: MPI.Comm | None = None,
     """
     from ddmpi.run.answer import solve  # not before it is needed: MPI and PETSc start with it
 
-    return solve(scene, comm, overrides, progress)
+    return solve(scene, comm, overrides, progress, only)
+
+
+def prepare(scene: str | Path | Mapping[str, Any], comm: MPI.Comm | None = None) -> Model:
+    """A scene to be solved again and again; what a change does not touch is kept. Collective on `comm`.
+
+        >>> with ddmpi.prepare("configs/pinched_blocks.toml") as model:
+        ...     for friction in (0.3, 0.4):
+        ...         answer = model.solve({"contact.upper-lower.friction.coefficient": friction}, only="contacts")
+        ...         print(answer.certified, model.reused.get("upper"))
+        True None
+        True ['mesh', 'stiffness', 'factors', 'compliance']
+
+    Parameters
+    ----------
+    scene, comm : as of `ddmpi.solve`
+
+    Returns
+    -------
+    A model, whose ``solve(overrides)`` gives what `ddmpi.solve` gives with them, to the bit. ``with`` closes it.
+
+    Raises
+    ------
+    InputError
+        where the scene is wrong without overrides, the same on all ranks
+    """
+    from ddmpi.run.answer import prepare
+
+    return prepare(scene, comm)

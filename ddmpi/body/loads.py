@@ -54,7 +54,8 @@ def loads_by_group(mesh: Mesh, body: BodySpec, history: str | None = None) -> It
             key = f"body.{body.name}.traction"
             facets = mesh.facets(traction.on).nodes
             values_at(traction.given, mesh.points[facets], key)  # a formula must be finite at the nodes, too
-            yield traction.on, _traction(mesh, facets, traction, key)
+            load = _traction if traction.moment is None else _moment
+            yield traction.on, load(mesh, facets, traction, key)
     force, follows = body.weight
     if follows == history and force != (0.0,) * mesh.dimension:
         yield VOLUME, _volume_force(mesh, force, f"body.{body.name}.volume_force")
@@ -97,6 +98,21 @@ def _traction(mesh: Mesh, facets: np.ndarray, traction: Traction, key: str) -> n
     if not area > 0.0:
         raise InputError(f"{key}: the group {traction.on!r} has no area over which a force could be spread")
     return f / area
+
+
+def _moment(mesh: Mesh, facets: np.ndarray, traction: Traction, key: str) -> np.ndarray:
+    """Nodal loads (nv, d) in newtons of the moment of a traction on facets (k, l)."""
+    d = mesh.dimension
+    slopes = {f"{axis}_slope": tuple(row) for axis, row in zip("xyz", np.eye(d).tolist(), strict=False)}
+    # ∫ φ and ∫ φ x, then ∫ φ (x − c) about the middle c of the group
+    share, first = (_traction(mesh, facets, Traction(on=traction.on, value=value), key)
+                    for value in ((1.0,) * d, AffineVector(constant=(0.0,) * d, **slopes)))
+    arms = np.pad(first - share * (first.sum(axis=0) / share[:, 0].sum()), ((0, 0), (0, 3 - d)))
+    # t = ω × (x − c) has no resultant, and the moment (tr S − S) ω with S = ∫ (x − c)(x − c)ᵀ
+    S = np.pad(mesh.points, ((0, 0), (0, 3 - d))).T @ arms
+    given = np.atleast_1d(np.array(traction.moment, float))
+    turn = np.linalg.pinv(np.trace(S) * np.eye(3) - S, hermitian=True) @ np.pad(given, (3 - len(given), 0))
+    return np.cross(turn, arms)[:, :d]
 
 
 def temperature(mesh: Mesh, body: BodySpec, history: str | None) -> np.ndarray:

@@ -97,11 +97,12 @@ def thermal(material: Material, dimension: int) -> tuple[np.ndarray, float, floa
     """Effects of a temperature of 1 K under fully constrained strain: β (d, d) of the stress −β (Pa/K); twice the
     elastic energy (J/m³/K²); b of σ_zz = a : σ − b in the plane, where a is `Material.across`; and the energy that a
     body free in the plane keeps in plane strain (J/m³/K²), else zero."""
-    expansion = material.expansion or 0.0
-    # β = C : (α I). In plane strain ε_zz = 0 as well, so that the tensor in space applies: (1 + ν) α in the plane.
-    beta = expansion * np.einsum("ijkk->ij", material.tensor(2 if material.plane == "stress" else 3))
-    across = expansion * float(material.moduli[2]) * (len(beta) > dimension)
-    return beta[:dimension, :dimension], expansion * float(np.trace(beta)), across, expansion * across
+    # β = C : α. In plane strain ε_zz = 0 as well, so that the tensor in space applies: (1 + ν) α in the plane.
+    d, alpha = 2 if material.plane == "stress" else 3, material.expansions
+    beta = np.einsum("ijkl,kl->ij", material.tensor(d), alpha[:d, :d])
+    out = float(alpha[2, 2])
+    across = out * float(material.moduli[2]) * (d > dimension)
+    return beta[:dimension, :dimension], float((alpha[:d, :d] * beta).sum()), across, out * across
 
 
 def stress(mesh: Mesh, material: Material | Composite, u: np.ndarray, heat: np.ndarray | None = None) -> np.ndarray:

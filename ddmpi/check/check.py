@@ -15,6 +15,7 @@ from mpi4py import MPI
 from ddmpi.body.compliance import bytes_in_words, memory_of_factors
 from ddmpi.body.loads import VOLUME, loads_by_group
 from ddmpi.check.drawing import Looked, draw
+from ddmpi.check.faces import describe_faces, face_pictures
 from ddmpi.check.nearby import Boundary, Missing, find_missing
 from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.coupling.ranks import on_working_ranks
@@ -24,6 +25,7 @@ from ddmpi.judge.equilibrium import ROUNDING, describe
 from ddmpi.judge.motions import MotionsOfBody, undetermined
 from ddmpi.judge.overlap import doubt_overlaps
 from ddmpi.judge.plausible import doubt_cells, edge_lengths
+from ddmpi.mesh.boundary import parts_of
 from ddmpi.mesh.elements import CELLS
 from ddmpi.mesh.mesh import PHYSICAL, Mesh
 from ddmpi.results.folder import choose_folder
@@ -68,7 +70,7 @@ def _check(world: MPI.Comm, scene: Settled, scene_path: str, output: str | None,
             dataclasses.replace(assembly, scene=msgspec.structs.replace(scene, rigid=still)),
             {body.spec.name: np.zeros_like(body.mesh.points) for body in assembly.bodies}, {})
         with agreed(world):
-            local = {body.spec.name: _look(body) for body in assembly.bodies}
+            local = {body.spec.name: _look(body, scene.units["length"]) for body in assembly.bodies}
         looked = merged(world, local)
         owned = merged(world, {interface.name: interface for interface in assembly.space.interfaces})
         hosts, folder = world.allgather(MPI.Get_processor_name()), world.bcast(folder)
@@ -84,7 +86,8 @@ def _check(world: MPI.Comm, scene: Settled, scene_path: str, output: str | None,
                             *(body.doubt for body in bodies.values() if body.doubt)):
                 log.warning("%s", warning)
             if folder and world.rank in near:
-                names = draw(folder, scene, bodies, interfaces, missing, near.index(world.rank), len(near))
+                names = draw(folder, scene, bodies, interfaces, missing, face_pictures(scene, bodies),
+                             near.index(world.rank), len(near))
                 log.info("pictures in %s: %s", folder, ", ".join(names))
             elif figures and not folder:
                 log.info("no pictures: %s", NO_MATPLOTLIB)
@@ -94,17 +97,19 @@ def _check(world: MPI.Comm, scene: Settled, scene_path: str, output: str | None,
                 raise NotConvergedError(describe(mechanism))
 
 
-def _look(body: Body) -> Looked:
-    """A body's mesh, loads and supports, with the words about them. Not collective."""
-    mesh, spec, member = body.mesh, body.spec, body.member
+def _look(body: Body, unit: str) -> Looked:
+    """A body's mesh, loads and supports, with the words about them; `unit` of length. Not collective."""
+    mesh, spec, member, boundary = body.mesh, body.spec, body.member, Boundary.of(body.mesh)
     loads = [(history, on, f) for history in (None, *histories(spec))
              for on, f in loads_by_group(mesh, spec, history)]
     supports = [(_prescribed(clamp, mesh.dimension), clamp.on, clamp.history) for clamp in spec.clamps]
     supports += [("foundation", foundation.on, None) for foundation in spec.foundation]
     length = edge_lengths(mesh)
     size, doubt = _range(length.max(axis=1).min(), length.max()), doubt_cells(mesh, spec.name)
+    named = [name for name in mesh.groups if not mesh.faces.keys() >= {*parts_of(name, ())}]
     words = [f"{len(mesh.points)} nodes, {len(mesh.triangles)} {mesh.cell.names} of size {size}; "
-             f"groups {', '.join(mesh.groups)}"]
+             f"groups {', '.join(named) or 'by number'}"]
+    words += list(describe_faces(mesh, boundary, unit))
     words += [f"{how} on {on}{_following(history)}" for how, on, history in supports]
     if not member.elasticity.supported:
         motions = undetermined(np.zeros((len(member.e), 0)), [MotionsOfBody.of(spec.name, mesh.points, member.motions)])
@@ -119,7 +124,7 @@ def _look(body: Body) -> Looked:
     dense, memory = member.kind == "explicit", 0.0
     if member.kind != "iterative":
         memory = memory_of_factors(member.elasticity.A.size[0], mesh.dimension, dense) + dense * 8.0 * member.size**2
-    return Looked(mesh, Boundary.of(mesh), [load[1:] for load in loads],
+    return Looked(mesh, boundary, [load[1:] for load in loads],
                   [(how, mesh.nodes_of(on)) for how, on, _ in supports], memory, words, doubt)
 
 
@@ -187,7 +192,8 @@ def _page(assembly: Assembly, bodies: Mapping[str, Looked], interfaces: Sequence
     taken = {contact.name for contact in scene.contact}
     for lack in missing:
         nameless = " and ".join(name for name, on in zip(lack.bodies, lack.on, strict=False) if not on)
-        yield (f"{' and '.join(lack.bodies)} are {_range(*lack.gap)} {unit['length']} apart at "
+        # words are a comment, so that all of the lines can be pasted together
+        yield ("# " * (not nameless) + f"{' and '.join(lack.bodies)} are {_range(*lack.gap)} {unit['length']} apart at "
                f"{in_words(lack.facets[0].mean(axis=0), 4)} and near it, where no contact names both; " + (
                    f"to name one, give the boundary of {nameless} a name there (a {PHYSICAL[scene.dimension - 1]})"
                    if nameless else "where they may touch, add"))

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -19,8 +19,7 @@ from ddmpi.mesh.mesh import Mesh
 from ddmpi.pictures.bodies import middles, skin_of
 from ddmpi.pictures.moved import rigid_parts
 from ddmpi.pictures.sheet import COLOURS, FILLED, NAMED, PIXELS, STYLE, Sheet, above, colours_of, rounded, start_drawing
-from ddmpi.pictures.views import Skin, Surface
-from ddmpi.results.fields import drawn_facets
+from ddmpi.pictures.views import Paint, Skin, Surface, View
 from ddmpi.results.tables import Results
 from ddmpi.scene.scene import Settled
 from ddmpi.surface.side import nodal
@@ -30,8 +29,8 @@ from ddmpi.system.numbers import scaled_unit
 PLACES, ARROW = 16, 0.08
 """Approximate number of loads and clamps along the bodies' extent, and the length of the longest arrow over it."""
 
-GROUPS = ("#7fa8d1", "#e3b272", "#8fc08a", "#c79ac7", "#d98f8f", "#a8a36b", "#79bdbd", "#b59a86")
-"""Colours of groups, by name."""
+GROUPS = ("#7fa8d1", "#e3b272", "#c4a8dc", "#d9cf7a", "#a9b8c6", "#c9a184", "#8f9bd9", "#e6b3cf")
+"""Colours of groups, by name: none is near the green of clamps or the red of loads."""
 
 MARKERS = "s^>DoPv*ph"
 """Markers of the kinds of supports."""
@@ -40,7 +39,7 @@ HELD, MISSING = "#1f6f4a", "#e00000"
 """Colours of clamps and of missing contacts."""
 
 SPACED = 4.0
-"""Edges of cells are drawn if half of them are at least this many pixels away from the opposite corner."""
+"""Edges of cells are drawn if on all bodies half of them are this many pixels away from the opposite corner."""
 
 TRIED = 8
 """Number of facets of a group that are tried for a visible place of its name."""
@@ -90,21 +89,37 @@ class Plan(Sheet):
         self.axes.plot(*self.place(at[self.shows(at)])[:, :2].T, marker, color=HELD, markersize=4.0, zorder=7)
 
 
+def seen_from(results: Results, behind: bool, **output: Any) -> Results:
+    """Results that are drawn as their scene asks for, with other entries of its `output`, or from the opposite side
+    `behind`."""
+    scene = results.summary["scene"]
+    asked = scene["output"] | output
+    if behind:
+        x, y, z = -View(results.points, asked).axes[2]
+        asked = asked | {"view": np.rad2deg([np.arctan2(y, x), np.arcsin(z)]).tolist()}
+    return replace(results, summary=results.summary | {"scene": scene | {"output": asked}})
+
+
 def _plan(results: Results, behind: bool = False) -> Plan:
     """A plan of all bodies, with rigid partners and room for arrows; from the opposite side `behind`."""
+    results = seen_from(results, behind)
     corners = np.stack([results.points.min(axis=0), results.points.max(axis=0)])
     room = ARROW * np.ptp(corners, axis=0).max() * np.array([[-1.0], [1.0]])
-    return Plan(results, np.vstack([results.points, corners + room]), rigid_parts(results), behind)
+    return Plan(results, np.vstack([results.points, corners + room]), rigid_parts(results))
 
 
 def draw(folder: Path, scene: Settled, bodies: Mapping[str, Looked], interfaces: Sequence[Interface],
-         missing: Sequence[Missing], number: int = 0, drawers: int = 1) -> list[str]:
-    """Write the pictures, or a share of them for several `drawers`; all names. Not collective. Raises OutputError."""
-    plt, results = start_drawing(), _as_results(scene, bodies, interfaces)
-    pictures = {"bodies.png": lambda: draw_bodies(results, bodies)}
+         missing: Sequence[Missing], more: Mapping[str, Callable[[], Any]], number: int = 0,
+         drawers: int = 1) -> list[str]:
+    """Write the pictures and `more`, or a share of them for several `drawers`; all names. Not collective. Raises
+    OutputError."""
+    plt, results = start_drawing(), as_results(scene, bodies, interfaces)
+    pictures: dict[str, Callable[[], Any]] = {"bodies.png": lambda: draw_bodies(results, bodies)}
     if scene.dimension > 2:
         pictures["bodies_behind.png"] = lambda: draw_bodies(results, bodies, behind=True)
-    pictures["contacts.png"] = lambda: draw_contacts(results, interfaces, missing)
+    if scene.contact or missing:
+        pictures["contacts.png"] = lambda: draw_contacts(results, interfaces, missing)
+    pictures |= more
     with plt.rc_context(STYLE):
         for name, make in islice(pictures.items(), number, None, drawers):
             with writing(folder / name):
@@ -113,7 +128,7 @@ def draw(folder: Path, scene: Settled, bodies: Mapping[str, Looked], interfaces:
     return list(pictures)
 
 
-def _as_results(scene: Settled, bodies: Mapping[str, Looked], interfaces: Sequence[Interface]) -> Results:
+def as_results(scene: Settled, bodies: Mapping[str, Looked], interfaces: Sequence[Interface]) -> Results:
     """Bodies and contacts at rest, in the form of results, for the pictures of a run."""
     meshes, plain_scene = [body.mesh for body in bodies.values()], scene.resolved()
     starts = np.cumsum([0, *(len(mesh.points) for mesh in meshes)])
@@ -124,7 +139,8 @@ def _as_results(scene: Settled, bodies: Mapping[str, Looked], interfaces: Sequen
         "points": points, "displacement": np.zeros_like(points),
         "cells": np.concatenate([mesh.triangles + start for mesh, start in zip(meshes, starts, strict=False)]),
         "body": np.repeat(np.arange(len(meshes)), [len(mesh.triangles) for mesh in meshes])},
-                   facets={interface.name: drawn_facets(interface.lines) for interface in interfaces})
+                   surfaces={interface.name: {"points": interface.outline.xy, "cells": interface.outline.cells}
+                             for interface in interfaces if interface.outline})
 
 
 def draw_bodies(results: Results, bodies: Mapping[str, Looked], behind: bool = False) -> Any:
@@ -134,7 +150,7 @@ def draw_bodies(results: Results, bodies: Mapping[str, Looked], behind: bool = F
     plan, looked, ways = _plan(results, behind), list(bodies.values()), dict[str, int]()
     names = dict.fromkeys(group for body in looked for group in body.boundary.groups)
     colours = {name: GROUPS[k % len(GROUPS)] for k, name in enumerate(names)}
-    plan.show([_meshed(plan, body, colours) for body in looked])
+    plan.show(meshed(plan, looked, colours))
     groups = [(called, name, body, some) for called, body in bodies.items()
               for name, some in body.boundary.groups.items() if some.any()]
     for number, (called, name, body, some) in enumerate(groups):
@@ -175,14 +191,14 @@ def draw_contacts(results: Results, interfaces: Sequence[Interface], missing: Se
 
     plan, skin = _plan(results), skin_of(results)
     plan.rigid = []  # they would hide contacts
-    gaps = np.concatenate([interface.gap for interface in interfaces])
+    gaps = np.concatenate([np.zeros(int(not interfaces)), *(interface.gap for interface in interfaces)])
     factor, unit_of = scaled_unit(np.abs(gaps).max(), results.summary["units"]["length"])
     image = colours_of(gaps.min() / factor, gaps.max() / factor if gaps.any() else 1.0,
                        "viridis" if gaps.any() else "Blues_r")
     image.cmap = image.cmap.with_extremes(bad=MISSING)
     plan.outline(skin.extended(results.points), skin.facets, skin.beyond)
-    parts = [(interface.lines.xy, results.facets[interface.name], interface.gap[interface.lines.row] / factor)
-             for interface in interfaces]
+    parts = [(outline.xy, outline.cells, outline.shares @ interface.gap / factor)
+             for interface in interfaces if (outline := interface.outline)]
     for lack in missing:
         at = lack.facets.reshape(-1, lack.facets.shape[-1])
         parts.append((at, np.arange(len(at)).reshape(lack.facets.shape[:2]), np.full(len(at), np.nan)))
@@ -203,8 +219,24 @@ def draw_contacts(results: Results, interfaces: Sequence[Interface], missing: Se
     return plan.figure
 
 
-def _meshed(plan: Plan, body: Looked, colours: Mapping[str, str]) -> Surface:
-    """The visible surface of a body, with the edges of its cells, and in space in the colours of its groups."""
+def meshed(plan: Plan, bodies: Sequence[Looked], colours: Mapping[str, str]) -> list[Surface]:
+    """The visible surfaces of bodies, in space in the colours of their groups; with the edges of cells, if these are
+    SPACED on all bodies."""
+    surfaces, heights = zip(*(_meshed(plan, body, colours) for body in bodies), strict=True)
+    if any(len(height) and np.median(height) <= SPACED for height in heights):
+        return list(surfaces)
+    return [replace(surface, paint=_lined(surface.paint, height)) for surface, height in zip(
+        surfaces, heights, strict=True)]
+
+
+def _lined(paint: Paint, height: np.ndarray) -> Paint:
+    """The colours with the edges of facets, whose corners are `height` (f, 3) away from the opposite edge (pixels)."""
+    return lambda face, weights: paint(face, weights) * np.where(
+        (height[face] * weights < 1.0).any(axis=1), 0.8, 1.0)[:, None]
+
+
+def _meshed(plan: Plan, body: Looked, colours: Mapping[str, str]) -> tuple[Surface, np.ndarray]:
+    """The visible surface of a body, and how far (f, 3) the corners of facets are from the opposite edges (pixels)."""
     from matplotlib.colors import to_rgb
 
     skin = Skin(plan.view, body.mesh.points, body.mesh.triangles)
@@ -216,12 +248,7 @@ def _meshed(plan: Plan, body: Looked, colours: Mapping[str, str]) -> Surface:
     sides = np.roll(at, 1, axis=1) - np.roll(at, -1, axis=1)  # opposite of the corners
     double = np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0])
     height = double[:, None] / np.linalg.norm(sides, axis=2).clip(1e-300) * PIXELS / plan.size
-    line = float(np.median(height) > SPACED) if len(height) else 0.0
-
-    def colour(face: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        return paint[face] * np.where((height[face] * weights < line).any(axis=1), 0.8, 1.0)[:, None]
-
-    return Surface(points, skin.facets, colour, skin.beyond)
+    return Surface(points, skin.facets, lambda face, _: paint[face], skin.beyond), height
 
 
 def _thinned(at: np.ndarray, size: float, *values: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:

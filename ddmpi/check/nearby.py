@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import re
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
+from ddmpi.mesh.boundary import SHARPEST, creases, parts_of
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.contacts import Rigid, SettledContact, default_name
 from ddmpi.scene.reader import write_toml
@@ -18,6 +20,9 @@ from ddmpi.system.numbers import nearest_in
 
 NEAR = 0.25
 """Facets may be meant to touch if they are closer than this fraction of the smaller one's size."""
+
+NUMBERS = re.compile(r"\d+(\+\d+)*")
+"""A number of a face, or several together."""
 
 ASIDE, ROUNDING = 0.5, 1e-6
 """The nearest point lies before a facet: offset by at most the first of its distance plus the second of its size."""
@@ -31,6 +36,8 @@ class Boundary:
     at: np.ndarray  # (f, d, d) their corners (m)
     normal: np.ndarray  # (f, d) outer unit normals
     groups: Mapping[str, np.ndarray]  # by name which facets (f,) bool belong to it
+    faces: Collection[str] = ()  # the groups that are numbered faces of a drawing
+    smooth: Collection[tuple[str, str]] = ()  # pairs of these that meet without a corner, in both orders
 
     @classmethod
     def of(cls, mesh: Mesh) -> Boundary:
@@ -40,8 +47,16 @@ class Boundary:
         keys = [np.sort(part[:, :d], axis=1) for part in (facets, *mesh.groups.values())]
         number = np.split(np.unique(np.concatenate(keys), axis=0, return_inverse=True)[1].ravel(),
                           np.cumsum([len(key) for key in keys])[:-1])
-        return cls(facets, at, unit(across(at)[:, 0]), {
-            name: np.isin(number[0], members) for name, members in zip(mesh.groups, number[1:], strict=True)})
+        normal = unit(across(at)[:, 0])
+        groups = {name: np.isin(number[0], members) for name, members in zip(mesh.groups, number[1:], strict=True)}
+        smooth = set()
+        if mesh.faces:
+            bends, face = creases(mesh.points, facets[:, :d], normal), np.full(len(facets), "", dtype=object)
+            for name in mesh.faces:
+                face[groups[name]] = name
+            for a, b in face[bends.facets[np.abs(bends.turn) < SHARPEST]]:
+                smooth |= {(a, b), (b, a)}
+        return cls(facets, at, normal, groups, mesh.faces, smooth)
 
     @property
     def size(self) -> np.ndarray:
@@ -52,7 +67,9 @@ class Boundary:
         """Groups of some facets (k,), or "": of a facet's groups the one with the most of these facets, of equal ones
         the smallest."""
         names = np.full(len(some), "", dtype=object)
-        for name in sorted(self.groups, key=lambda name: (-self.groups[name][some].sum(), self.groups[name].sum())):
+        simple = [name for name in self.groups if parts_of(name, ()) == [name] or not
+                  self.groups.keys() >= {*parts_of(name, ())}]  # what a scene combines is no name
+        for name in sorted(simple, key=lambda name: (-self.groups[name][some].sum(), self.groups[name].sum())):
             names[(names == "") & self.groups[name][some]] = name
         return names
 
@@ -71,7 +88,9 @@ class Missing(NamedTuple):
         while (name := first if k == 1 else f"{first}-{k}") in taken:
             k += 1
         taken.add(name)
-        entry = {"name": name if k > 1 else None, "bodies": self.bodies, "on": self.on}
+        numbers = [sorted(map(int, on.split("+"))) if NUMBERS.fullmatch(on) else [on] for on in self.on]
+        entry = {"name": name if k > 1 else None, "bodies": self.bodies,
+                 "on": [parts if len(parts) > 1 else parts[0] for parts in numbers]}
         return write_toml({"contact": [entry]}).strip()
 
 
@@ -127,8 +146,27 @@ def find_missing(boundaries: Mapping[str, Boundary], rigid: Sequence[Rigid],
                 some = some[~np.logical_and.reduce(both)]
         sides = [(bodies[k], facets[some]) for k, facets in ((a, first), (b, second)) if k < len(bodies)]
         groups = list(zip(*(body.named(facets) for body, facets in sides), strict=True))
-        for on in dict.fromkeys(groups):
-            chosen = np.array([group == on for group in groups])
+        for alike in _together(list(dict.fromkeys(groups)), [body for body, _ in sides]):
+            chosen = np.array([group in alike for group in groups])
+            on = tuple("+".join(dict.fromkeys(parts)) for parts in zip(*alike, strict=True))
             yield Missing((names[a], names[b]), on,
                           np.concatenate([body.at[np.unique(facets[chosen])] for body, facets in sides]),
                           (float(gap[some[chosen]].min()), float(gap[some[chosen]].max())))
+
+
+def _together(pairs: Sequence[tuple[str, ...]], bodies: Sequence[Boundary]) -> Iterator[list[tuple[str, ...]]]:
+    """The `pairs` of groups that face each other, those of one contact together: numbered faces of which one is the
+    same, as two soles on a floor, or of which all meet without a corner, as the halves of a bore and of its pin."""
+    def joined(one: tuple[str, ...], other: tuple[str, ...]) -> bool:
+        same = [a == b for a, b in zip(one, other, strict=True)]
+        numbered = [{a, b} <= {*body.faces} for a, b, body in zip(one, other, bodies, strict=True)]
+        smooth = [(a, b) in body.smooth for a, b, body in zip(one, other, bodies, strict=True)]
+        return all(np.logical_or(same, numbered)) and (any(same) or all(smooth))
+
+    rest = list(pairs)
+    while rest:
+        alike, rest = rest[:1], rest[1:]
+        for pair in alike:  # which grows
+            found = [other for other in rest if joined(pair, other)]
+            alike, rest = alike.__iadd__(found), [other for other in rest if other not in found]
+        yield alike

@@ -76,11 +76,13 @@ class Driven:
         # where nodes lie on the axis of a turn, nothing resists it; any size will do
         most = sizes.max(initial=0.0) or np.linalg.norm(arm) or 1.0
         sizes = np.where(sizes > UNTURNED * most, sizes, most)
-        # the work of force and moment: F·(U + θ shift) + M θ, of which the motions' coordinates are U and θ size
-        force = np.array(rigid.force or np.zeros(d))
-        moment = np.zeros(len(turns)) + np.array(rigid.moment or 0.0)
-        return cls(rigid.name, rigid.history, axes, np.append(axes @ force, (moment + shifts @ force) / sizes), pivot,
-                   shifts, sizes)
+        driven = cls(rigid.name, rigid.history, axes, np.empty(0), pivot, shifts, sizes)
+        return replace(driven, push=driven.along(np.array(rigid.force or np.zeros(d)), np.array(rigid.moment or 0.0)))
+
+    def along(self, force: np.ndarray, moment: np.ndarray | float = 0.0) -> np.ndarray:
+        """A force (d,) and a moment (t,) along the motions (a + t,) (N)."""
+        # their work is F·(U + θ shift) + M θ, of which the motions' coordinates are U and θ size
+        return np.append(self.axes @ force, (moment + self.shifts @ force) / self.sizes)
 
     @classmethod
     def of_bond(cls, contact: SettledContact) -> Driven:
@@ -103,10 +105,13 @@ class Driven:
             return interface
         if self.bond:
             return replace(interface, offset=float(alpha[0]))
+        return replace(interface, displacement=interface.displacement + self.shift(alpha),
+                       turn=alpha[len(self.axes):] / self.sizes)
+
+    def shift(self, alpha: np.ndarray) -> np.ndarray:
+        """The displacement (d,) of the pivot by amplitudes α (j,) (m)."""
         along, turn = np.split(alpha, [len(self.axes)])
-        turn = turn / self.sizes
-        return replace(interface, displacement=interface.displacement + along @ self.axes + turn @ self.shifts,
-                       turn=turn)
+        return along @ self.axes + (turn / self.sizes) @ self.shifts
 
     def acts_on(self, interface: Interface) -> bool:
         """Whether the motions move the second side of an interface."""
@@ -201,20 +206,21 @@ class CoarseSystem:
     stiffness : M times columns (its size, c) of an owned interface, called with its number
     diagonal : D (size,)
     kept : (k,) bool, which of the first motions stay where they are
+    columns : of Z̃ = Zᵀ columns (owned size, k) sparse: I if left out; E for the transposed system, which has I as `E`
 
     Construction is collective.
     """
 
     def __init__(self, motions: Motions, basis: sparse.csr_matrix, E: sparse.csr_matrix,
                  weights: np.ndarray, stiffness: Callable[[int, np.ndarray], np.ndarray], diagonal: np.ndarray,
-                 kept: Sequence[bool] | np.ndarray = ()) -> None:
+                 kept: Sequence[bool] | np.ndarray = (), columns: sparse.csr_matrix | None = None) -> None:
         self._space = motions.space
         moves = sparse.diags(np.append(1.0 - np.asarray(kept, float), np.ones(motions.size - len(kept))))
         with event("CoarseSystem"):
             smooth = []
             for number, (part, _, block) in enumerate(motions.blocks):
-                unknown = basis[part]
-                smooth.append(stiffness(number, unknown @ (weights[:, None] * (unknown.T @ block))))
+                along = basis if columns is None else columns
+                smooth.append(stiffness(number, basis[part] @ (weights[:, None] * (along[part].T @ block))))
             # Elimination of y from [M⁻¹ −Z̃ᵀ; Ẑ D] leaves S. Slipping nodes' friction follows the pressure, so E
             # differs from I and S is not symmetric: an oblique projector in place of FETI's.
             self._MZ = (sparse.diags(weights) @ basis.T @ motions.assemble(smooth) @ moves).tocsr()

@@ -138,6 +138,16 @@ class Joint:
                 member.mult(part.copy(), part, purpose, relative)
         y[:] = self.exchange.total(parts, purpose)
 
+    def dense(self, most: int) -> np.ndarray | None:
+        """C (size, size) as a matrix (m/N), where one rank has all of it explicitly and in at most `most` rows."""
+        if self.exchange.world.size > 1 or self.size > most or not all(member.known for member in self.members):
+            return None
+        C = np.zeros((self.size, self.size))
+        for member, places in zip(self.members, self.exchange.spread(np.arange(self.size)), strict=True):
+            at = places.astype(int)
+            C[np.ix_(at, at)] += member.dense()
+        return C
+
     def add_motions(self, columns: Sequence[np.ndarray], values: Sequence[np.ndarray]) -> tuple[Motions, np.ndarray]:
         """The rigid motions and then further ones of all local bodies (j, its size), with values of the latter."""
         more, _ = gather_motions(self.exchange, self.space, self.members, columns)

@@ -17,6 +17,7 @@ from ddmpi.interface.law import Law
 from ddmpi.mesh.elements import circumference
 from ddmpi.scene.bodies import Clamp
 from ddmpi.scene.contacts import Rigid
+from ddmpi.surface.outline import Outline
 from ddmpi.surface.side import Side
 from ddmpi.system.numbers import RigidMotion, in_words
 
@@ -130,6 +131,7 @@ class Interface:
     at : of both sides (m, d), points of application of the rows' forces (m); None where unknown
     slave : name of the body whose nodes carry the rows where the nodes do not match, else None
     lines : the nodes of the rows
+    outline : what is covered, to be drawn
     probes : places between the nodes of non-matching sides; of matching ones, fixed nodes that can still move a little
     history : the history of the rigid partner's displacement, or None
     gap_history : the history of the gap, or None
@@ -158,6 +160,7 @@ class Interface:
     at: tuple[np.ndarray, np.ndarray] | None = None
     slave: str | None = None
     lines: Lines = Lines(np.empty(0, int), np.empty((0, 2)), np.empty(0), np.empty((0, 2), int))
+    outline: Outline | None = None
     probes: Places = field(default_factory=Places)
     history: str | None = None
     gap_history: str | None = None

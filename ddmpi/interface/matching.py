@@ -46,7 +46,9 @@ def pairs(sides: tuple[Side, Side], nodes: np.ndarray, partners: np.ndarray, nor
     place[nodes], nodes = row, nodes[kept]
     lines = Lines(place, side.xy, lengths, side.pieces(seen)).only(place >= 0)
     return Rows(sides, 0, nodes, place, seen, (transfers[0], transfers[1]), normal[kept], total, gap[kept],
-                side.arc[nodes], np.zeros(len(place), bool), seen, lines)
+                side.arc[nodes], np.zeros(len(place), bool), seen,
+                sparse.csr_matrix((np.ones((place >= 0).sum()), (np.flatnonzero(place >= 0), place[place >= 0])),
+                                  (len(place), len(kept))), lines)
 
 
 def pair(first: Side, second: Side, contact: SettledContact, refinement: int = 1) -> Interface:

@@ -27,6 +27,7 @@ from ddmpi.interface.vertices import BARELY, UNCOVERED, rows_at_vertices
 from ddmpi.scene.contacts import SettledContact
 from ddmpi.surface.cover import corners, cover, faced_arc
 from ddmpi.surface.cut import Cover
+from ddmpi.surface.outline import outlined
 from ddmpi.surface.patch import Patch
 from ddmpi.surface.side import Side, nodal, unit
 from ddmpi.system.numbers import in_words
@@ -63,7 +64,10 @@ def mortar_in_space(first: Side, second: Side, contact: SettledContact) -> Inter
     sides = (first, second)
     slave = _choose_slave(sides, contact, [slice(None)] * 2)
     over = _cover(sides, slave, contact.name)
-    return build(rows_at_vertices(sides, slave, over.only(over.weight > 0.0), corners(over), contact), contact)
+    side, looked, weighted = sides[slave], corners(over), over.only(over.weight > 0.0)
+    rows = rows_at_vertices(sides, slave, weighted, looked, contact)
+    hats = over.at if contact.kind == "bonded" else inset(side, over, looked)
+    return build(replace(rows, covered=outlined(side, over, hats)), contact)
 
 
 def mortar(first: Side, second: Side, contact: SettledContact) -> Interface:
@@ -77,7 +81,8 @@ def mortar(first: Side, second: Side, contact: SettledContact) -> Interface:
     faced = [np.unique(covers[k].facet if k in covers else covers[1 - k].other) for k in (0, 1)]
     slave = _choose_slave(sides, contact, faced)
     side, over = sides[slave], covers[slave]
-    psi = _functions(side, over, inset(side, over, over))
+    hats = inset(side, over, over)
+    psi = _functions(side, over, hats)
     # Rows are merged twice: nodes that are hardly covered first, then rows that clamps nearly fix. Where two contacts
     # share a facet, its nodes bear the rows of both, so coverage counts by the facet's own functions there.
     root = _merged(side, over, _functions(side, over, over.at) if side.parted else psi)
@@ -85,7 +90,7 @@ def mortar(first: Side, second: Side, contact: SettledContact) -> Interface:
     free = _unbound(rows, root, holds_along(contact))
     if (free != root).any():
         rows = replace(_rows(sides, slave, over, psi, free), bound=free != root)
-    return build(rows, contact)
+    return build(replace(rows, covered=outlined(side, over, hats)), contact)
 
 
 def _cover(sides: tuple[Side, Side], slave: int, name: str) -> Cover:

@@ -15,6 +15,7 @@ from ddmpi.interface.law import law_of
 from ddmpi.scene.contacts import NoFriction, SettledContact
 from ddmpi.scene.values import Profile
 from ddmpi.surface.cut import Cover
+from ddmpi.surface.outline import Outline, Outlined, drawn_cells, whole_facets
 from ddmpi.surface.side import Side, frames, laplacian, unit
 from ddmpi.system.numbers import in_words, is_touched
 
@@ -56,7 +57,9 @@ class Rows:
     arc : (r,) arc lengths along the first body's boundary (m)
     bound : (k,) bool, nodes that share a neighbour's row because clamps or other contacts constrain them
     whole : (f,) bool, facets that wholly face the other side and whose nodes, but for `bare` ones, do not share rows
+    parts : (k, r) sparse, the values of all nodes of that side from those of the rows
     lines : the nodes of the rows
+    covered : what faces the other side, to its outline; None for all facets that are `seen`
     points : places between the nodes, with their gaps, or None
     pointwise : as of an `Interface`
     """
@@ -73,7 +76,9 @@ class Rows:
     arc: np.ndarray
     bound: np.ndarray
     whole: np.ndarray
+    parts: sparse.csr_matrix
     lines: Lines = Interface.lines
+    covered: Outlined | None = None
     points: Places | None = None
     pointwise: bool = False
 
@@ -113,7 +118,7 @@ def rows_of(sides: tuple[Side, Side], slave: int, over: Cover, psi: sparse.csr_m
     one, other = (means(theta @ transfer, area) for transfer in points.transfer)
     return Rows(sides, slave, nodes, place, seen, (one, other), normal if slave == 0 else -normal, area,
                 without_rounding(gap, side.spacing[nodes]), np.zeros(len(nodes)), np.zeros(len(place), bool),
-                seen & (share >= (1.0 - LACKING) * side.areas), points=points)
+                seen & (share >= (1.0 - LACKING) * side.areas), parts[nodes].T.tocsr(), points=points)
 
 
 def between(sides: tuple[Side, Side], slave: int, over: Cover) -> Places:
@@ -162,7 +167,7 @@ def build(rows: Rows, contact: SettledContact) -> Interface:
         facets=facets[(facets >= 0).all(axis=1)],
         laplacian=laplacian(side.xy, side.pieces(rows.seen), row, len(keep), side.axisymmetric),
         one_sided=of_rows(clamped.any(axis=0)), displacement=np.zeros(xy.shape[1]), gap_history=contact.opening[1],
-        slave=side.body if rows.points else None, lines=lines,
+        slave=side.body if rows.points else None, lines=lines, outline=_outline(rows, keep),
         at=(rows.transfers[0][keep] @ sides[0].xy, rows.transfers[1][keep] @ sides[1].xy),
         axisymmetric=side.axisymmetric, pointwise=rows.pointwise,
         fixed=_at_rows(rows, dropped, start), probes=_probes(rows, contact, dropped, start), pull=pull)
@@ -197,6 +202,34 @@ def _along_clamps(rows: Rows, frame: np.ndarray) -> tuple[np.ndarray, np.ndarray
         met = np.bincount(entries.row, is_held(t[entries.row], other.free[entries.col]), len(t))
         constrained[:, k] = is_held(t, free) & (met > 0) & moves & bool(np.isfinite(other.modulus))
     return np.concatenate([frame[:, :1], tangents], axis=1), constrained
+
+
+def _outline(rows: Rows, keep: np.ndarray) -> Outline:
+    """What the contact covers, with values from those of the rows `keep` (m,). Cells that none of these rows has a part
+    in, as all nodes there are clamped, are left out. Nodes without a cell, at corners of bodies, are points."""
+    side, lines = rows.sides[rows.slave], rows.lines
+    facet, xy, hats = drawn_cells(side, rows.covered or whole_facets(side, rows.seen))
+    # in space pressures are linear between corners, in the plane order 2 has rows at middles
+    functions, nodes = (side.cell.shapes(hats), side.facets) if side.cell.bears else (hats, side.corners)
+    of_lines = sparse.csr_matrix((np.ones(len(lines.row)), (np.arange(len(lines.row)), lines.row)),
+                                 (len(lines.row), len(rows.nodes)))
+    shares = sparse.vstack([of_lines, at_points(functions, nodes[facet], len(side.nodes)) @ rows.parts])[:, keep]
+    # Corners of cells that meet are one point with their mean value, as pieces of two facets differ a little there;
+    # points at nodes come first.
+    xy = np.vstack([lines.xy, xy])
+    place = np.round((xy - xy.min(axis=0)) / (NO_GAP * np.ptp(xy, axis=0).max() or 1.0))
+    _, first, point = np.unique(place, axis=0, return_index=True, return_inverse=True)
+    point = np.argsort(np.argsort(first))[point.ravel()]
+    xy = xy[np.sort(first)]
+    shares = means(sparse.csr_matrix((np.ones(len(point)), (point, np.arange(len(point))))), np.ones(len(xy))) @ shares
+    # Points of which no row is kept take the mean of their neighbours.
+    cells, known = point[len(lines.row):].reshape(-1, side.dimension), shares.getnnz(axis=1) > 0
+    cells = cells[known[cells].any(axis=1)]
+    near = at_points(np.ones(cells.shape), cells, len(xy))
+    shares = (shares + sparse.diags(1.0 * ~known) @ (near.T @ near) @ shares).tocsr()
+    alone = np.setdiff1d(point[:len(lines.row)][np.isin(lines.row, keep)], cells) if rows.pointwise else cells[:0, 0]
+    used, cells = np.unique(np.vstack([cells, alone[:, None].repeat(side.dimension, axis=1)]), return_inverse=True)
+    return Outline(xy[used], cells.reshape(-1, side.dimension), means(shares[used], np.ones(len(used))))
 
 
 def _at_rows(rows: Rows, some: np.ndarray, gap: np.ndarray) -> Places:

@@ -260,16 +260,40 @@ def slip_start(law: Law, s: np.ndarray, closed: np.ndarray, rate: np.ndarray, ah
     start = np.zeros(law.size)
     if law.name == "bonded":  # nothing slides
         return start
-    (normal, tangential), (closing, sliding) = law.split(closed), law.split(rate)
+    share = touching(law, s, closed, rate, ahead)
+    law.split(start)[1][:] = law.split(closed)[1] + share[:, None] * law.split(rate)[1]
+    return start
+
+
+def touching(law: Law, s: np.ndarray, closed: np.ndarray, rate: np.ndarray, ahead: float) -> np.ndarray:
+    """The share (mt,) of the last load step after which a sliding node touches, at most `ahead`; zero where it does not
+    close, or has friction. Otherwise as `slip_start`."""
     # Touching-time correction: the node touches after the share gap / closing of a step like the last one, and has by
     # then moved on tangentially by that share. Without it, steps in which contact grows converge only like n^−½.
+    (normal, _), (closing, sliding) = law.split(closed), law.split(rate)
     gap, closing = -normal[law.sliding], closing[law.sliding]
     closes = closing > SLIDING * np.linalg.norm(sliding, axis=1)
     touches = (law.bound_at(s) == 0.0) & (gap > 0.0) & closes
     share = np.zeros(len(law.sliding))
     share[touches] = np.minimum(gap[touches] / closing[touches], ahead)
-    law.split(start)[1][:] = tangential + share[:, None] * sliding
-    return start
+    return share
+
+
+def slip_start_change(law: Law, s: np.ndarray, closed: tuple[np.ndarray, np.ndarray],
+                      rate: tuple[np.ndarray, np.ndarray], ahead: float) -> np.ndarray:
+    """The derivative (size,) of `slip_start`, from `closed` and `rate` with their derivatives. Not collective."""
+    change = np.zeros(law.size)
+    if law.name == "bonded":
+        return change
+    share = touching(law, s, closed[0], rate[0], ahead)
+    (dn, dt), (dclosing, dsliding) = law.split(closed[1]), law.split(rate[1])
+    closing, sliding = law.split(rate[0])
+    # share = gap / closing with gap = −closed; a node that does not touch before the next step ends has share = ahead
+    inner = (share > 0.0) & (share < ahead)
+    rates = np.where(inner, closing[law.sliding], 1.0)
+    dshare = np.where(inner, -(dn[law.sliding] + share * dclosing[law.sliding]) / rates, 0.0)
+    law.split(change)[1][:] = dt + dshare[:, None] * sliding + share[:, None] * dsliding
+    return change
 
 
 def signed(components: np.ndarray) -> np.ndarray:

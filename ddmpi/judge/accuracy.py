@@ -145,7 +145,7 @@ class MeshLadder:
         self.refinement: float = 1
         self.sizes, self._former = dict[str, Sizes](), dict[str, Sizes]()
         self._scale = self._rate = 0.0
-        drawn = [body.mesh.geometry is not None for body in scene.body]
+        drawn = [body.mesh.drawn for body in scene.body]
         self._any_drawn, self._all_drawn = any(drawn), all(drawn)  # geometries
 
     def state(self) -> dict[str, Any]:
@@ -274,7 +274,7 @@ class MeshLadder:
 def refine_scene(scene: Settled, refinement: int) -> Settled:
     """The scene with shapes meshed `refinement` times finer, and meshes of files halved log2(`refinement`) times."""
     def finer(mesh):
-        if mesh.geometry is not None:
+        if mesh.drawn:
             return mesh
         if mesh.file is None:
             return replace(mesh, divisions=tuple(k * refinement for k in mesh.divisions))

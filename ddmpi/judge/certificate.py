@@ -78,9 +78,9 @@ class Certificate:
         """The largest residual of each kind, and its contact or body; NaN counts as the largest."""
         if self.known is not None:
             return self.known
-        kinds = zip(ContactResiduals._fields, zip(*self.contacts.values(), strict=True), strict=True)
-        worst = {kind: _largest(dict(zip(self.contacts, values, strict=True))) for kind, values in kinds}
-        return worst | {"equilibrium": _largest(self.equilibrium)}
+        kinds = {kind: {name: getattr(residuals, kind) for name, residuals in self.contacts.items()}
+                 for kind in ContactResiduals._fields}
+        return {kind: _largest(values) for kind, values in (kinds | {"equilibrium": self.equilibrium}).items()}
 
     def violations(self, limit: float) -> list[str]:
         """The residuals above `limit` or NaN, in words for a message."""
@@ -148,8 +148,9 @@ def contact_residuals(state: ContactState, s: np.ndarray, mismatch: np.ndarray, 
 
 
 def _largest(values: Mapping[str, float]) -> tuple[float, str]:
-    name = max(values, key=lambda name: np.inf if np.isnan(values[name]) else values[name])
-    return float(values[name]), name
+    """The largest value, or NaN, and its name; of none, as of a scene without contacts, zero."""
+    name = max(values, key=lambda name: np.inf if np.isnan(values[name]) else values[name], default="")
+    return float(values.get(name, 0.0)), name
 
 
 def _ratio(a: float, b: float) -> float:

@@ -104,7 +104,7 @@ def doubt_answer(assembly: Assembly, displacements: Mapping[str, np.ndarray], st
     Parameters
     ----------
     displacements : (nv, d) of each body of this rank (m)
-    states, contacts : as of a `Solution`
+    states, contacts : as of a `Solution`; with output.only nothing is said of strains and of overlaps of bodies
     passing : whether other load steps follow; then motions alone are looked at, since a body that is unloaded on its
         way may have next to no forces
     """
@@ -114,7 +114,7 @@ def doubt_answer(assembly: Assembly, displacements: Mapping[str, np.ndarray], st
     by_body, moved = {}, dict[tuple[str, int], tuple[np.ndarray, float]]()
     for body in assembly.bodies:
         name, u = body.spec.name, displacements[body.spec.name]
-        warnings = _large_motion(body, u, units)
+        warnings = _large_motion(body, u, units, not assembly.scene.output.only)
         warnings += [] if passing else _points_that_carry(body, u, contacts, units)
         by_body[name] = warnings, body.member.elasticity.load
         for interface in body.member.interfaces:
@@ -138,7 +138,8 @@ def doubt_answer(assembly: Assembly, displacements: Mapping[str, np.ndarray], st
             warnings += _lost_in_rounding(state, largest, units) + _unresolved_zone(state)
         if warnings:
             by_contact[interface.name] = warnings
-    by_contact, overlaps = gathered(world, by_contact), doubt_overlaps(assembly, displacements, contacts)
+    by_contact = gathered(world, by_contact)
+    overlaps = [] if assembly.scene.output.only else doubt_overlaps(assembly, displacements, contacts)
     if world.rank:
         return []
     return [*(warning for body in assembly.scene.body for warning in by_body[body.name][0]),
@@ -146,14 +147,14 @@ def doubt_answer(assembly: Assembly, displacements: Mapping[str, np.ndarray], st
             *([] if passing else _unresolved(assembly, contacts, loads)), *overlaps]
 
 
-def _large_motion(body: Body, u: np.ndarray, units: Mapping[str, str]) -> list[str]:
-    """A warning where a body moves far, or is strained or turned much."""
+def _large_motion(body: Body, u: np.ndarray, units: Mapping[str, str], strains: bool) -> list[str]:
+    """A warning where a body moves far, or, where `strains` are looked at, is strained or turned much."""
     moved, extent = float(np.linalg.norm(u, axis=1).max()), body.mesh.extent
     if moved > LIMIT["motion"] * extent:
         unit = units["length"]
         return [f"body.{body.spec.name}: its largest displacement of {moved:.3g} {unit} is {moved / extent:.2g} times "
                 f"its size ({extent:.3g} {unit}); small-strain theory means small displacements"]
-    return _large_gradient(body, u)
+    return _large_gradient(body, u) if strains else []
 
 
 def _unresolved(assembly: Assembly, contacts: Mapping[str, ContactTotals], loads: Mapping[str, float]) -> list[str]:

@@ -1,7 +1,12 @@
-"""Groups of a mesh and of a mesh file by name; facets on a boundary: direction, pieces between nodes, creases."""
+"""Groups of a mesh, a mesh file and a drawing by name; facets on a boundary: direction, pieces, creases."""
 
 from __future__ import annotations
 
+import functools
+import re
+from collections.abc import Collection
+from dataclasses import replace
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -9,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from ddmpi.errors import InputError, naming
 from ddmpi.mesh.elements import CELLS, cell_with, normals
-from ddmpi.mesh.mesh import PHYSICAL, Mesh, boundary_facets
+from ddmpi.mesh.mesh import PHYSICAL, Face, Mesh, boundary_facets
 from ddmpi.mesh.refine import KINDS, distinct, middle_nodes, simplices
 from ddmpi.scene.bodies import BodySpec
 from ddmpi.scene.keys import nearest
@@ -17,6 +22,18 @@ from ddmpi.system.numbers import across, in_words
 
 SHARPEST = np.deg2rad(40.0)
 """Where a boundary turns by more than this from one facet to the next, it has a corner; else it may be a curve."""
+
+SAMPLES = 65
+"""Points on a curve of a drawing by which its radius is found."""
+
+ACROSS = np.stack(np.meshgrid(*[np.linspace(0.05, 0.95, 9)] * 2), axis=-1).reshape(-1, 2)
+"""Places on a face, as parts of its parameters, by which its radius is found; that of a quarter of them is smaller."""
+
+ROUND = ("circle", "cylinder", "sphere", "torus")
+"""Gmsh's kinds of curves and faces that have a radius."""
+
+OFF = 1e22
+"""Gmsh's value for no limit."""
 
 
 def material_numbers(mesh: Mesh, body: BodySpec) -> np.ndarray:
@@ -120,15 +137,163 @@ def creases(points: np.ndarray, facets: np.ndarray, outward: np.ndarray) -> Crea
     return Creases(nodes[count == 2], np.column_stack([a, b]), np.where(hollow, -turn, turn), nodes[count != 2])
 
 
-def file_groups(raw, label: str, cells: np.ndarray) -> tuple[dict[str, np.ndarray], ...]:
+def parts_of(on: str, known: Collection[str]) -> list[str]:
+    """The groups of which a name is made that is not `known` itself: "8" and "27" of "8+27" or "8 & 27"."""
+    return [on] if on in known else re.split(r" *[+&] *", on)
+
+
+def combined(mesh: Mesh, name: str, clamp: bool = False) -> Mesh:
+    """The mesh with the group of this name, if it is made of others: "8+27" are both together, "left & bottom" is what
+    they have in common, an edge or a corner. Raises InputError where one of the others is missing, or, unless it is
+    for a `clamp`, is no group of facets."""
+    kinds = groups, curves, vertices = dict(mesh.groups), dict(mesh.curves), dict(mesh.vertices)
+    known = {*groups, *curves, *vertices, *mesh.surfaces}
+    parts = list(dict.fromkeys(parts_of(name, known)))
+    if name in known or not any(sign in name for sign in "+&"):
+        return mesh
+    nodes = [mesh.nodes_of(part) if clamp else np.unique(mesh.facets(part).nodes) for part in parts]
+    if "&" in name:
+        common = functools.reduce(np.intersect1d, nodes)
+        if not len(common):
+            raise InputError(f"{' and '.join(map(repr, parts))} have no node in common")
+        facets = mesh.boundary[0]
+        lines = links(facets[np.isin(facets, common).sum(axis=1) > 1], mesh.dimension)
+        lines = lines[np.isin(lines, common).all(axis=1)]
+        rest = np.setdiff1d(common, lines)
+        curves |= {name: lines} if len(lines) else {}
+        vertices |= {name: rest} if len(rest) else {}
+    for kind in kinds if "&" not in name else ():
+        members = [kind[part] for part in parts if part in kind]
+        if members:
+            kind[name] = np.concatenate(members)
+    if name in groups:
+        groups[name] = groups[name][distinct(groups[name])[0]]
+    return replace(mesh, groups=groups, curves=curves, vertices=vertices)
+
+
+# Drawings, in a session of gmsh
+
+def box(gmsh, dimension: int = -1, tag: int = -1) -> np.ndarray:
+    """The least and the greatest coordinates (2, 3) of an entity of the drawing, or of all of it."""
+    return np.reshape(gmsh.model.getBoundingBox(dimension, tag), (2, 3))
+
+
+def extent(gmsh, *entity: int) -> float:
+    """The diagonal of the box of an entity of the drawing, or of all of it."""
+    return float(np.linalg.norm(np.diff(box(gmsh, *entity), axis=0)))
+
+
+def samples(gmsh, curve: int) -> np.ndarray:
+    """Points (SAMPLES, 3) on a curve."""
+    (low,), (high,) = gmsh.model.getParametrizationBounds(1, curve)
+    return np.reshape(gmsh.model.getValue(1, curve, np.linspace(low, high, SAMPLES)), (-1, 3))
+
+
+def curve_bend(gmsh, tag: int) -> tuple[float, float]:
+    """The largest curvature of a curve (1/m), and its length (m)."""
+    steps = np.diff(samples(gmsh, tag), axis=0)
+    length = np.maximum(np.linalg.norm(steps, axis=1), 1 / OFF)
+    return np.linalg.norm(np.diff(steps / length[:, None], axis=0), axis=1).max() / length.mean(), length.sum()
+
+
+def face_bend(gmsh, tag: int) -> tuple[float, float]:
+    """The curvature of a face (1/m), which at the tip of a cone has no bound, and the face's extent (m)."""
+    if gmsh.model.getType(2, tag) == "Plane":
+        return 0.0, 0.0
+    low, high = gmsh.model.getParametrizationBounds(2, tag)
+    bends = gmsh.model.getCurvature(2, tag, (low + ACROSS * (high - low)).ravel())
+    return float(np.percentile(np.abs(bends), 75)), extent(gmsh, 2, tag)
+
+
+def keep_part(gmsh, part: str | int, label: str) -> None:
+    """Remove all bodies but one from the drawing: a number, a physical group, or a label of a CAD program or of one of
+    its assemblies. What is left keeps its numbers. Raises InputError unless exactly one body is meant."""
+    d = gmsh.model.getDimension()
+    names = {tag: gmsh.model.getEntityName(d, tag).split("/")[::-1] for _, tag in gmsh.model.getEntities(d)}
+    groups = [(k, gmsh.model.getEntitiesForPhysicalGroup(k, group), group, gmsh.model.getPhysicalName(k, group))
+              for k, group in gmsh.model.getPhysicalGroups()]
+    for tag, name in ((tag, name) for k, tags, _, name in groups for tag in tags if k == d):
+        names[tag].insert(0, name)
+    # a label is as "Shapes/assembly/1/bolt": its last word says most, and then a number in quotation marks
+    deep = [[tag for tag, words in names.items() if words[k:k + 1] == [part]]
+            for k in range(max(map(len, names.values())))]
+    deep.insert(1, [tag for tag in names if str(tag) == part])
+    meant = [part] if part in names else next(filter(None, deep), [])
+    if len(meant) != 1:
+        listed = "; ".join(f"{tag} {words[0]!r} {where(gmsh, d, tag)}" for tag, words in names.items()
+                           if tag in meant or not meant)
+        raise InputError(f"{label} has {f'{len(meant)} parts' if meant else 'no part'} {part!r}" + (
+            f"; take one by its number: {listed}" if meant else f"; it has {listed}"))
+    gmsh.model.removeEntities([(d, tag) for tag in names if tag != meant[0]], recursive=True)
+    left = set(gmsh.model.getEntities())
+    gmsh.model.removePhysicalGroups()
+    for k, tags, group, name in groups:  # gmsh forgets some of them with what was removed
+        gmsh.model.removePhysicalName(name)
+        if tags := [tag for tag in tags if (k, tag) in left]:
+            gmsh.model.addPhysicalGroup(k, tags, group, name)
+
+
+def name_sides(gmsh, script: bool, asked: Collection[str], label: str) -> dict[str, Face]:
+    """Make groups of curves and faces by their numbers, and by the last part of their labels: of all that bound the
+    body in a file that is no `script`, and in one without groups of which numbers are `asked`; else of those asked for
+    that are no groups yet. So are curves of solids and points, as in "curve 5" and "point 3", if they are asked for.
+    What the drawing says of the numbered ones. Raises InputError for others."""
+    side, kinds = gmsh.model.getDimension() - 1, ("point", "curve", "face")
+    there = {gmsh.model.getPhysicalName(k, tag): k for k, tag in gmsh.model.getPhysicalGroups()}
+    wanted = [part for on in asked for part in parts_of(on, there) if part not in there]
+    numbers = [part for part in wanted if re.fullmatch(r"((point|curve) )?\d+", part)]
+    every = not script or (bool(numbers) and numbers == wanted and side not in there.values())
+    tagged = dict[tuple[str, int], list[int]]()
+    for k, tag in gmsh.model.getEntities():
+        number = str(tag) if k == side else f"{PHYSICAL[k].split()[1]} {tag}"
+        spoken = "" if script else gmsh.model.getEntityName(k, tag).split("/")[-1]
+        for name in {number, spoken} - {"", *there} if k <= side else ():
+            tagged.setdefault((name, k), []).append(tag)
+    for missing in (part for part in (numbers if script else wanted) if not any((part, k) in tagged for k in range(3))):
+        of = next((k for k in range(side) if missing.startswith(kinds[k])), side)
+        listed = "; ".join(f"{name} {where(gmsh, k, tags[0])}" for (name, k), tags in tagged.items() if k == of)
+        raise InputError(f"{label} has no {kinds[of]} {missing!r}; it has {listed}")
+    chosen = {key: tags for key, tags in tagged.items() if (every and key[1] == side) or key[0] in wanted}
+    for (name, k), tags in chosen.items():
+        gmsh.model.addPhysicalGroup(k, tags, name=name)
+    return {name: _face(gmsh, *key) for (name, k), (tag, *_) in chosen.items() for key in [(k, tag)]
+            if k == side and name == str(tag)}
+
+
+def _face(gmsh, k: int, tag: int) -> Face:
+    kind = gmsh.model.getType(k, tag).lower()
+    bend = (curve_bend, face_bend)[k - 1](gmsh, tag)[0] if kind in ROUND else 0.0
+    try:
+        measure = gmsh.model.occ.getMass(k, tag)
+    except Exception:  # gmsh's own kernel knows no areas
+        measure = curve_bend(gmsh, tag)[1] if k == 1 else 0.0
+    place = np.round(box(gmsh, k, tag).mean(axis=0)[:gmsh.model.getDimension()], 5 - int(np.log10(extent(gmsh)))) + 0.0
+    return Face(kind, 1.0 / bend if bend else 0.0, measure, tuple(place.tolist()))
+
+
+def where(gmsh, k: int, tag: int) -> str:
+    """Where an entity of the drawing lies, in words."""
+    if k == 1:
+        places = samples(gmsh, tag)[[0, SAMPLES // 2, -1], :gmsh.model.getDimension()]
+        return "from {} by {} to {}".format(*(in_words(at + 0.0) for at in places))
+    corners = np.round(box(gmsh, k, tag), 5 - int(np.log10(extent(gmsh)))) + 0.0
+    return " to ".join(dict.fromkeys(map(in_words, corners)))
+
+
+def file_groups(raw, label: str, cells: np.ndarray, part: bool = False) -> tuple[dict[str, np.ndarray], ...]:
     """By name the facets (·, d) of each group of the boundary, in space the lines (·, 2) of curves, and nodes.
 
-    Of a set of nodes the facets, or else the lines, and in any case its nodes. Raises InputError where no group has
-    facets.
+    Of a set of nodes the facets, or else the lines, and in any case its nodes. If the `cells` are a `part` of the file,
+    only what belongs to them. Raises InputError where there is no group.
     """
     d, kinds = cells.shape[1] - 1, list[dict[str, np.ndarray]]()
     for dimension in range(d - 1, 0, -1):
-        parts, _, element, _ = simplices(raw, dimension, raw.points)
+        parts, _, element = simplices(raw, dimension, raw.points)
+        if part:
+            of_cells = cells[:, list(combinations(range(d + 1), dimension + 1))].reshape(-1, dimension + 1)
+            number = np.unique(np.sort(np.concatenate([of_cells, parts]), axis=1), axis=0, return_inverse=True)[1]
+            own = np.isin(number.ravel()[len(of_cells):], number.ravel()[:len(of_cells)])
+            parts, element = parts[own], element[own]
         named = {name: parts[np.isin(element, members)] for name, members in file_members(raw, dimension).items()}
         kinds.append({name: facets[distinct(facets)[0]] for name, facets in named.items()})
     alone: dict[str, np.ndarray] = {}
@@ -144,12 +309,16 @@ def file_groups(raw, label: str, cells: np.ndarray) -> tuple[dict[str, np.ndarra
                     if len(parts):
                         kind[name] = parts
                         break
-    if not kinds[0]:
+    points_of = raw.cells_dict.get("vertex", np.empty((0, 1), int))[:, 0]
+    alone |= {name: np.unique(points_of[members]) for name, members in file_members(raw, 0).items()}
+    if not any((*kinds, alone)):
         raise InputError(f"{label} has no named physical groups of {CELLS[d - 1, 1].names}; clamps, tractions and "
                          'contacts refer to boundaries by such names: '
                          f'{PHYSICAL[d - 1].title()}("left") = {{4}};')
-    points_of = raw.cells_dict.get("vertex", np.empty((0, 1), int))[:, 0]
-    alone |= {name: np.unique(points_of[members]) for name, members in file_members(raw, 0).items()}
+    if part:  # groups of other parts are not of this one
+        kinds = [{name: own for name, own in kind.items() if len(own)} for kind in kinds]
+        alone = {name: own for name, own in alone.items() if np.isin(own, cells).any() or any(
+            name in kind for kind in kinds)}
     return kinds[0], {} if d == 2 else kinds[1], alone
 
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import functools
+import hashlib
 import os
+import re
 import stat
 from collections.abc import Callable, Collection
 from dataclasses import replace
@@ -13,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from ddmpi.errors import InputError, naming
-from ddmpi.mesh.boundary import material_numbers
+from ddmpi.mesh.boundary import combined, material_numbers
 from ddmpi.mesh.elements import NAMES
 from ddmpi.mesh.mesh import MEASURE, Mesh, refuse_folded, signed_measures
 from ddmpi.mesh.refine import Sizes, halve, raise_order
@@ -25,6 +27,10 @@ from ddmpi.system.numbers import in_words
 
 EACH = 200.0
 """Least memory of a linear cell (bytes): nodes, groups, and its part of the stiffness."""
+
+NAMES_OTHERS = {".geo": rb"include|merge|open|import|shapefromfile", ".inp": rb"\*include|input *=",
+                ".xdmf": rb"", ".xmf": rb""}
+"""By the end of a file's name, what its text has where it names other files; XDMF keeps its data beside it."""
 
 ROUNDING = 1e-12
 """Nodes lie on the axis up to this fraction of the largest coordinate."""
@@ -50,7 +56,11 @@ def build_mesh(body: BodySpec, folder: Path = Path("."), contacts: Collection[st
     """
     spec = body.mesh
     key = f"body.{body.name}.mesh"
-    if spec.shape:
+    if spec.drawn:
+        from ddmpi.mesh.geometry import mesh_geometry
+
+        mesh = mesh_geometry(locate_mesh(body, folder) if spec.geometry else None, body, contacts, sizes)
+    elif spec.shape:
         assert spec.divisions
         _refuse_huge(float(factorial(len(spec.divisions)) * np.prod(spec.divisions, dtype=float)),
                      NAMES[len(spec.divisions)][1], f"{key}.divisions")
@@ -58,14 +68,11 @@ def build_mesh(body: BodySpec, folder: Path = Path("."), contacts: Collection[st
         if not signed_measures(mesh.points, mesh.triangles).min() > 0.0:
             raise InputError(f"{key}: its {mesh.cell.names} have no {MEASURE[mesh.dimension]} in double precision; "
                              "sizes, place and units do not fit together")
-    elif spec.geometry is not None:
-        from ddmpi.mesh.geometry import mesh_geometry
-
-        mesh = mesh_geometry(locate_mesh(body, folder), body, contacts, sizes)
     else:
         from ddmpi.mesh.read import read_mesh
 
-        mesh = read_mesh(locate_mesh(body, folder), body.name, spec.order or 1)
+        mesh = read_mesh(locate_mesh(body, folder), body.name, spec.order or 1,
+                         part=None if spec.part is None else str(spec.part))
     if dimension not in (None, mesh.dimension):
         raise InputError(f"{key}: the mesh is {WHERE[mesh.dimension]}, and the scene is {WHERE[dimension or 2]}")
     for _ in range(spec.halvings):
@@ -74,6 +81,9 @@ def build_mesh(body: BodySpec, folder: Path = Path("."), contacts: Collection[st
     mesh = raise_order(mesh, key, spec.order or 1)
     refuse_folded(mesh, key)
     material_numbers(mesh, body)
+    for name, on in [*(("mesh", on) for on in contacts), *((name, acting.on) for name, acting in body.acting)]:
+        with naming(f"body.{body.name}.{name}"):
+            mesh = combined(mesh, on, name == "clamp")
     if axisymmetric:
         mesh = _turned(mesh, key, [*contacts, *(acting.on for name, acting in body.acting if name != "clamp")])
     for name, acting in body.acting:
@@ -81,6 +91,16 @@ def build_mesh(body: BodySpec, folder: Path = Path("."), contacts: Collection[st
             # a clamp holds nodes, of points and curves as well; all else acts on facets
             mesh.nodes_of(acting.on) if name == "clamp" else mesh.facets(acting.on)
     return mesh
+
+
+def content(body: BodySpec, folder: Path = Path(".")) -> bytes | None:
+    """A digest of the file of a body's mesh, empty for a shape; None where the file names others, see NAMES_OTHERS. Not
+    collective. Raises InputError."""
+    if body.mesh.shape:
+        return b""
+    path = locate_mesh(body, folder)
+    data, words = path.read_bytes(), NAMES_OTHERS.get(path.suffix.lower())
+    return None if words is not None and re.search(words, data, re.IGNORECASE) else hashlib.blake2b(data).digest()
 
 
 def _turned(mesh: Mesh, key: str, acted: Collection[str]) -> Mesh:
@@ -112,7 +132,7 @@ def kind_of_files(scene_path: str | Path) -> Callable[[BodySpec], tuple[int, int
     Drawings have no order, so 1. Not collective. The function raises InputError.
     """
     @functools.cache
-    def of_file(path: Path, name: str, drawn: bool) -> tuple[int, int]:
+    def of_file(path: Path, name: str, drawn: bool, part: str | None) -> tuple[int, int]:
         if drawn:
             from ddmpi.mesh.geometry import geometry_dimension
 
@@ -120,10 +140,11 @@ def kind_of_files(scene_path: str | Path) -> Callable[[BodySpec], tuple[int, int
 
         from ddmpi.mesh.read import file_kind
 
-        return file_kind(path, name)
+        return file_kind(path, name, part)
 
     folder = Path(scene_path).parent
-    return lambda body: of_file(locate_mesh(body, folder), body.name, bool(body.mesh.geometry))
+    return lambda body: of_file(locate_mesh(body, folder), body.name, bool(body.mesh.geometry),
+                                None if body.mesh.part is None else str(body.mesh.part))
 
 
 def locate_mesh(body: BodySpec, folder: Path) -> Path:

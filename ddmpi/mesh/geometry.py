@@ -10,18 +10,21 @@ import os
 import re
 import tempfile
 from collections.abc import Collection, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from ddmpi.errors import InputError
+from ddmpi.mesh.boundary import OFF, box, curve_bend, extent, face_bend, keep_part, name_sides, parts_of, samples
 from ddmpi.mesh.elements import CELLS, REGULAR
-from ddmpi.mesh.mesh import PHYSICAL, Mesh
+from ddmpi.mesh.mesh import PHYSICAL, Face, Mesh
 from ddmpi.mesh.read import MSH, gmsh_session, name_groups, read_mesh
 from ddmpi.mesh.refine import GRADE, Sizes
+from ddmpi.mesh.shapes import draw_shape
 from ddmpi.scene.bodies import BodySpec
+from ddmpi.scene.keys import nearest
 from ddmpi.system.interrupt import apart
-from ddmpi.system.numbers import in_words
 
 TRUST = "DDMPI_TRUST_GEOMETRY"
 """The environment variable that allows drawings to start programs and write files, if it is 1."""
@@ -44,11 +47,8 @@ AROUND = 24
 """Elements around a full circle, at least: beyond 40 degrees from one side to the next a contact has a corner. With
 Mesh.MeshSizeFromCurvature gmsh 4.15 never ends on small arcs."""
 
-SAMPLES, MOST = 65, 200
-"""Points on a curve by which its radius is found; most elements along a curve or a face because of its curvature."""
-
-ACROSS = np.stack(np.meshgrid(*[np.linspace(0.05, 0.95, 9)] * 2), axis=-1).reshape(-1, 2)
-"""Places on a face, as parts of its parameters, by which its radius is found; that of a quarter of them is smaller."""
+MOST = 200
+"""Most elements along a curve or a face because of its curvature."""
 
 ALIKE = 0.1
 """Curves are alike if the logarithms of their sizes differ by less."""
@@ -62,9 +62,6 @@ TOO_MANY = 2e7
 FILLED, TINY = 0.01, 1e-6
 """Fraction of its box that a thin solid fills; curves below this fraction of the drawing, as at poles, are straight."""
 
-OFF = 1e22
-"""Gmsh's value for no limit."""
-
 DRAWN = "drawn.msh"
 """The mesh that gmsh writes."""
 
@@ -75,20 +72,22 @@ _OPTIONS = {"General.NumThreads": 1, "Mesh.MaxNumThreads1D": 1, "Mesh.MaxNumThre
 """Options that a file cannot change."""
 
 
-def mesh_geometry(path: Path, body: BodySpec, contacts: Collection[str], sizes: Sizes | None = None) -> Mesh:
-    """The mesh of a geometry with its physical groups; in order 2 its sides are curved along curves and faces.
+def mesh_geometry(path: Path | None, body: BodySpec, contacts: Collection[str], sizes: Sizes | None = None) -> Mesh:
+    """The mesh of a geometry, or of a shape that gmsh draws, with its physical groups; in order 2 its sides are curved
+    along curves and faces.
 
-    Elements have at most the ``size`` of the body's mesh, smaller ones where the file says so, and ``contact_size``
-    along the groups in `contacts`; with `sizes` they have these, and the file's are not heeded. The same input gives
-    the same mesh. In STEP and BREP files every curve, or face of a solid, is a group by its label and its number.
+    Elements have at most the ``size`` of the body's mesh, smaller ones where the file says so, those of ``size_on``
+    along its groups and ``contact_size`` along other ones in `contacts`; with `sizes` they have these, and the file's
+    are not heeded. The same input gives the same mesh. In STEP and BREP files every curve, or face of a solid, is a
+    group by its label and its number; see `name_sides`. Of an assembly the ``part`` alone is meshed.
 
     Not collective. Raises InputError for a file that gmsh cannot read or mesh, or that is neither plane nor solid.
     """
-    label = f"body.{body.name}.mesh.geometry: {path}"
+    label = f"body.{body.name}.mesh.geometry: {path}" if path else f"body.{body.name}.mesh: the {body.mesh.shape}"
     with _opened(path, label) as (folder, source):
-        apart(folder, _draw, source, path.suffix.lower() == ".geo", body, contacts, sizes, label,
-              doing=f"body.{body.name}: gmsh is meshing {path.name}")
-        return read_mesh(folder / DRAWN, body.name, body.mesh.order or 1, label)
+        faces = apart(folder, _draw, source, path is None or path.suffix.lower() == ".geo", body, contacts, sizes,
+                      label, doing=f"body.{body.name}: gmsh is meshing {path.name if path else body.mesh.shape}")
+        return replace(read_mesh(folder / DRAWN, body.name, body.mesh.order or 1, label), faces=faces)
 
 
 def geometry_dimension(path: Path, body: str) -> int:
@@ -105,12 +104,12 @@ def _dimension(source: Path, label: str) -> int:
 
 
 @contextlib.contextmanager
-def _opened(path: Path, label: str) -> Iterator[tuple[Path, Path]]:
-    """A folder for gmsh, and the copy in it of a drawing; messages then name the drawing itself."""
+def _opened(path: Path | None, label: str) -> Iterator[tuple[Path, Path | None]]:
+    """A folder for gmsh, and the copy in it of a drawing, if there is one; messages then name the drawing itself."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name).resolve()
         copies: dict[Path, Path] = {}
-        source = _copy(path.resolve(), copies, folder, label)
+        source = _copy(path.resolve(), copies, folder, label) if path else None
         try:
             yield folder, source
         except InputError as error:
@@ -178,18 +177,22 @@ def _tamed(script: bytes, path: Path, copies: dict[Path, Path], folder: Path, la
     return READS.sub(use_copy, printing) + b"\n"  # without it gmsh 4.15 would lose statements
 
 
-def _draw(source: Path, script: bool, body: BodySpec, contacts: Collection[str], sizes: Sizes | None,
-          label: str) -> None:
-    """Write the mesh of the drawing `source` as DRAWN; for a process that does nothing else. Raises InputError."""
+def _draw(source: Path | None, script: bool, body: BodySpec, contacts: Collection[str], sizes: Sizes | None,
+          label: str) -> dict[str, Face]:
+    """Write the mesh of the drawing `source`, or of a shape, as DRAWN, and say what its numbered faces are; for a
+    process that does nothing else. Raises InputError."""
     with gmsh_session() as gmsh, _gmsh_errors(f"{label} cannot be meshed"):
         with _gmsh_errors(f"{label} cannot be read"):
-            gmsh.open(str(source))
+            gmsh.open(str(source)) if source else draw_shape(gmsh, body.mesh)
         d = gmsh.model.getDimension()
         if not gmsh.model.getEntities(2):
             raise InputError(f"{label} has no surface: Plane Surface(1) = {{1}};")
-        _choose_groups(gmsh, script, body, contacts, label)
+        if body.mesh.part is not None:
+            keep_part(gmsh, body.mesh.part, label)
+        faces = _choose_groups(gmsh, script, body, contacts, label)
         for option, value in _OPTIONS.items():
             gmsh.option.setNumber(option, value)
+        gmsh.option.setNumber("General.Terminal", 1)  # for who waits
         if sizes:
             _follow(gmsh, sizes, body.mesh.largest, label)
         else:
@@ -198,52 +201,21 @@ def _draw(source: Path, script: bool, body: BodySpec, contacts: Collection[str],
         gmsh.model.mesh.generate(d)
         gmsh.model.mesh.setOrder(body.mesh.order or 1)
         gmsh.write(DRAWN)
+        return faces
 
 
-def _choose_groups(gmsh, script: bool, body: BodySpec, contacts: Collection[str], label: str) -> None:
+def _choose_groups(gmsh, script: bool, body: BodySpec, contacts: Collection[str], label: str) -> dict[str, Face]:
     """Name the groups, and save the cells of the body. Raises InputError."""
     d = gmsh.model.getDimension()
-    if not script:  # other files have no physical groups
-        _name_sides(gmsh, body, contacts, label)
     name_groups(gmsh)
+    faces = name_sides(gmsh, script, [*contacts, *(acting.on for _, acting in body.acting), *body.mesh.size_on], label)
     bodies = [tag for _, tag in gmsh.model.getEntities(d)]
     if not gmsh.model.getPhysicalGroups(d):
         if len(bodies) > 1 and script:
             raise InputError(f"{label} has {len(bodies)} {PHYSICAL[d].split()[1]}s and no physical one; name those of "
                              f'the body: {PHYSICAL[d].title()}("body") = {{1}};')
         gmsh.model.addPhysicalGroup(d, bodies)
-
-
-def _name_sides(gmsh, body: BodySpec, contacts: Collection[str], label: str) -> None:
-    """Make every curve or face a group by its number, and by the last part of its label. So are curves of solids and
-    points that are asked for, as in "curve 5" and "point 3". Raises InputError."""
-    side, kinds, tagged = gmsh.model.getDimension() - 1, ("point", "curve", "face"), dict[tuple[str, int], list[int]]()
-    for k, tag in gmsh.model.getEntities():
-        number = str(tag) if k == side else f"{PHYSICAL[k].split()[1]} {tag}"
-        for name in {number, gmsh.model.getEntityName(k, tag).split("/")[-1]} - {""} if k <= side else ():
-            tagged.setdefault((name, k), []).append(tag)
-    asked = [acting.on for _, acting in body.acting]
-    for missing in (name for name in [*contacts, *asked] if not any((name, k) in tagged for k in range(3))):
-        of = next((k for k in range(side) if missing.startswith(kinds[k])), side)
-        listed = "; ".join(f"{name} {_where(gmsh, k, tags[0])}" for (name, k), tags in tagged.items() if k == of)
-        raise InputError(f"{label} has no {kinds[of]} {missing!r}; it has {listed}")
-    for (name, k), tags in tagged.items():
-        if k == side or name in asked:
-            gmsh.model.addPhysicalGroup(k, tags, name=name)
-
-
-def _where(gmsh, k: int, tag: int) -> str:
-    """Where a point, a curve or a face lies, in words."""
-    if k == 1:
-        places = _samples(gmsh, tag)[[0, SAMPLES // 2, -1], :gmsh.model.getDimension()]
-        return "from {} by {} to {}".format(*(in_words(at + 0.0) for at in places))
-    box = np.round(_box(gmsh, k, tag), 5 - int(np.log10(_extent(gmsh)))) + 0.0
-    return " to ".join(dict.fromkeys(map(in_words, box)))
-
-
-def _box(gmsh, dimension: int = -1, tag: int = -1) -> np.ndarray:
-    """The least and the greatest coordinates (2, 3) of a part of the drawing, or of all of it."""
-    return np.reshape(gmsh.model.getBoundingBox(dimension, tag), (2, 3))
+    return faces
 
 
 def _refuse_tiny(gmsh, body: BodySpec, contacts: Collection[str], label: str) -> None:
@@ -254,7 +226,7 @@ def _refuse_tiny(gmsh, body: BodySpec, contacts: Collection[str], label: str) ->
     for key, size, covered in (("size", largest, whole), ("contact_size", finest, min(whole, band))):
         cells = covered / (REGULAR[d] * size**d)
         if cells > TOO_MANY:
-            extents = " by ".join(f"{length:.3g}" for length in np.diff(_box(gmsh), axis=0)[0, :d])
+            extents = " by ".join(f"{length:.3g}" for length in np.diff(box(gmsh), axis=0)[0, :d])
             raise InputError(f"{label}: {key} = {size:g} would make {cells:.1g} {CELLS[d, 1].names} of a drawing of "
                              f"{extents}; is it in the units of the drawing?")
 
@@ -262,28 +234,23 @@ def _refuse_tiny(gmsh, body: BodySpec, contacts: Collection[str], label: str) ->
 def _measure(gmsh, dimension: int, tag: int) -> float:
     """The length of a curve, the area of a plane surface; for a face or a volume an estimate by its box."""
     if gmsh.model.getDimension() == 2:
-        return _area(gmsh, tag) if dimension == 2 else _curve_bend(gmsh, tag)[1]
-    return float(np.sort(np.diff(_box(gmsh, dimension, tag), axis=0)[0])[-dimension:].prod()) * FILLED
+        return _area(gmsh, tag) if dimension == 2 else curve_bend(gmsh, tag)[1]
+    return float(np.sort(np.diff(box(gmsh, dimension, tag), axis=0)[0])[-dimension:].prod()) * FILLED
 
 
 def _of_groups(gmsh, dimension: int, names: Collection[str] | None = None) -> np.ndarray:
     """The numbers of the curves, surfaces or volumes of physical groups, all or those of some names."""
-    groups = [tag for _, tag in gmsh.model.getPhysicalGroups(dimension)
-              if names is None or gmsh.model.getPhysicalName(dimension, tag) in names]
+    called = {tag: gmsh.model.getPhysicalName(dimension, tag) for _, tag in gmsh.model.getPhysicalGroups(dimension)}
+    wanted = called.values() if names is None else [part for on in names for part in parts_of(on, called.values())]
+    groups = [tag for tag, name in called.items() if name in wanted]
     return np.unique([entity for tag in groups for entity in gmsh.model.getEntitiesForPhysicalGroup(dimension, tag)])
-
-
-def _samples(gmsh, curve: int) -> np.ndarray:
-    """Points (SAMPLES, 3) on a curve."""
-    (low,), (high,) = gmsh.model.getParametrizationBounds(1, curve)
-    return np.reshape(gmsh.model.getValue(1, curve, np.linspace(low, high, SAMPLES)), (-1, 3))
 
 
 def _area(gmsh, surface: int) -> float:
     """The area of a plane surface, by its boundary: ½ ∮ (x dy − y dx)."""
     total = 0.0
     for _, curve in gmsh.model.getBoundary([(2, surface)], oriented=True):
-        x, y, _ = _samples(gmsh, abs(curve)).T
+        x, y, _ = samples(gmsh, abs(curve)).T
         total += np.sign(curve) * float((x[:-1] * y[1:] - x[1:] * y[:-1]).sum()) / 2
     return abs(total)
 
@@ -294,8 +261,18 @@ def _refine_towards(gmsh, body: BodySpec, contacts: Collection[str]) -> None:
     for option, most in (("Mesh.MeshSizeMax", largest), ("Mesh.MeshSizeMin", finest)):
         gmsh.option.setNumber(option, min(gmsh.option.getNumber(option), most))
     side = gmsh.model.getDimension() - 1
-    near, background = _of_groups(gmsh, side, contacts), re.search(r"^Background Field = (\d+);", _unrolled(gmsh), re.M)
+    background = re.search(r"^Background Field = (\d+);", _unrolled(gmsh), re.M)
     fields = _around(gmsh, largest) + ([int(background[1])] if background else [])
+    near = _of_groups(gmsh, side, contacts)
+    for name, size in body.mesh.size_on.items():
+        along = _of_groups(gmsh, side, [name])
+        if not len(along):
+            names = [gmsh.model.getPhysicalName(*group) for group in gmsh.model.getPhysicalGroups(side)]
+            raise InputError(f"body.{body.name}.mesh.size_on: the drawing has no boundary group {name!r}"
+                             f"{nearest(name, names)} (it has {', '.join(names)})")
+        near = np.setdiff1d(near, along)  # it has this size in contacts as well
+        if size < largest:
+            fields.append(_near(gmsh, side, along, size, largest))
     if len(near) and finest < largest:
         fields.append(_near(gmsh, side, near, finest, largest))
     if fields:
@@ -313,7 +290,7 @@ def _follow(gmsh, sizes: Sizes, largest: float, label: str) -> None:
         free_of_them.write_text(free, encoding="utf-8")
         again.mkdir()
         gmsh.open(str(_copy(free_of_them, {}, again, label)))  # its names of groups may be anything
-    d, middle = sizes.points.shape[1], _box(gmsh).mean(axis=0)
+    d, middle = sizes.points.shape[1], box(gmsh).mean(axis=0)
     xyz = np.column_stack([sizes.points, np.tile(middle[d:], (len(sizes.points), 1))])
     corners = xyz[sizes.triangles].transpose(0, 2, 1).reshape(len(sizes.triangles), -1)
     view, data = gmsh.view.add("sizes"), np.column_stack([corners, sizes.sizes[sizes.triangles]]).ravel()
@@ -329,38 +306,18 @@ def _around(gmsh, largest: float) -> list[int]:
     """Size fields for elements that are small enough for the radii of curves and faces."""
     alike: dict[tuple[int, int], list[tuple[float, int]]] = {}
     for dimension, tag in [*gmsh.model.getEntities(1), *gmsh.model.getEntities(2)]:
-        bend, extent = {1: _curve_bend, 2: _face_bend}[dimension](gmsh, tag)
-        size = max(2 * np.pi / AROUND / max(bend, 1 / OFF), extent / MOST)
-        if size < largest and extent > TINY * _extent(gmsh):
+        bend, length = {1: curve_bend, 2: face_bend}[dimension](gmsh, tag)
+        size = max(2 * np.pi / AROUND / max(bend, 1 / OFF), length / MOST)
+        if size < largest and length > TINY * extent(gmsh):
             alike.setdefault((dimension, round(np.log(size) / ALIKE)), []).append((size, tag))
     return [_near(gmsh, dimension, [tag for _, tag in group], min(group)[0], largest)
             for (dimension, _), group in alike.items()]
 
 
-def _extent(gmsh, *part: int) -> float:
-    return float(np.linalg.norm(np.diff(_box(gmsh, *part), axis=0)))
-
-
-def _curve_bend(gmsh, tag: int) -> tuple[float, float]:
-    """The largest curvature of a curve (1/m), and its length (m)."""
-    steps = np.diff(_samples(gmsh, tag), axis=0)
-    length = np.maximum(np.linalg.norm(steps, axis=1), 1 / OFF)
-    return np.linalg.norm(np.diff(steps / length[:, None], axis=0), axis=1).max() / length.mean(), length.sum()
-
-
-def _face_bend(gmsh, tag: int) -> tuple[float, float]:
-    """The curvature of a face (1/m), which at the tip of a cone has no bound, and the face's extent (m)."""
-    if gmsh.model.getType(2, tag) == "Plane":
-        return 0.0, 0.0
-    low, high = gmsh.model.getParametrizationBounds(2, tag)
-    bends = gmsh.model.getCurvature(2, tag, (low + ACROSS * (high - low)).ravel())
-    return float(np.percentile(np.abs(bends), 75)), _extent(gmsh, 2, tag)
-
-
 def _near(gmsh, dimension: int, tags, finest: float, largest: float) -> int:
     """A field of size `finest` along curves or faces, which grows to `largest`."""
-    extent = max(_extent(gmsh, dimension, tag) for tag in tags)
-    far = _field(gmsh, "Distance", Sampling=int(np.clip(4 * extent / finest, 20, {1: 20_000, 2: 500}[dimension])),
+    length = max(extent(gmsh, dimension, tag) for tag in tags)
+    far = _field(gmsh, "Distance", Sampling=int(np.clip(4 * length / finest, 20, {1: 20_000, 2: 500}[dimension])),
                  **{("CurvesList", "SurfacesList")[dimension - 1]: tags})
     return _field(gmsh, "Threshold", InField=far, SizeMin=finest, SizeMax=largest, DistMin=NEAR * finest,
                   DistMax=NEAR * finest + (largest - finest) / GRADE)

@@ -45,6 +45,23 @@ class Facets(NamedTuple):
     starts: np.ndarray
 
 
+class Face(NamedTuple):
+    """A numbered curve, or face of a solid, of a drawing.
+
+    Attributes
+    ----------
+    kind : gmsh's word, such as "plane", "cylinder" or "line"
+    radius : of a circle, a cylinder, a sphere, and of the tube of a torus (m); of others 0
+    measure : its length (m) or area (m²)
+    place : the middle of its box (m)
+    """
+
+    kind: str
+    radius: float
+    measure: float
+    place: tuple[float, ...]
+
+
 @dataclass(frozen=True)
 class Mesh:
     """Triangles or tetrahedra of one body. Not distributed; every array is local to the body.
@@ -60,6 +77,7 @@ class Mesh:
     cut : how many cells of a file were cut into triangles or tetrahedra
     curves : name → (·, 2 or 3) int, in space the lines of each physical curve
     axisymmetric : whether integrals are over the rings of revolution of the cells around x = 0
+    faces : name → what the drawing says of the groups that are numbered curves or faces of it
 
     >>> mesh = Mesh(np.array([[0.0, 0.0], [2.0, 0.0], [0.0, 1.0]]), np.array([[0, 1, 2]]), {"base": np.array([[0, 1]])})
     >>> mesh.cell.title, mesh.measures().tolist(), mesh.boundary[0].tolist()
@@ -74,6 +92,7 @@ class Mesh:
     cut: int = 0
     curves: dict[str, np.ndarray] = field(default_factory=dict)
     axisymmetric: bool = False
+    faces: dict[str, Face] = field(default_factory=dict)
 
     @property
     def dimension(self) -> int:

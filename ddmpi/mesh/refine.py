@@ -8,6 +8,7 @@ import numpy as np
 import scipy.sparse as sparse
 from scipy.sparse import csgraph
 
+from ddmpi.decks.cells import FACES, SIDES
 from ddmpi.errors import InputError
 from ddmpi.mesh.elements import CELLS, CUTS, EDGES, cell_with
 from ddmpi.mesh.mesh import Mesh, signed_measures
@@ -20,19 +21,6 @@ KINDS = {
 
 SIMPLICES = ("vertex", "line", "triangle", "tetra")
 """Simplices by dimension; other elements are cut."""
-
-SIDES: dict[str, list[tuple[int, int]]] = {
-    **{shape: EDGES[d] for d, shape in enumerate(SIMPLICES) if d}, "quad": [(0, 1), (1, 2), (2, 3), (3, 0)],
-    "hexahedron": [(0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)],
-    "wedge": [(0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5)],
-    "pyramid": [(0, 1), (1, 2), (2, 3), (3, 0), (0, 4), (1, 4), (2, 4), (3, 4)]}
-"""Corners at the ends of the edges of an element, whose middles come in this order, which is VTK's."""
-
-FACES: dict[str, list[tuple[int, ...]]] = {
-    "hexahedron": [(0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)],
-    "wedge": [(0, 1, 2), (3, 4, 5), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5)],
-    "pyramid": [(0, 1, 2, 3), (0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)]}
-"""Corners around the faces of an element."""
 
 HALVES = np.array([[[0, 1, 2], [2, 3, 0]], [[1, 2, 3], [3, 0, 1]]])
 """Corners of the triangles that a quadrilateral is cut into, along its first or its second diagonal."""
@@ -126,13 +114,13 @@ def halve(mesh: Mesh, key: str) -> Mesh:
 
 
 def simplices(raw, d: int, points: np.ndarray, curved: bool = False
-               ) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+               ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """All elements of dimension d, cut into simplices.
 
-    Corners (n, d + 1), if `curved` the bends (n, e, ·) of their edges (m), the elements that they are parts of, counted
-    through all KINDS, and the number of different elements that were cut.
+    Corners (n, d + 1), if `curved` the bends (n, e, ·) of their edges (m), and the elements that they are parts of,
+    counted through all KINDS.
     """
-    cells, bows, element, before, cut = [], [], [], 0, 0
+    cells, bows, element, before = [], [], [], 0
     for kind in KINDS[d]:
         nodes = raw.cells_dict.get(kind, np.empty((0, 27), int)).astype(np.int64)
         shape = kind.rstrip("0123456789")
@@ -151,8 +139,7 @@ def simplices(raw, d: int, points: np.ndarray, curved: bool = False
         bows.append(bow.reshape(parts.shape[0] * parts.shape[1], *bow.shape[2:]))
         element.append(before + np.repeat(np.arange(len(nodes)), parts.shape[1]))
         before += len(nodes)
-        cut += len(distinct(corners)[0]) if shape not in SIMPLICES else 0
-    return np.concatenate(cells), np.concatenate(bows), np.concatenate(element), cut
+    return np.concatenate(cells), np.concatenate(bows), np.concatenate(element)
 
 
 def middle_nodes(raw, d: int) -> tuple[np.ndarray, np.ndarray]:

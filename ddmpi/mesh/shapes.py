@@ -1,4 +1,5 @@
-"""Meshes of simple shapes: grids of cells, cut into triangles or tetrahedra, and the positions of their nodes."""
+"""Meshes of simple shapes: grids of cells, cut into triangles or tetrahedra, and the positions of their nodes; balls
+and cylinders, which gmsh meshes."""
 
 from __future__ import annotations
 
@@ -57,6 +58,30 @@ def generate_annulus(spec: MeshSpec) -> Mesh:
     radius = _between(*spec.radii, mesh.points[:, 0])
     points = np.array(spec.center) + radius[:, None] * _directions(_between(*spec.angles, mesh.points[:, 1]))
     return replace(mesh, points=points)
+
+
+def draw_shape(gmsh, spec: MeshSpec) -> None:
+    """Draw a ball or a cylinder, with its groups, in a session of gmsh. Not collective."""
+    assert spec.center
+    cad, height = gmsh.model.occ, spec.height or 0.0
+    if spec.shape == "ball":
+        cad.addSphere(*spec.center, spec.radius)
+    else:
+        assert spec.axis and spec.radii
+        axis = np.array(spec.axis) / np.linalg.norm(spec.axis)
+        solid, *bore = [(3, cad.addCylinder(*spec.center, *(height * axis), r)) for r in spec.radii[::-1] if r]
+        cad.cut([solid], bore) if bore else None
+    cad.synchronize()
+    groups: dict[str, list[int]] = {}
+    for _, face in gmsh.model.getEntities(2):
+        name = "surface"
+        if spec.radii:  # an end, or the larger or smaller of the faces around
+            up = np.dot(np.subtract(cad.getCenterOfMass(2, face), spec.center), axis) / height
+            inner = cad.getMass(2, face) < np.pi * sum(spec.radii) * height
+            name = "bottom" if up < 0.25 else "top" if up > 0.75 else "inner" if inner else "outer"
+        groups.setdefault(name, []).append(face)
+    for name, faces in groups.items():
+        gmsh.model.addPhysicalGroup(2, faces, name=name)
 
 
 def _grid_of(spec: MeshSpec) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:

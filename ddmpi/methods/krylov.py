@@ -136,6 +136,10 @@ class Linearised(Tangent):
         """Iᵀ x (k,): the part of a vector (size,) along the unknown forces."""
         return (x if self._transposed is None else self._transposed @ x)[self.unknown]
 
+    def contract(self, x: np.ndarray) -> np.ndarray:
+        """Eᵀ x (k,)."""
+        return self.expansion.T @ x
+
     def move(self, s: np.ndarray) -> np.ndarray:
         """The change (size,) of the forces s that keeps the unknown ones and gives the others their implied values."""
         return self.expand(self.restrict(s)) + self.given - s
@@ -196,15 +200,23 @@ class LinearProblem:
     springs, steered : part of the springs ε that steer rigid motions, and of the compliances that steer shared nodes
     forcing : by which GMRES reduces the residual
     precise : whether forces are solved as precisely as displacements; those of slender bodies always are
+    exact : whether the compliances that steer shared nodes are those of the preconditioner only
+    transposed : whether the system is the transposed one, with I and E exchanged; its α has the opposite sign
+    purpose : for which products are counted
 
     Construction is collective.
     """
 
     def __init__(self, joint: Joint, preconditioner: Preconditioner, linearised: Linearised,
                  layer: np.ndarray, springs: float = 1.0, steered: float = 1.0, forcing: float = FORCING,
-                 precise: bool = False) -> None:
-        self.joint, self.linearised = joint, linearised
+                 precise: bool = False, exact: bool = False, transposed: bool = False,
+                 purpose: str = "newton") -> None:
+        self.joint, self.linearised, self._purpose = joint, linearised, purpose
         self._D = (steered * preconditioner.shared + layer)[linearised.unknown]
+        self._layer = layer[linearised.unknown] if exact else self._D
+        # The transposed of Iᵀ C E is Eᵀ C I: the forces are I y, and rows are tested by E.
+        self.expand, self.restrict = (linearised.place, linearised.contract) if transposed else (
+            linearised.expand, linearised.restrict)
         crossing = preconditioner.crossing
         self._correct = crossing and crossing.corrector(linearised.basis, self._D, preconditioner.shared > 0.0)
         # M_δ of each interface has one δ: the least one, so that the stiffest nodes are preconditioned well; W does the
@@ -220,8 +232,9 @@ class LinearProblem:
         if preconditioner.motions.size:
             diagonal = preconditioner.diagonal.copy()
             diagonal[:self._rigid] *= springs
-            self._coarse = CoarseSystem(preconditioner.motions, linearised.basis, linearised.expansion, self._weights,
-                                        self._half_space.on_interface, diagonal, joint.kept)
+            basis, E = linearised.basis, linearised.expansion
+            self._coarse = CoarseSystem(preconditioner.motions, basis, basis if transposed else E, self._weights,
+                                        self._half_space.on_interface, diagonal, joint.kept, E if transposed else None)
 
     def precondition(self, w: np.ndarray, h: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """The unknown forces y (k,) and rigid motions α of the half-space system for w (k,) in metres, h in newtons.
@@ -240,7 +253,7 @@ class LinearProblem:
         y, a = self._coarse.correct(y, h)
         return y, a[:self._rigid]
 
-    def solve(self, right: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
+    def solve(self, right: np.ndarray, forcing: float | None = None) -> tuple[np.ndarray, np.ndarray, int]:
         """The unknown forces y (k,) and rigid motions α for the right-hand side f (k,) in metres and h = 0.
 
         GMRES ends at `forcing`, or later: a slender body gives way so much that a small residual of displacements says
@@ -264,7 +277,7 @@ class LinearProblem:
             ksp.setType(PETSc.KSP.Type.GMRES)
             ksp.setGMRESRestart(KRYLOV_LIMIT)  # no restarts: a basis of short vectors costs little
             ksp.getPC().setType(PETSc.PC.Type.NONE)  # `mult` has it in it, from the right: the residual is the true one
-            ksp.setTolerances(rtol=self._forcing, atol=0.0, max_it=KRYLOV_LIMIT)
+            ksp.setTolerances(rtol=forcing or self._forcing, atol=0.0, max_it=KRYLOV_LIMIT)
             ksp.setFromOptions()
             ksp.setConvergenceTest(self._converged)
             call_solver(ksp.solve, b, w)
@@ -286,15 +299,24 @@ class LinearProblem:
 
     def mult(self, _mat: PETSc.Mat, x: PETSc.Vec, z: PETSc.Vec) -> None:
         """The first row of the system at the preconditioned point; called by PETSc."""
+        y, alpha = self.precondition(x.array_r)
+        z.array[:] = self._weights * self.apply(y, alpha, self._precision)
+
+    @property
+    def _precision(self) -> float:
+        """Relative precision of the next product."""
         # inexact Krylov methods (Simoncini and Szyld, SIAM J. Sci. Comput. 25, 2003): a product may be the coarser the
         # less is left of the residual
         left = (self._ksp.getResidualNorm() or self._size) / self._size
-        relative = self.joint.steering * min(self._ksp.getTolerances()[0] / left, 1.0)
-        y, alpha = self.precondition(x.array_r)
-        product = self.joint.product(self.linearised.expand(y), "newton", relative)
+        return self.joint.steering * min(self._ksp.getTolerances()[0] / left, 1.0)
+
+    def apply(self, y: np.ndarray, alpha: np.ndarray, relative: float = 0.0) -> np.ndarray:
+        """The first row (k,) of the system at y (k,) and α, in metres; `relative` as for `Joint.product`. Collective.
+        """
+        product = self.joint.product(self.expand(y), self._purpose, relative)
         if self._rigid:
             product -= self.joint.rigid.spread(alpha)
-        z.array[:] = self._weights * (self.linearised.restrict(product) + self._D * y)
+        return self.restrict(product) + self._layer * y
 
     def _converged(self, ksp: PETSc.KSP, iteration: int, residual: float) -> PETSc.KSP.ConvergedReason | None:
         """Whether the residual is small beside the right-hand side, and beside the half-spaces' displacement w."""

@@ -22,8 +22,10 @@ from typing import Any
 import numpy as np
 
 from ddmpi.coupling.joint import Joint, Point
+from ddmpi.methods.dense import LONG, Direct
 from ddmpi.methods.half_space import MODEL_STEPS, Model, Modelled
 from ddmpi.methods.krylov import Linearised, LinearProblem, Preconditioner, forcing
+from ddmpi.methods.linear import Linearisation
 from ddmpi.methods.outer import Outer, Report, Step, no_report
 from ddmpi.methods.paths import DRIFT, NEAR, STOPPED, InteriorPoints, Path, Softening
 from ddmpi.petsc.events import event
@@ -79,6 +81,7 @@ class Newton(Outer):
     forces : (size,) contact forces (N)
     history : the steps of the present load step; `residual` is that of the equations over the forces
     nothing : nodal forces that are rounding beside those of the load steps before (N)
+    direct : takes the place of GMRES where a factorization is cheaper
     """
 
     def __init__(self, joint: Joint, max_iterations: int, report: Report = no_report,
@@ -97,6 +100,7 @@ class Newton(Outer):
             self._full, model = 0, Newton(Model(joint), MODEL_STEPS, preconditioner=self._preconditioner)
             self._modelled, model.inner_steps = Modelled(joint, model), self.inner_steps
         self._least = self.nothing = 0.0
+        self.direct = Direct(joint, self._preconditioner)
         self.begin()
 
     def begin(self, warm: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None, foreseen: bool = False) -> None:
@@ -335,8 +339,12 @@ class Newton(Outer):
         if (self._path and rigid.size) or space.any(np.ones(linearised.number)):  # with springs loose bodies may fall
             springs = self._path.springs if self._path else 1.0
             springs = min(springs, self._springs) if self._trying or not self._path else springs
-            problem = LinearProblem(joint, self._preconditioner, linearised, layer, springs,
-                                    self._path.steered if self._path else 1.0, self._forcing, self._path is not None)
+            steered = self._path.steered if self._path else 1.0
+            direct = self.direct.direction(point, linearised, change, wanted, layer, springs, steered, not self._path)
+            if direct is not None:
+                return direct
+            problem = LinearProblem(joint, self._preconditioner, linearised, layer, springs, steered, self._forcing,
+                                    self._path is not None)
             if rigid.size:  # the nearest forces by half-planes that balance the loads
                 y, alpha = problem.precondition(y, joint.imbalance(point.s + change))
                 change = change + linearised.expand(y)
@@ -350,6 +358,7 @@ class Newton(Outer):
                 more, turn, iterations = problem.solve(right)
                 alpha = alpha + turn
                 self.inner_steps["gmres"] += iterations
+                self.direct.long |= iterations > LONG
             dy = linearised.expand(more)
             change, C_change = change + dy, C_change + joint.product(dy, "newton")
         return Point(change, C_change - rigid.spread(alpha), alpha, joint.imbalance(point.s + change) - point.left)
@@ -366,6 +375,10 @@ class Newton(Outer):
 
     def body_forces(self) -> list[np.ndarray]:
         return self.joint.exchange.spread(self._at.s)
+
+    def linearisation(self) -> Linearisation:
+        """The equations at the present forces, for the derivatives of the answer. Collective."""
+        return Linearisation(self.joint, self._preconditioner, self._at, self._c)
 
     def refresh(self, u: list[np.ndarray]) -> None:
         """Nothing to do: the gaps are computed afresh where the iteration goes on."""

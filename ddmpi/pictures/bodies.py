@@ -12,7 +12,7 @@ import numpy as np
 
 from ddmpi.mesh.mesh import boundary_facets
 from ddmpi.pictures.moved import magnify, rigid_parts
-from ddmpi.pictures.sheet import COLOURS, FILLED, Sheet, above, by_value, colours_of, filled, rounded
+from ddmpi.pictures.sheet import COLOURS, FILLED, Sheet, above, by_value, colours_of, filled, mark, rounded
 from ddmpi.pictures.views import Skin, Surface, View
 from ddmpi.results.fields import group_of, owners
 from ddmpi.results.histories import step_times
@@ -58,10 +58,15 @@ def draw_bodies(results: Results) -> Any:
     image = colours_of(low / factor, top / factor or 1.0, "viridis")
     sheet = Sheet(results, np.vstack([still[beyond <= 0.0], at[beyond <= 0.0]]), rigid)
     sheet.outline(still, facets, beyond)
-    sheet.show([Surface(at, facets, by_value(values[facets] / factor, image), beyond)])
+    sheet.show([Surface(at, facets, by_value(values[facets] / factor, image), beyond, plain=True)])
     sheet.colours(image, f"{quantity} ({unit})", "max" if seen.max() > top else "neither")
+    most, node = largest_of(fields)
+    if most and (not sheet.view.solid or sheet.shows(at[[node]], beyond[[node]])[0]):
+        mark(sheet.axes, sheet.place(at[node])[:2], f"{rounded(most / factor)} {unit}")
+    words = f"{quantity} up to {rounded(most / factor)} {unit}; " if quantity != "displacement" else ""
     factor, unit = scaled_unit(moved, results.summary["units"]["length"])
-    sheet.figure.suptitle(f"{results.heading(True)}displacement × {scale:g}, largest {rounded(moved / factor)} {unit}")
+    sheet.figure.suptitle(f"{results.heading(True)}{words}displacement × {scale:g}, "
+                          f"largest {rounded(moved / factor)} {unit}")
     return sheet.figure
 
 
@@ -71,6 +76,17 @@ def coloured(results: Results, fields: dict[str, np.ndarray]) -> tuple[np.ndarra
     if "nodal_von_mises" in fields:
         return fields["nodal_von_mises"], "von Mises stress", output["stress_unit"]
     return np.linalg.norm(fields["displacement"], axis=1), "displacement", output["length_unit"]
+
+
+def largest_of(fields: dict[str, np.ndarray]) -> tuple[float, int]:
+    """The largest value of `coloured`, and a node where it is. A stress is that of a cell, as in the summary: at nodes
+    it is extrapolated."""
+    if "nodal_von_mises" not in fields:
+        size = np.linalg.norm(fields["displacement"], axis=1)
+        return float(size.max()), int(size.argmax())
+    cell = fields["von_mises"].argmax()
+    corners = fields["cells"][cell]
+    return float(fields["von_mises"][cell]), int(corners[fields["nodal_von_mises"][corners].argmax()])
 
 
 def _both_halves(facets: np.ndarray, at: np.ndarray, still: np.ndarray, *values: np.ndarray) -> list[np.ndarray]:
@@ -88,7 +104,7 @@ def draw_error(results: Results) -> Any:
     image = colours_of(1e-3 * top, top, "magma_r", logarithmic=True)
     values = np.maximum(results.fields["error"][skin.cell], 1e-3 * top)[:, None].repeat(3, axis=1)
     sheet = Sheet(results, results.points)
-    sheet.show([Surface(skin.extended(results.points), skin.facets, by_value(values, image), skin.beyond)])
+    sheet.show([Surface(skin.extended(results.points), skin.facets, by_value(values, image), skin.beyond, plain=True)])
     sheet.colours(image, f"estimated error, over the mean (energy norm per {'volume' if sheet.view.solid else 'area'})",
                   "min")
     sheet.figure.suptitle(f"{results.heading()}estimated discretization error "
@@ -183,7 +199,7 @@ def animate(results: Results, folder: Path, title: str) -> Path:
         at = still + skin.extended(factor * fields["displacement"][:, :dimension])
         sheet.meet(rigid_parts(results, factor, time))
         values = skin.extended(coloured(results, fields)[0])[skin.facets] / scale
-        sheet.show([Surface(at, skin.facets, by_value(values, image), skin.beyond)])
+        sheet.show([Surface(at, skin.facets, by_value(values, image), skin.beyond, plain=True)])
         sheet.axes.set_title(f"time {time:.4g}, displacement × {factor:g}")
         sheet.figure.canvas.draw()
         sheet.figure.set_layout_engine("none")  # as the first frame has it

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Iterator
 from typing import Any
 
 import matplotlib.pyplot as plt
@@ -10,14 +11,27 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from ddmpi.mesh.mesh import boundary_facets, signed_measures
+from ddmpi.mesh.elements import normals
+from ddmpi.mesh.mesh import signed_measures
 from ddmpi.pictures.bodies import middles, skin_of
-from ddmpi.pictures.moved import rigid_parts
-from ddmpi.pictures.sheet import COLOURS, RESOLVED, ZONES, Sheet, above, filled, rounded, signed_colours, zone_legend
-from ddmpi.pictures.views import Surface
-from ddmpi.results.fields import vectors
-from ddmpi.results.tables import Columns, Results, chains, drawn_rows
-from ddmpi.surface.side import unit
+from ddmpi.pictures.moved import FACING, STRAIGHT, apart, first_is_slave, rigid_parts
+from ddmpi.pictures.sheet import (
+    COLOURS,
+    RESOLVED,
+    ZONES,
+    Sheet,
+    above,
+    by_value,
+    filled,
+    mark,
+    rounded,
+    signed_colours,
+    zone_legend,
+)
+from ddmpi.pictures.views import Surface, View, rim
+from ddmpi.results.fields import owners, vectors
+from ddmpi.results.tables import STATUS, Columns, Results, chains, drawn_rows
+from ddmpi.surface.side import nodal, unit
 from ddmpi.system.numbers import crossed, moment, scaled_unit
 
 WIDEST = {2: 0.3, 3: 0.6}
@@ -27,10 +41,11 @@ plane the largest pressure has 0.8 of it."""
 WEAK = 0.01
 """Resultants below this fraction of the largest are not drawn."""
 
-FACING, STRAIGHT = 0.4, 0.02
-"""A contact is seen from the front if the mean of its normals is longer than the first, and is unrolled about an axis
-if the mean square of their parts along it is at most the second. Directions whose cosine differs from 1 by less than
-the second are those of x, y or z."""
+ABOVE = 2e-3
+"""How far colours are drawn above the bodies that bear them, over the bodies' extent."""
+
+APART = 1e-3
+"""Flats are apart if they are, over the extent of the contact."""
 
 LONG = 5.0
 """Maps of contacts longer than this times their width are arranged in one column."""
@@ -48,25 +63,28 @@ SMALL = 0.5
 def draw_contacts(results: Results) -> Any:
     """All contacts on the undeformed bodies: normal stresses, resultants, and in the plane zones; a figure.
 
-    In the plane a pressure is drawn as an area into the contact's first body, tension into the second; in space both
-    are colours. A resultant is drawn on its line of action, with its middle at the contact, unless the line misses it.
+    In the plane a pressure is drawn as an area into the contact's first body, tension into the second. Solids are drawn
+    apart, with the pressure painted on either side. A resultant is drawn on its line of action, with its middle at the
+    contact, of solids with its end on the first body there, unless the line misses it.
     """
     units, contacts, d = results.summary["units"], results.summary["contacts"], results.dimension
     skin, points = skin_of(results), results.points
     measure = np.bincount(results.fields["body"], np.abs(signed_measures(points, results.fields["cells"])))
     size = WIDEST[d] * float(np.median(measure ** (1.0 / d)))
     forces, largest = _resultants(results, size)
-    stresses = np.nan_to_num(np.concatenate([table["normal_stress"] for table in results.contacts.values()]))
+    bonds = [contact["name"] for contact in results.summary["scene"]["contact"] if contact.get("kind") == "bonded"]
+    shown = {name: table for name, table in results.contacts.items() if d == 2 or name not in bonds} or results.contacts
+    stresses = np.nan_to_num(np.concatenate([table["normal_stress"] for table in shown.values()]))
     low, top = stresses.min(initial=0.0), np.abs(stresses).max(initial=0.0)
     (factor, unit_of), (times, of_force) = scaled_unit(top, units["stress"]), scaled_unit(largest, units["force"])
     kind, counted, legend = "pressure" if low >= 0.0 else "normal stress", "", list[Any]()
     counts = {zone: sum(contact[zone] for contact in contacts.values()) for zone in ZONES}
     if forces:
         legend.append(Line2D([], [], color=COLOURS["force"],
-                             label=f"resultants, largest {rounded(largest / times)} {of_force}"))
+                             label=f"resultants on the first body, largest {rounded(largest / times)} {of_force}"))
     if results.dimension == 2:
         areas, rims, zones, colours = _profiles(results, 0.8 * size / (top or 1.0))
-        sheet = Sheet(results, np.vstack([points, *areas, *forces]), rigid_parts(results))
+        sheet = Sheet(results, np.vstack([points, *areas, *forces.values()]), rigid_parts(results))
         sheet.show([Surface(points, skin.facets, filled("still"))])
         shade = {"facecolor": COLOURS["normal"] + "60", "edgecolor": COLOURS["normal"]}
         sheet.axes.add_collection(PolyCollection(areas, **shade | {"edgecolor": "none"}, zorder=4))
@@ -78,25 +96,36 @@ def draw_contacts(results: Results) -> Any:
         sheet.figure.set_figheight(sheet.figure.get_figheight() + 0.5)  # for the legend
         sheet.write(list(results.summary["bodies"]), middles(results))
     else:
-        at = skin.extended(points)
-        sheet = Sheet(results, np.vstack([at[skin.beyond <= 0.0], *forces]))
-        sheet.outline(at, skin.facets, skin.beyond)
+        shifts = apart(results, View(points, results.summary["scene"]["output"]))
+        at = skin.extended(points + np.array([shifts[name] for name in results.summary["bodies"]])[owners(results)])
         most = float(np.percentile(np.abs(stresses[stresses != 0.0]), BRIGHTEST)) if top else 1.0
-        image = signed_colours(-most / factor * (low < 0.0), most / factor, "Blues")
-        sheet.facets([(vectors(table), results.triangles(name), np.nan_to_num(table["normal_stress"]) / factor)
-                      for name, table in results.contacts.items()], image)
+        image = signed_colours(-most / factor * (low < 0.0), most / factor, "YlOrRd")
+        painted = list(_painted(results, shown, shifts, image, factor))
+        sheet = Sheet(results, np.vstack([at[skin.beyond <= 0.0], *(surface.at for surface, _ in painted)]))
+        sheet.show([Surface(at, skin.facets, filled("still"), skin.beyond), *(surface for surface, _ in painted)])
         sheet.colours(image, f"{kind} ({unit_of})", ("both" if low < 0.0 else "max") if most < top else "neither")
-        counted = f"; nodes: {', '.join(f'{number} {zone}' for zone, number in counts.items())}"
-    sheet.lines([sheet.place(ends)[:, :2] for ends in forces], colors=COLOURS["force"], linewidth=1.4, zorder=6)
+        first = {contact["name"]: contact["bodies"][0] for contact in results.summary["scene"]["contact"]}
+        # the first body is pushed by an arrow that ends at the contact
+        forces = {name: np.stack([ends[0], ends.mean(axis=0)]) + shifts[first[name]] for name, ends in forces.items()}
+        places, values = np.vstack([surface.at for surface, _ in painted]), np.concatenate([p for _, p in painted])
+        beyond = np.concatenate([surface.beyond for surface, _ in painted])
+        seen = np.flatnonzero((values >= values.max()) & sheet.shows(places, beyond))
+        if top and len(seen):
+            mark(sheet.axes, sheet.place(places[seen[0]])[:2], f"{rounded(values.max())} {unit_of}")
+        most_at = max(shown, key=lambda name: np.nan_to_num(shown[name]["normal_stress"]).max(initial=0.0))
+        counted = f", largest pressure {rounded(values.max())} {unit_of} at {most_at}" if values.max() > 0.0 else ""
+    for ends in forces.values():
+        sheet.axes.annotate("", *sheet.place(ends)[::-1, :2], annotation_clip=False, zorder=6, arrowprops={
+            "arrowstyle": "-|>", "shrinkA": 0, "shrinkB": 0, "linewidth": 1.6, "color": COLOURS["force"]})
     if legend:
         above(sheet.axes, legend, 2 + (sheet.figure.get_figwidth() > sheet.figure.get_figheight()))
     sheet.figure.suptitle(f"{results.heading(True)}contact forces{counted}")
     return sheet.figure
 
 
-def _resultants(results: Results, size: float) -> tuple[list[np.ndarray], float]:
-    """Ends (2, d) of the drawn resultants, half of the largest as long as `size` (m); the largest (N)."""
-    arrows, tables, contacts = [], results.contacts, results.summary["contacts"]
+def _resultants(results: Results, size: float) -> tuple[dict[str, np.ndarray], float]:
+    """By contact the ends (2, d) of resultants, half of the largest as long as `size` (m); the largest (N)."""
+    arrows, tables, contacts = {}, results.contacts, results.summary["contacts"]
     largest = max(float(np.linalg.norm(contact["force"])) for contact in contacts.values())
     sizes = {name: np.hypot(table["normal_force"], table["tangential_force"]) for name, table in tables.items()}
     weak = max(WEAK * largest, RESOLVED * max(values.sum() for values in sizes.values()))
@@ -109,8 +138,23 @@ def _resultants(results: Results, size: float) -> tuple[list[np.ndarray], float]
             left = np.atleast_1d(contacts[name]["moment"] - moment(centre[None], force[None], results.axisymmetric))
             at = centre - crossed(left[None], force[None])[0] / (force @ force)
             if np.linalg.norm(at - centre) <= np.ptp(xy, axis=0).max() + size:
-                arrows.append(at + np.outer((-1.0, 1.0), size / largest * force))
+                arrows[name] = at + np.outer((-1.0, 1.0), size / largest * force)
     return arrows, largest
+
+
+def _painted(results: Results, names: Collection[str], shifts: dict[str, np.ndarray], image: Any,
+             factor: float) -> Iterator[tuple[Surface, np.ndarray]]:
+    """The surfaces of some contacts as they lie on either side, shifted with it; their pressures (n,) over `factor`."""
+    view, off = View(results.points, results.summary["scene"]["output"]), ABOVE * np.ptp(results.points, axis=0).max()
+    for contact in (each for each in results.summary["scene"]["contact"] if each["name"] in names):
+        surface, cells = results.surfaces[contact["name"]], results.triangles(contact["name"])
+        pressure = np.nan_to_num(surface["pressure"]) / factor
+        outward = unit(nodal(normals(surface["points"][cells])[:, None].repeat(3, axis=1), cells, len(pressure)))
+        for body, own in zip(contact["bodies"], (True, False), strict=True):
+            facets, sign = (cells, 1.0) if own == first_is_slave(results, contact) else (cells[:, ::-1], -1.0)
+            at = surface["points"] + sign * off * outward + shifts[body]
+            yield Surface(at, facets, by_value(pressure[facets], image), view.beyond(surface["points"]), plain=True,
+                          edges=""), pressure
 
 
 def _profiles(results: Results, scale: float,
@@ -133,53 +177,58 @@ def _profiles(results: Results, scale: float,
 
 def draw_maps(results: Results, name: str) -> Any:
     """Pressure, zones, friction with arrows of slip, and gap or slip, if there is any, on a contact; a figure."""
-    table, facets, summary = results.contacts[name], results.triangles(name), results.summary
-    at, labels, along = flatten(table, facets)
+    surface, cells, summary = results.surfaces[name], results.triangles(name), results.summary
+    at, labels, along = flatten(surface["points"], cells)
     asked = next(contact for contact in summary["scene"]["contact"] if contact["name"] == name)
     visible = RESOLVED * summary["displacement_max"]
-    gaps, slips = (np.abs(table[what]).max(initial=0.0) > visible for what in ("gap", "slip"))
-    has_shear = asked["friction"]["law"] != "none" or asked.get("kind") == "bonded"
-    stress = table["normal_stress"]
+    gaps, slips = (np.abs(surface[what]).max(initial=0.0) > visible for what in ("gap", "slip"))
+    bears, has_shear = np.any(surface["pressure"]), np.any(surface["friction"])
+    stress = surface["pressure"]
     tension = -stress.min(initial=0.0) > RESOLVED * np.abs(stress).max(initial=0.0)
-    maps = [("normal stress" if tension else "pressure", stress, "stress", "Blues"), None]
-    if has_shear:
-        maps.append(("friction", table["tangential_stress"], "stress", "Oranges"))
-    if gaps:
-        maps.append(("gap", table["gap"], "length", "Greens"))
-    elif slips and has_shear:
-        maps.append(("slip", table["slip"], "length", "Purples"))
-    edges, owner = boundary_facets(facets)
-    ends = at[owner[:, None], (facets[owner, None] == edges[:, :, None]).argmax(axis=2)]
-    low, high = _shown(at, table["status"][facets] != "open")
+    maps: list[tuple[str, str, str, str] | None] = []
+    if bears:
+        maps.append(("normal stress" if tension else "pressure", "pressure", "stress", "Blues"))
+    maps += [None, ("friction", "friction", "stress", "Oranges")] if has_shear else [None]
+    if gaps or (asked["friction"]["law"] != "none" and slips):
+        maps.append(("gap", "gap", "length", "Greens") if gaps else ("slip", "slip", "length", "Purples"))
+    edges, owner = rim(surface["points"], cells)
+    ends = at[owner[:, None], (cells[owner, None] == edges[:, :, None]).argmax(axis=2)]
+    low, high = _shown(at, surface["status"][cells] != STATUS.index("open"))
     near = ((at >= low) & (at <= high)).all(axis=2).any(axis=1)
-    at, facets, (width, height) = at[near], facets[near], high - low
-    columns = 1 if width > LONG * height or (width > 2.0 * height and len(maps) < 4) else 2 + len(maps) % 2
-    rows = len(maps) // columns
+    at, cells, (width, height) = at[near], cells[near], high - low
+    columns = 1 if width > LONG * height or len(maps) == 1 or (width > 2.5 * height and len(maps) < 4) else 2
+    columns += len(maps) == 3 and width < 0.8 * height
+    rows = -(-len(maps) // columns)
     tall = np.clip((9.6 / columns - 1.6) * height / width, 0.8, 4.2) + 0.55
     figure, grid = plt.subplots(rows, columns, figsize=(9.6, rows * tall + 0.5), sharex=True, sharey=True,
                                 layout="compressed", squeeze=False)
-    for axes, panel in zip(grid.ravel(), maps, strict=True):
+    for axes in grid.ravel()[len(maps):]:
+        axes.remove()
+    for axes, panel in zip(grid.ravel(), maps, strict=False):
         if panel:
-            what, values, quantity, colours = panel
-            factor, unit_of = scaled_unit(np.abs(values).max(initial=0.0) or summary["displacement_max"],
+            what, field, quantity, colours = panel
+            factor, unit_of = scaled_unit(np.abs(surface[field]).max(initial=0.0) or summary["displacement_max"],
                                           summary["units"][quantity])
-            values = values[facets].ravel() / factor
+            values = surface[field][cells].ravel() / factor
             least = values.min(initial=0.0)
             image = signed_colours(least * (least < -RESOLVED * np.abs(values).max(initial=0.0)),
                                    values.max(initial=0.0), colours)
             axes.tripcolor(*at.reshape(-1, 2).T, np.arange(len(values)).reshape(-1, 3), values, shading="gouraud",
                            norm=image.norm, cmap=image.cmap, rasterized=True)
             figure.colorbar(image, ax=axes, label=f"{what} ({unit_of})", aspect=15, pad=0.02)
+            mark(axes, at.reshape(-1, 2)[np.argmax(values)], f"{rounded(values.max())} {unit_of}")
             if what == "friction" and slips:
-                _draw_slip(axes, at, along, facets, table, summary["units"]["length"])
+                _draw_slip(axes, at, along, cells, surface, summary["units"]["length"])
         else:
-            _draw_zones(axes, at, table["status"][facets], summary["contacts"][name])
+            _draw_zones(axes, at, surface["status"][cells], summary["contacts"][name])
         axes.add_collection(LineCollection(ends, colors=COLOURS["still"], linewidth=0.7))
         axes.set(aspect="equal", xlabel=f"{labels[0]} ({summary['units']['length']})",
                  ylabel=f"{labels[1]} ({summary['units']['length']})", xlim=(low[0], high[0]), ylim=(low[1], high[1]))
         axes.label_outer()
+    if len(maps) % columns:  # there is none below
+        grid.ravel()[len(maps) - columns].xaxis.set_tick_params(labelbottom=True)
     of_one = f" of {name}" if len(results.contacts) > 1 else ""
-    figure.suptitle(f"{results.heading(True)}contact{of_one}")
+    figure.suptitle(f"{results.heading(True)}contact{of_one}{'' if bears else ': open everywhere'}")
     return figure
 
 
@@ -197,19 +246,19 @@ def _shown(at: np.ndarray, closed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return low - margin, high + margin
 
 
-def flatten(table: Columns, facets: np.ndarray) -> tuple[np.ndarray, tuple[str, str], np.ndarray]:
-    """Where the corners of facets (f, 3) are drawn (f, 3, 2) (m), what the two coordinates are, and unit vectors
-    (l, 2, 3) along them at the nodes.
+def flatten(points: np.ndarray, cells: np.ndarray) -> tuple[np.ndarray, tuple[str, str], np.ndarray]:
+    """Where the corners of cells (c, 3) between `points` (n, 3) are drawn (c, 3, 2) (m), what the two coordinates are,
+    and unit vectors (n, 2, 3) along them at the points.
 
-    What faces one way by and large is seen along its mean normal. What goes around an axis is unrolled, and cut where
-    the contact has its largest hole.
+    What faces one way by and large is seen along its mean normal. Flats that face each other's back stand side by side.
+    What goes around an axis is unrolled, and cut where the contact has its largest hole.
     """
-    at, normal, area = vectors(table), vectors(table, "n"), table["area"]
-    mean = area @ normal / area.sum()
-    second = np.einsum("l,li,lj->ij", area, normal, normal) / area.sum()
+    across = normals(points[cells])
+    area = np.linalg.norm(across, axis=1)
+    mean, second = across.sum(axis=0) / area.sum(), np.einsum("ci,cj,c->ij", across, across, 1.0 / area) / area.sum()
     least, axes = np.linalg.eigh(second)
-    if np.linalg.norm(mean) > FACING or least[0] > STRAIGHT:
-        front = unit(mean) if mean.any() else axes[:, 2]
+    if np.linalg.norm(mean) > FACING or least[0] > STRAIGHT or least[2] > 1.0 - STRAIGHT:
+        front = unit(mean) if np.linalg.norm(mean) > FACING else axes[:, 2]
         k = int(np.abs(front).argmax())
         if abs(front[k]) > 1.0 - STRAIGHT:
             along = np.delete(np.eye(3), k, axis=0)
@@ -218,48 +267,56 @@ def flatten(table: Columns, facets: np.ndarray) -> tuple[np.ndarray, tuple[str, 
             right = unit(np.cross([0.0, 0.0, 1.0], front)) if abs(front[2]) < 0.9 else unit(np.cross(
                 [0.0, 1.0, 0.0], front))
             along, names = np.stack([right, np.cross(front, right)]), ""
-        labels = names or ["along\n({:.2g}, {:.2g}, {:.2g})".format(*(vector + 0.0)) for vector in along]
-        return (at @ along.T)[facets], (labels[0], labels[1]), np.broadcast_to(along, (len(at), 2, 3))
+        labels = list(names) or ["along\n({:.2g}, {:.2g}, {:.2g})".format(*(vector + 0.0)) for vector in along]
+        at = (points @ along.T)[cells]
+        if np.linalg.norm(mean) <= FACING:  # as seen along the normal those at the back stand under those in front
+            level = np.round((points @ front)[cells].mean(axis=1) / (APART * np.ptp(points, axis=0).max()))
+            heights, floor = np.unique(level, return_inverse=True)
+            at[..., 0] += (1.2 * np.ptp(at[..., 0]) * floor)[:, None]
+            labels[0] += " (side by side)" if len(heights) > 1 else ""
+        return at, (labels[0], labels[1]), np.broadcast_to(along, (len(points), 2, 3))
+    normal = unit(nodal(across[:, None].repeat(3, axis=1), cells, len(points)))
     axis = axes[:, 0] * np.sign(axes[np.abs(axes[:, 0]).argmax(), 0])
-    across = np.eye(3) - normal[:, :, None] * normal[:, None, :] - np.outer(axis, axis)  # distances from its normal
-    middle = np.linalg.lstsq(across.sum(axis=0), np.einsum("lij,lj->i", across, at), rcond=None)[0]
+    planes = np.eye(3) - normal[:, :, None] * normal[:, None, :] - np.outer(axis, axis)  # distances from its normal
+    middle = np.linalg.lstsq(planes.sum(axis=0), np.einsum("lij,lj->i", planes, points), rcond=None)[0]
     first = unit(np.cross(axis, np.eye(3)[np.abs(axis).argmin()]))
-    away = at - middle
+    away = points - middle
     angle = np.arctan2(away @ np.cross(axis, first), away @ first)
     order = np.sort(angle)
     holes = np.diff(order, append=order[0] + 2.0 * np.pi)
-    angle = np.mod(angle - order[(holes.argmax() + 1) % len(order)] + 1e-9, 2.0 * np.pi)[facets]
+    angle = np.mod(angle - order[(holes.argmax() + 1) % len(order)] + 1e-9, 2.0 * np.pi)[cells]
     behind = np.ptp(angle, axis=1) > np.pi
     angle[behind] += np.where(angle[behind] < np.pi, 2.0 * np.pi, 0.0)
     radial = away - np.outer(away @ axis, axis)
     radius = float(np.linalg.norm(radial, axis=1).mean())
     name = "xyz"[np.abs(axis).argmax()] if np.abs(axis).max() > 1.0 - STRAIGHT else "along the axis"
-    return (np.stack([radius * angle, (at @ axis)[facets]], axis=2), ("around the axis", name),
-            np.stack([np.cross(axis, unit(radial)), np.broadcast_to(axis, at.shape)], axis=1))
+    return (np.stack([radius * angle, (points @ axis)[cells]], axis=2), ("around the axis", name),
+            np.stack([np.cross(axis, unit(radial)), np.broadcast_to(axis, points.shape)], axis=1))
 
 
 def _draw_zones(axes: Any, at: np.ndarray, status: np.ndarray, counts: dict) -> None:
-    """Colour the parts of facets (f, 3, 2) that are nearest to their corners by the status (f, 3) of these."""
+    """Colour the parts of cells (c, 3, 2) that are nearest to their corners by the status (c, 3) of these."""
     after, before, middle = np.roll(at, -1, axis=1), np.roll(at, 1, axis=1), at.mean(axis=1, keepdims=True)
     quarters = np.stack([at, (at + after) / 2, np.broadcast_to(middle, at.shape), (at + before) / 2], axis=2)
-    colours = [ZONES[value] for value in status.ravel()]
+    colours = [ZONES[STATUS[value]] for value in status.ravel().astype(int)]
     axes.add_collection(PolyCollection(quarters.reshape(-1, 4, 2), facecolors=colours, edgecolors="face",
                                        linewidth=0.3, rasterized=True))
     above(axes, zone_legend(counts))
 
 
-def _draw_slip(axes: Any, at: np.ndarray, along: np.ndarray, facets: np.ndarray, table: Columns, length: str) -> None:
-    """Draw the slip of some nodes that slip as arrows; see `flatten`."""
-    nodes, first = np.unique(facets, return_index=True)
-    place, slip = at.reshape(-1, 2)[first], vectors(table, "slip_")[nodes]
+def _draw_slip(axes: Any, at: np.ndarray, along: np.ndarray, cells: np.ndarray, surface: Columns, length: str) -> None:
+    """Draw the slip of some points that slip as arrows; see `flatten`."""
+    nodes, first = np.unique(cells, return_index=True)
+    place, slip = at.reshape(-1, 2)[first], surface["slip_vector"][nodes]
+    slips = surface["status"] == STATUS.index("slip")
     arrows = np.einsum("lci,li->lc", along[nodes], slip)
     size = np.ptp(place, axis=0).max() / ARROWS
     cell = np.round((place - place.min(axis=0)) / size).astype(int)
     off = np.linalg.norm(place - place.min(axis=0) - size * cell, axis=1)
-    order = np.lexsort((off, *cell.T, table["status"][nodes] != "slip"))
+    order = np.lexsort((off, *cell.T, ~slips[nodes]))
     _, some = np.unique(cell[order], axis=0, return_index=True)
     some = order[some]
-    some = some[table["status"][nodes[some]] == "slip"]
+    some = some[slips[nodes[some]]]
     if not len(some):
         return
     longest = np.linalg.norm(arrows[some], axis=1).max()

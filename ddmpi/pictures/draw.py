@@ -43,7 +43,7 @@ def draw_all(folder: str | Path, number: int = 0, drawers: int = 1, time: float 
     with reading(folder):
         plt = start_drawing()
         folder, last, drawn = Path(folder), read_results(folder), []
-        if last.facets.keys() != last.contacts.keys():
+        if last.surfaces.keys() != last.contacts.keys():
             version = last.summary.get("versions", {}).get("ddmpi", "of unknown number")
             raise InputError(f"{folder}: ddmpi {version} wrote these results without what this version draws pictures "
                              "from; draw them with that version, or run the scene again")

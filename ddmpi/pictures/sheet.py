@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ddmpi.errors import InputError
-from ddmpi.pictures.views import Paint, Surface, View, is_seen, outlines, rasterise, unhidden
+from ddmpi.pictures.views import Paint, Surface, View, is_seen, outlines, rasterise, rim, unhidden
 from ddmpi.results.tables import Results
 from ddmpi.surface.side import unit
 from ddmpi.system.numbers import scaled_unit
@@ -49,8 +49,9 @@ MARGIN = 0.04
 ARM = 0.18
 """Length of the axes x, y and z over the picture's longer side."""
 
-LIGHT, DARKEST = np.array([-0.35, 0.5, 0.8]), 0.8
-"""Direction of the light on solids (right, up, towards the eye), and the brightness in the shade."""
+LIGHT, DARKEST, PLAIN = np.array([-0.35, 0.5, 0.8]), 0.8, 0.96
+"""Direction of the light on solids (right, up, towards the eye), and the brightness in the shade; of colours that stand
+for values, which have to be those of the colour bar."""
 
 
 def start_drawing() -> Any:
@@ -162,15 +163,17 @@ class Sheet:
             pixels = (face >= start) & (face < stop)
             colours[pixels] = surface.paint(face[pixels] - start, weights[pixels])[:, :3]
         if self.view.solid:
-            light = DARKEST + (1.0 - DARKEST) * np.clip(across @ unit(LIGHT), 0.0, 1.0)
+            darkest = np.repeat([PLAIN if surface.plain else DARKEST for surface in some], number)
+            light = darkest + (1.0 - darkest) * np.clip(across @ unit(LIGHT), 0.0, 1.0)
             colours *= light[face][:, None]
         image = np.zeros((height, width, 4), np.float32)
         image[covered] = np.column_stack([colours, np.ones(len(face))])
         self.axes.imshow(image, origin="lower", interpolation="antialiased", zorder=2, extent=(
             origin[0], origin[0] + width * pixel, origin[1], origin[1] + height * pixel))
         for at, cut, surface in zip(placed, beyond, some, strict=True):
-            self.lines(unhidden((outlines(at, surface.facets, cut) - origin) / pixel, self._depth) * pixel + origin[:2],
-                       colors=surface.edges, linewidth=0.6, zorder=3)
+            if surface.edges:
+                edges = unhidden((outlines(at, surface.facets, cut) - origin) / pixel, self._depth)
+                self.lines(edges * pixel + origin[:2], colors=surface.edges, linewidth=0.6, zorder=3)
 
     def outline(self, at: np.ndarray, facets: np.ndarray, beyond: np.ndarray, **style: Any) -> None:
         """Draw the `outlines` of facets (f, 3), hidden ones as well, by default as thin grey lines below everything."""
@@ -180,8 +183,12 @@ class Sheet:
     def facets(self, pieces: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]], image: Any) -> None:
         """Draw facets (f, d) between places (k, d), lines or surfaces, by values (k,) in the colours of an image."""
         if self.view.solid:
-            self.show([Surface(at, facets, by_value(values[facets], image), thin=True)
+            self.show([Surface(at, facets, by_value(values[facets], image), thin=True, plain=True, edges="")
                        for at, facets, values in pieces if len(facets)])
+            for at, facets, _ in pieces:
+                ends = (self.place(at)[rim(at, facets)[0]] - self._origin) / self._pixel
+                self.lines(unhidden(ends, self._depth) * self._pixel + self._origin[:2], colors="black", linewidth=0.6,
+                           zorder=3)
         for at, facets, values in () if self.view.solid else pieces:
             self.lines(at[facets], colors=image.to_rgba(values[facets].mean(axis=1)), linewidth=2.4, zorder=5)
 
@@ -191,9 +198,10 @@ class Sheet:
 
         self.axes.add_collection(LineCollection(ends, **{"capstyle": "round"} | style))
 
-    def shows(self, at: np.ndarray) -> np.ndarray:
-        """Whether places (k, d) are visible."""
-        return (self.view.beyond(at) <= 0.0) & is_seen((self.place(at) - self._origin) / self._pixel, self._depth)
+    def shows(self, at: np.ndarray, beyond: np.ndarray | None = None) -> np.ndarray:
+        """Whether places (k, d) are visible; those `beyond` (k,) the cut, by default as they are drawn, are not."""
+        beyond = self.view.beyond(at) if beyond is None else beyond
+        return (beyond <= 0.0) & is_seen((self.place(at) - self._origin) / self._pixel, self._depth)
 
     def arrows(self, at: np.ndarray, vectors: np.ndarray, colour: str, width: float = 0.004) -> None:
         """Draw vectors (k, d) as arrows from places (k, d)."""
@@ -259,6 +267,16 @@ def filled(kind: str) -> Paint:
     from matplotlib.colors import to_rgb
 
     return lambda face, _: np.tile(to_rgb(FILLED[kind]), (len(face), 1))
+
+
+def mark(axes: Any, at: np.ndarray, words: str) -> None:
+    """Mark the place (2,) of the largest value, with `words`."""
+    from matplotlib.patheffects import withStroke
+
+    axes.plot(*at, marker="o", markersize=5, markerfacecolor="none", markeredgecolor="black", markeredgewidth=1.1,
+              zorder=8, path_effects=[withStroke(linewidth=2.5, foreground="white")])
+    axes.annotate(words, at, (6, 6), textcoords="offset points", fontsize=8, zorder=8,
+                  path_effects=[withStroke(linewidth=2.5, foreground="#ffffffe0")]).set_in_layout(False)
 
 
 def above(axes: Any, handles: Sequence[Any], columns: int = 3) -> None:

@@ -82,7 +82,8 @@ class Fields:
 
 
 def write_fields(path: Path, bodies: Mapping[int, Fields], contacts: Mapping[str, Datasets] | None = None,
-                 world: MPI.Comm = MPI.COMM_SELF, step: int | None = None) -> dict[int | str, np.ndarray]:
+                 world: MPI.Comm = MPI.COMM_SELF, step: int | None = None,
+                 tables: Mapping[str, Datasets] | None = None) -> dict[int | str, np.ndarray]:
     """Write the fields of all bodies and contacts into result.h5 in the folder `path`, all ranks at once.
 
     The datasets are those of the last load step, with the mesh, facets and initial gaps; they make the file. The fields
@@ -93,6 +94,7 @@ def write_fields(path: Path, bodies: Mapping[int, Fields], contacts: Mapping[str
     bodies : of this rank, by their numbers in the order of the scene, which the ranks keep as well
     contacts : `contact_fields` of those that this rank owns, by name
     step : number of a load step before the last one
+    tables : `table_fields` of the same contacts, for the last one
 
     Returns the span (2, 2) of each body and contact in the datasets: its first node and cell, and their numbers; of all
     on the first rank, of its own on another. Collective. Raises OutputError, on all ranks.
@@ -116,8 +118,8 @@ def write_fields(path: Path, bodies: Mapping[int, Fields], contacts: Mapping[str
         if f"{group}cells" in arrays:
             arrays[f"{group}cells"] = [entry["cells"] + start for entry, start in zip(
                 entries.values(), first[:, 0], strict=True)]
-    for name, surface in contacts.items() if contacts and step is None else ():
-        for key, data in {"facets": surface["cells"], "initial_gap": surface["initial_gap"]}.items():
+    for name, table in (tables or {}).items():
+        for key, data in {**table, "span": spans[name]}.items():
             arrays[f"contacts/{name}/{key}"], places[f"contacts/{name}/{key}"] = [data], (0, len(data))
     write_rows(path / "result.h5", arrays, places, world, None if step is None else group_of(step))
     return gathered(world, spans)
@@ -137,21 +139,33 @@ def _datasets_of(fields: Fields, body: int) -> dict[str, np.ndarray]:
 
 
 def contact_fields(state: ContactState, values: np.ndarray | None = None) -> dict[str, np.ndarray]:
-    """Points (l, 3) of a contact, its `cells` (·, d), which are its `drawn_facets`, initial_gap and AT_CONTACT (l, …).
+    """Points (n, 3) and cells (c, d) of what a contact covers, to its true outline, initial_gap and AT_CONTACT (n, …).
 
-    In space also AT_CONTACT_IN_SPACE (l, 3). `values` are `leg_values`, by default the present ones. Not collective.
+    In space also AT_CONTACT_IN_SPACE (n, 3). `values` are `leg_values`, by default the present ones. Not collective.
     """
     interface = state.interface
-    lines = interface.lines
+    outline = interface.outline
+    assert outline is not None
     values = leg_values(state) if values is None else values
-    data = {"points": _padded(lines.xy), "cells": drawn_facets(lines, interface.axisymmetric),
-            "initial_gap": interface.gap[lines.row]}
-    data |= zip(AT_CONTACT, values[lines.row].T[:len(AT_CONTACT)], strict=True)
+    most = np.zeros(len(outline.xy), int)  # a status is that of the row with the largest share
+    entries = outline.shares.tocoo()
+    order = np.argsort(entries.data, kind="stable")
+    most[entries.row[order]] = entries.col[order]
+    data = {"points": _padded(outline.xy), "cells": outline.cells, "initial_gap": outline.shares @ interface.gap}
+    data |= zip(AT_CONTACT, (outline.shares @ values).T[:len(AT_CONTACT)], strict=True)
+    data["status"] = values[most, AT_CONTACT.index("status")]
     if len(values.T) > len(AT_CONTACT):
         force, slip = np.split(values[:, len(AT_CONTACT):], 2, axis=1)
         friction = force / interface.area[:, None] + values[:, :1] * interface.normal
-        data |= zip(AT_CONTACT_IN_SPACE, (friction[lines.row], slip[lines.row]), strict=True)
+        data |= zip(AT_CONTACT_IN_SPACE, (outline.shares @ friction, outline.shares @ slip), strict=True)
     return data
+
+
+def table_fields(state: ContactState) -> dict[str, np.ndarray]:
+    """What result.h5 adds to the table of a contact, by its lines: its `drawn_facets` and initial gaps (m)."""
+    interface = state.interface
+    return {"facets": drawn_facets(interface.lines, interface.axisymmetric),
+            "initial_gap": interface.gap[interface.lines.row]}
 
 
 def drawn_facets(lines: Lines, axisymmetric: bool = False) -> np.ndarray:

@@ -30,8 +30,9 @@ FILES = {
     "contact_NAME_sides.csv": "with quadratic elements in the plane: mean stresses over the elements' sides, which are "
                               "what to plot there; sides with a node that carries no force are left out. Solids have "
                               "no such file: their forces stand at the corners of elements",
-    "contact_NAME.vtu": "the contact's surface with its fields, those of result.xdmf, at the last load step: for "
-                        "ParaView, pyvista and meshio.read",
+    "contact_NAME.vtu": "what the contact covers, to its true outline, with the fields of result.xdmf at the last load "
+                        "step: for ParaView, pyvista and meshio.read. Facets of the slave that wholly face the other "
+                        "side, and pieces of others; values are interpolated from those of contact_NAME.csv",
     "contact_NAME_legs.csv": "with load steps: contact stresses of the steps whose fields are written",
     "history.csv": "a line per outer iteration",
     "steps.csv": "a line per load step and contact",
@@ -44,12 +45,14 @@ FILES = {
                    "meshio.xdmf.TimeSeriesReader, finds all bodies as one",
     "result_last.xdmf": "with load steps: all bodies at the last one, for meshio.read, which takes no time series",
     "result.h5": "the data of result.xdmf: points, displacement, nodal_stress, nodal_principal, nodal_von_mises by "
-                 "node, stresses recovered from the cells around it; cells, body (its number), stress "
-                 "(xx, xy, xz, yy, yz, zz), principal (the largest first), von_mises, error by cell; earlier load "
-                 "steps in groups step_000000, …; in surfaces the data of contacts, one after the other; in "
-                 "contacts/NAME the facets, pairs of lines of contact_NAME.csv "
-                 "whose nodes are neighbours, of solids triples, and initial_gap of each line at the factor 1 of its "
-                 "history",
+                 "node, stresses recovered from the cells around it; cells, body (its number), stress (xx, xy, xz, "
+                 "yy, yz, zz), principal (the largest first), von_mises, error by cell; earlier load steps in groups"
+                 " step_000000, …; in surfaces the data of contacts, one after the other; in contacts/NAME the span "
+                 "in them: its first point and cell, and their numbers; the facets, pairs of lines of "
+                 "contact_NAME.csv whose nodes are neighbours, of solids triples, and initial_gap of each line at "
+                 "the factor 1 of its history",
+    "view.html": "with `[output] view = true` or by `ddmpi view`: one file in which a browser turns the bodies, with "
+                 "stresses, displacements and contact pressures, load steps and a cut; it needs no network",
     "bodies.png": "the deformed bodies, coloured by von Mises stress, else by displacement. Displacements are enlarged "
                   "as the title says, grey outlines are undeformed, and closed contacts are drawn closed",
     "contact.png": "of one contact: stresses, slip bound, gap and slip along the contact, and its zones; of solids, "

@@ -14,7 +14,7 @@ from ddmpi.body.stress import principal, von_mises
 from ddmpi.errors import InputError
 from ddmpi.mesh.elements import cell_with
 from ddmpi.results.fields import IN_FILES, group_of, owners, vectors
-from ddmpi.results.tables import PATH, Columns, Results, datasets, leg_columns, side_means
+from ddmpi.results.tables import PATH, Columns, Results, datasets, leg_columns, read_surfaces, side_means
 from ddmpi.system.numbers import in_words
 
 INSIDE, OUTSIDE = -1e-6, -0.05
@@ -65,6 +65,7 @@ def at_step(results: Results, folder: Path, asked: float | None = None) -> Resul
         if group_of(matching[0]) not in file:  # it is the last step
             return replace(results, time=time)
         fields = results.fields | {name: data[()] for name, data in datasets(file[group_of(matching[0])]).items()}
+        surfaces = read_surfaces(file, group_of(matching[0]))
     contacts = {}
     for name, legs in results.legs.items():
         table = results.contacts[name] | {column: legs[column][legs["time"] == time]
@@ -87,7 +88,8 @@ def at_step(results: Results, folder: Path, asked: float | None = None) -> Resul
             "dissipated": entry["dissipated"], "pressure_max": _largest(contacts[name]["normal_stress"])}
                      for name, entry in results.summary["contacts"].items()}}
     sides = {name: _means(table, contacts[name], results.axisymmetric) for name, table in results.sides.items()}
-    return replace(results, summary=summary, contacts=contacts, fields=fields, time=time, sides=sides)
+    return replace(results, summary=summary, contacts=contacts, fields=fields, time=time, sides=sides,
+                   surfaces=surfaces)
 
 
 def _largest(stress: np.ndarray) -> float | None:

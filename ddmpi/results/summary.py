@@ -71,8 +71,9 @@ SUMMARY = {
     "bodies.NAME.held": "whether its clamps and foundations alone prevent every rigid motion",
     "bodies.NAME.displacement_max": Row("largest displacement", "length"),
     "bodies.NAME.von_mises_max": Row("von Mises stress", "stress", "largest von Mises stress; null if stresses were "
-        "not asked for"),
-    "bodies.NAME.energy": Row("strain energy", "energy", "strain energy, without that of foundations"),
+        "not asked for, and with output.only"),
+    "bodies.NAME.energy": Row("strain energy", "energy", "strain energy, without that of foundations; null with "
+        "output.only"),
     "bodies.NAME.reaction": Row("reaction", "force", "[x, y], in space [x, y, z]: resultant of the forces of its "
         "clamps and foundations; around an axis, as all forces, [radial sum, axial force] of the whole circumference"),
     "bodies.NAME.loads.GROUP.force": Row("force", "force", "[x, y], in space [x, y, z]: resultant of the tractions on "
@@ -132,6 +133,14 @@ SUMMARY = {
     "steps": "load steps in the order of time: time, outer_iterations, and contacts by name with force, moment, "
         "normal_force, tangential_force, open, slip, stick and dissipated, of the step, pretension and rigid as above; "
         "in summary.json, where the fields of the step are written, bodies with reaction, loads and reactions",
+    "derivatives.KEY.until": "with output.derivatives, for the derivatives by a number KEY, or by a factor on the load "
+        "or motion KEY: [from, to] between which no node changes its status, by a linear forecast; null where none is "
+        "foreseen. All of KEY is null, with a warning, where the derivatives are not precise",
+    "derivatives.KEY.contacts.NAME": "derivatives of force, moment, normal_force, tangential_force, pressure_max and "
+        "dissipated, in the unit of the result over that of the number. With load steps those at the end; steps has "
+        "those at the ends of legs, in derivatives",
+    "derivatives.KEY.bodies.NAME": "of reaction, and of the displacements at physical points of the mesh, in points",
+    "derivatives.KEY.rigid.NAME": "of displacement and force",
     "energy.external_work": Row("work of loads, clamps and rigid partners", "energy", "with load steps: the last line "
         "of energy.csv; so are the next three"),
     "energy.strain_energy": Row("strain energy", "energy", ""),
@@ -154,6 +163,8 @@ SUMMARY = {
     "exchange": "the most that a rank has sent: messages and bytes of interface vectors to its neighbours; reductions "
         "over all ranks, of flags, scalars and coarse problems, and reduced_bytes, its contribution to them; without "
         "those of PETSc in Krylov methods",
+    "reused": "what of each body and contact earlier cases of a sweep or a prepared model have left: mesh, stiffness, "
+        "factors, compliance; rows; empty in a run by itself",
     "solvers": "qp: TAO type of the quadratic subproblems, or none; in space those with friction have discs, and "
         "python (APG) solves them whatever it is",
     "options": "PETSc's",

@@ -253,6 +253,7 @@ class Results:
     summary : the content of summary.json
     contacts : of each contact contact_NAME.csv, with the column initial_gap of result.h5
     facets : of each contact the rows (f, d) of its table that segments or triangles join, as in result.h5
+    surfaces : of each contact the points, cells and fields of what it covers, as in contact_NAME.vtu
     sides : the same of contact_NAME_sides.csv; empty with linear elements
     history, steps : history.csv and steps.csv
     energy : energy.csv, and legs : of each contact contact_NAME_legs.csv; empty without [time]
@@ -269,6 +270,7 @@ class Results:
     energy: Columns = field(default_factory=dict)
     legs: dict[str, Columns] = field(default_factory=dict)
     facets: dict[str, np.ndarray] = field(default_factory=dict)
+    surfaces: dict[str, Columns] = field(default_factory=dict)
     time: float | None = None
 
     @property
@@ -291,9 +293,9 @@ class Results:
         return scale * self.fields["displacement"][:, :self.dimension]
 
     def triangles(self, name: str) -> np.ndarray:
-        """The facets (f, 3) of a contact of solids, without nodes that stand alone."""
-        facets = self.facets[name]
-        return facets[facets[:, 0] != facets[:, 1]]
+        """The cells (c, 3) of the surface of a contact of solids, without points that stand alone."""
+        cells = self.surfaces[name]["cells"]
+        return cells[cells[:, 0] != cells[:, 1]]
 
     def heading(self, timed: bool = False) -> str:
         """What a picture's title begins with: the scene's title, and the time of the load step if it is `timed`."""
@@ -309,6 +311,9 @@ def read_results(folder: str | Path) -> Results:
 
     folder = Path(folder)
     summary = read_summary(folder)
+    if only := summary["scene"].get("output", {}).get("only"):
+        raise InputError(f'{folder}: holds contacts alone, without fields, because of output.only = "{only}"; run the '
+                         "scene without it")
     with reading(folder):
         for name in summary["contacts"]:
             if "/" in name:
@@ -319,13 +324,29 @@ def read_results(folder: str | Path) -> Results:
             fields = {name: data[()] for name, data in datasets(file).items()}
             drawn = {name: {key: data[()] for key, data in group.items()}
                      for name, group in file.get("contacts", {}).items()}
+            surfaces = read_surfaces(file)
         facets = {name: data.pop("facets") for name, data in drawn.items()}
+        for data in drawn.values():
+            data.pop("span", None)  # not in results of earlier versions
         steps = summary["scene"].get("time") is not None
         return Results(summary, {name: _read_csv(path) | drawn.get(name, {}) for name, path in tables.items()},
                        {name: _read_csv(path) for name, path in sides.items() if path.exists()},
                        _read_csv(folder / "history.csv"), _read_csv(folder / "steps.csv"), fields,
                        _read_csv(folder / "energy.csv") if steps else {},
-                       {name: _read_csv(folder / contact_files(name).legs) for name in tables if steps}, facets)
+                       {name: _read_csv(folder / contact_files(name).legs) for name in tables if steps}, facets,
+                       surfaces)
+
+
+def read_surfaces(file: Any, step: str = "") -> dict[str, Columns]:
+    """Of each contact the points (n, 3), cells (c, d) and fields of its surface in result.h5, at the last load step or
+    that of the group `step`. Empty in results of versions before 0.16."""
+    stored, found = datasets(file.get("surfaces", {})) | datasets(file.get(f"{step}/surfaces", {})), {}
+    for name, group in file.get("contacts", {}).items():
+        if "span" in group:
+            (node, cell), (nodes, cells) = group["span"][()].tolist()
+            found[name] = {key: data[node:node + nodes] for key, data in stored.items() if key != "cells"}
+            found[name]["cells"] = stored["cells"][cell:cell + cells] - node
+    return found
 
 
 def datasets(group: Any) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Whether contact forces can balance the loads on loose bodies: before the iteration, and after it.
+"""Whether contact forces can balance the loads on loose bodies, and how bodies move under those that are found.
 
 Each rank describes the forces that its contacts allow or resist in a few columns; the first rank does the rest.
 """
@@ -7,18 +7,22 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sparse
 
 from ddmpi.coupling.assembly import Assembly, Body
+from ddmpi.coupling.member import Member
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.law import across, direction
 from ddmpi.interface.state import ContactState
 from ddmpi.judge.equilibrium import Mechanism, find_mechanism
 from ddmpi.judge.forces import Forces
 from ddmpi.judge.motions import RESISTED, MotionsOfBody, describe_motions, undetermined
+from ddmpi.methods.outer import Outer
 from ddmpi.system.agreement import agreed, from_first, gathered
+from ddmpi.system.numbers import norm
 from ddmpi.system.provenance import has_clarabel
 
 LARGEST = 3000
@@ -27,6 +31,14 @@ LARGEST = 3000
 ALONG = 3e-3
 """A motion whose slip is along friction up to this fraction only turns friction that is at its limit: as the body moves
 on, friction becomes parallel to the load, and the resistance vanishes."""
+
+NOTHING = 1e-10
+"""Forces of a contact and displacements of a body below this fraction of the largest in the load steps before are
+rounding, and become zero."""
+
+Moved = tuple[dict[str, np.ndarray], list[np.ndarray], dict[str, dict[str, Any]], dict[tuple[str, int], tuple]]
+"""How the bodies of a rank move under the outer method's forces: by name their displacements (nv, d); their contact
+displacements; by name the sizes for the certificate; by contact and side the motion beside the nodes, and yielding."""
 
 
 def look_for_mechanism(assembly: Assembly) -> Mechanism | None:
@@ -101,7 +113,8 @@ def _undetermined(assembly: Assembly, chosen: Callable[[Interface], tuple[sparse
     of_all, bodies = gathered(assembly.world, of_rank), _with_partners(assembly)
 
     def describe() -> list[str]:
-        forces, slipping = zip(*of_all.values(), strict=True)
+        none = sparse.csr_matrix((0, size)), sparse.csr_matrix((2, size))  # of a scene without contacts
+        forces, slipping = zip(none, *of_all.values(), strict=True)
         kept = sparse.identity(size, format="csr")[assembly.joint.kept]  # as if forces resisted them
         return undetermined(sparse.vstack([*forces, kept]).T, bodies, sum(slipping).toarray())
 
@@ -137,3 +150,69 @@ def _with_partners(assembly: Assembly) -> list[MotionsOfBody]:
             at = np.concatenate([*itertools.chain(*facing.values())])
             all_motions.append(MotionsOfBody.of(each.name, at, each.motions(at)))
     return all_motions
+
+
+def displaced(assembly: Assembly, outer: Outer, largest: np.ndarray) -> Moved:
+    """By displacements of all nodes. Not collective."""
+    displacements, traces, sizes = dict[str, np.ndarray](), list[np.ndarray](), dict[str, dict[str, Any]]()
+    beside: dict[tuple[str, int], tuple[np.ndarray, np.ndarray, float]] = {}
+    for body, s in zip(assembly.bodies, outer.body_forces(), strict=True):
+        member, alpha = body.member, outer.motions[assembly.joint.slices[body.spec.name]]
+        u, left, acting, energy = np.zeros_like(member.elasticity.acting.prescribed), np.nan, 0.0, np.nan
+        with assembly.exchange.deferred():  # an error is raised on all ranks, after the next exchange
+            u, left, acting, energy = recover(member, s, alpha, largest)
+        traces.append(member.trace(u))
+        # C s, by which contact forces move the contacts: all but the free displacement and rigid motions
+        yielding = float(np.abs(member.h + member.G.T @ alpha - traces[-1]).max(initial=0.0))
+        displacements[member.name] = u
+        beside |= {key: (*motion, yielding) for key, motion in member.beside(u).items()}
+        farthest = float(np.linalg.norm(u, axis=1).max())
+        sizes[member.name] = {"left": left, "acting": acting, "moved": farthest, "yielding": yielding,
+                              "made": member.stiffness * farthest, "load": member.elasticity.load,
+                              "energy": energy, "work": member.work(u, s)}
+    return displacements, traces, sizes, beside
+
+
+def at_contacts(assembly: Assembly, outer: Outer, largest: np.ndarray) -> Moved:
+    """The same by products with the compliances, as far as these know it. Not collective."""
+    force, moved, _ = NOTHING * largest
+    traces, sizes, beside = list[np.ndarray](), dict[str, dict[str, Any]](), dict[tuple[str, int], tuple]()
+    for body, s in zip(assembly.bodies, outer.body_forces(), strict=True):
+        member, alpha = body.member, outer.motions[assembly.joint.slices[body.spec.name]]
+        u, yielded, energy, work = *np.full((2, member.size), np.nan), np.nan, np.zeros((2, 1))
+        with assembly.exchange.deferred():
+            u, yielded, energy, work = member.at_contacts(s, alpha)
+        acting = max(norm(member.e), norm(s))
+        if acting <= force and np.abs(u).max(initial=0.0) <= moved:  # as in `recover`
+            u, energy = np.zeros_like(u), 0.0
+        traces.append(u)
+        farthest, yielding = (float(np.abs(array).max(initial=0.0)) for array in (u, yielded))
+        beside |= {(name, side): (None, None, yielding) for name, (_, side) in member.parts.items()}
+        sizes[member.name] = {"left": norm(member.e - member.G @ s), "acting": acting, "moved": farthest,
+                              "yielding": yielding, "made": member.stiffness * farthest,
+                              "load": member.elasticity.load, "energy": energy, "work": work}
+    return {}, traces, sizes, beside
+
+
+def driven_partners(assembly: Assembly, outer: Outer) -> dict[str, dict[str, float]]:
+    """The sizes of driven partners, which are bodies without elasticity. Collective."""
+    joint = assembly.joint
+    unbalanced = joint.imbalance(outer.forces) if joint.driven else joint.e
+    sizes = {}
+    for each in joint.driven:
+        at = joint.slices[each.name]
+        acting = max(norm(joint.e[at]), norm(joint.e[at] - unbalanced[at]))
+        sizes[each.name] = dict.fromkeys(("yielding", "made", "energy", "work"), 0.0) | {
+            "left": norm(unbalanced[at]), "acting": acting, "moved": norm(outer.motions[at]),
+            "load": assembly.pushes[each.name]}
+    return sizes
+
+
+def recover(member: Member, s: np.ndarray, alpha: np.ndarray,
+            largest: np.ndarray) -> tuple[np.ndarray, float, float, float]:
+    """`Member.displacement`, but zero where it and its forces are rounding beside the `largest` sizes (3,) so far."""
+    u, left, acting, energy = member.displacement(s, alpha)
+    force, moved, _ = NOTHING * largest
+    if acting <= force and np.abs(u).max() <= moved:
+        u, energy = np.zeros_like(u), 0.0
+    return u, left, acting, energy

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import logging
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,13 +26,15 @@ from ddmpi.judge.accuracy import MeshLadder
 from ddmpi.judge.certificate import Certificate, ContactResiduals
 from ddmpi.petsc.events import event
 from ddmpi.petsc.options import unused_options
-from ddmpi.results.fields import Datasets, Fields, contact_fields, write_fields, write_surface, write_xdmf
+from ddmpi.pictures.browser import write_view
+from ddmpi.results.fields import Datasets, Fields, contact_fields, table_fields, write_fields, write_surface, write_xdmf
 from ddmpi.results.folder import Staging
 from ddmpi.results.summary import plain, rigid_partners, summarize, write_mechanism, write_summary
 from ddmpi.results.tables import ENERGY, HISTORY, write_contact, write_legs, write_sides, write_steps, write_table
 from ddmpi.run.checkpoint import Checkpoints
+from ddmpi.run.equilibrium import recover
 from ddmpi.run.report import describe_files
-from ddmpi.run.solve import Solution, recover
+from ddmpi.run.solve import Solution
 from ddmpi.system.agreement import agreed, gathered
 from ddmpi.system.clock import Clock
 from ddmpi.system.files import contact_files
@@ -62,10 +64,11 @@ class StepLog:
         rank's contacts
     doubts : warnings of answers at the ends of legs before the last one, the first of each kind
     most : the largest so far: residuals of contacts (nc, 4) and bodies (nb,), `Solution.sizes` (3,)
+    derived : the derivatives at the end of the last leg, of results and of arrays, as of `ddmpi.derive.entries_of`
     """
 
     def __init__(self) -> None:
-        self.doubts = dict[str, str]()
+        self.doubts, self.derived = dict[str, str](), (dict[str, Any](), dict[str, Any]())
         self.steps, self.energies, self.iterations, self.kept = (list[Any]() for _ in range(4))
         self.most = {"contacts": np.zeros(1), "bodies": np.zeros(1), "sizes": np.zeros(3)}
 
@@ -97,6 +100,12 @@ class StepLog:
             "time": time, "outer_iterations": iterations,
             "contacts": {name: contact.resultants for name, contact in contacts.items()},
             "rigid": rigid_partners(contacts.values())}))
+
+    def derive(self, entries: dict[str, Any], arrays: dict[str, Any], several: bool = True) -> None:
+        """Note the derivatives at the end of the last step, which is that of a leg, if there are `several` steps."""
+        self.derived = plain(entries), arrays
+        if several and entries:
+            self.steps[-1]["derivatives"] = self.derived[0]
 
     def doubt(self, time: float, warnings: Sequence[str]) -> None:
         """Note the warnings of the answer at the end of a leg; of those that differ only in numbers, the first."""
@@ -163,9 +172,10 @@ def gather_summary(assembly: Assembly, solution: Solution, error: Discretization
     ranks = team.ranks if team else [world.rank]
     memory, hosts = team.do("machine") if team else (peak_memory(), [MPI.Get_processor_name()])
     factors = scene.factors(1.0 if solution.time is None else solution.time)
-    mine = [(body.number, (body.spec.name, _body(body, solution, error, fields[body.spec.name], ranks, memory)
+    mine = [(body.number, (body.spec.name, _body(body, solution, error, fields.get(body.spec.name), ranks, memory)
                            | forces_by_group(body, solution.displacements[body.spec.name], s, factors)))
             for body, s in zip(assembly.bodies, outer.body_forces(), strict=True)]
+    reused = gathered(world, assembly.reused)
     of_ranks = world.gather((mine, set(unused_options()), sum(outer.inner_steps.values()), assembly.exchange.state(),
                              hosts))
     if of_ranks is None:
@@ -182,22 +192,25 @@ def gather_summary(assembly: Assembly, solution: Solution, error: Discretization
                                     "levels": [level._asdict() for level in ladder.levels]},
            "warnings": warnings, "undetermined": free,
            "exchange": {name: max(counts[name] for counts in sent) for name in sent[0]},
-           "solvers": {"qp": outer.qp_type}, "options": PETSc.Options().getAll(),
+           "reused": reused, "solvers": {"qp": outer.qp_type}, "options": PETSc.Options().getAll(),
            "options_unused": sorted(set.intersection(*unused))} | ({"energy": steps.balance()} if scene.time else {})
+    if scene.output.derivatives:
+        run["derivatives"] = steps.derived[0]
     return summarize(scene.resolved(), run, bodies, solution.contacts, solution.certificate) | provenance(
         started, hosts)
 
 
-def _body(body: Body, solution: Solution, error: DiscretizationError, fields: Fields, ranks: list[int],
+def _body(body: Body, solution: Solution, error: DiscretizationError, fields: Fields | None, ranks: list[int],
           memory: float) -> dict:
     """The summary's entry of a body of this rank; its `ranks` have used up to `memory` MiB. Not collective."""
     member, name = body.member, body.spec.name
+    estimate, stress = error.estimates.get(name), fields.von_mises if fields else None
     return {
         "n": member.elasticity.n, "ranks": ranks, "held": member.elasticity.supported,
         "displacement_max": float(np.linalg.norm(solution.displacements[name], axis=1).max()),
-        "von_mises_max": None if fields.von_mises is None else float(fields.von_mises.max()),
-        "energy": error.estimates[name].energy / 2,  # by the stresses: rigid motions add no rounding
-        "discretization_error": error.by_body[name],
+        "von_mises_max": None if stress is None else float(stress.max()),
+        "energy": estimate and estimate.energy / 2,  # by the stresses: rigid motions add no rounding
+        "discretization_error": error.by_body.get(name),
         "n_A_by_purpose": dict(member.C.count), "inner_steps": dict(solution.outer.inner_steps),
         "solver": member.C.solver.description, "compliance": member.C.kind, "memory_mib": memory}
 
@@ -238,36 +251,44 @@ def fields_of(assembly: Assembly, body: Body, u: np.ndarray, error: Discretizati
 
 
 def write_files(solved: Solved, folder: Path | None, clock: Clock, figures: bool, checkpoints: Checkpoints) -> None:
-    """Write all result files; they appear together or not at all, and the checkpoint goes. Collective."""
+    """Write all result files, with output.only the tables and the summary; they appear together or not at all, and the
+    checkpoint goes. Collective."""
     world, bodies, summary = solved.assembly.world, solved.assembly.bodies, solved.summary
     staging, picture_error = Staging(folder) if folder else None, None
     path = world.bcast(staging.path if staging else None)
     scene = solved.assembly.scene
     try:
         with clock.phase("output"):
-            surfaces = {name: contact_fields(state) for name, state in solved.solution.states.items()}
-            with event("WriteFields"):
-                spans = write_fields(path, {body.number: solved.fields[body.spec.name] for body in bodies}, surfaces,
-                                     world)
+            surfaces, spans = dict[str, Datasets](), dict[int | str, np.ndarray]()
+            if not scene.output.only:
+                surfaces = {name: contact_fields(state) for name, state in solved.solution.states.items()}
+                with event("WriteFields"):
+                    spans = write_fields(path, {body.number: solved.fields[body.spec.name] for body in bodies},
+                                         surfaces, world, tables={name: table_fields(state) for name, state in
+                                                                  solved.solution.states.items()})
             times = _write_steps(path, solved)
             with agreed(world), event("WriteTables"):
                 _write_contacts(path, solved, surfaces)
                 if staging:
-                    write_xdmf(path, times, {body.name: spans[number] for number, body in enumerate(scene.body)},
-                               {contact.name: spans[contact.name] for contact in scene.contact})
+                    if not scene.output.only:
+                        write_xdmf(path, times, {body.name: spans[number] for number, body in enumerate(scene.body)},
+                                   {contact.name: spans[contact.name] for contact in scene.contact})
                     write_table(path / "history.csv", HISTORY, solved.steps.iterations)
                     write_steps(path, summary["steps"])
                     if scene.time:
                         write_table(path / "energy.csv", ENERGY, solved.steps.energies)
                     if solved.solution.mechanism:
                         write_mechanism(path, solved.solution.mechanism)
-                    if figures:  # they show it
+                    if figures or scene.output.view is True:  # they show it
                         write_summary(path, summary)
             if figures:
                 hosts = world.allgather(MPI.Get_processor_name())
                 near = [rank for rank, host in enumerate(hosts) if host == hosts[0]][:DRAWERS]
                 with agreed(world), event("Figures"):
                     picture_error = _draw(path, near.index(world.rank), len(near)) if world.rank in near else None
+            with agreed(world):
+                if staging and scene.output.view is True and not solved.solution.mechanism:
+                    picture_error = _guarded(write_view, path) or picture_error
         seconds = clock.largest(world)
         with agreed(world):
             if staging:
@@ -285,9 +306,10 @@ def write_files(solved: Solved, folder: Path | None, clock: Clock, figures: bool
 
 
 def _write_steps(path: Path, solved: Solved) -> list[float]:
-    """Write the fields of the kept load steps, computed anew from their forces, and the forces of each by body and
-    group into the summary; the times of the steps. Collective."""
+    """Write the fields of the kept load steps, computed anew from their forces, unless contacts alone are asked for,
+    and the forces of each by body and group into the summary; the times of the steps. Collective."""
     assembly, times, steps = solved.assembly, [], solved.steps
+    whole = not assembly.scene.output.only
     world, joint = assembly.world, assembly.joint
     told = {step["time"]: step for step in solved.summary.get("steps", ())}  # on the first rank
     for number, (time, s, alpha, *values) in enumerate(steps.kept):
@@ -302,22 +324,27 @@ def _write_steps(path: Path, solved: Solved) -> list[float]:
         with agreed(world):
             for body, s_body in zip(assembly.bodies, body_forces, strict=True):
                 u, *_ = recover(body.member, s_body, alpha[joint.slices[body.spec.name]], steps.most["sizes"])
-                fields[body.number] = fields_of(assembly, body, u)
+                if whole:
+                    fields[body.number] = fields_of(assembly, body, u)
                 forces[body.spec.name] = plain(forces_by_group(body, u, s_body, factors))
             surfaces = {name: contact_fields(state, leg) for (name, state), leg in zip(
-                solved.solution.states.items(), values, strict=True)}
+                solved.solution.states.items(), values, strict=True) if whole}
         forces = gathered(world, forces)
         if told:
             told[time]["bodies"] = {name: forces[name] for name in solved.summary["bodies"]}
-        with event("WriteFields"):
-            write_fields(path, fields, surfaces, world, number)
+        if whole:
+            with event("WriteFields"):
+                write_fields(path, fields, surfaces, world, number)
     return times or ([solved.solution.time] if solved.solution.time is not None else [])
 
 
 def _write_contacts(path: Path, solved: Solved, surfaces: Mapping[str, Datasets]) -> None:
-    """Write the tables and `surfaces` of the contacts that this rank owns. Not collective."""
+    """Write the tables and `surfaces` of the contacts that this rank owns; with output.only, the first table alone. Not
+    collective."""
     for k, (name, state) in enumerate(solved.solution.states.items()):
         write_contact(path, name, state)
+        if solved.assembly.scene.output.only:
+            continue
         write_sides(path, name, state)
         if solved.assembly.scene.time:
             write_legs(path, name, state, [(time, values[k]) for time, _, _, *values in solved.steps.kept])
@@ -325,13 +352,16 @@ def _write_contacts(path: Path, solved: Solved, surfaces: Mapping[str, Datasets]
 
 
 def _draw(path: Path, number: int, drawers: int) -> OutputError | None:
-    """Draw this rank's share of the pictures, where matplotlib is installed; its error waits for the numbers."""
+    """Draw this rank's share of the pictures, where matplotlib is installed."""
     from ddmpi.pictures.draw import draw_all
 
-    if not has_matplotlib():
-        return None
+    return _guarded(draw_all, path, number, drawers) if has_matplotlib() else None
+
+
+def _guarded(draw: Callable[..., object], *arguments: object) -> OutputError | None:
+    """Draw something; its error waits for the numbers."""
     try:
-        draw_all(path, number, drawers)
+        draw(*arguments)
     except Exception as error:  # matplotlib may raise anything
         return OutputError(f"the pictures could not be drawn ({type(error).__name__}: {error}); the other results "
                            "are complete")

@@ -45,8 +45,8 @@ def log_plan(assembly: Assembly, figures: bool) -> None:
     if world.rank:
         return
     contacts = {contact.name: owned[contact.name] for contact in scene.contact}
-    log.info("n = %d unknowns (%s), m = %d contact nodes, friction: %s", assembly.n,
-             CELLS[scene.dimension, scene.body[0].mesh.order].title, assembly.m,
+    log.info("n = %d unknowns (%s), m = %d contact nodes%s%s", assembly.n,
+             CELLS[scene.dimension, scene.body[0].mesh.order].title, assembly.m, ", friction: " * bool(contacts),
              ", ".join(dict.fromkeys(law for law, _ in contacts.values())))
     for plan, names in grouped((plan, name) for name, (_, plan) in contacts.items()):
         log.info("%s: %s", some(names, "contacts"), plan)
@@ -59,9 +59,13 @@ def log_plan(assembly: Assembly, figures: bool) -> None:
         log.info("%s: no loads", some(unloaded, "bodies"))
     if world.size < len(scene.body):
         log.info("%d bodies on %s", len(scene.body), _count(world.size, "rank"))
-    left_out = [what for what, missing in (("rigid motions (all bodies are supported)", not assembly.loose),
-                                           ("stress in the files (not asked for)", not scene.output.stress),
-                                           ("pictures (not asked for)", not figures)) if missing]
+    only = scene.output.only
+    left_out = [what for what, missing in (
+        ("rigid motions (all bodies are supported)", not assembly.loose),
+        ("fields, stresses, pictures, the estimated error and warnings of strains, stresses and overlaps of bodies "
+         f'(output.only = "{only}")', only),
+        ("stress in the files (not asked for)", not only and not scene.output.stress),
+        ("pictures (not asked for)", not only and not figures)) if missing]
     if figures and not has_matplotlib():
         left_out.append(f"pictures ({NO_MATPLOTLIB})")
     left_out += _target_left_out(scene)

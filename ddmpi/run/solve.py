@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import math
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -13,7 +13,6 @@ import numpy as np
 from mpi4py import MPI
 
 from ddmpi.coupling.assembly import Assembly
-from ddmpi.coupling.member import Member
 from ddmpi.errors import SolverError
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.state import ContactState, ContactTotals, contact_state
@@ -31,11 +30,17 @@ from ddmpi.methods.outer import Outer, Report, Step, no_report
 from ddmpi.petsc.events import event
 from ddmpi.petsc.versions import free_garbage
 from ddmpi.run.checkpoint import Checkpoints
-from ddmpi.run.equilibrium import describe_drift, look_for_mechanism
+from ddmpi.run.equilibrium import (
+    at_contacts,
+    describe_drift,
+    displaced,
+    driven_partners,
+    look_for_mechanism,
+)
+from ddmpi.scene.contacts import NoFriction
 from ddmpi.scene.method import SettledMethod
 from ddmpi.system.agreement import gathered
 from ddmpi.system.clock import Clock
-from ddmpi.system.numbers import norm
 
 log = logging.getLogger("ddmpi")
 
@@ -46,10 +51,6 @@ USEFUL, USELESS = 0.9, 2
 """Tighter tolerances end after USELESS ones in a row that leave more than USEFUL of the certificate's largest residual.
 One is too few: forces that are moved onto their bounds shift a body on soft springs by far more than the residual says,
 and a step that meets a tighter tolerance by chance hardly changes that."""
-
-NOTHING = 1e-10
-"""Forces of a contact and displacements of a body below this fraction of the largest in the load steps before are
-rounding, and become zero."""
 
 NO_SIZES = np.zeros(3)
 """The `Solution.sizes` of no load step."""
@@ -67,7 +68,7 @@ class Solution:
     ----------
     stopped : why the iteration ended: "converged", "diverged", "max_iterations", "stalled"; "drift" if loose bodies
         moved on and on, "mechanism" if there is no equilibrium
-    displacements : (nv, d) of each body of this rank (m), by name
+    displacements : (nv, d) of each body of this rank (m), by name; none in a lean solution
     states : by contact, of those that this rank owns
     contacts : each as a whole, on the first rank all, on others those of their bodies
     certificate : of all contacts and bodies
@@ -203,7 +204,7 @@ class Iteration:
         self.statuses.restore(state["statuses"])
 
     def solve(self, mechanism: Mechanism | None, since: Beginning | None = None,
-              largest: np.ndarray = NO_SIZES) -> Solution:
+              largest: np.ndarray = NO_SIZES, lean: Callable[[], bool] = lambda: False) -> Solution:
         """Iterate until the answer is certified, or tighter tolerances are useless.
 
         Where the iteration stops by its criterion but the certificate fails, it goes on with a tighter one.
@@ -213,6 +214,7 @@ class Iteration:
         mechanism : that proves that there is no equilibrium; there is no iteration then
         since : the beginning of the load step; left out, no displacement and no stress
         largest : (3,) `Solution.sizes` of the load steps before
+        lean : whether an answer needs no displacements, see `conclude`; asked once its forces are found
 
         Collective. Raises as the function `solve`.
         """
@@ -229,7 +231,11 @@ class Iteration:
             self._stopped = stopped
             self._note()  # results follow from here, whatever prevents them from being written
             with self.clock.phase("recover"):
-                solution = self.conclude(stopped, since, largest)
+                solution = None
+                if stopped == "converged" and lean():  # what this certificate doubts is judged by displacements
+                    solution = self.conclude(stopped, since, largest, lean=True)
+                if solution is None or not solution.certified:
+                    solution = self.conclude(stopped, since, largest)
                 if stopped == "drift":
                     solution = replace(solution, drift=describe_drift(assembly, outer.motions))
             worst = max(value for value, _ in solution.certificate.worst().values())
@@ -247,17 +253,21 @@ class Iteration:
             log.info("the certificate fails (%s); going on to an update of %.0e", ", ".join(solution.violations),
                      self._tolerance)
 
-    def conclude(self, stopped: str, since: Beginning | None = None,
-                 largest: np.ndarray = NO_SIZES) -> Solution:
-        """Displacements, contact states and certificate of the outer method's forces. Collective."""
+    def conclude(self, stopped: str, since: Beginning | None = None, largest: np.ndarray = NO_SIZES,
+                 lean: bool = False) -> Solution:
+        """Displacements, contact states and certificate of the outer method's forces. Collective.
+
+        A `lean` one has no displacements: contact displacements by a product with C take their place, and the balance
+        of loose bodies that of all nodes. Contact states are without openings between the nodes, and without the slip
+        of contacts that have no friction.
+        """
         assembly, outer = self.assembly, self.outer
         world, joint = assembly.world, assembly.joint
-        displacements, sizes, motions = self._displaced(largest)
-        traces = [body.member.trace(displacements[body.spec.name]) for body in assembly.bodies]
+        displacements, traces, sizes, motions = (at_contacts if lean else displaced)(assembly, outer, largest)
         outer.refresh(traces)
         both = assembly.exchange.collect(traces, "answer")
         beside = assembly.exchange.swap_objects(motions)
-        bodies = gathered(world, sizes) | self._driven()
+        bodies = gathered(world, sizes) | driven_partners(assembly, outer)
         load, energy, work = (sum(size[key] for size in bodies.values()) for key in ("load", "energy", "work"))
         now = [max(size[key] for size in bodies.values()) for key in ("moved", "yielding")]
         load, energy, work, now = world.bcast((load, energy, work, now))
@@ -281,41 +291,6 @@ class Iteration:
                         moved=both[0] + both[1] + prescribed, prescribed=prescribed, energy=energy,
                         sizes=np.array([force, *now]), work=work)
 
-    def _displaced(self, largest: np.ndarray) -> tuple[dict[str, np.ndarray], dict[str, dict[str, Any]],
-                                                       dict[tuple[str, int], tuple]]:
-        """By body of this rank the displacements (nv, d) under the outer method's forces, and the sizes for the
-        certificate; by contact and side how the body moves beside the nodes. Not collective."""
-        assembly, outer = self.assembly, self.outer
-        displacements, sizes = dict[str, np.ndarray](), dict[str, dict[str, Any]]()
-        beside: dict[tuple[str, int], tuple[np.ndarray, np.ndarray, float]] = {}
-        for body, s in zip(assembly.bodies, outer.body_forces(), strict=True):
-            member, alpha = body.member, outer.motions[assembly.joint.slices[body.spec.name]]
-            u, left, acting, energy = np.zeros_like(member.elasticity.acting.prescribed), np.nan, 0.0, np.nan
-            with assembly.exchange.deferred():  # an error is raised on all ranks, after the next exchange
-                u, left, acting, energy = recover(member, s, alpha, largest)
-            # C s, by which contact forces move the contacts: all but the free displacement and rigid motions
-            yielding = float(np.abs(member.h + member.G.T @ alpha - member.trace(u)).max(initial=0.0))
-            displacements[member.name] = u
-            beside |= {key: (*motion, yielding) for key, motion in member.beside(u).items()}
-            farthest = float(np.linalg.norm(u, axis=1).max())
-            sizes[member.name] = {"left": left, "acting": acting, "moved": farthest, "yielding": yielding,
-                                  "made": member.stiffness * farthest, "load": member.elasticity.load,
-                                  "energy": energy, "work": member.work(u, s)}
-        return displacements, sizes, beside
-
-    def _driven(self) -> dict[str, dict[str, float]]:
-        """The sizes of driven partners, which are bodies without elasticity. Collective."""
-        joint, outer = self.assembly.joint, self.outer
-        unbalanced = joint.imbalance(outer.forces) if joint.driven else joint.e
-        sizes = {}
-        for each in joint.driven:
-            at = joint.slices[each.name]
-            acting = max(norm(joint.e[at]), norm(joint.e[at] - unbalanced[at]))
-            sizes[each.name] = dict.fromkeys(("yielding", "made", "energy", "work"), 0.0) | {
-                "left": norm(unbalanced[at]), "acting": acting, "moved": norm(outer.motions[at]),
-                "load": self.assembly.pushes[each.name]}
-        return sizes
-
     def _contacts(self, interfaces: Sequence[Interface], both: Sequence[np.ndarray], beside: Mapping[str, tuple],
                   since: Beginning | None, sizes: tuple[float, list[float], list[float]],
                   ) -> tuple[dict[str, ContactState], dict[str, tuple[ContactTotals, ContactResiduals]]]:
@@ -334,16 +309,17 @@ class Iteration:
         for interface, part, bound in zip(interfaces, space.parts.values(), space.laws.bounds(outer.bound),
                                           strict=False):
             u1, u2 = both[0][part], both[1][part] + interface.prescribed
-            probes, near = interface.probes, list(filter(None, beside[interface.name]))
-            # the gap at points between the nodes, where the discrete conditions promise nothing
-            beyond = interface.carried(probes.moved(0, points[interface.bodies[0]]))
-            between = (probes.opening(interface.scale) + np.einsum("qd,qd->q", probes.normal, beyond)
-                       - sum(closing for closing, *_ in near))
-            # without friction the unknowns have no tangential part; slip is that of the bodies beside the nodes
-            slides = None if not interface.law.frictionless else (
-                sum(along for _, along, _ in near)
-                - np.einsum("mcd,md->mc", interface.frame[:, 1:], interface.carried(interface.places)),
-                slid.get(interface.name, 0.0))
+            probes, near, between, slides = interface.probes, list(filter(None, beside[interface.name])), None, None
+            if near[0][0] is not None:
+                # the gap at points between the nodes, where the discrete conditions promise nothing
+                beyond = interface.carried(probes.moved(0, points[interface.bodies[0]]))
+                between = (probes.opening(interface.scale) + np.einsum("qd,qd->q", probes.normal, beyond)
+                           - sum(closing for closing, *_ in near))
+                # without friction the unknowns have no tangential part; slip is that of the bodies beside the nodes
+                slides = None if not interface.law.frictionless else (
+                    sum(along for _, along, _ in near)
+                    - np.einsum("mcd,md->mc", interface.frame[:, 1:], interface.carried(interface.places)),
+                    slid.get(interface.name, 0.0))
             yielding = max(elastic for *_, elastic in near)
             state = states[interface.name] = contact_state(
                 interface, forces[part], bound, u1 + u2, between, (start[part], former[part]), yielding, slides)
@@ -364,9 +340,28 @@ def solve(assembly: Assembly, method: SettledMethod, report: Report = no_report,
     with clock.phase("outer"):
         mechanism = look_for_mechanism(assembly)
     iteration = Iteration(assembly, method, report, clock)
+    if assembly.start and isinstance(iteration.outer, Newton):
+        iteration.outer.begin(assembly.start(), foreseen=True)
     if checkpoints:
         iteration.keep(checkpoints)
     return iteration.solve(mechanism)
+
+
+def lean_steps(assembly: Assembly) -> int:
+    """How many load steps at the end of a leg need displacements; zero if all of them do. Collective."""
+    scene, time = assembly.scene, assembly.scene.time
+    # Displacements are asked for at the end of a leg. Slip without friction is not among the unknowns and counts from
+    # the step before, which needs them as well; derivatives may need them at every step. By multigrid a product with C
+    # would cost as much.
+    slides, rubs = (any(contact.kind == "unilateral" and (contact.friction == NoFriction()) == free
+                        for contact in scene.contact) for free in (True, False))
+    several = time is not None and (time.steps > 1 if time.steps else rubs)
+    if not several or assembly.joint.dear or scene.output.steps == "all" or scene.output.derivatives:
+        return 0
+    with assembly.exchange.deferred():
+        for body in assembly.bodies:
+            body.member.prepare_energies()
+    return 1 + slides
 
 
 def choose_outer(assembly: Assembly, method: SettledMethod, report: Report = no_report) -> Outer:
@@ -380,13 +375,3 @@ def choose_outer(assembly: Assembly, method: SettledMethod, report: Report = no_
 
         return AndersonIteration(assembly, method, report)
     return Newton(assembly.joint, method.max_iterations, report)
-
-
-def recover(member: Member, s: np.ndarray, alpha: np.ndarray,
-            largest: np.ndarray) -> tuple[np.ndarray, float, float, float]:
-    """`Member.displacement`, but zero where it and its forces are rounding beside the `largest` sizes (3,) so far."""
-    u, left, acting, energy = member.displacement(s, alpha)
-    force, moved, _ = NOTHING * largest
-    if acting <= force and np.abs(u).max() <= moved:
-        u, energy = np.zeros_like(u), 0.0
-    return u, left, acting, energy

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from ddmpi.coupling.assembly import Assembly
+from ddmpi.derive.chain import Chain
 from ddmpi.interface.state import slip_start
 from ddmpi.judge.equilibrium import Mechanism
 from ddmpi.judge.plausible import doubt_answer
@@ -26,10 +27,10 @@ from ddmpi.methods.newton import Newton
 from ddmpi.methods.outer import Report, no_report
 from ddmpi.results.tables import leg_values
 from ddmpi.run.checkpoint import Checkpoints
-from ddmpi.run.equilibrium import look_for_mechanism, undetermined_motions
+from ddmpi.run.equilibrium import NOTHING, look_for_mechanism, undetermined_motions
 from ddmpi.run.gather import StepLog
 from ddmpi.run.report import UNDETERMINED
-from ddmpi.run.solve import NOTHING, Iteration, Solution, solve
+from ddmpi.run.solve import Iteration, Solution, lean_steps, solve
 from ddmpi.system.clock import Clock
 
 log = logging.getLogger("ddmpi")
@@ -74,6 +75,7 @@ class _Mark:
     energy : strain energy (J)
     length : of closed contacts, in space their area (m, m²)
     slid : by contact without friction its slip (m, d − 1) of all load steps (m)
+    derived : derivatives, see `ddmpi.derive.chain`
     """
 
     time: float
@@ -88,6 +90,7 @@ class _Mark:
     energy: float
     length: float
     slid: dict[str, np.ndarray]
+    derived: dict[str, np.ndarray]
 
     @property
     def closed(self) -> np.ndarray:
@@ -95,13 +98,13 @@ class _Mark:
         return self.moved - self.opening
 
     @classmethod
-    def first(cls, assembly: Assembly) -> _Mark:
+    def first(cls, assembly: Assembly, derived: dict[str, np.ndarray]) -> _Mark:
         """Time 0, free of stress."""
         space, zero = assembly.space, np.zeros(assembly.space.size)
         touching = sum(float(interface.area[interface.opening <= 0.0].sum()) for interface in space.interfaces)
         still, k = np.zeros(assembly.joint.rigid.size), len(assembly.scene.followed) + 1
         return cls(0.0, zero, still, zero, zero, space.opening, zero, np.zeros(k), np.zeros((2, k)), 0.0,
-                   float(space.add(np.array([touching]))[0]), {})
+                   float(space.add(np.array([touching]))[0]), {}, derived)
 
 
 def march(assembly: Assembly, report: Report = no_report, checkpoints: Checkpoints | None = None,
@@ -114,8 +117,11 @@ def march(assembly: Assembly, report: Report = no_report, checkpoints: Checkpoin
     scene, clock = assembly.scene, clock or Clock()
     log = StepLog()
     if scene.time is None:
+        chain, time = Chain(assembly, scene.output.derivatives), scene.legs[0]
         solution = solve(assembly, scene.method, report, checkpoints, clock)
-        log.note_step(scene.legs[0], solution)
+        log.note_step(time, solution)
+        if solution.certified:
+            log.derive(*chain.entries(time, chain.advance(time, solution.outer, solution), solution), several=False)
         return solution, log
     assembly.act(scene.legs[0])
     march = March(assembly, Iteration(assembly, scene.method, no_report, clock), log)
@@ -146,9 +152,12 @@ class March:
         factors = [scene.factors(time) for time in (0.0, *self._legs)]
         for body in assembly.bodies:  # forces are compared with the largest loads of all legs
             body.member.elasticity = body.member.elasticity.largest(factors)
+        self._leanly = lean_steps(assembly)
         assembly.act(0.0)
         self._sudden = assembly.space.any(assembly.joint.d + assembly.space.opening)  # loads act at time 0
-        self._now = _Mark.first(assembly)
+        self._chain = Chain(assembly, scene.output.derivatives)
+        self._now = self._before = _Mark.first(assembly, self._chain.first())
+        self._ahead: list[float] = []
         self._given = 0.0  # by gaps that are not of time, in the first step: they act at once (J)
         self._leg = -1
         self._next_leg()
@@ -190,8 +199,13 @@ class March:
         joint.d = joint.d - start
         self._begin(share, start)
         largest = self.log.most["sizes"]
-        self.outer.nothing = NOTHING * largest[0]
-        return replace(self.iteration.solve(mechanism, (start, self._now.s, self._now.slid), largest), time=time)
+        self.outer.nothing, self.outer.direct.steps = NOTHING * largest[0], self._now.time > 0.0
+        solution = self.iteration.solve(mechanism, (start, self._now.s, self._now.slid), largest, self._lean)
+        return replace(solution, time=time)
+
+    def _lean(self) -> bool:
+        """Whether nobody asks for the displacements of the present step."""
+        return 0 < self._leanly < len(self._ahead)
 
     def _begin(self, share: float, start: np.ndarray) -> None:
         """Begin to iterate for a step whose slip begins at `start` (size,).
@@ -264,10 +278,13 @@ class March:
                                   lost])
         self.log.note_step(time, solution)
         self.log.judge(solution.certificate)
+        derived = self._chain.advance(time, outer, solution, now, self._before)
+        if len(self._ahead) == 1:  # the end of a leg
+            self.log.derive(*self._chain.entries(time, derived, solution))
         self._now = _Mark(time, s, outer.motions, self._d, moved, space.opening, solution.prescribed, factors,
                           solution.work, solution.energy, closed, {
                               name: state.slip_total for name, state in solution.states.items()
-                              if state.interface.law.frictionless})
+                              if state.interface.law.frictionless}, derived)
         self._before = self._now if self._sudden and now.time == 0.0 else now
         del self._ahead[0]
         if not self._ahead or scene.output.steps == "all":

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 import msgspec
 import numpy as np
-from msgspec.structs import replace
+from msgspec.structs import force_setattr, replace
 
 from ddmpi.scene.meshes import TOWARDS_CONTACTS, WITH_ORIGIN, MeshSpec, SettledMesh
 from ddmpi.scene.values import (
@@ -19,11 +19,13 @@ from ddmpi.scene.values import (
     Name,
     NonNegative,
     Number,
+    On,
     Point,
     Positive,
     Table,
     Vector,
     VolumeForce,
+    joined,
     settle,
 )
 
@@ -32,7 +34,8 @@ LOCKING = 0.48
 right to within a fifth."""
 
 Moduli = Annotated[tuple[Positive, ...], msgspec.Meta(min_length=3, max_length=3)]
-Ratios = Annotated[tuple[Number, ...], msgspec.Meta(min_length=3, max_length=3)]
+Three = Annotated[tuple[Number, ...], msgspec.Meta(min_length=3, max_length=3)]
+# not tuple[Number, Number, Number]: msgspec 0.22 crashes where that stands beside a number and garbage is collected
 
 DEFINITE = 1e-9
 """Least eigenvalue of the normalised compliance of a positive definite material."""
@@ -48,24 +51,33 @@ class Material(Table, frozen=True, kw_only=True):
         orthotropic: [ν12, ν13, ν23], where ν12 = −ε2/ε1 under stress along axis 1
     shear : of an orthotropic material: shear modulus G12 in the plane (Pa), in space [G12, G13, G23]
     angle : of axis 1 of an orthotropic material in the plane, counter-clockwise from x (degrees); left out, 0
+    axes : of an orthotropic solid, [along axis 1, beside it in the plane of axes 1 and 2], vectors of any length; left
+        out, [[1, 0, 0], [0, 1, 0]]
     plane : plane strain, the default in the plane, or plane stress; not for solids and axisymmetric bodies
-    expansion : coefficient of thermal expansion (1/K), with the body's temperature
+    expansion : coefficient of thermal expansion (1/K), with the body's temperature; orthotropic: also [α1, α2, α3]
     """
 
     young: Positive | Moduli
-    poisson: Annotated[float, msgspec.Meta(gt=-1, lt=0.5)] | Ratios
+    poisson: Annotated[float, msgspec.Meta(gt=-1, lt=0.5)] | Three
     shear: Positive | Moduli | None = None
     angle: Number | None = None
+    axes: tuple[Three, Three] | None = None
     plane: Literal["strain", "stress"] | None = None
-    expansion: Number | None = None
+    expansion: Number | Three | None = None
 
     def __post_init__(self) -> None:
         rows = [isinstance(value, tuple) for value in (self.young, self.poisson)]
         if rows[0] != rows[1] or rows[0] != (self.shear is not None):
             raise ValueError("an isotropic material has young = E and poisson = ν; an orthotropic one young = [E1, E2, "
                              "E3], poisson = [ν12, ν13, ν23] and shear = G12 or, in space, [G12, G13, G23]")
-        if self.angle is not None and not rows[0]:
-            raise ValueError("angle: an isotropic material has no axes; leave it out")
+        along_axes = {"angle": self.angle, "axes": self.axes, "expansion": self.expansion}
+        for key, value in () if rows[0] else along_axes.items():
+            if isinstance(value, tuple) or (key == "angle" and value is not None):
+                raise ValueError(f"{key}: an isotropic material has no axes; " + (
+                    "write expansion = α" if key == "expansion" else "leave it out"))
+        if self.axes and not np.cross(*self.axes).any():
+            raise ValueError("axes: both are parallel or zero; the second lies beside axis 1, in the plane of axes 1 "
+                             "and 2")
         scale = np.sqrt(self.moduli)
         if rows[0] and not np.linalg.eigvalsh(self._matrix[:3, :3] * scale[:, None] * scale).min() > DEFINITE:
             raise ValueError("poisson: no material has these ratios and moduli: the matrix of its compliances is not "
@@ -77,7 +89,9 @@ class Material(Table, frozen=True, kw_only=True):
             yield 3 if axisymmetric else 2, "plane", (
                 "solids and axisymmetric bodies are neither in plane strain nor in plane stress; leave it out")
         if self.angle is not None:
-            yield 2, "angle", "the axes 1, 2, 3 of solids are x, y, z; leave it out"
+            yield 2, "angle", "the axes 1, 2, 3 of solids are x, y, z; leave it out, or turn them by axes = [[…], […]]"
+        if self.axes:
+            yield 3, "axes", "in the plane angle = … turns the axes 1 and 2"
         if isinstance(self.shear, tuple):
             yield 3, "shear", "in the plane it is one number, G12"
         elif self.shear is not None:
@@ -107,9 +121,25 @@ class Material(Table, frozen=True, kw_only=True):
     def _along_axes(self, matrix: np.ndarray) -> np.ndarray:
         """The tensor (3, 3, 3, 3) along x, y, z of components (6, 6) along the axes of the material."""
         number = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])
-        c, s = np.cos(np.deg2rad(self.angle or 0.0)), np.sin(np.deg2rad(self.angle or 0.0))
-        R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        R = self.rotation
         return np.einsum("ia,jb,kc,ld,abcd->ijkl", R, R, R, R, matrix[number[:, :, None, None], number], optimize=True)
+
+    @property
+    def rotation(self) -> np.ndarray:
+        """(3, 3) whose columns are the axes 1, 2, 3 of the material."""
+        if self.axes:
+            one, beside = np.array(self.axes)
+            three = np.cross(one, beside)
+            return np.column_stack([a / np.linalg.norm(a) for a in (one, np.cross(three, one), three)])
+        c, s = np.cos(np.deg2rad(self.angle or 0.0)), np.sin(np.deg2rad(self.angle or 0.0))
+        return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+    @property
+    def expansions(self) -> np.ndarray:
+        """α (3, 3) of the strain of a free body (1/K)."""
+        R = self.rotation
+        return R @ np.diag(np.ones(3) * (self.expansion or 0.0)) @ R.T if isinstance(
+            self.expansion, tuple) else np.eye(3) * (self.expansion or 0.0)
 
     @property
     def lame(self) -> tuple[float, float]:
@@ -177,13 +207,14 @@ class Clamp(Table, frozen=True, kw_only=True):
 
     Attributes
     ----------
-    on : boundary group or physical point, in space also physical curve
+    on : boundary group or physical point, in space also physical curve; several together, as the faces [8, 27] of a
+        drawing; or what groups have in common, an edge or a corner: "left & bottom"
     x, y, z : component of the displacement (m); left out, it is free
     normal : the displacement along the outer normal of a boundary group (m), node by node; the group can slide
     history : [history.NAME] whose factor multiplies it
     """
 
-    on: Group
+    on: On
     x: Number | Formula | AffineScalar | None = None
     y: Number | Formula | AffineScalar | None = None
     z: Number | Formula | AffineScalar | None = None
@@ -191,6 +222,7 @@ class Clamp(Table, frozen=True, kw_only=True):
     history: Name | None = None
 
     def __post_init__(self) -> None:
+        force_setattr(self, "on", joined(self.on))
         if (*self.components, self.normal) == (None,) * 4:
             raise ValueError("a clamp prescribes one or several of x, y and, in space, z, or the normal component; to "
                              f'fix all, write clamp = ["{self.on}"]')
@@ -202,32 +234,38 @@ class Clamp(Table, frozen=True, kw_only=True):
 
 
 class Traction(Table, frozen=True, kw_only=True):
-    """Surface load on a boundary group: a ``value``, a ``pressure`` or a ``force``; see docs/use/loads.md.
+    """Surface load on a group: a ``value``, a ``pressure``, a ``force`` or a ``moment``; see docs/use/loads.md.
 
     Attributes
     ----------
-    on : boundary group
+    on : boundary group, or several together, as the faces [8, 27] of a drawing
     value : force per area (Pa), as in [0.0, "-6e7 * (1 + x/3)"]
     pressure : normal stress (Pa) against the outer normal
     force : total force (N; in the plane per metre of depth), spread evenly over the area of the group
+    moment : total moment (N m; in the plane a number), by stresses that grow with the distance from the group's middle
+        and have no resultant force
     history : [history.NAME] whose factor multiplies it
     """
 
-    on: Group
+    on: On
     value: Vector | AffineVector | None = None
     pressure: Number | Formula | AffineScalar | None = None
     force: Point | None = None
+    moment: Number | Three | None = None
     history: Name | None = None
 
     def __post_init__(self) -> None:
-        if [self.value, self.pressure, self.force].count(None) != 2:
+        force_setattr(self, "on", joined(self.on))
+        if [self.value, self.pressure, self.force, self.moment].count(None) != 3:
             raise ValueError("a traction has either a value (Pa), as in value = [0.0, -6e7], or a pressure along the "
-                             "inner normal, as in pressure = 1e6, or the total force (N), as in force = [0.0, -1e4]")
+                             "inner normal, as in pressure = 1e6, or the total force (N), as in force = [0.0, -1e4], "
+                             "or the total moment (N m), as in moment = 50.0 or, in space, [0.0, 0.0, 50.0]")
 
     @property
     def given(self) -> Vector | AffineVector | Number | Formula | AffineScalar:
-        """The value, the pressure or the force, whichever there is."""
-        return next(value for value in (self.value, self.pressure, self.force) if value is not None)
+        """The value, the pressure, the force or the moment, whichever there is."""
+        given = self.value, self.pressure, self.force, self.moment
+        return next(value for value in given if value is not None)
 
 
 class Foundation(Table, frozen=True, kw_only=True):
@@ -235,16 +273,17 @@ class Foundation(Table, frozen=True, kw_only=True):
 
     Attributes
     ----------
-    on : boundary group
+    on : boundary group, or several together, as the faces [8, 27] of a drawing
     normal : stiffness along the normal, per area (N/m³), in tension as in compression
     tangential : stiffness along the surface, per area (N/m³)
     """
 
-    on: Group
+    on: On
     normal: NonNegative = 0.0
     tangential: NonNegative = 0.0
 
     def __post_init__(self) -> None:
+        force_setattr(self, "on", joined(self.on))
         if not self.normal and not self.tangential:
             raise ValueError("a foundation has a stiffness per area, as in normal = 1e9 or tangential = 1e8")
 
@@ -257,7 +296,7 @@ class BodySpec(Table, frozen=True, kw_only=True):
     name : unique among bodies and rigid partners
     mesh : see below
     material : one, or a list with entries for the parts of a drawing or a mesh file
-    clamp : boundary groups or physical points: by name, with zero displacement, or with given displacements
+    clamp : boundary groups or physical points: by name or number, with zero displacement, or with given displacements
     foundation : springs on boundary groups, which support the body along their stiffness
     traction : loads on boundary groups
     volume_force : such as weight (N/m³), a list [x, y] or [x, y, z], or a table
@@ -267,7 +306,7 @@ class BodySpec(Table, frozen=True, kw_only=True):
     name: Name
     mesh: MeshSpec
     material: Material | Annotated[list[PartMaterial], msgspec.Meta(min_length=1)]
-    clamp: list[Group | Clamp] = []
+    clamp: list[On | Clamp] = []
     foundation: list[Foundation] = []
     traction: list[Traction] = []
     volume_force: Vector | VolumeForce | None = None
@@ -312,7 +351,7 @@ class BodySpec(Table, frozen=True, kw_only=True):
     @property
     def clamps(self) -> list[Clamp]:
         """All clamps in the long form; a bare group name fixes all components."""
-        return [Clamp(on=c, x=0.0, y=0.0, z=0.0) if isinstance(c, str) else c for c in self.clamp]
+        return [c if isinstance(c, Clamp) else Clamp(on=c, x=0.0, y=0.0, z=0.0) for c in self.clamp]
 
     @property
     def acting(self) -> list[tuple[str, Clamp | Traction | Foundation]]:
@@ -337,7 +376,7 @@ class BodySpec(Table, frozen=True, kw_only=True):
     def settled(self, order: int, dimension: int = 2, axisymmetric: bool = False) -> SettledBody:
         """This body with elements of `order`, in the plane, around an axis or in space."""
         mesh = self.mesh
-        finest = mesh.contact_size or TOWARDS_CONTACTS * mesh.largest if mesh.geometry is not None else None
+        finest = mesh.contact_size or TOWARDS_CONTACTS * mesh.largest if mesh.drawn else None
         origin = mesh.origin or (0.0,) * dimension if mesh.shape in WITH_ORIGIN else None
         plane = self.plane if dimension == 2 and not axisymmetric else None
         materials = [replace(material, plane=plane) for material in self.materials]

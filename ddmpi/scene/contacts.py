@@ -7,20 +7,22 @@ from typing import Annotated, ClassVar, Literal, Self, get_args
 
 import msgspec
 import numpy as np
+from msgspec.structs import force_setattr
 
 from ddmpi.scene.values import (
     Formula,
     Gap,
-    Group,
     Name,
     NonNegative,
     Number,
+    On,
     Point,
     Positive,
     Pretension,
     Profile,
     SignedProfile,
     Table,
+    joined,
 )
 from ddmpi.system.numbers import nearest_in
 
@@ -70,7 +72,8 @@ class ContactSpec(Table, frozen=True, kw_only=True):
     ----------
     name : unique among contacts; left out, the names in bodies with a dash between
     bodies : two bodies, or a body and then a rigid partner; normals and forces of the results are the first one's
-    on : a boundary group of each body, so only one if the partner is rigid
+    on : a boundary group of each body, so only one if the partner is rigid: ["sole", "top"]; numbered faces of a
+        drawing are groups, and so are several of them in a list: [[5, 8], 27]
     kind : "bonded" sides neither separate nor slide; "guided" ones do not separate and slide without friction, as a
         face in a guide: normal forces have both signs
     friction : law of friction; left out, none
@@ -79,13 +82,12 @@ class ContactSpec(Table, frozen=True, kw_only=True):
     pairing : "nodes" or "mortar"; left out, by nodes if those of both sides match, else by dual mortar
     pretension : of a bolt that a bond cuts through its shank, or of its thread: the force that pulls the first body
         along a direction, by one offset of the whole bond
-    slave : with mortar, the body whose nodes carry the forces; left out, the one with the larger spacing of nodes over
-        E/(1 − ν²)
+    slave : with mortar, the body whose nodes carry the forces; left out, that of larger node spacing over E/(1 − ν²)
     """
 
     name: Name | None = None
     bodies: tuple[Name, Name]
-    on: Annotated[tuple[Group, ...], msgspec.Meta(min_length=1, max_length=2)]
+    on: Annotated[tuple[On, ...], msgspec.Meta(min_length=1, max_length=2)]
     kind: Literal["unilateral", "bonded", "guided"] = "unilateral"
     friction: Friction = NoFriction()
     gap: Number | Formula | Gap | None = None
@@ -94,12 +96,12 @@ class ContactSpec(Table, frozen=True, kw_only=True):
     pretension: Pretension | None = None
 
     def __post_init__(self) -> None:
+        force_setattr(self, "on", tuple(map(joined, self.on)))
         if self.pretension and self.kind != "bonded":
             raise ValueError(f'pretension goes with kind = "bonded", a bond that is pulled as a whole; this contact is '
                              f"{self.kind}")
         if self.two_sided and not isinstance(self.friction, NoFriction):
-            how = "nothing slide" if self.kind == "bonded" else "all slide freely"
-            raise ValueError(f'friction does not go with kind = "{self.kind}", which lets {how}; leave one of them out')
+            raise ValueError(f'friction does not go with kind = "{self.kind}"; leave one of them out')
         if self.slave is not None and self.pairing == "nodes":
             raise ValueError('slave does not go with pairing = "nodes", which has none; leave one of them out')
 

@@ -72,6 +72,15 @@ SLIPS = {
     r"[{,][^}]*$|, *\}": "a table { … } stands on one line, without a comma at its end"}
 """Frequent mistakes in lines that are not TOML, with remedies."""
 
+WHOLE = (r"body\.[^.]+\.(?:(?:traction|clamp)\.\d+|volume_force|temperature)"
+         r"|rigid\.[^.]+\.(?:displacement|force|moment)|contact\.[^.]+\.(?:gap|friction\.(?:coefficient|slip_bound))")
+"""What the derivatives of an answer take as a whole, by a factor on it, unless it is one number."""
+
+NUMBER = (r"body\.[^.]+\.(?:material(?:\.\d+)?\.young|volume_force\.\d"
+          r"|traction\.\d+\.(?:pressure|moment|(?:value|force|moment)\.\d)|clamp\.\d+\.(?:x|y|z|normal))"
+          r"|rigid\.[^.]+\.(?:displacement|force|moment)\.\d|contact\.[^.]+\.gap\.value")
+"""Other numbers by which an answer can be differentiated."""
+
 
 def override(data: dict, key: str, value: Any) -> None:
     """Set one key of `data`, as after ``--set``. Raises InputError."""
@@ -113,6 +122,40 @@ def flatten(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
             yield from flatten(entry, f"{key}.{name}" if key else name)
     else:
         yield key, value
+
+
+def derivable(scene: dict) -> list[str]:
+    """The keys of a resolved scene by which its answer can be differentiated: numbers, and what stands for a factor."""
+    keys: dict[str, None] = {}
+    bodies = [body | {"clamp": [{"on": entry} if isinstance(entry, str) else entry for entry in body["clamp"]]}
+              for body in scene["body"]]
+    fixed = {f"rigid.{rigid['name']}.{'displacement' if force else 'force'}.{axis}" for rigid in scene["rigid"]
+             for axis, force in enumerate(rigid.get("force") or ())}  # an axis is pushed or moved
+    for leaf, value in flatten({"body": bodies, "contact": scene["contact"], "rigid": scene["rigid"]}):
+        whole = re.match(WHOLE, leaf)
+        if whole and value is not None:
+            keys[whole[0]] = None
+        vector = isinstance(value, list | tuple)
+        entries = [(f".{k}", entry) for k, entry in enumerate(value)] if vector else [("", value)]
+        keys |= dict.fromkeys(leaf + at for at, entry in entries if type(entry) in (int, float)
+                              and re.fullmatch(NUMBER, leaf + at) and leaf + at not in fixed)
+    return list(keys)
+
+
+def refuse_underivable(scene: dict) -> None:
+    """ValueError where ``output.derivatives`` names a key by which nothing can be differentiated."""
+    wanted = scene["output"]["derivatives"]
+    if wanted and scene["method"]["outer"] != "newton":
+        raise ValueError(f'output.derivatives: follow from outer = "newton", not from "{scene["method"]["outer"]}"')
+    able = derivable(scene) if wanted else []
+    for key in wanted:
+        if key not in able:
+            raise ValueError(f"output.derivatives: {key!r} is no number, load, clamp or displacement of this scene by "
+                             f"which its answer can be differentiated; the nearest ones are "
+                             f"{', '.join(difflib.get_close_matches(key, able, n=3, cutoff=0.0))}")
+    for key in wanted:
+        if wanted.count(key) > 1:
+            raise ValueError(f"output.derivatives: {key!r} stands there {wanted.count(key)} times")
 
 
 def differences(ours: dict, theirs: dict) -> str:
@@ -174,7 +217,7 @@ def explain(message: str, data: dict, root: type) -> str:
         meant = _meant(found[2], fields, [base.__name__ for kind in tables for base in kind.cls.__mro__])
         return f"{key}: unknown key{meant} (valid here: {', '.join(fields)})"
     field, _, rest = problem.partition(": ")
-    if rest and any(field == entry.name for kind in kinds if isinstance(kind, inspect.StructType)
+    if rest and any(field.partition(".")[0] == entry.name for kind in kinds if isinstance(kind, inspect.StructType)
                     for entry in kind.fields):  # the table's own check names a key
         named, problem = [*named, field], rest
     key = ".".join(named) + ": " * bool(named)

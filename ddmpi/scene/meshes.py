@@ -8,24 +8,33 @@ from typing import Annotated, Literal
 import msgspec
 import numpy as np
 
-from ddmpi.scene.values import Count, Point, Positive, Table
+from ddmpi.scene.values import Count, Group, NonNegative, Point, Positive, Table
+
+LARGEST_SIZE = "h, the largest size of an element"
+"""What ``size`` is of a drawing."""
 
 SHAPES = {"rectangle": {"size": "[width, height]", "divisions": "[nx, ny]"},
           "quadrilateral": {"corners": "[[x, y], …]", "divisions": "[nx, ny]"},
           "annulus": {"center": "[x, y]", "radii": "[inner, outer]", "angles": "[start, end]",
                       "divisions": "[around, across]"},
           "box": {"size": "[length, depth, height]", "divisions": "[nx, ny, nz]"},
-          "hexahedron": {"corners": "[[x, y, z], …]", "divisions": "[nx, ny, nz]"}}
+          "hexahedron": {"corners": "[[x, y, z], …]", "divisions": "[nx, ny, nz]"},
+          "ball": {"center": "[x, y, z]", "radius": "r", "size": LARGEST_SIZE},
+          "cylinder": {"center": "[x, y, z] of the lower end", "axis": "[0, 0, 1]", "radii": "[inner or 0, outer]",
+                       "height": "h", "size": LARGEST_SIZE}}
 """The keys of the shapes, and how to write them."""
 
-SIZED = {"size": "h, the largest size of an element"}
+SIZED = {"size": LARGEST_SIZE}
 """The same for a geometry."""
 
 WITH_ORIGIN = ("rectangle", "box")
 """Shapes with an optional ``origin``."""
 
-SOLIDS = ("box", "hexahedron")
+SOLIDS = ("box", "hexahedron", "ball", "cylinder")
 """The shapes in space; the others are in the plane."""
+
+DRAWN = ("ball", "cylinder")
+"""The shapes that gmsh meshes, as it does a geometry."""
 
 CORNER = 1e-8
 """Smallest sine of a corner of a quadrilateral, as triangles at a flatter one have almost no area; of a hexahedron the
@@ -60,38 +69,54 @@ class MeshSpec(Table, frozen=True, kw_only=True):
         "quadrilateral", a convex one, needs corners and divisions and has bottom, right, top and left in the order of
         its corners; "annulus" needs center, radii, angles and divisions and has inner, outer, start and end. In space
         "box" needs size and divisions and has left and right along x, front and back along y, bottom and top along z;
-        "hexahedron" needs corners and divisions and has the groups of a box, as its corners are those of one
+        "hexahedron" needs corners and divisions and has the groups of a box, as its corners are those of one;
+        "ball" needs center, radius and size and has the group surface; "cylinder" needs center, axis, radii, height and
+        size and has bottom, top and outer, and inner if it is a tube
     origin : corner of a rectangle or a box with the least coordinates (m); left out, the origin of coordinates
-    size : of a rectangle or a box its extents (m); of a geometry the largest size of an element (m): smaller sizes in a
-        .geo remain, contacts have finer elements, and an accuracy target makes the mesh finer where the error is
+    size : of a rectangle or a box its extents (m); of a geometry, a ball and a cylinder the largest size of an element
+        (m): smaller sizes in a .geo remain, contacts have finer elements, and an accuracy target makes the mesh finer
+        where the error is
     corners : of a quadrilateral, counter-clockwise (m); of a hexahedron the four of its bottom, counter-clockwise seen
         from the top, and then the four above them
-    center : of an annulus (m)
-    radii : of an annulus, [inner, outer] (m)
+    center : of an annulus, of a ball, of the lower end of a cylinder (m)
+    radius : of a ball (m)
+    radii : of an annulus or a cylinder, [inner, outer] (m); the inner one of a cylinder that is no tube is 0
+    axis : of a cylinder, from its bottom to its top, of any length
+    height : of a cylinder (m)
     angles : of an annulus, [start, end] in degrees; if they are 360 apart, it is closed and has no start and end
     divisions : numbers of cells, each cut into two triangles: [nx, ny], of an annulus [around, across]; in space
         [nx, ny, nz], each cut into six tetrahedra
     file : triangles or tetrahedra with groups: "x.msh" as gmsh writes it, in any version of its format; "x.inp" of
         Abaqus or CalculiX; "x.med"; "x.vtu" and "x.vtk"; other elements are cut into these; see docs/start/drawing.md
     geometry : a drawing (.geo, .step, .brep) with physical groups, or of a solid; see docs/start/drawing.md
+    part : of a file or a geometry with several bodies the one of this body: by the name of its set of elements
+        (ELSET), part or instance, MED group or gmsh's physical volume (surface in the plane); in a geometry by its name
+        in the file or by its number
     contact_size : size of a geometry's elements along contacts (m); left out, a quarter of size
+    size_on : sizes of a geometry's elements along groups by name or number (m), in contacts as well, as in
+        { bore = 1.5, 27 = 3.0 }
     order : 1 for linear elements, 2 for quadratic ones, whose sides are curved along circles of an annulus, curves of
         a geometry, and as a second-order file has them; the same for all bodies. Left out, it follows another body
         that names it, then the preset, then the files; otherwise it is 1; see docs/use/elements.md
     refine : number of times that the sides of a file's mesh are halved, or "as needed" for method.target_error
     """
 
-    shape: Literal["rectangle", "quadrilateral", "annulus", "box", "hexahedron"] | None = None
+    shape: Literal["rectangle", "quadrilateral", "annulus", "box", "hexahedron", "ball", "cylinder"] | None = None
     origin: Point | None = None
     size: Sizes | None = None
     corners: Annotated[tuple[Point, ...], msgspec.Meta(min_length=4, max_length=8)] | None = None
     center: Point | None = None
-    radii: tuple[Positive, Positive] | None = None
+    radius: Positive | None = None
+    radii: tuple[NonNegative, Positive] | None = None
+    axis: Point | None = None
+    height: Positive | None = None
     angles: tuple[Angle, Angle] | None = None
     divisions: Annotated[tuple[Count, ...], msgspec.Meta(min_length=2, max_length=3)] | None = None
     file: str | None = None
     geometry: str | None = None
+    part: Group | Count | None = None
     contact_size: Positive | None = None
+    size_on: dict[Group, Positive] = {}
     order: Literal[1, 2] | None = None
     refine: Annotated[int, msgspec.Meta(ge=0, le=8)] | Literal["as needed"] = 0
 
@@ -99,6 +124,11 @@ class MeshSpec(Table, frozen=True, kw_only=True):
     def halvings(self) -> int:
         """Number of times that the sides of the file's mesh are halved."""
         return self.refine if isinstance(self.refine, int) else 0
+
+    @property
+    def drawn(self) -> bool:
+        """Whether gmsh meshes it in the run."""
+        return self.geometry is not None or self.shape in DRAWN
 
     @property
     def refinable(self) -> bool:
@@ -124,22 +154,30 @@ class MeshSpec(Table, frozen=True, kw_only=True):
         if self.geometry is not None and not self.geometry.lower().endswith(GEOMETRIES):
             mesh = "; a mesh is given by file = …" * self.geometry.endswith(".msh")
             raise ValueError(f"geometry = {self.geometry!r} must end with one of {', '.join(GEOMETRIES)}{mesh}")
-        if self.contact_size is not None and self.geometry is None:
-            raise ValueError(f"contact_size belongs to a geometry, not to {self._what}")
+        for key, wrong in (("contact_size", not self.drawn), ("size_on", not self.drawn), ("part", bool(self.shape))):
+            if getattr(self, key) and wrong:
+                raise ValueError(f"{key} belongs to a geometry{' or a file' * (key == 'part')}, not to {self._what}")
         needed = SIZED if self.geometry else SHAPES.get(self.shape or "", {})
         self._check_keys(needed)
         d = self.dimension or 0
-        for key, number in (("size", d), ("divisions", d), ("corners", 2**d)):
+        for key, number in (("size", d * (not self.drawn)), ("divisions", d), ("corners", 2**d)):
             value = getattr(self, key)
             if key in needed and (len(value) if isinstance(value, tuple) else 0) != number:
                 got = list(value) if isinstance(value, tuple) else value
                 raise ValueError(f"{key}: a {self.shape or 'geometry'} has " + (
                     f"{number} corners, got {len(got)}" if key == "corners" else f"{key} = {needed[key]}, got {got}"))
-        if self.contact_size is not None and self.contact_size > self.largest:
-            raise ValueError(f"contact_size = {self.contact_size:g}, along contacts, must not exceed size = "
-                             f"{self.largest:g}, which is the largest")
+        smaller = {"contact_size": (self.contact_size or 0.0, "contacts")} | {
+            f"size_on.{name}": (size, repr(name)) for name, size in self.size_on.items()}
+        for key, (size, along) in smaller.items():
+            if self.drawn and size > self.largest:
+                raise ValueError(f"{key} = {size:g}, along {along}, must not exceed size = {self.largest:g}, which is "
+                                 "the largest")
         if self.corners and all(len(corner) == self.dimension for corner in self.corners):
             _check_corners(self.corners)
+        if self.radii and self.radii[0] >= self.radii[1]:
+            raise ValueError(f"radii = [inner, outer] must ascend, got [{self.radii[0]:g}, {self.radii[1]:g}]")
+        if self.axis and not any(self.axis):
+            raise ValueError("axis must not be zero; it goes from the bottom of a cylinder to its top")
         if self.radii and self.angles and self.divisions:
             self._check_ring(self.radii, self.angles, self.divisions[0])
 
@@ -166,13 +204,14 @@ class MeshSpec(Table, frozen=True, kw_only=True):
                 raise ValueError(f"{self._what} needs {how}; {key} is missing")
             if getattr(self, key) is not None and key not in needed:
                 owners = [shape for shape, keys in SHAPES.items() if key in keys]
+                owners = [shape for shape in owners if shape not in DRAWN] or owners
                 owner = "a shape" if key == "divisions" else f'shape = "{owners[0]}"' + "".join(
                     f' or "{shape}"' for shape in owners[1:])
                 raise ValueError(f"{key} belongs to {owner}, not to {self._what}")
 
     def _check_ring(self, radii: tuple[float, float], angles: tuple[float, float], around: int) -> None:
-        if radii[0] >= radii[1]:
-            raise ValueError(f"radii = [inner, outer] must ascend, got [{radii[0]:g}, {radii[1]:g}]")
+        if not radii[0]:
+            raise ValueError("radii.0: expected a number > 0; only a cylinder may have no bore")
         span = angles[1] - angles[0]
         if not 0 < span <= 360 + CLOSED:
             raise ValueError(f"angles = [start, end] must ascend by at most 360 degrees, which make a whole ring; got "

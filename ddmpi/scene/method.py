@@ -253,6 +253,8 @@ class Output(Table, frozen=True, kw_only=True):
 
     Attributes
     ----------
+    only : "contacts": certificate, contacts, reactions and rigid partners alone, in tables and summary.json; no fields,
+        stresses, pictures, estimate of the discretization error, nor warnings that need fields. Left out, all
     stress : stress and von Mises stress of the bodies
     error : field and picture of the estimated discretization error
     figures : pictures
@@ -261,11 +263,14 @@ class Output(Table, frozen=True, kw_only=True):
     length_unit, stress_unit : labels in pictures, summary and messages; numbers are in the scene's own units
     magnification : of displacements and gaps in bodies.png; left out, it suits the picture
     mirrored : bodies.png of an axisymmetric scene also shows the other half
-    view : side from which solids are seen: front, back (along y), left, right (x), bottom, top (z), iso, or [azimuth,
-        elevation] in degrees, about z from x on and above the plane of x and y; left out, a corner that suits them
+    view : true for view.html, in which a browser turns the bodies; or the side from which pictures show solids: front,
+        back (along y), left, right (x), bottom, top (z), iso, or [azimuth, elevation] in degrees, about z from x on
+        and above the plane of x and y; left out, a corner that suits them
     cut : plane at which pictures cut solids open; left out, none
+    derivatives : keys by which the answer is differentiated; see docs/use/derivatives.md
     """
 
+    only: Literal["contacts"] | None = None
     stress: bool = True
     error: bool = False
     figures: bool = True
@@ -275,8 +280,15 @@ class Output(Table, frozen=True, kw_only=True):
     stress_unit: str = "Pa"
     magnification: Annotated[float, msgspec.Meta(gt=0.0, le=1e12)] | None = None
     mirrored: bool = False
-    view: Literal["front", "back", "left", "right", "top", "bottom", "iso"] | tuple[Number, Elevation] | None = None
+    view: (bool | Literal["front", "back", "left", "right", "top", "bottom", "iso"] | tuple[Number, Elevation]
+           | None) = None
     cut: Cut | None = None
+    derivatives: list[str] = []
+
+    def __post_init__(self) -> None:
+        for key in ("error", "animation"):
+            if self.only and getattr(self, key):
+                raise ValueError(f'{key} = true asks for what only = "{self.only}" leaves out; drop one of the two')
 
 
 class Checkpoint(Table, frozen=True, kw_only=True):

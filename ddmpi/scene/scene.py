@@ -12,9 +12,9 @@ from typing import Annotated, Any, get_args
 
 import msgspec
 
-from ddmpi.scene.bodies import BodySpec, Material, SettledBody
+from ddmpi.scene.bodies import BodySpec, Material, SettledBody, Traction
 from ddmpi.scene.contacts import ContactSpec, NoFriction, Rigid, SettledContact
-from ddmpi.scene.keys import nearest
+from ddmpi.scene.keys import nearest, refuse_underivable
 from ddmpi.scene.method import PRESETS, Checkpoint, Method, Output, SettledMethod, Time, check_petsc
 from ddmpi.scene.values import WHERE, History, Name, Number, Table, check_formulas, histories, settle, tables, varies
 from ddmpi.system.files import LONGEST, contact_files
@@ -41,7 +41,7 @@ class Scene(Table, frozen=True, kw_only=True):
         whole circumference
     body : elastic bodies
     rigid : partners of contacts without mesh, material and rank
-    contact : contacts of bodies with each other or with a rigid partner
+    contact : contacts of bodies with each other or with a rigid partner; left out, each body is solved alone
     history : factors over time by name, [history.NAME]
     time : load steps; left out, all loads act at once
     method : method and accuracy
@@ -55,7 +55,7 @@ class Scene(Table, frozen=True, kw_only=True):
     axisymmetric: bool = False
     body: Annotated[list[BodySpec], msgspec.Meta(min_length=1)]
     rigid: list[Rigid] = []
-    contact: list[ContactSpec]
+    contact: list[ContactSpec] = []
     history: dict[Name, History] = {}
     time: Time | None = None
     method: Method = Method()
@@ -64,8 +64,6 @@ class Scene(Table, frozen=True, kw_only=True):
     petsc: PETScOptions = {}
 
     def __post_init__(self) -> None:
-        if not self.contact:
-            raise ValueError('contact: a scene needs at least one contact; write [[contact]], bodies = ["…", "…"]')
         self._check_names()
         self._check_files()
         for key, table in tables(self):
@@ -166,7 +164,7 @@ class Scene(Table, frozen=True, kw_only=True):
 
     def _check_heat(self) -> None:
         """If materials expand, some body has a temperature; the others keep that of the state free of stress."""
-        expanding = [body.name for body in self.body if any(material.expansion for material in body.materials)]
+        expanding = [body.name for body in self.body if any(material.expansions.any() for material in body.materials)]
         if expanding and all(body.temperature is None for body in self.body):
             raise ValueError(f"body.{expanding[0]}.material.expansion: no body has a temperature, so nothing expands; "
                              "write temperature = 80.0 (K over the state free of stress) into a [[body]], or leave "
@@ -192,7 +190,8 @@ class Scene(Table, frozen=True, kw_only=True):
                              f'["{second}", "{first}"], on = ["{contact.on[-1]}"]')
         if second in rigid and len(contact.on) > 1:
             raise ValueError(f"{key}.on: {second!r} is rigid and has no boundary groups; write on = "
-                             f'["{contact.on[0]}"], the one of {first!r}')
+                             f'["{contact.on[0]}"], the one of {first!r}' + (
+                                 f", or on = [[{', '.join(contact.on)}]], both" * "".join(contact.on).isdigit()))
         if second in bodies and len(contact.on) < 2:
             raise ValueError(f"{key}.on: names a boundary group of {first!r}, and must name one of {second!r}, too; "
                              f'write on = ["{contact.on[0]}", "…"]')
@@ -225,11 +224,14 @@ class Scene(Table, frozen=True, kw_only=True):
         if not order:
             order = self._order_of_files(file_kind) if file_kind else 1
         bonded = {contact.bodies[1] for contact in self.contact if contact.kind == "bonded"}
-        return settle(self, Settled, method=method, dimension=dimension,
+        scene = settle(self, Settled, method=method, dimension=dimension,
                       body=[body.settled(order, dimension, self.axisymmetric) for body in self.body],
                       rigid=[rigid.settled(dimension, rigid.name in bonded) for rigid in self.rigid],
                       time=self.time.settled() if self.time else None,
                       contact=[settle(contact, SettledContact, name=contact.called) for contact in self.contact])
+        if self.output.derivatives:
+            refuse_underivable(scene.resolved())
+        return scene
 
     def _dimension(self, file_kind: FileKind | None) -> int:
         """Number of coordinates of all places and vectors. Raises ValueError if it differs within the scene."""
@@ -264,7 +266,7 @@ class Scene(Table, frozen=True, kw_only=True):
             if isinstance(rigid.moment, float | int):
                 yield 2, f"rigid.{rigid.name}.moment", "a moment in space has three components, [x, y, z]"
         for name in ("view", "cut"):
-            if getattr(self.output, name) is not None:
+            if getattr(self.output, name) not in (None, True, False):
                 yield 3, f"output.{name}", "only pictures of solids have a view and a cut; leave it out"
         if self.axisymmetric:
             yield 2, "axisymmetric", "axisymmetric bodies are drawn in the half-plane x >= 0"
@@ -273,6 +275,10 @@ class Scene(Table, frozen=True, kw_only=True):
             along = getattr(table, "along", "")  # of a profile
             if along == "arc":
                 yield 2, f"{key}.along", 'surfaces have no arc length; take a coordinate, such as along = "x"'
+            if isinstance(table, Traction) and table.moment is not None and self.axisymmetric:
+                yield 3, f"{key}.moment", what
+            elif isinstance(table, Traction) and isinstance(table.moment, float):
+                yield 2, f"{key}.moment", "in space a moment is [Mx, My, Mz]"
             if isinstance(table, Material):
                 yield from ((number, f"{key}.{name}", words) for number, name, words in table.of_one_dimension(
                     self.axisymmetric))

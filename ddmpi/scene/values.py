@@ -7,7 +7,7 @@ import functools
 import operator
 import warnings
 from collections.abc import Callable, Iterator, Mapping
-from typing import Annotated, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 import msgspec
 import numpy as np
@@ -33,8 +33,20 @@ Vector = Annotated[tuple[Number | Formula, ...], msgspec.Meta(min_length=2, max_
 Group = Annotated[str, msgspec.Meta(min_length=1)]
 """Name of a boundary group of a mesh."""
 
+if TYPE_CHECKING:
+    On = str  # once a table is made: `joined`
+else:
+    On = Group | Annotated[int, msgspec.Meta(ge=1)] | Annotated[
+        tuple[Group | Annotated[int, msgspec.Meta(ge=1)], ...], msgspec.Meta(min_length=1)]
+"""A group by name, a numbered curve or face of a drawing, or a list of these, which are one group together."""
+
 Name = Annotated[str, msgspec.Meta(min_length=1, max_length=100, pattern=r"^[^.=/\s\x00-\x1f\x7f]*\Z")]
 """Name of a body or contact; it is a part of keys (``--set body.NAME.key=value``) and of file names."""
+
+
+def joined(on: Any) -> str:
+    """The name of the group that a value of `On` means: "8+27" of [8, 27]. Meshes make it of its parts."""
+    return "+".join(map(str, on)) if isinstance(on, tuple) else str(on)
 
 
 class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

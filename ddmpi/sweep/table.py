@@ -123,12 +123,20 @@ def read_outcome(folder: Path) -> Outcome:
 def numbers(summary: dict) -> dict[str, float]:
     """The numbers of a summary that have columns, by their dotted names; those of a vector end with .x, .y, .z."""
     columns: dict[str, float] = {}
-    for name, value in flatten({name: summary.get(name) for name in (*RESULTS, *GROUPS)}):
+    derivatives = ((f"d {name} / d {key}", value) for key, entry in (summary.get("derivatives") or {}).items()
+                   for name, value in flatten(entry or {}) if name != "until")
+    for name, value in (*flatten({name: summary.get(name) for name in (*RESULTS, *GROUPS)}), *derivatives):
         if isinstance(value, list) and len(value) <= 3 and all(isinstance(entry, float) for entry in value):
-            columns |= {f"{name}.{axis}": entry for axis, entry in zip("xyz", value, strict=False)}
+            columns |= {_along(name, axis): entry for axis, entry in zip("xyz", value, strict=False)}
         elif type(value) in (int, float) and not name.startswith(LEVELS):
             columns[name] = value
     return columns
+
+
+def _along(name: str, axis: str) -> str:
+    """The column of a component: "force.x", "d force.x / d gap"."""
+    result, by, key = name.partition(" / d ")
+    return f"{result}.{axis}{by}{key}"
 
 
 def gather(folder: Path, cases: list[Case]) -> Path:

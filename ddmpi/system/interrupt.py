@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import os
 import pickle
+import re
 import select
 import signal
 import sys
@@ -83,7 +84,11 @@ PATIENCE = 0.2
 """Seconds between two checks for signals while another process works."""
 
 SILENT = 10.0
-"""Seconds of such work before the first message; the next ones follow after twice, four times as many, and so on."""
+"""Seconds of such work before the first message; the next ones follow after twice, four times as many, and so on. Works
+shorter than this count together."""
+
+_waited = [0.0]
+"""Seconds of such work since the last message."""
 
 OF_RANKS = ("OMPI_", "PMIX_", "PMI_", "PRTE_", "HYDRA_", "MPI_LOCAL")
 """Prefixes of the environment variables by which a launcher tells a process that it is a rank."""
@@ -91,7 +96,7 @@ OF_RANKS = ("OMPI_", "PMIX_", "PMI_", "PRTE_", "HYDRA_", "MPI_LOCAL")
 
 def apart(folder: Path, work: Callable[..., Any], *arguments: Any, doing: str = "") -> Any:
     """The result of `work`, a function of a module, in a new process with current folder and home `folder`. If it takes
-    long, the waiting rank prints what it is `doing` on standard error.
+    long, the waiting rank prints what it is `doing` on standard error, and the last line of what the process says.
 
     The process is no rank and must not use MPI. It ends with this one, or with a signal to this one. Not collective.
     Raises InterruptionError, any DdmpiError of `work`, and ChildProcessError, with the way in which the process ended,
@@ -109,12 +114,19 @@ def apart(folder: Path, work: Callable[..., Any], *arguments: Any, doing: str = 
             process_group=0) as child:
         assert child.stdout
         try:
-            begun, silent = time.monotonic(), SILENT
+            begun = seen = time.monotonic()
+            silent = SILENT
             while not select.select([child.stdout], [], [], PATIENCE)[0]:
                 check()
-                if doing and time.monotonic() - begun > silent:
-                    print(f"ddmpi: {doing}, for {silent:.0f} s so far", file=sys.stderr, flush=True)
-                    silent *= 2.0
+                seen, before = time.monotonic(), seen
+                _waited[0] += seen - before
+                if doing and _waited[0] > silent:
+                    # not by `said` itself, whose place in the file is the process's, too
+                    end = os.pread(said.fileno(), 1000, max(os.fstat(said.fileno()).st_size - 1000, 0)).strip()
+                    last = re.split(rb"[\r\n]+", end)[-1].decode(errors="replace").partition(": ")[2]
+                    print(f"ddmpi: {doing}, for {seen - begun:.0f} s so far" + f": {last.strip()}" * bool(last),
+                          file=sys.stderr, flush=True)
+                    _waited[0], silent = 0.0, max(silent, seen - begun)
             returned = child.stdout.read()
             code = child.wait()
         finally:
@@ -123,7 +135,9 @@ def apart(folder: Path, work: Callable[..., Any], *arguments: Any, doing: str = 
         check()
         if code or not returned:
             said.seek(0)
-            words = said.read().decode(errors="replace").strip().split("\n")[-1]
+            lines = [line for line in said.read().decode(errors="replace").strip().split("\n")
+                     if not line.startswith("Info ")]
+            words = lines[-1] if lines else ""
             how = f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
             raise ChildProcessError(": ".join(filter(None, (how, words))))
     answer = pickle.loads(returned)

@@ -7,7 +7,7 @@ from by_skfem import load_of, solve
 from skfem import LinearForm
 
 from ddmpi.body.elasticity import assemble
-from ddmpi.body.loads import nodal_loads, springs
+from ddmpi.body.loads import nodal_loads, resultants, springs
 from ddmpi.body.stiffness import sum_stiffness
 from ddmpi.errors import InputError
 from ddmpi.mesh.build import build_mesh
@@ -44,6 +44,31 @@ def ring(around: int, across: int, order: int) -> Mesh:
 def moment(mesh: Mesh, f: np.ndarray) -> float:
     """x F_y − y F_x about the origin (N m)."""
     return float(mesh.points[:, 0] @ f[:, 1] - mesh.points[:, 1] @ f[:, 0])
+
+
+# Moments
+
+
+@both_orders
+@pytest.mark.parametrize("place", [0.0, 30.0])
+def test_a_moment_is_spread_without_a_force(place, order):
+    """The nodal loads of a moment have this moment about any point and no resultant, on flat and curved groups; on the
+    end of a bar they are stresses in proportion to the distance from the middle."""
+    quarter = ring(6, 3, order)
+    quarter = Mesh(quarter.points + place, quarter.triangles, quarter.groups)
+    top = build_mesh(BodySpec(name="box", material=STEEL, mesh=MeshSpec(
+        shape="box", origin=(place, 0.0, -place), size=(3.0, 1.0, 2.0), divisions=(3, 2, 2), order=order)))
+    for mesh, on, given in (quarter, "outer", 5.0), (quarter, "start", -2.0), (top, "top", (1.0, -2.0, 3.0)):
+        load = Traction(on=on, moment=given)
+        f = nodal_loads(mesh, body(traction=[load]))
+        (total,) = resultants(mesh, [(on, f)]).values()
+        assert np.abs(total["force"]).max() <= 1e-12 * np.abs(f).sum()
+        assert total["moment"] == pytest.approx(np.array(given), abs=1e-11 * np.abs(f).sum() * (1.0 + place))
+        assert not f[np.setdiff1d(np.arange(len(f)), mesh.groups[on])].any()
+    # about y alone: σ_zz = −M x / I with I = 3³/12
+    bent = nodal_loads(top, body(traction=[Traction(on="top", moment=(0.0, 9.0, 0.0))]))
+    stress = nodal_loads(top, body(traction=[Traction(on="top", value=(0.0, 0.0, f"-4 * (x - {place + 1.5})"))]))
+    assert bent == pytest.approx(stress, abs=1e-11 * (1.0 + place))
 
 
 # Foundations

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from by_skfem import solve
 
+from ddmpi.body.elasticity import assemble
 from ddmpi.body.estimate import estimate_error
 from ddmpi.body.stress import Composite, components, energy_density, moduli_along, modulus_beside, stress, thermal
 from ddmpi.mesh.build import build_mesh
@@ -133,3 +134,47 @@ def test_the_modulus_at_a_contact_is_that_along_its_normal():
     both = modulus_beside(mesh, Composite([laminate("stress", 0.0), laminate("stress", 90.0)], number),
                           mesh.facets("left"))
     assert soft < both < stiff
+
+
+def test_axes_of_a_solid_turn_its_material():
+    """With axes about z a solid has the stiffness in the plane of one that `angle` turns; vectors need not be unit ones
+    or orthogonal, and the third axis follows from both."""
+    c, s = np.cos(np.radians(30.0)), np.sin(np.radians(30.0))
+    turned = laminate(None, axes=((2 * c, 2 * s, 0.0), (c - s, s + c, 0.0)))
+    assert turned.tensor(3)[:2, :2, :2, :2] == pytest.approx(laminate("strain", 30.0).tensor(2), rel=1e-12)
+    assert turned.rotation == pytest.approx(np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]))
+    stood = laminate(None, axes=((0.0, 0.0, 1.0), (1.0, 0.0, 0.0)))
+    assert moduli_along(stood, np.array([[0.0, 0.0, 1.0]])) == pytest.approx(
+        moduli_along(laminate(None), np.array([[1.0, 0.0, 0.0]])))
+    with pytest.raises(ValueError, match="axes: both are parallel or zero"):
+        laminate(None, axes=((1.0, 0.0, 0.0), (-2.0, 0.0, 0.0)))
+    with pytest.raises(ValueError, match="axes: an isotropic material has no axes"):
+        Material(young=1.0, poisson=0.3, axes=((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)))
+
+
+@both_orders
+@pytest.mark.parametrize(("plane", "turn"), [
+    ("stress", {"angle": 30.0}), ("strain", {"angle": -50.0}), (None, {"axes": ((1.0, 2.0, 0.5), (0.0, 1.0, 1.0))})])
+def test_expansion_along_each_axis(plane, turn, order):
+    """A free body grows along the axes of its material by their coefficients, without stress but that across the plane,
+    and keeps the energy of that."""
+    d, T, alpha = 2 if plane else 3, 80.0, (1e-6, 3e-5, 2e-5)
+    material = laminate(plane, expansion=alpha, **turn)
+    mesh, spec = strip(d, order, material=material, temperature=T)
+    problem, u = assemble(mesh, spec), solve(mesh, spec)
+    R, S = material.rotation, material.compliance
+    growth = T * R @ np.diag(alpha) @ R.T
+    across = -E[2] * alpha[2] * T * (plane == "strain")
+    growth = (growth + S[:, :, 2, 2] * across)[:d, :d]
+    moved = mesh.points - mesh.points[0]
+    strain = np.linalg.lstsq(moved, u - u[0], rcond=None)[0]
+    assert (strain + strain.T) / 2 == pytest.approx(growth, abs=1e-10 * np.abs(growth).max())
+    sigma = stress(mesh, material, u, problem.acting.heated)
+    expected = np.zeros_like(sigma)
+    expected[:, 2] = across
+    assert np.abs(sigma - expected).max() <= 1e-9 * max(E) * max(alpha) * T
+    error = estimate_error(mesh, material, u, problem.acting.heated)
+    least = 1e-14 * max(E) * (max(alpha) * T) ** 2 * error.area
+    assert error.energy == pytest.approx(across**2 / E[2] * error.area, rel=1e-9, abs=least)
+    with pytest.raises(ValueError, match="expansion: an isotropic material has no axes; write expansion = α"):
+        Material(young=1.0, poisson=0.3, expansion=alpha)

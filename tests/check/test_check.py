@@ -14,6 +14,7 @@ from ddmpi.check.check import check
 from ddmpi.check.nearby import NEAR, Missing
 from ddmpi.coupling.assembly import prepare
 from ddmpi.errors import InputError, InterruptionError, NotConvergedError
+from ddmpi.mesh.read import gmsh_session
 from ddmpi.scene.reader import read_scene
 
 
@@ -175,6 +176,68 @@ def test_clamps_along_normals_and_heat_are_told(looked_at):
     for words in ("fixed along its normal on left", "fixed along y, moved along its normal on right",
                   "temperature 20 + 10 * x"):
         assert words in text
+
+
+def drawn_parts(tmp_path) -> dict:
+    """A tube on a pin on a block, from one file: the faces of pin and tube are halves, as CAD programs draw them."""
+    with gmsh_session() as gmsh:
+        gmsh.option.setNumber("Geometry.OCCUnionUnify", 0)
+        cad = gmsh.model.occ
+        block = cad.addBox(-2, -2, -1, 4, 4, 1)
+        pin = [cad.addCylinder(0, 0, 0, 0, 0, 2, 0.5, angle=np.pi) for _ in range(2)]
+        tube = [cad.addCylinder(0, 0, 0, 0, 0, 1, r, angle=np.pi) for r in (1.0, 0.5, 1.0, 0.5)]
+        cad.rotate([(3, pin[1]), (3, tube[2]), (3, tube[3])], 0, 0, 0, 0, 0, 1, np.pi)
+        rings = [cad.cut([(3, tube[k])], [(3, tube[k + 1])])[0][0] for k in (0, 2)]
+        cad.fuse([(3, pin[0])], [(3, pin[1])])
+        cad.fuse([rings[0]], [rings[1]])
+        cad.synchronize()
+        gmsh.write(str(tmp_path / "all.step"))
+    bodies = [{"name": name, "mesh": {"geometry": "all.step", "part": k, "size": 1.0, "contact_size": 0.5},
+               "material": {"young": 1.0, "poisson": 0.3}} | ({"clamp": [1]} if k == block else {})
+              for k, name in enumerate(("block", "pin", "tube"), 1)]
+    return {"body": bodies, "rigid": [{"name": "wall", "shape": "plane", "point": [0, 0, -1], "normal": [0, 0, 1]}],
+            "contact": [{"bodies": ["block", "wall"], "on": [[5]]}]}
+
+
+def test_numbered_faces_are_told_and_proposed(looked_at, tmp_path):
+    """Faces of a drawing without names: number, kind and size; those of one contact are proposed together, as lines
+    that can be pasted as they are."""
+    text = looked_at(drawn_parts(tmp_path))
+    for words in (r"\n    5: plane, normal -z, 16 m², about \(0, 0, -1\)\n", r"\n    \d+: cylinder, r 1, 3.142 m²",
+                  r"\n    \d+: cylinder, r 0.5, hollow, 1.571 m²", r"; groups by number\n"):
+        assert re.search(words, text), words
+    lines = text[text.index("# block and pin"):]
+    assert len(tomllib.loads(lines.partition("\nbody.")[0])["contact"]) == 3
+    new = proposed(lines)
+    assert [each["bodies"] for each in new] == [["block", "pin"], ["block", "tube"], ["pin", "tube"]]
+    faces = [[on if isinstance(on, list) else [on] for on in each["on"]] for each in new]
+    assert [[len(on) for on in pair] for pair in faces] == [[1, 2], [1, 2], [2, 2]]
+    scene = drawn_parts(tmp_path)
+    assert not proposed(looked_at(scene | {"contact": scene["contact"] + new}))
+
+
+def test_contacts_are_proposed_for_loose_bodies_without_any(looked_at, tmp_path):
+    """The first look at an assembly: no contact yet, and nothing is clamped."""
+    scene = drawn_parts(tmp_path)
+    scene = {"body": [body | {"clamp": [], "volume_force": [0.0, 0.0, 0.0]} for body in scene["body"]]}
+    text = looked_at(scene)
+    assert len(proposed(text)) == 3 and text.count("it can move freely, whatever touches") == 3
+
+
+def test_numbered_faces_are_drawn(looked_at, tmp_path):
+    """Each body with numbered faces from both sides, with the number of each face in one of the pictures, or a word
+    that it is not seen; solids are seen from behind as from the front."""
+    image = pytest.importorskip("matplotlib.image")
+    scene = drawn_parts(tmp_path)
+    looked_at(scene | {"body": scene["body"][:1]}, "out")
+    names = {path.name for path in (tmp_path / "out").iterdir()}
+    assert names >= {"bodies.png", "bodies_behind.png", "faces_block.png", "faces_block_behind.png"}
+    drawn = {name: image.imread(tmp_path / "out" / name)[..., :3] for name in names}
+    for name in names - {"contacts.png"}:
+        assert (drawn[name].min(axis=2) < 0.9).mean() > 0.1, name
+    # the clamped face x = -2 is on the left, so its marks are seen from behind alone: a green that nothing else has
+    green = {name: (np.abs(drawn[name] - [0.12, 0.435, 0.29]).max(axis=2) < 0.05).sum() for name in names}
+    assert green["bodies_behind.png"] > 2 * green["bodies.png"]
 
 
 @pytest.mark.slow

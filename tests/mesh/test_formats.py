@@ -488,6 +488,60 @@ def test_input_of_an_assembly(tmp_path):
     assert np.all(mesh.points[mesh.groups["Top"], 2] == 2.0)
 
 
+@pytest.mark.parametrize("form", ["msh 2.2", "binary msh 4.1", "med", "vtu", "inp", "inp by gmsh"])
+@pytest.mark.parametrize("cells, order", [("quad", 1), ("triangle", 2), ("tetra", 2), ("hexahedron", 1)])
+def test_a_part_of_a_file(tmp_path, form, cells, order):
+    """A body may be a part of a file: its cells, and of all groups what is on its boundary."""
+    path, d = write_ring(tmp_path, cells, order, form), DIMENSION[cells]
+    def called(*names: str) -> set[str]:
+        return {NUMBERS[name] if form == "vtu" else name for name in names}
+
+    whole, (inner, middle, outer), close = read_mesh(path, "ring", order), RADII, {1: 2e-2, 2: 3e-4}[order]
+    for name, own, ends in (("soft", (inner, middle), set()), ("hard", (middle, outer), called("outer"))):
+        (part,), (low,), area = called(name), called("bottom"), np.pi / 4 * (own[1]**2 - own[0]**2)
+        mesh = build_mesh(BodySpec(name="ring", mesh=MeshSpec(file=str(path), part=part, order=order), clamp=[low],
+                                   material=Material(young=1.0, poisson=0.3)))
+        check(mesh)
+        assert mesh.measures().sum() == pytest.approx(area * (HEIGHT if d == 3 else 1.0), rel=close)
+        assert called("outer", "bottom", "around") & set(mesh.groups) == (
+            ends | called("bottom", "around")) & set(whole.groups)
+        assert facet_measures(mesh.points[mesh.groups[low]]).sum() == pytest.approx(
+            area if d == 3 else own[1] - own[0], rel=close)
+        assert file_kind(path, "ring", part) == (d, order)
+    assert mesh.cut == (0 if cells in ("triangle", "tetra") else whole.cut // 2)
+    with pytest.raises(InputError, match=r"ring.*: .* has no part 'sof'.*parts with .*: "):
+        read_mesh(path, "ring", order, part="sof")
+
+
+def test_parts_of_an_assembly(tmp_path):
+    """A part of an assembly is named by its instance, or by itself where it stands there once; another type of elements
+    in another part does not matter, and sets of elements are parts as well."""
+    path = tmp_path / "Job-2.inp"
+    path.write_text(CAE.replace("*End Instance", "*End Instance\n*Instance, name=Block-2, part=Block\n0., 7., 0.\n"
+                                "*End Instance\n*Elset, elset=both, instance=Block-1\n1\n*Elset, elset=both, "
+                                "instance=Block-2\n2", 1))
+    with pytest.raises(InputError, match=r'several parts; name the one of this body by part = "Block-1" or "Block-2"'):
+        read_mesh(path, "block")
+    with pytest.raises(InputError, match=r'Block stands in it 2 times; name the instance by part = "Block-1" or "Blo'):
+        read_mesh(path, "block", part="Block")
+    first, second = (read_mesh(path, "block", part=name) for name in ("block-1", "Block-2"))
+    assert sorted(first.groups) == ["Corners", "Fixed end", "Side", "Top", "Whole"]
+    assert sorted(second.groups) == ["Whole"] and set(second.surfaces) == {"Block-2", "Lower", "Upper", "both"}
+    assert second.points.max(axis=0) == pytest.approx([1.0, 8.0, 2.0])
+    half = read_mesh(path, "block", part="Block-2.Upper")
+    assert half.measures().sum() == pytest.approx(1.0) and half.points[:, 2].min() == 1.0
+    path.write_text(CAE)
+    assert read_mesh(path, "block", part="BLOCK").measures().sum() == pytest.approx(2.0)
+    with pytest.raises(InputError, match=r"has no part 'Blok' \(parts with .*: Lower, Upper\)"):
+        read_mesh(path, "block", part="Blok")
+
+
+def test_part_belongs_to_a_file():
+    """A part of a shape is refused."""
+    with pytest.raises(ValueError, match="part belongs to a geometry or a file, not to shape"):
+        MeshSpec(shape="rectangle", size=(1, 1), divisions=(1, 1), part="a")
+
+
 FACES = {
     "C3D4": ([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [0.5, 0.5, 3**0.5 / 2, 0.5]),
     "C3D6": ([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 2], [1, 0, 2], [0, 1, 2]], [0.5, 0.5, 2.0, 8**0.5, 2.0]),
@@ -534,12 +588,12 @@ def square(**data) -> meshio.Mesh:
 @pytest.mark.parametrize(("more", "words"), [
     ("*ELEMENT, TYPE=C3D4\n9, 1, 2, 3, 4", "has tetrahedra without volume"),
     ("*ELEMENT, TYPE=CPS3\n9, 1, 2, 77", "that can be read: an element has node 77, which is not there"),
-    ("*ELEMENT, TYPE=CPS3\n9, 1, 2", "that can be read: cannot reshape"),
+    ("*ELEMENT, TYPE=CPS3\n9, 1, 2", "*ELEMENT has 3 numbers, and CPS3 takes 4 each; is the file cut off?"),
     ("*ELEMENT, TYPE=UNKNOWN\n9, 1, 2, 3", "that can be read: the element type UNKNOWN is not known"),
     ("*ELEMENT\n9, 1, 2, 3", "that can be read (KeyError 'TYPE')"),
     ("*ELGEN\n9, 1, 2, 3", "that can be read: *ELGEN is not supported; write all nodes and elements"),
-    ("*PART, NAME=one\n*END PART\n*PART, NAME=two", "it has several parts; each body needs a file of its own"),
-    ("*INSTANCE, NAME=one\n*END INSTANCE\n*INSTANCE, NAME=two", "it has several instances"),
+    ("*PART, NAME=one\n*END PART\n*PART, NAME=two", 'several parts; name the one of this body by part = "one" or'),
+    ("*INSTANCE, NAME=one\n*END INSTANCE\n*INSTANCE, NAME=two", "it has several parts"),
     ("*NSET, NSET=a\nb\n*NSET, NSET=b\na", "the set a contains itself"), ("*ELSET, ELSET=a\nb", "there is no set b"),
     ("*NSET, NSET=a, GENERATE\n1, 999999999999", "the set a has more than 100000000 members"),
     ("*SURFACE, NAME=rim\nvolume", "the surface rim has no face of a triangle; these are S1 to S3"),

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from ddmpi.results.fields import MANY, contact_fields, write_fields, write_surface, write_xdmf
+from ddmpi.results.fields import MANY, contact_fields, table_fields, write_fields, write_surface, write_xdmf
 from ddmpi.results.tables import STATUS
 from ddmpi.system.files import write_rows
 
@@ -78,7 +78,7 @@ def test_ranks_write_their_contacts_as_one_does(comm, tmp_path, times):
         world.Barrier()
         mine = {k: bodies[k] for k in bodies if world.size == 1 or k == comm.rank}
         surfaces = {name: contact_fields(states[name]) for name in own}
-        places = write_fields(folder, mine, surfaces, world)
+        places = write_fields(folder, mine, surfaces, world, tables={name: table_fields(states[name]) for name in own})
         for step in range(len(times) - 1):
             write_fields(folder, mine, surfaces, world, step)
         if world.rank == 0:
@@ -91,7 +91,7 @@ def test_ranks_write_their_contacts_as_one_does(comm, tmp_path, times):
                            for key, data in group.items()}))
         world.Barrier()
     np.testing.assert_equal(found[0], found[1])
-    assert len(found[0][1]) == 2 * len(states) and list(found[0][0]) == [*meshes, *states]
+    assert len(found[0][1]) == 3 * len(states) and list(found[0][0]) == [*meshes, *states]
 
 
 @pytest.mark.parametrize("order", [1, 2])
@@ -141,7 +141,7 @@ def test_contacts_in_pieces_and_of_one_node():
     for contact, nodes, joined in ((flat, [3, 4, 7, 8, 9], [[0, 1], [2, 3], [3, 4]]), (flat, [5], [[0, 0]]),
                                    (closed, list(range(24)), [[k, (k + 1) % 24] for k in range(24)])):
         lines = contact.lines.only(np.isin(np.arange(contact.m), nodes))
-        assert contact_fields(made_up.state(replace(contact, lines=lines)))["cells"].tolist() == joined
+        assert table_fields(made_up.state(replace(contact, lines=lines)))["facets"].tolist() == joined
 
 
 def test_very_many_grids_have_no_names(tmp_path):
@@ -157,8 +157,11 @@ def test_a_contact_of_which_no_facet_is_drawn_is_written(tmp_path):
     contact = made_up.interface("upper-lower", upper, lower, ("bottom", "top"))
     lines = replace(contact.lines, row=np.zeros(2, int), xy=contact.xy[:2], area=np.array([1.0, 1e-3]),
                     facets=np.array([[0, 1]]))
-    bare, whole = (contact_fields(made_up.state(each)) for each in (replace(contact, lines=lines), contact))
-    places = write_fields(tmp_path, {0: made_up.fields(upper)}, {"bare": bare, "whole": whole})
+    none = replace(contact.outline, xy=contact.xy[:2], cells=np.empty((0, 2), int), shares=contact.outline.shares[:2])
+    states = {"bare": made_up.state(replace(contact, lines=lines, outline=none)), "whole": made_up.state(contact)}
+    bare, whole = map(contact_fields, states.values())
+    places = write_fields(tmp_path, {0: made_up.fields(upper)}, {"bare": bare, "whole": whole},
+                          tables={name: table_fields(each) for name, each in states.items()})
     assert places["bare"].tolist() == [[0, 0], [2, 0]] and places["whole"][0].tolist() == [2, 0]
     with h5py.File(tmp_path / "result.h5") as file:
         assert np.array_equal(file["surfaces/cells"], whole["cells"] + 2) and len(file["contacts/bare/facets"]) == 0

@@ -182,7 +182,6 @@ REFUSED = [
     (["body.upper.mesh.order=2", "body.lower.mesh.order=1"], "bodies have mesh.order 1 and 2|give all bodies the same"),
     ("body.upper.mesh.order=3", "body.upper.mesh.order: 3 is not valid; expected one of 1, 2"),
     ("body.upper.material.plane=stress", "'upper' is in plane stress and 'lower' in plane strain; they cannot touch"),
-    ("contact=[]", "contact: a scene needs at least one contact; write [[contact]], bodies = "),
     ("body.lower.mesh.shape=rectangle", "body.lower.mesh: a mesh is either|rectangle|file"),
     ("body.lower.mesh={}", "body.lower.mesh: a mesh is either|rectangle|file"),
     ("body.lower.mesh.size=[1,1]", "body.lower.mesh: size belongs to shape = |not to a file"),
@@ -482,7 +481,7 @@ def test_resolved_scene_has_all_defaults():
     assert (method["theta"], method["tolerance"], method["max_iterations"]) == (0.25, 1e-4, 500)
     assert data["contact"][0]["friction"] == {"law": "coulomb", "coefficient": 0.3}
     assert data["body"][0]["material"] == {"young": 2e11, "poisson": 0.3, "plane": "strain",
-                                           "shear": None, "angle": None, "expansion": None}
+                                           "shear": None, "angle": None, "axes": None, "expansion": None}
     assert data["body"][1]["traction"] == []
     assert data["contact"][0]["name"] == "upper-lower"
     assert [body["mesh"]["order"] for body in data["body"]] == [1, 1]
@@ -508,21 +507,21 @@ def test_elements_have_the_order_of_the_files():
 
 
 OPTIONAL = {
-    "SettledMesh": {"shape", "origin", "size", "corners", "center", "radii", "angles", "divisions", "file", "geometry",
-                    "contact_size"},  # one of shape, file and geometry
+    "SettledMesh": {"shape", "origin", "size", "corners", "center", "radius", "radii", "axis", "height", "angles",
+                    "divisions", "file", "geometry", "part", "contact_size"},  # one of shape, file and geometry
     "SettledContact": {"gap", "pairing", "slave", "pretension"},  # measured, chosen; none
-    "Material": {"plane", "expansion", "shear", "angle"},  # solids have none; isotropic
-    "PartMaterial": {"on", "plane", "expansion", "shear", "angle"},  # what the others leave
+    "Material": {"plane", "expansion", "shear", "angle", "axes"},  # solids have none; isotropic
+    "PartMaterial": {"on", "plane", "expansion", "shear", "angle", "axes"},  # what the others leave
     "SettledBody": {"temperature"}, "Heat": {"history"},  # none; constant in time
     "Clamp": {"x", "y", "z", "normal", "history"},  # free; constant in time
-    "Traction": {"value", "pressure", "force", "history"},  # one of them
+    "Traction": {"value", "pressure", "force", "moment", "history"},  # one of them
     "VolumeForce": {"value", "history", "constant", "x_slope", "y_slope", "z_slope"},
     "Gap": {"value", "history"}, "Pretension": {"history"},  # a profile; given throughout
     "AffineVector": {"constant", "x_slope", "y_slope", "z_slope"},  # zero
     **{shape: {"displacement", "force", "free", "moment", "pivot", "history"}
        for shape in ("Plane", "Circle", "Sphere", "Cylinder")},  # at rest
     "Settled": {"time"}, "Time": {"steps", "tolerance"},  # one load step; the one or the other
-    "Output": {"magnification", "view", "cut"},  # chosen by the picture
+    "Output": {"only", "magnification", "view", "cut"},  # chosen by the picture
     "Cut": {"x", "y", "z"},  # one of them
     "SettledMethod": {"algorithm", "splitting", "theta", "target_error", "preset", "compliance"},
     "Published": {"target_error", "preset", "compliance"},

@@ -265,11 +265,12 @@ def test_gaps_that_close_within_the_first_step_do_not_agree_by_accident():
 
 
 def test_a_later_step_of_a_leg_begins_where_the_one_before_leads():
-    """Under loads that grow in proportion all load steps but the first take one step of Newton's method."""
+    """Under loads that grow in proportion all load steps but the first take one step of Newton's method, others as many
+    as the status of nodes changes: one or two."""
     answer = certified(sheared_blocks(steps=8))
     pressed, *others = np.array([step["outer_iterations"] for step in answer.summary["steps"]]).reshape(3, 8).tolist()
     assert pressed[0] > 1 and pressed[1:] == [1] * 7
-    assert all(max(leg) <= leg[0] + 1 and sum(leg[1:]) < 7 * leg[0] for leg in others)
+    assert all(max(leg) <= 2 and sum(leg[1:]) <= 9 for leg in others)
 
 
 def noted_marches(monkeypatch):

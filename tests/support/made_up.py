@@ -17,7 +17,7 @@ from ddmpi.judge.certificate import Certificate, ContactResiduals
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import raise_order
 from ddmpi.mesh.shapes import generate_rectangle
-from ddmpi.results.fields import Fields, contact_fields, write_fields, write_xdmf
+from ddmpi.results.fields import Fields, contact_fields, table_fields, write_fields, write_xdmf
 from ddmpi.results.summary import rigid_partners, summarize, write_summary
 from ddmpi.results.tables import (
     HISTORY,
@@ -157,7 +157,8 @@ def write_results(folder: Path, scene: dict, bodies: dict, parts: Mapping[str, F
     states = marched[-1]
     summary = summarize(scene, run(states, **changes), bodies, totals(states), certificate(states, parts))
     places = write_fields(folder, dict(enumerate(parts.values())),
-                          {name: contact_fields(each) for name, each in states.items()})
+                          {name: contact_fields(each) for name, each in states.items()},
+                          tables={name: table_fields(each) for name, each in states.items()})
     write_xdmf(folder, times, {name: places[number] for number, name in enumerate(parts)},
                {name: places[name] for name in states})
     for name, each in states.items():

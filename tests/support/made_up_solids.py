@@ -19,6 +19,7 @@ from ddmpi.mesh.refine import raise_order
 from ddmpi.results.fields import Fields, contact_fields, write_fields
 from ddmpi.results.tables import ENERGY, leg_values, write_table
 from ddmpi.scene.contacts import NoFriction
+from ddmpi.surface.outline import Outline
 
 
 def box(origin=(0.0, 0.0, 0.0), size=(3.0, 1.0, 1.0), divisions=(12, 4, 4), order=1) -> Mesh:
@@ -65,7 +66,8 @@ def interface(name: str, mesh: Mesh, group: str, friction=made_up.COULOMB, kind=
                      nodes=(nodes, np.empty(0, int)), transfer=(sparse.identity(m, format="csr"),) * 2, law=law,
                      modulus=1e11, facets=facets, laplacian=sparse.csr_matrix((m, m)),
                      one_sided=np.zeros(law.size, bool), displacement=np.zeros(3),
-                     lines=Lines(np.arange(m), xy, area, facets))
+                     lines=Lines(np.arange(m), xy, area, facets),
+                     outline=Outline(xy, facets, sparse.identity(m, format="csr")))
 
 
 def state(interface: Interface, pressure: float = 5e7, factor: float = 1.0) -> ContactState:

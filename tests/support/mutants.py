@@ -25,10 +25,13 @@ SKFEM = "body/test_elasticity.py::test_stiffness_is_that_of_skfem"
 RANDOM = "published/test_mprgp.py::test_random_programs"
 LAW, SIDES, LEGS = "interface/test_law.py", "interface/test_interface.py", "coupling/test_exchange.py"
 UNLOADED = "scenes/test_load_steps.py::test_what_is_unloaded_is_zero"
+DENSE = "methods/test_dense.py"
+LEAN = "scenes/test_lean_steps.py"
 ADAPTIVE = "scenes/test_load_steps.py::test_adaptive_steps_go_on_from_wherever_they_were"
 AT_FIRST = "scenes/test_load_steps.py::test_a_load_that_nothing_holds_at_first_is_named_though_it_is_held_at_last"
 DISSIPATED = "interface/test_state.py"
 MEMBER, MORTAR, ARC = "coupling/test_member.py", "interface/test_mortar.py", "interface/test_profiles.py"
+PARTS, NUMBERED = "mesh/test_parts.py", "check/test_check.py::test_numbered_faces_are_told_and_proposed"
 ANSWER, NODES = "run/test_answer.py", f"{CERTIFICATE}::test_the_state_of_the_nodes"
 GUIDED, TURNED, BOLTS = (f"scenes/test_{name}.py" for name in ("guided", "turning_partners", "bolts"))
 
@@ -89,6 +92,12 @@ MUTANTS = [Mutant(*row) for row in (
     ("an unknown key has no name", "scene/keys", "[*named, found[2]]", "[*named, found[3]]",
      "scene/test_scene.py::test_refusal_names_file_key_and_remedy"),
     # mesh
+    ("a part has all elements", "mesh/read", "own = np.isin(element, _members(raw, d, part, label))",
+     "own = np.isin(element, element)", "mesh/test_formats.py::test_a_part_of_a_file"),
+    ("a part has the groups of others", "mesh/boundary", "parts, element = parts[own], element[own]", "pass",
+     "mesh/test_formats.py::test_a_part_of_a_file"),
+    ("a part of an assembly is not moved", "decks/deck", "points[own] += [*row", "points[own] -= [*row",
+     "mesh/test_formats.py::test_parts_of_an_assembly"),
     ("clockwise triangles stay", "mesh/read", "cells[turned] = cells[turned][:, swap]", "pass",
      "mesh/test_mesh.py::test_clockwise_triangles_are_turned"),
     ("curved sides are straightened", "mesh/refine", "off = CELLS[1, 2]", "off = 0.0 * CELLS[1, 2]",
@@ -109,6 +118,24 @@ MUTANTS = [Mutant(*row) for row in (
      "self.inverse.transpose(0, 2, 1, 3)", "body/test_curved_bodies.py::test_linear_displacement_is_exact"),
     ("folded triangles are accepted", "mesh/mesh", "if (least <= 0.0).any():", "if (least <= -9.0).any():",
      "mesh/test_curved_meshes.py::test_folded_triangle_is_refused"),
+    ("a part is meshed with all others", "mesh/boundary",
+     "gmsh.model.removeEntities([(d, tag) for tag in names if tag != meant[0]], recursive=True)", "pass",
+     f"{PARTS}::test_a_part_of_an_assembly_by_name_and_number"),
+    ("a part forgets its groups", "mesh/boundary", "gmsh.model.addPhysicalGroup(k, tags, group, name)", "pass",
+     f"{PARTS}::test_parts_of_a_script"),
+    ("of several faces together one is taken", "mesh/boundary", "[kind[part] for part in parts if part in kind]",
+     "[kind[part] for part in parts[:1] if part in kind]",
+     f"{PARTS}::test_numbered_faces_are_groups_of_clamps_loads_and_contacts"),
+    ("an edge is a whole face", "mesh/boundary", "functools.reduce(np.intersect1d, nodes)", "nodes[0]",
+     f"{PARTS}::test_edges_and_corners_of_any_body_may_be_clamped"),
+    ("contacts are fine where a scene wants them coarse", "mesh/geometry", "near = np.setdiff1d(near, along)",
+     "near = near", f"{PARTS}::test_sizes_by_group"),
+    ("the bore of a tube is its outside", "mesh/shapes", '"inner" if inner', '"outer" if inner',
+     f"{PARTS}::test_balls_and_cylinders_have_their_volume_and_groups"),
+    ("a moment has a resultant", "body/loads", "first - share * (first.sum(axis=0) / share[:, 0].sum())", "first",
+     "body/test_loads.py::test_a_moment_is_spread_without_a_force"),
+    ("expansion along x, y and z, whatever the axes", "scene/bodies", "return R @ np.diag(", "return np.diag(",
+     "body/test_orthotropic.py::test_expansion_along_each_axis"),
     ("groups of solids without names are not seen", "mesh/read", "gmsh.model.getEntities(3) else 1",
      "gmsh.model.getEntities(4) else 1", "mesh/test_geometry.py::test_groups_without_names"),
     ("drawings are of order 0", "mesh/build", "geometry_dimension(path, name), 1", "geometry_dimension(path, name), 0",
@@ -314,9 +341,10 @@ MUTANTS = [Mutant(*row) for row in (
      f"{GUIDED}::test_clamps_that_contradict_a_guide"),
     ("a turn moves no place", "system/numbers", "moved + crossed(self.turn[None], points - self.pivot)", "moved + 0.0",
      f"{TURNED}::test_a_lever_presses_as_its_moment_says"),
-    ("a pivot has the force of the middle", "coupling/coarse", "(moment + shifts @ force) / sizes", "moment / sizes",
+    ("a pivot has the force of the middle", "coupling/coarse", "(moment + self.shifts @ force) / self.sizes",
+     "moment / self.sizes",
      f"{TURNED}::test_a_remote_force"),
-    ("a turn forgets how it is shifted", "coupling/coarse", "along @ self.axes + turn @ self.shifts",
+    ("a turn forgets how it is shifted", "coupling/coarse", "along @ self.axes + (turn / self.sizes) @ self.shifts",
      "along @ self.axes", f"{TURNED}::test_a_remote_moment_bends_a_cantilever"),
     ("turns are taken about the pivot", "coupling/coarse", "-crossed(turn[None], arm) @ axes.T @ axes",
      "0.0 * crossed(turn[None], arm)", f"{TURNED}::test_a_remote_moment_bends_a_cantilever"),
@@ -514,7 +542,7 @@ MUTANTS = [Mutant(*row) for row in (
     ("nobody is told that there are no pictures", "run/report", '("pictures (not asked for)", not figures)',
      '("pictures (not asked for)", False)',
      "run/test_report.py::test_what_is_printed_has_units_and_says_how_bodies_are_held"),
-    ("rounding of an unloaded body is a result", "run/solve", "np.abs(u).max() <= moved", "False", UNLOADED),
+    ("rounding of an unloaded body is a result", "run/equilibrium", "np.abs(u).max() <= moved", "False", UNLOADED),
     ("the certificate of a history is that of its last step", "run/steps",
      "certificate=worst.told(self.assembly.world))", "certificate=solution.certificate)", UNLOADED),
     ("the largest forces forgotten at a restart", "run/steps", '"_largest", "_given"', '"_given"', ADAPTIVE),
@@ -528,6 +556,16 @@ MUTANTS = [Mutant(*row) for row in (
     ("the last change forgotten at a restart", "run/steps", '"_coarse", "_changed"', '"_coarse"', ADAPTIVE),
     ("slip bounds of the step before forgotten", "run/steps", "(start, self._now.s, self", "(start, 0.0 * start, self",
      "scenes/test_load_steps.py::test_a_proportional_load_dissipates_the_same_in_any_number_of_steps"),
+    ("a direct direction forgets that friction follows pressure", "methods/dense", "C + (F.T @ C).T", "C",
+     f"{DENSE}::test_a_direct_direction_solves_its_equations"),
+    ("what steers a direct direction biases it", "methods/dense", "found += dgetrs", "dgetrs",
+     f"{DENSE}::test_a_direct_direction_solves_its_equations"),
+    ("slender bodies are left to GMRES", "methods/newton", "self.direct.long |= iterations > LONG", "pass",
+     f"{DENSE}::test_needles_side_by_side_take_few_steps"),
+    ("energies of lean steps take clamps and heat for loads", "coupling/member", "work[0] -= self._pushed @ s",
+     "work[0] -= self._along @ s", f"{LEAN}::test_steps_without_displacements_are_those_with_them"),
+    ("what a lean certificate doubts is believed", "run/solve", "if solution is None or not solution.certified:",
+     "if solution is None:", f"{LEAN}::test_what_a_lean_certificate_doubts_is_judged_by_displacements"),
     ("sign of the reactions", "body/elasticity", "u, clamped) - given[clamped]",
      "u, clamped) + given[clamped]",
      "body/test_normal_clamps.py::test_a_turned_body_on_symmetry_planes_is_its_twin"),
@@ -550,6 +588,10 @@ MUTANTS = [Mutant(*row) for row in (
     ("uncertified cases are called certified", "sweep/table", '"exit": 0 if summary["converged"] else 3', '"exit": 0',
      "sweep/test_sweep.py::test_failing_cases_do_not_stop_the_others"),
     # check, cli
+    ("a bore is a shaft", "check/faces", "@ measures < 0.0", "@ measures > 0.0", NUMBERED),
+    ("the halves of a bore are two contacts", "check/nearby", "(any(same) or all(smooth))", "any(same)", NUMBERED),
+    ("solids from behind are seen from the front", "check/drawing", "    if behind:\n", "    if not behind:\n",
+     "check/test_check.py::test_numbered_faces_are_drawn"),
     ("contacts are proposed where nothing is near", "check/nearby", "distance_to(middle[some], body.at)[1]",
      "distance_to(middle[some], body.at)[0]", "check/test_check.py::test_contacts_that_are_missing_are_proposed"),
     ("numbers of a law are not said", "cli/report", "if not numbers:", "if numbers:",

@@ -1,0 +1,223 @@
+"""What a deck says of meshes: nodes, elements, sets and surfaces, of all parts or of one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import numpy as np
+
+from ddmpi.decks.cards import Card, flattened
+from ddmpi.decks.cells import SHAPELESS, element, face
+
+GENERATING = ("NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "SYSTEM")
+"""Keywords that make nodes or elements from others, or move them; they are not read."""
+
+MOST = 10**8
+"""Largest number of members of a generated set."""
+
+STRIDE = 10**12
+"""Numbers of nodes and elements of the k-th instance are raised by k times this, as each counts for itself."""
+
+Entry = int | tuple[str, str]
+"""A member of a set: a number, or the name of another set and the instance in which it is looked up first."""
+
+
+class Deck:
+    """Nodes, elements, sets and surfaces of an Abaqus or CalculiX deck.
+
+    Parts stand in an assembly, moved or turned. Internal sets are no groups. Names are alike whatever their case. Any
+    method may raise ValueError with the reason, OSError, and KeyError, IndexError or OverflowError where parameters or
+    numbers are none.
+
+    Attributes
+    ----------
+    cards : all keywords, those of parts once for each instance
+    points : coordinates (m) by number
+    blocks : meshio's name of elements, their numbers and nodes (k, 1 + n), and the keyword
+    odd : keywords of elements that have no shape, or whose type is not known
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.cards, instances = flattened(path)
+        if len(instances) == 1 and not instances[0].part:  # a mesh outside of parts is that of the only instance
+            self.cards = [card._replace(scope=instances[0].name) for card in self.cards]
+        self.places = {instance.name.lower(): instance for instance in instances}
+        self._first = {name: STRIDE * k for k, name in enumerate(["", *self.places])}
+        self.points: dict[int, list[float]] = {}
+        self.blocks: list[tuple[str, np.ndarray, Card]] = []
+        self.odd: list[Card] = []
+        self.sets: dict[str, dict[str, list[Entry]]] = {"NSET": {}, "ELSET": {}, "NODES": {}}  # surfaces of nodes
+        self.surfaces: dict[str, list[tuple[Entry, str]]] = {}
+        self.names: dict[tuple[str, str], str] = {}  # of sets that are not internal, as they are written
+        for card in self.cards:
+            self._take(card)
+
+    def _take(self, card: Card) -> None:
+        """Note what one keyword says."""
+        word, given, rows, own = card.word, card.given, card.rows, self._first[card.scope.lower()]
+        if word in GENERATING:
+            raise ValueError(f"*{word} is not supported; write all nodes and elements")
+        if word == "NODE":
+            for row in rows:
+                self.points[own + int(row[0])] = [float(word or 0.0) for word in [*row[1:], "", "", ""][:3]]
+            if "NSET" in given:  # of all nodes as a rule, and no group
+                self._set("NSET", given["NSET"], card, [own + int(row[0]) for row in rows], False)
+        elif word == "ELEMENT":
+            try:
+                if given["TYPE"].upper().startswith(SHAPELESS):
+                    raise ValueError
+                kind, number = element(given["TYPE"])
+            except ValueError:
+                self.odd.append(card)
+                return
+            given_rows = [[own + int(word) for word in row if word] for row in rows]
+            if given_rows and min(map(len, given_rows)) > 1 + number:  # with nodes inside, of incompatible modes
+                given_rows = [row[:1 + number] for row in given_rows]
+            entries = np.array([entry for row in given_rows for entry in row], np.int64)
+            if len(entries) % (1 + number):
+                raise ValueError(f"line {card.line}: *ELEMENT has {len(entries)} numbers, and {given['TYPE']} takes "
+                                 f"{1 + number} each; is the file cut off?")
+            self.blocks.append((kind, entries.reshape(-1, 1 + number), card))
+            if "ELSET" in given:
+                self._set("ELSET", given["ELSET"], card, self.blocks[-1][1][:, 0].tolist())
+        elif word in ("NSET", "ELSET"):
+            if "GENERATE" in given:
+                runs = [range(int(row[0]), int(row[1]) + 1, int([*row, "1"][2] or 1)) for row in rows]
+                if max(map(len, runs), default=0) > MOST:
+                    raise ValueError(f"the set {given[word]} has more than {MOST} members")
+                rows = [list(map(str, run)) for run in runs]
+            self._set(word, given[word], card, self._entries(card, (entry for row in rows for entry in row if entry)))
+        elif word == "SURFACE" and given.get("TYPE", "").upper() == "NODE":
+            self._set("NODES", given["NAME"], card, self._entries(card, (row[0] for row in rows)))
+        elif word == "SURFACE":
+            name = self._named("SURFACE", given["NAME"], card)
+            self.surfaces.setdefault(name, []).extend(
+                (entry, [*row, ""][1].upper()) for row in rows for entry in self._entries(card, row[:1]))
+
+    def _named(self, kind: str, name: str, card: Card, group: bool = True) -> str:
+        """The key of a set or surface that `card` defines: its name, with that of the instance within one."""
+        key = f"{card.scope}.{name}".lower() if card.scope else name.lower()
+        if group and "INTERNAL" not in card.given:
+            self.names.setdefault((kind, key), f"{card.scope}.{name}" if card.scope else name)
+        return key
+
+    def _set(self, kind: str, name: str, card: Card, entries: list, group: bool = True) -> None:
+        self.sets[kind].setdefault(self._named(kind, name, card, group), []).extend(entries)
+
+    def _entries(self, card: Card, words: Iterable[str]) -> list[Entry]:
+        scope = card.given.get("INSTANCE", card.scope).lower()
+        return [self._first[scope] + int(word) if word.isdigit() else (scope, word.strip('"')) for word in words]
+
+    def members(self, kind: str, what: Entry, within: tuple[str, ...] = ()) -> set[int]:
+        """The numbers in a set and in the sets that it names, or the number itself. Raises ValueError."""
+        if isinstance(what, int):
+            return {what}
+        scope, word = what
+        inside, _, last = word.lower().rpartition(".")
+        if last.isdigit() and inside in self._first:  # a node of an instance
+            return {self._first[inside] + int(last)}
+        keys = (f"{scope}.{word}".lower(), word.lower(), last)
+        name = next((key for key in keys if key in self.sets[kind]), None)
+        if name is None or name in within:
+            raise ValueError(f"there is no set {word}" if name is None else f"the set {word} contains itself")
+        of = "NSET" if kind == "NODES" else kind  # a surface may have the name of its set
+        within = (*within, name) if of == kind else ()
+        return set().union(*(self.members(of, member, within) for member in self.sets[kind][name]))
+
+    def chosen(self, card: Card, kind: str, word: str) -> set[int]:
+        """The numbers of nodes or elements that a data line of `card` names, by set or number. Raises ValueError."""
+        return set().union(*(self.members(kind, entry) for entry in self._entries(card, [word])))
+
+    def faces(self, key: str, name: str) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
+        """Of the surface `key`, by its lines and blocks of elements: the block, elements (k,), corners (k, c)."""
+        for what, where in self.surfaces[key]:
+            some = np.fromiter(self.members("ELSET", what), np.int64)
+            for k, (kind, entries, _) in enumerate(self.blocks):
+                rows = np.flatnonzero(np.isin(entries[:, 0], some))
+                if len(rows):
+                    yield k, rows, entries[rows][:, 1 + np.array(face(kind, where, name))]
+
+    def placed(self) -> tuple[np.ndarray, np.ndarray]:
+        """All numbers of nodes (n,), ascending, and their points (n, 3) where instances have them (m)."""
+        from scipy.spatial.transform import Rotation
+
+        numbers = np.array(sorted(self.points), np.int64)
+        points = np.array([self.points[number] for number in numbers.tolist()]).reshape(-1, 3)
+        for name, instance in self.places.items():
+            own, place = numbers // STRIDE == self._first[name] // STRIDE, [list(map(float, r)) for r in instance.place]
+            for row in place[:1]:
+                points[own] += [*row, 0.0, 0.0][:3]  # of a plane part two coordinates will do
+            for row in place[1:2]:
+                start, axis = np.array(row[:3]), np.subtract(row[3:6], row[:3])
+                turn = Rotation.from_rotvec(np.radians(row[6]) * axis / np.linalg.norm(axis))
+                points[own] = start + turn.apply(points[own] - start)
+        return numbers, points
+
+    def _scope(self, part: str | None) -> str | None:
+        """The key of the instance that `part` names, or of the only one; None where it is a set. Raises ValueError."""
+        several = len(self.places) > 1
+        if part is not None and part.lower() in self.places:
+            return part.lower()
+        of = [name for name, place in self.places.items() if part is not None and place.part.lower() == part.lower()]
+        if len(of) > 1:
+            raise ValueError(f"the part {part} stands in it {len(of)} times; name the instance by part = "
+                             + " or ".join(f'"{self.places[name].name}"' for name in of))
+        if several and part is None:
+            raise ValueError("it has several parts; name the one of this body by part = "
+                             + " or ".join(f'"{place.name}"' for place in self.places.values()))
+        return of[0] if of else None if several else next(iter(self.places), "")
+
+    def mesh(self, part: str | None = None):
+        """All of it as a mesh of meshio; surfaces are elements between corners. Of several parts the `part` alone, by
+        the name of its instance or its own; its elements are a set of that name, too."""
+        import meshio
+
+        if self.odd and part is None:
+            for card in self.odd:
+                if not card.given["TYPE"].upper().startswith(SHAPELESS):
+                    element(card.given["TYPE"])
+        scope = self._scope(part)
+        only = scope if self.places else None  # the instance whose elements are taken
+        numbers, points = self.placed()
+        if only is not None:
+            own = numbers // STRIDE == self._first[only] // STRIDE
+            numbers, points = numbers[own], points[own]
+        taken = [k for k, (*_, card) in enumerate(self.blocks) if only in (None, card.scope.lower())]
+        blocks = [self.blocks[k][1] for k in taken]
+        cells, nothing = [], np.empty(0, int)
+        for k in taken:
+            kind, entries, _ = self.blocks[k]
+            lost = np.setdiff1d(entries[:, 1:], numbers)
+            if len(lost):
+                raise ValueError(f"an element has node {lost[0] % STRIDE}, which is not there")
+            cells.append((kind, np.searchsorted(numbers, entries[:, 1:])))
+
+        def label(name: str) -> str:  # within its own instance a set goes by its name alone
+            return name[len(only) + 1:] if only and name.lower().startswith(f"{only}.") else name
+
+        groups, node_sets = dict[str, list[np.ndarray]](), dict[str, np.ndarray]()
+        if part is not None and only and part.lower() in (only, self.places[only].part.lower()):
+            groups[part] = [np.arange(len(entries)) for entries in blocks]
+        for (kind, key), name in self.names.items():
+            if kind == "SURFACE":
+                continue
+            members = np.fromiter(self.members(kind, ("", key)), np.int64)
+            some = [np.flatnonzero(np.isin(among, members)) for among in
+                    ([entries[:, 0] for entries in blocks] if kind == "ELSET" else [numbers])]
+            if self.places and not any(map(len, some)):  # of another instance, or of the assembly alone
+                continue
+            if kind == "ELSET":
+                before = groups.get(label(name), some)
+                groups[label(name)] = [np.union1d(*pair) for pair in zip(some, before, strict=True)]
+            else:
+                node_sets[label(name)] = np.union1d(some[0], node_sets.get(label(name), nothing))
+        for (kind, key), name in self.names.items():
+            for k, _, corners in self.faces(key, name) if kind == "SURFACE" else ():
+                if k in taken:
+                    before = groups.get(label(name), [])
+                    groups[label(name)] = [*before, *[nothing] * (len(cells) - len(before)), np.arange(len(corners))]
+                    facet = ("line", "triangle", "quad")[corners.shape[1] - 2]
+                    cells.append((facet, np.searchsorted(numbers, corners)))
+        return meshio.Mesh(points, cells, cell_sets={name: [*some, *[nothing] * (len(cells) - len(some))]
+                                                     for name, some in groups.items()}, point_sets=node_sets)

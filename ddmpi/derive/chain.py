@@ -1,0 +1,130 @@
+"""The derivatives of an answer, from one load step to the next.
+
+A load step takes from those before it where slip begins, and the slip bounds at its beginning for the work of friction:
+their derivatives are all that goes on. Everything is collective.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import numpy as np
+
+from ddmpi.coupling.assembly import Assembly
+from ddmpi.derive.entries import Entry, entries_of
+from ddmpi.derive.parameters import Parameters
+from ddmpi.interface.law import Law
+from ddmpi.interface.state import ContactState, slip_start_change
+from ddmpi.methods.newton import Newton
+from ddmpi.methods.outer import Outer
+from ddmpi.sets import magnitude
+
+Derived = dict[str, np.ndarray]
+"""Of each parameter p: forces ``s`` (p, size), relative displacements less gaps ``closed`` (p, size), motions ``alpha``
+(p, rigid.size), work of friction so far ``dissipated`` (p, nc) at the contacts of this rank, how far the parameter may
+fall and rise ``until`` (p, 2) a status changes, and the largest ``residual`` (p,) so far."""
+
+
+class Mark(Protocol):
+    """The end of a load step: time, forces (size,), relative displacements less gaps (size,), their derivatives."""
+
+    time: float
+    s: np.ndarray
+    derived: Derived
+
+    @property
+    def closed(self) -> np.ndarray: ...
+
+
+class Answered(Protocol):
+    """A certified answer: displacements (nv, d) of this rank's bodies (m), and its contacts, by name."""
+
+    @property
+    def displacements(self) -> dict[str, np.ndarray]: ...
+
+    @property
+    def states(self) -> dict[str, ContactState]: ...
+
+
+class Chain:
+    """The derivatives of the answers of an assembly by some `keys` of its scene, maybe none.
+
+    Construction raises InputError where a clamp cannot change alone.
+    """
+
+    def __init__(self, assembly: Assembly, keys: list[str]) -> None:
+        self.assembly, self.parameters = assembly, Parameters.of(assembly, keys)
+
+    def first(self, time: float = 0.0) -> Derived:
+        """Before the first load step, at time 0; empty without keys."""
+        space, number = self.assembly.space, len(self.parameters.all)
+        if not number:
+            return {}
+        factors = self.assembly.scene.factors(time)
+        return {"s": np.zeros((number, space.size)),
+                "closed": np.array([-factors[one.history] * one.opening for one in self.parameters.all]),
+                "alpha": np.zeros((number, self.assembly.joint.rigid.size)),
+                "dissipated": np.zeros((number, len(space.interfaces))), "residual": np.zeros(number),
+                "until": np.tile([-np.inf, np.inf], (number, 1))}
+
+    def advance(self, time: float, outer: Outer, answer: Answered, now: Mark | None = None,
+                before: Mark | None = None) -> Derived:
+        """The derivatives at the end of a load step, of the `answer` of `outer`. `now` and `before` are the beginnings
+        of the step and of the step before; None without load steps."""
+        space, since = self.assembly.space, now.derived if now else self.first(time)
+        if not since:
+            return {}
+        assert isinstance(outer, Newton)
+        equations, factors = outer.linearisation(), self.assembly.scene.factors(time)
+        s, former = equations.point.s, now.s if now else np.zeros(space.size)
+        rows: dict[str, list[Any]] = {name: [] for name in since}
+        for k, one in enumerate(self.parameters.all):
+            start = self._start(k, time, now, before) if now and before else np.zeros(space.size)
+            rho, de = self.parameters.changes(k, factors, answer.displacements)
+            bounds, former_bounds = (one.bounds(self.assembly, forces) for forces in (s, former))
+            changed = equations.direct(rho - start, de, equations.along_slip(bounds))
+            fall, rise = equations.until(changed, bounds)
+            work = [_rubbed(answer.states[interface.name], interface.law, changed.r[part],
+                            _follows(interface.law, s[part], changed.s[part]) + bound,
+                            _follows(interface.law, former[part], since["s"][k, part]) + former_bound)
+                    for (interface, part), bound, former_bound in zip(space.with_slices(), bounds, former_bounds,
+                                                                      strict=True)]
+            for name, value in (("s", changed.s), ("closed", start - changed.r), ("alpha", changed.alpha),
+                                ("dissipated", since["dissipated"][k] + np.array(work)),
+                                ("residual", max(changed.residual, since["residual"][k])),
+                                ("until", [max(fall, since["until"][k, 0]), min(rise, since["until"][k, 1])])):
+                rows[name].append(value)
+        return {name: np.array(values) for name, values in rows.items()}
+
+    def entries(self, time: float, derived: Derived,
+                answer: Answered) -> tuple[dict[str, Entry | None], dict[str, Entry]]:
+        """The derivatives of results as `entries_of` has them; empty without keys."""
+        if not derived:
+            return {}, {}
+        return entries_of(self.parameters, derived, self.assembly.scene.factors(time), answer.displacements,
+                          answer.states)
+
+    def _start(self, k: int, time: float, now: Mark, before: Mark) -> np.ndarray:
+        """The derivative (size,) of where slip begins in the step to `time`, by the k-th parameter (m)."""
+        span = now.time - before.time  # zero at a turning point
+        share = (time - now.time) / span if span else 0.0
+        closed, rate = ((now.closed, now.derived["closed"][k]),
+                        (now.closed - before.closed, now.derived["closed"][k] - before.derived["closed"][k]))
+        return np.concatenate([np.empty(0), *(
+            slip_start_change(interface.law, now.s[part], (closed[0][part], closed[1][part]),
+                              (rate[0][part], rate[1][part]), share)
+            for interface, part in self.assembly.space.with_slices())])
+
+
+def _follows(law: Law, s: np.ndarray, ds: np.ndarray) -> np.ndarray:
+    """The changes (mt,) of slip bounds that follow the forces s (size,) (N)."""
+    return law.slope(np.maximum(s[:law.m], 0.0)) * np.where(s[:law.m] > 0.0, ds[:law.m], 0.0)[law.sliding]
+
+
+def _rubbed(state: ContactState, law: Law, dr: np.ndarray, dnew: np.ndarray, dold: np.ndarray) -> float:
+    """The derivative of `ContactState.dissipated`, the sum of ½ (g_n + g_n−1) |u_t| over the nodes that slip, from
+    those of r (size,) in metres and of the bounds (mt,) in newtons."""
+    slip, resistance = state.slip[law.sliding], np.broadcast_to(state.resistance, state.gap.shape)[law.sliding]
+    size, rubs = magnitude(slip), resistance > 0.0
+    longer = (slip * -law.split(dr)[1]).sum(axis=1) / np.where(size > 0.0, size, 1.0)
+    return float((resistance * longer + 0.5 * (dnew + dold) * size)[rubs].sum())

@@ -1,0 +1,121 @@
+"""The derivatives of results: of contacts, bodies and rigid partners, as summary.json and an answer have them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ddmpi.body.elasticity import clamp_forces
+from ddmpi.body.loads import resultants
+from ddmpi.derive.parameters import Parameters, scaled
+from ddmpi.interface.law import direction
+from ddmpi.interface.state import ContactState
+from ddmpi.methods.linear import PURPOSE
+from ddmpi.scene.scene import Settled
+from ddmpi.system.agreement import agreed, gathered
+
+ENOUGH = 1e-6
+"""Largest relative residual of derivatives that are told."""
+
+
+class Entry(dict[str, Any]):
+    """A table whose entries are attributes as well."""
+
+    def __getattr__(self, name: str) -> Any:
+        try:
+            return self[name]
+        except KeyError:
+            raise AttributeError(f"there is no {name!r} (but {', '.join(self)})") from None
+
+
+def entries_of(parameters: Parameters, derived: Mapping[str, np.ndarray], factors: Mapping[str | None, float],
+               u: Mapping[str, np.ndarray], states: Mapping[str, ContactState],
+               ) -> tuple[dict[str, Entry | None], dict[str, Entry]]:
+    """By key the derivatives of all results, on the first rank, None where they are not precise enough; and those of
+    arrays over this rank's contacts and bodies.
+
+    Parameters
+    ----------
+    derived : as `chain.Derived`
+    factors : by history
+    u, states : displacements (nv, d) of this rank's bodies (m), and its contacts
+
+    Collective.
+    """
+    assembly, scene, joint = parameters.assembly, parameters.assembly.scene, parameters.assembly.joint
+    contacts, bodies, told = {}, {}, dict[str, Entry | None]()
+    arrays = {one.key: Entry(contacts=Entry(), bodies=Entry()) for one in parameters.all}
+    parts = [joint.exchange.spread(s) for s in derived["s"]]
+    with agreed(assembly.world):
+        for k, one in enumerate(parameters.all):
+            here = arrays[one.key]
+            for (name, state), part, work in zip(states.items(), assembly.space.parts.values(),
+                                                 derived["dissipated"][k].tolist(), strict=True):
+                contacts[k, name], here.contacts[name] = _contact(
+                    state, derived["s"][k][part], derived["closed"][k][part], work)
+            cases = one.load(assembly, u, factors[one.history])
+            for body, forces in zip(assembly.bodies, parts[k], strict=True):
+                # the derivative of a displacement is the displacement under the derivatives of all forces
+                name, mesh = body.spec.name, body.mesh
+                member = body.member.loaded_by(cases.get(name) or scaled(body.member.elasticity.acting, 0.0))
+                du, *_ = member.displacement(forces, derived["alpha"][k][joint.slices[name]], PURPOSE)
+                held = resultants(mesh, clamp_forces(mesh, body.spec, member.elasticity, du, member.pull(forces)))
+                bodies[k, name] = Entry(
+                    reaction=sum((entry["force"] for entry in held.values()), np.zeros(mesh.dimension)),
+                    points=Entry({point: du[nodes].mean(axis=0) for point, nodes in mesh.vertices.items()}))
+                here.bodies[name] = Entry(displacement=du)
+    contacts, bodies = gathered(assembly.world, contacts), gathered(assembly.world, bodies)
+    for k, one in enumerate(parameters.all):
+        told[one.key] = None if derived["residual"][k] > ENOUGH else Entry(
+            until=one.value + derived["until"][k],
+            contacts=Entry({contact.name: contacts.get((k, contact.name)) for contact in scene.contact}),
+            bodies=Entry({body.name: bodies.get((k, body.name)) for body in scene.body}),
+            rigid=_partners(scene, {name: entry for (number, name), entry in contacts.items() if number == k},
+                            {each.name: each.shift(derived["alpha"][k][joint.slices[each.name]])
+                             for each in joint.driven}, one.moved, factors[one.history]))
+    return told, arrays
+
+
+def joined(*entries: Mapping[str, Any]) -> Entry:
+    """Several nested tables as one."""
+    keys = dict.fromkeys(key for entry in entries for key in entry)
+    found = {key: [entry[key] for entry in entries if key in entry] for key in keys}
+    return Entry({key: joined(*values) if isinstance(values[0], Mapping) else values[0]
+                  for key, values in found.items()})
+
+
+def _contact(state: ContactState, s: np.ndarray, closed: np.ndarray, work: float) -> tuple[Entry, Entry]:
+    """The derivatives of a contact's resultants, and those at its nodes, from those of its forces s (size,), relative
+    displacements less gaps `closed` (size,), and dissipation."""
+    law = state.interface.law
+    (normal, along), (closing, slid) = law.split(s), law.split(closed)
+    tangential, slip = np.zeros((2, *state.slip.shape))
+    tangential[law.sliding], slip[law.sliding] = along, slid
+    # all that follows is linear in the forces at fixed directions
+    change = replace(state, normal_force=normal, tangential_force=tangential, gap=-closing)
+    total = float(tangential.sum())
+    if tangential.shape[1] > 1:  # the length of a vector changes with the part along it
+        total = float(direction(state.along(state.tangential_force).sum(axis=0)[None])[0]
+                      @ change.along(tangential).sum(axis=0))
+    return Entry(force=change.force, moment=change.moment, normal_force=float(normal.sum()), tangential_force=total,
+                 pressure_max=float(change.pressure[np.argmax(state.pressure)]), dissipated=work,
+                 ), Entry(pressure=change.pressure, shear=change.shear, normal_forces=normal,
+                          tangential_forces=tangential, gap=-closing, slip_total=slip)
+
+
+def _partners(scene: Settled, contacts: Mapping[str, Entry], pushed: Mapping[str, np.ndarray],
+              moved: tuple[str, np.ndarray] | None, factor: float) -> Entry:
+    """The derivatives of displacements and forces of the rigid partners that bodies may touch, from those of contacts,
+    of motions under given forces, and of the one that is moved (d,) itself, with its factor."""
+    partners = Entry()
+    for contact in scene.contact:
+        name = contact.bodies[1]
+        if name in (rigid.name for rigid in scene.rigid) and contact.name in contacts:
+            shift = pushed.get(name, 0.0) + (factor * moved[1] if moved and moved[0] == name else 0.0)
+            entry = partners.setdefault(name, Entry(displacement=np.zeros(scene.dimension) + shift,
+                                                    force=np.zeros(scene.dimension)))
+            entry["force"] = entry["force"] - contacts[contact.name].force
+    return partners

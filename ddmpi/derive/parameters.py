@@ -1,0 +1,228 @@
+"""What an answer is differentiated by: how the equations change with a number of the scene, or with a factor on a load,
+a clamp or a motion, while the contact forces stay."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
+from typing import Any
+
+import msgspec.structs
+import numpy as np
+
+from ddmpi.body.elasticity import LoadCase, assemble
+from ddmpi.body.loads import thermal_loads
+from ddmpi.body.stiffness import sum_stiffness
+from ddmpi.coupling.assembly import Assembly, Body
+from ddmpi.errors import naming
+from ddmpi.interface.law import CoulombLaw, Law, TrescaLaw
+from ddmpi.mesh.boundary import material_numbers
+from ddmpi.methods.linear import PURPOSE
+from ddmpi.scene.bodies import SettledBody
+from ddmpi.scene.values import Heat, VolumeForce
+from ddmpi.system.agreement import agreed
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A key by which an answer is differentiated, as one rank has it.
+
+    Attributes
+    ----------
+    key : as in the scene's ``output.derivatives``
+    value : the number; 1 for a factor
+    history : whose factor multiplies `case`, `opening`, `driven` and `force`, or None
+    body : whose load, clamp or modulus it is; empty for others
+    case : what is added to the loads of the body, on its rank
+    young : the number of the material of the body whose modulus it is; None for others
+    law : by contact of this rank, the law whose slip bounds are the changes (N)
+    opening, driven : (size,) changes of gaps, and of displacements of rigid partners along the contacts (m)
+    moved : the rigid partner that it moves, and by how much (d,) (m); None if it is none
+    force : (rigid.size,) changes of the loads along rigid motions by the force on a partner (N)
+    """
+
+    key: str
+    value: float
+    history: str | None
+    opening: np.ndarray
+    driven: np.ndarray
+    force: np.ndarray
+    body: str = ""
+    case: LoadCase | None = None
+    young: int | None = None
+    law: Mapping[str, Law] = field(default_factory=dict)
+    moved: tuple[str, np.ndarray] | None = None
+
+    def bounds(self, assembly: Assembly, s: np.ndarray) -> list[np.ndarray]:
+        """The changes (mt,) of the slip bounds of each interface under the forces s (size,) (N). Not collective."""
+        return [self.law[interface.name].bound_at(s[part]) if interface.name in self.law
+                else np.zeros(len(interface.sliding)) for interface, part in assembly.space.with_slices()]
+
+    def load(self, assembly: Assembly, u: Mapping[str, np.ndarray], factor: float) -> dict[str, LoadCase]:
+        """The changes of the load cases of this rank's bodies, at displacements u (nv, d) by body (m), and at this
+        factor of its history. Not collective."""
+        return {body.spec.name: self._case(body, u[body.spec.name]) if self.young is not None else
+                scaled(self.case, factor) for body in assembly.bodies
+                if body.spec.name == self.body and (self.case or self.young is not None)}
+
+    def _case(self, body: Body, u: np.ndarray) -> LoadCase:
+        """The load that a change of a modulus E is equivalent to: with K = E K_1 + …, that of −(K_1 u − heat_1)."""
+        mesh, entry = body.mesh, body.spec.materials[self.young or 0]
+        if len(body.spec.materials) > 1:
+            mesh = replace(mesh, triangles=mesh.triangles[material_numbers(mesh, body.spec) == self.young])
+        acting, elasticity = body.member.elasticity.acting, body.member.elasticity
+        f = -sum_stiffness(mesh, entry).mult(u)
+        if acting.heated is not None:
+            f += thermal_loads(mesh, entry, acting.warm)[0]
+        f /= self.value
+        zero, free = np.zeros_like(f), elasticity.supports.free[elasticity.nodes]
+        return LoadCase(f, 0.0 * acting.warm, zero, 0.0, zero, zero,
+                        np.einsum("kij,kj->ki", free, f[elasticity.nodes]).ravel())
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """The parameters of an assembly, with the free displacements that follow from loads and clamps.
+
+    Construction with `of` and all methods are collective.
+    """
+
+    assembly: Assembly
+    all: Sequence[Parameter]
+
+    @classmethod
+    def of(cls, assembly: Assembly, keys: Sequence[str]) -> Parameters:
+        """Those of some valid `keys`. Raises InputError where a clamp cannot change alone, on all ranks."""
+        with agreed(assembly.world):
+            made = []
+            for key in keys:
+                with naming(f"output.derivatives: {key}"):
+                    made.append(parameter(assembly, key))
+        return cls(assembly, made)
+
+    @cached_property
+    def responses(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Of each parameter h (size,) in metres and e (rigid.size,) in newtons, at the factor 1 of its history; zero
+        where it is no load or clamp."""
+        return [self.response({} if one.case is None else {one.body: one.case}) for one in self.all]
+
+    def response(self, cases: Mapping[str, LoadCase]) -> tuple[np.ndarray, np.ndarray]:
+        """h (size,) and e (rigid.size,) of load cases of this rank's bodies by name."""
+        joint = self.assembly.joint
+        parts = [(np.zeros(member.size), np.zeros(len(member.e))) for member in joint.members]
+        with joint.exchange.deferred():
+            parts = [member.response_to(cases[member.name], PURPOSE) if member.name in cases else none
+                     for member, none in zip(joint.members, parts, strict=True)]
+        h = joint.exchange.total([part for part, _ in parts], "load of a derivative")
+        return h, joint.of_all([e for _, e in parts], [np.zeros(len(each.push)) for each in joint.driven])
+
+    def changes(self, number: int, factors: Mapping[str | None, float],
+                u: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+        """ρ (size,) in metres and de (rigid.size,) in newtons of a parameter by its `number`, at these factors by
+        history and displacements of this rank's bodies."""
+        one = self.all[number]
+        factor = factors[one.history]
+        h, e = self.responses[number]
+        rho, de = factor * (h + one.driven - one.opening), factor * (e + one.force)
+        if one.young is not None:  # its load follows from the answer
+            h, _ = self.response(one.load(self.assembly, u, factor))
+            rho = rho + h
+        return rho, de
+
+
+def scaled(case: LoadCase | None, factor: float) -> LoadCase:
+    """A load case times a factor."""
+    assert case is not None
+    return LoadCase(*(factor * getattr(case, entry.name) for entry in fields(case)))
+
+
+def parameter(assembly: Assembly, key: str) -> Parameter:
+    """The parameter of a valid key. Not collective. Raises InputError."""
+    scene, space, joint = assembly.scene, assembly.space, assembly.joint
+    kind, name, *rest = key.split(".")
+    zero = np.zeros(space.size)
+    blank = Parameter(key, 1.0, None, zero, zero, np.zeros(joint.rigid.size))
+    if kind == "body":
+        spec = next(body for body in scene.body if body.name == name)
+        if rest[0] == "material":
+            number = int(rest[1]) if len(rest) > 2 else 0
+            young = spec.materials[number].young
+            assert not isinstance(young, tuple)
+            return replace(blank, body=name, young=number, value=young)
+        alone, value, history = _alone(spec, rest, scene.dimension)
+        cases = [assemble(body.mesh, alone).cases[history] for body in assembly.bodies if body.spec.name == name]
+        return replace(blank, body=name, value=value, history=history, case=cases[0] if cases else None)
+    if kind == "rigid":
+        rigid = next(rigid for rigid in scene.rigid if rigid.name == name)
+        vector, value = _unit(getattr(rigid, rest[0]), rest[1:])
+        along = np.array(vector)
+        if rest[0] != "displacement":
+            force = np.zeros(joint.rigid.size)
+            for each in joint.driven:
+                if each.name == name:
+                    push = (along,) if rest[0] == "force" else (np.zeros(scene.dimension), along)
+                    force[joint.slices[name]] = each.along(*push)
+            return replace(blank, value=value, history=rigid.history, force=force)
+        driven = np.zeros(space.size)
+        for interface, part in space.with_slices():
+            if interface.bodies[1] == name:
+                driven[part] = -(interface.directions @ along)
+        return replace(blank, value=value, history=rigid.history, driven=driven, moved=(name, along))
+    contact = next(contact for contact in scene.contact if contact.name == name)
+    own = [(interface, part) for interface, part in space.with_slices() if interface.name == name]
+    if rest[0] == "friction":
+        given = getattr(contact.friction, rest[1])
+        number = isinstance(given, float | int)
+        return replace(blank, value=float(given) if number else 1.0, law={
+            interface.name: _bound_of(interface.law, interface.area) if number else interface.law
+            for interface, _ in own})
+    gap, history = contact.opening
+    opening, value = np.zeros(space.size), float(gap) if isinstance(gap, float | int) else 1.0
+    for interface, part in own:
+        # every row has the number, but for those of bonds that are held open or together
+        opening[part][:interface.m] = interface.gap / value if value else 1.0
+    return replace(blank, value=value, history=history, opening=opening)
+
+
+def _alone(spec: SettledBody, key: Sequence[str], dimension: int) -> tuple[SettledBody, float, str | None]:
+    """A body on which nothing acts but the load or clamp at `key`, with 1 for a number there and 0 for those beside it;
+    the number, or 1 for a factor; and its history."""
+    change = msgspec.structs.replace
+    clamps = [change(clamp, **{name: 0.0 for name in (*"xyz", "normal") if getattr(clamp, name) is not None})
+              for clamp in spec.clamps]
+    bare = change(spec, traction=[], clamp=clamps, volume_force=(0.0,) * dimension, temperature=None)
+    if key[0] == "volume_force":
+        (given, history) = spec.weight
+        given, value = _unit(given, key[1:])
+        return change(bare, volume_force=VolumeForce(value=given, history=history)), value, history
+    if key[0] == "temperature":
+        given, value = _unit(spec.heat.value, ())
+        return change(bare, temperature=Heat(value=given, history=spec.heat.history)), value, spec.heat.history
+    number, value = int(key[1]), 1.0
+    entry: Any = (spec.traction if key[0] == "traction" else spec.clamps)[number]
+    if len(key) > 2:
+        given, value = _unit(getattr(entry, key[2]), key[3:])
+        entry = change(entry if key[0] == "traction" else clamps[number], **{key[2]: given})
+    if key[0] == "traction":
+        return change(bare, traction=[entry]), value, entry.history
+    clamps[number] = entry
+    return change(bare, clamp=clamps), value, entry.history
+
+
+def _unit(given: Any, at: Sequence[str]) -> tuple[Any, float]:
+    """By what a derivative is taken, and its value: 1 for a number; a unit vector for the entry `at` of a vector; else
+    all of what is given, of which it is a factor."""
+    if isinstance(given, float | int):
+        return 1.0, float(given)
+    if not at:
+        return given, 1.0
+    return tuple(float(k == int(at[0])) for k in range(len(given))), float(given[int(at[0])])
+
+
+def _bound_of(law: Law, area: np.ndarray) -> Law:
+    """The law whose slip bounds are the changes of those of `law` with its coefficient, or its bound as a stress."""
+    if isinstance(law, CoulombLaw):
+        return replace(law, coefficient=np.ones(len(law.sliding)))
+    assert isinstance(law, TrescaLaw)
+    return replace(law, bound=area[law.sliding])

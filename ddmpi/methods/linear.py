@@ -1,0 +1,199 @@
+"""The equations of contact at an answer, linearised: from them follow the derivatives of the answer.
+
+Where no node is about to change its status, the forces follow a parameter p of the scene by Newton's own linear system,
+now with the change of the equations on its right-hand side:
+
+    ds = E y + γ,    Iᵀ (C ds − ρ − Z dα) + D y = 0,    Zᵀ ds = de
+
+with ρ = ∂d − (∂C) s, the imbalance de along rigid motions, and γ, the change of slip bounds at given pressures, along
+the slip. A result with dJ = j·ds + a·dα has, by one solve of the transposed system,
+
+    Eᵀ C I z + D z + Eᵀ Z β = Eᵀ j,    −Zᵀ I z = a,    dJ = (I z)·(ρ − C γ) + β·(de − Zᵀ γ) + j·γ
+
+for all parameters (implicit differentiation; E is `Linearised.expansion`, I its basis).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg.lapack import dgetrf, dgetrs
+
+from ddmpi.coupling.joint import Joint, Point
+from ddmpi.methods.dense import SMALL, matrix
+from ddmpi.methods.krylov import Linearised, LinearProblem, Preconditioner
+from ddmpi.system.numbers import norm
+
+AIM, ROUNDS = 1e-10, 10
+"""Relative residual at which derivatives are aimed, and most solves by GMRES to reach it."""
+
+STEERED = 1e-5
+"""With loose bodies GMRES reduces the residual by no more than this in one solve, as the springs that steer them leave
+about as much. At 1e-10 a wall and an arch take a quarter more products."""
+
+GAIN = 0.3
+"""Solves end when one leaves more than this fraction of the residual."""
+
+PURPOSE = "derivative"
+"""What products are counted for."""
+
+
+Solve = Callable[[np.ndarray, np.ndarray, float], tuple[np.ndarray, np.ndarray]]
+
+
+class Changed(NamedTuple):
+    """The derivative of an answer.
+
+    Attributes
+    ----------
+    s, r : (size,) of forces (N) and gaps (m)
+    alpha : of the motions of loose bodies (m)
+    residual : relative, of the equations without anything that steers
+    """
+
+    s: np.ndarray
+    r: np.ndarray
+    alpha: np.ndarray
+    residual: float
+
+
+class Linearisation:
+    """The equations at a `point`, linearised for the status that its nodes have there.
+
+    `c` (size,) is the stiffness of s − c r (N/m). Construction and all methods but `along_slip`
+    are collective. They raise SolverError.
+    """
+
+    def __init__(self, joint: Joint, preconditioner: Preconditioner, point: Point, c: np.ndarray) -> None:
+        self.joint, self.point, self._preconditioner, self._c = joint, point, preconditioner, c
+        self._q = point.s - c * point.r
+        self.active = joint.space.laws.active_sets(self._q)
+        self.linearised = Linearised.of(joint.space.laws.linearise(self.active))
+        self._layer = self.linearised.spring / c
+        self._factors: tuple | None = None  # until they are asked for; empty where the compliance is not known
+        self._problems: dict[bool, LinearProblem] = {}
+
+    def along_slip(self, bounds: Sequence[np.ndarray]) -> np.ndarray:
+        """γ (size,): `bounds` (mt,) of each interface along the friction of nodes that slip (N)."""
+        parts = [np.empty(0)]
+        for active, bound in zip(self.active, bounds, strict=False):  # a rank without interfaces has an empty law
+            parts += [np.zeros(len(active.closed)), (active.slip * bound[:, None]).ravel()]
+        return np.concatenate(parts)
+
+    def direct(self, rho: np.ndarray, de: np.ndarray, gamma: np.ndarray) -> Changed:
+        """The derivative of the answer by ρ (size,) in metres, de (rigid.size,) and γ (size,) in newtons."""
+        joint, rigid = self.joint, self.joint.rigid
+        C_gamma = joint.product(gamma, PURPOSE, AIM) if joint.space.any(gamma) else np.zeros_like(gamma)
+        y, alpha, C_y, residual = self._solve(self.linearised.restrict(rho - C_gamma), de - rigid.sums(gamma))
+        return Changed(self.linearised.expand(y) + gamma, C_y + C_gamma - rho - rigid.spread(alpha), alpha, residual)
+
+    def adjoint(self, j: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+        """I z (size,) in m/N times the unit of a result J, β (rigid.size,), and the residual, by dJ = j·ds + a·dα."""
+        z, beta, _, residual = self._solve(self.linearised.contract(j), -a, transposed=True)
+        return self.linearised.place(z), -beta, residual
+
+    def _solve(self, f: np.ndarray, h: np.ndarray,
+               transposed: bool = False) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+        """The unknown forces y (k,), the motions α, C times the forces (size,), and the relative residual."""
+        joint, space, rigid = self.joint, self.joint.space, self.joint.rigid
+        y, alpha, product = np.zeros(len(f)), np.zeros(rigid.size), np.zeros(space.size)
+        h = np.where(joint.kept, 0.0, h)  # no forces are asked of motions that stay where they are
+        residual = 0.0 if not (space.any(f) or h.any()) else np.inf
+        if not residual or not space.any(np.ones(len(f))):
+            return y, alpha, product, residual
+        solve = self._approximate(transposed)
+        outward, inward = ((self.linearised.place, self.linearised.contract) if transposed else
+                           (self.linearised.expand, self.linearised.restrict))
+        left, out, pull, layer = f, h, norm(h), self._layer[self.linearised.unknown]
+        size = space.norm(f)
+        for _ in range(ROUNDS):
+            more, turn = solve(left, out, size)
+            y, alpha = y + more, alpha + turn
+            # the true equations: neither ε nor D at nodes of several contacts stands in them
+            product = joint.product(outward(y), PURPOSE, AIM)
+            left = f - inward(product - rigid.spread(alpha)) - layer * y
+            out = np.where(joint.kept, 0.0, h - rigid.sums(outward(y)))
+            # a motion may undo nearly all of f, and the forces on the way may cancel: both are sizes to compare with
+            misfit, moved, now = space.norms([left, inward(rigid.spread(alpha)), y])
+            size, pull = max(size, moved), max(pull, now)
+            before, residual = residual, max(misfit / size if size else 0.0, norm(out) / pull if pull else 0.0)
+            if residual <= AIM or not residual <= GAIN * before:
+                break
+        return y, alpha, product, residual
+
+    def _approximate(self, transposed: bool) -> Solve:
+        """What solves the system, but for a little that steers it: a function of f (k,), h (rigid.size,) and the size
+        of the whole f, which returns y and α. By dense factors where one rank has a small compliance, else by GMRES."""
+        joint, lin, steering = self.joint, self.linearised, self._preconditioner
+        if self._factors is None:
+            C = joint.dense(SMALL) if 0 < lin.number <= SMALL else None
+            self._factors = () if C is None else dgetrf(matrix(
+                C, lin, joint, (self._layer + steering.shared)[lin.unknown],
+                steering.diagonal[:joint.rigid.size]))
+        if self._factors and not self._factors[2]:
+            lu, pivots, _ = self._factors
+
+            def by_factors(f: np.ndarray, h: np.ndarray, _: float) -> tuple[np.ndarray, np.ndarray]:
+                # the transposed matrix has −Zᵀ I in its second row, and β = −α beside it
+                sign = -1.0 if transposed else 1.0
+                found = dgetrs(lu, pivots, np.append(f, sign * h), trans=int(transposed))[0]
+                return found[:len(f)], sign * found[len(f):]
+
+            return by_factors
+        if transposed not in self._problems:
+            self._problems[transposed] = LinearProblem(joint, steering, lin, self._layer, precise=True, exact=True,
+                                                       transposed=transposed, purpose=PURPOSE)
+        problem, least = self._problems[transposed], STEERED if joint.rigid.size else 0.1 * AIM
+
+        def by_gmres(f: np.ndarray, h: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
+            y, alpha = np.zeros_like(f), np.zeros_like(h)
+            if len(h):  # the nearest forces by half-spaces that balance h
+                y, alpha = problem.precondition(y, h)
+                f = f - problem.apply(y, alpha, AIM)
+            now = joint.space.norm(f)
+            more, turn, _ = problem.solve(f, min(max(0.5 * AIM * size / now, least), 0.1) if now else 0.1)
+            return y + more, alpha + turn
+
+        return by_gmres
+
+    def until(self, changed: Changed, bounds: Sequence[np.ndarray]) -> tuple[float, float]:
+        """By how much the parameter may fall (negative) and rise until a node changes its status, if all is linear.
+
+        `bounds` (mt,) of each interface are the changes of slip bounds at given pressures. Where a node is just about
+        to change its status, one of both is zero: the derivative is that of the other side.
+        """
+        rates = [np.zeros(2)]  # one over the distance, of a fall and of a rise
+        change = changed.s - self._c * changed.r
+        for (law, q), (_, dq), (_, ds), active, bound in zip(
+                *(self.joint.space.laws.parts(x) for x in (self._q, change, changed.s)), self.active, bounds,
+                strict=False):
+            if law.two_sided:  # nodes of bonds and guides keep their status
+                continue
+            (normal, t), (dn, dt) = law.split(q), law.split(dq)
+            live = np.broadcast_to(law.live, law.size)[:law.m]
+            rates.append(_rates(np.where(active.closed, 1.0, -1.0), 0.0 * dn, dn, normal, live))
+            # |t|² − g² changes its sign where a node begins or ends to slip, in the plane as in space
+            g, dg = active.bound, law.slope(active.pressure) * (ds[:law.m] * active.closed)[law.sliding] + bound
+            rates.append(_rates(np.where(active.slip.any(axis=1), 1.0, -1.0), (dt**2).sum(axis=1) - dg**2,
+                                2.0 * ((t * dt).sum(axis=1) - g * dg), (t**2).sum(axis=1) - g**2,
+                                active.closed[law.sliding] | (g > 0.0)))
+        fall, rise = np.max(rates, axis=0)
+        fall, rise = (self.joint.space.largest(np.array([rate])) for rate in (fall, rise))
+        return -1.0 / fall if fall else -np.inf, 1.0 / rise if rise else np.inf
+
+
+def _rates(side: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray, counts: np.ndarray) -> np.ndarray:
+    """(2,) the largest 1/|x| at which a x² + b x + c loses the sign `side` that it has at x = 0, for x ≤ 0, x ≥ 0."""
+    c = side * np.maximum(side * c, 0.0)  # rounding may have put it on the other side
+    with np.errstate(all="ignore"):
+        root = np.sqrt(b**2 - 4.0 * a * c)
+        up = np.where(b < 0.0, -1.0, 1.0)
+        half = -0.5 * (b + up * root)
+        rates = np.zeros(2)
+        for x, slope in ((half / a, -up * root), (c / half, up * root)):  # and the derivative there
+            for k, sign in enumerate((-1.0, 1.0)):
+                lost = (sign * x >= 0.0) & (sign * side * slope < 0.0) & np.isfinite(x) & counts
+                rates[k] = max(rates[k], (1.0 / np.abs(x[lost])).max(initial=0.0))
+    return rates

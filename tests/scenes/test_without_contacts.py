@@ -1,0 +1,75 @@
+"""Scenes without contacts: each body is solved alone, certified, in the plane, around an axis and in space."""
+
+import pytest
+from mpi4py import MPI
+from scenes import call, certified, rectangle, run_here, write_scene
+from solid_scenes import box
+
+import ddmpi
+
+LENGTH, FORCE, YOUNG = 2.0, 1e6, 1e9
+WAYS = ["plane", "axis", "space"]
+
+
+def bar(name: str, way: str, at: float = 0.0, order: int = 1, **more) -> dict:
+    """A bar of length 2 m, pulled along the last axis, that may contract; plane bars are in plane stress."""
+    up = [0.0] * (2 if way == "space" else 1)
+    load = {"on": "top", "force": [*up, FORCE], **more}
+    if way == "space":
+        return box(name, [at, 0, 0], [1, 1, LENGTH], [2, 2, 3], order, young=YOUNG, poisson=0.3, traction=[load],
+                   clamp=[{"on": "bottom", "z": 0.0}, {"on": "left", "x": 0.0}, {"on": "front", "y": 0.0}])
+    body = rectangle(name, [at, 0.0], [1.0, LENGTH], [3, 4], order, young=YOUNG, traction=[load],
+                     clamp=[{"on": "bottom", "y": 0.0}, {"on": "left", "x": 0.0}])
+    body["material"] |= {"plane": "stress"} if way == "plane" else {}
+    return body
+
+
+def stretched(answer, name: str, way: str, factor: float = 1.0) -> None:
+    area = {"plane": 1.0, "axis": 3.141592653589793, "space": 1.0}[way]
+    moved = answer.bodies[name].displacement[:, -1].max()
+    assert moved == pytest.approx(factor * FORCE / area * LENGTH / YOUNG, rel=1e-6)
+    assert answer.summary["bodies"][name]["reaction"][-1] == pytest.approx(-factor * FORCE, rel=1e-9)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("way", WAYS)
+def test_one_body_alone(way, order):
+    """One body without a contact is a scene; its stretch is F L / E A, and nothing warns of the missing contact."""
+    answer = certified({"axisymmetric": way == "axis", "body": [bar("bar", way, order=order)]})
+    stretched(answer, "bar", way)
+    assert not any("contact" in warning for warning in answer.summary["warnings"])
+    assert answer.summary["contacts"] == {} and answer.summary["certificate"]["penetration"] == 0.0
+
+
+@pytest.mark.mpi(ranks=2, timeout=300, unit="s")
+@pytest.mark.parametrize("bodies", [1, 3])
+def test_bodies_alone_on_ranks(comm, bodies):
+    """So are several bodies; a warning names each, on fewer and on more ranks than bodies, and load steps go on."""
+    scene = {"body": [bar(f"bar{k}", "space", 5.0 * k, history="pull") for k in range(bodies)],
+             "history": {"pull": {"times": [0.0, 1.0, 2.0], "factors": [0.0, 1.0, 0.5]}},
+             "time": {"points": [1.0, 2.0], "steps": 1}}
+    answer = certified(scene, comm)
+    for name in answer.bodies:
+        stretched(answer, name, "space", 0.5)
+    alone = [w for w in answer.summary["warnings"] if "no contact names it" in w]
+    assert len(alone) == (bodies if bodies > 1 else 0)
+    assert [step["time"] for step in answer.summary["steps"]] == [1.0, 2.0]
+
+
+def test_a_body_alone_that_nothing_supports():
+    """A loose body without contacts has no equilibrium under a force."""
+    body = bar("bar", "space")
+    answer = ddmpi.solve({"body": [body | {"clamp": body["clamp"][1:]}]}, MPI.COMM_SELF)
+    assert not answer.certified and "no equilibrium: bar would move along z" in answer.reason
+
+
+@pytest.mark.parametrize("way", ["plane", "space"])
+def test_files_of_a_body_alone(tmp_path, way):
+    """Pictures, tables, the check and the report of a scene without contacts are there, with finite numbers."""
+    path = write_scene({"body": [bar("bar", way)]}, tmp_path / "scene.toml")
+    run = run_here(path, tmp_path / "run")
+    assert run.code == 0 and "friction" not in run.stdout.split("\n")[1] and not run.stderr
+    assert {"bodies.png", "result.h5", "steps.csv", "summary.json"} <= {file.name for file in run.folder.iterdir()}
+    assert call("report", str(run.folder)).code == 0
+    checked = call("check", str(path), "--output", str(tmp_path / "check"))
+    assert checked.code == 0 and not (tmp_path / "check" / "contacts.png").exists()
