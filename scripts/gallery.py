@@ -4,7 +4,8 @@
     scripts/study gallery [--only NAME ...] [--output docs/figures]
     scripts/study gallery --overlaps [--only NAME ...]  # the part of the processor time that looks for overlaps takes
 
-Pictures are gallery_NAME.png in the folder --output. The words are in docs/start/gallery.md.
+Pictures are gallery_NAME.png in the folder --output, and front_NAME.png for the README. The words are in
+docs/start/gallery.md.
 tests/scripts/test_gallery.py checks the numbers of `EXHIBITS` on coarser meshes or in fewer load steps, and the page.
 """
 
@@ -28,6 +29,9 @@ from ddmpi.scene.reader import write_toml
 
 WIDEST = 1000
 """A picture in the page is at most so wide and high (pixels)."""
+
+FRONT = "bolted_flange"
+"""The scene whose contacts the README shows."""
 
 MARGIN = 16
 """White margin that is left around a picture (pixels)."""
@@ -201,6 +205,8 @@ def show(exhibit: Exhibit, figures: Path) -> str:
         summary = read_results(output).summary | mechanism_of(output)
         exhibit.check(summary)
         keep(output / exhibit.picture, figures / f"gallery_{exhibit.name}.png")
+        if exhibit.name == FRONT:
+            keep(output / "contacts.png", figures / f"front_{exhibit.name}.png")
     return (f"{exhibit.scene}: {exhibit.measure(summary):.6g} {exhibit.unit}, of {exhibit.told} ({exhibit.source})")
 
 

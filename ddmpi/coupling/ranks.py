@@ -36,7 +36,7 @@ class WorkingRanks:
         self.world, self._roots, self._left = world, world, list[MPI.Comm]()
         self._number: list[int] = []
         self._team: Team | None = None
-        self._failed = False
+        self._failed = self._lost = False  # the case before; with an error that other ranks do not know of
 
     def work(self, scene: Settled, work: Callable[[MPI.Comm], T]) -> T | None:
         """The result of `work(roots)` on the roots of the bodies, None on the other ranks.
@@ -49,18 +49,19 @@ class WorkingRanks:
             [count_nodes(body.mesh) for body in scene.body], self.world.size)
         if number != self._number:
             self.end()
-            self._place(number)
+            if number:
+                self._place(number)
         elif self._failed and self._roots != MPI.COMM_NULL:
             self._left.append(self._roots)
             self._take(self._roots.Dup())  # no message of the case that failed may reach this one
         give_back()  # users ask for several ranks a body where memory is short
         team, result, failure = self._team, None, None
-        self._failed = True  # until it is known how the work ends
+        self._failed = self._lost = True  # until it is known how the work ends
         if team is None:
             try:
                 result = work(self._roots)
-            except NotConvergedError:
-                self._failed = False  # that is found when all is done
+            except DdmpiError as error:
+                self._lost, self._failed = not error.agreed, not isinstance(error, NotConvergedError)
                 raise
         elif team.comm.rank:
             team.serve()
@@ -79,8 +80,9 @@ class WorkingRanks:
             over = self.world.Ibarrier()
             while not over.Test():
                 time.sleep(NAP)
+            self._lost = False
             agree(self.world, failure)
-        self._failed = False
+        self._failed = self._lost = False
         return result
 
     def _place(self, number: list[int]) -> None:
@@ -98,7 +100,9 @@ class WorkingRanks:
             roots.Set_attr(_TEAM, self._team)
 
     def end(self) -> None:
-        """Free what the ranks hold for each other."""
+        """Free what the ranks hold for each other, unless some of them are lost: an error ends all processes then."""
+        if self._lost:
+            return
         if self._team is not None:
             self._team.end()
             self._team.comm.Free()
@@ -112,9 +116,10 @@ class WorkingRanks:
 def on_working_ranks(world: MPI.Comm, scene: Settled, work: Callable[[MPI.Comm], T]) -> T | None:
     """The result of `work(roots)` on the `WorkingRanks` for one case. Collective."""
     ranks = WorkingRanks(world)
-    result = ranks.work(scene, work)
-    ranks.end()
-    return result
+    try:
+        return ranks.work(scene, work)
+    finally:
+        ranks.end()
 
 
 def team_of(world: MPI.Comm) -> Team | None:

@@ -14,7 +14,7 @@ from matplotlib.patches import Patch
 from ddmpi.mesh.elements import normals
 from ddmpi.mesh.mesh import signed_measures
 from ddmpi.pictures.bodies import middles, skin_of
-from ddmpi.pictures.moved import FACING, STRAIGHT, apart, first_is_slave, rigid_parts
+from ddmpi.pictures.moved import FACING, STRAIGHT, apart, directions, first_is_slave, rigid_parts
 from ddmpi.pictures.sheet import (
     COLOURS,
     RESOLVED,
@@ -178,7 +178,8 @@ def _profiles(results: Results, scale: float,
 def draw_maps(results: Results, name: str) -> Any:
     """Pressure, zones, friction with arrows of slip, and gap or slip, if there is any, on a contact; a figure."""
     surface, cells, summary = results.surfaces[name], results.triangles(name), results.summary
-    at, labels, along = flatten(surface["points"], cells)
+    table = results.contacts[name]
+    at, labels, along = flatten(surface["points"], cells, *directions(vectors(table, "n"), table["area"]))
     asked = next(contact for contact in summary["scene"]["contact"] if contact["name"] == name)
     visible = RESOLVED * summary["displacement_max"]
     gaps, slips = (np.abs(surface[what]).max(initial=0.0) > visible for what in ("gap", "slip"))
@@ -246,17 +247,14 @@ def _shown(at: np.ndarray, closed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return low - margin, high + margin
 
 
-def flatten(points: np.ndarray, cells: np.ndarray) -> tuple[np.ndarray, tuple[str, str], np.ndarray]:
+def flatten(points: np.ndarray, cells: np.ndarray, mean: np.ndarray, least: np.ndarray,
+            axes: np.ndarray) -> tuple[np.ndarray, tuple[str, str], np.ndarray]:
     """Where the corners of cells (c, 3) between `points` (n, 3) are drawn (c, 3, 2) (m), what the two coordinates are,
-    and unit vectors (n, 2, 3) along them at the points.
+    and unit vectors (n, 2, 3) along them at the points. The contact's normals have `directions`.
 
     What faces one way by and large is seen along its mean normal. Flats that face each other's back stand side by side.
     What goes around an axis is unrolled, and cut where the contact has its largest hole.
     """
-    across = normals(points[cells])
-    area = np.linalg.norm(across, axis=1)
-    mean, second = across.sum(axis=0) / area.sum(), np.einsum("ci,cj,c->ij", across, across, 1.0 / area) / area.sum()
-    least, axes = np.linalg.eigh(second)
     if np.linalg.norm(mean) > FACING or least[0] > STRAIGHT or least[2] > 1.0 - STRAIGHT:
         front = unit(mean) if np.linalg.norm(mean) > FACING else axes[:, 2]
         k = int(np.abs(front).argmax())
@@ -275,7 +273,7 @@ def flatten(points: np.ndarray, cells: np.ndarray) -> tuple[np.ndarray, tuple[st
             at[..., 0] += (1.2 * np.ptp(at[..., 0]) * floor)[:, None]
             labels[0] += " (side by side)" if len(heights) > 1 else ""
         return at, (labels[0], labels[1]), np.broadcast_to(along, (len(points), 2, 3))
-    normal = unit(nodal(across[:, None].repeat(3, axis=1), cells, len(points)))
+    normal = unit(nodal(normals(points[cells])[:, None].repeat(3, axis=1), cells, len(points)))
     axis = axes[:, 0] * np.sign(axes[np.abs(axes[:, 0]).argmax(), 0])
     planes = np.eye(3) - normal[:, :, None] * normal[:, None, :] - np.outer(axis, axis)  # distances from its normal
     middle = np.linalg.lstsq(planes.sum(axis=0), np.einsum("lij,lj->i", planes, points), rcond=None)[0]

@@ -199,7 +199,7 @@ def _without_doubles(names: Sequence[str], results: Results) -> dict[str, str]:
     for name in names:
         rows = results.steps["contact"] == name
         curves = np.abs([results.steps[column][rows] for column in results.steps if column.startswith("force_")])
-        same = next((other for other, of in found.items() if results.dimension > 2
+        same = next((other for other, of in found.items() if "force_z" in results.steps
                      and np.abs(curves - of).max() <= ALIKE * of.max()), name)
         found.setdefault(same, curves)
         words.setdefault(same, []).append(name)

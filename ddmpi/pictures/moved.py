@@ -8,7 +8,6 @@ import msgspec
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from ddmpi.mesh.elements import normals
 from ddmpi.pictures.sheet import COLOURS, MARGIN, filled, round_down
 from ddmpi.pictures.views import Surface, View
 from ddmpi.results.fields import owners, vectors
@@ -145,22 +144,25 @@ def apart(results: Results, view: View) -> dict[str, np.ndarray]:
     names = [*results.summary["bodies"], *(rigid["name"] for rigid in scene.get("rigid", ()))]
     rows, aims = np.zeros((len(scene["contact"]), len(names))), np.zeros((len(scene["contact"]), 3))
     for row, aim, contact in zip(rows, aims, scene["contact"], strict=True):
-        points, cells = results.surfaces[contact["name"]]["points"], results.triangles(contact["name"])
-        across = normals(points[cells]) * (1.0 if first_is_slave(results, contact) else -1.0)
-        area = np.linalg.norm(across, axis=1)
-        if not area.any():
+        table, points = results.contacts[contact["name"]], results.surfaces[contact["name"]]["points"]
+        if not table["area"].any():
             continue
-        mean, second = across.sum(axis=0) / area.sum(), np.einsum("ci,cj,c->ij", across, across, 1.0 / area)
-        least, axes = np.linalg.eigh(second / area.sum())
-        faces, weight = np.linalg.norm(mean) > FACING, 1.0
-        if faces:
-            aim[:] = -OPENED * np.sqrt(area.sum()) * unit(mean)
+        mean, least, axes = directions(vectors(table, "n"), table["area"])
+        weight = 1.0
+        if np.linalg.norm(mean) > FACING:
+            aim[:] = -OPENED * np.sqrt(table["area"].sum()) * unit(mean)
         elif least[0] <= STRAIGHT and least[1] > STRAIGHT:
             aim[:] = 1.1 * np.ptp(points @ axes[:, 0]) * axes[:, 0] * (1.0 if axes[:, 0] @ view.axes[2] > 0.0 else -1.0)
             weight = 1e-3  # others come first
         row[[names.index(name) for name in contact["bodies"]]] = weight, -weight
         aim *= weight
     return dict(zip(names, np.linalg.pinv(rows) @ aims, strict=True))
+
+
+def directions(normal: np.ndarray, area: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of the normals (l, 3) of a contact at nodes with areas (l,) the mean; and along which axes (3, 3), the columns,
+    they have the mean squares (3,), the least first."""
+    return (area @ normal / area.sum(), *np.linalg.eigh(np.einsum("l,li,lj->ij", area, normal, normal) / area.sum()))
 
 
 def first_is_slave(results: Results, contact: dict) -> bool:

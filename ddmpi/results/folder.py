@@ -65,6 +65,7 @@ FILES = {
     "steps.png": "with load steps: loops of the tangential force, energies, contact stresses at the ends of legs; of "
                  "solids, loops of the tangential force, energies, forces and numbers of nodes over time",
     "animation.gif": "with load steps, if asked for: the moving bodies",
+    "animation.mp4": "the same as a video, where ffmpeg is installed",
     "error.png": "if asked for: where the estimated discretization error is",
     "mechanism.json": "where there is no equilibrium: centres of the loose bodies and their velocities "
                       "(x, y, turning; in space x, y, z, and turning about them) in the mechanism, of which the "

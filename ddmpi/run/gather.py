@@ -192,7 +192,8 @@ def gather_summary(assembly: Assembly, solution: Solution, error: Discretization
                                     "levels": [level._asdict() for level in ladder.levels]},
            "warnings": warnings, "undetermined": free,
            "exchange": {name: max(counts[name] for counts in sent) for name in sent[0]},
-           "reused": reused, "solvers": {"qp": outer.qp_type}, "options": PETSc.Options().getAll(),
+           "reused": {name: reused[name] for name in (*bodies, *solution.contacts) if name in reused},
+           "solvers": {"qp": outer.qp_type}, "options": PETSc.Options().getAll(),
            "options_unused": sorted(set.intersection(*unused))} | ({"energy": steps.balance()} if scene.time else {})
     if scene.output.derivatives:
         run["derivatives"] = steps.derived[0]

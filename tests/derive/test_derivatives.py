@@ -1,9 +1,11 @@
 """Derivatives against central differences of fresh answers, and what is refused."""
 
+import tomllib
+
 import numpy as np
 import pytest
-from differences import TIGHT, difference, ring, rubbed, vice, with_derivatives
-from scenes import FLOOR, pinched_blocks, rectangle, tower
+from differences import TIGHT, changed, difference, plain, results, ring, rubbed, vice, with_derivatives
+from scenes import COULOMB, FLOOR, ROOT, pinched_blocks, rectangle, tower
 from solid_scenes import two_boxes
 
 import ddmpi
@@ -77,9 +79,23 @@ def test_around_an_axis_with_heat():
                   "contact.fit.friction.coefficient"])
 
 
+def test_parts_of_a_body():
+    """Moduli of one part: a wheel and its lining."""
+    scene = tomllib.loads((ROOT / "configs" / "lined_wheel.toml").read_text(encoding="utf-8"))
+    scene["body"][0]["mesh"]["file"] = str(ROOT / "meshes" / "lined_wheel.msh")
+    keys, name = ["body.wheel.material.0.young", "body.wheel.material.1.young"], "contacts.wheel-ground.pressure_max"
+    answer = ddmpi.solve(with_derivatives(scene, keys), overrides=TIGHT)
+    for key in keys:  # by symmetry the other results hardly change
+        _, young = changed(plain(scene), key, None)
+        below, above = (results(ddmpi.solve(changed(plain(scene), key, by)[0], overrides=TIGHT).summary)
+                        for by in (-1e-3 * young, 1e-3 * young))
+        found = answer.derivative(key).contacts["wheel-ground"].pressure_max
+        assert found == pytest.approx((above[name] - below[name]) / (2e-3 * young), rel=CLOSE)
+
+
 def test_boxes_in_space():
     """Friction that turns."""
-    scene = two_boxes(2, law={"law": "coulomb", "coefficient": 0.3})
+    scene = two_boxes(2, law=COULOMB)
     check(scene, ["contact.upper-lower.friction.coefficient", "body.upper.traction.0", "body.upper.material.young",
                   "body.lower.material.young"])
 
@@ -91,6 +107,16 @@ def test_load_steps_are_chained():
     steps = answer.summary["steps"]
     assert ["derivatives" in step for step in steps] == [False, True] * 3
     assert steps[-1]["derivatives"] == answer.summary["derivatives"]
+
+
+def test_until_is_that_of_all_steps():
+    """A status that changes in an early step changes the answer, whatever the last step does."""
+    scene, key = rubbed(steps=1), "contact.fit.friction.coefficient"
+    answer = ddmpi.solve(with_derivatives(scene, [key]), overrides=TIGHT)
+    ends = np.array([step["derivatives"][key]["until"] for step in answer.summary["steps"]], float)
+    assert (np.diff(ends[:, 0]) >= 0.0).all() and (np.diff(ends[:, 1]) <= 0.0).all()
+    alone = scene | {"time": {"points": [1.0], "steps": 1}}
+    assert ddmpi.solve(with_derivatives(alone, [key]), overrides=TIGHT).derivative(key).until == pytest.approx(ends[0])
 
 
 def test_a_gap_with_a_history():
@@ -144,7 +170,8 @@ def test_what_else_is_refused():
 def test_any_number_of_ranks(comm):
     """One, two and three ranks give the same; bodies may have several ranks each."""
     for scene, keys in (pinched_blocks(4), ["contact.upper-lower.friction.coefficient", "body.lower.material.young"]), (
-            tower(3, 2), ["contact.block2-block1.friction.coefficient", "body.block3.traction.0"]):
+            tower(3, 2), ["contact.block2-block1.friction.coefficient", "body.block3.traction.0"]), (
+            two_boxes(2, law=COULOMB), ["contact.upper-lower.friction.coefficient", "body.lower.material.young"]):
         scene = with_derivatives(scene, keys)
         alone, together = (ddmpi.solve(scene, world, TIGHT) for world in (comm.Split(comm.rank), comm))
         for key in keys:

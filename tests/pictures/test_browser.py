@@ -15,7 +15,8 @@ import pytest
 from scenes import call, pinched_blocks, run_here, write_scene
 
 from ddmpi.errors import InputError
-from ddmpi.pictures.browser import write_view
+from ddmpi.pictures.browser import _page, write_view
+from ddmpi.pictures.moved import magnify
 from ddmpi.results.tables import read_results
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -58,8 +59,25 @@ def test_a_view_has_what_the_results_have(tmp_path):
     assert stress["unit"] == "MPa" and stress["marks"][1][0] == pytest.approx(results.fields["von_mises"].max() / 1e6)
     most = arrays["surface"].reshape(-1, 3)[head["fields"][1]["marks"][1][1]]
     assert np.linalg.norm(most - surface["points"][surface["pressure"].argmax()]) < 1e-3
+    above = arrays["above"].reshape(2, -1, 3)  # the upper body's side looks down, the lower one's up
+    assert above[0, :, 2] == pytest.approx(-3e-3, rel=1e-3) and above[1, :, 2] == pytest.approx(3e-3, rel=1e-3)
     upper, lower = np.array(head["shifts"])
     assert upper[2] - lower[2] == pytest.approx(0.32 * np.sqrt(3.0))  # apart along the normal
+
+
+def test_a_view_closes_gaps_as_pictures_do(tmp_path):
+    """A node is drawn where `magnify` has it, whatever the factor."""
+    bodies, contacts = made_up_solids.stack(divisions=(6, 2, 2))
+    made_up_solids.results(tmp_path, bodies, contacts)
+    results = read_results(tmp_path)
+    results.contacts["upper-lower"]["initial_gap"][:] = 1e-3
+    page = _page(results, tmp_path)
+    (tmp_path / "view.html").write_text(page, encoding="utf-8")
+    head, arrays = unpacked(tmp_path / "view.html")
+    factor, shift = magnify(results)
+    drawn = arrays["points"].reshape(-1, 3) + head["scale"] * arrays["moved0"].reshape(-1, 3)
+    assert head["scale"] == factor and np.abs(shift).max() > 1e-3
+    assert drawn == pytest.approx(results.points + shift + results.displacement(factor), abs=1e-3 * np.abs(shift).max())
 
 
 def test_contacts_in_the_plane_are_ribbons(tmp_path):

@@ -110,10 +110,24 @@ def test_what_is_kept_is_told():
             model.solve({"body.lower.clamp": ["nowhere"]})
         model.solve({"body.upper.material.poisson": 0.3, MU: 0.2})
         assert model.reused["upper"] == parts
-        model.solve({"petsc.body_mat_mumps_icntl_7": 0})
-        assert "compliance" not in model.reused.get("lower", ())
+        for overrides in ({"petsc.body_mat_mumps_icntl_7": 0}, {"method.compliance": "direct"}):
+            model.solve(overrides)
+            assert "compliance" not in model.reused.get("lower", ())
+        for name in "upper", "lower":
+            model.solve()
+            model.solve({f"body.{name}.mesh.divisions": [10, 3]})
+            assert "upper-lower" not in model.reused
     with pytest.raises(InputError, match="closed"):
         model.solve()
+
+
+def test_multigrid_remembers_nothing():
+    """Its solves begin from earlier ones: those of the case alone."""
+    scene = pinched_blocks(4, compliance="iterative")
+    with ddmpi.prepare(scene) as model:
+        model.solve({MU: 0.5})
+        compare(model, scene, {MU: 0.2})
+        assert model.reused == {"upper": ["mesh", "stiffness"], "lower": ["mesh", "stiffness"], "upper-lower": ["rows"]}
 
 
 def test_the_content_of_a_mesh_file_counts(tmp_path):
