@@ -136,9 +136,8 @@ def functional(assembly: Assembly, states: Mapping[str, ContactState], result: s
     if kind == "rigid" and what == "displacement":
         found.partner = name
         for each in joint.driven:
-            if each.name == name:  # `moved` is linear in the motions
-                found.motions[joint.slices[name]] = [each.moved(one).displacement[found.axis]
-                                                     for one in np.eye(len(each.push))]
+            if each.name == name:  # `shift` is linear in the motions
+                found.motions[joint.slices[name]] = [each.shift(one)[found.axis] for one in np.eye(len(each.push))]
     for interface, part in space.with_slices():
         if kind == "contacts" and interface.name == name:
             _of_contact(found, interface, states[name], part, what)

@@ -99,6 +99,7 @@ class Linearisation:
         """The unknown forces y (k,), the motions α, C times the forces (size,), and the relative residual."""
         joint, space, rigid = self.joint, self.joint.space, self.joint.rigid
         y, alpha, product = np.zeros(len(f)), np.zeros(rigid.size), np.zeros(space.size)
+        h = np.where(joint.kept, 0.0, h)  # no forces are asked of motions that stay where they are
         residual = 0.0 if not (space.any(f) or h.any()) else np.inf
         if not residual or not space.any(np.ones(len(f))):
             return y, alpha, product, residual
@@ -113,7 +114,7 @@ class Linearisation:
             # the true equations: neither ε nor D at nodes of several contacts stands in them
             product = joint.product(outward(y), PURPOSE, AIM)
             left = f - inward(product - rigid.spread(alpha)) - layer * y
-            out = h - rigid.sums(outward(y))
+            out = np.where(joint.kept, 0.0, h - rigid.sums(outward(y)))
             # a motion may undo nearly all of f, and the forces on the way may cancel: both are sizes to compare with
             misfit, moved, now = space.norms([left, inward(rigid.spread(alpha)), y])
             size, pull = max(size, moved), max(pull, now)
@@ -129,7 +130,7 @@ class Linearisation:
         if self._factors is None:
             C = joint.dense(SMALL) if 0 < lin.number <= SMALL else None
             self._factors = () if C is None else dgetrf(matrix(
-                C, lin, joint.rigid.Z, (self._layer + steering.shared)[lin.unknown],
+                C, lin, joint, (self._layer + steering.shared)[lin.unknown],
                 steering.diagonal[:joint.rigid.size]))
         if self._factors and not self._factors[2]:
             lu, pivots, _ = self._factors

@@ -340,6 +340,8 @@ def solve(assembly: Assembly, method: SettledMethod, report: Report = no_report,
     with clock.phase("outer"):
         mechanism = look_for_mechanism(assembly)
     iteration = Iteration(assembly, method, report, clock)
+    if assembly.start and isinstance(iteration.outer, Newton):
+        iteration.outer.begin(assembly.start(), foreseen=True)
     if checkpoints:
         iteration.keep(checkpoints)
     return iteration.solve(mechanism)

@@ -188,6 +188,8 @@ class March:
     def _step(self, time: float) -> Solution:
         """Solve the load step to `time`."""
         assembly, joint = self.assembly, self.assembly.joint
+        over = [name for name, end in assembly.scene.tightened.items() if end <= self._now.time]
+        joint.keep(over, self._now.alpha)
         mechanism = self._mechanism(time)
         assembly.act(time)
         self._d = joint.d

@@ -244,11 +244,13 @@ def explain(message: str, data: dict, root: type) -> str:
 def _locate(path: list[str], data: dict, root: type) -> tuple[list[str], Any, list[inspect.Type]]:
     """What stands at a path in `data`: the key, entries of lists by name; the value; the types that it may have."""
     named, given, kinds = list[str](), data, [inspect.type_info(root)]
+    before = kinds
     for key in path:
-        if key == "...":  # of a table of free names of the root, msgspec does not say which one
-            entry = get_args(get_type_hints(root, include_extras=True)[named[-1]])[1]
+        if key == "...":  # of a table of free names, msgspec does not say which one
+            table = next(kind.cls for kind in before if isinstance(kind, inspect.StructType))
+            entry = get_args(get_type_hints(table, include_extras=True)[named[-1]])[1]
             key = next(name for name, value in given.items() if not _fits(value, entry))
-        kinds = [inner for kind in kinds for inner in _inside(kind, key)]
+        before, kinds = kinds, [inner for kind in kinds for inner in _inside(kind, key)]
         in_list, given = isinstance(given, list), given[int(key) if isinstance(given, list) else key]
         named.append((in_list and name_of(given)) or key)
         if isinstance(given, dict):  # its tag, as in law = "coulomb", tells unions apart

@@ -69,6 +69,7 @@ def test_every_entry_is_documented():
     summary = summary_of(row(), {"energy": balance, "derivatives": {"contact.a-b.gap": by}}) | provenance(0.0, ["host"])
     summary["rigid"] = {"floor": {"displacement": [0.0, 0.0], "force": [1.0, 2.0], "turn": 0.0,
                                   "moment": 0.0}}
+    summary["contacts"]["left-middle"]["pretension"] = {"force": 1.0, "offset": 0.0}
     assert set(entries(summary)) == set(SUMMARY)
 
 
