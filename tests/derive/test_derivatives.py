@@ -3,6 +3,7 @@
 import tomllib
 from types import SimpleNamespace
 
+import bolts
 import numpy as np
 import pytest
 from differences import TIGHT, changed, difference, plain, results, ring, rubbed, vice, with_derivatives
@@ -127,6 +128,13 @@ def test_until_is_that_of_all_steps():
     assert (np.diff(ends[:, 0]) >= 0.0).all() and (np.diff(ends[:, 1]) <= 0.0).all()
     alone = scene | {"time": {"points": [1.0], "steps": 1}}
     assert ddmpi.solve(with_derivatives(alone, [key]), overrides=TIGHT).derivative(key).until == pytest.approx(ends[0])
+
+
+def test_a_pretension_that_is_kept():
+    """A bolt keeps its offset once it is tightened, and this its derivative; the force in it then follows the load."""
+    scene = bolts.joint(n=2)
+    scene["time"]["points"] = [1.0, 2.0]
+    check(scene, ["contact.cut.pretension.force", "body.sleeve.material.young", "rigid.head.force"])
 
 
 def test_a_march_goes_on_from_a_checkpoint(tmp_path):
