@@ -25,6 +25,7 @@ from ddmpi.judge.equilibrium import ROUNDING, describe
 from ddmpi.judge.motions import MotionsOfBody, undetermined
 from ddmpi.judge.overlap import doubt_overlaps
 from ddmpi.judge.plausible import doubt_cells, edge_lengths
+from ddmpi.mesh.boundary import parts_of
 from ddmpi.mesh.elements import CELLS
 from ddmpi.mesh.mesh import PHYSICAL, Mesh
 from ddmpi.results.folder import choose_folder
@@ -105,8 +106,9 @@ def _look(body: Body, unit: str) -> Looked:
     supports += [("foundation", foundation.on, None) for foundation in spec.foundation]
     length = edge_lengths(mesh)
     size, doubt = _range(length.max(axis=1).min(), length.max()), doubt_cells(mesh, spec.name)
+    named = [name for name in mesh.groups if not mesh.faces.keys() >= {*parts_of(name, ())}]
     words = [f"{len(mesh.points)} nodes, {len(mesh.triangles)} {mesh.cell.names} of size {size}; "
-             f"groups {', '.join(name for name in mesh.groups if name not in mesh.faces) or 'by number'}"]
+             f"groups {', '.join(named) or 'by number'}"]
     words += list(describe_faces(mesh, boundary, unit))
     words += [f"{how} on {on}{_following(history)}" for how, on, history in supports]
     if not member.elasticity.supported:

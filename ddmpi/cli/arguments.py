@@ -80,6 +80,14 @@ def build_parser() -> argparse.ArgumentParser:
     commands.add_parser("check", help="say and draw what a run would do, without solving", parents=[scene, written],
                         **formats)
     _add_sweep(commands, scene, formats)
+    deck = commands.add_parser("import", help="write a scene from an Abaqus or CalculiX deck", allow_abbrev=False,
+                               description="Write scene.toml and its meshes from an Abaqus or CalculiX deck, and list "
+                               "by lines what was taken, what was changed and what is lost. Where a load, a support or "
+                               "a contact would be lost, nothing is written.")
+    deck.add_argument("deck", type=_named, metavar="DECK.inp", help="the deck")
+    deck.add_argument("--output", type=_named, metavar="FOLDER", required=True, help="folder for the scene and its "
+                      "meshes; nothing is overwritten")
+    deck.add_argument("--partial", action="store_true", help="write the scene without what is not possible")
     results = _Parser(add_help=False)
     results.add_argument("folder", type=_named, metavar="DIR", help="folder of results")
     results.add_argument("--step", type=float, metavar="TIME", help="time of the load step to show, of those whose "
@@ -92,6 +100,13 @@ def build_parser() -> argparse.ArgumentParser:
                          help="cut solids open, as in x=0.5")
     figures.add_argument("--magnification", type=float, metavar="F",
                          help="of displacements (default: as much as suits the picture)")
+    view = commands.add_parser(
+        "view", help="write one HTML file in which the results turn in a browser", allow_abbrev=False,
+        description="Write a view of a run: one HTML file that turns the bodies in a browser, with stresses, "
+        "displacements and contact pressures, load steps and a cut. It needs no other file and no network.")
+    view.add_argument("folder", type=_named, metavar="DIR", help="folder of results")
+    view.add_argument("--output", type=_named, metavar="FILE", help="file to write (default: DIR/view.html); an "
+                      "earlier view is overwritten, any other file is not")
     path = commands.add_parser("path", help="write displacements and stresses along a straight line through the bodies "
                                "as a table", parents=[results], allow_abbrev=False)
     for name, words in ("from", "first point, as in 0,0.5 or 0,0,1"), ("to", "last point"):

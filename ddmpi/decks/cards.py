@@ -20,6 +20,7 @@ class Card(NamedTuple):
     rows : the entries of its data lines
     line : its number in `path`
     path : the file, which may be an included one
+    name : the keyword in capitals, with single blanks
     scope : name of the instance to which it belongs; empty outside of instances
     """
 
@@ -28,6 +29,7 @@ class Card(NamedTuple):
     rows: list[list[str]]
     line: int
     path: Path
+    name: str
     scope: str = ""
 
 
@@ -47,18 +49,19 @@ def read_cards(path: Path, within: tuple[Path, ...] = ()) -> Iterator[Card]:
     lines = [(number, line.strip()) for number, line in enumerate(text, 1)]
     lines = [(number, line) for number, line in lines if line and not line.startswith("**")]
     starts = [k for k, (_, line) in enumerate(lines) if line.startswith("*")]
-    for start, end in zip(starts, [*starts[1:], len(lines)], strict=True):
+    for start, end in zip(starts, [*starts, len(lines)][1:], strict=True):
         (number, head), first = lines[start], start + 1
         while head.endswith(",") and first < end and (first == start + 1 or "=" in lines[first][1]):
             head, first = head + lines[first][1], first + 1
         word, *rest = head[1:].split(",")
         parts = [entry.partition("=") for entry in rest]
         given = {"".join(name.split()).upper(): value.strip().strip('"') for name, _, value in parts}
-        if (word := "".join(word.split()).upper()) == "INCLUDE":
+        name = " ".join(word.split()).upper()
+        if (word := name.replace(" ", "")) == "INCLUDE":
             yield from read_cards(path.parent / given["INPUT"], (*within, path))
         else:
             rows = [[entry.strip() for entry in line.rstrip(", ").split(",")] for _, line in lines[first:end]]
-            yield Card(word, given, rows, number, path)
+            yield Card(word, given, rows, number, path, name)
 
 
 def flattened(path: Path) -> tuple[list[Card], list[Instance]]:

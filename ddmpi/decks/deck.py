@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ddmpi.decks.cards import Card, flattened
-from ddmpi.decks.cells import SHAPELESS, element, face
+from ddmpi.decks.words import SHAPELESS, element, face
 
 GENERATING = ("NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "SYSTEM")
 """Keywords that make nodes or elements from others, or move them; they are not read."""
@@ -47,7 +47,7 @@ class Deck:
         self.points: dict[int, list[float]] = {}
         self.blocks: list[tuple[str, np.ndarray, Card]] = []
         self.odd: list[Card] = []
-        self.sets: dict[str, dict[str, list[Entry]]] = {"NSET": {}, "ELSET": {}}
+        self.sets: dict[str, dict[str, list[Entry]]] = {"NSET": {}, "ELSET": {}, "NODES": {}}  # surfaces of nodes
         self.surfaces: dict[str, list[tuple[Entry, str]]] = {}
         self.names: dict[tuple[str, str], str] = {}  # of sets that are not internal, as they are written
         for card in self.cards:
@@ -59,7 +59,8 @@ class Deck:
         if word in GENERATING:
             raise ValueError(f"*{word} is not supported; write all nodes and elements")
         if word == "NODE":
-            self.points |= {own + int(row[0]): [float(word or 0.0) for word in [*row[1:], "", ""][:3]] for row in rows}
+            for row in rows:
+                self.points[own + int(row[0])] = [float(word or 0.0) for word in [*row[1:], "", "", ""][:3]]
             if "NSET" in given:  # of all nodes as a rule, and no group
                 self._set("NSET", given["NSET"], card, [own + int(row[0]) for row in rows], False)
         elif word == "ELEMENT":
@@ -70,7 +71,10 @@ class Deck:
             except ValueError:
                 self.odd.append(card)
                 return
-            entries = np.array([own + int(word) for row in rows for word in row if word], np.int64)
+            given_rows = [[own + int(word) for word in row if word] for row in rows]
+            if given_rows and min(map(len, given_rows)) > 1 + number:  # with nodes inside, of incompatible modes
+                given_rows = [row[:1 + number] for row in given_rows]
+            entries = np.array([entry for row in given_rows for entry in row], np.int64)
             if len(entries) % (1 + number):
                 raise ValueError(f"line {card.line}: *ELEMENT has {len(entries)} numbers, and {given['TYPE']} takes "
                                  f"{1 + number} each; is the file cut off?")
@@ -85,7 +89,7 @@ class Deck:
                 rows = [list(map(str, run)) for run in runs]
             self._set(word, given[word], card, self._entries(card, (entry for row in rows for entry in row if entry)))
         elif word == "SURFACE" and given.get("TYPE", "").upper() == "NODE":
-            self._set("NSET", given["NAME"], card, self._entries(card, (row[0] for row in rows)))
+            self._set("NODES", given["NAME"], card, self._entries(card, (row[0] for row in rows)))
         elif word == "SURFACE":
             name = self._named("SURFACE", given["NAME"], card)
             self.surfaces.setdefault(name, []).extend(
@@ -117,7 +121,9 @@ class Deck:
         name = next((key for key in keys if key in self.sets[kind]), None)
         if name is None or name in within:
             raise ValueError(f"there is no set {word}" if name is None else f"the set {word} contains itself")
-        return set().union(*(self.members(kind, member, (*within, name)) for member in self.sets[kind][name]))
+        of = "NSET" if kind == "NODES" else kind  # a surface may have the name of its set
+        within = (*within, name) if of == kind else ()
+        return set().union(*(self.members(of, member, within) for member in self.sets[kind][name]))
 
     def chosen(self, card: Card, kind: str, word: str) -> set[int]:
         """The numbers of nodes or elements that a data line of `card` names, by set or number. Raises ValueError."""

@@ -284,7 +284,7 @@ def file_groups(raw, label: str, cells: np.ndarray, part: bool = False) -> tuple
     """By name the facets (·, d) of each group of the boundary, in space the lines (·, 2) of curves, and nodes.
 
     Of a set of nodes the facets, or else the lines, and in any case its nodes. If the `cells` are a `part` of the file,
-    only what belongs to them. Raises InputError where no group has facets.
+    only what belongs to them. Raises InputError where there is no group.
     """
     d, kinds = cells.shape[1] - 1, list[dict[str, np.ndarray]]()
     for dimension in range(d - 1, 0, -1):
@@ -309,12 +309,12 @@ def file_groups(raw, label: str, cells: np.ndarray, part: bool = False) -> tuple
                     if len(parts):
                         kind[name] = parts
                         break
-    if not kinds[0]:
+    points_of = raw.cells_dict.get("vertex", np.empty((0, 1), int))[:, 0]
+    alone |= {name: np.unique(points_of[members]) for name, members in file_members(raw, 0).items()}
+    if not any((*kinds, alone)):
         raise InputError(f"{label} has no named physical groups of {CELLS[d - 1, 1].names}; clamps, tractions and "
                          'contacts refer to boundaries by such names: '
                          f'{PHYSICAL[d - 1].title()}("left") = {{4}};')
-    points_of = raw.cells_dict.get("vertex", np.empty((0, 1), int))[:, 0]
-    alone |= {name: np.unique(points_of[members]) for name, members in file_members(raw, 0).items()}
     if part:  # groups of other parts are not of this one
         kinds = [{name: own for name, own in kind.items() if len(own)} for kind in kinds]
         alone = {name: own for name, own in alone.items() if np.isin(own, cells).any() or any(

@@ -11,9 +11,11 @@ from typing import Any
 from mpi4py import MPI
 
 from ddmpi.derive.entries import Entry, joined
+from ddmpi.derive.gradient import gradient
 from ddmpi.errors import InputError
 from ddmpi.interface.state import ContactState
 from ddmpi.mesh.build import kind_of_files
+from ddmpi.methods.newton import Newton
 from ddmpi.petsc.options import RunOptions
 from ddmpi.results.fields import Fields
 from ddmpi.run.gather import Solved
@@ -67,6 +69,21 @@ class Answer:
             raise InputError(f"derivative({key!r}): output.derivatives of the scene does not name it"
                              f"{nearest(key, list(entries))} (there: {', '.join(entries) or 'none'})")
         return joined(entries[key], self.derived[key]) if entries[key] else None
+
+    def gradient(self, result: str) -> Entry:
+        """The derivatives of one result, such as "contacts.fit.normal_force" or "bodies.shaft.reaction.y", by all keys
+        by which the scene can be differentiated, and under "gap" by the gap at every node of each contact.
+
+        It takes one solve for all of them. Collective. Raises InputError for a result that there is not, of load steps,
+        and on more ranks than bodies; and SolverError where the equations are not solved precisely.
+        """
+        if not self.solved or self.summary["ranks"] > len(self.summary["bodies"]):
+            raise InputError("gradient: bodies with several ranks have left them; start on fewer, or name "
+                             "output.derivatives")
+        solution = self.solved.solution
+        if not solution.certified or not isinstance(solution.outer, Newton):
+            raise InputError('gradient: follows from a certified answer of outer = "newton"')
+        return gradient(self.solved.assembly, solution.outer, solution, result)
 
     def __repr__(self) -> str:
         summary, contacts = self.summary, list(self.summary["contacts"])

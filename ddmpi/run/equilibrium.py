@@ -113,7 +113,8 @@ def _undetermined(assembly: Assembly, chosen: Callable[[Interface], tuple[sparse
     of_all, bodies = gathered(assembly.world, of_rank), _with_partners(assembly)
 
     def describe() -> list[str]:
-        forces, slipping = zip(*of_all.values(), strict=True)
+        none = sparse.csr_matrix((0, size)), sparse.csr_matrix((2, size))  # of a scene without contacts
+        forces, slipping = zip(none, *of_all.values(), strict=True)
         kept = sparse.identity(size, format="csr")[assembly.joint.kept]  # as if forces resisted them
         return undetermined(sparse.vstack([*forces, kept]).T, bodies, sum(slipping).toarray())
 

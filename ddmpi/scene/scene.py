@@ -266,7 +266,7 @@ class Scene(Table, frozen=True, kw_only=True):
             if isinstance(rigid.moment, float | int):
                 yield 2, f"rigid.{rigid.name}.moment", "a moment in space has three components, [x, y, z]"
         for name in ("view", "cut"):
-            if getattr(self.output, name) is not None:
+            if getattr(self.output, name) not in (None, True, False):
                 yield 3, f"output.{name}", "only pictures of solids have a view and a cut; leave it out"
         if self.axisymmetric:
             yield 2, "axisymmetric", "axisymmetric bodies are drawn in the half-plane x >= 0"

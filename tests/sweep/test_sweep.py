@@ -337,9 +337,9 @@ def test_curves():
 
 
 @pytest.mark.parametrize(("result", "label"), [
-    ("contacts.tyre-road.normal_force", "contacts.tyre-road.normal_force (N/mm)"),
-    ("bodies.tyre.energy", "bodies.tyre.energy (mJ/mm)"), ("displacement_max", "displacement_max (mm)"),
-    ("seconds.total", "seconds.total (s)"), ("n_A", "n_A")])
+    ("contacts.tyre-road.normal_force", "normal force of tyre-road (N/mm)"),
+    ("bodies.tyre.energy", "strain energy of tyre (mJ/mm)"), ("displacement_max", "largest displacement (mm)"),
+    ("seconds.total", "time (s)"), ("n_A", "solves with stiffnesses")])
 def test_labels(result, label):
     """Names have their units, those of the scene; numbers stand by size, words beside each other."""
     varied = {"method.splitting": ["step2", "none", "none"], "k.v": [2e11, 20000000000, 2e9]}

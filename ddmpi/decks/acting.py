@@ -1,0 +1,394 @@
+"""Clamps, loads and temperatures of the bodies of a deck, and the histories that they follow."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ddmpi.decks.cards import Card
+from ddmpi.decks.material import Matter, table
+from ddmpi.decks.model import Acting, Course, Model, Notes, numbers
+from ddmpi.decks.pieces import Piece, linear
+
+KEEPS = 1e-9
+"""Factors of one history are equal to this difference."""
+
+LEVER = 1e-6
+"""Moments of nodal forces below this fraction of force times size are rounding."""
+
+PARALLEL = 1e-6
+"""A direction whose component is nearer to 1 than this is that of x, y or z."""
+
+ALONG = 0.97
+"""Least cosine between the normals of straight facets and the directions of supports at their nodes."""
+
+Key = tuple[float, str | None]
+"""The value of a load, and its history."""
+
+
+class Acts:
+    """What acts on the bodies, as entries of a scene.
+
+    Parameters
+    ----------
+    timed : whether there are load steps; else the values at the end count
+    """
+
+    def __init__(self, model: Model, notes: Notes, matter: Matter, pieces: Sequence[Piece], family: str) -> None:
+        self.model, self.notes, self.matter, self.pieces = model, notes, matter, pieces
+        self.axisymmetric = family == "CAX"
+        self.axes = "xyz" if family == "C3D" else "xy"
+        self.histories: dict[Course, str] = {}
+        friction = any("FRICTION" in of for of in model.interactions.values())
+        odd = [acting for kind in model.kinds.values() for acting in kind.values() if not _ramps(acting.course)]
+        self.timed = len(model.ends) > 1 or (bool(odd) and friction)
+        for card in {id(acting.card): acting.card for acting in odd}.values() if not self.timed else ():
+            notes.add(notes.changed, card, "its amplitude counts at the end of the step")
+        self.sets = {name: np.fromiter(model.deck.members("NSET", ("", key)), np.int64)
+                     for (kind, key), name in model.deck.names.items() if kind == "NSET"}
+        self.where = {end: (piece, k) for piece in pieces for end, k in piece.at.items()}
+
+    def factor(self, acting: Acting) -> Key:
+        """The largest value of a load or support, or that at the end if there is one step, and its history."""
+        if not self.timed:
+            return acting.course[-1][1], None
+        peak = max((value for _, value in acting.course), key=abs)
+        if not peak:
+            return 0.0, None
+        course = [(time, round(value / peak, 12)) for time, value in acting.course]
+        kept = tuple(point for k, point in enumerate(course) if k in (0, len(course) - 1)
+                     or not _between(course[k - 1], point, course[k + 1]))
+        return peak, self.histories.setdefault(kept, f"h{len(self.histories) + 1}")
+
+    def _named(self, piece: Piece, places: np.ndarray, name: str) -> str:
+        """The set of the nodes at these places, called as in the deck if there is such a set."""
+        nodes = piece.nodes[places]
+        for other, members in self.sets.items():
+            if len(members) >= len(nodes) and np.array_equal(np.intersect1d(members, piece.nodes), nodes):
+                name = other
+                break
+        return piece.node_set(places, name)
+
+    def clamps(self, piece: Piece) -> list[dict[str, Any]]:
+        """The supports of a body: by component sets of nodes with one value, or a linear function."""
+        number = {node: k for k, node in enumerate(piece.nodes.tolist())}
+        # by component, then whether it is moved and by which history: value by place
+        at: dict[int, dict[tuple[bool, str | None], dict[int, float]]] = defaultdict(lambda: defaultdict(dict))
+        turned: dict[int, dict[int, Acting]] = defaultdict(dict)
+        for (node, component), acting in self.model.kinds["supports"].items():
+            if node not in number or (component > len(self.axes) and not acting.course[-1][1]):
+                continue
+            if node in self.model.transforms:
+                turned[node][component] = acting
+                continue
+            if component > len(self.axes):
+                self.notes.add(self.notes.lost, acting.card, "a displacement out of the plane")
+                continue
+            value, history = self.factor(acting)
+            at[component - 1][bool(value), history][number[node]] = value
+        found = self._turned(piece, turned, at, number)
+        together: dict[tuple[bytes, str | None], tuple[np.ndarray, dict[str, Any]]] = {}
+        for component, by_history in sorted(at.items()):
+            for (_, history), held in by_history.items():
+                places, values = np.array(sorted(held)), np.array([held[k] for k in sorted(held)])
+                for some, value in _alike(piece, places, values):
+                    _, entry = together.setdefault((some.tobytes(), history), (some, {}))
+                    entry[self.axes[component]] = value
+        for (_, history), (some, entry) in together.items():
+            clamp = {"on": self._named(piece, some, "fixed")} | entry
+            found.append(clamp | ({"history": history} if history else {}))
+        return found
+
+    def _turned(self, piece: Piece, turned: dict[int, dict[int, Acting]], at: Any,
+                number: dict[int, int]) -> list[dict[str, Any]]:
+        """Supports in directions of *TRANSFORM: along x, y or z, or along the normals of whole faces."""
+        normal: dict[tuple[int, str | None], dict[int, np.ndarray]] = defaultdict(dict)
+        cards: dict[int, Card] = {}
+        for node, held in turned.items():
+            zero = [acting for acting in held.values() if not any(value for _, value in acting.course)]
+            if len(zero) == len(held) >= len(self.axes):  # all components are zero in any directions
+                for k in range(len(self.axes)):
+                    at[k][False, None][number[node]] = 0.0
+                continue
+            for component, acting in held.items():
+                way = _direction(self.model.transforms[node], piece.points[number[node]], component)[:len(self.axes)]
+                k = int(np.abs(way).argmax())
+                value, history = self.factor(acting)
+                if abs(abs(way[k]) - 1.0) < PARALLEL:
+                    at[k][bool(value), history][number[node]] = value * float(np.sign(way[k]))
+                else:
+                    normal[component, None if not value else "moved"][number[node]] = way
+                    cards[component] = acting.card
+        found = []
+        for (component, moved), ways in normal.items():
+            marked = np.zeros(len(piece.nodes), bool)
+            marked[list(ways)] = True
+            facets = piece.whole(marked)
+            mean = np.zeros((len(facets), len(self.axes)))
+            for row, ends in zip(mean, piece.facets[facets][:, :4].tolist(), strict=True):
+                row[:] = np.mean([ways[k] for k in ends if k >= 0], axis=0)
+            facets = facets[np.abs((piece.normals(facets) * mean).sum(axis=1)) > ALONG]
+            covered = np.unique(piece.facets[facets])
+            if moved or set(ways) - set(covered.tolist()):
+                self.notes.add(self.notes.lost, cards[component], "a support in a direction of *TRANSFORM that is "
+                               "neither x, y, z nor the normal of faces")
+            else:
+                found.append({"on": piece.group(facets, "guided"), "normal": 0.0})
+        return found
+
+    def loads(self) -> dict[str, list[dict[str, Any]]]:
+        """The tractions of all bodies by name: pressures on faces, and forces at nodes spread over faces."""
+        found: dict[str, list[dict[str, Any]]] = {piece.name: [] for piece in self.pieces}
+        pressed: dict[tuple[str, float, str | None, tuple], list[int]] = defaultdict(list)
+        for (element, face, way), acting in self.model.kinds["pressures"].items():
+            if (element, face) not in self.where:
+                if any(value for _, value in acting.course):
+                    self.notes.add(self.notes.lost, acting.card, "a pressure on a face that is not on a boundary")
+                continue
+            piece, facet = self.where[element, face]
+            value, history = self.factor(acting)
+            if value:
+                pressed[piece.name, value, history, way].append(facet)
+        by_name = {piece.name: piece for piece in self.pieces}
+        for (name, value, history, way), facets in pressed.items():
+            load = {"value": [value * x for x in way[:len(self.axes)]]} if way else {"pressure": value}
+            found[name].append({"on": self._surface(by_name[name], np.array(facets))} | load
+                               | ({"history": history} if history else {}))
+        for piece in self.pieces:
+            found[piece.name] += self._forces(piece)
+        inside = {node for piece in self.pieces for node in piece.nodes.tolist()}
+        inside |= {node for rigid in self.model.rigid for node in (rigid.ref, rigid.turn)}
+        for (node, _), acting in self.model.kinds["forces"].items():
+            if node not in inside and any(value for _, value in acting.course):
+                self.notes.add(self.notes.lost, acting.card, "a force at a node of no body")
+        for (node, _), acting in self.model.kinds["supports"].items():
+            if node not in inside:
+                self.notes.add(self.notes.changed, acting.card, "a support at a node of no body is left out")
+        return found
+
+    def _surface(self, piece: Piece, facets: np.ndarray) -> str:
+        """The group of these facets, called as the deck's surface of them."""
+        ends = {tuple(end) for end in piece.owners[facets].tolist()}
+        for (kind, key), name in self.model.deck.names.items():
+            if kind == "SURFACE" and len(self.model.deck.surfaces[key]) <= len(ends):
+                rows = self.model.deck.surfaces[key]
+                if {(element, int(where[1])) for what, where in rows if where[1:].isdigit()
+                        for element in self.model.deck.members("ELSET", what)} == ends:
+                    return piece.group(facets, name)
+        return piece.group(facets, "pressed")
+
+    def _forces(self, piece: Piece) -> list[dict[str, Any]]:
+        """Nodal forces as tractions with the same resultant and the same first moments."""
+        number, d = {node: k for k, node in enumerate(piece.nodes.tolist())}, len(self.axes)
+        by_history: dict[str | None, dict[int, np.ndarray]] = defaultdict(dict)
+        cards: dict[int, Card] = {}
+        for (node, component), acting in self.model.kinds["forces"].items():
+            value, history = self.factor(acting)
+            if node in number and value:
+                way = _direction(self.model.transforms.get(node), piece.points[number[node]], component)[:d]
+                before = by_history[history].get(number[node], np.zeros(d))
+                by_history[history][number[node]] = before + value * way / self.matter.depth
+                cards[number[node]] = acting.card
+        found = []
+        for history, forces in by_history.items():
+            patches, lost = piece.patches(np.array(sorted(forces)))
+            for k in lost.tolist():
+                self.notes.add(self.notes.lost, cards[k], "a force at a node that is not on the boundary")
+            for patch in patches:
+                some = np.array([forces[k] for k in patch.nodes])
+                self.notes.add(self.notes.changed, cards[int(patch.nodes[0])], "forces at nodes are spread over "
+                               "the faces around them, with the same resultant and moments")
+                on = piece.group(patch.facets, "loaded")
+                found += [{"on": on} | load | ({"history": history} if history else {})
+                          for load in self._spread(piece, patch.facets, piece.points[patch.nodes], some)]
+        return found
+
+    def _spread(self, piece: Piece, facets: np.ndarray, at: np.ndarray, forces: np.ndarray) -> list[dict[str, Any]]:
+        """The traction t(x) = F / A + S (x − c) with ∫t = Σ F_n and ∫ t ⊗ (x − c) = Σ F_n ⊗ (x_n − c); the second as
+        far as the facets reach. S J = that moment, with J = ∫ (x − c) ⊗ (x − c)."""
+        x, w = piece.quadrature(facets, self.axisymmetric)
+        centre = w @ x / w.sum()
+        J, moments = ((x - centre).T * w) @ (x - centre), forces.T @ (at - centre)
+        total, size = forces.sum(axis=0), np.abs(forces).sum() * np.ptp(x, axis=0).max()
+        loads: list[dict[str, Any]] = []
+        if np.abs(total).max() > LEVER * np.abs(forces).sum():
+            loads.append({"force": [float(value) for value in total]})
+        if np.abs(moments).max() > LEVER * size:
+            slopes = moments @ np.linalg.pinv(J, rcond=1e-6, hermitian=True)
+            if np.abs(slopes).max() * w.sum() * np.ptp(x, axis=0).max() > LEVER * np.abs(forces).sum():
+                slopes[np.abs(slopes) < KEEPS * np.abs(slopes).max()] = 0.0
+                loads.append({"value": {"constant": (-slopes @ centre).tolist()} | {
+                    f"{axis}_slope": slopes[:, k].tolist() for k, axis in enumerate(self.axes)}})
+        return loads
+
+    def volume_forces(self, piece: Piece) -> list[Any] | dict[str, Any] | None:
+        """Gravity, centrifugal and other forces per volume of a body, as formulas; all must have one history."""
+        rows: dict[str | None, list[tuple[Card, np.ndarray, np.ndarray]]] = defaultdict(list)
+        own, d = set(piece.elements.tolist()), len(self.axes)
+        for (what, scope, label, more), acting in self.model.kinds["body_forces"].items():
+            value, history = self.factor(acting)
+            some = self.model.deck.chosen(acting.card._replace(scope=scope), "ELSET", what) & own
+            if not some or not value:
+                continue
+            if some != own:
+                self.notes.add(self.notes.lost, acting.card, f"{label} on a part of a body")
+                continue
+            if label in ("BX", "BY", "BZ"):
+                rows[history].append((acting.card, value * np.eye(3)["XYZ".index(label[1])][:d], np.zeros((d, d))))
+                continue
+            densities = {self._density(k, acting.card) for k in self.matter.sections(piece)}
+            if len(densities) > 1:
+                self.notes.add(self.notes.lost, acting.card, f"{label} on a body with several densities")
+                continue
+            density = densities.pop()
+            if label == "GRAV":
+                way = np.array([*more, 0.0, 0.0, 0.0][:3])
+                rows[history].append((acting.card, density * value * way[:d], np.zeros((d, d))))
+            else:  # ρ ω² times the distance from the axis
+                start, way = np.array([*more, *[0.0] * 6][:3]), np.array([*more, *[0.0] * 6][3:6])
+                way = way / np.linalg.norm(way)
+                across = density * value * (np.eye(3) - np.outer(way, way))
+                rows[history].append((acting.card, -(across @ start)[:d], across[:d, :d]))
+        if not rows:
+            return None
+        history = next(iter(rows))
+        for other in list(rows)[1:]:
+            self.notes.add(self.notes.lost, rows[other][0][0], "volume forces that change in different ways")
+        constant = np.sum([row[1] for row in rows[history]], axis=0)
+        slopes = np.sum([row[2] for row in rows[history]], axis=0)
+        force = [_formula(float(constant[k]), slopes[k], self.axes) for k in range(d)]
+        return {"value": force, "history": history} if history else force
+
+    def _density(self, section: int, card: Card) -> float:
+        name = self.model.sections[section][1]
+        if "DENSITY" not in self.model.materials.get(name, {}):
+            self.notes.add(self.notes.lost, card, f"the material {name} has no *DENSITY")
+            return 0.0
+        return numbers(self.model.materials[name]["DENSITY"].rows[0])[0]
+
+    def heat(self, piece: Piece) -> tuple[Any, dict[str, float]]:
+        """The temperature of a body over its initial one, and the expansion of each of its materials by name.
+
+        The thermal strain is α(T) (T − T_z) − α(T_0) (T_0 − T_z), with the reference T_z of α. Where T varies in place,
+        the strain over the first α stands for the temperature.
+        """
+        own = [node for node in piece.nodes.tolist() if node in self.model.kinds["heat"]]
+        if not own:
+            return None, {}
+        start = np.array([self.model.start.get(node, 0.0) for node in piece.nodes.tolist()])
+        end, histories = start.copy(), set()
+        cards = {self.model.kinds["heat"][node].card.line: self.model.kinds["heat"][node].card for node in own}
+        card = next(iter(cards.values()))
+        for node in own:
+            k = int(np.searchsorted(piece.nodes, node))
+            acting = self.model.kinds["heat"][node]
+            # courses begin at zero; temperatures at the initial one
+            warm = tuple((time, value - start[k] if time else 0.0) for time, value in acting.course)
+            rise, history = self.factor(Acting(acting.card, warm))
+            end[k] = start[k] + rise
+            histories |= {history} if rise else set()
+        if len(histories) > 1:
+            self.notes.add(self.notes.lost, card, "temperatures that change in different ways in one body")
+        names = dict.fromkeys(self.model.sections[k][1] for k in self.matter.sections(piece))
+        uniform = np.ptp(start) == np.ptp(end) == 0.0
+        fields, expansions = [], {}
+        for name in names:
+            expansion = self.model.materials[name].get("EXPANSION") if name in self.model.materials else None
+            if expansion is None:
+                expansions[name] = 0.0
+                continue
+            kind = expansion.given.get("TYPE", "ISO").upper()
+            values, at = table(expansion, {"ISO": 1, "ORT": 3}.get(kind[:3], 6))
+            if kind[:3] != "ISO" and np.ptp(values[:, :3], axis=1).any():
+                self.notes.add(self.notes.lost, expansion, "expansion that differs by direction")
+            zero = numbers([expansion.given.get("ZERO", "0")])[0]
+            order = np.argsort(at)
+
+            def strain(T: np.ndarray, at=at[order], alpha=values[order, 0], zero=zero) -> np.ndarray:
+                return np.interp(T, at, alpha) * (T - zero)
+
+            grown = strain(end) - strain(start)
+            alpha = float(values[0, 0]) or 1.0
+            if uniform and end[0] != start[0]:
+                alpha = float(grown[0] / (end[0] - start[0]))
+            fields.append(grown / alpha if alpha else grown)
+            expansions[name] = alpha
+            if len(values) > 1:
+                self.notes.add(self.notes.changed, expansion, "the thermal strain of the table is folded into the "
+                               "expansion and the temperature")
+        if not fields or not any(expansions.values()):
+            return None, {}
+        if any(np.abs(field - fields[0]).max() > KEEPS * np.abs(fields[0]).max() for field in fields[1:]):
+            self.notes.add(self.notes.lost, card, "expansions of several materials that vary with the temperature")
+        text = self._field(piece, fields[0], card)
+        history = next(iter(histories), None)
+        return (text if not history else {"value": text, "history": history}), expansions
+
+    def _field(self, piece: Piece, values: np.ndarray, card: Card) -> Any:
+        """A temperature by nodes as a number or a formula: linear in place, or between layers of nodes."""
+        found = linear(piece.points, values)
+        if found is not None:
+            return _formula(float(found[0]), found[1:], self.axes)
+        size = np.abs(values).max()
+        for x, axis in zip(piece.points.T, self.axes, strict=True):
+            layers, number = np.unique(np.round(x, 9), return_inverse=True)
+            means = np.bincount(number, values) / np.bincount(number)
+            if len(layers) < 30 and np.abs(values - means[number]).max() < LEVER * size:
+                turns = np.diff(np.diff(means) / np.diff(layers), prepend=0.0)
+                text = repr(float(means[0])) + "".join(
+                    f" + ({turn!r}) * max(0, {axis} - ({layer!r}))"
+                    for turn, layer in zip(turns.tolist(), layers.tolist(), strict=False)
+                    if abs(turn) * np.ptp(layers) > KEEPS * size)
+                if len(text) <= 1000:
+                    self.notes.add(self.notes.changed, card, "temperatures are linear between layers of nodes")
+                    return text
+        self.notes.add(self.notes.lost, card, "temperatures that are no linear function of place")
+        return 0.0
+
+
+def _alike(piece: Piece, places: np.ndarray, values: np.ndarray) -> list[tuple[np.ndarray, Any]]:
+    """Nodes with one value; all of them if the values are a linear function of place."""
+    different = np.unique(values)
+    if len(different) > 1 and len(places) > piece.points.shape[1] + 1:
+        found = linear(piece.points[places], values)
+        if found is not None:
+            slopes = zip(("x_slope", "y_slope", "z_slope"), found[1:].tolist(), strict=False)
+            return [(places, {"constant": float(found[0])} | dict(slopes))]
+    return [(places[values == value], float(value)) for value in different]
+
+
+def _direction(transform: Card | None, at: np.ndarray, component: int) -> np.ndarray:
+    """(3,) the direction of a component of displacements or forces at a place."""
+    if transform is None:
+        return np.eye(3)[component - 1]
+    v = np.array([*numbers(transform.rows[0]), *[0.0] * 6][:6])
+    place = np.array([*at, 0.0][:3])
+    if transform.given.get("TYPE", "R").upper()[0] == "C":  # radial, around and along the axis from a to b
+        third = (v[3:] - v[:3]) / np.linalg.norm(v[3:] - v[:3])
+        first = place - v[:3] - third * ((place - v[:3]) @ third)
+    else:
+        first, third = v[:3], np.cross(v[:3], v[3:])
+        third = third / np.linalg.norm(third)
+    first = first / (np.linalg.norm(first) or 1.0)
+    return np.array([first, np.cross(third, first), third])[component - 1]
+
+
+def _formula(constant: float, slopes: np.ndarray, axes: str) -> Any:
+    """A number, or a formula that is linear in the coordinates."""
+    terms = [f"({slope!r}) * {axis}" for slope, axis in zip(slopes.tolist(), axes, strict=True) if slope]
+    return " + ".join([repr(constant), *terms]) if terms else constant
+
+
+def _ramps(course: Course) -> bool:
+    """Whether a value grows from zero in proportion to time, or is zero."""
+    end, last = course[-1]
+    return all(abs(value - last * time / end) <= KEEPS * abs(last) for time, value in course)
+
+
+def _between(before: tuple[float, float], point: tuple[float, float], after: tuple[float, float]) -> bool:
+    """Whether a point is on the line between its neighbours."""
+    share = (point[0] - before[0]) / (after[0] - before[0]) if after[0] > before[0] else 0.0
+    return abs(before[1] + share * (after[1] - before[1]) - point[1]) <= KEEPS

@@ -1,0 +1,139 @@
+"""The materials of a body of a deck."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ddmpi.decks.cards import Card
+from ddmpi.decks.model import Model, Notes, numbers
+from ddmpi.decks.pieces import Piece, own_name
+from ddmpi.errors import InputError
+
+AXES = np.eye(3)
+
+
+def table(card: Card, width: int) -> tuple[np.ndarray, np.ndarray]:
+    """Values (k, width) of a material and the temperatures (k,) at which they hold; continued lines are joined."""
+    lines, row = [], list[float]()
+    for words in card.rows:
+        row += numbers(words)
+        if len(row) >= width:
+            lines.append([*row, 0.0][:width + 1])
+            row = []
+    if not lines or row:
+        raise InputError(f"line {card.line}: *{card.name}: {width} values are needed")
+    values = np.array(lines)
+    return values[:, :width], values[:, width]
+
+
+class Matter:
+    """The materials of a deck as a scene has them, plane ones by the `family` of the elements."""
+
+    def __init__(self, model: Model, notes: Notes, family: str) -> None:
+        self.model, self.notes, self.family = model, notes, family
+        self.owner: dict[int, int] = {}  # section by element; the last one counts
+        for k, (members, *_) in enumerate(model.sections):
+            self.owner |= dict.fromkeys(members, k)
+        thick = {section[2] for k, section in enumerate(model.sections) if k in set(self.owner.values())}
+        if len(thick) > 1 and family in ("CPE", "CPS"):
+            raise InputError(f"plane sections are {' and '.join(map(str, sorted(thick)))} thick; a scene has one depth")
+        self.depth = thick.pop() if family in ("CPE", "CPS") and thick else 1.0
+
+    def sections(self, piece: Piece) -> dict[int, np.ndarray]:
+        """The sections of a body, and their elements. Raises InputError for elements without one."""
+        own = np.array([self.owner.get(element, -1) for element in piece.elements.tolist()])
+        if (own < 0).any():
+            raise InputError(f"element {piece.elements[own < 0][0]} has no *SOLID SECTION; is the deck cut off?")
+        return {int(k): piece.elements[own == k] for k in np.unique(own)}
+
+    def of(self, piece: Piece, expansions: dict[str, float]) -> list[dict[str, Any]]:
+        """The materials of a body, with the `expansions` by name where it is heated."""
+        different: dict[tuple[str, str], tuple[dict[str, Any], list[np.ndarray]]] = {}
+        for k, elements in self.sections(piece).items():
+            _, name, _, orientation, card = self.model.sections[k]
+            if name not in self.model.materials:
+                raise InputError(f"line {card.line}: *{card.name}: there is no *MATERIAL {name}")
+            for heat, some in self._by_heat(name, piece, elements):
+                material = self._elastic(name, self._axes(orientation, card), heat, card)
+                if name in expansions:
+                    material["expansion"] = expansions[name]
+                if self.family == "CPS":
+                    material["plane"] = "stress"
+                different.setdefault((name, repr(material)), (material, []))[1].append(some)
+        if len(different) == 1:
+            return [next(iter(different.values()))[0]]
+        result = []
+        for (name, _), (material, parts) in different.items():
+            on = own_name(name, piece.taken)
+            piece.materials[on] = np.concatenate(parts)
+            result.append({"on": on} | material)
+        return result
+
+    def _axes(self, orientation: str, card: Card) -> np.ndarray:
+        """(3, 3) rows are the axes of a section's material."""
+        if not orientation:
+            return AXES
+        if orientation not in self.model.orientations:
+            raise InputError(f"line {card.line}: *{card.name}: there is no *ORIENTATION {orientation}")
+        given = self.model.orientations[orientation]
+        v = np.array([*numbers(given.rows[0]), *[0.0] * 6][:6])
+        turned = len(given.rows) > 1 and any(numbers(given.rows[1])[1:])
+        if given.given.get("SYSTEM", "RECTANGULAR").upper()[0] != "R" or turned or not np.cross(v[:3], v[3:]).any():
+            return np.zeros((3, 3))
+        first, third = v[:3] / np.linalg.norm(v[:3]), np.cross(v[:3], v[3:]) / np.linalg.norm(np.cross(v[:3], v[3:]))
+        return np.array([first, np.cross(third, first), third])
+
+    def _by_heat(self, name: str, piece: Piece, elements: np.ndarray) -> list[tuple[float, np.ndarray]]:
+        """The elements by their mean temperatures, where the moduli vary with these."""
+        card = self.model.materials[name].get("ELASTIC")
+        if card is None or len(card.rows) < 2:
+            return [(0.0, elements)]
+        nodal = self.heats(piece)
+        heats = np.round(np.concatenate([nodal[np.searchsorted(piece.nodes, block.entries[:, 1:])].mean(axis=1)
+                                         for block in piece.blocks]), 6)[np.isin(piece.elements, elements)]
+        own = piece.elements[np.isin(piece.elements, elements)]
+        return [(float(heat), own[heats == heat]) for heat in np.unique(heats)]
+
+    def _elastic(self, name: str, axes: np.ndarray, heat: float, section: Card) -> dict[str, Any]:
+        """young, poisson and, of an orthotropic material, shear along x, y and z, at a temperature."""
+        card = self.model.materials[name].get("ELASTIC")
+        if card is None:
+            raise InputError(f"line {section.line}: *{section.name}: the material {name} has no *ELASTIC")
+        kind = card.given.get("TYPE", "ISOTROPIC").upper()
+        width = 2 if kind.startswith("ISO") else 21 if kind.startswith("ANISO") else 9
+        values, at = table(card, width)
+        row = values[0]
+        if len(values) > 1:
+            order = np.argsort(at)
+            row = np.array([np.interp(heat, at[order], column[order]) for column in values.T])
+            self.notes.add(self.notes.changed, card, "moduli at the mean temperature of each element at the end")
+        if width == 2:
+            return {"young": float(row[0]), "poisson": float(row[1])}
+        if width == 21:
+            self.notes.add(self.notes.lost, card, "a material without planes of symmetry")
+            return {"young": 1.0, "poisson": 0.0}
+        if not kind.startswith("ENGINEERING"):  # the stiffness D1111, D1122, D2222, D1133, D2233, D3333, D1212, …
+            stiffness = np.array([[row[0], row[1], row[3]], [row[1], row[2], row[4]], [row[3], row[4], row[5]]])
+            S = np.linalg.inv(stiffness)
+            young = 1.0 / np.diag(S)
+            row = np.array([*young, -S[1, 0] * young[0], -S[2, 0] * young[0], -S[2, 1] * young[1], *row[6:]])
+        return self._orthotropic(row, axes, card)
+
+    def _orthotropic(self, row: np.ndarray, axes: np.ndarray, card: Card) -> dict[str, Any]:
+        plain, turned = np.allclose(axes, AXES), {}
+        if self.family == "C3D" and axes.any():
+            turned = {} if plain else {"axes": axes[:2].tolist()}
+        elif self.family != "CAX" and abs(axes[2, 2]) == 1.0:  # the third axis is z
+            turned = {"angle": float(np.degrees(np.arctan2(axes[0, 1], axes[0, 0])))}
+        elif not plain:
+            self.notes.add(self.notes.lost, card, "axes of a material that turn from place to place")
+        shear = row[6:].tolist() if self.family == "C3D" else float(row[6])
+        return {"young": row[:3].tolist(), "poisson": row[3:6].tolist(), "shear": shear} | turned
+
+    def heats(self, piece: Piece) -> np.ndarray:
+        """(n,) the temperatures of the nodes of a body at the end."""
+        start = np.array([self.model.start.get(node, 0.0) for node in piece.nodes.tolist()])
+        return np.array([self.model.kinds["heat"][node].course[-1][1] if node in self.model.kinds["heat"] else before
+                         for node, before in zip(piece.nodes.tolist(), start.tolist(), strict=True)])

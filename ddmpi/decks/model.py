@@ -1,0 +1,400 @@
+"""What a deck says beside its mesh: materials, contacts, and loads and supports over the time of its steps."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ddmpi.decks.cards import Card
+from ddmpi.decks.deck import Deck
+from ddmpi.decks.words import NAMED_SUPPORTS, PROCEDURES, REFUSED, SILENT, faces
+from ddmpi.errors import InputError
+
+Course = tuple[tuple[float, float], ...]
+"""Values over time."""
+
+
+class Acting(NamedTuple):
+    """A load or a support: its keyword and its value over time, linear between points (time, value)."""
+
+    card: Card
+    course: Course
+
+
+class Pair(NamedTuple):
+    """Two surfaces in contact or tied, by names."""
+
+    card: Card
+    slave: str
+    master: str
+
+
+class Rigid(NamedTuple):
+    """A rigid set of nodes, or one over which forces are `spread`: keyword, nodes, and the reference nodes whose
+    displacements are the shift of the set and its turn; one with six components may be both."""
+
+    card: Card
+    nodes: set[int]
+    ref: int
+    turn: int
+    spread: bool = False
+
+
+class Notes:
+    """What became of the keywords: taken, changed and lost, each with its reason and lines."""
+
+    def __init__(self, main: Any) -> None:
+        self.main = main
+        self.taken: dict[tuple[str, str], list[str]] = {}
+        self.changed: dict[tuple[str, str], list[str]] = {}
+        self.lost: dict[tuple[str, str], list[str]] = {}
+
+    def add(self, where: dict[tuple[str, str], list[str]], card: Card, reason: str) -> None:
+        line = f"{card.line}" if card.path == self.main else f"{card.line} of {card.path.name}"
+        lines = where.setdefault((card.name, reason), [])
+        if line not in lines:
+            lines.append(line)
+
+    @staticmethod
+    def words(where: dict[tuple[str, str], list[str]]) -> Iterator[str]:
+        """A line of text for each entry."""
+        for (name, reason), lines in where.items():
+            some = ", ".join(lines[:6]) + f" and {len(lines) - 6} more" * (len(lines) > 6)
+            yield f"line{'s' * (len(lines) > 1)} {some}: *{name}: {reason}"
+
+
+def number(word: str) -> float:
+    """A number as decks write it, with E or D before the exponent. Raises ValueError."""
+    return float(word.upper().replace("D", "E"))
+
+
+def numbers(row: list[str]) -> list[float]:
+    """The numbers of a data line; empty entries are zero."""
+    return [number(word) if word else 0.0 for word in row]
+
+
+class Model:
+    """Materials, contacts, loads and supports of a deck. Raises InputError, with the line, for what cannot be read.
+
+    Attributes
+    ----------
+    materials : by name (capitals): keyword → its rows and parameters
+    sections : elements, material, thickness, orientation, of each section
+    pairs, interactions, clearances : of contacts
+    supports, forces : by node and component
+    pressures : by element and face: pressure, or with the components of TRVEC a traction
+    body_forces : by set, kind and direction
+    heat : by node the temperatures
+    start : initial temperatures by node
+    ends : times of the ends of the steps
+    """
+
+    def __init__(self, deck: Deck, notes: Notes) -> None:
+        self.deck, self.notes = deck, notes
+        self.materials: dict[str, dict[str, Card]] = {}
+        self.sections: list[tuple[set[int], str, float, str, Card]] = []
+        self.pairs: list[Pair] = []
+        self.interactions: dict[str, dict[str, Card]] = {}
+        self.clearances: list[Card] = []
+        self.kinds: dict[str, dict[Any, Acting]] = {
+            kind: {} for kind in ("supports", "forces", "pressures", "body_forces", "heat")}
+        self.start: dict[int, float] = {}
+        self.ends: list[float] = []
+        self.nlgeom = False
+        self._named = {card.given.get("NAME", "").upper(): card for card in deck.cards if card.word == "AMPLITUDE"}
+        self.orientations = {card.given.get("NAME", "").upper(): card for card in deck.cards
+                             if card.word == "ORIENTATION"}
+        self.transforms = {node: card for card in deck.cards if card.word == "TRANSFORM"
+                           for node in self._of(card, "NSET", card.given.get("NSET", ""))}
+        self.rigid: list[Rigid] = []
+        self._refs = {node for card in deck.cards for key in ("REFNODE", "ROTNODE") if key in card.given
+                      for node in self._of(card, "NSET", card.given[key])}
+        self._inside: dict[str, Card] = {}  # the material or interaction whose keywords follow
+        self._fresh: dict[str, dict[Any, tuple[Card, float]]] = {kind: {} for kind in self.kinds}
+        self._renewed: set[str] = set()
+        self._read()
+
+    def _of(self, card: Card, kind: str, what: str) -> set[int]:
+        try:
+            return self.deck.chosen(card, kind, what)
+        except ValueError as error:
+            raise _refusal(card, error) from None
+
+    def _read(self) -> None:
+        steps: list[list[Card]] = []
+        inside = None
+        for card in self.deck.cards:
+            if card.word == "STEP":
+                if inside is not None:
+                    raise _refusal(inside, "the step does not end before the next one begins")
+                inside = card
+                steps.append([])
+            if inside is None:
+                self._take(card)
+            else:
+                steps[-1].append(card)
+            inside = None if card.word == "ENDSTEP" else inside
+        if inside is not None:
+            raise _refusal(inside, "the step that begins here does not end; is the deck cut off?")
+        ways = [next((card for card in step if card.word in PROCEDURES), step[0]) for step in steps]
+        if not any(way.word == "STATIC" for way in ways):
+            what = f"; its first step, on line {steps[0][0].line}, is *{ways[0].name}" if steps else ""
+            raise InputError(f"it has no *STATIC step{what}; ddmpi computes static equilibrium")
+        for step, way in zip(steps, ways, strict=True):
+            if way.word == "STATIC":
+                self._follow(step, way)
+            else:
+                self.notes.add(self.notes.lost, way, "only *STATIC steps are computed")
+
+    def _follow(self, cards: list[Card], way: Card) -> None:
+        """Take the cards of a step, and follow all loads and supports to its end."""
+        given = numbers([word for row in way.rows[:1] for word in row])
+        begin = self.ends[-1] if self.ends else 0.0
+        end = begin + ([*given, 0.0, 0.0][1] or 1.0)
+        if cards[0].given.get("NLGEOM", "NO").upper() != "NO" or cards[0].given.get("NLGEOM") == "":
+            self.nlgeom = True
+            self.notes.add(self.notes.changed, cards[0], "warning: NLGEOM: displacements and strains are small here")
+        self._renewed = set()
+        for card in cards:
+            self._take(card)
+        for kind, acting in self.kinds.items():
+            fresh = self._fresh[kind]
+            self._fresh[kind] = {}
+            for key in [key for key in acting if kind in self._renewed and key not in fresh]:
+                card, course = acting[key]
+                if kind == "supports":
+                    self.notes.add(self.notes.lost, card, "a support that ends before a later step")
+                    continue
+                acting[key] = Acting(card, (*course, (end, 0.0)))
+            for key, (card, value) in fresh.items():
+                if kind == "supports" and self.ends and key not in acting:
+                    self.notes.add(self.notes.lost, card, "a support that begins in a later step")
+                    continue
+                before = acting[key].course if key in acting else ((0.0, 0.0), (begin, 0.0))[:1 + bool(begin)]
+                course = (*before, *self._course(card, value, begin, end))
+                acting[key] = Acting(card, course[1:] if course[1:2] and course[1][0] == 0.0 else course)
+            for key, (card, course) in acting.items():
+                if course[-1][0] < end:
+                    acting[key] = Acting(card, (*course, (end, course[-1][1])))
+        self.ends.append(end)
+
+    def _course(self, card: Card, value: float, begin: float, end: float) -> Iterator[tuple[float, float]]:
+        """The values of a load of a step: a ramp, or its amplitude."""
+        name = card.given.get("AMPLITUDE", "").upper()
+        if not name:
+            yield end, value
+            return
+        if name not in self._named:
+            raise _refusal(card, f"there is no *AMPLITUDE {name}")
+        amplitude = self._named[name]
+        way, form = amplitude.given.get("DEFINITION", "TABULAR").upper(), amplitude.given.get("VALUE", "").upper()
+        if way != "TABULAR" or "USER" in amplitude.given or form == "ABSOLUTE":
+            self.notes.add(self.notes.lost, card, f"the amplitude {name} is no table of factors")
+            return
+        table = np.array(numbers([word for row in amplitude.rows for word in row if word])).reshape(-1, 2)
+        delay = number(card.given.get("TIMEDELAY", "0"))
+        first = delay + (0.0 if "TOTAL" in amplitude.given.get("TIME", "").upper() else begin)
+        times = first + table[:, 0]
+        inner = times[(times > begin) & (times < end)].tolist()
+        if begin == 0.0 and table[0, 1]:  # it begins at once
+            inner = [0.0, *inner]
+        for time in (*inner, end):
+            yield time, value * float(np.interp(time, times, table[:, 1]))
+
+    def _take(self, card: Card) -> None:
+        """Note what one keyword says. Raises InputError."""
+        method = getattr(self, f"_{card.word.lower().replace('-', '_')}", None)
+        if card.word in REFUSED:
+            self.notes.add(self.notes.lost, card, f"{REFUSED[card.word]}: not possible")
+        elif method is not None:
+            try:
+                method(card)
+            except (ValueError, KeyError) as error:
+                raise _refusal(card, f"it lacks {error}" if isinstance(error, KeyError) else str(error)) from None
+            except IndexError:
+                raise _refusal(card, "a data line is too short") from None
+        elif card.word not in SILENT:
+            self.notes.add(self.notes.lost, card, "this keyword is not known")
+
+    def _taken(self, card: Card, what: str) -> None:
+        self.notes.add(self.notes.taken, card, what)
+
+    def _material(self, card: Card) -> None:
+        self._inside = self.materials.setdefault(card.given["NAME"].upper(), {})
+
+    def _elastic(self, card: Card) -> None:
+        self._inside[card.word] = card
+        self._taken(card, "elastic constants")
+
+    def _expansion(self, card: Card) -> None:
+        self._inside[card.word] = card
+        self._taken(card, "thermal expansion" if card.word == "EXPANSION" else "density")
+
+    _density = _expansion
+
+    def _surfaceinteraction(self, card: Card) -> None:
+        self._inside = self.interactions.setdefault(card.given["NAME"].upper(), {})
+
+    def _surfacebehavior(self, card: Card) -> None:
+        self._inside[card.word] = card
+        law = card.given.get("PRESSURE-OVERCLOSURE", "HARD").upper()
+        if "NOSEPARATION" in card.given:
+            self.notes.add(self.notes.lost, card, "contact that never opens")
+        elif law == "TIED":
+            self.notes.add(self.notes.changed, card, "tied contact: bonded, without stiffness")
+        elif law != "HARD":
+            self.notes.add(self.notes.changed, card, f"{law}: hard contact, the stiffness is dropped")
+
+    def _friction(self, card: Card) -> None:
+        self._inside[card.word] = card
+        row = numbers(card.rows[0]) if card.rows else [0.0]
+        if "ROUGH" in card.given or "TAUMAX" in card.given or "USER" in card.given:
+            self.notes.add(self.notes.lost, card, "friction other than Coulomb's with one coefficient")
+        if len(row) > 1 and row[1]:
+            self.notes.add(self.notes.changed, card, "the stick slope is dropped: nodes stick without slip")
+        self._taken(card, "coefficient of friction")
+
+    def _solidsection(self, card: Card) -> None:
+        row = numbers(card.rows[0]) if card.rows else []
+        self.sections.append((self.deck.chosen(card, "ELSET", card.given["ELSET"]), card.given["MATERIAL"].upper(),
+                              [*row, 0.0][0] or 1.0, card.given.get("ORIENTATION", "").upper(), card))
+        self._taken(card, "material of elements")
+
+    def _contactpair(self, card: Card) -> None:
+        self.pairs += [Pair(card, row[0], row[1]) for row in card.rows]
+
+    _tie = _contactpair
+
+    def _clearance(self, card: Card) -> None:
+        if "VALUE" not in card.given:
+            self.notes.add(self.notes.lost, card, "a clearance without one VALUE")
+        self.clearances.append(card)
+
+    def _renew(self, kind: str, card: Card) -> None:
+        """OP=NEW, once a step, removes what acted before."""
+        if card.given.get("OP", "MOD").upper() == "NEW" and kind not in self._renewed:
+            self._renewed.add(kind)
+            if not self.ends:
+                self._fresh[kind] = {}
+
+    def _boundary(self, card: Card) -> None:
+        self._renew("supports", card)
+        if {"SUBMODEL", "USER", "FIXED"} & card.given.keys() or card.given.get("TYPE", "D")[0].upper() != "D":
+            self.notes.add(self.notes.lost, card, "displacements of another model, a routine, or of the step before")
+            return
+        for row in card.rows:
+            if row[1].upper() in NAMED_SUPPORTS:
+                first, last, value = *NAMED_SUPPORTS[row[1].upper()], 0.0
+            else:
+                first = int(row[1] or 1)
+                last, value = int([*row, "", ""][2] or first), number([*row, "", ""][3] or "0")
+            for node in self.deck.chosen(card, "NSET", row[0]):
+                most = 6 if node in self._refs else 3
+                self._fresh["supports"] |= {(node, k): (card, value) for k in range(first, min(last, most) + 1)}
+                if last > most and (value or first > 3):
+                    self.notes.add(self.notes.lost, card, f"component {last} of the displacement")
+        self._taken(card, "clamps")
+
+    def _cload(self, card: Card) -> None:
+        self._renew("forces", card)
+        for row in card.rows:
+            for node in self.deck.chosen(card, "NSET", row[0]):
+                if int(row[1]) > (6 if node in self._refs else 3):
+                    self.notes.add(self.notes.lost, card, "moments at nodes")
+                else:
+                    self._fresh["forces"][node, int(row[1])] = card, number(row[2])
+        self._taken(card, "forces")
+
+    def _dload(self, card: Card) -> None:
+        for kind in ("pressures", "body_forces"):
+            self._renew(kind, card)
+        for row in card.rows:
+            what, label, *rest = row[0], row[1].upper(), *row[2:]
+            values = numbers(rest)
+            if re.fullmatch(r"P\d", label):
+                for element in self.deck.chosen(card, "ELSET", what):
+                    self._fresh["pressures"][element, int(label[1]), ()] = card, values[0]
+                self._taken(card, "pressure")
+            elif label in ("GRAV", "CENTRIF", "BX", "BY", "BZ"):
+                way = (what.lower(), card.scope, label, tuple(values[1:7]))
+                self._fresh["body_forces"][way] = card, values[0]
+                self._taken(card, "volume force")
+            else:
+                self.notes.add(self.notes.lost, card, f"the load {label}")
+
+    def _dsload(self, card: Card) -> None:
+        self._renew("pressures", card)
+        for row in card.rows:
+            label, values = row[1].upper(), numbers(row[2:])
+            if label not in ("P", "TRVEC"):
+                self.notes.add(self.notes.lost, card, f"the load {label}")
+                continue
+            way = tuple(np.array(values[1:4]) / np.linalg.norm(values[1:4])) if label == "TRVEC" else ()
+            for element, face in self.surface(card, row[0]):
+                self._fresh["pressures"][element, face, way] = card, values[0]
+            self._taken(card, "pressure on a surface")
+
+    def _rigidbody(self, card: Card) -> None:
+        nodes = set().union(*(self.deck.chosen(card, "NSET", card.given[key]) for key in ("NSET", "TIENSET")
+                              if key in card.given))
+        ref, = self._of(card, "NSET", card.given["REFNODE"])
+        turn, = self._of(card, "NSET", card.given.get("ROTNODE", card.given["REFNODE"]))
+        if {"ELSET", "PINNSET", "ANALYTICALSURFACE"} & card.given.keys() or not nodes:
+            self.notes.add(self.notes.lost, card, "rigid bodies that are no set of nodes")
+        else:
+            self.rigid.append(Rigid(card, nodes, ref, turn))
+
+    def _coupling(self, card: Card) -> None:
+        ref, = self._of(card, "NSET", card.given["REFNODE"])
+        name = card.given["SURFACE"]
+        try:
+            nodes = self.deck.chosen(card, "NODES", name)
+        except ValueError:
+            ends = set(self.surface(card, name))
+            nodes = {node for kind, entries, _ in self.deck.blocks for k, face in enumerate(faces(kind), 1)
+                     for row in entries.tolist() if (row[0], k) in ends for node in np.array(row)[1 + np.array(face)]}
+        self.rigid.append(Rigid(card, nodes, ref, ref))
+
+    def _kinematic(self, card: Card) -> None:
+        if card.rows and [row for row in card.rows if int(row[0]) > 1 or int([*row, ""][1] or 1) < 6]:
+            self.notes.add(self.notes.lost, card, "a coupling of some components only")
+
+    def _distributing(self, card: Card) -> None:
+        self.rigid[-1] = self.rigid[-1]._replace(spread=True)
+
+    def _temperature(self, card: Card) -> None:
+        self._renew("heat", card)
+        if "FILE" in card.given or "USER" in card.given:
+            self.notes.add(self.notes.lost, card, "temperatures of a file or a routine")
+            return
+        for row in card.rows:
+            for node in self.deck.chosen(card, "NSET", row[0]):
+                self._fresh["heat"][node] = card, number(row[1])
+        self._taken(card, "temperature")
+
+    def _initialconditions(self, card: Card) -> None:
+        if card.given["TYPE"].upper() != "TEMPERATURE" or "FILE" in card.given:
+            self.notes.add(self.notes.lost, card, f"initial {card.given['TYPE'].lower()}")
+            return
+        for row in card.rows:
+            self.start |= dict.fromkeys(self.deck.chosen(card, "NSET", row[0]), number(row[1]))
+        self._taken(card, "initial temperature")
+
+    def surface(self, card: Card, name: str) -> Iterator[tuple[int, int]]:
+        """The elements of a surface of element faces, and the numbers of their faces. Raises ValueError."""
+        keys = (f"{card.scope}.{name}".lower(), name.lower())
+        key = next((key for key in keys if key in self.deck.surfaces), None)
+        if key is None:
+            raise ValueError(f"there is no surface {name} of element faces")
+        for what, where in self.deck.surfaces[key]:
+            if not re.fullmatch(r"[SE]\d", where):
+                raise ValueError(f"the surface {name} has a side {where or '(none)'} that is no face S1 to S6")
+            for element in sorted(self.deck.members("ELSET", what)):
+                yield element, int(where[1])
+
+
+def _refusal(card: Card, what: object) -> InputError:
+    return InputError(f"line {card.line}{f' of {card.path.name}' if card.path.name else ''}: *{card.name}: {what}")

@@ -1,0 +1,237 @@
+"""The bodies of a deck: elements that hang together, the facets of their boundaries, and their mesh files."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse as sparse
+from scipy.sparse import csgraph
+
+from ddmpi.decks.deck import STRIDE
+from ddmpi.decks.words import SIDES, corners, faces, shape
+
+TRIANGLE = np.array([[4.0, 1.0, 1.0], [1.0, 4.0, 1.0], [1.0, 1.0, 4.0]]) / 6.0
+"""Barycentric points of a rule with equal weights, exact for squares of the coordinates."""
+
+GAUSS = np.array([-np.sqrt(0.6), 0.0, np.sqrt(0.6)]), np.array([5.0, 8.0, 5.0]) / 18.0
+"""Points in (−1, 1) and weights of a rule on lines, exact for fifth powers."""
+
+EXACT = 1e-6
+"""Values lie on a linear function of the coordinates up to this fraction of the largest one."""
+
+
+class Block(NamedTuple):
+    """Elements of one type: Abaqus's name, meshio's, and numbers and nodes (k, 1 + n)."""
+
+    name: str
+    kind: str
+    entries: np.ndarray
+
+
+class Patch(NamedTuple):
+    """Facets with loads: numbers of facets and loaded nodes."""
+
+    facets: np.ndarray
+    nodes: np.ndarray
+
+
+def own_name(text: str, taken: Iterable[str]) -> str:
+    """A name of letters, digits, dashes and underscores that is not among the `taken`."""
+    base = re.sub(r"[^\w-]+", "_", text).strip("_")[:60] or "x"
+    names = [base, *(f"{base}_{k}" for k in range(2, 10**6))]
+    lower = {name.lower() for name in taken}
+    return next(name for name in names if name.lower() not in lower)
+
+
+def split(blocks: Sequence[Block]) -> list[list[Block]]:
+    """The elements in pieces that have no node in common, in the order of their first elements."""
+    nodes = np.unique(np.concatenate([block.entries[:, 1:].ravel() for block in blocks]))
+    rows, columns, count = [], [], 0
+    for block in blocks:
+        place = np.searchsorted(nodes, block.entries[:, 1:])
+        rows.append(np.repeat(count + np.arange(len(place)), place.shape[1]))
+        columns.append(place.ravel())
+        count += len(place)
+    total = count + len(nodes)
+    entries = np.concatenate(rows), count + np.concatenate(columns)
+    graph = sparse.coo_matrix((np.ones(len(entries[0]), np.int8), entries), (total, total))
+    label = csgraph.connected_components(graph, directed=False)[1][:count]
+    _, first = np.unique(label, return_index=True)
+    starts = np.cumsum([0, *(len(block.entries) for block in blocks)])
+    return [[Block(block.name, block.kind, block.entries[own]) for block, start, end in zip(
+        blocks, starts, starts[1:], strict=False) if (own := label[start:end] == piece).any()]
+            for piece in label[np.sort(first)]]
+
+
+class Piece:
+    """One body: its elements, nodes, and the facets of its boundary.
+
+    Attributes
+    ----------
+    nodes : (n,) numbers, ascending; points : (n, d) (m)
+    facets : (f, 8) places in `nodes` of the corners, in the first four columns, and of the middles of the sides; −1
+        where there are fewer
+    owners : (f, 2) element and number of the face
+    groups, sets : facets and numbers of nodes by name, as the mesh file has them
+    materials : elements by name of the set
+    """
+
+    def __init__(self, name: str, blocks: list[Block], numbers: np.ndarray, points: np.ndarray) -> None:
+        self.name, self.blocks = name, blocks
+        self.elements = np.concatenate([block.entries[:, 0] for block in blocks])
+        self.nodes = np.unique(np.concatenate([block.entries[:, 1:].ravel() for block in blocks]))
+        self.points = points[np.searchsorted(numbers, self.nodes)]
+        self.groups: dict[str, np.ndarray] = {}
+        self.sets: dict[str, np.ndarray] = {}
+        self.materials: dict[str, np.ndarray] = {}
+        parts = [self._faces(block) for block in blocks]
+        every, owners = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+        ends = np.sort(every[:, :4], axis=1)
+        _, number, count = np.unique(ends, axis=0, return_inverse=True, return_counts=True)
+        alone = count[number.ravel()] == 1
+        self.facets, self.owners = every[alone], owners[alone]
+
+    def _faces(self, block: Block) -> tuple[np.ndarray, np.ndarray]:
+        """All faces of elements, as `facets`, and `owners`."""
+        place, number = np.searchsorted(self.nodes, block.entries[:, 1:]), corners(block.kind)
+        sides = {frozenset(side): number + k for k, side in enumerate(SIDES[shape(block.kind)])}
+        found, owners = [], []
+        for k, face in enumerate(faces(block.kind), 1):
+            around = list(zip(face, face[1:] + face[:1], strict=True)) if len(face) > 2 else [face]
+            middles = [sides[frozenset(side)] for side in around] if place.shape[1] > number else []
+            row = np.full((len(place), 8), -1)
+            row[:, :len(face)], row[:, 4:4 + len(middles)] = place[:, list(face)], place[:, middles]
+            found.append(row)
+            owners.append(np.column_stack([block.entries[:, 0], np.full(len(place), k)]))
+        return np.concatenate(found), np.concatenate(owners)
+
+    @property
+    def taken(self) -> set[str]:
+        """All names of the mesh file."""
+        return {self.name, *self.sets, *self.groups, *self.materials}
+
+    @cached_property
+    def at(self) -> dict[tuple[int, int], int]:
+        """Numbers of facets by element and face."""
+        return {(element, face): k for k, (element, face) in enumerate(self.owners.tolist())}
+
+    def within(self, nodes: Iterable[int]) -> np.ndarray:
+        """(k,) bool of all nodes: whether they are among numbers of `nodes`."""
+        return np.isin(self.nodes, np.fromiter(nodes, np.int64))
+
+    def whole(self, marked: np.ndarray) -> np.ndarray:
+        """The facets (k,) whose corners are all `marked`."""
+        return np.flatnonzero((np.append(marked, True)[self.facets[:, :4]]).all(axis=1))  # −1 is the last, and True
+
+    def group(self, facets: np.ndarray, name: str) -> str:
+        """The name of a group of these facets; a new one, like `name`, if there is none yet."""
+        return _kept(self.groups, np.unique(facets), name, self.taken)
+
+    def node_set(self, nodes: np.ndarray, name: str) -> str:
+        """The name of a set of these nodes (places); a new one, like `name`, if there is none yet."""
+        return _kept(self.sets, np.unique(nodes), name, self.taken)
+
+    def patches(self, loaded: np.ndarray) -> tuple[list[Patch], np.ndarray]:
+        """Facets to carry the forces at places `loaded` (k,): whole facets that hang together, else those around nodes
+        that hang together; and the nodes that have no facet."""
+        marked = np.zeros(len(self.nodes) + 1, bool)
+        marked[loaded] = marked[-1] = True
+        ends, middles = marked[self.facets[:, :4]].all(axis=1), marked[self.facets[:, 4:]].all(axis=1)
+        # consistent loads of quadratic tetrahedra are at the middles of sides alone
+        whole = ends | (middles & (self.facets[:, 4] >= 0))
+        found = []
+        left = marked[:-1].copy()
+        for some in (whole, None):
+            some = np.append(left, False)[self.facets].any(axis=1) if some is None else some
+            for facets in self._heaps(np.flatnonzero(some)):
+                nodes = np.unique(self.facets[facets])
+                nodes = nodes[(nodes >= 0) & left[nodes]]
+                found.append(Patch(facets, nodes))
+            left[np.unique(self.facets[some])] = False
+        return [patch for patch in found if len(patch.nodes)], np.flatnonzero(left)
+
+    def _heaps(self, facets: np.ndarray) -> list[np.ndarray]:
+        """Facets in heaps that have common corners."""
+        place = self.facets[facets, :4]
+        rows, columns = np.nonzero(place >= 0)
+        links = sparse.coo_matrix((np.ones(len(rows), np.int8), (rows, place[rows, columns])),
+                                  (len(facets), len(self.nodes))).tocsr()
+        count, label = csgraph.connected_components(links @ links.T, directed=False) if len(facets) else (0, facets)
+        return [facets[label == k] for k in range(count)]
+
+    def quadrature(self, facets: np.ndarray, around: bool) -> tuple[np.ndarray, np.ndarray]:
+        """Points (q, d) and weights (q,) on straight facets; with the circumference if `around` an axis."""
+        d = self.points.shape[1]
+        place = self.facets[facets]
+        if d == 2:
+            a, b = self.points[place[:, 0]], self.points[place[:, 1]]
+            at = (a + b)[:, None] / 2.0 + (b - a)[:, None] / 2.0 * GAUSS[0][:, None]
+            weights = np.linalg.norm(b - a, axis=1)[:, None] * GAUSS[1]
+        else:
+            parts = np.concatenate([place[:, [0, 1, 2]], place[place[:, 3] >= 0][:, [0, 2, 3]]])
+            x = self.points[parts]
+            at = TRIANGLE @ x
+            area = np.linalg.norm(np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]), axis=1) / 2.0
+            weights = np.repeat(area[:, None] / 3.0, 3, axis=1)
+        at, weights = at.reshape(-1, d), weights.ravel()
+        return at, weights * 2.0 * np.pi * at[:, 0] if around else weights
+
+    def normals(self, facets: np.ndarray) -> np.ndarray:
+        """Unit normals (f, d) of straight facets, on either side."""
+        x = self.points[self.facets[facets][:, :4]]
+        along = x[:, 1] - x[:, 0]
+        across = np.cross(along, x[:, 2] - x[:, 0]) if x.shape[2] > 2 else along[:, ::-1] * (1.0, -1.0)
+        return across / np.linalg.norm(across, axis=1)[:, None]
+
+    def write(self, path: Path) -> None:
+        """Write the mesh as an input of Abaqus with sets of nodes, elements, and surfaces of faces."""
+        lines = ["*NODE"]
+        lines += [f"{number % STRIDE}, {', '.join(map(repr, at))}" for number, at in zip(
+            self.nodes.tolist(), self.points.tolist(), strict=True)]
+        for block in self.blocks:
+            lines.append(f"*ELEMENT, TYPE={block.name}, ELSET={self.name}")
+            for entries in (block.entries % STRIDE).tolist():
+                lines += _rows(entries)
+        for name, elements in self.materials.items():
+            lines += [f"*ELSET, ELSET={name}", *_rows((elements % STRIDE).tolist())]
+        for name, nodes in self.sets.items():
+            lines += [f"*NSET, NSET={name}", *_rows((self.nodes[nodes] % STRIDE).tolist())]
+        for name, facets in self.groups.items():
+            lines += [f"*SURFACE, NAME={name}", *(f"{element % STRIDE}, S{face}" for element, face in
+                                                  self.owners[facets].tolist())]
+        path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _rows(entries: list[int]) -> list[str]:
+    """A data line of numbers, continued after every tenth."""
+    rows = [", ".join(map(str, entries[k:k + 10])) for k in range(0, len(entries), 10)]
+    return [f"{row}," for row in rows[:-1]] + rows[-1:]
+
+
+def _kept(groups: dict[str, np.ndarray], members: np.ndarray, name: str, taken: set[str]) -> str:
+    for other, some in groups.items():
+        if np.array_equal(some, members):
+            return other
+    called = own_name(name, taken)
+    groups[called] = members
+    return called
+
+
+def linear(points: np.ndarray, values: np.ndarray) -> np.ndarray | None:
+    """(1 + d,) constant and slopes of the linear function with these `values` (n,) at `points` (n, d), if there is
+    one."""
+    size = np.abs(values).max(initial=0.0)
+    middle = points.mean(axis=0)
+    columns = np.column_stack([np.ones(len(points)), points - middle])
+    found = np.linalg.lstsq(columns, values, rcond=1e-10)[0]
+    if np.abs(columns @ found - values).max(initial=0.0) > EXACT * size:
+        return None
+    slopes = np.where(np.abs(found[1:]) * np.ptp(points, axis=0) > 1e-9 * size, found[1:], 0.0)
+    coefficients = np.append(found[0] - slopes @ middle, slopes)
+    coefficients[0] *= abs(coefficients[0]) > 1e-9 * size
+    return np.array([float(f"{value:.13g}") for value in coefficients.tolist()])

@@ -1,0 +1,325 @@
+"""The scene of a deck: bodies with materials, clamps and loads, contacts, histories; and `ddmpi import`."""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ddmpi.decks.acting import Acts
+from ddmpi.decks.cards import Card
+from ddmpi.decks.deck import Deck
+from ddmpi.decks.material import Matter
+from ddmpi.decks.model import Acting, Model, Notes, Pair, Rigid, number
+from ddmpi.decks.pieces import Block, Piece, own_name, split
+from ddmpi.errors import InputError, TakenError
+from ddmpi.scene.reader import write_toml
+
+FAMILIES = re.compile(r"(C3D|CPE|CPS|CAX)(\d+)([A-Z]*)$")
+"""Elements that a scene may have: family, nodes and variant."""
+
+VARIANTS = {"": "", "R": "full integration", "I": "no incompatible modes", "RI": "full integration", "H": "",
+            "IH": "no incompatible modes", "RH": "full integration", "M": "", "MH": "", "T": "",
+            "RT": "full integration"}
+"""What changes in the variants of elements; others are refused."""
+
+FLAT = 1e-6
+"""Normals of a flat face are parallel up to this difference."""
+
+ZERO = 0.0, None
+
+
+class Importer:
+    """A scene in the making: bodies, their clamps and loads, and the histories that these follow."""
+
+    def __init__(self, path: Path) -> None:
+        self.notes = Notes(path)
+        try:
+            self.deck = Deck(path)
+        except (ValueError, KeyError, IndexError, OverflowError, OSError) as error:
+            reason = f"a keyword lacks {error}" if isinstance(error, KeyError) else str(error)
+            raise InputError(reason) from None
+        self.model = Model(self.deck, self.notes)
+        self.pieces, self.family, quadratic = self._pieces()
+        self.order = 2 if quadratic else 1
+        self.matter = Matter(self.model, self.notes, self.family)
+        self.acts = Acts(self.model, self.notes, self.matter, self.pieces, self.family)
+
+    def _pieces(self) -> tuple[list[Piece], str, bool]:
+        """The bodies, their family, and whether elements are quadratic. Raises InputError where there are none."""
+        notes, families = self.notes, defaultdict[str, list[tuple[Block, Card]]](list)
+        for card in self.deck.odd:
+            notes.add(notes.lost, card, f"elements of type {card.given.get('TYPE', '(none)')}")
+        for kind, entries, card in self.deck.blocks:
+            name = card.given["TYPE"].upper()
+            fits = FAMILIES.match(name)
+            if not fits or fits[3] not in VARIANTS:
+                notes.add(notes.lost, card, f"elements of type {name}")
+                continue
+            plain = f"{fits[1]}{fits[2]}"
+            families[fits[1]].append((Block(plain, kind, entries), card))
+            notes.add(notes.taken, card, f"elements of type {name}")
+            if VARIANTS[fits[3]]:
+                notes.add(notes.changed, card, f"{name} as {plain}: {VARIANTS[fits[3]]}")
+        if not families:
+            raise InputError("it has no elements that a scene may have: C3D4 to C3D20, CPE, CPS and CAX")
+        if len(families) > 1:
+            raise InputError(f"it has elements of the families {' and '.join(sorted(families))}; a scene has one")
+        (family, found), = families.items()
+        blocks = [block for block, _ in found]
+        quadratic = any(block.name not in ("C3D4", "CPE3", "CPS3", "CAX3") for block in blocks)
+        for block, card in found:
+            if block.kind in ("hexahedron", "wedge", "quad", "pyramid"):
+                notes.add(notes.changed, card, f"{block.name} cut into quadratic "
+                          f"{'tetrahedra' if family == 'C3D' else 'triangles'}: linear ones would be too stiff")
+        numbers, points = self.deck.placed()
+        lost = np.setdiff1d(np.concatenate([block.entries[:, 1:].ravel() for block in blocks]), numbers)
+        if len(lost):
+            raise InputError(f"an element has node {lost[0]}, which is not there; is the deck cut off?")
+        pieces: list[Piece] = []
+        sets = self._element_sets()
+        for blocks_of_one in split(blocks):
+            elements = np.sort(np.concatenate([block.entries[:, 0] for block in blocks_of_one]))
+            named = sets.get(frozenset(elements.tolist()), "") if len(elements) else ""
+            name = own_name(named or f"part{len(pieces) + 1}", [piece.name for piece in pieces])
+            pieces.append(Piece(name, blocks_of_one, numbers, points if family == "C3D" else points[:, :2]))
+        return pieces, family, quadratic
+
+    def _element_sets(self) -> dict[frozenset[int], str]:
+        """Names of sets of elements by their members; those of sections first; within instances their names."""
+        found: dict[frozenset[int], str] = {}
+        of_sections = {card.given["ELSET"].lower() for *_, card in self.model.sections}
+        named = {key: name for (kind, key), name in self.deck.names.items() if kind == "ELSET"}
+        for key in sorted(named, key=lambda key: key.rpartition(".")[2] not in of_sections):
+            scope = key.rpartition(".")[0]
+            name = self.deck.places[scope].name if scope in self.deck.places else named[key]
+            found.setdefault(frozenset(self.deck.members("ELSET", ("", key))), name)
+        return found
+
+    def scene(self, title: str) -> dict[str, Any]:
+        """The scene as plain data, and groups in the pieces. Raises InputError."""
+        bodies = []
+        acts, tractions, rigid = self.acts, self.acts.loads(), RigidSets(self.acts)
+        for piece in self.pieces:
+            heat, expansions = acts.heat(piece)
+            materials = self.matter.of(piece, expansions)
+            body = {"name": piece.name, "mesh": {"file": f"{piece.name}.inp", "order": self.order},
+                    "material": materials[0] if len(materials) == 1 else materials,
+                    "clamp": acts.clamps(piece) + rigid.clamps[piece.name],
+                    "traction": tractions[piece.name] + rigid.tractions[piece.name],
+                    "volume_force": acts.volume_forces(piece),
+                    "temperature": heat}
+            bodies.append({key: value for key, value in body.items() if value not in (None, [])})
+        contacts = [contact for pair in self.model.pairs for contact in self._contacts(pair)] + rigid.contacts
+        names: list[str] = []
+        for contact in contacts:
+            names.append(own_name("-".join(contact["bodies"]), names))
+            contact["name"] = names[-1]
+        histories = {name: {"times": [time for time, _ in course], "factors": [factor for _, factor in course]}
+                     for course, name in acts.histories.items()}
+        scene: dict[str, Any] = {"title": title, "axisymmetric": self.family == "CAX" or None, "body": bodies,
+                                 "rigid": rigid.partners,
+                                 "contact": [{"name": contact["name"]} | contact for contact in contacts],
+                                 "history": histories}
+        if acts.timed:
+            sliding = any("friction" in contact for contact in contacts)
+            scene["time"] = {"points": self.model.ends} | ({} if sliding else {"steps": 1})
+        return {key: value for key, value in scene.items() if value not in (None, [], {})}
+
+    def _side(self, card: Card, name: str) -> list[tuple[Piece, np.ndarray]]:
+        """The facets of a surface, of elements or of nodes, by body. Raises InputError where there is no surface."""
+        keys = (f"{card.scope}.{name}".lower(), name.lower())
+        if any(key in self.deck.surfaces for key in keys):
+            found = defaultdict[str, list[int]](list)
+            for end in self.model.surface(card, name):
+                if end in self.acts.where:
+                    found[self.acts.where[end][0].name].append(self.acts.where[end][1])
+            return [(piece, np.unique(found[piece.name])) for piece in self.pieces if found[piece.name]]
+        if not any(key in self.deck.sets["NODES"] for key in keys):
+            raise InputError(f"line {card.line}: *{card.name}: there is no surface {name}")
+        nodes, sides = self.deck.chosen(card, "NODES", name), []
+        for piece in self.pieces:
+            marked = piece.within(nodes)
+            facets = piece.whole(marked)
+            if marked.any() and np.setdiff1d(np.flatnonzero(marked), piece.facets[facets]).size:
+                self.notes.add(self.notes.lost, card, f"the surface {name} has nodes without a whole face")
+            if len(facets):
+                sides.append((piece, facets))
+        return sides
+
+    def _contacts(self, pair: Pair) -> Iterable[dict[str, Any]]:
+        """The contacts of a pair of surfaces, one for each two bodies that they have."""
+        card, notes, law = pair.card, self.notes, {}
+        tied = card.word == "TIE"
+        if not tied:
+            name = card.given.get("INTERACTION", "").upper()
+            if name not in self.model.interactions:
+                raise InputError(f"line {card.line}: *{card.name}: there is no *SURFACE INTERACTION {name}")
+            law = self.model.interactions[name]
+            behaviour = law.get("SURFACEBEHAVIOR")
+            tied = behaviour is not None and behaviour.given.get("PRESSURE-OVERCLOSURE", "").upper() == "TIED"
+        slaves, masters = (self._side(card, name) for name in (pair.slave, pair.master))
+        count = 0
+        for slave, on in slaves:
+            for master, against in masters:
+                if slave is master:
+                    continue
+                contact: dict[str, Any] = {
+                    "bodies": [slave.name, master.name],
+                    "on": [slave.group(on, pair.slave), master.group(against, pair.master)]}
+                coefficient = number(law["FRICTION"].rows[0][0]) if "FRICTION" in law and law["FRICTION"].rows else 0.0
+                if tied:
+                    contact["kind"] = "bonded"
+                elif coefficient:
+                    contact["friction"] = {"law": "coulomb", "coefficient": coefficient}
+                gap = self._clearance(pair)
+                if gap is not None:
+                    contact["gap"] = gap
+                elif not tied and card.given.get("ADJUST", "NO").upper() != "NO":
+                    contact["gap"] = 0.0
+                    notes.add(notes.changed, card, "ADJUST: the surfaces touch, with a gap of 0")
+                count += 1
+                yield contact
+        own = {piece.name for piece, _ in slaves} & {piece.name for piece, _ in masters}
+        if own:
+            notes.add(notes.lost, card, f"contact of {', '.join(sorted(own))} with itself")
+        elif not count:
+            notes.add(notes.lost, card, f"{pair.slave} or {pair.master} has no faces on a body")
+        if count:
+            notes.add(notes.taken, card, "bonded contact" if tied else "contact")
+
+    def _clearance(self, pair: Pair) -> float | None:
+        for card in self.model.clearances:
+            names = {card.given.get("SLAVE", "").upper(), card.given.get("MASTER", "").upper()}
+            if names == {pair.slave.upper(), pair.master.upper()} and "VALUE" in card.given:
+                self.notes.add(self.notes.taken, card, "gap")
+                return number(card.given["VALUE"])
+        return None
+
+
+class RigidSets:
+    """What the rigid sets of a deck become: clamps and tractions by body, rigid partners, and their contacts."""
+
+    def __init__(self, acts: Acts) -> None:
+        self.acts, self.notes, self.model = acts, acts.notes, acts.model
+        self.clamps: dict[str, list[dict[str, Any]]] = {piece.name: [] for piece in acts.pieces}
+        self.tractions: dict[str, list[dict[str, Any]]] = {piece.name: [] for piece in acts.pieces}
+        self.partners: list[dict[str, Any]] = []
+        self.contacts: list[dict[str, Any]] = []
+        for rigid in self.model.rigid:
+            own = [(piece, piece.whole(marked), marked) for piece in acts.pieces
+                   if (marked := piece.within(rigid.nodes)).any()]
+            if len(own) == 1 and _covered(*own[0]):
+                reason = self._take(rigid, *own[0][:2])
+            else:
+                reason = "its nodes are no whole faces of one body"
+            where = self.notes.lost if reason else self.notes.taken
+            self.notes.add(where, rigid.card, reason or "a face that moves as a rigid one")
+
+    def _take(self, rigid: Rigid, piece: Piece, facets: np.ndarray) -> str:
+        """Write a rigid set that has whole faces of a body; the reason where it is not possible."""
+        axes = self.acts.axes
+        if len(axes) < 3:
+            return "in the plane"
+        held, pushed = self._parts("supports", rigid), self._parts("forces", rigid)
+        histories = {history for value, history in [*held.values(), *pushed.values()] if value}
+        if len(histories) > 1:
+            return "its loads and displacements change in different ways"
+        more = {"history": histories.pop()} if histories - {None} else {}
+        pivot = np.array(self.model.deck.points[rigid.ref])
+        if rigid.spread:
+            if held:
+                return "a distributing coupling whose reference node is held"
+            force, moment = (np.array([pushed.get(k, ZERO)[0] for k in some]) for some in (range(3), range(3, 6)))
+            x, w = piece.quadrature(facets, False)
+            moment = moment + np.cross(pivot - w @ x / w.sum(), force)  # about the centre of the faces
+            on = piece.group(facets, "coupled")
+            self.tractions[piece.name] += [{"on": on, key: value.tolist()} | more for key, value in
+                                           (("force", force), ("moment", moment)) if np.abs(value).max() > 0.0]
+            return ""
+        if len(held) == 6:  # u = u_r + θ × (x − x_r)
+            shift, turn = (np.array([held[k][0] for k in some]) for some in (range(3), range(3, 6)))
+            slopes = np.cross(turn, np.eye(3))  # row k: ∂u/∂x_k
+            values = [{"constant": float(shift[k] - slopes[:, k] @ pivot)} | {
+                f"{axes[j]}_slope": float(slopes[j, k]) for j in range(3) if slopes[j, k]} for k in range(3)]
+            self.clamps[piece.name].append({"on": piece.group(facets, "rigid")} | {
+                axes[k]: value if len(value) > 1 else value["constant"] for k, value in enumerate(values)} | more)
+            return ""
+        normals = piece.normals(facets)
+        normal = normals[0] * np.sign((piece.points[piece.facets[facets[0], :3]].mean(axis=0)
+                                       - piece.points.mean(axis=0)) @ normals[0])
+        if np.abs(np.abs(normals @ normal) - 1.0).max() > FLAT:
+            return "its faces are not flat"
+        turns = [k for k in range(3, 6) if k in held]
+        if turns and (len(turns) < 3 or any(held[k][0] for k in turns)):
+            return "some of its turns are given, and others are free"
+        partner: dict[str, Any] = {
+            "name": own_name("rigid", [*(one["name"] for one in self.partners), *self.clamps]), "shape": "plane",
+            "point": piece.points[piece.facets[facets[0], 0]].tolist(), "normal": (-normal).tolist(),
+            "displacement": [held.get(k, ZERO)[0] for k in range(3)]}
+        partner["free"] = [axes[k] for k in range(3) if k not in held and not pushed.get(k, ZERO)[0]]
+        loads = [pushed.get(k, ZERO)[0] for k in range(6)]
+        partner |= {"force": loads[:3]} if any(loads[:3]) else {}
+        if not turns:
+            partner |= {"pivot": pivot.tolist()} | ({"moment": loads[3:]} if any(loads[3:]) else {"turns": True})
+        self.partners.append({key: value for key, value in partner.items() if value != []} | more)
+        self.contacts.append({"bodies": [piece.name, partner["name"]], "on": [piece.group(facets, "rigid")],
+                              "kind": "bonded"})
+        return ""
+
+    def _parts(self, kind: str, rigid: Rigid) -> dict[int, tuple[float, str | None]]:
+        """Shifts or forces (0 to 2) and turns or moments (3 to 5) of the reference nodes."""
+        found: dict[int, tuple[float, str | None]] = {}
+        for (node, component), acting in self.model.kinds[kind].items():
+            if node in (rigid.ref, rigid.turn):
+                k = component - 1 + 3 * (node == rigid.turn and rigid.turn != rigid.ref)
+                value, history = self.acts.factor(Acting(*acting))
+                if kind == "supports" or value:
+                    found[k] = value, history if value else None
+        return found
+
+
+def _covered(piece: Piece, facets: np.ndarray, marked: np.ndarray) -> bool:
+    """Whether facets have all `marked` nodes."""
+    return len(facets) > 0 and not np.setdiff1d(np.flatnonzero(marked), piece.facets[facets]).size
+
+
+def import_deck(deck: str | Path, output: str | Path, partial: bool = False) -> str:
+    """Write a scene and its meshes into a folder; the lists of what was taken, changed and lost. Not collective.
+
+    Raises InputError for a deck that is no scene; if loads, supports or contacts were lost, unless `partial`; and
+    TakenError where a file would be overwritten.
+    """
+    path, folder = Path(deck), Path(output)
+    try:
+        importer = Importer(path)
+        scene = importer.scene(path.stem)
+    except InputError as error:
+        raise InputError(f"{deck}: {error}") from None
+    notes = importer.notes
+    if notes.lost and not partial:
+        raise InputError(f"{deck}: a scene would be another problem without what is not possible; nothing is written "
+                         "(--partial writes it all the same)"
+                         + "".join(f"\n  {line}" for line in notes.words(notes.lost)))
+    text = f"# from {path.name}; lengths, stresses and forces are in the units of the deck\n" + write_toml(scene)
+    files = ["scene.toml", *(f"{piece.name}.inp" for piece in importer.pieces)]
+    there = [name for name in files if (folder / name).exists()]
+    if there:
+        raise TakenError(f"{folder / there[0]} is there already; nothing is overwritten; choose another --output")
+    folder.mkdir(parents=True, exist_ok=True)
+    for piece in importer.pieces:
+        piece.write(folder / f"{piece.name}.inp")
+    (folder / "scene.toml").write_text(text, encoding="utf-8")
+    lists = {"taken": notes.taken, "changed": notes.changed, "lost": notes.lost}
+    return "\n".join([*(f"{title}:\n" + "".join(f"  {line}\n" for line in notes.words(entries) or ())
+                        for title, entries in lists.items() if entries or title == "lost"),
+                      f"{folder / 'scene.toml'}: {_count(len(importer.pieces), 'body', 'bodies')}, "
+                      + _count(len(scene.get("contact", [])), "contact", "contacts")])
+
+
+def _count(number: int, one: str, several: str) -> str:
+    return f"{number or 'no'} {one if number == 1 else several}"

@@ -1,0 +1,250 @@
+#!/usr/bin/env -S bash -c 'exec "${0%/*}/study" "$0" "$@"'
+"""Decks of CalculiX's own test suite, imported, solved and compared with their reference displacements.
+
+The suite is Debian's package calculix-ccx-test; --suite names the folder of another copy. Where a deck has no reference
+displacements, CalculiX itself (ccx) computes them, if it is installed. Writes docs/tables/decks.md.
+"""
+
+from __future__ import annotations
+
+import argparse
+import gzip
+import json
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import traceback
+from pathlib import Path
+from typing import NamedTuple
+
+from experiment import ROOT  # isort: skip, with which the package can be imported
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from ddmpi.decks.cards import flattened
+from ddmpi.decks.deck import STRIDE
+from ddmpi.decks.scene import Importer, import_deck
+from ddmpi.errors import DdmpiError
+from ddmpi.results.tables import read_results
+
+SUITE = Path("/usr/share/doc/calculix-ccx-test/examples/test")
+
+PAGE = ROOT / "docs" / "tables" / "decks.md"
+
+LARGEST, NODAL = 0.03, 0.05
+"""A deck agrees if its largest displacement and its nodal error are within these."""
+
+LIMIT = 600
+"""Longest time of a run (s)."""
+
+NODE = re.compile(r" -1 *(\d+)((?:[ -]\d\.\d{5}E[+-]\d\d){3})")
+"""A node of a file of results of CalculiX, with its three components."""
+
+OTHER = frozenset((
+    "PLASTIC", "DYNAMIC", "HEATTRANSFER", "HYPERELASTIC", "HYPERFOAM", "FREQUENCY", "BUCKLE", "CREEP", "VISCO",
+    "CYCLICSYMMETRYMODEL", "GREEN", "SUBSTRUCTUREGENERATE", "SENSITIVITY", "MODALDYNAMIC", "STEADYSTATEDYNAMICS",
+    "COUPLEDTEMPERATURE-DISPLACEMENT", "ELECTROMAGNETICS", "UNCOUPLEDTEMPERATURE-DISPLACEMENT", "CFD",
+    "COMPLEXFREQUENCY", "NOANALYSIS", "DEFORMATIONPLASTICITY", "CYCLICHARDENING", "DEPVAR", "USERMATERIAL",
+))
+"""Keywords of other physics."""
+
+SOLIDS = re.compile(r"(C3D(4|6|8|10|15|20)(R|I|RI|T)?|(CAX|CPE|CPS)\d+R?)$")
+"""Elements of statics of solids."""
+
+WHY: dict[str, str] = {}
+"""Why decks that are solved differ from the reference."""
+
+
+HARD = 100
+"""CalculiX's contact is a penalty; where a deck differs, it is compared with this many times the stiffness, too."""
+
+LINEAR = re.compile(r"(\*SURFACE *BEHAVIOR, *PRESSURE-OVERCLOSURE *= *LINEAR *\n\s*)([\d.EeDd+-]+)", re.IGNORECASE)
+"""The stiffness of linear contact in a deck."""
+
+
+class Line(NamedTuple):
+    """A deck: its name, whether it is of static solids, how it ended, and what is said of it."""
+
+    name: str
+    static: bool
+    end: str
+    words: str
+
+
+def unpacked(suite: Path, folder: Path) -> list[Path]:
+    """The decks of the suite and their references, as plain files in a folder."""
+    for path in suite.iterdir():
+        if path.suffix == ".gz":
+            (folder / path.stem).write_bytes(gzip.decompress(path.read_bytes()))
+        elif path.is_file():
+            shutil.copyfile(path, folder / path.name)
+    return sorted(folder.glob("*.inp"))
+
+
+def is_static(deck: Path) -> bool:
+    """Whether a deck computes the statics of solids, and has no constraints between nodes."""
+    cards, _ = flattened(deck)
+    words = {card.word for card in cards}
+    types = {card.given.get("TYPE", "").upper() for card in cards if card.word == "ELEMENT"}
+    return (bool(types) and all(SOLIDS.match(kind) for kind in types) and "STATIC" in words
+            and not words & (OTHER | {"EQUATION", "MPC", "SUBMODEL"}))
+
+
+def printed(deck: Path) -> dict[int, list[float]]:
+    """The displacements by node at the last time that the reference of a deck has."""
+    found: dict[float, dict[int, list[float]]] = {}
+    own: dict[int, list[float]] | None = None
+    for line in deck.with_suffix(".dat.ref").read_text(errors="replace").splitlines():
+        words = line.split()
+        if words[:1] == ["displacements"]:
+            own = found.setdefault(float(words[-1]), {})
+        elif words and not words[0].isdigit():
+            own = None
+        elif own is not None and len(words) == 4:
+            own[int(words[0])] = [float(word) for word in words[1:]]
+    return found[max(found)] if found else {}
+
+
+def stiffer(text: str) -> str:
+    """A deck with stiffnesses of linear contact that are HARD times as large."""
+    return LINEAR.sub(lambda match: f"{match[1]}{HARD * float(match[2]):g}", text)
+
+
+def computed(deck: Path, text: str, folder: Path) -> dict[int, list[float]]:
+    """The displacements by node at the end, by CalculiX; none where it is not there or fails."""
+    if not shutil.which("ccx"):
+        return {}
+    at = [match.start() for match in re.finditer(r"^\*END *STEP", text, re.MULTILINE | re.IGNORECASE)][-1:]
+    for k in at:
+        (folder / deck.name).write_text(text[:k] + "*NODE FILE\nU\n" + text[k:])
+    try:
+        subprocess.run(["ccx", deck.stem], cwd=folder, capture_output=True, timeout=LIMIT, check=False)
+        lines = (folder / deck.with_suffix(".frd").name).read_text(errors="replace").splitlines()
+    except (OSError, subprocess.TimeoutExpired):
+        return {}
+    starts = [k for k, line in enumerate(lines) if line.startswith(" -4  DISP")]
+    found = {}
+    for line in lines[starts[-1]:] if starts else ():
+        if line.startswith(" -3"):
+            break
+        if match := NODE.match(line):
+            found[int(match[1])] = [float(match[2][12 * k:12 * k + 12]) for k in range(3)]
+    return found
+
+
+def compared(deck: Path, scene: Path, reference: dict[int, list[float]]) -> tuple[float, float, float]:
+    """The largest displacement, that of the reference, and the nodal error, of the nodes that both have."""
+    results = read_results(scene / "results")
+    fields, importer = results.fields, Importer(deck)
+    ours, theirs = [], []
+    for number, piece in enumerate(importer.pieces):
+        own = np.unique(fields["cells"][fields["body"] == number])
+        place = cKDTree(fields["points"][own][:, :piece.points.shape[1]]).query(piece.points)[1]
+        for node, u in zip((piece.nodes % STRIDE).tolist(), fields["displacement"][own][place], strict=True):
+            if node in reference:
+                ours.append(u[:piece.points.shape[1]])
+                theirs.append(reference[node][:piece.points.shape[1]])
+    a, b = np.array(ours), np.array(theirs)
+    if not len(a):
+        return np.nan, np.nan, np.nan
+    sizes = [float(np.linalg.norm(u, axis=1).max()) for u in (a, b)]
+    return sizes[0], sizes[1], float(np.linalg.norm(a - b) / np.linalg.norm(b))
+
+
+def judged(deck: Path, scene: Path, reference: dict[int, list[float]]) -> tuple[bool, str]:
+    """Whether a solved deck agrees with displacements, and words."""
+    size, right, error = compared(deck, scene, reference)
+    if not right:
+        return False, f"largest displacement {size:.3g} for {right:g}"
+    return abs(size - right) <= LARGEST * right and error <= NODAL, (
+        f"largest displacement {size:.4g} for {right:.4g} ({100 * (size / right - 1):+.1f} %), nodal error "
+        f"{100 * error:.1f} % of {len(reference)} nodes")
+
+
+def tried(deck: Path, folder: Path) -> tuple[str, str]:
+    """How a deck ends, and words."""
+    scene, text = folder / deck.stem, deck.read_text(errors="replace")
+    try:
+        import_deck(deck, scene)
+    except DdmpiError as error:
+        lines = str(error).replace(f"{deck}: ", "").splitlines()
+        return "refused", lines[min(1, len(lines) - 1)].strip()
+    except Exception:
+        return "traceback", traceback.format_exc().splitlines()[-1]
+    try:
+        run = subprocess.run([sys.executable, "-m", "ddmpi", "run", str(scene / "scene.toml"), "--output",
+                              str(scene / "results"), "--no-figures", "--quiet"], capture_output=True, text=True,
+                             timeout=LIMIT, check=False)
+    except subprocess.TimeoutExpired:
+        return "not solved", f"not within {LIMIT} s"
+    if run.returncode:
+        return "not solved", run.stderr.strip().splitlines()[-1][:200].replace(str(folder), "")
+    reference = printed(deck)
+    if not any(any(u) for u in reference.values()):
+        reference = computed(deck, text, scene)
+    if not reference:
+        return "no reference", ""
+    agrees, words = judged(deck, scene, reference)
+    if not agrees and stiffer(text) != text:
+        hard, others = judged(deck, scene, computed(deck, stiffer(text), scene) or reference)
+        agrees, words = hard, f"{words}; with contact {HARD} times as stiff in CalculiX: {others}"
+    return "agrees" if agrees else "differs", words
+
+
+def page(lines: list[Line]) -> str:
+    """The table in Markdown."""
+    static = [line for line in lines if line.static]
+    ends = dict.fromkeys(line.end for line in sorted(lines, key=lambda line: line.end))
+    count = "\n".join(f"| {end} | {sum(line.end == end for line in lines)} | "
+                      f"{sum(line.end == end for line in static)} |" for end in ends)
+    rows = "\n".join(f"| {line.name} | {'yes' if line.static else ''} | {line.end} | {line.words}"
+                     f"{'; ' + WHY[line.name] if line.name in WHY and line.end == 'differs' else ''} |"
+                     for line in lines).replace("*", "\\*")
+    return f"""# Decks of CalculiX's test suite
+
+`scripts/study decks` imports the decks of Debian's package `calculix-ccx-test` by `ddmpi import`, solves those that are
+taken, and compares displacements at nodes with the reference results of the suite; where these have none, with
+CalculiX's own on this machine. A deck agrees if its largest displacement is within {100 * LARGEST:g} % and its nodal
+error, the root of the sum of squares of differences over that of the reference, within {100 * NODAL:g} %.
+*Static* decks are those of solid, plane or axisymmetric elements, without constraints between nodes.
+
+| end | decks | static ones |
+|---|---|---|
+{count}
+| all | {len(lines)} | {len(static)} |
+
+| deck | static | end | details, or the line that is not possible |
+|---|---|---|---|
+{rows}
+"""
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--suite", type=Path, default=SUITE, help="folder of the decks")
+    parser.add_argument("--only", default="", help="decks with this word in their names; writes no page")
+    parser.add_argument("--keep", type=Path, help="folder for scenes and results")
+    options = parser.parse_args()
+    if not options.suite.is_dir():
+        sys.exit(f"{options.suite} is not there: apt-get install calculix-ccx-test, or name a copy by --suite")
+    with tempfile.TemporaryDirectory() as name:
+        suite, folder, lines = Path(name) / "suite", options.keep or Path(name) / "scenes", []
+        suite.mkdir()
+        folder.mkdir(exist_ok=True)
+        for deck in unpacked(options.suite, suite):
+            known = folder / f"{deck.stem}.json"  # a study that is started again keeps them
+            if options.only in deck.stem:
+                if not known.exists():
+                    known.write_text(json.dumps(Line(deck.stem, is_static(deck), *tried(deck, folder))))
+                lines.append(Line(*json.loads(known.read_text())))
+                print(*lines[-1], flush=True)
+    if not options.only:
+        PAGE.write_text(page(lines), encoding="utf-8")
+        print(PAGE)
+
+
+if __name__ == "__main__":
+    main()

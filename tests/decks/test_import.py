@@ -1,0 +1,427 @@
+"""`ddmpi import`: decks become scenes with the same loads, supports and contacts; what is lost refuses the deck."""
+
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from decks import STEEL, grid, step
+from mpi4py import MPI
+from scenes import call
+
+import ddmpi
+from ddmpi.decks.scene import import_deck
+from ddmpi.errors import InputError, TakenError
+
+SECTION = "*SOLID SECTION, ELSET=A, MATERIAL=STEEL\n"
+BOX = grid("A", (2, 2, 3), (1.0, 1.0, 3.0)) + STEEL + SECTION
+ROLLERS = "*BOUNDARY\nA_Z0, 3\nA_X0, 1\nA_Y0, 2\n"
+YOUNG = 210000.0
+
+
+def imported(folder: Path, text: str, partial: bool = False, name: str = "deck") -> tuple[dict, str]:
+    """The scene of a deck and the lists."""
+    folder.mkdir(exist_ok=True)
+    path = folder / f"{name}.inp"
+    path.write_text(text)
+    lists = import_deck(path, folder / name, partial)
+    return tomllib.loads((folder / name / "scene.toml").read_text()), lists
+
+
+def solved(folder: Path, text: str, partial: bool = False, name: str = "deck", comm=MPI.COMM_SELF):
+    """The certified answer to a deck."""
+    imported(folder, text, partial, name)
+    answer = ddmpi.solve(str(folder / name / "scene.toml"), comm)
+    assert answer.certified, answer.reason
+    return answer
+
+
+def refused(folder: Path, text: str, partial: bool = False) -> str:
+    with pytest.raises(InputError) as caught:
+        imported(folder, text, partial)
+    assert not (folder / "deck").exists()
+    return str(caught.value)
+
+
+def test_a_bar_under_pressure(tmp_path):
+    """A deck without contact: supports on sets, a positive pressure on faces presses, bricks become quadratic cells."""
+    deck = BOX + ROLLERS + step("*DLOAD", *(f"{k}, P2, 21." for k in range(9, 13)))
+    scene, lists = imported(tmp_path, deck)
+    assert scene["body"][0]["mesh"] == {"file": "A.inp", "order": 2} and "contact" not in scene and "time" not in scene
+    assert scene["body"][0]["clamp"] == [{"on": "A_X0", "x": 0.0}, {"on": "A_Y0", "y": 0.0}, {"on": "A_Z0", "z": 0.0}]
+    assert "line 131: *BOUNDARY: clamps" in lists and "*DLOAD: pressure" in lists and "lost:\n\n" in lists
+    u = solved(tmp_path, deck, name="again").bodies["A"].displacement
+    assert u.min(axis=0) == pytest.approx([0.0, 0.0, -21.0 * 3 / YOUNG], rel=1e-9, abs=1e-15)
+    assert u[:, :2].max(axis=0) == pytest.approx([0.3 * 21 / YOUNG] * 2, rel=1e-9)
+
+
+def scattered(rng: np.random.Generator, nodes: list[int]) -> str:
+    return "*CLOAD\n" + "\n".join(f"{node}, {k}, {rng.normal():.6f}" for node in nodes for k in (1, 2, 3)) + "\n"
+
+
+@pytest.mark.parametrize("nodes", [list(range(28, 37)), [28, 30], [36], [28, 29, 30], [28, 29, 31, 32]])
+def test_nodal_forces_keep_their_resultant_and_moments(tmp_path, nodes):
+    """Forces at nodes, whether these are of a whole face, of an edge or alone, have the same resultant when spread over
+    faces, and on whole faces the same moment."""
+    deck = BOX + "*BOUNDARY\nA_Z0, 1, 3\n" + scattered(np.random.default_rng(1), nodes) + step("*DLOAD", "1, P1, 0.")
+    rows = [line.split(",") for line in deck.split("*CLOAD\n")[1].splitlines()[:3 * len(nodes)]]
+    places = {int(row[0]): [float(x) for x in row[1:]] for row in
+              (line.split(",") for line in deck.split("*ELEMENT")[0].splitlines()[1:])}
+    force, moment = np.zeros(3), np.zeros(3)
+    for node, k, value in rows:
+        one = np.eye(3)[int(k) - 1] * float(value)
+        force, moment = force + one, moment + np.cross(places[int(node)], one)
+    loads = solved(tmp_path, deck).summary["bodies"]["A"]["loads"]
+    assert np.sum([load["force"] for load in loads.values()], axis=0) == pytest.approx(force, rel=1e-9)
+    whole = len(nodes) in (4, 9)
+    assert np.sum([load["moment"] for load in loads.values()], axis=0) == pytest.approx(
+        moment, rel=1e-9 if whole else 0.3, abs=1e-9 if whole else 0.3)
+
+
+def stack(card: str, more: str = "", gap: float = 0.0, first: str = "SLAVE, MASTER") -> str:
+    """Two boxes with different meshes, the upper one pressed down; rollers around."""
+    boxes = grid("A", (3, 2, 1), (1.0, 1.0, 1.0)) + grid("B", (2, 2, 2), (1.0, 1.0, 1.0), [0.0, 0.0, 1.0 + gap], 101)
+    sides = "".join(f"{name}_X0, 1\n{name}_X1, 1\n{name}_Y0, 2\n{name}_Y1, 2\n" for name in "AB")
+    return (boxes + STEEL + SECTION + "*SOLID SECTION, ELSET=B, MATERIAL=STEEL\n*SURFACE, NAME=MASTER\nA, S2\n"
+            "*SURFACE, NAME=SLAVE, TYPE=NODE\nB_Z0\n" + more + f"{card}\n{first}\n*BOUNDARY\nA_Z0, 3\n{sides}")
+
+
+def test_contact_friction_and_load_steps(tmp_path):
+    """Surfaces of elements and of nodes, friction, and two steps with moved supports: reactions are those of confined
+    boxes; the second step is written as a load step."""
+    law = "*SURFACE INTERACTION, NAME=I\n*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=LINEAR\n1e6, 3.\n*FRICTION\n0.2, 5e4\n"
+    deck = stack("*CONTACT PAIR, INTERACTION=i, TYPE=SURFACE TO SURFACE", law) + step(
+        "*BOUNDARY", "B_Z1, 3, 3, -0.001", options=", NLGEOM") + step("*BOUNDARY", "B_Z1, 3, 3, -0.0004", time="1., 2.")
+    scene, lists = imported(tmp_path, deck)
+    assert scene["contact"] == [{"name": "B-A", "bodies": ["B", "A"], "on": ["SLAVE", "MASTER"],
+                                 "friction": {"law": "coulomb", "coefficient": 0.2}}]
+    assert scene["time"] == {"points": [1.0, 3.0]}
+    assert scene["history"] == {"h1": {"times": [0.0, 1.0, 3.0], "factors": [0.0, 1.0, 0.4]}}
+    for words in ("LINEAR: hard contact", "stick slope", "warning: NLGEOM"):
+        assert words in lists.split("changed:")[1]
+    answer = solved(tmp_path, deck, name="run")
+    modulus = YOUNG * 0.7 / 1.3 / 0.4
+    assert [step["contacts"]["B-A"]["normal_force"] for step in answer.summary["steps"]
+            if step["time"] in (1.0, 3.0)] == pytest.approx([modulus * 0.0005, modulus * 0.0002], rel=1e-6)
+
+
+PAIR, LAW = "*CONTACT PAIR, INTERACTION=I", "*SURFACE INTERACTION, NAME=I\n"
+
+
+@pytest.mark.parametrize("card, more, expected", [
+    ("*TIE, NAME=T", "", {"kind": "bonded"}),
+    (PAIR, f"{LAW}*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=TIED\n1e7\n", {"kind": "bonded"}),
+    (f"{PAIR}, ADJUST=0.1", LAW, {"gap": 0.0}),
+    (PAIR, f"{LAW}*CLEARANCE, SLAVE=slave, MASTER=MASTER, VALUE=0.02\n", {"gap": 0.02})])
+def test_kinds_of_contacts(tmp_path, card, more, expected):
+    """Ties are bonded; ADJUST and *CLEARANCE give gaps."""
+    scene, _ = imported(tmp_path, stack(card, more, 0.05) + step("*BOUNDARY", "B_Z1, 3, 3, -0.001"))
+    assert {key: value for key, value in scene["contact"][0].items() if key in ("kind", "gap", "friction")} == expected
+
+
+def test_odd_order_case_and_continued_lines(tmp_path):
+    """Materials after sections, capitals or not, blanks, continued keywords, generated sets, sets of sets, includes and
+    D exponents: the scene is the same."""
+    plain = BOX + ROLLERS + step("*CLOAD", "A_Z1, 3, 100.")
+    nodes, rest = grid("A", (2, 2, 3), (1.0, 1.0, 3.0)).split("*NSET", 1)
+    (tmp_path / "nodes.inp").write_text(nodes)
+    odd = ("** a comment\n*Heading\nno keyword, really\n*solid section ,material = steel,\nelset=a\n*Boundary\na_z0,3\n"
+           "a_x0 , 1,1\na_y0,2,2,0.\n*include,\ninput=nodes.inp\n*NSET" + rest +
+           "*NSET, NSET=part, GENERATE\n28, 36\n*NSET, NSET=LOADED\npart\n*material,\nname=Steel\n*elastic,type="
+           "isotropic\n2.1D5, 3.d-1\n*step, inc=1000\n*STATIC\n*Cload , op=mod\nloaded,3,1.E+2\n*NODE PRINT, "
+           "NSET=A_Z1\nU\n*endstep\n")
+    one, two = imported(tmp_path, plain)[0], imported(tmp_path, odd, name="odd")[0]
+    assert {**one, "title": ""} == {**two, "title": ""}
+    assert (tmp_path / "deck" / "A.inp").read_text() == (tmp_path / "odd" / "A.inp").read_text()
+
+
+def test_amplitudes(tmp_path):
+    """One step without friction takes values at its end, less the delay; several steps follow tables, and in a later
+    step a load goes on unless OP=NEW removes it."""
+    ramp = "*AMPLITUDE, NAME=UP\n0., 0., 1., 0.5, 2., 3.\n*AMPLITUDE, NAME=ALL, TIME=TOTAL TIME\n0., 1., 4., 0.\n"
+    end = step("*CLOAD, AMPLITUDE=UP, TIME DELAY=0.5", "A_Z1, 3, 9.", time="0.1, 2.")
+    load = imported(tmp_path, BOX + ROLLERS + ramp + end)[0]["body"][0]["traction"]
+    assert load == [{"on": "loaded", "force": [0.0, 0.0, 9 * 9.0 * 1.75]}]
+    more = step("*CLOAD, AMPLITUDE=ALL", "A_Z1, 3, 9.", "*DLOAD, AMPLITUDE=UP", "9, P2, 4.", time="0.1, 2.") + step(
+        "*CLOAD, OP=NEW", "A_X1, 1, 1.")
+    scene = imported(tmp_path, BOX + ROLLERS + ramp + more, name="two")[0]
+    loads = {history.get("pressure", 0.0) or tuple(history["force"]): scene["history"][history["history"]]
+             for history in scene["body"][0]["traction"]}
+    assert loads[12.0] == {"times": [0.0, 1.0, 2.0, 3.0], "factors": [0.0, pytest.approx(1 / 6), 1.0, 1.0]}
+    assert loads[0.0, 0.0, 81.0] == {"times": [0.0, 2.0, 3.0], "factors": [1.0, 0.5, 0.0]}
+    assert loads[12.0, 0.0, 0.0] == {"times": [0.0, 2.0, 3.0], "factors": [0.0, 0.0, 1.0]}
+    assert scene["time"] == {"points": [2.0, 3.0], "steps": 1}
+
+
+def test_local_directions(tmp_path):
+    """*TRANSFORM turns forces; supports along normals of whole faces slide on them, others are lost."""
+    turned = "*TRANSFORM, NSET=A_X1, TYPE=R\n0., 0., 1., 0., 1., 0.\n"
+    scene = imported(tmp_path, BOX + ROLLERS + turned + step("*CLOAD", "A_X1, 1, 2."))[0]
+    assert scene["body"][0]["traction"][0]["force"] == pytest.approx([0.0, 0.0, 24.0])
+    points = np.array([[np.cos(a) * r, np.sin(a) * r] for r in (1.0, 2.0) for a in np.linspace(0.0, np.pi / 2, 5)])
+    ring = "*NODE\n" + "\n".join(f"{k}, {x!r}, {y!r}" for k, (x, y) in enumerate(points.tolist(), 1))
+    ring += "\n*ELEMENT, TYPE=CPE4, ELSET=A\n" + "\n".join(f"{k}, {k}, {k + 5}, {k + 6}, {k + 1}" for k in range(1, 5))
+    ring += f"\n*NSET, NSET=IN, GENERATE\n1, 5\n*TRANSFORM, NSET=IN, TYPE=C\n0, 0, 0, 0, 0, 1\n{STEEL}{SECTION}"
+    scene = imported(tmp_path, ring + "*BOUNDARY\nIN, 1\n1, 2\n" + step("*DLOAD", "1, P2, 1."), name="ring")[0]
+    assert {"on": "guided", "normal": 0.0} in scene["body"][0]["clamp"]
+    assert "*BOUNDARY: a support in a direction of *TRANSFORM" in refused(
+        tmp_path / "lost", ring + "*BOUNDARY\n2, 1\n" + step("*DLOAD", "1, P2, 1."))
+
+
+def test_heat(tmp_path):
+    """An expansion that varies with the temperature becomes one coefficient where the temperature is uniform; one that
+    is linear in place is a formula, and nodes that are not named keep the initial temperature."""
+    table = STEEL.replace("1.2e-5", "1.0e-5, 0.\n2.0e-5, 100.").replace("*EXPANSION", "*EXPANSION, ZERO=20.")
+    body = grid("A", (2, 2, 3), (1.0, 1.0, 3.0)) + table + SECTION + ROLLERS
+    body += "*INITIAL CONDITIONS, TYPE=TEMPERATURE\nA_ALL, 20.\n"
+    body = body.replace("*NODE\n", "*NODE, NSET=A_ALL\n")
+    answer = solved(tmp_path, body + step("*TEMPERATURE", "A_ALL, 100."))
+    assert answer.bodies["A"].displacement.max(axis=0) == pytest.approx(
+        np.array([1.0, 1.0, 3.0]) * 2e-5 * 80.0, rel=1e-9)
+    steel = body.replace("1.0e-5, 0.\n2.0e-5, 100.", "1.2e-5")
+    rows = [f"{1 + 9 * k + j}, {20.0 + 30.0 * k}" for k in range(4) for j in range(9)]
+    scene = imported(tmp_path, steel + step("*TEMPERATURE", *rows), name="linear")[0]
+    assert scene["body"][0]["temperature"] == "0.0 + (30.0) * z"
+    scene = imported(tmp_path, steel + step("*TEMPERATURE", "A_Z1, 50."), name="layers")[0]
+    assert "max(0, z - (2.0))" in scene["body"][0]["temperature"]
+    assert "no linear function" in refused(tmp_path / "no", steel + step("*TEMPERATURE", "1, 50."))
+
+
+def test_gravity_and_rotation(tmp_path):
+    """*DLOAD GRAV and CENTRIF are forces per volume, by the density; the reaction is the weight."""
+    deck = BOX + ROLLERS + step("*DLOAD", "A, GRAV, 9810., 0., 0., -1.", "A, CENTRIF, 4., 1., 0., 0., 0., 0., 1.")
+    answer = solved(tmp_path, deck)
+    assert answer.summary["bodies"]["A"]["reactions"]["A_Z0"]["force"][2] == pytest.approx(7.8e-9 * 9810 * 3, rel=1e-9)
+    assert imported(tmp_path, deck, name="b")[0]["body"][0]["volume_force"][0].startswith("-3.12e-08 + (3.12e-08) * x")
+
+
+@pytest.mark.parametrize("order", [(0, 1, 2), (1, 2, 0), (2, 0, 1), (1, 0, 2)])
+def test_axes_of_orthotropic_materials(tmp_path, order):
+    """Axes of a material along x, y and z in another order: a bar has the modulus along it."""
+    axes = np.eye(3)[list(order)]
+    young, nu = np.array([1e5, 2e5, 4e5]), [0.1, 0.2, 0.15]
+    steel = (f"*MATERIAL, NAME=STEEL\n*ELASTIC, TYPE=ENGINEERING CONSTANTS\n{', '.join(map(str, young))}, "
+             f"{', '.join(map(str, nu))}, 3e4, 4e4,\n5e4\n*ORIENTATION, NAME=O\n{', '.join(map(str, axes[0]))}, "
+             f"{', '.join(map(str, axes[1]))}\n")
+    deck = grid("A", (1, 1, 1), (1.0, 1.0, 1.0)) + steel + SECTION.replace("=STEEL", "=STEEL, ORIENTATION=O") + ROLLERS
+    answer = solved(tmp_path, deck + step("*CLOAD", "A_Z1, 3, 25."))
+    along = order.index(2)
+    ratios = {(0, 1): 0.1, (0, 2): 0.2, (1, 2): 0.15}
+    u = answer.bodies["A"].displacement
+    assert u[:, 2].max() == pytest.approx(100.0 / young[along], rel=1e-9)
+    for k, axis in enumerate(order):
+        if k != along:
+            ratio = ratios.get((along, k), ratios.get((k, along), 0) * young[along] / young[k])
+            assert u[:, axis].min() == pytest.approx(-ratio * 100.0 / young[along], rel=1e-9)
+
+
+LOST = [
+    ("*EQUATION\n2\n1, 1, 1., 2, 1, -1.", "*EQUATION: equations between nodes: not possible"),
+    ("*MPC\nBEAM, 1, 2", "*MPC: constraints between nodes"),
+    ("*CONTACT\n*CONTACT INCLUSIONS, ALL EXTERIOR", "*CONTACT: general contact"),
+    ("*INITIAL CONDITIONS, TYPE=STRESS\n1, 1, 1., 1., 1., 1., 1., 1.", "*INITIAL CONDITIONS: initial stress"),
+    ("*NONSENSE, OF=ANY\n1, 2", "*NONSENSE: this keyword is not known"),
+    ("*BOUNDARY\nA_Z0, 3\n*PLASTIC\n200., 0.", "*PLASTIC: plasticity"),
+    ("*ELEMENT, TYPE=SPRINGA, ELSET=K\n90, 1, 2", "*ELEMENT: elements of type SPRINGA"),
+    ("*ELEMENT, TYPE=S4, ELSET=K\n90, 1, 2, 5, 4", "*ELEMENT: elements of type S4")]
+
+LOST_IN_STEP = [
+    ("*DLOAD\n1, P9, 1.", "a pressure on a face that is not on a boundary"),
+    ("*DLOAD\n1, P2, 1.", "a pressure on a face that is not on a boundary"),
+    ("*DLOAD\nA, P2NU, 1.", "*DLOAD: the load P2NU"),
+    ("*CLOAD\n14, 3, 1.", "*CLOAD: a force at a node that is not on the boundary"),
+    ("*CLOAD\n1, 5, 1.", "*CLOAD: moments at nodes"),
+    ("*BOUNDARY, FIXED\n1, 1", "*BOUNDARY: displacements of another model"),
+    ("*MODEL CHANGE, TYPE=CONTACT PAIR, REMOVE\nA, B", "*MODEL CHANGE: parts or contacts"),
+    ("*TEMPERATURE, FILE=x.frd", "*TEMPERATURE: temperatures of a file")]
+
+
+@pytest.mark.parametrize("card, words", LOST)
+def test_what_is_lost_refuses_the_deck(tmp_path, card, words):
+    """A keyword that is not possible is named with its line, and nothing is written, unless --partial."""
+    deck = BOX + ROLLERS + f"{card}\n" + step("*CLOAD", "A_Z1, 3, 1.")
+    message = refused(tmp_path, deck)
+    line = next(k for k, text in enumerate(deck.splitlines(), 1)
+                if text.startswith("*" + words.split(":")[0][1:]) and k > BOX.count("\n"))
+    assert f"line {line}: {words}" in message and "--partial" in message
+    scene, lists = imported(tmp_path, deck, partial=True)
+    assert words in lists.split("lost:")[1] and scene["body"][0]["traction"][0]["force"] == [0.0, 0.0, 9.0]
+
+
+@pytest.mark.parametrize("card, words", LOST_IN_STEP)
+def test_lost_loads_refuse_the_deck(tmp_path, card, words):
+    """So is a load or a support of a step."""
+    assert words in refused(tmp_path, BOX + ROLLERS + step(card))
+
+
+def test_supports_that_begin_or_end_later_are_lost(tmp_path):
+    """A support of some steps only is named."""
+    message = refused(tmp_path, BOX + ROLLERS + step("*BOUNDARY", "A_Z1, 3") + step("*BOUNDARY, OP=NEW", "A_Z0, 1, 3"))
+    assert "a support that ends before a later step" in message and "begins in a later step" in message
+
+
+BAD = [
+    (BOX + ROLLERS, "it has no *STATIC step"),
+    (BOX + step("*CLOAD", "1, 1, 1.").replace("STATIC", "FREQUENCY"), "its first step, on line 131, is *FREQUENCY"),
+    (BOX + step("*CLOAD", "NONE, 1, 1."), "*CLOAD: there is no set NONE"),
+    (BOX + step("*CLOAD", "1, 1, one"), "*CLOAD: could not convert string to float"),
+    (BOX + step("*CLOAD", "1"), "*CLOAD: a data line is too short"),
+    (BOX + step("*CLOAD, AMPLITUDE=N", "1, 1, 1."), "*CLOAD: there is no *AMPLITUDE N"),
+    (BOX.replace("MATERIAL=STEEL", "MATERIAL=GOLD") + step("*CLOAD", "1, 1, 1."), "there is no *MATERIAL GOLD"),
+    (BOX.replace(SECTION, "") + step("*CLOAD", "1, 1, 1."), "element 1 has no *SOLID SECTION"),
+    (BOX + step("*CLOAD", "1, 1, 1.").replace("*END STEP\n", ""), "the step that begins here does not end; is th"),
+    (BOX.replace("2, 0.5, 0.0, 0.0\n", "") + step("*CLOAD", "1, 1, 1."), "has node 2, which is not there"),
+    (BOX + "*CONTACT PAIR, INTERACTION=I\nX, Y\n" + step(), "there is no *SURFACE INTERACTION I"),
+    (stack("*TIE", first="SLAVE, NOWHERE") + step(), "*TIE: there is no surface NOWHERE"),
+    ("*ELEMENT, TYPE=S4, ELSET=A\n1, 1, 2, 3, 4\n" + step(), "it has no elements that a scene may have"),
+    ("", "it has no"), ("hello\n", "it has no"), ("*NODE, NSET\n*STEP\n", "")]
+
+
+@pytest.mark.parametrize("deck, words", BAD)
+def test_bad_decks(tmp_path, deck, words):
+    """Each mistake is one message with the file, and where it can be, the line."""
+    message = refused(tmp_path, deck, partial=True)
+    assert words in message and message.startswith(str(tmp_path / "deck.inp")) and "\n" not in message
+
+
+def test_a_deck_cut_off_anywhere(tmp_path):
+    """A deck that ends in the middle, at any place, is refused in words."""
+    law = "*SURFACE INTERACTION, NAME=I\n*FRICTION\n0.2, 5e4\n"
+    text = stack(PAIR, law) + step("*BOUNDARY", "B_Z1, 3, 3, -0.001", "*TEMPERATURE", "A_Z0, 5.")
+    for end in range(0, len(text) - len("END STEP\n"), 41):
+        refused(tmp_path, text[:end])
+
+
+def test_the_command(tmp_path):
+    """The lists end the command; nothing is overwritten; what is lost is exit 2."""
+    path = tmp_path / "deck.inp"
+    path.write_text(BOX + ROLLERS + step("*CLOAD", "A_Z1, 3, 1."))
+    run = call("import", str(path), "--output", str(tmp_path / "out"))
+    assert run.code == 0 and run.stdout.endswith("scene.toml: 1 body, no contacts\n")
+    assert [run.stdout.index(f"{word}:\n") for word in ("taken", "changed", "lost")] == sorted(
+        run.stdout.index(f"{word}:\n") for word in ("taken", "changed", "lost"))
+    before = (tmp_path / "out" / "scene.toml").read_bytes()
+    with pytest.raises(TakenError, match=r"scene\.toml is there already; nothing is overwritten"):
+        import_deck(path, tmp_path / "out")
+    again = call("import", str(path), "--output", str(tmp_path / "out"))
+    assert again.code == TakenError.exit_code and (tmp_path / "out" / "scene.toml").read_bytes() == before
+    assert call("import", str(tmp_path / "none.inp"), "--output", str(tmp_path / "x")).code == 2
+    path.write_text(path.read_text().replace("*STEP", "*EQUATION\n*STEP"))
+    lost = call("import", str(path), "--output", str(tmp_path / "y"))
+    assert lost.code == 2 and "*EQUATION" in lost.stderr and not (tmp_path / "y").exists()
+    assert call("import", str(path), "--output", str(tmp_path / "y"), "--partial").code == 0
+
+
+def test_an_assembly_with_parts(tmp_path):
+    """Parts with their own numbers, moved in an assembly, with surfaces of both, *DSLOAD and traction vectors."""
+    deck = ("*PART, NAME=Block\n" + grid("ALL", (1, 1, 1), (1.0, 1.0, 1.0))
+            + "*Solid Section, elset=ALL, material=Steel\n*END PART\n*ASSEMBLY, NAME=Assembly\n*INSTANCE, NAME=low, "
+            "PART=Block\n*END INSTANCE\n*INSTANCE, NAME=high, PART=block\n0., 0., 1.\n*END INSTANCE\n"
+            "*NSET, NSET=base, INSTANCE=low\n1, 2, 3, 4\n*ELSET, ELSET=_t, INTERNAL, INSTANCE=high\n1\n"
+            "*SURFACE, NAME=top\n_t, S2\n*SURFACE, NAME=up\nlow.ALL, S2\n*SURFACE, NAME=down\nhigh.ALL, S1\n"
+            "*END ASSEMBLY\n" + STEEL
+            + "*SURFACE INTERACTION, NAME=i\n1.,\n*CONTACT PAIR, INTERACTION=I\ndown, up\n*BOUNDARY\nbase, 3\n"
+            "low.ALL_X0, 1\nlow.ALL_Y0, 2\nhigh.ALL_X0, XSYMM\nhigh.ALL_Y0, YSYMM\n"
+            + step("*DSLOAD", "top, P, 5.", "top, TRVEC, 2., 0., 0., -3."))
+    scene, _ = imported(tmp_path, deck)
+    assert [body["name"] for body in scene["body"]] == ["low", "high"]
+    answer = solved(tmp_path, deck, name="run")
+    assert answer.summary["bodies"]["low"]["reaction"][2] == pytest.approx(7.0, rel=1e-9)
+    assert answer.bodies["high"].displacement[:, 2].min() == pytest.approx(-2.0 * 7.0 / YOUNG, rel=1e-9)
+
+
+@pytest.mark.parametrize("kind, area", [("CPS4", 1.0), ("CPE4", 1.0), ("CAX4", np.pi)])
+def test_plane_and_axisymmetric_decks(tmp_path, kind, area):
+    """A plane section's forces are per its thickness, those around an axis of the whole circumference."""
+    deck = grid("A", (2, 2), (1.0, 2.0), kind=kind) + STEEL + SECTION + ("0.5\n" if kind != "CAX4" else "")
+    deck += "*BOUNDARY\nA_Y0, 2\nA_X0, 1\n" + step("*DLOAD", "3, P3, -7.", "4, P3, -7.")
+    scene, _ = imported(tmp_path, deck)
+    assert scene.get("axisymmetric", False) == (kind == "CAX4")
+    assert scene["body"][0]["material"].get("plane") == ("stress" if kind == "CPS4" else None)
+    strain = 7.0 / YOUNG * (0.91 if kind == "CPE4" else 1.0)
+    answer = solved(tmp_path, deck, name="run")
+    assert answer.bodies["A"].displacement[:, 1].max() == pytest.approx(2.0 * strain, rel=1e-9)
+    assert answer.summary["bodies"]["A"]["reaction"][1] == pytest.approx(-7.0 * area, rel=1e-9)
+    pulled = deck.replace("*DLOAD\n3, P3, -7.\n4, P3, -7.", "*CLOAD\nA_Y1, 2, 3.")
+    force = imported(tmp_path, pulled, name="pulled")[0]["body"][0]["traction"][0]["force"]
+    assert force == pytest.approx([0.0, 9.0 / (1.0 if kind == "CAX4" else 0.5)])
+
+
+def test_several_materials_and_moved_supports(tmp_path):
+    """Elements that share nodes are one body with materials by sets; displacements that are linear in place are one
+    clamp, others keep the value of each node."""
+    deck = grid("A", (2, 2, 3), (1.0, 1.0, 3.0)) + STEEL + STEEL.replace("STEEL", "SOFT").replace("210000.", "1000.")
+    deck += "*ELSET, ELSET=LOW, GENERATE\n1, 4\n*ELSET, ELSET=HIGH, GENERATE\n5, 12\n"
+    deck += "*SOLID SECTION, ELSET=LOW, MATERIAL=SOFT\n*SOLID SECTION, ELSET=HIGH, MATERIAL=STEEL\n" + ROLLERS
+    moved = [f"{28 + k}, 3, 3, {0.001 * (1 + k % 3)}" for k in range(9)]
+    scene = imported(tmp_path, deck + step("*BOUNDARY", *moved))[0]["body"][0]
+    assert [(part["on"], part["young"]) for part in scene["material"]] == [("SOFT", 1000.0), ("STEEL", 210000.0)]
+    top = next(clamp for clamp in scene["clamp"] if isinstance(clamp.get("z"), dict))
+    assert top["on"] == "A_Z1"
+    assert [top["z"][key] for key in ("constant", "x_slope")] == pytest.approx([0.001, 0.002])
+    odd = imported(tmp_path, deck + step("*BOUNDARY", *moved[:-1], "36, 3, 3, 0.9"), name="odd")[0]["body"][0]
+    held = sorted(clamp["z"] for clamp in odd["clamp"] if "z" in clamp)
+    assert held == pytest.approx([0.0, 0.001, 0.002, 0.003, 0.9])
+    answer = solved(tmp_path, deck + step("*BOUNDARY", "A_Z1, 3, 3, 0.01"), name="run")
+    assert answer.bodies["A"].displacement[:, 2].max() == pytest.approx(0.01, rel=1e-12)
+
+
+@pytest.mark.mpi(ranks=2, timeout=300, unit="s")
+def test_a_deck_on_two_ranks(comm, tmp_path):
+    """The scene of a deck is solved on several ranks."""
+    folder = Path(comm.bcast(str(tmp_path) if comm.rank == 0 else None))
+    if comm.rank == 0:
+        imported(folder, stack("*TIE") + step("*BOUNDARY", "B_Z1, 3, 3, -0.001"))
+    comm.barrier()
+    answer = ddmpi.solve(str(folder / "deck" / "scene.toml"), comm)
+    pressed = YOUNG * 0.7 / 1.3 / 0.4 * 0.0005
+    assert answer.certified and answer.summary["contacts"]["B-A"]["normal_force"] == pytest.approx(pressed, rel=1e-6)
+
+
+COUPLED = BOX + ("*NODE, NSET=REF\n900, 0.5, 0.5, 4.\n*ELSET, ELSET=UP, GENERATE\n9, 12\n*SURFACE, NAME=TOP\n"
+                 "UP, S2\n*BOUNDARY\nA_Z0, 1, 3\n")
+
+
+@pytest.mark.parametrize("card", ["*COUPLING, CONSTRAINT NAME=C, REF NODE=900, SURFACE=TOP\n*DISTRIBUTING\n",
+                                  "*COUPLING, CONSTRAINT NAME=C, REF NODE=900, SURFACE=TOP\n*KINEMATIC\n1, 6\n",
+                                  "*RIGID BODY, NSET=A_Z1, REF NODE=900\n"])
+def test_couplings_carry_force_and_moment(tmp_path, card):
+    """A force and a moment at a reference node off the face act on the body, whether its face is kept rigid or not: the
+    reaction has the force, and its moment about the reference node."""
+    deck = COUPLED + card + step("*CLOAD", "900, 1, 3.", "900, 3, -2.", "900, 5, 7.")
+    answer = solved(tmp_path, deck)
+    held = answer.summary["bodies"]["A"]["reactions"]["A_Z0"]
+    force = np.array([3.0, 0.0, -2.0])
+    assert held["force"] == pytest.approx(-force, rel=1e-6, abs=1e-6)
+    assert held["moment"] == pytest.approx(-np.cross([0.5, 0.5, 4.0], force) - [0.0, 7.0, 0.0], rel=1e-6, abs=1e-6)
+
+
+def test_a_rigid_set_whose_motion_is_given(tmp_path):
+    """A reference node with all six displacements moves its nodes as a rigid body of small turns."""
+    deck = COUPLED + "*RIGID BODY, NSET=A_Z1, REF NODE=900\n" + step(
+        "*BOUNDARY", "900, 1, 4", "900, 3, 3, -0.01", "900, 5, 5, 0.02", "900, 6, 6")
+    answer = solved(tmp_path, deck)
+    top = answer.bodies["A"].displacement[answer.bodies["A"].points[:, 2] > 2.999]
+    x = answer.bodies["A"].points[answer.bodies["A"].points[:, 2] > 2.999] - [0.5, 0.5, 4.0]
+    assert top == pytest.approx(np.cross([0.0, 0.02, 0.0], x) - np.array([0.0, 0.0, 0.01]), abs=1e-12)
+
+
+@pytest.mark.parametrize("card, step_card, words", [
+    ("*RIGID BODY, NSET=A_X0, REF NODE=900", "900, 4, 1.", ""),
+    ("*RIGID BODY, NSET=CORNERS, REF NODE=900", "900, 1, 1.", "*RIGID BODY: its nodes are no whole faces of one body"),
+    ("*COUPLING, REF NODE=900, SURFACE=TOP\n*KINEMATIC\n1, 3", "900, 1, 1.", "*KINEMATIC: a coupling of some compo"),
+    ("*RIGID BODY, ELSET=A, REF NODE=900", "900, 1, 1.", "*RIGID BODY: rigid bodies that are no set of nodes")])
+def test_rigid_sets_that_are_lost(tmp_path, card, step_card, words):
+    """Rigid sets that are no faces, or that hold some components only, are named."""
+    deck = COUPLED + f"*NSET, NSET=CORNERS\n28, 30, 34, 36\n{card}\n" + step("*CLOAD", step_card)
+    if words:
+        assert words in refused(tmp_path, deck)
+    else:
+        assert imported(tmp_path, deck)[0]["rigid"][0]["moment"] == [1.0, 0.0, 0.0]
+
+
+def test_loads_at_nodes_of_no_body_are_lost(tmp_path):
+    """A force at a node that no element has is lost; a support there is left out."""
+    assert "*CLOAD: a force at a node of no body" in refused(tmp_path, COUPLED + step("*CLOAD", "900, 1, 1."))
+    lists = imported(tmp_path, COUPLED + "*BOUNDARY\n900, 1\n" + step("*CLOAD", "36, 1, 1."))[1]
+    assert "a support at a node of no body is left out" in lists
