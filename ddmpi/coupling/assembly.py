@@ -186,6 +186,8 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
         with agreed(world):
             memory = team.do("room")
     members, histories = [], [None, *scene.followed]
+    # a tolerance takes 1 and 2 load steps at least; iterations of the published method take ten times the products
+    solves = (len(scene.legs) * (scene.time.steps or 3) if scene.time else 1) * (10 if scene.method.by_body else 1)
     with clock.phase("factor"), agreed(world):
         for spec in mine:
             points = meshes[spec.name].points[bodies[spec.name].nodes]
@@ -194,7 +196,7 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
                 bodies[spec.name] = replace(bodies[spec.name], A=TeamMatrix(team, A, points, supported))
             ours = [joined[contact.name][0] for contact, _ in at_body[spec.name]]
             members.append(Member(spec.name, bodies[spec.name], ours, scene.method.compliance, memory, histories,
-                                  points, factor))
+                                  points, factor, solves))
             interrupt.check()
     # From here on each interface lives on its first body's rank only.
     owned = {contact for contact, first, _ in exchange.ends if first == world.rank}

@@ -39,6 +39,7 @@ class Member:
     histories : of the scene's loads and clamps, None for constant ones
     points : (k, d) positions of the nodes that A acts on, see `Compliance`
     factor : False for a body that is only checked: no C, and h zero
+    solves : how many problems, such as load steps, C is for
 
     Attributes
     ----------
@@ -59,7 +60,7 @@ class Member:
     def __init__(self, name: str, elasticity: Elasticity, interfaces: Sequence[Interface],
                  compliance: str | None = None, memory: float = np.inf,
                  histories: Sequence[str | None] = (None,), points: np.ndarray | None = None,
-                 factor: bool = True) -> None:
+                 factor: bool = True, solves: int = 1) -> None:
         self.name, self.elasticity, self.interfaces = name, elasticity, tuple(interfaces)
         self._histories = tuple(histories)
         ends = np.cumsum([0, *(interface.size for interface in self.interfaces)]).tolist()
@@ -78,17 +79,19 @@ class Member:
         self._R = R
         self._centring: Centring | None = None
         self.dear = False
+        shared = isinstance(A, TeamMatrix)
+        quadratic = bool(A.getAttr("coarse"))
         if not factor:
-            self.kind, self.reason = plan_compliance(A.size[0], B, compliance, memory, A.getBlockSize())
+            self.kind, self.reason = plan_compliance(A, B, compliance, memory, quadratic, solves)
             self._responses = {name: (np.zeros(self.size), R.T @ case.b) for name, case in elasticity.cases.items()}
             return
-        shared = isinstance(A, TeamMatrix)
         if not elasticity.supported:
             # A is singular. With springs on a few dofs its inverse is a generalised inverse of A; centring then removes
             # what depends on the choice of the springs: C ← P C P, h ← P h, P = I − Gᵀ(G Gᵀ)⁺G.
             self._centring, dofs = Centring(R, B), support(motions)
             A = A.with_springs(dofs) if shared else add_springs(A, dofs)
-        self.C = Compliance(A, B, name, compliance, memory, TeamSolver if shared else StiffnessSolver, points)
+        self.C = Compliance(A, B, name, compliance, memory, TeamSolver if shared else StiffnessSolver, points,
+                            quadratic, solves)
         self.dear = self.C.kind == "iterative"
         self._responses = {name: self.response_to(case) for name, case in elasticity.cases.items()}
         self.h = sum((h for h, _ in self._responses.values()), np.zeros(1))

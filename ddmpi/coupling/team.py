@@ -245,6 +245,10 @@ class TeamMatrix:
         assert self.whole is not None
         return self.whole[0].getRowIJ()
 
+    def getAttr(self, name: str) -> Any:
+        assert self.whole is not None
+        return self.whole[0].getAttr(name)
+
     def getBlockSize(self) -> int:
         return self._width
 
