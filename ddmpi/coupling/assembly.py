@@ -199,6 +199,8 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
         with agreed(world):
             memory = kept.memory(lambda: team.do("room"))
     members, histories = list[Member](), [None, *scene.followed]
+    # a tolerance takes 1 and 2 load steps at least; iterations of the published method take ten times the products
+    solves = (len(scene.legs) * (scene.time.steps or 3) if scene.time else 1) * (10 if scene.method.by_body else 1)
     with clock.phase("factor"), agreed(world):
         for spec in mine:
             elasticity = bodies[spec.name]
@@ -208,7 +210,8 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
                     "matrix", spec.name, kept.key("stiffness", spec.name), partial(
                         _distributed, team, elasticity, points, meshes[spec.name], spec)))
             ours = [joined[contact.name][0] for contact, _ in at_body[spec.name]]
-            members.append(Member(spec.name, elasticity, ours, scene.method.compliance, memory, histories, points))
+            members.append(Member(spec.name, elasticity, ours, scene.method.compliance, memory, histories, points,
+                                  solves))
         # Factors are most of the memory: those that are not met again go before the others are made.
         kept.expect("compliance", {member.name: member.depends(kept) for member in members})
         for member in members if factor else ():

@@ -259,6 +259,10 @@ class TeamMatrix:
     def getRowIJ(self) -> tuple[np.ndarray, np.ndarray]:
         return self.whole.getRowIJ()
 
+    def getAttr(self, name: str) -> Any:
+        assert self.whole is not None
+        return self.whole[0].getAttr(name)
+
     def getBlockSize(self) -> int:
         return self._width
 

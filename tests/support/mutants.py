@@ -42,6 +42,13 @@ GUIDED, TURNED, BOLTS = (f"scenes/test_{name}.py" for name in ("guided", "turnin
 
 MUTANTS = [Mutant(*row) for row in (
     # petsc, system
+    ("slender bodies count in full", "body/compliance", "** 1.5), 1.0)", "** 1.5), 1.0) ** 0.0",
+     "body/test_compliance_kinds.py::test_order_shape_and_load_steps_decide_in_space"),
+    ("load steps do not count", "body/compliance", "LARGEST_CONDENSED[quadratic] * solves",
+     "LARGEST_CONDENSED[quadratic]",
+     "body/test_compliance_kinds.py::test_order_shape_and_load_steps_decide_in_space"),
+    ("layers from any node", "petsc/dissection", "for _ in range(2):", "for _ in range(1):",
+     "petsc/test_dissection.py::test_layers"),
     ("norm of an operator stops early", "petsc/lanczos", "abs(norm - previous) <= change * norm", "norm > 0.0",
      "published/test_mprgp.py::test_estimate_norm_is_a_little_too_small"),
     ("both sides of a cut divide the nodes", "petsc/dissection",
