@@ -100,6 +100,14 @@ def test_a_view_overwrites_nothing_else(tmp_path):
     assert other.read_text() == "mine" and write_view(tmp_path) == write_view(tmp_path)
 
 
+def test_without_equilibrium_there_is_no_view(tmp_path):
+    """It would show bodies at rest."""
+    stacked(tmp_path)
+    (tmp_path / "mechanism.json").write_text("{}", encoding="utf-8")
+    with pytest.raises(InputError, match="no equilibrium"):
+        write_view(tmp_path)
+
+
 def test_a_run_writes_the_view_and_its_report_has_it(tmp_path):
     """With `[output] view = true`; the command `view` writes it anew."""
     scene = write_scene(pinched_blocks(2) | {"output": {"view": True, "figures": False}}, tmp_path / "scene.toml")
