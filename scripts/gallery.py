@@ -125,6 +125,12 @@ def bolt_over_joint(summary: dict) -> float:
     return 1e-3 * (summary["contacts"]["head"]["force"][-1] - summary["contacts"]["joint"]["force"][-1])
 
 
+def tightened(summary: dict) -> float:
+    """What the bolt presses its head by at the end of tightening, time 1 (kN)."""
+    (step,) = (step for step in summary["steps"] if step["time"] == 1.0)
+    return 1e-3 * step["contacts"]["under-head"]["force"][1]
+
+
 EXHIBITS = [
     Exhibit("pinched_blocks", "bodies.png", 8.36886, "MN/m", 1e-5, "brute force",
             contact("upper-lower", "tangential_force", factor=1e-6)),
@@ -172,6 +178,7 @@ EXHIBITS = [
             contact("wheel-ground", "force", 1)),
     Exhibit("drawn/turned_bolt", "bodies.png", 12, "kN", 1e-6, "balance", bolt_over_joint,
             {"time.steps": 1, "body.bolt.mesh.contact_size": 0.8}),
+    Exhibit("tightened_bolt", "bodies.png", 20, "kN", 1e-6, "balance", tightened, {"time.steps": 1}),
     Exhibit("drawn/ball_on_floor", "bodies.png", 3.014, "MPa", 0.03, "Hertz", contact("ball-floor", "pressure_max")),
     Exhibit("drawn/bolted_flange", "bodies.png", 10, "kN", 5e-3, "balance", bolt_over_joint,
             {"time.steps": 1}, warned="stands at a re-entrant edge"),

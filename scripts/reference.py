@@ -245,7 +245,10 @@ def _call(action: argparse.Action) -> str:
 # Python
 
 def python_page() -> str:
-    lines = [PYTHON, f"## ddmpi.solve{_signature(ddmpi.solve)}", "", *_described(ddmpi.solve)]
+    lines = [PYTHON]
+    for name, function in (("ddmpi.solve", ddmpi.solve), ("ddmpi.prepare", ddmpi.prepare),
+                           ("Model.solve", answer.Model.solve)):
+        lines += [f"## {name}{_signature(function)}", "", *_described(function)]
     for heading, kind in {"Answer": answer.Answer, "Fields": answer.Fields,
                           "ContactState": ddmpi.interface.state.ContactState}.items():
         words, rows = read_docstring(kind.__doc__)[0], dict(meanings(kind))

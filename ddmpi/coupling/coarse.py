@@ -205,7 +205,7 @@ class CoarseSystem:
     weights : W (k,) along the unknown forces; W Iᵀ M I W replaces Iᵀ M I
     stiffness : M times columns (its size, c) of an owned interface, called with its number
     diagonal : D (size,)
-    kept : (k,) bool, of the first motions, those that stay where they are
+    kept : (k,) bool, which of the first motions stay where they are
     columns : of Z̃ = Zᵀ columns (owned size, k) sparse: I if left out; E for the transposed system, which has I as `E`
 
     Construction is collective.
@@ -213,9 +213,9 @@ class CoarseSystem:
 
     def __init__(self, motions: Motions, basis: sparse.csr_matrix, E: sparse.csr_matrix,
                  weights: np.ndarray, stiffness: Callable[[int, np.ndarray], np.ndarray], diagonal: np.ndarray,
-                 kept: np.ndarray, columns: sparse.csr_matrix | None = None) -> None:
+                 kept: Sequence[bool] | np.ndarray = (), columns: sparse.csr_matrix | None = None) -> None:
         self._space = motions.space
-        moves = sparse.diags(np.append(1.0 - kept, np.ones(motions.size - len(kept))))
+        moves = sparse.diags(np.append(1.0 - np.asarray(kept, float), np.ones(motions.size - len(kept))))
         with event("CoarseSystem"):
             smooth = []
             for number, (part, _, block) in enumerate(motions.blocks):

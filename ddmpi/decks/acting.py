@@ -159,6 +159,14 @@ class Acts:
                                | ({"history": history} if history else {}))
         for piece in self.pieces:
             found[piece.name] += self._forces(piece)
+        inside = {node for piece in self.pieces for node in piece.nodes.tolist()}
+        inside |= {node for rigid in self.model.rigid for node in (rigid.ref, rigid.turn)}
+        for (node, _), acting in self.model.kinds["forces"].items():
+            if node not in inside and any(value for _, value in acting.course):
+                self.notes.add(self.notes.lost, acting.card, "a force at a node of no body")
+        for (node, _), acting in self.model.kinds["supports"].items():
+            if node not in inside:
+                self.notes.add(self.notes.changed, acting.card, "a support at a node of no body is left out")
         return found
 
     def _surface(self, piece: Piece, facets: np.ndarray) -> str:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ddmpi.decks.cards import Card, flattened
-from ddmpi.decks.cells import SHAPELESS, element, face
+from ddmpi.decks.words import SHAPELESS, element, face
 
 GENERATING = ("NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "SYSTEM")
 """Keywords that make nodes or elements from others, or move them; they are not read."""

@@ -55,18 +55,19 @@ class Matter:
             _, name, _, orientation, card = self.model.sections[k]
             if name not in self.model.materials:
                 raise InputError(f"line {card.line}: *{card.name}: there is no *MATERIAL {name}")
-            material = self._elastic(name, self._axes(orientation, card), piece, card)
-            if name in expansions:
-                material["expansion"] = expansions[name]
-            if self.family == "CPS":
-                material["plane"] = "stress"
-            different.setdefault((name, repr(material)), (material, []))[1].append(elements)
+            for heat, some in self._by_heat(name, piece, elements):
+                material = self._elastic(name, self._axes(orientation, card), heat, card)
+                if name in expansions:
+                    material["expansion"] = expansions[name]
+                if self.family == "CPS":
+                    material["plane"] = "stress"
+                different.setdefault((name, repr(material)), (material, []))[1].append(some)
         if len(different) == 1:
             return [next(iter(different.values()))[0]]
         result = []
-        for (name, _), (material, some) in different.items():
+        for (name, _), (material, parts) in different.items():
             on = own_name(name, piece.taken)
-            piece.materials[on] = np.concatenate(some)
+            piece.materials[on] = np.concatenate(parts)
             result.append({"on": on} | material)
         return result
 
@@ -84,8 +85,19 @@ class Matter:
         first, third = v[:3] / np.linalg.norm(v[:3]), np.cross(v[:3], v[3:]) / np.linalg.norm(np.cross(v[:3], v[3:]))
         return np.array([first, np.cross(third, first), third])
 
-    def _elastic(self, name: str, axes: np.ndarray, piece: Piece, section: Card) -> dict[str, Any]:
-        """young, poisson and, of an orthotropic material, shear along x, y and z."""
+    def _by_heat(self, name: str, piece: Piece, elements: np.ndarray) -> list[tuple[float, np.ndarray]]:
+        """The elements by their mean temperatures, where the moduli vary with these."""
+        card = self.model.materials[name].get("ELASTIC")
+        if card is None or len(card.rows) < 2:
+            return [(0.0, elements)]
+        nodal = self.heats(piece)
+        heats = np.round(np.concatenate([nodal[np.searchsorted(piece.nodes, block.entries[:, 1:])].mean(axis=1)
+                                         for block in piece.blocks]), 6)[np.isin(piece.elements, elements)]
+        own = piece.elements[np.isin(piece.elements, elements)]
+        return [(float(heat), own[heats == heat]) for heat in np.unique(heats)]
+
+    def _elastic(self, name: str, axes: np.ndarray, heat: float, section: Card) -> dict[str, Any]:
+        """young, poisson and, of an orthotropic material, shear along x, y and z, at a temperature."""
         card = self.model.materials[name].get("ELASTIC")
         if card is None:
             raise InputError(f"line {section.line}: *{section.name}: the material {name} has no *ELASTIC")
@@ -94,12 +106,9 @@ class Matter:
         values, at = table(card, width)
         row = values[0]
         if len(values) > 1:
-            heats = self.heats(piece)
-            if np.ptp(heats) > 1e-9 * np.abs(heats).max(initial=1.0):
-                self.notes.add(self.notes.lost, card, "moduli that vary with a temperature that varies in the body")
             order = np.argsort(at)
-            row = np.array([np.interp(heats.mean(), at[order], column[order]) for column in values.T])
-            self.notes.add(self.notes.changed, card, f"moduli at the temperature {heats.mean():g}")
+            row = np.array([np.interp(heat, at[order], column[order]) for column in values.T])
+            self.notes.add(self.notes.changed, card, "moduli at the mean temperature of each element at the end")
         if width == 2:
             return {"young": float(row[0]), "poisson": float(row[1])}
         if width == 21:
@@ -113,25 +122,15 @@ class Matter:
         return self._orthotropic(row, axes, card)
 
     def _orthotropic(self, row: np.ndarray, axes: np.ndarray, card: Card) -> dict[str, Any]:
-        young, ratios, shears = row[:3], row[3:6], row[6:]
-        turn = np.abs(axes)
-        angle = None
-        if np.allclose(turn.max(axis=1), 1.0, atol=1e-9):  # axes along x, y and z in another order
-            order = turn.argmax(axis=0)  # the material's axis along each of x, y, z
-            pairs = {frozenset(pair): k for k, pair in enumerate(((0, 1), (0, 2), (1, 2)))}
-            nu = np.diag(young) * 0.0
-            for (i, j), ratio in zip(((0, 1), (0, 2), (1, 2)), ratios, strict=True):
-                nu[i, j], nu[j, i] = ratio, ratio * young[j] / young[i]
-            some = [(order[i], order[j]) for i, j in ((0, 1), (0, 2), (1, 2))]
-            young, ratios = young[order], np.array([nu[pair] for pair in some])
-            shears = np.array([shears[pairs[frozenset(pair)]] for pair in some])
-        elif self.family != "C3D" and self.family != "CAX" and axes[2, 2]:
-            angle = float(np.degrees(np.arctan2(axes[0, 1], axes[0, 0])))
-        else:
-            self.notes.add(self.notes.lost, card, "axes of a material that are not x, y and z")
-        shear = [float(value) for value in shears] if self.family == "C3D" else float(shears[0])
-        return {"young": young.tolist(), "poisson": ratios.tolist(), "shear": shear} | (
-            {"angle": angle} if angle is not None else {})
+        plain, turned = np.allclose(axes, AXES), {}
+        if self.family == "C3D" and axes.any():
+            turned = {} if plain else {"axes": axes[:2].tolist()}
+        elif self.family != "CAX" and abs(axes[2, 2]) == 1.0:  # the third axis is z
+            turned = {"angle": float(np.degrees(np.arctan2(axes[0, 1], axes[0, 0])))}
+        elif not plain:
+            self.notes.add(self.notes.lost, card, "axes of a material that turn from place to place")
+        shear = row[6:].tolist() if self.family == "C3D" else float(row[6])
+        return {"young": row[:3].tolist(), "poisson": row[3:6].tolist(), "shear": shear} | turned
 
     def heats(self, piece: Piece) -> np.ndarray:
         """(n,) the temperatures of the nodes of a body at the end."""

@@ -10,42 +10,8 @@ import numpy as np
 
 from ddmpi.decks.cards import Card
 from ddmpi.decks.deck import Deck
+from ddmpi.decks.words import NAMED_SUPPORTS, PROCEDURES, REFUSED, SILENT, faces
 from ddmpi.errors import InputError
-
-SILENT = frozenset((
-    "HEADING", "NODE", "ELEMENT", "NSET", "ELSET", "SURFACE", "STEP", "ENDSTEP", "STATIC", "DENSITY",
-    "PHYSICALCONSTANTS", "CONTROLS", "PREPRINT", "NODEPRINT", "ELPRINT", "NODEFILE", "ELFILE", "CONTACTFILE",
-    "CONTACTPRINT", "FACEPRINT", "SECTIONPRINT", "ENERGYPRINT", "ENERGYFILE", "OUTPUT", "NODEOUTPUT",
-    "ELEMENTOUTPUT", "CONTACTOUTPUT", "ENERGYOUTPUT", "MONITOR", "PRINT", "RESTART", "TIMEPOINTS", "FILEFORMAT",
-    "PARAMETER", "NORMAL", "TRANSFORM", "ORIENTATION", "AMPLITUDE", "ENDPART", "ENDASSEMBLY", "ENDINSTANCE",
-    "SURFACESMOOTHING",
-))
-"""Keywords about meshes and output, and those that count where others name them."""
-
-REFUSED = {
-    "EQUATION": "equations between nodes", "MPC": "constraints between nodes", "RIGIDBODY": "rigid bodies",
-    "PRE-TENSIONSECTION": "pre-tension of a section", "COUPLING": "couplings", "KINEMATIC": "couplings",
-    "DISTRIBUTING": "couplings", "DISTRIBUTINGCOUPLING": "couplings", "KINEMATICCOUPLING": "couplings",
-    "MODELCHANGE": "parts or contacts that are removed or added", "SUBMODEL": "displacements of another model",
-    "CHANGEFRICTION": "friction that changes", "CHANGESURFACEBEHAVIOR": "contact laws that change",
-    "CHANGESOLIDSECTION": "materials that change", "CHANGEMATERIAL": "materials that change", "CONTACT":
-    "general contact; name each pair of surfaces by *CONTACT PAIR", "PLASTIC": "plasticity",
-    "CYCLICHARDENING": "plasticity", "DEFORMATIONPLASTICITY": "plasticity", "CREEP": "creep",
-    "HYPERELASTIC": "rubber", "HYPERFOAM": "foam", "USERMATERIAL": "materials of a user's routine",
-    "VISCOELASTIC": "viscoelasticity", "CYCLICSYMMETRYMODEL": "cyclic symmetry", "SHELLSECTION": "shells",
-    "BEAMSECTION": "beams", "BEAMGENERALSECTION": "beams", "SPRING": "springs", "DASHPOT": "dashpots",
-    "FLUIDSECTION": "fluids", "MEMBRANESECTION": "membranes", "MASS": "point masses", "CFLUX": "heat flow"}
-"""What becomes impossible by a keyword; any other one that is not read is unknown."""
-
-PROCEDURES = frozenset((
-    "STATIC", "DYNAMIC", "FREQUENCY", "BUCKLE", "VISCO", "HEATTRANSFER", "MODALDYNAMIC", "STEADYSTATEDYNAMICS",
-    "CFD", "COUPLEDTEMPERATURE-DISPLACEMENT", "UNCOUPLEDTEMPERATURE-DISPLACEMENT", "ELECTROMAGNETICS",
-    "COMPLEXFREQUENCY", "NOANALYSIS", "GREEN", "SENSITIVITY", "SUBSTRUCTUREGENERATE", "CRACKPROPAGATION",
-))
-"""Keywords that say what a step computes."""
-
-NAMED_SUPPORTS = {"ENCASTRE": (1, 3), "PINNED": (1, 3), "XSYMM": (1, 1), "YSYMM": (2, 2), "ZSYMM": (3, 3)}
-"""Abaqus's words for supports: the first and the last component that they hold."""
 
 Course = tuple[tuple[float, float], ...]
 """Values over time."""
@@ -59,11 +25,22 @@ class Acting(NamedTuple):
 
 
 class Pair(NamedTuple):
-    """Two surfaces in contact or tied: keyword, names of slave and master."""
+    """Two surfaces in contact or tied, by names."""
 
     card: Card
     slave: str
     master: str
+
+
+class Rigid(NamedTuple):
+    """A rigid set of nodes, or one over which forces are `spread`: keyword, nodes, and the reference nodes whose
+    displacements are the shift of the set and its turn; one with six components may be both."""
+
+    card: Card
+    nodes: set[int]
+    ref: int
+    turn: int
+    spread: bool = False
 
 
 class Notes:
@@ -132,6 +109,9 @@ class Model:
                              if card.word == "ORIENTATION"}
         self.transforms = {node: card for card in deck.cards if card.word == "TRANSFORM"
                            for node in self._of(card, "NSET", card.given.get("NSET", ""))}
+        self.rigid: list[Rigid] = []
+        self._refs = {node for card in deck.cards for key in ("REFNODE", "ROTNODE") if key in card.given
+                      for node in self._of(card, "NSET", card.given[key])}
         self._inside: dict[str, Card] = {}  # the material or interaction whose keywords follow
         self._fresh: dict[str, dict[Any, tuple[Card, float]]] = {kind: {} for kind in self.kinds}
         self._renewed: set[str] = set()
@@ -232,11 +212,10 @@ class Model:
         elif method is not None:
             try:
                 method(card)
-            except (ValueError, KeyError, IndexError) as error:
-                what = f"it lacks {error}" if isinstance(error, KeyError) else str(error)
-                if isinstance(error, IndexError):
-                    what = "a data line is too short"
-                raise _refusal(card, what) from None
+            except (ValueError, KeyError) as error:
+                raise _refusal(card, f"it lacks {error}" if isinstance(error, KeyError) else str(error)) from None
+            except IndexError:
+                raise _refusal(card, "a data line is too short") from None
         elif card.word not in SILENT:
             self.notes.add(self.notes.lost, card, "this keyword is not known")
 
@@ -250,12 +229,11 @@ class Model:
         self._inside[card.word] = card
         self._taken(card, "elastic constants")
 
-    def _density(self, card: Card) -> None:
-        self._inside[card.word] = card
-
     def _expansion(self, card: Card) -> None:
         self._inside[card.word] = card
-        self._taken(card, "thermal expansion")
+        self._taken(card, "thermal expansion" if card.word == "EXPANSION" else "density")
+
+    _density = _expansion
 
     def _surfaceinteraction(self, card: Card) -> None:
         self._inside = self.interactions.setdefault(card.given["NAME"].upper(), {})
@@ -314,16 +292,17 @@ class Model:
                 first = int(row[1] or 1)
                 last, value = int([*row, "", ""][2] or first), number([*row, "", ""][3] or "0")
             for node in self.deck.chosen(card, "NSET", row[0]):
-                self._fresh["supports"] |= {(node, k): (card, value) for k in range(first, min(last, 3) + 1)}
-            if last > 3 and (value or first > 3):
-                self.notes.add(self.notes.lost, card, f"component {last} of the displacement")
+                most = 6 if node in self._refs else 3
+                self._fresh["supports"] |= {(node, k): (card, value) for k in range(first, min(last, most) + 1)}
+                if last > most and (value or first > 3):
+                    self.notes.add(self.notes.lost, card, f"component {last} of the displacement")
         self._taken(card, "clamps")
 
     def _cload(self, card: Card) -> None:
         self._renew("forces", card)
         for row in card.rows:
             for node in self.deck.chosen(card, "NSET", row[0]):
-                if int(row[1]) > 3:
+                if int(row[1]) > (6 if node in self._refs else 3):
                     self.notes.add(self.notes.lost, card, "moments at nodes")
                 else:
                     self._fresh["forces"][node, int(row[1])] = card, number(row[2])
@@ -357,6 +336,34 @@ class Model:
             for element, face in self.surface(card, row[0]):
                 self._fresh["pressures"][element, face, way] = card, values[0]
             self._taken(card, "pressure on a surface")
+
+    def _rigidbody(self, card: Card) -> None:
+        nodes = set().union(*(self.deck.chosen(card, "NSET", card.given[key]) for key in ("NSET", "TIENSET")
+                              if key in card.given))
+        ref, = self._of(card, "NSET", card.given["REFNODE"])
+        turn, = self._of(card, "NSET", card.given.get("ROTNODE", card.given["REFNODE"]))
+        if {"ELSET", "PINNSET", "ANALYTICALSURFACE"} & card.given.keys() or not nodes:
+            self.notes.add(self.notes.lost, card, "rigid bodies that are no set of nodes")
+        else:
+            self.rigid.append(Rigid(card, nodes, ref, turn))
+
+    def _coupling(self, card: Card) -> None:
+        ref, = self._of(card, "NSET", card.given["REFNODE"])
+        name = card.given["SURFACE"]
+        try:
+            nodes = self.deck.chosen(card, "NODES", name)
+        except ValueError:
+            ends = set(self.surface(card, name))
+            nodes = {node for kind, entries, _ in self.deck.blocks for k, face in enumerate(faces(kind), 1)
+                     for row in entries.tolist() if (row[0], k) in ends for node in np.array(row)[1 + np.array(face)]}
+        self.rigid.append(Rigid(card, nodes, ref, ref))
+
+    def _kinematic(self, card: Card) -> None:
+        if card.rows and [row for row in card.rows if int(row[0]) > 1 or int([*row, ""][1] or 1) < 6]:
+            self.notes.add(self.notes.lost, card, "a coupling of some components only")
+
+    def _distributing(self, card: Card) -> None:
+        self.rigid[-1] = self.rigid[-1]._replace(spread=True)
 
     def _temperature(self, card: Card) -> None:
         self._renew("heat", card)

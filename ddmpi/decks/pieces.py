@@ -12,8 +12,8 @@ import numpy as np
 import scipy.sparse as sparse
 from scipy.sparse import csgraph
 
-from ddmpi.decks.cells import SIDES, corners, faces, shape
 from ddmpi.decks.deck import STRIDE
+from ddmpi.decks.words import SIDES, corners, faces, shape
 
 TRIANGLE = np.array([[4.0, 1.0, 1.0], [1.0, 4.0, 1.0], [1.0, 1.0, 4.0]]) / 6.0
 """Barycentric points of a rule with equal weights, exact for squares of the coordinates."""

@@ -14,7 +14,7 @@ from ddmpi.decks.acting import Acts
 from ddmpi.decks.cards import Card
 from ddmpi.decks.deck import Deck
 from ddmpi.decks.material import Matter
-from ddmpi.decks.model import Model, Notes, Pair, number
+from ddmpi.decks.model import Acting, Model, Notes, Pair, Rigid, number
 from ddmpi.decks.pieces import Block, Piece, own_name, split
 from ddmpi.errors import InputError, TakenError
 from ddmpi.scene.reader import write_toml
@@ -26,6 +26,11 @@ VARIANTS = {"": "", "R": "full integration", "I": "no incompatible modes", "RI":
             "IH": "no incompatible modes", "RH": "full integration", "M": "", "MH": "", "T": "",
             "RT": "full integration"}
 """What changes in the variants of elements; others are refused."""
+
+FLAT = 1e-6
+"""Normals of a flat face are parallel up to this difference."""
+
+ZERO = 0.0, None
 
 
 class Importer:
@@ -98,16 +103,18 @@ class Importer:
     def scene(self, title: str) -> dict[str, Any]:
         """The scene as plain data, and groups in the pieces. Raises InputError."""
         bodies = []
-        acts, tractions = self.acts, self.acts.loads()
+        acts, tractions, rigid = self.acts, self.acts.loads(), RigidSets(self.acts)
         for piece in self.pieces:
             heat, expansions = acts.heat(piece)
             materials = self.matter.of(piece, expansions)
             body = {"name": piece.name, "mesh": {"file": f"{piece.name}.inp", "order": self.order},
-                    "material": materials[0] if len(materials) == 1 else materials, "clamp": acts.clamps(piece),
-                    "traction": tractions[piece.name], "volume_force": acts.volume_forces(piece),
+                    "material": materials[0] if len(materials) == 1 else materials,
+                    "clamp": acts.clamps(piece) + rigid.clamps[piece.name],
+                    "traction": tractions[piece.name] + rigid.tractions[piece.name],
+                    "volume_force": acts.volume_forces(piece),
                     "temperature": heat}
             bodies.append({key: value for key, value in body.items() if value not in (None, [])})
-        contacts = [contact for pair in self.model.pairs for contact in self._contacts(pair)]
+        contacts = [contact for pair in self.model.pairs for contact in self._contacts(pair)] + rigid.contacts
         names: list[str] = []
         for contact in contacts:
             names.append(own_name("-".join(contact["bodies"]), names))
@@ -115,6 +122,7 @@ class Importer:
         histories = {name: {"times": [time for time, _ in course], "factors": [factor for _, factor in course]}
                      for course, name in acts.histories.items()}
         scene: dict[str, Any] = {"title": title, "axisymmetric": self.family == "CAX" or None, "body": bodies,
+                                 "rigid": rigid.partners,
                                  "contact": [{"name": contact["name"]} | contact for contact in contacts],
                                  "history": histories}
         if acts.timed:
@@ -191,6 +199,93 @@ class Importer:
                 self.notes.add(self.notes.taken, card, "gap")
                 return number(card.given["VALUE"])
         return None
+
+
+class RigidSets:
+    """What the rigid sets of a deck become: clamps and tractions by body, rigid partners, and their contacts."""
+
+    def __init__(self, acts: Acts) -> None:
+        self.acts, self.notes, self.model = acts, acts.notes, acts.model
+        self.clamps: dict[str, list[dict[str, Any]]] = {piece.name: [] for piece in acts.pieces}
+        self.tractions: dict[str, list[dict[str, Any]]] = {piece.name: [] for piece in acts.pieces}
+        self.partners: list[dict[str, Any]] = []
+        self.contacts: list[dict[str, Any]] = []
+        for rigid in self.model.rigid:
+            own = [(piece, piece.whole(marked), marked) for piece in acts.pieces
+                   if (marked := piece.within(rigid.nodes)).any()]
+            if len(own) == 1 and _covered(*own[0]):
+                reason = self._take(rigid, *own[0][:2])
+            else:
+                reason = "its nodes are no whole faces of one body"
+            where = self.notes.lost if reason else self.notes.taken
+            self.notes.add(where, rigid.card, reason or "a face that moves as a rigid one")
+
+    def _take(self, rigid: Rigid, piece: Piece, facets: np.ndarray) -> str:
+        """Write a rigid set that has whole faces of a body; the reason where it is not possible."""
+        axes = self.acts.axes
+        if len(axes) < 3:
+            return "in the plane"
+        held, pushed = self._parts("supports", rigid), self._parts("forces", rigid)
+        histories = {history for value, history in [*held.values(), *pushed.values()] if value}
+        if len(histories) > 1:
+            return "its loads and displacements change in different ways"
+        more = {"history": histories.pop()} if histories - {None} else {}
+        pivot = np.array(self.model.deck.points[rigid.ref])
+        if rigid.spread:
+            if held:
+                return "a distributing coupling whose reference node is held"
+            force, moment = (np.array([pushed.get(k, ZERO)[0] for k in some]) for some in (range(3), range(3, 6)))
+            x, w = piece.quadrature(facets, False)
+            moment = moment + np.cross(pivot - w @ x / w.sum(), force)  # about the centre of the faces
+            on = piece.group(facets, "coupled")
+            self.tractions[piece.name] += [{"on": on, key: value.tolist()} | more for key, value in
+                                           (("force", force), ("moment", moment)) if np.abs(value).max() > 0.0]
+            return ""
+        if len(held) == 6:  # u = u_r + θ × (x − x_r)
+            shift, turn = (np.array([held[k][0] for k in some]) for some in (range(3), range(3, 6)))
+            slopes = np.cross(turn, np.eye(3))  # row k: ∂u/∂x_k
+            values = [{"constant": float(shift[k] - slopes[:, k] @ pivot)} | {
+                f"{axes[j]}_slope": float(slopes[j, k]) for j in range(3) if slopes[j, k]} for k in range(3)]
+            self.clamps[piece.name].append({"on": piece.group(facets, "rigid")} | {
+                axes[k]: value if len(value) > 1 else value["constant"] for k, value in enumerate(values)} | more)
+            return ""
+        normals = piece.normals(facets)
+        normal = normals[0] * np.sign((piece.points[piece.facets[facets[0], :3]].mean(axis=0)
+                                       - piece.points.mean(axis=0)) @ normals[0])
+        if np.abs(np.abs(normals @ normal) - 1.0).max() > FLAT:
+            return "its faces are not flat"
+        turns = [k for k in range(3, 6) if k in held]
+        if turns and (len(turns) < 3 or any(held[k][0] for k in turns)):
+            return "some of its turns are given, and others are free"
+        partner: dict[str, Any] = {
+            "name": own_name("rigid", [*(one["name"] for one in self.partners), *self.clamps]), "shape": "plane",
+            "point": piece.points[piece.facets[facets[0], 0]].tolist(), "normal": (-normal).tolist(),
+            "displacement": [held.get(k, ZERO)[0] for k in range(3)]}
+        partner["free"] = [axes[k] for k in range(3) if k not in held and not pushed.get(k, ZERO)[0]]
+        loads = [pushed.get(k, ZERO)[0] for k in range(6)]
+        partner |= {"force": loads[:3]} if any(loads[:3]) else {}
+        if not turns:
+            partner |= {"pivot": pivot.tolist()} | ({"moment": loads[3:]} if any(loads[3:]) else {"turns": True})
+        self.partners.append({key: value for key, value in partner.items() if value != []} | more)
+        self.contacts.append({"bodies": [piece.name, partner["name"]], "on": [piece.group(facets, "rigid")],
+                              "kind": "bonded"})
+        return ""
+
+    def _parts(self, kind: str, rigid: Rigid) -> dict[int, tuple[float, str | None]]:
+        """Shifts or forces (0 to 2) and turns or moments (3 to 5) of the reference nodes."""
+        found: dict[int, tuple[float, str | None]] = {}
+        for (node, component), acting in self.model.kinds[kind].items():
+            if node in (rigid.ref, rigid.turn):
+                k = component - 1 + 3 * (node == rigid.turn and rigid.turn != rigid.ref)
+                value, history = self.acts.factor(Acting(*acting))
+                if kind == "supports" or value:
+                    found[k] = value, history if value else None
+        return found
+
+
+def _covered(piece: Piece, facets: np.ndarray, marked: np.ndarray) -> bool:
+    """Whether facets have all `marked` nodes."""
+    return len(facets) > 0 and not np.setdiff1d(np.flatnonzero(marked), piece.facets[facets]).size
 
 
 def import_deck(deck: str | Path, output: str | Path, partial: bool = False) -> str:

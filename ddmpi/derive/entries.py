@@ -75,7 +75,7 @@ def entries_of(parameters: Parameters, derived: Mapping[str, np.ndarray], factor
             bodies=Entry({body.name: bodies.get((k, body.name)) for body in scene.body}),
             rigid=_partners(scene, {name: entry for (number, name), entry in contacts.items() if number == k},
                             {each.name: each.shift(derived["alpha"][k][joint.slices[each.name]])
-                              for each in joint.driven}, one.moved, factors[one.history]))
+                             for each in joint.driven}, one.moved, factors[one.history]))
     return told, arrays
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import scipy.sparse as sparse
 from scipy.sparse import csgraph
 
-from ddmpi.decks.cells import FACES, SIDES
+from ddmpi.decks.words import FACES, SIDES
 from ddmpi.errors import InputError
 from ddmpi.mesh.elements import CELLS, CUTS, EDGES, cell_with
 from ddmpi.mesh.mesh import Mesh, signed_measures

@@ -163,6 +163,8 @@ SUMMARY = {
     "exchange": "the most that a rank has sent: messages and bytes of interface vectors to its neighbours; reductions "
         "over all ranks, of flags, scalars and coarse problems, and reduced_bytes, its contribution to them; without "
         "those of PETSc in Krylov methods",
+    "reused": "what of each body and contact earlier cases of a sweep or a prepared model have left: mesh, stiffness, "
+        "factors, compliance; rows; empty in a run by itself",
     "solvers": "qp: TAO type of the quadratic subproblems, or none; in space those with friction have discs, and "
         "python (APG) solves them whatever it is",
     "options": "PETSc's",

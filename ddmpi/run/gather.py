@@ -175,6 +175,7 @@ def gather_summary(assembly: Assembly, solution: Solution, error: Discretization
     mine = [(body.number, (body.spec.name, _body(body, solution, error, fields.get(body.spec.name), ranks, memory)
                            | forces_by_group(body, solution.displacements[body.spec.name], s, factors)))
             for body, s in zip(assembly.bodies, outer.body_forces(), strict=True)]
+    reused = gathered(world, assembly.reused)
     of_ranks = world.gather((mine, set(unused_options()), sum(outer.inner_steps.values()), assembly.exchange.state(),
                              hosts))
     if of_ranks is None:
@@ -191,6 +192,7 @@ def gather_summary(assembly: Assembly, solution: Solution, error: Discretization
                                     "levels": [level._asdict() for level in ladder.levels]},
            "warnings": warnings, "undetermined": free,
            "exchange": {name: max(counts[name] for counts in sent) for name in sent[0]},
+           "reused": {name: reused[name] for name in (*bodies, *solution.contacts) if name in reused},
            "solvers": {"qp": outer.qp_type}, "options": PETSc.Options().getAll(),
            "options_unused": sorted(set.intersection(*unused))} | ({"energy": steps.balance()} if scene.time else {})
     if scene.output.derivatives:

@@ -217,8 +217,7 @@ def test_axes_of_orthotropic_materials(tmp_path, order):
 
 LOST = [
     ("*EQUATION\n2\n1, 1, 1., 2, 1, -1.", "*EQUATION: equations between nodes: not possible"),
-    ("*RIGID BODY, NSET=A_Z1, REF NODE=1", "*RIGID BODY: rigid bodies"),
-    ("*COUPLING, REF NODE=1, SURFACE=S", "*COUPLING: couplings"),
+    ("*MPC\nBEAM, 1, 2", "*MPC: constraints between nodes"),
     ("*CONTACT\n*CONTACT INCLUSIONS, ALL EXTERIOR", "*CONTACT: general contact"),
     ("*INITIAL CONDITIONS, TYPE=STRESS\n1, 1, 1., 1., 1., 1., 1., 1.", "*INITIAL CONDITIONS: initial stress"),
     ("*NONSENSE, OF=ANY\n1, 2", "*NONSENSE: this keyword is not known"),
@@ -377,3 +376,52 @@ def test_a_deck_on_two_ranks(comm, tmp_path):
     answer = ddmpi.solve(str(folder / "deck" / "scene.toml"), comm)
     pressed = YOUNG * 0.7 / 1.3 / 0.4 * 0.0005
     assert answer.certified and answer.summary["contacts"]["B-A"]["normal_force"] == pytest.approx(pressed, rel=1e-6)
+
+
+COUPLED = BOX + ("*NODE, NSET=REF\n900, 0.5, 0.5, 4.\n*ELSET, ELSET=UP, GENERATE\n9, 12\n*SURFACE, NAME=TOP\n"
+                 "UP, S2\n*BOUNDARY\nA_Z0, 1, 3\n")
+
+
+@pytest.mark.parametrize("card", ["*COUPLING, CONSTRAINT NAME=C, REF NODE=900, SURFACE=TOP\n*DISTRIBUTING\n",
+                                  "*COUPLING, CONSTRAINT NAME=C, REF NODE=900, SURFACE=TOP\n*KINEMATIC\n1, 6\n",
+                                  "*RIGID BODY, NSET=A_Z1, REF NODE=900\n"])
+def test_couplings_carry_force_and_moment(tmp_path, card):
+    """A force and a moment at a reference node off the face act on the body, whether its face is kept rigid or not: the
+    reaction has the force, and its moment about the reference node."""
+    deck = COUPLED + card + step("*CLOAD", "900, 1, 3.", "900, 3, -2.", "900, 5, 7.")
+    answer = solved(tmp_path, deck)
+    held = answer.summary["bodies"]["A"]["reactions"]["A_Z0"]
+    force = np.array([3.0, 0.0, -2.0])
+    assert held["force"] == pytest.approx(-force, rel=1e-6, abs=1e-6)
+    assert held["moment"] == pytest.approx(-np.cross([0.5, 0.5, 4.0], force) - [0.0, 7.0, 0.0], rel=1e-6, abs=1e-6)
+
+
+def test_a_rigid_set_whose_motion_is_given(tmp_path):
+    """A reference node with all six displacements moves its nodes as a rigid body of small turns."""
+    deck = COUPLED + "*RIGID BODY, NSET=A_Z1, REF NODE=900\n" + step(
+        "*BOUNDARY", "900, 1, 4", "900, 3, 3, -0.01", "900, 5, 5, 0.02", "900, 6, 6")
+    answer = solved(tmp_path, deck)
+    top = answer.bodies["A"].displacement[answer.bodies["A"].points[:, 2] > 2.999]
+    x = answer.bodies["A"].points[answer.bodies["A"].points[:, 2] > 2.999] - [0.5, 0.5, 4.0]
+    assert top == pytest.approx(np.cross([0.0, 0.02, 0.0], x) - np.array([0.0, 0.0, 0.01]), abs=1e-12)
+
+
+@pytest.mark.parametrize("card, step_card, words", [
+    ("*RIGID BODY, NSET=A_X0, REF NODE=900", "900, 4, 1.", ""),
+    ("*RIGID BODY, NSET=CORNERS, REF NODE=900", "900, 1, 1.", "*RIGID BODY: its nodes are no whole faces of one body"),
+    ("*COUPLING, REF NODE=900, SURFACE=TOP\n*KINEMATIC\n1, 3", "900, 1, 1.", "*KINEMATIC: a coupling of some compo"),
+    ("*RIGID BODY, ELSET=A, REF NODE=900", "900, 1, 1.", "*RIGID BODY: rigid bodies that are no set of nodes")])
+def test_rigid_sets_that_are_lost(tmp_path, card, step_card, words):
+    """Rigid sets that are no faces, or that hold some components only, are named."""
+    deck = COUPLED + f"*NSET, NSET=CORNERS\n28, 30, 34, 36\n{card}\n" + step("*CLOAD", step_card)
+    if words:
+        assert words in refused(tmp_path, deck)
+    else:
+        assert imported(tmp_path, deck)[0]["rigid"][0]["moment"] == [1.0, 0.0, 0.0]
+
+
+def test_loads_at_nodes_of_no_body_are_lost(tmp_path):
+    """A force at a node that no element has is lost; a support there is left out."""
+    assert "*CLOAD: a force at a node of no body" in refused(tmp_path, COUPLED + step("*CLOAD", "900, 1, 1."))
+    lists = imported(tmp_path, COUPLED + "*BOUNDARY\n900, 1\n" + step("*CLOAD", "36, 1, 1."))[1]
+    assert "a support at a node of no body is left out" in lists

@@ -46,9 +46,6 @@ class Dense:
     def product(self, x, purpose, relative=None):
         return self.C @ x
 
-    def at_rest(self):
-        return Point(np.zeros(self.size), -self.d, np.empty(0), np.empty(0))
-
     def multiplications(self) -> int:
         return 0
 
@@ -61,6 +58,9 @@ class Dense:
 
     def rigid_moduli(self) -> np.ndarray:
         return np.empty(0)
+
+    def at_rest(self) -> Point:
+        return Point(np.zeros(self.size), -self.d, np.empty(0), np.empty(0))
 
     def imbalance(self, s) -> np.ndarray:
         return np.empty(0)

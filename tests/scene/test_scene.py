@@ -107,7 +107,7 @@ REFUSED = [
     ("body.upper.material.plane=stres",
      "body.upper.material.plane: 'stres' is not valid; expected one of strain, stress|did you mean 'stress'"),
     ("body.upper.mesh.shape=circle",
-     "body.upper.mesh.shape: 'circle'|expected one of annulus, box, hexahedron, quadrilateral, rectangle"),
+     "body.upper.mesh.shape: 'circle'|expected one of annulus, ball, box, cylinder, hexahedron, quadrilateral"),
     ("method.algorithm=orignal", "method.algorithm: 'orignal'|expected one of|did you mean 'original'"),
     (PROFILE + "={along='w',points=[0],values=[1]}", PROFILE + ".along: 'w'|arc, x, y, z"),
     ("contact.0.friction.law=coulom", "contact.upper-lower.friction.law: 'coulom' is not valid; expected one of "

@@ -8,6 +8,7 @@ from mpi4py import MPI
 from scenes import call, certified, rectangle, run_here, write_scene
 
 import ddmpi
+from ddmpi.errors import InputError
 from ddmpi.methods import newton, paths
 
 
@@ -165,6 +166,6 @@ def test_a_pretension_is_refused(contact, words):
     scene["contact"][0] |= contact
     if "history" in scene["contact"][0]["pretension"]:
         scene |= {"history": {"before": {"times": [-1.0, 0.0], "factors": [0.0, 1.0]}}, "time": {"points": [1.0]}}
-    with pytest.raises(ddmpi.errors.InputError) as error:
+    with pytest.raises(InputError) as error:
         ddmpi.solve(scene, MPI.COMM_SELF)
     assert words in str(error.value)

@@ -1,4 +1,4 @@
-"""The elements of Abaqus and CalculiX: their names, and the corners around their faces and at their edges."""
+"""The words of decks: elements, with the corners around their faces and at their edges, and keywords."""
 
 from __future__ import annotations
 
@@ -28,6 +28,42 @@ ELEMENTS: dict[str, dict[int, str]] = {
 
 SHAPELESS = ("MASS", "ROTARYI", "SPRING", "DASHPOT", "CONN", "GAP", "DCOUP")
 """Prefixes of the names of elements that have no shape."""
+
+SILENT = frozenset((
+    "HEADING", "NODE", "ELEMENT", "NSET", "ELSET", "SURFACE", "STEP", "ENDSTEP", "STATIC",
+    "PHYSICALCONSTANTS", "CONTROLS", "PREPRINT", "NODEPRINT", "ELPRINT", "NODEFILE", "ELFILE", "CONTACTFILE",
+    "CONTACTPRINT", "FACEPRINT", "SECTIONPRINT", "ENERGYPRINT", "ENERGYFILE", "OUTPUT", "NODEOUTPUT",
+    "ELEMENTOUTPUT", "CONTACTOUTPUT", "ENERGYOUTPUT", "MONITOR", "PRINT", "RESTART", "TIMEPOINTS", "FILEFORMAT",
+    "PARAMETER", "NORMAL", "TRANSFORM", "ORIENTATION", "AMPLITUDE", "ENDPART", "ENDASSEMBLY", "ENDINSTANCE",
+    "SURFACESMOOTHING",
+    # what these say matters with elements that are lost themselves
+    "SHELLSECTION", "BEAMSECTION", "BEAMGENERALSECTION", "MEMBRANESECTION", "MEMBRANE", "FLUIDSECTION", "SPRING",
+    "DASHPOT", "MASS",
+))
+"""Keywords about meshes and output, and those that count where others name them."""
+
+REFUSED = {
+    "EQUATION": "equations between nodes", "MPC": "constraints between nodes",
+    "PRE-TENSIONSECTION": "pre-tension of a section", "DISTRIBUTINGCOUPLING": "couplings",
+    "KINEMATICCOUPLING": "couplings",
+    "MODELCHANGE": "parts or contacts that are removed or added", "SUBMODEL": "displacements of another model",
+    "CHANGEFRICTION": "friction that changes", "CHANGESURFACEBEHAVIOR": "contact laws that change",
+    "CHANGESOLIDSECTION": "materials that change", "CHANGEMATERIAL": "materials that change", "CONTACT":
+    "general contact; name each pair of surfaces by *CONTACT PAIR", "PLASTIC": "plasticity",
+    "CYCLICHARDENING": "plasticity", "DEFORMATIONPLASTICITY": "plasticity", "CREEP": "creep",
+    "HYPERELASTIC": "rubber", "HYPERFOAM": "foam", "USERMATERIAL": "materials of a user's routine",
+    "VISCOELASTIC": "viscoelasticity", "CYCLICSYMMETRYMODEL": "cyclic symmetry", "CFLUX": "heat flow"}
+"""What becomes impossible by a keyword; any other one that is not read is unknown."""
+
+PROCEDURES = frozenset((
+    "STATIC", "DYNAMIC", "FREQUENCY", "BUCKLE", "VISCO", "HEATTRANSFER", "MODALDYNAMIC", "STEADYSTATEDYNAMICS",
+    "CFD", "COUPLEDTEMPERATURE-DISPLACEMENT", "UNCOUPLEDTEMPERATURE-DISPLACEMENT", "ELECTROMAGNETICS",
+    "COMPLEXFREQUENCY", "NOANALYSIS", "GREEN", "SENSITIVITY", "SUBSTRUCTUREGENERATE", "CRACKPROPAGATION",
+))
+"""Keywords that say what a step computes."""
+
+NAMED_SUPPORTS = {"ENCASTRE": (1, 3), "PINNED": (1, 3), "XSYMM": (1, 1), "YSYMM": (2, 2), "ZSYMM": (3, 3)}
+"""Abaqus's words for supports: the first and the last component that they hold."""
 
 
 def element(name: str) -> tuple[str, int]:
