@@ -315,8 +315,8 @@ def import_deck(deck: str | Path, output: str | Path, partial: bool = False) -> 
         piece.write(folder / f"{piece.name}.inp")
     (folder / "scene.toml").write_text(text, encoding="utf-8")
     lists = {"taken": notes.taken, "changed": notes.changed, "lost": notes.lost}
-    return "\n".join([*(f"{title}:\n" + "".join(f"  {line}\n" for line in notes.words(entries) or ())
-                        for title, entries in lists.items() if entries or title == "lost"),
+    return "\n".join([*(f"{title}:\n" + ("".join(f"  {line}\n" for line in notes.words(entries)) or "  nothing\n")
+                        for title, entries in lists.items()),
                       f"{folder / 'scene.toml'}: {_count(len(importer.pieces), 'body', 'bodies')}, "
                       + _count(len(scene.get("contact", [])), "contact", "contacts")])
 
