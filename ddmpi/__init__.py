@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from mpi4py import MPI
 
-    from ddmpi.run.answer import Answer
+    from ddmpi.run.answer import Answer, Model
 
 __version__ = "0.15.0"
 
@@ -61,3 +61,31 @@ def solve(scene: str | Path | Mapping[str, Any], comm: MPI.Comm | None = None,
     from ddmpi.run.answer import solve  # not before it is needed: MPI and PETSc start with it
 
     return solve(scene, comm, overrides, progress, only)
+
+
+def prepare(scene: str | Path | Mapping[str, Any], comm: MPI.Comm | None = None) -> Model:
+    """A scene to be solved again and again; what a change does not touch is kept. Collective on `comm`.
+
+        >>> with ddmpi.prepare("configs/pinched_blocks.toml") as model:
+        ...     for friction in (0.3, 0.4):
+        ...         answer = model.solve({"contact.upper-lower.friction.coefficient": friction}, only="contacts")
+        ...         print(answer.certified, model.reused.get("upper"))
+        True None
+        True ['mesh', 'stiffness', 'factors', 'compliance']
+
+    Parameters
+    ----------
+    scene, comm : as of `ddmpi.solve`
+
+    Returns
+    -------
+    A model, whose ``solve(overrides)`` gives what `ddmpi.solve` gives with them, to the bit. ``with`` closes it.
+
+    Raises
+    ------
+    InputError
+        where the scene is wrong without overrides, the same on all ranks
+    """
+    from ddmpi.run.answer import prepare
+
+    return prepare(scene, comm)

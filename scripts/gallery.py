@@ -4,7 +4,8 @@
     scripts/study gallery [--only NAME ...] [--output docs/figures]
     scripts/study gallery --overlaps [--only NAME ...]  # the part of the processor time that looks for overlaps takes
 
-Pictures are gallery_NAME.png in the folder --output. The words are in docs/start/gallery.md.
+Pictures are gallery_NAME.png in the folder --output, and front_NAME.png for the README. The words are in
+docs/start/gallery.md.
 tests/scripts/test_gallery.py checks the numbers of `EXHIBITS` on coarser meshes or in fewer load steps, and the page.
 """
 
@@ -28,6 +29,9 @@ from ddmpi.scene.reader import write_toml
 
 WIDEST = 1000
 """A picture in the page is at most so wide and high (pixels)."""
+
+FRONT = "bolted_flange"
+"""The scene whose contacts the README shows."""
 
 MARGIN = 16
 """White margin that is left around a picture (pixels)."""
@@ -121,6 +125,12 @@ def bolt_over_joint(summary: dict) -> float:
     return 1e-3 * (summary["contacts"]["head"]["force"][-1] - summary["contacts"]["joint"]["force"][-1])
 
 
+def tightened(summary: dict) -> float:
+    """What the bolt presses its head by at the end of tightening, time 1 (kN)."""
+    (step,) = (step for step in summary["steps"] if step["time"] == 1.0)
+    return 1e-3 * step["contacts"]["under-head"]["force"][1]
+
+
 EXHIBITS = [
     Exhibit("pinched_blocks", "bodies.png", 8.36886, "MN/m", 1e-5, "brute force",
             contact("upper-lower", "tangential_force", factor=1e-6)),
@@ -168,6 +178,7 @@ EXHIBITS = [
             contact("wheel-ground", "force", 1)),
     Exhibit("drawn/turned_bolt", "bodies.png", 12, "kN", 1e-6, "balance", bolt_over_joint,
             {"time.steps": 1, "body.bolt.mesh.contact_size": 0.8}),
+    Exhibit("tightened_bolt", "bodies.png", 20, "kN", 1e-6, "balance", tightened, {"time.steps": 1}),
     Exhibit("drawn/ball_on_floor", "bodies.png", 3.014, "MPa", 0.03, "Hertz", contact("ball-floor", "pressure_max")),
     Exhibit("drawn/bolted_flange", "bodies.png", 10, "kN", 5e-3, "balance", bolt_over_joint,
             {"time.steps": 1}, warned="stands at a re-entrant edge"),
@@ -194,6 +205,8 @@ def show(exhibit: Exhibit, figures: Path) -> str:
         summary = read_results(output).summary | mechanism_of(output)
         exhibit.check(summary)
         keep(output / exhibit.picture, figures / f"gallery_{exhibit.name}.png")
+        if exhibit.name == FRONT:
+            keep(output / "contacts.png", figures / f"front_{exhibit.name}.png")
     return (f"{exhibit.scene}: {exhibit.measure(summary):.6g} {exhibit.unit}, of {exhibit.told} ({exhibit.source})")
 
 

@@ -38,7 +38,8 @@ HEADINGS = {
     "VolumeForce": "volume_force", "Heat": "temperature", "AffineVector": "vector with slopes",
     "AffineScalar": "number with slopes", "ContactSpec": "[[contact]]",
     "Coulomb": "friction by Coulomb", "Tresca": "friction by Tresca", "NoFriction": "no friction",
-    "Profile": "profile", "SignedProfile": "signed profile", "Gap": "gap", "Plane": "[[rigid]]: a plane",
+    "Profile": "profile", "SignedProfile": "signed profile", "Gap": "gap", "Pretension": "pretension",
+    "Plane": "[[rigid]]: a plane",
     "Circle": "[[rigid]]: a circle", "Sphere": "[[rigid]]: a sphere", "Cylinder": "[[rigid]]: a cylinder",
     "History": "[history.NAME]", "Time": "[time]", "Method": "[method]", "Output": "[output]", "Cut": "cut",
     "Checkpoint": "[checkpoint]"}
@@ -244,7 +245,10 @@ def _call(action: argparse.Action) -> str:
 # Python
 
 def python_page() -> str:
-    lines = [PYTHON, f"## ddmpi.solve{_signature(ddmpi.solve)}", "", *_described(ddmpi.solve)]
+    lines = [PYTHON]
+    for name, function in (("ddmpi.solve", ddmpi.solve), ("ddmpi.prepare", ddmpi.prepare),
+                           ("Model.solve", answer.Model.solve)):
+        lines += [f"## {name}{_signature(function)}", "", *_described(function)]
     for heading, kind in {"Answer": answer.Answer, "Fields": answer.Fields,
                           "ContactState": ddmpi.interface.state.ContactState}.items():
         words, rows = read_docstring(kind.__doc__)[0], dict(meanings(kind))

@@ -40,7 +40,8 @@ Runs = dict[tuple[str, int, Order], Found]
 BALLS = ("p₀*", "a (m)")
 AIMS: list[tuple[str, int | None, Order | None, str, float]] = [
     *((name, None, None, "*", 1e-8) for name in ("patch", "el-abbasi-bathe", "cgs-1", "cgs-1-turned", "cone-patch",
-                                                 "ring-on-cone", "sheared-solids", "cubes")),
+                                                 "ring-on-cone", "sheared-solids", "cubes", "remote-moment",
+                                                 "bolted-joint")),
     *(("hertz", 8, order, value, 0.01) for order in (1, 2) for value in ("p₀*", "a (mm)")),
     *(("hertz", 16, 2, f"pressure, {words}", 0.01) for words in ("side means", "nodes",
                                                                  "nodes: greatest of five meshes")),

@@ -13,8 +13,8 @@ from scenes import LIMIT
 
 PACKAGE = Path(__file__).resolve().parents[1] / "ddmpi"
 
-ROOMS = ["errors", "sets", "petsc", "system", "scene", "decks", "mesh", "body", "surface", "interface", "coupling",
-         "methods", "published", "judge", "results", "pictures", "derive", "run", "check", "sweep", "cli"]
+ROOMS = ["errors", "sets", "petsc", "system", "kept", "scene", "decks", "mesh", "body", "surface", "interface",
+         "coupling", "methods", "published", "judge", "results", "pictures", "derive", "run", "check", "sweep", "cli"]
 """From the bottom to the top: a room imports only itself and rooms to its left."""
 
 FILES = {"errors", "sets"}

@@ -94,6 +94,13 @@ class Compliance:
             else:
                 with event("ComplianceForm"):
                     self._matrix = self.dense().T
+        self._made = self.count.copy()
+
+    def renew(self) -> None:
+        """Forget counts and estimates since the construction, for another case on the same factors. Not collective."""
+        self.count, self._norm = self._made.copy(), 0.0
+        if self._matrix is None:
+            self._dense = None
 
     def mult(self, x: np.ndarray, y: np.ndarray, purpose: str, relative: float = 0.0) -> None:
         """y ← C x (metres from newtons); both (size,). Collective on the body's communicator.

@@ -8,9 +8,9 @@ along the axes, whatever the angle of a clamp.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 import scipy.sparse as sparse
@@ -28,11 +28,13 @@ from ddmpi.body.loads import (
     thermal_loads,
 )
 from ddmpi.body.rigid_motions import body_motions, near_null_space
-from ddmpi.body.stiffness import forces_at, sum_stiffness
+from ddmpi.body.stiffness import Stiffness, forces_at, sum_stiffness
 from ddmpi.body.stress import material_of
 from ddmpi.errors import InputError
+from ddmpi.kept.kept import Kept
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import BodySpec
+from ddmpi.scene.values import histories
 
 PRESCRIBED_SHARE = 1e-3
 """Prescribed displacements count as a load of this fraction of the forces K u that they alone need, and temperatures of
@@ -138,7 +140,24 @@ class Elasticity:
         return full
 
 
-def assemble(mesh: Mesh, body: BodySpec) -> Elasticity:
+@dataclass(frozen=True)
+class Supported:
+    """What follows from the stiffness of a body and the directions of its clamps, without loads; as of `Elasticity`.
+
+    `sprung` (r, d nv) has the rows √k Q of its foundations, or is None; `stiffest` is the largest entry of the
+    stiffness of single nodes (N/m).
+    """
+
+    A: PETSc.Mat
+    n: int
+    nodes: np.ndarray
+    motions: np.ndarray
+    softest: float
+    sprung: sparse.csr_matrix | None
+    stiffest: float
+
+
+def assemble(mesh: Mesh, body: BodySpec, kept: Kept | None = None) -> Elasticity:
     """Assemble stiffness and load of `body` and eliminate its clamped dofs symmetrically.
 
     >>> from ddmpi.mesh.build import build_mesh
@@ -148,35 +167,57 @@ def assemble(mesh: Mesh, body: BodySpec) -> Elasticity:
     >>> elasticity.n, elasticity.supported, elasticity.A.getSize()
     (3036, True, (3036, 3036))
 
-    Not collective. Raises InputError if the clamps contradict each other, or leave a part of the body loose
-    that is not connected to the rest.
+    What is `kept` of the same body is taken: its stiffness depends on its mesh, material, foundations and the
+    directions of clamps, not on their values, nor on loads. Not collective. Raises InputError if the clamps contradict
+    each other, or leave a part of the body loose that is not connected to the rest.
     """
+    kept, name = kept or Kept(), body.name
+    mesh_key, material = kept.key("mesh", name), material_of(mesh, body)
+    whole = cache(partial(sum_stiffness, mesh, material))  # with all dofs; as large as A, so it goes at the end
+    clamped = kept.get("supports", name, (mesh_key, body.clamp, histories(body)), lambda: supports(mesh, body))
+    stiff = kept.get("stiffness", name, (mesh_key, body.material, body.foundation, clamped.free),
+                     lambda: _stiffness(mesh, body, whole(), clamped.free))
+    return kept.get("load cases", name, (kept.key("stiffness", name), body),
+                    lambda: _load_cases(mesh, body, clamped, stiff, whole))
+
+
+def _load_cases(mesh: Mesh, body: BodySpec, clamped: Supports, stiff: Supported,
+                whole: Callable[[], Stiffness]) -> Elasticity:
+    """The body with its loads; `whole` makes the stiffness with all dofs. Raises InputError."""
     material = material_of(mesh, body)
-    K = sum_stiffness(mesh, material)
-    clamped, foundations = supports(mesh, body), list(springs(mesh, body))
-    rows = sparse.vstack([Q for *_, Q in foundations], format="csr") if foundations else None
-    motions = body_motions(mesh, K, clamped.free, body.name, rows)
-    sprung = sparse.vstack([root * Q for _, root, Q in foundations], format="csr") if foundations else None
-    nodes = np.flatnonzero(clamped.free.any(axis=(1, 2)))
-    loose = clamped.free[nodes]
-    cases = {}
+    loose, sprung, cases = clamped.free[stiff.nodes], stiff.sprung, {}
     for history, moved in clamped.moved.items():
         f, warm = nodal_loads(mesh, body, history), temperature(mesh, body, history)
         heat, energy = thermal_loads(mesh, material, warm) if warm.any() else (np.zeros_like(f), 0.0)
         # K (u + p) = f + heat for the free part u and the prescribed p: the right-hand side is f + heat − K p.
-        taken = K.mult(moved)
+        taken = whole().mult(moved) if moved.any() else np.zeros_like(moved)
         if sprung is not None:
             taken += (sprung.T @ (sprung @ moved.ravel())).reshape(moved.shape)
         right = f + heat - taken
-        refuse_underflow(mesh, body, right, moved, float(K.diagonal.max()))
-        cases[history] = LoadCase(f, warm, heat, energy**0.5, moved, taken, apply(loose, right[nodes]).ravel())
+        refuse_underflow(mesh, body, right, moved, stiff.stiffest)
+        cases[history] = LoadCase(f, warm, heat, energy**0.5, moved, taken, apply(loose, right[stiff.nodes]).ravel())
     case = _sum_cases([(1.0, loads) for loads in cases.values()])
-    whole, d = K.to_csr(clamped.free, nodes, sprung), mesh.dimension
+    if not np.isfinite(case.b).all():
+        raise _out_of_range(body)
+    load = PETSc.Vec().createWithArray(case.b, bsize=mesh.dimension, comm=PETSc.COMM_SELF)
+    load.setBlockSize(mesh.dimension)
+    return Elasticity(stiff.A, load, stiff.n, stiff.nodes, clamped, case, stiff.motions, case.size,
+                      lost_loads(mesh, body, clamped.free), cases, stiff.softest)
+
+
+def _stiffness(mesh: Mesh, body: BodySpec, K: Stiffness, free: np.ndarray) -> Supported:
+    """The stiffness of a body on the directions that its clamps leave `free` (nv, d, d). Raises InputError."""
+    foundations = list(springs(mesh, body))
+    rows = sparse.vstack([Q for *_, Q in foundations], format="csr") if foundations else None
+    motions = body_motions(mesh, K, free, body.name, rows)
+    sprung = sparse.vstack([root * Q for _, root, Q in foundations], format="csr") if foundations else None
+    nodes = np.flatnonzero(free.any(axis=(1, 2)))
+    loose, d = free[nodes], mesh.dimension
+    whole = K.to_csr(free, nodes, sprung)
     # Overflow shows as inf, underflow as a zero on the diagonal: both end in wrong answers if PETSc meets them.
-    if not (np.isfinite(whole.data).all() and np.isfinite(case.b).all()
+    if not (np.isfinite(whole.data).all()
             and K.diagonal[nodes].diagonal(axis1=1, axis2=2).min(initial=np.inf) > 0.0):
-        raise InputError(f"body.{body.name}: material, loads and lengths give numbers out of the range of "
-                         "double precision; choose other units")
+        raise _out_of_range(body)
 
     matrix = PETSc.Mat().createAIJWithArrays(
         whole.shape, (whole.indptr.astype(PETSc.IntType, copy=False), whole.indices.astype(PETSc.IntType, copy=False),
@@ -186,11 +227,13 @@ def assemble(mesh: Mesh, body: BodySpec) -> Elasticity:
     matrix.setNearNullSpace(near_null_space(mesh.points[nodes], loose))
     if not mesh.cell.linear:
         matrix.setAttr("coarse", partial(_linear_elements, mesh, nodes, loose))
-    load = PETSc.Vec().createWithArray(case.b, bsize=d, comm=PETSc.COMM_SELF)
-    load.setBlockSize(d)
-    return Elasticity(matrix, load, round(np.einsum("kii->", loose)), nodes, clamped, case, motions, case.size,
-                      lost_loads(mesh, body, clamped.free), cases,
-                      min((root**2 for _, root, _ in foundations), default=np.inf))
+    return Supported(matrix, round(np.einsum("kii->", loose)), nodes, motions,
+                     min((root**2 for _, root, _ in foundations), default=np.inf), sprung, float(K.diagonal.max()))
+
+
+def _out_of_range(body: BodySpec) -> InputError:
+    return InputError(f"body.{body.name}: material, loads and lengths give numbers out of the range of double "
+                      "precision; choose other units")
 
 
 def _linear_elements(mesh: Mesh, nodes: np.ndarray, loose: np.ndarray) -> tuple[PETSc.Mat, PETSc.NullSpace]:

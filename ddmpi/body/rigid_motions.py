@@ -117,7 +117,8 @@ def _refuse_loose(mesh: Mesh, members: np.ndarray, pieces: int, free: np.ndarray
         groups = [group for group, edges in mesh.groups.items() if members[edges].any()]
         fix = f", or clamp it on its own boundary groups ({', '.join(groups)})" if groups else ""
         raise InputError(f"body.{name}.clamp: a piece of the body (it has {pieces} that are not connected) is not "
-                         f"supported: it can still {motion} as a rigid body; make each piece a body of its own{fix}")
+                         f"supported: it can still {motion} as a rigid body; make each piece a body of its own "
+                         f"(mesh.part){fix}")
 
 
 def _centroid(mesh: Mesh) -> np.ndarray:

@@ -25,6 +25,7 @@ from ddmpi.judge.equilibrium import ROUNDING, describe
 from ddmpi.judge.motions import MotionsOfBody, undetermined
 from ddmpi.judge.overlap import doubt_overlaps
 from ddmpi.judge.plausible import doubt_cells, edge_lengths
+from ddmpi.mesh.boundary import parts_of
 from ddmpi.mesh.elements import CELLS
 from ddmpi.mesh.mesh import PHYSICAL, Mesh
 from ddmpi.results.folder import choose_folder
@@ -105,8 +106,9 @@ def _look(body: Body, unit: str) -> Looked:
     supports += [("foundation", foundation.on, None) for foundation in spec.foundation]
     length = edge_lengths(mesh)
     size, doubt = _range(length.max(axis=1).min(), length.max()), doubt_cells(mesh, spec.name)
+    named = [name for name in mesh.groups if not mesh.faces.keys() >= {*parts_of(name, ())}]
     words = [f"{len(mesh.points)} nodes, {len(mesh.triangles)} {mesh.cell.names} of size {size}; "
-             f"groups {', '.join(name for name in mesh.groups if name not in mesh.faces) or 'by number'}"]
+             f"groups {', '.join(named) or 'by number'}"]
     words += list(describe_faces(mesh, boundary, unit))
     words += [f"{how} on {on}{_following(history)}" for how, on, history in supports]
     if not member.elasticity.supported:
@@ -182,6 +184,9 @@ def _page(assembly: Assembly, bodies: Mapping[str, Looked], interfaces: Sequence
         pairing = f"mortar, slave {interface.slave}" if interface.slave else "paired"
         contacts.append((f"{sides}: " * (len(interfaces) <= LISTED) + f"{interface.m} nodes, {pairing}, law "
                          f"{interface.law.name}; {describe_gap(interface, unit['length'])}", contact.name))
+        if bolt := contact.pretension:
+            contacts.append((f"pulled by {bolt.force:g} along {in_words(np.array(bolt.along), 4)}"
+                             f"{_following(bolt.history)}", contact.name))
     yield from (f"contact {some(names, 'contacts')}: {words}" for words, names in grouped(contacts))
     yield from (f"{motion}, whatever touches" for motion in free)
     taken = {contact.name for contact in scene.contact}

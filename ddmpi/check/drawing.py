@@ -19,8 +19,7 @@ from ddmpi.mesh.mesh import Mesh
 from ddmpi.pictures.bodies import middles, skin_of
 from ddmpi.pictures.moved import rigid_parts
 from ddmpi.pictures.sheet import COLOURS, FILLED, NAMED, PIXELS, STYLE, Sheet, above, colours_of, rounded, start_drawing
-from ddmpi.pictures.views import Skin, Surface, View
-from ddmpi.results.fields import drawn_facets
+from ddmpi.pictures.views import Paint, Skin, Surface, View
 from ddmpi.results.tables import Results
 from ddmpi.scene.scene import Settled
 from ddmpi.surface.side import nodal
@@ -30,8 +29,8 @@ from ddmpi.system.numbers import scaled_unit
 PLACES, ARROW = 16, 0.08
 """Approximate number of loads and clamps along the bodies' extent, and the length of the longest arrow over it."""
 
-GROUPS = ("#7fa8d1", "#e3b272", "#8fc08a", "#c79ac7", "#d98f8f", "#a8a36b", "#79bdbd", "#b59a86")
-"""Colours of groups, by name."""
+GROUPS = ("#7fa8d1", "#e3b272", "#c4a8dc", "#d9cf7a", "#a9b8c6", "#c9a184", "#8f9bd9", "#e6b3cf")
+"""Colours of groups, by name: none is near the green of clamps or the red of loads."""
 
 MARKERS = "s^>DoPv*ph"
 """Markers of the kinds of supports."""
@@ -40,7 +39,7 @@ HELD, MISSING = "#1f6f4a", "#e00000"
 """Colours of clamps and of missing contacts."""
 
 SPACED = 4.0
-"""Edges of cells are drawn if half of them are at least this many pixels away from the opposite corner."""
+"""Edges of cells are drawn if on all bodies half of them are this many pixels away from the opposite corner."""
 
 TRIED = 8
 """Number of facets of a group that are tried for a visible place of its name."""
@@ -140,7 +139,8 @@ def as_results(scene: Settled, bodies: Mapping[str, Looked], interfaces: Sequenc
         "points": points, "displacement": np.zeros_like(points),
         "cells": np.concatenate([mesh.triangles + start for mesh, start in zip(meshes, starts, strict=False)]),
         "body": np.repeat(np.arange(len(meshes)), [len(mesh.triangles) for mesh in meshes])},
-                   facets={interface.name: drawn_facets(interface.lines) for interface in interfaces})
+                   surfaces={interface.name: {"points": interface.outline.xy, "cells": interface.outline.cells}
+                             for interface in interfaces if interface.outline})
 
 
 def draw_bodies(results: Results, bodies: Mapping[str, Looked], behind: bool = False) -> Any:
@@ -150,7 +150,7 @@ def draw_bodies(results: Results, bodies: Mapping[str, Looked], behind: bool = F
     plan, looked, ways = _plan(results, behind), list(bodies.values()), dict[str, int]()
     names = dict.fromkeys(group for body in looked for group in body.boundary.groups)
     colours = {name: GROUPS[k % len(GROUPS)] for k, name in enumerate(names)}
-    plan.show([meshed(plan, body, colours) for body in looked])
+    plan.show(meshed(plan, looked, colours))
     groups = [(called, name, body, some) for called, body in bodies.items()
               for name, some in body.boundary.groups.items() if some.any()]
     for number, (called, name, body, some) in enumerate(groups):
@@ -197,8 +197,8 @@ def draw_contacts(results: Results, interfaces: Sequence[Interface], missing: Se
                        "viridis" if gaps.any() else "Blues_r")
     image.cmap = image.cmap.with_extremes(bad=MISSING)
     plan.outline(skin.extended(results.points), skin.facets, skin.beyond)
-    parts = [(interface.lines.xy, results.facets[interface.name], interface.gap[interface.lines.row] / factor)
-             for interface in interfaces]
+    parts = [(outline.xy, outline.cells, outline.shares @ interface.gap / factor)
+             for interface in interfaces if (outline := interface.outline)]
     for lack in missing:
         at = lack.facets.reshape(-1, lack.facets.shape[-1])
         parts.append((at, np.arange(len(at)).reshape(lack.facets.shape[:2]), np.full(len(at), np.nan)))
@@ -219,8 +219,24 @@ def draw_contacts(results: Results, interfaces: Sequence[Interface], missing: Se
     return plan.figure
 
 
-def meshed(plan: Plan, body: Looked, colours: Mapping[str, str]) -> Surface:
-    """The visible surface of a body, with the edges of its cells, and in space in the colours of its groups."""
+def meshed(plan: Plan, bodies: Sequence[Looked], colours: Mapping[str, str]) -> list[Surface]:
+    """The visible surfaces of bodies, in space in the colours of their groups; with the edges of cells, if these are
+    SPACED on all bodies."""
+    surfaces, heights = zip(*(_meshed(plan, body, colours) for body in bodies), strict=True)
+    if any(len(height) and np.median(height) <= SPACED for height in heights):
+        return list(surfaces)
+    return [replace(surface, paint=_lined(surface.paint, height)) for surface, height in zip(
+        surfaces, heights, strict=True)]
+
+
+def _lined(paint: Paint, height: np.ndarray) -> Paint:
+    """The colours with the edges of facets, whose corners are `height` (f, 3) away from the opposite edge (pixels)."""
+    return lambda face, weights: paint(face, weights) * np.where(
+        (height[face] * weights < 1.0).any(axis=1), 0.8, 1.0)[:, None]
+
+
+def _meshed(plan: Plan, body: Looked, colours: Mapping[str, str]) -> tuple[Surface, np.ndarray]:
+    """The visible surface of a body, and how far (f, 3) the corners of facets are from the opposite edges (pixels)."""
     from matplotlib.colors import to_rgb
 
     skin = Skin(plan.view, body.mesh.points, body.mesh.triangles)
@@ -232,12 +248,7 @@ def meshed(plan: Plan, body: Looked, colours: Mapping[str, str]) -> Surface:
     sides = np.roll(at, 1, axis=1) - np.roll(at, -1, axis=1)  # opposite of the corners
     double = np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0])
     height = double[:, None] / np.linalg.norm(sides, axis=2).clip(1e-300) * PIXELS / plan.size
-    line = float(np.median(height) > SPACED) if len(height) else 0.0
-
-    def colour(face: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        return paint[face] * np.where((height[face] * weights < line).any(axis=1), 0.8, 1.0)[:, None]
-
-    return Surface(points, skin.facets, colour, skin.beyond)
+    return Surface(points, skin.facets, lambda face, _: paint[face], skin.beyond), height
 
 
 def _thinned(at: np.ndarray, size: float, *values: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:

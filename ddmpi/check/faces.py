@@ -61,7 +61,7 @@ def draw_faces(results: Results, name: str, body: Looked, behind: bool) -> Any:
     results = seen_from(results, behind, cut=None)
     plan = Plan(results, results.points)
     colours = {face: GROUPS[k % len(GROUPS)] for k, face in enumerate(numbered)}
-    plan.show([meshed(plan, dataclasses.replace(body, boundary=boundary), colours)])
+    plan.show(meshed(plan, [dataclasses.replace(body, boundary=boundary)], colours))
     placed, hidden, far = list[np.ndarray](), list[str](), np.full(2, 1e3 * np.abs(results.points).max())
     for face, some in numbered.items():
         at, normal = boundary.at[some].mean(axis=1), boundary.normal[some]

@@ -100,6 +100,13 @@ def build_parser() -> argparse.ArgumentParser:
                          help="cut solids open, as in x=0.5")
     figures.add_argument("--magnification", type=float, metavar="F",
                          help="of displacements (default: as much as suits the picture)")
+    view = commands.add_parser(
+        "view", help="write one HTML file in which the results turn in a browser", allow_abbrev=False,
+        description="Write a view of a run: one HTML file that turns the bodies in a browser, with stresses, "
+        "displacements and contact pressures, load steps and a cut. It needs no other file and no network.")
+    view.add_argument("folder", type=_named, metavar="DIR", help="folder of results")
+    view.add_argument("--output", type=_named, metavar="FILE", help="file to write (default: DIR/view.html); an "
+                      "earlier view is overwritten, any other file is not")
     path = commands.add_parser("path", help="write displacements and stresses along a straight line through the bodies "
                                "as a table", parents=[results], allow_abbrev=False)
     for name, words in ("from", "first point, as in 0,0.5 or 0,0,1"), ("to", "last point"):

@@ -106,6 +106,12 @@ def _path(options: argparse.Namespace) -> None:
     print(path)
 
 
+def _view(options: argparse.Namespace) -> None:
+    from ddmpi.pictures.browser import write_view
+
+    print(write_view(options.folder, options.output))
+
+
 def _import(options: argparse.Namespace) -> None:
     from ddmpi.decks.scene import import_deck
 
@@ -131,8 +137,8 @@ def _schema(options: argparse.Namespace) -> None:
     print(json.dumps(json_schema(Scene), indent=1, ensure_ascii=False))
 
 
-ALONE = {"figures": _figures, "import": _import, "path": _path, "sweep-plot": _plot, "report": _report, "info": _info,
-         "schema": _schema}
+ALONE = {"figures": _figures, "import": _import, "path": _path, "sweep-plot": _plot, "report": _report, "view": _view,
+         "info": _info, "schema": _schema}
 
 
 def _alone(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> None:

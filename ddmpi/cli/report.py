@@ -13,10 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from ddmpi.cli.report_markup import Column, Html, element, fill, noted, number, picture, table
+from ddmpi.cli.report_markup import CAPTIONS, Column, Html, element, fill, noted, number, page, picture, table
 from ddmpi.errors import InputError
 from ddmpi.mesh.elements import ORDERS
-from ddmpi.results.folder import FILES
 from ddmpi.results.histories import at_step
 from ddmpi.results.summary import RESIDUALS, Row, count, largest
 from ddmpi.results.summary import SUMMARY as ROWS
@@ -25,7 +24,7 @@ from ddmpi.scene.method import METHODS
 from ddmpi.scene.reader import write_toml
 from ddmpi.scene.scene import units
 from ddmpi.sweep.table import read_table
-from ddmpi.system.files import CHECKPOINT, MECHANISM, SUMMARY, SWEEP, TABLE, contact_files, write_atomically
+from ddmpi.system.files import CHECKPOINT, MECHANISM, SUMMARY, SWEEP, TABLE, write_atomically
 from ddmpi.system.provenance import has_matplotlib
 
 MARK = '<meta name="generator" content="ddmpi '
@@ -232,18 +231,18 @@ class RunReport:
 
     def _pictures(self) -> dict[str, Any]:
         captions: dict[str, str] = {}
-        for file, words in FILES.items():
-            plane, _, solid = (words.partition(": ")[2] or words).partition("; of solids, ")
-            words = solid if solid and len(self.axes) == 3 else plane
-            if file == contact_files("NAME").picture:
-                captions |= {contact_files(name).picture: f"{name}: {words}" for name in self.contacts}
-            elif file.endswith((".png", ".gif")) and file not in ("convergence.png", "mechanism.png"):
-                captions[file] = words[:1].upper() + words[1:]
+        for file, (plane, solid) in CAPTIONS.items():
+            words = solid if len(self.axes) == 3 else plane
+            names = self.contacts if "NAME" in file else [""]
+            captions |= {file.replace("NAME", name): words.replace("NAME", name) for name in names}
         if self.refused:
             captions = {"mechanism.png": self.summary["reason"]}
         pictures = Html("".join(picture(self.drawn / file, words) or picture(self.folder / file, words)
                                 for file, words in captions.items()))
-        return {"pictures": pictures, "undrawn": "" if pictures else self.folder}
+        view = page(self.folder / "view.html", "Drag to turn, wheel to zoom, shift and drag to move. The panel chooses "
+                    "colours, load step and cut, and draws the bodies apart.")
+        allowed = {"view": view, "policy": Html("; script-src 'unsafe-inline'")} if view else {}
+        return allowed | {"pictures": pictures, "undrawn": "" if pictures else self.folder}
 
     def _contacts(self) -> dict[str, Any]:
         contacts, asked = self.contacts, {contact["name"]: contact for contact in self.scene["contact"]}

@@ -23,6 +23,25 @@ LONG = 12
 
 TYPES = {".png": "image/png", ".gif": "image/gif"}
 
+CONTACT = ("Contact NAME: normal and tangential stress with the slip bound, gap and slip, and zones of open, slipping "
+           "and sticking nodes.",
+           "Contact NAME, laid flat: pressure, zones of open, slipping and sticking nodes, friction with the slip as "
+           "arrows, and the gap or slip; circles mark the largest values.")
+
+CAPTIONS = {
+    "bodies.png": ("The deformed bodies with von Mises stress, else displacement; grey outlines are undeformed, and "
+                   "closed contacts are drawn closed.",) * 2,
+    "contacts.png": ("Contact pressures as areas on the undeformed bodies, resultants, and zones of open, slipping and "
+                     "sticking nodes.",
+                     "The bodies drawn apart, with the pressure painted on either side of each contact. Arrows are the "
+                     "resultants on the first body of each."),
+    "contact.png": (CONTACT[0].replace(" NAME", ""), CONTACT[1].replace(" NAME", "")), "contact_NAME.png": CONTACT,
+    "steps.png": ("Forces, energies and contact stresses over the load steps.",
+                  "Forces, energies and numbers of open, slipping and sticking nodes over the load steps."),
+    "error.png": ("Where the mesh is coarse: the estimated discretization error of each cell.",) * 2,
+    "animation.gif": ("The load steps, one after the other.",) * 2}
+"""What pictures show, in the plane and in space."""
+
 Cell = str | float | None
 
 
@@ -49,7 +68,7 @@ def fill(values: Mapping[str, object], without: Collection[str] = ()) -> str:
     Lines and sections that have names, but none with a value, are left out as well.
     """
     template = resources.files("ddmpi.cli").joinpath("report.html").read_text(encoding="utf-8")
-    given = {"version": Html(__version__)} | {name: text(value) for name, value in values.items()
+    given = {"version": Html(__version__), "policy": Html(" ")} | {name: text(value) for name, value in values.items()
                                               if value not in (None, "")}
 
     def wanted(section: re.Match[str]) -> str:
@@ -123,6 +142,14 @@ def _cell(entry: Cell, digits: int, decimals: int | None, factor: float, noise: 
 def noted(entries: Sequence[object]) -> Html | str:
     """A list of notes, if there are any."""
     return element("ul", *(element("li", entry) for entry in entries), kind="note") if entries else ""
+
+
+def page(path: Path, caption: str) -> Html:
+    """A page of its own within the page, if its file exists; it may run scripts, and reach no network."""
+    if not path.exists():
+        return Html("")
+    return element("figure", element("iframe", srcdoc=path.read_text(encoding="utf-8"), title=caption, loading="lazy"),
+                   element("figcaption", caption))
 
 
 def picture(path: Path, caption: str, kind: str = "picture") -> Html:

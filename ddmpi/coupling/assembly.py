@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import scipy.sparse as sparse
 from mpi4py import MPI
@@ -20,17 +22,20 @@ from ddmpi.coupling.joint import Joint
 from ddmpi.coupling.member import Member
 from ddmpi.coupling.ranks import homes_of, ranks_beside, team_of
 from ddmpi.coupling.space import Space
-from ddmpi.coupling.team import TeamMatrix
+from ddmpi.coupling.team import Team, TeamMatrix
 from ddmpi.errors import InputError, naming
 from ddmpi.interface.interface import Interface, Mover, check_overlap, refuse_contradiction
+from ddmpi.interface.law import law_of
 from ddmpi.interface.matching import face_rigid
 from ddmpi.interface.mortar import connect
 from ddmpi.interface.rows import holds_along, uncovered_profile
-from ddmpi.mesh.build import build_mesh
+from ddmpi.kept.kept import Kept
+from ddmpi.mesh.build import build_mesh, content
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import Sizes
+from ddmpi.petsc.options import conditions
 from ddmpi.scene.bodies import Material, SettledBody
-from ddmpi.scene.contacts import SettledContact
+from ddmpi.scene.contacts import NoFriction, SettledContact
 from ddmpi.scene.scene import Settled
 from ddmpi.surface.boundary import contact_side
 from ddmpi.surface.side import Side
@@ -41,6 +46,9 @@ from ddmpi.system.memory import free_memory
 from ddmpi.system.numbers import in_words
 
 NO_SIZES: Mapping[str, Sizes] = {}
+
+REUSED = {"mesh": ["mesh"], "stiffness": ["stiffness"], "compliance": ["factors", "compliance"], "rows": ["rows"]}
+"""What the summary calls the stages that a `Kept` has had; those that are left out take next to no time."""
 
 
 @dataclass(frozen=True)
@@ -73,6 +81,8 @@ class Assembly:
     n : free dofs of all bodies
     m : contact nodes of all interfaces
     warnings : warnings about the scene; of all bodies and contacts on the first rank
+    reused : stages of this rank's bodies and contacts that were kept, by their names
+    start : makes the forces (size,) in N, gaps (size,) and motions of loose bodies in m to begin with, or is None
     """
 
     world: MPI.Comm
@@ -84,6 +94,8 @@ class Assembly:
     n: int
     m: int
     warnings: list[str]
+    reused: dict[str, list[str]] = field(default_factory=dict)
+    start: Callable[[], tuple[np.ndarray, np.ndarray, np.ndarray]] | None = None
 
     def act(self, time: float) -> None:
         """Set loads, clamps and rigid partners to their values at `time`. Not collective."""
@@ -113,7 +125,8 @@ class Assembly:
 
 
 def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Clock | None = None,
-            refinement: int = 1, sizes: Mapping[str, Sizes] = NO_SIZES, factor: bool = True) -> Assembly:
+            refinement: int = 1, sizes: Mapping[str, Sizes] = NO_SIZES, factor: bool = True,
+            kept: Kept | None = None) -> Assembly:
     """Mesh, assemble, pair and factor. Collective. Raises InputError, SolverError and InterruptionError, on all ranks.
 
     Parameters
@@ -124,12 +137,14 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
     refinement : the meshes of `scene` are this many times finer than the given ones; geometries excepted
     sizes : of the elements of geometries, by the names of this rank's bodies, once an accuracy target refines them
     factor : False for an assembly that is only checked, see `Member`
+    kept : by cases before, of which this one takes what it does not change
     """
-    clock = clock or Clock()
-    team = team_of(world)
-    if team:
+    clock, team = clock or Clock(), team_of(world)
+    if team and not kept:
         with agreed(world):
             team.do("drop")  # matrices of the mesh before
+    kept = kept or Kept()
+    kept.begin(conditions())
     homes = homes_of([body.name for body in scene.body], world)
     mine = [body for body in scene.body if homes[body.name] == world.rank]
     at_body: dict[str, list[tuple[SettledContact, int]]] = {body.name: [] for body in mine}
@@ -146,8 +161,8 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
     with clock.phase("mesh"), agreed(world):
         for spec in mine:
             touching = at_body[spec.name]
-            meshes[spec.name] = build_mesh(spec, folder, [contact.on[side] for contact, side in touching],
-                                           sizes.get(spec.name), scene.dimension, scene.axisymmetric)
+            meshes[spec.name] = _mesh(scene, spec, folder, [contact.on[side] for contact, side in touching],
+                                      sizes.get(spec.name), kept)
             for contact, side in touching:
                 with naming(f"contact.{contact.name}.on"):
                     meshes[spec.name].facets(contact.on[side])
@@ -156,7 +171,7 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
         with agreed(world):
             for spec in mine:
                 mesh = meshes[spec.name]
-                elasticity = assemble(mesh, spec)
+                elasticity = assemble(mesh, spec, kept)
                 material = material_of(mesh, spec)
                 bodies[spec.name] = elasticity
                 touching = at_body[spec.name]
@@ -176,26 +191,32 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
             specs, factors = {body.name: body for body in scene.body}, {time: scene.factors(time) for time in times}
             joined = {contact.name: _join(
                 scene, contact, both[contact.name], [specs[name] for name in contact.bodies if name in specs], factors,
-                refinement) for contact in contacts}
+                refinement, kept) for contact in contacts}
             _check_method(scene, bodies, [interface for interface, _ in joined.values()])
         joined = _kept_by_bonds(scene, joined, world)
         interfaces = [interface for interface, _ in joined.values()]
     # All bodies of all ranks on this machine share its memory evenly; a team asks all its machines.
-    memory = free_memory() / (ranks_beside(world) * max(len(mine), 1))
+    memory = kept.memory(free_memory) / (ranks_beside(world) * max(len(mine), 1)) if not team else 0.0
     if team:
         with agreed(world):
-            memory = team.do("room")
-    members, histories = [], [None, *scene.followed]
+            memory = kept.memory(lambda: team.do("room"))
+    members, histories = list[Member](), [None, *scene.followed]
     with clock.phase("factor"), agreed(world):
         for spec in mine:
-            points = meshes[spec.name].points[bodies[spec.name].nodes]
+            elasticity = bodies[spec.name]
+            points = meshes[spec.name].points[elasticity.nodes]
             if factor and team and team.comm.size > 1:
-                A, supported = bodies[spec.name].A, bodies[spec.name].supported
-                bodies[spec.name] = replace(bodies[spec.name], A=TeamMatrix(team, A, points, supported))
+                elasticity = replace(elasticity, A=kept.get(
+                    "matrix", spec.name, kept.key("stiffness", spec.name), partial(
+                        _distributed, team, elasticity, points, meshes[spec.name], spec)))
             ours = [joined[contact.name][0] for contact, _ in at_body[spec.name]]
-            members.append(Member(spec.name, bodies[spec.name], ours, scene.method.compliance, memory, histories,
-                                  points, factor))
+            members.append(Member(spec.name, elasticity, ours, scene.method.compliance, memory, histories, points))
+        # Factors are most of the memory: those that are not met again go before the others are made.
+        kept.expect("compliance", {member.name: member.depends(kept) for member in members})
+        for member in members if factor else ():
+            member.factor(kept)
             interrupt.check()
+    kept.end()
     # From here on each interface lives on its first body's rank only.
     owned = {contact for contact, first, _ in exchange.ends if first == world.rank}
     space = Space([interface for interface in interfaces if interface.name in owned], world, exchange.sent)
@@ -205,9 +226,28 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
     numbers = [body.name for body in scene.body]
     return Assembly(world, scene, tuple(Body(numbers.index(spec.name), spec, meshes[spec.name], member)
                                         for spec, member in zip(mine, members, strict=True)),
-                    space, exchange, Joint(members, exchange, space, histories, scene.pushed),
+                    space, exchange, Joint(members, exchange, space, histories, scene.pushed, scene.bolts),
                     world.allreduce(sum(body.n for body in bodies.values())),
-                    world.allreduce(sum(interface.m for interface in interfaces if interface.name in owned)), told)
+                    world.allreduce(sum(interface.m for interface in interfaces if interface.name in owned)), told,
+                    {name: [word for stage, words in REUSED.items() if stage in stages for word in words]
+                     for name, stages in kept.found.items()})
+
+
+def _mesh(scene: Settled, spec: SettledBody, folder: Path, contacts: Sequence[str], sizes: Sizes | None,
+          kept: Kept) -> Mesh:
+    """The mesh of a body, which depends on what the scene says of it and on the content of its file, and resolves the
+    groups on which something acts. Not collective. Raises InputError."""
+    file = content(spec, folder)
+    depends = (spec.mesh, kept.key("file", spec.name) if file is None else file, contacts, sizes, scene.dimension,
+               scene.axisymmetric, [(name, acting.on) for name, acting in spec.acting],
+               [getattr(material, "on", None) for material in spec.materials])
+    return kept.get("mesh", spec.name, depends, lambda: build_mesh(
+        spec, folder, contacts, sizes, scene.dimension, scene.axisymmetric))
+
+
+def _distributed(team: Team, elasticity: Elasticity, points: np.ndarray, mesh: Mesh, spec: SettledBody) -> TeamMatrix:
+    """The stiffness of a body of several ranks, of the nodes at `points`."""
+    return TeamMatrix(team, elasticity.A, points, elasticity.supported, lambda: assemble(mesh, spec).A)
 
 
 def _kept_by_bonds(scene: Settled, joined: Mapping[str, tuple[Interface, list[str]]],
@@ -269,20 +309,27 @@ def _tied(mesh: Mesh, others: Sequence[tuple[SettledContact, int]], free: np.nda
 
 
 def _join(scene: Settled, contact: SettledContact, sides: tuple[Side, Side | None], specs: Sequence[SettledBody],
-          factors: Mapping[float, Mapping[str | None, float]], refinement: int) -> tuple[Interface, list[str]]:
+          factors: Mapping[float, Mapping[str | None, float]], refinement: int,
+          kept: Kept) -> tuple[Interface, list[str]]:
     """The interface of two sides, or of one and a rigid partner, of the bodies `specs`, and warnings. `factors` are by
     the turning points of loads, and by history. Raises InputError."""
     (first, second), clamps = sides, {body.name: [*body.clamps, ON_AXIS] for body in specs}
     unit = scene.units["length"]
     if second is None:
         (rigid,) = (rigid for rigid in scene.rigid if rigid.name == contact.bodies[1])
-        interface = face_rigid(first, rigid, contact)
-        partner = Mover(rigid)
+        depends: tuple = rigid,
+        make, partner = partial(face_rigid, first, rigid, contact), Mover(rigid)
     else:
         if any(body.mesh.drawn for body in specs):
             refinement = 1  # its nodes match by their number alone
-        interface = connect(first, second, contact, refinement)
+        depends, make = (second, refinement), partial(connect, first, second, contact, refinement)
         partner = Mover(second, clamps[second.body])
+    # Of friction the rows know only whether there is any.
+    drawn = msgspec.structs.replace(contact, friction=NoFriction()), isinstance(contact.friction, NoFriction)
+    interface = kept.get("rows", contact.name, (first, depends, drawn), make)
+    law = law_of(contact.friction, interface.xy, interface.arc, interface.area, interface.law.sliding, contact.kind,
+                 interface.law.live)
+    interface = replace(interface, law=law)
     overlaps = check_overlap(interface, *(side for side in (first, second) if side),
                              scales=[now[interface.gap_history] for now in factors.values()], unit=unit)
     refuse_contradiction(interface, [Mover(first, clamps[first.body]), partner], factors, unit)

@@ -22,9 +22,9 @@ from ddmpi.coupling.space import Space
 from ddmpi.errors import SolverError
 from ddmpi.interface.interface import Interface
 from ddmpi.petsc.events import event
-from ddmpi.scene.contacts import Rigid
+from ddmpi.scene.contacts import Rigid, SettledContact
 from ddmpi.system.agreement import agreed
-from ddmpi.system.numbers import RigidMotion, crossed
+from ddmpi.system.numbers import crossed
 
 UNTURNED = 1e-9
 """A turn that moves no node by more than this fraction of what another turn does, moves none."""
@@ -32,7 +32,8 @@ UNTURNED = 1e-9
 
 @dataclass(frozen=True)
 class Driven:
-    """What moves as forces want, and has no compliance: a rigid partner under a force or a moment.
+    """What moves as forces want, and has no compliance: a rigid partner under a force or a moment, or the second side
+    of a bond with a pretension, which its offset moves past the body.
 
     Its motions are unknowns as those of loose bodies are, and the balance of its forces their equations. They are
     translations along `axes`, and turns about the pivot, in metres of the node that moves farthest. A turn comes with
@@ -41,12 +42,13 @@ class Driven:
 
     Attributes
     ----------
-    name : of the partner
+    name : of the partner, or of the pretension in words
     history : of its force and moment
     axes : (a, d) unit vectors
     push : (a + t,) force and moment along the motions, at the factor 1 of the history (N)
     pivot : (d,) (m)
     shifts, sizes : (t, d) and (t,) translation that comes with a turn, and motion of the farthest node (m/rad)
+    bond : the contact with a pretension, else None
     """
 
     name: str
@@ -56,6 +58,7 @@ class Driven:
     pivot: np.ndarray
     shifts: np.ndarray
     sizes: np.ndarray
+    bond: str | None = None
 
     @classmethod
     def of(cls, rigid: Rigid, space: Space) -> Driven:
@@ -81,21 +84,38 @@ class Driven:
         # their work is F·(U + θ shift) + M θ, of which the motions' coordinates are U and θ size
         return np.append(self.axes @ force, (moment + self.shifts @ force) / self.sizes)
 
+    @classmethod
+    def of_bond(cls, contact: SettledContact) -> Driven:
+        """The pretension of a contact."""
+        bolt = contact.pretension
+        assert bolt
+        along = np.array([bolt.along]) / np.linalg.norm(bolt.along)
+        return cls(f"pretension of {contact.name}", bolt.history, along, np.array([bolt.force]), 0.0 * along[0],
+                   along[:0], np.empty(0), contact.name)
+
     def motions(self, points: np.ndarray) -> np.ndarray:
         """The displacements (k, d, j) of points (k, d) by the motions."""
         turned = [(crossed(turn[None], points - self.pivot) + shift) / size for turn, shift, size in
                   zip(np.eye(len(self.sizes)), self.shifts, self.sizes, strict=True)]
         return np.stack([*(np.zeros_like(points) + axis for axis in self.axes), *turned], axis=2)
 
-    def moved(self, alpha: np.ndarray) -> RigidMotion:
-        """The displacement and the turn by amplitudes α (j,)."""
+    def place(self, interface: Interface, alpha: np.ndarray) -> Interface:
+        """An interface with its second side where amplitudes α (j,) take it."""
+        if not self.acts_on(interface):
+            return interface
+        if self.bond:
+            return replace(interface, offset=float(alpha[0]))
+        return replace(interface, displacement=interface.displacement + self.shift(alpha),
+                       turn=alpha[len(self.axes):] / self.sizes)
+
+    def shift(self, alpha: np.ndarray) -> np.ndarray:
+        """The displacement (d,) of the pivot by amplitudes α (j,) (m)."""
         along, turn = np.split(alpha, [len(self.axes)])
-        turn = turn / self.sizes
-        return RigidMotion(along @ self.axes + turn @ self.shifts, turn, self.pivot)
+        return along @ self.axes + (turn / self.sizes) @ self.shifts
 
     def acts_on(self, interface: Interface) -> bool:
         """Whether the motions move the second side of an interface."""
-        return interface.bodies[1] == self.name
+        return interface.name == self.bond if self.bond else interface.bodies[1] == self.name
 
 
 class Motions:
@@ -185,6 +205,7 @@ class CoarseSystem:
     weights : W (k,) along the unknown forces; W Iᵀ M I W replaces Iᵀ M I
     stiffness : M times columns (its size, c) of an owned interface, called with its number
     diagonal : D (size,)
+    kept : (k,) bool, which of the first motions stay where they are
     columns : of Z̃ = Zᵀ columns (owned size, k) sparse: I if left out; E for the transposed system, which has I as `E`
 
     Construction is collective.
@@ -192,8 +213,9 @@ class CoarseSystem:
 
     def __init__(self, motions: Motions, basis: sparse.csr_matrix, E: sparse.csr_matrix,
                  weights: np.ndarray, stiffness: Callable[[int, np.ndarray], np.ndarray], diagonal: np.ndarray,
-                 columns: sparse.csr_matrix | None = None) -> None:
+                 kept: Sequence[bool] | np.ndarray = (), columns: sparse.csr_matrix | None = None) -> None:
         self._space = motions.space
+        moves = sparse.diags(np.append(1.0 - np.asarray(kept, float), np.ones(motions.size - len(kept))))
         with event("CoarseSystem"):
             smooth = []
             for number, (part, _, block) in enumerate(motions.blocks):
@@ -201,8 +223,8 @@ class CoarseSystem:
                 smooth.append(stiffness(number, basis[part] @ (weights[:, None] * (along[part].T @ block))))
             # Elimination of y from [M⁻¹ −Z̃ᵀ; Ẑ D] leaves S. Slipping nodes' friction follows the pressure, so E
             # differs from I and S is not symmetric: an oblique projector in place of FETI's.
-            self._MZ = (sparse.diags(weights) @ basis.T @ motions.assemble(smooth)).tocsr()
-            self._EZ = (E.T @ motions.Z).tocsr()
+            self._MZ = (sparse.diags(weights) @ basis.T @ motions.assemble(smooth) @ moves).tocsr()
+            self._EZ = (E.T @ motions.Z @ moves).tocsr()
             local = (self._EZ.T @ self._MZ).tocoo()
             entries, self.size = self._space.gather((local.row, local.col, local.data)), motions.size
             with agreed(self._space.comm):

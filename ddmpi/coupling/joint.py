@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Collection, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +14,7 @@ from ddmpi.coupling.exchange import Exchange
 from ddmpi.coupling.member import Member
 from ddmpi.coupling.space import Space
 from ddmpi.interface.interface import Interface
-from ddmpi.scene.contacts import Rigid
+from ddmpi.scene.contacts import Rigid, SettledContact
 from ddmpi.system.numbers import norm
 
 STEERING = 0.1
@@ -58,7 +57,8 @@ class Joint:
     members : the bodies of this rank
     exchange, space : between the bodies, and the layout of the vectors
     histories : of loads, clamps and rigid partners, None for constant ones
-    pushed : rigid partners that move as forces want: loose bodies without compliance
+    pushed, bolts : rigid partners that move as forces want, and contacts with a pretension: loose bodies without
+        compliance
 
     Attributes
     ----------
@@ -68,6 +68,7 @@ class Joint:
         after `act`
     rigid : the rigid motions of loose bodies, Gᵀ = rigid.Z; of size 0 where clamps support all bodies
     driven : the same
+    kept, still : (rigid.size,) the motions that stay as they are, bool, and their amplitudes (m), zero of others
     slices : of the motions by body, empty for supported ones, and by what is driven
     e : (rigid.size,) the loads along the motions (N)
     neglected : forces (N) that are negligible in a product that is kept
@@ -76,17 +77,20 @@ class Joint:
     """
 
     def __init__(self, members: Sequence[Member], exchange: Exchange, space: Space,
-                 histories: Sequence[str | None] = (None,), pushed: Sequence[Rigid] = ()) -> None:
+                 histories: Sequence[str | None] = (None,), pushed: Sequence[Rigid] = (),
+                 bolts: Sequence[SettledContact] = ()) -> None:
         self.members, self.space, self.size = tuple(members), space, space.size
         self.neglected, self.steering = 0.0, STEERING
         self.exchange = exchange
         self.dear = exchange.world.allreduce(any(member.dear for member in members), MPI.LOR)
         self._moved = {name: exchange.total([member.response(name)[0] for member in members], "free displacement")
                        for name in histories}
-        self.driven = tuple(Driven.of(rigid, space) for rigid in pushed)
+        self.driven = (*(Driven.of(rigid, space) for rigid in pushed),
+                       *map(Driven.of_bond, bolts))
         self.rigid, self.slices = gather_motions(exchange, space, members, [member.G for member in members],
                                                  self.driven)
         self.bodies = len(self.slices) - len(self.driven)
+        self.kept, self.still = np.zeros(self.rigid.size, bool), np.zeros(self.rigid.size)
         # A driven partner is a body without compliance: its rows of G s = e are the balance of contact forces with its
         # force and moment.
         self._pulled = {name: self.of_all([member.response(name)[1] for member in members],
@@ -94,12 +98,26 @@ class Joint:
                         for name in histories}
         self.act(dict.fromkeys(histories, 1.0))
 
+    def keep(self, bonds: Collection[str], alpha: np.ndarray) -> None:
+        """Have the pretensions of these `bonds`, and of no others, stay as in the motions α (rigid.size,) from the next
+        `act` on: offsets are given then, forces follow."""
+        # In place: the model of a joint shares them.
+        for each in self.driven:
+            self.kept[self.slices[each.name]] = each.bond in bonds
+        self.still[:] = np.where(self.kept, alpha, 0.0)
+
+    def at_rest(self) -> Point:
+        """No forces, and no motions but those that are kept. Collective."""
+        s = np.zeros(self.size)
+        return Point(s, -self.d - self.rigid.spread(self.still), self.still.copy(), self.imbalance(s))
+
     def act(self, factors: Mapping[str | None, float]) -> None:
         """Set d and e of loads and clamps with these `factors` by history, after those of `space` and members."""
         self.d, self.e = (sum((factors[name] * part for name, part in parts.items()), np.zeros(1))
                           for parts in (self._moved, self._pulled))
         # d = Σ B_a A_a⁺ b_a − gap: positive where the free bodies would overlap.
         self.d = self.d - self.space.gap
+        self.e = np.where(self.kept, 0.0, self.e)
 
     def product(self, x: np.ndarray, purpose: str, relative: float | None = None) -> np.ndarray:
         """C x (size,) as a new vector, precise enough to be kept, or `relative` as for `Compliance.mult`."""
@@ -195,17 +213,16 @@ class Joint:
         return np.concatenate([np.zeros(0), *itertools.chain(*everyone), *partners])
 
     def placed(self, alpha: np.ndarray) -> list[Interface]:
-        """The owned interfaces, with rigid partners where the motions α (rigid.size,) take them."""
+        """The owned interfaces, with rigid partners and offsets where the motions α (rigid.size,) take them."""
         interfaces = list(self.space.interfaces)
         for each in self.driven:
-            moved = each.moved(alpha[self.slices[each.name]])
-            interfaces = [replace(met, displacement=met.displacement + moved.displacement, turn=moved.turn)
-                          if each.acts_on(met) else met for met in interfaces]
+            interfaces = [each.place(met, alpha[self.slices[each.name]]) for met in interfaces]
         return interfaces
 
     def imbalance(self, s: np.ndarray) -> np.ndarray:
-        """e − G s (rigid.size,) in newtons: loads on loose bodies that the forces s do not balance."""
-        return self.e - self.rigid.sums(s)
+        """e − G s (rigid.size,) in newtons: loads on loose bodies that the forces s do not balance; zero of kept
+        motions."""
+        return np.where(self.kept, 0.0, self.e - self.rigid.sums(s))
 
     def balances(self, left: np.ndarray, size: float) -> bool:
         """Whether the `imbalance` on what is driven is rounding beside its forces and those of contacts, `size` (N).

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import copy
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import scipy.sparse as sparse
@@ -18,7 +19,9 @@ from ddmpi.body.solver import StiffnessSolver
 from ddmpi.coupling.team import TeamMatrix, TeamSolver
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.trace import displacement_trace, nodal_forces, normal_trace, sliding_trace, trace
+from ddmpi.kept.kept import Kept
 from ddmpi.petsc.events import event
+from ddmpi.petsc.options import ask, asked_for
 
 PRECISE = 1e-12
 """Relative residual of an iterative solver in the last solve, which the certificate checks."""
@@ -38,28 +41,26 @@ class Member:
     compliance, memory : kind of the compliance, and the bytes that it may use, see `Compliance`
     histories : of the scene's loads and clamps, None for constant ones
     points : (k, d) positions of the nodes that A acts on, see `Compliance`
-    factor : False for a body that is only checked: no C, and h zero
 
     Attributes
     ----------
-    kind, reason : of a body that is only checked, those that its `Compliance` would have
+    kind, reason : those of the `Compliance`, as far as they are known before A is factored
     dear : whether its products are by an iterative solver
     C : contact compliance B A⁻¹ Bᵀ with its counts; of a loose body before centring, so multiply by `mult`
     h : (size,) B A⁻¹ b, the contact displacement without contact forces (m); of a loose body, with forces that balance
         the load
-    size : length of the body's vectors
+    size : length of the body's vectors. Until `factor` there is no C, and h is zero
     parts : of its vector by contact, and its side there, 0 or 1
     motions : (nv, d, j) the rigid motions that clamps leave free, see `Elasticity`
     G : (j, size) contact displacements of the rigid motions that clamps leave free
     e : (j,) the load along these motions (N); equal to G s in equilibrium
 
-    Construction factors A, unless told not to, and is collective on the body's communicator. Raises SolverError.
+    Not collective, but what uses C is, on the body's communicator.
     """
 
     def __init__(self, name: str, elasticity: Elasticity, interfaces: Sequence[Interface],
                  compliance: str | None = None, memory: float = np.inf,
-                 histories: Sequence[str | None] = (None,), points: np.ndarray | None = None,
-                 factor: bool = True) -> None:
+                 histories: Sequence[str | None] = (None,), points: np.ndarray | None = None) -> None:
         self.name, self.elasticity, self.interfaces = name, elasticity, tuple(interfaces)
         self._histories = tuple(histories)
         ends = np.cumsum([0, *(interface.size for interface in self.interfaces)]).tolist()
@@ -78,34 +79,65 @@ class Member:
         self._R = R
         self._centring: Centring | None = None
         self.dear = False
-        if not factor:
-            self.kind, self.reason = plan_compliance(A.size[0], B, compliance, memory, A.getBlockSize())
-            self._responses = {name: (np.zeros(self.size), R.T @ case.b) for name, case in elasticity.cases.items()}
-            return
-        shared = isinstance(A, TeamMatrix)
-        if not elasticity.supported:
+        self._B, self._points, self._asked, self._memory = B, points, compliance, memory
+        self.kind, self.reason = plan_compliance(A.size[0], B, compliance, memory, A.getBlockSize())
+        self._responses = {name: (np.zeros(self.size), R.T @ case.b) for name, case in elasticity.cases.items()}
+
+    def factor(self, kept: Kept | None = None) -> Member:
+        """Factor A and solve for the loads, but for what is `kept`; return self. Collective on the body's communicator.
+        Raises SolverError."""
+        kept = kept or Kept()
+        if not self.elasticity.supported:
             # A is singular. With springs on a few dofs its inverse is a generalised inverse of A; centring then removes
             # what depends on the choice of the springs: C ← P C P, h ← P h, P = I − Gᵀ(G Gᵀ)⁺G.
-            self._centring, dofs = Centring(R, B), support(motions)
-            A = A.with_springs(dofs) if shared else add_springs(A, dofs)
-        self.C = Compliance(A, B, name, compliance, memory, TeamSolver if shared else StiffnessSolver, points)
+            self._centring = Centring(self._R, self._B)
+        # A solver that iterates begins each solve from the solutions before, so it lasts for one case.
+        self.C, options = kept.get("compliance", self.name, self.depends(kept), self._compliance,
+                                   lambda value: value[0].solver.direct)
+        self.C.renew()
+        ask(options)
         self.dear = self.C.kind == "iterative"
-        self._responses = {name: self.response_to(case) for name, case in elasticity.cases.items()}
+        self._responses = {name: self.response_to(case, get=partial(
+            kept.get, f"displacement by {name}", self.name, (kept.key("compliance", self.name), case.b)))
+            for name, case in self.elasticity.cases.items()}
         self.h = sum((h for h, _ in self._responses.values()), np.zeros(1))
         self._set_up = self.C.count.copy()
+        return self
 
-    def response_to(self, case: LoadCase, purpose: str = "load") -> tuple[np.ndarray, np.ndarray]:
-        """h (size,) and e (j,) of one load case. Collective on the body's communicator."""
-        b, u, h = self.elasticity.b.duplicate(), self.elasticity.b.duplicate(), np.zeros(self.C.size)
-        b.array[:] = case.b
-        if self.C.size and b.norm() > 0.0:
-            with event("LoadResponse"):
-                self.C.solve(self._balanced(b), u, purpose)
-            h = self.C.B @ u.array_r
-            if self._centring:
-                h = self._centring.project(h)
+    def depends(self, kept: Kept) -> tuple:
+        """What C depends on, see `Kept.get`. Not collective."""
+        return kept.key("stiffness", self.name), self._B, self.kind, self.reason
+
+    def _compliance(self) -> tuple[Compliance, set[str]]:
+        """The compliance, and the options that PETSc was asked for. Collective on the body's communicator."""
+        A, shared = self.elasticity.A, isinstance(self.elasticity.A, TeamMatrix)
+        with asked_for() as options:
+            if not self.elasticity.supported:
+                dofs = support(self.motions[self.elasticity.nodes])
+                A = A.with_springs(dofs) if shared else add_springs(A, dofs)
+            return Compliance(A, self._B, self.name, self._asked, self._memory,
+                              TeamSolver if shared else StiffnessSolver, self._points), options
+
+    def response_to(self, case: LoadCase, purpose: str = "load",
+                    get: Callable[[Callable[[], np.ndarray]], np.ndarray] = lambda make: make(),
+                    ) -> tuple[np.ndarray, np.ndarray]:
+        """h (size,) and e (j,) of one load case; `get` makes B A⁻¹ b or has it. Collective on the body's communicator.
+        """
+        h = np.zeros(self.C.size)
+        if self.C.size and case.b.any():
+            self.C.count[purpose] += 1
+            h = get(partial(self._free, case.b))
         # B has no entries at clamped dofs; their prescribed displacements move the contact by a constant.
         return h + self.trace(case.prescribed), self._R.T @ case.b
+
+    def _free(self, load: np.ndarray) -> np.ndarray:
+        """B A⁻¹ b (size,) of a load b (d k,). Collective on the body's communicator."""
+        b, u = self.elasticity.b.duplicate(), self.elasticity.b.duplicate()
+        b.array[:] = load
+        with event("LoadResponse"):
+            self.C.solver.solve(self._balanced(b), u)
+        h = self.C.B @ u.array_r
+        return self._centring.project(h) if self._centring else h
 
     def response(self, history: str | None) -> tuple[np.ndarray, np.ndarray]:
         """h (size,) and e (j,) of the loads and clamps with this history, at its factor 1; zero if there are none."""

@@ -10,7 +10,7 @@ from typing import TypeVar
 from mpi4py import MPI
 
 from ddmpi.coupling.team import Team
-from ddmpi.errors import DdmpiError, InputError
+from ddmpi.errors import DdmpiError, InputError, NotConvergedError
 from ddmpi.scene.meshes import MeshSpec
 from ddmpi.scene.scene import Settled
 from ddmpi.system.agreement import agree, in_lockstep
@@ -25,46 +25,101 @@ _TEAM = MPI.Comm.Create_keyval()
 """The attribute of the roots' communicator that holds the team of its rank."""
 
 
-def on_working_ranks(world: MPI.Comm, scene: Settled, work: Callable[[MPI.Comm], T]) -> T | None:
-    """The result of `work(roots)` on the roots of the bodies; the other ranks serve them and return None.
+class WorkingRanks:
+    """The ranks that work on scenes of the same bodies, case by case: the roots of bodies; the others serve them.
 
-    With at most as many ranks as bodies all are roots. Collective. Raises the errors of `work` on all ranks, and
-    InputError where the method needs a rank for each body. An error that cannot reach all ranks of a body is raised on
-    one rank only, as one that is not agreed on.
+    With at most as many ranks as bodies all are roots. A case whose meshes ask for other ranks of a body begins with
+    new teams. Everything is collective on `world`.
     """
-    check_ranks(world, scene)
-    if world.size <= len(scene.body):
-        return work(world)
-    number, beside = place_ranks([count_nodes(body.mesh) for body in scene.body], world.size), ranks_beside(world)
-    comm = world.Split(number[world.rank])
-    roots = world.Split(0 if comm.rank == 0 else MPI.UNDEFINED)
-    if comm.rank == 0:
-        roots = in_lockstep(roots)
-    team = Team(comm, [rank for rank, body in enumerate(number) if body == number[world.rank]], beside)
-    result, failure = None, None
-    give_back()  # users ask for several ranks a body where memory is short
-    if comm.rank:
-        team.serve()
-    else:
-        roots.Set_attr(_TEAM, team)
-        try:
-            result = work(roots)
-        except DdmpiError as error:
-            failure = error
-        # Ranks of the team hang in a collective call of PETSc: an error that is not agreed on ends all processes.
-        if team.lost and failure:
-            failure.agreed = False
-            raise failure
-        team.stop()
-    # Test and sleep: a blocking barrier keeps a core busy for every rank that waits.
-    over = world.Ibarrier()
-    while not over.Test():
-        time.sleep(NAP)
-    if comm.rank == 0:
-        roots.Free()
-    comm.Free()
-    agree(world, failure)
-    return result
+
+    def __init__(self, world: MPI.Comm) -> None:
+        self.world, self._roots, self._left = world, world, list[MPI.Comm]()
+        self._number: list[int] = []
+        self._team: Team | None = None
+        self._failed = self._lost = False  # the case before; with an error that other ranks do not know of
+
+    def work(self, scene: Settled, work: Callable[[MPI.Comm], T]) -> T | None:
+        """The result of `work(roots)` on the roots of the bodies, None on the other ranks.
+
+        Raises the errors of `work` on all ranks, and InputError where the method needs a rank for each body. An error
+        that cannot reach all ranks of a body is raised on one rank only, as one that is not agreed on.
+        """
+        check_ranks(self.world, scene)
+        number = [] if self.world.size <= len(scene.body) else place_ranks(
+            [count_nodes(body.mesh) for body in scene.body], self.world.size)
+        if number != self._number:
+            self.end()
+            if number:
+                self._place(number)
+        elif self._failed and self._roots != MPI.COMM_NULL:
+            self._left.append(self._roots)
+            self._take(self._roots.Dup())  # no message of the case that failed may reach this one
+        give_back()  # users ask for several ranks a body where memory is short
+        team, result, failure = self._team, None, None
+        self._failed = self._lost = True  # until it is known how the work ends
+        if team is None:
+            try:
+                result = work(self._roots)
+            except DdmpiError as error:
+                self._lost, self._failed = not error.agreed, not isinstance(error, NotConvergedError)
+                raise
+        elif team.comm.rank:
+            team.serve()
+        else:
+            try:
+                result = work(self._roots)
+            except DdmpiError as error:
+                failure = error
+            # Ranks of the team hang in a collective call of PETSc: an error that is not agreed on ends all processes.
+            if team.lost and failure:
+                failure.agreed = False
+                raise failure
+            team.stop()
+        if team is not None:
+            # Test and sleep: a blocking barrier keeps a core busy for every rank that waits.
+            over = self.world.Ibarrier()
+            while not over.Test():
+                time.sleep(NAP)
+            self._lost = False
+            agree(self.world, failure)
+        self._failed = self._lost = False
+        return result
+
+    def _place(self, number: list[int]) -> None:
+        """Make teams, for more ranks than bodies; `number` is the body of each rank."""
+        beside, comm = ranks_beside(self.world), self.world.Split(number[self.world.rank])
+        roots = self.world.Split(0 if comm.rank == 0 else MPI.UNDEFINED)
+        self._team = Team(comm, [rank for rank, body in enumerate(number) if body == number[self.world.rank]], beside)
+        self._number = number
+        self._take(in_lockstep(roots) if comm.rank == 0 else roots)
+
+    def _take(self, roots: MPI.Comm) -> None:
+        """Let the roots work on a communicator."""
+        self._roots = roots
+        if self._team is not None and self._team.comm.rank == 0:
+            roots.Set_attr(_TEAM, self._team)
+
+    def end(self) -> None:
+        """Free what the ranks hold for each other, unless some of them are lost: an error ends all processes then."""
+        if self._lost:
+            return
+        if self._team is not None:
+            self._team.end()
+            self._team.comm.Free()
+        for comm in (*self._left, self._roots):
+            if comm not in (self.world, MPI.COMM_NULL):
+                comm.Free()
+        self._team, self._roots, self._number = None, self.world, []
+        self._left.clear()
+
+
+def on_working_ranks(world: MPI.Comm, scene: Settled, work: Callable[[MPI.Comm], T]) -> T | None:
+    """The result of `work(roots)` on the `WorkingRanks` for one case. Collective."""
+    ranks = WorkingRanks(world)
+    try:
+        return ranks.work(scene, work)
+    finally:
+        ranks.end()
 
 
 def team_of(world: MPI.Comm) -> Team | None:

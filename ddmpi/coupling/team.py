@@ -8,6 +8,7 @@ out with their `Share`, the rows of the stiffness that they hold. Between comman
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -42,16 +43,16 @@ class Share:
         self.comm, self._beside = comm, beside
         self._A: PETSc.Mat | None = None
         self._springs: tuple[np.ndarray, float] = (np.zeros(0, int), 0.0)  # in A, on own rows; their stiffness
-        self._solver: StiffnessSolver | None = None
+        self.solver: StiffnessSolver | None = None
 
     def drop(self, given: None = None) -> None:
         """Forget the body. PETSc frees what several ranks share only when all of them say so."""
         if self._A is None:
             return
-        for item in (self._solver, self._A, self._f, self._u, self._whole, self._deal):
+        for item in (self.solver, self._A, self._f, self._u, self._whole, self._deal):
             if item is not None:
                 item.destroy()
-        self._A = self._solver = None
+        self._A = self.solver = None
         PETSc.garbage_cleanup(self.comm)
 
     def factor(self, given: tuple | None, supported: bool, condensed: bool, name: str,
@@ -104,13 +105,13 @@ class Share:
             trace, eliminated = sparse.csr_matrix((0, self._A.size[1])) if condensed else None, None
         else:
             trace, eliminated = trace[:, order], None if eliminated is None else eliminated[order]
-        self._solver = StiffnessSolver(self._A, name, trace, eliminated, iterative)
-        return self._solver if self.comm.rank == 0 else None
+        self.solver = StiffnessSolver(self._A, name, trace, eliminated, iterative)
+        return self.solver if self.comm.rank == 0 else None
 
     def solve(self, given: np.ndarray | None, relative: float) -> np.ndarray | None:
         """A⁻¹ f of the root's vector."""
-        assert self._solver is not None
-        self._solver.solve(self._scatter(given, self._f), self._u, relative)
+        assert self.solver is not None
+        self.solver.solve(self._scatter(given, self._f), self._u, relative)
         return self._gather(self._u)
 
     def mult(self, given: np.ndarray | None) -> np.ndarray | None:
@@ -170,12 +171,20 @@ class Team:
         self._send((command, arguments))
         return self._perform(command, given, arguments)
 
+    def holds(self, solver: StiffnessSolver) -> bool:
+        """Whether the root's share has this solver. Root only."""
+        return self._share is None or self._share.solver is solver
+
     def stop(self) -> None:
-        """Let the other ranks go. Root only."""
-        self.do("drop")
+        """Let the other ranks go; they keep their shares until they `end`, and may serve again. Root only."""
         self._send(None)
-        self._share = None
-        self._votes.Free()
+
+    def end(self) -> None:
+        """Free what the team has, once none serves any more. Collective on the team."""
+        if self._share is not None:
+            self._share.drop()
+            self._share = None
+            self._votes.Free()
 
     def serve(self) -> None:
         """Carry out the root's commands until it stops. Not on the root.
@@ -189,8 +198,6 @@ class Team:
             except DdmpiError:
                 if self.lost:
                     raise
-        self._share = None
-        self._votes.Free()
 
     def _perform(self, command: str, given: Any, arguments: tuple) -> Any:
         """The result of a command on this rank's share. Raises the error of any rank on all of them."""
@@ -229,21 +236,28 @@ class TeamMatrix:
     """The root's view of a stiffness whose rows are on the ranks of the team, once there is a solver.
 
     Until then the root has all of A, with a block of rows for each of the nodes at `points` (k, d). `supported` says
-    whether clamps support the body, so that A is positive definite. Methods with PETSc's names are those of its
-    matrices.
+    whether clamps support the body, so that A is positive definite; `again` makes A for another solver. Methods with
+    PETSc's names are those of its matrices.
     """
 
-    def __init__(self, team: Team, A: PETSc.Mat, points: np.ndarray, supported: bool) -> None:
+    def __init__(self, team: Team, A: PETSc.Mat, points: np.ndarray, supported: bool,
+                 again: Callable[[], PETSc.Mat]) -> None:
         self.team, self.size, self._width, self._diagonal = team, A.getSize(), A.getBlockSize(), A.getDiagonal()
-        self.whole: tuple[PETSc.Mat, np.ndarray] | None = (A, points)
+        self._whole, self._again, self.points = A, again, points
         self.supported, self.springs = supported, np.zeros(0, int)
+
+    @property
+    def whole(self) -> PETSc.Mat:
+        """All of A, on the root; made again where a solver has distributed and destroyed it."""
+        if not self._whole:
+            self._whole = self._again()
+        return self._whole
 
     def getDiagonal(self) -> PETSc.Vec:
         return self._diagonal
 
     def getRowIJ(self) -> tuple[np.ndarray, np.ndarray]:
-        assert self.whole is not None
-        return self.whole[0].getRowIJ()
+        return self.whole.getRowIJ()
 
     def getBlockSize(self) -> int:
         return self._width
@@ -261,16 +275,17 @@ class TeamMatrix:
 
 
 class TeamSolver:
-    """A `StiffnessSolver` of a `TeamMatrix`, on the root. Construction distributes the rows of A, once."""
+    """A `StiffnessSolver` of a `TeamMatrix`, on the root. Construction distributes the rows of A."""
 
     def __init__(self, A: TeamMatrix, name: str, trace: sparse.csr_matrix | None = None,
                  order: np.ndarray | None = None, iterative: bool = False) -> None:
-        assert A.whole is not None
-        given, A.whole, self._team = (*A.whole, A.springs, trace, order), None, A.team
-        solver = self._team.do("factor", given, A.supported, trace is not None, name, iterative)
+        given, self._team = (A.whole, A.points, A.springs, trace, order), A.team
+        self._solver = solver = self._team.do("factor", given, A.supported, trace is not None, name, iterative)
         self.direct, self.given, self.description = solver.direct, solver.given, solver.description
         self.condensed, self.refused = solver.condensed, solver.refused
 
     def solve(self, f: PETSc.Vec, u: PETSc.Vec, relative: float = 0.0) -> None:
-        """u ← A⁻¹ f, see `StiffnessSolver.solve`."""
+        """u ← A⁻¹ f, see `StiffnessSolver.solve`. Raises SolverError where other factors have taken their place."""
+        if not self._team.holds(self._solver):
+            raise SolverError("the ranks of this body hold the factors of a later solve of the model")
         u.array[:] = self._team.do("solve", f.array_r, relative)

@@ -74,8 +74,8 @@ def entries_of(parameters: Parameters, derived: Mapping[str, np.ndarray], factor
             contacts=Entry({contact.name: contacts.get((k, contact.name)) for contact in scene.contact}),
             bodies=Entry({body.name: bodies.get((k, body.name)) for body in scene.body}),
             rigid=_partners(scene, {name: entry for (number, name), entry in contacts.items() if number == k},
-                            {each.name: each.moved(derived["alpha"][k][joint.slices[each.name]]).displacement
-                              for each in joint.driven}, one.moved, factors[one.history]))
+                            {each.name: each.shift(derived["alpha"][k][joint.slices[each.name]])
+                             for each in joint.driven}, one.moved, factors[one.history]))
     return told, arrays
 
 

@@ -98,7 +98,7 @@ class Parameters:
             made = []
             for key in keys:
                 with naming(f"output.derivatives: {key}"):
-                    made.append(_parameter(assembly, key))
+                    made.append(parameter(assembly, key))
         return cls(assembly, made)
 
     @cached_property
@@ -137,7 +137,7 @@ def scaled(case: LoadCase | None, factor: float) -> LoadCase:
     return LoadCase(*(factor * getattr(case, entry.name) for entry in fields(case)))
 
 
-def _parameter(assembly: Assembly, key: str) -> Parameter:
+def parameter(assembly: Assembly, key: str) -> Parameter:
     """The parameter of a valid key. Not collective. Raises InputError."""
     scene, space, joint = assembly.scene, assembly.space, assembly.joint
     kind, name, *rest = key.split(".")
@@ -157,11 +157,12 @@ def _parameter(assembly: Assembly, key: str) -> Parameter:
         rigid = next(rigid for rigid in scene.rigid if rigid.name == name)
         vector, value = _unit(getattr(rigid, rest[0]), rest[1:])
         along = np.array(vector)
-        if rest[0] == "force":
+        if rest[0] != "displacement":
             force = np.zeros(joint.rigid.size)
             for each in joint.driven:
                 if each.name == name:
-                    force[joint.slices[name]] = each.along(along)
+                    push = (along,) if rest[0] == "force" else (np.zeros(scene.dimension), along)
+                    force[joint.slices[name]] = each.along(*push)
             return replace(blank, value=value, history=rigid.history, force=force)
         driven = np.zeros(space.size)
         for interface, part in space.with_slices():

@@ -125,6 +125,8 @@ class Interface:
         clamps or other contacts constrain are fixed. Rows with an entry are neighbours
     one_sided : (size,) bool, unknowns along which only one of the bodies can move
     displacement : (d,) of a rigid partner, or of its pivot (m); zero for bodies
+    pull, offset : (d,) direction of a pretension, empty without; by how much the first side is pulled along it, so that
+        a bond is closed when the sides are apart by that (m)
     turn, pivot : of a rigid partner that turns: (t,) about (d,) the pivot (rad, m); empty for all others
     at : of both sides (m, d), points of application of the rows' forces (m); None where unknown
     slave : name of the body whose nodes carry the rows where the nodes do not match, else None
@@ -164,6 +166,8 @@ class Interface:
     gap_history: str | None = None
     scale: float = 1.0
     arc: np.ndarray = field(default_factory=lambda: np.empty(0))
+    pull: np.ndarray = field(default_factory=lambda: np.empty(0))
+    offset: float = 0.0
     turn: np.ndarray = field(default_factory=lambda: np.empty(0))
     pivot: np.ndarray = field(default_factory=lambda: np.empty(0))
     axisymmetric: bool = False
@@ -180,8 +184,9 @@ class Interface:
         return -np.einsum("id,id->i", self.directions, self.carried(self.places)[self.law.node])
 
     def carried(self, places: np.ndarray) -> np.ndarray:
-        """The displacement (k, d) of the rigid partner at places (k, d) (m); zero for bodies."""
-        return RigidMotion(self.displacement, self.turn, self.pivot).at(places)
+        """The displacement (k, d) of the rigid partner, or by the offset, at places (k, d) (m); of bodies zero."""
+        offset = self.offset * self.pull if self.offset else 0.0
+        return RigidMotion(self.displacement + offset, self.turn, self.pivot).at(places)
 
     @property
     def places(self) -> np.ndarray:

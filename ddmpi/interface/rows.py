@@ -17,7 +17,7 @@ from ddmpi.scene.values import Profile
 from ddmpi.surface.cut import Cover
 from ddmpi.surface.outline import Outline, Outlined, drawn_cells, whole_facets
 from ddmpi.surface.side import Side, frames, laplacian, unit
-from ddmpi.system.numbers import is_touched
+from ddmpi.system.numbers import in_words, is_touched
 
 NOTHING = 1e-12
 """Entries of transfers below this are rounding."""
@@ -95,30 +95,33 @@ class Rows:
 
 
 def rows_of(sides: tuple[Side, Side], slave: int, over: Cover, psi: sparse.csr_matrix, parts: sparse.csr_matrix,
-            across: np.ndarray) -> Rows:
+            across: np.ndarray, measure: sparse.csr_matrix | None = None) -> Rows:
     """The rows of the slave, `sides[slave]`, which faces the other side at the points of `over`. Not collective.
 
     Parameters
     ----------
-    psi : (q, k) sparse, w ψ: functions of the slave's nodes at the points, times the points' weights
-    parts : (k, k) sparse, θ = parts ψ: how much of the functions of all nodes a node takes over; empty rows are dropped
+    psi : (q, j) sparse, w ψ: functions at the points, times the points' weights
+    parts : (k, j) sparse, θ = parts ψ: how much of these functions a node of the slave takes; empty rows are dropped
     across : (q, d) normals at the points, of any length, out of the slave
+    measure : (k, j) as `parts`, of the functions with the same integrals that measure gaps, the first k of `psi`, those
+        of the nodes; left out, θ
     """
     nodes, place = np.flatnonzero(np.diff(parts.indptr)), np.full(parts.shape[0], -1)
     place[nodes] = np.arange(len(nodes))
-    theta = (parts[nodes] @ psi.T).tocsr()
+    parts, measure, psi = parts[nodes], (parts if measure is None else measure)[nodes], psi.T.tocsr()
     # D_j = ∫ θ_j, the nodal length; n_j ∝ ∫ θ_j n.
-    area, normal = theta @ np.ones(len(over.facet)), unit(theta @ across)
+    area, normal = parts @ (psi @ np.ones(len(over.facet))), unit(parts @ (psi @ across))
     # The cover measures gaps along the slave's normals; the cosine turns them onto the row's normal.
-    gap = theta @ over.gap / area * np.einsum("ij,ij->i", unit(theta @ over.direction), normal)
+    turned = np.einsum("ij,ij->i", unit(measure @ (psi @ over.direction)), normal)
+    gap = measure @ (psi @ over.gap) / area * turned
     side, points = sides[slave], between(sides, slave, over)
     share = np.bincount(over.facet, over.weight, len(side.facets))
     seen = np.isin(np.arange(len(side.facets)), over.facet)
     # P = D⁻¹ ∫ θ φ for both sides; for the slave it is the identity unless rows are merged.
-    one, other = (means(theta @ transfer, area) for transfer in points.transfer)
+    one, other = (means(parts @ (psi @ transfer), area) for transfer in points.transfer)
     return Rows(sides, slave, nodes, place, seen, (one, other), normal if slave == 0 else -normal, area,
                 without_rounding(gap, side.spacing[nodes]), np.zeros(len(nodes)), np.zeros(len(place), bool),
-                seen & (share >= (1.0 - LACKING) * side.areas), parts[nodes].T.tocsr(), points=points)
+                seen & (share >= (1.0 - LACKING) * side.areas), measure[:, :len(place)].T.tocsr(), points=points)
 
 
 def between(sides: tuple[Side, Side], slave: int, over: Cover) -> Places:
@@ -156,6 +159,8 @@ def build(rows: Rows, contact: SettledContact) -> Interface:
     row = number[np.where(rows.bound, -1, rows.place)]
     lines = replace(rows.lines, row=number[rows.lines.row],
                     area=rows.lines.area * (not rows.pointwise)).only(~dropped[rows.lines.row])
+    pull = unit(np.array([contact.pretension.along]))[0] if contact.pretension else np.empty(0)
+    _refuse_held(contact, pull, frame, live, xy)
     xy, arc, area, places = xy[keep], rows.arc[keep], rows.area[keep], _at_rows(rows, ~dropped, start)
     return Interface(
         name=contact.name, bodies=(sides[0].body, sides[1].body), xy=xy, frame=frame[keep], area=area, gap=places.gap,
@@ -168,7 +173,16 @@ def build(rows: Rows, contact: SettledContact) -> Interface:
         slave=side.body if rows.points else None, lines=lines, outline=_outline(rows, keep),
         at=(rows.transfers[0][keep] @ sides[0].xy, rows.transfers[1][keep] @ sides[1].xy),
         axisymmetric=side.axisymmetric, pointwise=rows.pointwise,
-        fixed=_at_rows(rows, dropped, start), probes=_probes(rows, contact, dropped, start))
+        fixed=_at_rows(rows, dropped, start), probes=_probes(rows, contact, dropped, start), pull=pull)
+
+
+def _refuse_held(contact: SettledContact, pull: np.ndarray, frame: np.ndarray, live: np.ndarray,
+                 xy: np.ndarray) -> None:
+    """InputError where clamps of both sides hold nodes along the direction `pull` of a pretension, by the frames
+    (r, d, d) of the rows at places `xy` (r, d) and which of their directions move (r, d)."""
+    if len(pull) and (left := np.linalg.norm(np.einsum("rcd,d->rc", frame, pull) * ~live, axis=1)).max() > SAME:
+        raise InputError(f"contact.{contact.name}.pretension: at {in_words(xy[left.argmax()])} clamps hold both sides "
+                         f"along {in_words(pull, 3)}, so that the bond cannot be pulled; leave one side free there")
 
 
 def _along_clamps(rows: Rows, frame: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -283,14 +297,22 @@ def at_points(phi: np.ndarray, nodes: np.ndarray, size: int) -> sparse.csr_matri
     return sparse.csr_matrix((phi.ravel(), (points, nodes.ravel())), (len(phi), size))
 
 
-def duals(side: Side, over: Cover, phi: np.ndarray, sliver: float, alone: np.ndarray | float) -> np.ndarray:
+def duals(side: Side, over: Cover, phi: np.ndarray, sliver: float, alone: np.ndarray | float,
+          kept: np.ndarray | None = None) -> np.ndarray:
     """w ψ (q, c) at the points with weights w: ∫ ψ_j φ_k = δ_jk ∫ φ_j over the covered part of each facet, for the
-    functions φ (q, c) of a side. Facets covered by less than the fraction `sliver` get ψ = `alone`."""
+    functions φ (q, c) of a side. Facets covered by less than the fraction `sliver` get ψ = `alone`. The functions that
+    `kept` (f, c) marks stay ψ = φ, and the others are dual among themselves, so that all ψ still sum to one."""
     covered, part = np.unique(over.facet, return_inverse=True)
     integrals, mass = (np.zeros((len(covered), *phi.shape[1:] * times)) for times in (1, 2))
     # ψ = D_e M_e⁻¹ φ with D_e = diag ∫ φ_j and M_e = ∫ φ_i φ_j over the covered part of facet e (Wohlmuth 2000).
     np.add.at(integrals, part, over.weight[:, None] * phi)
     np.add.at(mass, part, np.einsum("q,qi,qj->qij", over.weight, phi, phi))
+    if kept is not None:
+        # With N the others: ψ_N = diag(M_NN 1) M_NN⁻¹ φ_N.
+        its = kept[covered]
+        mass[its[:, :, None] | its[:, None]] = 0.0
+        integrals = np.where(its, 1.0, mass.sum(axis=2))
+        mass += its[:, :, None] * np.eye(phi.shape[1])
     thin = np.bincount(part, over.weight, len(covered)) < sliver * side.areas[covered]
     # Over a sliver M_e is nearly singular; its inverse is not used.
     mass[thin] = np.eye(phi.shape[1])

@@ -38,6 +38,7 @@ class ContactTotals(NamedTuple):
     acting : sum of the sizes of the components of the nodes' forces (N)
     opening : smallest gap at and between the nodes (m)
     closed : length, in space area, of the nodes that are not open
+    pretension : of a bond that has one: force on the first body along its direction (N), and offset (m)
     """
 
     force: np.ndarray
@@ -60,11 +61,13 @@ class ContactTotals(NamedTuple):
     opening: float
     closed: float
     moment_imbalance: tuple[float, float]
+    pretension: dict[str, float] | None
 
     @property
     def resultants(self) -> dict[str, Any]:
         """The entries that are written at every load step."""
-        return {name: getattr(self, name) for name in RESULTANTS}
+        return {name: getattr(self, name) for name in RESULTANTS} | (
+            {"pretension": self.pretension} if self.pretension else {})
 
     @property
     def deepest(self) -> float:
@@ -180,7 +183,8 @@ class ContactState:
             RigidMotion(interface.displacement, interface.turn, interface.pivot) if interface.on_rigid else None,
             float(self.pressure.max()), float(normal.max()), float(normal.sum()), float(np.abs(self.forces).sum()),
             float(self.between.min(initial=self.gap.min())), float(interface.area[self.status != "open"].sum()),
-            self.moment_imbalance)
+            self.moment_imbalance, {"force": float(self.force @ interface.pull), "offset": interface.offset}
+            if len(interface.pull) else None)
 
     @property
     def deepest(self) -> float:

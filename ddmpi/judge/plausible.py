@@ -128,7 +128,8 @@ def doubt_answer(assembly: Assembly, displacements: Mapping[str, np.ndarray], st
     both, by_contact = assembly.exchange.swap_objects(moved), {}
     for interface in assembly.space.interfaces:
         state, ((first, largest), second) = states[interface.name], both[interface.name]
-        other, largest_of_other = second or (state.interface.carried(state.interface.places), 0.0)
+        carried = state.interface.carried(state.interface.places)
+        other, largest_of_other = (second[0] + carried, second[1]) if second else (carried, 0.0)
         largest = max(largest, largest_of_other)
         warnings = [*_far_slip(assembly, state, first - other), *_overlap_between(assembly, state, largest),
                     *_held_through_air(state, LIMIT["idle"] * most, units["length"])]

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import functools
+import hashlib
 import os
+import re
 import stat
 from collections.abc import Callable, Collection
 from dataclasses import replace
@@ -25,6 +27,10 @@ from ddmpi.system.numbers import in_words
 
 EACH = 200.0
 """Least memory of a linear cell (bytes): nodes, groups, and its part of the stiffness."""
+
+NAMES_OTHERS = {".geo": rb"include|merge|open|import|shapefromfile", ".inp": rb"\*include|input *=",
+                ".xdmf": rb"", ".xmf": rb""}
+"""By the end of a file's name, what its text has where it names other files; XDMF keeps its data beside it."""
 
 ROUNDING = 1e-12
 """Nodes lie on the axis up to this fraction of the largest coordinate."""
@@ -85,6 +91,16 @@ def build_mesh(body: BodySpec, folder: Path = Path("."), contacts: Collection[st
             # a clamp holds nodes, of points and curves as well; all else acts on facets
             mesh.nodes_of(acting.on) if name == "clamp" else mesh.facets(acting.on)
     return mesh
+
+
+def content(body: BodySpec, folder: Path = Path(".")) -> bytes | None:
+    """A digest of the file of a body's mesh, empty for a shape; None where the file names others, see NAMES_OTHERS. Not
+    collective. Raises InputError."""
+    if body.mesh.shape:
+        return b""
+    path = locate_mesh(body, folder)
+    data, words = path.read_bytes(), NAMES_OTHERS.get(path.suffix.lower())
+    return None if words is not None and re.search(words, data, re.IGNORECASE) else hashlib.blake2b(data).digest()
 
 
 def _turned(mesh: Mesh, key: str, acted: Collection[str]) -> Mesh:

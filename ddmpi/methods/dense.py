@@ -56,7 +56,7 @@ class Direct:
         C_change = joint.product(change, "newton")
         right = linearised.restrict(wanted - point.r - C_change), joint.imbalance(point.s + change)
         softly = steered * steering.shared[linearised.unknown], springs * steering.diagonal[:rigid.size]
-        K = _matrix(self._C, linearised, rigid.Z, layer[linearised.unknown] + softly[0], softly[1])
+        K = matrix(self._C, linearised, joint, layer[linearised.unknown] + softly[0], softly[1])
         factors, pivots, singular = dgetrf(K)
         if singular:
             return None
@@ -70,12 +70,13 @@ class Direct:
         return Point(change, C_change - rigid.spread(alpha), alpha, joint.imbalance(point.s + change) - point.left)
 
 
-def _matrix(C: np.ndarray, linearised: Linearised, Z: sparse.csr_matrix, D: np.ndarray,
-            springs: np.ndarray) -> np.ndarray:
+def matrix(C: np.ndarray, linearised: Linearised, joint: Joint, D: np.ndarray, springs: np.ndarray) -> np.ndarray:
     """[Iᵀ C E + D, −Iᵀ Z; Zᵀ E, springs], of k unknown forces and j rigid motions. Not collective.
 
     C (size, size) is symmetric, Z (size, j) are the contact displacements of the motions, and D (k,) are compliances.
+    Motions that are kept have no equation of forces: they are zero.
     """
+    Z, springs = joint.rigid.Z @ sparse.diags(1.0 - joint.kept), np.where(joint.kept, 1.0, springs)
     unknown, turn, EZ = linearised.unknown, linearised.turn, Z.T
     if linearised.coupling.any():  # E = (1 + F) I with friction that follows the pressure
         size = len(unknown)

@@ -234,7 +234,7 @@ class LinearProblem:
             diagonal[:self._rigid] *= springs
             basis, E = linearised.basis, linearised.expansion
             self._coarse = CoarseSystem(preconditioner.motions, basis, basis if transposed else E, self._weights,
-                                        self._half_space.on_interface, diagonal, E if transposed else None)
+                                        self._half_space.on_interface, diagonal, joint.kept, E if transposed else None)
 
     def precondition(self, w: np.ndarray, h: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """The unknown forces y (k,) and rigid motions α of the half-space system for w (k,) in metres, h in newtons.

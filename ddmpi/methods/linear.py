@@ -15,12 +15,14 @@ for all parameters (implicit differentiation; E is `Linearised.expansion`, I its
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg.lapack import dgetrf, dgetrs
 
 from ddmpi.coupling.joint import Joint, Point
+from ddmpi.methods.dense import SMALL, matrix
 from ddmpi.methods.krylov import Linearised, LinearProblem, Preconditioner
 from ddmpi.system.numbers import norm
 
@@ -36,6 +38,9 @@ GAIN = 0.3
 
 PURPOSE = "derivative"
 """What products are counted for."""
+
+
+Solve = Callable[[np.ndarray, np.ndarray, float], tuple[np.ndarray, np.ndarray]]
 
 
 class Changed(NamedTuple):
@@ -67,7 +72,7 @@ class Linearisation:
         self.active = joint.space.laws.active_sets(self._q)
         self.linearised = Linearised.of(joint.space.laws.linearise(self.active))
         self._layer = self.linearised.spring / c
-        self._forcing = STEERED if joint.rigid.size else 0.1 * AIM
+        self._factors: tuple | None = None  # until they are asked for; empty where the compliance is not known
         self._problems: dict[bool, LinearProblem] = {}
 
     def along_slip(self, bounds: Sequence[np.ndarray]) -> np.ndarray:
@@ -94,33 +99,64 @@ class Linearisation:
         """The unknown forces y (k,), the motions α, C times the forces (size,), and the relative residual."""
         joint, space, rigid = self.joint, self.joint.space, self.joint.rigid
         y, alpha, product = np.zeros(len(f)), np.zeros(rigid.size), np.zeros(space.size)
+        h = np.where(joint.kept, 0.0, h)  # no forces are asked of motions that stay where they are
         residual = 0.0 if not (space.any(f) or h.any()) else np.inf
         if not residual or not space.any(np.ones(len(f))):
             return y, alpha, product, residual
-        if transposed not in self._problems:
-            self._problems[transposed] = LinearProblem(
-                joint, self._preconditioner, self.linearised, self._layer, precise=True, exact=True,
-                transposed=transposed, purpose=PURPOSE)
-        problem = self._problems[transposed]
+        solve = self._approximate(transposed)
+        outward, inward = ((self.linearised.place, self.linearised.contract) if transposed else
+                           (self.linearised.expand, self.linearised.restrict))
         left, out, pull, layer = f, h, norm(h), self._layer[self.linearised.unknown]
+        size = space.norm(f)
         for _ in range(ROUNDS):
-            if rigid.size:  # the nearest forces by half-spaces that balance what is left
-                dy, turn = problem.precondition(np.zeros_like(f), out)
-                y, alpha, left = y + dy, alpha + turn, left - problem.apply(dy, turn, AIM)
-            size, now = space.norms([f, left])
-            size = max(size, space.norm(problem.restrict(rigid.spread(alpha))))
-            more, turn, _ = problem.solve(left, min(max(0.5 * AIM * size / now, self._forcing), 0.1) if now else 0.1)
+            more, turn = solve(left, out, size)
             y, alpha = y + more, alpha + turn
             # the true equations: neither ε nor D at nodes of several contacts stands in them
-            product = joint.product(problem.expand(y), PURPOSE, AIM)
-            left = f - problem.restrict(product - rigid.spread(alpha)) - layer * y
-            out = h - rigid.sums(problem.expand(y))
-            misfit, size, now = space.norms([left, f, y])
-            size, pull = max(size, space.norm(problem.restrict(rigid.spread(alpha)))), max(pull, now)
+            product = joint.product(outward(y), PURPOSE, AIM)
+            left = f - inward(product - rigid.spread(alpha)) - layer * y
+            out = np.where(joint.kept, 0.0, h - rigid.sums(outward(y)))
+            # a motion may undo nearly all of f, and the forces on the way may cancel: both are sizes to compare with
+            misfit, moved, now = space.norms([left, inward(rigid.spread(alpha)), y])
+            size, pull = max(size, moved), max(pull, now)
             before, residual = residual, max(misfit / size if size else 0.0, norm(out) / pull if pull else 0.0)
             if residual <= AIM or not residual <= GAIN * before:
                 break
         return y, alpha, product, residual
+
+    def _approximate(self, transposed: bool) -> Solve:
+        """What solves the system, but for a little that steers it: a function of f (k,), h (rigid.size,) and the size
+        of the whole f, which returns y and α. By dense factors where one rank has a small compliance, else by GMRES."""
+        joint, lin, steering = self.joint, self.linearised, self._preconditioner
+        if self._factors is None:
+            C = joint.dense(SMALL) if 0 < lin.number <= SMALL else None
+            self._factors = () if C is None else dgetrf(matrix(
+                C, lin, joint, (self._layer + steering.shared)[lin.unknown],
+                steering.diagonal[:joint.rigid.size]))
+        if self._factors and not self._factors[2]:
+            lu, pivots, _ = self._factors
+
+            def by_factors(f: np.ndarray, h: np.ndarray, _: float) -> tuple[np.ndarray, np.ndarray]:
+                # the transposed matrix has −Zᵀ I in its second row, and β = −α beside it
+                sign = -1.0 if transposed else 1.0
+                found = dgetrs(lu, pivots, np.append(f, sign * h), trans=int(transposed))[0]
+                return found[:len(f)], sign * found[len(f):]
+
+            return by_factors
+        if transposed not in self._problems:
+            self._problems[transposed] = LinearProblem(joint, steering, lin, self._layer, precise=True, exact=True,
+                                                       transposed=transposed, purpose=PURPOSE)
+        problem, least = self._problems[transposed], STEERED if joint.rigid.size else 0.1 * AIM
+
+        def by_gmres(f: np.ndarray, h: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
+            y, alpha = np.zeros_like(f), np.zeros_like(h)
+            if len(h):  # the nearest forces by half-spaces that balance h
+                y, alpha = problem.precondition(y, h)
+                f = f - problem.apply(y, alpha, AIM)
+            now = joint.space.norm(f)
+            more, turn, _ = problem.solve(f, min(max(0.5 * AIM * size / now, least), 0.1) if now else 0.1)
+            return y + more, alpha + turn
+
+        return by_gmres
 
     def until(self, changed: Changed, bounds: Sequence[np.ndarray]) -> tuple[float, float]:
         """By how much the parameter may fall (negative) and rise until a node changes its status, if all is linear.
@@ -133,7 +169,7 @@ class Linearisation:
         for (law, q), (_, dq), (_, ds), active, bound in zip(
                 *(self.joint.space.laws.parts(x) for x in (self._q, change, changed.s)), self.active, bounds,
                 strict=False):
-            if law.name == "bonded":  # whose nodes keep their status
+            if law.two_sided:  # nodes of bonds and guides keep their status
                 continue
             (normal, t), (dn, dt) = law.split(q), law.split(dq)
             live = np.broadcast_to(law.live, law.size)[:law.m]

@@ -115,8 +115,7 @@ class Newton(Outer):
         foreseen : whether these predict this step, so that its first status of nodes follows from them
         """
         joint = self.joint
-        s, r, alpha = warm or (np.zeros(joint.size), -joint.d, np.zeros(joint.rigid.size))
-        self._at = Point(s, r, alpha, joint.imbalance(s))
+        self._at = Point(*warm, joint.imbalance(warm[0])) if warm else joint.at_rest()
         self._warm = warm is not None and self.space.any(self._pressed())
         self._path: Path | None = None
         self._paths = list(PATHS if len(joint.e) else PATHS[::-1])  # that are left

@@ -110,8 +110,7 @@ class Softening:
     def __init__(self, joint: Joint, c: np.ndarray) -> None:
         self._joint, self._space, self._laws, self._c = joint, joint.space, joint.space.laws, c
         self._two_sided = joint.space.spread([interface.law.two_sided for interface in joint.space.interfaces]) > 0
-        zero = np.zeros(joint.size)
-        self.point = Point(zero, -joint.d, np.zeros(joint.rigid.size), joint.imbalance(zero))
+        self.point = joint.at_rest()
         self._delta, self._seen = SOFTEST, 0.0  # of the present layer, and of the one that the active sets are of
         self._begin()
 
@@ -249,12 +248,12 @@ class InteriorPoints:
         self._unknown, self._rubbing = np.ones(size, bool), self._bounds(s)[0, :, 0] > 0.0
         self._unknown[rows[~self._rubbing]] = False  # no friction force at all
         self._rows = rows[self._rubbing]
-        r, alpha = joint.product(s, "newton") - joint.d, np.zeros(joint.rigid.size)
+        r, alpha = joint.product(s, "newton") - joint.d - joint.rigid.spread(joint.still), joint.still.copy()
         if joint.rigid.size:  # least squares: α = (ZᵀZ)⁻¹Zᵀr leaves the smallest gaps |r − Zα|
             identity = sparse.identity(size, format="csr")
             r, motions = CoarseSystem(joint.rigid, identity, identity, np.ones(size), lambda _, block: block,
-                                      np.full(joint.rigid.size, UNSEEN)).correct(r)
-            alpha = -motions
+                                      np.full(joint.rigid.size, UNSEEN), joint.kept).correct(r)
+            alpha -= motions
         # all gaps w begin as wide as the widest clearance, or as what the first force closes, or as r if that is wider
         w = self._space.largest(np.maximum(joint.space.opening, force / c))
         self._w, self._slip = np.where(self._normal, np.maximum(w, r), 0.0), r[self._rows]

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
+from collections.abc import Iterable, Iterator
 
 
 def as_arguments(table: dict[str, str | int | float | bool]) -> list[str]:
@@ -58,6 +60,37 @@ def unused_options() -> list[str]:
     left = [names[i].decode() for i in range(number.value)]
     library.PetscOptionsLeftRestore(None, *references)
     return left
+
+
+def conditions() -> list[tuple[str, str]]:
+    """The options that matter to a body alone: all but those of outer methods. Not collective."""
+    from petsc4py import PETSc
+
+    return sorted(pair for pair in PETSc.Options().getAll().items() if not pair[0].startswith(("newton_", "qp_")))
+
+
+@contextlib.contextmanager
+def asked_for() -> Iterator[set[str]]:
+    """The options that the block asks for, known at its end. Not collective."""
+    from petsc4py import PETSc
+
+    options, names = PETSc.Options(), set[str]()
+    given = options.getAll()
+    before = set(given) - set(unused_options()) if given else set()
+    for name, value in given.items() if before else ():  # a value that is set anew has not been asked for
+        options.delValue(name)
+        options.setValue(name, value)
+    yield names
+    names |= set(given) - set(unused_options()) if given else set()
+    ask(before)
+
+
+def ask(names: Iterable[str]) -> None:
+    """Note that these options are of use. Not collective."""
+    from petsc4py import PETSc
+
+    for name in names:
+        PETSc.Options().hasName(name)
 
 
 def silence_left() -> None:

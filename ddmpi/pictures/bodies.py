@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import shutil
+import subprocess
+import tempfile
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ddmpi.errors import OutputError
 from ddmpi.mesh.mesh import boundary_facets
 from ddmpi.pictures.moved import magnify, rigid_parts
 from ddmpi.pictures.sheet import COLOURS, FILLED, Sheet, above, by_value, colours_of, filled, mark, rounded
@@ -22,6 +26,9 @@ from ddmpi.system.numbers import RigidMotion, crossed, scaled_unit
 
 BRIGHTEST = 99.5
 """Percentile at which the colours of stresses end: singular stresses in corners must not set the scale."""
+
+NARROW = 6.5
+"""Width of figures (inches) in which a title takes another line."""
 
 MOVED, TURNED_BY = 0.1, 0.3
 """Largest displacement in the picture of a mechanism, over the bodies' extent, and largest rotation (rad)."""
@@ -60,12 +67,13 @@ def draw_bodies(results: Results) -> Any:
     sheet.outline(still, facets, beyond)
     sheet.show([Surface(at, facets, by_value(values[facets] / factor, image), beyond, plain=True)])
     sheet.colours(image, f"{quantity} ({unit})", "max" if seen.max() > top else "neither")
-    largest = np.flatnonzero(values >= seen.max())
-    largest = largest[sheet.shows(at[largest], beyond[largest])] if sheet.view.solid else largest[:1]
-    if len(largest) and seen.max():
-        mark(sheet.axes, sheet.place(at[largest[0]])[:2], f"{rounded(seen.max() / factor)} {unit}")
-    words = f"{quantity} up to {rounded(seen.max() / factor)} {unit}; " if quantity != "displacement" else ""
+    most, node = largest_of(fields)
+    if most and (not sheet.view.solid or sheet.shows(at[[node]], beyond[[node]])[0]):
+        mark(sheet.axes, sheet.place(at[node])[:2], f"{rounded(most / factor)} {unit}")
+    words = f"{quantity} up to {rounded(most / factor)} {unit}; " if quantity != "displacement" else ""
     factor, unit = scaled_unit(moved, results.summary["units"]["length"])
+    if sheet.figure.get_figwidth() < NARROW:
+        words = words.replace("; ", "\n")
     sheet.figure.suptitle(f"{results.heading(True)}{words}displacement × {scale:g}, "
                           f"largest {rounded(moved / factor)} {unit}")
     return sheet.figure
@@ -77,6 +85,17 @@ def coloured(results: Results, fields: dict[str, np.ndarray]) -> tuple[np.ndarra
     if "nodal_von_mises" in fields:
         return fields["nodal_von_mises"], "von Mises stress", output["stress_unit"]
     return np.linalg.norm(fields["displacement"], axis=1), "displacement", output["length_unit"]
+
+
+def largest_of(fields: dict[str, np.ndarray]) -> tuple[float, int]:
+    """The largest value of `coloured`, and a node where it is. A stress is that of a cell, as in the summary: at nodes
+    it is extrapolated."""
+    if "nodal_von_mises" not in fields:
+        size = np.linalg.norm(fields["displacement"], axis=1)
+        return float(size.max()), int(size.argmax())
+    cell = fields["von_mises"].argmax()
+    corners = fields["cells"][cell]
+    return float(fields["von_mises"][cell]), int(corners[fields["nodal_von_mises"][corners].argmax()])
 
 
 def _both_halves(facets: np.ndarray, at: np.ndarray, still: np.ndarray, *values: np.ndarray) -> list[np.ndarray]:
@@ -158,7 +177,8 @@ def middles(results: Results) -> list[np.ndarray]:
 
 
 def animate(results: Results, folder: Path, title: str) -> Path:
-    """Write animation.gif: the deformed bodies at the load steps whose fields are in the `folder`; its path.
+    """Write animation.gif, and where ffmpeg is installed animation.mp4: the deformed bodies at the load steps whose
+    fields are in the `folder`; the path of the first.
 
     Colours are von Mises stress, or displacement if there is no stress. All frames have the same colours, limits and
     magnification: the one that suits the largest displacement of all. Not collective. Raises OutputError.
@@ -198,11 +218,28 @@ def animate(results: Results, folder: Path, title: str) -> Path:
     some = frames[::len(frames) // 20 + 1]
     palette = Image.fromarray(np.vstack([np.asarray(frame)[::2, ::2] for frame in some])).quantize()
     first, *others = (frame.quantize(palette=palette) for frame in frames)
+    rate = float(np.clip(len(frames) / SECONDS, SLOWEST, FASTEST))
     with writing(path):
         path.unlink(missing_ok=True)  # it may be a link
-        first.save(path, save_all=True, append_images=others, loop=0,
-                   duration=1000.0 / float(np.clip(len(frames) / SECONDS, SLOWEST, FASTEST)))
+        first.save(path, save_all=True, append_images=others, loop=0, duration=1000.0 / rate)
+    if ffmpeg := shutil.which("ffmpeg"):
+        _write_video(path.with_suffix(".mp4"), frames, rate, ffmpeg)
     return path
+
+
+def _write_video(path: Path, frames: Sequence[Any], rate: float, ffmpeg: str) -> None:
+    """Write pictures of one size as a video in H.264, of which the sides are even. Raises OutputError."""
+    width, height = frames[0].size
+    with writing(path), tempfile.TemporaryFile() as raw:  # no pipe: PETSc ends a program whose pipe is closed
+        path.unlink(missing_ok=True)
+        raw.writelines(frame.tobytes() for frame in frames)
+        raw.seek(0)
+        done = subprocess.run(
+            [ffmpeg, *f"-loglevel error -f rawvideo -pix_fmt rgb24 -s {width}x{height} -r {rate:g} -i -".split(),
+             "-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2:color=white", "-pix_fmt", "yuv420p", str(path)],
+            stdin=raw, capture_output=True)
+    if done.returncode:
+        raise OutputError(f"{path}: ffmpeg could not write it: {done.stderr.decode(errors='replace').strip()}")
 
 
 def _frames(folder: Path) -> Iterator[tuple[float, dict[str, np.ndarray]]]:

@@ -10,12 +10,11 @@ import numpy as np
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from scipy.spatial import cKDTree
 
 from ddmpi.mesh.elements import normals
-from ddmpi.mesh.mesh import boundary_facets, signed_measures
+from ddmpi.mesh.mesh import signed_measures
 from ddmpi.pictures.bodies import middles, skin_of
-from ddmpi.pictures.moved import rigid_parts
+from ddmpi.pictures.moved import FACING, STRAIGHT, apart, directions, first_is_slave, rigid_parts
 from ddmpi.pictures.sheet import (
     COLOURS,
     RESOLVED,
@@ -29,7 +28,7 @@ from ddmpi.pictures.sheet import (
     signed_colours,
     zone_legend,
 )
-from ddmpi.pictures.views import Surface, View
+from ddmpi.pictures.views import Surface, View, rim
 from ddmpi.results.fields import owners, vectors
 from ddmpi.results.tables import STATUS, Columns, Results, chains, drawn_rows
 from ddmpi.surface.side import nodal, unit
@@ -42,17 +41,8 @@ plane the largest pressure has 0.8 of it."""
 WEAK = 0.01
 """Resultants below this fraction of the largest are not drawn."""
 
-FACING, STRAIGHT = 0.4, 0.02
-"""A contact is seen from the front if the mean of its normals is longer than the first, and is unrolled about an axis
-if the mean square of their parts along it is at most the second. Directions whose cosine differs from 1 by less than
-the second are those of x, y or z."""
-
-OPENED, ABOVE = 0.45, 2e-3
-"""How far contacts are drawn open over the root of their areas; and colours above the bodies that bear them, over the
-bodies' extent."""
-
-MEETING = 0.02
-"""Edges of cells meet if they are this near to each other, over their length."""
+ABOVE = 2e-3
+"""How far colours are drawn above the bodies that bear them, over the bodies' extent."""
 
 APART = 1e-3
 """Flats are apart if they are, over the extent of the contact."""
@@ -106,7 +96,7 @@ def draw_contacts(results: Results) -> Any:
         sheet.figure.set_figheight(sheet.figure.get_figheight() + 0.5)  # for the legend
         sheet.write(list(results.summary["bodies"]), middles(results))
     else:
-        shifts = _apart(results)
+        shifts = apart(results, View(points, results.summary["scene"]["output"]))
         at = skin.extended(points + np.array([shifts[name] for name in results.summary["bodies"]])[owners(results)])
         most = float(np.percentile(np.abs(stresses[stresses != 0.0]), BRIGHTEST)) if top else 1.0
         image = signed_colours(-most / factor * (low < 0.0), most / factor, "YlOrRd")
@@ -152,39 +142,6 @@ def _resultants(results: Results, size: float) -> tuple[dict[str, np.ndarray], f
     return arrows, largest
 
 
-def _apart(results: Results) -> dict[str, np.ndarray]:
-    """Shifts (3,) of bodies and rigid partners, by name, that open contacts so that both sides can be seen (m).
-
-    Two that face each other move apart along the mean normal, by OPENED times the root of the area; one that is around
-    the other is drawn off along the axis, towards the eye, unless others part them.
-    """
-    scene = results.summary["scene"]
-    names = [*results.summary["bodies"], *(rigid["name"] for rigid in scene.get("rigid", ()))]
-    rows, aims = np.zeros((len(scene["contact"]), len(names))), np.zeros((len(scene["contact"]), 3))
-    for row, aim, contact in zip(rows, aims, scene["contact"], strict=True):
-        points, cells = results.surfaces[contact["name"]]["points"], results.triangles(contact["name"])
-        across = normals(points[cells]) / 2 * (1.0 if _first_is_slave(results, contact) else -1.0)
-        area = np.linalg.norm(across, axis=1)
-        if not area.any():
-            continue
-        mean, second = across.sum(axis=0) / area.sum(), np.einsum("ci,cj,c->ij", across, across, 1.0 / area)
-        least, axes = np.linalg.eigh(second / area.sum())
-        faces, weight = np.linalg.norm(mean) > FACING, 1.0
-        if faces:
-            aim[:] = -OPENED * np.sqrt(area.sum()) * unit(mean)
-        elif least[0] <= STRAIGHT and least[1] > STRAIGHT:
-            eye = View(results.points, scene["output"]).axes[2]
-            aim[:] = 1.1 * np.ptp(points @ axes[:, 0]) * axes[:, 0] * (1.0 if axes[:, 0] @ eye > 0.0 else -1.0)
-            weight = 1e-3  # others come first
-        row[[names.index(name) for name in contact["bodies"]]] = weight, -weight
-        aim *= weight
-    return dict(zip(names, np.linalg.pinv(rows) @ aims, strict=True))
-
-
-def _first_is_slave(results: Results, contact: dict) -> bool:
-    return results.summary["contacts"][contact["name"]]["slave"] in (None, contact["bodies"][0])
-
-
 def _painted(results: Results, names: Collection[str], shifts: dict[str, np.ndarray], image: Any,
              factor: float) -> Iterator[tuple[Surface, np.ndarray]]:
     """The surfaces of some contacts as they lie on either side, shifted with it; their pressures (n,) over `factor`."""
@@ -194,7 +151,7 @@ def _painted(results: Results, names: Collection[str], shifts: dict[str, np.ndar
         pressure = np.nan_to_num(surface["pressure"]) / factor
         outward = unit(nodal(normals(surface["points"][cells])[:, None].repeat(3, axis=1), cells, len(pressure)))
         for body, own in zip(contact["bodies"], (True, False), strict=True):
-            facets, sign = (cells, 1.0) if own == _first_is_slave(results, contact) else (cells[:, ::-1], -1.0)
+            facets, sign = (cells, 1.0) if own == first_is_slave(results, contact) else (cells[:, ::-1], -1.0)
             at = surface["points"] + sign * off * outward + shifts[body]
             yield Surface(at, facets, by_value(pressure[facets], image), view.beyond(surface["points"]), plain=True,
                           edges=""), pressure
@@ -221,7 +178,8 @@ def _profiles(results: Results, scale: float,
 def draw_maps(results: Results, name: str) -> Any:
     """Pressure, zones, friction with arrows of slip, and gap or slip, if there is any, on a contact; a figure."""
     surface, cells, summary = results.surfaces[name], results.triangles(name), results.summary
-    at, labels, along = flatten(surface["points"], cells)
+    table = results.contacts[name]
+    at, labels, along = flatten(surface["points"], cells, *directions(vectors(table, "n"), table["area"]))
     asked = next(contact for contact in summary["scene"]["contact"] if contact["name"] == name)
     visible = RESOLVED * summary["displacement_max"]
     gaps, slips = (np.abs(surface[what]).max(initial=0.0) > visible for what in ("gap", "slip"))
@@ -275,23 +233,6 @@ def draw_maps(results: Results, name: str) -> Any:
     return figure
 
 
-def rim(points: np.ndarray, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Edges (e, 2) where cells (c, 3) between `points` end, and the cell (e,) of each. Within a surface, too, there are
-    cells with points of others along their edges: an edge is none of the rim if its middle lies on another one."""
-    edges, owner = boundary_facets(cells)
-    ends = points[edges]
-    middle, along = ends.mean(axis=1), ends[:, 1] - ends[:, 0]
-    length = np.linalg.norm(along, axis=1)
-    pairs = cKDTree(middle).query_ball_point(middle, 0.51 * length.max(initial=0.0))
-    one, other = np.repeat(np.arange(len(edges)), list(map(len, pairs))), np.concatenate([np.zeros(0, int), *pairs])
-    one, other = one[one != other], other[one != other].astype(int)
-    away = middle[one] - ends[other, 0]
-    share = np.clip(np.einsum("pd,pd->p", away, along[other]) / length[other] ** 2, 0.0, 1.0)
-    met = np.linalg.norm(away - share[:, None] * along[other], axis=1) < MEETING * length[one]
-    inner = np.bincount(one, met, len(edges)) > 0
-    return edges[~inner], owner[~inner]
-
-
 def _shown(at: np.ndarray, closed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Corners (2,) of what maps show of facets (f, 3, 2) that are `closed` (f, 3) at some corners: all, or if these are
     a SMALL part, them with their surroundings."""
@@ -306,17 +247,14 @@ def _shown(at: np.ndarray, closed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return low - margin, high + margin
 
 
-def flatten(points: np.ndarray, cells: np.ndarray) -> tuple[np.ndarray, tuple[str, str], np.ndarray]:
+def flatten(points: np.ndarray, cells: np.ndarray, mean: np.ndarray, least: np.ndarray,
+            axes: np.ndarray) -> tuple[np.ndarray, tuple[str, str], np.ndarray]:
     """Where the corners of cells (c, 3) between `points` (n, 3) are drawn (c, 3, 2) (m), what the two coordinates are,
-    and unit vectors (n, 2, 3) along them at the points.
+    and unit vectors (n, 2, 3) along them at the points. The contact's normals have `directions`.
 
     What faces one way by and large is seen along its mean normal. Flats that face each other's back stand side by side.
     What goes around an axis is unrolled, and cut where the contact has its largest hole.
     """
-    across = normals(points[cells])
-    area = np.linalg.norm(across, axis=1)
-    mean, second = across.sum(axis=0) / area.sum(), np.einsum("ci,cj,c->ij", across, across, 1.0 / area) / area.sum()
-    least, axes = np.linalg.eigh(second)
     if np.linalg.norm(mean) > FACING or least[0] > STRAIGHT or least[2] > 1.0 - STRAIGHT:
         front = unit(mean) if np.linalg.norm(mean) > FACING else axes[:, 2]
         k = int(np.abs(front).argmax())
@@ -335,7 +273,7 @@ def flatten(points: np.ndarray, cells: np.ndarray) -> tuple[np.ndarray, tuple[st
             at[..., 0] += (1.2 * np.ptp(at[..., 0]) * floor)[:, None]
             labels[0] += " (side by side)" if len(heights) > 1 else ""
         return at, (labels[0], labels[1]), np.broadcast_to(along, (len(points), 2, 3))
-    normal = unit(nodal(across[:, None].repeat(3, axis=1), cells, len(points)))
+    normal = unit(nodal(normals(points[cells])[:, None].repeat(3, axis=1), cells, len(points)))
     axis = axes[:, 0] * np.sign(axes[np.abs(axes[:, 0]).argmax(), 0])
     planes = np.eye(3) - normal[:, :, None] * normal[:, None, :] - np.outer(axis, axis)  # distances from its normal
     middle = np.linalg.lstsq(planes.sum(axis=0), np.einsum("lij,lj->i", planes, points), rcond=None)[0]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import matplotlib.pyplot as plt
@@ -26,6 +27,9 @@ ROUNDING = 1e-6
 
 LOOPS = 3
 """Largest number of contacts, those with the largest forces, with loops and stresses in pictures."""
+
+ALIKE = 0.01
+"""Forces of two contacts that differ by less than this, over the largest, are drawn as one."""
 
 CURVES = 8
 """Largest number of ends of legs in a picture, from the first to the last."""
@@ -162,28 +166,44 @@ def draw_steps(results: Results) -> Any:
                for name in results.contacts}
     tied = {contact["name"] for contact in summary["scene"]["contact"] if contact.get("kind") in ("bonded", "guided")}
     loops = [name for name in largest if name not in tied] or largest
-    shown = sorted(loops, key=lambda name: -largest[name])[:LOOPS]
+    names = _without_doubles(sorted(loops, key=lambda name: -largest[name]), results)
+    shown = list(names)[:LOOPS]
     figure, grid = plt.subplots(len(shown) + 1, 2, figsize=(9.6, 2.9 * (len(shown) + 1)), squeeze=False)
     loop, energies = grid[0]
     words: dict[str, None] = {}
     label, driver = _driver(summary, results.energy["time"])
     for name in shown:
         rows = {key: values[steps["contact"] == name] for key, values in steps.items()}
-        what, column, of_one = _resultant(rows), "tangential_force", name
+        what, column, of_one = _resultant(rows), "tangential_force", names[name]
         if what == "moment":
             column = max((f"moment_{axis}" for axis in "xyz"), key=lambda component: np.ptp(rows[component]))
-            of_one = f"{name}, {column.replace('_', ' ')}"
+            of_one = f"{names[name]}, {column.replace('_', ' ')}"
         loop.plot(driver, np.append(0.0, rows[column]), marker=".", label=of_one)
         words[f"{'tangential ' * (what == 'force')}{what} ({summary['units'][what]})"] = None
     loop.set(xlabel=label, ylabel=", ".join(words))
     _draw_energies(energies, results.energy, summary["units"]["energy"])
     for axes, name in zip(grid[1:], shown, strict=True):
         (_draw_stresses if results.dimension == 2 else _draw_course)(axes, name, results, summary["units"])
+        axes[0].set_ylabel(axes[0].get_ylabel().replace(f"of {name} ", f"of {names[name]} "))
     for axes in (loop, energies):
         axes.axhline(0.0, color="black", linewidth=0.6)
         above(axes, axes.get_legend_handles_labels()[0], 2)
     figure.suptitle(f"{results.heading()}{len(results.energy['time'])} load steps")
     return figure
+
+
+def _without_doubles(names: Sequence[str], results: Results) -> dict[str, str]:
+    """Those of the contacts whose forces need curves of their own, each with all that have the same, in words. In space
+    contacts in a row, as of a bolt and its washer, have the same forces; in the plane their stresses differ."""
+    found, words = dict[str, np.ndarray](), dict[str, list[str]]()
+    for name in names:
+        rows = results.steps["contact"] == name
+        curves = np.abs([results.steps[column][rows] for column in results.steps if column.startswith("force_")])
+        same = next((other for other, of in found.items() if "force_z" in results.steps
+                     and np.abs(curves - of).max() <= ALIKE * of.max()), name)
+        found.setdefault(same, curves)
+        words.setdefault(same, []).append(name)
+    return {name: ", ".join(alike) for name, alike in words.items()}
 
 
 def _driver(summary: dict, times: np.ndarray) -> tuple[str, np.ndarray]:

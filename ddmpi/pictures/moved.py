@@ -9,12 +9,12 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from ddmpi.pictures.sheet import COLOURS, MARGIN, filled, round_down
-from ddmpi.pictures.views import Surface
+from ddmpi.pictures.views import Surface, View
 from ddmpi.results.fields import owners, vectors
 from ddmpi.results.summary import factor_at, motion_at
 from ddmpi.results.tables import Columns, Results
 from ddmpi.scene.contacts import Rigid
-from ddmpi.surface.side import frames
+from ddmpi.surface.side import frames, unit
 from ddmpi.system.numbers import RigidMotion
 
 DRAWN = 0.08
@@ -25,6 +25,14 @@ INVISIBLE = 0.002
 
 FARTHEST = 100.0
 """Largest drawn displacement over the bodies' extent, whatever the magnification."""
+
+FACING, STRAIGHT = 0.4, 0.02
+"""A contact faces one way if the mean of its normals is longer than the first, and goes around an axis if the mean
+square of their parts along it is at most the second. Directions whose cosine differs from 1 by less than the second are
+those of x, y or z."""
+
+OPENED = 0.32
+"""How far contacts are drawn open, over the root of their areas."""
 
 AROUND = 1.25
 """Size of a drawn rigid surface in space over that of the part that bodies may touch."""
@@ -124,3 +132,39 @@ def _around(rigid: Rigid, at: np.ndarray, facets: np.ndarray) -> tuple[np.ndarra
         hull = ConvexHull(at @ frames(normal[:1])[0, 1:].T).vertices
         facets = np.stack([np.full(len(hull) - 2, hull[0]), hull[1:-1], hull[2:]], axis=1)
     return at, facets
+
+
+def apart(results: Results, view: View) -> dict[str, np.ndarray]:
+    """Shifts (3,) of bodies and rigid partners, by name, that open contacts so that both sides can be seen (m).
+
+    Two that face each other move apart along the mean normal, by OPENED times the root of the area; one that is around
+    the other is drawn off along the axis, towards the eye, unless others part them.
+    """
+    scene = results.summary["scene"]
+    names = [*results.summary["bodies"], *(rigid["name"] for rigid in scene.get("rigid", ()))]
+    rows, aims = np.zeros((len(scene["contact"]), len(names))), np.zeros((len(scene["contact"]), 3))
+    for row, aim, contact in zip(rows, aims, scene["contact"], strict=True):
+        table, points = results.contacts[contact["name"]], results.surfaces[contact["name"]]["points"]
+        if not table["area"].any():
+            continue
+        mean, least, axes = directions(vectors(table, "n"), table["area"])
+        weight = 1.0
+        if np.linalg.norm(mean) > FACING:
+            aim[:] = -OPENED * np.sqrt(table["area"].sum()) * unit(mean)
+        elif least[0] <= STRAIGHT and least[1] > STRAIGHT:
+            aim[:] = 1.1 * np.ptp(points @ axes[:, 0]) * axes[:, 0] * (1.0 if axes[:, 0] @ view.axes[2] > 0.0 else -1.0)
+            weight = 1e-3  # others come first
+        row[[names.index(name) for name in contact["bodies"]]] = weight, -weight
+        aim *= weight
+    return dict(zip(names, np.linalg.pinv(rows) @ aims, strict=True))
+
+
+def directions(normal: np.ndarray, area: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of the normals (l, 3) of a contact at nodes with areas (l,) the mean; and along which axes (3, 3), the columns,
+    they have the mean squares (3,), the least first."""
+    return (area @ normal / area.sum(), *np.linalg.eigh(np.einsum("l,li,lj->ij", area, normal, normal) / area.sum()))
+
+
+def first_is_slave(results: Results, contact: dict) -> bool:
+    """Whether the surface of a contact of the scene is that of its first body."""
+    return results.summary["contacts"][contact["name"]]["slave"] in (None, contact["bodies"][0])

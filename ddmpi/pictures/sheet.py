@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ddmpi.errors import InputError
-from ddmpi.pictures.views import Paint, Surface, View, is_seen, outlines, rasterise, unhidden
+from ddmpi.pictures.views import Paint, Surface, View, is_seen, outlines, rasterise, rim, unhidden
 from ddmpi.results.tables import Results
 from ddmpi.surface.side import unit
 from ddmpi.system.numbers import scaled_unit
@@ -183,8 +183,12 @@ class Sheet:
     def facets(self, pieces: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]], image: Any) -> None:
         """Draw facets (f, d) between places (k, d), lines or surfaces, by values (k,) in the colours of an image."""
         if self.view.solid:
-            self.show([Surface(at, facets, by_value(values[facets], image), thin=True, plain=True)
+            self.show([Surface(at, facets, by_value(values[facets], image), thin=True, plain=True, edges="")
                        for at, facets, values in pieces if len(facets)])
+            for at, facets, _ in pieces:
+                ends = (self.place(at)[rim(at, facets)[0]] - self._origin) / self._pixel
+                self.lines(unhidden(ends, self._depth) * self._pixel + self._origin[:2], colors="black", linewidth=0.6,
+                           zorder=3)
         for at, facets, values in () if self.view.solid else pieces:
             self.lines(at[facets], colors=image.to_rgba(values[facets].mean(axis=1)), linewidth=2.4, zorder=5)
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from ddmpi.errors import InputError
 from ddmpi.mesh.boundary import SHARPEST
@@ -28,6 +29,9 @@ plane; these come first."""
 
 ROUNDING = 1e-9
 """Nodes are on a cut up to this fraction of the bodies' extent."""
+
+MEETING = 0.02
+"""Edges of cells meet if they are this near to each other, over their length."""
 
 CHUNK = 2_000_000
 """Number of candidate pixels per block of work."""
@@ -51,6 +55,7 @@ class View:
         """Of nodes (nv, d), as the table `output` of a scene asks for. Raises InputError where a cut meets no body."""
         extent, self.solid, self.axes, self.cut = np.ptp(points, axis=0), points.shape[1] > 2, np.eye(3), None
         asked, cut = (output or {}).get("view"), (output or {}).get("cut") or {}
+        asked = None if isinstance(asked, bool) else asked  # whether there is a view.html
         across = {k: cut[axis] for k, axis in enumerate("xyz") if cut.get(axis) is not None}
         if not self.solid:
             if asked or across:
@@ -211,6 +216,18 @@ def outlines(at: np.ndarray, facets: np.ndarray, beyond: np.ndarray) -> np.ndarr
     They are those between facets that meet at more than SHARPEST, at the end of a surface, and where it turns away from
     the eye; without what is `beyond` (k,) a cut.
     """
+    pairs = sharp_edges(at, facets, silhouette=True)
+    pairs = pairs[(beyond[pairs] <= 0.0).any(axis=1)]
+    pairs = np.take_along_axis(pairs, np.argsort(beyond[pairs], axis=1), axis=1)
+    # what is beyond the cut goes: the edge ends where the distance, linear along it, is zero
+    low, high = beyond[pairs].T
+    share = np.where(high > 0.0, low / np.where(high > 0.0, low - high, 1.0), 1.0)[:, None]
+    return np.stack([at[pairs[:, 0]], (1.0 - share) * at[pairs[:, 0]] + share * at[pairs[:, 1]]], axis=1)
+
+
+def sharp_edges(at: np.ndarray, facets: np.ndarray, silhouette: bool = False) -> np.ndarray:
+    """Edges (e, 2) of facets (f, 3) between places (k, 3): where facets meet at more than SHARPEST, at the end of a
+    surface and, as a `silhouette`, where it turns away from the third axis."""
     normal = unit(np.cross(at[facets[:, 1]] - at[facets[:, 0]], at[facets[:, 2]] - at[facets[:, 0]]))
     pairs = np.sort(facets[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     key = pairs[:, 0] * len(at) + pairs[:, 1]
@@ -219,15 +236,25 @@ def outlines(at: np.ndarray, facets: np.ndarray, beyond: np.ndarray) -> np.ndarr
     a, b = (normal[order[np.minimum(first + k, len(order) - 1)] // 3] for k in (0, 1))
     # a silhouette: one of two facets faces the eye; facets without area have no direction
     flat = ~a.any(axis=1) | ~b.any(axis=1)
-    drawn = (count != 2) | ~flat & (
-        ((a * b).sum(axis=1) < np.cos(SHARPEST)) | ((a[:, 2] > 0.0) != (b[:, 2] > 0.0)))
-    pairs = pairs[order[first[drawn]]]
-    pairs = pairs[(beyond[pairs] <= 0.0).any(axis=1)]
-    pairs = np.take_along_axis(pairs, np.argsort(beyond[pairs], axis=1), axis=1)
-    # what is beyond the cut goes: the edge ends where the distance, linear along it, is zero
-    low, high = beyond[pairs].T
-    share = np.where(high > 0.0, low / np.where(high > 0.0, low - high, 1.0), 1.0)[:, None]
-    return np.stack([at[pairs[:, 0]], (1.0 - share) * at[pairs[:, 0]] + share * at[pairs[:, 1]]], axis=1)
+    turns = silhouette & ((a[:, 2] > 0.0) != (b[:, 2] > 0.0))
+    return pairs[order[first[(count != 2) | ~flat & (((a * b).sum(axis=1) < np.cos(SHARPEST)) | turns)]]]
+
+
+def rim(points: np.ndarray, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Edges (e, 2) where cells (c, 3) between `points` end, and the cell (e,) of each. Within a surface, too, there are
+    cells with points of others along their edges: an edge is none of the rim if its middle lies on another one."""
+    edges, owner = boundary_facets(cells)
+    ends = points[edges]
+    middle, along = ends.mean(axis=1), ends[:, 1] - ends[:, 0]
+    length = np.linalg.norm(along, axis=1)
+    pairs = cKDTree(middle).query_ball_point(middle, 0.51 * length.max(initial=0.0))
+    one, other = np.repeat(np.arange(len(edges)), list(map(len, pairs))), np.concatenate([np.zeros(0, int), *pairs])
+    one, other = one[one != other], other[one != other].astype(int)
+    away = middle[one] - ends[other, 0]
+    share = np.clip(np.einsum("pd,pd->p", away, along[other]) / length[other] ** 2, 0.0, 1.0)
+    met = np.linalg.norm(away - share[:, None] * along[other], axis=1) < MEETING * length[one]
+    inner = np.bincount(one, met, len(edges)) > 0
+    return edges[~inner], owner[~inner]
 
 
 def unhidden(edges: np.ndarray, depth: np.ndarray) -> np.ndarray:

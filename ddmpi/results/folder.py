@@ -51,6 +51,8 @@ FILES = {
                  "in them: its first point and cell, and their numbers; the facets, pairs of lines of "
                  "contact_NAME.csv whose nodes are neighbours, of solids triples, and initial_gap of each line at "
                  "the factor 1 of its history",
+    "view.html": "with `[output] view = true` or by `ddmpi view`: one file in which a browser turns the bodies, with "
+                 "stresses, displacements and contact pressures, load steps and a cut; it needs no network",
     "bodies.png": "the deformed bodies, coloured by von Mises stress, else by displacement. Displacements are enlarged "
                   "as the title says, grey outlines are undeformed, and closed contacts are drawn closed",
     "contact.png": "of one contact: stresses, slip bound, gap and slip along the contact, and its zones; of solids, "
@@ -63,6 +65,7 @@ FILES = {
     "steps.png": "with load steps: loops of the tangential force, energies, contact stresses at the ends of legs; of "
                  "solids, loops of the tangential force, energies, forces and numbers of nodes over time",
     "animation.gif": "with load steps, if asked for: the moving bodies",
+    "animation.mp4": "the same as a video, where ffmpeg is installed",
     "error.png": "if asked for: where the estimated discretization error is",
     "mechanism.json": "where there is no equilibrium: centres of the loose bodies and their velocities "
                       "(x, y, turning; in space x, y, z, and turning about them) in the mechanism, of which the "

@@ -108,6 +108,8 @@ SUMMARY = {
     "contacts.NAME.slip": Row("slip", "", "number of slipping nodes"),
     "contacts.NAME.stick": Row("stick", "", "number of sticking nodes"),
     "contacts.NAME.dissipated": Row("dissipated", "energy", "frictional work of all load steps"),
+    "contacts.NAME.pretension.force": "of a bond with a pretension: the force on the first body along its direction",
+    "contacts.NAME.pretension.offset": "by how much the first side is pulled along it, past the second",
     "contacts.NAME.pressure_max": Row("largest pressure", "stress", "largest normal stress of a node"),
     **{f"contacts.NAME.certificate.{kind}": Row(kind.replace("_", " "), "", RESIDUALS[kind])
        for kind in ContactResiduals._fields},
@@ -129,8 +131,8 @@ SUMMARY = {
     "certificate.equilibrium": "the worst of all bodies, pushed partners and load steps",
     "certificate_limit": "the largest residual of a certified answer: 50 times the tolerance, but at most 0.05",
     "steps": "load steps in the order of time: time, outer_iterations, and contacts by name with force, moment, "
-        "normal_force, tangential_force, open, slip, stick and dissipated, of the step, and rigid as above; in "
-        "summary.json, where the fields of the step are written, bodies with reaction, loads and reactions",
+        "normal_force, tangential_force, open, slip, stick and dissipated, of the step, pretension and rigid as above; "
+        "in summary.json, where the fields of the step are written, bodies with reaction, loads and reactions",
     "derivatives.KEY.until": "with output.derivatives, for the derivatives by a number KEY, or by a factor on the load "
         "or motion KEY: [from, to] between which no node changes its status, by a linear forecast; null where none is "
         "foreseen. All of KEY is null, with a warning, where the derivatives are not precise",
@@ -161,6 +163,8 @@ SUMMARY = {
     "exchange": "the most that a rank has sent: messages and bytes of interface vectors to its neighbours; reductions "
         "over all ranks, of flags, scalars and coarse problems, and reduced_bytes, its contribution to them; without "
         "those of PETSc in Krylov methods",
+    "reused": "what of each body and contact earlier cases of a sweep or a prepared model have left: mesh, stiffness, "
+        "factors, compliance; rows; empty in a run by itself",
     "solvers": "qp: TAO type of the quadratic subproblems, or none; in space those with friction have discs, and "
         "python (APG) solves them whatever it is",
     "options": "PETSc's",

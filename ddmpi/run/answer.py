@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -9,16 +10,17 @@ from typing import Any
 
 from mpi4py import MPI
 
-from ddmpi.coupling.ranks import on_working_ranks
 from ddmpi.derive.entries import Entry, joined
+from ddmpi.derive.gradient import gradient
 from ddmpi.errors import InputError
 from ddmpi.interface.state import ContactState
 from ddmpi.mesh.build import kind_of_files
+from ddmpi.methods.newton import Newton
 from ddmpi.petsc.options import RunOptions
 from ddmpi.results.fields import Fields
 from ddmpi.run.gather import Solved
 from ddmpi.run.report import LISTED, describe_contact
-from ddmpi.run.run import compute
+from ddmpi.run.run import Cases
 from ddmpi.scene.keys import nearest, override
 from ddmpi.scene.reader import as_data, read_data, read_scene, read_text
 from ddmpi.scene.scene import Settled
@@ -68,6 +70,21 @@ class Answer:
                              f"{nearest(key, list(entries))} (there: {', '.join(entries) or 'none'})")
         return joined(entries[key], self.derived[key]) if entries[key] else None
 
+    def gradient(self, result: str) -> Entry:
+        """The derivatives of one result, such as "contacts.fit.normal_force" or "bodies.shaft.reaction.y", by all keys
+        by which the scene can be differentiated, and under "gap" by the gap at every node of each contact.
+
+        It takes one solve for all of them. Collective. Raises InputError for a result that there is not, of load steps,
+        and on more ranks than bodies; and SolverError where the equations are not solved precisely.
+        """
+        if not self.solved or self.summary["ranks"] > len(self.summary["bodies"]):
+            raise InputError("gradient: bodies with several ranks have left them; start on fewer, or name "
+                             "output.derivatives")
+        solution = self.solved.solution
+        if not solution.certified or not isinstance(solution.outer, Newton):
+            raise InputError('gradient: follows from a certified answer of outer = "newton"')
+        return gradient(self.solved.assembly, solution.outer, solution, result)
+
     def __repr__(self) -> str:
         summary, contacts = self.summary, list(self.summary["contacts"])
         lines = [f"Answer({summary['title']!r}, certified={self.certified}, reason={self.reason!r})",
@@ -79,31 +96,93 @@ class Answer:
         return "\n    ".join(lines)
 
 
+class Model:
+    """A scene that is solved again and again: `ddmpi.prepare`.
+
+    Attributes
+    ----------
+    reused : what of each body and contact the last solve has taken from those before, as `summary["reused"]`
+    """
+
+    def __init__(self, scene: str | Path | Mapping[str, Any], comm: MPI.Comm | None = None, keep: bool = True) -> None:
+        self._world = in_lockstep(MPI.COMM_WORLD if comm is None else comm)
+        in_words = isinstance(scene, Mapping) or "\n" in str(scene)
+        self._path = path = "scene" if in_words else str(scene)
+        self._data = from_first(self._world, lambda: read_data(
+            path, scene if isinstance(scene, Mapping) else str(scene) if in_words else read_text(path)))
+        self._cases: Cases | None = Cases(self._world, keep)
+        self.reused: dict[str, list[str]] = {}
+
+    def __enter__(self) -> Model:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Free all that is kept. Collective."""
+        if self._cases is not None:
+            self._cases.end()
+        self._cases = None
+
+    def settle(self, overrides: Mapping[str, Any] | None = None, only: str | None = None) -> Settled:
+        """The scene with all defaults and these values by key. Collective. Raises InputError."""
+        def read() -> Settled:
+            data = copy.deepcopy(self._data)
+            for key, value in {**(overrides or {}), **({"output.only": only} if only else {})}.items():
+                override(data, str(key), as_data(value, "overrides", str(key)))
+            return read_scene(self._path, data, file_kind=kind_of_files(self._path))
+
+        return from_first(self._world, read)
+
+    def solve(self, overrides: Mapping[str, Any] | None = None, only: str | None = None, start: Answer | None = None,
+              progress: bool = False) -> Answer:
+        """The answer with these values by key, that of a run by itself to the bit. Collective.
+
+        Parameters
+        ----------
+        overrides, only, progress : as of `ddmpi.solve`; other solves of the model do not see them
+        start : an answer from whose contact forces the iteration begins. It then takes fewer steps; where several sets
+            of forces are in equilibrium, as in walls of loose bodies, it may end in others, which are certified, too
+
+        Raises
+        ------
+        InputError, SolverError, InterruptionError
+            the same on all ranks. The model can be used further on
+        """
+        if self._cases is None:
+            raise InputError("this model is closed; ddmpi.prepare makes another one")
+        world, settled, clock, options = self._world, self.settle(overrides, only), Clock(), RunOptions()
+        motions = start.solved.solution.outer.motions if start and start.solved else None
+        begin = (start.contacts, motions) if start else None
+        options.use(settled.petsc)
+        try:
+            with logs.told_by_first(world.rank, progress):
+                solved = self._cases.compute(settled, self._path, clock, write=False, start=begin)
+        finally:
+            options.use({})
+        seconds = clock.largest(world)
+        states = merged(world, solved.solution.states if solved else {})
+        none = {key: Entry(contacts={}, bodies={}) for key in settled.output.derivatives}
+        arrays = {key: solved.steps.derived[1].get(key, none[key]) if solved else none[key] for key in none}
+        derived = {key: Entry(contacts=merged(world, entry.contacts), bodies=entry.bodies)
+                   for key, entry in arrays.items()}
+        more = {"started_from": start.summary["run"]} if start else {}
+        summary = world.bcast(solved.summary | {"seconds": seconds} | more if solved else None)
+        self.reused = summary["reused"]
+        return Answer(summary, {contact.name: states[contact.name] for contact in settled.contact},
+                      solved.fields if solved else {}, solved, derived)
+
+
+def prepare(scene: str | Path | Mapping[str, Any], comm: MPI.Comm | None = None) -> Model:
+    """`ddmpi.prepare`. Collective."""
+    model = Model(scene, comm)
+    model.settle()
+    return model
+
+
 def solve(scene: str | Path | Mapping[str, Any], comm: MPI.Comm | None = None,
           overrides: Mapping[str, Any] | None = None, progress: bool = False, only: str | None = None) -> Answer:
     """`ddmpi.solve`. Collective."""
-    world = in_lockstep(MPI.COMM_WORLD if comm is None else comm)
-    in_words = isinstance(scene, Mapping) or "\n" in str(scene)
-    path = "scene" if in_words else str(scene)
-
-    def read() -> Settled:
-        data = read_data(path, scene if isinstance(scene, Mapping) else str(scene) if in_words else read_text(path))
-        for key, value in {**(overrides or {}), **({"output.only": only} if only else {})}.items():
-            override(data, str(key), as_data(value, "overrides", str(key)))
-        return read_scene(path, data, file_kind=kind_of_files(path))
-
-    settled, clock, options = from_first(world, read), Clock(), RunOptions()
-    options.use(settled.petsc)
-    try:
-        with logs.told_by_first(world.rank, progress):
-            solved = on_working_ranks(world, settled, lambda ranks: compute(ranks, settled, path, clock, write=False))
-    finally:
-        options.use({})
-    seconds = clock.largest(world)
-    states = merged(world, solved.solution.states if solved else {})
-    none = {key: Entry(contacts={}, bodies={}) for key in settled.output.derivatives}
-    arrays = {key: solved.steps.derived[1].get(key, none[key]) if solved else none[key] for key in none}
-    summary = world.bcast(solved.summary | {"seconds": seconds} if solved else None)
-    derived = {key: Entry(contacts=merged(world, entry.contacts), bodies=entry.bodies) for key, entry in arrays.items()}
-    return Answer(summary, {contact.name: states[contact.name] for contact in settled.contact},
-                  solved.fields if solved else {}, solved, derived)
+    with Model(scene, comm, keep=False) as model:
+        return model.solve(overrides, only, progress=progress)

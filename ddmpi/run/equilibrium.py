@@ -51,9 +51,11 @@ def look_for_mechanism(assembly: Assembly) -> Mechanism | None:
     world, space, joint, scene = assembly.world, assembly.space, assembly.joint, assembly.scene
     loads = joint.of_all([np.array([body.member.elasticity.load]) for body in _loose(assembly)],
                          [np.array([size]) for size in assembly.pushes.values()])
+    moves = sparse.diags(1.0 - joint.kept)
     with agreed(world):
         allowed = {interface.name: Forces.of(interface, G) for interface, G in
-                   ((interface, joint.rigid.Z[part].T.tocsc()) for interface, part in space.with_slices()) if G.nnz}
+                   ((interface, (moves @ joint.rigid.Z[part].T).tocsc()) for interface, part in space.with_slices())
+                   if G.nnz}
     forces, bodies = gathered(world, allowed), _with_partners(assembly)
     return from_first(world, lambda: find_mechanism(  # the first rank decides for all
         [forces[contact.name] for contact in scene.contact if contact.name in forces], joint.e, bodies,
@@ -111,8 +113,10 @@ def _undetermined(assembly: Assembly, chosen: Callable[[Interface], tuple[sparse
     of_all, bodies = gathered(assembly.world, of_rank), _with_partners(assembly)
 
     def describe() -> list[str]:
-        forces, slipping = zip(*of_all.values(), strict=True)
-        return undetermined(sparse.vstack(forces).T, bodies, sum(slipping).toarray())
+        none = sparse.csr_matrix((0, size)), sparse.csr_matrix((2, size))  # of a scene without contacts
+        forces, slipping = zip(none, *of_all.values(), strict=True)
+        kept = sparse.identity(size, format="csr")[assembly.joint.kept]  # as if forces resisted them
+        return undetermined(sparse.vstack([*forces, kept]).T, bodies, sum(slipping).toarray())
 
     return from_first(assembly.world, describe)
 

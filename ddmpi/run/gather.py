@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import logging
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,7 @@ from ddmpi.judge.accuracy import MeshLadder
 from ddmpi.judge.certificate import Certificate, ContactResiduals
 from ddmpi.petsc.events import event
 from ddmpi.petsc.options import unused_options
+from ddmpi.pictures.browser import write_view
 from ddmpi.results.fields import Datasets, Fields, contact_fields, table_fields, write_fields, write_surface, write_xdmf
 from ddmpi.results.folder import Staging
 from ddmpi.results.summary import plain, rigid_partners, summarize, write_mechanism, write_summary
@@ -174,6 +175,7 @@ def gather_summary(assembly: Assembly, solution: Solution, error: Discretization
     mine = [(body.number, (body.spec.name, _body(body, solution, error, fields.get(body.spec.name), ranks, memory)
                            | forces_by_group(body, solution.displacements[body.spec.name], s, factors)))
             for body, s in zip(assembly.bodies, outer.body_forces(), strict=True)]
+    reused = gathered(world, assembly.reused)
     of_ranks = world.gather((mine, set(unused_options()), sum(outer.inner_steps.values()), assembly.exchange.state(),
                              hosts))
     if of_ranks is None:
@@ -190,6 +192,7 @@ def gather_summary(assembly: Assembly, solution: Solution, error: Discretization
                                     "levels": [level._asdict() for level in ladder.levels]},
            "warnings": warnings, "undetermined": free,
            "exchange": {name: max(counts[name] for counts in sent) for name in sent[0]},
+           "reused": {name: reused[name] for name in (*bodies, *solution.contacts) if name in reused},
            "solvers": {"qp": outer.qp_type}, "options": PETSc.Options().getAll(),
            "options_unused": sorted(set.intersection(*unused))} | ({"energy": steps.balance()} if scene.time else {})
     if scene.output.derivatives:
@@ -277,13 +280,16 @@ def write_files(solved: Solved, folder: Path | None, clock: Clock, figures: bool
                         write_table(path / "energy.csv", ENERGY, solved.steps.energies)
                     if solved.solution.mechanism:
                         write_mechanism(path, solved.solution.mechanism)
-                    if figures:  # they show it
+                    if figures or scene.output.view is True:  # they show it
                         write_summary(path, summary)
             if figures:
                 hosts = world.allgather(MPI.Get_processor_name())
                 near = [rank for rank, host in enumerate(hosts) if host == hosts[0]][:DRAWERS]
                 with agreed(world), event("Figures"):
                     picture_error = _draw(path, near.index(world.rank), len(near)) if world.rank in near else None
+            with agreed(world):
+                if staging and scene.output.view is True and not solved.solution.mechanism:
+                    picture_error = _guarded(write_view, path) or picture_error
         seconds = clock.largest(world)
         with agreed(world):
             if staging:
@@ -347,13 +353,16 @@ def _write_contacts(path: Path, solved: Solved, surfaces: Mapping[str, Datasets]
 
 
 def _draw(path: Path, number: int, drawers: int) -> OutputError | None:
-    """Draw this rank's share of the pictures, where matplotlib is installed; its error waits for the numbers."""
+    """Draw this rank's share of the pictures, where matplotlib is installed."""
     from ddmpi.pictures.draw import draw_all
 
-    if not has_matplotlib():
-        return None
+    return _guarded(draw_all, path, number, drawers) if has_matplotlib() else None
+
+
+def _guarded(draw: Callable[..., object], *arguments: object) -> OutputError | None:
+    """Draw something; its error waits for the numbers."""
     try:
-        draw_all(path, number, drawers)
+        draw(*arguments)
     except Exception as error:  # matplotlib may raise anything
         return OutputError(f"the pictures could not be drawn ({type(error).__name__}: {error}); the other results "
                            "are complete")

@@ -207,7 +207,10 @@ def describe_contact(summary: dict, name: str, body: str) -> str:
     # bodies that meet along an edge only have forces but no area, so no pressure
     pressure = ("no area" if contact["pressure_max"] is None and None not in contact["force"] else
                 tell(summary, "contacts", name, "pressure_max"))
-    return f"{name}: {count([contact])} nodes; {tell(summary, 'contacts', name, 'force')} on {body}, {pressure}"
+    bolt, units = contact.get("pretension"), summary["units"]
+    pulled = (f"; pretension {as_float(bolt['force']):.4g} {units['force']} at the offset "
+              f"{as_float(bolt['offset']):.4g} {units['length']}") if bolt else ""
+    return f"{name}: {count([contact])} nodes; {tell(summary, 'contacts', name, 'force')} on {body}, {pressure}{pulled}"
 
 
 def _largest(summary: dict, table: str, key: str) -> str:

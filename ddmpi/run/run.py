@@ -6,6 +6,8 @@ import contextlib
 import gc
 import logging
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,12 +16,15 @@ from petsc4py import PETSc
 
 from ddmpi.body.estimate import DiscretizationError, estimate_error, sum_errors
 from ddmpi.coupling.assembly import NO_SIZES, Assembly, prepare
-from ddmpi.coupling.ranks import on_working_ranks
+from ddmpi.coupling.ranks import WorkingRanks, on_working_ranks, team_of
+from ddmpi.coupling.team import Team
 from ddmpi.derive.entries import ENOUGH
 from ddmpi.errors import InputError, NotConvergedError, SolverError, naming
+from ddmpi.interface.state import ContactState
 from ddmpi.judge.accuracy import MeshLadder, demand, refine_scene
 from ddmpi.judge.diagnosis import diagnose
 from ddmpi.judge.plausible import doubt_answer, doubt_cells, doubt_mesh, doubt_shape, doubt_stress
+from ddmpi.kept.kept import Kept
 from ddmpi.mesh.refine import Sizes
 from ddmpi.petsc.events import event
 from ddmpi.petsc.versions import free_garbage
@@ -37,6 +42,9 @@ from ddmpi.system.provenance import versions
 
 log = logging.getLogger("ddmpi")
 
+Start = tuple[Mapping[str, ContactState], np.ndarray | None]
+"""Of another answer: the states of its contacts, by name, and the motions of loose bodies (m), if the rank has them."""
+
 NO_ESTIMATE = DiscretizationError(np.nan, {}, {}, 0.0)
 
 
@@ -46,8 +54,35 @@ def run(world: MPI.Comm, scene: Settled, scene_path: str, output: str | None, fi
     on_working_ranks(world, scene, lambda ranks: compute(ranks, scene, scene_path, Clock(), output, figures, restart))
 
 
+class Cases:
+    """Cases of one scene, each of which takes from those before what it does not change, unless nothing is to be kept,
+    as for a single case. Collective on `world`."""
+
+    def __init__(self, world: MPI.Comm, keep: bool = True) -> None:
+        self._ranks, self._keep, self._kept = WorkingRanks(world), keep, Kept()
+        self._team: Team | None = None
+
+    def compute(self, scene: Settled, scene_path: str, clock: Clock, output: str | None = None, figures: bool = False,
+                restart: str | None = None, write: bool = True, start: Start | None = None) -> Solved | None:
+        """`compute`, with what is kept; None on ranks without a body of their own."""
+        def work(ranks: MPI.Comm) -> Solved:
+            if team_of(ranks) is not self._team:  # what was kept went with the ranks of the bodies
+                self._team, self._kept = team_of(ranks), Kept()
+            return compute(ranks, scene, scene_path, clock, output, figures, restart, write,
+                           self._kept if self._keep else None, start)
+
+        return self._ranks.work(scene, work)
+
+    def end(self) -> None:
+        """Free all that is kept."""
+        self._kept = Kept()
+        gc.collect()
+        self._ranks.end()
+
+
 def compute(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock, output: str | None = None,
-            figures: bool = False, restart: str | None = None, write: bool = True) -> Solved:
+            figures: bool = False, restart: str | None = None, write: bool = True, kept: Kept | None = None,
+            start: Start | None = None) -> Solved:
     """Solve `scene` on one mesh after the other until its accuracy target is met, and write the results. Collective.
 
     Parameters
@@ -59,6 +94,8 @@ def compute(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock, outp
     figures : whether pictures are drawn, if matplotlib is installed
     restart : folder with the checkpoint to go on from, or None
     write : False where nothing is written, and an answer that is not certified is no error
+    kept : by earlier cases
+    start : of another answer, from whose forces Newton's method begins
 
     Raises
     ------
@@ -72,7 +109,9 @@ def compute(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock, outp
         """Solve on the ladder's present mesh and write the results, or return None: the ladder goes on to another mesh,
         which needs the memory of this one."""
         mesh = refine_scene(scene, ladder.factor)
-        assembly = prepare_scene(world, mesh, scene_path, clock, ladder.factor, ladder.sizes)
+        assembly = prepare_scene(world, mesh, scene_path, clock, ladder.factor, ladder.sizes, kept=kept)
+        if start:
+            assembly = replace(assembly, start=partial(_warm, assembly, *_beginning(assembly, start)))
         log_plan(assembly, figures)
         log_warnings(assembly.warnings, told)
         solution, steps = march(assembly, log_step, checkpoints if write else None, clock)
@@ -134,6 +173,31 @@ def _refuse_uncertified(solved: Solved, ladder: MeshLadder) -> None:
             raise NotConvergedError(ladder.missed)
 
 
+def _beginning(assembly: Assembly, start: Start) -> tuple[np.ndarray, np.ndarray]:
+    """The forces (size,) of this rank's contacts and the motions of loose bodies to begin with. Collective. Raises
+    InputError, on all ranks, where the answer has other contacts or nodes, or is of load steps."""
+    forces, (states, motions) = [np.empty(0)], start
+    with agreed(assembly.world):
+        if assembly.scene.time is not None or assembly.scene.method.by_body:
+            raise InputError('start: load steps begin free of stress, and so does a method but outer = "newton"; leave '
+                             "start out")
+        for interface in assembly.space.interfaces:
+            state = states.get(interface.name)
+            if state is None or len(state.gap) != interface.m:
+                raise InputError(f"start: that answer has {'no' if state is None else 'other nodes at the'} contact "
+                                 f"{interface.name!r}; begin from an answer on the same meshes")
+            forces += [state.normal_force, state.tangential_force[interface.law.sliding].ravel()]
+    motions = assembly.world.bcast(motions)
+    size = assembly.joint.rigid.size
+    return np.concatenate(forces), motions if motions is not None and len(motions) == size else np.zeros(size)
+
+
+def _warm(assembly: Assembly, s: np.ndarray, alpha: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """For `Newton.begin`, the forces that the laws of now allow, with their gaps and motions. Collective."""
+    joint, s = assembly.joint, assembly.space.laws.project(s)
+    return s, joint.product(s, "newton") - joint.d - joint.rigid.spread(alpha), alpha
+
+
 def check_cut(ends: Sequence[np.ndarray], scene: Settled) -> None:
     """Raise InputError if the pictures' cut meets none of the bodies between their `ends`, corners (2, d) (m)."""
     from ddmpi.pictures.views import View
@@ -142,10 +206,11 @@ def check_cut(ends: Sequence[np.ndarray], scene: Settled) -> None:
 
 
 def prepare_scene(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock | None = None,
-                  refinement: int = 1, sizes: Mapping[str, Sizes] = NO_SIZES, factor: bool = True) -> Assembly:
+                  refinement: int = 1, sizes: Mapping[str, Sizes] = NO_SIZES, factor: bool = True,
+                  kept: Kept | None = None) -> Assembly:
     """`prepare`, and the check of the pictures' cut; their errors name the scene's file. Collective."""
     with naming(scene_path):
-        assembly = prepare(world, scene, Path(scene_path).parent, clock, refinement, sizes, factor)
+        assembly = prepare(world, scene, Path(scene_path).parent, clock, refinement, sizes, factor, kept)
         if scene.output.cut:
             ends = merged(world, {body.number: np.array([body.mesh.points.min(axis=0), body.mesh.points.max(axis=0)])
                                   for body in assembly.bodies})

@@ -37,6 +37,7 @@ from ddmpi.run.equilibrium import (
     driven_partners,
     look_for_mechanism,
 )
+from ddmpi.scene.contacts import NoFriction
 from ddmpi.scene.method import SettledMethod
 from ddmpi.system.agreement import gathered
 from ddmpi.system.clock import Clock
@@ -339,9 +340,28 @@ def solve(assembly: Assembly, method: SettledMethod, report: Report = no_report,
     with clock.phase("outer"):
         mechanism = look_for_mechanism(assembly)
     iteration = Iteration(assembly, method, report, clock)
+    if assembly.start and isinstance(iteration.outer, Newton):
+        iteration.outer.begin(assembly.start(), foreseen=True)
     if checkpoints:
         iteration.keep(checkpoints)
     return iteration.solve(mechanism)
+
+
+def lean_steps(assembly: Assembly) -> int:
+    """How many load steps at the end of a leg need displacements; zero if all of them do. Collective."""
+    scene, time = assembly.scene, assembly.scene.time
+    # Displacements are asked for at the end of a leg. Slip without friction is not among the unknowns and counts from
+    # the step before, which needs them as well; derivatives may need them at every step. By multigrid a product with C
+    # would cost as much.
+    slides, rubs = (any(contact.kind == "unilateral" and (contact.friction == NoFriction()) == free
+                        for contact in scene.contact) for free in (True, False))
+    several = time is not None and (time.steps > 1 if time.steps else rubs)
+    if not several or assembly.joint.dear or scene.output.steps == "all" or scene.output.derivatives:
+        return 0
+    with assembly.exchange.deferred():
+        for body in assembly.bodies:
+            body.member.prepare_energies()
+    return 1 + slides
 
 
 def choose_outer(assembly: Assembly, method: SettledMethod, report: Report = no_report) -> Outer:

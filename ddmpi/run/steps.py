@@ -30,8 +30,7 @@ from ddmpi.run.checkpoint import Checkpoints
 from ddmpi.run.equilibrium import NOTHING, look_for_mechanism, undetermined_motions
 from ddmpi.run.gather import StepLog
 from ddmpi.run.report import UNDETERMINED
-from ddmpi.run.solve import Iteration, Solution, solve
-from ddmpi.scene.contacts import NoFriction
+from ddmpi.run.solve import Iteration, Solution, lean_steps, solve
 from ddmpi.system.clock import Clock
 
 log = logging.getLogger("ddmpi")
@@ -153,17 +152,7 @@ class March:
         factors = [scene.factors(time) for time in (0.0, *self._legs)]
         for body in assembly.bodies:  # forces are compared with the largest loads of all legs
             body.member.elasticity = body.member.elasticity.largest(factors)
-        # Displacements are asked for at the end of a leg. Slip without friction is not among the unknowns and counts
-        # from the step before, which needs them as well. By multigrid a product with C would cost as much.
-        slides, rubs = (any(contact.kind == "unilateral" and (contact.friction == NoFriction()) == free
-                            for contact in scene.contact) for free in (True, False))
-        several = scene.time.steps > 1 if scene.time.steps else rubs
-        self._leanly = several and not assembly.joint.dear and scene.output.steps != "all" and 1 + slides
-        self._leanly = not scene.output.derivatives and self._leanly  # these may need displacements at every step
-        if self._leanly:
-            with assembly.exchange.deferred():
-                for body in assembly.bodies:
-                    body.member.prepare_energies()
+        self._leanly = lean_steps(assembly)
         assembly.act(0.0)
         self._sudden = assembly.space.any(assembly.joint.d + assembly.space.opening)  # loads act at time 0
         self._chain = Chain(assembly, scene.output.derivatives)
@@ -199,6 +188,8 @@ class March:
     def _step(self, time: float) -> Solution:
         """Solve the load step to `time`."""
         assembly, joint = self.assembly, self.assembly.joint
+        over = [name for name, end in assembly.scene.tightened.items() if end <= self._now.time]
+        joint.keep(over, self._now.alpha)
         mechanism = self._mechanism(time)
         assembly.act(time)
         self._d = joint.d

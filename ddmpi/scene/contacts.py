@@ -3,13 +3,27 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, ClassVar, Literal, get_args
+from typing import Annotated, ClassVar, Literal, Self, get_args
 
 import msgspec
 import numpy as np
 from msgspec.structs import force_setattr
 
-from ddmpi.scene.values import Formula, Name, NonNegative, Number, On, Point, Positive, Profile, Table, joined
+from ddmpi.scene.values import (
+    Formula,
+    Gap,
+    Name,
+    NonNegative,
+    Number,
+    On,
+    Point,
+    Positive,
+    Pretension,
+    Profile,
+    SignedProfile,
+    Table,
+    joined,
+)
 from ddmpi.system.numbers import nearest_in
 
 SQUASHED = 1e-6
@@ -51,42 +65,6 @@ LAWS = {str(law.__struct_config__.tag): {"law", *law.__struct_fields__} for law 
 """The keys of each law of friction."""
 
 
-class SignedProfile(Profile, frozen=True, kw_only=True):
-    """A profile whose values may be negative.
-
-    Attributes
-    ----------
-    values : the number at each point
-    """
-
-    values: list[Number]
-
-
-class Gap(SignedProfile, frozen=True, kw_only=True):
-    """An initial gap: a profile along the contact, or a ``value``, which may follow a history.
-
-    Attributes
-    ----------
-    points, values : of the profile
-    value : a number, a formula or a profile, in place of points and values
-    history : [history.NAME] whose factor multiplies the value
-    """
-
-    points: list[Number] = []
-    values: list[Number] = []
-    value: Number | Formula | SignedProfile | None = None
-    history: Name | None = None
-
-    def __post_init__(self) -> None:
-        if self.value is None:
-            super().__post_init__()
-        elif self.points or self.values:
-            raise ValueError("value does not go with points and values; write them into it, as in value = "
-                             "{ points = […], values = […] }")
-        if self.value is None and self.history is not None:
-            raise ValueError('a gap with a history has a value: write { value = …, history = "…" }')
-
-
 class ContactSpec(Table, frozen=True, kw_only=True):
     """Two bodies that may touch, or a body and a rigid partner. Their meshes need not match; either side may be larger.
 
@@ -102,6 +80,8 @@ class ContactSpec(Table, frozen=True, kw_only=True):
     gap : initial gap along the normal (m), positive open, negative an interference, as in -1e-5 or { value = -1e-5,
         history = "fit" }; left out, it is measured, on curved sides between the arcs over their chords
     pairing : "nodes" or "mortar"; left out, by nodes if those of both sides match, else by dual mortar
+    pretension : of a bolt that a bond cuts through its shank, or of its thread: the force that pulls the first body
+        along a direction, by one offset of the whole bond
     slave : with mortar, the body whose nodes carry the forces; left out, that of larger node spacing over E/(1 − ν²)
     """
 
@@ -113,9 +93,13 @@ class ContactSpec(Table, frozen=True, kw_only=True):
     gap: Number | Formula | Gap | None = None
     pairing: Literal["nodes", "mortar"] | None = None
     slave: Name | None = None
+    pretension: Pretension | None = None
 
     def __post_init__(self) -> None:
         force_setattr(self, "on", tuple(map(joined, self.on)))
+        if self.pretension and self.kind != "bonded":
+            raise ValueError(f'pretension goes with kind = "bonded", a bond that is pulled as a whole; this contact is '
+                             f"{self.kind}")
         if self.two_sided and not isinstance(self.friction, NoFriction):
             raise ValueError(f'friction does not go with kind = "{self.kind}"; leave one of them out')
         if self.slave is not None and self.pairing == "nodes":
@@ -140,7 +124,7 @@ class ContactSpec(Table, frozen=True, kw_only=True):
 
 
 class SettledContact(ContactSpec, frozen=True, kw_only=True):
-    """A contact without optional keys, but for a ``gap``, ``pairing`` or ``slave`` that is not given."""
+    """A contact without optional keys, but for those that are not given."""
 
     name: Name
 
@@ -148,6 +132,9 @@ class SettledContact(ContactSpec, frozen=True, kw_only=True):
 def default_name(bodies: tuple[str, ...] | list[str]) -> str:
     """The default name of a contact between `bodies`."""
     return "-".join(bodies)
+
+
+Axis = Literal["x", "y", "z"]
 
 
 class RigidSurface(Table, frozen=True, kw_only=True, tag_field="shape"):
@@ -170,7 +157,7 @@ class RigidSurface(Table, frozen=True, kw_only=True, tag_field="shape"):
     name: Name
     displacement: Point | None = None
     force: Point | None = None
-    free: list[Literal["x", "y", "z"]] | None = None
+    free: list[Axis] | None = None
     moment: Number | Point | None = None
     turns: bool = False
     pivot: Point | None = None
@@ -222,6 +209,13 @@ class RigidSurface(Table, frozen=True, kw_only=True, tag_field="shape"):
     def yields(self) -> bool:
         """Whether it moves as the forces on it want, along an axis or about the pivot."""
         return bool(self.pushed) or self.turning
+
+    def settled(self, dimension: int, bonded: bool) -> Self:
+        """The partner with all defaults; `bonded` if a body is bonded to it."""
+        free = self.free
+        if free is None and bonded and self.turning and (self.moment or self.force) and self.displacement is None:
+            free = list(get_args(Axis)[:dimension])  # it brings forces to a face, and does not hold it
+        return msgspec.structs.replace(self, displacement=self.displacement or (0.0,) * dimension, free=free)
 
     def facing(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Unit normals (…, d), towards the bodies, at the nearest places to points (…, d), and the distances (…) along

@@ -72,13 +72,13 @@ SLIPS = {
     r"[{,][^}]*$|, *\}": "a table { … } stands on one line, without a comma at its end"}
 """Frequent mistakes in lines that are not TOML, with remedies."""
 
-WHOLE = (r"body\.[^.]+\.(?:(?:traction|clamp)\.\d+|volume_force|temperature)|rigid\.[^.]+\.(?:displacement|force)"
-         r"|contact\.[^.]+\.(?:gap|friction\.(?:coefficient|slip_bound))")
+WHOLE = (r"body\.[^.]+\.(?:(?:traction|clamp)\.\d+|volume_force|temperature)"
+         r"|rigid\.[^.]+\.(?:displacement|force|moment)|contact\.[^.]+\.(?:gap|friction\.(?:coefficient|slip_bound))")
 """What the derivatives of an answer take as a whole, by a factor on it, unless it is one number."""
 
 NUMBER = (r"body\.[^.]+\.(?:material(?:\.\d+)?\.young|volume_force\.\d"
-          r"|traction\.\d+\.(?:pressure|(?:value|force)\.\d)|clamp\.\d+\.(?:x|y|z|normal))"
-          r"|rigid\.[^.]+\.(?:displacement|force)\.\d|contact\.[^.]+\.gap\.value")
+          r"|traction\.\d+\.(?:pressure|moment|(?:value|force|moment)\.\d)|clamp\.\d+\.(?:x|y|z|normal))"
+          r"|rigid\.[^.]+\.(?:displacement|force|moment)\.\d|contact\.[^.]+\.gap\.value")
 """Other numbers by which an answer can be differentiated."""
 
 
@@ -130,7 +130,7 @@ def derivable(scene: dict) -> list[str]:
     bodies = [body | {"clamp": [{"on": entry} if isinstance(entry, str) else entry for entry in body["clamp"]]}
               for body in scene["body"]]
     fixed = {f"rigid.{rigid['name']}.{'displacement' if force else 'force'}.{axis}" for rigid in scene["rigid"]
-             for axis, force in enumerate(rigid["force"] or ())}  # a pushed axis is not moved, and the other way round
+             for axis, force in enumerate(rigid.get("force") or ())}  # an axis is pushed or moved
     for leaf, value in flatten({"body": bodies, "contact": scene["contact"], "rigid": scene["rigid"]}):
         whole = re.match(WHOLE, leaf)
         if whole and value is not None:
@@ -244,11 +244,13 @@ def explain(message: str, data: dict, root: type) -> str:
 def _locate(path: list[str], data: dict, root: type) -> tuple[list[str], Any, list[inspect.Type]]:
     """What stands at a path in `data`: the key, entries of lists by name; the value; the types that it may have."""
     named, given, kinds = list[str](), data, [inspect.type_info(root)]
+    before = kinds
     for key in path:
-        if key == "...":  # of a table of free names of the root, msgspec does not say which one
-            entry = get_args(get_type_hints(root, include_extras=True)[named[-1]])[1]
+        if key == "...":  # of a table of free names, msgspec does not say which one
+            table = next(kind.cls for kind in before if isinstance(kind, inspect.StructType))
+            entry = get_args(get_type_hints(table, include_extras=True)[named[-1]])[1]
             key = next(name for name, value in given.items() if not _fits(value, entry))
-        kinds = [inner for kind in kinds for inner in _inside(kind, key)]
+        before, kinds = kinds, [inner for kind in kinds for inner in _inside(kind, key)]
         in_list, given = isinstance(given, list), given[int(key) if isinstance(given, list) else key]
         named.append((in_list and name_of(given)) or key)
         if isinstance(given, dict):  # its tag, as in law = "coulomb", tells unions apart

@@ -101,7 +101,7 @@ class MeshSpec(Table, frozen=True, kw_only=True):
     refine : number of times that the sides of a file's mesh are halved, or "as needed" for method.target_error
     """
 
-    shape: Literal["rectangle", "quadrilateral", "annulus", "box", "hexahedron"] | None = None
+    shape: Literal["rectangle", "quadrilateral", "annulus", "box", "hexahedron", "ball", "cylinder"] | None = None
     origin: Point | None = None
     size: Sizes | None = None
     corners: Annotated[tuple[Point, ...], msgspec.Meta(min_length=4, max_length=8)] | None = None

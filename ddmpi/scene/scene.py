@@ -7,11 +7,10 @@ from __future__ import annotations
 
 import unicodedata
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from typing import Annotated, Any, get_args
 
 import msgspec
-from msgspec.structs import replace
 
 from ddmpi.scene.bodies import BodySpec, Material, SettledBody, Traction
 from ddmpi.scene.contacts import ContactSpec, NoFriction, Rigid, SettledContact
@@ -76,14 +75,15 @@ class Scene(Table, frozen=True, kw_only=True):
         if len(orders) > 1:
             raise ValueError(f"bodies have mesh.order {' and '.join(map(str, orders))}; forces at their common nodes "
                              "would mean different pressures, so give all bodies the same")
+        for contact in self.contact:
+            if self.axisymmetric and contact.pretension and contact.pretension.along[0]:
+                raise ValueError(f"contact.{contact.called}.pretension.along: around an axis a bond is pulled along y "
+                                 "alone, so write along = [0, 1] or [0, -1]")
         for rigid in self.rigid if self.axisymmetric else ():
-            if 0 in rigid.pushed:
-                raise ValueError(f"rigid.{rigid.name}.{'force' if rigid.force and rigid.force[0] else 'free'}: around "
-                                 "an axis a partner is pushed along y alone; what pushes it across the axis cancels "
-                                 "all around")
-            if rigid.turning:
-                raise ValueError(f"rigid.{rigid.name}.pivot: around an axis a partner does not turn; moments cancel "
-                                 "all around")
+            if 0 in rigid.pushed or rigid.turning:
+                key = "pivot" if rigid.turning else "force" if rigid.force and rigid.force[0] else "free"
+                raise ValueError(f"rigid.{rigid.name}.{key}: around an axis a partner is pushed along y alone, and "
+                                 "does not turn; what acts across the axis cancels all around")
         if self.output.mirrored and not self.axisymmetric:
             raise ValueError("output.mirrored: shows the other half of axisymmetric bodies; write axisymmetric = true "
                              "at the top, or leave it out")
@@ -149,6 +149,12 @@ class Scene(Table, frozen=True, kw_only=True):
                              "[1.0, 2.0]; without it all loads act at once")
         if self.output.animation and self.time is None:
             raise ValueError("output.animation: plays load steps, and without [time] there is only one; leave it out")
+        for contact in self.contact:
+            name = contact.pretension.history if contact.pretension else None
+            if name and self.history[name].times[-1] <= 0.0:
+                raise ValueError(f"contact.{contact.called}.pretension.history: [history.{name}] ends at time "
+                                 f"{self.history[name].times[-1]:g}, before the first load step, so that the force "
+                                 "would never act; let it end at a later time, or leave it out")
         if self.time is not None and self.method.for_two:
             raise ValueError(f"time: method.{self.method.for_two} solves one load step; what knows several is outer = "
                              '"newton", the default')
@@ -217,23 +223,15 @@ class Scene(Table, frozen=True, kw_only=True):
         order = named or (2 if locking else PRESETS.get(method.preset or "", {}).get("order"))
         if not order:
             order = self._order_of_files(file_kind) if file_kind else 1
-        still = (0.0,) * dimension
+        bonded = {contact.bodies[1] for contact in self.contact if contact.kind == "bonded"}
         scene = settle(self, Settled, method=method, dimension=dimension,
                       body=[body.settled(order, dimension, self.axisymmetric) for body in self.body],
-                      rigid=[replace(rigid, displacement=rigid.displacement or still,
-                                     free=self._free(rigid, dimension)) for rigid in self.rigid],
+                      rigid=[rigid.settled(dimension, rigid.name in bonded) for rigid in self.rigid],
                       time=self.time.settled() if self.time else None,
                       contact=[settle(contact, SettledContact, name=contact.called) for contact in self.contact])
         if self.output.derivatives:
             refuse_underivable(scene.resolved())
         return scene
-
-    def _free(self, rigid: Rigid, dimension: int) -> Sequence[str] | None:
-        """The axes along which a rigid partner moves freely if no force acts on it: as it says, or, if it says nothing
-        of its displacement, all of one that brings a force and a moment to a bonded face."""
-        remote = rigid.turning and (rigid.moment or rigid.force) and rigid.displacement is None and any(
-            contact.bodies[1] == rigid.name and contact.kind == "bonded" for contact in self.contact)
-        return list("xyz"[:dimension]) if rigid.free is None and remote else rigid.free
 
     def _dimension(self, file_kind: FileKind | None) -> int:
         """Number of coordinates of all places and vectors. Raises ValueError if it differs within the scene."""
@@ -268,7 +266,7 @@ class Scene(Table, frozen=True, kw_only=True):
             if isinstance(rigid.moment, float | int):
                 yield 2, f"rigid.{rigid.name}.moment", "a moment in space has three components, [x, y, z]"
         for name in ("view", "cut"):
-            if getattr(self.output, name) is not None:
+            if getattr(self.output, name) not in (None, True, False):
                 yield 3, f"output.{name}", "only pictures of solids have a view and a cut; leave it out"
         if self.axisymmetric:
             yield 2, "axisymmetric", "axisymmetric bodies are drawn in the half-plane x >= 0"
@@ -355,11 +353,24 @@ class Settled(Table, frozen=True, kw_only=True):
         return [rigid for rigid in self.rigid if rigid.yields and rigid.name in named]
 
     @property
+    def bolts(self) -> list[SettledContact]:
+        """The contacts with a pretension."""
+        return [contact for contact in self.contact if contact.pretension]
+
+    @property
+    def tightened(self) -> dict[str, float]:
+        """When the histories of pretensions end, by contact: from then on these keep their offsets."""
+        return {contact.name: self.history[bolt.history].times[-1] for contact in self.contact
+                if (bolt := contact.pretension) and bolt.history}
+
+    @property
     def legs(self) -> list[float]:
-        """The ends of legs in ascending order: the points, and kinks of used histories between them."""
+        """The ends of legs in ascending order: the points, and between them kinks of used histories and the ends of
+        those of pretensions."""
         if self.time is None:
             return [1.0]
         kinks = {time for name in self.followed for time in self.history[name].kinks}
+        kinks.update(self.tightened.values())
         return sorted({*self.time.points, *(time for time in kinks if 0.0 < time < self.time.points[-1])})
 
     def factors(self, time: float) -> dict[str | None, float]:

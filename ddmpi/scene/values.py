@@ -289,6 +289,63 @@ class Profile(Table, frozen=True, kw_only=True):
         return np.interp(self.position(xy, arc), self.points, self.values)
 
 
+class SignedProfile(Profile, frozen=True, kw_only=True):
+    """A profile whose values may be negative.
+
+    Attributes
+    ----------
+    values : the number at each point
+    """
+
+    values: list[Number]
+
+
+class Gap(SignedProfile, frozen=True, kw_only=True):
+    """An initial gap: a profile along the contact, or a ``value``, which may follow a history.
+
+    Attributes
+    ----------
+    points, values : of the profile
+    value : a number, a formula or a profile, in place of points and values
+    history : [history.NAME] whose factor multiplies the value
+    """
+
+    points: list[Number] = []
+    values: list[Number] = []
+    value: Number | Formula | SignedProfile | None = None
+    history: Name | None = None
+
+    def __post_init__(self) -> None:
+        if self.value is None:
+            super().__post_init__()
+        elif self.points or self.values:
+            raise ValueError("value does not go with points and values; write them into it, as in value = "
+                             "{ points = […], values = […] }")
+        if self.value is None and self.history is not None:
+            raise ValueError('a gap with a history has a value: write { value = …, history = "…" }')
+
+
+class Pretension(Table, frozen=True, kw_only=True):
+    """The force of a bolt: it is given while its history goes on; after that the bond keeps its offset.
+
+    Attributes
+    ----------
+    force : on the first body, along ``along`` (N, in the plane per unit of depth, around an axis of the whole
+        circumference); positive pulls it towards where ``along`` points
+    along : direction of the force and of the offset, of any length
+    history : [history.NAME] whose factor multiplies the force until its last time, from which on the offset stays;
+        left out, the force is given throughout
+    """
+
+    force: Number
+    along: Point
+    history: Name | None = None
+
+    def __post_init__(self) -> None:
+        if not any(self.along):
+            raise ValueError("along must not be zero; it is the direction in which the bond is pulled")
+
+
 class History(Table, frozen=True, kw_only=True):
     """The factor of loads, clamps and rigid displacements over time: linear between times, constant beyond them.
 

@@ -10,6 +10,8 @@ from typing import Any
 
 from ddmpi.errors import InputError
 from ddmpi.pictures.sheet import COLOURS, STYLE, start_drawing
+from ddmpi.results.summary import SUMMARY as ROWS
+from ddmpi.results.summary import Row
 from ddmpi.results.tables import reading
 from ddmpi.sweep.cases import cut
 from ddmpi.sweep.table import find_column, read_outcome, read_table
@@ -19,6 +21,10 @@ from ddmpi.system.provenance import identity
 MOST_CURVES = 12  # that a legend can tell apart
 
 WIDE = 20.0  # positive values that span more than this factor may stand on a logarithmic axis
+
+WORDS = {"n_A": "solves with stiffnesses", "seconds.total": "time", "displacement_max": "largest displacement",
+         "discretization_error.energy_norm": "estimated error", "m": "contact nodes", "n": "unknowns"}
+"""Words of columns that have none in the summary."""
 
 UNITS = {"seconds": "s", "memory_mib": "MiB", "displacement_max": "{length}", "young": "{stress}",
          "slip_bound": "{stress}", "von_mises_max": "{stress}", "pressure_max": "{stress}",
@@ -122,6 +128,16 @@ def _crowds(values: list[float]) -> bool:
 
 
 def _label(name: str, summary: dict) -> str:
-    """A column's name and its unit, in the scene's units."""
+    """What a column is, in words, and its unit, in the scene's units."""
     unit = next((UNITS[part] for part in name.split(".") if part in UNITS), "").format_map(summary["units"])
-    return f"{name} ({unit})" if unit else name
+    head, *rest = name.split(".")
+    words = name
+    if head in ("body", "bodies", "contact", "contacts", "rigid", "history") and len(rest) > 1:
+        row = ROWS.get(".".join([head, "NAME", *rest[1:]]))
+        axes = ["xyz"[int(part)] if part in ("0", "1", "2") else part for part in rest[1:]]
+        words = f"{row.words if isinstance(row, Row) else ' '.join(axes)} of {rest[0]}"
+    elif head not in ("k", "method"):
+        row = ROWS.get(name)
+        words = row.words if isinstance(row, Row) else WORDS.get(name, " ".join(name.split(".")))
+    words = words.replace("_", " ")
+    return f"{words} ({unit})" if unit else words

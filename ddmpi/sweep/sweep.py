@@ -26,11 +26,12 @@ from ddmpi.mesh.build import build_mesh
 from ddmpi.petsc.options import RunOptions
 from ddmpi.petsc.versions import free_garbage
 from ddmpi.results.folder import running
-from ddmpi.run.run import check_cut, run
+from ddmpi.run.run import Cases, check_cut
 from ddmpi.sweep.cases import Case
 from ddmpi.sweep.plots import draw_plot
 from ddmpi.sweep.table import check_sweep, claim_sweep, gather, read_outcome, record_case
 from ddmpi.system.agreement import agreed, from_first
+from ddmpi.system.clock import Clock
 from ddmpi.system.files import CHECKPOINT, UNFINISHED, writing
 from ddmpi.system.logs import diverted, utc
 from ddmpi.system.provenance import whereabouts
@@ -79,7 +80,7 @@ def run_sweep(world: MPI.Comm, sweep: Sweep) -> None:
     """
     check_ranks(world, sweep.cases[0].scene)
     options, error = RunOptions(), None
-    order = from_first(world, lambda: _pending(sweep, options))
+    order, cases = from_first(world, lambda: _pending(sweep, options)), Cases(world)
     log.info("%d cases in %s: %d to run, %d finished", len(sweep.chosen), sweep.folder, len(order),
              len(sweep.chosen) - len(order))
     for done, number in enumerate(order, 1):
@@ -87,13 +88,14 @@ def run_sweep(world: MPI.Comm, sweep: Sweep) -> None:
         if taken := from_first(world, functools.partial(_taken, sweep.place(case))):
             log.info("%d/%d  case %d  %s", done, len(order), number, taken)
             continue
-        error = _run_case(world, sweep, case, options)
+        error = _run_case(world, sweep, case, options, cases)
         if world.rank == 0:
             log.info("%d/%d  case %d  %s: %s, %.2f s", done, len(order), number, case.label,
                      _describe(sweep.place(case)), time.perf_counter() - start)
         if isinstance(error, InterruptionError):
             log.info("the same command goes on with the sweep from here")
             raise error
+    cases.end()
     options.use({})
     if len(sweep.chosen) == len(sweep.cases):
         from_first(world, lambda: _gather(sweep))
@@ -145,10 +147,10 @@ def _taken(place: Path) -> str:
     return owner and f"is left to another process ({owner}); if that was killed, remove {place / UNFINISHED}"
 
 
-def _run_case(world: MPI.Comm, sweep: Sweep, case: Case, options: RunOptions) -> DdmpiError | None:
-    """Run one case; its error, if all ranks agree on it. Collective. Raises OutputError."""
+def _run_case(world: MPI.Comm, sweep: Sweep, case: Case, options: RunOptions, cases: Cases) -> DdmpiError | None:
+    """Run one case, with what the `cases` before have left; its error, if all ranks agree on it. Collective. Raises
+    OutputError."""
     place, error, restart = sweep.place(case), None, None
-    comm = world.Dup()  # no message of a failing case may reach the next one
     with contextlib.ExitStack() as stack:
         with agreed(world):
             if world.rank == 0:
@@ -162,7 +164,8 @@ def _run_case(world: MPI.Comm, sweep: Sweep, case: Case, options: RunOptions) ->
         restart = world.bcast(restart)
         options.use(case.scene.petsc)
         try:
-            run(comm, case.scene, sweep.scene_path, str(place), case.scene.output.figures and sweep.figures, restart)
+            cases.compute(case.scene, sweep.scene_path, Clock(), str(place),
+                          case.scene.output.figures and sweep.figures, restart)
         except DdmpiError as failure:
             if not failure.agreed:
                 raise
@@ -171,7 +174,6 @@ def _run_case(world: MPI.Comm, sweep: Sweep, case: Case, options: RunOptions) ->
             log.error("ddmpi: %s: %s", error.kind, error)
     gc.collect()  # objects that refer to each other in a circle, such as solvers and their contexts
     free_garbage()
-    comm.Free()
     code, words = (error.exit_code, str(error).split("\n")[0]) if error else (0, "")
     from_first(world, lambda: record_case(place, case, code, words))
     return error

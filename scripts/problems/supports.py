@@ -1,5 +1,5 @@
 """Verification problems of what loads and supports bodies beyond stresses and clamps along x and y: fits that change,
-foundations, pushed partners, heat, inclined planes, and orthotropic materials."""
+foundations, pushed and turned partners, bolts, heat, inclined planes, and orthotropic materials."""
 
 from __future__ import annotations
 
@@ -55,6 +55,59 @@ def ram(n: int, order: Order, folder: Path) -> Found:
                                                                                            strict=True)}
     return Found(values, answer, along(answer.contacts["one-ram"], float(borne[0]), along_x, "x (m)",
                                        "pressure (Pa)"))
+
+
+@problem("remote-moment", "A cantilever under a remote moment", (1, 2, 4), "times finer than the coarsest mesh",
+         orders=(2,), shows="A rigid partner brings a moment to a bonded face, from a pivot 100 m away, and no force.",
+         scene="A beam of 10 m × 1 m, E = 1 GPa, ν = 0, clamped on the left; its right side is bonded to a rigid plane "
+               "that turns about (110, 50) m under 1 kN·m/m.",
+         source="Turn ML/EI, deflection ML²/2EI, and stress −M y/I; quadratic elements have this field.")
+def remote_moment(n: int, order: Order, folder: Path) -> Found:
+    young, length, moment, stiff = 1e9, 10.0, 1e3, 1e9 / 12
+    answer = solved([body("beam", block(0, 0, length, 1.0, (10 * n, n), order), young, 0.0, ["left"])],
+                    [contact("beam", "head", "right", kind="bonded")],
+                    [{"name": "head", "shape": "plane", "point": [length, 0.0], "normal": [-1.0, 0.0],
+                      "pivot": [length + 100.0, 50.0], "moment": moment}], 1e-12)
+    head, turn = answer.summary["rigid"]["head"], moment * length / stiff
+    at_clamp = answer.summary["bodies"]["beam"]["reactions"]["left"]
+    state = answer.contacts["beam-head"]
+    return Found({"turn (rad)": Value(head["turn"], turn, 1e-8),
+                  "deflection (m)": Value(head["displacement"][1] - turn * 100.0, turn * length / 2, 1e-6),
+                  "moment of the face about the pivot (N·m/m)": Value(-head["moment"], moment, 1e-9),
+                  "force of the face, over M/L": Value(float(np.abs(head["force"]).max()) * length / moment, 0.0, 1e-9),
+                  "moment at the clamp (N·m/m)": Value(-at_clamp["moment"], moment, 1e-8)}, answer,
+                 along(state, lambda y: 12.0 * moment * (y - 0.5), lambda xy: xy[:, 1], "y (m)", "pressure (Pa)"))
+
+
+@problem("bolted-joint", "A bolted joint", (1, 2, 4), "times finer than the coarsest meshes",
+         shows="A tightened bolt has its force, then bears its part of a load, and all of it once the joint opens.",
+         scene="Around an axis: a shank of 10 mm radius, cut at half its height of 100 mm, in a tube of 11 – 20 mm, "
+               "E = 210 GPa and 70 GPa, ν = 0, under a rigid head; the cut has a pretension of 20 kN. Then the head is "
+               "lifted by 10 kN, and by 50 kN. 3 : 4 elements across the cut.",
+         source="F, then F + P k_b/(k_b + k_s) with k = EA/L, then P; the offset is F/k_b + F/k_s.")
+def bolted_joint(n: int, order: Order, folder: Path) -> Found:
+    force, load, steel, aluminium = 20e3, 10e3, 2.1e5, 7e4  # N, mm, MPa
+    rollers = [{"on": "bottom", "y": 0.0}]
+    bodies = [body("lower", block(0.0, 0.0, 10.0, 50.0, (3 * n, 5 * n), order), steel, 0.0, rollers),
+              body("upper", block(0.0, 50.0, 10.0, 50.0, (4 * n, 5 * n), order), steel, 0.0),
+              body("tube", block(11.0, 0.0, 9.0, 100.0, (2 * n, 8 * n), order), aluminium, 0.0, rollers)]
+    head = {"name": "head", "shape": "plane", "point": [0.0, 100.0], "normal": [0.0, -1.0], "force": [0.0, load],
+            "history": "work"}
+    answer = solved(bodies, [contact("lower", "upper", "top", "bottom", name="cut", kind="bonded", pretension={
+        "force": force, "along": [0.0, 1.0], "history": "tighten"}), contact("upper", "head", "top", kind="bonded"),
+        contact("tube", "head", "top")], [head], 1e-12, axisymmetric=True, history={
+            "tighten": {"times": [0.0, 1.0], "factors": [0.0, 1.0]},
+            "work": {"times": [1.0, 2.0, 3.0], "factors": [0.0, 1.0, 5.0]}},
+        time={"points": [1.0, 2.0, 3.0], "steps": 1})
+    shank, tube = steel * np.pi * 100.0 / 100.0, aluminium * np.pi * (400.0 - 121.0) / 100.0
+    bolt = [step["contacts"]["cut"]["pretension"] for step in answer.summary["steps"]]
+    exact = [force, force + load * shank / (shank + tube), 5.0 * load]
+    values = {f"force {when} (N)": Value(step["force"], float(value), 1e-8) for when, step, value in
+              zip(("tightened", "under 10 kN", "under 50 kN"), bolt, exact, strict=True)}
+    values |= {f"offset {when} (mm)": Value(step["offset"], force / shank + force / tube, 1e-8) for when, step in
+               zip(("tightened", "under 50 kN"), bolt[::2], strict=True)}
+    return Found(values, answer, along(answer.contacts["cut"], -5.0 * load / np.pi / 100.0, along_x, "r (mm)",
+                                       "pressure (MPa)"))
 
 
 @problem("mat", "A block on springs", (1, 2, 4), "times finer than the coarsest mesh",

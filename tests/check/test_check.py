@@ -216,6 +216,14 @@ def test_numbered_faces_are_told_and_proposed(looked_at, tmp_path):
     assert not proposed(looked_at(scene | {"contact": scene["contact"] + new}))
 
 
+def test_contacts_are_proposed_for_loose_bodies_without_any(looked_at, tmp_path):
+    """The first look at an assembly: no contact yet, and nothing is clamped."""
+    scene = drawn_parts(tmp_path)
+    scene = {"body": [body | {"clamp": [], "volume_force": [0.0, 0.0, 0.0]} for body in scene["body"]]}
+    text = looked_at(scene)
+    assert len(proposed(text)) == 3 and text.count("it can move freely, whatever touches") == 3
+
+
 def test_numbered_faces_are_drawn(looked_at, tmp_path):
     """Each body with numbered faces from both sides, with the number of each face in one of the pictures, or a word
     that it is not seen; solids are seen from behind as from the front."""
@@ -224,9 +232,12 @@ def test_numbered_faces_are_drawn(looked_at, tmp_path):
     looked_at(scene | {"body": scene["body"][:1]}, "out")
     names = {path.name for path in (tmp_path / "out").iterdir()}
     assert names >= {"bodies.png", "bodies_behind.png", "faces_block.png", "faces_block_behind.png"}
+    drawn = {name: image.imread(tmp_path / "out" / name)[..., :3] for name in names}
     for name in names - {"contacts.png"}:
-        painted = image.imread(tmp_path / "out" / name)[..., :3].min(axis=2) < 0.9
-        assert painted.mean() > 0.1, name
+        assert (drawn[name].min(axis=2) < 0.9).mean() > 0.1, name
+    # the clamped face x = -2 is on the left, so its marks are seen from behind alone: a green that nothing else has
+    green = {name: (np.abs(drawn[name] - [0.12, 0.435, 0.29]).max(axis=2) < 0.05).sum() for name in names}
+    assert green["bodies_behind.png"] > 2 * green["bodies.png"]
 
 
 @pytest.mark.slow

@@ -61,7 +61,7 @@ def touch(mesh: Mesh, group: str, number: int | None = None, friction: bool = Tr
 
 
 def member(mesh: Mesh, problem: Elasticity, faces: Sequence[str], kind: str | None = None, **rest) -> Member:
-    return Member("block", problem, [touch(mesh, group, **rest) for group in faces], kind)
+    return Member("block", problem, [touch(mesh, group, **rest) for group in faces], kind).factor()
 
 
 def multiplied(body: Member) -> np.ndarray:

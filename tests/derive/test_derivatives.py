@@ -1,9 +1,11 @@
 """Derivatives against central differences of fresh answers, and what is refused."""
 
+import tomllib
+
 import numpy as np
 import pytest
-from differences import TIGHT, difference, with_derivatives
-from scenes import FLOOR, pinched_blocks, rectangle, tower
+from differences import TIGHT, changed, difference, plain, results, ring, rubbed, vice, with_derivatives
+from scenes import COULOMB, FLOOR, ROOT, pinched_blocks, rectangle, tower
 from solid_scenes import two_boxes
 
 import ddmpi
@@ -53,18 +55,6 @@ def test_a_number_of_a_slip_bound_and_of_a_gap():
           {"contact.upper-lower.gap": 1e-6})
 
 
-def vice() -> dict:
-    """A loose block between a moved and a pushed plane, in millimetres."""
-    sides = [{"name": "fixed", "shape": "plane", "point": [0.0, 0.0], "normal": [1.0, 0.0],
-              "displacement": [1e-3, 0.0]},
-             {"name": "ram", "shape": "plane", "point": [40.0, 0.0], "normal": [-1.0, 0.0], "force": [-200.0, 0.0]}]
-    friction = {"law": "coulomb", "coefficient": 0.3}
-    return {"body": [rectangle("part", (0, 0), (40, 20), (6, 4), young=7e4,
-                               traction=[{"on": "top", "value": [0.0, -1.5]}])],
-            "rigid": sides, "contact": [{"bodies": ["part", "fixed"], "on": ["left"], "friction": friction},
-                                        {"bodies": ["part", "ram"], "on": ["right"], "friction": friction}]}
-
-
 def test_a_loose_body_between_rigid_partners():
     """Motions of a loose body and of a pushed partner follow, by displacement and by force."""
     answer = check(vice(), ["rigid.ram.force", "rigid.ram.force.0", "rigid.fixed.displacement",
@@ -84,37 +74,30 @@ def test_loose_blocks_on_each_other():
 
 def test_around_an_axis_with_heat():
     """A heated ring that is shrunk onto a shaft: temperature, interference, moduli of parts."""
-    ring = {"shape": "rectangle", "origin": [20.0, 5.0], "size": [10.0, 12.0], "divisions": [3, 5]}
-    steel = {"young": 2.1e5, "poisson": 0.3, "expansion": 1.2e-5}
-    scene = {"axisymmetric": True, "body": [
-        rectangle("shaft", (0, 0), (20, 22), (4, 8), young=2.1e5, clamp=["bottom"]),
-        {"name": "ring", "mesh": ring, "material": steel, "temperature": 40.0,
-         "traction": [{"on": "top", "value": [0.0, -5.0]}]}],
-        "contact": [{"name": "fit", "bodies": ["ring", "shaft"], "on": ["left", "right"], "gap": -0.03,
-                     "friction": {"law": "coulomb", "coefficient": 0.2}}]}
+    scene = ring()
     check(scene, ["contact.fit.gap", "body.ring.temperature", "body.ring.material.young", "body.ring.traction.0",
                   "contact.fit.friction.coefficient"])
 
 
+def test_parts_of_a_body():
+    """Moduli of one part: a wheel and its lining."""
+    scene = tomllib.loads((ROOT / "configs" / "lined_wheel.toml").read_text(encoding="utf-8"))
+    scene["body"][0]["mesh"]["file"] = str(ROOT / "meshes" / "lined_wheel.msh")
+    keys, name = ["body.wheel.material.0.young", "body.wheel.material.1.young"], "contacts.wheel-ground.pressure_max"
+    answer = ddmpi.solve(with_derivatives(scene, keys), overrides=TIGHT)
+    for key in keys:  # by symmetry the other results hardly change
+        _, young = changed(plain(scene), key, None)
+        below, above = (results(ddmpi.solve(changed(plain(scene), key, by)[0], overrides=TIGHT).summary)
+                        for by in (-1e-3 * young, 1e-3 * young))
+        found = answer.derivative(key).contacts["wheel-ground"].pressure_max
+        assert found == pytest.approx((above[name] - below[name]) / (2e-3 * young), rel=CLOSE)
+
+
 def test_boxes_in_space():
     """Friction that turns."""
-    scene = two_boxes(2, law={"law": "coulomb", "coefficient": 0.3})
+    scene = two_boxes(2, law=COULOMB)
     check(scene, ["contact.upper-lower.friction.coefficient", "body.upper.traction.0", "body.upper.material.young",
                   "body.lower.material.young"])
-
-
-def rubbed(**time) -> dict:
-    """A block that is pressed onto another one through a gap, rubbed to and fro, and warmed."""
-    history = {"press": {"times": [0, 1], "factors": [0, 1]},
-               "rub": {"times": [0, 1, 2, 3], "factors": [0, 0, 1, -0.6]}}
-    steel = {"young": 2.1e5, "poisson": 0.3}
-    return {"body": [rectangle("pad", (1, 4), (4, 2), (4, 2), young=2.1e5, clamp=[
-                         {"on": "top", "x": 0.004, "history": "rub"}, {"on": "top", "y": -0.01, "history": "press"}]),
-                     {"name": "base", "material": steel, "clamp": ["bottom"],
-                      "mesh": {"shape": "rectangle", "size": [6, 4], "divisions": [6, 4]}}],
-            "contact": [{"name": "fit", "bodies": ["pad", "base"], "on": ["bottom", "top"], "gap": "5e-4 * (x - 1)**2",
-                         "friction": {"law": "coulomb", "coefficient": 0.3}}],
-            "history": history, "time": {"points": [1.0, 2.0, 3.0]} | time}
 
 
 def test_load_steps_are_chained():
@@ -124,6 +107,16 @@ def test_load_steps_are_chained():
     steps = answer.summary["steps"]
     assert ["derivatives" in step for step in steps] == [False, True] * 3
     assert steps[-1]["derivatives"] == answer.summary["derivatives"]
+
+
+def test_until_is_that_of_all_steps():
+    """A status that changes in an early step changes the answer, whatever the last step does."""
+    scene, key = rubbed(steps=1), "contact.fit.friction.coefficient"
+    answer = ddmpi.solve(with_derivatives(scene, [key]), overrides=TIGHT)
+    ends = np.array([step["derivatives"][key]["until"] for step in answer.summary["steps"]], float)
+    assert (np.diff(ends[:, 0]) >= 0.0).all() and (np.diff(ends[:, 1]) <= 0.0).all()
+    alone = scene | {"time": {"points": [1.0], "steps": 1}}
+    assert ddmpi.solve(with_derivatives(alone, [key]), overrides=TIGHT).derivative(key).until == pytest.approx(ends[0])
 
 
 def test_a_gap_with_a_history():
@@ -177,7 +170,8 @@ def test_what_else_is_refused():
 def test_any_number_of_ranks(comm):
     """One, two and three ranks give the same; bodies may have several ranks each."""
     for scene, keys in (pinched_blocks(4), ["contact.upper-lower.friction.coefficient", "body.lower.material.young"]), (
-            tower(3, 2), ["contact.block2-block1.friction.coefficient", "body.block3.traction.0"]):
+            tower(3, 2), ["contact.block2-block1.friction.coefficient", "body.block3.traction.0"]), (
+            two_boxes(2, law=COULOMB), ["contact.upper-lower.friction.coefficient", "body.lower.material.young"]):
         scene = with_derivatives(scene, keys)
         alone, together = (ddmpi.solve(scene, world, TIGHT) for world in (comm.Split(comm.rank), comm))
         for key in keys:

@@ -14,6 +14,7 @@ from ddmpi.mesh.elements import facet_measures
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.read import gmsh_session
 from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec, Traction
+from ddmpi.scene.reader import read_scene
 
 STEEL = Material(young=1.0, poisson=0.3)
 
@@ -159,6 +160,26 @@ def test_balls_and_cylinders_have_their_volume_and_groups(order):
     assert (tube.points[tube.nodes_of("bottom")] - [1, 0, 0]) @ along == pytest.approx(0.0, abs=1e-12)
     assert (tube.points[tube.nodes_of("top")] - [1, 0, 0]) @ along == pytest.approx(2.0)
     assert area(tube, "inner") == pytest.approx(1.6 * np.pi, rel=near)
+
+
+def test_a_scene_with_balls_and_cylinders_is_read():
+    """A scene names the shapes as any other, and is in space by them; numbers in lists are whole or not."""
+    text = """
+[[body]]
+name = "ball"
+mesh = { shape = "ball", center = [0, 0, 1], radius = 1, size = 0.5, size_on = { surface = 0.25 } }
+material = { young = 1.0, poisson = 0.3 }
+[[body]]
+name = "pin"
+mesh = { shape = "cylinder", center = [0, 0, -1], axis = [0, 0, 1], radii = [0, 1], height = 1, size = 1 }
+material = { young = 1.0, poisson = 0.3 }
+clamp = ["bottom", "outer & top"]
+[[contact]]
+bodies = ["ball", "pin"]
+on = ["surface", "top"]
+"""
+    scene = read_scene("scene.toml", text)
+    assert scene.dimension == 3 and [body.mesh.contact_size for body in scene.body] == [0.125, 0.25]
 
 
 BALL, BOX = {"shape": "ball", "center": (0, 0, 0)}, {"shape": "box", "size": (1, 1, 1), "divisions": (1, 1, 1)}

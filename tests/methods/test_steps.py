@@ -25,7 +25,7 @@ from ddmpi.methods.paths import InteriorPoints, Softening
 class Dense:
     """A joint operator of two bodies that clamps hold, with the matrix C and the free gaps d."""
 
-    members, bodies, e, dear = (), 2, np.empty(0), False
+    members, bodies, e, dear, kept, still = (), 2, np.empty(0), False, np.empty(0, bool), np.empty(0)
 
     def __init__(self, C: np.ndarray, d: np.ndarray, coefficient: float, components: int = 1) -> None:
         dimension, size = 1 + components, len(d)
@@ -58,6 +58,9 @@ class Dense:
 
     def rigid_moduli(self) -> np.ndarray:
         return np.empty(0)
+
+    def at_rest(self) -> Point:
+        return Point(np.zeros(self.size), -self.d, np.empty(0), np.empty(0))
 
     def imbalance(self, s) -> np.ndarray:
         return np.empty(0)
@@ -132,7 +135,7 @@ def test_the_coarse_problem_holds_motions_however_forces_follow_each_other():
     motions = Motions(space, number, [(slice(0, size), np.arange(number), rng.standard_normal((size, number)))])
     E, D, root = np.eye(size) + 0.3 * rng.standard_normal((size, size)), rng.random(number), rng.random((size, size))
     coarse = CoarseSystem(motions, sparse.identity(size, format="csr"), sparse.csr_matrix(E), np.ones(size),
-                          lambda _, columns: root @ root.T @ columns, D)
+                          lambda _, columns: root @ root.T @ columns, D, np.zeros(number, bool))
     h = rng.standard_normal(number)
     y, a = coarse.correct(rng.standard_normal(size), h)
     assert motions.sums(E @ y) + D * a == pytest.approx(h, rel=1e-8)

@@ -3,6 +3,7 @@
 import dataclasses
 import itertools
 import json
+import shutil
 
 import made_up
 import made_up_solids
@@ -16,13 +17,13 @@ from scenes import pinched_blocks, to_toml
 from solid_scenes import two_boxes
 
 from ddmpi.cli.report import write_report
-from ddmpi.errors import InputError
+from ddmpi.errors import InputError, OutputError
 from ddmpi.pictures import views
 from ddmpi.pictures.bodies import animate, draw_bodies
-from ddmpi.pictures.contacts import _apart, draw_contacts, draw_maps, flatten
+from ddmpi.pictures.contacts import draw_contacts, draw_maps, flatten
 from ddmpi.pictures.curves import draw_steps
 from ddmpi.pictures.draw import draw_all
-from ddmpi.pictures.moved import rigid_parts
+from ddmpi.pictures.moved import apart, directions, rigid_parts
 from ddmpi.results.tables import STATUS, Results, read_results
 from ddmpi.run.run import prepare_scene
 from ddmpi.scene.method import VIEWS
@@ -96,9 +97,31 @@ def test_edges_are_drawn_where_facets_meet_at_an_angle_and_are_seen():
 
 def flattened(mesh, group):
     face = made_up_solids.interface("a-b", mesh, group)
-    at, labels, along = flatten(face.xy, face.facets)
+    at, labels, along = flatten(face.xy, face.facets, *directions(face.normal, face.area))
     a, b, c = at.transpose(1, 0, 2)
     return at, labels, along, np.abs(np.linalg.det(np.stack([b - a, c - a], axis=1))).sum() / 2, face
+
+
+def test_the_rim_of_a_contact_is_where_it_ends():
+    """Not where cells meet others that have points along their edges."""
+    points = np.array([[0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0], [4, 0, 0], [4, 2, 0], [2, 1, 0]], float)
+    cells = np.array([[0, 1, 2], [0, 2, 3], [1, 4, 6], [4, 5, 6], [6, 5, 2]])
+    edges, owner = views.rim(points, cells)
+    assert sorted(map(tuple, np.sort(edges, axis=1))) == [(0, 1), (0, 3), (1, 4), (2, 3), (2, 5), (4, 5)]
+    assert all(set(edge) <= set(cells[cell]) for edge, cell in zip(edges, owner, strict=True))
+
+
+def test_flats_behind_each_other_stand_side_by_side():
+    """Two faces with opposite normals keep their shape and area, and do not lie on each other."""
+    box = made_up_solids.box(size=(3.0, 2.0, 1.0), divisions=(3, 2, 2))
+    low, high = (made_up_solids.interface("a-b", box, group) for group in ("bottom", "top"))
+    points, facets = np.vstack([low.xy, high.xy]), np.vstack([low.facets, high.facets + len(low.xy)])
+    normal, area = np.vstack([low.normal, high.normal]), np.append(low.area, high.area)
+    at, labels, _ = flatten(points, facets, *directions(normal, area))
+    a, b, c = at.transpose(1, 0, 2)
+    assert np.abs(np.cross(b - a, c - a)).sum() / 2 == pytest.approx(12.0) and labels == ("x (side by side)", "y")
+    first, second = at[:len(low.facets), :, 0], at[len(low.facets):, :, 0]
+    assert first.max() < second.min() or second.max() < first.min()
 
 
 def test_flat_contacts_are_drawn_in_their_coordinates():
@@ -243,6 +266,26 @@ def test_pictures_are_cut_and_seen_as_asked_for(tmp_path):
     assert draw_contacts(results).axes[0].get_xlim()[1] > 0.8
 
 
+@pytest.mark.skipif(not shutil.which("ffmpeg"), reason="no ffmpeg to write videos")
+def test_an_animation_is_a_video_too(tmp_path):
+    """Where ffmpeg is installed, of the same size but for a line of pixels."""
+    animate(stacked(tmp_path, times=(1.0, 2.0)), tmp_path, "")
+    video = (tmp_path / "animation.mp4").read_bytes()
+    assert video[4:8] == b"ftyp" and len(video) > 2000
+
+
+def test_a_video_that_fails_is_told(tmp_path, monkeypatch):
+    """With the words of ffmpeg."""
+    tool = tmp_path / "ffmpeg"
+    tool.write_text("#!/bin/sh\necho no encoder >&2\nexit 1\n")
+    tool.chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    (tmp_path / "made").mkdir()
+    results = stacked(tmp_path / "made", times=(1.0, 2.0))
+    with pytest.raises(OutputError, match="no encoder"):
+        animate(results, tmp_path / "made", "")
+
+
 def test_animations_of_solids_have_no_bands(tmp_path):
     """Shaded colours go over into each other on white, as the colours of all frames are chosen for these."""
     with PIL.Image.open(animate(stacked(tmp_path, times=(1.0, 2.0)), tmp_path, "")) as picture:
@@ -324,7 +367,7 @@ def test_resultants_of_solids_lie_on_their_line_of_action(tmp_path):
     force, moment = np.array(contact["force"]), np.array(contact["moment"])
     line = next(np.array([text.xyann, text.xy]) for text in axes.texts
                 if text.arrow_patch and np.linalg.norm(text.xy - view.place(results.points.mean(axis=0))[:2]) < 2.0)
-    line = line - view.place(_apart(results)["upper"])[:2]
+    line = line - view.place(apart(results, view)["upper"])[:2]
     at = np.cross(force, moment) / (force @ force)
     direction, off = view.place(force)[:2], line[1] - view.place(at)[:2]
     assert direction[0] * off[1] == pytest.approx(direction[1] * off[0], abs=1e-9 * np.linalg.norm(direction))

@@ -65,9 +65,11 @@ def test_everything_has_a_name():
 def test_every_entry_is_documented():
     """What a summary holds, load steps included, is what the reference says."""
     balance = dict.fromkeys(("external_work", "strain_energy", "interface_work", "dissipated", "lost", "residual"), 0.0)
-    summary = summary_of(row(), {"energy": balance}) | provenance(0.0, ["host"])
+    by = {"until": [None, 0.4], "contacts": {"a-b": {}}, "bodies": {"a": {}}, "rigid": {"floor": {}}}
+    summary = summary_of(row(), {"energy": balance, "derivatives": {"contact.a-b.gap": by}}) | provenance(0.0, ["host"])
     summary["rigid"] = {"floor": {"displacement": [0.0, 0.0], "force": [1.0, 2.0], "turn": 0.0,
                                   "moment": 0.0}}
+    summary["contacts"]["left-middle"]["pretension"] = {"force": 1.0, "offset": 0.0}
     assert set(entries(summary)) == set(SUMMARY)
 
 

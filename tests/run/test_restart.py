@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+import bolts
 import fault
 import h5py
 import numpy as np
@@ -41,7 +42,7 @@ METHODS = {
     "published": pinched_blocks(2, theta=0.2, tolerance=1e-3),
     "two meshes": pinched_blocks(2, target_error=0.17),
     "drawn": scenes.drawn_roller(target_error=0.05),
-    "solids": solids_in_steps(),
+    "solids": solids_in_steps(), "bolt": bolts.joint(steps=2),
 }
 FACTOR, MULT, NEUMANN = "ddmpi.body.solver.StiffnessSolver.__init__", "ddmpi.body.compliance.Compliance.mult", \
     "ddmpi.published.subproblem.Subproblem.neumann"
@@ -57,6 +58,7 @@ INTERRUPTED = {
     "finer mesh": ("two meshes", "SIGUSR1", 0, FACTOR, 2, True),
     "finer drawn mesh": ("drawn", "SIGUSR1", 0, FACTOR, 2, True),
     "later load step of solids": ("solids", "SIGTERM", 1, MULT, 60, True),
+    "offset of a bolt that is kept": ("bolt", "SIGTERM", 1, MULT, 60, True),
     "iteration on a finer drawn mesh": ("drawn", "SIGTERM", 1, MULT, 70, True),
 }
 
@@ -120,7 +122,7 @@ def test_restart_ends_with_the_results_of_the_run_that_was_not_interrupted(conti
     expected = undisturbed[INTERRUPTED[name][0]]
     between = INTERRUPTED[name][0] in ("two meshes", "drawn")
     assert ("continuing with meshes" if between else "continuing after iteration") in run.stdout
-    assert expected.files == FILES or INTERRUPTED[name][0] in ("drawn", "solids")
+    assert expected.files == FILES or INTERRUPTED[name][0] in ("drawn", "solids", "bolt")
     assert run.files == expected.files  # and no checkpoint any more
     assert contents(run.folder) == contents(expected.folder)
 

@@ -107,7 +107,7 @@ REFUSED = [
     ("body.upper.material.plane=stres",
      "body.upper.material.plane: 'stres' is not valid; expected one of strain, stress|did you mean 'stress'"),
     ("body.upper.mesh.shape=circle",
-     "body.upper.mesh.shape: 'circle'|expected one of annulus, box, hexahedron, quadrilateral, rectangle"),
+     "body.upper.mesh.shape: 'circle'|expected one of annulus, ball, box, cylinder, hexahedron, quadrilateral"),
     ("method.algorithm=orignal", "method.algorithm: 'orignal'|expected one of|did you mean 'original'"),
     (PROFILE + "={along='w',points=[0],values=[1]}", PROFILE + ".along: 'w'|arc, x, y, z"),
     ("contact.0.friction.law=coulom", "contact.upper-lower.friction.law: 'coulom' is not valid; expected one of "
@@ -509,14 +509,14 @@ def test_elements_have_the_order_of_the_files():
 OPTIONAL = {
     "SettledMesh": {"shape", "origin", "size", "corners", "center", "radius", "radii", "axis", "height", "angles",
                     "divisions", "file", "geometry", "part", "contact_size"},  # one of shape, file and geometry
-    "SettledContact": {"gap", "pairing", "slave"},  # measured, chosen
+    "SettledContact": {"gap", "pairing", "slave", "pretension"},  # measured, chosen; none
     "Material": {"plane", "expansion", "shear", "angle", "axes"},  # solids have none; isotropic
     "PartMaterial": {"on", "plane", "expansion", "shear", "angle", "axes"},  # what the others leave
     "SettledBody": {"temperature"}, "Heat": {"history"},  # none; constant in time
     "Clamp": {"x", "y", "z", "normal", "history"},  # free; constant in time
     "Traction": {"value", "pressure", "force", "moment", "history"},  # one of them
     "VolumeForce": {"value", "history", "constant", "x_slope", "y_slope", "z_slope"},
-    "Gap": {"value", "history"},  # a profile
+    "Gap": {"value", "history"}, "Pretension": {"history"},  # a profile; given throughout
     "AffineVector": {"constant", "x_slope", "y_slope", "z_slope"},  # zero
     **{shape: {"displacement", "force", "free", "moment", "pivot", "history"}
        for shape in ("Plane", "Circle", "Sphere", "Cylinder")},  # at rest

@@ -8,6 +8,7 @@ from scenes import certified, rectangle
 from solid_scenes import box
 
 import ddmpi
+from ddmpi.errors import InputError
 from ddmpi.interface.law import GuidedLaw
 
 PULL = 1e6
@@ -112,14 +113,14 @@ def test_clamps_that_contradict_a_guide(y):
     """Clamps that move a guided face off its guide, or into it, are refused; along the guide they may move it."""
     scene = pushed(0.0)
     scene["body"][0]["clamp"] = [{"on": "left", "x": 1e-3, "y": y}]
-    with pytest.raises(ddmpi.errors.InputError, match=r"they take the guided sides off each other by 0\.001 m"):
+    with pytest.raises(InputError, match=r"they take the guided sides off each other by 0\.001 m"):
         ddmpi.solve(scene, MPI.COMM_SELF)
     scene["body"][0]["clamp"] = [{"on": "left", "x": 1e-3}]
     assert certified(scene).bodies["block"].displacement[:, 0].max() == pytest.approx(1e-3)
 
 
 def test_friction_of_a_guide_is_refused():
-    with pytest.raises(ddmpi.errors.InputError, match='friction does not go with kind = "guided", which lets'):
+    with pytest.raises(InputError, match='friction does not go with kind = "guided", which lets'):
         ddmpi.solve(pushed(0.0, friction={"law": "coulomb", "coefficient": 0.3}), MPI.COMM_SELF)
 
 

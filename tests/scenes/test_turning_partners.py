@@ -8,6 +8,7 @@ from scenes import call, certified, rectangle, run_here, write_scene
 from solid_scenes import box
 
 import ddmpi
+from ddmpi.errors import InputError
 
 LENGTH, HEIGHT, YOUNG, MOMENT = 10.0, 1.0, 1e9, 1e3
 STIFF = YOUNG * HEIGHT**3 / 12  # E I, as the depth is 1
@@ -144,6 +145,15 @@ def test_a_lever_presses_as_its_moment_says(d, law, lift, order):
         assert state.gap == pytest.approx(lift + turn * arms[:, 0] - on_top[:, 1], abs=1e-12)
 
 
+def test_a_partner_that_turns_on_clamped_nodes():
+    """A flat lid that meets a clamped corner turns no farther, and the corner bears the whole moment."""
+    scene = lever(2)
+    scene["body"][0]["clamp"] = ["bottom", "left"]
+    lid = certified(scene).summary["rigid"]["lid"]
+    assert lid["turn"] == pytest.approx(0.0, abs=1e-12)
+    assert lid["force"] == pytest.approx([0.0, 1e5], rel=1e-8, abs=1e-3)
+
+
 @pytest.mark.clarabel
 def test_a_lever_that_nothing_bears():
     """A moment that lifts the lid has no equilibrium, in words that name it."""
@@ -196,19 +206,19 @@ def test_ranks_agree(comm):
     ({"free": ["z"]}, "rigid.lid.free: there is no z in the plane"),
     ({"free": ["w"]}, "rigid.lid.free.0: 'w' is not valid; expected one of x, y, z"),
     ({"free": ["x"], "displacement": [1e-3, 0.0]}, "rigid.lid: along x it has both freedom to move and a displacement"),
-    ({"axisymmetric": True}, "rigid.lid.pivot: around an axis a partner does not turn")])
+    ({"axisymmetric": True}, "rigid.lid.pivot: around an axis a partner is pushed along y alone, and does not")])
 def test_a_turn_is_refused(lid, words):
     """Each mistake of a partner that turns has one message."""
     scene = lever(2)
     scene |= {"axisymmetric": True} if lid.pop("axisymmetric", None) else {}
     scene["body"][0]["mesh"]["origin"] = [0.0, 0.0]
     scene["rigid"][0] = {key: value for key, value in (scene["rigid"][0] | lid).items() if value is not None}
-    with pytest.raises(ddmpi.errors.InputError) as error:
+    with pytest.raises(InputError) as error:
         ddmpi.solve(scene, MPI.COMM_SELF)
     assert words in str(error.value)
 
 
 def test_a_moment_in_space_has_three_components():
     scene = lever(3, moment=1e5)
-    with pytest.raises(ddmpi.errors.InputError, match=r"rigid\.lid\.moment: a moment in space has three components"):
+    with pytest.raises(InputError, match=r"rigid\.lid\.moment: a moment in space has three components"):
         ddmpi.solve(scene, MPI.COMM_SELF)

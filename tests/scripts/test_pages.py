@@ -95,6 +95,9 @@ MISTAKES: dict[str, dict] = {
     "a mesh file saved without any groups": {"saved": PLATE},
     "a mesh file with groups of curves only": {"saved": PLATE + NAMES},
     "the surface of a solid without its cells": {"saved": SOLID + 'Physical Surface("skin") = Surface{:};\n'},
+    "a part that is not there": {"mesh": {"part": "bolt"}},
+    "a number that no curve has": {"clamp": [9]},
+    "a size on a group that is not there": {"mesh": {"size_on": {"Top": 0.1}}},
     "a curve of a STEP file by a wrong name": {"step": True},
 }
 """What is drawn and written otherwise than it should be, by the words of the page."""

@@ -55,11 +55,12 @@ def ring(inner: float, outer: float, angles: np.ndarray, order: int = 1, closed:
     return raise_order(mesh, "mesh") if order == 2 else mesh
 
 
-def side(mesh: Mesh, *groups: str, body: str = "body", where=None, x: bool = False, y: bool = False) -> Side:
-    """The boundary `groups`; nodes for which `where` holds are clamped along x, y or both."""
+def side(mesh: Mesh, *groups: str, body: str = "body", where=None, x: bool = False, y: bool = False,
+         z: bool = False) -> Side:
+    """The boundary `groups`; nodes for which `where` holds are clamped along those of x, y and z."""
     clamps = np.full(mesh.points.shape, -1)
     if where is not None:
-        clamps[np.ix_(where(*mesh.points.T), [x, y])] = 0
+        clamps[np.ix_(where(*mesh.points.T), [x, y, z][:mesh.dimension])] = 0
     edges = np.concatenate([mesh.groups[group] for group in groups])
     return contact_side(mesh, turn_outward(mesh, edges), holding(clamps), body, YOUNG / (1 - POISSON**2))
 

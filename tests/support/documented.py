@@ -11,7 +11,8 @@ from ddmpi.results.summary import SUMMARY
 CONTACT = re.compile(r"contact_.+?((?:_sides|_legs)?\.csv|\.png|\.vtu)")
 
 PARTS = {"bodies": "NAME", "contacts": "NAME", "rigid": "NAME", "bodies.NAME.loads": "GROUP",
-         "bodies.NAME.reactions": "GROUP"}
+         "bodies.NAME.reactions": "GROUP", "derivatives": "KEY",
+         **dict.fromkeys((f"derivatives.KEY.{part}" for part in ("contacts", "bodies", "rigid")), "NAME")}
 """What stands for the names in tables by name."""
 
 

@@ -219,7 +219,7 @@ def inject(small: Path, folder: Path, target: str, call: int, what: str, *argume
 def test_a_crash_costs_one_case(small, tmp_path):
     """The second of four dies with its processes; a new start takes the untried ones first, then all is there."""
     arguments = ["--vary", f"{COEFFICIENT}=0.1:0.4:4"]
-    crash = inject(small, tmp_path / "out", "ddmpi.coupling.assembly.build_mesh", 2, "SIGKILL", *arguments)
+    crash = inject(small, tmp_path / "out", "ddmpi.run.run.prepare", 2, "SIGKILL", *arguments)
     assert crash.code not in (0, 2, 3, 4, 5, 6)
     done = list(crash.folder.glob("*/summary.json"))
     assert [path.parent.name for path in done] == [f"{COEFFICIENT}=0.1"]
@@ -235,13 +235,13 @@ def test_no_case_is_started_after_a_signal(small, tmp_path, monkeypatch):
     """A failing case does not stop the others, an interrupted one does."""
     started = []
 
-    def interrupted(world, scene, *_):
+    def interrupted(cases, scene, *_):
         started.append(scene)
         error = InterruptionError("SIGTERM")
         error.agreed = True
         raise error
 
-    monkeypatch.setattr(sweep, "run", interrupted)
+    monkeypatch.setattr(sweep.Cases, "compute", interrupted)
     assert run_sweep(small, tmp_path / "out", "--vary", f"{COEFFICIENT}=0.1:0.3:3").code == 6
     assert len(started) == 1
 
@@ -337,9 +337,9 @@ def test_curves():
 
 
 @pytest.mark.parametrize(("result", "label"), [
-    ("contacts.tyre-road.normal_force", "contacts.tyre-road.normal_force (N/mm)"),
-    ("bodies.tyre.energy", "bodies.tyre.energy (mJ/mm)"), ("displacement_max", "displacement_max (mm)"),
-    ("seconds.total", "seconds.total (s)"), ("n_A", "n_A")])
+    ("contacts.tyre-road.normal_force", "normal force of tyre-road (N/mm)"),
+    ("bodies.tyre.energy", "strain energy of tyre (mJ/mm)"), ("displacement_max", "largest displacement (mm)"),
+    ("seconds.total", "time (s)"), ("n_A", "solves with stiffnesses")])
 def test_labels(result, label):
     """Names have their units, those of the scene; numbers stand by size, words beside each other."""
     varied = {"method.splitting": ["step2", "none", "none"], "k.v": [2e11, 20000000000, 2e9]}

@@ -18,7 +18,7 @@ from ddmpi.scene.reader import read_data
 from ddmpi.sweep import table as sweep_table
 from ddmpi.sweep.cases import build_cases
 from ddmpi.sweep.sweep import Sweep, _judge
-from ddmpi.sweep.table import check_sweep, claim_sweep, gather, identify, numbers, record_case
+from ddmpi.sweep.table import check_sweep, claim_sweep, find_column, gather, identify, numbers, record_case
 from ddmpi.system.files import RECORD, SWEEP
 
 pytestmark = pytest.mark.slow
@@ -165,6 +165,16 @@ def test_columns_follow_from_the_summaries(tmp_path):
     assert [row["contacts.b-c.force.x"] for row in table] == [0.5, None, None]
     assert [row["contacts.a-b.dissipated"] for row in table] == [None, 3.0, None]
     assert numbers(SUMMARY)["contacts.a-b.certificate.friction"] == 1e-9
+
+
+def test_columns_of_derivatives():
+    """A column for each number of each derivative; what is null has none, nor has the interval."""
+    entry = {"until": [0.2, None], "contacts": {"a-b": {"force": [1.0, 2.0], "dissipated": 3.0}}}
+    columns = numbers({"derivatives": {"contact.a-b.gap": entry, "body.a.traction.0": None}})
+    assert columns == {"d contacts.a-b.force.x / d contact.a-b.gap": 1.0,
+                       "d contacts.a-b.force.y / d contact.a-b.gap": 2.0,
+                       "d contacts.a-b.dissipated / d contact.a-b.gap": 3.0}
+    assert find_column("dissipated / d contact.a-b.gap", list(columns), "--plot") == list(columns)[2]
 
 
 # What wins over what is varied

@@ -1,0 +1,138 @@
+"""view.html: one file that turns the results in a browser."""
+
+import json
+import re
+import shutil
+import subprocess
+import zlib
+from base64 import b64decode
+from html import unescape
+
+import made_up
+import made_up_solids
+import numpy as np
+import pytest
+from scenes import call, pinched_blocks, run_here, write_scene
+
+from ddmpi.errors import InputError
+from ddmpi.pictures.browser import _page, write_view
+from ddmpi.pictures.moved import magnify
+from ddmpi.results.tables import read_results
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+
+
+def unpacked(path) -> tuple[dict, dict[str, np.ndarray]]:
+    """The head of a view, and its arrays as the page reads them."""
+    text = path.read_text(encoding="utf-8")
+    head, data = (re.search(rf'id="{name}">(.*?)</script>', text, re.S)[1] for name in ("head", "data"))
+    block, arrays = zlib.decompress(b64decode(data)), {}
+    for name, of in json.loads(head)["arrays"].items():
+        raw = np.frombuffer(block, f"<{of['type']}", of["size"], of["at"])
+        arrays[name] = of["low"] + (of["high"] - of["low"]) * raw / 65535 if "high" in of else raw
+    return json.loads(head), arrays
+
+
+def stacked(folder, times=(), **how):
+    bodies, contacts = made_up_solids.stack(divisions=(6, 2, 2))
+    made_up_solids.results(folder, bodies, contacts, times=times, **how)
+    return read_results(folder)
+
+
+def test_a_view_has_what_the_results_have(tmp_path):
+    """Nodes, boundary and cells of the bodies, both sides of each contact, and stresses and displacements of each load
+    step to a part in 65,535; the largest of them are those of the summary; nothing is fetched from anywhere."""
+    results = stacked(tmp_path, times=(1.0, 2.0))
+    path = write_view(tmp_path)
+    head, arrays = unpacked(path)
+    assert "://" not in re.sub(r'id="data">.*?</script>', "", path.read_text(encoding="utf-8"), flags=re.S)
+    assert head["times"] == [1.0, 2.0] and not head["flat"] and [field["name"] for field in head["fields"]] == [
+        "von_mises", "pressure", "displacement"]
+    assert arrays["points"].reshape(-1, 3) == pytest.approx(results.points, abs=1e-4)
+    assert np.array_equal(arrays["cells"].reshape(-1, 4), results.fields["cells"])
+    assert len(arrays["facets"]) == 3 * 2 * 2 * (2 * 6 * 2 + 2 * 6 * 2 + 2 * 2 * 2)
+    u = arrays["moved1"].reshape(-1, 3)
+    assert u == pytest.approx(results.displacement(), abs=1e-4 * np.abs(u).max())
+    assert arrays["moved0"].reshape(-1, 3) == pytest.approx(0.5 * u, abs=1e-4 * np.abs(u).max())
+    surface, stress = results.surfaces["upper-lower"], head["fields"][0]
+    assert arrays["pressure1"] == pytest.approx(np.tile(surface["pressure"], 2) / 1e6, abs=0.01)
+    assert stress["unit"] == "MPa" and stress["marks"][1][0] == pytest.approx(results.fields["von_mises"].max() / 1e6)
+    most = arrays["surface"].reshape(-1, 3)[head["fields"][1]["marks"][1][1]]
+    assert np.linalg.norm(most - surface["points"][surface["pressure"].argmax()]) < 1e-3
+    above = arrays["above"].reshape(2, -1, 3)  # the upper body's side looks down, the lower one's up
+    assert above[0, :, 2] == pytest.approx(-3e-3, rel=1e-3) and above[1, :, 2] == pytest.approx(3e-3, rel=1e-3)
+    upper, lower = np.array(head["shifts"])
+    assert upper[2] - lower[2] == pytest.approx(0.32 * np.sqrt(3.0))  # apart along the normal
+
+
+def test_a_view_closes_gaps_as_pictures_do(tmp_path):
+    """A node is drawn where `magnify` has it, whatever the factor."""
+    bodies, contacts = made_up_solids.stack(divisions=(6, 2, 2))
+    made_up_solids.results(tmp_path, bodies, contacts)
+    results = read_results(tmp_path)
+    results.contacts["upper-lower"]["initial_gap"][:] = 1e-3
+    page = _page(results, tmp_path)
+    (tmp_path / "view.html").write_text(page, encoding="utf-8")
+    head, arrays = unpacked(tmp_path / "view.html")
+    factor, shift = magnify(results)
+    drawn = arrays["points"].reshape(-1, 3) + head["scale"] * arrays["moved0"].reshape(-1, 3)
+    assert head["scale"] == factor and np.abs(shift).max() > 1e-3
+    assert drawn == pytest.approx(results.points + shift + results.displacement(factor), abs=1e-3 * np.abs(shift).max())
+
+
+def test_contacts_in_the_plane_are_ribbons(tmp_path):
+    """In the plane a contact is drawn on either side as a ribbon as long as it is."""
+    made_up.results(tmp_path, title="<script>$data</script>")
+    path = write_view(tmp_path)
+    head, arrays = unpacked(path)
+    assert head["flat"] and len(arrays["cells"]) == 0 and "<script>$data" not in path.read_text(encoding="utf-8")
+    at = arrays["surface"].reshape(-1, 3)[arrays["painted"].reshape(-1, 3)]
+    across = np.cross(at[:, 1] - at[:, 0], at[:, 2] - at[:, 0])[:, 2]
+    assert np.abs(across).sum() / 2 == pytest.approx(2 * 3.0 * 0.012 * 3.0, rel=1e-3)
+
+
+def test_a_view_overwrites_nothing_else(tmp_path):
+    stacked(tmp_path)
+    other = tmp_path / "notes.html"
+    other.write_text("mine")
+    with pytest.raises(InputError, match="no view of ddmpi"):
+        write_view(tmp_path, str(other))
+    assert other.read_text() == "mine" and write_view(tmp_path) == write_view(tmp_path)
+
+
+def test_a_run_writes_the_view_and_its_report_has_it(tmp_path):
+    """With `[output] view = true`; the command `view` writes it anew."""
+    scene = write_scene(pinched_blocks(2) | {"output": {"view": True, "figures": False}}, tmp_path / "scene.toml")
+    assert run_here(scene, tmp_path / "out").code == 0
+    view = tmp_path / "out" / "view.html"
+    first = view.read_text(encoding="utf-8")
+    assert call("view", str(view.parent)).code == 0 and view.read_text(encoding="utf-8") == first
+    assert call("report", str(view.parent)).code == 0
+    page = (view.parent / "report.html").read_text(encoding="utf-8")
+    assert "<iframe srcdoc=" in page and "script-src" in page and first[-60:-40].replace("<", "&lt;") in page
+
+
+@pytest.mark.skipif(not CHROMIUM, reason="no Chromium to open views with")
+def test_a_browser_draws_the_view_and_its_slider_moves(tmp_path):
+    """In headless Chromium: bodies in many colours; another picture at the other load step, cut open, and apart."""
+    stacked(tmp_path, times=(1.0, 2.0))
+    page = write_view(tmp_path).read_text(encoding="utf-8")
+    script = """<script>setTimeout(() => {
+      const found = {as_it_was: {...document.body.dataset}};
+      for (const [name, value] of [["step", 0], ["axis", "x"], ["apart", 1], ["field", "pressure"]]) {
+        const one = document.querySelector(`[name=${name}]`);
+        one.value = value; one.dispatchEvent(new Event("input", {bubbles: true}));
+        found[name] = {...document.body.dataset};
+      }
+      document.title = JSON.stringify(found);
+    }, 2500);</script>"""
+    (tmp_path / "moved.html").write_text(page.replace("</body>", script + "</body>"), encoding="utf-8")
+    dom = subprocess.run(
+        [CHROMIUM, "--headless=new", "--no-sandbox", "--enable-unsafe-swiftshader", "--use-angle=swiftshader",
+         f"--user-data-dir={tmp_path / 'profile'}", "--window-size=500,400", "--virtual-time-budget=5000",
+         "--dump-dom", f"file://{tmp_path}/moved.html#look"], capture_output=True, text=True, timeout=120)
+    found = json.loads(unescape(re.search("<title>(.*?)</title>", dom.stdout)[1]))
+    assert all(int(each["colours"]) > 8 and int(each["pixels"]) > 5000 for each in found.values()), found
+    assert len({each["sum"] for each in found.values()}) == len(found), found
+    assert found["step"]["step"] == "0" and found["field"]["field"] == "pressure"
+    assert int(found["axis"]["triangles"]) > int(found["step"]["triangles"])  # those of the cut

@@ -1,0 +1,179 @@
+"""Prepared models: every answer is that of a run by itself, to the bit, whatever was solved before."""
+
+import random
+
+import pytest
+from reused import CHANGES, changes, content, differences
+from scenes import pinched_blocks, rectangle, tower
+from solid_scenes import two_boxes
+
+import ddmpi
+from ddmpi.errors import InputError, SolverError
+
+MU = "contact.upper-lower.friction.coefficient"
+
+
+def pressed() -> dict:
+    """A heated block on springs between a block that is loaded and drawn along in two legs, and a rigid one."""
+    material = {"young": 1e9, "poisson": 0.3, "expansion": 1e-5}
+    lower = rectangle("lower", [0.0, 0.0], [3.0, 1.0], [3, 1], foundation=[{"on": "left", "normal": 1e8}],
+                      temperature=10.0) | {"material": material}
+    upper = rectangle("upper", [0.5, 1.0], [2.0, 1.0], [3, 1], order=1, young=2e9,
+                      clamp=[{"on": "top", "x": 1e-3, "history": "push"}],
+                      traction=[{"on": "top", "value": [0.0, -1e6]}])
+    floor = {"name": "floor", "shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0], "displacement": [0.0, 1e-4],
+             "history": "push"}
+    friction = {"law": "coulomb", "coefficient": 0.4}
+    return {"body": [upper, lower], "rigid": [floor],
+            "contact": [{"bodies": ["upper", "lower"], "on": ["bottom", "top"], "friction": friction},
+                        {"bodies": ["lower", "floor"], "on": ["bottom"], "friction": friction, "gap": 1e-5}],
+            "history": {"push": {"times": [0.0, 1.0, 2.0], "factors": [0.0, 1.0, -1.0]}},
+            "time": {"points": [1.0, 2.0], "steps": 1}}
+
+
+def around() -> dict:
+    """Two rings around an axis, meshes that do not match."""
+    inner = rectangle("inner", [0.5, 0.0], [1.0, 1.0], [3, 4], order=2, clamp=["bottom"],
+                      traction=[{"on": "left", "pressure": 1e6}])
+    outer = rectangle("outer", [1.5, 0.0], [1.0, 1.0], [2, 3], order=2, clamp=[{"on": "bottom", "y": 1e-6}])
+    return {"axisymmetric": True, "body": [inner, outer],
+            "contact": [{"bodies": ["inner", "outer"], "on": ["right", "left"],
+                         "friction": {"law": "coulomb", "coefficient": 0.2}}]}
+
+
+SCENES = {"held": pinched_blocks(3), "load steps": pressed(), "loose": tower(2, 2), "space": two_boxes(2),
+          "around an axis": around()}
+
+
+def compare(model, scene: dict, overrides: dict, comm=None, only: str | None = None) -> None:
+    """A model and a run by itself end alike: with the same answer, or the same error."""
+    ends = []
+    for solve in (lambda: model.solve(overrides, only), lambda: ddmpi.solve(scene, comm, overrides, only=only)):
+        try:
+            ends.append(content(solve()))
+        except (InputError, SolverError) as error:
+            ends.append(str(error))
+    assert differences(*ends) == [], overrides
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_each_change_has_the_answer_of_a_run_by_itself(name):
+    """One change after the other, and then some together; nothing of an earlier case is left in a later one."""
+    scene, rng = SCENES[name], random.Random(name)
+    with ddmpi.prepare(scene) as model:
+        for change in CHANGES:
+            if overrides := change(rng, scene):
+                compare(model, scene, overrides)
+        compare(model, scene, changes(rng, scene), only="contacts")
+
+
+@pytest.mark.mpi(ranks=2)
+def test_random_changes_on_two_ranks(comm):
+    for name in ("held", "space"):
+        scene, rng = SCENES[name], random.Random(name)
+        with ddmpi.prepare(scene, comm) as model:
+            for _ in range(3):
+                compare(model, scene, changes(rng, scene), comm)
+
+
+@pytest.mark.mpi(ranks=3)
+def test_the_ranks_of_a_body_stay(comm):
+    """On several ranks a body: their factors are kept from solve to solve, and anew where a mesh needs other ranks."""
+    scene = pinched_blocks(4)
+    with ddmpi.prepare(scene, comm) as model:
+        for overrides in ({}, {MU: 0.5}, {"body.upper.material.poisson": 0.2}, {MU: 0.1}, {"method.max_iterations": 1},
+                          {"body.lower.traction.0.value": [0.0, 3e7]}, {"body.lower.mesh.divisions": [30, 10]}):
+            answer, other = model.solve(overrides), ddmpi.solve(scene, comm, overrides)
+            (state,), (fresh,) = answer.contacts.values(), other.contacts.values()
+            # on several ranks MUMPS adds up in any order
+            assert state.normal_force == pytest.approx(fresh.normal_force, rel=1e-8, abs=1e-6)
+            assert answer.summary["n_A"] == pytest.approx(other.summary["n_A"], rel=0.1)
+            if overrides in ({MU: 0.5}, {MU: 0.1}):
+                assert answer.summary["reused"] == model.reused
+                assert "compliance" in model.reused["lower"]
+        assert model.reused == {}
+        with pytest.raises(InputError):
+            model.solve({"body.upper.clamp": ["nowhere"]})
+        assert model.solve({}).certified
+
+
+def test_what_is_kept_is_told():
+    """`reused` names what the last solve has taken; a failing case leaves the rest as it was."""
+    parts = ["mesh", "stiffness", "factors", "compliance"]
+    with ddmpi.prepare(pinched_blocks(3)) as model:
+        assert model.solve().summary["reused"] == {}
+        model.solve({MU: 0.4})
+        assert model.reused == {"upper": parts, "lower": parts, "upper-lower": ["rows"]}
+        model.solve({"body.upper.material.poisson": 0.3})
+        assert model.reused == {"upper": ["mesh"], "lower": parts}
+        with pytest.raises(InputError, match="nowhere"):
+            model.solve({"body.lower.clamp": ["nowhere"]})
+        model.solve({"body.upper.material.poisson": 0.3, MU: 0.2})
+        assert model.reused["upper"] == parts
+        for overrides in ({"petsc.body_mat_mumps_icntl_7": 0}, {"method.compliance": "direct"}):
+            model.solve(overrides)
+            assert "compliance" not in model.reused.get("lower", ())
+        for name in "upper", "lower":
+            model.solve()
+            model.solve({f"body.{name}.mesh.divisions": [10, 3]})
+            assert "upper-lower" not in model.reused
+    with pytest.raises(InputError, match="closed"):
+        model.solve()
+
+
+def test_multigrid_remembers_nothing():
+    """Its solves begin from earlier ones: those of the case alone."""
+    scene = pinched_blocks(4, compliance="iterative")
+    with ddmpi.prepare(scene) as model:
+        model.solve({MU: 0.5})
+        compare(model, scene, {MU: 0.2})
+        assert model.reused == {"upper": ["mesh", "stiffness"], "lower": ["mesh", "stiffness"], "upper-lower": ["rows"]}
+
+
+def test_the_content_of_a_mesh_file_counts(tmp_path):
+    """A mesh file that is written anew under its name, in the same second, is read anew."""
+    import meshio
+
+    def write(height: float) -> None:
+        points = [[0, 0, 0], [1, 0, 0], [1, height, 0], [0, height, 0]]
+        meshio.write(tmp_path / "block.msh", meshio.Mesh(
+            points, [("line", [[0, 1], [2, 3]]), ("triangle", [[0, 1, 2], [0, 2, 3]])],
+            cell_data={"gmsh:physical": [[1, 2], [3, 3]], "gmsh:geometrical": [[1, 2], [3, 3]]},
+            field_data={"bottom": [1, 1], "top": [2, 1], "block": [3, 2]}), file_format="gmsh22", binary=False)
+
+    floor = {"name": "floor", "shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}
+    block = {"name": "block", "mesh": {"file": str(tmp_path / "block.msh")}, "material": {"young": 1e9, "poisson": 0.0},
+             "traction": [{"on": "top", "pressure": 1e6}], "clamp": [{"on": "bottom", "x": 0.0}]}
+    scene = {"body": [block], "rigid": [floor], "contact": [{"bodies": ["block", "floor"], "on": ["bottom"]}]}
+    write(1.0)
+    with ddmpi.prepare(scene) as model:
+        one = model.solve().summary["displacement_max"]
+        model.solve()
+        assert "mesh" in model.reused["block"]
+        write(2.0)
+        assert model.solve().summary["displacement_max"] == pytest.approx(2 * one)
+
+
+def test_an_answer_to_begin_with():
+    """`start` saves steps, the summary names it, and an answer of other nodes is refused."""
+    scene = pinched_blocks(6)
+    with ddmpi.prepare(scene) as model:
+        first = model.solve({MU: 0.3})
+        far, near = model.solve({MU: 0.31}), model.solve({MU: 0.31}, start=first)
+        assert near.certified
+        assert near.summary["outer_iterations"] < far.summary["outer_iterations"]
+        assert near.summary["started_from"] == first.summary["run"]
+        assert "started_from" not in far.summary
+        (state,), (other,) = near.contacts.values(), far.contacts.values()
+        assert state.normal_force == pytest.approx(other.normal_force, rel=1e-6)
+        with pytest.raises(InputError, match="other nodes"):
+            model.solve({f"body.{name}.mesh.divisions": [12, 4] for name in ("upper", "lower")}, start=first)
+    with ddmpi.prepare(pressed()) as model, pytest.raises(InputError, match="load steps begin free of stress"):
+        model.solve(start=first)
+
+
+def test_a_wrong_scene_is_refused_when_it_is_prepared():
+    scene = pinched_blocks(3)
+    del scene["body"][0]["material"]
+    with pytest.raises(InputError, match="material"):
+        ddmpi.prepare(scene)

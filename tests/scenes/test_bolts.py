@@ -1,0 +1,171 @@
+"""Bolts: a bond that a pretension pulls, given while tightened, with its offset kept after."""
+
+import numpy as np
+import pytest
+from bolts import AREAS, FORCE, HEIGHT, HISTORY, YOUNG, bar, joint, of_joint
+from elsewhere import assert_same, found
+from mpi4py import MPI
+from scenes import call, certified, rectangle, run_here, write_scene
+
+import ddmpi
+from ddmpi.errors import InputError
+from ddmpi.methods import newton, paths
+
+
+def pretension(summary: dict, name: str = "cut") -> list[float]:
+    """Force and offset of a contact in a summary, or in one of its steps."""
+    return list(summary["contacts"][name]["pretension"].values())
+
+
+@pytest.mark.parametrize(("d", "order", "n", "sign", "swapped"), [
+    (2, 1, 2, 1.0, False), (2, 2, 3, -1.0, True), (3, 1, 3, 1.0, True), (3, 2, 2, -1.0, False)])
+def test_a_bar_that_is_pulled_in_the_middle(d, order, n, sign, swapped):
+    """The force is the given one, and the offset F L / E A; in any direction, order of bodies, on any meshes."""
+    scene = bar(d, order, n, force=sign * FORCE, along=[2.5] + [0.0] * (d - 1))
+    if swapped:
+        (contact,) = scene["contact"]
+        contact |= {"bodies": ["two", "one"], "on": ["left", "right"]}
+        contact["pretension"]["along"][0] *= -1.0
+    answer = certified(scene)
+    assert pretension(answer.summary) == pytest.approx([sign * FORCE, sign * 3.0 * FORCE / YOUNG], rel=1e-8)
+    assert answer.summary["bodies"]["one"]["reaction"][0] == pytest.approx(-sign * FORCE, rel=1e-8)
+    assert np.abs(answer.contacts["cut"].gap).max() <= 1e-8 * 3.0 * FORCE / YOUNG
+    assert set(answer.contacts["cut"].status) == {"stick"} and answer.summary["warnings"] == []
+
+
+@pytest.mark.parametrize(("kind", "order", "n"), [("plane", 1, 3), ("plane", 2, 4), ("axis", 1, 4), ("axis", 2, 3),
+                                                  ("space", 1, 3)])
+def test_a_joint_under_load(kind, order, n):
+    """After tightening the offset stays, to the bit, and the bolt takes its part of the load by the stiffness ratio,
+    then all of it; works balance."""
+    summary = certified(joint(kind, order, n, steps=2)).summary
+    for step in summary["steps"]:
+        assert pretension(step) == pytest.approx(of_joint(kind, step["time"]), rel=1e-8), step["time"]
+    assert len({pretension(step)[1] for step in summary["steps"][1:]}) == 1
+    assert pretension(summary) == pretension(summary["steps"][-1])
+    assert summary["energy"]["residual"] <= 1e-10
+    assert summary["contacts"]["sleeve-head"]["normal_force"] == 0.0
+
+
+def test_a_force_without_history_stays():
+    """Without a history the force is the given one in every load step; the sleeve alone gives way, F/k_b + (F − P)/k_s.
+    """
+    scene = joint(steps=1)
+    del scene["contact"][0]["pretension"]["history"]
+    scene |= {"history": {"work": HISTORY["work"]}, "time": {"points": [1.0, 2.0], "steps": 1}}
+    steps = certified(scene).summary["steps"]
+    shank, sleeve = (FORCE * HEIGHT / area / YOUNG for area in AREAS["plane"])
+    assert pretension(steps[0]) == pytest.approx([FORCE, shank + sleeve], rel=1e-8)
+    assert pretension(steps[1]) == pytest.approx([FORCE, shank + 0.5 * sleeve], rel=1e-8)
+
+
+def test_the_last_time_ends_the_force():
+    """The force is given until the last time of its history, a flat part included; a load step ends there."""
+    scene = joint(steps=1)
+    scene["history"] = HISTORY | {"tighten": {"times": [0.0, 1.0, 1.5], "factors": [0.0, 1.0, 1.0]}}
+    steps = certified(scene).summary["steps"]
+    assert [step["time"] for step in steps] == [1.0, 1.5, 2.0, 3.0]
+    forces, offsets = zip(*map(pretension, steps), strict=True)
+    assert forces[1] == pytest.approx(FORCE, rel=1e-9) and forces[2] > 1.01 * FORCE
+    assert offsets[1] < 0.95 * offsets[0] and offsets[1] == offsets[2] == offsets[3]
+
+
+@pytest.mark.parametrize("path", [paths.Softening, paths.InteriorPoints])
+def test_all_ways_to_the_answer_keep_the_offset(path, monkeypatch):
+    """The paths of Newton's method, which begin without forces, end with the same forces and offsets."""
+    scene = joint(steps=1, poisson=0.3, law={"law": "coulomb", "coefficient": 0.2})
+    expected = [pretension(step) for step in certified(scene).summary["steps"]]
+    monkeypatch.setattr(newton, "PATIENCE", 0)
+    monkeypatch.setattr(newton, "PATHS", [path])
+    assert [pretension(step) for step in certified(scene).summary["steps"]] == [
+        pytest.approx(one, rel=1e-7) for one in expected]
+
+
+def test_products_by_multigrid():
+    """With an iterative compliance, whose steps are by a model, forces and offsets are the same."""
+    scene = joint(steps=1)
+    steps = certified(scene, method__compliance="iterative").summary["steps"]
+    assert [pretension(step) for step in steps] == [
+        pytest.approx(of_joint("plane", step["time"]), rel=1e-7) for step in steps]
+
+
+def test_two_bolts_turn_nothing():
+    """A plate on two bolts of different pretension: each has its own, tilting the plate, whose head turns freely."""
+    bodies = [rectangle(f"{part} {k}".replace(" ", "-"), (x, y), (1.0, 2.0), (2, 4), 1, YOUNG, 0.0,
+                        **({"clamp": ["bottom"]} if part == "lower" else {}))
+              for k, x in enumerate((0.0, 6.0)) for part, y in (("lower", 0.0), ("upper", 2.0))]
+    bodies.append(rectangle("sleeve", (2.0, 0.0), (3.0, 4.0), (6, 4), 1, YOUNG, 0.0, clamp=["bottom"]))
+    scene = {"body": bodies,
+             "rigid": [{"name": "head", "shape": "plane", "point": [0.0, 4.0], "normal": [0.0, -1.0], "turns": True,
+                        "pivot": [3.5, 4.0], "free": ["y"]}],
+             "contact": [*({"name": f"cut-{k}", "bodies": [f"lower-{k}", f"upper-{k}"], "on": ["top", "bottom"],
+                            "kind": "bonded", "pretension": {"force": force, "along": [0.0, 1.0]}}
+                           for k, force in enumerate((FORCE, 1.5 * FORCE))),
+                         *({"bodies": [f"upper-{k}", "head"], "on": ["top"], "kind": "bonded"} for k in (0, 1)),
+                         {"bodies": ["sleeve", "head"], "on": ["top"]}]}
+    summary = certified(scene).summary
+    assert [pretension(summary, f"cut-{k}")[0] for k in (0, 1)] == pytest.approx([FORCE, 1.5 * FORCE], rel=1e-9)
+    assert summary["contacts"]["sleeve-head"]["force"][1] == pytest.approx(-2.5 * FORCE, rel=1e-9)
+    assert summary["rigid"]["head"]["turn"] < -1e-5
+    assert abs(summary["rigid"]["head"]["moment"]) <= 1e-9 * FORCE
+
+
+@pytest.mark.clarabel
+def test_a_nut_in_the_air(tmp_path):
+    """A bolt that nothing holds against its pretension has no equilibrium, in words that name the contact."""
+    scene = joint()
+    del scene["body"][0]["clamp"]
+    answer = ddmpi.solve(scene, MPI.COMM_SELF)
+    assert answer.reason.startswith("no equilibrium: lower and pretension of cut would move along y")
+    run = run_here(write_scene(scene, tmp_path / "scene.toml"), tmp_path / "out")
+    assert run.code == 3
+
+
+def test_check_and_log_tell_it(tmp_path):
+    """`ddmpi check` names the pull; the log ends with force and offset."""
+    path = write_scene(bar(), tmp_path / "scene.toml")
+    assert "contact cut: pulled by 100000 along (1, 0)" in call("check", str(path), "--no-figures").output
+    run = run_here(path, tmp_path / "out", "--no-figures")
+    assert run.code == 0 and "; pretension 1e+05 N/m at the offset 0.0003 m" in run.stdout, run.stdout
+
+
+@pytest.mark.mpi(ranks=3)
+def test_ranks_agree(comm):
+    """A joint of three bodies has one answer on three ranks, at each load step."""
+    scene = joint(steps=1, poisson=0.3, law={"law": "coulomb", "coefficient": 0.2})
+    one, other = found(scene), found(scene, comm)
+    assert_same(one, other)
+    for mine, theirs in zip(one.summary["steps"], other.summary["steps"], strict=True):
+        assert pretension(mine) == pytest.approx(pretension(theirs), rel=1e-8)
+
+
+@pytest.mark.parametrize(("contact", "words"), [
+    ({"kind": "unilateral"}, 'contact.cut: pretension goes with kind = "bonded", a bond that is pulled as a whole; '
+                             "this contact is unilateral"),
+    ({"kind": "guided"}, "this contact is guided"),
+    ({"kind": "unilateral", "friction": {"law": "coulomb", "coefficient": 0.1}}, "this contact is unilateral"),
+    ({"pretension": {"force": 1.0}}, "contact.cut.pretension.along: this key is required and missing"),
+    ({"pretension": {"along": [1.0, 0.0]}}, "contact.cut.pretension.force: this key is required and missing"),
+    ({"pretension": {"force": 1.0, "along": [0.0, 0.0]}}, "contact.cut.pretension: along must not be zero"),
+    ({"pretension": {"force": 1.0, "along": [0.0, 0.0, 1.0]}}, "pretension.along: [0.0, 0.0, 1.0] is in space"),
+    ({"pretension": {"force": "x", "along": [1.0, 0.0]}}, "contact.cut.pretension.force: expected a number"),
+    ({"pretension": {"force": 1.0, "along": [1.0, 0.0], "history": "none"}}, "there is no [history.none]"),
+    ({"pretension": {"force": 1.0, "along": [1.0, 0.0], "history": "before"}},
+     "contact.cut.pretension.history: [history.before] ends at time 0, before the first load step"),
+    ({"clamp": True}, "contact.cut.pretension: at (1, 0) clamps hold both sides along (0, 1)"),
+    ({"axisymmetric": True}, "contact.cut.pretension.along: around an axis a bond is pulled along y alone")])
+def test_a_pretension_is_refused(contact, words):
+    """Each mistake of a pretension has one message, before any work."""
+    scene = bar()
+    if contact.pop("axisymmetric", False):
+        scene["axisymmetric"] = True
+    if contact.pop("clamp", False):
+        for body in scene["body"]:
+            body["clamp"].append({"on": "bottom", "y": 0.0})
+        scene["contact"][0]["pretension"]["along"] = [0.0, 1.0]
+    scene["contact"][0] |= contact
+    if "history" in scene["contact"][0]["pretension"]:
+        scene |= {"history": {"before": {"times": [-1.0, 0.0], "factors": [0.0, 1.0]}}, "time": {"points": [1.0]}}
+    with pytest.raises(InputError) as error:
+        ddmpi.solve(scene, MPI.COMM_SELF)
+    assert words in str(error.value)
