@@ -353,7 +353,7 @@ def import_deck(deck: str | Path, output: str | Path, partial: bool = False) -> 
     try:
         importer = Importer(path)
         scene = importer.scene(path.stem)
-    except InputError as error:
+    except (InputError, ValueError, OverflowError) as error:  # sets and numbers that are none, wherever they are read
         raise InputError(f"{deck}: {error}") from None
     notes = importer.notes
     if notes.lost and not partial:

@@ -273,6 +273,7 @@ BAD = [
     (BOX + "*CONTACT PAIR, INTERACTION=I\nX, Y\n" + step(), "there is no *SURFACE INTERACTION I"),
     (stack("*TIE", first="SLAVE, NOWHERE") + step(), "*TIE: there is no surface NOWHERE"),
     ("*ELEMENT, TYPE=S4, ELSET=A\n1, 1, 2, 3, 4\n" + step(), "it has no elements that a scene may have"),
+    (BOX + "*NSET, NSET=LOOP\nLOOP\n" + step("*CLOAD", "1, 1, 1."), "the set LOOP contains itself"),
     ("", "it has no"), ("hello\n", "it has no"), ("*NODE, NSET\n*STEP\n", "")]
 
 
