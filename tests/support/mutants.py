@@ -33,6 +33,7 @@ ADAPTIVE = "scenes/test_load_steps.py::test_adaptive_steps_go_on_from_wherever_t
 AT_FIRST = "scenes/test_load_steps.py::test_a_load_that_nothing_holds_at_first_is_named_though_it_is_held_at_last"
 DISSIPATED = "interface/test_state.py"
 MEMBER, MORTAR, ARC = "coupling/test_member.py", "interface/test_mortar.py", "interface/test_profiles.py"
+DECKS = "decks/test_import.py"
 PARTS, NUMBERED = "mesh/test_parts.py", "check/test_check.py::test_numbered_faces_are_told_and_proposed"
 TOLD = "run/test_model.py::test_what_is_kept_is_told"
 CHANGED = "run/test_model.py::test_each_change_has_the_answer_of_a_run_by_itself"
@@ -104,6 +105,34 @@ MUTANTS = [Mutant(*row) for row in (
     ("an unknown key has no name", "scene/keys", "[*named, found[2]]", "[*named, found[3]]",
      "scene/test_scene.py::test_refusal_names_file_key_and_remedy"),
     # mesh
+    # decks
+    ("a positive pressure pulls", "decks/acting", 'else {"pressure": value}', 'else {"pressure": -value}',
+     f"{DECKS}::test_a_bar_under_pressure"),
+    ("nodal forces lose their moments", "decks/acting", "forces.T @ (at - centre)", "0.0 * forces.T @ (at - centre)",
+     f"{DECKS}::test_nodal_forces_keep_their_resultant_and_moments"),
+    ("loads of a plane section are not per thickness", "decks/acting", "value * way / self.matter.depth", "value * way",
+     f"{DECKS}::test_plane_and_axisymmetric_decks"),
+    ("a time delay is forgotten", "decks/model", "first = delay + (", "first = (", f"{DECKS}::test_amplitudes"),
+    ("OP=NEW removes nothing", "decks/model", "if kind in self._renewed and key not in fresh]", "if False]",
+     f"{DECKS}::test_amplitudes"),
+    ("a lost load is not in the way", "decks/scene", "if notes.lost and not partial:", "if False:",
+     f"{DECKS}::test_what_is_lost_refuses_the_deck"),
+    ("a force at a node of no body is forgotten", "decks/acting",
+     "if node not in inside and any(value for _, value in acting.course):", "if False:",
+     f"{DECKS}::test_loads_at_nodes_of_no_body_are_lost"),
+    ("an inner face is pressed", "decks/pieces", "alone = count[number.ravel()] == 1",
+     "alone = count[number.ravel()] > 0", f"{DECKS}::test_lost_loads_refuse_the_deck"),
+    ("thermal strain is not that of the reference", "decks/acting", "* (T - zero)", "* T", f"{DECKS}::test_heat"),
+    ("a rigid set turns the other way", "decks/scene", "slopes = np.cross(turn, np.eye(3))",
+     "slopes = np.cross(np.eye(3), turn)", f"{DECKS}::test_a_rigid_set_whose_motion_is_given"),
+    ("a force at a reference node has no lever", "decks/scene",
+     "moment = moment + np.cross(pivot - w @ x / w.sum(), force)", "pass",
+     f"{DECKS}::test_couplings_carry_force_and_moment"),
+    ("a deck that is cut off is taken", "decks/model",
+     "        if inside is not None:\n            raise _refusal(inside, \"the step that",
+     "        if False:\n            raise _refusal(inside, \"the step that", f"{DECKS}::test_bad_decks"),
+    ("an existing scene is overwritten", "decks/scene", "    if there:\n", "    if False:\n",
+     f"{DECKS}::test_the_command"),
     ("a part has all elements", "mesh/read", "own = np.isin(element, _members(raw, d, part, label))",
      "own = np.isin(element, element)", "mesh/test_formats.py::test_a_part_of_a_file"),
     ("a part has the groups of others", "mesh/boundary", "parts, element = parts[own], element[own]", "pass",
