@@ -280,7 +280,11 @@ def driven_partners(assembly: Assembly, outer: Outer) -> dict[str, dict[str, flo
     sizes = {}
     for each in joint.driven:
         at = joint.slices[each.name]
-        acting = max(norm(joint.e[at]), norm(joint.e[at] - unbalanced[at]))
+        # contact forces may cancel, as on a partner that moves freely without a force
+        squares = [float(outer.forces[part] @ outer.forces[part]) for interface, part in assembly.space.with_slices()
+                   if each.acts_on(interface)]
+        contact = float(np.sqrt(assembly.space.add(np.array([sum(squares)]))[0]))
+        acting = max(norm(joint.e[at]), norm(joint.e[at] - unbalanced[at]), contact)
         sizes[each.name] = dict.fromkeys(("yielding", "made", "energy", "work"), 0.0) | {
             "left": norm(unbalanced[at]), "acting": acting, "moved": norm(outer.motions[at]),
             "load": assembly.pushes[each.name]}

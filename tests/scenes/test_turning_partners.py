@@ -234,3 +234,15 @@ def test_a_moment_in_space_has_three_components():
     scene = lever(3, moment=1e5)
     with pytest.raises(InputError, match=r"rigid\.lid\.moment: a moment in space has three components"):
         ddmpi.solve(scene, MPI.COMM_SELF)
+
+
+def test_a_partner_that_is_free_without_a_force_is_in_equilibrium():
+    """Its contact forces cancel along the free axes: what is left is rounding beside them, and not beside their sum."""
+    answer = ddmpi.solve({
+        "body": [{"name": "beam", "mesh": {"shape": "box", "size": [4, 1, 1], "divisions": [8, 2, 2]},
+                  "material": {"young": 1e5, "poisson": 0.3}, "clamp": ["left"]}],
+        "rigid": [{"name": "plate", "shape": "plane", "point": [4, 0, 0], "normal": [-1, 0, 0], "free": ["x", "y"],
+                   "pivot": [4, 0.5, 0.5], "turns": True, "displacement": [0, 0, 0.1]}],
+        "contact": [{"bodies": ["beam", "plate"], "on": ["right"], "kind": "bonded"}]}, MPI.COMM_SELF)
+    assert answer.certified and answer.summary["certificate"]["equilibrium"] < 1e-9
+    assert answer.summary["rigid"]["plate"]["force"][2] == pytest.approx(-73.06, rel=1e-3)
