@@ -73,7 +73,7 @@ def main() -> None:
     times = Ledger(MPI.COMM_SELF, options.output / f"times_{options.cases}.csv", ("scene", "N"), SPENT).fill(
         TIMED.items(), lambda scene, N: measure(scene, N, options.cases)) if options.cases else []
     complete = len(pairs) >= PAIRS and options.cases >= CASES
-    publish("reuse.md", page(pairs, times, options.cases), options.output, complete)
+    publish("reuse.md", page(pairs, times), options.output, complete)
     wrong = [row for row in pairs if not row["alike"]]
     sys.exit(f"{len(wrong)} pairs differ: {wrong}" if wrong else 0)
 
@@ -188,7 +188,7 @@ def measure(scene: str, N: int, cases: int) -> Row:
 
 # Page
 
-def page(pairs: list[Row], times: list[Row], cases: int) -> str:
+def page(pairs: list[Row], times: list[Row]) -> str:
     lines = ["# Prepared models: the same files, at what cost", "",
              f"Written by `scripts/study reuse`, ddmpi {ddmpi.__version__}, {processor()}, {os.cpu_count()} cores.", ""]
     if pairs:
@@ -200,11 +200,11 @@ def page(pairs: list[Row], times: list[Row], cases: int) -> str:
                        sum(row["alike"] and not row["bytes"] for row in rows), sum(not row["alike"] for row in rows))
                       for rank in ranks for rows in [where(pairs, ranks=rank)]))]
     if times:
-        lines += [f"{cases} friction coefficients, processor seconds a case, on one rank; the first case of a model, "
-                  "which keeps nothing yet, is in the mean.", "",
-                  *table(("scene", "run by itself", "model, all fields", "ratio", "contacts alone", "ratio",
+        lines += ["Friction coefficients, processor seconds a case, on one rank; the first case of a model, which has "
+                  "nothing to take yet, is in the mean.", "",
+                  *table(("scene", "cases", "run by itself", "model, all fields", "ratio", "contacts alone", "ratio",
                           "the same forces"), (
-                      (f"{row['scene']}, N = {row['N']}", f"{row['fresh']:.3f}", f"{row['whole']:.3f}",
+                      (f"{row['scene']}, N = {row['N']}", row["cases"], f"{row['fresh']:.3f}", f"{row['whole']:.3f}",
                        f"{row['whole'] / row['fresh']:.2f}", f"{row['contacts']:.3f}",
                        f"{row['contacts'] / row['fresh']:.2f}", row["same"]) for row in times))]
     return "\n".join(lines).rstrip() + "\n"

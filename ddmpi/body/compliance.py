@@ -12,7 +12,7 @@ from petsc4py import PETSc
 from scipy.linalg.blas import dsymv
 
 from ddmpi.body.solver import StiffnessSolver
-from ddmpi.petsc.dissection import elimination_order
+from ddmpi.petsc.dissection import elimination_order, layers_of
 from ddmpi.petsc.events import event
 from ddmpi.petsc.lanczos import estimate_norm
 from ddmpi.system import interrupt
@@ -28,9 +28,14 @@ Measured from n = 45,000 on in the plane, within 4 %, and from 35,000 on in spac
 MARGIN = 1.5
 """The free memory must exceed the estimated factors by this factor (quadratic elements have denser rows)."""
 
-LARGEST_CONDENSED = 2.5e5
-"""Dofs of a body in space up to which a dense compliance is the default. Two boxes of 200,000 dofs each take 35 s with
-it and by multigrid, those of 314,000 take 83 and 60 s: factors take time with n²."""
+LARGEST_CONDENSED = 8e4, 2.5e5
+"""Dofs of a box of 3 : 1 : 1 in space, of order 1 and 2, up to which a dense compliance is the default; times the
+number of load steps, as factors last for all of them. Factors take time with n², multigrid with n. On one rank two
+boxes of order 1 take 0.7, 0.9 and 1.1 times the time of multigrid with 28,000, 50,000 and 79,000 dofs each, those of
+order 2 0.5 and 0.7 times with 50,000 and 82,000 dofs."""
+
+SECTION = 9.0
+"""Such a box has this many dofs times (nodes in a cross-section)^(3/2)."""
 
 NORM_PRECISION = 1e-3
 """Relative precision of the multiplications that estimate ‖C‖."""
@@ -58,6 +63,8 @@ class Compliance:
     memory : free memory (bytes)
     make_solver : constructor of the solver, called as `StiffnessSolver`
     points : (nodes of A, d) their positions, for the order of elimination; without them MUMPS chooses it
+    quadratic : whether A is of quadratic elements
+    solves : how many problems, such as load steps, C is for
 
     Attributes
     ----------
@@ -72,9 +79,9 @@ class Compliance:
 
     def __init__(self, A: PETSc.Mat, B: sparse.csr_matrix, name: str, kind: str | None = None,
                  memory: float = np.inf, make_solver: Callable[..., Any] = StiffnessSolver,
-                 points: np.ndarray | None = None) -> None:
+                 points: np.ndarray | None = None, quadratic: bool = False, solves: int = 1) -> None:
         self.B, self.size = B, B.shape[0]
-        self.kind, self.reason = plan_compliance(A.size[0], B, kind, memory, A.getBlockSize())
+        self.kind, self.reason = plan_compliance(A, B, kind, memory, quadratic, solves)
         # C = 0: the factors are still needed for the displacement under loads.
         self._rigid = not B.count_nonzero()
         dense = self.kind == "explicit"
@@ -162,26 +169,36 @@ class Compliance:
         return self._norm
 
 
-def plan_compliance(n: int, B: sparse.csr_matrix, kind: str | None, memory: float, d: int) -> tuple[str, str]:
+def plan_compliance(A: PETSc.Mat, B: sparse.csr_matrix, kind: str | None, memory: float, quadratic: bool = False,
+                    solves: int = 1) -> tuple[str, str]:
     """The given `kind`, else that of `choose_kind`, and the reason; direct for a trace B without entries, of a body
     whose contact nodes cannot move. Not collective."""
     if not B.count_nonzero():
         return "direct", "clamps constrain its whole contact: C = 0" if B.shape[0] else "it touches nothing"
-    return (kind, "asked for") if kind else choose_kind(n, B.shape[0], memory, d)
+    n, d = A.size[0], A.getBlockSize()
+    if kind:
+        return kind, "asked for"
+    largest = LARGEST_CONDENSED[quadratic] * solves
+    if d == 3 and n > largest:
+        # Factors of slender and of flat bodies take less work: n counts as that of a box with this cross-section. A
+        # layer of quadratic cells has two layers of nodes.
+        largest *= max(n / (SECTION * (n / d / layers_of(A) / (1 + quadratic)) ** 1.5), 1.0)
+    return choose_kind(n, B.shape[0], memory, d, largest)
 
 
-def choose_kind(n: int, k: int, memory: float, d: int = 2) -> tuple[str, str]:
+def choose_kind(n: int, k: int, memory: float, d: int = 2, largest: float = LARGEST_CONDENSED[0]) -> tuple[str, str]:
     """The kind of compliance for a body with `n` dofs, `d` of a node, and `k` contact unknowns, and the reason.
 
-    A body whose factors exceed the `memory` (bytes) is solved by multigrid; in space also one whose factors fit without
-    the compliance, as hundreds of solves with factors take longer there. Not collective.
+    A body whose factors exceed the `memory` (bytes) is solved by multigrid; in space also one of more than `largest`
+    dofs, and one whose factors fit without the compliance, as hundreds of solves with factors take longer there. Not
+    collective.
     """
     solid, dense = d == 3, 8.0 * k**2
     plain, whole = (MARGIN * memory_of_factors(n, d, condensed) for condensed in (False, True))
     whole += dense
     if plain > memory:
         return "iterative", f"factors may take {bytes_in_words(plain)}, {bytes_in_words(memory)} are free"
-    if solid and n > LARGEST_CONDENSED:
+    if solid and n > largest:
         return "iterative", f"multigrid is faster than factors at {n} dofs"
     if k**3 > LARGEST_RATIO[solid] * n:
         return "direct", f"a dense matrix of {k} contact unknowns costs more than it saves at {n} dofs"

@@ -174,16 +174,14 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
             for spec in mine:
                 mesh = meshes[spec.name]
                 elasticity = assemble(mesh, spec, kept)
-                material = material_of(mesh, spec)
                 bodies[spec.name] = elasticity
                 touching = at_body[spec.name]
                 for contact, side in touching:
                     others = [(other, which) for other, which in touching if other is not contact]
-                    boundary = mesh.facets(contact.on[side])
-                    sides[contact.name, side] = contact_side(
-                        mesh, boundary, elasticity.supports, spec.name, modulus_beside(mesh, material, boundary),
-                        _tied(mesh, others, elasticity.supports.free, contact.on[side]),
-                        any(contact.on[side] == other.on[which] for other, which in others))
+                    depends = (spec.name, kept.key("supports", spec.name), spec.material, contact.on[side],
+                               [(other.on[which], holds_along(other)) for other, which in others])
+                    sides[contact.name, side] = kept.get("side", f"{contact.name}.{side}", depends, partial(
+                        _side, mesh, elasticity, spec, contact.on[side], others))
                 interrupt.check()
         # Sides are small. The ranks of both bodies get both of them and compute the same interface, bit for bit.
         both = exchange.swap_objects(sides)
@@ -203,6 +201,8 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
         with agreed(world):
             memory = kept.memory(lambda: team.do("room"))
     members, histories = list[Member](), [None, *scene.followed]
+    # a tolerance takes 1 and 2 load steps at least; iterations of the published method take ten times the products
+    solves = (len(scene.legs) * (scene.time.steps or 3) if scene.time else 1) * (10 if scene.method.by_body else 1)
     with clock.phase("factor"), agreed(world):
         for spec in mine:
             elasticity = bodies[spec.name]
@@ -212,7 +212,8 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
                     "matrix", spec.name, kept.key("stiffness", spec.name), partial(
                         _distributed, team, elasticity, points, meshes[spec.name], spec)))
             ours = [joined[contact.name][0] for contact, _ in at_body[spec.name]]
-            members.append(Member(spec.name, elasticity, ours, scene.method.compliance, memory, histories, points))
+            members.append(Member(spec.name, elasticity, ours, scene.method.compliance, memory, histories, points,
+                                  solves))
         # Factors are most of the memory: those that are not met again go before the others are made.
         kept.expect("compliance", {member.name: member.depends(kept) for member in members})
         for member in members if factor else ():
@@ -298,6 +299,15 @@ def _doubts(scene: Settled, by_body: Mapping[str, list[str]], by_contact: Mappin
             *("time: nothing follows a history; the loads are the same in all load steps"
               for _ in [scene.time] if scene.time is not None and not scene.followed),
             *(warning for contact in scene.contact for warning in by_contact.get(contact.name, ()))]
+
+
+def _side(mesh: Mesh, elasticity: Elasticity, spec: SettledBody, group: str,
+          others: Sequence[tuple[SettledContact, int]]) -> Side:
+    """The side of a body on a contact at `group`; it has the `others`, too. Not collective. Raises InputError."""
+    boundary, supports = mesh.facets(group), elasticity.supports
+    modulus = modulus_beside(mesh, material_of(mesh, spec), boundary)
+    return contact_side(mesh, boundary, supports, spec.name, modulus, _tied(mesh, others, supports.free, group),
+                        any(group == other.on[which] for other, which in others))
 
 
 def _tied(mesh: Mesh, others: Sequence[tuple[SettledContact, int]], free: np.ndarray, group: str) -> np.ndarray:

@@ -41,6 +41,7 @@ class Member:
     compliance, memory : kind of the compliance, and the bytes that it may use, see `Compliance`
     histories : of the scene's loads and clamps, None for constant ones
     points : (k, d) positions of the nodes that A acts on, see `Compliance`
+    solves : how many problems, such as load steps, C is for
 
     Attributes
     ----------
@@ -60,7 +61,8 @@ class Member:
 
     def __init__(self, name: str, elasticity: Elasticity, interfaces: Sequence[Interface],
                  compliance: str | None = None, memory: float = np.inf,
-                 histories: Sequence[str | None] = (None,), points: np.ndarray | None = None) -> None:
+                 histories: Sequence[str | None] = (None,), points: np.ndarray | None = None,
+                 solves: int = 1) -> None:
         self._acting: Mapping[str | None, float] | None = None
         self._elasticity = elasticity
         self.name, self.elasticity, self.interfaces = name, elasticity, tuple(interfaces)
@@ -82,7 +84,8 @@ class Member:
         self._centring: Centring | None = None
         self.dear = False
         self._B, self._points, self._asked, self._memory = B, points, compliance, memory
-        self.kind, self.reason = plan_compliance(A.size[0], B, compliance, memory, A.getBlockSize())
+        self._for = bool(A.getAttr("coarse")), solves
+        self.kind, self.reason = plan_compliance(A, B, compliance, memory, *self._for)
         self._responses = {name: (np.zeros(self.size), R.T @ case.b) for name, case in elasticity.cases.items()}
 
     def factor(self, kept: Kept | None = None) -> Member:
@@ -118,7 +121,7 @@ class Member:
                 dofs = support(self.motions[self.elasticity.nodes])
                 A = A.with_springs(dofs) if shared else add_springs(A, dofs)
             return Compliance(A, self._B, self.name, self._asked, self._memory,
-                              TeamSolver if shared else StiffnessSolver, self._points), options
+                              TeamSolver if shared else StiffnessSolver, self._points, *self._for), options
 
     def response_to(self, case: LoadCase, purpose: str = "load",
                     get: Callable[[Callable[[], np.ndarray]], np.ndarray] = lambda make: make(),

@@ -243,7 +243,7 @@ class TeamMatrix:
     def __init__(self, team: Team, A: PETSc.Mat, points: np.ndarray, supported: bool,
                  again: Callable[[], PETSc.Mat]) -> None:
         self.team, self.size, self._width, self._diagonal = team, A.getSize(), A.getBlockSize(), A.getDiagonal()
-        self._whole, self._again, self.points = A, again, points
+        self._whole, self._again, self.points, self._coarse = A, again, points, A.getAttr("coarse")
         self.supported, self.springs = supported, np.zeros(0, int)
 
     @property
@@ -258,6 +258,9 @@ class TeamMatrix:
 
     def getRowIJ(self) -> tuple[np.ndarray, np.ndarray]:
         return self.whole.getRowIJ()
+
+    def getAttr(self, name: str) -> Any:
+        return self._coarse if name == "coarse" else self.whole.getAttr(name)
 
     def getBlockSize(self) -> int:
         return self._width

@@ -10,8 +10,9 @@ import numpy as np
 
 from ddmpi.decks.cards import Card
 from ddmpi.decks.material import Matter, table
-from ddmpi.decks.model import Acting, Course, Model, Notes, numbers
+from ddmpi.decks.model import Acting, Course, Model, Notes
 from ddmpi.decks.pieces import Piece, linear
+from ddmpi.decks.words import numbers
 
 KEEPS = 1e-9
 """Factors of one history are equal to this difference."""
@@ -161,6 +162,7 @@ class Acts:
             found[piece.name] += self._forces(piece)
         inside = {node for piece in self.pieces for node in piece.nodes.tolist()}
         inside |= {node for rigid in self.model.rigid for node in (rigid.ref, rigid.turn)}
+        inside |= self.model.bolt_nodes
         for (node, _), acting in self.model.kinds["forces"].items():
             if node not in inside and any(value for _, value in acting.course):
                 self.notes.add(self.notes.lost, acting.card, "a force at a node of no body")

@@ -42,13 +42,16 @@ class Instance(NamedTuple):
 
 
 def read_cards(path: Path, within: tuple[Path, ...] = ()) -> Iterator[Card]:
-    """Each keyword of a deck and of what it includes. Raises ValueError where a file includes itself, and OSError."""
+    """Each keyword of a deck and of what it includes. Raises ValueError where a file includes
+    itself or has none, and OSError."""
     if path in within:
         raise ValueError(f"{path} includes itself")
     text = path.read_text(encoding="utf-8", errors="replace").splitlines()
     lines = [(number, line.strip()) for number, line in enumerate(text, 1)]
     lines = [(number, line) for number, line in lines if line and not line.startswith("**")]
     starts = [k for k, (_, line) in enumerate(lines) if line.startswith("*")]
+    if not starts:
+        raise ValueError(f"it has no keyword, such as *NODE{f' in {path}' * bool(within)}")
     for start, end in zip(starts, [*starts, len(lines)][1:], strict=True):
         (number, head), first = lines[start], start + 1
         while head.endswith(",") and first < end and (first == start + 1 or "=" in lines[first][1]):

@@ -10,7 +10,7 @@ import numpy as np
 
 from ddmpi.decks.cards import Card
 from ddmpi.decks.deck import Deck
-from ddmpi.decks.words import NAMED_SUPPORTS, PROCEDURES, REFUSED, SILENT, faces
+from ddmpi.decks.words import NAMED_SUPPORTS, PROCEDURES, REFUSED, SILENT, faces, number, numbers
 from ddmpi.errors import InputError
 
 Course = tuple[tuple[float, float], ...]
@@ -66,16 +66,6 @@ class Notes:
             yield f"line{'s' * (len(lines) > 1)} {some}: *{name}: {reason}"
 
 
-def number(word: str) -> float:
-    """A number as decks write it, with E or D before the exponent. Raises ValueError."""
-    return float(word.upper().replace("D", "E"))
-
-
-def numbers(row: list[str]) -> list[float]:
-    """The numbers of a data line; empty entries are zero."""
-    return [number(word) if word else 0.0 for word in row]
-
-
 class Model:
     """Materials, contacts, loads and supports of a deck. Raises InputError, with the line, for what cannot be read.
 
@@ -110,6 +100,9 @@ class Model:
         self.transforms = {node: card for card in deck.cards if card.word == "TRANSFORM"
                            for node in self._of(card, "NSET", card.given.get("NSET", ""))}
         self.rigid: list[Rigid] = []
+        self.bolts = [card for card in deck.cards if card.word == "PRE-TENSIONSECTION"]
+        self.bolt_nodes = {node for card in self.bolts for node in self._of(card, "NSET", card.given.get("NODE", ""))}
+        self.locked: dict[int, float] = {}  # bolts whose offset is kept from this time on
         self._refs = {node for card in deck.cards for key in ("REFNODE", "ROTNODE") if key in card.given
                       for node in self._of(card, "NSET", card.given[key])}
         self._inside: dict[str, Card] = {}  # the material or interaction whose keywords follow
@@ -251,7 +244,7 @@ class Model:
     def _friction(self, card: Card) -> None:
         self._inside[card.word] = card
         row = numbers(card.rows[0]) if card.rows else [0.0]
-        if "ROUGH" in card.given or "TAUMAX" in card.given or "USER" in card.given:
+        if {"ROUGH", "TAUMAX", "USER"} & card.given.keys():
             self.notes.add(self.notes.lost, card, "friction other than Coulomb's with one coefficient")
         if len(row) > 1 and row[1]:
             self.notes.add(self.notes.changed, card, "the stick slope is dropped: nodes stick without slip")
@@ -264,7 +257,7 @@ class Model:
         self._taken(card, "material of elements")
 
     def _contactpair(self, card: Card) -> None:
-        self.pairs += [Pair(card, row[0], row[1]) for row in card.rows]
+        self.pairs += [Pair(card, *row[:2]) for row in card.rows]
 
     _tie = _contactpair
 
@@ -282,6 +275,10 @@ class Model:
 
     def _boundary(self, card: Card) -> None:
         self._renew("supports", card)
+        fixed = set().union(*(self.deck.chosen(card, "NSET", row[0]) for row in card.rows))
+        if "FIXED" in card.given and fixed <= self.bolt_nodes and self.ends:
+            self.locked |= dict.fromkeys(fixed, self.ends[-1])
+            return
         if {"SUBMODEL", "USER", "FIXED"} & card.given.keys() or card.given.get("TYPE", "D")[0].upper() != "D":
             self.notes.add(self.notes.lost, card, "displacements of another model, a routine, or of the step before")
             return

@@ -68,6 +68,38 @@ def split(blocks: Sequence[Block]) -> list[list[Block]]:
             for piece in label[np.sort(first)]]
 
 
+def cut(blocks: Sequence[Block], ends: set[tuple[int, int]], points: dict[int, list[float]]
+        ) -> tuple[list[Block], dict[int, int]]:
+    """Elements cut apart at a flat section, faces `ends` (element, number) of those on one side: the elements on the
+    other side have copies of its nodes, old number → new. The new `points` (m) are added."""
+    of = {element: (block, row) for block in blocks for row, element in enumerate(block.entries[:, 0].tolist())}
+    section, inside = set[int](), []
+    for element, face in ends:
+        block, row = of[element]
+        nodes, corner = block.entries[row, 1:], faces(block.kind)[face - 1]
+        around = {frozenset(pair) for pair in zip(corner, corner[1:] + corner[:1], strict=True)}
+        middles = [corners(block.kind) + k for k, side in enumerate(SIDES[shape(block.kind)]) if {*side} in around]
+        section |= set(nodes[[*corner, *middles]].tolist()) if len(nodes) > corners(block.kind) else set(
+            nodes[list(corner)].tolist())
+        inside.append(np.mean([points[node] for node in nodes.tolist()], axis=0))
+    at = np.array([points[node] for node in sorted(section)])
+    d = 3 if blocks[0].name.startswith("C3D") else 2
+    normal = np.pad(np.linalg.svd((at - at.mean(axis=0))[:, :d])[2][-1], (0, 3 - d))
+    side = np.sign((np.mean(inside, axis=0) - at.mean(axis=0)) @ normal)
+    top = max(number % STRIDE for number in points)
+    copies = {node: node // STRIDE * STRIDE + top + k for k, node in enumerate(sorted(section), 1)}
+    points |= {new: points[old] for old, new in copies.items()}
+    result = []
+    for block in blocks:
+        nodes = block.entries[:, 1:].copy()
+        touching = np.isin(nodes, list(section))
+        middle = np.array([np.mean([points[node] for node in row], axis=0) for row in nodes.tolist()])
+        other = touching & (((middle - at.mean(axis=0)) @ normal) * side < 0.0)[:, None]
+        nodes[other] = [copies[node] for node in nodes[other].tolist()]
+        result.append(Block(block.name, block.kind, np.column_stack([block.entries[:, 0], nodes])))
+    return result, copies
+
+
 class Piece:
     """One body: its elements, nodes, and the facets of its boundary.
 
@@ -187,6 +219,22 @@ class Piece:
         along = x[:, 1] - x[:, 0]
         across = np.cross(along, x[:, 2] - x[:, 0]) if x.shape[2] > 2 else along[:, ::-1] * (1.0, -1.0)
         return across / np.linalg.norm(across, axis=1)[:, None]
+
+    def heights(self, facets: np.ndarray, master: Piece, against: np.ndarray) -> np.ndarray:
+        """(k,) distances of the nodes of these facets from the facets `against` of the master below or above them."""
+        d, some = self.points.shape[1], master.facets[against]
+        corners = master.points[np.concatenate([some[:, :3], some[some[:, 3] >= 0][:, [0, 2, 3]]]) if d > 2
+                                else some[:, :2]]
+        edges = corners[:, 1:] - corners[:, :1]
+        normals = np.cross(edges[:, 0], edges[:, 1]) if d > 2 else edges[:, 0, ::-1] * (1.0, -1.0)
+        normals /= np.linalg.norm(normals, axis=1)[:, None]
+        inverse, found = np.linalg.pinv(edges), []  # of the edges along a facet: coordinates of a place in it
+        for place in set(self.facets[facets].ravel().tolist()) - {-1}:
+            off = self.points[place] - corners[:, 0]
+            at = np.einsum("fd,fde->fe", off, inverse)
+            over = (at >= -EXACT).all(axis=1) & (at.sum(axis=1) <= 1.0 + EXACT)
+            found += [float(np.abs((off * normals).sum(axis=1))[over].min())] if over.any() else []
+        return np.array(found)
 
     def write(self, path: Path) -> None:
         """Write the mesh as an input of Abaqus with sets of nodes, elements, and surfaces of faces."""

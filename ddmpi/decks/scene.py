@@ -14,8 +14,9 @@ from ddmpi.decks.acting import Acts
 from ddmpi.decks.cards import Card
 from ddmpi.decks.deck import Deck
 from ddmpi.decks.material import Matter
-from ddmpi.decks.model import Acting, Model, Notes, Pair, Rigid, number
-from ddmpi.decks.pieces import Block, Piece, own_name, split
+from ddmpi.decks.model import Acting, Model, Notes, Pair, Rigid
+from ddmpi.decks.pieces import Block, Piece, cut, own_name, split
+from ddmpi.decks.words import number
 from ddmpi.errors import InputError, TakenError
 from ddmpi.scene.reader import write_toml
 
@@ -76,6 +77,9 @@ class Importer:
             if block.kind in ("hexahedron", "wedge", "quad", "pyramid"):
                 notes.add(notes.changed, card, f"{block.name} cut into quadratic "
                           f"{'tetrahedra' if family == 'C3D' else 'triangles'}: linear ones would be too stiff")
+        self.cuts: list[tuple[Card, set[tuple[int, int]], set[int]]] = []
+        for card in self.model.bolts:
+            blocks = self._cut(card, blocks)
         numbers, points = self.deck.placed()
         lost = np.setdiff1d(np.concatenate([block.entries[:, 1:].ravel() for block in blocks]), numbers)
         if len(lost):
@@ -88,6 +92,48 @@ class Importer:
             name = own_name(named or f"part{len(pieces) + 1}", [piece.name for piece in pieces])
             pieces.append(Piece(name, blocks_of_one, numbers, points if family == "C3D" else points[:, :2]))
         return pieces, family, quadratic
+
+    def _cut(self, card: Card, blocks: list[Block]) -> list[Block]:
+        """Cut a bolt at its section. Supports and temperatures of the nodes there hold for both sides."""
+        if "SURFACE" not in card.given:
+            self.notes.add(self.notes.lost, card, "a pre-tension that is not of a section of solid elements")
+            return blocks
+        ends = set(self.model.surface(card, card.given["SURFACE"]))
+        blocks, copies = cut(blocks, ends, self.deck.points)
+        for kind in ("supports", "heat"):
+            acting = self.model.kinds[kind]
+            for key in list(acting):
+                node = key[0] if isinstance(key, tuple) else key
+                if node in copies:
+                    acting[(copies[node], *key[1:]) if isinstance(key, tuple) else copies[node]] = acting[key]
+        self.model.start |= {copies[node]: heat for node, heat in self.model.start.items() if node in copies}
+        self.model.transforms |= {copies[node]: axes for node, axes in self.model.transforms.items() if node in copies}
+        self.cuts.append((card, ends, set(copies.values())))
+        return blocks
+
+    def _bolts(self) -> Iterable[dict[str, Any]]:
+        """The bonded contacts at the sections of bolts, with the force of their reference nodes."""
+        for card, ends, copies in self.cuts:
+            sides = {self.acts.where[end][0].name: self.acts.where[end][0] for end in ends if end in self.acts.where}
+            others = [piece for piece in self.pieces if len(piece.whole(piece.within(copies)))]
+            node, = self.deck.chosen(card, "NSET", card.given["NODE"])
+            force = self.model.kinds["forces"].get((node, 1))
+            if len(sides) != 1 or len(others) != 1 or others[0].name in sides or force is None:
+                self.notes.add(self.notes.lost, card, "a section that does not cut a body in two" if force else
+                               "a pre-tension whose node has no force")
+                continue
+            (piece,), other = sides.values(), others[0]
+            if node in self.model.locked:  # after its last point the offset is kept
+                force = force._replace(course=tuple(p for p in force.course if p[0] <= self.model.locked[node]))
+            value, history = self.acts.factor(force)
+            facets = np.unique([self.acts.where[end][1] for end in ends])
+            out = piece.points[piece.facets[facets[0], :2]].mean(axis=0) - piece.points.mean(axis=0)
+            normal = piece.normals(facets)[0]
+            self.notes.add(self.notes.taken, card, "a bond with a pretension")
+            yield {"bodies": [piece.name, other.name], "kind": "bonded", "on": [
+                piece.group(facets, "section"), other.group(other.whole(other.within(copies)), "section")],
+                "pretension": {"force": value / self.matter.depth, "along": (normal * np.sign(normal @ out)).tolist()}
+                | ({"history": history} if history else {})}
 
     def _element_sets(self) -> dict[frozenset[int], str]:
         """Names of sets of elements by their members; those of sections first; within instances their names."""
@@ -114,7 +160,8 @@ class Importer:
                     "volume_force": acts.volume_forces(piece),
                     "temperature": heat}
             bodies.append({key: value for key, value in body.items() if value not in (None, [])})
-        contacts = [contact for pair in self.model.pairs for contact in self._contacts(pair)] + rigid.contacts
+        contacts = [contact for pair in self.model.pairs for contact in self._contacts(pair)]
+        contacts += [*rigid.contacts, *self._bolts()]
         names: list[str] = []
         for contact in contacts:
             names.append(own_name("-".join(contact["bodies"]), names))
@@ -179,9 +226,17 @@ class Importer:
                 gap = self._clearance(pair)
                 if gap is not None:
                     contact["gap"] = gap
-                elif not tied and card.given.get("ADJUST", "NO").upper() != "NO":
-                    contact["gap"] = 0.0
-                    notes.add(notes.changed, card, "ADJUST: the surfaces touch, with a gap of 0")
+                elif not tied and (word := card.given.get("ADJUST", "NO").upper()) != "NO":
+                    heights = slave.heights(on, master, against)
+                    reach = float(word) if re.fullmatch(r"[\d.ED+-]+", word) else np.nan
+                    near = heights <= max(reach, 1e-9 * float(np.ptp(slave.points, axis=0).max()))
+                    if near.all() and len(near):
+                        contact["gap"] = 0.0
+                        notes.add(notes.changed, card, "ADJUST: the surfaces touch, with a gap of 0")
+                    elif reach == 0.0 or (reach > 0.0 and not near.any()):
+                        notes.add(notes.changed, card, "ADJUST moves nothing: gaps are those of the mesh")
+                    else:
+                        notes.add(notes.lost, card, "ADJUST that moves some of the nodes only")
                 count += 1
                 yield contact
         own = {piece.name for piece, _ in slaves} & {piece.name for piece, _ in masters}
@@ -298,7 +353,7 @@ def import_deck(deck: str | Path, output: str | Path, partial: bool = False) -> 
     try:
         importer = Importer(path)
         scene = importer.scene(path.stem)
-    except InputError as error:
+    except (InputError, ValueError, OverflowError) as error:  # sets and numbers that are none, wherever they are read
         raise InputError(f"{deck}: {error}") from None
     notes = importer.notes
     if notes.lost and not partial:
@@ -315,8 +370,8 @@ def import_deck(deck: str | Path, output: str | Path, partial: bool = False) -> 
         piece.write(folder / f"{piece.name}.inp")
     (folder / "scene.toml").write_text(text, encoding="utf-8")
     lists = {"taken": notes.taken, "changed": notes.changed, "lost": notes.lost}
-    return "\n".join([*(f"{title}:\n" + "".join(f"  {line}\n" for line in notes.words(entries) or ())
-                        for title, entries in lists.items() if entries or title == "lost"),
+    return "\n".join([*(f"{title}:\n" + ("".join(f"  {line}\n" for line in notes.words(entries)) or "  nothing\n")
+                        for title, entries in lists.items()),
                       f"{folder / 'scene.toml'}: {_count(len(importer.pieces), 'body', 'bodies')}, "
                       + _count(len(scene.get("contact", [])), "contact", "contacts")])
 

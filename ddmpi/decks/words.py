@@ -35,7 +35,7 @@ SILENT = frozenset((
     "CONTACTPRINT", "FACEPRINT", "SECTIONPRINT", "ENERGYPRINT", "ENERGYFILE", "OUTPUT", "NODEOUTPUT",
     "ELEMENTOUTPUT", "CONTACTOUTPUT", "ENERGYOUTPUT", "MONITOR", "PRINT", "RESTART", "TIMEPOINTS", "FILEFORMAT",
     "PARAMETER", "NORMAL", "TRANSFORM", "ORIENTATION", "AMPLITUDE", "ENDPART", "ENDASSEMBLY", "ENDINSTANCE",
-    "SURFACESMOOTHING",
+    "SURFACESMOOTHING", "PRE-TENSIONSECTION",
     # what these say matters with elements that are lost themselves
     "SHELLSECTION", "BEAMSECTION", "BEAMGENERALSECTION", "MEMBRANESECTION", "MEMBRANE", "FLUIDSECTION", "SPRING",
     "DASHPOT", "MASS",
@@ -44,7 +44,7 @@ SILENT = frozenset((
 
 REFUSED = {
     "EQUATION": "equations between nodes", "MPC": "constraints between nodes",
-    "PRE-TENSIONSECTION": "pre-tension of a section", "DISTRIBUTINGCOUPLING": "couplings",
+    "DISTRIBUTINGCOUPLING": "couplings",
     "KINEMATICCOUPLING": "couplings",
     "MODELCHANGE": "parts or contacts that are removed or added", "SUBMODEL": "displacements of another model",
     "CHANGEFRICTION": "friction that changes", "CHANGESURFACEBEHAVIOR": "contact laws that change",
@@ -100,3 +100,13 @@ def face(kind: str, name: str, surface: str) -> tuple[int, ...]:
         raise ValueError(f"the surface {surface} has {name or 'no'} face of a {shape(kind)}; these are S1 to "
                          f"S{len(all_faces)}")
     return all_faces[int(name[1]) - 1]
+
+
+def number(word: str) -> float:
+    """A number as decks write it, with E or D before the exponent. Raises ValueError."""
+    return float(word.upper().replace("D", "E"))
+
+
+def numbers(row: list[str]) -> list[float]:
+    """The numbers of a data line; empty entries are zero."""
+    return [number(word) if word else 0.0 for word in row]

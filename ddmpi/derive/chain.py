@@ -72,7 +72,7 @@ class Chain:
         """The derivatives at the end of a load step, of the `answer` of `outer`. `now` and `before` are the beginnings
         of the step and of the step before; None without load steps. `drawn` is its time in the histories, if another.
         """
-        space, since = self.assembly.space, now.derived if now else self.first(time)
+        space, joint, since = self.assembly.space, self.assembly.joint, now.derived if now else self.first(time)
         if not since:
             return {}
         assert isinstance(outer, Newton)
@@ -84,14 +84,17 @@ class Chain:
             start = self._start(k, time, now, before) if now and before else np.zeros(space.size)
             rho, de = self.parameters.changes(k, factors, answer.displacements)
             bounds, former_bounds = (one.bounds(self.assembly, forces) for forces in (s, former))
-            changed = equations.direct(rho - start, de, equations.along_slip(bounds))
+            # offsets of bolts that are kept are those of the step before, and so are their derivatives
+            kept = np.where(joint.kept, since["alpha"][k], 0.0)
+            changed = equations.direct(rho + joint.rigid.spread(kept) - start, np.where(joint.kept, 0.0, de),
+                                       equations.along_slip(bounds))
             fall, rise = equations.until(changed, bounds)
             work = [_rubbed(answer.states[interface.name], interface.law, changed.r[part],
                             _follows(interface.law, s[part], changed.s[part]) + bound,
                             _follows(interface.law, former[part], since["s"][k, part]) + former_bound)
                     for (interface, part), bound, former_bound in zip(space.with_slices(), bounds, former_bounds,
                                                                       strict=True)]
-            for name, value in (("s", changed.s), ("closed", start - changed.r), ("alpha", changed.alpha),
+            for name, value in (("s", changed.s), ("closed", start - changed.r), ("alpha", changed.alpha + kept),
                                 ("dissipated", since["dissipated"][k] + np.array(work)),
                                 ("residual", max(changed.residual, since["residual"][k])),
                                 ("until", [max(fall, since["until"][k, 0]), min(rise, since["until"][k, 1])])):

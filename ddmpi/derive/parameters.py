@@ -171,6 +171,12 @@ def parameter(assembly: Assembly, key: str) -> Parameter:
         return replace(blank, value=value, history=rigid.history, driven=driven, moved=(name, along))
     contact = next(contact for contact in scene.contact if contact.name == name)
     own = [(interface, part) for interface, part in space.with_slices() if interface.name == name]
+    if contact.pretension and rest[0] == "pretension":
+        force = np.zeros(joint.rigid.size)
+        for each in joint.driven:
+            if each.bond == name:
+                force[joint.slices[each.name]] = each.push / contact.pretension.force
+        return replace(blank, value=contact.pretension.force, history=contact.pretension.history, force=force)
     if rest[0] == "friction":
         given = getattr(contact.friction, rest[1])
         number = isinstance(given, float | int)

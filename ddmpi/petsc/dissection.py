@@ -27,18 +27,40 @@ def elimination_order(A: PETSc.Mat, points: np.ndarray) -> np.ndarray | None:
 
     A has a block of rows for each of the nodes at `points` (k, d), all on this rank; only its pattern is read.
     """
-    width = A.getBlockSize()
-    starts, columns = A.getRowIJ()
+    starts, _ = A.getRowIJ()
     if starts[-1] < FEWEST:
         return None
-    count = np.diff(starts)[::width] // width
-    ends = np.cumsum(count, dtype=count.dtype)
-    at = np.repeat(starts[:-1:width] - width * (ends - count), count) + width * np.arange(ends[-1], dtype=count.dtype)
-    second = columns[at] // width
-    first = np.repeat(np.arange(len(points), dtype=second.dtype), count)
+    width, (ends, second) = A.getBlockSize(), neighbours(A)
+    first = np.repeat(np.arange(len(points), dtype=second.dtype), np.diff(ends))
     pairs = first < second
     place = dissect(points, first[pairs], second[pairs])
     return (width * place[:, None] + np.arange(width)).ravel().astype(np.int32)
+
+
+def neighbours(A: PETSc.Mat) -> tuple[np.ndarray, np.ndarray]:
+    """The nodes that share an entry of A with each node, itself included: in a CSR matrix, starts of rows and columns.
+    Not collective, see `elimination_order`."""
+    width = A.getBlockSize()
+    starts, columns = A.getRowIJ()
+    count = np.diff(starts)[::width] // width
+    ends = np.cumsum(np.append(0, count), dtype=columns.dtype)
+    at = np.repeat(starts[:-1:width] - width * ends[:-1], count) + width * np.arange(ends[-1], dtype=columns.dtype)
+    return ends, columns[at] // width
+
+
+def layers_of(A: PETSc.Mat) -> int:
+    """The number of layers of neighbours, about the largest, from a node at one end of the body to the other end. Not
+    collective."""
+    ends, nodes = neighbours(A)
+    graph = sparse.csr_matrix((np.ones(len(nodes), np.int8), nodes, ends), (len(ends) - 1,) * 2)
+    node = 0
+    for _ in range(2):  # from any node to the farthest one, and from there
+        order, before = csgraph.breadth_first_order(graph, node)
+        node = at = order[-1]
+        number = 1
+        while before[at] >= 0:
+            at, number = before[at], number + 1
+    return number
 
 
 def dissect(points: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:

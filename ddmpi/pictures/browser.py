@@ -25,7 +25,7 @@ from ddmpi.results.fields import group_of, owners
 from ddmpi.results.histories import at_step, step_times
 from ddmpi.results.tables import Columns, Results, read_results, read_surfaces, reading
 from ddmpi.surface.side import nodal, unit
-from ddmpi.system.files import write_atomically
+from ddmpi.system.files import MECHANISM, write_atomically
 from ddmpi.system.numbers import scaled_unit
 
 MARK = b'<meta name="generator" content="ddmpi '
@@ -79,6 +79,9 @@ def write_view(folder: str | Path, output: str | None = None) -> Path:
     folder = Path(folder)
     path = Path(output) if output else folder / "view.html"
     with reading(folder):
+        if (folder / MECHANISM).exists():
+            raise InputError(f"{folder}: the run has found no equilibrium, so there is nothing to turn; mechanism.png "
+                             "shows how the bodies would move")
         page = _page(at_step(read_results(folder), folder), folder)
     if path.exists() and not (path.is_file() and MARK in path.read_bytes()[:1000]):
         raise InputError(f"--output {path}: is there already, and no view of ddmpi; name another file")
@@ -116,8 +119,10 @@ def _page(results: Results, folder: Path) -> str:
     times, tops, marks = [], dict.fromkeys(TITLES, 0.0), {name: list[tuple[float, int]]() for name in TITLES}
     for k, (time, fields, surfaces) in enumerate(_steps(results, folder, len(nodes))):
         u = np.pad(fields["displacement"][:, :d], ((0, 0), (0, 3 - d))) + s
-        values = {"displacement": np.linalg.norm(u - s, axis=1)[nodes], "pressure": np.concatenate(
-            [np.nan_to_num(surfaces[name]["pressure"])[rows] for name, rows in painted["rows"]] or [np.zeros(0)])}
+        values = {"displacement": np.linalg.norm(u - s, axis=1)[nodes]}
+        if len(painted["painted"]):
+            values["pressure"] = np.concatenate([
+                np.nan_to_num(surfaces[name]["pressure"])[rows] for name, rows in painted["rows"]])
         if "nodal_von_mises" in fields:
             values["von_mises"] = fields["nodal_von_mises"][nodes]
         times.append(time)

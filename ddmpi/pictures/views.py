@@ -247,9 +247,9 @@ def rim(points: np.ndarray, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     ends = points[edges]
     middle, along = ends.mean(axis=1), ends[:, 1] - ends[:, 0]
     length = np.linalg.norm(along, axis=1)
-    pairs = cKDTree(middle).query_ball_point(middle, 0.51 * length.max(initial=0.0))
-    one, other = np.repeat(np.arange(len(edges)), list(map(len, pairs))), np.concatenate([np.zeros(0, int), *pairs])
-    one, other = one[one != other], other[one != other].astype(int)
+    near = cKDTree(middle).query_ball_point(middle, 0.51 * length) if len(edges) else []
+    other, one = np.repeat(np.arange(len(edges)), list(map(len, near))), np.concatenate([np.zeros(0, int), *near])
+    one, other = one[one != other].astype(int), other[one != other]
     away = middle[one] - ends[other, 0]
     share = np.clip(np.einsum("pd,pd->p", away, along[other]) / length[other] ** 2, 0.0, 1.0)
     met = np.linalg.norm(away - share[:, None] * along[other], axis=1) < MEETING * length[one]

@@ -63,9 +63,11 @@ class Answer:
         """The derivatives of the answer by a key of ``output.derivatives``: its entry of the summary, with arrays of
         nodes and bodies, such as ``.contacts["fit"].pressure``; None where they are not precise. Not collective.
 
-        Raises InputError for another key.
+        Raises InputError for another key, and where the answer is not certified.
         """
         entries = self.summary.get("derivatives", {})
+        if not self.certified:
+            raise InputError(f"derivative({key!r}): {self.reason}; only a certified answer has derivatives")
         if key not in entries:
             raise InputError(f"derivative({key!r}): output.derivatives of the scene does not name it"
                              f"{nearest(key, list(entries))} (there: {', '.join(entries) or 'none'})")

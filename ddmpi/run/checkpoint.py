@@ -64,6 +64,8 @@ def identify(scene: Settled, options: dict[str, str], versions: dict[str, str]) 
     for key in MAY_DIFFER:
         del data[key]
     del data["method"]["max_iterations"]
+    if scene.time:  # load steps take derivatives over from those before
+        data["derivatives"] = scene.output.derivatives
     identity = {"scene": data,
                 "PETSc options": {key: value for key, value in options.items() if not re.search(ONLY_PRINT, key)},
                 "versions": {name: versions[name] for name in ("ddmpi", "petsc", "numpy", "scipy")}}

@@ -285,6 +285,7 @@ def write_files(solved: Solved, folder: Path | None, clock: Clock, figures: bool
     staging, picture_error = Staging(folder) if folder else None, None
     path = world.bcast(staging.path if staging else None)
     scene = solved.assembly.scene
+    viewed = scene.output.view is True and not scene.output.only
     try:
         with clock.phase("output"):
             surfaces, spans = dict[str, Datasets](), dict[int | str, np.ndarray]()
@@ -307,7 +308,7 @@ def write_files(solved: Solved, folder: Path | None, clock: Clock, figures: bool
                         write_energies(path, solved.steps.energies, solved.steps.steps)
                     if solved.solution.mechanism:
                         write_mechanism(path, solved.solution.mechanism)
-                    if figures or scene.output.view is True:  # they show it
+                    if figures or viewed:  # they show it
                         write_summary(path, summary)
             if figures:
                 hosts = world.allgather(MPI.Get_processor_name())
@@ -315,7 +316,7 @@ def write_files(solved: Solved, folder: Path | None, clock: Clock, figures: bool
                 with agreed(world), event("Figures"):
                     picture_error = _draw(path, near.index(world.rank), len(near)) if world.rank in near else None
             with agreed(world):
-                if staging and scene.output.view is True and not solved.solution.mechanism:
+                if staging and viewed and not solved.solution.mechanism:
                     picture_error = _guarded(write_view, path) or picture_error
         seconds = clock.largest(world)
         with agreed(world):

@@ -78,7 +78,7 @@ WHOLE = (r"body\.[^.]+\.(?:(?:traction|clamp)\.\d+|volume_force|temperature)"
 
 NUMBER = (r"body\.[^.]+\.(?:material(?:\.\d+)?\.young|volume_force\.\d"
           r"|traction\.\d+\.(?:pressure|moment|(?:value|force|moment)\.\d)|clamp\.\d+\.(?:x|y|z|normal))"
-          r"|rigid\.[^.]+\.(?:displacement|force|moment)\.\d|contact\.[^.]+\.gap\.value")
+          r"|rigid\.[^.]+\.(?:displacement|force|moment)\.\d|contact\.[^.]+\.(?:gap\.value|pretension\.force)")
 """Other numbers by which an answer can be differentiated."""
 
 

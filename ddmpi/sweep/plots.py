@@ -134,8 +134,10 @@ def _label(name: str, summary: dict) -> str:
     words = name
     if head in ("body", "bodies", "contact", "contacts", "rigid", "history") and len(rest) > 1:
         row = ROWS.get(".".join([head, "NAME", *rest[1:]]))
-        axes = ["xyz"[int(part)] if part in ("0", "1", "2") else part for part in rest[1:]]
-        words = f"{row.words if isinstance(row, Row) else ' '.join(axes)} of {rest[0]}"
+        *places, last = rest[1:]  # numbers of places in lists go, but for that of a component
+        last = "xyz"[int(last)] if last in ("0", "1", "2") else last
+        names = [*(part for part in places if not part.isdecimal()), last]
+        words = f"{row.words if isinstance(row, Row) else ' '.join(names)} of {rest[0]}"
     elif head not in ("k", "method"):
         row = ROWS.get(name)
         words = row.words if isinstance(row, Row) else WORDS.get(name, " ".join(name.split(".")))

@@ -5,8 +5,11 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 import scenes
-from scenes import mumps_is_known, pinched_blocks, prepare_scene
+import scipy.sparse as sparse
+from scenes import mumps_is_known, pinched_blocks, prepare_scene, to_toml
+from solid_scenes import box
 
+from ddmpi.body import compliance
 from ddmpi.body.compliance import (
     FACTORS,
     FACTORS_WITH_SCHUR,
@@ -14,8 +17,12 @@ from ddmpi.body.compliance import (
     LARGEST_RATIO,
     MARGIN,
     choose_kind,
+    plan_compliance,
 )
+from ddmpi.body.elasticity import assemble
+from ddmpi.mesh.build import build_mesh
 from ddmpi.run.solve import solve
+from ddmpi.scene.reader import read_scene
 from ddmpi.system.memory import free_memory
 
 pytestmark = pytest.mark.slow
@@ -80,16 +87,16 @@ def choices() -> Iterator[tuple[int, int, float, int, str, str]]:
     for n in (0, 1, 2):  # next to nothing
         yield n, n, np.inf, 2, "explicit", ""
     for d, ratio in zip((2, 3), LARGEST_RATIO, strict=True):
-        thin = int((ratio * 100_000) ** (1 / 3))
-        yield 100_000, thin, np.inf, d, "explicit", ""
-        yield 100_000, thin + 10, np.inf, d, "direct", f"{thin + 10} contact unknowns"
+        thin = int((ratio * 70_000) ** (1 / 3))
+        yield 70_000, thin, np.inf, d, "explicit", ""
+        yield 70_000, thin + 10, np.inf, d, "direct", f"{thin + 10} contact unknowns"
         yield 30_000, 15_000, 2**31, d, "direct", ""  # thin bodies beyond memory: factors alone are small
-    n, k = int(LARGEST_CONDENSED), 2000  # factors in space take time with n²
+    n, k = int(LARGEST_CONDENSED[0]), 2000  # factors in space take time with n²
     yield n, 5000, np.inf, 3, "explicit", ""
     yield n + 1, 5000, np.inf, 3, "iterative", str(n + 1)
     yield 10 * n, 5000, np.inf, 2, "explicit", ""
     # where factors fit without the compliance, a body in the plane keeps them, and one in space does not
-    for d, n, growth, without in ((2, 1_000_000, 1e6 * np.log2(1e6), "direct"), (3, 216_000, 60.0**4, "iterative")):
+    for d, n, growth, without in ((2, 1_000_000, 1e6 * np.log2(1e6), "direct"), (3, 64_000, 40.0**4, "iterative")):
         direct, explicit = (MARGIN * each[d == 3] * growth for each in (FACTORS, FACTORS_WITH_SCHUR))
         explicit += 8 * k**2
         yield n, k, 1.01 * explicit, d, "explicit", ""
@@ -102,6 +109,25 @@ def choices() -> Iterator[tuple[int, int, float, int, str, str]]:
 def test_kind_is_chosen_from_sizes_and_memory(n, k, memory, d, kind, words):
     found, reason = choose_kind(n, k, memory, d)
     assert found == kind and words in reason
+
+
+@pytest.mark.parametrize("divisions, order, solves, factor, kind", [
+    ((18, 6, 6), 1, 1, 0.9, "explicit"), ((18, 6, 6), 1, 1, 1.1, "iterative"), ((18, 6, 6), 1, 2, 1.1, "explicit"),
+    ((18, 6, 6), 1, 2, 2.2, "iterative"), ((6, 18, 6), 2, 1, 0.9, "explicit"), ((6, 6, 18), 2, 1, 1.3, "iterative"),
+    ((120, 6, 6), 1, 1, 4.0, "explicit"), ((6, 6, 120), 1, 1, 9.0, "iterative"), ((6, 120, 6), 2, 1, 4.0, "explicit")])
+def test_order_shape_and_load_steps_decide_in_space(divisions, order, solves, factor, kind, monkeypatch):
+    """Boxes of `factor` times the largest number of dofs of their order: a slender one has cheap factors, and those of
+    a body with load steps serve for all of them."""
+    spec = read_scene("", to_toml({
+        "body": [box(name, (0, 0, z), divisions, divisions, order, clamp=["bottom"])
+                 for name, z in (("a", 0), ("b", -999))],
+        "contact": [{"bodies": ["a", "b"], "on": ["bottom", "top"]}]})).body[0]
+    A = assemble(build_mesh(spec), spec).A
+    largest = [0.0, 0.0]
+    largest[order - 1] = A.size[0] / factor
+    monkeypatch.setattr(compliance, "LARGEST_CONDENSED", largest)
+    B = sparse.csr_matrix(([1.0], ([0], [0])), (5, A.size[0]))
+    assert plan_compliance(A, B, None, np.inf, order == 2, solves)[0] == kind
 
 
 @pytest.mark.mpi(ranks=2)

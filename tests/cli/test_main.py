@@ -2,14 +2,16 @@
 
 import itertools
 import os
+import re
 import sys
 import threading
 
 import pytest
+import scenes
 
 from ddmpi.cli import main as cli
 from ddmpi.cli.arguments import build_parser
-from ddmpi.cli.commands import _figures
+from ddmpi.cli.commands import COMMANDS, _figures
 from ddmpi.errors import InputError
 
 
@@ -61,3 +63,9 @@ def test_two_cuts_are_refused():
     assert build_parser().parse_args(command).cut == [{"x": 0.5}]
     with pytest.raises(InputError, match=r"--cut.*given twice"):
         _figures(build_parser().parse_args([*command, "--cut", "y=0.5"]))
+
+
+def test_the_script_knows_all_commands():
+    """scripts/run.sh takes any other first word for a scene."""
+    line = re.search(r"\n    (run \|.*)\) ;;", (scenes.ROOT / "scripts" / "run.sh").read_text(encoding="utf-8"))
+    assert set(COMMANDS) <= set(line[1].split(" | "))

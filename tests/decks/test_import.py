@@ -49,7 +49,7 @@ def test_a_bar_under_pressure(tmp_path):
     scene, lists = imported(tmp_path, deck)
     assert scene["body"][0]["mesh"] == {"file": "A.inp", "order": 2} and "contact" not in scene and "time" not in scene
     assert scene["body"][0]["clamp"] == [{"on": "A_X0", "x": 0.0}, {"on": "A_Y0", "y": 0.0}, {"on": "A_Z0", "z": 0.0}]
-    assert "line 131: *BOUNDARY: clamps" in lists and "*DLOAD: pressure" in lists and "lost:\n\n" in lists
+    assert "line 131: *BOUNDARY: clamps" in lists and "*DLOAD: pressure" in lists and "lost:\n  nothing\n" in lists
     u = solved(tmp_path, deck, name="again").bodies["A"].displacement
     assert u.min(axis=0) == pytest.approx([0.0, 0.0, -21.0 * 3 / YOUNG], rel=1e-9, abs=1e-15)
     assert u[:, :2].max(axis=0) == pytest.approx([0.3 * 21 / YOUNG] * 2, rel=1e-9)
@@ -111,10 +111,9 @@ PAIR, LAW = "*CONTACT PAIR, INTERACTION=I", "*SURFACE INTERACTION, NAME=I\n"
 @pytest.mark.parametrize("card, more, expected", [
     ("*TIE, NAME=T", "", {"kind": "bonded"}),
     (PAIR, f"{LAW}*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=TIED\n1e7\n", {"kind": "bonded"}),
-    (f"{PAIR}, ADJUST=0.1", LAW, {"gap": 0.0}),
     (PAIR, f"{LAW}*CLEARANCE, SLAVE=slave, MASTER=MASTER, VALUE=0.02\n", {"gap": 0.02})])
 def test_kinds_of_contacts(tmp_path, card, more, expected):
-    """Ties are bonded; ADJUST and *CLEARANCE give gaps."""
+    """Ties are bonded; *CLEARANCE gives a gap."""
     scene, _ = imported(tmp_path, stack(card, more, 0.05) + step("*BOUNDARY", "B_Z1, 3, 3, -0.001"))
     assert {key: value for key, value in scene["contact"][0].items() if key in ("kind", "gap", "friction")} == expected
 
@@ -274,6 +273,7 @@ BAD = [
     (BOX + "*CONTACT PAIR, INTERACTION=I\nX, Y\n" + step(), "there is no *SURFACE INTERACTION I"),
     (stack("*TIE", first="SLAVE, NOWHERE") + step(), "*TIE: there is no surface NOWHERE"),
     ("*ELEMENT, TYPE=S4, ELSET=A\n1, 1, 2, 3, 4\n" + step(), "it has no elements that a scene may have"),
+    (BOX + "*NSET, NSET=LOOP\nLOOP\n" + step("*CLOAD", "1, 1, 1."), "the set LOOP contains itself"),
     ("", "it has no"), ("hello\n", "it has no"), ("*NODE, NSET\n*STEP\n", "")]
 
 
@@ -425,3 +425,43 @@ def test_loads_at_nodes_of_no_body_are_lost(tmp_path):
     assert "*CLOAD: a force at a node of no body" in refused(tmp_path, COUPLED + step("*CLOAD", "900, 1, 1."))
     lists = imported(tmp_path, COUPLED + "*BOUNDARY\n900, 1\n" + step("*CLOAD", "36, 1, 1."))[1]
     assert "a support at a node of no body is left out" in lists
+
+
+def bolt(kind: str = "") -> str:
+    """A bar between two supports, cut at a section in its middle with a force at node 900."""
+    head = grid("A", (1, 1, 4), (1.0, 1.0, 4.0), kind=kind) + STEEL + SECTION
+    return head + ("*NODE\n900, 9., 9., 9.\n*SURFACE, NAME=CUT\n2, S2\n*PRE-TENSION SECTION, SURFACE=CUT, NODE=900\n"
+                   "*BOUNDARY\nA_Z0, 3\nA_Z1, 3\nA_X0, 1\nA_Y0, 2\n")
+
+
+def test_a_bolt_under_pretension(tmp_path):
+    """A section of pre-tension cuts the body in two, and its force pulls; once it is fixed the offset is kept, and the
+    force follows the load."""
+    scene = imported(tmp_path, bolt() + step("*CLOAD", "900, 1, 50."))[0]
+    assert scene["contact"][0]["pretension"] == {"force": 50.0, "along": [0.0, 0.0, 1.0]}
+    answer = solved(tmp_path, bolt() + step("*CLOAD", "900, 1, 50.") + step("*BOUNDARY, FIXED", "900, 1, 1",
+                    "*BOUNDARY", "A_Z1, 3, 3, 0.001"), name="run")
+    (contact,) = answer.summary["contacts"].values()
+    assert contact["pretension"]["offset"] == pytest.approx(50.0 * 4 / YOUNG, rel=1e-6)
+    assert contact["pretension"]["force"] == pytest.approx(50.0 + 0.001 / 4 * YOUNG, rel=1e-6)
+
+
+@pytest.mark.parametrize("change, words", [
+    (("S2\n*PRE", "S6\n*PRE"), "a section that does not cut a body in two"),
+    (("NODE=900", "NODE=77"), "there is no"), (("SURFACE=CUT, ", ""), "not of a section of solid elements")])
+def test_sections_that_are_lost(tmp_path, change, words):
+    """A section on a side, without its node or surface is refused."""
+    deck = bolt().replace(*change) + step("*CLOAD", "900, 1, 50.")
+    assert words in refused(tmp_path, deck) or "a force at a node of no body" in refused(tmp_path, deck)
+    assert "whose node has no force" in refused(tmp_path, bolt() + step("*BOUNDARY", "900, 1, 1, 0.1"))
+
+
+@pytest.mark.parametrize("reach, force", [("0.06", 0.0005), ("0.04", 0.0)])
+def test_adjusted_surfaces(tmp_path, reach, force):
+    """ADJUST closes a gap that is no larger than it says."""
+    deck = stack(f"{PAIR}, ADJUST={reach}", LAW, 0.05) + step("*BOUNDARY", "B_Z1, 3, 3, -0.001")
+    answer = solved(tmp_path, deck)
+    pressed = YOUNG * 0.7 / 1.3 / 0.4 * 0.001 / 2.0 if force else 0.0
+    assert answer.summary["contacts"]["B-A"]["normal_force"] == pytest.approx(pressed, rel=1e-6, abs=1e-9)
+    turned = deck.replace("*TRANSFORM", "").replace("101, 0.0, 0.0, 1.05", "101, 0.0, 0.0, 1.15")
+    assert "ADJUST that moves some of the nodes only" in refused(tmp_path / "some", turned) if force else True

@@ -1,15 +1,26 @@
 """Derivatives against central differences of fresh answers, and what is refused."""
 
 import tomllib
+from types import SimpleNamespace
 
+import bolts
 import numpy as np
 import pytest
 from differences import TIGHT, changed, difference, plain, results, ring, rubbed, vice, with_derivatives
+from mpi4py import MPI
 from scenes import COULOMB, FLOOR, ROOT, pinched_blocks, rectangle, tower
 from solid_scenes import two_boxes
 
 import ddmpi
+from ddmpi.coupling.assembly import prepare
 from ddmpi.errors import InputError
+from ddmpi.methods.outer import no_report
+from ddmpi.run.checkpoint import read, write
+from ddmpi.run.gather import StepLog
+from ddmpi.run.solve import Iteration
+from ddmpi.run.steps import March
+from ddmpi.scene.reader import read_scene
+from ddmpi.system.clock import Clock
 
 CLOSE = 1e-5
 """Central differences of answers to 1e-12 are as precise."""
@@ -119,6 +130,39 @@ def test_until_is_that_of_all_steps():
     assert ddmpi.solve(with_derivatives(alone, [key]), overrides=TIGHT).derivative(key).until == pytest.approx(ends[0])
 
 
+def test_a_pretension_that_is_kept():
+    """A bolt keeps its offset once it is tightened, and this its derivative; the force in it then follows the load."""
+    scene = bolts.joint(n=2)
+    scene["time"]["points"] = [1.0, 2.0]
+    check(scene, ["contact.cut.pretension.force", "body.sleeve.material.young", "rigid.head.force"])
+
+
+def test_a_march_goes_on_from_a_checkpoint(tmp_path):
+    """Derivatives go on with those of the steps before, as they come out of a file."""
+    keys = ["contact.fit.friction.coefficient", "contact.fit.gap"]
+    scene = read_scene("scene", with_derivatives(rubbed(steps=2), keys))
+
+    def begin() -> March:
+        assembly = prepare(MPI.COMM_SELF, scene)
+        assembly.act(scene.legs[0])
+        return March(assembly, Iteration(assembly, scene.method, no_report, Clock()), StepLog())
+
+    whole, states = begin(), []
+    whole.run(SimpleNamespace(note=lambda _: states.append(whole.state())))
+    assert len(states) == 5
+    write(tmp_path / "state", {}, [states[2]])
+    again = begin()
+    again.restore(read(tmp_path / "state")[1][0])
+    again.run()
+    for key in keys:
+        (one, arrays), (other, more) = ((march.log.derived[0][key], march.log.derived[1][key])
+                                        for march in (whole, again))
+        assert other["contacts"]["fit"]["dissipated"] == pytest.approx(one["contacts"]["fit"]["dissipated"], rel=1e-6)
+        size = np.abs(arrays.contacts.fit.pressure).max()
+        assert more.contacts.fit.pressure == pytest.approx(arrays.contacts.fit.pressure, rel=1e-6, abs=1e-6 * size)
+        assert other["until"] == pytest.approx(one["until"], rel=1e-6)
+
+
 def test_a_gap_with_a_history():
     """An interference that grows is there from the first step on."""
     scene = rubbed(steps=1)
@@ -160,6 +204,8 @@ def test_what_else_is_refused():
     answer = ddmpi.solve(scene | {"output": {"derivatives": [key]}})
     with pytest.raises(InputError, match="does not name it; did you mean"):
         answer.derivative(key + "s")
+    with pytest.raises(InputError, match="only a certified answer has derivatives"):
+        ddmpi.solve(scene | {"method": {"max_iterations": 1}, "output": {"derivatives": [key]}}).derivative(key)
     scene["body"][0]["clamp"] = [{"on": on, "x": 1e-5, "y": 0.0} for on in ("left", "right")]
     scene["body"][0]["clamp"][1]["on"] = "left"
     with pytest.raises(InputError, match=r"output.derivatives: body.upper.clamp.0: .* is prescribed twice"):

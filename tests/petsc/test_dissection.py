@@ -8,7 +8,7 @@ import scipy.sparse as sparse
 from petsc4py import PETSc
 from scipy.sparse.csgraph import connected_components
 
-from ddmpi.petsc.dissection import _cover, dissect, elimination_order
+from ddmpi.petsc.dissection import _cover, dissect, elimination_order, layers_of
 
 
 def grid(*counts: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -27,6 +27,20 @@ def entries(place: np.ndarray, first: np.ndarray, second: np.ndarray) -> int:
         later = k + 1 + np.flatnonzero(linked[k, k + 1:])
         linked[np.ix_(later, later)] = True
     return int(np.triu(linked, 1).sum())
+
+
+@pytest.mark.parametrize("width", [1, 3])
+@pytest.mark.parametrize("counts", [(30, 4), (7, 7), (4, 3, 25), (1, 1)])
+def test_layers(counts, width):
+    """As many as nodes along the longest side, however the nodes are numbered and however many rows each has."""
+    points, first, second = grid(*counts)
+    for seed in range(3):
+        place = np.random.default_rng(seed).permutation(len(points))
+        pairs = sparse.csr_matrix((np.ones(len(first)), (place[first], place[second])), (len(points),) * 2)
+        blocks = sparse.kron(pairs + pairs.T + sparse.identity(len(points)), np.ones((width, width))).tocsr()
+        A = PETSc.Mat().createAIJ(blocks.shape, bsize=width, csr=(blocks.indptr, blocks.indices, blocks.data),
+                                  comm=PETSc.COMM_SELF)
+        assert layers_of(A) == max(counts)
 
 
 @pytest.mark.parametrize("counts", [(24, 24), (9, 9, 9)])

@@ -100,6 +100,14 @@ def test_a_view_overwrites_nothing_else(tmp_path):
     assert other.read_text() == "mine" and write_view(tmp_path) == write_view(tmp_path)
 
 
+def test_without_equilibrium_there_is_no_view(tmp_path):
+    """It would show bodies at rest."""
+    stacked(tmp_path)
+    (tmp_path / "mechanism.json").write_text("{}", encoding="utf-8")
+    with pytest.raises(InputError, match="no equilibrium"):
+        write_view(tmp_path)
+
+
 def test_a_run_writes_the_view_and_its_report_has_it(tmp_path):
     """With `[output] view = true`; the command `view` writes it anew."""
     scene = write_scene(pinched_blocks(2) | {"output": {"view": True, "figures": False}}, tmp_path / "scene.toml")
@@ -117,7 +125,9 @@ def test_a_browser_draws_the_view_and_its_slider_moves(tmp_path):
     """In headless Chromium: bodies in many colours; another picture at the other load step, cut open, and apart."""
     stacked(tmp_path, times=(1.0, 2.0))
     page = write_view(tmp_path).read_text(encoding="utf-8")
-    script = """<script>setTimeout(() => {
+    script = """<script>const waiting = setInterval(() => {
+      if (!document.body.dataset.sum) return;
+      clearInterval(waiting);
       const found = {as_it_was: {...document.body.dataset}};
       for (const [name, value] of [["step", 0], ["axis", "x"], ["apart", 1], ["field", "pressure"]]) {
         const one = document.querySelector(`[name=${name}]`);
@@ -125,11 +135,11 @@ def test_a_browser_draws_the_view_and_its_slider_moves(tmp_path):
         found[name] = {...document.body.dataset};
       }
       document.title = JSON.stringify(found);
-    }, 2500);</script>"""
+    }, 100);</script>"""
     (tmp_path / "moved.html").write_text(page.replace("</body>", script + "</body>"), encoding="utf-8")
     dom = subprocess.run(
         [CHROMIUM, "--headless=new", "--no-sandbox", "--enable-unsafe-swiftshader", "--use-angle=swiftshader",
-         f"--user-data-dir={tmp_path / 'profile'}", "--window-size=500,400", "--virtual-time-budget=5000",
+         f"--user-data-dir={tmp_path / 'profile'}", "--window-size=500,400", "--virtual-time-budget=60000",
          "--dump-dom", f"file://{tmp_path}/moved.html#look"], capture_output=True, text=True, timeout=120)
     found = json.loads(unescape(re.search("<title>(.*?)</title>", dom.stdout)[1]))
     assert all(int(each["colours"]) > 8 and int(each["pixels"]) > 5000 for each in found.values()), found

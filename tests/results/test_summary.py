@@ -66,7 +66,8 @@ def test_every_entry_is_documented():
     """What a summary holds, load steps included, is what the reference says."""
     balance = dict.fromkeys(("external_work", "strain_energy", "interface_work", "dissipated", "lost", "residual"), 0.0)
     by = {"until": [None, 0.4], "contacts": {"a-b": {}}, "bodies": {"a": {}}, "rigid": {"floor": {}}}
-    more = {"energy": balance, "cycles": {"run": 3, "change": 0.5}, "derivatives": {"contact.a-b.gap": by}}
+    more = {"reused": {"a": ["mesh"]}, "energy": balance, "cycles": {"run": 3, "change": 0.5},
+            "derivatives": {"contact.a-b.gap": by}}
     summary = summary_of(row(), more) | provenance(0.0, ["host"])
     summary["rigid"] = {"floor": {"displacement": [0.0, 0.0], "force": [1.0, 2.0], "turn": 0.0,
                                   "moment": 0.0}}

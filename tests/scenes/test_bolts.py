@@ -129,6 +129,19 @@ def test_check_and_log_tell_it(tmp_path):
     assert run.code == 0 and "; pretension 1e+05 N/m at the offset 0.0003 m" in run.stdout, run.stdout
 
 
+def test_derivatives_go_on_with_the_offset():
+    """Derivatives of forces under load, by the pretension and by a modulus, are differences of answers: the offset that
+    is kept has its derivative from when the bolt was tightened."""
+    scene = joint()
+    scene["time"]["points"] = [1.0, 2.0]
+    keys = {"contact.cut.pretension.force": (FORCE, 1.0), "body.lower.material.young": (YOUNG, 1e4)}
+    derived = certified(scene | {"output": {"derivatives": list(keys)}}).summary["derivatives"]
+    for key, (value, step) in keys.items():
+        ends = [certified(scene, **{key.replace(".", "__"): value + way * step}).summary for way in (-1.0, 1.0)]
+        expected = (pretension(ends[1])[0] - pretension(ends[0])[0]) / (2.0 * step)
+        assert derived[key]["contacts"]["cut"]["force"][1] == pytest.approx(expected, rel=1e-5), key
+
+
 @pytest.mark.mpi(ranks=3)
 def test_ranks_agree(comm):
     """A joint of three bodies has one answer on three ranks, at each load step."""

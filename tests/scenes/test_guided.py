@@ -120,7 +120,7 @@ def test_clamps_that_contradict_a_guide(y):
 
 
 def test_friction_of_a_guide_is_refused():
-    with pytest.raises(InputError, match='friction does not go with kind = "guided", which lets'):
+    with pytest.raises(InputError, match='friction does not go with kind = "guided"'):
         ddmpi.solve(pushed(0.0, friction={"law": "coulomb", "coefficient": 0.3}), MPI.COMM_SELF)
 
 

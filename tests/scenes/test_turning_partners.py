@@ -1,5 +1,8 @@
 """Rigid partners that turn: remote forces and moments on bonded faces, and hinges that press."""
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 from elsewhere import assert_same, found
@@ -91,6 +94,15 @@ def test_a_remote_force():
     assert other["turn"] == pytest.approx(turn, rel=1e-8)
     c, s = np.cos(0.7), np.sin(0.7)
     assert other["displacement"] == pytest.approx((1e3 * np.array([[c, -s], [s, c]]) @ head["displacement"]), rel=1e-8)
+
+
+def test_the_example_of_the_page():
+    """The scene in docs/use/bolts.md is one: force and moment reach the clamp, with the arm of the pivot."""
+    page = (Path(ddmpi.__file__).parents[1] / "docs" / "use" / "bolts.md").read_text(encoding="utf-8")
+    (scene,) = (block for block in re.findall(r"```toml\n(.*?)```", page, re.DOTALL) if "[[body]]" in block)
+    clamp = certified(scene).summary["bodies"]["beam"]["reactions"]["left"]
+    assert clamp["force"] == pytest.approx([0.0, 0.0, 500.0], abs=1e-6)
+    assert clamp["moment"] == pytest.approx([250.0, -1e3 - 12.0 * 500.0, 0.0], abs=1e-5)
 
 
 def test_a_hinge_where_the_displacement_is_given():

@@ -77,7 +77,7 @@ MISTAKES: dict[str, dict] = {
         "geo": SQUARES + 'Coherence;\nPhysical Surface("one") = {1};\nPhysical Surface("two") = {2};\n' + ENDS,
         "material": [{"on": "one", "young": 1.0, "poisson": 0.3}]},
     "no `Plane Surface`": {"geo": PLATE.replace("Plane Surface(1) = {1};\n", "") + NAMES},
-    "a solid without names": {"geo": SOLID},
+    "a solid without names": {"geo": SOLID.replace('Curve("bottom")', 'Volume("body")')},
     "a tilted plane": {"geo": PLATE.replace("1, 0}", "1, 1}") + BODY + NAMES},
     "a missing semicolon": {"geo": PLATE.replace("{1 : 4};", "{1 : 4}") + BODY + NAMES},
     "a size in other units than the drawing": {"mesh": {"size": 5e-5}},

@@ -88,7 +88,8 @@ def test_mutants_are_of_this_code():
     assert mutation.wrong_texts([*mutation.MUTANTS, *mutants.EQUIVALENT]) == []
     for mutant in mutation.MUTANTS:
         path, _, name = mutant.tests.partition("::")
-        assert f"def {name}(" in (ROOT / "tests" / path).read_text(encoding="utf-8") or not name, mutant.name
+        written = (ROOT / "tests" / path).read_text(encoding="utf-8")
+        assert f"def {name.partition('[')[0]}(" in written or not name, mutant.name
 
 
 def test_a_ledger_keeps_whole_rows_and_fills_in_the_others(tmp_path):

@@ -80,12 +80,12 @@ def changed(data: dict[str, Any], key: str, by: float | None) -> tuple[dict[str,
 
 
 def difference(scene: dict[str, Any], key: str, entry: dict[str, Any], step: float = 1e-4,
-               size: float | None = None) -> tuple[float, str]:
+               size: float | None = None, only: str = "") -> tuple[float, str]:
     """The largest difference of an `entry` of ``derivatives`` and central differences, over the largest derivative of
     its kind, with its name.
 
     The differences are over `step` times the number, or times its `size`, and stay within ``until``; at one of its ends
-    they are those of the other side.
+    they are those of the other side. With `only`, results whose names have this word are compared.
     """
     data = plain(scene)
     _, value = changed(data, key, None)
@@ -107,7 +107,7 @@ def difference(scene: dict[str, Any], key: str, entry: dict[str, Any], step: flo
     found = dict(_numbers({name: entry[name] for name in ("contacts", "bodies", "rigid")}))
     assert exact.keys() <= found.keys()
     groups: dict[str, list[str]] = {}
-    for name in exact:
+    for name in (name for name in exact if only in name):
         groups.setdefault(next((kind for kind in KINDS if kind in name), "force"), []).append(name)
     worst = [(0.0, "")]
     for names in groups.values():

@@ -338,7 +338,8 @@ def test_curves():
 
 @pytest.mark.parametrize(("result", "label"), [
     ("contacts.tyre-road.normal_force", "normal force of tyre-road (N/mm)"),
-    ("bodies.tyre.energy", "strain energy of tyre (mJ/mm)"), ("displacement_max", "largest displacement (mm)"),
+    ("bodies.tyre.energy", "strain energy of tyre (mJ/mm)"),
+    ("body.tyre.traction.0.value.1", "traction value y of tyre"), ("displacement_max", "largest displacement (mm)"),
     ("seconds.total", "time (s)"), ("n_A", "solves with stiffnesses")])
 def test_labels(result, label):
     """Names have their units, those of the scene; numbers stand by size, words beside each other."""
