@@ -24,7 +24,8 @@ __version__ = "0.15.0"
 
 
 def solve(scene: str | Path | Mapping[str, Any], comm: MPI.Comm | None = None,
-          overrides: Mapping[str, Any] | None = None, progress: bool = False, only: str | None = None) -> Answer:
+          overrides: Mapping[str, Any] | None = None, progress: bool = False, only: str | None = None,
+          outer: str | type | None = None) -> Answer:
     """Solve a scene; nothing is written. Collective on `comm`.
 
         >>> import ddmpi
@@ -48,6 +49,7 @@ def solve(scene: str | Path | Mapping[str, Any], comm: MPI.Comm | None = None,
     progress : whether rank 0 prints the messages of the command; if not, they go to the logger ``ddmpi`` of the module
         logging: ``logging.basicConfig(level="INFO")`` shows them
     only : "contacts" leaves out fields, stresses and the estimated error, as ``output.only`` does
+    outer : as ``method.outer``; or a class of your own that is an outer method, see docs/use/methods.md
 
     Returns
     -------
@@ -60,7 +62,7 @@ def solve(scene: str | Path | Mapping[str, Any], comm: MPI.Comm | None = None,
     """
     from ddmpi.run.answer import solve  # not before it is needed: MPI and PETSc start with it
 
-    return solve(scene, comm, overrides, progress, only)
+    return solve(scene, comm, overrides, progress, only, outer)
 
 
 def prepare(scene: str | Path | Mapping[str, Any], comm: MPI.Comm | None = None) -> Model:

@@ -20,7 +20,7 @@ from ddmpi.results.histories import at_step
 from ddmpi.results.summary import RESIDUALS, Row, count, drawn_times, largest
 from ddmpi.results.summary import SUMMARY as ROWS
 from ddmpi.results.tables import read_results, read_summary, reading
-from ddmpi.scene.method import METHODS, units
+from ddmpi.scene.method import method_of, units
 from ddmpi.scene.reader import write_toml
 from ddmpi.sweep.table import read_table
 from ddmpi.system.files import CHECKPOINT, MECHANISM, SUMMARY, SWEEP, TABLE, write_atomically
@@ -349,7 +349,7 @@ class RunReport:
     def _work(self) -> dict[str, Any]:
         summary, seconds, bodies = self.summary, self.summary["seconds"], self.bodies.values()
         return summary.get("exchange", {}) | {
-            "method": METHODS[summary["outer"]].title.format_map(self.scene["method"]),
+            "method": method_of(summary["outer"]).title.format_map(self.scene["method"]),
             "tolerance": f"{self.scene['method']['tolerance']:g}",
             "memory": f"{max(body['memory_mib'] for body in bodies):.0f}",
             "convergence": picture(self.folder / "convergence.png", "The outer iteration.", "small"),

@@ -83,6 +83,7 @@ class Assembly:
     warnings : warnings about the scene; of all bodies and contacts on the first rank
     reused : stages of this rank's bodies and contacts that were kept, by their names
     start : makes the forces (size,) in N, gaps (size,) and motions of loose bodies in m to begin with, or is None
+    outer : the class of an outer method from outside the package, or None
     """
 
     world: MPI.Comm
@@ -96,6 +97,7 @@ class Assembly:
     warnings: list[str]
     reused: dict[str, list[str]] = field(default_factory=dict)
     start: Callable[[], tuple[np.ndarray, np.ndarray, np.ndarray]] | None = None
+    outer: Callable[..., object] | None = None
 
     def act(self, time: float) -> None:
         """Set loads, clamps and rigid partners to their values at `time`. Not collective."""

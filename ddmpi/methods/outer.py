@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import inspect
+import pkgutil
 from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
+
+from ddmpi.errors import InputError, SolverError
 
 
 class Step(NamedTuple):
@@ -91,3 +95,48 @@ class Outer(Protocol):
 
     def restore(self, state: dict[str, Any]) -> None:
         """Go on from what `state` returned."""
+
+
+ENDS = {"converged": "the iteration stopped, but its certificate fails", "diverged": "diverged",
+        "max_iterations": "not converged: method.max_iterations is reached",
+        "stalled": "not converged: Newton's method and its fallbacks stalled", "drift": "bodies drift"}
+"""Reasons of `Outer.run` to end, in words where no answer is certified."""
+
+OWN = "run", "forces", "bound", "body_forces", "refresh", "state", "restore"
+"""What a method has to bring with it."""
+
+
+def outer_from_outside(name: str, kind: Any = None) -> Callable[..., Outer]:
+    """The class that `name`, "package.module:Class", stands for, or the one that is given, if it can be a method.
+
+    Not collective. Raises InputError.
+    """
+    try:
+        kind = pkgutil.resolve_name(name) if kind is None else kind
+    except (Exception, SystemExit) as error:  # whatever a module does while it is imported
+        raise InputError(f'method.outer = "{name}" cannot be imported: {type(error).__name__}: {error}') from None
+    if not isinstance(kind, type) or Outer not in kind.__mro__:
+        raise InputError(f'method.outer = "{name}" is no class that is based on ddmpi.methods.outer.Outer')
+    if missing := [each for each in OWN if getattr(kind, each) in (None, getattr(Outer, each))]:
+        raise InputError(f'method.outer = "{name}" has no {", ".join(missing)} of its own, see docs/use/methods.md')
+    try:
+        inspect.signature(kind).bind("assembly", "method", "report")
+    except (TypeError, ValueError) as error:
+        raise InputError(f'method.outer = "{name}" is not made by Class(assembly, method, report): {error}') from None
+    return kind
+
+
+def check_promises(name: str, outer: Outer, stopped: str, sizes: tuple[int, int], reported: int) -> None:
+    """Raise SolverError where what `Outer.run` has left, and its reason to end, are not what `Outer` promises.
+
+    `sizes` are those of forces and motions, `reported` the number of reports. Not collective.
+    """
+    shapes = [np.shape(vector) for vector in (outer.forces, outer.motions)]
+    broken = [words for words, holds in {
+        f"its run returns {stopped!r}, none of {', '.join(ENDS)}": stopped in ENDS,
+        f"its forces and motions have the shapes {shapes[0]} and {shapes[1]}, not sizes {sizes}":
+            shapes == [(size,) for size in sizes],
+        "it does not report each step of its history once": len(outer.history) == reported,
+        "it reports no step": bool(outer.history)}.items() if not holds]
+    if broken:
+        raise SolverError(f'method.outer = "{name}": {"; ".join(broken)}')

@@ -14,7 +14,7 @@ from ddmpi.pictures.sheet import BESIDE, COLOURS, RESOLVED, ZONES, above, zone_l
 from ddmpi.results.summary import drawn_times
 from ddmpi.results.tables import Columns, Results, chains, drawn_rows
 from ddmpi.scene.contacts import Friction
-from ddmpi.scene.method import METHODS
+from ddmpi.scene.method import method_of
 from ddmpi.system.numbers import scaled_unit
 
 MARKED = 100
@@ -95,7 +95,7 @@ def draw_convergence(results: Results) -> Any:
     history, summary = results.history, results.summary
     figure, axes = plt.subplots(figsize=(7.2, 4.4))
     k, starts = np.arange(1.0, len(history["iteration"]) + 1), 1 + np.flatnonzero(np.diff(history["step"]))
-    x, what = METHODS[summary["outer"]].curves
+    x, what = method_of(summary["outer"]).curves
     curves = {"update": ("normal", "o", f"update  ‖{x}$_k$ − {x}$_{{k-1}}$‖ / ‖{x}$_k$‖"),
               "residual": ("tangential", "s", f"residual: {what}")}
     for column, (colour, marker, label) in curves.items():

@@ -132,23 +132,26 @@ class Model:
             self._cases.end()
         self._cases = None
 
-    def settle(self, overrides: Mapping[str, Any] | None = None, only: str | None = None) -> Settled:
+    def settle(self, overrides: Mapping[str, Any] | None = None, only: str | None = None,
+               outer: str | type | None = None) -> Settled:
         """The scene with all defaults and these values by key. Collective. Raises InputError."""
         def read() -> Settled:
             data = copy.deepcopy(self._data)
-            for key, value in {**(overrides or {}), **({"output.only": only} if only else {})}.items():
+            name = f"{outer.__module__}:{outer.__qualname__}" if isinstance(outer, type) else outer
+            given = {key: value for key, value in (("output.only", only), ("method.outer", name)) if value is not None}
+            for key, value in {**(overrides or {}), **given}.items():
                 override(data, str(key), as_data(value, "overrides", str(key)))
             return read_scene(self._path, data, file_kind=kind_of_files(self._path))
 
         return from_first(self._world, read)
 
     def solve(self, overrides: Mapping[str, Any] | None = None, only: str | None = None, start: Answer | None = None,
-              progress: bool = False) -> Answer:
+              progress: bool = False, outer: str | type | None = None) -> Answer:
         """The answer with these values by key, that of a run by itself to the bit. Collective.
 
         Parameters
         ----------
-        overrides, only, progress : as of `ddmpi.solve`; other solves of the model do not see them
+        overrides, only, progress, outer : as of `ddmpi.solve`; other solves of the model do not see them
         start : an answer from whose contact forces the iteration begins. It then takes fewer steps; where several sets
             of forces are in equilibrium, as in walls of loose bodies, it may end in others, which are certified, too
 
@@ -159,13 +162,14 @@ class Model:
         """
         if self._cases is None:
             raise InputError("this model is closed; ddmpi.prepare makes another one")
-        world, settled, clock, options = self._world, self.settle(overrides, only), Clock(), RunOptions()
+        world, settled, clock, options = self._world, self.settle(overrides, only, outer), Clock(), RunOptions()
         motions = start.solved.solution.outer.motions if start and start.solved else None
         begin = (start.contacts, motions) if start else None
         options.use(settled.petsc)
         try:
             with logs.told_by_first(world.rank, progress):
-                solved = self._cases.compute(settled, self._path, clock, write=False, start=begin)
+                solved = self._cases.compute(settled, self._path, clock, write=False, start=begin,
+                                             outer=outer if isinstance(outer, type) else None)
         finally:
             options.use({})
         seconds = clock.largest(world)
@@ -189,7 +193,8 @@ def prepare(scene: str | Path | Mapping[str, Any], comm: MPI.Comm | None = None)
 
 
 def solve(scene: str | Path | Mapping[str, Any], comm: MPI.Comm | None = None,
-          overrides: Mapping[str, Any] | None = None, progress: bool = False, only: str | None = None) -> Answer:
+          overrides: Mapping[str, Any] | None = None, progress: bool = False, only: str | None = None,
+          outer: str | type | None = None) -> Answer:
     """`ddmpi.solve`. Collective."""
     with Model(scene, comm, keep=False) as model:
-        return model.solve(overrides, only, progress=progress)
+        return model.solve(overrides, only, progress=progress, outer=outer)

@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -26,6 +27,7 @@ from ddmpi.judge.diagnosis import diagnose
 from ddmpi.judge.plausible import doubt_answer, doubt_cells, doubt_mesh, doubt_shape, doubt_stress
 from ddmpi.kept.kept import Kept
 from ddmpi.mesh.refine import Sizes
+from ddmpi.methods.outer import outer_from_outside
 from ddmpi.petsc.events import event
 from ddmpi.petsc.versions import free_garbage
 from ddmpi.results.folder import choose_folder
@@ -63,13 +65,14 @@ class Cases:
         self._team: Team | None = None
 
     def compute(self, scene: Settled, scene_path: str, clock: Clock, output: str | None = None, figures: bool = False,
-                restart: str | None = None, write: bool = True, start: Start | None = None) -> Solved | None:
+                restart: str | None = None, write: bool = True, start: Start | None = None,
+                outer: type | None = None) -> Solved | None:
         """`compute`, with what is kept; None on ranks without a body of their own."""
         def work(ranks: MPI.Comm) -> Solved:
             if team_of(ranks) is not self._team:  # what was kept went with the ranks of the bodies
                 self._team, self._kept = team_of(ranks), Kept()
             return compute(ranks, scene, scene_path, clock, output, figures, restart, write,
-                           self._kept if self._keep else None, start)
+                           self._kept if self._keep else None, start, outer)
 
         return self._ranks.work(scene, work)
 
@@ -82,7 +85,7 @@ class Cases:
 
 def compute(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock, output: str | None = None,
             figures: bool = False, restart: str | None = None, write: bool = True, kept: Kept | None = None,
-            start: Start | None = None) -> Solved:
+            start: Start | None = None, outer: type | None = None) -> Solved:
     """Solve `scene` on one mesh after the other until its accuracy target is met, and write the results. Collective.
 
     Parameters
@@ -96,6 +99,7 @@ def compute(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock, outp
     write : False where nothing is written, and an answer that is not certified is no error
     kept : by earlier cases
     start : of another answer, from whose forces Newton's method begins
+    outer : the class that method.outer names, where it is not to be imported
 
     Raises
     ------
@@ -109,7 +113,7 @@ def compute(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock, outp
         """Solve on the ladder's present mesh and write the results, or return None: the ladder goes on to another mesh,
         which needs the memory of this one."""
         mesh = refine_scene(scene, ladder.factor)
-        assembly = prepare_scene(world, mesh, scene_path, clock, ladder.factor, ladder.sizes, kept=kept)
+        assembly = prepare_scene(world, mesh, scene_path, clock, ladder.factor, ladder.sizes, kept=kept, outer=outer)
         if start:
             assembly = replace(assembly, start=partial(_warm, assembly, *_beginning(assembly, start)))
         log_plan(assembly, figures)
@@ -178,7 +182,7 @@ def _beginning(assembly: Assembly, start: Start) -> tuple[np.ndarray, np.ndarray
     InputError, on all ranks, where the answer has other contacts or nodes, or is of load steps."""
     forces, (states, motions) = [np.empty(0)], start
     with agreed(assembly.world):
-        if assembly.scene.time is not None or assembly.scene.method.by_body:
+        if assembly.scene.time is not None or assembly.scene.method.outer != "newton":
             raise InputError('start: load steps begin free of stress, and so does a method but outer = "newton"; leave '
                              "start out")
         for interface in assembly.space.interfaces:
@@ -207,10 +211,14 @@ def check_cut(ends: Sequence[np.ndarray], scene: Settled) -> None:
 
 def prepare_scene(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock | None = None,
                   refinement: int = 1, sizes: Mapping[str, Sizes] = NO_SIZES, factor: bool = True,
-                  kept: Kept | None = None) -> Assembly:
-    """`prepare`, and the check of the pictures' cut; their errors name the scene's file. Collective."""
+                  kept: Kept | None = None, outer: Any = None) -> Assembly:
+    """`prepare` between the checks of a method from outside, that of `compute`, and of the pictures' cut; their errors
+    name the scene's file. Collective."""
     with naming(scene_path):
+        with agreed(world):
+            outer = outer_from_outside(scene.method.outer, outer) if scene.method.outside else None
         assembly = prepare(world, scene, Path(scene_path).parent, clock, refinement, sizes, factor, kept)
+        assembly = replace(assembly, outer=outer)
         if scene.output.cut:
             ends = merged(world, {body.number: np.array([body.mesh.points.min(axis=0), body.mesh.points.max(axis=0)])
                                   for body in assembly.bodies})

@@ -26,7 +26,7 @@ from ddmpi.judge.certificate import (
 from ddmpi.judge.diagnosis import StatusLog
 from ddmpi.judge.equilibrium import Mechanism, describe
 from ddmpi.methods.newton import Newton
-from ddmpi.methods.outer import Outer, Report, Step, no_report
+from ddmpi.methods.outer import ENDS, Outer, Report, Step, check_promises, no_report
 from ddmpi.petsc.events import event
 from ddmpi.petsc.versions import free_garbage
 from ddmpi.run.checkpoint import Checkpoints
@@ -39,7 +39,7 @@ from ddmpi.run.equilibrium import (
 )
 from ddmpi.scene.contacts import NoFriction
 from ddmpi.scene.method import SettledMethod
-from ddmpi.system.agreement import gathered
+from ddmpi.system.agreement import agreed, gathered
 from ddmpi.system.clock import Clock
 
 log = logging.getLogger("ddmpi")
@@ -135,10 +135,9 @@ class Solution:
         if self.given and self.unbalanced:
             return (f"no answer can be certified: -body_ksp_rtol {self.given:g} leaves the bodies out of equilibrium; "
                     f"leave that option out, or give at most {0.1 * self.limit:.0e}")
-        return {"converged": "the iteration stopped, but its certificate fails", "diverged": "diverged",
-                "max_iterations": "not converged: method.max_iterations is reached",
-                "stalled": "not converged: Newton's method and its fallbacks stalled"
-                }[self.stopped]
+        if self.stopped == "stalled" and not isinstance(self.outer, Newton):
+            return "not converged: the method stalled"
+        return ENDS[self.stopped]
 
 
 class Iteration:
@@ -222,7 +221,7 @@ class Iteration:
         while True:
             try:
                 with self.clock.phase("outer"):
-                    stopped = "mechanism" if mechanism else self._stopped or outer.run(self._tolerance)
+                    stopped = "mechanism" if mechanism else self._stopped or self._kept(outer.run(self._tolerance))
             except SolverError as error:
                 if self.given > method.tolerance:
                     error.args = (f"{error}; -body_ksp_rtol {self.given:g} is too coarse for method.tolerance = "
@@ -253,6 +252,17 @@ class Iteration:
             log.info("the certificate fails (%s); going on to an update of %.0e", ", ".join(solution.violations),
                      self._tolerance)
 
+    def _kept(self, stopped: str) -> str:
+        """The end of `Outer.run`, if a method from outside keeps what `Outer` promises, else a SolverError. Collective.
+        """
+        assembly = self.assembly
+        if assembly.outer is None:
+            return stopped
+        with agreed(assembly.world):
+            check_promises(self.method.outer, self.outer, stopped, (assembly.space.size, assembly.joint.rigid.size),
+                           len(self.statuses.counts))
+        return assembly.world.bcast(stopped)
+
     def conclude(self, stopped: str, since: Beginning | None = None, largest: np.ndarray = NO_SIZES,
                  lean: bool = False) -> Solution:
         """Displacements, contact states and certificate of the outer method's forces. Collective.
@@ -272,10 +282,15 @@ class Iteration:
         now = [max(size[key] for size in bodies.values()) for key in ("moved", "yielding")]
         load, energy, work, now = world.bcast((load, energy, work, now))
 
-        interfaces = joint.placed(outer.motions)
+        mismatch, interfaces = outer.mismatch, joint.placed(outer.motions)
+        if assembly.outer is not None:  # what a method from outside says of itself is no evidence
+            seen = assembly.exchange.spread(outer.forces)
+            apart = [s - mine for s, mine in zip(seen, outer.body_forces(), strict=True)]
+            mismatch = np.hypot(*assembly.exchange.collect(apart, "mismatch"))
         prescribed = np.concatenate([np.empty(0), *(interface.prescribed for interface in interfaces)])
         with event("Certificate"):
-            states, judged = self._contacts(interfaces, both, beside, since, (load, now, largest[1:].tolist()))
+            states, judged = self._contacts(interfaces, both, beside, since, (load, now, largest[1:].tolist()),
+                                            mismatch)
         force = world.allreduce(max((float(np.abs(state.forces).max()) for state in states.values()), default=0.0),
                                 MPI.MAX)
         # the owner of a contact tells its totals to the ranks of both bodies, and to the first rank those of all
@@ -292,7 +307,7 @@ class Iteration:
                         sizes=np.array([force, *now]), work=work)
 
     def _contacts(self, interfaces: Sequence[Interface], both: Sequence[np.ndarray], beside: Mapping[str, tuple],
-                  since: Beginning | None, sizes: tuple[float, list[float], list[float]],
+                  since: Beginning | None, sizes: tuple[float, list[float], list[float]], mismatch: np.ndarray,
                   ) -> tuple[dict[str, ContactState], dict[str, tuple[ContactTotals, ContactResiduals]]]:
         """State, and totals with residuals, of each contact that this rank owns. Not collective.
 
@@ -301,10 +316,11 @@ class Iteration:
         both : (2, size) traces of the two bodies
         beside : of both bodies by contact, as of `_displaced`
         sizes : loads, and displacements of this load step and of those before, to which residuals are relative
+        mismatch : as of `Outer`
         """
         space, outer = self.assembly.space, self.outer
         start, former, slid = since or (*np.zeros((2, space.size)), {})
-        forces, mismatch = outer.forces, outer.mismatch
+        forces = outer.forces
         states, judged, points = {}, {}, {body.spec.name: body.mesh.points for body in self.assembly.bodies}
         for interface, part, bound in zip(interfaces, space.parts.values(), space.laws.bounds(outer.bound),
                                           strict=False):
@@ -366,6 +382,12 @@ def lean_steps(assembly: Assembly) -> int:
 
 def choose_outer(assembly: Assembly, method: SettledMethod, report: Report = no_report) -> Outer:
     """The outer method that was asked for. Collective."""
+    if assembly.outer is not None:
+        outer = assembly.outer(assembly, method, report)
+        for name, none in {"history": [], "inner_steps": {}, "checkpoint": lambda: None}.items():
+            if not hasattr(outer, name):
+                setattr(outer, name, none)
+        return outer  # type: ignore[return-value]
     if method.outer == "relaxation":
         from ddmpi.published.published import PublishedIteration
 

@@ -223,7 +223,10 @@ def explain(message: str, data: dict, root: type) -> str:
         named, problem = [*named, field], rest
     key = ".".join(named) + ": " * bool(named)
     allowed = [str(value) for kind in kinds if isinstance(kind, inspect.LiteralType) for value in kind.values]
-    if problem.startswith("Invalid") and allowed:
+    # where a "package:Class" may stand as well, the words are the beginning of a pattern
+    allowed += [word for kind in kinds if isinstance(kind, inspect.StrType) and "matching regex" in problem
+                for word in re.findall(r"\w+(?=\|)", kind.pattern or "")]
+    if allowed and ("matching regex" in problem or problem.startswith("Invalid")):
         number = "a number or " * any(isinstance(kind, inspect.IntType | inspect.FloatType) for kind in kinds)
         return f"{key}{given!r} is not valid; expected {number}one of {', '.join(allowed)}{_meant(str(given), allowed)}"
     if isinstance(given, float) and not math.isfinite(given):

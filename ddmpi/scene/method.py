@@ -25,7 +25,7 @@ Elevation = Annotated[float, msgspec.Meta(ge=-90, le=90)]
 Tolerance = Annotated[float, msgspec.Meta(gt=0, lt=1)]
 Algorithm = Literal["original", "modified"]
 Splitting = Literal["none", "step1", "step2", "step1+2"]
-OuterName = Literal["newton", "anderson", "relaxation"]
+OuterName = Annotated[str, msgspec.Meta(pattern=r"^(newton|anderson|relaxation|[^\s:]+:[^\s:]+)\Z")]
 
 
 class Method(Table, frozen=True, kw_only=True):
@@ -35,7 +35,8 @@ class Method(Table, frozen=True, kw_only=True):
     ----------
     outer : "newton", without parameters to tune; for two supported bodies with one contact also "anderson", the
         published map, weighted by stiffness and accelerated, and "relaxation", the published iteration. Left out,
-        "relaxation" where algorithm, splitting or theta is given, else "newton"
+        "relaxation" where algorithm, splitting or theta is given, else "newton". "package.module:Class" is a method of
+        your own, see docs/use/methods.md
     algorithm : of the published iteration; left out, "original"
     splitting : of the published iteration, in which step Gauss-Seidel sweeps replace QPs; left out, "none"
     theta : relaxation of the published iteration; left out, 0.2
@@ -82,9 +83,19 @@ class Method(Table, frozen=True, kw_only=True):
     @property
     def for_two(self) -> str:
         """The keys that choose a method of two bodies with one contact, for messages; empty for other methods."""
-        if not METHODS[self._kind].by_body:
+        if not method_of(self._kind).by_body:
             return ""
         return f'outer = "{self.outer}"' if self.outer else f'{", ".join(self._published)} (outer = "relaxation")'
+
+    @property
+    def outside(self) -> bool:
+        """Whether it is a method from outside the package."""
+        return self._kind not in METHODS
+
+    @property
+    def for_one(self) -> str:
+        """The keys that choose a method of one load step, for messages; empty for other methods."""
+        return self.for_two or (f'outer = "{self.outer}"' if self.outside else "")
 
     def settled(self, refinable: bool = True) -> SettledMethod:
         """The method with all defaults; a preset sets a ``target_error`` only if the meshes are `refinable`."""
@@ -99,7 +110,7 @@ class Method(Table, frozen=True, kw_only=True):
             "target_error": target, "tolerance": self.tolerance or min(tolerances, default=1e-4 if published else 1e-8)}
         if published:
             values |= {"algorithm": self.algorithm or "original", "splitting": self.splitting or "none", "theta": theta}
-        return settle(self, METHODS[self._kind], outer=self._kind, **values)
+        return settle(self, method_of(self._kind), outer=self._kind, **values)
 
 
 class SettledMethod(Method, frozen=True, kw_only=True):
@@ -173,7 +184,21 @@ class Published(SettledMethod, frozen=True, kw_only=True):
 
 
 METHODS: dict[str, type[SettledMethod]] = {"newton": Newton, "anderson": Anderson, "relaxation": Published}
-"""The outer methods by the name in ``method.outer``."""
+"""The outer methods of the package by the name in ``method.outer``."""
+
+
+class External(SettledMethod, frozen=True, kw_only=True):
+    """A method from outside the package, outer = "package.module:Class"."""
+
+    by_body = False
+    title = "{outer}, not of ddmpi"
+    curves = "s", "as the method says"
+    diverging = "divergence, as the method says"
+
+
+def method_of(outer: str) -> type[SettledMethod]:
+    """The kind of a method by its name in ``method.outer``."""
+    return METHODS.get(outer, External)
 
 
 SAME = 1e-9

@@ -156,8 +156,8 @@ class Scene(Table, frozen=True, kw_only=True):
                 raise ValueError(f"contact.{contact.called}.pretension.history: [history.{name}] ends at time "
                                  f"{self.history[name].times[-1]:g}, before the first load step, so that the force "
                                  "would never act; let it end at a later time, or leave it out")
-        if self.time is not None and self.method.for_two:
-            raise ValueError(f"time: method.{self.method.for_two} solves one load step; what knows several is outer = "
+        if self.time is not None and self.method.for_one:
+            raise ValueError(f"time: method.{self.method.for_one} solves one load step; what knows several is outer = "
                              '"newton", the default')
         if self.time is not None:
             self.time.check_cycle(self.history)

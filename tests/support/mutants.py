@@ -760,6 +760,10 @@ MUTANTS = [Mutant(*row) for row in (
      "sweep/test_sweep_folder.py::test_mesh_files_are_part_of_a_sweep"),
     ("shares overlap", "sweep/cases", "return cases[int(match[1])::step]", "return cases[int(match[1]):]",
      "sweep/test_cases.py::test_shares_cover_everything_once"),
+    ("a method from outside need not be whole", "methods/outer", "getattr(kind, each) in (None, getattr(Outer, each))",
+     "getattr(kind, each) is None", "run/test_outside.py::test_what_is_no_method_is_refused"),
+    ("the forces of a method from outside are believed", "run/solve", "apart = [s - mine for", "apart = [s - s for",
+     "run/test_outside.py::test_what_a_class_does_not_keep_is_refused"),
     ("uncertified cases are called certified", "sweep/table", '"exit": 0 if summary["converged"] else 3', '"exit": 0',
      "sweep/test_sweep.py::test_failing_cases_do_not_stop_the_others"),
     # check, cli

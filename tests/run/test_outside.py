@@ -1,0 +1,102 @@
+"""An outer method from outside the package: the example of docs/use/methods.md, and classes that are none."""
+
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from scenes import pinched_blocks, run_here, write_scene
+
+import ddmpi
+from ddmpi.errors import InputError, SolverError
+from ddmpi.methods.outer import Outer
+
+PAGE = Path(__file__).parents[2] / "docs/use/methods.md"
+
+
+@pytest.fixture
+def projected(tmp_path, monkeypatch):
+    """The class of the page, in a module of its own."""
+    (code,) = re.findall(r"```python\n(import numpy.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    (tmp_path / "projected.py").write_text(code, encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "projected", raising=False)
+    import projected
+
+    return projected.Projected
+
+
+def check_answers(comm, projected):
+    scene = pinched_blocks(3, max_iterations=20_000, tolerance=1e-8)
+    wanted = ddmpi.solve(scene, comm, only="contacts").contacts["upper-lower"]
+    for outer in (projected, "projected:Projected"):
+        answer = ddmpi.solve(scene, comm, only="contacts", outer=outer)
+        assert answer.certified and answer.summary["outer"] == "projected:Projected", answer.reason
+        state, size = answer.contacts["upper-lower"], np.abs(wanted.forces).max()
+        assert state.forces == pytest.approx(wanted.forces, abs=1e-5 * size)
+    few = ddmpi.solve(scene, comm, {"method.max_iterations": 3}, outer=projected)
+    assert not few.certified and "max_iterations is reached" in few.reason
+
+
+def test_an_outside_method_has_newtons_answer(projected):
+    check_answers(MPI.COMM_SELF, projected)
+
+
+@pytest.mark.mpi(ranks=2)
+def test_an_outside_method_has_newtons_answer_on_two_ranks(comm, projected):
+    check_answers(comm, projected)
+
+
+@pytest.mark.mpi(ranks=2)
+def test_what_one_rank_cannot_import_is_refused_on_both(comm, projected, monkeypatch):
+    if comm.rank:
+        monkeypatch.delitem(sys.modules, "projected")
+        monkeypatch.setattr(sys, "path", [])
+    with pytest.raises(InputError, match='"projected:Projected" cannot be imported: ModuleNotFoundError'):
+        ddmpi.solve(pinched_blocks(2), comm, outer="projected:Projected")
+
+
+def test_a_run_writes_results_of_an_outside_method(tmp_path, projected):
+    scene = write_scene(pinched_blocks(2, outer="projected:Projected", max_iterations=20_000), tmp_path / "scene.toml")
+    run = run_here(scene, tmp_path / "out", "--no-figures")
+    assert run.code == 0 and "projected:Projected, not of ddmpi, update below 1e-08" in run.output
+
+
+@pytest.mark.parametrize("outer, message", [
+    ("no.such.package:Class", "cannot be imported: ModuleNotFoundError"),
+    ("json:Class", "cannot be imported: AttributeError"),
+    ("json:JSONDecoder", "is no class that is based on ddmpi.methods.outer.Outer"),
+    ("ddmpi.methods.outer:Outer", "has no run, forces, bound, body_forces, refresh, state, restore of its own")])
+def test_what_is_no_method_is_refused(outer, message):
+    with pytest.raises(InputError, match=f'scene: method.outer = "{outer}" {message}'):
+        ddmpi.solve(pinched_blocks(2), overrides={"method.outer": outer})
+
+
+def test_what_a_class_does_not_keep_is_refused(projected):
+    def variant(**changes):
+        return type("Variant", (projected,), changes)
+
+    def solve(outer, scene=None):
+        scene = scene or pinched_blocks(2, max_iterations=20_000)
+        return ddmpi.solve(scene, MPI.COMM_SELF, only="contacts", outer=outer)
+
+    with pytest.raises(InputError, match="has no state of its own"):
+        solve(variant(state=Outer.state))
+    with pytest.raises(InputError, match="is not made by Class"):
+        solve(variant(__init__=lambda self, joint: None))
+    with pytest.raises(InputError, match="is no value of a scene"):
+        solve(3.0 + 1j)
+    with pytest.raises(SolverError, match="its run returns 'done', none of converged"):
+        solve(variant(run=lambda self, tolerance: projected.run(self, tolerance) and "done"))
+    with pytest.raises(SolverError, match="it reports no step"):
+        solve(variant(run=lambda self, tolerance: "converged"))
+    with pytest.raises(InputError, match=r"time: method\.outer = .* solves one load step"):
+        solve(projected, pinched_blocks(2) | {"time": {"points": [1.0], "steps": 2}})
+    # bodies in balance under forces that are not those of the contact
+    double = variant(forces=property(lambda self: 2.0 * self.s))
+    answer = solve(double)
+    assert not answer.certified and answer.summary["certificate"]["force_mismatch"] > 0.1
+    wrong = variant(run=lambda self, tolerance: projected.run(self, 0.1) and "converged")
+    assert not solve(wrong).certified
