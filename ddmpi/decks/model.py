@@ -125,10 +125,8 @@ class Model:
                     raise _refusal(inside, "the step does not end before the next one begins")
                 inside = card
                 steps.append([])
-            if inside is None:
-                self._take(card)
-            else:
-                steps[-1].append(card)
+            take = self._take if inside is None else steps[-1].append
+            take(card)
             inside = None if card.word == "ENDSTEP" else inside
         if inside is not None:
             raise _refusal(inside, "the step that begins here does not end; is the deck cut off?")
@@ -262,9 +260,9 @@ class Model:
     _tie = _contactpair
 
     def _clearance(self, card: Card) -> None:
+        self.clearances.append(card)
         if "VALUE" not in card.given:
             self.notes.add(self.notes.lost, card, "a clearance without one VALUE")
-        self.clearances.append(card)
 
     def _renew(self, kind: str, card: Card) -> None:
         """OP=NEW, once a step, removes what acted before."""
@@ -272,6 +270,13 @@ class Model:
             self._renewed.add(kind)
             if not self.ends:
                 self._fresh[kind] = {}
+
+    def _add(self, kind: str, key: Any, card: Card, value: float) -> None:
+        """A load, which adds to those of the same step at the same place."""
+        other, before = self._fresh[kind].get(key, (card, 0.0))
+        self._fresh[kind][key] = card, before + value
+        if other.given.get("AMPLITUDE") != card.given.get("AMPLITUDE"):
+            self.notes.add(self.notes.lost, card, "a load beside another one of this step with another amplitude")
 
     def _boundary(self, card: Card) -> None:
         self._renew("supports", card)
@@ -302,22 +307,21 @@ class Model:
                 if int(row[1]) > (6 if node in self._refs else 3):
                     self.notes.add(self.notes.lost, card, "moments at nodes")
                 else:
-                    self._fresh["forces"][node, int(row[1])] = card, number(row[2])
+                    self._add("forces", (node, int(row[1])), card, number(row[2]))
         self._taken(card, "forces")
 
     def _dload(self, card: Card) -> None:
         for kind in ("pressures", "body_forces"):
             self._renew(kind, card)
         for row in card.rows:
-            what, label, *rest = row[0], row[1].upper(), *row[2:]
-            values = numbers(rest)
+            what, label, values = row[0], row[1].upper(), numbers(row[2:])
             if re.fullmatch(r"P\d", label):
                 for element in self.deck.chosen(card, "ELSET", what):
-                    self._fresh["pressures"][element, int(label[1]), ()] = card, values[0]
+                    self._add("pressures", (element, int(label[1]), ()), card, values[0])
                 self._taken(card, "pressure")
             elif label in ("GRAV", "CENTRIF", "BX", "BY", "BZ"):
                 way = (what.lower(), card.scope, label, tuple(values[1:7]))
-                self._fresh["body_forces"][way] = card, values[0]
+                self._add("body_forces", way, card, values[0])
                 self._taken(card, "volume force")
             else:
                 self.notes.add(self.notes.lost, card, f"the load {label}")
@@ -326,13 +330,13 @@ class Model:
         self._renew("pressures", card)
         for row in card.rows:
             label, values = row[1].upper(), numbers(row[2:])
-            if label not in ("P", "TRVEC"):
+            if label in ("P", "TRVEC"):
+                way = tuple(np.array(values[1:4]) / np.linalg.norm(values[1:4])) if label == "TRVEC" else ()
+                for element, face in self.surface(card, row[0]):
+                    self._add("pressures", (element, face, way), card, values[0])
+                self._taken(card, "pressure on a surface")
+            else:
                 self.notes.add(self.notes.lost, card, f"the load {label}")
-                continue
-            way = tuple(np.array(values[1:4]) / np.linalg.norm(values[1:4])) if label == "TRVEC" else ()
-            for element, face in self.surface(card, row[0]):
-                self._fresh["pressures"][element, face, way] = card, values[0]
-            self._taken(card, "pressure on a surface")
 
     def _rigidbody(self, card: Card) -> None:
         nodes = set().union(*(self.deck.chosen(card, "NSET", card.given[key]) for key in ("NSET", "TIENSET")
@@ -356,7 +360,7 @@ class Model:
         self.rigid.append(Rigid(card, nodes, ref, ref))
 
     def _kinematic(self, card: Card) -> None:
-        if card.rows and [row for row in card.rows if int(row[0]) > 1 or int([*row, ""][1] or 1) < 6]:
+        if [row for row in card.rows if int(row[0]) > 1 or int([*row, ""][1] or 1) < 6]:
             self.notes.add(self.notes.lost, card, "a coupling of some components only")
 
     def _distributing(self, card: Card) -> None:
@@ -382,8 +386,7 @@ class Model:
 
     def surface(self, card: Card, name: str) -> Iterator[tuple[int, int]]:
         """The elements of a surface of element faces, and the numbers of their faces. Raises ValueError."""
-        keys = (f"{card.scope}.{name}".lower(), name.lower())
-        key = next((key for key in keys if key in self.deck.surfaces), None)
+        key = next((key for key in (f"{card.scope}.{name}".lower(), name.lower()) if key in self.deck.surfaces), None)
         if key is None:
             raise ValueError(f"there is no surface {name} of element faces")
         for what, where in self.deck.surfaces[key]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -246,6 +246,26 @@ class Importer:
             notes.add(notes.lost, card, f"{pair.slave} or {pair.master} has no faces on a body")
         if count:
             notes.add(notes.taken, card, "bonded contact" if tied else "contact")
+            if tied:
+                self._tells_gap(pair, slaves, masters)
+            else:
+                notes.add(notes.changed, card, "the slave: ddmpi chooses the side; slave = … in the scene names it")
+
+    def _tells_gap(self, pair: Pair, slaves: Sequence[tuple[Piece, np.ndarray]],
+                   masters: Sequence[tuple[Piece, np.ndarray]]) -> None:
+        """Note a tie of nodes that are farther apart than its tolerance; without one, than a twentieth of a facet."""
+        word = pair.card.given.get("POSITIONTOLERANCE", "")
+        for slave, on in slaves:
+            facets = slave.facets[on]
+            reach = number(word) if word else 0.05 * float(np.median(np.linalg.norm(
+                slave.points[facets[:, 0]] - slave.points[facets[:, 1]], axis=1)))
+            found = [slave.heights(on, master, against) for master, against in masters if master is not slave]
+            far = float(max((heights.max(initial=0.0) for heights in found), default=0.0))
+            near = float(min((heights.min(initial=np.inf) for heights in found), default=0.0))
+            if word and near > reach:
+                self.notes.add(self.notes.lost, pair.card, f"a tie over a gap of {near:.3g}, beyond its tolerance")
+            elif far > reach:
+                self.notes.add(self.notes.changed, pair.card, f"nodes {far:.3g} apart, beyond its tolerance, are tied")
 
     def _clearance(self, pair: Pair) -> float | None:
         for card in self.model.clearances:

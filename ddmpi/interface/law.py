@@ -86,13 +86,16 @@ class Law:
     least = 0.0
     """The least normal force of a node (N)."""
 
-    frictionless = True
-    """Whether nodes slide without resistance, so that they have no tangential unknowns."""
-
     m: int
     sliding: np.ndarray
     components: int
     live: np.ndarray = field(default_factory=lambda: np.array(True), kw_only=True)
+
+    @property
+    def frictionless(self) -> bool:
+        """Whether nodes slide without resistance, so that they have no tangential unknowns: without a slip bound of its
+        own."""
+        return type(self).slip_bound is Law.slip_bound
 
     @property
     def two_sided(self) -> bool:
@@ -234,7 +237,6 @@ class CoulombLaw(Law):
     """g = 𝓕 s_ν, with the coefficient 𝓕 (mt,) at the nodes that slide."""
 
     name = "coulomb"
-    frictionless = False
 
     coefficient: np.ndarray
 
@@ -250,7 +252,6 @@ class TrescaLaw(Law):
     """A given bound (mt,) in newtons, which holds whether a node is open or not, as in the paper."""
 
     name = "tresca"
-    frictionless = False
 
     bound: np.ndarray
 
@@ -264,7 +265,6 @@ class BondedLaw(Law):
 
     name = "bonded"
     least = -np.inf
-    frictionless = False
 
     def slip_bound(self, pressure: np.ndarray) -> np.ndarray:
         return np.full(len(self.sliding), NO_BOUND)
@@ -297,7 +297,7 @@ class GuidedLaw(BondedLaw):
     """r_ν = 0 whatever the normal forces, as in a guide: nodes slide without friction and do not separate."""
 
     name = "guided"
-    frictionless = True
+    frictionless = True  # though bonds have a bound
 
 
 def law_of(friction: Friction, xy: np.ndarray, arc: np.ndarray, area: np.ndarray, sliding: np.ndarray,

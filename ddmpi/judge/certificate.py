@@ -28,6 +28,10 @@ them, is then twenty times the rounding of one number. Solves left up to eight t
 NO_FORCE = 1e-6
 """Contact forces are compared with at least this fraction of the loads, per node."""
 
+RELEASED = 2e-4
+"""Where all forces of a contact became zero, as they were rounding beside those of the load steps before, displacements
+are compared with this fraction of what those caused. The usual limit is then 1e-10 of them, which is rounding too."""
+
 EPSILON = float(np.finfo(float).eps)
 
 LITTLE = 1e-4
@@ -124,7 +128,7 @@ def contact_residuals(state: ContactState, s: np.ndarray, mismatch: np.ndarray, 
         RESOLVED times the first, and at least with what half-spaces give way, as where clamps constrain the whole
         contact. A contact with next to no force is compared with the second
     former : the largest of the same in the load steps before; displacements are compared with at least RESOLVED times
-        the first and NO_FORCE times the second
+        the first and NO_FORCE times the second, or RELEASED times it by a contact without any force
     """
     interface, law = state.interface, state.interface.law
     # S is the size of forces, U that of displacements; the floors keep rounding from being compared with rounding
@@ -134,7 +138,7 @@ def contact_residuals(state: ContactState, s: np.ndarray, mismatch: np.ndarray, 
     S = np.abs(s).max(initial=0.0)
     (moved, largest), (moved_before, before) = everywhere, former
     U = max(min(U, max(yielding, overlap)), RESOLVED * max(moved, moved_before, S / interface.stiffness.max()),
-            largest if floor >= S else NO_FORCE * largest, NO_FORCE * before)
+            largest if floor >= S else NO_FORCE * largest, (NO_FORCE if S else RELEASED) * before)
     work, tension = law.complementarity(state.normal_force, state.gap)
     # s_ν ≥ 0 and s_ν r_ν = 0: the work of pressure on gaps, over all pressure on gaps of size U; tension
     complementarity = max(_ratio(work, np.maximum(state.normal_force, 0.0).sum() * U), _ratio(tension, max(S, floor)))

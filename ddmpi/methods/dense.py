@@ -56,12 +56,14 @@ class Direct:
         right = linearised.restrict(wanted - point.r - C_change), joint.imbalance(point.s + change)
         softly = steered * steering.shared[linearised.unknown], springs * steering.diagonal[:rigid.size]
         K = matrix(self._C, linearised, joint, layer[linearised.unknown] + softly[0], softly[1])
-        factors, pivots, singular = dgetrf(K, overwrite_a=True)
+        factors, pivots, singular = dgetrf(K)
         if singular:
             return None
         found = dgetrs(factors, pivots, np.concatenate(right))[0]
-        if refine:  # one step of iterative refinement takes away what steers
-            found += dgetrs(factors, pivots, np.concatenate(softly) * found)[0]
+        # One step of iterative refinement takes away rounding, of which a load step to no forces at all consists, and
+        # what steers.
+        steers = np.concatenate(softly) * found if refine else 0.0
+        found += dgetrs(factors, pivots, np.concatenate(right) - K @ found + steers)[0]
         if not np.isfinite(found).all():
             return None
         dy, alpha = linearised.expand(found[:k]), found[k:]

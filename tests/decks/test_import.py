@@ -366,7 +366,7 @@ def test_several_materials_and_moved_supports(tmp_path):
     assert answer.bodies["A"].displacement[:, 2].max() == pytest.approx(0.01, rel=1e-12)
 
 
-@pytest.mark.mpi(ranks=2, timeout=300, unit="s")
+@pytest.mark.mpi(ranks=2)
 def test_a_deck_on_two_ranks(comm, tmp_path):
     """The scene of a deck is solved on several ranks."""
     folder = Path(comm.bcast(str(tmp_path) if comm.rank == 0 else None))

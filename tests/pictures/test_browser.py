@@ -12,7 +12,7 @@ import made_up
 import made_up_solids
 import numpy as np
 import pytest
-from scenes import call, pinched_blocks, run_here, write_scene
+from scenes import LIMIT, call, pinched_blocks, run_here, write_scene
 
 from ddmpi.errors import InputError
 from ddmpi.pictures.browser import _page, write_view
@@ -140,7 +140,8 @@ def test_a_browser_draws_the_view_and_its_slider_moves(tmp_path):
     dom = subprocess.run(
         [CHROMIUM, "--headless=new", "--no-sandbox", "--enable-unsafe-swiftshader", "--use-angle=swiftshader",
          f"--user-data-dir={tmp_path / 'profile'}", "--window-size=500,400", "--virtual-time-budget=60000",
-         "--dump-dom", f"file://{tmp_path}/moved.html#look"], capture_output=True, text=True, timeout=120)
+         "--dump-dom", f"file://{tmp_path}/moved.html#look"], capture_output=True, text=True,
+        timeout=LIMIT)
     found = json.loads(unescape(re.search("<title>(.*?)</title>", dom.stdout)[1]))
     assert all(int(each["colours"]) > 8 and int(each["pixels"]) > 5000 for each in found.values()), found
     assert len({each["sum"] for each in found.values()}) == len(found), found

@@ -146,6 +146,7 @@ def test_derivatives_go_on_with_the_offset():
 def test_ranks_agree(comm):
     """A joint of three bodies has one answer on three ranks, at each load step."""
     scene = joint(steps=1, poisson=0.3, law={"law": "coulomb", "coefficient": 0.2})
+    scene["method"] = {"tolerance": 1e-11}  # one rank solves by dense factors, several by GMRES
     one, other = found(scene), found(scene, comm)
     assert_same(one, other)
     for mine, theirs in zip(one.summary["steps"], other.summary["steps"], strict=True):

@@ -436,7 +436,7 @@ def test_a_restored_march_is_the_whole_one(monkeypatch):
 
     def known(march: March) -> dict:
         parts = {name: vars(value) if name in MARKS else value for name, value in vars(march).items()
-                 if name not in ("assembly", "iteration", "outer", "log", "_safe", "_d")}
+                 if name not in ("assembly", "iteration", "outer", "log", "_safe", "_d", "_chain")}
         return copy.deepcopy(parts)
 
     def note(march: March, time: float):
@@ -472,8 +472,8 @@ def test_files_of_load_steps(tmp_path):
     assert [grid["time"] for grid in grids["upper"]] == [1.0, 2.0, 3.0]
     assert list(grids) == ["upper", "lower", "upper-lower"]
     for grid in grids["upper-lower"]:
-        assert grid["pressure"].tolist() == legs["normal_stress"][legs["time"] == grid["time"]].tolist()
-        assert grid["slip_total"].tolist() == legs["slip_total"][legs["time"] == grid["time"]].tolist()
+        for field, column in (("pressure", "normal_stress"), ("slip_total", "slip_total")):  # at nodes, and in between
+            assert np.isin(legs[column][legs["time"] == grid["time"]], grid[field]).all()
     assert np.array_equal(legs["tangential_stress"][legs["time"] == 3.0], last["tangential_stress"])
     (loop, *_) = draw_steps(results).axes
     assert loop.lines[0].get_xdata().tolist() == [0.0, 0.0, 0.0, 0.5, 1.0, 0.7, 0.4]

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import ddmpi
+import ddmpi.coupling.assembly
 import ddmpi.interface.rows
 from ddmpi.interface.law import CoulombLaw, law_of
 
@@ -47,6 +48,7 @@ def test_open_nodes_that_a_law_holds_resist(dimension, monkeypatch):
         return CohesiveLaw(law.m, law.sliding, law.components, law.coefficient, COHESION * area[sliding], live=law.live)
 
     monkeypatch.setattr(ddmpi.interface.rows, "law_of", cohesive)
+    monkeypatch.setattr(ddmpi.coupling.assembly, "law_of", cohesive)
     answer = ddmpi.solve(above_a_floor(dimension))
     assert answer.certified and answer.summary["undetermined"] == []
     assert (answer.contacts["block-floor"].status == "open").all()

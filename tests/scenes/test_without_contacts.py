@@ -41,7 +41,7 @@ def test_one_body_alone(way, order):
     assert answer.summary["contacts"] == {} and answer.summary["certificate"]["penetration"] == 0.0
 
 
-@pytest.mark.mpi(ranks=2, timeout=300, unit="s")
+@pytest.mark.mpi(ranks=2)
 @pytest.mark.parametrize("bodies", [1, 3])
 def test_bodies_alone_on_ranks(comm, bodies):
     """So are several bodies; a warning names each, on fewer and on more ranks than bodies, and load steps go on."""
