@@ -37,7 +37,8 @@ class ActiveSet:
     ----------
     pressure : (m,) projected normal forces (N)
     closed : (m,) bool, nodes under pressure
-    slip : (mt, d − 1) direction of the tangential force where it lies on its bound, zero where the node sticks
+    slip : (mt, d − 1) direction of the tangential force where it lies on its bound, also at open nodes; zero where the
+        node sticks
     bound : (mt,) slip bound (N)
     excess : (mt,) κ = |q_t|/g − 1 where the node slips under pressure, zero elsewhere
     """
@@ -77,7 +78,7 @@ class Law:
     Attributes
     ----------
     m : contact nodes
-    sliding : (mt,) the nodes that carry tangential forces
+    sliding : (mt,) the nodes that carry tangential forces, whether they slip or stick; of a bond too
     components : d − 1, tangential components of a node
     live : (size,) bool, the unknowns along which one of the bodies can move; the others stay zero. All where left out
     """

@@ -39,7 +39,7 @@ class Direct:
 
         Parameters
         ----------
-        springs, steered : as for `LinearProblem`
+        springs, steered : factors on what steers, as for `LinearProblem`
         refine : whether the equations are meant without what steers
 
         Collective. Raises SolverError.
@@ -74,7 +74,8 @@ class Direct:
 def matrix(C: np.ndarray, linearised: Linearised, joint: Joint, D: np.ndarray, springs: np.ndarray) -> np.ndarray:
     """[Iᵀ C E + D, −Iᵀ Z; Zᵀ E, springs], of k unknown forces and j rigid motions. Not collective.
 
-    C (size, size) is symmetric, Z (size, j) are the contact displacements of the motions, and D (k,) are compliances.
+    C (size, size) is symmetric, Z (size, j) are the contact displacements of the motions, D (k,) are compliances and
+    `springs` (j,) stiffnesses, ε E* of what steers.
     Motions that are kept have no equation of forces: they are zero.
     """
     Z, springs = joint.rigid.Z.toarray() * (1.0 - joint.kept), np.where(joint.kept, 1.0, springs)

@@ -50,7 +50,7 @@ steps."""
 FULL_STEPS, GIVEN_STEPS, GROWTH = 12, 3, 3.0
 """The first FULL_STEPS steps in space are full unless one multiplies the residual by more than GROWTH: while friction
 turns, lengths by residuals take a quarter more steps. In the plane the first GIVEN_STEPS are, but none with Coulomb
-friction, as full steps seldom cycle where bounds are given."""
+friction, as full steps seldom cycle where bounds are given. None are where products are dear and a model takes them."""
 
 ERROR = 10.0
 """The forces have converged when their estimated error is below this times the tolerance."""
@@ -91,7 +91,7 @@ class Newton(Outer):
         self.checkpoint: Callable[[], None] = lambda: None
         self._laws = self.space.laws
         self._c = np.concatenate([np.empty(0), *(interface.stiffness for interface in self.space.interfaces)])
-        self._coulomb = self.space.largest(np.array([self._laws.largest_slope])) > 0.0  # else forces can be found
+        self._coulomb = self.space.largest(np.array([self._laws.largest_slope])) > 0.0
         self._in_space = self.space.largest(np.array([float(law.components) for law in self._laws.laws])) > 1.0
         self._preconditioner = preconditioner or Preconditioner(joint, self._c, self._in_space)
         self._full = FULL_STEPS if self._in_space else 0 if self._coulomb else GIVEN_STEPS
@@ -313,7 +313,8 @@ class Newton(Outer):
             linearised = Linearised.of(self._laws.linearise(active))
             if self._start:  # nor do bounds follow pressures
                 linearised = linearised.frozen(0.0 * s)
-            # nodes that slip in space turn their friction against springs κ/c: r + (κ/c) s = 0 across it
+            # Nodes that slip in space turn their friction against springs κ/c: r + (κ/c) s = 0 across it. Both tangents
+            # of a node have the same κ/c, so it needs no turning.
             move, layer = linearised.move(s), linearised.spring / self._c
             change = self.direction(self._at, linearised, move, -layer * (s + move), layer)
         far, length = self._length(far, change)
@@ -344,8 +345,8 @@ class Newton(Outer):
             if direct is not None:
                 return direct
             problem = LinearProblem(joint, self._preconditioner, linearised, layer, springs, steered, self._forcing,
-                                    self._path is not None)
-            if rigid.size:  # the nearest forces by half-planes that balance the loads
+                                    precise=self._path is not None)
+            if rigid.size:  # the nearest forces by half-spaces that balance the loads: h = 0 for what GMRES solves
                 y, alpha = problem.precondition(y, joint.imbalance(point.s + change))
                 change = change + linearised.expand(y)
         if space.any(change):
