@@ -543,7 +543,8 @@ MUTANTS = [Mutant(*row) for row in (
     ("rounding of an unloaded contact is a force", "methods/newton", "max(initial=0.0) <= self.nothing",
      "max(initial=0.0) < 0.0", UNLOADED),
     # judge
-    ("residuals know nothing of the steps before", "judge/certificate", "NO_FORCE * before)", "0.0)",
+    ("residuals know nothing of the steps before", "judge/certificate",
+     "(NO_FORCE if S else RELEASED) * before)", "0.0)",
      f"{CERTIFICATE}::test_what_is_small_beside_the_loads_of_other_steps_is_judged_by_itself"),
     ("force mismatch set to zero", "judge/certificate",
      "force_mismatch=_ratio(norm(mismatch), max(norm(s), norm(s + mismatch), floor)),", "force_mismatch=0.0,", SPOILT),
@@ -690,7 +691,7 @@ MUTANTS = [Mutant(*row) for row in (
      "run/test_checkpoint.py::test_another_mesh_is_refused_on_both_ranks"),
     ("the state of a former end is kept while Newton's method goes on", "run/solve", "self._checkpoints.forget()",
      "pass", "run/test_checkpoint.py::test_newtons_method_is_not_kept_within_a_load_step"),
-    ("an answer that is kept is looked for again", "run/solve", "self._stopped or outer.run", "outer.run",
+    ("an answer that is kept is looked for again", "run/solve", "self._stopped or self._kept(", "self._kept(",
      "run/test_checkpoint.py::test_results_that_cannot_be_written_leave_a_checkpoint"),
     ("checkpoints wait for iterations and seconds", "run/checkpoint", "due or time.monotonic()",
      "due and time.monotonic()", "run/test_checkpoint.py::test_every_so_many_seconds_by_the_clock_of_rank_0"),
