@@ -55,6 +55,18 @@ def test_a_bar_under_pressure(tmp_path):
     assert u[:, :2].max(axis=0) == pytest.approx([0.3 * 21 / YOUNG] * 2, rel=1e-9)
 
 
+def test_loads_of_a_step_add(tmp_path):
+    """At one place, of one keyword or of several, as in CalculiX; with other amplitudes they are lost."""
+    faces = [f"{k}, P2, 10." for k in range(9, 13)]
+    deck = BOX + ROLLERS + step("*DLOAD", *faces, *(
+        face.replace("10.", "11.") for face in faces), "*CLOAD", "A_X1, 1, 2.", "A_X1, 1, -2.")
+    reaction = solved(tmp_path / "add", deck).summary["bodies"]["A"]["reaction"]
+    assert reaction == pytest.approx([0.0, 0.0, 21.0], abs=1e-9)
+    other = step("*CLOAD", "A_Z1, 3, 1.", "*CLOAD, AMPLITUDE=UP", "A_Z1, 3, 2.")
+    assert "with another amplitude" in refused(
+        tmp_path, BOX + ROLLERS + "*AMPLITUDE, NAME=UP\n0., 0., 1., 1.\n" + other)
+
+
 def scattered(rng: np.random.Generator, nodes: list[int]) -> str:
     return "*CLOAD\n" + "\n".join(f"{node}, {k}, {rng.normal():.6f}" for node in nodes for k in (1, 2, 3)) + "\n"
 
