@@ -221,7 +221,7 @@ def gather_summary(assembly: Assembly, solution: Solution, error: Discretization
            "solvers": {"qp": outer.qp_type}, "options": PETSc.Options().getAll(),
            "options_unused": sorted(set.intersection(*unused))} | ({"energy": steps.balance()} if scene.time else {})
     if scene.output.derivatives:
-        run["derivatives"] = steps.derived[0]
+        run["derivatives"] = steps.derived[0] if solution.certified else {}
     if scene.time and scene.time.cycle:
         run["cycles"] = {"run": steps.run, "change": steps.change}
     summary = summarize(scene.resolved(), run, bodies, solution.contacts, solution.certificate)
