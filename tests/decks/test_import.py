@@ -117,6 +117,14 @@ def test_contact_friction_and_load_steps(tmp_path):
             if step["time"] in (1.0, 3.0)] == pytest.approx([modulus * 0.0005, modulus * 0.0002], rel=1e-6)
 
 
+def test_ties_over_a_gap_are_told(tmp_path):
+    """Beyond POSITION TOLERANCE they are lost; without one, nodes far apart are tied, and the list says so."""
+    assert "a tie over a gap of 0.3, beyond its tolerance" in refused(
+        tmp_path, stack("*TIE, NAME=T, POSITION TOLERANCE=0.1", gap=0.3) + step("*CLOAD", "B_Z1, 3, -1."))
+    lists = imported(tmp_path, stack("*TIE, NAME=T", gap=0.3) + step("*CLOAD", "B_Z1, 3, -1."), name="tied")[1]
+    assert "nodes 0.3 apart, beyond its tolerance, are tied" in lists
+
+
 PAIR, LAW = "*CONTACT PAIR, INTERACTION=I", "*SURFACE INTERACTION, NAME=I\n"
 
 
