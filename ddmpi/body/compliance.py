@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections import Counter
 from collections.abc import Callable
 from typing import Any
@@ -102,6 +103,16 @@ class Compliance:
                 with event("ComplianceForm"):
                     self._matrix = self.dense().T
         self._made = self.count.copy()
+
+    def seen(self, W: sparse.csr_matrix) -> Compliance:
+        """The compliance W C Wᵀ of rows W (k, size) that join those of an explicit one, with the same counts. Not
+        collective."""
+        other = copy.copy(self)
+        other.B, other.size, other._norm = W @ self.B, W.shape[0], 0.0
+        other._rigid = not other.B.count_nonzero()
+        C = W @ (W @ self.dense()).T
+        other._dense = other._matrix = np.asfortranarray((C + C.T) / 2)
+        return other
 
     def renew(self) -> None:
         """Forget counts and estimates since the construction, for another case on the same factors. Not collective."""

@@ -26,16 +26,17 @@ from ddmpi.coupling.team import Team, TeamMatrix
 from ddmpi.errors import InputError, naming
 from ddmpi.interface.interface import Interface, Mover, check_overlap, refuse_contradiction
 from ddmpi.interface.law import law_of
-from ddmpi.interface.matching import face_rigid
-from ddmpi.interface.mortar import connect
-from ddmpi.interface.rows import holds_along, uncovered_profile
+from ddmpi.interface.matching import face_rigid, faces_rigid
+from ddmpi.interface.mortar import connect, meet, with_slave
+from ddmpi.interface.rows import apart, holds_along, uncovered_profile
 from ddmpi.kept.kept import Kept
 from ddmpi.mesh.build import build_mesh, content
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import Sizes
 from ddmpi.petsc.options import conditions
 from ddmpi.scene.bodies import Material, SettledBody
-from ddmpi.scene.contacts import NoFriction, SettledContact
+from ddmpi.scene.contacts import NoFriction, Rigid, SettledContact
+from ddmpi.scene.meshes import frames_of
 from ddmpi.scene.scene import Settled
 from ddmpi.surface.boundary import contact_side
 from ddmpi.surface.side import Side
@@ -43,7 +44,7 @@ from ddmpi.system import interrupt
 from ddmpi.system.agreement import agreed, gathered
 from ddmpi.system.clock import Clock
 from ddmpi.system.memory import free_memory
-from ddmpi.system.numbers import in_words
+from ddmpi.system.numbers import Frame, in_words
 
 NO_SIZES: Mapping[str, Sizes] = {}
 
@@ -67,6 +68,38 @@ class Body:
 
 
 @dataclass(frozen=True)
+class Far:
+    """What bodies that move far need wherever they go.
+
+    Attributes
+    ----------
+    contacts : of this rank's bodies, each with its slave
+    sides : of both bodies in their frames, by contact; None of a rigid partner
+    members : of this rank, with the compliance of all nodes that contacts may join
+    reach : the depth (m) up to which overlaps are looked for, by time and contact; left out, by the bodies' thickness
+    """
+
+    contacts: Sequence[SettledContact]
+    sides: Mapping[str, tuple[Side, Side | None]]
+    members: Sequence[Member]
+    reach: dict[float, Mapping[str, float]] = field(default_factory=dict)
+
+    def meet(self, world: MPI.Comm, scene: Settled, exchange: Exchange, frames: Mapping[str, Frame],
+             reach: Mapping[str, float]) -> tuple[list[Member], Space]:
+        """The bodies with their contacts where frames are, and the layout of the contacts that this rank owns. Collective.
+        Raises InputError."""
+        with agreed(world):
+            rigid = {partner.name: partner for partner in scene.rigid}
+            met = {contact.name: _meet(contact, self.sides[contact.name], frames, rigid, reach.get(contact.name))
+                   for contact in self.contacts}
+        members = [member.meet([met[contact.name].seen(frames[member.name]) for contact in self.contacts
+                                if member.name in contact.bodies]) for member in self.members]
+        space = Space([met[name] for name, first, _ in exchange.ends if first == world.rank], world, exchange.sent)
+        exchange.connect(space, [member.parts for member in members])
+        return members, space
+
+
+@dataclass(frozen=True)
 class Assembly:
     """One rank's part of a scene, discretised and factored.
 
@@ -84,6 +117,7 @@ class Assembly:
     reused : stages of this rank's bodies and contacts that were kept, by their names
     start : makes the forces (size,) in N, gaps (size,) and motions of loose bodies in m to begin with, or is None
     outer : the class of an outer method from outside the package, or None
+    far, frames : where bodies move far what stays, and the frames of all bodies and rigid partners, by name
     """
 
     world: MPI.Comm
@@ -98,6 +132,21 @@ class Assembly:
     reused: dict[str, list[str]] = field(default_factory=dict)
     start: Callable[[], tuple[np.ndarray, np.ndarray, np.ndarray]] | None = None
     outer: Callable[..., object] | None = None
+    far: Far | None = None
+    frames: Mapping[str, Frame] = field(default_factory=dict)
+
+    def meet(self, time: float) -> Assembly:
+        """The same bodies where they are at `time`, and meet there, under the loads of that time. Collective. Raises
+        InputError."""
+        far, scene, world = self.far, self.scene, self.world
+        assert far
+        frames = frames_of(scene, time)
+        members, space = far.meet(world, scene, self.exchange, frames, far.reach.get(time, {}))
+        bodies = tuple(replace(body, member=member) for body, member in zip(self.bodies, members, strict=True))
+        placed = replace(self, bodies=bodies, space=space, frames=frames, joint=Joint(
+            members, self.exchange, space, [None, *scene.followed], scene.pushed, scene.bolts))
+        placed.act(time)
+        return placed
 
     def act(self, time: float) -> None:
         """Set loads, clamps and rigid partners to their values at `time`. Not collective."""
@@ -191,7 +240,7 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
             specs, factors = {body.name: body for body in scene.body}, {time: scene.factors(time) for time in times}
             joined = {contact.name: _join(
                 scene, contact, both[contact.name], [specs[name] for name in contact.bodies if name in specs], factors,
-                refinement, kept) for contact in contacts}
+                refinement, kept) for contact in contacts} if not scene.far else {}
             _check_method(scene, bodies, [interface for interface, _ in joined.values()])
         joined = _kept_by_bonds(scene, joined, world)
         interfaces = [interface for interface, _ in joined.values()]
@@ -211,6 +260,10 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
                 elasticity = replace(elasticity, A=kept.get(
                     "matrix", spec.name, kept.key("stiffness", spec.name), partial(
                         _distributed, team, elasticity, points, meshes[spec.name], spec)))
+            if scene.far:
+                members.append(_candidates(elasticity, spec.name, [sides[contact.name, side] for contact, side in
+                                                                   at_body[spec.name]], memory, histories, points))
+                continue
             ours = [joined[contact.name][0] for contact, _ in at_body[spec.name]]
             members.append(Member(spec.name, elasticity, ours, scene.method.compliance, memory, histories, points,
                                   solves))
@@ -222,8 +275,16 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
     kept.end()
     # From here on each interface lives on its first body's rank only.
     owned = {contact for contact, first, _ in exchange.ends if first == world.rank}
-    space = Space([interface for interface in interfaces if interface.name in owned], world, exchange.sent)
-    exchange.connect(space, [member.parts for member in members])
+    far, frames = None, dict[str, Frame]()
+    if scene.far:
+        with agreed(world):
+            chosen = [with_slave(first, second, contact) if second else contact
+                      for contact in contacts for first, second in [both[contact.name]]]
+        far, frames = Far(chosen, both, members), frames_of(scene, 0.0)
+        members, space = far.meet(world, scene, exchange, frames, {})
+    else:
+        space = Space([interface for interface in interfaces if interface.name in owned], world, exchange.sent)
+        exchange.connect(space, [member.parts for member in members])
     told = _doubts(scene, gathered(world, {name: body.warnings for name, body in bodies.items() if body.warnings}),
                    gathered(world, {name: warnings for name, (_, warnings) in joined.items() if warnings}))
     numbers = [body.name for body in scene.body]
@@ -231,9 +292,31 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
                                         for spec, member in zip(mine, members, strict=True)),
                     space, exchange, Joint(members, exchange, space, histories, scene.pushed, scene.bolts),
                     world.allreduce(sum(body.n for body in bodies.values())),
-                    world.allreduce(sum(interface.m for interface in interfaces if interface.name in owned)), told,
+                    world.allreduce(sum(interface.m for interface in space.interfaces)), told,
                     {name: [word for stage, words in REUSED.items() if stage in stages for word in words]
-                     for name, stages in kept.found.items()})
+                     for name, stages in kept.found.items()}, far=far, frames=frames)
+
+
+def _candidates(elasticity: Elasticity, name: str, sides: Sequence[Side], memory: float,
+                histories: Sequence[str | None], points: np.ndarray) -> Member:
+    """A body that moves far, with all nodes of its contacts. Raises InputError unless clamps support it."""
+    if not elasticity.supported:
+        raise InputError(f"body.{name}: clamps leave a rigid motion free; with time.motions = \"far\" each body needs "
+                         "clamps, which move as its motion says")
+    nodes = np.unique(np.concatenate([np.empty(0, int), *(side.nodes for side in sides)]))
+    return Member(name, elasticity, [], "explicit", memory, histories, points, 1, nodes)
+
+
+def _meet(contact: SettledContact, sides: tuple[Side, Side | None], frames: Mapping[str, Frame],
+          rigid: Mapping[str, Rigid], reach: float | None) -> Interface:
+    """The interface of a contact where the frames of its bodies are. Raises InputError."""
+    first, second = sides
+    one, other = (frames[name] for name in contact.bodies)
+    if second is None:  # in the frame of the partner, whose shape is given there
+        partner = rigid[contact.bodies[1]]
+        seen = first.placed(other.undone.after(one), reach)
+        return (face_rigid(seen, partner, contact) if faces_rigid(seen, partner) else apart(contact, seen)).placed(other)
+    return meet(first.placed(one, reach), second.placed(other, reach), contact)
 
 
 def _mesh(scene: Settled, spec: SettledBody, folder: Path, contacts: Sequence[str], sizes: Sizes | None,

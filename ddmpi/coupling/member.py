@@ -42,11 +42,14 @@ class Member:
     histories : of the scene's loads and clamps, None for constant ones
     points : (k, d) positions of the nodes that A acts on, see `Compliance`
     solves : how many problems, such as load steps, C is for
+    candidates : the nodes that contacts may join wherever the body goes; C is then of their components along the axes,
+        and `meet` makes that of contacts from it
 
     Attributes
     ----------
     kind, reason : those of the `Compliance`, as far as they are known before A is factored
     dear : whether its products are by an iterative solver
+    began : by contact, displacements (nv, d) from which slip counts (m), of bodies that move far
     C : contact compliance B A⁻¹ Bᵀ with its counts; of a loose body before centring, so multiply by `mult`
     h : (size,) B A⁻¹ b, the contact displacement without contact forces (m); of a loose body, with forces that balance
         the load
@@ -62,18 +65,14 @@ class Member:
     def __init__(self, name: str, elasticity: Elasticity, interfaces: Sequence[Interface],
                  compliance: str | None = None, memory: float = np.inf,
                  histories: Sequence[str | None] = (None,), points: np.ndarray | None = None,
-                 solves: int = 1) -> None:
+                 solves: int = 1, candidates: np.ndarray | None = None) -> None:
         self._acting: Mapping[str | None, float] | None = None
         self._elasticity = elasticity
-        self.name, self.elasticity, self.interfaces = name, elasticity, tuple(interfaces)
+        self.name, self.elasticity = name, elasticity
         self._histories = tuple(histories)
-        ends = np.cumsum([0, *(interface.size for interface in self.interfaces)]).tolist()
-        self._sides = [(interface, slice(start, stop), interface.side(name)) for interface, (start, stop) in
-                       zip(self.interfaces, itertools.pairwise(ends), strict=True)]
-        self.parts = {interface.name: (part, side) for interface, part, side in self._sides}
+        self._join(interfaces)
         A, b = elasticity.A, elasticity.b
-        B = sparse.vstack([sparse.csr_matrix((0, A.size[1])),
-                           *(trace(interface, side, elasticity) for interface, _, side in self._sides)], format="csr")
+        B = self._rows() if candidates is None else _components(elasticity, candidates)
         self.motions = elasticity.motions
         motions = self.motions[elasticity.nodes]
         R = motions.reshape(A.size[1], motions.shape[2])
@@ -87,6 +86,40 @@ class Member:
         self._for = bool(A.getAttr("coarse")), solves
         self.kind, self.reason = plan_compliance(A, B, compliance, memory, *self._for)
         self._responses = {name: (np.zeros(self.size), R.T @ case.b) for name, case in elasticity.cases.items()}
+
+    def _join(self, interfaces: Sequence[Interface]) -> None:
+        """Take part in these interfaces."""
+        self.interfaces = tuple(interfaces)
+        ends = np.cumsum([0, *(interface.size for interface in self.interfaces)]).tolist()
+        self._sides = [(interface, slice(start, stop), interface.side(self.name)) for interface, (start, stop) in
+                       zip(self.interfaces, itertools.pairwise(ends), strict=True)]
+        self.parts = {interface.name: (part, side) for interface, part, side in self._sides}
+        self.began = dict[str, np.ndarray]()
+
+    def _rows(self) -> sparse.csr_matrix:
+        """B (size, columns of A) of the interfaces."""
+        none = sparse.csr_matrix((0, self.elasticity.A.size[1]))
+        return sparse.vstack([none, *(trace(interface, side, self.elasticity) for interface, _, side in self._sides)],
+                             format="csr")
+
+    def meet(self, interfaces: Sequence[Interface]) -> Member:
+        """The same body at interfaces between its `candidates` and others, seen from its frame, on the same factors. Not
+        collective."""
+        other = copy.copy(self)
+        other._join(interfaces)
+        other._B = other._rows()
+        other.size = other._B.shape[0]
+        other.G = np.zeros((0, other.size))
+        W = other._B @ self._B.T  # whose rows are unit vectors
+        if hasattr(self, "C"):
+            other.C = self.C.seen(W)
+            other._set_up = self.C.count.copy()
+            other._responses = {name: (W @ h + other.trace(self.elasticity.cases[name].prescribed), e)
+                                for name, (h, e) in self._responses.items()}
+            other.h = sum((h for h, _ in other._responses.values()), np.zeros(1))
+        else:
+            other._responses = {name: (np.zeros(other.size), e) for name, (_, e) in self._responses.items()}
+        return other
 
     def factor(self, kept: Kept | None = None) -> Member:
         """Factor A and solve for the loads, but for what is `kept`; return self. Collective on the body's communicator.
@@ -133,7 +166,7 @@ class Member:
             self.C.count[purpose] += 1
             h = get(partial(self._free, case.b))
         # B has no entries at clamped dofs; their prescribed displacements move the contact by a constant.
-        return h + self.trace(case.prescribed), self._R.T @ case.b
+        return h + (self.trace(case.prescribed) if self._sides else 0.0), self._R.T @ case.b
 
     def _free(self, load: np.ndarray) -> np.ndarray:
         """B A⁻¹ b (size,) of a load b (d k,). Collective on the body's communicator."""
@@ -257,8 +290,15 @@ class Member:
     def beside(self, u: np.ndarray) -> dict[tuple[str, int], tuple[np.ndarray, np.ndarray]]:
         """Displacements (m) without unknowns, by contact and side: normal ones at the probes of the interfaces, and
         tangential ones of nodes without friction. Not collective."""
-        return {(interface.name, side): (normal_trace(side, interface.probes, u), sliding_trace(interface, side, u))
-                for interface, _, side in self._sides}
+        return {(interface.name, side): (normal_trace(side, interface.probes, u), sliding_trace(
+            interface, side, u - self.began.get(interface.name, 0.0))) for interface, _, side in self._sides}
+
+    def begin(self, began: Mapping[str, np.ndarray]) -> np.ndarray:
+        """Where slip begins (size,) (m), by contact from displacements (nv, d) of all nodes at which it does. Not
+        collective."""
+        self.began = dict(began)
+        return np.concatenate([np.empty(0), *(displacement_trace(met, side, self.began[met.name])
+                                              for met, _, side in self._sides)])
 
     def work(self, u: np.ndarray, s: np.ndarray) -> np.ndarray:
         """Work of loads, reactions and heat along displacements: (2, k) in J, by history in the order of the scene.
@@ -364,3 +404,11 @@ class Member:
         balanced = f.duplicate()
         balanced.array[:] = self._centring.balance(f.array_r)
         return balanced
+
+
+def _components(body: Elasticity, candidates: np.ndarray) -> sparse.csr_matrix:
+    """The components along the axes (d k, columns of A) of those of the `candidates` (·,) on which A acts."""
+    d, place = body.supports.free.shape[1], np.flatnonzero(np.isin(body.nodes, candidates))
+    columns = (d * place[:, None] + np.arange(d)).ravel()
+    return sparse.csr_matrix((np.ones(len(columns)), (np.arange(len(columns)), columns)),
+                             (len(columns), body.A.size[1]))

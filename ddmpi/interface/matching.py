@@ -70,6 +70,12 @@ def pair(first: Side, second: Side, contact: SettledContact, refinement: int = 1
     return build(rows, contact)
 
 
+def faces_rigid(side: Side, rigid: Rigid) -> bool:
+    """Whether a facet of a side faces a rigid partner. Not collective."""
+    outward = rigid.facing(side.xy)[0]
+    return bool((np.einsum("icj,ij->ic", outward[side.facets], side.outward) < FACING).all(axis=1).any())
+
+
 def face_rigid(side: Side, rigid: Rigid, contact: SettledContact) -> Interface:
     """The interface of a body, which is the first, and a rigid partner.
 

@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import msgspec
 import numpy as np
 import scipy.sparse as sparse
 from scipy.spatial import cKDTree
@@ -22,7 +23,7 @@ from scipy.spatial import cKDTree
 from ddmpi.errors import InputError
 from ddmpi.interface.interface import SAME, Interface, Lines
 from ddmpi.interface.matching import pair
-from ddmpi.interface.rows import Rows, at_points, between, build, duals, holds_along, inset, is_held, rows_of
+from ddmpi.interface.rows import Rows, apart, at_points, between, build, duals, holds_along, inset, is_held, rows_of
 from ddmpi.interface.vertices import BARELY, UNCOVERED, rows_at_vertices
 from ddmpi.scene.contacts import SettledContact
 from ddmpi.surface.cover import corners, cover, faced_arc
@@ -70,14 +71,18 @@ def mortar_in_space(first: Side, second: Side, contact: SettledContact) -> Inter
     return build(replace(rows, covered=outlined(side, over, hats)), contact)
 
 
-def mortar(first: Side, second: Side, contact: SettledContact) -> Interface:
+def mortar(first: Side, second: Side, contact: SettledContact, over: Cover | None = None) -> Interface:
     """The interface of two sides whose nodes need not match; the first gives the directions. By default the `slave` is
-    the side with the larger spacing of nodes over plane modulus, unless clamps constrain all of it.
+    the side with the larger spacing of nodes over plane modulus, unless clamps constrain all of it. If the contact
+    names it, `over` may be what it covers.
 
     Not collective. Raises InputError where the sides do not face each other, or the slave is wholly clamped.
     """
     sides = (first, second)
-    covers = {slave: _cover(sides, slave, contact.name) for slave in (0, 1) if contact.slave != sides[1 - slave].body}
+    if over is not None:
+        covers = {sides.index(next(side for side in sides if side.body == contact.slave)): over}
+    else:
+        covers = {k: _cover(sides, k, contact.name) for k in (0, 1) if contact.slave != sides[1 - k].body}
     faced = [np.unique(covers[k].facet if k in covers else covers[1 - k].other) for k in (0, 1)]
     slave = _choose_slave(sides, contact, faced)
     side, over = sides[slave], covers[slave]
@@ -91,6 +96,20 @@ def mortar(first: Side, second: Side, contact: SettledContact) -> Interface:
     if (free != root).any():
         rows = replace(_rows(sides, slave, over, psi, free), bound=free != root)
     return build(replace(rows, covered=outlined(side, over, hats)), contact)
+
+
+def with_slave(first: Side, second: Side, contact: SettledContact) -> SettledContact:
+    """The contact with a slave that stays the same wherever its bodies go: by default as of `mortar`, by whole sides."""
+    slave = (first, second)[_choose_slave((first, second), contact, [slice(None)] * 2)].body
+    return msgspec.structs.replace(contact, slave=slave, pairing="mortar")
+
+
+def meet(first: Side, second: Side, contact: SettledContact) -> Interface:
+    """`mortar` of two sides that may have left each other; its slave is that of the contact. Not collective."""
+    sides = (first, second)
+    slave = [side.body for side in sides].index(str(contact.slave))
+    over = cover(sides[slave], sides[1 - slave])
+    return mortar(first, second, contact, over) if len(over.facet) else apart(contact, first, second)
 
 
 def _cover(sides: tuple[Side, Side], slave: int, name: str) -> Cover:

@@ -176,6 +176,21 @@ def build(rows: Rows, contact: SettledContact) -> Interface:
         fixed=_at_rows(rows, dropped, start), probes=_probes(rows, contact, dropped, start), pull=pull)
 
 
+def apart(contact: SettledContact, first: Side, second: Side | None = None) -> Interface:
+    """The interface of sides that do not face each other, or of one and a rigid partner: it has no rows. Not
+    collective."""
+    d, none, modulus = first.dimension, np.empty(0), second.modulus if second else np.inf
+    at, square = np.empty((0, d)), sparse.csr_matrix((0, 0))
+    law = law_of(contact.friction, at, none, none, np.empty(0, int), contact.kind, np.empty(0, bool))
+    return Interface(
+        name=contact.name, bodies=contact.bodies, xy=at, frame=np.empty((0, d, d)), area=none, gap=none,
+        nodes=(np.empty(0, int),) * 2, transfer=(square, square), law=law, laplacian=square, facets=np.empty((0, d), int),
+        modulus=1.0 / (1.0 / first.modulus + 1.0 / modulus), one_sided=np.empty(0, bool), at=(at, at),
+        displacement=np.zeros(d), slave=contact.slave, lines=Lines(np.empty(0, int), at, none, np.empty((0, d), int)),
+        fixed=Places(normal=at), probes=Places(normal=at), outline=Outline(at, np.empty((0, d), int), square),
+        axisymmetric=first.axisymmetric)
+
+
 def _refuse_held(contact: SettledContact, pull: np.ndarray, frame: np.ndarray, live: np.ndarray,
                  xy: np.ndarray) -> None:
     """InputError where clamps of both sides hold nodes along the direction `pull` of a pretension, by the frames

@@ -172,6 +172,7 @@ class Mark:
     length : of closed contacts, in space their area (m, m²)
     slid : by contact without friction its slip (m, d − 1) of all load steps (m)
     derived : derivatives, see `ddmpi.derive.chain`
+    memory : of bodies that move far, see `ddmpi.run.places`
     """
 
     time: float
@@ -187,6 +188,7 @@ class Mark:
     length: float
     slid: dict[str, np.ndarray]
     derived: dict[str, np.ndarray] = field(default_factory=dict)
+    memory: Any = None
 
     @property
     def closed(self) -> np.ndarray:

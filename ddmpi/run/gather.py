@@ -40,7 +40,7 @@ from ddmpi.results.tables import (
     write_steps,
     write_table,
 )
-from ddmpi.run.checkpoint import Checkpoints
+from ddmpi.results.checkpoint import Checkpoints
 from ddmpi.run.equilibrium import recover
 from ddmpi.run.report import describe_files
 from ddmpi.run.solve import Solution

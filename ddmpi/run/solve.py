@@ -29,7 +29,7 @@ from ddmpi.methods.newton import Newton
 from ddmpi.methods.outer import ENDS, Outer, Report, Step, check_promises, no_report
 from ddmpi.petsc.events import event
 from ddmpi.petsc.versions import free_garbage
-from ddmpi.run.checkpoint import Checkpoints
+from ddmpi.results.checkpoint import Checkpoints
 from ddmpi.run.equilibrium import (
     at_contacts,
     describe_drift,
@@ -372,7 +372,7 @@ def lean_steps(assembly: Assembly) -> int:
     slides, rubs = (any(contact.kind != "bonded" and (contact.friction == NoFriction()) == free
                         for contact in scene.contact) for free in (True, False))
     several = time is not None and (bool(time.cycle) or (time.steps > 1 if time.steps else rubs))
-    if not several or assembly.joint.dear or scene.output.steps == "all" or scene.output.derivatives:
+    if not several or scene.far or assembly.joint.dear or scene.output.steps == "all" or scene.output.derivatives:
         return 0
     with assembly.exchange.deferred():
         for body in assembly.bodies:

@@ -26,7 +26,7 @@ from ddmpi.judge.plausible import doubt_answer
 from ddmpi.methods.newton import Newton
 from ddmpi.methods.outer import Report, no_report
 from ddmpi.results.tables import leg_values
-from ddmpi.run.checkpoint import Checkpoints
+from ddmpi.results.checkpoint import Checkpoints
 from ddmpi.run.equilibrium import NOTHING, Mark, look_for_mechanism, undetermined_motions
 from ddmpi.run.gather import StepLog
 from ddmpi.run.report import UNDETERMINED
@@ -61,11 +61,12 @@ MARKS = ("_now", "_before", "_base")
 
 
 def march(assembly: Assembly, report: Report = no_report, checkpoints: Checkpoints | None = None,
-          clock: Clock | None = None) -> tuple[Solution, StepLog]:
-    """Solve `assembly` in the load steps of its scene, without [time] in one; the solution and the record of the steps.
+          clock: Clock | None = None, way: type[March] | None = None) -> tuple[Solution, StepLog, Assembly]:
+    """Solve `assembly` in the load steps of its scene, without [time] in one; the solution, the record of the steps, and
+    the assembly at the end.
 
-    Parameters and errors as of `solve`. The solution is that of the last step, with the largest residuals of all steps.
-    Collective.
+    Parameters and errors as of `solve`; `way` is `March` unless bodies move far. The solution is that of the last step,
+    with the largest residuals of all steps. Collective.
     """
     scene, clock = assembly.scene, clock or Clock()
     log = StepLog()
@@ -75,12 +76,14 @@ def march(assembly: Assembly, report: Report = no_report, checkpoints: Checkpoin
         log.note_step(time, solution)
         if solution.certified:
             log.derive(*chain.entries(time, chain.advance(time, solution.outer, solution), solution), several=False)
-        return solution, log
+        return solution, log, assembly
     assembly.act(scene.legs[0])
-    march = March(assembly, Iteration(assembly, scene.method, no_report, clock), log)
+    march = (way or March)(assembly, Iteration(assembly, scene.method, no_report, clock), log)
+    if scene.far:
+        checkpoints = None  # rows differ from step to step
     if checkpoints:
         checkpoints.follow(assembly, outer=march.outer, steps=march)
-    return march.run(checkpoints), log
+    return march.run(checkpoints), log, march.assembly
 
 
 class March:
@@ -261,10 +264,11 @@ class March:
         self._now = Mark(time, outer.forces, outer.motions, self._d, solution.moved, space.opening, solution.prescribed,
                          np.array(list(scene.factors(self._drawn(time)).values())), solution.work, solution.energy,
                          closed, {name: state.slip_total for name, state in solution.states.items()
-                                  if state.interface.law.frictionless})
+                                  if state.interface.law.frictionless}, memory=self._remember(solution))
         if now.time == 0.0:
             self._given = self._now.given(now, space)
         work, interface_work = self._now.work_since(now, space)
+        work += self._by_frames(solution, now)
         lost = work - (solution.energy - now.energy) - interface_work  # ΔW − ΔU − ΔI, zero but for rounding
         _, worked, _, taken, rubbed, _ = self.log.energies[-1] if self.log.energies else np.zeros(6)
         self.log.energies.append([time, worked + work, solution.energy, taken + interface_work, rubbed + dissipated,
@@ -380,14 +384,28 @@ class March:
                             self._end, self._number, self._changed)
             return False
         # nodes that were open and now carry force: their gaps close within the leg
-        closing = space.any(np.array([
-            ((s[part][:interface.m] > 0.0) & (self._base.s[part][:interface.m] <= 0.0)
-             & (self._base.closed[part][:interface.m] < 0.0)).any() for interface, part in frictional]))
+        closing = self._closing(s)
         self._coarse, self._number = s, 2 * self._number
         length, self._now, self._before = self._now.length, self._base, self._base
         self.log.restore(self._noted)
         self._ahead = self._times(length, closing)
         return True
+
+    def _closing(self, s: np.ndarray) -> bool:
+        """Whether nodes with friction carry forces `s` that were open where the leg began. Collective."""
+        space, base = self.assembly.space, self._base
+        return space.any(np.array([
+            ((s[part][:interface.m] > 0.0) & (base.s[part][:interface.m] <= 0.0)
+             & (base.closed[part][:interface.m] < 0.0)).any() for interface, part in space.with_slices()
+            if len(interface.sliding) and interface.law.name != "bonded"]))
+
+    def _by_frames(self, solution: Solution, before: Mark) -> float:
+        """Work of the motions of frames (J). Collective."""
+        return 0.0
+
+    def _remember(self, solution: Solution) -> Any:
+        """What the next step needs of this one, where bodies move far."""
+        return None
 
     def state(self) -> dict[str, Any]:
         return {name: getattr(self, name) for name in KEPT} | {name: asdict(getattr(self, name)) for name in MARKS} | {

@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 from msgspec.structs import force_setattr, replace
 
-from ddmpi.scene.meshes import TOWARDS_CONTACTS, WITH_ORIGIN, MeshSpec, SettledMesh
+from ddmpi.scene.meshes import TOWARDS_CONTACTS, WITH_ORIGIN, MeshSpec, Motions, SettledMesh
 from ddmpi.scene.values import (
     AffineScalar,
     AffineVector,
@@ -30,8 +30,7 @@ from ddmpi.scene.values import (
 )
 
 LOCKING = 0.48
-"""Largest Poisson's ratio for error estimates of linear triangles; for measured relative errors below 0.3 these are
-right to within a fifth."""
+"""Largest Poisson's ratio for error estimates of linear triangles; right to a fifth for measured errors below 0.3."""
 
 Moduli = Annotated[tuple[Positive, ...], msgspec.Meta(min_length=3, max_length=3)]
 Three = Annotated[tuple[Number, ...], msgspec.Meta(min_length=3, max_length=3)]
@@ -51,8 +50,7 @@ class Material(Table, frozen=True, kw_only=True):
         orthotropic: [ν12, ν13, ν23], where ν12 = −ε2/ε1 under stress along axis 1
     shear : of an orthotropic material: shear modulus G12 in the plane (Pa), in space [G12, G13, G23]
     angle : of axis 1 of an orthotropic material in the plane, counter-clockwise from x (degrees); left out, 0
-    axes : of an orthotropic solid, [along axis 1, beside it in the plane of axes 1 and 2], vectors of any length; left
-        out, [[1, 0, 0], [0, 1, 0]]
+    axes : of an orthotropic solid, [along axis 1, beside it in the plane of axes 1 and 2]; left out, those of x and y
     plane : plane strain, the default in the plane, or plane stress; not for solids and axisymmetric bodies
     expansion : coefficient of thermal expansion (1/K), with the body's temperature; orthotropic: also [α1, α2, α3]
     """
@@ -76,8 +74,7 @@ class Material(Table, frozen=True, kw_only=True):
                 raise ValueError(f"{key}: an isotropic material has no axes; " + (
                     "write expansion = α" if key == "expansion" else "leave it out"))
         if self.axes and not np.cross(*self.axes).any():
-            raise ValueError("axes: both are parallel or zero; the second lies beside axis 1, in the plane of axes 1 "
-                             "and 2")
+            raise ValueError("axes: both are parallel or zero; the second lies beside axis 1, in the plane of 1 and 2")
         scale = np.sqrt(self.moduli)
         if rows[0] and not np.linalg.eigvalsh(self._matrix[:3, :3] * scale[:, None] * scale).min() > DEFINITE:
             raise ValueError("poisson: no material has these ratios and moduli: the matrix of its compliances is not "
@@ -245,6 +242,7 @@ class Traction(Table, frozen=True, kw_only=True):
     moment : total moment (N m; in the plane a number), by stresses that grow with the distance from the group's middle
         and have no resultant force
     history : [history.NAME] whose factor multiplies it
+    follows : with time.motions = "far", whether it turns with the body; left out, it keeps its direction
     """
 
     on: On
@@ -253,13 +251,14 @@ class Traction(Table, frozen=True, kw_only=True):
     force: Point | None = None
     moment: Number | Three | None = None
     history: Name | None = None
+    follows: bool = False
 
     def __post_init__(self) -> None:
         force_setattr(self, "on", joined(self.on))
         if [self.value, self.pressure, self.force, self.moment].count(None) != 3:
-            raise ValueError("a traction has either a value (Pa), as in value = [0.0, -6e7], or a pressure along the "
-                             "inner normal, as in pressure = 1e6, or the total force (N), as in force = [0.0, -1e4], "
-                             "or the total moment (N m), as in moment = 50.0 or, in space, [0.0, 0.0, 50.0]")
+            raise ValueError("a traction has either a value (Pa), as in value = [0.0, -6e7], or a pressure = 1e6 along "
+                             "the inner normal, or the total force (N), as in force = [0.0, -1e4], or the total moment "
+                             "(N m), as in moment = 50.0 or, in space, [0.0, 0.0, 50.0]")
 
     @property
     def given(self) -> Vector | AffineVector | Number | Formula | AffineScalar:
@@ -301,6 +300,7 @@ class BodySpec(Table, frozen=True, kw_only=True):
     traction : loads on boundary groups
     volume_force : such as weight (N/m³), a list [x, y] or [x, y, z], or a table
     temperature : over the state free of stress (K), a number, a formula, or a table; it takes a material.expansion
+    motion : with time.motions = "far", a motion of any size, or several one after the other; clamps move along
     """
 
     name: Name
@@ -311,6 +311,7 @@ class BodySpec(Table, frozen=True, kw_only=True):
     traction: list[Traction] = []
     volume_force: Vector | VolumeForce | None = None
     temperature: Number | Formula | Heat | None = None
+    motion: Motions | None = None
 
     def __post_init__(self) -> None:
         if self.temperature is not None and any(material.expansion is None for material in self.materials):
@@ -340,7 +341,7 @@ class BodySpec(Table, frozen=True, kw_only=True):
 
     @property
     def plane(self) -> Literal["strain", "stress"]:
-        """Whether a body in the plane is in plane strain or plane stress."""
+        """Whether a body in the plane is in plane strain or stress."""
         return self.materials[0].plane or "strain"
 
     @property

@@ -9,6 +9,7 @@ import msgspec
 import numpy as np
 from msgspec.structs import force_setattr
 
+from ddmpi.scene.meshes import Motions
 from ddmpi.scene.values import (
     Formula,
     Gap,
@@ -152,6 +153,7 @@ class RigidSurface(Table, frozen=True, kw_only=True, tag_field="shape"):
     turns : whether it turns, also without a moment; otherwise only with one
     pivot : the point about which it turns by small angles; displacement and force are those of this point (m)
     history : [history.NAME] whose factor multiplies displacement, force and moment
+    motion : with time.motions = "far", a motion of any size, or several one after the other, instead of displacement
     """
 
     name: Name
@@ -162,6 +164,7 @@ class RigidSurface(Table, frozen=True, kw_only=True, tag_field="shape"):
     turns: bool = False
     pivot: Point | None = None
     history: Name | None = None
+    motion: Motions | None = None
 
     only_in: ClassVar[int | None] = None
     """The dimension of a shape that only one dimension has, or None."""

@@ -1,14 +1,16 @@
-"""Types of the mesh of one body: a shape, a file, or a geometry."""
+"""Types of the mesh of one body: a shape, a file, or a geometry; and of motions that take bodies far from there."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from itertools import product
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
 import numpy as np
 
-from ddmpi.scene.values import Count, Group, NonNegative, Point, Positive, Table
+from ddmpi.scene.values import Count, Group, Name, NonNegative, Number, Point, Positive, Table
+from ddmpi.system.numbers import Frame
 
 LARGEST_SIZE = "h, the largest size of an element"
 """What ``size`` is of a drawing."""
@@ -246,3 +248,100 @@ class SettledMesh(MeshSpec, frozen=True, kw_only=True):
     """A mesh of known order."""
 
     order: Literal[1, 2]
+
+
+class Motion(Table, frozen=True, kw_only=True):
+    """A prescribed motion of any size; see docs/use/far.md.
+
+    Attributes
+    ----------
+    shift : along the axes (m); left out, none
+    turn : about the pivot, counterclockwise (degrees); left out, none
+    pivot : in the coordinates of the drawing (m); left out, the origin
+    history : [history.NAME] whose factor multiplies shift and turn
+    """
+
+    shift: Point | None = None
+    turn: Number = 0.0
+    pivot: Point | None = None
+    history: Name | None = None
+
+    def __post_init__(self) -> None:
+        if not self.turn and not any(self.shift or ()):
+            raise ValueError("a motion has a shift (m), as in shift = [0.0, -20.0], or a turn (degrees), as in turn = "
+                             "90.0, or both")
+        if self.pivot is not None and not self.turn:
+            raise ValueError("pivot is the point about which something turns; leave it out, or write turn = … (degrees)")
+
+    def frame(self, factor: float, dimension: int) -> Frame:
+        """Where it leads at a factor of its history."""
+        shift = np.zeros(dimension) if self.shift is None else factor * np.array(self.shift)
+        return Frame.of(shift, factor * self.turn, self.pivot)
+
+
+Motions = Motion | Annotated[list[Motion], msgspec.Meta(min_length=1)]
+
+
+def frame_of(motion: Motions | None, factors: Mapping[str | None, float], dimension: int) -> Frame:
+    """Where motions lead, one after the other, at factors by history."""
+    frame = Frame.of((0.0,) * dimension)
+    for part in [motion] if isinstance(motion, Motion) else motion or []:
+        frame = part.frame(factors[part.history], dimension).after(frame)
+    return frame
+
+
+def frames_of(scene: Any, time: float) -> dict[str, Frame]:
+    """Where the frames of the bodies and rigid partners of a `Settled` scene are at `time`, by name."""
+    factors = scene.factors(time)
+    return {each.name: frame_of(each.motion, factors, scene.dimension) for each in (*scene.body, *scene.rigid)}
+
+
+def check_motions(scene: Any) -> None:
+    """ValueError where a `Scene` has motions that do not go with the rest of it."""
+    far = scene.time is not None and scene.time.motions == "far"
+    movers = [(f"{kind}.{each.name}", each) for kind in ("body", "rigid") for each in getattr(scene, kind)]
+    moving = [(key, each, [each.motion] if isinstance(each.motion, Motion) else each.motion)
+              for key, each in movers if each.motion]
+    following = [f"body.{body.name}.traction.{k}.follows" for body in scene.body for k, load in
+                 enumerate(body.traction) if load.follows]
+    if not far:
+        for key in [*(f"{key}.motion" for key, *_ in moving), *following]:
+            raise ValueError(f'{key}: bodies move far with motions = "far" in [time] only; write it there, or leave '
+                             "this out" + "; small motions are those of clamp and displacement" * key.endswith("motion"))
+        return
+    if not moving:
+        raise ValueError('time.motions: no body and no rigid partner has a motion; leave motions = "far" out')
+    if scene.time.cycle:
+        raise ValueError('time.cycle: does not go with motions = "far"; write the times of all turning points')
+    if scene.output.derivatives:
+        raise ValueError('output.derivatives: there are none with time.motions = "far"; leave one of them out')
+    if scene.method.compliance not in (None, "explicit"):
+        raise ValueError(f'method.compliance: {scene.method.compliance!r} does not go with time.motions = "far", for '
+                         "which the compliance of all contact nodes is made once; leave it out")
+    for key, mover, motions in moving:
+        turns = any(part.turn for part in motions)
+        if scene.axisymmetric and (turns or any((part.shift or (0.0,))[0] for part in motions)):
+            raise ValueError(f"{key}.motion: around an axis there are shifts along y alone, as in shift = [0.0, -20.0]")
+        if getattr(mover, "displacement", None):
+            raise ValueError(f"{key}: has both a motion and a displacement; leave one of them out")
+        kept = [f"traction.{k}" for k, load in enumerate(getattr(mover, "traction", ()))
+                if turns and not load.follows and load.pressure is None]
+        kept += ["volume_force"] * bool(turns and getattr(mover, "volume_force", None) is not None)
+        for load in kept:
+            raise ValueError(f"{key}.{load}: loads that keep their direction on a body that turns are not possible yet; "
+                             "write follows = true if it turns with the body" if load[0] == "t" else
+                             f"{key}.{load}: keeps its direction, which is not possible yet on a body that turns")
+    for rigid in scene.rigid:
+        if rigid.yields:
+            raise ValueError(f"rigid.{rigid.name}: with time.motions = \"far\" a partner moves as its motion or "
+                             "displacement says, not by forces and moments")
+    for contact in scene.contact:
+        name, law = f"contact.{contact.called}", contact.friction
+        for key, given, why in (
+                ("kind", contact.kind != "unilateral", "only unilateral sides slide far"),
+                ("gap", contact.gap is not None, "gaps are measured where the bodies are"),
+                ("pairing", contact.pairing == "nodes", "nodes do not stay opposite each other"),
+                ("friction", not all(isinstance(value, float | int) for value in msgspec.structs.astuple(law)),
+                 "profiles along a contact are not possible yet")):
+            if given:
+                raise ValueError(f'{name}.{key}: does not go with time.motions = "far": {why}')

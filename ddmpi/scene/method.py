@@ -250,12 +250,14 @@ class Time(Table, frozen=True, kw_only=True):
     tolerance : without steps, a leg is solved in 1, 2, 4, … load steps until the forces at its end change by less than
         this, relative to the forces; left out, 0.02
     cycle : a part that is run again and again
+    motions : "far": bodies and rigid partners move as their motion says, and meet where they are; left out, "small"
     """
 
     points: Annotated[list[Number], msgspec.Meta(min_length=1)]
     steps: Annotated[int, msgspec.Meta(ge=1, le=10**6)] | None = None
     tolerance: Tolerance | None = None
     cycle: Cycle | None = None
+    motions: Literal["small", "far"] | None = None
 
     def __post_init__(self) -> None:
         if self.points[0] <= 0.0:
@@ -279,9 +281,8 @@ class Time(Table, frozen=True, kw_only=True):
         for name, history in histories.items() if self.cycle else ():
             first, last = map(history.at, self.cycle_ends)
             if abs(first - last) > SAME * max(map(abs, history.factors)):
-                begin, end = self.cycle_ends
-                raise ValueError(f"time.cycle: history.{name} has the factor {first:g} at from = {begin:g} and "
-                                 f"{last:g} at to = {end:g}; a cycle ends with the loads with which it begins")
+                raise ValueError(f"time.cycle: history.{name} has the factor {first:g} at from = {self.cycle.begin:g} and "
+                                 f"{last:g} at to = {self.cycle.to:g}; a cycle ends with the loads with which it begins")
 
     def settled(self) -> Time:
         """The load steps, with a tolerance if no number of steps is given."""

@@ -16,8 +16,9 @@ import msgspec
 from ddmpi.scene.bodies import BodySpec, Material, SettledBody, Traction
 from ddmpi.scene.contacts import ContactSpec, NoFriction, Rigid, SettledContact
 from ddmpi.scene.keys import nearest, refuse_underivable
+from ddmpi.scene.meshes import check_motions
 from ddmpi.scene.method import PRESETS, Checkpoint, Method, Output, SettledMethod, Time, check_petsc, units
-from ddmpi.scene.values import WHERE, History, Name, Number, Table, check_formulas, histories, settle, tables, varies
+from ddmpi.scene.values import WHERE, History, Name, Number, Table, check_formulas, check_heat, histories, settle, tables, varies
 from ddmpi.system.files import LONGEST, contact_files
 
 FileKind = Callable[[BodySpec], tuple[int, int]]
@@ -89,7 +90,8 @@ class Scene(Table, frozen=True, kw_only=True):
             raise ValueError("output.mirrored: shows the other half of axisymmetric bodies; write axisymmetric = true "
                              "at the top, or leave it out")
         self._check_histories()
-        self._check_heat()
+        check_motions(self)
+        check_heat(self.body)
         check_petsc(self.petsc)
         two = (len(self.body), len(self.rigid), len(self.contact)) == (2, 0, 1)
         if self.method.for_two and not (two and self.contact[0].kind == "unilateral"):
@@ -164,14 +166,6 @@ class Scene(Table, frozen=True, kw_only=True):
         if self.time is not None and self.method.target_error:
             raise ValueError("time: method.target_error is for one load step; refine the meshes by mesh.divisions or "
                              "mesh.refine")
-
-    def _check_heat(self) -> None:
-        """If materials expand, some body has a temperature; the others keep that of the state free of stress."""
-        expanding = [body.name for body in self.body if any(material.expansions.any() for material in body.materials)]
-        if expanding and all(body.temperature is None for body in self.body):
-            raise ValueError(f"body.{expanding[0]}.material.expansion: no body has a temperature, so nothing expands; "
-                             "write temperature = 80.0 (K over the state free of stress) into a [[body]], or leave "
-                             "expansion out")
 
     def _check_partners(self, contact: ContactSpec) -> None:
         """A contact is between two bodies, or a body and then a rigid partner, with a group for each body."""
@@ -271,6 +265,8 @@ class Scene(Table, frozen=True, kw_only=True):
         for name in ("view", "cut"):
             if getattr(self.output, name) not in (None, True, False):
                 yield 3, f"output.{name}", "only pictures of solids have a view and a cut; leave it out"
+        if self.time and self.time.motions == "far":
+            yield 2, "time.motions", "bodies move far in the plane and around an axis only, not yet in space"
         if self.axisymmetric:
             yield 2, "axisymmetric", "axisymmetric bodies are drawn in the half-plane x >= 0"
         what = "nothing is twisted around the axis" if self.axisymmetric else "there is no z in the plane"
@@ -383,6 +379,11 @@ class Settled(Table, frozen=True, kw_only=True, dict=True):
     def factors(self, time: float) -> dict[str | None, float]:
         """The factors at `time` by history; 1 under None, for what has no history."""
         return {None: 1.0} | {name: self.history[name].at(time) for name in self.followed}
+
+    @property
+    def far(self) -> bool:
+        """Whether bodies and rigid partners may move far."""
+        return self.time is not None and self.time.motions == "far"
 
     def resolved(self) -> dict:
         """The scene as plain data. Written as TOML without the keys that are None, it is read as this scene again."""

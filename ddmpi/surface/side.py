@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import factorial
 
 import numpy as np
@@ -11,6 +11,7 @@ import scipy.sparse as sparse
 
 from ddmpi.mesh.boundary import links
 from ddmpi.mesh.elements import Cell, cell_with, circumference, facet_cell, facet_measures, facet_shares, normals
+from ddmpi.system.numbers import Frame
 
 
 @dataclass(frozen=True)
@@ -69,6 +70,15 @@ class Side:
     def corners(self) -> np.ndarray:
         """(f, d) the nodes at the corners of the facets."""
         return self.facets[:, :self.dimension]
+
+    def placed(self, frame: Frame, reach: float | None = None) -> Side:
+        """The side where a frame has taken its body; overlaps are looked for up to a depth of `reach` (m), or by the
+        thickness of bodies."""
+        turned, free = frame.turned, frame.turned @ self.free @ frame.turned.T
+        # `cover` looks as deep as half of the thinner body's extent
+        extent = self.extent if reach is None else np.full(self.dimension, 2.0 * reach)
+        return replace(self, xy=frame.at(self.xy), normal=self.normal @ turned.T, free=free, extent=extent,
+                       moved={name: u @ turned.T for name, u in self.moved.items()})
 
     def moves_with(self, transfer: sparse.csr_matrix) -> np.ndarray:
         """M (r, d, d): rows of a transfer (r, k) move by M e where all nodes move by e, projected by their clamps."""

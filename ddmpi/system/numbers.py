@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -57,6 +58,62 @@ class RigidMotion(NamedTuple):
         # rows e_i + θ × e_i: (x − p) times them is x − p + θ × (x − p)
         return self.pivot + (points - self.displacement - self.pivot) @ np.linalg.inv(
             axes + crossed(self.turn[None], axes))
+
+
+class Frame(NamedTuple):
+    """A rigid motion of any size, x ↦ shift + turned x: where something drawn at x is, or what a frame's axes are.
+
+        >>> quarter = Frame.of((0.0, 0.0), 90.0, (1.0, 0.0))
+        >>> quarter.at(np.array([[2.0, 0.0]])).round(12).tolist()
+        [[1.0, 1.0]]
+
+    Attributes
+    ----------
+    shift : (d,) where the origin goes (m)
+    turned : (d, d) rotation
+    """
+
+    shift: np.ndarray
+    turned: np.ndarray
+
+    @classmethod
+    def of(cls, shift: Sequence[float], turn: float = 0.0, pivot: Sequence[float] | None = None) -> Frame:
+        """A turn by degrees, counterclockwise, about a pivot (m) in the plane, and then a shift (m)."""
+        about = np.zeros(len(shift)) if pivot is None else np.array(pivot, float)
+        # multiples of 90° without rounding
+        sine, cosine = (math.sin(math.radians(angle)) if angle % 90.0 else float(np.sin(np.pi / 180.0 * angle).round())
+                        for angle in (turn, turn + 90.0))
+        turned = np.eye(len(shift))
+        if turn:
+            turned[:2, :2] = [[cosine, -sine], [sine, cosine]]
+        return cls(about + shift - turned @ about, turned)
+
+    @property
+    def moves(self) -> bool:
+        """Whether it moves anything."""
+        return bool(self.shift.any() or (self.turned != np.eye(len(self.shift))).any())
+
+    @property
+    def turn(self) -> float:
+        """The angle (degrees) in the plane, from −180 to 180."""
+        return math.degrees(math.atan2(self.turned[1, 0], self.turned[0, 0]))
+
+    def at(self, points: np.ndarray) -> np.ndarray:
+        """The places (…, d) of points (…, d)."""
+        return self.shift + points @ self.turned.T
+
+    def along(self, vectors: np.ndarray) -> np.ndarray:
+        """Vectors (…, d), turned with it."""
+        return vectors @ self.turned.T
+
+    def after(self, other: Frame) -> Frame:
+        """This motion after another one."""
+        return Frame(self.at(other.shift), self.turned @ other.turned)
+
+    @property
+    def undone(self) -> Frame:
+        """The inverse."""
+        return Frame(-self.shift @ self.turned, self.turned.T)
 
 
 ROUNDING = 1e-12

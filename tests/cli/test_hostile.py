@@ -454,7 +454,7 @@ def test_checkpoints_of_other_types(place, capsys, spoil):
     here.mkdir()
     command = ["run", str(place.given / "scene.toml"), "--no-figures", "--set", "checkpoint.iterations=1"]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("ddmpi.run.checkpoint.Checkpoints.remove", lambda self: None)
+        patch.setattr("ddmpi.results.checkpoint.Checkpoints.remove", lambda self: None)
         cli._main(MPI.COMM_SELF, [*command, "--output", str(here)], [])
     capsys.readouterr()
     identity, states = checkpoint.read(here / "checkpoint.h5")

@@ -15,7 +15,7 @@ import ddmpi
 from ddmpi.coupling.assembly import prepare
 from ddmpi.errors import InputError
 from ddmpi.methods.outer import no_report
-from ddmpi.run.checkpoint import read, write
+from ddmpi.results.checkpoint import read, write
 from ddmpi.run.gather import StepLog
 from ddmpi.run.solve import Iteration
 from ddmpi.run.steps import March

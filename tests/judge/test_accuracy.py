@@ -174,7 +174,7 @@ def test_ladder_of_drawn_meshes():
 
 def test_ladder_of_drawn_meshes_is_restored(tmp_path):
     """The sizes of drawn meshes are kept in a checkpoint, those of the last certified answer, too."""
-    from ddmpi.run.checkpoint import read, write
+    from ddmpi.results.checkpoint import read, write
 
     ladder, own = drawn_ladder()
     ladder.proceed(3000, 0.2, 3100, {"roller": demand(own["roller"][1], ladder.rate(0.2), 2)})

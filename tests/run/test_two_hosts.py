@@ -19,7 +19,7 @@ from solid_scenes import two_boxes
 from test_failures import only_message
 from test_team import loose_block
 
-from ddmpi.run.checkpoint import read
+from ddmpi.results.checkpoint import read
 
 pytestmark = [pytest.mark.hosts, pytest.mark.slow]
 
