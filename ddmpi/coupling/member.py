@@ -208,8 +208,9 @@ class Member:
     def stiffness(self) -> float:
         """The largest E* of its interfaces (N/m²), in space and around an axis times their extent (N/m); without
         interfaces, the largest of A."""
-        if self.interfaces:
-            return max(interface.modulus * interface.area.sum() / interface.length for interface in self.interfaces)
+        if any(interface.m for interface in self.interfaces):
+            return max(interface.modulus * interface.area.sum() / interface.length for interface in self.interfaces
+                       if interface.m)
         return float(self.elasticity.A.getDiagonal().array_r.max(initial=0.0))
 
     def at_cross_points(self) -> tuple[sparse.csr_matrix, np.ndarray]:

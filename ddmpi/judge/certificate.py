@@ -131,6 +131,8 @@ def contact_residuals(state: ContactState, s: np.ndarray, mismatch: np.ndarray, 
         the first and NO_FORCE times the second, or RELEASED times it by a contact without any force
     """
     interface, law = state.interface, state.interface.law
+    if not interface.m:  # the sides have left each other
+        return ContactResiduals(0.0, 0.0, 0.0, 0.0)
     # S is the size of forces, U that of displacements; the floors keep rounding from being compared with rounding
     floor = (NO_FORCE if s.any() else 1.0) * load / np.sqrt(interface.m)
     overlap = law.misfit(state.gap)

@@ -90,6 +90,8 @@ class _Block:
         self._at = self._columns * interface.law.node
         self._at[interface.m:] += np.tile(np.arange(1, self._columns), len(interface.sliding))
         self._root, self._scale = np.sqrt(interface.area)[:, None], 0.5 * interface.modulus
+        if not interface.m:  # of bodies that have left each other
+            return
         self._spacing = float(np.mean(self._scale * interface.area / interface.stiffness[:interface.m]))
         lowest = (LONGEST[interface.law.components] / interface.length) ** 2
         over = sparse.diags(1.0 / self._root[:, 0])
@@ -109,6 +111,8 @@ class _Block:
 
     def softened(self, delta: float) -> _Block:
         """With R/(1 + bR) = 2/π ∫ (1 − t²(A + t²)⁻¹) / (1 + b²t²) dt for the root R, b being δ node distances."""
+        if not len(self._root):
+            return self
         softer, b = copy.copy(self), delta * self._spacing
         softer._scale, softer._weights = self._scale * (1.0 + delta), self._weights / (1.0 + b**2 * self._shifts)
         softer._sum = 1.0 / b if b**2 * self._lowest > 1.0 else softer._weights.sum()  # the shifts miss small t
