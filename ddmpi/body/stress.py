@@ -154,6 +154,14 @@ def principal(sigma: np.ndarray) -> np.ndarray:
     return stresses
 
 
+def turned(sigma: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+    """`stress` (nt, …) in the plane in other axes: T ↦ Q T Qᵀ with a rotation Q (2, 2); σ_zz stays."""
+    xx, yy, zz, xy = sigma.T
+    tensors = np.moveaxis(np.array([[xx, xy], [xy, yy]]), 2, 0)
+    (xx, xy), (_, yy) = np.moveaxis(rotation @ tensors @ rotation.T, 0, 2)
+    return np.column_stack([xx, yy, zz, xy])
+
+
 def von_mises(sigma: np.ndarray) -> np.ndarray:
     """Von Mises stress (nt,) in Pa from `stress`."""
     xx, yy, zz, *shears = sigma.T

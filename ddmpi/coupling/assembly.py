@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -10,15 +9,13 @@ from pathlib import Path
 
 import msgspec
 import numpy as np
-import scipy.sparse as sparse
 from mpi4py import MPI
-from scipy.sparse import csgraph
 
 from ddmpi.body.elasticity import Elasticity, assemble
 from ddmpi.body.loads import ON_AXIS
 from ddmpi.body.stress import Composite, material_of, modulus_beside
 from ddmpi.coupling.exchange import Ends, Exchange
-from ddmpi.coupling.joint import Joint
+from ddmpi.coupling.joint import Far, Joint, candidates, kept_by_bonds
 from ddmpi.coupling.member import Member
 from ddmpi.coupling.ranks import homes_of, ranks_beside, team_of
 from ddmpi.coupling.space import Space
@@ -26,16 +23,16 @@ from ddmpi.coupling.team import Team, TeamMatrix
 from ddmpi.errors import InputError, naming
 from ddmpi.interface.interface import Interface, Mover, check_overlap, refuse_contradiction
 from ddmpi.interface.law import law_of
-from ddmpi.interface.matching import face_rigid, faces_rigid
-from ddmpi.interface.mortar import connect, meet, with_slave
-from ddmpi.interface.rows import apart, holds_along, uncovered_profile
+from ddmpi.interface.matching import face_rigid
+from ddmpi.interface.mortar import connect, with_slave
+from ddmpi.interface.rows import holds_along, uncovered_profile
 from ddmpi.kept.kept import Kept
 from ddmpi.mesh.build import build_mesh, content
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import Sizes
 from ddmpi.petsc.options import conditions
 from ddmpi.scene.bodies import Material, SettledBody
-from ddmpi.scene.contacts import NoFriction, Rigid, SettledContact
+from ddmpi.scene.contacts import NoFriction, SettledContact
 from ddmpi.scene.meshes import frames_of
 from ddmpi.scene.scene import Settled
 from ddmpi.surface.boundary import contact_side
@@ -65,38 +62,6 @@ class Body:
     def material(self) -> Material | Composite:
         """The material of the body, or those of its cells."""
         return material_of(self.mesh, self.spec)
-
-
-@dataclass(frozen=True)
-class Far:
-    """What bodies that move far need wherever they go.
-
-    Attributes
-    ----------
-    contacts : of this rank's bodies, each with its slave
-    sides : of both bodies in their frames, by contact; None of a rigid partner
-    members : of this rank, with the compliance of all nodes that contacts may join
-    reach : the depth (m) up to which overlaps are looked for, by time and contact; left out, by the bodies' thickness
-    """
-
-    contacts: Sequence[SettledContact]
-    sides: Mapping[str, tuple[Side, Side | None]]
-    members: Sequence[Member]
-    reach: dict[float, Mapping[str, float]] = field(default_factory=dict)
-
-    def meet(self, world: MPI.Comm, scene: Settled, exchange: Exchange, frames: Mapping[str, Frame],
-             reach: Mapping[str, float]) -> tuple[list[Member], Space]:
-        """The bodies with their contacts where frames are, and the layout of the contacts that this rank owns. Collective.
-        Raises InputError."""
-        with agreed(world):
-            rigid = {partner.name: partner for partner in scene.rigid}
-            met = {contact.name: _meet(contact, self.sides[contact.name], frames, rigid, reach.get(contact.name))
-                   for contact in self.contacts}
-        members = [member.meet([met[contact.name].seen(frames[member.name]) for contact in self.contacts
-                                if member.name in contact.bodies]) for member in self.members]
-        space = Space([met[name] for name, first, _ in exchange.ends if first == world.rank], world, exchange.sent)
-        exchange.connect(space, [member.parts for member in members])
-        return members, space
 
 
 @dataclass(frozen=True)
@@ -242,7 +207,7 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
                 scene, contact, both[contact.name], [specs[name] for name in contact.bodies if name in specs], factors,
                 refinement, kept) for contact in contacts} if not scene.far else {}
             _check_method(scene, bodies, [interface for interface, _ in joined.values()])
-        joined = _kept_by_bonds(scene, joined, world)
+        joined = kept_by_bonds(scene, joined, world)
         interfaces = [interface for interface, _ in joined.values()]
     # All bodies of all ranks on this machine share its memory evenly; a team asks all its machines.
     memory = kept.memory(free_memory) / (ranks_beside(world) * max(len(mine), 1)) if not team else 0.0
@@ -261,7 +226,7 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
                     "matrix", spec.name, kept.key("stiffness", spec.name), partial(
                         _distributed, team, elasticity, points, meshes[spec.name], spec)))
             if scene.far:
-                members.append(_candidates(elasticity, spec.name, [sides[contact.name, side] for contact, side in
+                members.append(candidates(elasticity, spec.name, [sides[contact.name, side] for contact, side in
                                                                    at_body[spec.name]], memory, histories, points))
                 continue
             ours = [joined[contact.name][0] for contact, _ in at_body[spec.name]]
@@ -297,28 +262,6 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
                      for name, stages in kept.found.items()}, far=far, frames=frames)
 
 
-def _candidates(elasticity: Elasticity, name: str, sides: Sequence[Side], memory: float,
-                histories: Sequence[str | None], points: np.ndarray) -> Member:
-    """A body that moves far, with all nodes of its contacts. Raises InputError unless clamps support it."""
-    if not elasticity.supported:
-        raise InputError(f"body.{name}: clamps leave a rigid motion free; with time.motions = \"far\" each body needs "
-                         "clamps, which move as its motion says")
-    nodes = np.unique(np.concatenate([np.empty(0, int), *(side.nodes for side in sides)]))
-    return Member(name, elasticity, [], "explicit", memory, histories, points, 1, nodes)
-
-
-def _meet(contact: SettledContact, sides: tuple[Side, Side | None], frames: Mapping[str, Frame],
-          rigid: Mapping[str, Rigid], reach: float | None) -> Interface:
-    """The interface of a contact where the frames of its bodies are. Raises InputError."""
-    first, second = sides
-    one, other = (frames[name] for name in contact.bodies)
-    if second is None:  # in the frame of the partner, whose shape is given there
-        partner = rigid[contact.bodies[1]]
-        seen = first.placed(other.undone.after(one), reach)
-        return (face_rigid(seen, partner, contact) if faces_rigid(seen, partner) else apart(contact, seen)).placed(other)
-    return meet(first.placed(one, reach), second.placed(other, reach), contact)
-
-
 def _mesh(scene: Settled, spec: SettledBody, folder: Path, contacts: Sequence[str], sizes: Sizes | None,
           kept: Kept) -> Mesh:
     """The mesh of a body, which depends on what the scene says of it and on the content of its file, and resolves the
@@ -334,40 +277,6 @@ def _mesh(scene: Settled, spec: SettledBody, folder: Path, contacts: Sequence[st
 def _distributed(team: Team, elasticity: Elasticity, points: np.ndarray, mesh: Mesh, spec: SettledBody) -> TeamMatrix:
     """The stiffness of a body of several ranks, of the nodes at `points`."""
     return TeamMatrix(team, elasticity.A, points, elasticity.supported, lambda: assemble(mesh, spec).A)
-
-
-def _kept_by_bonds(scene: Settled, joined: Mapping[str, tuple[Interface, list[str]]],
-                   world: MPI.Comm) -> dict[str, tuple[Interface, list[str]]]:
-    """The interfaces and warnings of this rank, without overlaps of paired nodes that bonds of other contacts connect,
-    directly or in a chain through other bodies: no force could separate them. Collective."""
-    if len({contact.kind for contact in scene.contact}) < 2:
-        return dict(joined)
-    pairs = {name: [[(body, int(node)) for body, node in zip(interface.bodies, row, strict=True)]
-                    for row in np.column_stack([nodes[transfer.indices] for nodes, transfer in
-                                                zip(interface.nodes, interface.transfer, strict=True)])]
-             for name, (interface, _) in joined.items() if not interface.slave and not interface.on_rigid
-             and all(len(move.indices) == interface.m for move in interface.transfer)}  # no merged nodes on an axis
-    # An end is a node of a body. Only bonds at a node of several contacts can close a chain.
-    shared = Counter(end for ends in pairs.values() for end in {end for row in ends for end in row})
-    bonds = {(name, k): row for name, ends in pairs.items() if joined[name][0].law.name == "bonded"
-             for k, row in enumerate(ends) if max(shared[end] for end in row) > 1 and not joined[name][0].gap[k]}
-    # Chains of bonds are the connected components of a graph: nodes of bodies, and bonds as edges between them.
-    together = list({key: row for interface in world.allgather(bonds) for key, row in interface.items()}.values())
-    number = {end: k for k, end in enumerate(dict.fromkeys(end for row in together for end in row))}
-    links = np.array([[number[end] for end in row] for row in together], int).reshape(-1, 2)
-    piece = csgraph.connected_components(sparse.csr_matrix((np.ones(len(links)), links.T), (len(number),) * 2),
-                                         directed=False)[1]
-    result = dict(joined)
-    for name, ends in pairs.items():
-        interface, warnings = joined[name]
-        kept = np.array([row[0] in number and row[1] in number and piece[number[row[0]]] == piece[number[row[1]]]
-                         for row in ends]) & (interface.gap < 0.0) & (interface.law.name != "bonded")
-        if kept.any():
-            gap, at = np.where(kept, 0.0, interface.gap), in_words(interface.xy[kept][0])
-            result[name] = replace(interface, gap=gap), [
-                *warnings, f"contact.{name}: bonds of other contacts hold both sides together at {at}, so that the "
-                           f"overlap of {-interface.gap[kept].min():.3g} there is left out"]
-    return result
 
 
 def _doubts(scene: Settled, by_body: Mapping[str, list[str]], by_contact: Mapping[str, list[str]]) -> list[str]:

@@ -3,19 +3,30 @@
 from __future__ import annotations
 
 import itertools
+from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
+import scipy.sparse as sparse
 from mpi4py import MPI
+from scipy.sparse import csgraph
 
+from ddmpi.body.elasticity import Elasticity
 from ddmpi.coupling.coarse import CrossPoints, Driven, Motions, gather_motions
 from ddmpi.coupling.exchange import Exchange
 from ddmpi.coupling.member import Member
 from ddmpi.coupling.space import Space
+from ddmpi.errors import InputError
 from ddmpi.interface.interface import Interface
+from ddmpi.interface.mortar import meet
+from ddmpi.interface.trace import seen
 from ddmpi.scene.contacts import Rigid, SettledContact
-from ddmpi.system.numbers import norm
+from ddmpi.scene.scene import Settled
+from ddmpi.surface.side import Side
+from ddmpi.system.agreement import agreed
+from ddmpi.system.numbers import Frame, in_words, norm
 
 STEERING = 0.1
 """With an iterative solver, a product in GMRES needs no more relative precision than this times the ratio by which
@@ -233,3 +244,79 @@ class Joint:
     def multiplications(self) -> int:
         """Multiplications by A_a⁻¹ so far, of all bodies."""
         return self.exchange.world.allreduce(sum(member.C.count.total() for member in self.members))
+
+
+@dataclass(frozen=True)
+class Far:
+    """What bodies that move far need wherever they go.
+
+    Attributes
+    ----------
+    contacts : of this rank's bodies, each with its slave
+    sides : of both bodies in their frames, by contact; None of a rigid partner
+    members : of this rank, with the compliance of all nodes that contacts may join
+    reach : the depth (m) up to which overlaps are looked for, by time and contact; left out, by the bodies' thickness
+    """
+
+    contacts: Sequence[SettledContact]
+    sides: Mapping[str, tuple[Side, Side | None]]
+    members: Sequence[Member]
+    reach: dict[float, Mapping[str, float]] = field(default_factory=dict)
+
+    def meet(self, world: MPI.Comm, scene: Settled, exchange: Exchange, frames: Mapping[str, Frame],
+             reach: Mapping[str, float]) -> tuple[list[Member], Space]:
+        """The bodies with their contacts where frames are, and the layout of the contacts that this rank owns.
+        Collective. Raises InputError."""
+        with agreed(world):
+            rigid = {partner.name: partner for partner in scene.rigid}
+            met = {contact.name: meet(contact, self.sides[contact.name], frames, rigid, reach.get(contact.name))
+                   for contact in self.contacts}
+        members = [member.meet([seen(met[contact.name], frames[member.name]) for contact in self.contacts
+                                if member.name in contact.bodies]) for member in self.members]
+        space = Space([met[name] for name, first, _ in exchange.ends if first == world.rank], world, exchange.sent)
+        exchange.connect(space, [member.parts for member in members])
+        return members, space
+
+
+def candidates(elasticity: Elasticity, name: str, sides: Sequence[Side], memory: float,
+                histories: Sequence[str | None], points: np.ndarray) -> Member:
+    """A body that moves far, with all nodes of its contacts. Raises InputError unless clamps support it."""
+    if not elasticity.supported:
+        raise InputError(f'body.{name}: clamps leave a rigid motion free; with time.motions = "far" each body needs '
+                         "clamps, which move as its motion says")
+    nodes = np.unique(np.concatenate([np.empty(0, int), *(side.nodes for side in sides)]))
+    return Member(name, elasticity, [], "explicit", memory, histories, points, 1, nodes)
+
+
+def kept_by_bonds(scene: Settled, joined: Mapping[str, tuple[Interface, list[str]]],
+                   world: MPI.Comm) -> dict[str, tuple[Interface, list[str]]]:
+    """The interfaces and warnings of this rank, without overlaps of paired nodes that bonds of other contacts connect,
+    directly or in a chain through other bodies: no force could separate them. Collective."""
+    if len({contact.kind for contact in scene.contact}) < 2:
+        return dict(joined)
+    pairs = {name: [[(body, int(node)) for body, node in zip(interface.bodies, row, strict=True)]
+                    for row in np.column_stack([nodes[transfer.indices] for nodes, transfer in
+                                                zip(interface.nodes, interface.transfer, strict=True)])]
+             for name, (interface, _) in joined.items() if not interface.slave and not interface.on_rigid
+             and all(len(move.indices) == interface.m for move in interface.transfer)}  # no merged nodes on an axis
+    # An end is a node of a body. Only bonds at a node of several contacts can close a chain.
+    shared = Counter(end for ends in pairs.values() for end in {end for row in ends for end in row})
+    bonds = {(name, k): row for name, ends in pairs.items() if joined[name][0].law.name == "bonded"
+             for k, row in enumerate(ends) if max(shared[end] for end in row) > 1 and not joined[name][0].gap[k]}
+    # Chains of bonds are the connected components of a graph: nodes of bodies, and bonds as edges between them.
+    together = list({key: row for interface in world.allgather(bonds) for key, row in interface.items()}.values())
+    number = {end: k for k, end in enumerate(dict.fromkeys(end for row in together for end in row))}
+    links = np.array([[number[end] for end in row] for row in together], int).reshape(-1, 2)
+    piece = csgraph.connected_components(sparse.csr_matrix((np.ones(len(links)), links.T), (len(number),) * 2),
+                                         directed=False)[1]
+    result = dict(joined)
+    for name, ends in pairs.items():
+        interface, warnings = joined[name]
+        kept = np.array([row[0] in number and row[1] in number and piece[number[row[0]]] == piece[number[row[1]]]
+                         for row in ends]) & (interface.gap < 0.0) & (interface.law.name != "bonded")
+        if kept.any():
+            gap, at = np.where(kept, 0.0, interface.gap), in_words(interface.xy[kept][0])
+            result[name] = replace(interface, gap=gap), [
+                *warnings, f"contact.{name}: bonds of other contacts hold both sides together at {at}, so that the "
+                           f"overlap of {-interface.gap[kept].min():.3g} there is left out"]
+    return result

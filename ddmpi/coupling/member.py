@@ -18,7 +18,7 @@ from ddmpi.body.rigid_motions import Centring, add_springs, support
 from ddmpi.body.solver import StiffnessSolver
 from ddmpi.coupling.team import TeamMatrix, TeamSolver
 from ddmpi.interface.interface import Interface
-from ddmpi.interface.trace import displacement_trace, nodal_forces, normal_trace, sliding_trace, trace
+from ddmpi.interface.trace import components, displacement_trace, nodal_forces, normal_trace, sliding_trace, trace
 from ddmpi.kept.kept import Kept
 from ddmpi.petsc.events import event
 from ddmpi.petsc.options import ask, asked_for
@@ -72,7 +72,7 @@ class Member:
         self._histories = tuple(histories)
         self._join(interfaces)
         A, b = elasticity.A, elasticity.b
-        B = self._rows() if candidates is None else _components(elasticity, candidates)
+        B = self._rows() if candidates is None else components(elasticity, candidates)
         self.motions = elasticity.motions
         motions = self.motions[elasticity.nodes]
         R = motions.reshape(A.size[1], motions.shape[2])
@@ -103,8 +103,8 @@ class Member:
                              format="csr")
 
     def meet(self, interfaces: Sequence[Interface]) -> Member:
-        """The same body at interfaces between its `candidates` and others, seen from its frame, on the same factors. Not
-        collective."""
+        """The same body at interfaces between its `candidates` and others, seen from its frame, on the same factors.
+        Not collective."""
         other = copy.copy(self)
         other._join(interfaces)
         other._B = other._rows()
@@ -405,11 +405,3 @@ class Member:
         balanced = f.duplicate()
         balanced.array[:] = self._centring.balance(f.array_r)
         return balanced
-
-
-def _components(body: Elasticity, candidates: np.ndarray) -> sparse.csr_matrix:
-    """The components along the axes (d k, columns of A) of those of the `candidates` (·,) on which A acts."""
-    d, place = body.supports.free.shape[1], np.flatnonzero(np.isin(body.nodes, candidates))
-    columns = (d * place[:, None] + np.arange(d)).ravel()
-    return sparse.csr_matrix((np.ones(len(columns)), (np.arange(len(columns)), columns)),
-                             (len(columns), body.A.size[1]))

@@ -19,7 +19,7 @@ from ddmpi.scene.bodies import Clamp
 from ddmpi.scene.contacts import Rigid
 from ddmpi.surface.outline import Outline
 from ddmpi.surface.side import Side
-from ddmpi.system.numbers import Frame, RigidMotion, in_words
+from ddmpi.system.numbers import RigidMotion, in_words
 
 LARGE_OVERLAP = 0.02
 """Warn of an initial overlap above this fraction of the thinner body's depth."""
@@ -176,19 +176,6 @@ class Interface:
     def under(self, factors: Mapping[str | None, float]) -> Interface:
         """The same interface with these `factors` of its gap and rigid partner, by history."""
         return replace(self, displacement=factors[self.history] * self.displacement, scale=factors[self.gap_history])
-
-    def seen(self, frame: Frame) -> Interface:
-        """The interface in the axes of a body's frame, its directions turned back; places stay where they are."""
-        back, fixed, probes = frame.turned, self.fixed, self.probes
-        return replace(self, frame=self.frame @ back, fixed=replace(fixed, normal=fixed.normal @ back),
-                       probes=replace(probes, normal=probes.normal @ back))
-
-    def placed(self, frame: Frame) -> Interface:
-        """The interface where a frame takes both of its sides."""
-        lines, outline = self.lines, self.outline
-        return replace(self.seen(frame.undone), xy=frame.at(self.xy), at=self.at and (frame.at(self.at[0]), frame.at(
-            self.at[1])), lines=replace(lines, xy=frame.at(lines.xy), at=None if lines.at is None else frame.at(lines.at)),
-            outline=outline and replace(outline, xy=frame.at(outline.xy)))
 
     @property
     def prescribed(self) -> np.ndarray:

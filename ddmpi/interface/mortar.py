@@ -12,7 +12,7 @@ that constant pressures are exact on any meshes. Gaps are those between the arcs
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import msgspec
@@ -22,16 +22,17 @@ from scipy.spatial import cKDTree
 
 from ddmpi.errors import InputError
 from ddmpi.interface.interface import SAME, Interface, Lines
-from ddmpi.interface.matching import pair
+from ddmpi.interface.matching import face_rigid, faces_rigid, pair
 from ddmpi.interface.rows import Rows, apart, at_points, between, build, duals, holds_along, inset, is_held, rows_of
+from ddmpi.interface.trace import placed
 from ddmpi.interface.vertices import BARELY, UNCOVERED, rows_at_vertices
-from ddmpi.scene.contacts import SettledContact
+from ddmpi.scene.contacts import Rigid, SettledContact
 from ddmpi.surface.cover import corners, cover, faced_arc
 from ddmpi.surface.cut import Cover
 from ddmpi.surface.outline import outlined
 from ddmpi.surface.patch import Patch
 from ddmpi.surface.side import Side, nodal, unit
-from ddmpi.system.numbers import in_words
+from ddmpi.system.numbers import Frame, in_words
 
 SLIVER = 0.02
 """A facet covered by a smaller fraction has one constant dual function, that of the nearest corner."""
@@ -99,17 +100,33 @@ def mortar(first: Side, second: Side, contact: SettledContact, over: Cover | Non
 
 
 def with_slave(first: Side, second: Side, contact: SettledContact) -> SettledContact:
-    """The contact with a slave that stays the same wherever its bodies go: by default as of `mortar`, by whole sides."""
+    """The contact with one slave wherever its bodies go: by default as of `mortar`, by whole sides."""
     slave = (first, second)[_choose_slave((first, second), contact, [slice(None)] * 2)].body
     return msgspec.structs.replace(contact, slave=slave, pairing="mortar")
 
 
-def meet(first: Side, second: Side, contact: SettledContact) -> Interface:
-    """`mortar` of two sides that may have left each other; its slave is that of the contact. Not collective."""
-    sides = (first, second)
-    slave = [side.body for side in sides].index(str(contact.slave))
-    over = cover(sides[slave], sides[1 - slave])
-    return mortar(first, second, contact, over) if len(over.facet) else apart(contact, first, second)
+def meet(contact: SettledContact, sides: tuple[Side, Side | None], frames: Mapping[str, Frame],
+          rigid: Mapping[str, Rigid], reach: float | None) -> Interface:
+    """The interface of a contact where the frames of its bodies are. Not collective.
+
+    Parameters
+    ----------
+    contact : with its slave
+    sides : of both bodies in their frames; None of a rigid partner
+    frames, rigid : by the names of bodies and rigid partners
+    reach : the depth (m) up to which overlaps are looked for; None for that of the bodies' thickness
+    """
+    first, second = sides
+    one, other = (frames[name] for name in contact.bodies)
+    if second is None:  # in the frame of the partner, whose shape is given there
+        partner = rigid[contact.bodies[1]]
+        seen = first.placed(other.undone.after(one), reach)
+        met = face_rigid(seen, partner, contact) if faces_rigid(seen, partner) else apart(contact, seen)
+        return placed(met, other)
+    both = first.placed(one, reach), second.placed(other, reach)
+    slave = contact.bodies.index(str(contact.slave))
+    over = cover(both[slave], both[1 - slave])
+    return mortar(*both, contact, over) if len(over.facet) else apart(contact, *both)
 
 
 def _cover(sides: tuple[Side, Side], slave: int, name: str) -> Cover:

@@ -184,7 +184,8 @@ def apart(contact: SettledContact, first: Side, second: Side | None = None) -> I
     law = law_of(contact.friction, at, none, none, np.empty(0, int), contact.kind, np.empty(0, bool))
     return Interface(
         name=contact.name, bodies=contact.bodies, xy=at, frame=np.empty((0, d, d)), area=none, gap=none,
-        nodes=(np.empty(0, int),) * 2, transfer=(square, square), law=law, laplacian=square, facets=np.empty((0, d), int),
+        nodes=(np.empty(0, int),) * 2, transfer=(square, square), law=law, laplacian=square,
+        facets=np.empty((0, d), int),
         modulus=1.0 / (1.0 / first.modulus + 1.0 / modulus), one_sided=np.empty(0, bool), at=(at, at),
         displacement=np.zeros(d), slave=contact.slave, lines=Lines(np.empty(0, int), at, none, np.empty((0, d), int)),
         fixed=Places(normal=at), probes=Places(normal=at), outline=Outline(at, np.empty((0, d), int), square),

@@ -207,12 +207,13 @@ class ContactState:
         total = tangential.sum() if interface.dimension == 2 else np.linalg.norm(self.along(tangential).sum(axis=0))
         return ContactTotals(
             self.force, self.moment, float(self.normal_force.sum()), float(total), self.count("open"),
-            self.count("slip"), self.count("stick"), self.dissipated, interface.bodies, interface.m,
-            interface.law.name, interface.slave,
+            self.count("slip"), self.count("stick"), self.dissipated, interface.bodies, interface.m, interface.law.name,
+            interface.slave,
             RigidMotion(interface.displacement, interface.turn, interface.pivot) if interface.on_rigid else None,
             float(self.pressure.max(initial=-np.inf if interface.m else 0.0)), float(normal.max(initial=0.0)),
             float(normal.sum()), float(np.abs(self.forces).sum()),
-            float(self.between.min(initial=self.gap.min(initial=np.inf))), float(interface.area[self.status != "open"].sum()),
+            float(self.between.min(initial=self.gap.min(initial=np.inf))),
+            float(interface.area[self.status != "open"].sum()),
             self.moment_imbalance, {"force": float(self.force @ interface.pull), "offset": interface.offset}
             if len(interface.pull) else None)
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import scipy.sparse as sparse
 
 from ddmpi.body.elasticity import Elasticity
 from ddmpi.interface.interface import Interface, Places
+from ddmpi.system.numbers import Frame
 
 ROUNDING = 1e-12
 """Entries of a clamped node below this fraction of the others are rounding."""
@@ -59,6 +62,30 @@ def nodal_forces(interface: Interface, side: int, s: np.ndarray, nodes: int) -> 
 def normal_trace(side: int, places: Places, u: np.ndarray) -> np.ndarray:
     """Normal displacement (k,) in metres at places of the interface. Not collective."""
     return _sign(side) * np.einsum("ij,ij->i", places.normal, places.moved(side, u))
+
+
+def seen(interface: Interface, frame: Frame) -> Interface:
+    """The interface in the axes of a body's frame: its directions are turned back, places stay where they are."""
+    back, fixed, probes = frame.turned, interface.fixed, interface.probes
+    return replace(interface, frame=interface.frame @ back, fixed=replace(fixed, normal=fixed.normal @ back),
+                   probes=replace(probes, normal=probes.normal @ back))
+
+
+def placed(interface: Interface, frame: Frame) -> Interface:
+    """The interface where a frame takes both of its sides."""
+    lines, outline, at = interface.lines, interface.outline, interface.at
+    lines = replace(lines, xy=frame.at(lines.xy), at=None if lines.at is None else frame.at(lines.at))
+    return replace(seen(interface, frame.undone), xy=frame.at(interface.xy), lines=lines,
+                   at=at and (frame.at(at[0]), frame.at(at[1])),
+                   outline=outline and replace(outline, xy=frame.at(outline.xy)))
+
+
+def components(body: Elasticity, nodes: np.ndarray) -> sparse.csr_matrix:
+    """The components along the axes (d k, columns of A) of those of the `nodes` (·,) on which A acts."""
+    d, place = body.supports.free.shape[1], np.flatnonzero(np.isin(body.nodes, nodes))
+    columns = (d * place[:, None] + np.arange(d)).ravel()
+    return sparse.csr_matrix((np.ones(len(columns)), (np.arange(len(columns)), columns)),
+                             (len(columns), body.A.size[1]))
 
 
 def rows(interface: Interface, side: int) -> sparse.csr_matrix:

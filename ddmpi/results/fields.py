@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element, ElementTree, SubElement, indent
@@ -11,7 +11,7 @@ from xml.etree.ElementTree import Element, ElementTree, SubElement, indent
 import numpy as np
 from mpi4py import MPI
 
-from ddmpi.body.stress import principal, von_mises
+from ddmpi.body.stress import principal, turned, von_mises
 from ddmpi.interface.interface import Lines
 from ddmpi.interface.state import ContactState
 from ddmpi.mesh.elements import cell_with
@@ -19,6 +19,7 @@ from ddmpi.results.tables import Columns, Results, datasets, leg_values
 from ddmpi.surface.curve import in_order
 from ddmpi.system.agreement import gathered
 from ddmpi.system.files import contact_files, write_rows, writing
+from ddmpi.system.numbers import Frame
 
 Datasets = Mapping[str, np.ndarray]
 """The data of a body or a contact in result.h5, by name."""
@@ -35,10 +36,11 @@ AT_CONTACT = ("pressure", "friction", "gap", "slip", "slip_total", "status")
 AT_CONTACT_IN_SPACE = ("friction_vector", "slip_vector")
 """Fields of a contact as vectors: the friction on the first body, and its slip past the second."""
 
-AT_STEPS = ("displacement", "stress", "principal", "von_mises", *NODAL, "error", *AT_CONTACT, *AT_CONTACT_IN_SPACE)
+AT_STEPS = ("displacement", "displacement_in_frame", "stress", "principal", "von_mises", *NODAL, "error", *AT_CONTACT,
+            *AT_CONTACT_IN_SPACE)
 """The datasets that differ from load step to load step."""
 
-AT_NODES = ("points", "displacement", *NODAL, "initial_gap", *AT_CONTACT, *AT_CONTACT_IN_SPACE)
+AT_NODES = ("points", "displacement", "displacement_in_frame", *NODAL, "initial_gap", *AT_CONTACT, *AT_CONTACT_IN_SPACE)
 """What has a row per node; all else has a row per cell."""
 
 IN_FILES = [0, 3, 5, 1, 4, 2]
@@ -67,6 +69,7 @@ class Fields:
     von_mises : (nt,) in Pa
     error : (nt,) estimated discretization error, without unit
     nodal_stress : (nv, 4), in space (nv, 6), as stress, at the nodes: recovered from the cells around each
+    in_frame : of a body that moves far its displacement in its frame (m); the other fields are in the axes of the world
     """
 
     points: np.ndarray
@@ -76,6 +79,14 @@ class Fields:
     von_mises: np.ndarray | None = None
     error: np.ndarray | None = None
     nodal_stress: np.ndarray | None = None
+    in_frame: np.ndarray | None = None
+
+    def placed(self, frame: Frame) -> Fields:
+        """The fields of a body whose frame has gone there: its displacement is that of the frame and its own."""
+        sigma, nodal = (stress if stress is None else turned(stress, frame.turned) for stress in (
+            self.stress, self.nodal_stress))
+        return replace(self, displacement=frame.at(self.points + self.displacement) - self.points, stress=sigma,
+                       nodal_stress=nodal, in_frame=self.displacement)
 
     def __repr__(self) -> str:
         return f"Fields({len(self.points)} nodes, {len(self.triangles)} cells)"
@@ -94,7 +105,8 @@ def write_fields(path: Path, bodies: Mapping[int, Fields], contacts: Mapping[str
     bodies : of this rank, by their numbers in the order of the scene, which the ranks keep as well
     contacts : `contact_fields` of those that this rank owns, by name
     step : number of a load step before the last one
-    tables : `table_fields` of the same contacts, for the last one
+    tables : `table_fields` of the same contacts, for the last one; where bodies move far for each step, whose contacts
+        have points and cells of their own
 
     Returns the span (2, 2) of each body and contact in the datasets: its first node and cell, and their numbers; of all
     on the first rank, of its own on another. Collective. Raises OutputError, on all ranks.
@@ -111,7 +123,7 @@ def write_fields(path: Path, bodies: Mapping[int, Fields], contacts: Mapping[str
         first = ends - number[::-1].cumsum(axis=0)[::-1]
         spans |= zip(entries, np.stack([first, number], axis=1), strict=True)
         for name in next(iter(entries.values()), ()):
-            if step is None or name in AT_STEPS:
+            if step is None or name in AT_STEPS or (group and tables):
                 kind = 0 if name in AT_NODES else 1
                 arrays[group + name] = [entry[name] for entry in entries.values()]
                 places[group + name] = int(first[0, kind]), int(total[kind])
@@ -129,6 +141,8 @@ def _datasets_of(fields: Fields, body: int) -> dict[str, np.ndarray]:
     """The datasets of result.h5 of the body number `body`, by name."""
     data = {"points": _padded(fields.points), "cells": fields.triangles,
             "displacement": _padded(fields.displacement), "body": np.full(len(fields.triangles), body)}
+    if fields.in_frame is not None:
+        data["displacement_in_frame"] = _padded(fields.in_frame)
     for where, sigma in ("", fields.stress), ("nodal_", fields.nodal_stress):
         if sigma is not None:
             tensor = np.zeros((len(sigma), 6))
@@ -161,10 +175,12 @@ def contact_fields(state: ContactState, values: np.ndarray | None = None) -> dic
     return data
 
 
-def table_fields(state: ContactState) -> dict[str, np.ndarray]:
-    """What result.h5 adds to the table of a contact, by its lines: its `drawn_facets` and initial gaps (m)."""
+def table_fields(state: ContactState, far: bool = False) -> dict[str, np.ndarray]:
+    """What result.h5 adds to the table of a contact, by its lines: its `drawn_facets` and initial gaps (m); where
+    bodies move `far` also its normals, which differ from step to step."""
     interface = state.interface
-    return {"facets": drawn_facets(interface.lines, interface.axisymmetric),
+    normals = dict(zip(("nx", "ny"), interface.normal[interface.lines.row].T, strict=True)) if far else {}
+    return normals | {"facets": drawn_facets(interface.lines, interface.axisymmetric),
             "initial_gap": interface.gap[interface.lines.row]}
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,8 +15,8 @@ from ddmpi.errors import InputError
 from ddmpi.mesh.elements import cell_with
 from ddmpi.results.fields import IN_FILES, group_of, owners, vectors
 from ddmpi.results.summary import drawn_times
-from ddmpi.results.tables import PATH, Columns, Results, datasets, leg_columns, read_surfaces, side_means
-from ddmpi.system.numbers import in_words
+from ddmpi.results.tables import PATH, Columns, Results, datasets, leg_columns, read_surfaces, side_means, write_table
+from ddmpi.system.numbers import Frame, in_words
 
 INSIDE, OUTSIDE = -1e-6, -0.05
 """A place is in a cell if its barycentric coordinates are above INSIDE, hardly outside if they are above OUTSIDE."""
@@ -26,6 +26,44 @@ MOST, FARTHEST = 100_000, 1e150
 
 NEWTON = 8
 """Newton steps to the barycentric coordinates of a place; straight cells need one."""
+
+
+FRAMES = {"time": "end of the load step", "body": "or rigid partner",
+          "shift_x": "what was drawn at X is at shift + Q X, without its displacement in the frame", "shift_y": "",
+          "turn": "of Q, counterclockwise (degrees)"}
+"""Where frames of bodies are, with time.motions = "far"."""
+
+
+def write_frames(path: Path, steps: Iterable[tuple[float, Mapping[str, Frame]]]) -> None:
+    """Write frames.csv into the folder `path`: a line for each load step and each body or rigid partner that moves far.
+    Not collective. Raises OutputError."""
+    write_table(path / "frames.csv", FRAMES, ((time, name, *frame.shift, frame.turn) for time, frames in steps
+                                              for name, frame in frames.items()))
+
+
+def frames_at(results: Results, time: float | None) -> list[Frame]:
+    """Where the frames of the bodies are at the end of a load step, in the order of the summary; none where no body
+    moves far. Not collective."""
+    table, d = results.frames, results.dimension
+    if not table:
+        return []
+    now = np.flatnonzero(table["time"] == (table["time"][-1] if time is None else time))
+    rows = {str(table["body"][row]): Frame.of([table[f"shift_{axis}"][row] for axis in "xyz"[:d]], 0.0).after(
+        Frame.of((0.0,) * d, table["turn"][row])) for row in now}
+    return [rows[name] for name in results.summary["bodies"]]
+
+
+def placed(results: Results, time: float | None = None) -> Results:
+    """The results as pictures take them: bodies that move far are drawn where their frames are, and displacements are
+    those in the frames. Not collective."""
+    frames = frames_at(results, results.time if time is None else time)
+    if not frames:
+        return results
+    points, u = results.fields["points"].copy(), results.fields["displacement_in_frame"].copy()
+    for frame, mine in zip(frames, (owners(results) == k for k in range(len(frames))), strict=True):
+        d = len(frame.shift)
+        points[mine, :d], u[mine, :d] = frame.at(points[mine, :d]), frame.along(u[mine, :d])
+    return replace(results, fields=results.fields | {"points": points, "displacement": u})
 
 
 def step_times(folder: Path) -> list[float]:
@@ -66,11 +104,16 @@ def at_step(results: Results, folder: Path, asked: float | None = None) -> Resul
         if group_of(matching[0]) not in file:  # it is the last step
             return replace(results, time=time)
         fields = results.fields | {name: data[()] for name, data in datasets(file[group_of(matching[0])]).items()}
-        surfaces = read_surfaces(file, group_of(matching[0]))
+        surfaces, rows, facets = read_surfaces(file, group_of(matching[0])), dict[str, Columns](), results.facets
+        if results.frames:  # contacts have rows of their own in each step
+            rows = {name: {key: data[()] for key, data in group.items()}
+                    for name, group in file[f"{group_of(matching[0])}/contacts"].items()}
+            facets = {name: data.pop("facets") for name, data in rows.items()}
     contacts = {}
     for name, legs in results.legs.items():
-        table = results.contacts[name] | {column: legs[column][legs["time"] == time]
-                                          for column in leg_columns(results.dimension)}
+        own = {column: values[legs["time"] == time] for column, values in legs.items() if column != "time"}
+        table = own | rows[name] if rows else results.contacts[name] | {
+            column: own[column] for column in leg_columns(results.dimension)}
         area = table["length"] if "length" in table else table["area"]
         contacts[name] = table | {f"{kind}_force": table[f"{kind}_stress"] * area for kind in ("normal", "tangential")}
     entry = next(step for step in results.summary["steps"] if step["time"] == time)
@@ -90,7 +133,7 @@ def at_step(results: Results, folder: Path, asked: float | None = None) -> Resul
                      for name, entry in results.summary["contacts"].items()}}
     sides = {name: _means(table, contacts[name], results.axisymmetric) for name, table in results.sides.items()}
     return replace(results, summary=summary, contacts=contacts, fields=fields, time=time, sides=sides,
-                   surfaces=surfaces)
+                   surfaces=surfaces, facets=facets)
 
 
 def _largest(stress: np.ndarray) -> float | None:

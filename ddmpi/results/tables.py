@@ -177,20 +177,19 @@ def _by_line(state: ContactState, values: np.ndarray) -> list[np.ndarray]:
     return columns
 
 
-def write_legs(path: Path, name: str, state: ContactState, steps: Iterable[tuple[float, np.ndarray]]) -> None:
+def write_legs(path: Path, name: str, steps: Sequence[tuple[float, ContactState, np.ndarray]]) -> None:
     """Write contact_NAME_legs.csv into the folder `path`: a line per contact node and load step whose fields are kept.
 
     Parameters
     ----------
-    state : of the contact, for its nodes
-    steps : time, and `leg_values` (m, k), of each load step
+    steps : time, a state of the contact with its nodes, and `leg_values` (m, k), of each load step
 
     Not collective. Raises OutputError.
     """
-    interface, lines = state.interface, state.interface.lines
+    interface = steps[-1][1].interface
     write_table(path / contact_files(name).legs, named(LEGS_IN[interface.dimension], interface.axisymmetric), (
-        (time, *row) for time, values in steps
-        for row in zip(*lines.acting.T, lines.area, *_by_line(state, values), strict=True)))
+        (time, *row) for time, state, values in steps for row in zip(
+            *state.interface.lines.acting.T, state.interface.lines.area, *_by_line(state, values), strict=True)))
 
 
 def write_steps(path: Path, steps: Iterable[dict]) -> None:
@@ -269,6 +268,7 @@ class Results:
     energy : energy.csv, and legs : of each contact contact_NAME_legs.csv; empty without [time]
     fields : the data of result.h5 of a load step; `fields["body"]` numbers the bodies as summary["bodies"] lists them
     time : of the load step that summary, contacts, sides and fields are of; None without [time], and of the last one
+    frames : frames.csv, where bodies move far
     """
 
     summary: dict
@@ -282,6 +282,7 @@ class Results:
     facets: dict[str, np.ndarray] = field(default_factory=dict)
     surfaces: dict[str, Columns] = field(default_factory=dict)
     time: float | None = None
+    frames: Columns = field(default_factory=dict)
 
     @property
     def dimension(self) -> int:
@@ -344,14 +345,15 @@ def read_results(folder: str | Path) -> Results:
                        _read_csv(folder / "history.csv"), _read_csv(folder / "steps.csv"), fields,
                        _read_csv(folder / "energy.csv") if steps else {},
                        {name: _read_csv(folder / contact_files(name).legs) for name in tables if steps}, facets,
-                       surfaces)
+                       surfaces, frames=_read_csv(folder / "frames.csv") if steps and (
+                           summary["scene"]["time"].get("motions") == "far") else {})
 
 
 def read_surfaces(file: Any, step: str = "") -> dict[str, Columns]:
     """Of each contact the points (n, 3), cells (c, d) and fields of its surface in result.h5, at the last load step or
     that of the group `step`. Empty in results of versions before 0.16."""
     stored, found = datasets(file.get("surfaces", {})) | datasets(file.get(f"{step}/surfaces", {})), {}
-    for name, group in file.get("contacts", {}).items():
+    for name, group in file.get(f"{step}/contacts", file.get("contacts", {})).items():
         if "span" in group:
             (node, cell), (nodes, cells) = group["span"][()].tolist()
             found[name] = {key: data[node:node + nodes] for key, data in stored.items() if key != "cells"}
@@ -380,7 +382,7 @@ def _read_csv(path: Path) -> Columns:
     with open(path, newline="", encoding="utf-8") as file:
         header, *rows = csv.reader(file)
     columns = zip(*rows, strict=True) if rows else ((),) * len(header)
-    return {name: np.array(column, str if name in ("status", "contact") else float)
+    return {name: np.array(column, str if name in ("status", "contact", "body") else float)
             for name, column in zip(header, columns, strict=True)}
 
 

@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sparse
 
+from ddmpi.body.elasticity import clamp_forces
+from ddmpi.body.loads import loads_by_group, resultants
 from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.coupling.member import Member
 from ddmpi.coupling.space import Space
@@ -25,7 +27,7 @@ from ddmpi.judge.forces import Forces
 from ddmpi.judge.motions import RESISTED, MotionsOfBody, describe_motions, undetermined
 from ddmpi.methods.outer import Outer
 from ddmpi.system.agreement import agreed, from_first, gathered
-from ddmpi.system.numbers import norm
+from ddmpi.system.numbers import Frame, norm
 from ddmpi.system.provenance import has_clarabel
 
 LARGEST = 3000
@@ -273,6 +275,30 @@ def at_contacts(assembly: Assembly, outer: Outer, largest: np.ndarray) -> Moved:
                               "yielding": yielding, "made": member.stiffness * farthest,
                               "load": member.load, "energy": energy, "work": work}
     return {}, traces, sizes, beside
+
+
+def forces_by_group(body: Body, u: np.ndarray, s: np.ndarray, factors: Mapping[str | None, float],
+                    frame: Frame | None = None) -> dict:
+    """The applied loads and the forces of clamps, by group, and the resultant of the latter, under the displacement u
+    (nv, d) and contact forces s (size,); of a body that moves far, where its `frame` is. Not collective."""
+    mesh, member = body.mesh, body.member
+    loads = ((group, factor * f) for history, factor in factors.items()
+             for group, f in loads_by_group(mesh, body.spec, history))
+    reactions = resultants(mesh, clamp_forces(mesh, body.spec, member.elasticity, u, member.pull(s)))
+    acting = resultants(mesh, loads)
+    if frame:
+        reactions, acting = ({group: _in_world(entry, frame) for group, entry in entries.items()}
+                             for entries in (reactions, acting))
+    return {"reaction": sum((reaction["force"] for reaction in reactions.values()), np.zeros(mesh.dimension)),
+            "loads": acting, "reactions": reactions}
+
+
+def _in_world(entry: dict, frame: Frame) -> dict:
+    """Resultants of a body in the plane, where its frame is: M_0 of a force at c + Q X is M + c × F."""
+    force = frame.along(entry["force"])
+    if "moment" not in entry:  # around an axis there is none
+        return entry | {"force": force}
+    return entry | {"force": force, "moment": entry["moment"] + float(np.cross(frame.shift, force))}
 
 
 def driven_partners(assembly: Assembly, outer: Outer) -> dict[str, dict[str, float]]:

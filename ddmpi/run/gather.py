@@ -7,7 +7,7 @@ import logging
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,21 +15,21 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from ddmpi.body.elasticity import clamp_forces
 from ddmpi.body.estimate import DiscretizationError, nodal_stress
-from ddmpi.body.loads import loads_by_group, resultants
 from ddmpi.body.stress import stress, von_mises
 from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.coupling.ranks import team_of
 from ddmpi.errors import OutputError
-from ddmpi.interface.state import ContactTotals
+from ddmpi.interface.state import ContactState, ContactTotals
 from ddmpi.judge.accuracy import MeshLadder
 from ddmpi.judge.certificate import Certificate, ContactResiduals
 from ddmpi.petsc.events import event
 from ddmpi.petsc.options import unused_options
 from ddmpi.pictures.browser import write_view
+from ddmpi.results.checkpoint import Checkpoints
 from ddmpi.results.fields import Datasets, Fields, contact_fields, table_fields, write_fields, write_surface, write_xdmf
 from ddmpi.results.folder import Staging
+from ddmpi.results.histories import write_frames
 from ddmpi.results.summary import plain, rigid_partners, summarize, write_mechanism, write_summary
 from ddmpi.results.tables import (
     HISTORY,
@@ -40,10 +40,10 @@ from ddmpi.results.tables import (
     write_steps,
     write_table,
 )
-from ddmpi.results.checkpoint import Checkpoints
-from ddmpi.run.equilibrium import recover
+from ddmpi.run.equilibrium import forces_by_group, recover
 from ddmpi.run.report import describe_files
 from ddmpi.run.solve import Solution
+from ddmpi.scene.meshes import frames_of
 from ddmpi.system.agreement import agreed, gathered
 from ddmpi.system.clock import Clock
 from ddmpi.system.files import contact_files
@@ -198,7 +198,8 @@ def gather_summary(assembly: Assembly, solution: Solution, error: Discretization
     memory, hosts = team.do("machine") if team else (peak_memory(), [MPI.Get_processor_name()])
     factors = scene.factors(1.0 if solution.time is None else scene.drawn(solution.time, steps.run))
     mine = [(body.number, (body.spec.name, _body(body, solution, error, fields.get(body.spec.name), ranks, memory)
-                           | forces_by_group(body, solution.displacements[body.spec.name], s, factors)))
+                           | forces_by_group(body, solution.displacements[body.spec.name], s, factors,
+                                             assembly.frames.get(body.spec.name))))
             for body, s in zip(assembly.bodies, outer.body_forces(), strict=True)]
     reused = gathered(world, assembly.reused)
     of_ranks = world.gather((mine, set(unused_options()), sum(outer.inner_steps.values()), assembly.exchange.state(),
@@ -243,17 +244,6 @@ def _body(body: Body, solution: Solution, error: DiscretizationError, fields: Fi
         "solver": member.C.solver.description, "compliance": member.C.kind, "memory_mib": memory}
 
 
-def forces_by_group(body: Body, u: np.ndarray, s: np.ndarray, factors: Mapping[str | None, float]) -> dict:
-    """The applied loads and the forces of clamps, by group, and the resultant of the latter, under the displacement u
-    (nv, d) and contact forces s (size,). Not collective."""
-    mesh, member = body.mesh, body.member
-    loads = ((group, factor * f) for history, factor in factors.items()
-             for group, f in loads_by_group(mesh, body.spec, history))
-    reactions = resultants(mesh, clamp_forces(mesh, body.spec, member.elasticity, u, member.pull(s)))
-    return {"reaction": sum((reaction["force"] for reaction in reactions.values()), np.zeros(mesh.dimension)),
-            "loads": resultants(mesh, loads), "reactions": reactions}
-
-
 @dataclass(frozen=True)
 class Solved:
     """A solved scene on one mesh, as one rank has it, with fields of its bodies by name; but for `steps`, at the last
@@ -270,12 +260,14 @@ def fields_of(assembly: Assembly, body: Body, u: np.ndarray, error: Discretizati
     """The fields of a body that moves by `u` (nv, 2), as far as they are asked for. Not collective."""
     mesh, output = body.mesh, assembly.scene.output
     density = error.density(body.spec.name) if error and output.error else None
-    if not output.stress:
-        return Fields(mesh.points, mesh.triangles, u, error=density)
-    heat = body.member.elasticity.acting.heated
-    sigma = stress(mesh, body.material, u, heat)
-    return Fields(mesh.points, mesh.triangles, u, sigma, von_mises(sigma), density,
-                  error.estimates[body.spec.name].stress if error else nodal_stress(mesh, body.material, u, heat))
+    fields = Fields(mesh.points, mesh.triangles, u, error=density)
+    if output.stress:
+        heat = body.member.elasticity.acting.heated
+        sigma = stress(mesh, body.material, u, heat)
+        fields = replace(fields, stress=sigma, von_mises=von_mises(sigma), nodal_stress=error.estimates[
+            body.spec.name].stress if error else nodal_stress(mesh, body.material, u, heat))
+    frame = assembly.frames.get(body.spec.name)
+    return fields.placed(frame) if frame else fields
 
 
 def write_files(solved: Solved, folder: Path | None, clock: Clock, figures: bool, checkpoints: Checkpoints) -> None:
@@ -293,11 +285,11 @@ def write_files(solved: Solved, folder: Path | None, clock: Clock, figures: bool
                 surfaces = {name: contact_fields(state) for name, state in solved.solution.states.items()}
                 with event("WriteFields"):
                     spans = write_fields(path, {body.number: solved.fields[body.spec.name] for body in bodies},
-                                         surfaces, world, tables={name: table_fields(state) for name, state in
-                                                                  solved.solution.states.items()})
-            times = _write_steps(path, solved)
+                                         surfaces, world, tables={name: table_fields(state, scene.far) for name, state
+                                                                  in solved.solution.states.items()})
+            times, legs = _write_steps(path, solved)
             with agreed(world), event("WriteTables"):
-                _write_contacts(path, solved, surfaces)
+                _write_contacts(path, solved, surfaces, legs)
                 if staging:
                     if not scene.output.only:
                         write_xdmf(path, times, {body.name: spans[number] for number, body in enumerate(scene.body)},
@@ -306,6 +298,9 @@ def write_files(solved: Solved, folder: Path | None, clock: Clock, figures: bool
                     write_steps(path, solved.steps.steps)
                     if scene.time:
                         write_energies(path, solved.steps.energies, solved.steps.steps)
+                    if scene.far:
+                        write_frames(path, [(step["time"], frames_of(scene, step["time"]))
+                                            for step in solved.steps.steps])
                     if solved.solution.mechanism:
                         write_mechanism(path, solved.solution.mechanism)
                     if figures or viewed:  # they show it
@@ -334,21 +329,28 @@ def write_files(solved: Solved, folder: Path | None, clock: Clock, figures: bool
             staging.discard()
 
 
-def _write_steps(path: Path, solved: Solved) -> list[float]:
+def _write_steps(path: Path, solved: Solved) -> tuple[list[float], list[dict[str, ContactState]]]:
     """Write the fields of the kept load steps, computed anew from their forces, unless contacts alone are asked for,
-    and the forces of each by body and group into the summary; the times of the steps. Collective."""
-    assembly, times, steps = solved.assembly, [], solved.steps
+    and the forces of each by body and group into the summary; the times of the steps, and the contacts at each with
+    their nodes. Collective."""
+    assembly, times, steps, legs = solved.assembly, [], solved.steps, list[dict[str, ContactState]]()
+    last = solved.solution.states
     whole = not assembly.scene.output.only
     world, joint = assembly.world, assembly.joint
     told = {step["time"]: step for step in solved.summary.get("steps", ())}  # on the first rank
     for number, (time, s, alpha, *values) in enumerate(steps.kept):
         times.append(time)
+        legs.append(last)
         if time == solved.solution.time:  # its fields are written already
             if told:
                 told[time]["bodies"] = {name: {key: body[key] for key in ("reaction", "loads", "reactions")}
                                         for name, body in solved.summary["bodies"].items()}
             continue
         drawn = assembly.scene.drawn(time, steps.run)
+        if assembly.far:  # bodies meet elsewhere
+            assembly = assembly.meet(time)
+            joint = assembly.joint
+            legs[-1] = {met.name: replace(last[met.name], interface=met) for met in assembly.space.interfaces}
         assembly.act(drawn)
         body_forces, fields, forces, factors = joint.exchange.spread(s), {}, {}, assembly.scene.factors(drawn)
         with agreed(world):
@@ -356,28 +358,32 @@ def _write_steps(path: Path, solved: Solved) -> list[float]:
                 u, *_ = recover(body.member, s_body, alpha[joint.slices[body.spec.name]], steps.most["sizes"])
                 if whole:
                     fields[body.number] = fields_of(assembly, body, u)
-                forces[body.spec.name] = plain(forces_by_group(body, u, s_body, factors))
+                forces[body.spec.name] = plain(forces_by_group(body, u, s_body, factors,
+                                                               assembly.frames.get(body.spec.name)))
             surfaces = {name: contact_fields(state, leg) for (name, state), leg in zip(
-                solved.solution.states.items(), values, strict=True) if whole}
+                legs[-1].items(), values, strict=True) if whole}
         forces = gathered(world, forces)
         if told:
             told[time]["bodies"] = {name: forces[name] for name in solved.summary["bodies"]}
         if whole:
             with event("WriteFields"):
-                write_fields(path, fields, surfaces, world, number)
-    return times or ([solved.solution.time] if solved.solution.time is not None else [])
+                write_fields(path, fields, surfaces, world, number, {
+                    name: table_fields(state, True) for name, state in legs[-1].items()} if assembly.far else None)
+    return times or ([solved.solution.time] if solved.solution.time is not None else []), legs
 
 
-def _write_contacts(path: Path, solved: Solved, surfaces: Mapping[str, Datasets]) -> None:
-    """Write the tables and `surfaces` of the contacts that this rank owns; with output.only, the first table alone. Not
-    collective."""
+def _write_contacts(path: Path, solved: Solved, surfaces: Mapping[str, Datasets],
+                    legs: Sequence[Mapping[str, ContactState]]) -> None:
+    """Write the tables and `surfaces` of the contacts that this rank owns, which are `legs` at the kept load steps;
+    with output.only, the first table alone. Not collective."""
     for k, (name, state) in enumerate(solved.solution.states.items()):
         write_contact(path, name, state)
         if solved.assembly.scene.output.only:
             continue
         write_sides(path, name, state)
         if solved.assembly.scene.time:
-            write_legs(path, name, state, [(time, values[k]) for time, _, _, *values in solved.steps.kept])
+            write_legs(path, name, [(time, at[name], values[k]) for (time, _, _, *values), at in zip(
+                solved.steps.kept, legs, strict=True)])
         write_surface(path, name, surfaces[name])
 
 

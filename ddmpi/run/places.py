@@ -16,13 +16,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ddmpi.coupling.assembly import Assembly
+from ddmpi.derive.chain import Chain
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.state import ContactState
-from ddmpi.methods.outer import no_report
+from ddmpi.methods.newton import Newton
+from ddmpi.methods.outer import Report, no_report
+from ddmpi.results.checkpoint import Checkpoints
 from ddmpi.run.equilibrium import Mark
-from ddmpi.run.solve import Iteration, Solution
+from ddmpi.run.gather import StepLog
+from ddmpi.run.solve import Iteration, Solution, solve
 from ddmpi.run.steps import March
 from ddmpi.scene.meshes import frames_of
+from ddmpi.system.clock import Clock
 from ddmpi.system.numbers import Frame
 
 MARGIN = 1.0
@@ -69,7 +74,9 @@ class FarMarch(March):
         joint = assembly.joint
         self._d = joint.d = joint.d - sliding
         self.iteration = Iteration(assembly, self.iteration.method, no_report, clock)
-        self.outer = self.iteration.outer
+        outer = self.iteration.outer
+        assert isinstance(outer, Newton)
+        self.outer = outer
         s, largest = assembly.space.laws.project(self._now.s), self.log.most["sizes"]
         if assembly.space.any(s):
             self.outer.begin((s, joint.product(s, "newton") - joint.d, np.zeros(0)))
@@ -164,3 +171,29 @@ def _slave_nodes(interface: Interface) -> np.ndarray:
     if not interface.m:
         return np.empty(0, int)
     return interface.nodes[side][np.asarray(interface.transfer[side].argmax(axis=1)).ravel()]
+
+
+def march(assembly: Assembly, report: Report = no_report, checkpoints: Checkpoints | None = None,
+          clock: Clock | None = None) -> tuple[Solution, StepLog, Assembly]:
+    """Solve `assembly` in the load steps of its scene, without [time] in one; the solution, the record of the steps,
+    and the assembly at the end.
+
+    Parameters and errors as of `solve`. The solution is that of the last step, with the largest residuals of all steps.
+    Collective.
+    """
+    scene, clock = assembly.scene, clock or Clock()
+    log = StepLog()
+    if scene.time is None:
+        chain, time = Chain(assembly, scene.output.derivatives), scene.legs[0]
+        solution = solve(assembly, scene.method, report, checkpoints, clock)
+        log.note_step(time, solution)
+        if solution.certified:
+            log.derive(*chain.entries(time, chain.advance(time, solution.outer, solution), solution), several=False)
+        return solution, log, assembly
+    assembly.act(scene.legs[0])
+    march = (FarMarch if scene.far else March)(assembly, Iteration(assembly, scene.method, no_report, clock), log)
+    if scene.far:
+        checkpoints = None  # rows differ from step to step
+    if checkpoints:
+        checkpoints.follow(assembly, outer=march.outer, steps=march)
+    return march.run(checkpoints), log, march.assembly

@@ -30,14 +30,13 @@ from ddmpi.mesh.refine import Sizes
 from ddmpi.methods.outer import outer_from_outside
 from ddmpi.petsc.events import event
 from ddmpi.petsc.versions import free_garbage
-from ddmpi.results.folder import choose_folder
 from ddmpi.results.checkpoint import Checkpoints, continue_from, identify
+from ddmpi.results.folder import choose_folder
 from ddmpi.run.equilibrium import undetermined_motions
 from ddmpi.run.gather import Solved, StepLog, fields_of, gather_summary, write_files
+from ddmpi.run.places import march
 from ddmpi.run.report import log_end, log_plan, log_step, log_warnings
 from ddmpi.run.solve import Solution
-from ddmpi.run.places import FarMarch
-from ddmpi.run.steps import March, march
 from ddmpi.scene.scene import Settled
 from ddmpi.system.agreement import agreed, gathered, merged
 from ddmpi.system.clock import Clock
@@ -119,8 +118,7 @@ def compute(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock, outp
             assembly = replace(assembly, start=partial(_warm, assembly, *_beginning(assembly, start)))
         log_plan(assembly, figures)
         log_warnings(assembly.warnings, told)
-        solution, steps, assembly = march(assembly, log_step, checkpoints if write else None, clock,
-                                          FarMarch if mesh.far else March)
+        solution, steps, assembly = march(assembly, log_step, checkpoints if write else None, clock)
         error = _estimate(assembly, solution, clock)
         if _another_mesh(ladder, assembly, solution, error):
             return None

@@ -24,14 +24,12 @@ from ddmpi.interface.state import slip_start
 from ddmpi.judge.equilibrium import Mechanism
 from ddmpi.judge.plausible import doubt_answer
 from ddmpi.methods.newton import Newton
-from ddmpi.methods.outer import Report, no_report
-from ddmpi.results.tables import leg_values
 from ddmpi.results.checkpoint import Checkpoints
+from ddmpi.results.tables import leg_values
 from ddmpi.run.equilibrium import NOTHING, Mark, look_for_mechanism, undetermined_motions
 from ddmpi.run.gather import StepLog
 from ddmpi.run.report import UNDETERMINED
-from ddmpi.run.solve import Iteration, Solution, lean_steps, solve
-from ddmpi.system.clock import Clock
+from ddmpi.run.solve import Iteration, Solution, lean_steps
 
 log = logging.getLogger("ddmpi")
 
@@ -58,32 +56,6 @@ KEPT = ("iterations", "_leg", "_number", "_coarse", "_changed", "_largest", "_gi
 
 MARKS = ("_now", "_before", "_base")
 """Attributes of a march that are marks."""
-
-
-def march(assembly: Assembly, report: Report = no_report, checkpoints: Checkpoints | None = None,
-          clock: Clock | None = None, way: type[March] | None = None) -> tuple[Solution, StepLog, Assembly]:
-    """Solve `assembly` in the load steps of its scene, without [time] in one; the solution, the record of the steps, and
-    the assembly at the end.
-
-    Parameters and errors as of `solve`; `way` is `March` unless bodies move far. The solution is that of the last step,
-    with the largest residuals of all steps. Collective.
-    """
-    scene, clock = assembly.scene, clock or Clock()
-    log = StepLog()
-    if scene.time is None:
-        chain, time = Chain(assembly, scene.output.derivatives), scene.legs[0]
-        solution = solve(assembly, scene.method, report, checkpoints, clock)
-        log.note_step(time, solution)
-        if solution.certified:
-            log.derive(*chain.entries(time, chain.advance(time, solution.outer, solution), solution), several=False)
-        return solution, log, assembly
-    assembly.act(scene.legs[0])
-    march = (way or March)(assembly, Iteration(assembly, scene.method, no_report, clock), log)
-    if scene.far:
-        checkpoints = None  # rows differ from step to step
-    if checkpoints:
-        checkpoints.follow(assembly, outer=march.outer, steps=march)
-    return march.run(checkpoints), log, march.assembly
 
 
 class March:

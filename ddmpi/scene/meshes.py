@@ -271,7 +271,7 @@ class Motion(Table, frozen=True, kw_only=True):
             raise ValueError("a motion has a shift (m), as in shift = [0.0, -20.0], or a turn (degrees), as in turn = "
                              "90.0, or both")
         if self.pivot is not None and not self.turn:
-            raise ValueError("pivot is the point about which something turns; leave it out, or write turn = … (degrees)")
+            raise ValueError("pivot is the point of a turn; leave it out, or write turn = … (degrees)")
 
     def frame(self, factor: float, dimension: int) -> Frame:
         """Where it leads at a factor of its history."""
@@ -307,7 +307,7 @@ def check_motions(scene: Any) -> None:
     if not far:
         for key in [*(f"{key}.motion" for key, *_ in moving), *following]:
             raise ValueError(f'{key}: bodies move far with motions = "far" in [time] only; write it there, or leave '
-                             "this out" + "; small motions are those of clamp and displacement" * key.endswith("motion"))
+                             "this out" + "; small motions are those of clamps" * key.endswith("motion"))
         return
     if not moving:
         raise ValueError('time.motions: no body and no rigid partner has a motion; leave motions = "far" out')
@@ -328,9 +328,8 @@ def check_motions(scene: Any) -> None:
                 if turns and not load.follows and load.pressure is None]
         kept += ["volume_force"] * bool(turns and getattr(mover, "volume_force", None) is not None)
         for load in kept:
-            raise ValueError(f"{key}.{load}: loads that keep their direction on a body that turns are not possible yet; "
-                             "write follows = true if it turns with the body" if load[0] == "t" else
-                             f"{key}.{load}: keeps its direction, which is not possible yet on a body that turns")
+            raise ValueError(f"{key}.{load}: keeps its direction, which is not possible yet on a body that turns" + (
+                "; write follows = true if it turns with the body" * load.startswith("t")))
     for rigid in scene.rigid:
         if rigid.yields:
             raise ValueError(f"rigid.{rigid.name}: with time.motions = \"far\" a partner moves as its motion or "
@@ -345,3 +344,13 @@ def check_motions(scene: Any) -> None:
                  "profiles along a contact are not possible yet")):
             if given:
                 raise ValueError(f'{name}.{key}: does not go with time.motions = "far": {why}')
+
+
+def check_heat(bodies: list[Any]) -> None:
+    """ValueError if materials of `BodySpec` bodies expand, and none has a temperature. Bodies without one keep that of
+    the state free of stress."""
+    expanding = [body.name for body in bodies if any(material.expansions.any() for material in body.materials)]
+    if expanding and all(body.temperature is None for body in bodies):
+        raise ValueError(f"body.{expanding[0]}.material.expansion: no body has a temperature, so nothing expands; "
+                         "write temperature = 80.0 (K over the state free of stress) into a [[body]], or leave "
+                         "expansion out")

@@ -16,9 +16,9 @@ import msgspec
 from ddmpi.scene.bodies import BodySpec, Material, SettledBody, Traction
 from ddmpi.scene.contacts import ContactSpec, NoFriction, Rigid, SettledContact
 from ddmpi.scene.keys import nearest, refuse_underivable
-from ddmpi.scene.meshes import check_motions
+from ddmpi.scene.meshes import check_heat, check_motions
 from ddmpi.scene.method import PRESETS, Checkpoint, Method, Output, SettledMethod, Time, check_petsc, units
-from ddmpi.scene.values import WHERE, History, Name, Number, Table, check_formulas, check_heat, histories, settle, tables, varies
+from ddmpi.scene.values import WHERE, History, Name, Number, Table, check_formulas, histories, settle, tables, varies
 from ddmpi.system.files import LONGEST, contact_files
 
 FileKind = Callable[[BodySpec], tuple[int, int]]

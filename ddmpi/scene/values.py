@@ -375,12 +375,3 @@ class History(Table, frozen=True, kw_only=True):
         rise, run = np.diff(self.factors), np.diff(self.times)
         slopes = np.concatenate([[0.0], rise / run, [0.0]])
         return [time for time, before, after in zip(self.times, slopes, slopes[1:], strict=False) if before != after]
-
-
-def check_heat(bodies: list[Any]) -> None:
-    """ValueError if materials of `BodySpec` bodies expand, and none has a temperature. Bodies without one keep that of
-    the state free of stress."""
-    expanding = [body.name for body in bodies if any(material.expansions.any() for material in body.materials)]
-    if expanding and all(body.temperature is None for body in bodies):
-        raise ValueError(f"body.{expanding[0]}.material.expansion: no body has a temperature, so nothing expands; write "
-                         "temperature = 80.0 (K over the state free of stress) into a [[body]], or leave expansion out")

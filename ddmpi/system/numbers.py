@@ -77,7 +77,7 @@ class Frame(NamedTuple):
     turned: np.ndarray
 
     @classmethod
-    def of(cls, shift: Sequence[float], turn: float = 0.0, pivot: Sequence[float] | None = None) -> Frame:
+    def of(cls, shift: Sequence[float] | np.ndarray, turn: float = 0.0, pivot: Sequence[float] | None = None) -> Frame:
         """A turn by degrees, counterclockwise, about a pivot (m) in the plane, and then a shift (m)."""
         about = np.zeros(len(shift)) if pivot is None else np.array(pivot, float)
         # multiples of 90° without rounding
