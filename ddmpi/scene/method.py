@@ -281,8 +281,8 @@ class Time(Table, frozen=True, kw_only=True):
         for name, history in histories.items() if self.cycle else ():
             first, last = map(history.at, self.cycle_ends)
             if abs(first - last) > SAME * max(map(abs, history.factors)):
-                raise ValueError(f"time.cycle: history.{name} has the factor {first:g} at its beginning and {last:g} at "
-                                 "its end; a cycle ends with the loads with which it begins")
+                raise ValueError(f"time.cycle: history.{name} has the factor {first:g} at its beginning and {last:g} "
+                                 "at its end; a cycle ends with the loads with which it begins")
 
     def settled(self) -> Time:
         """The load steps, with a tolerance if no number of steps is given."""

@@ -18,7 +18,7 @@ import scenes
 from mpi4py import MPI
 
 from ddmpi.cli import main as cli
-from ddmpi.run import checkpoint
+from ddmpi.results import checkpoint
 from ddmpi.scene.reader import read_scene_file
 from ddmpi.system import interrupt
 from ddmpi.system.provenance import whereabouts

@@ -513,15 +513,16 @@ OPTIONAL = {
     "SettledContact": {"gap", "pairing", "slave", "pretension"},  # measured, chosen; none
     "Material": {"plane", "expansion", "shear", "angle", "axes"},  # solids have none; isotropic
     "PartMaterial": {"on", "plane", "expansion", "shear", "angle", "axes"},  # what the others leave
-    "SettledBody": {"temperature"}, "Heat": {"history"},  # none; constant in time
+    "SettledBody": {"temperature", "motion"}, "Heat": {"history"},  # none; constant in time
     "Clamp": {"x", "y", "z", "normal", "history"},  # free; constant in time
     "Traction": {"value", "pressure", "force", "moment", "history"},  # one of them
     "VolumeForce": {"value", "history", "constant", "x_slope", "y_slope", "z_slope"},
     "Gap": {"value", "history"}, "Pretension": {"history"},  # a profile; given throughout
     "AffineVector": {"constant", "x_slope", "y_slope", "z_slope"},  # zero
-    **{shape: {"displacement", "force", "free", "moment", "pivot", "history"}
+    **{shape: {"displacement", "force", "free", "moment", "pivot", "history", "motion"}
        for shape in ("Plane", "Circle", "Sphere", "Cylinder")},  # at rest
-    "Settled": {"time"}, "Time": {"steps", "tolerance", "cycle"},  # one load step; the one or the other; no cycles
+    "Settled": {"time"}, "Time": {"steps", "tolerance", "cycle", "motions"},
+    "Motion": {"shift", "pivot", "history"},  # one load step; the one or the other; no cycles
     "Cycle": {"until"},  # all are run
     "Output": {"only", "magnification", "view", "cut"},  # chosen by the picture
     "Cut": {"x", "y", "z"},  # one of them

@@ -14,10 +14,10 @@ import ddmpi
 from ddmpi.cli.report import write_report
 from ddmpi.errors import InputError
 from ddmpi.pictures.curves import draw_steps
+from ddmpi.results import checkpoint
 from ddmpi.results.histories import at_step, step_times
 from ddmpi.results.summary import factor_at
 from ddmpi.results.tables import read_results
-from ddmpi.run import checkpoint
 from ddmpi.run.answer import Answer
 from ddmpi.run.run import run as run_scene
 from ddmpi.scene.reader import read_scene_file

@@ -33,9 +33,9 @@ from ddmpi.errors import InputError
 from ddmpi.methods.newton import Newton
 from ddmpi.pictures.curves import draw_steps
 from ddmpi.pictures.moved import magnify, rigid_parts
+from ddmpi.results import checkpoint
 from ddmpi.results.histories import at_step
 from ddmpi.results.tables import read_results
-from ddmpi.run import checkpoint
 from ddmpi.run.gather import StepLog
 from ddmpi.run.run import run as run_scene
 from ddmpi.run.steps import MARKS, March

@@ -165,8 +165,8 @@ def write_results(folder: Path, scene: dict, bodies: dict, parts: Mapping[str, F
         write_contact(folder, name, each)
         write_sides(folder, name, each)
         if times:
-            write_legs(folder, name, each, [(time, leg_values(found[name]))
-                                            for time, found in zip(times, marched, strict=True)])
+            write_legs(folder, name, [(time, found[name], leg_values(found[name]))
+                                      for time, found in zip(times, marched, strict=True)])
     counts = [sum(each.count(status) for each in states.values()) for status in ("open", "slip", "stick")]
     write_table(folder / "history.csv", HISTORY,
                 [(1, k, 3.0 * 10.0**-k, 10.0**-k, 1e-3, *counts, 20 * k) for k in range(1, 10)])

@@ -20,7 +20,7 @@ CERTIFICATE, EQUILIBRIUM = "judge/test_certificate.py", "judge/test_equilibrium.
 SPOILT = f"{CERTIFICATE}::test_a_wrong_answer_has_the_residual_of_its_error"
 SOLVED = f"{CERTIFICATE}::test_a_solved_scene_that_is_spoilt_is_not_certified"
 PATH = "methods/test_newton.py::test_each_path_alone_leads_to_the_same_answer"
-RESTORED = "run/test_checkpoint.py::test_a_restored_state_is_the_whole_state"
+RESTORED = "results/test_checkpoint.py::test_a_restored_state_is_the_whole_state"
 SKFEM = "body/test_elasticity.py::test_stiffness_is_that_of_skfem"
 RANDOM = "published/test_mprgp.py::test_random_programs"
 LAW, SIDES, LEGS = "interface/test_law.py", "interface/test_interface.py", "coupling/test_exchange.py"
@@ -68,7 +68,7 @@ MUTANTS = [Mutant(*row) for row in (
      'path.with_name(f"{UNFINISHED}-{socket.gethostname()}-{os.getpid()}-{path.name}")', "path",
      "results/test_files.py::test_a_file_that_cannot_be_written_leaves_the_former_one"),
     ("a signal is not noted", "system/interrupt", "    _received.append(name)\n", "    pass\n",
-     "run/test_checkpoint.py::test_signals_are_noted_and_not_deadly"),
+     "results/test_checkpoint.py::test_signals_are_noted_and_not_deadly"),
     ("coordinates on a simplex are the second ones", "system/numbers", "[:, :, None])[:, :, 0]",
      "[:, :, None])[:, :, 1]", "judge/test_overlap.py::test_drawn_overlaps_are_found"),
     # surface, judge: overlaps
@@ -680,21 +680,21 @@ MUTANTS = [Mutant(*row) for row in (
     ("a key that names nothing is taken", "scene/keys", "        if key not in able:", "        if False:",
      f"{DERIVED}::test_a_key_that_names_nothing_is_refused"),
     # run
-    ("digest of a checkpoint unchecked", "run/checkpoint", "if data[:BLOCK] != _head(data[BLOCK:]):",
+    ("digest of a checkpoint unchecked", "results/checkpoint", "if data[:BLOCK] != _head(data[BLOCK:]):",
      "if not data.startswith(FORMAT):",
-     "run/test_checkpoint.py::test_every_damaged_byte_is_noticed"),
-    ("options of another run accepted", "run/checkpoint", 'differing and what != "versions":',
+     "results/test_checkpoint.py::test_every_damaged_byte_is_noticed"),
+    ("options of another run accepted", "results/checkpoint", 'differing and what != "versions":',
      'differing and what == "scene":',
-     "run/test_checkpoint.py::test_another_run_is_refused_with_the_reason"),
-    ("a checkpoint of another mesh accepted", "run/checkpoint",
+     "results/test_checkpoint.py::test_another_run_is_refused_with_the_reason"),
+    ("a checkpoint of another mesh accepted", "results/checkpoint",
      'if self._begin["mesh"] != self._mesh:', "if False:",
-     "run/test_checkpoint.py::test_another_mesh_is_refused_on_both_ranks"),
+     "results/test_checkpoint.py::test_another_mesh_is_refused_on_both_ranks"),
     ("the state of a former end is kept while Newton's method goes on", "run/solve", "self._checkpoints.forget()",
-     "pass", "run/test_checkpoint.py::test_newtons_method_is_not_kept_within_a_load_step"),
+     "pass", "results/test_checkpoint.py::test_newtons_method_is_not_kept_within_a_load_step"),
     ("an answer that is kept is looked for again", "run/solve", "self._stopped or self._kept(", "self._kept(",
-     "run/test_checkpoint.py::test_results_that_cannot_be_written_leave_a_checkpoint"),
-    ("checkpoints wait for iterations and seconds", "run/checkpoint", "due or time.monotonic()",
-     "due and time.monotonic()", "run/test_checkpoint.py::test_every_so_many_seconds_by_the_clock_of_rank_0"),
+     "results/test_checkpoint.py::test_results_that_cannot_be_written_leave_a_checkpoint"),
+    ("checkpoints wait for iterations and seconds", "results/checkpoint", "due or time.monotonic()",
+     "due and time.monotonic()", "results/test_checkpoint.py::test_every_so_many_seconds_by_the_clock_of_rank_0"),
     ("the answer is another rank's", "run/answer", "merged(world, solved.solution.states if solved else {})",
      "solved.solution.states if solved else {}",
      f"{ANSWER}::test_gaps_close_and_multiplications_are_counted_step_by_step"),

@@ -24,8 +24,8 @@ from ddmpi.body.compliance import Compliance
 from ddmpi.errors import InputError, InterruptionError, OutputError, TakenError
 from ddmpi.judge.accuracy import MeshLadder
 from ddmpi.methods.newton import Newton
+from ddmpi.results import checkpoint
 from ddmpi.results.checkpoint import Checkpoints, continue_from, identify
-from ddmpi.run import checkpoint
 from ddmpi.run.solve import solve
 from ddmpi.scene.reader import read_scene
 from ddmpi.system import interrupt
