@@ -19,8 +19,8 @@ from ddmpi.pictures.moved import magnify, rigid_parts
 from ddmpi.pictures.sheet import COLOURS, FILLED, Sheet, above, by_value, colours_of, filled, mark, rounded
 from ddmpi.pictures.views import Skin, Surface, View
 from ddmpi.results.fields import group_of, owners
-from ddmpi.results.histories import step_times
-from ddmpi.results.tables import Results
+from ddmpi.results.histories import placed, step_times
+from ddmpi.results.tables import Columns, Results
 from ddmpi.system.files import writing
 from ddmpi.system.numbers import RigidMotion, crossed, scaled_unit
 
@@ -187,26 +187,26 @@ def animate(results: Results, folder: Path, title: str) -> Path:
     from PIL import Image
 
     skin, dimension, largest, top = skin_of(results), results.dimension, 0.0, 0.0
-    low = high = np.zeros_like(results.points)
-    for _, fields in _frames(folder):
-        u = fields["displacement"][:, :dimension]
-        low, high, largest = np.minimum(low, u), np.maximum(high, u), max(largest, np.linalg.norm(u, axis=1).max())
+    for _, fields in _frames(results, folder):
+        largest = max(largest, np.linalg.norm(fields["displacement"], axis=1).max())
         values, quantity, unit = coloured(results, fields)
         top = max(top, float(np.percentile(skin.extended(values)[np.unique(skin.facets)], BRIGHTEST)))
     factor, shift = magnify(results, largest)
-    still = skin.extended(results.points + shift)
+    low = high = results.points + shift
+    for _, fields in _frames(results, folder):
+        at = (fields["points"] + factor * fields["displacement"])[:, :dimension] + shift
+        low, high = np.minimum(low, at), np.maximum(high, at)
     scale, unit = scaled_unit(top, unit)
     image = colours_of(0.0, top / scale or 1.0, "viridis")
-    sheet = Sheet(results, np.vstack([(still + factor * skin.extended(state))[skin.beyond <= 0.0]
-                                      for state in (low, high)]), pixels=COARSE)
+    sheet = Sheet(results, np.vstack([skin.extended(state)[skin.beyond <= 0.0] for state in (low, high)]), pixels=COARSE)
     sheet.axes.set_title("time")
     sheet.colours(image, f"{quantity} ({unit})", "max")
     sheet.figure.suptitle(title.strip())
     sheet.figure.set_dpi(80)
     path, frames = folder / "animation.gif", []
-    for time, fields in _frames(folder):
+    for time, fields in _frames(results, folder):
         sheet.clear()
-        at = still + skin.extended(factor * fields["displacement"][:, :dimension])
+        at = skin.extended((fields["points"] + factor * fields["displacement"])[:, :dimension] + shift)
         sheet.meet(rigid_parts(results, factor, time))
         values = skin.extended(coloured(results, fields)[0])[skin.facets] / scale
         sheet.show([Surface(at, skin.facets, by_value(values, image), skin.beyond, plain=True)])
@@ -242,12 +242,13 @@ def _write_video(path: Path, frames: Sequence[Any], rate: float, ffmpeg: str) ->
         raise OutputError(f"{path}: ffmpeg could not write it: {done.stderr.decode(errors='replace').strip()}")
 
 
-def _frames(folder: Path) -> Iterator[tuple[float, dict[str, np.ndarray]]]:
-    """Time, and the fields that change with it, of the load steps in the series result.xdmf."""
+def _frames(results: Results, folder: Path) -> Iterator[tuple[float, Columns]]:
+    """Time, and the fields as they are drawn, of the load steps in the series result.xdmf."""
     import h5py
 
     times = step_times(folder)
     with h5py.File(folder / "result.h5", "r") as file:
         for k in np.unique(np.linspace(0, len(times) - 1, min(FRAMES, len(times))).round().astype(int)):
             fields = file.get(group_of(k), file)
-            yield times[k], {name: fields[name][()] for name in ("displacement", "nodal_von_mises") if name in fields}
+            yield times[k], placed(results, times[k], {name: fields[name][()] for name in (
+                "displacement", "displacement_in_frame", "nodal_von_mises") if name in fields}).fields

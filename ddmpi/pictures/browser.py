@@ -7,6 +7,7 @@ import json
 import string
 import zlib
 from collections.abc import Iterator
+from dataclasses import replace
 from html import escape
 from importlib import resources
 from pathlib import Path
@@ -22,7 +23,7 @@ from ddmpi.pictures.bodies import BRIGHTEST, largest_of
 from ddmpi.pictures.moved import apart, first_is_slave, magnify
 from ddmpi.pictures.views import Skin, View, sharp_edges
 from ddmpi.results.fields import group_of, owners
-from ddmpi.results.histories import at_step, step_times
+from ddmpi.results.histories import at_step, placed, step_times
 from ddmpi.results.tables import Columns, Results, read_results, read_surfaces, reading
 from ddmpi.surface.side import nodal, unit
 from ddmpi.system.files import MECHANISM, write_atomically
@@ -82,7 +83,7 @@ def write_view(folder: str | Path, output: str | None = None) -> Path:
         if (folder / MECHANISM).exists():
             raise InputError(f"{folder}: the run has found no equilibrium, so there is nothing to turn; mechanism.png "
                              "shows how the bodies would move")
-        page = _page(at_step(read_results(folder), folder), folder)
+        page = _page(placed(at_step(read_results(folder), folder)), folder)
     if path.exists() and not (path.is_file() and MARK in path.read_bytes()[:1000]):
         raise InputError(f"--output {path}: is there already, and no view of ddmpi; name another file")
     write_atomically(path, page.encode())
@@ -112,13 +113,20 @@ def _page(results: Results, folder: Path) -> str:
     arrays.put("edges", number[sharp_edges(points, facets)])
     arrays.put("cells", number[cells])
     arrays.put("owner", owner[nodes])
-    painted = _painted(results, points, owner)
+    far = bool(results.frames)  # contacts then have other rows in each step, and are not painted
+    painted = _painted(replace(results, summary=results.summary | {"scene": results.summary["scene"] | {
+        "contact": []}}) if far else results, points, owner)
     painted["surface"] -= s[painted["nearest"]]
     for name in "surface", "above", "painted", "bearer":
         arrays.put(name, painted[name])
+    low, high = points[nodes].min(axis=0), points[nodes].max(axis=0)
     times, tops, marks = [], dict.fromkeys(TITLES, 0.0), {name: list[tuple[float, int]]() for name in TITLES}
     for k, (time, fields, surfaces) in enumerate(_steps(results, folder, len(nodes))):
         u = np.pad(fields["displacement"][:, :d], ((0, 0), (0, 3 - d))) + s
+        if far:
+            at = (fields["points"] - s)[nodes]
+            low, high = np.minimum(low, at.min(axis=0)), np.maximum(high, at.max(axis=0))
+            arrays.put(f"at{k}", at)
         values = {"displacement": np.linalg.norm(u - s, axis=1)[nodes]}
         if len(painted["painted"]):
             values["pressure"] = np.concatenate([
@@ -148,8 +156,7 @@ def _page(results: Results, folder: Path) -> str:
     eye = view.axes[2]
     head = {"fields": shown, "times": times, "timed": results.time is not None, "flat": d < 3,
             "cut": next(([axis, at] for axis, at in (output.get("cut") or {}).items() if at is not None), None),
-            "scale": scale, "low": points[nodes].min(axis=0).tolist(),
-            "high": points[nodes].max(axis=0).tolist(), "arrays": arrays.places,
+            "scale": scale, "low": low.tolist(), "high": high.tolist(), "arrays": arrays.places,
             "view": np.degrees([np.arctan2(eye[1], eye[0]), np.arcsin(np.clip(eye[2], -1.0, 1.0))]).tolist(),
             "shifts": [shifts.get(name, np.zeros(3)).tolist() for name in (
                 *results.summary["bodies"], *(rigid["name"] for rigid in results.summary["scene"].get("rigid", ())))]}
@@ -169,8 +176,10 @@ def _steps(results: Results, folder: Path, number: int) -> Iterator[tuple[float,
         for k in np.unique(np.linspace(len(times) - 1, 0, min(most, len(times))).round().astype(int)) if times else [0]:
             group = group_of(int(k))
             fields, step = (file[group], group) if times and group in file else (file, "")
-            yield (times[k] if times else 1.0, {name: fields[name][()] for name in (
-                "displacement", "nodal_von_mises", "von_mises") if name in fields}, read_surfaces(file, step))
+            time = times[k] if times else 1.0
+            yield time, placed(results, time, {name: fields[name][()] for name in (
+                "displacement", "displacement_in_frame", "nodal_von_mises", "von_mises") if name in fields}).fields, (
+                    read_surfaces(file, step))
 
 
 def _painted(results: Results, points: np.ndarray, owner: np.ndarray) -> dict[str, Any]:

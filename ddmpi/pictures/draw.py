@@ -15,7 +15,7 @@ import numpy as np
 from ddmpi.errors import InputError
 from ddmpi.pictures.bodies import animate, draw_bodies, draw_error, draw_mechanism
 from ddmpi.pictures.sheet import STYLE, start_drawing
-from ddmpi.results.histories import at_step
+from ddmpi.results.histories import at_step, placed
 from ddmpi.results.tables import Results, read_results, reading
 from ddmpi.scene.keys import explain
 from ddmpi.scene.method import Output
@@ -48,7 +48,7 @@ def draw_all(folder: str | Path, number: int = 0, drawers: int = 1, time: float 
             raise InputError(f"{folder}: ddmpi {version} wrote these results without what this version draws pictures "
                              "from; draw them with that version, or run the scene again")
         _ask(last, asked)
-        results = at_step(last, folder, time)
+        results, last = placed(at_step(last, folder, time)), placed(last)
         with plt.rc_context(STYLE):
             figures = pictures_of(results, last, None if time is not None else folder / MECHANISM)
             for name, draw in itertools.islice(figures, number, None, drawers):

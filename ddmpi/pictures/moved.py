@@ -11,6 +11,7 @@ from scipy.spatial import ConvexHull
 from ddmpi.pictures.sheet import COLOURS, MARGIN, filled, round_down
 from ddmpi.pictures.views import Surface, View
 from ddmpi.results.fields import owners, vectors
+from ddmpi.results.histories import frames_at
 from ddmpi.results.summary import factor_at, motion_at
 from ddmpi.results.tables import Columns, Results
 from ddmpi.scene.contacts import Rigid
@@ -100,7 +101,7 @@ def rigid_parts(results: Results, factor: float = 0.0, time: float | None = None
     velocities `going` of a mechanism.
     """
     points, names, owner = results.points, list(results.summary["bodies"]), owners(results)
-    scene, surfaces = results.summary["scene"], list[Surface]()
+    scene, surfaces, where = results.summary["scene"], list[Surface](), frames_at(results, time)
     for rigid in msgspec.convert(scene.get("rigid", ()), list[Rigid]):
         contacts = [contact for contact in scene["contact"] if contact["bodies"][1] == rigid.name]
         now = results.time if time is None else time
@@ -115,7 +116,11 @@ def rigid_parts(results: Results, factor: float = 0.0, time: float | None = None
             continue
         touched = np.concatenate([vectors(results.contacts[contact["name"]]) for contact in contacts])
         bodies = points[np.isin(owner, [names.index(contact["bodies"][0]) for contact in contacts])]
+        frame = where.get(rigid.name)
+        if frame:
+            touched, bodies = frame.undone.at(touched), frame.undone.at(bodies)
         at = rigid.outline(touched, bodies, MARGIN * np.ptp(points, axis=0).max())
+        at = frame.at(at) if frame else at
         if results.axisymmetric:
             right = np.flatnonzero(at[:, 0] >= 0.0)  # one line, that begins after the gap on the left of the axis
             at = np.roll(at[right], -1 - np.argmax(np.diff(right, append=right[-1] + 2) > 1), axis=0)

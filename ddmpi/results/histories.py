@@ -41,29 +41,31 @@ def write_frames(path: Path, steps: Iterable[tuple[float, Mapping[str, Frame]]])
                                               for name, frame in frames.items()))
 
 
-def frames_at(results: Results, time: float | None) -> list[Frame]:
-    """Where the frames of the bodies are at the end of a load step, in the order of the summary; none where no body
-    moves far. Not collective."""
+def frames_at(results: Results, time: float | None = None) -> dict[str, Frame]:
+    """Where the frames of bodies and rigid partners are at the end of a load step, by name, by default that of the
+    results; empty where nothing moves far. Not collective."""
     table, d = results.frames, results.dimension
     if not table:
-        return []
-    now = np.flatnonzero(table["time"] == (table["time"][-1] if time is None else time))
-    rows = {str(table["body"][row]): Frame.of([table[f"shift_{axis}"][row] for axis in "xyz"[:d]], 0.0).after(
-        Frame.of((0.0,) * d, table["turn"][row])) for row in now}
-    return [rows[name] for name in results.summary["bodies"]]
+        return {}
+    time = results.time if time is None else time
+    rows = np.flatnonzero(table["time"] == (table["time"][-1] if time is None else time))
+    return {str(table["body"][row]): Frame.of([table[f"shift_{axis}"][row] for axis in "xyz"[:d]]).after(
+        Frame.of((0.0,) * d, table["turn"][row])) for row in rows}
 
 
-def placed(results: Results, time: float | None = None) -> Results:
-    """The results as pictures take them: bodies that move far are drawn where their frames are, and displacements are
-    those in the frames. Not collective."""
-    frames = frames_at(results, results.time if time is None else time)
+def placed(results: Results, time: float | None = None, fields: Columns | None = None) -> Results:
+    """The results as pictures take them, at the end of the load step that they, or these `fields`, are of: bodies that
+    move far are drawn where their frames are, and displacements are those in the frames. Not collective."""
+    frames, fields = frames_at(results, time), results.fields | (fields or {})
     if not frames:
-        return results
-    points, u = results.fields["points"].copy(), results.fields["displacement_in_frame"].copy()
-    for frame, mine in zip(frames, (owners(results) == k for k in range(len(frames))), strict=True):
+        return replace(results, fields=fields)
+    drawn = fields.get("drawn", fields["points"])
+    points, u, owner = drawn.copy(), fields["displacement_in_frame"].copy(), owners(results)
+    for k, name in enumerate(results.summary["bodies"]):
+        frame, mine = frames[name], owner == k
         d = len(frame.shift)
-        points[mine, :d], u[mine, :d] = frame.at(points[mine, :d]), frame.along(u[mine, :d])
-    return replace(results, fields=results.fields | {"points": points, "displacement": u})
+        points[mine, :d], u[mine, :d] = frame.at(drawn[mine, :d]), frame.along(u[mine, :d])
+    return replace(results, fields=fields | {"drawn": drawn, "points": points, "displacement": u})
 
 
 def step_times(folder: Path) -> list[float]:
