@@ -113,6 +113,16 @@ class Assembly:
         placed.act(time)
         return placed
 
+    def in_world(self) -> Assembly:
+        """The same with the meshes of bodies that move far where these are now. Not collective."""
+        return self if not self.far else replace(self, bodies=tuple(replace(body, mesh=replace(
+            body.mesh, points=self.frames[body.spec.name].at(body.mesh.points))) for body in self.bodies))
+
+    def along(self, displacements: Mapping[str, np.ndarray]) -> Mapping[str, np.ndarray]:
+        """Displacements in the frames of this rank's bodies (nv, d), along the axes of the world. Not collective."""
+        return displacements if not self.far else {name: self.frames[name].along(u)
+                                                   for name, u in displacements.items()}
+
     def act(self, time: float) -> None:
         """Set loads, clamps and rigid partners to their values at `time`. Not collective."""
         factors = self.scene.factors(time)

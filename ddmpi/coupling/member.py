@@ -42,8 +42,7 @@ class Member:
     histories : of the scene's loads and clamps, None for constant ones
     points : (k, d) positions of the nodes that A acts on, see `Compliance`
     solves : how many problems, such as load steps, C is for
-    candidates : the nodes that contacts may join wherever the body goes; C is then of their components along the axes,
-        and `meet` makes that of contacts from it
+    candidates : nodes that contacts may join; C is then of their components, and `meet` makes those of contacts from it
 
     Attributes
     ----------
@@ -62,14 +61,14 @@ class Member:
     Not collective, but what uses C is, on the body's communicator.
     """
 
+    _acting: Mapping[str | None, float] | None
+    _elasticity: Elasticity
+
     def __init__(self, name: str, elasticity: Elasticity, interfaces: Sequence[Interface],
                  compliance: str | None = None, memory: float = np.inf,
                  histories: Sequence[str | None] = (None,), points: np.ndarray | None = None,
                  solves: int = 1, candidates: np.ndarray | None = None) -> None:
-        self._acting: Mapping[str | None, float] | None = None
-        self._elasticity = elasticity
-        self.name, self.elasticity = name, elasticity
-        self._histories = tuple(histories)
+        self.name, self.elasticity, self._histories = name, elasticity, tuple(histories)
         self._join(interfaces)
         A, b = elasticity.A, elasticity.b
         B = self._rows() if candidates is None else components(elasticity, candidates)
@@ -89,12 +88,11 @@ class Member:
 
     def _join(self, interfaces: Sequence[Interface]) -> None:
         """Take part in these interfaces."""
-        self.interfaces = tuple(interfaces)
+        self.interfaces, self.began = tuple(interfaces), dict[str, np.ndarray]()
         ends = np.cumsum([0, *(interface.size for interface in self.interfaces)]).tolist()
         self._sides = [(interface, slice(start, stop), interface.side(self.name)) for interface, (start, stop) in
                        zip(self.interfaces, itertools.pairwise(ends), strict=True)]
         self.parts = {interface.name: (part, side) for interface, part, side in self._sides}
-        self.began = dict[str, np.ndarray]()
 
     def _rows(self) -> sparse.csr_matrix:
         """B (size, columns of A) of the interfaces."""
@@ -103,22 +101,18 @@ class Member:
                              format="csr")
 
     def meet(self, interfaces: Sequence[Interface]) -> Member:
-        """The same body at interfaces between its `candidates` and others, seen from its frame, on the same factors.
-        Not collective."""
+        """The same body at interfaces of its `candidates`, seen from its frame, on the same factors. Not collective."""
         other = copy.copy(self)
         other._join(interfaces)
         other._B = other._rows()
         other.size = other._B.shape[0]
         other.G = np.zeros((0, other.size))
         W = other._B @ self._B.T  # whose rows are unit vectors
+        other._responses = {name: (W @ h + other.trace(self.elasticity.cases[name].prescribed), e)
+                            for name, (h, e) in self._responses.items()}
+        other.h = sum((h for h, _ in other._responses.values()), np.zeros(1))
         if hasattr(self, "C"):
-            other.C = self.C.seen(W)
-            other._set_up = self.C.count.copy()
-            other._responses = {name: (W @ h + other.trace(self.elasticity.cases[name].prescribed), e)
-                                for name, (h, e) in self._responses.items()}
-            other.h = sum((h for h, _ in other._responses.values()), np.zeros(1))
-        else:
-            other._responses = {name: (np.zeros(other.size), e) for name, (_, e) in self._responses.items()}
+            other.C, other._set_up = self.C.seen(W), self.C.count.copy()
         return other
 
     def factor(self, kept: Kept | None = None) -> Member:
@@ -295,8 +289,7 @@ class Member:
             interface, side, u - self.began.get(interface.name, 0.0))) for interface, _, side in self._sides}
 
     def begin(self, began: Mapping[str, np.ndarray]) -> np.ndarray:
-        """Where slip begins (size,) (m), by contact from displacements (nv, d) of all nodes at which it does. Not
-        collective."""
+        """Where slip begins (size,) (m), from displacements (nv, d) of all nodes at which it does, by contact."""
         self.began = dict(began)
         return np.concatenate([np.empty(0), *(displacement_trace(met, side, self.began[met.name])
                                               for met, _, side in self._sides)])

@@ -6,7 +6,7 @@ A body is a set of simplices, and penetrates another one where points of its bou
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -21,7 +21,7 @@ from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.contacts import Rigid
 from ddmpi.surface.near import distance_to, in_cells
 from ddmpi.system.agreement import gathered
-from ddmpi.system.numbers import RigidMotion, in_words
+from ddmpi.system.numbers import Frame, RigidMotion, in_words
 
 RESOLVED = 1e-3
 """Do not warn of overlaps below this fraction of the largest displacement, in a body itself of a cell."""
@@ -318,13 +318,17 @@ def _doubt_rigid(assembly: Assembly, contacts: Mapping[str, ContactTotals], soli
     for body in assembly.bodies:
         for k, rigid in enumerate(assembly.scene.rigid):
             still = RigidMotion(np.array(rigid.displacement or np.zeros(body.mesh.dimension)))
-            if warning := _in_partner(body, solids[body.number], moved.get(rigid.name, still), rigid,
-                                         assembly.scene.units["length"]):
+            solid, frame = solids[body.number], assembly.frames.get(rigid.name)
+            if frame:  # in the frame of the partner, whose shape is given there
+                solid = replace(solid, at=frame.undone.at(solid.at), moved=frame.undone.at(solid.moved))
+            if warning := _in_partner(body, solid, moved.get(rigid.name, still), rigid,
+                                      assembly.scene.units["length"], frame):
                 warnings[body.number, k] = warning
     return _in_order(assembly.world, warnings)
 
 
-def _in_partner(body: Body, solid: Solid, motion: RigidMotion, rigid: Rigid, unit: str) -> str:
+def _in_partner(body: Body, solid: Solid, motion: RigidMotion, rigid: Rigid, unit: str,
+                frame: Frame | None = None) -> str:
     """A warning where a body lies in a rigid partner, after its `motion`, between contact nodes or beside contacts.
 
     Beside them, a partner through which the body is drawn is left out if it may be meant to end before: a bore may be a
@@ -336,6 +340,7 @@ def _in_partner(body: Body, solid: Solid, motion: RigidMotion, rigid: Rigid, uni
     ends, between = motion.undone(solid.moved)[facets], touching.all(axis=1)
     places, at_ends = rigid.deepest(ends), rigid.depth(ends)
     depth, moved = rigid.depth(places), places + motion.at(places)
+    moved = frame.at(moved) if frame else moved
     # Between two contact nodes it may lie as deep as a quarter of their distance, or of its radius.
     size = np.minimum(np.linalg.norm(np.ptp(ends, axis=1), axis=1), rigid.bend)
     sunk = np.where(between, depth - np.maximum(at_ends.max(axis=1), 0.0) - 0.25 * size, 0.0)

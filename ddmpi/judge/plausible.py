@@ -56,6 +56,7 @@ DOUBTS = {
     # of contacts; in good answers the first two are up to 0.12
     "between": Doubt(0.25, "_overlap_between", "overlap between nodes over the displacement by contact forces"),
     "air": Doubt(0.25, "_held_through_air", "friction of open nodes over all forces of the contact"),
+    "few": Doubt(5, "_few_nodes", "closed nodes across a contact of bodies that move far"),
     "zone": Doubt(0.1, "_unresolved_zone", "least force of a zone on few nodes, over that of the contact"),
     "stress": Doubt(0.1, "doubt_stress", "least stress at a singularity, over the largest of all bodies"),
     # of overlaps outside of contacts
@@ -125,26 +126,44 @@ def doubt_answer(assembly: Assembly, displacements: Mapping[str, np.ndarray], st
     loads = {name: load for name, (_, load) in by_body.items()}
     pressed = max((contact.normal_max for contact in contacts.values()), default=0.0)
     pressed, most = world.bcast((pressed, max(loads.values())))
-    both, by_contact = assembly.exchange.swap_objects(moved), {}
+    both, by_contact, here = assembly.exchange.swap_objects(moved), {}, assembly.in_world()
     for interface in assembly.space.interfaces:
         state, ((first, largest), second) = states[interface.name], both[interface.name]
         carried = state.interface.carried(state.interface.places)
         other, largest_of_other = (second[0] + carried, second[1]) if second else (carried, 0.0)
         largest = max(largest, largest_of_other)
-        warnings = [*_far_slip(assembly, state, first - other), *_overlap_between(assembly, state, largest),
+        slid = [] if assembly.far else _far_slip(assembly, state, first - other)
+        warnings = [*slid, *_overlap_between(here, state, largest), *_left(assembly, state),
                     *_held_through_air(state, LIMIT["idle"] * most, units["length"])]
         # What contacts that carry next to nothing say of their forces is noise.
         if not passing and np.abs(state.normal_force).max(initial=0.0) >= LIMIT["idle"] * pressed:
-            warnings += _lost_in_rounding(state, largest, units) + _unresolved_zone(state)
+            warnings += _lost_in_rounding(state, largest, units)
+            warnings += _few_nodes(state) if assembly.far else _unresolved_zone(state)
         if warnings:
             by_contact[interface.name] = warnings
     by_contact = gathered(world, by_contact)
-    overlaps = [] if assembly.scene.output.only else doubt_overlaps(assembly, displacements, contacts)
+    overlaps = [] if assembly.scene.output.only else doubt_overlaps(
+        here, assembly.along(displacements), contacts)
     if world.rank:
         return []
     return [*(warning for body in assembly.scene.body for warning in by_body[body.name][0]),
             *(warning for name in contacts for warning in by_contact.get(name, ())),
             *([] if passing else _unresolved(assembly, contacts, loads)), *overlaps]
+
+
+def _left(assembly: Assembly, state: ContactState) -> list[str]:
+    """That bodies that move far have left each other, where they do not face each other any more."""
+    interface = state.interface
+    return [f"contact.{interface.name}: {' and '.join(interface.bodies)} do not face each other here, so that nothing "
+            "presses on them"] * (assembly.far is not None and not interface.m)
+
+
+def _few_nodes(state: ContactState) -> list[str]:
+    """A warning where few nodes of bodies that move far are closed: as nodes open and close forces ripple, too."""
+    closed = int((state.status != "open").sum())
+    return [f"contact.{state.interface.name}: {closed} closed node{'s' * (closed != 1)} "
+            f"{'do' if closed > 1 else 'does'} not resolve the pressure; forces ripple as nodes open and close; a "
+            "finer mesh there would be right"] * (0 < closed < LIMIT["few"])
 
 
 def _large_motion(body: Body, u: np.ndarray, units: Mapping[str, str], strains: bool) -> list[str]:

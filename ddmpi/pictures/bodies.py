@@ -198,7 +198,8 @@ def animate(results: Results, folder: Path, title: str) -> Path:
         low, high = np.minimum(low, at), np.maximum(high, at)
     scale, unit = scaled_unit(top, unit)
     image = colours_of(0.0, top / scale or 1.0, "viridis")
-    sheet = Sheet(results, np.vstack([skin.extended(state)[skin.beyond <= 0.0] for state in (low, high)]), pixels=COARSE)
+    sheet = Sheet(results, np.vstack([skin.extended(state)[skin.beyond <= 0.0] for state in (low, high)]),
+                  pixels=COARSE)
     sheet.axes.set_title("time")
     sheet.colours(image, f"{quantity} ({unit})", "max")
     sheet.figure.suptitle(title.strip())

@@ -278,14 +278,14 @@ def at_contacts(assembly: Assembly, outer: Outer, largest: np.ndarray) -> Moved:
 
 
 def forces_by_group(body: Body, u: np.ndarray, s: np.ndarray, factors: Mapping[str | None, float],
-                    frame: Frame | None = None) -> dict:
+                    frames: Mapping[str, Frame] | None = None) -> dict:
     """The applied loads and the forces of clamps, by group, and the resultant of the latter, under the displacement u
-    (nv, d) and contact forces s (size,); of a body that moves far, where its `frame` is. Not collective."""
+    (nv, d) and contact forces s (size,); of a body that moves far, where its frame is. Not collective."""
     mesh, member = body.mesh, body.member
     loads = ((group, factor * f) for history, factor in factors.items()
              for group, f in loads_by_group(mesh, body.spec, history))
     reactions = resultants(mesh, clamp_forces(mesh, body.spec, member.elasticity, u, member.pull(s)))
-    acting = resultants(mesh, loads)
+    acting, frame = resultants(mesh, loads), (frames or {}).get(body.spec.name)
     if frame:
         reactions, acting = ({group: _in_world(entry, frame) for group, entry in entries.items()}
                              for entries in (reactions, acting))

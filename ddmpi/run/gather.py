@@ -57,6 +57,9 @@ DRAWERS = 2
 LITTLE = 0.1
 """Frictional work is compared with at least this fraction of the largest energy."""
 
+Leg = tuple[float, dict[str, tuple[ContactState, np.ndarray]]]
+"""Time of a kept load step; by contact a state with its nodes, and `leg_values`."""
+
 TABLES = ("steps", "energies", "iterations")
 """Tables of a `StepLog` with a row for each step or iteration."""
 
@@ -69,11 +72,9 @@ class StepLog:
     steps : the entry of that name in the summary
     energies : the lines of energy.csv (J)
     iterations : the lines of history.csv: the load step, fields of `methods.outer.Step`, and numbers of nodes
-    kept : of the steps whose fields are written the time, forces (size,), motions, and `leg_values` of each of the
-        rank's contacts
+    kept : of steps whose fields are written time, forces (size,), motions, and `leg_values` of the rank's contacts
     doubts : warnings of answers at the ends of legs before the last one, the first of each kind
-    run, change, cycle : cycles begun; change of the forces over the last that has ended, as for `Cycle.until`; number
-        of the present one, 0 outside, None without cycles
+    run, change, cycle : cycles begun; change of forces over the last, see `Cycle.until`; the present one, 0 outside
     most : the largest so far: residuals of contacts (nc, 4) and bodies (nb,), `Solution.sizes` (3,)
     derived : the derivatives at the end of the last leg, of results and of arrays, as of `ddmpi.derive.entries_of`
     """
@@ -125,7 +126,7 @@ class StepLog:
         return [step for step in self.steps if step.get("cycle", 0) in (0, self.run)]
 
     def derive(self, entries: dict[str, Any], arrays: dict[str, Any], several: bool = True) -> None:
-        """Note the derivatives at the end of the last step, which is that of a leg, if there are `several` steps."""
+        """Note the derivatives at the end of the last step; it is that of a leg, if there are `several` steps."""
         self.derived = plain(entries), arrays
         if several and entries:
             self.steps[-1]["derivatives"] = self.derived[0]
@@ -153,8 +154,8 @@ class StepLog:
 
     def balance(self) -> dict[str, float]:
         """The entry ``energy`` of summary.json: the balance at the end; the worst residual over the largest energy."""
-        # ΔW − ΔU − ΔI of a step is rounding; interface work less dissipation goes to interference, closing gaps and
-        # errors of time stepping
+        # ΔW − ΔU − ΔI is rounding, but where bodies move far and rows change; interface work less dissipation goes to
+        # interference, closing gaps and errors of time stepping
         rows = np.array(self.energies or np.zeros((1, 6)))
         _, external, strain, interface, dissipated, _ = rows[-1].tolist()
         size = float(np.abs(rows[:, 1:4]).max())
@@ -192,14 +193,12 @@ def gather_summary(assembly: Assembly, solution: Solution, error: Discretization
     warnings, free : of the scene and of the answer; motions that no contact resists
     started : as for `provenance`
     """
-    world, scene, outer = assembly.world, assembly.scene, solution.outer
-    team = team_of(world)
+    world, scene, outer, team = assembly.world, assembly.scene, solution.outer, team_of(assembly.world)
     ranks = team.ranks if team else [world.rank]
     memory, hosts = team.do("machine") if team else (peak_memory(), [MPI.Get_processor_name()])
     factors = scene.factors(1.0 if solution.time is None else scene.drawn(solution.time, steps.run))
-    mine = [(body.number, (body.spec.name, _body(body, solution, error, fields.get(body.spec.name), ranks, memory)
-                           | forces_by_group(body, solution.displacements[body.spec.name], s, factors,
-                                             assembly.frames.get(body.spec.name))))
+    mine = [(body.number, (body.spec.name, _body(body, solution, error, fields.get(body.spec.name), ranks, memory) | (
+        forces_by_group(body, solution.displacements[body.spec.name], s, factors, assembly.frames))))
             for body, s in zip(assembly.bodies, outer.body_forces(), strict=True)]
     reused = gathered(world, assembly.reused)
     of_ranks = world.gather((mine, set(unused_options()), sum(outer.inner_steps.values()), assembly.exchange.state(),
@@ -287,7 +286,8 @@ def write_files(solved: Solved, folder: Path | None, clock: Clock, figures: bool
                     spans = write_fields(path, {body.number: solved.fields[body.spec.name] for body in bodies},
                                          surfaces, world, tables={name: table_fields(state, scene.far) for name, state
                                                                   in solved.solution.states.items()})
-            times, legs = _write_steps(path, solved)
+            legs = _write_steps(path, solved)
+            times = [time for time, _ in legs] or [time for time in [solved.solution.time] if time is not None]
             with agreed(world), event("WriteTables"):
                 _write_contacts(path, solved, surfaces, legs)
                 if staging:
@@ -329,18 +329,16 @@ def write_files(solved: Solved, folder: Path | None, clock: Clock, figures: bool
             staging.discard()
 
 
-def _write_steps(path: Path, solved: Solved) -> tuple[list[float], list[dict[str, ContactState]]]:
+def _write_steps(path: Path, solved: Solved) -> list[Leg]:
     """Write the fields of the kept load steps, computed anew from their forces, unless contacts alone are asked for,
-    and the forces of each by body and group into the summary; the times of the steps, and the contacts at each with
-    their nodes. Collective."""
-    assembly, times, steps, legs = solved.assembly, [], solved.steps, list[dict[str, ContactState]]()
-    last = solved.solution.states
+    and the forces of each by body and group into the summary; the contacts at these steps. Collective."""
+    assembly, steps, legs = solved.assembly, solved.steps, list[Leg]()
     whole = not assembly.scene.output.only
     world, joint = assembly.world, assembly.joint
     told = {step["time"]: step for step in solved.summary.get("steps", ())}  # on the first rank
     for number, (time, s, alpha, *values) in enumerate(steps.kept):
-        times.append(time)
-        legs.append(last)
+        states = solved.solution.states
+        legs.append((time, dict(zip(states, zip(states.values(), values, strict=True), strict=True))))
         if time == solved.solution.time:  # its fields are written already
             if told:
                 told[time]["bodies"] = {name: {key: body[key] for key in ("reaction", "loads", "reactions")}
@@ -349,8 +347,9 @@ def _write_steps(path: Path, solved: Solved) -> tuple[list[float], list[dict[str
         drawn = assembly.scene.drawn(time, steps.run)
         if assembly.far:  # bodies meet elsewhere
             assembly = assembly.meet(time)
-            joint = assembly.joint
-            legs[-1] = {met.name: replace(last[met.name], interface=met) for met in assembly.space.interfaces}
+            joint, states = assembly.joint, {met.name: replace(states[met.name], interface=met)
+                                             for met in assembly.space.interfaces}
+            legs[-1] = time, dict(zip(states, zip(states.values(), values, strict=True), strict=True))
         assembly.act(drawn)
         body_forces, fields, forces, factors = joint.exchange.spread(s), {}, {}, assembly.scene.factors(drawn)
         with agreed(world):
@@ -358,32 +357,29 @@ def _write_steps(path: Path, solved: Solved) -> tuple[list[float], list[dict[str
                 u, *_ = recover(body.member, s_body, alpha[joint.slices[body.spec.name]], steps.most["sizes"])
                 if whole:
                     fields[body.number] = fields_of(assembly, body, u)
-                forces[body.spec.name] = plain(forces_by_group(body, u, s_body, factors,
-                                                               assembly.frames.get(body.spec.name)))
+                forces[body.spec.name] = plain(forces_by_group(body, u, s_body, factors, assembly.frames))
             surfaces = {name: contact_fields(state, leg) for (name, state), leg in zip(
-                legs[-1].items(), values, strict=True) if whole}
+                states.items(), values, strict=True) if whole}
         forces = gathered(world, forces)
         if told:
             told[time]["bodies"] = {name: forces[name] for name in solved.summary["bodies"]}
         if whole:
             with event("WriteFields"):
                 write_fields(path, fields, surfaces, world, number, {
-                    name: table_fields(state, True) for name, state in legs[-1].items()} if assembly.far else None)
-    return times or ([solved.solution.time] if solved.solution.time is not None else []), legs
+                    name: table_fields(state, True) for name, state in states.items()} if assembly.far else None)
+    return legs
 
 
-def _write_contacts(path: Path, solved: Solved, surfaces: Mapping[str, Datasets],
-                    legs: Sequence[Mapping[str, ContactState]]) -> None:
+def _write_contacts(path: Path, solved: Solved, surfaces: Mapping[str, Datasets], legs: Sequence[Leg]) -> None:
     """Write the tables and `surfaces` of the contacts that this rank owns, which are `legs` at the kept load steps;
     with output.only, the first table alone. Not collective."""
-    for k, (name, state) in enumerate(solved.solution.states.items()):
+    for name, state in solved.solution.states.items():
         write_contact(path, name, state)
         if solved.assembly.scene.output.only:
             continue
         write_sides(path, name, state)
         if solved.assembly.scene.time:
-            write_legs(path, name, [(time, at[name], values[k]) for (time, _, _, *values), at in zip(
-                solved.steps.kept, legs, strict=True)])
+            write_legs(path, name, [(time, *at[name]) for time, at in legs])
         write_surface(path, name, surfaces[name])
 
 

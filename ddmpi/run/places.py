@@ -17,6 +17,7 @@ import numpy as np
 
 from ddmpi.coupling.assembly import Assembly
 from ddmpi.derive.chain import Chain
+from ddmpi.errors import InputError
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.state import ContactState
 from ddmpi.methods.newton import Newton
@@ -27,6 +28,8 @@ from ddmpi.run.gather import StepLog
 from ddmpi.run.solve import Iteration, Solution, solve
 from ddmpi.run.steps import March
 from ddmpi.scene.meshes import frames_of
+from ddmpi.surface.cover import DEEPEST
+from ddmpi.system.agreement import agreed
 from ddmpi.system.clock import Clock
 from ddmpi.system.numbers import Frame
 
@@ -65,6 +68,7 @@ class FarMarch(March):
         far.reach[time] = _reaches(self.assembly, memory, time)
         with clock.phase("assemble"):
             self.assembly = assembly = self.assembly.meet(time)
+        _refuse_passing(assembly)
         start = assembly.exchange.total([body.member.begin(_began(assembly, body.member.name, body.mesh.points, memory))
                                          for body in assembly.bodies], "slip")
         self._now = _seen_now(self._now, assembly, memory, start)
@@ -111,6 +115,20 @@ def _deepest(assembly: Assembly) -> dict[str, float]:
     """The deepest overlap of the placed sides (m), by contact of this rank's bodies."""
     return {met.name: max(0.0, -float(met.opening.min(initial=0.0))) for body in assembly.bodies
             for met in body.member.interfaces}
+
+
+def _refuse_passing(assembly: Assembly) -> None:
+    """InputError, on all ranks, where the motions run a body through another. Collective."""
+    deepest, unit = _deepest(assembly), assembly.scene.units["length"]
+    with agreed(assembly.world):
+        assert assembly.far
+        for contact in assembly.far.contacts:
+            sides = [side for side in assembly.far.sides[contact.name] if side]
+            thin = min(sides, key=lambda side: float(side.extent.min()))
+            if deepest[contact.name] > DEEPEST * float(thin.extent.min()):
+                raise InputError(f"contact.{contact.name}: the motions push {contact.bodies[0]!r} and "
+                                 f"{contact.bodies[1]!r} into each other by {deepest[contact.name]:.3g} {unit}, more "
+                                 f"than {DEEPEST:g} of the thickness of {thin.body!r}: one would run through the other")
 
 
 def _reaches(assembly: Assembly, memory: Memory, time: float) -> dict[str, float]:

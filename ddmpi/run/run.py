@@ -270,7 +270,7 @@ def _judge(assembly: Assembly, solution: Solution, steps: StepLog, error: Discre
         warnings += [*doubts, *steps.doubts_beside([*doubts, *free])]
         if not scene.output.only:
             warnings += [*(() if world.rank else doubt_mesh(scene.body, error)),
-                         *doubt_stress(assembly, {name: field.von_mises for name, field in fields.items()})]
+                         *doubt_stress(assembly.in_world(), {name: field.von_mises for name, field in fields.items()})]
         warnings += [f"derivatives.{key}: not told, as GMRES does not reach {ENOUGH:.0e} against their equations"
                      for key, entry in steps.derived[0].items() if entry is None and not world.rank]
     else:  # no answer to warn of, but meshes may be the reason
