@@ -236,8 +236,8 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
                     "matrix", spec.name, kept.key("stiffness", spec.name), partial(
                         _distributed, team, elasticity, points, meshes[spec.name], spec)))
             if scene.far:
-                members.append(candidates(elasticity, spec.name, [sides[contact.name, side] for contact, side in
-                                                                   at_body[spec.name]], memory, histories, points))
+                faces = [sides[contact.name, side] for contact, side in at_body[spec.name]]
+                members.append(candidates(elasticity, scene, spec.name, faces, memory, points))
                 continue
             ours = [joined[contact.name][0] for contact, _ in at_body[spec.name]]
             members.append(Member(spec.name, elasticity, ours, scene.method.compliance, memory, histories, points,

@@ -278,14 +278,19 @@ class Far:
         return members, space
 
 
-def candidates(elasticity: Elasticity, name: str, sides: Sequence[Side], memory: float,
-                histories: Sequence[str | None], points: np.ndarray) -> Member:
-    """A body that moves far, with all nodes of its contacts. Raises InputError unless clamps support it."""
+def candidates(elasticity: Elasticity, scene: Settled, name: str, sides: Sequence[Side], memory: float,
+               points: np.ndarray) -> Member:
+    """A body that moves far, with the compliance of all nodes of its contacts. Not collective. Raises InputError unless
+    clamps support it and this compliance is worth while."""
     if not elasticity.supported:
         raise InputError(f'body.{name}: clamps leave a rigid motion free; with time.motions = "far" each body needs '
                          "clamps, which move as its motion says")
     nodes = np.unique(np.concatenate([np.empty(0, int), *(side.nodes for side in sides)]))
-    return Member(name, elasticity, [], "explicit", memory, histories, points, 1, nodes)
+    member = Member(name, elasticity, [], scene.method.compliance, memory, [None, *scene.followed], points, 1, nodes)
+    if member.size and member.kind == "iterative":
+        raise InputError(f'body.{name}: {member.reason}; with time.motions = "far" a body has the dense compliance of '
+                         f"all {len(nodes)} nodes of its contacts: name smaller groups there, or take a coarser mesh")
+    return member
 
 
 def kept_by_bonds(scene: Settled, joined: Mapping[str, tuple[Interface, list[str]]],

@@ -136,7 +136,8 @@ class Checkpoints:
         Collective. Raises InputError on all ranks when the checkpoint is of other meshes.
         """
         self._followed = objects | {"ladder": self._ladder, "exchange": assembly.exchange}
-        self._followed |= {f"compliance of {body.spec.name}": body.member.C for body in assembly.bodies}
+        members = assembly.far.members if assembly.far else [body.member for body in assembly.bodies]
+        self._followed |= {f"compliance of {member.name}": member.C for member in members}
         self._mesh = _digest(assembly)
         if self.continuing:
             with agreed(assembly.world):

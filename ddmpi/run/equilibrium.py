@@ -190,7 +190,7 @@ class Mark:
     length: float
     slid: dict[str, np.ndarray]
     derived: dict[str, np.ndarray] = field(default_factory=dict)
-    memory: Any = None
+    memory: Any = field(default_factory=dict)
 
     @property
     def closed(self) -> np.ndarray:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -26,7 +27,7 @@ from ddmpi.results.checkpoint import Checkpoints
 from ddmpi.run.equilibrium import Mark
 from ddmpi.run.gather import StepLog
 from ddmpi.run.solve import Iteration, Solution, solve
-from ddmpi.run.steps import March
+from ddmpi.run.steps import MARKS, March
 from ddmpi.scene.meshes import frames_of
 from ddmpi.surface.cover import DEEPEST
 from ddmpi.system.agreement import agreed
@@ -43,16 +44,25 @@ class Memory:
 
     Attributes
     ----------
-    frames : of bodies and rigid partners, by name
+    time : its end
     displacements : (nv, d) of this rank's bodies in their frames (m)
-    states : of the contacts that this rank owns
+    contacts : by contact that this rank owns, and by the names ROWS, arrays (m, ·) with a line for each row
     deepest : overlap of the sides without displacements (m), by contact of this rank's bodies
     """
 
-    frames: Mapping[str, Frame]
+    time: float
     displacements: Mapping[str, np.ndarray]
-    states: Mapping[str, ContactState]
+    contacts: Mapping[str, Mapping[str, np.ndarray]]
     deepest: Mapping[str, float]
+
+
+def _rows_of(state: ContactState) -> dict[str, np.ndarray]:
+    """The rows of a contact as the next step needs them: their slave nodes; forces along the normal and the tangents
+    (N); the slip so far (m); the forces on the first body, and where they act on both (N, m)."""
+    one, other = state.interface.at or np.zeros((2, 0, state.interface.dimension))
+    return {"node": _slave_nodes(state.interface), "normal": state.normal_force[:, None],
+            "tangential": state.tangential_force, "slip": state.slip_total, "forces": state.forces, "first": one,
+            "second": other}
 
 
 class FarMarch(March):
@@ -60,17 +70,16 @@ class FarMarch(March):
 
     def _step(self, time: float) -> Solution:
         """Place the bodies at `time`, and solve."""
-        memory = self._now.memory or Memory(frames_of(self.assembly.scene, 0.0), {}, {}, _deepest(self.assembly))
-        far, clock = self.assembly.far, self.iteration.clock
+        memory, far, clock = self._memory(self._now), self.assembly.far, self.iteration.clock
         assert far
-        for member, body in zip(far.members, self.assembly.bodies, strict=True):
-            member.C.count = body.member.C.count
-        far.reach[time] = _reaches(self.assembly, memory, time)
+        frames = frames_of(self.assembly.scene, memory.time)
+        far.reach[time] = _reaches(self.assembly, frames, memory.deepest, time)
         with clock.phase("assemble"):
             self.assembly = assembly = self.assembly.meet(time)
         _refuse_passing(assembly)
-        start = assembly.exchange.total([body.member.begin(_began(assembly, body.member.name, body.mesh.points, memory))
-                                         for body in assembly.bodies], "slip")
+        start = assembly.exchange.total([body.member.begin(_began(
+            assembly, body.spec.name, body.mesh.points, memory.displacements.get(body.spec.name, 0.0), frames))
+            for body in assembly.bodies], "slip")
         self._now = _seen_now(self._now, assembly, memory, start)
         sliding = start.copy()
         for interface, part in assembly.space.with_slices():
@@ -83,32 +92,55 @@ class FarMarch(March):
         self.outer = outer
         s, largest = assembly.space.laws.project(self._now.s), self.log.most["sizes"]
         if assembly.space.any(s):
-            self.outer.begin((s, joint.product(s, "newton") - joint.d, np.zeros(0)))
-        self.outer.direct.steps = True
+            outer.begin((s, joint.product(s, "newton") - joint.d, np.zeros(0)))
+        outer.direct.steps = True
         solution = self.iteration.solve(None, (sliding, self._now.s, self._now.slid), largest)
-        states = {name: replace(state, before=_by_node(state.interface, memory.states.get(name), "slip_total"))
+        for member, body in zip(far.members, assembly.bodies, strict=True):
+            member.C.count = body.member.C.count
+        states = {name: replace(state, before=_by_node(state.interface, memory, "slip"))
                   for name, state in solution.states.items()}
         return replace(solution, time=time, states=states)
 
+    def _memory(self, mark: Mark) -> Memory:
+        """What a mark remembers; at first, nothing but where the bodies are."""
+        return mark.memory or Memory(0.0, {}, {}, _deepest(self.assembly))
+
     def _remember(self, solution: Solution) -> Memory:
-        return Memory(self.assembly.frames, solution.displacements, solution.states, _deepest(self.assembly))
+        assert solution.time is not None
+        return Memory(solution.time, solution.displacements, {
+            name: _rows_of(state) for name, state in solution.states.items()}, _deepest(self.assembly))
 
     def _by_frames(self, solution: Solution, before: Mark) -> float:
         """Work of the motions of frames (J): clamps balance what contact forces do to bodies that move."""
-        states = before.memory.states if before.memory else {}
-        frames, joules = before.memory.frames if before.memory else frames_of(self.assembly.scene, 0.0), 0.0
+        memory, joules = self._memory(before), 0.0
+        then, now = (frames_of(self.assembly.scene, time) for time in (memory.time, solution.time or 0.0))
         for name, state in solution.states.items():
             for side, body in enumerate(state.interface.bodies):
-                step = self.assembly.frames[body].after(frames[body].undone)
-                for now, there in ((state, step.undone), (states.get(name), step)):
-                    if now is not None and now.interface.at is not None and now.interface.m:
-                        at, sign = now.interface.at[side], (1.0, -1.0)[side] * (1.0 if there is step else -1.0)
-                        joules -= 0.5 * sign * float(((there.at(at) - at) * now.forces).sum())
+                step = now[body].after(then[body].undone)
+                # the mean of the forces at both ends, each over the way of the place at which it acts
+                for rows, way, sign in ((_rows_of(state), step.undone, -1.0), (memory.contacts.get(name), step, 1.0)):
+                    if rows:
+                        at = rows[("first", "second")[side]]
+                        joules -= 0.5 * sign * (1.0, -1.0)[side] * float(((way.at(at) - at) * rows["forces"]).sum())
         return float(self.assembly.space.add(np.array([joules]))[0])
 
     def _closing(self, s: np.ndarray) -> bool:
         """Nothing is known of gaps that close: rows are those of one step."""
         return False
+
+    def state(self) -> dict[str, Any]:
+        assert self.assembly.far
+        reach = {repr(time): dict(depths) for time, depths in self.assembly.far.reach.items()}
+        return super().state() | {"reach": reach}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        super().restore(state)
+        assert self.assembly.far
+        self.assembly.far.reach.update({float(time): depths for time, depths in state["reach"].items()})
+        for name in MARKS:
+            mark = getattr(self, name)
+            if mark.memory:
+                setattr(self, name, replace(mark, memory=Memory(**mark.memory)))
 
 
 def _deepest(assembly: Assembly) -> dict[str, float]:
@@ -131,30 +163,32 @@ def _refuse_passing(assembly: Assembly) -> None:
                                  f"than {DEEPEST:g} of the thickness of {thin.body!r}: one would run through the other")
 
 
-def _reaches(assembly: Assembly, memory: Memory, time: float) -> dict[str, float]:
-    """How deep overlaps may be at `time` (m), by contact: as the last ones, by the motion since, and a facet."""
-    frames, reach = frames_of(assembly.scene, time), {}
+def _reaches(assembly: Assembly, frames: Mapping[str, Frame], deepest: Mapping[str, float],
+             time: float) -> dict[str, float]:
+    """How deep overlaps may be at `time` (m), by contact: as the last ones, where `frames` were, by the motion since,
+    and a facet."""
+    now, reach = frames_of(assembly.scene, time), {}
     assert assembly.far
     for contact in assembly.far.contacts:
         first, second = contact.bodies
         side = assembly.far.sides[contact.name][0]
-        old, new = (at[second].undone.after(at[first]).at(side.xy) for at in (memory.frames, frames))
-        reach[contact.name] = memory.deepest[contact.name] + float(np.linalg.norm(new - old, axis=1).max()) + (
+        old, new = (at[second].undone.after(at[first]).at(side.xy) for at in (frames, now))
+        reach[contact.name] = deepest[contact.name] + float(np.linalg.norm(new - old, axis=1).max()) + (
             MARGIN * float(side.lengths.max()))
     return reach
 
 
-def _began(assembly: Assembly, name: str, points: np.ndarray, memory: Memory) -> dict[str, np.ndarray]:
-    """Where the points of a body were a step before, as displacements (nv, d) in its frame of now (m), by contact: seen
-    from the frame of the second body, which is taken to be where it is now."""
-    began, frame = {}, assembly.frames[name]
-    u = memory.displacements.get(name, np.zeros_like(points))
+def _began(assembly: Assembly, name: str, points: np.ndarray, u: np.ndarray | float,
+           then: Mapping[str, Frame]) -> dict[str, np.ndarray]:
+    """Where the points of a body were a step before, with its displacement `u` and the frames of `then`, by contact, as
+    displacements (nv, d) in its frame of now (m): seen from the frame of the second body, which is where it is now."""
+    began, now = {}, assembly.frames
     assert assembly.far
     for contact in assembly.far.contacts:
         if name in contact.bodies:
             second = contact.bodies[1]
-            carried = assembly.frames[second].after(memory.frames[second].undone).after(memory.frames[name])
-            began[contact.name] = frame.undone.after(carried).at(points + u) - points
+            carried = now[second].after(then[second].undone).after(then[name])
+            began[contact.name] = now[name].undone.after(carried).at(points + u) - points
     return began
 
 
@@ -163,23 +197,20 @@ def _seen_now(mark: Mark, assembly: Assembly, memory: Memory, start: np.ndarray)
     space, zero = assembly.space, np.zeros(assembly.space.size)
     s, slid = zero.copy(), {}
     for interface, part in space.with_slices():
-        before = memory.states.get(interface.name)
-        normal, tangential = (_by_node(interface, before, what) for what in ("normal_force", "tangential_force"))
+        normal, tangential = (_by_node(interface, memory, what) for what in ("normal", "tangential"))
         s[part] = np.concatenate([normal[:, 0], tangential[interface.sliding].ravel()])
         if interface.law.frictionless:
             slid[interface.name] = np.zeros((interface.m, interface.dimension - 1))
     return replace(mark, s=s, moved=start, opening=space.opening, prescribed=zero, d=zero, slid=slid)
 
 
-def _by_node(interface: Interface, before: ContactState | None, what: str) -> np.ndarray:
-    """Values (m, ·) of the state before at the slave's nodes of the rows; zero where there was no row."""
-    number = _slave_nodes(interface)
-    if before is None or not before.interface.m:
+def _by_node(interface: Interface, memory: Memory, what: str) -> np.ndarray:
+    """Values (m, ·) of the step before at the slave's nodes of the rows; zero where there was no row."""
+    number, rows = _slave_nodes(interface), memory.contacts.get(interface.name)
+    if rows is None or not len(rows["node"]):
         return np.zeros((interface.m, 1))
-    values = getattr(before, what).reshape(before.interface.m, -1)
-    nodes = _slave_nodes(before.interface)
-    whole = np.zeros((max(number.max(initial=0), nodes.max()) + 1, values.shape[1]))
-    whole[nodes] = values
+    whole = np.zeros((max(number.max(initial=0), rows["node"].max()) + 1, rows[what].shape[1]))
+    whole[rows["node"]] = rows[what]
     return whole[number]
 
 
@@ -210,8 +241,6 @@ def march(assembly: Assembly, report: Report = no_report, checkpoints: Checkpoin
         return solution, log, assembly
     assembly.act(scene.legs[0])
     march = (FarMarch if scene.far else March)(assembly, Iteration(assembly, scene.method, no_report, clock), log)
-    if scene.far:
-        checkpoints = None  # rows differ from step to step
     if checkpoints:
         checkpoints.follow(assembly, outer=march.outer, steps=march)
     return march.run(checkpoints), log, march.assembly

@@ -377,7 +377,7 @@ class March:
 
     def _remember(self, solution: Solution) -> Any:
         """What the next step needs of this one, where bodies move far."""
-        return None
+        return {}
 
     def state(self) -> dict[str, Any]:
         return {name: getattr(self, name) for name in KEPT} | {name: asdict(getattr(self, name)) for name in MARKS} | {
