@@ -1,0 +1,25 @@
+// Half of the section of a pin around the axis x = 0: radius 10.01 mm, with a lead of 3 mm to 9.99 mm at its tip
+Point(1) = {0, 20, 0};
+Point(2) = {9.99, 20, 0};
+Point(3) = {10.01, 23, 0};
+Point(4) = {10.01, 50, 0};
+Point(5) = {0, 50, 0};
+Point(6) = {0, 23, 0};
+Line(1) = {1, 2};
+Line(2) = {2, 3};
+Line(3) = {3, 4};
+Line(4) = {4, 5};
+Line(5) = {5, 6};
+Line(6) = {6, 1};
+Line(7) = {6, 3};
+Curve Loop(1) = {1, 2, -7, 6};
+Curve Loop(2) = {7, 3, 4, 5};
+Plane Surface(1) = {1};
+Plane Surface(2) = {2};
+Transfinite Curve {1, 7, 4} = 11;
+Transfinite Curve {2, 6} = 7;
+Transfinite Curve {3, 5} = 55;
+Transfinite Surface {1, 2};
+Physical Curve("shank") = {2, 3};
+Physical Curve("head") = {4};
+Physical Surface("steel") = {1, 2};
