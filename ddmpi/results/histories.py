@@ -108,7 +108,7 @@ def at_step(results: Results, folder: Path, asked: float | None = None) -> Resul
         fields = results.fields | {name: data[()] for name, data in datasets(file[group_of(matching[0])]).items()}
         surfaces, rows, facets = read_surfaces(file, group_of(matching[0])), dict[str, Columns](), results.facets
         if results.frames:  # contacts have rows of their own in each step
-            rows = {name: {key: data[()] for key, data in group.items()}
+            rows = {name: {key: data[()] for key, data in group.items() if key != "span"}
                     for name, group in file[f"{group_of(matching[0])}/contacts"].items()}
             facets = {name: data.pop("facets") for name, data in rows.items()}
     contacts = {}
