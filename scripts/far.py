@@ -140,8 +140,9 @@ def pin_theory(depth: float, lead: float = 3.0) -> tuple[float, float, float]:
     return total, 2.0 * np.pi * a * mu * stiff * fit * depth, stiff * fit
 
 
-def pin(steps: int = 40) -> tuple[list[list[str]], str]:
-    """Rows: depth, force, theories; and a line about the pressure in the middle."""
+def pin(steps: int = 40) -> tuple[list[list[str]], tuple[float, float, float], float]:
+    """Rows: depth, force, theories, growths; the least and largest pressure in the middle, and Lamé's (MPa); by how much
+    the axial force differs from μ N at most, over μ N."""
     scene = tomllib.loads((ROOT / "configs" / "drawn" / "pushed_pin.toml").read_text(encoding="utf-8"))
     scene["body"][0]["mesh"]["geometry"] = str(ROOT / "configs" / "drawn" / "tapered_pin.geo")
     scene["time"] |= {"points": [1.0], "steps": steps}
@@ -162,8 +163,7 @@ def pin(steps: int = 40) -> tuple[list[list[str]], str]:
     p = state.pressure[(state.interface.xy[:, 1] > 6.0) & (state.interface.xy[:, 1] < 16.0)]
     apart = max(abs(abs(step["contacts"]["fit"]["force"][1]) / step["contacts"]["fit"]["normal_force"] / 0.15 - 1.0)
                 for step in answer.summary["steps"] if step["contacts"]["fit"]["normal_force"] > 0.0)
-    return rows, (f"Pressure between 6 and 16 mm of 20 mm: {p.min():.1f} to {p.max():.1f} MPa, Lamé {lame:.2f} MPa. The "
-                  f"axial force differs from μ N by {apart:.1%} at most: the lead is inclined by 0.4°.")
+    return rows, (float(p.min()), float(p.max()), lame), apart
 
 
 # CalculiX
@@ -242,7 +242,9 @@ def ours(folder: Path, order: int, steps: int = 80) -> list[str]:
 def main() -> None:
     options = arguments(__doc__, "far").parse_args()
     options.output.mkdir(parents=True, exist_ok=True)
-    rows, pressure = pin()
+    rows, (least, most, lame), apart = pin()
+    pressure = (f"Pressure between 6 and 16 mm of 20 mm: {least:.1f} to {most:.1f} MPa, Lamé {lame:.2f} MPa. The axial "
+                f"force differs from μ N by {apart:.1%} at most, as the lead is inclined by 0.4°.")
     turns = [(order, *turn_errors(order)) for order in (1, 2)]
     peers = [row for row in (ours(options.output, 1), ours(options.output, 2), calculix(options.output)) if row]
     lines = [

@@ -33,7 +33,7 @@ WIDEST = 1000
 FRONT = "bolted_flange"
 """The scene whose contacts the README shows."""
 
-MOVING, FRAMES, SHADES = 560, 40, 48
+MOVING, FRAMES, SHADES = 480, 28, 32
 """An animation is at most so wide and high (pixels), and has at most so many frames and colours."""
 
 MARGIN = 16
