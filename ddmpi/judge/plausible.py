@@ -269,14 +269,14 @@ def _singular(body: Body, stress: np.ndarray, unit: str) -> list[str]:
 
 def _lost_in_rounding(state: ContactState, moved: float, units: Mapping[str, str]) -> list[str]:
     """A warning where rounding of displacements up to `moved` (m) decides on the forces or the status of a contact."""
-    name, widest, length, force = (state.interface.name, float(np.abs(state.gap).max()), units["length"],
-                                   units["force"])
+    name, length, force = state.interface.name, units["length"], units["force"]
+    widest = float(np.abs(state.gap).max(initial=0.0))
     largest = float(np.abs(state.normal_force).max(initial=0.0))
-    if (state.status == "open").all() and moved and widest <= LIMIT["undecided"] * moved:
+    if state.interface.m and (state.status == "open").all() and moved and widest <= LIMIT["undecided"] * moved:
         return [f"contact.{name}: rounding decides that it is open: its gaps, up to {widest:.3g} {length}, are "
                 f"negligible beside the displacements of up to {moved:.3g} {length}"]
     # rounding of the displacements of both bodies, times the stiffness of a node against a gap
-    noise = 2.0 * float(state.interface.stiffness.max()) * float(np.finfo(float).eps) * moved
+    noise = 2.0 * float(state.interface.stiffness.max(initial=0.0)) * float(np.finfo(float).eps) * moved
     if not largest or noise <= LIMIT["rounding"] * largest:
         return []
     return [f"contact.{name}: its forces are uncertain by about {noise / largest:.1g} of the largest ({largest:.3g} "

@@ -55,14 +55,25 @@ class Memory:
     contacts: Mapping[str, Mapping[str, np.ndarray]]
     deepest: Mapping[str, float]
 
+    def forces_at(self, interface: Interface, part: slice, s: np.ndarray) -> np.ndarray:
+        """The forces (size,) of the step before where those of now are `s` (N): the same, with its sum of slip bounds.
+
+        Rows stand at nodes that a contact runs over, so that none of them has a history; of a contact's friction as a
+        whole the work ½ (Σ g_n + Σ g_n−1) |u_t| is that of constant pressures and of those that grow alike.
+        """
+        rows, now = self.contacts.get(interface.name), float(interface.law.bound_at(s).sum())
+        return s * (float(rows["bound"][0]) / now if rows and now else 0.0)
+
 
 def _rows_of(state: ContactState) -> dict[str, np.ndarray]:
     """The rows of a contact as the next step needs them: their slave nodes; forces along the normal and the tangents
-    (N); the slip so far (m); the forces on the first body, and where they act on both (N, m)."""
+    (N); the slip so far (m); the forces on the first body, and where they act on both (N, m); the sum of bounds."""
     one, other = state.interface.at or np.zeros((2, 0, state.interface.dimension))
+    law = state.interface.law
+    s = np.concatenate([state.normal_force, state.tangential_force[law.sliding].ravel()])
     return {"node": _slave_nodes(state.interface), "normal": state.normal_force[:, None],
             "tangential": state.tangential_force, "slip": state.slip_total, "forces": state.forces, "first": one,
-            "second": other}
+            "second": other, "bound": np.array([law.bound_at(s).sum()])}
 
 
 class FarMarch(March):
@@ -94,7 +105,7 @@ class FarMarch(March):
         if assembly.space.any(s):
             outer.begin((s, joint.product(s, "newton") - joint.d, np.zeros(0)))
         outer.direct.steps = True
-        solution = self.iteration.solve(None, (sliding, self._now.s, self._now.slid), largest)
+        solution = self.iteration.solve(None, (sliding, memory.forces_at, self._now.slid), largest)
         for member, body in zip(far.members, assembly.bodies, strict=True):
             member.C.count = body.member.C.count
         states = {name: replace(state, before=_by_node(state.interface, memory, "slip"))

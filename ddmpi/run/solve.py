@@ -55,9 +55,9 @@ and a step that meets a tighter tolerance by chance hardly changes that."""
 NO_SIZES = np.zeros(3)
 """The `Solution.sizes` of no load step."""
 
-Beginning = tuple[np.ndarray, np.ndarray, Mapping[str, np.ndarray]]
-"""Of a load step: the displacement (size,) from which slip counts (m), the forces (size,) (N), and by contact the
-`ContactState.slip_total` (m, d − 1) of those without friction."""
+Beginning = tuple[np.ndarray, Callable[[Interface, slice, np.ndarray], np.ndarray], Mapping[str, np.ndarray]]
+"""Of a load step: the displacement (size,) from which slip counts (m); what makes a contact's forces there, with its
+part of a vector, of those at the end (N); by contact the `ContactState.slip_total` of those without friction (m)."""
 
 
 @dataclass(frozen=True)
@@ -291,8 +291,8 @@ class Iteration:
         with event("Certificate"):
             states, judged = self._contacts(interfaces, both, beside, since, (load, now, largest[1:].tolist()),
                                             mismatch)
-        force = world.allreduce(max((float(np.abs(state.forces).max()) for state in states.values()), default=0.0),
-                                MPI.MAX)
+        forces = [0.0, *(float(np.abs(state.forces).max(initial=0.0)) for state in states.values())]
+        force = world.allreduce(max(forces), MPI.MAX)
         # the owner of a contact tells its totals to the ranks of both bodies, and to the first rank those of all
         told = assembly.exchange.swap_objects({(name, side): judged.get(name) for name, *_ in assembly.exchange.ends
                                                for side in (0, 1)})
@@ -319,7 +319,7 @@ class Iteration:
         mismatch : as of `Outer`
         """
         space, outer = self.assembly.space, self.outer
-        start, former, slid = since or (*np.zeros((2, space.size)), {})
+        start, former, slid = since or (np.zeros(space.size), lambda interface, part, s: 0.0 * s, {})
         forces = outer.forces
         states, judged, points = {}, {}, {body.spec.name: body.mesh.points for body in self.assembly.bodies}
         for interface, part, bound in zip(interfaces, space.parts.values(), space.laws.bounds(outer.bound),
@@ -338,7 +338,8 @@ class Iteration:
                     slid.get(interface.name, 0.0))
             yielding = max(elastic for *_, elastic in near)
             state = states[interface.name] = contact_state(
-                interface, forces[part], bound, u1 + u2, between, (start[part], former[part]), yielding, slides)
+                interface, forces[part], bound, u1 + u2, between,
+                (start[part], former(interface, part, forces[part])), yielding, slides)
             load, now, before = sizes
             judged[interface.name] = state.totals, contact_residuals(
                 state, forces[part], mismatch[part], (u1, u2), load, yielding, now, before)

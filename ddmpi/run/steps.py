@@ -138,7 +138,9 @@ class March:
         self._begin(share, start)
         largest = self.log.most["sizes"]
         self.outer.nothing, self.outer.direct.steps = NOTHING * largest[0], self._now.time > 0.0
-        solution = self.iteration.solve(mechanism, (start, self._now.s, self._now.slid), largest, self._lean)
+        before = self._now.s
+        since = start, lambda interface, part, s: before[part], self._now.slid
+        solution = self.iteration.solve(mechanism, since, largest, self._lean)
         return replace(solution, time=time)
 
     def _lean(self) -> bool:

@@ -1,0 +1,366 @@
+"""Bodies that move far: closed forms, what no frame, step, rank or order changes, refusals, files, restarts."""
+
+import copy
+import csv
+import json
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from mpi4py import MPI
+from scenes import COULOMB, certified, rectangle, run_here, write_scene
+
+import ddmpi
+from ddmpi.errors import InputError
+from ddmpi.pictures.draw import draw_all
+from ddmpi.results import checkpoint
+from ddmpi.results.tables import read_results
+from ddmpi.run.run import run as run_scene
+from ddmpi.scene.reader import read_scene_file
+from ddmpi.system.numbers import Frame
+
+MU = COULOMB["coefficient"]
+
+
+def history(*corners: float) -> dict:
+    """A factor that grows from 0 to 1 between two times, or takes those of (time, factor), …"""
+    return {"times": list(corners[:2]), "factors": [0.0, 1.0]}
+
+
+def block(order: int = 1, steps: int = 4, way: float = 1.3) -> dict:
+    """A block that is pressed onto a longer one, and pushed along it."""
+    return {"time": {"points": [1.0, 2.0], "steps": steps, "motions": "far"},
+            "history": {"press": history(0.0, 1.0), "push": history(1.0, 2.0)},
+            "body": [rectangle("slider", (0, 0), (1, 0.5), (8, 4), order, young=1000.0, clamp=["top"], motion=[
+                         {"shift": [0.0, -0.004], "history": "press"}, {"shift": [way, 0.0], "history": "push"}]),
+                     rectangle("base", (-1, -1), (4, 1), (27, 6), order, young=1000.0, clamp=["bottom"])],
+            "contact": [{"bodies": ["slider", "base"], "on": ["bottom", "top"], "friction": COULOMB}]}
+
+
+def disc(order: int = 1, turn: float = 90.0) -> dict:
+    """A ring that is pressed onto a block and rubbed; then both are turned and shifted together."""
+    spin = {"shift": [3.0, -1.0], "turn": turn, "pivot": [0.3, 0.2], "history": "spin"}
+    ring = {"name": "ring", "mesh": {"shape": "annulus", "center": [0.0, 0.0], "radii": [0.5, 1.0], "angles": [0, 360],
+                                     "divisions": [48, 4], "order": order},
+            "material": {"young": 1000.0, "poisson": 0.3}, "clamp": ["inner"],
+            "motion": [{"shift": [0.0, -0.03], "history": "press"}, {"shift": [0.002, 0.0], "history": "rub"}, spin]}
+    return {"time": {"points": [1.0, 2.0, 3.0], "steps": 3, "motions": "far"},
+            "history": {"press": history(0.0, 1.0), "rub": history(1.0, 2.0), "spin": history(2.0, 3.0)},
+            "body": [ring, rectangle("base", (-2, -2), (4, 1), (31, 6), order, young=1000.0, clamp=["bottom"],
+                                     motion=spin)],
+            "contact": [{"bodies": ["ring", "base"], "on": ["outer", "top"], "friction": COULOMB}]}
+
+
+def pin(way: float = 20.0, back: float = 1.0) -> dict:
+    """A pin, wider than the bore by 0.01 mm, that is pushed into a hub from above it, and back."""
+    return {"axisymmetric": True, "time": {"points": [1.0, 2.0], "steps": 6, "motions": "far"},
+            "history": {"push": {"times": [0.0, 1.0, 2.0], "factors": [0.0, 1.0, back]}},
+            "body": [{"name": "pin", "mesh": {"shape": "rectangle", "origin": [0.0, 20.0], "size": [10.01, 25.0],
+                                              "divisions": [5, 26]}, "material": {"young": 2.1e5, "poisson": 0.3},
+                      "clamp": [{"on": "top", "y": 0.0}], "motion": {"shift": [0.0, -way], "history": "push"}},
+                     {"name": "hub", "mesh": {"shape": "rectangle", "origin": [10.0, 0.0], "size": [10.0, 20.0],
+                                              "divisions": [5, 20]}, "material": {"young": 2.1e5, "poisson": 0.3},
+                      "clamp": [{"on": "bottom", "y": 0.0}]}],
+            "contact": [{"bodies": ["pin", "hub"], "on": ["right", "left"], "friction": COULOMB}]}
+
+
+def forces(answer) -> np.ndarray:
+    """The force on the first body of the only contact, at the ends of all steps."""
+    return np.array([next(iter(step["contacts"].values()))["force"] for step in answer.summary["steps"]])
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_block_slides_with_the_friction_of_its_pressure(order):
+    """T = μ N at every step, to rounding; and the end does not depend on the number of steps."""
+    answer = certified(block(order))
+    T, N = forces(answer)[4:].T
+    assert np.abs(-T / N - MU).max() < 1e-12 and N.min() > 0.0
+    for steps in (1, 7):
+        assert forces(certified(block(order, steps)))[-1] == pytest.approx(forces(answer)[-1], rel=1e-9)
+    assert answer.summary["energy"]["dissipated"] == pytest.approx(MU * N.mean() * 1.3, rel=0.02)
+
+
+def test_a_small_motion_is_that_of_a_clamp():
+    """A press that clamps prescribe has the same forces, stresses and slip as one by a frame."""
+    far, small = block(way=1e-4), block(way=1e-4)
+    small["body"][0].pop("motion")
+    small["body"][0]["clamp"] = [{"on": "top", "x": 0.0, "y": -0.004, "history": "press"}]
+    del small["time"]["motions"], small["history"]["push"]
+    small["contact"][0]["pairing"] = "mortar"
+    one, other = certified(far), certified(small)
+    assert forces(one)[:4] == pytest.approx(forces(other)[:4], rel=1e-9, abs=1e-9)
+    ours, theirs = (answer.summary["bodies"]["base"]["displacement_max"] for answer in (one, other))
+    assert ours == pytest.approx(theirs, rel=0.02)  # the rub adds a little
+
+
+@pytest.mark.parametrize("order, turn", [(1, 90.0), (2, 90.0), (1, -137.0)])
+def test_a_motion_of_both_bodies_changes_nothing(order, turn):
+    """Turned and shifted together, bodies have the forces of before, turned, and no friction works; strains stay."""
+    answer = certified(disc(order, turn))
+    steps, frame = answer.summary["steps"], Frame.of((0.0, 0.0), turn)
+    before, after = forces(answer)[[5, -1]]
+    assert after == pytest.approx(frame.along(before), rel=1e-9) and abs(before[0]) > 0.01 * before[1]
+    assert [step["contacts"]["ring-base"]["dissipated"] for step in steps[6:]] == pytest.approx([0.0] * 3, abs=1e-12)
+    at = answer.contacts["ring-base"].interface
+    assert at.normal == pytest.approx(frame.along(np.array([[0.0, -1.0]])).repeat(at.m, axis=0), abs=0.7)
+    closed = answer.contacts["ring-base"].status != "open"
+    assert at.xy[closed] == pytest.approx(
+        Frame.of((3.0, -1.0), turn, (0.3, 0.2)).at(np.array([[0.002, -1.0]])).repeat(closed.sum(), axis=0), abs=0.3)
+    reaction = answer.summary["bodies"]["base"]["reaction"]
+    assert reaction == pytest.approx(after, rel=1e-8)
+
+
+def test_a_pin_enters_a_hub_and_leaves_it():
+    """Around an axis: no contact above the hub, T = μ N on the way in and out, and nothing but a warning at the end."""
+    answer = certified(pin(back=0.0))
+    found = forces(answer)
+    N, T = -found[:, 0], found[:, 1]  # around an axis N is the sum of the radial forces
+    inside = np.arange(6)
+    assert (N[inside] > 0.0).all() and np.abs(T[inside] / N[inside] - MU).max() < 1e-12
+    assert np.abs(T[6:-1] / N[6:-1] + MU).max() < 1e-12 and found[-1].tolist() == [0.0, 0.0]
+    assert np.diff(N[inside]).min() > 0.0
+    assert "contact.pin-hub: pin and hub do not face each other here" in "".join(answer.summary["warnings"])
+    assert answer.contacts["pin-hub"].interface.m == 0
+
+
+def test_a_pin_has_the_pressure_of_lame():
+    """In the middle of the fit: E δ/2a (1 − a²/b²), for the whole pin and the hub of one material."""
+    state = certified(pin()).contacts["pin-hub"]
+    middle = np.abs(state.interface.xy[:, 1] - 10.0) < 3.0
+    assert state.pressure[middle].mean() == pytest.approx(2.1e5 * 0.01 / 20.0 * (1.0 - 0.25), rel=0.05)
+
+
+def test_a_rigid_partner_that_turns_rubs_as_far_as_it_goes():
+    """A rigid disc that turns about its centre under a block slides at every node; its place is that of its frame."""
+    made = {"time": {"points": [1.0, 2.0], "steps": 3, "motions": "far"},
+            "history": {"lift": history(0.0, 1.0), "spin": history(1.0, 2.0)},
+            "body": [rectangle("block", (-1, 1), (2, 1), (16, 6), young=1000.0, clamp=["top"])],
+            "rigid": [{"name": "disc", "shape": "circle", "center": [0.0, 0.0], "radius": 1.0, "motion": [
+                {"shift": [0.0, 0.03], "history": "lift"}, {"turn": 36.0, "pivot": [0.0, 0.03], "history": "spin"}]}],
+            "contact": [{"bodies": ["block", "disc"], "on": ["bottom"], "friction": COULOMB}]}
+    answer = certified(made)
+    state, steps = answer.contacts["block-disc"], answer.summary["steps"]
+    slips = state.status == "slip"
+    assert slips.sum() >= 2 and not (state.status == "stick").any()
+    assert np.abs(state.tangential_force[slips, 0]) == pytest.approx(MU * state.normal_force[slips], rel=1e-9)
+    assert np.abs(state.slip[slips, 0]) == pytest.approx(np.radians(36.0 / 3), rel=0.03)
+    # a disc that only turns about its centre leaves the pressure as it is but for friction
+    assert steps[-1]["contacts"]["block-disc"]["normal_force"] == pytest.approx(
+        steps[2]["contacts"]["block-disc"]["normal_force"], rel=0.05)
+    still = copy.deepcopy(made)
+    still["rigid"][0]["motion"] = still["rigid"][0]["motion"][0] | {"shift": [0.0, 0.03]}
+    still["history"].pop("spin")
+    assert forces(certified(still))[2] == pytest.approx(forces(answer)[2], rel=1e-12)
+
+
+def test_order_scale_and_mirror_do_not_matter():
+    """Bodies in the other order, lengths in other units, and a mirrored drawing give the same forces."""
+    first = block()
+    found = forces(certified(first))
+    swapped = copy.deepcopy(first)
+    swapped["body"].reverse()
+    swapped["contact"][0] |= {"bodies": ["base", "slider"], "on": ["top", "bottom"]}
+    assert forces(certified(swapped)) == pytest.approx(-found, rel=1e-9)
+    scaled = json.loads(json.dumps(first))
+    for body in scaled["body"]:
+        body["mesh"] |= {key: [1000.0 * x for x in body["mesh"][key]] for key in ("origin", "size")}
+        for part in body.get("motion", ()):
+            part["shift"] = [1000.0 * x for x in part["shift"]]
+    assert forces(certified(scaled)) == pytest.approx(1000.0 * found, rel=1e-9)
+    mirrored = copy.deepcopy(first)
+    for body in mirrored["body"]:
+        body["mesh"]["origin"] = [-body["mesh"]["origin"][0] - body["mesh"]["size"][0], body["mesh"]["origin"][1]]
+    mirrored["body"][0]["motion"][1]["shift"] = [-1.3, 0.0]
+    # the diagonals of cells are not mirrored
+    assert forces(certified(mirrored)) * [-1.0, 1.0] == pytest.approx(found, abs=0.02 * found.max())
+
+
+def three() -> dict:
+    """A block between two others, pushed out of one contact while the other holds it, without friction there."""
+    made = block()
+    made["body"].append(rectangle("lid", (-1, 0.5), (4, 0.5), (21, 4), young=1000.0, clamp=["top"]))
+    made["body"][0] |= {"clamp": [{"on": "left", "x": 0.0, "y": 0.0}]}
+    made["contact"].append({"bodies": ["slider", "lid"], "on": ["top", "bottom"]})
+    return made
+
+
+@pytest.mark.mpi(ranks=3)
+@pytest.mark.parametrize("make", [disc, three])
+def test_ranks_do_not_matter(comm, make):
+    """Several ranks a body have the forces of one rank."""
+    many = ddmpi.solve(make(), comm).summary
+    if comm.rank == 0:
+        alone = ddmpi.solve(make(), MPI.COMM_SELF).summary
+        for one, other in zip(alone["steps"], many["steps"], strict=True):
+            for name, contact in one["contacts"].items():
+                assert other["contacts"][name]["force"] == pytest.approx(contact["force"], rel=1e-6, abs=1e-6)
+
+
+def changed(*changes, make=block) -> dict:
+    """A scene with changes (keys, value); keys are a path, and a value of None is left out."""
+    made = copy.deepcopy(make())
+    for *path, last, value in changes:
+        table = made
+        for key in path:
+            table = table[key]
+        table[last] = value
+        if value is None:
+            del table[last]
+    return made
+
+
+SHIFT = {"shift": [0.1, 0.0]}
+RIGID = {"name": "wall", "shape": "plane", "point": [0.0, -3.0], "normal": [0.0, 1.0]}
+
+REFUSED = {
+    "no far motions": (changed(("time", "motions", None)), r"body\.slider\.motion: bodies move far with"),
+    "small motions": (changed(("time", "motions", "small")), r'body\.slider\.motion: bodies move far with'),
+    "no motion": (changed(("body", 0, "motion", None), ("history", {})), "time.motions: no body and no rigid partner"),
+    "an empty motion": (changed(("body", 0, "motion", {})), "a motion has a shift"),
+    "a pivot alone": (changed(("body", 0, "motion", SHIFT | {"pivot": [0, 0]})), "pivot is the point of a turn"),
+    "an unknown history": (changed(("body", 0, "motion", SHIFT | {"history": "pull"})), "there is no .history.pull"),
+    "a displacement as well": (changed(("rigid", [RIGID | {"displacement": [0.1, 0.0], "motion": SHIFT}])),
+                               "rigid.wall: has both a motion and a displacement"),
+    "a force": (changed(("rigid", [RIGID | {"force": [0.0, 1.0]}])), "moves as its motion or displacement says"),
+    "a bond": (changed(("contact", 0, "kind", "bonded"), ("contact", 0, "friction", {"law": "none"})),
+               "contact.slider-base.kind: does not go with"),
+    "a gap": (changed(("contact", 0, "gap", 0.0)), "contact.slider-base.gap: does not go with"),
+    "pairs": (changed(("contact", 0, "pairing", "nodes")), "contact.slider-base.pairing: does not go with"),
+    "a profile": (changed(("contact", 0, "friction", "coefficient", {
+        "along": "x", "points": [0, 1], "values": [0, 1]})), "contact.slider-base.friction: does not go with"),
+    "cycles": (changed(("time", "cycle", {"from": 1.0, "to": 1.0, "repeat": 2})), "cycle"),
+    "derivatives": (changed(("output", {"derivatives": ["body.base.material.young"]})), "output.derivatives: there"),
+    "solves": (changed(("method", {"compliance": "direct"})), "method.compliance: 'direct' does not go with"),
+    "a turn around an axis": (changed(("body", 0, "motion", {"turn": 90.0}), make=pin), "shifts along y alone"),
+    "a weight that turns": (changed(("body", 1, "volume_force", [0.0, -1.0]), make=disc), "base.volume_force: keeps"),
+    "a load that turns": (changed(("body", 1, "traction", [{"on": "left", "value": [1.0, 0.0]}]), make=disc),
+                          "write follows = true"),
+    "follows without far": (changed(("time", "motions", None), ("body", 0, "motion", None), ("body", 0, "traction", [
+        {"on": "left", "value": [1.0, 0.0], "follows": True}])), "slider.traction.0.follows: bodies move far"),
+    "a loose body": (changed(("body", 0, "clamp", [])), "body.slider: clamps leave a rigid motion free"),
+    "three coordinates": (changed(("body", 0, "motion", {"shift": [0.1, 0.0, 0.0]})), "in space"),
+    "through": (changed(("body", 0, "motion", {"shift": [0.0, -0.7], "history": "press"})), "one would run through"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_does_not_go_together_is_refused(name):
+    """One clear message, which names the key."""
+    made, words = REFUSED[name]
+    with pytest.raises(InputError, match=words):
+        ddmpi.solve(made)
+
+
+def test_solids_are_refused():
+    """In space nothing moves far yet."""
+    one = {"shape": "box", "size": [1] * 3, "divisions": [1] * 3}
+    made = {"body": [{"name": name, "mesh": one | {"origin": [0, 0, z]},
+                      "material": {"young": 1.0, "poisson": 0.3}, "clamp": [side], "motion": {"shift": [0.1, 0.0, 0.0]}}
+                     for name, z, side in (("one", 0, "bottom"), ("two", 1, "top"))],
+            "contact": [{"bodies": ["one", "two"], "on": ["top", "bottom"]}],
+            "time": {"points": [1.0], "motions": "far"}}
+    with pytest.raises(InputError, match=r"time\.motions: bodies move far in the plane and around an axis only"):
+        ddmpi.solve(made)
+
+
+def test_loads_that_follow_turn_with_the_body():
+    """A traction that follows does to a turned body what it did before."""
+    made = disc()
+    made["body"][1]["traction"] = [{"on": "left", "value": [2.0, 0.5], "follows": True}]
+    answer = certified(made)
+    before, after = forces(answer)[[5, -1]]
+    assert after == pytest.approx(Frame.of((0.0, 0.0), 90.0).along(before), rel=1e-9)
+    load = answer.summary["bodies"]["base"]["loads"]["left"]["force"]
+    assert load == pytest.approx(Frame.of((0.0, 0.0), 90.0).along(np.array([2.0, 0.5])), rel=1e-9)
+
+
+def rows_of(path: Path) -> list[dict]:
+    with open(path, newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def test_files_are_of_the_world(tmp_path):
+    """Places, displacements, stresses, reactions and tables of contacts are where bodies are at the end of a step."""
+    made = disc() | {"output": {"steps": "all", "figures": True}}
+    run_here(write_scene(made, tmp_path / "scene.toml"), tmp_path / "results")
+    folder = tmp_path / "results"
+    frames = {(float(row["time"]), row["body"]): Frame.of([float(row["shift_x"]), float(row["shift_y"])]).after(
+        Frame.of((0.0, 0.0), float(row["turn"]))) for row in rows_of(folder / "frames.csv")}
+    assert len(frames) == 9 * 2
+    results = read_results(folder)
+    legs = rows_of(folder / "contact_ring-base_legs.csv")
+    with h5py.File(folder / "result.h5") as file:
+        points, body = file["points"][()][:, :2], np.zeros(len(file["points"]), int)
+        body[file["cells"][()]] = file["body"][()][:, None]
+        for number, time in enumerate(sorted({time for time, _ in frames})):
+            group = file.get(f"step_{number:06d}", file)
+            u, total = (group[name][()][:, :2] for name in ("displacement_in_frame", "displacement"))
+            for k, name in enumerate(("ring", "base")):
+                mine = body == k
+                assert points[mine] + total[mine] == pytest.approx(
+                    frames[time, name].at(points[mine] + u[mine]), abs=1e-12)
+            # rows of the contact stand on the slave's boundary where it is
+            at = np.array([[float(row["x"]), float(row["y"])] for row in legs if float(row["time"]) == time])
+            surface = group["surfaces/points"][()][:, :2]
+            assert len(at) and np.abs(at[:, None] - surface[None]).sum(axis=2).min(axis=1).max() < 0.05
+        stress = file["von_mises"][()]
+    found = results.summary["bodies"]["base"]["von_mises_max"]
+    assert found == pytest.approx(stress[results.fields["body"] == 1].max())
+    last = results.summary["steps"][-1]
+    assert last["bodies"]["base"]["reaction"] == pytest.approx(last["contacts"]["ring-base"]["force"], rel=1e-8)
+    assert {path.name for path in draw_all(folder, time=1.0, into=tmp_path)} >= {"bodies.png", "contact.png"}
+
+
+def test_pictures_are_of_where_bodies_are(tmp_path):
+    """Drawn bodies stand at their places, a rigid partner too, and an animation has them all on one sheet."""
+    from ddmpi.pictures.moved import rigid_parts
+    from ddmpi.results.histories import at_step, placed
+
+    made = block() | {"rigid": [RIGID | {"point": [0.0, 0.5], "normal": [0.0, -1.0], "motion": {
+        "shift": [0.0, 0.25], "history": "push"}}]}
+    made["contact"].append({"bodies": ["slider", "wall"], "on": ["top"]})
+    made["body"][0]["clamp"] = [{"on": "left", "x": 0.0, "y": 0.0}]
+    made["output"] = {"steps": "all", "animation": True}
+    run_here(write_scene(made, tmp_path / "scene.toml"), tmp_path / "results")
+    results = read_results(tmp_path / "results")
+    for time, shift, wall in ((1.0, [0.0, -0.004], 0.5), (2.0, [1.3, -0.004], 0.75)):
+        drawn = placed(at_step(results, tmp_path / "results", time))
+        slider = drawn.fields["body"] == 0
+        nodes = np.unique(drawn.fields["cells"][slider])
+        assert drawn.points[nodes] == pytest.approx(results.points[nodes] + shift, abs=1e-12)
+        (line,) = rigid_parts(drawn)
+        assert line.at[:, 1] == pytest.approx(wall, abs=1e-9)
+    assert (tmp_path / "results" / "animation.gif").stat().st_size > 1000
+
+
+def test_a_march_goes_on_from_any_step(tmp_path, monkeypatch):
+    """From checkpoints here and there: the tables of an uninterrupted run, byte for byte."""
+    path = write_scene(disc() | {"checkpoint": {"iterations": 2}, "output": {"steps": "all", "stress": False}},
+                       tmp_path / "scene.toml")
+    kept, write = [], checkpoint.write
+
+    def keep(target: Path, *arguments) -> None:
+        kept.append(tmp_path / f"{len(kept)}")
+        kept[-1].mkdir()
+        write(kept[-1] / target.name, *arguments)
+
+    def compute(folder: Path, restart: Path | None = None) -> dict[str, bytes]:
+        run_scene(MPI.COMM_SELF, read_scene_file(path), str(path), str(folder), False, restart and str(restart))
+        return {each.name: each.read_bytes() for each in [*folder.glob("*.csv"), folder / "result.h5"]}
+
+    monkeypatch.setattr(checkpoint, "write", keep)
+    whole = compute(tmp_path / "whole")
+    monkeypatch.setattr(checkpoint, "write", lambda *_: None)
+    assert len(kept) >= 4
+    for folder in kept[::2]:
+        assert compute(folder, folder) == whole
+
+
+def test_prepared_models_move_far():
+    """A model keeps factors between motions, and its answers are those of runs by themselves."""
+    model = ddmpi.prepare(block())
+    for way in (1.3, 0.4):
+        answer = model.solve({"body.slider.motion.1.shift": [way, 0.0]})
+        assert forces(answer).tolist() == forces(certified(block(way=way))).tolist()
+    assert "factors" in model.reused["base"]
