@@ -18,6 +18,7 @@ import numpy as np
 import problems.around_axis
 import problems.curved
 import problems.flat
+import problems.moving
 import problems.solids
 import problems.supports
 from experiment import arguments, publish, save_figures, table
@@ -27,7 +28,7 @@ from ddmpi.mesh.boundary import boundary_facets, segments
 
 PAGE, FIGURES = "verification.md", "verification"
 PROBLEMS = {name: each for module in (problems.flat, problems.curved, problems.supports, problems.around_axis,
-                                   problems.solids)
+                                   problems.moving, problems.solids)
             for name, each in problems.PROBLEMS.items() if each.measure.__module__ == module.__name__}
 """By name, in the order of the page."""
 
@@ -42,6 +43,7 @@ AIMS: list[tuple[str, int | None, Order | None, str, float]] = [
     *((name, None, None, "*", 1e-8) for name in ("patch", "el-abbasi-bathe", "cgs-1", "cgs-1-turned", "cone-patch",
                                                  "ring-on-cone", "sheared-solids", "cubes", "remote-moment",
                                                  "bolted-joint")),
+    *((name, None, None, "*", 1e-9) for name in ("sliding-block", "turned-pair")),
     *(("hertz", 8, order, value, 0.01) for order in (1, 2) for value in ("p₀*", "a (mm)")),
     *(("hertz", 16, 2, f"pressure, {words}", 0.01) for words in ("side means", "nodes",
                                                                  "nodes: greatest of five meshes")),

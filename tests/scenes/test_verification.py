@@ -1,7 +1,7 @@
 """The verification problems on their coarsest meshes."""
 
 import pytest
-from problems import PROBLEMS, Value, around_axis, curved, flat, solids, supports
+from problems import PROBLEMS, Value, around_axis, curved, flat, moving, solids, supports
 
 pytestmark = pytest.mark.slow
 
@@ -21,8 +21,8 @@ def test_problem(name, order, tmp_path):
 def test_all_problems_are_there():
     """Those of all modules, each under its name, on ascending meshes."""
     assert {each.measure.__module__ for each in PROBLEMS.values()} == {
-        module.__name__ for module in (flat, curved, supports, around_axis, solids)}
-    assert len(PROBLEMS) == 39
+        module.__name__ for module in (flat, curved, supports, around_axis, moving, solids)}
+    assert len(PROBLEMS) == 41
     for name, each in PROBLEMS.items():
         assert each.name == name and sorted(set(each.meshes)) == list(each.meshes)
 

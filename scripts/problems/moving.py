@@ -1,0 +1,59 @@
+"""Verification problems of bodies that move far; `scripts/study far` has more of them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import far
+import numpy as np
+from mpi4py import MPI
+from scenes import to_toml
+
+import ddmpi
+from problems import Curve, Found, Order, Value, number, problem
+
+EXACT = 1e-9
+
+
+@problem("sliding-block", "A block slid along a longer one", (1, 2, 4), "sixteenths of the block on its contact, × n",
+         shows="Bodies that move far: friction T = μ N all along the way, whatever the number of load steps.",
+         scene="A block of 1 m × 0.5 m, E = 1 kPa, ν = 0.3, is pressed 4 mm into a block of 5 m × 1 m and slid by "
+               "1.25 m in 8 load steps, and in 1; μ = 0.3. Nodes do not match: 16 : 13.4 on a metre.",
+         source="Coulomb's law. T over N in the step in which it differs most; how much the forces at the end of 8 and "
+                "of 1 step differ, over N; on the right the ratio of the stresses at the closed nodes.")
+def sliding_block(n: int, order: Order, folder: Path) -> Found:
+    answer, once = (ddmpi.solve(to_toml(far.block(number(order), steps, fine=n)), MPI.COMM_SELF) for steps in (8, 1))
+    if not answer.certified or not once.certified:
+        raise RuntimeError(answer.reason + once.reason)
+    found, end = far.forces(answer.summary, 1.1), far.forces(once.summary, 1.1)[-1, 1:]
+    ratio = np.abs(found[:, 1] / found[:, 2])
+    worst = float(ratio[np.abs(ratio - far.FRICTION).argmax()])
+    state = answer.contacts["slider-base"]
+    closed = np.flatnonzero(state.status != "open")
+    x = state.interface.xy[closed, 0]
+    order_of = np.argsort(x)
+    stresses = np.abs(state.shear.reshape(len(state.pressure), -1)[closed, 0] / state.pressure[closed])[order_of]
+    return Found({"T/N": Value(worst, far.FRICTION, EXACT),
+                  "forces at the end, 8 steps and 1": Value(
+                      float(np.abs(found[-1, 1:] - end).max() / found[-1, 2]), 0.0, EXACT)},
+                 answer, Curve(x[order_of], stresses, x[order_of], np.full(len(x), far.FRICTION), "x (m)",
+                               "tangential over normal stress"))
+
+
+@problem("turned-pair", "Two bodies turned together", (1, 2, 3), "two-hundred-and-fortieths of the ring, × n",
+         shows="Bodies that move far: forces turn with the bodies, and friction dissipates nothing.",
+         scene="A ring of 0.5 m and 1 m is pressed 20 mm into a block and rubbed by 20 mm; then both are turned by 90° "
+               "about a point beside them, and shifted, in 9 load steps.",
+         source="Objectivity. The change of the force over its size, and the dissipation of the turn over that of "
+                "rubbing.")
+def turned_pair(n: int, order: Order, folder: Path) -> Found:
+    answer = ddmpi.solve(to_toml(far.turned(number(order), fine=n)), MPI.COMM_SELF)
+    if not answer.certified:
+        raise RuntimeError(answer.reason)
+    change, lost = far.turn_errors(answer.summary)
+    state = answer.contacts["ring-base"]
+    y = state.interface.xy[:, 1]
+    order_of = np.argsort(y)
+    p = state.pressure[order_of]
+    return Found({"change of the force": Value(change, 0.0, EXACT), "dissipation of the turn": Value(lost, 0.0, EXACT)},
+                 answer, Curve(y[order_of], p, y[order_of], p, "y (m)", "pressure (Pa)", "after the turn"))
