@@ -148,10 +148,11 @@ def picture(its: Problem, runs: Runs) -> Callable:
             figure.colorbar(shown, ax=left)
         for each in () if its.in_space else bodies.values():
             corners = each.triangles[:, :3]
-            left.tripcolor(*each.points.T, corners, each.von_mises, vmin=0.0, vmax=top, cmap="viridis")
+            points = each.points if each.in_frame is None else each.points + each.displacement  # where it is
+            left.tripcolor(*points.T, corners, each.von_mises, vmin=0.0, vmax=top, cmap="viridis")
             if len(corners) < 3000:
-                left.triplot(*each.points.T, corners, color="white", linewidth=0.3, alpha=0.6)
-            around = each.points[segments(boundary_facets(each.triangles)[0])]
+                left.triplot(*points.T, corners, color="white", linewidth=0.3, alpha=0.6)
+            around = points[segments(boundary_facets(each.triangles)[0])]
             left.plot(*around.transpose(2, 1, 0), color="black", linewidth=0.7)
         if its.view:
             left.set(xlim=its.view[:2], ylim=its.view[2:])
