@@ -4,7 +4,7 @@
     scripts/study gallery [--only NAME ...] [--output docs/figures]
     scripts/study gallery --overlaps [--only NAME ...]  # the part of the processor time that looks for overlaps takes
 
-Pictures are gallery_NAME.png in the folder --output, and front_NAME.png for the README. The words are in
+Pictures are gallery_NAME.png in the folder --output, animations gallery_NAME.gif, and front_NAME.png for the README. The words are in
 docs/start/gallery.md.
 tests/scripts/test_gallery.py checks the numbers of `EXHIBITS` on coarser meshes or in fewer load steps, and the page.
 """
@@ -33,6 +33,9 @@ WIDEST = 1000
 FRONT = "bolted_flange"
 """The scene whose contacts the README shows."""
 
+MOVING, FRAMES, SHADES = 480, 28, 32
+"""An animation is at most so wide and high (pixels), and has at most so many frames and colours."""
+
 MARGIN = 16
 """White margin that is left around a picture (pixels)."""
 
@@ -52,6 +55,7 @@ class Exhibit:
     settings : what makes the run of the test cheaper
     refused : words of the reason, where the run ends without an answer
     warned : words of the only warning of the run, if it has one
+    moves : whether the page shows its animation as well
     """
 
     scene: str
@@ -64,6 +68,7 @@ class Exhibit:
     settings: dict[str, Any] = field(default_factory=dict)
     refused: str = ""
     warned: str = ""
+    moves: bool = False
 
     @property
     def name(self) -> str:
@@ -131,6 +136,18 @@ def tightened(summary: dict) -> float:
     return 1e-3 * step["contacts"]["under-head"]["force"][1]
 
 
+def friction_ratio(summary: dict) -> float:
+    """Friction over normal force of the block at the end of its way (N/N)."""
+    x, y = summary["contacts"]["guide"]["force"]
+    return -x / y
+
+
+def pushed_in(summary: dict) -> float:
+    """The force that pushes the pin all the way in, at time 1 (kN)."""
+    (step,) = (step for step in summary["steps"] if step["time"] == 1.0)
+    return 1e-3 * step["contacts"]["fit"]["force"][1]
+
+
 EXHIBITS = [
     Exhibit("pinched_blocks", "bodies.png", 8.36886, "MN/m", 1e-5, "brute force",
             contact("upper-lower", "tangential_force", factor=1e-6)),
@@ -163,6 +180,8 @@ EXHIBITS = [
             contact("part-moving", "force", 1, -1.0), {"time.steps": 1}),
     Exhibit("fretting", "steps.png", 0.424, "N mm/mm", 1e-3, "mesh twice as fine: 2.8 % less", second_cycle,
             {"time.steps": 2}),
+    Exhibit("pushed_block", "bodies.png", 0.2, "N/N", 1e-9, "Coulomb", friction_ratio, {"time.steps": 8},
+            moves=True),
     Exhibit("bolted_plates", "contacts.png", 3200, "N/mm", 1e-5, "balance",
             lambda summary: summary["bodies"]["middle"]["reaction"][0], {"time.steps": 1}),
     Exhibit("sliding_floor", "steps.png", 5, "kN/m", 1e-5, "balance",
@@ -179,6 +198,8 @@ EXHIBITS = [
     Exhibit("drawn/turned_bolt", "bodies.png", 12, "kN", 1e-6, "balance", bolt_over_joint,
             {"time.steps": 1, "body.bolt.mesh.contact_size": 0.8}),
     Exhibit("tightened_bolt", "bodies.png", 20, "kN", 1e-6, "balance", tightened, {"time.steps": 1}),
+    Exhibit("drawn/pushed_pin", "bodies.png", 14.84, "kN", 0.01, "Lamé and Coulomb, μ p A", pushed_in,
+            {"time.steps": 10}, moves=True),
     Exhibit("drawn/ball_on_floor", "bodies.png", 3.014, "MPa", 0.03, "Hertz", contact("ball-floor", "pressure_max")),
     Exhibit("drawn/bolted_flange", "bodies.png", 10, "kN", 5e-3, "balance", bolt_over_joint,
             {"time.steps": 1}, warned="stands at a re-entrant edge"),
@@ -205,6 +226,8 @@ def show(exhibit: Exhibit, figures: Path) -> str:
         summary = read_results(output).summary | mechanism_of(output)
         exhibit.check(summary)
         keep(output / exhibit.picture, figures / f"gallery_{exhibit.name}.png")
+        if exhibit.moves:
+            keep_moving(output / "animation.gif", figures / f"gallery_{exhibit.name}.gif")
         if exhibit.name == FRONT:
             keep(output / "contacts.png", figures / f"front_{exhibit.name}.png")
     return (f"{exhibit.scene}: {exhibit.measure(summary):.6g} {exhibit.unit}, of {exhibit.told} ({exhibit.source})")
@@ -251,6 +274,21 @@ def keep(picture: Path, path: Path) -> None:
     image = ImageOps.expand(image.crop(drawn), MARGIN, "white")
     image.thumbnail((WIDEST, WIDEST), Image.Resampling.LANCZOS)
     image.quantize(dither=Image.Dither.NONE).save(path, optimize=True)
+
+
+def keep_moving(animation: Path, path: Path) -> None:
+    """A smaller copy of an animation: some of its frames, in few colours."""
+    with Image.open(animation) as opened:
+        pause, frames = opened.info["duration"], []
+        few = -(-opened.n_frames // FRAMES)  # every so many
+        for k in range(opened.n_frames - 1, -1, -few):
+            opened.seek(k)
+            frames.insert(0, opened.convert("RGB"))
+    for frame in frames:
+        frame.thumbnail((MOVING, MOVING), Image.Resampling.LANCZOS)
+    palette = frames[len(frames) // 2].quantize(SHADES)
+    first, *others = (frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames)
+    first.save(path, save_all=True, append_images=others, loop=0, duration=few * pause, optimize=True)
 
 
 def main() -> None:

@@ -37,6 +37,7 @@ FILES = {
     "history.csv": "a line per outer iteration",
     "steps.csv": "a line per load step and contact",
     "energy.csv": "with load steps: the balance of energy, a line per step",
+    "frames.csv": "with motions = \"far\": where each body and rigid partner is, a line per load step",
     "result.xdmf": "for ParaView, pyvista and meshio: displacement, stress, principal stresses and von Mises stress of "
                    "bodies, and the estimated error if asked for; initial_gap, pressure, friction, gap, slip, "
                    "slip_total and status (0 open, 1 slip, 2 stick) of contacts, of solids also friction_vector, on "
@@ -50,7 +51,8 @@ FILES = {
                  " step_000000, …; in surfaces the data of contacts, one after the other; in contacts/NAME the span "
                  "in them: its first point and cell, and their numbers; the facets, pairs of lines of "
                  "contact_NAME.csv whose nodes are neighbours, of solids triples, and initial_gap of each line at "
-                 "the factor 1 of its history",
+                 "the factor 1 of its history; with motions = \"far\" displacement includes the motion of the frame, "
+                 "displacement_in_frame does not and has the frame's axes",
     "view.html": "with `[output] view = true` or by `ddmpi view`: one file in which a browser turns the bodies, with "
                  "stresses, displacements and contact pressures, load steps and a cut; it needs no network",
     "bodies.png": "the deformed bodies, coloured by von Mises stress, else by displacement. Displacements are enlarged "

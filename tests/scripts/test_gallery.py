@@ -57,6 +57,9 @@ def test_the_page_shows_every_scene():
         assert f"\nscripts/run.sh configs/{exhibit.scene}.toml\n" in section
         assert f"](../{picture})" in section and (ROOT / "docs" / picture).stat().st_size < 250_000
         assert f"**{exhibit.told}**" in section, exhibit.told
+        moving = f"figures/gallery_{exhibit.name}.gif"
+        assert (f"](../{moving})" in section) == exhibit.moves
+        assert not exhibit.moves or 10_000 < (ROOT / "docs" / moving).stat().st_size < 250_000
 
 
 def test_what_the_page_quotes_stands_in_the_scenes():
