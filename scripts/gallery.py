@@ -4,8 +4,8 @@
     scripts/study gallery [--only NAME ...] [--output docs/figures]
     scripts/study gallery --overlaps [--only NAME ...]  # the part of the processor time that looks for overlaps takes
 
-Pictures are gallery_NAME.png in the folder --output, animations gallery_NAME.gif, and front_NAME.png for the README. The words are in
-docs/start/gallery.md.
+Pictures are gallery_NAME.png in the folder --output, animations gallery_NAME.gif, and front_NAME.png for the README.
+The words are in docs/start/gallery.md.
 tests/scripts/test_gallery.py checks the numbers of `EXHIBITS` on coarser meshes or in fewer load steps, and the page.
 """
 

@@ -207,7 +207,8 @@ def results_page() -> str:
             "contact_NAME_legs.csv": tables.LEGS_IN[2], "contact_NAME_legs.csv of solids": tables.LEGS_IN[3],
             "history.csv": tables.HISTORY, "steps.csv": tables.STEPS_IN[2] | tables.CYCLE,
             "steps.csv of solids": tables.STEPS_IN[3] | tables.CYCLE,
-            "energy.csv": tables.ENERGY | tables.CYCLE, "frames.csv": histories.FRAMES, "path.csv": tables.PATH}.items():
+            "energy.csv": tables.ENERGY | tables.CYCLE, "frames.csv": histories.FRAMES,
+            "path.csv": tables.PATH}.items():
         lines += [f"## {name}", "", *table(("column", "meaning"), _coded(columns))]
     lines += ["## summary.json", "",
               "`null` stands for numbers that are not finite. NAME is that of a body or contact.", "",

@@ -1,4 +1,4 @@
-"""Bodies that move far against closed forms, as `scripts/study far` has them on finer meshes, and refusals end to end."""
+"""Bodies that move far against closed forms, as `scripts/study far` has them on finer meshes; refusals end to end."""
 
 import csv
 import subprocess
@@ -24,7 +24,7 @@ def solve(scene):
 
 @pytest.mark.parametrize("order", [1, 2])
 def test_a_block_slides_under_coulomb_friction(order):
-    """T = μ N in every step of sliding; the forces at the end do not depend on the number of steps; N ripples little."""
+    """T = μ N in every step of sliding; forces at the end do not depend on the number of steps; N ripples little."""
     found = far.forces(solve(far.block(order, 20)).summary, 1.0)
     late = found[found[:, 0] > 1.2]
     assert np.abs(late[:, 1]) == pytest.approx(far.FRICTION * np.abs(late[:, 2]), rel=1e-9)
