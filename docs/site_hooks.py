@@ -4,12 +4,15 @@ README.md, CONTRIBUTING.md and CHANGELOG.md become pages, the README the front p
 Links lead to where a file is in the site, so that the same pages work in the repository.
 """
 
+import json
 import posixpath
 import re
 from collections.abc import Iterator
 from pathlib import Path
 
 from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.exceptions import PluginError
+from mkdocs.plugins import event_priority
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
@@ -40,6 +43,28 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
         return posixpath.relpath(target, posixpath.dirname(source) or ".")
 
     return LINK.sub(lead, markdown)
+
+
+@event_priority(-100)  # after the search plugin has written its files
+def on_post_build(config: MkDocsConfig) -> None:
+    """Let the search work from files, too: browsers load neither workers nor data from file:// addresses.
+
+    The script of the pages gets the worker, its library and the index as text, and starts the worker from that.
+    """
+    folder = Path(config.site_dir, "search")
+    library, worker, index, main = (
+        (folder / name).read_text(encoding="utf-8")
+        for name in ("lunr.js", "worker.js", "search_index.json", "main.js"))
+    source = f"""{library}
+{worker}
+self.importScripts = function () {{}};
+init = function () {{ onJSONLoaded.call({{responseText: {json.dumps(index)}}}); }};
+"""
+    call = 'new Worker(joinUrl(base_url, "search/worker.js"))'
+    if call not in main:
+        raise PluginError("the search of this version of mkdocs starts its worker otherwise: adapt docs/site_hooks.py")
+    started = f"new Worker(URL.createObjectURL(new Blob([{json.dumps(source)}])))"
+    (folder / "main.js").write_text(main.replace(call, started), encoding="utf-8")
 
 
 def _targets(source: str, markdown: str) -> Iterator[str]:

@@ -71,10 +71,12 @@ class Frame(NamedTuple):
     ----------
     shift : (d,) where the origin goes (m)
     turned : (d, d) rotation
+    turn : its angle (degrees) in the plane, of several turns the sum
     """
 
     shift: np.ndarray
     turned: np.ndarray
+    turn: float = 0.0
 
     @classmethod
     def of(cls, shift: Sequence[float] | np.ndarray, turn: float = 0.0, pivot: Sequence[float] | None = None) -> Frame:
@@ -86,17 +88,7 @@ class Frame(NamedTuple):
         turned = np.eye(len(shift))
         if turn:
             turned[:2, :2] = [[cosine, -sine], [sine, cosine]]
-        return cls(about + shift - turned @ about, turned)
-
-    @property
-    def moves(self) -> bool:
-        """Whether it moves anything."""
-        return bool(self.shift.any() or (self.turned != np.eye(len(self.shift))).any())
-
-    @property
-    def turn(self) -> float:
-        """The angle (degrees) in the plane, from −180 to 180."""
-        return math.degrees(math.atan2(self.turned[1, 0], self.turned[0, 0]))
+        return cls(about + shift - turned @ about, turned, turn)
 
     def at(self, points: np.ndarray) -> np.ndarray:
         """The places (…, d) of points (…, d)."""
@@ -108,12 +100,12 @@ class Frame(NamedTuple):
 
     def after(self, other: Frame) -> Frame:
         """This motion after another one."""
-        return Frame(self.at(other.shift), self.turned @ other.turned)
+        return Frame(self.at(other.shift), self.turned @ other.turned, self.turn + other.turn)
 
     @property
     def undone(self) -> Frame:
         """The inverse."""
-        return Frame(-self.shift @ self.turned, self.turned.T)
+        return Frame(-self.shift @ self.turned, self.turned.T, -self.turn)
 
 
 ROUNDING = 1e-12
