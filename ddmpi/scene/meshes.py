@@ -331,9 +331,9 @@ def check_motions(scene: Any) -> None:
             raise ValueError(f"{key}.{load}: keeps its direction, which is not possible yet on a body that turns" + (
                 "; write follows = true if it turns with the body" * load.startswith("t")))
     for rigid in scene.rigid:
-        if rigid.yields:
-            raise ValueError(f"rigid.{rigid.name}: with time.motions = \"far\" a partner moves as its motion or "
-                             "displacement says, not by forces and moments")
+        if rigid.yields or any(rigid.displacement or ()):
+            raise ValueError(f'rigid.{rigid.name}: with time.motions = "far" a partner moves as its motion says, not by '
+                             "a displacement, forces or moments; write motion = { shift = […] }")
     for contact in scene.contact:
         name, law = f"contact.{contact.called}", contact.friction
         for key, given, why in (
