@@ -332,8 +332,8 @@ def check_motions(scene: Any) -> None:
                 "; write follows = true if it turns with the body" * load.startswith("t")))
     for rigid in scene.rigid:
         if rigid.yields or any(rigid.displacement or ()):
-            raise ValueError(f'rigid.{rigid.name}: with time.motions = "far" a partner moves as its motion says, not by '
-                             "a displacement, forces or moments; write motion = { shift = […] }")
+            raise ValueError(f'rigid.{rigid.name}: with time.motions = "far" a partner moves as its motion says, not '
+                             "by a displacement, forces or moments; write motion = { shift = […] }")
     for contact in scene.contact:
         name, law = f"contact.{contact.called}", contact.friction
         for key, given, why in (
