@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from ddmpi.errors import DdmpiError, InputError
+from ddmpi.interface.interface import Interface
 from ddmpi.interface.state import ContactState, signed
 from ddmpi.mesh.elements import FIRST, cell_with, circumference, facet_measures
 from ddmpi.system.files import contact_files, writing
@@ -177,16 +178,17 @@ def _by_line(state: ContactState, values: np.ndarray) -> list[np.ndarray]:
     return columns
 
 
-def write_legs(path: Path, name: str, steps: Sequence[tuple[float, ContactState, np.ndarray]]) -> None:
+def write_legs(path: Path, name: str, interface: Interface,
+               steps: Iterable[tuple[float, ContactState, np.ndarray]]) -> None:
     """Write contact_NAME_legs.csv into the folder `path`: a line per contact node and load step whose fields are kept.
 
     Parameters
     ----------
+    interface : of the contact at one of the steps
     steps : time, a state of the contact with its nodes, and `leg_values` (m, k), of each load step
 
     Not collective. Raises OutputError.
     """
-    interface = steps[-1][1].interface
     write_table(path / contact_files(name).legs, named(LEGS_IN[interface.dimension], interface.axisymmetric), (
         (time, *row) for time, state, values in steps for row in zip(
             *state.interface.lines.acting.T, state.interface.lines.area, *_by_line(state, values), strict=True)))

@@ -379,7 +379,7 @@ def _write_contacts(path: Path, solved: Solved, surfaces: Mapping[str, Datasets]
             continue
         write_sides(path, name, state)
         if solved.assembly.scene.time:
-            write_legs(path, name, [(time, *at[name]) for time, at in legs])
+            write_legs(path, name, state.interface, [(time, *at[name]) for time, at in legs])
         write_surface(path, name, surfaces[name])
 
 

@@ -251,7 +251,7 @@ class Traction(Table, frozen=True, kw_only=True):
     force: Point | None = None
     moment: Number | Three | None = None
     history: Name | None = None
-    follows: bool = False
+    follows: bool | None = None
 
     def __post_init__(self) -> None:
         force_setattr(self, "on", joined(self.on))

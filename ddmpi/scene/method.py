@@ -244,8 +244,7 @@ class Time(Table, frozen=True, kw_only=True):
 
     Attributes
     ----------
-    points : turning points of the loads, the ends of legs; the first leg starts at time 0; kinks of histories end legs,
-        too
+    points : turning points of the loads, the ends of legs, as are kinks of histories; the first leg starts at time 0
     steps : load steps per leg
     tolerance : without steps, a leg is solved in 1, 2, 4, … load steps until the forces at its end change by less than
         this, relative to the forces; left out, 0.02
@@ -281,8 +280,9 @@ class Time(Table, frozen=True, kw_only=True):
         for name, history in histories.items() if self.cycle else ():
             first, last = map(history.at, self.cycle_ends)
             if abs(first - last) > SAME * max(map(abs, history.factors)):
-                raise ValueError(f"time.cycle: history.{name} has the factor {first:g} at its beginning and {last:g} "
-                                 "at its end; a cycle ends with the loads with which it begins")
+                begin, end = self.cycle_ends
+                raise ValueError(f"time.cycle: history.{name} has the factor {first:g} at from = {begin:g} and "
+                                 f"{last:g} at to = {end:g}; a cycle ends with the loads with which it begins")
 
     def settled(self) -> Time:
         """The load steps, with a tolerance if no number of steps is given."""

@@ -515,7 +515,7 @@ OPTIONAL = {
     "PartMaterial": {"on", "plane", "expansion", "shear", "angle", "axes"},  # what the others leave
     "SettledBody": {"temperature", "motion"}, "Heat": {"history"},  # none; constant in time
     "Clamp": {"x", "y", "z", "normal", "history"},  # free; constant in time
-    "Traction": {"value", "pressure", "force", "moment", "history"},  # one of them
+    "Traction": {"value", "pressure", "force", "moment", "history", "follows"},  # one of them
     "VolumeForce": {"value", "history", "constant", "x_slope", "y_slope", "z_slope"},
     "Gap": {"value", "history"}, "Pretension": {"history"},  # a profile; given throughout
     "AffineVector": {"constant", "x_slope", "y_slope", "z_slope"},  # zero

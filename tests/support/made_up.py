@@ -165,7 +165,7 @@ def write_results(folder: Path, scene: dict, bodies: dict, parts: Mapping[str, F
         write_contact(folder, name, each)
         write_sides(folder, name, each)
         if times:
-            write_legs(folder, name, [(time, found[name], leg_values(found[name]))
+            write_legs(folder, name, each.interface, [(time, found[name], leg_values(found[name]))
                                       for time, found in zip(times, marched, strict=True)])
     counts = [sum(each.count(status) for each in states.values()) for status in ("open", "slip", "stick")]
     write_table(folder / "history.csv", HISTORY,
