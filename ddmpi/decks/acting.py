@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from ddmpi.decks.cards import Card
+from ddmpi.decks.cards import Card, Notes
 from ddmpi.decks.material import Matter, table
-from ddmpi.decks.model import Acting, Course, Model, Notes
+from ddmpi.decks.model import Acting, Course, Model
 from ddmpi.decks.pieces import Piece, linear
 from ddmpi.decks.words import numbers
 
@@ -321,7 +321,11 @@ class Acts:
             if len(values) > 1:
                 self.notes.add(self.notes.changed, expansion, "the thermal strain of the table is folded into the "
                                "expansion and the temperature")
-        if not fields or not any(expansions.values()):
+        grows = bool(fields) and any(expansions.values())
+        for given in (given for given, nodes in self.model.heated if not nodes.isdisjoint(own)):
+            self.notes.add(self.notes.taken if grows else self.notes.changed, given, "temperature" if grows else
+                           f"no thermal strain of {piece.name}: its material has no *EXPANSION")
+        if not grows:
             return None, {}
         if any(np.abs(field - fields[0]).max() > KEEPS * np.abs(fields[0]).max() for field in fields[1:]):
             self.notes.add(self.notes.lost, card, "expansions of several materials that vary with the temperature")

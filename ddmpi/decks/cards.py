@@ -22,6 +22,7 @@ class Card(NamedTuple):
     path : the file, which may be an included one
     name : the keyword in capitals, with single blanks
     scope : name of the instance to which it belongs; empty outside of instances
+    place : its number in the deck with all that this includes
     """
 
     word: str
@@ -31,6 +32,31 @@ class Card(NamedTuple):
     path: Path
     name: str
     scope: str = ""
+    place: int = 0
+
+
+class Notes:
+    """What became of the keywords: taken, changed and lost. By keyword and reason: the lines by their places in the
+    deck."""
+
+    def __init__(self, main: Path) -> None:
+        self.main = main
+        self.taken: dict[tuple[str, str], dict[int, str]] = {}
+        self.changed: dict[tuple[str, str], dict[int, str]] = {}
+        self.lost: dict[tuple[str, str], dict[int, str]] = {}
+
+    def add(self, where: dict[tuple[str, str], dict[int, str]], card: Card, reason: str) -> None:
+        line = f"{card.line}" if card.path == self.main else f"{card.line} of {card.path.name}"
+        where.setdefault((card.name, reason), {})[card.place] = line
+
+    def words(self, where: dict[tuple[str, str], dict[int, str]]) -> Iterator[str]:
+        """A line of text for each entry, in the order of the deck. A keyword that is lost, if only in part, is not
+        listed as taken."""
+        hidden = {place for lines in self.lost.values() for place in lines} if where is self.taken else set()
+        entries = [(sorted(lines.keys() - hidden), key, lines) for key, lines in where.items()]
+        for places, (name, reason), lines in sorted((entry for entry in entries if entry[0]), key=lambda e: e[0]):
+            some = ", ".join(lines[place] for place in places[:6]) + f" and {len(places) - 6} more" * (len(places) > 6)
+            yield f"line{'s' * (len(places) > 1)} {some}: *{name}: {reason}"
 
 
 class Instance(NamedTuple):
@@ -75,7 +101,8 @@ def flattened(path: Path) -> tuple[list[Card], list[Instance]]:
     parts: dict[str, list[Card]] = {}
     names: dict[str, str] = {}
     cards, instances, scopes = list[Card](), list[Instance](), [("", "")]
-    for card in read_cards(path):
+    for place, read in enumerate(read_cards(path)):
+        card = read._replace(place=place)
         if card.word in WITHIN:
             name = card.given.get("NAME", card.given.get("INSTANCE", ""))
             scopes.append((card.word, name))

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from ddmpi.decks.cards import Card
-from ddmpi.decks.model import Model, Notes
+from ddmpi.decks.cards import Card, Notes
+from ddmpi.decks.model import Model
 from ddmpi.decks.pieces import Piece, own_name
 from ddmpi.decks.words import numbers
 from ddmpi.errors import InputError

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ddmpi.decks.cards import Card
+from ddmpi.decks.cards import Card, Notes
 from ddmpi.decks.deck import Deck
 from ddmpi.decks.words import NAMED_SUPPORTS, PROCEDURES, REFUSED, SILENT, faces, number, numbers
 from ddmpi.errors import InputError
@@ -43,29 +43,6 @@ class Rigid(NamedTuple):
     spread: bool = False
 
 
-class Notes:
-    """What became of the keywords: taken, changed and lost, each with its reason and lines."""
-
-    def __init__(self, main: Any) -> None:
-        self.main = main
-        self.taken: dict[tuple[str, str], list[str]] = {}
-        self.changed: dict[tuple[str, str], list[str]] = {}
-        self.lost: dict[tuple[str, str], list[str]] = {}
-
-    def add(self, where: dict[tuple[str, str], list[str]], card: Card, reason: str) -> None:
-        line = f"{card.line}" if card.path == self.main else f"{card.line} of {card.path.name}"
-        lines = where.setdefault((card.name, reason), [])
-        if line not in lines:
-            lines.append(line)
-
-    @staticmethod
-    def words(where: dict[tuple[str, str], list[str]]) -> Iterator[str]:
-        """A line of text for each entry."""
-        for (name, reason), lines in where.items():
-            some = ", ".join(lines[:6]) + f" and {len(lines) - 6} more" * (len(lines) > 6)
-            yield f"line{'s' * (len(lines) > 1)} {some}: *{name}: {reason}"
-
-
 class Model:
     """Materials, contacts, loads and supports of a deck. Raises InputError, with the line, for what cannot be read.
 
@@ -78,6 +55,7 @@ class Model:
     pressures : by element and face: pressure, or with the components of TRVEC a traction
     body_forces : by set, kind and direction
     heat : by node the temperatures
+    heated : *TEMPERATURE and its nodes, of each data line
     start : initial temperatures by node
     ends : times of the ends of the steps
     """
@@ -91,6 +69,7 @@ class Model:
         self.clearances: list[Card] = []
         self.kinds: dict[str, dict[Any, Acting]] = {
             kind: {} for kind in ("supports", "forces", "pressures", "body_forces", "heat")}
+        self.heated: list[tuple[Card, set[int]]] = []
         self.start: dict[int, float] = {}
         self.ends: list[float] = []
         self.nlgeom = False
@@ -372,9 +351,9 @@ class Model:
             self.notes.add(self.notes.lost, card, "temperatures of a file or a routine")
             return
         for row in card.rows:
-            for node in self.deck.chosen(card, "NSET", row[0]):
-                self._fresh["heat"][node] = card, number(row[1])
-        self._taken(card, "temperature")
+            nodes = self.deck.chosen(card, "NSET", row[0])
+            self._fresh["heat"] |= dict.fromkeys(nodes, (card, number(row[1])))
+            self.heated.append((card, nodes))
 
     def _initialconditions(self, card: Card) -> None:
         if card.given["TYPE"].upper() != "TEMPERATURE" or "FILE" in card.given:

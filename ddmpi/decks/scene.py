@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from ddmpi.decks.acting import Acts
-from ddmpi.decks.cards import Card
+from ddmpi.decks.cards import Card, Notes
 from ddmpi.decks.deck import Deck
 from ddmpi.decks.material import Matter
-from ddmpi.decks.model import Acting, Model, Notes, Pair, Rigid
+from ddmpi.decks.model import Acting, Model, Pair, Rigid
 from ddmpi.decks.pieces import Block, Piece, cut, own_name, split
 from ddmpi.decks.words import number
 from ddmpi.errors import InputError, TakenError

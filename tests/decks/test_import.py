@@ -206,6 +206,29 @@ def test_heat(tmp_path):
     assert "no linear function" in refused(tmp_path / "no", steel + step("*TEMPERATURE", "1, 50."))
 
 
+def test_temperatures_without_expansion_change_nothing(tmp_path):
+    """They are listed as changed, not as taken; with an expansion they are taken."""
+    deck = BOX + ROLLERS + step("*TEMPERATURE", "A_Z1, 50.", "*DLOAD", "9, P2, 1.")
+    assert "*TEMPERATURE: temperature\n" in imported(tmp_path, deck, name="grows")[1].split("changed:")[0]
+    scene, lists = imported(tmp_path, deck.replace("*EXPANSION\n1.2e-5\n", ""))
+    assert "*TEMPERATURE" not in lists.split("changed:")[0] and "temperature" not in scene["body"][0]
+    assert "*TEMPERATURE: no thermal strain of A: its material has no *EXPANSION\n" in lists
+
+
+def test_lists_are_in_the_order_of_the_deck(tmp_path):
+    """Also where a file is included; a keyword that is lost is not listed as taken."""
+    (tmp_path / "law.inp").write_text(f"** a comment\n{STEEL}")
+    inner = "*CLOAD\n14, 3, 1.\n"  # a force at a node inside of the box
+    deck = grid("A", (2, 2, 3), (1.0, 1.0, 3.0)) + "*INCLUDE, INPUT=law.inp\n" + SECTION + ROLLERS + step(
+        "*DLOAD", "9, P2, 1.", "*CLOAD", "36, 3, 1.", "*CLOAD", "35, 3, 1.", inner.strip())
+    _, lists = imported(tmp_path, deck, partial=True)
+    taken = [line.split(": ")[1] for line in lists.split("changed:")[0].splitlines()[1:] if line]
+    assert taken == ["*ELEMENT", "*ELASTIC", "*DENSITY", "*EXPANSION", "*SOLID SECTION", "*BOUNDARY", "*DLOAD", "*CLOAD"]
+    line = deck[:deck.index(inner)].count("\n") + 1
+    assert f"lines {line - 4}, {line - 2}: *CLOAD: forces\n" in lists
+    assert f"line {line}: *CLOAD: a force at a node that is not on the boundary\n" in lists.split("lost:")[1]
+
+
 def test_gravity_and_rotation(tmp_path):
     """*DLOAD GRAV and CENTRIF are forces per volume, by the density; the reaction is the weight."""
     deck = BOX + ROLLERS + step("*DLOAD", "A, GRAV, 9810., 0., 0., -1.", "A, CENTRIF, 4., 1., 0., 0., 0., 0., 1.")
