@@ -269,7 +269,7 @@ class Acts:
         if "DENSITY" not in self.model.materials.get(name, {}):
             self.notes.add(self.notes.lost, card, f"the material {name} has no *DENSITY")
             return 0.0
-        return numbers(self.model.materials[name]["DENSITY"].rows[0])[0]
+        return float(table(self.model.materials[name]["DENSITY"], 1)[0][0, 0])
 
     def heat(self, piece: Piece) -> tuple[Any, dict[str, float]]:
         """The temperature of a body over its initial one, and the expansion of each of its materials by name.
@@ -372,7 +372,7 @@ def _direction(transform: Card | None, at: np.ndarray, component: int) -> np.nda
         return np.eye(3)[component - 1]
     v = np.array([*numbers(transform.rows[0]), *[0.0] * 6][:6])
     place = np.array([*at, 0.0][:3])
-    if transform.given.get("TYPE", "R").upper()[0] == "C":  # radial, around and along the axis from a to b
+    if transform.given.get("TYPE", "R").upper()[:1] == "C":  # radial, around and along the axis from a to b
         third = (v[3:] - v[:3]) / np.linalg.norm(v[3:] - v[:3])
         first = place - v[:3] - third * ((place - v[:3]) @ third)
     else:
