@@ -204,8 +204,9 @@ class Acts:
                 self.notes.add(self.notes.changed, cards[int(patch.nodes[0])], "forces at nodes are spread over "
                                "the faces around them, with the same resultant and moments")
                 on = piece.group(patch.facets, "loaded")
-                found += [{"on": on} | load | ({"history": history} if history else {})
-                          for load in self._spread(piece, patch.facets, piece.points[patch.nodes], some)]
+                loads = self._spread(piece, patch.facets, piece.points[patch.nodes], some)
+                found += [{"on": piece.again(on) if k else on} | load | ({"history": history} if history else {})
+                          for k, load in enumerate(loads)]
         return found
 
     def _spread(self, piece: Piece, facets: np.ndarray, at: np.ndarray, forces: np.ndarray) -> list[dict[str, Any]]:

@@ -125,6 +125,31 @@ def test_ties_over_a_gap_are_told(tmp_path):
     assert "nodes 0.3 apart, beyond its tolerance, are tied" in lists
 
 
+def test_uneven_forces_are_no_double_load(tmp_path):
+    """The even part of forces at nodes and the rest are loads of their own groups, so that no warning of loads that add
+    up is given; the force is that of the deck."""
+    deck = BOX + "*BOUNDARY\nA_Z0, 1, 3\n" + step("*CLOAD", *(f"{28 + k}, 3, {1 + k}." for k in range(9)))
+    answer = solved(tmp_path, deck)
+    loads = answer.summary["bodies"]["A"]["loads"]
+    assert loads.keys() == {"loaded", "loaded_uneven"}
+    assert loads["loaded"]["force"] == pytest.approx([0.0, 0.0, 45.0], abs=1e-9)
+    assert loads["loaded_uneven"]["force"] == pytest.approx([0.0, 0.0, 0.0], abs=1e-9)
+    assert not [words for words in answer.summary["warnings"] if "times" in words]
+
+
+def test_rotations_far_from_the_origin_keep_their_digits(tmp_path):
+    """Of supports that turn a face about its own middle, 1000 km from the origin, the scene has the values of the deck
+    to the precision of the products."""
+    far, turn = 1e6, 1e-3 / 3.0
+    deck = grid("A", (2, 2, 3), (1.0, 1.0, 3.0), [far, 0.0, 0.0]) + STEEL + SECTION + ROLLERS
+    x = far + np.array([0.0, 0.5, 1.0])
+    rows = [f"{28 + k}, 3, 3, {turn * (x[k % 3] - far - 0.4)!r}" for k in range(9)]
+    clamp = imported(tmp_path, deck + step("*BOUNDARY", *rows))[0]["body"][0]["clamp"]
+    moved, = (entry["z"] for entry in clamp if isinstance(entry.get("z"), dict))
+    values = moved["constant"] + moved["x_slope"] * x
+    assert values == pytest.approx(turn * (x - far - 0.4), rel=0.0, abs=2.0 * np.spacing(turn * far))
+
+
 PAIR, LAW = "*CONTACT PAIR, INTERACTION=I", "*SURFACE INTERACTION, NAME=I\n"
 
 
