@@ -204,9 +204,8 @@ class Acts:
                 self.notes.add(self.notes.changed, cards[int(patch.nodes[0])], "forces at nodes are spread over "
                                "the faces around them, with the same resultant and moments")
                 on = piece.group(patch.facets, "loaded")
-                loads = self._spread(piece, patch.facets, piece.points[patch.nodes], some)
                 found += [{"on": piece.again(on) if k else on} | load | ({"history": history} if history else {})
-                          for k, load in enumerate(loads)]
+                          for k, load in enumerate(self._spread(piece, patch.facets, piece.points[patch.nodes], some))]
         return found
 
     def _spread(self, piece: Piece, facets: np.ndarray, at: np.ndarray, forces: np.ndarray) -> list[dict[str, Any]]:
