@@ -188,4 +188,5 @@ def _init_petsc(world: MPI.Comm, table: dict, petsc: list[str]) -> None:
     from ddmpi.petsc.options import as_arguments, silence_left
 
     petsc4py.init([sys.argv[0], *as_arguments(table), *petsc], comm=MPI.Intracomm(world))
+    signal.signal(signal.SIGPIPE, signal.SIG_IGN)  # PETSc would end a run whose reader, such as head, has gone
     atexit.register(silence_left)

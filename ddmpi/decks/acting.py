@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from ddmpi.decks.cards import Card
+from ddmpi.decks.cards import Card, Notes
 from ddmpi.decks.material import Matter, table
-from ddmpi.decks.model import Acting, Course, Model, Notes
+from ddmpi.decks.model import Acting, Course, Model
 from ddmpi.decks.pieces import Piece, linear
 from ddmpi.decks.words import numbers
 
@@ -204,8 +204,8 @@ class Acts:
                 self.notes.add(self.notes.changed, cards[int(patch.nodes[0])], "forces at nodes are spread over "
                                "the faces around them, with the same resultant and moments")
                 on = piece.group(patch.facets, "loaded")
-                found += [{"on": on} | load | ({"history": history} if history else {})
-                          for load in self._spread(piece, patch.facets, piece.points[patch.nodes], some)]
+                found += [{"on": piece.again(on) if k else on} | load | ({"history": history} if history else {})
+                          for k, load in enumerate(self._spread(piece, patch.facets, piece.points[patch.nodes], some))]
         return found
 
     def _spread(self, piece: Piece, facets: np.ndarray, at: np.ndarray, forces: np.ndarray) -> list[dict[str, Any]]:
@@ -269,7 +269,7 @@ class Acts:
         if "DENSITY" not in self.model.materials.get(name, {}):
             self.notes.add(self.notes.lost, card, f"the material {name} has no *DENSITY")
             return 0.0
-        return numbers(self.model.materials[name]["DENSITY"].rows[0])[0]
+        return float(table(self.model.materials[name]["DENSITY"], 1)[0][0, 0])
 
     def heat(self, piece: Piece) -> tuple[Any, dict[str, float]]:
         """The temperature of a body over its initial one, and the expansion of each of its materials by name.
@@ -321,7 +321,11 @@ class Acts:
             if len(values) > 1:
                 self.notes.add(self.notes.changed, expansion, "the thermal strain of the table is folded into the "
                                "expansion and the temperature")
-        if not fields or not any(expansions.values()):
+        grows = bool(fields) and any(expansions.values())
+        for given in (given for given, nodes in self.model.heated if not nodes.isdisjoint(own)):
+            self.notes.add(self.notes.taken if grows else self.notes.changed, given, "temperature" if grows else
+                           f"no thermal strain of {piece.name}: its material has no *EXPANSION")
+        if not grows:
             return None, {}
         if any(np.abs(field - fields[0]).max() > KEEPS * np.abs(fields[0]).max() for field in fields[1:]):
             self.notes.add(self.notes.lost, card, "expansions of several materials that vary with the temperature")
@@ -368,7 +372,7 @@ def _direction(transform: Card | None, at: np.ndarray, component: int) -> np.nda
         return np.eye(3)[component - 1]
     v = np.array([*numbers(transform.rows[0]), *[0.0] * 6][:6])
     place = np.array([*at, 0.0][:3])
-    if transform.given.get("TYPE", "R").upper()[0] == "C":  # radial, around and along the axis from a to b
+    if transform.given.get("TYPE", "R").upper()[:1] == "C":  # radial, around and along the axis from a to b
         third = (v[3:] - v[:3]) / np.linalg.norm(v[3:] - v[:3])
         first = place - v[:3] - third * ((place - v[:3]) @ third)
     else:

@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from ddmpi.decks.cards import Card
-from ddmpi.decks.model import Model, Notes
+from ddmpi.decks.cards import Card, Notes
+from ddmpi.decks.model import Model
 from ddmpi.decks.pieces import Piece, own_name
-from ddmpi.decks.words import numbers
+from ddmpi.decks.words import DeckError, numbers
 from ddmpi.errors import InputError
 
 AXES = np.eye(3)
@@ -19,7 +19,10 @@ def table(card: Card, width: int) -> tuple[np.ndarray, np.ndarray]:
     """Values (k, width) of a material and the temperatures (k,) at which they hold; continued lines are joined."""
     lines, row = [], list[float]()
     for words in card.rows:
-        row += numbers(words)
+        try:
+            row += numbers(words)
+        except DeckError as error:
+            raise InputError(card.tells(error)) from None
         if len(row) >= width:
             lines.append([*row, 0.0][:width + 1])
             row = []
@@ -81,7 +84,7 @@ class Matter:
         given = self.model.orientations[orientation]
         v = np.array([*numbers(given.rows[0]), *[0.0] * 6][:6])
         turned = len(given.rows) > 1 and any(numbers(given.rows[1])[1:])
-        if given.given.get("SYSTEM", "RECTANGULAR").upper()[0] != "R" or turned or not np.cross(v[:3], v[3:]).any():
+        if given.given.get("SYSTEM", "RECTANGULAR").upper()[:1] != "R" or turned or not np.cross(v[:3], v[3:]).any():
             return np.zeros((3, 3))
         first, third = v[:3] / np.linalg.norm(v[:3]), np.cross(v[:3], v[3:]) / np.linalg.norm(np.cross(v[:3], v[3:]))
         return np.array([first, np.cross(third, first), third])
@@ -117,6 +120,8 @@ class Matter:
             return {"young": 1.0, "poisson": 0.0}
         if not kind.startswith("ENGINEERING"):  # the stiffness D1111, D1122, D2222, D1133, D2233, D3333, D1212, …
             stiffness = np.array([[row[0], row[1], row[3]], [row[1], row[2], row[4]], [row[3], row[4], row[5]]])
+            if np.linalg.matrix_rank(stiffness) < 3:
+                raise InputError(card.tells("the stiffness is singular"))
             S = np.linalg.inv(stiffness)
             young = 1.0 / np.diag(S)
             row = np.array([*young, -S[1, 0] * young[0], -S[2, 0] * young[0], -S[2, 1] * young[1], *row[6:]])

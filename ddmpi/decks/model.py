@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ddmpi.decks.cards import Card
+from ddmpi.decks.cards import Card, Notes
 from ddmpi.decks.deck import Deck
-from ddmpi.decks.words import NAMED_SUPPORTS, PROCEDURES, REFUSED, SILENT, faces, number, numbers
+from ddmpi.decks.words import NAMED_SUPPORTS, PROCEDURES, REFUSED, SILENT, DeckError, faces, integer, number, numbers
 from ddmpi.errors import InputError
 
 Course = tuple[tuple[float, float], ...]
@@ -43,29 +43,6 @@ class Rigid(NamedTuple):
     spread: bool = False
 
 
-class Notes:
-    """What became of the keywords: taken, changed and lost, each with its reason and lines."""
-
-    def __init__(self, main: Any) -> None:
-        self.main = main
-        self.taken: dict[tuple[str, str], list[str]] = {}
-        self.changed: dict[tuple[str, str], list[str]] = {}
-        self.lost: dict[tuple[str, str], list[str]] = {}
-
-    def add(self, where: dict[tuple[str, str], list[str]], card: Card, reason: str) -> None:
-        line = f"{card.line}" if card.path == self.main else f"{card.line} of {card.path.name}"
-        lines = where.setdefault((card.name, reason), [])
-        if line not in lines:
-            lines.append(line)
-
-    @staticmethod
-    def words(where: dict[tuple[str, str], list[str]]) -> Iterator[str]:
-        """A line of text for each entry."""
-        for (name, reason), lines in where.items():
-            some = ", ".join(lines[:6]) + f" and {len(lines) - 6} more" * (len(lines) > 6)
-            yield f"line{'s' * (len(lines) > 1)} {some}: *{name}: {reason}"
-
-
 class Model:
     """Materials, contacts, loads and supports of a deck. Raises InputError, with the line, for what cannot be read.
 
@@ -78,6 +55,7 @@ class Model:
     pressures : by element and face: pressure, or with the components of TRVEC a traction
     body_forces : by set, kind and direction
     heat : by node the temperatures
+    heated : *TEMPERATURE and its nodes, of each data line
     start : initial temperatures by node
     ends : times of the ends of the steps
     """
@@ -91,6 +69,7 @@ class Model:
         self.clearances: list[Card] = []
         self.kinds: dict[str, dict[Any, Acting]] = {
             kind: {} for kind in ("supports", "forces", "pressures", "body_forces", "heat")}
+        self.heated: list[tuple[Card, set[int]]] = []
         self.start: dict[int, float] = {}
         self.ends: list[float] = []
         self.nlgeom = False
@@ -113,8 +92,15 @@ class Model:
     def _of(self, card: Card, kind: str, what: str) -> set[int]:
         try:
             return self.deck.chosen(card, kind, what)
-        except ValueError as error:
+        except DeckError as error:
             raise _refusal(card, error) from None
+
+    def node(self, card: Card, what: str) -> int:
+        """The only node of a set, or the one with this number."""
+        nodes = self._of(card, "NSET", what)
+        if len(nodes) != 1:
+            raise _refusal(card, f"{what} has {len(nodes)} nodes; one is needed")
+        return nodes.pop()
 
     def _read(self) -> None:
         steps: list[list[Card]] = []
@@ -136,7 +122,10 @@ class Model:
             raise InputError(f"it has no *STATIC step{what}; ddmpi computes static equilibrium")
         for step, way in zip(steps, ways, strict=True):
             if way.word == "STATIC":
-                self._follow(step, way)
+                try:
+                    self._follow(step, way)
+                except DeckError as error:
+                    raise _refusal(way, error) from None
             else:
                 self.notes.add(self.notes.lost, way, "only *STATIC steps are computed")
 
@@ -185,7 +174,13 @@ class Model:
         if way != "TABULAR" or "USER" in amplitude.given or form == "ABSOLUTE":
             self.notes.add(self.notes.lost, card, f"the amplitude {name} is no table of factors")
             return
-        table = np.array(numbers([word for row in amplitude.rows for word in row if word])).reshape(-1, 2)
+        try:
+            factors = numbers([word for row in amplitude.rows for word in row if word])
+        except DeckError as error:
+            raise _refusal(amplitude, error) from None
+        if not factors or len(factors) % 2:
+            raise _refusal(amplitude, "it needs pairs of a time and a factor")
+        table = np.reshape(factors, (-1, 2))
         delay = number(card.given.get("TIMEDELAY", "0"))
         first = delay + (0.0 if "TOTAL" in amplitude.given.get("TIME", "").upper() else begin)
         times = first + table[:, 0]
@@ -203,8 +198,8 @@ class Model:
         elif method is not None:
             try:
                 method(card)
-            except (ValueError, KeyError) as error:
-                raise _refusal(card, f"it lacks {error}" if isinstance(error, KeyError) else str(error)) from None
+            except (DeckError, KeyError) as error:
+                raise _refusal(card, f"it lacks {error.args[0]}" if isinstance(error, KeyError) else error) from None
             except IndexError:
                 raise _refusal(card, "a data line is too short") from None
         elif card.word not in SILENT:
@@ -255,7 +250,7 @@ class Model:
         self._taken(card, "material of elements")
 
     def _contactpair(self, card: Card) -> None:
-        self.pairs += [Pair(card, *row[:2]) for row in card.rows]
+        self.pairs += [Pair(card, row[0], row[1]) for row in card.rows]
 
     _tie = _contactpair
 
@@ -291,8 +286,8 @@ class Model:
             if row[1].upper() in NAMED_SUPPORTS:
                 first, last, value = *NAMED_SUPPORTS[row[1].upper()], 0.0
             else:
-                first = int(row[1] or 1)
-                last, value = int([*row, "", ""][2] or first), number([*row, "", ""][3] or "0")
+                first = integer(row[1] or "1")
+                last, value = integer([*row, "", ""][2] or str(first)), number([*row, "", ""][3] or "0")
             for node in self.deck.chosen(card, "NSET", row[0]):
                 most = 6 if node in self._refs else 3
                 self._fresh["supports"] |= {(node, k): (card, value) for k in range(first, min(last, most) + 1)}
@@ -304,10 +299,10 @@ class Model:
         self._renew("forces", card)
         for row in card.rows:
             for node in self.deck.chosen(card, "NSET", row[0]):
-                if int(row[1]) > (6 if node in self._refs else 3):
+                if integer(row[1]) > (6 if node in self._refs else 3):
                     self.notes.add(self.notes.lost, card, "moments at nodes")
                 else:
-                    self._add("forces", (node, int(row[1])), card, number(row[2]))
+                    self._add("forces", (node, integer(row[1])), card, number(row[2]))
         self._taken(card, "forces")
 
     def _dload(self, card: Card) -> None:
@@ -341,26 +336,26 @@ class Model:
     def _rigidbody(self, card: Card) -> None:
         nodes = set().union(*(self.deck.chosen(card, "NSET", card.given[key]) for key in ("NSET", "TIENSET")
                               if key in card.given))
-        ref, = self._of(card, "NSET", card.given["REFNODE"])
-        turn, = self._of(card, "NSET", card.given.get("ROTNODE", card.given["REFNODE"]))
+        ref = self.node(card, card.given["REFNODE"])
+        turn = self.node(card, card.given.get("ROTNODE", card.given["REFNODE"]))
         if {"ELSET", "PINNSET", "ANALYTICALSURFACE"} & card.given.keys() or not nodes:
             self.notes.add(self.notes.lost, card, "rigid bodies that are no set of nodes")
         else:
             self.rigid.append(Rigid(card, nodes, ref, turn))
 
     def _coupling(self, card: Card) -> None:
-        ref, = self._of(card, "NSET", card.given["REFNODE"])
+        ref = self.node(card, card.given["REFNODE"])
         name = card.given["SURFACE"]
         try:
             nodes = self.deck.chosen(card, "NODES", name)
-        except ValueError:
+        except DeckError:
             ends = set(self.surface(card, name))
             nodes = {node for kind, entries, _ in self.deck.blocks for k, face in enumerate(faces(kind), 1)
                      for row in entries.tolist() if (row[0], k) in ends for node in np.array(row)[1 + np.array(face)]}
         self.rigid.append(Rigid(card, nodes, ref, ref))
 
     def _kinematic(self, card: Card) -> None:
-        if [row for row in card.rows if int(row[0]) > 1 or int([*row, ""][1] or 1) < 6]:
+        if [row for row in card.rows if integer(row[0]) > 1 or integer([*row, ""][1] or "1") < 6]:
             self.notes.add(self.notes.lost, card, "a coupling of some components only")
 
     def _distributing(self, card: Card) -> None:
@@ -372,9 +367,9 @@ class Model:
             self.notes.add(self.notes.lost, card, "temperatures of a file or a routine")
             return
         for row in card.rows:
-            for node in self.deck.chosen(card, "NSET", row[0]):
-                self._fresh["heat"][node] = card, number(row[1])
-        self._taken(card, "temperature")
+            nodes = self.deck.chosen(card, "NSET", row[0])
+            self._fresh["heat"] |= dict.fromkeys(nodes, (card, number(row[1])))
+            self.heated.append((card, nodes))
 
     def _initialconditions(self, card: Card) -> None:
         if card.given["TYPE"].upper() != "TEMPERATURE" or "FILE" in card.given:
@@ -385,16 +380,16 @@ class Model:
         self._taken(card, "initial temperature")
 
     def surface(self, card: Card, name: str) -> Iterator[tuple[int, int]]:
-        """The elements of a surface of element faces, and the numbers of their faces. Raises ValueError."""
+        """The elements of a surface of element faces, and the numbers of their faces. Raises DeckError."""
         key = next((key for key in (f"{card.scope}.{name}".lower(), name.lower()) if key in self.deck.surfaces), None)
         if key is None:
-            raise ValueError(f"there is no surface {name} of element faces")
+            raise DeckError(f"there is no surface {name} of element faces")
         for what, where in self.deck.surfaces[key]:
             if not re.fullmatch(r"[SE]\d", where):
-                raise ValueError(f"the surface {name} has a side {where or '(none)'} that is no face S1 to S6")
+                raise DeckError(f"the surface {name} has a side {where or '(none)'} that is no face S1 to S6")
             for element in sorted(self.deck.members("ELSET", what)):
                 yield element, int(where[1])
 
 
 def _refusal(card: Card, what: object) -> InputError:
-    return InputError(f"line {card.line}{f' of {card.path.name}' if card.path.name else ''}: *{card.name}: {what}")
+    return InputError(card.tells(what))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable, Sequence
 from functools import cached_property
@@ -164,6 +165,13 @@ class Piece:
         """The name of a group of these facets; a new one, like `name`, if there is none yet."""
         return _kept(self.groups, np.unique(facets), name, self.taken)
 
+    def again(self, group: str) -> str:
+        """A second name for the facets of a group: of loads under one name `ddmpi check` asks whether both are meant.
+        """
+        name = own_name(f"{group}_uneven", self.taken)
+        self.groups[name] = self.groups[group]
+        return name
+
     def node_set(self, nodes: np.ndarray, name: str) -> str:
         """The name of a set of these nodes (places); a new one, like `name`, if there is none yet."""
         return _kept(self.sets, np.unique(nodes), name, self.taken)
@@ -280,6 +288,9 @@ def linear(points: np.ndarray, values: np.ndarray) -> np.ndarray | None:
     if np.abs(columns @ found - values).max(initial=0.0) > EXACT * size:
         return None
     slopes = np.where(np.abs(found[1:]) * np.ptp(points, axis=0) > 1e-9 * size, found[1:], 0.0)
-    coefficients = np.append(found[0] - slopes @ middle, slopes)
-    coefficients[0] *= abs(coefficients[0]) > 1e-9 * size
-    return np.array([float(f"{value:.13g}") for value in coefficients.tolist()])
+    slopes = np.array([float(f"{slope:.13g}") for slope in slopes.tolist()])
+    # far from the origin the constant is large: it has the digits that the values need, and makes up for the slopes'
+    constant = float(found[0] - slopes @ middle)
+    spread = float(np.ptp(values)) or size
+    digits = 13 - math.floor(math.log10(spread)) if spread else 0
+    return np.append(round(constant, digits) if abs(constant) > 1e-9 * size else 0.0, slopes)

@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 
 from ddmpi.decks.acting import Acts
-from ddmpi.decks.cards import Card
+from ddmpi.decks.cards import Card, Notes
 from ddmpi.decks.deck import Deck
 from ddmpi.decks.material import Matter
-from ddmpi.decks.model import Acting, Model, Notes, Pair, Rigid
+from ddmpi.decks.model import Acting, Model, Pair, Rigid
 from ddmpi.decks.pieces import Block, Piece, cut, own_name, split
-from ddmpi.decks.words import number
+from ddmpi.decks.words import DeckError, number
 from ddmpi.errors import InputError, TakenError
 from ddmpi.scene.reader import write_toml
 
@@ -41,9 +41,8 @@ class Importer:
         self.notes = Notes(path)
         try:
             self.deck = Deck(path)
-        except (ValueError, KeyError, IndexError, OverflowError, OSError) as error:
-            reason = f"a keyword lacks {error}" if isinstance(error, KeyError) else str(error)
-            raise InputError(reason) from None
+        except OSError as error:
+            raise InputError(str(error)) from None
         self.model = Model(self.deck, self.notes)
         self.pieces, self.family, quadratic = self._pieces()
         self.order = 2 if quadratic else 1
@@ -116,7 +115,7 @@ class Importer:
         for card, ends, copies in self.cuts:
             sides = {self.acts.where[end][0].name: self.acts.where[end][0] for end in ends if end in self.acts.where}
             others = [piece for piece in self.pieces if len(piece.whole(piece.within(copies)))]
-            node, = self.deck.chosen(card, "NSET", card.given["NODE"])
+            node = self.model.node(card, card.given["NODE"])
             force = self.model.kinds["forces"].get((node, 1))
             if len(sides) != 1 or len(others) != 1 or others[0].name in sides or force is None:
                 self.notes.add(self.notes.lost, card, "a section that does not cut a body in two" if force else
@@ -228,7 +227,7 @@ class Importer:
                     contact["gap"] = gap
                 elif not tied and (word := card.given.get("ADJUST", "NO").upper()) != "NO":
                     heights = slave.heights(on, master, against)
-                    reach = float(word) if re.fullmatch(r"[\d.ED+-]+", word) else np.nan
+                    reach = number(word) if re.fullmatch(r"[\d.]+([ED][+-]?\d+)?", word) else np.nan
                     near = heights <= max(reach, 1e-9 * float(np.ptp(slave.points, axis=0).max()))
                     if near.all() and len(near):
                         contact["gap"] = 0.0
@@ -373,7 +372,7 @@ def import_deck(deck: str | Path, output: str | Path, partial: bool = False) -> 
     try:
         importer = Importer(path)
         scene = importer.scene(path.stem)
-    except (InputError, ValueError, OverflowError) as error:  # sets and numbers that are none, wherever they are read
+    except (InputError, DeckError) as error:
         raise InputError(f"{deck}: {error}") from None
     notes = importer.notes
     if notes.lost and not partial:

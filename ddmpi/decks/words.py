@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 
 SIDES: dict[str, list[tuple[int, int]]] = {
@@ -66,14 +67,18 @@ NAMED_SUPPORTS = {"ENCASTRE": (1, 3), "PINNED": (1, 3), "XSYMM": (1, 1), "YSYMM"
 """Abaqus's words for supports: the first and the last component that they hold."""
 
 
+class DeckError(ValueError):
+    """A mistake in a deck, in words."""
+
+
 def element(name: str) -> tuple[str, int]:
-    """What meshio calls an element of Abaqus, and the number of its nodes. Raises ValueError for other names."""
+    """What meshio calls an element of Abaqus, and the number of its nodes. Raises DeckError for other names."""
     for families, kinds in ELEMENTS.items():
         found = re.match(rf"({families})(\d+)", name.upper())
         if found and int(found[2]) in kinds:
             kind = kinds[int(found[2])]
             return kind, int(re.sub(r"\D", "", kind) or corners(kind))
-    raise ValueError(f"the element type {name} is not known")
+    raise DeckError(f"the element type {name} is not known")
 
 
 def shape(kind: str) -> str:
@@ -92,19 +97,32 @@ def faces(kind: str) -> list[tuple[int, ...]]:
 
 
 def face(kind: str, name: str, surface: str) -> tuple[int, ...]:
-    """The corners of the face S1, S2, … of an element, or of the whole of a shell (SPOS, SNEG). Raises ValueError."""
+    """The corners of the face S1, S2, … of an element, or of the whole of a shell (SPOS, SNEG). Raises DeckError."""
     all_faces = faces(kind)
     if name in ("SPOS", "SNEG") and shape(kind) in ("triangle", "quad"):
         return tuple(range(len(all_faces)))
     if not re.fullmatch(r"[SE]\d", name) or not 1 <= int(name[1]) <= len(all_faces):
-        raise ValueError(f"the surface {surface} has {name or 'no'} face of a {shape(kind)}; these are S1 to "
+        raise DeckError(f"the surface {surface} has {name or 'no'} face of a {shape(kind)}; these are S1 to "
                          f"S{len(all_faces)}")
     return all_faces[int(name[1]) - 1]
 
 
 def number(word: str) -> float:
-    """A number as decks write it, with E or D before the exponent. Raises ValueError."""
-    return float(word.upper().replace("D", "E"))
+    """A number as decks write it, with E or D before the exponent. Raises DeckError."""
+    try:
+        value = float(word.upper().replace("D", "E"))
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise DeckError(f'"{word}" is not a number')
+    return value
+
+
+def integer(word: str) -> int:
+    """The number of a node, an element or a component. Raises DeckError."""
+    if not re.fullmatch(r"[+-]?\d{1,18}", word):
+        raise DeckError(f'"{word}" is not an integer')
+    return int(word)
 
 
 def numbers(row: list[str]) -> list[float]:

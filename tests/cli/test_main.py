@@ -3,6 +3,7 @@
 import itertools
 import os
 import re
+import subprocess
 import sys
 import threading
 
@@ -55,6 +56,20 @@ def test_an_abort_waits_for_the_message_to_be_read(monkeypatch, reads):
 def test_commands_without_arguments(name):
     """They take none, and are there."""
     assert build_parser().parse_args([name]).command == name
+
+
+def test_a_reader_that_stops_early_does_not_end_the_check(tmp_path):
+    """As in ddmpi check SCENE.toml | head: one warning, no pages of PETSc, and the exit code of the check."""
+    read, write = os.pipe()
+    os.close(read)
+    command = [sys.executable, "-m", "ddmpi", "check", str(scenes.ROOT / "configs" / "arch.toml"), "--no-figures",
+               "--output", str(tmp_path / "out")]
+    try:
+        job = subprocess.run(command, stdout=write, stderr=subprocess.PIPE, text=True, cwd=scenes.ROOT,
+                             env=scenes.clean_environment(), check=False)
+    finally:
+        os.close(write)
+    assert job.returncode == 0 and len(job.stderr.splitlines()) == 1 and "cannot be printed any more" in job.stderr
 
 
 def test_two_cuts_are_refused():

@@ -588,10 +588,10 @@ def square(**data) -> meshio.Mesh:
 @pytest.mark.parametrize(("more", "words"), [
     ("*ELEMENT, TYPE=C3D4\n9, 1, 2, 3, 4", "has tetrahedra without volume"),
     ("*ELEMENT, TYPE=CPS3\n9, 1, 2, 77", "that can be read: an element has node 77, which is not there"),
-    ("*ELEMENT, TYPE=CPS3\n9, 1, 2", "*ELEMENT has 3 numbers, and CPS3 takes 4 each; is the file cut off?"),
+    ("*ELEMENT, TYPE=CPS3\n9, 1, 2", "*ELEMENT: it has 3 numbers, and CPS3 takes 4 each; is the file cut off?"),
     ("*ELEMENT, TYPE=UNKNOWN\n9, 1, 2, 3", "that can be read: the element type UNKNOWN is not known"),
-    ("*ELEMENT\n9, 1, 2, 3", "that can be read (KeyError 'TYPE')"),
-    ("*ELGEN\n9, 1, 2, 3", "that can be read: *ELGEN is not supported; write all nodes and elements"),
+    ("*ELEMENT\n9, 1, 2, 3", "*ELEMENT: it lacks TYPE"),
+    ("*ELGEN\n9, 1, 2, 3", "*ELGEN: it is not supported; write all nodes and elements"),
     ("*PART, NAME=one\n*END PART\n*PART, NAME=two", 'several parts; name the one of this body by part = "one" or'),
     ("*INSTANCE, NAME=one\n*END INSTANCE\n*INSTANCE, NAME=two", "it has several parts"),
     ("*NSET, NSET=a\nb\n*NSET, NSET=b\na", "the set a contains itself"), ("*ELSET, ELSET=a\nb", "there is no set b"),
