@@ -100,6 +100,8 @@ class Model:
         nodes = self._of(card, "NSET", what)
         if len(nodes) != 1:
             raise _refusal(card, f"{what} has {len(nodes)} nodes; one is needed")
+        if nodes - self.deck.points.keys():
+            raise _refusal(card, f"there is no node {what}")
         return nodes.pop()
 
     def _read(self) -> None:

@@ -345,6 +345,7 @@ BAD = [
     (BOX + step(time="1., end"), '*STATIC: "end" is not a number'),
     (BOX + "*AMPLITUDE, NAME=N\n0., 0., 1.\n" + step("*CLOAD, AMPLITUDE=N", "1, 1, 1."), "*AMPLITUDE: it needs pairs"),
     (BOX + "*RIGID BODY, NSET=A_Z1, REF NODE=A_Z0\n" + step(), "*RIGID BODY: A_Z0 has 9 nodes; one is needed"),
+    (BOX + "*RIGID BODY, NSET=A_Z1, REF NODE=999\n" + step(), "*RIGID BODY: there is no node 999"),
     (BOX + step("*CLOAD", "1"), "*CLOAD: a data line is too short"),
     (BOX + step("*CLOAD, AMPLITUDE=N", "1, 1, 1."), "*CLOAD: there is no *AMPLITUDE N"),
     (BOX.replace("MATERIAL=STEEL", "MATERIAL=GOLD") + step("*CLOAD", "1, 1, 1."), "there is no *MATERIAL GOLD"),
