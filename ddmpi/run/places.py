@@ -20,19 +20,25 @@ from ddmpi.coupling.assembly import Assembly
 from ddmpi.derive.chain import Chain
 from ddmpi.errors import InputError
 from ddmpi.interface.interface import Interface
+from ddmpi.interface.mortar import meet
 from ddmpi.interface.state import ContactState
 from ddmpi.methods.newton import Newton
 from ddmpi.methods.outer import Report, no_report
 from ddmpi.results.checkpoint import Checkpoints
-from ddmpi.run.equilibrium import Mark
+from ddmpi.run.equilibrium import NOTHING, Mark
 from ddmpi.run.gather import StepLog
 from ddmpi.run.solve import Iteration, Solution, solve
 from ddmpi.run.steps import MARKS, March
+from ddmpi.scene.contacts import SettledContact
 from ddmpi.scene.meshes import frames_of
 from ddmpi.surface.cover import DEEPEST
+from ddmpi.surface.side import Side
 from ddmpi.system.agreement import agreed
 from ddmpi.system.clock import Clock
 from ddmpi.system.numbers import Frame
+
+MOST = 64
+"""Most places on the way of a step at which bodies are looked for that run through each other."""
 
 MARGIN = 1.0
 """Overlaps are looked for as deep as those of the step before and the motion of this one, and this many facets."""
@@ -79,6 +85,11 @@ def _rows_of(state: ContactState) -> dict[str, np.ndarray]:
 class FarMarch(March):
     """The load steps of bodies that move far. Everything is collective."""
 
+    def __init__(self, assembly: Assembly, iteration: Iteration, log: StepLog) -> None:
+        self._first = Memory(0.0, {}, {}, _deepest(assembly))  # nothing but where the bodies are
+        self._compared: Memory | None = None  # the last attempt at the present leg
+        super().__init__(assembly, iteration, log)
+
     def _step(self, time: float) -> Solution:
         """Place the bodies at `time`, and solve."""
         memory, far, clock = self._memory(self._now), self.assembly.far, self.iteration.clock
@@ -87,7 +98,7 @@ class FarMarch(March):
         far.reach[time] = _reaches(self.assembly, frames, memory.deepest, time)
         with clock.phase("assemble"):
             self.assembly = assembly = self.assembly.meet(time)
-        _refuse_passing(assembly)
+        _refuse_passing(assembly, memory.time, time)
         start = assembly.exchange.total([body.member.begin(_began(
             assembly, body.spec.name, body.mesh.points, memory.displacements.get(body.spec.name, 0.0), frames))
             for body in assembly.bodies], "slip")
@@ -104,7 +115,7 @@ class FarMarch(March):
         s, largest = assembly.space.laws.project(self._now.s), self.log.most["sizes"]
         if assembly.space.any(s):
             outer.begin((s, joint.product(s, "newton") - joint.d, np.zeros(0)))
-        outer.direct.steps = True
+        outer.nothing, outer.direct.steps = NOTHING * largest[0], True
         solution = self.iteration.solve(None, (sliding, memory.forces_at, self._now.slid), largest)
         for member, body in zip(far.members, assembly.bodies, strict=True):
             member.C.count = body.member.C.count
@@ -113,8 +124,17 @@ class FarMarch(March):
         return replace(solution, time=time, states=states)
 
     def _memory(self, mark: Mark) -> Memory:
-        """What a mark remembers; at first, nothing but where the bodies are."""
-        return mark.memory or Memory(0.0, {}, {}, _deepest(self.assembly))
+        return mark.memory or self._first
+
+    def _refine(self) -> bool:
+        # attempts may have paired other rows at the end of the leg
+        if self._coarse is not None and self._compared:
+            self._coarse = _forces_of(self.assembly, self._compared)
+        self._compared = self._memory(self._now)
+        again = super()._refine()
+        if not again:
+            self._compared = None
+        return again
 
     def _remember(self, solution: Solution) -> Memory:
         assert solution.time is not None
@@ -160,18 +180,32 @@ def _deepest(assembly: Assembly) -> dict[str, float]:
             for met in body.member.interfaces}
 
 
-def _refuse_passing(assembly: Assembly) -> None:
-    """InputError, on all ranks, where the motions run a body through another. Collective."""
-    deepest, unit = _deepest(assembly), assembly.scene.units["length"]
+def _refuse_passing(assembly: Assembly, since: float, time: float) -> None:
+    """InputError, on all ranks, where the motions run a body through another, at `time` or on the way. Collective."""
+    now, unit, scene = _deepest(assembly), assembly.scene.units["length"], assembly.scene
+    rigid, (then, here) = {each.name: each for each in scene.rigid}, (frames_of(scene, at) for at in (since, time))
     with agreed(assembly.world):
         assert assembly.far
         for contact in assembly.far.contacts:
-            sides = [side for side in assembly.far.sides[contact.name] if side]
-            thin = min(sides, key=lambda side: float(side.extent.min()))
-            if deepest[contact.name] > DEEPEST * float(thin.extent.min()):
+            both = assembly.far.sides[contact.name]
+            body, thin = min(((side.body, float(side.extent.min())) for side in both if side), key=lambda each: each[1])
+            deepest = now[contact.name]
+            if not deepest:  # apart: it may have passed
+                places = min(MOST, 1 + int(4.0 * _way(contact, both[0], then, here) / thin))
+                for at in np.linspace(since, time, places)[1:-1]:
+                    met = meet(contact, both, frames_of(scene, float(at)), rigid, thin)
+                    deepest = max(deepest, -float(met.opening.min(initial=0.0)))
+            if deepest > DEEPEST * thin:
                 raise InputError(f"contact.{contact.name}: the motions push {contact.bodies[0]!r} and "
-                                 f"{contact.bodies[1]!r} into each other by {deepest[contact.name]:.3g} {unit}, more "
-                                 f"than {DEEPEST:g} of the thickness of {thin.body!r}: one would run through the other")
+                                 f"{contact.bodies[1]!r} into each other by {deepest:.3g} {unit} until time {time:g}, "
+                                 f"more than {DEEPEST:g} of the thickness of {body!r}: one would run through the other")
+
+
+def _way(contact: SettledContact, side: Side, then: Mapping[str, Frame], now: Mapping[str, Frame]) -> float:
+    """How far the nodes of the first side move past the second body (m)."""
+    first, second = contact.bodies
+    old, new = (at[second].undone.after(at[first]).at(side.xy) for at in (then, now))
+    return float(np.linalg.norm(new - old, axis=1).max())
 
 
 def _reaches(assembly: Assembly, frames: Mapping[str, Frame], deepest: Mapping[str, float],
@@ -181,11 +215,9 @@ def _reaches(assembly: Assembly, frames: Mapping[str, Frame], deepest: Mapping[s
     now, reach = frames_of(assembly.scene, time), {}
     assert assembly.far
     for contact in assembly.far.contacts:
-        first, second = contact.bodies
         side = assembly.far.sides[contact.name][0]
-        old, new = (at[second].undone.after(at[first]).at(side.xy) for at in (frames, now))
-        reach[contact.name] = deepest[contact.name] + float(np.linalg.norm(new - old, axis=1).max()) + (
-            MARGIN * float(side.lengths.max()))
+        reach[contact.name] = deepest[contact.name] + _way(contact, side, frames, now) + MARGIN * float(
+            side.lengths.max())
     return reach
 
 
@@ -206,13 +238,19 @@ def _began(assembly: Assembly, name: str, points: np.ndarray, u: np.ndarray | fl
 def _seen_now(mark: Mark, assembly: Assembly, memory: Memory, start: np.ndarray) -> Mark:
     """The last step as the rows of now see it: its forces by slave nodes, and the places of what they join now."""
     space, zero = assembly.space, np.zeros(assembly.space.size)
-    s, slid = zero.copy(), {}
-    for interface, part in space.with_slices():
+    slid = {interface.name: np.zeros((interface.m, interface.dimension - 1)) for interface in space.interfaces
+            if interface.law.frictionless}
+    return replace(mark, s=_forces_of(assembly, memory), moved=start, opening=space.opening, prescribed=zero, d=zero,
+                   slid=slid)
+
+
+def _forces_of(assembly: Assembly, memory: Memory) -> np.ndarray:
+    """The forces (size,) that are remembered, at the slave nodes of the rows of now (N)."""
+    s = np.zeros(assembly.space.size)
+    for interface, part in assembly.space.with_slices():
         normal, tangential = (_by_node(interface, memory, what) for what in ("normal", "tangential"))
         s[part] = np.concatenate([normal[:, 0], tangential[interface.sliding].ravel()])
-        if interface.law.frictionless:
-            slid[interface.name] = np.zeros((interface.m, interface.dimension - 1))
-    return replace(mark, s=s, moved=start, opening=space.opening, prescribed=zero, d=zero, slid=slid)
+    return s
 
 
 def _by_node(interface: Interface, memory: Memory, what: str) -> np.ndarray:

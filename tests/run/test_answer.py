@@ -47,7 +47,7 @@ def test_gaps_close_and_multiplications_are_counted_step_by_step(comm):
 def test_a_rank_writes_the_tables_of_contacts_that_it_owns(comm, tmp_path):
     """Those of which it holds the first body, and no others: the first rank need not write all."""
     solved = ddmpi.solve(to_toml(tower(3, 2)), comm).solved
-    _write_contacts(tmp_path, solved, {name: contact_fields(each) for name, each in solved.solution.states.items()})
+    _write_contacts(tmp_path, solved, {name: contact_fields(each) for name, each in solved.solution.states.items()}, [])
     own = {name for name, first, _ in solved.assembly.exchange.ends if first == comm.rank}
     files = [path.name for path in tmp_path.iterdir()]
     assert sorted(files) == sorted(f"contact_{name}.{end}" for name in own for end in ("csv", "vtu"))
