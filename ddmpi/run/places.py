@@ -38,7 +38,7 @@ from ddmpi.system.clock import Clock
 from ddmpi.system.numbers import Frame
 
 MOST = 64
-"""Most places on the way of a step at which bodies are looked for that run through each other."""
+"""Most places on the way of a step at which a body is looked for in its partner."""
 
 MARGIN = 1.0
 """Overlaps are looked for as deep as those of the step before and the motion of this one, and this many facets."""

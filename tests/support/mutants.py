@@ -28,7 +28,7 @@ UNLOADED = "scenes/test_load_steps.py::test_what_is_unloaded_is_zero"
 CYCLES = "scenes/test_cycles.py"
 DENSE = "methods/test_dense.py"
 OUTLINES = "results/test_outlines.py"
-LEAN = "scenes/test_lean_steps.py"
+LEAN, FAR = "scenes/test_lean_steps.py", "run/test_far.py"
 ADAPTIVE = "scenes/test_load_steps.py::test_adaptive_steps_go_on_from_wherever_they_were"
 AT_FIRST = "scenes/test_load_steps.py::test_a_load_that_nothing_holds_at_first_is_named_though_it_is_held_at_last"
 DISSIPATED = "interface/test_state.py"
@@ -716,6 +716,25 @@ MUTANTS = [Mutant(*row) for row in (
     ("the last change forgotten at a restart", "run/steps", '"_coarse", "_changed"', '"_coarse"', ADAPTIVE),
     ("slip bounds of the step before forgotten", "run/steps", "s: before[part],", "s: 0.0 * s,",
      "scenes/test_load_steps.py::test_a_proportional_load_dissipates_the_same_in_any_number_of_steps"),
+    # bodies that move far
+    ("slip is seen from where bodies were", "run/places",
+     "now[second].after(then[second].undone).after(then[name])", "then[name]",
+     f"{FAR}::test_a_motion_of_both_bodies_changes_nothing"),
+    ("displacements of the step before forgotten", "run/places", "at(points + u) - points", "at(points) - points",
+     f"{FAR}::test_a_motion_of_both_bodies_changes_nothing"),
+    ("frames that move do no work", "run/places", "joules -= 0.5 * sign", "joules -= 0.0 * sign",
+     f"{FAR}::test_a_block_slides_with_the_friction_of_its_pressure"),
+    ("friction of a contact that moves begins with nothing", "run/places",
+     'float(rows["bound"][0]) / now if rows and now else 0.0', "0.0",
+     f"{FAR}::test_a_block_slides_with_the_friction_of_its_pressure"),
+    ("bodies pass through each other within a step", "run/places", "if not deepest:", "if False:",
+     f"{FAR}::test_what_does_not_go_together_is_refused"),
+    ("a rigid partner stays where it is drawn", "interface/mortar", "return placed(met, other)", "return met",
+     f"{FAR}::test_a_rigid_partner_that_turns_rubs_as_far_as_it_goes"),
+    ("rows of a turned body are along the world", "interface/trace", "frame=interface.frame @ back",
+     "frame=interface.frame", f"{FAR}::test_a_motion_of_both_bodies_changes_nothing"),
+    ("pictures show bodies where they were drawn", "results/histories", "= frame.at(drawn[mine, :d]),",
+     "= drawn[mine, :d],", f"{FAR}::test_pictures_are_of_where_bodies_are"),
     ("nodes that share a row have all of its force in tables", "interface/state",
      "normal[lines.row] * interface.shares", "normal[lines.row]", f"{ANSWER}::test_a_contact_is_a_table"),
     ("names in a notebook are HTML", "results/notebook", "<tr><th>{html.escape(name)}", "<tr><th>{name}",
