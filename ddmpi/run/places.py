@@ -52,7 +52,7 @@ class Memory:
     ----------
     time : its end
     displacements : (nv, d) of this rank's bodies in their frames (m)
-    contacts : by contact that this rank owns, and by the names ROWS, arrays (m, ·) with a line for each row
+    contacts : by contact that this rank owns the arrays of `_rows_of`
     deepest : overlap of the sides without displacements (m), by contact of this rank's bodies
     """
 
