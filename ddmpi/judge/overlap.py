@@ -218,7 +218,8 @@ def _positions(way: float, height: float) -> Iterable[float]:
 def penetrates_itself(body: Solid) -> np.ndarray | None:
     """A place (d,) where the middle of a facet lies in a boundary cell in the answer but not as drawn, or None.
 
-    A boundary cell is the simplex of a facet and the opposite corner of its cell.
+    A boundary cell is the simplex of a facet and the opposite corner of its cell. Those with a node of the facet do not
+    count: a quadratic facet that bends leaves the simplex beside it.
     """
     way = float(np.linalg.norm(np.ptp((body.moved - body.at)[body.outer], axis=0)))
     height = float(body.height.min())
@@ -227,9 +228,10 @@ def penetrates_itself(body: Solid) -> np.ndarray | None:
     for fraction in _positions(way, height):
         x = body.placed(fraction)
         middle = x[body.facets[:, :-1]].mean(axis=1)
-        inside = np.flatnonzero(in_cells(middle, x[body.facets.T]) > RESOLVED)
-        drawn = body.at[body.facets[inside, :-1]].mean(axis=1)
-        inside = inside[in_cells(drawn, body.at[body.facets.T]) <= RESOLVED] if len(inside) else inside
+        facets = body.facets[:, :-1]
+        inside = np.flatnonzero(in_cells(middle, x[body.facets.T], (facets, body.facets)) > RESOLVED)
+        drawn, nodes = body.at[facets[inside]].mean(axis=1), (facets[inside], body.facets)
+        inside = inside[in_cells(drawn, body.at[body.facets.T], nodes) <= RESOLVED] if len(inside) else inside
         if len(inside):
             return middle[inside[0]]
     return None

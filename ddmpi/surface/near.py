@@ -38,11 +38,16 @@ def contained(points: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[np
     return point[inside], box[inside]
 
 
-def in_cells(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
+def in_cells(points: np.ndarray, corners: np.ndarray,
+             own: tuple[np.ndarray, np.ndarray] | None = None) -> np.ndarray:
     """The least barycentric coordinate (k,) of points (k, d) in the cell of which each is most inside, by the `corners`
-    (d + 1, c, d) of the cells; −∞ for points that lie in the box of no cell."""
+    (d + 1, c, d) of the cells; −∞ for points that lie in the box of no cell. Cells that have a node of what a point is
+    of do not count; `own` are these nodes, of points (k, ·) and cells (c, ·)."""
     best = np.full(len(points), -np.inf)
     point, cell = contained(points, corners.min(axis=0), corners.max(axis=0))
+    if own is not None:
+        apart = ~(own[0][point, :, None] == own[1][cell, None, :]).any(axis=(1, 2))
+        point, cell = point[apart], cell[apart]
     first, away = corners[0, cell], corners[1:, cell] - corners[0, cell]
     with np.errstate(divide="ignore", invalid="ignore"):  # no point is in a flat cell
         inverse = invert(np.ascontiguousarray(away.swapaxes(1, 2)))[0]  # ∂λ/∂x
