@@ -104,14 +104,14 @@ class Compliance:
                     self._matrix = self.dense().T
         self._made = self.count.copy()
 
-    def seen(self, W: sparse.csr_matrix) -> Compliance:
-        """The compliance W C Wᵀ of rows W (k, size) that join those of an explicit one, with the same counts. Not
+    def seen(self, W: sparse.csr_matrix, C: np.ndarray) -> Compliance:
+        """The compliance W C Wᵀ of rows W (k, size) that join those of C (size, size), with the same counts. Not
         collective."""
         other = copy.copy(self)
         other.B, other.size, other._norm = W @ self.B, W.shape[0], 0.0
         other._rigid = not other.B.count_nonzero()
-        C = W @ (W @ self.dense()).T
-        other._dense = other._matrix = np.asfortranarray((C + C.T) / 2)
+        joined = W @ (W @ C).T
+        other._dense = other._matrix = np.asfortranarray((joined + joined.T) / 2)
         return other
 
     def renew(self) -> None:

@@ -38,27 +38,33 @@ VOLUME = "volume_force"
 """The name of the volume force among loaded groups."""
 
 
-def nodal_loads(mesh: Mesh, body: BodySpec, history: str | None = None) -> np.ndarray:
+def nodal_loads(mesh: Mesh, body: BodySpec, history: str | None = None,
+                turned: np.ndarray | None = None) -> np.ndarray:
     """Nodal loads (nv, d) in newtons of tractions, pressures and volume force of a `history`, None for constant ones.
 
-    Affine loads on straight facets and cells are exact; formulas, and loads on curved ones, are integrated by Gauss's
-    rule. Raises InputError where a formula is not finite.
+    In the axes of a frame that is `turned` (d, d), in which loads that keep their direction turn back; a matrix of
+    zeros leaves the loads that follow the body. Affine loads on straight facets and cells are exact; formulas, and
+    loads on curved ones, are integrated by Gauss's rule. Raises InputError where a formula is not finite.
     """
-    return sum((f for _, f in loads_by_group(mesh, body, history)), np.zeros_like(mesh.points))
+    return sum((f for _, f in loads_by_group(mesh, body, history, turned)), np.zeros_like(mesh.points))
 
 
-def loads_by_group(mesh: Mesh, body: BodySpec, history: str | None = None) -> Iterator[tuple[str, np.ndarray]]:
+def loads_by_group(mesh: Mesh, body: BodySpec, history: str | None = None,
+                   turned: np.ndarray | None = None) -> Iterator[tuple[str, np.ndarray]]:
     """The summands of `nodal_loads` with their groups; the volume force is called VOLUME. A group may appear twice."""
+    back = np.eye(mesh.dimension) if turned is None else turned
     for traction in body.traction:
         if traction.history == history:
             key = f"body.{body.name}.traction"
             facets = mesh.facets(traction.on).nodes
             values_at(traction.given, mesh.points[facets], key)  # a formula must be finite at the nodes, too
             load = _traction if traction.moment is None else _moment
-            yield traction.on, load(mesh, facets, traction, key)
-    force, follows = body.weight
-    if follows == history and force != (0.0,) * mesh.dimension:
-        yield VOLUME, _volume_force(mesh, force, f"body.{body.name}.volume_force")
+            f = load(mesh, facets, traction, key)
+            follows = traction.follows or traction.pressure is not None or traction.moment is not None
+            yield traction.on, f if follows else f @ back
+    force, named = body.weight
+    if named == history and force != (0.0,) * mesh.dimension:
+        yield VOLUME, _volume_force(mesh, force, f"body.{body.name}.volume_force") @ back
 
 
 def resultants(mesh: Mesh, groups: Iterable[tuple[str, np.ndarray]]) -> dict[str, dict[str, np.ndarray]]:

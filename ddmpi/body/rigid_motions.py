@@ -8,6 +8,7 @@ on the place of the springs.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
@@ -19,7 +20,8 @@ from ddmpi.body.stiffness import Stiffness
 from ddmpi.errors import InputError
 from ddmpi.mesh.elements import RULES
 from ddmpi.mesh.mesh import Mesh
-from ddmpi.system.numbers import is_touched
+from ddmpi.scene.meshes import Motion
+from ddmpi.system.numbers import Frame, crossed, is_touched, norm
 
 LOOSE = 1e-16
 """A motion is free if its squared size at the clamps, per component, is below this fraction of the largest."""
@@ -212,3 +214,91 @@ class Centring:
         """Π u: the displacement (n,) without its rigid motion."""
         u = u - self._R @ (self._inverse.T @ (self._B @ u))
         return u - self._unseen @ (self._unseen.T @ u)
+
+
+@dataclass(frozen=True)
+class FreeFrame:
+    """What forces decide of the frame of a body, or of a rigid partner, that moves far.
+
+    Attributes
+    ----------
+    axes : (a,) of the world along which it is free to move
+    turns : (t, 1 or 3) unit vectors about which it is free to turn, in the plane [1]
+    pivot : (d,) of its turn, in the coordinates of the drawing (m)
+    size : farthest distance of a node from the pivot (m), which turns are multiplied by
+    part : of its `motion` that is free; None of a body without supports
+    """
+
+    axes: Sequence[int]
+    turns: np.ndarray
+    pivot: np.ndarray
+    size: float
+    part: Motion | None = None
+
+    @classmethod
+    def of(cls, part: Motion | None, points: np.ndarray, axisymmetric: bool = False) -> FreeFrame:
+        """That of something with these nodes (k, d): as its `part` says, or of a body without supports."""
+        d = points.shape[1]
+        free = part.free if part and part.free else ["y"] if axisymmetric else [*"xyz"[:d], "turn"]
+        pivot = points.mean(axis=0) if part is None else np.array(part.pivot or np.zeros(d))
+        turns = part.about[None] if part and (d == 2 or part.axis) else np.eye(1 if d == 2 else 3)
+        return cls(["xyz".index(axis) for axis in free if axis != "turn"], turns[:("turn" in free) * len(turns)], pivot,
+                   float(np.linalg.norm(points - pivot, axis=1).max()), part)
+
+    @property
+    def history(self) -> str | None:
+        """Of its force and moment."""
+        return self.part.history if self.part else None
+
+    def motions(self, points: np.ndarray, turned: np.ndarray) -> np.ndarray:
+        """Displacements (k, d, j) of points (k, d) of the drawing by its motions, in the axes of the frame, which is
+        `turned` (d, d): along axes of the world, then by turns that move the farthest node by one."""
+        return np.stack([*(np.zeros_like(points) + turned[axis] for axis in self.axes), *(
+            crossed(turn[None], points - self.pivot) / self.size for turn in self._seen(turned))], axis=2)
+
+    def _seen(self, turned: np.ndarray) -> np.ndarray:
+        """The axes of its turns (t, 1 or 3), seen from the frame."""
+        return self.turns @ turned if self.turns.shape[1] == len(turned) else self.turns
+
+    @property
+    def push(self) -> np.ndarray:
+        """Its force and moment along its motions (j,), at the factor 1 of their history (N)."""
+        force, moment = (self.part.force, self.part.moment) if self.part else (None, 0.0)
+        # a number is the moment about the axis
+        moments = self.turns @ np.array(moment) if isinstance(moment, tuple) else np.full(len(self.turns), moment)
+        return np.array([*((force[axis] for axis in self.axes) if force else [0.0] * len(self.axes)), *(
+            moments / self.size)])
+
+    def resists(self, points: np.ndarray, turned: np.ndarray, dead: np.ndarray, following: np.ndarray) -> np.ndarray:
+        """K (j, j) = −∂e/∂α (N/m), by which loads (k, d) at points resist the motions; some follow turns.
+
+        The moment of a force about a place that stays is e = f·(ω × (x − p)): as x moves, it changes by f·(ω × δx); and
+        as a following f turns by φ about ω, all e = f·M change by φ (ω × f)·M. All in the axes of the frame.
+        """
+        M, K = self.motions(points, turned), np.zeros((len(self.axes) + len(self.turns),) * 2)
+        for k, turn in enumerate(self._seen(turned), len(self.axes)):
+            K[k] -= [((dead + following) * crossed(turn[None], moved)).sum() / self.size for moved in
+                     np.moveaxis(M, 2, 0)]
+            K[:, k] -= np.einsum("nij,ni->j", M, crossed(turn[None], following)) / self.size
+        return K
+
+    @property
+    def levers(self) -> np.ndarray:
+        """The part of `resists` by its force, which moves along with the pivot."""
+        none, force = np.zeros((1, len(self.pivot))), np.zeros((1, len(self.pivot)))
+        force[0, self.axes] = self.push[:len(self.axes)]
+        return self.resists(self.pivot[None], np.eye(len(self.pivot)), force, none)
+
+    def gone(self, gone: np.ndarray, frame: Frame, alpha: np.ndarray) -> np.ndarray:
+        """How far it has gone, see `Freed`, after motions α (j,) (m) from a frame."""
+        shift, by = np.zeros(len(frame.shift)), np.degrees(alpha[len(self.axes):] / self.size) @ self.turns
+        shift[self.axes] = alpha[:len(self.axes)]
+        before, turn = np.split(gone, [len(shift)])
+        # without supports the turn that is remembered is one about the origin
+        shift += before if self.part else Frame.of(0.0 * shift, by, frame.at(self.pivot)).at(before)
+        after = turn + by
+        if len(turn) == 3:  # of the vectors of a rotation, which differ by whole turns, the nearest one
+            after = Frame.of(0.0 * shift, by).after(Frame.of(0.0 * shift, turn)).turn
+            size = norm(after)
+            after = after * (1.0 + 360.0 / size * round((turn @ after / size - size) / 360.0)) if size else after
+        return np.concatenate([shift, after])

@@ -155,11 +155,13 @@ def principal(sigma: np.ndarray) -> np.ndarray:
 
 
 def turned(sigma: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-    """`stress` (nt, …) in the plane in other axes: T ↦ Q T Qᵀ with a rotation Q (2, 2); σ_zz stays."""
-    xx, yy, zz, xy = sigma.T
-    tensors = np.moveaxis(np.array([[xx, xy], [xy, yy]]), 2, 0)
-    (xx, xy), (_, yy) = np.moveaxis(rotation @ tensors @ rotation.T, 0, 2)
-    return np.column_stack([xx, yy, zz, xy])
+    """`stress` (nt, …) in other axes: T ↦ Q T Qᵀ with a rotation Q (d, d); in the plane σ_zz stays."""
+    tensors, Q = np.zeros((len(sigma), 3, 3)), np.eye(3)
+    Q[:len(rotation), :len(rotation)] = rotation
+    for (i, j), column in zip(COLUMNS, sigma.T, strict=False):
+        tensors[:, i, j] = tensors[:, j, i] = column
+    tensors = Q @ tensors @ Q.T
+    return np.column_stack([tensors[:, i, j] for i, j in COLUMNS[:sigma.shape[1]]])
 
 
 def von_mises(sigma: np.ndarray) -> np.ndarray:

@@ -13,12 +13,13 @@ from mpi4py import MPI
 
 from ddmpi.body.elasticity import Elasticity, assemble
 from ddmpi.body.loads import ON_AXIS
+from ddmpi.body.rigid_motions import FreeFrame
 from ddmpi.body.stress import Composite, material_of, modulus_beside
 from ddmpi.coupling.exchange import Ends, Exchange
-from ddmpi.coupling.joint import Far, Joint, candidates, kept_by_bonds
+from ddmpi.coupling.joint import Far, FarMember, Joint
 from ddmpi.coupling.member import Member
 from ddmpi.coupling.ranks import homes_of, ranks_beside, team_of
-from ddmpi.coupling.space import Space
+from ddmpi.coupling.space import Space, kept_by_bonds
 from ddmpi.coupling.team import Team, TeamMatrix
 from ddmpi.errors import InputError, naming
 from ddmpi.interface.interface import Interface, Mover, check_overlap, refuse_contradiction
@@ -33,12 +34,12 @@ from ddmpi.mesh.refine import Sizes
 from ddmpi.petsc.options import conditions
 from ddmpi.scene.bodies import Material, SettledBody
 from ddmpi.scene.contacts import NoFriction, SettledContact
-from ddmpi.scene.meshes import frames_of
+from ddmpi.scene.meshes import frames_of, freed_part
 from ddmpi.scene.scene import Settled
 from ddmpi.surface.boundary import contact_side
 from ddmpi.surface.side import Side
 from ddmpi.system import interrupt
-from ddmpi.system.agreement import agreed, gathered
+from ddmpi.system.agreement import agreed, gathered, merged
 from ddmpi.system.clock import Clock
 from ddmpi.system.memory import free_memory
 from ddmpi.system.numbers import Frame, in_words
@@ -105,11 +106,11 @@ class Assembly:
         InputError."""
         far, scene, world = self.far, self.scene, self.world
         assert far
-        frames = frames_of(scene, time)
+        frames = far.frames(scene, time)
         members, space = far.meet(world, scene, self.exchange, frames, far.reach.get(time, {}))
         bodies = tuple(replace(body, member=member) for body, member in zip(self.bodies, members, strict=True))
         placed = replace(self, bodies=bodies, space=space, frames=frames, joint=Joint(
-            members, self.exchange, space, [None, *scene.followed], scene.pushed, scene.bolts))
+            members, self.exchange, space, [None, *scene.followed], freed=far.driven(scene, frames)))
         placed.act(time)
         return placed
 
@@ -237,7 +238,7 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
                         _distributed, team, elasticity, points, meshes[spec.name], spec)))
             if scene.far:
                 faces = [sides[contact.name, side] for contact, side in at_body[spec.name]]
-                members.append(candidates(elasticity, scene, spec.name, faces, memory, points))
+                members.append(FarMember(elasticity, scene, meshes[spec.name], spec, faces, memory, points))
                 continue
             ours = [joined[contact.name][0] for contact, _ in at_body[spec.name]]
             members.append(Member(spec.name, elasticity, ours, scene.method.compliance, memory, histories, points,
@@ -255,8 +256,15 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
         with agreed(world):
             chosen = [with_slave(first, second, contact) if second else contact
                       for contact in contacts for first, second in [both[contact.name]]]
-        far, frames = Far(chosen, both, members), frames_of(scene, 0.0)
-        members, space = far.meet(world, scene, exchange, frames, {})
+        movers = [member for member in members if isinstance(member, FarMember)]
+        free = merged(world, {member.name: member.free for member in movers if member.free})
+        facing = world.allgather({contact.bodies[1]: first.xy for contact in contacts
+                                  for first, second in [both[contact.name]] if not second})
+        free |= {rigid.name: FreeFrame.of(part, np.concatenate([at[rigid.name] for at in facing if rigid.name in at]))
+                 for rigid in scene.rigid if (part := freed_part(rigid.motion))}
+        far, frames = Far(chosen, both, movers, free), frames_of(scene, 0.0)
+        met, space = far.meet(world, scene, exchange, frames, {})
+        members = list(met)
     else:
         space = Space([interface for interface in interfaces if interface.name in owned], world, exchange.sent)
         exchange.connect(space, [member.parts for member in members])
@@ -265,7 +273,8 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
     numbers = [body.name for body in scene.body]
     return Assembly(world, scene, tuple(Body(numbers.index(spec.name), spec, meshes[spec.name], member)
                                         for spec, member in zip(mine, members, strict=True)),
-                    space, exchange, Joint(members, exchange, space, histories, scene.pushed, scene.bolts),
+                    space, exchange, Joint(members, exchange, space, histories, scene.pushed, scene.bolts,
+                          far.driven(scene, frames) if far else None),
                     world.allreduce(sum(body.n for body in bodies.values())),
                     world.allreduce(sum(interface.m for interface in space.interfaces)), told,
                     {name: [word for stage, words in REUSED.items() if stage in stages for word in words]

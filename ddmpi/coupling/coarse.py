@@ -16,6 +16,7 @@ import numpy as np
 import scipy.sparse as sparse
 from scipy.sparse.linalg import splu
 
+from ddmpi.body.rigid_motions import FreeFrame
 from ddmpi.coupling.exchange import Exchange
 from ddmpi.coupling.member import Member
 from ddmpi.coupling.space import Space
@@ -24,7 +25,7 @@ from ddmpi.interface.interface import Interface
 from ddmpi.petsc.events import event
 from ddmpi.scene.contacts import Rigid, SettledContact
 from ddmpi.system.agreement import agreed
-from ddmpi.system.numbers import crossed
+from ddmpi.system.numbers import Frame, crossed
 
 UNTURNED = 1e-9
 """A turn that moves no node by more than this fraction of what another turn does, moves none."""
@@ -49,6 +50,7 @@ class Driven:
     pivot : (d,) (m)
     shifts, sizes : (t, d) and (t,) translation that comes with a turn, and motion of the farthest node (m/rad)
     bond : the contact with a pretension, else None
+    resists : (a + t, a + t) by which its force resists motions, at the factor 1, see `FreeFrame` (N/m)
     """
 
     name: str
@@ -59,6 +61,7 @@ class Driven:
     shifts: np.ndarray
     sizes: np.ndarray
     bond: str | None = None
+    resists: np.ndarray | float = 0.0
 
     @classmethod
     def of(cls, rigid: Rigid, space: Space) -> Driven:
@@ -92,6 +95,13 @@ class Driven:
         along = np.array([bolt.along]) / np.linalg.norm(bolt.along)
         return cls(f"pretension of {contact.name}", bolt.history, along, np.array([bolt.force]), 0.0 * along[0],
                    along[:0], np.empty(0), contact.name)
+
+    @classmethod
+    def of_frame(cls, name: str, free: FreeFrame, frame: Frame) -> Driven:
+        """A rigid partner that moves far, where its frame is."""
+        d, t = len(frame.shift), len(free.turns)
+        return cls(name, free.history, np.eye(d)[free.axes], free.push, frame.at(free.pivot), np.zeros((t, d)),
+                   np.full(t, free.size), resists=free.levers)
 
     def motions(self, points: np.ndarray) -> np.ndarray:
         """The displacements (k, d, j) of points (k, d) by the motions."""
@@ -194,7 +204,7 @@ def gather_motions(exchange: Exchange, space: Space, members: Sequence[Member], 
 
 
 class CoarseSystem:
-    """S = Ẑ M Z̃ᵀ + D for one set of unknown forces, Ẑ = Zᵀ E, Z̃ = Zᵀ I, factored and solved on the first rank.
+    """S = Ẑ M Z̃ᵀ + K for one set of unknown forces, Ẑ = Zᵀ E, Z̃ = Zᵀ I, factored and solved on the first rank.
 
     Factors on every rank take memory on each and keep all cores of a host busy with the same work; shared by several
     ranks they do not solve faster (docs/studies/scaling.md).
@@ -204,7 +214,7 @@ class CoarseSystem:
     basis, E : I and E (owned size, k) sparse: directions of the unknown forces, and all forces from the unknown ones
     weights : W (k,) along the unknown forces; W Iᵀ M I W replaces Iᵀ M I
     stiffness : M times columns (its size, c) of an owned interface, called with its number
-    diagonal : D (size,)
+    resists : K (size, size), sparse, the same on all ranks
     kept : (k,) bool, which of the first motions stay where they are
     columns : of Z̃ = Zᵀ columns (owned size, k) sparse: I if left out; E for the transposed system, which has I as `E`
 
@@ -212,7 +222,7 @@ class CoarseSystem:
     """
 
     def __init__(self, motions: Motions, basis: sparse.csr_matrix, E: sparse.csr_matrix,
-                 weights: np.ndarray, stiffness: Callable[[int, np.ndarray], np.ndarray], diagonal: np.ndarray,
+                 weights: np.ndarray, stiffness: Callable[[int, np.ndarray], np.ndarray], resists: sparse.spmatrix,
                  kept: Sequence[bool] | np.ndarray = (), columns: sparse.csr_matrix | None = None) -> None:
         self._space = motions.space
         moves = sparse.diags(np.append(1.0 - np.asarray(kept, float), np.ones(motions.size - len(kept))))
@@ -221,7 +231,7 @@ class CoarseSystem:
             for number, (part, _, block) in enumerate(motions.blocks):
                 along = basis if columns is None else columns
                 smooth.append(stiffness(number, basis[part] @ (weights[:, None] * (along[part].T @ block))))
-            # Elimination of y from [M⁻¹ −Z̃ᵀ; Ẑ D] leaves S. Slipping nodes' friction follows the pressure, so E
+            # Elimination of y from [M⁻¹ −Z̃ᵀ; Ẑ K] leaves S. Slipping nodes' friction follows the pressure, so E
             # differs from I and S is not symmetric: an oblique projector in place of FETI's.
             self._MZ = (sparse.diags(weights) @ basis.T @ motions.assemble(smooth) @ moves).tocsr()
             self._EZ = (E.T @ motions.Z @ moves).tocsr()
@@ -232,7 +242,7 @@ class CoarseSystem:
                     row, column, value = (np.concatenate(arrays) for arrays in zip(*entries, strict=True))
                     S = sparse.csc_matrix((value, (row, column)), (self.size, self.size))
                     try:
-                        S = (S + sparse.diags(diagonal)).tocsc()
+                        S = (S + resists).tocsc()
                         self._factors = splu(S, permc_spec="MMD_AT_PLUS_A")  # nearly symmetric
                     except (RuntimeError, ValueError) as cause:
                         raise SolverError(f"the coarse problem of rigid motions cannot be solved: {cause}") from None

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import copy
 import itertools
-from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
@@ -11,9 +11,10 @@ from typing import NamedTuple
 import numpy as np
 import scipy.sparse as sparse
 from mpi4py import MPI
-from scipy.sparse import csgraph
 
-from ddmpi.body.elasticity import Elasticity
+from ddmpi.body.elasticity import Elasticity, LoadCase, apply
+from ddmpi.body.loads import nodal_loads
+from ddmpi.body.rigid_motions import FreeFrame
 from ddmpi.coupling.coarse import CrossPoints, Driven, Motions, gather_motions
 from ddmpi.coupling.exchange import Exchange
 from ddmpi.coupling.member import Member
@@ -22,11 +23,15 @@ from ddmpi.errors import InputError
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.mortar import meet
 from ddmpi.interface.trace import seen
+from ddmpi.kept.kept import Kept
+from ddmpi.mesh.mesh import Mesh
+from ddmpi.scene.bodies import SettledBody
 from ddmpi.scene.contacts import Rigid, SettledContact
+from ddmpi.scene.meshes import Freed, frames_of, freed_part, parts_of
 from ddmpi.scene.scene import Settled
 from ddmpi.surface.side import Side
 from ddmpi.system.agreement import agreed
-from ddmpi.system.numbers import Frame, in_words, norm
+from ddmpi.system.numbers import Frame, norm
 
 STEERING = 0.1
 """With an iterative solver, a product in GMRES needs no more relative precision than this times the ratio by which
@@ -43,7 +48,7 @@ class Point(NamedTuple):
     ----------
     s, r : (size,) forces (N) and gaps (m)
     alpha : motions of loose bodies (m)
-    left : e − G s, the imbalance along these motions (N)
+    left : e − G s − K α, the imbalance along these motions (N)
     """
 
     s: np.ndarray
@@ -59,9 +64,10 @@ class Point(NamedTuple):
 class Joint:
     """C = Σ C_a over the bodies a, the free gaps d = Σ h_a − gap, and the rigid motions α of loose bodies.
 
-    The gaps under forces s are r = C s − d − Gᵀα, and G s = e is the equilibrium of the loose bodies. An operator in
-    the sense of `qp`. Users of this class work on vectors of the `space` and need not know of ranks. All methods that
-    multiply or add up are collective on all bodies, and raise the errors of any of them.
+    The gaps under forces s are r = C s − d − Gᵀα, and G s + K α = e is the equilibrium of the loose bodies, with K of
+    loads that change as bodies move far. An operator in the sense of `qp`. Users of this class work on vectors of the
+    `space` and need not know of ranks. All methods that multiply or add up are collective on all bodies, and raise the
+    errors of any of them.
 
     Parameters
     ----------
@@ -70,6 +76,7 @@ class Joint:
     histories : of loads, clamps and rigid partners, None for constant ones
     pushed, bolts : rigid partners that move as forces want, and contacts with a pretension: loose bodies without
         compliance
+    freed : the same with frames that are free; None where bodies do not move far
 
     Attributes
     ----------
@@ -81,7 +88,7 @@ class Joint:
     driven : the same
     kept, still : (rigid.size,) the motions that stay as they are, bool, and their amplitudes (m), zero of others
     slices : of the motions by body, empty for supported ones, and by what is driven
-    e : (rigid.size,) the loads along the motions (N)
+    e, K : the loads along the motions (rigid.size,) in newtons, and by how much they resist these (N/m), sparse
     neglected : forces (N) that are negligible in a product that is kept
     steering : relative precision of products in GMRES, over the ratio of reduction that GMRES still needs
     dear : whether a body's products are by an iterative solver
@@ -89,21 +96,28 @@ class Joint:
 
     def __init__(self, members: Sequence[Member], exchange: Exchange, space: Space,
                  histories: Sequence[str | None] = (None,), pushed: Sequence[Rigid] = (),
-                 bolts: Sequence[SettledContact] = ()) -> None:
+                 bolts: Sequence[SettledContact] = (), freed: Sequence[Driven] | None = None) -> None:
         self.members, self.space, self.size = tuple(members), space, space.size
         self.neglected, self.steering = 0.0, STEERING
         self.exchange = exchange
         self.dear = exchange.world.allreduce(any(member.dear for member in members), MPI.LOR)
         self._moved = {name: exchange.total([member.response(name)[0] for member in members], "free displacement")
                        for name in histories}
-        self.driven = (*(Driven.of(rigid, space) for rigid in pushed),
-                       *map(Driven.of_bond, bolts))
+        self.driven = (*(Driven.of(rigid, space) for rigid in pushed), *map(Driven.of_bond, bolts), *(freed or ()))
         self.rigid, self.slices = gather_motions(exchange, space, members, [member.G for member in members],
                                                  self.driven)
         self.bodies = len(self.slices) - len(self.driven)
         self.kept, self.still = np.zeros(self.rigid.size, bool), np.zeros(self.rigid.size)
         # A driven partner is a body without compliance: its rows of G s = e are the balance of contact forces with its
         # force and moment.
+        self._none, self._resisting = sparse.csr_matrix((self.rigid.size,) * 2), dict[str | None, sparse.spmatrix]()
+        if freed is not None:
+            blocks = dict(itertools.chain({each.name: {each.history: each.resists} for each in freed}.items(), *(
+                each.items() for each in exchange.world.allgather({member.name: member.resisting for member in members
+                                                              if isinstance(member, FarMember)})
+            )))
+            self._resisting = {history: sparse.block_diag([blocks.get(name, {}).get(history, np.zeros((
+                at.stop - at.start,) * 2)) for name, at in self.slices.items()], "csr") for history in histories}
         self._pulled = {name: self.of_all([member.response(name)[1] for member in members],
                                            [(each.history == name) * each.push for each in self.driven])
                         for name in histories}
@@ -120,7 +134,7 @@ class Joint:
     def at_rest(self) -> Point:
         """No forces, and no motions but those that are kept. Collective."""
         s = np.zeros(self.size)
-        return Point(s, -self.d - self.rigid.spread(self.still), self.still.copy(), self.imbalance(s))
+        return Point(s, -self.d - self.rigid.spread(self.still), self.still.copy(), self.imbalance(s, self.still))
 
     def act(self, factors: Mapping[str | None, float]) -> None:
         """Set d and e of loads and clamps with these `factors` by history, after those of `space` and members."""
@@ -129,6 +143,7 @@ class Joint:
         # d = Σ B_a A_a⁺ b_a − gap: positive where the free bodies would overlap.
         self.d = self.d - self.space.gap
         self.e = np.where(self.kept, 0.0, self.e)
+        self.K = sum((factors[name] * part for name, part in self._resisting.items()), self._none)
 
     def product(self, x: np.ndarray, purpose: str, relative: float | None = None) -> np.ndarray:
         """C x (size,) as a new vector, precise enough to be kept, or `relative` as for `Compliance.mult`."""
@@ -230,10 +245,10 @@ class Joint:
             interfaces = [each.place(met, alpha[self.slices[each.name]]) for met in interfaces]
         return interfaces
 
-    def imbalance(self, s: np.ndarray) -> np.ndarray:
-        """e − G s (rigid.size,) in newtons: loads on loose bodies that the forces s do not balance; zero of kept
+    def imbalance(self, s: np.ndarray, alpha: np.ndarray) -> np.ndarray:
+        """e − G s − K α (rigid.size,) in newtons: loads on loose bodies that the forces s do not balance; zero of kept
         motions."""
-        return np.where(self.kept, 0.0, self.e - self.rigid.sums(s))
+        return np.where(self.kept, 0.0, self.e - self.rigid.sums(s) - self.K @ alpha)
 
     def balances(self, left: np.ndarray, size: float) -> bool:
         """Whether the `imbalance` on what is driven is rounding beside its forces and those of contacts, `size` (N).
@@ -246,6 +261,100 @@ class Joint:
         return self.exchange.world.allreduce(sum(member.C.count.total() for member in self.members))
 
 
+class FarMember(Member):
+    """A body that moves far, with the compliance of all nodes that its contacts may join, in its frame.
+
+    Parameters
+    ----------
+    mesh, body : its mesh and specification
+    faces : its sides on contacts
+    Otherwise as of a `Member`. Raises InputError where clamps leave a part of the rigid motions free, or the compliance
+    is not worth while.
+
+    Attributes
+    ----------
+    free : what is free of its frame, or None
+    resisting : K (j, j) of its loads by history, see `FreeFrame.resists` (N/m)
+    """
+
+    resisting: dict[str | None, np.ndarray]
+
+    def __init__(self, elasticity: Elasticity, scene: Settled, mesh: Mesh, body: SettledBody, faces: Sequence[Side],
+                 memory: float, points: np.ndarray) -> None:
+        nodes = np.unique(np.concatenate([np.empty(0, int), *(side.nodes for side in faces)]))
+        super().__init__(body.name, elasticity, [], scene.method.compliance, memory, [None, *scene.followed], points, 1,
+                         nodes)
+        loose, d, part = not elasticity.supported, mesh.dimension, freed_part(body.motion)
+        if loose and (body.motion or elasticity.motions.shape[2] < (1 if mesh.axisymmetric else d * (d + 1) // 2)):
+            raise InputError(f'body.{body.name}: clamps leave a rigid motion free; with time.motions = "far" they hold '
+                             'a body in its frame, which moves as its motion says, as in motion = { free = ["y"] }; '
+                             "without clamps and motion a body is free to move at all")
+        if self.size and self.kind == "iterative":
+            raise InputError(f'body.{body.name}: {self.reason}; with time.motions = "far" it has the dense compliance '
+                             f"of all {len(nodes)} nodes of its contacts: name smaller groups, or take a coarser mesh")
+        self._drawn, self._whole = mesh.points, np.empty((0, 0))
+        # the frame of a loose body is the rigid motion of its contact nodes, by least squares
+        self.free = FreeFrame.of(part, self._drawn[nodes] if loose and len(nodes) else self._drawn,
+                                 mesh.axisymmetric) if loose or part else None
+        turns = any(each.turn for each in parts_of(body.motion)) or (self.free is not None and len(self.free.turns) > 0)
+        self._following = {history: nodal_loads(mesh, body, history, np.zeros((d, d))) if turns else case.f
+                           for history, case in elasticity.cases.items()}
+
+    def factor(self, kept: Kept | None = None) -> Member:
+        """As of a `Member`; and what dead loads do, in all directions of a frame that turns."""
+        super().factor(kept)
+        self._whole, self._dead = super().dense(), dict[str | None, np.ndarray]()
+        for history, case in self.elasticity.cases.items():
+            dead, free, d = case.f - self._following[history], self.elasticity.supports.free, case.f.shape[1]
+            if dead.any():
+                self._dead[history] = np.array([[self.response_to(replace(case, prescribed=0.0 * case.f, b=apply(
+                    free, np.outer(dead[:, i], axis))[self.elasticity.nodes].ravel()))[0] for axis in np.eye(d)]
+                    for i in range(d)])
+        return self
+
+    def meet(self, interfaces: Sequence[Interface], frame: Frame) -> FarMember:
+        """The same body at interfaces of its candidates, seen from its frame, on the same factors. Not collective."""
+        other, turned = copy.copy(self), frame.turned
+        other._join(interfaces)
+        other._B = other._rows()
+        other.size = other._B.shape[0]
+        W, d = other._B @ self._B.T, len(turned)  # its rows are unit vectors
+        if self.free:
+            other.motions = self.free.motions(self._drawn, turned)
+        other.G = np.vstack([np.empty((0, other.size)), *(other.trace(motion)[None] for motion in
+                                                         np.moveaxis(other.motions, 2, 0))])
+        cases, other._responses, other.resisting = dict[str | None, LoadCase](), {}, {}
+        for history, case in self.elasticity.cases.items():
+            follow, h = self._following[history], self._responses[history][0]
+            dead = (case.f - follow) @ turned  # seen from a frame that turns they turn back
+            change = follow + dead - case.f
+            cases[history] = replace(case, f=case.f + change, b=case.b + apply(
+                self.elasticity.supports.free, change)[self.elasticity.nodes].ravel())
+            if history in self._dead:
+                h = h + np.einsum("ij,ijk->k", turned - np.eye(d), self._dead[history])
+            e = np.einsum("nij,ni->j", other.motions, follow + dead)
+            if self.free:
+                other.resisting[history] = self.free.resists(self._drawn, turned, dead, follow)
+            other._responses[history] = W @ h + other.trace(case.prescribed), e
+        if self.free and self.free.part:  # in elasticity.cases as its history is the body's
+            history = self.free.history
+            other._responses[history] = other._responses[history][0], other._responses[history][1] + self.free.push
+            other.resisting[history] += self.free.levers
+        other.h = sum((h for h, _ in other._responses.values()), np.zeros(1))
+        other.e = sum((e for _, e in other._responses.values()), np.zeros(1))
+        other.elasticity = replace(self.elasticity, cases=cases)
+        if hasattr(self, "C"):
+            other.C = self.C.seen(W, self._whole)
+            other._set_up = self.C.count.copy()
+        return other
+
+    def mult(self, x: np.ndarray, y: np.ndarray, purpose: str, relative: float = 0.0) -> None:
+        self.C.mult(x, y, purpose, relative)  # which is centred
+
+    def dense(self) -> np.ndarray:
+        return self.C.dense()
+
+
 @dataclass(frozen=True)
 class Far:
     """What bodies that move far need wherever they go.
@@ -255,16 +364,29 @@ class Far:
     contacts : of this rank's bodies, each with its slave
     sides : of both bodies in their frames, by contact; None of a rigid partner
     members : of this rank, with the compliance of all nodes that contacts may join
+    free : what is free of the frames of all bodies and rigid partners, by name
     reach : the depth (m) up to which overlaps are looked for, by time and contact; left out, by the bodies' thickness
+    freed : how far free frames have gone, by time
     """
 
     contacts: Sequence[SettledContact]
     sides: Mapping[str, tuple[Side, Side | None]]
-    members: Sequence[Member]
+    members: Sequence[FarMember]
+    free: Mapping[str, FreeFrame]
     reach: dict[float, Mapping[str, float]] = field(default_factory=dict)
+    freed: dict[float, Freed] = field(default_factory=dict)
+
+    def driven(self, scene: Settled, frames: Mapping[str, Frame]) -> list[Driven]:
+        """The rigid partners with free frames, where these are."""
+        return [Driven.of_frame(rigid.name, self.free[rigid.name], frames[rigid.name]) for rigid in scene.rigid
+                if rigid.name in self.free]
+
+    def frames(self, scene: Settled, time: float) -> dict[str, Frame]:
+        """The frames of all bodies and rigid partners at `time`, by name."""
+        return frames_of(scene, time, self.freed.get(time))
 
     def meet(self, world: MPI.Comm, scene: Settled, exchange: Exchange, frames: Mapping[str, Frame],
-             reach: Mapping[str, float]) -> tuple[list[Member], Space]:
+             reach: Mapping[str, float]) -> tuple[list[FarMember], Space]:
         """The bodies with their contacts where frames are, and the layout of the contacts that this rank owns.
         Collective. Raises InputError."""
         with agreed(world):
@@ -272,56 +394,7 @@ class Far:
             met = {contact.name: meet(contact, self.sides[contact.name], frames, rigid, reach.get(contact.name))
                    for contact in self.contacts}
         members = [member.meet([seen(met[contact.name], frames[member.name]) for contact in self.contacts
-                                if member.name in contact.bodies]) for member in self.members]
+                                if member.name in contact.bodies], frames[member.name]) for member in self.members]
         space = Space([met[name] for name, first, _ in exchange.ends if first == world.rank], world, exchange.sent)
         exchange.connect(space, [member.parts for member in members])
         return members, space
-
-
-def candidates(elasticity: Elasticity, scene: Settled, name: str, sides: Sequence[Side], memory: float,
-               points: np.ndarray) -> Member:
-    """A body that moves far, with the compliance of all nodes of its contacts. Not collective. Raises InputError unless
-    clamps support it and this compliance is worth while."""
-    if not elasticity.supported:
-        raise InputError(f'body.{name}: clamps leave a rigid motion free; with time.motions = "far" each body needs '
-                         "clamps, which move as its motion says")
-    nodes = np.unique(np.concatenate([np.empty(0, int), *(side.nodes for side in sides)]))
-    member = Member(name, elasticity, [], scene.method.compliance, memory, [None, *scene.followed], points, 1, nodes)
-    if member.size and member.kind == "iterative":
-        raise InputError(f'body.{name}: {member.reason}; with time.motions = "far" a body has the dense compliance of '
-                         f"all {len(nodes)} nodes of its contacts: name smaller groups there, or take a coarser mesh")
-    return member
-
-
-def kept_by_bonds(scene: Settled, joined: Mapping[str, tuple[Interface, list[str]]],
-                   world: MPI.Comm) -> dict[str, tuple[Interface, list[str]]]:
-    """The interfaces and warnings of this rank, without overlaps of paired nodes that bonds of other contacts connect,
-    directly or in a chain through other bodies: no force could separate them. Collective."""
-    if len({contact.kind for contact in scene.contact}) < 2:
-        return dict(joined)
-    pairs = {name: [[(body, int(node)) for body, node in zip(interface.bodies, row, strict=True)]
-                    for row in np.column_stack([nodes[transfer.indices] for nodes, transfer in
-                                                zip(interface.nodes, interface.transfer, strict=True)])]
-             for name, (interface, _) in joined.items() if not interface.slave and not interface.on_rigid
-             and all(len(move.indices) == interface.m for move in interface.transfer)}  # no merged nodes on an axis
-    # An end is a node of a body. Only bonds at a node of several contacts can close a chain.
-    shared = Counter(end for ends in pairs.values() for end in {end for row in ends for end in row})
-    bonds = {(name, k): row for name, ends in pairs.items() if joined[name][0].law.name == "bonded"
-             for k, row in enumerate(ends) if max(shared[end] for end in row) > 1 and not joined[name][0].gap[k]}
-    # Chains of bonds are the connected components of a graph: nodes of bodies, and bonds as edges between them.
-    together = list({key: row for interface in world.allgather(bonds) for key, row in interface.items()}.values())
-    number = {end: k for k, end in enumerate(dict.fromkeys(end for row in together for end in row))}
-    links = np.array([[number[end] for end in row] for row in together], int).reshape(-1, 2)
-    piece = csgraph.connected_components(sparse.csr_matrix((np.ones(len(links)), links.T), (len(number),) * 2),
-                                         directed=False)[1]
-    result = dict(joined)
-    for name, ends in pairs.items():
-        interface, warnings = joined[name]
-        kept = np.array([row[0] in number and row[1] in number and piece[number[row[0]]] == piece[number[row[1]]]
-                         for row in ends]) & (interface.gap < 0.0) & (interface.law.name != "bonded")
-        if kept.any():
-            gap, at = np.where(kept, 0.0, interface.gap), in_words(interface.xy[kept][0])
-            result[name] = replace(interface, gap=gap), [
-                *warnings, f"contact.{name}: bonds of other contacts hold both sides together at {at}, so that the "
-                           f"overlap of {-interface.gap[kept].min():.3g} there is left out"]
-    return result

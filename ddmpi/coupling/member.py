@@ -42,7 +42,7 @@ class Member:
     histories : of the scene's loads and clamps, None for constant ones
     points : (k, d) positions of the nodes that A acts on, see `Compliance`
     solves : how many problems, such as load steps, C is for
-    candidates : nodes that contacts may join; C is then of their components, and `meet` makes those of contacts from it
+    candidates : nodes that contacts may join; C is then of their components
 
     Attributes
     ----------
@@ -99,21 +99,6 @@ class Member:
         none = sparse.csr_matrix((0, self.elasticity.A.size[1]))
         return sparse.vstack([none, *(trace(interface, side, self.elasticity) for interface, _, side in self._sides)],
                              format="csr")
-
-    def meet(self, interfaces: Sequence[Interface]) -> Member:
-        """The same body at interfaces of its `candidates`, seen from its frame, on the same factors. Not collective."""
-        other = copy.copy(self)
-        other._join(interfaces)
-        other._B = other._rows()
-        other.size = other._B.shape[0]
-        other.G = np.zeros((0, other.size))
-        W = other._B @ self._B.T  # whose rows are unit vectors
-        other._responses = {name: (W @ h + other.trace(self.elasticity.cases[name].prescribed), e)
-                            for name, (h, e) in self._responses.items()}
-        other.h = sum((h for h, _ in other._responses.values()), np.zeros(1))
-        if hasattr(self, "C"):
-            other.C, other._set_up = self.C.seen(W), self.C.count.copy()
-        return other
 
     def factor(self, kept: Kept | None = None) -> Member:
         """Factor A and solve for the loads, but for what is `kept`; return self. Collective on the body's communicator.

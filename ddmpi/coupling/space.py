@@ -6,14 +6,18 @@ import itertools
 import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
+import scipy.sparse as sparse
 from mpi4py import MPI
+from scipy.sparse import csgraph
 
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.law import ActiveSet, Law, Tangent
+from ddmpi.scene.scene import Settled
 from ddmpi.sets import Box, Discs, product
-from ddmpi.system.numbers import norm
+from ddmpi.system.numbers import in_words, norm
 
 
 class Space:
@@ -192,3 +196,37 @@ class Laws:
     def cone(self, bound: np.ndarray) -> Box | Discs:
         """The forces that are allowed while the slip bounds of all sliding nodes stay `bound`."""
         return product([law.cone(limits) for law, limits in zip(self.laws, self.bounds(bound), strict=True)])
+
+
+def kept_by_bonds(scene: Settled, joined: Mapping[str, tuple[Interface, list[str]]],
+                   world: MPI.Comm) -> dict[str, tuple[Interface, list[str]]]:
+    """The interfaces and warnings of this rank, without overlaps of paired nodes that bonds of other contacts connect,
+    directly or in a chain through other bodies: no force could separate them. Collective."""
+    if len({contact.kind for contact in scene.contact}) < 2:
+        return dict(joined)
+    pairs = {name: [[(body, int(node)) for body, node in zip(interface.bodies, row, strict=True)]
+                    for row in np.column_stack([nodes[transfer.indices] for nodes, transfer in
+                                                zip(interface.nodes, interface.transfer, strict=True)])]
+             for name, (interface, _) in joined.items() if not interface.slave and not interface.on_rigid
+             and all(len(move.indices) == interface.m for move in interface.transfer)}  # no merged nodes on an axis
+    # An end is a node of a body. Only bonds at a node of several contacts can close a chain.
+    shared = Counter(end for ends in pairs.values() for end in {end for row in ends for end in row})
+    bonds = {(name, k): row for name, ends in pairs.items() if joined[name][0].law.name == "bonded"
+             for k, row in enumerate(ends) if max(shared[end] for end in row) > 1 and not joined[name][0].gap[k]}
+    # Chains of bonds are the connected components of a graph: nodes of bodies, and bonds as edges between them.
+    together = list({key: row for interface in world.allgather(bonds) for key, row in interface.items()}.values())
+    number = {end: k for k, end in enumerate(dict.fromkeys(end for row in together for end in row))}
+    links = np.array([[number[end] for end in row] for row in together], int).reshape(-1, 2)
+    piece = csgraph.connected_components(sparse.csr_matrix((np.ones(len(links)), links.T), (len(number),) * 2),
+                                         directed=False)[1]
+    result = dict(joined)
+    for name, ends in pairs.items():
+        interface, warnings = joined[name]
+        kept = np.array([row[0] in number and row[1] in number and piece[number[row[0]]] == piece[number[row[1]]]
+                         for row in ends]) & (interface.gap < 0.0) & (interface.law.name != "bonded")
+        if kept.any():
+            gap, at = np.where(kept, 0.0, interface.gap), in_words(interface.xy[kept][0])
+            result[name] = replace(interface, gap=gap), [
+                *warnings, f"contact.{name}: bonds of other contacts hold both sides together at {at}, so that the "
+                           f"overlap of {-interface.gap[kept].min():.3g} there is left out"]
+    return result

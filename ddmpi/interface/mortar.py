@@ -12,7 +12,7 @@ that constant pressures are exact on any meshes. Gaps are those between the arcs
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import msgspec
@@ -55,17 +55,22 @@ def connect(first: Side, second: Side, contact: SettledContact, refinement: int 
         except InputError:
             if contact.pairing == "nodes":
                 raise
-    return (mortar_in_space if isinstance(first, Patch) else mortar)(first, second, contact)
+    return _joining(first)(first, second, contact)
 
 
-def mortar_in_space(first: Side, second: Side, contact: SettledContact) -> Interface:
+def _joining(side: Side) -> Callable[..., Interface]:
+    """`mortar` in the plane or in space."""
+    return mortar_in_space if isinstance(side, Patch) else mortar
+
+
+def mortar_in_space(first: Side, second: Side, contact: SettledContact, over: Cover | None = None) -> Interface:
     """`mortar` of two sides in space: rows at the nodes of the slave, see `vertices`.
 
     By default the slave is the side with the larger size of facets over plane modulus, unless it is wholly clamped.
     """
     sides = (first, second)
     slave = _choose_slave(sides, contact, [slice(None)] * 2)
-    over = _cover(sides, slave, contact.name)
+    over = over or _cover(sides, slave, contact.name)
     side, looked, weighted = sides[slave], corners(over), over.only(over.weight > 0.0)
     rows = rows_at_vertices(sides, slave, weighted, looked, contact)
     hats = over.at if contact.kind == "bonded" else inset(side, over, looked)
@@ -126,7 +131,7 @@ def meet(contact: SettledContact, sides: tuple[Side, Side | None], frames: Mappi
     both = first.placed(one, reach), second.placed(other, reach)
     slave = contact.bodies.index(str(contact.slave))
     over = cover(both[slave], both[1 - slave])
-    return mortar(*both, contact, over) if len(over.facet) else apart(contact, *both)
+    return _joining(first)(*both, contact, over) if len(over.facet) else apart(contact, *both)
 
 
 def _cover(sides: tuple[Side, Side], slave: int, name: str) -> Cover:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -73,6 +74,10 @@ class ContactTotals(NamedTuple):
     def deepest(self) -> float:
         """The largest overlap (m); zero if there is none."""
         return max(0.0, -self.opening)
+
+
+Rows = Mapping[str, Mapping[str, np.ndarray]]
+"""By contact the arrays of `rows_of`, or some of them."""
 
 
 @dataclass(frozen=True)
@@ -330,3 +335,39 @@ def slip_start_change(law: Law, s: np.ndarray, closed: tuple[np.ndarray, np.ndar
 def signed(components: np.ndarray) -> np.ndarray:
     """(m,) the tangential component of (m, 1) in the plane; in space the length of the vector (m, 2)."""
     return components[:, 0] if components.shape[1] == 1 else np.linalg.norm(components, axis=1)
+
+
+def rows_of(state: ContactState) -> dict[str, np.ndarray]:
+    """The rows of a contact as the next step needs them: their slave nodes; forces along the normal and the tangents
+    (N); the slip so far (m); the forces on the first body, and where they act on both (N, m); the sum of bounds."""
+    one, other = state.interface.at or np.zeros((2, 0, state.interface.dimension))
+    law = state.interface.law
+    s = np.concatenate([state.normal_force, state.tangential_force[law.sliding].ravel()])
+    return {"node": slave_nodes(state.interface), "normal": state.normal_force[:, None],
+            "tangential": state.tangential_force, "slip": state.slip_total, "forces": state.forces, "first": one,
+            "second": other, "bound": np.array([law.bound_at(s).sum()])}
+
+
+def forces_by_node(interface: Interface, s: np.ndarray) -> dict[str, np.ndarray]:
+    """The forces s (size,) of the rows of a contact, as `rows_of` has those of a step."""
+    tangential = np.zeros((interface.m, interface.dimension - 1))
+    tangential[interface.sliding] = s[interface.m:].reshape(-1, interface.dimension - 1)
+    return {"node": slave_nodes(interface), "normal": s[:interface.m, None], "tangential": tangential}
+
+
+def values_by_node(interface: Interface, contacts: Rows, what: str) -> np.ndarray:
+    """Values (m, ·) of such rows at the slave's nodes of those of now; zero where there was no row."""
+    number, rows = slave_nodes(interface), contacts.get(interface.name)
+    if rows is None or not len(rows["node"]):
+        return np.zeros((interface.m, 1 if what == "normal" else interface.dimension - 1))
+    whole = np.zeros((max(number.max(initial=0), rows["node"].max()) + 1, rows[what].shape[1]))
+    whole[rows["node"]] = rows[what]
+    return whole[number]
+
+
+def slave_nodes(interface: Interface) -> np.ndarray:
+    """(m,) the node that a row stands at, by its number in the mesh."""
+    side = interface.side(interface.slave) if interface.slave else 0
+    if not interface.m:
+        return np.empty(0, int)
+    return interface.nodes[side][np.asarray(interface.transfer[side].argmax(axis=1)).ravel()]

@@ -53,8 +53,9 @@ class Direct:
         if not self._C.size:  # as on several ranks, of which one may have no unknowns
             return None
         C_change = joint.product(change, "newton")
-        right = linearised.restrict(wanted - point.r - C_change), joint.imbalance(point.s + change)
-        softly = steered * steering.shared[linearised.unknown], springs * steering.diagonal[:rigid.size]
+        right = linearised.restrict(wanted - point.r - C_change), joint.imbalance(point.s + change,
+                                                                                           point.alpha)
+        softly = steered * steering.shared[linearised.unknown], springs * steering.springs
         K = matrix(self._C, linearised, joint, layer[linearised.unknown] + softly[0], softly[1])
         factors, pivots, singular = dgetrf(K)
         if singular:
@@ -68,14 +69,15 @@ class Direct:
             return None
         dy, alpha = linearised.expand(found[:k]), found[k:]
         change, C_change = change + dy, C_change + joint.product(dy, "newton")
-        return Point(change, C_change - rigid.spread(alpha), alpha, joint.imbalance(point.s + change) - point.left)
+        left = joint.imbalance(point.s + change, point.alpha + alpha) - point.left
+        return Point(change, C_change - rigid.spread(alpha), alpha, left)
 
 
 def matrix(C: np.ndarray, linearised: Linearised, joint: Joint, D: np.ndarray, springs: np.ndarray) -> np.ndarray:
-    """[Iᵀ C E + D, −Iᵀ Z; Zᵀ E, springs], of k unknown forces and j rigid motions. Not collective.
+    """[Iᵀ C E + D, −Iᵀ Z; Zᵀ E, K + springs], of k unknown forces and j rigid motions. Not collective.
 
     C (size, size) is symmetric, Z (size, j) are the contact displacements of the motions, D (k,) are compliances and
-    `springs` (j,) stiffnesses, ε E* of what steers.
+    `springs` (j,) stiffnesses, ε E* of what steers, K that of loads on bodies that move far.
     Motions that are kept have no equation of forces: they are zero.
     """
     Z, springs = joint.rigid.Z.toarray() * (1.0 - joint.kept), np.where(joint.kept, 1.0, springs)
@@ -89,6 +91,6 @@ def matrix(C: np.ndarray, linearised: Linearised, joint: Joint, D: np.ndarray, s
         both, Z = turn.T @ np.hstack([(turn.T @ both[:, :size].T).T, both[:, size:]]), turn.T @ Z
     K = np.empty((k + Z.shape[1],) * 2, order="F")
     K[:, :k] = both[unknown][:, np.append(unknown, np.ones(Z.shape[1], bool))].T
-    K[:k, k:], K[k:, k:] = -Z[unknown], np.diag(springs)
+    K[:k, k:], K[k:, k:] = -Z[unknown], joint.K + np.diag(springs)
     K[np.arange(k), np.arange(k)] += D
     return K

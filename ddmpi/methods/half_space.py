@@ -270,7 +270,8 @@ class Modelled:
         opened = joint.product(forces, "newton", relative) - joint.d - turned - r
         self.rough = True
         newton.joint.learn(forces - s, opened + turned - joint.rigid.spread(alpha))
-        return Point(forces - s, opened, newton.motions - alpha, joint.imbalance(forces) - left)
+        return Point(forces - s, opened, newton.motions - alpha,
+                     joint.imbalance(forces, newton.motions) - left)
 
     def refine(self) -> None:
         """Note that the gaps are precise now; if they were rough, later ones will be more precise."""

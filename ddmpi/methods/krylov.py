@@ -1,15 +1,16 @@
 """The linear problem of a step: GMRES on the unknown forces; prefix ``newton_``.
 
     [ IᵀCE + D  −G̃ᵀ ] [ y ]   [ f ]
-    [ Ĝ          εE* ] [ α ] = [ h ]        Ĝ = G E, G̃ = G I
+    [ Ĝ      K + εE* ] [ α ] = [ h ]        Ĝ = G E, G̃ = G I
 
-with the rigid motions α of loose bodies. D is the compliance of a layer between the bodies, or of a barrier
-(`ddmpi.methods.paths`). In Newton's method it holds the springs that friction turns against, which the plane does not
-have, and a part that steers, as ε does, and biases nothing. The preconditioner is the same system with W M_δ W in the
-place of (C + D)⁻¹ and W = (1 + Dc)^−½, whose coarse problem is solved exactly. M_δ = (1 + δ)(M⁻¹ + δ/c)⁻¹, with the
-half-space stiffness M and the least δ = Dc of each interface, is exact for half-spaces behind a layer of one thickness.
-The second row then holds from the first iteration on, and GMRES, preconditioned from the right, works on the first row
-alone. It measures the residual times W, as wide clearances would otherwise hide the displacements where bodies touch.
+with the rigid motions α of loose bodies, which loads resist by K where bodies move far. D is the compliance of a layer
+between the bodies, or of a barrier (`ddmpi.methods.paths`). In Newton's method it holds the springs that friction turns
+against, which the plane does not have, and a part that steers, as ε does, and biases nothing. The preconditioner is the
+same system with W M_δ W in the place of (C + D)⁻¹ and W = (1 + Dc)^−½, whose coarse problem is solved exactly. M_δ = (1
++ δ)(M⁻¹ + δ/c)⁻¹, with the half-space stiffness M and the least δ = Dc of each interface, is exact for half-spaces
+behind a layer of one thickness. The second row then holds from the first iteration on, and GMRES, preconditioned from
+the right, works on the first row alone. It measures the residual times W, as wide clearances would otherwise hide the
+displacements where bodies touch.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ import numpy as np
 import scipy.sparse as sparse
 from petsc4py import PETSc
 
-from ddmpi.coupling.coarse import CoarseSystem
+from ddmpi.coupling.coarse import CoarseSystem, CrossPoints, Motions
 from ddmpi.coupling.joint import Joint
 from ddmpi.coupling.space import Space
 from ddmpi.errors import SolverError
@@ -159,18 +160,29 @@ class Preconditioner:
 
     Attributes
     ----------
-    motions : coarse motions, the rigid ones first
-    diagonal : (motions.size,) their diagonal of the lower right block (N/m): ε E* of rigid motions, 1/(μ − ½) of modes
-    crossing : the compliance of nodes at which bodies have several contacts; None in the plane
-    shared : (joint.size,) compliances (m/N) that steer there, zero elsewhere
+    springs : (rigid.size,) ε E* of rigid motions (N/m)
+    shared : (joint.size,) compliances (m/N) that steer at nodes with several contacts, zero elsewhere
 
-    Construction is collective.
+    What GMRES alone needs is made when it is asked for. Construction and these are collective.
     """
 
     def __init__(self, joint: Joint, c: np.ndarray, in_space: bool) -> None:
-        self.half_space, self.c, rigid = HalfSpace(joint.space), c, joint.rigid
-        self.motions, self.diagonal = rigid, HELD_LOOSELY * joint.rigid_moduli()
-        if joint.bodies >= MANY or rigid.size:
+        self._joint, self.c, self._in_space = joint, c, in_space
+        self.springs = HELD_LOOSELY * joint.rigid_moduli()
+        self.shared = np.where(joint.shared(), SHARED / c, 0.0)
+
+    @cached_property
+    def half_space(self) -> HalfSpace:
+        """The half-spaces."""
+        return HalfSpace(self._joint.space)
+
+    @cached_property
+    def coarse(self) -> tuple[Motions, np.ndarray]:
+        """Coarse motions, the rigid ones first, and their diagonal of the lower right block (N/m): ε E* of rigid
+        motions, 1/(μ − ½) of modes."""
+        joint = self._joint
+        motions, diagonal = joint.rigid, self.springs
+        if joint.bodies >= MANY or motions.size:
             modes = [(np.empty((0, member.size)), np.empty(0)) for member in joint.members]
             with joint.exchange.deferred():
                 modes = [smooth_modes(member, Space(member.interfaces),
@@ -178,14 +190,18 @@ class Preconditioner:
                          if member.interfaces else none for member, none in zip(joint.members, modes, strict=True)]
             joint.exchange.meet("coarse modes")
             # M⁻¹ is the compliance of two half-spaces, of which a body has ½: a mode gives way by μ − ½ more
-            self.motions, more = joint.add_motions([v for v, _ in modes], [1.0 / (mu - 0.5) for _, mu in modes])
-            self.diagonal = np.append(self.diagonal, more)
-        if self.motions.size:
-            log.info("coarse problem: %d rigid motions and %d smooth modes of %d bod%s", rigid.size,
-                     self.motions.size - rigid.size, joint.bodies, "ies" if joint.bodies > 1 else "y")
-        self.shared = np.where(joint.shared(), SHARED / c, 0.0)
-        # in the plane modes do what cross points do in space: random assemblies would take 12 % more products
-        self.crossing = joint.cross_points() if in_space else None
+            motions, more = joint.add_motions([v for v, _ in modes], [1.0 / (mu - 0.5) for _, mu in modes])
+            diagonal = np.append(diagonal, more)
+        if motions.size:
+            log.info("coarse problem: %d rigid motions and %d smooth modes of %d bod%s", joint.rigid.size,
+                     motions.size - joint.rigid.size, joint.bodies, "ies" if joint.bodies > 1 else "y")
+        return motions, diagonal
+
+    @cached_property
+    def crossing(self) -> CrossPoints | None:
+        """The compliance of nodes at which bodies have several contacts; None in the plane, where modes do what cross
+        points do in space: random assemblies would take 12 % more products."""
+        return self._joint.cross_points() if self._in_space else None
 
 
 class LinearProblem:
@@ -229,12 +245,16 @@ class LinearProblem:
         self._rigid = joint.rigid.size
         self._forcing, self._slender = forcing, np.inf if precise else SLENDER
         self._coarse: CoarseSystem | None = None
-        if preconditioner.motions.size:
-            diagonal = preconditioner.diagonal.copy()
+        motions, diagonal = preconditioner.coarse
+        if motions.size:
+            diagonal = diagonal.copy()
             diagonal[:self._rigid] *= springs
             basis, E = linearised.basis, linearised.expansion
-            self._coarse = CoarseSystem(preconditioner.motions, basis, basis if transposed else E, self._weights,
-                                        self._half_space.on_interface, diagonal, joint.kept, E if transposed else None)
+            resists, more = sparse.diags(diagonal), len(diagonal) - self._rigid
+            if joint.K.nnz:
+                resists = resists + sparse.block_diag([joint.K, sparse.csr_matrix((more, more))])
+            self._coarse = CoarseSystem(motions, basis, basis if transposed else E, self._weights,
+                                        self._half_space.on_interface, resists, joint.kept, E if transposed else None)
 
     def precondition(self, w: np.ndarray, h: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """The unknown forces y (k,) and rigid motions α of the half-space system for w (k,) in metres, h in newtons.

@@ -89,6 +89,11 @@ class Linearisation:
         y, alpha, C_y, residual = self._solve(self.linearised.restrict(rho - C_gamma), de - rigid.sums(gamma))
         return Changed(self.linearised.expand(y) + gamma, C_y + C_gamma - rho - rigid.spread(alpha), alpha, residual)
 
+    def yielding(self) -> np.ndarray:
+        """∂α/∂e (rigid.size, rigid.size) in m/N: how the motions yield to loads along them."""
+        none = np.zeros(self.joint.size)
+        return np.array([self.direct(none, along, none).alpha for along in np.eye(self.joint.rigid.size)]).T
+
     def adjoint(self, j: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
         """I z (size,) in m/N times the unit of a result J, β (rigid.size,), and the residual, by dJ = j·ds + a·dα."""
         z, beta, _, residual = self._solve(self.linearised.contract(j), -a, transposed=True)
@@ -114,7 +119,7 @@ class Linearisation:
             # the true equations: neither ε nor D at nodes of several contacts stands in them
             product = joint.product(outward(y), PURPOSE, AIM)
             left = f - inward(product - rigid.spread(alpha)) - layer * y
-            out = np.where(joint.kept, 0.0, h - rigid.sums(outward(y)))
+            out = np.where(joint.kept, 0.0, h - rigid.sums(outward(y)) - joint.K @ alpha)
             # a motion may undo nearly all of f, and the forces on the way may cancel: both are sizes to compare with
             misfit, moved, now = space.norms([left, inward(rigid.spread(alpha)), y])
             size, pull = max(size, moved), max(pull, now)
@@ -131,7 +136,7 @@ class Linearisation:
             C = joint.dense(SMALL) if 0 < lin.number <= SMALL else None
             self._factors = () if C is None else dgetrf(matrix(
                 C, lin, joint, (self._layer + steering.shared)[lin.unknown],
-                steering.diagonal[:joint.rigid.size]))
+                steering.springs))
         if self._factors and not self._factors[2]:
             lu, pivots, _ = self._factors
 

@@ -115,7 +115,7 @@ class Newton(Outer):
         foreseen : whether these predict this step, so that its first status of nodes follows from them
         """
         joint = self.joint
-        self._at = Point(*warm, joint.imbalance(warm[0])) if warm else joint.at_rest()
+        self._at = Point(*warm, joint.imbalance(warm[0], warm[2])) if warm else joint.at_rest()
         self._warm = warm is not None and self.space.any(self._pressed())
         self._path: Path | None = None
         self._paths = list(PATHS if len(joint.e) else PATHS[::-1])  # that are left
@@ -192,7 +192,7 @@ class Newton(Outer):
     def _look(self) -> float:
         """Compute the gaps of the iterate anew; return its `_distances` then (N). Collective."""
         r = self.joint.product(self._at.s, "newton") - self.joint.d - self.joint.rigid.spread(self._at.alpha)
-        self._at = self._at._replace(r=r, left=self.joint.imbalance(self._at.s))
+        self._at = self._at._replace(r=r, left=self.joint.imbalance(self._at.s, self._at.alpha))
         if self._modelled:
             self._modelled.refine()
         return self._distances([self._at])[0]
@@ -347,7 +347,7 @@ class Newton(Outer):
             problem = LinearProblem(joint, self._preconditioner, linearised, layer, springs, steered, self._forcing,
                                     precise=self._path is not None)
             if rigid.size:  # the nearest forces by half-spaces that balance the loads: h = 0 for what GMRES solves
-                y, alpha = problem.precondition(y, joint.imbalance(point.s + change))
+                y, alpha = problem.precondition(y, joint.imbalance(point.s + change, point.alpha))
                 change = change + linearised.expand(y)
         if space.any(change):
             C_change = joint.product(change, "newton")
@@ -362,7 +362,8 @@ class Newton(Outer):
                 self.direct.long |= iterations > LONG
             dy = linearised.expand(more)
             change, C_change = change + dy, C_change + joint.product(dy, "newton")
-        return Point(change, C_change - rigid.spread(alpha), alpha, joint.imbalance(point.s + change) - point.left)
+        left = joint.imbalance(point.s + change, point.alpha + alpha) - point.left
+        return Point(change, C_change - rigid.spread(alpha), alpha, left)
 
     def _length(self, far: float, change: Point) -> tuple[float, float]:
         """The smallest residual (N) and the length of the step to it; the full one if it gains enough on `far`."""

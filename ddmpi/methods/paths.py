@@ -252,7 +252,7 @@ class InteriorPoints:
         if joint.rigid.size:  # least squares: α = (ZᵀZ)⁻¹Zᵀr leaves the smallest gaps |r − Zα|
             identity = sparse.identity(size, format="csr")
             r, motions = CoarseSystem(joint.rigid, identity, identity, np.ones(size), lambda _, block: block,
-                                      np.full(joint.rigid.size, UNSEEN), joint.kept).correct(r)
+                                      UNSEEN * sparse.identity(joint.rigid.size), joint.kept).correct(r)
             alpha -= motions
         # all gaps w begin as wide as the widest clearance, or as what the first force closes, or as r if that is wider
         w = self._space.largest(np.maximum(joint.space.opening, force / c))
@@ -261,7 +261,7 @@ class InteriorPoints:
         mu = float(self._space.add(np.array([s @ self._w]))[0]) / max(number, 1.0)
         self._most = SPARE * magnitude(self._slip)[:, None] + 2.0 * mu / self._bounds(s)[0]
         self._barrier = self._first = self._mean(s)
-        self.point = Point(s, r, alpha, joint.imbalance(s))
+        self.point = Point(s, r, alpha, joint.imbalance(s, alpha))
         self._last, self._longest, self._steps, self._idle, self.failed = 1.0, 0.0, 0, 0, False
 
     def _first_force(self, c: np.ndarray) -> float:

@@ -179,7 +179,7 @@ def table_fields(state: ContactState, far: bool = False) -> dict[str, np.ndarray
     """What result.h5 adds to the table of a contact, by its lines: its `drawn_facets` and initial gaps (m); where
     bodies move `far` also its normals, which differ from step to step."""
     interface = state.interface
-    normals = dict(zip(("nx", "ny"), interface.normal[interface.lines.row].T, strict=True)) if far else {}
+    normals = dict(zip(("nx", "ny", "nz"), interface.normal[interface.lines.row].T, strict=False)) if far else {}
     return normals | {"facets": drawn_facets(interface.lines, interface.axisymmetric),
             "initial_gap": interface.gap[interface.lines.row]}
 

@@ -33,12 +33,16 @@ FRAMES = {"time": "end of the load step", "body": "or rigid partner",
           "turn": "of Q, counterclockwise (degrees)"}
 """Where frames of bodies are, with time.motions = "far"."""
 
+IN_SPACE = {"shift_z": "in space", "turn_x": "the turn of Q, along its axis, in space", "turn_y": "", "turn_z": ""}
+"""The same in space, in the place of the turn."""
+
 
 def write_frames(path: Path, steps: Iterable[tuple[float, Mapping[str, Frame]]]) -> None:
     """Write frames.csv into the folder `path`: a line for each load step and each body or rigid partner that moves far.
     Not collective. Raises OutputError."""
-    write_table(path / "frames.csv", FRAMES, ((time, name, *frame.shift, frame.turn) for time, frames in steps
-                                              for name, frame in frames.items()))
+    lines = [(time, name, *frame.shift, *frame.turn) for time, frames in steps for name, frame in frames.items()]
+    plane = len(lines[0]) == len(FRAMES)
+    write_table(path / "frames.csv", [*FRAMES] if plane else [*[*FRAMES][:-1], *IN_SPACE], lines)
 
 
 def frames_at(results: Results, time: float | None = None) -> dict[str, Frame]:
@@ -49,8 +53,9 @@ def frames_at(results: Results, time: float | None = None) -> dict[str, Frame]:
         return {}
     time = results.time if time is None else time
     rows = np.flatnonzero(table["time"] == (table["time"][-1] if time is None else time))
+    turns = ["turn"] if d == 2 else ["turn_x", "turn_y", "turn_z"]
     return {str(table["body"][row]): Frame.of([table[f"shift_{axis}"][row] for axis in "xyz"[:d]]).after(
-        Frame.of((0.0,) * d, table["turn"][row])) for row in rows}
+        Frame.of((0.0,) * d, np.array([table[turn][row] for turn in turns]))) for row in rows}
 
 
 def placed(results: Results, time: float | None = None, fields: Columns | None = None) -> Results:

@@ -133,6 +133,7 @@ SUMMARY = {
     "certificate_limit": "the largest residual of a certified answer: 50 times the tolerance, but at most 0.05",
     "steps": "load steps in the order of time: time, outer_iterations, and contacts by name with force, moment, "
         "normal_force, tangential_force, open, slip, stick and dissipated, of the step, pretension and rigid as above; "
+        "with free frames passes, in which they settled; "
         "of cycles those of the last one; in summary.json, where the fields of the step are written, bodies with "
         "reaction, loads and reactions",
     "cycles.run": "with [time] cycle: cycles run, one that failed included",

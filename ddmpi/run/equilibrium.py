@@ -26,8 +26,9 @@ from ddmpi.judge.equilibrium import Mechanism, find_mechanism
 from ddmpi.judge.forces import Forces
 from ddmpi.judge.motions import RESISTED, MotionsOfBody, describe_motions, undetermined
 from ddmpi.methods.outer import Outer
+from ddmpi.scene.meshes import parts_of
 from ddmpi.system.agreement import agreed, from_first, gathered
-from ddmpi.system.numbers import Frame, norm
+from ddmpi.system.numbers import Frame, RigidMotion, norm
 from ddmpi.system.provenance import has_clarabel
 
 LARGEST = 3000
@@ -134,8 +135,8 @@ def describe_drift(assembly: Assembly, motions: np.ndarray) -> str:
 
 
 def _loose(assembly: Assembly) -> list[Body]:
-    """The loose bodies of this rank. Not collective."""
-    return [body for body in assembly.bodies if not body.member.elasticity.supported]
+    """The bodies of this rank that rigid motions move. Not collective."""
+    return [body for body in assembly.bodies if len(body.member.e)]
 
 
 def _with_partners(assembly: Assembly) -> list[MotionsOfBody]:
@@ -143,9 +144,13 @@ def _with_partners(assembly: Assembly) -> list[MotionsOfBody]:
 
     A partner has the outline of the contact nodes that face it.
     """
-    all_motions = list(gathered(assembly.world, {
-        body.spec.name: MotionsOfBody.of(body.spec.name, body.mesh.points, body.member.motions)
-        for body in _loose(assembly)}).values())
+    placed = {body.spec.name: (body.mesh.points, body.member.motions) for body in _loose(assembly)}
+    for name, (points, motions) in placed.items():
+        if name in assembly.frames:
+            frame = assembly.frames[name]
+            placed[name] = frame.at(points), np.einsum("ij,njk->nik", frame.turned, motions)
+    all_motions = list(gathered(assembly.world, {name: MotionsOfBody.of(name, *at) for name, at in placed.items()}
+                                ).values())
     for each in assembly.joint.driven:
         facing = gathered(assembly.world, {
             interface.name: [interface.xy + side * interface.spacing[:, None] * axis
@@ -281,11 +286,11 @@ def forces_by_group(body: Body, u: np.ndarray, s: np.ndarray, factors: Mapping[s
                     frames: Mapping[str, Frame] | None = None) -> dict:
     """The applied loads and the forces of clamps, by group, and the resultant of the latter, under the displacement u
     (nv, d) and contact forces s (size,); of a body that moves far, where its frame is. Not collective."""
-    mesh, member = body.mesh, body.member
+    mesh, member, frame = body.mesh, body.member, (frames or {}).get(body.spec.name)
     loads = ((group, factor * f) for history, factor in factors.items()
-             for group, f in loads_by_group(mesh, body.spec, history))
+             for group, f in loads_by_group(mesh, body.spec, history, frame.turned if frame else None))
     reactions = resultants(mesh, clamp_forces(mesh, body.spec, member.elasticity, u, member.pull(s)))
-    acting, frame = resultants(mesh, loads), (frames or {}).get(body.spec.name)
+    acting = resultants(mesh, loads)
     if frame:
         reactions, acting = ({group: _in_world(entry, frame) for group, entry in entries.items()}
                              for entries in (reactions, acting))
@@ -294,29 +299,45 @@ def forces_by_group(body: Body, u: np.ndarray, s: np.ndarray, factors: Mapping[s
 
 
 def _in_world(entry: dict, frame: Frame) -> dict:
-    """Resultants of a body in the plane, where its frame is: M_0 of a force at c + Q X is M + c × F."""
-    force = frame.along(entry["force"])
-    if "moment" not in entry:  # around an axis there is none
-        return entry | {"force": force}
-    return entry | {"force": force, "moment": entry["moment"] + float(np.cross(frame.shift, force))}
+    """Resultants of a body where its frame is: M_0 of a force at c + Q X is Q M + c × Q F."""
+    force, moment = frame.along(entry["force"]), entry["moment"]
+    turned = frame.along(moment) if np.ndim(moment) else moment
+    return entry | {"force": force, "moment": turned + np.cross(frame.shift, force)}
 
 
 def driven_partners(assembly: Assembly, outer: Outer) -> dict[str, dict[str, float]]:
-    """The sizes of driven partners, which are bodies without elasticity. Collective."""
-    joint = assembly.joint
-    unbalanced = joint.imbalance(outer.forces) if joint.driven else joint.e
+    """The sizes of driven partners, and of free frames with clamps, which are bodies without elasticity. Collective."""
+    joint, far, pushes = assembly.joint, assembly.far, assembly.pushes
+    # what clamps hold in a free frame balances by itself; the whole of it, with its clamps, by contacts and loads
+    held = {name: lambda interface, name=name: name in interface.bodies for name, frame in (
+        far.free if far else {}).items() if frame.part and name not in pushes}
+    unbalanced = joint.imbalance(outer.forces, outer.motions) if joint.driven or held else joint.e
     sizes = {}
-    for each in joint.driven:
-        at = joint.slices[each.name]
+    for name, acts_on in ({each.name: each.acts_on for each in joint.driven} | held).items():
+        at = joint.slices[name]
         # contact forces may cancel, as on a partner that moves freely without a force
         squares = [float(outer.forces[part] @ outer.forces[part]) for interface, part in assembly.space.with_slices()
-                   if each.acts_on(interface)]
+                   if acts_on(interface)]
         contact = float(np.sqrt(assembly.space.add(np.array([sum(squares)]))[0]))
         acting = max(norm(joint.e[at]), norm(joint.e[at] - unbalanced[at]), contact)
-        sizes[each.name] = dict.fromkeys(("yielding", "made", "energy", "work"), 0.0) | {
+        sizes[f"frame of {name}" if name in held else name] = dict.fromkeys(
+            ("yielding", "made", "energy", "work"), 0.0) | {
             "left": norm(unbalanced[at]), "acting": acting, "moved": norm(outer.motions[at]),
-            "load": assembly.pushes[each.name]}
+            "load": pushes.get(name, 0.0)}
     return sizes
+
+
+def partners_gone(assembly: Assembly) -> dict[str, RigidMotion]:
+    """By rigid partner how far its pivot has gone where bodies move far (m), its turn (rad) if it turns, and where its
+    pivot is. Not collective."""
+    gone = {}
+    for partner in assembly.scene.rigid:
+        turning = [part for part in parts_of(partner.motion) if part.turn or "turn" in (part.free or ())]
+        frame = assembly.frames[partner.name]
+        pivot = np.array(next((part.pivot for part in turning if part.pivot), (0.0,) * len(frame.shift)))
+        at = frame.at(pivot)
+        gone[partner.name] = RigidMotion(at - pivot, np.radians(frame.turn if turning else np.empty(0)), at)
+    return gone
 
 
 def recover(member: Member, s: np.ndarray, alpha: np.ndarray,

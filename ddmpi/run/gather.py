@@ -43,7 +43,6 @@ from ddmpi.results.tables import (
 from ddmpi.run.equilibrium import forces_by_group, recover
 from ddmpi.run.report import describe_files
 from ddmpi.run.solve import Solution
-from ddmpi.scene.meshes import frames_of
 from ddmpi.system.agreement import agreed, gathered
 from ddmpi.system.clock import Clock
 from ddmpi.system.files import contact_files
@@ -298,8 +297,8 @@ def write_files(solved: Solved, folder: Path | None, clock: Clock, figures: bool
                     write_steps(path, solved.steps.steps)
                     if scene.time:
                         write_energies(path, solved.steps.energies, solved.steps.steps)
-                    if scene.far:
-                        write_frames(path, [(step["time"], frames_of(scene, step["time"]))
+                    if solved.assembly.far:
+                        write_frames(path, [(step["time"], solved.assembly.far.frames(scene, step["time"]))
                                             for step in solved.steps.steps])
                     if solved.solution.mechanism:
                         write_mechanism(path, solved.solution.mechanism)

@@ -3,6 +3,9 @@
 A step places the frames, pairs the contact sides there, makes W C Wᵀ of the rows W that join contact nodes now, and
 solves today's problem once. Strains are small in each frame: a material point X of a body is at c + Q (X + u).
 
+Frames that are free take the rigid motions α of the solution, and the pass repeats until α is nothing. The loads that
+move along, K α, are in the equations, so that each pass is a step of Newton's method for the frames.
+
 Friction has no memory on rows, which come and go. What stays of a step are frames and displacements. The slip of a row
 is the relative place of the material points that it joins now, less that of the same points a step before, both seen
 from the second body's frame. So it does not depend on the pairing, nor on a motion of both bodies together.
@@ -10,6 +13,7 @@ from the second body's frame. So it does not depend on the pairing, nor on a mot
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -21,21 +25,23 @@ from ddmpi.derive.chain import Chain
 from ddmpi.errors import InputError
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.mortar import meet
-from ddmpi.interface.state import ContactState
+from ddmpi.interface.state import Rows, forces_by_node, rows_of, values_by_node
 from ddmpi.methods.newton import Newton
-from ddmpi.methods.outer import Report, no_report
+from ddmpi.methods.outer import Report, Step, no_report
 from ddmpi.results.checkpoint import Checkpoints
-from ddmpi.run.equilibrium import NOTHING, Mark
+from ddmpi.run.equilibrium import NOTHING, Mark, describe_drift, partners_gone
 from ddmpi.run.gather import StepLog
 from ddmpi.run.solve import Iteration, Solution, solve
 from ddmpi.run.steps import MARKS, March
 from ddmpi.scene.contacts import SettledContact
-from ddmpi.scene.meshes import frames_of
+from ddmpi.scene.meshes import Freed, frames_of
 from ddmpi.surface.cover import DEEPEST
 from ddmpi.surface.side import Side
 from ddmpi.system.agreement import agreed
 from ddmpi.system.clock import Clock
-from ddmpi.system.numbers import Frame
+from ddmpi.system.numbers import Frame, norm
+
+log = logging.getLogger("ddmpi")
 
 MOST = 64
 """Most places on the way of a step at which a body is looked for in its partner."""
@@ -44,21 +50,38 @@ MARGIN = 1.0
 """Overlaps are looked for as deep as those of the step before and the motion of this one, and this many facets."""
 
 
+PASSES, SETTLED, SHRINKS, PATIENCE = 40, 1e-8, 0.7, 6
+"""Most passes of a step. Frames have settled once α moves contacts by less than SETTLED of what their forces do, and
+do not settle if PATIENCE passes in a row leave more than SHRINKS of the least so far."""
+
+NEAR, DEPTH, RANK = 0.3, 3, 1e-6
+"""Once α moves contacts by less than NEAR of what forces do, DEPTH passes before make the next α (Anderson, J. ACM 12,
+1965), by least squares up to RANK."""
+
+UNSTABLE = 0.15
+"""An equilibrium is not stable if a motion is resisted by less than this times what loads push it on by. Of a disc on a
+plane, which nothing holds and nothing pushes on, nodes that open and close make up to 0.12."""
+
+FARTHEST = 15.0
+"""Largest turn of a frame in a pass (degrees)."""
+
+
 @dataclass(frozen=True)
 class Memory:
     """What a step leaves for the next.
 
     Attributes
     ----------
-    time : its end
+    time, freed : its end, and how far free frames had gone then
     displacements : (nv, d) of this rank's bodies in their frames (m)
-    contacts : by contact that this rank owns the arrays of `_rows_of`
+    contacts : by contact that this rank owns the arrays of `rows_of`
     deepest : overlap of the sides without displacements (m), by contact of this rank's bodies
     """
 
     time: float
+    freed: Freed
     displacements: Mapping[str, np.ndarray]
-    contacts: Mapping[str, Mapping[str, np.ndarray]]
+    contacts: Rows
     deepest: Mapping[str, float]
 
     def forces_at(self, interface: Interface, part: slice, s: np.ndarray) -> np.ndarray:
@@ -71,36 +94,92 @@ class Memory:
         return s * (float(rows["bound"][0]) / now if rows and now else 0.0)
 
 
-def _rows_of(state: ContactState) -> dict[str, np.ndarray]:
-    """The rows of a contact as the next step needs them: their slave nodes; forces along the normal and the tangents
-    (N); the slip so far (m); the forces on the first body, and where they act on both (N, m); the sum of bounds."""
-    one, other = state.interface.at or np.zeros((2, 0, state.interface.dimension))
-    law = state.interface.law
-    s = np.concatenate([state.normal_force, state.tangential_force[law.sliding].ravel()])
-    return {"node": _slave_nodes(state.interface), "normal": state.normal_force[:, None],
-            "tangential": state.tangential_force, "slip": state.slip_total, "forces": state.forces, "first": one,
-            "second": other, "bound": np.array([law.bound_at(s).sum()])}
-
-
 class FarMarch(March):
     """The load steps of bodies that move far. Everything is collective."""
 
     def __init__(self, assembly: Assembly, iteration: Iteration, log: StepLog) -> None:
-        self._first = Memory(0.0, {}, {}, _deepest(assembly))  # nothing but where the bodies are
+        assert assembly.far
+        still = np.zeros({2: 3, 3: 6}[assembly.scene.dimension])
+        self._first = Memory(0.0, dict.fromkeys(assembly.far.free, still), {}, {}, _deepest(assembly))
         self._compared: Memory | None = None  # the last attempt at the present leg
         super().__init__(assembly, iteration, log)
 
     def _step(self, time: float) -> Solution:
-        """Place the bodies at `time`, and solve."""
-        memory, far, clock = self._memory(self._now), self.assembly.far, self.iteration.clock
+        """Place the bodies at `time`, and solve, until free frames have settled."""
+        memory, far, clock, mark = self._memory(self._now), self.assembly.far, self.iteration.clock, self._now
         assert far
-        frames = frames_of(self.assembly.scene, memory.time)
-        far.reach[time] = _reaches(self.assembly, frames, memory.deepest, time)
+        then, least, idle = frames_of(self.assembly.scene, memory.time, memory.freed), np.inf, 0
+        far.freed[time], rows, settled = self._ahead_of(time), memory.contacts, not far.free
+        stopped = ""
+        steps, counts, changes = list[Step](), list[tuple[int, int, int]](), list[tuple[np.ndarray, np.ndarray]]()
+        for number in range(PASSES):
+            self._now = mark
+            start = self._place(time, memory, then, rows, number > 0)
+            if not far.free:
+                break
+            with clock.phase("outer"):
+                stopped = self.outer.run(self.iteration.method.tolerance)
+            moved = self.assembly.joint.rigid.spread(self.outer.motions)
+            given = self.assembly.joint.product(self.outer.forces, "newton")
+            far_off, size = self.assembly.space.norms([moved, given])
+            log.debug("time %g, pass %d: frames moved contacts by %.1e m, forces by %.1e m", time, number + 1, far_off,
+                      size)
+            settled = stopped == "converged" and far_off <= SETTLED * size
+            idle = 0 if far_off <= SHRINKS * least else idle + 1
+            least = min(least, far_off)
+            if settled or stopped != "converged" or idle == PATIENCE or number == PASSES - 1:
+                break
+            steps += self.outer.history
+            counts += self.iteration.statuses.counts
+            rows, alpha = {interface.name: forces_by_node(interface, self.outer.forces[part]) for interface, part in
+                           self.assembly.space.with_slices()}, self.outer.motions
+            if changes and far_off <= NEAR * size:
+                gone = np.array([step for _, step in changes[-DEPTH:]])
+                alphas = np.diff([*(each for each, _ in changes[-DEPTH:]), alpha], axis=0)
+                step = alpha - np.linalg.lstsq(alphas.T, alpha, rcond=RANK)[0] @ (gone + alphas)
+            else:
+                changes, step = [], alpha
+            changes.append((alpha, step))
+            self._go(time, step)
+            self._count()
+        largest = self.log.most["sizes"]
+        since = start, memory.forces_at, self._now.slid
+        if settled or stopped != "converged":  # whatever the reason is
+            solution = self.iteration.solve(None, since, largest)
+        else:
+            solution = self.iteration.conclude("unsettled", since, largest)
+        # the record has the steps of all passes
+        self.outer.history[:] = [row._replace(iteration=k + 1) for k, row in enumerate([*steps, *self.outer.history])]
+        self.iteration.statuses.counts[:0] = counts
+        if settled:
+            _refuse_passing(self.assembly, memory, time)
+        if settled and far.free and len(self._ahead) == 1:  # the end of a leg
+            self.log.doubt(time, self._unstable())
+        self._count()
+        self._passes = number + 1
+        states = {name: replace(state, before=values_by_node(state.interface, memory.contacts, "slip"))
+                  for name, state in solution.states.items()}
+        partners = partners_gone(self.assembly)
+        contacts = {name: total._replace(rigid=partners.get(total.bodies[1], total.rigid))
+                    for name, total in solution.contacts.items()}
+        return replace(solution, time=time, states=states, contacts=contacts)
+
+    def _accept(self, time: float, solution: Solution) -> None:
+        super()._accept(time, solution)
+        if self.assembly.far and self.assembly.far.free:
+            self.log.steps[-1]["passes"] = self._passes
+
+    def _place(self, time: float, memory: Memory, then: Mapping[str, Frame], rows: Rows,
+               again: bool) -> np.ndarray:
+        """Have the bodies meet where their frames are at `time`, and begin with the forces of `rows`; where slip begins
+        (size,) (m)."""
+        far, clock = self.assembly.far, self.iteration.clock
+        assert far
+        far.reach[time] = _reaches(self.assembly, then, memory.deepest, time)
         with clock.phase("assemble"):
             self.assembly = assembly = self.assembly.meet(time)
-        _refuse_passing(assembly, memory.time, time)
         start = assembly.exchange.total([body.member.begin(_began(
-            assembly, body.spec.name, body.mesh.points, memory.displacements.get(body.spec.name, 0.0), frames))
+            assembly, body.spec.name, body.mesh.points, memory.displacements.get(body.spec.name, 0.0), then))
             for body in assembly.bodies], "slip")
         self._now = _seen_now(self._now, assembly, memory, start)
         sliding = start.copy()
@@ -112,16 +191,48 @@ class FarMarch(March):
         outer = self.iteration.outer
         assert isinstance(outer, Newton)
         self.outer = outer
-        s, largest = assembly.space.laws.project(self._now.s), self.log.most["sizes"]
+        s, largest = assembly.space.laws.project(_forces_of(assembly, rows)), self.log.most["sizes"]
         if assembly.space.any(s):
-            outer.begin((s, joint.product(s, "newton") - joint.d, np.zeros(0)))
+            outer.begin((s, joint.product(s, "newton") - joint.d, np.zeros(joint.rigid.size)), foreseen=again)
         outer.nothing, outer.direct.steps = NOTHING * largest[0], True
-        solution = self.iteration.solve(None, (sliding, memory.forces_at, self._now.slid), largest)
-        for member, body in zip(far.members, assembly.bodies, strict=True):
+        return sliding
+
+    def _count(self) -> None:
+        """Have later passes count products on."""
+        assert self.assembly.far
+        for member, body in zip(self.assembly.far.members, self.assembly.bodies, strict=True):
             member.C.count = body.member.C.count
-        states = {name: replace(state, before=_by_node(state.interface, memory, "slip"))
-                  for name, state in solution.states.items()}
-        return replace(solution, time=time, states=states)
+
+    def _ahead_of(self, time: float) -> Freed:
+        """Where free frames are looked for first: as far as they have gone, and on as in the step before."""
+        now, before = self._memory(self._now), self._memory(self._before)
+        span = now.time - before.time
+        share = (time - now.time) / span if span and not self._cuts else 0.0
+        return {name: gone + share * (gone - before.freed[name]) for name, gone in now.freed.items()}
+
+    def _unstable(self) -> list[str]:
+        """A warning where forces that grow as frames move on push them on."""
+        joint, world = self.assembly.joint, self.assembly.world
+        size = np.abs(joint.K).max() if joint.K.nnz else 0.0
+        if not size:
+            return []
+        values, motions = world.bcast(np.linalg.eig(np.linalg.pinv(self.outer.linearisation().yielding())))
+        worst = int(values.real.argmin())
+        if not values[worst].real < -UNSTABLE * size:
+            return []
+        return [f"the equilibrium is not stable: {describe_drift(self.assembly, motions[:, worst].real)}, pushed on by "
+                "the loads, and bodies would not stay there"]
+
+    def _go(self, time: float, alpha: np.ndarray) -> None:
+        """Have the free frames take the motions α."""
+        assembly, far = self.assembly, self.assembly.far
+        assert far
+        moved = {name: far.free[name].gone(gone, assembly.frames[name], alpha[assembly.joint.slices[name]])
+                 for name, gone in far.freed[time].items()}
+        turned = slice(assembly.scene.dimension, None)
+        most = max(norm((gone - far.freed[time][name])[turned]) for name, gone in moved.items())
+        far.freed[time] = {name: far.freed[time][name] + min(1.0, FARTHEST / max(most, FARTHEST)) * (
+            gone - far.freed[time][name]) for name, gone in moved.items()}
 
     def _memory(self, mark: Mark) -> Memory:
         return mark.memory or self._first
@@ -129,7 +240,7 @@ class FarMarch(March):
     def _refine(self) -> bool:
         # attempts may have paired other rows at the end of the leg
         if self._coarse is not None and self._compared:
-            self._coarse = _forces_of(self.assembly, self._compared)
+            self._coarse = _forces_of(self.assembly, self._compared.contacts)
         self._compared = self._memory(self._now)
         again = super()._refine()
         if not again:
@@ -138,18 +249,19 @@ class FarMarch(March):
 
     def _remember(self, solution: Solution) -> Memory:
         assert solution.time is not None
-        return Memory(solution.time, solution.displacements, {
-            name: _rows_of(state) for name, state in solution.states.items()}, _deepest(self.assembly))
+        assert self.assembly.far
+        return Memory(solution.time, self.assembly.far.freed[solution.time], solution.displacements, {
+            name: rows_of(state) for name, state in solution.states.items()}, _deepest(self.assembly))
 
     def _by_frames(self, solution: Solution, before: Mark) -> float:
         """Work of the motions of frames (J): clamps balance what contact forces do to bodies that move."""
         memory, joules = self._memory(before), 0.0
-        then, now = (frames_of(self.assembly.scene, time) for time in (memory.time, solution.time or 0.0))
+        then, now = frames_of(self.assembly.scene, memory.time, memory.freed), self.assembly.frames
         for name, state in solution.states.items():
             for side, body in enumerate(state.interface.bodies):
                 step = now[body].after(then[body].undone)
                 # the mean of the forces at both ends, each over the way of the place at which it acts
-                for rows, way, sign in ((_rows_of(state), step.undone, -1.0), (memory.contacts.get(name), step, 1.0)):
+                for rows, way, sign in ((rows_of(state), step.undone, -1.0), (memory.contacts.get(name), step, 1.0)):
                     if rows:
                         at = rows[("first", "second")[side]]
                         joules -= 0.5 * sign * (1.0, -1.0)[side] * float(((way.at(at) - at) * rows["forces"]).sum())
@@ -161,13 +273,14 @@ class FarMarch(March):
 
     def state(self) -> dict[str, Any]:
         assert self.assembly.far
-        reach = {repr(time): dict(depths) for time, depths in self.assembly.far.reach.items()}
-        return super().state() | {"reach": reach}
+        return super().state() | {name: {repr(time): dict(values) for time, values in getattr(
+            self.assembly.far, name).items()} for name in ("reach", "freed")}
 
     def restore(self, state: dict[str, Any]) -> None:
         super().restore(state)
         assert self.assembly.far
-        self.assembly.far.reach.update({float(time): depths for time, depths in state["reach"].items()})
+        for name in ("reach", "freed"):
+            getattr(self.assembly.far, name).update({float(time): values for time, values in state[name].items()})
         for name in MARKS:
             mark = getattr(self, name)
             if mark.memory:
@@ -180,20 +293,25 @@ def _deepest(assembly: Assembly) -> dict[str, float]:
             for met in body.member.interfaces}
 
 
-def _refuse_passing(assembly: Assembly, since: float, time: float) -> None:
-    """InputError, on all ranks, where the motions run a body through another, at `time` or on the way. Collective."""
+def _refuse_passing(assembly: Assembly, memory: Memory, time: float) -> None:
+    """InputError, on all ranks, where the motions run a body through another, at `time` or on the way since a step
+    before. Collective."""
     now, unit, scene = _deepest(assembly), assembly.scene.units["length"], assembly.scene
-    rigid, (then, here) = {each.name: each for each in scene.rigid}, (frames_of(scene, at) for at in (since, time))
+    assert assembly.far
+    ends = memory.freed, assembly.far.freed[time]
+    rigid, then, here = {each.name: each for each in scene.rigid}, frames_of(
+        scene, memory.time, ends[0]), assembly.frames
     with agreed(assembly.world):
-        assert assembly.far
         for contact in assembly.far.contacts:
             both = assembly.far.sides[contact.name]
             body, thin = min(((side.body, float(side.extent.min())) for side in both if side), key=lambda each: each[1])
             deepest = now[contact.name]
             if not deepest:  # apart: it may have passed
                 places = min(MOST, 1 + int(4.0 * _way(contact, both[0], then, here) / thin))
-                for at in np.linspace(since, time, places)[1:-1]:
-                    met = meet(contact, both, frames_of(scene, float(at)), rigid, thin)
+                for share in np.linspace(0.0, 1.0, places)[1:-1]:
+                    freed = {name: (1.0 - share) * gone + share * ends[1][name] for name, gone in ends[0].items()}
+                    frames = frames_of(scene, memory.time + float(share) * (time - memory.time), freed)
+                    met = meet(contact, both, frames, rigid, thin)
                     deepest = max(deepest, -float(met.opening.min(initial=0.0)))
             if deepest > DEEPEST * thin:
                 raise InputError(f"contact.{contact.name}: the motions push {contact.bodies[0]!r} and "
@@ -212,12 +330,12 @@ def _reaches(assembly: Assembly, frames: Mapping[str, Frame], deepest: Mapping[s
              time: float) -> dict[str, float]:
     """How deep overlaps may be at `time` (m), by contact: as the last ones, where `frames` were, by the motion since,
     and a facet."""
-    now, reach = frames_of(assembly.scene, time), {}
     assert assembly.far
+    now, reach = assembly.far.frames(assembly.scene, time), {}
     for contact in assembly.far.contacts:
         side = assembly.far.sides[contact.name][0]
         reach[contact.name] = deepest[contact.name] + _way(contact, side, frames, now) + MARGIN * float(
-            side.lengths.max())
+            side.lengths.max() ** (1.0 / (side.dimension - 1)))
     return reach
 
 
@@ -240,35 +358,17 @@ def _seen_now(mark: Mark, assembly: Assembly, memory: Memory, start: np.ndarray)
     space, zero = assembly.space, np.zeros(assembly.space.size)
     slid = {interface.name: np.zeros((interface.m, interface.dimension - 1)) for interface in space.interfaces
             if interface.law.frictionless}
-    return replace(mark, s=_forces_of(assembly, memory), moved=start, opening=space.opening, prescribed=zero, d=zero,
-                   slid=slid)
+    return replace(mark, s=_forces_of(assembly, memory.contacts), moved=start, opening=space.opening, prescribed=zero,
+                   d=zero, slid=slid)
 
 
-def _forces_of(assembly: Assembly, memory: Memory) -> np.ndarray:
-    """The forces (size,) that are remembered, at the slave nodes of the rows of now (N)."""
+def _forces_of(assembly: Assembly, rows: Rows) -> np.ndarray:
+    """The forces (size,) of such rows at the slave nodes of the rows of now (N)."""
     s = np.zeros(assembly.space.size)
     for interface, part in assembly.space.with_slices():
-        normal, tangential = (_by_node(interface, memory, what) for what in ("normal", "tangential"))
+        normal, tangential = (values_by_node(interface, rows, what) for what in ("normal", "tangential"))
         s[part] = np.concatenate([normal[:, 0], tangential[interface.sliding].ravel()])
     return s
-
-
-def _by_node(interface: Interface, memory: Memory, what: str) -> np.ndarray:
-    """Values (m, ·) of the step before at the slave's nodes of the rows; zero where there was no row."""
-    number, rows = _slave_nodes(interface), memory.contacts.get(interface.name)
-    if rows is None or not len(rows["node"]):
-        return np.zeros((interface.m, 1))
-    whole = np.zeros((max(number.max(initial=0), rows["node"].max()) + 1, rows[what].shape[1]))
-    whole[rows["node"]] = rows[what]
-    return whole[number]
-
-
-def _slave_nodes(interface: Interface) -> np.ndarray:
-    """(m,) the node that a row stands at, by its number in the mesh."""
-    side = interface.side(interface.slave) if interface.slave else 0
-    if not interface.m:
-        return np.empty(0, int)
-    return interface.nodes[side][np.asarray(interface.transfer[side].argmax(axis=1)).ravel()]
 
 
 def march(assembly: Assembly, report: Report = no_report, checkpoints: Checkpoints | None = None,

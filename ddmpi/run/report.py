@@ -88,13 +88,14 @@ def _describe_body(body: Body, ranks: int) -> tuple[str, bool]:
     way = f"{mesh.cut} {what} cut into {mesh.cell.names}; " if mesh.cut else ""
     way += "" if ranks == 1 else f"on {ranks} ranks; "
     if motions:
-        way += f"not supported by clamps ({_count(motions, 'rigid motion')}); "
+        held = "its frame is free" if body.member.elasticity.supported else "not supported by clamps"
+        way += f"{held} ({_count(motions, 'rigid motion')}); "
     way += "direct solver" if solver == DIRECT else f"solver {solver}"
     if compliance.solver.refused:
         way += f" through PETSc (MUMPS is not called directly: {compliance.solver.refused})"
     if compliance.kind != "explicit" or compliance.reason == "asked for":
         way += f", compliance {compliance.kind} ({compliance.reason})"
-    return way, body.member.elasticity.b.norm() > 0.0
+    return way, body.member.elasticity.b.norm() > 0.0 or bool(body.member.e.any())
 
 
 def grouped(pairs: Iterable[tuple[str, str]]) -> Iterator[tuple[str, list[str]]]:

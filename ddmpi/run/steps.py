@@ -43,7 +43,7 @@ CUTS = 6
 """Most times that a failing step is halved, and that the leg's shortest planned step may be: steps that are halved
 again after each success would creep towards a load without equilibrium."""
 
-CURABLE = ("diverged", "max_iterations", "stalled", "drift", "converged")
+CURABLE = ("diverged", "max_iterations", "stalled", "drift", "unsettled", "converged")
 """The ends of an iteration that a shorter step may cure; "converged" has a certificate that fails."""
 
 CERTAIN = 0.25

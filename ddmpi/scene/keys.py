@@ -375,3 +375,13 @@ def _tidy(node: Any, titles: list[tuple[dict, dict]]) -> Any:
         kinds = [kind for kind in kept.pop("anyOf") if kind != {"type": "null"}]
         kept |= kinds[0] if len(kinds) == 1 else {"anyOf": kinds}
     return kept
+
+
+def check_heat(bodies: list[Any]) -> None:
+    """ValueError if materials of `BodySpec` bodies expand, and none has a temperature. Bodies without one keep that of
+    the state free of stress."""
+    expanding = [body.name for body in bodies if any(material.expansions.any() for material in body.materials)]
+    if expanding and all(body.temperature is None for body in bodies):
+        raise ValueError(f"body.{expanding[0]}.material.expansion: no body has a temperature, so nothing expands; "
+                         "write temperature = 80.0 (K over the state free of stress) into a [[body]], or leave "
+                         "expansion out")

@@ -251,32 +251,55 @@ class SettledMesh(MeshSpec, frozen=True, kw_only=True):
 
 
 class Motion(Table, frozen=True, kw_only=True):
-    """A prescribed motion of any size; see docs/use/far.md.
+    """A motion of any size, prescribed or free; see docs/use/far.md.
 
     Attributes
     ----------
     shift : along the axes (m); left out, none
     turn : about the pivot, counterclockwise (degrees); left out, none
-    pivot : in the coordinates of the drawing (m); left out, the origin
-    history : [history.NAME] whose factor multiplies shift and turn
+    pivot : of a turn, also of a free one, in the coordinates of the drawing (m); left out, the origin
+    axis : of a turn in space, by the right-hand rule; a free turn without it is one about all axes
+    history : [history.NAME] whose factor multiplies shift and turn, or force and moment
+    free : instead of shift and turn, components that forces decide, as in ["turn"] or ["x", "y"]
+    force : along the free axes, at the pivot (N; in the plane per metre of depth)
+    moment : of a free turn, about the pivot (N m; in the plane per metre of depth), in space about the axis or [x, y,
+        z]
     """
 
     shift: Point | None = None
     turn: Number = 0.0
     pivot: Point | None = None
+    axis: Point | None = None
     history: Name | None = None
+    free: Annotated[list[Literal["x", "y", "z", "turn"]], msgspec.Meta(min_length=1)] | None = None
+    force: Point | None = None
+    moment: Number | Point = 0.0
 
     def __post_init__(self) -> None:
-        if not self.turn and not any(self.shift or ()):
+        prescribed = bool(self.turn or any(self.shift or ()))
+        if prescribed == bool(self.free):
             raise ValueError("a motion has a shift (m), as in shift = [0.0, -20.0], or a turn (degrees), as in turn = "
-                             "90.0, or both")
-        if self.pivot is not None and not self.turn:
-            raise ValueError("pivot is the point of a turn; leave it out, or write turn = … (degrees)")
+                             '90.0, or both; or it is free, as in free = ["turn"]')
+        for key in ("pivot", "axis"):
+            if getattr(self, key) is not None and not (self.turn or "turn" in (self.free or ())):
+                raise ValueError(f"{key} is that of a turn; leave it out, or write turn = … (degrees)")
+        if self.axis is not None and not any(self.axis):
+            raise ValueError("axis must not be zero; a turn is about it, by the right-hand rule")
+        if self.moment and "turn" not in (self.free or ()):
+            raise ValueError('moment: turns what may turn: write free = ["turn"], or leave it out')
+        for axis, component in zip("xyz", self.force or (), strict=False):
+            if component and axis not in (self.free or ()):
+                raise ValueError(f'force: acts along {axis}, which is not free; write free = ["{axis}"], or 0 there')
 
     def frame(self, factor: float, dimension: int) -> Frame:
-        """Where it leads at a factor of its history."""
+        """Where it leads at a factor of its history; nowhere if it is free."""
         shift = np.zeros(dimension) if self.shift is None else factor * np.array(self.shift)
-        return Frame.of(shift, factor * self.turn, self.pivot)
+        return Frame.of(shift, factor * self.turn * self.about, self.pivot)
+
+    @property
+    def about(self) -> np.ndarray:
+        """The axis of its turn, a unit vector (3,); in the plane (1,)."""
+        return np.ones(1) if self.axis is None else np.array(self.axis) / np.linalg.norm(self.axis)
 
 
 Motions = Motion | Annotated[list[Motion], msgspec.Meta(min_length=1)]
@@ -285,23 +308,46 @@ Motions = Motion | Annotated[list[Motion], msgspec.Meta(min_length=1)]
 def frame_of(motion: Motions | None, factors: Mapping[str | None, float], dimension: int) -> Frame:
     """Where motions lead, one after the other, at factors by history."""
     frame = Frame.of((0.0,) * dimension)
-    for part in [motion] if isinstance(motion, Motion) else motion or []:
+    for part in parts_of(motion):
         frame = part.frame(factors[part.history], dimension).after(frame)
     return frame
 
 
-def frames_of(scene: Any, time: float) -> dict[str, Frame]:
-    """Where the frames of the bodies and rigid partners of a `Settled` scene are at `time`, by name."""
-    factors = scene.factors(time)
-    return {each.name: frame_of(each.motion, factors, scene.dimension) for each in (*scene.body, *scene.rigid)}
+Freed = Mapping[str, np.ndarray]
+"""How far free frames have gone, by name: a shift along the axes (d,) in m, and the turn about the pivot (1,), in space
+a vector (3,), in degrees."""
+
+
+def parts_of(motion: Motions | None) -> list[Motion]:
+    """The parts of a motion, in their order."""
+    return [motion] if isinstance(motion, Motion) else motion or []
+
+
+def freed_part(motion: Motions | None) -> Motion | None:
+    """The free part of a motion."""
+    return next((part for part in parts_of(motion) if part.free), None)
+
+
+def frames_of(scene: Any, time: float, freed: Freed | None = None) -> dict[str, Frame]:
+    """Where the frames of the bodies and rigid partners of a `Settled` scene are at `time`, by name, if free ones have
+    gone as far as in `freed`."""
+    factors, frames = scene.factors(time), {}
+    for each in (*scene.body, *scene.rigid):
+        frame, gone = frame_of(each.motion, factors, scene.dimension), (freed or {}).get(each.name)
+        if gone is not None:
+            # a free turn is that of the body, a free shift one along the axes of the world
+            free = freed_part(each.motion)
+            shift, turn = np.split(gone, [scene.dimension])
+            frame = Frame.of(shift).after(frame).after(Frame.of(0.0 * shift, turn, free.pivot if free else None))
+        frames[each.name] = frame
+    return frames
 
 
 def check_motions(scene: Any) -> None:
     """ValueError where a `Scene` has motions that do not go with the rest of it."""
     far = scene.time is not None and scene.time.motions == "far"
     movers = [(f"{kind}.{each.name}", each) for kind in ("body", "rigid") for each in getattr(scene, kind)]
-    moving = [(key, each, [each.motion] if isinstance(each.motion, Motion) else each.motion)
-              for key, each in movers if each.motion]
+    moving = [(key, each, parts_of(each.motion)) for key, each in movers if each.motion]
     following = [f"body.{body.name}.traction.{k}.follows" for body in scene.body for k, load in
                  enumerate(body.traction) if load.follows]
     if not far:
@@ -309,8 +355,9 @@ def check_motions(scene: Any) -> None:
             raise ValueError(f'{key}: bodies move far with motions = "far" in [time] only; write it there, or leave '
                              "this out" + "; small motions are those of clamps" * key.endswith("motion"))
         return
-    if not moving:
-        raise ValueError('time.motions: no body and no rigid partner has a motion; leave motions = "far" out')
+    if not moving and all(body.clamp or body.foundation for body in scene.body):
+        raise ValueError('time.motions: no body and no rigid partner has a motion, and clamps hold all bodies; leave '
+                         'motions = "far" out')
     if scene.time.cycle:
         raise ValueError('time.cycle: does not go with motions = "far"; write the times of all turning points')
     if scene.output.derivatives:
@@ -319,17 +366,21 @@ def check_motions(scene: Any) -> None:
         raise ValueError(f'method.compliance: {scene.method.compliance!r} does not go with time.motions = "far", for '
                          "which the compliance of all contact nodes is made once; leave it out")
     for key, mover, motions in moving:
-        turns = any(part.turn for part in motions)
-        if scene.axisymmetric and (turns or any((part.shift or (0.0,))[0] for part in motions)):
+        free = [part.free for part in motions if part.free]
+        moved = {"turn"} & {"turn" * bool(part.turn) for part in motions} | {
+            axis for part in motions for axis, way in zip("xyz", part.shift or (), strict=False) if way}
+        if scene.axisymmetric and not moved | set(*free[:1]) <= {"y"}:
             raise ValueError(f"{key}.motion: around an axis there are shifts along y alone, as in shift = [0.0, -20.0]")
+        if len(free) > 1:
+            raise ValueError(f'{key}.motion: has {len(free)} free parts; write one, as in free = ["x", "turn"]')
+        for axis in sorted(moved & set(*free)):
+            raise ValueError(f"{key}.motion: prescribes {axis} in one part and frees it in another; leave one of them "
+                             "out")
+        if key.startswith("rigid") and any(part.free and part.axis for part in motions):
+            raise ValueError(f"{key}.motion.axis: a rigid partner turns freely about all axes through its pivot; leave "
+                             "axis out")
         if getattr(mover, "displacement", None):
             raise ValueError(f"{key}: has both a motion and a displacement; leave one of them out")
-        kept = [f"traction.{k}" for k, load in enumerate(getattr(mover, "traction", ()))
-                if turns and not load.follows and load.pressure is None]
-        kept += ["volume_force"] * bool(turns and getattr(mover, "volume_force", None) is not None)
-        for load in kept:
-            raise ValueError(f"{key}.{load}: keeps its direction, which is not possible yet on a body that turns" + (
-                "; write follows = true if it turns with the body" * load.startswith("t")))
     for rigid in scene.rigid:
         if rigid.yields or any(rigid.displacement or ()):
             raise ValueError(f'rigid.{rigid.name}: with time.motions = "far" a partner moves as its motion says, not '
@@ -344,13 +395,3 @@ def check_motions(scene: Any) -> None:
                  "profiles along a contact are not possible yet")):
             if given:
                 raise ValueError(f'{name}.{key}: does not go with time.motions = "far": {why}')
-
-
-def check_heat(bodies: list[Any]) -> None:
-    """ValueError if materials of `BodySpec` bodies expand, and none has a temperature. Bodies without one keep that of
-    the state free of stress."""
-    expanding = [body.name for body in bodies if any(material.expansions.any() for material in body.materials)]
-    if expanding and all(body.temperature is None for body in bodies):
-        raise ValueError(f"body.{expanding[0]}.material.expansion: no body has a temperature, so nothing expands; "
-                         "write temperature = 80.0 (K over the state free of stress) into a [[body]], or leave "
-                         "expansion out")

@@ -15,8 +15,8 @@ import msgspec
 
 from ddmpi.scene.bodies import BodySpec, Material, SettledBody, Traction
 from ddmpi.scene.contacts import ContactSpec, NoFriction, Rigid, SettledContact
-from ddmpi.scene.keys import nearest, refuse_underivable
-from ddmpi.scene.meshes import check_heat, check_motions
+from ddmpi.scene.keys import check_heat, nearest, refuse_underivable
+from ddmpi.scene.meshes import Motion, check_motions
 from ddmpi.scene.method import PRESETS, Checkpoint, Method, Output, SettledMethod, Time, check_petsc, units
 from ddmpi.scene.values import WHERE, History, Name, Number, Table, check_formulas, histories, settle, tables, varies
 from ddmpi.system.files import LONGEST, contact_files
@@ -265,8 +265,6 @@ class Scene(Table, frozen=True, kw_only=True):
         for name in ("view", "cut"):
             if getattr(self.output, name) not in (None, True, False):
                 yield 3, f"output.{name}", "only pictures of solids have a view and a cut; leave it out"
-        if self.time and self.time.motions == "far":
-            yield 2, "time.motions", "bodies move far in the plane and around an axis only, not yet in space"
         if self.axisymmetric:
             yield 2, "axisymmetric", "axisymmetric bodies are drawn in the half-plane x >= 0"
         what = "nothing is twisted around the axis" if self.axisymmetric else "there is no z in the plane"
@@ -278,6 +276,13 @@ class Scene(Table, frozen=True, kw_only=True):
                 yield 3, f"{key}.moment", what
             elif isinstance(table, Traction) and isinstance(table.moment, float):
                 yield 2, f"{key}.moment", "in space a moment is [Mx, My, Mz]"
+            if isinstance(table, Motion):
+                if "z" in (table.free or ()):
+                    yield 3, f"{key}.free", what
+                if table.axis is not None or isinstance(table.moment, tuple):
+                    yield 3, f"{key}.{'axis' if table.axis else 'moment'}", "in the plane turns are in it"
+                elif table.turn or table.moment:
+                    yield 2, f"{key}.turn", "a turn in space has an axis, as in axis = [0.0, 0.0, 1.0]"
             if isinstance(table, Material):
                 yield from ((number, f"{key}.{name}", words) for number, name, words in table.of_one_dimension(
                     self.axisymmetric))

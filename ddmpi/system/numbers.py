@@ -71,24 +71,39 @@ class Frame(NamedTuple):
     ----------
     shift : (d,) where the origin goes (m)
     turned : (d, d) rotation
-    turn : its angle (degrees) in the plane, of several turns the sum
+    angle : in the plane that of the rotation (degrees), of several turns the sum
     """
 
     shift: np.ndarray
     turned: np.ndarray
-    turn: float = 0.0
+    angle: float = 0.0
 
     @classmethod
-    def of(cls, shift: Sequence[float] | np.ndarray, turn: float = 0.0, pivot: Sequence[float] | None = None) -> Frame:
-        """A turn by degrees, counterclockwise, about a pivot (m) in the plane, and then a shift (m)."""
-        about = np.zeros(len(shift)) if pivot is None else np.array(pivot, float)
+    def of(cls, shift: Sequence[float] | np.ndarray, turn: float | np.ndarray = 0.0,
+           pivot: Sequence[float] | np.ndarray | None = None) -> Frame:
+        """A turn about a pivot (m), and then a shift (m). The turn is in degrees, counterclockwise; in space it is a
+        vector (3,), along its axis."""
+        about, turn = np.zeros(len(shift)) if pivot is None else np.array(pivot, float), np.atleast_1d(turn)
+        angle = float(turn[0]) if len(turn) == 1 else norm(turn)
         # multiples of 90° without rounding
-        sine, cosine = (math.sin(math.radians(angle)) if angle % 90.0 else float(np.sin(np.pi / 180.0 * angle).round())
-                        for angle in (turn, turn + 90.0))
+        sine, cosine = (math.sin(math.radians(part)) if part % 90.0 else float(np.sin(np.pi / 180.0 * part).round())
+                        for part in (angle, angle + 90.0))
         turned = np.eye(len(shift))
-        if turn:
-            turned[:2, :2] = [[cosine, -sine], [sine, cosine]]
-        return cls(about + shift - turned @ about, turned, turn)
+        if angle:
+            # Rodrigues: x ↦ cos φ x + sin φ k × x + (1 − cos φ) k (k·x) with the unit vector k of the axis
+            axis = turn / angle if len(turn) == 3 else np.ones(1)
+            turned = cosine * turned + sine * crossed(axis[None], turned).T
+            turned += (1.0 - cosine) * np.outer(axis, axis) if len(axis) == 3 else 0.0
+        return cls(about + shift - turned @ about, turned, angle if len(turn) == 1 else 0.0)
+
+    @property
+    def turn(self) -> np.ndarray:
+        """Its turn in degrees (1,), in space (3,) along its axis, by at most 180."""
+        if len(self.shift) == 2:
+            return np.array([self.angle])
+        from scipy.spatial.transform import Rotation
+
+        return Rotation.from_matrix(self.turned).as_rotvec(degrees=True)
 
     def at(self, points: np.ndarray) -> np.ndarray:
         """The places (…, d) of points (…, d)."""
@@ -100,12 +115,12 @@ class Frame(NamedTuple):
 
     def after(self, other: Frame) -> Frame:
         """This motion after another one."""
-        return Frame(self.at(other.shift), self.turned @ other.turned, self.turn + other.turn)
+        return Frame(self.at(other.shift), self.turned @ other.turned, self.angle + other.angle)
 
     @property
     def undone(self) -> Frame:
         """The inverse."""
-        return Frame(-self.shift @ self.turned, self.turned.T, -self.turn)
+        return Frame(-self.shift @ self.turned, self.turned.T, -self.angle)
 
 
 ROUNDING = 1e-12
