@@ -37,7 +37,7 @@ def test_a_direct_direction_solves_its_equations(scene):
     spread = (0.7, 1.3) if joint.rigid.size else (0.2, 2.0)
     point = newton._at._replace(s=newton.forces * rng.uniform(*spread, joint.size))
     point = point._replace(r=joint.product(point.s, "newton") - joint.d - joint.rigid.spread(point.alpha),
-                           left=joint.imbalance(point.s))
+                           left=joint.imbalance(point.s, point.alpha))
     linearised = Linearised.of(newton._laws.linearise(newton._laws.active_sets(point.s - newton._c * point.r)))
     assert linearised.coupling.any() and (joint.space.interfaces[0].dimension == 2) == (linearised.turn is None)
     layer = rng.uniform(0.0, 1.0, joint.size) / newton._c

@@ -241,7 +241,7 @@ class Stuck:
     def __init__(self, joint, c) -> None:
         s, alpha = np.zeros(joint.size), np.zeros(joint.rigid.size)
         alpha[1] = self.way
-        self.point = Point(s, -joint.d - joint.rigid.spread(alpha), alpha, joint.imbalance(s))
+        self.point = Point(s, -joint.d - joint.rigid.spread(alpha), alpha, joint.imbalance(s, alpha))
 
     def step(self, solve) -> None: ...
 

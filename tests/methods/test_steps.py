@@ -62,7 +62,7 @@ class Dense:
     def at_rest(self) -> Point:
         return Point(np.zeros(self.size), -self.d, np.empty(0), np.empty(0))
 
-    def imbalance(self, s) -> np.ndarray:
+    def imbalance(self, s, alpha) -> np.ndarray:
         return np.empty(0)
 
     def balances(self, left, size) -> bool:
@@ -135,7 +135,7 @@ def test_the_coarse_problem_holds_motions_however_forces_follow_each_other():
     motions = Motions(space, number, [(slice(0, size), np.arange(number), rng.standard_normal((size, number)))])
     E, D, root = np.eye(size) + 0.3 * rng.standard_normal((size, size)), rng.random(number), rng.random((size, size))
     coarse = CoarseSystem(motions, sparse.identity(size, format="csr"), sparse.csr_matrix(E), np.ones(size),
-                          lambda _, columns: root @ root.T @ columns, D, np.zeros(number, bool))
+                          lambda _, columns: root @ root.T @ columns, sparse.diags(D), np.zeros(number, bool))
     h = rng.standard_normal(number)
     y, a = coarse.correct(rng.standard_normal(size), h)
     assert motions.sums(E @ y) + D * a == pytest.approx(h, rel=1e-8)

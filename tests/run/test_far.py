@@ -236,9 +236,6 @@ REFUSED = {
     "derivatives": (changed(("output", {"derivatives": ["body.base.material.young"]})), "output.derivatives: there"),
     "solves": (changed(("method", {"compliance": "direct"})), "method.compliance: 'direct' does not go with"),
     "a turn around an axis": (changed(("body", 0, "motion", {"turn": 90.0}), make=pin), "shifts along y alone"),
-    "a weight that turns": (changed(("body", 1, "volume_force", [0.0, -1.0]), make=disc), "base.volume_force: keeps"),
-    "a load that turns": (changed(("body", 1, "traction", [{"on": "left", "value": [1.0, 0.0]}]), make=disc),
-                          "write follows = true"),
     "follows without far": (changed(("time", "motions", None), ("body", 0, "motion", None), ("body", 0, "traction", [
         {"on": "left", "value": [1.0, 0.0], "follows": True}])), "slider.traction.0.follows: bodies move far"),
     "a loose body": (changed(("body", 0, "clamp", [])), "body.slider: clamps leave a rigid motion free"),

@@ -521,8 +521,8 @@ OPTIONAL = {
     "AffineVector": {"constant", "x_slope", "y_slope", "z_slope"},  # zero
     **{shape: {"displacement", "force", "free", "moment", "pivot", "history", "motion"}
        for shape in ("Plane", "Circle", "Sphere", "Cylinder")},  # at rest
-    "Settled": {"time"}, "Time": {"steps", "tolerance", "cycle", "motions"},
-    "Motion": {"shift", "pivot", "history"},  # one load step; the one or the other; no cycles
+    "Settled": {"time"}, "Time": {"steps", "tolerance", "cycle", "motions"},  # one load step; no cycles
+    "Motion": {"shift", "pivot", "history", "free", "force"},  # the one or the other
     "Cycle": {"until"},  # all are run
     "Output": {"only", "magnification", "view", "cut"},  # chosen by the picture
     "Cut": {"x", "y", "z"},  # one of them

@@ -29,6 +29,7 @@ CYCLES = "scenes/test_cycles.py"
 DENSE = "methods/test_dense.py"
 OUTLINES = "results/test_outlines.py"
 LEAN, FAR = "scenes/test_lean_steps.py", "run/test_far.py"
+FREE = "run/test_free_frames.py"
 ADAPTIVE = "scenes/test_load_steps.py::test_adaptive_steps_go_on_from_wherever_they_were"
 AT_FIRST = "scenes/test_load_steps.py::test_a_load_that_nothing_holds_at_first_is_named_though_it_is_held_at_last"
 DISSIPATED = "interface/test_state.py"
@@ -735,6 +736,21 @@ MUTANTS = [Mutant(*row) for row in (
      "frame=interface.frame", f"{FAR}::test_a_motion_of_both_bodies_changes_nothing"),
     ("pictures show bodies where they were drawn", "results/histories", "= frame.at(drawn[mine, :d]),",
      "= drawn[mine, :d],", f"{FAR}::test_pictures_are_of_where_bodies_are"),
+    # frames that forces decide
+    ("loads that move along push on where they hold", "body/rigid_motions", "K[k] -= [", "K[k] += [",
+     f"{FREE}::test_loads_resist_motions_by_their_own_change"),
+    ("loads that follow stay as they are", "body/rigid_motions", "K[:, k] -= np", "K[:, k] -= 0.0 * np",
+     f"{FREE}::test_loads_resist_motions_by_their_own_change"),
+    ("loads turn with bodies that turn", "coupling/joint", "dead = (case.f - follow) @ turned", "dead = case.f - follow",
+     f"{FREE}::test_loads_keep_their_direction_on_a_body_that_turns"),
+    ("frames stay where they are first looked for", "run/places", "self._go(time, step)", "self._go(time, 0.0 * step)",
+     f"{FREE}::test_a_hinge_balances_its_moment"),
+    ("a free turn begins anew at each pass", "body/rigid_motions", "after = turn + by", "after = by",
+     f"{FREE}::test_a_loose_disc_rolls_in_a_bore_that_turns"),
+    ("nobody is told of what is not stable", "run/places", "if not values[worst].real < -UNSTABLE * size:", "if True:",
+     f"{FREE}::test_an_unstable_equilibrium_is_told_of"),
+    ("the balance of a free frame with clamps is not judged", "run/equilibrium", "if frame.part and name not in pushes",
+     "if False", f"{FREE}::test_what_holds_a_free_frame_is_judged"),
     ("nodes that share a row have all of its force in tables", "interface/state",
      "normal[lines.row] * interface.shares", "normal[lines.row]", f"{ANSWER}::test_a_contact_is_a_table"),
     ("names in a notebook are HTML", "results/notebook", "<tr><th>{html.escape(name)}", "<tr><th>{name}",

@@ -1,0 +1,244 @@
+"""Solids that move far: they slide, turn and roll, prescribed and free."""
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from scenes import COULOMB, certified, run_here, write_scene
+from test_far import changed, forces, history, rows_of
+
+import ddmpi
+from ddmpi.body.rigid_motions import FreeFrame
+from ddmpi.body.stress import turned as stress_turned
+from ddmpi.body.stress import von_mises
+from ddmpi.errors import InputError
+from ddmpi.results.histories import placed
+from ddmpi.results.tables import read_results
+from ddmpi.scene.meshes import Motion
+from ddmpi.system.numbers import Frame
+
+MU, SOFT = COULOMB["coefficient"], {"young": 1000.0, "poisson": 0.3}
+
+
+def box(name: str, origin: list[float], size: list[float], divisions: list[int], order: int = 1, **more) -> dict:
+    mesh = {"shape": "box", "origin": origin, "size": size, "divisions": divisions, "order": order}
+    return {"name": name, "mesh": mesh, "material": SOFT} | more
+
+
+def pressed(way: dict, order: int = 1, steps: int = 3, together: dict | None = None, n: int = 4) -> dict:
+    """A block that is pressed onto a plate and goes its way; then both go `together`."""
+    motion = [{"shift": [0.0, 0.0, -0.004], "history": "press"}, way | {"history": "go"}]
+    made = {"time": {"points": [1.0, 2.0], "steps": steps, "motions": "far"},
+            "history": {"press": history(0.0, 1.0), "go": history(1.0, 2.0)},
+            "body": [box("block", [0, 0, 0], [1, 1, 0.4], [n, n, 2], order, clamp=["top"], motion=motion),
+                     box("plate", [-1, -1, -0.4], [3, 3, 0.4], [2 * n + 1, 2 * n + 1, 2], order, clamp=["bottom"])],
+            "contact": [{"bodies": ["block", "plate"], "on": ["bottom", "top"], "friction": COULOMB}]}
+    if together:
+        made["time"]["points"].append(3.0)
+        made["history"]["both"] = history(2.0, 3.0)
+        for body in made["body"]:
+            body["motion"] = [*body.get("motion", []), together | {"history": "both"}]
+    return made
+
+
+SLIDE, TURN = {"shift": [0.6, 0.3, 0.0]}, {"turn": 30.0, "axis": [0.0, 0.0, 2.0], "pivot": [0.5, 0.5, 0.0]}
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_block_slides_against_its_way(order):
+    """T = μ N against the way, all along it, and the end does not depend on the number of steps."""
+    found = forces(certified(pressed(SLIDE, order)))
+    T, N = found[4:, :2], found[4:, 2]
+    assert np.linalg.norm(T, axis=1) / N == pytest.approx(MU, rel=1e-4)
+    assert T / np.linalg.norm(T, axis=1)[:, None] == pytest.approx(-np.array([[2.0, 1.0]] * 2) / 5**0.5, abs=0.01)
+    assert forces(certified(pressed(SLIDE, order, 1)))[-1] == pytest.approx(found[-1], rel=1e-4, abs=1e-4 * N[-1])
+
+
+def test_a_block_turns_against_friction():
+    """The moment about the pivot is that of μ N of each node at its distance, which all slide but in the middle."""
+    answer = certified(pressed(TURN, 2, n=6))
+    state = answer.contacts["block-plate"]
+    about = np.cross(np.array([0.5, 0.5, 0.0]), state.force)[2]
+    arms = np.linalg.norm(state.interface.at[0][:, :2] - 0.5, axis=1)
+    assert state.moment[2] - about == pytest.approx(-MU * (arms * state.normal_force).sum(), rel=0.02)
+    assert np.abs(state.force[:2]).max() < 0.01 * state.force[2]
+
+
+@pytest.mark.parametrize("axis", [[0.0, 0.0, 1.0], [1.0, -2.0, 0.5]])
+def test_a_motion_of_both_bodies_changes_nothing(axis):
+    """Turned about any axis, forces, moments, reactions and stresses turn along, and nothing slips."""
+    together = {"shift": [0.3, 0.1, -2.0], "turn": 110.0, "axis": axis, "pivot": [0.2, 0.4, 0.1]}
+    answer = certified(pressed(SLIDE, together=together))
+    frame = Frame.of(together["shift"], 110.0 * np.array(axis) / np.linalg.norm(axis), together["pivot"])
+    before, after = forces(answer)[[5, -1]]
+    assert after == pytest.approx(frame.along(before), rel=1e-7)
+    steps = answer.summary["steps"]
+    moments = [np.array(steps[k]["contacts"]["block-plate"]["moment"]) for k in (5, -1)]
+    assert moments[1] == pytest.approx(frame.along(moments[0]) + np.cross(frame.shift, after), rel=1e-6)
+    lost = [step["contacts"]["block-plate"]["dissipated"] for step in steps]
+    assert sum(lost[6:]) < 1e-6 * sum(lost[3:6])
+    assert answer.summary["bodies"]["plate"]["reaction"] == pytest.approx(after, rel=1e-6)
+    still = certified(pressed(SLIDE))
+    for name in ("block", "plate"):
+        assert answer.solved.fields[name].stress == pytest.approx(
+            stress_turned(still.solved.fields[name].stress, frame.turned), abs=1e-5)
+
+
+def test_stresses_turn_as_tensors():
+    """Columns xx, yy, zz, xy, yz, xz in other axes."""
+    rng = np.random.default_rng(1)
+    sigma, Q = rng.standard_normal((5, 6)), Frame.of(np.zeros(3), rng.standard_normal(3) * 60.0).turned
+    xx, yy, zz, xy, yz, xz = sigma.T
+    tensors = np.moveaxis(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]), 2, 0)
+    found = Q @ tensors @ Q.T
+    assert stress_turned(sigma, Q)[:, 3:] == pytest.approx(found[:, [0, 1, 0], [1, 2, 2]])
+    assert von_mises(stress_turned(sigma, Q)) == pytest.approx(von_mises(sigma))
+
+
+def ball(turn: float = 20.0, steps: int = 3) -> dict:
+    """A rigid ball on a plate: its turn is prescribed, forces take it along."""
+    return {"time": {"points": [1.0, 2.0], "steps": steps, "motions": "far"},
+            "history": {"load": history(0.0, 1.0), "roll": history(1.0, 2.0)},
+            "body": [box("plate", [-0.5, -0.4, -0.3], [1.4, 0.8, 0.3], [21, 12, 3], clamp=["bottom"])],
+            "rigid": [{"name": "ball", "shape": "sphere", "center": [0.0, 0.0, 1.0], "radius": 1.0, "motion": [
+                {"turn": turn, "axis": [0.0, 1.0, 0.0], "pivot": [0.0, 0.0, 1.0], "history": "roll"},
+                {"free": ["x", "y", "z"], "force": [-0.1, 0.0, -4.0], "history": "load"}]}],
+            "contact": [{"bodies": ["plate", "ball"], "on": ["top"], "friction": COULOMB}]}
+
+
+def test_a_ball_rolls_where_forces_take_it():
+    """It goes as far as it turns, and the plate carries its forces; frames.csv and the summary say where it is."""
+    answer = certified(ball())
+    assert forces(answer)[3:] == pytest.approx(np.tile([-0.1, 0.0, -4.0], (3, 1)), abs=1e-8)
+    freed = answer.solved.assembly.far.freed
+    way = np.array([freed[step["time"]]["ball"] for step in answer.summary["steps"]])
+    assert way[-1, 0] - way[2, 0] == pytest.approx(np.radians(20.0), rel=0.02)
+    assert abs(way[-1, 1]) < 0.01 and not way[:, 3:].any()
+    entry = answer.summary["rigid"]["ball"]
+    assert entry["displacement"] == pytest.approx(way[-1, :3]) and entry["turn"] == pytest.approx(
+        [0.0, np.radians(20.0), 0.0])
+    assert all(1 < step["passes"] < 12 for step in answer.summary["steps"])
+
+
+def flap(moment, axis) -> dict:
+    """A board on a hinge along an axis, that a moment presses onto a plate."""
+    motion = {"free": ["turn"], "pivot": [0.0, 0.0, 0.3], "moment": moment, "history": "load"}
+    return {"time": {"points": [1.0], "steps": 2, "motions": "far"}, "history": {"load": history(0.0, 1.0)},
+            "body": [box("board", [0.8, -0.3, 0.002], [0.6, 0.6, 0.3], [3, 3, 2], clamp=["top"],
+                         motion=motion | ({"axis": axis} if axis else {})),
+                     box("plate", [0.0, -1.0, -0.4], [2, 2, 0.4], [9, 9, 2], clamp=["bottom"])],
+            "contact": [{"bodies": ["board", "plate"], "on": ["bottom", "top"], "friction": COULOMB}]}
+
+
+@pytest.mark.parametrize("moment, axis", [(2.0, [0.0, 1.0, 0.0]), ([0.0, 2.0, 0.0], None)])
+def test_a_hinge_in_space_balances_its_moment(moment, axis):
+    """About its axis, or about all axes through the pivot."""
+    answer = certified(flap(moment, axis))
+    for step in answer.summary["steps"]:
+        contact = step["contacts"]["board-plate"]
+        about = np.array(contact["moment"]) - np.cross([0.0, 0.0, 0.3], contact["force"])
+        free = slice(None) if axis is None else slice(1, 2)
+        assert about[free] == pytest.approx(np.array([0.0, -2.0 * step["time"], 0.0])[free], abs=1e-7)
+
+
+def test_a_loose_block_lies_on_a_plate_that_moves():
+    """By its weight it is carried along, without supports of its own."""
+    made = {"time": {"points": [1.0, 2.0], "steps": 2, "motions": "far"},
+            "history": {"load": history(0.0, 1.0), "go": history(1.0, 2.0)},
+            "body": [box("block", [0, 0, 0], [1, 1, 0.4], [4, 4, 2], volume_force={"value": [0.0, 0.0, -5.0],
+                                                                                "history": "load"}),
+                     box("plate", [-1, -1, -0.4], [3, 3, 0.4], [9, 9, 2], clamp=["bottom"], motion={
+                         "turn": 40.0, "axis": [0.0, 0.0, 1.0], "pivot": [2.0, 0.0, 0.0], "history": "go"})],
+            "contact": [{"bodies": ["block", "plate"], "on": ["bottom", "top"], "friction": COULOMB}]}
+    answer = certified(made)
+    steps = [step for step in answer.summary["steps"] if step["time"] >= 1.0]  # where a step is halved, more
+    weighed = np.array([step["contacts"]["block-plate"]["force"] for step in steps])
+    assert len(weighed) >= 3 and np.abs(weighed - [0.0, 0.0, 2.0]).max() < 1e-6
+    middle = answer.solved.assembly.frames["block"].at(np.array([0.5, 0.5, 0.2]))
+    carried = Frame.of(np.zeros(3), np.array([0.0, 0.0, 40.0]), [2.0, 0.0, 0.0]).at(np.array([0.5, 0.5, 0.2]))
+    assert middle == pytest.approx(carried, abs=0.01)
+
+
+def test_loads_resist_motions_in_space():
+    """K is minus the derivative of the loads along the motions."""
+    rng = np.random.default_rng(3)
+    turned = Frame.of(np.zeros(3), np.array([20.0, -35.0, 50.0])).turned
+    points, dead, following = rng.standard_normal((3, 7, 3))
+    part = Motion(free=["x", "y", "z", "turn"], pivot=(0.3, -0.2, 0.1), force=(1.5, -0.7, 0.2))
+    frame = FreeFrame.of(part, points)
+
+    def loads(alpha: np.ndarray) -> np.ndarray:
+        here = turned @ frame.pivot
+        moved = Frame.of(alpha[:3], np.degrees(alpha[3:] / frame.size), here)
+        x = np.vstack([np.tile(moved.at(points @ turned.T), (2, 1)), moved.at(here)]) - here
+        f = np.vstack([dead @ turned.T, moved.along(following @ turned.T), [1.5, -0.7, 0.2]])
+        return np.append(f.sum(axis=0), np.cross(x, f).sum(axis=0) / frame.size)
+
+    K, step = frame.resists(points, turned, dead, following) + frame.levers, 1e-5
+    for k, along in enumerate(np.eye(6)):
+        assert -(loads(step * along) - loads(-step * along)) / (2 * step) == pytest.approx(K[:, k], abs=1e-7)
+
+
+def test_a_free_turn_goes_on_beyond_half_a_turn():
+    """The vector of the turn is continuous, and its frame that of all turns one after the other."""
+    free, points = FreeFrame.of(None, np.random.default_rng(2).standard_normal((9, 3))), np.zeros(3)
+    gone, whole = np.zeros(6), Frame.of(points)
+    for _ in range(30):
+        frame = Frame.of(gone[:3]).after(Frame.of(points, gone[3:]))
+        assert frame.turned == pytest.approx(whole.turned, abs=1e-12)
+        assert frame.shift == pytest.approx(whole.shift, abs=1e-12)
+        alpha = np.append([0.1, 0.0, 0.0], np.radians([0.0, 9.0, 12.0]) * free.size)
+        here = frame.at(free.pivot)
+        whole = Frame.of(alpha[:3], np.array([0.0, 9.0, 12.0]), here).after(whole)
+        gone = free.gone(gone, frame, alpha)
+    assert gone[3:] == pytest.approx([0.0, 270.0, 360.0])
+
+
+REFUSED = {
+    "a turn without axis": (changed(("body", 0, "motion", {"turn": 9.0}), make=lambda: pressed(SLIDE)),
+                            "a turn in space has an axis"),
+    "an axis of nothing": (changed(("body", 0, "motion", SLIDE | {"axis": [0.0, 0.0, 1.0]}),
+                                   make=lambda: pressed(SLIDE)), "axis is that of a turn"),
+    "no axis": (changed(("body", 0, "motion", TURN | {"axis": [0.0] * 3}), make=lambda: pressed(SLIDE)), "not be zero"),
+    "an axis in the plane": (changed(("body", 0, "motion", {"turn": 9.0, "axis": [0.0, 0.0, 1.0]})), "in the plane"),
+    "z in the plane": (changed(("body", 0, "motion", {"free": ["z"]})), "there is no z in the plane"),
+    "a rigid hinge": (changed(("rigid", 0, "motion", {"free": ["turn"], "axis": [0.0, 0.0, 1.0]}), make=ball),
+                      "turns freely about all axes"),
+    "held in part": (changed(("body", 0, "clamp", [{"on": "top", "z": 0.0}]), make=lambda: pressed(SLIDE)),
+                     "clamps leave a rigid motion free"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_cannot_be_in_space_is_refused(name):
+    """One clear message, which names the key."""
+    made, words = REFUSED[name]
+    with pytest.raises(InputError, match=words):
+        ddmpi.solve(made)
+
+
+def test_files_are_of_the_world(tmp_path):
+    """frames.csv, displacements with and without the motion, and pictures of where solids are."""
+    made = pressed(TURN, steps=2) | {"output": {"steps": "all", "figures": True, "animation": True}}
+    run_here(write_scene(made, tmp_path / "scene.toml"), tmp_path / "results")
+    folder = tmp_path / "results"
+    last = rows_of(folder / "frames.csv")[-2]
+    turn = np.array([float(last[f"turn_{axis}"]) for axis in "xyz"])
+    assert last["body"] == "block" and turn == pytest.approx([0.0, 0.0, 30.0])
+    frame = Frame.of([float(last[f"shift_{axis}"]) for axis in "xyz"]).after(Frame.of(np.zeros(3), turn))
+    results = read_results(folder)
+    block = np.unique(results.fields["cells"][results.fields["body"] == 0])
+    points = results.points[block]
+    total, u = (results.fields[name][block] for name in ("displacement", "displacement_in_frame"))
+    assert points + total == pytest.approx(frame.at(points + u), abs=1e-9)
+    assert placed(results).points[block] == pytest.approx(frame.at(points), abs=1e-9)
+    assert all((folder / name).stat().st_size > 5000 for name in (
+        "bodies.png", "contact.png", "animation.gif"))
+
+
+@pytest.mark.mpi(ranks=2)
+def test_solids_move_far_on_two_ranks(comm):
+    """As on one rank, prescribed and free."""
+    for made in (pressed(SLIDE, steps=1), flap(2.0, [0.0, 1.0, 0.0])):
+        many = ddmpi.solve(made, comm)
+        if comm.rank == 0:
+            assert forces(many) == pytest.approx(forces(ddmpi.solve(made, MPI.COMM_SELF)), abs=2e-4)

@@ -1,0 +1,302 @@
+"""Frames that forces decide: loose bodies that roll, hinges, axles, dead loads on bodies that turn, no stability."""
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from scenes import COULOMB, certified, rectangle, run_here, write_scene
+from test_far import changed, forces, history
+
+import ddmpi
+from ddmpi.body.rigid_motions import FreeFrame
+from ddmpi.errors import InputError
+from ddmpi.results import checkpoint
+from ddmpi.run.run import run as run_scene
+from ddmpi.scene.meshes import Motion
+from ddmpi.scene.reader import read_scene_file
+from ddmpi.system.numbers import Frame
+
+SOFT = {"young": 1000.0, "poisson": 0.3}
+WEIGHT = 8.0
+
+
+def ring(name: str, center: tuple[float, float], radii: tuple[float, float], divisions: tuple[int, int],
+         order: int = 1, **more) -> dict:
+    return {"name": name, "mesh": {"shape": "annulus", "center": list(center), "radii": list(radii),
+                                   "angles": [0, 360], "divisions": list(divisions), "order": order},
+            "material": SOFT} | more
+
+
+def rolling(turn: float = 15.0, order: int = 1, steps: int = 5) -> dict:
+    """A loose disc that falls onto the bottom of a bore by its weight; then the bore turns."""
+    area = np.pi * (1.0 - 0.25**2)
+    return {"time": {"points": [1.0, 2.0], "steps": steps, "motions": "far"}, "history": {"turn": history(1.0, 2.0)},
+            "body": [ring("disc", (0.0, -0.45), (0.25, 1.0), (120 // order, 10), order,
+                          volume_force=[0.0, -WEIGHT / area]),
+                     ring("bore", (0.0, 0.0), (1.5, 2.2), (175 // order, 6), order, clamp=["outer"],
+                          motion={"turn": turn, "history": "turn"})],
+            "contact": [{"bodies": ["disc", "bore"], "on": ["outer", "inner"], "slave": "disc", "friction": COULOMB}]}
+
+
+def lever(moment: float = -3.0, friction: dict = COULOMB) -> dict:
+    """A ring on an arm that turns about a hinge, by a moment, onto a block."""
+    return {"time": {"points": [1.0], "steps": 2, "motions": "far"}, "history": {"press": history(0.0, 1.0)},
+            "body": [ring("ring", (2.0, 0.0), (0.25, 0.5), (60, 4), clamp=["inner"], motion={
+                         "free": ["turn"], "pivot": [0.0, 0.1], "moment": moment, "history": "press"}),
+                     rectangle("block", (-1, -1.5), (5, 1), (61, 6), young=1000.0, clamp=["bottom"])],
+            "contact": [{"bodies": ["ring", "block"], "on": ["outer", "top"], "friction": friction}]}
+
+
+def axle(turn: float = -40.0, force: tuple[float, float] = (-0.5, -8.0), rigid: bool = False) -> dict:
+    """A wheel, elastic or rigid, on a plate: its turn is prescribed, forces decide where its axle goes."""
+    motion = [{"turn": turn, "pivot": [0.0, 1.0], "history": "roll"},
+              {"free": ["x", "y"], "force": list(force), "history": "load"}]
+    wheel = ring("wheel", (0.0, 1.0), (0.4, 1.0), (120, 6), clamp=["inner"], motion=motion)
+    made = {"time": {"points": [1.0, 2.0], "steps": 4, "motions": "far"},
+            "history": {"load": history(0.0, 1.0), "roll": history(1.0, 2.0)},
+            "body": [rectangle("plate", (-1, -1), (3, 1), (121, 10), young=1000.0, clamp=["bottom"]), wheel],
+            "contact": [{"bodies": ["plate", "wheel"], "on": ["top", "outer"], "slave": "plate", "friction": COULOMB}]}
+    if rigid:
+        made["body"].pop()
+        made["rigid"] = [{"name": "wheel", "shape": "circle", "center": [0.0, 1.0], "radius": 1.0, "motion": motion}]
+        made["contact"][0]["on"] = ["top"]
+        made["contact"][0].pop("slave")
+    return made
+
+
+def gone(answer, name: str) -> np.ndarray:
+    """How far a free frame has gone at the ends of all steps."""
+    freed = answer.solved.assembly.far.freed
+    return np.array([freed[step["time"]][name] for step in answer.summary["steps"]])
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_loose_disc_rolls_in_a_bore_that_turns(order):
+    """It stays at the bottom, N is its weight and T nothing, and its turn is that of the bore times the ratio of radii.
+    """
+    answer = certified(rolling(order=order))
+    T, N = forces(answer).T
+    weight = -answer.summary["bodies"]["disc"]["loads"]["volume_force"]["force"][1]
+    assert weight == pytest.approx(WEIGHT, rel=2e-3)
+    assert pytest.approx(np.full(len(N), weight), rel=1e-9) == N and np.abs(T).max() < 1e-8 * weight
+    turned = np.radians(np.diff(gone(answer, "disc")[4:, 2]))
+    assert turned == pytest.approx(np.full(5, np.radians(3.0) * 1.5), rel=0.02)
+    frame = answer.solved.assembly.frames["disc"]
+    x, y = frame.at(np.array([0.0, -0.45]))
+    assert abs(x) < 5e-3 and -0.53 < y < -0.5
+    assert answer.summary["energy"]["dissipated"] < 5e-3 * weight * np.radians(15.0) * 1.5  # sliding that far takes 0.3
+    assert not [words for words in answer.summary["warnings"] if "not stable" in words]
+
+
+@pytest.mark.parametrize("friction", [{"law": "none"}, COULOMB])
+def test_a_hinge_balances_its_moment(friction):
+    """The contact's moment about the hinge is the given one, also with friction; the arm turns until then."""
+    answer = certified(lever(friction=friction))
+    for step in answer.summary["steps"]:
+        contact = step["contacts"]["ring-block"]
+        about = contact["moment"] - np.cross([0.0, 0.1], contact["force"])
+        assert about == pytest.approx(3.0 * step["time"], rel=1e-9)
+    assert (np.diff(gone(answer, "ring")[:, 2]) < 0.0).all() and not gone(answer, "ring")[:, :2].any()
+    assert answer.summary["certificate"]["equilibrium"] < 1e-10
+
+
+def test_what_holds_a_free_frame_is_judged():
+    """The certificate has the balance of a frame with clamps, beside that of the body in it."""
+    residuals = certified(lever()).solved.solution.certificate.equilibrium
+    assert {"ring", "frame of ring", "block"} == residuals.keys() and residuals["frame of ring"] < 1e-10
+
+
+@pytest.mark.parametrize("rigid", [False, True])
+def test_a_wheel_rolls_where_forces_take_its_axle(rigid):
+    """The plate carries the forces on the axle; the wheel rolls as far as it turns, but for creep against the pull."""
+    answer = certified(axle(rigid=rigid))
+    found, way = forces(answer)[4:], gone(answer, "wheel")
+    assert found == pytest.approx(np.tile([-0.5, -8.0], (4, 1)), rel=1e-9)
+    rolled = (way[-1, 0] - way[3, 0]) / np.radians(40.0)
+    assert 0.99 < rolled < 1.02 and not way[:, 2].any()
+    back = axle(turn=40.0, force=(0.5, -8.0), rigid=rigid)
+    back["body"][0]["mesh"]["origin"] = [-2, -1]
+    back = certified(back)
+    # mirrored, but for the diagonals of cells
+    assert gone(back, "wheel")[-1] == pytest.approx(way[-1] * [-1.0, 1.0, 1.0], abs=5e-3)
+    if rigid:
+        entry = answer.summary["rigid"]["wheel"]
+        assert entry["displacement"] == pytest.approx(way[-1, :2]) and entry["turn"] == pytest.approx(-np.radians(40.0))
+        assert entry["force"] == pytest.approx([0.5, 8.0], rel=1e-9)
+
+
+@pytest.mark.mpi(ranks=2)
+def test_free_frames_on_two_ranks(comm):
+    """By GMRES on two ranks, by factors on one: the same frames and forces."""
+    many = ddmpi.solve(rolling(), comm)
+    if comm.rank == 0:
+        alone = ddmpi.solve(rolling(), MPI.COMM_SELF)
+        assert gone(many, "disc") == pytest.approx(gone(alone, "disc"), rel=1e-6, abs=1e-7)
+        assert forces(many) == pytest.approx(forces(alone), abs=1e-6)
+
+
+@pytest.mark.parametrize("follows", [None, True])
+def test_loads_keep_their_direction_on_a_body_that_turns(follows):
+    """A supported block that turns by 37° under a traction: its reaction balances the load as it is in the world, and
+    stresses are those of a block at rest under the load as its frame sees it."""
+    load, turned = np.array([2.0, 0.5]), Frame.of((0.0, 0.0), 37.0)
+    spin = {"shift": [0.3, 0.0], "turn": 37.0, "pivot": [0.2, 0.1], "history": "spin"}
+    made = {"time": {"points": [1.0], "steps": 1, "motions": "far"}, "history": {"spin": history(0.0, 1.0)},
+            "body": [rectangle("block", (0, 0), (1, 0.5), (8, 4), young=1000.0, clamp=["left"], motion=spin, traction=[
+                {"on": "right", "value": load.tolist()} | ({"follows": True} if follows else {})],
+                               volume_force=[0.0, -1.0])]}
+    answer = certified(made)
+    world = turned.along(load) if follows else load
+    assert answer.summary["bodies"]["block"]["loads"]["right"]["force"] == pytest.approx(0.5 * world, rel=1e-12)
+    assert answer.summary["bodies"]["block"]["reaction"] == pytest.approx([-0.5 * world[0], -0.5 * world[1] + 0.5])
+    seen = turned.undone
+    still = {"body": [made["body"][0] | {"volume_force": seen.along(np.array([0.0, -1.0])).tolist(), "traction": [
+        {"on": "right", "value": (load if follows else seen.along(load)).tolist()}]}]}
+    del still["body"][0]["motion"]
+    rest = certified(still)
+    assert answer.solved.fields["block"].von_mises == pytest.approx(rest.solved.fields["block"].von_mises, rel=1e-9)
+
+
+def test_dead_loads_press_a_contact_as_they_are():
+    """Both bodies turned by 90° under a weight along x in the world: the forces of a weight along −y, turned."""
+
+    def pressed(turn: float, weight: list[float]) -> dict:
+        spin = {"turn": turn, "history": "spin"}
+        return {"time": {"points": [1.0, 2.0], "steps": 2, "motions": "far"},
+                "history": {"spin": history(0.0, 1.0), "load": history(1.0, 2.0)},
+                "body": [rectangle("upper", (0, 0), (1, 0.5), (8, 4), young=1000.0, clamp=["left"], motion=spin,
+                                   volume_force={"value": weight, "history": "load"}),
+                         rectangle("lower", (0, -0.5), (1, 0.5), (11, 4), young=1000.0, clamp=["bottom"], motion=spin)],
+                "contact": [{"bodies": ["upper", "lower"], "on": ["bottom", "top"], "friction": COULOMB}]}
+
+    turned, still = certified(pressed(90.0, [5.0, 0.0])), certified(pressed(0.0 + 1e-9, [0.0, -5.0]))
+    assert forces(turned)[-1] == pytest.approx(Frame.of((0.0, 0.0), 90.0).along(forces(still)[-1]), rel=1e-6)
+    assert np.linalg.norm(forces(still)[-1]) > 0.5
+
+
+def test_loads_resist_motions_by_their_own_change():
+    """K is minus the derivative of the loads along the motions, of loads that keep their direction and that follow."""
+    rng, turned = np.random.default_rng(3), Frame.of((0.0, 0.0), 25.0).turned
+    points, dead, following = rng.standard_normal((3, 9, 2))
+    frame = FreeFrame.of(Motion(free=["x", "y", "turn"], pivot=(0.3, -0.2), force=(1.5, -0.7), moment=0.4), points)
+
+    def loads(alpha: np.ndarray) -> np.ndarray:
+        """Loads along motions about the place where the pivot was, after motions α."""
+        phi, here = alpha[2] / frame.size, frame.pivot @ turned.T
+        moved = Frame.of(alpha[:2], np.degrees(phi), here)
+        at, f = moved.at(points @ turned.T), np.vstack([dead @ turned.T, moved.along(following @ turned.T)])
+        x = np.vstack([at, at, moved.at(here)]) - here
+        f = np.vstack([f, [1.5, -0.7]])
+        return np.append(f.sum(axis=0), np.cross(x, f).sum() / frame.size)
+
+    K = frame.resists(points, turned, dead, following) + frame.levers
+    step = 1e-5
+    for k, along in enumerate(np.eye(3)):
+        assert -(loads(step * along) - loads(-step * along)) / (2 * step) == pytest.approx(K[:, k], abs=1e-7)
+
+
+@pytest.mark.parametrize("x, y, outer", [(0.0, 2.499, False), (0.1, -0.5, True)])
+def test_an_unstable_equilibrium_is_told_of(x, y, outer):
+    """A disc on top of a ring would roll off; at the bottom of a bore it stays."""
+    area = np.pi * (1.0 - 0.25**2)
+    radii, clamp = ((1.5, 2.2), "outer") if outer else ((0.5, 1.5), "inner")
+    body = ring("ring", (0.0, 0.0), radii, (175, 8), clamp=[clamp])
+    made = {"time": {"points": [1.0], "steps": 2, "motions": "far"}, "history": {"load": history(0.0, 1.0)},
+            "body": [ring("disc", (x, y), (0.25, 1.0), (120, 10), volume_force={
+                         "value": [0.0, -WEIGHT / area], "history": "load"}), body],
+            "contact": [{"bodies": ["disc", "ring"], "on": ["outer", "inner" if outer else "outer"], "slave": "disc",
+                         "friction": {"law": "coulomb", "coefficient": 0.5}}]}
+    told = [words for words in certified(made).summary["warnings"] if "the equilibrium is not stable: disc" in words]
+    assert bool(told) != outer
+
+
+def test_a_loose_ring_moves_along_its_axis():
+    """Around an axis: a ring without supports slides down to a stop under a load, and carries it."""
+    made = {"axisymmetric": True, "time": {"points": [1.0], "steps": 2, "motions": "far"},
+            "history": {"load": history(0.0, 1.0)},
+            "body": [rectangle("ring", (1, 0.3), (0.5, 0.5), (5, 5), young=1000.0, traction=[
+                         {"on": "top", "force": [0.0, -4.0], "history": "load"}]),
+                     rectangle("stop", (0.5, -0.5), (1.5, 0.5), (12, 5), young=1000.0, clamp=["bottom"])],
+            "contact": [{"bodies": ["ring", "stop"], "on": ["bottom", "top"]}]}
+    answer = certified(made)
+    assert forces(answer)[:, 1] == pytest.approx([2.0, 4.0], rel=1e-9)
+    assert gone(answer, "ring")[-1] == pytest.approx([0.0, -0.3, 0.0], abs=0.01)
+
+
+def test_what_nothing_stops_is_an_error_in_words():
+    """A disc that falls past everything has no equilibrium."""
+    made = rolling()
+    made["body"][0]["mesh"]["center"], made["body"][1]["mesh"]["radii"] = [0.0, -4.0], [0.5, 1.0]
+    made["contact"][0]["on"] = ["outer", "outer"]
+    made["body"][1]["clamp"] = ["inner"]
+    answer = ddmpi.solve(made)
+    assert not answer.certified and answer.reason
+
+
+REFUSED = {
+    "twice": ([{"turn": 9.0}, {"free": ["turn"]}], "prescribes turn in one part and frees it in another"),
+    "twice along": ([{"shift": [0.0, 9.0]}, {"free": ["x", "y"]}], "prescribes y in one part and frees it in another"),
+    "two free parts": ([{"free": ["x"]}, {"free": ["y"]}], "has 2 free parts"),
+    "both at once": ({"free": ["x"], "shift": [1.0, 0.0]}, "or it is free"),
+    "a moment of nothing": ({"free": ["x"], "moment": 1.0}, "moment: turns what may turn"),
+    "a force across": ({"free": ["x"], "force": [0.0, 1.0]}, "force: acts along y, which is not free"),
+    "a pivot of nothing": ({"free": ["x"], "pivot": [0.0, 1.0]}, "pivot is the point of a turn"),
+    "z": ({"free": ["z"]}, "x, y and turn may be free, not z"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_a_motion_that_is_free_and_not_is_refused(name):
+    """One clear message, which names the key."""
+    motion, words = REFUSED[name]
+    with pytest.raises(InputError, match=words):
+        ddmpi.solve(changed(("body", 0, "motion", motion), make=lever))
+
+
+@pytest.mark.parametrize("clamp", [[{"on": "inner", "x": 0.0}], []])
+def test_a_body_that_clamps_hold_in_part_is_refused(clamp):
+    """So is a motion of a body without clamps."""
+    with pytest.raises(InputError, match=r"body\.ring: clamps leave a rigid motion free"):
+        ddmpi.solve(changed(("body", 0, "clamp", clamp), make=lever))
+
+
+def test_free_frames_go_on_from_any_step(tmp_path, monkeypatch):
+    """From checkpoints here and there: the tables of an uninterrupted run, byte for byte, frames.csv among them."""
+    path = write_scene(rolling(turn=6.0, steps=2) | {"checkpoint": {"iterations": 1}, "output": {
+        "steps": "all", "stress": False}}, tmp_path / "scene.toml")
+    kept, write = [], checkpoint.write
+
+    def keep(target, *arguments) -> None:
+        kept.append(tmp_path / f"{len(kept)}")
+        kept[-1].mkdir()
+        write(kept[-1] / target.name, *arguments)
+
+    def compute(folder, restart=None) -> dict[str, bytes]:
+        run_scene(MPI.COMM_SELF, read_scene_file(path), str(path), str(folder), False, restart and str(restart))
+        return {each.name: each.read_bytes() for each in [*folder.glob("*.csv"), folder / "result.h5"]}
+
+    monkeypatch.setattr(checkpoint, "write", keep)
+    whole = compute(tmp_path / "whole")
+    monkeypatch.setattr(checkpoint, "write", lambda *_: None)
+    assert len(kept) >= 3 and "frames.csv" in whole
+    for folder in kept:
+        assert compute(folder, folder) == whole
+
+
+def test_a_prepared_model_has_free_frames():
+    """Other moments through one model, with the answers of runs by themselves."""
+    model = ddmpi.prepare(lever())
+    for moment in (-3.0, -1.5):
+        answer = model.solve({"body.ring.motion.moment": moment})
+        assert forces(answer).tolist() == forces(certified(lever(moment))).tolist()
+    assert "factors" in model.reused["ring"]
+
+
+def test_pictures_and_tables_have_free_frames(tmp_path):
+    """frames.csv and the files of each step are of where forces have taken bodies."""
+    run_here(write_scene(axle() | {"output": {"steps": "all", "figures": True}}, tmp_path / "scene.toml"),
+             tmp_path / "results")
+    lines = [line.split(",") for line in (tmp_path / "results/frames.csv").read_text().splitlines()]
+    (*_, last) = (line for line in lines if line[1] == "wheel")
+    middle = Frame.of([float(last[2]), float(last[3])]).after(Frame.of((0.0, 0.0), float(last[4]))).at(
+        np.array([0.0, 1.0]))
+    assert float(last[4]) == -40.0 and middle == pytest.approx([np.radians(40.0), 0.98], abs=0.02)
