@@ -14,6 +14,7 @@ import time
 import tomllib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from experiment import ROOT, arguments, processor, publish, table
@@ -40,13 +41,18 @@ def far(bodies: list[dict], contacts: list[dict], histories: Mapping[str, list],
                    "time": {"motions": "far", "points": points, "steps": steps}}
 
 
-def summary_of(scene: dict) -> tuple[dict, float]:
-    """The summary of a scene's run in this process, and its processor time. RuntimeError where it is not certified."""
-    begun = time.process_time()
+def solved(scene: dict) -> Any:
+    """The answer of a scene, in this process. RuntimeError where it is not certified."""
     answer = ddmpi.solve(to_toml(scene), MPI.COMM_SELF)
     if not answer.certified:
         raise RuntimeError(answer.reason)
-    return answer.summary, time.process_time() - begun
+    return answer
+
+
+def summary_of(scene: dict) -> tuple[dict, float]:
+    """The summary of a scene's run, and its processor time."""
+    begun = time.process_time()
+    return solved(scene).summary, time.process_time() - begun
 
 
 def forces(summary: dict, after: float = 0.0) -> np.ndarray:
@@ -147,9 +153,7 @@ def pin(steps: int = 40) -> tuple[list[list[str]], tuple[float, float, float], f
     scene["body"][0]["mesh"]["geometry"] = str(ROOT / "configs" / "drawn" / "tapered_pin.geo")
     scene["time"] |= {"points": [1.0], "steps": steps}
     scene["output"] |= {"animation": False}
-    answer = ddmpi.solve(to_toml(scene), MPI.COMM_SELF)
-    if not answer.certified:
-        raise RuntimeError(answer.reason)
+    answer = solved(scene)
     rows, before = [], np.full(3, np.nan)
     for at, _, axial in forces(answer.summary):
         if 20.0 * at in (8.0, 12.0, 16.0, 20.0):
@@ -241,6 +245,8 @@ def ours(folder: Path, order: int, steps: int = 80) -> list[str]:
 
 def main() -> None:
     options = arguments(__doc__, "far").parse_args()
+    from far_free import sections  # which has the scenes of this module
+
     options.output.mkdir(parents=True, exist_ok=True)
     rows, (least, most, lame), apart = pin()
     pressure = (f"Pressure between 6 and 16 mm of 20 mm: {least:.1f} to {most:.1f} MPa, Lamé {lame:.2f} MPa. The axial "
@@ -268,7 +274,8 @@ def main() -> None:
         "strip, with the fit that axial compression of pin and hub leaves; the peaks of pressure at the mouth and "
         "behind the lead, which it lacks, add a constant. μ p A takes one pressure all over the depth.", "",
         *table(("depth (mm)", "force (N)", "strip theory (N)", "μ p A (N)", "growth since the line above (N/mm)",
-                "by strip theory"), rows), pressure, ""]
+                "by strip theory"), rows), pressure, "",
+        *sections(options.output)]
     publish("far.md", "\n".join(lines), options.output, True)
     print("\n".join(lines))
 

@@ -182,6 +182,8 @@ EXHIBITS = [
             {"time.steps": 2}),
     Exhibit("pushed_block", "bodies.png", 0.2, "N/N", 1e-9, "Coulomb", friction_ratio, {"time.steps": 8},
             moves=True),
+    Exhibit("rolling_wheel", "bodies.png", 10, "N/mm", 1e-9, "balance", contact("tread", "force", 1), {
+        "time.steps": 4}, moves=True),
     Exhibit("bolted_plates", "contacts.png", 3200, "N/mm", 1e-5, "balance",
             lambda summary: summary["bodies"]["middle"]["reaction"][0], {"time.steps": 1}),
     Exhibit("sliding_floor", "steps.png", 5, "kN/m", 1e-5, "balance",

@@ -207,7 +207,7 @@ def results_page() -> str:
             "contact_NAME_legs.csv": tables.LEGS_IN[2], "contact_NAME_legs.csv of solids": tables.LEGS_IN[3],
             "history.csv": tables.HISTORY, "steps.csv": tables.STEPS_IN[2] | tables.CYCLE,
             "steps.csv of solids": tables.STEPS_IN[3] | tables.CYCLE,
-            "energy.csv": tables.ENERGY | tables.CYCLE, "frames.csv": histories.FRAMES,
+            "energy.csv": tables.ENERGY | tables.CYCLE, "frames.csv": histories.FRAMES | histories.IN_SPACE,
             "path.csv": tables.PATH}.items():
         lines += [f"## {name}", "", *table(("column", "meaning"), _coded(columns))]
     lines += ["## summary.json", "",

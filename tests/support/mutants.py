@@ -741,7 +741,7 @@ MUTANTS = [Mutant(*row) for row in (
      f"{FREE}::test_loads_resist_motions_by_their_own_change"),
     ("loads that follow stay as they are", "body/rigid_motions", "K[:, k] -= np", "K[:, k] -= 0.0 * np",
      f"{FREE}::test_loads_resist_motions_by_their_own_change"),
-    ("loads turn with bodies that turn", "coupling/joint", "dead = (case.f - follow) @ turned", "dead = case.f - follow",
+    ("loads turn with bodies that turn", "coupling/joint", "(case.f - follow) @ turned", "(case.f - follow)",
      f"{FREE}::test_loads_keep_their_direction_on_a_body_that_turns"),
     ("frames stay where they are first looked for", "run/places", "self._go(time, step)", "self._go(time, 0.0 * step)",
      f"{FREE}::test_a_hinge_balances_its_moment"),
