@@ -156,8 +156,8 @@ def nodal_pressures(state: ContactState, curve: Curve) -> dict[str, Value]:
     np.add.at(integrals, facets, size[:, None] * (hertz(hats @ xy[facets]) @ hats) / K**2)
     np.add.at(area, facets, size[:, None] / 3.0)
     means = np.divide(integrals, area, out=np.zeros(len(xy)), where=area > 0.0)
-    return {f"nodal pressures, from Hertz's {words}": Value(distance(state.pressure, its, state.interface.area), 0.0, 0.25)
-            for words, its in (("at nodes", hertz(xy)), ("means about nodes", means))}
+    return {f"nodal pressures, from Hertz's {words}": Value(distance(state.pressure, p, state.interface.area), 0.0, 0.2)
+            for words, p in (("at nodes", hertz(xy)), ("means about nodes", means))}
 
 
 @problem("hertz-solid", "A ball on a rigid plane", (3, 5, 8), "elements on a",
