@@ -1,53 +1,37 @@
 #!/usr/bin/env -S bash -c 'exec "${0%/*}/study" "$0" "$@"'
 """What the compliance of a contact costs beside a plain factorization: operations, entries, bytes, processor seconds.
 
-A pinched block of 3N × N squares. `plain` is MUMPS's Cholesky factorization in its own order, `own` the same in the
-program's order of elimination, `with C` that of [A Bᵀ; B 0] with the compliance C of the contact. Seconds
-are of processors, with a solve, the least of --repetitions in turns. Prints a table; one rank, a minute.
+A pinched block of 3N × N squares. `alone` is MUMPS's Cholesky factorization in the program's order of elimination and a
+solve, `with C` the same of [A Bᵀ; B 0] with the compliance C of the contact. Both are called in the same way, in turns;
+seconds are the least of --repetitions. Products are those of a run of two such blocks with the C of one of them, of
+which each reads a triangle. Prints a table; one rank, a minute.
 """
 
 import logging
 import time
-from collections.abc import Callable
 
 import numpy as np
 from experiment import ROOT, arguments, table
 from mpi4py import MPI
-from petsc4py import PETSc
 
 import ddmpi
 from ddmpi.body import solver
 from ddmpi.petsc.mumps import Factors
 
-COLUMNS = ("N", "dofs", "rows of C", "operations (10⁹): plain", "own", "with C", "inverse of a k × k matrix, 2k³/3",
-           "entries (10⁶): plain", "with C", "C read in all products (MB)", "seconds: with C / plain",
-           "outer / with C")
+COLUMNS = ("N", "dofs", "k, rows of C", "operations (10⁹): alone", "with C", "2k³/3", "entries (10⁶): alone", "with C",
+           "seconds: with C / alone", "products", "of C read by them (MB)")
 
 
-def plain(A: PETSc.Mat) -> tuple[float, float]:
-    """Operations (10⁹) and entries (10⁶) of the factors in the order that MUMPS chooses, after one solve."""
-    A.setOption(PETSc.Mat.Option.SPD, True)
-    pc = PETSc.PC().create(A.comm)
-    pc.setOperators(A)
-    pc.setType(PETSc.PC.Type.CHOLESKY)
-    pc.setFactorSolverType("mumps")
-    pc.setUp()
-    factors, (x, b) = pc.getFactorMatrix(), A.createVecs()
-    b.set(1.0)
-    pc.apply(b, x)
-    found = factors.getMumpsRinfog(3) / 1e9, millions(factors.getMumpsInfog(29))
-    pc.destroy()
-    return found
-
-
-def millions(entries: int) -> float:
-    return -entries if entries < 0 else entries / 1e6  # MUMPS gives large numbers negative, in millions
-
-
-def timed(work: Callable[[], object], so_far: float) -> float:
+def count(*given) -> tuple[float, float, float]:
+    """Operations (10⁹), entries (10⁶) and processor seconds of factors and a solve."""
     start = time.process_time()
-    work()
-    return min(so_far, time.process_time() - start)
+    factors = Factors(*given)
+    factors.solve(np.ones(given[0].size[0]))
+    spent, data = time.process_time() - start, factors._data
+    entries = data.infog[28] if data.infog[28] > 0 else -1e6 * data.infog[28]  # MUMPS gives large ones in millions
+    operations = data.rinfog[2]
+    factors.destroy()
+    return operations / 1e9, entries / 1e6, spent
 
 
 def measure(N: int, repetitions: int) -> list:
@@ -59,25 +43,20 @@ def measure(N: int, repetitions: int) -> list:
             super().__init__(*given)
 
     solver.Factors = Caught
-    answer = ddmpi.solve(scene, MPI.COMM_SELF, overrides={f"body.{name}.mesh.divisions": [3 * N, N]
-                                                          for name in ("upper", "lower")})
+    summary = ddmpi.solve(scene, MPI.COMM_SELF, overrides={f"body.{name}.mesh.divisions": [3 * N, N]
+                                                           for name in ("upper", "lower")}).summary
     solver.Factors = Factors
     A, B, order = caught
-    (n, _), k, seconds = A.size, B.shape[0], [np.inf, np.inf]
-    least = plain(A)
-    for _ in range(repetitions):
-        seconds = [timed(lambda: Factors(A, B, order).solve(np.ones(n)), seconds[0]),
-                   timed(lambda: plain(A), seconds[1])]
-    alone, condensed = Factors(A, B[:1], order)._data, Factors(A, B, order)._data  # alone but for one row
-    products = answer.summary["n_A"] / 2
-    return [N, f"{n:,}", k, f"{least[0]:.2f}", f"{alone.rinfog[2] / 1e9:.2f}", f"{condensed.rinfog[2] / 1e9:.2f}",
-            f"{2e-9 * k**3 / 3:.2f}", f"{least[1]:.1f}", f"{millions(condensed.infog[28]):.1f}",
-            f"{4e-6 * k**2 * products:.0f}", f"{seconds[0] / seconds[1]:.2f}",
-            f"{answer.summary['seconds']['outer'] / 2 / seconds[0]:.2f}"]
+    k, runs = B.shape[0], [(count(A, B[:1], order), count(A, B, order)) for _ in range(repetitions)]  # 1 row: alone
+    alone, condensed = (min(each, key=lambda run: run[2]) for each in zip(*runs, strict=True))
+    products = summary["n_A"] // 2
+    return [N, f"{A.size[0]:,}", k, f"{alone[0]:.2f}", f"{condensed[0]:.2f}", f"{2e-9 * k**3 / 3:.2f}",
+            f"{alone[1]:.1f}", f"{condensed[1]:.1f}", f"{condensed[2] / alone[2]:.2f}", products,
+            f"{4e-6 * k**2 * products:.0f}"]
 
 
 def main() -> None:
-    parser = arguments(__doc__, "operations")
+    parser = arguments(__doc__)
     parser.add_argument("--sizes", nargs="+", type=int, default=(86, 200, 320), metavar="N")
     parser.add_argument("--repetitions", type=int, default=5)
     options = parser.parse_args()
