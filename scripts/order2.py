@@ -1,5 +1,5 @@
 #!/usr/bin/env -S bash -c 'exec "${0%/*}/study" "$0" "$@"'
-"""Contacts of quadratic elements in space against fine meshes: boxes, a loose stack, blocks that tip.
+"""Contacts of quadratic elements in space against fine meshes: boxes, the same bonded, a loose stack.
 
 The two boxes of configs/two_boxes.toml on meshes that match or not, and four loose cubes pushed at the top. Errors are
 those of the contact force (normal and tangential), of the displacements of all nodes of a fine mesh, and of the top of
@@ -15,7 +15,7 @@ from compare_peers import tall
 from experiment import arguments, publish, table
 from mpi4py import MPI
 from scenes import to_toml
-from solid_scenes import two_boxes
+from solid_scenes import box, two_boxes
 from tradeoff import in_box
 
 import ddmpi
@@ -54,6 +54,23 @@ def of_boxes(answer: Answer, fine: Answer) -> list[float]:
             away(*(np.concatenate(each) for each in zip(*moved, strict=True)))]
 
 
+def bonded(upper: int, lower: int) -> dict:
+    """The boxes, bonded and without the load at their end: one block, but for the meshes."""
+    scene = two_boxes(upper, lower, 2)
+    del scene["contact"][0]["friction"], scene["body"][0]["traction"][1]
+    scene["contact"][0]["kind"] = "bonded"
+    return scene
+
+
+def of_block(n: int, fine: Answer) -> float:
+    """The error of the same as one body, without a contact, at the nodes of the fine boxes."""
+    upper, lower = bonded(n, n)["body"]
+    body = solved({"body": [box("block", (0, 0, 0), (3, 2, 1), (3 * n, 2 * n, n), 2, 2.119e11, 0.277,
+                                clamp=upper["clamp"], traction=upper["traction"] + lower["traction"])]}).bodies["block"]
+    moved = [in_box(body.points, body.displacement, 2, fine.bodies[name].points) for name in BODIES]
+    return away(np.concatenate(moved), np.concatenate([fine.bodies[name].displacement for name in BODIES]))
+
+
 def top(answer: Answer) -> np.ndarray:
     cube = answer.bodies["cube3"]
     return cube.displacement[cube.points.sum(axis=1).argmax()]
@@ -86,6 +103,14 @@ def main() -> None:
              *table(("cells", "force", "displacement"),
                     zip(counts, rates(counts, [error for _, error, _ in matching]),
                         rates(counts, [error for *_, error in matching]), strict=True))]
+    fine, rows = solved(bonded(*FINE)), []
+    for sizes in BOXES:
+        errors = of_boxes(solved(bonded(*sizes)), fine)
+        alone = f"{100 * of_block(sizes[0], fine):.3f} %" if sizes[0] == sizes[1] else "–"
+        rows.append([f"{sizes[0]} : {sizes[1]}", *(f"{100 * error:.3f} %" for error in errors), alone])
+    lines += ["## The boxes bonded, and as one block", "", "Without the load at the free end. One block of the same "
+              "cells has no contact, and the error of the elements alone.", "",
+              *table(("cells", "force", "upper box", "lower box", "displacement of both", "of one block"), rows)]
     exact = top(solved(tall(2 * FINEST, Path(), 2)))
     stack = [away(top(solved(tall(2 * n, Path(), 2))), exact) for n in STACK]
     lines += ["## A loose stack of four cubes", "",

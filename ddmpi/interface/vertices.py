@@ -31,8 +31,11 @@ from ddmpi.surface.side import Side, nodal
 SLIVER = 1e-6
 """A facet covered by a smaller fraction has constant dual functions."""
 
-UNCOVERED = 0.15
-"""A node that is covered by a smaller fraction shares its function: its row would nearly depend on its neighbours'."""
+UNCOVERED, STRIP = 0.15, 0.25
+"""A node shares its function, as its row would nearly depend on its neighbours', if less than this fraction of what it
+could have is covered: in the plane UNCOVERED; in space STRIP, of its hat on the facets that face the other side in
+part. So a contact that ends within facets beyond a quarter of them has rows at its end, about which bodies tip. With
+0.15 a tenth more products are needed in random scenes."""
 
 BARELY = 0.499
 """So does a vertex whose row moves by less than this where free nodes move by one: alone it would constrain curvature
@@ -63,13 +66,14 @@ def rows_at_vertices(sides: tuple[Side, Side], slave: int, over: Cover, looked: 
     dual = mix = sparse.identity(len(met), format="csr")
     if quadratic:
         psi, dual, mix = _smoothed(side, over, psi, hats, kept)
-    full = nodal(np.repeat(side.lengths[:, None] / 3.0, 3, axis=1), side.corners, len(met))  # ∫ of hats
+    full, faced = (nodal(np.repeat(side.lengths[some, None] / 3.0, 3, axis=1), side.corners[some], len(met))
+                   for some in (slice(None), seen))  # ∫ of hats over all facets, and over those that are seen
     met[side.corners[seen]] = True
     D = nodal(over.weight[:, None] * over.at, side.corners[over.facet], len(met))  # ∫ of hats over what is covered
     # Vertices that are hardly covered or wholly clamped share; those of other contacts as well, as long as enough
     # remain.
     clamped &= ~kept
-    shares = (UNCOVERED * full > D) | clamped
+    shares = (STRIP * faced > own) | clamped
     if not _spread(side.xy[~shares & met]):  # the contact is small beside the facets: its own size counts
         shares = (UNCOVERED * own.max() > own) | clamped
     also = shares | (_meets_others(side, D, full) & ~kept)

@@ -64,7 +64,7 @@ class Found:
     """What one mesh gives: values by name, an answer to draw, a curve."""
 
     values: Mapping[str, Value]
-    answer: Answer
+    answer: Answer | None
     curve: Curve | None = None
 
 

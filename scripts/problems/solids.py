@@ -13,6 +13,7 @@ from scipy.optimize import brentq
 from scipy.special import ellipe, ellipk
 
 import ddmpi
+from ddmpi.interface.state import ContactState
 from ddmpi.mesh.read import gmsh_session
 from ddmpi.run.answer import Answer
 from problems import (
@@ -139,6 +140,26 @@ ALLOWED = {1: (0.1, 0.06), 2: (0.06, 0.06)}
 """Of p₀ and a, by the order."""
 
 
+def nodal_pressures(state: ContactState, curve: Curve) -> dict[str, Value]:
+    """How far the pressures at nodes, D_j⁻¹ ∫ p φ_j, are in L2 from those of Hertz at the nodes, and from what his
+    pressure itself has for them, its means with the hats φ_j as weights."""
+    xy, facets, K = state.interface.xy[:, :2], state.interface.facets, 12
+    i, j = np.divmod(np.arange(K * K), K)
+    inner = np.concatenate([np.column_stack([i, j])[i + j < K] + 1 / 3, np.column_stack([i, j])[i + j < K - 1] + 2 / 3])
+    hats = np.column_stack([inner / K, 1.0 - inner.sum(axis=1) / K])  # at the middles of K² parts of a facet
+
+    def hertz(places: np.ndarray) -> np.ndarray:
+        return np.interp(np.linalg.norm(places, axis=-1), curve.exact_x, curve.exact, right=0.0)
+
+    size = np.abs(np.linalg.det(xy[facets[:, 1:]] - xy[facets[:, :1]])) / 2.0
+    integrals, area = np.zeros((2, len(xy)))
+    np.add.at(integrals, facets, size[:, None] * (hertz(hats @ xy[facets]) @ hats) / K**2)
+    np.add.at(area, facets, size[:, None] / 3.0)
+    means = np.divide(integrals, area, out=np.zeros(len(xy)), where=area > 0.0)
+    return {f"nodal pressures, from Hertz's {words}": Value(distance(state.pressure, p, state.interface.area), 0.0, 0.2)
+            for words, p in (("at nodes", hertz(xy)), ("means about nodes", means))}
+
+
 @problem("hertz-solid", "A ball on a rigid plane", (3, 5, 8), "elements on a",
          shows="Rows at the vertices of linear and quadratic facets, and gaps of curved ones.",
          scene="A quarter of a half ball, R = 1 m, E = 1 Pa, ν = 0.3, whose flat face is moved by 7.5 mm; a ≈ 0.088 m.",
@@ -148,8 +169,9 @@ def hertz_solid(n: int, order: Order, folder: Path) -> Found:
     answer = solved([body("ball", mesh, 1.0, 0.3, [*PLANES, {"on": "top", "z": -0.0075}])],
                     [contact("ball", "floor", "contact")],
                     [{"name": "floor", "shape": "plane", "point": [0.0, 0.0, 0.0], "normal": [0.0, 0.0, 1.0]}])
-    values, curve = hertz_values(answer.contacts["ball-floor"], 4, 1.0 / (1.0 - 0.09), RADIUS, ALLOWED[int(order)])
-    return Found(values, answer, curve)
+    state = answer.contacts["ball-floor"]
+    values, curve = hertz_values(state, 4, 1.0 / (1.0 - 0.09), RADIUS, ALLOWED[int(order)])
+    return Found(values | nodal_pressures(state, curve), answer, curve)
 
 
 @problem("two-balls", "Two balls of unlike stiffness", (3, 5, 8), "elements on a of the soft ball",
@@ -163,8 +185,9 @@ def two_balls(n: int, order: Order, folder: Path) -> Found:
                      body("stiff", stiff, 5.0, 0.2, [*PLANES, {"on": "top", "z": 0.0}])],
                     [contact("soft", "stiff", "contact", "contact")])
     modulus = 1.0 / ((1.0 - 0.09) / 1.0 + (1.0 - 0.04) / 5.0)
-    values, curve = hertz_values(answer.contacts["soft-stiff"], 4, modulus, RADIUS / 2, ALLOWED[int(order)])
-    return Found(values, answer, curve)
+    state = answer.contacts["soft-stiff"]
+    values, curve = hertz_values(state, 4, modulus, RADIUS / 2, ALLOWED[int(order)])
+    return Found(values | nodal_pressures(state, curve), answer, curve)
 
 
 # Cattaneo and Mindlin
