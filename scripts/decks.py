@@ -190,7 +190,8 @@ def tried(deck: Path, folder: Path) -> tuple[str, str]:
         return "not solved", f"not within {LIMIT} s"
     if run.returncode:
         return "not solved", run.stderr.strip().splitlines()[-1][:200].replace(str(folder), "")
-    reference = printed(deck)
+    nodes = {node % STRIDE for piece in Importer(deck).pieces for node in piece.nodes.tolist()}
+    reference = {node: u for node, u in printed(deck).items() if node in nodes}
     if not any(any(u) for u in reference.values()):
         reference = computed(deck, text, scene)
     if not reference:

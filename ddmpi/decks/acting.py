@@ -144,7 +144,14 @@ class Acts:
         """The tractions of all bodies by name: pressures on faces, and forces at nodes spread over faces."""
         found: dict[str, list[dict[str, Any]]] = {piece.name: [] for piece in self.pieces}
         pressed: dict[tuple[str, float, str | None, tuple], list[int]] = defaultdict(list)
+        fluid = set[int]()
         for (element, face, way), acting in self.model.kinds["pressures"].items():
+            if len(way) == 1:
+                fluid |= {*way}
+                if (way[0], 2) not in self.model.kinds["supports"]:
+                    self.notes.add(self.notes.lost, acting.card, f"a pressure that is not given at node {way[0]}")
+                    continue
+                acting, way = self.model.kinds["supports"][way[0], 2], ()
             if (element, face) not in self.where:
                 if any(value for _, value in acting.course):
                     self.notes.add(self.notes.lost, acting.card, "a pressure on a face that is not on a boundary")
@@ -160,7 +167,7 @@ class Acts:
                                | ({"history": history} if history else {}))
         for piece in self.pieces:
             found[piece.name] += self._forces(piece)
-        inside = {node for piece in self.pieces for node in piece.nodes.tolist()}
+        inside = fluid | {node for piece in self.pieces for node in piece.nodes.tolist()}
         inside |= {node for rigid in self.model.rigid for node in (rigid.ref, rigid.turn)}
         inside |= self.model.bolt_nodes
         for (node, _), acting in self.model.kinds["forces"].items():

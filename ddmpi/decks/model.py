@@ -316,6 +316,10 @@ class Model:
                 for element in self.deck.chosen(card, "ELSET", what):
                     self._add("pressures", (element, int(label[1]), ()), card, values[0])
                 self._taken(card, "pressure")
+            elif re.fullmatch(r"P\dNP", label):  # of a fluid at a node, the second component there
+                for element in self.deck.chosen(card, "ELSET", what):
+                    self._add("pressures", (element, int(label[1]), (self.node(card, row[2]),)), card, 0.0)
+                self._taken(card, "pressure")
             elif label in ("GRAV", "CENTRIF", "BX", "BY", "BZ"):
                 way = (what.lower(), card.scope, label, tuple(values[1:7]))
                 self._add("body_forces", way, card, values[0])

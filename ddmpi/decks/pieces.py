@@ -70,9 +70,12 @@ def split(blocks: Sequence[Block]) -> list[list[Block]]:
 
 
 def cut(blocks: Sequence[Block], ends: set[tuple[int, int]], points: dict[int, list[float]]
-        ) -> tuple[list[Block], dict[int, int]]:
-    """Elements cut apart at a flat section, faces `ends` (element, number) of those on one side: the elements on the
-    other side have copies of its nodes, old number → new. The new `points` (m) are added."""
+        ) -> tuple[list[Block], dict[int, int], dict[int, int]]:
+    """Elements cut apart at a flat section, faces `ends` (element, number) of those on one side: these have copies of
+    its nodes, as CalculiX has them. Where all still hang together, the layer of these elements is taken out.
+
+    The elements, and the copies at the section and around the layer, old number → new. New `points` (m) are added.
+    """
     of = {element: (block, row) for block in blocks for row, element in enumerate(block.entries[:, 0].tolist())}
     section, inside = set[int](), []
     for element, face in ends:
@@ -86,18 +89,36 @@ def cut(blocks: Sequence[Block], ends: set[tuple[int, int]], points: dict[int, l
     at = np.array([points[node] for node in sorted(section)])
     d = 3 if blocks[0].name.startswith("C3D") else 2
     normal = np.pad(np.linalg.svd((at - at.mean(axis=0))[:, :d])[2][-1], (0, 3 - d))
-    side = np.sign((np.mean(inside, axis=0) - at.mean(axis=0)) @ normal)
+    normal *= np.sign((np.mean(inside, axis=0) - at.mean(axis=0)) @ normal)
+    beyond = {element for element, (block, row) in of.items() if (np.mean(
+        [points[node] for node in block.entries[row, 1:].tolist()], axis=0) - at.mean(axis=0)) @ normal > 0.0}
+    result, copies = _apart(blocks, beyond, section, points)
+    layer = {element for element, _ in ends}
+    if not any(_nodes(one) & section and _nodes(one) & {*copies.values()} for one in split(result)):
+        return result, copies, {}
+    result, around = _apart(result, layer, _nodes(result, layer) & _nodes(result, {*of} - layer), points)
+    return result, copies, around
+
+
+def _nodes(blocks: Sequence[Block], some: set[int] | None = None) -> set[int]:
+    """The nodes of elements, of `some` of them."""
+    return {node for block in blocks for node in np.unique(block.entries[:, 1:][
+        slice(None) if some is None else np.isin(block.entries[:, 0], list(some))]).tolist()}
+
+
+def _apart(blocks: Sequence[Block], own: set[int], nodes: set[int], points: dict[int, list[float]]
+           ) -> tuple[list[Block], dict[int, int]]:
+    """Elements of which the `own` ones have copies of `nodes`, old number → new."""
     top = max(number % STRIDE for number in points)
-    copies = {node: node // STRIDE * STRIDE + top + k for k, node in enumerate(sorted(section), 1)}
+    copies = {node: node // STRIDE * STRIDE + top + k for k, node in enumerate(sorted(nodes), 1)}
     points |= {new: points[old] for old, new in copies.items()}
     result = []
     for block in blocks:
-        nodes = block.entries[:, 1:].copy()
-        touching = np.isin(nodes, list(section))
-        middle = np.array([np.mean([points[node] for node in row], axis=0) for row in nodes.tolist()])
-        other = touching & (((middle - at.mean(axis=0)) @ normal) * side < 0.0)[:, None]
-        nodes[other] = [copies[node] for node in nodes[other].tolist()]
-        result.append(Block(block.name, block.kind, np.column_stack([block.entries[:, 0], nodes])))
+        entries = block.entries.copy()
+        some = np.isin(entries, list(nodes)) & np.isin(entries[:, :1], list(own))
+        some[:, 0] = False
+        entries[some] = [copies[node] for node in entries[some].tolist()]
+        result.append(Block(block.name, block.kind, entries))
     return result, copies
 
 

@@ -16,7 +16,7 @@ from ddmpi.decks.deck import Deck
 from ddmpi.decks.material import Matter
 from ddmpi.decks.model import Acting, Model, Pair, Rigid
 from ddmpi.decks.pieces import Block, Piece, cut, own_name, split
-from ddmpi.decks.words import DeckError, number
+from ddmpi.decks.words import DeckError, number, numbers
 from ddmpi.errors import InputError, TakenError
 from ddmpi.scene.reader import write_toml
 
@@ -76,7 +76,7 @@ class Importer:
             if block.kind in ("hexahedron", "wedge", "quad", "pyramid"):
                 notes.add(notes.changed, card, f"{block.name} cut into quadratic "
                           f"{'tetrahedra' if family == 'C3D' else 'triangles'}: linear ones would be too stiff")
-        self.cuts: list[tuple[Card, set[tuple[int, int]], set[int]]] = []
+        self.cuts: list[tuple[Card, set[tuple[int, int]], set[int], dict[int, int]]] = []
         for card in self.model.bolts:
             blocks = self._cut(card, blocks)
         numbers, points = self.deck.placed()
@@ -98,41 +98,53 @@ class Importer:
             self.notes.add(self.notes.lost, card, "a pre-tension that is not of a section of solid elements")
             return blocks
         ends = set(self.model.surface(card, card.given["SURFACE"]))
-        blocks, copies = cut(blocks, ends, self.deck.points)
-        for kind in ("supports", "heat"):
-            acting = self.model.kinds[kind]
-            for key in list(acting):
-                node = key[0] if isinstance(key, tuple) else key
-                if node in copies:
-                    acting[(copies[node], *key[1:]) if isinstance(key, tuple) else copies[node]] = acting[key]
-        self.model.start |= {copies[node]: heat for node, heat in self.model.start.items() if node in copies}
-        self.model.transforms |= {copies[node]: axes for node, axes in self.model.transforms.items() if node in copies}
-        self.cuts.append((card, ends, set(copies.values())))
+        blocks, at_section, around = cut(blocks, ends, self.deck.points)
+        for copies in (at_section, around):
+            for kind in ("supports", "heat"):
+                acting = self.model.kinds[kind]
+                for key in list(acting):
+                    node = key[0] if isinstance(key, tuple) else key
+                    if node in copies:
+                        acting[(copies[node], *key[1:]) if isinstance(key, tuple) else copies[node]] = acting[key]
+            for values in (self.model.start, self.model.transforms):
+                values |= {copies[node]: value for node, value in values.items() if node in copies}
+        self.cuts.append((card, ends, set(at_section), around))
         return blocks
 
     def _bolts(self) -> Iterable[dict[str, Any]]:
-        """The bonded contacts at the sections of bolts, with the force of their reference nodes."""
-        for card, ends, copies in self.cuts:
+        """The bonded contacts at the sections of bolts, with the force of their reference nodes, or over a gap by which
+        these shorten them; and around the layers that had to be taken out."""
+        for card, ends, section, around in self.cuts:
             sides = {self.acts.where[end][0].name: self.acts.where[end][0] for end in ends if end in self.acts.where}
-            others = [piece for piece in self.pieces if len(piece.whole(piece.within(copies)))]
+            others = [piece for piece in self.pieces if len(piece.whole(piece.within(section)))]
             node = self.model.node(card, card.given["NODE"])
-            force = self.model.kinds["forces"].get((node, 1))
-            if len(sides) != 1 or len(others) != 1 or others[0].name in sides or force is None:
-                self.notes.add(self.notes.lost, card, "a section that does not cut a body in two" if force else
-                               "a pre-tension whose node has no force")
+            force, offset = (self.model.kinds[kind].get((node, 1)) for kind in ("forces", "supports"))
+            given = force or offset
+            if len(sides) != 1 or len(others) != 1 or others[0].name in sides or not given or (force and offset):
+                self.notes.add(self.notes.lost, card, "a section that does not cut a body in two" if given else
+                               "a pre-tension whose node has neither a force nor a displacement")
                 continue
             (piece,), other = sides.values(), others[0]
-            if node in self.model.locked:  # after its last point the offset is kept
-                force = force._replace(course=tuple(p for p in force.course if p[0] <= self.model.locked[node]))
-            value, history = self.acts.factor(force)
+            if force and node in self.model.locked:  # after its last point the offset is kept
+                given = force._replace(course=tuple(p for p in force.course if p[0] <= self.model.locked[node]))
+            value, history = self.acts.factor(given)
             facets = np.unique([self.acts.where[end][1] for end in ends])
             out = piece.points[piece.facets[facets[0], :2]].mean(axis=0) - piece.points.mean(axis=0)
             normal = piece.normals(facets)[0]
-            self.notes.add(self.notes.taken, card, "a bond with a pretension")
-            yield {"bodies": [piece.name, other.name], "kind": "bonded", "on": [
-                piece.group(facets, "section"), other.group(other.whole(other.within(copies)), "section")],
-                "pretension": {"force": value / self.matter.depth, "along": (normal * np.sign(normal @ out)).tolist()}
-                | ({"history": history} if history else {})}
+            if card.rows and normal @ numbers(card.rows[0])[:len(normal)] * (normal @ out) < 0.0:
+                value = -value  # the normal that the card gives points into the elements of the surface
+            along, later = (normal * np.sign(normal @ out)).tolist(), {"history": history} if history else {}
+            self.notes.add(self.notes.taken, card, "a bond with a pretension" if force else "a bond over a gap")
+            bond: dict[str, Any] = {"bodies": [piece.name, other.name], "kind": "bonded"}
+            yield bond | {"on": [piece.group(facets, "section"), other.group(
+                other.whole(other.within(section)), "section")]} | (
+                    {"pretension": {"force": value / self.matter.depth, "along": along} | later} if force else
+                    {"gap": {"value": value} | later})
+            if around:
+                self.notes.add(self.notes.changed, card, "the elements at the section are a body of their own, bonded "
+                               "to the others, which hang together without it")
+                yield bond | {"on": [piece.group(piece.whole(piece.within(around.values())), "layer"),
+                                     other.group(other.whole(other.within(around)), "layer")]}
 
     def _element_sets(self) -> dict[frozenset[int], str]:
         """Names of sets of elements by their members; those of sections first; within instances their names."""
@@ -209,7 +221,7 @@ class Importer:
             behaviour = law.get("SURFACEBEHAVIOR")
             tied = behaviour is not None and behaviour.given.get("PRESSURE-OVERCLOSURE", "").upper() == "TIED"
         slaves, masters = (self._side(card, name) for name in (pair.slave, pair.master))
-        count = 0
+        count, held = 0, {node for node, _ in self.model.kinds["supports"]}
         for slave, on in slaves:
             for master, against in masters:
                 if slave is master:
@@ -222,6 +234,8 @@ class Importer:
                     contact["kind"] = "bonded"
                 elif coefficient:
                     contact["friction"] = {"law": "coulomb", "coefficient": coefficient}
+                if not tied and not held.issuperset(slave.nodes[np.unique(slave.facets[on])].tolist()):
+                    contact["slave"] = slave.name  # one that is supported all over is none
                 gap = self._clearance(pair)
                 if gap is not None:
                     contact["gap"] = gap
@@ -247,8 +261,6 @@ class Importer:
             notes.add(notes.taken, card, "bonded contact" if tied else "contact")
             if tied:
                 self._tells_gap(pair, slaves, masters)
-            else:
-                notes.add(notes.changed, card, "the slave: ddmpi chooses the side; slave = … in the scene names it")
 
     def _tells_gap(self, pair: Pair, slaves: Sequence[tuple[Piece, np.ndarray]],
                    masters: Sequence[tuple[Piece, np.ndarray]]) -> None:
