@@ -45,7 +45,7 @@ class Acts:
         self.histories: dict[Course, str] = {}
         friction = any("FRICTION" in of for of in model.interactions.values())
         odd = [acting for kind in model.kinds.values() for acting in kind.values() if not _ramps(acting.course)]
-        self.timed = len(model.ends) > 1 or (bool(odd) and friction)
+        self.timed = (len(model.ends) > 1 and not model.final) or (bool(odd) and friction)
         for card in {id(acting.card): acting.card for acting in odd}.values() if not self.timed else ():
             notes.add(notes.changed, card, "its amplitude counts at the end of the step")
         self.sets = {name: np.fromiter(model.deck.members("NSET", ("", key)), np.int64)

@@ -58,6 +58,7 @@ class Model:
     heated : *TEMPERATURE and its nodes, of each data line
     start : initial temperatures by node
     ends : times of the ends of the steps
+    final : whether the model changes between the steps, so that only the state at the end is computed
     """
 
     def __init__(self, deck: Deck, notes: Notes) -> None:
@@ -72,6 +73,7 @@ class Model:
         self.heated: list[tuple[Card, set[int]]] = []
         self.start: dict[int, float] = {}
         self.ends: list[float] = []
+        self.changing: list[tuple[Card, str]] = []  # what differs from step to step, and is no load
         self.nlgeom = False
         self._named = {card.given.get("NAME", "").upper(): card for card in deck.cards if card.word == "AMPLITUDE"}
         self.orientations = {card.given.get("NAME", "").upper(): card for card in deck.cards
@@ -130,6 +132,12 @@ class Model:
                     raise _refusal(way, error) from None
             else:
                 self.notes.add(self.notes.lost, way, "only *STATIC steps are computed")
+        # elastic bodies without friction forget the way to a state, unless the offset of a bolt is kept
+        forgets = not self.locked and not any("FRICTION" in law for law in self.interactions.values())
+        self.final = forgets and bool(self.changing)
+        for card, what in self.changing:
+            self.notes.add(self.notes.changed if forgets else self.notes.lost, card,
+                           what + ": only the state at the end of the last step is computed" * forgets)
 
     def _follow(self, cards: list[Card], way: Card) -> None:
         """Take the cards of a step, and follow all loads and supports to its end."""
@@ -148,13 +156,13 @@ class Model:
             for key in [key for key in acting if kind in self._renewed and key not in fresh]:
                 card, course = acting[key]
                 if kind == "supports":
-                    self.notes.add(self.notes.lost, card, "a support that ends before a later step")
+                    self.changing.append((card, "a support that ends before a later step"))
+                    del acting[key]
                     continue
                 acting[key] = Acting(card, (*course, (end, 0.0)))
             for key, (card, value) in fresh.items():
                 if kind == "supports" and self.ends and key not in acting:
-                    self.notes.add(self.notes.lost, card, "a support that begins in a later step")
-                    continue
+                    self.changing.append((card, "a support that begins in a later step"))
                 before = acting[key].course if key in acting else ((0.0, 0.0), (begin, 0.0))[:1 + bool(begin)]
                 course = (*before, *self._course(card, value, begin, end))
                 acting[key] = Acting(card, course[1:] if course[1:2] and course[1][0] == 0.0 else course)
@@ -250,6 +258,18 @@ class Model:
         self.sections.append((self.deck.chosen(card, "ELSET", card.given["ELSET"]), card.given["MATERIAL"].upper(),
                               [*row, 0.0][0] or 1.0, card.given.get("ORIENTATION", "").upper(), card))
         self._taken(card, "material of elements")
+
+    def _changesolidsection(self, card: Card) -> None:
+        self._solidsection(card)
+        self.changing.append((card, "a material that changes"))
+
+    def _modelchange(self, card: Card) -> None:
+        if card.given.get("TYPE", "").upper().replace(" ", "") != "CONTACTPAIR" or "REMOVE" not in card.given:
+            self.notes.add(self.notes.lost, card, "parts that are removed or added, or contacts that are added")
+            return
+        ends = [[name.upper() for name in row[:2]] for row in card.rows]
+        self.pairs = [pair for pair in self.pairs if [pair.slave.upper(), pair.master.upper()] not in ends]
+        self.changing.append((card, "a contact that is removed"))
 
     def _contactpair(self, card: Card) -> None:
         self.pairs += [Pair(card, row[0], row[1]) for row in card.rows]

@@ -47,9 +47,8 @@ REFUSED = {
     "EQUATION": "equations between nodes", "MPC": "constraints between nodes",
     "DISTRIBUTINGCOUPLING": "couplings",
     "KINEMATICCOUPLING": "couplings",
-    "MODELCHANGE": "parts or contacts that are removed or added", "SUBMODEL": "displacements of another model",
-    "CHANGEFRICTION": "friction that changes", "CHANGESURFACEBEHAVIOR": "contact laws that change",
-    "CHANGESOLIDSECTION": "materials that change", "CHANGEMATERIAL": "materials that change", "CONTACT":
+    "SUBMODEL": "displacements of another model", "CHANGEFRICTION": "friction that changes",
+    "CHANGESURFACEBEHAVIOR": "contact laws that change", "CHANGEMATERIAL": "materials that change", "CONTACT":
     "general contact; name each pair of surfaces by *CONTACT PAIR", "PLASTIC": "plasticity",
     "CYCLICHARDENING": "plasticity", "DEFORMATIONPLASTICITY": "plasticity", "CREEP": "creep",
     "HYPERELASTIC": "rubber", "HYPERFOAM": "foam", "USERMATERIAL": "materials of a user's routine",
