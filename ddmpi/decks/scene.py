@@ -299,8 +299,14 @@ class RigidSets:
         for rigid in self.model.rigid:
             own = [(piece, piece.whole(marked), marked) for piece in acts.pieces
                    if (marked := piece.within(rigid.nodes)).any()]
+            points = len(own) == 1 and not len(own[0][1]) and not self._parts("supports", rigid)
             if len(own) == 1 and _covered(*own[0]):
                 reason = self._take(rigid, *own[0][:2])
+            elif points and (patches := own[0][0].patches(np.flatnonzero(own[0][2]))[0]):
+                reason = self._take(rigid._replace(spread=True), own[0][0], np.unique(
+                    np.concatenate([patch.facets for patch in patches])))
+                self.notes.add(self.notes.changed, rigid.card, "points alone hold nothing in a solid; the loads on them "
+                               "are spread over the faces around them")
             else:
                 reason = "its nodes are no whole faces of one body"
             where = self.notes.lost if reason else self.notes.taken

@@ -479,7 +479,7 @@ def test_input_of_an_assembly(tmp_path):
     path.write_text(CAE)
     mesh = build_mesh(body_with(MeshSpec(file=str(path)), clamp=["Fixed end", "edge"]))
     assert sorted(mesh.groups) == ["Corners", "Fixed end", "Side", "Top", "Whole"] and list(mesh.curves) == ["edge"]
-    assert {name: len(cells) for name, cells in mesh.surfaces.items()} == {"Lower": 6, "Upper": 6}
+    assert {name: len(cells) for name, cells in mesh.surfaces.items()} == {"Lower": 5, "Upper": 5}
     assert mesh.cut == 2 and mesh.measures().sum() == pytest.approx(2.0)
     assert mesh.points.min(axis=0) == pytest.approx([9.0, 0.0, 0.0])  # a quarter turn about x = 10, y = 0
     assert mesh.points.max(axis=0) == pytest.approx([10.0, 1.0, 2.0])
