@@ -66,6 +66,9 @@ WHY = {"achtelc": POINTS, "achteld": POINTS, "achtelg": POINTS, "achtelp": POINT
 """Why decks that are solved differ from the reference."""
 
 
+GIVEN = {"beamuamp": ["QUADRATIC=0,0,0.5,0.25,1,1"]}
+"""Amplitudes of routines of a user, which a deck does not have: as `--amplitude` of `ddmpi import` gives them."""
+
 HARD = 100
 """CalculiX's contact is a penalty; where a deck differs, it is compared with this many times the stiffness, too."""
 
@@ -146,7 +149,7 @@ def computed(deck: Path, text: str, folder: Path) -> dict[int, list[float]]:
 def compared(deck: Path, scene: Path, reference: dict[int, list[float]]) -> tuple[float, float, float]:
     """The largest displacement, that of the reference, and the nodal error, of the nodes that both have."""
     results = read_results(scene / "results")
-    fields, importer = results.fields, Importer(deck)
+    fields, importer = results.fields, Importer(deck, GIVEN.get(deck.stem, []))
     ours, theirs = [], []
     for number, piece in enumerate(importer.pieces):
         own = np.unique(fields["cells"][fields["body"] == number])
@@ -176,7 +179,7 @@ def tried(deck: Path, folder: Path) -> tuple[str, str]:
     """How a deck ends, and words."""
     scene, text = folder / deck.stem, deck.read_text(errors="replace")
     try:
-        import_deck(deck, scene)
+        import_deck(deck, scene, amplitudes=GIVEN.get(deck.stem, []))
     except DdmpiError as error:
         lines = str(error).replace(f"{deck}: ", "").splitlines()
         return "refused", lines[min(1, len(lines) - 1)].strip()
@@ -190,7 +193,8 @@ def tried(deck: Path, folder: Path) -> tuple[str, str]:
         return "not solved", f"not within {LIMIT} s"
     if run.returncode:
         return "not solved", run.stderr.strip().splitlines()[-1][:200].replace(str(folder), "")
-    nodes = {node % STRIDE for piece in Importer(deck).pieces for node in piece.nodes.tolist()}
+    pieces = Importer(deck, GIVEN.get(deck.stem, [])).pieces
+    nodes = {node % STRIDE for piece in pieces for node in piece.nodes.tolist()}
     reference = {node: u for node, u in printed(deck).items() if node in nodes}
     if not any(any(u) for u in reference.values()):
         reference = computed(deck, text, scene)

@@ -7,14 +7,14 @@ import re
 from collections.abc import Iterable, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sparse
 from scipy.sparse import csgraph
 
+from ddmpi.decks.cards import SIDES, Card, corners, faces, numbers, shape
 from ddmpi.decks.deck import STRIDE
-from ddmpi.decks.words import SIDES, corners, faces, shape
 
 TRIANGLE = np.array([[4.0, 1.0, 1.0], [1.0, 4.0, 1.0], [1.0, 1.0, 4.0]]) / 6.0
 """Barycentric points of a rule with equal weights, exact for squares of the coordinates."""
@@ -96,8 +96,8 @@ def cut(blocks: Sequence[Block], ends: set[tuple[int, int]], points: dict[int, l
     layer = {element for element, _ in ends}
     if not any(_nodes(one) & section and _nodes(one) & {*copies.values()} for one in split(result)):
         return result, copies, {}
-    result, around = _apart(result, layer, _nodes(result, layer) & _nodes(result, {*of} - layer), points)
-    return result, copies, around
+    result, beside = _apart(result, layer, _nodes(result, layer) & _nodes(result, {*of} - layer), points)
+    return result, copies, beside
 
 
 def _nodes(blocks: Sequence[Block], some: set[int] | None = None) -> set[int]:
@@ -315,3 +315,25 @@ def linear(points: np.ndarray, values: np.ndarray) -> np.ndarray | None:
     spread = float(np.ptp(values)) or size
     digits = 13 - math.floor(math.log10(spread)) if spread else 0
     return np.append(round(constant, digits) if abs(constant) > 1e-9 * size else 0.0, slopes)
+
+
+def direction(transform: Card | None, at: np.ndarray, component: int) -> np.ndarray:
+    """(3,) the direction of a component of displacements or forces at a place."""
+    if transform is None:
+        return np.eye(3)[component - 1]
+    v = np.array([*numbers(transform.rows[0]), *[0.0] * 6][:6])
+    place = np.array([*at, 0.0][:3])
+    if transform.given.get("TYPE", "R").upper()[:1] == "C":  # radial, around and along the axis from a to b
+        third = (v[3:] - v[:3]) / np.linalg.norm(v[3:] - v[:3])
+        first = place - v[:3] - third * ((place - v[:3]) @ third)
+    else:
+        first, third = v[:3], np.cross(v[:3], v[3:])
+        third = third / np.linalg.norm(third)
+    first = first / (np.linalg.norm(first) or 1.0)
+    return np.array([first, np.cross(third, first), third])[component - 1]
+
+
+def formula(constant: float, slopes: np.ndarray, axes: str) -> Any:
+    """A number, or a formula that is linear in the coordinates."""
+    terms = [f"({slope!r}) * {axis}" for slope, axis in zip(slopes.tolist(), axes, strict=True) if slope]
+    return " + ".join([repr(constant), *terms]) if terms else constant

@@ -8,7 +8,7 @@ import numpy as np
 import scipy.sparse as sparse
 from scipy.sparse import csgraph
 
-from ddmpi.decks.words import FACES, SIDES
+from ddmpi.decks.cards import FACES, SIDES
 from ddmpi.errors import InputError
 from ddmpi.mesh.elements import CELLS, CUTS, EDGES, cell_with
 from ddmpi.mesh.mesh import Mesh, signed_measures
@@ -27,7 +27,7 @@ HALVES = np.array([[[0, 1, 2], [2, 3, 0]], [[1, 2, 3], [3, 0, 1]]])
 
 FIVE = np.array([[[0, 2, 5, 7], [1, 0, 2, 5], [3, 0, 7, 2], [4, 0, 5, 7], [6, 2, 7, 5]],
                  [[1, 3, 4, 6], [0, 1, 3, 4], [2, 1, 6, 3], [5, 1, 4, 6], [7, 3, 6, 4]]])
-"""Corners of the tetrahedra that a hexahedron is cut into, by diagonals between its corners 0, 2, 5, 7 or the others."""
+"""Corners of the tetrahedra that a hexahedron is cut into, by diagonals between its corners 0, 2, 5, 7 or the rest."""
 
 EQUAL = 1e-6
 """Diagonals are equally long up to this fraction of their lengths."""
