@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 from collections.abc import Iterable, Sequence
 from functools import cached_property
-import itertools
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -45,8 +45,8 @@ class Patch(NamedTuple):
 def own_name(text: str, taken: Iterable[str]) -> str:
     """A name of letters, digits, dashes and underscores that is not among the `taken`."""
     base = re.sub(r"[^\w-]+", "_", text).strip("_")[:60] or "x"
-    lower = {name.lower() for name in taken}
-    return next(name for name in itertools.chain([base], (f"{base}_{k}" for k in itertools.count(2))) if name.lower() not in lower)
+    lower, names = {name.lower() for name in taken}, (f"{base}_{k}" for k in itertools.count(2))
+    return next(name for name in itertools.chain([base], names) if name.lower() not in lower)
 
 
 def split(blocks: Sequence[Block]) -> list[list[Block]]:
