@@ -62,6 +62,7 @@ WHY = {"achtelc": POINTS, "achtelg": POINTS, "achtelp": POINTS, "beam8p": BRICKS
        "aniso": "tried: nodal error 5.7 %; at corners with forces, without limit, the displacement is 14 % off",
        "beamcontact": "a force at one node, and large turns", "beamp1rotate": POINTS, "segmentf": POINTS,
        "beamp2rotate": "a bar that is turned by a right angle", "beamrb": "tried: a twist by 10°, nodal error 7.1 %",
+       "beamuamp": "with --amplitude in the place of the routine of a user, t²",
        "beamt": f"heated and held at both ends; {FEW}", "beamt3": "by numbers of nodes; tried: nodal error 18 %",
        "contact4": f"one quadratic brick a body; {FEW}", "contactenergy": f"one linear brick a body; {FEW}",
        "inistrain": f"{REDUCED} 23 %", "pret1": f"a frame of single bricks, held at two nodes; {FEW}",
@@ -69,7 +70,7 @@ WHY = {"achtelc": POINTS, "achtelg": POINTS, "achtelp": POINTS, "beam8p": BRICKS
        "resstress1": f"{REDUCED} 18 %", "scheibe": "its reference is no turn: half a turn takes (0, 1) to (3.17, 1)",
        "segment1": f"held on whole faces; {FEW}", "segment2": f"held on whole faces; {FEW}",
        "dloadlinI": "a strip 300 long and half a unit thick, of 15 bricks"}
-"""Why decks differ from the reference, or what was tried of those that are refused."""
+"""Why decks differ from the reference, what was tried of those that are refused, or what they were given."""
 
 
 GIVEN = {"beamuamp": ["QUADRATIC=0,0,0.5,0.25,1,1"]}
