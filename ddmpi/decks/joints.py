@@ -64,7 +64,8 @@ class Joints:
             behaviour = law.get("SURFACEBEHAVIOR")
             tied = behaviour is not None and behaviour.given.get("PRESSURE-OVERCLOSURE", "").upper() == "TIED"
         slaves, masters = (self._side(card, name) for name in (pair.slave, pair.master))
-        count, held = 0, {node for node, _ in self.model.kinds["supports"]}
+        count, held = 0, set().union({node for node, _ in self.model.kinds["supports"]},
+                                     *(rigid.nodes for rigid in self.model.rigid))
         for slave, on in slaves:
             for master, against in masters:
                 if slave is master:
@@ -78,7 +79,7 @@ class Joints:
                 elif coefficient:
                     contact["friction"] = {"law": "coulomb", "coefficient": coefficient}
                 if not tied and not held.issuperset(slave.nodes[np.unique(slave.facets[on])].tolist()):
-                    contact["slave"] = slave.name  # one that is supported all over is none
+                    contact["slave"] = slave.name  # supported or rigid all over it could be none
                 gap = self._clearance(pair)
                 if gap is not None:
                     contact["gap"] = gap

@@ -349,6 +349,8 @@ def test_slaves_are_those_of_the_deck(tmp_path):
     assert imported(tmp_path, stack(PAIR, LAW) + move)[0]["contact"][0]["slave"] == "B"
     held = stack(PAIR, LAW).replace("*BOUNDARY\n", "*BOUNDARY\nB_Z0, 1, 3\n", 1) + move
     assert "slave" not in imported(tmp_path, held, name="held")[0]["contact"][0]
+    rigid = "*NODE\n900, 0., 0., 5.\n*RIGID BODY, NSET=B_Z0, REF NODE=900\n*BOUNDARY\n900, 1, 6\n"
+    assert "slave" not in imported(tmp_path, stack(PAIR, LAW + rigid) + move, name="rigid")[0]["contact"][0]
 
 
 def test_pressure_of_a_fluid(tmp_path):
