@@ -124,7 +124,7 @@ def estimate_error(mesh: Mesh, material: Material | Composite, u: np.ndarray,
     so that their stress jumps little however wrong it is. At interfaces of materials the true stress jumps, and is
     recovered from either side.
     """
-    cell, (points, weights), measures = mesh.cell, mesh.cell.rule, mesh.measures()
+    cell, points, measures = mesh.cell, mesh.cell.rule[0], mesh.measures()
     shapes = cell.shapes(points)
     spans = [cell.derivatives(places).swapaxes(0, 1).reshape(len(places), -1) for places in (points, cell.samples[0])]
     # On straight cells σ_h is a combination of the derivatives of shape functions, so its values at the samples give
@@ -134,7 +134,8 @@ def estimate_error(mesh: Mesh, material: Material | Composite, u: np.ndarray,
     squares: np.ndarray = np.zeros(len(measures))
     energy = 0.0
     for cells, uniform, curved in portions(mesh, material):
-        computed, share = between @ sampled[..., cells], weights[:, None] * measures[cells]
+        computed, weights = between @ sampled[..., cells], uniform.thickness * cell.rule[1]
+        share = weights[:, None] * measures[cells]
         if curved:
             computed = components(cell_stress(mesh, uniform, u, points, cells, curved, heat))
             share = weights[:, None] * mesh.map(cells, points).measures

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sparse
 
-from ddmpi.body.stress import Composite, blocks, cell_temperature, gradients, portions, thermal
+from ddmpi.body.stress import Composite, blocks, cell_temperature, gradients, portions, thermal, thickness_of
 from ddmpi.errors import InputError
 from ddmpi.mesh.boundary import SHARPEST, outer_normals
 from ddmpi.mesh.elements import FINE, RULES, circumference, curved_facets
@@ -52,19 +52,19 @@ def nodal_loads(mesh: Mesh, body: BodySpec, history: str | None = None,
 def loads_by_group(mesh: Mesh, body: BodySpec, history: str | None = None,
                    turned: np.ndarray | None = None) -> Iterator[tuple[str, np.ndarray]]:
     """The summands of `nodal_loads` with their groups; the volume force is called VOLUME. A group may appear twice."""
-    back = np.eye(mesh.dimension) if turned is None else turned
+    back, thick = np.eye(mesh.dimension) if turned is None else turned, thickness_of(mesh, body)
     for traction in body.traction:
         if traction.history == history:
             key = f"body.{body.name}.traction"
-            facets = mesh.facets(traction.on).nodes
+            facets, cells, _ = mesh.facets(traction.on)
             values_at(traction.given, mesh.points[facets], key)  # a formula must be finite at the nodes, too
             load = _traction if traction.moment is None else _moment
-            f = load(mesh, facets, traction, key)
+            f = load(mesh, facets, traction, key, thick[cells])
             follows = traction.follows or traction.pressure is not None or traction.moment is not None
             yield traction.on, f if follows else f @ back
     force, named = body.weight
     if named == history and force != (0.0,) * mesh.dimension:
-        yield VOLUME, _volume_force(mesh, force, f"body.{body.name}.volume_force") @ back
+        yield VOLUME, _volume_force(mesh, force, f"body.{body.name}.volume_force", thick) @ back
 
 
 def resultants(mesh: Mesh, groups: Iterable[tuple[str, np.ndarray]]) -> dict[str, dict[str, np.ndarray]]:
@@ -77,9 +77,9 @@ def resultants(mesh: Mesh, groups: Iterable[tuple[str, np.ndarray]]) -> dict[str
     return totals
 
 
-def _traction(mesh: Mesh, facets: np.ndarray, traction: Traction, key: str) -> np.ndarray:
-    """Nodal loads (nv, d) in newtons of a traction, a pressure or a force on facets (k, l); by tables where these are
-    exact."""
+def _traction(mesh: Mesh, facets: np.ndarray, traction: Traction, key: str, thick: np.ndarray) -> np.ndarray:
+    """Nodal loads (nv, d) in newtons of a traction, a pressure or a force on facets (k, l) of thickness (k,); by tables
+    where these are exact."""
     nodes, cell = mesh.points[facets], mesh.cell.facet
     points, weights = FINE[cell.dimension]
     exact = ~(curved_facets(nodes) | varies(traction.given) | mesh.axisymmetric)
@@ -96,7 +96,7 @@ def _traction(mesh: Mesh, facets: np.ndarray, traction: Traction, key: str) -> n
             if traction.pressure is not None:
                 # A pressure acts against the outer normal; `vectors` are normals as long as the ratio of measures.
                 stress = -vectors / size * stress
-            shares = table[..., None] * size * circumference(places, mesh.axisymmetric)
+            shares = table[..., None] * size * thick[part] * circumference(places, mesh.axisymmetric)
             area += float(shares.sum())
             np.add.at(f, facets[part], np.einsum("lqs,dqs->sld", shares, stress))
     if traction.force is None:
@@ -106,12 +106,12 @@ def _traction(mesh: Mesh, facets: np.ndarray, traction: Traction, key: str) -> n
     return f / area
 
 
-def _moment(mesh: Mesh, facets: np.ndarray, traction: Traction, key: str) -> np.ndarray:
+def _moment(mesh: Mesh, facets: np.ndarray, traction: Traction, key: str, thick: np.ndarray) -> np.ndarray:
     """Nodal loads (nv, d) in newtons of the moment of a traction on facets (k, l)."""
     d = mesh.dimension
     slopes = {f"{axis}_slope": tuple(row) for axis, row in zip("xyz", np.eye(d).tolist(), strict=False)}
     # ∫ φ and ∫ φ x, then ∫ φ (x − c) about the middle c of the group
-    share, first = (_traction(mesh, facets, Traction(on=traction.on, value=value), key)
+    share, first = (_traction(mesh, facets, Traction(on=traction.on, value=value), key, thick)
                     for value in ((1.0,) * d, AffineVector(constant=(0.0,) * d, **slopes)))
     arms = np.pad(first - share * (first.sum(axis=0) / share[:, 0].sum()), ((0, 0), (0, 3 - d)))
     # t = ω × (x − c) has no resultant, and the moment (tr S − S) ω with S = ∫ (x − c)(x − c)ᵀ
@@ -127,15 +127,15 @@ def temperature(mesh: Mesh, body: BodySpec, history: str | None) -> np.ndarray:
     return values_at(value, mesh.points, f"body.{body.name}.temperature")
 
 
-def _volume_force(mesh: Mesh, force: Vector | AffineVector, key: str) -> np.ndarray:
-    """Nodal loads (nv, d) in newtons of a volume force (N/m³)."""
+def _volume_force(mesh: Mesh, force: Vector | AffineVector, key: str, thick: np.ndarray) -> np.ndarray:
+    """Nodal loads (nv, d) in newtons of a volume force (N/m³) in cells of thickness (nt,)."""
     f = np.zeros_like(mesh.points)
     cells: list[slice] | list[np.ndarray] = mesh.summed_blocks()
     if varies(force):
         values_at(force, mesh.points, key)
         cells = blocks(len(mesh.triangles))
     else:
-        measures = mesh.measures()
+        measures = mesh.measures() * thick
         measures[mesh.summed] = 0.0
         for component, density in enumerate(values_at(force, mesh.points[mesh.corners], key)):
             loads = (measures[:, None] * density) @ mesh.cell.mass.T
@@ -144,7 +144,7 @@ def _volume_force(mesh: Mesh, force: Vector | AffineVector, key: str) -> np.ndar
     shapes = mesh.cell.shapes(where)
     for some in cells:
         mapped, nodes = mesh.map(some, where), mesh.triangles[some]
-        shares = weights[:, None] * mapped.measures
+        shares = weights[:, None] * mapped.measures * thick[some]
         for component, density in enumerate(values_at(force, mapped.places, key)):
             f[:, component] += np.bincount(nodes.ravel(), ((shares * density).T @ shapes).ravel(), len(f))
     return f
@@ -189,7 +189,7 @@ def thermal_loads(mesh: Mesh, material: Material | Composite, heat: np.ndarray) 
         mapped, warm = mesh.map(cells, points), cell_temperature(mesh, heat, points, cells)
         beta, whole, *_ = thermal(uniform, mesh.strains)
         beta = np.einsum("ij,ijrc->rc", beta, gradients(mesh))
-        share = weights[:, None] * mapped.measures * warm
+        share = uniform.thickness * weights[:, None] * mapped.measures * warm
         for component, loads in enumerate(np.einsum("rc,cqit,qt->rti", beta, mapped.slopes, share)):
             f[:, component] += np.bincount(mesh.triangles[cells].ravel(), loads.ravel(), len(f))
         energy += whole * float((share * warm).sum())

@@ -157,10 +157,10 @@ def _curved_blocks(mesh: Mesh, material: Material, cells: slice | np.ndarray, i:
 
 
 def _elastic(mesh: Mesh, material: Material, products: np.ndarray) -> np.ndarray:
-    """Σ C_rkcl P_kl (d, d, …) for products (n, n, …) of slopes."""
+    """Σ t C_rkcl P_kl (d, d, …) for products (n, n, …) of slopes, with the thickness t."""
     d, n, M = mesh.dimension, len(products), gradients(mesh)
     C = np.einsum("ijrk,ijmn,mncl->rckl", M, material.tensor(n), M, optimize=True).reshape(d * d, n * n)
-    return (C @ products.reshape(n * n, -1)).reshape(d, d, *products.shape[2:])
+    return material.thickness * (C @ products.reshape(n * n, -1)).reshape(d, d, *products.shape[2:])
 
 
 def sort_stably(keys: np.ndarray, size: int) -> np.ndarray:

@@ -43,6 +43,14 @@ def material_of(mesh: Mesh, body: BodySpec) -> Material | Composite:
     return Composite(materials, number.ravel()) if len(materials) > 1 else materials[0]
 
 
+def thickness_of(mesh: Mesh, body: BodySpec) -> np.ndarray:
+    """The thickness (nt,) of the cells, over the depth."""
+    material = material_of(mesh, body) if any(one.thickness != 1.0 for one in body.materials) else body.materials[0]
+    if isinstance(material, Material):
+        return np.full(len(mesh.triangles), material.thickness)
+    return np.array([one.thickness for one in material.materials])[material.number]
+
+
 def portions(mesh: Mesh, material: Material | Composite) -> list[tuple[slice | np.ndarray, Material, bool]]:
     """All cells in blocks that stay in cache, with their material, and whether they are `summed` by quadrature."""
     if isinstance(material, Material) and not len(mesh.summed):

@@ -89,6 +89,8 @@ def build_parser() -> argparse.ArgumentParser:
     deck.add_argument("deck", type=_named, metavar="DECK.inp", help="the deck, or an assembly")
     deck.add_argument("--output", type=_named, metavar="FOLDER", required=True, help="folder for the scene and its "
                       "meshes; nothing is overwritten")
+    deck.add_argument("--amplitude", action="append", default=[], metavar="NAME=TIME,FACTOR,…",
+                      help="times and factors of an *AMPLITUDE, such as one of a user's routine")
     deck.add_argument("--partial", action="store_true", help="write the scene without what is not possible")
     results = _Parser(add_help=False)
     results.add_argument("folder", type=_named, metavar="DIR", help="folder of results")

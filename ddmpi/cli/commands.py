@@ -123,7 +123,7 @@ def _import(options: argparse.Namespace) -> None:
         return
     from ddmpi.decks.scene import import_deck
 
-    print(import_deck(options.deck, options.output, options.partial))
+    print(import_deck(options.deck, options.output, options.partial, options.amplitude))
 
 
 def _report(options: argparse.Namespace) -> None:

@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from ddmpi.decks.cards import Card, Notes
+from ddmpi.decks.cards import Acting, Card, Course, Notes, numbers
 from ddmpi.decks.material import Matter, table
-from ddmpi.decks.model import Acting, Course, Model
-from ddmpi.decks.pieces import Piece, linear
-from ddmpi.decks.words import numbers
+from ddmpi.decks.model import Model
+from ddmpi.decks.pieces import Piece, direction, formula, linear
 
 KEEPS = 1e-9
 """Factors of one history are equal to this difference."""
@@ -45,7 +44,7 @@ class Acts:
         self.histories: dict[Course, str] = {}
         friction = any("FRICTION" in of for of in model.interactions.values())
         odd = [acting for kind in model.kinds.values() for acting in kind.values() if not _ramps(acting.course)]
-        self.timed = len(model.ends) > 1 or (bool(odd) and friction)
+        self.timed = (len(model.ends) > 1 and not model.final) or (bool(odd) and friction)
         for card in {id(acting.card): acting.card for acting in odd}.values() if not self.timed else ():
             notes.add(notes.changed, card, "its amplitude counts at the end of the step")
         self.sets = {name: np.fromiter(model.deck.members("NSET", ("", key)), np.int64)
@@ -115,7 +114,7 @@ class Acts:
                     at[k][False, None][number[node]] = 0.0
                 continue
             for component, acting in held.items():
-                way = _direction(self.model.transforms[node], piece.points[number[node]], component)[:len(self.axes)]
+                way = direction(self.model.transforms[node], piece.points[number[node]], component)[:len(self.axes)]
                 k = int(np.abs(way).argmax())
                 value, history = self.factor(acting)
                 if abs(abs(way[k]) - 1.0) < PARALLEL:
@@ -144,7 +143,14 @@ class Acts:
         """The tractions of all bodies by name: pressures on faces, and forces at nodes spread over faces."""
         found: dict[str, list[dict[str, Any]]] = {piece.name: [] for piece in self.pieces}
         pressed: dict[tuple[str, float, str | None, tuple], list[int]] = defaultdict(list)
+        fluid = set[int]()
         for (element, face, way), acting in self.model.kinds["pressures"].items():
+            if len(way) == 1:
+                fluid |= {*way}
+                if (way[0], 2) not in self.model.kinds["supports"]:
+                    self.notes.add(self.notes.lost, acting.card, f"a pressure that is not given at node {way[0]}")
+                    continue
+                acting, way = self.model.kinds["supports"][way[0], 2], ()
             if (element, face) not in self.where:
                 if any(value for _, value in acting.course):
                     self.notes.add(self.notes.lost, acting.card, "a pressure on a face that is not on a boundary")
@@ -160,7 +166,7 @@ class Acts:
                                | ({"history": history} if history else {}))
         for piece in self.pieces:
             found[piece.name] += self._forces(piece)
-        inside = {node for piece in self.pieces for node in piece.nodes.tolist()}
+        inside = fluid | {node for piece in self.pieces for node in piece.nodes.tolist()}
         inside |= {node for rigid in self.model.rigid for node in (rigid.ref, rigid.turn)}
         inside |= self.model.bolt_nodes
         for (node, _), acting in self.model.kinds["forces"].items():
@@ -190,7 +196,7 @@ class Acts:
         for (node, component), acting in self.model.kinds["forces"].items():
             value, history = self.factor(acting)
             if node in number and value:
-                way = _direction(self.model.transforms.get(node), piece.points[number[node]], component)[:d]
+                way = direction(self.model.transforms.get(node), piece.points[number[node]], component)[:d]
                 before = by_history[history].get(number[node], np.zeros(d))
                 by_history[history][number[node]] = before + value * way / self.matter.depth
                 cards[number[node]] = acting.card
@@ -261,7 +267,7 @@ class Acts:
             self.notes.add(self.notes.lost, rows[other][0][0], "volume forces that change in different ways")
         constant = np.sum([row[1] for row in rows[history]], axis=0)
         slopes = np.sum([row[2] for row in rows[history]], axis=0)
-        force = [_formula(float(constant[k]), slopes[k], self.axes) for k in range(d)]
+        force = [formula(float(constant[k]), slopes[k], self.axes) for k in range(d)]
         return {"value": force, "history": history} if history else force
 
     def _density(self, section: int, card: Card) -> float:
@@ -337,7 +343,7 @@ class Acts:
         """A temperature by nodes as a number or a formula: linear in place, or between layers of nodes."""
         found = linear(piece.points, values)
         if found is not None:
-            return _formula(float(found[0]), found[1:], self.axes)
+            return formula(float(found[0]), found[1:], self.axes)
         size = np.abs(values).max()
         for x, axis in zip(piece.points.T, self.axes, strict=True):
             layers, number = np.unique(np.round(x, 9), return_inverse=True)
@@ -364,28 +370,6 @@ def _alike(piece: Piece, places: np.ndarray, values: np.ndarray) -> list[tuple[n
             slopes = zip(("x_slope", "y_slope", "z_slope"), found[1:].tolist(), strict=False)
             return [(places, {"constant": float(found[0])} | dict(slopes))]
     return [(places[values == value], float(value)) for value in different]
-
-
-def _direction(transform: Card | None, at: np.ndarray, component: int) -> np.ndarray:
-    """(3,) the direction of a component of displacements or forces at a place."""
-    if transform is None:
-        return np.eye(3)[component - 1]
-    v = np.array([*numbers(transform.rows[0]), *[0.0] * 6][:6])
-    place = np.array([*at, 0.0][:3])
-    if transform.given.get("TYPE", "R").upper()[:1] == "C":  # radial, around and along the axis from a to b
-        third = (v[3:] - v[:3]) / np.linalg.norm(v[3:] - v[:3])
-        first = place - v[:3] - third * ((place - v[:3]) @ third)
-    else:
-        first, third = v[:3], np.cross(v[:3], v[3:])
-        third = third / np.linalg.norm(third)
-    first = first / (np.linalg.norm(first) or 1.0)
-    return np.array([first, np.cross(third, first), third])[component - 1]
-
-
-def _formula(constant: float, slopes: np.ndarray, axes: str) -> Any:
-    """A number, or a formula that is linear in the coordinates."""
-    terms = [f"({slope!r}) * {axis}" for slope, axis in zip(slopes.tolist(), axes, strict=True) if slope]
-    return " + ".join([repr(constant), *terms]) if terms else constant
 
 
 def _ramps(course: Course) -> bool:

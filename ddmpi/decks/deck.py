@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
 
-from ddmpi.decks.cards import Card, flattened
-from ddmpi.decks.words import SHAPELESS, DeckError, element, face, integer, numbers
+from ddmpi.decks.cards import SHAPELESS, Card, DeckError, element, face, flattened, integer, numbers
 
 GENERATING = ("NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "SYSTEM")
 """Keywords that make nodes or elements from others, or move them; they are not read."""
@@ -138,6 +138,17 @@ class Deck:
     def chosen(self, card: Card, kind: str, word: str) -> set[int]:
         """The numbers of nodes or elements that a data line of `card` names, by set or number. Raises DeckError."""
         return set().union(*(self.members(kind, entry) for entry in self._entries(card, [word])))
+
+    def ends(self, card: Card, name: str) -> Iterator[tuple[int, int]]:
+        """The elements of a surface of element faces, and the numbers of their faces. Raises DeckError."""
+        key = next((key for key in (f"{card.scope}.{name}".lower(), name.lower()) if key in self.surfaces), None)
+        if key is None:
+            raise DeckError(f"there is no surface {name} of element faces")
+        for what, where in self.surfaces[key]:
+            if not re.fullmatch(r"[SE]\d", where):
+                raise DeckError(f"the surface {name} has a side {where or '(none)'} that is no face S1 to S6")
+            for one in sorted(self.members("ELSET", what)):
+                yield one, int(where[1])
 
     def faces(self, key: str, name: str) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
         """Of the surface `key`, by its lines and blocks of elements: the block, elements (k,), corners (k, c)."""

@@ -6,10 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from ddmpi.decks.cards import Card, Notes
+from ddmpi.decks.cards import Card, DeckError, Notes, numbers
 from ddmpi.decks.model import Model
 from ddmpi.decks.pieces import Piece, own_name
-from ddmpi.decks.words import DeckError, numbers
 from ddmpi.errors import InputError
 
 AXES = np.eye(3)
@@ -41,9 +40,11 @@ class Matter:
         for k, (members, *_) in enumerate(model.sections):
             self.owner |= dict.fromkeys(members, k)
         thick = {section[2] for k, section in enumerate(model.sections) if k in set(self.owner.values())}
-        if len(thick) > 1 and family in ("CPE", "CPS"):
-            raise InputError(f"plane sections are {' and '.join(map(str, sorted(thick)))} thick; a scene has one depth")
-        self.depth = thick.pop() if family in ("CPE", "CPS") and thick else 1.0
+        self.varies = len(thick) > 1 and family == "CPS"
+        if len(thick) > 1 and (family == "CPE" or (family == "CPS" and model.pairs)):
+            raise InputError(f"plane sections are {' and '.join(map(str, sorted(thick)))} thick; plane strain, and "
+                             "bodies in contact, have one depth")
+        self.depth = thick.pop() if family in ("CPE", "CPS") and len(thick) == 1 else 1.0
 
     def sections(self, piece: Piece) -> dict[int, np.ndarray]:
         """The sections of a body, and their elements. Raises InputError for elements without one."""
@@ -56,7 +57,7 @@ class Matter:
         """The materials of a body, with the `expansions` by name where it is heated."""
         different: dict[tuple[str, str], tuple[dict[str, Any], list[np.ndarray]]] = {}
         for k, elements in self.sections(piece).items():
-            _, name, _, orientation, card = self.model.sections[k]
+            _, name, thick, orientation, card = self.model.sections[k]
             if name not in self.model.materials:
                 raise InputError(f"line {card.line}: *{card.name}: there is no *MATERIAL {name}")
             for heat, some in self._by_heat(name, piece, elements):
@@ -64,7 +65,7 @@ class Matter:
                 if name in expansions:
                     material["expansion"] = expansions[name]
                 if self.family == "CPS":
-                    material["plane"] = "stress"
+                    material |= {"plane": "stress"} | ({"thickness": thick} if self.varies else {})
                 different.setdefault((name, repr(material)), (material, []))[1].append(some)
         if len(different) == 1:
             return [next(iter(different.values()))[0]]

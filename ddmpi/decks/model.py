@@ -3,44 +3,29 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
-from typing import Any, NamedTuple
+from collections.abc import Iterable, Iterator
+from typing import Any
 
 import numpy as np
 
-from ddmpi.decks.cards import Card, Notes
+from ddmpi.decks.cards import (
+    NAMED_SUPPORTS,
+    PROCEDURES,
+    REFUSED,
+    SILENT,
+    Acting,
+    Card,
+    DeckError,
+    Notes,
+    Pair,
+    Rigid,
+    faces,
+    integer,
+    number,
+    numbers,
+)
 from ddmpi.decks.deck import Deck
-from ddmpi.decks.words import NAMED_SUPPORTS, PROCEDURES, REFUSED, SILENT, DeckError, faces, integer, number, numbers
 from ddmpi.errors import InputError
-
-Course = tuple[tuple[float, float], ...]
-"""Values over time."""
-
-
-class Acting(NamedTuple):
-    """A load or a support: its keyword and its value over time, linear between points (time, value)."""
-
-    card: Card
-    course: Course
-
-
-class Pair(NamedTuple):
-    """Two surfaces in contact or tied, by names."""
-
-    card: Card
-    slave: str
-    master: str
-
-
-class Rigid(NamedTuple):
-    """A rigid set of nodes, or one over which forces are `spread`: keyword, nodes, and the reference nodes whose
-    displacements are the shift of the set and its turn; one with six components may be both."""
-
-    card: Card
-    nodes: set[int]
-    ref: int
-    turn: int
-    spread: bool = False
 
 
 class Model:
@@ -58,9 +43,10 @@ class Model:
     heated : *TEMPERATURE and its nodes, of each data line
     start : initial temperatures by node
     ends : times of the ends of the steps
+    final : whether the model changes between the steps, so that only the state at the end is computed
     """
 
-    def __init__(self, deck: Deck, notes: Notes) -> None:
+    def __init__(self, deck: Deck, notes: Notes, amplitudes: Iterable[str] = ()) -> None:
         self.deck, self.notes = deck, notes
         self.materials: dict[str, dict[str, Card]] = {}
         self.sections: list[tuple[set[int], str, float, str, Card]] = []
@@ -72,8 +58,16 @@ class Model:
         self.heated: list[tuple[Card, set[int]]] = []
         self.start: dict[int, float] = {}
         self.ends: list[float] = []
+        self.changing: list[tuple[Card, str]] = []  # what differs from step to step, and is no load
         self.nlgeom = False
         self._named = {card.given.get("NAME", "").upper(): card for card in deck.cards if card.word == "AMPLITUDE"}
+        for text in amplitudes:  # NAME=time,factor,…
+            name, _, values = text.partition("=")
+            if name.upper() not in self._named:
+                raise InputError(f"--amplitude {text}: it has no *AMPLITUDE {name}")
+            card = self._named[name.upper()]
+            self._named[name.upper()] = card._replace(given={}, rows=[values.split(",")])
+            notes.add(notes.changed, card, "its times and factors are those of --amplitude")
         self.orientations = {card.given.get("NAME", "").upper(): card for card in deck.cards
                              if card.word == "ORIENTATION"}
         self.transforms = {node: card for card in deck.cards if card.word == "TRANSFORM"
@@ -130,6 +124,11 @@ class Model:
                     raise _refusal(way, error) from None
             else:
                 self.notes.add(self.notes.lost, way, "only *STATIC steps are computed")
+        # elastic bodies without friction forget the way to a state, unless the offset of a bolt is kept
+        forgets = not self.locked and not any("FRICTION" in law for law in self.interactions.values())
+        self.final, where = forgets and bool(self.changing), self.notes.changed if forgets else self.notes.lost
+        for card, what in self.changing:
+            self.notes.add(where, card, what + ": only the state at the end of the last step is computed" * forgets)
 
     def _follow(self, cards: list[Card], way: Card) -> None:
         """Take the cards of a step, and follow all loads and supports to its end."""
@@ -148,13 +147,13 @@ class Model:
             for key in [key for key in acting if kind in self._renewed and key not in fresh]:
                 card, course = acting[key]
                 if kind == "supports":
-                    self.notes.add(self.notes.lost, card, "a support that ends before a later step")
+                    self.changing.append((card, "a support that ends before a later step"))
+                    del acting[key]
                     continue
                 acting[key] = Acting(card, (*course, (end, 0.0)))
             for key, (card, value) in fresh.items():
                 if kind == "supports" and self.ends and key not in acting:
-                    self.notes.add(self.notes.lost, card, "a support that begins in a later step")
-                    continue
+                    self.changing.append((card, "a support that begins in a later step"))
                 before = acting[key].course if key in acting else ((0.0, 0.0), (begin, 0.0))[:1 + bool(begin)]
                 course = (*before, *self._course(card, value, begin, end))
                 acting[key] = Acting(card, course[1:] if course[1:2] and course[1][0] == 0.0 else course)
@@ -174,8 +173,8 @@ class Model:
         amplitude = self._named[name]
         way, form = amplitude.given.get("DEFINITION", "TABULAR").upper(), amplitude.given.get("VALUE", "").upper()
         if way != "TABULAR" or "USER" in amplitude.given or form == "ABSOLUTE":
-            self.notes.add(self.notes.lost, card, f"the amplitude {name} is no table of factors")
-            return
+            return self.notes.add(self.notes.lost, card, f"the amplitude {name} is no table of factors; --amplitude "
+                                  f"{name}=0,0,1,1 gives times and factors")
         try:
             factors = numbers([word for row in amplitude.rows for word in row if word])
         except DeckError as error:
@@ -251,6 +250,17 @@ class Model:
                               [*row, 0.0][0] or 1.0, card.given.get("ORIENTATION", "").upper(), card))
         self._taken(card, "material of elements")
 
+    def _changesolidsection(self, card: Card) -> None:
+        self._solidsection(card)
+        self.changing.append((card, "a material that changes"))
+
+    def _modelchange(self, card: Card) -> None:
+        if card.given.get("TYPE", "").upper() != "CONTACT PAIR" or "REMOVE" not in card.given:
+            return self.notes.add(self.notes.lost, card, "parts that are removed or added, or contacts that are added")
+        ends = [" ".join(row[:2]).upper() for row in card.rows]
+        self.pairs = [pair for pair in self.pairs if f"{pair.slave} {pair.master}".upper() not in ends]
+        self.changing.append((card, "a contact that is removed"))
+
     def _contactpair(self, card: Card) -> None:
         self.pairs += [Pair(card, row[0], row[1]) for row in card.rows]
 
@@ -316,6 +326,10 @@ class Model:
                 for element in self.deck.chosen(card, "ELSET", what):
                     self._add("pressures", (element, int(label[1]), ()), card, values[0])
                 self._taken(card, "pressure")
+            elif re.fullmatch(r"P\dNP", label):  # of a fluid at a node, the second component there
+                for element in self.deck.chosen(card, "ELSET", what):
+                    self._add("pressures", (element, int(label[1]), (self.node(card, row[2]),)), card, 0.0)
+                self._taken(card, "pressure")
             elif label in ("GRAV", "CENTRIF", "BX", "BY", "BZ"):
                 way = (what.lower(), card.scope, label, tuple(values[1:7]))
                 self._add("body_forces", way, card, values[0])
@@ -329,7 +343,7 @@ class Model:
             label, values = row[1].upper(), numbers(row[2:])
             if label in ("P", "TRVEC"):
                 way = tuple(np.array(values[1:4]) / np.linalg.norm(values[1:4])) if label == "TRVEC" else ()
-                for element, face in self.surface(card, row[0]):
+                for element, face in self.deck.ends(card, row[0]):
                     self._add("pressures", (element, face, way), card, values[0])
                 self._taken(card, "pressure on a surface")
             else:
@@ -351,7 +365,7 @@ class Model:
         try:
             nodes = self.deck.chosen(card, "NODES", name)
         except DeckError:
-            ends = set(self.surface(card, name))
+            ends = set(self.deck.ends(card, name))
             nodes = {node for kind, entries, _ in self.deck.blocks for k, face in enumerate(faces(kind), 1)
                      for row in entries.tolist() if (row[0], k) in ends for node in np.array(row)[1 + np.array(face)]}
         self.rigid.append(Rigid(card, nodes, ref, ref))
@@ -380,17 +394,6 @@ class Model:
         for row in card.rows:
             self.start |= dict.fromkeys(self.deck.chosen(card, "NSET", row[0]), number(row[1]))
         self._taken(card, "initial temperature")
-
-    def surface(self, card: Card, name: str) -> Iterator[tuple[int, int]]:
-        """The elements of a surface of element faces, and the numbers of their faces. Raises DeckError."""
-        key = next((key for key in (f"{card.scope}.{name}".lower(), name.lower()) if key in self.deck.surfaces), None)
-        if key is None:
-            raise DeckError(f"there is no surface {name} of element faces")
-        for what, where in self.deck.surfaces[key]:
-            if not re.fullmatch(r"[SE]\d", where):
-                raise DeckError(f"the surface {name} has a side {where or '(none)'} that is no face S1 to S6")
-            for element in sorted(self.deck.members("ELSET", what)):
-                yield element, int(where[1])
 
 
 def _refusal(card: Card, what: object) -> InputError:

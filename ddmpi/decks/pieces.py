@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 from collections.abc import Iterable, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sparse
 from scipy.sparse import csgraph
 
+from ddmpi.decks.cards import SIDES, Card, corners, faces, numbers, shape
 from ddmpi.decks.deck import STRIDE
-from ddmpi.decks.words import SIDES, corners, faces, shape
 
 TRIANGLE = np.array([[4.0, 1.0, 1.0], [1.0, 4.0, 1.0], [1.0, 1.0, 4.0]]) / 6.0
 """Barycentric points of a rule with equal weights, exact for squares of the coordinates."""
@@ -44,9 +45,8 @@ class Patch(NamedTuple):
 def own_name(text: str, taken: Iterable[str]) -> str:
     """A name of letters, digits, dashes and underscores that is not among the `taken`."""
     base = re.sub(r"[^\w-]+", "_", text).strip("_")[:60] or "x"
-    names = [base, *(f"{base}_{k}" for k in range(2, 10**6))]
-    lower = {name.lower() for name in taken}
-    return next(name for name in names if name.lower() not in lower)
+    lower, names = {name.lower() for name in taken}, (f"{base}_{k}" for k in itertools.count(2))
+    return next(name for name in itertools.chain([base], names) if name.lower() not in lower)
 
 
 def split(blocks: Sequence[Block]) -> list[list[Block]]:
@@ -70,9 +70,12 @@ def split(blocks: Sequence[Block]) -> list[list[Block]]:
 
 
 def cut(blocks: Sequence[Block], ends: set[tuple[int, int]], points: dict[int, list[float]]
-        ) -> tuple[list[Block], dict[int, int]]:
-    """Elements cut apart at a flat section, faces `ends` (element, number) of those on one side: the elements on the
-    other side have copies of its nodes, old number → new. The new `points` (m) are added."""
+        ) -> tuple[list[Block], dict[int, int], dict[int, int]]:
+    """Elements cut apart at a flat section, faces `ends` (element, number) of those on one side: these have copies of
+    its nodes, as CalculiX has them. Where all still hang together, the layer of these elements is taken out.
+
+    The elements, and the copies at the section and around the layer, old number → new. New `points` (m) are added.
+    """
     of = {element: (block, row) for block in blocks for row, element in enumerate(block.entries[:, 0].tolist())}
     section, inside = set[int](), []
     for element, face in ends:
@@ -86,18 +89,36 @@ def cut(blocks: Sequence[Block], ends: set[tuple[int, int]], points: dict[int, l
     at = np.array([points[node] for node in sorted(section)])
     d = 3 if blocks[0].name.startswith("C3D") else 2
     normal = np.pad(np.linalg.svd((at - at.mean(axis=0))[:, :d])[2][-1], (0, 3 - d))
-    side = np.sign((np.mean(inside, axis=0) - at.mean(axis=0)) @ normal)
+    normal *= np.sign((np.mean(inside, axis=0) - at.mean(axis=0)) @ normal)
+    beyond = {element for element, (block, row) in of.items() if (np.mean(
+        [points[node] for node in block.entries[row, 1:].tolist()], axis=0) - at.mean(axis=0)) @ normal > 0.0}
+    result, copies = _apart(blocks, beyond, section, points)
+    layer = {element for element, _ in ends}
+    if not any(_nodes(one) & section and _nodes(one) & {*copies.values()} for one in split(result)):
+        return result, copies, {}
+    result, beside = _apart(result, layer, _nodes(result, layer) & _nodes(result, {*of} - layer), points)
+    return result, copies, beside
+
+
+def _nodes(blocks: Sequence[Block], some: set[int] | None = None) -> set[int]:
+    """The nodes of elements, of `some` of them."""
+    return {node for block in blocks for node in np.unique(block.entries[:, 1:][
+        slice(None) if some is None else np.isin(block.entries[:, 0], list(some))]).tolist()}
+
+
+def _apart(blocks: Sequence[Block], own: set[int], nodes: set[int], points: dict[int, list[float]]
+           ) -> tuple[list[Block], dict[int, int]]:
+    """Elements of which the `own` ones have copies of `nodes`, old number → new."""
     top = max(number % STRIDE for number in points)
-    copies = {node: node // STRIDE * STRIDE + top + k for k, node in enumerate(sorted(section), 1)}
+    copies = {node: node // STRIDE * STRIDE + top + k for k, node in enumerate(sorted(nodes), 1)}
     points |= {new: points[old] for old, new in copies.items()}
     result = []
     for block in blocks:
-        nodes = block.entries[:, 1:].copy()
-        touching = np.isin(nodes, list(section))
-        middle = np.array([np.mean([points[node] for node in row], axis=0) for row in nodes.tolist()])
-        other = touching & (((middle - at.mean(axis=0)) @ normal) * side < 0.0)[:, None]
-        nodes[other] = [copies[node] for node in nodes[other].tolist()]
-        result.append(Block(block.name, block.kind, np.column_stack([block.entries[:, 0], nodes])))
+        entries = block.entries.copy()
+        some = np.isin(entries, list(nodes)) & np.isin(entries[:, :1], list(own))
+        some[:, 0] = False
+        entries[some] = [copies[node] for node in entries[some].tolist()]
+        result.append(Block(block.name, block.kind, entries))
     return result, copies
 
 
@@ -294,3 +315,25 @@ def linear(points: np.ndarray, values: np.ndarray) -> np.ndarray | None:
     spread = float(np.ptp(values)) or size
     digits = 13 - math.floor(math.log10(spread)) if spread else 0
     return np.append(round(constant, digits) if abs(constant) > 1e-9 * size else 0.0, slopes)
+
+
+def direction(transform: Card | None, at: np.ndarray, component: int) -> np.ndarray:
+    """(3,) the direction of a component of displacements or forces at a place."""
+    if transform is None:
+        return np.eye(3)[component - 1]
+    v = np.array([*numbers(transform.rows[0]), *[0.0] * 6][:6])
+    place = np.array([*at, 0.0][:3])
+    if transform.given.get("TYPE", "R").upper()[:1] == "C":  # radial, around and along the axis from a to b
+        third = (v[3:] - v[:3]) / np.linalg.norm(v[3:] - v[:3])
+        first = place - v[:3] - third * ((place - v[:3]) @ third)
+    else:
+        first, third = v[:3], np.cross(v[:3], v[3:])
+        third = third / np.linalg.norm(third)
+    first = first / (np.linalg.norm(first) or 1.0)
+    return np.array([first, np.cross(third, first), third])[component - 1]
+
+
+def formula(constant: float, slopes: np.ndarray, axes: str) -> Any:
+    """A number, or a formula that is linear in the coordinates."""
+    terms = [f"({slope!r}) * {axis}" for slope, axis in zip(slopes.tolist(), axes, strict=True) if slope]
+    return " + ".join([repr(constant), *terms]) if terms else constant

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import re
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ddmpi.decks.acting import Acts
-from ddmpi.decks.cards import Card, Notes
+from ddmpi.decks.cards import Card, DeckError, Notes
 from ddmpi.decks.deck import Deck
+from ddmpi.decks.joints import Cut, Joints, RigidSets
 from ddmpi.decks.material import Matter
-from ddmpi.decks.model import Acting, Model, Pair, Rigid
+from ddmpi.decks.model import Model
 from ddmpi.decks.pieces import Block, Piece, cut, own_name, split
-from ddmpi.decks.words import DeckError, number
 from ddmpi.errors import InputError, TakenError
 from ddmpi.scene.reader import write_toml
 
@@ -28,22 +28,16 @@ VARIANTS = {"": "", "R": "full integration", "I": "no incompatible modes", "RI":
             "RT": "full integration"}
 """What changes in the variants of elements; others are refused."""
 
-FLAT = 1e-6
-"""Normals of a flat face are parallel up to this difference."""
-
-ZERO = 0.0, None
-
-
 class Importer:
     """A scene in the making: bodies, their clamps and loads, and the histories that these follow."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, amplitudes: Sequence[str] = ()) -> None:
         self.notes = Notes(path)
         try:
             self.deck = Deck(path)
         except OSError as error:
             raise InputError(str(error)) from None
-        self.model = Model(self.deck, self.notes)
+        self.model = Model(self.deck, self.notes, amplitudes)
         self.pieces, self.family, quadratic = self._pieces()
         self.order = 2 if quadratic else 1
         self.matter = Matter(self.model, self.notes, self.family)
@@ -76,7 +70,7 @@ class Importer:
             if block.kind in ("hexahedron", "wedge", "quad", "pyramid"):
                 notes.add(notes.changed, card, f"{block.name} cut into quadratic "
                           f"{'tetrahedra' if family == 'C3D' else 'triangles'}: linear ones would be too stiff")
-        self.cuts: list[tuple[Card, set[tuple[int, int]], set[int]]] = []
+        self.cuts: list[Cut] = []
         for card in self.model.bolts:
             blocks = self._cut(card, blocks)
         numbers, points = self.deck.placed()
@@ -97,42 +91,20 @@ class Importer:
         if "SURFACE" not in card.given:
             self.notes.add(self.notes.lost, card, "a pre-tension that is not of a section of solid elements")
             return blocks
-        ends = set(self.model.surface(card, card.given["SURFACE"]))
-        blocks, copies = cut(blocks, ends, self.deck.points)
-        for kind in ("supports", "heat"):
-            acting = self.model.kinds[kind]
-            for key in list(acting):
-                node = key[0] if isinstance(key, tuple) else key
-                if node in copies:
-                    acting[(copies[node], *key[1:]) if isinstance(key, tuple) else copies[node]] = acting[key]
-        self.model.start |= {copies[node]: heat for node, heat in self.model.start.items() if node in copies}
-        self.model.transforms |= {copies[node]: axes for node, axes in self.model.transforms.items() if node in copies}
-        self.cuts.append((card, ends, set(copies.values())))
+        ends = set(self.deck.ends(card, card.given["SURFACE"]))
+        blocks, at_section, around = cut(blocks, ends, self.deck.points)
+        for copies in (at_section, around):
+            for kind in ("supports", "heat"):
+                acting = self.model.kinds[kind]
+                for key in list(acting):
+                    node = key[0] if isinstance(key, tuple) else key
+                    if node in copies:
+                        acting[(copies[node], *key[1:]) if isinstance(key, tuple) else copies[node]] = acting[key]
+            model = self.model
+            model.start |= {copies[node]: heat for node, heat in model.start.items() if node in copies}
+            model.transforms |= {copies[node]: axes for node, axes in model.transforms.items() if node in copies}
+        self.cuts.append((card, ends, set(at_section), around))
         return blocks
-
-    def _bolts(self) -> Iterable[dict[str, Any]]:
-        """The bonded contacts at the sections of bolts, with the force of their reference nodes."""
-        for card, ends, copies in self.cuts:
-            sides = {self.acts.where[end][0].name: self.acts.where[end][0] for end in ends if end in self.acts.where}
-            others = [piece for piece in self.pieces if len(piece.whole(piece.within(copies)))]
-            node = self.model.node(card, card.given["NODE"])
-            force = self.model.kinds["forces"].get((node, 1))
-            if len(sides) != 1 or len(others) != 1 or others[0].name in sides or force is None:
-                self.notes.add(self.notes.lost, card, "a section that does not cut a body in two" if force else
-                               "a pre-tension whose node has no force")
-                continue
-            (piece,), other = sides.values(), others[0]
-            if node in self.model.locked:  # after its last point the offset is kept
-                force = force._replace(course=tuple(p for p in force.course if p[0] <= self.model.locked[node]))
-            value, history = self.acts.factor(force)
-            facets = np.unique([self.acts.where[end][1] for end in ends])
-            out = piece.points[piece.facets[facets[0], :2]].mean(axis=0) - piece.points.mean(axis=0)
-            normal = piece.normals(facets)[0]
-            self.notes.add(self.notes.taken, card, "a bond with a pretension")
-            yield {"bodies": [piece.name, other.name], "kind": "bonded", "on": [
-                piece.group(facets, "section"), other.group(other.whole(other.within(copies)), "section")],
-                "pretension": {"force": value / self.matter.depth, "along": (normal * np.sign(normal @ out)).tolist()}
-                | ({"history": history} if history else {})}
 
     def _element_sets(self) -> dict[frozenset[int], str]:
         """Names of sets of elements by their members; those of sections first; within instances their names."""
@@ -159,8 +131,9 @@ class Importer:
                     "volume_force": acts.volume_forces(piece),
                     "temperature": heat}
             bodies.append({key: value for key, value in body.items() if value not in (None, [])})
-        contacts = [contact for pair in self.model.pairs for contact in self._contacts(pair)]
-        contacts += [*rigid.contacts, *self._bolts()]
+        joints = Joints(acts, self.cuts)
+        contacts = [contact for pair in self.model.pairs for contact in joints.contacts(pair)]
+        contacts += [*rigid.contacts, *joints.bolts()]
         names: list[str] = []
         for contact in contacts:
             names.append(own_name("-".join(contact["bodies"]), names))
@@ -176,201 +149,17 @@ class Importer:
             scene["time"] = {"points": self.model.ends} | ({} if sliding else {"steps": 1})
         return {key: value for key, value in scene.items() if value not in (None, [], {})}
 
-    def _side(self, card: Card, name: str) -> list[tuple[Piece, np.ndarray]]:
-        """The facets of a surface, of elements or of nodes, by body. Raises InputError where there is no surface."""
-        keys = (f"{card.scope}.{name}".lower(), name.lower())
-        if any(key in self.deck.surfaces for key in keys):
-            found = defaultdict[str, list[int]](list)
-            for end in self.model.surface(card, name):
-                if end in self.acts.where:
-                    found[self.acts.where[end][0].name].append(self.acts.where[end][1])
-            return [(piece, np.unique(found[piece.name])) for piece in self.pieces if found[piece.name]]
-        if not any(key in self.deck.sets["NODES"] for key in keys):
-            raise InputError(f"line {card.line}: *{card.name}: there is no surface {name}")
-        nodes, sides = self.deck.chosen(card, "NODES", name), []
-        for piece in self.pieces:
-            marked = piece.within(nodes)
-            facets = piece.whole(marked)
-            if marked.any() and np.setdiff1d(np.flatnonzero(marked), piece.facets[facets]).size:
-                self.notes.add(self.notes.lost, card, f"the surface {name} has nodes without a whole face")
-            if len(facets):
-                sides.append((piece, facets))
-        return sides
 
-    def _contacts(self, pair: Pair) -> Iterable[dict[str, Any]]:
-        """The contacts of a pair of surfaces, one for each two bodies that they have."""
-        card, notes, law = pair.card, self.notes, {}
-        tied = card.word == "TIE"
-        if not tied:
-            name = card.given.get("INTERACTION", "").upper()
-            if name not in self.model.interactions:
-                raise InputError(f"line {card.line}: *{card.name}: there is no *SURFACE INTERACTION {name}")
-            law = self.model.interactions[name]
-            behaviour = law.get("SURFACEBEHAVIOR")
-            tied = behaviour is not None and behaviour.given.get("PRESSURE-OVERCLOSURE", "").upper() == "TIED"
-        slaves, masters = (self._side(card, name) for name in (pair.slave, pair.master))
-        count = 0
-        for slave, on in slaves:
-            for master, against in masters:
-                if slave is master:
-                    continue
-                contact: dict[str, Any] = {
-                    "bodies": [slave.name, master.name],
-                    "on": [slave.group(on, pair.slave), master.group(against, pair.master)]}
-                coefficient = number(law["FRICTION"].rows[0][0]) if "FRICTION" in law and law["FRICTION"].rows else 0.0
-                if tied:
-                    contact["kind"] = "bonded"
-                elif coefficient:
-                    contact["friction"] = {"law": "coulomb", "coefficient": coefficient}
-                gap = self._clearance(pair)
-                if gap is not None:
-                    contact["gap"] = gap
-                elif not tied and (word := card.given.get("ADJUST", "NO").upper()) != "NO":
-                    heights = slave.heights(on, master, against)
-                    reach = number(word) if re.fullmatch(r"[\d.]+([ED][+-]?\d+)?", word) else np.nan
-                    near = heights <= max(reach, 1e-9 * float(np.ptp(slave.points, axis=0).max()))
-                    if near.all() and len(near):
-                        contact["gap"] = 0.0
-                        notes.add(notes.changed, card, "ADJUST: the surfaces touch, with a gap of 0")
-                    elif reach == 0.0 or (reach > 0.0 and not near.any()):
-                        notes.add(notes.changed, card, "ADJUST moves nothing: gaps are those of the mesh")
-                    else:
-                        notes.add(notes.lost, card, "ADJUST that moves some of the nodes only")
-                count += 1
-                yield contact
-        own = {piece.name for piece, _ in slaves} & {piece.name for piece, _ in masters}
-        if own:
-            notes.add(notes.lost, card, f"contact of {', '.join(sorted(own))} with itself")
-        elif not count:
-            notes.add(notes.lost, card, f"{pair.slave} or {pair.master} has no faces on a body")
-        if count:
-            notes.add(notes.taken, card, "bonded contact" if tied else "contact")
-            if tied:
-                self._tells_gap(pair, slaves, masters)
-            else:
-                notes.add(notes.changed, card, "the slave: ddmpi chooses the side; slave = … in the scene names it")
-
-    def _tells_gap(self, pair: Pair, slaves: Sequence[tuple[Piece, np.ndarray]],
-                   masters: Sequence[tuple[Piece, np.ndarray]]) -> None:
-        """Note a tie of nodes that are farther apart than its tolerance; without one, than a twentieth of a facet."""
-        word = pair.card.given.get("POSITIONTOLERANCE", "")
-        for slave, on in slaves:
-            facets = slave.facets[on]
-            reach = number(word) if word else 0.05 * float(np.median(np.linalg.norm(
-                slave.points[facets[:, 0]] - slave.points[facets[:, 1]], axis=1)))
-            found = [slave.heights(on, master, against) for master, against in masters if master is not slave]
-            far = float(max((heights.max(initial=0.0) for heights in found), default=0.0))
-            near = float(min((heights.min(initial=np.inf) for heights in found), default=0.0))
-            if word and near > reach:
-                self.notes.add(self.notes.lost, pair.card, f"a tie over a gap of {near:.3g}, beyond its tolerance")
-            elif far > reach:
-                self.notes.add(self.notes.changed, pair.card, f"nodes {far:.3g} apart, beyond its tolerance, are tied")
-
-    def _clearance(self, pair: Pair) -> float | None:
-        for card in self.model.clearances:
-            names = {card.given.get("SLAVE", "").upper(), card.given.get("MASTER", "").upper()}
-            if names == {pair.slave.upper(), pair.master.upper()} and "VALUE" in card.given:
-                self.notes.add(self.notes.taken, card, "gap")
-                return number(card.given["VALUE"])
-        return None
-
-
-class RigidSets:
-    """What the rigid sets of a deck become: clamps and tractions by body, rigid partners, and their contacts."""
-
-    def __init__(self, acts: Acts) -> None:
-        self.acts, self.notes, self.model = acts, acts.notes, acts.model
-        self.clamps: dict[str, list[dict[str, Any]]] = {piece.name: [] for piece in acts.pieces}
-        self.tractions: dict[str, list[dict[str, Any]]] = {piece.name: [] for piece in acts.pieces}
-        self.partners: list[dict[str, Any]] = []
-        self.contacts: list[dict[str, Any]] = []
-        for rigid in self.model.rigid:
-            own = [(piece, piece.whole(marked), marked) for piece in acts.pieces
-                   if (marked := piece.within(rigid.nodes)).any()]
-            if len(own) == 1 and _covered(*own[0]):
-                reason = self._take(rigid, *own[0][:2])
-            else:
-                reason = "its nodes are no whole faces of one body"
-            where = self.notes.lost if reason else self.notes.taken
-            self.notes.add(where, rigid.card, reason or "a face that moves as a rigid one")
-
-    def _take(self, rigid: Rigid, piece: Piece, facets: np.ndarray) -> str:
-        """Write a rigid set that has whole faces of a body; the reason where it is not possible."""
-        axes = self.acts.axes
-        if len(axes) < 3:
-            return "in the plane"
-        held, pushed = self._parts("supports", rigid), self._parts("forces", rigid)
-        histories = {history for value, history in [*held.values(), *pushed.values()] if value}
-        if len(histories) > 1:
-            return "its loads and displacements change in different ways"
-        more = {"history": histories.pop()} if histories - {None} else {}
-        pivot = np.array(self.model.deck.points[rigid.ref])
-        if rigid.spread:
-            if held:
-                return "a distributing coupling whose reference node is held"
-            force, moment = (np.array([pushed.get(k, ZERO)[0] for k in some]) for some in (range(3), range(3, 6)))
-            x, w = piece.quadrature(facets, False)
-            moment = moment + np.cross(pivot - w @ x / w.sum(), force)  # about the centre of the faces
-            on = piece.group(facets, "coupled")
-            self.tractions[piece.name] += [{"on": on, key: value.tolist()} | more for key, value in
-                                           (("force", force), ("moment", moment)) if np.abs(value).max() > 0.0]
-            return ""
-        if len(held) == 6:  # u = u_r + θ × (x − x_r)
-            shift, turn = (np.array([held[k][0] for k in some]) for some in (range(3), range(3, 6)))
-            slopes = np.cross(turn, np.eye(3))  # row k: ∂u/∂x_k
-            values = [{"constant": float(shift[k] - slopes[:, k] @ pivot)} | {
-                f"{axes[j]}_slope": float(slopes[j, k]) for j in range(3) if slopes[j, k]} for k in range(3)]
-            self.clamps[piece.name].append({"on": piece.group(facets, "rigid")} | {
-                axes[k]: value if len(value) > 1 else value["constant"] for k, value in enumerate(values)} | more)
-            return ""
-        normals = piece.normals(facets)
-        normal = normals[0] * np.sign((piece.points[piece.facets[facets[0], :3]].mean(axis=0)
-                                       - piece.points.mean(axis=0)) @ normals[0])
-        if np.abs(np.abs(normals @ normal) - 1.0).max() > FLAT:
-            return "its faces are not flat"
-        turns = [k for k in range(3, 6) if k in held]
-        if turns and (len(turns) < 3 or any(held[k][0] for k in turns)):
-            return "some of its turns are given, and others are free"
-        partner: dict[str, Any] = {
-            "name": own_name("rigid", [*(one["name"] for one in self.partners), *self.clamps]), "shape": "plane",
-            "point": piece.points[piece.facets[facets[0], 0]].tolist(), "normal": (-normal).tolist(),
-            "displacement": [held.get(k, ZERO)[0] for k in range(3)]}
-        partner["free"] = [axes[k] for k in range(3) if k not in held and not pushed.get(k, ZERO)[0]]
-        loads = [pushed.get(k, ZERO)[0] for k in range(6)]
-        partner |= {"force": loads[:3]} if any(loads[:3]) else {}
-        if not turns:
-            partner |= {"pivot": pivot.tolist()} | ({"moment": loads[3:]} if any(loads[3:]) else {"turns": True})
-        self.partners.append({key: value for key, value in partner.items() if value != []} | more)
-        self.contacts.append({"bodies": [piece.name, partner["name"]], "on": [piece.group(facets, "rigid")],
-                              "kind": "bonded"})
-        return ""
-
-    def _parts(self, kind: str, rigid: Rigid) -> dict[int, tuple[float, str | None]]:
-        """Shifts or forces (0 to 2) and turns or moments (3 to 5) of the reference nodes."""
-        found: dict[int, tuple[float, str | None]] = {}
-        for (node, component), acting in self.model.kinds[kind].items():
-            if node in (rigid.ref, rigid.turn):
-                k = component - 1 + 3 * (node == rigid.turn and rigid.turn != rigid.ref)
-                value, history = self.acts.factor(Acting(*acting))
-                if kind == "supports" or value:
-                    found[k] = value, history if value else None
-        return found
-
-
-def _covered(piece: Piece, facets: np.ndarray, marked: np.ndarray) -> bool:
-    """Whether facets have all `marked` nodes."""
-    return len(facets) > 0 and not np.setdiff1d(np.flatnonzero(marked), piece.facets[facets]).size
-
-
-def import_deck(deck: str | Path, output: str | Path, partial: bool = False) -> str:
-    """Write a scene and its meshes into a folder; the lists of what was taken, changed and lost. Not collective.
+def import_deck(deck: str | Path, output: str | Path, partial: bool = False, amplitudes: Sequence[str] = ()) -> str:
+    """Write a scene and its meshes into a folder; the lists of what was taken, changed and lost. Times and factors of
+    `amplitudes`, such as "RAMP=0,0,1,1", replace those of the deck. Not collective.
 
     Raises InputError for a deck that is no scene; if loads, supports or contacts were lost, unless `partial`; and
     TakenError where a file would be overwritten.
     """
     path, folder = Path(deck), Path(output)
     try:
-        importer = Importer(path)
+        importer = Importer(path, amplitudes)
         scene = importer.scene(path.stem)
     except (InputError, DeckError) as error:
         raise InputError(f"{deck}: {error}") from None

@@ -8,7 +8,7 @@ import numpy as np
 import scipy.sparse as sparse
 from scipy.sparse import csgraph
 
-from ddmpi.decks.words import FACES, SIDES
+from ddmpi.decks.cards import FACES, SIDES
 from ddmpi.errors import InputError
 from ddmpi.mesh.elements import CELLS, CUTS, EDGES, cell_with
 from ddmpi.mesh.mesh import Mesh, signed_measures
@@ -24,6 +24,10 @@ SIMPLICES = ("vertex", "line", "triangle", "tetra")
 
 HALVES = np.array([[[0, 1, 2], [2, 3, 0]], [[1, 2, 3], [3, 0, 1]]])
 """Corners of the triangles that a quadrilateral is cut into, along its first or its second diagonal."""
+
+FIVE = np.array([[[0, 2, 5, 7], [1, 0, 2, 5], [3, 0, 7, 2], [4, 0, 5, 7], [6, 2, 7, 5]],
+                 [[1, 3, 4, 6], [0, 1, 3, 4], [2, 1, 6, 3], [5, 1, 4, 6], [7, 3, 6, 4]]])
+"""Corners of the tetrahedra that a hexahedron is cut into, by diagonals between its corners 0, 2, 5, 7 or the rest."""
 
 EQUAL = 1e-6
 """Diagonals are equally long up to this fraction of their lengths."""
@@ -120,13 +124,13 @@ def simplices(raw, d: int, points: np.ndarray, curved: bool = False
     Corners (n, d + 1), if `curved` the bends (n, e, ·) of their edges (m), and the elements that they are parts of,
     counted through all KINDS.
     """
-    cells, bows, element, before = [], [], [], 0
+    cells, bows, element, before, rank = [], [], [], 0, _ranks(raw, len(points))
     for kind in KINDS[d]:
         nodes = raw.cells_dict.get(kind, np.empty((0, 27), int)).astype(np.int64)
         shape = kind.rstrip("0123456789")
         number = 1 + max(map(max, SIDES[shape]))
         corners, middles = nodes[:, :number], nodes[:, number:number + len(SIDES[shape])]
-        parts = _cuts(points, corners, shape)
+        parts = _cuts(points, corners, shape, rank[corners])
         cells.append(np.take_along_axis(corners[:, None], parts, axis=2).reshape(-1, d + 1))
         bow = np.zeros((*parts.shape[:2], len(EDGES[d]) * curved, points.shape[1]))
         if curved and kind != shape and len(nodes):
@@ -174,21 +178,48 @@ def graded(mesh: Mesh, sizes: np.ndarray) -> Sizes:
     return Sizes(points, corners, csgraph.dijkstra(graph, directed=False, indices=k)[:k])
 
 
-def _cuts(points: np.ndarray, corners: np.ndarray, shape: str) -> np.ndarray:
-    """(n, parts, d + 1) the corners of the parts of elements, as numbers of their corners (n, k). In space faces are
-    cut from their smallest node, so that neighbours fit, and elements into pyramids from theirs."""
+def _ranks(raw, size: int) -> np.ndarray:
+    """(size,) the order of the nodes: faces of solid elements are cut from their first node, so that neighbours fit.
+
+    Where the corners of all hexahedra have two colours, different ones at the ends of each edge, those of the colour
+    that fewer nodes have come first, below zero: diagonals join nodes of this colour, and hexahedra are cut into
+    mirror images of those beside them. Corners of bodies, which bear few elements, then have no diagonals as a rule.
+    """
+    rank, kinds = np.arange(size), [kind for kind in KINDS[3] if kind.startswith("hexahedron")]
+    corners = np.concatenate([raw.cells_dict.get(kind, np.empty((0, 8), int))[:, :8] for kind in kinds])
+    if not len(corners):
+        return rank
+    used, (i, j) = np.unique(corners), corners[:, np.array(SIDES["hexahedron"])].reshape(-1, 2).T
+    # every node twice, once in each colour: linked are the ends of an edge in different ones
+    ends = np.concatenate([i, i + size]), np.concatenate([j + size, j])
+    graph = sparse.coo_matrix((np.ones(2 * len(i), np.int8), ends), (2 * size, 2 * size))
+    one, other = csgraph.connected_components(graph, directed=False)[1].reshape(2, -1)[:, used]
+    if (one == other).any():
+        return rank
+    part, second = np.minimum(one, other), one > other
+    more = np.bincount(part, np.where(second, 1, -1))[part]  # the second colour has more nodes than the first
+    rank[used[second == (more < 0)]] -= size
+    return rank
+
+
+def _cuts(points: np.ndarray, corners: np.ndarray, shape: str, rank: np.ndarray) -> np.ndarray:
+    """(n, parts, d + 1) the corners of the parts of elements, as numbers of their corners (n, k) with ranks (n, k): in
+    space faces are cut from their first node, elements into pyramids from theirs, and hexahedra of two colours into
+    five tetrahedra."""
     n, k = corners.shape
     if shape in SIMPLICES:
         return np.broadcast_to(np.arange(k), (n, 1, k))
+    first = rank.argmin(axis=1)
     if shape == "quad":
-        return HALVES[corners.argmin(axis=1) % 2 if points.shape[1] > 2 else shorter_diagonals(points, corners)]
+        return HALVES[first % 2 if points.shape[1] > 2 else shorter_diagonals(points, corners)]
+    if shape == "hexahedron" and (rank < 0).any():
+        return FIVE[1 * (rank[:, 0] >= 0)]
     parts = np.empty((n, {"hexahedron": 6, "wedge": 3, "pyramid": 2}[shape], 4), int)
-    smallest = corners.argmin(axis=1)
     for apex in range(k):
-        elements, faces = corners[smallest == apex], [np.array(face) for face in FACES[shape] if apex not in face]
+        elements, faces = rank[first == apex], [np.array(face) for face in FACES[shape] if apex not in face]
         over = [face[HALVES[elements[:, face].argmin(axis=1) % 2]] if len(face) == 4
                 else np.broadcast_to(face, (len(elements), 1, 3)) for face in faces]
-        parts[smallest == apex] = np.pad(np.concatenate(over, axis=1), ((0, 0), (0, 0), (1, 0)), constant_values=apex)
+        parts[first == apex] = np.pad(np.concatenate(over, axis=1), ((0, 0), (0, 0), (1, 0)), constant_values=apex)
     return parts
 
 

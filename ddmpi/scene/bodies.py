@@ -52,6 +52,7 @@ class Material(Table, frozen=True, kw_only=True):
     angle : of axis 1 of an orthotropic material in the plane, counter-clockwise from x (degrees); left out, 0
     axes : of an orthotropic solid, [along axis 1, beside it in the plane of axes 1 and 2]; left out, those of x and y
     plane : plane strain, the default in the plane, or plane stress; not for solids and axisymmetric bodies
+    thickness : of a part in plane stress, over the depth of the others, which is 1; stresses are over its own section
     expansion : coefficient of thermal expansion (1/K), with the body's temperature; orthotropic: also [α1, α2, α3]
     """
 
@@ -61,6 +62,7 @@ class Material(Table, frozen=True, kw_only=True):
     angle: Number | None = None
     axes: tuple[Three, Three] | None = None
     plane: Literal["strain", "stress"] | None = None
+    thickness: Positive = 1.0
     expansion: Number | Three | None = None
 
     def __post_init__(self) -> None:
@@ -73,6 +75,8 @@ class Material(Table, frozen=True, kw_only=True):
             if isinstance(value, tuple) or (key == "angle" and value is not None):
                 raise ValueError(f"{key}: an isotropic material has no axes; " + (
                     "write expansion = α" if key == "expansion" else "leave it out"))
+        if self.thickness != 1.0 and self.plane != "stress":
+            raise ValueError('thickness: such parts are in plane stress; write plane = "stress"')
         if self.axes and not np.cross(*self.axes).any():
             raise ValueError("axes: both are parallel or zero; the second lies beside axis 1, in the plane of 1 and 2")
         scale = np.sqrt(self.moduli)
@@ -104,8 +108,7 @@ class Material(Table, frozen=True, kw_only=True):
         """Compliance matrix (6, 6) of an orthotropic material, for ε11, ε22, ε33, 2 ε12, 2 ε13, 2 ε23 (1/Pa)."""
         E, (n12, n13, n23) = self.moduli, self.poisson if isinstance(self.poisson, tuple) else [self.poisson] * 3
         S = np.diag(1.0 / np.append(E, np.array(self.shear) * np.ones(3)))  # in the plane G13 and G23 do not count
-        S[0, 1] = S[1, 0] = -n12 / E[0]
-        S[0, 2] = S[2, 0] = -n13 / E[0]
+        S[0, 1:3] = S[1:3, 0] = -np.array([n12, n13]) / E[0]
         S[1, 2] = S[2, 1] = -n23 / E[1]
         return S
 
@@ -239,8 +242,7 @@ class Traction(Table, frozen=True, kw_only=True):
     value : force per area (Pa), as in [0.0, "-6e7 * (1 + x/3)"]
     pressure : normal stress (Pa) against the outer normal
     force : total force (N; in the plane per metre of depth), spread evenly over the area of the group
-    moment : total moment (N m; in the plane a number), by stresses that grow with the distance from the group's middle
-        and have no resultant force
+    moment : total moment (N m; in the plane a number), by stresses that grow from the group's middle, without a force
     history : [history.NAME] whose factor multiplies it
     follows : with time.motions = "far", whether it turns with the body; left out, it keeps its direction
     """
@@ -263,8 +265,7 @@ class Traction(Table, frozen=True, kw_only=True):
     @property
     def given(self) -> Vector | AffineVector | Number | Formula | AffineScalar:
         """The value, the pressure, the force or the moment, whichever there is."""
-        given = self.value, self.pressure, self.force, self.moment
-        return next(value for value in given if value is not None)
+        return next(one for one in (self.value, self.pressure, self.force, self.moment) if one is not None)
 
 
 class Foundation(Table, frozen=True, kw_only=True):
@@ -371,8 +372,7 @@ class BodySpec(Table, frozen=True, kw_only=True):
     @property
     def heat(self) -> Heat:
         """The temperature (K), zero if none is given, with its history."""
-        given = self.temperature
-        return given if isinstance(given, Heat) else Heat(value=0.0 if given is None else given)
+        return self.temperature if isinstance(self.temperature, Heat) else Heat(value=self.temperature or 0.0)
 
     def settled(self, order: int, dimension: int = 2, axisymmetric: bool = False) -> SettledBody:
         """This body with elements of `order`, in the plane, around an axis or in space."""

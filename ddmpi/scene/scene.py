@@ -73,6 +73,11 @@ class Scene(Table, frozen=True, kw_only=True):
                 check_formulas(f"{key}.{name}", getattr(table, name, None))
         for contact in self.contact:
             self._check_partners(contact)
+        touched = {name for contact in self.contact for name in contact.bodies}
+        for body in self.body:
+            if (body.foundation or body.name in touched) and any(one.thickness != 1.0 for one in body.materials):
+                raise ValueError(f"body.{body.name}.material.thickness: bodies with contacts or foundations have the "
+                                 "depth alone; leave it out")
         orders = sorted({body.mesh.order for body in self.body if body.mesh.order})
         if len(orders) > 1:
             raise ValueError(f"bodies have mesh.order {' and '.join(map(str, orders))}; forces at their common nodes "

@@ -106,7 +106,7 @@ def test_contact_friction_and_load_steps(tmp_path):
         "*BOUNDARY", "B_Z1, 3, 3, -0.001", options=", NLGEOM") + step("*BOUNDARY", "B_Z1, 3, 3, -0.0004", time="1., 2.")
     scene, lists = imported(tmp_path, deck)
     assert scene["contact"] == [{"name": "B-A", "bodies": ["B", "A"], "on": ["SLAVE", "MASTER"],
-                                 "friction": {"law": "coulomb", "coefficient": 0.2}}]
+                                 "friction": {"law": "coulomb", "coefficient": 0.2}, "slave": "B"}]
     assert scene["time"] == {"points": [1.0, 3.0]}
     assert scene["history"] == {"h1": {"times": [0.0, 1.0, 3.0], "factors": [0.0, 1.0, 0.4]}}
     for words in ("LINEAR: hard contact", "stick slope", "warning: NLGEOM"):
@@ -299,7 +299,9 @@ LOST_IN_STEP = [
     ("*CLOAD\n14, 3, 1.", "*CLOAD: a force at a node that is not on the boundary"),
     ("*CLOAD\n1, 5, 1.", "*CLOAD: moments at nodes"),
     ("*BOUNDARY, FIXED\n1, 1", "*BOUNDARY: displacements of another model"),
-    ("*MODEL CHANGE, TYPE=CONTACT PAIR, REMOVE\nA, B", "*MODEL CHANGE: parts or contacts"),
+    ("*MODEL CHANGE, TYPE=ELEMENT, REMOVE\nA", "*MODEL CHANGE: parts that are removed or added"),
+    ("*DLOAD\n9, P2NP, 36", "*DLOAD: a pressure that is not given at node 36"),
+    ("*CLOAD, AMPLITUDE=OWN\n36, 3, 1.\n*AMPLITUDE, NAME=OWN, USER", "no table of factors; --amplitude OWN=0,0,1,1"),
     ("*TEMPERATURE, FILE=x.frd", "*TEMPERATURE: temperatures of a file")]
 
 
@@ -321,10 +323,56 @@ def test_lost_loads_refuse_the_deck(tmp_path, card, words):
     assert words in refused(tmp_path, BOX + ROLLERS + step(card))
 
 
-def test_supports_that_begin_or_end_later_are_lost(tmp_path):
-    """A support of some steps only is named."""
-    message = refused(tmp_path, BOX + ROLLERS + step("*BOUNDARY", "A_Z1, 3") + step("*BOUNDARY, OP=NEW", "A_Z0, 1, 3"))
-    assert "a support that ends before a later step" in message and "begins in a later step" in message
+def test_what_changes_between_steps_leaves_the_end(tmp_path):
+    """Supports that begin or end, materials that change and contacts that are removed: without friction the scene is
+    the state at the end, the same as of a deck with the last step alone; with friction they are lost."""
+    law, moved = LAW, ("*BOUNDARY, OP=NEW", "A_Z0, 3", "A_X0, 1", "A_Y0, 2", "B_Z0, 1, 3")
+    deck = stack(PAIR, law) + STEEL.replace("STEEL", "SOFT").replace("210000.", "105000.")
+    change = ("*CHANGE SOLID SECTION, ELSET=A, MATERIAL=SOFT", "*MODEL CHANGE, TYPE=CONTACT PAIR, REMOVE",
+              "SLAVE, MASTER")
+    force = ("*CLOAD", "A_Z1, 3, -70.")
+    scene, lists = imported(tmp_path, deck + step("*BOUNDARY", "B_Z1, 3, 3, -0.001") + step(*change, *moved, *force))
+    assert "contact" not in scene and "time" not in scene and scene["body"][0]["material"]["young"] == 105000.0
+    for words in ("a support that ends before", "a support that begins", "a material that", "a contact that is"):
+        assert words in lists.split("changed:")[1].split("lost:")[0]
+    alone = deck.replace("MATERIAL=STEEL", "MATERIAL=SOFT", 1)
+    plain = imported(tmp_path, alone[:alone.index("*BOUNDARY")].replace(f"{PAIR}\nSLAVE, MASTER\n", "") + STEEL.replace(
+        "STEEL", "SOFT").replace("210000.", "105000.") + step(*moved, *force), name="alone")[0]
+    assert {**plain, "title": ""} == {**scene, "title": ""}
+    rough = deck.replace(law, f"{law}*FRICTION\n0.1\n") + step("*CLOAD", "1, 1, 1.") + step(*moved)
+    assert "a support that ends before a later step\n" in refused(tmp_path / "lost", rough) + "\n"
+
+
+def test_slaves_are_those_of_the_deck(tmp_path):
+    """Unless supports hold the slave wherever it is in contact, which is no slave then."""
+    move = step("*BOUNDARY", "B_Z1, 3, 3, -0.001")
+    assert imported(tmp_path, stack(PAIR, LAW) + move)[0]["contact"][0]["slave"] == "B"
+    held = stack(PAIR, LAW).replace("*BOUNDARY\n", "*BOUNDARY\nB_Z0, 1, 3\n", 1) + move
+    assert "slave" not in imported(tmp_path, held, name="held")[0]["contact"][0]
+    rigid = "*NODE\n900, 0., 0., 5.\n*RIGID BODY, NSET=B_Z0, REF NODE=900\n*BOUNDARY\n900, 1, 6\n"
+    assert "slave" not in imported(tmp_path, stack(PAIR, LAW + rigid) + move, name="rigid")[0]["contact"][0]
+
+
+def test_pressure_of_a_fluid(tmp_path):
+    """P2NP is the pressure that the second component of a node of a network gives; it is no support then."""
+    deck = "*NODE\n900, 9., 9., 9.\n" + BOX + ROLLERS + step("*DLOAD", "9, P2NP, 900", "*BOUNDARY", "900, 2, 2, 4.")
+    scene, lists = imported(tmp_path, deck)
+    assert scene["body"][0]["traction"] == [{"on": "pressed", "pressure": 4.0}] and "left out" not in lists
+
+
+def test_amplitudes_on_the_command_line(tmp_path):
+    """They stand for those of a user's routine; others than the deck's are refused."""
+    path = tmp_path / "own.inp"
+    path.write_text(BOX + ROLLERS + "*AMPLITUDE, NAME=Own, USER\n" + step("*CLOAD, AMPLITUDE=OWN", "A_Z1, 3, 1."))
+    with pytest.raises(InputError, match="no table of factors"):
+        import_deck(path, tmp_path / "none")
+    with pytest.raises(InputError, match=r"--amplitude ON=0,1: it has no \*AMPLITUDE ON"):
+        import_deck(path, tmp_path / "none", amplitudes=["ON=0,1"])
+    with pytest.raises(InputError, match='"x" is not a number'):
+        import_deck(path, tmp_path / "none", amplitudes=["OWN=0,x"])
+    assert call("import", str(path), "--output", str(tmp_path / "out"), "--amplitude", "own=0,0,1,4").code == 0
+    scene = tomllib.loads((tmp_path / "out" / "scene.toml").read_text())
+    assert scene["body"][0]["traction"][0]["force"] == [0.0, 0.0, 36.0]
 
 
 BAD = [
@@ -490,7 +538,7 @@ def test_a_rigid_set_whose_motion_is_given(tmp_path):
 
 @pytest.mark.parametrize("card, step_card, words", [
     ("*RIGID BODY, NSET=A_X0, REF NODE=900", "900, 4, 1.", ""),
-    ("*RIGID BODY, NSET=CORNERS, REF NODE=900", "900, 1, 1.", "*RIGID BODY: its nodes are no whole faces of one body"),
+    ("*RIGID BODY, NSET=CORNERS, REF NODE=900\n*BOUNDARY\n900, 2", "900, 1, 1.", "*RIGID BODY: its nodes are no whole"),
     ("*COUPLING, REF NODE=900, SURFACE=TOP\n*KINEMATIC\n1, 3", "900, 1, 1.", "*KINEMATIC: a coupling of some compo"),
     ("*RIGID BODY, ELSET=A, REF NODE=900", "900, 1, 1.", "*RIGID BODY: rigid bodies that are no set of nodes")])
 def test_rigid_sets_that_are_lost(tmp_path, card, step_card, words):
@@ -500,6 +548,17 @@ def test_rigid_sets_that_are_lost(tmp_path, card, step_card, words):
         assert words in refused(tmp_path, deck)
     else:
         assert imported(tmp_path, deck)[0]["rigid"][0]["moment"] == [1.0, 0.0, 0.0]
+
+
+def test_loads_of_rigid_points_are_spread(tmp_path):
+    """A set of points that nothing holds carries its force and moment, spread over the faces around them."""
+    deck = COUPLED + "*NSET, NSET=CORNERS\n28, 30, 34, 36\n*RIGID BODY, NSET=CORNERS, REF NODE=900\n" + step(
+        "*CLOAD", "900, 1, 3.", "900, 4, 5.")
+    scene, lists = imported(tmp_path, deck)
+    moment = pytest.approx([5.0, 3.0 * 1.4, 0.0])  # about their middle
+    assert scene["body"][0]["traction"] == [{"on": "coupled", "force": [3.0, 0.0, 0.0]},
+                                            {"on": "coupled", "moment": moment}]
+    assert "points alone hold nothing in a solid" in lists and "rigid" not in scene
 
 
 def test_loads_at_nodes_of_no_body_are_lost(tmp_path):
@@ -535,7 +594,35 @@ def test_sections_that_are_lost(tmp_path, change, words):
     """A section on a side, without its node or surface is refused."""
     deck = bolt().replace(*change) + step("*CLOAD", "900, 1, 50.")
     assert words in refused(tmp_path, deck) or "a force at a node of no body" in refused(tmp_path, deck)
-    assert "whose node has no force" in refused(tmp_path, bolt() + step("*BOUNDARY", "900, 1, 1, 0.1"))
+    assert "neither a force nor a displacement" in refused(tmp_path, bolt() + step("*CLOAD", "A_X1, 1, 1."))
+
+
+@pytest.mark.parametrize("normal", ["", "0., 0., 1.\n", "0., 0., -1.\n"])
+def test_a_bolt_by_its_displacement(tmp_path, normal):
+    """A displacement of the node of a section shortens the bolt: the bond is over a gap. The normal that the card gives
+    tells which sign pulls."""
+    deck = bolt().replace("NODE=900\n", f"NODE=900\n{normal}")
+    answer = solved(tmp_path, deck + step("*BOUNDARY", "900, 1, 1, 0.002"))
+    pull = YOUNG * 0.002 / 4.0 * (-1.0 if "-" in normal else 1.0)
+    assert [reaction["force"][2] for name, reaction in answer.summary["bodies"]["part1"]["reactions"].items()
+            if name == "A_Z0"] == pytest.approx([-pull], rel=1e-6)
+
+
+def test_a_bolt_in_a_frame(tmp_path):
+    """A section does not cut a ring in two: the elements at it are a body of their own. Its force is that of the deck,
+    and the other leg bears the opposite one: each is stretched or shortened by F L/(E A)."""
+    deck = grid("A", (3, 1, 3), (3.0, 1.0, 3.0)) + STEEL + SECTION
+    lines = deck.splitlines()
+    hollow = "\n".join(line for line in lines if not (line.startswith("5, ") and line.count(",") == 8)) + "\n"
+    deck = hollow + ("*NODE\n900, 9., 9., 9.\n*SURFACE, NAME=CUT\n4, S2\n*PRE-TENSION SECTION, SURFACE=CUT, NODE=900\n"
+                     "*BOUNDARY\nA_Z0, 3\nA_Y0, 2\n1, 1\n")
+    scene, lists = imported(tmp_path, deck + step("*CLOAD", "900, 1, 50."))
+    assert [contact.get("pretension", {}).get("force") for contact in scene["contact"]] == [50.0, None]
+    assert "a body of their own" in lists
+    answer = solved(tmp_path, deck + step("*CLOAD", "900, 1, 50."), name="run")
+    first, second = answer.summary["contacts"].values()
+    assert first["pretension"]["force"] == pytest.approx(50.0, rel=1e-9)
+    assert first["force"][2] + second["force"][2] == pytest.approx(0.0, abs=1e-6)
 
 
 @pytest.mark.parametrize("reach, force", [("0.06", 0.0005), ("0.04", 0.0)])
@@ -547,3 +634,25 @@ def test_adjusted_surfaces(tmp_path, reach, force):
     assert answer.summary["contacts"]["B-A"]["normal_force"] == pytest.approx(pressed, rel=1e-6, abs=1e-9)
     turned = deck.replace("*TRANSFORM", "").replace("101, 0.0, 0.0, 1.05", "101, 0.0, 0.0, 1.15")
     assert "ADJUST that moves some of the nodes only" in refused(tmp_path / "some", turned) if force else True
+
+
+def test_plates_of_different_thickness(tmp_path):
+    """Two strips in series, pulled by a pressure on the thinner one and by gravity: forces, stresses and displacements
+    are those of bars with these sections; heat causes no stress."""
+    plain = STEEL.replace("0.3", "0.0")
+    deck = grid("A", (2, 1), (2.0, 1.0), kind="CPS4") + plain + (
+        "*ELSET, ELSET=L\n1\n*ELSET, ELSET=R\n2\n*SOLID SECTION, ELSET=L, MATERIAL=STEEL\n0.5\n*SOLID SECTION, "
+        "ELSET=R, MATERIAL=STEEL\n0.2\n*BOUNDARY\nA_X0, 1\nA_Y0, 2\n")
+    answer = solved(tmp_path, deck + step("*DLOAD", "2, P2, -7."))
+    u, summary = answer.bodies["A"].displacement, answer.summary
+    assert u[:, 0].max() == pytest.approx((7.0 * 0.2 / 0.5 + 7.0) / YOUNG, rel=1e-9)
+    assert np.unique(np.round(answer.bodies["A"].stress[:, 0], 9)) == pytest.approx([2.8, 7.0])
+    assert summary["bodies"]["A"]["reaction"] == pytest.approx([-7.0 * 0.2, 0.0], abs=1e-12)
+    assert summary["discretization_error"]["energy_norm"] == pytest.approx(0.0, abs=1e-6)
+    heavy = solved(tmp_path, deck + step("*DLOAD", "A, GRAV, 1000., 1., 0., 0."), name="heavy").summary
+    assert heavy["bodies"]["A"]["reaction"][0] == pytest.approx(-7.8e-9 * 1000.0 * 0.7, rel=1e-9)
+    warm = solved(tmp_path, deck + step("*TEMPERATURE", *(f"{k}, 10." for k in range(1, 7))), name="warm").bodies["A"]
+    assert warm.displacement[:, 0].max() == pytest.approx(2.0 * 1.2e-5 * 10.0, rel=1e-9)
+    assert np.abs(warm.stress).max() < 1e-9 * YOUNG
+    assert "thick; plane strain, and bodies in contact, have one depth" in refused(
+        tmp_path / "strain", deck.replace("CPS4", "CPE4") + step("*DLOAD", "2, P2, -7."))

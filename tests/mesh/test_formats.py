@@ -479,7 +479,7 @@ def test_input_of_an_assembly(tmp_path):
     path.write_text(CAE)
     mesh = build_mesh(body_with(MeshSpec(file=str(path)), clamp=["Fixed end", "edge"]))
     assert sorted(mesh.groups) == ["Corners", "Fixed end", "Side", "Top", "Whole"] and list(mesh.curves) == ["edge"]
-    assert {name: len(cells) for name, cells in mesh.surfaces.items()} == {"Lower": 6, "Upper": 6}
+    assert {name: len(cells) for name, cells in mesh.surfaces.items()} == {"Lower": 5, "Upper": 5}
     assert mesh.cut == 2 and mesh.measures().sum() == pytest.approx(2.0)
     assert mesh.points.min(axis=0) == pytest.approx([9.0, 0.0, 0.0])  # a quarter turn about x = 10, y = 0
     assert mesh.points.max(axis=0) == pytest.approx([10.0, 1.0, 2.0])
@@ -610,3 +610,36 @@ def test_input_without_groups(tmp_path):
     square().write(tmp_path / "square.vtu")
     with pytest.raises(InputError, match="has no named physical groups of lines"):
         read_mesh(tmp_path / "square.vtu", "upper")
+
+
+def bricks(path: Path, numbers: np.ndarray, points: np.ndarray, elements: list[list[int]]) -> Path:
+    """A deck of hexahedra between points (n, 3), called by `numbers` (n,)."""
+    rows = [f"{number}, {', '.join(map(repr, x))}" for number, x in zip(numbers.tolist(), points.tolist(), strict=True)]
+    cells = [", ".join(map(str, [k, *numbers[nodes].tolist()])) for k, nodes in enumerate(elements, 1)]
+    path.write_text("\n".join(["*NODE", *rows, "*ELEMENT, TYPE=C3D8, ELSET=ALL", *cells, "*NSET, NSET=SOME",
+                               f"{numbers[elements[0][0]]},"]) + "\n")
+    return path
+
+
+def test_hexahedra_are_cut_into_mirror_images(tmp_path):
+    """Five tetrahedra each, whatever the numbers of the nodes, mirror images across every plane of an even grid, with
+    no diagonal at its corners; a ring of three, whose nodes have no two colours, six each."""
+    rng, grid = np.random.default_rng(3), np.array(list(np.ndindex(3, 3, 3)), float)
+    corners = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]]
+    elements = [[int(np.ravel_multi_index(np.add(at, corner), (3, 3, 3))) for corner in corners]
+                for at in np.ndindex(2, 2, 2)]
+    mesh = read_mesh(bricks(tmp_path / "cube.inp", 1 + rng.permutation(27), grid, elements), "cube")
+    cells = {frozenset(map(tuple, mesh.points[cell].tolist())) for cell in mesh.triangles}
+    assert len(mesh.triangles) == len(cells) == 40 and mesh.measures().sum() == pytest.approx(8.0)
+    for axis in range(3):
+        one = np.eye(3)[axis]
+        assert cells == {frozenset(tuple((x - 2.0 * one * x + 2.0 * one).tolist()) for x in map(np.array, cell))
+                         for cell in cells}
+    at_corners = [cell for cell in cells for x in cell if set(x) <= {0.0, 2.0}]
+    assert len(at_corners) == len(set(at_corners)) == 8
+    around = np.array([[r * np.cos(a), r * np.sin(a), z] for z in (0.0, 1.0) for a in 2.0 * np.pi * np.arange(3) / 3.0
+                       for r in (1.0, 2.0)])
+    odd = [[2 * k, 2 * k + 1, (2 * k + 3) % 6, (2 * k + 2) % 6] for k in range(3)]
+    mesh = read_mesh(bricks(tmp_path / "odd.inp", 1 + rng.permutation(12), around, [[*face, *(k + 6 for k in face)]
+                                                                                   for face in odd]), "odd")
+    assert len(mesh.triangles) == 18 and mesh.measures().sum() == pytest.approx(3 * np.sqrt(3) / 4 * 3)

@@ -105,6 +105,10 @@ REFUSED = [
     ("body.upper.material.young=1" + 400 * "0", "body.upper.material.young: "),  # words of msgspec, by its version
     ("body.upper.material.plane=stres",
      "body.upper.material.plane: 'stres' is not valid; expected one of strain, stress|did you mean 'stress'"),
+    ("body.upper.material.thickness=2.0", "body.upper.material.thickness: such parts are in plane stress"),
+    ("body.upper.material.thickness=0", "body.upper.material.thickness: expected a number > 0|got 0"),
+    ('body.upper.material={young=1.0, poisson=0.3, plane="stress", thickness=2.0}',
+     "body.upper.material.thickness: bodies with contacts or foundations have the depth alone"),
     ("body.upper.mesh.shape=circle",
      "body.upper.mesh.shape: 'circle'|expected one of annulus, ball, box, cylinder, hexahedron, quadrilateral"),
     ("method.outer=newtn", "method.outer: 'newtn' is not valid; expected one of newton, anderson, relaxation; did you "
@@ -481,7 +485,7 @@ def test_resolved_scene_has_all_defaults():
     assert (method["outer"], method["algorithm"], method["splitting"]) == ("relaxation", "original", "none")
     assert (method["theta"], method["tolerance"], method["max_iterations"]) == (0.25, 1e-4, 500)
     assert data["contact"][0]["friction"] == {"law": "coulomb", "coefficient": 0.3}
-    assert data["body"][0]["material"] == {"young": 2e11, "poisson": 0.3, "plane": "strain",
+    assert data["body"][0]["material"] == {"young": 2e11, "poisson": 0.3, "plane": "strain", "thickness": 1.0,
                                            "shear": None, "angle": None, "axes": None, "expansion": None}
     assert data["body"][1]["traction"] == []
     assert data["contact"][0]["name"] == "upper-lower"
