@@ -1,6 +1,7 @@
 """Fixtures that several test modules share, and what pytest-isolate-mpi leaves to be mended."""
 
 import contextlib
+import gc
 import os
 import pickle
 import re
@@ -188,6 +189,14 @@ def comm(comm):
     from ddmpi.system.agreement import in_lockstep
 
     return in_lockstep(comm)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def settled() -> None:
+    """What there is before a file of tests is no garbage. Each solve collects garbage, and would look at all modules
+    and tests every time: most of the time of small ones."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(autouse=True)

@@ -59,7 +59,6 @@ Plane Surface(1) = {1};
 """
 BODY = 'Physical Surface("plate") = {1};\n'
 NAMES = 'Physical Curve("bottom") = {1};\nPhysical Curve("left") = {4};\nPhysical Curve("top") = {3};\n'
-UPPER = PLATE.replace(", 1, 0}", ", 2, 0}").replace(", 0, 0}", ", 1, 0}") + BODY + NAMES
 SQUARES = 'SetFactory("OpenCASCADE");\nRectangle(1) = {0, 0, 0, 1, 1};\nRectangle(2) = {1, 0, 0, 1, 1};\n'
 SOLID = 'SetFactory("OpenCASCADE");\nBox(1) = {0, 0, 0, 1, 1, 1};\nPhysical Curve("bottom") = {1};\n'
 POINT = 'Physical Point("corner") = {2};\n'
@@ -129,7 +128,6 @@ def test_each_mistake_has_the_message_of_the_page(mistake, tmp_path, monkeypatch
     """A mistake in a drawing is refused with the message that docs/start/drawing.md shows for it."""
     monkeypatch.chdir(tmp_path)
     made = dict(MISTAKES[mistake])
-    Path("upper.geo").write_text(UPPER)
     Path("plate.geo").write_text(made.pop("geo", PLATE + BODY + NAMES))
     mesh = {"geometry": "plate.geo", "size": 0.5} | made.pop("mesh", {})
     if "saved" in made:
@@ -138,8 +136,8 @@ def test_each_mistake_has_the_message_of_the_page(mistake, tmp_path, monkeypatch
         mesh = save(tmp_path, 'SetFactory("OpenCASCADE");\nRectangle(1) = {0, 0, 0, 2, 1};\n', "plate.step")
     steel = {"young": 1.0, "poisson": 0.3}
     scene = {"contact": [{"bodies": ["upper", "lower"], "on": ["bottom", "top"]} | made.pop("contact", {})],
-             "body": [{"name": "upper", "mesh": {"geometry": "upper.geo", "size": 0.5}, "material": steel,
-                       "clamp": [made.pop("above", "top")]},
+             "body": [{"name": "upper", "material": steel, "clamp": [made.pop("above", "top")], "mesh": {
+                         "shape": "rectangle", "origin": [0.0, 1.0], "size": [2.0, 1.0], "divisions": [4, 2]}},
                       {"name": "lower", "mesh": mesh, "material": steel, "clamp": ["bottom"]} | made]}
     with pytest.raises(InputError) as refused:
         scenes.prepare_scene(MPI.COMM_SELF, scene)
