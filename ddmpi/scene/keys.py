@@ -385,3 +385,11 @@ def check_heat(bodies: list[Any]) -> None:
         raise ValueError(f"body.{expanding[0]}.material.expansion: no body has a temperature, so nothing expands; "
                          "write temperature = 80.0 (K over the state free of stress) into a [[body]], or leave "
                          "expansion out")
+
+
+def check_thickness(bodies: list[Any], touched: set[str]) -> None:
+    """ValueError if a part of a `BodySpec` body with foundations, or with contacts, has a thickness of its own."""
+    for body in bodies:
+        if (body.foundation or body.name in touched) and any(one.thickness != 1.0 for one in body.materials):
+            raise ValueError(f"body.{body.name}.material.thickness: bodies with contacts or foundations have the depth "
+                             "alone; leave it out")

@@ -15,7 +15,7 @@ import msgspec
 
 from ddmpi.scene.bodies import BodySpec, Material, SettledBody, Traction
 from ddmpi.scene.contacts import ContactSpec, NoFriction, Rigid, SettledContact
-from ddmpi.scene.keys import check_heat, nearest, refuse_underivable
+from ddmpi.scene.keys import check_heat, check_thickness, nearest, refuse_underivable
 from ddmpi.scene.meshes import Motion, check_motions
 from ddmpi.scene.method import PRESETS, Checkpoint, Method, Output, SettledMethod, Time, check_petsc, units
 from ddmpi.scene.values import WHERE, History, Name, Number, Table, check_formulas, histories, settle, tables, varies
@@ -73,11 +73,7 @@ class Scene(Table, frozen=True, kw_only=True):
                 check_formulas(f"{key}.{name}", getattr(table, name, None))
         for contact in self.contact:
             self._check_partners(contact)
-        touched = {name for contact in self.contact for name in contact.bodies}
-        for body in self.body:
-            if (body.foundation or body.name in touched) and any(one.thickness != 1.0 for one in body.materials):
-                raise ValueError(f"body.{body.name}.material.thickness: bodies with contacts or foundations have the "
-                                 "depth alone; leave it out")
+        check_thickness(self.body, {name for contact in self.contact for name in contact.bodies})
         orders = sorted({body.mesh.order for body in self.body if body.mesh.order})
         if len(orders) > 1:
             raise ValueError(f"bodies have mesh.order {' and '.join(map(str, orders))}; forces at their common nodes "
@@ -282,9 +278,8 @@ class Scene(Table, frozen=True, kw_only=True):
             elif isinstance(table, Traction) and isinstance(table.moment, float):
                 yield 2, f"{key}.moment", "in space a moment is [Mx, My, Mz]"
             if isinstance(table, Motion):
-                if "z" in (table.free or ()):
-                    yield 3, f"{key}.free", what
-                if table.axis is not None or isinstance(table.moment, tuple):
+                yield from ((3, f"{key}.free", what) for axis in table.free or () if axis == "z")
+                if table.axis or isinstance(table.moment, tuple):
                     yield 3, f"{key}.{'axis' if table.axis else 'moment'}", "in the plane turns are in it"
                 elif table.turn or table.moment:
                     yield 2, f"{key}.turn", "a turn in space has an axis, as in axis = [0.0, 0.0, 1.0]"

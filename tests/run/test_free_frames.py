@@ -239,8 +239,8 @@ REFUSED = {
     "both at once": ({"free": ["x"], "shift": [1.0, 0.0]}, "or it is free"),
     "a moment of nothing": ({"free": ["x"], "moment": 1.0}, "moment: turns what may turn"),
     "a force across": ({"free": ["x"], "force": [0.0, 1.0]}, "force: acts along y, which is not free"),
-    "a pivot of nothing": ({"free": ["x"], "pivot": [0.0, 1.0]}, "pivot is the point of a turn"),
-    "z": ({"free": ["z"]}, "x, y and turn may be free, not z"),
+    "a pivot of nothing": ({"free": ["x"], "pivot": [0.0, 1.0]}, "pivot is that of a turn"),
+    "z": ({"free": ["z"]}, "there is no z in the plane"),
 }
 
 
