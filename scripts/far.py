@@ -327,8 +327,8 @@ def main() -> None:
         "behind the lead, which it lacks, add a constant. μ p A takes one pressure all over the depth.", "",
         *table(("depth (mm)", "force (N)", "strip theory (N)", "μ p A (N)", "growth since the line above (N/mm)",
                 "by strip theory"), rows), pressure, "",
-        "## Spur gears", "", "`configs/drawn/spur_gears.toml`: 20 : 20 teeth, module 3 mm, μ = 0.1, turned by one pitch "
-        "in 40 steps with a deflection of 21.4 µm along the line of action. The stiffness is the moment over base "
+        "## Spur gears", "", "`configs/drawn/spur_gears.toml`: 20 : 20 teeth, module 3 mm, μ = 0.1, turned by one "
+        "pitch in 40 steps with a deflection of 21.4 µm along the line of action. The stiffness is the moment over base "
         "radius and deflection where one tooth in the middle bears alone; the loss is by the moments of both shafts, "
         "averaged over the pitch.", "",
         *table(("", "found", "formula", "difference"), gear_rows()),

@@ -61,8 +61,8 @@ def turned_pair(n: int, order: Order, folder: Path) -> Found:
 
 @problem("spur-gears", "Teeth of spur gears in mesh", (1, 2), "twentieths of the pitch as steps, × n", orders=(2,),
          shows="Bodies that move far: stiffness and loss of teeth that mesh.",
-         scene="`configs/drawn/spur_gears.toml`: 20 : 20 teeth of steel, module 3 mm, turned by a pitch in 20 and 40 load steps "
-               "with a deflection of 21.4 µm along the line of action; μ = 0.1.",
+         scene="`configs/drawn/spur_gears.toml`: 20 : 20 teeth of steel, module 3 mm, turned by a pitch in 20 and 40 "
+               "load steps with a deflection of 21.4 µm along the line of action; μ = 0.1.",
          source="The largest stiffness of a pair of teeth by ISO 6336-1, without its factor for measured gears; the "
                 "loss of power by ISO/TR 14179. On the right the loss of a tooth that bears alone: friction at a "
                 "distance y from the pitch point costs 2 μ y / r_b of the power.")
