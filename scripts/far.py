@@ -328,9 +328,9 @@ def main() -> None:
         *table(("depth (mm)", "force (N)", "strip theory (N)", "μ p A (N)", "growth since the line above (N/mm)",
                 "by strip theory"), rows), pressure, "",
         "## Spur gears", "", "`configs/drawn/spur_gears.toml`: 20 : 20 teeth, module 3 mm, μ = 0.1, turned by one "
-        "pitch in 40 steps with a deflection of 21.4 µm along the line of action. The stiffness is the moment over base "
-        "radius and deflection where one tooth in the middle bears alone; the loss is by the moments of both shafts, "
-        "averaged over the pitch.", "",
+        "pitch in 40 steps with a deflection of 21.4 µm along the line of action. The stiffness is the moment over "
+        "base radius and deflection where one tooth in the middle bears alone; the loss is by the moments of both "
+        "shafts, averaged over the pitch.", "",
         *table(("", "found", "formula", "difference"), gear_rows()),
         "The stiffness is by ISO 6336-1 without its factor 0.8 for measured gears, the loss by ISO/TR 14179.", ""]
     publish("far.md", "\n".join(lines), options.output, True)
