@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from math import factorial
 from typing import ClassVar
@@ -62,6 +62,9 @@ class Side:
     facets: np.ndarray
     parted: bool = False
     axisymmetric: bool = False
+
+    def __getstate__(self) -> dict[str, object]:
+        return {each.name: vars(self)[each.name] for each in fields(self)}  # without what is found from them
 
     @property
     def dimension(self) -> int:
