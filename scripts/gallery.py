@@ -20,7 +20,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from experiment import ROOT
+from far import alone, meshing
+from matplotlib import colormaps
 from PIL import Image, ImageOps
 from solid_scenes import two_boxes
 
@@ -33,8 +36,9 @@ WIDEST = 1000
 FRONT = "bolted_flange"
 """The scene whose contacts the README shows."""
 
-MOVING, FRAMES, SHADES = 480, 28, 32
-"""An animation is at most so wide and high (pixels), and has at most so many frames and colours."""
+MOVING, FRAMES, SHADES, GREYS, BYTES = 480, 28, (32, 24, 16, 12), 6, 245_000
+"""An animation is at most so wide and high (pixels), and has at most so many frames and bytes, with fewer shades of
+the stress where it needs that; texts are in so many greys."""
 
 MARGIN = 16
 """White margin that is left around a picture (pixels)."""
@@ -148,6 +152,18 @@ def pushed_in(summary: dict) -> float:
     return 1e-3 * step["contacts"]["fit"]["force"][1]
 
 
+def stiffness_of_a_pair(summary: dict) -> float:
+    """The largest stiffness of the gears where one pair of teeth bears alone (N/(mm µm))."""
+    angle, stiffness, _ = meshing(summary)
+    return float(stiffness[alone(angle)].max())
+
+
+def cam_springs(summary: dict) -> float:
+    """The force of the follower's springs at their largest stroke, at the end of the turn (N/mm)."""
+    (step,) = (step for step in summary["steps"] if step["time"] == 40.0)
+    return -step["contacts"]["lift"]["force"][1]
+
+
 EXHIBITS = [
     Exhibit("pinched_blocks", "bodies.png", 8.36886, "MN/m", 1e-5, "brute force",
             contact("upper-lower", "tangential_force", factor=1e-6)),
@@ -184,6 +200,10 @@ EXHIBITS = [
             moves=True),
     Exhibit("rolling_wheel", "bodies.png", 10, "N/mm", 1e-9, "balance", contact("tread", "force", 1), {
         "time.steps": 4}, moves=True),
+    Exhibit("drawn/cam_and_follower", "bodies.png", 86.4, "N/mm", 0.02, "springs times stroke, with a rigid cam",
+            cam_springs, {"time.steps": 8}, moves=True),
+    Exhibit("drawn/spur_gears", "bodies.png", 14.36, "N/(mm µm)", 0.06, "ISO 6336-1", stiffness_of_a_pair,
+            {"time.steps": 8}, moves=True),
     Exhibit("bolted_plates", "contacts.png", 3200, "N/mm", 1e-5, "balance",
             lambda summary: summary["bodies"]["middle"]["reaction"][0], {"time.steps": 1}),
     Exhibit("sliding_floor", "steps.png", 5, "kN/m", 1e-5, "balance",
@@ -288,9 +308,16 @@ def keep_moving(animation: Path, path: Path) -> None:
             frames.insert(0, opened.convert("RGB"))
     for frame in frames:
         frame.thumbnail((MOVING, MOVING), Image.Resampling.LANCZOS)
-    palette = frames[len(frames) // 2].quantize(SHADES)
-    first, *others = (frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames)
-    first.save(path, save_all=True, append_images=others, loop=0, duration=few * pause, optimize=True)
+    for shades in SHADES:
+        # a palette of the picture itself would spend its colours on large areas, and lose the largest stresses
+        colours = np.vstack([colormaps["viridis"](np.linspace(0.0, 1.0, shades))[:, :3],
+                             np.linspace(0.0, 1.0, GREYS)[:, None].repeat(3, axis=1)])
+        palette = Image.new("P", (1, 1))
+        palette.putpalette(np.rint(255 * colours).astype(np.uint8).tobytes())
+        first, *others = (frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames)
+        first.save(path, save_all=True, append_images=others, loop=0, duration=few * pause, optimize=True)
+        if path.stat().st_size <= BYTES:
+            break
 
 
 def main() -> None:

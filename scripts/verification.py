@@ -45,6 +45,7 @@ AIMS: list[tuple[str, int | None, Order | None, str, float]] = [
                                                  "ring-on-cone", "sheared-solids", "cubes", "remote-moment",
                                                  "bolted-joint")),
     *((name, None, None, "*", 1e-9) for name in ("sliding-block", "turned-pair")),
+    ("spur-gears", None, None, "stiffness*", 0.06), ("spur-gears", None, None, "loss*", 0.1),
     *(("hertz", 8, order, value, 0.01) for order in (1, 2) for value in ("p₀*", "a (mm)")),
     *(("hertz", 16, 2, f"pressure, {words}", 0.01) for words in ("side means", "nodes",
                                                                  "nodes: greatest of five meshes")),

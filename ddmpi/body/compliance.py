@@ -111,7 +111,7 @@ class Compliance:
         other.B, other.size, other._norm = W @ self.B, W.shape[0], 0.0
         other._rigid = not other.B.count_nonzero()
         joined = W @ (W @ C).T
-        other._dense = other._matrix = np.asfortranarray((joined + joined.T) / 2)
+        other._dense = other._matrix = ((joined + joined.T) / 2).T  # symmetric; in Fortran's order for `mult`
         return other
 
     def renew(self) -> None:

@@ -68,11 +68,12 @@ def _along(slave: Curve, master: Curve, depth: np.ndarray) -> Cover:
     there, distance, _ = _meet(chords, fans, on[piece], middle[piece], corners[one[pair]])
     # One ray from the middle of a piece tells which master facets it meets: no corners lie in between.
     met = (there >= -TOUCHING) & (there <= 1.0 + TOUCHING) & (distance >= -depth[on[piece]])
-    piece, pair, distance = piece[met], pair[met], np.abs(distance[met])
-    order = np.lexsort((distance, piece))  # the nearest of each piece comes first
+    piece, pair, signed = piece[met], pair[met], distance[met]
+    order = np.lexsort((np.abs(signed), piece))  # the nearest of each piece comes first
     nearest = order[np.flatnonzero(np.diff(piece[order], prepend=-1))]
-    piece, one, distance = piece[nearest], one[pair[nearest]], distance[nearest]
-    # A piece whose rays pass through another part of the slave itself, as across a slot, does not face the master.
+    piece, one, distance = piece[nearest], one[pair[nearest]], signed[nearest]
+    # A piece whose rays pass through another part of the slave itself does not face the master: ahead of it across a
+    # slot, behind it across a tooth, out of whose other flank they leave the slave before they meet the master.
     seen = ~_hidden(chords, fans, on[piece], middle[piece], distance)
     piece, one = piece[seen], np.repeat(one[seen], POINTS + 2)
     facet, low, size = on[piece], low[piece], (high - low)[piece]
@@ -140,7 +141,7 @@ def _meet(facets: np.ndarray, fans: np.ndarray, facet: np.ndarray, at: np.ndarra
 
 def _hidden(facets: np.ndarray, fans: np.ndarray, facet: np.ndarray, at: np.ndarray,
             distance: np.ndarray) -> np.ndarray:
-    """Whether rays from places `at` (q,) on facets meet another facet within the distances (q,)."""
+    """Whether rays from places `at` (q,) on facets meet another facet on the way to the distances (q,), signed."""
     some = np.unique(facet)
     source, other = _swept(facets, facets[some], fans[some])
     source = some[source]
@@ -148,8 +149,9 @@ def _hidden(facets: np.ndarray, fans: np.ndarray, facet: np.ndarray, at: np.ndar
     point, pair = together(facet, source)
     there, t, _ = _meet(facets, fans, facet[point], at[point], facets[other[pair]])
     slack = TOUCHING * np.linalg.norm(facets[:, 1] - facets[:, 0], axis=1)[facet[point]]
-    behind = (there > 0.0) & (there < 1.0) & (t > slack) & (t < distance[point])
-    return np.bincount(point, behind, len(facet)) > 0
+    ahead, way = t * np.sign(distance[point]), np.abs(distance[point])
+    between = (there > 0.0) & (there < 1.0) & (ahead > slack) & (ahead < way)
+    return np.bincount(point, between, len(facet)) > 0
 
 
 def _pieces(facet: np.ndarray, segments: np.ndarray, facets: np.ndarray,

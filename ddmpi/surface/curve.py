@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 
 from ddmpi.mesh.boundary import SHARPEST, segments
@@ -21,17 +23,19 @@ STEEPEST = 0.24
 class Curve(Side):
     """The contact boundary of a body in the plane: chains of chords, of order 2 with their middles."""
 
-    @property
+    TURNS, KEPT = ("outward", "along", "bends", "fans"), ("lengths", "areas", "spacing", "slopes", "_angles")
+
+    @cached_property
     def along(self) -> np.ndarray:
         """(f, 2) from the first end of each facet to the second: its chord (m)."""
         return self.xy[self.facets[:, 1]] - self.xy[self.facets[:, 0]]
 
-    @property
+    @cached_property
     def bends(self) -> np.ndarray:
         """(f, 2) offset of the middle of a facet from the middle of its chord (m); zero if it is straight."""
         return self.cell.bends(self.xy[self.facets]).sum(axis=1)
 
-    @property
+    @cached_property
     def slopes(self) -> np.ndarray:
         """(f, 2) angles between the arc and its chord, positive outward, at the first and the second end of facets.
 
@@ -40,16 +44,17 @@ class Curve(Side):
         and facets at an angle above SHARPEST, meet in a corner. At corners and ends of the boundary the slope of the
         other end is mirrored; where both ends are such, a curved facet has its own slope, a straight one none.
         """
-        return self._slopes()[0]
+        return self._angles[0]
 
-    @property
+    @cached_property
     def fans(self) -> np.ndarray:
-        tilt = self._slopes()[1] * [-1.0, 1.0]
+        tilt = self._angles[1] * [-1.0, 1.0]
         cosine, sine = np.cos(tilt), np.sin(tilt)
         (x, y) = self.outward.T[:, :, None]
         return np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=2)
 
-    def _slopes(self) -> tuple[np.ndarray, np.ndarray]:
+    @cached_property
+    def _angles(self) -> tuple[np.ndarray, np.ndarray]:
         """The slopes; and for rays the same with every turn below SHARPEST shared, corners between flats included."""
         ends, outer = self.corners, self.outward
         length = np.linalg.norm(self.along, axis=1)

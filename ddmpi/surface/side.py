@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from math import factorial
+from typing import ClassVar
 
 import numpy as np
 import scipy.sparse as sparse
@@ -39,7 +41,11 @@ class Side:
     facets : (f, l) indices of their nodes, turned outward, see `Facets`; sorted by the last column
     parted : whether another contact is on the same group
     axisymmetric : whether nodal lengths are areas of revolution around x = 0
+    TURNS, KEPT : properties that turn with a frame, and that do not depend on it
     """
+
+    TURNS: ClassVar[tuple[str, ...]] = ("outward",)
+    KEPT: ClassVar[tuple[str, ...]] = ("lengths", "areas", "spacing")
 
     body: str
     modulus: float
@@ -56,6 +62,9 @@ class Side:
     facets: np.ndarray
     parted: bool = False
     axisymmetric: bool = False
+
+    def __getstate__(self) -> dict[str, object]:
+        return {each.name: vars(self)[each.name] for each in fields(self)}  # without what is found from them
 
     @property
     def dimension(self) -> int:
@@ -77,14 +86,18 @@ class Side:
         turned, free = frame.turned, frame.turned @ self.free @ frame.turned.T
         # `cover` looks as deep as half of the thinner body's extent
         extent = self.extent if reach is None else np.full(self.dimension, 2.0 * reach)
-        return replace(self, xy=frame.at(self.xy), normal=self.normal @ turned.T, free=free, extent=extent,
-                       moved={name: u @ turned.T for name, u in self.moved.items()})
+        placed = replace(self, xy=frame.at(self.xy), normal=self.normal @ turned.T, free=free, extent=extent,
+                         moved={name: u @ turned.T for name, u in self.moved.items()})
+        # Shapes are found once, in the body's frame; a load step only turns them.
+        vars(placed).update({name: getattr(self, name) for name in self.KEPT},
+                            **{name: getattr(self, name) @ turned.T for name in self.TURNS})
+        return placed
 
     def moves_with(self, transfer: sparse.csr_matrix) -> np.ndarray:
         """M (r, d, d): rows of a transfer (r, k) move by M e where all nodes move by e, projected by their clamps."""
         return (transfer @ self.free.reshape(len(self.free), -1)).reshape(-1, *self.free.shape[1:])
 
-    @property
+    @cached_property
     def lengths(self) -> np.ndarray:
         """(f,) lengths or areas of the facets (m or m²)."""
         return facet_measures(self.xy[self.facets])
@@ -94,17 +107,17 @@ class Side:
         """(k,) bool, nodes on an axis of revolution with vanishing integrals of their shape functions: of order 2."""
         return (self.xy[:, 0] == 0.0) & (self.axisymmetric and self.cell.mass[0, 1] == 0.0)
 
-    @property
+    @cached_property
     def areas(self) -> np.ndarray:
         """(f,) lengths or areas of the facets, around an axis areas of revolution (m or m²)."""
         return facet_measures(self.xy[self.facets], self.axisymmetric)
 
-    @property
+    @cached_property
     def outward(self) -> np.ndarray:
         """(f, d) outer unit normal of each facet's chord, or of the triangle of its corners."""
         return unit(normals(self.xy[self.corners]))
 
-    @property
+    @cached_property
     def spacing(self) -> np.ndarray:
         """(k,) mean distance of each node to its neighbours (m)."""
         pairs = links(self.facets, self.dimension)

@@ -216,6 +216,23 @@ def test_a_wall_hides_what_stands_behind_it_in_space(divisions, size, order):
     assert over.weight.sum() == pytest.approx(min(size, 0.9) ** 2) and over.gap == pytest.approx(0.3)
 
 
+def teeth(order: int, width: float, *places: float) -> Side:
+    """Both flanks of two teeth of one body, from the `places` over a width."""
+    one, other = (rectangle((1, 4), (width, 1.0), (x, 0.0), order) for x in places)
+    number = len(one.points)
+    flanks = [mesh.groups[name] + k * number for k, mesh in enumerate((one, other)) for name in ("left", "right")]
+    mesh = Mesh(np.concatenate([one.points, other.points]), np.concatenate([one.triangles, other.triangles + number]),
+                {"flanks": np.concatenate(flanks)})
+    return side(mesh, "flanks", body=f"teeth at {places}")
+
+
+@orders
+def test_a_tooth_overlaps_nothing_beyond_its_other_flank(order):
+    """Teeth between teeth see the flanks that they face, and no overlap with those behind their own backs."""
+    over = cover(teeth(order, 0.2, 0.0, 3.0), teeth(order, 0.1, 0.5, 2.6))
+    assert over.weight.sum() == pytest.approx(2.0) and over.gap == pytest.approx(0.3)
+
+
 @orders
 def test_a_closed_shaft_in_a_closed_hub(order):
     """Every point of a closed side faces its neighbour across the gap, also where the chain begins."""

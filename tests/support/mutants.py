@@ -267,6 +267,8 @@ MUTANTS = [Mutant(*row) for row in (
     ("sides seen through the slave", "surface/cover",
      "seen = ~_hidden(chords, fans, on[piece], middle[piece], distance)", "seen = np.ones(len(piece), bool)",
      f"{MORTAR}::test_the_far_side_of_a_ring_is_no_partner"),
+    ("teeth overlap what is behind their backs", "surface/cover", "t * np.sign(distance[point])", "t",
+     f"{MORTAR}::test_a_tooth_overlaps_nothing_beyond_its_other_flank"),
     ("walls seen through the slave in space", "surface/cut",
      "keep &= ~_hidden(slaves, outward, slaves, pairs, piece, piece, middle, away, slack, 0.0)", "pass",
      f"{MORTAR}::test_a_wall_hides_what_stands_behind_it_in_space"),
