@@ -80,7 +80,7 @@ def _with_links(gallery: str) -> str:
     """The gallery with a link to the scene, and to the view if there is one, below each example."""
     def links(command: re.Match) -> str:
         view = f"views/{command[2]}.html"
-        turn = f" · [Turn it in the browser]({view})" if (ROOT / "docs" / "start" / view).exists() else ""
+        turn = f" · [Its results, in the browser]({view})" if (ROOT / "docs" / "start" / view).exists() else ""
         return f"{command[0]}\n\n[Its scene](../../{command[1]}){turn}"
 
     return RUN.sub(links, gallery)
