@@ -121,8 +121,7 @@ def test_a_run_writes_the_view_and_its_report_has_it(tmp_path):
 
 
 def opened(folder, changes) -> dict[str, dict[str, str]]:
-    """What the view in `folder` draws in headless Chromium as it is, and after each of `changes`, pairs of a control and
-    its value."""
+    """What the view in `folder` draws in headless Chromium as it is, and after each of `changes` of a control."""
     page = write_view(folder).read_text(encoding="utf-8")
     script = """<script>const waiting = setInterval(() => {
       if (!document.body.dataset.sum) return;
