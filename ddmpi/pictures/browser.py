@@ -95,6 +95,7 @@ def _page(results: Results, folder: Path) -> str:
         raise InputError(f"{folder}: an earlier version of ddmpi wrote these results, without the surfaces of contacts "
                          "that a view shows; run the scene again")
     output, d = results.summary["scene"]["output"], results.dimension
+    turned = bool(results.summary["scene"].get("axisymmetric"))  # the page turns the section around y
     view = View(results.points, {key: output[key] for key in ("view",) if output.get(key) and d > 2})
     skin, owner = Skin(view, results.points, results.fields["cells"]), owners(results)
     facets = skin.facets
@@ -117,7 +118,7 @@ def _page(results: Results, folder: Path) -> str:
     painted = _painted(replace(results, summary=results.summary | {"scene": results.summary["scene"] | {
         "contact": []}}) if far else results, points, owner)
     painted["surface"] -= s[painted["nearest"]]
-    for name in "surface", "above", "painted", "bearer":
+    for name in "surface", "above", "painted", "bearer", *(("rims",) if turned else ()):
         arrays.put(name, painted[name])
     low, high = points[nodes].min(axis=0), points[nodes].max(axis=0)
     times, tops, marks = [], dict.fromkeys(TITLES, 0.0), {name: list[tuple[float, int]]() for name in TITLES}
@@ -153,8 +154,11 @@ def _page(results: Results, folder: Path) -> str:
             shown.append({"name": name, "title": title, "unit": words, "painted": name == "pressure",
                           "colours": COLOURS["pressure" if name == "pressure" else "stress"], "low": 0.0,
                           "high": tops[name] / factor or 1.0, "marks": [(most / factor, k) for most, k in marks[name]]})
-    eye = view.axes[2]
-    head = {"fields": shown, "times": times, "timed": results.time is not None, "flat": d < 3,
+    if turned:  # all around
+        low[[0, 2]], high[[0, 2]] = -high[0], high[0]
+    eye = np.array([0.43, -0.75, 0.5]) if turned else view.axes[2]  # into the quarter that is left out
+    head = {"fields": shown, "times": times, "timed": results.time is not None,
+            "flat": d < 3 and not turned, "turned": turned,
             "cut": next(([axis, at] for axis, at in (output.get("cut") or {}).items() if at is not None), None),
             "scale": scale, "low": low.tolist(), "high": high.tolist(), "arrays": arrays.places,
             "view": np.degrees([np.arctan2(eye[1], eye[0]), np.arcsin(np.clip(eye[2], -1.0, 1.0))]).tolist(),
@@ -185,11 +189,13 @@ def _steps(results: Results, folder: Path, number: int) -> Iterator[tuple[float,
 def _painted(results: Results, points: np.ndarray, owner: np.ndarray) -> dict[str, Any]:
     """The surfaces of contacts on both sides: places `surface` (n, 3), how far they are drawn `above` (n, 3) the part
     that bears them, and the triangles `painted` (f, 3) between them; the number `bearer` (n,) of that part, the
-    `nearest` (n,) node, which they move with; and by contact the `rows` of its surface that they stand for."""
+    `nearest` (n,) node, which they move with; the lines `rims` (r, 2) of contacts in the plane; and by
+    contact the `rows` of its surface that they stand for."""
     extent, bodies = np.ptp(points, axis=0).max(), list(results.summary["bodies"])
     names = [*bodies, *(rigid["name"] for rigid in results.summary["scene"].get("rigid", ()))]
     trees = {name: cKDTree(points[owner == k]) for k, name in enumerate(bodies)}
     places, above, triangles = [np.zeros((0, 3))], [np.zeros((0, 3))], [np.zeros((0, 3), int)]
+    rims = [np.zeros((0, 2), int)]
     bearers, nearest, rows, first = [], [], list[tuple[str, np.ndarray]](), 0
     contacts = results.summary["scene"]["contact"]
     for contact in [each for each in contacts if each.get("kind") != "bonded"] or contacts:
@@ -205,6 +211,7 @@ def _painted(results: Results, points: np.ndarray, owner: np.ndarray) -> dict[st
                 some = np.concatenate([some, some])
                 place = np.concatenate([at, at - sign * RIBBON * extent * outward])
                 lift = np.array([0.0, 0.0, ABOVE * extent]).repeat(len(place)).reshape(3, -1).T
+                rims.append(cells + first)
                 a, b = cells.T
                 facets = np.concatenate([np.stack([a, b, b + len(at)], 1), np.stack([a, b + len(at), a + len(at)], 1)])
             else:
@@ -219,5 +226,5 @@ def _painted(results: Results, points: np.ndarray, owner: np.ndarray) -> dict[st
             rows.append((contact["name"], some))
             first += len(place)
     return {"surface": np.vstack(places), "above": np.vstack(above), "painted": np.vstack(triangles), "rows": rows,
-            "bearer": np.concatenate([np.zeros(0, int), *bearers]),
+            "rims": np.vstack(rims), "bearer": np.concatenate([np.zeros(0, int), *bearers]),
             "nearest": np.concatenate([np.zeros(0, int), *nearest])}

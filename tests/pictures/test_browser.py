@@ -120,30 +120,53 @@ def test_a_run_writes_the_view_and_its_report_has_it(tmp_path):
     assert "<iframe srcdoc=" in page and "script-src" in page and first[-60:-40].replace("<", "&lt;") in page
 
 
-@pytest.mark.skipif(not CHROMIUM, reason="no Chromium to open views with")
-def test_a_browser_draws_the_view_and_its_slider_moves(tmp_path):
-    """In headless Chromium: bodies in many colours; another picture at the other load step, cut open, and apart."""
-    stacked(tmp_path, times=(1.0, 2.0))
-    page = write_view(tmp_path).read_text(encoding="utf-8")
+def opened(folder, changes) -> dict[str, dict[str, str]]:
+    """What the view in `folder` draws in headless Chromium as it is, and after each of `changes` of a control."""
+    page = write_view(folder).read_text(encoding="utf-8")
     script = """<script>const waiting = setInterval(() => {
       if (!document.body.dataset.sum) return;
       clearInterval(waiting);
       const found = {as_it_was: {...document.body.dataset}};
-      for (const [name, value] of [["step", 0], ["axis", "x"], ["apart", 1], ["field", "pressure"]]) {
+      for (const [name, value] of CHANGES) {
         const one = document.querySelector(`[name=${name}]`);
         one.value = value; one.dispatchEvent(new Event("input", {bubbles: true}));
-        found[name] = {...document.body.dataset};
+        found[`${name} ${value}`] = {...document.body.dataset};
       }
       document.title = JSON.stringify(found);
-    }, 100);</script>"""
-    (tmp_path / "moved.html").write_text(page.replace("</body>", script + "</body>"), encoding="utf-8")
+    }, 100);</script>""".replace("CHANGES", json.dumps(changes))
+    (folder / "moved.html").write_text(page.replace("</body>", script + "</body>"), encoding="utf-8")
     dom = subprocess.run(
         [CHROMIUM, "--headless=new", "--no-sandbox", "--enable-unsafe-swiftshader", "--use-angle=swiftshader",
-         f"--user-data-dir={tmp_path / 'profile'}", "--window-size=500,400", "--virtual-time-budget=60000",
-         "--dump-dom", f"file://{tmp_path}/moved.html#look"], capture_output=True, text=True,
+         f"--user-data-dir={folder / 'profile'}", "--window-size=500,400", "--virtual-time-budget=60000",
+         "--dump-dom", f"file://{folder}/moved.html#look"], capture_output=True, text=True,
         timeout=LIMIT)
     found = json.loads(unescape(re.search("<title>(.*?)</title>", dom.stdout)[1]))
-    assert all(int(each["colours"]) > 8 and int(each["pixels"]) > 5000 for each in found.values()), found
+    assert all(int(each["colours"]) > 8 and int(each["pixels"]) > 2000 for each in found.values()), found
     assert len({each["sum"] for each in found.values()}) == len(found), found
-    assert found["step"]["step"] == "0" and found["field"]["field"] == "pressure"
-    assert int(found["axis"]["triangles"]) > int(found["step"]["triangles"])  # those of the cut
+    return found
+
+
+@pytest.mark.skipif(not CHROMIUM, reason="no Chromium to open views with")
+def test_a_browser_draws_the_view_and_its_slider_moves(tmp_path):
+    """In headless Chromium: bodies in many colours; another picture at the other load step, cut open, and apart."""
+    stacked(tmp_path, times=(1.0, 2.0))
+    found = opened(tmp_path, [("step", 0), ("axis", "x"), ("apart", 1), ("field", "pressure")])
+    assert found["step 0"]["step"] == "0" and found["field pressure"]["field"] == "pressure"
+    assert int(found["axis x"]["triangles"]) > int(found["step 0"]["triangles"])  # those of the cut
+
+
+@pytest.mark.skipif(not CHROMIUM, reason="no Chromium to open views with")
+def test_axisymmetric_bodies_turn_around_their_axis(tmp_path):
+    """Three quarters of a turn at first: two sections and 54 strips along their outlines; a half and a whole turn (72
+    strips, no section), and the section alone."""
+    made_up.results(tmp_path)
+    summary = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
+    summary["scene"]["axisymmetric"] = True
+    (tmp_path / "summary.json").write_text(json.dumps(summary), encoding="utf-8")
+    found = opened(tmp_path, [("turn", 180), ("turn", 360), ("turn", 0)])
+    head, arrays = unpacked(tmp_path / "view.html")
+    points, section, strip = arrays["points"].reshape(-1, 3), len(arrays["facets"]) // 3, len(arrays["edges"])
+    assert head["turned"] and not head["flat"] and head["high"][0] == pytest.approx(points[:, 0].max(), rel=1e-3)
+    assert head["low"][::2] == [-head["high"][0]] * 2 and len(arrays["rims"]) > 0
+    assert [float(each["triangles"]) for each in found.values()] == [
+        2 * section + 54 * strip, 2 * section + 36 * strip, 72 * strip, section]

@@ -22,6 +22,9 @@ def test_site(tmp_path):
     pages = {path.relative_to(tmp_path / "site").as_posix(): path.read_text(encoding="utf-8")
              for path in (tmp_path / "site").rglob("*.html")}
     assert {"index.html", "CONTRIBUTING.html", "reference/scene.html", "tables/verification.html"} <= pages.keys()
+    scenes = re.findall(r'href="\.\./(files/configs/[\w/]+\.toml)">Its scene', pages["start/gallery.html"])
+    assert len(scenes) == pages["start/gallery.html"].count("<h2 ")
+    assert all((tmp_path / "site" / path).exists() for path in scenes)
     for name, text in pages.items():
         assert not LOADED.search(text), name
 
