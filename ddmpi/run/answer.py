@@ -83,6 +83,8 @@ class Answer:
         if not self.solved or self.summary["ranks"] > len(self.summary["bodies"]):
             raise InputError("gradient: bodies with several ranks have left them; start on fewer, or name "
                              "output.derivatives")
+        if self.solved.assembly.world == MPI.COMM_NULL:
+            raise InputError("gradient: the model of this answer, of which a case failed, is closed; ask while it is open")
         solution = self.solved.solution
         if not solution.certified or not isinstance(solution.outer, Newton):
             raise InputError('gradient: follows from a certified answer of outer = "newton"')
