@@ -84,7 +84,7 @@ class Answer:
             raise InputError("gradient: bodies with several ranks have left them; start on fewer, or name "
                              "output.derivatives")
         if self.solved.assembly.world == MPI.COMM_NULL:
-            raise InputError("gradient: the model of this answer, of which a case failed, is closed; ask while it is open")
+            raise InputError("gradient: the model of this answer, of which a case failed, is closed; ask before")
         solution = self.solved.solution
         if not solution.certified or not isinstance(solution.outer, Newton):
             raise InputError('gradient: follows from a certified answer of outer = "newton"')

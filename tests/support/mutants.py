@@ -414,7 +414,8 @@ MUTANTS = [Mutant(*row) for row in (
      "self._B, self.kind\n", TOLD),
     # that of this side alone follows from those of the mesh and of the others
     ("a side is kept for another boundary", "coupling/assembly",
-     "contact.on[side],\n                               [(other.on[which], holds_along(other))", "[(holds_along(other),)",
+     "contact.on[side],\n                               [(other.on[which], holds_along(other))",
+     "[(holds_along(other),)",
      f"{COUNTS}[drawn-overrides5]"),
     ("a side is kept for other contacts", "coupling/assembly",
      "[(other.on[which], holds_along(other)) for other, which in others])", "())",
