@@ -212,8 +212,8 @@ def page(pairs: list[Row], times: list[Row]) -> str:
              f"Written by `scripts/study reuse`, ddmpi {ddmpi.__version__}, {processor()}, {os.cpu_count()} cores.", ""]
     if pairs:
         ranks = sorted({row["ranks"] for row in pairs})
-        lines += [f"{len(pairs)} random pairs of cases of {len({row['scene'] for row in pairs})} scenes of the gallery and "
-                  "configs/: files of the second, after the first in the same model, and of a run by itself.", "",
+        lines += [f"{len(pairs)} random pairs of cases of {len({row['scene'] for row in pairs})} scenes of the gallery "
+                  "and configs/: files of the second, after the first in the same model, and of a run by itself.", "",
                   *table(("ranks", "pairs", "certified, not refused", "the same bytes",
                           "the same up to 1e-7, several ranks a body", "unlike"), (
                       (rank, len(rows), sum(row["certified"] for row in rows), sum(row["bytes"] for row in rows),
