@@ -1,12 +1,13 @@
 """Prepared models: whether cases have the files of runs by themselves, and what they cost.
 
-    scripts/study reuse                              # 200 pairs of cases over all scenes of configs/, 100 frictions
+    scripts/study reuse                              # 200 pairs of cases over the gallery and configs/, 100 frictions
     scripts/study reuse --pairs 40 --ranks 1 2       # fewer, on other numbers of ranks
     scripts/study reuse --pairs 0 --cases 20         # times alone
 
 A pair is two cases of random changes of a scene that one model solves one after the other; the files of the second are
 compared with those of a run by itself, byte for byte, summary.json without its times, memory and `reused`. Times are
-processor seconds; fresh runs are made between the cases of a model, so that the ratio is that of one machine. Writes
+processor seconds; fresh runs are made between the cases of a model, so that the ratio is that of one machine. Scenes of
+the gallery have the settings with which its test runs them, which make them cheap. Writes
 pairs.csv, times.csv and reuse.md, with the default numbers also to docs/tables/. Started again, it goes on.
 """
 
@@ -26,6 +27,7 @@ from typing import Any
 
 import numpy as np
 from experiment import ROOT, Ledger, Row, arguments, processor, publish, table, where
+from gallery import EXHIBITS
 from mpi4py import MPI
 from reused import CHANCE, changes, differences
 from scenes import clean_environment
@@ -42,7 +44,10 @@ from ddmpi.system.clock import Clock
 PAIRS, RANKS, CASES, EVERY = 200, (1, 2, 3, 4), 100, 10
 """Pairs over all scenes and numbers of ranks; cases of friction, and of these so many of which one runs by itself."""
 
-SCENES = sorted(path.stem for path in (ROOT / "configs").glob("*.toml"))
+SCENES = sorted({exhibit.scene for exhibit in EXHIBITS} | {path.stem for path in (ROOT / "configs").glob("*.toml")})
+COARSE = {f"body.{body}.mesh.divisions": [18, 6] for body in ("upper", "lower")}
+SETTINGS = {exhibit.scene: exhibit.settings for exhibit in EXHIBITS} | {
+    f"pinched_blocks_{law}": COARSE for law in ("coulomb", "frictionless", "tresca")}  # by the paper's method
 
 ROUNDING = 1e-7
 """On several ranks a body MUMPS adds up in any order: forces then agree up to this part of the largest."""
@@ -80,22 +85,32 @@ def main() -> None:
 
 # Files
 
-PAIR, FOUND = ("scene", "pair"), ("ranks", "changes", "reused", "bytes", "difference", "alike")
+PAIR, FOUND = ("scene", "pair"), ("ranks", "changes", "reused", "certified", "bytes", "difference", "alike", "unlike")
 
 
 def compare_pairs(options: argparse.Namespace) -> None:
     """Compare this number of ranks' share of the pairs, scene by scene. Collective on all ranks."""
-    world, index = MPI.COMM_WORLD, list(options.ranks).index(MPI.COMM_WORLD.size)
+    world, count = MPI.COMM_WORLD, len(options.scenes)
     ledger = Ledger(world, options.output / f"pairs_{world.size}.csv", PAIR, FOUND)
-    count = len(options.scenes)
-    ledger.fill([(options.scenes[number % count], number) for number in range(options.pairs)
-                 if number // count % len(options.ranks) == index], compare)
+    by_body = {name: settled(ROOT / "configs" / f"{name}.toml", {}).method.by_body for name in options.scenes}
+    pairs = [(options.scenes[number % count], number) for number in range(options.pairs)]
+    ledger.fill(sorted(((name, number) for name, number in pairs if world.size == (  # the paper's: a rank for each body
+        2 if by_body[name] else options.ranks[number // count % len(options.ranks)])),
+        key=lambda pair: (by_body[pair[0]], "drawn" in pair[0])), compare)  # the cheap ones first
+
+
+def original(name: str) -> dict[str, Any]:
+    """A scene's data, with the settings of the gallery's test."""
+    data = tomllib.loads((ROOT / "configs" / f"{name}.toml").read_text(encoding="utf-8"))
+    for key, value in SETTINGS.get(name, {}).items():
+        override(data, key, value)
+    return data
 
 
 def compare(name: str, number: int) -> Row:
     """One pair of cases of a scene. Collective."""
     world, path, rng = MPI.COMM_WORLD, ROOT / "configs" / f"{name}.toml", random.Random(f"{name} {number}")
-    data = tomllib.loads(path.read_text(encoding="utf-8"))
+    data = original(name)
     first, second = changes(rng, data), changes(rng, data)
     second = first | second if rng.random() < 0.5 and not first.keys() & second.keys() else second
     folder = Path(world.bcast(tempfile.mkdtemp() if world.rank == 0 else None))
@@ -106,7 +121,7 @@ def compare(name: str, number: int) -> Row:
         "fresh": lambda scene, place: run(world, scene, str(path), place, False)}
     for way, solve in solves.items():
         try:
-            scene = settled(path, first if way == "before" else second)
+            scene = settled(path, SETTINGS.get(name, {}) | (first if way == "before" else second))
             options.use(scene.petsc)
             solve(scene, str(folder / way))
             ends.append("certified")
@@ -120,8 +135,10 @@ def compare(name: str, number: int) -> Row:
         unlike, difference, reused = unlike_files(folder / "kept", folder / "fresh")
         ends[1:] = [end.replace(str(folder / way), "") for end, way in zip(ends[1:], ("kept", "fresh"), strict=True)]
         same = ends[1] == ends[2] and not unlike
-        found = {"ranks": world.size, "changes": json.dumps([first, second]), "reused": reused, "bytes": same,
-                 "difference": difference, "alike": same or (teams and difference < ROUNDING)}
+        found = {"ranks": world.size, "changes": json.dumps([first, second]), "reused": reused,
+                 "certified": ends[1] == "certified", "bytes": same, "difference": difference,
+                 "alike": same or (teams and difference < ROUNDING),
+                 "unlike": json.dumps([ends[1:], unlike[:9]] if not same else [])}
         shutil.rmtree(folder)
     return world.bcast(found)
 
@@ -149,7 +166,9 @@ def unlike_files(one: Path, other: Path) -> tuple[list[str], float, str]:
                 for key in CHANCE:
                     summary.pop(key, None)
             unlike += differences(*tables)
-            forces = [np.array([contact["force"] for contact in table["contacts"].values()], float) for table in tables]
+            # pressures may cancel, as around a shaft
+            forces = [np.array([[*contact["force"], contact["normal_force"]] for contact in table["contacts"].values()],
+                               float) for table in tables]
             difference = float(np.abs(forces[0] - forces[1]).max(initial=0.0) / max(
                 np.abs(forces[1]).max(initial=0.0), np.finfo(float).tiny))
         elif contents[0] != contents[1]:
@@ -193,10 +212,11 @@ def page(pairs: list[Row], times: list[Row]) -> str:
              f"Written by `scripts/study reuse`, ddmpi {ddmpi.__version__}, {processor()}, {os.cpu_count()} cores.", ""]
     if pairs:
         ranks = sorted({row["ranks"] for row in pairs})
-        lines += [f"{len(pairs)} random pairs of cases of {len({row['scene'] for row in pairs})} scenes in configs/: "
-                  "files of the second, after the first in the same model, and of a run by itself.", "",
-                  *table(("ranks", "pairs", "the same bytes", "the same up to 1e-7, several ranks a body", "unlike"), (
-                      (rank, len(rows), sum(row["bytes"] for row in rows),
+        lines += [f"{len(pairs)} random pairs of cases of {len({row['scene'] for row in pairs})} scenes of the gallery "
+                  "and configs/: files of the second, after the first in the same model, and of a run by itself.", "",
+                  *table(("ranks", "pairs", "certified, not refused", "the same bytes",
+                          "the same up to 1e-7, several ranks a body", "unlike"), (
+                      (rank, len(rows), sum(row["certified"] for row in rows), sum(row["bytes"] for row in rows),
                        sum(row["alike"] and not row["bytes"] for row in rows), sum(not row["alike"] for row in rows))
                       for rank in ranks for rows in [where(pairs, ranks=rank)]))]
     if times:

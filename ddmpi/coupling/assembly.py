@@ -287,8 +287,7 @@ def _mesh(scene: Settled, spec: SettledBody, folder: Path, contacts: Sequence[st
     groups on which something acts. Not collective. Raises InputError."""
     file = content(spec, folder)
     depends = (spec.mesh, kept.key("file", spec.name) if file is None else file, contacts, sizes, scene.dimension,
-               scene.axisymmetric, [(name, acting.on) for name, acting in spec.acting],
-               [getattr(material, "on", None) for material in spec.materials])
+               scene.axisymmetric, [(name, acting.on) for name, acting in spec.acting])
     return kept.get("mesh", spec.name, depends, lambda: build_mesh(
         spec, folder, contacts, sizes, scene.dimension, scene.axisymmetric))
 

@@ -178,7 +178,12 @@ class Law:
         if self.components > 1 and slips.any():
             spring[tangential] = np.repeat(active.excess, self.components)
             frames = np.where(slips[:, None, None], across(active.slip), np.eye(self.components))
-            turn = sparse.block_diag([sparse.identity(self.m), *frames], format="csr")
+            # the pressures' identity, then a block for each node
+            columns = self.m + np.arange(frames[..., 0].size).reshape(-1, self.components)
+            turn = sparse.csr_matrix((
+                np.concatenate([np.ones(self.m), frames.ravel()]),
+                np.concatenate([np.arange(self.m), np.repeat(columns, self.components, axis=0).ravel()]),
+                np.concatenate([np.arange(self.m), self.m + np.arange(0, frames.size + 1, self.components)])))
         return Tangent(np.concatenate([active.closed, unknown.ravel()]) & self.live, self.node, coupling, given, spring,
                        turn)
 

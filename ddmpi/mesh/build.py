@@ -28,7 +28,7 @@ from ddmpi.system.numbers import in_words
 EACH = 200.0
 """Least memory of a linear cell (bytes): nodes, groups, and its part of the stiffness."""
 
-NAMES_OTHERS = {".geo": rb"include|merge|open|import|shapefromfile", ".inp": rb"\*include|input *=",
+NAMES_OTHERS = {".geo": rb"include|merge|open(?!cascade)|import|shapefromfile", ".inp": rb"\*include|input *=",
                 ".xdmf": rb"", ".xmf": rb""}
 """By the end of a file's name, what its text has where it names other files; XDMF keeps its data beside it."""
 

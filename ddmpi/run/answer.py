@@ -70,7 +70,7 @@ class Answer:
             raise InputError(f"derivative({key!r}): {self.reason}; only a certified answer has derivatives")
         if key not in entries:
             raise InputError(f"derivative({key!r}): output.derivatives of the scene does not name it"
-                             f"{nearest(key, list(entries))} (there: {', '.join(entries) or 'none'})")
+                             f"{nearest(str(key), list(entries))} (there: {', '.join(entries) or 'none'})")
         return joined(entries[key], self.derived[key]) if entries[key] else None
 
     def gradient(self, result: str) -> Entry:
@@ -83,10 +83,12 @@ class Answer:
         if not self.solved or self.summary["ranks"] > len(self.summary["bodies"]):
             raise InputError("gradient: bodies with several ranks have left them; start on fewer, or name "
                              "output.derivatives")
+        if self.solved.assembly.world == MPI.COMM_NULL:
+            raise InputError("gradient: the model of this answer, of which a case failed, is closed; ask before")
         solution = self.solved.solution
         if not solution.certified or not isinstance(solution.outer, Newton):
             raise InputError('gradient: follows from a certified answer of outer = "newton"')
-        return gradient(self.solved.assembly, solution.outer, solution, result)
+        return gradient(self.solved.assembly, solution.outer, solution, str(result))
 
     def __repr__(self) -> str:
         summary, contacts = self.summary, list(self.summary["contacts"])
@@ -137,6 +139,8 @@ class Model:
         """The scene with all defaults and these values by key. Collective. Raises InputError."""
         def read() -> Settled:
             data = copy.deepcopy(self._data)
+            if not isinstance(overrides, Mapping | None):
+                raise InputError(f"overrides: expected a table of values by key (got {overrides!r})")
             name = f"{outer.__module__}:{outer.__qualname__}" if isinstance(outer, type) else outer
             given = {key: value for key, value in (("output.only", only), ("method.outer", name)) if value is not None}
             for key, value in {**(overrides or {}), **given}.items():
@@ -162,6 +166,8 @@ class Model:
         """
         if self._cases is None:
             raise InputError("this model is closed; ddmpi.prepare makes another one")
+        if not isinstance(start, Answer | None):
+            raise InputError(f"start: expected an answer (got {start!r})")
         world, settled, clock, options = self._world, self.settle(overrides, only, outer), Clock(), RunOptions()
         motions = start.solved.solution.outer.motions if start and start.solved else None
         begin = (start.contacts, motions) if start else None

@@ -65,6 +65,8 @@ def as_data(value: Any, where: str, *key: str) -> Any:
     if isinstance(value, list | tuple):
         return [as_data(entry, where, *key, name_of(entry) or str(k)) for k, entry in enumerate(value)]
     if isinstance(value, str):  # also of types that are based on these, such as enumerations of words
+        if re.search("[\ud800-\udfff]", value):
+            raise InputError(f"{where}: {'.'.join(key)}: {value!a} is not text in UTF-8")
         return "".join(value)
     for kind, like in (bool, bool), (int, int), (float, float | np.longdouble):
         if isinstance(value, like):

@@ -159,6 +159,11 @@ class Scene(Table, frozen=True, kw_only=True):
                 raise ValueError(f"contact.{contact.called}.pretension.history: [history.{name}] ends at time "
                                  f"{self.history[name].times[-1]:g}, before the first load step, so that the force "
                                  "would never act; let it end at a later time, or leave it out")
+            # each cycle would give the force anew, and let the offset go that the one before has kept
+            cycle = self.time.cycle if self.time else None
+            if name and cycle and cycle.repeat > 1 and cycle.begin < self.history[name].times[-1] <= cycle.to:
+                raise ValueError(f"contact.{contact.called}.pretension.history: [history.{name}] ends within the cycle "
+                                 f"from {cycle.begin:g} to {cycle.to:g}; let it end before or later")
         if self.time is not None and self.method.for_one:
             raise ValueError(f"time: method.{self.method.for_one} solves one load step; what knows several is outer = "
                              '"newton", the default')

@@ -110,7 +110,8 @@ def test_what_is_kept_is_told():
             model.solve({"body.lower.clamp": ["nowhere"]})
         model.solve({"body.upper.material.poisson": 0.3, MU: 0.2})
         assert model.reused["upper"] == parts
-        for overrides in ({"petsc.body_mat_mumps_icntl_7": 0}, {"method.compliance": "direct"}):
+        for overrides in ({"petsc.body_mat_mumps_icntl_7": 0}, {"method.compliance": "direct"},
+                          {"method.compliance": "explicit"}):
             model.solve()
             model.solve(overrides)
             assert "compliance" not in model.reused.get("lower", ())
@@ -120,6 +121,47 @@ def test_what_is_kept_is_told():
             assert "upper-lower" not in model.reused
     with pytest.raises(InputError, match="closed"):
         model.solve()
+
+
+def drawn(folder) -> dict:
+    """A drawn block that is pressed on a floor and against a wall, with elements that are finer along contacts."""
+    (folder / "block.geo").write_text("""SetFactory("OpenCASCADE"); Rectangle(1) = {0, 0, 0, 1, 1};
+        Physical Curve("bottom") = {1}; Physical Curve("right") = {2}; Physical Curve("top") = {3};
+        Physical Curve("left") = {4}; Physical Surface("block") = {1};""", encoding="utf-8")
+    block = {"name": "block", "mesh": {"geometry": str(folder / "block.geo"), "size": 0.5},
+             "material": {"young": 1e9, "poisson": 0.3},
+             "clamp": [{"on": "top", "y": -1e-3}, {"on": "right", "x": -1e-3}]}
+    partners = ("floor", [0.0, 1.0], "bottom"), ("wall", [1.0, 0.0], "left")
+    return {"body": [block],
+            "rigid": [{"name": name, "shape": "plane", "point": [0.0, 0.0], "normal": normal}
+                      for name, normal, _ in partners],
+            "contact": [{"name": on, "bodies": ["block", name], "on": [on]} for name, _, on in partners]}
+
+
+@pytest.mark.parametrize(("scene", "overrides"), [
+    ("held", {"body.upper.mesh.size": [3.0, 1.2]}), ("held", {"body.upper.material.young": 1e11}),
+    ("held", {"method.compliance": "explicit"}), ("held", {"body.lower.traction.0.on": "nowhere"}),
+    ("load steps", {"body.lower.volume_force": {"value": [0.0, -1e5], "history": "push"}}),
+    ("drawn", {"contact.0.name": "left", "contact.1.name": "bottom"}), ("around an axis", {"axisymmetric": False}),
+    ("drawn", {"contact": [{"bodies": ["block", "floor"], "on": ["bottom"]}]}), ("drawn", {
+        "method.target_error": 0.04, "body.0.clamp": [{"on": "top", "y": "-1e-3 * x"}, {"on": "right", "x": -1e-3}]}),
+    ("drawn", {f"rigid.{k}.{key}": [0.0, 0.0, float(key == "normal")] for k in (0, 1) for key in ("point", "normal")})])
+def test_each_dependency_counts(scene, overrides, tmp_path):
+    """A change that one entry of the key of a stage alone tells of; others touch several entries."""
+    scene = drawn(tmp_path) if scene == "drawn" else SCENES[scene]
+    with ddmpi.prepare(scene) as model:
+        model.solve()
+        compare(model, scene, overrides)
+
+
+def test_sides_see_the_friction_of_others():
+    """A node that another contact holds along this one has no row of its own at some ends of mortar contacts."""
+    with ddmpi.prepare(SCENES["load steps"]) as model:
+        model.solve(only="contacts")
+        model.solve({"contact.1.friction": {"law": "none"}}, only="contacts")
+        found = model._cases._kept.found
+    assert "side" in found["lower-floor.0"]
+    assert "side" not in found.get("upper-lower.1", ())
 
 
 def test_multigrid_remembers_nothing():
@@ -171,6 +213,22 @@ def test_an_answer_to_begin_with():
             model.solve({f"body.{name}.mesh.divisions": [12, 4] for name in ("upper", "lower")}, start=first)
     with ddmpi.prepare(pressed()) as model, pytest.raises(InputError, match="load steps begin free of stress"):
         model.solve(start=first)
+
+
+@pytest.mark.parametrize(("wrong", "words"), [
+    ({"overrides": [("title", 1)]}, "overrides: expected a table"), ({"overrides": {MU: True}}, MU),
+    ({"overrides": {"title": "\udc80"}}, "overrides: title: '.udc80' is not text"),
+    ({"start": {}}, "start: expected an"), ({"only": 3}, "output.only: expected words"),
+    ({"outer": int}, "method.outer = .builtins:int. is no class")])
+def test_values_of_wrong_types_are_refused(wrong, words):
+    """By one message that names the argument or the key."""
+    with ddmpi.prepare(pinched_blocks(3)) as model:
+        with pytest.raises(InputError, match=words):
+            model.solve(**wrong)
+        answer = model.solve()
+    for ask in answer.derivative, answer.gradient:
+        with pytest.raises(InputError):
+            ask(3)  # also once the model is closed
 
 
 def test_a_wrong_scene_is_refused_when_it_is_prepared():

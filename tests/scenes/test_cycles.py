@@ -5,6 +5,7 @@ import json
 import os
 import shutil
 
+import bolts
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -186,3 +187,17 @@ def test_what_cycles_cannot_be_is_refused(cycle, words):
     with pytest.raises(InputError) as caught:
         ddmpi.solve(rubbed(cycle=cycle), MPI.COMM_SELF)
     assert all(word in str(caught.value) for word in words), caught.value
+
+
+def test_a_pretension_is_given_before_or_throughout_cycles():
+    """One that ends within cycles would be given and kept in turns; one that ends with a single cycle is kept after."""
+    scene = bolts.joint() | {"time": {"points": [1.0, 3.0, 4.0], "cycle": {"from": 1.0, "to": 3.0, "repeat": 2}}}
+    scene["history"] = {"work": {"times": [1.0, 2.0, 3.0, 4.0], "factors": [0.0, 1.0, 0.0, 1.0]}}
+    for end in 1.5, 3.0:
+        scene["history"]["tighten"] = {"times": [0.0, 1.0, end], "factors": [0.0, 1.0, 1.0]}
+        with pytest.raises(InputError, match=r"contact.cut.pretension.history: .* within the cycle from 1 to 3"):
+            ddmpi.solve(scene, MPI.COMM_SELF)
+    scene["history"]["tighten"]["times"][-1] = 3.5
+    *given, last = [step["contacts"]["cut"]["pretension"]["force"] for step in certified(scene).summary["steps"]]
+    assert given[:-1] == pytest.approx([bolts.FORCE] * (len(given) - 1), rel=1e-8)
+    assert last > 1.01 * bolts.FORCE

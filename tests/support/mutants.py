@@ -38,6 +38,7 @@ DECKS = "decks/test_import.py"
 PARTS, NUMBERED = "mesh/test_parts.py", "check/test_check.py::test_numbered_faces_are_told_and_proposed"
 TOLD = "run/test_model.py::test_what_is_kept_is_told"
 CHANGED = "run/test_model.py::test_each_change_has_the_answer_of_a_run_by_itself"
+COUNTS = "run/test_model.py::test_each_dependency_counts"
 DERIVED = "derive/test_derivatives.py"
 ANSWER, NODES = "run/test_answer.py", f"{CERTIFICATE}::test_the_state_of_the_nodes"
 GUIDED, TURNED, BOLTS = (f"scenes/test_{name}.py" for name in ("guided", "turning_partners", "bolts"))
@@ -402,6 +403,43 @@ MUTANTS = [Mutant(*row) for row in (
     ("rows are kept without friction", "coupling/assembly",
      "friction=NoFriction()), isinstance(contact.friction, NoFriction)", "friction=NoFriction()), False",
      f"{CHANGED}[held]"),
+    ("supports are kept for another mesh", "body/elasticity", "(mesh_key, body.clamp, histories(body))",
+     "(body.clamp, histories(body))", TOLD),
+    ("supports are kept for other histories", "body/elasticity", "(mesh_key, body.clamp, histories(body))",
+     "(mesh_key, body.clamp)", f"{COUNTS}[load steps-overrides4]"),
+    ("a stiffness is kept for another mesh", "body/elasticity", "(mesh_key, body.material, body.foundation,",
+     "(body.material, body.foundation,", f"{COUNTS}[held-overrides0]"),
+    ("loads are kept for another stiffness", "body/elasticity", '(kept.key("stiffness", name), body)', "(body,)",
+     "run/test_model.py::test_the_content_of_a_mesh_file_counts"),
+    ("a compliance is kept for another stiffness", "coupling/member",
+     'return kept.key("stiffness", self.name), self._B', "return self._B", f"{COUNTS}[held-overrides1]"),
+    ("a compliance is kept for another reason", "coupling/member", "self._B, self.kind, self.reason\n",
+     "self._B, self.kind\n", TOLD),
+    # that of this side alone follows from those of the mesh and of the others
+    ("a side is kept for another boundary", "coupling/assembly",
+     "contact.on[side],\n                               [(other.on[which], holds_along(other))",
+     "[(holds_along(other),)",
+     f"{COUNTS}[drawn-overrides5]"),
+    ("a side is kept for other contacts", "coupling/assembly",
+     "[(other.on[which], holds_along(other)) for other, which in others])", "())",
+     "run/test_model.py::test_sides_see_the_friction_of_others"),
+    ("a distributed matrix is kept for another", "coupling/assembly",
+     '"matrix", spec.name, kept.key("stiffness", spec.name), partial(', '"matrix", spec.name, None, partial(',
+     "run/test_model.py::test_the_ranks_of_a_body_stay"),
+    ("a mesh is kept for other contacts", "coupling/assembly", "if file is None else file, contacts, sizes,",
+     "if file is None else file, sizes,", f"{COUNTS}[drawn-overrides7]"),
+    ("a mesh is kept for other sizes", "coupling/assembly", "file, contacts, sizes, scene.dimension,",
+     "file, contacts, scene.dimension,", f"{COUNTS}[drawn-overrides8]"),
+    ("a mesh is kept for another dimension", "coupling/assembly", "contacts, sizes, scene.dimension,\n",
+     "contacts, sizes,\n", f"{COUNTS}[drawn-overrides9]"),
+    ("a mesh is kept around no axis", "coupling/assembly",
+     "scene.axisymmetric, [(name, acting.on) for name, acting in spec.acting])",
+     "[(name, acting.on) for name, acting in spec.acting])", f"{COUNTS}[around an axis-overrides6]"),
+    ("a mesh is kept for other groups of loads", "coupling/assembly",
+     "scene.axisymmetric, [(name, acting.on) for name, acting in spec.acting])", "scene.axisymmetric)",
+     f"{COUNTS}[held-overrides3]"),
+    ("rows are kept for another contact", "coupling/assembly", "(first, depends, drawn), make",
+     "(first, depends), make", f"{CHANGED}[held]"),
     ("a friction law is kept", "coupling/assembly", "interface = replace(interface, law=law)", "del law",
      f"{CHANGED}[held]"),
     ("what is kept outlives the ranks of a body", "run/run", "if team_of(ranks) is not self._team:", "if False:",
