@@ -25,7 +25,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import made_up_solids
 import numpy as np
 from experiment import ROOT, processor, publish, table
 from far import alone, meshing
@@ -336,6 +335,8 @@ def line(exhibit: Exhibit, folder: Path) -> tuple[list[str], bool]:
 def large_view(folder: Path) -> tuple[str, bool]:
     """What the view of two boxes with 100,000 facets costs, and whether that is within the limits."""
     folder.mkdir()
+    import made_up_solids  # of tests/support
+
     bodies, contacts = made_up_solids.stack(divisions=(110, 110, 2))
     made_up_solids.results(folder, bodies, contacts)
     start = time.process_time()

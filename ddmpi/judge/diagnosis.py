@@ -11,7 +11,9 @@ import numpy as np
 
 from ddmpi.coupling.space import Space
 from ddmpi.methods.outer import Step
+from ddmpi.scene.contacts import NoFriction
 from ddmpi.scene.method import SettledMethod
+from ddmpi.scene.scene import Settled
 from ddmpi.system.numbers import in_words
 
 LOOK_BACK = 10
@@ -103,10 +105,19 @@ def contraction(history: list[Step], quantity: str = "update") -> float:
     return float(np.exp(np.polyfit(np.arange(len(values)), np.log(values), 1)[0]))
 
 
+def helpful(scene: Settled) -> set[str]:
+    """Changes that may help where no answer is found: less "friction", or the method "anderson", for two supported
+    bodies with one contact that is not bonded, in one load step."""
+    two = len(scene.body) == 2 and [contact.kind for contact in scene.contact] == ["unilateral"] and not scene.time
+    changes = {"friction": any(contact.friction != NoFriction() for contact in scene.contact),
+               "anderson": two and all(body.clamps for body in scene.body)}
+    return {name for name, can in changes.items() if can}
+
+
 def diagnose(reason: str, stopped: str, violations: list[str], method: SettledMethod, history: list[Step],
              log: StatusLog, able: Collection[str] = ()) -> str:
     """A message: how the run ended, what was seen, what to try. `log` is of all nodes; `able` as of
-    `SettledMethod.advice`. Not collective."""
+    `helpful`. Not collective."""
     last = history[-1]
     lines = [f"{reason} (iteration {last.iteration}, update {last.update:.1e}, residual {last.residual:.1e}, "
              f"asked for {method.tolerance:.0e})"]

@@ -195,7 +195,7 @@ def _painted(results: Results, points: np.ndarray, owner: np.ndarray) -> dict[st
     names = [*bodies, *(rigid["name"] for rigid in results.summary["scene"].get("rigid", ()))]
     trees = {name: cKDTree(points[owner == k]) for k, name in enumerate(bodies)}
     places, above, triangles = [np.zeros((0, 3))], [np.zeros((0, 3))], [np.zeros((0, 3), int)]
-    rims = [np.zeros((0, 2), int)]
+    rims = [np.empty(0, int).reshape(-1, 2)]
     bearers, nearest, rows, first = [], [], list[tuple[str, np.ndarray]](), 0
     contacts = results.summary["scene"]["contact"]
     for contact in [each for each in contacts if each.get("kind") != "bonded"] or contacts:

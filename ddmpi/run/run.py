@@ -23,7 +23,7 @@ from ddmpi.derive.entries import ENOUGH
 from ddmpi.errors import InputError, NotConvergedError, SolverError, naming
 from ddmpi.interface.state import ContactState
 from ddmpi.judge.accuracy import MeshLadder, demand, refine_scene
-from ddmpi.judge.diagnosis import diagnose
+from ddmpi.judge.diagnosis import diagnose, helpful
 from ddmpi.judge.plausible import doubt_answer, doubt_cells, doubt_mesh, doubt_shape, doubt_stress
 from ddmpi.kept.kept import Kept
 from ddmpi.mesh.refine import Sizes
@@ -172,7 +172,7 @@ def _refuse_uncertified(solved: Solved, ladder: MeshLadder) -> None:
             raise NotConvergedError(solution.reason)
         if statuses:
             raise NotConvergedError(diagnose(solution.reason, solution.stopped, solution.violations, scene.method,
-                                             solution.outer.history, statuses, scene.able))
+                                             solution.outer.history, statuses, helpful(scene)))
         if ladder.missed:
             raise NotConvergedError(ladder.missed)
 

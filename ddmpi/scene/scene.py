@@ -14,7 +14,7 @@ from typing import Annotated, Any, get_args
 import msgspec
 
 from ddmpi.scene.bodies import BodySpec, Material, SettledBody, Traction
-from ddmpi.scene.contacts import ContactSpec, NoFriction, Rigid, SettledContact
+from ddmpi.scene.contacts import ContactSpec, Rigid, SettledContact
 from ddmpi.scene.keys import check_heat, check_thickness, nearest, refuse_underivable
 from ddmpi.scene.meshes import Motion, check_motions
 from ddmpi.scene.method import PRESETS, Checkpoint, Method, Output, SettledMethod, Time, check_petsc, units
@@ -154,22 +154,23 @@ class Scene(Table, frozen=True, kw_only=True):
         if self.output.animation and self.time is None:
             raise ValueError("output.animation: plays load steps, and without [time] there is only one; leave it out")
         for contact in self.contact:
-            name = contact.pretension.history if contact.pretension else None
-            if name and self.history[name].times[-1] <= 0.0:
-                raise ValueError(f"contact.{contact.called}.pretension.history: [history.{name}] ends at time "
-                                 f"{self.history[name].times[-1]:g}, before the first load step, so that the force "
-                                 "would never act; let it end at a later time, or leave it out")
+            name, cycle = contact.pretension.history if contact.pretension else None, self.time and self.time.cycle
+            end = self.history[name].times[-1] if name else 1.0
+            ends = f"contact.{contact.called}.pretension.history: [history.{name}] ends"
+            if end <= 0.0:
+                raise ValueError(f"{ends} at time {end:g}, before the first load step, so that the force would never "
+                                 "act; let it end at a later time, or leave it out")
             # each cycle would give the force anew, and let the offset go that the one before has kept
-            cycle = self.time.cycle if self.time else None
-            if name and cycle and cycle.repeat > 1 and cycle.begin < self.history[name].times[-1] <= cycle.to:
-                raise ValueError(f"contact.{contact.called}.pretension.history: [history.{name}] ends within the cycle "
-                                 f"from {cycle.begin:g} to {cycle.to:g}; let it end before or later")
-        if self.time is not None and self.method.for_one:
+            if name and cycle and cycle.repeat > 1 and cycle.begin < end <= cycle.to:
+                raise ValueError(f"{ends} within the cycle from {cycle.begin:g} to {cycle.to:g}; let it end before or "
+                                 "later")
+        if self.time is None:
+            return
+        if self.method.for_one:
             raise ValueError(f"time: method.{self.method.for_one} solves one load step; what knows several is outer = "
                              '"newton", the default')
-        if self.time is not None:
-            self.time.check_cycle(self.history)
-        if self.time is not None and self.method.target_error:
+        self.time.check_cycle(self.history)
+        if self.method.target_error:
             raise ValueError("time: method.target_error is for one load step; refine the meshes by mesh.divisions or "
                              "mesh.refine")
 
@@ -345,15 +346,6 @@ class Settled(Table, frozen=True, kw_only=True, dict=True):
         """Names of the histories that are used, in the order of the scene."""
         used = histories(self) if self.history else []
         return [name for name in self.history if name in used]
-
-    @property
-    def able(self) -> set[str]:
-        """Changes that may help where no answer is found: less "friction", or the method "anderson", for two supported
-        bodies with one contact that is not bonded, in one load step."""
-        two = len(self.body) == 2 and [contact.kind for contact in self.contact] == ["unilateral"] and not self.time
-        able = {"friction": any(contact.friction != NoFriction() for contact in self.contact),
-                "anderson": two and all(body.clamps for body in self.body)}
-        return {name for name, can in able.items() if can}
 
     @property
     def pushed(self) -> list[Rigid]:

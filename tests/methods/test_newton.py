@@ -368,12 +368,12 @@ def test_diagnosis_of_divergence():
 def test_diagnosis_names_what_the_scene_can_do():
     """Less friction where there is some, Anderson where the scene is two held bodies in one step, iterations where they
     ran out."""
-    from ddmpi.judge.diagnosis import diagnose
+    from ddmpi.judge.diagnosis import diagnose, helpful
     from ddmpi.scene.method import Method
     from ddmpi.scene.reader import read_scene
 
     def tried(scene: dict, stopped: str) -> str:
-        able = read_scene("scene", to_toml(scene)).able
+        able = helpful(read_scene("scene", to_toml(scene)))
         return diagnose("the reason", stopped, [], Method().settled(), history(0.9), recorded(), able).split("try: ")[1]
 
     two, smooth = pinched_blocks(2), pinched_blocks(2, "none")
