@@ -1,10 +1,11 @@
 """Bodies that move far: frames that forces decide, and solids; the second part of `scripts/study far`."""
 
+import tomllib
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from experiment import table
+from experiment import ROOT, table
 from far import FRICTION, POISSON, PRESSED, YOUNG, block, far, forces, solved, summary_of
 from problems import contact, coulomb
 
@@ -38,9 +39,8 @@ def rolling(order: int, turn: float = 120.0, steps: int = 60, fine: int = 2) -> 
                {"weight": [(0.0, 0.0), (1.0, 1.0)], "turn": [(1.0, 0.0), (2.0, 1.0)]}, [1.0, 2.0], steps)
 
 
-def rolled(order: int, **more: Any) -> tuple[float, float, float, float]:
+def rolled(answer: Any) -> tuple[float, float, float, float]:
     """Of the disc: how far it has turned (degrees), N/W − 1 and T/W where they are largest, and passes a step."""
-    answer = solved(rolling(order, **more))
     found, steps = forces(answer.summary), answer.summary["steps"]
     weight = -answer.summary["bodies"]["disc"]["loads"]["volume_force"]["force"][1]
     freed = answer.solved.assembly.far.freed
@@ -51,9 +51,9 @@ def rolled(order: int, **more: Any) -> tuple[float, float, float, float]:
             float(np.mean([step["passes"] for step in steps if step["time"] > 1.0])))
 
 
-def carter(share: float, folder: Path, nodes: int = 8, rolls: float = 6.0) -> tuple[float, float, float]:
+def carter(share: float, folder: Path, nodes: int = 8, rolls: float = 6.0) -> tuple[float, float, float, Any]:
     """A roller that is turned against a force Q of so much of μP: the creep over its last half-width, the largest
-    pressure over Hertz's p₀, and Carter's creep; with so many nodes on the half-width a = 0.035 m."""
+    pressure over Hertz's p₀, Carter's creep, and the answer; with so many nodes on the half-width a = 0.035 m."""
     a, stiff = 0.035, YOUNG / (2.0 * (1.0 - POISSON**2))
     load, turn = np.pi * stiff * a**2 / 4.0, np.degrees(rolls * a)
     def part(name: str, drawing: str, clamp: str) -> dict:
@@ -69,7 +69,7 @@ def carter(share: float, folder: Path, nodes: int = 8, rolls: float = 6.0) -> tu
     freed, steps = answer.solved.assembly.far.freed, answer.summary["steps"]
     before, end = (freed[steps[k]["time"]]["roller"][0] for k in (-1 - nodes, -1))
     pressure = answer.contacts["roller-plate"].pressure.max() / (2.0 * load / (np.pi * a))
-    return 1.0 - (end - before) / a, float(pressure), FRICTION * a * (1.0 - (1.0 - share) ** 0.5)
+    return 1.0 - (end - before) / a, float(pressure), FRICTION * a * (1.0 - (1.0 - share) ** 0.5), answer
 
 
 # In space: a block that slides and turns, a ball that rolls
@@ -86,9 +86,9 @@ def solid(way: dict, order: int, n: int, steps: int = 6) -> dict:
                {"press": [(0.0, 0.0), (1.0, 1.0)], "go": [(1.0, 0.0), (2.0, 1.0)]}, [1.0, 2.0], steps)
 
 
-def torque(order: int, n: int) -> tuple[float, float, float]:
+def torque(order: int, n: int) -> tuple[float, float, float, Any]:
     """A block turned by 30°: the moment about its middle over that of μ N of each node at its distance; slid instead:
-    how much |T|/N differs from μ at most; and what a load step takes over the factorization."""
+    how much |T|/N differs from μ at most; what a load step takes over the factorization; the answer of the turn."""
     answer = solved(solid({"turn": 30.0, "axis": [0.0, 0.0, 1.0], "pivot": [0.5, 0.5, 0.0]}, order, n))
     state = answer.contacts["block-plate"]
     moment = state.moment[2] - np.cross([0.5, 0.5, 0.0], state.force)[2]
@@ -97,13 +97,24 @@ def torque(order: int, n: int) -> tuple[float, float, float]:
     found = np.array([each["force"] for step in slid.summary["steps"] if step["time"] > 1.2
                       for each in step["contacts"].values()])
     apart = np.abs(np.linalg.norm(found[:, :2], axis=1) / found[:, 2] - FRICTION).max()
-    return -moment / (FRICTION * (arms * state.normal_force).sum()), float(apart), cost(slid.summary)
+    ratio = float(-moment / (FRICTION * (arms * state.normal_force).sum()))
+    return ratio, float(apart), cost(slid.summary), answer
 
 
 def cost(summary: dict) -> float:
     """Seconds of a load step over those of factors and compliances, of the whole run."""
     spent = summary["seconds"]
     return (spent["outer"] + spent["assemble"] + spent["recover"]) / len(summary["steps"]) / spent["factor"]
+
+
+def bevel() -> float:
+    """How far the driven one of configs/drawn/bevel_wheels.toml turns (degrees)."""
+    scene = tomllib.loads((ROOT / "configs" / "drawn" / "bevel_wheels.toml").read_text(encoding="utf-8"))
+    for each in scene["body"]:
+        each["mesh"]["geometry"] = str(ROOT / "configs" / "drawn" / each["mesh"]["geometry"])
+    scene["output"] |= {"animation": False}
+    freed = solved(scene).solved.assembly.far.freed
+    return float(freed[1.0]["driven"][3] - freed[2.0]["driven"][3])
 
 
 def ball(n: int = 32, widths: float = 10.0) -> tuple[float, float, float, float]:
@@ -132,12 +143,12 @@ def ball(n: int = 32, widths: float = 10.0) -> tuple[float, float, float, float]
 def sections(folder: Path) -> list[str]:
     """The lines of far.md on these benchmarks; drawings go to the folder."""
     free = [[str(order), f"{turned:.1f}", f"{normal:.0e}", f"{tangential:.0e}", f"{passes:.1f}"] for order in (1, 2)
-            for turned, normal, tangential, passes in [rolled(order)]]
+            for turned, normal, tangential, passes in [rolled(solved(rolling(order)))]]
     still, *pulled = (carter(share, folder) for share in (0.0, 0.5, 0.75))
     creeps = [[f"{share}", f"{(creep - still[0]) / exact:.3f}", f"{pressure:.4f}"]
-              for share, (creep, pressure, exact) in zip((0.5, 0.75), pulled, strict=True)]
+              for share, (creep, pressure, exact, _) in zip((0.5, 0.75), pulled, strict=True)]
     turning = [[str(order), str(n), f"{moment:.4f}", f"{apart:.0e}", f"{costs:.2f}"] for order, n in (
-        (1, 8), (1, 16), (2, 8)) for moment, apart, costs in [torque(order, n)]]
+        (1, 8), (1, 16), (2, 8)) for moment, apart, costs, _ in [torque(order, n)]]
     rolls = ball()
     plane = [[str(order), str(16 * fine), f"{cost(summary_of(block(order, 40, fine=fine))[0]):.2f}"]
              for order, fine in ((1, 1), (1, 4), (2, 1), (2, 4))]
@@ -160,6 +171,8 @@ def sections(folder: Path) -> list[str]:
         "A rigid ball of 1 m rolls by ten of its contact radii on a plate, its turn prescribed and its place free, "
         f"against a tenth of μN. Its way is {rolls[0]:.4f} of its turn; N is right to {rolls[1]:.0e} of it, T to "
         f"{rolls[2]:.0e}; {rolls[3]:.1f} passes a step.", "",
+        "Two bevel wheels, drawn cones of 45° on shafts at a right angle (`configs/drawn/bevel_wheels.toml`): the "
+        f"driving one turns by 30°, and friction takes the driven one along by {bevel():.2f}°.", "",
         "## A load step beside a factorization, in the plane", "",
         "The block slid along a longer one, seconds as above.", "",
         *table(("order", "spacings of the block", "a load step over factors"), plane)]

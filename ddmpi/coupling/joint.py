@@ -6,7 +6,6 @@ import copy
 import itertools
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sparse
@@ -18,7 +17,7 @@ from ddmpi.body.rigid_motions import FreeFrame
 from ddmpi.coupling.coarse import CrossPoints, Driven, Motions, gather_motions
 from ddmpi.coupling.exchange import Exchange
 from ddmpi.coupling.member import Member
-from ddmpi.coupling.space import Space
+from ddmpi.coupling.space import Point, Space
 from ddmpi.errors import InputError
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.mortar import meet
@@ -37,28 +36,11 @@ STEERING = 0.1
 """With an iterative solver, a product in GMRES needs no more relative precision than this times the ratio by which
 GMRES has still to reduce its residual (Bouras and Frayssé, SIAM J. Matrix Anal. Appl. 26, 2005)."""
 
+STEPS, MOST = 100, 4000
+"""Bodies that move far have compliances for this many load steps, of at most this many nodes (in space 1.1 GiB)."""
+
 BALANCED = 1e-12
 """The force on a driven partner is balanced if the rest is below this fraction of it and of all contact forces."""
-
-
-class Point(NamedTuple):
-    """Forces with the gaps and motions that follow from them; or a change of a point, as all of it is linear.
-
-    Attributes
-    ----------
-    s, r : (size,) forces (N) and gaps (m)
-    alpha : motions of loose bodies (m)
-    left : e − G s − K α, the imbalance along these motions (N)
-    """
-
-    s: np.ndarray
-    r: np.ndarray
-    alpha: np.ndarray
-    left: np.ndarray
-
-    def along(self, change: Point, length: float) -> Point:
-        """The point after the fraction `length` of the step `change`."""
-        return Point(*(value + length * step for value, step in zip(self, change, strict=True)))
 
 
 class Joint:
@@ -92,6 +74,7 @@ class Joint:
     neglected : forces (N) that are negligible in a product that is kept
     steering : relative precision of products in GMRES, over the ratio of reduction that GMRES still needs
     dear : whether a body's products are by an iterative solver
+    far : whether bodies move far, and the operator is one of many passes
     """
 
     def __init__(self, members: Sequence[Member], exchange: Exchange, space: Space,
@@ -99,7 +82,7 @@ class Joint:
                  bolts: Sequence[SettledContact] = (), freed: Sequence[Driven] | None = None) -> None:
         self.members, self.space, self.size = tuple(members), space, space.size
         self.neglected, self.steering = 0.0, STEERING
-        self.exchange = exchange
+        self.exchange, self.far = exchange, freed is not None
         self.dear = exchange.world.allreduce(any(member.dear for member in members), MPI.LOR)
         self._moved = {name: exchange.total([member.response(name)[0] for member in members], "free displacement")
                        for name in histories}
@@ -282,17 +265,21 @@ class FarMember(Member):
     def __init__(self, elasticity: Elasticity, scene: Settled, mesh: Mesh, body: SettledBody, faces: Sequence[Side],
                  memory: float, points: np.ndarray) -> None:
         nodes = np.unique(np.concatenate([np.empty(0, int), *(side.nodes for side in faces)]))
-        super().__init__(body.name, elasticity, [], scene.method.compliance, memory, [None, *scene.followed], points, 1,
-                         nodes)
+        super().__init__(body.name, elasticity, [], scene.method.compliance, memory, [None, *scene.followed], points,
+                         STEPS, nodes)
         loose, d, part = not elasticity.supported, mesh.dimension, freed_part(body.motion)
         if loose and (body.motion or elasticity.motions.shape[2] < (1 if mesh.axisymmetric else d * (d + 1) // 2)):
             raise InputError(f'body.{body.name}: clamps leave a rigid motion free; with time.motions = "far" they hold '
                              'a body in its frame, which moves as its motion says, as in motion = { free = ["y"] }; '
                              "without clamps and motion a body is free to move at all")
-        if self.size and self.kind == "iterative":
-            raise InputError(f'body.{body.name}: {self.reason}; with time.motions = "far" it has the dense compliance '
-                             f"of all {len(nodes)} nodes of its contacts: name smaller groups, or take a coarser mesh")
-        self._drawn, self._whole = mesh.points, np.empty((0, 0))
+        if self.size and (self.kind == "iterative" or len(nodes) > MOST):
+            why = self.reason if self.kind == "iterative" else f"at most {MOST} of them are possible"
+            raise InputError(f'body.{body.name}: with time.motions = "far" it has the dense compliance of all '
+                             f"{len(nodes)} nodes of its contacts, and {why}: name smaller groups, or take a coarser "
+                             "mesh")
+        if self.kind == "direct" and self._B.count_nonzero():  # columns by solves would take a hundred times as long
+            self.kind = self._asked = "explicit"
+        self._drawn, self._whole, self._dead = mesh.points, np.empty((0, 0)), dict[str | None, np.ndarray]()
         # the frame of a loose body is the rigid motion of its contact nodes, by least squares
         self.free = FreeFrame.of(part, self._drawn[nodes] if loose and len(nodes) else self._drawn,
                                  mesh.axisymmetric) if loose or part else None
@@ -303,7 +290,7 @@ class FarMember(Member):
     def factor(self, kept: Kept | None = None) -> Member:
         """As of a `Member`; and what dead loads do, in all directions of a frame that turns."""
         super().factor(kept)
-        self._whole, self._dead = super().dense(), dict[str | None, np.ndarray]()
+        self._whole = super().dense()
         for history, case in self.elasticity.cases.items():
             dead, free, d = case.f - self._following[history], self.elasticity.supports.free, case.f.shape[1]
             if dead.any():

@@ -7,6 +7,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sparse
@@ -18,6 +19,26 @@ from ddmpi.interface.law import ActiveSet, Law, Tangent
 from ddmpi.scene.scene import Settled
 from ddmpi.sets import Box, Discs, product
 from ddmpi.system.numbers import in_words, norm
+
+
+class Point(NamedTuple):
+    """Forces with the gaps and motions that follow from them; or a change of a point, as all of it is linear.
+
+    Attributes
+    ----------
+    s, r : (size,) forces (N) and gaps (m)
+    alpha : motions of loose bodies (m)
+    left : e − G s − K α, the imbalance along these motions (N)
+    """
+
+    s: np.ndarray
+    r: np.ndarray
+    alpha: np.ndarray
+    left: np.ndarray
+
+    def along(self, change: Point, length: float) -> Point:
+        """The point after the fraction `length` of the step `change`."""
+        return Point(*(value + length * step for value, step in zip(self, change, strict=True)))
 
 
 class Space:

@@ -182,7 +182,7 @@ class Preconditioner:
         motions, 1/(μ − ½) of modes."""
         joint = self._joint
         motions, diagonal = joint.rigid, self.springs
-        if joint.bodies >= MANY or motions.size:
+        if (joint.bodies >= MANY or motions.size) and not joint.far:  # one pass does not pay for modes
             modes = [(np.empty((0, member.size)), np.empty(0)) for member in joint.members]
             with joint.exchange.deferred():
                 modes = [smooth_modes(member, Space(member.interfaces),
@@ -193,8 +193,9 @@ class Preconditioner:
             motions, more = joint.add_motions([v for v, _ in modes], [1.0 / (mu - 0.5) for _, mu in modes])
             diagonal = np.append(diagonal, more)
         if motions.size:
-            log.info("coarse problem: %d rigid motions and %d smooth modes of %d bod%s", joint.rigid.size,
-                     motions.size - joint.rigid.size, joint.bodies, "ies" if joint.bodies > 1 else "y")
+            log.log(logging.DEBUG if joint.far else logging.INFO, "coarse problem: %d rigid motions and %d smooth "
+                    "modes of %d bod%s", joint.rigid.size, motions.size - joint.rigid.size, joint.bodies,
+                    "ies" if joint.bodies > 1 else "y")
         return motions, diagonal
 
     @cached_property

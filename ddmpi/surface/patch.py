@@ -24,6 +24,8 @@ FLAT = 1e-9
 class Patch(Side):
     """The contact boundary of a body in space: triangles, of order 2 with the middles of their edges."""
 
+    TURNS = ("outward", "fans")
+
     @cached_property
     def fans(self) -> np.ndarray:
         """Normals of a quadratic surface through a corner, fitted to its two rings of neighbours by least squares, also

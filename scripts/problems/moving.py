@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import far
+import far_free
 import numpy as np
 from mpi4py import MPI
 from scenes import to_toml
@@ -77,3 +78,40 @@ def spur_gears(n: int, order: Order, folder: Path) -> Found:
                   "loss of power": Value(float(loss.mean()), 0.1 * factor, 0.1)}, answer,
                  Curve(angle, loss, angle[single], 0.2 * np.abs(np.radians(angle[single] + 4.4045)), "angle (degrees)",
                        "loss of power"))
+
+
+@problem("rolling-disc", "A loose disc that rolls in a bore", (1, 2, 4), "eightieths of the disc, × n",
+         shows="Bodies that move far: a body without supports goes where forces take it.",
+         scene="A disc of 1 m lies in a bore of 1.5 m by its weight W, without supports; the bore is turned by 30° in "
+               "10 load steps; μ = 0.3.",
+         source="Statics: N = W, T = 0. Without creep the disc turns 1.5 times as far as the bore.")
+def rolling_disc(n: int, order: Order, folder: Path) -> Found:
+    answer = far.solved(far_free.rolling(number(order), 30.0, 10, n))
+    turned, normal, tangential, _ = far_free.rolled(answer)
+    state = answer.contacts["disc-bore"]
+    x, near = state.interface.xy[:, 0], np.abs(state.interface.xy[:, 0]) < 0.4
+    order_of = np.flatnonzero(near)[np.argsort(x[near])]
+    p = state.pressure[order_of]
+    return Found({"N/W": Value(1.0 + normal, 1.0, EXACT), "T/W": Value(tangential, 0.0, EXACT),
+                  "turn over that of the bore": Value(turned / 30.0, 1.5, 0.03)}, answer,
+                 Curve(x[order_of], p, x[order_of], p, "x (m)", "pressure (Pa)", "after the turn"))
+
+
+@problem("carter", "A roller that drives itself on", (4, 8), "nodes on the half-width", orders=(2,),
+         shows="Bodies that move far: creep of a rolling contact, with an axle that is free to move.",
+         scene="A roller of 1 m on a plate of the same material, ν = 0.3, pressed by P with a half-width a = 0.035 m, "
+               "is turned against a force Q = 0.5 μ P at its axle by 6 a; μ = 0.3.",
+         source="Carter 1926: creep μ a/R (1 − √(1 − Q/μP)), here less that without Q; Hertz's p₀ = 2P/πa, on the "
+                "right with his pressure.")
+def carter(n: int, order: Order, folder: Path) -> Found:
+    (still, *_), (creep, pressure, exact, answer) = (far_free.carter(share, folder, n) for share in (0.0, 0.5))
+    state, a = answer.contacts["roller-plate"], 0.035
+    x = state.interface.xy[:, 0]
+    x = x - (x * state.normal_force).sum() / state.normal_force.sum()
+    order_of = np.argsort(x)[np.abs(np.sort(x)) < 1.5 * a]
+    p0 = state.pressure.max() / pressure
+    z = np.linspace(-1.5 * a, 1.5 * a, 200)
+    hertz = p0 * np.sqrt(np.maximum(0.0, 1.0 - (z / a) ** 2))
+    creeps, pressures = (0.03, 0.005) if n > 4 else (0.1, 0.02)
+    return Found({"creep": Value(creep - still, exact, creeps), "p₀": Value(pressure, 1.0, pressures)}, answer,
+                 Curve(x[order_of], state.pressure[order_of], z, hertz, "x (m)", "pressure (Pa)", "Hertz"))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
+import far_free
 import numpy as np
 from mpi4py import MPI
 from scenes import to_toml
@@ -446,3 +447,17 @@ def heated_cubes(n: int, order: Order, folder: Path) -> Found:
     state = answer.contacts["lower-upper"]
     return Found({"worst pressure": Value(float(np.abs(state.pressure / exact - 1).max()), 0.0, 1e-7)}, answer,
                  along(state, exact, lambda xy: xy @ [c, s, 0.0], "along a side (m)", "pressure (Pa)"))
+
+
+@problem("turned-solid", "A block turned on a plate", (1, 2), "fours of cells along an edge, × n", orders=(1, 2),
+         shows="Bodies that move far in space: friction under a turn, and under a slide.",
+         scene="A block of 1 m × 1 m × 0.4 m, E = 1 kPa, ν = 0.3, is pressed 4 mm into a plate and turned by 30° about "
+               "its axis in 6 load steps; or slid by 0.67 m. μ = 0.3.",
+         source="Coulomb's law: the moment about the axis is Σ μ N r of the nodes, and |T| = μ N of the block that "
+                "slides.")
+def turned_solid(n: int, order: Order, folder: Path) -> Found:
+    moment, apart, _, answer = far_free.torque(int(order), 4 * n)
+    state = answer.contacts["block-plate"]
+    return Found({"moment over Σ μ N r": Value(moment, 1.0, 0.02), "|T|/N − μ, slid": Value(apart, 0.0, 1e-4)}, answer,
+                 along(state, float(state.pressure.mean()), lambda xy: np.linalg.norm(xy[:, :2] - 0.5, axis=1), "r (m)",
+                       "pressure (Pa)"))

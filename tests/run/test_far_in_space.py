@@ -158,6 +158,19 @@ def test_a_loose_block_lies_on_a_plate_that_moves():
     assert middle == pytest.approx(carried, abs=0.01)
 
 
+def test_a_bevel_wheel_takes_the_other_along():
+    """Two drawn cones on shafts at a right angle: the driven one, free to turn, turns as far as the driving one."""
+    answer = ddmpi.solve("configs/drawn/bevel_wheels.toml", None, {
+        "time.steps": 2, "body.driving.mesh.contact_size": 1.8, "body.driven.mesh.contact_size": 1.8,
+        "body.driving.motion.turn": 12.0, "output.animation": False})
+    assert answer.certified and answer.summary["bodies"]["driven"]["compliance"] == "explicit"
+    freed = answer.solved.assembly.far.freed
+    assert freed[2.0]["driven"][3:] - freed[1.0]["driven"][3:] == pytest.approx([-12.0, 0.0, 0.0], abs=0.3)
+    state = answer.contacts["face"]
+    about = np.cross([-0.05657, 0.0, 0.05657], state.force)  # where the shaft is pressed to
+    assert (state.moment - about)[0] == pytest.approx(0.0, abs=1e-6 * np.abs(state.moment).max())
+
+
 def test_loads_resist_motions_in_space():
     """K is minus the derivative of the loads along the motions."""
     rng = np.random.default_rng(3)

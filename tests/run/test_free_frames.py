@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from mpi4py import MPI
-from scenes import COULOMB, certified, rectangle, run_here, write_scene
+from scenes import COULOMB, call, certified, rectangle, run_here, write_scene
 from test_far import changed, forces, history
 
 import ddmpi
@@ -280,6 +280,13 @@ def test_free_frames_go_on_from_any_step(tmp_path, monkeypatch):
     assert len(kept) >= 3 and "frames.csv" in whole
     for folder in kept:
         assert compute(folder, folder) == whole
+
+
+def test_a_scene_is_checked_without_factors(tmp_path):
+    """`ddmpi check` pairs the bodies as drawn, and says what is free."""
+    path = write_scene(rolling(), tmp_path / "scene.toml")
+    done = call("check", str(path), "--no-figures")
+    assert done.code == 0 and "contact disc-bore: disc.outer and bore.inner" in done.stdout
 
 
 def test_a_prepared_model_has_free_frames():
