@@ -163,13 +163,16 @@ class Preconditioner:
     springs : (rigid.size,) ε E* of rigid motions (N/m)
     shared : (joint.size,) compliances (m/N) that steer at nodes with several contacts, zero elsewhere
 
-    What GMRES alone needs is made when it is asked for. Construction and these are collective.
+    Where bodies move far, what GMRES alone needs is made when it is asked for. Construction and these are collective.
     """
 
     def __init__(self, joint: Joint, c: np.ndarray, in_space: bool) -> None:
         self._joint, self.c, self._in_space = joint, c, in_space
         self.springs = HELD_LOOSELY * joint.rigid_moduli()
         self.shared = np.where(joint.shared(), SHARED / c, 0.0)
+        if not joint.far:  # beside the factors, so that a run that continues does not count its products again
+            for made in ("half_space", "coarse", "crossing"):
+                getattr(self, made)
 
     @cached_property
     def half_space(self) -> HalfSpace:

@@ -39,7 +39,7 @@ class Dense:
             modulus=1.0, facets=np.empty((0, dimension), int), laplacian=sparse.csr_matrix((m, m)),
             one_sided=np.zeros(size, bool), displacement=np.zeros(dimension))
         self.C, self.d, self.size, self.space, self.neglected = C, d, size, Space([interface]), 0.0
-        self.steering = 1.0
+        self.steering, self.far = 1.0, False
         self.rigid = Motions(self.space, 0, ())
         self._m, self.exchange = m, SimpleNamespace(deferred=contextlib.nullcontext)
 
