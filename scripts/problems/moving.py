@@ -89,7 +89,8 @@ def rolling_disc(n: int, order: Order, folder: Path) -> Found:
     answer = far.solved(far_free.rolling(number(order), 30.0, 10, n))
     turned, normal, tangential, _ = far_free.rolled(answer)
     state = answer.contacts["disc-bore"]
-    x, near = state.interface.xy[:, 0], np.abs(state.interface.xy[:, 0]) < 0.4
+    x, y = state.interface.xy.T
+    near = (np.abs(x) < 0.4) & (y < -1.0)
     order_of = np.flatnonzero(near)[np.argsort(x[near])]
     p = state.pressure[order_of]
     return Found({"N/W": Value(1.0 + normal, 1.0, EXACT), "T/W": Value(tangential, 0.0, EXACT),

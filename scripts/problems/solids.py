@@ -458,6 +458,7 @@ def heated_cubes(n: int, order: Order, folder: Path) -> Found:
 def turned_solid(n: int, order: Order, folder: Path) -> Found:
     moment, apart, _, answer = far_free.torque(int(order), 4 * n)
     state = answer.contacts["block-plate"]
+    ratio = np.linalg.norm(state.tangential_force, axis=1) / state.normal_force
     return Found({"moment over Σ μ N r": Value(moment, 1.0, 0.02), "|T|/N − μ, slid": Value(apart, 0.0, 1e-4)}, answer,
-                 along(state, float(state.pressure.mean()), lambda xy: np.linalg.norm(xy[:, :2] - 0.5, axis=1), "r (m)",
-                       "pressure (Pa)"))
+                 along(state, far_free.FRICTION, lambda xy: np.linalg.norm(xy[:, :2] - 0.5, axis=1), "r (m)",
+                       "tangential over normal force", values=ratio))

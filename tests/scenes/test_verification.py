@@ -22,7 +22,7 @@ def test_all_problems_are_there():
     """Those of all modules, each under its name, on ascending meshes."""
     assert {each.measure.__module__ for each in PROBLEMS.values()} == {
         module.__name__ for module in (flat, curved, supports, around_axis, moving, solids)}
-    assert len(PROBLEMS) == 41
+    assert len(PROBLEMS) == 45
     for name, each in PROBLEMS.items():
         assert each.name == name and sorted(set(each.meshes)) == list(each.meshes)
 
