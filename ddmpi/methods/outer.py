@@ -100,7 +100,8 @@ class Outer(Protocol):
 ENDS = {"converged": "the iteration stopped, but its certificate fails", "diverged": "diverged",
         "max_iterations": "not converged: method.max_iterations is reached",
         "stalled": "not converged: Newton's method and its fallbacks stalled", "drift": "bodies drift",
-        "unsettled": "not converged: the free frames of bodies do not settle; they may have no stable place near"}
+        "unsettled": "no equilibrium found: free bodies do not settle where forces balance; they may fall past all "
+                     "contacts, roll on, or have no stable place"}
 """Reasons of `Outer.run` to end, in words where no answer is certified."""
 
 OWN = "run", "forces", "bound", "body_forces", "refresh", "state", "restore"

@@ -144,8 +144,10 @@ class FarMarch(March):
             self._count()
         largest = self.log.most["sizes"]
         since = start, memory.forces_at, self._now.slid
-        if settled or stopped != "converged":  # whatever the reason is
+        if settled or stopped != "converged":
             solution = self.iteration.solve(None, since, largest)
+            if far.free and solution.stopped == "stalled":
+                solution = replace(solution, stopped="unsettled")
         else:
             solution = self.iteration.conclude("unsettled", since, largest)
         # the record has the steps of all passes
