@@ -376,7 +376,7 @@ def test_amplitudes_on_the_command_line(tmp_path):
 
 
 BAD = [
-    (BOX + ROLLERS, "it has no *STATIC step"),
+    (BOX + ROLLERS, "it has no *STATIC step, nor any other (is the deck cut off?)"),
     (BOX + step("*CLOAD", "1, 1, 1.").replace("STATIC", "FREQUENCY"), "its first step, on line 131, is *FREQUENCY"),
     (BOX + step("*CLOAD", "NONE, 1, 1."), "*CLOAD: there is no set NONE"),
     (BOX + step("*CLOAD", "1, 1, one"), '*CLOAD: "one" is not a number'),
@@ -559,6 +559,20 @@ def test_loads_of_rigid_points_are_spread(tmp_path):
     assert scene["body"][0]["traction"] == [{"on": "coupled", "force": [3.0, 0.0, 0.0]},
                                             {"on": "coupled", "moment": moment}]
     assert "points alone hold nothing in a solid" in lists and "rigid" not in scene
+    assert "*RIGID BODY: forces spread over a face" in lists
+    upward = deck.replace("900, 1, 3.", "900, 3, 3.").replace("900, 4, 5.", "900, 6, 0.")
+    scene, _ = imported(tmp_path, upward, name="up")
+    assert scene["body"][0]["traction"] == [{"on": "coupled", "force": [0.0, 0.0, 3.0]}]  # no moment of rounding
+
+
+@pytest.mark.parametrize("young, output", [(210000.0, {"length_unit": "mm", "stress_unit": "MPa"}), (2.1e11, None),
+                                           (29000.0, None)])
+def test_labels_follow_the_moduli(tmp_path, young, output):
+    """A deck has no units: moduli of metals in MPa give labels in mm and MPa, and the lists say so."""
+    scene, lists = imported(tmp_path, BOX.replace("210000.", f"{young}") + ROLLERS + step("*DLOAD", "9, P2, 1."))
+    assert scene["body"][0]["material"]["young"] == young and scene.get("output") == output
+    labels = "by its moduli labelled mm and MPa" if output else "labelled m and Pa"
+    assert f"units: those of the deck, {labels}" in lists
 
 
 def test_loads_at_nodes_of_no_body_are_lost(tmp_path):
