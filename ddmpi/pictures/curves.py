@@ -185,7 +185,7 @@ def draw_steps(results: Results) -> Any:
     _draw_energies(energies, results.energy, summary["units"]["energy"])
     for axes, name in zip(grid[1:], shown, strict=True):
         (_draw_stresses if results.dimension == 2 else _draw_course)(axes, name, results, summary["units"])
-        if results.dimension == 3:  # names may be longer than an axis is high
+        if names[name] != name:  # several, longer than an axis is high
             axes[0].set_title(names[name], fontsize=8, loc="left")
     for axes in (loop, energies):
         axes.axhline(0.0, color="black", linewidth=0.6)
@@ -264,7 +264,7 @@ def _draw_course(axes: Any, name: str, results: Results, units: dict) -> None:
     for axis in "xyz":
         axes[0].plot(time, np.append(0.0, steps[f"{what}_{axis}"]), marker=".", label=axis)
     axes[0].axhline(0.0, color="black", linewidth=0.6)
-    axes[0].set(xlabel="time", ylabel=f"{what} ({units[what]})")
+    axes[0].set(xlabel="time", ylabel=f"{what} of {name} ({units[what]})")
     counts = (np.insert(steps[zone], 0, steps[zone][:1]) for zone in ZONES)
     axes[1].stackplot(time, *counts, labels=list(ZONES), colors=list(ZONES.values()), alpha=SHADE)
     axes[1].set(xlabel="time", ylabel=f"nodes of {name}", xlim=(0.0, time[-1]))

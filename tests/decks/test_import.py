@@ -376,7 +376,7 @@ def test_amplitudes_on_the_command_line(tmp_path):
 
 
 BAD = [
-    (BOX + ROLLERS, "it has no *STATIC step, nor any other (is the deck cut off?)"),
+    (BOX + ROLLERS, "it has no *STATIC step (is it cut off?)"),
     (BOX + step("*CLOAD", "1, 1, 1.").replace("STATIC", "FREQUENCY"), "its first step, on line 131, is *FREQUENCY"),
     (BOX + step("*CLOAD", "NONE, 1, 1."), "*CLOAD: there is no set NONE"),
     (BOX + step("*CLOAD", "1, 1, one"), '*CLOAD: "one" is not a number'),
