@@ -12,7 +12,7 @@ import numpy as np
 
 from ddmpi.decks.acting import Acts
 from ddmpi.decks.cards import Card, DeckError, Notes
-from ddmpi.decks.deck import Deck
+from ddmpi.decks.deck import STRIDE, Deck
 from ddmpi.decks.joints import Cut, Joints, RigidSets
 from ddmpi.decks.material import Matter
 from ddmpi.decks.model import Model
@@ -80,7 +80,7 @@ class Importer:
         numbers, points = self.deck.placed()
         lost = np.setdiff1d(np.concatenate([block.entries[:, 1:].ravel() for block in blocks]), numbers)
         if len(lost):
-            raise InputError(f"an element has node {lost[0]}, which is not there; is the deck cut off?")
+            raise InputError(f"an element has node {lost[0] % STRIDE}, which is not there; is the deck cut off?")
         pieces: list[Piece] = []
         sets = self._element_sets()
         for blocks_of_one in split(blocks):

@@ -397,7 +397,7 @@ BAD = [
     (BOX + step("*CLOAD", "1"), "*CLOAD: a data line is too short"),
     (BOX + step("*CLOAD, AMPLITUDE=N", "1, 1, 1."), "*CLOAD: there is no *AMPLITUDE N"),
     (BOX.replace("MATERIAL=STEEL", "MATERIAL=GOLD") + step("*CLOAD", "1, 1, 1."), "there is no *MATERIAL GOLD"),
-    (BOX.replace(SECTION, "") + step("*CLOAD", "1, 1, 1."), "element 1 has no *SOLID SECTION"),
+    (BOX.replace(SECTION, "") + step("*CLOAD", "1, 1, 1."), "element 1 of A has no *SOLID SECTION"),
     (BOX + step("*CLOAD", "1, 1, 1.").replace("*END STEP\n", ""), "the step that begins here does not end; is th"),
     (BOX.replace("2, 0.5, 0.0, 0.0\n", "") + step("*CLOAD", "1, 1, 1."), "has node 2, which is not there"),
     (BOX + "*CONTACT PAIR, INTERACTION=I\nX, Y\n" + step(), "there is no *SURFACE INTERACTION I"),
@@ -458,6 +458,9 @@ def test_an_assembly_with_parts(tmp_path):
     answer = solved(tmp_path, deck, name="run")
     assert answer.summary["bodies"]["low"]["reaction"][2] == pytest.approx(7.0, rel=1e-9)
     assert answer.bodies["high"].displacement[:, 2].min() == pytest.approx(-2.0 * 7.0 / YOUNG, rel=1e-9)
+    assert "element 1 of low has no *SOLID SECTION" in refused(
+        tmp_path / "bare", deck.replace("*Solid Section, elset=ALL, material=Steel\n", ""))
+    assert "has node 8, which is not there" in refused(tmp_path / "gone", deck.replace("8, 1.0, 1.0, 1.0\n", ""))
 
 
 @pytest.mark.parametrize("kind, area", [("CPS4", 1.0), ("CPE4", 1.0), ("CAX4", np.pi)])
