@@ -175,7 +175,7 @@ def _page(assembly: Assembly, bodies: Mapping[str, Looked], interfaces: Sequence
                 rigid.force and rigid.force[k])]:
             yield f"rigid {rigid.name}: moves freely along {', '.join(unpushed)}"
         if rigid.turning:
-            under = "freely" if rigid.moment is None else f"by {_vector(np.array(rigid.moment), np.zeros(1))}"
+            under = "freely" if rigid.moment is None else f"by a moment {_vector(np.array(rigid.moment), np.zeros(1))}"
             yield (f"rigid {rigid.name}: turned {under} about {in_words(np.array(rigid.pivot), 4)}"
                    f"{_following(rigid.history) * (rigid.moment is not None)}")
     contacts = []

@@ -22,7 +22,7 @@ NAMELESS = "Open CASCADE STEP translator"
 """Beginning of the labels of parts to which nobody has given a name."""
 
 FINE = 10.0
-"""A part's extent over the size of its elements."""
+"""A part's extent over the size of its elements, which are quadratic, and half as large at contacts."""
 
 
 def draft_scene(assembly: str | Path, output: str | Path) -> str:
@@ -42,10 +42,12 @@ def draft_scene(assembly: str | Path, output: str | Path) -> str:
         alone = labels.count(label) == 1 and bool(label) and not label.startswith(NAMELESS)
         name = re.sub(r"[.=/\s\x00-\x1f\x7f]+", "_", "part" if label.startswith(NAMELESS) else label)[:80].strip("_")
         name = name if alone and name and name not in boundaries else f"{name or 'part'}_{number}"
-        mesh = {"geometry": str(path), "part": label if alone else number, "size": float(f"{extent / FINE:.1g}")}
+        size = float(f"{extent / FINE:.1g}")
+        mesh = {"geometry": str(path), "part": label if alone else number, "size": size, "contact_size": size / 2,
+                "order": 2}
         body = {"name": name, "mesh": mesh, "material": STEEL}
         boundaries[name] = Boundary.of(build_mesh(msgspec.convert(body, BodySpec).settled(1, dimension)))
-        words.append(f"  part {number}: {name}, elements of {mesh['size']:g} mm")
+        words.append(f"  part {number}: {name}, quadratic elements of {size:g} mm")
         bodies.append(body | {"mesh": mesh | {"geometry": os.path.relpath(path, folder.resolve())}})
     missing, taken = list(find_missing(boundaries, [], [])), set[str]()
     units = {"length_unit": "mm", "stress_unit": "MPa"}

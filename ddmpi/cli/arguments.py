@@ -86,7 +86,7 @@ def build_parser() -> argparse.ArgumentParser:
                                "by lines what was taken, what was changed and what is lost. Where a load, a support or "
                                "a contact would be lost, nothing is written. Of an assembly (.step, .brep) the scene "
                                "has its parts, and contacts where they touch, to be completed.")
-    deck.add_argument("deck", type=_named, metavar="DECK.inp", help="the deck, or an assembly")
+    deck.add_argument("deck", type=_named, metavar="FILE", help="a deck (.inp) or an assembly (.step, .brep)")
     deck.add_argument("--output", type=_named, metavar="FOLDER", required=True, help="folder for the scene and its "
                       "meshes; nothing is overwritten")
     deck.add_argument("--amplitude", action="append", default=[], metavar="NAME=TIME,FACTOR,…",

@@ -17,6 +17,9 @@ from ddmpi.errors import InputError
 FLAT = 1e-6
 """Normals of a flat face are parallel up to this difference."""
 
+ROUNDING = 1e-12
+"""Moments below this fraction of the forces times the coordinates are zero."""
+
 ZERO = 0.0, None
 
 Cut = tuple[Card, set[tuple[int, int]], set[int], dict[int, int]]
@@ -189,7 +192,8 @@ class RigidSets:
             else:
                 reason = "its nodes are no whole faces of one body"
             where = self.notes.lost if reason else self.notes.taken
-            self.notes.add(where, rigid.card, reason or "a face that moves as a rigid one")
+            self.notes.add(where, rigid.card, reason or (
+                "forces spread over a face" if rigid.spread or points else "a face that moves as a rigid one"))
 
     def _take(self, rigid: Rigid, piece: Piece, facets: np.ndarray) -> str:
         """Write a rigid set that has whole faces of a body; the reason where it is not possible."""
@@ -207,7 +211,9 @@ class RigidSets:
                 return "a distributing coupling whose reference node is held"
             force, moment = (np.array([pushed.get(k, ZERO)[0] for k in some]) for some in (range(3), range(3, 6)))
             x, w = piece.quadrature(facets, False)
-            moment = moment + np.cross(pivot - w @ x / w.sum(), force)  # about the centre of the faces
+            centre = w @ x / w.sum()
+            moment = moment + np.cross(pivot - centre, force)  # about the centre of the faces
+            moment[np.abs(moment) <= ROUNDING * np.abs(force).max() * np.abs([pivot, centre]).max()] = 0.0
             on = piece.group(facets, "coupled")
             self.tractions[piece.name] += [{"on": on, key: value.tolist()} | more for key, value in
                                            (("force", force), ("moment", moment)) if np.abs(value).max() > 0.0]

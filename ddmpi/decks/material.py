@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from ddmpi.decks.cards import Card, DeckError, Notes, numbers
+from ddmpi.decks.deck import STRIDE
 from ddmpi.decks.model import Model
 from ddmpi.decks.pieces import Piece, own_name
 from ddmpi.errors import InputError
@@ -50,7 +51,8 @@ class Matter:
         """The sections of a body, and their elements. Raises InputError for elements without one."""
         own = np.array([self.owner.get(element, -1) for element in piece.elements.tolist()])
         if (own < 0).any():
-            raise InputError(f"element {piece.elements[own < 0][0]} has no *SOLID SECTION; is the deck cut off?")
+            raise InputError(f"element {piece.elements[own < 0][0] % STRIDE} of {piece.name} has no *SOLID SECTION; is "
+                             "the deck cut off?")
         return {int(k): piece.elements[own == k] for k in np.unique(own)}
 
     def of(self, piece: Piece, expansions: dict[str, float]) -> list[dict[str, Any]]:

@@ -114,7 +114,7 @@ class Model:
             raise _refusal(inside, "the step that begins here does not end; is the deck cut off?")
         ways = [next((card for card in step if card.word in PROCEDURES), step[0]) for step in steps]
         if not any(way.word == "STATIC" for way in ways):
-            what = f"; its first step, on line {steps[0][0].line}, is *{ways[0].name}" if steps else ""
+            what = f"; its first step, on line {steps[0][0].line}, is *{ways[0].name}" if steps else " (is it cut off?)"
             raise InputError(f"it has no *STATIC step{what}; ddmpi computes static equilibrium")
         for step, way in zip(steps, ways, strict=True):
             if way.word == "STATIC":

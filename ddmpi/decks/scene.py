@@ -12,7 +12,7 @@ import numpy as np
 
 from ddmpi.decks.acting import Acts
 from ddmpi.decks.cards import Card, DeckError, Notes
-from ddmpi.decks.deck import Deck
+from ddmpi.decks.deck import STRIDE, Deck
 from ddmpi.decks.joints import Cut, Joints, RigidSets
 from ddmpi.decks.material import Matter
 from ddmpi.decks.model import Model
@@ -27,6 +27,10 @@ VARIANTS = {"": "", "R": "full integration", "I": "no incompatible modes", "RI":
             "IH": "no incompatible modes", "RH": "full integration", "M": "", "MH": "", "T": "",
             "RT": "full integration"}
 """What changes in the variants of elements; others are refused."""
+
+METALS = 4e4, 1e6
+"""Moduli of metals in MPa, neither in Pa nor in ksi."""
+
 
 class Importer:
     """A scene in the making: bodies, their clamps and loads, and the histories that these follow."""
@@ -76,7 +80,7 @@ class Importer:
         numbers, points = self.deck.placed()
         lost = np.setdiff1d(np.concatenate([block.entries[:, 1:].ravel() for block in blocks]), numbers)
         if len(lost):
-            raise InputError(f"an element has node {lost[0]}, which is not there; is the deck cut off?")
+            raise InputError(f"an element has node {lost[0] % STRIDE}, which is not there; is the deck cut off?")
         pieces: list[Piece] = []
         sets = self._element_sets()
         for blocks_of_one in split(blocks):
@@ -147,6 +151,10 @@ class Importer:
         if acts.timed:
             sliding = any("friction" in contact for contact in contacts)
             scene["time"] = {"points": self.model.ends} | ({} if sliding else {"steps": 1})
+        largest = max((np.max(one["young"]) for body in bodies for one in np.atleast_1d(body["material"])
+                       if "young" in one), default=0.0)
+        if METALS[0] <= largest <= METALS[1]:
+            scene["output"] = {"length_unit": "mm", "stress_unit": "MPa"}
         return {key: value for key, value in scene.items() if value not in (None, [], {})}
 
 
@@ -180,6 +188,9 @@ def import_deck(deck: str | Path, output: str | Path, partial: bool = False, amp
     lists = {"taken": notes.taken, "changed": notes.changed, "lost": notes.lost}
     return "\n".join([*(f"{title}:\n" + ("".join(f"  {line}\n" for line in notes.words(entries)) or "  nothing\n")
                         for title, entries in lists.items()),
+                      "units: those of the deck, " + (
+                          "by its moduli labelled mm and MPa" if "output" in scene else
+                          "labelled m and Pa; others: length_unit, stress_unit of [output]") + "\n",
                       f"{folder / 'scene.toml'}: {_count(len(importer.pieces), 'body', 'bodies')}, "
                       + _count(len(scene.get("contact", [])), "contact", "contacts")])
 

@@ -63,7 +63,8 @@ class Mechanism:
 
 def describe(mechanism: Mechanism) -> str:
     """The mechanism in words that begin with "no equilibrium". Not collective."""
-    return f"no equilibrium: {describe_motions(mechanism.bodies, mechanism.velocities)}"
+    motions = describe_motions(mechanism.bodies, mechanism.velocities)
+    return f"no equilibrium: {motions}{' (or should its `along` be turned round?)' * ('pretension of' in motions)}"
 
 
 def find_mechanism(contacts: Sequence[Forces], e: np.ndarray, bodies: Sequence[MotionsOfBody],

@@ -185,7 +185,8 @@ def draw_steps(results: Results) -> Any:
     _draw_energies(energies, results.energy, summary["units"]["energy"])
     for axes, name in zip(grid[1:], shown, strict=True):
         (_draw_stresses if results.dimension == 2 else _draw_course)(axes, name, results, summary["units"])
-        axes[0].set_ylabel(axes[0].get_ylabel().replace(f"of {name} ", f"of {names[name]} "))
+        if names[name] != name:  # several, longer than an axis is high
+            axes[0].set_title(names[name], fontsize=8, loc="left")
     for axes in (loop, energies):
         axes.axhline(0.0, color="black", linewidth=0.6)
         above(axes, axes.get_legend_handles_labels()[0], 2)

@@ -121,6 +121,16 @@ def test_bodies_without_inner_vertices_get_a_rough_estimate(order, divisions):
     assert 0.5 <= effectivity <= 2.0
 
 
+@ORDERS
+def test_a_wall_of_one_element_borrows_no_far_fit(order):
+    """Polynomials of the block are not extrapolated along the thin wall that it bears."""
+    mesh = rectangle(4, 1)
+    x, y = mesh.points[mesh.triangles].mean(axis=1).T
+    mesh = Mesh(mesh.points, mesh.triangles[(x < 1.0) | (y < 0.25)], {})
+    mesh = mesh if order == 1 else raise_order(mesh, "mesh")
+    assert 0.5 <= np.sqrt(estimate_error(mesh, STEEL, wave(mesh.points)).total / true_error(mesh)[0]) <= 1.5
+
+
 def test_relative_error():
     assert relative_error(0.0, 0.0) == 0.0
     assert relative_error(1.0, 3.0) == 0.5

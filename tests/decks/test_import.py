@@ -376,7 +376,7 @@ def test_amplitudes_on_the_command_line(tmp_path):
 
 
 BAD = [
-    (BOX + ROLLERS, "it has no *STATIC step"),
+    (BOX + ROLLERS, "it has no *STATIC step (is it cut off?)"),
     (BOX + step("*CLOAD", "1, 1, 1.").replace("STATIC", "FREQUENCY"), "its first step, on line 131, is *FREQUENCY"),
     (BOX + step("*CLOAD", "NONE, 1, 1."), "*CLOAD: there is no set NONE"),
     (BOX + step("*CLOAD", "1, 1, one"), '*CLOAD: "one" is not a number'),
@@ -397,7 +397,7 @@ BAD = [
     (BOX + step("*CLOAD", "1"), "*CLOAD: a data line is too short"),
     (BOX + step("*CLOAD, AMPLITUDE=N", "1, 1, 1."), "*CLOAD: there is no *AMPLITUDE N"),
     (BOX.replace("MATERIAL=STEEL", "MATERIAL=GOLD") + step("*CLOAD", "1, 1, 1."), "there is no *MATERIAL GOLD"),
-    (BOX.replace(SECTION, "") + step("*CLOAD", "1, 1, 1."), "element 1 has no *SOLID SECTION"),
+    (BOX.replace(SECTION, "") + step("*CLOAD", "1, 1, 1."), "element 1 of A has no *SOLID SECTION"),
     (BOX + step("*CLOAD", "1, 1, 1.").replace("*END STEP\n", ""), "the step that begins here does not end; is th"),
     (BOX.replace("2, 0.5, 0.0, 0.0\n", "") + step("*CLOAD", "1, 1, 1."), "has node 2, which is not there"),
     (BOX + "*CONTACT PAIR, INTERACTION=I\nX, Y\n" + step(), "there is no *SURFACE INTERACTION I"),
@@ -458,6 +458,9 @@ def test_an_assembly_with_parts(tmp_path):
     answer = solved(tmp_path, deck, name="run")
     assert answer.summary["bodies"]["low"]["reaction"][2] == pytest.approx(7.0, rel=1e-9)
     assert answer.bodies["high"].displacement[:, 2].min() == pytest.approx(-2.0 * 7.0 / YOUNG, rel=1e-9)
+    assert "element 1 of low has no *SOLID SECTION" in refused(
+        tmp_path / "bare", deck.replace("*Solid Section, elset=ALL, material=Steel\n", ""))
+    assert "has node 8, which is not there" in refused(tmp_path / "gone", deck.replace("8, 1.0, 1.0, 1.0\n", ""))
 
 
 @pytest.mark.parametrize("kind, area", [("CPS4", 1.0), ("CPE4", 1.0), ("CAX4", np.pi)])
@@ -559,6 +562,20 @@ def test_loads_of_rigid_points_are_spread(tmp_path):
     assert scene["body"][0]["traction"] == [{"on": "coupled", "force": [3.0, 0.0, 0.0]},
                                             {"on": "coupled", "moment": moment}]
     assert "points alone hold nothing in a solid" in lists and "rigid" not in scene
+    assert "*RIGID BODY: forces spread over a face" in lists
+    upward = deck.replace("900, 1, 3.", "900, 3, 3.").replace("900, 4, 5.", "900, 6, 0.")
+    scene, _ = imported(tmp_path, upward, name="up")
+    assert scene["body"][0]["traction"] == [{"on": "coupled", "force": [0.0, 0.0, 3.0]}]  # no moment of rounding
+
+
+@pytest.mark.parametrize("young, output", [(210000.0, {"length_unit": "mm", "stress_unit": "MPa"}), (2.1e11, None),
+                                           (29000.0, None)])
+def test_labels_follow_the_moduli(tmp_path, young, output):
+    """A deck has no units: moduli of metals in MPa give labels in mm and MPa, and the lists say so."""
+    scene, lists = imported(tmp_path, BOX.replace("210000.", f"{young}") + ROLLERS + step("*DLOAD", "9, P2, 1."))
+    assert scene["body"][0]["material"]["young"] == young and scene.get("output") == output
+    labels = "by its moduli labelled mm and MPa" if output else "labelled m and Pa"
+    assert f"units: those of the deck, {labels}" in lists
 
 
 def test_loads_at_nodes_of_no_body_are_lost(tmp_path):
