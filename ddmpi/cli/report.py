@@ -238,8 +238,9 @@ class RunReport:
             captions = {"mechanism.png": self.summary["reason"]}
         pictures = Html("".join(picture(self.drawn / file, words) or picture(self.folder / file, words)
                                 for file, words in captions.items()))
-        view = page(self.folder / "view.html", "Drag to turn, wheel to zoom, shift and drag to move. The panel chooses "
-                    "colours, load step and cut, and draws the bodies apart.")
+        hands = ("Drag to turn, wheel to zoom, shift and drag to move" if len(self.axes) == 3
+                 or self.scene.get("axisymmetric") else "Drag to move, wheel to zoom")
+        view = page(self.folder / "view.html", f"{hands}. The controls choose what is drawn.")
         allowed = {"view": view, "policy": Html("; script-src 'unsafe-inline'")} if view else {}
         return allowed | {"pictures": pictures, "undrawn": "" if pictures else self.folder}
 

@@ -68,9 +68,11 @@ def draw_bodies(results: Results) -> Any:
     sheet.show([Surface(at, facets, by_value(values[facets] / factor, image), beyond, plain=True)])
     sheet.colours(image, f"{quantity} ({unit})", "max" if seen.max() > top else "neither")
     most, node = largest_of(fields)
-    if most and (not sheet.view.solid or sheet.shows(at[[node]], beyond[[node]])[0]):
+    seen_there = not sheet.view.solid or sheet.shows(at[[node]], beyond[[node]])[0]
+    if most and seen_there:
         mark(sheet.axes, sheet.place(at[node])[:2], f"{rounded(most / factor)} {unit}")
-    words = f"{quantity} up to {rounded(most / factor)} {unit}; " if quantity != "displacement" else ""
+    hidden = "" if seen_there else " (out of sight)"
+    words = f"{quantity} up to {rounded(most / factor)} {unit}{hidden}; " if quantity != "displacement" else ""
     factor, unit = scaled_unit(moved, results.summary["units"]["length"])
     if sheet.figure.get_figwidth() < NARROW:
         words = words.replace("; ", "\n")

@@ -44,6 +44,9 @@ WEAK = 0.01
 ABOVE = 2e-3
 """How far colours are drawn above the bodies that bear them, over the bodies' extent."""
 
+ASIDE = 0.03
+"""Distance of resultants on one line, over the height of the picture."""
+
 APART = 1e-3
 """Flats are apart if they are, over the extent of the contact."""
 
@@ -65,7 +68,8 @@ def draw_contacts(results: Results) -> Any:
 
     In the plane a pressure is drawn as an area into the contact's first body, tension into the second. Solids are drawn
     apart, with the pressure painted on either side. A resultant is drawn on its line of action, with its middle at the
-    contact, of solids with its end on the first body there, unless the line misses it.
+    contact, of solids with its end on the first body there, unless the line misses it; one that would cover another
+    stands beside it.
     """
     units, contacts, d = results.summary["units"], results.summary["contacts"], results.dimension
     skin, points = skin_of(results), results.points
@@ -80,7 +84,7 @@ def draw_contacts(results: Results) -> Any:
     kind, counted, legend = "pressure" if low >= 0.0 else "normal stress", "", list[Any]()
     counts = {zone: sum(contact[zone] for contact in contacts.values()) for zone in ZONES}
     if forces:
-        legend.append(Line2D([], [], color=COLOURS["force"],
+        legend.append(Line2D([], [], color=COLOURS["force"], marker=">",
                              label=f"resultants on the first body, largest {rounded(largest / times)} {of_force}"))
     if results.dimension == 2:
         areas, rims, zones, colours = _profiles(results, 0.8 * size / (top or 1.0))
@@ -113,9 +117,11 @@ def draw_contacts(results: Results) -> Any:
         if top and len(seen):
             mark(sheet.axes, sheet.place(places[seen[0]])[:2], f"{rounded(values.max())} {unit_of}")
         most_at = max(shown, key=lambda name: np.nan_to_num(shown[name]["normal_stress"]).max(initial=0.0))
-        counted = f", largest pressure {rounded(values.max())} {unit_of} at {most_at}" if values.max() > 0.0 else ""
-    for ends in forces.values():
-        sheet.axes.annotate("", *sheet.place(ends)[::-1, :2], annotation_clip=False, zorder=6, arrowprops={
+        hidden = "" if len(seen) else " (out of sight)"
+        counted = f", largest pressure {rounded(values.max())} {unit_of} at {most_at}{hidden}" if values.max() > 0.0 else ""
+    width = ASIDE * np.ptp(sheet.axes.get_ylim())
+    for ends in _aside([sheet.place(ends)[:, :2] for ends in forces.values()], width):
+        sheet.axes.annotate("", *ends[::-1], annotation_clip=False, zorder=6, arrowprops={
             "arrowstyle": "-|>", "shrinkA": 0, "shrinkB": 0, "linewidth": 1.6, "color": COLOURS["force"]})
     if legend:
         above(sheet.axes, legend, 2 + (sheet.figure.get_figwidth() > sheet.figure.get_figheight()))
@@ -140,6 +146,20 @@ def _resultants(results: Results, size: float) -> tuple[dict[str, np.ndarray], f
             if np.linalg.norm(at - centre) <= np.ptp(xy, axis=0).max() + size:
                 arrows[name] = at + np.outer((-1.0, 1.0), size / largest * force)
     return arrows, largest
+
+
+def _aside(arrows: list[np.ndarray], width: float) -> list[np.ndarray]:
+    """Arrows (2, 2) from place to place; those that would lie on earlier ones, moved sideways by `width` or more."""
+    drawn: list[np.ndarray] = []
+    for ends in arrows:
+        along = unit(ends[1] - ends[0])
+        across = np.array([-along[1], along[0]]) * (1.0 if tuple(along) > (0.0, 0.0) else -1.0)  # for both directions
+        on = [other for other in drawn if (other @ along).min() < (ends @ along).max()
+              and (ends @ along).min() < (other @ along).max()]
+        while any((np.abs((other - ends[0]) @ across) < 0.9 * width).all() for other in on):
+            ends = ends + width * across
+        drawn.append(ends)
+    return drawn
 
 
 def _painted(results: Results, names: Collection[str], shifts: dict[str, np.ndarray], image: Any,

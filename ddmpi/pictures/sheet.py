@@ -46,6 +46,9 @@ WIDE = 1.4
 MARGIN = 0.04
 """Margin around bodies, and of rigid surfaces beyond the part that bodies may touch, over the extent."""
 
+LAST = 0.7
+"""Words stand to the left of places beyond this fraction of a picture's width: a colour bar may be to the right."""
+
 ARM = 0.18
 """Length of the axes x, y and z over the picture's longer side."""
 
@@ -124,7 +127,7 @@ class Sheet:
                     "mutation_scale": 7})
                 axes.annotate(name, end + text * unit(end - origin), ha="center", va="center", fontsize=9)
         factor, unit_of = scaled_unit(arm, results.summary["units"]["length"])
-        axes.annotate(f"arms: {arm / factor:g} {unit_of}", (origin[0], below[1]), ha="left", va="bottom",
+        axes.annotate(f"arrows x, y, z: {arm / factor:g} {unit_of} long", (origin[0], below[1]), ha="left", va="bottom",
                       fontsize=8)
         return figure, axes
 
@@ -275,7 +278,9 @@ def mark(axes: Any, at: np.ndarray, words: str) -> None:
 
     axes.plot(*at, marker="o", markersize=5, markerfacecolor="none", markeredgecolor="black", markeredgewidth=1.1,
               zorder=8, path_effects=[withStroke(linewidth=2.5, foreground="white")])
-    axes.annotate(words, at, (6, 6), textcoords="offset points", fontsize=8, zorder=8,
+    left, right = axes.get_xlim()
+    side = "right" if at[0] > left + LAST * (right - left) else "left"  # words end there, or begin
+    axes.annotate(words, at, (6 if side == "left" else -6, 6), textcoords="offset points", ha=side, fontsize=8, zorder=8,
                   path_effects=[withStroke(linewidth=2.5, foreground="#ffffffe0")]).set_in_layout(False)
 
 

@@ -20,7 +20,7 @@ from ddmpi.cli.report import write_report
 from ddmpi.errors import InputError, OutputError
 from ddmpi.pictures import views
 from ddmpi.pictures.bodies import animate, draw_bodies
-from ddmpi.pictures.contacts import draw_contacts, draw_maps, flatten
+from ddmpi.pictures.contacts import _aside, draw_contacts, draw_maps, flatten
 from ddmpi.pictures.curves import draw_steps
 from ddmpi.pictures.draw import draw_all
 from ddmpi.pictures.moved import apart, directions, rigid_parts
@@ -372,3 +372,29 @@ def test_resultants_of_solids_lie_on_their_line_of_action(tmp_path):
     direction, off = view.place(force)[:2], line[1] - view.place(at)[:2]
     assert direction[0] * off[1] == pytest.approx(direction[1] * off[0], abs=1e-9 * np.linalg.norm(direction))
     assert np.linalg.norm(line[1] - view.place(np.array([1.5, 0.5, 1.0]))[:2]) < 0.5
+
+
+def test_resultants_on_one_line_stand_side_by_side():
+    """Opposite and equal arrows that overlap are moved apart, by steps to one side; others stay."""
+    up = np.array([[0.0, 0.0], [0.0, 1.0]])
+    other, on_end = up + (1.0, 0.0), up + (0.0, 1.5)
+    first, down, second, away, behind = _aside([up, up[::-1], up + (0.0, 0.3), other, on_end], 0.1)
+    assert (first == up).all() and (away == other).all() and (behind == on_end).all()
+    assert np.abs(down[:, 0]) == pytest.approx(0.1) and down[:, 1] == pytest.approx([1.0, 0.0])
+    assert second[:, 0] == pytest.approx(2.0 * down[:, 0]) and second[:, 1] == pytest.approx([0.3, 1.3])
+
+
+def test_a_largest_value_out_of_sight_is_said_to_be(tmp_path):
+    """The title says so where the largest stress is at the middle of the side behind, and not of the one in front."""
+    results = stacked(tmp_path)
+    results.summary["scene"]["output"]["view"] = "front"
+    points, fields, y = results.points, results.fields, results.points[:, 1]
+    for depth, behind in ((y.min(), False), (y.max(), True)):
+        off = np.abs(points - points.mean(axis=0))[:, [0, 2]].sum(axis=1)
+        node = np.where(y == depth, off, np.inf).argmin()
+        cell = (fields["cells"] == node).any(axis=1).argmax()
+        for name, place in (("nodal_von_mises", node), ("von_mises", cell)):
+            fields[name] = np.ones(len(fields[name]))
+            fields[name][place] = 2.0
+        title = draw_bodies(results)._suptitle.get_text()
+        assert "up to 2 " in title and ("(out of sight)" in title) == behind, title
