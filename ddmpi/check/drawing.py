@@ -103,9 +103,8 @@ def seen_from(results: Results, behind: bool, **output: Any) -> Results:
 def _plan(results: Results, behind: bool = False) -> Plan:
     """A plan of all bodies, with rigid partners and room for arrows; from the opposite side `behind`."""
     results = seen_from(results, behind)
-    corners = np.stack([results.points.min(axis=0), results.points.max(axis=0)])
-    room = ARROW * np.ptp(corners, axis=0).max() * np.array([[-1.0], [1.0]])
-    return Plan(results, np.vstack([results.points, corners + room]), rigid_parts(results))
+    room = ARROW * np.ptp(results.points, axis=0).max() * np.eye(results.dimension)
+    return Plan(results, np.vstack([results.points + step for step in (*room, *-room)]), rigid_parts(results))
 
 
 def draw(folder: Path, scene: Settled, bodies: Mapping[str, Looked], interfaces: Sequence[Interface],
@@ -176,7 +175,8 @@ def draw_bodies(results: Results, bodies: Mapping[str, Looked], behind: bool = F
     factor, unit_of = scaled_unit(largest, results.summary["units"]["stress"])
     loads = {COLOURS["force"]: f"loads, up to {rounded(largest / factor)} {unit_of}" * bool(arrows),
              COLOURS["moved"]: "volume forces" * bool(weights)}
-    above(plan.axes, [*(Line2D([], [], color=colour, label=words) for colour, words in loads.items() if words),
+    above(plan.axes, [*(Line2D([], [], color=colour, marker=">", label=words)
+                        for colour, words in loads.items() if words),
                       *(Line2D([], [], linestyle="", marker=MARKERS[k % len(MARKERS)], color=HELD, markersize=5,
                                label=how) for how, k in ways.items())])
     if not plan.view.solid or len(groups) > NAMED:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import shutil
 import subprocess
 import tempfile
-import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -16,9 +15,20 @@ import numpy as np
 from ddmpi.errors import OutputError
 from ddmpi.mesh.mesh import boundary_facets
 from ddmpi.pictures.moved import magnify, rigid_parts
-from ddmpi.pictures.sheet import COLOURS, FILLED, Sheet, above, by_value, colours_of, filled, mark, rounded
+from ddmpi.pictures.sheet import (
+    COLOURS,
+    FILLED,
+    Sheet,
+    above,
+    by_value,
+    colours_of,
+    filled,
+    mark,
+    rounded,
+    signed_colours,
+)
 from ddmpi.pictures.views import Skin, Surface, View
-from ddmpi.results.fields import group_of, owners
+from ddmpi.results.fields import NODAL, group_of, owners
 from ddmpi.results.histories import placed, step_times
 from ddmpi.results.tables import Columns, Results
 from ddmpi.system.files import writing
@@ -26,9 +36,6 @@ from ddmpi.system.numbers import RigidMotion, crossed, scaled_unit
 
 BRIGHTEST = 99.5
 """Percentile at which the colours of stresses end: singular stresses in corners must not set the scale."""
-
-NARROW = 6.5
-"""Width of figures (inches) in which a title takes another line."""
 
 MOVED, TURNED_BY = 0.1, 0.3
 """Largest displacement in the picture of a mechanism, over the bodies' extent, and largest rotation (rad)."""
@@ -38,6 +45,11 @@ AT_REST = 1e-3
 
 FRAMES, SECONDS, SLOWEST, FASTEST = 200, 6.0, 2.0, 20.0
 """Largest number of frames of an animation, its duration (s), and limits of frames per second."""
+
+COMPONENTS = ({f"displacement_{axis}": ("displacement", k) for k, axis in enumerate("xyz")}
+              | {f"stress_{axes}": ("nodal_stress", k) for k, axes in enumerate(("xx", "xy", "xz", "yy", "yz", "zz"))}
+              | {f"principal_{k + 1}": ("nodal_principal", k) for k in range(3)})
+"""The field at nodes, and its column, that output.animation asks for."""
 
 COARSE = 700
 """Pixels of the longer side of the bodies in an animation."""
@@ -74,17 +86,20 @@ def draw_bodies(results: Results) -> Any:
     hidden = "" if seen_there else " (out of sight)"
     words = f"{quantity} up to {rounded(most / factor)} {unit}{hidden}; " if quantity != "displacement" else ""
     factor, unit = scaled_unit(moved, results.summary["units"]["length"])
-    if sheet.figure.get_figwidth() < NARROW:
-        words = words.replace("; ", "\n")
-    sheet.figure.suptitle(f"{results.heading(True)}{words}displacement × {scale:g}, "
-                          f"largest {rounded(moved / factor)} {unit}")
+    words += f"displacement × {scale:g}, largest {rounded(moved / factor)} {unit}"
+    sheet.title(results.heading(True) + words, "; ")
     return sheet.figure
 
 
-def coloured(results: Results, fields: dict[str, np.ndarray]) -> tuple[np.ndarray, str, str]:
-    """The values (nv,) for the colours of bodies, with name and unit: von Mises stress, else displacement."""
+def coloured(results: Results, fields: dict[str, np.ndarray], what: str | bool = True) -> tuple[np.ndarray, str, str]:
+    """The values (nv,) for the colours of bodies, with name and unit: `what` is asked for by output.animation, by
+    default von Mises stress, else displacement."""
     output = results.summary["scene"]["output"]
-    if "nodal_von_mises" in fields:
+    if what in COMPONENTS:
+        field, column = COMPONENTS[str(what)]
+        return fields[field][:, column], str(what).replace("_", " "), output[
+            "length_unit" if field == "displacement" else "stress_unit"]
+    if "nodal_von_mises" in fields and what != "displacement":
         return fields["nodal_von_mises"], "von Mises stress", output["stress_unit"]
     return np.linalg.norm(fields["displacement"], axis=1), "displacement", output["length_unit"]
 
@@ -160,8 +175,7 @@ def draw_mechanism(results: Results, mechanism: dict[str, Any]) -> Any:
     if rigid:
         legend.append(Line2D([], [], color=COLOURS["rigid"], linewidth=1.4, label="rigid"))
     above(sheet.axes, legend)
-    width = int(11 * sheet.figure.get_figwidth())
-    sheet.figure.suptitle(results.heading() + "\n".join(textwrap.wrap(mechanism["reason"], width)).replace("$", r"\$"))
+    sheet.title(results.heading() + mechanism["reason"].replace("$", r"\$"))
     return sheet.figure
 
 
@@ -182,28 +196,32 @@ def animate(results: Results, folder: Path, title: str) -> Path:
     """Write animation.gif, and where ffmpeg is installed animation.mp4: the deformed bodies at the load steps whose
     fields are in the `folder`; the path of the first.
 
-    Colours are von Mises stress, or displacement if there is no stress. All frames have the same colours, limits and
-    magnification: the one that suits the largest displacement of all. Not collective. Raises OutputError.
+    Colours are what output.animation asks for, see `coloured`; white is zero where signs differ. All frames have the
+    same colours, limits and magnification: the one that suits the largest displacement of all. Not collective. Raises
+    OutputError.
     """
     import matplotlib.pyplot as plt
     from PIL import Image
 
-    skin, dimension, largest, top = skin_of(results), results.dimension, 0.0, 0.0
+    skin, dimension, largest, top, least = skin_of(results), results.dimension, 0.0, 0.0, 0.0
+    what = results.summary["scene"]["output"].get("animation") or True
     for _, fields in _frames(results, folder):
         largest = max(largest, np.linalg.norm(fields["displacement"], axis=1).max())
-        values, quantity, unit = coloured(results, fields)
-        top = max(top, float(np.percentile(skin.extended(values)[np.unique(skin.facets)], BRIGHTEST)))
+        values, quantity, unit = coloured(results, fields, what)
+        seen = skin.extended(values)[np.unique(skin.facets)]
+        least, top = (min(least, float(np.percentile(seen, 100.0 - BRIGHTEST))),
+                      max(top, float(np.percentile(seen, BRIGHTEST))))
     factor, shift = magnify(results, largest)
     low = high = results.points + shift
     for _, fields in _frames(results, folder):
         at = (fields["points"] + factor * fields["displacement"])[:, :dimension] + shift
         low, high = np.minimum(low, at), np.maximum(high, at)
-    scale, unit = scaled_unit(top, unit)
-    image = colours_of(0.0, top / scale or 1.0, "viridis")
+    scale, unit = scaled_unit(max(top, -least), unit)
+    image = signed_colours(least / scale, top / scale, "viridis")
     sheet = Sheet(results, np.vstack([skin.extended(state)[skin.beyond <= 0.0] for state in (low, high)]),
                   pixels=COARSE)
     sheet.axes.set_title("time")
-    sheet.colours(image, f"{quantity} ({unit})", "max")
+    sheet.colours(image, f"{quantity} ({unit})", "both" if least < 0.0 else "max")
     sheet.figure.suptitle(title.strip())
     sheet.figure.set_dpi(80)
     path, frames = folder / "animation.gif", []
@@ -211,7 +229,7 @@ def animate(results: Results, folder: Path, title: str) -> Path:
         sheet.clear()
         at = skin.extended((fields["points"] + factor * fields["displacement"])[:, :dimension] + shift)
         sheet.meet(rigid_parts(results, factor, time))
-        values = skin.extended(coloured(results, fields)[0])[skin.facets] / scale
+        values = skin.extended(coloured(results, fields, what)[0])[skin.facets] / scale
         sheet.show([Surface(at, skin.facets, by_value(values, image), skin.beyond, plain=True)])
         sheet.axes.set_title(f"time {time:.4g}, displacement × {factor:g}")
         sheet.figure.canvas.draw()
@@ -254,4 +272,4 @@ def _frames(results: Results, folder: Path) -> Iterator[tuple[float, Columns]]:
         for k in np.unique(np.linspace(0, len(times) - 1, min(FRAMES, len(times))).round().astype(int)):
             fields = file.get(group_of(k), file)
             yield times[k], placed(results, times[k], {name: fields[name][()] for name in (
-                "displacement", "displacement_in_frame", "nodal_von_mises") if name in fields}).fields
+                "displacement", "displacement_in_frame", *NODAL) if name in fields}).fields

@@ -57,7 +57,7 @@ ARROWS = 16
 """Approximate number of arrows of slip along a contact."""
 
 BRIGHTEST = 98.0
-"""Percentile of nonzero stresses at which the colours on the bodies end."""
+"""Percentage of the area under stress at which the colours on the bodies end: edges have few, and high, ones."""
 
 SMALL = 0.5
 """Maps of a contact that is closed over at most this fraction of its extent show the closed part and as much around."""
@@ -102,7 +102,9 @@ def draw_contacts(results: Results) -> Any:
     else:
         shifts = apart(results, View(points, results.summary["scene"]["output"]))
         at = skin.extended(points + np.array([shifts[name] for name in results.summary["bodies"]])[owners(results)])
-        most = float(np.percentile(np.abs(stresses[stresses != 0.0]), BRIGHTEST)) if top else 1.0
+        order = np.argsort(np.abs(stresses))
+        area = np.cumsum(np.where(stresses, np.concatenate([table["area"] for table in shown.values()]), 0.0)[order])
+        most = float(np.abs(stresses)[order][np.searchsorted(area, BRIGHTEST / 100.0 * area[-1])]) if top else 1.0
         image = signed_colours(-most / factor * (low < 0.0), most / factor, "YlOrRd")
         painted = list(_painted(results, shown, shifts, image, factor))
         sheet = Sheet(results, np.vstack([at[skin.beyond <= 0.0], *(surface.at for surface, _ in painted)]))
@@ -117,15 +119,16 @@ def draw_contacts(results: Results) -> Any:
         if top and len(seen):
             mark(sheet.axes, sheet.place(places[seen[0]])[:2], f"{rounded(values.max())} {unit_of}")
         most_at = max(shown, key=lambda name: np.nan_to_num(shown[name]["normal_stress"]).max(initial=0.0))
-        hidden = "" if len(seen) else " (out of sight)"
-        counted = f", largest pressure {rounded(values.max())} {unit_of} at {most_at}{hidden}" if values.max() > 0.0 else ""
+        if values.max() > 0.0:
+            hidden = "" if len(seen) else " (out of sight)"
+            counted = f", largest pressure {rounded(values.max())} {unit_of} at {most_at}{hidden}"
     width = ASIDE * np.ptp(sheet.axes.get_ylim())
     for ends in _aside([sheet.place(ends)[:, :2] for ends in forces.values()], width):
         sheet.axes.annotate("", *ends[::-1], annotation_clip=False, zorder=6, arrowprops={
             "arrowstyle": "-|>", "shrinkA": 0, "shrinkB": 0, "linewidth": 1.6, "color": COLOURS["force"]})
     if legend:
         above(sheet.axes, legend, 2 + (sheet.figure.get_figwidth() > sheet.figure.get_figheight()))
-    sheet.figure.suptitle(f"{results.heading(True)}contact forces{counted}")
+    sheet.title(f"{results.heading(True)}contact forces{counted}", ", ")
     return sheet.figure
 
 
@@ -153,7 +156,8 @@ def _aside(arrows: list[np.ndarray], width: float) -> list[np.ndarray]:
     drawn: list[np.ndarray] = []
     for ends in arrows:
         along = unit(ends[1] - ends[0])
-        across = np.array([-along[1], along[0]]) * (1.0 if tuple(along) > (0.0, 0.0) else -1.0)  # for both directions
+        across = along @ np.array([[0.0, 1.0], [-1.0, 0.0]])
+        across *= 1.0 if tuple(along) > (0.0, 0.0) else -1.0  # the same of opposite arrows
         on = [other for other in drawn if (other @ along).min() < (ends @ along).max()
               and (ends @ along).min() < (other @ along).max()]
         while any((np.abs((other - ends[0]) @ across) < 0.9 * width).all() for other in on):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -46,8 +47,11 @@ WIDE = 1.4
 MARGIN = 0.04
 """Margin around bodies, and of rigid surfaces beyond the part that bodies may touch, over the extent."""
 
+LETTERS = 12
+"""Letters of titles for each inch."""
+
 LAST = 0.7
-"""Words stand to the left of places beyond this fraction of a picture's width: a colour bar may be to the right."""
+"""Words stand to the left of places beyond this fraction of a picture's width, because a colour bar may follow."""
 
 ARM = 0.18
 """Length of the axes x, y and z over the picture's longer side."""
@@ -227,6 +231,14 @@ class Sheet:
         self.figure.colorbar(image, ax=self.axes, label=label, extend=extend, shrink=0.85, aspect=40 if wide else 25,
                              orientation="horizontal" if wide else "vertical")
 
+    def title(self, words: str, end: str = "") -> None:
+        """Write `words` above the picture; lines that are too long for it are broken after `end`, or where they may."""
+        width, lines = int(LETTERS * self.figure.get_figwidth()), []
+        for line in words.split("\n"):
+            parts = line.split(end) if end and len(line) > width else [line]
+            lines += [piece for part in parts for piece in textwrap.wrap(part, width)]
+        self.figure.suptitle("\n".join(lines))
+
     def clear(self) -> None:
         """Remove surfaces and lines, as before the next frame of an animation."""
         for artist in (*self.axes.collections, *self.axes.lines, *self.axes.images):
@@ -280,8 +292,8 @@ def mark(axes: Any, at: np.ndarray, words: str) -> None:
               zorder=8, path_effects=[withStroke(linewidth=2.5, foreground="white")])
     left, right = axes.get_xlim()
     side = "right" if at[0] > left + LAST * (right - left) else "left"  # words end there, or begin
-    axes.annotate(words, at, (6 if side == "left" else -6, 6), textcoords="offset points", ha=side, fontsize=8, zorder=8,
-                  path_effects=[withStroke(linewidth=2.5, foreground="#ffffffe0")]).set_in_layout(False)
+    axes.annotate(words, at, (6 if side == "left" else -6, 6), textcoords="offset points", ha=side, fontsize=8,
+                  zorder=8, path_effects=[withStroke(linewidth=2.5, foreground="#ffffffe0")]).set_in_layout(False)
 
 
 def above(axes: Any, handles: Sequence[Any], columns: int = 3) -> None:

@@ -10,7 +10,7 @@ from typing import Annotated, Any, ClassVar, Literal
 import msgspec
 import numpy as np
 
-from ddmpi.scene.values import Count, History, NonNegative, Number, Positive, Table, settle
+from ddmpi.scene.values import Count, Field, History, NonNegative, Number, Positive, Side, Table, settle
 
 ALGEBRAIC = 0.01
 """Tolerance of the outer iteration as a part of ``target_error``."""
@@ -21,7 +21,6 @@ PRESETS: dict[str, dict[str, Any]] = {"fast": {"order": 1, "tolerance": 1e-4},
 """Values of keys that a scene leaves out, by ``method.preset``; measured in docs/understand/tradeoff.md."""
 
 Elevation = Annotated[float, msgspec.Meta(ge=-90, le=90)]
-
 Tolerance = Annotated[float, msgspec.Meta(gt=0, lt=1)]
 Algorithm = Literal["original", "modified"]
 Splitting = Literal["none", "step1", "step2", "step1+2"]
@@ -342,7 +341,7 @@ class Output(Table, frozen=True, kw_only=True):
     error : field and picture of the estimated discretization error
     figures : pictures
     steps : load steps whose fields are written: ends of legs, or all
-    animation : animation.gif plays the load steps whose fields are written
+    animation : animation.gif plays the load steps with fields, coloured by von Mises stress or what it names
     length_unit, stress_unit : labels in pictures, summary and messages; numbers are in the scene's own units
     magnification : of displacements and gaps in bodies.png; left out, it suits the picture
     mirrored : bodies.png of an axisymmetric scene also shows the other half
@@ -358,13 +357,12 @@ class Output(Table, frozen=True, kw_only=True):
     error: bool = False
     figures: bool = True
     steps: Literal["legs", "all"] = "legs"
-    animation: bool = False
+    animation: bool | Field = False
     length_unit: str = "m"
     stress_unit: str = "Pa"
     magnification: Annotated[float, msgspec.Meta(gt=0.0, le=1e12)] | None = None
     mirrored: bool = False
-    view: (bool | Literal["front", "back", "left", "right", "top", "bottom", "iso"] | tuple[Number, Elevation]
-           | None) = None
+    view: bool | Side | tuple[Number, Elevation] | None = None
     cut: Cut | None = None
     derivatives: list[str] = []
 
@@ -372,6 +370,8 @@ class Output(Table, frozen=True, kw_only=True):
         for key in ("error", "animation"):
             if self.only and getattr(self, key):
                 raise ValueError(f'{key} = true asks for what only = "{self.only}" leaves out; drop one of the two')
+        if not self.stress and str(self.animation).startswith(("von", "stress", "principal")):
+            raise ValueError(f'animation = "{self.animation}" asks for stresses; drop stress = false')
 
 
 class Checkpoint(Table, frozen=True, kw_only=True):

@@ -19,14 +19,14 @@ from solid_scenes import two_boxes
 from ddmpi.cli.report import write_report
 from ddmpi.errors import InputError, OutputError
 from ddmpi.pictures import views
-from ddmpi.pictures.bodies import animate, draw_bodies
+from ddmpi.pictures.bodies import animate, coloured, draw_bodies
 from ddmpi.pictures.contacts import _aside, draw_contacts, draw_maps, flatten
 from ddmpi.pictures.curves import draw_steps
 from ddmpi.pictures.draw import draw_all
 from ddmpi.pictures.moved import apart, directions, rigid_parts
 from ddmpi.results.tables import STATUS, Results, read_results
 from ddmpi.run.run import prepare_scene
-from ddmpi.scene.method import VIEWS
+from ddmpi.scene.method import VIEWS, Output
 from ddmpi.scene.reader import read_scene
 
 
@@ -266,6 +266,25 @@ def test_pictures_are_cut_and_seen_as_asked_for(tmp_path):
     assert draw_contacts(results).axes[0].get_xlim()[1] > 0.8
 
 
+@pytest.mark.parametrize(("what", "label"), [
+    (True, "von Mises stress"), ("displacement", "displacement"), ("displacement_z", "displacement z"),
+    ("stress_xz", "stress xz"), ("principal_3", "principal 3")])
+def test_animations_show_the_field_that_is_asked_for(tmp_path, what, label):
+    """By its name, with the column of its file; stresses need stress = true."""
+    results = stacked(tmp_path, times=(1.0, 2.0))
+    results.summary["scene"]["output"]["animation"] = what
+    values, name, _ = coloured(results, results.fields, what)
+    fields, tensor = results.fields, results.fields["nodal_stress"]
+    expected = {True: fields["nodal_von_mises"], "displacement": np.linalg.norm(results.displacement(), axis=1),
+                "displacement_z": results.displacement()[:, 2], "stress_xz": tensor[:, 2],
+                "principal_3": np.linalg.eigvalsh(tensor[:, [[0, 1, 2], [1, 3, 4], [2, 4, 5]]])[:, 0]}[what]
+    assert name == label and values == pytest.approx(expected, abs=1e-9 * np.abs(expected).max())
+    assert animate(results, tmp_path, "").stat().st_size > 5000
+    if what == "stress_xz":
+        with pytest.raises(ValueError, match="drop stress = false"):
+            Output(animation=what, stress=False)
+
+
 @pytest.mark.skipif(not shutil.which("ffmpeg"), reason="no ffmpeg to write videos")
 def test_an_animation_is_a_video_too(tmp_path):
     """Where ffmpeg is installed, of the same size but for a line of pixels."""
@@ -377,8 +396,8 @@ def test_resultants_of_solids_lie_on_their_line_of_action(tmp_path):
 def test_resultants_on_one_line_stand_side_by_side():
     """Opposite and equal arrows that overlap are moved apart, by steps to one side; others stay."""
     up = np.array([[0.0, 0.0], [0.0, 1.0]])
-    other, on_end = up + (1.0, 0.0), up + (0.0, 1.5)
-    first, down, second, away, behind = _aside([up, up[::-1], up + (0.0, 0.3), other, on_end], 0.1)
+    raised, other, on_end = (up + np.array(shift) for shift in ((0.0, 0.3), (1.0, 0.0), (0.0, 1.5)))
+    first, down, second, away, behind = _aside([up, up[::-1], raised, other, on_end], 0.1)
     assert (first == up).all() and (away == other).all() and (behind == on_end).all()
     assert np.abs(down[:, 0]) == pytest.approx(0.1) and down[:, 1] == pytest.approx([1.0, 0.0])
     assert second[:, 0] == pytest.approx(2.0 * down[:, 0]) and second[:, 1] == pytest.approx([0.3, 1.3])
