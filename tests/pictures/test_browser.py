@@ -118,6 +118,7 @@ def test_a_run_writes_the_view_and_its_report_has_it(tmp_path):
     assert call("report", str(view.parent)).code == 0
     page = (view.parent / "report.html").read_text(encoding="utf-8")
     assert "<iframe srcdoc=" in page and "script-src" in page and first[-60:-40].replace("<", "&lt;") in page
+    assert "Drag to move, wheel to zoom." in page and "Drag to turn" not in page  # in the plane nothing turns
 
 
 def opened(folder, changes) -> dict[str, dict[str, str]]:
@@ -126,7 +127,7 @@ def opened(folder, changes) -> dict[str, dict[str, str]]:
     script = """<script>const waiting = setInterval(() => {
       if (!document.body.dataset.sum) return;
       clearInterval(waiting);
-      const found = {as_it_was: {...document.body.dataset}};
+      const found = {as_it_was: {...document.body.dataset, folded: !document.querySelector("details").open}};
       for (const [name, value] of CHANGES) {
         const one = document.querySelector(`[name=${name}]`);
         one.value = value; one.dispatchEvent(new Event("input", {bubbles: true}));
@@ -151,6 +152,7 @@ def test_a_browser_draws_the_view_and_its_slider_moves(tmp_path):
     """In headless Chromium: bodies in many colours; another picture at the other load step, cut open, and apart."""
     stacked(tmp_path, times=(1.0, 2.0))
     found = opened(tmp_path, [("step", 0), ("axis", "x"), ("apart", 1), ("field", "pressure")])
+    assert found["as_it_was"]["folded"]  # in a window of 500 pixels: the controls would hide the bodies
     assert found["step 0"]["step"] == "0" and found["field pressure"]["field"] == "pressure"
     assert int(found["axis x"]["triangles"]) > int(found["step 0"]["triangles"])  # those of the cut
 
