@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 from ddmpi.errors import InputError, InterruptionError, OutputError
 from ddmpi.system import interrupt, logs
 from ddmpi.system.agreement import agreed, from_first
+from ddmpi.system.files import writing
 from ddmpi.system.memory import loading
 
 ASSEMBLIES = (".step", ".stp", ".brep", ".brp")
@@ -116,14 +117,15 @@ def _view(options: argparse.Namespace) -> None:
 
 
 def _import(options: argparse.Namespace) -> None:
-    if options.deck.lower().endswith(ASSEMBLIES):
-        from ddmpi.check.draft import draft_scene
+    with writing(Path(options.output)):  # it may be a file, or closed to us
+        if options.deck.lower().endswith(ASSEMBLIES):
+            from ddmpi.check.draft import draft_scene
 
-        print(draft_scene(options.deck, options.output))
-        return
-    from ddmpi.decks.scene import import_deck
+            print(draft_scene(options.deck, options.output))
+            return
+        from ddmpi.decks.scene import import_deck
 
-    print(import_deck(options.deck, options.output, options.partial, options.amplitude))
+        print(import_deck(options.deck, options.output, options.partial, options.amplitude))
 
 
 def _report(options: argparse.Namespace) -> None:

@@ -436,6 +436,8 @@ def test_the_command(tmp_path):
     again = call("import", str(path), "--output", str(tmp_path / "out"))
     assert again.code == TakenError.exit_code and (tmp_path / "out" / "scene.toml").read_bytes() == before
     assert call("import", str(tmp_path / "none.inp"), "--output", str(tmp_path / "x")).code == 2
+    taken = call("import", str(path), "--output", str(path))  # a file, not a folder
+    assert taken.code == 5 and "could not be written" in taken.stderr and "Traceback" not in taken.stderr
     path.write_text(path.read_text().replace("*STEP", "*EQUATION\n*STEP"))
     lost = call("import", str(path), "--output", str(tmp_path / "y"))
     assert lost.code == 2 and "*EQUATION" in lost.stderr and not (tmp_path / "y").exists()
