@@ -173,8 +173,10 @@ class Acts:
             if node not in inside and any(value for _, value in acting.course):
                 self.notes.add(self.notes.lost, acting.card, "a force at a node of no body")
         for (node, _), acting in self.model.kinds["supports"].items():
-            if node not in inside:
+            if node not in inside and node in self.model.deck.points:
                 self.notes.add(self.notes.changed, acting.card, "a support at a node of no body is left out")
+            elif node not in inside:
+                self.notes.add(self.notes.lost, acting.card, "a support at a node that the deck does not have")
         return found
 
     def _surface(self, piece: Piece, facets: np.ndarray) -> str:

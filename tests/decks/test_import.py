@@ -581,7 +581,9 @@ def test_labels_follow_the_moduli(tmp_path, young, output):
 
 
 def test_loads_at_nodes_of_no_body_are_lost(tmp_path):
-    """A force at a node that no element has is lost; a support there is left out."""
+    """A force at a node that no element has is lost; a support there is left out, but not one at no node at all."""
+    assert "*BOUNDARY: a support at a node that the deck does not have" in refused(
+        tmp_path, COUPLED + "*BOUNDARY\n901, 1\n" + step("*CLOAD", "36, 1, 1."))
     assert "*CLOAD: a force at a node of no body" in refused(tmp_path, COUPLED + step("*CLOAD", "900, 1, 1."))
     lists = imported(tmp_path, COUPLED + "*BOUNDARY\n900, 1\n" + step("*CLOAD", "36, 1, 1."))[1]
     assert "a support at a node of no body is left out" in lists
