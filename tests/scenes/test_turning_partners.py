@@ -182,7 +182,7 @@ def test_load_steps(tmp_path):
         "time": {"points": [1.0, 2.0], "steps": 2}, "output": {"steps": "all"}}
     path = write_scene(scene, tmp_path / "scene.toml")
     done = call("check", str(path), "--no-figures")
-    assert "rigid lid: turned by -1e+05 about (-1, 1) (history push)" in done.output, done.output
+    assert "rigid lid: turned by a moment -1e+05 about (-1, 1) (history push)" in done.output, done.output
     run = run_here(path, tmp_path / "out")
     assert run.code == 0 and "moment of bodies 3e+04 N·m/m, turn -1.0" in run.stdout, run.stdout
     summary = certified(scene).summary
