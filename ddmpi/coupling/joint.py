@@ -83,7 +83,8 @@ class Joint:
         self.members, self.space, self.size = tuple(members), space, space.size
         self.neglected, self.steering = 0.0, STEERING
         self.exchange, self.far = exchange, freed is not None
-        self.dear = exchange.world.allreduce(any(member.dear for member in members), MPI.LOR)
+        self.dear, self._waves = exchange.world.allreduce(np.array([any(member.dear for member in members), any(
+            interface.waves for interface in space.interfaces)]), MPI.LOR)
         self._moved = {name: exchange.total([member.response(name)[0] for member in members], "free displacement")
                        for name in histories}
         self.driven = (*(Driven.of(rigid, space) for rigid in pushed), *map(Driven.of_bond, bolts), *(freed or ()))
@@ -165,6 +166,11 @@ class Joint:
     def cross_points(self) -> CrossPoints:
         """The local compliance of nodes at which bodies have several contacts. Collective."""
         return CrossPoints(self.members, self.exchange, self.space)
+
+    def local(self) -> np.ndarray:
+        """`Member.local` (size,) of both bodies, where interfaces have waves; else zero. Collective."""
+        return self.exchange.total([member.local() for member in self.members], "local compliances"
+                                   ) if self._waves else np.zeros(self.size)
 
     def shared(self) -> np.ndarray:
         """(size,) bool, unknowns of nodes at which a body has several contacts. Collective."""

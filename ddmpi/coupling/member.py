@@ -100,6 +100,10 @@ class Member:
         return sparse.vstack([none, *(trace(interface, side, self.elasticity) for interface, _, side in self._sides)],
                              format="csr")
 
+    def local(self) -> np.ndarray:
+        """(size,) the compliance that the diagonal of A alone gives an unknown (m/N). Not collective."""
+        return self._B.multiply(self._B) @ (1.0 / self.elasticity.A.getDiagonal().array_r)
+
     def factor(self, kept: Kept | None = None) -> Member:
         """Factor A and solve for the loads, but for what is `kept`; return self. Collective on the body's communicator.
         Raises SolverError."""

@@ -140,6 +140,7 @@ class Interface:
     axisymmetric : whether nodal lengths are areas of revolution around x = 0
     pointwise : whether the sides meet along edges or at vertices only: nodal forces without stresses; `area` then comes
         from the distance between nodes and only steers the iteration
+    waves : whether bodies follow the rows' functions within a facet, as of order 2 in space
     """
 
     name: str
@@ -172,6 +173,7 @@ class Interface:
     pivot: np.ndarray = field(default_factory=lambda: np.empty(0))
     axisymmetric: bool = False
     pointwise: bool = False
+    waves: bool = False
 
     def under(self, factors: Mapping[str | None, float]) -> Interface:
         """The same interface with these `factors` of its gap and rigid partner, by history."""

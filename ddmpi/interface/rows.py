@@ -61,7 +61,7 @@ class Rows:
     lines : the nodes of the rows
     covered : what faces the other side, to its outline; None for all facets that are `seen`
     points : places between the nodes, with their gaps, or None
-    pointwise : as of an `Interface`
+    pointwise, waves : as of an `Interface`
     """
 
     sides: tuple[Side, Side]
@@ -81,6 +81,7 @@ class Rows:
     covered: Outlined | None = None
     points: Places | None = None
     pointwise: bool = False
+    waves: bool = False
 
     def clamped(self, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Whether clamps constrain all nodes of each side (2, r) in a row's direction (r, d); and how far (r,) the row
@@ -172,7 +173,7 @@ def build(rows: Rows, contact: SettledContact) -> Interface:
         one_sided=of_rows(clamped.any(axis=0)), displacement=np.zeros(xy.shape[1]), gap_history=contact.opening[1],
         slave=side.body if rows.points else None, lines=lines, outline=_outline(rows, keep),
         at=(rows.transfers[0][keep] @ sides[0].xy, rows.transfers[1][keep] @ sides[1].xy),
-        axisymmetric=side.axisymmetric, pointwise=rows.pointwise,
+        axisymmetric=side.axisymmetric, pointwise=rows.pointwise, waves=rows.waves,
         fixed=_at_rows(rows, dropped, start), probes=_probes(rows, contact, dropped, start), pull=pull)
 
 

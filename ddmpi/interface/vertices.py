@@ -100,7 +100,8 @@ def rows_at_vertices(sides: tuple[Side, Side], slave: int, over: Cover, looked: 
     complete = (facets >= 0).all(axis=1)
     lines = Lines(np.arange(len(rows.nodes)), side.xy[rows.nodes], rows.area, facets[seen & complete],
                   rows.transfers[slave] @ side.xy)
-    return replace(rows, whole=rows.whole & complete, lines=lines, points=between(sides, slave, looked))
+    return replace(rows, whole=rows.whole & complete, lines=lines, points=between(sides, slave, looked),
+                   waves=quadratic)
 
 
 def _smoothed(side: Side, over: Cover, psi: sparse.csr_matrix, hats: np.ndarray,

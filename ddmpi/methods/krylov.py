@@ -177,7 +177,7 @@ class Preconditioner:
     @cached_property
     def half_space(self) -> HalfSpace:
         """The half-spaces."""
-        return HalfSpace(self._joint.space)
+        return HalfSpace(self._joint.space, self._joint.local())
 
     @cached_property
     def coarse(self) -> tuple[Motions, np.ndarray]:

@@ -56,6 +56,9 @@ class Dense:
     def shared(self) -> np.ndarray:
         return np.zeros(self.size, bool)
 
+    def local(self) -> np.ndarray:
+        return np.zeros(self.size)
+
     def rigid_moduli(self) -> np.ndarray:
         return np.empty(0)
 
