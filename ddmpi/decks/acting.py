@@ -255,11 +255,9 @@ class Acts:
                 continue
             density = densities.pop()
             if label == "GRAV":
-                way = np.array([*more, 0.0, 0.0, 0.0][:3])
-                rows[history].append((acting.card, density * value * way[:d], np.zeros((d, d))))
+                rows[history].append((acting.card, density * value * np.array(more)[:d], np.zeros((d, d))))
             else:  # ρ ω² times the distance from the axis
-                start, way = np.array([*more, *[0.0] * 6][:3]), np.array([*more, *[0.0] * 6][3:6])
-                way = way / np.linalg.norm(way)
+                start, way = np.reshape(more, (2, 3))
                 across = density * value * (np.eye(3) - np.outer(way, way))
                 rows[history].append((acting.card, -(across @ start)[:d], across[:d, :d]))
         if not rows:
