@@ -317,9 +317,9 @@ def check_axes(card: Card) -> None:
 def read_lines(path: Path, within: tuple[Path, ...] = ()) -> Iterator[tuple[Path, int, str]]:
     """The lines of a deck and of what it includes, each with its file and number, without comments. Raises DeckError
     where a file includes itself or one that is not there, and OSError."""
+    data = path.read_bytes()
     if path.resolve() in within:
         raise DeckError(f"{path} includes itself")
-    data = path.read_bytes()
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
