@@ -213,7 +213,7 @@ class Model:
 
     def _material(self, card: Card) -> None:
         of, name = self.materials if card.word == "MATERIAL" else self.interactions, card.given["NAME"].upper()
-        if name in of:
+        if name in of and not card.scope:
             raise DeckError(f"there are two of the name {name}")
         self._within, self._inside = card.word, of.setdefault(name, {})
 

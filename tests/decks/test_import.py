@@ -232,6 +232,19 @@ def test_amplitudes_of_the_total_time_go_on(tmp_path):
     assert scene["history"] == {"h1": {"times": [0.0, 1.0, 2.0, 3.0], "factors": [0.0, 1.0, 0.0, 0.0]}}
 
 
+@pytest.mark.parametrize("load", ["*CLOAD\nA_Y1, 3, 1.", "*DLOAD\nA, GRAV, 9810., 0., 0., -1.", "*DLOAD\nA, BZ, 1.",
+                                  "*DLOAD\nA, CENTRIF, 9., 0., 0., 0., 0., 1., 1.",
+                                  "*DSLOAD\nT, TRVEC, 5., 0., 1., 1."])
+def test_loads_out_of_the_plane_are_lost(tmp_path, load):
+    """They have no place in a scene in the plane; around an axis neither has a rotation about another one."""
+    deck = grid("A", (2, 2), (1.0, 1.0), (1.0, 0.0)) + STEEL + SECTION + (
+        "*SURFACE, NAME=T\n3, S3\n4, S3\n*BOUNDARY\nA_Y0, 1, 2\n")
+    assert "a load out of the plane" in refused(tmp_path, deck + step(load))
+    about = step("*DLOAD", "A, CENTRIF, 9., 0., 0., 0., 1., 0., 0.")
+    assert "another axis than that of the body" in refused(tmp_path, deck.replace("CPE4", "CAX4") + about)
+    assert imported(tmp_path, deck + about)[0]["body"][0]["volume_force"][0] == 0.0
+
+
 def test_perturbation_steps(tmp_path):
     """A single one without contact is linear as well; beside others its loads would not add to theirs."""
     pull = step("*CLOAD", "A_Z1, 3, 1.")
