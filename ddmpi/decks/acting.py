@@ -158,6 +158,7 @@ class Acts:
             piece, facet = self.where[element, face]
             value, history = self.factor(acting)
             if value:
+                self._flat(acting.card, np.array(way or (0.0, 0.0, 0.0)))
                 pressed[piece.name, value, history, way].append(facet)
         by_name = {piece.name: piece for piece in self.pieces}
         for (name, value, history, way), facets in pressed.items():
@@ -179,6 +180,12 @@ class Acts:
                 self.notes.add(self.notes.lost, acting.card, "a support at a node that the deck does not have")
         return found
 
+    def _flat(self, card: Card, vector: np.ndarray) -> np.ndarray:
+        """A vector (3,) along the axes of the scene (d,); what points out of the plane is lost."""
+        if len(self.axes) == 2 and abs(vector[2]) > PARALLEL * np.abs(vector).max():
+            self.notes.add(self.notes.lost, card, "a load out of the plane")
+        return vector[:len(self.axes)]
+
     def _surface(self, piece: Piece, facets: np.ndarray) -> str:
         """The group of these facets, called as the deck's surface of them."""
         ends = {tuple(end) for end in piece.owners[facets].tolist()}
@@ -198,7 +205,8 @@ class Acts:
         for (node, component), acting in self.model.kinds["forces"].items():
             value, history = self.factor(acting)
             if node in number and value:
-                way = direction(self.model.transforms.get(node), piece.points[number[node]], component)[:d]
+                way = self._flat(acting.card, direction(self.model.transforms.get(node), piece.points[number[node]],
+                                                        component))
                 before = by_history[history].get(number[node], np.zeros(d))
                 by_history[history][number[node]] = before + value * way / self.matter.depth
                 cards[number[node]] = acting.card
@@ -247,7 +255,8 @@ class Acts:
                 self.notes.add(self.notes.lost, acting.card, f"{label} on a part of a body")
                 continue
             if label in ("BX", "BY", "BZ"):
-                rows[history].append((acting.card, value * np.eye(3)["XYZ".index(label[1])][:d], np.zeros((d, d))))
+                way = self._flat(acting.card, np.eye(3)["XYZ".index(label[1])])
+                rows[history].append((acting.card, value * way, np.zeros((d, d))))
                 continue
             densities = {self._density(k, acting.card) for k in self.matter.sections(piece)}
             if len(densities) > 1:
@@ -255,13 +264,15 @@ class Acts:
                 continue
             density = densities.pop()
             if label == "GRAV":
-                way = np.array([*more, 0.0, 0.0, 0.0][:3])
-                rows[history].append((acting.card, density * value * way[:d], np.zeros((d, d))))
+                rows[history].append((acting.card, density * value * self._flat(acting.card, np.array(more)),
+                                      np.zeros((d, d))))
             else:  # ρ ω² times the distance from the axis
-                start, way = np.array([*more, *[0.0] * 6][:3]), np.array([*more, *[0.0] * 6][3:6])
-                way = way / np.linalg.norm(way)
+                start, way = np.reshape(more, (2, 3))
                 across = density * value * (np.eye(3) - np.outer(way, way))
-                rows[history].append((acting.card, -(across @ start)[:d], across[:d, :d]))
+                slopes = [self._flat(acting.card, slope) for slope in across[:d]]
+                rows[history].append((acting.card, -self._flat(acting.card, across @ start), np.array(slopes).T))
+                if self.axisymmetric and (abs(way[1]) < 1.0 - PARALLEL or start[[0, 2]].any()):
+                    self.notes.add(self.notes.lost, acting.card, "a rotation about another axis than that of the body")
         if not rows:
             return None
         history = next(iter(rows))

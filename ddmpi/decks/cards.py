@@ -5,9 +5,13 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
+
+import numpy as np
+
+from ddmpi.errors import InputError
 
 SIDES: dict[str, list[tuple[int, int]]] = {
     "line": [(0, 1)], "triangle": [(0, 1), (1, 2), (2, 0)], "quad": [(0, 1), (1, 2), (2, 3), (3, 0)],
@@ -66,8 +70,33 @@ PROCEDURES = frozenset((
 ))
 """Keywords that say what a step computes."""
 
-NAMED_SUPPORTS = {"ENCASTRE": (1, 3), "PINNED": (1, 3), "XSYMM": (1, 1), "YSYMM": (2, 2), "ZSYMM": (3, 3)}
-"""Abaqus's words for supports: the first and the last component that they hold."""
+NAMED_SUPPORTS = {
+    "ENCASTRE": (1, 2, 3, 4, 5, 6), "PINNED": (1, 2, 3), "XSYMM": (1, 5, 6), "YSYMM": (2, 4, 6), "ZSYMM": (3, 4, 5),
+    "XASYMM": (2, 3, 4), "YASYMM": (1, 3, 5), "ZASYMM": (1, 2, 6)}
+"""Abaqus's words for supports: the components that they hold; nodes of solids have the first three."""
+
+OVER_TIME = ("OP", "AMPLITUDE", "TIMEDELAY", "FOLLOWER")
+
+PARAMETERS: dict[str, tuple[str, ...]] = {
+    "NODE": ("NSET",), "ELEMENT": ("TYPE", "ELSET"), "SURFACE": ("NAME", "TYPE", "INTERNAL"),
+    "NSET": ("NSET", "ELSET", "GENERATE", "INSTANCE", "INTERNAL", "UNSORTED"),
+    "ELSET": ("ELSET", "GENERATE", "INSTANCE", "INTERNAL", "UNSORTED"),
+    "TRANSFORM": ("NSET", "TYPE"), "ORIENTATION": ("NAME", "SYSTEM", "DEFINITION"),
+    "SOLIDSECTION": ("ELSET", "MATERIAL", "ORIENTATION", "CONTROLS", "OFFSET"), "ELASTIC": ("TYPE", "MODULI"),
+    "DENSITY": (), "EXPANSION": ("TYPE", "ZERO"), "INITIALCONDITIONS": ("TYPE", "FILE"),
+    "AMPLITUDE": ("NAME", "TIME", "DEFINITION", "VALUE", "USER", "SMOOTH"),
+    "STEP": ("NAME", "NLGEOM", "INC", "INCF", "UNSYMM", "EXTRAPOLATION", "CONVERTSDI", "SOLVER", "AMPLITUDE"),
+    "STATIC": ("DIRECT", "SOLVER", "STABILIZE", "ALLSDTOL", "CONTINUE", "FACTOR"),
+    "BOUNDARY": (*OVER_TIME, "TYPE", "FIXED", "SUBMODEL", "USER", "STEP"), "CLOAD": OVER_TIME, "DLOAD": OVER_TIME,
+    "DSLOAD": OVER_TIME, "TEMPERATURE": (*OVER_TIME, "FILE", "USER"),
+    "FRICTION": ("SLIPTOLERANCE", "LAGRANGE", "ELASTICSLIP"), "SURFACEINTERACTION": ("NAME",),
+    "SURFACEBEHAVIOR": ("PRESSURE-OVERCLOSURE", "NOSEPARATION", "PENALTY", "AUGMENTEDLAGRANGE", "DIRECT"),
+    "CONTACTPAIR": ("INTERACTION", "TYPE", "SMALLSLIDING", "ADJUST", "MECHANICALCONSTRAINT", "CPSET", "EXTENSIONZONE",
+                    "HCRIT", "NOTHICKNESS", "SMOOTH", "TRACKING", "SUPPLEMENTARYCONSTRAINTS", "SLIDINGTRANSITION"),
+    "TIE": ("NAME", "ADJUST", "POSITIONTOLERANCE", "TYPE", "NOROTATION", "NOTHICKNESS", "CONSTRAINTRATIO"),
+    "RIGIDBODY": ("NSET", "TIENSET", "REFNODE", "ROTNODE", "ELSET", "PINNSET", "ANALYTICALSURFACE"),
+    "COUPLING": ("CONSTRAINTNAME", "REFNODE", "SURFACE"), "DISTRIBUTING": ("WEIGHTINGMETHOD", "COUPLING")}
+"""Parameters of keywords that are read, or change no answer; any other one of these keywords is lost."""
 
 
 class DeckError(ValueError):
@@ -128,9 +157,35 @@ def integer(word: str) -> int:
     return int(word)
 
 
+def component(word: str) -> int:
+    """The number of a component. Raises DeckError."""
+    if integer(word) < 1:
+        raise DeckError(f"there is no component {word}")
+    return integer(word)
+
+
 def numbers(row: list[str]) -> list[float]:
     """The numbers of a data line; empty entries are zero."""
     return [number(word) if word else 0.0 for word in row]
+
+
+def held(row: list[str]) -> tuple[Sequence[int], float]:
+    """The components that a data line of *BOUNDARY gives, and their value. Raises DeckError."""
+    if row[1].upper() in NAMED_SUPPORTS:
+        return NAMED_SUPPORTS[row[1].upper()], 0.0
+    first = component(row[1] or "1")
+    last = component([*row, "", ""][2] or str(first))
+    if last < first:
+        raise DeckError(f"it gives the components {first} to {last}")
+    return range(first, last + 1), number([*row, "", ""][3] or "0")
+
+
+def along(values: Sequence[float]) -> tuple[float, ...]:
+    """The unit vector (3,) along such components, of which missing ones are zero. Raises DeckError where all are."""
+    vector = np.array([*values, 0.0, 0.0, 0.0][:3])
+    if not vector.any():
+        raise DeckError("a direction is zero")
+    return tuple((vector / np.linalg.norm(vector)).tolist())
 
 
 WITHIN = ("PART", "INSTANCE", "ASSEMBLY")
@@ -171,10 +226,12 @@ Course = tuple[tuple[float, float], ...]
 
 
 class Acting(NamedTuple):
-    """A load or a support: its keyword and its value over time, linear between points (time, value)."""
+    """A load or a support: its keyword, its value over time, linear between points (time, value), and what its
+    amplitude multiplies."""
 
     card: Card
     course: Course
+    value: float = 0.0
 
 
 class Pair(NamedTuple):
@@ -228,32 +285,83 @@ class Instance(NamedTuple):
     place: list[list[str]]
 
 
-def read_cards(path: Path, within: tuple[Path, ...] = ()) -> Iterator[Card]:
-    """Each keyword of a deck and of what it includes. Raises DeckError where a file includes
-    itself or has none, and OSError."""
-    if path in within:
+def _headed(line: str) -> tuple[str, dict[str, str]]:
+    """A keyword in capitals with single blanks, and its parameters."""
+    word, *rest = line[1:].split(",")
+    parts = [entry.partition("=") for entry in rest]
+    return " ".join(word.split()).upper(), {"".join(name.split()).upper(): value.strip().strip('"')
+                                            for name, _, value in parts if name.strip()}
+
+
+def factors(amplitude: Card) -> np.ndarray:
+    """Times and factors (k, 2) of *AMPLITUDE. Raises InputError."""
+    try:
+        values = numbers([word for row in amplitude.rows for word in row if word])
+        if not values or len(values) % 2:
+            raise DeckError("it needs pairs of a time and a factor")
+        if (np.diff(values[::2]) < 0.0).any():
+            raise DeckError("its times must not fall")
+    except DeckError as error:
+        raise InputError(amplitude.tells(error)) from None
+    return np.reshape(values, (-1, 2))
+
+
+def check_axes(card: Card) -> None:
+    """InputError where *TRANSFORM or *ORIENTATION has no axes that are known."""
+    row, kind = numbers(card.rows[0] if card.rows else []), card.given.get("TYPE", "R").upper()[:1]
+    a, b = np.array([*row, *[0.0] * 6][:6]).reshape(2, 3)
+    if (kind not in ("R", "C") or card.given.get("DEFINITION", "COORDINATES").upper() != "COORDINATES" or any(row[6:])
+            or not (b - a if kind == "C" else np.cross(a, b)).any()):
+        raise InputError(card.tells("axes are those of two vectors, or of a cylinder by two points on its axis"))
+
+
+def read_lines(path: Path, within: tuple[Path, ...] = ()) -> Iterator[tuple[Path, int, str]]:
+    """The lines of a deck and of what it includes, each with its file and number, without comments. Raises DeckError
+    where a file includes itself or one that is not there, and OSError."""
+    data = path.read_bytes()
+    if path.resolve() in within:
         raise DeckError(f"{path} includes itself")
-    text = path.read_text(encoding="utf-8", errors="replace").splitlines()
-    lines = [(number, line.strip()) for number, line in enumerate(text, 1)]
-    lines = [(number, line) for number, line in lines if line and not line.startswith("**")]
-    starts = [k for k, (_, line) in enumerate(lines) if line.startswith("*")]
-    if not starts:
-        raise DeckError(f"it has no keyword, such as *NODE{f' in {path}' * bool(within)}")
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = data.decode("latin-1")
+    every = ((number, line.strip()) for number, line in enumerate(text.splitlines(), 1))
+    lines = iter([(number, line) for number, line in every if line and not line.startswith("**")])
+    for number, line in lines:
+        if not re.match(r"\*\s*INCLUDE\b", line, re.IGNORECASE):
+            yield path, number, line
+            continue
+        while line.endswith(","):
+            line += next(lines, (0, " "))[1]
+        yield from read_lines(_named(path, number, *_headed(line)), (*within, path.resolve()))
+
+
+def _named(path: Path, number: int, name: str, given: Mapping[str, str]) -> Path:
+    """The file that a keyword on a line of `path` names by INPUT. Raises DeckError where there is none."""
+    if "INPUT" not in given or not (path.parent / given["INPUT"]).is_file():
+        what = f"no such file: {given['INPUT']}" if "INPUT" in given else "it lacks INPUT"
+        raise DeckError(f"line {number} of {path.name}: *{name}: {what}")
+    return path.parent / given["INPUT"]
+
+
+def read_cards(path: Path) -> Iterator[Card]:
+    """Each keyword of a deck and of what it includes. Raises the errors of `read_lines`."""
+    lines = list(read_lines(path))
+    starts = [k for k, (*_, line) in enumerate(lines) if line.startswith("*")]
+    if not starts or starts[0]:
+        raise DeckError(f"line {lines[0][1]} of {lines[0][0].name}: data without a keyword" if starts else
+                        "it has no keyword, such as *NODE")
     for start, end in zip(starts, [*starts, len(lines)][1:], strict=True):
-        (number, head), first = lines[start], start + 1
-        while head.endswith(",") and first < end and (first == start + 1 or "=" in lines[first][1]):
-            head, first = head + lines[first][1], first + 1
-        word, *rest = head[1:].split(",")
-        parts = [entry.partition("=") for entry in rest]
-        given = {"".join(name.split()).upper(): value.strip().strip('"') for name, _, value in parts}
-        name = " ".join(word.split()).upper()
-        if (word := name.replace(" ", "")) == "INCLUDE":
-            if "INPUT" not in given:
-                raise DeckError(f"line {number} of {path.name}: *{name}: it lacks INPUT")
-            yield from read_cards(path.parent / given["INPUT"], (*within, path))
-        else:
-            rows = [[entry.strip() for entry in line.rstrip(", ").split(",")] for _, line in lines[first:end]]
-            yield Card(word, given, rows, number, path, name)
+        (source, number, head), first = lines[start], start + 1
+        while head.endswith(",") and first < end and (first == start + 1 or "=" in lines[first][2]):
+            head, first = head + lines[first][2], first + 1
+        name, given = _headed(head)
+        data = [line for *_, line in lines[first:end]]
+        if (word := name.replace(" ", "")) in PARAMETERS and "INPUT" in given:
+            data = [*(line for *_, line in read_lines(_named(source, number, name, given))), *data]
+            del given["INPUT"]
+        rows = [[entry.strip() for entry in line.rstrip(", ").split(",")] for line in data]
+        yield Card(word, given, rows, number, source, name)
 
 
 def flattened(path: Path) -> tuple[list[Card], list[Instance]]:

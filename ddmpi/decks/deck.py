@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ddmpi.decks.cards import SHAPELESS, Card, DeckError, element, face, flattened, integer, numbers
+from ddmpi.decks.cards import SHAPELESS, Card, DeckError, along, element, face, flattened, integer, numbers
 
 GENERATING = ("NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "SYSTEM")
 """Keywords that make nodes or elements from others, or move them; they are not read."""
@@ -57,6 +57,10 @@ class Deck:
                 raise DeckError(card.tells(missing)) from None
             except IndexError:
                 raise DeckError(card.tells("a data line is too short")) from None
+        counted = np.unique(np.concatenate([np.empty(0, int), *(block[:, 0] for _, block, _ in self.blocks)]),
+                            return_counts=True)
+        if (counted[1] > 1).any():
+            raise DeckError(f"it has the element {counted[0][counted[1] > 1][0] % STRIDE} twice")
 
     def _take(self, card: Card) -> None:
         """Note what one keyword says."""
@@ -64,6 +68,8 @@ class Deck:
         if word in GENERATING:
             raise DeckError("it is not supported; write all nodes and elements")
         if word == "NODE":
+            if given.get("SYSTEM", "R").upper() != "R":
+                raise DeckError("its SYSTEM is not supported; write coordinates along x, y and z")
             for row in rows:
                 self.points[own + integer(row[0])] = numbers([*row[1:], "", "", ""][:3])
             if "NSET" in given:  # of all nodes as a rule, and no group
@@ -96,6 +102,10 @@ class Deck:
                     raise DeckError(f"the set {given[word]} has more than {MOST} members")
                 rows = [list(map(str, run)) for run in runs]
             self._set(word, given[word], card, self._entries(card, (entry for row in rows for entry in row if entry)))
+            if word == "NSET" and "ELSET" in given:
+                some = np.fromiter(self.chosen(card, "ELSET", given["ELSET"]), np.int64)
+                self._set(word, given[word], card, np.unique(np.concatenate(
+                    [block[np.isin(block[:, 0], some), 1:].ravel() for _, block, _ in self.blocks])).tolist())
         elif word == "SURFACE" and given.get("TYPE", "").upper() == "NODE":
             self._set("NODES", given["NAME"], card, self._entries(card, (row[0] for row in rows)))
         elif word == "SURFACE":
@@ -136,8 +146,14 @@ class Deck:
         return set().union(*(self.members(of, member, within) for member in self.sets[kind][name]))
 
     def chosen(self, card: Card, kind: str, word: str) -> set[int]:
-        """The numbers of nodes or elements that a data line of `card` names, by set or number. Raises DeckError."""
-        return set().union(*(self.members(kind, entry) for entry in self._entries(card, [word])))
+        """The numbers of nodes or elements that a data line of `card` names, by set or number. Raises DeckError where
+        there are none."""
+        if not word:
+            raise DeckError("the name of a set is missing")
+        found = set().union(*(self.members(kind, entry) for entry in self._entries(card, [word])))
+        if not found:
+            raise DeckError(f"the set {word} is empty")
+        return found
 
     def ends(self, card: Card, name: str) -> Iterator[tuple[int, int]]:
         """The elements of a surface of element faces, and the numbers of their faces. Raises DeckError."""
@@ -172,8 +188,8 @@ class Deck:
             if len(place) > 1 and len(place[1]) < 7:
                 raise DeckError(f"the instance {instance.name} is turned by 7 numbers, and has {len(place[1])}")
             for row in place[1:2]:
-                start, axis = np.array(row[:3]), np.subtract(row[3:6], row[:3])
-                turn = Rotation.from_rotvec(np.radians(row[6]) * axis / np.linalg.norm(axis))
+                start, axis = np.array(row[:3]), np.array(along(np.subtract(row[3:6], row[:3])))
+                turn = Rotation.from_rotvec(np.radians(row[6]) * axis)
                 points[own] = start + turn.apply(points[own] - start)
         return nodes, points
 

@@ -38,14 +38,16 @@ class Matter:
     def __init__(self, model: Model, notes: Notes, family: str) -> None:
         self.model, self.notes, self.family = model, notes, family
         self.owner: dict[int, int] = {}  # section by element; the last one counts
-        for k, (members, *_) in enumerate(model.sections):
+        for k, (members, _, thick, _, card) in enumerate(model.sections):
             self.owner |= dict.fromkeys(members, k)
-        thick = {section[2] for k, section in enumerate(model.sections) if k in set(self.owner.values())}
-        self.varies = len(thick) > 1 and family == "CPS"
-        if len(thick) > 1 and (family == "CPE" or (family == "CPS" and model.pairs)):
-            raise InputError(f"plane sections are {' and '.join(map(str, sorted(thick)))} thick; plane strain, and "
+            if thick < 0.0:
+                raise InputError(card.tells("the thickness is negative"))
+        depths = {section[2] for k, section in enumerate(model.sections) if k in set(self.owner.values())}
+        self.varies = len(depths) > 1 and family == "CPS"
+        if len(depths) > 1 and (family == "CPE" or (family == "CPS" and model.pairs)):
+            raise InputError(f"plane sections are {' and '.join(map(str, sorted(depths)))} thick; plane strain, and "
                              "bodies in contact, have one depth")
-        self.depth = thick.pop() if family in ("CPE", "CPS") and len(thick) == 1 else 1.0
+        self.depth = depths.pop() if family in ("CPE", "CPS") and len(depths) == 1 else 1.0
 
     def sections(self, piece: Piece) -> dict[int, np.ndarray]:
         """The sections of a body, and their elements. Raises InputError for elements without one."""

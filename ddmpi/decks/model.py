@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from ddmpi.decks.cards import (
-    NAMED_SUPPORTS,
     PROCEDURES,
     REFUSED,
     SILENT,
@@ -19,7 +18,11 @@ from ddmpi.decks.cards import (
     Notes,
     Pair,
     Rigid,
+    along,
+    component,
     faces,
+    factors,
+    held,
     integer,
     number,
     numbers,
@@ -59,7 +62,6 @@ class Model:
         self.start: dict[int, float] = {}
         self.ends: list[float] = []
         self.changing: list[tuple[Card, str]] = []  # what differs from step to step, and is no load
-        self.nlgeom = False
         self._named = {card.given.get("NAME", "").upper(): card for card in deck.cards if card.word == "AMPLITUDE"}
         for text in amplitudes:  # NAME=time,factor,…
             name, _, values = text.partition("=")
@@ -78,7 +80,7 @@ class Model:
         self.locked: dict[int, float] = {}  # bolts whose offset is kept from this time on
         self._refs = {node for card in deck.cards for key in ("REFNODE", "ROTNODE") if key in card.given
                       for node in self._of(card, "NSET", card.given[key])}
-        self._inside: dict[str, Card] = {}  # the material or interaction whose keywords follow
+        self._within, self._inside = "", dict[str, Card]()  # the material or interaction whose keywords follow
         self._fresh: dict[str, dict[Any, tuple[Card, float]]] = {kind: {} for kind in self.kinds}
         self._renewed: set[str] = set()
         self._read()
@@ -135,8 +137,9 @@ class Model:
         given = numbers([word for row in way.rows[:1] for word in row])
         begin = self.ends[-1] if self.ends else 0.0
         end = begin + ([*given, 0.0, 0.0][1] or 1.0)
-        if cards[0].given.get("NLGEOM", "NO").upper() != "NO" or cards[0].given.get("NLGEOM") == "":
-            self.nlgeom = True
+        if end <= begin:
+            raise DeckError("the time of a step is not positive")
+        if cards[0].given.get("NLGEOM", "NO").upper() != "NO":
             self.notes.add(self.notes.changed, cards[0], "warning: NLGEOM: displacements and strains are small here")
         self._renewed = set()
         for card in cards:
@@ -145,7 +148,7 @@ class Model:
             fresh = self._fresh[kind]
             self._fresh[kind] = {}
             for key in [key for key in acting if kind in self._renewed and key not in fresh]:
-                card, course = acting[key]
+                card, course, _ = acting[key]
                 if kind == "supports":
                     self.changing.append((card, "a support that ends before a later step"))
                     del acting[key]
@@ -156,11 +159,17 @@ class Model:
                     self.changing.append((card, "a support that begins in a later step"))
                 before = acting[key].course if key in acting else ((0.0, 0.0), (begin, 0.0))[:1 + bool(begin)]
                 course = (*before, *self._course(card, value, begin, end))
-                acting[key] = Acting(card, course[1:] if course[1:2] and course[1][0] == 0.0 else course)
-            for key, (card, course) in acting.items():
+                acting[key] = Acting(card, course[1:] if course[1:2] and course[1][0] == 0.0 else course, value)
+            for key, (card, course, value) in acting.items():
                 if course[-1][0] < end:
-                    acting[key] = Acting(card, (*course, (end, course[-1][1])))
+                    on = self._course(card, value, begin, end) if self._goes_on(card) else [(end, course[-1][1])]
+                    acting[key] = Acting(card, (*course, *on), value)
         self.ends.append(end)
+
+    def _goes_on(self, card: Card) -> bool:
+        """Whether a load follows an amplitude of the total time, in later steps too."""
+        amplitude = self._named.get(card.given.get("AMPLITUDE", "").upper())
+        return amplitude is not None and "TOTAL" in amplitude.given.get("TIME", "").upper()
 
     def _course(self, card: Card, value: float, begin: float, end: float) -> Iterator[tuple[float, float]]:
         """The values of a load of a step: a ramp, or its amplitude."""
@@ -175,15 +184,8 @@ class Model:
         if way != "TABULAR" or "USER" in amplitude.given or form == "ABSOLUTE":
             return self.notes.add(self.notes.lost, card, f"the amplitude {name} is no table of factors; --amplitude "
                                   f"{name}=0,0,1,1 gives times and factors")
-        try:
-            factors = numbers([word for row in amplitude.rows for word in row if word])
-        except DeckError as error:
-            raise _refusal(amplitude, error) from None
-        if not factors or len(factors) % 2:
-            raise _refusal(amplitude, "it needs pairs of a time and a factor")
-        table = np.reshape(factors, (-1, 2))
-        delay = number(card.given.get("TIMEDELAY", "0"))
-        first = delay + (0.0 if "TOTAL" in amplitude.given.get("TIME", "").upper() else begin)
+        table = factors(amplitude)
+        first = number(card.given.get("TIMEDELAY", "0")) + (0.0 if self._goes_on(card) else begin)
         times = first + table[:, 0]
         inner = times[(times > begin) & (times < end)].tolist()
         if begin == 0.0 and table[0, 1]:  # it begins at once
@@ -210,23 +212,26 @@ class Model:
         self.notes.add(self.notes.taken, card, what)
 
     def _material(self, card: Card) -> None:
-        self._inside = self.materials.setdefault(card.given["NAME"].upper(), {})
+        of, name = self.materials if card.word == "MATERIAL" else self.interactions, card.given["NAME"].upper()
+        if name in of and not card.scope:
+            raise DeckError(f"there are two of the name {name}")
+        self._within, self._inside = card.word, of.setdefault(name, {})
+
+    _surfaceinteraction = _material
+
+    def _keep(self, card: Card, within: str = "MATERIAL") -> None:
+        if self._within != within.replace(" ", ""):
+            raise DeckError(f"it does not follow *{within}")
+        self._inside[card.word] = card
 
     def _elastic(self, card: Card) -> None:
-        self._inside[card.word] = card
-        self._taken(card, "elastic constants")
+        self._keep(card)
+        self._taken(card, {"ELASTIC": "elastic constants", "EXPANSION": "thermal expansion"}.get(card.word, "density"))
 
-    def _expansion(self, card: Card) -> None:
-        self._inside[card.word] = card
-        self._taken(card, "thermal expansion" if card.word == "EXPANSION" else "density")
-
-    _density = _expansion
-
-    def _surfaceinteraction(self, card: Card) -> None:
-        self._inside = self.interactions.setdefault(card.given["NAME"].upper(), {})
+    _expansion = _density = _elastic
 
     def _surfacebehavior(self, card: Card) -> None:
-        self._inside[card.word] = card
+        self._keep(card, "SURFACE INTERACTION")
         law = card.given.get("PRESSURE-OVERCLOSURE", "HARD").upper()
         if "NOSEPARATION" in card.given:
             self.notes.add(self.notes.lost, card, "contact that never opens")
@@ -236,9 +241,9 @@ class Model:
             self.notes.add(self.notes.changed, card, f"{law}: hard contact, the stiffness is dropped")
 
     def _friction(self, card: Card) -> None:
-        self._inside[card.word] = card
+        self._keep(card, "SURFACE INTERACTION")
         row = numbers(card.rows[0]) if card.rows else [0.0]
-        if {"ROUGH", "TAUMAX", "USER"} & card.given.keys():
+        if len(card.rows) > 1:
             self.notes.add(self.notes.lost, card, "friction other than Coulomb's with one coefficient")
         if len(row) > 1 and row[1]:
             self.notes.add(self.notes.changed, card, "the stick slope is dropped: nodes stick without slip")
@@ -262,7 +267,7 @@ class Model:
         self.changing.append((card, "a contact that is removed"))
 
     def _contactpair(self, card: Card) -> None:
-        self.pairs += [Pair(card, row[0], row[1]) for row in card.rows]
+        self.pairs += [Pair(card, row[0], row[1]) for row in card.rows or [[]]]
 
     _tie = _contactpair
 
@@ -295,26 +300,22 @@ class Model:
             self.notes.add(self.notes.lost, card, "displacements of another model, a routine, or of the step before")
             return
         for row in card.rows:
-            if row[1].upper() in NAMED_SUPPORTS:
-                first, last, value = *NAMED_SUPPORTS[row[1].upper()], 0.0
-            else:
-                first = integer(row[1] or "1")
-                last, value = integer([*row, "", ""][2] or str(first)), number([*row, "", ""][3] or "0")
+            components, value = held(row)
             for node in self.deck.chosen(card, "NSET", row[0]):
                 most = 6 if node in self._refs else 3
-                self._fresh["supports"] |= {(node, k): (card, value) for k in range(first, min(last, most) + 1)}
-                if last > most and (value or first > 3):
-                    self.notes.add(self.notes.lost, card, f"component {last} of the displacement")
+                self._fresh["supports"] |= {(node, k): (card, value) for k in components if k <= most}
+                if components[-1] > most and (value or components[0] > 3):
+                    self.notes.add(self.notes.lost, card, f"component {components[-1]} of the displacement")
         self._taken(card, "clamps")
 
     def _cload(self, card: Card) -> None:
         self._renew("forces", card)
         for row in card.rows:
             for node in self.deck.chosen(card, "NSET", row[0]):
-                if integer(row[1]) > (6 if node in self._refs else 3):
+                if component(row[1]) > (6 if node in self._refs else 3):
                     self.notes.add(self.notes.lost, card, "moments at nodes")
                 else:
-                    self._add("forces", (node, integer(row[1])), card, number(row[2]))
+                    self._add("forces", (node, component(row[1])), card, number(row[2]))
         self._taken(card, "forces")
 
     def _dload(self, card: Card) -> None:
@@ -322,17 +323,17 @@ class Model:
             self._renew(kind, card)
         for row in card.rows:
             what, label, values = row[0], row[1].upper(), numbers(row[2:])
-            if re.fullmatch(r"P\d", label):
+            if re.fullmatch(r"P\d(NP)?", label):
+                # P1NP is that of a fluid at a node, the second component there
+                way, value = ((self.node(card, row[2]),), 0.0) if label[2:] else ((), values[0])
                 for element in self.deck.chosen(card, "ELSET", what):
-                    self._add("pressures", (element, int(label[1]), ()), card, values[0])
-                self._taken(card, "pressure")
-            elif re.fullmatch(r"P\dNP", label):  # of a fluid at a node, the second component there
-                for element in self.deck.chosen(card, "ELSET", what):
-                    self._add("pressures", (element, int(label[1]), (self.node(card, row[2]),)), card, 0.0)
+                    self._add("pressures", (element, int(label[1]), way), card, value)
                 self._taken(card, "pressure")
             elif label in ("GRAV", "CENTRIF", "BX", "BY", "BZ"):
-                way = (what.lower(), card.scope, label, tuple(values[1:7]))
-                self._add("body_forces", way, card, values[0])
+                self.deck.chosen(card, "ELSET", what)
+                way = () if label[0] == "B" else along(values[1:4]) if label == "GRAV" else (
+                    *values[1:4], *along(values[4:7]))
+                self._add("body_forces", (what.lower(), card.scope, label, way), card, values[0])
                 self._taken(card, "volume force")
             else:
                 self.notes.add(self.notes.lost, card, f"the load {label}")
@@ -342,7 +343,7 @@ class Model:
         for row in card.rows:
             label, values = row[1].upper(), numbers(row[2:])
             if label in ("P", "TRVEC"):
-                way = tuple(np.array(values[1:4]) / np.linalg.norm(values[1:4])) if label == "TRVEC" else ()
+                way = along(values[1:4]) if label == "TRVEC" else ()
                 for element, face in self.deck.ends(card, row[0]):
                     self._add("pressures", (element, face, way), card, values[0])
                 self._taken(card, "pressure on a surface")
@@ -360,8 +361,7 @@ class Model:
             self.rigid.append(Rigid(card, nodes, ref, turn))
 
     def _coupling(self, card: Card) -> None:
-        ref = self.node(card, card.given["REFNODE"])
-        name = card.given["SURFACE"]
+        ref, name = self.node(card, card.given["REFNODE"]), card.given["SURFACE"]
         try:
             nodes = self.deck.chosen(card, "NODES", name)
         except DeckError:
@@ -371,7 +371,7 @@ class Model:
         self.rigid.append(Rigid(card, nodes, ref, ref))
 
     def _kinematic(self, card: Card) -> None:
-        if [row for row in card.rows if integer(row[0]) > 1 or integer([*row, ""][1] or "1") < 6]:
+        if [row for row in card.rows if integer(row[0]) > 1 or integer([*row, ""][1] or "1") < 3]:
             self.notes.add(self.notes.lost, card, "a coupling of some components only")
 
     def _distributing(self, card: Card) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ddmpi.decks.acting import Acts
-from ddmpi.decks.cards import Card, DeckError, Notes
+from ddmpi.decks.cards import PARAMETERS, Card, DeckError, Notes, check_axes
 from ddmpi.decks.deck import STRIDE, Deck
 from ddmpi.decks.joints import Cut, Joints, RigidSets
 from ddmpi.decks.material import Matter
@@ -42,6 +42,13 @@ class Importer:
         except OSError as error:
             raise InputError(str(error)) from None
         self.model = Model(self.deck, self.notes, amplitudes)
+        linear = len(self.model.ends) == 1 and all(pair.card.word == "TIE" for pair in self.model.pairs)
+        for card in self.deck.cards:
+            if card.word in ("TRANSFORM", "ORIENTATION"):
+                check_axes(card)
+            for name in card.given:
+                if name not in PARAMETERS.get(card.word, card.given) and not (name == "PERTURBATION" and linear):
+                    self.notes.add(self.notes.lost, card, f"its parameter {name} is not possible")
         self.pieces, self.family, quadratic = self._pieces()
         self.order = 2 if quadratic else 1
         self.matter = Matter(self.model, self.notes, self.family)

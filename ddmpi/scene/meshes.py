@@ -267,7 +267,7 @@ class Motion(Table, frozen=True, kw_only=True):
     """
 
     shift: Point | None = None
-    turn: Number = 0.0
+    turn: Number | None = None
     pivot: Point | None = None
     axis: Point | None = None
     history: Name | None = None
@@ -276,25 +276,27 @@ class Motion(Table, frozen=True, kw_only=True):
     moment: Number | Point = 0.0
 
     def __post_init__(self) -> None:
-        prescribed = bool(self.turn or any(self.shift or ()))
-        if prescribed == bool(self.free):
+        prescribed, free = self.turn is not None or self.shift is not None, self.free or ()
+        if prescribed == bool(free):
             raise ValueError("a motion has a shift (m), as in shift = [0.0, -20.0], or a turn (degrees), as in turn = "
                              '90.0, or both; or it is free, as in free = ["turn"]')
         for key in ("pivot", "axis"):
-            if getattr(self, key) is not None and not (self.turn or "turn" in (self.free or ())):
+            if getattr(self, key) is not None and self.turn is None and "turn" not in free:
                 raise ValueError(f"{key} is that of a turn; leave it out, or write turn = … (degrees)")
         if self.axis is not None and not any(self.axis):
             raise ValueError("axis must not be zero; a turn is about it, by the right-hand rule")
-        if self.moment and "turn" not in (self.free or ()):
+        if len({*free}) < len(free):
+            raise ValueError("free names a component twice")
+        if self.moment and "turn" not in free:
             raise ValueError('moment: turns what may turn: write free = ["turn"], or leave it out')
         for axis, component in zip("xyz", self.force or (), strict=False):
-            if component and axis not in (self.free or ()):
+            if component and axis not in free:
                 raise ValueError(f'force: acts along {axis}, which is not free; write free = ["{axis}"], or 0 there')
 
     def frame(self, factor: float, dimension: int) -> Frame:
         """Where it leads at a factor of its history; nowhere if it is free."""
         shift = np.zeros(dimension) if self.shift is None else factor * np.array(self.shift)
-        return Frame.of(shift, factor * self.turn * self.about, self.pivot)
+        return Frame.of(shift, factor * (self.turn or 0.0) * self.about, self.pivot)
 
     @property
     def about(self) -> np.ndarray:

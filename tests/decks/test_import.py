@@ -179,6 +179,81 @@ def test_odd_order_case_and_continued_lines(tmp_path):
     assert (tmp_path / "deck" / "A.inp").read_text() == (tmp_path / "odd" / "A.inp").read_text()
 
 
+@pytest.mark.parametrize("change", [
+    lambda text: "\ufeff" + text, lambda text: text.replace("\n", "\r\n"), lambda text: text.replace(", ", ",\t"),
+    lambda text: text.replace(ROLLERS, "*BOUNDARY\nA_Z0, 3\n*INCLUDE, INPUT=more.inc\n"),
+    lambda text: text.replace(ROLLERS, "*BOUNDARY, INPUT=more.inc\nA_Z0, 3\n")])
+def test_files_of_other_programs(tmp_path, change):
+    """Marks of UTF-8, ends of lines of Windows, tabs, data lines in a file that INCLUDE or INPUT names: no difference.
+    """
+    plain = BOX + ROLLERS + step("*CLOAD", "A_Z1, 3, 100.")
+    (tmp_path / "more.inc").write_text("A_X0, 1\nA_Y0, 2\n")
+    one, two = imported(tmp_path, plain)[0], imported(tmp_path, change(plain), name="odd")[0]
+    assert change(plain) != plain and {**one, "title": ""} == {**two, "title": ""}
+
+
+def test_names_that_differ_by_one_umlaut(tmp_path):
+    """Names in the older encoding of Windows are told apart."""
+    deck = BOX.replace("A_Z1", "Träger").replace("A_X1", "Tröger") + ROLLERS + step("*CLOAD", "Träger, 3, 1.")
+    (tmp_path / "deck.inp").write_bytes(deck.encode("latin-1"))
+    import_deck(tmp_path / "deck.inp", tmp_path / "out")
+    scene = tomllib.loads((tmp_path / "out" / "scene.toml").read_text())
+    assert scene["body"][0]["traction"][0]["force"] == [0.0, 0.0, 9.0]
+
+
+def test_nodes_of_elements_as_a_set(tmp_path):
+    """*NSET, ELSET= has the nodes of elements."""
+    deck = BOX + "*ELSET, ELSET=LOW, GENERATE\n1, 4\n*NSET, NSET=HELD, ELSET=LOW\n*BOUNDARY\nHELD, 1, 3\n"
+    u = solved(tmp_path, deck + step("*CLOAD", "A_Z1, 3, 1.")).bodies["A"]
+    assert (np.abs(u.displacement[u.points[:, 2] < 1.01]) == 0.0).all() and u.displacement[:, 2].max() > 0.0
+
+
+def test_named_supports(tmp_path):
+    """ENCASTRE holds the turns of a reference node as well, PINNED does not; turns held in part are lost."""
+    deck = COUPLED + "*COUPLING, REF NODE=900, SURFACE=TOP\n*KINEMATIC\n1, 3\n*BOUNDARY\n900, "
+    end = step("*DLOAD", "1, P3, 5.")
+    assert {"on": "rigid", "x": 0.0, "y": 0.0, "z": 0.0} in imported(
+        tmp_path, deck + "ENCASTRE\n" + end)[0]["body"][0]["clamp"]
+    partner, = imported(tmp_path, deck + "PINNED\n" + end, name="pinned")[0]["rigid"]
+    assert partner["turns"] and partner["displacement"] == [0.0, 0.0, 0.0] and "free" not in partner
+    (tmp_path / "half").mkdir()
+    assert "some of its turns are given" in refused(tmp_path / "half", deck + "YSYMM\n" + end)
+
+
+def test_amplitudes_of_the_total_time_go_on(tmp_path):
+    """A load that follows one does so in later steps, until OP=NEW removes it."""
+    deck = BOX + ROLLERS + "*AMPLITUDE, NAME=ALL, TIME=TOTAL TIME\n0., 0., 2., 1.\n" + step(
+        "*CLOAD, AMPLITUDE=ALL", "A_Z1, 3, 9.")
+    scene = imported(tmp_path, deck + 2 * step("*NODE PRINT, NSET=A_Z1", "U"))[0]
+    assert scene["body"][0]["traction"][0]["force"] == [0.0, 0.0, 81.0]
+    assert scene["history"] == {"h1": {"times": [0.0, 2.0, 3.0], "factors": [0.0, 1.0, 1.0]}}
+    scene = imported(tmp_path, deck + step("*CLOAD, OP=NEW") + step("*NODE PRINT, NSET=A_Z1", "U"), name="new")[0]
+    assert scene["body"][0]["traction"][0]["force"] == [0.0, 0.0, 40.5]
+    assert scene["history"] == {"h1": {"times": [0.0, 1.0, 2.0, 3.0], "factors": [0.0, 1.0, 0.0, 0.0]}}
+
+
+@pytest.mark.parametrize("load", ["*CLOAD\nA_Y1, 3, 1.", "*DLOAD\nA, GRAV, 9810., 0., 0., -1.", "*DLOAD\nA, BZ, 1.",
+                                  "*DLOAD\nA, CENTRIF, 9., 0., 0., 0., 0., 1., 1.",
+                                  "*DSLOAD\nT, TRVEC, 5., 0., 1., 1."])
+def test_loads_out_of_the_plane_are_lost(tmp_path, load):
+    """They have no place in a scene in the plane; around an axis neither has a rotation about another one."""
+    deck = grid("A", (2, 2), (1.0, 1.0), (1.0, 0.0)) + STEEL + SECTION + (
+        "*SURFACE, NAME=T\n3, S3\n4, S3\n*BOUNDARY\nA_Y0, 1, 2\n")
+    assert "a load out of the plane" in refused(tmp_path, deck + step(load))
+    about = step("*DLOAD", "A, CENTRIF, 9., 0., 0., 0., 1., 0., 0.")
+    assert "another axis than that of the body" in refused(tmp_path, deck.replace("CPE4", "CAX4") + about)
+    assert imported(tmp_path, deck + about)[0]["body"][0]["volume_force"][0] == 0.0
+
+
+def test_perturbation_steps(tmp_path):
+    """A single one without contact is linear as well; beside others its loads would not add to theirs."""
+    pull = step("*CLOAD", "A_Z1, 3, 1.")
+    alone = pull.replace("*STEP", "*STEP, PERTURBATION")
+    assert imported(tmp_path, BOX + ROLLERS + alone)[0] == imported(tmp_path / "plain", BOX + ROLLERS + pull)[0]
+    (tmp_path / "two").mkdir()
+    assert "*STEP: its parameter PERTURBATION" in refused(tmp_path / "two", BOX + ROLLERS + pull + alone)
+
+
 def test_amplitudes(tmp_path):
     """One step without friction takes values at its end, less the delay; several steps follow tables, and in a later
     step a load goes on unless OP=NEW removes it."""
@@ -255,8 +330,9 @@ def test_lists_are_in_the_order_of_the_deck(tmp_path):
 
 
 def test_gravity_and_rotation(tmp_path):
-    """*DLOAD GRAV and CENTRIF are forces per volume, by the density; the reaction is the weight."""
-    deck = BOX + ROLLERS + step("*DLOAD", "A, GRAV, 9810., 0., 0., -1.", "A, CENTRIF, 4., 1., 0., 0., 0., 0., 1.")
+    """*DLOAD GRAV and CENTRIF are forces per volume, by the density, along directions of any length; the reaction is
+    the weight."""
+    deck = BOX + ROLLERS + step("*DLOAD", "A, GRAV, 9810., 0., 0., -2.", "A, CENTRIF, 4., 1., 0., 0., 0., 0., 1.")
     answer = solved(tmp_path, deck)
     assert answer.summary["bodies"]["A"]["reactions"]["A_Z0"]["force"][2] == pytest.approx(7.8e-9 * 9810 * 3, rel=1e-9)
     assert imported(tmp_path, deck, name="b")[0]["body"][0]["volume_force"][0].startswith("-3.12e-08 + (3.12e-08) * x")
@@ -290,7 +366,11 @@ LOST = [
     ("*NONSENSE, OF=ANY\n1, 2", "*NONSENSE: this keyword is not known"),
     ("*BOUNDARY\nA_Z0, 3\n*PLASTIC\n200., 0.", "*PLASTIC: plasticity"),
     ("*ELEMENT, TYPE=SPRINGA, ELSET=K\n90, 1, 2", "*ELEMENT: elements of type SPRINGA"),
-    ("*ELEMENT, TYPE=S4, ELSET=K\n90, 1, 2, 5, 4", "*ELEMENT: elements of type S4")]
+    ("*ELEMENT, TYPE=S4, ELSET=K\n90, 1, 2, 5, 4", "*ELEMENT: elements of type S4"),
+    ("*TEMPERATURE,\nA_Z0, 3.\nA_X0, 1.", "*TEMPERATURE: its parameter A_Z0 is not possible"),
+    ("*AMPLITUDE, NAME=U, SHIFTY=1.\n0., 0., 1., 1.", "*AMPLITUDE: its parameter SHIFTY is not possible"),
+    ("*SURFACE INTERACTION, NAME=I\n*FRICTION, ANISOTROPIC\n0.3, 0.1", "*FRICTION: its parameter ANISOTROPIC is"),
+    ("*SURFACE INTERACTION, NAME=I\n*FRICTION\n0.3, , , 20.\n0.1, , , 100.", "*FRICTION: friction other than Coulom")]
 
 LOST_IN_STEP = [
     ("*DLOAD\n1, P9, 1.", "a pressure on a face that is not on a boundary"),
@@ -302,7 +382,9 @@ LOST_IN_STEP = [
     ("*MODEL CHANGE, TYPE=ELEMENT, REMOVE\nA", "*MODEL CHANGE: parts that are removed or added"),
     ("*DLOAD\n9, P2NP, 36", "*DLOAD: a pressure that is not given at node 36"),
     ("*CLOAD, AMPLITUDE=OWN\n36, 3, 1.\n*AMPLITUDE, NAME=OWN, USER", "no table of factors; --amplitude OWN=0,0,1,1"),
-    ("*TEMPERATURE, FILE=x.frd", "*TEMPERATURE: temperatures of a file")]
+    ("*TEMPERATURE, FILE=x.frd", "*TEMPERATURE: temperatures of a file"),
+    ("*CLOAD, LOAD CASE=2\nA_Z1, 3, 1.", "*CLOAD: its parameter LOADCASE is not possible"),
+    ("*STATIC, RIKS", "*STATIC: its parameter RIKS is not possible")]
 
 
 @pytest.mark.parametrize("card, words", LOST)
@@ -404,6 +486,24 @@ BAD = [
     (stack("*TIE", first="SLAVE, NOWHERE") + step(), "*TIE: there is no surface NOWHERE"),
     ("*ELEMENT, TYPE=S4, ELSET=A\n1, 1, 2, 3, 4\n" + step(), "it has no elements that a scene may have"),
     (BOX + "*NSET, NSET=LOOP\nLOOP\n" + step("*CLOAD", "1, 1, 1."), "the set LOOP contains itself"),
+    (BOX + step("*CLOAD", "A_Z1, 0, 1."), "*CLOAD: there is no component 0"),
+    (BOX + "*BOUNDARY\nA_Z0, 3, 1\n" + step(), "*BOUNDARY: it gives the components 3 to 1"),
+    (BOX + "*NSET, NSET=S\n" + step("*CLOAD", "S, 1, 4."), "*CLOAD: the set S is empty"),
+    (BOX + step("*DLOAD", ", GRAV, 9810., 0., 0., -1."), "*DLOAD: the name of a set is missing"),
+    (BOX + step("*DLOAD", "A, GRAV, 9810."), "*DLOAD: a direction is zero"),
+    (BOX + "*TRANSFORM, NSET=A_Z0\n1., 0., 0., 2., 0., 0.\n" + step(), "*TRANSFORM: axes are those of two vectors"),
+    (BOX + "*TRANSFORM, NSET=A_Z0, TYPE=S\n0., 0., 0., 0., 1., 1.\n" + step(), "*TRANSFORM: axes are those of two"),
+    (BOX + "*ORIENTATION, NAME=O\n" + step(), "*ORIENTATION: axes are those of two vectors"),
+    (BOX.replace("*NODE\n", "*NODE, SYSTEM=C\n", 1) + step(), "*NODE: its SYSTEM is not supported"),
+    (BOX + "*ELEMENT, TYPE=C3D8\n1, 1, 2, 5, 4, 10, 11, 14, 13\n" + step(), "it has the element 1 twice"),
+    (BOX + "*FRICTION\n0.3\n" + step(), "*FRICTION: it does not follow *SURFACE INTERACTION"),
+    (BOX + "*MATERIAL, NAME=Steel\n*ELASTIC\n1., 0.\n" + step(), "*MATERIAL: there are two of the name STEEL"),
+    (BOX + step(time="1., -1."), "*STATIC: the time of a step is not positive"),
+    (BOX + "*AMPLITUDE, NAME=N\n1., 1., 0., 0.\n" + step("*CLOAD, AMPLITUDE=N", "1, 1, 1."), "its times must not fall"),
+    (BOX.replace(SECTION, SECTION + "-2.\n") + step(), "*SOLID SECTION: the thickness is negative"),
+    (stack("*CONTACT PAIR, INTERACTION=I", LAW, first="") + step(), "*CONTACT PAIR: a data line is too short"),
+    (BOX + "*INCLUDE, INPUT=none.inp\n" + step(), "*INCLUDE: no such file: none.inp"),
+    ("1, 2.\n" + BOX + step(), "line 1 of deck.inp: data without a keyword"),
     ("", "it has no"), ("hello\n", "it has no"), ("*NODE, NSET\n*STEP\n", "")]
 
 
@@ -544,7 +644,7 @@ def test_a_rigid_set_whose_motion_is_given(tmp_path):
 @pytest.mark.parametrize("card, step_card, words", [
     ("*RIGID BODY, NSET=A_X0, REF NODE=900", "900, 4, 1.", ""),
     ("*RIGID BODY, NSET=CORNERS, REF NODE=900\n*BOUNDARY\n900, 2", "900, 1, 1.", "*RIGID BODY: its nodes are no whole"),
-    ("*COUPLING, REF NODE=900, SURFACE=TOP\n*KINEMATIC\n1, 3", "900, 1, 1.", "*KINEMATIC: a coupling of some compo"),
+    ("*COUPLING, REF NODE=900, SURFACE=TOP\n*KINEMATIC\n1, 2", "900, 1, 1.", "*KINEMATIC: a coupling of some compo"),
     ("*RIGID BODY, ELSET=A, REF NODE=900", "900, 1, 1.", "*RIGID BODY: rigid bodies that are no set of nodes")])
 def test_rigid_sets_that_are_lost(tmp_path, card, step_card, words):
     """Rigid sets that are no faces, or that hold some components only, are named."""

@@ -598,7 +598,7 @@ def square(**data) -> meshio.Mesh:
     ("*NSET, NSET=a, GENERATE\n1, 999999999999", "the set a has more than 100000000 members"),
     ("*SURFACE, NAME=rim\nvolume", "the surface rim has no face of a triangle; these are S1 to S3"),
     ("*SURFACE, NAME=rim\nvolume, S4", "the surface rim has S4 face of a triangle"),
-    ("*INCLUDE, INPUT=none.inp", "No such file"), ("*INCLUDE, INPUT=square.inp", "square.inp includes itself")])
+    ("*INCLUDE, INPUT=none.inp", "no such file: none"), ("*INCLUDE, INPUT=square.inp", "square.inp includes itself")])
 def test_refused_input(tmp_path, monkeypatch, more, words):
     """What cannot be read is refused with the reason."""
     monkeypatch.chdir(tmp_path)

@@ -254,6 +254,14 @@ def test_what_does_not_go_together_is_refused(name):
         ddmpi.solve(made)
 
 
+def test_motions_of_nothing_are_motions():
+    """A shift or a turn of zero, as at the first value of a sweep, leaves bodies where they are."""
+    still = [{"shift": [0.0, -0.004], "history": "press"}, {"turn": 0.0, "pivot": [1.0, 0.0]}, {"shift": [0.0, 0.0]}]
+    one, two = (certified(changed(("body", 0, "motion", motion), ("time", "points", [1.0]), ("history", "push", None)))
+                for motion in (still, still[0]))
+    assert forces(one).tolist() == forces(two).tolist() and forces(one)[-1, 1] > 0.0
+
+
 def test_loads_that_follow_turn_with_the_body():
     """A traction that follows does to a turned body what it did before."""
     made = disc()

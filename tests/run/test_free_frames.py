@@ -240,6 +240,7 @@ REFUSED = {
     "a moment of nothing": ({"free": ["x"], "moment": 1.0}, "moment: turns what may turn"),
     "a force across": ({"free": ["x"], "force": [0.0, 1.0]}, "force: acts along y, which is not free"),
     "a pivot of nothing": ({"free": ["x"], "pivot": [0.0, 1.0]}, "pivot is that of a turn"),
+    "one twice": ({"free": ["x", "x"]}, "free names a component twice"),
     "z": ({"free": ["z"]}, "there is no z in the plane"),
 }
 
