@@ -21,6 +21,7 @@ import sys
 import tempfile
 import time
 import tomllib
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -52,6 +53,7 @@ SETTINGS = {exhibit.scene: exhibit.settings for exhibit in EXHIBITS} | {
 ROUNDING = 1e-7
 """On several ranks a body MUMPS adds up in any order: forces then agree up to this part of the largest."""
 
+TINY = np.finfo(float).tiny
 KEY = "contact.upper-lower.friction.coefficient"
 TIMED = {"pinched_blocks": 86, "two_boxes": 16}
 
@@ -85,7 +87,8 @@ def main() -> None:
 
 # Files
 
-PAIR, FOUND = ("scene", "pair"), ("ranks", "changes", "reused", "certified", "bytes", "difference", "alike", "unlike")
+PAIR = "scene", "pair"
+FOUND = "ranks", "changes", "reused", "certified", "bytes", "difference", "alike", "unlike", "source"
 
 
 def compare_pairs(options: argparse.Namespace) -> None:
@@ -138,7 +141,7 @@ def compare(name: str, number: int) -> Row:
         found = {"ranks": world.size, "changes": json.dumps([first, second]), "reused": reused,
                  "certified": ends[1] == "certified", "bytes": same, "difference": difference,
                  "alike": same or (teams and difference < ROUNDING),
-                 "unlike": json.dumps([ends[1:], unlike[:9]] if not same else [])}
+                 "unlike": json.dumps([ends[1:], unlike[:9]] if not same else []), "source": source()}
         shutil.rmtree(folder)
     return world.bcast(found)
 
@@ -152,7 +155,8 @@ def settled(path: Path, overrides: dict[str, Any]) -> Any:
 
 
 def unlike_files(one: Path, other: Path) -> tuple[list[str], float, str]:
-    """Files that differ; the largest difference of contact forces over the largest; what the first has reused."""
+    """Files that differ; the largest difference of contact forces over the largest force, or of largest displacements
+    over the largest; what the first has reused."""
     names = sorted({path.name for folder in (one, other) if folder.exists() for path in folder.iterdir()})
     unlike, difference, reused = [], 0.0, ""
     for name in names:
@@ -169,8 +173,9 @@ def unlike_files(one: Path, other: Path) -> tuple[list[str], float, str]:
             # pressures may cancel, as around a shaft
             forces = [np.array([[*contact["force"], contact["normal_force"]] for contact in table["contacts"].values()],
                                float) for table in tables]
-            difference = float(np.abs(forces[0] - forces[1]).max(initial=0.0) / max(
-                np.abs(forces[1]).max(initial=0.0), np.finfo(float).tiny))
+            moved = [np.array([body["displacement_max"] for body in table["bodies"].values()]) for table in tables]
+            difference = max(float(np.abs(a - b).max(initial=0.0)) / max(float(np.abs(b).max(initial=0.0)), TINY)
+                             for a, b in (forces, moved))
         elif contents[0] != contents[1]:
             unlike.append(name)
     return unlike, difference, reused
@@ -178,7 +183,7 @@ def unlike_files(one: Path, other: Path) -> tuple[list[str], float, str]:
 
 # Times
 
-SPENT = ("cases", "fresh", "whole", "contacts", "same")
+SPENT = "cases", "fresh", "whole", "contacts", "same", "source"
 
 
 def measure(scene: str, N: int, cases: int) -> Row:
@@ -202,18 +207,30 @@ def measure(scene: str, N: int, cases: int) -> Row:
                     same &= (answer.contacts["upper-lower"].normal_force
                              == other.contacts["upper-lower"].normal_force).all()
     return {"cases": cases, "fresh": np.mean(fresh), "whole": np.mean(spent[None]),
-            "contacts": np.mean(spent["contacts"]), "same": bool(same)}
+            "contacts": np.mean(spent["contacts"]), "same": bool(same), "source": source()}
 
 
 # Page
 
+def source() -> str:
+    """The version of the code, and the machine, that a row of a table is from."""
+    return f"version {ddmpi.__version__}, {processor()}, {os.cpu_count()} cores"
+
+
+def sources(rows: list[Row]) -> str:
+    """The versions and machines of rows, with the number of rows of each."""
+    return "; ".join(f"{number} by {name}" for name, number in Counter(row["source"] for row in rows).items())
+
+
 def page(pairs: list[Row], times: list[Row]) -> str:
-    lines = ["# Prepared models: the same files, at what cost", "",
-             f"Written by `scripts/study reuse`, ddmpi {ddmpi.__version__}, {processor()}, {os.cpu_count()} cores.", ""]
+    lines = ["# Prepared models: the same files, at what cost", "", "Written by `scripts/study reuse`.", ""]
     if pairs:
-        ranks = sorted({row["ranks"] for row in pairs})
+        ranks, worst = sorted({row["ranks"] for row in pairs}), max(row["difference"] for row in pairs)
         lines += [f"{len(pairs)} random pairs of cases of {len({row['scene'] for row in pairs})} scenes of the gallery "
-                  "and configs/: files of the second, after the first in the same model, and of a run by itself.", "",
+                  "and configs/: files of the second, after the first in the same model, and of a run by itself. "
+                  f"Where bytes differ, forces and displacements agree to {worst:.0e} of the largest. Pairs: "
+                  f"{sources(pairs)}.",
+                  "",
                   *table(("ranks", "pairs", "certified, not refused", "the same bytes",
                           "the same up to 1e-7, several ranks a body", "unlike"), (
                       (rank, len(rows), sum(row["certified"] for row in rows), sum(row["bytes"] for row in rows),
@@ -221,7 +238,8 @@ def page(pairs: list[Row], times: list[Row]) -> str:
                       for rank in ranks for rows in [where(pairs, ranks=rank)]))]
     if times:
         lines += ["Friction coefficients, processor seconds a case, on one rank; the first case of a model, which has "
-                  "nothing to take yet, is in the mean.", "",
+                  "nothing to take yet, is in the mean. Only ratios count where other work shares the cores. "
+                  f"Scenes: {sources(times)}.", "",
                   *table(("scene", "cases", "run by itself", "model, all fields", "ratio", "contacts alone", "ratio",
                           "the same forces"), (
                       (f"{row['scene']}, N = {row['N']}", row["cases"], f"{row['fresh']:.3f}", f"{row['whole']:.3f}",

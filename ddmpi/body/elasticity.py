@@ -8,9 +8,9 @@ along the axes, whatever the angle of a clamp.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import cache, partial
+from functools import partial
 
 import numpy as np
 import scipy.sparse as sparse
@@ -19,22 +19,24 @@ from petsc4py import PETSc
 from ddmpi.body.loads import (
     ALONG,
     Supports,
+    loads_by_group,
     lost_loads,
-    nodal_loads,
     refuse_underflow,
+    resultants,
     springs,
     supports,
     temperature,
     thermal_loads,
 )
 from ddmpi.body.rigid_motions import body_motions, near_null_space
-from ddmpi.body.stiffness import Stiffness, forces_at, sum_stiffness
+from ddmpi.body.stiffness import sum_stiffness
 from ddmpi.body.stress import material_of
 from ddmpi.errors import InputError
 from ddmpi.kept.kept import Kept
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import BodySpec
 from ddmpi.scene.values import histories
+from ddmpi.system.numbers import is_touched
 
 PRESCRIBED_SHARE = 1e-3
 """Prescribed displacements count as a load of this fraction of the forces K u that they alone need, and temperatures of
@@ -77,39 +79,65 @@ class LoadCase:
 
 
 @dataclass(frozen=True)
-class Elasticity:
+class Supported:
+    """What follows from the stiffness K of a body and the directions of its clamps, without loads.
+
+    Attributes
+    ----------
+    A : PETSc AIJ matrix (d k, d k), symmetric, block size d (N/m; in the plane per metre of depth); positive definite
+        if clamps support the body, else its null space are the motions
+    n : number of free dofs: d k less the clamped directions of nodes that stay
+    nodes : (k,) the mesh nodes that A acts on, in the order of its rows
+    motions : (nv, d, j) the rigid motions that clamps leave free, see `body_motions`; zero in prescribed directions
+    softest : stiffness of the softest foundation, k times the area (N/m); infinite without one
+    sprung : (r, d nv) the rows √k Q of the foundations, or None
+    stiffest : the largest entry of the stiffness of single nodes (N/m)
+    clamped : (c,) nodes with clamped directions
+    rows : (d c, d nv) the rows of K at these nodes, without foundations
+    """
+
+    A: PETSc.Mat
+    n: int
+    nodes: np.ndarray
+    motions: np.ndarray
+    softest: float
+    sprung: sparse.csr_matrix | None
+    stiffest: float
+    clamped: np.ndarray
+    rows: sparse.csr_matrix
+
+    def forces(self, u: np.ndarray) -> np.ndarray:
+        """K u (nv, d) in newtons at clamped nodes, zero elsewhere, for a displacement u (nv, d) in metres."""
+        forces = np.zeros_like(u)
+        forces[self.clamped] = (self.rows @ u.ravel()).reshape(-1, u.shape[1])
+        return forces
+
+
+@dataclass(frozen=True)
+class Elasticity(Supported):
     """The discrete problem of one body, ``A u = b`` on its dofs that are not eliminated.
 
     Loads and prescribed displacements are the present ones; `under` sets those of another time.
 
     Attributes
     ----------
-    A : PETSc AIJ matrix (d k, d k), symmetric, block size d (N/m; in the plane per metre of depth); positive definite
-        if clamps support the body, else its null space are the motions
     b : PETSc vector (d k,) (N; in the plane per metre of depth)
-    n : number of free dofs: d k less the clamped directions of nodes that stay
-    nodes : (k,) the mesh nodes that A acts on, in the order of its rows
     supports : the clamped directions of nodes
     acting : the present load case
-    motions : (nv, d, j) the rigid motions that clamps leave free, see `body_motions`; zero in prescribed directions
     load : sum of the absolute nodal loads (N), tractions and volume forces; with prescribed displacements or
         temperatures, at least PRESCRIBED_SHARE of their forces
     warnings : loads without effect, and groups that are loaded twice
     cases : loads and prescribed displacements, by history
-    softest : stiffness of the softest foundation, k times the area (N/m); infinite without one
+    pushes : by history force and moment of the loads of each group, at its factor 1, as of `resultants`
     """
 
-    A: PETSc.Mat
     b: PETSc.Vec
-    n: int
-    nodes: np.ndarray
     supports: Supports
     acting: LoadCase
-    motions: np.ndarray
     load: float
     warnings: list[str]
     cases: Mapping[str | None, LoadCase]
-    softest: float = np.inf
+    pushes: Mapping[str | None, dict[str, dict[str, np.ndarray]]]
 
     @property
     def free(self) -> np.ndarray:
@@ -140,23 +168,6 @@ class Elasticity:
         return full
 
 
-@dataclass(frozen=True)
-class Supported:
-    """What follows from the stiffness of a body and the directions of its clamps, without loads; as of `Elasticity`.
-
-    `sprung` (r, d nv) has the rows √k Q of its foundations, or is None; `stiffest` is the largest entry of the
-    stiffness of single nodes (N/m).
-    """
-
-    A: PETSc.Mat
-    n: int
-    nodes: np.ndarray
-    motions: np.ndarray
-    softest: float
-    sprung: sparse.csr_matrix | None
-    stiffest: float
-
-
 def assemble(mesh: Mesh, body: BodySpec, kept: Kept | None = None) -> Elasticity:
     """Assemble stiffness and load of `body` and eliminate its clamped dofs symmetrically.
 
@@ -172,25 +183,25 @@ def assemble(mesh: Mesh, body: BodySpec, kept: Kept | None = None) -> Elasticity
     each other, or leave a part of the body loose that is not connected to the rest.
     """
     kept, name = kept or Kept(), body.name
-    mesh_key, material = kept.key("mesh", name), material_of(mesh, body)
-    whole = cache(partial(sum_stiffness, mesh, material))  # with all dofs; as large as A, so it goes at the end
+    mesh_key = kept.key("mesh", name)
     clamped = kept.get("supports", name, (mesh_key, body.clamp, histories(body)), lambda: supports(mesh, body))
     stiff = kept.get("stiffness", name, (mesh_key, body.material, body.foundation, clamped.free),
-                     lambda: _stiffness(mesh, body, whole(), clamped.free))
+                     lambda: _stiffness(mesh, body, clamped.free))
     return kept.get("load cases", name, (kept.key("stiffness", name), body),
-                    lambda: _load_cases(mesh, body, clamped, stiff, whole))
+                    lambda: load_cases(mesh, body, clamped, stiff))
 
 
-def _load_cases(mesh: Mesh, body: BodySpec, clamped: Supports, stiff: Supported,
-                whole: Callable[[], Stiffness]) -> Elasticity:
-    """The body with its loads; `whole` makes the stiffness with all dofs. Raises InputError."""
+def load_cases(mesh: Mesh, body: BodySpec, clamped: Supports, stiff: Supported) -> Elasticity:
+    """The body with its loads. Not collective. Raises InputError."""
     material = material_of(mesh, body)
-    loose, sprung, cases = clamped.free[stiff.nodes], stiff.sprung, {}
+    loose, sprung, acting, cases = clamped.free[stiff.nodes], stiff.sprung, {}, {}
     for history, moved in clamped.moved.items():
-        f, warm = nodal_loads(mesh, body, history), temperature(mesh, body, history)
+        acting[history] = [*loads_by_group(mesh, body, history)]
+        f, warm = sum((f for _, f in acting[history]), np.zeros_like(moved)), temperature(mesh, body, history)
         heat, energy = thermal_loads(mesh, material, warm) if warm.any() else (np.zeros_like(f), 0.0)
         # K (u + p) = f + heat for the free part u and the prescribed p: the right-hand side is f + heat − K p.
-        taken = whole().mult(moved) if moved.any() else np.zeros_like(moved)
+        # Only clamped nodes are moved, and the columns of K are its rows.
+        taken = (stiff.rows.T @ moved[stiff.clamped].ravel()).reshape(moved.shape)
         if sprung is not None:
             taken += (sprung.T @ (sprung @ moved.ravel())).reshape(moved.shape)
         right = f + heat - taken
@@ -201,17 +212,19 @@ def _load_cases(mesh: Mesh, body: BodySpec, clamped: Supports, stiff: Supported,
         raise _out_of_range(body)
     load = PETSc.Vec().createWithArray(case.b, bsize=mesh.dimension, comm=PETSc.COMM_SELF)
     load.setBlockSize(mesh.dimension)
-    return Elasticity(stiff.A, load, stiff.n, stiff.nodes, clamped, case, stiff.motions, case.size,
-                      lost_loads(mesh, body, clamped.free), cases, stiff.softest)
+    known = {entry.name: getattr(stiff, entry.name) for entry in fields(Supported)}
+    return Elasticity(**known, b=load, supports=clamped, acting=case, load=case.size,
+                      warnings=lost_loads(body, clamped.free, acting), cases=cases,
+                      pushes={history: resultants(mesh, groups) for history, groups in acting.items()})
 
 
-def _stiffness(mesh: Mesh, body: BodySpec, K: Stiffness, free: np.ndarray) -> Supported:
+def _stiffness(mesh: Mesh, body: BodySpec, free: np.ndarray) -> Supported:
     """The stiffness of a body on the directions that its clamps leave `free` (nv, d, d). Raises InputError."""
-    foundations = list(springs(mesh, body))
+    K, foundations = sum_stiffness(mesh, material_of(mesh, body)), list(springs(mesh, body))
     rows = sparse.vstack([Q for *_, Q in foundations], format="csr") if foundations else None
     motions = body_motions(mesh, K, free, body.name, rows)
     sprung = sparse.vstack([root * Q for _, root, Q in foundations], format="csr") if foundations else None
-    nodes = np.flatnonzero(free.any(axis=(1, 2)))
+    nodes, clamped = np.flatnonzero(free.any(axis=(1, 2))), np.flatnonzero(is_touched(free))
     loose, d = free[nodes], mesh.dimension
     whole = K.to_csr(free, nodes, sprung)
     # Overflow shows as inf, underflow as a zero on the diagonal: both end in wrong answers if PETSc meets them.
@@ -228,7 +241,8 @@ def _stiffness(mesh: Mesh, body: BodySpec, K: Stiffness, free: np.ndarray) -> Su
     if not mesh.cell.linear:
         matrix.setAttr("coarse", partial(_linear_elements, mesh, nodes, loose))
     return Supported(matrix, round(np.einsum("kii->", loose)), nodes, motions,
-                     min((root**2 for _, root, _ in foundations), default=np.inf), sprung, float(K.diagonal.max()))
+                     min((root**2 for _, root, _ in foundations), default=np.inf), sprung, float(K.diagonal.max()),
+                     clamped, K.rows(clamped))
 
 
 def _out_of_range(body: BodySpec) -> InputError:
@@ -260,15 +274,14 @@ def clamp_forces(mesh: Mesh, body: BodySpec, elasticity: Elasticity, u: np.ndarr
     the last. `u` (nv, d) is the displacement under the present loads (m), `pull` (nv, d) are the contact forces on the
     body (N).
     """
-    clamped = np.flatnonzero((elasticity.supports.clamps >= 0).any(axis=1))
-    forces, given = np.zeros_like(u), elasticity.acting.f + elasticity.acting.heat + pull
+    given = elasticity.acting.f + elasticity.acting.heat + pull
     for on, root, Q in springs(mesh, body):
         pressed = -root**2 * (Q.T @ (Q @ u.ravel())).reshape(u.shape)
         given = given + pressed
         yield on, pressed
-    if len(clamped):
-        # Reaction = K u − (loads + contact forces): what equilibrium at the clamped nodes lacks.
-        forces[clamped] = forces_at(mesh, material_of(mesh, body), u, clamped) - given[clamped]
+    forces, clamped = elasticity.forces(u), elasticity.clamped
+    # Reaction = K u − (loads + contact forces): what equilibrium at the clamped nodes lacks.
+    forces[clamped] -= given[clamped]
     forces[mesh.on_axis, 0] = 0.0  # rounding of integrals that vanish
     free, shares = np.tile(np.eye(mesh.dimension), (len(u), 1, 1)), []
     # Clamps of one node may be oblique to each other. The part of a direction orthogonal to those of later clamps

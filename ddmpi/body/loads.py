@@ -69,10 +69,16 @@ def loads_by_group(mesh: Mesh, body: BodySpec, history: str | None = None,
 
 def resultants(mesh: Mesh, groups: Iterable[tuple[str, np.ndarray]]) -> dict[str, dict[str, np.ndarray]]:
     """Force (d,) in newtons and moment about the origin (N m), () or (3,), by group, of nodal forces (nv, d)."""
+    loaded = ((group, f, f.any(axis=1)) for group, f in groups)
+    return added((group, {"force": f[acts].sum(axis=0), "moment": moment(mesh.points[acts], f[acts],
+                                                                         mesh.axisymmetric)})
+                 for group, f, acts in loaded)
+
+
+def added(entries: Iterable[tuple[str, dict[str, np.ndarray]]]) -> dict[str, dict[str, np.ndarray]]:
+    """The sums of such resultants by group."""
     totals: dict[str, dict[str, np.ndarray]] = {}
-    for group, f in groups:
-        acts = f.any(axis=1)
-        now = {"force": f[acts].sum(axis=0), "moment": moment(mesh.points[acts], f[acts], mesh.axisymmetric)}
+    for group, now in entries:
         totals[group] = {kind: now[kind] + value for kind, value in totals[group].items()} if group in totals else now
     return totals
 
@@ -302,11 +308,13 @@ def refuse_underflow(mesh: Mesh, body: BodySpec, f: np.ndarray, prescribed: np.n
                          "their squares are out of the range of double precision; choose other units")
 
 
-def lost_loads(mesh: Mesh, body: BodySpec, free: np.ndarray) -> list[str]:
-    """Warnings of loads that act on clamps alone, and of groups that are loaded twice. Not collective."""
+def lost_loads(body: BodySpec, free: np.ndarray,
+               acting: Mapping[str | None, Sequence[tuple[str, np.ndarray]]]) -> list[str]:
+    """Warnings of loads that act on clamps alone, and of groups that are loaded twice; `acting` are the loads by
+    history, as of `loads_by_group`. Not collective."""
     key, warnings, loads = f"body.{body.name}", [], Counter[tuple[str, str | None]]()
-    for history in (None, *histories(body)):
-        for group, f in loads_by_group(mesh, body, history):
+    for history, groups in acting.items():
+        for group, f in groups:
             if group == VOLUME:
                 continue
             loads[group, history] += 1

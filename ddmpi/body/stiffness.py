@@ -7,7 +7,7 @@ time in proportion to the mesh.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import factorial
 
 import numpy as np
@@ -47,6 +47,18 @@ class Stiffness:
         np.add.at(y, a, np.einsum("nij,nj->ni", block, u[b]))
         np.add.at(y, b, np.einsum("nji,nj->ni", block, u[a]))
         return y
+
+    def rows(self, nodes: np.ndarray) -> sparse.csr_matrix:
+        """The rows (d k, d nv) of some `nodes` (k,) in N/m."""
+        size, d = self.diagonal.shape[:2]
+        place = np.full(size, -1)
+        place[nodes] = np.arange(len(nodes))
+        one, two = (np.flatnonzero(place[ends] >= 0) for ends in (self.first, self.second))
+        blocks = np.concatenate([self.diagonal[nodes], self.upper[one], self.upper[two].swapaxes(1, 2)])
+        row = d * place[np.concatenate([nodes, self.first[one], self.second[two]])]
+        column = d * np.concatenate([nodes, self.second[one], self.first[two]])
+        at = np.broadcast_arrays(row[:, None, None] + np.arange(d)[:, None], column[:, None, None] + np.arange(d))
+        return sparse.csr_matrix((blocks.ravel(), tuple(k.ravel() for k in at)), (d * len(nodes), d * size))
 
     def connected(self) -> tuple[int, np.ndarray]:
         """The number of connected pieces of the body, and for each node (nv,) the number of its piece."""
@@ -120,19 +132,6 @@ def sum_stiffness(mesh: Mesh, material: Material | Composite) -> Stiffness:
         diagonal[:, i, j] = np.bincount(node, own_entries[min(i, j), max(i, j)].ravel(), size)
         total[:, i, j] = np.bincount(pair, np.where(turned, entries[j, i], entries[i, j]), len(total))
     return Stiffness(low[new], high[new], total, diagonal)
-
-
-def forces_at(mesh: Mesh, material: Material | Composite, u: np.ndarray, nodes: np.ndarray) -> np.ndarray:
-    """K u (k, d) in newtons at a few `nodes` (k,), for a displacement u (nv, d) in metres. Not collective."""
-    marked, y = np.zeros(len(u), bool), np.zeros_like(u)
-    marked[nodes] = True
-    near = np.logical_or.reduce(marked[mesh.triangles.T])
-    if isinstance(material, Composite):
-        material = Composite(material.materials, material.number[near])
-    around, cells = np.unique(mesh.triangles[near], return_inverse=True)
-    part = replace(mesh, points=mesh.points[around], triangles=cells.reshape(-1, mesh.triangles.shape[1]))
-    y[around] = sum_stiffness(part, material).mult(u[around])
-    return y[nodes]
 
 
 def _straight_blocks(mesh: Mesh, material: Material, cells: slice | np.ndarray, i: np.ndarray, j: np.ndarray) \

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import zlib
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -53,8 +54,8 @@ class Exchange:
         and the body's side, 0 or 1."""
         sizes = [max((part.stop for part, _ in parts.values()), default=0) for parts in bodies]
         self._owned = space.size
-        *starts, self._size = np.cumsum([0, *sizes])
-        self._ends = starts[1:]
+        *starts, self._size = np.cumsum([0, *sizes]).tolist()
+        self._bodies = [slice(*ends) for ends in itertools.pairwise([*starts, self._size])]
         local: list[np.ndarray] = []
         lent: dict[int, list[np.ndarray]] = {}
         borrowed: dict[int, list[np.ndarray]] = {}
@@ -81,7 +82,7 @@ class Exchange:
         whole[self._local] = x[self._at]
         for rank, at in self._borrowed.items():
             whole[at] = came[rank]
-        return np.split(whole, self._ends)
+        return [whole[part] for part in self._bodies]
 
     def collect(self, parts: Sequence[np.ndarray], about: str) -> tuple[np.ndarray, np.ndarray]:
         """Contributions of the first and of the second bodies to the owned interfaces, from the local bodies' vectors.

@@ -149,7 +149,7 @@ class Member:
             self.C.count[purpose] += 1
             h = get(partial(self._free, case.b))
         # B has no entries at clamped dofs; their prescribed displacements move the contact by a constant.
-        return h + (self.trace(case.prescribed) if self._sides else 0.0), self._R.T @ case.b
+        return h + (self.trace(case.prescribed) if case.prescribed.any() else 0.0), self._R.T @ case.b
 
     def _free(self, load: np.ndarray) -> np.ndarray:
         """B A⁻¹ b (size,) of a load b (d k,). Collective on the body's communicator."""

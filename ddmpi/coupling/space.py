@@ -172,9 +172,8 @@ class Laws:
     def __init__(self, laws: Sequence[Law]) -> None:
         self.laws = tuple(laws) or (Law(0, np.empty(0, int), 1),)
         self.size = sum(law.size for law in self.laws)
-        ends, self._nodes, self._sliding = np.cumsum(
-            [(law.size, law.m, len(law.sliding)) for law in self.laws], axis=0)[:-1].T
-        self._parts = [slice(*pair) for pair in itertools.pairwise([0, *ends, self.size])]
+        ends = np.cumsum([(0, 0, 0), *((law.size, law.m, len(law.sliding)) for law in self.laws)], axis=0).T.tolist()
+        self._parts, self._nodes, self._sliding = ([slice(*pair) for pair in itertools.pairwise(each)] for each in ends)
 
     @property
     def largest_slope(self) -> float:
@@ -186,7 +185,7 @@ class Laws:
 
     def bounds(self, bound: np.ndarray) -> list[np.ndarray]:
         """The slip bounds of each interface, out of those of all sliding nodes."""
-        return np.split(bound, self._sliding)
+        return [bound[part] for part in self._sliding]
 
     def project(self, q: np.ndarray) -> np.ndarray:
         """The forces (size,) that the laws assign to q = s − c r."""
@@ -199,8 +198,7 @@ class Laws:
     def sticking(self, closed: np.ndarray, falls: np.ndarray | None = None) -> list[ActiveSet]:
         """Active sets with the nodes `closed` closed and sticking, unless they fall, and all others open."""
         falls = np.zeros_like(closed) if falls is None else falls
-        return [law.sticking(*marks) for law, *marks in zip(self.laws, np.split(closed, self._nodes),
-                                                            np.split(falls, self._nodes), strict=True)]
+        return [law.sticking(closed[part], falls[part]) for law, part in zip(self.laws, self._nodes, strict=True)]
 
     def linearise(self, active: list[ActiveSet]) -> list[Tangent]:
         """The tangents of the laws at the active sets, one for each interface."""

@@ -11,8 +11,8 @@ from typing import Any
 import msgspec.structs
 import numpy as np
 
-from ddmpi.body.elasticity import LoadCase, assemble
-from ddmpi.body.loads import thermal_loads
+from ddmpi.body.elasticity import LoadCase, load_cases
+from ddmpi.body.loads import supports, thermal_loads
 from ddmpi.body.stiffness import sum_stiffness
 from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.errors import naming
@@ -151,7 +151,8 @@ def parameter(assembly: Assembly, key: str) -> Parameter:
             assert not isinstance(young, tuple)
             return replace(blank, body=name, young=number, value=young)
         alone, value, history = _alone(spec, rest, scene.dimension)
-        cases = [assemble(body.mesh, alone).cases[history] for body in assembly.bodies if body.spec.name == name]
+        cases = [load_cases(body.mesh, alone, supports(body.mesh, alone), body.member.elasticity).cases[history]
+                 for body in assembly.bodies if body.spec.name == name]
         return replace(blank, body=name, value=value, history=history, case=cases[0] if cases else None)
     if kind == "rigid":
         rigid = next(rigid for rigid in scene.rigid if rigid.name == name)

@@ -11,7 +11,6 @@ from mpi4py import MPI
 from scipy.sparse import csgraph
 
 from ddmpi.body.estimate import DiscretizationError
-from ddmpi.body.stiffness import forces_at
 from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.interface.state import ContactState, ContactTotals
 from ddmpi.judge.overlap import DRAWN, RESOLVED, Solid, doubt_overlaps
@@ -201,12 +200,13 @@ def _points_that_carry(body: Body, u: np.ndarray, contacts: Mapping[str, Contact
         return []
     supported = [interface.nodes[interface.side(name)] for interface in body.member.interfaces]
     supported += [np.unique(mesh.groups[clamp.on]) for clamp in body.spec.clamps if clamp.on in mesh.groups]
-    acting, clamped = body.member.elasticity.acting, ~body.member.elasticity.free
+    elasticity = body.member.elasticity
+    acting, clamped, pulled = elasticity.acting, ~elasticity.free, elasticity.forces(u)
     loads, heat = np.abs(acting.f), acting.heat
     pressed = sum(contacts[interface.name].normal_sum for interface in body.member.interfaces)
-    least, warnings = LIMIT["point"] * max(body.member.elasticity.load, pressed), []
+    least, warnings = LIMIT["point"] * max(elasticity.load, pressed), []
     for on, nodes in points.items():
-        force = np.abs(forces_at(mesh, body.material, u, nodes) - heat[nodes]) * clamped[nodes]
+        force = np.abs(pulled[nodes] - heat[nodes]) * clamped[nodes]
         alone = not any(np.isin(nodes, others).any() for others in supported)
         if alone and (force > np.maximum(least, 2.0 * loads[nodes])).any():  # loads at the point itself do not count
             warnings.append(f"body.{name}.clamp: the point {on!r} carries a force of {force.max():.3g} "

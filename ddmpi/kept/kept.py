@@ -47,16 +47,34 @@ def _feed(total: Any, thing: Any) -> None:
         total.update(repr(thing).encode())
 
 
+def _lock(thing: Any) -> None:
+    """Let nobody write into the arrays of a value."""
+    if isinstance(thing, np.ndarray):
+        thing.flags.writeable = False
+    elif dataclasses.is_dataclass(thing):
+        _lock([getattr(thing, field.name) for field in dataclasses.fields(thing)])
+    elif isinstance(thing, Mapping):
+        _lock([*thing.values()])
+    elif isinstance(thing, list | tuple):
+        for entry in thing:
+            _lock(entry)
+
+
 class Kept:
     """The last value of each stage of each body and contact. Not collective: a rank keeps what it makes.
+
+    Parameters
+    ----------
+    locked : whether arrays of values cannot be written into, as where programs see them in the answers of cases
 
     Attributes
     ----------
     found : stages that the present case has taken, by body or contact
     """
 
-    def __init__(self) -> None:
+    def __init__(self, locked: bool = False) -> None:
         self.found: dict[str, list[str]] = {}
+        self._locked = locked
         self._entries: dict[tuple[str, str], tuple[str, Any]] = {}
         self._conditions, self._memory = "", 0.0
         self._met: set[tuple[str, str]] = set()
@@ -77,6 +95,8 @@ class Kept:
             return self._entries[slot][1]
         self._entries.pop(slot, None)  # its memory goes before the new value is made
         value = make()
+        if self._locked:
+            _lock(value)
         if lasts(value):
             self._entries[slot] = key, value
         return value

@@ -15,7 +15,7 @@ import numpy as np
 import scipy.sparse as sparse
 
 from ddmpi.body.elasticity import clamp_forces
-from ddmpi.body.loads import loads_by_group, resultants
+from ddmpi.body.loads import added, loads_by_group, resultants
 from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.coupling.member import Member
 from ddmpi.coupling.space import Space
@@ -287,11 +287,12 @@ def forces_by_group(body: Body, u: np.ndarray, s: np.ndarray, factors: Mapping[s
     """The applied loads and the forces of clamps, by group, and the resultant of the latter, under the displacement u
     (nv, d) and contact forces s (size,); of a body that moves far, where its frame is. Not collective."""
     mesh, member, frame = body.mesh, body.member, (frames or {}).get(body.spec.name)
-    loads = ((group, factor * f) for history, factor in factors.items()
-             for group, f in loads_by_group(mesh, body.spec, history, frame.turned if frame else None))
     reactions = resultants(mesh, clamp_forces(mesh, body.spec, member.elasticity, u, member.pull(s)))
-    acting = resultants(mesh, loads)
+    acting = added((group, {kind: factor * value for kind, value in entry.items()}) for history, factor in
+                   factors.items() for group, entry in member.elasticity.pushes.get(history, {}).items())
     if frame:
+        acting = resultants(mesh, ((group, factor * f) for history, factor in factors.items()
+                                   for group, f in loads_by_group(mesh, body.spec, history, frame.turned)))
         reactions, acting = ({group: _in_world(entry, frame) for group, entry in entries.items()}
                              for entries in (reactions, acting))
     return {"reaction": sum((reaction["force"] for reaction in reactions.values()), np.zeros(mesh.dimension)),

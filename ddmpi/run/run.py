@@ -61,7 +61,7 @@ class Cases:
     as for a single case. Collective on `world`."""
 
     def __init__(self, world: MPI.Comm, keep: bool = True) -> None:
-        self._ranks, self._keep, self._kept = WorkingRanks(world), keep, Kept()
+        self._ranks, self._keep, self._kept = WorkingRanks(world), keep, Kept(locked=True)
         self._team: Team | None = None
 
     def compute(self, scene: Settled, scene_path: str, clock: Clock, output: str | None = None, figures: bool = False,
@@ -70,7 +70,7 @@ class Cases:
         """`compute`, with what is kept; None on ranks without a body of their own."""
         def work(ranks: MPI.Comm) -> Solved:
             if team_of(ranks) is not self._team:  # what was kept went with the ranks of the bodies
-                self._team, self._kept = team_of(ranks), Kept()
+                self._team, self._kept = team_of(ranks), Kept(locked=True)
             return compute(ranks, scene, scene_path, clock, output, figures, restart, write,
                            self._kept if self._keep else None, start, outer)
 
@@ -78,7 +78,7 @@ class Cases:
 
     def end(self) -> None:
         """Free all that is kept."""
-        self._kept = Kept()
+        self._kept = Kept(locked=True)
         gc.collect()
         self._ranks.end()
 

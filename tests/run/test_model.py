@@ -97,6 +97,45 @@ def test_the_ranks_of_a_body_stay(comm):
         assert model.solve({}).certified
 
 
+PUSHED = {"body": [rectangle("upper", [0.5, 1.0], [2.0, 1.0], [8, 4], clamp=[{"on": "top", "x": 1e-4, "y": -1e-4}],
+                              traction=[{"on": "left", "value": [1e5, 0.0]}])],
+          "rigid": [{"name": "lower", "shape": "plane", "point": [0.0, 1.0], "normal": [0.0, 1.0]}],
+          "contact": [{"bodies": ["upper", "lower"], "on": ["bottom"],
+                       "friction": {"law": "coulomb", "coefficient": 0.3}}]}
+"""One body, so that all ranks are its."""
+
+
+@pytest.mark.mpi(ranks=[2, 3])
+@pytest.mark.parametrize("scene", [PUSHED, pinched_blocks(4), two_boxes(2)], ids=["pushed", "held", "space"])
+def test_changes_on_several_ranks(comm, scene):
+    """Contacts alone are those of runs by themselves, up to the order of additions where a body has several ranks."""
+    kept, load = {"factors", "compliance"}, scene["body"][0]["traction"][0]["value"]
+    changed = {MU: 0.5}, {"body.upper.traction.0.value": [2 * x for x in load]}, {"contact.upper-lower.gap": 1e-6}
+    stiffer = {"body.upper.material.young": 3e11}
+    with ddmpi.prepare(scene, comm) as model:
+        model.solve(only="contacts")
+        for overrides, spared in (*((change, True) for change in changed), (stiffer, False), ({}, False)):
+            answer = model.solve(overrides, only="contacts")
+            assert (kept <= set(model.reused.get("upper", ()))) is spared
+            fresh = ddmpi.solve(scene, comm, overrides, only="contacts")
+            assert answer.certified and answer.summary["n_A"] == pytest.approx(fresh.summary["n_A"], rel=0.1)
+            one, other = answer.contacts["upper-lower"], fresh.contacts["upper-lower"]
+            assert (one.status == other.status).all()
+            assert one.forces == pytest.approx(other.forces, rel=1e-9, abs=1e-9 * abs(other.forces).max())
+            for name, body in fresh.summary["bodies"].items():
+                assert answer.summary["bodies"][name]["reaction"] == pytest.approx(body["reaction"], rel=1e-8, abs=1e-3)
+
+
+def test_nobody_changes_what_is_kept():
+    """Nodes in other units, in place, would make the next answer one of another mesh."""
+    with ddmpi.prepare(pinched_blocks(3)) as model:
+        answer = model.solve()
+        for kept in answer.bodies["upper"].points, answer.contacts["upper-lower"].interface.xy:
+            with pytest.raises(ValueError, match="read-only"):
+                kept *= 1e3
+        compare(model, pinched_blocks(3), {MU: 0.4})
+
+
 def test_what_is_kept_is_told():
     """`reused` names what the last solve has taken; a failing case leaves the rest as it was."""
     parts = ["mesh", "stiffness", "factors", "compliance"]
