@@ -12,6 +12,7 @@ tests/scripts/test_gallery.py checks the numbers of `EXHIBITS` on coarser meshes
 """
 
 import argparse
+import csv
 import io
 import json
 import os
@@ -80,7 +81,7 @@ class Exhibit:
     value, unit : what the number should be
     within : by which part of it a run may differ from it
     source : where the value comes from
-    measure : the number, from the summary of a run, with the bodies of mechanism.json as its entry "mechanism"
+    measure : the number, from the summary of a run with what `beside` adds
     settings : what makes the run of the test cheaper
     refused : words of the reason, where the run ends without an answer
     warned : words of the only warning of the run, if it has one
@@ -183,6 +184,11 @@ def stiffness_of_a_pair(summary: dict) -> float:
     return float(stiffness[alone(angle)].max())
 
 
+def carried(summary: dict) -> float:
+    """How far friction turns the driven bevel wheel (degrees)."""
+    return -summary["turned"]["driven"]
+
+
 def cam_springs(summary: dict) -> float:
     """The force of the follower's springs at their largest stroke, at the end of the turn (N/mm)."""
     (step,) = (step for step in summary["steps"] if step["time"] == 40.0)
@@ -253,13 +259,21 @@ EXHIBITS = [
     Exhibit("drawn/shaft_turned_in_hub", "bodies.png", 800, "N m", 0.025, "balance, with a round shaft",
             contact("fit", "moment", 2, -1e-3), {"time.steps": 1}),
     Exhibit("arch_in_space", "bodies.png", 448.77, "kN", 1e-4, "balance", abutments),
+    Exhibit("drawn/bevel_wheels", "bodies.png", 30, "degrees", 0.03, "rolling without slip", carried, {
+        "time.steps": 4, "body.driving.mesh.contact_size": 1.2, "body.driven.mesh.contact_size": 1.2,
+        "output.animation": False}),
 ]
 
 
-def mechanism_of(folder: Path) -> dict:
-    """The bodies of mechanism.json in `folder` as the entry "mechanism", if a run has left one."""
-    path = folder / "mechanism.json"
-    return {"mechanism": json.loads(path.read_text(encoding="utf-8"))["bodies"]} if path.exists() else {}
+def beside(folder: Path) -> dict:
+    """What a run has left in `folder` beside its summary: of mechanism.json the bodies, as "mechanism"; of frames.csv
+    in space the last turns about x by body (degrees), as "turned"."""
+    path, frames = folder / "mechanism.json", folder / "frames.csv"
+    found = {"mechanism": json.loads(path.read_text(encoding="utf-8"))["bodies"]} if path.exists() else {}
+    if frames.exists():
+        with open(frames, newline="", encoding="utf-8") as file:
+            found["turned"] = {row["body"]: float(row.get("turn_x", "nan")) for row in csv.DictReader(file)}
+    return found
 
 
 def run(exhibit: Exhibit, output: Path) -> dict:
@@ -270,7 +284,7 @@ def run(exhibit: Exhibit, output: Path) -> dict:
                               env=dict(os.environ))  # without what MPI adds to it
         if done.returncode != (3 if exhibit.refused else 0):
             raise ValueError(f"{exhibit.scene} ended with {done.returncode}:\n{done.stdout}{done.stderr}")
-    summary = read_results(output).summary | mechanism_of(output)
+    summary = read_results(output).summary | beside(output)
     exhibit.check(summary)
     return summary
 
