@@ -12,6 +12,7 @@ tests/scripts/test_gallery.py checks the numbers of `EXHIBITS` on coarser meshes
 """
 
 import argparse
+import csv
 import io
 import json
 import os
@@ -80,7 +81,7 @@ class Exhibit:
     value, unit : what the number should be
     within : by which part of it a run may differ from it
     source : where the value comes from
-    measure : the number, from the summary of a run, with the bodies of mechanism.json as its entry "mechanism"
+    measure : the number, from the summary of a run with what `beside` adds
     settings : what makes the run of the test cheaper
     refused : words of the reason, where the run ends without an answer
     warned : words of the only warning of the run, if it has one
@@ -183,6 +184,11 @@ def stiffness_of_a_pair(summary: dict) -> float:
     return float(stiffness[alone(angle)].max())
 
 
+def carried(summary: dict) -> float:
+    """How far friction turns the driven bevel wheel (degrees)."""
+    return -summary["turned"]["driven"]
+
+
 def cam_springs(summary: dict) -> float:
     """The force of the follower's springs at their largest stroke, at the end of the turn (N/mm)."""
     (step,) = (step for step in summary["steps"] if step["time"] == 40.0)
@@ -253,13 +259,21 @@ EXHIBITS = [
     Exhibit("drawn/shaft_turned_in_hub", "bodies.png", 800, "N m", 0.025, "balance, with a round shaft",
             contact("fit", "moment", 2, -1e-3), {"time.steps": 1}),
     Exhibit("arch_in_space", "bodies.png", 448.77, "kN", 1e-4, "balance", abutments),
+    Exhibit("drawn/bevel_wheels", "bodies.png", 30, "degrees", 0.03, "rolling without slip", carried, {
+        "time.steps": 4, "body.driving.mesh.contact_size": 1.2, "body.driven.mesh.contact_size": 1.2,
+        "output.animation": False}),
 ]
 
 
-def mechanism_of(folder: Path) -> dict:
-    """The bodies of mechanism.json in `folder` as the entry "mechanism", if a run has left one."""
-    path = folder / "mechanism.json"
-    return {"mechanism": json.loads(path.read_text(encoding="utf-8"))["bodies"]} if path.exists() else {}
+def beside(folder: Path) -> dict:
+    """What a run has left in `folder` beside its summary: of mechanism.json the bodies, as "mechanism"; of frames.csv
+    in space the last turns about x by body (degrees), as "turned"."""
+    path, frames = folder / "mechanism.json", folder / "frames.csv"
+    found = {"mechanism": json.loads(path.read_text(encoding="utf-8"))["bodies"]} if path.exists() else {}
+    if frames.exists():
+        with open(frames, newline="", encoding="utf-8") as file:
+            found["turned"] = {row["body"]: float(row.get("turn_x", "nan")) for row in csv.DictReader(file)}
+    return found
 
 
 def run(exhibit: Exhibit, output: Path) -> dict:
@@ -270,7 +284,7 @@ def run(exhibit: Exhibit, output: Path) -> dict:
                               env=dict(os.environ))  # without what MPI adds to it
         if done.returncode != (3 if exhibit.refused else 0):
             raise ValueError(f"{exhibit.scene} ended with {done.returncode}:\n{done.stdout}{done.stderr}")
-    summary = read_results(output).summary | mechanism_of(output)
+    summary = read_results(output).summary | beside(output)
     exhibit.check(summary)
     return summary
 
@@ -387,7 +401,12 @@ def keep(picture: Path, path: Path) -> None:
     drawn = image.convert("L").point(lambda shade: 255 * (shade < 250)).getbbox()
     image = ImageOps.expand(image.crop(drawn), MARGIN, "white")
     image.thumbnail((WIDEST, WIDEST), Image.Resampling.LANCZOS)
-    image.quantize(dither=Image.Dither.NONE).save(path, optimize=True)
+    # a palette by areas alone would lose the largest stresses, whose areas are small
+    colours, number = np.unique(np.asarray(image).reshape(-1, 3), axis=0, return_counts=True)
+    weight = (number // 2) ** 0.3 * (colours.min(axis=1) < 246)
+    palette = Image.fromarray(colours.repeat(np.rint(weight).astype(int), axis=0)[None]).quantize(255)
+    palette.putpalette([*palette.getpalette()[:765], 255, 255, 255])
+    image.quantize(palette=palette, dither=Image.Dither.NONE).save(path, optimize=True)
 
 
 def keep_moving(animation: Path, path: Path) -> None:

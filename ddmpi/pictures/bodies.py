@@ -14,7 +14,7 @@ import numpy as np
 
 from ddmpi.errors import OutputError
 from ddmpi.mesh.mesh import boundary_facets
-from ddmpi.pictures.moved import magnify, rigid_parts
+from ddmpi.pictures.moved import PRESSED, apart, magnify, painted_by, rigid_parts
 from ddmpi.pictures.sheet import (
     COLOURS,
     FILLED,
@@ -23,6 +23,7 @@ from ddmpi.pictures.sheet import (
     by_value,
     colours_of,
     filled,
+    limits,
     mark,
     rounded,
     signed_colours,
@@ -30,12 +31,12 @@ from ddmpi.pictures.sheet import (
 from ddmpi.pictures.views import Skin, Surface, View
 from ddmpi.results.fields import NODAL, group_of, owners
 from ddmpi.results.histories import placed, step_times
-from ddmpi.results.tables import Columns, Results
+from ddmpi.results.tables import Columns, Results, read_surfaces
 from ddmpi.system.files import writing
 from ddmpi.system.numbers import RigidMotion, crossed, scaled_unit
 
-BRIGHTEST = 99.5
-"""Percentile at which the colours of stresses end: singular stresses in corners must not set the scale."""
+BRIGHTEST = 0.998
+"""Fraction of the area at which the colours of stresses end: singular stresses in corners must not set the scale."""
 
 MOVED, TURNED_BY = 0.1, 0.3
 """Largest displacement in the picture of a mechanism, over the bodies' extent, and largest rotation (rad)."""
@@ -68,7 +69,8 @@ def draw_bodies(results: Results) -> Any:
     values, still = skin.extended(values), skin.extended(results.points + shift)
     facets, at = skin.facets, still + skin.extended(results.displacement(scale))
     seen, moved = values[np.unique(facets)], float(np.linalg.norm(results.displacement(), axis=1).max())
-    low, top = (0.0, float(np.percentile(seen, BRIGHTEST))) if quantity != "displacement" else (seen.min(), seen.max())
+    low, top = (0.0, limits(values, skin.areas(results.points), BRIGHTEST)[1]) if quantity != "displacement" else (
+        seen.min(), seen.max())
     beyond, rigid = skin.beyond, rigid_parts(results, scale)
     if results.summary["scene"]["output"].get("mirrored"):
         facets, at, still, values, beyond = _both_halves(facets, at, still, values, beyond)
@@ -197,47 +199,67 @@ def animate(results: Results, folder: Path, title: str) -> Path:
     fields are in the `folder`; the path of the first.
 
     Colours are what output.animation asks for, see `coloured`; white is zero where signs differ. All frames have the
-    same colours, limits and magnification: the one that suits the largest displacement of all. Not collective. Raises
-    OutputError.
+    same colours, limits and magnification: the one that suits the largest displacement of all. "pressure" is painted on
+    the contacts of bodies without displacements, in space drawn apart. Not collective. Raises OutputError.
     """
     import matplotlib.pyplot as plt
     from PIL import Image
 
     skin, dimension, largest, top, least = skin_of(results), results.dimension, 0.0, 0.0, 0.0
-    what = results.summary["scene"]["output"].get("animation") or True
-    for _, fields in _frames(results, folder):
+    scene, areas = results.summary["scene"], skin.areas(results.points)
+    what = scene["output"].get("animation") or True
+    unbonded = [contact["name"] for contact in scene["contact"] if contact.get("kind") != "bonded"]
+    pressed = (unbonded or list(results.contacts)) if what == "pressure" else []
+    painted = pressed if dimension == 3 else []
+    for _, fields, surfaces in _frames(results, folder):
         largest = max(largest, np.linalg.norm(fields["displacement"], axis=1).max())
         values, quantity, unit = coloured(results, fields, what)
-        seen = skin.extended(values)[np.unique(skin.facets)]
-        least, top = (min(least, float(np.percentile(seen, 100.0 - BRIGHTEST))),
-                      max(top, float(np.percentile(seen, BRIGHTEST))))
+        ends = limits(skin.extended(values), areas, BRIGHTEST)
+        if pressed:
+            quantity, unit = "pressure", scene["output"]["stress_unit"]
+            values = np.concatenate([np.zeros(1), *(np.nan_to_num(surfaces[name]["pressure"]) for name in pressed)])
+            ends = 0.0, limits(values, values > 0.0, PRESSED)[1]
+        least, top = min(least, ends[0]), max(top, ends[1])
     factor, shift = magnify(results, largest)
+    shifts = apart(results, View(results.points, scene["output"])) if painted else {}
+    if pressed:
+        still = [shifts.get(name, np.zeros(dimension)) for name in results.summary["bodies"]]
+        factor, shift = 0.0, np.array(still)[owners(results)]
     low = high = results.points + shift
-    for _, fields in _frames(results, folder):
+    for _, fields, _ in _frames(results, folder):
         at = (fields["points"] + factor * fields["displacement"])[:, :dimension] + shift
         low, high = np.minimum(low, at), np.maximum(high, at)
     scale, unit = scaled_unit(max(top, -least), unit)
-    image = signed_colours(least / scale, top / scale, "viridis")
+    image = signed_colours(least / scale, top / scale, "YlOrRd" if pressed else "viridis")
     sheet = Sheet(results, np.vstack([skin.extended(state)[skin.beyond <= 0.0] for state in (low, high)]),
                   pixels=COARSE)
-    sheet.axes.set_title("time")
     sheet.colours(image, f"{quantity} ({unit})", "both" if least < 0.0 else "max")
     sheet.figure.suptitle(title.strip())
     sheet.figure.set_dpi(80)
     path, frames = folder / "animation.gif", []
-    for time, fields in _frames(results, folder):
+    for time, fields, surfaces in _frames(results, folder):
         sheet.clear()
         at = skin.extended((fields["points"] + factor * fields["displacement"])[:, :dimension] + shift)
-        sheet.meet(rigid_parts(results, factor, time))
         values = skin.extended(coloured(results, fields, what)[0])[skin.facets] / scale
-        sheet.show([Surface(at, skin.facets, by_value(values, image), skin.beyond, plain=True)])
-        sheet.axes.set_title(f"time {time:.4g}, displacement × {factor:g}")
+        body = Surface(at, skin.facets, filled("still") if pressed else by_value(values, image), skin.beyond,
+                       plain=not pressed)
+        sheet.meet(() if painted else rigid_parts(results, factor, time))
+        sheet.show([body, *(surface for surface, _ in painted_by(
+            replace(results, surfaces=surfaces), painted, shifts, image, scale))])
+        if pressed and not painted:
+            sheet.facets([(surfaces[name]["points"][:, :2], surfaces[name]["cells"],
+                           np.nan_to_num(surfaces[name]["pressure"]) / scale) for name in pressed], image)
+        sheet.axes.set_title(f"time {time:.4g}" + f", displacement × {factor:g}" * (not pressed))
         sheet.figure.canvas.draw()
         sheet.figure.set_layout_engine("none")  # as the first frame has it
         frames.append(Image.fromarray(np.asarray(sheet.figure.canvas.buffer_rgba())).convert("RGB"))
     plt.close(sheet.figure)
     some = frames[::len(frames) // 20 + 1]
-    palette = Image.fromarray(np.vstack([np.asarray(frame)[::2, ::2] for frame in some])).quantize()
+    pixels = np.concatenate([np.asarray(frame)[::2, ::2].reshape(-1, 3) for frame in some])
+    colours, number = np.unique(pixels, axis=0, return_counts=True)
+    weight = number**0.3 * (colours.min(axis=1) < 246)  # by areas alone, the largest stresses would lose their colours
+    palette = Image.fromarray(colours.repeat(np.rint(weight).astype(int), axis=0)[None]).quantize(255)
+    palette.putpalette([*palette.getpalette()[:765], 255, 255, 255])
     first, *others = (frame.quantize(palette=palette) for frame in frames)
     rate = float(np.clip(len(frames) / SECONDS, SLOWEST, FASTEST))
     with writing(path):
@@ -263,8 +285,8 @@ def _write_video(path: Path, frames: Sequence[Any], rate: float, ffmpeg: str) ->
         raise OutputError(f"{path}: ffmpeg could not write it: {done.stderr.decode(errors='replace').strip()}")
 
 
-def _frames(results: Results, folder: Path) -> Iterator[tuple[float, Columns]]:
-    """Time, and the fields as they are drawn, of the load steps in the series result.xdmf."""
+def _frames(results: Results, folder: Path) -> Iterator[tuple[float, Columns, dict[str, Columns]]]:
+    """Time, the fields as they are drawn, and surfaces of contacts, of the load steps in the series result.xdmf."""
     import h5py
 
     times = step_times(folder)
@@ -272,4 +294,5 @@ def _frames(results: Results, folder: Path) -> Iterator[tuple[float, Columns]]:
         for k in np.unique(np.linspace(0, len(times) - 1, min(FRAMES, len(times))).round().astype(int)):
             fields = file.get(group_of(k), file)
             yield times[k], placed(results, times[k], {name: fields[name][()] for name in (
-                "displacement", "displacement_in_frame", *NODAL) if name in fields}).fields
+                "displacement", "displacement_in_frame", *NODAL) if name in fields}).fields, (
+                    read_surfaces(file, group_of(k)))

@@ -21,6 +21,7 @@ from ddmpi.errors import InputError
 from ddmpi.mesh.elements import normals
 from ddmpi.pictures.bodies import BRIGHTEST, largest_of
 from ddmpi.pictures.moved import apart, first_is_slave, magnify
+from ddmpi.pictures.sheet import limits
 from ddmpi.pictures.views import Skin, View, sharp_edges
 from ddmpi.results.fields import group_of, owners
 from ddmpi.results.histories import at_step, placed, step_times
@@ -98,7 +99,7 @@ def _page(results: Results, folder: Path) -> str:
     turned = bool(results.summary["scene"].get("axisymmetric"))  # the page turns the section around y
     view = View(results.points, {key: output[key] for key in ("view",) if output.get(key) and d > 2})
     skin, owner = Skin(view, results.points, results.fields["cells"]), owners(results)
-    facets = skin.facets
+    facets, areas = skin.facets, skin.areas(results.points)
     # solids keep the nodes inside, too, for cuts, unless there are too many
     cells = results.fields["cells"][:, :4] if d > 2 and len(results.fields["cells"]) <= MOST_CELLS else facets[:0]
     nodes = np.unique(np.concatenate([facets.ravel(), cells.ravel()]))
@@ -139,8 +140,9 @@ def _page(results: Results, folder: Path) -> str:
         arrays.put(f"lifted{k}", u[painted["nearest"]])
         for name, value in values.items():
             arrays.put(f"{name}{k}", np.maximum(value, 0.0))
-            some = np.isin(nodes, facets) if name != "pressure" else value > 0.0
-            tops[name] = max(tops[name], float(np.percentile(value[some], BRIGHTEST)) if some.any() else 0.0)
+            some = value > 0.0 if name == "pressure" else areas[nodes] > 0.0
+            share = np.ones(some.sum()) if name == "pressure" else areas[nodes][some]
+            tops[name] = max(tops[name], limits(value[some], share, BRIGHTEST)[1] if some.any() else 0.0)
             marks[name].append((float(value.max(initial=0.0)), int(value.argmax()) if len(value) else 0))
         if "nodal_von_mises" in fields:  # that of a cell, as in the summary: nodes extrapolate it
             most, node = largest_of(results.fields | fields)

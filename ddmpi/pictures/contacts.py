@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
 from typing import Any
 
 import matplotlib.pyplot as plt
@@ -14,15 +13,15 @@ from matplotlib.patches import Patch
 from ddmpi.mesh.elements import normals
 from ddmpi.mesh.mesh import signed_measures
 from ddmpi.pictures.bodies import middles, skin_of
-from ddmpi.pictures.moved import FACING, STRAIGHT, apart, directions, first_is_slave, rigid_parts
+from ddmpi.pictures.moved import FACING, PRESSED, STRAIGHT, apart, directions, painted_by, rigid_parts
 from ddmpi.pictures.sheet import (
     COLOURS,
     RESOLVED,
     ZONES,
     Sheet,
     above,
-    by_value,
     filled,
+    limits,
     mark,
     rounded,
     signed_colours,
@@ -41,9 +40,6 @@ plane the largest pressure has 0.8 of it."""
 WEAK = 0.01
 """Resultants below this fraction of the largest are not drawn."""
 
-ABOVE = 2e-3
-"""How far colours are drawn above the bodies that bear them, over the bodies' extent."""
-
 ASIDE = 0.03
 """Distance of resultants on one line, over the height of the picture."""
 
@@ -55,9 +51,6 @@ LONG = 5.0
 
 ARROWS = 16
 """Approximate number of arrows of slip along a contact."""
-
-BRIGHTEST = 98.0
-"""Percentage of the area under stress at which the colours on the bodies end: edges have few, and high, ones."""
 
 SMALL = 0.5
 """Maps of a contact that is closed over at most this fraction of its extent show the closed part and as much around."""
@@ -102,11 +95,10 @@ def draw_contacts(results: Results) -> Any:
     else:
         shifts = apart(results, View(points, results.summary["scene"]["output"]))
         at = skin.extended(points + np.array([shifts[name] for name in results.summary["bodies"]])[owners(results)])
-        order = np.argsort(np.abs(stresses))
-        area = np.cumsum(np.where(stresses, np.concatenate([table["area"] for table in shown.values()]), 0.0)[order])
-        most = float(np.abs(stresses)[order][np.searchsorted(area, BRIGHTEST / 100.0 * area[-1])]) if top else 1.0
+        area = np.where(stresses, np.concatenate([table["area"] for table in shown.values()]), 0.0)
+        most = limits(np.abs(stresses), area, PRESSED)[1] if top else 1.0
         image = signed_colours(-most / factor * (low < 0.0), most / factor, "YlOrRd")
-        painted = list(_painted(results, shown, shifts, image, factor))
+        painted = list(painted_by(results, shown, shifts, image, factor))
         sheet = Sheet(results, np.vstack([at[skin.beyond <= 0.0], *(surface.at for surface, _ in painted)]))
         sheet.show([Surface(at, skin.facets, filled("still"), skin.beyond), *(surface for surface, _ in painted)])
         sheet.colours(image, f"{kind} ({unit_of})", ("both" if low < 0.0 else "max") if most < top else "neither")
@@ -164,21 +156,6 @@ def _aside(arrows: list[np.ndarray], width: float) -> list[np.ndarray]:
             ends = ends + width * across
         drawn.append(ends)
     return drawn
-
-
-def _painted(results: Results, names: Collection[str], shifts: dict[str, np.ndarray], image: Any,
-             factor: float) -> Iterator[tuple[Surface, np.ndarray]]:
-    """The surfaces of some contacts as they lie on either side, shifted with it; their pressures (n,) over `factor`."""
-    view, off = View(results.points, results.summary["scene"]["output"]), ABOVE * np.ptp(results.points, axis=0).max()
-    for contact in (each for each in results.summary["scene"]["contact"] if each["name"] in names):
-        surface, cells = results.surfaces[contact["name"]], results.triangles(contact["name"])
-        pressure = np.nan_to_num(surface["pressure"]) / factor
-        outward = unit(nodal(normals(surface["points"][cells])[:, None].repeat(3, axis=1), cells, len(pressure)))
-        for body, own in zip(contact["bodies"], (True, False), strict=True):
-            facets, sign = (cells, 1.0) if own == first_is_slave(results, contact) else (cells[:, ::-1], -1.0)
-            at = surface["points"] + sign * off * outward + shifts[body]
-            yield Surface(at, facets, by_value(pressure[facets], image), view.beyond(surface["points"]), plain=True,
-                          edges=""), pressure
 
 
 def _profiles(results: Results, scale: float,
@@ -289,7 +266,7 @@ def flatten(points: np.ndarray, cells: np.ndarray, mean: np.ndarray, least: np.n
             right = unit(np.cross([0.0, 0.0, 1.0], front)) if abs(front[2]) < 0.9 else unit(np.cross(
                 [0.0, 1.0, 0.0], front))
             along, names = np.stack([right, np.cross(front, right)]), ""
-        labels = list(names) or ["along\n({:.2g}, {:.2g}, {:.2g})".format(*(vector + 0.0)) for vector in along]
+        labels = list(names) or ["along\n({:g}, {:g}, {:g})".format(*(np.round(vector, 2) + 0.0)) for vector in along]
         at = (points @ along.T)[cells]
         if np.linalg.norm(mean) <= FACING:  # as seen along the normal those at the back stand under those in front
             level = np.round((points @ front)[cells].mean(axis=1) / (APART * np.ptp(points, axis=0).max()))

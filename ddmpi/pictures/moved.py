@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
+from typing import Any
 
 import msgspec
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from ddmpi.pictures.sheet import COLOURS, MARGIN, filled, round_down
+from ddmpi.mesh.elements import normals
+from ddmpi.pictures.sheet import COLOURS, MARGIN, by_value, filled, round_down
 from ddmpi.pictures.views import Surface, View
 from ddmpi.results.fields import owners, vectors
 from ddmpi.results.histories import frames_at
 from ddmpi.results.summary import factor_at, motion_at
 from ddmpi.results.tables import Columns, Results
 from ddmpi.scene.contacts import Rigid
-from ddmpi.surface.side import frames, unit
+from ddmpi.surface.side import frames, nodal, unit
 from ddmpi.system.numbers import RigidMotion
 
 DRAWN = 0.08
@@ -32,8 +34,14 @@ FACING, STRAIGHT = 0.4, 0.02
 square of their parts along it is at most the second. Directions whose cosine differs from 1 by less than the second are
 those of x, y or z."""
 
-OPENED = 0.32
-"""How far contacts are drawn open, over the root of their areas."""
+OPENED = 0.45
+"""How far contacts are drawn open, over the root of their areas with holes filled: rings have to be seen into, too."""
+
+PRESSED = 0.98
+"""Fraction of the area under pressure at which colours of pressures end: edges have few, and high, ones."""
+
+ABOVE = 1e-3
+"""How far colours are drawn above the bodies that bear them, over the bodies' extent."""
 
 AROUND = 1.25
 """Size of a drawn rigid surface in space over that of the part that bodies may touch."""
@@ -142,8 +150,8 @@ def _around(rigid: Rigid, at: np.ndarray, facets: np.ndarray) -> tuple[np.ndarra
 def apart(results: Results, view: View) -> dict[str, np.ndarray]:
     """Shifts (3,) of bodies and rigid partners, by name, that open contacts so that both sides can be seen (m).
 
-    Two that face each other move apart along the mean normal, by OPENED times the root of the area; one that is around
-    the other is drawn off along the axis, towards the eye, unless others part them.
+    Two that face each other move apart along the mean normal, by OPENED times the root of the area, holes filled; one
+    that is around the other is drawn off along the axis, towards the eye, unless others part them.
     """
     scene = results.summary["scene"]
     names = [*results.summary["bodies"], *(rigid["name"] for rigid in scene.get("rigid", ()))]
@@ -155,13 +163,29 @@ def apart(results: Results, view: View) -> dict[str, np.ndarray]:
         mean, least, axes = directions(vectors(table, "n"), table["area"])
         weight = 1.0
         if np.linalg.norm(mean) > FACING:
-            aim[:] = -OPENED * np.sqrt(table["area"].sum()) * unit(mean)
+            hull = ConvexHull((points - points[0]) @ frames(unit(mean[None]))[0, 1:].T)  # in the plane: an area
+            aim[:] = -OPENED * np.sqrt(hull.volume) * unit(mean)
         elif least[0] <= STRAIGHT and least[1] > STRAIGHT:
             aim[:] = 1.1 * np.ptp(points @ axes[:, 0]) * axes[:, 0] * (1.0 if axes[:, 0] @ view.axes[2] > 0.0 else -1.0)
             weight = 1e-3  # others come first
         row[[names.index(name) for name in contact["bodies"]]] = weight, -weight
         aim *= weight
     return dict(zip(names, np.linalg.pinv(rows) @ aims, strict=True))
+
+
+def painted_by(results: Results, names: Collection[str], shifts: Mapping[str, np.ndarray], image: Any,
+               factor: float) -> Iterator[tuple[Surface, np.ndarray]]:
+    """The surfaces of some contacts as they lie on either side, shifted with it; their pressures (n,) over `factor`."""
+    view, off = View(results.points, results.summary["scene"]["output"]), ABOVE * np.ptp(results.points, axis=0).max()
+    for contact in (each for each in results.summary["scene"]["contact"] if each["name"] in names):
+        surface, cells = results.surfaces[contact["name"]], results.triangles(contact["name"])
+        pressure = np.nan_to_num(surface["pressure"]) / factor
+        outward = unit(nodal(normals(surface["points"][cells])[:, None].repeat(3, axis=1), cells, len(pressure)))
+        for body, own in zip(contact["bodies"], (True, False), strict=True):
+            facets, sign = (cells, 1.0) if own == first_is_slave(results, contact) else (cells[:, ::-1], -1.0)
+            at = surface["points"] + sign * off * outward + shifts[body]
+            yield Surface(at, facets, by_value(pressure[facets], image), view.beyond(surface["points"]), plain=True,
+                          edges=""), pressure
 
 
 def directions(normal: np.ndarray, area: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

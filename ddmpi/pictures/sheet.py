@@ -50,7 +50,7 @@ MARGIN = 0.04
 LETTERS = 12
 """Letters of titles for each inch."""
 
-LAST = 0.7
+LAST = 0.6
 """Words stand to the left of places beyond this fraction of a picture's width, because a colour bar may follow."""
 
 ARM = 0.18
@@ -265,6 +265,14 @@ def colours_of(low: float, top: float, colours: str, logarithmic: bool = False) 
     return ScalarMappable((LogNorm if logarithmic else Normalize)(low, top), colours)
 
 
+def limits(values: np.ndarray, area: np.ndarray, share: float) -> tuple[float, float]:
+    """The values (k,) that a `share` of the area (k,) exceeds, and that it does not."""
+    order = np.argsort(values)
+    covered = np.cumsum(area[order])
+    low, high = values[order][np.searchsorted(covered, covered[-1] * np.array([1.0 - share, share]))]
+    return float(low), float(high)
+
+
 def signed_colours(low: float, top: float, colours: str) -> Any:
     """`colours_of` values from 0 on; where some are below it, colours of both signs that are white at zero."""
     if low >= 0.0:
@@ -293,7 +301,7 @@ def mark(axes: Any, at: np.ndarray, words: str) -> None:
     left, right = axes.get_xlim()
     side = "right" if at[0] > left + LAST * (right - left) else "left"  # words end there, or begin
     axes.annotate(words, at, (6 if side == "left" else -6, 6), textcoords="offset points", ha=side, fontsize=8,
-                  zorder=8, path_effects=[withStroke(linewidth=2.5, foreground="#ffffffe0")]).set_in_layout(False)
+                  zorder=8, bbox={"facecolor": "#ffffffd8", "edgecolor": "none", "pad": 1.2}).set_in_layout(False)
 
 
 def above(axes: Any, handles: Sequence[Any], columns: int = 3) -> None:

@@ -138,6 +138,12 @@ class Skin:
         share = self._share.reshape(-1, *(1,) * (values.ndim - 1))
         return np.concatenate([values, (1.0 - share) * values[self._ends[:, 0]] + share * values[self._ends[:, 1]]])
 
+    def areas(self, points: np.ndarray) -> np.ndarray:
+        """The shares (k,) of nodes in the area of the triangles (m²)."""
+        at = np.pad(self.extended(points), ((0, 0), (0, 3 - points.shape[1])))
+        a, b, c = at[self.facets].transpose(1, 0, 2)
+        return np.bincount(self.facets.ravel(), np.linalg.norm(np.cross(b - a, c - a), axis=1).repeat(3) / 6.0, len(at))
+
 
 @dataclass(frozen=True)
 class Surface:

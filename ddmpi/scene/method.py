@@ -341,7 +341,7 @@ class Output(Table, frozen=True, kw_only=True):
     error : field and picture of the estimated discretization error
     figures : pictures
     steps : load steps whose fields are written: ends of legs, or all
-    animation : animation.gif plays the load steps with fields, coloured by von Mises stress or what it names
+    animation : animation.gif plays the load steps with fields: von Mises stress or what it names
     length_unit, stress_unit : labels in pictures, summary and messages; numbers are in the scene's own units
     magnification : of displacements and gaps in bodies.png; left out, it suits the picture
     mirrored : bodies.png of an axisymmetric scene also shows the other half

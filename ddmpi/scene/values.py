@@ -28,8 +28,8 @@ WHERE = {2: "in the plane", 3: "in space"}
 Side = Literal["front", "back", "left", "right", "top", "bottom", "iso"]
 Field = Literal["von_mises", "displacement", "displacement_x", "displacement_y", "displacement_z", "stress_xx",
                 "stress_yy", "stress_zz", "stress_xy", "stress_yz", "stress_xz",
-                "principal_1", "principal_2", "principal_3"]
-"""What colours of an animation may show, by the names of a path's columns."""
+                "principal_1", "principal_2", "principal_3", "pressure"]
+"""What an animation may show: fields of bodies by the names of a path's columns, or the pressure of contacts."""
 
 Formula = Annotated[str, msgspec.Meta(min_length=1, max_length=1000)]
 """A number as a formula in the coordinates x, y and, in space, z, such as ``-6e7 * (1 + x/3)``."""

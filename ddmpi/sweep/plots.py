@@ -80,7 +80,7 @@ def draw_curves(rows: list[dict[str, Any]], result: str, key: str, summary: dict
     for k, (combination, curve) in enumerate(curves.items()):
         at = [(row[key], row[result]) for row in curve]
         at = [(str(value), number) for value, number in at] if words else sorted(at)
-        share = k / max(len(curves) - 1, 1)
+        share = k / (len(curves) - 1) if len(curves) > 1 else 1.0
         colour = plt.get_cmap("viridis")(0.9 * share) if len(curves) > 1 else COLOURS["normal"]
         label = ", ".join(f"{value:g}" if isinstance(value, int | float) else str(value) for value in combination)
         axes.plot(*zip(*at, strict=True), "o" if words else "o-", color=colour, label=label,

@@ -2,8 +2,11 @@
 
 import json
 import os
+import re
+import shutil
 import subprocess
 import sys
+from html import escape, unescape
 from html.parser import HTMLParser
 
 import made_up
@@ -20,6 +23,8 @@ from ddmpi.judge.equilibrium import Mechanism
 from ddmpi.judge.motions import MotionsOfBody
 from ddmpi.results.summary import write_mechanism
 from ddmpi.system import interrupt
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 
 VOID = {"meta", "img"}
 
@@ -304,3 +309,26 @@ def test_numbers_of_a_table_share_a_prefix():
                  Column("y", [-5.0e3, 0.0, 1.0], "Pa"))
     assert Page(text).tables["t"] == [["name", "x MPa", "y MPa"], ["a", "2.000", "-0.005000"], ["b", "≈ 0", "0"],
                                       ["c", "–", "1.000e-06"]]
+
+
+@pytest.mark.skipif(not CHROMIUM, reason="no Chromium to open reports with")
+def test_a_report_fits_a_phone(run):
+    """In a window of 390 pixels wide tables scroll in their own boxes, with the names of rows in place, and the page
+    does not; in one of 1200 pixels nothing scrolls."""
+    page = write_report(run).read_text(encoding="utf-8")
+    script = """<script>addEventListener("load", () => document.title = JSON.stringify([...document.querySelectorAll(
+      "iframe")].map(({contentDocument: page}) => {
+        const boxes = [...page.querySelectorAll(".wide")].filter(box => box.scrollWidth > box.clientWidth);
+        for (const box of boxes) box.scrollLeft = 50;
+        return {beyond: page.documentElement.scrollWidth - page.documentElement.clientWidth, moved: boxes.map(
+          box => [box, box.querySelector("tbody th")].map(one => one.getBoundingClientRect().left))};
+    })))</script>"""
+    frame = '<iframe style="width: {}px; height: 800px; border: 0" srcdoc="{}"></iframe>'
+    (run / "two.html").write_text(script + "".join(frame.format(width, escape(page)) for width in (390, 1200)),
+                                  encoding="utf-8")
+    dom = subprocess.run([CHROMIUM, "--headless=new", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=20000",
+                          f"--user-data-dir={run / 'profile'}", "--dump-dom", f"file://{run}/two.html"],
+                         capture_output=True, text=True, timeout=scenes.LIMIT)
+    phone, desk = json.loads(unescape(re.search("<title>(.*?)</title>", dom.stdout)[1]))
+    assert phone["beyond"] == 0 and len(phone["moved"]) >= 3 and desk == {"beyond": 0, "moved": []}
+    assert all(name == box for box, name in phone["moved"])

@@ -62,7 +62,7 @@ def test_a_view_has_what_the_results_have(tmp_path):
     above = arrays["above"].reshape(2, -1, 3)  # the upper body's side looks down, the lower one's up
     assert above[0, :, 2] == pytest.approx(-3e-3, rel=1e-3) and above[1, :, 2] == pytest.approx(3e-3, rel=1e-3)
     upper, lower = np.array(head["shifts"])
-    assert upper[2] - lower[2] == pytest.approx(0.32 * np.sqrt(3.0))  # apart along the normal
+    assert upper[2] - lower[2] == pytest.approx(0.45 * np.sqrt(3.0))  # apart along the normal
 
 
 def test_a_view_closes_gaps_as_pictures_do(tmp_path):

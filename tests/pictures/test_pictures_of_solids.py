@@ -9,11 +9,12 @@ import made_up
 import made_up_solids
 import numpy as np
 import PIL.Image
+import PIL.ImageSequence
 import pytest
 from documented import undocumented
 from matplotlib import image
 from mpi4py import MPI
-from scenes import pinched_blocks, to_toml
+from scenes import pinched_blocks, run_here, to_toml, write_scene
 from solid_scenes import two_boxes
 
 from ddmpi.cli.report import write_report
@@ -24,6 +25,7 @@ from ddmpi.pictures.contacts import _aside, draw_contacts, draw_maps, flatten
 from ddmpi.pictures.curves import draw_steps
 from ddmpi.pictures.draw import draw_all
 from ddmpi.pictures.moved import apart, directions, rigid_parts
+from ddmpi.pictures.sheet import limits
 from ddmpi.results.tables import STATUS, Results, read_results
 from ddmpi.run.run import prepare_scene
 from ddmpi.scene.method import VIEWS, Output
@@ -76,6 +78,19 @@ def test_what_is_nearer_hides_what_is_behind(monkeypatch, cut):
         assert face[row, column] == (z.argmax() if np.isfinite(z.max()) else -1)
         if face[row, column] >= 0:
             assert weights[row, column] == pytest.approx(at[face[row, column]], abs=1e-9)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_colours_end_where_areas_do(order):
+    """And not where nodes are many, as in a refined corner; the areas of nodes are together that of what is drawn."""
+    values, area = np.arange(1000.0), np.append(np.ones(500), np.zeros(500))
+    assert limits(values[::-1], area[::-1], 0.9) == (49.0, 449.0)
+    mesh = made_up_solids.box(size=(2.0, 1.0, 1.0), divisions=(3, 2, 2), order=order)
+    skin = views.Skin(views.View(mesh.points), mesh.points, mesh.triangles)
+    assert skin.areas(mesh.points).sum() == pytest.approx(10.0)
+    flat = made_up.block((0.0, 0.0), (4, 3), order)
+    skin = views.Skin(views.View(flat.points), flat.points, flat.triangles)
+    assert skin.areas(flat.points).sum() == pytest.approx(np.ptp(flat.points, axis=0).prod())
 
 
 def test_edges_are_drawn_where_facets_meet_at_an_angle_and_are_seen():
@@ -283,6 +298,32 @@ def test_animations_show_the_field_that_is_asked_for(tmp_path, what, label):
     if what == "stress_xz":
         with pytest.raises(ValueError, match="drop stress = false"):
             Output(animation=what, stress=False)
+
+
+def red_pixels(path) -> list[int]:
+    """How many pixels of each frame have the colours of high pressures."""
+    found = []
+    with PIL.Image.open(path) as picture:
+        for frame in PIL.ImageSequence.Iterator(picture):
+            red, green, blue = np.moveaxis(np.asarray(frame.convert("RGB")).astype(int), 2, 0)
+            found.append(int(((red > 150) & (green < 120) & (blue < 100)).sum()))
+    return found
+
+
+def test_animations_show_pressures(tmp_path):
+    """With animation = "pressure": contacts are as red as they are pressed, of solids on bodies that are drawn apart,
+    in the plane along the bodies; the colours are those of the largest pressure of all load steps."""
+    stacked(tmp_path, times=(1.0, 2.0))
+    assert tmp_path / "animation.gif" in draw_all(tmp_path, animation="pressure")
+    half, whole = red_pixels(tmp_path / "animation.gif")
+    assert whole > 2 * half > 0
+    flat = pinched_blocks(2) | {"time": {"points": [1.0, 2.0], "steps": 1}, "history": {
+        "load": {"times": [0.0, 2.0], "factors": [0.0, 1.0]}}, "output": {"animation": "pressure", "stress": False}}
+    for body in flat["body"]:
+        body["traction"] = [each | {"history": "load"} for each in body["traction"]]
+    assert run_here(write_scene(flat, tmp_path / "scene.toml"), tmp_path / "flat").code == 0
+    half, whole = red_pixels(tmp_path / "flat" / "animation.gif")
+    assert whole > half + 50
 
 
 @pytest.mark.skipif(not shutil.which("ffmpeg"), reason="no ffmpeg to write videos")
