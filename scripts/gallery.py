@@ -4,7 +4,6 @@
     scripts/study gallery [--only NAME ...] [--output docs/figures] [--runs FOLDER]
     scripts/study gallery --check [--runs FOLDER]   # docs/tables/gallery.md: areas, seconds and sizes of what is drawn
     scripts/study gallery --views docs/start/views  # view.html of each run, for the site (not kept in the repository)
-    scripts/study gallery --overlaps [--only NAME ...]  # the part of the processor time that looks for overlaps takes
 
 Pictures are gallery_NAME.png in the folder --output, animations gallery_NAME.gif, and front_NAME.png for the README.
 The words are in docs/start/gallery.md.
@@ -31,7 +30,6 @@ from experiment import ROOT, processor, publish, table
 from far import alone, meshing
 from matplotlib import colormaps
 from PIL import Image, ImageOps
-from solid_scenes import two_boxes
 
 from ddmpi import __version__
 from ddmpi.pictures.browser import write_view
@@ -39,7 +37,6 @@ from ddmpi.pictures.draw import pictures_of
 from ddmpi.pictures.sheet import STYLE, start_drawing
 from ddmpi.results.histories import at_step, placed
 from ddmpi.results.tables import Results, read_results
-from ddmpi.scene.reader import write_toml
 from ddmpi.system.files import MECHANISM
 
 WIDEST = 1000
@@ -361,39 +358,6 @@ def large_view(folder: Path) -> tuple[str, bool]:
             f"takes {taken:.1f} s (limit 3) and {size / 1e6:.1f} MB (limit 15)."), taken <= 3.0 and size <= VIEW
 
 
-WATCHED = """
-import time
-from ddmpi.cli.main import main
-from ddmpi.judge import plausible
-
-taken, doubt_overlaps = [], plausible.doubt_overlaps
-def watched(*given):
-    start = time.process_time()
-    found = doubt_overlaps(*given)
-    taken.append(time.process_time() - start)
-    return found
-plausible.doubt_overlaps = watched
-try:
-    main()
-finally:
-    print(f"{sum(taken):.3f} of {time.process_time():.2f} s, {sum(taken) / time.process_time():.1%}")
-"""
-"""A run that says which part of its processor time the search for overlaps took."""
-
-
-def overlaps(exhibits: list[Exhibit]) -> None:
-    """Print that part for exhibits, and for two boxes in space of both orders."""
-    with tempfile.TemporaryDirectory() as folder:
-        paths = [exhibit.path for exhibit in exhibits]
-        for N, order in ((8, 1), (16, 1), (4, 2), (8, 2)):
-            paths.append(Path(folder) / f"two_boxes_{N}_order_{order}.toml")
-            paths[-1].write_text(write_toml(two_boxes(N, N + 1 - order, order)), encoding="utf-8")
-        for path in paths:
-            done = subprocess.run([sys.executable, "-c", WATCHED, "run", path, "--no-figures", "--output",
-                                   f"{folder}/{path.stem}"], text=True, capture_output=True)
-            print(f"{path.stem}: overlaps took {done.stdout.splitlines()[-1]}", flush=True)
-
-
 def keep(picture: Path, path: Path) -> None:
     """A smaller copy of a picture, in 256 colours and without its white margins."""
     with Image.open(picture) as opened:
@@ -439,11 +403,8 @@ def main() -> None:
     parser.add_argument("--runs", type=Path, metavar="FOLDER", help="keep the runs there, and use those that are there")
     parser.add_argument("--views", type=Path, metavar="FOLDER", help="copy the views there, and draw nothing")
     parser.add_argument("--check", action="store_true", help="write the table of what is drawn, and draw nothing")
-    parser.add_argument("--overlaps", action="store_true", help="print the time for overlaps, draw nothing")
     asked = parser.parse_args()
     chosen = [exhibit for exhibit in EXHIBITS if exhibit.name in asked.only]
-    if asked.overlaps:
-        return overlaps(chosen)
     figures, rows, right = asked.views or asked.output, [], True
     figures.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as temporary:

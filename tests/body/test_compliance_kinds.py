@@ -144,12 +144,12 @@ def test_memory_decides_in_a_run(comm, monkeypatch):
 
 def test_plan_says_what_was_chosen_and_why(tmp_path):
     scene = scenes.write_scene(pinched_blocks(6), tmp_path / "scene.toml")
-    run = scenes.run_command(scene, tmp_path / "out", "--no-figures")
+    run = scenes.run_here(scene, tmp_path / "out", "--no-figures")
     assert run.code == 0, run.output
     way = "\n" if mumps_is_known() else " through PETSc (MUMPS is not called directly: "
     assert f"upper, lower: direct solver{way}" in run.stdout
     assert [body["compliance"] for body in run.summary["bodies"].values()] == ["explicit", "explicit"]
-    run = scenes.run_command(scene, tmp_path / "petsc", "--no-figures", "-body_mat_mumps_icntl_10", "0")
+    run = scenes.run_command(scene, tmp_path / "petsc", "--no-figures", "-body_mat_mumps_icntl_10", "0", ranks=1)
     assert ("upper, lower: direct solver through PETSc (MUMPS is not called directly: -body_mat_mumps_icntl_10 is an "
             "option of PETSc's)\n") in run.stdout
     run = scenes.run_here(scene, tmp_path / "direct", "--no-figures", "--set", "method.compliance=direct")

@@ -7,7 +7,7 @@ import tomllib
 import numpy as np
 import pytest
 from mpi4py import MPI
-from scenes import ROOT, pinched_blocks, rectangle, run_python, to_toml, tower, write_scene
+from scenes import ROOT, call, pinched_blocks, rectangle, run_python, to_toml, tower, write_scene
 from solid_scenes import HELD, box, two_boxes
 
 from ddmpi.check.check import check
@@ -143,12 +143,11 @@ def test_the_lines_mend_the_scene(tmp_path):
     start = text.index("[[contact]]", text.index("[[contact]]") + 1)
     broken = text[:start] + text[text.index("[history.tighten]"):]
     (tmp_path / "scene.toml").write_text(broken, encoding="utf-8")
-    args = ["-m", "ddmpi", "check", "scene.toml", "--no-figures"]
-    seen = run_python(args, 3, tmp_path, tmp_path)
+    seen = call("check", str(tmp_path / "scene.toml"), "--no-figures")
     assert seen.code == 3
     lines = re.search(r"^\[\[contact\]\]\n.*\n.*\n", seen.stdout, re.M).group()
     (tmp_path / "scene.toml").write_text(f"{broken}\n{lines}", encoding="utf-8")
-    assert run_python(args, 1, tmp_path, tmp_path).code == 0
+    assert call("check", str(tmp_path / "scene.toml"), "--no-figures").code == 0
 
 
 def test_what_there_is_to_say(looked_at):
@@ -268,18 +267,16 @@ def test_a_check_that_is_interrupted_has_nothing_to_save(monkeypatch):
 @pytest.mark.slow
 def test_ranks_and_ends(tmp_path):
     """On any number of ranks it says the same; scenes that are wrong end as a run of them does."""
-    write_scene(two_boxes(2, 3), tmp_path / "scene.toml")
-    said = {}
-    for ranks in (1, 3):
-        run = run_python(["-m", "ddmpi", "check", "scene.toml", "--no-figures"], ranks, tmp_path, tmp_path)
+    path, said = str(write_scene(two_boxes(2, 3), tmp_path / "scene.toml")), {}
+    for ranks, run in ((1, call("check", path, "--no-figures")),
+                       (3, run_python(["-m", "ddmpi", "check", path, "--no-figures"], 3))):
         assert (run.code, run.own_stderr) == (0, "")
         said[ranks] = run.stdout.replace(f"ranks: {ranks}", "")
     assert said[1] == said[3]
     for setting in ('contact.0.on=["front", "nowhere"]', "body.upper.material.poisson=0.7"):
         ends = []
         for command in ("run", "check"):
-            run = run_python(["-m", "ddmpi", command, "scene.toml", "--output", "out", "--set", setting], 2, tmp_path,
-                             tmp_path)
+            run = call(command, path, "--output", str(tmp_path / "out"), "--set", setting)
             ends.append((run.code, run.messages))
         assert ends[0] == ends[1]
         assert ends[0][0] == 2

@@ -99,13 +99,10 @@ def test_fallback_that_fails_on_one_rank_ends_on_both(comm, monkeypatch):
 @two_ranks
 @pytest.mark.parametrize("contrast", [1e-4, 1.0, 1e4])
 def test_methods_agree(comm, contrast):
-    """Newton and the accelerated map, whichever body is the softer one, against the coupled problem."""
+    """The accelerated map, whichever body is the softer one, against the coupled problem; Newton in test_extremes."""
     scene = scenes.pinched_blocks(6)
     scene["body"][0]["material"]["young"] *= contrast
-    for outer in ("newton", "anderson"):
-        assembly = scenes.prepare_scene(comm, scene | {"method": {"outer": outer}})
-        answer = solve(assembly, assembly.scene.method)
-        found = answer.outer
-        exact = exact_forces(assembly)
-        assert answer.certified
-        assert np.linalg.norm(everywhere(assembly, found.forces) - exact) <= 1e-5 * np.linalg.norm(exact)
+    assembly = scenes.prepare_scene(comm, scene | {"method": {"outer": "anderson"}})
+    answer, exact = solve(assembly, assembly.scene.method), exact_forces(assembly)
+    assert answer.certified
+    assert np.linalg.norm(everywhere(assembly, answer.outer.forces) - exact) <= 1e-5 * np.linalg.norm(exact)

@@ -5,7 +5,7 @@ import csv
 import made_up
 import numpy as np
 import pytest
-from scenes import run_python
+from scenes import call
 
 from ddmpi.errors import InputError
 from ddmpi.results.fields import Fields, write_fields
@@ -85,7 +85,7 @@ def test_the_command_writes_a_table_and_overwrites_no_other_file(tmp_path):
     low = read_results(tmp_path).points.min(axis=0)
     ends = ["--from", f"-1,{low[1] + 0.1:g}", "--to", f"4,{low[1] + 0.1:g}"]
     for points in ("11", "26"):
-        run = run_python(["-m", "ddmpi", "path", str(tmp_path), *ends, "--points", points], ranks=1)
+        run = call("path", str(tmp_path), *ends, "--points", points)
         assert run.code == 0 and run.stdout.strip() == str(tmp_path / "path.csv"), run.output
     with open(tmp_path / "path.csv", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
@@ -93,5 +93,5 @@ def test_the_command_writes_a_table_and_overwrites_no_other_file(tmp_path):
     (tmp_path / "mine.csv").write_text("x,y\n")
     with pytest.raises(InputError, match=r"mine.csv: is there already"):
         write_path(tmp_path / "mine.csv", {"distance": np.zeros(1)})
-    refused = run_python(["-m", "ddmpi", "path", str(tmp_path), "--from", "0;1", "--to", "1,1"], ranks=1)
+    refused = call("path", str(tmp_path), "--from", "0;1", "--to", "1,1")
     assert refused.code == 2 and "'0;1' is no point" in refused.output

@@ -1,39 +1,18 @@
 """Runs that must fail: the exit code, one message that names the cause, nothing half-written, and an end in time.
 
-All runs are children with a time limit, several at once: most of their time they wait for mpirun.
+All runs are in children with a time limit, in the same one where they can.
 """
 
 import copy
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 
 import pytest
 import scenes
+from fault_cases import run_in_one_go
 from scenes import Run, pinched_blocks
 
 pytestmark = pytest.mark.slow
 
-AT_ONCE = 2
 RELAXATION = ("--set", "method.outer=relaxation")
-
-
-def run_all(jobs: dict[object, Callable[[], Run]]) -> dict[object, Run | Exception]:
-    """The jobs' runs; an exception stands for a run that did not end."""
-    def guarded(job: Callable[[], Run]) -> Run | Exception:
-        try:
-            return job()
-        except Exception as error:
-            return error
-
-    with ThreadPoolExecutor(AT_ONCE) as pool:
-        return dict(zip(jobs, pool.map(guarded, jobs.values()), strict=True))
-
-
-def of(runs: dict, name: object) -> Run:
-    if isinstance(runs[name], Exception):
-        raise runs[name]
-    return runs[name]
 
 
 def changed(body: int | None = None, **entries) -> dict:
@@ -68,17 +47,17 @@ ON_SCENE = {
 
 @pytest.fixture(scope="module")
 def bad_input(tmp_path_factory) -> dict[str, Run]:
-    def job(scene: dict, arguments: list[str]) -> Callable[[], Run]:
+    faults = []
+    for scene, arguments, _ in ON_SCENE.values():
         folder = tmp_path_factory.mktemp("bad_input")
-        scenes.write_scene(scene, folder / "scene.toml")
-        return lambda: scenes.run_command("scene.toml", folder / "out", *arguments, cwd=folder)
-
-    return run_all({name: job(scene, arguments) for name, (scene, arguments, _) in ON_SCENE.items()})
+        path = scenes.write_scene(scene, folder / "scene.toml")
+        faults.append((0, "", 0, "", str(folder / "out"), [str(path), *arguments]))
+    return dict(zip(ON_SCENE, run_in_one_go(faults, "run"), strict=True))
 
 
 @pytest.mark.parametrize("name", ON_SCENE)
 def test_bad_input(bad_input, name):
-    run = of(bad_input, name)
+    run = bad_input[name]
     assert run.code == 2, run.output
     message = only_message(run)
     for word in ON_SCENE[name][2]:
@@ -97,18 +76,17 @@ def surroundings(tmp_path_factory) -> dict[str, Run]:
     taken.mkdir()
     (taken / "summary.json").write_text("precious")
 
-    def command(folder: Path, *arguments: str, path: Path = scene, ranks: int = 2) -> Callable[[], Run]:
-        return lambda: scenes.run_command(path, folder, *arguments, ranks=ranks, cwd=here)
-
-    return run_all({"one rank": command(here / "one", *RELAXATION, ranks=1), "taken": command(taken),
-                    "no scene": command(here / "none", path=here / "nowhere.toml")})
+    one = scenes.run_command(scene, here / "one", *RELAXATION, ranks=1, cwd=here)
+    two = run_in_one_go([(0, "", 0, "", str(taken), [str(scene)]),
+                         (0, "", 0, "", str(here / "none"), [str(here / "nowhere.toml")])], "run")
+    return dict(zip(("one rank", "taken", "no scene"), (one, *two), strict=True))
 
 
 @pytest.mark.parametrize(("name", "words", "files"), [
     ("one rank", ["mpirun -n 2 (started on 1)"], None), ("no scene", ["nowhere.toml"], None),
     ("taken", ["taken", "summary.json"], {"summary.json"})])
 def test_surroundings_that_do_not_fit_are_named_and_left_alone(surroundings, name, words, files):
-    run = of(surroundings, name)
+    run = surroundings[name]
     assert run.code == 2 and all(word in only_message(run) for word in words)
     assert run.files == files if files else not run.folder.exists()
     if name == "taken":
@@ -132,15 +110,22 @@ FAILING_SOLVERS = {
 def unsuccessful(tmp_path_factory) -> dict[str, Run]:
     here = tmp_path_factory.mktemp("unsuccessful")
     scene = scenes.write_scene(pinched_blocks(4), here / "scene.toml")
-    return run_all({name: lambda name=name, arguments=arguments: scenes.run_command(
-        scene, here / name, "--no-figures", *arguments)
-        for name, arguments in (UNSUCCESSFUL | FAILING_SOLVERS).items()})
+    thin = pinched_blocks(6, max_iterations=1)
+    thin["body"][1]["mesh"] |= {"divisions": [90, 2], "size": [0.01, 1.0]}
+    thin["rigid"] = [{"name": "spare", "shape": "plane", "point": [0.0, -9.0], "normal": [0.0, 1.0]}]
+    cases = {name: [str(scene), *arguments] for name, arguments in UNSUCCESSFUL.items()}
+    cases["thin"] = [str(scenes.write_scene(thin, here / "thin.toml"))]
+    orderly = run_in_one_go([(0, "", 0, "", str(here / name), more) for name, more in cases.items()], "run",
+                            "--no-figures")
+    return dict(zip(cases, orderly, strict=True)) | {  # PETSc reads options of the command line once in a process
+        name: scenes.run_command(scene, here / name, "--no-figures", *arguments)
+        for name, arguments in FAILING_SOLVERS.items()}
 
 
 @pytest.mark.parametrize(("name", "iterations"), [("max_iterations", 3), ("max_iterations of newton", 2),
                                                   ("theta = 1", None)])
 def test_unsuccessful_runs_leave_results_that_say_so(unsuccessful, name, iterations):
-    run = of(unsuccessful, name)
+    run = unsuccessful[name]
     assert run.code == 3, run.output
     message, summary = only_message(run), run.summary
     assert summary["converged"] is False and summary["reason"] in message
@@ -154,13 +139,9 @@ def test_unsuccessful_runs_leave_results_that_say_so(unsuccessful, name, iterati
         assert summary["outer_iterations"] <= 500 and "theta" in run.output
 
 
-def test_an_unsuccessful_end_warns_of_thin_cells_and_slender_bodies(tmp_path):
+def test_an_unsuccessful_end_warns_of_thin_cells_and_slender_bodies(unsuccessful):
     """They may be why; each warning stands once on the screen, and in the summary."""
-    scene = scenes.pinched_blocks(6)
-    scene["body"][1]["mesh"] |= {"divisions": [90, 2], "size": [0.01, 1.0]}
-    scene["rigid"] = [{"name": "spare", "shape": "plane", "point": [0.0, -9.0], "normal": [0.0, 1.0]}]
-    scene["method"] = {"max_iterations": 1}
-    run = scenes.run_command(scenes.write_scene(scene, tmp_path / "scene.toml"), tmp_path / "out", "--no-figures")
+    run = unsuccessful["thin"]
     assert run.code == 3 and len(run.summary["warnings"]) == 3
     for words in ("spare: no contact names it", "360 of 360 triangles are thin", "times as long as it is thick"):
         assert sum(words in line for line in run.output.splitlines()) == 1
@@ -169,7 +150,7 @@ def test_an_unsuccessful_end_warns_of_thin_cells_and_slender_bodies(tmp_path):
 
 def test_ksp_that_cannot_reach_its_tolerance(unsuccessful):
     """Options from the scene and from the command line together."""
-    run = of(unsuccessful, "ksp")
+    run = unsuccessful["ksp"]
     assert run.code == 4, run.output
     message = only_message(run)
     assert "body 'upper'" in message and "cg" in message and "DIVERGED_MAX_IT" in message
@@ -177,7 +158,7 @@ def test_ksp_that_cannot_reach_its_tolerance(unsuccessful):
 
 
 def test_subproblem_that_cannot_reach_its_tolerance(unsuccessful):
-    run = of(unsuccessful, "qp")
+    run = unsuccessful["qp"]
     assert run.code == 4, run.output
     assert "DIVERGED_MAXITS" in only_message(run)
     assert run.files == set()

@@ -9,15 +9,13 @@ import h5py
 import numpy as np
 import pytest
 from mpi4py import MPI
+from restarts import go_on_from_checkpoints
 from scenes import COULOMB, certified, rectangle, run_here, write_scene
 
 import ddmpi
 from ddmpi.errors import InputError
 from ddmpi.pictures.draw import draw_all
-from ddmpi.results import checkpoint
 from ddmpi.results.tables import read_results
-from ddmpi.run.run import run as run_scene
-from ddmpi.scene.reader import read_scene_file
 from ddmpi.system.numbers import Frame
 
 MU = COULOMB["coefficient"]
@@ -332,27 +330,10 @@ def test_pictures_are_of_where_bodies_are(tmp_path):
     assert (tmp_path / "results" / "animation.gif").stat().st_size > 1000
 
 
-def test_a_march_goes_on_from_any_step(tmp_path, monkeypatch):
-    """From checkpoints here and there: the tables of an uninterrupted run, byte for byte."""
-    path = write_scene(disc() | {"checkpoint": {"iterations": 2}, "output": {"steps": "all", "stress": False}},
-                       tmp_path / "scene.toml")
-    kept, write = [], checkpoint.write
-
-    def keep(target: Path, *arguments) -> None:
-        kept.append(tmp_path / f"{len(kept)}")
-        kept[-1].mkdir()
-        write(kept[-1] / target.name, *arguments)
-
-    def compute(folder: Path, restart: Path | None = None) -> dict[str, bytes]:
-        run_scene(MPI.COMM_SELF, read_scene_file(path), str(path), str(folder), False, restart and str(restart))
-        return {each.name: each.read_bytes() for each in [*folder.glob("*.csv"), folder / "result.h5"]}
-
-    monkeypatch.setattr(checkpoint, "write", keep)
-    whole = compute(tmp_path / "whole")
-    monkeypatch.setattr(checkpoint, "write", lambda *_: None)
-    assert len(kept) >= 4
-    for folder in kept[::2]:
-        assert compute(folder, folder) == whole
+def test_a_march_goes_on_from_any_step(tmp_path):
+    """From checkpoints here and there."""
+    go_on_from_checkpoints(disc() | {"checkpoint": {"iterations": 2}, "output": {"steps": "all", "stress": False}},
+                           tmp_path, slice(None, None, 2))
 
 
 def test_prepared_models_move_far():

@@ -3,18 +3,15 @@
 Also what the results may depend on: not on the run, nor the folder, nor the order of bodies and ranks.
 """
 
-import json
 import os
 import re
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import bolts
-import fault
 import h5py
 import numpy as np
 import pytest
@@ -22,7 +19,7 @@ import scenes
 from fault_cases import RESULTS, contents, run_in_one_go
 from scenes import Run, pinched_blocks
 from solid_scenes import two_boxes
-from test_failures import of, only_message, run_all
+from test_failures import only_message
 
 pytestmark = pytest.mark.slow
 
@@ -94,7 +91,13 @@ def files_then(interrupted) -> dict[str, set[str]]:
 
 
 @pytest.fixture(scope="module")
-def continued(here, interrupted, files_then) -> dict[str, Run]:
+def whole(interrupted) -> bytes:
+    """The checkpoint of one of them."""
+    return (interrupted["Neumann problem"].folder / "checkpoint.h5").read_bytes()
+
+
+@pytest.fixture(scope="module")
+def continued(here, interrupted, files_then, whole) -> dict[str, Run]:
     """By name, the runs that go on from a checkpoint."""
     names = [name for name, row in INTERRUPTED.items() if row[5]]
     runs = run_in_one_go([(0, "", 0, "", str(here / name),
@@ -128,40 +131,35 @@ def test_restart_ends_with_the_results_of_the_run_that_was_not_interrupted(conti
 
 
 @pytest.fixture(scope="module")
-def from_outside(here) -> dict[str, tuple[Run, Run]]:
+def from_outside(here) -> tuple[Run, Run]:
     """A run on more unknowns than it could solve in time, ended by a signal to mpirun, which passes it on."""
     scene = scenes.write_scene(pinched_blocks(12, theta=0.01, tolerance=1e-9, max_iterations=10**6),
                                here / "endless.toml")
-
-    def job() -> tuple[Run, Run]:
-        folder = here / "from outside"
-        command = [*os.environ.get("MPIRUN", "mpirun").split(), "-n", "2", sys.executable, "-m", "ddmpi", "run",
-                   str(scene), "--output", str(folder), "--set", "checkpoint.iterations=5"]
-        with subprocess.Popen(command, env=scenes.clean_environment(), text=True, stdin=subprocess.DEVNULL,
-                              stdout=subprocess.PIPE, stderr=subprocess.PIPE) as child:
-            end = time.monotonic() + scenes.LIMIT
-            while not (folder / "checkpoint.h5").exists() and time.monotonic() < end:
-                time.sleep(0.1)
-            child.send_signal(signal.SIGUSR1)
-            stdout, stderr = child.communicate(timeout=scenes.LIMIT)
-        run = Run(child.returncode, stdout, stderr, folder)
-        k = int(re.search(r"after iteration (\d+)", run.stderr)[1])
-        more = scenes.run_command(scene, folder, "--restart", str(folder), "--set", f"method.max_iterations={k + 2}",
-                                  "--no-figures")
-        return run, more
-
-    return run_all({"run": job})
+    folder = here / "from outside"
+    command = [*os.environ.get("MPIRUN", "mpirun").split(), "-n", "2", sys.executable, "-m", "ddmpi", "run",
+               str(scene), "--output", str(folder), "--set", "checkpoint.iterations=5"]
+    with subprocess.Popen(command, env=scenes.clean_environment(), text=True, stdin=subprocess.DEVNULL,
+                          stdout=subprocess.PIPE, stderr=subprocess.PIPE) as child:
+        end = time.monotonic() + scenes.LIMIT
+        while not (folder / "checkpoint.h5").exists() and time.monotonic() < end:
+            time.sleep(0.1)
+        child.send_signal(signal.SIGUSR1)
+        stdout, stderr = child.communicate(timeout=scenes.LIMIT)
+    run = Run(child.returncode, stdout, stderr, folder)
+    k = int(re.search(r"after iteration (\d+)", run.stderr)[1])
+    return run, scenes.run_command(scene, folder, "--restart", str(folder), "--set",
+                                   f"method.max_iterations={k + 2}", "--no-figures")
 
 
 def test_a_signal_to_mpirun_is_heard(from_outside):
     """MPICH's mpirun may then return zero instead of the exit code of the ranks."""
-    run, _ = of(from_outside, "run")
+    run, _ = from_outside
     assert run.code == 6 or (run.code == 0 and os.environ.get("BARE_SIGNALS"))
     assert only_message(run).startswith("ddmpi: interrupted by SIGUSR1: ")
 
 
 def test_max_iterations_may_be_another_after_the_restart(from_outside):
-    run, more = of(from_outside, "run")
+    run, more = from_outside
     k = int(re.search(r"after iteration (\d+)", run.stderr)[1])
     assert more.code == 3
     assert more.summary["outer_iterations"] == k + 2
@@ -183,7 +181,7 @@ END = """
 import os, signal
 
 class Last:
-    def __del__(self, kill=os.kill, process=os.getpid(), number=signal.{number}):
+    def __del__(self, kill=os.kill, process=os.getpid(), number=signal.SIGTERM):
         kill(process, number)
 
 last = Last()
@@ -199,8 +197,8 @@ def run_with(hook: str, here: Path, monkeypatch, *arguments: str, ranks: int = 2
     return scenes.run_python(["-m", "ddmpi", *arguments], ranks, here / "out")
 
 
-@pytest.mark.parametrize("number", ["SIGUSR1", "SIGTERM"])
-@pytest.mark.parametrize("name", ["ddmpi.cli.main", "mpi4py", "petsc4py"])
+@pytest.mark.parametrize(("name", "number"), [("ddmpi.cli.main", "SIGUSR1"), ("mpi4py", "SIGTERM"),
+                                              ("petsc4py", "SIGUSR1")])
 def test_a_signal_while_the_program_is_loaded(here, tmp_path, monkeypatch, name, number):
     run = run_with(START.format(name=name, number=number), tmp_path, monkeypatch, "run", str(here / "newton.toml"),
                    "--output", str(tmp_path / "out"))
@@ -210,10 +208,9 @@ nothing to save"
     assert not run.folder.exists()
 
 
-@pytest.mark.parametrize("number", ["SIGUSR1", "SIGTERM"])
-def test_a_signal_after_the_results_comes_too_late(here, tmp_path, monkeypatch, number):
+def test_a_signal_after_the_results_comes_too_late(here, tmp_path, monkeypatch):
     """While the interpreter ends: it has taken its own handlers away then."""
-    run = run_with(END.format(number=number), tmp_path, monkeypatch, "run", str(here / "newton.toml"), "--no-figures",
+    run = run_with(END, tmp_path, monkeypatch, "run", str(here / "newton.toml"), "--no-figures",
                    "--output", str(tmp_path / "out"))
     assert (run.code, run.own_stderr, run.files) == (0, "", FILES)
 
@@ -227,33 +224,24 @@ def test_what_has_nothing_to_save_is_ended_by_a_signal(tmp_path, monkeypatch):
 
 
 @pytest.fixture(scope="module")
-def refused(here, interrupted) -> dict[str, tuple[Run, bytes]]:
-    """Runs that must not go on, from the checkpoint of a run that was interrupted, and this afterwards."""
-    source = here / "source"
-    kind = [NEUMANN, 9, "SIGTERM", str(source), []]
-    scenes.run_python([fault.__file__, json.dumps([[0, *kind]]), "run", str(here / "published.toml")])
-    whole = (source / "checkpoint.h5").read_bytes()
-
-    def job(name: str, *arguments: str, data: bytes = whole, restart: bool = True) -> Callable[[], tuple]:
-        folder = here / f"refused {name}"
-        folder.mkdir()
-        (folder / "checkpoint.h5").write_bytes(data)
-        more = ["--restart", str(folder)] if restart else ["--output", str(folder)]
-
-        def run() -> tuple[Run, bytes]:
-            run = scenes.run_python(["-m", "ddmpi", "run", str(here / "published.toml"), *more, *arguments],
-                                    folder=folder)
-            return run, (folder / "checkpoint.h5").read_bytes() == data
-        return run
-
-    return run_all({
-        "another scene": job("another scene", "--set", "body.upper.material.young=1e11"),
-        "another option": job("another option", "-qp_tao_type", "gpcg"),
-        "a damaged file": job("a damaged file", data=whole[:-100] + bytes(byte ^ 1 for byte in whole[-100:])),
-        "no restart": job("no restart", restart=False),
-        "nothing there": lambda: (scenes.run_command(here / "published.toml", here / "new", "--restart",
-                                                     str(here / "nowhere")), True),
-    })
+def refused(here, whole) -> dict[str, tuple[Run, bool]]:
+    """Runs that must not go on from a checkpoint, and whether they have left it as it was."""
+    kept = dict.fromkeys(REASONS, whole) | {"a damaged file": whole[:-100] + bytes(byte ^ 1 for byte in whole[-100:])}
+    del kept["nothing there"]
+    folders = {name: here / f"refused {name}" for name in REASONS}
+    for name, data in kept.items():
+        folders[name].mkdir()
+        (folders[name] / "checkpoint.h5").write_bytes(data)
+    more = {name: [str(here / "published.toml"), "--restart", str(folder)] for name, folder in folders.items()}
+    more["another scene"] += ["--set", "body.upper.material.young=1e11"]
+    more["no restart"], more["nothing there"][-1] = more["no restart"][:1], str(here / "nowhere")
+    option = more.pop("another option")  # of PETSc, which reads it once in a process
+    runs = dict(zip(more, run_in_one_go([(0, "", 0, "", str(folders[name]), arguments)
+                                         for name, arguments in more.items()], "run"), strict=True))
+    runs["another option"] = scenes.run_python(["-m", "ddmpi", "run", *option, "-qp_tao_type", "gpcg"],
+                                               folder=folders["another option"])
+    return {name: (run, name not in kept or (run.folder / "checkpoint.h5").read_bytes() == kept[name])
+            for name, run in runs.items()}
 
 
 REASONS = {
@@ -267,7 +255,7 @@ REASONS = {
 
 @pytest.mark.parametrize("name", REASONS)
 def test_what_is_not_the_same_run_is_refused_with_the_reason(refused, name):
-    run, untouched = of(refused, name)
+    run, untouched = refused[name]
     assert run.code == 2, run.output
     message = only_message(run)
     for words in REASONS[name]:
@@ -305,8 +293,7 @@ def repeated(here) -> dict[tuple[str, str], Run]:
 
     there = [name for name in variants if name[1] == "again"]
     rest = [name for name in variants if name[1] != "again"]
-    runs = run_all({"there": lambda: job(there, here / "newton again"), "here": lambda: job(rest, here)})
-    return dict(zip([*there, *rest], [*of(runs, "there"), *of(runs, "here")], strict=True))
+    return dict(zip([*there, *rest], [*job(there, here / "newton again"), *job(rest, here)], strict=True))
 
 
 def fields(run: Run) -> dict[str, np.ndarray]:

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from bolts import AREAS, FORCE, HEIGHT, HISTORY, YOUNG, bar, joint, of_joint
-from elsewhere import assert_same, found
 from mpi4py import MPI
 from scenes import call, certified, rectangle, run_here, write_scene
 
@@ -141,17 +140,6 @@ def test_derivatives_go_on_with_the_offset():
         ends = [certified(scene, **{key.replace(".", "__"): value + way * step}).summary for way in (-1.0, 1.0)]
         expected = (pretension(ends[1])[0] - pretension(ends[0])[0]) / (2.0 * step)
         assert derived[key]["contacts"]["cut"]["force"][1] == pytest.approx(expected, rel=1e-5), key
-
-
-@pytest.mark.mpi(ranks=3)
-def test_ranks_agree(comm):
-    """A joint of three bodies has one answer on three ranks, at each load step."""
-    scene = joint(steps=1, poisson=0.3, law={"law": "coulomb", "coefficient": 0.2})
-    scene["method"] = {"tolerance": 1e-11}  # one rank solves by dense factors, several by GMRES
-    one, other = found(scene), found(scene, comm)
-    assert_same(one, other)
-    for mine, theirs in zip(one.summary["steps"], other.summary["steps"], strict=True):
-        assert pretension(mine) == pytest.approx(pretension(theirs), rel=1e-8)
 
 
 @pytest.mark.parametrize(("contact", "words"), [

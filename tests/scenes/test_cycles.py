@@ -1,27 +1,22 @@
 """Cycles of load steps: what a history that repeats itself gives, ended when the forces do not change any more."""
 
 import copy
-import json
-import os
-import shutil
 
 import bolts
 import numpy as np
 import pytest
 from mpi4py import MPI
+from restarts import go_on_from_checkpoints
 from scenes import COULOMB, certified, rectangle, run_here, write_scene
 
 import ddmpi
 from ddmpi.cli.report import write_report
 from ddmpi.errors import InputError
 from ddmpi.pictures.curves import draw_steps
-from ddmpi.results import checkpoint
 from ddmpi.results.histories import at_step, step_times
 from ddmpi.results.summary import factor_at
 from ddmpi.results.tables import read_results
 from ddmpi.run.answer import Answer
-from ddmpi.run.run import run as run_scene
-from ddmpi.scene.reader import read_scene_file
 
 CYCLE = {"from": 1.0, "to": 3.0, "repeat": 3}
 
@@ -139,28 +134,10 @@ def test_files_of_cycles(tmp_path):
 
 
 @pytest.mark.parametrize("time", [{"steps": 2}, {"tolerance": 0.05}])
-def test_a_run_goes_on_within_cycles(time, tmp_path, monkeypatch):
-    """From checkpoints here and there: the tables of an uninterrupted run, byte for byte."""
-    scene = rubbed(cycle=CYCLE | {"until": 1e-9}, **time) | {"checkpoint": {"iterations": 1}}
-    path = write_scene(scene, tmp_path / "scene.toml")
-    settled, kept, write = read_scene_file(str(path)), [], checkpoint.write
-
-    def keep(file, *what):
-        write(file, *what)
-        kept.append(shutil.copytree(file.parent, tmp_path / f"kept {len(kept)}"))
-
-    def compute(folder, restart=None) -> dict:
-        run_scene(MPI.COMM_SELF, settled, str(path), str(folder), False, restart and str(restart))
-        summary = json.loads((folder / "summary.json").read_text())
-        return {name: (folder / name).read_bytes() for name in sorted(os.listdir(folder)) if name.endswith(".csv")} | {
-            key: summary[key] for key in ("steps", "cycles", "n_A", "energy", "certificate")}
-
-    monkeypatch.setattr(checkpoint, "write", keep)
-    whole = compute(tmp_path / "whole")
-    monkeypatch.setattr(checkpoint, "write", lambda *_: None)
-    assert len(kept) > 8
-    for folder in kept[3::5]:
-        assert compute(folder, folder) == whole
+def test_a_run_goes_on_within_cycles(time, tmp_path):
+    """From checkpoints here and there."""
+    go_on_from_checkpoints(rubbed(cycle=CYCLE | {"until": 1e-9}, **time) | {"checkpoint": {"iterations": 1}}, tmp_path,
+                           slice(3, None, 5), ("steps", "cycles", "n_A", "energy", "certificate"))
 
 
 def test_a_cycle_without_equilibrium_is_named():

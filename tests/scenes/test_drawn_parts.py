@@ -6,10 +6,10 @@ from scenes import ROOT, Run, certified, run_here
 
 pytestmark = pytest.mark.slow
 
-TARGETS = {"wheel_on_rail": 0.05, "pin_in_lug": 0.04, "dovetail": 0.1, "snap_hook": 0.04, "wedge_in_slot": 0.1}
-"""Coarser ones than those of the scenes."""
+TARGETS = {"wheel_on_rail": 0.05, "pin_in_lug": 0.04, "snap_hook": 0.04}
+"""Coarser ones than those of the scenes. Dovetail and wedge are exhibits of the gallery, whose test solves them."""
 
-SHARP = {"wheel_on_rail": "rail", "dovetail": "disc", "wedge_in_slot": "block"}
+SHARP = {"wheel_on_rail": "rail"}
 """The bodies whose largest stress stands at a corner that is drawn sharp."""
 
 
@@ -54,18 +54,6 @@ def test_pin_rests_in_its_hole(parts):
     assert abs(contact["moment"]) < 1e-4 * 2000 * 10
     assert summary["bodies"]["lug"]["reaction"] == pytest.approx(contact["force"], rel=1e-5, abs=1e-3)
     assert contact["pressure_max"] == pytest.approx(162.5, rel=0.03)  # of targets of 1 % and 0.5 %
-
-
-def test_flanks_slide_in_balance(parts):
-    """Dovetail, wedge and hook slide: the sideways force follows from slope, friction and load alone."""
-    pull, friction = 600.0, 0.2
-    root = parts["dovetail"].summary["contacts"]["root-disc"]
-    assert root["force"] == pytest.approx([-pull * (1 - friction) / (1 + friction), -pull], rel=1e-4)
-    angle, friction, push = np.deg2rad(15), 0.1, 20.0 * (10 + 80 * np.tan(np.deg2rad(15)))
-    sideways = push / 2 * (np.cos(angle) - friction * np.sin(angle)) / (np.sin(angle) + friction * np.cos(angle))
-    wedge = parts["wedge_in_slot"].summary["contacts"]
-    assert wedge["right"]["force"] == pytest.approx([-sideways, push / 2], rel=1e-3)
-    assert wedge["left"]["force"] == pytest.approx([sideways, push / 2], rel=1e-3)
 
 
 def test_snap_hook_is_a_beam(parts):

@@ -9,8 +9,23 @@ import copy
 
 import numpy as np
 import pytest
+from extremes import (
+    NO_FRICTION,
+    OTHER_ORDER,
+    attempt_solid,
+    coulomb,
+    divisions,
+    jump,
+    loads,
+    material,
+    side_by_side,
+    size,
+    tresca,
+)
 from mpi4py import MPI
 from scenes import everywhere, exact_forces, pinched_blocks, prepare_scene, the_interface
+
+from ddmpi.scene.keys import override
 
 pytestmark = pytest.mark.slow
 
@@ -19,50 +34,22 @@ TOLERANCE, DISTANCE = 1e-8, 1e-6
 two_ranks = pytest.mark.mpi(ranks=2)
 
 
-def scene(*changes, N: int = N, law: str = "coulomb") -> dict:
-    """Pinched blocks with `changes` made to the two bodies and the contact, each a function of these three."""
+def scene(*changes: dict, N: int = N, law: str = "coulomb") -> dict:
+    """Pinched blocks with `changes` by key."""
     made = copy.deepcopy(pinched_blocks(N, law, tolerance=TOLERANCE))
     for change in changes:
-        change(*made["body"], made["contact"][0])
+        for key, value in change.items():
+            override(made, key, value)
     return made
 
 
-def material(upper: float = 1.0, lower: float = 1.0, poisson: tuple[float, float] = (0.277, 0.277)):
-    def change(first: dict, second: dict, _contact: dict) -> None:
-        for body, factor, nu in ((first, upper, poisson[0]), (second, lower, poisson[1])):
-            body["material"] = {"young": 2.119e11 * factor, "poisson": nu}
-    return change
-
-
-def friction(law: str, value: float | dict | None = None):
-    key = {"coulomb": "coefficient", "tresca": "slip_bound"}.get(law)
-
-    def change(_first: dict, _second: dict, contact: dict) -> None:
-        contact["friction"] = {"law": law} | ({key: value} if key else {})
-    return change
-
-
-def jump(low: float, high: float) -> dict:
-    return {"along": "x", "points": [1.5, 1.5], "values": [low, high]}
-
-
-def mesh(nx: int, ny: int, width: float = 3.0, height: float = 1.0, gap: float = 0.0):
-    def change(first: dict, second: dict, _contact: dict) -> None:
-        for body, bottom in ((first, height + gap), (second, 0.0)):
-            body["mesh"] |= {"origin": [0.0, bottom], "size": [width, height], "divisions": [nx, ny]}
-    return change
-
-
-def loads(upper: dict, lower: dict):
-    def change(first: dict, second: dict, _contact: dict) -> None:
-        for body, tractions in ((first, upper), (second, lower)):
-            body["traction"] = [{"on": on, "value": list(value)} for on, value in tractions.items()]
-    return change
-
-
-def other_order(_first: dict, _second: dict, contact: dict) -> None:
-    contact["bodies"].reverse()
-    contact["on"].reverse()
+def clamps(upper: list, lower: list) -> dict:
+    """Other clamps, without the loads on what they hold."""
+    held = {"upper": upper, "lower": lower}
+    loaded = {body["name"]: body["traction"] for body in pinched_blocks(N)["body"]}
+    return {f"body.{name}.clamp": groups for name, groups in held.items()} | {
+        f"body.{name}.traction": [load for load in loaded[name] if load["on"] not in groups]
+        for name, groups in held.items()}
 
 
 def find(comm, made: dict):
@@ -98,22 +85,21 @@ def assert_all_certified(comm, scenes: dict[str, dict]) -> None:
 
 def test_stiffness_contrasts_with_either_body_first(comm):
     assert_all_certified(comm, {f"E1/E2 = {factor:g}, {'lower' if swap else 'upper'} body in role 1":
-                                scene(material(upper=factor), *swap)
-                                for factor in (1e-6, 1e-4, 1e-2, 1e2, 1e4, 1e6) for swap in ([], [other_order])})
+                                scene(material(upper=factor), swap)
+                                for factor in (1e-6, 1e-4, 1e-2, 1e2, 1e4, 1e6) for swap in ({}, OTHER_ORDER)})
 
 
 def test_friction_from_none_to_sticking(comm):
-    cases = {f"coulomb {F:g}": friction("coulomb", F) for F in (0.0, 1e-6, 0.05, 0.3, 1.0, 3.0, 10.0)}
-    cases |= {f"tresca {g:g}": friction("tresca", g) for g in (0.0, 1e3, 1e6, 1.2e7, 1e20)}
-    cases |= {"none": friction("none"), "bound jumps": friction("tresca", jump(1e5, 3e7)),
-              "coefficient jumps": friction("coulomb", jump(10.0, 0.01)),
-              "rough half": friction("coulomb", jump(0.0, 1.0))}
+    cases = {f"coulomb {F:g}": coulomb(F) for F in (0.0, 1e-6, 0.05, 0.3, 1.0, 3.0, 10.0)}
+    cases |= {f"tresca {g:g}": tresca(g) for g in (0.0, 1e3, 1e6, 1.2e7, 1e20)}
+    cases |= {"none": NO_FRICTION, "bound jumps": tresca(jump(1e5, 3e7)),
+              "coefficient jumps": coulomb(jump(10.0, 0.01)), "rough half": coulomb(jump(0.0, 1.0))}
     assert_all_certified(comm, {name: scene(change) for name, change in cases.items()})
 
-    assembly, _, outer, _ = find(comm, scene(friction("none")))
+    assembly, _, outer, _ = find(comm, scene(NO_FRICTION))
     frictionless = everywhere(assembly, outer.forces)
-    for law in ("coulomb", "tresca"):
-        assembly, _, outer, _ = find(comm, scene(friction(law, 0.0)))
+    for law in (coulomb, tresca):
+        assembly, _, outer, _ = find(comm, scene(law(0.0)))
         normal, tangential = np.split(everywhere(assembly, outer.forces), [assembly.m])
         assert normal == pytest.approx(frictionless, rel=1e-6, abs=1e-6 * normal.max())
         assert not tangential.any()
@@ -125,14 +111,15 @@ def test_poisson_ratios_up_to_nearly_incompressible(comm):
 
 
 def test_flat_triangles_slender_bodies_one_node(comm):
-    shapes = {"3 x 0.003, 1 x 3 triangles": mesh(3, 1000), "0.1 x 1": mesh(30, 1), "0.01 x 3": mesh(100, 1, 1.0, 3.0),
-              "slender": mesh(40, 2, 3.0, 0.1), "one node": mesh(1, 1), "two nodes": mesh(2, 1)}
+    shapes = {"3 x 0.003, 1 x 3 triangles": divisions(3, 1000), "0.1 x 1": divisions(30, 1),
+              "0.01 x 3": divisions(100, 1) | size(1.0, 3.0), "slender": divisions(40, 2) | size(3.0, 0.1),
+              "one node": divisions(1, 1), "two nodes": divisions(2, 1)}
     assert_all_certified(comm, {name: scene(change) for name, change in shapes.items()})
 
 
 def test_thin_triangles_in_a_single_row():
     """1000 of 3 mm × 1 m: softening solves its linear problems until the forces are known, too."""
-    _, answer = find_answer(MPI.COMM_SELF, scene(mesh(1000, 1)))
+    _, answer = find_answer(MPI.COMM_SELF, scene(divisions(1000, 1)))
     assert answer.certified
 
 
@@ -154,7 +141,7 @@ def test_loads_that_lift_press_one_body_or_are_absent(comm):
 def test_contact_at_a_corner_only(comm):
     """A gap that only the tip of the upper block, bent down, overcomes."""
     for law in ("coulomb", "tresca"):
-        bent = scene(mesh(3 * N, N, gap=0.006), loads({"right": (0.0, -1e8)}, {}), law=law)
+        bent = scene({"body.upper.mesh.origin": [0.0, 1.006]}, loads({"right": (0.0, -1e8)}, {}), law=law)
         assembly, answer, _, distance = find(comm, bent)
         assert answer.certified and distance <= DISTANCE
         closed = np.flatnonzero(state_of(answer).normal_force)
@@ -162,19 +149,11 @@ def test_contact_at_a_corner_only(comm):
         assert the_interface(assembly).xy[closed, 0].min() > 2.5
 
 
-def clamps(upper: list, lower: list):
-    def change(first: dict, second: dict, _contact: dict) -> None:
-        for body, held in ((first, upper), (second, lower)):
-            body["clamp"] = held
-            body["traction"] = [traction for traction in body["traction"] if traction["on"] not in held]
-    return change
-
-
 def test_clamps_that_hold_one_body_only_at_contact_nodes(comm):
     """Left of one body, right of the other; a roller; a rigid foundation, which does not yield at all."""
     roller = [{"on": "left", "x": 0.0}, {"on": "right", "x": 0.0, "y": 0.0}]
-    thin = mesh(12, 1)  # one row of elements, held on the far side: no other node is left, or hardly any
-    cases = {f"{sides} of contact nodes only": lambda *bodies, sides=sides: (thin(*bodies), clamps(*sides)(*bodies))
+    thin = divisions(12, 1)  # one row of elements, held on the far side: no other node is left, or hardly any
+    cases = {f"{sides} of contact nodes only": thin | clamps(*sides)
              for sides in ((["top"], ["bottom"]), (["top"], ["left"]), (["left"], ["bottom"]))}
     cases |= {"left and right": clamps(["left"], ["right"]), "right and left": clamps(["right"], ["left"]),
               "roller": clamps(["left"], roller), "foundation": clamps(["left"], ["bottom", "top"]),
@@ -203,7 +182,7 @@ def test_touching_bodies_without_pressure_that_slide(comm):
 def test_a_huge_friction_coefficient_ends_in_good_order(comm):
     """𝓕 = 100 and more, where there may be no solution: certified and right, or stopped without a claim."""
     for F in (1e2, 1e3, 1e4):
-        made = scene(material(upper=1e-2, poisson=(0.45, 0.0)), friction("coulomb", {
+        made = scene(material(upper=1e-2, poisson=(0.45, 0.0)), coulomb({
             "along": "x", "points": [0.0, 1.0, 2.0, 3.0], "values": [0.0, F, F, 0.5]}))
         made["method"]["max_iterations"] = 150
         _, answer = find_answer(comm, made)
@@ -219,9 +198,7 @@ def test_bodies_that_clamps_do_not_hold_are_held_by_contact_or_the_reason_is_nam
     from ddmpi.errors import InputError
 
     for held, slides in (([], True), ([{"on": "left", "x": 0.0}], False), ([{"on": "top", "y": 0.0}], True)):
-        def change(first: dict, _second: dict, _contact: dict, held=held) -> None:
-            first["clamp"] = held
-
+        change = {"body.upper.clamp": held}
         for law in ("coulomb", "none"):
             _, answer = find_answer(comm, scene(change, law=law))
             assert answer.certified == (law == "coulomb" or not slides), answer.reason
@@ -237,14 +214,12 @@ def test_bodies_that_are_too_slender_are_refused_with_the_reason(comm):
     from ddmpi.errors import SolverError
 
     with pytest.raises(SolverError, match=r"body '(upper|lower)'.*true residual"):
-        find(comm, scene(mesh(66, 6, 3.0, 0.003)))  # a cantilever whose stiffness is singular to the last digits
+        find(comm, scene(divisions(66, 6), size(3.0, 0.003)))  # a cantilever, singular to the last digits
 
 
 @pytest.mark.parametrize("slenderness", [30, 100])
 def test_slender_solids_take_few_steps(slenderness):
     """10 to 13 steps; 18 to 28 where GMRES stops by displacements alone, most of which are bending."""
-    import extremes
-
     for pairs in (True, False):
-        row, _ = extremes.attempt_solid(extremes.side_by_side(slenderness)(pairs, 1), None, None)
+        row, _ = attempt_solid(side_by_side(slenderness)(pairs, 1), None, None)
         assert row["outcome"] == "certified" and row["iterations"] <= 17, row

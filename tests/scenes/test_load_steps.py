@@ -5,13 +5,13 @@ import dataclasses
 import json
 import os
 import tomllib
-from pathlib import Path
 
 import made_up
 import meshio
 import numpy as np
 import pytest
 from mpi4py import MPI
+from restarts import go_on_from_checkpoints
 from scenes import (
     COULOMB,
     FLOOR,
@@ -19,7 +19,6 @@ from scenes import (
     certified,
     pinched_blocks,
     rectangle,
-    run_command,
     run_here,
     run_python,
     sheared_stack,
@@ -33,13 +32,10 @@ from ddmpi.errors import InputError
 from ddmpi.methods.newton import Newton
 from ddmpi.pictures.curves import draw_steps
 from ddmpi.pictures.moved import magnify, rigid_parts
-from ddmpi.results import checkpoint
 from ddmpi.results.histories import at_step
 from ddmpi.results.tables import read_results
 from ddmpi.run.gather import StepLog
-from ddmpi.run.run import run as run_scene
 from ddmpi.run.steps import MARKS, March
-from ddmpi.scene.reader import read_scene_file
 
 pytestmark = pytest.mark.slow
 
@@ -388,12 +384,12 @@ Compliance.mult = count
 from ddmpi.cli.main import main
 sys.exit(main())
 """
-    whole = run_command(scene, tmp_path / "whole", "--no-figures", ranks=1)
+    whole = run_here(scene, tmp_path / "whole", "--no-figures")
     assert whole.code == 0
     folder = tmp_path / "killed"
     killed = run_python(["-c", code, "250", "run", str(scene), "--output", str(folder), "--no-figures"], 1)
     assert killed.code == 6, killed.stderr
-    again = run_python(["-m", "ddmpi", "run", str(scene), "--restart", str(folder), "--no-figures"], 1)
+    again = run_here(scene, folder, "--restart", str(folder), "--no-figures")
     assert again.code == 0, again.stderr
     for name in os.listdir(folder):
         if name.endswith((".csv", ".xdmf")):
@@ -402,31 +398,14 @@ sys.exit(main())
     assert all(ours[key] == theirs[key] for key in ("steps", "energy", "contacts", "certificate", "n_A", "exchange"))
 
 
-def test_adaptive_steps_go_on_from_wherever_they_were(tmp_path, monkeypatch):
+def test_adaptive_steps_go_on_from_wherever_they_were(tmp_path):
     """From checkpoints here and there in legs of large, of smaller and of no forces, in as many steps as the tolerance
-    asks for: the tables of an uninterrupted run, byte for byte."""
+    asks for."""
     times = [0.0, 1.0, 2.0, 3.0, 4.0]
     scene = circle(points=times[1:], tolerance=0.07)
     scene["history"]["press"] = {"times": times, "factors": [0.0, 1.0, 0.02, 0.2, 0.0]}
-    scene |= {"checkpoint": {"iterations": 9}, "output": {"steps": "all", "stress": False}}
-    path, kept = write_scene(scene, tmp_path / "scene.toml"), []
-    write = checkpoint.write
-
-    def keep(target: Path, *arguments) -> None:
-        kept.append(tmp_path / f"{len(kept)}")
-        kept[-1].mkdir()
-        write(kept[-1] / target.name, *arguments)
-
-    def compute(folder: Path, restart: Path | None = None) -> dict[str, bytes]:
-        run_scene(MPI.COMM_SELF, read_scene_file(path), str(path), str(folder), False, restart and str(restart))
-        return {each.name: each.read_bytes() for each in folder.glob("*.csv")}
-
-    monkeypatch.setattr(checkpoint, "write", keep)
-    whole = compute(tmp_path / "whole")
-    monkeypatch.setattr(checkpoint, "write", lambda *_: None)
-    assert len(kept) > 10
-    for folder in kept[1::4]:
-        assert compute(folder, folder) == whole
+    go_on_from_checkpoints(scene | {"checkpoint": {"iterations": 9}, "output": {"steps": "all", "stress": False}},
+                           tmp_path, slice(1, None, 4))
 
 
 def test_a_restored_march_is_the_whole_one(monkeypatch):

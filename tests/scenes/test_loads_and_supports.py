@@ -7,7 +7,6 @@ import tomllib
 
 import numpy as np
 import pytest
-from elsewhere import assert_same, found
 from mpi4py import MPI
 from scenes import ROOT, STEEL, certified, pinched_blocks, rectangle, solve_scene
 from solid_scenes import box
@@ -124,14 +123,6 @@ def test_energy_balances_on_inclined_planes(d):
     energy, bodies = answer.summary["energy"], answer.summary["bodies"]
     assert energy["residual"] <= 1e-10 and energy["dissipated"] > 0.0
     assert energy["strain_energy"] == pytest.approx(sum(each["energy"] for each in bodies.values()), rel=1e-9)
-
-
-@pytest.mark.mpi(ranks=2)
-@pytest.mark.parametrize("scene", [heated_stack(3, 1), wedge(2, 33.0, 2, "mortar"), wedge(3, 33.0, 1, "nodes")],
-                         ids=["heat", "planes", "planes in space"])
-def test_two_ranks(comm, scene):
-    """On a rank each, bodies have the answer that they have on one rank."""
-    assert_same(found(scene), found(scene, comm))
 
 
 def test_an_accuracy_target_is_met_with_heat_and_inclined_planes():

@@ -36,7 +36,7 @@ def test_a_fault_on_the_last_of_three_ranks_ends_them_all_with_one_message(tmp_p
         kept = place == "conclude" and kind in ("OutputError", "SIGTERM")
         assert run.files == ({"checkpoint.h5"} if kept else set()), (place, kind)
     (interrupted,) = (run for case, run in zip(cases, runs, strict=True) if case == ("conclude", "SIGTERM"))
-    refused = scenes.run_command(scene, interrupted.folder, "--restart", str(interrupted.folder), ranks=1)
+    refused = scenes.run_here(scene, interrupted.folder, "--restart", str(interrupted.folder))
     assert refused.code == 2 and "mpirun -n 3" in refused.messages[0]
     again, usual = (scenes.run_command(scene, folder, *restart, ranks=3) for folder, restart in (
         (interrupted.folder, ["--restart", str(interrupted.folder)]), (tmp_path / "usual", [])))

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from elsewhere import assert_same, found
 from mpi4py import MPI
 from scenes import call, certified, rectangle, run_here, write_scene
 from solid_scenes import box
@@ -146,23 +145,6 @@ def test_load_steps(d):
     del scene["rigid"][0]["history"]
     scene["rigid"][0] |= {"force": along(d, 0.0, 0.4 * FORCE), "displacement": along(d, 4e-4, 0.0)}
     assert stepped == pytest.approx(certified(scene).summary["rigid"]["ram"]["displacement"], rel=1e-7)
-
-
-@pytest.mark.mpi(ranks=4)
-def test_ranks_agree(comm):
-    """Two bodies under one ram have one answer on four ranks, and the ram one place at each load step."""
-    scene = {"body": [block(name, 2, (3.0 * k, 0.0), clamp=["bottom"]) for k, name in enumerate(("one", "two"))],
-             "rigid": [{"name": "ram", "shape": "plane", "point": [0.0, 1.2], "normal": [0.0, -1.0],
-                        "force": [1e5, -FORCE], "history": "push"}],
-             "contact": [{"bodies": [name, "ram"], "on": ["top"], "friction": LAWS["coulomb"]}
-                         for name in ("one", "two")],
-             "history": {"push": {"times": [0.0, 1.0, 2.0], "factors": [0.0, 1.0, 0.5]}},
-             "time": {"points": [1.0, 2.0], "steps": 2},
-             "method": {"tolerance": 1e-11}}  # one rank solves by dense factors, several by GMRES
-    one, other = found(scene), found(scene, comm)
-    assert_same(one, other)
-    for mine, theirs in zip(one.summary["steps"], other.summary["steps"], strict=True):
-        assert mine["rigid"]["ram"]["displacement"] == pytest.approx(theirs["rigid"]["ram"]["displacement"], rel=1e-9)
 
 
 @pytest.mark.clarabel

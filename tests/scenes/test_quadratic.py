@@ -64,12 +64,3 @@ def test_means_over_sides_do_not_swing_on_a_curved_interface(tmp_path):
     nodes, sides = (run.table(f"contact_inner-outer{end}.csv")["normal_stress"] for end in ("", "_sides"))
     exact = lame_fit(0.5, 1.0, 1.5, 1e-6, plane_strain(2.1e11, 0.3))
     assert np.abs(sides / exact - 1).max() < 1e-3 < 0.015 < np.abs(nodes / exact - 1).max()
-
-
-def test_bodies_of_different_order_are_refused(tmp_path):
-    """Before anything is written."""
-    scene = blocks(12, 2)
-    scene["body"][0]["mesh"]["order"] = 1
-    run = scenes.run_here(scenes.write_scene(scene, tmp_path / "mixed.toml"), tmp_path / "mixed")
-    assert run.code == 2
-    assert "mesh.order 1 and 2" in run.output and run.files == set()

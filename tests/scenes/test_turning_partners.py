@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from elsewhere import assert_same, found
 from mpi4py import MPI
 from scenes import call, certified, rectangle, run_here, write_scene
 from solid_scenes import box
@@ -190,21 +189,6 @@ def test_load_steps(tmp_path):
     moments = [step["rigid"]["lid"]["moment"] for step in summary["steps"]]
     assert moments == pytest.approx([5e4, 1e5, 6.5e4, 3e4], rel=1e-9)
     assert summary["steps"][-1]["rigid"]["lid"]["turn"] == summary["rigid"]["lid"]["turn"]
-
-
-@pytest.mark.mpi(ranks=3)
-def test_ranks_agree(comm):
-    """Three bodies under one head that turns have one answer on three ranks."""
-    bodies = [rectangle(name, (3.0 * k, 0.0), (1.0, 1.0), (3, 3), clamp=["bottom"])
-              for k, name in enumerate(("one", "two", "three"))]
-    scene = {"body": bodies, "rigid": [{"name": "head", "shape": "plane", "point": [0.0, 1.0], "normal": [0.0, -1.0],
-                                        "force": [0.0, -1e6], "pivot": [2.0, 3.0], "moment": -2e5}],
-             "contact": [{"bodies": [body["name"], "head"], "on": ["top"]} for body in bodies]}
-    one, other = found(scene), found(scene, comm)
-    assert_same(one, other)
-    for key in ("displacement", "turn", "force", "moment"):
-        assert one.summary["rigid"]["head"][key] == pytest.approx(other.summary["rigid"]["head"][key], rel=1e-8,
-                                                                  abs=1e-6)
 
 
 @pytest.mark.parametrize(("lid", "words"), [

@@ -203,6 +203,16 @@ class Ground:
         self._judge(outcome, run)
         return outcome
 
+    def try_together(self, cases: list[Case]) -> list[Outcome]:
+        """Run cases of Newton's method that end in an orderly way, and judge them."""
+        faults = [(case.rank, case.target, case.call, case.fault, str(self.here / re.sub(r"\W+", "-", case.name)), [])
+                  for case in cases]
+        runs = run_in_one_go(faults, "run", str(self.here / "newton.toml"), cwd=self.here)
+        outcomes = [Outcome(case, run.code, 0.0, output=run.output) for case, run in zip(cases, runs, strict=True)]
+        for outcome, run in zip(outcomes, runs, strict=True):
+            self._judge(outcome, run)
+        return outcomes
+
     def _judge(self, outcome: Outcome, run: scenes.Run) -> None:
         case, faults = outcome.case, outcome.faults
         ends = re.search(rf"^{fault.END} (.*)\n", run.stderr, re.MULTILINE)  # the launcher went on: an orderly end

@@ -861,7 +861,7 @@ EQUIVALENT = [Mutant(*row) for row in (
     ("a late stage of softening is over as early as others", "methods/paths", "if late else SETTLED",
      "if False else SETTLED",
      "Newton's own steps and the certificate judge what the path leaves, so that it can only cost steps. The 20 scenes "
-     "of scripts/hard_scenes.py converge in as many steps with it as without."),
+     "of docs/tables/hard_scenes.md that are no belts converge in as many steps with it as without."),
     ("bodies that bear are counted down", "coupling/joint", "bears[numbers[of_body]] += (",
      "bears[numbers[of_body]] -= (",
      "The numbers are summed over contacts and ranks, all with one sign, and only asked whether they are zero."),
