@@ -340,6 +340,21 @@ def partners_gone(assembly: Assembly) -> dict[str, RigidMotion]:
     return gone
 
 
+def began(assembly: Assembly, name: str, points: np.ndarray, u: np.ndarray | float,
+          then: Mapping[str, Frame]) -> dict[str, np.ndarray]:
+    """Where the points of a body were a step before, with its displacement `u` and the frames of `then`, by contact, as
+    displacements (nv, d) in its frame of now (m): seen from the frame of the second body, which is where it is now. Not
+    collective."""
+    starts, now = {}, assembly.frames
+    assert assembly.far
+    for contact in assembly.far.contacts:
+        if name in contact.bodies:
+            second = contact.bodies[1]
+            carried = now[second].after(then[second].undone).after(then[name])
+            starts[contact.name] = now[name].undone.after(carried).at(points + u) - points
+    return starts
+
+
 def recover(member: Member, s: np.ndarray, alpha: np.ndarray,
             largest: np.ndarray) -> tuple[np.ndarray, float, float, float]:
     """`Member.displacement`, but zero where it and its forces are rounding beside the `largest` sizes (3,) so far."""
