@@ -29,7 +29,7 @@ from ddmpi.interface.state import Rows, forces_by_node, rows_of, values_by_node
 from ddmpi.methods.newton import Newton
 from ddmpi.methods.outer import Report, Step, no_report
 from ddmpi.results.checkpoint import Checkpoints
-from ddmpi.run.equilibrium import NOTHING, Mark, began, describe_drift, partners_gone
+from ddmpi.run.equilibrium import NOTHING, Mark, began, instability, partners_gone, way_down
 from ddmpi.run.gather import StepLog
 from ddmpi.run.solve import Iteration, Solution, solve
 from ddmpi.run.steps import MARKS, March
@@ -56,10 +56,6 @@ do not settle if PATIENCE passes in a row leave more than SHRINKS of the least s
 NEAR, DEPTH, RANK = 0.3, 3, 1e-6
 """Once α moves contacts by less than NEAR of what forces do, DEPTH passes before make the next α (Anderson, J. ACM 12,
 1965), by least squares up to RANK."""
-
-UNSTABLE = 0.15
-"""An equilibrium is not stable if a motion is resisted by less than this times what loads push it on by. Of a disc on a
-plane, which nothing holds and nothing pushes on, nodes that open and close make up to 0.12."""
 
 FARTHEST = 15.0
 """Largest turn of a frame in a pass (degrees)."""
@@ -130,6 +126,9 @@ class FarMarch(March):
             start = self._place(time, memory, then, rows, number > 0)
             if not far.free:
                 break
+            if not number and (fall := way_down(self.assembly)).any():
+                self._go(time, fall)
+                start = self._place(time, memory, then, rows, False)
             with clock.phase("outer"):
                 stopped = self.outer.run(self.iteration.method.tolerance)
             moved = self.assembly.joint.rigid.spread(self.outer.motions)
@@ -169,7 +168,7 @@ class FarMarch(March):
         if settled:
             _refuse_passing(self.assembly, memory, time)
         if settled and far.free and len(self._ahead) == 1:  # the end of a leg
-            self.log.doubt(time, self._unstable())
+            self.log.doubt(time, instability(self.assembly, self.outer))
         self._count()
         self._passes = number + 1
         states = {name: replace(state, before=values_by_node(state.interface, memory.contacts, "slip"))
@@ -224,19 +223,6 @@ class FarMarch(March):
         span = now.time - before.time
         share = (time - now.time) / span if span and not self._cuts else 0.0
         return {name: gone + share * (gone - before.freed[name]) for name, gone in now.freed.items()}
-
-    def _unstable(self) -> list[str]:
-        """A warning where forces that grow as frames move on push them on."""
-        joint, world = self.assembly.joint, self.assembly.world
-        size = np.abs(joint.K).max() if joint.K.nnz else 0.0
-        if not size:
-            return []
-        values, motions = world.bcast(np.linalg.eig(np.linalg.pinv(self.outer.linearisation().yielding())))
-        worst = int(values.real.argmin())
-        if not values[worst].real < -UNSTABLE * size:
-            return []
-        return [f"the equilibrium is not stable: {describe_drift(self.assembly, motions[:, worst].real)}, pushed on by "
-                "the loads, and bodies would not stay there"]
 
     def _go(self, time: float, alpha: np.ndarray) -> None:
         """Have the free frames take the motions α."""
