@@ -99,7 +99,7 @@ class Rows:
 
 
 def rows_of(sides: tuple[Side, Side], slave: int, over: Cover, psi: sparse.csr_matrix, parts: sparse.csr_matrix,
-            across: np.ndarray, measure: sparse.csr_matrix | None = None) -> Rows:
+            across: np.ndarray, measure: sparse.csr_matrix | None = None, points: Places | None = None) -> Rows:
     """The rows of the slave, `sides[slave]`, which faces the other side at the points of `over`. Not collective.
 
     Parameters
@@ -109,6 +109,7 @@ def rows_of(sides: tuple[Side, Side], slave: int, over: Cover, psi: sparse.csr_m
     across : (q, d) normals at the points, of any length, out of the slave
     measure : (k, j) as `parts`, of the functions with the same integrals that measure gaps, the first k of `psi`, those
         of the nodes; left out, θ
+    points : `between` the sides, if it is known
     """
     nodes, place = np.flatnonzero(np.diff(parts.indptr)), np.full(parts.shape[0], -1)
     place[nodes] = np.arange(len(nodes))
@@ -118,7 +119,7 @@ def rows_of(sides: tuple[Side, Side], slave: int, over: Cover, psi: sparse.csr_m
     # The cover measures gaps along the slave's normals; the cosine turns them onto the row's normal.
     turned = np.einsum("ij,ij->i", unit(measure @ (psi @ over.direction)), normal)
     gap = measure @ (psi @ over.gap) / area * turned
-    side, points = sides[slave], between(sides, slave, over)
+    side, points = sides[slave], points or between(sides, slave, over)
     share = np.bincount(over.facet, over.weight, len(side.facets))
     seen = np.isin(np.arange(len(side.facets)), over.facet)
     # P = D⁻¹ ∫ θ φ for both sides; for the slave it is the identity unless rows are merged.
