@@ -7,8 +7,9 @@ same one from the sides.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 import scipy.sparse as sparse
@@ -109,8 +110,7 @@ class Interface:
 
     Attributes
     ----------
-    name : of the contact
-    bodies : names of the first and the second body; the second one may be a rigid partner, which has no nodes
+    name, bodies : of the contact, of its first and its second body; that may be a rigid partner, which has no nodes
     xy : (m, d) positions of the contact nodes on the first side, or on the slave (m)
     frame : (m, d, d) unit vectors of the first body: outer normal, then tangents; the second body's are opposite
     area : (m,) nodal lengths, in space areas, over the part that faces the other side (m or m²)
@@ -135,8 +135,7 @@ class Interface:
     draw : makes the `outline`, what is covered, once it is asked for
     probes : places between the nodes of non-matching sides; of matching ones, fixed nodes that can still move a little
     beyond : how many of the last probes are rows that were left out as open
-    history : the history of the rigid partner's displacement, or None
-    gap_history : the history of the gap, or None
+    history, gap_history : the histories of the rigid partner's displacement and of the gap, or None
     scale : factor of the gap at present
     arc : (m,) arc lengths along the first body's boundary, by which profiles count (m); empty where there are none
     axisymmetric : whether nodal lengths are areas of revolution around x = 0
@@ -200,6 +199,9 @@ class Interface:
     def outline(self) -> Outline | None:
         """What is covered, to be drawn; None where nothing makes it."""
         return self.draw and self.draw()
+
+    def __getstate__(self) -> dict[str, object]:
+        return vars(self) | {"draw": partial(copy, self.outline)}  # without what it is made of
 
     @property
     def shares(self) -> np.ndarray:
