@@ -65,7 +65,7 @@ def _joining(side: Side) -> Callable[..., Interface]:
 
 
 def mortar_in_space(first: Side, second: Side, contact: SettledContact, over: Cover | None = None,
-                    closing: float = np.inf) -> Interface:
+                    moved: float = np.inf) -> Interface:
     """`mortar` of two sides in space: rows at the nodes of the slave, see `vertices`.
 
     By default the slave is the side with the larger size of facets over plane modulus, unless it is wholly clamped.
@@ -76,14 +76,14 @@ def mortar_in_space(first: Side, second: Side, contact: SettledContact, over: Co
     side, looked, weighted = sides[slave], corners(over), over.only(over.weight > 0.0)
     rows = rows_at_vertices(sides, slave, weighted, looked, contact)
     hats = over.at if contact.kind == "bonded" else inset(side, over, looked)
-    return build(replace(rows, covered=outlined(side, over, hats)), contact, closing)
+    return build(replace(rows, covered=outlined(side, over, hats)), contact, moved)
 
 
 def mortar(first: Side, second: Side, contact: SettledContact, over: Cover | None = None,
-           closing: float = np.inf) -> Interface:
+           moved: float = np.inf) -> Interface:
     """The interface of two sides whose nodes need not match; the first gives the directions. By default the `slave` is
     the side with the larger spacing of nodes over plane modulus, unless clamps constrain all of it. If the contact
-    names it, `over` may be what it covers; `closing` as for `build`.
+    names it, `over` may be what it covers; `moved` as for `build`.
 
     Not collective. Raises InputError where the sides do not face each other, or the slave is wholly clamped.
     """
@@ -104,7 +104,7 @@ def mortar(first: Side, second: Side, contact: SettledContact, over: Cover | Non
     free = _unbound(rows, root, holds_along(contact))
     if (free != root).any():
         rows = replace(_rows(sides, slave, over, psi, free), bound=free != root)
-    return build(replace(rows, covered=outlined(side, over, hats)), contact, closing)
+    return build(replace(rows, covered=outlined(side, over, hats)), contact, moved)
 
 
 def with_slave(first: Side, second: Side, contact: SettledContact) -> SettledContact:
@@ -122,20 +122,20 @@ def meet(contact: SettledContact, sides: tuple[Side, Side | None], frames: Mappi
     contact : with its slave
     sides : of both bodies in their frames; None of a rigid partner
     frames, rigid : by the names of bodies and rigid partners
-    reach : the depth (m) up to which overlaps are looked for, None for that of the bodies' thickness; and `closing` of
+    reach : the depth (m) up to which overlaps are looked for, None for that of the bodies' thickness; and `moved` of
         `build`
     """
-    (first, second), (depth, closing) = sides, reach
+    (first, second), (depth, moved) = sides, reach
     one, other = (frames[name] for name in contact.bodies)
     if second is None:  # in the frame of the partner, whose shape is given there
         partner = rigid[contact.bodies[1]]
         seen = first.placed(other.undone.after(one), depth)
-        met = face_rigid(seen, partner, contact, closing) if faces_rigid(seen, partner) else apart(contact, seen)
+        met = face_rigid(seen, partner, contact, moved) if faces_rigid(seen, partner) else apart(contact, seen)
         return placed(met, other)
     both = first.placed(one, depth), second.placed(other, depth)
     slave = contact.bodies.index(str(contact.slave))
     over = cover(both[slave], both[1 - slave])
-    return _joining(first)(*both, contact, over, closing) if len(over.facet) else apart(contact, *both)
+    return _joining(first)(*both, contact, over, moved) if len(over.facet) else apart(contact, *both)
 
 
 def apart(contact: SettledContact, first: Side, second: Side | None = None) -> Interface:

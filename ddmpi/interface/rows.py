@@ -34,7 +34,7 @@ LEAST = 1e-2
 """A triangle smaller than this fraction of the covered part is a sliver, and so is an integral of a hat over it."""
 
 WIDER = 2.0
-"""Rows are left out as open where the gap is more than this times what has closed before, or overlaps now."""
+"""Rows are left out as open where the gap is more than this times the last motion along normals, or overlap now."""
 
 END = 1e-2
 """Corners of a covered part this near to its end, as a fraction of its extent, count to where it ends."""
@@ -138,11 +138,11 @@ def between(sides: tuple[Side, Side], slave: int, over: Cover) -> Places:
     return Places((sides[0].nodes, sides[1].nodes), sign * over.direction, over.gap, at[::first])
 
 
-def build(rows: Rows, contact: SettledContact, closing: float = np.inf) -> Interface:
+def build(rows: Rows, contact: SettledContact, moved: float = np.inf) -> Interface:
     """The interface of those rows that a body can move. Not collective. Raises InputError where all are clamped.
 
-    Where sides have come nearer by `closing` (m) before, rows with gaps far larger than that become probes: they carry
-    no forces unless one of these closes.
+    Where bodies have moved along normals by `moved` (m) at most before, rows with gaps far larger than that, and than
+    overlaps now, become probes: they carry no forces unless one of them closes.
     """
     sides, side, bonded = rows.sides, rows.sides[rows.slave], contact.kind == "bonded"
     (frame, across), xy = _along_clamps(rows, frames(rows.normal)), side.xy[rows.nodes]
@@ -158,7 +158,7 @@ def build(rows: Rows, contact: SettledContact, closing: float = np.inf) -> Inter
     # A bond whose normal motion is clamped on both sides can never close its gap.
     start[~live[:, 0] & ~dropped] = 0.0
     least = start[keep].min()  # the nearest row stays
-    beyond = ~dropped & (start > max(least, WIDER * max(closing, -least))) & (not isinstance(contact.friction, Tresca))
+    beyond = ~dropped & (start > max(least, WIDER * max(moved, -least))) & (not isinstance(contact.friction, Tresca))
     left = dropped | beyond  # with Tresca's law open rows have forces, too
     keep = np.flatnonzero(~left)
     sliding = np.flatnonzero(live[keep, 1:].any(axis=1) & holds_along(contact))

@@ -70,14 +70,14 @@ class Memory:
     time, freed : its end, and how far free frames had gone then
     displacements : (nv, d) of this rank's bodies in their frames (m)
     contacts : by contact that this rank owns the arrays of `rows_of`
-    closing : by how much the sides have come nearer at most (m), by contact of this rank's bodies
+    moved : how far bodies have moved along the normals of nodes at most (m), by contact of this rank's bodies
     """
 
     time: float
     freed: Freed
     displacements: Mapping[str, np.ndarray]
     contacts: Rows
-    closing: Mapping[str, float]
+    moved: Mapping[str, float]
 
     def forces_at(self, interface: Interface, part: slice, s: np.ndarray) -> np.ndarray:
         """The forces (size,) of the step before where those of now are `s` (N): the same, with its sum of slip bounds.
@@ -109,7 +109,7 @@ class FarMarch(March):
         self._whole = self._whole | missed if missed else frozenset()
         if not missed:
             return solution
-        log.info("time %g: more of %s closes than before; once more with all nodes", time, ", ".join(sorted(missed)))
+        log.info("time %g: more of %s closes than expected; once more with all nodes", time, ", ".join(sorted(missed)))
         self._leave()
         return self._step(time)
 
@@ -253,7 +253,7 @@ class FarMarch(March):
         assert self.assembly.far
         return Memory(solution.time, self.assembly.far.freed[solution.time], solution.displacements, {
             name: rows_of(state) for name, state in solution.states.items()}, {
-                name: total.approach for name, total in solution.contacts.items()})
+                name: total.moved for name, total in solution.contacts.items()})
 
     def _by_frames(self, solution: Solution, before: Mark) -> float:
         """Work of the motions of frames (J): clamps balance what contact forces do to bodies that move."""
@@ -330,17 +330,17 @@ def _way(contact: SettledContact, side: Side, then: Mapping[str, Frame], now: Ma
 
 def _reaches(assembly: Assembly, memory: Memory, then: Mapping[str, Frame], whole: Collection[str],
              time: float) -> dict[str, tuple[float, float]]:
-    """By contact how deep overlaps may be at `time` (m): as the sides have come nearer, by the motion since `then`, and
-    a facet; and by how much they have come nearer, endless where no rows are to be left out: in the first step, of
+    """By contact how deep overlaps may be at `time` (m): as far as bodies moved along normals before, by the motion
+    since `then`, and a facet; and how far they moved, endless where no rows are to be left out: in the first step, of
     `whole` contacts, and where frames are free."""
     far, reach = assembly.far, {}
     assert far
     now = far.frames(assembly.scene, time)
     for contact in far.contacts:
-        side, closing = far.sides[contact.name][0], memory.closing[contact.name]
+        side, moved = far.sides[contact.name][0], memory.moved[contact.name]
         endless = not memory.time or contact.name in whole or not far.free.keys().isdisjoint(contact.bodies)
-        reach[contact.name] = closing + _way(contact, side, then, now) + MARGIN * float(
-            side.lengths.max() ** (1.0 / (side.dimension - 1))), np.inf if endless else closing
+        reach[contact.name] = moved + _way(contact, side, then, now) + MARGIN * float(
+            side.lengths.max() ** (1.0 / (side.dimension - 1))), np.inf if endless else moved
     return reach
 
 

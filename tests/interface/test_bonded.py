@@ -102,7 +102,7 @@ def test_a_bond_holds_along_the_contact_too():
     assert contact.sliding.tolist() == [1, 2, 3, 4, 5, 6]
     left["y"] = True
     contact = bonded(side(upper, "bottom", **left), side(lower, "top", **left))
-    assert (contact.m, contact.size, contact.dropped) == (6, 12, 1)
+    assert (contact.m, contact.size, len(contact.fixed.gap)) == (6, 12, 1)
 
 
 def test_a_roller_along_the_normal_does_not_break_the_bond():
