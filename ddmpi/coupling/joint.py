@@ -358,7 +358,7 @@ class Far:
     sides : of both bodies in their frames, by contact; None of a rigid partner
     members : of this rank, with the compliance of all nodes that contacts may join
     free : what is free of the frames of all bodies and rigid partners, by name
-    reach : the depth (m) up to which overlaps are looked for, by time and contact; left out, by the bodies' thickness
+    reach : by time and contact, see `mortar.meet`; left out, overlaps are looked for by the bodies' thickness
     freed : how far free frames have gone, by time
     """
 
@@ -366,7 +366,7 @@ class Far:
     sides: Mapping[str, tuple[Side, Side | None]]
     members: Sequence[FarMember]
     free: Mapping[str, FreeFrame]
-    reach: dict[float, Mapping[str, float]] = field(default_factory=dict)
+    reach: dict[float, Mapping[str, tuple[float, float]]] = field(default_factory=dict)
     freed: dict[float, Freed] = field(default_factory=dict)
 
     def driven(self, scene: Settled, frames: Mapping[str, Frame]) -> list[Driven]:
@@ -379,12 +379,13 @@ class Far:
         return frames_of(scene, time, self.freed.get(time))
 
     def meet(self, world: MPI.Comm, scene: Settled, exchange: Exchange, frames: Mapping[str, Frame],
-             reach: Mapping[str, float]) -> tuple[list[FarMember], Space]:
+             reach: Mapping[str, tuple[float, float]]) -> tuple[list[FarMember], Space]:
         """The bodies with their contacts where frames are, and the layout of the contacts that this rank owns.
         Collective. Raises InputError."""
         with agreed(world):
             rigid = {partner.name: partner for partner in scene.rigid}
-            met = {contact.name: meet(contact, self.sides[contact.name], frames, rigid, reach.get(contact.name))
+            met = {contact.name: meet(contact, self.sides[contact.name], frames, rigid,
+                                      reach.get(contact.name, (None, np.inf)))
                    for contact in self.contacts}
         members = [member.meet([seen(met[contact.name], frames[member.name]) for contact in self.contacts
                                 if member.name in contact.bodies], frames[member.name]) for member in self.members]

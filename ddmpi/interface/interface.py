@@ -6,8 +6,10 @@ same one from the sides.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
 
 import numpy as np
 import scipy.sparse as sparse
@@ -108,8 +110,7 @@ class Interface:
 
     Attributes
     ----------
-    name : of the contact
-    bodies : names of the first and the second body; the second one may be a rigid partner, which has no nodes
+    name, bodies : of the contact, of its first and its second body; that may be a rigid partner, which has no nodes
     xy : (m, d) positions of the contact nodes on the first side, or on the slave (m)
     frame : (m, d, d) unit vectors of the first body: outer normal, then tangents; the second body's are opposite
     area : (m,) nodal lengths, in space areas, over the part that faces the other side (m or m²)
@@ -131,10 +132,10 @@ class Interface:
     at : of both sides (m, d), points of application of the rows' forces (m); None where unknown
     slave : name of the body whose nodes carry the rows where the nodes do not match, else None
     lines : the nodes of the rows
-    outline : what is covered, to be drawn
+    draw : makes the `outline`, what is covered, once it is asked for
     probes : places between the nodes of non-matching sides; of matching ones, fixed nodes that can still move a little
-    history : the history of the rigid partner's displacement, or None
-    gap_history : the history of the gap, or None
+    beyond : how many of the last probes are rows that were left out as open
+    history, gap_history : the histories of the rigid partner's displacement and of the gap, or None
     scale : factor of the gap at present
     arc : (m,) arc lengths along the first body's boundary, by which profiles count (m); empty where there are none
     axisymmetric : whether nodal lengths are areas of revolution around x = 0
@@ -161,8 +162,9 @@ class Interface:
     at: tuple[np.ndarray, np.ndarray] | None = None
     slave: str | None = None
     lines: Lines = Lines(np.empty(0, int), np.empty((0, 2)), np.empty(0), np.empty((0, 2), int))
-    outline: Outline | None = None
+    draw: Callable[[], Outline | None] | None = None
     probes: Places = field(default_factory=Places)
+    beyond: int = 0
     history: str | None = None
     gap_history: str | None = None
     scale: float = 1.0
@@ -194,6 +196,14 @@ class Interface:
     def places(self) -> np.ndarray:
         """(m, d) where forces act on the first body (m)."""
         return self.xy if self.at is None else self.at[0]
+
+    @cached_property
+    def outline(self) -> Outline | None:
+        """What is covered, to be drawn; None where nothing makes it."""
+        return self.draw and self.draw()
+
+    def __getstate__(self) -> dict[str, object]:
+        return vars(self) | {"draw": partial(copy, self.outline)}  # without what it is made of
 
     @property
     def shares(self) -> np.ndarray:
@@ -243,11 +253,6 @@ class Interface:
         # of a node, this is E*/2 in the plane. Any c > 0 has the same solutions: it steers the active sets only.
         width = self.around * (self.area / self.around) ** (1.0 - 1.0 / self.law.components)  # 1 in the plane
         return 0.5 * self.modulus * width[self.law.node]
-
-    @property
-    def dropped(self) -> int:
-        """Number of node pairs without unknowns."""
-        return len(self.fixed.gap)
 
     @property
     def size(self) -> int:

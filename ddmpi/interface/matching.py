@@ -76,13 +76,14 @@ def faces_rigid(side: Side, rigid: Rigid) -> bool:
     return bool((np.einsum("icj,ij->ic", outward[side.facets], side.outward) < FACING).all(axis=1).any())
 
 
-def face_rigid(side: Side, rigid: Rigid, contact: SettledContact) -> Interface:
+def face_rigid(side: Side, rigid: Rigid, contact: SettledContact, moved: float = np.inf) -> Interface:
     """The interface of a body, which is the first, and a rigid partner.
 
     Normals and gaps are those of the rigid surface at the body's nodes, exactly. Nodes that do not face it, such as
     the far side of a roller, carry no row; where the surface has no normal, the body's is taken. The second side has no
     nodes: the partner's displacement gives `Interface.prescribed`. Quadratic tetrahedra have mortar rows, see
-    `vertices`. Not collective. Raises InputError where the body's boundary does not face the surface.
+    `vertices`. `moved` is as for `build`. Not collective. Raises InputError where the body's boundary does not face
+    the surface.
     """
     outward, measured = rigid.facing(side.xy)
     outward = np.where(outward.any(axis=1, keepdims=True), outward, -side.normal)
@@ -107,7 +108,7 @@ def face_rigid(side: Side, rigid: Rigid, contact: SettledContact) -> Interface:
     else:
         rows = pairs((side, partner), facing, facing, -outward[facing], side.lengths_over(towards)[facing],
                      measured[facing], towards)
-    interface = build(rows, contact)
+    interface = build(rows, contact, moved)
     # The stand-in's nodes go: the second side has no stiffness to take a trace of.
     U, none = np.array(rigid.displacement or np.zeros(side.dimension)), np.empty(0, int)
     fixed, probes = (replace(places, nodes=(places.nodes[0], none)) for places in (interface.fixed, interface.probes))

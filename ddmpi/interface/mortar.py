@@ -21,15 +21,16 @@ import scipy.sparse as sparse
 from scipy.spatial import cKDTree
 
 from ddmpi.errors import InputError
-from ddmpi.interface.interface import SAME, Interface, Lines
+from ddmpi.interface.interface import SAME, Interface, Lines, Places
+from ddmpi.interface.law import law_of
 from ddmpi.interface.matching import face_rigid, faces_rigid, pair
-from ddmpi.interface.rows import Rows, apart, at_points, between, build, duals, holds_along, inset, is_held, rows_of
+from ddmpi.interface.rows import Rows, at_points, between, build, duals, holds_along, inset, is_held, rows_of
 from ddmpi.interface.trace import placed
 from ddmpi.interface.vertices import BARELY, UNCOVERED, rows_at_vertices
 from ddmpi.scene.contacts import Rigid, SettledContact
 from ddmpi.surface.cover import corners, cover, faced_arc
 from ddmpi.surface.cut import Cover
-from ddmpi.surface.outline import outlined
+from ddmpi.surface.outline import Outline, outlined
 from ddmpi.surface.patch import Patch
 from ddmpi.surface.side import Side, nodal, unit
 from ddmpi.system.numbers import Frame, in_words
@@ -63,7 +64,8 @@ def _joining(side: Side) -> Callable[..., Interface]:
     return mortar_in_space if isinstance(side, Patch) else mortar
 
 
-def mortar_in_space(first: Side, second: Side, contact: SettledContact, over: Cover | None = None) -> Interface:
+def mortar_in_space(first: Side, second: Side, contact: SettledContact, over: Cover | None = None,
+                    moved: float = np.inf) -> Interface:
     """`mortar` of two sides in space: rows at the nodes of the slave, see `vertices`.
 
     By default the slave is the side with the larger size of facets over plane modulus, unless it is wholly clamped.
@@ -74,13 +76,14 @@ def mortar_in_space(first: Side, second: Side, contact: SettledContact, over: Co
     side, looked, weighted = sides[slave], corners(over), over.only(over.weight > 0.0)
     rows = rows_at_vertices(sides, slave, weighted, looked, contact)
     hats = over.at if contact.kind == "bonded" else inset(side, over, looked)
-    return build(replace(rows, covered=outlined(side, over, hats)), contact)
+    return build(replace(rows, covered=outlined(side, over, hats)), contact, moved)
 
 
-def mortar(first: Side, second: Side, contact: SettledContact, over: Cover | None = None) -> Interface:
+def mortar(first: Side, second: Side, contact: SettledContact, over: Cover | None = None,
+           moved: float = np.inf) -> Interface:
     """The interface of two sides whose nodes need not match; the first gives the directions. By default the `slave` is
     the side with the larger spacing of nodes over plane modulus, unless clamps constrain all of it. If the contact
-    names it, `over` may be what it covers.
+    names it, `over` may be what it covers; `moved` as for `build`.
 
     Not collective. Raises InputError where the sides do not face each other, or the slave is wholly clamped.
     """
@@ -101,7 +104,7 @@ def mortar(first: Side, second: Side, contact: SettledContact, over: Cover | Non
     free = _unbound(rows, root, holds_along(contact))
     if (free != root).any():
         rows = replace(_rows(sides, slave, over, psi, free), bound=free != root)
-    return build(replace(rows, covered=outlined(side, over, hats)), contact)
+    return build(replace(rows, covered=outlined(side, over, hats)), contact, moved)
 
 
 def with_slave(first: Side, second: Side, contact: SettledContact) -> SettledContact:
@@ -111,7 +114,7 @@ def with_slave(first: Side, second: Side, contact: SettledContact) -> SettledCon
 
 
 def meet(contact: SettledContact, sides: tuple[Side, Side | None], frames: Mapping[str, Frame],
-          rigid: Mapping[str, Rigid], reach: float | None) -> Interface:
+          rigid: Mapping[str, Rigid], reach: tuple[float | None, float]) -> Interface:
     """The interface of a contact where the frames of its bodies are. Not collective.
 
     Parameters
@@ -119,19 +122,36 @@ def meet(contact: SettledContact, sides: tuple[Side, Side | None], frames: Mappi
     contact : with its slave
     sides : of both bodies in their frames; None of a rigid partner
     frames, rigid : by the names of bodies and rigid partners
-    reach : the depth (m) up to which overlaps are looked for; None for that of the bodies' thickness
+    reach : the depth (m) up to which overlaps are looked for, None for that of the bodies' thickness; and `moved` of
+        `build`
     """
-    first, second = sides
+    (first, second), (depth, moved) = sides, reach
     one, other = (frames[name] for name in contact.bodies)
     if second is None:  # in the frame of the partner, whose shape is given there
         partner = rigid[contact.bodies[1]]
-        seen = first.placed(other.undone.after(one), reach)
-        met = face_rigid(seen, partner, contact) if faces_rigid(seen, partner) else apart(contact, seen)
+        seen = first.placed(other.undone.after(one), depth)
+        met = face_rigid(seen, partner, contact, moved) if faces_rigid(seen, partner) else apart(contact, seen)
         return placed(met, other)
-    both = first.placed(one, reach), second.placed(other, reach)
+    both = first.placed(one, depth), second.placed(other, depth)
     slave = contact.bodies.index(str(contact.slave))
     over = cover(both[slave], both[1 - slave])
-    return _joining(first)(*both, contact, over) if len(over.facet) else apart(contact, *both)
+    return _joining(first)(*both, contact, over, moved) if len(over.facet) else apart(contact, *both)
+
+
+def apart(contact: SettledContact, first: Side, second: Side | None = None) -> Interface:
+    """The interface of sides that do not face each other, or of one and a rigid partner: it has no rows. Not
+    collective."""
+    d, none, modulus = first.dimension, np.empty(0), second.modulus if second else np.inf
+    at, square = np.empty((0, d)), sparse.csr_matrix((0, 0))
+    law = law_of(contact.friction, at, none, none, np.empty(0, int), contact.kind, np.empty(0, bool))
+    return Interface(
+        name=contact.name, bodies=contact.bodies, xy=at, frame=np.empty((0, d, d)), area=none, gap=none,
+        nodes=(np.empty(0, int),) * 2, transfer=(square, square), law=law, laplacian=square,
+        facets=np.empty((0, d), int),
+        modulus=1.0 / (1.0 / first.modulus + 1.0 / modulus), one_sided=np.empty(0, bool), at=(at, at),
+        displacement=np.zeros(d), slave=contact.slave, lines=Lines(np.empty(0, int), at, none, np.empty((0, d), int)),
+        fixed=Places(normal=at), probes=Places(normal=at), draw=lambda: Outline(at, np.empty((0, d), int), square),
+        axisymmetric=first.axisymmetric)
 
 
 def _cover(sides: tuple[Side, Side], slave: int, name: str) -> Cover:
@@ -182,10 +202,11 @@ def _rows(sides: tuple[Side, Side], slave: int, over: Cover, psi: sparse.csr_mat
     """The rows of the slave, `sides[slave]`. A node uses the row of its `root` (k,)."""
     side, other, shown = sides[slave], sides[1 - slave], np.flatnonzero(root >= 0)
     parts = sparse.csr_matrix((np.ones(len(shown)), (root[shown], shown)), (len(root), len(root)))
-    at = between(sides, slave, over).transfer[::1 if slave == 0 else -1]
+    points = between(sides, slave, over)
+    at = points.transfer[::1 if slave == 0 else -1]
     # n_j ∝ n_slave − P n_master: opposite sides contribute alike, so that swapping the roles changes little.
     across = at[0] @ _normals(side, over.facet) - at[1] @ _normals(other, over.other)
-    rows = rows_of(sides, slave, over, psi, parts, across)
+    rows = rows_of(sides, slave, over, psi, parts, across, points=points)
     place = np.where(root >= 0, rows.place[root], -1)
     row = place[side.facets[over.facet]]
     rows = replace(rows, place=place, arc=side.arc[rows.nodes] if slave == 0 else

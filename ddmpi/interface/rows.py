@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import scipy.sparse as sparse
@@ -12,7 +13,7 @@ from ddmpi.body.loads import values_at
 from ddmpi.errors import InputError
 from ddmpi.interface.interface import SAME, Interface, Lines, Places
 from ddmpi.interface.law import law_of
-from ddmpi.scene.contacts import NoFriction, SettledContact
+from ddmpi.scene.contacts import NoFriction, SettledContact, Tresca
 from ddmpi.scene.values import Profile
 from ddmpi.surface.cut import Cover
 from ddmpi.surface.outline import Outline, Outlined, drawn_cells, whole_facets
@@ -31,6 +32,9 @@ of a node that can move along one line only, the one nearer to this line stays f
 
 LEAST = 1e-2
 """A triangle smaller than this fraction of the covered part is a sliver, and so is an integral of a hat over it."""
+
+WIDER = 2.0
+"""Rows are left out as open where the gap is more than this times the last motion along normals, or overlap now."""
 
 END = 1e-2
 """Corners of a covered part this near to its end, as a fraction of its extent, count to where it ends."""
@@ -96,7 +100,7 @@ class Rows:
 
 
 def rows_of(sides: tuple[Side, Side], slave: int, over: Cover, psi: sparse.csr_matrix, parts: sparse.csr_matrix,
-            across: np.ndarray, measure: sparse.csr_matrix | None = None) -> Rows:
+            across: np.ndarray, measure: sparse.csr_matrix | None = None, points: Places | None = None) -> Rows:
     """The rows of the slave, `sides[slave]`, which faces the other side at the points of `over`. Not collective.
 
     Parameters
@@ -106,6 +110,7 @@ def rows_of(sides: tuple[Side, Side], slave: int, over: Cover, psi: sparse.csr_m
     across : (q, d) normals at the points, of any length, out of the slave
     measure : (k, j) as `parts`, of the functions with the same integrals that measure gaps, the first k of `psi`, those
         of the nodes; left out, θ
+    points : `between` the sides, if it is known
     """
     nodes, place = np.flatnonzero(np.diff(parts.indptr)), np.full(parts.shape[0], -1)
     place[nodes] = np.arange(len(nodes))
@@ -115,7 +120,7 @@ def rows_of(sides: tuple[Side, Side], slave: int, over: Cover, psi: sparse.csr_m
     # The cover measures gaps along the slave's normals; the cosine turns them onto the row's normal.
     turned = np.einsum("ij,ij->i", unit(measure @ (psi @ over.direction)), normal)
     gap = measure @ (psi @ over.gap) / area * turned
-    side, points = sides[slave], between(sides, slave, over)
+    side, points = sides[slave], points or between(sides, slave, over)
     share = np.bincount(over.facet, over.weight, len(side.facets))
     seen = np.isin(np.arange(len(side.facets)), over.facet)
     # P = D⁻¹ ∫ θ φ for both sides; for the slave it is the identity unless rows are merged.
@@ -134,8 +139,12 @@ def between(sides: tuple[Side, Side], slave: int, over: Cover) -> Places:
     return Places((sides[0].nodes, sides[1].nodes), sign * over.direction, over.gap, at[::first])
 
 
-def build(rows: Rows, contact: SettledContact) -> Interface:
-    """The interface of those rows that a body can move. Not collective. Raises InputError where all are clamped."""
+def build(rows: Rows, contact: SettledContact, moved: float = np.inf) -> Interface:
+    """The interface of those rows that a body can move. Not collective. Raises InputError where all are clamped.
+
+    Where bodies have moved along normals by `moved` (m) at most before, rows with gaps far larger than that, and than
+    overlaps now, become probes: they carry no forces unless one of them closes.
+    """
     sides, side, bonded = rows.sides, rows.sides[rows.slave], contact.kind == "bonded"
     (frame, across), xy = _along_clamps(rows, frames(rows.normal)), side.xy[rows.nodes]
     start = initial_gap(contact, rows.gap, xy, rows.arc)
@@ -149,20 +158,24 @@ def build(rows: Rows, contact: SettledContact) -> Interface:
         raise InputError(f"contact.{contact.name}: all nodes of the contact are clamped; there is nothing to solve")
     # A bond whose normal motion is clamped on both sides can never close its gap.
     start[~live[:, 0] & ~dropped] = 0.0
+    least = start[keep].min()  # the nearest row stays
+    beyond = ~dropped & (start > max(least, WIDER * max(moved, -least))) & (not isinstance(contact.friction, Tresca))
+    left = dropped | beyond  # with Tresca's law open rows have forces, too
+    keep = np.flatnonzero(~left)
     sliding = np.flatnonzero(live[keep, 1:].any(axis=1) & holds_along(contact))
 
     def of_rows(values: np.ndarray) -> np.ndarray:
         """The values (r, d) as a vector of the interface."""
         return np.concatenate([values[keep, 0], values[keep[sliding], 1:].ravel()])
 
-    number = np.append(np.where(dropped, -1, np.cumsum(~dropped) - 1), -1)  # new numbers of rows; −1 stays −1
+    number = np.append(np.where(left, -1, np.cumsum(~left) - 1), -1)  # new numbers of rows; −1 stays −1
     facets = number[rows.place[(side.facets if side.cell.bears else side.corners)[rows.whole]]]
     row = number[np.where(rows.bound, -1, rows.place)]
     lines = replace(rows.lines, row=number[rows.lines.row],
-                    area=rows.lines.area * (not rows.pointwise)).only(~dropped[rows.lines.row])
+                    area=rows.lines.area * (not rows.pointwise)).only(~left[rows.lines.row])
     pull = unit(np.array([contact.pretension.along]))[0] if contact.pretension else np.empty(0)
     _refuse_held(contact, pull, frame, live, xy)
-    xy, arc, area, places = xy[keep], rows.arc[keep], rows.area[keep], _at_rows(rows, ~dropped, start)
+    xy, arc, area, places = xy[keep], rows.arc[keep], rows.area[keep], _at_rows(rows, keep, start)
     return Interface(
         name=contact.name, bodies=(sides[0].body, sides[1].body), xy=xy, frame=frame[keep], area=area, gap=places.gap,
         arc=arc, nodes=places.nodes, transfer=places.transfer,
@@ -171,26 +184,11 @@ def build(rows: Rows, contact: SettledContact) -> Interface:
         facets=facets[(facets >= 0).all(axis=1)],
         laplacian=laplacian(side.xy, side.pieces(rows.seen), row, len(keep), side.axisymmetric),
         one_sided=of_rows(clamped.any(axis=0)), displacement=np.zeros(xy.shape[1]), gap_history=contact.opening[1],
-        slave=side.body if rows.points else None, lines=lines, outline=_outline(rows, keep),
+        slave=side.body if rows.points else None, lines=lines, draw=partial(_outline, rows, keep),
         at=(rows.transfers[0][keep] @ sides[0].xy, rows.transfers[1][keep] @ sides[1].xy),
         axisymmetric=side.axisymmetric, pointwise=rows.pointwise, waves=rows.waves,
-        fixed=_at_rows(rows, dropped, start), probes=_probes(rows, contact, dropped, start), pull=pull)
-
-
-def apart(contact: SettledContact, first: Side, second: Side | None = None) -> Interface:
-    """The interface of sides that do not face each other, or of one and a rigid partner: it has no rows. Not
-    collective."""
-    d, none, modulus = first.dimension, np.empty(0), second.modulus if second else np.inf
-    at, square = np.empty((0, d)), sparse.csr_matrix((0, 0))
-    law = law_of(contact.friction, at, none, none, np.empty(0, int), contact.kind, np.empty(0, bool))
-    return Interface(
-        name=contact.name, bodies=contact.bodies, xy=at, frame=np.empty((0, d, d)), area=none, gap=none,
-        nodes=(np.empty(0, int),) * 2, transfer=(square, square), law=law, laplacian=square,
-        facets=np.empty((0, d), int),
-        modulus=1.0 / (1.0 / first.modulus + 1.0 / modulus), one_sided=np.empty(0, bool), at=(at, at),
-        displacement=np.zeros(d), slave=contact.slave, lines=Lines(np.empty(0, int), at, none, np.empty((0, d), int)),
-        fixed=Places(normal=at), probes=Places(normal=at), outline=Outline(at, np.empty((0, d), int), square),
-        axisymmetric=first.axisymmetric)
+        fixed=_at_rows(rows, np.flatnonzero(dropped), start), beyond=int(beyond.sum()), pull=pull,
+        probes=_probes(rows, contact, dropped, np.flatnonzero(beyond), start))
 
 
 def _refuse_held(contact: SettledContact, pull: np.ndarray, frame: np.ndarray, live: np.ndarray,
@@ -253,19 +251,26 @@ def _outline(rows: Rows, keep: np.ndarray) -> Outline:
 
 
 def _at_rows(rows: Rows, some: np.ndarray, gap: np.ndarray) -> Places:
-    """The places of the rows marked by `some` (r,) bool, with their entries of `gap` (r,)."""
+    """The places of `some` rows (k,), with their entries of `gap` (r,)."""
     (first, one), (second, other) = (_used(side, transfer[some]) for side, transfer in
                                      zip(rows.sides, rows.transfers, strict=True))
     return Places((first, second), rows.normal[some], gap[some], (one, other))
 
 
-def _probes(rows: Rows, contact: SettledContact, dropped: np.ndarray, start: np.ndarray) -> Places:
-    """Places between the nodes, or dropped rows that can still move a little, with overlaps that clamps preserve."""
+def _probes(rows: Rows, contact: SettledContact, dropped: np.ndarray, beyond: np.ndarray, start: np.ndarray) -> Places:
+    """Places between the nodes, or dropped rows that can still move a little, with overlaps that clamps preserve; and
+    then the rows `beyond`."""
     if rows.points is None:
         moves = sum(np.abs(np.einsum("rij,rj->ri", side.moves_with(transfer), rows.normal)).max(axis=1)
                     for side, transfer in zip(rows.sides, rows.transfers, strict=True)) > SAME
-        return replace(_at_rows(rows, dropped & moves, start), stays=1.0)
-    points, gap, stays = rows.points, rows.points.gap, [np.zeros(1)]
+        return replace(_at_rows(rows, np.append(np.flatnonzero(dropped & moves), beyond), start), stays=1.0)
+    points, stays = rows.points, [np.zeros(1)]
+    if len(beyond):
+        one, other = (sparse.vstack([move, more[beyond]], "csr") for move, more in zip(
+            points.transfer, rows.transfers, strict=True))
+        points = replace(points, transfer=(one, other), normal=np.vstack([points.normal, rows.normal[beyond]]),
+                         gap=np.append(points.gap, start[beyond]))
+    gap = points.gap
     if contact.gap is not None or contact.two_sided:
         # A given gap, or none of a bond or a guide, overrides the geometry between the nodes too.
         gap = points.transfer[rows.slave] @ np.append(start, 0.0)[rows.place]

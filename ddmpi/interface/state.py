@@ -38,6 +38,7 @@ class ContactTotals(NamedTuple):
     normal_max, normal_sum : of the sizes of the nodes' normal forces (N)
     acting : sum of the sizes of the components of the nodes' forces (N)
     opening : smallest gap at and between the nodes (m)
+    moved : how far the bodies have moved past each other along the normal of a node at most (m)
     closed : length, in space area, of the nodes that are not open
     pretension : of a bond that has one: force on the first body along its direction (N), and offset (m)
     """
@@ -60,6 +61,7 @@ class ContactTotals(NamedTuple):
     normal_sum: float
     acting: float
     opening: float
+    moved: float
     closed: float
     moment_imbalance: tuple[float, float]
     pretension: dict[str, float] | None
@@ -218,6 +220,7 @@ class ContactState:
             float(self.pressure.max(initial=-np.inf if interface.m else 0.0)), float(normal.max(initial=0.0)),
             float(normal.sum()), float(np.abs(self.forces).sum()),
             float(self.between.min(initial=self.gap.min(initial=np.inf))),
+            float(np.abs(interface.opening - self.gap).max(initial=0.0)),
             float(interface.area[self.status != "open"].sum()),
             self.moment_imbalance, {"force": float(self.force @ interface.pull), "offset": interface.offset}
             if len(interface.pull) else None)

@@ -39,8 +39,8 @@ def trace(interface: Interface, side: int, body: Elasticity) -> sparse.csr_matri
 
 def displacement_trace(interface: Interface, side: int, u: np.ndarray) -> np.ndarray:
     """B u (size,) in metres, of a displacement (nv, d) of all nodes of the body on `side`. Not collective."""
-    moved = rows(interface, side) @ u[interface.nodes[side]]
-    return _sign(side) * np.einsum("ij,ij->i", moved, interface.directions)
+    moved = interface.transfer[side] @ u[interface.nodes[side]]
+    return _sign(side) * np.einsum("ij,ij->i", moved[interface.law.node], interface.directions)
 
 
 def sliding_trace(interface: Interface, side: int, u: np.ndarray) -> np.ndarray:
@@ -73,11 +73,11 @@ def seen(interface: Interface, frame: Frame) -> Interface:
 
 def placed(interface: Interface, frame: Frame) -> Interface:
     """The interface where a frame takes both of its sides."""
-    lines, outline, at = interface.lines, interface.outline, interface.at
+    lines, at = interface.lines, interface.at
     lines = replace(lines, xy=frame.at(lines.xy), at=None if lines.at is None else frame.at(lines.at))
     return replace(seen(interface, frame.undone), xy=frame.at(interface.xy), lines=lines,
                    at=at and (frame.at(at[0]), frame.at(at[1])),
-                   outline=outline and replace(outline, xy=frame.at(outline.xy)))
+                   draw=lambda: (outline := interface.outline) and replace(outline, xy=frame.at(outline.xy)))
 
 
 def components(body: Elasticity, nodes: np.ndarray) -> sparse.csr_matrix:

@@ -115,12 +115,16 @@ def _page(results: Results, folder: Path) -> str:
     arrays.put("edges", number[sharp_edges(points, facets)])
     arrays.put("cells", number[cells])
     arrays.put("owner", owner[nodes])
-    far = bool(results.frames)  # contacts then have other rows in each step, and are not painted
-    painted = _painted(replace(results, summary=results.summary | {"scene": results.summary["scene"] | {
-        "contact": []}}) if far else results, points, owner)
-    painted["surface"] -= s[painted["nearest"]]
-    for name in "surface", "above", "painted", "bearer", *(("rims",) if turned else ()):
-        arrays.put(name, painted[name])
+    far = bool(results.frames)  # contacts then have other surfaces in each step
+
+    def paint(results: Results, points: np.ndarray, step: int | str = "") -> dict[str, Any]:
+        painted = _painted(results, points, owner)
+        painted["surface"] -= s[painted["nearest"]]
+        for name in "surface", "above", "painted", "bearer", *(("rims",) if turned else ()):
+            arrays.put(f"{name}{step}", painted[name])
+        return painted
+
+    painted = paint(results, points)
     low, high = points[nodes].min(axis=0), points[nodes].max(axis=0)
     times, tops, marks = [], dict.fromkeys(TITLES, 0.0), {name: list[tuple[float, int]]() for name in TITLES}
     for k, (time, fields, surfaces) in enumerate(_steps(results, folder, len(nodes))):
@@ -129,8 +133,9 @@ def _page(results: Results, folder: Path) -> str:
             at = (fields["points"] - s)[nodes]
             low, high = np.minimum(low, at.min(axis=0)), np.maximum(high, at.max(axis=0))
             arrays.put(f"at{k}", at)
+            painted = paint(replace(results, surfaces=surfaces), fields["points"], k)
         values = {"displacement": np.linalg.norm(u - s, axis=1)[nodes]}
-        if len(painted["painted"]):
+        if len(painted["painted"]) or (far and surfaces):  # steps without contact, too
             values["pressure"] = np.concatenate([
                 np.nan_to_num(surfaces[name]["pressure"])[rows] for name, rows in painted["rows"]])
         if "nodal_von_mises" in fields:

@@ -269,6 +269,9 @@ def _put(group: Any, table: dict[str, Any]) -> None:
         first = value[0] if isinstance(value, list) and value else value
         if isinstance(value, dict):
             _put(group.create_group(name, track_order=True), value)
+        elif first is not value and isinstance(first, np.ndarray) and len({each.shape for each in value}) > 1:
+            group[name] = np.concatenate(value)  # load steps with rows of their own
+            group[name].attrs["ends"] = np.cumsum([len(each) for each in value])
         elif isinstance(first, np.ndarray):
             group[name] = np.asarray(value)
         else:
@@ -280,4 +283,6 @@ def _get(entry: Any) -> Any:
 
     if isinstance(entry, h5py.Group):
         return {name: _get(value) for name, value in entry.items()}
-    return json.loads(entry.asstr()[()]) if h5py.check_string_dtype(entry.dtype) else entry[()]
+    if h5py.check_string_dtype(entry.dtype):
+        return json.loads(entry.asstr()[()])
+    return np.split(entry[()], entry.attrs["ends"][:-1]) if "ends" in entry.attrs else entry[()]

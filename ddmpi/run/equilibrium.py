@@ -25,6 +25,7 @@ from ddmpi.interface.state import ContactState
 from ddmpi.judge.equilibrium import Mechanism, find_mechanism
 from ddmpi.judge.forces import Forces
 from ddmpi.judge.motions import RESISTED, MotionsOfBody, describe_motions, undetermined
+from ddmpi.methods.newton import Newton
 from ddmpi.methods.outer import Outer
 from ddmpi.scene.meshes import parts_of
 from ddmpi.system.agreement import agreed, from_first, gathered
@@ -41,6 +42,10 @@ on, friction becomes parallel to the load, and the resistance vanishes."""
 NOTHING = 1e-10
 """Forces of a contact and displacements of a body below this fraction of the largest in the load steps before are
 rounding, and become zero."""
+
+UNSTABLE = 0.15
+"""An equilibrium is not stable if a motion is resisted by less than this times what loads push it on by. Of a disc on a
+plane, which nothing holds and nothing pushes on, nodes that open and close make up to 0.12."""
 
 Moved = tuple[dict[str, np.ndarray], list[np.ndarray], dict[str, dict[str, Any]], dict[tuple[str, int], tuple]]
 """How the bodies of a rank move under the outer method's forces: by name their displacements (nv, d); their contact
@@ -132,6 +137,20 @@ def describe_drift(assembly: Assembly, motions: np.ndarray) -> str:
     bodies, slices = _with_partners(assembly), assembly.joint.slices
     return from_first(assembly.world, lambda: describe_motions(
         bodies, np.array([body.basis @ motions[slices[body.name]] for body in bodies])) or "no body")
+
+
+def instability(assembly: Assembly, outer: Newton) -> list[str]:
+    """A warning where forces that grow as frames move on push them on. Collective."""
+    joint = assembly.joint
+    size = np.abs(joint.K).max() if joint.K.nnz else 0.0
+    if not size:
+        return []
+    values, motions = assembly.world.bcast(np.linalg.eig(np.linalg.pinv(outer.linearisation().yielding())))
+    worst = int(values.real.argmin())
+    if not values[worst].real < -UNSTABLE * size:
+        return []
+    return [f"the equilibrium is not stable: {describe_drift(assembly, motions[:, worst].real)}, pushed on by the "
+            "loads, and bodies would not stay there"]
 
 
 def _loose(assembly: Assembly) -> list[Body]:
@@ -339,6 +358,36 @@ def partners_gone(assembly: Assembly) -> dict[str, RigidMotion]:
         at = frame.at(pivot)
         gone[partner.name] = RigidMotion(at - pivot, np.radians(frame.turn if turning else np.empty(0)), at)
     return gone
+
+
+def began(assembly: Assembly, name: str, points: np.ndarray, u: np.ndarray | float,
+          then: Mapping[str, Frame]) -> dict[str, np.ndarray]:
+    """Where the points of a body were a step before, with its displacement `u` and the frames of `then`, by contact, as
+    displacements (nv, d) in its frame of now (m): seen from the frame of the second body, which is where it is now. Not
+    collective."""
+    starts, now = {}, assembly.frames
+    assert assembly.far
+    for contact in assembly.far.contacts:
+        if name in contact.bodies:
+            second = contact.bodies[1]
+            carried = now[second].after(then[second].undone).after(then[name])
+            starts[contact.name] = now[name].undone.after(carried).at(points + u) - points
+    return starts
+
+
+def way_down(assembly: Assembly) -> np.ndarray:
+    """The motions (rigid.size,) of free frames along the loads on them, without turns, that bring sides together (m);
+    zero where sides on the way touch, or none are there. Collective."""
+    joint, space, along, far = assembly.joint, assembly.space, np.zeros(assembly.joint.rigid.size), np.inf
+    for name, frame in assembly.far.free.items() if assembly.far else ():
+        shifts = slice(joint.slices[name].start, joint.slices[name].start + len(frame.axes))
+        along[shifts] = joint.e[shifts]
+    closing = joint.rigid.spread(along)
+    for interface, part in space.with_slices():
+        gap, closes = space.gap[part][:interface.m], closing[part][:interface.m]
+        far = min(far, (gap[closes > 0.0] / closes[closes > 0.0]).min(initial=np.inf))
+    far = min(assembly.world.allgather(far))
+    return (far if 0.0 < far < np.inf else 0.0) * along
 
 
 def recover(member: Member, s: np.ndarray, alpha: np.ndarray,

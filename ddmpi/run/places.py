@@ -14,7 +14,7 @@ from the second body's frame. So it does not depend on the pairing, nor on a mot
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -29,7 +29,7 @@ from ddmpi.interface.state import Rows, forces_by_node, rows_of, values_by_node
 from ddmpi.methods.newton import Newton
 from ddmpi.methods.outer import Report, Step, no_report
 from ddmpi.results.checkpoint import Checkpoints
-from ddmpi.run.equilibrium import NOTHING, Mark, describe_drift, partners_gone
+from ddmpi.run.equilibrium import NOTHING, Mark, began, instability, partners_gone, way_down
 from ddmpi.run.gather import StepLog
 from ddmpi.run.solve import Iteration, Solution, solve
 from ddmpi.run.steps import MARKS, March
@@ -49,7 +49,6 @@ MOST = 64
 MARGIN = 1.0
 """Overlaps are looked for as deep as those of the step before and the motion of this one, and this many facets."""
 
-
 PASSES, SETTLED, SHRINKS, PATIENCE = 40, 1e-8, 0.7, 6
 """Most passes of a step. Frames have settled once α moves contacts by less than SETTLED of what their forces do, and
 do not settle if PATIENCE passes in a row leave more than SHRINKS of the least so far."""
@@ -57,10 +56,6 @@ do not settle if PATIENCE passes in a row leave more than SHRINKS of the least s
 NEAR, DEPTH, RANK = 0.3, 3, 1e-6
 """Once α moves contacts by less than NEAR of what forces do, DEPTH passes before make the next α (Anderson, J. ACM 12,
 1965), by least squares up to RANK."""
-
-UNSTABLE = 0.15
-"""An equilibrium is not stable if a motion is resisted by less than this times what loads push it on by. Of a disc on a
-plane, which nothing holds and nothing pushes on, nodes that open and close make up to 0.12."""
 
 FARTHEST = 15.0
 """Largest turn of a frame in a pass (degrees)."""
@@ -75,14 +70,14 @@ class Memory:
     time, freed : its end, and how far free frames had gone then
     displacements : (nv, d) of this rank's bodies in their frames (m)
     contacts : by contact that this rank owns the arrays of `rows_of`
-    deepest : overlap of the sides without displacements (m), by contact of this rank's bodies
+    moved : how far bodies have moved along the normals of nodes at most (m), by contact of this rank's bodies
     """
 
     time: float
     freed: Freed
     displacements: Mapping[str, np.ndarray]
     contacts: Rows
-    deepest: Mapping[str, float]
+    moved: Mapping[str, float]
 
     def forces_at(self, interface: Interface, part: slice, s: np.ndarray) -> np.ndarray:
         """The forces (size,) of the step before where those of now are `s` (N): the same, with its sum of slip bounds.
@@ -102,9 +97,23 @@ class FarMarch(March):
         still = np.zeros({2: 3, 3: 6}[assembly.scene.dimension])
         self._first = Memory(0.0, dict.fromkeys(assembly.far.free, still), {}, {}, _deepest(assembly))
         self._compared: Memory | None = None  # the last attempt at the present leg
+        self._whole: frozenset[str] = frozenset()  # contacts of which no rows are left out in the present step
         super().__init__(assembly, iteration, log)
 
     def _step(self, time: float) -> Solution:
+        """Solve the load step to `time`; once more, with all rows, where one that was left out as open is not."""
+        solution = self._settle(time)
+        missed = {name for name, state in solution.states.items()
+                  if (state.between[len(state.between) - state.interface.beyond:] < 0.0).any()}
+        missed = set().union(*self.assembly.world.allgather(missed))
+        self._whole = self._whole | missed if missed else frozenset()
+        if not missed:
+            return solution
+        log.info("time %g: more of %s closes than expected; once more with all nodes", time, ", ".join(sorted(missed)))
+        self._leave()
+        return self._step(time)
+
+    def _settle(self, time: float) -> Solution:
         """Place the bodies at `time`, and solve, until free frames have settled."""
         memory, far, clock, mark = self._memory(self._now), self.assembly.far, self.iteration.clock, self._now
         assert far
@@ -117,6 +126,9 @@ class FarMarch(March):
             start = self._place(time, memory, then, rows, number > 0)
             if not far.free:
                 break
+            if not number and (fall := way_down(self.assembly)).any():
+                self._go(time, fall)
+                start = self._place(time, memory, then, rows, False)
             with clock.phase("outer"):
                 stopped = self.outer.run(self.iteration.method.tolerance)
             moved = self.assembly.joint.rigid.spread(self.outer.motions)
@@ -156,7 +168,7 @@ class FarMarch(March):
         if settled:
             _refuse_passing(self.assembly, memory, time)
         if settled and far.free and len(self._ahead) == 1:  # the end of a leg
-            self.log.doubt(time, self._unstable())
+            self.log.doubt(time, instability(self.assembly, self.outer))
         self._count()
         self._passes = number + 1
         states = {name: replace(state, before=values_by_node(state.interface, memory.contacts, "slip"))
@@ -177,10 +189,10 @@ class FarMarch(March):
         (size,) (m)."""
         far, clock = self.assembly.far, self.iteration.clock
         assert far
-        far.reach[time] = _reaches(self.assembly, then, memory.deepest, time)
+        far.reach[time] = _reaches(self.assembly, memory, then, self._whole, time)
         with clock.phase("assemble"):
             self.assembly = assembly = self.assembly.meet(time)
-        start = assembly.exchange.total([body.member.begin(_began(
+        start = assembly.exchange.total([body.member.begin(began(
             assembly, body.spec.name, body.mesh.points, memory.displacements.get(body.spec.name, 0.0), then))
             for body in assembly.bodies], "slip")
         self._now = _seen_now(self._now, assembly, memory, start)
@@ -212,19 +224,6 @@ class FarMarch(March):
         share = (time - now.time) / span if span and not self._cuts else 0.0
         return {name: gone + share * (gone - before.freed[name]) for name, gone in now.freed.items()}
 
-    def _unstable(self) -> list[str]:
-        """A warning where forces that grow as frames move on push them on."""
-        joint, world = self.assembly.joint, self.assembly.world
-        size = np.abs(joint.K).max() if joint.K.nnz else 0.0
-        if not size:
-            return []
-        values, motions = world.bcast(np.linalg.eig(np.linalg.pinv(self.outer.linearisation().yielding())))
-        worst = int(values.real.argmin())
-        if not values[worst].real < -UNSTABLE * size:
-            return []
-        return [f"the equilibrium is not stable: {describe_drift(self.assembly, motions[:, worst].real)}, pushed on by "
-                "the loads, and bodies would not stay there"]
-
     def _go(self, time: float, alpha: np.ndarray) -> None:
         """Have the free frames take the motions α."""
         assembly, far = self.assembly, self.assembly.far
@@ -253,7 +252,8 @@ class FarMarch(March):
         assert solution.time is not None
         assert self.assembly.far
         return Memory(solution.time, self.assembly.far.freed[solution.time], solution.displacements, {
-            name: rows_of(state) for name, state in solution.states.items()}, _deepest(self.assembly))
+            name: rows_of(state) for name, state in solution.states.items()}, {
+                name: total.moved for name, total in solution.contacts.items()})
 
     def _by_frames(self, solution: Solution, before: Mark) -> float:
         """Work of the motions of frames (J): clamps balance what contact forces do to bodies that move."""
@@ -313,7 +313,7 @@ def _refuse_passing(assembly: Assembly, memory: Memory, time: float) -> None:
                 for share in np.linspace(0.0, 1.0, places)[1:-1]:
                     freed = {name: (1.0 - share) * gone + share * ends[1][name] for name, gone in ends[0].items()}
                     frames = frames_of(scene, memory.time + float(share) * (time - memory.time), freed)
-                    met = meet(contact, both, frames, rigid, thin)
+                    met = meet(contact, both, frames, rigid, (thin, 0.0))
                     deepest = max(deepest, -float(met.opening.min(initial=0.0)))
             if deepest > DEEPEST * thin:
                 raise InputError(f"contact.{contact.name}: the motions push {contact.bodies[0]!r} and "
@@ -328,31 +328,20 @@ def _way(contact: SettledContact, side: Side, then: Mapping[str, Frame], now: Ma
     return float(np.linalg.norm(new - old, axis=1).max())
 
 
-def _reaches(assembly: Assembly, frames: Mapping[str, Frame], deepest: Mapping[str, float],
-             time: float) -> dict[str, float]:
-    """How deep overlaps may be at `time` (m), by contact: as the last ones, where `frames` were, by the motion since,
-    and a facet."""
-    assert assembly.far
-    now, reach = assembly.far.frames(assembly.scene, time), {}
-    for contact in assembly.far.contacts:
-        side = assembly.far.sides[contact.name][0]
-        reach[contact.name] = deepest[contact.name] + _way(contact, side, frames, now) + MARGIN * float(
-            side.lengths.max() ** (1.0 / (side.dimension - 1)))
+def _reaches(assembly: Assembly, memory: Memory, then: Mapping[str, Frame], whole: Collection[str],
+             time: float) -> dict[str, tuple[float, float]]:
+    """By contact how deep overlaps may be at `time` (m): as far as bodies moved along normals before, by the motion
+    since `then`, and a facet; and how far they moved, endless where no rows are to be left out: in the first step, of
+    `whole` contacts, and where frames are free."""
+    far, reach = assembly.far, {}
+    assert far
+    now = far.frames(assembly.scene, time)
+    for contact in far.contacts:
+        side, moved = far.sides[contact.name][0], memory.moved[contact.name]
+        endless = not memory.time or contact.name in whole or not far.free.keys().isdisjoint(contact.bodies)
+        reach[contact.name] = moved + _way(contact, side, then, now) + MARGIN * float(
+            side.lengths.max() ** (1.0 / (side.dimension - 1))), np.inf if endless else moved
     return reach
-
-
-def _began(assembly: Assembly, name: str, points: np.ndarray, u: np.ndarray | float,
-           then: Mapping[str, Frame]) -> dict[str, np.ndarray]:
-    """Where the points of a body were a step before, with its displacement `u` and the frames of `then`, by contact, as
-    displacements (nv, d) in its frame of now (m): seen from the frame of the second body, which is where it is now."""
-    began, now = {}, assembly.frames
-    assert assembly.far
-    for contact in assembly.far.contacts:
-        if name in contact.bodies:
-            second = contact.bodies[1]
-            carried = now[second].after(then[second].undone).after(then[name])
-            began[contact.name] = now[name].undone.after(carried).at(points + u) - points
-    return began
 
 
 def _seen_now(mark: Mark, assembly: Assembly, memory: Memory, start: np.ndarray) -> Mark:

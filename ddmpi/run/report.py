@@ -118,8 +118,8 @@ def _plan_of(interface: Interface, unit: str) -> str:
         facts.append("no friction")
     elif constrained:
         facts.append(f"clamps constrain {_count(constrained, 'tangential unknown')}")
-    if interface.dropped:
-        facts.append(f"clamps constrain {_count(interface.dropped, 'contact node')}")
+    if clamped := len(interface.fixed.gap):
+        facts.append(f"clamps constrain {_count(clamped, 'contact node')}")
     return "; ".join(facts)
 
 

@@ -102,7 +102,7 @@ def test_a_bond_holds_along_the_contact_too():
     assert contact.sliding.tolist() == [1, 2, 3, 4, 5, 6]
     left["y"] = True
     contact = bonded(side(upper, "bottom", **left), side(lower, "top", **left))
-    assert (contact.m, contact.size, contact.dropped) == (6, 12, 1)
+    assert (contact.m, contact.size, len(contact.fixed.gap)) == (6, 12, 1)
 
 
 def test_a_roller_along_the_normal_does_not_break_the_bond():
@@ -110,7 +110,7 @@ def test_a_roller_along_the_normal_does_not_break_the_bond():
     upper, lower = blocks()
     sides = [side(mesh, group, where=lambda x, y: x == 0.0, y=True) for mesh, group in ((upper, "bottom"),
                                                                                         (lower, "top"))]
-    assert (bonded(*sides).m, bonded(*sides).dropped) == (7, 0)
+    assert (bonded(*sides).m, len(bonded(*sides).fixed.gap)) == (7, 0)
     assert held_beside(bonded(*sides)) == pytest.approx(0.0, abs=1e-12)
     assert pair(*sides, Coulomb(coefficient=0.3), "seam").m == 6
 

@@ -81,7 +81,7 @@ def test_side_of_order_2_has_simpson_lengths():
 def test_matching_blocks():
     upper, lower = blocks()
     contact = interface_of(upper, lower)
-    assert (contact.m, contact.size, contact.dropped) == (7, 14, 0)
+    assert (contact.m, contact.size, len(contact.fixed.gap)) == (7, 14, 0)
     assert np.array_equal(contact.sliding, np.arange(7))
     for mesh, nodes in zip((upper, lower), contact.nodes, strict=True):
         assert np.array_equal(mesh.points[nodes], contact.xy)
@@ -147,7 +147,7 @@ def test_sides_that_do_not_match_are_refused_with_coordinates(case):
 
 def test_clamped_nodes_drop_out():
     contact = interface_of(*blocks(1e-3), COULOMB, *[LEFT | {"x": True, "y": True}] * 2)
-    assert (contact.m, contact.size, contact.dropped) == (6, 12, 1)
+    assert (contact.m, contact.size, len(contact.fixed.gap)) == (6, 12, 1)
     assert contact.xy[:, 0] == pytest.approx(np.linspace(0.5, 3.0, 6))
     assert contact.area.sum() == pytest.approx(2.75)
     assert np.array_equal(contact.sliding, np.arange(6))
@@ -166,14 +166,14 @@ def test_clamped_node_in_the_middle_parts_its_neighbours():
 def test_node_that_one_body_holds_stays(which):
     """The other body can move there, and must not move into the first."""
     contact = interface_of(*blocks(), COULOMB, *(LEFT | {"x": k == which, "y": k == which} for k in (0, 1)))
-    assert (contact.m, contact.dropped, contact.size) == (7, 0, 14)
+    assert (contact.m, len(contact.fixed.gap), contact.size) == (7, 0, 14)
     assert np.flatnonzero(contact.one_sided).tolist() == [0, 7]
     assert held_beside(contact) == pytest.approx(0.0, abs=1e-12)
 
 
 def test_roller_across_the_normal_keeps_the_normal_unknown():
     contact = interface_of(*blocks(), COULOMB, *[LEFT | {"x": True}] * 2)
-    assert (contact.m, contact.dropped, contact.size) == (7, 0, 13)
+    assert (contact.m, len(contact.fixed.gap), contact.size) == (7, 0, 13)
     assert np.array_equal(contact.sliding, np.arange(1, 7))
 
 

@@ -41,7 +41,7 @@ def test_a_brick_on_two_bricks(order):
         weights = {1: [0.25, 0.5, 0.25], 2: [0.5 / 6, 2 / 6, 1 / 6, 2 / 6, 0.5 / 6]}[order]
         assert contact.area == pytest.approx(weights)
         assert joined(contact).all() and held_beside(contact) == pytest.approx(0.0, abs=1e-12)
-        assert contact.dropped == 0 and not contact.gap.any()
+        assert len(contact.fixed.gap) == 0 and not contact.gap.any()
         assert contact.normal == pytest.approx(np.tile([0.0, -1.0], (contact.m, 1)))
         assert len(contact.facets) == 2
         if order == 2:
@@ -126,7 +126,7 @@ def test_clamped_nodes_of_a_common_part(order):
     """They drop out, their neighbours remember them; nodes that only one side has do not count."""
     left = {"where": lambda x, y: x == 1.0, "x": True, "y": True}
     contact = met(side(brick(1.0, 1.0, order), "bottom", **left), side(brick(0.0, order=order), "top", **left))
-    assert (contact.m, contact.dropped) == (2 * order, 1)
+    assert (contact.m, len(contact.fixed.gap)) == (2 * order, 1)
     assert held_beside(contact) == pytest.approx([2.0 * order, *[0.0] * (2 * order - 1)], abs=1e-12)
     assert contact.area.sum() == pytest.approx({1: 0.75, 2: 1.0 - 0.5 / 6}[order])
     assert len(contact.facets) == 1

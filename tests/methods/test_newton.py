@@ -73,7 +73,7 @@ def dense_stiffness(contact, modulus: float) -> np.ndarray:
     for k, distance in enumerate(np.diff(x)):
         if distance < 1.01 * (length[k] + length[k + 1]):
             K[k:k + 2, k:k + 2] += np.array([[1.0, -1.0], [-1.0, 1.0]]) / distance
-    if contact.dropped:
+    if len(contact.fixed.gap):
         K[0, 0] += 1.0 / (x[1] - x[0])
     A = K / np.sqrt(np.outer(length, length)) + (1.5 / length.sum()) ** 2 * np.eye(m)
     values, vectors = np.linalg.eigh(A)

@@ -12,7 +12,7 @@ import made_up
 import made_up_solids
 import numpy as np
 import pytest
-from scenes import LIMIT, call, pinched_blocks, run_here, write_scene
+from scenes import LIMIT, call, pinched_blocks, rectangle, run_here, write_scene
 
 from ddmpi.errors import InputError
 from ddmpi.pictures.browser import _page, write_view
@@ -89,6 +89,27 @@ def test_contacts_in_the_plane_are_ribbons(tmp_path):
     at = arrays["surface"].reshape(-1, 3)[arrays["painted"].reshape(-1, 3)]
     across = np.cross(at[:, 1] - at[:, 0], at[:, 2] - at[:, 0])[:, 2]
     assert np.abs(across).sum() / 2 == pytest.approx(2 * 3.0 * 0.012 * 3.0, rel=1e-3)
+
+
+def test_contacts_of_bodies_that_move_far_are_painted_where_they_are(tmp_path):
+    """Each load step has the pressure of its own contact, on both sides, where the bodies are then."""
+    made = {"history": {name: {"times": [k, k + 1.0], "factors": [0.0, 1.0]} for k, name in enumerate(("press", "go"))},
+            "time": {"points": [1.0, 2.0], "steps": 2, "motions": "far"}, "output": {"steps": "all", "figures": False},
+            "body": [rectangle("block", (0, 0.1), (1, 0.5), (8, 4), young=1000.0, clamp=["top"], motion=[
+                         {"shift": [0.0, -0.104], "history": "press"}, {"shift": [1.2, 0.0], "history": "go"}]),
+                     rectangle("base", (-1, -1), (4, 1), (27, 6), young=1000.0, clamp=["bottom"])],
+            "contact": [{"bodies": ["block", "base"], "on": ["bottom", "top"]}]}
+    run_here(write_scene(made, tmp_path / "scene.toml"), tmp_path / "out")
+    legs, (head, arrays) = read_results(tmp_path / "out").legs["block-base"], unpacked(write_view(tmp_path / "out"))
+    field = next(field for field in head["fields"] if field["name"] == "pressure")
+    assert head["times"] == [0.5, 1.0, 1.5, 2.0]
+    for k, (time, shift) in enumerate(zip(head["times"], (0.0, 0.0, 0.6, 1.2), strict=True)):
+        largest, at = legs["normal_stress"][legs["time"] == time].max(), arrays[f"surface{k}"].reshape(-1, 3)
+        assert [at[:, 0].min(), at[:, 0].max()] == pytest.approx([shift, shift + 1.0], abs=1e-3)
+        assert np.abs(at[:, 1]).max() < 0.1 and set(arrays[f"bearer{k}"]) == {0, 1}
+        assert len(arrays[f"pressure{k}"]) == len(at) and (largest > 0.0) == (k > 0)
+        assert arrays[f"pressure{k}"].max() == pytest.approx(largest, rel=1e-3, abs=1e-9)
+        assert field["marks"][k][0] == pytest.approx(largest, rel=1e-9)
 
 
 def test_a_view_overwrites_nothing_else(tmp_path):

@@ -158,7 +158,7 @@ def test_a_contact_of_which_no_facet_is_drawn_is_written(tmp_path):
     lines = replace(contact.lines, row=np.zeros(2, int), xy=contact.xy[:2], area=np.array([1.0, 1e-3]),
                     facets=np.array([[0, 1]]))
     none = replace(contact.outline, xy=contact.xy[:2], cells=np.empty((0, 2), int), shares=contact.outline.shares[:2])
-    states = {"bare": made_up.state(replace(contact, lines=lines, outline=none)), "whole": made_up.state(contact)}
+    states = {"bare": made_up.state(replace(contact, lines=lines, draw=lambda: none)), "whole": made_up.state(contact)}
     bare, whole = map(contact_fields, states.values())
     places = write_fields(tmp_path, {0: made_up.fields(upper)}, {"bare": bare, "whole": whole},
                           tables={name: table_fields(each) for name, each in states.items()})

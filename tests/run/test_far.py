@@ -14,6 +14,7 @@ from scenes import COULOMB, certified, rectangle, run_here, write_scene
 
 import ddmpi
 from ddmpi.errors import InputError
+from ddmpi.interface import rows
 from ddmpi.pictures.draw import draw_all
 from ddmpi.results.tables import read_results
 from ddmpi.system.numbers import Frame
@@ -152,6 +153,32 @@ def test_a_rigid_partner_that_turns_rubs_as_far_as_it_goes():
     still["rigid"][0]["motion"] = still["rigid"][0]["motion"][0] | {"shift": [0.0, 0.03]}
     still["history"].pop("spin")
     assert forces(certified(still))[2] == pytest.approx(forces(answer)[2], rel=1e-12)
+
+
+def sagging() -> dict:
+    """A ring above a block, bent down to it by its weight, which is fifty times larger in the second step."""
+    made = disc()
+    made["body"][0] |= {"motion": {"shift": [0.0, 1e-3]}, "volume_force": {"value": [0.0, -30.0], "history": "load"}}
+    made["body"][0]["mesh"]["divisions"] = [144, 3]
+    made["body"][1].pop("motion")
+    return made | {"history": {"load": {"times": [0.0, 1.0, 2.0], "factors": [0.0, 0.02, 1.0]}},
+                   "time": {"points": [1.0, 2.0], "steps": 1, "motions": "far"}}
+
+
+@pytest.mark.parametrize("make", [disc, sagging])
+def test_rows_that_stay_open_are_left_out(make, monkeypatch, caplog):
+    """Answers are those of all rows: a step in which one closes that was left out is repeated with all of them."""
+    caplog.set_level("INFO", "ddmpi")
+    few = certified(make())
+    assert ("once more with all nodes" in caplog.text) == (make is sagging)
+    monkeypatch.setattr(rows, "WIDER", 1e9)
+    whole = certified(make())
+    assert forces(few) == pytest.approx(forces(whole), rel=1e-9, abs=1e-12)
+    assert forces(few)[-1, 1] ** 2 + forces(few)[-1, 0] ** 2 > 1.0
+    (state,), (other,) = few.contacts.values(), whole.contacts.values()
+    assert state.interface.m == other.interface.m if make is sagging else 2 * state.interface.m < other.interface.m
+    assert state.deepest == pytest.approx(other.deepest, rel=1e-9)
+    assert few.summary["energy"] == pytest.approx(whole.summary["energy"], rel=1e-9, abs=1e-9)
 
 
 def test_order_scale_and_mirror_do_not_matter():

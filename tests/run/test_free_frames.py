@@ -220,6 +220,19 @@ def test_a_loose_ring_moves_along_its_axis():
     assert gone(answer, "ring")[-1] == pytest.approx([0.0, -0.3, 0.0], abs=0.01)
 
 
+def test_a_body_falls_until_it_touches():
+    """From beside and far above the bottom of a bore a disc falls onto its side, and rolls down to the bottom."""
+    made = rolling()
+    made["body"][0]["mesh"] |= {"center": [0.2, 0.2], "divisions": [60, 5]}
+    made["body"][1]["mesh"]["divisions"] = [87, 3]
+    made["body"][1].pop("motion"), made.pop("history")
+    answer = certified(made | {"time": {"points": [1.0], "steps": 1, "motions": "far"}})
+    weight = -answer.summary["bodies"]["disc"]["loads"]["volume_force"]["force"][1]
+    assert forces(answer)[-1] == pytest.approx([0.0, weight], rel=1e-9, abs=1e-9)
+    *shift, turn = gone(answer, "disc")[-1]
+    assert Frame.of(shift, turn).at(np.array([[0.2, 0.2]])) == pytest.approx(np.array([[0.0, -0.5]]), abs=0.03)
+
+
 def test_what_nothing_stops_is_an_error_in_words():
     """A disc that falls past everything has no equilibrium."""
     made = rolling()

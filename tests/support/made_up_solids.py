@@ -67,7 +67,7 @@ def interface(name: str, mesh: Mesh, group: str, friction=made_up.COULOMB, kind=
                      modulus=1e11, facets=facets, laplacian=sparse.csr_matrix((m, m)),
                      one_sided=np.zeros(law.size, bool), displacement=np.zeros(3),
                      lines=Lines(np.arange(m), xy, area, facets),
-                     outline=Outline(xy, facets, sparse.identity(m, format="csr")))
+                     draw=lambda: Outline(xy, facets, sparse.identity(m, format="csr")))
 
 
 def state(interface: Interface, pressure: float = 5e7, factor: float = 1.0) -> ContactState:

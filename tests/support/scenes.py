@@ -337,7 +337,7 @@ def solve_scene(comm, scene: dict) -> dict:
     return {"certified": solution.certified, "reason": solution.reason,
             "outer_iterations": len(solution.outer.history),
             "n_A": sum(b["n_A"] for b in bodies), "n_A_by_body": {b["name"]: b["n_A"] for b in bodies},
-            "n": assembly.n, "m": interface.m, "sliding": interface.sliding, "dropped": interface.dropped,
+            "n": assembly.n, "m": interface.m, "sliding": interface.sliding, "dropped": len(interface.fixed.gap),
             "xy": interface.xy, "length": interface.area,
             "normal_force": state.normal_force, "tangential_force": state.tangential_force[:, 0],
             "gap": state.gap, "slip": state.slip[:, 0], "status": state.status.tolist(),
