@@ -17,16 +17,10 @@ from ddmpi.mesh.elements import FINE, RULES, circumference, curved_facets
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import BodySpec, Clamp, Material, Traction
 from ddmpi.scene.values import AffineVector, Vector, evaluate, histories, varies
-from ddmpi.system.numbers import in_words, moment
-
-SAME = 1e-9
-"""Relative difference up to which two clamps prescribe the same displacement."""
+from ddmpi.system.numbers import ALIKE, in_words, moment
 
 ALONG, EXACT = 1e-6, 1e-14
 """A direction is clamped if its free part is below the first; the second is the rounding of displacements."""
-
-ROUNDING = 1e-9
-"""A component of a load below this fraction of its largest is zero."""
 
 SMALLEST = 1e-150
 """Squares of smaller numbers, as in norms, lose digits or vanish."""
@@ -252,7 +246,7 @@ def supports(mesh: Mesh, body: BodySpec) -> Supports:
             wanted = np.zeros((len(names), len(nodes)))
             wanted[names.index(clamp.history)] = values_at(value, mesh.points[nodes], key)
             before = np.einsum("hki,ki->hk", moved[:, nodes], direction)
-            allowed = SAME * np.maximum(np.abs(wanted), np.abs(before))
+            allowed = ALIKE * np.maximum(np.abs(wanted), np.abs(before))
             allowed += EXACT * np.linalg.norm(moved[:, nodes], axis=2)
             clash = np.flatnonzero(~new & (np.abs(wanted - before) > allowed).any(axis=0))
             if len(clash):
@@ -310,7 +304,7 @@ def lost_loads(mesh: Mesh, body: BodySpec, free: np.ndarray) -> list[str]:
             if group == VOLUME:
                 continue
             loads[group, history] += 1
-            acts, left = (np.abs(forces).max(axis=0) > ROUNDING * np.abs(f).max()
+            acts, left = (np.abs(forces).max(axis=0) > ALIKE * np.abs(f).max()
                           for forces in (f, np.einsum("kij,kj->ki", free, f)))
             warnings += [f"{key}: the load on {group!r} along {axis} is lost, as clamps constrain the whole group in "
                          "this direction" for axis, lost in zip("xyz", acts & ~left, strict=False) if lost]

@@ -25,18 +25,14 @@ import scipy.sparse as sparse
 
 from ddmpi.judge.forces import Forces
 from ddmpi.judge.motions import MotionsOfBody, describe_motions
-
-ROUNDING = 1e-9
-"""Net loads below this fraction of all loads on a body are rounding."""
+from ddmpi.system.numbers import ALIKE
 
 IMBALANCE = 1e-6
-"""There is no equilibrium if this fraction of the loads on a body stays without balance; less is rounding."""
+"""There is no equilibrium if this fraction of the loads on a body stays without balance. By this fraction of its
+velocity a mechanism may press into a contact, the solver's tolerance."""
 
 LIGHTEST = 1e-3, 1e-6
 """Loads and mass of a body count as at least these fractions of the largest loads and of the largest mass."""
-
-PRESSES = 1e-6
-"""A mechanism may press into a contact by this fraction of its velocity, the solver's tolerance."""
 
 ROUNDS, SETTLED = 20, 1e-5
 """Most rounds in which friction bounds follow the pressures; they end when v changes by less than SETTLED."""
@@ -121,7 +117,7 @@ class _Free:
         loads = np.maximum(net, load)
         self._largest = float(loads.max())
         self._loads = np.maximum(loads, LIGHTEST[0] * self._largest)
-        self.idle = bool((net <= ROUNDING * self._loads).all())
+        self.idle = bool((net <= ALIKE * self._loads).all())
         masses = np.maximum(loads / (self._largest or 1.0), LIGHTEST[1])
         self._W = sparse.block_diag([root / np.sqrt(mass) for root, mass in zip(roots, masses, strict=True)], "csr")
 
@@ -168,6 +164,6 @@ class _Free:
         slides, given = (np.linalg.norm((tangential @ v).reshape(-1, self._components), axis=1)
                          for tangential in (forces.friction, forces.given))
         presses = max((forces.normal @ v + slope * slides).max(initial=0.0), np.abs(forces.bonded @ v).max(initial=0.0))
-        if not presses <= PRESSES * speeds.max():
+        if not presses <= IMBALANCE * speeds.max():
             return 0.0
         return float(self._e @ v - forces.bound @ given) / ((speeds * self._loads).max() or 1.0)

@@ -15,7 +15,7 @@ from ddmpi.published.apg import APG
 from ddmpi.published.mprgp import MPRGP
 from ddmpi.published.program import QP, QPResult
 from ddmpi.sets import Box, Discs
-from ddmpi.system.numbers import norm
+from ddmpi.system.numbers import ROUNDING, norm
 
 LEAST_PRECISE = 1e-2
 """Largest relative error of a multiplication."""
@@ -25,9 +25,6 @@ FRESH = 1e-11
 
 GRADIENT_ROUNDING = float(8 * np.finfo(float).eps)
 """A projected gradient below this fraction of the displacements whose difference it is, is rounding."""
-
-ON_BOUND = 1e-12
-"""An unknown of PETSc's TAO types this near to a bound, over the largest unknown, is moved onto it."""
 
 MOST = 200
 """Most iterations over the number of unknowns plus one."""
@@ -118,7 +115,7 @@ class QPSolver:
             call_solver(tao.solve)
             iterations += tao.getIterationNumber()
             s = s.copy()
-            s[moving] = problem.unscaled(tao.getSolution().array_r, ON_BOUND)
+            s[moving] = problem.unscaled(tao.getSolution().array_r, ROUNDING)  # near bounds PETSc's types stop beside
             Cs = multiply(s, problem.displacement)
             reason = tao.getConvergedReason()
             if qp.residual(s, Cs) <= tolerance or (reason < 0 and reason != TaoReason.DIVERGED_LS_FAILURE):

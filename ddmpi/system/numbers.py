@@ -8,6 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+ROUNDING, ALIKE, SAME = 1e-12, 1e-9, 1e-6
+"""Relative differences up to which numbers are equal: results of the same computation; lengths, places and directions
+of a mesh, which files round; and what a user draws or prescribes."""
+
 SI = ("m", "Pa", "N/m", "N·m/m", "J/m", "N", "N·m", "J")
 """Units that take a prefix."""
 
@@ -121,10 +125,6 @@ class Frame(NamedTuple):
     def undone(self) -> Frame:
         """The inverse."""
         return Frame(-self.shift @ self.turned, self.turned.T, -self.angle)
-
-
-ROUNDING = 1e-12
-"""Coordinates of a point are rounding below this fraction of the largest."""
 
 
 def in_words(point: np.ndarray, digits: int = 6) -> str:
