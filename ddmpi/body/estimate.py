@@ -105,8 +105,7 @@ def sum_errors(bodies: Mapping[str, tuple[float, float, float]], estimates: dict
     """The error from squared errors, squared energy norms and areas of `bodies` by name, and their `sums` (3,). Not
     collective."""
     error, energy, area = sums.tolist()
-    shares = {name: float(np.sqrt(square / (error + energy))) if error + energy else 0.0
-              for name, (square, *_) in bodies.items()}
+    shares = {name: relative_error(square, error + energy - square) for name, (square, *_) in bodies.items()}
     return DiscretizationError(relative_error(error, energy), shares, estimates, energy / area)
 
 

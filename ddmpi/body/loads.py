@@ -13,7 +13,7 @@ import scipy.sparse as sparse
 from ddmpi.body.stress import Composite, blocks, cell_temperature, gradients, portions, thermal, thickness_of
 from ddmpi.errors import InputError
 from ddmpi.mesh.boundary import SHARPEST, outer_normals
-from ddmpi.mesh.elements import FINE, RULES, circumference, curved_facets
+from ddmpi.mesh.elements import FINE, RULES, circumference
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import BodySpec, Clamp, Material, Traction
 from ddmpi.scene.values import AffineVector, Vector, evaluate, histories, varies
@@ -37,8 +37,8 @@ def nodal_loads(mesh: Mesh, body: BodySpec, history: str | None = None,
     """Nodal loads (nv, d) in newtons of tractions, pressures and volume force of a `history`, None for constant ones.
 
     In the axes of a frame that is `turned` (d, d), in which loads that keep their direction turn back; a matrix of
-    zeros leaves the loads that follow the body. Affine loads on straight facets and cells are exact; formulas, and
-    loads on curved ones, are integrated by Gauss's rule. Raises InputError where a formula is not finite.
+    zeros leaves the loads that follow the body. Loads are integrated by Gauss's rule, affine ones on straight
+    facets and cells exactly. Raises InputError where a formula is not finite.
     """
     return sum((f for _, f in loads_by_group(mesh, body, history, turned)), np.zeros_like(mesh.points))
 
@@ -72,32 +72,22 @@ def resultants(mesh: Mesh, groups: Iterable[tuple[str, np.ndarray]]) -> dict[str
 
 
 def _traction(mesh: Mesh, facets: np.ndarray, traction: Traction, key: str, thick: np.ndarray) -> np.ndarray:
-    """Nodal loads (nv, d) in newtons of a traction, a pressure or a force on facets (k, l) of thickness (k,); by tables
-    where these are exact."""
-    nodes, cell = mesh.points[facets], mesh.cell.facet
+    """Nodal loads (nv, d) in newtons of a traction, a pressure or a force on facets (k, l) of thickness (k,)."""
+    nodes, cell, f = mesh.points[facets], mesh.cell.facet, np.zeros_like(mesh.points)
     points, weights = FINE[cell.dimension]
-    exact = ~(curved_facets(nodes) | varies(traction.given) | mesh.axisymmetric)
-    f, area = np.zeros_like(mesh.points), 0.0
-    # Affine t on straight facets: a table of ∫ φ_l λ_k with the corners k as points. Else Gauss's rule, with weights
-    # times shape functions as the table.
-    for part, where, table in ((exact, np.eye(mesh.dimension), cell.mass),
-                               (~exact, points, (weights[:, None] * cell.shapes(points)).T)):
-        if part.any():
-            vectors = cell.vectors(nodes[part], where)
-            size = np.linalg.norm(vectors, axis=0)
-            places = np.einsum("ql,sld->qsd", cell.shapes(where), nodes[part])
-            stress = values_at(traction.given, places, key)
-            if traction.pressure is not None:
-                # A pressure acts against the outer normal; `vectors` are normals as long as the ratio of measures.
-                stress = -vectors / size * stress
-            shares = table[..., None] * size * thick[part] * circumference(places, mesh.axisymmetric)
-            area += float(shares.sum())
-            np.add.at(f, facets[part], np.einsum("lqs,dqs->sld", shares, stress))
+    # ∫ φ_l t by Gauss's rule; `vectors` are outer normals as long as the ratio of measures
+    vectors, shapes = cell.vectors(nodes, points), cell.shapes(points)
+    size, places = np.linalg.norm(vectors, axis=0), np.einsum("ql,sld->qsd", shapes, nodes)
+    stress = values_at(traction.given, places, key)
+    if traction.pressure is not None:  # against the outer normal
+        stress = -vectors / size * stress
+    measures = weights[:, None] * size * thick * circumference(places, mesh.axisymmetric)
+    np.add.at(f, facets, np.einsum("qs,ql,dqs->sld", measures, shapes, stress))
     if traction.force is None:
         return f
-    if not area > 0.0:
+    if not measures.sum() > 0.0:
         raise InputError(f"{key}: the group {traction.on!r} has no area over which a force could be spread")
-    return f / area
+    return f / measures.sum()
 
 
 def _moment(mesh: Mesh, facets: np.ndarray, traction: Traction, key: str, thick: np.ndarray) -> np.ndarray:
