@@ -628,9 +628,10 @@ MUTANTS = [Mutant(*row) for row in (
      "free.start(none, none)", f"{EQUILIBRIUM}::test_a_block_that_is_pushed_hard_slides_and_tips"),
     ("light bodies have the mass of heavy ones", "judge/equilibrium", "root / np.sqrt(mass)", "root",
      f"{EQUILIBRIUM}::test_a_light_body_is_seen_beside_a_heavy_one"),
-    ("one end of a straight contact is lost", "judge/forces", "[places.argmin(), places.argmax()]", "[places.argmin()]",
+    ("one end of a straight contact is lost", "judge/equilibrium", "[places.argmin(), places.argmax()]",
+     "[places.argmin()]",
      f"{EQUILIBRIUM}::test_a_block_tips_at_its_limit"),
-    ("bounds of discs that are the same are not added", "judge/forces",
+    ("bounds of discs that are the same are not added", "judge/equilibrium",
      "np.bincount(disc.ravel(), bound[bound > 0.0], len(given))", "bound[bound > 0.0][:len(given)]",
      f"{EQUILIBRIUM}::test_friction_of_a_given_bound"),
     # results
