@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sparse
 
-from ddmpi.body.stress import Composite, blocks, cell_temperature, gradients, portions, thermal, thickness_of
+from ddmpi.body.stress import Composite, cell_temperature, gradients, portions, thermal, thickness_of
 from ddmpi.errors import InputError
 from ddmpi.mesh.boundary import SHARPEST, outer_normals
-from ddmpi.mesh.elements import FINE, RULES, circumference
+from ddmpi.mesh.elements import FINE, RULES, circumference, exact_rule
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import BodySpec, Clamp, Material, Traction
 from ddmpi.scene.values import AffineVector, Vector, evaluate, histories, varies
@@ -58,7 +58,7 @@ def loads_by_group(mesh: Mesh, body: BodySpec, history: str | None = None,
             yield traction.on, f if follows else f @ back
     force, named = body.weight
     if named == history and force != (0.0,) * mesh.dimension:
-        yield VOLUME, _volume_force(mesh, force, f"body.{body.name}.volume_force", thick) @ back
+        yield VOLUME, _volume_force(mesh, body.materials[0], force, f"body.{body.name}.volume_force", thick) @ back
 
 
 def resultants(mesh: Mesh, groups: Iterable[tuple[str, np.ndarray]]) -> dict[str, dict[str, np.ndarray]]:
@@ -111,24 +111,16 @@ def temperature(mesh: Mesh, body: BodySpec, history: str | None) -> np.ndarray:
     return values_at(value, mesh.points, f"body.{body.name}.temperature")
 
 
-def _volume_force(mesh: Mesh, force: Vector | AffineVector, key: str, thick: np.ndarray) -> np.ndarray:
+def _volume_force(mesh: Mesh, material: Material, force: Vector | AffineVector, key: str,
+                  thick: np.ndarray) -> np.ndarray:
     """Nodal loads (nv, d) in newtons of a volume force (N/m³) in cells of thickness (nt,)."""
     f = np.zeros_like(mesh.points)
-    cells: list[slice] | list[np.ndarray] = mesh.summed_blocks()
-    if varies(force):
-        values_at(force, mesh.points, key)
-        cells = blocks(len(mesh.triangles))
-    else:
-        measures = mesh.measures() * thick
-        measures[mesh.summed] = 0.0
-        for component, density in enumerate(values_at(force, mesh.points[mesh.corners], key)):
-            loads = (measures[:, None] * density) @ mesh.cell.mass.T
-            f[:, component] += np.bincount(mesh.triangles.ravel(), loads.ravel(), len(f))
-    where, weights = FINE[mesh.dimension]
-    shapes = mesh.cell.shapes(where)
-    for some in cells:
-        mapped, nodes = mesh.map(some, where), mesh.triangles[some]
-        shares = weights[:, None] * mapped.measures * thick[some]
+    values_at(force, mesh.points, key)  # a formula must be finite at the nodes, too
+    for cells, _, curved in portions(mesh, material):
+        # affine forces times shape functions on straight cells, by a rule that is exact for these
+        where, weights = FINE[mesh.dimension] if curved or varies(force) else exact_rule(mesh.dimension, mesh.order + 1)
+        mapped, nodes, shapes = mesh.map(cells, where), mesh.triangles[cells], mesh.cell.shapes(where)
+        shares = weights[:, None] * mapped.measures * thick[cells]
         for component, density in enumerate(values_at(force, mapped.places, key)):
             f[:, component] += np.bincount(nodes.ravel(), ((shares * density).T @ shapes).ravel(), len(f))
     return f

@@ -14,7 +14,7 @@ import scipy.sparse as sparse
 from scipy.sparse import csgraph
 
 from ddmpi.body.rigid_motions import rigid_motions
-from ddmpi.system.numbers import crossed
+from ddmpi.system.numbers import crossed, in_words
 
 SAME = 1e-2
 """Velocities that differ by less than this fraction of the largest count as one motion."""
@@ -209,17 +209,16 @@ def _is_translation(body: MotionsOfBody, v: np.ndarray) -> bool:
 
 def direction(v: np.ndarray) -> str:
     """The direction of a vector (d,) in words: x, -y, or (0.8, 0.6)."""
-    rounded = np.round(v / np.linalg.norm(v), 2) + 0.0
+    rounded = np.round(v / np.linalg.norm(v), 2)
     (axes,) = np.nonzero(np.abs(rounded) >= SAME)
     if len(axes) == 1:
         return ("-" if rounded[axes[0]] < 0.0 else "") + "xyz"[axes[0]]
-    return f"({', '.join(f'{x:g}' for x in rounded)})"
+    return in_words(rounded)
 
 
 def _place(x: np.ndarray, size: float) -> str:
     """The coordinates x (d,) to a tenth or hundredth of `size`."""
-    digits = 1 - int(np.floor(np.log10(size)))
-    return f"({', '.join(f'{round(float(value), digits) + 0.0:.10g}' for value in x)})"
+    return in_words(np.round(x, 1 - int(np.floor(np.log10(size)))), 10)
 
 
 def _names(bodies: Sequence[MotionsOfBody], chosen: Sequence[int]) -> str:
