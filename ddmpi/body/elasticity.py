@@ -77,39 +77,53 @@ class LoadCase:
 
 
 @dataclass(frozen=True)
-class Elasticity:
+class Supported:
+    """What follows from the stiffness of a body and the directions of its clamps, without loads.
+
+    Attributes
+    ----------
+    A : PETSc AIJ matrix (d k, d k), symmetric, block size d (N/m; in the plane per metre of depth); positive definite
+        if clamps support the body, else its null space are the motions
+    n : number of free dofs: d k less the clamped directions of nodes that stay
+    nodes : (k,) the mesh nodes that A acts on, in the order of its rows
+    motions : (nv, d, j) the rigid motions that clamps leave free, see `body_motions`; zero in prescribed directions
+    softest : stiffness of the softest foundation, k times the area (N/m); infinite without one
+    sprung : (r, d nv) the rows √k Q of its foundations, or None
+    stiffest : largest entry of the stiffness of single nodes (N/m)
+    """
+
+    A: PETSc.Mat
+    n: int
+    nodes: np.ndarray
+    motions: np.ndarray
+    softest: float
+    sprung: sparse.csr_matrix | None
+    stiffest: float
+
+
+@dataclass(frozen=True)
+class Elasticity(Supported):
     """The discrete problem of one body, ``A u = b`` on its dofs that are not eliminated.
 
     Loads and prescribed displacements are the present ones; `under` sets those of another time.
 
     Attributes
     ----------
-    A : PETSc AIJ matrix (d k, d k), symmetric, block size d (N/m; in the plane per metre of depth); positive definite
-        if clamps support the body, else its null space are the motions
     b : PETSc vector (d k,) (N; in the plane per metre of depth)
-    n : number of free dofs: d k less the clamped directions of nodes that stay
-    nodes : (k,) the mesh nodes that A acts on, in the order of its rows
     supports : the clamped directions of nodes
     acting : the present load case
-    motions : (nv, d, j) the rigid motions that clamps leave free, see `body_motions`; zero in prescribed directions
     load : sum of the absolute nodal loads (N), tractions and volume forces; with prescribed displacements or
         temperatures, at least PRESCRIBED_SHARE of their forces
     warnings : loads without effect, and groups that are loaded twice
     cases : loads and prescribed displacements, by history
-    softest : stiffness of the softest foundation, k times the area (N/m); infinite without one
     """
 
-    A: PETSc.Mat
     b: PETSc.Vec
-    n: int
-    nodes: np.ndarray
     supports: Supports
     acting: LoadCase
-    motions: np.ndarray
     load: float
     warnings: list[str]
     cases: Mapping[str | None, LoadCase]
-    softest: float = np.inf
 
     @property
     def free(self) -> np.ndarray:
@@ -138,23 +152,6 @@ class Elasticity:
         full = self.acting.prescribed.copy()
         full[self.nodes] += apply(self.supports.free[self.nodes], u.array_r.reshape(-1, full.shape[1]))
         return full
-
-
-@dataclass(frozen=True)
-class Supported:
-    """What follows from the stiffness of a body and the directions of its clamps, without loads; as of `Elasticity`.
-
-    `sprung` (r, d nv) has the rows √k Q of its foundations, or is None; `stiffest` is the largest entry of the
-    stiffness of single nodes (N/m).
-    """
-
-    A: PETSc.Mat
-    n: int
-    nodes: np.ndarray
-    motions: np.ndarray
-    softest: float
-    sprung: sparse.csr_matrix | None
-    stiffest: float
 
 
 def assemble(mesh: Mesh, body: BodySpec, kept: Kept | None = None) -> Elasticity:
@@ -201,8 +198,8 @@ def _load_cases(mesh: Mesh, body: BodySpec, clamped: Supports, stiff: Supported,
         raise _out_of_range(body)
     load = PETSc.Vec().createWithArray(case.b, bsize=mesh.dimension, comm=PETSc.COMM_SELF)
     load.setBlockSize(mesh.dimension)
-    return Elasticity(stiff.A, load, stiff.n, stiff.nodes, clamped, case, stiff.motions, case.size,
-                      lost_loads(mesh, body, clamped.free), cases, stiff.softest)
+    return Elasticity(**vars(stiff), b=load, supports=clamped, acting=case, load=case.size,
+                      warnings=lost_loads(mesh, body, clamped.free), cases=cases)
 
 
 def _stiffness(mesh: Mesh, body: BodySpec, K: Stiffness, free: np.ndarray) -> Supported:
