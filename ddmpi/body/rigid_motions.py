@@ -32,7 +32,7 @@ SEEN = 1e-8
 """A motion does not act on the contact if it moves it by less than this fraction of its size."""
 
 
-def rigid_motions(points: np.ndarray, centre: np.ndarray | float = 0.0, size: float = 1.0) -> np.ndarray:
+def rigid_motions(points: np.ndarray, centre: np.ndarray, size: float = 1.0) -> np.ndarray:
     """Translations, then rotations about `centre`, of `points` (k, d) as displacements (k, d, j).
 
     In the plane j = 3: along x, along y, counterclockwise; in space j = 6, rotations by the right-hand rule about x, y,

@@ -15,9 +15,6 @@ from ddmpi.petsc.versions import petsc_message, reason_name
 REFINEMENTS = 3
 """An iterative solve with too large a true residual is refined this often; then it is an error."""
 
-TRUE_RESIDUAL = ("cg", "fcg", "pipecg", "gmres", "fgmres", "bcgs", "cr")
-"""KSP types that can test the unpreconditioned residual; the others are checked after the solve only."""
-
 MUMPS_ORDERING = 2
 """Approximate minimum fill. MUMPS's own choice without METIS, PORD, took 1.3 to 2 times as long with linear triangles
 and four times as long with quadratic ones. In space it takes 0.6 to 0.9 of the time, but ends the process (signal 11)
@@ -102,10 +99,8 @@ class StiffnessSolver:
         self._adapts = not self.direct and not options.hasName("ksp_rtol")
         self._tolerances = self.ksp.getTolerances()
         self.given = 0.0 if self.direct or self._adapts else self._tolerances[0]
-        if not options.hasName("ksp_norm_type") and self.ksp.getType() in TRUE_RESIDUAL:
-            self.ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
-            if self.ksp.getType() == "gmres":
-                self.ksp.setPCSide(PETSc.PC.Side.RIGHT)
+        if not options.hasName("ksp_norm_type") and self.ksp.getType() == PETSc.KSP.Type.CG:
+            self.ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)  # other types are checked after the solve alone
 
     def _use_linear_elements(self, pc: PETSc.PC, interpolation: PETSc.Mat, motions: PETSc.NullSpace) -> None:
         """Multigrid in two levels: Chebyshev's iteration with the blocks of nodes on quadratic elements, and linear

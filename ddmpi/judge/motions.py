@@ -85,7 +85,7 @@ class MotionsOfBody:
 
     def at(self, velocity: np.ndarray, points: np.ndarray) -> np.ndarray:
         """Velocities (k, d) of `points` (k, d) that move with the body."""
-        return rigid_motions(points, self.centre) @ velocity
+        return velocity[:self.dimension] + crossed(velocity[None, self.dimension:], points - self.centre)
 
     def speed(self, velocity: np.ndarray) -> float:
         """The largest velocity of a node."""

@@ -37,8 +37,9 @@ def moment(at: np.ndarray, forces: np.ndarray, axisymmetric: bool = False) -> np
 
 def crossed(turning: np.ndarray, at: np.ndarray) -> np.ndarray:
     """ω × x (k, d) of rotations ω (k, 1 or 3) and places x (k, d)."""
-    flat = np.pad(turning, ((0, 0), (3 - turning.shape[1], 0))), np.pad(at, ((0, 0), (0, 3 - at.shape[1])))
-    return np.cross(*flat)[:, :at.shape[1]]
+    if at.shape[1] == 2:
+        return turning * at[:, ::-1] * [-1.0, 1.0] + 0.0
+    return np.cross(np.pad(turning, ((0, 0), (3 - turning.shape[1], 0))), at)
 
 
 class RigidMotion(NamedTuple):
