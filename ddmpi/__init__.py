@@ -60,9 +60,10 @@ def solve(scene: str | Path | Mapping[str, Any], comm: MPI.Comm | None = None,
     InputError, SolverError, InterruptionError
         of `ddmpi.errors`, the same on all ranks
     """
-    from ddmpi.run.answer import solve  # not before it is needed: MPI and PETSc start with it
+    from ddmpi.run.answer import Model  # not before it is needed: MPI and PETSc start with it
 
-    return solve(scene, comm, overrides, progress, only, outer)
+    with Model(scene, comm, keep=False) as model:
+        return model.solve(overrides, only, progress=progress, outer=outer)
 
 
 def prepare(scene: str | Path | Mapping[str, Any], comm: MPI.Comm | None = None) -> Model:
@@ -88,6 +89,8 @@ def prepare(scene: str | Path | Mapping[str, Any], comm: MPI.Comm | None = None)
     InputError
         where the scene is wrong without overrides, the same on all ranks
     """
-    from ddmpi.run.answer import prepare
+    from ddmpi.run.answer import Model
 
-    return prepare(scene, comm)
+    model = Model(scene, comm)
+    model.settle()
+    return model

@@ -12,7 +12,7 @@ import scipy.sparse as sparse
 from petsc4py import PETSc
 from scipy.linalg.blas import dsymv
 
-from ddmpi.body.solver import StiffnessSolver
+from ddmpi.body.solver import LEAST, USUAL, StiffnessSolver
 from ddmpi.petsc.dissection import elimination_order, layers_of
 from ddmpi.petsc.events import event
 from ddmpi.petsc.lanczos import estimate_norm
@@ -40,9 +40,6 @@ SECTION = 9.0
 
 NORM_PRECISION = 1e-3
 """Relative precision of the multiplications that estimate ‖C‖."""
-
-FACTORED, ITERATED = 1e-13, 1e-10
-"""Smallest relative error of a multiplication that can be relied on: by factors, by an iterative solver."""
 
 
 class Compliance:
@@ -90,7 +87,7 @@ class Compliance:
         # under this restriction. Without C MUMPS orders by itself.
         order = elimination_order(A, points) if dense and points is not None else None
         self.solver = make_solver(A, name, B if dense else None, order, iterative=self.kind == "iterative")
-        self.accuracy = FACTORED if self.solver.direct else ITERATED
+        self.accuracy = LEAST if self.solver.direct else USUAL
         self.count: Counter[str] = Counter()
         self._u, self._f = A.createVecs()
         self._norm = 0.0

@@ -31,9 +31,7 @@ from ddmpi.body.stress import (
 )
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import Material
-
-UNSTRAINED = 1e-12
-"""Relative error of a computed displacement. A displacement with smaller strains counts as a rigid motion."""
+from ddmpi.system.numbers import ALIKE, ROUNDING
 
 SOLVABLE = 1e-8
 """Least eigenvalue of a patch's normal equations, relative to its number of samples, for a fit of full degree."""
@@ -41,9 +39,6 @@ SOLVABLE = 1e-8
 REACH = {1: 4, 2: 1}
 """Largest distance, in edges, between a node and the patch whose fit it borrows, by order. Quadratics are extrapolated
 badly: in a wall of one element four edges made the estimate eight times the error, one edge makes it 1.3 times."""
-
-ROUNDING = 1e-9
-"""Distances are equal up to this relative difference."""
 
 
 @dataclass(frozen=True)
@@ -110,8 +105,7 @@ def sum_errors(bodies: Mapping[str, tuple[float, float, float]], estimates: dict
     """The error from squared errors, squared energy norms and areas of `bodies` by name, and their `sums` (3,). Not
     collective."""
     error, energy, area = sums.tolist()
-    shares = {name: float(np.sqrt(square / (error + energy))) if error + energy else 0.0
-              for name, (square, *_) in bodies.items()}
+    shares = {name: relative_error(square, error + energy - square) for name, (square, *_) in bodies.items()}
     return DiscretizationError(relative_error(error, energy), shares, estimates, energy / area)
 
 
@@ -150,7 +144,7 @@ def estimate_error(mesh: Mesh, material: Material | Composite, u: np.ndarray,
             energy += thermal(uniform, mesh.strains)[3] * float((share * warm**2).sum())
     materials = [material] if isinstance(material, Material) else material.materials
     stiffest = max(one.tensor(mesh.dimension).max() for one in materials)
-    if energy <= stiffest * len(measures) * (UNSTRAINED * np.abs(u).max()) ** 2:
+    if energy <= stiffest * len(measures) * (ROUNDING * np.abs(u).max()) ** 2:  # a rigid motion
         squares, energy = np.zeros(len(measures)), 0.0
     if mesh.cell.linear and any(one.locks for one in materials):
         squares = np.full(len(measures), np.nan)
@@ -260,7 +254,7 @@ def _fits(mesh: Mesh, moments: np.ndarray, sums: np.ndarray, upper: tuple[np.nda
     ends = np.concatenate([mesh.cell.edges[:, :2], mesh.cell.edges[:, 1::-1]])
     links = near[:, ends].swapaxes(0, 1).reshape(-1, 2)
     distance = np.linalg.norm(mesh.points[links[:, 0]] - mesh.points[links[:, 1]], axis=1)
-    alike = np.round(np.log(distance / distance.max(initial=0.0)) / ROUNDING)  # so that rounding does not choose
+    alike = np.round(np.log(distance / distance.max(initial=0.0)) / ALIKE)  # so that rounding does not choose
     links = links[np.argsort(-alike, kind="stable")]  # the nearest one is assigned last
     for _ in range(REACH[mesh.order]):
         open_links = links[(owner[links[:, 0]] >= 0) & (owner[links[:, 1]] < 0)]

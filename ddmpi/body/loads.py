@@ -10,23 +10,17 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sparse
 
-from ddmpi.body.stress import Composite, blocks, cell_temperature, gradients, portions, thermal, thickness_of
+from ddmpi.body.stress import Composite, cell_temperature, gradients, portions, thermal, thickness_of
 from ddmpi.errors import InputError
 from ddmpi.mesh.boundary import SHARPEST, outer_normals
-from ddmpi.mesh.elements import FINE, RULES, circumference, curved_facets
+from ddmpi.mesh.elements import FINE, RULES, circumference, exact_rule
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import BodySpec, Clamp, Material, Traction
 from ddmpi.scene.values import AffineVector, Vector, evaluate, histories, varies
-from ddmpi.system.numbers import in_words, moment
-
-SAME = 1e-9
-"""Relative difference up to which two clamps prescribe the same displacement."""
+from ddmpi.system.numbers import ALIKE, in_words, moment
 
 ALONG, EXACT = 1e-6, 1e-14
 """A direction is clamped if its free part is below the first; the second is the rounding of displacements."""
-
-ROUNDING = 1e-9
-"""A component of a load below this fraction of its largest is zero."""
 
 SMALLEST = 1e-150
 """Squares of smaller numbers, as in norms, lose digits or vanish."""
@@ -43,8 +37,8 @@ def nodal_loads(mesh: Mesh, body: BodySpec, history: str | None = None,
     """Nodal loads (nv, d) in newtons of tractions, pressures and volume force of a `history`, None for constant ones.
 
     In the axes of a frame that is `turned` (d, d), in which loads that keep their direction turn back; a matrix of
-    zeros leaves the loads that follow the body. Affine loads on straight facets and cells are exact; formulas, and
-    loads on curved ones, are integrated by Gauss's rule. Raises InputError where a formula is not finite.
+    zeros leaves the loads that follow the body. Loads are integrated by Gauss's rule, affine ones on straight
+    facets and cells exactly. Raises InputError where a formula is not finite.
     """
     return sum((f for _, f in loads_by_group(mesh, body, history, turned)), np.zeros_like(mesh.points))
 
@@ -64,7 +58,7 @@ def loads_by_group(mesh: Mesh, body: BodySpec, history: str | None = None,
             yield traction.on, f if follows else f @ back
     force, named = body.weight
     if named == history and force != (0.0,) * mesh.dimension:
-        yield VOLUME, _volume_force(mesh, force, f"body.{body.name}.volume_force", thick) @ back
+        yield VOLUME, _volume_force(mesh, body.materials[0], force, f"body.{body.name}.volume_force", thick) @ back
 
 
 def resultants(mesh: Mesh, groups: Iterable[tuple[str, np.ndarray]]) -> dict[str, dict[str, np.ndarray]]:
@@ -84,32 +78,22 @@ def added(entries: Iterable[tuple[str, dict[str, np.ndarray]]]) -> dict[str, dic
 
 
 def _traction(mesh: Mesh, facets: np.ndarray, traction: Traction, key: str, thick: np.ndarray) -> np.ndarray:
-    """Nodal loads (nv, d) in newtons of a traction, a pressure or a force on facets (k, l) of thickness (k,); by tables
-    where these are exact."""
-    nodes, cell = mesh.points[facets], mesh.cell.facet
+    """Nodal loads (nv, d) in newtons of a traction, a pressure or a force on facets (k, l) of thickness (k,)."""
+    nodes, cell, f = mesh.points[facets], mesh.cell.facet, np.zeros_like(mesh.points)
     points, weights = FINE[cell.dimension]
-    exact = ~(curved_facets(nodes) | varies(traction.given) | mesh.axisymmetric)
-    f, area = np.zeros_like(mesh.points), 0.0
-    # Affine t on straight facets: a table of ∫ φ_l λ_k with the corners k as points. Else Gauss's rule, with weights
-    # times shape functions as the table.
-    for part, where, table in ((exact, np.eye(mesh.dimension), cell.mass),
-                               (~exact, points, (weights[:, None] * cell.shapes(points)).T)):
-        if part.any():
-            vectors = cell.vectors(nodes[part], where)
-            size = np.linalg.norm(vectors, axis=0)
-            places = np.einsum("ql,sld->qsd", cell.shapes(where), nodes[part])
-            stress = values_at(traction.given, places, key)
-            if traction.pressure is not None:
-                # A pressure acts against the outer normal; `vectors` are normals as long as the ratio of measures.
-                stress = -vectors / size * stress
-            shares = table[..., None] * size * thick[part] * circumference(places, mesh.axisymmetric)
-            area += float(shares.sum())
-            np.add.at(f, facets[part], np.einsum("lqs,dqs->sld", shares, stress))
+    # ∫ φ_l t by Gauss's rule; `vectors` are outer normals as long as the ratio of measures
+    vectors, shapes = cell.vectors(nodes, points), cell.shapes(points)
+    size, places = np.linalg.norm(vectors, axis=0), np.einsum("ql,sld->qsd", shapes, nodes)
+    stress = values_at(traction.given, places, key)
+    if traction.pressure is not None:  # against the outer normal
+        stress = -vectors / size * stress
+    measures = weights[:, None] * size * thick * circumference(places, mesh.axisymmetric)
+    np.add.at(f, facets, np.einsum("qs,ql,dqs->sld", measures, shapes, stress))
     if traction.force is None:
         return f
-    if not area > 0.0:
+    if not measures.sum() > 0.0:
         raise InputError(f"{key}: the group {traction.on!r} has no area over which a force could be spread")
-    return f / area
+    return f / measures.sum()
 
 
 def _moment(mesh: Mesh, facets: np.ndarray, traction: Traction, key: str, thick: np.ndarray) -> np.ndarray:
@@ -133,24 +117,16 @@ def temperature(mesh: Mesh, body: BodySpec, history: str | None) -> np.ndarray:
     return values_at(value, mesh.points, f"body.{body.name}.temperature")
 
 
-def _volume_force(mesh: Mesh, force: Vector | AffineVector, key: str, thick: np.ndarray) -> np.ndarray:
+def _volume_force(mesh: Mesh, material: Material, force: Vector | AffineVector, key: str,
+                  thick: np.ndarray) -> np.ndarray:
     """Nodal loads (nv, d) in newtons of a volume force (N/m³) in cells of thickness (nt,)."""
     f = np.zeros_like(mesh.points)
-    cells: list[slice] | list[np.ndarray] = mesh.summed_blocks()
-    if varies(force):
-        values_at(force, mesh.points, key)
-        cells = blocks(len(mesh.triangles))
-    else:
-        measures = mesh.measures() * thick
-        measures[mesh.summed] = 0.0
-        for component, density in enumerate(values_at(force, mesh.points[mesh.corners], key)):
-            loads = (measures[:, None] * density) @ mesh.cell.mass.T
-            f[:, component] += np.bincount(mesh.triangles.ravel(), loads.ravel(), len(f))
-    where, weights = FINE[mesh.dimension]
-    shapes = mesh.cell.shapes(where)
-    for some in cells:
-        mapped, nodes = mesh.map(some, where), mesh.triangles[some]
-        shares = weights[:, None] * mapped.measures * thick[some]
+    values_at(force, mesh.points, key)  # a formula must be finite at the nodes, too
+    for cells, _, curved in portions(mesh, material):
+        # affine forces times shape functions on straight cells, by a rule that is exact for these
+        where, weights = FINE[mesh.dimension] if curved or varies(force) else exact_rule(mesh.dimension, mesh.order + 1)
+        mapped, nodes, shapes = mesh.map(cells, where), mesh.triangles[cells], mesh.cell.shapes(where)
+        shares = weights[:, None] * mapped.measures * thick[cells]
         for component, density in enumerate(values_at(force, mapped.places, key)):
             f[:, component] += np.bincount(nodes.ravel(), ((shares * density).T @ shapes).ravel(), len(f))
     return f
@@ -258,7 +234,7 @@ def supports(mesh: Mesh, body: BodySpec) -> Supports:
             wanted = np.zeros((len(names), len(nodes)))
             wanted[names.index(clamp.history)] = values_at(value, mesh.points[nodes], key)
             before = np.einsum("hki,ki->hk", moved[:, nodes], direction)
-            allowed = SAME * np.maximum(np.abs(wanted), np.abs(before))
+            allowed = ALIKE * np.maximum(np.abs(wanted), np.abs(before))
             allowed += EXACT * np.linalg.norm(moved[:, nodes], axis=2)
             clash = np.flatnonzero(~new & (np.abs(wanted - before) > allowed).any(axis=0))
             if len(clash):
@@ -318,7 +294,7 @@ def lost_loads(body: BodySpec, free: np.ndarray,
             if group == VOLUME:
                 continue
             loads[group, history] += 1
-            acts, left = (np.abs(forces).max(axis=0) > ROUNDING * np.abs(f).max()
+            acts, left = (np.abs(forces).max(axis=0) > ALIKE * np.abs(f).max()
                           for forces in (f, np.einsum("kij,kj->ki", free, f)))
             warnings += [f"{key}: the load on {group!r} along {axis} is lost, as clamps constrain the whole group in "
                          "this direction" for axis, lost in zip("xyz", acts & ~left, strict=False) if lost]

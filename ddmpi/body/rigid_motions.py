@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 import scipy.sparse as sparse
@@ -36,14 +35,12 @@ SEEN = 1e-8
 def rigid_motions(points: np.ndarray, centre: np.ndarray, size: float = 1.0) -> np.ndarray:
     """Translations, then rotations about `centre`, of `points` (k, d) as displacements (k, d, j).
 
-    In the plane j = 3: along x, along y, rotation; in space j = 6. Distances are divided by `size`.
+    In the plane j = 3: along x, along y, counterclockwise; in space j = 6, rotations by the right-hand rule about x, y,
+    z. Distances are divided by `size`.
     """
-    x = (points - centre) / size
-    motions = [np.broadcast_to(axis, x.shape) for axis in np.eye(x.shape[1])]
-    for i, j in combinations(range(x.shape[1]), 2):
-        motions.append(np.zeros_like(x))
-        motions[-1][:, i], motions[-1][:, j] = -x[:, j], x[:, i]
-    return np.stack(motions, axis=-1)
+    x, d = (points - centre) / size, points.shape[1]
+    return np.stack([*(np.broadcast_to(axis, x.shape) for axis in np.eye(d)),
+                     *(crossed(turn[None], x) for turn in np.eye(1 if d == 2 else 3))], axis=-1)
 
 
 def free_motions(motions: np.ndarray, free: np.ndarray, springs: Sequence[np.ndarray] = ()) -> np.ndarray:

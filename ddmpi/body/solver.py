@@ -15,13 +15,10 @@ from ddmpi.petsc.versions import petsc_message, reason_name
 REFINEMENTS = 3
 """An iterative solve with too large a true residual is refined this often; then it is an error."""
 
-TRUE_RESIDUAL = ("cg", "fcg", "pipecg", "gmres", "fgmres", "bcgs", "cr")
-"""KSP types that can test the unpreconditioned residual; the others are checked after the solve only."""
-
 MUMPS_ORDERING = 2
 """Approximate minimum fill. MUMPS's own choice without METIS, PORD, took 1.3 to 2 times as long with linear triangles
 and four times as long with quadratic ones. In space it takes 0.6 to 0.9 of the time, but ends the process (signal 11)
-where few nodes are free. Beside a Schur complement of PETSc's MUMPS uses its own."""
+where few nodes are free."""
 
 DIRECT_RESIDUAL = 1e-6
 """A direct solve whose relative residual exceeds this has failed (a pivot was lost)."""
@@ -102,10 +99,8 @@ class StiffnessSolver:
         self._adapts = not self.direct and not options.hasName("ksp_rtol")
         self._tolerances = self.ksp.getTolerances()
         self.given = 0.0 if self.direct or self._adapts else self._tolerances[0]
-        if not options.hasName("ksp_norm_type") and self.ksp.getType() in TRUE_RESIDUAL:
-            self.ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
-            if self.ksp.getType() == "gmres":
-                self.ksp.setPCSide(PETSc.PC.Side.RIGHT)
+        if not options.hasName("ksp_norm_type") and self.ksp.getType() == PETSc.KSP.Type.CG:
+            self.ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)  # other types are checked after the solve alone
 
     def _use_linear_elements(self, pc: PETSc.PC, interpolation: PETSc.Mat, motions: PETSc.NullSpace) -> None:
         """Multigrid in two levels: Chebyshev's iteration with the blocks of nodes on quadratic elements, and linear
@@ -128,7 +123,7 @@ class StiffnessSolver:
         smoother.getPC().setType(PETSc.PC.Type.PBJACOBI)
 
     def _set_up(self, trace: sparse.csr_matrix | None, order: np.ndarray | None) -> None:
-        """Factor, with C if MUMPS gives it: called directly or through PETSc."""
+        """Factor, with C if MUMPS can be called directly for it."""
         pc = self.ksp.getPC()
         if trace is None or not (self.direct and pc.getType() == PETSc.PC.Type.CHOLESKY
                                  and pc.getFactorSolverType() == "mumps"):
@@ -139,37 +134,9 @@ class StiffnessSolver:
             self.condensed = self._factors.condensed
         except RefusedError as reason:
             self.refused = str(reason)
-            self._condense(trace)
+            self._factor()
         except MumpsError as error:
             raise SolverError(f"body {self.name!r}: the stiffness cannot be factored ({error})") from None
-
-    def _condense(self, trace: sparse.csr_matrix) -> None:
-        """Factors by PETSc, and C from the inverse of the Schur complement on the dofs that the trace touches.
-
-        On several ranks PETSc does not solve beside a Schur complement, and factors again.
-        """
-        from ddmpi.petsc.schur import inverted_schur, request_schur
-
-        pc, comm, dofs = self.ksp.getPC(), self.A.comm.tompi4py(), np.unique(trace.indices[trace.data != 0.0])
-        enough = comm.bcast(self.A.size[0] > 2 * len(dofs))  # with little to eliminate MUMPS may fail
-        if enough:
-            request_schur(pc, dofs)
-        self._factor()
-        if not enough:
-            return
-        code, inverse = pc.getFactorMatrix().getMumpsInfog(1), None
-        if code >= 0 and comm.rank == 0:
-            inverse = inverted_schur(pc, len(dofs))
-        if not comm.bcast(inverse is not None):
-            raise SolverError(f"body {self.name!r}: the stiffness cannot be factored (MUMPS: INFOG(1) = {code})")
-        if inverse is not None:
-            part = trace[:, dofs]
-            # C = B_Γ S⁻¹ B_Γᵀ with the Schur complement S = (A⁻¹_ΓΓ)⁻¹ on the dofs Γ that B touches.
-            self.condensed = np.asfortranarray(part @ (part @ inverse).T)
-        if comm.size > 1:
-            self.ksp.reset()
-            self.ksp.setOperators(self.A)
-            self._factor()
 
     def _factor(self) -> None:
         """Set up the KSP, with our ordering of MUMPS unless the user names one."""

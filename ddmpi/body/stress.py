@@ -147,29 +147,25 @@ def columns_of(sigma: np.ndarray, material: Material, warm: np.ndarray | None) -
 
 def principal(sigma: np.ndarray) -> np.ndarray:
     """Principal stresses (nt, 3) in Pa from `stress`, the largest first; tension is positive."""
-    finite = np.logical_and.reduce(np.isfinite(sigma.T))
-    if sigma.shape[1] == 4:  # in the plane
-        xx, yy, zz, xy = sigma.T
-        middle, radius = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
-        high, low = middle + radius, middle - radius
-        stresses = np.column_stack([np.maximum(high, zz), np.clip(zz, low, high), np.minimum(low, zz)])
-    else:
-        tensors = np.zeros((len(sigma), 3, 3))
-        for column, (i, j) in zip(sigma.T, COLUMNS, strict=False):
-            tensors[finite, i, j] = tensors[finite, j, i] = column[finite]
-        stresses = np.linalg.eigvalsh(tensors)[:, ::-1].copy()
-    stresses[~finite] = np.nan
+    stresses, finite = np.full((len(sigma), 3), np.nan), np.isfinite(sigma).all(axis=1)
+    stresses[finite] = np.linalg.eigvalsh(_tensors(sigma[finite]))[:, ::-1]
     return stresses
 
 
 def turned(sigma: np.ndarray, rotation: np.ndarray) -> np.ndarray:
     """`stress` (nt, …) in other axes: T ↦ Q T Qᵀ with a rotation Q (d, d); in the plane σ_zz stays."""
-    tensors, Q = np.zeros((len(sigma), 3, 3)), np.eye(3)
+    Q = np.eye(3)
     Q[:len(rotation), :len(rotation)] = rotation
+    tensors = Q @ _tensors(sigma) @ Q.T
+    return np.column_stack([tensors[:, i, j] for i, j in COLUMNS[:sigma.shape[1]]])
+
+
+def _tensors(sigma: np.ndarray) -> np.ndarray:
+    """The tensors (nt, 3, 3) of `stress`, in the plane with σ_yz = σ_xz = 0."""
+    tensors = np.zeros((len(sigma), 3, 3))
     for (i, j), column in zip(COLUMNS, sigma.T, strict=False):
         tensors[:, i, j] = tensors[:, j, i] = column
-    tensors = Q @ tensors @ Q.T
-    return np.column_stack([tensors[:, i, j] for i, j in COLUMNS[:sigma.shape[1]]])
+    return tensors
 
 
 def von_mises(sigma: np.ndarray) -> np.ndarray:

@@ -21,7 +21,7 @@ from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.coupling.ranks import on_working_ranks
 from ddmpi.errors import NotConvergedError
 from ddmpi.interface.interface import Interface
-from ddmpi.judge.equilibrium import ROUNDING, describe
+from ddmpi.judge.equilibrium import describe
 from ddmpi.judge.motions import MotionsOfBody, undetermined
 from ddmpi.judge.overlap import doubt_overlaps
 from ddmpi.judge.plausible import doubt_cells, edge_lengths
@@ -37,7 +37,7 @@ from ddmpi.scene.bodies import Clamp
 from ddmpi.scene.scene import Settled
 from ddmpi.scene.values import histories
 from ddmpi.system.agreement import agreed, merged
-from ddmpi.system.numbers import in_words, moment
+from ddmpi.system.numbers import ALIKE, in_words, moment
 from ddmpi.system.provenance import NO_CLARABEL, NO_MATPLOTLIB, has_clarabel, has_matplotlib
 
 log = logging.getLogger("ddmpi")
@@ -151,7 +151,7 @@ def _force(mesh: Mesh, on: str, f: np.ndarray) -> str:
 
 def _vector(value: Sequence[float] | np.ndarray, summands: np.ndarray) -> str:
     """A vector, or one number, in words, with zero for rounding beside its summands."""
-    parts = np.where(np.abs(value) <= ROUNDING * np.abs(summands).sum(), 0.0, value)
+    parts = np.where(np.abs(value) <= ALIKE * np.abs(summands).sum(), 0.0, value)
     return in_words(parts, 4) if parts.ndim else f"{parts:.4g}"
 
 

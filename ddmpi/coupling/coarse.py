@@ -48,6 +48,7 @@ class Driven:
     axes : (a, d) unit vectors
     push : (a + t,) force and moment along the motions, at the factor 1 of the history (N)
     pivot : (d,) (m)
+    turns : (t, 1 or 3) unit vectors about which it turns, in the plane [1]
     shifts, sizes : (t, d) and (t,) translation that comes with a turn, and motion of the farthest node (m/rad)
     bond : the contact with a pretension, else None
     resists : (a + t, a + t) by which its force resists motions, at the factor 1, see `FreeFrame` (N/m)
@@ -58,6 +59,7 @@ class Driven:
     axes: np.ndarray
     push: np.ndarray
     pivot: np.ndarray
+    turns: np.ndarray
     shifts: np.ndarray
     sizes: np.ndarray
     bond: str | None = None
@@ -79,7 +81,7 @@ class Driven:
         # where nodes lie on the axis of a turn, nothing resists it; any size will do
         most = sizes.max(initial=0.0) or np.linalg.norm(arm) or 1.0
         sizes = np.where(sizes > UNTURNED * most, sizes, most)
-        driven = cls(rigid.name, rigid.history, axes, np.empty(0), pivot, shifts, sizes)
+        driven = cls(rigid.name, rigid.history, axes, np.empty(0), pivot, turns, shifts, sizes)
         return replace(driven, push=driven.along(np.array(rigid.force or np.zeros(d)), np.array(rigid.moment or 0.0)))
 
     def along(self, force: np.ndarray, moment: np.ndarray | float = 0.0) -> np.ndarray:
@@ -94,19 +96,19 @@ class Driven:
         assert bolt
         along = np.array([bolt.along]) / np.linalg.norm(bolt.along)
         return cls(f"pretension of {contact.name}", bolt.history, along, np.array([bolt.force]), 0.0 * along[0],
-                   along[:0], np.empty(0), contact.name)
+                   np.eye(0), along[:0], np.empty(0), contact.name)
 
     @classmethod
     def of_frame(cls, name: str, free: FreeFrame, frame: Frame) -> Driven:
         """A rigid partner that moves far, where its frame is."""
         d, t = len(frame.shift), len(free.turns)
-        return cls(name, free.history, np.eye(d)[free.axes], free.push, frame.at(free.pivot), np.zeros((t, d)),
-                   np.full(t, free.size), resists=free.levers)
+        return cls(name, free.history, np.eye(d)[free.axes], free.push, frame.at(free.pivot), free.turns,
+                   np.zeros((t, d)), np.full(t, free.size), resists=free.levers)
 
     def motions(self, points: np.ndarray) -> np.ndarray:
         """The displacements (k, d, j) of points (k, d) by the motions."""
         turned = [(crossed(turn[None], points - self.pivot) + shift) / size for turn, shift, size in
-                  zip(np.eye(len(self.sizes)), self.shifts, self.sizes, strict=True)]
+                  zip(self.turns, self.shifts, self.sizes, strict=True)]
         return np.stack([*(np.zeros_like(points) + axis for axis in self.axes), *turned], axis=2)
 
     def place(self, interface: Interface, alpha: np.ndarray) -> Interface:
@@ -116,7 +118,7 @@ class Driven:
         if self.bond:
             return replace(interface, offset=float(alpha[0]))
         return replace(interface, displacement=interface.displacement + self.shift(alpha),
-                       turn=alpha[len(self.axes):] / self.sizes)
+                       turn=alpha[len(self.axes):] / self.sizes @ self.turns)
 
     def shift(self, alpha: np.ndarray) -> np.ndarray:
         """The displacement (d,) of the pivot by amplitudes α (j,) (m)."""

@@ -21,7 +21,7 @@ from ddmpi.scene.bodies import Clamp
 from ddmpi.scene.contacts import Rigid
 from ddmpi.surface.outline import Outline
 from ddmpi.surface.side import Side
-from ddmpi.system.numbers import RigidMotion, in_words
+from ddmpi.system.numbers import ALIKE, SAME, RigidMotion, in_words
 
 LARGE_OVERLAP = 0.02
 """Warn of an initial overlap above this fraction of the thinner body's depth."""
@@ -29,14 +29,8 @@ LARGE_OVERLAP = 0.02
 MANY_ELEMENTS = 5.0
 """Warn of an initial overlap above this multiple of the distance between neighbouring nodes."""
 
-SAME = 1e-6
-"""Displacements are equal up to this fraction of their size, places up to this fraction of an edge."""
-
 WRONG = {"bonded": "tear the bond apart", "guided": "take the guided sides off each other"}
 """What clamps do that contradict a law of two signs, by its name."""
-
-BEHIND = 1.0 - 1e-9
-"""A body that overlaps a rigid partner by this fraction of its depth lies behind the partner's surface."""
 
 
 @dataclass(frozen=True)
@@ -292,7 +286,7 @@ def check_overlap(interface: Interface, *sides: Side, scales: Sequence[float] = 
     k = int(np.argmin(gap))
     overlap, depths = -gap[k], [float(np.abs(normal[k]) @ side.extent) for side in sides]
     thin = sides[int(np.argmin(depths))].body
-    if len(sides) == 1 and overlap > BEHIND * depths[0]:
+    if len(sides) == 1 and overlap > (1.0 - ALIKE) * depths[0]:
         raise InputError(f"contact.{interface.name}: {thin!r} lies {overlap:.3g} {unit} deep in "
                          f"{interface.bodies[1]!r}, more than its depth of {depths[0]:.3g} {unit}: the surface or the "
                          "boundary is turned the wrong way")

@@ -21,7 +21,7 @@ import scipy.sparse as sparse
 from scipy.spatial import cKDTree
 
 from ddmpi.errors import InputError
-from ddmpi.interface.interface import SAME, Interface, Lines, Places
+from ddmpi.interface.interface import Interface, Lines, Places
 from ddmpi.interface.law import law_of
 from ddmpi.interface.matching import face_rigid, faces_rigid, pair
 from ddmpi.interface.rows import Rows, at_points, between, build, duals, holds_along, inset, is_held, rows_of
@@ -33,7 +33,7 @@ from ddmpi.surface.cut import Cover
 from ddmpi.surface.outline import Outline, outlined
 from ddmpi.surface.patch import Patch
 from ddmpi.surface.side import Side, nodal, unit
-from ddmpi.system.numbers import Frame, in_words
+from ddmpi.system.numbers import SAME, Frame, in_words
 
 SLIVER = 0.02
 """A facet covered by a smaller fraction has one constant dual function, that of the nearest corner."""

@@ -11,22 +11,16 @@ from msgspec.structs import astuple
 
 from ddmpi.body.loads import values_at
 from ddmpi.errors import InputError
-from ddmpi.interface.interface import SAME, Interface, Lines, Places
+from ddmpi.interface.interface import Interface, Lines, Places
 from ddmpi.interface.law import law_of
 from ddmpi.scene.contacts import NoFriction, SettledContact, Tresca
 from ddmpi.scene.values import Profile
 from ddmpi.surface.cut import Cover
 from ddmpi.surface.outline import Outline, Outlined, drawn_cells, whole_facets
 from ddmpi.surface.side import Side, frames, laplacian, unit
-from ddmpi.system.numbers import in_words, is_touched
+from ddmpi.system.numbers import ALIKE, ROUNDING, SAME, in_words, is_touched
 
-NOTHING = 1e-12
-"""Entries of transfers below this are rounding."""
-
-NO_GAP = 1e-9
-"""Gaps below this fraction of the distance to the neighbours are rounding of the mesh, and count as zero."""
-
-HELD = np.sqrt(0.5) - 1e-9
+HELD = np.sqrt(0.5) - ALIKE
 """A direction is clamped if its projection onto the free ones is shorter than this, cos 45°: of a normal and a tangent
 of a node that can move along one line only, the one nearer to this line stays free."""
 
@@ -235,7 +229,7 @@ def _outline(rows: Rows, keep: np.ndarray) -> Outline:
     # Corners of cells that meet are one point with their mean value, as pieces of two facets differ a little there;
     # points at nodes come first.
     xy = np.vstack([lines.xy, xy])
-    place = np.round((xy - xy.min(axis=0)) / (NO_GAP * np.ptp(xy, axis=0).max() or 1.0))
+    place = np.round((xy - xy.min(axis=0)) / (ALIKE * np.ptp(xy, axis=0).max() or 1.0))
     _, first, point = np.unique(place, axis=0, return_index=True, return_inverse=True)
     point = np.argsort(np.argsort(first))[point.ravel()]
     xy = xy[np.sort(first)]
@@ -304,7 +298,7 @@ def initial_gap(contact: SettledContact, measured: np.ndarray, xy: np.ndarray, a
 
 def without_rounding(gap: np.ndarray, spacing: np.ndarray) -> np.ndarray:
     """Gaps (r,), zero where they are rounding beside the distance between nodes (r,)."""
-    return np.where(np.abs(gap) <= NO_GAP * spacing, 0.0, gap)
+    return np.where(np.abs(gap) <= ALIKE * spacing, 0.0, gap)
 
 
 def is_held(direction: np.ndarray, free: np.ndarray) -> np.ndarray:
@@ -358,11 +352,11 @@ def inset(side: Side, over: Cover, corners: Cover) -> np.ndarray:
     np.minimum.at(least, number, at)
     # The mean of the corners within END of the farthest one, by weights that fall to zero there: where the cover ends
     # parallel to an edge there are several, and a small turn of the end must move the vertex little.
-    near = np.maximum(1.0 - (most[number] - at) / np.maximum(END * (most - least), NO_GAP)[number], 0.0)
+    near = np.maximum(1.0 - (most[number] - at) / np.maximum(END * (most - least), ALIKE)[number], 0.0)
     ends, total = np.zeros((len(facets), d, d)), np.zeros((len(facets), d))
     np.add.at(ends, number, near[:, :, None] * at[:, None, :])
     np.add.at(total, number, near)
-    ends /= np.maximum(total, NOTHING)[:, :, None]
+    ends /= np.maximum(total, ROUNDING)[:, :, None]
     # From there towards the vertex, until λ_i is the largest of what is covered.
     own = np.einsum("fii->fi", ends)
     shift = np.where(own < 1.0, (most - own) / np.where(own < 1.0, 1.0 - own, 1.0), 0.0)
@@ -379,7 +373,7 @@ def means(integrals: sparse.csr_matrix, area: np.ndarray) -> sparse.csr_matrix:
     """∫ ψ φ (r, k) without entries that are rounding beside the areas (r,), scaled to rows that sum to one: rigid
     translations then open no gap, and forces on both bodies balance exactly."""
     transfer = integrals.tocsr()
-    transfer.data[np.abs(transfer.data) <= NOTHING * area.repeat(np.diff(transfer.indptr))] = 0.0
+    transfer.data[np.abs(transfer.data) <= ROUNDING * area.repeat(np.diff(transfer.indptr))] = 0.0
     transfer.eliminate_zeros()
     return (sparse.diags(1.0 / np.asarray(transfer.sum(axis=1)).ravel()) @ transfer).tocsr()
 
@@ -391,7 +385,7 @@ def uncovered_profile(interface: Interface, contact: SettledContact) -> list[str
         if not isinstance(values, Profile) or len(values.points) < 2:
             continue
         along = values.position(interface.xy, interface.arc)
-        low, high, slack = values.points[0], values.points[-1], 1e-6 * float(np.ptp(along))
+        low, high, slack = values.points[0], values.points[-1], SAME * float(np.ptp(along))
         if along.min() < low - slack or along.max() > high + slack:
             warnings.append(
                 f"contact.{interface.name}.{key}: the profile covers {values.along} from {low:g} to {high:g}, the "

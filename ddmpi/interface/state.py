@@ -11,13 +11,10 @@ import numpy as np
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.law import Law
 from ddmpi.sets import magnitude
-from ddmpi.system.numbers import RigidMotion, moment
+from ddmpi.system.numbers import ALIKE, RigidMotion, moment
 
 CLOSED = 1e-8
 """A node counts as open, unless bonded, up to this fraction of the largest normal force."""
-
-SLIDING = 1e-9
-"""An open node is not closing if its gap shrinks by less than this fraction of its slip."""
 
 RESULTANTS = ("force", "moment", "normal_force", "tangential_force", "open", "slip", "stick", "dissipated")
 """The entries of `ContactTotals` that are written at every load step."""
@@ -311,7 +308,7 @@ def touching(law: Law, s: np.ndarray, closed: np.ndarray, rate: np.ndarray, ahea
     # then moved on tangentially by that share. Without it, steps in which contact grows converge only like n^−½.
     (normal, _), (closing, sliding) = law.split(closed), law.split(rate)
     gap, closing = -normal[law.sliding], closing[law.sliding]
-    closes = closing > SLIDING * np.linalg.norm(sliding, axis=1)
+    closes = closing > ALIKE * np.linalg.norm(sliding, axis=1)  # and does not only slide along
     touches = (law.bound_at(s) == 0.0) & (gap > 0.0) & closes
     share = np.zeros(len(law.sliding))
     share[touches] = np.minimum(gap[touches] / closing[touches], ahead)

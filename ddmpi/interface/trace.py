@@ -9,10 +9,7 @@ import scipy.sparse as sparse
 
 from ddmpi.body.elasticity import Elasticity
 from ddmpi.interface.interface import Interface, Places
-from ddmpi.system.numbers import Frame
-
-ROUNDING = 1e-12
-"""Entries of a clamped node below this fraction of the others are rounding."""
+from ddmpi.system.numbers import ROUNDING, Frame
 
 
 def trace(interface: Interface, side: int, body: Elasticity) -> sparse.csr_matrix:

@@ -13,9 +13,8 @@ import numpy as np
 import scipy.sparse as sparse
 from scipy.sparse import csgraph
 
-SPINS = {d: np.array([np.outer(axes[j], axes[i]) - np.outer(axes[i], axes[j]) for i, j in pairs])
-         for d, axes, pairs in ((2, np.eye(2), [(0, 1)]), (3, np.eye(3), [(1, 2), (2, 0), (0, 1)]))}
-"""By dimension, the matrices (n − d, d, d) that take places to their velocities: the first axis turns to the second."""
+from ddmpi.body.rigid_motions import rigid_motions
+from ddmpi.system.numbers import crossed, in_words
 
 SAME = 1e-2
 """Velocities that differ by less than this fraction of the largest count as one motion."""
@@ -67,9 +66,9 @@ class MotionsOfBody:
         outline, places, weights = _hull(points)
         centre = weights @ places
         size = float(np.linalg.norm(outline - centre, axis=1).max())
-        rigid = _rigid((points - centre) / size).reshape(motions[..., 0].size, -1)
+        rigid = rigid_motions(points, centre, size).reshape(motions[..., 0].size, -1)
         basis = np.linalg.lstsq(rigid, motions.reshape(len(rigid), -1), rcond=None)[0]
-        moved = _rigid((places - centre) / size) @ basis
+        moved = rigid_motions(places, centre, size) @ basis
         inertia = np.einsum("k,kdi,kdj->ij", weights, moved, moved) + FLAT ** 2 * basis.T @ basis
         basis[len(centre):] /= size
         return cls(name, centre, size, outline, basis, inertia)
@@ -86,7 +85,7 @@ class MotionsOfBody:
 
     def at(self, velocity: np.ndarray, points: np.ndarray) -> np.ndarray:
         """Velocities (k, d) of `points` (k, d) that move with the body."""
-        return _rigid(points - self.centre) @ velocity
+        return velocity[:self.dimension] + crossed(velocity[None, self.dimension:], points - self.centre)
 
     def speed(self, velocity: np.ndarray) -> float:
         """The largest velocity of a node."""
@@ -185,7 +184,7 @@ def _way(members: list[MotionsOfBody], v: np.ndarray) -> str:
     turning, mean = v[d:], first.at(v, middle[None])[0]
     if np.linalg.norm(mean) <= TURNS_ABOUT * speeds.max():
         # The axis comes nearest to the middle at ω × v / ω·ω from it.
-        place = _place(middle + _rigid(mean[None])[0, :, d:] @ turning / (turning @ turning), size)
+        place = _place(middle + crossed(turning[None], mean[None])[0] / (turning @ turning), size)
         return (f"turn {'counter' * bool(turning[0] > 0.0)}clockwise about {place}" if d == 2 else
                 f"turn about the axis through {place} along {direction(turning)}")
     fastest = nodes[speeds >= (1.0 - SAME) * speeds.max()]
@@ -208,25 +207,18 @@ def _is_translation(body: MotionsOfBody, v: np.ndarray) -> bool:
     return bool(np.linalg.norm(v[body.dimension:]) * body.size <= SAME * body.speed(v))
 
 
-def _rigid(x: np.ndarray) -> np.ndarray:
-    """(k, d, n) how places x (k, d), from the centre, move with each of the n unit velocities."""
-    k, d = x.shape
-    return np.concatenate([np.broadcast_to(np.eye(d), (k, d, d)), np.einsum("nij,kj->kin", SPINS[d], x)], axis=2)
-
-
 def direction(v: np.ndarray) -> str:
     """The direction of a vector (d,) in words: x, -y, or (0.8, 0.6)."""
-    rounded = np.round(v / np.linalg.norm(v), 2) + 0.0
+    rounded = np.round(v / np.linalg.norm(v), 2)
     (axes,) = np.nonzero(np.abs(rounded) >= SAME)
     if len(axes) == 1:
         return ("-" if rounded[axes[0]] < 0.0 else "") + "xyz"[axes[0]]
-    return f"({', '.join(f'{x:g}' for x in rounded)})"
+    return in_words(rounded)
 
 
 def _place(x: np.ndarray, size: float) -> str:
     """The coordinates x (d,) to a tenth or hundredth of `size`."""
-    digits = 1 - int(np.floor(np.log10(size)))
-    return f"({', '.join(f'{round(float(value), digits) + 0.0:.10g}' for value in x)})"
+    return in_words(np.round(x, 1 - int(np.floor(np.log10(size)))), 10)
 
 
 def _names(bodies: Sequence[MotionsOfBody], chosen: Sequence[int]) -> str:

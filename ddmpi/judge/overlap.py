@@ -21,13 +21,10 @@ from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.contacts import Rigid
 from ddmpi.surface.near import distance_to, in_cells
 from ddmpi.system.agreement import gathered
-from ddmpi.system.numbers import Frame, RigidMotion, in_words
+from ddmpi.system.numbers import ALIKE, SAME, Frame, RigidMotion, in_words
 
 RESOLVED = 1e-3
 """Do not warn of overlaps below this fraction of the largest displacement, in a body itself of a cell."""
-
-DRAWN = 1e-6
-"""Overlaps in the drawing below this fraction of the distance between nodes are rounding."""
 
 WIDEN, ADD = "name the whole boundary that may touch in `on`", "add a [[contact]] between them"
 """What helps where bodies overlap that a contact names, and those that none does."""
@@ -255,7 +252,7 @@ def penetration(first: Solid, second: Solid, kept: Sequence[np.ndarray], slack: 
     rounding = 32.0 * float(np.spacing(max(np.abs(solid.at).max() for solid in (first, second))))
     heights = np.concatenate([first.height, second.height])
     drawn, least = deepest(0.0, rounding), rounding + slack
-    if drawn.depth <= DRAWN * np.median(heights):
+    if drawn.depth <= SAME * np.median(heights):
         drawn, least = Overlap(), least + drawn.depth
     motions = np.concatenate([(solid.moved - solid.at)[solid.outer] for solid in (first, second)])
     if not 0.0 < np.abs(motions).max() <= max(np.ptp(solid.at, axis=0).max() for solid in (first, second)):
@@ -351,7 +348,7 @@ def _in_partner(body: Body, solid: Solid, motion: RigidMotion, rigid: Rigid, uni
         return (f"contact.{contacts[0].name}: {rigid.name} is small beside the distance of nodes of {name}, and lies "
                 f"{depth[k]:.3g} {unit} deep between two of them, as at {in_words(moved[k], 4)}; a finer mesh "
                 "there would be right")
-    least = 1e-9 * extent  # rounding
+    least = ALIKE * extent
     if rigid.may_end(bool(contacts)) and rigid.depth(solid.at[facets[~touching]]).max(initial=0.0) > least:
         return ""
     least += float(at_ends[touching].max(initial=0.0)) + RESOLVED * float(np.abs(solid.moved - solid.at).max())

@@ -1,9 +1,8 @@
-"""Warnings about a scene and its certified answer; `DOUBTS` has all of them with their limits."""
+"""Warnings about a scene and its certified answer; `LIMIT` has the limits of all of them."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sparse
@@ -13,61 +12,40 @@ from scipy.sparse import csgraph
 from ddmpi.body.estimate import DiscretizationError
 from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.interface.state import ContactState, ContactTotals
-from ddmpi.judge.overlap import DRAWN, RESOLVED, Solid, doubt_overlaps
+from ddmpi.judge.overlap import RESOLVED, Solid, doubt_overlaps
 from ddmpi.mesh.boundary import SHARPEST, creases
 from ddmpi.mesh.elements import REGULAR, cell_with, invert
 from ddmpi.mesh.mesh import Mesh, signed_measures, tangents
 from ddmpi.scene.bodies import SettledBody
 from ddmpi.system.agreement import gathered
-from ddmpi.system.numbers import in_words
+from ddmpi.system.numbers import SAME, in_words
 
-
-class Doubt(NamedTuple):
-    """A kind of warning: the limit beyond which there is one, the function that warns, and what the limit is of."""
-
-    limit: float
-    function: str
-    words: str
-
-
-DOUBTS = {
+LIMIT = {
     # of a mesh
-    "thin": Doubt(0.05, "doubt_cells", "least measure of a cell, over that of a regular one with edges as long in the "
-                                       "root mean square"),
-    "slender": Doubt(50.0, "doubt_shape", "length of a body over its thickness; in a row of needles side by side those "
-                                          "of 1 : 100 may fail, those of 1 : 30 do not"),
-    "linear": Doubt(0.5, "doubt_mesh", "estimated discretization error of linear elements; they lock then, and the "
-                                       "true error is larger still"),
-    "quadratic": Doubt(0.15, "doubt_mesh", "the same of quadratic elements, which put too much force at the edge of a "
-                                           "contact then, as in the NAFEMS punch at 0.16"),
+    "thin": 0.05,  # doubt_cells: least measure of a cell, over that of a regular one with edges as long in the mean
+    "slender": 50.0,  # doubt_shape: length over thickness; rows of needles of 1 : 100 may fail, of 1 : 30 they do not
+    "linear": 0.5,  # doubt_mesh: estimated error of linear elements; they lock then, and the true one is larger
+    "quadratic": 0.15,  # the same of quadratic ones: too much force at edges of contacts, as in NAFEMS's punch (0.16)
     # of small-strain theory
-    "motion": Doubt(0.1, "_large_motion", "displacement over the size of the body"),
-    "gradient": Doubt(0.1, "_large_gradient", "strain or rotation of a cell"),
-    "slip": Doubt(1.0, "_far_slip", "slip of a closed node over the distance to its neighbours"),
-    "turn": Doubt(0.1, "_far_slip", "slip of a closed node over the radius of its rigid partner"),
+    "motion": 0.1,  # _large_motion: displacement over the size of the body
+    "gradient": 0.1,  # _large_gradient: strain or rotation of a cell
+    "slip": 1.0,  # _far_slip: slip of a closed node over the distance to its neighbours
+    "turn": 0.1,  # _far_slip: slip of a closed node over the radius of its rigid partner
     # of forces
-    "point": Doubt(0.01, "_points_that_carry", "force at a clamped point over all forces on the body"),
-    "light": Doubt(1e-8, "_unresolved", "least forces on a loose body, over the loads of another body"),
-    "rounding": Doubt(1e-6, "_lost_in_rounding", "contact forces by rounding of the displacements, over the largest"),
-    "undecided": Doubt(1e-9, "_lost_in_rounding", "largest gap of an open contact, over the displacements; by "
-                                                  "rounding up to 1e-13"),
-    "idle": Doubt(1e-6, "doubt_answer", "least force of a contact, over that of all, for doubts of its forces"),
+    "point": 0.01,  # _points_that_carry: force at a clamped point over all forces on the body
+    "light": 1e-8,  # _unresolved: least forces on a loose body, over the loads of another body
+    "rounding": 1e-6,  # _lost_in_rounding: contact forces by rounding of the displacements, over the largest
+    "undecided": 1e-9,  # the same: largest gap of an open contact, over the displacements; by rounding up to 1e-13
+    "idle": 1e-6,  # doubt_answer: least force of a contact, over that of all, for doubts of its forces
     # of contacts; in good answers the first two are up to 0.12
-    "between": Doubt(0.25, "_overlap_between", "overlap between nodes over the displacement by contact forces"),
-    "air": Doubt(0.25, "_held_through_air", "friction of open nodes over all forces of the contact"),
-    "few": Doubt(5, "_few_nodes", "closed nodes across a contact of bodies that move far"),
-    "zone": Doubt(0.1, "_unresolved_zone", "least force of a zone on few nodes, over that of the contact"),
-    "stress": Doubt(0.1, "doubt_stress", "least stress at a singularity, over the largest of all bodies"),
-    # of overlaps outside of contacts
-    "overlap": Doubt(RESOLVED, "doubt_overlaps", "overlap over the displacements, in the body itself over a cell"),
-    "drawn": Doubt(DRAWN, "doubt_overlaps", "overlap in the drawing over the distance between nodes"),
+    "between": 0.25,  # _overlap_between: overlap between nodes over the displacement by contact forces
+    "air": 0.25,  # _held_through_air: friction of open nodes over all forces of the contact
+    "few": 5,  # _few_nodes: closed nodes across a contact of bodies that move far
+    "zone": 0.1,  # _unresolved_zone: least force of a zone on few nodes, over that of the contact
+    "stress": 0.1,  # doubt_stress: least stress at a singularity, over the largest of all bodies
 }
-"""All warnings about a scene and its answer, but for free motions of loose bodies, which are those of `motions`."""
-
-LIMIT = {name: doubt.limit for name, doubt in DOUBTS.items()}
-
-ALIKE = 1e-6
-"""Gaps are equal up to this fraction of the distance of nodes, stresses up to this fraction of them."""
+"""Limits of all warnings about a scene and its answer, with the functions that warn; but those of `motions` for free
+motions of loose bodies, and those of `overlap`."""
 
 
 def edge_lengths(mesh: Mesh) -> np.ndarray:
@@ -253,7 +231,7 @@ def _singular(body: Body, stress: np.ndarray, unit: str) -> list[str]:
     number = np.unique(both, axis=0, return_inverse=True)[1].ravel()
     clamped = np.isin(number[:len(facets)], number[len(facets):])
     ends = (clamped[bends.facets].sum(axis=1) == 1) & (bends.turn < SHARPEST)
-    largest = stress >= (1.0 - ALIKE) * stress.max()
+    largest = stress >= (1.0 - SAME) * stress.max()
     if largest.all():  # a constant stress grows nowhere
         return []
     top = np.unique(body.mesh.triangles[largest])
@@ -302,7 +280,7 @@ def _overlap_between(assembly: Assembly, state: ContactState, moved: float) -> l
     interface, overlap, unit = state.interface, -state.between, assembly.scene.units["length"]
     k = int(np.argmax(overlap)) if len(overlap) else 0
     body = next(body for body in assembly.bodies if body.spec.name in interface.bodies)
-    least = max(LIMIT["between"] * state.yielding, LIMIT["overlap"] * moved, 1e-12 * body.mesh.extent)
+    least = max(LIMIT["between"] * state.yielding, RESOLVED * moved, 1e-12 * body.mesh.extent)
     if not len(overlap) or not overlap[k] > least:
         return []
     place = in_words(interface.probes.moved(interface.side(body.spec.name), body.mesh.points)[k], 4)
@@ -332,7 +310,7 @@ def _unresolved_zone(state: ContactState) -> list[str]:
     zone = csgraph.connected_components(links, directed=False)[1]
     parting = pairs[closed[pairs[:, 0]] != closed[pairs[:, 1]]]
     inner, outer = np.where(closed[parting[:, :1]], parting, parting[:, ::-1]).T
-    apart = interface.opening[outer] > interface.opening[inner] + ALIKE * interface.spacing[inner]
+    apart = interface.opening[outer] > interface.opening[inner] + SAME * interface.spacing[inner]
     curving = np.bincount(zone[inner[apart]], minlength=number)  # where it ends because the boundaries curve apart
     axis = interface.axisymmetric & (interface.xy[:, 0] < 0.75 * interface.spacing)
     twice = 1 + (np.bincount(zone[axis], minlength=number) > 0)  # a zone goes on beyond the axis

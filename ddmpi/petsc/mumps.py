@@ -113,7 +113,7 @@ class Factors:
         for name, array in zip(("irn", "jcn", "a"), entries, strict=True):
             setattr(data, name + "_loc" * parallel, array.ctypes.data)
         data.n, data.size_schur = comm.bcast((n + k, k))
-        self._size, self._alone = k, not parallel
+        self._size = k
         last, places, schur = np.arange(n + 1, n + k + 1, dtype=np.int32), np.zeros(0, np.int32), np.zeros((k, k))
         data.listvar_schur, data.schur, self._listed = last.ctypes.data, schur.ctypes.data, last
         if order is not None:
@@ -136,31 +136,9 @@ class Factors:
     def solve(self, f: np.ndarray | None) -> np.ndarray | None:
         """A⁻¹ f (n,), both on the first rank; None elsewhere."""
         work = np.zeros(0) if f is None else np.concatenate([f, np.zeros(self._size)])  # of which the end is ignored
-        self._substitute(work, (0, 0))
-        return None if f is None else work[:len(f)]
-
-    def response(self, f: np.ndarray | None) -> np.ndarray | None:
-        """B A⁻¹ f (k,), both on the first rank; None elsewhere.
-
-        Half a solve. On one rank MUMPS eliminates only what the entries of f touch; on several, and where f is zero,
-        5.5.1 refuses that.
-        """
-        f, first = np.zeros(0) if f is None else f, f is not None
-        rows, left = np.flatnonzero(f), np.zeros(self._size)
-        entries, places, ends = f[rows], (rows + 1).astype(np.int32), np.array([1, len(rows) + 1], np.int32)
-        data = self._data
-        data.rhs_sparse, data.irhs_sparse, data.irhs_ptr = (array.ctypes.data for array in (entries, places, ends))
-        data.nz_rhs, data.redrhs, data.lredrhs = len(rows), left.ctypes.data, len(left)
-        sparse_right = self._alone and len(rows) > 0
-        self._substitute(np.concatenate([f, left]), (int(sparse_right), 1))  # what is left of (f, 0)
-        return -left if first else None
-
-    def _substitute(self, work: np.ndarray, how: tuple[int, int]) -> None:
-        """Solve with right-hand sides in `work` (n + k,), or sparse ones, whole or in half, by ICNTL(20) and (26)."""
-        data = self._data
-        data.rhs, data.nrhs, data.lrhs = work.ctypes.data, 1, len(work)
-        data.icntl[19], data.icntl[25] = how
+        self._data.rhs, self._data.nrhs, self._data.lrhs = work.ctypes.data, 1, len(work)
         self._do(3)
+        return None if f is None else work[:len(f)]
 
     def destroy(self) -> None:
         """Free MUMPS's memory, once."""
@@ -177,12 +155,12 @@ class Factors:
         raise RefusedError(f"version {found[0].decode() if found else 'unknown'} is not among those that ddmpi knows")
 
     def _check(self, B: sparse.csr_matrix, comm: MPI.Comm) -> None:
-        """RefusedError unless C and a forward solve agree on a displacement; `StiffnessSolver` checks a full solve."""
-        solved, agrees = self.response(B.T @ np.ones(B.shape[0]) if comm.rank == 0 else None), True
+        """RefusedError unless C and a solve agree on the displacement by equal forces."""
+        solved, agrees = self.solve(B.T @ np.ones(B.shape[0]) if comm.rank == 0 else None), True
         if solved is not None and self.condensed is not None:
-            moved = dsymv(1.0, self.condensed, np.ones(len(solved)))
+            moved = dsymv(1.0, self.condensed, np.ones(B.shape[0]))
             size = max(np.linalg.norm(moved), self.condensed.diagonal().max())  # sums of rows may nearly cancel
-            agrees = bool(np.linalg.norm(solved - moved) <= AGREEMENT * size)
+            agrees = bool(np.linalg.norm(B @ solved - moved) <= AGREEMENT * size)
         if not comm.bcast(agrees):
             self.destroy()
             raise RefusedError("the compliance does not agree with a solve")

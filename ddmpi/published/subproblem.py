@@ -16,8 +16,7 @@ import numpy as np
 from ddmpi.coupling.member import Member
 from ddmpi.interface.interface import Interface
 from ddmpi.petsc.events import event
-from ddmpi.published.program import QP
-from ddmpi.published.tao import QPSolver
+from ddmpi.published.tao import QP, QPSolver
 from ddmpi.sets import Box
 
 

@@ -1,21 +1,24 @@
-"""Solves QPs by a TAO type, by default our MPRGP, on discs our APG; options prefix ``qp_``."""
+"""Convex quadratic programs with constraints, solved by a TAO type: by default our MPRGP, on discs our APG; options
+prefix ``qp_``."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import contextlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from petsc4py import PETSc
 
+from ddmpi.body.compliance import Compliance
 from ddmpi.errors import SolverError
 from ddmpi.petsc.events import event
 from ddmpi.petsc.versions import TaoReason, call_solver, petsc_message, reason_name
 from ddmpi.published.apg import APG
 from ddmpi.published.mprgp import MPRGP
-from ddmpi.published.program import QP, QPResult
 from ddmpi.sets import Box, Discs
-from ddmpi.system.numbers import norm
+from ddmpi.system.numbers import ROUNDING, norm
 
 LEAST_PRECISE = 1e-2
 """Largest relative error of a multiplication."""
@@ -25,9 +28,6 @@ FRESH = 1e-11
 
 GRADIENT_ROUNDING = float(8 * np.finfo(float).eps)
 """A projected gradient below this fraction of the displacements whose difference it is, is rounding."""
-
-ON_BOUND = 1e-12
-"""An unknown of PETSc's TAO types this near to a bound, over the largest unknown, is moved onto it."""
 
 MOST = 200
 """Most iterations over the number of unknowns plus one."""
@@ -47,6 +47,46 @@ Product = Callable[[np.ndarray, float], np.ndarray]
 """C x, counted, from x and the size (m) to which its error is relative."""
 
 
+@dataclass
+class QP:
+    """min ½ sᵀ C s − sᵀ d over the points s of a constraint set.
+
+    Attributes
+    ----------
+    C : symmetric positive definite (m/N)
+    d : (size,) linear term (m)
+    constraints : the set of feasible s (N)
+    """
+
+    C: Compliance
+    d: np.ndarray
+    constraints: Box
+
+    def residual(self, s: np.ndarray, Cs: np.ndarray) -> float:
+        """‖projected gradient‖₂ (unit of d) at a feasible s; zero exactly at the solution.
+
+        With discs it is ‖s − P(s − t ∇)‖₂ / t, with the projection P onto them and t = 1/‖C‖₂. Collective where the
+        norm of C is not known yet.
+        """
+        gradient = Cs - self.d
+        if isinstance(self.constraints, Discs):
+            return norm(self.constraints.reduced(gradient, s, 1.0 / self.C.norm()))
+        return norm(self.constraints.projected_gradient(gradient, s))
+
+
+@dataclass
+class QPResult:
+    """A solution s with its product C s and its residual; `steps` counts the steps of each kind, `reason` is why TAO
+    ended."""
+
+    s: np.ndarray
+    Cs: np.ndarray
+    residual: float
+    iterations: int
+    steps: dict[str, int]
+    reason: str = ""
+
+
 class QPSolver:
     """Solves QPs with one TAO type; options prefix ``qp_``.
 
@@ -56,9 +96,6 @@ class QPSolver:
     Hessian (counted as "explicit"). PETSc's types have bounds only: whatever the type, MPRGP solves QPs without bounds,
     and APG those with discs.
     """
-
-    def __init__(self) -> None:
-        self._tao: PETSc.TAO | None = None
 
     @cached_property
     def type(self) -> str:
@@ -86,50 +123,54 @@ class QPSolver:
         feasible = qp.constraints
         bounds = np.isfinite([feasible.lower, feasible.upper]).any() and not isinstance(feasible, Discs)
         solve = self._petsc if bounds and self.type != "python" else self._python
-        try:
-            with event("ContactQP"):
-                result = solve(qp, start, Cs, tolerance, multiply)
-            rounding = GRADIENT_ROUNDING * max(norm(qp.d), norm(result.Cs))
-            if not result.residual <= max(1.01 * tolerance, rounding):
-                raise SolverError(f"subproblem for {purpose}: TAO type {self.type} ended with {self._reason()} after "
-                                  f"{result.iterations} iterations; projected gradient {result.residual:.2e}, "
-                                  f"needed {tolerance:.2e}")
-        finally:
-            self._release()
+        with event("ContactQP"):
+            result = solve(qp, start, Cs, tolerance, multiply)
+        rounding = GRADIENT_ROUNDING * max(norm(qp.d), norm(result.Cs))
+        if not result.residual <= max(1.01 * tolerance, rounding):
+            raise SolverError(f"subproblem for {purpose}: TAO type {self.type} ended with {result.reason} after "
+                              f"{result.iterations} iterations; projected gradient {result.residual:.2e}, "
+                              f"needed {tolerance:.2e}")
         return result
 
     def _python(self, qp: QP, s: np.ndarray, Cs: np.ndarray, tolerance: float, multiply: Product) -> QPResult:
         problem = _Scaled(qp, np.arange(qp.C.size), s, Cs, multiply)
-        tao = self._create(problem, "python", tolerance)
-        call_solver(tao.solve)
-        x, g = tao.getSolution().array_r, tao.getGradient()[0].array_r
-        s = problem.unscaled(x, 0.0)
-        Cs = problem.displacement * g + qp.d
+        with self._solved(problem, "python", tolerance) as tao:
+            s = problem.unscaled(tao.getSolution().array_r, 0.0)
+            Cs = problem.displacement * tao.getGradient()[0].array_r + qp.d
+            steps, iterations, reason = tao.getPythonContext().steps, tao.getIterationNumber(), tao.getConvergedReason()
         if tolerance < FRESH * problem.displacement:  # the recurrence may be off by rounding
             Cs = multiply(s, problem.displacement)
-        steps = dict(tao.getPythonContext().steps)
-        return QPResult(s, Cs, qp.residual(s, Cs), tao.getIterationNumber(), steps)
+        return QPResult(s, Cs, qp.residual(s, Cs), iterations, steps, reason_name(TaoReason, reason))
 
     def _petsc(self, qp: QP, s: np.ndarray, Cs: np.ndarray, tolerance: float, multiply: Product) -> QPResult:
         moving, asked, iterations = np.flatnonzero(qp.constraints.lower < qp.constraints.upper), tolerance, 0
         for _ in range(ATTEMPTS):
             problem = (_Explicit if self.type == "bqpip" else _Scaled)(qp, moving, s, Cs, multiply)
-            tao = self._create(problem, self.type, asked)
-            call_solver(tao.solve)
-            iterations += tao.getIterationNumber()
             s = s.copy()
-            s[moving] = problem.unscaled(tao.getSolution().array_r, ON_BOUND)
+            with self._solved(problem, self.type, asked) as tao:
+                iterations += tao.getIterationNumber()
+                reason = tao.getConvergedReason()
+                s[moving] = problem.unscaled(tao.getSolution().array_r, ROUNDING)  # what lies beside a bound goes there
             Cs = multiply(s, problem.displacement)
-            reason = tao.getConvergedReason()
             if qp.residual(s, Cs) <= tolerance or (reason < 0 and reason != TaoReason.DIVERGED_LS_FAILURE):
                 break
             if reason > 0:
                 asked *= STRICTER
-        return QPResult(s, Cs, qp.residual(s, Cs), iterations, {})
+        return QPResult(s, Cs, qp.residual(s, Cs), iterations, {}, reason_name(TaoReason, reason))
 
-    def _create(self, problem: _Scaled, kind: str, tolerance: float) -> PETSc.TAO:
-        self._release()
-        tao = self._tao = PETSc.TAO().create(PETSc.COMM_SELF)
+    @contextlib.contextmanager
+    def _solved(self, problem: _Scaled, kind: str, tolerance: float) -> Iterator[PETSc.TAO]:
+        """A TAO of this kind that has solved the problem. It is destroyed at once: it holds the body's matrices, and
+        PETSc 3.18 would never free them."""
+        tao = PETSc.TAO().create(PETSc.COMM_SELF)
+        try:
+            self._set_up(tao, problem, kind, tolerance)
+            call_solver(tao.solve)
+            yield tao
+        finally:
+            tao.destroy()
+
+    def _set_up(self, tao: PETSc.TAO, problem: _Scaled, kind: str, tolerance: float) -> None:
         tao.setOptionsPrefix("qp_")
         if kind == "python":
             tao.setType(PETSc.TAO.Type.PYTHON)
@@ -153,16 +194,6 @@ class QPSolver:
             tao.setPythonContext(APG(problem.constraints))
         if kind in ("gpcg", "tron") and not PETSc.Options("qp_").hasName("pc_type"):
             tao.getKSP().getPC().setType(PETSc.PC.Type.NONE)  # the Hessian is a shell
-        return tao
-
-    def _release(self) -> None:
-        """Destroy the TAO at once: it holds the body's matrices, and PETSc 3.18 would never free them."""
-        if self._tao is not None:
-            self._tao.destroy()
-            self._tao = None
-
-    def _reason(self) -> str:
-        return reason_name(TaoReason, self._tao.getConvergedReason()) if self._tao else "nothing done"
 
 
 class _Scaled:

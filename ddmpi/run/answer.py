@@ -1,4 +1,4 @@
-"""The Python interface: `ddmpi.solve` and its answer."""
+"""The answer of `ddmpi.solve`, and the model of `ddmpi.prepare`."""
 
 from __future__ import annotations
 
@@ -189,18 +189,3 @@ class Model:
         self.reused = summary["reused"]
         return Answer(summary, {contact.name: states[contact.name] for contact in settled.contact},
                       solved.fields if solved else {}, solved, derived)
-
-
-def prepare(scene: str | Path | Mapping[str, Any], comm: MPI.Comm | None = None) -> Model:
-    """`ddmpi.prepare`. Collective."""
-    model = Model(scene, comm)
-    model.settle()
-    return model
-
-
-def solve(scene: str | Path | Mapping[str, Any], comm: MPI.Comm | None = None,
-          overrides: Mapping[str, Any] | None = None, progress: bool = False, only: str | None = None,
-          outer: str | type | None = None) -> Answer:
-    """`ddmpi.solve`. Collective."""
-    with Model(scene, comm, keep=False) as model:
-        return model.solve(overrides, only, progress=progress, outer=outer)

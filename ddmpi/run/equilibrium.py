@@ -22,8 +22,7 @@ from ddmpi.coupling.space import Space
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.law import across, direction
 from ddmpi.interface.state import ContactState
-from ddmpi.judge.equilibrium import Mechanism, find_mechanism
-from ddmpi.judge.forces import Forces
+from ddmpi.judge.equilibrium import Forces, Mechanism, find_mechanism
 from ddmpi.judge.motions import RESISTED, MotionsOfBody, describe_motions, undetermined
 from ddmpi.methods.newton import Newton
 from ddmpi.methods.outer import Outer

@@ -10,9 +10,7 @@ from ddmpi.mesh.mesh import Facets, Mesh
 from ddmpi.surface.curve import Curve, in_chains
 from ddmpi.surface.patch import Patch, in_places
 from ddmpi.surface.side import Side, across, nodal, unit
-
-COARSE = 1e-6
-"""Nodes are sorted by their positions rounded to this fraction of the mesh's extent, independent of rounding."""
+from ddmpi.system.numbers import SAME
 
 KINDS = {2: (Curve, in_chains), 3: (Patch, in_places)}
 """The class of a side and the function that sorts its nodes, by dimension."""
@@ -24,7 +22,8 @@ def contact_side(mesh: Mesh, boundary: Facets, supports: Supports, body: str, mo
 
     `tied` (nv,) and `parted` as of a `Side`, for all nodes of the body; left out, none is tied.
     """
-    places = np.round((mesh.points - mesh.points.min(axis=0)) / (COARSE * np.ptp(mesh.points, axis=0).max()))
+    # rounded, so that rounding does not sort nodes
+    places = np.round((mesh.points - mesh.points.min(axis=0)) / (SAME * np.ptp(mesh.points, axis=0).max()))
     kind, ordered = KINDS[mesh.dimension]
     nodes, arc = ordered(boundary.nodes, mesh.points, places, boundary.starts)
     place, xy = np.empty(len(mesh.points), int), mesh.points[nodes]

@@ -8,16 +8,13 @@ from ddmpi.mesh.elements import on_line
 from ddmpi.surface.curve import Curve
 from ddmpi.surface.cut import FACING, Cover, cut
 from ddmpi.surface.side import Side, cross, unit
-from ddmpi.system.numbers import together
+from ddmpi.system.numbers import ALIKE, together
 
 DEEPEST = 0.5
 """Partners deeper than this fraction of the thinner body's depth belong to its far side and are ignored."""
 
 POINTS = 5
 """Gauss points on each piece of a side, between its two ends, which have no weight."""
-
-TOUCHING = 1e-9
-"""Fractions of a facet below this are rounding and make no piece."""
 
 FINEST = 2**20
 """Corners of pieces that are nearer than one over this, in barycentric coordinates, are one."""
@@ -67,7 +64,7 @@ def _along(slave: Curve, master: Curve, depth: np.ndarray) -> Cover:
     piece, pair = together(on, facet)
     there, distance, _ = _meet(chords, fans, on[piece], middle[piece], corners[one[pair]])
     # One ray from the middle of a piece tells which master facets it meets: no corners lie in between.
-    met = (there >= -TOUCHING) & (there <= 1.0 + TOUCHING) & (distance >= -depth[on[piece]])
+    met = (there >= -ALIKE) & (there <= 1.0 + ALIKE) & (distance >= -depth[on[piece]])
     piece, pair, signed = piece[met], pair[met], distance[met]
     order = np.lexsort((np.abs(signed), piece))  # the nearest of each piece comes first
     nearest = order[np.flatnonzero(np.diff(piece[order], prepend=-1))]
@@ -104,7 +101,7 @@ def faced_arc(xy: np.ndarray, rows: np.ndarray, over: Cover, master: Side) -> np
     order = np.lexsort((np.linalg.norm(away - at[:, None] * along, axis=1), row))
     nearest = order[np.flatnonzero(np.diff(row[order], prepend=-1))]
     # At the second end its own arc length counts: zero where a closed chain ends in its start.
-    arc = np.where(at < 1.0 - TOUCHING, master.arc[start] + at * master.lengths[facet], master.arc[end])
+    arc = np.where(at < 1.0 - ALIKE, master.arc[start] + at * master.lengths[facet], master.arc[end])
     return arc[nearest]
 
 
@@ -124,7 +121,7 @@ def _swept(segments: np.ndarray, facets: np.ndarray, fans: np.ndarray) -> tuple[
 def _crossed(points: np.ndarray, facets: np.ndarray, fans: np.ndarray) -> np.ndarray:
     """Whether points (…, c, 2) lie neither all to the left nor all to the right of the lines of both end rays."""
     beside = cross(fans[..., None, :], points[..., None, :, :] - facets[..., None, :])
-    slack = TOUCHING * np.linalg.norm(facets[..., 1, :] - facets[..., 0, :], axis=-1)[..., None, None]
+    slack = ALIKE * np.linalg.norm(facets[..., 1, :] - facets[..., 0, :], axis=-1)[..., None, None]
     return ~((beside < -slack).all(axis=(-2, -1)) | (beside > slack).all(axis=(-2, -1)))
 
 
@@ -148,7 +145,7 @@ def _hidden(facets: np.ndarray, fans: np.ndarray, facet: np.ndarray, at: np.ndar
     source, other = source[source != other], other[source != other]
     point, pair = together(facet, source)
     there, t, _ = _meet(facets, fans, facet[point], at[point], facets[other[pair]])
-    slack = TOUCHING * np.linalg.norm(facets[:, 1] - facets[:, 0], axis=1)[facet[point]]
+    slack = ALIKE * np.linalg.norm(facets[:, 1] - facets[:, 0], axis=1)[facet[point]]
     ahead, way = t * np.sign(distance[point]), np.abs(distance[point])
     between = (there > 0.0) & (there < 1.0) & (ahead > slack) & (ahead < way)
     return np.bincount(point, between, len(facet)) > 0
@@ -169,13 +166,13 @@ def _pieces(facet: np.ndarray, segments: np.ndarray, facets: np.ndarray,
         # Both roots without cancellation: q/a and c/q. Complex ones and those of a = 0 are NaN or infinite.
         q = -(b + np.where(b < 0.0, -1.0, 1.0) * np.sqrt(b * b - 4.0 * a * c)) / 2.0
         roots = np.column_stack([c / q, q / a])
-    inside = (roots > TOUCHING) & (roots < 1.0 - TOUCHING)
+    inside = (roots > ALIKE) & (roots < 1.0 - ALIKE)
     ends = np.unique(facet)
     on = np.concatenate([np.repeat(facet, roots.shape[1])[inside.ravel()], ends, ends])
     cuts = np.concatenate([roots[inside], np.zeros(len(ends)), np.ones(len(ends))])
     order = np.lexsort((cuts, on))
     on, cuts = on[order], cuts[order]
-    apart = np.append(True, (np.diff(cuts) > TOUCHING) | (np.diff(on) != 0)) if len(on) else np.empty(0, bool)
+    apart = np.append(True, (np.diff(cuts) > ALIKE) | (np.diff(on) != 0)) if len(on) else np.empty(0, bool)
     on, cuts = on[apart], cuts[apart]
     inner = np.flatnonzero(np.diff(on) == 0)
     return on[inner], cuts[inner], cuts[inner + 1]

@@ -9,12 +9,10 @@ import numpy as np
 from ddmpi.mesh.boundary import SHARPEST, segments
 from ddmpi.mesh.elements import cell_with, circumference, facet_measures, on_line
 from ddmpi.surface.side import Side, cross
-
-STRAIGHT = 1e-9
-"""Turns (rad) below this are rounding of a straight boundary."""
+from ddmpi.system.numbers import ALIKE
 
 FLAT = 1e-3
-"""So are turns below this fraction of the turn at the other end of the facet."""
+"""Turns below this fraction of the turn at the other end of the facet are those of a straight boundary."""
 
 STEEPEST = 0.24
 """Largest |δ| of `Curve.parameters`; at 1/4 a line is tangent to the facet at an end."""
@@ -65,7 +63,7 @@ class Curve(Side):
         b, a = before[node], after[node]
         turn = np.arctan2(outer[b, 0] * outer[a, 1] - outer[b, 1] * outer[a, 0],
                           np.einsum("ij,ij->i", outer[b], outer[a]))
-        turns[node] = turn = np.where(np.abs(turn) <= STRAIGHT, 0.0, turn)
+        turns[node] = turn = np.where(np.abs(turn) <= ALIKE, 0.0, turn)
         smooth = np.abs(turn) <= SHARPEST
         node, b, a, turn = node[smooth], b[smooth], a[smooth], turn[smooth]
         # Chords of one circle that turn by τ = α_b + α_a with sin α_b / sin α_a = L_b / L_a: tan α_b = L_b sin τ / (L_a

@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from ddmpi.mesh.elements import facet_measures
 from ddmpi.surface.side import Side, cross, unit
-from ddmpi.system.numbers import spans, together
+from ddmpi.system.numbers import ROUNDING, SAME, spans, together
 
 FACING = -0.5
 """Surfaces face each other where the product of their outer normals is below this: up to 60° from opposite."""
@@ -25,14 +25,8 @@ CHUNK = 60_000
 PARALLEL = 1e-20
 """Lines with a squared cross product below this fraction of their squared lengths are parallel and do not cross."""
 
-INSIDE = 1e-12
-"""Rounding of barycentric coordinates: corners lie in a triangle down to minus this."""
-
 SMALLEST = 1e-14
 """Triangles below this fraction of their facet's area are rounding."""
-
-BEHIND = 1e-6
-"""A facet hides another one if it is nearer by more than this fraction of a facet's size."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +73,7 @@ def cut(slave: Side, master: Side, depth: np.ndarray) -> Cover:
     distance = np.einsum("qd,qd->q", np.einsum("qc,qcd->qd", there, masters[other])
                          - np.einsum("qc,qcd->qd", at, slaves[facet]), outward[facet])
     keep = distance.reshape(-1, number).mean(axis=1) >= -depth[facet[::number]]
-    piece, over, slack = facet[::number], other[::number], BEHIND * np.sqrt(facet_measures(slaves))
+    piece, over, slack = facet[::number], other[::number], SAME * np.sqrt(facet_measures(slaves))
     middle, away = at.reshape(-1, number, 3).mean(axis=1), distance.reshape(-1, number).mean(axis=1)
     # Of several master facets over one place the nearest counts; and none, if another part of the slave lies in
     # between.
@@ -169,7 +163,7 @@ def _cut(slaves: np.ndarray, masters: np.ndarray, outward: np.ndarray, facet: np
     s, t = cross(begin - start, across) / safe, cross(begin - start, along) / safe
     crosses &= (s >= 0.0) & (s <= 1.0) & (t >= 0.0) & (t <= 1.0)
     points = np.concatenate([a, b, start + s[..., None] * along], axis=1)
-    valid = np.concatenate([(a_in_b >= -INSIDE).all(axis=2), (b_in_a >= -INSIDE).all(axis=2), crosses], axis=1)
+    valid = np.concatenate([(a_in_b >= -ROUNDING).all(axis=2), (b_in_a >= -ROUNDING).all(axis=2), crosses], axis=1)
     some = np.flatnonzero(valid.sum(axis=1) >= 3)
     points, valid, a, b, facet, other = (values[some] for values in (points, valid, a, b, facet, other))
     # The polygon is convex: sorting by the angle around its middle gives its outline, with invalid points last.
@@ -212,7 +206,7 @@ def _opposite(slaves: np.ndarray, outward: np.ndarray, facet: np.ndarray, distan
     near = cKDTree(centre).query_ball_point(ahead, 3.0 * radius)
     one = np.repeat(one, [len(facets) for facets in near])
     other = np.concatenate([np.empty(0, int), *map(np.asarray, filter(len, near))]).astype(int)
-    opposed = np.einsum("pd,pd->p", outward[one], outward[other]) < -BEHIND
+    opposed = np.einsum("pd,pd->p", outward[one], outward[other]) < -SAME
     return np.unique(np.stack([one, other])[:, opposed], axis=1)
 
 
@@ -227,5 +221,5 @@ def _hidden(slaves: np.ndarray, outward: np.ndarray, triangles: np.ndarray, pair
     axes = _axes(slaves[on], outward[on])
     inside = _barycentric(_flat(place[:, None], place, axes), _flat(triangles[rival], place, axes))[:, 0]
     reach = np.einsum("pd,pd->p", np.einsum("pc,pcd->pd", inside, triangles[rival]) - place, outward[on])
-    before = (inside >= -INSIDE).all(axis=1) & (reach > least) & (np.abs(reach) < np.abs(distance[piece]) - slack[on])
+    before = (inside >= -ROUNDING).all(axis=1) & (reach > least) & (np.abs(reach) < np.abs(distance[piece]) - slack[on])
     return np.bincount(piece, before, len(facet)) > 0

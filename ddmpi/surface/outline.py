@@ -11,12 +11,7 @@ import scipy.sparse as sparse
 from ddmpi.mesh.elements import curved_facets, facet_measures
 from ddmpi.surface.cut import Cover
 from ddmpi.surface.side import Side
-
-WHOLE = 1e-9
-"""A facet is whole if its pieces cover it up to this fraction."""
-
-ROUNDING = 1e-12
-"""Differences of areas below this fraction are rounding, and so are heights of arcs beside the side's extent."""
+from ddmpi.system.numbers import ALIKE, ROUNDING
 
 HALVED = {2: np.array([[[2, 0], [1, 1]], [[1, 1], [0, 2]]]) / 2,
           3: np.array([[[2, 0, 0], [1, 1, 0], [1, 0, 1]], [[1, 1, 0], [0, 2, 0], [0, 1, 1]],
@@ -61,7 +56,7 @@ def outlined(side: Side, over: Cover, hats: np.ndarray) -> Outlined:
     parts = np.linalg.det(at)
     at[parts < 0.0], hats[parts < 0.0] = at[parts < 0.0, ::-1], hats[parts < 0.0, ::-1]
     share = np.bincount(facet, np.abs(parts), len(side.facets))
-    pieces = ~(np.abs(share - 1.0) <= WHOLE)[facet]
+    pieces = ~(np.abs(share - 1.0) <= ALIKE)[facet]
     whole = np.setdiff1d(facet, facet[pieces])
     corners = np.tile(np.eye(d), (len(whole), 1, 1))
     facet = np.append(whole, facet[pieces])

@@ -9,16 +9,13 @@ import scipy.sparse as sparse
 
 from ddmpi.mesh.boundary import SHARPEST, links
 from ddmpi.surface.side import Side, unit
-from ddmpi.system.numbers import spans, together
+from ddmpi.system.numbers import ALIKE, spans, together
 
 FEWEST = 5
 """Fewest neighbours of a fit: as many as a quadratic surface through a corner has coefficients."""
 
 FITS = 3
 """Number of fits, each in the frame of the last normal."""
-
-FLAT = 1e-9
-"""Triangles are flat if the normals at their corners differ by less."""
 
 
 class Patch(Side):
@@ -50,7 +47,7 @@ class Patch(Side):
         mean = unit(total)
         whole = np.ones(len(xy), bool)  # corners without sharp edges
         whole[node[entry[~smooth]]] = False
-        if (np.abs(mean - outward[facet]).max(initial=0.0) <= FLAT) or not whole.any():
+        if (np.abs(mean - outward[facet]).max(initial=0.0) <= ALIKE) or not whole.any():
             return mean.reshape(-1, 3, 3)
         at_node = np.zeros_like(xy)
         at_node[node] = mean
@@ -60,7 +57,7 @@ class Patch(Side):
     def bulge(self, facets: np.ndarray, at: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """The height of a sphere whose curvature κ is the mean of that of the corners' normals: exact on spheres."""
         normals = self.fans
-        bent = np.abs(normals - normals.mean(axis=1, keepdims=True)).max(axis=(1, 2)) > FLAT
+        bent = np.abs(normals - normals.mean(axis=1, keepdims=True)).max(axis=(1, 2)) > ALIKE
         heights, some = np.zeros(len(facets)), np.flatnonzero(bent[facets])
         if not len(some):
             return heights

@@ -8,6 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+ROUNDING, ALIKE, SAME = 1e-12, 1e-9, 1e-6
+"""Relative differences up to which numbers are equal: results of the same computation; lengths, places and directions
+of a mesh, which files round; and what a user draws or prescribes."""
+
 SI = ("m", "Pa", "N/m", "N·m/m", "J/m", "N", "N·m", "J")
 """Units that take a prefix."""
 
@@ -33,8 +37,9 @@ def moment(at: np.ndarray, forces: np.ndarray, axisymmetric: bool = False) -> np
 
 def crossed(turning: np.ndarray, at: np.ndarray) -> np.ndarray:
     """ω × x (k, d) of rotations ω (k, 1 or 3) and places x (k, d)."""
-    flat = np.pad(turning, ((0, 0), (3 - turning.shape[1], 0))), np.pad(at, ((0, 0), (0, 3 - at.shape[1])))
-    return np.cross(*flat)[:, :at.shape[1]]
+    if at.shape[1] == 2:
+        return turning * at[:, ::-1] * [-1.0, 1.0] + 0.0
+    return np.cross(np.pad(turning, ((0, 0), (3 - turning.shape[1], 0))), at)
 
 
 class RigidMotion(NamedTuple):
@@ -121,10 +126,6 @@ class Frame(NamedTuple):
     def undone(self) -> Frame:
         """The inverse."""
         return Frame(-self.shift @ self.turned, self.turned.T, -self.angle)
-
-
-ROUNDING = 1e-12
-"""Coordinates of a point are rounding below this fraction of the largest."""
 
 
 def in_words(point: np.ndarray, digits: int = 6) -> str:

@@ -118,7 +118,7 @@ def test_centroid_is_that_of_the_volume():
     """Rotations are about the centroid of an octant of a hollow ball, whose place its spheres give."""
     mesh = shell(6)
     motions = body_motions(mesh, sum_stiffness(mesh, STEEL), np.tile(np.eye(3), (len(mesh.points), 1, 1)), "ball")
-    for rotation, (i, j) in zip(np.moveaxis(motions[:, :, 3:], 2, 0), ((0, 1), (0, 2), (1, 2)), strict=True):
+    for rotation, (i, j) in zip(np.moveaxis(motions[:, :, 3:], 2, 0), ((1, 2), (0, 2), (0, 1)), strict=True):
         for moved, along in ((i, j), (j, i)):  # u_i grows with x_j, and is zero at the centre
             slope, start = np.polyfit(mesh.points[:, along], rotation[:, moved], 1)
             assert -start / slope == pytest.approx(3 / 8 * (1.0 - INNER**4) / (1.0 - INNER**3), rel=1e-4)

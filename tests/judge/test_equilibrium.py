@@ -11,8 +11,7 @@ from rigid_blocks import Blocks, Boxes, arch, beam, pushed, squeezed, tall, towe
 
 from ddmpi.interface.law import CoulombLaw
 from ddmpi.judge import motions
-from ddmpi.judge.equilibrium import _Free, describe, find_mechanism
-from ddmpi.judge.forces import Forces
+from ddmpi.judge.equilibrium import Forces, _Free, describe, find_mechanism
 from ddmpi.judge.motions import MotionsOfBody, direction, undetermined
 from ddmpi.run import equilibrium
 

@@ -15,7 +15,7 @@ from scenes import COULOMB, FLOOR, Run, confined_blocks, pinched_blocks, sheared
 
 import ddmpi
 from ddmpi.judge import plausible
-from ddmpi.judge.plausible import DOUBTS, LIMIT, _held_through_air, _singular
+from ddmpi.judge.plausible import LIMIT, _held_through_air, _singular
 from ddmpi.mesh.mesh import Mesh
 
 pytestmark = pytest.mark.slow
@@ -129,13 +129,11 @@ def test_a_profile_that_does_not_cover_the_contact_is_a_warning(tmp_path, points
     assert all(words in each for each in found)
 
 
-def test_the_table_of_doubts_names_functions_that_ask_for_its_limits():
-    """Each row has a limit that is asked for, and a function of this module."""
+def test_each_limit_in_the_table_is_asked_for():
+    """No warning has gone without its limit."""
     source = Path(plausible.__file__).read_text(encoding="utf-8")
-    assert LIMIT.keys() == DOUBTS.keys()
-    for name, doubt in DOUBTS.items():
-        assert callable(getattr(plausible, doubt.function)) and doubt.limit > 0.0
-        assert f'LIMIT["{name}"]' in source or name in ("linear", "quadratic", "drawn"), name
+    for name in LIMIT.keys() - {"linear", "quadratic"}:
+        assert f'LIMIT["{name}"]' in source, name
 
 
 # Of the answer

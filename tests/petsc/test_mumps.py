@@ -65,7 +65,7 @@ def condensed(*values: float) -> tuple[Factors, np.ndarray]:
 def test_rows_that_cancel_are_no_error():
     """The compliance is checked by the sum of all rows, of which MUMPS refuses half a sparse solve if it is zero."""
     factors, C = condensed(1.0, -1.0)
-    assert factors.condensed is not None and not factors.response(np.zeros(9)).any()
+    assert factors.condensed is not None and not factors.solve(np.zeros(9)).any()
     assert np.triu(factors.condensed) == pytest.approx(np.triu(C))
     factors.destroy()
 
@@ -82,8 +82,8 @@ def test_mumps_ends_in_silence():
 def test_a_compliance_that_solves_contradict_is_refused(monkeypatch):
     """A structure that is misread may give numbers all the same."""
     condensed(1.0, 2.0)[0].destroy()
-    response = Factors.response
-    monkeypatch.setattr(Factors, "response", lambda self, f: 1.01 * response(self, f))
+    solve = Factors.solve
+    monkeypatch.setattr(Factors, "solve", lambda self, f: 1.01 * solve(self, f))
     with pytest.raises(RefusedError, match="does not agree with a solve"):
         condensed(1.0, 2.0)
 

@@ -8,8 +8,7 @@ from scipy.optimize import brentq
 from test_mprgp import Dense, program, random_matrix
 
 from ddmpi.errors import SolverError
-from ddmpi.published.program import QP, QPResult
-from ddmpi.published.tao import QPSolver
+from ddmpi.published.tao import QP, QPResult, QPSolver
 from ddmpi.sets import Box, Discs, cone_exit, magnitude
 
 

@@ -7,8 +7,7 @@ from scipy.optimize import lsq_linear
 
 from ddmpi.errors import SolverError
 from ddmpi.petsc.lanczos import estimate_norm
-from ddmpi.published.program import QP, QPResult
-from ddmpi.published.tao import GRADIENT_ROUNDING, QPSolver
+from ddmpi.published.tao import GRADIENT_ROUNDING, QP, QPResult, QPSolver
 from ddmpi.sets import Box
 
 

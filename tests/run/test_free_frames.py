@@ -9,6 +9,7 @@ from test_far import changed, forces, history
 
 import ddmpi
 from ddmpi.body.rigid_motions import FreeFrame
+from ddmpi.coupling.coarse import Driven
 from ddmpi.errors import InputError
 from ddmpi.scene.meshes import Motion
 from ddmpi.system.numbers import Frame
@@ -302,3 +303,12 @@ def test_pictures_and_tables_have_free_frames(tmp_path):
     middle = Frame.of([float(last[2]), float(last[3])]).after(Frame.of((0.0, 0.0), float(last[4]))).at(
         np.array([0.0, 1.0]))
     assert float(last[4]) == -40.0 and middle == pytest.approx([np.radians(40.0), 0.98], abs=0.02)
+
+
+@pytest.mark.parametrize("axis", [(0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.6, 0.0, 0.8)])
+def test_a_partner_moves_contacts_as_its_frame_moves(axis):
+    """In space a rigid partner turns about its own axis, wherever it is: to first order as its frame does."""
+    points, frame = np.random.default_rng(0).random((5, 3)), Frame.of((0.3, 0.1, -0.2), np.array([10.0, 70.0, 5.0]))
+    free = FreeFrame.of(Motion(free=["x", "turn"], axis=axis, pivot=(0.5, 0.2, 0.1)), points)
+    moved = np.einsum("ij,njk->nik", frame.turned, free.motions(points, frame.turned))
+    assert np.abs(Driven.of_frame("follower", free, frame).motions(frame.at(points)) - moved).max() <= 1e-14
