@@ -3,11 +3,14 @@ words for elements, with the corners around their faces and at their edges; and 
 
 from __future__ import annotations
 
+import contextlib
 import math
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
+
+from ddmpi.errors import InputError
 
 SIDES: dict[str, list[tuple[int, int]]] = {
     "line": [(0, 1)], "triangle": [(0, 1), (1, 2), (2, 0)], "quad": [(0, 1), (1, 2), (2, 3), (3, 0)],
@@ -71,7 +74,7 @@ NAMED_SUPPORTS = {"ENCASTRE": (1, 3), "PINNED": (1, 3), "XSYMM": (1, 1), "YSYMM"
 
 
 class DeckError(ValueError):
-    """A mistake in a deck, in words."""
+    """A mistake in a deck, in words, without the line in which it is."""
 
 
 def element(name: str) -> tuple[str, int]:
@@ -165,6 +168,18 @@ class Card(NamedTuple):
         """A message about this keyword, with its line and file."""
         return f"line {self.line} of {self.path.name}: *{self.name}: {what}"
 
+    @contextlib.contextmanager
+    def reading(self) -> Iterator[None]:
+        """Mistakes in what the block reads of this keyword as InputError, with its line and file."""
+        try:
+            yield
+        except DeckError as error:
+            raise InputError(self.tells(error)) from None
+        except KeyError as error:
+            raise InputError(self.tells(f"it lacks {error.args[0]}")) from None
+        except IndexError:
+            raise InputError(self.tells("a data line is too short")) from None
+
 
 Course = tuple[tuple[float, float], ...]
 """Values over time."""
@@ -196,21 +211,25 @@ class Rigid(NamedTuple):
     spread: bool = False
 
 
-class Notes:
-    """What became of the keywords: taken, changed and lost. By keyword and reason: the lines by their places in the
-    deck."""
+class Listing(dict[tuple[str, str], dict[int, str]]):
+    """Keywords to which one thing happened. By keyword and reason: the lines by their places in the deck."""
 
     def __init__(self, main: Path) -> None:
+        super().__init__()
         self.main = main
-        self.taken: dict[tuple[str, str], dict[int, str]] = {}
-        self.changed: dict[tuple[str, str], dict[int, str]] = {}
-        self.lost: dict[tuple[str, str], dict[int, str]] = {}
 
-    def add(self, where: dict[tuple[str, str], dict[int, str]], card: Card, reason: str) -> None:
+    def add(self, card: Card, reason: str) -> None:
         line = f"{card.line}" if card.path == self.main else f"{card.line} of {card.path.name}"
-        where.setdefault((card.name, reason), {})[card.place] = line
+        self.setdefault((card.name, reason), {})[card.place] = line
 
-    def words(self, where: dict[tuple[str, str], dict[int, str]]) -> Iterator[str]:
+
+class Notes:
+    """What became of the keywords: taken, changed and lost."""
+
+    def __init__(self, main: Path) -> None:
+        self.taken, self.changed, self.lost = Listing(main), Listing(main), Listing(main)
+
+    def words(self, where: Listing) -> Iterator[str]:
         """A line of text for each entry, in the order of the deck. A keyword that is lost, if only in part, is not
         listed as taken."""
         hidden = {place for lines in self.lost.values() for place in lines} if where is self.taken else set()
