@@ -3,8 +3,8 @@
 
     scripts/study reference [FOLDER]
 
-writes scene.md and scene.schema.json (from ddmpi/scene/), results.md (ddmpi/results/), commands.md (ddmpi/cli/ and
-ddmpi/errors.py) and python.md. tests/scripts/test_reference.py fails where the committed pages are not these.
+writes scene.md and scene.schema.json (from ddmpi/scene/), commands.md (ddmpi/cli/ and ddmpi/errors.py) and python.md.
+tests/scripts/test_reference.py fails where the committed pages are not these. results.md is written by hand.
 """
 
 import argparse
@@ -23,7 +23,6 @@ import ddmpi.published.apg
 import ddmpi.published.mprgp
 from ddmpi import errors
 from ddmpi.cli.arguments import build_parser
-from ddmpi.results import folder, histories, summary, tables
 from ddmpi.run import answer
 from ddmpi.scene.keys import json_schema, meanings, read_docstring
 from ddmpi.scene.method import PRESETS
@@ -72,16 +71,6 @@ The path is relative to the scene, or a URL. The schema knows keys, types and li
 that keys go together is found when a run reads the scene.
 """
 
-RESULTS = f"""\
-# Files of results
-
-{NOTE}
-
-Numbers are in the scene's units; in the plane, forces and energies are per unit of depth.
-[results.md](../use/results.md) says what signs, certificate and warnings mean. Columns without words of their own go
-with the one above. Names and meanings of format {tables.FORMAT} stay; entries may be added.
-"""
-
 COMMANDS = f"""\
 # Commands
 
@@ -118,8 +107,8 @@ def main() -> None:
     target = parser.parse_args().folder
     target.mkdir(parents=True, exist_ok=True)
     schema = json_schema(Scene)
-    pages = {"scene.md": scene_page(schema), "results.md": results_page(), "commands.md": commands_page(),
-             "python.md": python_page(), "scene.schema.json": json.dumps(schema, indent=1, ensure_ascii=False)}
+    pages = {"scene.md": scene_page(schema), "commands.md": commands_page(), "python.md": python_page(),
+             "scene.schema.json": json.dumps(schema, indent=1, ensure_ascii=False)}
     for name, text in pages.items():
         (target / name).write_text(text.rstrip() + "\n", encoding="utf-8")
 
@@ -192,32 +181,13 @@ def _anchor(heading: str) -> str:
     return re.sub(r"[^\w\s-]", "", heading).strip().lower().replace(" ", "-")
 
 
+def _coded(meanings: Mapping[str, str]) -> Iterable[tuple[str, str]]:
+    return ((f"`{name}`", _linked(meaning)) for name, meaning in meanings.items())
+
+
 def _linked(text: str) -> str:
     """Text with pages of docs/ as links, for a cell of a table."""
     return re.sub(r"docs/(\w+/)(\w+\.md)", r"[\2](../\1\2)", text).replace("|", "\\|")
-
-
-# Results
-
-def results_page() -> str:
-    lines = [RESULTS, *table(("file", "what is in it"), _coded(folder.FILES))]
-    for name, columns in {
-            "contact_NAME.csv": tables.CONTACT_IN[2], "contact_NAME.csv of solids": tables.CONTACT_IN[3],
-            "contact_NAME_sides.csv": tables.SIDES,
-            "contact_NAME_legs.csv": tables.LEGS_IN[2], "contact_NAME_legs.csv of solids": tables.LEGS_IN[3],
-            "history.csv": tables.HISTORY, "steps.csv": tables.STEPS_IN[2] | tables.CYCLE,
-            "steps.csv of solids": tables.STEPS_IN[3] | tables.CYCLE,
-            "energy.csv": tables.ENERGY | tables.CYCLE, "frames.csv": histories.FRAMES | histories.IN_SPACE,
-            "path.csv": tables.PATH}.items():
-        lines += [f"## {name}", "", *table(("column", "meaning"), _coded(columns))]
-    lines += ["## summary.json", "",
-              "`null` stands for numbers that are not finite. NAME is that of a body or contact.", "",
-              *table(("entry", "meaning"), _coded(summary.SUMMARY))]
-    return "\n".join(lines)
-
-
-def _coded(meanings: Mapping[str, str]) -> Iterable[tuple[str, str]]:
-    return ((f"`{name}`", _linked(meaning)) for name, meaning in meanings.items())
 
 
 # Commands

@@ -35,7 +35,7 @@ def draft_scene(assembly: str | Path, output: str | Path) -> str:
     target = folder / "scene.toml"
     if target.exists():
         raise TakenError(f"{target} is there already; nothing is overwritten; choose another --output")
-    dimension, parts = list_parts(path)
+    dimension, parts = list_parts(path, path.name)
     bodies, words, boundaries = list[dict](), list[str](), dict[str, Boundary]()
     labels = [label for _, label, _ in parts]
     for number, label, extent in parts:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.sparse import csgraph
 
 from ddmpi.mesh.boundary import SHARPEST, creases, parts_of
 from ddmpi.mesh.mesh import Mesh
@@ -148,6 +149,8 @@ def find_missing(boundaries: Mapping[str, Boundary], rigid: Sequence[Rigid],
                 both = [boundaries[name].groups[on][(first if name == names[a] else second)[some]]
                         for name, on in zip(contact.bodies, contact.on, strict=False)]
                 some = some[~np.logical_and.reduce(both)]
+        if not len(some):
+            continue
         sides = [(bodies[k], facets[some]) for k, facets in ((a, first), (b, second)) if k < len(bodies)]
         groups = list(zip(*(body.named(facets) for body, facets in sides), strict=True))
         for alike in _together(list(dict.fromkeys(groups)), [body for body, _ in sides]):
@@ -167,10 +170,6 @@ def _together(pairs: Sequence[tuple[str, ...]], bodies: Sequence[Boundary]) -> I
         smooth = [(a, b) in body.smooth for a, b, body in zip(one, other, bodies, strict=True)]
         return all(np.logical_or(same, numbered)) and (any(same) or all(smooth))
 
-    rest = list(pairs)
-    while rest:
-        alike, rest = rest[:1], rest[1:]
-        for pair in alike:  # which grows
-            found = [other for other in rest if joined(pair, other)]
-            alike, rest = alike.__iadd__(found), [other for other in rest if other not in found]
-        yield alike
+    number, label = csgraph.connected_components(np.array([[joined(one, other) for other in pairs] for one in pairs]))
+    for k in range(number):
+        yield [pair for pair, of in zip(pairs, label, strict=True) if of == k]

@@ -67,25 +67,26 @@ def build_parser() -> argparse.ArgumentParser:
     scene.add_argument("--quiet", action="store_true", help="print nothing but errors")
     scene.add_argument("--log", type=_named, metavar="FILE", help="append all messages to FILE, with time stamps, "
                        "also those that --quiet keeps off the screen")
-    formats: dict[str, Any] = {"epilog": EPILOG, "formatter_class": argparse.RawDescriptionHelpFormatter,
-                               "allow_abbrev": False}
+    solving: dict[str, Any] = {"epilog": EPILOG, "formatter_class": argparse.RawDescriptionHelpFormatter}
     written = _Parser(add_help=False)
     written.add_argument("--output", type=_named, metavar="DIR",
                          help="folder for what is written (default: a new one in results/)")
     written.add_argument("--no-figures", action="store_true", help="draw no pictures")
-    run = commands.add_parser("run", help="solve a scene, best on as many ranks as it has bodies",
-                              parents=[scene, written], **formats)
+
+    def command(name: str, words: str, *parents: _Parser, **more: Any) -> argparse.ArgumentParser:
+        return commands.add_parser(name, help=words, parents=parents, allow_abbrev=False, **more)
+
+    run = command("run", "solve a scene, best on as many ranks as it has bodies", scene, written, **solving)
     run.add_argument("--restart", type=_named, metavar="DIR", help="go on from the checkpoint of an interrupted run in "
                      "DIR, with the same scene and options; results go there too unless --output says otherwise")
-    commands.add_parser("check", help="say and draw what a run would do, without solving", parents=[scene, written],
-                        **formats)
-    _add_sweep(commands, scene, formats)
-    deck = commands.add_parser("import", help="write a scene from an Abaqus or CalculiX deck, or a first one from an "
-                               "assembly (.step, .brep)", allow_abbrev=False,
-                               description="Write scene.toml and its meshes from an Abaqus or CalculiX deck, and list "
-                               "by lines what was taken, what was changed and what is lost. Where a load, a support or "
-                               "a contact would be lost, nothing is written. Of an assembly (.step, .brep) the scene "
-                               "has its parts, and contacts where they touch, to be completed.")
+    command("check", "say and draw what a run would do, without solving", scene, written, **solving)
+    _add_sweep(command("sweep", "run a scene for all combinations of some values", scene, **solving))
+    deck = command(
+        "import", "write a scene from an Abaqus or CalculiX deck, or a first one from an assembly (.step, .brep)",
+        description="Write scene.toml and its meshes from an Abaqus or CalculiX deck, and list by lines what was "
+        "taken, what was changed and what is lost. Where a load, a support or a contact would be lost, nothing is "
+        "written. Of an assembly (.step, .brep) the scene has its parts, and contacts where they touch, to be "
+        "completed.")
     deck.add_argument("deck", type=_named, metavar="FILE", help="a deck (.inp) or an assembly (.step, .brep)")
     deck.add_argument("--output", type=_named, metavar="FOLDER", required=True, help="folder for the scene and its "
                       "meshes; nothing is overwritten")
@@ -96,46 +97,43 @@ def build_parser() -> argparse.ArgumentParser:
     results.add_argument("folder", type=_named, metavar="DIR", help="folder of results")
     results.add_argument("--step", type=float, metavar="TIME", help="time of the load step to show, of those whose "
                          "fields are written (default: the one of the largest load)")
-    figures = commands.add_parser("figures", help="draw the pictures of saved results anew", parents=[results],
-                                  allow_abbrev=False)
+    figures = command("figures", "draw the pictures of saved results anew", results)
     figures.add_argument("--view", type=_view, metavar="VIEW", help="from where solids are seen: front, back, left, "
                          "right, top, bottom, iso, or azimuth and elevation in degrees, as in -60,24")
     figures.add_argument("--cut", type=_cut, action="append", metavar="AXIS=COORDINATE",
                          help="cut solids open, as in x=0.5")
     figures.add_argument("--magnification", type=float, metavar="F",
                          help="of displacements (default: as much as suits the picture)")
-    view = commands.add_parser(
-        "view", help="write one HTML file in which the results turn in a browser", allow_abbrev=False,
+    view = command(
+        "view", "write one HTML file in which the results turn in a browser",
         description="Write a view of a run: one HTML file that turns the bodies in a browser, with stresses, "
         "displacements and contact pressures, load steps and a cut. It needs no other file and no network.")
     view.add_argument("folder", type=_named, metavar="DIR", help="folder of results")
     view.add_argument("--output", type=_named, metavar="FILE", help="file to write (default: DIR/view.html); an "
                       "earlier view is overwritten, any other file is not")
-    path = commands.add_parser("path", help="write displacements and stresses along a straight line through the bodies "
-                               "as a table", parents=[results], allow_abbrev=False)
+    path = command("path", "write displacements and stresses along a straight line through the bodies as a table",
+                   results)
     for name, words in ("from", "first point, as in 0,0.5 or 0,0,1"), ("to", "last point"):
         path.add_argument(f"--{name}", type=_point, metavar="X,Y", dest=name, required=True, help=words)
     path.add_argument("--points", type=int, metavar="N", default=101, help="so many, evenly (default: 101)")
     path.add_argument("--output", type=_named, metavar="FILE", help="file to write (default: DIR/path.csv); the table "
                       "of an earlier path is overwritten, any other file is not")
-    plot = commands.add_parser("sweep-plot", help="draw a result of a sweep against a parameter", allow_abbrev=False)
+    plot = command("sweep-plot", "draw a result of a sweep against a parameter")
     plot.add_argument("folder", type=_named, metavar="DIR", help="folder of the sweep")
     plot.add_argument("plots", nargs="+", metavar="RESULT:KEY", help="two columns of its table, as in n_A:theta")
-    report = commands.add_parser(
-        "report", help="write one HTML file that reports a run or a sweep", parents=[results], allow_abbrev=False,
+    report = command(
+        "report", "write one HTML file that reports a run or a sweep", results,
         description="Write a report of a run, converged or not, or of a sweep: one HTML file with its verdict, "
         "warnings, pictures, numbers, certificate, scene and versions. It needs no other file and no network, so it "
         "can be mailed.")
     report.add_argument("--output", type=_named, metavar="FILE", help="file to write (default: DIR/report.html); an "
                         "earlier report is overwritten, any other file is not")
-    commands.add_parser("info", help="print versions and which solvers are there", allow_abbrev=False)
-    commands.add_parser("schema", help="print the JSON schema of scenes, for editors", allow_abbrev=False)
+    command("info", "print versions and which solvers are there")
+    command("schema", "print the JSON schema of scenes, for editors")
     return parser
 
 
-def _add_sweep(commands: argparse._SubParsersAction, scene: _Parser, formats: dict[str, Any]) -> None:
-    sweep = commands.add_parser("sweep", help="run a scene for all combinations of some values",
-                                parents=[scene], **formats)
+def _add_sweep(sweep: argparse.ArgumentParser) -> None:
     sweep.add_argument("--vary", action="append", default=[], metavar="KEY=VALUES",
                        help="values of a key of the scene: first:last:number, the same with :log at the end, or "
                        "value,value,…; KEY,KEY=VALUES vary together")

@@ -18,9 +18,6 @@ from ddmpi.system.agreement import agreed, from_first
 from ddmpi.system.files import writing
 from ddmpi.system.memory import loading
 
-ASSEMBLIES = (".step", ".stp", ".brep", ".brp")
-"""Endings of drawings of which `import` makes a first scene."""
-
 if TYPE_CHECKING:
     import argparse
 
@@ -117,8 +114,10 @@ def _view(options: argparse.Namespace) -> None:
 
 
 def _import(options: argparse.Namespace) -> None:
+    from ddmpi.scene.meshes import GEOMETRIES
+
     with writing(Path(options.output)):  # it may be a file, or closed to us
-        if options.deck.lower().endswith(ASSEMBLIES):
+        if options.deck.lower().endswith(GEOMETRIES[1:]):  # an assembly; a .geo is a script
             from ddmpi.check.draft import draft_scene
 
             print(draft_scene(options.deck, options.output))

@@ -17,10 +17,9 @@ from ddmpi.cli.report_markup import CAPTIONS, Column, Html, element, fill, noted
 from ddmpi.errors import InputError
 from ddmpi.mesh.elements import ORDERS
 from ddmpi.results.histories import at_step
-from ddmpi.results.summary import RESIDUALS, Row, count, drawn_times, largest
-from ddmpi.results.summary import SUMMARY as ROWS
+from ddmpi.results.summary import RESIDUALS, ROWS, count, drawn_times, largest
 from ddmpi.results.tables import read_results, read_summary, reading
-from ddmpi.scene.method import method_of, units
+from ddmpi.scene.method import method_of
 from ddmpi.scene.reader import write_toml
 from ddmpi.sweep.table import read_table
 from ddmpi.system.files import CHECKPOINT, MECHANISM, SUMMARY, SWEEP, TABLE, write_atomically
@@ -130,7 +129,7 @@ class RunReport:
         last = time in (None, *(step["time"] for step in summary["steps"][-1:]))
         self.of_step = ("of the last load step" if last else f"at time {time:g}") if self.stepped else ""
         self.axes = "xyz"[:len(next(iter(self.bodies.values()))["reaction"])]
-        self.units = units(self.scene, len(self.axes)) | {"": "", "%": "%"}
+        self.units = summary["units"] | {"": "", "%": "%"}
 
     def page(self) -> str:
         values = self._run() | self._work() | self._pictures() | self._steps() | self._numbers()
@@ -147,7 +146,6 @@ class RunReport:
                 yield key
                 continue
             row = ROWS[table + key]
-            assert isinstance(row, Row)
             values = [functools.reduce(operator.getitem, key.split("."), entry) for entry in entries]
             if not any(isinstance(value, list | tuple) for value in values):
                 yield Column(row.words, values, self.units[row.quantity])
@@ -309,7 +307,7 @@ class RunReport:
             Column("iterations", [step["outer_iterations"] for step, *_ in rows]), *several,
             *self._columns("contacts.NAME.", keys, [contact for *_, contact in rows]))}
         if energy := self.summary.get("energy"):
-            told = {key: row.words for key in energy if isinstance(row := ROWS[f"energy.{key}"], Row)}
+            told = {key: row.words for key in energy if (row := ROWS.get(f"energy.{key}"))}
             values |= {"energy": table(
                 "Energy since time 0: the first is the sum of the next two", Column("what", list(told.values())),
                 Column("energy", [energy[key] for key in told], self.units["energy"])),

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -46,7 +47,7 @@ class Acts:
         odd = [acting for kind in model.kinds.values() for acting in kind.values() if not _ramps(acting.course)]
         self.timed = (len(model.ends) > 1 and not model.final) or (bool(odd) and friction)
         for card in {id(acting.card): acting.card for acting in odd}.values() if not self.timed else ():
-            notes.add(notes.changed, card, "its amplitude counts at the end of the step")
+            notes.changed.add(card, "its amplitude counts at the end of the step")
         self.sets = {name: np.fromiter(model.deck.members("NSET", ("", key)), np.int64)
                      for (kind, key), name in model.deck.names.items() if kind == "NSET"}
         self.where = {end: (piece, k) for piece in pieces for end, k in piece.at.items()}
@@ -74,22 +75,32 @@ class Acts:
 
     def clamps(self, piece: Piece) -> list[dict[str, Any]]:
         """The supports of a body: by component sets of nodes with one value, or a linear function."""
-        number = {node: k for k, node in enumerate(piece.nodes.tolist())}
+        number, supports = {node: k for k, node in enumerate(piece.nodes.tolist())}, self.model.kinds["supports"]
         # by component, then whether it is moved and by which history: value by place
         at: dict[int, dict[tuple[bool, str | None], dict[int, float]]] = defaultdict(lambda: defaultdict(dict))
-        turned: dict[int, dict[int, Acting]] = defaultdict(dict)
-        for (node, component), acting in self.model.kinds["supports"].items():
+        # in directions of *TRANSFORM, by component and whether it is moved: direction by place
+        turned: dict[tuple[int, bool], dict[int, np.ndarray]] = defaultdict(dict)
+        cards: dict[int, Card] = {}
+        zero = Counter(node for (node, component), acting in supports.items()
+                       if component <= len(self.axes) and not any(value for _, value in acting.course))
+        for (node, component), acting in supports.items():
             if node not in number or (component > len(self.axes) and not acting.course[-1][1]):
                 continue
-            if node in self.model.transforms:
-                turned[node][component] = acting
-                continue
             if component > len(self.axes):
-                self.notes.add(self.notes.lost, acting.card, "a displacement out of the plane")
+                self.notes.lost.add(acting.card, "a displacement out of the plane")
                 continue
-            value, history = self.factor(acting)
-            at[component - 1][bool(value), history][number[node]] = value
-        found = self._turned(piece, turned, at, number)
+            (value, history), k, sign = self.factor(acting), component - 1, 1.0
+            # where all components are zero, their directions do not matter
+            if node in self.model.transforms and zero[node] < len(self.axes):
+                way = direction(self.model.transforms[node], piece.points[number[node]], component)[:len(self.axes)]
+                k = int(np.abs(way).argmax())
+                sign = float(np.sign(way[k]))
+                if abs(abs(way[k]) - 1.0) >= PARALLEL:
+                    turned[component, bool(value)][number[node]] = way
+                    cards[component] = acting.card
+                    continue
+            at[k][bool(value), history][number[node]] = value * sign
+        found = self._guided(piece, turned, cards)
         together: dict[tuple[bytes, str | None], tuple[np.ndarray, dict[str, Any]]] = {}
         for component, by_history in sorted(at.items()):
             for (_, history), held in by_history.items():
@@ -102,28 +113,11 @@ class Acts:
             found.append(clamp | ({"history": history} if history else {}))
         return found
 
-    def _turned(self, piece: Piece, turned: dict[int, dict[int, Acting]], at: Any,
-                number: dict[int, int]) -> list[dict[str, Any]]:
-        """Supports in directions of *TRANSFORM: along x, y or z, or along the normals of whole faces."""
-        normal: dict[tuple[int, str | None], dict[int, np.ndarray]] = defaultdict(dict)
-        cards: dict[int, Card] = {}
-        for node, held in turned.items():
-            zero = [acting for acting in held.values() if not any(value for _, value in acting.course)]
-            if len(zero) == len(held) >= len(self.axes):  # all components are zero in any directions
-                for k in range(len(self.axes)):
-                    at[k][False, None][number[node]] = 0.0
-                continue
-            for component, acting in held.items():
-                way = direction(self.model.transforms[node], piece.points[number[node]], component)[:len(self.axes)]
-                k = int(np.abs(way).argmax())
-                value, history = self.factor(acting)
-                if abs(abs(way[k]) - 1.0) < PARALLEL:
-                    at[k][bool(value), history][number[node]] = value * float(np.sign(way[k]))
-                else:
-                    normal[component, None if not value else "moved"][number[node]] = way
-                    cards[component] = acting.card
+    def _guided(self, piece: Piece, turned: dict[tuple[int, bool], dict[int, np.ndarray]],
+                cards: dict[int, Card]) -> list[dict[str, Any]]:
+        """Supports in directions of *TRANSFORM, which are the normals of whole faces, as clamps along these."""
         found = []
-        for (component, moved), ways in normal.items():
+        for (component, moved), ways in turned.items():
             marked = np.zeros(len(piece.nodes), bool)
             marked[list(ways)] = True
             facets = piece.whole(marked)
@@ -133,8 +127,8 @@ class Acts:
             facets = facets[np.abs((piece.normals(facets) * mean).sum(axis=1)) > ALONG]
             covered = np.unique(piece.facets[facets])
             if moved or set(ways) - set(covered.tolist()):
-                self.notes.add(self.notes.lost, cards[component], "a support in a direction of *TRANSFORM that is "
-                               "neither x, y, z nor the normal of faces")
+                self.notes.lost.add(cards[component], "a support in a direction of *TRANSFORM that is "
+                                    "neither x, y, z nor the normal of faces")
             else:
                 found.append({"on": piece.group(facets, "guided"), "normal": 0.0})
         return found
@@ -148,12 +142,12 @@ class Acts:
             if len(way) == 1:
                 fluid |= {*way}
                 if (way[0], 2) not in self.model.kinds["supports"]:
-                    self.notes.add(self.notes.lost, acting.card, f"a pressure that is not given at node {way[0]}")
+                    self.notes.lost.add(acting.card, f"a pressure that is not given at node {way[0]}")
                     continue
                 acting, way = self.model.kinds["supports"][way[0], 2], ()
             if (element, face) not in self.where:
                 if any(value for _, value in acting.course):
-                    self.notes.add(self.notes.lost, acting.card, "a pressure on a face that is not on a boundary")
+                    self.notes.lost.add(acting.card, "a pressure on a face that is not on a boundary")
                 continue
             piece, facet = self.where[element, face]
             value, history = self.factor(acting)
@@ -163,8 +157,9 @@ class Acts:
         by_name = {piece.name: piece for piece in self.pieces}
         for (name, value, history, way), facets in pressed.items():
             load = {"value": [value * x for x in way[:len(self.axes)]]} if way else {"pressure": value}
-            found[name].append({"on": self._surface(by_name[name], np.array(facets))} | load
-                               | ({"history": history} if history else {}))
+            piece, some = by_name[name], np.array(facets)
+            called = self._surfaces.get(frozenset(map(tuple, piece.owners[some].tolist())), "pressed")
+            found[name].append({"on": piece.group(some, called)} | load | ({"history": history} if history else {}))
         for piece in self.pieces:
             found[piece.name] += self._forces(piece)
         inside = fluid | {node for piece in self.pieces for node in piece.nodes.tolist()}
@@ -172,30 +167,27 @@ class Acts:
         inside |= self.model.bolt_nodes
         for (node, _), acting in self.model.kinds["forces"].items():
             if node not in inside and any(value for _, value in acting.course):
-                self.notes.add(self.notes.lost, acting.card, "a force at a node of no body")
+                self.notes.lost.add(acting.card, "a force at a node of no body")
         for (node, _), acting in self.model.kinds["supports"].items():
             if node not in inside and node in self.model.deck.points:
-                self.notes.add(self.notes.changed, acting.card, "a support at a node of no body is left out")
+                self.notes.changed.add(acting.card, "a support at a node of no body is left out")
             elif node not in inside:
-                self.notes.add(self.notes.lost, acting.card, "a support at a node that the deck does not have")
+                self.notes.lost.add(acting.card, "a support at a node that the deck does not have")
         return found
 
     def _flat(self, card: Card, vector: np.ndarray) -> np.ndarray:
         """A vector (3,) along the axes of the scene (d,); what points out of the plane is lost."""
         if len(self.axes) == 2 and abs(vector[2]) > PARALLEL * np.abs(vector).max():
-            self.notes.add(self.notes.lost, card, "a load out of the plane")
+            self.notes.lost.add(card, "a load out of the plane")
         return vector[:len(self.axes)]
 
-    def _surface(self, piece: Piece, facets: np.ndarray) -> str:
-        """The group of these facets, called as the deck's surface of them."""
-        ends = {tuple(end) for end in piece.owners[facets].tolist()}
-        for (kind, key), name in self.model.deck.names.items():
-            if kind == "SURFACE" and len(self.model.deck.surfaces[key]) <= len(ends):
-                rows = self.model.deck.surfaces[key]
-                if {(element, int(where[1])) for what, where in rows if where[1:].isdigit()
-                        for element in self.model.deck.members("ELSET", what)} == ends:
-                    return piece.group(facets, name)
-        return piece.group(facets, "pressed")
+    @cached_property
+    def _surfaces(self) -> dict[frozenset[tuple[int, int]], str]:
+        """Names of the deck's surfaces by their elements and faces; of equal ones the first."""
+        deck = self.model.deck
+        return {frozenset((element, int(where[1])) for what, where in deck.surfaces[key] if where[1:].isdigit()
+                          for element in deck.members("ELSET", what)): name
+                for (kind, key), name in reversed(deck.names.items()) if kind == "SURFACE"}
 
     def _forces(self, piece: Piece) -> list[dict[str, Any]]:
         """Nodal forces as tractions with the same resultant and the same first moments."""
@@ -214,11 +206,11 @@ class Acts:
         for history, forces in by_history.items():
             patches, lost = piece.patches(np.array(sorted(forces)))
             for k in lost.tolist():
-                self.notes.add(self.notes.lost, cards[k], "a force at a node that is not on the boundary")
+                self.notes.lost.add(cards[k], "a force at a node that is not on the boundary")
             for patch in patches:
                 some = np.array([forces[k] for k in patch.nodes])
-                self.notes.add(self.notes.changed, cards[int(patch.nodes[0])], "forces at nodes are spread over "
-                               "the faces around them, with the same resultant and moments")
+                self.notes.changed.add(cards[int(patch.nodes[0])], "forces at nodes are spread over "
+                                       "the faces around them, with the same resultant and moments")
                 on = piece.group(patch.facets, "loaded")
                 found += [{"on": piece.again(on) if k else on} | load | ({"history": history} if history else {})
                           for k, load in enumerate(self._spread(piece, patch.facets, piece.points[patch.nodes], some))]
@@ -238,8 +230,7 @@ class Acts:
             slopes = moments @ np.linalg.pinv(J, rcond=1e-6, hermitian=True)
             if np.abs(slopes).max() * w.sum() * np.ptp(x, axis=0).max() > LEVER * np.abs(forces).sum():
                 slopes[np.abs(slopes) < KEEPS * np.abs(slopes).max()] = 0.0
-                loads.append({"value": {"constant": (-slopes @ centre).tolist()} | {
-                    f"{axis}_slope": slopes[:, k].tolist() for k, axis in enumerate(self.axes)}})
+                loads.append({"value": [formula(float(-row @ centre), row, self.axes) for row in slopes]})
         return loads
 
     def volume_forces(self, piece: Piece) -> list[Any] | dict[str, Any] | None:
@@ -252,7 +243,7 @@ class Acts:
             if not some or not value:
                 continue
             if some != own:
-                self.notes.add(self.notes.lost, acting.card, f"{label} on a part of a body")
+                self.notes.lost.add(acting.card, f"{label} on a part of a body")
                 continue
             if label in ("BX", "BY", "BZ"):
                 way = self._flat(acting.card, np.eye(3)["XYZ".index(label[1])])
@@ -260,7 +251,7 @@ class Acts:
                 continue
             densities = {self._density(k, acting.card) for k in self.matter.sections(piece)}
             if len(densities) > 1:
-                self.notes.add(self.notes.lost, acting.card, f"{label} on a body with several densities")
+                self.notes.lost.add(acting.card, f"{label} on a body with several densities")
                 continue
             density = densities.pop()
             if label == "GRAV":
@@ -272,12 +263,12 @@ class Acts:
                 slopes = [self._flat(acting.card, slope) for slope in across[:d]]
                 rows[history].append((acting.card, -self._flat(acting.card, across @ start), np.array(slopes).T))
                 if self.axisymmetric and (abs(way[1]) < 1.0 - PARALLEL or start[[0, 2]].any()):
-                    self.notes.add(self.notes.lost, acting.card, "a rotation about another axis than that of the body")
+                    self.notes.lost.add(acting.card, "a rotation about another axis than that of the body")
         if not rows:
             return None
         history = next(iter(rows))
         for other in list(rows)[1:]:
-            self.notes.add(self.notes.lost, rows[other][0][0], "volume forces that change in different ways")
+            self.notes.lost.add(rows[other][0][0], "volume forces that change in different ways")
         constant = np.sum([row[1] for row in rows[history]], axis=0)
         slopes = np.sum([row[2] for row in rows[history]], axis=0)
         force = [formula(float(constant[k]), slopes[k], self.axes) for k in range(d)]
@@ -286,7 +277,7 @@ class Acts:
     def _density(self, section: int, card: Card) -> float:
         name = self.model.sections[section][1]
         if "DENSITY" not in self.model.materials.get(name, {}):
-            self.notes.add(self.notes.lost, card, f"the material {name} has no *DENSITY")
+            self.notes.lost.add(card, f"the material {name} has no *DENSITY")
             return 0.0
         return float(table(self.model.materials[name]["DENSITY"], 1)[0][0, 0])
 
@@ -301,8 +292,7 @@ class Acts:
             return None, {}
         start = np.array([self.model.start.get(node, 0.0) for node in piece.nodes.tolist()])
         end, histories = start.copy(), set()
-        cards = {self.model.kinds["heat"][node].card.line: self.model.kinds["heat"][node].card for node in own}
-        card = next(iter(cards.values()))
+        card = self.model.kinds["heat"][own[0]].card
         for node in own:
             k = int(np.searchsorted(piece.nodes, node))
             acting = self.model.kinds["heat"][node]
@@ -312,7 +302,7 @@ class Acts:
             end[k] = start[k] + rise
             histories |= {history} if rise else set()
         if len(histories) > 1:
-            self.notes.add(self.notes.lost, card, "temperatures that change in different ways in one body")
+            self.notes.lost.add(card, "temperatures that change in different ways in one body")
         names = dict.fromkeys(self.model.sections[k][1] for k in self.matter.sections(piece))
         uniform = np.ptp(start) == np.ptp(end) == 0.0
         fields, expansions = [], {}
@@ -324,7 +314,7 @@ class Acts:
             kind = expansion.given.get("TYPE", "ISO").upper()
             values, at = table(expansion, {"ISO": 1, "ORT": 3}.get(kind[:3], 6))
             if kind[:3] != "ISO" and np.ptp(values[:, :3], axis=1).any():
-                self.notes.add(self.notes.lost, expansion, "expansion that differs by direction")
+                self.notes.lost.add(expansion, "expansion that differs by direction")
             zero = numbers([expansion.given.get("ZERO", "0")])[0]
             order = np.argsort(at)
 
@@ -338,16 +328,17 @@ class Acts:
             fields.append(grown / alpha if alpha else grown)
             expansions[name] = alpha
             if len(values) > 1:
-                self.notes.add(self.notes.changed, expansion, "the thermal strain of the table is folded into the "
-                               "expansion and the temperature")
+                self.notes.changed.add(expansion, "the thermal strain of the table is folded into the "
+                                       "expansion and the temperature")
         grows = bool(fields) and any(expansions.values())
+        where, words = (self.notes.taken, "temperature") if grows else (
+            self.notes.changed, f"no thermal strain of {piece.name}: its material has no *EXPANSION")
         for given in (given for given, nodes in self.model.heated if not nodes.isdisjoint(own)):
-            self.notes.add(self.notes.taken if grows else self.notes.changed, given, "temperature" if grows else
-                           f"no thermal strain of {piece.name}: its material has no *EXPANSION")
+            where.add(given, words)
         if not grows:
             return None, {}
         if any(np.abs(field - fields[0]).max() > KEEPS * np.abs(fields[0]).max() for field in fields[1:]):
-            self.notes.add(self.notes.lost, card, "expansions of several materials that vary with the temperature")
+            self.notes.lost.add(card, "expansions of several materials that vary with the temperature")
         text = self._field(piece, fields[0], card)
         history = next(iter(histories), None)
         return (text if not history else {"value": text, "history": history}), expansions
@@ -368,9 +359,9 @@ class Acts:
                     for turn, layer in zip(turns.tolist(), layers.tolist(), strict=False)
                     if abs(turn) * np.ptp(layers) > KEEPS * size)
                 if len(text) <= 1000:
-                    self.notes.add(self.notes.changed, card, "temperatures are linear between layers of nodes")
+                    self.notes.changed.add(card, "temperatures are linear between layers of nodes")
                     return text
-        self.notes.add(self.notes.lost, card, "temperatures that are no linear function of place")
+        self.notes.lost.add(card, "temperatures that are no linear function of place")
         return 0.0
 
 
@@ -380,8 +371,7 @@ def _alike(piece: Piece, places: np.ndarray, values: np.ndarray) -> list[tuple[n
     if len(different) > 1 and len(places) > piece.points.shape[1] + 1:
         found = linear(piece.points[places], values)
         if found is not None:
-            slopes = zip(("x_slope", "y_slope", "z_slope"), found[1:].tolist(), strict=False)
-            return [(places, {"constant": float(found[0])} | dict(slopes))]
+            return [(places, formula(float(found[0]), found[1:], "xyz"[:len(found) - 1]))]
     return [(places[values == value], float(value)) for value in different]
 
 

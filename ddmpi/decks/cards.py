@@ -3,6 +3,7 @@ words for elements, with the corners around their faces and at their edges; and 
 
 from __future__ import annotations
 
+import contextlib
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -100,7 +101,7 @@ PARAMETERS: dict[str, tuple[str, ...]] = {
 
 
 class DeckError(ValueError):
-    """A mistake in a deck, in words."""
+    """A mistake in a deck, in words, without the line in which it is."""
 
 
 def element(name: str) -> tuple[str, int]:
@@ -220,6 +221,18 @@ class Card(NamedTuple):
         """A message about this keyword, with its line and file."""
         return f"line {self.line} of {self.path.name}: *{self.name}: {what}"
 
+    @contextlib.contextmanager
+    def reading(self) -> Iterator[None]:
+        """Mistakes in what the block reads of this keyword as InputError, with its line and file."""
+        try:
+            yield
+        except DeckError as error:
+            raise InputError(self.tells(error)) from None
+        except KeyError as error:
+            raise InputError(self.tells(f"it lacks {error.args[0]}")) from None
+        except IndexError:
+            raise InputError(self.tells("a data line is too short")) from None
+
 
 Course = tuple[tuple[float, float], ...]
 """Values over time."""
@@ -253,21 +266,25 @@ class Rigid(NamedTuple):
     spread: bool = False
 
 
-class Notes:
-    """What became of the keywords: taken, changed and lost. By keyword and reason: the lines by their places in the
-    deck."""
+class Listing(dict[tuple[str, str], dict[int, str]]):
+    """Keywords to which one thing happened. By keyword and reason: the lines by their places in the deck."""
 
     def __init__(self, main: Path) -> None:
+        super().__init__()
         self.main = main
-        self.taken: dict[tuple[str, str], dict[int, str]] = {}
-        self.changed: dict[tuple[str, str], dict[int, str]] = {}
-        self.lost: dict[tuple[str, str], dict[int, str]] = {}
 
-    def add(self, where: dict[tuple[str, str], dict[int, str]], card: Card, reason: str) -> None:
+    def add(self, card: Card, reason: str) -> None:
         line = f"{card.line}" if card.path == self.main else f"{card.line} of {card.path.name}"
-        where.setdefault((card.name, reason), {})[card.place] = line
+        self.setdefault((card.name, reason), {})[card.place] = line
 
-    def words(self, where: dict[tuple[str, str], dict[int, str]]) -> Iterator[str]:
+
+class Notes:
+    """What became of the keywords: taken, changed and lost."""
+
+    def __init__(self, main: Path) -> None:
+        self.taken, self.changed, self.lost = Listing(main), Listing(main), Listing(main)
+
+    def words(self, where: Listing) -> Iterator[str]:
         """A line of text for each entry, in the order of the deck. A keyword that is lost, if only in part, is not
         listed as taken."""
         hidden = {place for lines in self.lost.values() for place in lines} if where is self.taken else set()
@@ -295,14 +312,12 @@ def _headed(line: str) -> tuple[str, dict[str, str]]:
 
 def factors(amplitude: Card) -> np.ndarray:
     """Times and factors (k, 2) of *AMPLITUDE. Raises InputError."""
-    try:
+    with amplitude.reading():
         values = numbers([word for row in amplitude.rows for word in row if word])
         if not values or len(values) % 2:
             raise DeckError("it needs pairs of a time and a factor")
         if (np.diff(values[::2]) < 0.0).any():
             raise DeckError("its times must not fall")
-    except DeckError as error:
-        raise InputError(amplitude.tells(error)) from None
     return np.reshape(values, (-1, 2))
 
 

@@ -27,7 +27,7 @@ class Deck:
     """Nodes, elements, sets and surfaces of an Abaqus or CalculiX deck.
 
     Parts stand in an assembly, moved or turned. Internal sets are no groups. Names are alike whatever their case. Any
-    method may raise DeckError with the reason, and OSError.
+    method may raise DeckError with the reason, or InputError with the line as well, and OSError.
 
     Attributes
     ----------
@@ -50,13 +50,8 @@ class Deck:
         self.surfaces: dict[str, list[tuple[Entry, str]]] = {}
         self.names: dict[tuple[str, str], str] = {}  # of sets that are not internal, as they are written
         for card in self.cards:
-            try:
+            with card.reading():
                 self._take(card)
-            except (DeckError, KeyError) as error:
-                missing = f"it lacks {error.args[0]}" if isinstance(error, KeyError) else error
-                raise DeckError(card.tells(missing)) from None
-            except IndexError:
-                raise DeckError(card.tells("a data line is too short")) from None
         counted = np.unique(np.concatenate([np.empty(0, int), *(block[:, 0] for _, block, _ in self.blocks)]),
                             return_counts=True)
         if (counted[1] > 1).any():

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from ddmpi.decks.acting import Acts
-from ddmpi.decks.cards import Acting, Card, Pair, Rigid, number, numbers
-from ddmpi.decks.pieces import Piece, own_name
+from ddmpi.decks.cards import Card, Pair, Rigid, number, numbers
+from ddmpi.decks.pieces import Piece, formula, own_name
 from ddmpi.errors import InputError
 
 FLAT = 1e-6
@@ -44,13 +44,13 @@ class Joints:
                     found[self.acts.where[end][0].name].append(self.acts.where[end][1])
             return [(piece, np.unique(found[piece.name])) for piece in self.pieces if found[piece.name]]
         if not any(key in self.deck.sets["NODES"] for key in keys):
-            raise InputError(f"line {card.line}: *{card.name}: there is no surface {name}")
+            raise InputError(card.tells(f"there is no surface {name}"))
         nodes, sides = self.deck.chosen(card, "NODES", name), []
         for piece in self.pieces:
             marked = piece.within(nodes)
             facets = piece.whole(marked)
             if marked.any() and np.setdiff1d(np.flatnonzero(marked), piece.facets[facets]).size:
-                self.notes.add(self.notes.lost, card, f"the surface {name} has nodes without a whole face")
+                self.notes.lost.add(card, f"the surface {name} has nodes without a whole face")
             if len(facets):
                 sides.append((piece, facets))
         return sides
@@ -62,7 +62,7 @@ class Joints:
         if not tied:
             name = card.given.get("INTERACTION", "").upper()
             if name not in self.model.interactions:
-                raise InputError(f"line {card.line}: *{card.name}: there is no *SURFACE INTERACTION {name}")
+                raise InputError(card.tells(f"there is no *SURFACE INTERACTION {name}"))
             law = self.model.interactions[name]
             behaviour = law.get("SURFACEBEHAVIOR")
             tied = behaviour is not None and behaviour.given.get("PRESSURE-OVERCLOSURE", "").upper() == "TIED"
@@ -92,20 +92,20 @@ class Joints:
                     near = heights <= max(reach, 1e-9 * float(np.ptp(slave.points, axis=0).max()))
                     if near.all() and len(near):
                         contact["gap"] = 0.0
-                        notes.add(notes.changed, card, "ADJUST: the surfaces touch, with a gap of 0")
+                        notes.changed.add(card, "ADJUST: the surfaces touch, with a gap of 0")
                     elif reach == 0.0 or (reach > 0.0 and not near.any()):
-                        notes.add(notes.changed, card, "ADJUST moves nothing: gaps are those of the mesh")
+                        notes.changed.add(card, "ADJUST moves nothing: gaps are those of the mesh")
                     else:
-                        notes.add(notes.lost, card, "ADJUST that moves some of the nodes only")
+                        notes.lost.add(card, "ADJUST that moves some of the nodes only")
                 count += 1
                 yield contact
         own = {piece.name for piece, _ in slaves} & {piece.name for piece, _ in masters}
         if own:
-            notes.add(notes.lost, card, f"contact of {', '.join(sorted(own))} with itself")
+            notes.lost.add(card, f"contact of {', '.join(sorted(own))} with itself")
         elif not count:
-            notes.add(notes.lost, card, f"{pair.slave} or {pair.master} has no faces on a body")
+            notes.lost.add(card, f"{pair.slave} or {pair.master} has no faces on a body")
         if count:
-            notes.add(notes.taken, card, "bonded contact" if tied else "contact")
+            notes.taken.add(card, "bonded contact" if tied else "contact")
             if tied:
                 self._tells_gap(pair, slaves, masters)
 
@@ -121,15 +121,15 @@ class Joints:
             far = float(max((heights.max(initial=0.0) for heights in found), default=0.0))
             near = float(min((heights.min(initial=np.inf) for heights in found), default=0.0))
             if word and near > reach:
-                self.notes.add(self.notes.lost, pair.card, f"a tie over a gap of {near:.3g}, beyond its tolerance")
+                self.notes.lost.add(pair.card, f"a tie over a gap of {near:.3g}, beyond its tolerance")
             elif far > reach:
-                self.notes.add(self.notes.changed, pair.card, f"nodes {far:.3g} apart, beyond its tolerance, are tied")
+                self.notes.changed.add(pair.card, f"nodes {far:.3g} apart, beyond its tolerance, are tied")
 
     def _clearance(self, pair: Pair) -> float | None:
         for card in self.model.clearances:
             names = {card.given.get("SLAVE", "").upper(), card.given.get("MASTER", "").upper()}
             if names == {pair.slave.upper(), pair.master.upper()} and "VALUE" in card.given:
-                self.notes.add(self.notes.taken, card, "gap")
+                self.notes.taken.add(card, "gap")
                 return number(card.given["VALUE"])
         return None
 
@@ -143,8 +143,8 @@ class Joints:
             force, offset = (self.model.kinds[kind].get((node, 1)) for kind in ("forces", "supports"))
             given = force or offset
             if len(sides) != 1 or len(others) != 1 or others[0].name in sides or not given or (force and offset):
-                self.notes.add(self.notes.lost, card, "a section that does not cut a body in two" if given else
-                               "a pre-tension whose node has neither a force nor a displacement")
+                self.notes.lost.add(card, "a section that does not cut a body in two" if given else
+                                    "a pre-tension whose node has neither a force nor a displacement")
                 continue
             (piece,), other = sides.values(), others[0]
             if force and node in self.model.locked:  # after its last point the offset is kept
@@ -156,15 +156,15 @@ class Joints:
             if card.rows and normal @ numbers(card.rows[0])[:len(normal)] * (normal @ out) < 0.0:
                 value = -value  # the normal that the card gives points into the elements of the surface
             along, later = (normal * np.sign(normal @ out)).tolist(), {"history": history} if history else {}
-            self.notes.add(self.notes.taken, card, "a bond with a pretension" if force else "a bond over a gap")
+            self.notes.taken.add(card, "a bond with a pretension" if force else "a bond over a gap")
             bond: dict[str, Any] = {"bodies": [piece.name, other.name], "kind": "bonded"}
             yield bond | {"on": [piece.group(facets, "section"), other.group(
                 other.whole(other.within(section)), "section")]} | (
                     {"pretension": {"force": value / self.matter.depth, "along": along} | later} if force else
                     {"gap": {"value": value} | later})
             if around:
-                self.notes.add(self.notes.changed, card, "the elements at the section are a body of their own, bonded "
-                               "to the others, which hang together without it")
+                self.notes.changed.add(card, "the elements at the section are a body of their own, bonded "
+                                       "to the others, which hang together without it")
                 yield bond | {"on": [piece.group(piece.whole(piece.within(around.values())), "layer"),
                                      other.group(other.whole(other.within(around)), "layer")]}
 
@@ -187,12 +187,12 @@ class RigidSets:
             elif points and (patches := own[0][0].patches(np.flatnonzero(own[0][2]))[0]):
                 reason = self._take(rigid._replace(spread=True), own[0][0], np.unique(
                     np.concatenate([patch.facets for patch in patches])))
-                self.notes.add(self.notes.changed, rigid.card, "points alone hold nothing in a solid; the loads on "
-                               "them are spread over the faces around them")
+                self.notes.changed.add(rigid.card, "points alone hold nothing in a solid; the loads on "
+                                       "them are spread over the faces around them")
             else:
                 reason = "its nodes are no whole faces of one body"
             where = self.notes.lost if reason else self.notes.taken
-            self.notes.add(where, rigid.card, reason or (
+            where.add(rigid.card, reason or (
                 "forces spread over a face" if rigid.spread or points else "a face that moves as a rigid one"))
 
     def _take(self, rigid: Rigid, piece: Piece, facets: np.ndarray) -> str:
@@ -221,10 +221,9 @@ class RigidSets:
         if len(held) == 6:  # u = u_r + θ × (x − x_r)
             shift, turn = (np.array([held[k][0] for k in some]) for some in (range(3), range(3, 6)))
             slopes = np.cross(turn, np.eye(3))  # row k: ∂u/∂x_k
-            values = [{"constant": float(shift[k] - slopes[:, k] @ pivot)} | {
-                f"{axes[j]}_slope": float(slopes[j, k]) for j in range(3) if slopes[j, k]} for k in range(3)]
             self.clamps[piece.name].append({"on": piece.group(facets, "rigid")} | {
-                axes[k]: value if len(value) > 1 else value["constant"] for k, value in enumerate(values)} | more)
+                axis: formula(float(shift[k] - slopes[:, k] @ pivot), slopes[:, k], axes)
+                for k, axis in enumerate(axes)} | more)
             return ""
         normals = piece.normals(facets)
         normal = normals[0] * np.sign((piece.points[piece.facets[facets[0], :3]].mean(axis=0)
@@ -254,7 +253,7 @@ class RigidSets:
         for (node, component), acting in self.model.kinds[kind].items():
             if node in (rigid.ref, rigid.turn):
                 k = component - 1 + 3 * (node == rigid.turn and rigid.turn != rigid.ref)
-                value, history = self.acts.factor(Acting(*acting))
+                value, history = self.acts.factor(acting)
                 if kind == "supports" or value:
                     found[k] = value, history if value else None
         return found

@@ -18,16 +18,14 @@ AXES = np.eye(3)
 def table(card: Card, width: int) -> tuple[np.ndarray, np.ndarray]:
     """Values (k, width) of a material and the temperatures (k,) at which they hold; continued lines are joined."""
     lines, row = [], list[float]()
-    for words in card.rows:
-        try:
+    with card.reading():
+        for words in card.rows:
             row += numbers(words)
-        except DeckError as error:
-            raise InputError(card.tells(error)) from None
-        if len(row) >= width:
-            lines.append([*row, 0.0][:width + 1])
-            row = []
-    if not lines or row:
-        raise InputError(f"line {card.line}: *{card.name}: {width} values are needed")
+            if len(row) >= width:
+                lines.append([*row, 0.0][:width + 1])
+                row = []
+        if not lines or row:
+            raise DeckError(f"{width} values are needed")
     values = np.array(lines)
     return values[:, :width], values[:, width]
 
@@ -63,7 +61,7 @@ class Matter:
         for k, elements in self.sections(piece).items():
             _, name, thick, orientation, card = self.model.sections[k]
             if name not in self.model.materials:
-                raise InputError(f"line {card.line}: *{card.name}: there is no *MATERIAL {name}")
+                raise InputError(card.tells(f"there is no *MATERIAL {name}"))
             for heat, some in self._by_heat(name, piece, elements):
                 material = self._elastic(name, self._axes(orientation, card), heat, card)
                 if name in expansions:
@@ -85,7 +83,7 @@ class Matter:
         if not orientation:
             return AXES
         if orientation not in self.model.orientations:
-            raise InputError(f"line {card.line}: *{card.name}: there is no *ORIENTATION {orientation}")
+            raise InputError(card.tells(f"there is no *ORIENTATION {orientation}"))
         given = self.model.orientations[orientation]
         v = np.array([*numbers(given.rows[0]), *[0.0] * 6][:6])
         turned = len(given.rows) > 1 and any(numbers(given.rows[1])[1:])
@@ -109,7 +107,7 @@ class Matter:
         """young, poisson and, of an orthotropic material, shear along x, y and z, at a temperature."""
         card = self.model.materials[name].get("ELASTIC")
         if card is None:
-            raise InputError(f"line {section.line}: *{section.name}: the material {name} has no *ELASTIC")
+            raise InputError(section.tells(f"the material {name} has no *ELASTIC"))
         kind = card.given.get("TYPE", "ISOTROPIC").upper()
         width = 2 if kind.startswith("ISO") else 21 if kind.startswith("ANISO") else 9
         values, at = table(card, width)
@@ -117,11 +115,11 @@ class Matter:
         if len(values) > 1:
             order = np.argsort(at)
             row = np.array([np.interp(heat, at[order], column[order]) for column in values.T])
-            self.notes.add(self.notes.changed, card, "moduli at the mean temperature of each element at the end")
+            self.notes.changed.add(card, "moduli at the mean temperature of each element at the end")
         if width == 2:
             return {"young": float(row[0]), "poisson": float(row[1])}
         if width == 21:
-            self.notes.add(self.notes.lost, card, "a material without planes of symmetry")
+            self.notes.lost.add(card, "a material without planes of symmetry")
             return {"young": 1.0, "poisson": 0.0}
         if not kind.startswith("ENGINEERING"):  # the stiffness D1111, D1122, D2222, D1133, D2233, D3333, D1212, …
             stiffness = np.array([[row[0], row[1], row[3]], [row[1], row[2], row[4]], [row[3], row[4], row[5]]])
@@ -139,7 +137,7 @@ class Matter:
         elif self.family != "CAX" and abs(axes[2, 2]) == 1.0:  # the third axis is z
             turned = {"angle": float(np.degrees(np.arctan2(axes[0, 1], axes[0, 0])))}
         elif not plain:
-            self.notes.add(self.notes.lost, card, "axes of a material that turn from place to place")
+            self.notes.lost.add(card, "axes of a material that turn from place to place")
         shear = row[6:].tolist() if self.family == "C3D" else float(row[6])
         return {"young": row[:3].tolist(), "poisson": row[3:6].tolist(), "shear": shear} | turned
 

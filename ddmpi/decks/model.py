@@ -20,7 +20,6 @@ from ddmpi.decks.cards import (
     Rigid,
     along,
     component,
-    faces,
     factors,
     held,
     integer,
@@ -28,7 +27,11 @@ from ddmpi.decks.cards import (
     numbers,
 )
 from ddmpi.decks.deck import Deck
+from ddmpi.decks.pieces import Block, nodes_of_faces
 from ddmpi.errors import InputError
+
+PROPERTIES = {"ELASTIC": "elastic constants", "EXPANSION": "thermal expansion", "DENSITY": "density"}
+"""Keywords of a material, and what they give."""
 
 
 class Model:
@@ -69,7 +72,7 @@ class Model:
                 raise InputError(f"--amplitude {text}: it has no *AMPLITUDE {name}")
             card = self._named[name.upper()]
             self._named[name.upper()] = card._replace(given={}, rows=[values.split(",")])
-            notes.add(notes.changed, card, "its times and factors are those of --amplitude")
+            notes.changed.add(card, "its times and factors are those of --amplitude")
         self.orientations = {card.given.get("NAME", "").upper(): card for card in deck.cards
                              if card.word == "ORIENTATION"}
         self.transforms = {node: card for card in deck.cards if card.word == "TRANSFORM"
@@ -86,18 +89,16 @@ class Model:
         self._read()
 
     def _of(self, card: Card, kind: str, what: str) -> set[int]:
-        try:
+        with card.reading():
             return self.deck.chosen(card, kind, what)
-        except DeckError as error:
-            raise _refusal(card, error) from None
 
     def node(self, card: Card, what: str) -> int:
         """The only node of a set, or the one with this number."""
         nodes = self._of(card, "NSET", what)
         if len(nodes) != 1:
-            raise _refusal(card, f"{what} has {len(nodes)} nodes; one is needed")
+            raise InputError(card.tells(f"{what} has {len(nodes)} nodes; one is needed"))
         if nodes - self.deck.points.keys():
-            raise _refusal(card, f"there is no node {what}")
+            raise InputError(card.tells(f"there is no node {what}"))
         return nodes.pop()
 
     def _read(self) -> None:
@@ -106,31 +107,29 @@ class Model:
         for card in self.deck.cards:
             if card.word == "STEP":
                 if inside is not None:
-                    raise _refusal(inside, "the step does not end before the next one begins")
+                    raise InputError(inside.tells("the step does not end before the next one begins"))
                 inside = card
                 steps.append([])
             take = self._take if inside is None else steps[-1].append
             take(card)
             inside = None if card.word == "ENDSTEP" else inside
         if inside is not None:
-            raise _refusal(inside, "the step that begins here does not end; is the deck cut off?")
+            raise InputError(inside.tells("the step that begins here does not end; is the deck cut off?"))
         ways = [next((card for card in step if card.word in PROCEDURES), step[0]) for step in steps]
         if not any(way.word == "STATIC" for way in ways):
             what = f"; its first step, on line {steps[0][0].line}, is *{ways[0].name}" if steps else " (is it cut off?)"
             raise InputError(f"it has no *STATIC step{what}; ddmpi computes static equilibrium")
         for step, way in zip(steps, ways, strict=True):
             if way.word == "STATIC":
-                try:
+                with way.reading():
                     self._follow(step, way)
-                except DeckError as error:
-                    raise _refusal(way, error) from None
             else:
-                self.notes.add(self.notes.lost, way, "only *STATIC steps are computed")
+                self.notes.lost.add(way, "only *STATIC steps are computed")
         # elastic bodies without friction forget the way to a state, unless the offset of a bolt is kept
         forgets = not self.locked and not any("FRICTION" in law for law in self.interactions.values())
         self.final, where = forgets and bool(self.changing), self.notes.changed if forgets else self.notes.lost
         for card, what in self.changing:
-            self.notes.add(where, card, what + ": only the state at the end of the last step is computed" * forgets)
+            where.add(card, what + ": only the state at the end of the last step is computed" * forgets)
 
     def _follow(self, cards: list[Card], way: Card) -> None:
         """Take the cards of a step, and follow all loads and supports to its end."""
@@ -140,7 +139,7 @@ class Model:
         if end <= begin:
             raise DeckError("the time of a step is not positive")
         if cards[0].given.get("NLGEOM", "NO").upper() != "NO":
-            self.notes.add(self.notes.changed, cards[0], "warning: NLGEOM: displacements and strains are small here")
+            self.notes.changed.add(cards[0], "warning: NLGEOM: displacements and strains are small here")
         self._renewed = set()
         for card in cards:
             self._take(card)
@@ -178,11 +177,11 @@ class Model:
             yield end, value
             return
         if name not in self._named:
-            raise _refusal(card, f"there is no *AMPLITUDE {name}")
+            raise InputError(card.tells(f"there is no *AMPLITUDE {name}"))
         amplitude = self._named[name]
         way, form = amplitude.given.get("DEFINITION", "TABULAR").upper(), amplitude.given.get("VALUE", "").upper()
         if way != "TABULAR" or "USER" in amplitude.given or form == "ABSOLUTE":
-            return self.notes.add(self.notes.lost, card, f"the amplitude {name} is no table of factors; --amplitude "
+            return self.notes.lost.add(card, f"the amplitude {name} is no table of factors; --amplitude "
                                   f"{name}=0,0,1,1 gives times and factors")
         table = factors(amplitude)
         first = number(card.given.get("TIMEDELAY", "0")) + (0.0 if self._goes_on(card) else begin)
@@ -197,19 +196,12 @@ class Model:
         """Note what one keyword says. Raises InputError."""
         method = getattr(self, f"_{card.word.lower().replace('-', '_')}", None)
         if card.word in REFUSED:
-            self.notes.add(self.notes.lost, card, f"{REFUSED[card.word]}: not possible")
+            self.notes.lost.add(card, f"{REFUSED[card.word]}: not possible")
         elif method is not None:
-            try:
+            with card.reading():
                 method(card)
-            except (DeckError, KeyError) as error:
-                raise _refusal(card, f"it lacks {error.args[0]}" if isinstance(error, KeyError) else error) from None
-            except IndexError:
-                raise _refusal(card, "a data line is too short") from None
         elif card.word not in SILENT:
-            self.notes.add(self.notes.lost, card, "this keyword is not known")
-
-    def _taken(self, card: Card, what: str) -> None:
-        self.notes.add(self.notes.taken, card, what)
+            self.notes.lost.add(card, "this keyword is not known")
 
     def _material(self, card: Card) -> None:
         of, name = self.materials if card.word == "MATERIAL" else self.interactions, card.given["NAME"].upper()
@@ -226,7 +218,7 @@ class Model:
 
     def _elastic(self, card: Card) -> None:
         self._keep(card)
-        self._taken(card, {"ELASTIC": "elastic constants", "EXPANSION": "thermal expansion"}.get(card.word, "density"))
+        self.notes.taken.add(card, PROPERTIES[card.word])
 
     _expansion = _density = _elastic
 
@@ -234,26 +226,26 @@ class Model:
         self._keep(card, "SURFACE INTERACTION")
         law = card.given.get("PRESSURE-OVERCLOSURE", "HARD").upper()
         if "NOSEPARATION" in card.given:
-            self.notes.add(self.notes.lost, card, "contact that never opens")
+            self.notes.lost.add(card, "contact that never opens")
         elif law == "TIED":
-            self.notes.add(self.notes.changed, card, "tied contact: bonded, without stiffness")
+            self.notes.changed.add(card, "tied contact: bonded, without stiffness")
         elif law != "HARD":
-            self.notes.add(self.notes.changed, card, f"{law}: hard contact, the stiffness is dropped")
+            self.notes.changed.add(card, f"{law}: hard contact, the stiffness is dropped")
 
     def _friction(self, card: Card) -> None:
         self._keep(card, "SURFACE INTERACTION")
         row = numbers(card.rows[0]) if card.rows else [0.0]
         if len(card.rows) > 1:
-            self.notes.add(self.notes.lost, card, "friction other than Coulomb's with one coefficient")
+            self.notes.lost.add(card, "friction other than Coulomb's with one coefficient")
         if len(row) > 1 and row[1]:
-            self.notes.add(self.notes.changed, card, "the stick slope is dropped: nodes stick without slip")
-        self._taken(card, "coefficient of friction")
+            self.notes.changed.add(card, "the stick slope is dropped: nodes stick without slip")
+        self.notes.taken.add(card, "coefficient of friction")
 
     def _solidsection(self, card: Card) -> None:
         row = numbers(card.rows[0]) if card.rows else []
         self.sections.append((self.deck.chosen(card, "ELSET", card.given["ELSET"]), card.given["MATERIAL"].upper(),
                               [*row, 0.0][0] or 1.0, card.given.get("ORIENTATION", "").upper(), card))
-        self._taken(card, "material of elements")
+        self.notes.taken.add(card, "material of elements")
 
     def _changesolidsection(self, card: Card) -> None:
         self._solidsection(card)
@@ -261,7 +253,7 @@ class Model:
 
     def _modelchange(self, card: Card) -> None:
         if card.given.get("TYPE", "").upper() != "CONTACT PAIR" or "REMOVE" not in card.given:
-            return self.notes.add(self.notes.lost, card, "parts that are removed or added, or contacts that are added")
+            return self.notes.lost.add(card, "parts that are removed or added, or contacts that are added")
         ends = [" ".join(row[:2]).upper() for row in card.rows]
         self.pairs = [pair for pair in self.pairs if f"{pair.slave} {pair.master}".upper() not in ends]
         self.changing.append((card, "a contact that is removed"))
@@ -274,7 +266,7 @@ class Model:
     def _clearance(self, card: Card) -> None:
         self.clearances.append(card)
         if "VALUE" not in card.given:
-            self.notes.add(self.notes.lost, card, "a clearance without one VALUE")
+            self.notes.lost.add(card, "a clearance without one VALUE")
 
     def _renew(self, kind: str, card: Card) -> None:
         """OP=NEW, once a step, removes what acted before."""
@@ -288,7 +280,7 @@ class Model:
         other, before = self._fresh[kind].get(key, (card, 0.0))
         self._fresh[kind][key] = card, before + value
         if other.given.get("AMPLITUDE") != card.given.get("AMPLITUDE"):
-            self.notes.add(self.notes.lost, card, "a load beside another one of this step with another amplitude")
+            self.notes.lost.add(card, "a load beside another one of this step with another amplitude")
 
     def _boundary(self, card: Card) -> None:
         self._renew("supports", card)
@@ -297,7 +289,7 @@ class Model:
             self.locked |= dict.fromkeys(fixed, self.ends[-1])
             return
         if {"SUBMODEL", "USER", "FIXED"} & card.given.keys() or card.given.get("TYPE", "D")[0].upper() != "D":
-            self.notes.add(self.notes.lost, card, "displacements of another model, a routine, or of the step before")
+            self.notes.lost.add(card, "displacements of another model, a routine, or of the step before")
             return
         for row in card.rows:
             components, value = held(row)
@@ -305,18 +297,18 @@ class Model:
                 most = 6 if node in self._refs else 3
                 self._fresh["supports"] |= {(node, k): (card, value) for k in components if k <= most}
                 if components[-1] > most and (value or components[0] > 3):
-                    self.notes.add(self.notes.lost, card, f"component {components[-1]} of the displacement")
-        self._taken(card, "clamps")
+                    self.notes.lost.add(card, f"component {components[-1]} of the displacement")
+        self.notes.taken.add(card, "clamps")
 
     def _cload(self, card: Card) -> None:
         self._renew("forces", card)
         for row in card.rows:
             for node in self.deck.chosen(card, "NSET", row[0]):
                 if component(row[1]) > (6 if node in self._refs else 3):
-                    self.notes.add(self.notes.lost, card, "moments at nodes")
+                    self.notes.lost.add(card, "moments at nodes")
                 else:
                     self._add("forces", (node, component(row[1])), card, number(row[2]))
-        self._taken(card, "forces")
+        self.notes.taken.add(card, "forces")
 
     def _dload(self, card: Card) -> None:
         for kind in ("pressures", "body_forces"):
@@ -328,15 +320,15 @@ class Model:
                 way, value = ((self.node(card, row[2]),), 0.0) if label[2:] else ((), values[0])
                 for element in self.deck.chosen(card, "ELSET", what):
                     self._add("pressures", (element, int(label[1]), way), card, value)
-                self._taken(card, "pressure")
+                self.notes.taken.add(card, "pressure")
             elif label in ("GRAV", "CENTRIF", "BX", "BY", "BZ"):
                 self.deck.chosen(card, "ELSET", what)
                 way = () if label[0] == "B" else along(values[1:4]) if label == "GRAV" else (
                     *values[1:4], *along(values[4:7]))
                 self._add("body_forces", (what.lower(), card.scope, label, way), card, values[0])
-                self._taken(card, "volume force")
+                self.notes.taken.add(card, "volume force")
             else:
-                self.notes.add(self.notes.lost, card, f"the load {label}")
+                self.notes.lost.add(card, f"the load {label}")
 
     def _dsload(self, card: Card) -> None:
         self._renew("pressures", card)
@@ -346,9 +338,9 @@ class Model:
                 way = along(values[1:4]) if label == "TRVEC" else ()
                 for element, face in self.deck.ends(card, row[0]):
                     self._add("pressures", (element, face, way), card, values[0])
-                self._taken(card, "pressure on a surface")
+                self.notes.taken.add(card, "pressure on a surface")
             else:
-                self.notes.add(self.notes.lost, card, f"the load {label}")
+                self.notes.lost.add(card, f"the load {label}")
 
     def _rigidbody(self, card: Card) -> None:
         nodes = set().union(*(self.deck.chosen(card, "NSET", card.given[key]) for key in ("NSET", "TIENSET")
@@ -356,7 +348,7 @@ class Model:
         ref = self.node(card, card.given["REFNODE"])
         turn = self.node(card, card.given.get("ROTNODE", card.given["REFNODE"]))
         if {"ELSET", "PINNSET", "ANALYTICALSURFACE"} & card.given.keys() or not nodes:
-            self.notes.add(self.notes.lost, card, "rigid bodies that are no set of nodes")
+            self.notes.lost.add(card, "rigid bodies that are no set of nodes")
         else:
             self.rigid.append(Rigid(card, nodes, ref, turn))
 
@@ -366,13 +358,13 @@ class Model:
             nodes = self.deck.chosen(card, "NODES", name)
         except DeckError:
             ends = set(self.deck.ends(card, name))
-            nodes = {node for kind, entries, _ in self.deck.blocks for k, face in enumerate(faces(kind), 1)
-                     for row in entries.tolist() if (row[0], k) in ends for node in np.array(row)[1 + np.array(face)]}
+            blocks = [Block("", kind, entries) for kind, entries, _ in self.deck.blocks]
+            nodes = set(nodes_of_faces(blocks, ends)[:, :4].ravel().tolist()) - {-1}
         self.rigid.append(Rigid(card, nodes, ref, ref))
 
     def _kinematic(self, card: Card) -> None:
         if [row for row in card.rows if integer(row[0]) > 1 or integer([*row, ""][1] or "1") < 3]:
-            self.notes.add(self.notes.lost, card, "a coupling of some components only")
+            self.notes.lost.add(card, "a coupling of some components only")
 
     def _distributing(self, card: Card) -> None:
         self.rigid[-1] = self.rigid[-1]._replace(spread=True)
@@ -380,7 +372,7 @@ class Model:
     def _temperature(self, card: Card) -> None:
         self._renew("heat", card)
         if "FILE" in card.given or "USER" in card.given:
-            self.notes.add(self.notes.lost, card, "temperatures of a file or a routine")
+            self.notes.lost.add(card, "temperatures of a file or a routine")
             return
         for row in card.rows:
             nodes = self.deck.chosen(card, "NSET", row[0])
@@ -389,12 +381,8 @@ class Model:
 
     def _initialconditions(self, card: Card) -> None:
         if card.given["TYPE"].upper() != "TEMPERATURE" or "FILE" in card.given:
-            self.notes.add(self.notes.lost, card, f"initial {card.given['TYPE'].lower()}")
+            self.notes.lost.add(card, f"initial {card.given['TYPE'].lower()}")
             return
         for row in card.rows:
             self.start |= dict.fromkeys(self.deck.chosen(card, "NSET", row[0]), number(row[1]))
-        self._taken(card, "initial temperature")
-
-
-def _refusal(card: Card, what: object) -> InputError:
-    return InputError(card.tells(what))
+        self.notes.taken.add(card, "initial temperature")

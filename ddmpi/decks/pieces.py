@@ -17,11 +17,12 @@ from scipy.sparse import csgraph
 from ddmpi.decks.cards import SIDES, Card, corners, faces, numbers, shape
 from ddmpi.decks.deck import STRIDE
 
-TRIANGLE = np.array([[4.0, 1.0, 1.0], [1.0, 4.0, 1.0], [1.0, 1.0, 4.0]]) / 6.0
-"""Barycentric points of a rule with equal weights, exact for squares of the coordinates."""
+GAUSS = 0.5 + np.array([-0.5, 0.0, 0.5]) * np.sqrt(0.6)
 
-GAUSS = np.array([-np.sqrt(0.6), 0.0, np.sqrt(0.6)]), np.array([5.0, 8.0, 5.0]) / 18.0
-"""Points in (−1, 1) and weights of a rule on lines, exact for fifth powers."""
+RULES = {2: (np.column_stack([1.0 - GAUSS, GAUSS]), np.array([5.0, 8.0, 5.0]) / 18.0),
+         3: (np.array([[4.0, 1.0, 1.0], [1.0, 4.0, 1.0], [1.0, 1.0, 4.0]]) / 6.0, np.full(3, 1.0 / 3.0))}
+"""Barycentric points and weights on facets, by dimension: exact for fifth powers of the coordinates in the plane, for
+squares in space."""
 
 EXACT = 1e-6
 """Values lie on a linear function of the coordinates up to this fraction of the largest one."""
@@ -51,22 +52,24 @@ def own_name(text: str, taken: Iterable[str]) -> str:
 
 def split(blocks: Sequence[Block]) -> list[list[Block]]:
     """The elements in pieces that have no node in common, in the order of their first elements."""
-    nodes = np.unique(np.concatenate([block.entries[:, 1:].ravel() for block in blocks]))
-    rows, columns, count = [], [], 0
-    for block in blocks:
-        place = np.searchsorted(nodes, block.entries[:, 1:])
-        rows.append(np.repeat(count + np.arange(len(place)), place.shape[1]))
-        columns.append(place.ravel())
-        count += len(place)
-    total = count + len(nodes)
-    entries = np.concatenate(rows), count + np.concatenate(columns)
-    graph = sparse.coo_matrix((np.ones(len(entries[0]), np.int8), entries), (total, total))
-    label = csgraph.connected_components(graph, directed=False)[1][:count]
-    _, first = np.unique(label, return_index=True)
-    starts = np.cumsum([0, *(len(block.entries) for block in blocks)])
-    return [[Block(block.name, block.kind, block.entries[own]) for block, start, end in zip(
-        blocks, starts, starts[1:], strict=False) if (own := label[start:end] == piece).any()]
-            for piece in label[np.sort(first)]]
+    widest = max(block.entries.shape[1] for block in blocks)
+    piece = connected(np.concatenate([np.pad(block.entries[:, 1:], ((0, 0), (0, widest - block.entries.shape[1])),
+                                             constant_values=-1) for block in blocks]))
+    of_blocks = np.split(piece, np.cumsum([len(block.entries) for block in blocks])[:-1])
+    return [[Block(block.name, block.kind, block.entries[of == k]) for block, of in zip(blocks, of_blocks, strict=True)
+             if (of == k).any()] for k in range(piece.max() + 1)]
+
+
+def connected(rows: np.ndarray) -> np.ndarray:
+    """The connected component (k,) of each row (k, n) of nodes, −1 for none; they are numbered by their first rows."""
+    if not len(rows):
+        return np.empty(0, int)
+    row, column = np.nonzero(rows >= 0)
+    nodes, place = np.unique(rows[row, column], return_inverse=True)
+    links = sparse.coo_matrix((np.ones(len(row), np.int8), (row, len(rows) + place)), (len(rows) + len(nodes),) * 2)
+    label = csgraph.connected_components(links, directed=False)[1][:len(rows)]
+    _, first, number = np.unique(label, return_index=True, return_inverse=True)
+    return first.argsort().argsort()[number]
 
 
 def cut(blocks: Sequence[Block], ends: set[tuple[int, int]], points: dict[int, list[float]]
@@ -76,28 +79,43 @@ def cut(blocks: Sequence[Block], ends: set[tuple[int, int]], points: dict[int, l
 
     The elements, and the copies at the section and around the layer, old number → new. New `points` (m) are added.
     """
-    of = {element: (block, row) for block in blocks for row, element in enumerate(block.entries[:, 0].tolist())}
-    section, inside = set[int](), []
-    for element, face in ends:
-        block, row = of[element]
-        nodes, corner = block.entries[row, 1:], faces(block.kind)[face - 1]
-        around = {frozenset(pair) for pair in zip(corner, corner[1:] + corner[:1], strict=True)}
-        middles = [corners(block.kind) + k for k, side in enumerate(SIDES[shape(block.kind)]) if {*side} in around]
-        section |= set(nodes[[*corner, *middles]].tolist()) if len(nodes) > corners(block.kind) else set(
-            nodes[list(corner)].tolist())
-        inside.append(np.mean([points[node] for node in nodes.tolist()], axis=0))
+    section = set(nodes_of_faces(blocks, ends).ravel().tolist()) - {-1}
+    layer, middles = {element for element, _ in ends}, {
+        entries[0]: np.mean([points[node] for node in entries[1:]], axis=0)
+        for block in blocks for entries in block.entries.tolist()}
     at = np.array([points[node] for node in sorted(section)])
     d = 3 if blocks[0].name.startswith("C3D") else 2
     normal = np.pad(np.linalg.svd((at - at.mean(axis=0))[:, :d])[2][-1], (0, 3 - d))
-    normal *= np.sign((np.mean(inside, axis=0) - at.mean(axis=0)) @ normal)
-    beyond = {element for element, (block, row) in of.items() if (np.mean(
-        [points[node] for node in block.entries[row, 1:].tolist()], axis=0) - at.mean(axis=0)) @ normal > 0.0}
+    normal *= np.sign((np.mean([middles[element] for element in layer], axis=0) - at.mean(axis=0)) @ normal)
+    beyond = {element for element, middle in middles.items() if (middle - at.mean(axis=0)) @ normal > 0.0}
     result, copies = _apart(blocks, beyond, section, points)
-    layer = {element for element, _ in ends}
     if not any(_nodes(one) & section and _nodes(one) & {*copies.values()} for one in split(result)):
         return result, copies, {}
-    result, beside = _apart(result, layer, _nodes(result, layer) & _nodes(result, {*of} - layer), points)
+    result, beside = _apart(result, layer, _nodes(result, layer) & _nodes(result, {*middles} - layer), points)
     return result, copies, beside
+
+
+def all_faces(blocks: Sequence[Block]) -> tuple[np.ndarray, np.ndarray]:
+    """The nodes (f, 8) of all faces of elements, corners in the first four columns, then middles of the sides, −1 where
+    there are fewer; and the element and the number of each face (f, 2)."""
+    found, owners = [], []
+    for block in blocks:
+        nodes, number = block.entries[:, 1:], corners(block.kind)
+        sides = {frozenset(side): number + k for k, side in enumerate(SIDES[shape(block.kind)])}
+        for k, face in enumerate(faces(block.kind), 1):
+            around = list(zip(face, face[1:] + face[:1], strict=True)) if len(face) > 2 else [face]
+            middles = [sides[frozenset(side)] for side in around] if nodes.shape[1] > number else []
+            rows = np.full((len(nodes), 8), -1)
+            rows[:, :len(face)], rows[:, 4:4 + len(middles)] = nodes[:, list(face)], nodes[:, middles]
+            found.append(rows)
+            owners.append(np.column_stack([block.entries[:, 0], np.full(len(nodes), k)]))
+    return np.concatenate(found), np.concatenate(owners)
+
+
+def nodes_of_faces(blocks: Sequence[Block], ends: set[tuple[int, int]]) -> np.ndarray:
+    """The nodes (f, 8), as of `all_faces`, of the faces `ends` (element, number)."""
+    rows, owners = all_faces(blocks)
+    return rows[[(element, face) in ends for element, face in owners.tolist()]]
 
 
 def _nodes(blocks: Sequence[Block], some: set[int] | None = None) -> set[int]:
@@ -143,26 +161,12 @@ class Piece:
         self.groups: dict[str, np.ndarray] = {}
         self.sets: dict[str, np.ndarray] = {}
         self.materials: dict[str, np.ndarray] = {}
-        parts = [self._faces(block) for block in blocks]
-        every, owners = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+        every, owners = all_faces(blocks)
         ends = np.sort(every[:, :4], axis=1)
         _, number, count = np.unique(ends, axis=0, return_inverse=True, return_counts=True)
         alone = count[number.ravel()] == 1
-        self.facets, self.owners = every[alone], owners[alone]
-
-    def _faces(self, block: Block) -> tuple[np.ndarray, np.ndarray]:
-        """All faces of elements, as `facets`, and `owners`."""
-        place, number = np.searchsorted(self.nodes, block.entries[:, 1:]), corners(block.kind)
-        sides = {frozenset(side): number + k for k, side in enumerate(SIDES[shape(block.kind)])}
-        found, owners = [], []
-        for k, face in enumerate(faces(block.kind), 1):
-            around = list(zip(face, face[1:] + face[:1], strict=True)) if len(face) > 2 else [face]
-            middles = [sides[frozenset(side)] for side in around] if place.shape[1] > number else []
-            row = np.full((len(place), 8), -1)
-            row[:, :len(face)], row[:, 4:4 + len(middles)] = place[:, list(face)], place[:, middles]
-            found.append(row)
-            owners.append(np.column_stack([block.entries[:, 0], np.full(len(place), k)]))
-        return np.concatenate(found), np.concatenate(owners)
+        self.facets = np.where(every[alone] < 0, -1, np.searchsorted(self.nodes, every[alone]))
+        self.owners = owners[alone]
 
     @property
     def taken(self) -> set[str]:
@@ -209,54 +213,36 @@ class Piece:
         left = marked[:-1].copy()
         for some in (whole, None):
             some = np.append(left, False)[self.facets].any(axis=1) if some is None else some
-            for facets in self._heaps(np.flatnonzero(some)):
+            loads = np.flatnonzero(some)
+            component = connected(self.facets[loads, :4])
+            for facets in (loads[component == k] for k in range(component.max(initial=-1) + 1)):
                 nodes = np.unique(self.facets[facets])
                 nodes = nodes[(nodes >= 0) & left[nodes]]
                 found.append(Patch(facets, nodes))
             left[np.unique(self.facets[some])] = False
         return [patch for patch in found if len(patch.nodes)], np.flatnonzero(left)
 
-    def _heaps(self, facets: np.ndarray) -> list[np.ndarray]:
-        """Facets in heaps that have common corners."""
-        place = self.facets[facets, :4]
-        rows, columns = np.nonzero(place >= 0)
-        links = sparse.coo_matrix((np.ones(len(rows), np.int8), (rows, place[rows, columns])),
-                                  (len(facets), len(self.nodes))).tocsr()
-        count, label = csgraph.connected_components(links @ links.T, directed=False) if len(facets) else (0, facets)
-        return [facets[label == k] for k in range(count)]
-
     def quadrature(self, facets: np.ndarray, around: bool) -> tuple[np.ndarray, np.ndarray]:
         """Points (q, d) and weights (q,) on straight facets; with the circumference if `around` an axis."""
-        d = self.points.shape[1]
-        place = self.facets[facets]
-        if d == 2:
-            a, b = self.points[place[:, 0]], self.points[place[:, 1]]
-            at = (a + b)[:, None] / 2.0 + (b - a)[:, None] / 2.0 * GAUSS[0][:, None]
-            weights = np.linalg.norm(b - a, axis=1)[:, None] * GAUSS[1]
-        else:
-            parts = np.concatenate([place[:, [0, 1, 2]], place[place[:, 3] >= 0][:, [0, 2, 3]]])
-            x = self.points[parts]
-            at = TRIANGLE @ x
-            area = np.linalg.norm(np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]), axis=1) / 2.0
-            weights = np.repeat(area[:, None] / 3.0, 3, axis=1)
-        at, weights = at.reshape(-1, d), weights.ravel()
+        corners, (points, shares) = self._simplices(facets), RULES[self.points.shape[1]]
+        at = (points @ corners).reshape(-1, self.points.shape[1])
+        weights = np.outer(np.linalg.norm(_vectors(corners), axis=1), shares).ravel()
         return at, weights * 2.0 * np.pi * at[:, 0] if around else weights
+
+    def _simplices(self, facets: np.ndarray) -> np.ndarray:
+        """Corners (k, d, d) of facets, of which quadrilaterals are cut in two."""
+        place = self.facets[facets]
+        parts = [place[:, :2]] if self.points.shape[1] == 2 else [place[:, :3], place[place[:, 3] >= 0][:, [0, 2, 3]]]
+        return self.points[np.concatenate(parts)]
 
     def normals(self, facets: np.ndarray) -> np.ndarray:
         """Unit normals (f, d) of straight facets, on either side."""
-        x = self.points[self.facets[facets][:, :4]]
-        along = x[:, 1] - x[:, 0]
-        across = np.cross(along, x[:, 2] - x[:, 0]) if x.shape[2] > 2 else along[:, ::-1] * (1.0, -1.0)
-        return across / np.linalg.norm(across, axis=1)[:, None]
+        return _normals(self.points[self.facets[facets][:, :self.points.shape[1]]])
 
     def heights(self, facets: np.ndarray, master: Piece, against: np.ndarray) -> np.ndarray:
         """(k,) distances of the nodes of these facets from the facets `against` of the master below or above them."""
-        d, some = self.points.shape[1], master.facets[against]
-        corners = master.points[np.concatenate([some[:, :3], some[some[:, 3] >= 0][:, [0, 2, 3]]]) if d > 2
-                                else some[:, :2]]
-        edges = corners[:, 1:] - corners[:, :1]
-        normals = np.cross(edges[:, 0], edges[:, 1]) if d > 2 else edges[:, 0, ::-1] * (1.0, -1.0)
-        normals /= np.linalg.norm(normals, axis=1)[:, None]
+        corners = master._simplices(against)
+        edges, normals = corners[:, 1:] - corners[:, :1], _normals(corners)
         inverse, found = np.linalg.pinv(edges), []  # of the edges along a facet: coordinates of a place in it
         for place in set(self.facets[facets].ravel().tolist()) - {-1}:
             off = self.points[place] - corners[:, 0]
@@ -282,6 +268,18 @@ class Piece:
             lines += [f"*SURFACE, NAME={name}", *(f"{element % STRIDE}, S{face}" for element, face in
                                                   self.owners[facets].tolist())]
         path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _vectors(corners: np.ndarray) -> np.ndarray:
+    """Normals (k, d) of plane facets by their corners (k, d, d), as long as their measures (m or m²)."""
+    edges = corners[:, 1:] - corners[:, :1]
+    return np.cross(edges[:, 0], edges[:, 1]) / 2.0 if corners.shape[2] > 2 else edges[:, 0, ::-1] * (1.0, -1.0)
+
+
+def _normals(corners: np.ndarray) -> np.ndarray:
+    """Unit normals (k, d) of plane facets by their corners (k, d, d)."""
+    vectors = _vectors(corners)
+    return vectors / np.linalg.norm(vectors, axis=1)[:, None]
 
 
 def _rows(entries: list[int]) -> list[str]:

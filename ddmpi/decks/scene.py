@@ -37,10 +37,7 @@ class Importer:
 
     def __init__(self, path: Path, amplitudes: Sequence[str] = ()) -> None:
         self.notes = Notes(path)
-        try:
-            self.deck = Deck(path)
-        except OSError as error:
-            raise InputError(str(error)) from None
+        self.deck = Deck(path)
         self.model = Model(self.deck, self.notes, amplitudes)
         linear = len(self.model.ends) == 1 and all(pair.card.word == "TIE" for pair in self.model.pairs)
         for card in self.deck.cards:
@@ -48,7 +45,7 @@ class Importer:
                 check_axes(card)
             for name in card.given:
                 if name not in PARAMETERS.get(card.word, card.given) and not (name == "PERTURBATION" and linear):
-                    self.notes.add(self.notes.lost, card, f"its parameter {name} is not possible")
+                    self.notes.lost.add(card, f"its parameter {name} is not possible")
         self.pieces, self.family, quadratic = self._pieces()
         self.order = 2 if quadratic else 1
         self.matter = Matter(self.model, self.notes, self.family)
@@ -58,18 +55,18 @@ class Importer:
         """The bodies, their family, and whether elements are quadratic. Raises InputError where there are none."""
         notes, families = self.notes, defaultdict[str, list[tuple[Block, Card]]](list)
         for card in self.deck.odd:
-            notes.add(notes.lost, card, f"elements of type {card.given.get('TYPE', '(none)')}")
+            notes.lost.add(card, f"elements of type {card.given.get('TYPE', '(none)')}")
         for kind, entries, card in self.deck.blocks:
             name = card.given["TYPE"].upper()
             fits = FAMILIES.match(name)
             if not fits or fits[3] not in VARIANTS:
-                notes.add(notes.lost, card, f"elements of type {name}")
+                notes.lost.add(card, f"elements of type {name}")
                 continue
             plain = f"{fits[1]}{fits[2]}"
             families[fits[1]].append((Block(plain, kind, entries), card))
-            notes.add(notes.taken, card, f"elements of type {name}")
+            notes.taken.add(card, f"elements of type {name}")
             if VARIANTS[fits[3]]:
-                notes.add(notes.changed, card, f"{name} as {plain}: {VARIANTS[fits[3]]}")
+                notes.changed.add(card, f"{name} as {plain}: {VARIANTS[fits[3]]}")
         if not families:
             raise InputError("it has no elements that a scene may have: C3D4 to C3D20, CPE, CPS and CAX")
         if len(families) > 1:
@@ -79,8 +76,8 @@ class Importer:
         quadratic = any(block.name not in ("C3D4", "CPE3", "CPS3", "CAX3") for block in blocks)
         for block, card in found:
             if block.kind in ("hexahedron", "wedge", "quad", "pyramid"):
-                notes.add(notes.changed, card, f"{block.name} cut into quadratic "
-                          f"{'tetrahedra' if family == 'C3D' else 'triangles'}: linear ones would be too stiff")
+                notes.changed.add(card, f"{block.name} cut into quadratic "
+                                  f"{'tetrahedra' if family == 'C3D' else 'triangles'}: linear ones would be too stiff")
         self.cuts: list[Cut] = []
         for card in self.model.bolts:
             blocks = self._cut(card, blocks)
@@ -100,7 +97,7 @@ class Importer:
     def _cut(self, card: Card, blocks: list[Block]) -> list[Block]:
         """Cut a bolt at its section. Supports and temperatures of the nodes there hold for both sides."""
         if "SURFACE" not in card.given:
-            self.notes.add(self.notes.lost, card, "a pre-tension that is not of a section of solid elements")
+            self.notes.lost.add(card, "a pre-tension that is not of a section of solid elements")
             return blocks
         ends = set(self.deck.ends(card, card.given["SURFACE"]))
         blocks, at_section, around = cut(blocks, ends, self.deck.points)
@@ -176,7 +173,7 @@ def import_deck(deck: str | Path, output: str | Path, partial: bool = False, amp
     try:
         importer = Importer(path, amplitudes)
         scene = importer.scene(path.stem)
-    except (InputError, DeckError) as error:
+    except (InputError, DeckError, OSError) as error:
         raise InputError(f"{deck}: {error}") from None
     notes = importer.notes
     if notes.lost and not partial:

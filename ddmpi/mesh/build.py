@@ -134,9 +134,9 @@ def kind_of_files(scene_path: str | Path) -> Callable[[BodySpec], tuple[int, int
     @functools.cache
     def of_file(path: Path, name: str, drawn: bool, part: str | None) -> tuple[int, int]:
         if drawn:
-            from ddmpi.mesh.geometry import geometry_dimension
+            from ddmpi.mesh.geometry import list_parts
 
-            return geometry_dimension(path, name), 1
+            return list_parts(path, f"body.{name}.mesh.geometry: {path}")[0], 1
 
         from ddmpi.mesh.read import file_kind
 

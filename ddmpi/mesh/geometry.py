@@ -90,17 +90,10 @@ def mesh_geometry(path: Path | None, body: BodySpec, contacts: Collection[str], 
         return replace(read_mesh(folder / DRAWN, body.name, body.mesh.order or 1, label), faces=faces)
 
 
-def geometry_dimension(path: Path, body: str) -> int:
-    """3 if a drawing has volumes, else 2. Not collective. Raises InputError for a file that gmsh cannot read."""
-    label = f"body.{body}.mesh.geometry: {path}"
-    with _opened(path, label) as (folder, source):
-        return int(apart(folder, _dimension, source, label))
-
-
-def list_parts(path: Path) -> tuple[int, list[tuple[int, str, float]]]:
-    """The dimension of a drawing, and of each of its bodies the number, the label, or "", and the extent (m). Not
-    collective. Raises InputError for a file that gmsh cannot read."""
-    label = path.name
+def list_parts(path: Path, label: str) -> tuple[int, list[tuple[int, str, float]]]:
+    """The dimension of a drawing, 3 if it has volumes, else 2, and of each of its bodies the number, the label, or "",
+    and the extent (m). Not collective. Raises InputError, which begins with `label`, for a file that gmsh cannot read.
+    """
     with _opened(path, label) as (folder, source):
         d, parts = apart(folder, _list_parts, source, label, doing=f"gmsh is reading {path.name}")
         return d, parts
@@ -109,15 +102,9 @@ def list_parts(path: Path) -> tuple[int, list[tuple[int, str, float]]]:
 def _list_parts(source: Path, label: str) -> tuple[int, list[tuple[int, str, float]]]:
     with gmsh_session() as gmsh, _gmsh_errors(f"{label} cannot be read"):
         gmsh.open(str(source))
-        bodies = gmsh.model.getEntities(max(gmsh.model.getDimension(), 2))
-        return max(gmsh.model.getDimension(), 2), [
-            (tag, gmsh.model.getEntityName(d, tag).split("/")[-1], extent(gmsh, d, tag)) for d, tag in bodies]
-
-
-def _dimension(source: Path, label: str) -> int:
-    with gmsh_session() as gmsh, _gmsh_errors(f"{label} cannot be read"):
-        gmsh.open(str(source))
-        return max(gmsh.model.getDimension(), 2)
+        d = max(gmsh.model.getDimension(), 2)
+        return d, [(tag, gmsh.model.getEntityName(d, tag).split("/")[-1], extent(gmsh, d, tag))
+                   for _, tag in gmsh.model.getEntities(d)]
 
 
 @contextlib.contextmanager

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from ddmpi.decks.deck import Deck
-from ddmpi.errors import InputError, InterruptionError
+from ddmpi.errors import DdmpiError, InputError, InterruptionError
 from ddmpi.mesh.boundary import file_groups, file_members, set_nodes
 from ddmpi.mesh.elements import CELLS
 from ddmpi.mesh.mesh import MEASURE, PHYSICAL, Mesh, refuse_overlaps, signed_measures
@@ -136,18 +136,12 @@ def _load(path: Path, label: str, part: str | None = None):
 
     meshio._mesh.topological_dimension.update(dict.fromkeys(KINDS[3], 3))  # it does not know all
     kind = path.suffix.lower()
-    if kind == ".inp":
+    if kind == ".inp" or kind in FORMATS:
         try:
-            return Deck(path).mesh(part)
-        except (ValueError, OSError) as error:
-            raise InputError(f"{label} is not a mesh that can be read: {error}") from None
-        except (KeyError, IndexError, OverflowError, RecursionError) as error:
-            raise InputError(f"{label} is not a mesh that can be read ({type(error).__name__} {error})") from None
-    if kind in FORMATS:
-        try:
-            return _with_sets(getattr(meshio, FORMATS[kind]).read(path))
-        except Exception as error:
-            raise InputError(f"{label} is not a mesh that meshio can read ({type(error).__name__} {error})") from None
+            return Deck(path).mesh(part) if kind == ".inp" else _with_sets(getattr(meshio, FORMATS[kind]).read(path))
+        except Exception as error:  # meshio raises many kinds, some of them without a message
+            what = "" if isinstance(error, DdmpiError | ValueError | OSError) else f"{type(error).__name__} "
+            raise InputError(f"{label} is not a mesh that can be read: {what}{error}") from None
     with open(path, "rb") as file:
         begin = file.read(len(MSH[0]))
     if not begin.startswith(MSH):
@@ -156,7 +150,7 @@ def _load(path: Path, label: str, part: str | None = None):
     _refuse_double_names(path, label)
     try:
         return _read_msh(path)
-    except Exception as error:  # meshio raises many kinds, some of them without a message
+    except Exception as error:
         refusal = f"meshio: {type(error).__name__} {error}"
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name).resolve()

@@ -126,36 +126,35 @@ def simplices(raw, d: int, points: np.ndarray, curved: bool = False
     """
     cells, bows, element, before, rank = [], [], [], 0, _ranks(raw, len(points))
     for kind in KINDS[d]:
-        nodes = raw.cells_dict.get(kind, np.empty((0, 27), int)).astype(np.int64)
-        shape = kind.rstrip("0123456789")
-        number = 1 + max(map(max, SIDES[shape]))
-        corners, middles = nodes[:, :number], nodes[:, number:number + len(SIDES[shape])]
+        shape, corners, middles = _of_kind(raw, kind)
         parts = _cuts(points, corners, shape, rank[corners])
         cells.append(np.take_along_axis(corners[:, None], parts, axis=2).reshape(-1, d + 1))
         bow = np.zeros((*parts.shape[:2], len(EDGES[d]) * curved, points.shape[1]))
-        if curved and kind != shape and len(nodes):
+        if curved and kind != shape and len(corners):
             ends = corners[:, np.array(SIDES[shape])]
             off = CELLS[1, 2].bends(points[np.concatenate([ends, middles[..., None]], axis=2)], STRAIGHT)[:, :, 0]
             bent = np.flatnonzero(off.any(axis=(1, 2)))
-            between = np.einsum("ijs,nsc->nijc", _weights(shape, number), off[bent])
+            between = np.einsum("ijs,nsc->nijc", _weights(shape, corners.shape[1]), off[bent])
             i, j = np.moveaxis(parts[bent][:, :, EDGES[d]], -1, 0)
             bow[bent] = between[np.arange(len(bent))[:, None, None], i, j]
         bows.append(bow.reshape(parts.shape[0] * parts.shape[1], *bow.shape[2:]))
-        element.append(before + np.repeat(np.arange(len(nodes)), parts.shape[1]))
-        before += len(nodes)
+        element.append(before + np.repeat(np.arange(len(corners)), parts.shape[1]))
+        before += len(corners)
     return np.concatenate(cells), np.concatenate(bows), np.concatenate(element)
+
+
+def _of_kind(raw, kind: str) -> tuple[str, np.ndarray, np.ndarray]:
+    """The shape of a kind of elements, and their nodes at corners and in the middles of edges."""
+    nodes, shape = raw.cells_dict.get(kind, np.empty((0, 27), int)).astype(np.int64), kind.rstrip("0123456789")
+    number = 1 + max(map(max, SIDES[shape]))
+    return shape, nodes[:, :number], nodes[:, number:number + len(SIDES[shape])]
 
 
 def middle_nodes(raw, d: int) -> tuple[np.ndarray, np.ndarray]:
     """The nodes (k,) of a file in the middle of edges of elements of dimension d, and the ends (k, 2) of the edges."""
-    triples = [np.empty((0, 3), int)]
-    for kind in KINDS[d]:
-        shape = kind.rstrip("0123456789")
-        number, sides = 1 + max(map(max, SIDES[shape])), np.array(SIDES[shape])
-        if kind != shape and kind in raw.cells_dict:
-            nodes = raw.cells_dict[kind].astype(np.int64)
-            middles = nodes[:, number:number + len(sides), None]
-            triples.append(np.concatenate([middles, nodes[:, sides]], axis=2).reshape(-1, 3))
+    triples = []
+    for shape, corners, middles in (_of_kind(raw, kind) for kind, order in KINDS[d].items() if order > 1):
+        triples.append(np.concatenate([middles[:, :, None], corners[:, np.array(SIDES[shape])]], axis=2).reshape(-1, 3))
     entries = np.concatenate(triples)
     middles, first = np.unique(entries[:, 0], return_index=True)
     return middles, entries[first, 1:]

@@ -23,61 +23,6 @@ from ddmpi.system.provenance import whereabouts
 MOVED = ".moved"
 """A file that lists the results while they are moved into place: what to remove if the run is killed just then."""
 
-FILES = {
-    "summary.json": "how the run ended and everything that is not an array",
-    "contact_NAME.csv": "a line per contact node, in the plane along the contact; where meshes do not match of the "
-                        "slave's nodes that face the other side",
-    "contact_NAME_sides.csv": "with quadratic elements in the plane: mean stresses over the elements' sides, which are "
-                              "what to plot there; sides with a node that carries no force are left out. Solids have "
-                              "no such file: their forces stand at the corners of elements",
-    "contact_NAME.vtu": "what the contact covers, to its true outline, with the fields of result.xdmf at the last load "
-                        "step: for ParaView, pyvista and meshio.read. Facets of the slave that wholly face the other "
-                        "side, and pieces of others; values are interpolated from those of contact_NAME.csv",
-    "contact_NAME_legs.csv": "with load steps: contact stresses of the steps whose fields are written",
-    "history.csv": "a line per outer iteration",
-    "steps.csv": "a line per load step and contact",
-    "energy.csv": "with load steps: the balance of energy, a line per step",
-    "frames.csv": "with motions = \"far\": where each body and rigid partner is, a line per load step",
-    "result.xdmf": "for ParaView, pyvista and meshio: displacement, stress, principal stresses and von Mises stress of "
-                   "bodies, and the estimated error if asked for; initial_gap, pressure, friction, gap, slip, "
-                   "slip_total and status (0 open, 1 slip, 2 stick) of contacts, of solids also friction_vector, on "
-                   "the first body, and slip_vector; with load steps a time series. ParaView and pyvista find a grid "
-                   "for each body and contact, by its name; meshio.read, or with load steps "
-                   "meshio.xdmf.TimeSeriesReader, finds all bodies as one",
-    "result_last.xdmf": "with load steps: all bodies at the last one, for meshio.read, which takes no time series",
-    "result.h5": "the data of result.xdmf: points, displacement, nodal_stress, nodal_principal, nodal_von_mises by "
-                 "node, stresses recovered from the cells around it; cells, body (its number), stress (xx, xy, xz, "
-                 "yy, yz, zz), principal (the largest first), von_mises, error by cell; earlier load steps in groups"
-                 " step_000000, …; in surfaces the data of contacts, one after the other; in contacts/NAME the span "
-                 "in them: its first point and cell, and their numbers; the facets, pairs of lines of "
-                 "contact_NAME.csv whose nodes are neighbours, of solids triples, and initial_gap of each line at "
-                 "the factor 1 of its history; with motions = \"far\" displacement includes the motion of the frame, "
-                 "displacement_in_frame does not and has the frame's axes",
-    "view.html": "with `[output] view = true` or by `ddmpi view`: one file in which a browser turns the bodies, with "
-                 "stresses, displacements and contact pressures, load steps and a cut; it needs no network",
-    "bodies.png": "the deformed bodies, coloured by von Mises stress, else by displacement. Displacements are enlarged "
-                  "as the title says, grey outlines are undeformed, and closed contacts are drawn closed",
-    "contact.png": "of one contact: stresses, slip bound, gap and slip along the contact, and its zones; of solids, "
-                   "pressure, friction with arrows of slip, zones and gap as seen from the front, or unrolled about an "
-                   "axis",
-    "contact_NAME.png": "the same of each of up to six contacts",
-    "contacts.png": "of several contacts: pressures as areas, zones as lines, and resultants; of solids, pressures as "
-                    "colours, and resultants",
-    "convergence.png": "outer iterations",
-    "steps.png": "with load steps: loops of the tangential force, energies, contact stresses at the ends of legs; of "
-                 "solids, loops of the tangential force, energies, forces and numbers of nodes over time",
-    "animation.gif": "with load steps, if asked for: the moving bodies",
-    "animation.mp4": "the same as a video, where ffmpeg is installed",
-    "error.png": "if asked for: where the estimated discretization error is",
-    "mechanism.json": "where there is no equilibrium: centres of the loose bodies and their velocities "
-                      "(x, y, turning; in space x, y, z, and turning about them) in the mechanism, of which the "
-                      "fastest node has 1",
-    "mechanism.png": "the bodies at rest and moved by the mechanism, in place of all other pictures",
-    "path.csv": "displacements and stresses along a line, by `ddmpi path`",
-    "report.html": "the report of all these, by `ddmpi report`",
-    "checkpoint.h5": "of an interrupted run, for --restart; completed runs have none"}
-"""The files of a folder of results; NAME is that of a contact. docs/reference/results.md shows this."""
-
 
 @contextlib.contextmanager
 def choose_folder(wanted: str | None, restart: str | None, scene: str) -> Iterator[Path]:

@@ -15,7 +15,18 @@ from ddmpi.errors import InputError
 from ddmpi.mesh.elements import cell_with
 from ddmpi.results.fields import IN_FILES, group_of, owners, vectors
 from ddmpi.results.summary import drawn_times
-from ddmpi.results.tables import PATH, Columns, Results, datasets, leg_columns, read_surfaces, side_means, write_table
+from ddmpi.results.tables import (
+    PATH,
+    Columns,
+    Results,
+    datasets,
+    leg_columns,
+    read_lines,
+    read_surfaces,
+    side_means,
+    write_table,
+)
+from ddmpi.surface.near import contained
 from ddmpi.system.numbers import Frame, in_words
 
 INSIDE, OUTSIDE = -1e-6, -0.05
@@ -27,22 +38,18 @@ MOST, FARTHEST = 100_000, 1e150
 NEWTON = 8
 """Newton steps to the barycentric coordinates of a place; straight cells need one."""
 
-
-FRAMES = {"time": "end of the load step", "body": "or rigid partner",
-          "shift_x": "what was drawn at X is at shift + Q X, without its displacement in the frame", "shift_y": "",
-          "turn": "of Q, counterclockwise (degrees)"}
-"""Where frames of bodies are, with time.motions = "far"."""
-
-IN_SPACE = {"shift_z": "in space", "turn_x": "the turn of Q, along its axis, in space", "turn_y": "", "turn_z": ""}
-"""The same in space, in the place of the turn."""
+FRAMES_IN = {2: ("time", "body", "shift_x", "shift_y", "turn"),
+             3: ("time", "body", "shift_x", "shift_y", "shift_z", "turn_x", "turn_y", "turn_z")}
+"""The columns of frames.csv by dimension: what was drawn at X is at shift + Q X, without its displacement in the frame;
+turns are those of Q, in space along its axis (degrees)."""
 
 
 def write_frames(path: Path, steps: Iterable[tuple[float, Mapping[str, Frame]]]) -> None:
     """Write frames.csv into the folder `path`: a line for each load step and each body or rigid partner that moves far.
     Not collective. Raises OutputError."""
     lines = [(time, name, *frame.shift, *frame.turn) for time, frames in steps for name, frame in frames.items()]
-    plane = len(lines[0]) == len(FRAMES)
-    write_table(path / "frames.csv", [*FRAMES] if plane else [*[*FRAMES][:-1], *IN_SPACE], lines)
+    columns = next(columns for columns in FRAMES_IN.values() if len(columns) == len(lines[0]))
+    write_table(path / "frames.csv", columns, lines)
 
 
 def frames_at(results: Results, time: float | None = None) -> dict[str, Frame]:
@@ -53,9 +60,9 @@ def frames_at(results: Results, time: float | None = None) -> dict[str, Frame]:
         return {}
     time = results.time if time is None else time
     rows = np.flatnonzero(table["time"] == (table["time"][-1] if time is None else time))
-    turns = ["turn"] if d == 2 else ["turn_x", "turn_y", "turn_z"]
-    return {str(table["body"][row]): Frame.of([table[f"shift_{axis}"][row] for axis in "xyz"[:d]]).after(
-        Frame.of((0.0,) * d, np.array([table[turn][row] for turn in turns]))) for row in rows}
+    values = np.column_stack([table[name][rows] for name in FRAMES_IN[d][2:]])
+    return {str(body): Frame.of(value[:d]).after(Frame.of((0.0,) * d, value[d:]))
+            for body, value in zip(table["body"][rows], values, strict=True)}
 
 
 def placed(results: Results, time: float | None = None, fields: Columns | None = None) -> Results:
@@ -111,11 +118,8 @@ def at_step(results: Results, folder: Path, asked: float | None = None) -> Resul
         if group_of(matching[0]) not in file:  # it is the last step
             return replace(results, time=time)
         fields = results.fields | {name: data[()] for name, data in datasets(file[group_of(matching[0])]).items()}
-        surfaces, rows, facets = read_surfaces(file, group_of(matching[0])), dict[str, Columns](), results.facets
-        if results.frames:  # contacts have rows of their own in each step
-            rows = {name: {key: data[()] for key, data in group.items() if key != "span"}
-                    for name, group in file[f"{group_of(matching[0])}/contacts"].items()}
-            facets = {name: data.pop("facets") for name, data in rows.items()}
+        # where bodies move far, contacts have rows of their own in each step
+        surfaces, (rows, facets) = read_surfaces(file, group_of(matching[0])), read_lines(file, group_of(matching[0]))
     contacts = {}
     for name, legs in results.legs.items():
         own = {column: values[legs["time"] == time] for column, values in legs.items() if column != "time"}
@@ -140,7 +144,7 @@ def at_step(results: Results, folder: Path, asked: float | None = None) -> Resul
                      for name, entry in results.summary["contacts"].items()}}
     sides = {name: _means(table, contacts[name], results.axisymmetric) for name, table in results.sides.items()}
     return replace(results, summary=summary, contacts=contacts, fields=fields, time=time, sides=sides,
-                   surfaces=surfaces, facets=facets)
+                   surfaces=surfaces, facets=facets or results.facets)
 
 
 def _largest(stress: np.ndarray) -> float | None:
@@ -195,10 +199,7 @@ def _located(points: np.ndarray, cells: np.ndarray, body: np.ndarray, places: np
              ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The numbers of `places` that are in a cell, the best cell of each `body` (nt,), and barycentric coordinates."""
     low, high = (extreme.reduce([points[node] for node in cells.T]) for extreme in (np.minimum, np.maximum))
-    low, high = low + OUTSIDE * (high - low), high - OUTSIDE * (high - low)
-    near = np.flatnonzero(((low <= places.max(axis=0)) & (high >= places.min(axis=0))).all(axis=1))
-    candidates = [near[((low[near] <= point) & (high[near] >= point)).all(axis=1)] for point in places]
-    place, cell = np.repeat(np.arange(len(places)), list(map(len, candidates))), np.concatenate(candidates)
+    place, cell = contained(places, low + OUTSIDE * (high - low), high - OUTSIDE * (high - low))
     kind, nodes = cell_with(cells.shape[1], points.shape[1]), points[cells[cell]]
     at = np.full((len(cell), points.shape[1] + 1), 1.0 / (points.shape[1] + 1))
     # x(ξ) = Σ N_k(ξ) x_k for ξ, by Newton's method from the centroid

@@ -12,7 +12,7 @@ import numpy as np
 
 from ddmpi.interface.state import ContactState
 from ddmpi.results.fields import table_fields
-from ddmpi.results.summary import SUMMARY, Row, as_float
+from ddmpi.results.summary import ROWS, as_float
 from ddmpi.results.tables import STATUS, chains
 from ddmpi.system.numbers import scaled_unit
 from ddmpi.system.provenance import has_matplotlib
@@ -37,12 +37,12 @@ def as_html(summary: Mapping[str, Any], contacts: Mapping[str, ContactState]) ->
 
 
 def _table(summary: Mapping[str, Any]) -> str:
-    rows = [SUMMARY[f"contacts.NAME.{key}"] for key in COLUMNS]
-    heads = "".join(f"<th>{html.escape(row.words)}</th>" for row in rows if isinstance(row, Row))
+    rows = [ROWS[f"contacts.NAME.{key}"] for key in COLUMNS]
+    heads = "".join(f"<th>{html.escape(row.words)}</th>" for row in rows)
     lines = [f"<tr><th></th>{heads}</tr>"]
     for name, contact in summary["contacts"].items():
-        cells = [_amount(contact[key], summary["units"][row.quantity]) if isinstance(row, Row) and row.quantity else
-                 str(contact[key]) for key, row in zip(COLUMNS, rows, strict=True)]
+        cells = [_amount(contact[key], summary["units"][row.quantity]) if row.quantity else str(contact[key])
+                 for key, row in zip(COLUMNS, rows, strict=True)]
         lines.append(f"<tr><th>{html.escape(name)}</th>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>")
     return "<table>" + "\n".join(lines) + "</table>"
 

@@ -6,7 +6,7 @@ import json
 import math
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
@@ -24,22 +24,17 @@ PRECISION = 1e-8
 """Components of a force below this fraction of it are told as zero: they are errors of rounding and iterations."""
 
 
-class Row(str):
-    """The meaning of an entry that the log and the report have as well.
+class Row(NamedTuple):
+    """An entry of the summary that the log and the report tell.
 
     Attributes
     ----------
-    words : the entry's name there
+    words : its name there
     quantity : of its unit, a key of `units`, "angle" or "%"; empty for counts and names
     """
 
     words: str
-    quantity: str
-
-    def __new__(cls, words: str, quantity: str = "", meaning: str | None = None) -> Row:
-        row = super().__new__(cls, words if meaning is None else meaning)
-        row.words, row.quantity = words, quantity
-        return row
+    quantity: str = ""
 
 
 RESIDUALS = {
@@ -51,147 +46,48 @@ RESIDUALS = {
     "equilibrium": "imbalance of the forces in a body, over its loads"}
 """What each residual of the certificate means."""
 
-SUMMARY = {
-    "format": "version of the layout of all files; names and meanings of one format stay, entries may be added",
-    "title": "the scene's",
-    "converged": "whether there is a certified answer, and the accuracy target, if any, is met",
-    "reason": "how the run ended, in words",
-    "outer": "the method's", "algorithm": "the method's", "splitting": "the method's",
-    "friction": "the laws of all contacts",
-    "order": "of the elements",
-    "n": "unknowns of all bodies: degrees of freedom that no clamp constrains",
-    "m": "contact nodes",
-    "ranks": "their number",
-    "outer_iterations": "of all load steps",
-    "inner_iterations": "of GMRES, or of the QPs of the published iteration",
-    "n_A": "multiplications by A⁻¹ of all bodies",
-    "eff": "n_A / (2 m)",
-    "bodies.NAME.n": Row("unknowns", "", "its unknowns"),
-    "bodies.NAME.ranks": "that it lives on",
-    "bodies.NAME.n_A": Row("solves", "", "multiplications by A⁻¹"),
-    "bodies.NAME.held": "whether its clamps and foundations alone prevent every rigid motion",
+ROWS = {
+    "bodies.NAME.n": Row("unknowns"),
+    "bodies.NAME.n_A": Row("solves"),
     "bodies.NAME.displacement_max": Row("largest displacement", "length"),
-    "bodies.NAME.von_mises_max": Row("von Mises stress", "stress", "largest von Mises stress; null if stresses were "
-        "not asked for, and with output.only"),
-    "bodies.NAME.energy": Row("strain energy", "energy", "strain energy, without that of foundations; null with "
-        "output.only"),
-    "bodies.NAME.reaction": Row("reaction", "force", "[x, y], in space [x, y, z]: resultant of the forces of its "
-        "clamps and foundations; around an axis, as all forces, [radial sum, axial force] of the whole circumference"),
-    "bodies.NAME.loads.GROUP.force": Row("force", "force", "[x, y], in space [x, y, z]: resultant of the tractions on "
-        "a boundary group; that of the volume force is under the name volume_force"),
-    "bodies.NAME.loads.GROUP.moment": Row("moment", "moment", "x F_y − y F_x of the same forces, in space [x, y, z], "
-        "about the origin"),
-    "bodies.NAME.reactions.GROUP.force": "resultant of the forces of clamps and foundations on a group. Where groups "
-        "share nodes, the force on a node is split along the clamped directions; each counts for one clamp, the last "
-        "one in the scene that constrains it; all reactions together are reaction",
-    "bodies.NAME.reactions.GROUP.moment": "of the same forces about the origin",
-    "bodies.NAME.discretization_error": Row("estimated error", "%", "its part of the estimated error, relative to the "
-        "energy norm of all bodies"),
-    "bodies.NAME.n_A_by_purpose": "n_A by what the multiplications were for",
-    "bodies.NAME.inner_steps": "steps of inner solvers, by kind",
-    "bodies.NAME.solver": Row("solver", "", "how systems with A are solved"),
-    "bodies.NAME.compliance": Row("compliance", "", "how C = B A⁻¹ Bᵀ is applied: explicit, direct or iterative"),
-    "bodies.NAME.memory_mib": "the largest memory of its ranks, MiB",
-    "bodies.NAME.certificate.equilibrium": Row("equilibrium", "", RESIDUALS["equilibrium"]),
-    "contacts.NAME.m": Row("nodes", "", "its nodes"),
-    "contacts.NAME.pairing": "nodes or mortar",
-    "contacts.NAME.slave": "the body whose nodes carry the forces; null with pairing by nodes",
-    "contacts.NAME.friction": "its law",
-    "contacts.NAME.force": Row("force", "force", "[x, y], in space [x, y, z]: resultant on the first body, −Σ "
-        "(normal_force · n + tangential_force · t)"),
-    "contacts.NAME.moment": Row("moment", "moment", "x F_y − y F_x of the same forces, in space [x, y, z], about the "
-        "origin, on the first body's nodes. That of the lines of contact_NAME.csv is the same; where the second body "
-        "is the slave it differs by moment_imbalance. Around an axis all moments are 0"),
-    "contacts.NAME.normal_force": Row("normal force", "force", "sum over the nodes"),
-    "contacts.NAME.tangential_force": Row("tangential force", "force", "sum over the nodes; in space the length of the "
-        "sum of their vectors"),
-    "contacts.NAME.open": Row("open", "", "number of open nodes"),
-    "contacts.NAME.slip": Row("slip", "", "number of slipping nodes"),
-    "contacts.NAME.stick": Row("stick", "", "number of sticking nodes"),
-    "contacts.NAME.dissipated": Row("dissipated", "energy", "frictional work of all load steps"),
-    "contacts.NAME.pretension.force": "of a bond with a pretension: the force on the first body along its direction",
-    "contacts.NAME.pretension.offset": "by how much the first side is pulled along it, past the second",
-    "contacts.NAME.pressure_max": Row("largest pressure", "stress", "largest normal stress of a node"),
-    **{f"contacts.NAME.certificate.{kind}": Row(kind.replace("_", " "), "", RESIDUALS[kind])
-       for kind in ContactResiduals._fields},
-    "contacts.NAME.pointwise_penetration": Row("penetration between nodes up to", "length", "largest overlap at any "
-        "point, also between the nodes; warned of"),
-    "contacts.NAME.moment_imbalance": Row("moment imbalance", "moment", "where nodes do not match: by how much the "
-        "moments of the two bodies' forces differ, because they act on different nodes; without a limit"),
-    "contacts.NAME.moment_imbalance_bound": Row("bound", "moment", "the bound on it"),
-    "rigid.NAME.displacement": Row("displacement", "length", "[x, y], in space [x, y, z]: of a rigid partner that "
-        "bodies may touch"),
-    "rigid.NAME.force": Row("force of bodies", "force", "resultant of the bodies' forces on it; where it is pushed, "
-        "against the force that pushes it"),
-    "rigid.NAME.turn": Row("turn", "angle", "of a partner that turns: its turn about the pivot (rad), in space [x, y, "
-        "z]; displacement is that of the pivot"),
-    "rigid.NAME.moment": Row("moment of bodies", "moment", "of a partner that turns: of the same forces about the "
-        "pivot, against the moment that turns it"),
-    "certificate.force_mismatch": "the worst of all contacts and load steps; so are the next three",
-    "certificate.penetration": "", "certificate.complementarity": "", "certificate.friction": "",
-    "certificate.equilibrium": "the worst of all bodies, pushed partners and load steps",
-    "certificate_limit": "the largest residual of a certified answer: 50 times the tolerance, but at most 0.05",
-    "steps": "load steps in the order of time: time, outer_iterations, and contacts by name with force, moment, "
-        "normal_force, tangential_force, open, slip, stick and dissipated, of the step, pretension and rigid as above; "
-        "with free frames passes, in which they settled; "
-        "of cycles those of the last one; in summary.json, where the fields of the step are written, bodies with "
-        "reaction, loads and reactions",
-    "cycles.run": "with [time] cycle: cycles run, one that failed included",
-    "cycles.change": "change of the forces over the last cycle that has ended, over the largest force of a node; null "
-        "if there is none",
-    "derivatives.KEY.until": "with output.derivatives, for the derivatives by a number KEY, or by a factor on the load "
-        "or motion KEY: [from, to] between which no node changes its status, by a linear forecast; null where none is "
-        "foreseen. All of KEY is null, with a warning, where the derivatives are not precise",
-    "derivatives.KEY.contacts.NAME": "derivatives of force, moment, normal_force, tangential_force, pressure_max and "
-        "dissipated, in the unit of the result over that of the number. With load steps those at the end; steps has "
-        "those at the ends of legs, in derivatives",
-    "derivatives.KEY.bodies.NAME": "of reaction, and of the displacements at physical points of the mesh, in points",
-    "derivatives.KEY.rigid.NAME": "of displacement and force",
-    "energy.external_work": Row("work of loads, clamps and rigid partners", "energy", "with load steps: the last line "
-        "of energy.csv; so are the next three"),
-    "energy.strain_energy": Row("strain energy", "energy", ""),
-    "energy.interface_work": Row("work of the contact forces", "energy", ""),
-    "energy.dissipated": Row("of it dissipated by friction", "energy", ""),
-    "energy.lost": Row("of it taken by interference, closing gaps and time stepping", "energy", "interface work less "
-        "dissipation: what interference, closing gaps and time stepping take"),
-    "energy.residual": "the largest residual of a step over the largest energy",
-    "discretization_error.energy_norm": "estimated, relative to the energy norm of all bodies; null where there is no "
-        "estimate",
-    "discretization_error.target": "method.target_error",
-    "discretization_error.levels": "for each mesh that was solved on: refinement, unknowns n, estimated error, and "
-        "dofs, clamped ones included",
-    "displacement_max": "largest displacement of all bodies",
-    "units": "labels of lengths, stresses, forces, moments and energies; in the plane the last three are per unit of "
-        "depth",
-    "warnings": "each once, in words",
-    "undetermined": "rigid motions that no contact resists, in words",
-    "seconds": "by phase, of the slowest rank",
-    "exchange": "the most that a rank has sent: messages and bytes of interface vectors to its neighbours; reductions "
-        "over all ranks, of flags, scalars and coarse problems, and reduced_bytes, its contribution to them; without "
-        "those of PETSc in Krylov methods",
-    "reused": "what of each body and contact earlier cases of a sweep or a prepared model have left: mesh, stiffness, "
-        "factors, compliance; rows; empty in a run by itself",
-    "solvers": "qp: TAO type of the quadratic subproblems, or none; in space those with friction have discs, and "
-        "python (APG) solves them whatever it is",
-    "options": "PETSc's",
-    "options_unused": "those that nothing has used",
-    "scene": "with every default filled in",
-    "run": "its name: start, host, process, batch job",
-    "started": "UTC",
-    "command": "command line",
-    "working_folder": "where it was given",
-    "slurm": "the batch job as Slurm describes it",
-    "hosts": "of all ranks",
-    "versions": "of the software that a result depends on"}
-"""What each entry of summary.json means, by its dotted name; NAME is that of a body or contact.
-docs/reference/results.md shows this."""
+    "bodies.NAME.von_mises_max": Row("von Mises stress", "stress"),
+    "bodies.NAME.energy": Row("strain energy", "energy"),
+    "bodies.NAME.reaction": Row("reaction", "force"),
+    "bodies.NAME.loads.GROUP.force": Row("force", "force"),
+    "bodies.NAME.loads.GROUP.moment": Row("moment", "moment"),
+    "bodies.NAME.discretization_error": Row("estimated error", "%"),
+    "bodies.NAME.solver": Row("solver"),
+    "bodies.NAME.compliance": Row("compliance"),
+    "bodies.NAME.certificate.equilibrium": Row("equilibrium"),
+    "contacts.NAME.m": Row("nodes"),
+    "contacts.NAME.force": Row("force", "force"),
+    "contacts.NAME.moment": Row("moment", "moment"),
+    "contacts.NAME.normal_force": Row("normal force", "force"),
+    "contacts.NAME.tangential_force": Row("tangential force", "force"),
+    **{f"contacts.NAME.{status}": Row(status) for status in STATUS},
+    "contacts.NAME.dissipated": Row("dissipated", "energy"),
+    "contacts.NAME.pressure_max": Row("largest pressure", "stress"),
+    **{f"contacts.NAME.certificate.{kind}": Row(kind.replace("_", " ")) for kind in ContactResiduals._fields},
+    "contacts.NAME.pointwise_penetration": Row("penetration between nodes up to", "length"),
+    "contacts.NAME.moment_imbalance": Row("moment imbalance", "moment"),
+    "contacts.NAME.moment_imbalance_bound": Row("bound", "moment"),
+    "rigid.NAME.displacement": Row("displacement", "length"),
+    "rigid.NAME.force": Row("force of bodies", "force"),
+    "rigid.NAME.turn": Row("turn", "angle"),
+    "rigid.NAME.moment": Row("moment of bodies", "moment"),
+    "energy.external_work": Row("work of loads, clamps and rigid partners", "energy"),
+    "energy.strain_energy": Row("strain energy", "energy"),
+    "energy.interface_work": Row("work of the contact forces", "energy"),
+    "energy.dissipated": Row("of it dissipated by friction", "energy"),
+    "energy.lost": Row("of it taken by interference, closing gaps and time stepping", "energy")}
+"""By the dotted name of an entry; NAME is that of a body, a contact or a rigid partner. docs/reference/results.md says
+what every entry of summary.json means."""
 
 
 def tell(summary: Mapping[str, Any], table: str, name: str, key: str, digits: int = 4) -> str:
     """An entry of a body, contact or rigid partner in words: "3 open", "largest pressure 64.42 MPa", "force (3, −4) N".
     """
-    row, value = SUMMARY[f"{table}.NAME.{key}"], summary[table][name][key]
-    assert isinstance(row, Row)
+    row, value = ROWS[f"{table}.NAME.{key}"], summary[table][name][key]
     if not row.quantity:
         return f"{value} {row.words}"
     unit = "rad" if row.quantity == "angle" else summary["units"][row.quantity]
@@ -228,8 +124,8 @@ def summarize(scene: dict, run: Mapping[str, Any], bodies: Mapping[str, dict], c
     Parameters
     ----------
     scene : resolved
-    run : the entries in SUMMARY that do not follow from the others
-    bodies : by name, in the order of the scene, the entries in SUMMARY but for certificate and n_A, which are added
+    run : the entries that do not follow from the others
+    bodies : by name, in the order of the scene, their entries but for certificate and n_A, which are added
     contacts : at the end by name, in the order of the scene
     """
     dimension = len(next(iter(bodies.values()))["reaction"])
@@ -238,8 +134,8 @@ def summarize(scene: dict, run: Mapping[str, Any], bodies: Mapping[str, dict], c
                              "certificate": {"equilibrium": certificate.equilibrium[name]}}
                for name, body in bodies.items()}
     n_A, m = sum(entry["n_A"] for entry in entries.values()), sum(contact.m for contact in contacts.values())
-    summary = plain({
-        "format": FORMAT, "title": scene["title"],
+    return plain({
+        "format": FORMAT, "title": scene["title"], "converged": run["converged"], "reason": run["reason"],
         "outer": method["outer"], "algorithm": method.get("algorithm") or method["outer"],
         "splitting": method.get("splitting") or "none",
         "friction": ", ".join(dict.fromkeys(contact.law for contact in contacts.values())),
@@ -252,8 +148,7 @@ def summarize(scene: dict, run: Mapping[str, Any], bodies: Mapping[str, dict], c
         "rigid": rigid_partners(contacts.values()),
         "certificate": {kind: value for kind, (value, _) in certificate.worst().items()},
         "displacement_max": np.max([body["displacement_max"] for body in bodies.values()]),
-        "units": units(scene, dimension), "seconds": {}, "scene": scene, **run})
-    return {name: summary[name] for name in dict.fromkeys(key.partition(".")[0] for key in SUMMARY) if name in summary}
+        "units": units(scene, dimension), **run, "seconds": {}, "scene": scene})
 
 
 def rigid_partners(contacts: Iterable[ContactTotals]) -> dict[str, dict[str, np.ndarray]]:

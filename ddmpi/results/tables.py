@@ -26,88 +26,38 @@ FORMAT = 2
 WIDE = 68
 """Letters of a title in a line of the narrowest picture."""
 
-# What each table has: the meaning of its columns by name. docs/reference/results.md shows these.
+STATUS = ("open", "slip", "stick")
 
-CONTACT = {
-    "x": "position of the node", "y": "",
-    "nx": "outer normal n of the first body", "ny": "",
-    "length": "nodal length: the integral of the node's shape function over what faces the other side; around an axis "
-              "the column is called area; 0, and stresses are nan, where bodies meet at a corner only",
-    "normal_force": "positive under pressure",
-    "tangential_force": "along t = (−n_y, n_x), n turned counterclockwise; a positive one pushes the second body along "
-                        "t, the first against it",
-    "normal_stress": "normal force over length", "tangential_stress": "tangential force over length",
-    "gap": "opening along the normal",
-    "slip": "how far the first body has moved along t past the second in this load step", "slip_total": "in all",
-    "status": "open, slip or stick"}
+# The columns of the tables; those of contact_NAME.csv are in `ContactState.table`. docs/reference/results.md says what
+# each means.
 
-CONTACT_IN_SPACE = {
-    "x": "where the force acts: the node, or where its force and its neighbour's in one row act together", "y": "",
-    "z": "", "nx": "outer normal of the first body", "ny": "", "nz": "",
-    "area": "nodal area: the integral of the node's shape function over what faces the other side; 0, and stresses are "
-            "nan, where bodies meet along an edge or at a vertex only",
-    "normal_force": "positive under pressure", "tangential_force": "length of the vector",
-    "normal_stress": "normal force over area", "tangential_stress": "tangential force over area",
-    "gap": "opening along the normal",
-    "slip": "length of the vector (slip_x, slip_y, slip_z)", "slip_total": "the same of all load steps",
-    "status": "open, slip or stick",
-    "force_x": "force on the first body at the node", "force_y": "", "force_z": "",
-    "slip_x": "how far the first body has moved past the second in this load step", "slip_y": "", "slip_z": ""}
-
-SIDES = {
-    "x": "middle of the side", "y": "", "length": "its arc length",
-    "normal_stress": "mean over the side", "tangential_stress": "mean over the side"}
-
-CONTACT_IN = {2: CONTACT, 3: CONTACT_IN_SPACE}
-"""By dimension."""
-
-LEGS_IN = {dimension: {"time": "of the load step"} | {
-    name: columns[name] for name in columns if name not in ("nx", "ny", "nz", "normal_force", "tangential_force")}
-           for dimension, columns in CONTACT_IN.items()}
+LEGS_IN = {
+    2: ("time", "x", "y", "length", "normal_stress", "tangential_stress", "gap", "slip", "slip_total", "status"),
+    3: ("time", "x", "y", "z", "area", "normal_stress", "tangential_stress", "gap", "slip", "slip_total", "status",
+        "force_x", "force_y", "force_z", "slip_x", "slip_y", "slip_z")}
 """By dimension."""
 
 AREAS = {"length": "area"}
 """Names of columns around an axis, where nodal lengths are those of rings: areas."""
 
-STATUS = ("open", "slip", "stick")
+SIDES = ("x", "y", "length", "normal_stress", "tangential_stress")
 
-HISTORY = {
-    "step": "number of the load step", "iteration": "outer iteration, from 1 on",
-    "update": "relative change of the contact forces; in the published iteration of the contact displacement λ",
-    "residual": "of the contact equations over the forces; in the published iteration ‖s₁ − s₂‖ / ‖s₂‖",
-    "inner_precision": "tolerance of GMRES; in the published iteration that of the QPs, a length",
-    "open": "nodes of all contacts", "slip": "", "stick": "",
-    "n_A": "multiplications by A⁻¹ of all bodies so far"}
+HISTORY = ("step", "iteration", "update", "residual", "inner_precision", *STATUS, "n_A")
 
-TOTALS = {
-    "normal_force": "sum over the nodes",
-    "tangential_force": "sum over the nodes; in space length of the sum of their vectors",
-    "open": "nodes", "slip": "", "stick": "", "dissipated": "frictional work of the step, Σ ½ (g_n + g_n−1) |u_t|"}
+TOTALS = ("normal_force", "tangential_force", *STATUS, "dissipated")
 
-STEPS_IN = {
-    2: {"time": "end of the load step", "contact": "its name", "force_x": "resultant on the first body", "force_y": "",
-        "moment": "x F_y − y F_x of the same forces"} | TOTALS,
-    3: {"time": "end of the load step", "contact": "its name", "force_x": "resultant on the first body", "force_y": "",
-        "force_z": "", "moment_x": "of the same forces about the origin", "moment_y": "", "moment_z": ""} | TOTALS}
+STEPS_IN = {2: ("time", "contact", "force_x", "force_y", "moment", *TOTALS),
+            3: ("time", "contact", "force_x", "force_y", "force_z", "moment_x", "moment_y", "moment_z", *TOTALS)}
 """By dimension."""
 
-ENERGY = {
-    "time": "end of the load step", "external_work": "of loads, clamps, heat and rigid partners since time 0",
-    "strain_energy": "of all bodies", "interface_work": "of the contact forces since time 0",
-    "dissipated": "friction's part of it",
-    "residual": "external work of the step less the growth of strain energy and interface work"}
+ENERGY = ("time", "external_work", "strain_energy", "interface_work", "dissipated", "residual")
 
-CYCLE = {"cycle": "in scenes with [time] cycle the number of the cycle; 0 before and after"}
-"""The last column of steps.csv and energy.csv."""
+CYCLE = ("cycle",)
+"""The last column of steps.csv and energy.csv in scenes with [time] cycle."""
 
-PATH = {
-    "distance": "from the start", "x": "place before the bodies move", "y": "", "z": "in space",
-    "body": "its name; where bodies touch, there is a line for each",
-    "displacement_x": "", "displacement_y": "", "displacement_z": "",
-    "stress_xx": "at the nodes recovered from the cells around them, between them by shape functions",
-    "stress_yy": "", "stress_zz": "", "stress_xy": "", "stress_yz": "", "stress_xz": "",
-    "principal_1": "principal stresses, the largest first; tension is positive", "principal_2": "", "principal_3": "",
-    "von_mises": "of the same stress"}
+PATH = ("distance", "x", "y", "z", "body", "displacement_x", "displacement_y", "displacement_z",
+        "stress_xx", "stress_yy", "stress_zz", "stress_xy", "stress_yz", "stress_xz",
+        "principal_1", "principal_2", "principal_3", "von_mises")
 
 
 def write_contact(path: Path, name: str, state: ContactState) -> None:
@@ -153,10 +103,9 @@ def named(columns: Iterable[str], axisymmetric: bool) -> list[str]:
     return [AREAS.get(column, column) if axisymmetric else column for column in columns]
 
 
-def leg_columns(dimension: int) -> list[str]:
+def leg_columns(dimension: int) -> tuple[str, ...]:
     """The columns of contact_NAME_legs.csv that differ from load step to load step."""
-    columns = list(LEGS_IN[dimension])
-    return columns[columns.index("normal_stress"):]
+    return LEGS_IN[dimension][LEGS_IN[dimension].index("normal_stress"):]
 
 
 def leg_values(state: ContactState) -> np.ndarray:
@@ -198,7 +147,7 @@ def write_steps(path: Path, steps: Iterable[dict]) -> None:
     """Write steps.csv into the folder `path`: one line per load step and contact. `steps` is the entry of that name in
     the summary (`summary.summarize`). Not collective. Raises OutputError."""
     steps = list(steps)
-    cycles = CYCLE if any("cycle" in step for step in steps) else {}
+    cycles = CYCLE if any("cycle" in step for step in steps) else ()
     rows = [(step["time"], name, *contact["force"], *np.atleast_1d(contact["moment"]),
              *(contact[column] for column in TOTALS), *(step.get(column, 0) for column in cycles))
             for step in steps for name, contact in step["contacts"].items()]
@@ -209,7 +158,7 @@ def write_steps(path: Path, steps: Iterable[dict]) -> None:
 def write_energies(path: Path, energies: Iterable[Sequence[float]], steps: Sequence[dict]) -> None:
     """Write energy.csv into the folder `path`: a line for each of the `steps`, as for `write_steps`, with the numbers
     ENERGY. Not collective. Raises OutputError."""
-    cycles = CYCLE if any("cycle" in step for step in steps) else {}
+    cycles = CYCLE if any("cycle" in step for step in steps) else ()
     write_table(path / "energy.csv", [*ENERGY, *cycles], (
         (*row, *(step.get(column, 0) for column in cycles)) for row, step in zip(energies, steps, strict=True)))
 
@@ -335,20 +284,23 @@ def read_results(folder: str | Path) -> Results:
         sides = {name: folder / contact_files(name).sides for name in tables}
         with h5py.File(folder / "result.h5", "r") as file:
             fields = {name: data[()] for name, data in datasets(file).items()}
-            drawn = {name: {key: data[()] for key, data in group.items()}
-                     for name, group in file.get("contacts", {}).items()}
-            surfaces = read_surfaces(file)
-        facets = {name: data.pop("facets") for name, data in drawn.items()}
-        for data in drawn.values():
-            data.pop("span", None)  # not in results of earlier versions
+            surfaces, (lines, facets) = read_surfaces(file), read_lines(file)
         steps = summary["scene"].get("time") is not None
-        return Results(summary, {name: _read_csv(path) | drawn.get(name, {}) for name, path in tables.items()},
+        return Results(summary, {name: _read_csv(path) | lines.get(name, {}) for name, path in tables.items()},
                        {name: _read_csv(path) for name, path in sides.items() if path.exists()},
                        _read_csv(folder / "history.csv"), _read_csv(folder / "steps.csv"), fields,
                        _read_csv(folder / "energy.csv") if steps else {},
                        {name: _read_csv(folder / contact_files(name).legs) for name in tables if steps}, facets,
                        surfaces, frames=_read_csv(folder / "frames.csv") if steps and (
                            summary["scene"]["time"].get("motions") == "far") else {})
+
+
+def read_lines(file: Any, step: str = "") -> tuple[dict[str, Columns], dict[str, np.ndarray]]:
+    """What result.h5 adds to the lines of each contact's table, at the last load step or that of the group `step`, and
+    the facets that join them."""
+    lines = {name: {key: data[()] for key, data in group.items() if key != "span"}
+             for name, group in file.get(f"{step}/contacts", {}).items()}
+    return lines, {name: data.pop("facets") for name, data in lines.items()}
 
 
 def read_surfaces(file: Any, step: str = "") -> dict[str, Columns]:

@@ -153,7 +153,6 @@ def refuse_underivable(scene: dict) -> None:
             raise ValueError(f"output.derivatives: {key!r} is no number, load, clamp or displacement of this scene by "
                              f"which its answer can be differentiated; the nearest ones are "
                              f"{', '.join(difflib.get_close_matches(key, able, n=3, cutoff=0.0))}")
-    for key in wanted:
         if wanted.count(key) > 1:
             raise ValueError(f"output.derivatives: {key!r} stands there {wanted.count(key)} times")
 

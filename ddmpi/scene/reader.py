@@ -15,12 +15,13 @@ import numpy as np
 
 from ddmpi.errors import InputError
 from ddmpi.scene.keys import explain, explain_syntax, name_of, override, parse_value
+from ddmpi.scene.meshes import GEOMETRIES
 from ddmpi.scene.scene import FileKind, Scene, Settled
 
 DEEP = re.compile(r"""(?<![\w"'-])(?:[\w"'-]++\s*+\.\s*+){100}""")
 """A key of a hundred parts; the time of tomllib grows with the square of their number."""
 
-MESHES = {"file": (".inp", ".msh", ".med", ".vtu", ".vtk"), "geometry": (".geo", ".step", ".stp", ".brep", ".brp")}
+MESHES = {"file": (".inp", ".msh", ".med", ".vtu", ".vtk"), "geometry": GEOMETRIES}
 """Endings of files of meshes and drawings, by the key that names such a file in a scene."""
 
 NESTED = 100

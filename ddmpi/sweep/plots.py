@@ -10,8 +10,7 @@ from typing import Any
 
 from ddmpi.errors import InputError
 from ddmpi.pictures.sheet import COLOURS, STYLE, start_drawing
-from ddmpi.results.summary import SUMMARY as ROWS
-from ddmpi.results.summary import Row
+from ddmpi.results.summary import ROWS
 from ddmpi.results.tables import reading
 from ddmpi.sweep.cases import cut
 from ddmpi.sweep.table import find_column, read_outcome, read_table
@@ -137,9 +136,9 @@ def _label(name: str, summary: dict) -> str:
         *places, last = rest[1:]  # numbers of places in lists go, but for that of a component
         last = "xyz"[int(last)] if last in ("0", "1", "2") else last
         names = [*(part for part in places if not part.isdecimal()), last]
-        words = f"{row.words if isinstance(row, Row) else ' '.join(names)} of {rest[0]}"
+        words = f"{row.words if row else ' '.join(names)} of {rest[0]}"
     elif head not in ("k", "method"):
         row = ROWS.get(name)
-        words = row.words if isinstance(row, Row) else WORDS.get(name, " ".join(name.split(".")))
+        words = row.words if row else WORDS.get(name, " ".join(name.split(".")))
     words = words.replace("_", " ")
     return f"{words} ({unit})" if unit else words

@@ -17,16 +17,14 @@ from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 from mpi4py import MPI
 
 from ddmpi.coupling.ranks import check_ranks
 from ddmpi.errors import DdmpiError, InputError, InterruptionError, NotConvergedError, OutputError
-from ddmpi.mesh.build import build_mesh
 from ddmpi.petsc.options import RunOptions
 from ddmpi.petsc.versions import free_garbage
 from ddmpi.results.folder import running
-from ddmpi.run.run import Cases, check_cut
+from ddmpi.run.run import Cases
 from ddmpi.sweep.cases import Case
 from ddmpi.sweep.plots import draw_plot
 from ddmpi.sweep.table import check_sweep, claim_sweep, gather, read_outcome, record_case
@@ -110,33 +108,10 @@ def _pending(sweep: Sweep, options: RunOptions) -> list[int]:
         if key.startswith("petsc.") and options.given(key.removeprefix("petsc.")):
             raise InputError(f"--vary {key}: this option is on the command line or in PETSC_OPTIONS, too, and would "
                              "win there; leave one of the two away")
-    _check_cuts(sweep)
     claim_sweep(sweep.folder, sweep.identity, sweep.cases)
     outcomes = {case.number: read_outcome(sweep.place(case)) for case in sweep.chosen}
     left = [number for number, outcome in outcomes.items() if outcome.summary is None]
     return sorted(left, key=lambda number: outcomes[number].status not in ("not run", "interrupted"))
-
-
-def _check_cuts(sweep: Sweep) -> None:
-    """Refuse a cut of pictures that meets no body, by the meshes. Not collective. Raises InputError.
-
-    Errors of a mesh are left to its case, as without a cut.
-    """
-    ends: dict[str, np.ndarray] = {}
-    for case in sweep.chosen:
-        if not case.scene.output.cut:
-            continue
-        try:
-            for body in case.scene.body:
-                if repr(body.mesh) not in ends:
-                    points = build_mesh(body, Path(sweep.scene_path).parent).points
-                    ends[repr(body.mesh)] = np.array([points.min(axis=0), points.max(axis=0)])
-        except DdmpiError:
-            continue
-        try:
-            check_cut([ends[repr(body.mesh)] for body in case.scene.body], case.scene)
-        except InputError as error:
-            raise InputError(f"--vary {case.label}: {sweep.scene_path}: {error}") from None
 
 
 def _taken(place: Path) -> str:

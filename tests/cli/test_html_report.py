@@ -138,7 +138,7 @@ def test_everything_is_escaped(run):
     scene = summary["scene"] | {"title": evil}
     scene["contact"][0]["name"] = scene["contact"][0]["bodies"][0] = evil
     change(run, title=evil, warnings=[evil], reason=evil, command=evil, scene=scene, options={evil: evil},
-           contacts={evil: summary["contacts"]["upper-lower"]}, units={"length": evil, "stress": evil, "force": evil})
+           contacts={evil: summary["contacts"]["upper-lower"]}, units=dict.fromkeys(summary["units"], evil))
     (run / "contact.png").write_bytes(PIXEL)
     page = report(run)
     assert not {"script", "x"} & page.elements

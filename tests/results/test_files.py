@@ -12,9 +12,10 @@ from pathlib import Path
 
 import pytest
 import scenes
+from documented import FILES
 
 from ddmpi.errors import InputError, OutputError, TakenError
-from ddmpi.results.folder import FILES, MOVED, Staging, choose_folder, running
+from ddmpi.results.folder import MOVED, Staging, choose_folder, running
 from ddmpi.results.summary import write_summary
 from ddmpi.system import logs
 from ddmpi.system.files import CHECKPOINT, RECORD, UNFINISHED, contact_files, write_atomically

@@ -6,9 +6,23 @@ import dataclasses
 import made_up
 import numpy as np
 import pytest
+from documented import NAMES
 
 from ddmpi.errors import OutputError
-from ddmpi.results.tables import HISTORY, write_contact, write_sides, write_steps, write_table
+from ddmpi.results.histories import FRAMES_IN
+from ddmpi.results.tables import (
+    CYCLE,
+    ENERGY,
+    HISTORY,
+    LEGS_IN,
+    PATH,
+    SIDES,
+    STEPS_IN,
+    write_contact,
+    write_sides,
+    write_steps,
+    write_table,
+)
 
 
 def rows(path) -> list[list[str]]:
@@ -26,6 +40,16 @@ def stack(order: int = 1, divisions=(24, 8)):
     """The state of two blocks' contact."""
     upper, lower = (made_up.block(origin, divisions, order) for origin in made_up.STACK.values())
     return made_up.state(made_up.interface("upper-lower", upper, lower, ("bottom", "top")))
+
+
+@pytest.mark.parametrize(("name", "columns"), {
+    "contact_NAME_sides.csv": SIDES, "contact_NAME_legs.csv": LEGS_IN[2],
+    "contact_NAME_legs.csv of solids": LEGS_IN[3], "history.csv": HISTORY,
+    "steps.csv": STEPS_IN[2] + CYCLE, "steps.csv of solids": STEPS_IN[3] + CYCLE, "energy.csv": ENERGY + CYCLE,
+    "frames.csv": {*FRAMES_IN[2], *FRAMES_IN[3]}, "path.csv": PATH}.items())
+def test_the_reference_has_all_columns(name, columns):
+    """What a table holds is what docs/reference/results.md says, in its order."""
+    assert NAMES[name] == list(columns) if name != "frames.csv" else set(NAMES[name]) == columns
 
 
 def test_a_contact_has_a_line_per_node_with_all_digits(tmp_path):

@@ -5,8 +5,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from ddmpi.results.folder import FILES
-from ddmpi.results.summary import SUMMARY
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "reference" / "results.md"
+
+NAMES = {section.partition("\n")[0]: re.findall(r"^\| `(.+?)` \|", section, re.MULTILINE)
+         for section in PAGE.read_text(encoding="utf-8").removeprefix("# ").split("\n## ")}
+"""By the heading of a section what its table has: files, or columns of a file, or entries of the summary."""
+
+FILES, SUMMARY = NAMES["Files of results"], NAMES["summary.json"]
 
 CONTACT = re.compile(r"contact_.+?((?:_sides|_legs)?\.csv|\.png|\.vtu)")
 
@@ -17,12 +22,12 @@ PARTS = {"bodies": "NAME", "contacts": "NAME", "rigid": "NAME", "bodies.NAME.loa
 
 
 def undocumented(folder: Path) -> list[str]:
-    """Files in a folder of results that FILES does not know."""
+    """Files in a folder of results that the page does not know."""
     return sorted(path.name for path in folder.iterdir() if CONTACT.sub(r"contact_NAME\1", path.name) not in FILES)
 
 
 def entries(value: Any, path: str = "") -> Iterator[str]:
-    """The names of a summary's entries, as SUMMARY has them, with NAME for those of bodies and contacts, and GROUP."""
+    """The names of a summary's entries, as the page has them, with NAME for those of bodies and contacts, and GROUP."""
     if path in SUMMARY or not isinstance(value, dict):
         yield path
         return

@@ -132,8 +132,8 @@ MUTANTS = [Mutant(*row) for row in (
      "moment = moment + np.cross(pivot - centre, force)", "pass",
      f"{DECKS}::test_couplings_carry_force_and_moment"),
     ("a deck that is cut off is taken", "decks/model",
-     "        if inside is not None:\n            raise _refusal(inside, \"the step that",
-     "        if False:\n            raise _refusal(inside, \"the step that", f"{DECKS}::test_bad_decks"),
+     "        if inside is not None:\n            raise InputError(inside.tells(\"the step that",
+     "        if False:\n            raise InputError(inside.tells(\"the step that", f"{DECKS}::test_bad_decks"),
     ("an existing scene is overwritten", "decks/scene", "    if there:\n", "    if False:\n",
      f"{DECKS}::test_the_command"),
     ("a part has all elements", "mesh/read", "own = np.isin(element, _members(raw, d, part, label))",
@@ -182,7 +182,7 @@ MUTANTS = [Mutant(*row) for row in (
      "body/test_orthotropic.py::test_expansion_along_each_axis"),
     ("groups of solids without names are not seen", "mesh/read", "gmsh.model.getEntities(3) else 1",
      "gmsh.model.getEntities(4) else 1", "mesh/test_geometry.py::test_groups_without_names"),
-    ("drawings are of order 0", "mesh/build", "geometry_dimension(path, name), 1", "geometry_dimension(path, name), 0",
+    ("drawings are of order 0", "mesh/build", "mesh.geometry: {path}\")[0], 1", "mesh.geometry: {path}\")[0], 0",
      "mesh/test_solid_geometry.py::test_drawings_say_the_dimension"),
     # body
     ("around an axis areas are not those of rings", "mesh/elements",
@@ -860,7 +860,7 @@ MUTANTS = [Mutant(*row) for row in (
     ("numbers of a law are not said", "cli/report", "if not numbers:", "if numbers:",
      "cli/test_html_report.py::test_all_numbers_of_a_law_are_said"),
     ("a command is not there", "cli/arguments",
-     'commands.add_parser("info", help="print versions and which solvers are there", allow_abbrev=False)', "pass",
+     'command("info", "print versions and which solvers are there")', "pass",
      "cli/test_main.py::test_commands_without_arguments"),
 )]
 

@@ -154,19 +154,12 @@ def test_bad_input(small, tmp_path, arguments, ranks, words):
     assert not run.folder.exists()
 
 
-def test_a_cut_that_meets_no_body_is_refused_before_the_first_case(tmp_path):
-    """Though only meshes show it; the message names the case."""
-    scene = scenes.write_scene(two_boxes(2), tmp_path / "scene.toml")
-    run = run_sweep(scene, tmp_path / "out", "--vary", "output.cut.x=1.0,9.0", ranks=1)
-    assert run.code == 2 and not run.folder.exists(), run.output
-    assert len(run.messages) == 1 and "output.cut.x=9.0: " in run.output and "x = 9 meets no body" in run.output
-
-
-def test_a_mesh_that_is_refused_is_its_cases_alone(tmp_path):
-    """Whether a cut of pictures is asked for, which looks at meshes before the first case, or not."""
+@pytest.mark.parametrize("varied", ["output.cut.x=1.0,9.0", "body.upper.mesh.origin=[0,1,0],[1e20,1,0]"])
+def test_what_only_meshes_show_is_refused_in_its_case_alone(tmp_path, varied):
+    """A cut that meets no body, and a mesh of cells without a volume, do not end the sweep."""
     boxes = two_boxes(2) | {"output": {"figures": False, "cut": {"x": 1.0}}}
     scene = scenes.write_scene(boxes, tmp_path / "scene.toml")
-    run = run_sweep(scene, tmp_path / "out", "--vary", "body.upper.mesh.origin=[0,1,0],[1e20,1,0]", ranks=1)
+    run = run_sweep(scene, tmp_path / "out", "--vary", varied, ranks=1)
     assert [row["status"] for row in rows(run)] == ["certified", "refused"], run.output
 
 
