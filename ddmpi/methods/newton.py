@@ -9,7 +9,7 @@ equations is known along the whole step without a further multiplication, and th
 smallest: this stops the active sets from cycling. Where that gets nowhere, interior points lead to where it does, and
 where they fail, a layer between the bodies (`ddmpi.methods.paths`).
 
-Loose bodies have rigid motions α, unknowns with the equations G s = e in every step.
+Loose bodies have rigid motions α, unknowns with the equations G s = e in every step. Gᵀα is `rigid.spread(α)`.
 """
 
 from __future__ import annotations
@@ -124,6 +124,7 @@ class Newton(Outer):
         self._measured: tuple[np.ndarray | None, float] = (None, 0.0)
         self._misfit: float | None = None  # `_misfits` of the iterate
         self._least = max(self._least, NO_FORCE * max(self.space.norm(self._c * joint.d), norm(joint.e)))
+        # the first step from a guess never ends the iteration; from a prediction one step must estimate the error
         self._start, self._settled, self._error = not foreseen, False, math.inf if foreseen else 0.0
         self._stalled, self._smallest, self._springs = 0, np.inf, 1.0
         self.history: list[Step] = []
@@ -309,12 +310,13 @@ class Newton(Outer):
             s, r, *_ = self._at
             active = self._laws.active_sets(s - self._c * r)
             if self._start:  # nothing is known yet
-                active = self._laws.sticking(*(self._pressed(),) if self._warm else self.joint.first_closed())
+                closed, *falls = (self._pressed(),) if self._warm else self.joint.first_closed()
+                active = self._laws.sticking(closed, *falls)
             linearised = Linearised.of(self._laws.linearise(active))
             if self._start:  # nor do bounds follow pressures
                 linearised = linearised.frozen(0.0 * s)
-            # Nodes that slip in space turn their friction against springs κ/c: r + (κ/c) s = 0 across it. Both tangents
-            # of a node have the same κ/c, so it needs no turning.
+            # Nodes that slip in space turn their friction against springs κ/c: r + (κ/c) s = 0 across it, for the new
+            # forces s + move + E y. Both tangents of a node have the same κ/c, so it needs no turning.
             move, layer = linearised.move(s), linearised.spring / self._c
             change = self.direction(self._at, linearised, move, -layer * (s + move), layer)
         misfit, length = self._length(misfit, change)
@@ -329,7 +331,7 @@ class Newton(Outer):
         ----------
         linearised : all forces by the unknown ones y
         change : (size,) of the forces (N) that comes before y, which is counted from there
-        wanted : (size,) in metres
+        wanted : (size,) in metres; μ/s of a barrier μ, −D s of springs
         layer : D (size,) in m/N, in the turned frames of the unknown forces
 
         Collective. Raises SolverError.
@@ -339,7 +341,8 @@ class Newton(Outer):
         problem, y = None, np.zeros(linearised.number)
         if (self._path and rigid.size) or space.any(np.ones(linearised.number)):  # with springs loose bodies may fall
             springs = self._path.springs if self._path else 1.0
-            springs = min(springs, self._springs) if self._trying or not self._path else springs
+            if self._trying or not self._path:  # Newton's own steps, for which springs may have been softened
+                springs = min(springs, self._springs)
             steered = self._path.steered if self._path else 1.0
             direct = self.direct.direction(point, linearised, change, wanted, layer, springs, steered, not self._path)
             if direct is not None:
@@ -354,8 +357,9 @@ class Newton(Outer):
         if problem:
             more = np.zeros_like(y)
             with joint.exchange.deferred():
+                # Iᵀ (C Δs − Gᵀ Δα) + D y = Iᵀ (wanted − r), less what `change`, y and α have taken of it already
                 right = linearised.restrict(wanted - point.r - C_change + rigid.spread(alpha))
-                right -= layer[linearised.unknown] * y  # the layer has given way by D y already
+                right -= layer[linearised.unknown] * y
                 more, turn, iterations = problem.solve(right)
                 alpha = alpha + turn
                 self.inner_steps["gmres"] += iterations

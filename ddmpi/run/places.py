@@ -1,4 +1,5 @@
-"""Load steps of bodies that move far: each body is factored once in its frame, and meets others where it is.
+"""Load steps of bodies that move far: each body is factored once in its frame, and meets others where it is. `march`
+has the choice among all kinds of load steps.
 
 A step places the frames, pairs the contact sides there, makes W C Wᵀ of the rows W that join contact nodes now, and
 solves today's problem once. Strains are small in each frame: a material point X of a body is at c + Q (X + u).

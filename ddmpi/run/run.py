@@ -107,7 +107,7 @@ def compute(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock, outp
         the same on all ranks. After NotConvergedError the results are there, marked as not converged; after
         the last two a checkpoint is, as far as one could be written.
     """
-    told, figures = list[str](), figures and not scene.output.only
+    told, figures = list[str](), figures and not scene.output.only  # told: the warnings that the log has
 
     def attempt() -> Solved | None:
         """Solve on the ladder's present mesh and write the results, or return None: the ladder goes on to another mesh,
@@ -118,6 +118,7 @@ def compute(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock, outp
             assembly = replace(assembly, start=partial(_warm, assembly, *_beginning(assembly, start)))
         log_plan(assembly, figures)
         log_warnings(assembly.warnings, told)
+        # one solve without [time], else load steps; far motions place bodies anew in each
         solution, steps, assembly = march(assembly, log_step, checkpoints if write else None, clock)
         error = _estimate(assembly, solution, clock)
         if _another_mesh(ladder, assembly, solution, error):
