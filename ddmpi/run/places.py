@@ -223,8 +223,8 @@ class FarMarch(March):
         worst = int(values.real.argmin())
         if not values[worst].real < -UNSTABLE * size:
             return []
-        return [f"the equilibrium is not stable: {describe_drift(self.assembly, motions[:, worst].real)}, pushed on by "
-                "the loads, and bodies would not stay there"]
+        return [f"the equilibrium is not stable: {describe_drift(self.assembly, motions[:, worst].real)}, because the "
+                "loads push on"]
 
     def _go(self, time: float, alpha: np.ndarray) -> None:
         """Have the free frames take the motions α."""
@@ -319,7 +319,8 @@ def _refuse_passing(assembly: Assembly, memory: Memory, time: float) -> None:
             if deepest > DEEPEST * thin:
                 raise InputError(f"contact.{contact.name}: the motions push {contact.bodies[0]!r} and "
                                  f"{contact.bodies[1]!r} into each other by {deepest:.3g} {unit} until time {time:g}, "
-                                 f"more than {DEEPEST:g} of the thickness of {body!r}: one would run through the other")
+                                 f"more than {DEEPEST:g} of the thickness of {body!r}: they would pass through each "
+                                 "other")
 
 
 def _way(contact: SettledContact, side: Side, then: Mapping[str, Frame], now: Mapping[str, Frame]) -> float:

@@ -84,7 +84,7 @@ def test_results_are_where_the_bodies_are(tmp_path):
     (lambda scene: scene["body"][0]["motion"].append({"history": "press"}), "a motion has a shift"),
     (lambda scene: scene["contact"][0].update(gap=0.1), "gap"),
     (lambda scene: scene["contact"][0].update(pairing="nodes"), "nodes do not stay opposite"),
-    (lambda scene: scene["body"][0].update(motion={"shift": [0.0, -0.9], "history": "press"}), "run through"),
+    (lambda scene: scene["body"][0].update(motion={"shift": [0.0, -0.9], "history": "press"}), "pass through"),
     (lambda scene: scene["body"][0].update(clamp=[]), "slider")])
 def test_a_scene_that_cannot_be_is_refused(change, words):
     """One message, before any work or at the step in which a body would run through another."""
