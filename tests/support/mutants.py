@@ -853,7 +853,7 @@ MUTANTS = [Mutant(*row) for row in (
     ("numbers of a law are not said", "cli/report", "if not numbers:", "if numbers:",
      "cli/test_html_report.py::test_all_numbers_of_a_law_are_said"),
     ("a command is not there", "cli/arguments",
-     'commands.add_parser("info", help="print versions and which solvers are there", allow_abbrev=False)', "pass",
+     'commands.add_parser("info", help="print versions and the available solvers", allow_abbrev=False)', "pass",
      "cli/test_main.py::test_commands_without_arguments"),
 )]
 
