@@ -396,6 +396,5 @@ class SettledBody(BodySpec, frozen=True, kw_only=True):
     @property
     def locking(self) -> str:
         """Why the discretization error of this body cannot be estimated; empty if it can."""
-        if self.mesh.order > 1 or not self.locking_ratio:
-            return ""
-        return f"{self.name}: no estimate: linear elements lock at nu = {self.locking_ratio:g}; write mesh.order = 2"
+        return (f"{self.name}: no estimate: linear elements lock at nu = {self.locking_ratio:g}; write mesh.order = 2"
+                if self.mesh.order == 1 and self.locking_ratio else "")
