@@ -252,7 +252,7 @@ EXHIBITS = [
             {"time.steps": 10}, moves=True),
     Exhibit("drawn/ball_on_floor", "bodies.png", 3.014, "MPa", 0.03, "Hertz", contact("ball-floor", "pressure_max")),
     Exhibit("drawn/bolted_flange", "bodies.png", 10, "kN", 5e-3, "balance", bolt_over_joint,
-            {"time.steps": 1}, warned="stands at a re-entrant edge"),
+            {"time.steps": 1}, warned="is at a re-entrant edge"),
     Exhibit("drawn/shaft_turned_in_hub", "bodies.png", 800, "N m", 0.025, "balance, with a round shaft",
             contact("fit", "moment", 2, -1e-3), {"time.steps": 1}),
     Exhibit("arch_in_space", "bodies.png", 448.77, "kN", 1e-4, "balance", abutments),

@@ -55,8 +55,8 @@ def _cut(word: str) -> dict[str, float]:
 def build_parser() -> argparse.ArgumentParser:
     """The parser of everything that is not a PETSc option."""
     parser = _Parser(
-        prog="ddmpi", description="Contact of elastic bodies with friction, in the plane, around an axis and in space, "
-                                  "by domain decomposition on MPI.",
+        prog="ddmpi", description="Frictional contact of linear elastic bodies, 3D, axisymmetric or plane, by domain "
+                                  "decomposition on MPI.",
         epilog=EPILOG, formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False)
     parser.add_argument("--version", action="version", version=f"ddmpi {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
@@ -77,33 +77,33 @@ def build_parser() -> argparse.ArgumentParser:
         return commands.add_parser(name, help=words, parents=parents, allow_abbrev=False, **more)
 
     run = command("run", "solve a scene, best on as many ranks as it has bodies", scene, written, **solving)
-    run.add_argument("--restart", type=_named, metavar="DIR", help="go on from the checkpoint of an interrupted run in "
-                     "DIR, with the same scene and options; results go there too unless --output says otherwise")
-    command("check", "say and draw what a run would do, without solving", scene, written, **solving)
+    run.add_argument("--restart", type=_named, metavar="DIR", help="continue the interrupted run in DIR from its "
+                     "checkpoint, with the same scene and options; results go to DIR, too, or to --output")
+    command("check", "describe and draw a scene without solving it", scene, written, **solving)
     _add_sweep(command("sweep", "run a scene for all combinations of some values", scene, **solving))
     deck = command(
         "import", "write a scene from an Abaqus or CalculiX deck, or a first one from an assembly (.step, .brep)",
         description="Write scene.toml and its meshes from an Abaqus or CalculiX deck, and list by lines what was "
         "taken, what was changed and what is lost. Where a load, a support or a contact would be lost, nothing is "
-        "written. Of an assembly (.step, .brep) the scene has its parts, and contacts where they touch, to be "
-        "completed.")
+        "written. From an assembly (.step, .brep) it writes an incomplete scene: the parts, and contacts where they "
+        "touch.")
     deck.add_argument("deck", type=_named, metavar="FILE", help="a deck (.inp) or an assembly (.step, .brep)")
     deck.add_argument("--output", type=_named, metavar="FOLDER", required=True, help="folder for the scene and its "
                       "meshes; nothing is overwritten")
     deck.add_argument("--amplitude", action="append", default=[], metavar="NAME=TIME,FACTOR,…",
-                      help="times and factors of an *AMPLITUDE, such as one of a user's routine")
-    deck.add_argument("--partial", action="store_true", help="write the scene without what is not possible")
+                      help="times and factors of an *AMPLITUDE, such as one by a user routine")
+    deck.add_argument("--partial", action="store_true", help="write the scene without the cards that are lost")
     results = _Parser(add_help=False)
     results.add_argument("folder", type=_named, metavar="DIR", help="folder of results")
     results.add_argument("--step", type=float, metavar="TIME", help="time of the load step to show, of those whose "
                          "fields are written (default: the one of the largest load)")
     figures = command("figures", "draw the pictures of saved results anew", results)
-    figures.add_argument("--view", type=_view, metavar="VIEW", help="from where solids are seen: front, back, left, "
+    figures.add_argument("--view", type=_view, metavar="VIEW", help="viewpoint of 3D pictures: front, back, left, "
                          "right, top, bottom, iso, or azimuth and elevation in degrees, as in -60,24")
     figures.add_argument("--cut", type=_cut, action="append", metavar="AXIS=COORDINATE",
-                         help="cut solids open, as in x=0.5")
+                         help="cut 3D bodies open, as in x=0.5")
     figures.add_argument("--magnification", type=float, metavar="F",
-                         help="of displacements (default: as much as suits the picture)")
+                         help="enlargement of displacements (default: automatic)")
     view = command(
         "view", "write one HTML file in which the results turn in a browser",
         description="Write a view of a run: one HTML file that turns the bodies in a browser, with stresses, "
@@ -115,7 +115,8 @@ def build_parser() -> argparse.ArgumentParser:
                    results)
     for name, words in ("from", "first point, as in 0,0.5 or 0,0,1"), ("to", "last point"):
         path.add_argument(f"--{name}", type=_point, metavar="X,Y", dest=name, required=True, help=words)
-    path.add_argument("--points", type=int, metavar="N", default=101, help="so many, evenly (default: 101)")
+    path.add_argument("--points", type=int, metavar="N", default=101,
+                      help="number of points, equally spaced (default: 101)")
     path.add_argument("--output", type=_named, metavar="FILE", help="file to write (default: DIR/path.csv); the table "
                       "of an earlier path is overwritten, any other file is not")
     plot = command("sweep-plot", "draw a result of a sweep against a parameter")
@@ -128,7 +129,7 @@ def build_parser() -> argparse.ArgumentParser:
         "can be mailed.")
     report.add_argument("--output", type=_named, metavar="FILE", help="file to write (default: DIR/report.html); an "
                         "earlier report is overwritten, any other file is not")
-    command("info", "print versions and which solvers are there")
+    command("info", "print versions and the available solvers")
     command("schema", "print the JSON schema of scenes, for editors")
     return parser
 
@@ -138,12 +139,12 @@ def _add_sweep(sweep: argparse.ArgumentParser) -> None:
                        help="values of a key of the scene: first:last:number, the same with :log at the end, or "
                        "value,value,…; KEY,KEY=VALUES vary together")
     sweep.add_argument("--output", type=_named, metavar="DIR", required=True,
-                       help="folder of the sweep; cases that are finished there are not run again")
+                       help="folder of the sweep; finished cases are not run again")
     sweep.add_argument("--index", metavar="I", help="run case number I only, or as I/N every N-th case from I on "
                        "(of a job array: --index $SLURM_ARRAY_TASK_ID)")
     only = sweep.add_mutually_exclusive_group()
-    only.add_argument("--list", action="store_true", help="run nothing, list the cases and how they ended")
-    only.add_argument("--gather", action="store_true", help="run nothing, write the table of what is there")
+    only.add_argument("--list", action="store_true", help="run nothing; list the cases and how they ended")
+    only.add_argument("--gather", action="store_true", help="run nothing; write the table of finished cases")
     sweep.add_argument("--plot", action="append", default=[], metavar="RESULT:KEY",
                        help="draw one column of the table against another, as in n_A:theta")
     sweep.add_argument("--figures", action="store_true", help="draw the pictures of every case")

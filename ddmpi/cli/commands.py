@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 
 def _run(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> None:
+    """The commands run and check, which read a scene alike."""
     with loading():
         from ddmpi.mesh.build import kind_of_files
         from ddmpi.scene.reader import read_scene_file

@@ -192,7 +192,7 @@ class RunReport:
                 sentences.append(
                     f"The mesh leaves an estimated error of {number(estimate, 2, '%')} in the energy norm.")
             if warnings:
-                sentences.append(f"The run warns of {warnings} thing{'s' * (warnings > 1)}.")
+                sentences.append(f"There {'are' if warnings > 1 else 'is'} {warnings} warning{'s' * (warnings > 1)}.")
             return ["Certified", " ".join(sentences)]
         reason = summary["reason"]
         no_answer = "" if self.refused else "The numbers below are those of the last iteration, and no answer."
@@ -204,7 +204,7 @@ class RunReport:
         if not failing:  # an accuracy target is missed
             return ["Accuracy not reached", reason, "The answer on this mesh is certified."]
         return ["No certified answer", reason, f"Above the limit of {limit}: {', '.join(failing)}.", no_answer,
-                "The run has printed what it saw, and what to try."]
+                "The messages of the run say what to try."]
 
     def _fails(self, value: float | None) -> bool:
         return value is None or value > self.summary["certificate_limit"]

@@ -166,11 +166,11 @@ class Motions:
                                  (self.space.size, self.size))
 
     def spread(self, alpha: np.ndarray) -> np.ndarray:
-        """Zα (owned size,) in metres: the contact displacements of motions with amplitudes α (size,)."""
+        """Zα = Gᵀα (owned size,) in metres: the contact displacements of motions with amplitudes α (size,)."""
         return self.Z @ alpha if self.size else np.zeros(self.space.size)
 
     def sums(self, s: np.ndarray) -> np.ndarray:
-        """Zᵀs (size,) in newtons, the same on all ranks: generalised forces of s along the motions. Collective."""
+        """Zᵀs = G s (size,) in newtons, the same on all ranks: forces s along the motions. Collective."""
         return self.space.add(self.Z.T @ s) if self.size else np.zeros(0)
 
 

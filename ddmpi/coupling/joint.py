@@ -275,12 +275,12 @@ class FarMember(Member):
                          STEPS, nodes)
         loose, d, part = not elasticity.supported, mesh.dimension, freed_part(body.motion)
         if loose and (body.motion or elasticity.motions.shape[2] < (1 if mesh.axisymmetric else d * (d + 1) // 2)):
-            raise InputError(f'body.{body.name}: clamps leave a rigid motion free; with time.motions = "far" they hold '
-                             'a body in its frame, which moves as its motion says, as in motion = { free = ["y"] }; '
-                             "without clamps and motion a body is free to move at all")
+            raise InputError(f'body.{body.name}: clamps leave a rigid motion free; with time.motions = "far" they '
+                             "must fix a body in its frame; free the motion of the frame, as in motion = { free = "
+                             '["y"] }, or leave clamps and motion out for a body that moves freely')
         if self.size and (self.kind == "iterative" or len(nodes) > MOST):
-            why = self.reason if self.kind == "iterative" else f"at most {MOST} of them are possible"
-            raise InputError(f'body.{body.name}: with time.motions = "far" it has the dense compliance of all '
+            why = self.reason if self.kind == "iterative" else f"at most {MOST} are possible"
+            raise InputError(f'body.{body.name}: with time.motions = "far" it needs a dense compliance of all '
                              f"{len(nodes)} nodes of its contacts, and {why}: name smaller groups, or take a coarser "
                              "mesh")
         if self.kind == "direct" and self._B.count_nonzero():  # columns by solves would take a hundred times as long

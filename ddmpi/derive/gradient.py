@@ -61,7 +61,7 @@ def gradient(assembly: Assembly, outer: Newton, answer: Answered, result: str) -
     """
     world, space, joint = assembly.world, assembly.space, assembly.joint
     if assembly.scene.time:
-        raise InputError(f"gradient({result!r}): of load steps only output.derivatives gives derivatives")
+        raise InputError(f"gradient({result!r}): not possible with load steps; set output.derivatives instead")
     with agreed(world):
         wanted = functional(assembly, answer.states, result)
     if wanted.body:  # equilibrium: the reaction is what loads and contact forces on a body leave
@@ -75,7 +75,7 @@ def gradient(assembly: Assembly, outer: Newton, answer: Answered, result: str) -
         j = j - joint.product(wanted.moves, PURPOSE, AIM)
     z, beta, residual = equations.adjoint(j, wanted.motions + joint.rigid.sums(wanted.moves))
     if residual > ENOUGH:
-        raise SolverError(f"gradient({result!r}): GMRES does not reach {ENOUGH:.0e} against the equations")
+        raise SolverError(f"gradient({result!r}): GMRES does not solve the equations to {ENOUGH:.0e}")
     # dJ = w·ρ + β·de + q·γ: the work of forces w on changes of gaps, and what forces beyond the law add
     w = z + wanted.moves
     q = j - (joint.product(z, PURPOSE, AIM) if space.any(z) else 0.0) - joint.rigid.spread(beta)
@@ -131,7 +131,7 @@ def functional(assembly: Assembly, states: Mapping[str, ContactState], result: s
         raise InputError(f"gradient({result!r}): there is no such result{nearest(same, able)}")
     if kind == "bodies":
         if scene.axisymmetric and found.axis == 0:
-            raise InputError(f"gradient({result!r}): around an axis hoop stresses take part in the radial sum; take y")
+            raise InputError(f"gradient({result!r}): radial reactions of axisymmetric bodies have none; take y")
         found.body = name
     if kind == "rigid" and what == "displacement":
         found.partner = name

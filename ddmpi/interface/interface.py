@@ -299,7 +299,7 @@ def check_overlap(interface: Interface, *sides: Side, scales: Sequence[float] = 
         of = "of the thinner one's depth" if len(sides) == 2 else "of the body's depth"
         return [f"contact.{interface.name}: the bodies overlap by {overlap:.3g} {unit} at first, "
                 f"{overlap / min(depths):.1%} {of} and {overlap / spacing:.3g} times the distance of contact nodes; "
-                "small-strain theory means small overlaps"]
+                "small-strain theory requires small overlaps"]
     return []
 
 

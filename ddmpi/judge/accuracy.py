@@ -215,7 +215,7 @@ class MeshLadder:
                   if given else
                   f"meshes that meet it would probably exceed method.max_unknowns = {method.max_unknowns}")
         if len(self.levels) >= STEPS and self._any_drawn:
-            reason = f"{STEPS} meshes did not lead there"
+            reason = f"{STEPS} meshes did not reach it"
         self.missed = self._miss(reason)
         return None
 
@@ -240,7 +240,7 @@ class MeshLadder:
 
     def _miss(self, reason: str) -> str:
         return (f"certified, but the estimated discretization error of {self.levels[-1].error:.2g} misses "
-                f"method.target_error = {self.scene.method.target_error:g}, which takes an estimate of "
+                f"method.target_error = {self.scene.method.target_error:g}, met by an estimate of at most "
                 f"{self.goal:.2g}; {reason}")
 
     def _next(self, demands: Mapping[str, Demand]) -> float | None:

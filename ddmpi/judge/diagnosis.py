@@ -128,7 +128,7 @@ def diagnose(reason: str, stopped: str, violations: list[str], method: SettledMe
     if stopped == "diverged":
         lines.append(f"seen: {method.diverging}")
     elif rounding or last.update == 0.0:
-        lines.append("seen: nothing moves any more" + ", rounding is reached" * rounding)
+        lines.append("seen: the forces no longer change" + ", rounding is reached" * rounding)
     elif np.isfinite(factor):
         seen = ("growth" if factor > 1.02 else "no progress" if factor > 0.98 else
                 "slow convergence" if factor > 0.7 else "convergence")
@@ -140,8 +140,8 @@ def diagnose(reason: str, stopped: str, violations: list[str], method: SettledMe
         lines.append(f"{len(nodes)} of {len(log.xy)} nodes changed between open, slip and stick"
                      f"{' in a cycle' if log.cycles() else ''}, at {places}{' …' if len(nodes) > 4 else ''}")
     if log.largest_slope >= LARGE_FRICTION:
-        lines.append(f"with a friction coefficient of {log.largest_slope:g} a solution need not be unique, and none "
-                     "may be near")
-    lines.append("try: " + ("a larger method.tolerance; double precision holds no more" if rounding else
+        lines.append(f"with a friction coefficient of {log.largest_slope:g} a solution need not be unique, and "
+                     "there may be none near the first guess")
+    lines.append("try: " + ("a larger method.tolerance; double precision allows no smaller one" if rounding else
                             method.advice(stopped, factor, last.iteration, last.update, able)))
     return "\n  ".join(lines)

@@ -141,8 +141,8 @@ def doubt_overlaps(assembly: Assembly, displacements: Mapping[str, np.ndarray],
     for number, solid in solids.items():
         if (place := penetrates_itself(solid)) is not None:
             warnings[number, number] = (
-                f"body.{names[number]} penetrates itself, as at {in_words(place, 4)}, where nothing keeps its sides "
-                "apart; for sides that touch make two bodies of it, bonded where they hang together")
+                f"body.{names[number]} penetrates itself, as at {in_words(place, 4)}, where no contact keeps its sides "
+                "apart; if they may touch, split it into two bodies, bonded where they are connected")
     for (a, b), rank, _ in near:
         if a in solids:
             pair, sides = (names[a], names[b]), (solids[a], solids[b] if b in solids else world.recv(None, rank, b))
@@ -345,9 +345,9 @@ def _in_partner(body: Body, solid: Solid, motion: RigidMotion, rigid: Rigid, uni
     sunk = np.where(between, depth - np.maximum(at_ends.max(axis=1), 0.0) - 0.25 * size, 0.0)
     k = int(np.argmax(sunk))
     if sunk[k] > 0.0:
-        return (f"contact.{contacts[0].name}: {rigid.name} is small beside the distance of nodes of {name}, and lies "
-                f"{depth[k]:.3g} {unit} deep between two of them, as at {in_words(moved[k], 4)}; a finer mesh "
-                "there would be right")
+        return (f"contact.{contacts[0].name}: {rigid.name} is small beside the distance of nodes of {name}, and "
+                f"penetrates it by {depth[k]:.3g} {unit} between two of them, as at {in_words(moved[k], 4)}; refine "
+                "the mesh there")
     least = ALIKE * extent
     if rigid.may_end(bool(contacts)) and rigid.depth(solid.at[facets[~touching]]).max(initial=0.0) > least:
         return ""

@@ -70,8 +70,8 @@ def doubt_shape(mesh: Mesh, name: str) -> str:
     # extents along the principal axes of the nodes
     sizes = np.ptp(mesh.points @ np.linalg.svd(np.cov(mesh.points.T))[0], axis=0)
     ratio = sizes.max() / max(sizes.min(), np.finfo(float).tiny)
-    return (f"body.{name}: it is about {ratio:.0f} times as long as it is thick; a body so slender bends so much more "
-            "than contacts give way that the iteration and rounding may not resolve its contact forces") * (
+    return (f"body.{name}: it is about {ratio:.0f} times as long as it is thick; so slender a body bends far more than "
+            "its contacts deform, and its contact forces may be lost in rounding") * (
                 bool(ratio > LIMIT["slender"]))
 
 
@@ -131,16 +131,15 @@ def doubt_answer(assembly: Assembly, displacements: Mapping[str, np.ndarray], st
 def _left(assembly: Assembly, state: ContactState) -> list[str]:
     """That bodies that move far have left each other, where they do not face each other any more."""
     interface = state.interface
-    return [f"contact.{interface.name}: {' and '.join(interface.bodies)} do not face each other here, so that nothing "
-            "presses on them"] * (assembly.far is not None and not interface.m)
+    return [f"contact.{interface.name}: {' and '.join(interface.bodies)} do not face each other; the contact carries "
+            "no forces"] * (assembly.far is not None and not interface.m)
 
 
 def _few_nodes(state: ContactState) -> list[str]:
     """A warning where few nodes of bodies that move far are closed: as nodes open and close forces ripple, too."""
     closed = int((state.status != "open").sum())
-    return [f"contact.{state.interface.name}: {closed} closed node{'s' * (closed != 1)} "
-            f"{'do' if closed > 1 else 'does'} not resolve the pressure; forces ripple as nodes open and close; a "
-            "finer mesh there would be right"] * (0 < closed < LIMIT["few"])
+    return [f"contact.{state.interface.name}: only {closed} closed node{'s' * (closed != 1)}, too few to resolve the "
+            "pressure; forces ripple as nodes open and close; refine the mesh there"] * (0 < closed < LIMIT["few"])
 
 
 def _large_motion(body: Body, u: np.ndarray, units: Mapping[str, str], strains: bool) -> list[str]:
@@ -149,7 +148,7 @@ def _large_motion(body: Body, u: np.ndarray, units: Mapping[str, str], strains: 
     if moved > LIMIT["motion"] * extent:
         unit = units["length"]
         return [f"body.{body.spec.name}: its largest displacement of {moved:.3g} {unit} is {moved / extent:.2g} times "
-                f"its size ({extent:.3g} {unit}); small-strain theory means small displacements"]
+                f"its size ({extent:.3g} {unit}); small-strain theory requires small displacements"]
     return _large_gradient(body, u) if strains else []
 
 
@@ -188,8 +187,8 @@ def _points_that_carry(body: Body, u: np.ndarray, contacts: Mapping[str, Contact
         alone = not any(np.isin(nodes, others).any() for others in supported)
         if alone and (force > np.maximum(least, 2.0 * loads[nodes])).any():  # loads at the point itself do not count
             warnings.append(f"body.{name}.clamp: the point {on!r} carries a force of {force.max():.3g} "
-                            f"{units['force']}; it gives way the more the finer the mesh, without limit, so "
-                            "clamp a boundary group where forces are carried")
+                            f"{units['force']}; its displacement grows without limit as the mesh is refined, "
+                            "so clamp a boundary group instead")
     return warnings
 
 
@@ -203,7 +202,7 @@ def doubt_mesh(bodies: Sequence[SettledBody], error: DiscretizationError) -> lis
     if not error.relative > LIMIT[limit]:
         return []
     return [f"body.{bodies[k].name}: {what}: the estimated discretization error is {error.relative:.2g}, "
-            f"{error.by_body[bodies[k].name]:.2g} by this body; {cure} would be right"]
+            f"of which this body has {error.by_body[bodies[k].name]:.2g}; use {cure}"]
 
 
 def doubt_stress(assembly: Assembly, stresses: Mapping[str, np.ndarray | None]) -> list[str]:
@@ -237,10 +236,10 @@ def _singular(body: Body, stress: np.ndarray, unit: str) -> list[str]:
     top = np.unique(body.mesh.triangles[largest])
     corner = {2: "corner", 3: "edge"}[body.mesh.dimension]
     for what, where, cure in ((f"a re-entrant {corner}", bends.turn < -SHARPEST,
-                               "; draw it rounded, or read it nearby"),
-                              ("the end of a clamp", ends, "; read it nearby")):
+                               "; round it in the drawing, or take the stress beside it"),
+                              ("the end of a clamp", ends, "; take the stress beside it")):
         for place in points[np.intersect1d(bends.nodes[where], top)[:1]]:
-            return [f"body.{body.spec.name}: the largest von Mises stress, {stress.max():.4g} {unit}, stands at {what} "
+            return [f"body.{body.spec.name}: the largest von Mises stress, {stress.max():.4g} {unit}, is at {what} "
                     f"at {in_words(place, 4)}, where it grows without limit as the mesh is refined{cure}"]
     return []
 
@@ -258,7 +257,7 @@ def _lost_in_rounding(state: ContactState, moved: float, units: Mapping[str, str
     if not largest or noise <= LIMIT["rounding"] * largest:
         return []
     return [f"contact.{name}: its forces are uncertain by about {noise / largest:.1g} of the largest ({largest:.3g} "
-            f"{force} at a node), because the bodies move by {moved:.3g} {length}, and rounding of that makes forces "
+            f"{force} at a node): the bodies move by {moved:.3g} {length}, and rounding of this motion causes forces "
             f"of {noise:.1g} {force}"]
 
 
@@ -272,7 +271,7 @@ def _held_through_air(state: ContactState, least: float, unit: str) -> list[str]
     k = int(np.argmax(np.where(air > 0.0, air * state.gap, -np.inf)))  # of many that all bear their bound
     return [f"contact.{name}: friction of open nodes bears {air.sum() / sizes.sum():.0%} of its forces, as at "
             f"{in_words(state.interface.xy[k], 4)}, where the gap is {state.gap[k]:.3g} {unit}: the bound of law = "
-            f'"{law}" asks for no pressure; with law = "coulomb" open nodes bear nothing']
+            f'"{law}" asks for no pressure; with law = "coulomb" open nodes have no friction']
 
 
 def _overlap_between(assembly: Assembly, state: ContactState, moved: float) -> list[str]:
@@ -288,10 +287,10 @@ def _overlap_between(assembly: Assembly, state: ContactState, moved: float) -> l
     if interface.slave:
         slave = interface.side(interface.slave)
         if len(interface.nodes[1 - slave]) > len(interface.nodes[slave]):
-            other = f" or slave = {interface.bodies[1 - slave]!r}"
+            other = f" or write slave = {interface.bodies[1 - slave]!r}"
     return [f"contact.{interface.name}: the bodies overlap by {overlap[k]:.3g} {unit} between nodes that bear forces, "
-            f"as at {place}, though contact forces move them by {state.yielding:.3g} {unit} at most; a finer "
-            f"mesh{other} would be right"]
+            f"as at {place}, while contact forces move them by at most {state.yielding:.3g} {unit}; refine the "
+            f"mesh{other}"]
 
 
 def _unresolved_zone(state: ContactState) -> list[str]:
@@ -327,9 +326,8 @@ def _unresolved_zone(state: ContactState) -> list[str]:
         return []
     k = int(np.argmax(np.where(poor, force, -np.inf)))
     place = in_words(interface.xy[zone == k].mean(axis=0), 4)
-    return [f"contact.{interface.name}: the pressure at {place} stands on too few nodes to resolve it, "
-            f"{size[k]:.0f}: the force is right in sum, the largest pressure and the approach of the bodies are not; a "
-            "finer mesh there would be right"]
+    return [f"contact.{interface.name}: the pressure at {place} is on too few nodes to resolve it, {size[k]:.0f}: the "
+            "total force is right, the largest pressure and the approach of the bodies are not; refine the mesh there"]
 
 
 def _large_gradient(body: Body, u: np.ndarray) -> list[str]:
@@ -343,7 +341,7 @@ def _large_gradient(body: Body, u: np.ndarray) -> list[str]:
         return []
     k = int(np.argmax(size))
     return [f"body.{body.spec.name}: strains and rotations reach {size[k]:.2g}, as at "
-            f"{in_words(body.mesh.points[corners[large[k]]].mean(axis=0), 4)}; small-strain theory means small ones"]
+            f"{in_words(body.mesh.points[corners[large[k]]].mean(axis=0), 4)}; small-strain theory requires small ones"]
 
 
 def _far_slip(assembly: Assembly, state: ContactState, moved: np.ndarray) -> list[str]:
@@ -362,5 +360,5 @@ def _far_slip(assembly: Assembly, state: ContactState, moved: np.ndarray) -> lis
     if rigid is None:
         return [f"contact.{name}: node pairs slid up to {slid[k]:.3g} times the distance of their neighbours, as at "
                 f"{place}; they are no longer opposite each other"]
-    return [f"contact.{name}: nodes slid up to {slid[k]:.2g} times the radius of {rigid.name!r} around it, as at "
-            f"{place}; normals are those of the places before"]
+    return [f"contact.{name}: nodes slid around {rigid.name!r} by up to {slid[k]:.2g} times its radius, as at "
+            f"{place}; normals are those before the motion"]

@@ -9,7 +9,7 @@ equations is known along the whole step without a further multiplication, and th
 smallest: this stops the active sets from cycling. Where that gets nowhere, interior points lead to where it does, and
 where they fail, a layer between the bodies (`ddmpi.methods.paths`).
 
-Loose bodies have rigid motions α, unknowns with the equations G s = e in every step.
+Loose bodies have rigid motions α, unknowns with the equations G s = e in every step. Gᵀα is `rigid.spread(α)`.
 """
 
 from __future__ import annotations
@@ -122,8 +122,9 @@ class Newton(Outer):
         self._ends: list[Point] = []  # of the paths so far
         self._trying = False  # Newton's own steps, from the path's point
         self._measured: tuple[np.ndarray | None, float] = (None, 0.0)
-        self._far: float | None = None  # `_distances` of the iterate
+        self._misfit: float | None = None  # `_misfits` of the iterate
         self._least = max(self._least, NO_FORCE * max(self.space.norm(self._c * joint.d), norm(joint.e)))
+        # the first step from a guess never ends the iteration; from a prediction one step must estimate the error
         self._start, self._settled, self._error = not foreseen, False, math.inf if foreseen else 0.0
         self._stalled, self._smallest, self._springs = 0, np.inf, 1.0
         self.history: list[Step] = []
@@ -154,16 +155,16 @@ class Newton(Outer):
         """
         if self._settled:  # the forces were moved onto their bounds; the gaps must follow
             self.joint.neglected = NEGLECTED * tolerance * self._size()
-            self._settled, self._far = False, self._look()
-        while True:  # far is ‖residual of all equations‖ in newtons, residual the same over the forces
-            if self._far is None:
-                self._far = self._distances([self._at])[0]
-            far = self._far
-            residual = self._relative(far)
+            self._settled, self._misfit = False, self._look()
+        while True:  # misfit is ‖residual of all equations‖ in newtons, residual the same over the forces
+            if self._misfit is None:
+                self._misfit = self._misfits([self._at])[0]
+            misfit = self._misfit
+            residual = self._relative(misfit)
             done = (residual <= tolerance and self._error <= ERROR * tolerance
                     and not (self._start and residual > 0.0))  # guessed active sets may fit by chance
             if done and self._rough:  # the gaps were only as precise as the step needed: look again
-                self._far = self._look()
+                self._misfit = self._look()
                 continue
             if (done or not np.isfinite(residual)) and not self.history:
                 self._note(residual, 0.0)
@@ -174,7 +175,7 @@ class Newton(Outer):
                 return "converged" if done else "max_iterations"
             if self._path and not self._trying and self._path.failed and not self._next_path():
                 return "drift" if self._drifts() else "stalled"
-            self._far = self._iterate(far, tolerance)
+            self._misfit = self._iterate(misfit, tolerance)
 
     def _drifts(self) -> bool:
         """Whether bodies move on and on under loads that friction does not balance, and not into a partner."""
@@ -190,19 +191,19 @@ class Newton(Outer):
         return self._modelled is not None and self._modelled.rough
 
     def _look(self) -> float:
-        """Compute the gaps of the iterate anew; return its `_distances` then (N). Collective."""
+        """Compute the gaps of the iterate anew; return its `_misfits` then (N). Collective."""
         r = self.joint.product(self._at.s, "newton") - self.joint.d - self.joint.rigid.spread(self._at.alpha)
         self._at = self._at._replace(r=r, left=self.joint.imbalance(self._at.s, self._at.alpha))
         if self._modelled:
             self._modelled.refine()
-        return self._distances([self._at])[0]
+        return self._misfits([self._at])[0]
 
-    def _iterate(self, far: float, tolerance: float) -> float:
-        """One step of Newton's method or of a path; takes and returns `_distances` of the iterate (N)."""
-        residual = self._relative(far)
+    def _iterate(self, misfit: float, tolerance: float) -> float:
+        """One step of Newton's method or of a path; takes and returns `_misfits` of the iterate (N)."""
+        residual = self._relative(misfit)
         # Newton's steps count as stalled while they gain little; full steps in space and steps of a path do not
         gained = residual < PROGRESS * self._smallest
-        self._stalled = 0 if gained or self._path else self._stalled + (not self._runs)
+        self._stalled = 0 if gained or self._path else self._stalled + (not self._takes_full_steps)
         self._smallest = residual if gained else self._smallest
         before, imbalance = self._at.s, norm(self._at.left)
         self.joint.neglected = NEGLECTED * tolerance * self._size()
@@ -213,14 +214,14 @@ class Newton(Outer):
             with event("NewtonStep"):
                 self._path.step(self.direction)
             self._at = self._path.point
-            far = self._distances([self._at])[0]  # of the equations without layer or barrier
-            near = self._path.kind == "softening" or self._relative(far) < NEAR
+            misfit = self._misfits([self._at])[0]  # of the equations without layer or barrier
+            near = self._path.kind == "softening" or self._relative(misfit) < NEAR
             self._trying = self._path.ready and near and not self._path.failed
         else:
             with event("NewtonStep"):
-                far = self._newton_step(far)
+                misfit = self._newton_step(misfit)
         self._start = False
-        after, size, left = self._relative(far), self._size(), norm(self._at.left)
+        after, size, left = self._relative(misfit), self._size(), norm(self._at.left)
         # rigid motions stop where the springs that steer them are stiffer than the friction that turns: soften these
         if max(tolerance * size, PROGRESS * imbalance) < left < NEARLY * norm(self.joint.e):
             self._springs = max(SOFTER * self._springs, SOFTEST)
@@ -232,11 +233,11 @@ class Newton(Outer):
         if self._path and self._trying and not stage and not after <= PROGRESS * residual:
             self._trying, self._at = False, self._path.point  # back to where the path was left
             self._path.go_on()
-            far = self._distances([self._at])[0]
-        return far
+            misfit = self._misfits([self._at])[0]
+        return misfit
 
     @property
-    def _runs(self) -> bool:
+    def _takes_full_steps(self) -> bool:
         """Whether steps are full even if they gain nothing."""
         return not self._path and not self._stalled and len(self.history) < self._full
 
@@ -285,7 +286,7 @@ class Newton(Outer):
             self._measured = self._at.s, self.space.norm(self._at.s)
         return self._measured[1]
 
-    def _distances(self, points: Iterable[Point]) -> list[float]:
+    def _misfits(self, points: Iterable[Point]) -> list[float]:
         """The norms (N) of the residuals of all equations at some points.
 
         Contact and friction want s = P(s − c r) (Alart and Curnier 1991), with the projection P onto the forces that
@@ -293,33 +294,34 @@ class Newton(Outer):
         """
         points = list(points)
         contact = self.space.norms([s - self._laws.project(s - self._c * r) for s, r, *_ in points])
-        return [math.hypot(misfit, norm(point.left)) for misfit, point in zip(contact, points, strict=True)]
+        return [math.hypot(of_laws, norm(point.left)) for of_laws, point in zip(contact, points, strict=True)]
 
-    def _newton_step(self, far: float) -> float:
+    def _newton_step(self, misfit: float) -> float:
         """Solve for the forces that the active sets of the iterate imply, and go towards them as far as it helps.
 
-        It takes and returns `_distances` of the iterate (N).
+        It takes and returns `_misfits` of the iterate (N).
         """
         change = None
         if self._modelled and not self._path and not self._stalled % 2:  # every other stalled step does without
-            change = self._modelled.step(self._at, self._relative(far), self._size(), self._start, self._warm)
+            change = self._modelled.step(self._at, self._relative(misfit), self._size(), self._start, self._warm)
         if change is None:
             if self._rough:  # which may be why the model failed
-                far = self._look()
+                misfit = self._look()
             s, r, *_ = self._at
             active = self._laws.active_sets(s - self._c * r)
             if self._start:  # nothing is known yet
-                active = self._laws.sticking(*(self._pressed(),) if self._warm else self.joint.first_closed())
+                closed, *falls = (self._pressed(),) if self._warm else self.joint.first_closed()
+                active = self._laws.sticking(closed, *falls)
             linearised = Linearised.of(self._laws.linearise(active))
             if self._start:  # nor do bounds follow pressures
                 linearised = linearised.frozen(0.0 * s)
-            # Nodes that slip in space turn their friction against springs κ/c: r + (κ/c) s = 0 across it. Both tangents
-            # of a node have the same κ/c, so it needs no turning.
+            # Nodes that slip in space turn their friction against springs κ/c: r + (κ/c) s = 0 across it, for the new
+            # forces s + move + E y. Both tangents of a node have the same κ/c, so it needs no turning.
             move, layer = linearised.move(s), linearised.spring / self._c
             change = self.direction(self._at, linearised, move, -layer * (s + move), layer)
-        far, length = self._length(far, change)
+        misfit, length = self._length(misfit, change)
         self._at = self._at.along(change, length)
-        return far
+        return misfit
 
     def direction(self, point: Point, linearised: Linearised, change: np.ndarray, wanted: np.ndarray,
                   layer: np.ndarray) -> Point:
@@ -329,7 +331,7 @@ class Newton(Outer):
         ----------
         linearised : all forces by the unknown ones y
         change : (size,) of the forces (N) that comes before y, which is counted from there
-        wanted : (size,) in metres
+        wanted : (size,) in metres; μ/s of a barrier μ, −D s of springs
         layer : D (size,) in m/N, in the turned frames of the unknown forces
 
         Collective. Raises SolverError.
@@ -339,7 +341,8 @@ class Newton(Outer):
         problem, y = None, np.zeros(linearised.number)
         if (self._path and rigid.size) or space.any(np.ones(linearised.number)):  # with springs loose bodies may fall
             springs = self._path.springs if self._path else 1.0
-            springs = min(springs, self._springs) if self._trying or not self._path else springs
+            if self._trying or not self._path:  # Newton's own steps, for which springs may have been softened
+                springs = min(springs, self._springs)
             steered = self._path.steered if self._path else 1.0
             direct = self.direct.direction(point, linearised, change, wanted, layer, springs, steered, not self._path)
             if direct is not None:
@@ -354,8 +357,9 @@ class Newton(Outer):
         if problem:
             more = np.zeros_like(y)
             with joint.exchange.deferred():
+                # Iᵀ (C Δs − Gᵀ Δα) + D y = Iᵀ (wanted − r), less what `change`, y and α have taken of it already
                 right = linearised.restrict(wanted - point.r - C_change + rigid.spread(alpha))
-                right -= layer[linearised.unknown] * y  # the layer has given way by D y already
+                right -= layer[linearised.unknown] * y
                 more, turn, iterations = problem.solve(right)
                 alpha = alpha + turn
                 self.inner_steps["gmres"] += iterations
@@ -365,15 +369,15 @@ class Newton(Outer):
         left = joint.imbalance(point.s + change, point.alpha + alpha) - point.left
         return Point(change, C_change - rigid.spread(alpha), alpha, left)
 
-    def _length(self, far: float, change: Point) -> tuple[float, float]:
-        """The smallest residual (N) and the length of the step to it; the full one if it gains enough on `far`."""
-        def distances(lengths: Sequence[float]) -> list[float]:
-            return self._distances(self._at.along(change, length) for length in lengths)
+    def _length(self, misfit: float, change: Point) -> tuple[float, float]:
+        """The smallest residual (N) and the length of the step to it; the full one if it gains enough on `misfit`."""
+        def misfits(lengths: Sequence[float]) -> list[float]:
+            return self._misfits(self._at.along(change, length) for length in lengths)
 
-        full = distances(LENGTHS[:1])  # r is linear in s, so that no length takes another product with C
-        if self._start or full[0] <= (GROWTH if self._runs else GAIN) * far:
+        full = misfits(LENGTHS[:1])  # r is linear in s, so that no length takes another product with C
+        if self._start or full[0] <= (GROWTH if self._takes_full_steps else GAIN) * misfit:
             return full[0], LENGTHS[0]
-        return min(zip(full + distances(LENGTHS[1:]), LENGTHS, strict=True))
+        return min(zip(full + misfits(LENGTHS[1:]), LENGTHS, strict=True))
 
     def body_forces(self) -> list[np.ndarray]:
         return self.joint.exchange.spread(self._at.s)

@@ -100,8 +100,8 @@ class Outer(Protocol):
 ENDS = {"converged": "the iteration stopped, but its certificate fails", "diverged": "diverged",
         "max_iterations": "not converged: method.max_iterations is reached",
         "stalled": "not converged: Newton's method and its fallbacks stalled", "drift": "bodies drift",
-        "unsettled": "no equilibrium found: free bodies do not settle where forces balance; they may fall past all "
-                     "contacts, roll on, or have no stable place"}
+        "unsettled": "no equilibrium found: bodies with free motions do not come to rest; they may fall past all "
+                     "contacts, roll on, or have no stable position"}
 """Reasons of `Outer.run` to end, in words where no answer is certified."""
 
 OWN = "run", "forces", "bound", "body_forces", "refresh", "state", "restore"

@@ -81,13 +81,13 @@ class Answer:
         and on more ranks than bodies; and SolverError where the equations are not solved precisely.
         """
         if not self.solved or self.summary["ranks"] > len(self.summary["bodies"]):
-            raise InputError("gradient: bodies with several ranks have left them; start on fewer, or name "
+            raise InputError("gradient: not possible with several ranks a body; start on fewer ranks, or set "
                              "output.derivatives")
         if self.solved.assembly.world == MPI.COMM_NULL:
-            raise InputError("gradient: the model of this answer, of which a case failed, is closed; ask before")
+            raise InputError("gradient: a case failed, which closed the model of this answer; ask for gradients before")
         solution = self.solved.solution
         if not solution.certified or not isinstance(solution.outer, Newton):
-            raise InputError('gradient: follows from a certified answer of outer = "newton"')
+            raise InputError('gradient: needs a certified answer of outer = "newton"')
         return gradient(self.solved.assembly, solution.outer, solution, str(result))
 
     def __repr__(self) -> str:

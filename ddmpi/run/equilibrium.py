@@ -148,8 +148,8 @@ def instability(assembly: Assembly, outer: Newton) -> list[str]:
     worst = int(values.real.argmin())
     if not values[worst].real < -UNSTABLE * size:
         return []
-    return [f"the equilibrium is not stable: {describe_drift(assembly, motions[:, worst].real)}, pushed on by the "
-            "loads, and bodies would not stay there"]
+    return [f"the equilibrium is not stable: {describe_drift(assembly, motions[:, worst].real)}, because the "
+            "loads push on"]
 
 
 def _loose(assembly: Assembly) -> list[Body]:

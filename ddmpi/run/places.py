@@ -1,4 +1,5 @@
-"""Load steps of bodies that move far: each body is factored once in its frame, and meets others where it is.
+"""Load steps of bodies that move far: each body is factored once in its frame, and meets others where it is. `march`
+has the choice among all kinds of load steps.
 
 A step places the frames, pairs the contact sides there, makes W C Wᵀ of the rows W that join contact nodes now, and
 solves today's problem once. Strains are small in each frame: a material point X of a body is at c + Q (X + u).
@@ -318,7 +319,8 @@ def _refuse_passing(assembly: Assembly, memory: Memory, time: float) -> None:
             if deepest > DEEPEST * thin:
                 raise InputError(f"contact.{contact.name}: the motions push {contact.bodies[0]!r} and "
                                  f"{contact.bodies[1]!r} into each other by {deepest:.3g} {unit} until time {time:g}, "
-                                 f"more than {DEEPEST:g} of the thickness of {body!r}: one would run through the other")
+                                 f"more than {DEEPEST:g} of the thickness of {body!r}: they would pass through each "
+                                 "other")
 
 
 def _way(contact: SettledContact, side: Side, then: Mapping[str, Frame], now: Mapping[str, Frame]) -> float:

@@ -107,7 +107,7 @@ def compute(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock, outp
         the same on all ranks. After NotConvergedError the results are there, marked as not converged; after
         the last two a checkpoint is, as far as one could be written.
     """
-    told, figures = list[str](), figures and not scene.output.only
+    told, figures = list[str](), figures and not scene.output.only  # told: the warnings that the log has
 
     def attempt() -> Solved | None:
         """Solve on the ladder's present mesh and write the results, or return None: the ladder goes on to another mesh,
@@ -118,6 +118,7 @@ def compute(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock, outp
             assembly = replace(assembly, start=partial(_warm, assembly, *_beginning(assembly, start)))
         log_plan(assembly, figures)
         log_warnings(assembly.warnings, told)
+        # one solve without [time], else load steps; far motions place bodies anew in each
         solution, steps, assembly = march(assembly, log_step, checkpoints if write else None, clock)
         error = _estimate(assembly, solution, clock)
         if _another_mesh(ladder, assembly, solution, error):
@@ -183,8 +184,7 @@ def _beginning(assembly: Assembly, start: Start) -> tuple[np.ndarray, np.ndarray
     forces, (states, motions) = [np.empty(0)], start
     with agreed(assembly.world):
         if assembly.scene.time is not None or assembly.scene.method.outer != "newton":
-            raise InputError('start: load steps begin free of stress, and so does a method but outer = "newton"; leave '
-                             "start out")
+            raise InputError('start: needs a scene without load steps and method.outer = "newton"; leave start out')
         for interface in assembly.space.interfaces:
             state = states.get(interface.name)
             if state is None or len(state.gap) != interface.m:
@@ -271,7 +271,7 @@ def _judge(assembly: Assembly, solution: Solution, steps: StepLog, error: Discre
         if not scene.output.only:
             warnings += [*(() if world.rank else doubt_mesh(scene.body, error)),
                          *doubt_stress(assembly.in_world(), {name: field.von_mises for name, field in fields.items()})]
-        warnings += [f"derivatives.{key}: not told, as GMRES does not reach {ENOUGH:.0e} against their equations"
+        warnings += [f"derivatives.{key}: not given, because GMRES does not solve their equations to {ENOUGH:.0e}"
                      for key, entry in steps.derived[0].items() if entry is None and not world.rank]
     else:  # no answer to warn of, but meshes may be the reason
         thin = gathered(world, {body.spec.name: [doubt(body.mesh, body.spec.name) for doubt in (

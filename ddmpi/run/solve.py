@@ -130,8 +130,8 @@ class Solution:
         if self.mechanism:
             return describe(self.mechanism)
         if self.drift:
-            return (f"no equilibrium found: {self.drift}, as far as the iteration shows; forces that balance the loads "
-                    "exist, but elastic bodies may not find them")
+            return (f"no equilibrium found: {self.drift}, as far as the iteration shows; rigid bodies would be in "
+                    "equilibrium, elastic ones need not be")
         if self.given and self.unbalanced:
             return (f"no answer can be certified: -body_ksp_rtol {self.given:g} leaves the bodies out of equilibrium; "
                     f"leave that option out, or give at most {0.1 * self.limit:.0e}")
@@ -249,7 +249,7 @@ class Iteration:
             if self._checkpoints:
                 self._checkpoints.forget()
             self._tolerance *= TIGHTER
-            log.info("the certificate fails (%s); going on to an update of %.0e", ", ".join(solution.violations),
+            log.info("the certificate fails (%s); continuing to a tolerance of %.0e", ", ".join(solution.violations),
                      self._tolerance)
 
     def _kept(self, stopped: str) -> str:

@@ -348,7 +348,7 @@ class March:
             given = self._given if self._base.time == 0.0 else 0.0
             enough = close and self.log.excess(self._noted, given) <= self._tolerance
             log.info("time %g reached: %d and %d steps agree to %.2g, %s", self._end, self._number // 2,
-                     self._number, change, "accepted" if enough else "but friction dissipates more than it can"
+                     self._number, change, "accepted" if enough else "but friction dissipates more than contacts take"
                      if close else "not enough")
             if enough:
                 return False

@@ -316,8 +316,8 @@ class BodySpec(Table, frozen=True, kw_only=True):
 
     def __post_init__(self) -> None:
         if self.temperature is not None and any(material.expansion is None for material in self.materials):
-            raise ValueError("temperature: the material has no expansion, without which nothing follows from a "
-                             "temperature; write expansion = 1.2e-5 (1/K, of steel) into material, 0 for none")
+            raise ValueError("temperature: has no effect, because the material has no expansion; write expansion = "
+                             "1.2e-5 (1/K, of steel) into material, 0 for none")
         if isinstance(self.material, Material):
             return
         surfaces = [part.on for part in self.material]
@@ -396,5 +396,5 @@ class SettledBody(BodySpec, frozen=True, kw_only=True):
     @property
     def locking(self) -> str:
         """Why the discretization error of this body cannot be estimated; empty if it can."""
-        return (f"{self.name}: no estimate: linear elements lock at nu = {self.locking_ratio:g}; mesh.order = 2 "
-                "would be right") if self.mesh.order == 1 and self.locking_ratio else ""
+        return (f"{self.name}: no estimate: linear elements lock at nu = {self.locking_ratio:g}; write mesh.order = 2"
+                if self.mesh.order == 1 and self.locking_ratio else "")

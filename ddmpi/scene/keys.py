@@ -146,7 +146,7 @@ def refuse_underivable(scene: dict) -> None:
     """ValueError where ``output.derivatives`` names a key by which nothing can be differentiated."""
     wanted = scene["output"]["derivatives"]
     if wanted and scene["method"]["outer"] != "newton":
-        raise ValueError(f'output.derivatives: follow from outer = "newton", not from "{scene["method"]["outer"]}"')
+        raise ValueError(f'output.derivatives: need outer = "newton", not "{scene["method"]["outer"]}"')
     able = derivable(scene) if wanted else []
     for key in wanted:
         if key not in able:

@@ -288,7 +288,7 @@ class Motion(Table, frozen=True, kw_only=True):
         if len({*free}) < len(free):
             raise ValueError("free names a component twice")
         if self.moment and "turn" not in free:
-            raise ValueError('moment: turns what may turn: write free = ["turn"], or leave it out')
+            raise ValueError('moment: needs a free turn: write free = ["turn"], or leave it out')
         for axis, component in zip("xyz", self.force or (), strict=False):
             if component and axis not in free:
                 raise ValueError(f'force: acts along {axis}, which is not free; write free = ["{axis}"], or 0 there')
@@ -372,7 +372,7 @@ def check_motions(scene: Any) -> None:
         moved = {"turn"} & {"turn" * bool(part.turn) for part in motions} | {
             axis for part in motions for axis, way in zip("xyz", part.shift or (), strict=False) if way}
         if scene.axisymmetric and not moved | set(*free[:1]) <= {"y"}:
-            raise ValueError(f"{key}.motion: around an axis there are shifts along y alone, as in shift = [0.0, -20.0]")
+            raise ValueError(f"{key}.motion: axisymmetric bodies shift along y only, as in shift = [0.0, -20.0]")
         if len(free) > 1:
             raise ValueError(f'{key}.motion: has {len(free)} free parts; write one, as in free = ["x", "turn"]')
         for axis in sorted(moved & set(*free)):
@@ -390,7 +390,7 @@ def check_motions(scene: Any) -> None:
     for contact in scene.contact:
         name, law = f"contact.{contact.called}", contact.friction
         for key, given, why in (
-                ("kind", contact.kind != "unilateral", "only unilateral sides slide far"),
+                ("kind", contact.kind != "unilateral", "only unilateral contacts slide far"),
                 ("gap", contact.gap is not None, "gaps are measured where the bodies are"),
                 ("pairing", contact.pairing == "nodes", "nodes do not stay opposite each other"),
                 ("friction", not all(isinstance(value, float | int) for value in msgspec.structs.astuple(law)),

@@ -80,13 +80,13 @@ class Scene(Table, frozen=True, kw_only=True):
                              "would mean different pressures, so give all bodies the same")
         for contact in self.contact:
             if self.axisymmetric and contact.pretension and contact.pretension.along[0]:
-                raise ValueError(f"contact.{contact.called}.pretension.along: around an axis a bond is pulled along y "
-                                 "alone, so write along = [0, 1] or [0, -1]")
+                raise ValueError(f"contact.{contact.called}.pretension.along: an axisymmetric bond is pulled along y "
+                                 "only; write along = [0, 1] or [0, -1]")
         for rigid in self.rigid if self.axisymmetric else ():
             if 0 in rigid.pushed or rigid.turning:
                 key = "pivot" if rigid.turning else "force" if rigid.force and rigid.force[0] else "free"
-                raise ValueError(f"rigid.{rigid.name}.{key}: around an axis a partner is pushed along y alone, and "
-                                 "does not turn; what acts across the axis cancels all around")
+                raise ValueError(f"rigid.{rigid.name}.{key}: an axisymmetric partner is pushed along y only and does "
+                                 "not turn, because radial forces cancel around the axis")
         if self.output.mirrored and not self.axisymmetric:
             raise ValueError("output.mirrored: shows the other half of axisymmetric bodies; write axisymmetric = true "
                              "at the top, or leave it out")
@@ -167,8 +167,8 @@ class Scene(Table, frozen=True, kw_only=True):
         if self.time is None:
             return
         if self.method.for_one:
-            raise ValueError(f"time: method.{self.method.for_one} solves one load step; what knows several is outer = "
-                             '"newton", the default')
+            raise ValueError(f"time: method.{self.method.for_one} solves a single load step; several need "
+                             'outer = "newton", the default')
         self.time.check_cycle(self.history)
         if self.method.target_error:
             raise ValueError("time: method.target_error is for one load step; refine the meshes by mesh.divisions or "

@@ -106,8 +106,8 @@ def _pending(sweep: Sweep, options: RunOptions) -> list[int]:
     """Claim the folder; numbers of the chosen cases without results, those that failed last. Raises InputError."""
     for key in sweep.cases[0].settings:
         if key.startswith("petsc.") and options.given(key.removeprefix("petsc.")):
-            raise InputError(f"--vary {key}: this option is on the command line or in PETSC_OPTIONS, too, and would "
-                             "win there; leave one of the two away")
+            raise InputError(f"--vary {key}: this option is on the command line or in PETSC_OPTIONS, too, which "
+                             "would override it; leave one of them out")
     claim_sweep(sweep.folder, sweep.identity, sweep.cases)
     outcomes = {case.number: read_outcome(sweep.place(case)) for case in sweep.chosen}
     left = [number for number, outcome in outcomes.items() if outcome.summary is None]

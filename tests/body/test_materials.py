@@ -106,7 +106,7 @@ def test_linear_triangles_lock_in_any_part(order):
     squares = estimate_error(mesh, material_of(mesh, spec), np.sin(mesh.points)).squares
     assert np.isnan(squares).all() == (order == 1)
     assert spec.settled(1).locking == \
-        "block: no estimate: linear elements lock at nu = 0.4999; mesh.order = 2 would be right"
+        "block: no estimate: linear elements lock at nu = 0.4999; write mesh.order = 2"
     assert spec.settled(2).locking == ""
 
 

@@ -102,11 +102,11 @@ def test_a_result_that_there_is_not(result, words):
 
 def test_what_has_no_gradient():
     """Load steps, answers without a certificate, and the radial sum of reactions around an axis."""
-    with pytest.raises(InputError, match=r"of load steps only output.derivatives"):
+    with pytest.raises(InputError, match="not possible with load steps"):
         ddmpi.solve(rubbed(steps=1)).gradient("contacts.fit.normal_force")
-    with pytest.raises(InputError, match="follows from a certified answer"):
+    with pytest.raises(InputError, match="needs a certified answer"):
         ddmpi.solve(pinched_blocks(4, max_iterations=1)).gradient("contacts.upper-lower.normal_force")
-    with pytest.raises(InputError, match="hoop stresses"):
+    with pytest.raises(InputError, match="radial reactions"):
         ddmpi.solve(ring()).gradient("bodies.shaft.reaction.x")
 
 

@@ -339,7 +339,7 @@ def test_a_ball_on_a_box_is_doubted(tmp_path, approach, divisions, few, large):
             "displacement": [0, 0, -approach]}
     done = run({"body": [box], "rigid": [ball], "contact": [{"bodies": ["box", "ball"], "on": ["top"]}]}, tmp_path)
     found = " ".join(warnings_of(done))
-    assert ("at (0.5, 0.5, 1) stands on too few nodes to resolve it, 1:" in found) == few
+    assert ("at (0.5, 0.5, 1) is on too few nodes to resolve it, 1:" in found) == few
     assert ("strains and rotations reach 0.29" in found) == large
 
 
@@ -383,7 +383,7 @@ def test_the_largest_stress_at_the_end_of_a_clamp_is_a_warning(tmp_path, on, war
     upper["clamp"] = [{"on": "left", "x": 0.0}]
     found = [each for each in warnings_of(run(pair_of(upper, base), tmp_path)) if "von Mises" in each]
     assert len(found) == warned, found
-    assert all("body.base: the largest von Mises stress, " in each and "stands at the end of a clamp at (1, 0)" in each
+    assert all("body.base: the largest von Mises stress, " in each and "is at the end of a clamp at (1, 0)" in each
                for each in found)
 
 
@@ -411,7 +411,7 @@ def test_quadratic_elements_too_coarse_for_a_punch_are_a_warning(tmp_path, order
     found = [each for each in warnings_of(run(pair_of(punch, base, {"law": "none"}), tmp_path)) if "coarse" in each]
     assert len(found) == warned
     assert all("forces at the edges of contacts are uncertain: the estimated discretization error is 0.19" in each
-               and each.endswith("; a finer mesh would be right") for each in found)
+               and each.endswith("; use a finer mesh") for each in found)
 
 
 @pytest.mark.parametrize("order", [1, 2])

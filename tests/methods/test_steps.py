@@ -187,7 +187,7 @@ def test_the_full_step_is_taken_where_it_gains_and_the_best_one_elsewhere():
 
     def length(change: np.ndarray) -> float:
         step, ways = Point(change, newton.joint.C @ change, joint.e, joint.e), (*LENGTHS, 0.0)
-        norms.update(zip(ways, newton._distances(at.along(step, t) for t in ways), strict=True))
+        norms.update(zip(ways, newton._misfits(at.along(step, t) for t in ways), strict=True))
         norm, way = newton._length(norms[0.0], step)
         assert norm == norms[way]
         return way

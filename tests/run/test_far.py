@@ -266,8 +266,8 @@ REFUSED = {
     "a loose body": (changed(("body", 0, "clamp", [])), "body.slider: clamps leave a rigid motion free"),
     "three coordinates": (changed(("body", 0, "motion", {"shift": [0.1, 0.0, 0.0]})), "in space"),
     "past": (changed(("body", 0, "motion", {"shift": [6.0, -2.5], "history": "press"}), ("time", "steps", 1)),
-             "one would run through"),
-    "through": (changed(("body", 0, "motion", {"shift": [0.0, -0.7], "history": "press"})), "one would run through"),
+             "they would pass through"),
+    "through": (changed(("body", 0, "motion", {"shift": [0.0, -0.7], "history": "press"})), "they would pass through"),
 }
 
 

@@ -249,7 +249,7 @@ REFUSED = {
     "twice along": ([{"shift": [0.0, 9.0]}, {"free": ["x", "y"]}], "prescribes y in one part and frees it in another"),
     "two free parts": ([{"free": ["x"]}, {"free": ["y"]}], "has 2 free parts"),
     "both at once": ({"free": ["x"], "shift": [1.0, 0.0]}, "or it is free"),
-    "a moment of nothing": ({"free": ["x"], "moment": 1.0}, "moment: turns what may turn"),
+    "a moment of nothing": ({"free": ["x"], "moment": 1.0}, "moment: needs a free turn"),
     "a force across": ({"free": ["x"], "force": [0.0, 1.0]}, "force: acts along y, which is not free"),
     "a pivot of nothing": ({"free": ["x"], "pivot": [0.0, 1.0]}, "pivot is that of a turn"),
     "one twice": ({"free": ["x", "x"]}, "free names a component twice"),

@@ -250,7 +250,7 @@ def test_an_answer_to_begin_with():
         assert state.normal_force == pytest.approx(other.normal_force, rel=1e-6)
         with pytest.raises(InputError, match="other nodes"):
             model.solve({f"body.{name}.mesh.divisions": [12, 4] for name in ("upper", "lower")}, start=first)
-    with ddmpi.prepare(pressed()) as model, pytest.raises(InputError, match="load steps begin free of stress"):
+    with ddmpi.prepare(pressed()) as model, pytest.raises(InputError, match="a scene without load steps"):
         model.solve(start=first)
 
 

@@ -92,7 +92,7 @@ def test_what_a_class_does_not_keep_is_refused(projected):
         solve(variant(run=lambda self, tolerance: projected.run(self, tolerance) and "done"))
     with pytest.raises(SolverError, match="it reports no step"):
         solve(variant(run=lambda self, tolerance: "converged"))
-    with pytest.raises(InputError, match=r"time: method\.outer = .* solves one load step"):
+    with pytest.raises(InputError, match=r"time: method\.outer = .* solves a single load step"):
         solve(projected, pinched_blocks(2) | {"time": {"points": [1.0], "steps": 2}})
     # bodies in balance under forces that are not those of the contact
     double = variant(forces=property(lambda self: 2.0 * self.s))

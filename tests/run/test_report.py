@@ -75,4 +75,4 @@ def test_steps_whose_forces_agree_though_slip_is_coarse_are_said_to_dissipate_to
                           "friction": {"law": "coulomb", "coefficient": 0.3}}]}
     run = scenes.run_here(scenes.write_scene(scene, tmp_path / "scene.toml"), tmp_path / "out", "--no-figures")
     assert run.code == 0, run.output
-    assert re.search(r"agree to \S+e-\d+, but friction dissipates more than it can\n", run.stdout), run.stdout
+    assert re.search(r"agree to \S+e-\d+, but friction dissipates more than contacts take\n", run.stdout), run.stdout

@@ -140,7 +140,7 @@ REFUSED = [
      "body.upper.material|the matrix of its compliances is not positive definite"),
     ("body.upper.material={young=[1e11, 1e10, 1e10], poisson=[0.3, 0.3, 0.3], shear=[5e9, 5e9, 3e9]}",
      "body.upper.material.shear: in the plane it is one number, G12"),
-    ("body.upper.temperature=80.0", "body.upper.temperature: the material has no expansion|1.2e-5"),
+    ("body.upper.temperature=80.0", "body.upper.temperature: has no effect, because the material has no expansion|1.2e-5"),
     (["body.upper.material.expansion=1e-5", "body.upper.temperature={}"], "body.upper.temperature|value"),
     (["body.upper.material.expansion=1e-5", "body.upper.temperature=z"],
      "body.upper.temperature: there is no z in the plane"),

@@ -156,7 +156,7 @@ def test_derivatives_go_on_with_the_offset():
     ({"pretension": {"force": 1.0, "along": [1.0, 0.0], "history": "before"}},
      "contact.cut.pretension.history: [history.before] ends at time 0, before the first load step"),
     ({"clamp": True}, "contact.cut.pretension: at (1, 0) clamps hold both sides along (0, 1)"),
-    ({"axisymmetric": True}, "contact.cut.pretension.along: around an axis a bond is pulled along y alone")])
+    ({"axisymmetric": True}, "contact.cut.pretension.along: an axisymmetric bond is pulled along y only")])
 def test_a_pretension_is_refused(contact, words):
     """Each mistake of a pretension has one message, before any work."""
     scene = bar()

@@ -28,7 +28,7 @@ def test_drawn_part_is_certified_and_meets_its_target(parts, name):
     assert done.summary["discretization_error"]["energy_norm"] <= 0.9 * TARGETS[name]
     assert [each.split(",")[0] for each in done.summary["warnings"]] == [
         f"body.{body}: the largest von Mises stress" for body in [SHARP.get(name)] if body]
-    assert all("stands at a re-entrant corner at (" in each for each in done.summary["warnings"])
+    assert all("is at a re-entrant corner at (" in each for each in done.summary["warnings"])
     for contact in done.summary["contacts"].values():
         assert contact["normal_force"] > 0.0
 

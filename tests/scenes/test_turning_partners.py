@@ -202,7 +202,7 @@ def test_load_steps(tmp_path):
     ({"free": ["z"]}, "rigid.lid.free: there is no z in the plane"),
     ({"free": ["w"]}, "rigid.lid.free.0: 'w' is not valid; expected one of x, y, z"),
     ({"free": ["x"], "displacement": [1e-3, 0.0]}, "rigid.lid: along x it has both freedom to move and a displacement"),
-    ({"axisymmetric": True}, "rigid.lid.pivot: around an axis a partner is pushed along y alone, and does not")])
+    ({"axisymmetric": True}, "rigid.lid.pivot: an axisymmetric partner is pushed along y only and does not")])
 def test_a_turn_is_refused(lid, words):
     """Each mistake of a partner that turns has one message."""
     scene = lever(2)

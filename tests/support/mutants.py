@@ -546,11 +546,11 @@ MUTANTS = [Mutant(*row) for row in (
     ("equilibrium set to zero", "coupling/member", "Au.norm(), size", "0.0, size", SOLVED),
     # methods
     ("no line search in Newton", "methods/newton",
-     "if self._start or full[0] <= (GROWTH if self._runs else GAIN) * far:", "if full:",
+     "if self._start or full[0] <= (GROWTH if self._takes_full_steps else GAIN) * misfit:", "if full:",
      "methods/test_steps.py::test_no_step_makes_the_residual_larger"),
     ("the shortest step instead of the best", "methods/newton",
-     "return min(zip(full + distances(LENGTHS[1:]), LENGTHS, strict=True))",
-     "return distances(LENGTHS[-1:])[0], LENGTHS[-1]",
+     "return min(zip(full + misfits(LENGTHS[1:]), LENGTHS, strict=True))",
+     "return misfits(LENGTHS[-1:])[0], LENGTHS[-1]",
      "methods/test_steps.py::test_the_full_step_is_taken_where_it_gains_and_the_best_one_elsewhere"),
     ("the layer left out of the linear problem", "methods/newton", "right -= layer[linearised.unknown] * y", "pass",
      "methods/test_paths.py::test_softened_springs_hold_in_steps_from_a_path"),
@@ -860,7 +860,7 @@ MUTANTS = [Mutant(*row) for row in (
     ("numbers of a law are not said", "cli/report", "if not numbers:", "if numbers:",
      "cli/test_html_report.py::test_all_numbers_of_a_law_are_said"),
     ("a command is not there", "cli/arguments",
-     'command("info", "print versions and which solvers are there")', "pass",
+     'command("info", "print versions and the available solvers")', "pass",
      "cli/test_main.py::test_commands_without_arguments"),
 )]
 
