@@ -367,7 +367,7 @@ def keep(picture: Path, path: Path) -> None:
     image.thumbnail((WIDEST, WIDEST), Image.Resampling.LANCZOS)
     # a palette by areas alone would lose the largest stresses, whose areas are small
     colours, number = np.unique(np.asarray(image).reshape(-1, 3), axis=0, return_counts=True)
-    weight = (number // 2) ** 0.3 * (colours.min(axis=1) < 246)
+    weight = (number // 2) ** 0.5 * (colours.min(axis=1) < 246)
     palette = Image.fromarray(colours.repeat(np.rint(weight).astype(int), axis=0)[None]).quantize(255)
     palette.putpalette([*palette.getpalette()[:765], 255, 255, 255])
     image.quantize(palette=palette, dither=Image.Dither.NONE).save(path, optimize=True)

@@ -15,7 +15,6 @@ from mpi4py import MPI
 from ddmpi.body.compliance import bytes_in_words, memory_of_factors
 from ddmpi.body.loads import VOLUME, loads_by_group
 from ddmpi.check.drawing import Looked, draw
-from ddmpi.check.faces import describe_faces, face_pictures
 from ddmpi.check.nearby import Boundary, Missing, find_missing
 from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.coupling.ranks import on_working_ranks
@@ -26,7 +25,7 @@ from ddmpi.judge.motions import MotionsOfBody, undetermined
 from ddmpi.judge.overlap import doubt_overlaps
 from ddmpi.judge.plausible import doubt_cells, edge_lengths
 from ddmpi.mesh.boundary import parts_of
-from ddmpi.mesh.elements import CELLS
+from ddmpi.mesh.elements import CELLS, facet_measures
 from ddmpi.mesh.mesh import PHYSICAL, Mesh
 from ddmpi.results.folder import choose_folder
 from ddmpi.run.equilibrium import look_for_mechanism, motions_without_resistance
@@ -43,6 +42,9 @@ from ddmpi.system.provenance import NO_CLARABEL, NO_MATPLOTLIB, has_clarabel, ha
 log = logging.getLogger("ddmpi")
 
 SOLVERS = {"explicit": "direct solver", "direct": "direct solver, compliance direct", "iterative": "multigrid"}
+
+SQUARE = "", "", "²"
+"""The powers of the unit of length of lengths and areas, by the dimension of what has them."""
 
 
 def check(world: MPI.Comm, scene: Settled, scene_path: str, output: str | None, figures: bool) -> None:
@@ -86,8 +88,7 @@ def _check(world: MPI.Comm, scene: Settled, scene_path: str, output: str | None,
                             *(body.doubt for body in bodies.values() if body.doubt)):
                 log.warning("%s", warning)
             if folder and world.rank in near:
-                names = draw(folder, scene, bodies, interfaces, missing, face_pictures(scene, bodies),
-                             near.index(world.rank), len(near))
+                names = draw(folder, scene, bodies, interfaces, missing, near.index(world.rank), len(near))
                 log.info("pictures in %s: %s", folder, ", ".join(names))
             elif figures and not folder:
                 log.info("no pictures: %s", NO_MATPLOTLIB)
@@ -109,7 +110,7 @@ def _look(body: Body, unit: str) -> Looked:
     named = [name for name in mesh.groups if not mesh.faces.keys() >= {*parts_of(name, ())}]
     words = [f"{len(mesh.points)} nodes, {len(mesh.triangles)} {mesh.cell.names} of size {size}; "
              f"groups {', '.join(named) or 'by number'}"]
-    words += list(describe_faces(mesh, boundary, unit))
+    words += list(_describe_faces(mesh, boundary, unit))
     words += [f"{how} on {on}{_following(history)}" for how, on, history in supports]
     if not member.elasticity.supported:
         motions = undetermined(np.zeros((len(member.e), 0)), [MotionsOfBody.of(spec.name, mesh.points, member.motions)])
@@ -126,6 +127,26 @@ def _look(body: Body, unit: str) -> Looked:
         memory = memory_of_factors(member.elasticity.A.size[0], mesh.dimension, dense) + dense * 8.0 * member.size**2
     return Looked(mesh, boundary, [load[1:] for load in loads],
                   [(how, mesh.nodes_of(on)) for how, on, _ in supports], memory, words, doubt)
+
+
+def _describe_faces(mesh: Mesh, boundary: Boundary, unit: str) -> Iterator[str]:
+    """What each numbered face is, by its number: "8: plane, normal +z, 314 mm², about (0, 0, 5)". Not collective."""
+    d = mesh.dimension
+    for name in sorted(mesh.faces, key=int):
+        face, some = mesh.faces[name], boundary.groups[name]
+        at, normal = boundary.at[some].mean(axis=1), boundary.normal[some]
+        measures = facet_measures(boundary.at[some])
+        middle, mean = (measures @ values / measures.sum() for values in (at, normal))
+        words = [face.kind]
+        if face.radius:  # normals of a hollow one point to each other
+            hollow = np.einsum("kd,kd->k", normal, at - middle) @ measures < 0.0
+            words += [f"r {face.radius:.3g}", *["hollow"] * bool(hollow)]
+        elif np.ptp(normal, axis=0).max() < 1e-6:
+            axis = int(np.abs(mean).argmax())
+            words.append("normal " + ("+" if mean[axis] > 0.0 else "-") + "xyz"[axis] if abs(mean[axis]) > 1 - 1e-9
+                         else f"normal {in_words(np.round(mean, 4) + 0.0, 3)}")
+        yield (f"{name}: {', '.join(words)}, {face.measure or measures.sum():.4g} {unit}{SQUARE[d - 1]}, about "
+               f"{in_words(np.array(face.place), 4)}")
 
 
 def _prescribed(clamp: Clamp, d: int) -> str:

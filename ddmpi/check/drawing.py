@@ -1,19 +1,22 @@
-"""Pictures of an unsolved scene: meshes, groups, loads and clamps; contacts with their pairing and gaps."""
+"""Pictures of an unsolved scene: meshes, groups, loads and clamps; contacts with their pairing and gaps; numbers of the
+faces of drawings."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from ddmpi.body.loads import VOLUME
 from ddmpi.check.nearby import Boundary, Missing
 from ddmpi.interface.interface import Interface
-from ddmpi.mesh.boundary import segments
+from ddmpi.mesh.boundary import creases, segments
 from ddmpi.mesh.elements import facet_shares
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.pictures.bodies import middles, skin_of
@@ -23,7 +26,7 @@ from ddmpi.pictures.views import Paint, Skin, Surface, View
 from ddmpi.results.tables import Results
 from ddmpi.scene.scene import Settled
 from ddmpi.surface.side import nodal
-from ddmpi.system.files import writing
+from ddmpi.system.files import LONGEST, writing
 from ddmpi.system.numbers import scaled_unit
 
 PLACES, ARROW = 16, 0.08
@@ -43,6 +46,13 @@ SPACED = 4.0
 
 TRIED = 8
 """Number of facets of a group that are tried for a visible place of its name."""
+
+
+DRAWN = 24
+"""The numbers are not drawn of more bodies, as each takes two pictures."""
+
+EDGEWISE = 0.1
+"""Facets are not numbered whose normal points less to the eye."""
 
 
 @dataclass(frozen=True)
@@ -108,17 +118,15 @@ def _plan(results: Results, behind: bool = False) -> Plan:
 
 
 def draw(folder: Path, scene: Settled, bodies: Mapping[str, Looked], interfaces: Sequence[Interface],
-         missing: Sequence[Missing], more: Mapping[str, Callable[[], Any]], number: int = 0,
-         drawers: int = 1) -> list[str]:
-    """Write the pictures and `more`, or a share of them for several `drawers`; all names. Not collective. Raises
-    OutputError."""
+         missing: Sequence[Missing], number: int = 0, drawers: int = 1) -> list[str]:
+    """Write the pictures, or a share of them for several `drawers`; all names. Not collective. Raises OutputError."""
     plt, results = start_drawing(), as_results(scene, bodies, interfaces)
     pictures: dict[str, Callable[[], Any]] = {"bodies.png": lambda: draw_bodies(results, bodies)}
     if scene.dimension > 2:
         pictures["bodies_behind.png"] = lambda: draw_bodies(results, bodies, behind=True)
     if scene.contact or missing:
         pictures["contacts.png"] = lambda: draw_contacts(results, interfaces, missing)
-    pictures |= more
+    pictures |= _face_pictures(scene, bodies)
     with plt.rc_context(STYLE):
         for name, make in islice(pictures.items(), number, None, drawers):
             with writing(folder / name):
@@ -182,6 +190,45 @@ def draw_bodies(results: Results, bodies: Mapping[str, Looked], behind: bool = F
     if not plan.view.solid or len(groups) > NAMED:
         plan.write(list(bodies), inside)
     plan.figure.suptitle(f"{results.heading()}bodies as drawn{', from behind' * behind}")
+    return plan.figure
+
+
+def _face_pictures(scene: Settled, bodies: Mapping[str, Looked]) -> dict[str, Callable[[], Any]]:
+    """The pictures, by their names, of each body with numbered faces, of solids from both sides. Not collective."""
+    return {f"faces_{name if len(name.encode()) < LONGEST - 20 else k}{'_behind' * behind}.png": partial(
+        draw_faces, as_results(scene, {name: body}, []), name, body, bool(behind))
+        for k, (name, body) in enumerate(bodies.items()) if body.mesh.faces and len(bodies) <= DRAWN
+        for behind in range(scene.dimension - 1)}
+
+
+def draw_faces(results: Results, name: str, body: Looked, behind: bool) -> Any:
+    """A body with the numbers of its faces; a figure. `results` are of this body alone."""
+    numbered = {face: body.boundary.groups[face] for face in body.mesh.faces}
+    boundary = replace(body.boundary, groups=numbered)
+    results = seen_from(results, behind, cut=None)
+    plan = Plan(results, results.points)
+    colours = {face: GROUPS[k % len(GROUPS)] for k, face in enumerate(numbered)}
+    plan.show(meshed(plan, [replace(body, boundary=boundary)], colours))
+    placed, hidden, far = list[np.ndarray](), list[str](), np.full(2, 1e3 * np.abs(results.points).max())
+    for face, some in numbered.items():
+        at, normal = boundary.at[some].mean(axis=1), boundary.normal[some]
+        if not plan.view.solid:
+            plan.lines(body.mesh.points[segments(boundary.facets[some])], colors=colours[face], linewidth=2.4, zorder=4)
+        facing = np.where(plan.shows(at), plan.place(normal)[:, 2], 0.0) if plan.view.solid else np.ones(len(at))
+        seen = at[facing > max(EDGEWISE, facing.max() / 2.0)]
+        if len(seen):
+            # as far as possible from the rim of the face, and from the numbers so far
+            ends = creases(body.mesh.points, boundary.facets[some][:, :body.mesh.dimension], normal).rim
+            rim = plan.place(body.mesh.points[ends].mean(axis=1))[:, :2]
+            flat = plan.place(seen)[:, :2]
+            k = int(np.argmax(cKDTree(np.vstack([[far], *placed, rim])).query(flat)[0]))
+            placed.append(flat[k])
+            plan.label(face, seen[k])
+        else:
+            hidden.append(face)
+    what = ("curves", "faces")[body.mesh.dimension - 2]
+    plan.figure.suptitle(f"{results.heading()}{name}: numbered {what}{', from behind' * behind}"
+                         + f"\nnot seen: {', '.join(hidden)}" * bool(hidden))
     return plan.figure
 
 

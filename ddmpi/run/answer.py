@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -114,11 +115,18 @@ class Model:
     """
 
     def __init__(self, scene: str | Path | Mapping[str, Any], comm: MPI.Comm | None = None, keep: bool = True) -> None:
+        if not isinstance(comm, MPI.Comm | None):
+            raise InputError(f"comm: expected a communicator of mpi4py (got {comm!r})")
         self._world = in_lockstep(MPI.COMM_WORLD if comm is None else comm)
         in_words = isinstance(scene, Mapping) or "\n" in str(scene)
         self._path = path = "scene" if in_words else str(scene)
-        self._data = from_first(self._world, lambda: read_data(
-            path, scene if isinstance(scene, Mapping) else str(scene) if in_words else read_text(path)))
+
+        def read() -> dict:
+            if not isinstance(scene, str | os.PathLike | Mapping) or scene == "":
+                raise InputError(f"scene: expected a path, the text of a scene, or a table (got {scene!r})")
+            return read_data(path, scene if isinstance(scene, Mapping) else str(scene) if in_words else read_text(path))
+
+        self._data = from_first(self._world, read)
         self._cases: Cases | None = Cases(self._world, keep)
         self.reused: dict[str, list[str]] = {}
 
@@ -144,7 +152,7 @@ class Model:
             name = f"{outer.__module__}:{outer.__qualname__}" if isinstance(outer, type) else outer
             given = {key: value for key, value in (("output.only", only), ("method.outer", name)) if value is not None}
             for key, value in {**(overrides or {}), **given}.items():
-                override(data, str(key), as_data(value, "overrides", str(key)))
+                override(data, str(key), as_data(value, "overrides", str(key)), "overrides: ")
             return read_scene(self._path, data, file_kind=kind_of_files(self._path))
 
         return from_first(self._world, read)

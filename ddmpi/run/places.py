@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -277,13 +277,15 @@ class FarMarch(March):
     def state(self) -> dict[str, Any]:
         assert self.assembly.far
         return super().state() | {name: {repr(time): dict(values) for time, values in getattr(
-            self.assembly.far, name).items()} for name in ("reach", "freed")}
+            self.assembly.far, name).items()} for name in ("reach", "freed")} | {
+                "compared": self._compared and asdict(self._compared)}
 
     def restore(self, state: dict[str, Any]) -> None:
         super().restore(state)
         assert self.assembly.far
         for name in ("reach", "freed"):
             getattr(self.assembly.far, name).update({float(time): values for time, values in state[name].items()})
+        self._compared = Memory(**state["compared"]) if state["compared"] else None
         for name in MARKS:
             mark = getattr(self, name)
             if mark.memory:

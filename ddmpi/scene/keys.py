@@ -82,14 +82,14 @@ NUMBER = (r"body\.[^.]+\.(?:material(?:\.\d+)?\.young|volume_force\.\d"
 """Other numbers by which an answer can be differentiated."""
 
 
-def override(data: dict, key: str, value: Any) -> None:
-    """Set one key of `data`, as after ``--set``. Raises InputError."""
-    *parents, last = key.strip().split(".")
+def override(data: dict, key: str, value: Any, where: str = "--set ") -> None:
+    """Set one key of `data`, as after ``--set``. Raises InputError, which begins with `where` and the key."""
+    (*parents, last), key = key.strip().split("."), f"{where}{key}"
     table: Any = data
     for depth, part in enumerate(parents):
         table = table[_index(table, part, key)] if isinstance(table, list) else table.setdefault(part, {})
         if not isinstance(table, dict | list):
-            raise InputError(f"--set {key}: {'.'.join(parents[:depth + 1])} is a value, not a table")
+            raise InputError(f"{key}: {'.'.join(parents[:depth + 1])} is a value, not a table")
     table[_index(table, last, key) if isinstance(table, list) else last] = value
     if last == "law" and isinstance(value, str) and value in LAWS:  # what other laws need goes
         for name in set(table) - LAWS[value]:
@@ -177,7 +177,7 @@ def _index(table: list, part: str, key: str) -> int:
         return int(part)
     named = [name for name in names if name]
     known = ", ".join(named) or (f"0 to {len(table) - 1}" if table else "none, the list is empty")
-    raise InputError(f"--set {key}: there is no entry {part!r}{nearest(part, named)} (entries: {known})")
+    raise InputError(f"{key}: there is no entry {part!r}{nearest(part, named)} (entries: {known})")
 
 
 def nearest(word: str, words: list[str]) -> str:

@@ -256,6 +256,7 @@ def test_an_answer_to_begin_with():
 
 @pytest.mark.parametrize(("wrong", "words"), [
     ({"overrides": [("title", 1)]}, "overrides: expected a table"), ({"overrides": {MU: True}}, MU),
+    ({"overrides": {"contact.lower.gap": 0.0}}, r"^overrides: contact\.lower\.gap: there is no entry"),
     ({"overrides": {"title": "\udc80"}}, "overrides: title: '.udc80' is not text"),
     ({"start": {}}, "start: expected an"), ({"only": 3}, "output.only: expected words"),
     ({"outer": int}, "method.outer = .builtins:int. is no class")])
@@ -268,6 +269,16 @@ def test_values_of_wrong_types_are_refused(wrong, words):
     for ask in answer.derivative, answer.gradient:
         with pytest.raises(InputError):
             ask(3)  # also once the model is closed
+
+
+@pytest.mark.parametrize("scene", [3, None, [], b"scene.toml", ""])
+def test_what_is_no_scene_is_refused(scene):
+    """By words, not as a file that is missing; so is what is no communicator."""
+    for call in ddmpi.prepare, ddmpi.solve:
+        with pytest.raises(InputError, match="^scene: expected a path, the text of a scene, or a table"):
+            call(scene)
+    with pytest.raises(InputError, match="^comm: expected a communicator"):
+        ddmpi.prepare(pinched_blocks(2), comm=3)
 
 
 def test_a_wrong_scene_is_refused_when_it_is_prepared():

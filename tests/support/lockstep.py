@@ -8,10 +8,8 @@ A rank that leaves the others is then an error instead of a hang.
 from __future__ import annotations
 
 import functools
-import itertools
 import os
 import sys
-import time
 import zlib
 from collections.abc import Callable
 from pathlib import Path
@@ -27,10 +25,6 @@ COLLECTIVES = ("allgather", "Allgather", "allreduce", "Allreduce", "barrier", "B
 
 TYPED = ("Allgather", "Allreduce", "Bcast", "Reduce")
 """Those of arrays, which must be of one type on all ranks: MPI takes the bits of integers for those of numbers."""
-
-SPINS, SHORTEST, LONGEST, PATIENCE = 50, 5e-5, 5e-3, 0.1
-"""How often a rank looks at once for the others, and then the lengths of its sleep (s): a part of its waiting so far.
-MPI's own waiting would keep a core busy, of which other tests and ranks have more use."""
 
 DEPTH = 12
 """So many calls of this package, the innermost ones, say where a collective is called."""
@@ -64,7 +58,7 @@ def _compared(name: str) -> Callable[..., Any]:
         where = ", ".join((name, _whereabouts(), *sorted(kinds)))
         own = np.array([zlib.crc32(where.encode())])
         everyone = np.empty(self.size, own.dtype)
-        _sleep_until(self.meeting.Iallgather(own, everyone))
+        self.meeting.Allgather(own, everyone)
         if (everyone != own).any():
             places = self.meeting.allgather(where)
             raise LockstepError("ranks are at different collectives:\n" + "\n".join(
@@ -75,16 +69,6 @@ def _compared(name: str) -> Callable[..., Any]:
         return result
 
     return call
-
-
-def _sleep_until(request: MPI.Request) -> None:
-    """Wait for a request as one who sleeps."""
-    start = time.perf_counter()
-    for k in itertools.count():
-        if request.Test():
-            return
-        if k >= SPINS:
-            time.sleep(min(max(PATIENCE * (time.perf_counter() - start), SHORTEST), LONGEST))
 
 
 def _whereabouts() -> str:

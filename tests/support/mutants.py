@@ -851,7 +851,7 @@ MUTANTS = [Mutant(*row) for row in (
     ("uncertified cases are called certified", "sweep/table", '"exit": 0 if summary["converged"] else 3', '"exit": 0',
      "sweep/test_sweep.py::test_failing_cases_do_not_stop_the_others"),
     # check, cli
-    ("a bore is a shaft", "check/faces", "@ measures < 0.0", "@ measures > 0.0", NUMBERED),
+    ("a bore is a shaft", "check/check", "@ measures < 0.0", "@ measures > 0.0", NUMBERED),
     ("the halves of a bore are two contacts", "check/nearby", "(any(same) or all(smooth))", "any(same)", NUMBERED),
     ("solids from behind are seen from the front", "check/drawing", "    if behind:\n", "    if not behind:\n",
      "check/test_check.py::test_numbered_faces_are_drawn"),
