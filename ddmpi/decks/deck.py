@@ -183,8 +183,8 @@ class Deck:
             if len(place) > 1 and len(place[1]) < 7:
                 raise DeckError(f"the instance {instance.name} is turned by 7 numbers, and has {len(place[1])}")
             for row in place[1:2]:
-                start, axis = np.array(row[:3]), np.array(along(np.subtract(row[3:6], row[:3])))
-                turn = Rotation.from_rotvec(np.radians(row[6]) * axis)
+                start = np.array(row[:3])
+                turn = Rotation.from_rotvec(np.radians(row[6]) * np.array(along((row[3:6] - start).tolist())))
                 points[own] = start + turn.apply(points[own] - start)
         return nodes, points
 

@@ -317,9 +317,9 @@ class Model:
             what, label, values = row[0], row[1].upper(), numbers(row[2:])
             if re.fullmatch(r"P\d(NP)?", label):
                 # P1NP is that of a fluid at a node, the second component there
-                way, value = ((self.node(card, row[2]),), 0.0) if label[2:] else ((), values[0])
+                node = [self.node(card, row[2])] if label[2:] else []
                 for element in self.deck.chosen(card, "ELSET", what):
-                    self._add("pressures", (element, int(label[1]), way), card, value)
+                    self._add("pressures", (element, int(label[1]), (*node,)), card, 0.0 if node else values[0])
                 self.notes.taken.add(card, "pressure")
             elif label in ("GRAV", "CENTRIF", "BX", "BY", "BZ"):
                 self.deck.chosen(card, "ELSET", what)

@@ -128,7 +128,8 @@ def functional(assembly: Assembly, states: Mapping[str, ContactState], result: s
             for end in ([f".{letter}" for letter in "xyz"[:scene.dimension]] if one in vectors else [""])]
     same = f"{kind}.{name}.{what}" + (f".{'xyz'[found.axis]}" if axis in AXES else f".{axis}" if axis else "")
     if same not in able:
-        raise InputError(f"gradient({result!r}): there is no such result{nearest(same, able) or f' (such as {able[0]!r})'}")
+        near = nearest(same, able) or f" (such as {able[0]!r})"
+        raise InputError(f"gradient({result!r}): there is no such result{near}")
     if kind == "bodies":
         if scene.axisymmetric and found.axis == 0:
             raise InputError(f"gradient({result!r}): radial reactions of axisymmetric bodies have none; take y")

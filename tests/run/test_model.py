@@ -275,9 +275,9 @@ def test_values_of_wrong_types_are_refused(wrong, words):
 def test_what_is_no_scene_is_refused(scene):
     """By words, not as a file that is missing; so is what is no communicator."""
     for call in ddmpi.prepare, ddmpi.solve:
-        with pytest.raises(InputError, match="^scene: expected a path, the text of a scene, or a table"):
+        with pytest.raises(InputError, match=r"^scene: expected a path, the text of a scene, or a table"):
             call(scene)
-    with pytest.raises(InputError, match="^comm: expected a communicator"):
+    with pytest.raises(InputError, match=r"^comm: expected a communicator"):
         ddmpi.prepare(pinched_blocks(2), comm=3)
 
 
