@@ -83,8 +83,10 @@ class Joint:
         self.members, self.space, self.size = tuple(members), space, space.size
         self.neglected, self.steering = 0.0, STEERING
         self.exchange, self.far = exchange, freed is not None
-        self.dear, self._waves = exchange.world.allreduce(np.array([any(member.dear for member in members), any(
-            interface.waves for interface in space.interfaces)]), MPI.LOR)
+        ours = np.array([any(member.dear for member in members),
+                         any(interface.waves for interface in space.interfaces)])
+        exchange.world.Allreduce(MPI.IN_PLACE, ours, MPI.LOR)
+        self.dear, self._waves = ours
         self._moved = {name: exchange.total([member.response(name)[0] for member in members], "free displacement")
                        for name in histories}
         self.driven = (*(Driven.of(rigid, space) for rigid in pushed), *map(Driven.of_bond, bolts), *(freed or ()))
