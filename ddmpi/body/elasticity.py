@@ -212,7 +212,8 @@ def load_cases(mesh: Mesh, body: BodySpec, clamped: Supports, stiff: Supported) 
         raise _out_of_range(body)
     load = PETSc.Vec().createWithArray(case.b, bsize=mesh.dimension, comm=PETSc.COMM_SELF)
     load.setBlockSize(mesh.dimension)
-    return Elasticity(**vars(stiff), b=load, supports=clamped, acting=case, load=case.size,
+    known = {entry.name: getattr(stiff, entry.name) for entry in fields(Supported)}  # derivatives give an Elasticity
+    return Elasticity(**known, b=load, supports=clamped, acting=case, load=case.size,
                       warnings=lost_loads(body, clamped.free, acting), cases=cases,
                       pushes={history: resultants(mesh, groups) for history, groups in acting.items()})
 

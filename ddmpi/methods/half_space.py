@@ -26,6 +26,7 @@ from ddmpi.coupling.joint import STEERING, Joint, Point
 from ddmpi.coupling.member import Member
 from ddmpi.coupling.space import Space
 from ddmpi.interface.interface import Interface
+from ddmpi.system.numbers import SAME
 
 LONGEST = {1: 1.5, 2: 3.0}
 """Wave number of the longest wave, times the length of the interface, by the number of tangential components. Bodies
@@ -102,7 +103,10 @@ class _Block:
             return
         if interface.waves:
             softness = np.sqrt(interface.stiffness * local)[:, None]
-            self._even, self._scale = np.minimum(softness / np.median(softness), 1.0) ** UNEVEN, FIRM * self._scale
+            softness /= np.median(softness[softness > SAME * softness.max()])
+            # planes of symmetry leave rows that no body moves along
+            self._even = np.where(softness > SAME, np.minimum(softness, 1.0) ** UNEVEN, 1.0)
+            self._scale *= FIRM
         self._spacing = float(np.mean(self._scale * interface.area / interface.stiffness[:interface.m]))
         lowest = (LONGEST[interface.law.components] / interface.length) ** 2
         over = sparse.diags(1.0 / self._root[:, 0])

@@ -12,7 +12,7 @@ from ddmpi.coupling.joint import STEERING, Joint
 class AllSeeAll:
     """An exchange between bodies that each take part in all interfaces, on one rank."""
 
-    world = SimpleNamespace(allgather=lambda each: [each], allreduce=lambda each, operation: each)
+    world = SimpleNamespace(allgather=lambda each: [each], Allreduce=lambda here, each, operation: None)
     deferred = staticmethod(contextlib.nullcontext)
 
     def spread(self, x):
@@ -32,7 +32,8 @@ def joint(asked: list[float]) -> Joint:
         return SimpleNamespace(name=name, dear=False, G=np.empty((0, 3)), mult=mult,
                                response=lambda history: (np.full(3, h), np.empty(0)))
 
-    space = SimpleNamespace(size=3, gap=np.array([0.25, 0.0, 0.0]), norm=lambda x: float(np.linalg.norm(x)))
+    space = SimpleNamespace(size=3, gap=np.array([0.25, 0.0, 0.0]), interfaces=[],
+                            norm=lambda x: float(np.linalg.norm(x)))
     return Joint([member("upper", 1.5, 0.75), member("lower", 2.5, 1.25)], AllSeeAll(), space)
 
 

@@ -57,6 +57,7 @@ def touch(mesh: Mesh, group: str, number: int | None = None, friction: bool = Tr
     return SimpleNamespace(
         name=group, dimension=2, size=m + len(sliding), m=m, nodes=(nodes, nodes), transfer=(identity, identity),
         directions=directions, sliding=sliding, side=lambda body: 0, normal=directions[:m],
+        law=SimpleNamespace(node=np.append(np.arange(m), sliding)),
         fixed=SimpleNamespace(nodes=(np.empty(0, int),) * 2, normal=np.empty((0, 2)), gap=np.empty(0)))
 
 
