@@ -9,10 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sparse
-from petsc4py import PETSc
 from scipy.linalg import qr
 
 from ddmpi.body.stiffness import Stiffness
@@ -21,6 +21,9 @@ from ddmpi.mesh.elements import RULES
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.meshes import Motion
 from ddmpi.system.numbers import Frame, crossed, is_touched, norm
+
+if TYPE_CHECKING:
+    from petsc4py import PETSc  # reports use rigid motions without it
 
 LOOSE = 1e-16
 """A motion is free if its squared size at the clamps, per component, is below this fraction of the largest."""
@@ -134,6 +137,8 @@ def _centroid(mesh: Mesh) -> np.ndarray:
 def near_null_space(points: np.ndarray, free: np.ndarray) -> PETSc.NullSpace:
     """The rigid motions of `points` (k, d), projected onto the free directions by `free` (k, d, d) and orthonormal, for
     algebraic multigrid."""
+    from petsc4py import PETSc
+
     motions = free @ rigid_motions(points, points.sum(axis=0) / max(len(points), 1))
     Q, _ = np.linalg.qr(motions.reshape(-1, motions.shape[2]))
     vectors = [PETSc.Vec().createWithArray(np.ascontiguousarray(q), bsize=points.shape[1], comm=PETSc.COMM_SELF)
@@ -171,7 +176,7 @@ def stiffen(A: PETSc.Mat, dofs: np.ndarray) -> float:
     stiffness = diagonal.max()[1]
     diagonal.array[dofs] += stiffness
     A.setDiagonal(diagonal)
-    A.setOption(PETSc.Mat.Option.SPD, True)
+    A.setOption(A.Option.SPD, True)
     return stiffness
 
 

@@ -189,10 +189,6 @@ def along(values: Sequence[float]) -> tuple[float, ...]:
     return tuple((vector / np.linalg.norm(vector)).tolist())
 
 
-WITHIN = ("PART", "INSTANCE", "ASSEMBLY")
-"""Keywords that are ended by END and their name."""
-
-
 class Card(NamedTuple):
     """One keyword of a deck.
 
@@ -377,36 +373,3 @@ def read_cards(path: Path) -> Iterator[Card]:
             del given["INPUT"]
         rows = [[entry.strip() for entry in line.rstrip(", ").split(",")] for line in data]
         yield Card(word, given, rows, number, source, name)
-
-
-def flattened(path: Path) -> tuple[list[Card], list[Instance]]:
-    """The keywords of a deck, those of a part once for each instance of it; and the instances, none without parts.
-
-    Raises the errors of `read_cards`, and DeckError for an instance of a part that is not there.
-    """
-    parts: dict[str, list[Card]] = {}
-    names: dict[str, str] = {}
-    cards, instances, scopes = list[Card](), list[Instance](), [("", "")]
-    for place, read in enumerate(read_cards(path)):
-        card = read._replace(place=place)
-        if card.word in WITHIN:
-            name = card.given.get("NAME", card.given.get("INSTANCE", ""))
-            scopes.append((card.word, name))
-            if card.word == "PART":
-                parts[name.lower()], names[name.lower()] = [], name
-            elif card.word == "INSTANCE":
-                part = card.given.get("PART", "")
-                if part and part.lower() not in parts:
-                    raise DeckError(f"the instance {name} is of a part {part}, which is not there")
-                instances.append(Instance(name, part, card.rows))
-                cards += [one._replace(scope=name) for one in parts.get(part.lower(), [])]
-        elif card.word.startswith("END") and card.word[3:] in WITHIN:
-            scopes = scopes[:-1] or scopes
-        elif scopes[-1][0] == "PART":
-            parts[scopes[-1][1].lower()].append(card)
-        else:
-            cards.append(card._replace(scope=scopes[-1][1] if scopes[-1][0] == "INSTANCE" else ""))
-    if parts and not instances:  # a part that nothing places stands where it was drawn
-        instances = [Instance(name, name, []) for name in names.values()]
-        cards = [one._replace(scope=name) for key, name in names.items() for one in parts[key]] + cards
-    return cards, instances

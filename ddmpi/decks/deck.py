@@ -8,10 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from ddmpi.decks.cards import SHAPELESS, Card, DeckError, along, element, face, flattened, integer, numbers
+from ddmpi.decks.cards import SHAPELESS, Card, DeckError, Instance, along, element, face, integer, numbers, read_cards
 
 GENERATING = ("NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "SYSTEM")
 """Keywords that make nodes or elements from others, or move them; they are not read."""
+
+WITHIN = ("PART", "INSTANCE", "ASSEMBLY")
+"""Keywords that are ended by END and their name."""
 
 MOST = 10**8
 """Largest number of members of a generated set."""
@@ -38,7 +41,7 @@ class Deck:
     """
 
     def __init__(self, path: Path) -> None:
-        self.cards, instances = flattened(path)
+        self.cards, instances = _flattened(path)
         if len(instances) == 1 and not instances[0].part:  # a mesh outside of parts is that of the only instance
             self.cards = [card._replace(scope=instances[0].name) for card in self.cards]
         self.places = {instance.name.lower(): instance for instance in instances}
@@ -255,3 +258,36 @@ class Deck:
                     cells.append((facet, np.searchsorted(numbers, corners)))
         return meshio.Mesh(points, cells, cell_sets={name: [*some, *[nothing] * (len(cells) - len(some))]
                                                      for name, some in groups.items()}, point_sets=node_sets)
+
+
+def _flattened(path: Path) -> tuple[list[Card], list[Instance]]:
+    """The keywords of a deck, those of a part once for each instance of it; and the instances, none without parts.
+
+    Raises the errors of `read_cards`, and DeckError for an instance of a part that is not there.
+    """
+    parts: dict[str, list[Card]] = {}
+    names: dict[str, str] = {}
+    cards, instances, scopes = list[Card](), list[Instance](), [("", "")]
+    for place, read in enumerate(read_cards(path)):
+        card = read._replace(place=place)
+        if card.word in WITHIN:
+            name = card.given.get("NAME", card.given.get("INSTANCE", ""))
+            scopes.append((card.word, name))
+            if card.word == "PART":
+                parts[name.lower()], names[name.lower()] = [], name
+            elif card.word == "INSTANCE":
+                part = card.given.get("PART", "")
+                if part and part.lower() not in parts:
+                    raise DeckError(f"the instance {name} is of a part {part}, which is not there")
+                instances.append(Instance(name, part, card.rows))
+                cards += [one._replace(scope=name) for one in parts.get(part.lower(), [])]
+        elif card.word.startswith("END") and card.word[3:] in WITHIN:
+            scopes = scopes[:-1] or scopes
+        elif scopes[-1][0] == "PART":
+            parts[scopes[-1][1].lower()].append(card)
+        else:
+            cards.append(card._replace(scope=scopes[-1][1] if scopes[-1][0] == "INSTANCE" else ""))
+    if parts and not instances:  # a part that nothing places stands where it was drawn
+        instances = [Instance(name, name, []) for name in names.values()]
+        cards = [one._replace(scope=name) for key, name in names.items() for one in parts[key]] + cards
+    return cards, instances

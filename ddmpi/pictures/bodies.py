@@ -210,7 +210,8 @@ def animate(results: Results, folder: Path, title: str) -> Path:
     what = scene["output"].get("animation") or True
     unbonded = [contact["name"] for contact in scene["contact"] if contact.get("kind") != "bonded"]
     pressed = (unbonded or list(results.contacts)) if what == "pressure" else []
-    painted = pressed if dimension == 3 else []
+    view = View(results.points, scene["output"])
+    painted = pressed if view.solid else []
     for _, fields, surfaces in _frames(results, folder):
         largest = max(largest, np.linalg.norm(fields["displacement"], axis=1).max())
         values, quantity, unit = coloured(results, fields, what)
@@ -221,7 +222,7 @@ def animate(results: Results, folder: Path, title: str) -> Path:
             ends = 0.0, limits(values, values > 0.0, PRESSED)[1]
         least, top = min(least, ends[0]), max(top, ends[1])
     factor, shift = magnify(results, largest)
-    shifts = apart(results, View(results.points, scene["output"])) if painted else {}
+    shifts = apart(results, view) if painted else {}
     if pressed:
         still = [shifts.get(name, np.zeros(dimension)) for name in results.summary["bodies"]]
         factor, shift = 0.0, np.array(still)[owners(results)]

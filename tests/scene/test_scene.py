@@ -527,7 +527,7 @@ OPTIONAL = {
     **{shape: {"displacement", "force", "free", "moment", "pivot", "history", "motion"}
        for shape in ("Plane", "Circle", "Sphere", "Cylinder")},  # at rest
     "Settled": {"time"}, "Time": {"steps", "tolerance", "cycle", "motions"},  # one load step; no cycles
-    "Motion": {"shift", "pivot", "axis", "history", "free", "force"},  # the one or the other
+    "Motion": {"shift", "turn", "pivot", "axis", "history", "free", "force"},  # the one or the other
     "Cycle": {"until"},  # all are run
     "Output": {"only", "magnification", "view", "cut"},  # chosen by the picture
     "Cut": {"x", "y", "z"},  # one of them
