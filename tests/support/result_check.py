@@ -157,7 +157,7 @@ def _residual(scene: Scene, results: Results, number: int, forces: dict[str, np.
     """What elasticity leaves of a body, by another program's stiffness, over its largest nodal force or `nothing`.
 
     Inside, at nodes of no clamp and no contact; and, where all of its contacts have pairs of nodes, also at those of
-    its contacts. And how far its clamped nodes have moved.
+    its contacts. And how far its clamped nodes are from where clamps hold them.
     """
     body, d = scene["body"][number], u.shape[1]
     cells = results.fields["cells"][results.fields["body"] == number]
@@ -178,9 +178,14 @@ def _residual(scene: Scene, results: Results, number: int, forces: dict[str, np.
         residual += load_of(mesh, form, on=part)
     residual = residual.reshape(-1, d)
     exact, largest, touched = mesh.order == 1, max(np.abs(residual).max(), nothing) or 1.0, np.zeros(len(nodes), bool)
-    clamped = np.zeros(len(nodes), bool)
+    clamped, off = np.zeros(len(nodes), bool), 0.0
     for clamp in body.get("clamp", []):
-        clamped |= on[clamp if isinstance(clamp, str) else clamp["on"]]
+        clamp = {"on": clamp} | dict.fromkeys("xyz"[:d], 0.0) if isinstance(clamp, str) else clamp
+        clamped |= on[clamp["on"]]
+        for k, axis in enumerate("xyz"[:d]):
+            if axis in clamp:
+                given = factor(scene, clamp.get("history")) * clamp[axis]
+                off = max(off, np.abs(u[nodes[on[clamp["on"]]], k] - given).max(initial=0.0))
     for contact in scene["contact"]:
         if body["name"] not in contact["bodies"]:
             continue
@@ -193,7 +198,7 @@ def _residual(scene: Scene, results: Results, number: int, forces: dict[str, np.
             np.add.at(residual, node, sign * forces[contact["name"]])
     return {"inside": np.abs(residual[~clamped & ~touched]).max(initial=0.0) / largest,
             "at nodes": np.abs(residual[~clamped]).max(initial=0.0) / largest if exact else 0.0,
-            "clamps": np.abs(u[nodes[clamped]]).max(initial=0.0)}
+            "clamps": off}
 
 
 # Whether forces at the corners of contacts can hold the bodies
