@@ -118,7 +118,7 @@ class Driven:
         if self.bond:
             return replace(interface, offset=float(alpha[0]))
         return replace(interface, displacement=interface.displacement + self.shift(alpha),
-                       turn=alpha[len(self.axes):] / self.sizes @ self.turns)
+                       turn=alpha[len(self.axes):] / self.sizes @ self.turns, pivot=self.pivot)
 
     def shift(self, alpha: np.ndarray) -> np.ndarray:
         """The displacement (d,) of the pivot by amplitudes α (j,) (m)."""
