@@ -178,7 +178,7 @@ def test_a_ram_around_an_axis():
     assert answer.summary["rigid"]["ram"]["displacement"] == pytest.approx([0.0, -down], rel=1e-9)
     assert answer.summary["rigid"]["ram"]["force"][1] == pytest.approx(np.pi * radius**2 * FORCE, rel=1e-12)
     scene["rigid"][0]["force"] = [1.0, -1.0]
-    with pytest.raises(ddmpi.errors.InputError, match=r"rigid\.ram\.force: an axisymmetric partner is pushed along y only"):
+    with pytest.raises(ddmpi.errors.InputError, match=r"rigid\.ram\.force: .* pushed along y only"):
         ddmpi.solve(scene, MPI.COMM_SELF)
 
 
