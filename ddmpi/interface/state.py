@@ -368,6 +368,6 @@ def values_by_node(interface: Interface, contacts: Rows, what: str) -> np.ndarra
 def slave_nodes(interface: Interface) -> np.ndarray:
     """(m,) the node that a row stands at, by its number in the mesh."""
     side = interface.side(interface.slave) if interface.slave else 0
-    if not interface.m:
-        return np.empty(0, int)
-    return interface.nodes[side][np.asarray(interface.transfer[side].argmax(axis=1)).ravel()]
+    transfer = interface.transfer[side].tocoo()
+    order = np.lexsort((transfer.col, -transfer.data, transfer.row))  # a row's largest entry first
+    return interface.nodes[side][transfer.col[order[np.flatnonzero(np.diff(transfer.row[order], prepend=-1))]]]
