@@ -125,6 +125,13 @@ def test_a_pin_enters_a_hub_and_leaves_it():
     assert answer.contacts["pin-hub"].interface.m == 0
 
 
+def test_a_block_that_is_pushed_off_the_end_is_told_of():
+    """In the plane: no forces, and a warning."""
+    answer = certified(block(way=6.0))
+    assert forces(answer)[-1].tolist() == [0.0, 0.0]
+    assert "contact.slider-base: slider and base do not face each other" in "".join(answer.summary["warnings"])
+
+
 def test_a_pin_has_the_pressure_of_lame():
     """In the middle of the fit: E δ/2a (1 − a²/b²), for the whole pin and the hub of one material."""
     state = certified(pin()).contacts["pin-hub"]

@@ -21,6 +21,11 @@ from ddmpi.system.numbers import moment
 pytestmark = pytest.mark.slow
 
 PAGE = (ROOT / "docs" / "start" / "gallery.md").read_text(encoding="utf-8")
+SLOPE, PUSH = np.deg2rad(15), 20.0 * (10 + 80 * np.tan(np.deg2rad(15))) / 2
+ASIDE = PUSH * (np.cos(SLOPE) - 0.1 * np.sin(SLOPE)) / (np.sin(SLOPE) + 0.1 * np.cos(SLOPE))
+BALANCES = {"dovetail": {"root-disc": [-600 * (1 - 0.2) / (1 + 0.2), -600]},
+            "wedge_in_slot": {"left": [ASIDE, PUSH], "right": [-ASIDE, PUSH]}}
+"""Forces on flanks that slide, by their slope, friction and load alone."""
 SECTIONS = re.split(r"^## ", PAGE, flags=re.MULTILINE)[1:]
 
 
@@ -34,6 +39,10 @@ def test_exhibit(exhibit, tmp_path):
     if far := answer.solved.assembly.far:
         write_frames(tmp_path, [(time, far.frames(answer.solved.assembly.scene, time)) for time in sorted(far.freed)])
     exhibit.check(answer.summary | beside(tmp_path))
+    if target := exhibit.settings.get("method.target_error"):
+        assert answer.summary["discretization_error"]["energy_norm"] <= 0.9 * target
+    for name, force in BALANCES.get(exhibit.name, {}).items():
+        assert answer.contacts[name].force == pytest.approx(force, rel=1e-3)
     for name, state in answer.contacts.items():
         write_contact(tmp_path, name, state)
         with open(tmp_path / f"contact_{name}.csv", encoding="utf-8") as file:

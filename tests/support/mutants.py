@@ -541,7 +541,7 @@ MUTANTS = [Mutant(*row) for row in (
      "relative = min(self.neglected / size, STEERING) if size else 0.0", "relative = 0.0",
      "coupling/test_joint.py::test_a_product_that_is_kept_is_as_precise_as_matters"),
     ("prescribed displacements do not reach the contact", "coupling/member",
-     "return h + (self.trace(case.prescribed) if self._sides else 0.0),", "return h,",
+     "return h + (self.trace(case.prescribed) if case.prescribed.any() else 0.0),", "return h,",
      f"{ANSWER}::test_a_clamp_on_the_contact_moves_it"),
     ("equilibrium set to zero", "coupling/member", "Au.norm(), size", "0.0, size", SOLVED),
     # methods
