@@ -503,7 +503,7 @@ MUTANTS = [Mutant(*row) for row in (
     ("a tightened bolt keeps its force", "run/steps", "if end <= self._drawn(self._now.time)]", "if end < 0.0]",
      f"{BOLTS}::test_a_joint_under_load"),
     ("an offset that is kept still moves", "coupling/coarse", "np.append(1.0 - np.asarray(kept, float),",
-     "np.append(np.ones(len(kept)),", f"{BOLTS}::test_a_joint_under_load"),
+     "np.append(np.ones(len(kept)),", f"{BOLTS}::test_products_by_multigrid"),
     ("a kept offset has an equation", "coupling/joint",
      "np.where(self.kept, 0.0, self.e - self.rigid.sums(s) - self.K @ alpha)", "self.e - self.rigid.sums(s)",
      f"{BOLTS}::test_a_joint_under_load"),
