@@ -184,6 +184,11 @@ def test_the_preconditioner_knows_waves_within_quadratic_facets():
         few.append(np.sort(np.linalg.eigvals(C @ P).real)[:-8])
     assert few[0].max() < 3.0 and few[0].min() > 0.05 and 0.7 < np.median(few[0]) < 1.1
     assert few[0].max() / few[0].min() < 0.5 * few[1].max() / few[1].min()
+    clamped = joint.local()
+    clamped[:3] = 0.0  # as of a node that is clamped on both sides
+    half_space = HalfSpace(joint.space, clamped)
+    x = np.random.default_rng(0).standard_normal(joint.size)
+    assert half_space.mult(half_space.mult(x), inverse=True) == pytest.approx(x, rel=1e-2, abs=1e-2)
 
 
 # The methods
