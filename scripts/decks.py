@@ -24,8 +24,7 @@ from experiment import ROOT  # isort: skip, with which the package can be import
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ddmpi.decks.cards import flattened
-from ddmpi.decks.deck import STRIDE
+from ddmpi.decks.deck import STRIDE, flattened
 from ddmpi.decks.scene import Importer, import_deck
 from ddmpi.errors import DdmpiError
 from ddmpi.results.tables import read_results

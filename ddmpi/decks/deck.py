@@ -41,7 +41,7 @@ class Deck:
     """
 
     def __init__(self, path: Path) -> None:
-        self.cards, instances = _flattened(path)
+        self.cards, instances = flattened(path)
         if len(instances) == 1 and not instances[0].part:  # a mesh outside of parts is that of the only instance
             self.cards = [card._replace(scope=instances[0].name) for card in self.cards]
         self.places = {instance.name.lower(): instance for instance in instances}
@@ -260,7 +260,7 @@ class Deck:
                                                      for name, some in groups.items()}, point_sets=node_sets)
 
 
-def _flattened(path: Path) -> tuple[list[Card], list[Instance]]:
+def flattened(path: Path) -> tuple[list[Card], list[Instance]]:
     """The keywords of a deck, those of a part once for each instance of it; and the instances, none without parts.
 
     Raises the errors of `read_cards`, and DeckError for an instance of a part that is not there.

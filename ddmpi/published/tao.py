@@ -294,11 +294,10 @@ class _Explicit(_Scaled):
 
 
 def _set_type(tao: PETSc.TAO, kind: str) -> None:
-    """Set one of PETSc's types; its bounded Newton types must not precondition a shell Hessian."""
-    options = PETSc.Options("qp_")
+    """Set one of PETSc's types; its bounded Newton types must not precondition a shell Hessian, unless options do."""
     try:
         tao.setType(kind)
     except PETSc.Error as error:
         raise SolverError(f"-qp_tao_type {kind}: {petsc_message(error)}") from None
-    if kind.startswith("bn") and not options.hasName("tao_bnk_pc_type"):
-        options.setValue("tao_bnk_pc_type", "none")
+    if kind in ("bnls", "bntr", "bntl"):
+        tao.getKSP().getPC().setType(PETSc.PC.Type.NONE)
