@@ -235,7 +235,6 @@ def animate(results: Results, folder: Path, title: str) -> Path:
     sheet = Sheet(results, np.vstack([skin.extended(state)[skin.beyond <= 0.0] for state in (low, high)]),
                   pixels=COARSE)
     sheet.colours(image, f"{quantity} ({unit})", "both" if least < 0.0 else "max")
-    sheet.figure.suptitle(title.strip())
     sheet.figure.set_dpi(80)
     path, frames = folder / "animation.gif", []
     for time, fields, surfaces in _frames(results, folder):
@@ -250,7 +249,7 @@ def animate(results: Results, folder: Path, title: str) -> Path:
         if pressed and not painted:
             sheet.facets([(surfaces[name]["points"][:, :2], surfaces[name]["cells"],
                            np.nan_to_num(surfaces[name]["pressure"]) / scale) for name in pressed], image)
-        sheet.axes.set_title(f"time {time:.4g}" + f", displacement × {factor:g}" * (not pressed))
+        sheet.figure.suptitle(title + f"time {time:.4g}" + f", displacement × {factor:g}" * (not pressed))
         sheet.figure.canvas.draw()
         sheet.figure.set_layout_engine("none")  # as the first frame has it
         frames.append(Image.fromarray(np.asarray(sheet.figure.canvas.buffer_rgba())).convert("RGB"))
@@ -261,7 +260,7 @@ def animate(results: Results, folder: Path, title: str) -> Path:
     weight = number**0.3 * (colours.min(axis=1) < 246)  # by areas alone, the largest stresses would lose their colours
     palette = Image.fromarray(colours.repeat(np.rint(weight).astype(int), axis=0)[None]).quantize(255)
     palette.putpalette([*palette.getpalette()[:765], 255, 255, 255])
-    first, *others = (frame.quantize(palette=palette) for frame in frames)
+    first, *others = (frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames)
     rate = float(np.clip(len(frames) / SECONDS, SLOWEST, FASTEST))
     with writing(path):
         path.unlink(missing_ok=True)  # it may be a link
