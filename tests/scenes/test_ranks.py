@@ -103,7 +103,7 @@ def test_ranks_agree(comm, name):
     for mine, theirs in zip(one.summary["steps"], other.summary["steps"], strict=True):
         for each, same in zip(mine["contacts"].values(), theirs["contacts"].values(), strict=True):
             for key in {"normal_force", "pretension"} & each.keys():
-                assert same[key] == pytest.approx(each[key], rel=1e-8), key
+                assert same[key] == pytest.approx(each[key], rel=1e-9), key
         for each, same in zip(mine.get("rigid", {}).values(), theirs.get("rigid", {}).values(), strict=True):
             for key, value in each.items():
-                assert same[key] == pytest.approx(value, rel=1e-8, abs=1e-8 * np.abs(value).max()), key
+                assert same[key] == pytest.approx(value, rel=1e-9, abs=1e-9 * np.abs(value).max()), key

@@ -42,7 +42,7 @@ def test_exhibit(exhibit, tmp_path):
     if target := exhibit.settings.get("method.target_error"):
         assert answer.summary["discretization_error"]["energy_norm"] <= 0.9 * target
     for name, force in BALANCES.get(exhibit.name, {}).items():
-        assert answer.contacts[name].force == pytest.approx(force, rel=1e-3)
+        assert answer.contacts[name].force == pytest.approx(force, rel=1e-4 if exhibit.name == "dovetail" else 1e-3)
     for name, state in answer.contacts.items():
         write_contact(tmp_path, name, state)
         with open(tmp_path / f"contact_{name}.csv", encoding="utf-8") as file:
