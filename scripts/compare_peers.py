@@ -18,206 +18,20 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Collection, Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Collection, Iterable
+from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 import peers
-from experiment import ROOT, Ledger, Row, arguments, processor, publish, table, where
+from experiment import ROOT, Ledger, Row, arguments, processor, publish, refilled, table, where
 from mpi4py import MPI
 from peers import Answer, Case, read_answer
-from problems.solids import half_ball
-from scenes import clean_environment, to_toml
-from scipy.spatial import cKDTree
-from solid_scenes import box, two_boxes
+from peers.scenes import FORCE, MOVED, SCENES, write_case
+from scenes import clean_environment
 
-from ddmpi.mesh.build import build_mesh
-from ddmpi.mesh.elements import facet_shares
-from ddmpi.scene.reader import read_scene
 from ddmpi.system.provenance import versions
 
 PROGRAMS = ROOT / "scripts" / "peers"
-
-
-# Scenes, as ddmpi reads them, and, from its own meshes, as a Case for everybody else
-
-POISSON = 0.3
-BALL = 0.1
-"""Hertz's radius of the contact of a ball of 1 m and 1 Pa with a rigid plane (m)."""
-
-PRESSED = 4 * BALL**3 / 3 / (1 - POISSON**2)
-"""The force on it (N)."""
-
-
-def boxes(N: int, folder: Path, order: int) -> dict:
-    """At order 2 with as many nodes, and meshes that do not match."""
-    return two_boxes(N) if order == 1 else two_boxes(N // 2, round(0.85 * (N // 2)), 2)
-
-
-FRICTION = {"law": "coulomb", "coefficient": 0.3}
-
-
-def tall(N: int, folder: Path, order: int) -> dict:
-    """Cubes on each other, pushed along both sides at the top; nothing but contacts holds the upper three."""
-    n = N // order
-    bodies = [box(f"cube{k}", (0, 0, k), (1, 1, 1), (n, n, n), order, 2.119e11, 0.277) for k in range(4)]
-    bodies[0]["clamp"] = ["bottom"]
-    bodies[3]["traction"] = [{"on": "top", "value": [5.0e6, 2.5e6, -6.0e7]}]
-    return {"body": bodies, "contact": [{"bodies": [f"cube{k + 1}", f"cube{k}"], "on": ["bottom", "top"],
-                                         "friction": FRICTION} for k in range(3)]}
-
-
-def ball(N: int, folder: Path, order: int) -> dict:
-    """A quarter of a half ball; N elements of order 1, or as many nodes, on the diameter of the contact."""
-    mesh = half_ball(folder / "ball.msh", BALL, 2 * BALL * order / N, 2 if order == 2 else 1)
-    return {"rigid": [{"name": "plane", "shape": "plane", "point": [0.0, 0.0, 0.0], "normal": [0.0, 0.0, 1.0]}],
-            "body": [{"name": "ball", "mesh": mesh, "material": {"young": 1.0, "poisson": POISSON},
-                      "clamp": [{"on": "start", "y": 0.0}, {"on": "end", "x": 0.0}],
-                      "traction": [{"on": "top", "force": [0.0, 0.0, -PRESSED / 4]}]}],
-            "contact": [{"bodies": ["ball", "plane"], "on": ["contact"]}]}
-
-
-def wall(N: int, folder: Path, order: int) -> dict:
-    """Fourteen bricks in running bond, N cells of order 1 on a quarter of a brick and its open joint."""
-    cell, n = 0.03, N // order
-    courses = [[(0, 7), (8, 7), (16, 7)], [(0, 3), (4, 7), (12, 7), (20, 3)]] * 2
-    bodies, contacts = [], []
-    for level, course in enumerate(courses):
-        for k, (start, length) in enumerate(course):
-            held = {"clamp": ["bottom"]} if level == 0 else {}
-            pushed = {"traction": [{"on": "top", "value": [1.5e4, 1.0e4, -5.0e4]}]} if level == 3 else {}
-            bodies.append(box(f"brick{level}{k}", (start * cell, 0, 2 * cell * level),
-                              (length * cell, 4 * cell, 2 * cell), (length * n, 4 * n, 2 * n), order, 1e10, 0.2,
-                              **held, **pushed))
-            contacts += [{"bodies": [f"brick{level}{k}", f"brick{level - 1}{below}"], "on": ["bottom", "top"],
-                          "friction": FRICTION | {"coefficient": 0.6}}
-                         for below, (at, size) in enumerate(courses[level - 1] if level else [])
-                         if at < start + length and start < at + size]
-    return {"body": bodies, "contact": sorted(contacts, key=lambda contact: contact["bodies"][1])}
-
-
-@dataclass(frozen=True)
-class Scene:
-    """A scene by its fineness N.
-
-    Attributes
-    ----------
-    make : the scene for ddmpi from N, a folder and the order of the elements
-    watched : the point whose displacement is compared (m)
-    sizes : how often each N is measured
-    fine : N of the fine answer of order 2
-    compared : groups of columns of which the worst relative difference counts
-    exact : known values, of the columns that they name
-    contacts : how many contacts make up the force that is compared
-    """
-
-    title: str
-    words: str
-    make: Callable[[int, Path, int], dict]
-    watched: tuple[float, float, float]
-    sizes: Mapping[int, int]
-    fine: int
-    compared: Collection[tuple[str, ...]] = (("normal", "tangential"), ("x", "y", "z"))
-    exact: Mapping[str, float] = field(default_factory=dict)
-    contacts: int = 1
-
-
-FORCE, MOVED = ("normal", "tangential"), ("x", "y", "z")
-WORDS = {FORCE: "force", MOVED: "displacement", ("pressure",): "largest pressure"}
-SCENES = {
-    "boxes": Scene(
-        "Two boxes in space with Coulomb friction 0.3", "`configs/two_boxes.toml` with cubes of side 1/N, each cut "
-        "into six tetrahedra; at order 2 cubes of side 2/N and, on the lower box, by 0.85 fewer. A part of the contact "
-        "is open, a part sticks, most of it slips. Displacement of the corner (3, 2, 1).", boxes, (3.0, 2.0, 1.0),
-        {8: 2, 16: 1, 22: 1}, 28),
-    "tall": Scene(
-        "A loose stack of four cubes with Coulomb friction 0.3", "Cubes of 1 m on each other, of N cells a side, "
-        "pushed sideways at the top; only the lowest is clamped. The force, that of the lowest contact, is decided by "
-        "the load. Displacement of the corner (1, 1, 4).", tall, (1.0, 1.0, 4.0), {6: 2, 12: 1, 18: 1}, 24),
-    "ball": Scene(
-        "A ball on a rigid plane", "A quarter of a half ball, R = 1 m, E = 1 Pa, N elements on the diameter of Hertz's "
-        "contact, a = 0.1 m. Nothing but its contact holds the ball in z; no friction. The pressure is compared with "
-        "Hertz's, the displacement, of the middle of the cut, with the fine answer's.", ball, (0.0, 0.0, 1.0),
-        {10: 2, 20: 1, 40: 1}, 60, (("pressure",), MOVED), {"pressure": 2 * BALL / np.pi / (1 - POISSON**2)}),
-    "wall": Scene(
-        "A wall of fourteen bricks with Coulomb friction 0.6", "Running bond, 4 courses, 0.69 × 0.12 × 0.24 m, upright "
-        "joints open by 30 mm; cells of 30/N mm. Only the lowest course is clamped; the uppermost is pressed and "
-        "pushed along and across. The force is that of both contacts of the first brick. Displacement of the corner "
-        "(0.69, 0.12, 0.24).", wall, (0.69, 0.12, 0.24), {2: 2, 4: 1}, 6, contacts=2),
-}
-"""By name."""
-
-
-def write_case(name: str, N: int, folder: Path, order: int = 1) -> Case:
-    """scene.toml for ddmpi and the same as a Case, both in the folder."""
-    its = SCENES[name]
-    scene = its.make(N, folder, order)
-    (folder / "scene.toml").write_text(to_toml(scene), encoding="utf-8")
-    case = case_of(scene, its.watched, its.contacts)
-    case.save(folder)
-    return case
-
-
-def case_of(scene: dict, watched: tuple[float, float, float], contacts: int) -> Case:
-    """The Case of a scene whose contacts are flat and whose nodes match, or of one with the rigid plane through the
-    origin across the last axis. At order 2 nodes need not match."""
-    meshes = {body.name: build_mesh(body) for body in read_scene("a scene of peers", to_toml(scene)).body}
-    counts = [len(mesh.points) for mesh in meshes.values()]
-    starts = dict(zip(meshes, np.cumsum([0, *counts[:-1]]), strict=True))
-    points = np.concatenate([mesh.points for mesh in meshes.values()])
-    order = next(iter(meshes.values())).order
-
-    def facets_of(name: str, group: str) -> np.ndarray:
-        return starts[name] + meshes[name].facets(group).nodes
-
-    clamped, load = [], np.zeros(points.shape)
-    for body in scene["body"]:
-        for clamp in body.get("clamp", []):
-            clamp = {"on": clamp} | dict.fromkeys("xyz") if isinstance(clamp, str) else clamp
-            nodes = np.unique(facets_of(body["name"], clamp["on"]))
-            clamped += [3 * nodes + c for c, component in enumerate("xyz") if component in clamp]
-        for traction in body.get("traction", []):
-            facets = facets_of(body["name"], traction["on"])
-            shares = facet_shares(points[facets])
-            value = traction["value"] if "value" in traction else np.array(traction["force"]) / shares.sum()
-            np.add.at(load, facets, shares[:, :, None] * np.array(value))
-    held = np.unique(np.concatenate(clamped))
-
-    parts, shown = [], []
-    for number, contact in enumerate(scene["contact"]):
-        sides = [facets_of(name, on) for name, on in zip(contact["bodies"], contact["on"], strict=False)]
-        nodes = np.unique(sides[0])
-        partner = np.full(len(nodes), -1)
-        if len(sides) == 2:  # what matches; at order 2 everything, if nothing does
-            facing = np.unique(sides[1])
-            away, nearest = cKDTree(points[facing]).query(points[nodes])
-            there = away < 1e-9
-            covered = [np.isin(side, its).all(axis=1) for side, its in
-                       zip(sides, (nodes[there], facing[nearest[there]]), strict=True)]
-            if covered[0].any() and covered[1].any():
-                sides = [side[its] for side, its in zip(sides, covered, strict=True)]
-                there &= np.isin(nodes, sides[0])
-            elif order == 1:
-                raise ValueError(f"the nodes of {' and '.join(contact['bodies'])} do not match")
-            nodes, partner = nodes[there], facing[nearest[there]]
-        share = np.bincount(sides[0].ravel(), facet_shares(points[sides[0]]).ravel(), len(points))[nodes]
-        pairs = np.column_stack([nodes, partner])[:len(nodes) if order == 1 else 0]
-        dofs = 3 * pairs[:, :, None] + np.arange(3)
-        moves = ~np.isin(dofs, held).all(axis=(1, 2))
-        gap = np.where(partner < 0, points[nodes, -1], 0.0)
-        parts.append([pairs[moves], *(each[:len(pairs)][moves] for each in (gap, share, np.full(len(nodes), number)))])
-        shown += [(facets, (number, which)) for which, facets in enumerate(sides)]
-    pairs, gap, area, numbers = (np.concatenate(each) for each in zip(*parts, strict=True))
-    across = -1 if (pairs < 0).any() else int(np.ptp(points[shown[0][0]], axis=(0, 1)).argmin())
-    material, friction = scene["body"][0]["material"], scene["contact"][0].get("friction", {})
-    return Case(points, np.concatenate([starts[name] + mesh.triangles for name, mesh in meshes.items()]),
-                np.repeat(np.arange(len(meshes)), [len(mesh.triangles) for mesh in meshes.values()]),
-                material["young"], material["poisson"], held, load.ravel(), pairs,
-                np.tile(-np.eye(3)[across], (len(pairs), 1)), gap, area, numbers,
-                np.concatenate([facets for facets, _ in shown]),
-                np.concatenate([np.tile(side, (len(facets), 1)) for facets, side in shown]),
-                friction.get("coefficient", 0.0), int(np.linalg.norm(points - watched, axis=1).argmin()), contacts)
 
 
 # One run of one peer: a process with a time limit
@@ -452,14 +266,14 @@ def scene_table(rows: list[Row], scene: str, N: int) -> list[str]:
                     "tangential force", "largest pressure; displacement", "difference to ddmpi", "error"], lines)]
 
 
-def fine_words(rows: list[Row], scene: str) -> list[str]:
+def fine_words(rows: list[Row], scene: str) -> str:
+    """What errors are measured against, after "the larger one of"."""
     row = fine_answer(rows, scene)
     if row is None:
-        return ["No fine answer yet.", ""]
+        return f"of order 2 with N = {SCENES[scene].fine}, which is not there yet."
     forces, pushed, rest = found_in(row)
-    what = " and ".join(WORDS[names] for names in SCENES[scene].compared)
-    return [f"The error is the larger one of {what} against ddmpi's answer of order 2 with N = {row['N']}, "
-            f"{row['unknowns']:,} unknowns, {row['processor']:.0f} s: {forces}, {pushed}; {rest}.", ""]
+    return (f"of order 2 with N = {row['N']}, {row['unknowns']:,} unknowns, {row['processor']:.0f} s: {forces}, "
+            f"{pushed}; {rest}.")
 
 
 def short_table(rows: list[Row]) -> list[str]:
@@ -488,46 +302,18 @@ def short_table(rows: list[Row]) -> list[str]:
                             default=math.nan)
                 lines.append([*start, f"{row['processor']:.1f}", f"{row['processor'] / same['processor']:.1f}",
                               number(error, ".1%"), number(row["processor"] / cheap, ".1f")])
-    return ["## Solids in short", "", "Processor seconds of peers, and how many times those of ddmpi they are: with "
-            "the same nodes, and beside the cheapest run of ddmpi on this page whose error is no larger (by more than "
-            "a fiftieth). The finest mesh that a peer has done, and the next one if it has failed there.", "",
-            *table(["scene", "", "N", "unknowns", "processor (s)", "times, equal unknowns", "error",
-                    "times, equal error"], lines)] if lines else []
+    return table(["scene", "", "N", "unknowns", "processor (s)", "times, equal unknowns", "error",
+                  "times, equal error"], lines)
 
 
-def page(rows: list[Row], left_out: dict[str, str], remark: str) -> str:
-    have, parts = versions(), []
-    names = "; ".join(f"{PEERS[name].title} ({why})" for name, why in left_out.items())
-    absent = [f"Left out: {names}.", ""] if names else []
-    for scene, its in SCENES.items():
-        sizes = [N for N in its.sizes if where(rows, scene=scene, N=N)]
-        if sizes:
-            parts += [f"## {its.title}", "", its.words, "", *fine_words(rows, scene),
-                      *(line for N in sizes for line in scene_table(rows, scene, N))]
-    return "\n".join([
-        "# Peers", "", *([f"**{remark}**", ""] if remark else []),
-        "Generated by `scripts/study peers`: the same nodes and elements by ddmpi, by other programs, and by hand. "
-        "Seconds are of the whole process from start to end, runs in turns. ddmpi also makes the mesh of boxes, "
-        "estimates the discretization error, certifies its answer and writes its results; the others read a mesh, and "
-        "writing their input is not timed. [The plane, and FreeFEM](peers_in_plane.md) were compared earlier; that "
-        "page also has what each program took to write.", "",
-        "All run as one process on one thread, and processor seconds are compared, because other work shares the "
-        "machine; the smallest of up to two repetitions. A run that has not ended after "
-        f"{LIMIT:.0f} of these seconds is given up, and its peer is not asked for a finer mesh of the scene. Order 2 "
-        "has the same nodes as order 1, or fewer.", "",
-        "What limits the comparison:", "",
-        "- The program by hand and GetFEM's nodal brick solve ddmpi's discrete problem of order 1: `difference to "
-        "ddmpi` is that of force and displacement, each relative to its size. They take matching meshes only. The "
-        "wall's upright joints are open because the program by hand has a node in one contact only. Neither says "
-        "whether its answer is right.",
-        "- CalculiX ends its iterations by its own tolerances, and its contact springs have a finite stiffness. Its "
-        "pressures are those that it extrapolates to nodes. Debian's solves with SPOOLES.",
-        "- At order 2 each has a contact of its own: ddmpi one force at each corner of the facets, GetFEM linear "
-        "stresses, CalculiX springs at integration points. On coarse meshes of the boxes and of the stack GetFEM and "
-        "CalculiX come closer to the fine answer.",
-        "- Small runs of ddmpi are mostly the start of Python, MPI and PETSc, about half a second.", "",
-        f"{processor()}, {os.cpu_count()} cores, PETSc {have['petsc']}, {have['mpi']}.", "",
-        *short_table(rows), *absent, *parts])
+def page(rows: list[Row], complete: bool) -> str:
+    """docs/tables/peers.md, which has all words."""
+    have, done = versions(), [scene for scene in SCENES if where(rows, scene=scene)]
+    return refilled("peers.md", {"Solids in short": short_table(rows)} | {SCENES[scene].title: [
+        line for N in SCENES[scene].sizes if where(rows, scene=scene, N=N) for line in scene_table(rows, scene, N)]
+        for scene in done}, complete, {
+            ".* cores, PETSc .*": f"{processor()}, {os.cpu_count()} cores, PETSc {have['petsc']}, {have['mpi']}."} | {
+            f"of order 2 with N = {SCENES[scene].fine},.*": fine_words(rows, scene) for scene in done})
 
 
 def main() -> None:
@@ -538,7 +324,6 @@ def main() -> None:
     parser.add_argument("--repetitions", type=int, metavar="R", help="default: 1 to 3, by scene and size")
     parser.add_argument("--limit", type=float, default=LIMIT, metavar="S",
                         help="seconds of processors of a run (%(default)s)")
-    parser.add_argument("--remark", default="", metavar="TEXT", help="a line under the title of the page")
     options = parser.parse_args()
     left_out = {name: why for name, peer in PEERS.items() if (why := peer.missing())}
     for name, why in left_out.items():
@@ -559,10 +344,8 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         wanted = [each for each in work(options.scenes, options.peers) if each[1] in (options.sizes or [each[1]])]
         rows = ledger.fill(wanted, Runs(ledger.rows, Path(folder), options.limit))
-    text = page(rows, left_out, options.remark)
     complete = all(where(rows, scene=scene, N=N, peer=name) for scene, N, name, *_ in work(SCENES, PEERS))
-    publish("peers.md", text, options.output, complete)
-    print(text)
+    publish("peers.md", page(rows, complete), options.output, complete)
 
 
 if __name__ == "__main__":

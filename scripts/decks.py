@@ -2,14 +2,13 @@
 """Decks of CalculiX's own test suite, imported, solved and compared with their reference displacements.
 
 The suite is Debian's package calculix-ccx-test; --suite names the folder of another copy. Where a deck has no reference
-displacements, CalculiX itself (ccx) computes them, if it is installed. Writes docs/tables/decks.md.
+displacements, CalculiX itself (ccx) computes them, if it is installed. Writes to --output decks.csv, a line per deck,
+so that an interrupted study continues, decks.md, scenes and results; without --only the page goes to docs/tables/, too.
 """
 
 from __future__ import annotations
 
-import argparse
 import gzip
-import json
 import re
 import shutil
 import subprocess
@@ -17,11 +16,10 @@ import sys
 import tempfile
 import traceback
 from pathlib import Path
-from typing import NamedTuple
-
-from experiment import ROOT  # isort: skip, with which the package can be imported
 
 import numpy as np
+from experiment import Ledger, Row, arguments, publish, refilled, table, where
+from mpi4py import MPI
 from scipy.spatial import cKDTree
 
 from ddmpi.decks.deck import STRIDE, flattened
@@ -30,8 +28,6 @@ from ddmpi.errors import DdmpiError
 from ddmpi.results.tables import read_results
 
 SUITE = Path("/usr/share/doc/calculix-ccx-test/examples/test")
-
-PAGE = ROOT / "docs" / "tables" / "decks.md"
 
 LARGEST, NODAL = 0.03, 0.05
 """A deck agrees if its largest displacement and its nodal error are within these."""
@@ -53,25 +49,6 @@ OTHER = frozenset((
 SOLIDS = re.compile(r"(C3D(4|6|8|10|15|20)(R|I|RI|T)?|(CAX|CPE|CPS)\d+R?)$")
 """Elements of statics of solids."""
 
-POINTS = "forces or supports at single nodes, whose displacement depends on the mesh without limit"
-BRICKS = "linear bricks with full integration, too stiff in bending; quadratic ones (beam20p) agree"
-FEW = "bricks, one to four across a body: the elements decide"
-REDUCED = "reduced integration lets the elements bulge: tried, nodal error"
-WHY = {"achtelc": POINTS, "achtelg": POINTS, "achtelp": POINTS, "beam8p": BRICKS, "beam8t": BRICKS,
-       "aniso": "tried: nodal error 5.7 %; at corners with forces, without limit, the displacement is 14 % off",
-       "beamcontact": "a force at one node, and large turns", "beamp1rotate": POINTS, "segmentf": POINTS,
-       "beamp2rotate": "a bar that is turned by a right angle", "beamrb": "tried: a twist by 10°, nodal error 7.1 %",
-       "beamuamp": "with --amplitude in the place of the routine of a user, t²",
-       "beamt": f"heated and held at both ends; {FEW}", "beamt3": "by numbers of nodes; tried: nodal error 18 %",
-       "contact4": f"one quadratic brick a body; {FEW}", "contactenergy": f"one linear brick a body; {FEW}",
-       "inistrain": f"{REDUCED} 23 %", "pret1": f"a frame of single bricks, held at two nodes; {FEW}",
-       "punch1": "tried: nodal error 5.4 to 6.2 %", "punch2": "tried: nodal error 5.4 to 6.2 %",
-       "resstress1": f"{REDUCED} 18 %", "scheibe": "its reference is no turn: half a turn takes (0, 1) to (3.17, 1)",
-       "segment1": f"held on whole faces; {FEW}", "segment2": f"held on whole faces; {FEW}",
-       "dloadlinI": "a strip 300 long and half a unit thick, of 15 bricks"}
-"""Why decks differ from the reference, what was tried of those that are refused, or what they were given."""
-
-
 GIVEN = {"beamuamp": ["QUADRATIC=0,0,0.5,0.25,1,1"]}
 """Amplitudes of routines of a user, which a deck does not have: as `--amplitude` of `ddmpi import` gives them."""
 
@@ -80,15 +57,6 @@ HARD = 100
 
 LINEAR = re.compile(r"(\*SURFACE *BEHAVIOR, *PRESSURE-OVERCLOSURE *= *LINEAR *\n\s*)([\d.EeDd+-]+)", re.IGNORECASE)
 """The stiffness of linear contact in a deck."""
-
-
-class Line(NamedTuple):
-    """A deck: its name, whether it is of static solids, how it ended, and what is said of it."""
-
-    name: str
-    static: bool
-    end: str
-    words: str
 
 
 def unpacked(suite: Path, folder: Path) -> list[Path]:
@@ -213,56 +181,36 @@ def tried(deck: Path, folder: Path) -> tuple[str, str]:
     return "agrees" if agrees else "differs", words
 
 
-def page(lines: list[Line]) -> str:
-    """The table in Markdown."""
-    static = [line for line in lines if line.static]
-    ends = dict.fromkeys(line.end for line in sorted(lines, key=lambda line: line.end))
-    count = "\n".join(f"| {end} | {sum(line.end == end for line in lines)} | "
-                      f"{sum(line.end == end for line in static)} |" for end in ends)
-    rows = "\n".join(f"| {line.name} | {'yes' if line.static else ''} | {line.end} | {line.words}"
-                     f"{'; ' + WHY[line.name] if line.name in WHY else ''} |"
-                     for line in lines).replace("*", "\\*")
-    return f"""# Decks of CalculiX's test suite
-
-`scripts/study decks` imports the decks of Debian's package `calculix-ccx-test` by `ddmpi import`, solves those that are
-taken, and compares displacements at nodes with the reference results of the suite; where these have none, with
-CalculiX's own on this machine. A deck agrees if its largest displacement is within {100 * LARGEST:g} % and its nodal
-error, the root of the sum of squares of differences over that of the reference, within {100 * NODAL:g} %.
-*Static* decks are those of solid, plane or axisymmetric elements, without constraints between nodes.
-
-| end | decks | static ones |
-|---|---|---|
-{count}
-| all | {len(lines)} | {len(static)} |
-
-| deck | static | end | details, or the line that is not possible |
-|---|---|---|---|
-{rows}
-"""
+def page(rows: list[Row]) -> str:
+    """docs/tables/decks.md, which also has why decks differ."""
+    rows = sorted(rows, key=lambda row: row["deck"])
+    counts = [[end or "all", *(len(some) for some in (of, where(of, static=True)))]
+              for end in [*sorted({row["end"] for row in rows}), ""]
+              for of in [where(rows, end=end) if end else rows]]
+    return refilled("decks.md", {
+        "Ends": table(("end", "decks", "static ones"), counts),
+        "Decks": table(("deck", "static", "end", "details, or the line that is not possible"), (
+            (row["deck"], "yes" if row["static"] else "", row["end"], row["words"].replace("*", "\\*"))
+            for row in rows))}, True)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = arguments(__doc__, "decks")
     parser.add_argument("--suite", type=Path, default=SUITE, help="folder of the decks")
     parser.add_argument("--only", default="", help="decks with this word in their names; writes no page")
-    parser.add_argument("--keep", type=Path, help="folder for scenes and results")
     options = parser.parse_args()
     if not options.suite.is_dir():
         sys.exit(f"{options.suite} is not there: apt-get install calculix-ccx-test, or name a copy by --suite")
+    ledger = Ledger(MPI.COMM_SELF, options.output / "decks.csv", ("deck",), ("static", "end", "words"))
     with tempfile.TemporaryDirectory() as name:
-        suite, folder, lines = Path(name) / "suite", options.keep or Path(name) / "scenes", []
-        suite.mkdir()
-        folder.mkdir(exist_ok=True)
-        for deck in unpacked(options.suite, suite):
-            known = folder / f"{deck.stem}.json"  # a study that is started again keeps them
-            if options.only in deck.stem:
-                if not known.exists():
-                    known.write_text(json.dumps(Line(deck.stem, is_static(deck), *tried(deck, folder))))
-                lines.append(Line(*json.loads(known.read_text())))
-                print(*lines[-1], flush=True)
-    if not options.only:
-        PAGE.write_text(page(lines), encoding="utf-8")
-        print(PAGE)
+        decks = {deck.stem: deck for deck in unpacked(options.suite, Path(name)) if options.only in deck.stem}
+
+        def measure(stem: str) -> Row:
+            end, words = tried(decks[stem], options.output)
+            return {"static": is_static(decks[stem]), "end": end, "words": words}
+
+        rows = ledger.fill([(stem,) for stem in decks], measure)
+    publish("decks.md", page(rows), options.output, not options.only)
 
 
 if __name__ == "__main__":

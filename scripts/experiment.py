@@ -8,15 +8,20 @@ import functools
 import gc
 import inspect
 import platform
+import re
 import sys
 import time
-from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 from mpi4py import MPI
 
 ROOT = Path(__file__).resolve().parents[1]
+TABLES = ROOT / "docs" / "tables"
+TABLE = r"(?:^\|.*\n)+"
+"""The lines of a table in a page."""
+
 sys.path.append(str(ROOT / "tests" / "support"))  # whose helpers the studies use as well
 Row = dict
 
@@ -118,12 +123,44 @@ def processor() -> str:
     """The name of this machine's processor, for a page (Linux)."""
     with open("/proc/cpuinfo", encoding="utf-8") as file:
         named = [line.split(":")[1].strip() for line in file if line.startswith("model name")]
-    return named[0] if named else platform.processor()
+    return re.sub(" +", " ", named[0]) if named else platform.processor()
+
+
+def cells(pattern: str, *values: Any) -> list[str]:
+    """A row of a table from formats, as in "{} | {:.1f}"."""
+    return pattern.format(*values).split(" | ")
+
+
+def refilled(name: str, tables: Mapping[str, list[str]], complete: bool, facts: Mapping[str, str] | None = None) -> str:
+    """A page of docs/tables/ with new tables. Its words stand there alone.
+
+    Parameters
+    ----------
+    tables : lines of those below each heading, in their order; "" is what stands above the first heading
+    complete : else the page has no sections but those of the `tables`
+    facts : patterns in the words, and what stands there now
+    """
+    first, *sections = re.split(r"^## ", (TABLES / name).read_text(encoding="utf-8"), flags=re.M)
+    parts = {"": first} | {section.partition("\n")[0]: f"## {section}" for section in sections}
+    for title, lines in tables.items():
+        if lines[0].startswith("### ") and title in parts:  # with headings of their own
+            parts[title] = "\n".join([re.split("^### ", parts[title], maxsplit=1, flags=re.M)[0], *lines, ""])
+            continue
+        old, new = (re.findall(TABLE, text, re.M) for text in (parts.get(title, ""), "\n".join([*lines, ""])))
+        if len(old) != len(new):
+            sys.exit(f"docs/tables/{name} wants a section '{title}' with {len(new)} tables, which a study fills in")
+        for before, now in zip(old, new, strict=True):
+            parts[title] = parts[title].replace(before, now, 1)
+    text = "".join(part for title, part in parts.items() if complete or not title or title in tables)
+    for pattern, fact in (facts or {}).items():
+        text = re.sub(pattern, lambda _, fact=fact: fact, text)
+    return text
 
 
 def publish(name: str, text: str, folder: Path, complete: bool, draw: Callable[[Path], None] | None = None) -> None:
     """Write a page to `folder`, and to docs/tables/ if the study is complete; `draw` draws its figures beside it."""
-    for place in [folder, ROOT / "docs" / "tables"] if complete else [folder]:
+    folder.mkdir(parents=True, exist_ok=True)
+    for place in [folder, TABLES] if complete else [folder]:
         (place / name).write_text(text, encoding="utf-8")
         if draw:
             draw(place / "figures")
@@ -146,27 +183,7 @@ def save_figures(folder: Path, figures: dict[str, Callable], **options) -> None:
             plt.close(figure)
 
 
-def by_family(tally: Counter[tuple[str, str]]) -> list[str]:
-    """The lines of a table: how often each family of scenes had each verdict."""
-    verdicts = sorted({verdict for _, verdict in tally})
-    lines = ["family        " + "".join(f"{verdict:>12s}" for verdict in verdicts)]
-    for family in [*sorted({family for family, _ in tally}), "all"]:
-        counts = [sum(n for (f, v), n in tally.items() if v == verdict and family in (f, "all"))
-                  for verdict in verdicts]
-        lines.append(f"{family:14s}" + "".join(f"{count:12d}" for count in counts))
-    return lines
-
-
 # Commands
-
-def seeds(text: str) -> list[int]:
-    """Seeds as A, A:B (B left out), or several of these with commas."""
-    found: list[int] = []
-    for part in text.split(","):
-        first, _, end = part.partition(":")
-        found += range(int(first), int(end)) if end else [int(first)]
-    return found
-
 
 def arguments(description: str | None, name: str = "") -> argparse.ArgumentParser:
     """A parser; with the option --output, by default results/NAME, for a study that writes files."""
@@ -175,12 +192,6 @@ def arguments(description: str | None, name: str = "") -> argparse.ArgumentParse
     if name:
         parser.add_argument("--output", type=Path, default=Path("results") / name, metavar="DIR")
     return parser
-
-
-def start(*studies: Callable[[], None]) -> None:
-    """Start the one of several studies of a file that the first argument names, as `scripts/study` does."""
-    sys.argv[0] = name = sys.argv.pop(1)
-    next(study for study in studies if study.__name__ == name)()
 
 
 def on_two_ranks(main: Callable[[MPI.Comm], None]) -> Callable[[], None]:

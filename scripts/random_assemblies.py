@@ -1,11 +1,12 @@
 #!/usr/bin/env -S bash -c 'exec "${0%/*}/study" "$0" "$@"'
-"""Random assemblies, seed by seed: every one certified and verified from its result files, or reported.
+"""Random assemblies, in the plane or of solids: each is certified and verified from its result files, or reported.
 
-`scripts/study random_assemblies --help` and `scripts/study random_solids --help` say more. Each prints a line for each
-seed, then a table of families, and ends with 1 if a verdict is among `WRONG`.
+Each scene is solved by the command. What it writes is checked without anything of the program's that computed it
+(tests/support/result_check.py). Prints a line for each seed, a table of families, and what ddmpi took: products are
+multiplications by a body's compliance over the number of bodies. Exit code 1 if one is violated, missed or failed;
+docs/studies/assemblies.md explains these verdicts.
 """
 
-import argparse
 import functools
 import json
 import sys
@@ -16,7 +17,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from experiment import by_family, seeds, start  # isort: skip, with which the helpers of the tests can be imported
+from experiment import arguments, table  # isort: skip, with which the helpers of the tests can be imported
 
 import assembly_scenes
 import result_check
@@ -33,6 +34,12 @@ def products(summary: dict[str, Any]) -> float:
     """Multiplications by a body's compliance in the iteration, over the number of bodies."""
     made = [body["n_A_by_purpose"].get("newton", 0) for body in summary["bodies"].values()]
     return sum(made) / len(made)
+
+
+def seeds(text: str) -> list[int]:
+    """Seeds as A, A:B (B left out), or several of these with commas."""
+    parts = [part.partition(":") for part in text.split(",")]
+    return [seed for first, _, end in parts for seed in range(int(first), int(end or int(first) + 1))]
 
 
 def judge(scene: dict[str, Any], folder: Path, tolerance: float, command: Callable[..., scenes.Run]) -> tuple[str, str]:
@@ -62,27 +69,10 @@ def judge(scene: dict[str, Any], folder: Path, tolerance: float, command: Callab
     return "violated" if worst > tolerance else "verified" if result_check.feasible(scene) else "edge", said
 
 
-VERDICTS = """
-Each scene is solved by the command. What it writes is checked without anything of the program's that computed it
-(tests/support/result_check.py): the equilibrium of bodies as wholes and at their nodes, and all laws of all contacts. A
-line for each seed, then a table of families, and what ddmpi took: products are multiplications by a body's compliance
-over the number of bodies. Verdicts:
-
-verified    certified, and all violations below --tolerance
-reported    no equilibrium, and a linear program over the corners of the contacts agrees
-edge        the linear program disagrees, unless contacts are smaller or larger by a part of a cell: meshes that do
-            not match bear up to their nodes, not up to the edge of a contact
-finding     no equilibrium found, though the linear program has forces: the iteration drifts, and with friction
-            elastic bodies may not find these
-violated    certified, and some law is not obeyed, or no forces can hold the bodies
-missed      ended for another reason, or "no equilibrium" is said to be certain and is not
-failed      ended with an error, or not within --limit seconds
-"""
-
-
-def study(about: str, random_scene: Callable[[int], dict[str, Any]]) -> None:
-    """Judge the scenes of some seeds."""
-    parser = argparse.ArgumentParser(description=about + VERDICTS, formatter_class=argparse.RawDescriptionHelpFormatter)
+def main() -> None:
+    kinds = {"random_assemblies": assembly_scenes, "random_solids": solid_assemblies}
+    random_scene = kinds[sys.argv.pop(1)].random_scene
+    parser = arguments(__doc__)
     parser.add_argument("--seeds", type=seeds, default=seeds("0:300"), help="A:B, or seeds with commas")
     parser.add_argument("--ranks", type=int, help="left out, 1 to 4 by seed")
     parser.add_argument("--tolerance", type=float, default=1e-5, help="of violations, over the largest of their kind")
@@ -100,24 +90,20 @@ def study(about: str, random_scene: Callable[[int], dict[str, Any]]) -> None:
             if verdict != "failed":
                 summary = json.loads((folder / "results" / "summary.json").read_text(encoding="utf-8"))
                 taken[seed] = summary["outer_iterations"], products(summary)
-        tally[scene["title"].replace(",", " ").split()[0], verdict] += 1
+        for family in (scene["title"].replace(",", " ").split()[0], "all"):
+            tally[family, verdict] += 1
         print(f"{seed:4d} {scene['title']:42s} {ranks} ranks {time.perf_counter() - start:5.1f} s  "
               f"{taken.get(seed, (0, 0.0))[0]:3d} steps {taken.get(seed, (0, 0.0))[1]:6.0f} products  "
               f"{verdict:9s} {words}", flush=True)
     steps, made = (sum(each[k] for each in taken.values()) for k in (0, 1))
     above = [f"{seed} ({k}, {p:.0f})" for seed, (k, p) in taken.items() if k > STEPS or p > PRODUCTS]
+    verdicts = sorted({verdict for _, verdict in tally})
+    families = sorted({family for family, _ in tally}, key=lambda family: (family == "all", family))
     print(f"\n{steps} steps and {made:.0f} products a body; above {STEPS} or {PRODUCTS}: "
-          f"{', '.join(above) or 'none'}", *by_family(tally), sep="\n")
-    sys.exit(any(verdict in WRONG for _, verdict in tally))
-
-
-def random_assemblies() -> None:
-    study("Random assemblies in the plane.", assembly_scenes.random_scene)
-
-
-def random_solids() -> None:
-    study("Random assemblies of solids.", solid_assemblies.random_scene)
+          f"{', '.join(above) or 'none'}", *table(["family", *verdicts], (
+              [family, *(tally[family, verdict] for verdict in verdicts)] for family in families)), sep="\n")
+    sys.exit(any(verdict in WRONG for verdict in verdicts))
 
 
 if __name__ == "__main__":
-    start(random_assemblies, random_solids)
+    main()

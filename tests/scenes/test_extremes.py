@@ -9,19 +9,8 @@ import copy
 
 import numpy as np
 import pytest
-from extremes import (
-    NO_FRICTION,
-    OTHER_ORDER,
-    attempt_solid,
-    coulomb,
-    divisions,
-    jump,
-    loads,
-    material,
-    side_by_side,
-    size,
-    tresca,
-)
+from extremes import NO_FRICTION, OTHER_ORDER, coulomb, divisions, jump, loads, material, size, tresca
+from extremes_in_space import attempt_solid, side_by_side
 from mpi4py import MPI
 from scenes import everywhere, exact_forces, pinched_blocks, prepare_scene, the_interface
 

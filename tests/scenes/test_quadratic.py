@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 import scenes
 from mpi4py import MPI
-from problems import annulus, lame_fit, plane_strain
+from problems.bodies import annulus
+from problems.forms import lame_fit, plane_strain
 from scenes import pinched_blocks, solve_scene
 
 pytestmark = pytest.mark.slow

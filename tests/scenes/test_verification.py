@@ -1,6 +1,9 @@
 """The verification problems on their coarsest meshes."""
 
+import re
+
 import pytest
+from experiment import TABLES
 from problems import PROBLEMS, Value, around_axis, curved, flat, moving, solids, supports
 
 pytestmark = pytest.mark.slow
@@ -19,7 +22,10 @@ def test_problem(name, order, tmp_path):
 
 
 def test_all_problems_are_there():
-    """Those of all modules, each under its name, on ascending meshes."""
+    """Those of all modules, each under its name, on ascending meshes, and with its section in the page."""
+    page = (TABLES / "verification.md").read_text(encoding="utf-8")
+    sections = re.findall(r"^## (.*)\n\n\*\*Shows\.\*\* .*\n\n\*\*Scene\.\*\* .*\n\n\*\*Exact\.\*\* ", page, re.M)
+    assert sorted(sections) == sorted(each.title for each in PROBLEMS.values())
     assert {each.measure.__module__ for each in PROBLEMS.values()} == {
         module.__name__ for module in (flat, curved, supports, around_axis, moving, solids)}
     assert len(PROBLEMS) == 45

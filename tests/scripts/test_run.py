@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 import scenes
+from test_test import executable
 
 pytestmark = pytest.mark.slow
 
@@ -24,14 +25,12 @@ BODY = '[[body]]\nname = "a"\n[[body.clamp]]\non = "left"\n'
 def root(tmp_path: Path) -> Path:
     """A checkout of which only run.sh is real, on a machine of eight cores."""
     (tmp_path / "scripts").mkdir()
-    (tmp_path / "bin").mkdir()
     for name in ("run.sh", "attend.sh"):
         shutil.copy(scenes.ROOT / "scripts" / name, tmp_path / "scripts")
     (tmp_path / "scripts" / "setup.sh").write_text(f"ROOT={tmp_path} MPIRUN=mpirun PYTHON=python OMP_NUM_THREADS=1\n")
-    programs = {"mpirun": "printf '%s\\n' \"$@\" >calls\nexit 3\n", "nproc": "echo ${OMP_NUM_THREADS:-${CORES:-8}}\n"}
+    programs = {"mpirun": "printf '%s\\n' \"$@\" >calls\nexit 3", "nproc": "echo ${OMP_NUM_THREADS:-${CORES:-8}}"}
     for name, text in programs.items():
-        (tmp_path / "bin" / name).write_text(f"#!/bin/sh\n{text}")
-        (tmp_path / "bin" / name).chmod(0o755)
+        executable(tmp_path / "bin" / name, text)
     (tmp_path / "configs").mkdir()
     (tmp_path / "configs" / "pinched_blocks.toml").write_text(2 * BODY)
     for number in (1, 2, 3, 5, 12):
@@ -141,9 +140,7 @@ def in_terminal(program: str, here: Path, command: list[str], *ready: str) -> tu
     Once for each of the files `ready`.
     """
     (here / "program.py").write_text(program)
-    python = here / "python"
-    python.write_text(f'#!/bin/sh\nexec {sys.executable} {here}/program.py "$@"\n')
-    python.chmod(0o755)
+    python = executable(here / "python", f'exec {sys.executable} {here}/program.py "$@"')
     said = b""
     environment = scenes.clean_environment() | {"DDMPI_PYTHON": str(python), "READY": f"{here}/ready", "TERM": "dumb"}
     process, terminal = pty.fork()

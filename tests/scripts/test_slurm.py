@@ -9,6 +9,7 @@ import os
 import re
 import shlex
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -18,6 +19,7 @@ from pathlib import Path
 import pytest
 import scenes
 from scenes import pinched_blocks
+from test_test import executable
 
 from ddmpi.results.summary import write_summary
 
@@ -25,10 +27,6 @@ pytestmark = pytest.mark.slow
 
 SLURM = scenes.ROOT / "scripts" / "slurm"
 COEFFICIENT = "contact.0.friction.coefficient"
-
-CONTROL = """#!/bin/sh
-echo "$@" >>"$0.calls"
-"""
 
 
 @dataclass
@@ -96,10 +94,8 @@ def jobs(cluster) -> Cluster:
     here = cluster.folder
     small = str(scenes.write_scene(pinched_blocks(2), here / "small.toml"))
     long = str(scenes.write_scene(pinched_blocks(2, outer="relaxation"), here / "long.toml"))
-    python = here / "python"
     preempted = shlex.join([sys.executable, f"{scenes.ROOT}/tests/support/preempted.py"])
-    python.write_text(f'#!/bin/sh\nexec {preempted} "$@"\n')
-    python.chmod(0o755)
+    python = executable(here / "python", f'exec {preempted} "$@"')
     cluster.submit("preempted", "run.sbatch", long, "--no-figures", "--output", str(here / "preempted"),
                    DDMPI_PYTHON=str(python))
     cluster.submit("mpirun", "run.sbatch", small, f"--output={here / 'mpirun'}", "--no-figures")
@@ -177,7 +173,7 @@ def test_tables(jobs):
 
 
 ENDS = {
-    # what the command does: (signal, exit code of the job, requeued)
+    # what the command does: (signal, exit code of the job, requeued); it has gone back once, but with # # 50 times
     "mkdir out; trap 'touch out/checkpoint.h5; exit 6' USR1": ("USR1", 6, True),
     "trap 'exit 6' USR1": ("USR1", 6, False),  # nothing is saved, nor would it be the next time
     "trap 'exit 3' USR1": ("USR1", 3, False),  # it had ended otherwise just then
@@ -185,22 +181,19 @@ ENDS = {
     "trap - USR1": ("USR1", 138, True),  # it did not listen yet
     "mkdir out; touch out/summary.json": ("USR1", 138, False),  # nor any more
     "trap - USR1 #": ("TERM", 138, False),
+    "trap - USR1 # #": ("USR1", 138, False),
 }
 
 
 @pytest.mark.parametrize("command", ENDS)
 def test_signals_are_handed_on(tmp_path, command):
-    import signal
-
     name, code, requeued = ENDS[command]
-    control = tmp_path / "scontrol"
-    control.write_text(CONTROL)
-    control.chmod(0o755)
+    executable(tmp_path / "scontrol", 'echo "$@" >>"$0.calls"')
     (tmp_path / "scripts").mkdir()
     (tmp_path / "scripts" / "setup.sh").write_text("")
     environment = scenes.clean_environment() | {
         "PATH": f"{tmp_path}:{os.environ['PATH']}", "ROOT": str(tmp_path), "SLURM_SUBMIT_DIR": str(tmp_path),
-        "SLURM_JOB_ID": "7", "SLURM_JOB_NODELIST": "n"}
+        "SLURM_JOB_ID": "7", "SLURM_JOB_NODELIST": "n", "SLURM_RESTART_COUNT": "50" if "# #" in command else "1"}
     waits = f"{command}\ntouch ready; while :; do sleep 0.05; done"
     script = f'set -euo pipefail; . "{SLURM}/job.sh"; output=out; attend bash -c "$1"; requeue_or_exit'
     with subprocess.Popen(["bash", "-c", script, "bash", waits], env=environment, cwd=tmp_path, text=True,
@@ -221,8 +214,7 @@ def start_job(here: Path, *arguments: str, **environment: str) -> tuple[subproce
     (here / "scripts" / "setup.sh").write_text("MPIRUN=./mpirun PYTHON=python\n")
     shutil.copy(SLURM / "job.sh", here / "scripts" / "slurm")
     shutil.copy(SLURM.parent / "attend.sh", here / "scripts")
-    (here / "mpirun").write_text("#!/bin/sh\nprintf '%s\\n' \"$@\" >calls\nexit 9\n")
-    (here / "mpirun").chmod(0o755)
+    executable(here / "mpirun", "printf '%s\\n' \"$@\" >calls\nexit 9")
     environment |= {"DDMPI_ROOT": str(here), "SLURM_SUBMIT_DIR": str(here), "SLURM_JOB_ID": "7",
                     "SLURM_JOB_NODELIST": "n"}
     job = subprocess.run(["bash", SLURM / "run.sbatch", "scene.toml", *arguments], capture_output=True, text=True,
@@ -260,17 +252,6 @@ def test_a_job_has_the_ranks_that_slurm_gives_it(tmp_path, environment, ranks):
     assert started[:2] == ["-n", ranks]
 
 
-def test_a_job_does_not_go_back_for_ever(tmp_path):
-    (tmp_path / "scripts").mkdir()
-    (tmp_path / "scripts" / "setup.sh").write_text("")
-    environment = scenes.clean_environment() | {
-        "ROOT": str(tmp_path), "SLURM_SUBMIT_DIR": str(tmp_path), "SLURM_JOB_ID": "7", "SLURM_JOB_NODELIST": "n",
-        "SLURM_RESTART_COUNT": "3", "DDMPI_REQUEUES": "3"}
-    script = f'. "{SLURM}/job.sh"; code=6; caught=USR1; scontrol() {{ echo called; }}; requeue_or_exit'
-    job = subprocess.run(["bash", "-c", script], env=environment, capture_output=True, text=True, timeout=scenes.LIMIT)
-    assert job.returncode == 6 and "called" not in job.stdout
-
-
 def start_task(root: Path, **variables: int) -> subprocess.CompletedProcess:
     """sweep.sbatch as a task of an array, up to the command that it would launch."""
     (root / "scripts" / "slurm").mkdir(parents=True)
@@ -306,8 +287,7 @@ def test_tasks_of_an_array_have_each_a_share_or_are_refused(tmp_path, array):
 def test_a_cluster_removes_only_what_it_has_made(tmp_path, folder, code):
     """It starts in a folder of its own and leaves there what it does not know, and in no folder of another Slurm."""
     for name in ("munged", "slurmctld", "slurmd", "sbatch", "sinfo"):
-        (tmp_path / name).write_text("#!/bin/sh\necho idle\n")
-        (tmp_path / name).chmod(0o755)
+        executable(tmp_path / name, "echo idle")
     place = tmp_path / folder
     place.mkdir()
     environment = scenes.clean_environment() | {"DDMPI_SLURM": str(place), "PATH": f"{tmp_path}:{os.environ['PATH']}"}

@@ -13,14 +13,13 @@ import pytest
 from experiment import Ledger
 from mpi4py import MPI
 from scenes import LIMIT, clean_environment
+from test_test import executable
 
 pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).resolve().parents[2]
 STUDIES = {
     # script: arguments; words of what it prints and of its pages; numbers of tables and figures
-    "cycles": ("--repeats 1 2", ("| 2 | all run | 2 | 36 | ", "| 2 | until = 0.0001 | 2 | 36 | ",
-                                 "| 1 | a long history instead | 1 | 28 | "), 1, 0),
     "large_bodies": ("--millions 0.001 --solids 0.001 --ranks 1 --kinds chosen iterative",
                      ("## pinched_blocks, 0.001 million unknowns on 1 ranks", "## two_boxes, 0.001 million",
                       "| chosen | explicit |", "| iterative | iterative |"), 1, 0),
@@ -57,8 +56,7 @@ def test_start(tmp_path, name, monkeypatch, capsys):
 
     The extremes want two ranks: tests/scenes/test_extremes.py uses their functions.
     """
-    (tmp_path / "python").write_text("#!/bin/sh\necho \"$@\"\n")
-    (tmp_path / "python").chmod(0o755)
+    executable(tmp_path / "python", 'echo "$@"')
     done = subprocess.run([ROOT / "scripts/study", name, "--help"], text=True, capture_output=True, timeout=LIMIT,
                           env=clean_environment() | {"DDMPI_PYTHON": str(tmp_path / "python")}, check=True)
     monkeypatch.setattr(sys, "argv", done.stdout.split())
