@@ -144,7 +144,7 @@ def refilled(name: str, tables: Mapping[str, list[str]], complete: bool, facts: 
     parts = {"": first} | {section.partition("\n")[0]: f"## {section}" for section in sections}
     for title, lines in tables.items():
         if lines[0].startswith("### ") and title in parts:  # with headings of their own
-            parts[title] = "\n".join([re.split("^### ", parts[title], maxsplit=1, flags=re.M)[0], *lines, ""])
+            parts[title] = "\n".join([re.split("\n### ", parts[title], maxsplit=1)[0], *lines, ""])
             continue
         old, new = (re.findall(TABLE, text, re.M) for text in (parts.get(title, ""), "\n".join([*lines, ""])))
         if len(old) != len(new):

@@ -22,13 +22,9 @@ DOCS = scenes.ROOT / "docs"
 
 @pytest.mark.parametrize("name", ["start/tutorial.md", "start/tutorial_in_space.md", "start/drawing.md"])
 def test_commands_of_a_page_do_what_it_says(name, tmp_path):
-    """Each command of the page runs as its reader would run it, prints what is shown, and makes the pictures.
-
-    The commands of the first page run on two ranks, where there are two cores, those of the others on one.
-    """
+    """Each command of the page runs as its reader would run it, on one rank, prints what is shown, makes pictures."""
     page = (DOCS / name).read_text(encoding="utf-8")
-    ranks = {} if name == "start/tutorial.md" else {"DDMPI_RANKS": "1"}
-    outcomes = pages.run(page, tmp_path, scenes.clean_environment() | ranks, scenes.LIMIT)
+    outcomes = pages.run(page, tmp_path, scenes.clean_environment() | {"DDMPI_RANKS": "1"}, scenes.LIMIT)
     assert len(outcomes) > 3
     assert pages.differences(outcomes, pages.slack(page)) == []
     for picture, made in pages.IMAGE.findall(page):
