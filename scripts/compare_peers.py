@@ -22,12 +22,14 @@ from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import peers
 from experiment import ROOT, Ledger, Row, arguments, processor, publish, refilled, table, where
 from mpi4py import MPI
 from peers import Answer, Case, read_answer
 from peers.scenes import FORCE, MOVED, SCENES, write_case
 from scenes import clean_environment
+from tradeoff import in_box
 
 from ddmpi.system.provenance import versions
 
@@ -131,7 +133,10 @@ LATE = "not done in"
 
 KEY = ("scene", "N", "peer", "repetition")
 MEASURED = ("unknowns", "pairs", "seconds", "processor", "memory", "iterations", "normal", "tangential", "pressure",
-            "x", "y", "z", "failure")
+            "x", "y", "z", "moved", "failure")
+
+GRID = np.stack(np.meshgrid(*3 * [np.linspace(0.0, 1.0, 5)]), axis=-1).reshape(-1, 3)
+"""The points of a box of side 1 at which displacements are compared, whatever the meshes."""
 
 
 # Who takes part
@@ -178,13 +183,25 @@ PEERS = {
 def row_of(case: Case, result: Result) -> Row:
     answer = result.answer
     normal, tangential = answer.force if answer else (math.nan,) * 2
-    x, y, z = answer.displacement if answer else (math.nan,) * 3
+    x, y, z = answer.displacement[case.watched] if answer else (math.nan,) * 3
     return {"unknowns": case.load.size - case.clamped.size, "pairs": len(case.pairs),
             "seconds": round(result.seconds, 4), "processor": round(result.processor, 3),
             "memory": round(result.memory, 1),
             "iterations": answer.iterations if answer else 0, "normal": float(normal), "tangential": float(tangential),
             "pressure": answer.pressure if answer else math.nan, "x": float(x), "y": float(y),
-            "z": float(z), "failure": result.failure}
+            "z": float(z), "moved": moved(case, answer.displacement) if answer else "", "failure": result.failure}
+
+
+def moved(case: Case, u: np.ndarray) -> str:
+    """The displacements (m) at GRID in every body, in words; none of bodies that are no boxes."""
+    if case.rigid:
+        return ""
+    order, found = 1 if case.cells.shape[1] == 4 else 2, []
+    for body in range(case.body.max() + 1):
+        nodes = np.unique(case.cells[case.body == body])
+        low, high = case.points[nodes].min(axis=0), case.points[nodes].max(axis=0)
+        found.append(in_box(case.points[nodes], u[nodes], order, low + GRID * (high - low)))
+    return " ".join(f"{value:.7g}" for value in np.concatenate(found).ravel())
 
 
 class Runs:
@@ -216,9 +233,13 @@ def best(rows: list[Row]) -> Row | None:
 
 
 def difference(row: Row, other: Row) -> float:
-    """The largest of those that the scene compares, each relative to its size in `row`."""
-    return max(math.dist([other[name] for name in names], [row[name] for name in names])
-               / math.hypot(*(row[name] for name in names))
+    """The largest of those that the scene compares, each relative to its size in `row`; of displacements all that
+    both have."""
+    def values(of: Row, names: tuple[str, ...]) -> list[float]:
+        everywhere = names == MOVED and row["moved"] and other["moved"]
+        return [*map(float, of["moved"].split())] if everywhere else [of[name] for name in names]
+
+    return max(math.dist(values(other, names), values(row, names)) / math.hypot(*values(row, names))
                for names in SCENES[row["scene"]].compared)
 
 
@@ -281,7 +302,7 @@ def short_table(rows: list[Row]) -> list[str]:
     lines = []
     for scene in SCENES:
         fine = fine_answer(rows, scene)
-        own = [row for N in SCENES[scene].sizes for name in ("ddmpi", "ddmpi-2")
+        own = [row for N in (*SCENES[scene].sizes, *SCENES[scene].between) for name in ("ddmpi", "ddmpi-2")
                if (row := best(where(rows, scene=scene, N=N, peer=name)))]
         for name, peer in PEERS.items():
             sizes = [N for N in SCENES[scene].sizes if where(rows, scene=scene, N=N, peer=name)]
@@ -337,7 +358,7 @@ def main() -> None:
             having = [name for name in names if name not in left_out and scene in PEERS[name].scenes]
             found += [(place, scene, N, name, k) for place, (N, times) in enumerate(its.sizes.items())
                       for k in range(options.repetitions or times) for name in having]
-            found += [(1, scene, its.fine, name, 0) for name in having if name == "ddmpi-2"]
+            found += [(1, scene, N, name, 0) for N in (*its.between, its.fine) for name in having if name == "ddmpi-2"]
         return [rest for _, *rest in sorted(found, key=lambda each: each[0])]
 
     ledger = Ledger(MPI.COMM_WORLD, options.output / "peers.csv", KEY, MEASURED)

@@ -133,8 +133,9 @@ def by_integrals(case: Case) -> Answer:
             total += [getfem.asm_generic(integration, 0, f"stress{number}({c + 1})", number + 1, model)
                       for c in range(d)]
         pressure = max(pressure, np.abs(model.variable(f"stress{number}").reshape(-1, d) @ along).max())
-    u = next(model.variable(f"u{k}")[dofs].reshape(-1, d)[np.searchsorted(nodes, case.watched)]
-             for k, (_, _, nodes, dofs) in enumerate(bodies) if case.watched in nodes)
+    u = np.zeros(case.points.shape)
+    for k, (_, _, nodes, dofs) in enumerate(bodies):
+        u[nodes] = model.variable(f"u{k}")[dofs].reshape(-1, d)
     return Answer(u, case.young * along_and_across(case, total), float(case.young * pressure), steps)
 
 

@@ -80,8 +80,9 @@ class Scene:
     Attributes
     ----------
     make : the scene for ddmpi from N, a folder and the order of the elements
-    watched : the point whose displacement is compared (m)
+    watched : the point whose displacement is shown, and compared where bodies are no boxes (m)
     sizes : how often each N is measured
+    between : N of more answers of ddmpi of order 2
     fine : N of the fine answer of order 2
     compared : groups of columns of which the worst relative difference counts
     exact : known values, of the columns that they name
@@ -96,12 +97,14 @@ class Scene:
     compared: Collection[tuple[str, ...]] = (FORCE, MOVED)
     exact: Mapping[str, float] = field(default_factory=dict)
     contacts: int = 1
+    between: Collection[int] = ()
 
 
 SCENES = {
-    "boxes": Scene("Two boxes in space with Coulomb friction 0.3", boxes, (3.0, 2.0, 1.0), {8: 2, 16: 1, 22: 1}, 28),
+    "boxes": Scene("Two boxes in space with Coulomb friction 0.3", boxes, (3.0, 2.0, 1.0), {8: 2, 16: 1, 22: 1}, 28,
+                   between=(10, 12, 14, 18, 20)),
     "tall": Scene("A loose stack of four cubes with Coulomb friction 0.3", tall, (1.0, 1.0, 4.0), {6: 2, 12: 1, 18: 1},
-                  24),
+                  24, between=(4, 8, 10, 14, 20)),
     "ball": Scene("A ball on a rigid plane", ball, (0.0, 0.0, 1.0), {10: 2, 20: 1, 40: 1}, 60, (("pressure",), MOVED),
                   {"pressure": 2 * BALL / np.pi / (1 - POISSON**2)}),
     "wall": Scene("A wall of fourteen bricks with Coulomb friction 0.6", wall, (0.69, 0.12, 0.24), {2: 2, 4: 1}, 6,
