@@ -1,6 +1,6 @@
-"""Pairing of two sides whose nodes lie opposite each other, everywhere or in the part that they have in common.
+"""Pairing of two sides whose nodes lie opposite each other, everywhere or in their common part.
 
-A rigid surface, which has neither nodes nor compliance, is opposite to every node that faces it.
+A rigid surface has neither nodes nor compliance; every node that faces it is paired with the surface.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def pairs(sides: tuple[Side, Side], nodes: np.ndarray, partners: np.ndarray, nor
         place[facet[side.bare[facet]]] = place[facet[2]]
     kept, row = np.unique(place[nodes], return_inverse=True)
     total = np.bincount(row, area)
-    # Weights area/total sum to one: rigid translations pass through, and nodal forces are pressure × length.
+    # Weights area/total sum to one: rigid translations open no gap, and nodal forces are pressure × length.
     transfers = [sparse.csr_matrix((area / total[row], (row, numbers)), (len(kept), len(one.nodes)))
                  for one, numbers in zip(sides, (nodes, partners), strict=True)]
     place[nodes], nodes = row, nodes[kept]
