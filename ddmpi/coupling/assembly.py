@@ -142,8 +142,8 @@ class Assembly:
     def pushes(self) -> dict[str, float]:
         """Sum of the forces (N) along the motions of each driven partner, the largest over all turning points."""
         factors = [self.scene.factors(time) for time in self.scene.legs]
-        return {each.name: float(np.abs(each.push).sum()) * max(abs(at[each.history]) for at in factors)
-                for each in self.joint.driven}
+        return {partner.name: float(np.abs(partner.push).sum()) * max(abs(at[partner.history]) for at in factors)
+                for partner in self.joint.driven}
 
     @property
     def loose(self) -> list[str]:

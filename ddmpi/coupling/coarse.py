@@ -152,15 +152,15 @@ class Motions:
         if not self.size:
             return other
         return Motions(self.space, self.size + other.size,
-                       [(part, np.append(ours, self.size + theirs), np.hstack([block, more])) for
-                        (part, ours, block), (_, theirs, more) in zip(self.blocks, other.blocks, strict=True)])
+                       [(entries, np.append(ours, self.size + theirs), np.hstack([block, more])) for
+                        (entries, ours, block), (_, theirs, more) in zip(self.blocks, other.blocks, strict=True)])
 
     def assemble(self, blocks: Sequence[np.ndarray]) -> sparse.csr_matrix:
         """A matrix like Z from columns (its size, c) of every owned interface, for the motions of its bodies."""
         rows, columns, values = [np.empty(0, int)], [np.empty(0, int)], [np.empty(0)]
-        for (part, numbers, _), block in zip(self.blocks, blocks, strict=True):
-            rows.append(np.repeat(np.arange(part.start, part.stop), len(numbers)))
-            columns.append(np.tile(numbers, part.stop - part.start))
+        for (entries, numbers, _), block in zip(self.blocks, blocks, strict=True):
+            rows.append(np.repeat(np.arange(entries.start, entries.stop), len(numbers)))
+            columns.append(np.tile(numbers, entries.stop - entries.start))
             values.append(block.ravel())
         return sparse.csr_matrix((np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))),
                                  (self.space.size, self.size))
@@ -184,24 +184,25 @@ def gather_motions(exchange: Exchange, space: Space, members: Sequence[Member], 
     # All ranks learn how many motions each body has, hence the same numbers; the motions themselves go to neighbours.
     counts = exchange.world.allgather([(member.name, len(rows)) for member, rows in zip(members, columns, strict=True)])
     slices, size = {}, 0
-    for name, count in itertools.chain(*counts, ((each.name, len(each.push)) for each in driven)):
+    for name, count in itertools.chain(*counts, ((partner.name, len(partner.push)) for partner in driven)):
         slices[name] = slice(size, size + count)
         size += count
     if not size:
         return Motions(space, 0, ()), slices
-    both = exchange.swap_objects({(contact, side): own[:, part].T for member, own in zip(members, columns, strict=True)
-                                  for contact, (part, side) in member.parts.items()})
+    both = exchange.swap_objects({(contact, side): motions[:, entries].T
+                                  for member, motions in zip(members, columns, strict=True)
+                                  for contact, (entries, side) in member.parts.items()})
     blocks = []
-    for interface, part in space.with_slices():
+    for interface, entries in space.with_slices():
         sides = dict(zip(interface.bodies, both[interface.name], strict=True))
-        for each in driven:
-            if each.acts_on(interface):  # a second side that moves by e_x closes the contact by −n·e_x
-                sides[each.name] = -np.einsum("id,idj->ij", interface.directions,
-                                              each.motions(interface.places)[interface.law.node])
+        for partner in driven:
+            if partner.acts_on(interface):  # a second side that moves by e_x closes the contact by −n·e_x
+                sides[partner.name] = -np.einsum("id,idj->ij", interface.directions,
+                                                 partner.motions(interface.places)[interface.law.node])
         seen = [(np.arange(slices[name].start, slices[name].stop), block)
                 for name, block in sides.items() if block is not None]
         numbers, columns = zip(*seen, strict=True)
-        blocks.append((part, np.concatenate(numbers), np.hstack(columns)))
+        blocks.append((entries, np.concatenate(numbers), np.hstack(columns)))
     return Motions(space, size, blocks), slices
 
 
@@ -230,18 +231,18 @@ class CoarseSystem:
         moves = sparse.diags(np.append(1.0 - np.asarray(kept, float), np.ones(motions.size - len(kept))))
         with event("CoarseSystem"):
             smooth = []
-            for number, (part, _, block) in enumerate(motions.blocks):
+            for number, (entries, _, block) in enumerate(motions.blocks):
                 along = basis if columns is None else columns
-                smooth.append(stiffness(number, basis[part] @ (weights[:, None] * (along[part].T @ block))))
+                smooth.append(stiffness(number, basis[entries] @ (weights[:, None] * (along[entries].T @ block))))
             # Elimination of y from [M⁻¹ −Z̃ᵀ; Ẑ K] leaves S. Slipping nodes' friction follows the pressure, so E
             # differs from I and S is not symmetric: an oblique projector in place of FETI's.
             self._MZ = (sparse.diags(weights) @ basis.T @ motions.assemble(smooth) @ moves).tocsr()
             self._EZ = (E.T @ motions.Z @ moves).tocsr()
             local = (self._EZ.T @ self._MZ).tocoo()
-            entries, self.size = self._space.gather((local.row, local.col, local.data)), motions.size
+            triplets, self.size = self._space.gather((local.row, local.col, local.data)), motions.size
             with agreed(self._space.comm):
-                if entries is not None:
-                    row, column, value = (np.concatenate(arrays) for arrays in zip(*entries, strict=True))
+                if triplets is not None:
+                    row, column, value = (np.concatenate(arrays) for arrays in zip(*triplets, strict=True))
                     S = sparse.csc_matrix((value, (row, column)), (self.size, self.size))
                     try:
                         S = (S + resists).tocsc()
@@ -270,17 +271,17 @@ class CrossPoints:
     def __init__(self, members: Sequence[Member], exchange: Exchange, space: Space) -> None:
         points = [member.at_cross_points() for member in members]
         rest = exchange.total([rest for _, rest in points], "cross points")
-        blocks = [([(name, part.stop - part.start) for name, (part, _) in member.parts.items()], block)
+        blocks = [([(name, entries.stop - entries.start) for name, (entries, _) in member.parts.items()], block)
                   for member, (block, _) in zip(members, points, strict=True)]
         self._space, everyone = space, space.gather((space.parts, rest, blocks))
         if everyone is not None:
-            layouts, rests, parts = zip(*everyone, strict=True)
+            layouts, rests, by_rank = zip(*everyone, strict=True)
             before = np.cumsum([0, *(len(values) for values in rests)])
             # Where the vector of each interface begins among those of all ranks.
-            starts = {name: start + part.start for start, layout in zip(before, layouts, strict=False)
-                      for name, part in layout.items()}
+            starts = {name: start + entries.start for start, layout in zip(before, layouts, strict=False)
+                      for name, entries in layout.items()}
             placed = [sparse.csr_matrix((before[-1], 0))]
-            for sizes, block in itertools.chain(*parts):
+            for sizes, block in itertools.chain(*by_rank):
                 rows = np.concatenate([np.zeros(0, int), *(starts[name] + np.arange(size) for name, size in sizes)])
                 placed.append(sparse.csr_matrix((np.ones(len(rows)), (rows, np.arange(len(rows)))),
                                                 (before[-1], len(rows))) @ block)

@@ -98,14 +98,14 @@ class Joint:
         # force and moment.
         self._none, self._resisting = sparse.csr_matrix((self.rigid.size,) * 2), dict[str | None, sparse.spmatrix]()
         if freed is not None:
-            blocks = dict(itertools.chain({each.name: {each.history: each.resists} for each in freed}.items(), *(
-                each.items() for each in exchange.world.allgather({member.name: member.resisting for member in members
-                                                              if isinstance(member, FarMember)})
-            )))
+            blocks = {partner.name: {partner.history: partner.resists} for partner in freed}
+            for resisting in exchange.world.allgather({member.name: member.resisting for member in members
+                                                       if isinstance(member, FarMember)}):
+                blocks |= resisting
             self._resisting = {history: sparse.block_diag([blocks.get(name, {}).get(history, np.zeros((
                 at.stop - at.start,) * 2)) for name, at in self.slices.items()], "csr") for history in histories}
         self._pulled = {name: self.of_all([member.response(name)[1] for member in members],
-                                           [(each.history == name) * each.push for each in self.driven])
+                                           [(partner.history == name) * partner.push for partner in self.driven])
                         for name in histories}
         self.act(dict.fromkeys(histories, 1.0))
 
@@ -113,8 +113,8 @@ class Joint:
         """Have the pretensions of these `bonds`, and of no others, stay as in the motions α (rigid.size,) from the next
         `act` on: offsets are given then, forces follow."""
         # In place: the model of a joint shares them.
-        for each in self.driven:
-            self.kept[self.slices[each.name]] = each.bond in bonds
+        for partner in self.driven:
+            self.kept[self.slices[partner.name]] = partner.bond in bonds
         self.still[:] = np.where(self.kept, alpha, 0.0)
 
     def at_rest(self) -> Point:
@@ -124,12 +124,12 @@ class Joint:
 
     def act(self, factors: Mapping[str | None, float]) -> None:
         """Set d and e of loads and clamps with these `factors` by history, after those of `space` and members."""
-        self.d, self.e = (sum((factors[name] * part for name, part in parts.items()), np.zeros(1))
-                          for parts in (self._moved, self._pulled))
+        self.d, self.e = (sum((factors[name] * value for name, value in by_history.items()), np.zeros(1))
+                          for by_history in (self._moved, self._pulled))
         # d = Σ B_a A_a⁺ b_a − gap: positive where the free bodies would overlap.
         self.d = self.d - self.space.gap
         self.e = np.where(self.kept, 0.0, self.e)
-        self.K = sum((factors[name] * part for name, part in self._resisting.items()), self._none)
+        self.K = sum((factors[name] * value for name, value in self._resisting.items()), self._none)
 
     def product(self, x: np.ndarray, purpose: str, relative: float | None = None) -> np.ndarray:
         """C x (size,) as a new vector, precise enough to be kept, or `relative` as for `Compliance.mult`."""
@@ -143,12 +143,12 @@ class Joint:
 
     def mult(self, x: np.ndarray, y: np.ndarray, purpose: str, relative: float = 0.0) -> None:
         """y ← C x (metres from newtons), both (size,); `relative` as for `Compliance.mult`."""
-        parts = self.exchange.spread(x)
+        vectors = self.exchange.spread(x)
         # An error on one rank waits for the exchange, which all ranks reach, and is raised on all of them there.
         with self.exchange.deferred():
-            for member, part in zip(self.members, parts, strict=True):
-                member.mult(part.copy(), part, purpose, relative)
-        y[:] = self.exchange.total(parts, purpose)
+            for member, vector in zip(self.members, vectors, strict=True):
+                member.mult(vector.copy(), vector, purpose, relative)
+        y[:] = self.exchange.total(vectors, purpose)
 
     def dense(self, most: int) -> np.ndarray | None:
         """C (size, size) as a matrix (m/N), where one rank has all of it explicitly and in at most `most` rows."""
@@ -186,9 +186,9 @@ class Joint:
         soft = [member.elasticity.softest / member.stiffness for member in self.members if member.stiffness]
         share = world.allreduce(min([1.0, *soft]), MPI.MIN)
         pushing = [world.allreduce(max((member.stiffness for member in self.members if any(
-            map(each.acts_on, member.interfaces))), default=0.0), MPI.MAX) for each in self.driven]
+            map(partner.acts_on, member.interfaces))), default=0.0), MPI.MAX) for partner in self.driven]
         return share * self.of_all([np.full(len(member.e), member.stiffness) for member in self.members],
-                                    [np.full(len(each.push), stiffness) for each, stiffness in
+                                    [np.full(len(partner.push), stiffness) for partner, stiffness in
                                      zip(self.driven, pushing, strict=True)])
 
     def first_closed(self) -> tuple[np.ndarray, np.ndarray]:
@@ -201,7 +201,7 @@ class Joint:
         """
         space = self.space
         # gap ≤ 0 without forces: touching or overlapping, as drawn and with rigid partners moved.
-        touches = [space.gap[part][:interface.m] <= 0.0 for interface, part in space.with_slices()]
+        touches = [space.gap[entries][:interface.m] <= 0.0 for interface, entries in space.with_slices()]
         falls = [np.zeros(len(touch), bool) for touch in touches]
         lonely: list[str] = []
         if self.rigid.size:
@@ -215,7 +215,7 @@ class Joint:
             bears = space.add(bears)
             lonely = [name for name, at in self.slices.items() if self.e[at].any() and not bears[at].any()]
         # Of partners that do not turn the direction of slip after their fall is known.
-        upright = {each.name for each in self.driven if not len(each.sizes)}
+        upright = {partner.name for partner in self.driven if not len(partner.sizes)}
         for k, interface in enumerate(space.interfaces):
             falling = set(interface.bodies) & set(lonely)
             if falling - upright:
@@ -232,8 +232,8 @@ class Joint:
     def placed(self, alpha: np.ndarray) -> list[Interface]:
         """The owned interfaces, with rigid partners and offsets where the motions α (rigid.size,) take them."""
         interfaces = list(self.space.interfaces)
-        for each in self.driven:
-            interfaces = [each.place(met, alpha[self.slices[each.name]]) for met in interfaces]
+        for partner in self.driven:
+            interfaces = [partner.place(met, alpha[self.slices[partner.name]]) for met in interfaces]
         return interfaces
 
     def imbalance(self, s: np.ndarray, alpha: np.ndarray) -> np.ndarray:
@@ -244,7 +244,7 @@ class Joint:
     def balances(self, left: np.ndarray, size: float) -> bool:
         """Whether the `imbalance` on what is driven is rounding beside its forces and those of contacts, `size` (N).
         """
-        motions = [self.slices[each.name] for each in self.driven]
+        motions = [self.slices[partner.name] for partner in self.driven]
         return all(norm(left[at]) <= BALANCED * (norm(self.e[at]) + size) for at in motions)
 
     def multiplications(self) -> int:
@@ -291,7 +291,7 @@ class FarMember(Member):
         # the frame of a loose body is the rigid motion of its contact nodes, by least squares
         self.free = FreeFrame.of(part, self._drawn[nodes] if loose and len(nodes) else self._drawn,
                                  mesh.axisymmetric) if loose or part else None
-        turns = any(each.turn for each in parts_of(body.motion)) or (self.free is not None and len(self.free.turns) > 0)
+        turns = any(motion.turn for motion in parts_of(body.motion)) or bool(self.free and len(self.free.turns))
         self._following = {history: nodal_loads(mesh, body, history, np.zeros((d, d))) if turns else case.f
                            for history, case in elasticity.cases.items()}
 

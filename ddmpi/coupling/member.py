@@ -268,8 +268,8 @@ class Member:
 
     def pull(self, s: np.ndarray) -> np.ndarray:
         """−Bᵀ s (nv, d): what contact forces s (size,) do to all nodes of the body (N). Not collective."""
-        return sum((nodal_forces(interface, side, s[part], len(self.motions)) for interface, part, side in self._sides),
-                   np.zeros(self.motions.shape[:2]))
+        return sum((nodal_forces(interface, side, s[entries], len(self.motions))
+                    for interface, entries, side in self._sides), np.zeros(self.motions.shape[:2]))
 
     def beside(self, u: np.ndarray) -> dict[tuple[str, int], tuple[np.ndarray, np.ndarray]]:
         """Displacements (m) without unknowns, by contact and side: normal ones at the probes of the interfaces, and

@@ -80,8 +80,8 @@ class Space:
 
     def _place(self) -> None:
         self.opening = np.zeros(self.size)
-        for interface, part in self.with_slices():
-            self.opening[part][:interface.m] = interface.opening
+        for interface, entries in self.with_slices():
+            self.opening[entries][:interface.m] = interface.opening
         self.prescribed = np.concatenate([np.empty(0), *(interface.prescribed for interface in self.interfaces)])
         self.gap = self.opening - self.prescribed
 
@@ -101,8 +101,8 @@ class Space:
 
     def at_nodes(self, x: np.ndarray) -> np.ndarray:
         """The sizes of the vectors of all owned nodes, of a vector (size,): whatever the directions of tangents."""
-        return np.concatenate([np.empty(0), *(np.sqrt(np.bincount(interface.law.node, x[part]**2, interface.m))
-                                              for interface, part in self.with_slices())])
+        return np.concatenate([np.empty(0), *(np.sqrt(np.bincount(interface.law.node, x[entries]**2, interface.m))
+                                              for interface, entries in self.with_slices())])
 
     def norm(self, x: np.ndarray) -> float:
         """‖x‖₂ of a vector (size,) over all ranks. Collective."""
@@ -144,9 +144,9 @@ class Space:
         if self.comm.size == 1:
             return solve(values)
         self.sent.update(reductions=1, reduced_bytes=values.nbytes)
-        if parts := self.comm.gather(values):
-            parts = np.split(solve(np.concatenate(parts)), np.cumsum([len(values) for values in parts])[:-1])
-        return self.comm.scatter(parts)
+        if vectors := self.comm.gather(values):
+            vectors = np.split(solve(np.concatenate(vectors)), np.cumsum([len(values) for values in vectors])[:-1])
+        return self.comm.scatter(vectors)
 
     def gather(self, parts: tuple) -> list[tuple] | None:
         """The `parts` of all ranks, such as arrays, on the first. Collective."""
@@ -172,8 +172,9 @@ class Laws:
     def __init__(self, laws: Sequence[Law]) -> None:
         self.laws = tuple(laws) or (Law(0, np.empty(0, int), 1),)
         self.size = sum(law.size for law in self.laws)
-        ends = np.cumsum([(0, 0, 0), *((law.size, law.m, len(law.sliding)) for law in self.laws)], axis=0).T.tolist()
-        self._parts, self._nodes, self._sliding = ([slice(*pair) for pair in itertools.pairwise(each)] for each in ends)
+        sizes = np.cumsum([(0, 0, 0), *((law.size, law.m, len(law.sliding)) for law in self.laws)], axis=0).T.tolist()
+        self._parts, self._nodes, self._sliding = ([slice(*pair) for pair in itertools.pairwise(ends)]
+                                                   for ends in sizes)
 
     @property
     def largest_slope(self) -> float:

@@ -318,22 +318,22 @@ def duals(side: Side, over: Cover, phi: np.ndarray, sliver: float, alone: np.nda
     """w ψ (q, c) at the points with weights w: ∫ ψ_j φ_k = δ_jk ∫ φ_j over the covered part of each facet, for the
     functions φ (q, c) of a side. Facets covered by less than the fraction `sliver` get ψ = `alone`. The functions that
     `kept` (f, c) marks stay ψ = φ, and the others are dual among themselves, so that all ψ still sum to one."""
-    covered, part = np.unique(over.facet, return_inverse=True)
+    covered, place = np.unique(over.facet, return_inverse=True)
     integrals, mass = (np.zeros((len(covered), *phi.shape[1:] * times)) for times in (1, 2))
     # ψ = D_e M_e⁻¹ φ with D_e = diag ∫ φ_j and M_e = ∫ φ_i φ_j over the covered part of facet e (Wohlmuth 2000).
-    np.add.at(integrals, part, over.weight[:, None] * phi)
-    np.add.at(mass, part, np.einsum("q,qi,qj->qij", over.weight, phi, phi))
+    np.add.at(integrals, place, over.weight[:, None] * phi)
+    np.add.at(mass, place, np.einsum("q,qi,qj->qij", over.weight, phi, phi))
     if kept is not None:
         # With N the others: ψ_N = diag(M_NN 1) M_NN⁻¹ φ_N.
         its = kept[covered]
         mass[its[:, :, None] | its[:, None]] = 0.0
         integrals = np.where(its, 1.0, mass.sum(axis=2))
         mass += its[:, :, None] * np.eye(phi.shape[1])
-    thin = np.bincount(part, over.weight, len(covered)) < sliver * side.areas[covered]
+    thin = np.bincount(place, over.weight, len(covered)) < sliver * side.areas[covered]
     # Over a sliver M_e is nearly singular; its inverse is not used.
     mass[thin] = np.eye(phi.shape[1])
-    psi = np.einsum("qi,qij->qj", phi, np.linalg.inv(mass)[part]) * integrals[part]
-    return over.weight[:, None] * np.where(thin[part, None], alone, psi)
+    psi = np.einsum("qi,qij->qj", phi, np.linalg.inv(mass)[place]) * integrals[place]
+    return over.weight[:, None] * np.where(thin[place, None], alone, psi)
 
 
 def inset(side: Side, over: Cover, corners: Cover) -> np.ndarray:
@@ -358,8 +358,8 @@ def inset(side: Side, over: Cover, corners: Cover) -> np.ndarray:
     np.add.at(total, number, near)
     ends /= np.maximum(total, ROUNDING)[:, :, None]
     # From there towards the vertex, until λ_i is the largest of what is covered.
-    own = np.einsum("fii->fi", ends)
-    shift = np.where(own < 1.0, (most - own) / np.where(own < 1.0, 1.0 - own, 1.0), 0.0)
+    reached = np.einsum("fii->fi", ends)
+    shift = np.where(reached < 1.0, (most - reached) / np.where(reached < 1.0, 1.0 - reached, 1.0), 0.0)
     ends += shift[:, :, None] * (np.eye(d) - ends)
     covered = np.bincount(place, over.weight, len(facets))
     ends[np.abs(np.linalg.det(ends)) < LEAST * covered / side.areas[facets]] = np.eye(d)

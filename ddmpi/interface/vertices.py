@@ -62,7 +62,7 @@ def rows_at_vertices(sides: tuple[Side, Side], slave: int, over: Cover, looked: 
     if not contact.two_sided:
         psi = duals(side, over, hats, SLIVER, 1.0 / 3.0, kept[side.corners])
     psi = at_points(psi, side.corners[over.facet], len(met))
-    own = np.asarray(psi.sum(axis=0)).ravel()
+    integrals = np.asarray(psi.sum(axis=0)).ravel()
     dual = mix = sparse.identity(len(met), format="csr")
     if quadratic:
         psi, dual, mix = _smoothed(side, over, psi, hats, kept)
@@ -72,9 +72,9 @@ def rows_at_vertices(sides: tuple[Side, Side], slave: int, over: Cover, looked: 
     D = nodal(over.weight[:, None] * over.at, side.corners[over.facet], len(met))  # ∫ of hats over what is covered
     # Vertices that are hardly covered or wholly clamped share; those of other contacts too, if enough rows remain.
     clamped &= ~kept
-    shares = (STRIP * faced > own) | clamped
+    shares = (STRIP * faced > integrals) | clamped
     if not _spread(side.xy[~shares & met]):  # the contact is small beside the facets: its own size counts
-        shares = (UNCOVERED * own.max() > own) | clamped
+        shares = (UNCOVERED * integrals.max() > integrals) | clamped
     also = shares | (_meets_others(side, D, full) & ~kept)
     if _spread(side.xy[~also & met]):  # rows along a line would be a hinge that the scene does not have
         shares = also

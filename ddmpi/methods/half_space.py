@@ -69,8 +69,8 @@ class HalfSpace:
     `Joint.local`, for interfaces with waves. Not collective."""
 
     def __init__(self, space: Space, local: np.ndarray | None = None) -> None:
-        self._parts, local = list(space.parts.values()), np.zeros(space.size) if local is None else local
-        self._blocks = [_Block(interface, local[part]) for interface, part in space.with_slices()]
+        self._slices, local = list(space.parts.values()), np.zeros(space.size) if local is None else local
+        self._blocks = [_Block(interface, local[entries]) for interface, entries in space.with_slices()]
 
     def softened(self, deltas: Sequence[float]) -> HalfSpace:
         """(1 + δ) (M⁻¹ + δ/c)⁻¹: half-spaces behind a layer, δ of each interface, c as `Interface.stiffness`."""
@@ -81,8 +81,8 @@ class HalfSpace:
     def mult(self, x: np.ndarray, inverse: bool = False) -> np.ndarray:
         """M x (size,) in newtons, of x (size,) in metres; or M⁻¹ x in metres, of x in newtons."""
         y = np.empty_like(x)
-        for part, block in zip(self._parts, self._blocks, strict=True):
-            y[part] = block.mult(x[part, None], inverse)[:, 0]
+        for entries, block in zip(self._slices, self._blocks, strict=True):
+            y[entries] = block.mult(x[entries, None], inverse)[:, 0]
         return y
 
     def on_interface(self, number: int, x: np.ndarray) -> np.ndarray:

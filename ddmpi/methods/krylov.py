@@ -239,8 +239,8 @@ class LinearProblem:
         # M_δ has one δ for each interface, the least one, for the stiffest nodes; W softens the others one by one
         deltas = np.where(linearised.unknown, layer * preconditioner.c, np.inf)
         self._half_space = preconditioner.half_space.softened(
-            [least if np.isfinite(least) else 0.0 for part in joint.space.parts.values()
-             for least in (deltas[part].min(initial=np.inf),)])
+            [least if np.isfinite(least) else 0.0 for entries in joint.space.parts.values()
+             for least in (deltas[entries].min(initial=np.inf),)])
         self._weights = 1.0 / np.sqrt(1.0 + layer * preconditioner.c)[linearised.unknown]
         self._rigid = joint.rigid.size
         self._forcing, self._slender = forcing, np.inf if precise else SLENDER

@@ -77,10 +77,10 @@ class Linearisation:
 
     def along_slip(self, bounds: Sequence[np.ndarray]) -> np.ndarray:
         """γ (size,): `bounds` (mt,) of each interface along the friction of nodes that slip (N)."""
-        parts = [np.empty(0)]
+        vectors = [np.empty(0)]
         for active, bound in zip(self.active, bounds, strict=False):  # a rank without interfaces has an empty law
-            parts += [np.zeros(len(active.closed)), (active.slip * bound[:, None]).ravel()]
-        return np.concatenate(parts)
+            vectors += [np.zeros(len(active.closed)), (active.slip * bound[:, None]).ravel()]
+        return np.concatenate(vectors)
 
     def direct(self, rho: np.ndarray, de: np.ndarray, gamma: np.ndarray) -> Changed:
         """The derivative of the answer by ρ (size,) in metres, de (rigid.size,) and γ (size,) in newtons."""

@@ -132,8 +132,8 @@ class Newton(Outer):
 
     def _pressed(self) -> np.ndarray:
         """The nodes (m,) bool of all interfaces that are under pressure."""
-        return np.concatenate([np.empty(0, bool), *(self._at.s[part][:interface.m] > 0.0
-                                                    for interface, part in self.space.with_slices())])
+        return np.concatenate([np.empty(0, bool), *(self._at.s[entries][:interface.m] > 0.0
+                                                    for interface, entries in self.space.with_slices())])
 
     @property
     def forces(self) -> np.ndarray:
@@ -183,7 +183,7 @@ class Newton(Outer):
         if not self._coulomb or norm(self._at.left) <= DRIFT * norm(self.joint.e):
             return False
         moved = self.joint.rigid.spread(self._at.alpha)
-        closing = [moved[part][:interface.m].max(initial=0.0) for interface, part in self.space.with_slices()]
+        closing = [moved[entries][:interface.m].max(initial=0.0) for interface, entries in self.space.with_slices()]
         return self.space.largest(np.array(closing)) <= STOPPED * self.space.largest(np.abs(moved))
 
     @property
@@ -258,9 +258,9 @@ class Newton(Outer):
         zero."""
         s, r, *_ = self._at
         s = self._laws.settle(s, self._laws.active_sets(s - self._c * r))
-        for _, part in self.space.with_slices():
-            if np.abs(s[part]).max(initial=0.0) <= self.nothing:
-                s[part] = 0.0
+        for _, entries in self.space.with_slices():
+            if np.abs(s[entries]).max(initial=0.0) <= self.nothing:
+                s[entries] = 0.0
         self._at = self._at._replace(s=s)
         self._settled = True
 

@@ -232,14 +232,14 @@ class InteriorPoints:
 
     def __init__(self, joint: Joint, c: np.ndarray) -> None:
         self._joint, self._space, size = joint, joint.space, joint.size
-        self._laws = [(interface.law, part) for interface, part in joint.space.with_slices()
+        self._laws = [(interface.law, entries) for interface, entries in joint.space.with_slices()
                       if not interface.law.two_sided]
         self._normal, self._source = np.zeros(size, bool), np.arange(size)
         rows = np.empty((0, max((law.components for law, _ in self._laws), default=1)), int)
-        for law, part in self._laws:
-            self._normal[part.start:part.start + law.m] = True
-            self._source[part] = part.start + law.node
-            rows = np.append(rows, np.arange(part.start + law.m, part.stop).reshape(-1, law.components), axis=0)
+        for law, entries in self._laws:
+            self._normal[entries.start:entries.start + law.m] = True
+            self._source[entries] = entries.start + law.node
+            rows = np.append(rows, np.arange(entries.start + law.m, entries.stop).reshape(-1, law.components), axis=0)
         # equal forces at all nodes, whose norm is the first force
         number = float(self._space.add(np.array([float(np.count_nonzero(self._normal))]))[0])
         force = self._first_force(c) / np.sqrt(max(number, 1.0))
@@ -290,7 +290,8 @@ class InteriorPoints:
 
     def _bounds(self, s: np.ndarray) -> np.ndarray:
         """Slip bounds (N) and their slopes (2, k, 1) at the nodes with friction, under the forces s (size,)."""
-        bounds = [(law.bound_at(s[part]), law.slope(np.maximum(s[part][:law.m], 0.0))) for law, part in self._laws]
+        bounds = [(law.bound_at(s[entries]), law.slope(np.maximum(s[entries][:law.m], 0.0)))
+                  for law, entries in self._laws]
         return np.concatenate([np.empty((2, 0)), *bounds], axis=1)[:, self._rubbing, None]
 
     def _turn(self, axes: np.ndarray) -> sparse.csr_matrix | None:
