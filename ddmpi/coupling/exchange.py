@@ -36,8 +36,8 @@ class Exchange:
     """Carries the vectors of interfaces between the ranks that own them and the ranks of their bodies.
 
     A product with the joint compliance is `spread`, the local products of the bodies, and `total`. At its end all ranks
-    agree on errors and signals, so that no rank waits for one that failed, and on the purpose of the vectors: ranks
-    whose iterations took different branches, as on unlike processors, notice it.
+    agree on errors and signals, so that no rank waits for one that failed. They also compare the purposes of vectors,
+    which reveals ranks whose iterations took different branches, as on unlike processors.
 
     `world` is the communicator of all bodies; `ends` are all contacts of this rank's bodies, in the order of the scene.
     `sent` counts what this rank has sent so far: messages and bytes of interface vectors; reductions over all ranks (of
@@ -50,8 +50,8 @@ class Exchange:
         self._failure: DdmpiError | None = None
 
     def connect(self, space: Space, bodies: Sequence[Mapping[str, tuple[slice, int]]]) -> None:
-        """Set the layout of vectors: of the owned interfaces by `space`; of the local `bodies` by contact, as the part
-        and the body's side, 0 or 1."""
+        """Set the layout of vectors: of the owned interfaces by `space`; of the local `bodies` by contact, as the slice
+        of the body's vector and the body's side, 0 or 1."""
         sizes = [max((part.stop for part, _ in parts.values()), default=0) for parts in bodies]
         self._owned = space.size
         *starts, self._size = np.cumsum([0, *sizes]).tolist()
@@ -69,8 +69,7 @@ class Exchange:
             local += [np.stack([place, part, np.full_like(part, side)]) for side, place in places.items()]
             if second != first:
                 lent.setdefault(second, []).append(part)
-        # Plain index arrays: of contacts within this rank, of those lent to the second body's rank, and of those
-        # borrowed.
+        # index arrays: of contacts within this rank, of those lent to the second body's rank, and of those borrowed
         self._local, self._at, self._side = np.hstack([np.zeros((3, 0), int), *local])  # rows of bodies, of owner; side
         self._lent, self._borrowed = ({rank: np.concatenate(parts) for rank, parts in indices.items()}
                                       for indices in (lent, borrowed))
@@ -87,8 +86,8 @@ class Exchange:
     def collect(self, parts: Sequence[np.ndarray], about: str) -> tuple[np.ndarray, np.ndarray]:
         """Contributions of the first and of the second bodies to the owned interfaces, from the local bodies' vectors.
 
-        The second is zero where the partner is rigid. Collective on the world. Raises the error of any rank on all,
-        InterruptionError after a signal to one of them, and SolverError if their purposes differ.
+        Those of the second bodies are zero where the partner is rigid. Collective on the world. Raises the error of any
+        rank on all, InterruptionError after a signal to one of them, and SolverError if their purposes differ.
         """
         whole, both = np.concatenate(parts), np.zeros((2, self._owned))
         came = self._trade({rank: whole[at] for rank, at in self._borrowed.items()}, self._lent)
@@ -110,7 +109,7 @@ class Exchange:
             if self._failure:
                 agree(self.world, self._failure)
             return
-        # The maxima of topic and −topic are the largest and the smallest topic: equal topics show in one reduction.
+        # the maxima of topic and −topic are the largest and the smallest topic: one reduction compares them
         topic = zlib.crc32(about.encode())
         words = np.array([self._failure is not None, topic, -topic], dtype=np.int64)
         self.sent.update(reductions=1, reduced_bytes=words.nbytes)
@@ -155,7 +154,7 @@ class Exchange:
         return dict(self.sent)
 
     def restore(self, state: dict[str, int]) -> None:
-        for name in self.sent:  # which `Space` counts in, too
+        for name in self.sent:  # in place, as `Space` counts in it, too
             self.sent[name] = int(state[name])
 
     @contextlib.contextmanager
@@ -174,7 +173,7 @@ class Exchange:
             return {}
         came = {rank: np.empty(len(vector)) for rank, vector in like.items()}
         with event("Exchange"):
-            # Receives first: messages find their buffers posted.
+            # receives first, so that messages find their buffers
             requests = [self.world.Irecv(vector, rank, _PART) for rank, vector in came.items()]
             requests += [self.world.Isend(vector, rank, _PART) for rank, vector in send.items()]
             MPI.Request.Waitall(requests)

@@ -22,13 +22,13 @@ from ddmpi.system.numbers import in_words, norm
 
 
 class Point(NamedTuple):
-    """Forces with the gaps and motions that follow from them; or a change of a point, as all of it is linear.
+    """Forces and rigid motions, with the gaps and the imbalance under them; or a change of a point, as all is linear.
 
     Attributes
     ----------
     s, r : (size,) forces (N) and gaps (m)
     alpha : motions of loose bodies (m)
-    left : e − G s − K α, the imbalance along these motions (N)
+    left : e − G s − K α, the imbalance: loads along these motions that the forces do not balance (N)
     """
 
     s: np.ndarray
@@ -37,15 +37,15 @@ class Point(NamedTuple):
     left: np.ndarray
 
     def along(self, change: Point, length: float) -> Point:
-        """The point after the fraction `length` of the step `change`."""
+        """This point plus `length` times `change`."""
         return Point(*(value + length * step for value, step in zip(self, change, strict=True)))
 
 
 class Space:
-    """Vectors over interfaces, one interface's part after the other; the ranks together have all interfaces of a scene.
+    """Vectors over interfaces, with the entries of one after the other; each interface of a scene is on one rank.
 
-    Norms, sums and comparisons of such vectors go through the methods below, the only places where ranks reduce.
-    Reductions are in the order of the ranks and have the same result on all of them.
+    Norms, sums and comparisons of such vectors are the methods below, the only places where ranks reduce. Reductions
+    are in the order of the ranks and have the same result on all of them.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ class Space:
     laws : of the owned interfaces, on vectors of this space
     opening : (size,) initial gaps at the normal entries (m), times their histories; zero at the tangential ones
     prescribed : (size,) contact displacements of rigid partners (m)
-    gap : (size,) the first less the second
+    gap : (size,) `opening` less `prescribed`
     """
 
     def __init__(self, interfaces: Sequence[Interface], comm: MPI.Comm = MPI.COMM_SELF,
@@ -92,7 +92,7 @@ class Space:
             self._place()
 
     def with_slices(self) -> list[tuple[Interface, slice]]:
-        """The interfaces with the slices of a vector that are theirs."""
+        """The interfaces with the slices of their entries in a vector."""
         return list(zip(self.interfaces, self.parts.values(), strict=True))
 
     def spread(self, values: Sequence[float]) -> np.ndarray:
@@ -100,7 +100,7 @@ class Space:
         return np.repeat(np.asarray(values, float), [interface.size for interface in self.interfaces])
 
     def at_nodes(self, x: np.ndarray) -> np.ndarray:
-        """The sizes of the vectors of all owned nodes, of a vector (size,): whatever the directions of tangents."""
+        """|v| of each node's entries of a vector (size,), for all owned nodes; independent of the tangents."""
         return np.concatenate([np.empty(0), *(np.sqrt(np.bincount(interface.law.node, x[entries]**2, interface.m))
                                               for interface, entries in self.with_slices())])
 
@@ -159,7 +159,7 @@ class Space:
         local = np.array(values, float)
         if self.comm.size == 1:
             return local[None]
-        # Gathered, not reduced by MPI: sums in the order of the ranks are the same bits on all of them.
+        # gathered, not reduced by MPI, so that sums have the same bits on all ranks
         self.sent.update(reductions=1, reduced_bytes=local.nbytes)
         everyone = np.empty((self.comm.size, len(local)))
         self.comm.Allgather(local, everyone)
@@ -167,7 +167,7 @@ class Space:
 
 
 class Laws:
-    """The laws of several interfaces as one, on vectors that hold one interface's part after the other."""
+    """The laws of several interfaces as one, on vectors with the entries of one interface after the other."""
 
     def __init__(self, laws: Sequence[Law]) -> None:
         self.laws = tuple(laws) or (Law(0, np.empty(0, int), 1),)
@@ -181,7 +181,7 @@ class Laws:
         return max(law.largest_slope for law in self.laws)
 
     def parts(self, x: np.ndarray) -> list[tuple[Law, np.ndarray]]:
-        """The laws with their parts of a vector (size,)."""
+        """The laws with their interfaces' entries of a vector (size,)."""
         return [(law, x[part]) for law, part in zip(self.laws, self._parts, strict=True)]
 
     def bounds(self, bound: np.ndarray) -> list[np.ndarray]:
@@ -220,8 +220,8 @@ class Laws:
 
 def kept_by_bonds(scene: Settled, joined: Mapping[str, tuple[Interface, list[str]]],
                    world: MPI.Comm) -> dict[str, tuple[Interface, list[str]]]:
-    """The interfaces and warnings of this rank, without overlaps of paired nodes that bonds of other contacts connect,
-    directly or in a chain through other bodies: no force could separate them. Collective."""
+    """The interfaces and warnings of this rank. Overlaps of paired nodes that bonds of other contacts connect, directly
+    or in a chain through other bodies, are set to zero, as no force could separate them. Collective."""
     if len({contact.kind for contact in scene.contact}) < 2:
         return dict(joined)
     pairs = {name: [[(body, int(node)) for body, node in zip(interface.bodies, row, strict=True)]
