@@ -102,8 +102,8 @@ def rows_of(sides: tuple[Side, Side], slave: int, over: Cover, psi: sparse.csr_m
     psi : (q, j) sparse, w ψ: functions at the points, times the points' weights
     parts : (k, j) sparse, θ = parts ψ, the functions of the slave's nodes; nodes with an empty row have none
     across : (q, d) normals at the points, of any length, out of the slave
-    measure : (k, j) as `parts`, of functions with the same integrals that measure gaps, from the first k of `psi`, those
-        of the nodes; θ if left out
+    measure : (k, j) as `parts`, of functions with the same integrals that measure gaps, from the first k of `psi`,
+        those of the nodes; θ if left out
     points : `between` the sides, if known
     """
     nodes, place = np.flatnonzero(np.diff(parts.indptr)), np.full(parts.shape[0], -1)
@@ -217,8 +217,8 @@ def _along_clamps(rows: Rows, frame: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 
 def _outline(rows: Rows, keep: np.ndarray) -> Outline:
-    """The covered part of the contact, with values from those of the rows `keep` (m,). Cells in which none of these rows
-    has a share, as all their nodes are clamped, are left out. Nodes without a cell, at corners of bodies, are points."""
+    """The covered part of the contact, with values from those of the rows `keep` (m,). Cells without a share of these
+    rows, as all their nodes are clamped, are left out. Nodes without a cell, at corners of bodies, are points."""
     side, lines = rows.sides[rows.slave], rows.lines
     facet, xy, hats = drawn_cells(side, rows.covered or whole_facets(side, rows.seen))
     # in space pressures are linear between corners, in the plane order 2 has rows at middles
@@ -316,8 +316,8 @@ def at_points(phi: np.ndarray, nodes: np.ndarray, size: int) -> sparse.csr_matri
 def duals(side: Side, over: Cover, phi: np.ndarray, sliver: float, alone: np.ndarray | float,
           kept: np.ndarray | None = None) -> np.ndarray:
     """w ψ (q, c) at the points with weights w: ∫ ψ_j φ_k = δ_jk ∫ φ_j over the covered part of each facet, for the
-    functions φ (q, c) of a side. Facets covered by less than the fraction `sliver` get ψ = `alone`. Where `kept` (f, c),
-    ψ = φ, and the others are dual among themselves, so that all ψ still sum to one."""
+    functions φ (q, c) of a side. Facets covered by less than the fraction `sliver` get ψ = `alone`. Functions that
+    `kept` (f, c) marks are ψ = φ; the others are dual among themselves, so that all ψ still sum to one."""
     covered, place = np.unique(over.facet, return_inverse=True)
     integrals, mass = (np.zeros((len(covered), *phi.shape[1:] * times)) for times in (1, 2))
     # ψ = D_e M_e⁻¹ φ with D_e = diag ∫ φ_j and M_e = ∫ φ_i φ_j over the covered part of facet e (Wohlmuth 2000).
@@ -350,8 +350,8 @@ def inset(side: Side, over: Cover, corners: Cover) -> np.ndarray:
     most, least = np.zeros((len(facets), d)), np.ones((len(facets), d))
     np.maximum.at(most, number, at)
     np.minimum.at(least, number, at)
-    # The mean of the corners within END of the farthest one, by weights that fall to zero: where the cover ends parallel
-    # to an edge there are several such corners, and a small turn of the end must move the vertex little.
+    # The mean of the corners within END of the farthest one, by weights that fall to zero: where the cover ends
+    # parallel to an edge there are several such corners, and a small turn of the end must move the vertex little.
     near = np.maximum(1.0 - (most[number] - at) / np.maximum(END * (most - least), ALIKE)[number], 0.0)
     ends, total = np.zeros((len(facets), d, d)), np.zeros((len(facets), d))
     np.add.at(ends, number, near[:, :, None] * at[:, None, :])
