@@ -2,8 +2,8 @@
 
 The map of the slides, λ ↦ λ + θ (B_1 w_1 + B_2 w_2), converges slowly or diverges when the bodies differ in stiffness.
 So the Neumann displacement of a body has the square of its share of the stiffness as a weight (weighted
-Neumann–Neumann), and the stiffer body takes role 1. With Anderson acceleration (Anderson 1965; Walker and Ni, SIAM J. Numer. Anal. 49,
-2011) θ matters little, but inner solves must be more precise than in the published iteration.
+Neumann–Neumann), and the stiffer body takes role 1. With Anderson acceleration (Anderson 1965; Walker and Ni, SIAM J.
+Numer. Anal. 49, 2011) θ matters little, but inner solves must be more precise than in the published iteration.
 """
 
 from __future__ import annotations
