@@ -315,42 +315,42 @@ class InteriorPoints:
         """One step. Collective; raises what `solve` raises."""
         normal, rows, w = self._normal, self._rows, self._w
         point, s = self.point, self.point.s
-        mean, (bound, slope), slip, most = self._mean(s), self._bounds(s), self._slip, self._most
-        friction, under = s[rows], self._source[rows[:, :1]]
-        room = cone_room(bound, friction)
-        least = np.concatenate([s[normal], w[normal], *room, *cone_room(most, slip)]).min(initial=np.inf)
+        mean, (g, slope), v, y = self._mean(s), self._bounds(s), self._slip, self._most
+        s_t, under = s[rows], self._source[rows[:, :1]]
+        room = cone_room(g, s_t)
+        least = np.concatenate([s[normal], w[normal], *room, *cone_room(y, v)]).min(initial=np.inf)
         if self._space.any(np.array([not least > 0.0])) or not mean > LOWEST * self._first:
             self.failed = True
             return
         mu = self._barrier = mean * next(factor for least, factor in LOWER if self._last >= least)
         # friction s_t below g and slip v below y: g y + s_t·v = 2μ and g v + y s_t = 0. Without y, this is the slip
         # v = −2μ s_t/(g² − |s_t|²); linearised, this is one compliance along s_t and another one across it
-        axes, size = direction(friction), magnitude(friction)[:, None]
-        ahead = dots(axes, slip)
-        power, across_slip = bound * most - size * ahead, slip - ahead * axes
-        along, aside = power / room, most / bound  # leaves out how slip across friction changes slip along it
-        turns = (size * most - bound * ahead) / power * axes - across_slip / most  # ds_t/dg at the slip as it is
+        axes, size = direction(s_t), magnitude(s_t)[:, None]
+        ahead = dots(axes, v)
+        power, across_slip = g * y - size * ahead, v - ahead * axes
+        along, aside = power / room, y / g  # leaves out how slip across friction changes slip along it
+        turns = (size * y - g * ahead) / power * axes - across_slip / y  # ds_t/dg at a fixed slip
         # s w = μ, linearised, where the new gap r takes the place of the new w: r + (w/s) ds = μ/s
         pressure = np.where(normal, s, 1.0)
         layer, coupling, wanted = w / pressure, np.zeros(len(s)), np.where(normal, mu / pressure, 0.0)
-        layer[rows], coupling[rows], wanted[rows] = aside, slope * turns, -2.0 * mu / room * friction
+        layer[rows], coupling[rows], wanted[rows] = aside, slope * turns, -2.0 * mu / room * s_t
         layer[rows[:, :1]] = along
         none = np.zeros(len(s))
         linearised = Linearised(self._unknown, self._source, coupling, none, none, self._turn(axes))
         change = solve(point, linearised, none, wanted, layer)
-        more, moved = slope * change.s[under], change.s[rows]
-        # the changes of v, y and w, from the change of the forces
-        beyond = moved - more * turns  # of friction, without the part that follows the bound
+        dg, ds_t = slope * change.s[under], change.s[rows]
+        # the changes of v, y and w, from those of s_t and g
+        beyond = ds_t - dg * turns  # without the part that follows the bound
         straight = dots(axes, beyond) * axes
-        slips = wanted[rows] - along * straight - aside * (beyond - straight) - slip
-        mosts = (2.0 * mu - dots(friction, slip + slips) - dots(slip, moved) - most * more) / bound - most
-        opens = np.where(normal, (mu - w * change.s) / pressure - w, 0.0)
+        dv = wanted[rows] - along * straight - aside * (beyond - straight) - v
+        dy = (2.0 * mu - dots(s_t, v + dv) - dots(v, ds_t) - y * dg) / g - y
+        dw = np.where(normal, (mu - w * change.s) / pressure - w, 0.0)
         # TO_BOUND of the way to the nearest place where a force, a gap, or the room below a bound becomes zero
-        nears = np.concatenate([-change.s[normal] / s[normal], -opens[normal] / w[normal],
-                                *cone_exit(bound, friction, more, moved), *cone_exit(most, slip, mosts, slips)])
+        nears = np.concatenate([-change.s[normal] / s[normal], -dw[normal] / w[normal],
+                                *cone_exit(g, s_t, dg, ds_t), *cone_exit(y, v, dy, dv)])
         fastest = self._space.largest(np.maximum(nears, 0.0))
         length = min(1.0, TO_BOUND / fastest) if fastest else 1.0
-        self._w, self._slip, self._most = w + length * opens, slip + length * slips, most + length * mosts
+        self._w, self._slip, self._most = w + length * dw, v + length * dv, y + length * dy
         self.point, self._last, self._steps = point.along(change, length), length, self._steps + 1
         self._idle = 0 if length > min(self._longest, LONG) else self._idle + 1
         self._longest = max(self._longest, length)

@@ -560,7 +560,7 @@ MUTANTS = [Mutant(*row) for row in (
      "methods/test_paths.py::test_a_step_ends_where_the_energy_is_least"),
     ("the bound does not follow the pressure at interior points", "methods/paths",
      "aside, slope * turns, -2.0", "aside, 0.0 * slope * turns, -2.0", PATH),
-    ("of interior points the bound's change is forgotten", "methods/paths", " - most * more", "",
+    ("of interior points the bound's change is forgotten", "methods/paths", " - y * dg", "",
      "methods/test_steps.py::test_a_step_of_interior_points_is_newtons"),
     ("bonds are softened", "methods/paths", "np.where(self._two_sided, 0.0, self._delta",
      "np.where(False, 0.0, self._delta", "methods/test_steps.py::test_softening_leaves_bonds_as_they_are"),
