@@ -100,7 +100,7 @@ class Newton(Outer):
         if joint.dear:
             self._full, model = 0, Newton(Model(joint), MODEL_STEPS, preconditioner=self._preconditioner)
             self._modelled, model.inner_steps = Modelled(joint, model), self.inner_steps
-        self._least = self.nothing = 0.0
+        self._least_size = self.nothing = 0.0
         self.direct = Direct(joint, self._preconditioner)
         self.begin()
 
@@ -124,7 +124,7 @@ class Newton(Outer):
         self._trying = False  # whether steps are Newton's own, from the path's point
         self._measured: tuple[np.ndarray | None, float] = (None, 0.0)
         self._misfit: float | None = None  # `_misfits` of the iterate
-        self._least = max(self._least, NO_FORCE * max(self.space.norm(self._c * joint.d), norm(joint.e)))
+        self._least_size = max(self._least_size, NO_FORCE * max(self.space.norm(self._c * joint.d), norm(joint.e)))
         # from guessed active sets (_start) the iteration cannot end; from a prediction one step must estimate the error
         self._start, self._settled, self._error = not foreseen, False, math.inf if foreseen else 0.0
         self._stalled, self._smallest, self._springs = 0, np.inf, 1.0
@@ -279,7 +279,7 @@ class Newton(Outer):
 
     def _size(self) -> float:
         """The size (N) with which forces are compared: their own, or the least."""
-        return max(self._norm(), self._least)
+        return max(self._norm(), self._least_size)
 
     def _norm(self) -> float:
         """‖s‖ (N), with one reduction for each iterate."""
@@ -390,11 +390,11 @@ class Newton(Outer):
         """Nothing to do: the gaps are computed afresh where the iteration goes on."""
 
     def state(self) -> dict[str, Any]:
-        return self._at._asdict() | {"least": self._least, "inner_steps": dict(self.inner_steps),
+        return self._at._asdict() | {"least": self._least_size, "inner_steps": dict(self.inner_steps),
                                      "long": self.direct.long, "history": tuple(self.history)}
 
     def restore(self, state: dict[str, Any]) -> None:
-        self._at, self._least = Point(*(state[name] for name in Point._fields)), state["least"]
+        self._at, self._least_size = Point(*(state[name] for name in Point._fields)), state["least"]
         self.direct.long = state["long"]
         self.inner_steps.update(state["inner_steps"])  # in which the model counts, too
         self.history = [Step(*row) for row in state["history"]]

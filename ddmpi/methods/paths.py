@@ -111,13 +111,13 @@ class Softening:
         self._joint, self._space, self._laws, self._c = joint, joint.space, joint.space.laws, c
         self._two_sided = joint.space.spread([interface.law.two_sided for interface in joint.space.interfaces]) > 0
         self.point = joint.at_rest()
-        self._delta, self._seen = SOFTEST, 0.0  # δ of the present layer, and of the one that gives the active sets
+        self._delta, self._last_delta = SOFTEST, 0.0  # δ of this stage, and of the last step
         self._begin()
 
     def _begin(self) -> None:
         """Begin a stage."""
-        self._steps = self._since = 0
-        self._far = self._smallest = np.inf
+        self._steps = self._idle = 0
+        self._residual = self._smallest = np.inf
         self.ready = self.failed = False
 
     @property
@@ -132,11 +132,11 @@ class Softening:
 
     def step(self, solve: Solve) -> None:
         """One step of the stage, or the first one of the next. Collective; raises what `solve` raises."""
-        point, first = self.point, not self._seen
+        point, first = self.point, not self._last_delta
         if first:  # nodes that are closed at first stick
             active, q = self._laws.sticking(self._joint.first_closed()[0]), point.s
         else:
-            q = self._pressed(point, self._seen)
+            q = self._pressed(point, self._last_delta)
             active = self._laws.active_sets(q)
         # s = P(−r/D), linearised: r + D s = 0 along the forces that P leaves free, with D = δ/c
         linearised = Linearised.of(self._laws.linearise(active))
@@ -201,17 +201,17 @@ class Softening:
         point = self.point
         misfit = point.s - self._laws.project(self._pressed(point, self._delta))
         contact, size, moved = self._space.norms([misfit, point.s, change.s])
-        self._far, self._seen = float(np.hypot(contact, norm(point.left))), self._delta
+        self._residual, self._last_delta = float(np.hypot(contact, norm(point.left))), self._delta
         self._steps += 1
-        gained = self._far <= GAIN * self._smallest
-        self._since, self._smallest = (0, self._far) if gained else (self._since + 1, self._smallest)
+        gained = self._residual <= GAIN * self._smallest
+        self._idle, self._smallest = (0, self._residual) if gained else (self._idle + 1, self._smallest)
         # early stages need only lead near the next one; in late ones few nodes decide where a body goes
         late = self._delta <= LATE
         share = min(SETTLED_LATE, self._delta) if late else SETTLED
-        settled = length == 1.0 and self._far <= share * size
+        settled = length == 1.0 and self._residual <= share * size
         if not settled:
             still = not (moved or norm(change.alpha))  # all nodes are open, and loose bodies fall onto nothing
-            self.failed = still or self._since >= STUCK or self._steps >= MOST_STEPS
+            self.failed = still or self._idle >= STUCK or self._steps >= MOST_STEPS
         elif self._delta <= STIFF:
             self.ready = True
         else:
