@@ -260,8 +260,8 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
         free = merged(world, {member.name: member.free for member in movers if member.free})
         facing = world.allgather({contact.bodies[1]: first.xy for contact in contacts
                                   for first, second in [both[contact.name]] if not second})
-        free |= {rigid.name: FreeFrame.of(part, np.concatenate([at[rigid.name] for at in facing if rigid.name in at]))
-                 for rigid in scene.rigid if (part := freed_part(rigid.motion))}
+        free |= {rigid.name: FreeFrame.of(freed, np.concatenate([at[rigid.name] for at in facing if rigid.name in at]))
+                 for rigid in scene.rigid if (freed := freed_part(rigid.motion))}
         far, frames = Far(chosen, both, movers, free), frames_of(scene, 0.0)
         met, space = far.meet(world, scene, exchange, frames, {})
         members = list(met)

@@ -52,7 +52,7 @@ class Exchange:
     def connect(self, space: Space, bodies: Sequence[Mapping[str, tuple[slice, int]]]) -> None:
         """Set the layout of vectors: of the owned interfaces by `space`; of the local `bodies` by contact, as the slice
         of the body's vector and the body's side, 0 or 1."""
-        sizes = [max((part.stop for part, _ in parts.values()), default=0) for parts in bodies]
+        sizes = [max((entries.stop for entries, _ in contacts.values()), default=0) for contacts in bodies]
         self._owned = space.size
         *starts, self._size = np.cumsum([0, *sizes]).tolist()
         self._bodies = [slice(*ends) for ends in itertools.pairwise([*starts, self._size])]
@@ -60,18 +60,18 @@ class Exchange:
         lent: dict[int, list[np.ndarray]] = {}
         borrowed: dict[int, list[np.ndarray]] = {}
         for contact, first, second in self.ends:
-            places = {parts[contact][1]: start + np.arange(sizes[k])[parts[contact][0]]
-                      for k, (start, parts) in enumerate(zip(starts, bodies, strict=True)) if contact in parts}
+            places = {contacts[contact][1]: start + np.arange(sizes[k])[contacts[contact][0]]
+                      for k, (start, contacts) in enumerate(zip(starts, bodies, strict=True)) if contact in contacts}
             if first != self.world.rank:
                 borrowed.setdefault(first, []).append(places[1])
                 continue
-            part = np.arange(space.size)[space.parts[contact]]
-            local += [np.stack([place, part, np.full_like(part, side)]) for side, place in places.items()]
+            entries = np.arange(space.size)[space.parts[contact]]
+            local += [np.stack([place, entries, np.full_like(entries, side)]) for side, place in places.items()]
             if second != first:
-                lent.setdefault(second, []).append(part)
+                lent.setdefault(second, []).append(entries)
         # index arrays: of contacts within this rank, of those lent to the second body's rank, and of those borrowed
         self._local, self._at, self._side = np.hstack([np.zeros((3, 0), int), *local])  # rows of bodies, of owner; side
-        self._lent, self._borrowed = ({rank: np.concatenate(parts) for rank, parts in indices.items()}
+        self._lent, self._borrowed = ({rank: np.concatenate(arrays) for rank, arrays in indices.items()}
                                       for indices in (lent, borrowed))
 
     def spread(self, x: np.ndarray) -> list[np.ndarray]:
@@ -81,15 +81,15 @@ class Exchange:
         whole[self._local] = x[self._at]
         for rank, at in self._borrowed.items():
             whole[at] = came[rank]
-        return [whole[part] for part in self._bodies]
+        return [whole[entries] for entries in self._bodies]
 
-    def collect(self, parts: Sequence[np.ndarray], about: str) -> tuple[np.ndarray, np.ndarray]:
+    def collect(self, vectors: Sequence[np.ndarray], about: str) -> tuple[np.ndarray, np.ndarray]:
         """Contributions of the first and of the second bodies to the owned interfaces, from the local bodies' vectors.
 
         Those of the second bodies are zero where the partner is rigid. Collective on the world. Raises the error of any
         rank on all, InterruptionError after a signal to one of them, and SolverError if their purposes differ.
         """
-        whole, both = np.concatenate(parts), np.zeros((2, self._owned))
+        whole, both = np.concatenate(vectors), np.zeros((2, self._owned))
         came = self._trade({rank: whole[at] for rank, at in self._borrowed.items()}, self._lent)
         both[self._side, self._at] = whole[self._local]
         for rank, at in self._lent.items():
@@ -97,9 +97,9 @@ class Exchange:
         self.meet(about)
         return both[0], both[1]
 
-    def total(self, parts: Sequence[np.ndarray], about: str) -> np.ndarray:
+    def total(self, vectors: Sequence[np.ndarray], about: str) -> np.ndarray:
         """The sum of both bodies' contributions to the owned interfaces; otherwise as `collect`."""
-        first, second = self.collect(parts, about)
+        first, second = self.collect(vectors, about)
         return first + second
 
     def meet(self, about: str) -> None:

@@ -272,7 +272,7 @@ class FarMember(Member):
         nodes = np.unique(np.concatenate([np.empty(0, int), *(side.nodes for side in faces)]))
         super().__init__(body.name, elasticity, [], scene.method.compliance, memory, [None, *scene.followed], points,
                          STEPS, nodes)
-        loose, d, part = not elasticity.supported, mesh.dimension, freed_part(body.motion)
+        loose, d, freed = not elasticity.supported, mesh.dimension, freed_part(body.motion)
         if loose and (body.motion or elasticity.motions.shape[2] < (1 if mesh.axisymmetric else d * (d + 1) // 2)):
             raise InputError(f'body.{body.name}: clamps leave a rigid motion free; with time.motions = "far" they '
                              "must fix a body in its frame; free the motion of the frame, as in motion = { free = "
@@ -286,8 +286,8 @@ class FarMember(Member):
             self.kind = self._asked = "explicit"
         self._drawn, self._whole, self._dead = mesh.points, np.empty((0, 0)), dict[str | None, np.ndarray]()
         # the frame of a loose body is the rigid motion of its contact nodes, by least squares
-        self.free = FreeFrame.of(part, self._drawn[nodes] if loose and len(nodes) else self._drawn,
-                                 mesh.axisymmetric) if loose or part else None
+        self.free = FreeFrame.of(freed, self._drawn[nodes] if loose and len(nodes) else self._drawn,
+                                 mesh.axisymmetric) if loose or freed else None
         turns = any(motion.turn for motion in parts_of(body.motion)) or bool(self.free and len(self.free.turns))
         self._following = {history: nodal_loads(mesh, body, history, np.zeros((d, d))) if turns else case.f
                            for history, case in elasticity.cases.items()}

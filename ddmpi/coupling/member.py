@@ -92,7 +92,7 @@ class Member:
         ends = np.cumsum([0, *(interface.size for interface in self.interfaces)]).tolist()
         self._sides = [(interface, slice(start, stop), interface.side(self.name)) for interface, (start, stop) in
                        zip(self.interfaces, itertools.pairwise(ends), strict=True)]
-        self.parts = {interface.name: (part, side) for interface, part, side in self._sides}
+        self.parts = {interface.name: (entries, side) for interface, entries, side in self._sides}
 
     def _rows(self) -> sparse.csr_matrix:
         """B (size, columns of A) of the interfaces."""

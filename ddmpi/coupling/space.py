@@ -148,11 +148,11 @@ class Space:
             vectors = np.split(solve(np.concatenate(vectors)), np.cumsum([len(values) for values in vectors])[:-1])
         return self.comm.scatter(vectors)
 
-    def gather(self, parts: tuple) -> list[tuple] | None:
-        """The `parts` of all ranks, such as arrays, on the first. Collective."""
+    def gather(self, arrays: tuple) -> list[tuple] | None:
+        """The `arrays` of all ranks, or other objects, on the first. Collective."""
         if self.comm.size > 1:
-            self.sent.update(reductions=1, reduced_bytes=sum(getattr(array, "nbytes", 0) for array in parts))
-        return self.comm.gather(parts)
+            self.sent.update(reductions=1, reduced_bytes=sum(getattr(array, "nbytes", 0) for array in arrays))
+        return self.comm.gather(arrays)
 
     def _gather(self, values: Sequence[float]) -> np.ndarray:
         """The values (ranks, k) of all ranks."""
@@ -182,24 +182,24 @@ class Laws:
 
     def parts(self, x: np.ndarray) -> list[tuple[Law, np.ndarray]]:
         """The laws with their interfaces' entries of a vector (size,)."""
-        return [(law, x[part]) for law, part in zip(self.laws, self._parts, strict=True)]
+        return [(law, x[entries]) for law, entries in zip(self.laws, self._parts, strict=True)]
 
     def bounds(self, bound: np.ndarray) -> list[np.ndarray]:
         """The slip bounds of each interface, out of those of all sliding nodes."""
-        return [bound[part] for part in self._sliding]
+        return [bound[entries] for entries in self._sliding]
 
     def project(self, q: np.ndarray) -> np.ndarray:
         """The forces (size,) that the laws assign to q = s − c r."""
-        return np.concatenate([law.project(part) for law, part in self.parts(q)])
+        return np.concatenate([law.project(vector) for law, vector in self.parts(q)])
 
     def active_sets(self, q: np.ndarray) -> list[ActiveSet]:
         """Which nodes are closed and which slip at q = s − c r (size,)."""
-        return [law.active_set(part) for law, part in self.parts(q)]
+        return [law.active_set(vector) for law, vector in self.parts(q)]
 
     def sticking(self, closed: np.ndarray, falls: np.ndarray | None = None) -> list[ActiveSet]:
         """Active sets with the nodes `closed` closed and sticking, unless they fall, and all others open."""
         falls = np.zeros_like(closed) if falls is None else falls
-        return [law.sticking(closed[part], falls[part]) for law, part in zip(self.laws, self._nodes, strict=True)]
+        return [law.sticking(closed[nodes], falls[nodes]) for law, nodes in zip(self.laws, self._nodes, strict=True)]
 
     def linearise(self, active: list[ActiveSet]) -> list[Tangent]:
         """The tangents of the laws at the active sets, one for each interface."""
@@ -207,11 +207,12 @@ class Laws:
 
     def settle(self, s: np.ndarray, active: list[ActiveSet]) -> np.ndarray:
         """The forces (size,) next to s that obey all bounds exactly."""
-        return np.concatenate([law.settle(part, one) for (law, part), one in zip(self.parts(s), active, strict=True)])
+        return np.concatenate([law.settle(vector, active_set) for (law, vector), active_set in
+                               zip(self.parts(s), active, strict=True)])
 
     def bound_at(self, s: np.ndarray) -> np.ndarray:
         """The slip bounds of all sliding nodes under the forces s (size,), in newtons."""
-        return np.concatenate([law.bound_at(part) for law, part in self.parts(s)])
+        return np.concatenate([law.bound_at(vector) for law, vector in self.parts(s)])
 
     def cone(self, bound: np.ndarray) -> Box | Discs:
         """The forces that are allowed while the slip bounds of all sliding nodes stay `bound`."""

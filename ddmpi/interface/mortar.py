@@ -200,12 +200,12 @@ def _choose_slave(sides: tuple[Side, Side], contact: SettledContact, faced: Sequ
 def _rows(sides: tuple[Side, Side], slave: int, over: Cover, psi: sparse.csr_matrix, root: np.ndarray) -> Rows:
     """The rows of the slave, `sides[slave]`. A node uses the row of its `root` (k,)."""
     side, other, shown = sides[slave], sides[1 - slave], np.flatnonzero(root >= 0)
-    parts = sparse.csr_matrix((np.ones(len(shown)), (root[shown], shown)), (len(root), len(root)))
+    coefficients = sparse.csr_matrix((np.ones(len(shown)), (root[shown], shown)), (len(root), len(root)))
     points = between(sides, slave, over)
     at = points.transfer[::1 if slave == 0 else -1]
     # n_j ∝ n_slave − P n_master: opposite sides contribute alike, so that swapping the roles changes little.
     across = at[0] @ _normals(side, over.facet) - at[1] @ _normals(other, over.other)
-    rows = rows_of(sides, slave, over, psi, parts, across, points=points)
+    rows = rows_of(sides, slave, over, psi, coefficients, across, points=points)
     place = np.where(root >= 0, rows.place[root], -1)
     row = place[side.facets[over.facet]]
     rows = replace(rows, place=place, arc=side.arc[rows.nodes] if slave == 0 else

@@ -55,7 +55,7 @@ class Rows:
     arc : (r,) arc lengths along the first body's boundary (m)
     bound : (k,) bool, nodes that share a neighbour's row because clamps or other contacts constrain them
     whole : (f,) bool, facets that wholly face the other side and whose nodes, but for `bare` ones, do not share rows
-    parts : (k, r) sparse, values at all nodes of the slave from those of the rows
+    interpolation : (k, r) sparse, values at all nodes of the slave from those of the rows
     lines : the nodes of the rows
     covered : the part that faces the other side, up to its outline; None for all facets that are `seen`
     points : places between the nodes, with their gaps, or None
@@ -74,7 +74,7 @@ class Rows:
     arc: np.ndarray
     bound: np.ndarray
     whole: np.ndarray
-    parts: sparse.csr_matrix
+    interpolation: sparse.csr_matrix
     lines: Lines = Interface.lines
     covered: Outlined | None = None
     points: Places | None = None
@@ -93,24 +93,25 @@ class Rows:
         return clamped, most
 
 
-def rows_of(sides: tuple[Side, Side], slave: int, over: Cover, psi: sparse.csr_matrix, parts: sparse.csr_matrix,
+def rows_of(sides: tuple[Side, Side], slave: int, over: Cover, psi: sparse.csr_matrix, coefficients: sparse.csr_matrix,
             across: np.ndarray, measure: sparse.csr_matrix | None = None, points: Places | None = None) -> Rows:
     """The rows of the slave, `sides[slave]`, which faces the other side at the points of `over`. Not collective.
 
     Parameters
     ----------
     psi : (q, j) sparse, w ψ: functions at the points, times the points' weights
-    parts : (k, j) sparse, θ = parts ψ, the functions of the slave's nodes; nodes with an empty row have none
+    coefficients : (k, j) sparse, of the functions θ = coefficients ψ of the slave's nodes; an empty row is none
     across : (q, d) normals at the points, of any length, out of the slave
-    measure : (k, j) as `parts`, of functions with the same integrals that measure gaps, from the first k of `psi`,
-        those of the nodes; θ if left out
+    measure : (k, j) coefficients of functions with the same integrals that measure gaps, of the first k of `psi`, those
+        of the nodes; θ if left out
     points : `between` the sides, if known
     """
-    nodes, place = np.flatnonzero(np.diff(parts.indptr)), np.full(parts.shape[0], -1)
+    nodes, place = np.flatnonzero(np.diff(coefficients.indptr)), np.full(coefficients.shape[0], -1)
     place[nodes] = np.arange(len(nodes))
-    parts, measure, psi = parts[nodes], (parts if measure is None else measure)[nodes], psi.T.tocsr()
+    measure = (coefficients if measure is None else measure)[nodes]
+    coefficients, psi = coefficients[nodes], psi.T.tocsr()
     # D_j = ∫ θ_j, the nodal length; n_j ∝ ∫ θ_j n.
-    area, normal = parts @ (psi @ np.ones(len(over.facet))), unit(parts @ (psi @ across))
+    area, normal = coefficients @ (psi @ np.ones(len(over.facet))), unit(coefficients @ (psi @ across))
     # the cover measures gaps along the slave's normals; by the cosine they are along the row's normal
     turned = np.einsum("ij,ij->i", unit(measure @ (psi @ over.direction)), normal)
     gap = measure @ (psi @ over.gap) / area * turned
@@ -118,7 +119,7 @@ def rows_of(sides: tuple[Side, Side], slave: int, over: Cover, psi: sparse.csr_m
     share = np.bincount(over.facet, over.weight, len(side.facets))
     seen = np.isin(np.arange(len(side.facets)), over.facet)
     # P = D⁻¹ ∫ θ φ for both sides; for the slave it is the identity unless rows are merged.
-    one, other = (means(parts @ (psi @ transfer), area) for transfer in points.transfer)
+    one, other = (means(coefficients @ (psi @ transfer), area) for transfer in points.transfer)
     return Rows(sides, slave, nodes, place, seen, (one, other), normal if slave == 0 else -normal, area,
                 without_rounding(gap, side.spacing[nodes]), np.zeros(len(nodes)), np.zeros(len(place), bool),
                 seen & (share >= (1.0 - LACKING) * side.areas), measure[:, :len(place)].T.tocsr(), points=points)
@@ -225,7 +226,8 @@ def _outline(rows: Rows, keep: np.ndarray) -> Outline:
     functions, nodes = (side.cell.shapes(hats), side.facets) if side.cell.bears else (hats, side.corners)
     of_lines = sparse.csr_matrix((np.ones(len(lines.row)), (np.arange(len(lines.row)), lines.row)),
                                  (len(lines.row), len(rows.nodes)))
-    shares = sparse.vstack([of_lines, at_points(functions, nodes[facet], len(side.nodes)) @ rows.parts])[:, keep]
+    at_cells = at_points(functions, nodes[facet], len(side.nodes)) @ rows.interpolation
+    shares = sparse.vstack([of_lines, at_cells])[:, keep]
     # Corners of cells at the same place are one point with their mean value, as pieces of two facets differ a little;
     # points at nodes come first.
     xy = np.vstack([lines.xy, xy])

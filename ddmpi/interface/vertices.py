@@ -84,8 +84,8 @@ def rows_at_vertices(sides: tuple[Side, Side], slave: int, over: Cover, looked: 
     across = -at_points(over.there, other.corners[over.other], len(other.nodes)) @ other.normal
     if np.isfinite(other.modulus):  # else the rigid partner's normal alone
         across += at_points(over.at, side.corners[over.facet], len(met)) @ side.normal
-    parts = _shared(met, shares, near)
-    rows = rows_of(sides, slave, over, psi, parts @ mix, across, parts @ dual)
+    coefficients = _shared(met, shares, near)
+    rows = rows_of(sides, slave, over, psi, coefficients @ mix, across, coefficients @ dual)
     # The rows tell which of them clamps nearly fix; then they are made again without these vertices.
     fixed = _hardly_move(rows)
     if holds_along(contact) and np.isfinite(other.modulus):
@@ -93,8 +93,8 @@ def rows_at_vertices(sides: tuple[Side, Side], slave: int, over: Cover, looked: 
     fixed &= ~kept[rows.nodes]
     if fixed.any() and not fixed.all():
         shares[rows.nodes[fixed]] = True
-        parts = _shared(met, shares, near)
-        rows = rows_of(sides, slave, over, psi, parts @ mix, across, parts @ dual)
+        coefficients = _shared(met, shares, near)
+        rows = rows_of(sides, slave, over, psi, coefficients @ mix, across, coefficients @ dual)
     facets = rows.place[side.corners]
     complete = (facets >= 0).all(axis=1)
     lines = Lines(np.arange(len(rows.nodes)), side.xy[rows.nodes], rows.area, facets[seen & complete],
@@ -152,7 +152,7 @@ def _shared(vertices: np.ndarray, shares: np.ndarray, links: sparse.csr_matrix) 
     """(k, k) the share that a vertex (row) takes of the functions of all vertices (columns): neighbours by `links`
     (k, k) evenly share those that `shares` (k,) marks, level by level where none keeps a row. Columns sum to one."""
     keeps = vertices & ~shares
-    parts = sparse.diags(1.0 * keeps).tocsr()
+    coefficients = sparse.diags(1.0 * keeps).tocsr()
     done, left = keeps.copy(), vertices & shares
     while left.any():
         near = (sparse.diags(1.0 * done) @ links).tocsc()  # rows: neighbours that are done
@@ -163,9 +163,9 @@ def _shared(vertices: np.ndarray, shares: np.ndarray, links: sparse.csr_matrix) 
             return sparse.diags(1.0 * vertices).tocsr()
         # A vertex of this level gives equal parts to its neighbours of earlier levels, which pass them on.
         average = near @ sparse.diags(np.where(now, 1.0 / np.maximum(number, 1), 0.0))
-        parts = parts + parts @ average
+        coefficients = coefficients + coefficients @ average
         done, left = done | now, left & ~now
-    return parts.tocsr()
+    return coefficients.tocsr()
 
 
 def _hardly_move(rows: Rows) -> np.ndarray:
