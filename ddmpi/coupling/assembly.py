@@ -47,7 +47,7 @@ from ddmpi.system.numbers import Frame, in_words
 NO_SIZES: Mapping[str, Sizes] = {}
 
 REUSED = {"mesh": ["mesh"], "stiffness": ["stiffness"], "compliance": ["factors", "compliance"], "rows": ["rows"]}
-"""What the summary calls the stages that a `Kept` has had; those that are left out take next to no time."""
+"""What the summary calls the stages that a `Kept` has reused; the others take next to no time."""
 
 
 @dataclass(frozen=True)
@@ -80,10 +80,10 @@ class Assembly:
     n : free dofs of all bodies
     m : contact nodes of all interfaces
     warnings : warnings about the scene; of all bodies and contacts on the first rank
-    reused : stages of this rank's bodies and contacts that were kept, by their names
+    reused : stages of this rank's bodies and contacts that were reused, by the names of these
     start : makes the forces (size,) in N, gaps (size,) and motions of loose bodies in m to begin with, or is None
     outer : the class of an outer method from outside the package, or None
-    far, frames : where bodies move far what stays, and the frames of all bodies and rigid partners, by name
+    far, frames : if bodies move far, what they keep, and the frames of all bodies and rigid partners, by name
     """
 
     world: MPI.Comm
@@ -102,7 +102,7 @@ class Assembly:
     frames: Mapping[str, Frame] = field(default_factory=dict)
 
     def meet(self, time: float) -> Assembly:
-        """The same bodies where they are at `time`, and meet there, under the loads of that time. Collective. Raises
+        """The same bodies where they are at `time`, paired there, under the loads of that time. Collective. Raises
         InputError."""
         far, scene, world = self.far, self.scene, self.world
         assert far
@@ -142,8 +142,8 @@ class Assembly:
     def pushes(self) -> dict[str, float]:
         """Sum of the forces (N) along the motions of each driven partner, the largest over all turning points."""
         factors = [self.scene.factors(time) for time in self.scene.legs]
-        return {each.name: float(np.abs(each.push).sum()) * max(abs(at[each.history]) for at in factors)
-                for each in self.joint.driven}
+        return {partner.name: float(np.abs(partner.push).sum()) * max(abs(at[partner.history]) for at in factors)
+                for partner in self.joint.driven}
 
     @property
     def loose(self) -> list[str]:
@@ -161,15 +161,15 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
     world : at most as many ranks as the scene has bodies
     folder : where relative mesh files are looked for first
     clock : times the phases mesh, assemble and factor
-    refinement : the meshes of `scene` are this many times finer than the given ones; geometries excepted
+    refinement : the meshes of `scene`, but for geometries, are this many times finer than the given ones
     sizes : of the elements of geometries, by the names of this rank's bodies, once an accuracy target refines them
     factor : False for an assembly that is only checked, see `Member`
-    kept : by cases before, of which this one takes what it does not change
+    kept : stages of earlier cases, which this case reuses where it does not change them
     """
     clock, team = clock or Clock(), team_of(world)
     if team and not kept:
         with agreed(world):
-            team.do("drop")  # matrices of the mesh before
+            team.do("drop")  # matrices of the last mesh
     kept = kept or Kept()
     kept.begin(conditions())
     homes = homes_of([body.name for body in scene.body], world)
@@ -220,13 +220,13 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
             _check_method(scene, bodies, [interface for interface, _ in joined.values()])
         joined = kept_by_bonds(scene, joined, world)
         interfaces = [interface for interface, _ in joined.values()]
-    # All bodies of all ranks on this machine share its memory evenly; a team asks all its machines.
+    # the bodies of all ranks on a machine share its memory evenly; a team has the memory of all its machines
     memory = kept.memory(free_memory) / (ranks_beside(world) * max(len(mine), 1)) if not team else 0.0
     if team:
         with agreed(world):
             memory = kept.memory(lambda: team.do("room"))
     members, histories = list[Member](), [None, *scene.followed]
-    # a tolerance takes 1 and 2 load steps at least; iterations of the published method take ten times the products
+    # time.tolerance takes 1 and 2 load steps at least; iterations of the published method take ten times the products
     solves = (len(scene.legs) * (scene.time.steps or 3) if scene.time else 1) * (10 if scene.method.by_body else 1)
     with clock.phase("factor"), agreed(world):
         for spec in mine:
@@ -243,13 +243,13 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
             ours = [joined[contact.name][0] for contact, _ in at_body[spec.name]]
             members.append(Member(spec.name, elasticity, ours, scene.method.compliance, memory, histories, points,
                                   solves))
-        # Factors are most of the memory: those that are not met again go before the others are made.
+        # factors are most of the memory: those that are not used again are freed before others are made
         kept.expect("compliance", {member.name: member.depends(kept) for member in members})
         for member in members if factor else ():
             member.factor(kept)
             interrupt.check()
     kept.end()
-    # From here on each interface lives on its first body's rank only.
+    # from here on each interface is on its first body's rank only
     owned = {contact for contact, first, _ in exchange.ends if first == world.rank}
     far, frames = None, dict[str, Frame]()
     if scene.far:
@@ -260,8 +260,8 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
         free = merged(world, {member.name: member.free for member in movers if member.free})
         facing = world.allgather({contact.bodies[1]: first.xy for contact in contacts
                                   for first, second in [both[contact.name]] if not second})
-        free |= {rigid.name: FreeFrame.of(part, np.concatenate([at[rigid.name] for at in facing if rigid.name in at]))
-                 for rigid in scene.rigid if (part := freed_part(rigid.motion))}
+        free |= {rigid.name: FreeFrame.of(freed, np.concatenate([at[rigid.name] for at in facing if rigid.name in at]))
+                 for rigid in scene.rigid if (freed := freed_part(rigid.motion))}
         far, frames = Far(chosen, both, movers, free), frames_of(scene, 0.0)
         met, space = far.meet(world, scene, exchange, frames, {})
         members = list(met)
@@ -346,7 +346,7 @@ def _join(scene: Settled, contact: SettledContact, sides: tuple[Side, Side | Non
             refinement = 1  # its nodes match by their number alone
         depends, make = (second, refinement), partial(connect, first, second, contact, refinement)
         partner = Mover(second, clamps[second.body])
-    # Of friction the rows know only whether there is any.
+    # rows depend on friction only by whether there is any
     drawn = msgspec.structs.replace(contact, friction=NoFriction()), isinstance(contact.friction, NoFriction)
     interface = kept.get("rows", contact.name, (first, depends, drawn), make)
     law = law_of(contact.friction, interface.xy, interface.arc, interface.area, interface.law.sliding, contact.kind,

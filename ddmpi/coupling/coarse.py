@@ -1,9 +1,9 @@
-"""The coarse problem: a few motions of each body, which couple all its contact forces at once.
+"""The coarse problem: a few motions of each body, which couple all its contact forces.
 
 The rigid motions R_a that clamps leave free are unknowns α_a, with an equation each: the contact forces must balance
 the loads, G s = e with G = RᵀBᵀ and e = Rᵀb. This is the coarse problem of FETI (Farhat and Roux, Int. J. Numer. Meth.
 Engng. 32, 1991). Smooth deformations of a body serve the preconditioner in the same form. A motion is given by its
-contact displacements, columns of Z; only these, and one small system for all bodies, are ever exchanged.
+contact displacements, a column of Z = Gᵀ; ranks exchange only these, and one small system for all bodies.
 """
 
 from __future__ import annotations
@@ -28,18 +28,18 @@ from ddmpi.system.agreement import agreed
 from ddmpi.system.numbers import Frame, crossed
 
 UNTURNED = 1e-9
-"""A turn that moves no node by more than this fraction of what another turn does, moves none."""
+"""A turn moves no node if it moves all by less than this fraction of what another turn does."""
 
 
 @dataclass(frozen=True)
 class Driven:
-    """What moves as forces want, and has no compliance: a rigid partner under a force or a moment, or the second side
-    of a bond with a pretension, which its offset moves past the body.
+    """A partner without compliance that forces move: a rigid partner under a force or a moment, or the second side of a
+    bond with a pretension, which its offset moves past the body.
 
     Its motions are unknowns as those of loose bodies are, and the balance of its forces their equations. They are
-    translations along `axes`, and turns about the pivot, in metres of the node that moves farthest. A turn comes with
-    the translation along the axes that takes the middle of the nodes back: about a remote pivot, it would be nearly a
-    translation itself.
+    translations along `axes`, and turns about the pivot, in metres of the node that moves farthest. With a turn goes
+    the translation along the axes that moves the middle of the nodes back, as a turn about a remote pivot would be
+    nearly a translation.
 
     Attributes
     ----------
@@ -49,9 +49,9 @@ class Driven:
     push : (a + t,) force and moment along the motions, at the factor 1 of the history (N)
     pivot : (d,) (m)
     turns : (t, 1 or 3) unit vectors about which it turns, in the plane [1]
-    shifts, sizes : (t, d) and (t,) translation that comes with a turn, and motion of the farthest node (m/rad)
+    shifts, sizes : (t, d) and (t,) translation that goes with a turn, and motion of the farthest node (m/rad)
     bond : the contact with a pretension, else None
-    resists : (a + t, a + t) by which its force resists motions, at the factor 1, see `FreeFrame` (N/m)
+    resists : (a + t, a + t) stiffness with which its force resists motions, at the factor 1, see `FreeFrame` (N/m)
     """
 
     name: str
@@ -78,7 +78,7 @@ class Driven:
         sizes = np.array([space.largest(np.array([np.linalg.norm(
             crossed(turn[None], at - pivot) + shift, axis=1).max() for at in nodes]))
             for turn, shift in zip(turns, shifts, strict=True)])
-        # where nodes lie on the axis of a turn, nothing resists it; any size will do
+        # if all nodes lie on the axis of a turn, nothing resists it, and any size will do
         most = sizes.max(initial=0.0) or np.linalg.norm(arm) or 1.0
         sizes = np.where(sizes > UNTURNED * most, sizes, most)
         driven = cls(rigid.name, rigid.history, axes, np.empty(0), pivot, turns, shifts, sizes)
@@ -137,7 +137,7 @@ class Motions:
     ----------
     space : of the interfaces
     size : number of motions of all bodies
-    blocks : for each owned interface its part of a vector, the numbers (c,) of the motions of its bodies, and their
+    blocks : for each owned interface the slice of its entries, the numbers (c,) of the motions of its bodies, and their
         contact displacements (its size, c); together they are Z (owned size, size), sparse (m)
     """
 
@@ -152,15 +152,15 @@ class Motions:
         if not self.size:
             return other
         return Motions(self.space, self.size + other.size,
-                       [(part, np.append(ours, self.size + theirs), np.hstack([block, more])) for
-                        (part, ours, block), (_, theirs, more) in zip(self.blocks, other.blocks, strict=True)])
+                       [(entries, np.append(ours, self.size + theirs), np.hstack([block, more])) for
+                        (entries, ours, block), (_, theirs, more) in zip(self.blocks, other.blocks, strict=True)])
 
     def assemble(self, blocks: Sequence[np.ndarray]) -> sparse.csr_matrix:
         """A matrix like Z from columns (its size, c) of every owned interface, for the motions of its bodies."""
         rows, columns, values = [np.empty(0, int)], [np.empty(0, int)], [np.empty(0)]
-        for (part, numbers, _), block in zip(self.blocks, blocks, strict=True):
-            rows.append(np.repeat(np.arange(part.start, part.stop), len(numbers)))
-            columns.append(np.tile(numbers, part.stop - part.start))
+        for (entries, numbers, _), block in zip(self.blocks, blocks, strict=True):
+            rows.append(np.repeat(np.arange(entries.start, entries.stop), len(numbers)))
+            columns.append(np.tile(numbers, entries.stop - entries.start))
             values.append(block.ravel())
         return sparse.csr_matrix((np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))),
                                  (self.space.size, self.size))
@@ -184,32 +184,33 @@ def gather_motions(exchange: Exchange, space: Space, members: Sequence[Member], 
     # All ranks learn how many motions each body has, hence the same numbers; the motions themselves go to neighbours.
     counts = exchange.world.allgather([(member.name, len(rows)) for member, rows in zip(members, columns, strict=True)])
     slices, size = {}, 0
-    for name, count in itertools.chain(*counts, ((each.name, len(each.push)) for each in driven)):
+    for name, count in itertools.chain(*counts, ((partner.name, len(partner.push)) for partner in driven)):
         slices[name] = slice(size, size + count)
         size += count
     if not size:
         return Motions(space, 0, ()), slices
-    both = exchange.swap_objects({(contact, side): own[:, part].T for member, own in zip(members, columns, strict=True)
-                                  for contact, (part, side) in member.parts.items()})
+    both = exchange.swap_objects({(contact, side): motions[:, entries].T
+                                  for member, motions in zip(members, columns, strict=True)
+                                  for contact, (entries, side) in member.parts.items()})
     blocks = []
-    for interface, part in space.with_slices():
+    for interface, entries in space.with_slices():
         sides = dict(zip(interface.bodies, both[interface.name], strict=True))
-        for each in driven:
-            if each.acts_on(interface):  # a second side that moves by e_x closes the contact by −n·e_x
-                sides[each.name] = -np.einsum("id,idj->ij", interface.directions,
-                                              each.motions(interface.places)[interface.law.node])
+        for partner in driven:
+            if partner.acts_on(interface):  # a second side that moves by e_x closes the contact by −n·e_x
+                sides[partner.name] = -np.einsum("id,idj->ij", interface.directions,
+                                                 partner.motions(interface.places)[interface.law.node])
         seen = [(np.arange(slices[name].start, slices[name].stop), block)
                 for name, block in sides.items() if block is not None]
         numbers, columns = zip(*seen, strict=True)
-        blocks.append((part, np.concatenate(numbers), np.hstack(columns)))
+        blocks.append((entries, np.concatenate(numbers), np.hstack(columns)))
     return Motions(space, size, blocks), slices
 
 
 class CoarseSystem:
     """S = Ẑ M Z̃ᵀ + K for one set of unknown forces, Ẑ = Zᵀ E, Z̃ = Zᵀ I, factored and solved on the first rank.
 
-    Factors on every rank take memory on each and keep all cores of a host busy with the same work; shared by several
-    ranks they do not solve faster (docs/studies/scaling.md).
+    Factors on every rank would take memory on each, and keep all cores of a host busy with the same work; distributed
+    over several ranks they do not solve faster (docs/studies/scaling.md).
 
     Parameters
     ----------
@@ -218,7 +219,7 @@ class CoarseSystem:
     stiffness : M times columns (its size, c) of an owned interface, called with its number
     resists : K (size, size), sparse, the same on all ranks
     kept : (k,) bool, which of the first motions stay where they are
-    columns : of Z̃ = Zᵀ columns (owned size, k) sparse: I if left out; E for the transposed system, which has I as `E`
+    columns : (owned size, k) sparse, of Z̃ = Zᵀ columns: I if left out; E for the transposed system, whose `E` is I
 
     Construction is collective.
     """
@@ -230,18 +231,18 @@ class CoarseSystem:
         moves = sparse.diags(np.append(1.0 - np.asarray(kept, float), np.ones(motions.size - len(kept))))
         with event("CoarseSystem"):
             smooth = []
-            for number, (part, _, block) in enumerate(motions.blocks):
+            for number, (entries, _, block) in enumerate(motions.blocks):
                 along = basis if columns is None else columns
-                smooth.append(stiffness(number, basis[part] @ (weights[:, None] * (along[part].T @ block))))
-            # Elimination of y from [M⁻¹ −Z̃ᵀ; Ẑ K] leaves S. Slipping nodes' friction follows the pressure, so E
-            # differs from I and S is not symmetric: an oblique projector in place of FETI's.
+                smooth.append(stiffness(number, basis[entries] @ (weights[:, None] * (along[entries].T @ block))))
+            # Elimination of y from [M⁻¹ −Z̃ᵀ; Ẑ K] leaves S. The friction of slipping nodes follows the pressure, so E
+            # differs from I, S is not symmetric, and the projector is oblique, unlike FETI's.
             self._MZ = (sparse.diags(weights) @ basis.T @ motions.assemble(smooth) @ moves).tocsr()
             self._EZ = (E.T @ motions.Z @ moves).tocsr()
             local = (self._EZ.T @ self._MZ).tocoo()
-            entries, self.size = self._space.gather((local.row, local.col, local.data)), motions.size
+            triplets, self.size = self._space.gather((local.row, local.col, local.data)), motions.size
             with agreed(self._space.comm):
-                if entries is not None:
-                    row, column, value = (np.concatenate(arrays) for arrays in zip(*entries, strict=True))
+                if triplets is not None:
+                    row, column, value = (np.concatenate(arrays) for arrays in zip(*triplets, strict=True))
                     S = sparse.csc_matrix((value, (row, column)), (self.size, self.size))
                     try:
                         S = (S + resists).tocsc()
@@ -254,7 +255,7 @@ class CoarseSystem:
 
         Collective.
         """
-        # The right-hand side is summed over ranks in one reduction, and a is sent back: a few numbers a body.
+        # the right-hand side is summed over ranks in one reduction, and a sent back: a few numbers a body
         a = self._space.solve_first(self._EZ.T @ Mf, lambda total: self._factors.solve(
             -total if h is None else h - total))
         return Mf + self._MZ @ a, a
@@ -263,34 +264,34 @@ class CoarseSystem:
 class CrossPoints:
     """The local compliance R = Σ B_a B_aᵀ / c_a of nodes at which bodies have several contacts, with their rows B_a.
 
-    The half-spaces of the preconditioner know one contact each. Around an edge where several bodies meet, forces of
+    The half-spaces of the preconditioner do not couple contacts. Around an edge where several bodies meet, forces of
     different contacts act on the same node and may cancel. R is on the first rank. Construction is collective.
     """
 
     def __init__(self, members: Sequence[Member], exchange: Exchange, space: Space) -> None:
         points = [member.at_cross_points() for member in members]
         rest = exchange.total([rest for _, rest in points], "cross points")
-        blocks = [([(name, part.stop - part.start) for name, (part, _) in member.parts.items()], block)
+        blocks = [([(name, entries.stop - entries.start) for name, (entries, _) in member.parts.items()], block)
                   for member, (block, _) in zip(members, points, strict=True)]
         self._space, everyone = space, space.gather((space.parts, rest, blocks))
         if everyone is not None:
-            layouts, rests, parts = zip(*everyone, strict=True)
+            layouts, rests, by_rank = zip(*everyone, strict=True)
             before = np.cumsum([0, *(len(values) for values in rests)])
             # Where the vector of each interface begins among those of all ranks.
-            starts = {name: start + part.start for start, layout in zip(before, layouts, strict=False)
-                      for name, part in layout.items()}
+            starts = {name: start + entries.start for start, layout in zip(before, layouts, strict=False)
+                      for name, entries in layout.items()}
             placed = [sparse.csr_matrix((before[-1], 0))]
-            for sizes, block in itertools.chain(*parts):
+            for sizes, block in itertools.chain(*by_rank):
                 rows = np.concatenate([np.zeros(0, int), *(starts[name] + np.arange(size) for name, size in sizes)])
                 placed.append(sparse.csr_matrix((np.ones(len(rows)), (rows, np.arange(len(rows)))),
                                                 (before[-1], len(rows))) @ block)
             B = sparse.hstack(placed, "csr")
-            # The diagonal rest is what nodes with one contact only contribute to the compliance of these rows.
+            # the diagonal `rest` is the compliance that nodes with one contact only add to these rows
             self._R = B @ B.T + sparse.diags(np.concatenate(rests))
 
     def corrector(self, basis: sparse.csr_matrix, D: np.ndarray, rows: np.ndarray,
                   ) -> Callable[[np.ndarray], np.ndarray] | None:
-        """w ↦ diag(K) K⁻¹ w for displacements (k,) along the unknown forces, K = Iᵀ R I + D. It is collective, too.
+        """w ↦ diag(K) K⁻¹ w for displacements (k,) along the unknown forces, K = Iᵀ R I + D. Its calls are collective.
 
         `basis` is I (owned size, k), sparse, D (k,) are positive compliances (m/N), and `rows` (owned size,) bool marks
         entries of this rank's vectors at cross points. None where all their forces are known. Raises SolverError.

@@ -36,8 +36,8 @@ class Exchange:
     """Carries the vectors of interfaces between the ranks that own them and the ranks of their bodies.
 
     A product with the joint compliance is `spread`, the local products of the bodies, and `total`. At its end all ranks
-    agree on errors and signals, so that no rank waits for one that failed, and on the purpose of the vectors: ranks
-    whose iterations took different branches, as on unlike processors, notice it.
+    agree on errors and signals, so that no rank waits for one that failed. They also compare the purposes of vectors,
+    which reveals ranks whose iterations took different branches, as on unlike processors.
 
     `world` is the communicator of all bodies; `ends` are all contacts of this rank's bodies, in the order of the scene.
     `sent` counts what this rank has sent so far: messages and bytes of interface vectors; reductions over all ranks (of
@@ -50,9 +50,9 @@ class Exchange:
         self._failure: DdmpiError | None = None
 
     def connect(self, space: Space, bodies: Sequence[Mapping[str, tuple[slice, int]]]) -> None:
-        """Set the layout of vectors: of the owned interfaces by `space`; of the local `bodies` by contact, as the part
-        and the body's side, 0 or 1."""
-        sizes = [max((part.stop for part, _ in parts.values()), default=0) for parts in bodies]
+        """Set the layout of vectors: of the owned interfaces by `space`; of the local `bodies` by contact, as the slice
+        of the body's vector and the body's side, 0 or 1."""
+        sizes = [max((entries.stop for entries, _ in contacts.values()), default=0) for contacts in bodies]
         self._owned = space.size
         *starts, self._size = np.cumsum([0, *sizes]).tolist()
         self._bodies = [slice(*ends) for ends in itertools.pairwise([*starts, self._size])]
@@ -60,19 +60,18 @@ class Exchange:
         lent: dict[int, list[np.ndarray]] = {}
         borrowed: dict[int, list[np.ndarray]] = {}
         for contact, first, second in self.ends:
-            places = {parts[contact][1]: start + np.arange(sizes[k])[parts[contact][0]]
-                      for k, (start, parts) in enumerate(zip(starts, bodies, strict=True)) if contact in parts}
+            places = {contacts[contact][1]: start + np.arange(sizes[k])[contacts[contact][0]]
+                      for k, (start, contacts) in enumerate(zip(starts, bodies, strict=True)) if contact in contacts}
             if first != self.world.rank:
                 borrowed.setdefault(first, []).append(places[1])
                 continue
-            part = np.arange(space.size)[space.parts[contact]]
-            local += [np.stack([place, part, np.full_like(part, side)]) for side, place in places.items()]
+            entries = np.arange(space.size)[space.parts[contact]]
+            local += [np.stack([place, entries, np.full_like(entries, side)]) for side, place in places.items()]
             if second != first:
-                lent.setdefault(second, []).append(part)
-        # Plain index arrays: of contacts within this rank, of those lent to the second body's rank, and of those
-        # borrowed.
+                lent.setdefault(second, []).append(entries)
+        # index arrays: of contacts within this rank, of those lent to the second body's rank, and of those borrowed
         self._local, self._at, self._side = np.hstack([np.zeros((3, 0), int), *local])  # rows of bodies, of owner; side
-        self._lent, self._borrowed = ({rank: np.concatenate(parts) for rank, parts in indices.items()}
+        self._lent, self._borrowed = ({rank: np.concatenate(arrays) for rank, arrays in indices.items()}
                                       for indices in (lent, borrowed))
 
     def spread(self, x: np.ndarray) -> list[np.ndarray]:
@@ -82,15 +81,15 @@ class Exchange:
         whole[self._local] = x[self._at]
         for rank, at in self._borrowed.items():
             whole[at] = came[rank]
-        return [whole[part] for part in self._bodies]
+        return [whole[entries] for entries in self._bodies]
 
-    def collect(self, parts: Sequence[np.ndarray], about: str) -> tuple[np.ndarray, np.ndarray]:
+    def collect(self, vectors: Sequence[np.ndarray], about: str) -> tuple[np.ndarray, np.ndarray]:
         """Contributions of the first and of the second bodies to the owned interfaces, from the local bodies' vectors.
 
-        The second is zero where the partner is rigid. Collective on the world. Raises the error of any rank on all,
-        InterruptionError after a signal to one of them, and SolverError if their purposes differ.
+        Those of the second bodies are zero where the partner is rigid. Collective on the world. Raises the error of any
+        rank on all, InterruptionError after a signal to one of them, and SolverError if their purposes differ.
         """
-        whole, both = np.concatenate(parts), np.zeros((2, self._owned))
+        whole, both = np.concatenate(vectors), np.zeros((2, self._owned))
         came = self._trade({rank: whole[at] for rank, at in self._borrowed.items()}, self._lent)
         both[self._side, self._at] = whole[self._local]
         for rank, at in self._lent.items():
@@ -98,9 +97,9 @@ class Exchange:
         self.meet(about)
         return both[0], both[1]
 
-    def total(self, parts: Sequence[np.ndarray], about: str) -> np.ndarray:
+    def total(self, vectors: Sequence[np.ndarray], about: str) -> np.ndarray:
         """The sum of both bodies' contributions to the owned interfaces; otherwise as `collect`."""
-        first, second = self.collect(parts, about)
+        first, second = self.collect(vectors, about)
         return first + second
 
     def meet(self, about: str) -> None:
@@ -110,7 +109,7 @@ class Exchange:
             if self._failure:
                 agree(self.world, self._failure)
             return
-        # The maxima of topic and −topic are the largest and the smallest topic: equal topics show in one reduction.
+        # the maxima of topic and −topic are the largest and the smallest topic: one reduction compares them
         topic = zlib.crc32(about.encode())
         words = np.array([self._failure is not None, topic, -topic], dtype=np.int64)
         self.sent.update(reductions=1, reduced_bytes=words.nbytes)
@@ -155,7 +154,7 @@ class Exchange:
         return dict(self.sent)
 
     def restore(self, state: dict[str, int]) -> None:
-        for name in self.sent:  # which `Space` counts in, too
+        for name in self.sent:  # in place, as `Space` counts in it, too
             self.sent[name] = int(state[name])
 
     @contextlib.contextmanager
@@ -174,7 +173,7 @@ class Exchange:
             return {}
         came = {rank: np.empty(len(vector)) for rank, vector in like.items()}
         with event("Exchange"):
-            # Receives first: messages find their buffers posted.
+            # receives first, so that messages find their buffers
             requests = [self.world.Irecv(vector, rank, _PART) for rank, vector in came.items()]
             requests += [self.world.Isend(vector, rank, _PART) for rank, vector in send.items()]
             MPI.Request.Waitall(requests)

@@ -40,25 +40,23 @@ STEPS, MOST = 100, 4000
 """Bodies that move far have compliances for this many load steps, of at most this many nodes (in space 1.1 GiB)."""
 
 BALANCED = 1e-12
-"""The force on a driven partner is balanced if the rest is below this fraction of it and of all contact forces."""
+"""A driven partner is in equilibrium if its imbalance is below this fraction of its force and all contact forces."""
 
 
 class Joint:
     """C = Σ C_a over the bodies a, the free gaps d = Σ h_a − gap, and the rigid motions α of loose bodies.
 
-    The gaps under forces s are r = C s − d − Gᵀα, and G s + K α = e is the equilibrium of the loose bodies, with K of
-    loads that change as bodies move far. An operator in the sense of `qp`. Users of this class work on vectors of the
-    `space` and need not know of ranks. All methods that multiply or add up are collective on all bodies, and raise the
-    errors of any of them.
+    The gaps under forces s are r = C s − d − Gᵀα, and G s + K α = e is the equilibrium of the loose bodies, with the
+    stiffness K of loads that change as bodies move far. Users of this class work on vectors of the `space` and need not
+    know of ranks. All methods that multiply or sum are collective on all bodies, and raise the errors of any of them.
 
     Parameters
     ----------
     members : the bodies of this rank
     exchange, space : between the bodies, and the layout of the vectors
     histories : of loads, clamps and rigid partners, None for constant ones
-    pushed, bolts : rigid partners that move as forces want, and contacts with a pretension: loose bodies without
-        compliance
-    freed : the same with frames that are free; None where bodies do not move far
+    pushed, bolts : rigid partners that forces move, and contacts with a pretension: loose bodies without compliance
+    freed : rigid partners with free frames; None where bodies do not move far
 
     Attributes
     ----------
@@ -67,12 +65,12 @@ class Joint:
     d : (size,) overlap without contact forces (m); its tangential part, from where slip begins, is set by the load step
         after `act`
     rigid : the rigid motions of loose bodies, Gᵀ = rigid.Z; of size 0 where clamps support all bodies
-    driven : the same
-    kept, still : (rigid.size,) the motions that stay as they are, bool, and their amplitudes (m), zero of others
-    slices : of the motions by body, empty for supported ones, and by what is driven
+    driven : `pushed`, `bolts` and `freed`
+    kept, still : (rigid.size,) the motions that stay as they are, bool, and their amplitudes (m), zero for others
+    slices : of the motions by body, empty for supported ones, and by driven partner
     e, K : the loads along the motions (rigid.size,) in newtons, and by how much they resist these (N/m), sparse
-    neglected : forces (N) that are negligible in a product that is kept
-    steering : relative precision of products in GMRES, over the ratio of reduction that GMRES still needs
+    neglected : forces (N) that are negligible in products whose result is kept
+    steering : relative precision of products in GMRES, over the factor by which GMRES must still reduce its residual
     dear : whether a body's products are by an iterative solver
     far : whether bodies move far, and the operator is one of many passes
     """
@@ -94,27 +92,26 @@ class Joint:
                                                  self.driven)
         self.bodies = len(self.slices) - len(self.driven)
         self.kept, self.still = np.zeros(self.rigid.size, bool), np.zeros(self.rigid.size)
-        # A driven partner is a body without compliance: its rows of G s = e are the balance of contact forces with its
-        # force and moment.
+        # a driven partner is a body without compliance; its rows of G s = e balance contact forces, force and moment
         self._none, self._resisting = sparse.csr_matrix((self.rigid.size,) * 2), dict[str | None, sparse.spmatrix]()
         if freed is not None:
-            blocks = dict(itertools.chain({each.name: {each.history: each.resists} for each in freed}.items(), *(
-                each.items() for each in exchange.world.allgather({member.name: member.resisting for member in members
-                                                              if isinstance(member, FarMember)})
-            )))
+            blocks = {partner.name: {partner.history: partner.resists} for partner in freed}
+            for resisting in exchange.world.allgather({member.name: member.resisting for member in members
+                                                       if isinstance(member, FarMember)}):
+                blocks |= resisting
             self._resisting = {history: sparse.block_diag([blocks.get(name, {}).get(history, np.zeros((
                 at.stop - at.start,) * 2)) for name, at in self.slices.items()], "csr") for history in histories}
         self._pulled = {name: self.of_all([member.response(name)[1] for member in members],
-                                           [(each.history == name) * each.push for each in self.driven])
+                                           [(partner.history == name) * partner.push for partner in self.driven])
                         for name in histories}
         self.act(dict.fromkeys(histories, 1.0))
 
     def keep(self, bonds: Collection[str], alpha: np.ndarray) -> None:
-        """Have the pretensions of these `bonds`, and of no others, stay as in the motions α (rigid.size,) from the next
-        `act` on: offsets are given then, forces follow."""
-        # In place: the model of a joint shares them.
-        for each in self.driven:
-            self.kept[self.slices[each.name]] = each.bond in bonds
+        """From the next `act` on, keep the offsets that the pretensions of these `bonds`, and of no others, have in the
+        motions α (rigid.size,); their forces then follow."""
+        # in place: the model of a joint shares these arrays
+        for partner in self.driven:
+            self.kept[self.slices[partner.name]] = partner.bond in bonds
         self.still[:] = np.where(self.kept, alpha, 0.0)
 
     def at_rest(self) -> Point:
@@ -123,35 +120,35 @@ class Joint:
         return Point(s, -self.d - self.rigid.spread(self.still), self.still.copy(), self.imbalance(s, self.still))
 
     def act(self, factors: Mapping[str | None, float]) -> None:
-        """Set d and e of loads and clamps with these `factors` by history, after those of `space` and members."""
-        self.d, self.e = (sum((factors[name] * part for name, part in parts.items()), np.zeros(1))
-                          for parts in (self._moved, self._pulled))
-        # d = Σ B_a A_a⁺ b_a − gap: positive where the free bodies would overlap.
+        """Set d and e for these `factors` of loads and clamps by history; `act` of `space` and members goes first."""
+        self.d, self.e = (sum((factors[name] * value for name, value in by_history.items()), np.zeros(1))
+                          for by_history in (self._moved, self._pulled))
+        # d = Σ B_a A_a⁺ b_a − gap is positive where bodies without contact forces would overlap
         self.d = self.d - self.space.gap
         self.e = np.where(self.kept, 0.0, self.e)
-        self.K = sum((factors[name] * part for name, part in self._resisting.items()), self._none)
+        self.K = sum((factors[name] * value for name, value in self._resisting.items()), self._none)
 
     def product(self, x: np.ndarray, purpose: str, relative: float | None = None) -> np.ndarray:
         """C x (size,) as a new vector, precise enough to be kept, or `relative` as for `Compliance.mult`."""
         y = np.empty(self.size)
         if relative is None:
             size = self.space.norm(x)
-            # A relative error of neglected/‖x‖ leaves forces of the size `neglected` unbalanced in the bodies.
+            # a relative error of neglected/‖x‖ leaves forces of size `neglected` unbalanced in the bodies
             relative = min(self.neglected / size, STEERING) if size else 0.0
         self.mult(x, y, purpose, relative)
         return y
 
     def mult(self, x: np.ndarray, y: np.ndarray, purpose: str, relative: float = 0.0) -> None:
         """y ← C x (metres from newtons), both (size,); `relative` as for `Compliance.mult`."""
-        parts = self.exchange.spread(x)
-        # An error on one rank waits for the exchange, which all ranks reach, and is raised on all of them there.
+        vectors = self.exchange.spread(x)
+        # the exchange, which all ranks reach, raises an error of one rank on all of them
         with self.exchange.deferred():
-            for member, part in zip(self.members, parts, strict=True):
-                member.mult(part.copy(), part, purpose, relative)
-        y[:] = self.exchange.total(parts, purpose)
+            for member, vector in zip(self.members, vectors, strict=True):
+                member.mult(vector.copy(), vector, purpose, relative)
+        y[:] = self.exchange.total(vectors, purpose)
 
     def dense(self, most: int) -> np.ndarray | None:
-        """C (size, size) as a matrix (m/N), where one rank has all of it explicitly and in at most `most` rows."""
+        """C (size, size) as a matrix (m/N), if one rank has all compliances explicitly, and of at most `most` rows."""
         if self.exchange.world.size > 1 or self.size > most or not all(member.known for member in self.members):
             return None
         C = np.zeros((self.size, self.size))
@@ -161,7 +158,7 @@ class Joint:
         return C
 
     def add_motions(self, columns: Sequence[np.ndarray], values: Sequence[np.ndarray]) -> tuple[Motions, np.ndarray]:
-        """The rigid motions and then further ones of all local bodies (j, its size), with values of the latter."""
+        """The rigid motions followed by `columns` (j, its size) of all bodies, and the `values` of these for all."""
         more, _ = gather_motions(self.exchange, self.space, self.members, columns)
         return self.rigid.joined(more), self.of_all(values)
 
@@ -179,29 +176,29 @@ class Joint:
         return self.exchange.total([member.shared().astype(float) for member in self.members], "shared nodes") > 0.0
 
     def rigid_moduli(self) -> np.ndarray:
-        """`Member.stiffness` (rigid.size,) of the rigid motions' bodies, or of the stiffest body at a driven one
+        """`Member.stiffness` (rigid.size,) of each rigid motion's body, for a driven partner of its stiffest body
         (N/m²; in space N/m), times the ratio of the softest foundation to its body, if below 1."""
         world = self.exchange.world
-        # The springs that steer rigid motions must be soft beside foundations, which resist the same motions.
+        # springs that steer rigid motions must be soft beside foundations, which resist the same motions
         soft = [member.elasticity.softest / member.stiffness for member in self.members if member.stiffness]
         share = world.allreduce(min([1.0, *soft]), MPI.MIN)
         pushing = [world.allreduce(max((member.stiffness for member in self.members if any(
-            map(each.acts_on, member.interfaces))), default=0.0), MPI.MAX) for each in self.driven]
+            map(partner.acts_on, member.interfaces))), default=0.0), MPI.MAX) for partner in self.driven]
         return share * self.of_all([np.full(len(member.e), member.stiffness) for member in self.members],
-                                    [np.full(len(each.push), stiffness) for each, stiffness in
+                                    [np.full(len(partner.push), stiffness) for partner, stiffness in
                                      zip(self.driven, pushing, strict=True)])
 
     def first_closed(self) -> tuple[np.ndarray, np.ndarray]:
         """The nodes (m,) bool of all owned interfaces that the first guess closes, and those of them that are open and
         onto which a body falls that may turn. Collective.
 
-        The guess closes all nodes where clamps support all bodies; with loose bodies the nodes that touch, as forces
-        would draw an unloaded body to a distant partner. It closes all nodes of a loose body that its load does not
-        press onto a touching node, such as a shaft that falls through its clearance.
+        The guess closes all nodes where clamps support all bodies. With loose bodies it closes the nodes that touch, as
+        forces would pull an unloaded body to a distant partner, and all nodes of a loose body whose load presses it
+        onto no touching node, such as a shaft that falls through its clearance.
         """
         space = self.space
-        # gap ≤ 0 without forces: touching or overlapping, as drawn and with rigid partners moved.
-        touches = [space.gap[part][:interface.m] <= 0.0 for interface, part in space.with_slices()]
+        # gap ≤ 0 without forces: they touch or overlap, as drawn and with rigid partners moved
+        touches = [space.gap[entries][:interface.m] <= 0.0 for interface, entries in space.with_slices()]
         falls = [np.zeros(len(touch), bool) for touch in touches]
         lonely: list[str] = []
         if self.rigid.size:
@@ -210,12 +207,12 @@ class Joint:
                 _, numbers, block = block_of
                 for at in (self.slices[name] for name in interface.bodies if name in self.slices):
                     of_body = (at.start <= numbers) & (numbers < at.stop)
-                    # (Gᵀe)_j > 0: motion along the load closes the gap at a touching node.
+                    # (Gᵀe)_j > 0: a motion along the load closes the gap at touching node j
                     bears[numbers[of_body]] += (block[:interface.m][closed][:, of_body] @ self.e[at] > 0.0).any()
             bears = space.add(bears)
             lonely = [name for name, at in self.slices.items() if self.e[at].any() and not bears[at].any()]
-        # Of partners that do not turn the direction of slip after their fall is known.
-        upright = {each.name for each in self.driven if not len(each.sizes)}
+        # for partners that do not turn, the direction of slip after the fall is known
+        upright = {partner.name for partner in self.driven if not len(partner.sizes)}
         for k, interface in enumerate(space.interfaces):
             falling = set(interface.bodies) & set(lonely)
             if falling - upright:
@@ -225,26 +222,26 @@ class Joint:
         return np.concatenate([none, *touches]), np.concatenate([none, *falls])
 
     def of_all(self, arrays: Sequence[np.ndarray], partners: Sequence[np.ndarray] = ()) -> np.ndarray:
-        """Arrays of all bodies and then of what is driven, concatenated in the order of the motions."""
+        """Arrays of all bodies and then of driven partners, concatenated in the order of the motions."""
         everyone = self.exchange.world.allgather(arrays)
         return np.concatenate([np.zeros(0), *itertools.chain(*everyone), *partners])
 
     def placed(self, alpha: np.ndarray) -> list[Interface]:
         """The owned interfaces, with rigid partners and offsets where the motions α (rigid.size,) take them."""
         interfaces = list(self.space.interfaces)
-        for each in self.driven:
-            interfaces = [each.place(met, alpha[self.slices[each.name]]) for met in interfaces]
+        for partner in self.driven:
+            interfaces = [partner.place(met, alpha[self.slices[partner.name]]) for met in interfaces]
         return interfaces
 
     def imbalance(self, s: np.ndarray, alpha: np.ndarray) -> np.ndarray:
-        """e − G s − K α (rigid.size,) in newtons: loads on loose bodies that the forces s do not balance; zero of kept
+        """e − G s − K α (rigid.size,) in newtons: loads on loose bodies that the forces s do not balance; zero for kept
         motions."""
         return np.where(self.kept, 0.0, self.e - self.rigid.sums(s) - self.K @ alpha)
 
     def balances(self, left: np.ndarray, size: float) -> bool:
-        """Whether the `imbalance` on what is driven is rounding beside its forces and those of contacts, `size` (N).
-        """
-        motions = [self.slices[each.name] for each in self.driven]
+        """Whether the imbalance `left` of driven partners is rounding beside their forces and those of contacts, whose
+        norm is `size` (N)."""
+        motions = [self.slices[partner.name] for partner in self.driven]
         return all(norm(left[at]) <= BALANCED * (norm(self.e[at]) + size) for at in motions)
 
     def multiplications(self) -> int:
@@ -253,7 +250,7 @@ class Joint:
 
 
 class FarMember(Member):
-    """A body that moves far, with the compliance of all nodes that its contacts may join, in its frame.
+    """A body that moves far, with the compliance of all nodes that contacts may join, in its frame.
 
     Parameters
     ----------
@@ -264,7 +261,7 @@ class FarMember(Member):
 
     Attributes
     ----------
-    free : what is free of its frame, or None
+    free : the free components of its frame, or None
     resisting : K (j, j) of its loads by history, see `FreeFrame.resists` (N/m)
     """
 
@@ -275,7 +272,7 @@ class FarMember(Member):
         nodes = np.unique(np.concatenate([np.empty(0, int), *(side.nodes for side in faces)]))
         super().__init__(body.name, elasticity, [], scene.method.compliance, memory, [None, *scene.followed], points,
                          STEPS, nodes)
-        loose, d, part = not elasticity.supported, mesh.dimension, freed_part(body.motion)
+        loose, d, freed = not elasticity.supported, mesh.dimension, freed_part(body.motion)
         if loose and (body.motion or elasticity.motions.shape[2] < (1 if mesh.axisymmetric else d * (d + 1) // 2)):
             raise InputError(f'body.{body.name}: clamps leave a rigid motion free; with time.motions = "far" they '
                              "must fix a body in its frame; free the motion of the frame, as in motion = { free = "
@@ -289,14 +286,14 @@ class FarMember(Member):
             self.kind = self._asked = "explicit"
         self._drawn, self._whole, self._dead = mesh.points, np.empty((0, 0)), dict[str | None, np.ndarray]()
         # the frame of a loose body is the rigid motion of its contact nodes, by least squares
-        self.free = FreeFrame.of(part, self._drawn[nodes] if loose and len(nodes) else self._drawn,
-                                 mesh.axisymmetric) if loose or part else None
-        turns = any(each.turn for each in parts_of(body.motion)) or (self.free is not None and len(self.free.turns) > 0)
+        self.free = FreeFrame.of(freed, self._drawn[nodes] if loose and len(nodes) else self._drawn,
+                                 mesh.axisymmetric) if loose or freed else None
+        turns = any(motion.turn for motion in parts_of(body.motion)) or bool(self.free and len(self.free.turns))
         self._following = {history: nodal_loads(mesh, body, history, np.zeros((d, d))) if turns else case.f
                            for history, case in elasticity.cases.items()}
 
     def factor(self, kept: Kept | None = None) -> Member:
-        """As of a `Member`; and what dead loads do, in all directions of a frame that turns."""
+        """As of a `Member`; and the response to dead loads in all directions, for a frame that turns."""
         super().factor(kept)
         self._whole = super().dense()
         for history, case in self.elasticity.cases.items():
@@ -308,7 +305,7 @@ class FarMember(Member):
         return self
 
     def meet(self, interfaces: Sequence[Interface], frame: Frame) -> FarMember:
-        """The same body at interfaces of its candidates, seen from its frame, on the same factors. Not collective."""
+        """The same body at interfaces of its candidate nodes, in its frame, on the same factors. Not collective."""
         other, turned = copy.copy(self), frame.turned
         other._join(interfaces)
         other._B = other._rows()
@@ -321,7 +318,7 @@ class FarMember(Member):
         cases, other._responses, other.resisting = dict[str | None, LoadCase](), {}, {}
         for history, case in self.elasticity.cases.items():
             follow, h = self._following[history], self._responses[history][0]
-            dead = (case.f - follow) @ turned  # seen from a frame that turns they turn back
+            dead = (case.f - follow) @ turned  # in a frame that turns they turn back
             change = follow + dead - case.f
             cases[history] = replace(case, f=case.f + change, b=case.b + apply(
                 self.elasticity.supports.free, change)[self.elasticity.nodes].ravel())
@@ -331,7 +328,7 @@ class FarMember(Member):
             if self.free:
                 other.resisting[history] = self.free.resists(self._drawn, turned, dead, follow)
             other._responses[history] = W @ h + other.trace(case.prescribed), e
-        if self.free and self.free.part:  # in elasticity.cases as its history is the body's
+        if self.free and self.free.part:  # its history is one of elasticity.cases
             history = self.free.history
             other._responses[history] = other._responses[history][0], other._responses[history][1] + self.free.push
             other.resisting[history] += self.free.levers
@@ -352,14 +349,14 @@ class FarMember(Member):
 
 @dataclass(frozen=True)
 class Far:
-    """What bodies that move far need wherever they go.
+    """What bodies that move far keep wherever they go.
 
     Attributes
     ----------
     contacts : of this rank's bodies, each with its slave
-    sides : of both bodies in their frames, by contact; None of a rigid partner
+    sides : of both bodies in their frames, by contact; None for a rigid partner
     members : of this rank, with the compliance of all nodes that contacts may join
-    free : what is free of the frames of all bodies and rigid partners, by name
+    free : the free components of the frames of all bodies and rigid partners, by name
     reach : by time and contact, see `mortar.meet`; left out, overlaps are looked for by the bodies' thickness
     freed : how far free frames have gone, by time
     """
@@ -372,7 +369,7 @@ class Far:
     freed: dict[float, Freed] = field(default_factory=dict)
 
     def driven(self, scene: Settled, frames: Mapping[str, Frame]) -> list[Driven]:
-        """The rigid partners with free frames, where these are."""
+        """The rigid partners with free frames, where their frames are."""
         return [Driven.of_frame(rigid.name, self.free[rigid.name], frames[rigid.name]) for rigid in scene.rigid
                 if rigid.name in self.free]
 
@@ -382,7 +379,7 @@ class Far:
 
     def meet(self, world: MPI.Comm, scene: Settled, exchange: Exchange, frames: Mapping[str, Frame],
              reach: Mapping[str, tuple[float, float]]) -> tuple[list[FarMember], Space]:
-        """The bodies with their contacts where frames are, and the layout of the contacts that this rank owns.
+        """The bodies with their contacts where their frames are, and the layout of the contacts that this rank owns.
         Collective. Raises InputError."""
         with agreed(world):
             rigid = {partner.name: partner for partner in scene.rigid}

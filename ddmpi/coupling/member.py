@@ -31,34 +31,34 @@ class Member:
     """One body at its interfaces.
 
     At its interfaces a body moves by B u = h − C s + Gᵀα with its rigid motions α, none if clamps support it. A loose
-    body is in equilibrium if G s = e; its C and h are centred, free of rigid motions in the least-squares sense.
+    body is in equilibrium if G s = e; its C and h are centred: without rigid motions, in the least-squares sense.
 
     Parameters
     ----------
     name : of the body
     elasticity : A, b of the body
-    interfaces : of the body, in the order of a vector's parts; may be empty
+    interfaces : of the body, in the order of their entries in a vector; may be empty
     compliance, memory : kind of the compliance, and the bytes that it may use, see `Compliance`
     histories : of the scene's loads and clamps, None for constant ones
     points : (k, d) positions of the nodes that A acts on, see `Compliance`
-    solves : how many problems, such as load steps, C is for
-    candidates : nodes that contacts may join; C is then of their components
+    solves : number of problems, such as load steps, to be solved with C
+    candidates : nodes that contacts may join; the rows of B are then the components of all of them
 
     Attributes
     ----------
-    kind, reason : those of the `Compliance`, as far as they are known before A is factored
+    kind, reason : of the `Compliance`, as far as they are known before A is factored
     dear : whether its products are by an iterative solver
     began : by contact, displacements (nv, d) from which slip counts (m), of bodies that move far
-    C : contact compliance B A⁻¹ Bᵀ with its counts; of a loose body before centring, so multiply by `mult`
-    h : (size,) B A⁻¹ b, the contact displacement without contact forces (m); of a loose body, with forces that balance
-        the load
-    size : length of the body's vectors. Until `factor` there is no C, and h is zero
-    parts : of its vector by contact, and its side there, 0 or 1
+    C : contact compliance B A⁻¹ Bᵀ with its counts, from `factor` on; not centred, so multiply by `mult`
+    h : (size,) B A⁻¹ b, the contact displacement without contact forces (m), zero until `factor`; of a loose body, with
+        forces that balance the load
+    size : length of the body's vectors
+    parts : by contact, the slice of its entries in a vector, and the side, 0 or 1, of the body
     motions : (nv, d, j) the rigid motions that clamps leave free, see `Elasticity`
     G : (j, size) contact displacements of the rigid motions that clamps leave free
     e : (j,) the load along these motions (N); equal to G s in equilibrium
 
-    Not collective, but what uses C is, on the body's communicator.
+    Methods that use C are collective on the body's communicator, the others are not.
     """
 
     _acting: Mapping[str | None, float] | None
@@ -92,7 +92,7 @@ class Member:
         ends = np.cumsum([0, *(interface.size for interface in self.interfaces)]).tolist()
         self._sides = [(interface, slice(start, stop), interface.side(self.name)) for interface, (start, stop) in
                        zip(self.interfaces, itertools.pairwise(ends), strict=True)]
-        self.parts = {interface.name: (part, side) for interface, part, side in self._sides}
+        self.parts = {interface.name: (entries, side) for interface, entries, side in self._sides}
 
     def _rows(self) -> sparse.csr_matrix:
         """B (size, columns of A) of the interfaces."""
@@ -105,14 +105,14 @@ class Member:
         return self._B.multiply(self._B) @ (1.0 / self.elasticity.A.getDiagonal().array_r)
 
     def factor(self, kept: Kept | None = None) -> Member:
-        """Factor A and solve for the loads, but for what is `kept`; return self. Collective on the body's communicator.
+        """Factor A and solve for the loads, unless this is `kept`; return self. Collective on the body's communicator.
         Raises SolverError."""
         kept = kept or Kept()
         if not self.elasticity.supported:
-            # A is singular. With springs on a few dofs its inverse is a generalised inverse of A; centring then removes
-            # what depends on the choice of the springs: C ← P C P, h ← P h, P = I − Gᵀ(G Gᵀ)⁺G.
+            # A is singular. With springs on a few dofs its inverse is a generalised inverse of A; centring removes what
+            # depends on the springs: C ← P C P, h ← P h, P = 1 − Gᵀ(G Gᵀ)⁺G.
             self._centring = Centring(self._R, self._B)
-        # A solver that iterates begins each solve from the solutions before, so it lasts for one case.
+        # not kept for another case if the solver is iterative, as it starts from earlier solutions
         self.C, options = kept.get("compliance", self.name, self.depends(kept), self._compliance,
                                    lambda value: value[0].solver.direct)
         self.C.renew()
@@ -142,13 +142,13 @@ class Member:
     def response_to(self, case: LoadCase, purpose: str = "load",
                     get: Callable[[Callable[[], np.ndarray]], np.ndarray] = lambda make: make(),
                     ) -> tuple[np.ndarray, np.ndarray]:
-        """h (size,) and e (j,) of one load case; `get` makes B A⁻¹ b or has it. Collective on the body's communicator.
-        """
+        """h (size,) and e (j,) of one load case; `get` computes B A⁻¹ b or has kept it. Collective on the body's
+        communicator."""
         h = np.zeros(self.C.size)
         if self.C.size and case.b.any():
             self.C.count[purpose] += 1
             h = get(partial(self._free, case.b))
-        # B has no entries at clamped dofs; their prescribed displacements move the contact by a constant.
+        # B has no entries at clamped dofs, whose prescribed displacements move the contact by a constant
         return h + (self.trace(case.prescribed) if case.prescribed.any() else 0.0), self._R.T @ case.b
 
     def _free(self, load: np.ndarray) -> np.ndarray:
@@ -182,7 +182,7 @@ class Member:
 
     def act(self, factors: Mapping[str | None, float]) -> None:
         """Set loads and prescribed displacements to these `factors` by history. Not collective."""
-        self._acting = factors  # whose loads on all nodes are summed when they are asked for
+        self._acting = factors  # `elasticity` sums the loads on all nodes when it is asked for
         self._factors = np.array([factors[name] for name in self._histories])
         self.h, self.e = (sum((factors[name] * response[k] for name, response in self._responses.items()), np.zeros(1))
                           for k in (0, 1))
@@ -200,11 +200,11 @@ class Member:
         """B times the root of the compliance of nodes at which the body has several contacts (size, k), sparse; and the
         compliance (size,) in m/N that the other nodes of these rows add. Not collective.
 
-        A node's compliance is the mean of those of its rows, of which both bodies of a contact have half.
+        A node's compliance is the mean of those of its rows; each body of a contact has half of a row's compliance.
         """
         B, several = self.C.B.tocoo(), self._several()
-        # 1/c is the compliance of both bodies together at a row: each has half of it, beside a rigid partner all. By
-        # the squares of B a row distributes it over its nodes, with one or with several contacts.
+        # 1/c is the compliance of both bodies together at a row: each has half of it, on a rigid partner the body has
+        # all. A row distributes it by the squares of B over its nodes, with one or with several contacts.
         compliance = np.concatenate([np.empty(0), *(1.0 / ((2.0 - interface.on_rigid) * interface.stiffness)
                                                     for interface in self.interfaces)])
         number = np.bincount(B.col, minlength=B.shape[1])
@@ -232,7 +232,7 @@ class Member:
         if self._centring is None:
             self.C.mult(x, y, purpose, relative)
         else:
-            # P C P is symmetric, and the same for any springs.
+            # P C P is symmetric, and does not depend on the springs
             self.C.mult(self._centring.project(x), y, purpose, relative)
             y[:] = self._centring.project(y)
 
@@ -268,17 +268,17 @@ class Member:
 
     def pull(self, s: np.ndarray) -> np.ndarray:
         """−Bᵀ s (nv, d): what contact forces s (size,) do to all nodes of the body (N). Not collective."""
-        return sum((nodal_forces(interface, side, s[part], len(self.motions)) for interface, part, side in self._sides),
-                   np.zeros(self.motions.shape[:2]))
+        return sum((nodal_forces(interface, side, s[entries], len(self.motions))
+                    for interface, entries, side in self._sides), np.zeros(self.motions.shape[:2]))
 
     def beside(self, u: np.ndarray) -> dict[tuple[str, int], tuple[np.ndarray, np.ndarray]]:
-        """Displacements (m) without unknowns, by contact and side: normal ones at the probes of the interfaces, and
+        """Displacements (m) that belong to no unknown, by contact and side: normal ones at the interfaces' probes, and
         tangential ones of nodes without friction. Not collective."""
         return {(interface.name, side): (normal_trace(side, interface.probes, u), sliding_trace(
             interface, side, u - self.began.get(interface.name, 0.0))) for interface, _, side in self._sides}
 
     def begin(self, began: Mapping[str, np.ndarray]) -> np.ndarray:
-        """Where slip begins (size,) (m), from displacements (nv, d) of all nodes at which it does, by contact."""
+        """Displacement (size,) from which slip counts (m), by `began`: those (nv, d) of all nodes, by contact."""
         self.began = dict(began)
         return np.concatenate([np.empty(0), *(displacement_trace(met, side, self.began[met.name])
                                               for met, _, side in self._sides)])
@@ -320,13 +320,13 @@ class Member:
         self.elasticity = now
 
     def at_contacts(self, s: np.ndarray, alpha: np.ndarray) -> tuple[np.ndarray, np.ndarray, float, np.ndarray]:
-        """What `displacement`, `trace` and `work` say of contact forces s (size,) in newtons and motions α (j,) in
+        """What `displacement`, `trace` and `work` give under contact forces s (size,) in newtons and motions α (j,) in
         metres, by one product with C. Collective on the body's communicator. Raises SolverError.
 
         Returns
         -------
         u : (size,) contact displacement B u (m)
-        yielded : (size,) C s, what contact forces move the contacts by (m)
+        yielded : (size,) C s, the contact displacement by contact forces (m)
         energy : strain energy (J)
         work : (2, k), as `work` (J)
         """
@@ -368,7 +368,7 @@ class Member:
             if self._centring:
                 u.array[:] = self._centring.centre(u.array_r)
             Au = u.duplicate()
-            # A here is the stiffness without springs: what contact forces leave unbalanced is in the residual.
+            # A is the stiffness without springs, so the residual has the loads that contact forces do not balance
             A.mult(u, Au)
             energy = 0.5 * u.dot(Au)
             Au.axpy(-1.0, f)

@@ -19,30 +19,30 @@ from ddmpi.system.memory import give_back
 T = TypeVar("T")
 
 NAP = 0.01
-"""Seconds between two looks of an idle rank at its messages."""
+"""Seconds between two tests of an idle rank for messages."""
 
 _TEAM = MPI.Comm.Create_keyval()
 """The attribute of the roots' communicator that holds the team of its rank."""
 
 
 class WorkingRanks:
-    """The ranks that work on scenes of the same bodies, case by case: the roots of bodies; the others serve them.
+    """The ranks that work on scenes of the same bodies, case by case: a root for each body, and ranks that serve roots.
 
-    With at most as many ranks as bodies all are roots. A case whose meshes ask for other ranks of a body begins with
-    new teams. Everything is collective on `world`.
+    With at most as many ranks as bodies all are roots. A case whose meshes need another number of ranks for a body
+    begins with new teams. Everything is collective on `world`.
     """
 
     def __init__(self, world: MPI.Comm) -> None:
         self.world, self._roots, self._left = world, world, list[MPI.Comm]()
         self._number: list[int] = []
         self._team: Team | None = None
-        self._failed = self._lost = False  # the case before; with an error that other ranks do not know of
+        self._failed = self._lost = False  # of the last case: whether it failed, and without an agreement of the ranks
 
     def work(self, scene: Settled, work: Callable[[MPI.Comm], T]) -> T | None:
         """The result of `work(roots)` on the roots of the bodies, None on the other ranks.
 
         Raises the errors of `work` on all ranks, and InputError where the method needs a rank for each body. An error
-        that cannot reach all ranks of a body is raised on one rank only, as one that is not agreed on.
+        that cannot reach all ranks of a body is raised on one rank only, with `agreed` False.
         """
         check_ranks(self.world, scene)
         number = [] if self.world.size <= len(scene.body) else place_ranks(
@@ -54,7 +54,7 @@ class WorkingRanks:
         elif self._failed and self._roots != MPI.COMM_NULL:
             self._left.append(self._roots)
             self._take(self._roots.Dup())  # no message of the case that failed may reach this one
-        give_back()  # users ask for several ranks a body where memory is short
+        give_back()  # several ranks a body are used where memory is short
         team, result, failure = self._team, None, None
         self._failed = self._lost = True  # until it is known how the work ends
         if team is None:
@@ -70,7 +70,7 @@ class WorkingRanks:
                 result = work(self._roots)
             except DdmpiError as error:
                 failure = error
-            # Ranks of the team hang in a collective call of PETSc: an error that is not agreed on ends all processes.
+            # ranks of a lost team hang in a collective call of PETSc; an error without agreement ends all processes
             if team.lost and failure:
                 failure.agreed = False
                 raise failure
@@ -100,7 +100,7 @@ class WorkingRanks:
             roots.Set_attr(_TEAM, self._team)
 
     def end(self) -> None:
-        """Free what the ranks hold for each other, unless some of them are lost: an error ends all processes then."""
+        """Free communicators and teams, unless some ranks are lost: then an error ends all processes."""
         if self._lost:
             return
         if self._team is not None:
@@ -129,11 +129,10 @@ def team_of(world: MPI.Comm) -> Team | None:
 
 
 def place_ranks(nodes: Sequence[int | None], ranks: int) -> list[int]:
-    """The body of every rank, for more ranks than bodies: another rank goes to the body with the most `nodes` of its
-    mesh per rank. Bodies count as equal if the nodes of one are unknown."""
+    """The body of every rank, for more ranks than bodies: each further rank goes to the body with the most `nodes` per
+    rank. Bodies count as equal if the nodes of one are unknown."""
     sizes = [1 if None in nodes else size or 1 for size in nodes]
     number = [1] * len(sizes)
-    # Every further rank goes to the body with the most nodes a rank.
     for _ in range(ranks - len(sizes)):
         number[max(range(len(sizes)), key=lambda k: sizes[k] / number[k])] += 1
     return [body for body, times in enumerate(number) for _ in range(times)]

@@ -22,13 +22,13 @@ from ddmpi.system.numbers import in_words, norm
 
 
 class Point(NamedTuple):
-    """Forces with the gaps and motions that follow from them; or a change of a point, as all of it is linear.
+    """Forces and rigid motions, with the gaps and the imbalance under them; or a change of a point, as all is linear.
 
     Attributes
     ----------
     s, r : (size,) forces (N) and gaps (m)
     alpha : motions of loose bodies (m)
-    left : e − G s − K α, the imbalance along these motions (N)
+    left : e − G s − K α, the imbalance: loads along these motions that the forces do not balance (N)
     """
 
     s: np.ndarray
@@ -37,15 +37,15 @@ class Point(NamedTuple):
     left: np.ndarray
 
     def along(self, change: Point, length: float) -> Point:
-        """The point after the fraction `length` of the step `change`."""
+        """This point plus `length` times `change`."""
         return Point(*(value + length * step for value, step in zip(self, change, strict=True)))
 
 
 class Space:
-    """Vectors over interfaces, one interface's part after the other; the ranks together have all interfaces of a scene.
+    """Vectors over interfaces, with the entries of one after the other; each interface of a scene is on one rank.
 
-    Norms, sums and comparisons of such vectors go through the methods below, the only places where ranks reduce.
-    Reductions are in the order of the ranks and have the same result on all of them.
+    Norms, sums and comparisons of such vectors are the methods below, the only places where ranks reduce. Reductions
+    are in the order of the ranks and have the same result on all of them.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ class Space:
     laws : of the owned interfaces, on vectors of this space
     opening : (size,) initial gaps at the normal entries (m), times their histories; zero at the tangential ones
     prescribed : (size,) contact displacements of rigid partners (m)
-    gap : (size,) the first less the second
+    gap : (size,) `opening` less `prescribed`
     """
 
     def __init__(self, interfaces: Sequence[Interface], comm: MPI.Comm = MPI.COMM_SELF,
@@ -80,8 +80,8 @@ class Space:
 
     def _place(self) -> None:
         self.opening = np.zeros(self.size)
-        for interface, part in self.with_slices():
-            self.opening[part][:interface.m] = interface.opening
+        for interface, entries in self.with_slices():
+            self.opening[entries][:interface.m] = interface.opening
         self.prescribed = np.concatenate([np.empty(0), *(interface.prescribed for interface in self.interfaces)])
         self.gap = self.opening - self.prescribed
 
@@ -92,7 +92,7 @@ class Space:
             self._place()
 
     def with_slices(self) -> list[tuple[Interface, slice]]:
-        """The interfaces with the slices of a vector that are theirs."""
+        """The interfaces with the slices of their entries in a vector."""
         return list(zip(self.interfaces, self.parts.values(), strict=True))
 
     def spread(self, values: Sequence[float]) -> np.ndarray:
@@ -100,9 +100,9 @@ class Space:
         return np.repeat(np.asarray(values, float), [interface.size for interface in self.interfaces])
 
     def at_nodes(self, x: np.ndarray) -> np.ndarray:
-        """The sizes of the vectors of all owned nodes, of a vector (size,): whatever the directions of tangents."""
-        return np.concatenate([np.empty(0), *(np.sqrt(np.bincount(interface.law.node, x[part]**2, interface.m))
-                                              for interface, part in self.with_slices())])
+        """|v| of each node's entries of a vector (size,), for all owned nodes; independent of the tangents."""
+        return np.concatenate([np.empty(0), *(np.sqrt(np.bincount(interface.law.node, x[entries]**2, interface.m))
+                                              for interface, entries in self.with_slices())])
 
     def norm(self, x: np.ndarray) -> float:
         """‖x‖₂ of a vector (size,) over all ranks. Collective."""
@@ -144,22 +144,22 @@ class Space:
         if self.comm.size == 1:
             return solve(values)
         self.sent.update(reductions=1, reduced_bytes=values.nbytes)
-        if parts := self.comm.gather(values):
-            parts = np.split(solve(np.concatenate(parts)), np.cumsum([len(values) for values in parts])[:-1])
-        return self.comm.scatter(parts)
+        if vectors := self.comm.gather(values):
+            vectors = np.split(solve(np.concatenate(vectors)), np.cumsum([len(values) for values in vectors])[:-1])
+        return self.comm.scatter(vectors)
 
-    def gather(self, parts: tuple) -> list[tuple] | None:
-        """The `parts` of all ranks, such as arrays, on the first. Collective."""
+    def gather(self, arrays: tuple) -> list[tuple] | None:
+        """The `arrays` of all ranks, or other objects, on the first. Collective."""
         if self.comm.size > 1:
-            self.sent.update(reductions=1, reduced_bytes=sum(getattr(array, "nbytes", 0) for array in parts))
-        return self.comm.gather(parts)
+            self.sent.update(reductions=1, reduced_bytes=sum(getattr(array, "nbytes", 0) for array in arrays))
+        return self.comm.gather(arrays)
 
     def _gather(self, values: Sequence[float]) -> np.ndarray:
         """The values (ranks, k) of all ranks."""
         local = np.array(values, float)
         if self.comm.size == 1:
             return local[None]
-        # Gathered, not reduced by MPI: sums in the order of the ranks are the same bits on all of them.
+        # gathered, not reduced by MPI, so that sums have the same bits on all ranks
         self.sent.update(reductions=1, reduced_bytes=local.nbytes)
         everyone = np.empty((self.comm.size, len(local)))
         self.comm.Allgather(local, everyone)
@@ -167,38 +167,39 @@ class Space:
 
 
 class Laws:
-    """The laws of several interfaces as one, on vectors that hold one interface's part after the other."""
+    """The laws of several interfaces as one, on vectors with the entries of one interface after the other."""
 
     def __init__(self, laws: Sequence[Law]) -> None:
         self.laws = tuple(laws) or (Law(0, np.empty(0, int), 1),)
         self.size = sum(law.size for law in self.laws)
-        ends = np.cumsum([(0, 0, 0), *((law.size, law.m, len(law.sliding)) for law in self.laws)], axis=0).T.tolist()
-        self._parts, self._nodes, self._sliding = ([slice(*pair) for pair in itertools.pairwise(each)] for each in ends)
+        sizes = np.cumsum([(0, 0, 0), *((law.size, law.m, len(law.sliding)) for law in self.laws)], axis=0).T.tolist()
+        self._parts, self._nodes, self._sliding = ([slice(*pair) for pair in itertools.pairwise(ends)]
+                                                   for ends in sizes)
 
     @property
     def largest_slope(self) -> float:
         return max(law.largest_slope for law in self.laws)
 
     def parts(self, x: np.ndarray) -> list[tuple[Law, np.ndarray]]:
-        """The laws with their parts of a vector (size,)."""
-        return [(law, x[part]) for law, part in zip(self.laws, self._parts, strict=True)]
+        """The laws with their interfaces' entries of a vector (size,)."""
+        return [(law, x[entries]) for law, entries in zip(self.laws, self._parts, strict=True)]
 
     def bounds(self, bound: np.ndarray) -> list[np.ndarray]:
         """The slip bounds of each interface, out of those of all sliding nodes."""
-        return [bound[part] for part in self._sliding]
+        return [bound[entries] for entries in self._sliding]
 
     def project(self, q: np.ndarray) -> np.ndarray:
         """The forces (size,) that the laws assign to q = s − c r."""
-        return np.concatenate([law.project(part) for law, part in self.parts(q)])
+        return np.concatenate([law.project(vector) for law, vector in self.parts(q)])
 
     def active_sets(self, q: np.ndarray) -> list[ActiveSet]:
         """Which nodes are closed and which slip at q = s − c r (size,)."""
-        return [law.active_set(part) for law, part in self.parts(q)]
+        return [law.active_set(vector) for law, vector in self.parts(q)]
 
     def sticking(self, closed: np.ndarray, falls: np.ndarray | None = None) -> list[ActiveSet]:
         """Active sets with the nodes `closed` closed and sticking, unless they fall, and all others open."""
         falls = np.zeros_like(closed) if falls is None else falls
-        return [law.sticking(closed[part], falls[part]) for law, part in zip(self.laws, self._nodes, strict=True)]
+        return [law.sticking(closed[nodes], falls[nodes]) for law, nodes in zip(self.laws, self._nodes, strict=True)]
 
     def linearise(self, active: list[ActiveSet]) -> list[Tangent]:
         """The tangents of the laws at the active sets, one for each interface."""
@@ -206,11 +207,12 @@ class Laws:
 
     def settle(self, s: np.ndarray, active: list[ActiveSet]) -> np.ndarray:
         """The forces (size,) next to s that obey all bounds exactly."""
-        return np.concatenate([law.settle(part, one) for (law, part), one in zip(self.parts(s), active, strict=True)])
+        return np.concatenate([law.settle(vector, active_set) for (law, vector), active_set in
+                               zip(self.parts(s), active, strict=True)])
 
     def bound_at(self, s: np.ndarray) -> np.ndarray:
         """The slip bounds of all sliding nodes under the forces s (size,), in newtons."""
-        return np.concatenate([law.bound_at(part) for law, part in self.parts(s)])
+        return np.concatenate([law.bound_at(vector) for law, vector in self.parts(s)])
 
     def cone(self, bound: np.ndarray) -> Box | Discs:
         """The forces that are allowed while the slip bounds of all sliding nodes stay `bound`."""
@@ -219,8 +221,8 @@ class Laws:
 
 def kept_by_bonds(scene: Settled, joined: Mapping[str, tuple[Interface, list[str]]],
                    world: MPI.Comm) -> dict[str, tuple[Interface, list[str]]]:
-    """The interfaces and warnings of this rank, without overlaps of paired nodes that bonds of other contacts connect,
-    directly or in a chain through other bodies: no force could separate them. Collective."""
+    """The interfaces and warnings of this rank. Overlaps of paired nodes that bonds of other contacts connect, directly
+    or in a chain through other bodies, are set to zero, as no force could separate them. Collective."""
     if len({contact.kind for contact in scene.contact}) < 2:
         return dict(joined)
     pairs = {name: [[(body, int(node)) for body, node in zip(interface.bodies, row, strict=True)]

@@ -1,8 +1,8 @@
 """The ranks of one body: the root commands, the others serve.
 
 The roots do all work between bodies, with the same code as single ranks: a root has a `TeamMatrix` in place of its
-stiffness and a `TeamSolver` in place of its solver. A method of these is a command, which all ranks of the body carry
-out with their `Share`, the rows of the stiffness that they hold. Between commands the others sleep.
+stiffness and a `TeamSolver` in place of its solver. Their methods send commands, which all ranks of the body carry out
+on their `Share`, the rows of the stiffness that they hold. Between commands the other ranks sleep.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ from ddmpi.system.numbers import bisect
 from ddmpi.system.provenance import peak_memory
 
 SHORTEST, LONGEST, PATIENCE = 1e-3, 5e-2, 1e-2
-"""Shortest and longest sleep (s) of a rank without a command, and its length as a fraction of the time waited so far;
-Open MPI would keep a core busy with waiting."""
+"""Shortest and longest sleep (s) of a rank without a command, and its length over the time waited so far; to wait in
+Open MPI would keep a core busy."""
 
 GRACE = 5.0
-"""Seconds that a rank with an error waits for its team to end the command. Ranks that do not end it wait for this one
-within a collective call of PETSc, and only the end of all processes helps."""
+"""Seconds that a rank with an error waits for its team to end the command. Ranks that have not ended it by then wait
+for this rank in a collective call of PETSc, and all processes must end."""
 
 
 class Share:
-    """One rank's part of a body: rows of the stiffness, its part of a solver.
+    """One rank's share of a body: rows of the stiffness, and of a solver.
 
     Methods are commands, collective on the team: the first argument comes from the root, None elsewhere, the others are
     the same on all ranks; they return a value on the root only. `beside` is as of `Team`.
@@ -42,11 +42,11 @@ class Share:
     def __init__(self, comm: MPI.Comm, beside: int) -> None:
         self.comm, self._beside = comm, beside
         self._A: PETSc.Mat | None = None
-        self._springs: tuple[np.ndarray, float] = (np.zeros(0, int), 0.0)  # in A, on own rows; their stiffness
+        self._springs: tuple[np.ndarray, float] = (np.zeros(0, int), 0.0)  # rows of this rank with springs; stiffness
         self.solver: StiffnessSolver | None = None
 
     def drop(self, given: None = None) -> None:
-        """Forget the body. PETSc frees what several ranks share only when all of them say so."""
+        """Free the body's matrices and vectors; those that ranks share, PETSc frees only once all ranks ask for it."""
         if self._A is None:
             return
         for item in (self.solver, self._A, self._f, self._u, self._whole, self._deal):
@@ -59,8 +59,8 @@ class Share:
                iterative: bool) -> StiffnessSolver | None:
         """Distribute the rows of a stiffness over the ranks, and make the solver with them.
 
-        All rows of a node go to one rank, nodes by regions of the body. Where MUMPS factors the root gets none: it has
-        the mesh, and MUMPS distributes its work by itself.
+        All rows of a node go to one rank, and a rank has a region of the body. Where MUMPS factors, the root gets no
+        rows: it has the mesh, and MUMPS distributes its work by itself.
 
         Parameters
         ----------
@@ -91,14 +91,14 @@ class Share:
         self._A = whole.createSubMatrix(mine, mine)
         self._A.setOption(PETSc.Mat.Option.SPD if supported else PETSc.Mat.Option.SYMMETRIC, True)
         self._u, self._f = self._A.createVecs()
-        self._whole = whole.createVecRight()  # the root has all of it, in its own order
+        self._whole = whole.createVecRight()  # all entries on the root, in the root's order
         self._deal = PETSc.Scatter().create(self._whole, mine, self._f, None)
         motions = [self._scatter(near[k] if near else None, self._A.createVecRight()) for k in range(number)]
         space = PETSc.NullSpace().create(vectors=motions, comm=self.comm)
         self._A.setNearNullSpace(space)
         for item in (*motions, space, mine, whole):
             item.destroy()  # the matrix keeps its own reference
-        # `mult` takes the springs off again: residuals and energies are those of A without them.
+        # `mult` subtracts the springs: residuals and energies are those of A without them
         sprung = np.flatnonzero(np.isin(indices, dofs))
         self._springs = sprung, stiffen(self._A, sprung) if len(dofs) else 0.0
         if given is None or not condensed:
@@ -159,12 +159,12 @@ class Team:
     def __init__(self, comm: MPI.Comm, ranks: list[int], beside: int) -> None:
         self.comm, self.ranks, self.lost = comm, ranks, False
         self._share: Share | None = Share(comm, beside)
-        self._votes = comm.Dup()  # apart from `comm`, on which others may still be in the middle of a command
+        self._votes = comm.Dup()  # not `comm`, on which others may still carry out a command
 
     def do(self, command: str, given: Any = None, *arguments: Any) -> Any:
         """Call a method of `Share` on all ranks, and return the root's result. Root only.
 
-        Raises the error of any rank, as one that the other roots do not know of yet.
+        Raises the error of any rank, with `agreed` False: other roots do not know of it yet.
         """
         if self._share is None:
             raise SolverError("the ranks of this body have ended their work")
@@ -176,11 +176,11 @@ class Team:
         return self._share is None or self._share.solver is solver
 
     def stop(self) -> None:
-        """Let the other ranks go; they keep their shares until they `end`, and may serve again. Root only."""
+        """End `serve` on the other ranks; they keep their shares until `end`, and may serve again. Root only."""
         self._send(None)
 
     def end(self) -> None:
-        """Free what the team has, once none serves any more. Collective on the team."""
+        """Free all shares, once no rank serves. Collective on the team."""
         if self._share is not None:
             self._share.drop()
             self._share = None
@@ -206,8 +206,8 @@ class Team:
             result = getattr(self._share, command)(given, *arguments)
         except DdmpiError as error:
             failure = error
-        # All ranks vote after a command. One that failed polls: if the vote does not end in time, the others are stuck
-        # in a collective call of PETSc that it has left.
+        # All ranks vote after a command. A rank that failed polls: if the vote does not end in time, the others wait
+        # for it in a collective call of PETSc.
         failed, deadline = np.array([failure is not None]), time.monotonic() + GRACE
         request = self._votes.Iallreduce(MPI.IN_PLACE, failed, MPI.LOR)
         while failure and not request.Test():
@@ -233,7 +233,7 @@ class Team:
 
 
 class TeamMatrix:
-    """The root's view of a stiffness whose rows are on the ranks of the team, once there is a solver.
+    """The root's view of a stiffness whose rows are on the ranks of the team once there is a solver.
 
     Until then the root has all of A, with a block of rows for each of the nodes at `points` (k, d). `supported` says
     whether clamps support the body, so that A is positive definite; `again` makes A for another solver. Methods with
@@ -288,7 +288,7 @@ class TeamSolver:
         self.condensed, self.refused = solver.condensed, solver.refused
 
     def solve(self, f: PETSc.Vec, u: PETSc.Vec, relative: float = 0.0) -> None:
-        """u ← A⁻¹ f, see `StiffnessSolver.solve`. Raises SolverError where other factors have taken their place."""
+        """u ← A⁻¹ f, see `StiffnessSolver.solve`. Raises SolverError where other factors have replaced these."""
         if not self._team.holds(self._solver):
             raise SolverError("the ranks of this body hold the factors of a later solve of the model")
         u.array[:] = self._team.do("solve", f.array_r, relative)

@@ -1,7 +1,7 @@
 """The interface of two bodies: contact nodes, directions, gaps, and the transfers from the nodes of both sides.
 
-`check_overlap` and `refuse_contradiction` find mistakes of a scene. Every rank that holds an interface computes the
-same one from the sides.
+`check_overlap` and `refuse_contradiction` find mistakes of a scene. Each rank with one of the two bodies computes the
+same interface from the sides.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ MANY_ELEMENTS = 5.0
 """Warn of an initial overlap above this multiple of the distance between neighbouring nodes."""
 
 WRONG = {"bonded": "tear the bond apart", "guided": "take the guided sides off each other"}
-"""What clamps do that contradict a law of two signs, by its name."""
+"""What clamps that contradict a two-sided law do, by its name."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Places:
     normal : (k, d) outer normals of the first body
     gap : (k,) initial gap (m), at the factor 1 of its history
     transfer : of both sides (k, j), sparse: displacements of the places from those of the side's nodes
-    stays : (k,) the fraction of an initial overlap that clamps preserve; the answer is not to blame for it
+    stays : (k,) the fraction of an initial overlap that clamps preserve, which is no error of the answer
     """
 
     nodes: tuple[np.ndarray, np.ndarray] = (np.empty(0, int), np.empty(0, int))
@@ -63,15 +63,15 @@ class Places:
 
 @dataclass(frozen=True)
 class Lines:
-    """The nodes of the rows. Nodes that share a row have a common pressure.
+    """All nodes that carry the forces of the rows. Nodes that share a row have a common pressure.
 
     Attributes
     ----------
     row, xy : (l,) the row of each node, and (l, d) its position (m)
-    area : (l,) nodal lengths over the part that faces the other side (m); they add up to the area of the row
+    area : (l,) nodal lengths, in space areas, over the part that faces the other side; their sum is that of the rows
     facets : (f, 2) neighbours in the order of nodes, of a closed chain also (last, first); in space (f, 3) triangles
-    at : (l, d) points of application of the forces (m), which differ from the nodes where facets are partly covered
-        in space; None if they are the nodes
+    at : (l, d) points of application of the forces (m), away from the nodes where facets are partly covered; None if
+        they are the nodes
     """
 
     row: np.ndarray
@@ -104,7 +104,7 @@ class Interface:
 
     Attributes
     ----------
-    name, bodies : of the contact, of its first and its second body; that may be a rigid partner, which has no nodes
+    name, bodies : of the contact, and of its two bodies; the second may be a rigid partner, which has no nodes
     xy : (m, d) positions of the contact nodes on the first side, or on the slave (m)
     frame : (m, d, d) unit vectors of the first body: outer normal, then tangents; the second body's are opposite
     area : (m,) nodal lengths, in space areas, over the part that faces the other side (m or m²)
@@ -114,28 +114,28 @@ class Interface:
     law : of contact and friction at these nodes
     modulus : E* (Pa), 1/E* = (1 − ν²)/E of the first body + that of the second; a rigid partner adds nothing
     fixed : nodes without unknowns, because clamps constrain both bodies there; the certificate ignores their gap
-    facets : (f, l) rows at the nodes of outward facets; in space triangles between nodes. Only facets that wholly
-        face the other side and whose nodes do not share rows; at an axis, of order 2, the row of a middle stands twice
-    laplacian : (m, m) sparse, of hat functions on all facets between the rows, m^(d − 3); nodes without a row that
-        clamps or other contacts constrain are fixed. Rows with an entry are neighbours
+    facets : (f, l) rows at the nodes of facets, outward, in space triangles. Only facets that wholly face the other
+        side and whose nodes share no rows; at an axis in order 2 the row of a middle is listed twice
+    laplacian : (m, m) sparse, of hat functions on all facets between the rows, m^(d − 3); zero at nodes without a row
+        that clamps or other contacts constrain. Rows with a common entry are neighbours
     one_sided : (size,) bool, unknowns along which only one of the bodies can move
     displacement : (d,) of a rigid partner, or of its pivot (m); zero for bodies
-    pull, offset : (d,) direction of a pretension, empty without; by how much the first side is pulled along it, so that
-        a bond is closed when the sides are apart by that (m)
+    pull, offset : (d,) direction of a pretension, empty if there is none; how far the first side is pulled along it
+        (m): the bond is closed when the sides are apart by this
     turn, pivot : of a rigid partner that turns: (t,) about (d,) the pivot (rad, m); empty for all others
     at : of both sides (m, d), points of application of the rows' forces (m); None where unknown
     slave : name of the body whose nodes carry the rows where the nodes do not match, else None
     lines : the nodes of the rows
-    draw : makes the `outline`, what is covered, once it is asked for
+    draw : makes the `outline` of the covered part when it is asked for
     probes : places between the nodes of non-matching sides; of matching ones, fixed nodes that can still move a little
-    beyond : how many of the last probes are rows that were left out as open
+    beyond : number of rows that were left out as open; they are the last probes
     history, gap_history : the histories of the rigid partner's displacement and of the gap, or None
     scale : factor of the gap at present
     arc : (m,) arc lengths along the first body's boundary, by which profiles count (m); empty where there are none
     axisymmetric : whether nodal lengths are areas of revolution around x = 0
-    pointwise : whether the sides meet along edges or at vertices only: nodal forces without stresses; `area` then comes
+    pointwise : whether the sides meet along edges or at vertices only, with forces but no stresses; `area` then comes
         from the distance between nodes and only steers the iteration
-    waves : whether bodies follow the rows' functions within a facet, as of order 2 in space
+    waves : whether elements can follow the rows' functions within a facet, as those of order 2 in space
     """
 
     name: str
@@ -182,7 +182,7 @@ class Interface:
         return -np.einsum("id,id->i", self.directions, self.carried(self.places)[self.law.node])
 
     def carried(self, places: np.ndarray) -> np.ndarray:
-        """The displacement (k, d) of the rigid partner, or by the offset, at places (k, d) (m); of bodies zero."""
+        """Displacement (k, d) of the rigid partner, or by the offset, at places (k, d) (m); zero for bodies."""
         offset = self.offset * self.pull if self.offset else 0.0
         return RigidMotion(self.displacement + offset, self.turn, self.pivot).at(places)
 
@@ -193,7 +193,7 @@ class Interface:
 
     @cached_property
     def outline(self) -> Outline | None:
-        """What is covered, to be drawn; None where nothing makes it."""
+        """The outline of the covered part, for files and pictures; None where `draw` is missing."""
         return self.draw and self.draw()
 
     def __getstate__(self) -> dict[str, object]:
@@ -201,7 +201,7 @@ class Interface:
 
     @property
     def shares(self) -> np.ndarray:
-        """(l,) the part of its row's force that each of the `lines` has."""
+        """(l,) the fraction of its row's force that acts on each of the `lines`."""
         return np.ones(len(self.lines.row)) if self.pointwise else self.lines.area / self.area[self.lines.row]
 
     @property
@@ -224,12 +224,12 @@ class Interface:
 
     @property
     def spacing(self) -> np.ndarray:
-        """(m,) distance to the next nodes by the nodal lengths or areas (m)."""
+        """(m,) distance between neighbouring nodes, from nodal lengths or areas (m)."""
         return (self.area / self.around) ** (1.0 / self.law.components)
 
     @property
     def around(self) -> np.ndarray | float:
-        """`circumference` (m,) at the rows (m); at the axis that of a circle within the row's area."""
+        """`circumference` (m,) at the rows (m); at the axis, that of a circle within the row's area."""
         # The hat function at the axis has the area A = π h²/3. The circumference at h/3, √(4πA/3), makes its length
         # A/around = h/2, as that of any other end node.
         least = np.sqrt(4.0 / 3.0 * np.pi * self.area) if self.axisymmetric else 0.0
@@ -243,8 +243,8 @@ class Interface:
     @property
     def stiffness(self) -> np.ndarray:
         """c (size,) of s − c r: the stiffness of half-spaces against waves of the nodes' spacing (N/m)."""
-        # Half-spaces resist a wave of pressure of wave number k by E* k/2 per area; with k = 1/spacing, times the area
-        # of a node, this is E*/2 in the plane. Any c > 0 has the same solutions: it steers the active sets only.
+        # Half-spaces resist a wave of displacement with the wave number k by E* k/2 per area; with k = 1/spacing, times
+        # the area of a node, this is E*/2 in the plane. Any c > 0 has the same answers; c steers the active sets.
         width = self.around * (self.area / self.around) ** (1.0 - 1.0 / self.law.components)  # 1 in the plane
         return 0.5 * self.modulus * width[self.law.node]
 
@@ -265,7 +265,7 @@ class Interface:
 
     @property
     def directions(self) -> np.ndarray:
-        """(size, d) the first body's unit vectors of all unknowns; zero where neither body can move."""
+        """(size, d) the unit vectors of all unknowns, on the first body; zero where neither body can move."""
         directions = np.concatenate([self.normal, self.frame[self.sliding, 1:].reshape(-1, self.dimension)])
         return directions if self.law.live.all() else directions * self.law.live[:, None]
 
@@ -305,7 +305,7 @@ def check_overlap(interface: Interface, *sides: Side, scales: Sequence[float] = 
 
 @dataclass(frozen=True)
 class Mover:
-    """What prescribes the motion of a side: the `clamps` of its body, or the rigid partner that stands in its place."""
+    """What prescribes the motion of a side: the `clamps` of its body, or the rigid partner that is this side."""
 
     side: Side | Rigid
     clamps: Sequence[Clamp] = ()
@@ -319,9 +319,9 @@ class Mover:
     def moved(self, places: Places, k: int, factors: Mapping[str | None, float]) -> np.ndarray:
         """(n, d) the prescribed displacement of places (m), with these factors by history."""
         u = np.zeros((1, places.normal.shape[1]))
-        for history, part in (self.side.moved.items() if isinstance(self.side, Side) else
-                              [(self.side.history, np.array(self.side.displacement))]):
-            u = u + factors[history] * part
+        for history, moved in (self.side.moved.items() if isinstance(self.side, Side) else
+                               [(self.side.history, np.array(self.side.displacement))]):
+            u = u + factors[history] * moved
         return self.at(places, k, u)
 
     def at(self, places: Places, k: int, values: np.ndarray) -> np.ndarray:
@@ -361,13 +361,13 @@ def refuse_contradiction(interface: Interface, movers: Sequence[Mover],
         # semi-definite, as projections and means of them are.
         sizes, axes = np.linalg.eigh(sum(mover.free(places, k) for k, mover in enumerate(movers)))
         normal, free = np.einsum("nd,ndk->nk", places.normal, axes), np.abs(sizes) > SAME
-        for time, now in factors.items():
-            gap = now[interface.gap_history] * places.gap[:, None]
-            u = np.array([mover.moved(places, k, now) for k, mover in enumerate(movers)])
+        for time, by_history in factors.items():
+            gap = by_history[interface.gap_history] * places.gap[:, None]
+            u = np.array([mover.moved(places, k, by_history) for k, mover in enumerate(movers)])
             closing, slack = u[0] - u[1], SAME * (np.abs(gap) + np.linalg.norm(u, axis=2).sum(axis=0)[:, None])
             if bonded:
-                # A bond may keep its gap or close it, or anything between: the closing motion u_1 − u_2 has to end
-                # between 0 and gap n along each constrained direction.
+                # A bond may keep its gap, or close it wholly or in part: the closing motion u_1 − u_2 must lie between
+                # 0 and gap n along each constrained direction.
                 ends, closing = np.stack([0.0 * normal, gap * normal]), np.einsum("nd,ndk->nk", closing, axes)
                 beyond = np.maximum(closing - ends.max(axis=0), ends.min(axis=0) - closing)
                 beyond[free] = 0.0
@@ -376,7 +376,7 @@ def refuse_contradiction(interface: Interface, movers: Sequence[Mover],
                 # can yield has a component along the normal.
                 across = (closing * places.normal).sum(axis=1, keepdims=True)
                 beyond = across - np.maximum(gap, 0.0)
-                if law.two_sided:  # nor may guided sides be pulled apart
+                if law.two_sided:  # guided sides must not be pulled apart, either
                     beyond = np.maximum(beyond, np.minimum(gap, 0.0) - across)
                 beyond[(free & (np.abs(normal) > SAME)).any(axis=1)] = 0.0
             beyond[beyond <= slack] = 0.0

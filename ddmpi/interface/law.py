@@ -7,7 +7,7 @@ A law relates the forces s of an interface to its gaps r. With q = s − c r, fo
 (Alart and Curnier, Comput. Methods Appl. Mech. Engrg. 92, 1991). A vector of an interface holds m normal
 entries and then, for each of the mt nodes that slide, its d − 1 tangential entries. A new friction law is a
 subclass of `Law` with a concave `slip_bound` and its `slope`, and a line in `law_of`. Bonded nodes obey r = 0 whatever
-the forces, which is the same equation without a projection: s = q. So do guided ones along the normal; they have no
+the forces, which is the same equation without a projection: s = q. Guided nodes obey it along the normal, and have no
 tangential forces.
 """
 
@@ -26,7 +26,7 @@ ON_BOUND = 1e-8
 """Relative distance to its slip bound below which a tangential force counts as lying on it."""
 
 NO_BOUND = sys.float_info.max
-"""The slip bound (N) of bonded nodes: no force reaches it. It is finite, because differences of bounds are taken."""
+"""The slip bound (N) of bonded nodes: no force reaches it. It is finite, as inf − inf would be NaN."""
 
 
 @dataclass
@@ -37,8 +37,7 @@ class ActiveSet:
     ----------
     pressure : (m,) projected normal forces (N)
     closed : (m,) bool, nodes under pressure
-    slip : (mt, d − 1) direction of the tangential force where it lies on its bound, also at open nodes; zero where the
-        node sticks
+    slip : (mt, d − 1) direction of a tangential force on its bound, also at open nodes; zero where the node sticks
     bound : (mt,) slip bound (N)
     excess : (mt,) κ = |q_t|/g − 1 where the node slips under pressure, zero elsewhere
     """
@@ -52,15 +51,15 @@ class ActiveSet:
 
 @dataclass(frozen=True)
 class Tangent:
-    """What an active set implies for the forces of one interface, or of several, in frames turned to the friction.
+    """What active sets imply for the forces of one or several interfaces, in frames turned to the friction.
 
     Attributes
     ----------
-    unknown : (size,) bool, in the turned frames
-    source, coupling : (size,) the entry that each follows, and by how much (0: none)
-    given : (size,) forces that are known (N)
+    unknown : (size,) bool, which forces are unknown, in the turned frames
+    source, coupling : (size,) friction follows the pressure at entry `source` by the factor `coupling` (0: none does)
+    given : (size,) the known part of the forces (N)
     spring : (size,) κ at the tangential entries of nodes that slip and can turn, zero elsewhere
-    turn : (size, size) sparse, orthogonal: columns are the turned tangents of each node; None where none is turned
+    turn : (size, size) sparse, orthogonal: its columns are the axes of the turned frames; None where none is turned
     """
 
     unknown: np.ndarray
@@ -94,8 +93,7 @@ class Law:
 
     @property
     def frictionless(self) -> bool:
-        """Whether nodes slide without resistance, so that they have no tangential unknowns: without a slip bound of its
-        own."""
+        """Whether nodes slide without resistance and have no tangential unknowns: the law defines no slip bound."""
         return type(self).slip_bound is Law.slip_bound
 
     @property
@@ -143,18 +141,18 @@ class Law:
         pressure = np.maximum(normal, self.least)
         bound = self.slip_bound(pressure)
         size = magnitude(tangential)
-        # Not >: where Coulomb's bound is zero, at an open node, s_t = 0 must count as known.
+        # ≥, not >: where Coulomb's bound is zero, at an open node, s_t = 0 is known
         slips = size >= bound
-        # Where |q_t| > g the projection is g q_t/|q_t|. Across the slip its derivative is g/|q_t|, so that there κ δs +
-        # c δr = 0 with κ = |q_t|/g − 1: friction turns against a spring κ/c (the semismooth derivative).
+        # Where |q_t| > g the projection is g q_t/|q_t|. Its (semismooth) derivative across q_t is g/|q_t|: there
+        # κ δs + c δr = 0 with κ = |q_t|/g − 1, a spring of compliance κ/c against which friction turns.
         excess = np.where(slips & (bound > 0.0), size / np.where(bound > 0.0, bound, 1.0) - 1.0, 0.0)
         slip = np.where(slips[:, None], direction(tangential), 0.0)
         return ActiveSet(pressure, normal > self.least, slip, bound, excess)
 
     def sticking(self, closed: np.ndarray, falls: np.ndarray) -> ActiveSet:
-        """The nodes `closed` (m,) closed and sticking, the others open: the guess where nothing is known.
+        """A first guess: the nodes `closed` (m,) are closed and stick, the others are open.
 
-        Coulomb friction does not hold nodes that `falls` (m,) marks: before the body has fallen onto its partner, the
+        Nodes that `falls` (m,) marks have no Coulomb friction: before their body has fallen onto its partner, the
         direction of their slip is unknown.
         """
         none, mt = np.zeros(self.m), len(self.sliding)
@@ -169,7 +167,7 @@ class Law:
         # In the turned frames the first tangent points along the slip. Its force follows the pressure, s_t = g(p) +
         # g'(p) (s_ν − p) with the last pressure p; the forces across it stay unknown and turn the friction.
         unknown = np.repeat(~slips[:, None], self.components, axis=1)
-        unknown[:, 1:] |= turns[:, None]  # without a bound there is no friction to turn
+        unknown[:, 1:] |= turns[:, None]  # a bound of zero has no friction that turns
         slope = self.slope(active.pressure)
         coupling, given, spring, turn = np.zeros(self.size), np.zeros(self.size), np.zeros(self.size), None
         tangential = slice(self.m, self.size)
@@ -211,14 +209,14 @@ class Law:
     def reaches_bound(self, s: np.ndarray, bound: np.ndarray) -> np.ndarray:
         """Nodes (mt,) whose tangential force lies on the slip bound (mt,), up to rounding."""
         size = magnitude(self.split(s)[1])
-        # Relative to the bound, and at most to the largest force: a Tresca bound far above all forces has no node
-        # within ON_BOUND of it.
+        # ON_BOUND is relative to the bound or, if smaller, the largest force: then no node reaches a Tresca bound far
+        # above all forces.
         return size >= bound - ON_BOUND * np.minimum(bound, size.max(initial=0.0) or np.inf)
 
     def closed(self, s: np.ndarray, share: float = 0.0) -> np.ndarray:
-        """Nodes (m,) under more pressure than this share of the largest, given the forces s (size,)."""
+        """Nodes (m,) under more pressure than this share of the largest, under the forces s (size,)."""
         normal = s[:self.m]
-        # Negated, so that NaN counts as closed.
+        # "not ≤", so that NaN counts as closed
         return ~(normal <= share * normal.max(initial=0.0))
 
     def misfit(self, gap: np.ndarray) -> float:
@@ -233,8 +231,7 @@ class Law:
         """Largest |P(s_t + ρ u_t) − s_t| (N): forces beyond the bound, slip below it, slip in a wrong direction, by the
         forces s (size,), the slip u_t (mt, d − 1) in metres and a stiffness ρ (N/m)."""
         tangential = self.split(s)[1]
-        # The law holds exactly when s_t = P(s_t + ρ u_t) for any ρ > 0, since r_t = −u_t: one number that sees forces
-        # off the cone, slip of sticking nodes and slip in a wrong direction.
+        # The law holds exactly when s_t = P(s_t + ρ u_t) for any ρ > 0, as r_t = −u_t.
         return float(magnitude(shorten(tangential + stiffness * slip, self.bound_at(s)) - tangential).max(initial=0.0))
 
 
@@ -255,7 +252,7 @@ class CoulombLaw(Law):
 
 @dataclass(frozen=True)
 class TrescaLaw(Law):
-    """A given bound (mt,) in newtons, which holds whether a node is open or not, as in the paper."""
+    """A given bound (mt,) in newtons, also at open nodes, as in the paper."""
 
     name = "tresca"
 

@@ -1,6 +1,6 @@
-"""Pairing of two sides whose nodes lie opposite each other, everywhere or in the part that they have in common.
+"""Pairing of two sides whose nodes lie opposite each other, everywhere or in their common part.
 
-A rigid surface, which has neither nodes nor compliance, is opposite to every node that faces it.
+A rigid surface has neither nodes nor compliance; every node that faces it is paired with the surface.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def pairs(sides: tuple[Side, Side], nodes: np.ndarray, partners: np.ndarray, nor
         place[facet[side.bare[facet]]] = place[facet[2]]
     kept, row = np.unique(place[nodes], return_inverse=True)
     total = np.bincount(row, area)
-    # Weights area/total sum to one: rigid translations pass through, and nodal forces are pressure × length.
+    # Weights area/total sum to one: rigid translations open no gap, and nodal forces are pressure × length.
     transfers = [sparse.csr_matrix((area / total[row], (row, numbers)), (len(kept), len(one.nodes)))
                  for one, numbers in zip(sides, (nodes, partners), strict=True)]
     place[nodes], nodes = row, nodes[kept]
@@ -54,7 +54,7 @@ def pairs(sides: tuple[Side, Side], nodes: np.ndarray, partners: np.ndarray, nor
 def pair(first: Side, second: Side, contact: SettledContact, refinement: int = 1) -> Interface:
     """The interface of two sides whose nodes are paired by position.
 
-    Sides that do not match as a whole may cover each other partly: then every node that faces the other side has a
+    Sides that do not match as a whole may match in their common part: then every node that faces the other side has a
     partner, and the other nodes carry no row.
 
     A `gap` of the contact overrides the measured one. The meshes are `refinement` times finer than the given ones,
@@ -87,7 +87,7 @@ def face_rigid(side: Side, rigid: Rigid, contact: SettledContact, moved: float =
     """
     outward, measured = rigid.facing(side.xy)
     outward = np.where(outward.any(axis=1, keepdims=True), outward, -side.normal)
-    # Middles of straight quadratic sides lie h²/8R inside the arc: the gap is that of the arc over the chord.
+    # middles of straight quadratic sides lie h²/8R inside the arc, so the gap is that of the arc over the chord
     measured = without_rounding(measured - side.rise(np.arange(len(measured)), -outward), side.spacing)
     towards = (np.einsum("icj,ij->ic", outward[side.facets], side.outward) < FACING).all(axis=1)
     facing = np.unique(side.facets[towards])
@@ -97,8 +97,8 @@ def face_rigid(side: Side, rigid: Rigid, contact: SettledContact, moved: float =
                          f"{rigid.name!r}; {rigid.turned}")
     clamps = np.zeros_like(side.clamps)
     clamps[:, slice(None) if rigid.turning else rigid.pushed] = -1
-    # The partner stands in as a second side with a node opposite to each of the body's: compliance zero (modulus ∞),
-    # all directions clamped but those in which it is pushed; if it turns, none.
+    # A second side stands for the partner, with a node opposite to each of the body's. Its compliance is zero (modulus
+    # ∞), and all directions are clamped but those in which it is pushed; none if it turns.
     partner = replace(side, body=rigid.name, modulus=np.inf, xy=side.xy - measured[:, None] * outward, normal=outward,
                       clamps=clamps, free=(clamps < 0)[:, :, None] * np.eye(side.dimension))
     if not side.cell.bears:
@@ -109,7 +109,7 @@ def face_rigid(side: Side, rigid: Rigid, contact: SettledContact, moved: float =
         rows = pairs((side, partner), facing, facing, -outward[facing], side.lengths_over(towards)[facing],
                      measured[facing], towards)
     interface = build(rows, contact, moved)
-    # The stand-in's nodes go: the second side has no stiffness to take a trace of.
+    # drop the nodes of this side, which belong to no body
     U, none = np.array(rigid.displacement or np.zeros(side.dimension)), np.empty(0, int)
     fixed, probes = (replace(places, nodes=(places.nodes[0], none)) for places in (interface.fixed, interface.probes))
     return replace(interface, nodes=(interface.nodes[0], none), modulus=side.modulus, fixed=fixed, probes=probes,
@@ -128,7 +128,7 @@ def _over_rigid(side: Side, rigid: Rigid, some: np.ndarray, where: np.ndarray, w
 
 
 def _match_whole(first: Side, second: Side, name: str, refinement: int) -> Rows:
-    """All nodes of both sides, one to one. Raises InputError."""
+    """The rows of sides whose nodes all match one to one. Raises InputError."""
     if len(first.nodes) != len(second.nodes):
         raise InputError(f"contact.{name}: the two sides have {len(first.nodes)} and {len(second.nodes)} nodes; "
                          "their meshes must match node by node")
@@ -153,11 +153,10 @@ def _match_whole(first: Side, second: Side, name: str, refinement: int) -> Rows:
 
 def _match_partly(first: Side, second: Side, refinement: int) -> Rows | None:
     """The rows of the common part of two sides, or of the nodes at which they meet along an edge or at a vertex. None
-    unless facets face each other one to one, with nodes that are partners."""
+    unless facets face each other one to one, with matching nodes."""
     offset = LARGEST_OFFSET * refinement
     ours = _faced(first, second, offset)
-    # Facets must pair off in both directions. Seen from one side alone, a facet that faces half of a larger one would
-    # pass.
+    # facets must pair off in both directions: from one side alone, a facet that faces half of a larger one would pass
     if any(len(np.unique(numbers)) < len(numbers) for numbers in ours):
         return None
     theirs = _faced(second, first, offset)[::-1]
@@ -168,27 +167,27 @@ def _match_partly(first: Side, second: Side, refinement: int) -> Rows | None:
         nearest = np.linalg.norm(first.xy[a][:, :, None] - second.xy[b][:, None], axis=3).argmin(axis=2)
         nodes, partners = np.unique(np.stack([a.ravel(), np.take_along_axis(b, nearest, axis=1).ravel()]), axis=1)
     else:
-        # No facet faces one of the other side. The bodies can still meet along an edge or at a vertex: there, nodes
-        # that are each other's nearest are candidates.
+        # No facet faces one of the other side. The bodies can still meet along an edge or at a vertex: candidates are
+        # nodes that are each other's nearest.
         nearest, back = cKDTree(second.xy).query(first.xy)[1], cKDTree(first.xy).query(second.xy)[1]
         nodes = np.flatnonzero(back[nearest] == np.arange(len(nearest)))
         partners = nearest[nodes]
     common = [np.isin(np.arange(len(side.facets)), some) for side, some in zip((first, second), ours, strict=True)]
     outward, other = first.normals_over(common[0])[nodes], second.normals_over(common[1])[partners]
     normal = unit(outward - other)
-    # Parallel normals, at edges where surfaces continue each other, cancel: then the first side's counts.
+    # normals that cancel, at edges where one surface continues the other: the first side's counts
     normal = np.where(normal.any(axis=1, keepdims=True), normal, outward)
     gap, aside, spacing = _offset(first, second, nodes, partners, normal)
     area = (first.lengths_over(common[0])[nodes] + second.lengths_over(common[1])[partners]) / 2
     fits = aside <= offset * spacing
     if not ours.size:
-        # Candidates count if their normals face each other and they do not lie on the far sides of the bodies.
+        # candidates must have normals that face each other, and not lie on the far sides of the bodies
         deepest = -DEEPEST * np.minimum(np.abs(normal) @ first.extent, np.abs(normal) @ second.extent)
         fits &= (np.einsum("ij,ij->i", outward, other) < FACING) & (gap > deepest)
         if not fits.any() or _unmatched(first, second, nodes[fits], partners[fits]):
             return None
         nodes, partners, normal, gap = nodes[fits], partners[fits], normal[fits], gap[fits]
-        # Edges and vertices have no area; the spacing stands in, as only the iteration uses it. On the axis the
+        # Edges and vertices have no area; only the iteration uses it, and the spacing takes its place. On the axis the
         # circumference is that at a quarter of the spacing.
         area = (first.spacing[nodes] + second.spacing[partners]) / 2
         area = area * circumference(np.maximum(first.xy[nodes], area[:, None] / 4), first.axisymmetric)
@@ -210,7 +209,7 @@ def _unmatched(first: Side, second: Side, nodes: np.ndarray, partners: np.ndarra
         edge, place = together(match[start], corners[order])  # an edge, and a facet at its start's partner
         facet = other.xy[other.corners[order[place] // side.dimension]]
         away = side.xy[end] - side.xy[start] + other.xy[match[start]]
-        # The neighbour, moved with its paired node onto the partner, in barycentric coordinates of the partner's facet.
+        # the neighbour, shifted with its paired node onto the partner, in barycentric coordinates of a facet there
         off, along = across(away[edge] - facet[:, 0], facet)
         inside = (along > -LARGEST_OFFSET).all(axis=1) & (along.sum(axis=1) < 1.0 + LARGEST_OFFSET)
         size = np.linalg.norm(side.xy[end] - side.xy[start], axis=1)[edge]

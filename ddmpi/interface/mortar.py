@@ -4,10 +4,10 @@ One side is the slave; its nodes carry the rows. With the dual functions ψ_j of
 
     D_j = ∫ φ_j,   P_jl = D_j⁻¹ ∫ ψ_j φ_l of the other side,   ∫ ψ_j φ_k = D_j δ_jk,   Σ_l P_jl = 1,
 
-row j is the approach of the slave's node j and the mean Σ_l P_jl u_l of the other side along the contact's normal
+row j is the approach, along the contact's normal, of the slave's node j and the mean Σ_l P_jl u_l of the other side
 (Wohlmuth, SIAM J. Numer. Anal. 38, 2000; Popp, Gitterle, Gee, Wall, Int. J. Numer. Meth. Engng. 83, 2010).
 Integrals run over the part that faces the other side, cut at its projected corners, and ψ is dual over this part, so
-that constant pressures are exact on any meshes. Gaps are those between the arcs over the chords.
+that constant pressures are exact on any meshes. Gaps are those between the curves over the chords.
 """
 
 from __future__ import annotations
@@ -36,16 +36,16 @@ from ddmpi.surface.side import Side, nodal, unit
 from ddmpi.system.numbers import SAME, Frame, in_words
 
 SLIVER = 0.02
-"""A facet covered by a smaller fraction has one constant dual function, that of the nearest corner."""
+"""A facet covered by a smaller fraction has a constant dual function: 1 at the nearest corner, 0 at the others."""
 
 UNSEEN = 1e-7
-"""A node faces nothing if at most this fraction of its length is covered: the other side ends at its neighbour."""
+"""A node faces nothing if at most this fraction of its length is covered: then the other side ends at its neighbour."""
 
 
 def connect(first: Side, second: Side, contact: SettledContact, refinement: int = 1) -> Interface:
     """The interface of two sides: by `pair` where nodes match, else by `mortar`, unless `contact.pairing` chooses."""
-    # On curved surfaces with an overlap mortar rows of matching meshes differ from pairs by about gap/R, so pairs come
-    # first wherever they can be made.
+    # on curved surfaces with an overlap, mortar rows of matching meshes differ from pairs by about gap/R: pairs come
+    # first where nodes match
     paired = first.cell.bears and second.cell.bears
     if contact.pairing == "nodes" and not paired:
         raise InputError(f"contact.{contact.name}.pairing: pairs of nodes are for linear tetrahedra, as corners of "
@@ -83,7 +83,7 @@ def mortar(first: Side, second: Side, contact: SettledContact, over: Cover | Non
            moved: float = np.inf) -> Interface:
     """The interface of two sides whose nodes need not match; the first gives the directions. By default the `slave` is
     the side with the larger spacing of nodes over plane modulus, unless clamps constrain all of it. If the contact
-    names it, `over` may be what it covers; `moved` as for `build`.
+    names the slave, `over` may be the part of it that faces the other side; `moved` as for `build`.
 
     Not collective. Raises InputError where the sides do not face each other, or the slave is wholly clamped.
     """
@@ -98,7 +98,7 @@ def mortar(first: Side, second: Side, contact: SettledContact, over: Cover | Non
     hats = inset(side, over, over)
     psi = _functions(side, over, hats)
     # Rows are merged twice: nodes that are hardly covered first, then rows that clamps nearly fix. Where two contacts
-    # share a facet, its nodes bear the rows of both, so coverage counts by the facet's own functions there.
+    # share a facet, its nodes carry rows of both, so coverage is that of the facet's own functions.
     root = _merged(side, over, _functions(side, over, over.at) if side.parted else psi)
     rows = _rows(sides, slave, over, psi, root)
     free = _unbound(rows, root, holds_along(contact))
@@ -108,7 +108,7 @@ def mortar(first: Side, second: Side, contact: SettledContact, over: Cover | Non
 
 
 def with_slave(first: Side, second: Side, contact: SettledContact) -> SettledContact:
-    """The contact with one slave wherever its bodies go: by default as of `mortar`, by whole sides."""
+    """The contact with one slave, wherever its bodies go; by default as of `mortar`, from the whole sides."""
     slave = (first, second)[_choose_slave((first, second), contact, [slice(None)] * 2)].body
     return msgspec.structs.replace(contact, slave=slave, pairing="mortar")
 
@@ -119,15 +119,14 @@ def meet(contact: SettledContact, sides: tuple[Side, Side | None], frames: Mappi
 
     Parameters
     ----------
-    contact : with its slave
-    sides : of both bodies in their frames; None of a rigid partner
+    contact : names its slave
+    sides : of both bodies in their frames; None for a rigid partner
     frames, rigid : by the names of bodies and rigid partners
-    reach : the depth (m) up to which overlaps are looked for, None for that of the bodies' thickness; and `moved` of
-        `build`
+    reach : depth (m) up to which to look for overlaps, None for the bodies' thickness; and `moved` of `build`
     """
     (first, second), (depth, moved) = sides, reach
     one, other = (frames[name] for name in contact.bodies)
-    if second is None:  # in the frame of the partner, whose shape is given there
+    if second is None:  # in the frame of the partner, in which its shape is given
         partner = rigid[contact.bodies[1]]
         seen = first.placed(other.undone.after(one), depth)
         met = face_rigid(seen, partner, contact, moved) if faces_rigid(seen, partner) else apart(contact, seen)
@@ -183,7 +182,7 @@ def _choose_slave(sides: tuple[Side, Side], contact: SettledContact, faced: Sequ
         nodes, size = np.unique(side.facets[some]), side.areas[some].mean() / len(side.cell.parts)
         free = side.free[nodes]
         # 0 free, 1 clamped along the normal, 2 clamped throughout (the trace of the projection counts free directions).
-        # As a slave a clamped, finer side would make C singular: more rows than the other side has nodes.
+        # A clamped, finer slave would make C singular: it has more rows than the other side has nodes.
         clamped.append(int(is_held(side.normal[nodes], free).all()) + int((np.einsum("kii->k", free) < 0.5).all()))
         # h/E': a fine and stiff slave against a coarse and soft master has errors of 15 to 150 % on Hertz's problem;
         # this rule never chooses it. A tie, up to rounding, goes to the first side.
@@ -201,12 +200,12 @@ def _choose_slave(sides: tuple[Side, Side], contact: SettledContact, faced: Sequ
 def _rows(sides: tuple[Side, Side], slave: int, over: Cover, psi: sparse.csr_matrix, root: np.ndarray) -> Rows:
     """The rows of the slave, `sides[slave]`. A node uses the row of its `root` (k,)."""
     side, other, shown = sides[slave], sides[1 - slave], np.flatnonzero(root >= 0)
-    parts = sparse.csr_matrix((np.ones(len(shown)), (root[shown], shown)), (len(root), len(root)))
+    coefficients = sparse.csr_matrix((np.ones(len(shown)), (root[shown], shown)), (len(root), len(root)))
     points = between(sides, slave, over)
     at = points.transfer[::1 if slave == 0 else -1]
     # n_j ∝ n_slave − P n_master: opposite sides contribute alike, so that swapping the roles changes little.
     across = at[0] @ _normals(side, over.facet) - at[1] @ _normals(other, over.other)
-    rows = rows_of(sides, slave, over, psi, parts, across, points=points)
+    rows = rows_of(sides, slave, over, psi, coefficients, across, points=points)
     place = np.where(root >= 0, rows.place[root], -1)
     row = place[side.facets[over.facet]]
     rows = replace(rows, place=place, arc=side.arc[rows.nodes] if slave == 0 else
@@ -220,14 +219,14 @@ def _rows(sides: tuple[Side, Side], slave: int, over: Cover, psi: sparse.csr_mat
 
 def _unbound(rows: Rows, root: np.ndarray, tangential: bool) -> np.ndarray:
     """The `root` of all nodes of the slave (k,), with rows merged into a neighbour's where clamps nearly fix the normal
-    motion (BARELY) or, if the contact is `tangential`, one tangential direction aslant to the contact."""
+    motion (BARELY) or, if the contact is `tangential`, a direction that is oblique to the contact."""
     side = rows.sides[rows.slave]
     clamped, most = rows.clamped(rows.normal)
     facets, roots = rows.place[side.facets[rows.seen]], root.copy()
     # Rows that both sides clamp carry no unknown: `build` drops them, and no other row may join them.
     most[clamped.all(axis=0)] = 0.0
     if tangential:
-        # Unlike a plane of symmetry, a clamp aslant to the contact lets tangential forces pass.
+        # Unlike a plane of symmetry, a clamp oblique to the contact lets tangential forces pass.
         t = np.column_stack([-rows.normal[:, 1], rows.normal[:, 0]])
         free = side.free[rows.nodes]
         slant = np.linalg.norm(np.einsum("rij,rj->ri", free, t), axis=1)
@@ -261,8 +260,8 @@ def _merged(side: Side, over: Cover, psi: sparse.csr_matrix) -> np.ndarray:
     some = np.isin(np.arange(len(side.facets)), over.facet)
     full = side.lengths_over(some)
     best = np.full(len(D), -1)
-    # On a quadratic side covered over less than 3/4, D of the far corner is negative; small D of any sign would divide
-    # rounding. Equal pressure with the neighbour of the largest D keeps constants exact.
+    # On a quadratic side of which less than 3/4 is covered, D of the far corner is negative; with small D of any sign a
+    # pressure would be rounding. The same pressure as at the neighbour of the largest D keeps constants exact.
     thin = (full * UNCOVERED > D) | side.bare
     for facet in side.facets[some & thin[side.facets].any(axis=1)]:
         top = facet[2 if side.bare[facet].any() else np.argmax(D[facet])]  # D of the other end may be the same
@@ -270,7 +269,7 @@ def _merged(side: Side, over: Cover, psi: sparse.csr_matrix) -> np.ndarray:
             if top != node and (best[node] < 0 or D[top] > D[best[node]]):
                 best[node] = top
     root = np.where(full > 0.0, np.arange(len(D)), -1)
-    # Thin nodes may point at thin nodes: follow them while D grows.
+    # a thin node may lead to another one: follow them while D grows
     for node in np.flatnonzero(best >= 0):
         at = int(node)
         while best[at] >= 0 and D[best[at]] > D[at]:
@@ -280,8 +279,8 @@ def _merged(side: Side, over: Cover, psi: sparse.csr_matrix) -> np.ndarray:
 
 
 def _lines(rows: Rows, over: Cover, psi: sparse.csr_matrix) -> Lines:
-    """The nodes for which the rows stand. A node has the length of its function, and its force acts at the function's
-    centre, so that forces have the rows' resultant and moment. One covered by at most UNSEEN of its length is left out.
+    """The nodes that carry the forces of the rows. A node has the length of its function, and its force acts at the
+    function's centre, so that forces have the rows' resultant and moment. Nodes that face nothing are left out.
     """
     side, nodes, place = rows.sides[rows.slave], rows.nodes, rows.place
     length = np.where(place >= 0, np.asarray(psi.sum(axis=0)).ravel(), 0.0)
@@ -291,12 +290,12 @@ def _lines(rows: Rows, over: Cover, psi: sparse.csr_matrix) -> Lines:
     length[nodes] += rows.area - np.bincount(place[faces], length[faces])  # of nodes that are left out
     some = length > 0.0
     centre = np.where(some[:, None], psi.T @ points / np.where(some, length, 1.0)[:, None], side.xy)
-    centre = np.where(np.abs(centre - side.xy) <= SAME * side.spacing[:, None], side.xy, centre)  # but for rounding
+    centre = np.where(np.abs(centre - side.xy) <= SAME * side.spacing[:, None], side.xy, centre)  # rounding
     return Lines(place, side.xy, length, side.pieces(rows.seen), centre).only(faces)
 
 
 def _normals(side: Side, facets: np.ndarray) -> np.ndarray:
-    """Unit normals (k, 2) of the arcs over some facets, averaged with the facets' lengths; zero at other nodes."""
+    """Unit normals (k, 2) of the curves over some facets, averaged with the facets' lengths; zero at other nodes."""
     some = np.unique(facets)
     fans = unit(side.cell.nodes @ side.fans[some])
     return unit(nodal(side.lengths[some, None, None] * fans, side.facets[some], len(side.nodes)))

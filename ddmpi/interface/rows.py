@@ -21,17 +21,17 @@ from ddmpi.surface.side import Side, frames, laplacian, unit
 from ddmpi.system.numbers import ALIKE, ROUNDING, SAME, in_words, is_touched
 
 HELD = np.sqrt(0.5) - ALIKE
-"""A direction is clamped if its projection onto the free ones is shorter than this, cos 45°: of a normal and a tangent
-of a node that can move along one line only, the one nearer to this line stays free."""
+"""A unit vector is clamped if its projection onto the free directions is shorter than this, cos 45°: if a node can move
+along one line only, the one of normal and tangent that is nearer to this line is free."""
 
 LEAST = 1e-2
-"""A triangle smaller than this fraction of the covered part is a sliver, and so is an integral of a hat over it."""
+"""A triangle, or the integral of a hat over it, below this fraction of the covered part is a sliver."""
 
 WIDER = 2.0
-"""Rows are left out as open where the gap is more than this times the last motion along normals, or overlap now."""
+"""Rows are left out as open where the gap exceeds this times the last motion along normals and any overlap now."""
 
 END = 1e-2
-"""Corners of a covered part this near to its end, as a fraction of its extent, count to where it ends."""
+"""Corners of a covered part this near to its end, as a fraction of its extent, are part of its end."""
 
 LACKING = 1e-3
 """A facet counts as wholly covered up to this fraction of its area."""
@@ -45,9 +45,9 @@ class Rows:
     ----------
     sides : the first and the second
     slave : 0 or 1, the side whose nodes carry the rows
-    nodes : (r,) the nodes of that side with a row
-    place : (k,) the row that a node of that side uses, or −1
-    seen : (f,) bool, whether facets of that side face the other one
+    nodes : (r,) the nodes of the slave with a row
+    place : (k,) the row that each node of the slave uses, or −1
+    seen : (f,) bool, whether facets of the slave face the other side
     transfers : of both sides (r, ·), sparse: displacements of the rows from those of all nodes of the side
     normal : (r, d) unit normals of the contact, out of the first body
     area : (r,) nodal lengths over the common part of both sides (m)
@@ -55,9 +55,9 @@ class Rows:
     arc : (r,) arc lengths along the first body's boundary (m)
     bound : (k,) bool, nodes that share a neighbour's row because clamps or other contacts constrain them
     whole : (f,) bool, facets that wholly face the other side and whose nodes, but for `bare` ones, do not share rows
-    parts : (k, r) sparse, the values of all nodes of that side from those of the rows
+    interpolation : (k, r) sparse, values at all nodes of the slave from those of the rows
     lines : the nodes of the rows
-    covered : what faces the other side, to its outline; None for all facets that are `seen`
+    covered : the part that faces the other side, up to its outline; None for all facets that are `seen`
     points : places between the nodes, with their gaps, or None
     pointwise, waves : as of an `Interface`
     """
@@ -74,7 +74,7 @@ class Rows:
     arc: np.ndarray
     bound: np.ndarray
     whole: np.ndarray
-    parts: sparse.csr_matrix
+    interpolation: sparse.csr_matrix
     lines: Lines = Interface.lines
     covered: Outlined | None = None
     points: Places | None = None
@@ -82,8 +82,8 @@ class Rows:
     waves: bool = False
 
     def clamped(self, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Whether clamps constrain all nodes of each side (2, r) in a row's direction (r, d); and how far (r,) the row
-        moves if the free nodes of a side move by one, the larger of both sides."""
+        """Whether clamps constrain all nodes of a row on each side (2, r) in its direction (r, d); and how far (r,) the
+        row moves if the free nodes of one side move by one, the larger of both sides."""
         clamped, most = np.empty((2, len(direction)), bool), np.zeros(len(direction))
         for number, (side, transfer) in enumerate(zip(self.sides, self.transfers, strict=True)):
             entries = transfer.tocoo()
@@ -93,32 +93,33 @@ class Rows:
         return clamped, most
 
 
-def rows_of(sides: tuple[Side, Side], slave: int, over: Cover, psi: sparse.csr_matrix, parts: sparse.csr_matrix,
+def rows_of(sides: tuple[Side, Side], slave: int, over: Cover, psi: sparse.csr_matrix, coefficients: sparse.csr_matrix,
             across: np.ndarray, measure: sparse.csr_matrix | None = None, points: Places | None = None) -> Rows:
     """The rows of the slave, `sides[slave]`, which faces the other side at the points of `over`. Not collective.
 
     Parameters
     ----------
     psi : (q, j) sparse, w ψ: functions at the points, times the points' weights
-    parts : (k, j) sparse, θ = parts ψ: how much of these functions a node of the slave takes; empty rows are dropped
+    coefficients : (k, j) sparse, of the functions θ = coefficients ψ of the slave's nodes; an empty row is none
     across : (q, d) normals at the points, of any length, out of the slave
-    measure : (k, j) as `parts`, of the functions with the same integrals that measure gaps, the first k of `psi`, those
-        of the nodes; left out, θ
-    points : `between` the sides, if it is known
+    measure : (k, j) coefficients of functions with the same integrals that measure gaps, of the first k of `psi`, those
+        of the nodes; θ if left out
+    points : `between` the sides, if known
     """
-    nodes, place = np.flatnonzero(np.diff(parts.indptr)), np.full(parts.shape[0], -1)
+    nodes, place = np.flatnonzero(np.diff(coefficients.indptr)), np.full(coefficients.shape[0], -1)
     place[nodes] = np.arange(len(nodes))
-    parts, measure, psi = parts[nodes], (parts if measure is None else measure)[nodes], psi.T.tocsr()
+    measure = (coefficients if measure is None else measure)[nodes]
+    coefficients, psi = coefficients[nodes], psi.T.tocsr()
     # D_j = ∫ θ_j, the nodal length; n_j ∝ ∫ θ_j n.
-    area, normal = parts @ (psi @ np.ones(len(over.facet))), unit(parts @ (psi @ across))
-    # The cover measures gaps along the slave's normals; the cosine turns them onto the row's normal.
+    area, normal = coefficients @ (psi @ np.ones(len(over.facet))), unit(coefficients @ (psi @ across))
+    # the cover measures gaps along the slave's normals; by the cosine they are along the row's normal
     turned = np.einsum("ij,ij->i", unit(measure @ (psi @ over.direction)), normal)
     gap = measure @ (psi @ over.gap) / area * turned
     side, points = sides[slave], points or between(sides, slave, over)
     share = np.bincount(over.facet, over.weight, len(side.facets))
     seen = np.isin(np.arange(len(side.facets)), over.facet)
     # P = D⁻¹ ∫ θ φ for both sides; for the slave it is the identity unless rows are merged.
-    one, other = (means(parts @ (psi @ transfer), area) for transfer in points.transfer)
+    one, other = (means(coefficients @ (psi @ transfer), area) for transfer in points.transfer)
     return Rows(sides, slave, nodes, place, seen, (one, other), normal if slave == 0 else -normal, area,
                 without_rounding(gap, side.spacing[nodes]), np.zeros(len(nodes)), np.zeros(len(place), bool),
                 seen & (share >= (1.0 - LACKING) * side.areas), measure[:, :len(place)].T.tocsr(), points=points)
@@ -134,23 +135,23 @@ def between(sides: tuple[Side, Side], slave: int, over: Cover) -> Places:
 
 
 def build(rows: Rows, contact: SettledContact, moved: float = np.inf) -> Interface:
-    """The interface of those rows that a body can move. Not collective. Raises InputError where all are clamped.
+    """The interface of the rows that a body can move. Not collective. Raises InputError where all are clamped.
 
-    Where bodies have moved along normals by `moved` (m) at most before, rows with gaps far larger than that, and than
-    overlaps now, become probes: they carry no forces unless one of them closes.
+    `moved` (m) is how far bodies have moved along normals at most before. Rows with gaps far larger than that, and than
+    overlaps now, become probes, without forces unless one of them closes.
     """
     sides, side, bonded = rows.sides, rows.sides[rows.slave], contact.kind == "bonded"
     (frame, across), xy = _along_clamps(rows, frames(rows.normal)), side.xy[rows.nodes]
     start = initial_gap(contact, rows.gap, xy, rows.arc)
     clamped = np.stack([rows.clamped(direction)[0] for direction in frame.swapaxes(0, 1)], axis=-1)  # (2, r, d)
-    # An unknown that both sides clamp would be a zero row of C. Tangents `across` planes of symmetry carry no force.
+    # an unknown that both sides clamp would be a zero row of C; tangents `across` planes of symmetry carry no force
     live = ~clamped.all(axis=0)
     live[:, 1:] &= ~across
     dropped = ~live.any(axis=1) if bonded else ~live[:, 0]  # a bond also carries tangential forces alone
     keep = np.flatnonzero(~dropped)
     if len(keep) == 0:
         raise InputError(f"contact.{contact.name}: all nodes of the contact are clamped; there is nothing to solve")
-    # A bond whose normal motion is clamped on both sides can never close its gap.
+    # a bond whose normal motion is clamped on both sides can never close its gap
     start[~live[:, 0] & ~dropped] = 0.0
     least = start[keep].min()  # the nearest row stays
     beyond = ~dropped & (start > max(least, WIDER * max(moved, -least))) & (not isinstance(contact.friction, Tresca))
@@ -187,20 +188,20 @@ def build(rows: Rows, contact: SettledContact, moved: float = np.inf) -> Interfa
 
 def _refuse_held(contact: SettledContact, pull: np.ndarray, frame: np.ndarray, live: np.ndarray,
                  xy: np.ndarray) -> None:
-    """InputError where clamps of both sides hold nodes along the direction `pull` of a pretension, by the frames
-    (r, d, d) of the rows at places `xy` (r, d) and which of their directions move (r, d)."""
+    """InputError where clamps of both sides constrain nodes along the direction `pull` of a pretension. The rows at
+    places `xy` (r, d) have the frames (r, d, d), whose directions can move where `live` (r, d)."""
     if len(pull) and (left := np.linalg.norm(np.einsum("rcd,d->rc", frame, pull) * ~live, axis=1)).max() > SAME:
         raise InputError(f"contact.{contact.name}.pretension: at {in_words(xy[left.argmax()])} clamps hold both sides "
                          f"along {in_words(pull, 3)}, so that the bond cannot be pulled; leave one side free there")
 
 
 def _along_clamps(rows: Rows, frame: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The frames (r, d, d) with tangents turned along the clamps of a row's node, the freest first; and the tangents
-    (r, d − 1) that both sides constrain: the row's node, and a node of the other side that it meets.
+    """The frames (r, d, d) with tangents turned along the clamps of a row's node, the freest first; and which tangents
+    (r, d − 1) both sides constrain: at the row's node, and at a node of the other side that it meets.
 
     Such a tangent carries no force: on a plane of symmetry there is no friction across the plane. A row for it would
     constrain the curvature of the other side, of which only the nodes beside the plane move. A node that is clamped
-    along the normal too has a row only on behalf of the nodes that share it, and these slide.
+    along the normal too has a row only for the nodes that share it, and these slide.
     """
     side, other, transfer = rows.sides[rows.slave], rows.sides[1 - rows.slave], rows.transfers[1 - rows.slave]
     free, mean, tangents = side.free[rows.nodes], other.moves_with(transfer), frame[:, 1:]
@@ -217,16 +218,17 @@ def _along_clamps(rows: Rows, frame: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 
 def _outline(rows: Rows, keep: np.ndarray) -> Outline:
-    """What the contact covers, with values from those of the rows `keep` (m,). Cells that none of these rows has a part
-    in, as all nodes there are clamped, are left out. Nodes without a cell, at corners of bodies, are points."""
+    """The covered part of the contact, with values from those of the rows `keep` (m,). Cells without a share of these
+    rows, as all their nodes are clamped, are left out. Nodes without a cell, at corners of bodies, are points."""
     side, lines = rows.sides[rows.slave], rows.lines
     facet, xy, hats = drawn_cells(side, rows.covered or whole_facets(side, rows.seen))
     # in space pressures are linear between corners, in the plane order 2 has rows at middles
     functions, nodes = (side.cell.shapes(hats), side.facets) if side.cell.bears else (hats, side.corners)
     of_lines = sparse.csr_matrix((np.ones(len(lines.row)), (np.arange(len(lines.row)), lines.row)),
                                  (len(lines.row), len(rows.nodes)))
-    shares = sparse.vstack([of_lines, at_points(functions, nodes[facet], len(side.nodes)) @ rows.parts])[:, keep]
-    # Corners of cells that meet are one point with their mean value, as pieces of two facets differ a little there;
+    at_cells = at_points(functions, nodes[facet], len(side.nodes)) @ rows.interpolation
+    shares = sparse.vstack([of_lines, at_cells])[:, keep]
+    # Corners of cells at the same place are one point with their mean value, as pieces of two facets differ a little;
     # points at nodes come first.
     xy = np.vstack([lines.xy, xy])
     place = np.round((xy - xy.min(axis=0)) / (ALIKE * np.ptp(xy, axis=0).max() or 1.0))
@@ -252,8 +254,8 @@ def _at_rows(rows: Rows, some: np.ndarray, gap: np.ndarray) -> Places:
 
 
 def _probes(rows: Rows, contact: SettledContact, dropped: np.ndarray, beyond: np.ndarray, start: np.ndarray) -> Places:
-    """Places between the nodes, or dropped rows that can still move a little, with overlaps that clamps preserve; and
-    then the rows `beyond`."""
+    """Places between the nodes, or dropped rows that can still move a little, with overlaps that clamps preserve;
+    followed by the rows `beyond`."""
     if rows.points is None:
         moves = sum(np.abs(np.einsum("rij,rj->ri", side.moves_with(transfer), rows.normal)).max(axis=1)
                     for side, transfer in zip(rows.sides, rows.transfers, strict=True)) > SAME
@@ -316,33 +318,33 @@ def at_points(phi: np.ndarray, nodes: np.ndarray, size: int) -> sparse.csr_matri
 def duals(side: Side, over: Cover, phi: np.ndarray, sliver: float, alone: np.ndarray | float,
           kept: np.ndarray | None = None) -> np.ndarray:
     """w ψ (q, c) at the points with weights w: ∫ ψ_j φ_k = δ_jk ∫ φ_j over the covered part of each facet, for the
-    functions φ (q, c) of a side. Facets covered by less than the fraction `sliver` get ψ = `alone`. The functions that
-    `kept` (f, c) marks stay ψ = φ, and the others are dual among themselves, so that all ψ still sum to one."""
-    covered, part = np.unique(over.facet, return_inverse=True)
+    functions φ (q, c) of a side. Facets covered by less than the fraction `sliver` get ψ = `alone`. Functions that
+    `kept` (f, c) marks are ψ = φ; the others are dual among themselves, so that all ψ still sum to one."""
+    covered, place = np.unique(over.facet, return_inverse=True)
     integrals, mass = (np.zeros((len(covered), *phi.shape[1:] * times)) for times in (1, 2))
     # ψ = D_e M_e⁻¹ φ with D_e = diag ∫ φ_j and M_e = ∫ φ_i φ_j over the covered part of facet e (Wohlmuth 2000).
-    np.add.at(integrals, part, over.weight[:, None] * phi)
-    np.add.at(mass, part, np.einsum("q,qi,qj->qij", over.weight, phi, phi))
+    np.add.at(integrals, place, over.weight[:, None] * phi)
+    np.add.at(mass, place, np.einsum("q,qi,qj->qij", over.weight, phi, phi))
     if kept is not None:
         # With N the others: ψ_N = diag(M_NN 1) M_NN⁻¹ φ_N.
         its = kept[covered]
         mass[its[:, :, None] | its[:, None]] = 0.0
         integrals = np.where(its, 1.0, mass.sum(axis=2))
         mass += its[:, :, None] * np.eye(phi.shape[1])
-    thin = np.bincount(part, over.weight, len(covered)) < sliver * side.areas[covered]
+    thin = np.bincount(place, over.weight, len(covered)) < sliver * side.areas[covered]
     # Over a sliver M_e is nearly singular; its inverse is not used.
     mass[thin] = np.eye(phi.shape[1])
-    psi = np.einsum("qi,qij->qj", phi, np.linalg.inv(mass)[part]) * integrals[part]
-    return over.weight[:, None] * np.where(thin[part, None], alone, psi)
+    psi = np.einsum("qi,qij->qj", phi, np.linalg.inv(mass)[place]) * integrals[place]
+    return over.weight[:, None] * np.where(thin[place, None], alone, psi)
 
 
 def inset(side: Side, over: Cover, corners: Cover) -> np.ndarray:
-    """Coordinates (q, d) of the points of a cover by those triangles, or lengths, that reach as far as the covered part
-    of each facet: a vertex λ_i = 1 that is not covered moves to the farthest of the covered part's `corners`.
+    """Coordinates (q, d) of the points of a cover in the triangle, or length, of each facet that reaches as far as its
+    covered part: a vertex λ_i = 1 that is not covered moves to the farthest of the covered part's `corners`.
 
-    The dual functions of shape functions in these coordinates have their centres in what is covered, so that contact
-    forces reach no farther than the contact does. Facets that are covered as a whole keep their own, and so do those
-    whose cover is no such triangle: a sliver (LEAST), or parts apart, over which one of the hats has no integral.
+    The dual functions of shape functions in these coordinates have their centres in the covered part, so that contact
+    forces reach no farther than the contact does. Facets that are wholly covered keep their own coordinates, and so do
+    those with no such triangle: slivers (LEAST), or separate covered parts, over which a hat has no integral.
     """
     facets, place = np.unique(over.facet, return_inverse=True)
     kept = np.isin(corners.facet, facets)
@@ -350,16 +352,16 @@ def inset(side: Side, over: Cover, corners: Cover) -> np.ndarray:
     most, least = np.zeros((len(facets), d)), np.ones((len(facets), d))
     np.maximum.at(most, number, at)
     np.minimum.at(least, number, at)
-    # The mean of the corners within END of the farthest one, by weights that fall to zero there: where the cover ends
-    # parallel to an edge there are several, and a small turn of the end must move the vertex little.
+    # The mean of the corners within END of the farthest one, by weights that fall to zero: where the cover ends
+    # parallel to an edge there are several such corners, and a small turn of the end must move the vertex little.
     near = np.maximum(1.0 - (most[number] - at) / np.maximum(END * (most - least), ALIKE)[number], 0.0)
     ends, total = np.zeros((len(facets), d, d)), np.zeros((len(facets), d))
     np.add.at(ends, number, near[:, :, None] * at[:, None, :])
     np.add.at(total, number, near)
     ends /= np.maximum(total, ROUNDING)[:, :, None]
-    # From there towards the vertex, until λ_i is the largest of what is covered.
-    own = np.einsum("fii->fi", ends)
-    shift = np.where(own < 1.0, (most - own) / np.where(own < 1.0, 1.0 - own, 1.0), 0.0)
+    # from this mean towards the vertex, until λ_i is the largest in the covered part
+    reached = np.einsum("fii->fi", ends)
+    shift = np.where(reached < 1.0, (most - reached) / np.where(reached < 1.0, 1.0 - reached, 1.0), 0.0)
     ends += shift[:, :, None] * (np.eye(d) - ends)
     covered = np.bincount(place, over.weight, len(facets))
     ends[np.abs(np.linalg.det(ends)) < LEAST * covered / side.areas[facets]] = np.eye(d)
@@ -370,7 +372,7 @@ def inset(side: Side, over: Cover, corners: Cover) -> np.ndarray:
 
 
 def means(integrals: sparse.csr_matrix, area: np.ndarray) -> sparse.csr_matrix:
-    """∫ ψ φ (r, k) without entries that are rounding beside the areas (r,), scaled to rows that sum to one: rigid
+    """∫ ψ φ (r, k) without entries that are rounding beside the areas (r,), scaled so that rows sum to one: rigid
     translations then open no gap, and forces on both bodies balance exactly."""
     transfer = integrals.tocsr()
     transfer.data[np.abs(transfer.data) <= ROUNDING * area.repeat(np.diff(transfer.indptr))] = 0.0

@@ -14,14 +14,14 @@ from ddmpi.sets import magnitude
 from ddmpi.system.numbers import ALIKE, RigidMotion, moment
 
 CLOSED = 1e-8
-"""A node counts as open, unless bonded, up to this fraction of the largest normal force."""
+"""A node is open, unless bonded, if its normal force is at most this fraction of the largest."""
 
 RESULTANTS = ("force", "moment", "normal_force", "tangential_force", "open", "slip", "stick", "dissipated")
 """The entries of `ContactTotals` that are written at every load step."""
 
 
 class ContactTotals(NamedTuple):
-    """Resultants and extremes of a contact: what ranks send each other, whatever the number of its nodes.
+    """Resultants and extremes of a contact, which ranks send each other; they do not grow with the number of nodes.
 
     Attributes
     ----------
@@ -35,7 +35,7 @@ class ContactTotals(NamedTuple):
     normal_max, normal_sum : of the sizes of the nodes' normal forces (N)
     acting : sum of the sizes of the components of the nodes' forces (N)
     opening : smallest gap at and between the nodes (m)
-    moved : how far the bodies have moved past each other along the normal of a node at most (m)
+    moved : largest change of the gap at a node (m)
     closed : length, in space area, of the nodes that are not open
     pretension : of a bond that has one: force on the first body along its direction (N), and offset (m)
     """
@@ -126,8 +126,8 @@ class ContactState:
     def dissipated(self) -> float:
         """Frictional work of the load step, Σ ½ (g_n + g_n−1) |u_t| over the nodes that slip (J).
 
-        It is exact where slip and slip bound g grow together from zero, and where the bound is constant. The slip of
-        sticking nodes is an error of the iteration, and left out. In the plane per metre of depth.
+        It is exact where slip and slip bound g grow in proportion from zero, and where the bound is constant. The slip
+        of sticking nodes is an error of the iteration, and is left out. In the plane per metre of depth.
         """
         return float((self.resistance * magnitude(self.slip)).sum())
 
@@ -253,7 +253,7 @@ def contact_state(interface: Interface, s: np.ndarray, bound: np.ndarray, u: np.
     u : (size,) relative displacement, the sum of both bodies' traces (m)
     between : (q,) opening at the interface's probes (m), if any
     since : (size,) displacement from which the slip of this load step counts (m), and forces at its beginning (N);
-        left out, nothing has moved, free of stress
+        zero if left out
     yielding : as of a `ContactState`
     slides : of a contact without friction, whose u has no tangential entries: displacement of the first body along t
         past the second (m, d − 1), now and at the beginning of the load step (m)
@@ -268,12 +268,12 @@ def contact_state(interface: Interface, s: np.ndarray, bound: np.ndarray, u: np.
     if slides:
         before[:] = slides[1]
         slip = slides[0] - before
-    # A node without tangential unknowns sticks, but without friction it slides. Open overrules both.
+    # nodes without tangential unknowns stick, or slip if the contact has no friction; open nodes are neither
     status, resistance = np.full(m, "slip" if law.frictionless else "stick", dtype="U5"), np.zeros(m)
     slips, closed = law.reaches_bound(s, bound), law.closed(s, CLOSED)
     status[sliding[slips]] = "slip"
     status[~closed] = "open"
-    # Trapezoidal rule for ∫ g d|u_t|. An open node dissipates only under a bound that needs no pressure, as Tresca's.
+    # trapezoidal rule for ∫ g d|u_t|; an open node dissipates only under a bound that needs no pressure, as Tresca's
     slips &= closed[sliding] | (law.bound_at(none) > 0.0)
     resistance[sliding[slips]] = 0.5 * bound[slips] + 0.5 * law.bound_at(former)[slips]
     return ContactState(interface, normal, tangential, interface.opening - moved[0], slip, status,
@@ -283,15 +283,15 @@ def contact_state(interface: Interface, s: np.ndarray, bound: np.ndarray, u: np.
 def slip_start(law: Law, s: np.ndarray, closed: np.ndarray, rate: np.ndarray, ahead: float) -> np.ndarray:
     """The displacement from which slip counts in the next load step (size,), tangential entries only (m).
 
-    It is the displacement at the end of the last step, open nodes included. An open node without friction begins to
-    slip where it touches: its gap is taken to go on closing at the rate of the last step. Not collective.
+    It is the displacement at the end of the last step, also at open nodes. An open node without a slip bound begins to
+    slip where it touches, if its gap goes on closing at the rate of the last step. Not collective.
 
     Parameters
     ----------
     s : (size,) forces at the end of the last load step (N)
-    closed : (size,) relative displacements less the initial gaps there (m)
-    rate : (size,) what the last load step has added to them (m)
-    ahead : length of the next load step over that of the last one; zero where they are not alike
+    closed : (size,) relative displacements at that time, less the initial gaps (m)
+    rate : (size,) their change in the last load step (m)
+    ahead : length of the next load step over that of the last one; zero where the loads change in another way
     """
     start = np.zeros(law.size)
     if law.name == "bonded":  # nothing slides
@@ -302,13 +302,13 @@ def slip_start(law: Law, s: np.ndarray, closed: np.ndarray, rate: np.ndarray, ah
 
 
 def touching(law: Law, s: np.ndarray, closed: np.ndarray, rate: np.ndarray, ahead: float) -> np.ndarray:
-    """The share (mt,) of the last load step after which a sliding node touches, at most `ahead`; zero where it does not
-    close, or has friction. Otherwise as `slip_start`."""
-    # Touching-time correction: the node touches after the share gap / closing of a step like the last one, and has by
-    # then moved on tangentially by that share. Without it, steps in which contact grows converge only like n^−½.
+    """The share (mt,) of a load step like the last one after which a sliding node touches, at most `ahead`; zero where
+    it does not close, or has friction. Otherwise as `slip_start`."""
+    # Touching-time correction: by the time that a node touches, after the share gap / closing of a step, it has moved
+    # tangentially by that share. Without this, steps in which the contact grows converge only like n^−½.
     (normal, _), (closing, sliding) = law.split(closed), law.split(rate)
     gap, closing = -normal[law.sliding], closing[law.sliding]
-    closes = closing > ALIKE * np.linalg.norm(sliding, axis=1)  # and does not only slide along
+    closes = closing > ALIKE * np.linalg.norm(sliding, axis=1)  # beyond rounding
     touches = (law.bound_at(s) == 0.0) & (gap > 0.0) & closes
     share = np.zeros(len(law.sliding))
     share[touches] = np.minimum(gap[touches] / closing[touches], ahead)
@@ -338,8 +338,8 @@ def signed(components: np.ndarray) -> np.ndarray:
 
 
 def rows_of(state: ContactState) -> dict[str, np.ndarray]:
-    """The rows of a contact as the next step needs them: their slave nodes; forces along the normal and the tangents
-    (N); the slip so far (m); the forces on the first body, and where they act on both (N, m); the sum of bounds."""
+    """The rows of a contact for the next step: slave nodes; forces along normal and tangents (N); the slip so far (m);
+    the forces on the first body (N), and the places where they act on both (m); the sum of slip bounds (N)."""
     one, other = state.interface.at or np.zeros((2, 0, state.interface.dimension))
     law = state.interface.law
     s = np.concatenate([state.normal_force, state.tangential_force[law.sliding].ravel()])
@@ -349,14 +349,14 @@ def rows_of(state: ContactState) -> dict[str, np.ndarray]:
 
 
 def forces_by_node(interface: Interface, s: np.ndarray) -> dict[str, np.ndarray]:
-    """The forces s (size,) of the rows of a contact, as `rows_of` has those of a step."""
+    """The forces s (size,) of the rows of a contact, in the form of `rows_of`."""
     tangential = np.zeros((interface.m, interface.dimension - 1))
     tangential[interface.sliding] = s[interface.m:].reshape(-1, interface.dimension - 1)
     return {"node": slave_nodes(interface), "normal": s[:interface.m, None], "tangential": tangential}
 
 
 def values_by_node(interface: Interface, contacts: Rows, what: str) -> np.ndarray:
-    """Values (m, ·) of such rows at the slave's nodes of those of now; zero where there was no row."""
+    """Values (m, ·) of earlier rows at the slave's nodes of the rows of `interface`; zero where there was none."""
     number, rows = slave_nodes(interface), contacts.get(interface.name)
     if rows is None or not len(rows["node"]):
         return np.zeros((interface.m, 1 if what == "normal" else interface.dimension - 1))
@@ -366,7 +366,7 @@ def values_by_node(interface: Interface, contacts: Rows, what: str) -> np.ndarra
 
 
 def slave_nodes(interface: Interface) -> np.ndarray:
-    """(m,) the node that a row stands at, by its number in the mesh."""
+    """(m,) the slave's node of each row, by its number in the mesh."""
     side = interface.side(interface.slave) if interface.slave else 0
     transfer = interface.transfer[side].tocoo()
     order = np.lexsort((transfer.col, -transfer.data, transfer.row))  # a row's largest entry first

@@ -32,27 +32,27 @@ SLIVER = 1e-6
 """A facet covered by a smaller fraction has constant dual functions."""
 
 UNCOVERED, STRIP = 0.15, 0.35
-"""A node shares its function, as its row would nearly depend on its neighbours', if less than this fraction of what it
-could have is covered: in the plane UNCOVERED; in space STRIP, of its hat on the facets that face the other side in
-part. So a contact that ends within facets beyond a third of them has rows at its end, about which bodies tip. With
-0.15 random scenes take a tenth more products, and below 0.3 Newton's method loses one of them (217)."""
+"""A node shares its function if less than this fraction of it is covered, as its row would nearly depend on others: in
+the plane UNCOVERED of its length; in space STRIP of its hat on the facets that face the other side. So a contact that
+ends more than about a third into a facet has rows at its end, about which bodies tip. With a STRIP of 0.15 random
+scenes take a tenth more products, and below 0.3 Newton's method fails on one of them (217)."""
 
 BARELY = 0.499
-"""So does a vertex whose row moves by less than this where free nodes move by one: alone it would constrain curvature
-and carry arbitrary forces. On meshes of 2 : 1 rows move by one half, so that the limit lies below it."""
+"""A vertex also shares its function if its row moves by less than this where free nodes move by one: such a row would
+constrain curvature and carry arbitrary forces. On meshes of 2 : 1 rows move by one half, just above this limit."""
 
 SMOOTHING = 8.0
-"""The number a of `_smoothed`. ψ as it is leaves 0.3 % in the force of two boxes of 3 and 4 cells and 2.6 % in the
-displacement of a stack of cubes of 3 cells; with a = 3.6, the smoothest, these are 0.04 and 3.0 %, with 8 they are 0.05
-and 0.9 %. With 14 the stack is too soft by 5 %."""
+"""The number a of `_smoothed`. Errors of the force of two boxes of 3 and 4 cells, and of the displacement of a stack of
+cubes of 3 cells: 0.3 and 2.6 % with ψ itself, 0.04 and 3.0 % with a = 3.6, the smoothest, 0.05 and 0.9 % with a = 8.
+With 14 the stack is too soft by 5 %."""
 
 FLAT = 1e-3
 """Places are collinear if they deviate from a line by less than this fraction of their extent."""
 
 
 def rows_at_vertices(sides: tuple[Side, Side], slave: int, over: Cover, looked: Cover, contact: SettledContact) -> Rows:
-    """The rows of the slave, `sides[slave]`, which faces the other at the points of `over`; at the points `looked` the
-    answer is checked for overlaps. Not collective."""
+    """The rows of the slave, `sides[slave]`, which faces the other side at the points of `over`. At the points `looked`
+    the answer will be checked for overlaps. Not collective."""
     side, other = sides[slave], sides[1 - slave]
     seen, met = np.isin(np.arange(len(side.facets)), over.facet), np.zeros(len(side.nodes), bool)
     # A row at a wholly clamped vertex of quadratic facets constrains the middles beside it.
@@ -62,7 +62,7 @@ def rows_at_vertices(sides: tuple[Side, Side], slave: int, over: Cover, looked: 
     if not contact.two_sided:
         psi = duals(side, over, hats, SLIVER, 1.0 / 3.0, kept[side.corners])
     psi = at_points(psi, side.corners[over.facet], len(met))
-    own = np.asarray(psi.sum(axis=0)).ravel()
+    integrals = np.asarray(psi.sum(axis=0)).ravel()
     dual = mix = sparse.identity(len(met), format="csr")
     if quadratic:
         psi, dual, mix = _smoothed(side, over, psi, hats, kept)
@@ -70,32 +70,31 @@ def rows_at_vertices(sides: tuple[Side, Side], slave: int, over: Cover, looked: 
                    for some in (slice(None), seen))  # ∫ of hats over all facets, and over those that are seen
     met[side.corners[seen]] = True
     D = nodal(over.weight[:, None] * over.at, side.corners[over.facet], len(met))  # ∫ of hats over what is covered
-    # Vertices that are hardly covered or wholly clamped share; those of other contacts as well, as long as enough
-    # remain.
+    # Vertices that are hardly covered or wholly clamped share; those of other contacts too, if enough rows remain.
     clamped &= ~kept
-    shares = (STRIP * faced > own) | clamped
+    shares = (STRIP * faced > integrals) | clamped
     if not _spread(side.xy[~shares & met]):  # the contact is small beside the facets: its own size counts
-        shares = (UNCOVERED * own.max() > own) | clamped
+        shares = (UNCOVERED * integrals.max() > integrals) | clamped
     also = shares | (_meets_others(side, D, full) & ~kept)
-    if _spread(side.xy[~also & met]):  # rows along a line would be a hinge, which the bodies do not have
+    if _spread(side.xy[~also & met]):  # rows along a line would be a hinge that the scene does not have
         shares = also
     shares[~met] = False
     pairs, size = links(side.corners[seen], 3), len(side.nodes)
     near = sparse.csr_matrix((np.ones(2 * len(pairs)), np.concatenate([pairs, pairs[:, ::-1]]).T), (size, size))
     across = -at_points(over.there, other.corners[over.other], len(other.nodes)) @ other.normal
-    if np.isfinite(other.modulus):  # a rigid partner's normal counts alone
+    if np.isfinite(other.modulus):  # else the rigid partner's normal alone
         across += at_points(over.at, side.corners[over.facet], len(met)) @ side.normal
-    parts = _shared(met, shares, near)
-    rows = rows_of(sides, slave, over, psi, parts @ mix, across, parts @ dual)
-    # Which rows clamps nearly fix is known only from the rows, so they are made a second time without these.
+    coefficients = _shared(met, shares, near)
+    rows = rows_of(sides, slave, over, psi, coefficients @ mix, across, coefficients @ dual)
+    # The rows tell which of them clamps nearly fix; then they are made again without these vertices.
     fixed = _hardly_move(rows)
     if holds_along(contact) and np.isfinite(other.modulus):
         fixed |= _fixed_along_rim(rows)
     fixed &= ~kept[rows.nodes]
     if fixed.any() and not fixed.all():
         shares[rows.nodes[fixed]] = True
-        parts = _shared(met, shares, near)
-        rows = rows_of(sides, slave, over, psi, parts @ mix, across, parts @ dual)
+        coefficients = _shared(met, shares, near)
+        rows = rows_of(sides, slave, over, psi, coefficients @ mix, across, coefficients @ dual)
     facets = rows.place[side.corners]
     complete = (facets >= 0).all(axis=1)
     lines = Lines(np.arange(len(rows.nodes)), side.xy[rows.nodes], rows.area, facets[seen & complete],
@@ -106,7 +105,7 @@ def rows_at_vertices(sides: tuple[Side, Side], slave: int, over: Cover, looked: 
 
 def _smoothed(side: Side, over: Cover, psi: sparse.csr_matrix, hats: np.ndarray,
               kept: np.ndarray) -> tuple[sparse.csr_matrix, sparse.csr_matrix, sparse.csr_matrix]:
-    """Functions (q, 3 k) at the points, times the weights; and the parts (k, 3 k) of them that make up the dual
+    """Functions (q, 3 k) at the points, times the weights; and two matrices (k, 3 k) that make of them the dual
     functions `psi` (q, k) of quadratic facets, and smoother ones, with smaller jumps between facets.
 
     On the facets that are wholly covered, with the hats φ that are not `kept` (k,), M = ∫ φ φᵀ and D = diag M 1,
@@ -132,8 +131,8 @@ def _smoothed(side: Side, over: Cover, psi: sparse.csr_matrix, hats: np.ndarray,
 
 
 def _meets_others(side: Side, D: np.ndarray, full: np.ndarray) -> np.ndarray:
-    """Vertices (k,) that other contacts of the body use too: on the rim of their group, where another group begins,
-    and, if other contacts have the same group, where the covered part `D` (k,) of `full` (k,) ends.
+    """Vertices (k,) that other contacts of the body use too: those on the rim of the group where another group begins;
+    and, if other contacts have the same group, those where the covered part ends (`D` (k,) less than `full` (k,)).
     """
     rim = np.zeros(len(side.nodes), bool)
     rim[creases(side.xy, side.corners, side.outward).rim] = True
@@ -150,10 +149,10 @@ def _spread(xy: np.ndarray) -> bool:
 
 
 def _shared(vertices: np.ndarray, shares: np.ndarray, links: sparse.csr_matrix) -> sparse.csr_matrix:
-    """(k, k) how much of the functions of all vertices (columns) a vertex (row) takes over: neighbours by `links`
-    (k, k) share evenly in those that `shares` (k,) marks, level by level where none keeps a row. Columns sum to one."""
+    """(k, k) the share that a vertex (row) takes of the functions of all vertices (columns): neighbours by `links`
+    (k, k) evenly share those that `shares` (k,) marks, level by level where none keeps a row. Columns sum to one."""
     keeps = vertices & ~shares
-    parts = sparse.diags(1.0 * keeps).tocsr()
+    coefficients = sparse.diags(1.0 * keeps).tocsr()
     done, left = keeps.copy(), vertices & shares
     while left.any():
         near = (sparse.diags(1.0 * done) @ links).tocsc()  # rows: neighbours that are done
@@ -162,18 +161,18 @@ def _shared(vertices: np.ndarray, shares: np.ndarray, links: sparse.csr_matrix) 
         now = left & (number > 0)
         if not now.any():  # all vertices would share: then all keep their rows
             return sparse.diags(1.0 * vertices).tocsr()
-        # A vertex of this level gives equal parts to its neighbours of earlier levels, which hand them on as their own.
+        # A vertex of this level gives equal parts to its neighbours of earlier levels, which pass them on.
         average = near @ sparse.diags(np.where(now, 1.0 / np.maximum(number, 1), 0.0))
-        parts = parts + parts @ average
+        coefficients = coefficients + coefficients @ average
         done, left = done | now, left & ~now
-    return parts.tocsr()
+    return coefficients.tocsr()
 
 
 def _hardly_move(rows: Rows) -> np.ndarray:
     """Rows (r,) that the clamps of the sides nearly fix along the normal."""
     moves = [side.moves_with(transfer) for side, transfer in zip(rows.sides, rows.transfers, strict=True)]
-    # A row moves by M e where free nodes move by e. In the common axes of both M the row can move by the larger of both
-    # sides; what these leave of the normal is compared with BARELY.
+    # A row moves by M e where free nodes move by e. Along each common axis of both M, a row can move as far as the side
+    # that moves farther; how far it can move along the normal is compared with BARELY.
     axes = np.linalg.eigh(sum(move + move.swapaxes(1, 2) for move in moves))[1]
     most = np.max([np.linalg.norm(move @ axes, axis=1) for move in moves], axis=0)
     along = np.einsum("rd,rdk->rk", rows.normal, axes)
@@ -181,8 +180,8 @@ def _hardly_move(rows: Rows) -> np.ndarray:
 
 
 def _fixed_along_rim(rows: Rows) -> np.ndarray:
-    """Rows (r,) at an edge of the slave's rim whose ends one clamp constrains along the edge: shear passes through it,
-    unlike through a plane of symmetry."""
+    """Rows (r,) at an edge of the slave's rim along which one clamp constrains both ends: shear passes through such an
+    edge, unlike through a plane of symmetry."""
     side = rows.sides[rows.slave]
     edges = np.sort(side.pieces(rows.seen)[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     edges, number = np.unique(edges, axis=0, return_counts=True)

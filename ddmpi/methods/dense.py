@@ -1,7 +1,7 @@
 """The linear problem of a step by a dense factorization, where one rank has all of a small explicit compliance.
 
 It is the system of `ddmpi.methods.krylov`, solved to rounding. With a few hundred unknowns its factors cost less than
-ten iterations of GMRES, which takes a hundred between slender bodies.
+ten iterations of GMRES, and between slender bodies GMRES takes a hundred.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from ddmpi.coupling.joint import Joint, Point
 from ddmpi.methods.krylov import Linearised, Preconditioner
 
 SMALL, SMALLER, LONG = 500, 330, 40
-"""Most unknowns of a direct direction after GMRES has taken more than LONG iterations, and in load steps, where it
-takes about ten. Factors of 130, 260 and 520 unknowns take 0.1, 1.1 and 5.9 ms, an iteration 0.2 to 0.3 ms."""
+"""Most unknown forces for dense factors: SMALL once GMRES has taken more than LONG iterations; SMALLER in load steps,
+where it takes about ten. Factors of 130, 260 and 520 unknowns take 0.1, 1.1 and 5.9 ms, an iteration 0.2 to 0.3 ms."""
 
 
 class Direct:
@@ -22,25 +22,25 @@ class Direct:
 
     Attributes
     ----------
-    steps : whether the problem is one of many load steps
+    steps : whether the problem is a load step after the first
     long : whether GMRES has taken more than LONG iterations in a direction
     """
 
     def __init__(self, joint: Joint, preconditioner: Preconditioner) -> None:
         self._joint, self._preconditioner = joint, preconditioner
-        self._C: np.ndarray | None = None  # once it is asked for; without entries where it is not known
+        self._C: np.ndarray | None = None  # until it is asked for; without entries where it is not explicit
         self.steps = self.long = False
 
     def direction(self, point: Point, linearised: Linearised, change: np.ndarray, wanted: np.ndarray,
                   layer: np.ndarray, springs: float, steered: float, refine: bool) -> Point | None:
-        """`Newton.direction`, or None where GMRES is cheaper, the compliance is not known, or the matrix is singular.
+        """As `Newton.direction`; None where GMRES is cheaper, the compliance not explicit, or the matrix singular.
 
-        Its two products with C count as multiplications, its factors do not: these are of a matrix that is there.
+        Its two products with C count as multiplications. Its factors do not, as they need no product.
 
         Parameters
         ----------
         springs, steered : factors on what steers, as for `LinearProblem`
-        refine : whether the equations are meant without what steers
+        refine : whether one step of refinement removes what steers
 
         Collective. Raises SolverError.
         """
@@ -60,14 +60,14 @@ class Direct:
         factors, pivots, singular = dgetrf(K)
         if singular:
             return None
-        found = dgetrs(factors, pivots, np.concatenate(right))[0]
-        # One step of iterative refinement takes away rounding, of which a load step to no forces at all consists, and
-        # what steers.
-        steers = np.concatenate(softly) * found if refine else 0.0
-        found += dgetrs(factors, pivots, np.concatenate(right) - K @ found + steers)[0]
-        if not np.isfinite(found).all():
+        unknowns = dgetrs(factors, pivots, np.concatenate(right))[0]
+        # one step of iterative refinement removes rounding, which is all that is left of forces in an unloaded step,
+        # and what steers
+        steers = np.concatenate(softly) * unknowns if refine else 0.0
+        unknowns += dgetrs(factors, pivots, np.concatenate(right) - K @ unknowns + steers)[0]
+        if not np.isfinite(unknowns).all():
             return None
-        dy, alpha = linearised.expand(found[:k]), found[k:]
+        dy, alpha = linearised.expand(unknowns[:k]), unknowns[k:]
         change, C_change = change + dy, C_change + joint.product(dy, "newton")
         left = joint.imbalance(point.s + change, point.alpha + alpha) - point.left
         return Point(change, C_change - rigid.spread(alpha), alpha, left)
@@ -76,15 +76,15 @@ class Direct:
 def matrix(C: np.ndarray, linearised: Linearised, joint: Joint, D: np.ndarray, springs: np.ndarray) -> np.ndarray:
     """[Iᵀ C E + D, −Iᵀ Z; Zᵀ E, K + springs], of k unknown forces and j rigid motions. Not collective.
 
-    C (size, size) is symmetric, Z (size, j) are the contact displacements of the motions, D (k,) are compliances and
-    `springs` (j,) stiffnesses, ε E* of what steers, K that of loads on bodies that move far.
-    Motions that are kept have no equation of forces: they are zero.
+    C (size, size) is symmetric, Z (size, j) are the contact displacements of the motions, D (k,) are compliances, and
+    `springs` (j,) the stiffnesses ε E* that steer. K is that of loads on bodies that move far. The changes of kept
+    motions are zero, in place of their equilibrium.
     """
     Z, springs = joint.rigid.Z.toarray() * (1.0 - joint.kept), np.where(joint.kept, 1.0, springs)
     unknown, turn, size, k = linearised.unknown, linearised.turn, len(C), linearised.number
     both = np.hstack([C, Z])
     follow = np.flatnonzero(linearised.coupling)
-    if len(follow):  # Eᵀ [C Z] with E = (1 + F) I: friction follows the pressure, one or two entries of a node
+    if len(follow):  # Eᵀ [C Z] with E = I + F I: friction follows the pressure, one or two entries of a node
         nodes, first = np.unique(linearised.source[follow], return_index=True)
         both[nodes] += np.add.reduceat(linearised.coupling[follow, None] * np.hstack([C[follow], Z[follow]]), first)
     if turn is not None:

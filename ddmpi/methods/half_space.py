@@ -1,10 +1,11 @@
-"""An approximate inverse of the joint contact compliance: the half-space's stiffness on the interface.
+"""An approximate inverse of the joint contact compliance: the stiffness of half-spaces on the interfaces.
 
 Two elastic half-spaces pressed by the stresses σ give way by u = (2/E*) |∂|⁻¹ σ, with 1/E* the sum of (1−ν²)/E of both
 (Johnson, Contact Mechanics, 1985, ch. 2 and 3) and |∂| the square root of −Δ along the interface. Normal and tangential
-parts decouple when the materials are alike, and nearly so else. Every body looks like a half-space to loads that vary
-over a few elements, which is what makes the compliance ill-conditioned; the few smooth modes that see the body's shape
-are left to the Krylov method. So the preconditioner needs no second factorization and knows the stiffness contrast.
+parts decouple when the materials are alike, and nearly so otherwise. Under loads that vary over a few elements every
+body gives way like a half-space, and these loads make the compliance ill-conditioned. The few smooth modes that depend
+on the body's shape are left to GMRES. So the preconditioner needs no second factorization of bodies, and has their
+contrast of stiffness.
 
 −Δ is the Laplacian K of the interface's facets over its nodal areas W, so that M = (E*/2) W^½ A^½ W^½ with
 A = W^−½ K W^−½ + (q/L)²: the longest wave is about the interface itself, whose length is L. The root is a sum over
@@ -29,47 +30,47 @@ from ddmpi.interface.interface import Interface
 from ddmpi.system.numbers import SAME
 
 LONGEST = {1: 1.5, 2: 3.0}
-"""Wave number of the longest wave, times the length of the interface, by the number of tangential components. Bodies
-give way less to loads on a whole contact than half-spaces do, in space still less."""
+"""Wave number of the longest wave times the length of the interface, q above, by the number of tangential components.
+Under loads on a whole contact bodies give way less than half-spaces do, in space still less."""
 
 FIRM, UNEVEN = 0.55, 1.5
-"""Where bodies follow `Interface.waves`, C M would have eigenvalues of 1.1 to 2.8 for short waves, and of 0.02 to 0.05
-for the rows at clamps, whose functions have no such waves. FIRM is a factor of M there, and UNEVEN the power of (c J)^½
-that the rows of least local compliance J scale it with. Two boxes then take 182 products for 256, 126 for 292 by
-multigrid."""
+"""On interfaces with `waves`, C M would have eigenvalues of 1.1 to 2.8 for short waves, and of 0.02 to 0.05 for rows at
+clamps, whose functions have no such waves. There M has the factor FIRM, and rows of little local compliance J the
+factor (c J)^½ to the power UNEVEN. Two boxes then take 182 products instead of 256, by multigrid 126 instead of 292."""
 
 SHIFTS = 6
 """Terms of the root: its relative error is about exp(−2π² SHIFTS/(ln κ + 3)), 1e-3 at a condition κ of A of 1e6."""
 
 MODE_STEPS, MODE_PRECISION = 60, 0.05
-"""Most Lanczos steps that look for a body's smooth modes, and their relative error; they only precondition."""
+"""Most Lanczos steps for a body's smooth modes, and the relative error of the modes; they only precondition."""
 
 LIMIT = 2.5
-"""The model of a compliance has the modes in which bodies give way more than this times what half-spaces do."""
+"""The model of a compliance has the modes in which bodies give way by more than this times what half-spaces do."""
 
 BENDING = 1e-4
-"""Where half-spaces give way by less than this fraction of the body, forces that products leave unbalanced bend it too
-far: 1e-5 in needles of 1 : 30. At 7e-4, in bolted plates, precise products cost three times as much for nothing."""
+"""Products in GMRES are more precise where half-spaces give way by less than this fraction of what the body does, as
+unbalanced forces bend it far: 1e-5 in needles of 1 : 30. Bolted plates, with 7e-4, would only cost three times as
+much."""
 
 LEARNT, DEPENDENT = 60, 1e-8
-"""Most products that a model knows; directions below this fraction of the largest are rounding."""
+"""Most products that a model knows; their directions below DEPENDENT of the largest are rounding."""
 
 MODEL_STEPS, FORESEEN, SOLVED = 40, 0.1, 0.03
-"""Most steps to the answer of a model, which leave SOLVED of the residual. They begin with the present status of nodes
-if the residual is below FORESEEN, else with all nodes under pressure sticking."""
+"""Most steps to the answer of a model, and the fraction SOLVED of the residual that they leave. They begin with the
+present status of nodes if the residual is below FORESEEN, else with all nodes under pressure sticking."""
 
 CORRECTED, COARSEST, FINER = 0.03, 3e-3, 0.1
-"""Error of the next product over the change of the forces, its limit over the forces, and the factor on the first after
-each step that gains nothing: small errors of forces on slender bodies are large displacements."""
+"""Error of the product after a step, over the change of the forces; its limit over the forces; and the factor on the
+first each time that rough gaps are computed anew, as on slender bodies small errors of forces move bodies far."""
 
 
 class HalfSpace:
-    """M ≈ C⁻¹ (N/m): a block for each interface, which knows nothing of the others. Interfaces with waves want the
-    `Joint.local` compliances (size,). Not collective."""
+    """M ≈ C⁻¹ (N/m): a block for each interface, without coupling between them. `local` (size,) are the compliances
+    `Joint.local`, for interfaces with waves. Not collective."""
 
     def __init__(self, space: Space, local: np.ndarray | None = None) -> None:
-        self._parts, local = list(space.parts.values()), np.zeros(space.size) if local is None else local
-        self._blocks = [_Block(interface, local[part]) for interface, part in space.with_slices()]
+        self._slices, local = list(space.parts.values()), np.zeros(space.size) if local is None else local
+        self._blocks = [_Block(interface, local[entries]) for interface, entries in space.with_slices()]
 
     def softened(self, deltas: Sequence[float]) -> HalfSpace:
         """(1 + δ) (M⁻¹ + δ/c)⁻¹: half-spaces behind a layer, δ of each interface, c as `Interface.stiffness`."""
@@ -80,8 +81,8 @@ class HalfSpace:
     def mult(self, x: np.ndarray, inverse: bool = False) -> np.ndarray:
         """M x (size,) in newtons, of x (size,) in metres; or M⁻¹ x in metres, of x in newtons."""
         y = np.empty_like(x)
-        for part, block in zip(self._parts, self._blocks, strict=True):
-            y[part] = block.mult(x[part, None], inverse)[:, 0]
+        for entries, block in zip(self._slices, self._blocks, strict=True):
+            y[entries] = block.mult(x[entries, None], inverse)[:, 0]
         return y
 
     def on_interface(self, number: int, x: np.ndarray) -> np.ndarray:
@@ -90,11 +91,11 @@ class HalfSpace:
 
 
 class _Block:
-    """The half-space's stiffness on one interface, normal and tangential parts apart."""
+    """The stiffness of half-spaces on one interface, where normal and tangential components do not couple."""
 
     def __init__(self, interface: Interface, local: np.ndarray) -> None:
         components = interface.law.components * (len(interface.sliding) > 0)
-        self._columns = 1 + components  # of a node: the normal part, the tangential ones
+        self._columns = 1 + components  # of a node: the normal component, the tangential ones
         self._at = self._columns * interface.law.node
         self._at[interface.m:] += np.tile(np.arange(1, self._columns), len(interface.sliding))
         self._root, self._scale = np.sqrt(interface.area)[:, None], 0.5 * interface.modulus
@@ -104,7 +105,7 @@ class _Block:
         if interface.waves:
             softness = np.sqrt(interface.stiffness * local)[:, None]
             softness /= np.median(softness[softness > SAME * softness.max()])
-            # planes of symmetry leave rows that no body moves along
+            # at planes of symmetry there are rows along which no body moves
             self._even = np.where(softness > SAME, np.minimum(softness, 1.0) ** UNEVEN, 1.0)
             self._scale *= FIRM
         self._spacing = float(np.mean(self._scale * interface.area / interface.stiffness[:interface.m]))
@@ -125,12 +126,12 @@ class _Block:
         self._shifted = splu(shifted)
 
     def softened(self, delta: float) -> _Block:
-        """With R/(1 + bR) = 2/π ∫ (1 − t²(A + t²)⁻¹) / (1 + b²t²) dt for the root R, b being δ node distances."""
+        """By R/(1 + bR) = 2/π ∫ (1 − t²(A + t²)⁻¹) / (1 + b²t²) dt for R = A^½; b is δ times the spacing of nodes."""
         if not len(self._root):
             return self
         softer, b = copy.copy(self), delta * self._spacing
         softer._scale, softer._weights = self._scale * (1.0 + delta), self._weights / (1.0 + b**2 * self._shifts)
-        softer._sum = 1.0 / b if b**2 * self._lowest > 1.0 else softer._weights.sum()  # the shifts miss small t
+        softer._sum = 1.0 / b if b**2 * self._lowest > 1.0 else softer._weights.sum()  # the shifts leave out small t
         return softer
 
     def mult(self, x: np.ndarray, inverse: bool = False) -> np.ndarray:
@@ -154,12 +155,12 @@ class _Block:
 def smooth_modes(operator: Member | Joint, space: Space, limit: float) -> tuple[np.ndarray, np.ndarray]:
     """Deformations in which a body, or all of them, give way much more than half-spaces do, by Lanczos steps.
 
-    They are v = M⁻¹ x with C x = μ M⁻¹ x and the half-spaces of the interfaces in `space` (coarse spaces by such
-    problems: Spillane, Dolean, Hauret, Nataf, Pechstein, Scheichl, Numer. Math. 126, 2014).
+    They are v = M⁻¹ x with C x = μ M⁻¹ x, where M are the half-spaces of the interfaces in `space` (coarse spaces by
+    such eigenproblems: Spillane, Dolean, Hauret, Nataf, Pechstein, Scheichl, Numer. Math. 126, 2014).
 
     Parameters
     ----------
-    operator : that multiplies by C vectors of the `space`
+    operator : multiplies vectors of the `space` by C
     limit : modes with μ above it are returned
 
     Returns
@@ -174,8 +175,8 @@ def smooth_modes(operator: Member | Joint, space: Space, limit: float) -> tuple[
     V, W, H = np.empty((0, size)), np.empty((0, size)), np.empty((0, 0))  # W = M V, H = Wᵀ C W
     v, modes = 1.0 + 0.3 * np.random.default_rng(0).standard_normal(size), (np.empty((0, size)), np.empty(0))
     while len(V) < most:
-        # C M is symmetric in the product vᵀ M w: Lanczos steps with it, made orthogonal to all before, twice against
-        # rounding; H = Wᵀ C W, the whole of it, as products with C are only as precise as MODE_PRECISION
+        # Lanczos steps with C M, symmetric in the product vᵀ M w. v is made orthogonal to all before, twice because of
+        # rounding. H is full, not tridiagonal, as products with C are only as precise as MODE_PRECISION
         for _ in range(2):
             v = v - V.T @ space.add(W @ v)
         w = half_space.mult(v)
@@ -189,7 +190,7 @@ def smooth_modes(operator: Member | Joint, space: Space, limit: float) -> tuple[
         mu, Y = np.linalg.eigh(H)
         left = v - V.T @ column
         length = np.sqrt(max(space.add(np.array([left @ half_space.mult(left)]))[0], 0.0))
-        error = length * np.abs(Y[-1])  # what the residual of each Ritz pair is, and bounds the error of μ
+        error = length * np.abs(Y[-1])  # the residual of each Ritz pair, a bound of the error of its μ
         above = mu > limit
         modes = Y[:, above].T @ V, mu[above]
         if len(V) > 2 and (error <= MODE_PRECISION * np.maximum(mu, limit))[mu > limit - error].all():
@@ -206,8 +207,7 @@ class Model(Joint):
 
     Parameters
     ----------
-    joint : of which it takes over all else. Where bodies are slender, its products in GMRES get more precise: forces
-        that they leave unbalanced bend the bodies
+    joint : the operator; all but C is taken from it. For slender bodies its products in GMRES become more precise
     """
 
     def __init__(self, joint: Joint) -> None:
@@ -217,39 +217,41 @@ class Model(Joint):
         self._modes, mu = smooth_modes(joint, joint.space, LIMIT)
         self._more, least = mu - 1.0, 1.0 / mu.max(initial=1.0)
         joint.steering = STEERING * (least if least < BENDING else 1.0)
-        self._x, self._y, self._bx = np.empty((3, 0, joint.size))  # what is known, and C̃ x without it
+        self._x, self._y, self._bx = np.empty((3, 0, joint.size))  # known products y = C x; C̃ x without them
         self._within = self._known = np.empty((0, 0))  # inverses of xᵀ C̃ x and xᵀ y
 
     def mult(self, x: np.ndarray, y: np.ndarray, purpose: str, relative: float = 0.0) -> None:
-        """y ← C̃ x; collective on all bodies, without a product of theirs."""
+        """y ← C̃ x; collective on all bodies, but without products of bodies."""
         y[:] = self._unlearnt(x)
-        # block BFGS: C̃ ← C̃ − C̃X (Xᵀ C̃ X)⁻¹ (C̃X)ᵀ + Y (Xᵀ Y)⁻¹ Yᵀ, from the C̃ that knows no products
+        # block BFGS: C̃ ← C̃ − C̃X (Xᵀ C̃ X)⁻¹ (C̃X)ᵀ + Y (Xᵀ Y)⁻¹ Yᵀ, from the C̃ of `_unlearnt`
         if len(self._x):
             a, b = self.space.add(np.stack([self._bx @ x, self._y @ x]))
             y += self._y.T @ (self._known @ b) - self._bx.T @ (self._within @ a)
 
     def _unlearnt(self, x: np.ndarray) -> np.ndarray:
+        """C̃ x of half-spaces and modes alone."""
         return self._half_space.mult(x, inverse=True) + self._modes.T @ (self._more * self.space.add(self._modes @ x))
 
     def learn(self, x: np.ndarray, y: np.ndarray) -> None:
-        """Take in that C x = y (size,), but for an error that is small beside y. Collective on all bodies."""
+        """Learn the product y = C x (size,), with an error that is small beside y. Collective on all bodies."""
         size = self.space.norm(x)
         if not size:
             return
-        known = (np.vstack([former, new]) for former, new in
+        products = (np.vstack([former, new]) for former, new in
                  zip((self._x, self._y, self._bx), (x / size, y / size, self._unlearnt(x / size)), strict=True))
-        self._x, self._y, self._bx = (rows[-LEARNT:] for rows in known)
+        self._x, self._y, self._bx = (rows[-LEARNT:] for rows in products)
         grams = self.space.add(np.stack([self._x @ self._bx.T, self._x @ self._y.T]))
         self._within, self._known = (_inverse(0.5 * (gram + gram.T)) for gram in grams)  # Xᵀ Y is not quite symmetric
 
     def pass_through(self, s: np.ndarray, r: np.ndarray, alpha: np.ndarray, e: np.ndarray) -> None:
-        """Have the gaps r (size,) under the forces s (size,) and rigid motions α, and the loads e."""
-        # C̃ s − d̃ − Gᵀα = r: the model then knows the iterate's gaps exactly, and errs in their change alone
+        """Choose d̃ so that the model has the gaps r (size,) under forces s (size,) and motions α; take the loads e."""
+        # C̃ s − d̃ − Gᵀα = r: the model is exact at the iterate, and errs in changes of the gaps alone
         self.d, self.e = self.product(s, "model", 0.0) - r - self.rigid.spread(alpha), e
 
 
 class Modelled:
-    """Steps to the answer of a model of the compliance with the gaps of the iterate; one product corrects each step.
+    """Newton steps by a model of the compliance: each goes to the answer of the model, and one product with C corrects
+    its gaps.
 
     Parameters
     ----------
@@ -258,19 +260,19 @@ class Modelled:
 
     Attributes
     ----------
-    rough : whether the gaps are only as precise as the last step needs
+    rough : whether the gaps of the iterate are only as precise as the last step needed
     """
 
     def __init__(self, joint: Joint, newton: Any) -> None:
         self._joint, self._newton, self._corrected, self.rough = joint, newton, CORRECTED, False
 
     def step(self, point: Point, residual: float, size: float, start: bool, warm: bool) -> Point | None:
-        """The change of `point` that the model wants, or None if it finds no answer.
+        """The change from `point` to the answer of the model, or None if the model's iteration finds none.
 
         Parameters
         ----------
         residual, size : of the equations over the forces, and the size (N) with which forces are compared
-        start, warm : whether the step is the first one, and whether it has the forces of a load step before
+        start, warm : whether the step is the first one, and whether it starts from forces of the load step before
 
         Collective. Raises SolverError.
         """
@@ -289,13 +291,13 @@ class Modelled:
                      joint.imbalance(forces, newton.motions) - left)
 
     def refine(self) -> None:
-        """Note that the gaps are precise now; if they were rough, later ones will be more precise."""
+        """Note that the gaps are precise now; if they were rough, later products will be more precise."""
         self._corrected *= FINER if self.rough else 1.0
         self.rough = False
 
 
 def _inverse(gram: np.ndarray) -> np.ndarray:
-    """The inverse of a positive definite matrix without directions that are rounding, or negative by errors of
+    """The inverse of a positive definite matrix, without directions that are rounding or negative by errors of
     products."""
     scale = 1.0 / np.sqrt(np.maximum(gram.diagonal(), np.finfo(float).tiny))
     values, vectors = np.linalg.eigh(scale[:, None] * gram * scale)

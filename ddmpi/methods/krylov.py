@@ -1,16 +1,18 @@
 """The linear problem of a step: GMRES on the unknown forces; prefix ``newton_``.
 
-    [ IᵀCE + D  −G̃ᵀ ] [ y ]   [ f ]
-    [ Ĝ      K + εE* ] [ α ] = [ h ]        Ĝ = G E, G̃ = G I
+    [ IᵀCE + D   −G̃ᵀ     ] [ y ]   [ f ]
+    [ Ĝ          K + εE* ] [ α ] = [ h ]        Ĝ = G E, G̃ = G I
 
-with the rigid motions α of loose bodies, which loads resist by K where bodies move far. D is the compliance of a layer
-between the bodies, or of a barrier (`ddmpi.methods.paths`). In Newton's method it holds the springs that friction turns
-against, which the plane does not have, and a part that steers, as ε does, and biases nothing. The preconditioner is the
-same system with W M_δ W in the place of (C + D)⁻¹ and W = (1 + Dc)^−½, whose coarse problem is solved exactly. M_δ = (1
-+ δ)(M⁻¹ + δ/c)⁻¹, with the half-space stiffness M and the least δ = Dc of each interface, is exact for half-spaces
-behind a layer of one thickness. The second row then holds from the first iteration on, and GMRES, preconditioned from
-the right, works on the first row alone. It measures the residual times W, as wide clearances would otherwise hide the
-displacements where bodies touch.
+y are the unknown forces, E y all forces that follow from them, and I y they alone (`Linearised`; I is not the
+identity). α are the rigid motions of loose bodies; K resists them where bodies move far. D is a compliance: in space of
+springs against which friction turns, on a path of its layer or barrier (`ddmpi.methods.paths`). A small part of D at
+nodes of several contacts, and ε times a modulus E*, only steer: they act on changes, which vanish at the answer.
+
+The preconditioner has W M_δ W for (C + D)⁻¹, with W = (1 + Dc)^−½ and M_δ = (1 + δ)(M⁻¹ + δ/c)⁻¹. M is the stiffness of
+half-spaces, c that against short waves, and δ the least Dc of each interface: this is exact behind a layer of one
+thickness. Its coarse problem is solved exactly. So the second row holds from the first iteration on, and GMRES,
+preconditioned from the right, works on the first row alone. It measures the residual times W: D is large at wide
+clearances, whose residuals would hide the displacements where bodies touch.
 """
 
 from __future__ import annotations
@@ -35,9 +37,9 @@ from ddmpi.petsc.versions import call_solver, petsc_message, reason_name
 log = logging.getLogger("ddmpi")
 
 FORCING, LOOSEST, SHARE = 1e-3, 1e-2, 0.9
-"""GMRES reduces the residual of a Newton equation by FORCING, in space by SHARE times the square of the fraction that
-the last step left, between FORCING and LOOSEST (see `forcing`). Measured on pinched blocks in the plane: 1e-2 takes
-fewer iterations a step, but more steps; 1e-3 is the cheapest from N = 54 on, and the most even over the meshes."""
+"""GMRES reduces the residual of a step by FORCING, in space by SHARE times the square of the fraction of the residual
+that the last step left, between FORCING and LOOSEST (`forcing`). On pinched blocks in the plane 1e-2 takes fewer
+iterations a step, but more steps; 1e-3 is the cheapest from N = 54 on, and the most even over the meshes."""
 
 KRYLOV_LIMIT = 300
 """Most GMRES iterations in one Newton step; a step that is not solved to FORCING is used as it is."""
@@ -54,22 +56,21 @@ SHARED = 5e-4
 walls fail; in the equations it would change displacements by 1e-2."""
 
 SMOOTH = {1: 0.75, 2: 1.5}
-"""Coarse modes are deformations in which a body gives way more than this times half-spaces, by the number of tangential
-components: in the plane two to five of a compact body. At 1, walls take a tenth to a quarter more multiplications; in
-space 0.75 takes more for the modes than it saves."""
+"""A body's coarse modes are deformations in which it gives way by more than this times what half-spaces do, by the
+number of tangential components: in the plane a compact body has two to five. At 1, walls take a tenth to a quarter more
+multiplications; in space modes from 0.75 on cost more multiplications than they save."""
 
 MANY = 3
 """Coarse modes are used from this number of bodies on, and with loose bodies."""
 
 
 def forcing(residuals: Sequence[float], in_space: bool) -> float:
-    """The factor by which GMRES reduces the residual of the next Newton equation, by the `residuals` of all steps so
-    far.
+    """The factor by which GMRES reduces the residual of the next step, from the `residuals` of all steps so far.
 
-    In space less after steps that gained little (Eisenstat and Walker, SIAM J. Sci. Comput. 17, 1996, choice 2), but
-    not in the first step: two boxes with N = 8 take 9 steps, and 21 where the first one is solved to 1e-2, as friction
-    turns for long then. Nor after a step that gained nothing, as between slender bodies, which take up to twice the
-    steps otherwise. In the plane blocks of unlike stiffness would take a tenth more products.
+    In space solves are looser after steps that gained little (Eisenstat and Walker, SIAM J. Sci. Comput. 17, 1996,
+    choice 2). The first step is always solved to FORCING: if solved to 1e-2, friction turns for long, and two boxes
+    with N = 8 take 21 steps instead of 9. So is a step after one without gain, as slender bodies take up to twice the
+    steps otherwise. In the plane looser solves cost blocks of unlike stiffness a tenth more products.
     """
     if not residuals or not in_space:
         return FORCING
@@ -80,11 +81,11 @@ def forcing(residuals: Sequence[float], in_space: bool) -> float:
 
 
 class Linearised(Tangent):
-    """The forces x = E y + given that an active set implies, y being the unknown ones, with E = (1 + F) I.
+    """The forces x = E y + given that an active set implies, y being the unknown ones, with E = I + F I.
 
-    F is the coupling, and I the columns of the turned frames along which forces are unknown. A node that slips has its
-    friction along q̂ = q_t/|q_t|, where it follows the pressure. Across q̂, a direction that the plane does not have,
-    its forces are unknown: they turn the friction against springs, r·e = −(κ/c) s·e.
+    The columns of I are the directions of the unknown forces, in frames turned to the friction; the coupling F adds the
+    friction that follows the pressure, of nodes that slip along q̂ = q_t/|q_t|. In space the force across q̂, along e,
+    is unknown: it turns the friction against a spring, r·e = −(κ/c) s·e.
     """
 
     @classmethod
@@ -142,7 +143,7 @@ class Linearised(Tangent):
         return self.expand(self.restrict(s)) + self.given - s
 
     def frozen(self, q: np.ndarray) -> Linearised:
-        """The same with the slip bounds that the pressures of q = s − c r (size,) imply, whatever the forces."""
+        """The same with slip bounds that are fixed, those of the pressures of q = s − c r (size,)."""
         return replace(self, coupling=0.0 * self.coupling,
                        given=self.given + self.coupling * np.maximum(q, 0.0)[self.source])
 
@@ -159,14 +160,14 @@ class Preconditioner:
     springs : (rigid.size,) ε E* of rigid motions (N/m)
     shared : (joint.size,) compliances (m/N) that steer at nodes with several contacts, zero elsewhere
 
-    Where bodies move far, what GMRES alone needs is made when it is asked for. Construction and these are collective.
+    Where bodies move far, half-spaces and coarse problem are made once GMRES asks for them. All is collective.
     """
 
     def __init__(self, joint: Joint, c: np.ndarray, in_space: bool) -> None:
         self._joint, self.c, self._in_space = joint, c, in_space
         self.springs = HELD_LOOSELY * joint.rigid_moduli()
         self.shared = np.where(joint.shared(), SHARED / c, 0.0)
-        if not joint.far:  # beside the factors, so that a run that continues does not count its products again
+        if not joint.far:  # now, so that a run that continues from a checkpoint does not count their products again
             for made in ("half_space", "coarse", "crossing"):
                 getattr(self, made)
 
@@ -199,8 +200,8 @@ class Preconditioner:
 
     @cached_property
     def crossing(self) -> CrossPoints | None:
-        """The compliance of nodes at which bodies have several contacts; None in the plane, where modes do what cross
-        points do in space: random assemblies would take 12 % more products."""
+        """The compliance of nodes at which bodies have several contacts; None in the plane, where the coarse modes see
+        to them: with it random assemblies take 12 % more products."""
         return self._joint.cross_points() if self._in_space else None
 
 
@@ -213,10 +214,10 @@ class LinearProblem:
     preconditioner : for all active sets
     linearised : the forces that the active set implies
     layer : (joint.size,) compliance D (m/N) of a layer, a barrier, or the springs across friction, in turned frames
-    springs, steered : part of the springs ε that steer rigid motions, and of the compliances that steer shared nodes
+    springs, steered : factors on the springs ε that steer rigid motions, and on the compliances that steer shared nodes
     forcing : by which GMRES reduces the residual
-    precise : whether forces are solved as precisely as displacements; those of slender bodies always are
-    exact : whether the compliances that steer shared nodes are those of the preconditioner only
+    precise : whether forces are solved for as precisely as displacements; those of slender bodies always are
+    exact : whether the compliances that steer shared nodes are in the preconditioner only
     transposed : whether the system is the transposed one, with I and E exchanged; its α has the opposite sign
     purpose : for which products are counted
 
@@ -235,12 +236,11 @@ class LinearProblem:
             linearised.expand, linearised.restrict)
         crossing = preconditioner.crossing
         self._correct = crossing and crossing.corrector(linearised.basis, self._D, preconditioner.shared > 0.0)
-        # M_δ of each interface has one δ: the least one, so that the stiffest nodes are preconditioned well; W does the
-        # rest node by node
+        # M_δ has one δ for each interface, the least one, for the stiffest nodes; W softens the others one by one
         deltas = np.where(linearised.unknown, layer * preconditioner.c, np.inf)
         self._half_space = preconditioner.half_space.softened(
-            [least if np.isfinite(least) else 0.0 for part in joint.space.parts.values()
-             for least in (deltas[part].min(initial=np.inf),)])
+            [least if np.isfinite(least) else 0.0 for entries in joint.space.parts.values()
+             for least in (deltas[entries].min(initial=np.inf),)])
         self._weights = 1.0 / np.sqrt(1.0 + layer * preconditioner.c)[linearised.unknown]
         self._rigid = joint.rigid.size
         self._forcing, self._slender = forcing, np.inf if precise else SLENDER
@@ -259,8 +259,8 @@ class LinearProblem:
     def precondition(self, w: np.ndarray, h: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """The unknown forces y (k,) and rigid motions α of the half-space system for w (k,) in metres, h in newtons.
 
-        w is a displacement times W, which nodes of several contacts change first. `h` (joint.rigid.size,) is zero if
-        left out. Collective.
+        w is a displacement times W, which `CrossPoints` correct first. `h` (joint.rigid.size,) is zero if left out.
+        Collective.
         """
         if self._correct:
             w = self._weights * self._correct(w / self._weights)
@@ -274,11 +274,10 @@ class LinearProblem:
         return y, a[:self._rigid]
 
     def solve(self, right: np.ndarray, forcing: float | None = None) -> tuple[np.ndarray, np.ndarray, int]:
-        """The unknown forces y (k,) and rigid motions α for the right-hand side f (k,) in metres and h = 0.
+        """The unknown forces y (k,), rigid motions α, and number of iterations, for f (k,) in metres and h = 0.
 
         GMRES ends at `forcing`, or later: a slender body gives way so much that a small residual of displacements says
-        little of its forces. Returns them and the number of iterations. Collective on
-        all bodies. Raises SolverError; what the products raise is deferred by the caller.
+        little of its forces. Collective on all bodies. Raises SolverError; the caller defers what products raise.
         """
         comm = self.joint.space.petsc_comm
         right = self._weights * right
@@ -296,7 +295,7 @@ class LinearProblem:
             ksp.setOperators(K)
             ksp.setType(PETSc.KSP.Type.GMRES)
             ksp.setGMRESRestart(KRYLOV_LIMIT)  # no restarts: a basis of short vectors costs little
-            ksp.getPC().setType(PETSc.PC.Type.NONE)  # `mult` has it in it, from the right: the residual is the true one
+            ksp.getPC().setType(PETSc.PC.Type.NONE)  # `mult` has it, from the right: the residual is the true one
             ksp.setTolerances(rtol=forcing or self._forcing, atol=0.0, max_it=KRYLOV_LIMIT)
             ksp.setFromOptions()
             ksp.setConvergenceTest(self._converged)
@@ -318,7 +317,7 @@ class LinearProblem:
                 thing.destroy()
 
     def mult(self, _mat: PETSc.Mat, x: PETSc.Vec, z: PETSc.Vec) -> None:
-        """The first row of the system at the preconditioned point; called by PETSc."""
+        """z ← W times the first row of the system at the forces and motions that `precondition` makes of x."""
         y, alpha = self.precondition(x.array_r)
         z.array[:] = self._weights * self.apply(y, alpha, self._precision)
 
@@ -343,8 +342,8 @@ class LinearProblem:
         rtol, atol, *_ = ksp.getTolerances()
         if not residual <= max(rtol * self._size, atol):
             return None
-        # w is what half-spaces would give way by. Where it is far smaller than the right-hand side, bodies are slender:
-        # a residual that is small beside their displacements need not be beside w, which the forces follow from
+        # half-spaces would give way by w, which sets the forces. Bodies are slender where w is far smaller than the
+        # right-hand side: a residual that is small beside their displacements need not be small beside w
         w = ksp.buildSolution()
         size = w.norm()
         w.destroy()  # else it stays until PETSc collects garbage

@@ -1,12 +1,12 @@
 """The equations of contact at an answer, linearised: from them follow the derivatives of the answer.
 
-Where no node is about to change its status, the forces follow a parameter p of the scene by Newton's own linear system,
-now with the change of the equations on its right-hand side:
+Where no node is about to change its status, the derivatives by a parameter p of the scene solve Newton's linear system
+with the derivative of the equations on its right-hand side:
 
     ds = E y + γ,    Iᵀ (C ds − ρ − Z dα) + D y = 0,    Zᵀ ds = de
 
-with ρ = ∂d − (∂C) s, the imbalance de along rigid motions, and γ, the change of slip bounds at given pressures, along
-the slip. A result with dJ = j·ds + a·dα has, by one solve of the transposed system,
+with ρ = ∂d − (∂C) s, the change de of loads along rigid motions, and γ, the change of friction at its bound at given
+pressures. A result J with dJ = j·ds + a·dα has, by one solve of the transposed system,
 
     Eᵀ C I z + D z + Eᵀ Z β = Eᵀ j,    −Zᵀ I z = a,    dJ = (I z)·(ρ − C γ) + β·(de − Zᵀ γ) + j·γ
 
@@ -27,14 +27,14 @@ from ddmpi.methods.krylov import Linearised, LinearProblem, Preconditioner
 from ddmpi.system.numbers import norm
 
 AIM, ROUNDS = 1e-10, 10
-"""Relative residual at which derivatives are aimed, and most solves by GMRES to reach it."""
+"""Relative residual that derivatives aim at, and most solves by GMRES to reach it."""
 
 STEERED = 1e-5
-"""With loose bodies GMRES reduces the residual by no more than this in one solve, as the springs that steer them leave
+"""With loose bodies one solve by GMRES reduces the residual by this factor at most: the springs that steer them leave
 about as much. At 1e-10 a wall and an arch take a quarter more products."""
 
 GAIN = 0.3
-"""Solves end when one leaves more than this fraction of the residual."""
+"""The solves end after one that leaves more than this fraction of the residual."""
 
 PURPOSE = "derivative"
 """What products are counted for."""
@@ -50,7 +50,7 @@ class Changed(NamedTuple):
     ----------
     s, r : (size,) of forces (N) and gaps (m)
     alpha : of the motions of loose bodies (m)
-    residual : relative, of the equations without anything that steers
+    residual : relative, of the equations without what steers
     """
 
     s: np.ndarray
@@ -72,15 +72,15 @@ class Linearisation:
         self.active = joint.space.laws.active_sets(self._q)
         self.linearised = Linearised.of(joint.space.laws.linearise(self.active))
         self._layer = self.linearised.spring / c
-        self._factors: tuple | None = None  # until they are asked for; empty where the compliance is not known
+        self._factors: tuple | None = None  # until they are asked for; empty where the compliance is not explicit
         self._problems: dict[bool, LinearProblem] = {}
 
     def along_slip(self, bounds: Sequence[np.ndarray]) -> np.ndarray:
         """γ (size,): `bounds` (mt,) of each interface along the friction of nodes that slip (N)."""
-        parts = [np.empty(0)]
+        vectors = [np.empty(0)]
         for active, bound in zip(self.active, bounds, strict=False):  # a rank without interfaces has an empty law
-            parts += [np.zeros(len(active.closed)), (active.slip * bound[:, None]).ravel()]
-        return np.concatenate(parts)
+            vectors += [np.zeros(len(active.closed)), (active.slip * bound[:, None]).ravel()]
+        return np.concatenate(vectors)
 
     def direct(self, rho: np.ndarray, de: np.ndarray, gamma: np.ndarray) -> Changed:
         """The derivative of the answer by ρ (size,) in metres, de (rigid.size,) and γ (size,) in newtons."""
@@ -116,11 +116,11 @@ class Linearisation:
         for _ in range(ROUNDS):
             more, turn = solve(left, out, size)
             y, alpha = y + more, alpha + turn
-            # the true equations: neither ε nor D at nodes of several contacts stands in them
+            # the true equations, without ε and D at nodes of several contacts
             product = joint.product(outward(y), PURPOSE, AIM)
             left = f - inward(product - rigid.spread(alpha)) - layer * y
             out = np.where(joint.kept, 0.0, h - rigid.sums(outward(y)) - joint.K @ alpha)
-            # a motion may undo nearly all of f, and the forces on the way may cancel: both are sizes to compare with
+            # relative to the largest so far, as a motion may cancel nearly all of f, and forces may cancel each other
             misfit, moved, now = space.norms([left, inward(rigid.spread(alpha)), y])
             size, pull = max(size, moved), max(pull, now)
             before, residual = residual, max(misfit / size if size else 0.0, norm(out) / pull if pull else 0.0)
@@ -129,8 +129,8 @@ class Linearisation:
         return y, alpha, product, residual
 
     def _approximate(self, transposed: bool) -> Solve:
-        """What solves the system, but for a little that steers it: a function of f (k,), h (rigid.size,) and the size
-        of the whole f, which returns y and α. By dense factors where one rank has a small compliance, else by GMRES."""
+        """A solver of the system with what steers: a function of f (k,), h (rigid.size,) and the size of the first f,
+        which returns y and α. By dense factors where one rank has a small compliance, else by GMRES."""
         joint, lin, steering = self.joint, self.linearised, self._preconditioner
         if self._factors is None:
             C = joint.dense(SMALL) if 0 < lin.number <= SMALL else None
@@ -143,8 +143,8 @@ class Linearisation:
             def by_factors(f: np.ndarray, h: np.ndarray, _: float) -> tuple[np.ndarray, np.ndarray]:
                 # the transposed matrix has −Zᵀ I in its second row, and β = −α beside it
                 sign = -1.0 if transposed else 1.0
-                found = dgetrs(lu, pivots, np.append(f, sign * h), trans=int(transposed))[0]
-                return found[:len(f)], sign * found[len(f):]
+                unknowns = dgetrs(lu, pivots, np.append(f, sign * h), trans=int(transposed))[0]
+                return unknowns[:len(f)], sign * unknowns[len(f):]
 
             return by_factors
         if transposed not in self._problems:
@@ -154,7 +154,7 @@ class Linearisation:
 
         def by_gmres(f: np.ndarray, h: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
             y, alpha = np.zeros_like(f), np.zeros_like(h)
-            if len(h):  # the nearest forces by half-spaces that balance h
+            if len(h):  # the forces of least energy in half-spaces that balance h
                 y, alpha = problem.precondition(y, h)
                 f = f - problem.apply(y, alpha, AIM)
             now = joint.space.norm(f)
@@ -164,12 +164,12 @@ class Linearisation:
         return by_gmres
 
     def until(self, changed: Changed, bounds: Sequence[np.ndarray]) -> tuple[float, float]:
-        """By how much the parameter may fall (negative) and rise until a node changes its status, if all is linear.
+        """By how much the parameter may fall (negative) and rise until a node changes its status, by linear forecast.
 
         `bounds` (mt,) of each interface are the changes of slip bounds at given pressures. Where a node is just about
-        to change its status, one of both is zero: the derivative is that of the other side.
+        to change its status, one of both is zero, and the derivative is one-sided.
         """
-        rates = [np.zeros(2)]  # one over the distance, of a fall and of a rise
+        rates = [np.zeros(2)]  # one over the distance, of fall and rise
         change = changed.s - self._c * changed.r
         for (law, q), (_, dq), (_, ds), active, bound in zip(
                 *(self.joint.space.laws.parts(x) for x in (self._q, change, changed.s)), self.active, bounds,
@@ -191,7 +191,7 @@ class Linearisation:
 
 def _rates(side: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray, counts: np.ndarray) -> np.ndarray:
     """(2,) the largest 1/|x| at which a x² + b x + c loses the sign `side` that it has at x = 0, for x ≤ 0, x ≥ 0."""
-    c = side * np.maximum(side * c, 0.0)  # rounding may have put it on the other side
+    c = side * np.maximum(side * c, 0.0)  # rounding may give it the other sign
     with np.errstate(all="ignore"):
         root = np.sqrt(b**2 - 4.0 * a * c)
         up = np.where(b < 0.0, -1.0, 1.0)

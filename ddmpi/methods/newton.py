@@ -1,15 +1,16 @@
 """The default outer method: a semi-smooth Newton method on the contact forces of the interfaces.
 
-The two bodies at an interface carry the same forces s, which cancel from the start. The unknown is the s for
-which the gaps r = C s − d − Gᵀα fit the forces. The laws of contact and friction (`ddmpi.interface.law`) make
-equations of this (Alart and Curnier 1991; Christensen, Klarbring, Pang and Strömberg 1998). The Newton step is the
-primal–dual active set step: the projections say which nodes are open, slip and stick, and GMRES solves the linear
-problem that follows, preconditioned with the stiffness of half-planes. Since r is linear in s, the residual of the
-equations is known along the whole step without a further multiplication, and the step is as long as makes it
-smallest: this stops the active sets from cycling. Where that gets nowhere, interior points lead to where it does, and
-where they fail, a layer between the bodies (`ddmpi.methods.paths`).
+The unknowns are the contact forces s, equal and opposite on the two bodies, and the rigid motions α of loose bodies.
+The gaps are r = C s − d − Gᵀα (see `Joint`). With the projection P of the laws of contact and friction
+(`ddmpi.interface.law`), the equations are
 
-Loose bodies have rigid motions α, unknowns with the equations G s = e in every step. Gᵀα is `rigid.spread(α)`.
+    s = P(s − c r) for any c > 0,        G s + K α = e
+
+(Alart and Curnier 1991; Christensen, Klarbring, Pang and Strömberg 1998). A step is that of the primal–dual active set
+method: P says which nodes are open, slip and stick, and GMRES solves the linear problem of these active sets
+(`ddmpi.methods.krylov`). r is linear in s, so the residual along the step costs no multiplication; the length of the
+step minimizes it, which stops the active sets from cycling. Where steps stall, a path of easier problems leads to a
+point from which they converge (`ddmpi.methods.paths`).
 """
 
 from __future__ import annotations
@@ -34,23 +35,23 @@ from ddmpi.system.numbers import norm
 log = logging.getLogger("ddmpi")
 
 LENGTHS = (1.0, 0.8, 0.65, 0.5, 0.4, 0.3, 0.2, 0.15, 0.1, 0.05, 0.02)
-"""Lengths of a Newton step; the full one is taken at once if it gains enough."""
+"""Lengths of a Newton step; the others are tried only if the full one gains too little, see GAIN."""
 
 GAIN = 0.7
 """The full step is taken if it leaves at most this fraction of the residual."""
 
 PATIENCE, PROGRESS = 3, 0.7
-"""A path begins after PATIENCE steps in a row that leave more than PROGRESS of the smallest residual. From a path
-Newton's steps go on as long as each leaves less."""
+"""A path begins after PATIENCE steps in a row that leave more than PROGRESS of the smallest residual. Newton's steps
+from a point of a path go on as long as each leaves at most PROGRESS of the residual."""
 
 PATHS: tuple[type[Path], ...] = InteriorPoints, Softening
-"""The paths in the order in which they are tried with loose bodies; without, the reversed order takes half the
-steps."""
+"""The paths in the order in which they are tried with loose bodies. Without loose bodies the reversed order takes
+half the steps."""
 
 FULL_STEPS, GIVEN_STEPS, GROWTH = 12, 3, 3.0
-"""The first FULL_STEPS steps in space are full unless one multiplies the residual by more than GROWTH: while friction
-turns, lengths by residuals take a quarter more steps. In the plane the first GIVEN_STEPS are, but none with Coulomb
-friction, as full steps seldom cycle where bounds are given. None are where products are dear and a model takes them."""
+"""The first FULL_STEPS steps in space skip the line search unless the residual grows by GROWTH: while friction turns, a
+line search takes a quarter more steps. In the plane without Coulomb friction the first GIVEN_STEPS skip it, as full
+steps seldom cycle there. With a model of the compliance no step does."""
 
 ERROR = 10.0
 """The forces have converged when their estimated error is below this times the tolerance."""
@@ -62,8 +63,8 @@ NO_FORCE = 1e-6
 """Forces are compared with at least this fraction of those that would close the free gaps of half-planes."""
 
 SOFTER, SOFTEST, NEARLY = 1e-3, 1e-6, 1e-3
-"""The springs get softer by SOFTER, down to SOFTEST, where a step leaves most of an imbalance below NEARLY of the
-loads: friction that turns may resist a motion less than the springs do."""
+"""The springs that steer rigid motions get softer by SOFTER, down to SOFTEST, where a step leaves most of an imbalance
+below NEARLY of the loads: friction that turns may resist a motion less than the springs do."""
 
 
 class Newton(Outer):
@@ -80,8 +81,8 @@ class Newton(Outer):
     ----------
     forces : (size,) contact forces (N)
     history : the steps of the present load step; `residual` is that of the equations over the forces
-    nothing : nodal forces that are rounding beside those of the load steps before (N)
-    direct : takes the place of GMRES where a factorization is cheaper
+    nothing : nodal forces up to this are rounding, beside those of the load steps before (N)
+    direct : dense factors, in place of GMRES where they are cheaper
     """
 
     def __init__(self, joint: Joint, max_iterations: int, report: Report = no_report,
@@ -99,7 +100,7 @@ class Newton(Outer):
         if joint.dear:
             self._full, model = 0, Newton(Model(joint), MODEL_STEPS, preconditioner=self._preconditioner)
             self._modelled, model.inner_steps = Modelled(joint, model), self.inner_steps
-        self._least = self.nothing = 0.0
+        self._least_size = self.nothing = 0.0
         self.direct = Direct(joint, self._preconditioner)
         self.begin()
 
@@ -112,27 +113,27 @@ class Newton(Outer):
         Parameters
         ----------
         warm : forces s (size,), gaps r (size,) under the present loads, and motions α, of the step before; or None
-        foreseen : whether these predict this step, so that its first status of nodes follows from them
+        foreseen : whether `warm` predicts this load step, so that its gaps tell the first status of nodes
         """
         joint = self.joint
         self._at = Point(*warm, joint.imbalance(warm[0], warm[2])) if warm else joint.at_rest()
         self._warm = warm is not None and self.space.any(self._pressed())
         self._path: Path | None = None
-        self._paths = list(PATHS if len(joint.e) else PATHS[::-1])  # that are left
-        self._ends: list[Point] = []  # of the paths so far
-        self._trying = False  # Newton's own steps, from the path's point
+        self._paths = list(PATHS if len(joint.e) else PATHS[::-1])  # not tried yet
+        self._ends: list[Point] = []  # of the paths that failed
+        self._trying = False  # whether steps are Newton's own, from the path's point
         self._measured: tuple[np.ndarray | None, float] = (None, 0.0)
         self._misfit: float | None = None  # `_misfits` of the iterate
-        self._least = max(self._least, NO_FORCE * max(self.space.norm(self._c * joint.d), norm(joint.e)))
-        # the first step from a guess never ends the iteration; from a prediction one step must estimate the error
+        self._least_size = max(self._least_size, NO_FORCE * max(self.space.norm(self._c * joint.d), norm(joint.e)))
+        # from guessed active sets (_start) the iteration cannot end; from a prediction one step must estimate the error
         self._start, self._settled, self._error = not foreseen, False, math.inf if foreseen else 0.0
         self._stalled, self._smallest, self._springs = 0, np.inf, 1.0
         self.history: list[Step] = []
 
     def _pressed(self) -> np.ndarray:
         """The nodes (m,) bool of all interfaces that are under pressure."""
-        return np.concatenate([np.empty(0, bool), *(self._at.s[part][:interface.m] > 0.0
-                                                    for interface, part in self.space.with_slices())])
+        return np.concatenate([np.empty(0, bool), *(self._at.s[entries][:interface.m] > 0.0
+                                                    for interface, entries in self.space.with_slices())])
 
     @property
     def forces(self) -> np.ndarray:
@@ -156,14 +157,14 @@ class Newton(Outer):
         if self._settled:  # the forces were moved onto their bounds; the gaps must follow
             self.joint.neglected = NEGLECTED * tolerance * self._size()
             self._settled, self._misfit = False, self._look()
-        while True:  # misfit is ‖residual of all equations‖ in newtons, residual the same over the forces
+        while True:  # the misfit is in newtons, see `_misfits`; the residual is the misfit over the forces
             if self._misfit is None:
                 self._misfit = self._misfits([self._at])[0]
             misfit = self._misfit
             residual = self._relative(misfit)
             done = (residual <= tolerance and self._error <= ERROR * tolerance
                     and not (self._start and residual > 0.0))  # guessed active sets may fit by chance
-            if done and self._rough:  # the gaps were only as precise as the step needed: look again
+            if done and self._rough:  # the gaps were only as precise as the step needed
                 self._misfit = self._look()
                 continue
             if (done or not np.isfinite(residual)) and not self.history:
@@ -182,7 +183,7 @@ class Newton(Outer):
         if not self._coulomb or norm(self._at.left) <= DRIFT * norm(self.joint.e):
             return False
         moved = self.joint.rigid.spread(self._at.alpha)
-        closing = [moved[part][:interface.m].max(initial=0.0) for interface, part in self.space.with_slices()]
+        closing = [moved[entries][:interface.m].max(initial=0.0) for interface, entries in self.space.with_slices()]
         return self.space.largest(np.array(closing)) <= STOPPED * self.space.largest(np.abs(moved))
 
     @property
@@ -201,13 +202,13 @@ class Newton(Outer):
     def _iterate(self, misfit: float, tolerance: float) -> float:
         """One step of Newton's method or of a path; takes and returns `_misfits` of the iterate (N)."""
         residual = self._relative(misfit)
-        # Newton's steps count as stalled while they gain little; full steps in space and steps of a path do not
+        # count Newton's steps that gain little, but neither full steps nor steps of a path
         gained = residual < PROGRESS * self._smallest
         self._stalled = 0 if gained or self._path else self._stalled + (not self._takes_full_steps)
         self._smallest = residual if gained else self._smallest
         before, imbalance = self._at.s, norm(self._at.left)
         self.joint.neglected = NEGLECTED * tolerance * self._size()
-        if self._stalled >= PATIENCE and not self._path:  # active sets cycle: approach by a series of easier problems
+        if self._stalled >= PATIENCE and not self._path:  # active sets cycle
             self._next_path()
         stage = "" if self._trying or not self._path else self._path.stage
         if stage and self._path:
@@ -222,7 +223,7 @@ class Newton(Outer):
                 misfit = self._newton_step(misfit)
         self._start = False
         after, size, left = self._relative(misfit), self._size(), norm(self._at.left)
-        # rigid motions stop where the springs that steer them are stiffer than the friction that turns: soften these
+        # rigid motions stop where the springs that steer them are stiffer than the friction that turns: softer springs
         if max(tolerance * size, PROGRESS * imbalance) < left < NEARLY * norm(self.joint.e):
             self._springs = max(SOFTER * self._springs, SOFTEST)
         update = self.space.norm(self._at.s - before) / size if size else 0.0
@@ -242,8 +243,8 @@ class Newton(Outer):
         return not self._path and not self._stalled and len(self.history) < self._full
 
     def _next_path(self) -> bool:
-        """Begin the next path; whether there is one. If not, go to the end of that path on which bodies moved farthest:
-        the loads that are left show which bodies drift. Collective."""
+        """Begin the next path and return True. If none is left, go to the end of the path on which bodies moved
+        farthest, whose imbalance shows which bodies drift, and return False. Collective."""
         if self._path:
             self._ends.append(self._path.point)
         if not self._paths:
@@ -257,9 +258,9 @@ class Newton(Outer):
         zero."""
         s, r, *_ = self._at
         s = self._laws.settle(s, self._laws.active_sets(s - self._c * r))
-        for _, part in self.space.with_slices():
-            if np.abs(s[part]).max(initial=0.0) <= self.nothing:
-                s[part] = 0.0
+        for _, entries in self.space.with_slices():
+            if np.abs(s[entries]).max(initial=0.0) <= self.nothing:
+                s[entries] = 0.0
         self._at = self._at._replace(s=s)
         self._settled = True
 
@@ -278,7 +279,7 @@ class Newton(Outer):
 
     def _size(self) -> float:
         """The size (N) with which forces are compared: their own, or the least."""
-        return max(self._norm(), self._least)
+        return max(self._norm(), self._least_size)
 
     def _norm(self) -> float:
         """‖s‖ (N), with one reduction for each iterate."""
@@ -289,8 +290,7 @@ class Newton(Outer):
     def _misfits(self, points: Iterable[Point]) -> list[float]:
         """The norms (N) of the residuals of all equations at some points.
 
-        Contact and friction want s = P(s − c r) (Alart and Curnier 1991), with the projection P onto the forces that
-        the laws allow and any c > 0; loose bodies want G s = e. All points in one reduction. Collective.
+        The residuals are s − P(s − c r) and e − G s − K α. All points in one reduction. Collective.
         """
         points = list(points)
         contact = self.space.norms([s - self._laws.project(s - self._c * r) for s, r, *_ in points])
@@ -302,18 +302,18 @@ class Newton(Outer):
         It takes and returns `_misfits` of the iterate (N).
         """
         change = None
-        if self._modelled and not self._path and not self._stalled % 2:  # every other stalled step does without
+        if self._modelled and not self._path and not self._stalled % 2:  # every other stalled step has no model
             change = self._modelled.step(self._at, self._relative(misfit), self._size(), self._start, self._warm)
         if change is None:
             if self._rough:  # which may be why the model failed
                 misfit = self._look()
             s, r, *_ = self._at
             active = self._laws.active_sets(s - self._c * r)
-            if self._start:  # nothing is known yet
+            if self._start:  # guess the active sets
                 closed, *falls = (self._pressed(),) if self._warm else self.joint.first_closed()
                 active = self._laws.sticking(closed, *falls)
             linearised = Linearised.of(self._laws.linearise(active))
-            if self._start:  # nor do bounds follow pressures
+            if self._start:  # slip bounds do not follow guessed pressures
                 linearised = linearised.frozen(0.0 * s)
             # Nodes that slip in space turn their friction against springs κ/c: r + (κ/c) s = 0 across it, for the new
             # forces s + move + E y. Both tangents of a node have the same κ/c, so it needs no turning.
@@ -325,13 +325,13 @@ class Newton(Outer):
 
     def direction(self, point: Point, linearised: Linearised, change: np.ndarray, wanted: np.ndarray,
                   layer: np.ndarray) -> Point:
-        """The change of `point` with which r + D y = `wanted` along unknown forces, and G s = e.
+        """The change of `point` with which r + D y = `wanted` along unknown forces, and G s + K α = e.
 
         Parameters
         ----------
         linearised : all forces by the unknown ones y
-        change : (size,) of the forces (N) that comes before y, which is counted from there
-        wanted : (size,) in metres; μ/s of a barrier μ, −D s of springs
+        change : (size,) first change of the forces (N); y comes on top of it
+        wanted : (size,) right-hand side (m): μ/s of a barrier μ, −D s of springs
         layer : D (size,) in m/N, in the turned frames of the unknown forces
 
         Collective. Raises SolverError.
@@ -339,9 +339,9 @@ class Newton(Outer):
         joint, rigid, space = self.joint, self.joint.rigid, self.space
         alpha, C_change = np.zeros(rigid.size), np.zeros_like(change)
         problem, y = None, np.zeros(linearised.number)
-        if (self._path and rigid.size) or space.any(np.ones(linearised.number)):  # with springs loose bodies may fall
+        if (self._path and rigid.size) or space.any(np.ones(linearised.number)):  # springs let free bodies move
             springs = self._path.springs if self._path else 1.0
-            if self._trying or not self._path:  # Newton's own steps, for which springs may have been softened
+            if self._trying or not self._path:  # Newton's own steps
                 springs = min(springs, self._springs)
             steered = self._path.steered if self._path else 1.0
             direct = self.direct.direction(point, linearised, change, wanted, layer, springs, steered, not self._path)
@@ -349,15 +349,15 @@ class Newton(Outer):
                 return direct
             problem = LinearProblem(joint, self._preconditioner, linearised, layer, springs, steered, self._forcing,
                                     precise=self._path is not None)
-            if rigid.size:  # the nearest forces by half-spaces that balance the loads: h = 0 for what GMRES solves
-                y, alpha = problem.precondition(y, joint.imbalance(point.s + change, point.alpha))
+            if rigid.size:  # forces that balance the loads with the least energy of half-spaces; then h = 0
+                y, alpha = problem.precondition(np.zeros_like(y), joint.imbalance(point.s + change, point.alpha))
                 change = change + linearised.expand(y)
         if space.any(change):
             C_change = joint.product(change, "newton")
         if problem:
             more = np.zeros_like(y)
             with joint.exchange.deferred():
-                # Iᵀ (C Δs − Gᵀ Δα) + D y = Iᵀ (wanted − r), less what `change`, y and α have taken of it already
+                # Iᵀ (C Δs − Gᵀ Δα) + D y = Iᵀ (wanted − r), less the parts of `change`, y and α so far
                 right = linearised.restrict(wanted - point.r - C_change + rigid.spread(alpha))
                 right -= layer[linearised.unknown] * y
                 more, turn, iterations = problem.solve(right)
@@ -370,7 +370,7 @@ class Newton(Outer):
         return Point(change, C_change - rigid.spread(alpha), alpha, left)
 
     def _length(self, misfit: float, change: Point) -> tuple[float, float]:
-        """The smallest residual (N) and the length of the step to it; the full one if it gains enough on `misfit`."""
+        """The smallest misfit (N) and the length of the step to it; those of the full step if it gains enough."""
         def misfits(lengths: Sequence[float]) -> list[float]:
             return self._misfits(self._at.along(change, length) for length in lengths)
 
@@ -390,11 +390,11 @@ class Newton(Outer):
         """Nothing to do: the gaps are computed afresh where the iteration goes on."""
 
     def state(self) -> dict[str, Any]:
-        return self._at._asdict() | {"least": self._least, "inner_steps": dict(self.inner_steps),
+        return self._at._asdict() | {"least": self._least_size, "inner_steps": dict(self.inner_steps),
                                      "long": self.direct.long, "history": tuple(self.history)}
 
     def restore(self, state: dict[str, Any]) -> None:
-        self._at, self._least = Point(*(state[name] for name in Point._fields)), state["least"]
+        self._at, self._least_size = Point(*(state[name] for name in Point._fields)), state["least"]
         self.direct.long = state["long"]
         self.inner_steps.update(state["inner_steps"])  # in which the model counts, too
         self.history = [Step(*row) for row in state["history"]]

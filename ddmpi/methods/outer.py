@@ -15,10 +15,10 @@ from ddmpi.errors import InputError, SolverError
 class Step(NamedTuple):
     """One line of the history.
 
-    ``update`` is the relative change of the unknown (the contact forces; in the published iteration the contact
-    displacement λ), ``residual`` that of the contact equations over the forces (there the force mismatch
-    ‖s_1 − s_2‖ / ‖s_2‖), ``inner_precision`` the tolerance of the subproblems (m; for Newton, of GMRES), ``n_A`` the
-    multiplications by A_a⁻¹ of all bodies so far, ``stage`` the stage of a path of Newton's method, in words.
+    ``update`` is the relative change of the contact forces, in the published iteration of the contact displacement λ;
+    ``residual`` that of the contact equations over the forces, in the published iteration the force mismatch
+    ‖s_1 − s_2‖ / ‖s_2‖; ``inner_precision`` the tolerance of GMRES, in the published iteration of the QPs (m); ``n_A``
+    the multiplications by A_a⁻¹ of all bodies so far; ``stage`` the stage of a path of Newton's method, in words.
     """
 
     iteration: int
@@ -34,7 +34,7 @@ Report = Callable[[Step], None]
 
 
 def no_report(step: Step) -> None:
-    """A report to nowhere."""
+    """A report that does nothing."""
 
 
 class Outer(Protocol):
@@ -44,9 +44,9 @@ class Outer(Protocol):
     ----------
     history : all steps so far
     forces : contact forces (N) at the interfaces that this rank owns, which obey all bounds
-    bound : slip bounds (N) of their sliding nodes, for which the forces are meant
+    bound : slip bounds (N) that the forces at the sliding nodes of these interfaces obey
     inner_steps : iterations of GMRES or steps of the QP solver, by kind
-    checkpoint : called by a method of many iterations before each that can begin from `state`
+    checkpoint : a method of many iterations calls it before each iteration that can begin from `state`
     """
 
     history: list[Step]
@@ -104,12 +104,12 @@ ENDS = {"converged": "the iteration stopped, but its certificate fails", "diverg
                      "contacts, roll on, or have no stable position"}
 """Reasons of `Outer.run` to end, in words where no answer is certified."""
 
-OWN = "run", "forces", "bound", "body_forces", "refresh", "state", "restore"
-"""What a method has to bring with it."""
+REQUIRED = "run", "forces", "bound", "body_forces", "refresh", "state", "restore"
+"""What a method must define."""
 
 
 def outer_from_outside(name: str, kind: Any = None) -> Callable[..., Outer]:
-    """The class that `name`, "package.module:Class", stands for, or the one that is given, if it can be a method.
+    """The class that `name`, "package.module:Class", stands for, or `kind` if given, if it can be a method.
 
     Not collective. Raises InputError.
     """
@@ -119,7 +119,7 @@ def outer_from_outside(name: str, kind: Any = None) -> Callable[..., Outer]:
         raise InputError(f'method.outer = "{name}" cannot be imported: {type(error).__name__}: {error}') from None
     if not isinstance(kind, type) or Outer not in kind.__mro__:
         raise InputError(f'method.outer = "{name}" is no class that is based on ddmpi.methods.outer.Outer')
-    if missing := [each for each in OWN if getattr(kind, each) in (None, getattr(Outer, each))]:
+    if missing := [needed for needed in REQUIRED if getattr(kind, needed) in (None, getattr(Outer, needed))]:
         raise InputError(f'method.outer = "{name}" has no {", ".join(missing)} of its own, see docs/use/methods.md')
     try:
         inspect.signature(kind).bind("assembly", "method", "report")
@@ -129,7 +129,7 @@ def outer_from_outside(name: str, kind: Any = None) -> Callable[..., Outer]:
 
 
 def check_promises(name: str, outer: Outer, stopped: str, sizes: tuple[int, int], reported: int) -> None:
-    """Raise SolverError where what `Outer.run` has left, and its reason to end, are not what `Outer` promises.
+    """Raise SolverError where the attributes after `Outer.run`, or its reason to end, are not what `Outer` promises.
 
     `sizes` are those of forces and motions, `reported` the number of reports. Not collective.
     """

@@ -1,13 +1,13 @@
 """Two paths to where Newton's own steps converge: a barrier that gets lower, and a layer that gets harder.
 
-Where bodies hinge, jam or slide as wholes, a few closed nodes support them, and Newton's steps stall if they start from
-wrong ones. Both paths solve a series of easier problems, each from the answer of the one before, by the same linear
-problem with a diagonal D added (`ddmpi.methods.krylov`).
+Where whole bodies hinge, jam or slide, a few closed nodes support them, and Newton's steps stall if they start from a
+wrong guess of these nodes. Both paths solve a series of easier problems, each from the answer of the one before, by the
+same linear problem with a diagonal D added (`ddmpi.methods.krylov`).
 
 Interior points replace each bound by a barrier μ: s w = μ for forces s and gaps w; g y + s_t·v = 2μ and
-g v + y s_t = 0 for friction s_t below its bound g, which follows the pressure, and the slip v below y (Alizadeh and
-Goldfarb, Second-order cone programming, Math. Program. 95, 2003, for convex problems). They let bodies cross
-clearances, and move where friction decides.
+g v + y s_t = 0 for friction s_t below its bound g, which follows the pressure, and the slip v below its bound y
+(Alizadeh and Goldfarb, Second-order cone programming, Math. Program. 95, 2003, for convex problems). Bodies can cross
+clearances on this path, and slide as wholes.
 
 Softening puts a layer of compliance D = δ/c between the bodies, so that many nodes carry load: s = P(−r/D). As δ falls,
 hinges and zones that stick shrink gradually, and the active sets of one stage nearly fit the next.
@@ -31,39 +31,39 @@ SOFTEST, HARDEST, HARDER = 1e3, 1e-7, 0.1
 """δ of the first and the last stage, and of each stage over that of the one before."""
 
 LATE, SETTLED, SETTLED_LATE = 0.2, 0.2, 0.02
-"""A stage is over when a full step leaves less than SETTLED of the forces; from δ = LATE on SETTLED_LATE or δ of them,
-if less."""
+"""A stage ends when a full step leaves a residual below SETTLED of the forces, from δ = LATE on below SETTLED_LATE or δ
+of them, whichever is less."""
 
 MOST_STEPS = 15
 """Most steps of a stage."""
 
 STUCK, GAIN = 8, 0.9
-"""A stage has failed after STUCK steps in a row that leave more than GAIN of the least residual."""
+"""A stage fails after STUCK steps in a row that leave more than GAIN of the least residual."""
 
 STIFF = 0.011
 """Newton's own steps are tried after each stage from this δ on."""
 
 SLOPE, ZERO = 0.5, 0.1
 """The full step is taken if the slope of the energy at its end is at most SLOPE times the descent at its start.
-Otherwise the least energy is looked for, until the slope is at most ZERO of the descent."""
+Otherwise the length with the least energy is searched for, up to a slope of ZERO times that descent."""
 
 SHORTEST, LENGTHS, CLOSER, REFINEMENTS = 1e-9, 46, 12, 3
-"""Shortest step, number of lengths down to it in one reduction, of lengths between two of them, and of such
-refinements."""
+"""Shortest step, number of lengths from it to the full step, of lengths between two neighbours among them, and of such
+refinements; each set of lengths takes one reduction."""
 
 DRIFT, STOPPED = 1e-4, 0.01
-"""Bodies drift if both paths fail and leave more than DRIFT of the loads, unless they move into a partner by more than
-STOPPED of their way (below 1e-4 in drifts, above 0.3 in falls into wedges)."""
+"""Bodies drift if both paths fail and leave an imbalance above DRIFT of the loads, unless they move into a partner by
+more than STOPPED of their motion (below 1e-4 in drifts, above 0.3 in falls into wedges)."""
 
 TO_BOUND = 0.99
 """A step of interior points goes this fraction of the way to the nearest bound."""
 
 LOOSELY = 0.02
-"""Factor on the compliance SHARED of `krylov` for interior points. The whole of it slows steps where forces at edges
-are nearly free: a step leaves 0.4 to 0.9 of the residual."""
+"""Factor on the compliance SHARED of `krylov` for interior points. Without this factor steps are slow where forces at
+edges are nearly free: a step leaves 0.4 to 0.9 of the residual."""
 
 LOWER = ((0.9, 0.1), (0.5, 0.2), (0.2, 0.5), (0.0, 0.8))
-"""The barrier falls by the second factor where the last step was at least as long as the first."""
+"""Pairs: if the last step was at least as long as the first number, the barrier falls to the second times its mean."""
 
 NEAR = 1e-2
 """Newton's own steps are tried from interior points whose residual is smaller than this."""
@@ -74,13 +74,13 @@ tenth more products."""
 
 MOST_POINTS, IDLE, LONG, LOWEST = 60, 8, 0.2, 1e-18
 """Interior points fail after MOST_POINTS steps, after IDLE steps in a row that are neither longer than LONG nor longer
-than all before, and with a barrier below LOWEST of the first."""
+than all before, or if the barrier is below LOWEST of the first."""
 
 SPARE = 1.1
-"""The first multiplier y exceeds the slip |v| by this factor, so that the slip lies inside its cone."""
+"""The first bound y of the slip v is at least this times |v|, so that v lies inside its cone."""
 
 UNSEEN = 1e-10
-"""Added to the diagonal of ZᵀZ (no unit), for rigid motions that no contact sees."""
+"""Added to the diagonal of ZᵀZ (no unit), which rigid motions that move no contact would make singular."""
 
 
 Solve = Callable[..., Point]
@@ -88,7 +88,7 @@ Solve = Callable[..., Point]
 
 
 class Softening:
-    """The path of a layer, from zero forces on.
+    """The path of a layer that gets harder; it begins at zero forces.
 
     Parameters
     ----------
@@ -100,8 +100,8 @@ class Softening:
     point : the iterate
     ready : whether Newton's own steps are worth trying from it
     failed : whether the path has failed
-    springs, steered : parts of `LinearProblem`'s springs and compliances that steer
-    forcing : of the linear problems; at 1e-3 the error of a stage decides where a slender body goes
+    springs, steered, forcing : as for `LinearProblem`; with a forcing of 1e-3 slender bodies would go where errors push
+        them
     """
 
     kind = "softening"
@@ -111,13 +111,13 @@ class Softening:
         self._joint, self._space, self._laws, self._c = joint, joint.space, joint.space.laws, c
         self._two_sided = joint.space.spread([interface.law.two_sided for interface in joint.space.interfaces]) > 0
         self.point = joint.at_rest()
-        self._delta, self._seen = SOFTEST, 0.0  # of the present layer, and of the one that the active sets are of
+        self._delta, self._last_delta = SOFTEST, 0.0  # δ of this stage, and of the last step
         self._begin()
 
     def _begin(self) -> None:
         """Begin a stage."""
-        self._steps = self._since = 0
-        self._far = self._smallest = np.inf
+        self._steps = self._idle = 0
+        self._residual = self._smallest = np.inf
         self.ready = self.failed = False
 
     @property
@@ -132,18 +132,18 @@ class Softening:
 
     def step(self, solve: Solve) -> None:
         """One step of the stage, or the first one of the next. Collective; raises what `solve` raises."""
-        point, first = self.point, not self._seen
+        point, first = self.point, not self._last_delta
         if first:  # nodes that are closed at first stick
             active, q = self._laws.sticking(self._joint.first_closed()[0]), point.s
         else:
-            q = self._pressed(point, self._seen)
+            q = self._pressed(point, self._last_delta)
             active = self._laws.active_sets(q)
         # s = P(−r/D), linearised: r + D s = 0 along the forces that P leaves free, with D = δ/c
         linearised = Linearised.of(self._laws.linearise(active))
         layer = np.where(self._two_sided, 0.0, self._delta / self._c)
         change = self._towards(solve, linearised, layer)
         length = 1.0 if first else self._length(change, None)
-        if not length:  # with the bound as it is the energy is convex, and falls
+        if not length:  # with fixed slip bounds the energy is convex, and falls along the step
             change = self._towards(solve, linearised.frozen(q), layer)
             length = self._length(change, self._laws.bound_at(q)) or 1.0
         self.point = point.along(change, length)
@@ -156,15 +156,15 @@ class Softening:
         return solve(self.point, linearised, change, -layer * (s + change), layer)
 
     def _pressed(self, point: Point, delta: float) -> np.ndarray:
-        """q (size,) whose projection are the forces of a layer; of bonded rows, the forces that close them."""
+        """q (size,) whose projection are the forces of a layer of δ = `delta`; of bonded rows s − c r."""
         pressed = -self._c / delta * point.r
         return np.where(self._two_sided, point.s - self._c * point.r, pressed) if self._two_sided.any() else pressed
 
     def _slopes(self, change: Point, lengths: np.ndarray, bound: np.ndarray | None) -> np.ndarray:
         """Derivatives (k,) of the energy (J) by the length of the step, at the `lengths` (k,), in one reduction.
 
-        φ' = dr·(s − P(−r/D)) − dα·(e − G s): what bodies and layer store less what the loads do. The bonded rows
-        stay closed. `bound` (mt,): of frozen slip bounds, None where they follow the pressure.
+        φ' = dr·(s − P(−r/D)) − dα·(e − G s): the energy of bodies and layer less the work of the loads. Bonded rows
+        stay closed. `bound` (mt,) are fixed slip bounds, None where they follow the pressure.
         """
         way, slopes = np.where(self._two_sided, 0.0, change.r), []
         project = self._laws.project if bound is None else self._laws.cone(bound).project
@@ -183,7 +183,7 @@ class Softening:
             return 0.0
         if slopes[-1] <= SLOPE * falls:
             return 1.0
-        # the least energy lies where its slope changes sign; closer and closer lengths between the two neighbours
+        # the energy is least where its slope changes sign: refine between the two lengths around that place
         for _ in range(REFINEMENTS):
             k = max(int(np.argmax(slopes > 0.0)), 1)
             t = np.linspace(t[k - 1], t[k], CLOSER)
@@ -196,22 +196,22 @@ class Softening:
     def _judge(self, change: Point, length: float) -> None:
         """Decide after a step whether the stage is over, and the path ready or failed. Collective.
 
-        A short step ends where a node begins to slip or opens, so that the active sets are still to change.
+        Only a full step ends a stage: a shorter one ends where a node begins to slip or opens, so active sets change.
         """
         point = self.point
         misfit = point.s - self._laws.project(self._pressed(point, self._delta))
         contact, size, moved = self._space.norms([misfit, point.s, change.s])
-        self._far, self._seen = float(np.hypot(contact, norm(point.left))), self._delta
+        self._residual, self._last_delta = float(np.hypot(contact, norm(point.left))), self._delta
         self._steps += 1
-        gained = self._far <= GAIN * self._smallest
-        self._since, self._smallest = (0, self._far) if gained else (self._since + 1, self._smallest)
-        # early stages only have to lead near the next one; in late ones few nodes decide where a body goes
+        gained = self._residual <= GAIN * self._smallest
+        self._idle, self._smallest = (0, self._residual) if gained else (self._idle + 1, self._smallest)
+        # early stages need only lead near the next one; in late ones few nodes decide where a body goes
         late = self._delta <= LATE
         share = min(SETTLED_LATE, self._delta) if late else SETTLED
-        settled = length == 1.0 and self._far <= share * size
+        settled = length == 1.0 and self._residual <= share * size
         if not settled:
-            still = not (moved or norm(change.alpha))  # all is open, and what falls has nothing to fall on
-            self.failed = still or self._since >= STUCK or self._steps >= MOST_STEPS
+            still = not (moved or norm(change.alpha))  # all nodes are open, and loose bodies fall onto nothing
+            self.failed = still or self._idle >= STUCK or self._steps >= MOST_STEPS
         elif self._delta <= STIFF:
             self.ready = True
         else:
@@ -219,7 +219,7 @@ class Softening:
 
 
 class InteriorPoints:
-    """The path of interior points, from equal forces on, as large as the loads or as those that close the free gaps.
+    """The path of interior points. It begins at equal normal forces, as large as the loads or as `_first_force`.
 
     The start is inside all bounds and has the gaps and slips of its forces, so that a belt that a clamp drags along
     slides from the first step on. Parameters and attributes as for `Softening`. Collective.
@@ -227,20 +227,20 @@ class InteriorPoints:
 
     kind = "interior points"
     springs, steered, forcing = 1e-6, LOOSELY, INEXACT
-    """Springs of Newton's method would move bodies across wide clearances too slowly, by the load that is left over the
-    spring in each step. Wherever there is a contact, a barrier supports bodies, too."""
+    """With the springs of Newton's method bodies would cross wide clearances too slowly: a step moves them by imbalance
+    over spring. The barrier of each contact supports bodies, too."""
 
     def __init__(self, joint: Joint, c: np.ndarray) -> None:
         self._joint, self._space, size = joint, joint.space, joint.size
-        self._laws = [(interface.law, part) for interface, part in joint.space.with_slices()
+        self._laws = [(interface.law, entries) for interface, entries in joint.space.with_slices()
                       if not interface.law.two_sided]
         self._normal, self._source = np.zeros(size, bool), np.arange(size)
         rows = np.empty((0, max((law.components for law, _ in self._laws), default=1)), int)
-        for law, part in self._laws:
-            self._normal[part.start:part.start + law.m] = True
-            self._source[part] = part.start + law.node
-            rows = np.append(rows, np.arange(part.start + law.m, part.stop).reshape(-1, law.components), axis=0)
-        # all nodes carry alike, so that the norm of their forces is the first force
+        for law, entries in self._laws:
+            self._normal[entries.start:entries.start + law.m] = True
+            self._source[entries] = entries.start + law.node
+            rows = np.append(rows, np.arange(entries.start + law.m, entries.stop).reshape(-1, law.components), axis=0)
+        # equal forces at all nodes, whose norm is the first force
         number = float(self._space.add(np.array([float(np.count_nonzero(self._normal))]))[0])
         force = self._first_force(c) / np.sqrt(max(number, 1.0))
         s = np.where(self._normal, force, 0.0)
@@ -254,7 +254,7 @@ class InteriorPoints:
             r, motions = CoarseSystem(joint.rigid, identity, identity, np.ones(size), lambda _, block: block,
                                       UNSEEN * sparse.identity(joint.rigid.size), joint.kept).correct(r)
             alpha -= motions
-        # all gaps w begin as wide as the widest clearance, or as what the first force closes, or as r if that is wider
+        # each gap w begins at the largest of: the widest clearance, what the first force closes, and its r
         w = self._space.largest(np.maximum(joint.space.opening, force / c))
         self._w, self._slip = np.where(self._normal, np.maximum(w, r), 0.0), r[self._rows]
         # inside |v| < y; without slip g y + s_t·v = 2μ, as s_t = 0; this μ is the mean of s w
@@ -265,13 +265,14 @@ class InteriorPoints:
         self._last, self._longest, self._steps, self._idle, self.failed = 1.0, 0.0, 0, 0, False
 
     def _first_force(self, c: np.ndarray) -> float:
-        """The norm of the first forces (N): of the loads, or of those that close the free gaps d, clearances left out.
+        """The norm of the first forces (N): that of the loads, or of forces that close the free gaps d, if larger.
 
-        These are c d, or the fraction of c d with the least energy: a slender body bends far under small forces.
+        Clearances are left out of d. These forces are the fraction, at most 1, of c d with the least energy, because a
+        slender body bends far under small forces.
         """
         gaps = self._joint.d + np.maximum(self._space.opening, 0.0)
         closing = np.where(self._normal, np.maximum(gaps, 0.0), 0.0)
-        gaps = closing if self._space.any(closing) else gaps  # slip alone tells no pressure
+        gaps = closing if self._space.any(closing) else gaps  # slips say nothing of pressures
         forces = c * gaps
         given, stored = self._space.add(np.array([forces @ gaps, forces @ self._joint.product(forces, "newton")]))
         fraction = given / stored if stored > given else 1.0
@@ -289,7 +290,8 @@ class InteriorPoints:
 
     def _bounds(self, s: np.ndarray) -> np.ndarray:
         """Slip bounds (N) and their slopes (2, k, 1) at the nodes with friction, under the forces s (size,)."""
-        bounds = [(law.bound_at(s[part]), law.slope(np.maximum(s[part][:law.m], 0.0))) for law, part in self._laws]
+        bounds = [(law.bound_at(s[entries]), law.slope(np.maximum(s[entries][:law.m], 0.0)))
+                  for law, entries in self._laws]
         return np.concatenate([np.empty((2, 0)), *bounds], axis=1)[:, self._rubbing, None]
 
     def _turn(self, axes: np.ndarray) -> sparse.csr_matrix | None:
@@ -302,7 +304,7 @@ class InteriorPoints:
                                   (np.append(straight, row), np.append(straight, column))))
 
     def _mean(self, s: np.ndarray) -> float:
-        """The barrier μ (J) that s and what belongs to it are at, on average. Collective."""
+        """The barrier μ (J) that s with its gaps and slips has on average. Collective."""
         # on the path s w = μ for each normal force, and g y + s_t·v = 2μ for each friction force
         work = s @ self._w + (self._bounds(s)[0] * self._most).sum() + (s[self._rows] * self._slip).sum()
         number = np.count_nonzero(self._normal) + 2 * len(self._rows)
@@ -313,42 +315,42 @@ class InteriorPoints:
         """One step. Collective; raises what `solve` raises."""
         normal, rows, w = self._normal, self._rows, self._w
         point, s = self.point, self.point.s
-        mean, (bound, slope), slip, most = self._mean(s), self._bounds(s), self._slip, self._most
-        friction, under = s[rows], self._source[rows[:, :1]]
-        room = cone_room(bound, friction)
-        least = np.concatenate([s[normal], w[normal], *room, *cone_room(most, slip)]).min(initial=np.inf)
+        mean, (g, slope), v, y = self._mean(s), self._bounds(s), self._slip, self._most
+        s_t, under = s[rows], self._source[rows[:, :1]]
+        room = cone_room(g, s_t)
+        least = np.concatenate([s[normal], w[normal], *room, *cone_room(y, v)]).min(initial=np.inf)
         if self._space.any(np.array([not least > 0.0])) or not mean > LOWEST * self._first:
             self.failed = True
             return
         mu = self._barrier = mean * next(factor for least, factor in LOWER if self._last >= least)
         # friction s_t below g and slip v below y: g y + s_t·v = 2μ and g v + y s_t = 0. Without y, this is the slip
-        # v = −2μ s_t/(g² − |s_t|²); linearised, it has one compliance along s_t and another one across it
-        axes, size = direction(friction), magnitude(friction)[:, None]
-        ahead = dots(axes, slip)
-        power, across_slip = bound * most - size * ahead, slip - ahead * axes
-        along, aside = power / room, most / bound  # what slip across friction does to slip along it is left out
-        turns = (size * most - bound * ahead) / power * axes - across_slip / most  # ds_t/dg at the slip as it is
-        # s w = μ, linearised, with the new gap for the new w: r + (w/s) ds = μ/s
+        # v = −2μ s_t/(g² − |s_t|²); linearised, this is one compliance along s_t and another one across it
+        axes, size = direction(s_t), magnitude(s_t)[:, None]
+        ahead = dots(axes, v)
+        power, across_slip = g * y - size * ahead, v - ahead * axes
+        along, aside = power / room, y / g  # leaves out how slip across friction changes slip along it
+        turns = (size * y - g * ahead) / power * axes - across_slip / y  # ds_t/dg at a fixed slip
+        # s w = μ, linearised, where the new gap r takes the place of the new w: r + (w/s) ds = μ/s
         pressure = np.where(normal, s, 1.0)
         layer, coupling, wanted = w / pressure, np.zeros(len(s)), np.where(normal, mu / pressure, 0.0)
-        layer[rows], coupling[rows], wanted[rows] = aside, slope * turns, -2.0 * mu / room * friction
+        layer[rows], coupling[rows], wanted[rows] = aside, slope * turns, -2.0 * mu / room * s_t
         layer[rows[:, :1]] = along
         none = np.zeros(len(s))
         linearised = Linearised(self._unknown, self._source, coupling, none, none, self._turn(axes))
         change = solve(point, linearised, none, wanted, layer)
-        more, moved = slope * change.s[under], change.s[rows]
-        # the changes of v, y and w that belong to that of the forces
-        beyond = moved - more * turns  # of friction, but for what follows the bound
+        dg, ds_t = slope * change.s[under], change.s[rows]
+        # the changes of v, y and w, from those of s_t and g
+        beyond = ds_t - dg * turns  # without the part that follows the bound
         straight = dots(axes, beyond) * axes
-        slips = wanted[rows] - along * straight - aside * (beyond - straight) - slip
-        mosts = (2.0 * mu - dots(friction, slip + slips) - dots(slip, moved) - most * more) / bound - most
-        opens = np.where(normal, (mu - w * change.s) / pressure - w, 0.0)
-        # as far as TO_BOUND of the way to where a force, a gap, or a limit of a force or slip becomes zero
-        nears = np.concatenate([-change.s[normal] / s[normal], -opens[normal] / w[normal],
-                                *cone_exit(bound, friction, more, moved), *cone_exit(most, slip, mosts, slips)])
+        dv = wanted[rows] - along * straight - aside * (beyond - straight) - v
+        dy = (2.0 * mu - dots(s_t, v + dv) - dots(v, ds_t) - y * dg) / g - y
+        dw = np.where(normal, (mu - w * change.s) / pressure - w, 0.0)
+        # TO_BOUND of the way to the nearest place where a force, a gap, or the room below a bound becomes zero
+        nears = np.concatenate([-change.s[normal] / s[normal], -dw[normal] / w[normal],
+                                *cone_exit(g, s_t, dg, ds_t), *cone_exit(y, v, dy, dv)])
         fastest = self._space.largest(np.maximum(nears, 0.0))
         length = min(1.0, TO_BOUND / fastest) if fastest else 1.0
-        self._w, self._slip, self._most = w + length * opens, slip + length * slips, most + length * mosts
+        self._w, self._slip, self._most = w + length * dw, v + length * dv, y + length * dy
         self.point, self._last, self._steps = point.along(change, length), length, self._steps + 1
         self._idle = 0 if length > min(self._longest, LONG) else self._idle + 1
         self._longest = max(self._longest, length)

@@ -1,9 +1,9 @@
 """Anderson acceleration of the published outer map, with weights for unlike bodies.
 
-The map of the slides, λ ↦ λ + θ (B_1 w_1 + B_2 w_2), crawls or diverges when the bodies differ in stiffness. Two cures:
-each body's Neumann displacement is weighted with the square of its share of the stiffness (weighted Neumann–Neumann),
-and the stiffer body takes role 1. Anderson acceleration (Anderson 1965; Walker and Ni, SIAM J. Numer. Anal. 49, 2011)
-makes the relaxation harmless. It needs inner solves that are more precise than the published rule asks for.
+The map of the slides, λ ↦ λ + θ (B_1 w_1 + B_2 w_2), converges slowly or diverges when the bodies differ in stiffness.
+So the Neumann displacement of a body has the square of its share of the stiffness as a weight (weighted
+Neumann–Neumann), and the stiffer body takes role 1. With Anderson acceleration (Anderson 1965; Walker and Ni, SIAM J.
+Numer. Anal. 49, 2011) θ matters little, but inner solves must be more precise than in the published iteration.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ GROWTH = 2.0
 class AndersonIteration(PublishedIteration):
     """As `PublishedIteration`, for the original algorithm without splitting.
 
-    The weights are the bodies' shares in the sum of their plane moduli, of several materials the harmonic mean.
+    The weights are the bodies' shares of the sum of their plane moduli; of several materials, the harmonic mean counts.
     """
 
     def __init__(self, assembly: Assembly, method: SettledMethod, report: Report = no_report) -> None:
@@ -43,7 +43,7 @@ class AndersonIteration(PublishedIteration):
         bodies = {body.name: body for body in assembly.scene.body}
         moduli = [harmonic_mean([material.plane_modulus for material in bodies[name].materials])
                   for name in interface.bodies]
-        lead = int(moduli[1] > moduli[0])  # with the softer body in role 1 the iteration crawls
+        lead = int(moduli[1] > moduli[0])  # with the softer body in role 1 convergence is slow
         super().__init__(assembly, method, report, lead, PRECISION)
         self._weights = moduli[lead] / sum(moduli), moduli[1 - lead] / sum(moduli)
         self._lams: list[np.ndarray] = []

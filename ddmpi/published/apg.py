@@ -23,14 +23,14 @@ class APG(TaoType):
     """``-tao_type python -tao_python_type ddmpi.apg.APG``, for any set.
 
     Stops at ‖x − P(x − t ∇)‖ / t ≤ gatol, with the projection P onto the constraints and t = 1/‖H‖; without constraints
-    this is ‖∇‖. Its `steps` are "gradient", and "restart", how often their momentum was dropped.
+    this is ‖∇‖. Its `steps` are "gradient", and "restart", how often the momentum was dropped.
     """
 
     title = "projected gradient steps"
 
     def iterate(self, x: np.ndarray, g: np.ndarray, feasible: Box, multiply: Callable[[np.ndarray], np.ndarray],
                 reduce: Callable[..., list[float]], norm: float) -> int:
-        y, g_y = x.copy(), g.copy()  # the point ahead, from which the next step goes
+        y, g_y = x.copy(), g.copy()  # the extrapolated point, from which the next step starts
         change, H_change = np.zeros_like(x), np.zeros_like(x)
         self.steps, momentum = {"gradient": 0, "restart": 0}, 1.0
         while True:

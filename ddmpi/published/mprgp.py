@@ -40,10 +40,10 @@ TELLING = 1000
 class TaoType:
     """The base of the TAO types in Python.
 
-    The estimate of ‖H‖₂ is ``norm()`` of the Hessian's Python context if it has that, else from Lanczos steps. The
-    solution satisfies the constraints exactly, and the TAO's gradient vector is the gradient there. `constraints` is
-    the set of feasible points, by default the variable bounds of the TAO. `steps` is the number of steps of each kind
-    in the last solve.
+    The estimate of ‖H‖₂ is ``norm()`` of the Hessian's Python context if there is one, else from Lanczos steps. The
+    solution satisfies the constraints exactly, and the TAO's gradient vector is the gradient at the solution.
+    `constraints` is the set of feasible points, by default the variable bounds of the TAO. `steps` is the number of
+    steps of each kind in the last solve.
     """
 
     title: str
@@ -76,12 +76,12 @@ class TaoType:
 
     def iterate(self, x: np.ndarray, g: np.ndarray, feasible: Box, multiply: Callable[[np.ndarray], np.ndarray],
                 reduce: Callable[..., list[float]], norm: float) -> int:
-        """Improve x and its gradient g in place; the reason of the end. `norm` is ‖H‖₂ from below, `reduce` as of
-        `reduction`."""
+        """Minimize from x, with its gradient g, both in place; return the reason of the end. `norm` is ‖H‖₂ from below,
+        `reduce` as of `reduction`."""
         raise NotImplementedError
 
     def _ends(self, residual: float, rounding: float = 0.0) -> int | None:
-        """The reason to end at this residual, or where a step would be `rounding`; else None, and count a step."""
+        """The reason to end at this residual, or None after counting a step; a residual up to `rounding` ends, too."""
         if not np.isfinite(residual + rounding):
             return TaoReason.DIVERGED_NAN
         if residual <= self._tolerance:
@@ -105,9 +105,9 @@ class MPRGP(TaoType):
     def iterate(self, x: np.ndarray, g: np.ndarray, feasible: Box, multiply: Callable[[np.ndarray], np.ndarray],
                 reduce: Callable[..., list[float]], norm: float) -> int:
         self.steps, p = dict.fromkeys(("cg", "expansion", "proportioning"), 0), np.empty(0)
-        Hp, curvature = np.zeros_like(x), 0.0  # without curvature the next conjugate gradient step is the first one
+        Hp, curvature = np.zeros_like(x), 0.0  # with curvature 0 the next conjugate gradient step starts anew
         while True:
-            # proportional: ‖chopped‖² ≤ Γ² (reduced free)·free, the paper's test of whether the bounds are right enough
+            # proportional: ‖chopped‖² ≤ Γ² (reduced free)·free, the paper's test of whether the active bounds may stay
             free, chopped = feasible.split(g, x)
             gradient, leading, gain, beta = reduce(free + chopped, free + chopped, chopped, chopped,
                                                    feasible.reduced(free, x, STEP / norm), free, free, Hp)
@@ -151,12 +151,12 @@ class MPRGP(TaoType):
                         norm *= 2.0  # the estimate, from below, was too small
             x += change
             g += H_change
-            x[:] = feasible.project(x)  # rounding in the last bit
+            x[:] = feasible.project(x)  # removes rounding
 
 
 def reduction(X: PETSc.Vec) -> Callable[..., list[float]]:
-    """A function for scalar products of pairs of local arrays over all ranks of X, and the `least` of all ranks'
-    numbers, in one reduction; the same on all ranks."""
+    """A function for the scalar products of pairs of local arrays, summed over all ranks of X, and the least of all
+    ranks' `least`, in one reduction; the same on all ranks."""
     comm = in_lockstep(X.comm.tompi4py())
 
     def reduce(*vectors: np.ndarray, least: float | None = None) -> list[float]:

@@ -1,7 +1,7 @@
 """The published outer iteration: the domain decomposition algorithm (DD)_h of two bodies in dual matrix form.
 
-The code is that of one body; the rank of the other runs the same lines in the other role. Both have the same λ, bit for
-bit, because both add the same two vectors.
+The code is that of one body; the rank of the other body runs the same lines in the other role. Both have the same λ,
+bit for bit, because both add the same two vectors.
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ from ddmpi.scene.method import SettledMethod
 from ddmpi.system.numbers import norm
 
 FIRST_PRECISION = 0.01
-"""Inner precision of the first iteration, which has no earlier step, over max‖h_α‖, or over ‖h_1 + h_2 − gap‖ where
-that is smaller, as when a body is moved far to touch the other a little."""
+"""Inner precision of the first iteration, which has no update before it, over max‖h_α‖, or over ‖h_1 + h_2 − gap‖ if
+that is smaller, as where a body is moved far to touch the other a little."""
 
 FIXED_PRECISION = 0.1
-"""η of inner_precision = "fixed", from the start on over the update that the tolerance asks for at the end."""
+"""η of inner_precision = "fixed": inner precision over the last update that the tolerance allows."""
 
 NEGLECTED = 1e-3
-"""Error of a multiplication by an iterative solver in a QP, over the inner precision at the end: QPs keep their
-products by recurrence from one outer iteration to the next, and with them the errors of early ones."""
+"""Error of a multiplication by an iterative solver in a QP, over the inner precision at the end: QPs update their
+products by recurrence over all outer iterations, and so keep the errors of early ones."""
 
 PASSING = 0.01
-"""Precision of a Neumann solve by an iterative solver, over η; its result only moves λ."""
+"""Precision of a Neumann solve by an iterative solver, over η; its result only updates λ."""
 
 DIVERGED = 1e8
 """The iteration has diverged when ‖λ‖ exceeds the free contact displacements by this factor."""
@@ -46,7 +46,7 @@ class PublishedIteration(Outer):
     method : variant of the iteration, theta, tolerance, limits
     report : called with every Step
     lead : side of the interface whose body takes role 1
-    precision : η, the inner solves are as precise as η times the last outer update; left out, the method's
+    precision : η; inner solves are as precise as η times the last outer update. The method's if left out
 
     Attributes
     ----------
@@ -103,7 +103,7 @@ class PublishedIteration(Outer):
 
     @property
     def _split(self) -> bool:
-        """Whether this body's QP is split; a frictionless one has nothing to split."""
+        """Whether this body's QP is split into a normal and a tangential block; without friction there is only one."""
         return len(self._bound) > 0 and self.splitting in (f"step{self.subproblem.role}", "step1+2")
 
     def run(self, tolerance: float) -> str:
@@ -130,7 +130,7 @@ class PublishedIteration(Outer):
         body, exchange = self.subproblem, self.exchange
         self._bound = self._laws.bound_at(self.s2)
         size = self._step_size
-        if self.method.inner_precision == "fixed":  # as if the last update were that of the end
+        if self.method.inner_precision == "fixed":  # the last update that the tolerance allows
             size = self.method.tolerance * (norm(self.lam) or self._scale)
         # inner solves are as precise as η ‖λ_{k−1} − λ_{k−2}‖: both are displacements, so that η has no units; a rule
         # relative to the subproblem's right-hand side stalls
@@ -145,7 +145,7 @@ class PublishedIteration(Outer):
             w = body.neumann(self.s1 - self.s2, PASSING * self._precision)  # Steps 3 and 4
         w1, w2 = self._swap(np.append(w, body.member.C.count.total()), "neumann")
         update = self.advance(w1[:-1], w2[:-1])
-        self.lam = self.lam + update  # Step 5; not in place, a checkpoint may hold the former one
+        self.lam = self.lam + update  # Step 5; not in place, as a checkpoint may refer to the former λ
 
         self._step_size = norm(update)
         mismatch = _ratio(norm(self.s1 - self.s2), norm(self.s2))

@@ -51,7 +51,7 @@ class Subproblem:
         self.steps: dict[str, int] = {}
 
     def constraints(self, bound: np.ndarray, algorithm: str) -> Box:
-        """The forces that the role allows in the algorithm, given the slip bound (mt,)."""
+        """The set of forces that the role allows in the algorithm, for the slip bound (mt,)."""
         slides = self.role != friction_role(algorithm)
         allowed = self.interface.law.cone(np.full_like(bound, np.inf) if slides else bound)
         if self.role == 1:
@@ -74,9 +74,9 @@ class Subproblem:
         and "Further modifications".
         """
         C, d, allowed = self.member.C, self.member.h - self._sign * lam, self.constraints(bound, algorithm)
-        if self.role == 2:  # body 2 has the contact condition, and meets body 1 across the initial gap
+        if self.role == 2:  # body 2 has the contact condition, with the initial gap
             d[self._normal] -= self.interface.gap
-        # a block alone is the whole QP with the other forces as they are: d changes by C_νt s_t or C_tν s_ν by itself
+        # a block is the whole QP with the other forces held: the product C s contains C_νt s_t or C_tν s_ν
         for block in (self._normal, self._tangential) if split else (self._whole,):
             qp = QP(C, d, allowed.holding(self.s, block))
             result = self.solver.solve(qp, self.s, self.Cs, tolerance, f"step{self.role}", neglected)

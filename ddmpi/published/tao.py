@@ -24,24 +24,24 @@ LEAST_PRECISE = 1e-2
 """Largest relative error of a multiplication."""
 
 FRESH = 1e-11
-"""Tolerance, over the displacements, below which a product that MPRGP updated is computed anew."""
+"""Tolerance, over the displacements, below which a product that MPRGP updated by recurrence is computed anew."""
 
 GRADIENT_ROUNDING = float(8 * np.finfo(float).eps)
-"""A projected gradient below this fraction of the displacements whose difference it is, is rounding."""
+"""A projected gradient is rounding below this fraction of C s and d, whose difference it is."""
 
 MOST = 200
-"""Most iterations over the number of unknowns plus one."""
+"""Most iterations, over the number of unknowns plus one."""
 
 MOST_GRADIENTS = 20_000
-"""Most iterations on discs, if that is more: projected gradients do not end after as many steps as there are
+"""At least this many iterations are allowed on discs: projected gradients do not end after as many steps as there are
 unknowns."""
 
 STRICTER = 0.1
-"""Factor on the tolerance when a type of PETSc stops too early by its own norm (bncg by Fischer's)."""
+"""Factor on the tolerance after a type of PETSc has stopped too early by its own norm (bncg by Fischer's)."""
 
 ATTEMPTS = 3
-"""Most starts of a type of PETSc on one QP: again after it stopped too early or its line search failed (blmvm of 3.26
-with tiny friction bounds), without memory, from the last point, moved exactly onto its bounds."""
+"""Most starts of a type of PETSc on one QP. It starts again from its last point, moved exactly onto bounds, after it
+stopped too early or its line search failed (blmvm of 3.26 with tiny friction bounds)."""
 
 Product = Callable[[np.ndarray, float], np.ndarray]
 """C x, counted, from x and the size (m) to which its error is relative."""
@@ -91,24 +91,24 @@ class QPSolver:
     """Solves QPs with one TAO type; options prefix ``qp_``.
 
     Every type gets the same problem without units (Hessian and linear term have norm one), and the same stopping test,
-    which is checked afterwards. For PETSc's types, unknowns with two equal bounds are left out, and the QP is posed for
-    the change from the starting point. MPRGP needs neither, and updates the product C s on its way. bqpip needs a dense
-    Hessian (counted as "explicit"). PETSc's types have bounds only: whatever the type, MPRGP solves QPs without bounds,
+    which is checked afterwards. For PETSc's types, unknowns with two equal bounds are left out, and the unknown is the
+    change from the starting point. MPRGP needs neither, and updates the product C s by recurrence. bqpip needs a dense
+    Hessian (counted as "explicit"). PETSc's types are for bounds: whatever the type, MPRGP solves QPs without bounds,
     and APG those with discs.
     """
 
     @cached_property
     def type(self) -> str:
-        """The TAO type; can be set. Until then, reading it reads its option, which then counts as used."""
+        """The TAO type; can be set. Else the option's value, which then counts as used."""
         return PETSc.Options("qp_").getString("tao_type", "python")
 
     def solve(self, qp: QP, s: np.ndarray, Cs: np.ndarray, tolerance: float, purpose: str,
               product_error: float = 0.0) -> QPResult:
         """Solve `qp` from the point `s`, whose product with C is `Cs`. Collective on the body.
 
-        `QP.residual` ends below `tolerance` (m), multiplications are counted under `purpose`. An iterative solver may
-        leave the error `product_error` (m) in the returned product; zero leaves it to the operator. Raises SolverError
-        when neither the tolerance nor the limit of rounding is reached, whatever TAO reports.
+        `QP.residual` ends below `tolerance` (m); multiplications are counted under `purpose`. An iterative solver may
+        leave the error `product_error` (m) in the returned product; zero means the operator's own precision. Raises
+        SolverError if neither the tolerance nor the limit of rounding is reached, whatever TAO reports.
         """
         def multiply(x: np.ndarray, size: float) -> np.ndarray:
             product = np.empty_like(x)
@@ -150,7 +150,7 @@ class QPSolver:
             with self._solved(problem, self.type, asked) as tao:
                 iterations += tao.getIterationNumber()
                 reason = tao.getConvergedReason()
-                s[moving] = problem.unscaled(tao.getSolution().array_r, ROUNDING)  # what lies beside a bound goes there
+                s[moving] = problem.unscaled(tao.getSolution().array_r, ROUNDING)  # moved onto near bounds
             Cs = multiply(s, problem.displacement)
             if qp.residual(s, Cs) <= tolerance or (reason < 0 and reason != TaoReason.DIVERGED_LS_FAILURE):
                 break
@@ -160,8 +160,8 @@ class QPSolver:
 
     @contextlib.contextmanager
     def _solved(self, problem: _Scaled, kind: str, tolerance: float) -> Iterator[PETSc.TAO]:
-        """A TAO of this kind that has solved the problem. It is destroyed at once: it holds the body's matrices, and
-        PETSc 3.18 would never free them."""
+        """A TAO of this kind that has solved the problem. It is destroyed afterwards, as it refers to the body's
+        matrices, which PETSc 3.18 would never free."""
         tao = PETSc.TAO().create(PETSc.COMM_SELF)
         try:
             self._set_up(tao, problem, kind, tolerance)
@@ -268,10 +268,10 @@ class _Explicit(_Scaled):
         self._matrix = qp.C.dense()[np.ix_(moving, moving)] / self._norm
 
     def vectors(self) -> tuple[PETSc.Vec, PETSc.Vec, PETSc.Vec]:
-        """As of `_Scaled`, but with finite bounds that no point better than the start exceeds in place of infinite
-        ones."""
+        """As of `_Scaled`, but with finite bounds in place of infinite ones, beyond which no point is better than the
+        start."""
         vectors = super().vectors()
-        # f(x) ≤ f(start) holds at most ‖x − start‖ = 2 ‖gradient‖/λ_min away, so that bounds beyond bind nowhere
+        # f(x) ≤ f(start) implies ‖x − start‖ ≤ 2 ‖gradient‖/λ_min, so that bounds beyond this distance are never active
         reach = 2 * norm(self._start_gradient) / np.linalg.eigvalsh(self._matrix)[0]
         for bound, sign in zip(vectors[1:], (-1.0, 1.0), strict=True):
             finite = np.isfinite(bound.array_r)
