@@ -1,7 +1,5 @@
 """A scene meshed, assembled and paired, but not solved, in words and pictures."""
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import logging

@@ -1,7 +1,5 @@
 """A first scene from an assembly that a CAD program has written: its parts, and contacts where they touch."""
 
-from __future__ import annotations
-
 import os
 import re
 from pathlib import Path

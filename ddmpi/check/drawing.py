@@ -1,8 +1,6 @@
 """Pictures of an unsolved scene: meshes, groups, loads and clamps; contacts with their pairing and gaps; numbers of the
 faces of drawings."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial

@@ -1,7 +1,5 @@
 """A report of a run or a sweep: one HTML file with its verdict, pictures and numbers, made from its files only."""
 
-from __future__ import annotations
-
 import functools
 import json
 import math
@@ -11,12 +9,10 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from ddmpi.cli.report_markup import CAPTIONS, Column, Html, element, fill, noted, number, page, picture, table
 from ddmpi.errors import InputError
 from ddmpi.mesh.elements import ORDERS
-from ddmpi.results.histories import at_step
+from ddmpi.results.histories import at_step, evenly
 from ddmpi.results.summary import RESIDUALS, ROWS, count, drawn_times, largest
 from ddmpi.results.tables import read_results, read_summary, reading
 from ddmpi.scene.method import method_of
@@ -291,8 +287,7 @@ class RunReport:
         if len(every) > MOST_STEPS:
             steps = [step for step in every if drawn_times(self.summary, step["time"]) in self.scene["time"]["points"]
                      ] or every
-            evenly = np.unique(np.linspace(0, len(steps) - 1, MOST_STEPS).round().astype(int))
-            steps = [steps[k] for k in evenly]
+            steps = [steps[k] for k in evenly(len(steps), MOST_STEPS)]
         if len(self.contacts) <= FEW:
             rows = [(step, name, contact) for step in steps for name, contact in step["contacts"].items()]
             caption, keys = "Forces on the first body", RESULTANTS + STATES

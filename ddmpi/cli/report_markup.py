@@ -1,7 +1,5 @@
 """Pieces of a report in HTML: numbers, tables, pictures, and the template that holds them. All text is escaped."""
 
-from __future__ import annotations
-
 import base64
 import html
 import re

@@ -9,8 +9,6 @@ error (Zienkiewicz and Zhu, Int. J. Numer. Meth. Engng. 24, 1987; Li and Bettess
 h_new = κ h_e η_e^(−1/(p+1)). In space the exponent is −2/(2p+3).
 """
 
-from __future__ import annotations
-
 import logging
 import math
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """Curves: stresses, gap and slip along contacts in the plane, iterations, and load steps."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 
@@ -11,6 +9,7 @@ import numpy as np
 
 from ddmpi.interface.law import law_of
 from ddmpi.pictures.sheet import BESIDE, COLOURS, RESOLVED, ZONES, above, zone_legend
+from ddmpi.results.histories import evenly
 from ddmpi.results.summary import drawn_times
 from ddmpi.results.tables import Columns, Results, chains, drawn_rows
 from ddmpi.scene.contacts import Friction
@@ -234,7 +233,7 @@ def _draw_stresses(axes: Any, name: str, results: Results, units: dict) -> None:
     """Normal and tangential stress along a contact at the ends of legs."""
     legs = results.legs[name]
     times = np.unique(legs["time"])
-    chosen = times[np.unique(np.linspace(0, len(times) - 1, min(CURVES, len(times))).round().astype(int))]
+    chosen = times[evenly(len(times), CURVES)]
     colours = plt.get_cmap("viridis")(np.linspace(0.0, 0.9, len(chosen)))
     for kind, axis in zip(("normal", "tangential"), axes, strict=True):
         factor, unit = scaled_unit(np.abs(legs[f"{kind}_stress"]).max(), units["stress"])

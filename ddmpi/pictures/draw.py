@@ -1,7 +1,5 @@
 """All pictures of a run, drawn from its files only."""
 
-from __future__ import annotations
-
 import functools
 import itertools
 import json

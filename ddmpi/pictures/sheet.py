@@ -1,7 +1,5 @@
 """What all pictures share: colours, axes, placement of points and surfaces, colour bars and names."""
 
-from __future__ import annotations
-
 import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Any

@@ -1,7 +1,5 @@
 """Views of bodies: direction, cut, and hidden surfaces. The plane is seen from the front."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any

@@ -5,8 +5,6 @@ process; the system lets only one run do so. There it writes its files. At the e
 summary last: results are complete or absent, and where the summary is, the rest is.
 """
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import os

@@ -1,7 +1,5 @@
 """An answer as a notebook shows it: HTML with a table of the contacts and a picture, in one piece."""
 
-from __future__ import annotations
-
 import base64
 import html
 import io

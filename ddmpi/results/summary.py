@@ -1,7 +1,5 @@
 """summary.json: everything about a run that is not an array, by the names of bodies and contacts."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Iterable, Mapping

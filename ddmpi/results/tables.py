@@ -246,6 +246,11 @@ class Results:
         return bool(self.summary["scene"].get("axisymmetric"))
 
     @property
+    def parts(self) -> list[str]:
+        """Names of the bodies, then of the rigid partners."""
+        return [*self.summary["bodies"], *(rigid["name"] for rigid in self.summary["scene"].get("rigid", ()))]
+
+    @property
     def points(self) -> np.ndarray:
         """(nv, d) of all bodies (m)."""
         return self.fields["points"][:, :self.dimension]
@@ -254,8 +259,8 @@ class Results:
         """(nv, d) times `scale` (m)."""
         return scale * self.fields["displacement"][:, :self.dimension]
 
-    def triangles(self, name: str) -> np.ndarray:
-        """The cells (c, 3) of the surface of a contact of solids, without points that stand alone."""
+    def cells(self, name: str) -> np.ndarray:
+        """The cells (c, d) of what a contact covers, without points that stand alone."""
         cells = self.surfaces[name]["cells"]
         return cells[cells[:, 0] != cells[:, 1]]
 

@@ -1,7 +1,5 @@
 """The record of a run: its load steps, its summary, gathered from all ranks, and its files."""
 
-from __future__ import annotations
-
 import itertools
 import logging
 import math

@@ -12,8 +12,6 @@ is the relative place of the material points that it joins now, less that of the
 from the second body's frame. So it does not depend on the pairing, nor on a motion of both bodies together.
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass, replace

@@ -1,7 +1,5 @@
 """The log of a run: its plan, its progress, its end."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 

@@ -1,7 +1,5 @@
 """One run from a scene to results, in the order of the work: prepare, march, judge, write."""
 
-from __future__ import annotations
-
 import contextlib
 import gc
 import logging

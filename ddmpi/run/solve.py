@@ -1,7 +1,5 @@
 """Solve a prepared assembly: iterate, certify, and go on where the certificate fails."""
 
-from __future__ import annotations
-
 import logging
 import math
 import sys

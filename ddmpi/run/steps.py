@@ -9,8 +9,6 @@ growth. The first step of a leg starts from the last forces, with the nodes unde
 one from the linear extrapolation of the two steps before it.
 """
 
-from __future__ import annotations
-
 import logging
 import math
 from dataclasses import asdict, replace

@@ -1,7 +1,5 @@
 """The cases of a sweep: ``--vary KEY=VALUES`` turned into scenes, all checked before the first one runs."""
 
-from __future__ import annotations
-
 import hashlib
 import itertools
 import math

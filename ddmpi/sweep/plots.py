@@ -1,7 +1,5 @@
 """Plots of a sweep: any column of its table against any other, drawn from the table only."""
 
-from __future__ import annotations
-
 import io
 import math
 import statistics

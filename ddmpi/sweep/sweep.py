@@ -4,8 +4,6 @@ A case that fails is recorded, and the next one starts. Started again, the sweep
 results, those that failed last; an interrupted case continues from its checkpoint.
 """
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import gc

@@ -4,8 +4,6 @@ The first process of a sweep writes sweep.json. Every other one, at the same tim
 and refuses to work in the folder of another sweep. A case is finished when its results are there.
 """
 
-from __future__ import annotations
-
 import contextlib
 import csv
 import hashlib
