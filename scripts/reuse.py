@@ -119,8 +119,8 @@ def compare(name: str, number: int) -> Row:
     folder = Path(world.bcast(tempfile.mkdtemp() if world.rank == 0 else None))
     cases, options, ends = Cases(world), RunOptions(), []
     solves: dict[str, Callable[..., Any]] = {
-        "before": lambda scene, place: cases.compute(scene, str(path), Clock(), place),
-        "kept": lambda scene, place: cases.compute(scene, str(path), Clock(), place),
+        "before": lambda scene, place: cases.compute(scene, str(path), Clock(), output=place),
+        "kept": lambda scene, place: cases.compute(scene, str(path), Clock(), output=place),
         "fresh": lambda scene, place: run(world, scene, str(path), place, False)}
     for way, solve in solves.items():
         try:

@@ -18,11 +18,8 @@ from ddmpi.results.tables import read_results, read_summary, reading
 from ddmpi.scene.method import method_of
 from ddmpi.scene.reader import write_toml
 from ddmpi.sweep.table import read_table
-from ddmpi.system.files import CHECKPOINT, MECHANISM, SUMMARY, SWEEP, TABLE, write_atomically
+from ddmpi.system.files import CHECKPOINT, MECHANISM, SUMMARY, SWEEP, TABLE, write_page
 from ddmpi.system.provenance import has_matplotlib
-
-MARK = '<meta name="generator" content="ddmpi '
-"""The beginning of a report; a file with it may be overwritten."""
 
 MOST_STEPS = 24
 """Most load steps in the table: of more steps those at the ends of legs, of more ends an even choice."""
@@ -55,10 +52,7 @@ def write_report(folder: str | Path, output: str | None = None, time: float | No
         raise InputError(f"{folder}: a sweep has no load steps; --step is for the report of a run")
     with reading(folder):
         page = _sweep(folder) if (folder / SWEEP).exists() else _run(folder, time)
-    if path.exists() and not (path.is_file() and MARK.encode() in path.read_bytes()[:1000]):
-        raise InputError(f"--output {path}: is there already, and no report of ddmpi; name another file")
-    write_atomically(path, page.encode(errors="backslashreplace"))  # names of folders may be no text
-    return path
+    return write_page(path, page, "report")
 
 
 def _run(folder: Path, time: float | None) -> str:

@@ -22,11 +22,8 @@ from ddmpi.pictures.views import Skin, View, sharp_edges
 from ddmpi.results.fields import owners
 from ddmpi.results.histories import at_step, load_steps, placed
 from ddmpi.results.tables import Results, read_results, reading
-from ddmpi.system.files import MECHANISM, write_atomically
+from ddmpi.system.files import MECHANISM, write_page
 from ddmpi.system.numbers import scaled_unit
-
-MARK = b'<meta name="generator" content="ddmpi '
-"""The beginning of a view; a file with it may be overwritten."""
 
 COLOURS = {name: [f"#{colour}" for colour in colours.split()] for name, colours in {
     "stress": "440154 472d7b 3b528b 2c728e 21918c 28ae80 5ec962 addc30 fde725",
@@ -80,10 +77,7 @@ def write_view(folder: str | Path, output: str | None = None) -> Path:
             raise InputError(f"{folder}: the run has found no equilibrium, so there is nothing to turn; mechanism.png "
                              "shows how the bodies would move")
         page = _page(placed(at_step(read_results(folder), folder)), folder)
-    if path.exists() and not (path.is_file() and MARK in path.read_bytes()[:1000]):
-        raise InputError(f"--output {path}: is there already, and no view of ddmpi; name another file")
-    write_atomically(path, page.encode())
-    return path
+    return write_page(path, page, "view")
 
 
 def _page(results: Results, folder: Path) -> str:
@@ -122,8 +116,8 @@ def _page(results: Results, folder: Path) -> str:
     painted = paint(results, points)
     low, high = points[nodes].min(axis=0), points[nodes].max(axis=0)
     times, tops, marks = [], dict.fromkeys(TITLES, 0.0), {name: list[tuple[float, int]]() for name in TITLES}
-    most = max(1, int(MOST_NUMBERS / (5 * len(nodes))))
-    for k, (time, fields, surfaces) in enumerate(load_steps(results, folder, most)):
+    seen = load_steps(results, folder, max(1, int(MOST_NUMBERS / (5 * len(nodes)))))
+    for k, (time, fields, surfaces) in enumerate(seen):
         u = np.pad(fields["displacement"][:, :d], ((0, 0), (0, 3 - d))) + s
         if far:
             at = (fields["points"] - s)[nodes]

@@ -62,15 +62,12 @@ class Cases:
         self._ranks, self._keep, self._kept = WorkingRanks(world), keep, Kept(locked=True)
         self._team: Team | None = None
 
-    def compute(self, scene: Settled, scene_path: str, clock: Clock, output: str | None = None, figures: bool = False,
-                restart: str | None = None, write: bool = True, start: Start | None = None,
-                outer: type | None = None) -> Solved | None:
+    def compute(self, scene: Settled, scene_path: str, clock: Clock, **more: Any) -> Solved | None:
         """`compute`, with what is kept; None on ranks without a body of their own."""
         def work(ranks: MPI.Comm) -> Solved:
             if team_of(ranks) is not self._team:  # what was kept went with the ranks of the bodies
                 self._team, self._kept = team_of(ranks), Kept(locked=True)
-            return compute(ranks, scene, scene_path, clock, output, figures, restart, write,
-                           self._kept if self._keep else None, start, outer)
+            return compute(ranks, scene, scene_path, clock, kept=self._kept if self._keep else None, **more)
 
         return self._ranks.work(scene, work)
 

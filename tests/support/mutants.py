@@ -802,7 +802,7 @@ MUTANTS = [Mutant(*row) for row in (
      "if False", f"{FREE}::test_what_holds_a_free_frame_is_judged"),
     ("nodes that share a row have all of its force in tables", "interface/state",
      "normal[lines.row] * interface.shares", "normal[lines.row]", f"{ANSWER}::test_a_contact_is_a_table"),
-    ("names in a notebook are HTML", "results/notebook", "<tr><th>{html.escape(name)}", "<tr><th>{name}",
+    ("names in a notebook are HTML", "run/answer", "<tr><th>{html.escape(name)}", "<tr><th>{name}",
      f"{ANSWER}::test_a_notebook_shows_an_answer"),
     ("loads of a cycle are those of the scene's time", "scene/method", "np.clip(shifts, 0, max(run - 1, 0))",
      "0.0 * shifts", f"{CYCLES}::test_cycles_are_what_a_long_history_gives"),
