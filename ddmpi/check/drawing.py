@@ -124,7 +124,10 @@ def draw(folder: Path, scene: Settled, bodies: Mapping[str, Looked], interfaces:
         pictures["bodies_behind.png"] = lambda: draw_bodies(results, bodies, behind=True)
     if scene.contact or missing:
         pictures["contacts.png"] = lambda: draw_contacts(results, interfaces, missing)
-    pictures |= _face_pictures(scene, bodies)
+    for k, (name, body) in enumerate(bodies.items()):  # of solids from both sides
+        for behind in range(scene.dimension - 1) if body.mesh.faces and len(bodies) <= DRAWN else ():
+            file = f"faces_{name if len(name.encode()) < LONGEST - 20 else k}{'_behind' * behind}.png"
+            pictures[file] = partial(draw_faces, as_results(scene, {name: body}, []), name, body, bool(behind))
     with plt.rc_context(STYLE):
         for name, make in islice(pictures.items(), number, None, drawers):
             with writing(folder / name):
@@ -189,14 +192,6 @@ def draw_bodies(results: Results, bodies: Mapping[str, Looked], behind: bool = F
         plan.write(list(bodies), inside)
     plan.figure.suptitle(f"{results.heading()}bodies as drawn{', from behind' * behind}")
     return plan.figure
-
-
-def _face_pictures(scene: Settled, bodies: Mapping[str, Looked]) -> dict[str, Callable[[], Any]]:
-    """The pictures, by their names, of each body with numbered faces, of solids from both sides. Not collective."""
-    return {f"faces_{name if len(name.encode()) < LONGEST - 20 else k}{'_behind' * behind}.png": partial(
-        draw_faces, as_results(scene, {name: body}, []), name, body, bool(behind))
-        for k, (name, body) in enumerate(bodies.items()) if body.mesh.faces and len(bodies) <= DRAWN
-        for behind in range(scene.dimension - 1)}
 
 
 def draw_faces(results: Results, name: str, body: Looked, behind: bool) -> Any:

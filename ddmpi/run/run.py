@@ -3,7 +3,7 @@
 import contextlib
 import gc
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -28,6 +28,7 @@ from ddmpi.mesh.refine import Sizes
 from ddmpi.methods.outer import outer_from_outside
 from ddmpi.petsc.events import event
 from ddmpi.petsc.versions import free_garbage
+from ddmpi.pictures.views import View
 from ddmpi.results.checkpoint import Checkpoints, continue_from, identify
 from ddmpi.results.folder import choose_folder
 from ddmpi.run.equilibrium import undetermined_motions
@@ -197,18 +198,11 @@ def _warm(assembly: Assembly, s: np.ndarray, alpha: np.ndarray) -> tuple[np.ndar
     return s, joint.product(s, "newton") - joint.d - joint.rigid.spread(alpha), alpha
 
 
-def check_cut(ends: Sequence[np.ndarray], scene: Settled) -> None:
-    """Raise InputError if the pictures' cut meets none of the bodies between their `ends`, corners (2, d) (m)."""
-    from ddmpi.pictures.views import View
-
-    View(np.concatenate(ends), scene.resolved()["output"])
-
-
 def prepare_scene(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock | None = None,
                   refinement: int = 1, sizes: Mapping[str, Sizes] = NO_SIZES, factor: bool = True,
                   kept: Kept | None = None, outer: Any = None) -> Assembly:
-    """`prepare` between the checks of a method from outside, that of `compute`, and of the pictures' cut; their errors
-    name the scene's file. Collective."""
+    """`prepare` between the checks of a method from outside, that of `compute`, and of the pictures' cut, which has to
+    meet a body; their errors name the scene's file. Collective."""
     with naming(scene_path):
         with agreed(world):
             outer = outer_from_outside(scene.method.outer, outer) if scene.method.outside else None
@@ -218,7 +212,7 @@ def prepare_scene(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock
             ends = merged(world, {body.number: np.array([body.mesh.points.min(axis=0), body.mesh.points.max(axis=0)])
                                   for body in assembly.bodies})
             with agreed(world):
-                check_cut([*ends.values()], scene)
+                View(np.concatenate([*ends.values()]), scene.resolved()["output"])
     return assembly
 
 
