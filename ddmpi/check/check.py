@@ -41,8 +41,7 @@ log = logging.getLogger("ddmpi")
 
 SOLVERS = {"explicit": "direct solver", "direct": "direct solver, compliance direct", "iterative": "multigrid"}
 
-SQUARE = "", "", "²"
-"""The powers of the unit of length of lengths and areas, by the dimension of what has them."""
+SQUARE = "", "", "²"  # the powers of the unit of length of lengths and areas, by the dimension of what has them
 
 
 def check(world: MPI.Comm, scene: Settled, scene_path: str, output: str | None, figures: bool) -> None:

@@ -33,24 +33,14 @@ PLACES, ARROW = 16, 0.08
 GROUPS = ("#7fa8d1", "#e3b272", "#c4a8dc", "#d9cf7a", "#a9b8c6", "#c9a184", "#8f9bd9", "#e6b3cf")
 """Colours of groups, by name: none is near the green of clamps or the red of loads."""
 
-MARKERS = "s^>DoPv*ph"
-"""Markers of the kinds of supports."""
-
-HELD, MISSING = "#1f6f4a", "#e00000"
-"""Colours of clamps and of missing contacts."""
-
-SPACED = 4.0
-"""Edges of cells are drawn if on all bodies half of them are this many pixels away from the opposite corner."""
-
-TRIED = 8
-"""Number of facets of a group that are tried for a visible place of its name."""
+MARKERS = "s^>DoPv*ph"  # markers of the kinds of supports
+HELD, MISSING = "#1f6f4a", "#e00000"  # colours of clamps and of missing contacts
+SPACED = 4.0  # edges of cells are drawn if on all bodies half of them are so many pixels from the opposite corner
+TRIED = 8  # number of facets of a group that are tried for a visible place of its name
 
 
-DRAWN = 24
-"""The numbers are not drawn of more bodies, as each takes two pictures."""
-
-EDGEWISE = 0.1
-"""Facets are not numbered whose normal points less to the eye."""
+DRAWN = 24  # the numbers are not drawn of more bodies, as each takes two pictures
+EDGEWISE = 0.1  # facets are not numbered whose normal points less to the eye
 
 
 @dataclass(frozen=True)

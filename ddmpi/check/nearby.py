@@ -27,11 +27,8 @@ from ddmpi.surface.near import distance_to
 from ddmpi.surface.side import across, unit
 from ddmpi.system.numbers import nearest_in
 
-NEAR = 0.25
-"""Facets may be meant to touch if they are closer than this fraction of the smaller one's size."""
-
-NUMBERS = re.compile(r"\d+(\+\d+)*")
-"""A number of a face, or several together."""
+NEAR = 0.25  # facets may be meant to touch if they are closer than this fraction of the smaller one's size
+NUMBERS = re.compile(r"\d+(\+\d+)*")  # a number of a face, or several together
 
 ASIDE, ROUNDING = 0.5, 1e-6
 """The nearest point lies before a facet: offset by at most the first of its distance plus the second of its size."""
@@ -39,11 +36,8 @@ ASIDE, ROUNDING = 0.5, 1e-6
 STEEL = {"young": 210000.0, "poisson": 0.3}
 """The material of all parts until a user says otherwise (MPa); gmsh reads CAD files in millimetres."""
 
-NAMELESS = "Open CASCADE STEP translator"
-"""Beginning of the labels of parts to which nobody has given a name."""
-
-FINE = 10.0
-"""A part's extent over the size of its elements, which are quadratic, and half as large at contacts."""
+NAMELESS = "Open CASCADE STEP translator"  # beginning of the labels of parts to which nobody has given a name
+FINE = 10.0  # a part's extent over the size of its elements, which are quadratic, and half as large at contacts
 
 
 @dataclass(frozen=True)

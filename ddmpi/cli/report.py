@@ -21,11 +21,8 @@ from ddmpi.sweep.table import read_table
 from ddmpi.system.files import CHECKPOINT, MECHANISM, SUMMARY, SWEEP, TABLE, write_page
 from ddmpi.system.provenance import has_matplotlib
 
-MOST_STEPS = 24
-"""Most load steps in the table: of more steps those at the ends of legs, of more ends an even choice."""
-
-FEW = 3
-"""Most contacts with lines of their own in the table of load steps."""
+MOST_STEPS = 24  # most load steps in the table: of more steps those at the ends of legs, of more ends an even choice
+FEW = 3  # most contacts with lines of their own in the table of load steps
 
 PHASES = {"mesh": "making or reading the meshes", "assemble": "stiffness, pairing of the contacts",
           "factor": "factorization of the stiffness", "outer": "the iteration", "recover": "displacements, stresses",

@@ -13,11 +13,8 @@ from pathlib import Path
 from ddmpi import __version__
 from ddmpi.system.numbers import scaled_unit
 
-NOISE = 1e-9
-"""Numbers below this fraction of the largest of their unit in a table are shown as about zero."""
-
-LONG = 12
-"""Minor tables of more rows are folded."""
+NOISE = 1e-9  # numbers below this fraction of the largest of their unit in a table are shown as about zero
+LONG = 12  # minor tables of more rows are folded
 
 TYPES = {".png": "image/png", ".gif": "image/gif"}
 

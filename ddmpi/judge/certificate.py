@@ -18,15 +18,13 @@ FACTOR = 50.0
 iteration. With a contraction of 0.8 per step the contact displacement is off by four steps, and the contact forces by
 three to twenty times that, because the spectrum of the compliance is wide."""
 
-SMALLEST_LIMIT, LARGEST_LIMIT = 1e-10, 0.05
-"""Limits of the largest residual of a certified answer, whatever the tolerance."""
+SMALLEST_LIMIT, LARGEST_LIMIT = 1e-10, 0.05  # of the residuals of a certified answer, whatever the tolerance
 
 RESOLVED = 1e-8
 """Contact displacements below this fraction of the bodies' largest displacement are rounding: the usual limit, 5e-7 of
 them, is then twenty times the rounding of one number. Solves left up to eight times that."""
 
-NO_FORCE = 1e-6
-"""Contact forces are compared with at least this fraction of the loads, per node."""
+NO_FORCE = 1e-6  # contact forces are compared with at least this fraction of the loads, per node
 
 RELEASED = 2e-4
 """Where all forces of a contact became zero, as they were rounding beside those of the load steps before, displacements
@@ -34,8 +32,7 @@ are compared with this fraction of what those caused. The usual limit is then 1e
 
 EPSILON = float(np.finfo(float).eps)
 
-LITTLE = 1e-4
-"""The forces on a body are compared with at least this fraction of the loads of all bodies."""
+LITTLE = 1e-4  # the forces on a body are compared with at least this fraction of the loads of all bodies
 
 
 class ContactResiduals(NamedTuple):

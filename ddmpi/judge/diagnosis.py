@@ -16,14 +16,9 @@ from ddmpi.scene.method import SettledMethod
 from ddmpi.scene.scene import Settled
 from ddmpi.system.numbers import in_words
 
-LOOK_BACK = 10
-"""Number of iterations by which convergence is judged."""
-
-SMALLEST = 1e-15
-"""A residual below this cannot become smaller."""
-
-LARGE_FRICTION = 1.0
-"""From this friction coefficient on a message says that a solution need not be unique."""
+LOOK_BACK = 10  # number of iterations by which convergence is judged
+SMALLEST = 1e-15  # a residual below this cannot become smaller
+LARGE_FRICTION = 1.0  # from this friction coefficient on a message says that a solution need not be unique
 
 
 class StatusLog:

@@ -23,14 +23,12 @@ from ddmpi.surface.near import distance_to, in_cells
 from ddmpi.system.agreement import gathered
 from ddmpi.system.numbers import ALIKE, SAME, Frame, RigidMotion, in_words
 
-RESOLVED = 1e-3
-"""Do not warn of overlaps below this fraction of the largest displacement, in a body itself of a cell."""
+RESOLVED = 1e-3  # do not warn of overlaps below this fraction of the largest displacement, in a body itself of a cell
 
 WIDEN, ADD = "name the whole boundary that may touch in `on`", "add a [[contact]] between them"
 """What helps where bodies overlap that a contact names, and those that none does."""
 
-Box = tuple[np.ndarray, np.ndarray]
-"""Its corners (d,) of the least and of the largest coordinates (m)."""
+Box = tuple[np.ndarray, np.ndarray]  # its corners (d,) of the least and of the largest coordinates (m)
 
 
 @dataclass(frozen=True)

@@ -34,14 +34,12 @@ from ddmpi.results.tables import Results
 from ddmpi.system.files import writing
 from ddmpi.system.numbers import RigidMotion, crossed, scaled_unit
 
-BRIGHTEST = 0.998
-"""Fraction of the area at which the colours of stresses end: singular stresses in corners must not set the scale."""
+BRIGHTEST = 0.998  # share of the area at which colours of stresses end: singular ones must not set the scale
 
 MOVED, TURNED_BY = 0.1, 0.3
 """Largest displacement in the picture of a mechanism, over the bodies' extent, and largest rotation (rad)."""
 
-AT_REST = 1e-3
-"""A body is drawn at rest if its velocity is below this fraction of the largest."""
+AT_REST = 1e-3  # a body is drawn at rest if its velocity is below this fraction of the largest
 
 FRAMES, SECONDS, SLOWEST, FASTEST = 200, 6.0, 2.0, 20.0
 """Largest number of frames of an animation, its duration (s), and limits of frames per second."""
@@ -51,8 +49,7 @@ COMPONENTS = ({f"displacement_{axis}": ("displacement", k) for k, axis in enumer
               | {f"principal_{k + 1}": ("nodal_principal", k) for k in range(3)})
 """The field at nodes, and its column, that output.animation asks for."""
 
-COARSE = 700
-"""Pixels of the longer side of the bodies in an animation."""
+COARSE = 700  # pixels of the longer side of the bodies in an animation
 
 
 def skin_of(results: Results) -> Skin:

@@ -37,8 +37,7 @@ TITLES = {"von_mises": ("von Mises stress", "stress"), "pressure": ("contact pre
 MOST_CELLS, MOST_NUMBERS = 600_000, 4_000_000
 """Most tetrahedra that a view has, to show stresses on a cut, and most displacements and stresses of all load steps."""
 
-RIBBON = 0.012
-"""Width of contacts in the plane over the bodies' extent."""
+RIBBON = 0.012  # width of contacts in the plane over the bodies' extent
 
 
 class Arrays:

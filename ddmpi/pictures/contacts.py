@@ -34,23 +34,12 @@ WIDEST = {2: 0.3, 3: 0.6}
 """Length of half of the largest resultant over a body's size, the root of its area or volume, by dimension; in the
 plane the largest pressure has 0.8 of it."""
 
-WEAK = 0.01
-"""Resultants below this fraction of the largest are not drawn."""
-
-ASIDE = 0.03
-"""Distance of resultants on one line, over the height of the picture."""
-
-APART = 1e-3
-"""Flats are apart if they are, over the extent of the contact."""
-
-LONG = 5.0
-"""Maps of contacts longer than this times their width are arranged in one column."""
-
-ARROWS = 16
-"""Approximate number of arrows of slip along a contact."""
-
-SMALL = 0.5
-"""Maps of a contact that is closed over at most this fraction of its extent show the closed part and as much around."""
+WEAK = 0.01  # resultants below this fraction of the largest are not drawn
+ASIDE = 0.03  # distance of resultants on one line, over the height of the picture
+APART = 1e-3  # flats are apart if they are, over the extent of the contact
+LONG = 5.0  # maps of contacts longer than this times their width are arranged in one column
+ARROWS = 16  # approximate number of arrows of slip along a contact
+SMALL = 0.5  # maps of contacts closed over at most this fraction of their extent show that and as much around
 
 
 def draw_contacts(results: Results) -> Any:

@@ -16,23 +16,12 @@ from ddmpi.scene.contacts import Friction
 from ddmpi.scene.method import method_of
 from ddmpi.system.numbers import scaled_unit
 
-MARKED = 100
-"""Curves of at most this many nodes have a marker at each."""
-
-SHADE = 0.35
-"""Opacity of zones behind curves."""
-
-ROUNDING = 1e-6
-"""Resultants below this fraction of the normal force count as zero, as of a shaft in its hub."""
-
-LOOPS = 3
-"""Largest number of contacts, those with the largest forces, with loops and stresses in pictures."""
-
-ALIKE = 0.01
-"""Forces of two contacts that differ by less than this, over the largest, are drawn as one."""
-
-CURVES = 8
-"""Largest number of ends of legs in a picture, from the first to the last."""
+MARKED = 100  # curves of at most this many nodes have a marker at each
+SHADE = 0.35  # opacity of zones behind curves
+ROUNDING = 1e-6  # resultants below this fraction of the normal force count as zero, as of a shaft in its hub
+LOOPS = 3  # largest number of contacts, those with the largest forces, with loops and stresses in pictures
+ALIKE = 0.01  # forces of two contacts that differ by less than this, over the largest, are drawn as one
+CURVES = 8  # largest number of ends of legs in a picture, from the first to the last
 
 
 def draw_contact(results: Results, name: str) -> Any:

@@ -18,31 +18,19 @@ from ddmpi.scene.contacts import Rigid
 from ddmpi.surface.side import frames, nodal, unit
 from ddmpi.system.numbers import RigidMotion
 
-DRAWN = 0.08
-"""Displacements and shifts are drawn as at most this fraction of the bodies' extent."""
-
-INVISIBLE = 0.002
-"""Errors of at most this fraction of the bodies' extent cannot be seen in a picture: two pixels."""
-
-FARTHEST = 100.0
-"""Largest drawn displacement over the bodies' extent, whatever the magnification."""
+DRAWN = 0.08  # displacements and shifts are drawn as at most this fraction of the bodies' extent
+INVISIBLE = 0.002  # errors of at most this fraction of the bodies' extent cannot be seen in a picture: two pixels
+FARTHEST = 100.0  # largest drawn displacement over the bodies' extent, whatever the magnification
 
 FACING, STRAIGHT = 0.4, 0.02
 """A contact faces one way if the mean of its normals is longer than the first, and goes around an axis if the mean
 square of their parts along it is at most the second. Directions whose cosine differs from 1 by less than the second are
 those of x, y or z."""
 
-OPENED = 0.45
-"""How far contacts are drawn open, over the root of their areas with holes filled: rings have to be seen into, too."""
-
-PRESSED = 0.98
-"""Fraction of the area under pressure at which colours of pressures end: edges have few, and high, ones."""
-
-ABOVE = 1e-3
-"""How far colours are drawn above the bodies that bear them, over the bodies' extent."""
-
-AROUND = 1.25
-"""Size of a drawn rigid surface in space over that of the part that bodies may touch."""
+OPENED = 0.45  # how far contacts are drawn open, over the root of their areas with holes filled: one sees into rings
+PRESSED = 0.98  # fraction of the area under pressure at which colours of pressures end: edges have few, and high, ones
+ABOVE = 1e-3  # how far colours are drawn above the bodies that bear them, over the bodies' extent
+AROUND = 1.25  # size of a drawn rigid surface in space over that of the part that bodies may touch
 
 
 def magnify(results: Results, largest: float = 0.0) -> tuple[float, np.ndarray]:

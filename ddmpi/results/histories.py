@@ -30,14 +30,9 @@ from ddmpi.system.numbers import Frame, in_words
 INSIDE, OUTSIDE = -1e-6, -0.05
 """A place is in a cell if its barycentric coordinates are above INSIDE, hardly outside if they are above OUTSIDE."""
 
-MOST, FARTHEST = 100_000, 1e150
-"""Most points of a path, and their largest coordinate (m), whose square does not overflow."""
-
-NEWTON = 8
-"""Newton steps to the barycentric coordinates of a place; straight cells need one."""
-
-DRAWN = ("displacement", "displacement_in_frame", "von_mises", *NODAL)
-"""The fields that pictures of load steps show."""
+MOST, FARTHEST = 100_000, 1e150  # of a path most points, and the largest coordinate (m), whose square does not overflow
+NEWTON = 8  # Newton steps to the barycentric coordinates of a place; straight cells need one
+DRAWN = ("displacement", "displacement_in_frame", "von_mises", *NODAL)  # the fields that pictures of load steps show
 
 FRAMES_IN = {2: ("time", "body", "shift_x", "shift_y", "turn"),
              3: ("time", "body", "shift_x", "shift_y", "shift_z", "turn_x", "turn_y", "turn_z")}

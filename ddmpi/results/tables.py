@@ -20,11 +20,8 @@ from ddmpi.interface.state import ContactState, signed
 from ddmpi.mesh.elements import FIRST, cell_with, circumference, facet_measures
 from ddmpi.system.files import contact_files, writing
 
-FORMAT = 2
-"""Version of the layout of all result files. Names and meanings of one format stay; entries may be added."""
-
-WIDE = 68
-"""Letters of a title in a line of the narrowest picture."""
+FORMAT = 2  # version of the layout of all result files. Names and meanings of one format stay; entries may be added
+WIDE = 68  # letters of a title in a line of the narrowest picture
 
 STATUS = ("open", "slip", "stick")
 
@@ -37,8 +34,7 @@ LEGS_IN = {
         "force_x", "force_y", "force_z", "slip_x", "slip_y", "slip_z")}
 """By dimension."""
 
-AREAS = {"length": "area"}
-"""Names of columns around an axis, where nodal lengths are those of rings: areas."""
+AREAS = {"length": "area"}  # names of columns around an axis, where nodal lengths are those of rings: areas
 
 SIDES = ("x", "y", "length", "normal_stress", "tangential_stress")
 
@@ -52,8 +48,7 @@ STEPS_IN = {2: ("time", "contact", "force_x", "force_y", "moment", *TOTALS),
 
 ENERGY = ("time", "external_work", "strain_energy", "interface_work", "dissipated", "residual")
 
-CYCLE = ("cycle",)
-"""The last column of steps.csv and energy.csv in scenes with [time] cycle."""
+CYCLE = ("cycle",)  # the last column of steps.csv and energy.csv in scenes with [time] cycle
 
 PATH = ("distance", "x", "y", "z", "body", "displacement_x", "displacement_y", "displacement_z",
         "stress_xx", "stress_yy", "stress_zz", "stress_xy", "stress_yz", "stress_xz",

@@ -37,11 +37,8 @@ from ddmpi.system.clock import Clock
 from ddmpi.system.numbers import scaled_unit
 from ddmpi.system.provenance import has_matplotlib
 
-SHOWN = 4
-"""Most contacts in the picture: those with the largest forces."""
-
-COLUMNS = ("normal_force", "tangential_force", "pressure_max", *STATUS)
-"""The entries of a contact in the table."""
+SHOWN = 4  # most contacts in the picture: those with the largest forces
+COLUMNS = ("normal_force", "tangential_force", "pressure_max", *STATUS)  # the entries of a contact in the table
 
 
 @dataclass(frozen=True)

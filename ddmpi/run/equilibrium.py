@@ -31,8 +31,7 @@ from ddmpi.system.agreement import agreed, from_first, gathered
 from ddmpi.system.numbers import Frame, RigidMotion, norm
 from ddmpi.system.provenance import has_clarabel
 
-LARGEST = 3000
-"""Most loose bodies for the search for a mechanism, which takes 2 to 3 s for a wall of so many bricks."""
+LARGEST = 3000  # most loose bodies for the search for a mechanism, which takes 2 to 3 s for a wall of so many bricks
 
 ALONG = 3e-3
 """A motion whose slip is along friction up to this fraction only turns friction that is at its limit: as the body moves

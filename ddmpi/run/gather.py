@@ -48,17 +48,13 @@ from ddmpi.system.provenance import has_matplotlib, peak_memory, provenance
 
 log = logging.getLogger("ddmpi")
 
-DRAWERS = 2
-"""Most ranks that share the pictures; all are on one host, as files of another one may come late."""
-
-LITTLE = 0.1
-"""Frictional work is compared with at least this fraction of the largest energy."""
+DRAWERS = 2  # most ranks that share the pictures; all are on one host, as files of another one may come late
+LITTLE = 0.1  # frictional work is compared with at least this fraction of the largest energy
 
 Leg = tuple[float, dict[str, tuple[ContactState, np.ndarray]]]
 """Time of a kept load step; by contact a state with its nodes, and `leg_values`."""
 
-TABLES = ("steps", "energies", "iterations")
-"""Tables of a `StepLog` with a row for each step or iteration."""
+TABLES = ("steps", "energies", "iterations")  # tables of a `StepLog` with a row for each step or iteration
 
 
 class StepLog:

@@ -31,11 +31,8 @@ from ddmpi.run.solve import Iteration, Solution, lean_steps
 
 log = logging.getLogger("ddmpi")
 
-MOST = 1024
-"""Most load steps of a leg for ``time.tolerance``."""
-
-SHORT = 0.01
-"""Where gaps close along a leg, its first step is divided at this fraction, to learn how fast they close."""
+MOST = 1024  # most load steps of a leg for ``time.tolerance``
+SHORT = 0.01  # where gaps close along a leg, its first step is divided at this fraction, to learn how fast they close
 
 CUTS = 6
 """Most times that a failing step is halved, and that the leg's shortest planned step may be: steps that are halved
@@ -52,8 +49,7 @@ KEPT = ("iterations", "_leg", "_number", "_coarse", "_changed", "_largest", "_gi
         "_began", "_planned", "_plans")
 """Attributes of a march that checkpoints keep unchanged."""
 
-MARKS = ("_now", "_before", "_base")
-"""Attributes of a march that are marks."""
+MARKS = ("_now", "_before", "_base")  # attributes of a march that are marks
 
 
 class March:
