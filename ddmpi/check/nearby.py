@@ -1,14 +1,12 @@
 """Missing contacts: bodies that lie close to each other without a contact in the scene, in any dimension; and a first
 scene from an assembly that a CAD program has written: its parts, and contacts where they touch."""
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import msgspec
 import numpy as np
@@ -52,7 +50,7 @@ class Boundary:
     smooth: Collection[tuple[str, str]] = ()  # pairs of these that meet without a corner, in both orders
 
     @classmethod
-    def of(cls, mesh: Mesh) -> Boundary:
+    def of(cls, mesh: Mesh) -> Self:
         """The boundary of a mesh. Not collective."""
         d, facets = mesh.dimension, mesh.boundary[0]
         at = mesh.points[facets[:, :d]]

@@ -1,11 +1,9 @@
 """The certificate of an answer: the residuals of the coupled problem, without units, from the final displacements and
 forces of the bodies alone. Nothing of the iteration enters."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from mpi4py import MPI
@@ -71,7 +69,7 @@ class Certificate:
     equilibrium: Mapping[str, float]
     known: Mapping[str, tuple[float, str]] | None = None
 
-    def told(self, world: MPI.Comm) -> Certificate:
+    def told(self, world: MPI.Comm) -> Self:
         """This certificate, with the `worst` residuals of all contacts and bodies on all ranks. Collective."""
         return replace(self, known=world.bcast(self.worst() if world.rank == 0 else None))
 

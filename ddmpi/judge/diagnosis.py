@@ -1,11 +1,9 @@
 """What a user is told of a run that ends without a certified answer."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Collection
 from itertools import chain
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -57,9 +55,9 @@ class StatusLog:
         opened, slips, sticks = self._space.add(counts).astype(int).tolist()
         self.counts.append((opened, slips, sticks))
 
-    def whole(self) -> StatusLog:
+    def whole(self) -> Self:
         """The log of the nodes of all ranks. Collective."""
-        whole, comm = StatusLog(Space([])), self._space.comm
+        whole, comm = type(self)(Space([])), self._space.comm
         everyone = comm.allgather((list(self._recent), self.xy, self.largest_slope))
         recent, places, slopes = zip(*everyone, strict=True)
         whole._recent.extend(np.concatenate(codes) for codes in zip(*recent, strict=True))

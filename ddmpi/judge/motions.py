@@ -4,10 +4,9 @@ A velocity (n,) is that of the body's centre, then its rotation: (v_x, v_y, ω),
 (v_x, v_y, v_z, ω_x, ω_y, ω_z), by the right-hand rule, in space.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 import scipy.sparse as sparse
@@ -50,7 +49,7 @@ class MotionsOfBody:
     inertia: np.ndarray
 
     @classmethod
-    def of(cls, name: str, points: np.ndarray, motions: np.ndarray) -> MotionsOfBody:
+    def of(cls, name: str, points: np.ndarray, motions: np.ndarray) -> Self:
         """From the nodes (nv, d) and the displacements (nv, d, j) that the free motions mean there. Not collective."""
         outline, places, weights = _hull(points)
         centre = weights @ places

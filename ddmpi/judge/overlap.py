@@ -3,12 +3,10 @@
 A body is a set of simplices, and penetrates another one where points of its boundary lie in cells of that one.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from mpi4py import MPI
@@ -50,7 +48,7 @@ class Solid:
     numbers: np.ndarray
 
     @classmethod
-    def of(cls, mesh: Mesh, u: np.ndarray) -> Solid:
+    def of(cls, mesh: Mesh, u: np.ndarray) -> Self:
         """A body of this mesh that moved by `u` (n, d)."""
         d, (facets, owner), facet = mesh.dimension, mesh.boundary, mesh.cell.facet
         opposite = mesh.corners[owner].sum(axis=1) - facets[:, :d].sum(axis=1)
@@ -109,12 +107,12 @@ class Solid:
         sides = np.packbits(beyond, axis=1)[:, 0]  # a bit for each side of the box; no cell may have one in common
         return self.cells[np.bitwise_and.reduce(sides[self.cells.T]) == 0]
 
-    def near_box(self, low: np.ndarray, high: np.ndarray) -> Solid:
+    def near_box(self, low: np.ndarray, high: np.ndarray) -> Self:
         """Its boundary, and the cells that may meet a box between the drawing and the answer, for another rank."""
         cells = self.near(low, high, self.at, self.moved)
         nodes = np.unique(np.concatenate([cells.ravel(), self.facets.ravel()]))
-        return Solid(self.at[nodes], self.moved[nodes], np.searchsorted(nodes, cells),
-                     np.searchsorted(nodes, self.facets), self.numbers[nodes])
+        return type(self)(self.at[nodes], self.moved[nodes], np.searchsorted(nodes, cells),
+                          np.searchsorted(nodes, self.facets), self.numbers[nodes])
 
 
 class Overlap(NamedTuple):

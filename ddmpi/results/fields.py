@@ -1,11 +1,9 @@
 """Fields of all bodies: result.h5, and result.xdmf, which describes it to ParaView and meshio."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 from xml.etree.ElementTree import Element, ElementTree, SubElement, indent
 
 import numpy as np
@@ -74,7 +72,7 @@ class Fields:
     nodal_stress: np.ndarray | None = None
     in_frame: np.ndarray | None = None
 
-    def placed(self, frame: Frame) -> Fields:
+    def placed(self, frame: Frame) -> Self:
         """The fields of a body whose frame has gone there: its displacement is that of the frame and its own."""
         sigma, nodal = (stress if stress is None else turned(stress, frame.turned) for stress in (
             self.stress, self.nodal_stress))

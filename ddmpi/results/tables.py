@@ -1,8 +1,6 @@
 """The tables of a run: contact_NAME.csv, contact_NAME_sides.csv, contact_NAME_legs.csv, history.csv, steps.csv and
 energy.csv; all files of a run, read back."""
 
-from __future__ import annotations
-
 import contextlib
 import csv
 import json
@@ -19,6 +17,9 @@ from ddmpi.interface.interface import Interface
 from ddmpi.interface.state import ContactState, signed
 from ddmpi.mesh.elements import FIRST, cell_with, circumference, facet_measures
 from ddmpi.system.files import contact_files, writing
+
+Columns = dict[str, np.ndarray]
+"""A table: the arrays of its columns by name; `status` and `contact` hold words, all others numbers."""
 
 FORMAT = 2  # version of the layout of all result files. Names and meanings of one format stay; entries may be added
 WIDE = 68  # letters of a title in a line of the narrowest picture
@@ -193,10 +194,6 @@ def _cell(value: object) -> object:
     if value is None:
         return "nan"
     return repr(float(value)) if isinstance(value, float | np.floating) else value
-
-
-Columns = dict[str, np.ndarray]
-"""A table: the arrays of its columns by name; `status` and `contact` hold words, all others numbers."""
 
 
 @dataclass(frozen=True)

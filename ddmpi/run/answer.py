@@ -1,7 +1,5 @@
 """The answer of `ddmpi.solve`, also as a notebook shows it, and the model of `ddmpi.prepare`."""
 
-from __future__ import annotations
-
 import base64
 import copy
 import html
@@ -10,7 +8,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from mpi4py import MPI
@@ -149,7 +147,7 @@ class Model:
         self._cases: Cases | None = Cases(self._world, keep)
         self.reused: dict[str, list[str]] = {}
 
-    def __enter__(self) -> Model:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *error: object) -> None:
