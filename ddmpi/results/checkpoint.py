@@ -26,7 +26,6 @@ from mpi4py import MPI
 from ddmpi.coupling.assembly import Assembly
 from ddmpi.errors import InputError, InterruptionError, OutputError, TakenError
 from ddmpi.judge.accuracy import MeshLadder
-from ddmpi.kept.kept import digest
 from ddmpi.results.tables import reading
 from ddmpi.scene.keys import differences
 from ddmpi.scene.method import Checkpoint
@@ -37,7 +36,7 @@ from ddmpi.system.files import CHECKPOINT, write_atomically
 
 log = logging.getLogger("ddmpi")
 
-FORMAT, BLOCK = b"ddmpi checkpoint 19 sha256 ", 512
+FORMAT, BLOCK = b"ddmpi checkpoint 18 sha256 ", 512
 """The beginning of HDF5's user block, before the digest of the rest; the block's size, the smallest that HDF5 has."""
 
 KIND = "a checkpoint of this version of ddmpi"
@@ -137,8 +136,7 @@ class Checkpoints:
         self._followed = objects | {"ladder": self._ladder, "exchange": assembly.exchange}
         members = assembly.far.members if assembly.far else [body.member for body in assembly.bodies]
         self._followed |= {f"compliance of {member.name}": member.C for member in members}
-        self._mesh = digest([(body.mesh.points, body.mesh.triangles) for body in assembly.bodies],
-                            [(interface.xy, interface.gap) for interface in assembly.space.interfaces])
+        self._mesh = _digest(assembly)
         if self.continuing:
             with agreed(assembly.world):
                 if self._begin["mesh"] != self._mesh:
@@ -218,6 +216,14 @@ class Checkpoints:
             if self.folder and states:
                 assert len({state.get("iterations") for state in states}) == 1, "states of different iterations"
                 write(self.folder / CHECKPOINT, self.identity, states)
+
+
+def _digest(assembly: Assembly) -> str:
+    """A digest of this rank's meshes and interfaces."""
+    meshes, interfaces = [body.mesh for body in assembly.bodies], assembly.space.interfaces
+    arrays = [array for mesh in meshes for array in (mesh.points, mesh.triangles)]
+    arrays += [array for interface in interfaces for array in (interface.xy, interface.gap)]
+    return hashlib.sha256(b"".join(array.tobytes() for array in arrays)).hexdigest()
 
 
 def write(path: Path, identity: dict[str, dict], states: list[dict[str, Any]]) -> None:
