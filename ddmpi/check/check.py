@@ -1,7 +1,5 @@
 """A scene meshed, assembled and paired, but not solved, in words and pictures."""
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import logging
@@ -29,7 +27,7 @@ from ddmpi.mesh.elements import CELLS, facet_measures
 from ddmpi.mesh.mesh import PHYSICAL, Mesh
 from ddmpi.results.folder import choose_folder
 from ddmpi.run.equilibrium import look_for_mechanism, motions_without_resistance
-from ddmpi.run.gather import DRAWERS
+from ddmpi.run.gather import drawers
 from ddmpi.run.report import LISTED, describe_gap, describe_method, grouped, some
 from ddmpi.run.run import prepare_scene
 from ddmpi.scene.bodies import Clamp
@@ -43,8 +41,7 @@ log = logging.getLogger("ddmpi")
 
 SOLVERS = {"explicit": "direct solver", "direct": "direct solver, compliance direct", "iterative": "multigrid"}
 
-SQUARE = "", "", "²"
-"""The powers of the unit of length of lengths and areas, by the dimension of what has them."""
+SQUARE = "", "", "²"  # the powers of the unit of length of lengths and areas, by the dimension of what has them
 
 
 def check(world: MPI.Comm, scene: Settled, scene_path: str, output: str | None, figures: bool) -> None:
@@ -75,8 +72,7 @@ def _check(world: MPI.Comm, scene: Settled, scene_path: str, output: str | None,
             local = {body.spec.name: _look(body, scene.units["length"]) for body in assembly.bodies}
         looked = merged(world, local)
         owned = merged(world, {interface.name: interface for interface in assembly.space.interfaces})
-        hosts, folder = world.allgather(MPI.Get_processor_name()), world.bcast(folder)
-        near = [rank for rank, host in enumerate(hosts) if host == hosts[0]][:DRAWERS]
+        near, folder = drawers(world), world.bcast(folder)
         with agreed(world):
             bodies = {body.name: looked[body.name] for body in scene.body}
             interfaces = [owned[contact.name] for contact in scene.contact]

@@ -1,8 +1,6 @@
 """Pictures of an unsolved scene: meshes, groups, loads and clamps; contacts with their pairing and gaps; numbers of the
 faces of drawings."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -35,24 +33,14 @@ PLACES, ARROW = 16, 0.08
 GROUPS = ("#7fa8d1", "#e3b272", "#c4a8dc", "#d9cf7a", "#a9b8c6", "#c9a184", "#8f9bd9", "#e6b3cf")
 """Colours of groups, by name: none is near the green of clamps or the red of loads."""
 
-MARKERS = "s^>DoPv*ph"
-"""Markers of the kinds of supports."""
-
-HELD, MISSING = "#1f6f4a", "#e00000"
-"""Colours of clamps and of missing contacts."""
-
-SPACED = 4.0
-"""Edges of cells are drawn if on all bodies half of them are this many pixels away from the opposite corner."""
-
-TRIED = 8
-"""Number of facets of a group that are tried for a visible place of its name."""
+MARKERS = "s^>DoPv*ph"  # markers of the kinds of supports
+HELD, MISSING = "#1f6f4a", "#e00000"  # colours of clamps and of missing contacts
+SPACED = 4.0  # edges of cells are drawn if on all bodies half of them are so many pixels from the opposite corner
+TRIED = 8  # number of facets of a group that are tried for a visible place of its name
 
 
-DRAWN = 24
-"""The numbers are not drawn of more bodies, as each takes two pictures."""
-
-EDGEWISE = 0.1
-"""Facets are not numbered whose normal points less to the eye."""
+DRAWN = 24  # the numbers are not drawn of more bodies, as each takes two pictures
+EDGEWISE = 0.1  # facets are not numbered whose normal points less to the eye
 
 
 @dataclass(frozen=True)
@@ -126,7 +114,10 @@ def draw(folder: Path, scene: Settled, bodies: Mapping[str, Looked], interfaces:
         pictures["bodies_behind.png"] = lambda: draw_bodies(results, bodies, behind=True)
     if scene.contact or missing:
         pictures["contacts.png"] = lambda: draw_contacts(results, interfaces, missing)
-    pictures |= _face_pictures(scene, bodies)
+    for k, (name, body) in enumerate(bodies.items()):  # of solids from both sides
+        for behind in range(scene.dimension - 1) if body.mesh.faces and len(bodies) <= DRAWN else ():
+            file = f"faces_{name if len(name.encode()) < LONGEST - 20 else k}{'_behind' * behind}.png"
+            pictures[file] = partial(draw_faces, as_results(scene, {name: body}, []), name, body, bool(behind))
     with plt.rc_context(STYLE):
         for name, make in islice(pictures.items(), number, None, drawers):
             with writing(folder / name):
@@ -191,14 +182,6 @@ def draw_bodies(results: Results, bodies: Mapping[str, Looked], behind: bool = F
         plan.write(list(bodies), inside)
     plan.figure.suptitle(f"{results.heading()}bodies as drawn{', from behind' * behind}")
     return plan.figure
-
-
-def _face_pictures(scene: Settled, bodies: Mapping[str, Looked]) -> dict[str, Callable[[], Any]]:
-    """The pictures, by their names, of each body with numbered faces, of solids from both sides. Not collective."""
-    return {f"faces_{name if len(name.encode()) < LONGEST - 20 else k}{'_behind' * behind}.png": partial(
-        draw_faces, as_results(scene, {name: body}, []), name, body, bool(behind))
-        for k, (name, body) in enumerate(bodies.items()) if body.mesh.faces and len(bodies) <= DRAWN
-        for behind in range(scene.dimension - 1)}
 
 
 def draw_faces(results: Results, name: str, body: Looked, behind: bool) -> Any:

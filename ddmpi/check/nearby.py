@@ -1,17 +1,23 @@
-"""Missing contacts: bodies that lie close to each other without a contact in the scene. In any dimension."""
+"""Missing contacts: bodies that lie close to each other without a contact in the scene, in any dimension; and a first
+scene from an assembly that a CAD program has written: its parts, and contacts where they touch."""
 
-from __future__ import annotations
-
+import os
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple, Self
 
+import msgspec
 import numpy as np
 from scipy.sparse import csgraph
 
+from ddmpi.errors import TakenError
 from ddmpi.mesh.boundary import SHARPEST, creases, parts_of
+from ddmpi.mesh.build import build_mesh
+from ddmpi.mesh.geometry import list_parts
 from ddmpi.mesh.mesh import Mesh
+from ddmpi.scene.bodies import BodySpec
 from ddmpi.scene.contacts import Rigid, SettledContact, default_name
 from ddmpi.scene.reader import write_toml
 from ddmpi.surface.cut import FACING
@@ -19,14 +25,17 @@ from ddmpi.surface.near import distance_to
 from ddmpi.surface.side import across, unit
 from ddmpi.system.numbers import nearest_in
 
-NEAR = 0.25
-"""Facets may be meant to touch if they are closer than this fraction of the smaller one's size."""
-
-NUMBERS = re.compile(r"\d+(\+\d+)*")
-"""A number of a face, or several together."""
+NEAR = 0.25  # facets may be meant to touch if they are closer than this fraction of the smaller one's size
+NUMBERS = re.compile(r"\d+(\+\d+)*")  # a number of a face, or several together
 
 ASIDE, ROUNDING = 0.5, 1e-6
 """The nearest point lies before a facet: offset by at most the first of its distance plus the second of its size."""
+
+STEEL = {"young": 210000.0, "poisson": 0.3}
+"""The material of all parts until a user says otherwise (MPa); gmsh reads CAD files in millimetres."""
+
+NAMELESS = "Open CASCADE STEP translator"  # beginning of the labels of parts to which nobody has given a name
+FINE = 10.0  # a part's extent over the size of its elements, which are quadratic, and half as large at contacts
 
 
 @dataclass(frozen=True)
@@ -41,7 +50,7 @@ class Boundary:
     smooth: Collection[tuple[str, str]] = ()  # pairs of these that meet without a corner, in both orders
 
     @classmethod
-    def of(cls, mesh: Mesh) -> Boundary:
+    def of(cls, mesh: Mesh) -> Self:
         """The boundary of a mesh. Not collective."""
         d, facets = mesh.dimension, mesh.boundary[0]
         at = mesh.points[facets[:, :d]]
@@ -173,3 +182,41 @@ def _together(pairs: Sequence[tuple[str, ...]], bodies: Sequence[Boundary]) -> I
     number, label = csgraph.connected_components(np.array([[joined(one, other) for other in pairs] for one in pairs]))
     for k in range(number):
         yield [pair for pair, of in zip(pairs, label, strict=True) if of == k]
+
+
+def draft_scene(assembly: str | Path, output: str | Path) -> str:
+    """Write ``scene.toml`` for a .step or .brep file into a folder: a body for each part, and a contact where two face
+    each other closely. What was taken, what was assumed and what is to be added, in words. Not collective.
+
+    Raises InputError for a file that gmsh cannot read or mesh, and TakenError where a scene would be overwritten.
+    """
+    path, folder = Path(assembly).resolve(), Path(output)
+    target = folder / "scene.toml"
+    if target.exists():
+        raise TakenError(f"{target} is there already; nothing is overwritten; choose another --output")
+    dimension, parts = list_parts(path, path.name)
+    bodies, words, boundaries = list[dict](), list[str](), dict[str, Boundary]()
+    labels = [label for _, label, _ in parts]
+    for number, label, extent in parts:
+        alone = labels.count(label) == 1 and bool(label) and not label.startswith(NAMELESS)
+        name = re.sub(r"[.=/\s\x00-\x1f\x7f]+", "_", "part" if label.startswith(NAMELESS) else label)[:80].strip("_")
+        name = name if alone and name and name not in boundaries else f"{name or 'part'}_{number}"
+        size = float(f"{extent / FINE:.1g}")
+        mesh = {"geometry": str(path), "part": label if alone else number, "size": size, "contact_size": size / 2,
+                "order": 2}
+        body = {"name": name, "mesh": mesh, "material": STEEL}
+        boundaries[name] = Boundary.of(build_mesh(msgspec.convert(body, BodySpec).settled(1, dimension)))
+        words.append(f"  part {number}: {name}, quadratic elements of {size:g} mm")
+        bodies.append(body | {"mesh": mesh | {"geometry": os.path.relpath(path, folder.resolve())}})
+    missing, taken = list(find_missing(boundaries, [], [])), set[str]()
+    units = {"length_unit": "mm", "stress_unit": "MPa"}
+    text = write_toml({"title": path.stem, "body": bodies, "output": units})
+    contacts = "".join(f"\n{lack.lines(taken)}\n" for lack in missing)
+    folder.mkdir(parents=True, exist_ok=True)
+    target.write_text(f"# from {path.name}; assumed: steel, MPa and mm; to be added: clamps, loads, friction\n"
+                      f"{text}{contacts}", encoding="utf-8")
+    return "\n".join([
+        "taken:", *words, *(f"  contact of {' and '.join(lack.bodies)}: on = {lack.sides}" for lack in missing),
+        "assumed:", f"  young = {STEEL['young']:g} MPa, poisson = {STEEL['poisson']:g}, lengths in mm",
+        "to be added:", f"  materials, clamps, loads and friction, on faces by their numbers: ddmpi check {target}",
+        f"{target}: {len(bodies)} bodies, {len(missing)} contacts"])

@@ -1,7 +1,5 @@
 """What this installation has: versions, and which solvers."""
 
-from __future__ import annotations
-
 import os
 import platform
 from collections.abc import Iterable

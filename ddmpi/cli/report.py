@@ -1,7 +1,5 @@
 """A report of a run or a sweep: one HTML file with its verdict, pictures and numbers, made from its files only."""
 
-from __future__ import annotations
-
 import functools
 import json
 import math
@@ -11,28 +9,20 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from ddmpi.cli.report_markup import CAPTIONS, Column, Html, element, fill, noted, number, page, picture, table
 from ddmpi.errors import InputError
 from ddmpi.mesh.elements import ORDERS
-from ddmpi.results.histories import at_step
+from ddmpi.results.histories import at_step, evenly
 from ddmpi.results.summary import RESIDUALS, ROWS, count, drawn_times, largest
 from ddmpi.results.tables import read_results, read_summary, reading
 from ddmpi.scene.method import method_of
 from ddmpi.scene.reader import write_toml
 from ddmpi.sweep.table import read_table
-from ddmpi.system.files import CHECKPOINT, MECHANISM, SUMMARY, SWEEP, TABLE, write_atomically
+from ddmpi.system.files import CHECKPOINT, MECHANISM, SUMMARY, SWEEP, TABLE, write_page
 from ddmpi.system.provenance import has_matplotlib
 
-MARK = '<meta name="generator" content="ddmpi '
-"""The beginning of a report; a file with it may be overwritten."""
-
-MOST_STEPS = 24
-"""Most load steps in the table: of more steps those at the ends of legs, of more ends an even choice."""
-
-FEW = 3
-"""Most contacts with lines of their own in the table of load steps."""
+MOST_STEPS = 24  # most load steps in the table: of more steps those at the ends of legs, of more ends an even choice
+FEW = 3  # most contacts with lines of their own in the table of load steps
 
 PHASES = {"mesh": "making or reading the meshes", "assemble": "stiffness, pairing of the contacts",
           "factor": "factorization of the stiffness", "outer": "the iteration", "recover": "displacements, stresses",
@@ -59,10 +49,7 @@ def write_report(folder: str | Path, output: str | None = None, time: float | No
         raise InputError(f"{folder}: a sweep has no load steps; --step is for the report of a run")
     with reading(folder):
         page = _sweep(folder) if (folder / SWEEP).exists() else _run(folder, time)
-    if path.exists() and not (path.is_file() and MARK.encode() in path.read_bytes()[:1000]):
-        raise InputError(f"--output {path}: is there already, and no report of ddmpi; name another file")
-    write_atomically(path, page.encode(errors="backslashreplace"))  # names of folders may be no text
-    return path
+    return write_page(path, page, "report")
 
 
 def _run(folder: Path, time: float | None) -> str:
@@ -291,8 +278,7 @@ class RunReport:
         if len(every) > MOST_STEPS:
             steps = [step for step in every if drawn_times(self.summary, step["time"]) in self.scene["time"]["points"]
                      ] or every
-            evenly = np.unique(np.linspace(0, len(steps) - 1, MOST_STEPS).round().astype(int))
-            steps = [steps[k] for k in evenly]
+            steps = [steps[k] for k in evenly(len(steps), MOST_STEPS)]
         if len(self.contacts) <= FEW:
             rows = [(step, name, contact) for step in steps for name, contact in step["contacts"].items()]
             caption, keys = "Forces on the first body", RESULTANTS + STATES

@@ -1,7 +1,5 @@
 """Pieces of a report in HTML: numbers, tables, pictures, and the template that holds them. All text is escaped."""
 
-from __future__ import annotations
-
 import base64
 import html
 import re
@@ -15,11 +13,8 @@ from pathlib import Path
 from ddmpi import __version__
 from ddmpi.system.numbers import scaled_unit
 
-NOISE = 1e-9
-"""Numbers below this fraction of the largest of their unit in a table are shown as about zero."""
-
-LONG = 12
-"""Minor tables of more rows are folded."""
+NOISE = 1e-9  # numbers below this fraction of the largest of their unit in a table are shown as about zero
+LONG = 12  # minor tables of more rows are folded
 
 TYPES = {".png": "image/png", ".gif": "image/gif"}
 

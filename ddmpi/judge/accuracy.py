@@ -9,8 +9,6 @@ error (Zienkiewicz and Zhu, Int. J. Numer. Meth. Engng. 24, 1987; Li and Bettess
 h_new = κ h_e η_e^(−1/(p+1)). In space the exponent is −2/(2p+3).
 """
 
-from __future__ import annotations
-
 import logging
 import math
 from collections.abc import Mapping, Sequence
@@ -26,37 +24,27 @@ from ddmpi.scene.scene import Settled
 
 log = logging.getLogger("ddmpi")
 
-FIRST_RATE = 0.75
-"""Rate assumed on the first mesh: corners of clamps and ends of contacts slow down elements of both orders."""
-
-RATES = (0.4, 2.0)
-"""A measured rate is limited to this range."""
-
-GROWTH = 4
-"""Largest refinement in one step."""
-
-AIM, AIM_DRAWN = 0.95, 0.85
-"""The error that a step aims for, over the goal: of shapes and files, of geometries."""
+FIRST_RATE = 0.75  # rate assumed on the first mesh: corners of clamps and ends of contacts slow down both orders
+RATES = (0.4, 2.0)  # a measured rate is limited to this range
+GROWTH = 4  # largest refinement in one step
+AIM, AIM_DRAWN = 0.95, 0.85  # the error that a step aims for, over the goal: of shapes and files, of geometries
 
 CAUTION = 0.2
 """A target is met by estimates that are smaller by this fraction of it, over the order: true errors were larger than
 estimates by at most as much (docs/understand/tradeoff.md)."""
 
-HOPELESS = 1.25
-"""Stop refining when the goal needs meshes more than this many times finer than `max_unknowns` allows."""
+HOPELESS = 1.25  # stop refining when the goal needs meshes more than this many times finer than `max_unknowns` allows
 
 DROP = 0.2
 """A step of a geometry aims for at least this fraction of the error: estimates on coarse meshes say where the error is,
 not how large it is."""
 
-SHRINK, GROW = 0.1, 2.0
-"""Limits of the new size of an element over its old size."""
+SHRINK, GROW = 0.1, 2.0  # limits of the new size of an element over its old size
 
 SLOWEST, ALMOST = 0.5, 0.95
 """The lowest rate of geometries; a step that leaves more than ALMOST of the error counts as leaving ALMOST."""
 
-STEPS = 12
-"""Largest number of meshes of a geometry."""
+STEPS = 12  # largest number of meshes of a geometry
 
 
 class Level(NamedTuple):

@@ -1,11 +1,9 @@
 """The certificate of an answer: the residuals of the coupled problem, without units, from the final displacements and
 forces of the bodies alone. Nothing of the iteration enters."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from mpi4py import MPI
@@ -18,15 +16,13 @@ FACTOR = 50.0
 iteration. With a contraction of 0.8 per step the contact displacement is off by four steps, and the contact forces by
 three to twenty times that, because the spectrum of the compliance is wide."""
 
-SMALLEST_LIMIT, LARGEST_LIMIT = 1e-10, 0.05
-"""Limits of the largest residual of a certified answer, whatever the tolerance."""
+SMALLEST_LIMIT, LARGEST_LIMIT = 1e-10, 0.05  # of the residuals of a certified answer, whatever the tolerance
 
 RESOLVED = 1e-8
 """Contact displacements below this fraction of the bodies' largest displacement are rounding: the usual limit, 5e-7 of
 them, is then twenty times the rounding of one number. Solves left up to eight times that."""
 
-NO_FORCE = 1e-6
-"""Contact forces are compared with at least this fraction of the loads, per node."""
+NO_FORCE = 1e-6  # contact forces are compared with at least this fraction of the loads, per node
 
 RELEASED = 2e-4
 """Where all forces of a contact became zero, as they were rounding beside those of the load steps before, displacements
@@ -34,8 +30,7 @@ are compared with this fraction of what those caused. The usual limit is then 1e
 
 EPSILON = float(np.finfo(float).eps)
 
-LITTLE = 1e-4
-"""The forces on a body are compared with at least this fraction of the loads of all bodies."""
+LITTLE = 1e-4  # the forces on a body are compared with at least this fraction of the loads of all bodies
 
 
 class ContactResiduals(NamedTuple):
@@ -74,7 +69,7 @@ class Certificate:
     equilibrium: Mapping[str, float]
     known: Mapping[str, tuple[float, str]] | None = None
 
-    def told(self, world: MPI.Comm) -> Certificate:
+    def told(self, world: MPI.Comm) -> Self:
         """This certificate, with the `worst` residuals of all contacts and bodies on all ranks. Collective."""
         return replace(self, known=world.bcast(self.worst() if world.rank == 0 else None))
 

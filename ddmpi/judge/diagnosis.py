@@ -1,11 +1,9 @@
 """What a user is told of a run that ends without a certified answer."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Collection
 from itertools import chain
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -16,14 +14,9 @@ from ddmpi.scene.method import SettledMethod
 from ddmpi.scene.scene import Settled
 from ddmpi.system.numbers import in_words
 
-LOOK_BACK = 10
-"""Number of iterations by which convergence is judged."""
-
-SMALLEST = 1e-15
-"""A residual below this cannot become smaller."""
-
-LARGE_FRICTION = 1.0
-"""From this friction coefficient on a message says that a solution need not be unique."""
+LOOK_BACK = 10  # number of iterations by which convergence is judged
+SMALLEST = 1e-15  # a residual below this cannot become smaller
+LARGE_FRICTION = 1.0  # from this friction coefficient on a message says that a solution need not be unique
 
 
 class StatusLog:
@@ -62,9 +55,9 @@ class StatusLog:
         opened, slips, sticks = self._space.add(counts).astype(int).tolist()
         self.counts.append((opened, slips, sticks))
 
-    def whole(self) -> StatusLog:
+    def whole(self) -> Self:
         """The log of the nodes of all ranks. Collective."""
-        whole, comm = StatusLog(Space([])), self._space.comm
+        whole, comm = type(self)(Space([])), self._space.comm
         everyone = comm.allgather((list(self._recent), self.xy, self.largest_slope))
         recent, places, slopes = zip(*everyone, strict=True)
         whole._recent.extend(np.concatenate(codes) for codes in zip(*recent, strict=True))

@@ -32,23 +32,15 @@ IMBALANCE = 1e-6
 """There is no equilibrium if this fraction of the loads on a body stays without balance. By this fraction of its
 velocity a mechanism may press into a contact, the solver's tolerance."""
 
-LIGHTEST = 1e-3, 1e-6
-"""Loads and mass of a body count as at least these fractions of the largest loads and of the largest mass."""
-
-ROUNDS, SETTLED = 20, 1e-5
-"""Most rounds in which friction bounds follow the pressures; they end when v changes by less than SETTLED."""
+LIGHTEST = 1e-3, 1e-6  # loads and mass of a body count as at least these fractions of the largest ones
+ROUNDS, SETTLED = 20, 1e-5  # most rounds in which bounds follow pressures, until v changes by less than SETTLED
 
 TOLERANCES = (1e-16, 1e-12, 1e-12), (1e-13, 1e-9, 1e-9)
 """Tolerances of clarabel for gap, relative gap and feasibility: first strict ones, near a limit looser ones."""
 
-BENT = 1e-7
-"""A contact is flat if its forces on the rigid motions bend by less than this fraction of them."""
-
-DIGITS = 7
-"""Directions and coefficients that agree to this many digits are equal."""
-
-HULL = 3
-"""Most dimensions in which corners of a convex hull are computed."""
+BENT = 1e-7  # a contact is flat if its forces on the rigid motions bend by less than this fraction of them
+DIGITS = 7  # directions and coefficients that agree to this many digits are equal
+HULL = 3  # most dimensions in which corners of a convex hull are computed
 
 
 @dataclass(frozen=True)

@@ -4,10 +4,9 @@ A velocity (n,) is that of the body's centre, then its rotation: (v_x, v_y, ω),
 (v_x, v_y, v_z, ω_x, ω_y, ω_z), by the right-hand rule, in space.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 import scipy.sparse as sparse
@@ -16,23 +15,12 @@ from scipy.sparse import csgraph
 from ddmpi.body.rigid_motions import rigid_motions
 from ddmpi.system.numbers import crossed, in_words
 
-SAME = 1e-2
-"""Velocities that differ by less than this fraction of the largest count as one motion."""
-
-TURNS_ABOUT = 0.25
-"""A body turns about its middle if that moves by at most this fraction of the fastest node."""
-
-NAMED = 2
-"""Of more than NAMED + 1 bodies, this many are named."""
-
-DIGITS = 6
-"""Places that agree to this many digits of a body's size are equal."""
-
-FLAT = 1e-3
-"""Least thickness of a body over its size."""
-
-LARGEST = 300
-"""Skip the search for free motions in larger groups of bodies."""
+SAME = 1e-2  # velocities that differ by less than this fraction of the largest count as one motion
+TURNS_ABOUT = 0.25  # a body turns about its middle if that moves by at most this fraction of the fastest node
+NAMED = 2  # of more than NAMED + 1 bodies, this many are named
+DIGITS = 6  # places that agree to this many digits of a body's size are equal
+FLAT = 1e-3  # least thickness of a body over its size
+LARGEST = 300  # skip the search for free motions in larger groups of bodies
 
 RESISTED = 3e-4
 """Resistance below this fraction of that of other motions counts as none. Meshes that do not match resist turning of a
@@ -61,7 +49,7 @@ class MotionsOfBody:
     inertia: np.ndarray
 
     @classmethod
-    def of(cls, name: str, points: np.ndarray, motions: np.ndarray) -> MotionsOfBody:
+    def of(cls, name: str, points: np.ndarray, motions: np.ndarray) -> Self:
         """From the nodes (nv, d) and the displacements (nv, d, j) that the free motions mean there. Not collective."""
         outline, places, weights = _hull(points)
         centre = weights @ places

@@ -3,12 +3,10 @@
 A body is a set of simplices, and penetrates another one where points of its boundary lie in cells of that one.
 """
 
-from __future__ import annotations
-
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from mpi4py import MPI
@@ -23,11 +21,12 @@ from ddmpi.surface.near import distance_to, in_cells
 from ddmpi.system.agreement import gathered
 from ddmpi.system.numbers import ALIKE, SAME, Frame, RigidMotion, in_words
 
-RESOLVED = 1e-3
-"""Do not warn of overlaps below this fraction of the largest displacement, in a body itself of a cell."""
+RESOLVED = 1e-3  # do not warn of overlaps below this fraction of the largest displacement, in a body itself of a cell
 
 WIDEN, ADD = "name the whole boundary that may touch in `on`", "add a [[contact]] between them"
 """What helps where bodies overlap that a contact names, and those that none does."""
+
+Box = tuple[np.ndarray, np.ndarray]  # its corners (d,) of the least and of the largest coordinates (m)
 
 
 @dataclass(frozen=True)
@@ -49,7 +48,7 @@ class Solid:
     numbers: np.ndarray
 
     @classmethod
-    def of(cls, mesh: Mesh, u: np.ndarray) -> Solid:
+    def of(cls, mesh: Mesh, u: np.ndarray) -> Self:
         """A body of this mesh that moved by `u` (n, d)."""
         d, (facets, owner), facet = mesh.dimension, mesh.boundary, mesh.cell.facet
         opposite = mesh.corners[owner].sum(axis=1) - facets[:, :d].sum(axis=1)
@@ -97,7 +96,7 @@ class Solid:
         """Its nodes (n, d) after a `fraction` of their displacements (m)."""
         return self.at + fraction * (self.moved - self.at) if fraction else self.at
 
-    def box(self) -> tuple[np.ndarray, np.ndarray]:
+    def box(self) -> Box:
         """The corners of the box around it, as drawn and in the answer."""
         both = np.stack([self.at, self.moved])
         return both.min(axis=(0, 1)), both.max(axis=(0, 1))
@@ -108,12 +107,12 @@ class Solid:
         sides = np.packbits(beyond, axis=1)[:, 0]  # a bit for each side of the box; no cell may have one in common
         return self.cells[np.bitwise_and.reduce(sides[self.cells.T]) == 0]
 
-    def near_box(self, low: np.ndarray, high: np.ndarray) -> Solid:
+    def near_box(self, low: np.ndarray, high: np.ndarray) -> Self:
         """Its boundary, and the cells that may meet a box between the drawing and the answer, for another rank."""
         cells = self.near(low, high, self.at, self.moved)
         nodes = np.unique(np.concatenate([cells.ravel(), self.facets.ravel()]))
-        return Solid(self.at[nodes], self.moved[nodes], np.searchsorted(nodes, cells),
-                     np.searchsorted(nodes, self.facets), self.numbers[nodes])
+        return type(self)(self.at[nodes], self.moved[nodes], np.searchsorted(nodes, cells),
+                          np.searchsorted(nodes, self.facets), self.numbers[nodes])
 
 
 class Overlap(NamedTuple):
@@ -134,51 +133,42 @@ def doubt_overlaps(assembly: Assembly, displacements: Mapping[str, np.ndarray],
     solids = {body.number: Solid.of(body.mesh, displacements[body.spec.name]) for body in assembly.bodies}
     interfaces, warnings = {body.number: body.member.interfaces for body in assembly.bodies}, {}
     boxes = gathered(world, {number: (world.rank, solid.box()) for number, solid in solids.items()})
-    near = world.scatter(_pairs_by_rank(boxes, world.size) if world.rank == 0 else None)
+    pairs = list(_meeting(boxes)) if world.rank == 0 else []
+    near = world.scatter([[pair for pair in pairs if rank in pair[1]] for rank in range(world.size)])
     depths = world.bcast(_depths(contacts))
-    sending = [world.isend(solids[b].near_box(*box), rank, b) for (a, b), rank, box in near
+    sending = [world.isend(solids[b].near_box(*box), ranks[0], b) for (a, b), ranks, box in near
                if b in solids and a not in solids]
     for number, solid in solids.items():
         if (place := penetrates_itself(solid)) is not None:
-            warnings[number, number] = (
+            warnings[False, number, number] = (
                 f"body.{names[number]} penetrates itself, as at {in_words(place, 4)}, where no contact keeps its sides "
                 "apart; if they may touch, split it into two bodies, bonded where they are connected")
-    for (a, b), rank, _ in near:
+    for (a, b), ranks, _ in near:
         if a in solids:
-            pair, sides = (names[a], names[b]), (solids[a], solids[b] if b in solids else world.recv(None, rank, b))
+            pair, sides = (names[a], names[b]), (solids[a], solids[b] if b in solids else world.recv(None, ranks[1], b))
             kept = [np.isin(solid.numbers, _kept(interfaces[a], *ends)) for solid, ends in
                     zip(sides, (pair, pair[::-1]), strict=True)]
             overlap, drawn = penetration(*sides, kept, _between(*pair, depths))
             if overlap.depth:
                 touch = any(set(contact.bodies) == set(pair) for contact in assembly.scene.contact)
                 as_drawn = f" ({drawn:.3g} {unit} as drawn)" * (drawn > 0.0)
-                warnings[a, b] = (f"body.{pair[0]} and body.{pair[1]} penetrate each other by {overlap.depth:.3g} "
-                                  f"{unit}{as_drawn}, as at {in_words(overlap.place, 4)}, where no contact keeps them "
-                                  f"apart; {WIDEN if touch else ADD}")
+                warnings[False, a, b] = (
+                    f"body.{pair[0]} and body.{pair[1]} penetrate each other by {overlap.depth:.3g} {unit}{as_drawn}, "
+                    f"as at {in_words(overlap.place, 4)}, where no contact keeps them apart; {WIDEN if touch else ADD}")
     MPI.Request.waitall(sending)
-    return [*_in_order(world, warnings), *_doubt_rigid(assembly, contacts, solids)]
-
-
-def _in_order(world: MPI.Comm, warnings: Mapping[tuple[int, int], str]) -> list[str]:
-    """The warnings of all ranks, on the first one, by the numbers of bodies and partners. Collective."""
+    warnings |= _doubt_rigid(assembly, contacts, solids)
     return [warning for _, warning in sorted(gathered(world, warnings).items())]
 
 
-def _pairs_by_rank(boxes: Mapping[int, tuple[int, tuple[np.ndarray, np.ndarray]]],
-                   ranks: int) -> list[list[tuple[tuple[int, int], int, tuple[np.ndarray, np.ndarray]]]]:
-    """For each rank its pairs of bodies whose boxes overlap, one of them on this rank: numbers, the other's rank, and
-    the box of the first. `boxes` are the ranks and boxes of all bodies. Not collective."""
+def _meeting(boxes: Mapping[int, tuple[int, Box]]) -> Iterator[tuple[tuple[int, int], tuple[int, int], Box]]:
+    """The pairs of bodies whose boxes overlap: their numbers, their ranks, and the box of the first. `boxes` are the
+    ranks and boxes of all bodies. Not collective."""
     numbers = sorted(boxes)
     low, high = np.array([boxes[number][1] for number in numbers]).transpose(1, 0, 2)
-    pairs: list[list] = [[] for _ in range(ranks)]
     for k, a in enumerate(numbers):
         meets = ((low[k + 1:] <= high[k]) & (low[k] <= high[k + 1:])).all(axis=1)
         for b in (numbers[k + 1 + other] for other in np.flatnonzero(meets)):
-            (first, box), second = boxes[a], boxes[b][0]
-            pairs[first].append(((a, b), second, box))
-            if second != first:
-                pairs[second].append(((a, b), first, box))
-    return pairs
+            yield (a, b), (boxes[a][0], boxes[b][0]), boxes[a][1]
 
 
 def _depths(contacts: Mapping[str, ContactTotals]) -> dict[str, dict[str, float]]:
@@ -308,12 +298,13 @@ def deepest_in(a: Solid, b: Solid, kept: np.ndarray, kept_of_b: np.ndarray, frac
     return Overlap(float(depth[k]), points[some[k]]) if excess[k] > 0.0 else Overlap()
 
 
-def _doubt_rigid(assembly: Assembly, contacts: Mapping[str, ContactTotals], solids: Mapping[int, Solid]) -> list[str]:
-    """Warnings, on the first rank, where a body penetrates a rigid partner outside its contact with it; `solids` are
-    the bodies of this rank. Collective."""
+def _doubt_rigid(assembly: Assembly, contacts: Mapping[str, ContactTotals],
+                 solids: Mapping[int, Solid]) -> dict[tuple[bool, int, int], str]:
+    """Warnings where a body of this rank, one of the `solids`, penetrates a rigid partner outside its contact with it,
+    by (True, body, partner). Collective."""
     moved = assembly.world.bcast({contact.bodies[1]: contact.rigid for contact in contacts.values()
                                   if contact.rigid is not None})
-    warnings: dict[tuple[int, int], str] = {}
+    warnings = {}
     for body in assembly.bodies:
         for k, rigid in enumerate(assembly.scene.rigid):
             still = RigidMotion(np.array(rigid.displacement or np.zeros(body.mesh.dimension)))
@@ -322,8 +313,8 @@ def _doubt_rigid(assembly: Assembly, contacts: Mapping[str, ContactTotals], soli
                 solid = replace(solid, at=frame.undone.at(solid.at), moved=frame.undone.at(solid.moved))
             if warning := _in_partner(body, solid, moved.get(rigid.name, still), rigid,
                                       assembly.scene.units["length"], frame):
-                warnings[body.number, k] = warning
-    return _in_order(assembly.world, warnings)
+                warnings[True, body.number, k] = warning
+    return warnings
 
 
 def _in_partner(body: Body, solid: Solid, motion: RigidMotion, rigid: Rigid, unit: str,

@@ -1,7 +1,5 @@
 """Warnings about a scene and its certified answer; `LIMIT` has the limits of all of them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

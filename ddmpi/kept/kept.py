@@ -5,8 +5,6 @@ makes of others. `Kept` holds the last value of each stage of each body or conta
 function reads. Where the key of a case is the same, so is the value, to the bit, and it is taken instead of made.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import gc
 import hashlib

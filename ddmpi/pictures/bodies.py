@@ -1,12 +1,11 @@
 """Pictures of bodies in the plane and in space: deformed, with the estimated error, as a mechanism, over load steps."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,7 @@ import numpy as np
 
 from ddmpi.errors import OutputError
 from ddmpi.mesh.mesh import boundary_facets
-from ddmpi.pictures.moved import PRESSED, apart, magnify, painted_by, rigid_parts
+from ddmpi.pictures.moved import PRESSED, apart, magnify, painted_by, pressed, rigid_parts
 from ddmpi.pictures.sheet import (
     COLOURS,
     FILLED,
@@ -29,20 +28,18 @@ from ddmpi.pictures.sheet import (
     signed_colours,
 )
 from ddmpi.pictures.views import Skin, Surface, View
-from ddmpi.results.fields import NODAL, group_of, owners
-from ddmpi.results.histories import placed, step_times
-from ddmpi.results.tables import Columns, Results, read_surfaces
+from ddmpi.results.fields import owners
+from ddmpi.results.histories import load_steps
+from ddmpi.results.tables import Results
 from ddmpi.system.files import writing
 from ddmpi.system.numbers import RigidMotion, crossed, scaled_unit
 
-BRIGHTEST = 0.998
-"""Fraction of the area at which the colours of stresses end: singular stresses in corners must not set the scale."""
+BRIGHTEST = 0.998  # share of the area at which colours of stresses end: singular ones must not set the scale
 
 MOVED, TURNED_BY = 0.1, 0.3
 """Largest displacement in the picture of a mechanism, over the bodies' extent, and largest rotation (rad)."""
 
-AT_REST = 1e-3
-"""A body is drawn at rest if its velocity is below this fraction of the largest."""
+AT_REST = 1e-3  # a body is drawn at rest if its velocity is below this fraction of the largest
 
 FRAMES, SECONDS, SLOWEST, FASTEST = 200, 6.0, 2.0, 20.0
 """Largest number of frames of an animation, its duration (s), and limits of frames per second."""
@@ -52,8 +49,7 @@ COMPONENTS = ({f"displacement_{axis}": ("displacement", k) for k, axis in enumer
               | {f"principal_{k + 1}": ("nodal_principal", k) for k in range(3)})
 """The field at nodes, and its column, that output.animation asks for."""
 
-COARSE = 700
-"""Pixels of the longer side of the bodies in an animation."""
+COARSE = 700  # pixels of the longer side of the bodies in an animation
 
 
 def skin_of(results: Results) -> Skin:
@@ -208,48 +204,48 @@ def animate(results: Results, folder: Path, title: str) -> Path:
     skin, dimension, largest, top, least = skin_of(results), results.dimension, 0.0, 0.0, 0.0
     scene, areas = results.summary["scene"], skin.areas(results.points)
     what = scene["output"].get("animation") or True
-    unbonded = [contact["name"] for contact in scene["contact"] if contact.get("kind") != "bonded"]
-    pressed = (unbonded or list(results.contacts)) if what == "pressure" else []
+    pressing = [contact["name"] for contact in pressed(results) if what == "pressure"]
     view = View(results.points, scene["output"])
-    painted = pressed if view.solid else []
-    for _, fields, surfaces in _frames(results, folder):
+    painted = pressing if view.solid else []
+    steps = partial(load_steps, results, folder, FRAMES)
+    for _, fields, surfaces in steps():
         largest = max(largest, np.linalg.norm(fields["displacement"], axis=1).max())
         values, quantity, unit = coloured(results, fields, what)
         ends = limits(skin.extended(values), areas, BRIGHTEST)
-        if pressed:
+        if pressing:
             quantity, unit = "pressure", scene["output"]["stress_unit"]
-            values = np.concatenate([np.zeros(1), *(np.nan_to_num(surfaces[name]["pressure"]) for name in pressed)])
+            values = np.concatenate([np.zeros(1), *(np.nan_to_num(surfaces[name]["pressure"]) for name in pressing)])
             ends = 0.0, limits(values, values > 0.0, PRESSED)[1]
         least, top = min(least, ends[0]), max(top, ends[1])
     factor, shift = magnify(results, largest)
     shifts = apart(results, view) if painted else {}
-    if pressed:
+    if pressing:
         still = [shifts.get(name, np.zeros(dimension)) for name in results.summary["bodies"]]
         factor, shift = 0.0, np.array(still)[owners(results)]
     low = high = results.points + shift
-    for _, fields, _ in _frames(results, folder):
+    for _, fields, _ in steps():
         at = (fields["points"] + factor * fields["displacement"])[:, :dimension] + shift
         low, high = np.minimum(low, at), np.maximum(high, at)
     scale, unit = scaled_unit(max(top, -least), unit)
-    image = signed_colours(least / scale, top / scale, "YlOrRd" if pressed else "viridis")
+    image = signed_colours(least / scale, top / scale, "YlOrRd" if pressing else "viridis")
     sheet = Sheet(results, np.vstack([skin.extended(state)[skin.beyond <= 0.0] for state in (low, high)]),
                   pixels=COARSE)
     sheet.colours(image, f"{quantity} ({unit})", "both" if least < 0.0 else "max")
     sheet.figure.set_dpi(80)
     path, frames = folder / "animation.gif", []
-    for time, fields, surfaces in _frames(results, folder):
+    for time, fields, surfaces in steps():
         sheet.clear()
         at = skin.extended((fields["points"] + factor * fields["displacement"])[:, :dimension] + shift)
         values = skin.extended(coloured(results, fields, what)[0])[skin.facets] / scale
-        body = Surface(at, skin.facets, filled("still") if pressed else by_value(values, image), skin.beyond,
-                       plain=not pressed)
+        body = Surface(at, skin.facets, filled("still") if pressing else by_value(values, image), skin.beyond,
+                       plain=not pressing)
         sheet.meet(() if painted else rigid_parts(results, factor, time))
         sheet.show([body, *(surface for surface, _ in painted_by(
             replace(results, surfaces=surfaces), painted, shifts, image, scale))])
-        if pressed and not painted:
+        if pressing and not painted:
             sheet.facets([(surfaces[name]["points"][:, :2], surfaces[name]["cells"],
-                           np.nan_to_num(surfaces[name]["pressure"]) / scale) for name in pressed], image)
-        sheet.figure.suptitle(title + f"time {time:.4g}" + f", displacement × {factor:g}" * (not pressed))
+                           np.nan_to_num(surfaces[name]["pressure"]) / scale) for name in pressing], image)
+        sheet.figure.suptitle(title + f"time {time:.4g}" + f", displacement × {factor:g}" * (not pressing))
         sheet.figure.canvas.draw()
         sheet.figure.set_layout_engine("none")  # as the first frame has it
         frames.append(Image.fromarray(np.asarray(sheet.figure.canvas.buffer_rgba())).convert("RGB"))
@@ -283,16 +279,3 @@ def _write_video(path: Path, frames: Sequence[Any], rate: float, ffmpeg: str) ->
             stdin=raw, capture_output=True)
     if done.returncode:
         raise OutputError(f"{path}: ffmpeg could not write it: {done.stderr.decode(errors='replace').strip()}")
-
-
-def _frames(results: Results, folder: Path) -> Iterator[tuple[float, Columns, dict[str, Columns]]]:
-    """Time, the fields as they are drawn, and surfaces of contacts, of the load steps in the series result.xdmf."""
-    import h5py
-
-    times = step_times(folder)
-    with h5py.File(folder / "result.h5", "r") as file:
-        for k in np.unique(np.linspace(0, len(times) - 1, min(FRAMES, len(times))).round().astype(int)):
-            fields = file.get(group_of(k), file)
-            yield times[k], placed(results, times[k], {name: fields[name][()] for name in (
-                "displacement", "displacement_in_frame", *NODAL) if name in fields}).fields, (
-                    read_surfaces(file, group_of(k)))

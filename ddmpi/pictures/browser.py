@@ -1,12 +1,9 @@
 """view.html: the results of a run, to be turned in a browser. One file without references to a network."""
 
-from __future__ import annotations
-
 import base64
 import json
 import string
 import zlib
-from collections.abc import Iterator
 from dataclasses import replace
 from html import escape
 from importlib import resources
@@ -18,20 +15,15 @@ from scipy.spatial import cKDTree
 
 from ddmpi import __version__
 from ddmpi.errors import InputError
-from ddmpi.mesh.elements import normals
 from ddmpi.pictures.bodies import BRIGHTEST, largest_of
-from ddmpi.pictures.moved import apart, first_is_slave, magnify
+from ddmpi.pictures.moved import ABOVE, apart, covered, magnify, pressed
 from ddmpi.pictures.sheet import limits
 from ddmpi.pictures.views import Skin, View, sharp_edges
-from ddmpi.results.fields import group_of, owners
-from ddmpi.results.histories import at_step, placed, step_times
-from ddmpi.results.tables import Columns, Results, read_results, read_surfaces, reading
-from ddmpi.surface.side import nodal, unit
-from ddmpi.system.files import MECHANISM, write_atomically
+from ddmpi.results.fields import owners
+from ddmpi.results.histories import at_step, load_steps, placed
+from ddmpi.results.tables import Results, read_results, reading
+from ddmpi.system.files import MECHANISM, write_page
 from ddmpi.system.numbers import scaled_unit
-
-MARK = b'<meta name="generator" content="ddmpi '
-"""The beginning of a view; a file with it may be overwritten."""
 
 COLOURS = {name: [f"#{colour}" for colour in colours.split()] for name, colours in {
     "stress": "440154 472d7b 3b528b 2c728e 21918c 28ae80 5ec962 addc30 fde725",
@@ -45,8 +37,7 @@ TITLES = {"von_mises": ("von Mises stress", "stress"), "pressure": ("contact pre
 MOST_CELLS, MOST_NUMBERS = 600_000, 4_000_000
 """Most tetrahedra that a view has, to show stresses on a cut, and most displacements and stresses of all load steps."""
 
-RIBBON, ABOVE = 0.012, 1e-3
-"""Width of contacts in the plane, and how far colours lie above the parts that bear them, over the bodies' extent."""
+RIBBON = 0.012  # width of contacts in the plane over the bodies' extent
 
 
 class Arrays:
@@ -85,10 +76,7 @@ def write_view(folder: str | Path, output: str | None = None) -> Path:
             raise InputError(f"{folder}: the run has found no equilibrium, so there is nothing to turn; mechanism.png "
                              "shows how the bodies would move")
         page = _page(placed(at_step(read_results(folder), folder)), folder)
-    if path.exists() and not (path.is_file() and MARK in path.read_bytes()[:1000]):
-        raise InputError(f"--output {path}: is there already, and no view of ddmpi; name another file")
-    write_atomically(path, page.encode())
-    return path
+    return write_page(path, page, "view")
 
 
 def _page(results: Results, folder: Path) -> str:
@@ -96,7 +84,7 @@ def _page(results: Results, folder: Path) -> str:
         raise InputError(f"{folder}: an earlier version of ddmpi wrote these results, without the surfaces of contacts "
                          "that a view shows; run the scene again")
     output, d = results.summary["scene"]["output"], results.dimension
-    turned = bool(results.summary["scene"].get("axisymmetric"))  # the page turns the section around y
+    turned = results.axisymmetric  # the page turns the section around y
     view = View(results.points, {key: output[key] for key in ("view",) if output.get(key) and d > 2})
     skin, owner = Skin(view, results.points, results.fields["cells"]), owners(results)
     facets, areas = skin.facets, skin.areas(results.points)
@@ -127,7 +115,8 @@ def _page(results: Results, folder: Path) -> str:
     painted = paint(results, points)
     low, high = points[nodes].min(axis=0), points[nodes].max(axis=0)
     times, tops, marks = [], dict.fromkeys(TITLES, 0.0), {name: list[tuple[float, int]]() for name in TITLES}
-    for k, (time, fields, surfaces) in enumerate(_steps(results, folder, len(nodes))):
+    seen = load_steps(results, folder, max(1, int(MOST_NUMBERS / (5 * len(nodes)))))
+    for k, (time, fields, surfaces) in enumerate(seen):
         u = np.pad(fields["displacement"][:, :d], ((0, 0), (0, 3 - d))) + s
         if far:
             at = (fields["points"] - s)[nodes]
@@ -169,28 +158,11 @@ def _page(results: Results, folder: Path) -> str:
             "cut": next(([axis, at] for axis, at in (output.get("cut") or {}).items() if at is not None), None),
             "scale": scale, "low": low.tolist(), "high": high.tolist(), "arrays": arrays.places,
             "view": np.degrees([np.arctan2(eye[1], eye[0]), np.arcsin(np.clip(eye[2], -1.0, 1.0))]).tolist(),
-            "shifts": [shifts.get(name, np.zeros(3)).tolist() for name in (
-                *results.summary["bodies"], *(rigid["name"] for rigid in results.summary["scene"].get("rigid", ())))]}
+            "shifts": [shifts.get(name, np.zeros(3)).tolist() for name in results.parts]}
     template = string.Template(resources.files("ddmpi.pictures").joinpath("view.html").read_text(encoding="utf-8"))
     return template.substitute(version=__version__, title=escape(
         results.summary["title"] or ", ".join(results.summary["bodies"])),
                                head=json.dumps(head).replace("<", "\\u003c"), data=arrays.packed())
-
-
-def _steps(results: Results, folder: Path, number: int) -> Iterator[tuple[float, Columns, dict[str, Columns]]]:
-    """Time, fields and surfaces of the load steps whose fields are in the folder, as many as MOST_NUMBERS allows."""
-    import h5py
-
-    times = step_times(folder) if results.energy else []
-    with h5py.File(folder / "result.h5", "r") as file:
-        most = max(1, int(MOST_NUMBERS / (5 * number)))
-        for k in np.unique(np.linspace(len(times) - 1, 0, min(most, len(times))).round().astype(int)) if times else [0]:
-            group = group_of(int(k))
-            fields, step = (file[group], group) if times and group in file else (file, "")
-            time = times[k] if times else 1.0
-            yield time, placed(results, time, {name: fields[name][()] for name in (
-                "displacement", "displacement_in_frame", "nodal_von_mises", "von_mises") if name in fields}).fields, (
-                    read_surfaces(file, step))
 
 
 def _painted(results: Results, points: np.ndarray, owner: np.ndarray) -> dict[str, Any]:
@@ -199,21 +171,14 @@ def _painted(results: Results, points: np.ndarray, owner: np.ndarray) -> dict[st
     `nearest` (n,) node, which they move with; the lines `rims` (r, 2) of contacts in the plane; and by
     contact the `rows` of its surface that they stand for."""
     extent, bodies = np.ptp(points, axis=0).max(), list(results.summary["bodies"])
-    names = [*bodies, *(rigid["name"] for rigid in results.summary["scene"].get("rigid", ()))]
     trees = {name: cKDTree(points[owner == k]) for k, name in enumerate(bodies)}
     places, above, triangles = [np.zeros((0, 3))], [np.zeros((0, 3))], [np.zeros((0, 3), int)]
     rims = [np.empty(0, int).reshape(-1, 2)]
     bearers, nearest, rows, first = [], [], list[tuple[str, np.ndarray]](), 0
-    contacts = results.summary["scene"]["contact"]
-    for contact in [each for each in contacts if each.get("kind") != "bonded"] or contacts:
-        surface = results.surfaces[contact["name"]]
-        at, cells = surface["points"], surface["cells"]
-        cells = cells[cells[:, 0] != cells[:, 1]]
-        across = normals(at[cells]) if cells.shape[1] == 3 else np.pad(normals(at[cells][..., :2]), ((0, 0), (0, 1)))
-        outward = unit(nodal(across[:, None].repeat(cells.shape[1], axis=1), cells, len(at)))
-        for body, own in zip(contact["bodies"], (True, False), strict=True):
-            slave = own == first_is_slave(results, contact)
-            sign, some = (1.0 if slave else -1.0), np.arange(len(at))
+    for contact in pressed(results):
+        at, cells, outward, faces = covered(results, contact)
+        for body, sign, facets in faces:
+            some = np.arange(len(at))
             if cells.shape[1] == 2:  # ribbons into the part
                 some = np.concatenate([some, some])
                 place = np.concatenate([at, at - sign * RIBBON * extent * outward])
@@ -222,13 +187,13 @@ def _painted(results: Results, points: np.ndarray, owner: np.ndarray) -> dict[st
                 a, b = cells.T
                 facets = np.concatenate([np.stack([a, b, b + len(at)], 1), np.stack([a, b + len(at), a + len(at)], 1)])
             else:
-                place, lift, facets = at, sign * ABOVE * extent * outward, cells if slave else cells[:, ::-1]
+                place, lift = at, sign * ABOVE * extent * outward
             mover = body if body in trees else contact["bodies"][0]
             own_nodes = np.flatnonzero(owner == bodies.index(mover))
             places.append(place)
             above.append(lift)
             triangles.append(facets + first)
-            bearers.append(np.full(len(place), names.index(body)))
+            bearers.append(np.full(len(place), results.parts.index(body)))
             nearest.append(own_nodes[trees[mover].query(at)[1]][some])
             rows.append((contact["name"], some))
             first += len(place)

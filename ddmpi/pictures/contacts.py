@@ -1,7 +1,5 @@
 """Pictures of contacts: all of them on the bodies, and each contact of solids as maps of its surface."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import matplotlib.pyplot as plt
@@ -10,10 +8,9 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from ddmpi.mesh.elements import normals
 from ddmpi.mesh.mesh import signed_measures
 from ddmpi.pictures.bodies import middles, skin_of
-from ddmpi.pictures.moved import FACING, PRESSED, STRAIGHT, apart, directions, painted_by, rigid_parts
+from ddmpi.pictures.moved import FACING, PRESSED, STRAIGHT, apart, directions, outward, painted_by, pressed, rigid_parts
 from ddmpi.pictures.sheet import (
     COLOURS,
     RESOLVED,
@@ -30,30 +27,19 @@ from ddmpi.pictures.sheet import (
 from ddmpi.pictures.views import Surface, View, rim
 from ddmpi.results.fields import owners, vectors
 from ddmpi.results.tables import STATUS, Columns, Results, chains, drawn_rows
-from ddmpi.surface.side import nodal, unit
+from ddmpi.surface.side import unit
 from ddmpi.system.numbers import crossed, moment, scaled_unit
 
 WIDEST = {2: 0.3, 3: 0.6}
 """Length of half of the largest resultant over a body's size, the root of its area or volume, by dimension; in the
 plane the largest pressure has 0.8 of it."""
 
-WEAK = 0.01
-"""Resultants below this fraction of the largest are not drawn."""
-
-ASIDE = 0.03
-"""Distance of resultants on one line, over the height of the picture."""
-
-APART = 1e-3
-"""Flats are apart if they are, over the extent of the contact."""
-
-LONG = 5.0
-"""Maps of contacts longer than this times their width are arranged in one column."""
-
-ARROWS = 16
-"""Approximate number of arrows of slip along a contact."""
-
-SMALL = 0.5
-"""Maps of a contact that is closed over at most this fraction of its extent show the closed part and as much around."""
+WEAK = 0.01  # resultants below this fraction of the largest are not drawn
+ASIDE = 0.03  # distance of resultants on one line, over the height of the picture
+APART = 1e-3  # flats are apart if they are, over the extent of the contact
+LONG = 5.0  # maps of contacts longer than this times their width are arranged in one column
+ARROWS = 16  # approximate number of arrows of slip along a contact
+SMALL = 0.5  # maps of contacts closed over at most this fraction of their extent show that and as much around
 
 
 def draw_contacts(results: Results) -> Any:
@@ -69,8 +55,8 @@ def draw_contacts(results: Results) -> Any:
     measure = np.bincount(results.fields["body"], np.abs(signed_measures(points, results.fields["cells"])))
     size = WIDEST[d] * float(np.median(measure ** (1.0 / d)))
     forces, largest = _resultants(results, size)
-    bonds = [contact["name"] for contact in results.summary["scene"]["contact"] if contact.get("kind") == "bonded"]
-    shown = {name: table for name, table in results.contacts.items() if d == 2 or name not in bonds} or results.contacts
+    shown = results.contacts if d == 2 else {contact["name"]: results.contacts[contact["name"]]
+                                             for contact in pressed(results)}
     stresses = np.nan_to_num(np.concatenate([table["normal_stress"] for table in shown.values()]))
     low, top = stresses.min(initial=0.0), np.abs(stresses).max(initial=0.0)
     (factor, unit_of), (times, of_force) = scaled_unit(top, units["stress"]), scaled_unit(largest, units["force"])
@@ -178,7 +164,7 @@ def _profiles(results: Results, scale: float,
 
 def draw_maps(results: Results, name: str) -> Any:
     """Pressure, zones, friction with arrows of slip, and gap or slip, if there is any, on a contact; a figure."""
-    surface, cells, summary = results.surfaces[name], results.triangles(name), results.summary
+    surface, cells, summary = results.surfaces[name], results.cells(name), results.summary
     table = results.contacts[name]
     at, labels, along = flatten(surface["points"], cells, *directions(vectors(table, "n"), table["area"]))
     asked = next(contact for contact in summary["scene"]["contact"] if contact["name"] == name)
@@ -274,7 +260,7 @@ def flatten(points: np.ndarray, cells: np.ndarray, mean: np.ndarray, least: np.n
             at[..., 0] += (1.2 * np.ptp(at[..., 0]) * floor)[:, None]
             labels[0] += " (side by side)" if len(heights) > 1 else ""
         return at, (labels[0], labels[1]), np.broadcast_to(along, (len(points), 2, 3))
-    normal = unit(nodal(normals(points[cells])[:, None].repeat(3, axis=1), cells, len(points)))
+    normal = outward(points, cells)
     axis = axes[:, 0] * np.sign(axes[np.abs(axes[:, 0]).argmax(), 0])
     planes = np.eye(3) - normal[:, :, None] * normal[:, None, :] - np.outer(axis, axis)  # distances from its normal
     middle = np.linalg.lstsq(planes.sum(axis=0), np.einsum("lij,lj->i", planes, points), rcond=None)[0]

@@ -1,7 +1,5 @@
 """Curves: stresses, gap and slip along contacts in the plane, iterations, and load steps."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 
@@ -11,29 +9,19 @@ import numpy as np
 
 from ddmpi.interface.law import law_of
 from ddmpi.pictures.sheet import BESIDE, COLOURS, RESOLVED, ZONES, above, zone_legend
+from ddmpi.results.histories import evenly
 from ddmpi.results.summary import drawn_times
 from ddmpi.results.tables import Columns, Results, chains, drawn_rows
 from ddmpi.scene.contacts import Friction
 from ddmpi.scene.method import method_of
 from ddmpi.system.numbers import scaled_unit
 
-MARKED = 100
-"""Curves of at most this many nodes have a marker at each."""
-
-SHADE = 0.35
-"""Opacity of zones behind curves."""
-
-ROUNDING = 1e-6
-"""Resultants below this fraction of the normal force count as zero, as of a shaft in its hub."""
-
-LOOPS = 3
-"""Largest number of contacts, those with the largest forces, with loops and stresses in pictures."""
-
-ALIKE = 0.01
-"""Forces of two contacts that differ by less than this, over the largest, are drawn as one."""
-
-CURVES = 8
-"""Largest number of ends of legs in a picture, from the first to the last."""
+MARKED = 100  # curves of at most this many nodes have a marker at each
+SHADE = 0.35  # opacity of zones behind curves
+ROUNDING = 1e-6  # resultants below this fraction of the normal force count as zero, as of a shaft in its hub
+LOOPS = 3  # largest number of contacts, those with the largest forces, with loops and stresses in pictures
+ALIKE = 0.01  # forces of two contacts that differ by less than this, over the largest, are drawn as one
+CURVES = 8  # largest number of ends of legs in a picture, from the first to the last
 
 
 def draw_contact(results: Results, name: str) -> Any:
@@ -234,7 +222,7 @@ def _draw_stresses(axes: Any, name: str, results: Results, units: dict) -> None:
     """Normal and tangential stress along a contact at the ends of legs."""
     legs = results.legs[name]
     times = np.unique(legs["time"])
-    chosen = times[np.unique(np.linspace(0, len(times) - 1, min(CURVES, len(times))).round().astype(int))]
+    chosen = times[evenly(len(times), CURVES)]
     colours = plt.get_cmap("viridis")(np.linspace(0.0, 0.9, len(chosen)))
     for kind, axis in zip(("normal", "tangential"), axes, strict=True):
         factor, unit = scaled_unit(np.abs(legs[f"{kind}_stress"]).max(), units["stress"])

@@ -1,7 +1,5 @@
 """All pictures of a run, drawn from its files only."""
 
-from __future__ import annotations
-
 import functools
 import itertools
 import json
@@ -22,11 +20,8 @@ from ddmpi.scene.method import Output
 from ddmpi.system.files import MECHANISM, contact_files, writing
 from ddmpi.system.provenance import identity
 
-EACH = 6
-"""Largest number of contacts with separate pictures; more contacts share one."""
-
-Pictures = Iterator[tuple[str, Callable[[], Any]]]
-"""File names of pictures and the functions that draw their figures."""
+EACH = 6  # largest number of contacts with separate pictures; more contacts share one
+Pictures = Iterator[tuple[str, Callable[[], Any]]]  # file names of pictures and the functions that draw their figures
 
 
 def draw_all(folder: str | Path, number: int = 0, drawers: int = 1, time: float | None = None,

@@ -1,7 +1,5 @@
 """Positions of bodies and rigid partners in pictures, and the magnification of displacements."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterator, Mapping
 from typing import Any
 
@@ -20,31 +18,19 @@ from ddmpi.scene.contacts import Rigid
 from ddmpi.surface.side import frames, nodal, unit
 from ddmpi.system.numbers import RigidMotion
 
-DRAWN = 0.08
-"""Displacements and shifts are drawn as at most this fraction of the bodies' extent."""
-
-INVISIBLE = 0.002
-"""Errors of at most this fraction of the bodies' extent cannot be seen in a picture: two pixels."""
-
-FARTHEST = 100.0
-"""Largest drawn displacement over the bodies' extent, whatever the magnification."""
+DRAWN = 0.08  # displacements and shifts are drawn as at most this fraction of the bodies' extent
+INVISIBLE = 0.002  # errors of at most this fraction of the bodies' extent cannot be seen in a picture: two pixels
+FARTHEST = 100.0  # largest drawn displacement over the bodies' extent, whatever the magnification
 
 FACING, STRAIGHT = 0.4, 0.02
 """A contact faces one way if the mean of its normals is longer than the first, and goes around an axis if the mean
 square of their parts along it is at most the second. Directions whose cosine differs from 1 by less than the second are
 those of x, y or z."""
 
-OPENED = 0.45
-"""How far contacts are drawn open, over the root of their areas with holes filled: rings have to be seen into, too."""
-
-PRESSED = 0.98
-"""Fraction of the area under pressure at which colours of pressures end: edges have few, and high, ones."""
-
-ABOVE = 1e-3
-"""How far colours are drawn above the bodies that bear them, over the bodies' extent."""
-
-AROUND = 1.25
-"""Size of a drawn rigid surface in space over that of the part that bodies may touch."""
+OPENED = 0.45  # how far contacts are drawn open, over the root of their areas with holes filled: one sees into rings
+PRESSED = 0.98  # fraction of the area under pressure at which colours of pressures end: edges have few, and high, ones
+ABOVE = 1e-3  # how far colours are drawn above the bodies that bear them, over the bodies' extent
+AROUND = 1.25  # size of a drawn rigid surface in space over that of the part that bodies may touch
 
 
 def magnify(results: Results, largest: float = 0.0) -> tuple[float, np.ndarray]:
@@ -117,7 +103,7 @@ def rigid_parts(results: Results, factor: float = 0.0, time: float | None = None
         if not contacts or moved is None:
             continue
         if results.dimension > 2:
-            shapes = (_around(rigid, results.surfaces[contact["name"]]["points"], results.triangles(contact["name"]))
+            shapes = (_around(rigid, results.surfaces[contact["name"]]["points"], results.cells(contact["name"]))
                      for contact in contacts)
             surfaces += [Surface(at + factor * moved.at(at), facets, filled("patch"), edges=COLOURS["still"])
                          for at, facets in shapes if len(facets)]
@@ -153,8 +139,7 @@ def apart(results: Results, view: View) -> dict[str, np.ndarray]:
     Two that face each other move apart along the mean normal, by OPENED times the root of the area, holes filled; one
     that is around the other is drawn off along the axis, towards the eye, unless others part them.
     """
-    scene = results.summary["scene"]
-    names = [*results.summary["bodies"], *(rigid["name"] for rigid in scene.get("rigid", ()))]
+    scene, names = results.summary["scene"], results.parts
     rows, aims = np.zeros((len(scene["contact"]), len(names))), np.zeros((len(scene["contact"]), 3))
     for row, aim, contact in zip(rows, aims, scene["contact"], strict=True):
         table, points = results.contacts[contact["name"]], results.surfaces[contact["name"]]["points"]
@@ -178,22 +163,39 @@ def painted_by(results: Results, names: Collection[str], shifts: Mapping[str, np
     """The surfaces of some contacts as they lie on either side, shifted with it; their pressures (n,) over `factor`."""
     view, off = View(results.points, results.summary["scene"]["output"]), ABOVE * np.ptp(results.points, axis=0).max()
     for contact in (each for each in results.summary["scene"]["contact"] if each["name"] in names):
-        surface, cells = results.surfaces[contact["name"]], results.triangles(contact["name"])
-        pressure = np.nan_to_num(surface["pressure"]) / factor
-        outward = unit(nodal(normals(surface["points"][cells])[:, None].repeat(3, axis=1), cells, len(pressure)))
-        for body, own in zip(contact["bodies"], (True, False), strict=True):
-            facets, sign = (cells, 1.0) if own == first_is_slave(results, contact) else (cells[:, ::-1], -1.0)
-            at = surface["points"] + sign * off * outward + shifts[body]
-            yield Surface(at, facets, by_value(pressure[facets], image), view.beyond(surface["points"]), plain=True,
-                          edges=""), pressure
+        points, _, outward, faces = covered(results, contact)
+        pressure = np.nan_to_num(results.surfaces[contact["name"]]["pressure"]) / factor
+        for body, sign, facets in faces:
+            yield Surface(points + sign * off * outward + shifts[body], facets, by_value(pressure[facets], image),
+                          view.beyond(points), plain=True, edges=""), pressure
+
+
+def pressed(results: Results) -> list[dict]:
+    """The contacts of the scene whose pressures are drawn: those that are not bonded, or all if all are."""
+    contacts = results.summary["scene"]["contact"]
+    return [contact for contact in contacts if contact.get("kind") != "bonded"] or contacts
+
+
+def covered(results: Results, contact: dict) -> tuple[np.ndarray, np.ndarray, np.ndarray,
+                                                      list[tuple[str, float, np.ndarray]]]:
+    """What a contact covers: points (n, 3), cells (c, d), unit normals (n, 3) at the points; and its faces: each body,
+    whether normals point out of it (1) or into it (−1), and the cells as they are seen from outside of it."""
+    points, cells = results.surfaces[contact["name"]]["points"], results.cells(contact["name"])
+    of_slave, of_other = (1.0, cells), (-1.0, cells[:, ::-1])
+    order = (of_slave, of_other) if results.summary["contacts"][contact["name"]]["slave"] in (
+        None, contact["bodies"][0]) else (of_other, of_slave)
+    return points, cells, outward(points, cells), [(body, *face) for body, face in zip(
+        contact["bodies"], order, strict=True)]
+
+
+def outward(points: np.ndarray, cells: np.ndarray) -> np.ndarray:
+    """Unit normals (n, 3) at the points (n, 3) of cells (c, d), which are lines in the plane."""
+    d = cells.shape[1]
+    across = np.pad(normals(points[cells][..., :d]), ((0, 0), (0, 3 - d)))
+    return unit(nodal(across[:, None].repeat(d, axis=1), cells, len(points)))
 
 
 def directions(normal: np.ndarray, area: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Of the normals (l, 3) of a contact at nodes with areas (l,) the mean; and along which axes (3, 3), the columns,
     they have the mean squares (3,), the least first."""
     return (area @ normal / area.sum(), *np.linalg.eigh(np.einsum("l,li,lj->ij", area, normal, normal) / area.sum()))
-
-
-def first_is_slave(results: Results, contact: dict) -> bool:
-    """Whether the surface of a contact of the scene is that of its first body."""
-    return results.summary["contacts"][contact["name"]]["slave"] in (None, contact["bodies"][0])

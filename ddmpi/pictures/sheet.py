@@ -1,7 +1,5 @@
 """What all pictures share: colours, axes, placement of points and surfaces, colour bars and names."""
 
-from __future__ import annotations
-
 import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -22,39 +20,21 @@ STYLE = {"font.size": 10, "axes.titlesize": 11, "figure.titlesize": 11, "axes.sp
 COLOURS = {"normal": "#1b4f8f", "tangential": "#c8501e", "bound": "#7a7a7a", "rigid": "#404040", "still": "#9aa0a8",
            "moved": "#c8501e", "force": "#8c1a3a"}
 
-FILLED = {"still": "#f4f5f7", "moved": "#f6dfd4", "patch": "#cdd2d8"}
-"""Fill colours of bodies and rigid partners."""
-
-ZONES = {"open": "#b4bac2", "slip": "#e8954a", "stick": "#5fa35f"}
-"""Colours of nodes by their status."""
+FILLED = {"still": "#f4f5f7", "moved": "#f6dfd4", "patch": "#cdd2d8"}  # fill colours of bodies and rigid partners
+ZONES = {"open": "#b4bac2", "slip": "#e8954a", "stick": "#5fa35f"}  # colours of nodes by their status
 
 RESOLVED = 1e-6
 """Gaps and slips below this fraction of the largest displacement are drawn as zero, and so are resultants below this
 fraction of the sum of the nodes' forces."""
 
-BESIDE: dict[str, Any] = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0)}
-"""Legends to the right of the axes."""
-
-NAMED = 40
-"""Largest number of bodies with names in pictures."""
-
-PIXELS = 1100
-"""Pixels of the longer side of a picture of surfaces."""
-
-WIDE = 1.4
-"""Pictures wider than this times their height have the colour bar below."""
-
-MARGIN = 0.04
-"""Margin around bodies, and of rigid surfaces beyond the part that bodies may touch, over the extent."""
-
-LETTERS = 12
-"""Letters of titles for each inch."""
-
-LAST = 0.6
-"""Words stand to the left of places beyond this fraction of a picture's width, because a colour bar may follow."""
-
-ARM = 0.18
-"""Length of the axes x, y and z over the picture's longer side."""
+BESIDE: dict[str, Any] = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0)}  # legends to the right of the axes
+NAMED = 40  # largest number of bodies with names in pictures
+PIXELS = 1100  # pixels of the longer side of a picture of surfaces
+WIDE = 1.4  # pictures wider than this times their height have the colour bar below
+MARGIN = 0.04  # margin around bodies, and of rigid surfaces beyond the part that bodies may touch, over the extent
+LETTERS = 12  # letters of titles for each inch
+LAST = 0.6  # words stand left of places beyond this fraction of a picture's width: a colour bar may follow
+ARM = 0.18  # length of the axes x, y and z over the picture's longer side
 
 LIGHT, DARKEST, PLAIN = np.array([-0.35, 0.5, 0.8]), 0.8, 0.96
 """Direction of the light on solids (right, up, towards the eye), and the brightness in the shade; of colours that stand

@@ -1,7 +1,5 @@
 """Views of bodies: direction, cut, and hidden surfaces. The plane is seen from the front."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -27,14 +25,9 @@ CROSSED = {1: [[(0, 1), (0, 2), (0, 3)]], 2: [[(0, 2), (0, 3), (1, 3)], [(0, 2),
 """Triangles in which a plane cuts a tetrahedron, as edges between its corners, by the number of corners behind the
 plane; these come first."""
 
-ROUNDING = 1e-9
-"""Nodes are on a cut up to this fraction of the bodies' extent."""
-
-MEETING = 0.02
-"""Edges of cells meet if they are this near to each other, over their length."""
-
-CHUNK = 2_000_000
-"""Number of candidate pixels per block of work."""
+ROUNDING = 1e-9  # nodes are on a cut up to this fraction of the bodies' extent
+MEETING = 0.02  # edges of cells meet if they are this near to each other, over their length
+CHUNK = 2_000_000  # number of candidate pixels per block of work
 
 Paint = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """The colours (p, 3 or 4) of places on facets (p,), with barycentric coordinates (p, 3)."""

@@ -8,8 +8,6 @@ ends the work later. Rank 0 gathers these states into one HDF5 file, which begin
 the rest (in HDF5's user block), so that damage is noticed before HDF5 sees it.
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import io

@@ -1,11 +1,9 @@
 """Fields of all bodies: result.h5, and result.xdmf, which describes it to ParaView and meshio."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 from xml.etree.ElementTree import Element, ElementTree, SubElement, indent
 
 import numpy as np
@@ -21,11 +19,8 @@ from ddmpi.system.agreement import gathered
 from ddmpi.system.files import contact_files, write_rows, writing
 from ddmpi.system.numbers import Frame
 
-Datasets = Mapping[str, np.ndarray]
-"""The data of a body or a contact in result.h5, by name."""
-
-KIND = {1: "Scalar", 3: "Vector", 6: "Tensor6"}
-"""What XDMF calls a field, by its number of components."""
+Datasets = Mapping[str, np.ndarray]  # the data of a body or a contact in result.h5, by name
+KIND = {1: "Scalar", 3: "Vector", 6: "Tensor6"}  # what XDMF calls a field, by its number of components
 
 NODAL = ("nodal_stress", "nodal_principal", "nodal_von_mises")
 """Stress at nodes: recovered, see `body.estimate`; principal stresses and von Mises stress of it."""
@@ -43,17 +38,13 @@ AT_STEPS = ("displacement", "displacement_in_frame", "stress", "principal", "von
 AT_NODES = ("points", "displacement", "displacement_in_frame", *NODAL, "initial_gap", *AT_CONTACT, *AT_CONTACT_IN_SPACE)
 """What has a row per node; all else has a row per cell."""
 
-IN_FILES = [0, 3, 5, 1, 4, 2]
-"""The places of the columns of `stress` in files: σ_xx, σ_xy, σ_xz, σ_yy, σ_yz, σ_zz."""
+IN_FILES = [0, 3, 5, 1, 4, 2]  # the places of the columns of `stress` in files: σ_xx, σ_xy, σ_xz, σ_yy, σ_yz, σ_zz
 
 SURFACES = "surfaces"
 """The group of result.h5, and in that of a load step, with the fields of contacts, one contact after the other."""
 
-MANY = 10_000
-"""Most grids of single bodies and contacts, one for each load step, in result.xdmf."""
-
-FEW = 0.02
-"""A node that shares its neighbour's row and has less than this fraction of its length hardly faces the other side."""
+MANY = 10_000  # most grids of single bodies and contacts, one for each load step, in result.xdmf
+FEW = 0.02  # a node that shares its neighbour's row hardly faces the other side below this fraction of its length
 
 
 @dataclass(frozen=True)
@@ -81,7 +72,7 @@ class Fields:
     nodal_stress: np.ndarray | None = None
     in_frame: np.ndarray | None = None
 
-    def placed(self, frame: Frame) -> Fields:
+    def placed(self, frame: Frame) -> Self:
         """The fields of a body whose frame has gone there: its displacement is that of the frame and its own."""
         sigma, nodal = (stress if stress is None else turned(stress, frame.turned) for stress in (
             self.stress, self.nodal_stress))

@@ -5,8 +5,6 @@ process; the system lets only one run do so. There it writes its files. At the e
 summary last: results are complete or absent, and where the summary is, the rest is.
 """
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import os
@@ -20,8 +18,7 @@ from ddmpi.system import logs
 from ddmpi.system.files import CHECKPOINT, RECORD, SUMMARY, UNFINISHED, write_atomically, writing
 from ddmpi.system.provenance import whereabouts
 
-MOVED = ".moved"
-"""A file that lists the results while they are moved into place: what to remove if the run is killed just then."""
+MOVED = ".moved"  # lists the results while they are moved into place: what to remove if the run is killed then
 
 
 @contextlib.contextmanager

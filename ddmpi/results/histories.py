@@ -1,8 +1,6 @@
 """Results at a load step and along a line."""
 
-from __future__ import annotations
-
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,7 +11,7 @@ import numpy as np
 from ddmpi.body.stress import principal, von_mises
 from ddmpi.errors import InputError
 from ddmpi.mesh.elements import cell_with
-from ddmpi.results.fields import IN_FILES, group_of, owners, vectors
+from ddmpi.results.fields import IN_FILES, NODAL, group_of, owners, vectors
 from ddmpi.results.summary import drawn_times
 from ddmpi.results.tables import (
     PATH,
@@ -32,11 +30,9 @@ from ddmpi.system.numbers import Frame, in_words
 INSIDE, OUTSIDE = -1e-6, -0.05
 """A place is in a cell if its barycentric coordinates are above INSIDE, hardly outside if they are above OUTSIDE."""
 
-MOST, FARTHEST = 100_000, 1e150
-"""Most points of a path, and their largest coordinate (m), whose square does not overflow."""
-
-NEWTON = 8
-"""Newton steps to the barycentric coordinates of a place; straight cells need one."""
+MOST, FARTHEST = 100_000, 1e150  # of a path most points, and the largest coordinate (m), whose square does not overflow
+NEWTON = 8  # Newton steps to the barycentric coordinates of a place; straight cells need one
+DRAWN = ("displacement", "displacement_in_frame", "von_mises", *NODAL)  # the fields that pictures of load steps show
 
 FRAMES_IN = {2: ("time", "body", "shift_x", "shift_y", "turn"),
              3: ("time", "body", "shift_x", "shift_y", "shift_z", "turn_x", "turn_y", "turn_z")}
@@ -84,6 +80,24 @@ def step_times(folder: Path) -> list[float]:
     """The ends of the load steps whose fields are in the `folder`; none without [time]."""
     document = ElementTree(file=folder / "result.xdmf")
     return [float(element.attrib["Value"]) for element in document.findall("Domain/Grid/Grid/Time")]
+
+
+def evenly(number: int, most: int) -> np.ndarray:
+    """At most so many of the places 0, …, `number` − 1: the last one, the first one, and others evenly between."""
+    return np.unique(np.linspace(number - 1, 0, min(most, number)).round().astype(int))
+
+
+def load_steps(results: Results, folder: Path, most: int) -> Iterator[tuple[float, Columns, dict[str, Columns]]]:
+    """Time, fields as they are drawn, and surfaces of contacts, of at most so many of the load steps whose fields are
+    in the `folder`, or of the only one."""
+    import h5py
+
+    times = step_times(folder) or [1.0]
+    with h5py.File(folder / "result.h5", "r") as file:
+        for k in evenly(len(times), most):
+            fields = file.get(group_of(k), file)  # the last step has no group
+            drawn = {name: fields[name][()] for name in DRAWN if name in fields}
+            yield times[k], placed(results, times[k], drawn).fields, read_surfaces(file, group_of(k))
 
 
 def at_step(results: Results, folder: Path, asked: float | None = None) -> Results:

@@ -1,7 +1,5 @@
 """summary.json: everything about a run that is not an array, by the names of bodies and contacts."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Iterable, Mapping
@@ -20,8 +18,7 @@ from ddmpi.scene.method import Cycle, units
 from ddmpi.system.files import MECHANISM, writing
 from ddmpi.system.numbers import RigidMotion, moment
 
-PRECISION = 1e-8
-"""Components of a force below this fraction of it are told as zero: they are errors of rounding and iterations."""
+PRECISION = 1e-8  # components of a force below this fraction of it are told as zero: rounding, and errors of iterations
 
 
 class Row(NamedTuple):

@@ -1,8 +1,6 @@
 """The tables of a run: contact_NAME.csv, contact_NAME_sides.csv, contact_NAME_legs.csv, history.csv, steps.csv and
 energy.csv; all files of a run, read back."""
 
-from __future__ import annotations
-
 import contextlib
 import csv
 import json
@@ -20,11 +18,11 @@ from ddmpi.interface.state import ContactState, signed
 from ddmpi.mesh.elements import FIRST, cell_with, circumference, facet_measures
 from ddmpi.system.files import contact_files, writing
 
-FORMAT = 2
-"""Version of the layout of all result files. Names and meanings of one format stay; entries may be added."""
+Columns = dict[str, np.ndarray]
+"""A table: the arrays of its columns by name; `status` and `contact` hold words, all others numbers."""
 
-WIDE = 68
-"""Letters of a title in a line of the narrowest picture."""
+FORMAT = 2  # version of the layout of all result files. Names and meanings of one format stay; entries may be added
+WIDE = 68  # letters of a title in a line of the narrowest picture
 
 STATUS = ("open", "slip", "stick")
 
@@ -37,8 +35,7 @@ LEGS_IN = {
         "force_x", "force_y", "force_z", "slip_x", "slip_y", "slip_z")}
 """By dimension."""
 
-AREAS = {"length": "area"}
-"""Names of columns around an axis, where nodal lengths are those of rings: areas."""
+AREAS = {"length": "area"}  # names of columns around an axis, where nodal lengths are those of rings: areas
 
 SIDES = ("x", "y", "length", "normal_stress", "tangential_stress")
 
@@ -52,8 +49,7 @@ STEPS_IN = {2: ("time", "contact", "force_x", "force_y", "moment", *TOTALS),
 
 ENERGY = ("time", "external_work", "strain_energy", "interface_work", "dissipated", "residual")
 
-CYCLE = ("cycle",)
-"""The last column of steps.csv and energy.csv in scenes with [time] cycle."""
+CYCLE = ("cycle",)  # the last column of steps.csv and energy.csv in scenes with [time] cycle
 
 PATH = ("distance", "x", "y", "z", "body", "displacement_x", "displacement_y", "displacement_z",
         "stress_xx", "stress_yy", "stress_zz", "stress_xy", "stress_yz", "stress_xz",
@@ -200,10 +196,6 @@ def _cell(value: object) -> object:
     return repr(float(value)) if isinstance(value, float | np.floating) else value
 
 
-Columns = dict[str, np.ndarray]
-"""A table: the arrays of its columns by name; `status` and `contact` hold words, all others numbers."""
-
-
 @dataclass(frozen=True)
 class Results:
     """All results of a run.
@@ -246,6 +238,11 @@ class Results:
         return bool(self.summary["scene"].get("axisymmetric"))
 
     @property
+    def parts(self) -> list[str]:
+        """Names of the bodies, then of the rigid partners."""
+        return [*self.summary["bodies"], *(rigid["name"] for rigid in self.summary["scene"].get("rigid", ()))]
+
+    @property
     def points(self) -> np.ndarray:
         """(nv, d) of all bodies (m)."""
         return self.fields["points"][:, :self.dimension]
@@ -254,8 +251,8 @@ class Results:
         """(nv, d) times `scale` (m)."""
         return scale * self.fields["displacement"][:, :self.dimension]
 
-    def triangles(self, name: str) -> np.ndarray:
-        """The cells (c, 3) of the surface of a contact of solids, without points that stand alone."""
+    def cells(self, name: str) -> np.ndarray:
+        """The cells (c, d) of what a contact covers, without points that stand alone."""
         cells = self.surfaces[name]["cells"]
         return cells[cells[:, 0] != cells[:, 1]]
 

@@ -4,12 +4,10 @@ remembered of it.
 Each rank describes the forces that its contacts allow or resist in a few columns; the first rank does the rest.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import scipy.sparse as sparse
@@ -31,8 +29,7 @@ from ddmpi.system.agreement import agreed, from_first, gathered
 from ddmpi.system.numbers import Frame, RigidMotion, norm
 from ddmpi.system.provenance import has_clarabel
 
-LARGEST = 3000
-"""Most loose bodies for the search for a mechanism, which takes 2 to 3 s for a wall of so many bricks."""
+LARGEST = 3000  # most loose bodies for the search for a mechanism, which takes 2 to 3 s for a wall of so many bricks
 
 ALONG = 3e-3
 """A motion whose slip is along friction up to this fraction only turns friction that is at its limit: as the body moves
@@ -220,7 +217,7 @@ class Mark:
         """(size,) relative displacements less the initial gaps (m)."""
         return self.moved - self.opening
 
-    def work_since(self, before: Mark, space: Space) -> tuple[float, float]:
+    def work_since(self, before: Self, space: Space) -> tuple[float, float]:
         """External work and interface work (J) of the step from `before` to here. Collective."""
         # forces and displacements are taken as linear in time within the step, so work is by the trapezoidal rule
         opened, gone = self.opening - before.opening, self.prescribed - before.prescribed
@@ -240,7 +237,7 @@ class Mark:
             tangential[part][:interface.m] = 0.0
         return float((space.norms([change, tangential]) / largest).max())
 
-    def given(self, before: Mark, space: Space) -> float:
+    def given(self, before: Self, space: Space) -> float:
         """The work (J) of an overlap, of bonds and guides also of a gap: it acts at once, before any load. Collective.
         """
         sudden = np.concatenate([np.empty(0), *(
@@ -249,7 +246,7 @@ class Mark:
         return float(space.add(np.array([0.5 * (self.s + before.s) @ sudden]))[0])
 
     @classmethod
-    def first(cls, assembly: Assembly, derived: dict[str, np.ndarray]) -> Mark:
+    def first(cls, assembly: Assembly, derived: dict[str, np.ndarray]) -> Self:
         """Time 0, free of stress."""
         space, zero = assembly.space, np.zeros(assembly.space.size)
         touching = sum(float(interface.area[interface.opening <= 0.0].sum()) for interface in space.interfaces)

@@ -1,7 +1,5 @@
 """The record of a run: its load steps, its summary, gathered from all ranks, and its files."""
 
-from __future__ import annotations
-
 import itertools
 import logging
 import math
@@ -50,17 +48,13 @@ from ddmpi.system.provenance import has_matplotlib, peak_memory, provenance
 
 log = logging.getLogger("ddmpi")
 
-DRAWERS = 2
-"""Most ranks that share the pictures; all are on one host, as files of another one may come late."""
-
-LITTLE = 0.1
-"""Frictional work is compared with at least this fraction of the largest energy."""
+DRAWERS = 2  # most ranks that share the pictures; all are on one host, as files of another one may come late
+LITTLE = 0.1  # frictional work is compared with at least this fraction of the largest energy
 
 Leg = tuple[float, dict[str, tuple[ContactState, np.ndarray]]]
 """Time of a kept load step; by contact a state with its nodes, and `leg_values`."""
 
-TABLES = ("steps", "energies", "iterations")
-"""Tables of a `StepLog` with a row for each step or iteration."""
+TABLES = ("steps", "energies", "iterations")  # tables of a `StepLog` with a row for each step or iteration
 
 
 class StepLog:
@@ -305,8 +299,7 @@ def write_files(solved: Solved, folder: Path | None, clock: Clock, figures: bool
                     if figures or viewed:  # they show it
                         write_summary(path, summary)
             if figures:
-                hosts = world.allgather(MPI.Get_processor_name())
-                near = [rank for rank, host in enumerate(hosts) if host == hosts[0]][:DRAWERS]
+                near = drawers(world)
                 with agreed(world), event("Figures"):
                     picture_error = _draw(path, near.index(world.rank), len(near)) if world.rank in near else None
             with agreed(world):
@@ -336,19 +329,18 @@ def _write_steps(path: Path, solved: Solved) -> list[Leg]:
     world, joint = assembly.world, assembly.joint
     told = {step["time"]: step for step in solved.summary.get("steps", ())}  # on the first rank
     for number, (time, s, alpha, *values) in enumerate(steps.kept):
-        states = solved.solution.states
+        states, last = solved.solution.states, time == solved.solution.time
+        if assembly.far and not last:  # bodies meet elsewhere
+            assembly = assembly.meet(time)
+            joint, states = assembly.joint, {met.name: replace(states[met.name], interface=met)
+                                             for met in assembly.space.interfaces}
         legs.append((time, dict(zip(states, zip(states.values(), values, strict=True), strict=True))))
-        if time == solved.solution.time:  # its fields are written already
+        if last:  # its fields are written already
             if told:
                 told[time]["bodies"] = {name: {key: body[key] for key in ("reaction", "loads", "reactions")}
                                         for name, body in solved.summary["bodies"].items()}
             continue
         drawn = assembly.scene.drawn(time, steps.run)
-        if assembly.far:  # bodies meet elsewhere
-            assembly = assembly.meet(time)
-            joint, states = assembly.joint, {met.name: replace(states[met.name], interface=met)
-                                             for met in assembly.space.interfaces}
-            legs[-1] = time, dict(zip(states, zip(states.values(), values, strict=True), strict=True))
         assembly.act(drawn)
         body_forces, fields, forces, factors = joint.exchange.spread(s), {}, {}, assembly.scene.factors(drawn)
         with agreed(world):
@@ -380,6 +372,12 @@ def _write_contacts(path: Path, solved: Solved, surfaces: Mapping[str, Datasets]
         if solved.assembly.scene.time:
             write_legs(path, name, state.interface, [(time, *at[name]) for time, at in legs])
         write_surface(path, name, surfaces[name])
+
+
+def drawers(world: MPI.Comm) -> list[int]:
+    """The ranks that share the pictures. Collective."""
+    hosts = world.allgather(MPI.Get_processor_name())
+    return [rank for rank, host in enumerate(hosts) if host == hosts[0]][:DRAWERS]
 
 
 def _draw(path: Path, number: int, drawers: int) -> OutputError | None:

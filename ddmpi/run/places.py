@@ -12,8 +12,6 @@ is the relative place of the material points that it joins now, less that of the
 from the second body's frame. So it does not depend on the pairing, nor on a motion of both bodies together.
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass, replace
@@ -44,11 +42,8 @@ from ddmpi.system.numbers import Frame, norm
 
 log = logging.getLogger("ddmpi")
 
-MOST = 64
-"""Most places on the way of a step at which a body is looked for in its partner."""
-
-MARGIN = 1.0
-"""Overlaps are looked for as deep as those of the step before and the motion of this one, and this many facets."""
+MOST = 64  # most places on the way of a step at which a body is looked for in its partner
+MARGIN = 1.0  # overlaps are looked for deeper than before by the motion of the step and this many facets
 
 PASSES, SETTLED, SHRINKS, PATIENCE = 40, 1e-8, 0.7, 6
 """Most passes of a step. Frames have settled once α moves contacts by less than SETTLED of what their forces do, and
@@ -58,8 +53,7 @@ NEAR, DEPTH, RANK = 0.3, 3, 1e-6
 """Once α moves contacts by less than NEAR of what forces do, DEPTH passes before make the next α (Anderson, J. ACM 12,
 1965), by least squares up to RANK."""
 
-FARTHEST = 15.0
-"""Largest turn of a frame in a pass (degrees)."""
+FARTHEST = 15.0  # largest turn of a frame in a pass (degrees)
 
 
 @dataclass(frozen=True)

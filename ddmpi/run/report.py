@@ -1,7 +1,5 @@
 """The log of a run: its plan, its progress, its end."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
@@ -22,17 +20,10 @@ from ddmpi.system.provenance import NO_CLARABEL, NO_MATPLOTLIB, has_clarabel, ha
 
 log = logging.getLogger("ddmpi")
 
-NAMED = 4
-"""Most names in a line; of more, the first two and the number."""
-
-LISTED = 12
-"""Most contacts or bodies with lines of their own at the end; of more, those with rigid partners or supports."""
-
-DIRECT = "preonly + cholesky (mumps)"
-"""PETSc's name for the default solver of bodies."""
-
-UNDETERMINED = 3
-"""Most undetermined motions in the log."""
+NAMED = 4  # most names in a line; of more, the first two and the number
+LISTED = 12  # most contacts or bodies with own lines at the end; of more, those with rigid partners or supports
+DIRECT = "preonly + cholesky (mumps)"  # PETSc's name for the default solver of bodies
+UNDETERMINED = 3  # most undetermined motions in the log
 
 
 def log_plan(assembly: Assembly, figures: bool) -> None:

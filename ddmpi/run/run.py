@@ -1,11 +1,9 @@
 """One run from a scene to results, in the order of the work: prepare, march, judge, write."""
 
-from __future__ import annotations
-
 import contextlib
 import gc
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -30,6 +28,7 @@ from ddmpi.mesh.refine import Sizes
 from ddmpi.methods.outer import outer_from_outside
 from ddmpi.petsc.events import event
 from ddmpi.petsc.versions import free_garbage
+from ddmpi.pictures.views import View
 from ddmpi.results.checkpoint import Checkpoints, continue_from, identify
 from ddmpi.results.folder import choose_folder
 from ddmpi.run.equilibrium import undetermined_motions
@@ -64,15 +63,12 @@ class Cases:
         self._ranks, self._keep, self._kept = WorkingRanks(world), keep, Kept(locked=True)
         self._team: Team | None = None
 
-    def compute(self, scene: Settled, scene_path: str, clock: Clock, output: str | None = None, figures: bool = False,
-                restart: str | None = None, write: bool = True, start: Start | None = None,
-                outer: type | None = None) -> Solved | None:
+    def compute(self, scene: Settled, scene_path: str, clock: Clock, **more: Any) -> Solved | None:
         """`compute`, with what is kept; None on ranks without a body of their own."""
         def work(ranks: MPI.Comm) -> Solved:
             if team_of(ranks) is not self._team:  # what was kept went with the ranks of the bodies
                 self._team, self._kept = team_of(ranks), Kept(locked=True)
-            return compute(ranks, scene, scene_path, clock, output, figures, restart, write,
-                           self._kept if self._keep else None, start, outer)
+            return compute(ranks, scene, scene_path, clock, kept=self._kept if self._keep else None, **more)
 
         return self._ranks.work(scene, work)
 
@@ -202,18 +198,11 @@ def _warm(assembly: Assembly, s: np.ndarray, alpha: np.ndarray) -> tuple[np.ndar
     return s, joint.product(s, "newton") - joint.d - joint.rigid.spread(alpha), alpha
 
 
-def check_cut(ends: Sequence[np.ndarray], scene: Settled) -> None:
-    """Raise InputError if the pictures' cut meets none of the bodies between their `ends`, corners (2, d) (m)."""
-    from ddmpi.pictures.views import View
-
-    View(np.concatenate(ends), scene.resolved()["output"])
-
-
 def prepare_scene(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock | None = None,
                   refinement: int = 1, sizes: Mapping[str, Sizes] = NO_SIZES, factor: bool = True,
                   kept: Kept | None = None, outer: Any = None) -> Assembly:
-    """`prepare` between the checks of a method from outside, that of `compute`, and of the pictures' cut; their errors
-    name the scene's file. Collective."""
+    """`prepare` between the checks of a method from outside, that of `compute`, and of the pictures' cut, which has to
+    meet a body; their errors name the scene's file. Collective."""
     with naming(scene_path):
         with agreed(world):
             outer = outer_from_outside(scene.method.outer, outer) if scene.method.outside else None
@@ -223,7 +212,7 @@ def prepare_scene(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock
             ends = merged(world, {body.number: np.array([body.mesh.points.min(axis=0), body.mesh.points.max(axis=0)])
                                   for body in assembly.bodies})
             with agreed(world):
-                check_cut([*ends.values()], scene)
+                View(np.concatenate([*ends.values()]), scene.resolved()["output"])
     return assembly
 
 

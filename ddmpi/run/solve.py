@@ -1,7 +1,5 @@
 """Solve a prepared assembly: iterate, certify, and go on where the certificate fails."""
 
-from __future__ import annotations
-
 import logging
 import math
 import sys
@@ -44,16 +42,14 @@ from ddmpi.system.clock import Clock
 
 log = logging.getLogger("ddmpi")
 
-TIGHTER = 0.1
-"""Factor on the outer tolerance when the iteration stops but its certificate fails."""
+TIGHTER = 0.1  # factor on the outer tolerance when the iteration stops but its certificate fails
 
 USEFUL, USELESS = 0.9, 2
 """Tighter tolerances end after USELESS ones in a row that leave more than USEFUL of the certificate's largest residual.
 One is too few: forces that are moved onto their bounds shift a body on soft springs by far more than the residual says,
 and a step that meets a tighter tolerance by chance hardly changes that."""
 
-NO_SIZES = np.zeros(3)
-"""The `Solution.sizes` of no load step."""
+NO_SIZES = np.zeros(3)  # the `Solution.sizes` of no load step
 
 Beginning = tuple[np.ndarray, Callable[[Interface, slice, np.ndarray], np.ndarray], Mapping[str, np.ndarray]]
 """Of a load step: the displacement (size,) from which slip counts (m); what makes a contact's forces there, with its

@@ -9,8 +9,6 @@ growth. The first step of a leg starts from the last forces, with the nodes unde
 one from the linear extrapolation of the two steps before it.
 """
 
-from __future__ import annotations
-
 import logging
 import math
 from dataclasses import asdict, replace
@@ -33,11 +31,8 @@ from ddmpi.run.solve import Iteration, Solution, lean_steps
 
 log = logging.getLogger("ddmpi")
 
-MOST = 1024
-"""Most load steps of a leg for ``time.tolerance``."""
-
-SHORT = 0.01
-"""Where gaps close along a leg, its first step is divided at this fraction, to learn how fast they close."""
+MOST = 1024  # most load steps of a leg for ``time.tolerance``
+SHORT = 0.01  # where gaps close along a leg, its first step is divided at this fraction, to learn how fast they close
 
 CUTS = 6
 """Most times that a failing step is halved, and that the leg's shortest planned step may be: steps that are halved
@@ -54,8 +49,7 @@ KEPT = ("iterations", "_leg", "_number", "_coarse", "_changed", "_largest", "_gi
         "_began", "_planned", "_plans")
 """Attributes of a march that checkpoints keep unchanged."""
 
-MARKS = ("_now", "_before", "_base")
-"""Attributes of a march that are marks."""
+MARKS = ("_now", "_before", "_base")  # attributes of a march that are marks
 
 
 class March:
@@ -330,9 +324,7 @@ class March:
     def _refine(self) -> bool:
         """Whether to solve the leg once more in twice as many steps, now that its end is reached."""
         space, s = self.assembly.space, self._now.s
-        frictional = [(interface, part) for interface, part in space.with_slices()
-                      if len(interface.sliding) and interface.law.name != "bonded"]
-        if self._steps or self._repeated or not space.any(np.array([len(frictional)])):
+        if self._steps or self._repeated or not space.any(np.array([len(self._frictional)])):
             return False  # without friction there is no memory
         size = space.norm(s)
         # tangential forces are compared with slip bounds: with little friction they are small beside all forces
@@ -365,13 +357,17 @@ class March:
         self._ahead = self._times(length, closing)
         return True
 
+    @property
+    def _frictional(self) -> list[slice]:
+        """Of this rank's contacts with friction the parts of vectors with the normal components."""
+        return [slice(part.start, part.start + interface.m) for interface, part in self.assembly.space.with_slices()
+                if len(interface.sliding) and interface.law.name != "bonded"]
+
     def _closing(self, s: np.ndarray) -> bool:
         """Whether nodes with friction carry forces `s` that were open where the leg began. Collective."""
         space, base = self.assembly.space, self._base
-        return space.any(np.array([
-            ((s[part][:interface.m] > 0.0) & (base.s[part][:interface.m] <= 0.0)
-             & (base.closed[part][:interface.m] < 0.0)).any() for interface, part in space.with_slices()
-            if len(interface.sliding) and interface.law.name != "bonded"]))
+        return space.any(np.array([((s[normal] > 0.0) & (base.s[normal] <= 0.0) & (base.closed[normal] < 0.0)).any()
+                                   for normal in self._frictional]))
 
     def _by_frames(self, solution: Solution, before: Mark) -> float:
         """Work of the motions of frames (J). Collective."""

@@ -1,7 +1,5 @@
 """The cases of a sweep: ``--vary KEY=VALUES`` turned into scenes, all checked before the first one runs."""
 
-from __future__ import annotations
-
 import hashlib
 import itertools
 import math
@@ -16,11 +14,8 @@ from ddmpi.scene.keys import parse_value
 from ddmpi.scene.reader import read_scene
 from ddmpi.scene.scene import FileKind, Settled
 
-LARGEST_SWEEP = 10_000
-"""Largest number of cases of a sweep; more is a typing error."""
-
-LONGEST_NAME = 150
-"""Longest name of a case's folder, or of a plot, before it is cut, in bytes (file systems allow 255)."""
+LARGEST_SWEEP = 10_000  # largest number of cases of a sweep; more is a typing error
+LONGEST_NAME = 150  # longest name of a case's folder, or of a plot, before it is cut, in bytes (file systems allow 255)
 
 _RANGE = "KEY=first:last:number, with :log at the end for equal ratios (of positive numbers), or KEY=value,value,…"
 

@@ -1,7 +1,5 @@
 """Plots of a sweep: any column of its table against any other, drawn from the table only."""
 
-from __future__ import annotations
-
 import io
 import math
 import statistics
@@ -25,10 +23,9 @@ WORDS = {"n_A": "solves with stiffnesses", "seconds.total": "time", "displacemen
          "discretization_error.energy_norm": "estimated error", "m": "contact nodes", "n": "unknowns"}
 """Words of columns that have none in the summary."""
 
-UNITS = {"seconds": "s", "memory_mib": "MiB", "displacement_max": "{length}", "young": "{stress}",
-         "slip_bound": "{stress}", "von_mises_max": "{stress}", "pressure_max": "{stress}",
-         **dict.fromkeys(("normal_force", "tangential_force", "force", "reaction"), "{force}"),
-         "moment": "{moment}", "energy": "{energy}", "dissipated": "{energy}"}
+UNITS = {"seconds": "s", "memory_mib": "MiB", "young": "{stress}", "slip_bound": "{stress}"} | {
+    key.rpartition(".")[2]: f"{{{row.quantity}}}" for key, row in ROWS.items()
+    if row.quantity not in ("", "%", "angle")}
 """Units by a part of a column's name, as keys of the summary's units."""
 
 

@@ -4,8 +4,6 @@ A case that fails is recorded, and the next one starts. Started again, the sweep
 results, those that failed last; an interrupted case continues from its checkpoint.
 """
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import gc
@@ -139,8 +137,8 @@ def _run_case(world: MPI.Comm, sweep: Sweep, case: Case, options: RunOptions, ca
         restart = world.bcast(restart)
         options.use(case.scene.petsc)
         try:
-            cases.compute(case.scene, sweep.scene_path, Clock(), str(place),
-                          case.scene.output.figures and sweep.figures, restart)
+            cases.compute(case.scene, sweep.scene_path, Clock(), output=str(place),
+                          figures=case.scene.output.figures and sweep.figures, restart=restart)
         except DdmpiError as failure:
             if not failure.agreed:
                 raise

@@ -4,8 +4,6 @@ The first process of a sweep writes sweep.json. Every other one, at the same tim
 and refuses to work in the folder of another sweep. A case is finished when its results are there.
 """
 
-from __future__ import annotations
-
 import contextlib
 import csv
 import hashlib
@@ -29,15 +27,13 @@ RESULTS = ("outer_iterations", "inner_iterations", "n_A", "eff", "n", "m", "disp
 """Columns of the table that are numbers of summary.json."""
 
 GROUPS = ("contacts", "certificate", "discretization_error", "bodies", "seconds")
-LEVELS = "discretization_error.levels."
-"""Tables of summary.json whose numbers have columns, but for those of levels."""
+LEVELS = "discretization_error.levels."  # tables of summary.json whose numbers have columns, but for those of levels
 
 STATUS = {None: "unfinished", 0: "certified", 2: "refused", 3: "not converged", 4: "solver failed", 5: "not written",
           6: "interrupted"}
 """Status by exit code; none while a process is at work, or when it was killed."""
 
-PATIENCE = 5.0
-"""Seconds to wait for a sweep.json that another process is just writing."""
+PATIENCE = 5.0  # seconds to wait for a sweep.json that another process is just writing
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from mpi4py import MPI
 
-from ddmpi.errors import OutputError
+from ddmpi.errors import InputError, OutputError
 from ddmpi.system.agreement import agreed
 
 SUMMARY, CHECKPOINT, MECHANISM = "summary.json", "checkpoint.h5", "mechanism.json"
@@ -89,6 +89,15 @@ def writing(path: Path) -> Iterator[None]:
     except OSError as error:
         raise OutputError(f"results could not be written: {error.filename or path}: "
                           f"{error.strerror or error}") from None
+
+
+def write_page(path: Path, page: str, what: str) -> Path:
+    """Write a page of HTML, such as a "report"; its path. One that ddmpi wrote is overwritten, any other file is not.
+    Raises InputError, OutputError. Not collective."""
+    if path.exists() and not (path.is_file() and b'<meta name="generator" content="ddmpi ' in path.read_bytes()[:1000]):
+        raise InputError(f"--output {path}: is there already, and no {what} of ddmpi; name another file")
+    write_atomically(path, page.encode(errors="backslashreplace"))  # names of folders may be no text
+    return path
 
 
 def write_rows(target: Path, parts: Mapping[str, Sequence[np.ndarray]], places: Mapping[str, tuple[int, int]],

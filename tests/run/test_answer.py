@@ -15,9 +15,9 @@ from solid_scenes import two_boxes
 
 import ddmpi
 from ddmpi.errors import InputError
-from ddmpi.results import notebook
 from ddmpi.results.fields import contact_fields
 from ddmpi.results.tables import named
+from ddmpi.run import answer as answers
 from ddmpi.run.gather import _write_contacts
 
 pytestmark = pytest.mark.slow
@@ -206,5 +206,5 @@ def test_a_notebook_shows_an_answer(scene, monkeypatch):
     (image,) = re.findall(r'src="data:image/png;base64,([^"]*)"', shown)
     assert base64.b64decode(image).startswith(b"\x89PNG")
     assert "http" not in shown
-    monkeypatch.setattr(notebook, "has_matplotlib", lambda: False)
+    monkeypatch.setattr(answers, "has_matplotlib", lambda: False)
     assert "<img" not in answer._repr_html_() and "<table>" in answer._repr_html_()
