@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from boundaries import held_beside, join, joined, mortar, pair, rectangle, ring, side
+from boundaries import held_beside, join, joined, mortar, rectangle, ring, side
 from made_up_solids import box
 
 from ddmpi.errors import InputError
@@ -70,8 +70,8 @@ def nodal_lengths(boundary: Side, low: float, high: float) -> dict[int, float]:
 
 @orders
 @slaves
-@pytest.mark.parametrize("divisions", [(7, 7), (7, 11), (11, 7), (3, 16), (16, 3)])
-@pytest.mark.parametrize("x", [0.0, 0.3, 0.977, 1.0, -0.6, 1.7])
+@pytest.mark.parametrize("divisions, x", [((7, 11), 0.3), ((11, 7), 0.977), ((3, 16), 1.7), ((16, 3), -0.6),
+                                          ((7, 7), 0.0)])
 def test_a_constant_pressure_has_the_nodal_forces_of_both_bodies(x, divisions, slave, order):
     """On any meshes, wherever the sides end, so that a constant stress is exact."""
     sides = blocks(*divisions, order, x)
@@ -126,16 +126,6 @@ def test_arcs_of_circles_have_their_true_gap(divisions, gap, order):
     """Polygons of two circles: the chords' own heights, 100 times this gap, do not count."""
     for slave in ("shaft", "hub"):
         assert met(arcs(*divisions, order, gap), slave=slave).gap == pytest.approx(gap, abs=5e-9)
-
-
-@pytest.mark.parametrize("gap", [1e-4, -1e-4])
-def test_pairs_of_middles_have_the_gap_of_their_arcs(gap):
-    """Of matching quadratic sides as well, whose middles stand aside of the arcs."""
-    sides = arcs(4, 4, 2, gap)
-    assert pair(*sides, COULOMB, "seam").gap[1:-1] == pytest.approx(gap, rel=1e-6)
-    straight = blocks(5, 5, 2, gap=gap)
-    assert not straight[0].slopes.any()
-    assert pair(*straight, COULOMB, "seam").gap == pytest.approx(gap, rel=1e-9)
 
 
 @orders
@@ -258,7 +248,7 @@ def test_sides_that_turn_their_backs_on_each_other_are_refused():
 # Ends
 
 
-@pytest.mark.parametrize("part", [1e-5, 0.008, 0.1, 0.44, 0.56, 0.74, 0.84])
+@pytest.mark.parametrize("part", [1e-5, 0.008, 0.44, 0.84])
 @orders
 def test_nearly_uncovered_nodes_share_a_row(part, order):
     """No row has a length near zero; nodes that share one have a line each."""
@@ -279,10 +269,9 @@ def forces_on_lines(state: ContactState) -> tuple[np.ndarray, float]:
 
 @orders
 @pytest.mark.parametrize("slave", [0, 1])
-@pytest.mark.parametrize("seed", range(30))
+@pytest.mark.parametrize("seed", range(12))
 def test_forces_at_the_nodes_have_the_resultant_and_the_moment(seed, slave, order):
-    """Of any meshes, gaps and slivers; the moment is that on the first body's nodes, which the imbalance tells apart
-    from that on the second body's."""
+    """Of any meshes, gaps and slivers; the moment is that on the first body's nodes, not on the second body's."""
     rng = np.random.default_rng(seed)
     above, below = rng.integers(3, 12, 2)
     sliver = rng.choice([1e-6, 1e-4, 4e-3, 0.018, 0.03, 0.3, rng.random()])
@@ -413,20 +402,13 @@ def test_a_held_side_is_master():
         met((sides[0], side(lower, "top", body="lower", **held)))
 
 
-def test_a_bond_holds_what_slides_between_sides_that_are_held_along_its_normal():
-    held = {"where": lambda x, y: y == 1.0, "y": True}
-    upper, lower = (rectangle((n, 2), (2.0, 1.0), (0.0, y)) for n, y in ((5, 1.0), (8, 0.0)))
-    bond = join(side(upper, "bottom", body="upper", **held), side(lower, "top", body="lower", **held), NoFriction(),
-                "seam", kind="bonded")
-    assert bond.m == 6 and bond.law.live.tolist() == [False] * 6 + [True] * 6
-
-
 def test_of_sides_that_are_held_along_the_normal_of_a_bond_the_one_that_slides_is_the_slave():
-    """However coarse the other one is: it has nothing to give way with."""
+    """However coarse the other one is: it has nothing to give way with. The bond holds what slides."""
     upper, lower = (rectangle((n, 2), (2.0, 1.0), (0.0, y)) for n, y in ((5, 1.0), (8, 0.0)))
     sides = (side(upper, "bottom", body="upper", where=lambda x, y: y == 1.0, x=True, y=True),
              side(lower, "top", body="lower", where=lambda x, y: y == 1.0, y=True))
-    assert join(*sides, NoFriction(), "seam", kind="bonded").slave == "lower"
+    bond = join(*sides, NoFriction(), "seam", kind="bonded")
+    assert bond.slave == "lower" and (bond.law.live.tolist() == [False] * bond.m + [True] * len(bond.sliding))
     with pytest.raises(InputError, match="clamps constrain all of 'upper'"):
         join(*sides, NoFriction(), "seam", kind="bonded", slave="upper")
 
