@@ -43,25 +43,13 @@ def with_springs(problem: Elasticity) -> PETSc.Mat:
 # Springs
 
 
-@pytest.mark.parametrize("young", [1e-6, 2e11])
-@pytest.mark.parametrize("size", [(3e-6, 1e-6), (3.0, 1.0), (3e6, 1e6), (100.0, 1.0)], ids=str)
+@pytest.mark.parametrize(("size", "young"), [((3e-6, 1e-6), 2e11), ((3e6, 1e6), 1e-6), ((100.0, 1.0), 2e11)], ids=str)
 def test_springs_leave_the_conditioning_of_the_body(size, young):
     """With springs a body is hardly worse than clamped on a short side, in all units."""
-    mesh = rectangle((27, 9), size)
+    mesh = rectangle((15, 5), size)
     held = np.linalg.cond(dense(elastic(mesh, ["left"], young).A))
     for clamp in CLAMPS.values():
         assert np.linalg.cond(dense(with_springs(elastic(mesh, clamp, young)))) <= 1.1 * held
-
-
-def test_matrix_with_springs_is_what_solvers_need():
-    problem = elastic(rectangle((9, 3), (3.0, 1.0)))
-    fixed = with_springs(problem)
-    assert fixed.getType() == "seqaij"
-    assert fixed.getBlockSize() == 2
-    assert len(fixed.getNearNullSpace().getVecs()) == 3
-    assert np.linalg.eigvalsh(dense(fixed))[0] > 0.0
-    assert np.array_equal(dense(fixed), dense(fixed).T)
-    assert fixed.getInfo()["nz_used"] == problem.A.getInfo()["nz_used"]
 
 
 # Solvers
