@@ -13,7 +13,6 @@ from ddmpi.errors import InputError
 from ddmpi.mesh.build import build_mesh
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec, PartMaterial
-from ddmpi.scene.values import Heat
 
 E, NU, ALPHA, T = 2.1e11, 0.3, 1.2e-5, 80.0
 SHAPES = {
@@ -94,17 +93,6 @@ def test_bars_of_two_materials_between_walls(order):
     reactions = resultants(mesh, clamp_forces(mesh, spec, problem, u, np.zeros_like(u)))
     assert reactions["left"]["force"] == pytest.approx([pressure, 0.0], rel=1e-10, abs=1e-10 * pressure)
     assert reactions["right"]["force"] == pytest.approx([-pressure, 0.0], rel=1e-10, abs=1e-10 * pressure)
-
-
-def test_a_history_multiplies_the_temperature():
-    """Temperature follows its history; what the body does under it is linear."""
-    mesh, spec = body("ring", 1, "strain", clamp=HELD["ring"], temperature=Heat(value="20 * x", history="day"))
-    problem = assemble(mesh, spec)
-    assert problem.acting.warm == pytest.approx(20.0 * mesh.points[:, 0])
-    half = problem.under({None: 1.0, "day": -0.5})
-    assert half.acting.warm == pytest.approx(-10.0 * mesh.points[:, 0])
-    assert half.b.array == pytest.approx(-0.5 * problem.b.array)
-    assert problem.under({None: 1.0, "day": 0.0}).acting.heated is None
 
 
 def test_a_temperature_that_is_not_finite_is_refused():

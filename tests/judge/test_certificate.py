@@ -273,20 +273,6 @@ def test_a_solved_scene_that_is_spoilt_is_not_certified(comm, monkeypatch):
         assert 0.1 * OFF <= value <= 2 * OFF
 
 
-def test_residuals_of_an_interface_do_not_depend_on_units(monkeypatch):
-    for force, length in ((1e-9, 1.0), (1e9, 1e-6)):
-        parts = answer()
-        parts["second"][0] += OFF * U
-        parts["s"][5] += OFF * S
-        usual = judged(parts)
-        scaled = {name: values * (force if name in ("s", "mismatch") else length) for name, values in parts.items()}
-        with monkeypatch.context() as patch:
-            patch.setattr(Interface, "stiffness", property(lambda self: np.full(8, 1e11 * force / length)))  # noqa: B023
-            found = judged(scaled, load=force * LOAD, yielding=length, moved=1e-3 * length)
-        for kind in KINDS:
-            assert getattr(found, kind) == pytest.approx(getattr(usual, kind), rel=1e-9)
-
-
 def test_friction_is_judged_at_the_nodes_that_slide():
     """A node that clamps keep from sliding has no tangential entry; the others keep their own bounds."""
     law = CoulombLaw(4, np.array([1, 2, 3]), 1, np.array([0.5, 0.5, 0.5]))
