@@ -132,13 +132,15 @@ def test_principal_stresses():
     # block [1, 4] × [−0.5, 1.5], r = x − 1
     ({"volume_force": AffineVector(constant=(1.0, 0.0), x_slope=(2.0, 0.0), y_slope=(0.0, 4.0))},
      (9.0 + 2.0 * (9.0 + 18.0), 4.0 * 9.0 * 0.5)),
+    ({"traction": [Traction(on="top", value=(2.0, -3.0)), Traction(on="bottom", value=(1.0, 0.0))]},
+     (3.0 * 4.5, -3.0 * 4.5)),
     ({"traction": [Traction(on="top", value=AffineVector(constant=(1.0, 0.0), x_slope=(0.0, 2.0)))]},
      (4.5, 2.0 * (4.5 + 9.0))),
     ({"traction": [Traction(on="right", value=AffineVector(y_slope=(6.0, 0.0), constant=(0.0, 1.0)))]},
      (6.0 * 3.0 * 1.0, 6.0)),
     ({"traction": [Traction(on="right", value=(1.0, 0.0)), Traction(on="right", value=(1.0, 5.0))],
       "volume_force": (0.0, 1.0)}, (12.0, 39.0)),
-], ids=["affine volume", "affine top", "affine right", "sum"])
+], ids=["affine volume", "top and bottom", "affine top", "affine right", "sum"])
 def test_load_is_the_integral(rest, expected, component, order):
     mesh = rectangle(order=order)
     problem = assemble(mesh, body(clamp=["left"], **rest))

@@ -156,16 +156,6 @@ def test_formulas_on_curved_triangles_and_sides():
 # Formulas
 
 
-def test_prescribed_displacement_by_a_formula():
-    """A clamp's formula is evaluated at its nodes."""
-    mesh = dam(2)
-    problem = assemble(mesh, body(clamp=[Clamp(on="left", x="1e-3 * y**2", y="where(y > 20, 1e-3, 0)")]))
-    nodes = np.unique(mesh.groups["left"])
-    y = mesh.points[nodes, 1]
-    assert np.array_equal(problem.acting.prescribed[nodes], np.column_stack([1e-3 * y**2, np.where(y > 20, 1e-3, 0.0)]))
-    assert not problem.free[nodes].any()
-
-
 @pytest.mark.parametrize("loads, key, words", [
     ({"traction": [Traction(on="bottom", pressure="1 / x")]}, "traction", '"1 / x" is inf at (0, 0)'),
     ({"traction": [Traction(on="top", value=(0.0, "log(9 - x)"))]}, "traction", '"log(9 - x)" is nan at ('),

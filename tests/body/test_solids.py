@@ -87,19 +87,6 @@ def test_pressure_all_around_a_curved_body_is_its_buoyancy():
 # Rigid motions
 
 
-@pytest.mark.parametrize("clamp, number", [
-    ([], 6), ([hold("bottom", None, None, 0.0)], 3),
-    ([hold("bottom", None, None, 0.0), hold("left", 0.0, None, None)], 1),
-    ([hold("left", 0.0, 0.0, 0.0)], 0)])
-def test_clamps_leave_rigid_motions(clamp, number):
-    """A face on rollers leaves three, two faces one; matrix and near null space have blocks of three."""
-    mesh = box((2, 2, 2))
-    problem = assemble(mesh, body(clamp=clamp))
-    assert problem.motions.shape[2] == number and problem.supported == (number == 0)
-    assert problem.A.getBlockSize() == 3 and problem.A.isSymmetric(1e-5 * STEEL.young)
-    assert len(problem.A.getNearNullSpace().getVecs()) == 6
-
-
 @pytest.mark.parametrize(("order", "iterative"), [(1, True), (2, False)], ids=["multigrid", "factors"])
 def test_a_loose_body_under_pressure(order, iterative):
     """Held by its six springs alone, a cube under the same pressure all around shrinks alike in all directions."""

@@ -83,21 +83,6 @@ def test_edges_are_the_same_on_any_ranks(ranks):
         assert found[0][name] == pytest.approx(values, rel=1e-9, abs=1e-12), name
 
 
-def test_a_node_of_two_contacts_follows_the_forces_of_both():
-    """The rows of one edge of four bricks are singular: forces around the edge cancel on every brick."""
-    joint = prepare_scene(MPI.COMM_SELF, cube(2, 2, "nodes")).joint
-    rows = np.flatnonzero(joint.shared())
-    K = joint.cross_points()._R[rows][:, rows].toarray()
-    sizes, axes = np.linalg.eigh(K)
-    none = axes[:, sizes < 1e-9 * sizes.max()]
-    assert none.shape[1] > 0
-    s = np.zeros((joint.size, none.shape[1]))
-    s[rows] = none
-    products = np.column_stack([joint.product(each, "test", 0.0) for each in s.T])
-    others = joint.product(np.eye(1, joint.size, int(rows[0]))[0], "test", 0.0)
-    assert np.abs(products).max() < 1e-9 * np.abs(others).max()
-
-
 def fit_across_bonds(d: int, gap: float, **contact) -> dict:
     """Four blocks around a point, in space around an edge: bonded but for the upper two, which do not fit by `gap`."""
     make, up = (rectangle, (0.0, 1.0)) if d == 2 else (box, (0.0, 0.0, 1.0))
