@@ -179,9 +179,6 @@ def test_a_solver_that_fails_names_an_option_too_coarse(comm, petsc_options, mon
         module.solve(assembly, assembly.scene.method)
 
 
-# Memory
-
-
 def machine(folder, available: int | None = None, groups: dict[str, str] | None = None, process: str = ""):
     """A file system that says so."""
     (folder / "proc/self").mkdir(parents=True)

@@ -45,9 +45,6 @@ def moment(mesh: Mesh, f: np.ndarray) -> float:
     return float(mesh.points[:, 0] @ f[:, 1] - mesh.points[:, 1] @ f[:, 0])
 
 
-# Moments
-
-
 @both_orders
 @pytest.mark.parametrize("place", [0.0, 30.0])
 def test_a_moment_is_spread_without_a_force(place, order):
@@ -153,9 +150,6 @@ def test_formulas_on_curved_triangles_and_sides():
     assert f.sum(axis=0) == pytest.approx([np.pi / 2 * (2**6 - 1) / 6, np.pi / 4 * 3], rel=1e-5)  # sides are parabolas
 
 
-# Formulas
-
-
 @pytest.mark.parametrize("loads, key, words", [
     ({"traction": [Traction(on="bottom", pressure="1 / x")]}, "traction", '"1 / x" is inf at (0, 0)'),
     ({"traction": [Traction(on="top", value=(0.0, "log(9 - x)"))]}, "traction", '"log(9 - x)" is nan at ('),
@@ -166,9 +160,6 @@ def test_formula_that_is_not_finite_is_refused(loads, key, words):
     with pytest.raises(InputError) as error:
         assemble(dam(1), body(**({"clamp": ["bottom"]} | loads)))
     assert str(error.value).startswith(f"body.block.{key}: the formula {words}")
-
-
-# Points
 
 
 def test_point_clamps_that_determine_the_position_carry_nothing():

@@ -39,9 +39,6 @@ def with_springs(problem: Elasticity) -> PETSc.Mat:
     return add_springs(problem.A, support(problem.motions[problem.nodes]))
 
 
-# Springs
-
-
 @pytest.mark.parametrize(("size", "young"), [((3e-6, 1e-6), 2e11), ((3e6, 1e6), 1e-6), ((100.0, 1.0), 2e11)], ids=str)
 def test_springs_leave_the_conditioning_of_the_body(size, young):
     """With springs a body is hardly worse than clamped on a short side, in all units."""
@@ -49,9 +46,6 @@ def test_springs_leave_the_conditioning_of_the_body(size, young):
     held = np.linalg.cond(dense(elastic(mesh, ["left"], young).A))
     for clamp in CLAMPS.values():
         assert np.linalg.cond(dense(with_springs(elastic(mesh, clamp, young)))) <= 1.1 * held
-
-
-# Solvers
 
 
 def test_multigrid_solves_a_loose_body_as_fast_as_a_held_one():
@@ -67,9 +61,6 @@ def test_multigrid_solves_a_loose_body_as_fast_as_a_held_one():
     loose, held, loose_fine, held_fine = taken
     assert loose <= held + 5
     assert loose_fine <= held_fine + 5
-
-
-# Centring
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.3, 1e-9])

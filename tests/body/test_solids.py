@@ -1,4 +1,4 @@
-"""Bodies of tetrahedra: scikit-fem, exact fields, closed forms, rates, and the estimate."""
+"""Bodies of tetrahedra: scikit-fem, exact fields, rates, and the estimate."""
 
 import numpy as np
 import pytest
@@ -110,8 +110,6 @@ def test_centroid_is_that_of_the_volume():
             assert -start / slope == pytest.approx(3 / 8 * (1.0 - 0.5**4) / (1.0 - 0.5**3), rel=1e-4)
 
 
-# Exact fields
-
 GRADIENT = np.array([[1e-3, -4e-4, 2e-4], [7e-4, 5e-4, -6e-4], [3e-4, 8e-4, -9e-4]])
 
 
@@ -193,9 +191,6 @@ def test_rates(order, sizes, largest):
     rates = -np.polyfit(np.log(sizes), np.log(errors), 1)[0]
     assert rates == pytest.approx([order + 1, order], abs=0.25), rates
     assert errors[-1][1] < largest and effectivity == pytest.approx(1.0, abs=0.2), (errors, effectivity)
-
-
-# The compliance
 
 
 def contact(order: int, held: bool) -> tuple[PETSc.Mat, csr_matrix, np.ndarray]:

@@ -37,8 +37,6 @@ def bonded(upper, lower, **arguments):
     return pair(upper, lower, NoFriction(), "seam", kind="bonded", **arguments)
 
 
-# The law
-
 def test_all_nodes_are_closed_and_stick_whatever_the_forces():
     """s − P(s − c r) = c r: whatever the forces, the gaps must vanish; none reaches a bound."""
     for s, r in zip(points(7), points(7)[::-1], strict=True):
@@ -53,8 +51,6 @@ def test_all_nodes_are_closed_and_stick_whatever_the_forces():
     box = LAW.cone(LAW.bound_at(np.zeros(7)))
     assert not np.isfinite([box.lower, box.upper]).any() and len(box.lower) == 7
 
-
-# The interface
 
 def test_a_bond_holds_along_the_contact_too():
     """All nodes carry tangential unknowns without a friction law, but those that clamps hold."""
@@ -95,8 +91,6 @@ def test_a_given_gap_takes_the_place_of_the_measured_one(kind):
     short = Profile(along="x", points=[0.0, 2.0], values=[0.0, 1e-4])
     assert "contact.seam.gap: the profile covers x from 0 to 2" in uncovered_profile(contact, NoFriction(), short)[0]
 
-
-# Mechanics
 
 def test_a_body_bonded_to_a_moving_floor_moves_as_if_clamped_to_it():
     """The displacement of a rigid partner acts like a prescribed one of the body's nodes, sign and all."""

@@ -156,8 +156,6 @@ def test_roller_at_an_oblique_contact_keeps_the_nearest_unknown(angle, kept):
     assert interface_of(*meshes, COULOMB, *clamps).m == kept
 
 
-# Traces
-
 def test_displacement_trace_has_the_signs_of_the_slides():
     """Opposite normals and tangents: closing and sliding displacements of the two bodies add up."""
     upper, lower = blocks()
@@ -166,22 +164,6 @@ def test_displacement_trace_has_the_signs_of_the_slides():
     still = displacement_trace(contact, 1, np.tile([3.0, -2.0], (len(lower.points), 1)))
     assert np.array_equal(down, np.repeat([2.0, 3.0], 7))
     assert np.array_equal(still, -down)
-
-
-# Curved interfaces
-
-
-def test_closed_loop_is_walked_once_around():
-    t = 2 * np.pi * np.arange(40) / 40
-    boundary = side(ring(1.0, 2.0, t + 0.3 * np.sin(t)), "inner")
-    assert len(np.unique(boundary.nodes)) == len(boundary.nodes) == 40
-    assert np.argmin(boundary.xy[:, 0]) == 0
-    steps = np.diff(np.append(boundary.nodes, boundary.nodes[0]))
-    assert set(np.abs(steps)) == {1, 39}  # neighbours on the circle, in one direction
-    assert np.abs(np.sign(steps[np.abs(steps) == 1]).sum()) == 39
-    chords = np.linalg.norm(np.diff(boundary.xy, axis=0, append=boundary.xy[:1]), axis=1)
-    assert boundary.area.sum() == pytest.approx(chords.sum(), rel=1e-13)
-    assert np.all(np.einsum("ij,ij->i", boundary.normal, boundary.xy) < 0)  # out of the ring, into the hole
 
 
 def test_quadratic_edges_with_a_node_without_unknowns_are_left_out():

@@ -188,9 +188,6 @@ def test_scripts_of_several_files(tmp_path):
     assert area(mesh) == pytest.approx(3.0, rel=1e-9) and lengths(mesh, "ends").sum() == pytest.approx(2.0, rel=1e-9)
 
 
-# STEP and BREP
-
-
 @pytest.fixture(params=[".step", ".brep"])
 def cad(request, tmp_path) -> Path:
     """A plate 20 × 10 with a hole, without physical groups."""

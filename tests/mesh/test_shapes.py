@@ -44,9 +44,6 @@ def check_boundary(mesh: Mesh) -> None:
         assert np.array_equal(mesh.facets(name).nodes, group)
 
 
-# Quadrilaterals
-
-
 def test_quadrilateral_is_the_bilinear_map_of_a_grid():
     """Nodes lie at equal parameters of the bilinear map; cells are cut from their first to their third corner."""
     nx, ny = 5, 3
@@ -58,9 +55,6 @@ def test_quadrilateral_is_the_bilinear_map_of_a_grid():
     assert np.array_equal(mesh.triangles, grid.triangles)
     assert {name: edges.tolist() for name, edges in mesh.groups.items()} == \
         {name: edges.tolist() for name, edges in grid.groups.items()}
-
-
-# Annuli
 
 
 @pytest.mark.parametrize("order", [1, 2])
