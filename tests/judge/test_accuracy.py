@@ -255,7 +255,7 @@ def test_linear_triangles_that_lock_have_no_estimate(tmp_path):
 
 def test_target_is_met_and_told(tmp_path):
     """A run refines until the estimate meets the target, and reports every mesh; nodes that pair off go on so."""
-    scene = pinched_blocks(6) | {"method": {"target_error": 0.06}, "output": {"error": True, "figures": False}}
+    scene = pinched_blocks(6) | {"method": {"target_error": 0.06}, "output": {"error": True, "figures": True}}
     scene["body"][1]["mesh"]["origin"] = [5e-4, -1e-3]  # the nodes at the ends allow 1/1200
     done = run_here(write_scene(scene, tmp_path / "scene.toml"), tmp_path / "results")
     assert done.code == 0, done.output
@@ -266,7 +266,7 @@ def test_target_is_met_and_told(tmp_path):
     finest = told["levels"][-1]["refinement"]
     assert done.summary["scene"]["body"][0]["mesh"]["divisions"] == [18 * finest, 6 * finest]
     assert done.summary["n"] == told["levels"][-1]["n"]
-    assert "going on with meshes" in done.stdout
+    assert "going on with meshes" in done.stdout and "error.png" in done.files
 
 
 def test_target_out_of_reach_is_an_error_with_results(tmp_path):
