@@ -90,30 +90,18 @@ def linear_stress(material: Material) -> np.ndarray:
 
 @both_orders
 @pytest.mark.parametrize("material", [STRAIN, STRESS], ids=["strain", "stress"])
-def test_patch_with_prescribed_boundary(material, order):
-    mesh = rectangle(order=order)
-    u = solve(mesh, body(material, clamp=[linear_clamp(s) for s in SIDES]))
-    assert np.abs(u - linear(mesh.points)).max() <= 1e-12 * np.abs(u).max()
-
-
-@both_orders
-@pytest.mark.parametrize("material", [STRAIN, STRESS], ids=["strain", "stress"])
-def test_patch_with_tractions(material, order):
-    mesh = rectangle(order=order)
-    sxx, syy, _, sxy = linear_stress(material)
+def test_a_linear_field_is_exact(material, order):
+    """Prescribed all around, or on one side and by tractions on the others; its stress is constant."""
+    mesh, expected = rectangle(order=order), linear_stress(material)
+    sxx, syy, _, sxy = expected
     tractions = [Traction(on="right", value=(sxx, sxy)), Traction(on="top", value=(sxy, syy)),
                  Traction(on="bottom", value=(-sxy, -syy))]
-    u = solve(mesh, body(material, clamp=[linear_clamp("left")], traction=tractions))
-    assert np.abs(u - linear(mesh.points)).max() <= 1e-12 * np.abs(u).max()
-
-
-@both_orders
-@pytest.mark.parametrize("material", [STRAIN, STRESS], ids=["strain", "stress"])
-def test_stress_of_a_linear_field(material, order):
-    mesh = rectangle(order=order)
+    for spec in (body(material, clamp=[linear_clamp(s) for s in SIDES]),
+                 body(material, clamp=[linear_clamp("left")], traction=tractions)):
+        u = solve(mesh, spec)
+        assert np.abs(u - linear(mesh.points)).max() <= 1e-12 * np.abs(u).max()
     sigma = stress(mesh, material, linear(mesh.points))
     assert sigma.shape == (len(mesh.triangles), 4)
-    expected = linear_stress(material)
     assert np.abs(sigma - expected).max() <= 1e-12 * np.abs(expected).max()
 
 
@@ -142,10 +130,8 @@ def test_principal_stresses():
 @pytest.mark.parametrize("component", [0, 1])
 @pytest.mark.parametrize(("rest", "expected"), [
     # block [1, 4] × [−0.5, 1.5], r = x − 1
-    ({"volume_force": (2.0, -3.0)}, (2.0 * 9, -3.0 * 9)),
     ({"volume_force": AffineVector(constant=(1.0, 0.0), x_slope=(2.0, 0.0), y_slope=(0.0, 4.0))},
      (9.0 + 2.0 * (9.0 + 18.0), 4.0 * 9.0 * 0.5)),
-    ({"traction": [Traction(on="right", value=(2.0, -3.0))]}, (2.0 * 6, -3.0 * 6)),
     ({"traction": [Traction(on="top", value=(2.0, -3.0)), Traction(on="bottom", value=(1.0, 0.0))]},
      (3.0 * 4.5, -3.0 * 4.5)),
     ({"traction": [Traction(on="top", value=AffineVector(constant=(1.0, 0.0), x_slope=(0.0, 2.0)))]},
@@ -154,7 +140,7 @@ def test_principal_stresses():
      (6.0 * 3.0 * 1.0, 6.0)),
     ({"traction": [Traction(on="right", value=(1.0, 0.0)), Traction(on="right", value=(1.0, 5.0))],
       "volume_force": (0.0, 1.0)}, (12.0, 39.0)),
-], ids=["volume", "affine volume", "right", "top and bottom", "affine top", "affine right", "sum"])
+], ids=["affine volume", "top and bottom", "affine top", "affine right", "sum"])
 def test_load_is_the_integral(rest, expected, component, order):
     mesh = rectangle(order=order)
     problem = assemble(mesh, body(clamp=["left"], **rest))
@@ -170,7 +156,7 @@ def small_load(kind: str, size: float) -> dict:
 
 
 @pytest.mark.parametrize("kind", ["traction", "volume", "clamp"])
-@pytest.mark.parametrize("size", [1e-151, 1e-170, 1e-310, 5e-324])
+@pytest.mark.parametrize("size", [1e-151, 5e-324])
 def test_loads_whose_squares_underflow_are_refused(kind, size):
     """Their norm has lost digits or is zero, as if nothing acted; a little larger ones are solved."""
     with pytest.raises(InputError, match=r"body\.block: loads .* so small .* choose other units"):
@@ -240,17 +226,12 @@ LOOSE = {
 
 
 @pytest.mark.parametrize("geometry", [
-    {}, {"order": 2}, {"divisions": (1, 1)}, {"divisions": (1, 1), "order": 2},
-    {"divisions": (30, 7), "size": (1e-9, 1e-9), "origin": (0.0, 0.0)},
-    {"size": (1e6, 1e6), "origin": (-5e6, 0.0)}, {"size": (1.0, 1.0), "origin": (1e5, 1e5)},
-    {"divisions": (40, 2), "size": (100.0, 1.0)}],
-    ids=["plain", "order 2", "coarse", "coarse, order 2", "nano", "huge", "far", "slender"])
+    {}, {"divisions": (1, 1), "order": 2}, {"divisions": (30, 7), "size": (1e-9, 1e-9), "origin": (0.0, 0.0)},
+    {"size": (1.0, 1.0), "origin": (1e5, 1e5)}, {"divisions": (40, 2), "size": (100.0, 1.0)}],
+    ids=["plain", "coarse, order 2", "nano", "far", "slender"])
 @pytest.mark.parametrize("case", LOOSE)
 def test_motions_of_a_loose_body(case, geometry):
-    """A body that clamps do not hold has the motions that they leave free: translations by one, rotations as scaled.
-
-    Rotations are about a point that the clamps allow and, as far as they do, about the centroid.
-    """
+    """Translations by one, and scaled rotations about a point that the clamps allow, the centroid if they can."""
     clamps, expected = LOOSE[case]
     mesh = rectangle(**geometry)
     problem = assemble(mesh, body(clamp=clamps))

@@ -6,7 +6,6 @@ import scipy.sparse as sparse
 from boundaries import rectangle
 from by_skfem import to_scipy
 from petsc4py import PETSc
-from scipy.linalg import null_space
 
 from ddmpi.body.elasticity import Elasticity, assemble
 from ddmpi.body.rigid_motions import Centring, add_springs, support
@@ -40,39 +39,13 @@ def with_springs(problem: Elasticity) -> PETSc.Mat:
     return add_springs(problem.A, support(problem.motions[problem.nodes]))
 
 
-# Springs
-
-
-@pytest.mark.parametrize("young", [1e-6, 2e11])
-@pytest.mark.parametrize("size", [(3e-6, 1e-6), (3.0, 1.0), (3e6, 1e6), (100.0, 1.0)], ids=str)
+@pytest.mark.parametrize(("size", "young"), [((3e-6, 1e-6), 2e11), ((3e6, 1e6), 1e-6), ((100.0, 1.0), 2e11)], ids=str)
 def test_springs_leave_the_conditioning_of_the_body(size, young):
     """With springs a body is hardly worse than clamped on a short side, in all units."""
-    mesh = rectangle((27, 9), size)
+    mesh = rectangle((15, 5), size)
     held = np.linalg.cond(dense(elastic(mesh, ["left"], young).A))
     for clamp in CLAMPS.values():
         assert np.linalg.cond(dense(with_springs(elastic(mesh, clamp, young)))) <= 1.1 * held
-
-
-def test_matrix_with_springs_is_what_solvers_need():
-    problem = elastic(rectangle((9, 3), (3.0, 1.0)))
-    fixed = with_springs(problem)
-    assert fixed.getType() == "seqaij"
-    assert fixed.getBlockSize() == 2
-    assert len(fixed.getNearNullSpace().getVecs()) == 3
-    assert np.linalg.eigvalsh(dense(fixed))[0] > 0.0
-    assert np.array_equal(dense(fixed), dense(fixed).T)
-    assert fixed.getInfo()["nz_used"] == problem.A.getInfo()["nz_used"]
-
-
-# Solvers
-
-
-def contact_of(problem: Elasticity, nodes: np.ndarray) -> sparse.csr_matrix:
-    """The trace of both components of `nodes` that are free."""
-    place = np.full(len(problem.free), -1)
-    place[problem.nodes] = np.arange(len(problem.nodes))
-    dofs = (2 * place[nodes][:, None] + [0, 1])[problem.free[nodes]]
-    return sparse.identity(problem.A.size[0], format="csr")[dofs]
 
 
 def test_multigrid_solves_a_loose_body_as_fast_as_a_held_one():
@@ -88,32 +61,6 @@ def test_multigrid_solves_a_loose_body_as_fast_as_a_held_one():
     loose, held, loose_fine, held_fine = taken
     assert loose <= held + 5
     assert loose_fine <= held_fine + 5
-
-
-# Centring
-
-
-@pytest.mark.parametrize("clamp", CLAMPS.values(), ids=CLAMPS)
-@pytest.mark.parametrize("number", [0, 1, 2, 10])
-def test_centring_against_its_formulas(number, clamp):
-    """P = I − Gᵀ(GGᵀ)⁺G and Π = I − R(GGᵀ)⁺GB, where the contact sees all motions and where it does not."""
-    mesh = rectangle((9, 3), (3.0, 1.0))
-    problem = elastic(mesh, clamp)
-    B, R = contact_of(problem, along(mesh, "top")[:number]), problem.motions[problem.nodes].reshape(problem.b.size, -1)
-    G = (B @ R).T
-    inverse = np.linalg.pinv(G @ G.T, rcond=1e-10) if number else np.zeros((len(G), len(G)))
-    P, whole = np.eye(B.shape[0]) - G.T @ inverse @ G, np.eye(len(R)) - R @ inverse @ G @ B
-    centring, rng = Centring(R, B), np.random.default_rng(1)
-    x, f, u = rng.standard_normal(B.shape[0]), rng.standard_normal(len(R)), rng.standard_normal(len(R))
-    unseen = R @ null_space(G.T, rcond=1e-8) if number else R  # motions that the contact does not see
-
-    assert centring.project(x) == pytest.approx(P @ x, abs=1e-12)
-    assert np.abs(R.T @ centring.balance(f)).max() <= 1e-12 * len(R)
-    seen = f - unseen @ np.linalg.lstsq(unseen, f, rcond=None)[0]
-    assert centring.balance(f) == pytest.approx(whole.T @ seen, abs=1e-7)  # the formulas square the condition number
-    assert np.abs(unseen.T @ centring.centre(u)).max(initial=0.0) <= 1e-12 * len(R)
-    assert B @ centring.centre(u) == pytest.approx(P @ (B @ u), abs=1e-12)
-    assert np.abs(centring.centre(R @ rng.standard_normal(R.shape[1]))).max() <= 1e-12
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.3, 1e-9])

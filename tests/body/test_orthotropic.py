@@ -15,8 +15,6 @@ from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec, Traction
 E, NU, G, ALPHA = (1.4e11, 1.0e10, 2.0e10), (0.3, 0.25, 0.4), (5.0e9, 7.0e9, 3.0e9), 1.2e-5
 """A carbon laminate, more or less; all three axes differ."""
 
-angles = pytest.mark.parametrize("angle", [0.0, 30.0, 90.0, -50.0])
-planes = pytest.mark.parametrize("plane", ["strain", "stress"])
 both_orders = pytest.mark.parametrize("order", [1, 2])
 
 
@@ -50,36 +48,6 @@ def pulled(mesh: Mesh, sigma: np.ndarray) -> list[Traction]:
         normal *= np.sign(normal @ (x.mean(axis=(0, 1)) - mesh.points.mean(axis=0)))
         found.append(Traction(on=on, value=tuple((sigma @ normal).tolist())))
     return found
-
-
-@both_orders
-@angles
-@planes
-def test_a_strip_is_pulled_at_an_angle(plane, angle, order):
-    """E_x, ν_xy and the coupling of stress and shear strain are those of the formulas for an off-axis ply."""
-    mesh, spec = strip(2, order, material=laminate(plane, angle))
-    sigma = np.array([[1e6, 0.0], [0.0, 0.0]])
-    spec = msgspec.structs.replace(spec, traction=pulled(mesh, sigma))
-    u = solve(mesh, spec)
-    (E1, E2, E3), (n12, n13, n23) = E, NU
-    S11, S22, S12 = 1.0 / E1, 1.0 / E2, -n12 / E1
-    if plane == "strain":  # σ33 = E3 (ν13 σ1 / E1 + ν23 σ2 / E2)
-        S11, S22 = S11 - n13**2 * E3 / E1**2, S22 - n23**2 * E3 / E2**2
-        S12 -= n13 * n23 * E3 / E1 / E2
-    c, s = np.cos(np.deg2rad(angle)), np.sin(np.deg2rad(angle))
-    xx = c**4 * S11 + s**4 * S22 + s**2 * c**2 * (1.0 / G[0] + 2 * S12)
-    yy = s**2 * c**2 * (S11 + S22 - 1.0 / G[0]) + (s**4 + c**4) * S12
-    xy = 2 * c**3 * s * (S11 - S12) - 2 * s**3 * c * (S22 - S12) - (c**2 - s**2) * s * c / G[0]
-    gradient = np.linalg.lstsq(np.column_stack([np.ones(len(u)), mesh.points]), u, rcond=None)[0]
-    assert np.abs(np.column_stack([np.ones(len(u)), mesh.points]) @ gradient - u).max() <= 1e-10 * np.abs(u).max()
-    strains = gradient[1, 0], gradient[2, 1], gradient[1, 1] + gradient[2, 0]
-    assert strains == pytest.approx([1e6 * each for each in (xx, yy, xy)], rel=1e-9, abs=1e-9 * 1e6 * xx)
-    found = stress(mesh, spec.material, u)
-    across = E3 * (n13 / E1 * c**2 + n23 / E2 * s**2) * (plane == "strain")
-    assert np.abs(found - 1e6 * np.array([1.0, 0.0, across, 0.0])).max() <= 1e-8 * 1e6
-    error = estimate_error(mesh, spec.material, u)
-    assert error.energy == pytest.approx(1e12 * xx * error.area, rel=1e-9)
-    assert error.total <= 1e-14 * error.energy
 
 
 @both_orders
@@ -137,8 +105,7 @@ def test_the_modulus_at_a_contact_is_that_along_its_normal():
 
 
 def test_axes_of_a_solid_turn_its_material():
-    """With axes about z a solid has the stiffness in the plane of one that `angle` turns; vectors need not be unit ones
-    or orthogonal, and the third axis follows from both."""
+    """About z as `angle` does in the plane; vectors need not be unit ones or orthogonal."""
     c, s = np.cos(np.radians(30.0)), np.sin(np.radians(30.0))
     turned = laminate(None, axes=((2 * c, 2 * s, 0.0), (c - s, s + c, 0.0)))
     assert turned.tensor(3)[:2, :2, :2, :2] == pytest.approx(laminate("strain", 30.0).tensor(2), rel=1e-12)
@@ -156,8 +123,7 @@ def test_axes_of_a_solid_turn_its_material():
 @pytest.mark.parametrize(("plane", "turn"), [
     ("stress", {"angle": 30.0}), ("strain", {"angle": -50.0}), (None, {"axes": ((1.0, 2.0, 0.5), (0.0, 1.0, 1.0))})])
 def test_expansion_along_each_axis(plane, turn, order):
-    """A free body grows along the axes of its material by their coefficients, without stress but that across the plane,
-    and keeps the energy of that."""
+    """A free body grows by its coefficients, without stress but that across the plane, whose energy it keeps."""
     d, T, alpha = 2 if plane else 3, 80.0, (1e-6, 3e-5, 2e-5)
     material = laminate(plane, expansion=alpha, **turn)
     mesh, spec = strip(d, order, material=material, temperature=T)

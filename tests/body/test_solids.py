@@ -1,4 +1,4 @@
-"""Bodies of tetrahedra: scikit-fem, exact fields, closed forms, rates, and the estimate."""
+"""Bodies of tetrahedra: scikit-fem, exact fields, rates, and the estimate."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ from ddmpi.body.solver import StiffnessSolver
 from ddmpi.body.stiffness import Stiffness, sum_stiffness
 from ddmpi.body.stress import components, energy_density, stress, stress_at, von_mises
 from ddmpi.mesh.elements import RULES
-from ddmpi.mesh.mesh import Mesh, refuse_folded
+from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import Material, Traction
 
 both_orders = pytest.mark.parametrize("order", [1, 2])
@@ -87,21 +87,7 @@ def test_pressure_all_around_a_curved_body_is_its_buoyancy():
 # Rigid motions
 
 
-@pytest.mark.parametrize("clamp, number", [
-    ([], 6), ([hold("bottom", None, None, 0.0)], 3),
-    ([hold("bottom", None, None, 0.0), hold("left", 0.0, None, None)], 1),
-    ([hold("left", 0.0, 0.0, 0.0)], 0)])
-def test_clamps_leave_rigid_motions(clamp, number):
-    """A face on rollers leaves three, two faces one; matrix and near null space have blocks of three."""
-    mesh = box((2, 2, 2))
-    problem = assemble(mesh, body(clamp=clamp))
-    assert problem.motions.shape[2] == number and problem.supported == (number == 0)
-    assert problem.A.getBlockSize() == 3 and problem.A.isSymmetric(1e-5 * STEEL.young)
-    assert len(problem.A.getNearNullSpace().getVecs()) == 6
-
-
-@both_orders
-@pytest.mark.parametrize("iterative", [False, True], ids=["factors", "multigrid"])
+@pytest.mark.parametrize(("order", "iterative"), [(1, True), (2, False)], ids=["multigrid", "factors"])
 def test_a_loose_body_under_pressure(order, iterative):
     """Held by its six springs alone, a cube under the same pressure all around shrinks alike in all directions."""
     mesh = box((3, 3, 3), order=order, jitter=0.2)
@@ -121,10 +107,8 @@ def test_centroid_is_that_of_the_volume():
     for rotation, (i, j) in zip(np.moveaxis(motions[:, :, 3:], 2, 0), ((1, 2), (0, 2), (0, 1)), strict=True):
         for moved, along in ((i, j), (j, i)):  # u_i grows with x_j, and is zero at the centre
             slope, start = np.polyfit(mesh.points[:, along], rotation[:, moved], 1)
-            assert -start / slope == pytest.approx(3 / 8 * (1.0 - INNER**4) / (1.0 - INNER**3), rel=1e-4)
+            assert -start / slope == pytest.approx(3 / 8 * (1.0 - 0.5**4) / (1.0 - 0.5**3), rel=1e-4)
 
-
-# Exact fields
 
 GRADIENT = np.array([[1e-3, -4e-4, 2e-4], [7e-4, 5e-4, -6e-4], [3e-4, 8e-4, -9e-4]])
 
@@ -152,23 +136,6 @@ def test_linear_displacement_is_exact(mesh):
     error = estimate_error(mesh, STEEL, u)
     assert error.total <= 1e-18 * error.energy
     assert error.energy == pytest.approx((sigma * strain).sum() * mesh.measures().sum(), rel=1e-12)
-
-
-def test_bending_is_exact_with_quadratic_elements():
-    """σ_xx = E κ z alone: u = κ (x z, −ν y z, −(x² + ν (z² − y²)) / 2)."""
-    mesh, kappa = box((3, 2, 2), (3.0, 1.0, 1.0), 2, jitter=0.2), 1e-3
-    u = solve(mesh, body(
-        clamp=[hold("left", 0.0, f"-{0.3 * kappa}*y*z", f"-{0.15 * kappa}*(z**2 - y**2)")],
-        traction=[Traction(on="right", value=(f"{STEEL.young * kappa}*z", 0.0, 0.0))]))
-    x, y, z = mesh.points.T
-    expected = kappa * np.stack([x * z, -0.3 * y * z, -(x**2 + 0.3 * (z**2 - y**2)) / 2], axis=1)
-    assert np.abs(u - expected).max() <= 1e-11 * kappa
-    found = stress_at(mesh, STEEL, u, RULES[3][0])
-    at = RULES[3][0] @ mesh.points[mesh.corners][..., 2].T
-    assert np.abs(found[0, 0] - STEEL.young * kappa * at).max() <= 1e-8 * STEEL.young * kappa
-    assert np.abs(found[1:]).max() <= 1e-8 * STEEL.young * kappa
-    error = estimate_error(mesh, STEEL, u)
-    assert error.total <= 1e-16 * error.energy
 
 
 # Rates: u = a sin(k · x + 1), whose volume force is ((λ + μ) (a · k) k + μ k² a) sin(k · x + 1)
@@ -226,43 +193,6 @@ def test_rates(order, sizes, largest):
     assert errors[-1][1] < largest and effectivity == pytest.approx(1.0, abs=0.2), (errors, effectivity)
 
 
-# Curved tetrahedra
-
-PRESSURE, INNER, OUTER = 1e8, 0.5, 1.0
-
-
-def hollow_ball(r: np.ndarray) -> np.ndarray:
-    """Lamé: the radial displacement of a hollow ball under an inner pressure."""
-    E, nu, ratio = STEEL.young, STEEL.poisson, PRESSURE * INNER**3 / (OUTER**3 - INNER**3)
-    return ratio * ((1 - 2 * nu) / E * r + (1 + nu) * OUTER**3 / (2 * E * r**2))
-
-
-def test_hollow_ball_converges():
-    """Lamé's ball: displacement converges with the third power of h in L2, the energy with the fourth, nearly."""
-    errors, sizes, (points, weights) = [], (2, 4, 6), RULES[3]
-    for n in sizes:
-        mesh = shell(n)
-        assert len(mesh.curved) == len(mesh.triangles)
-        refuse_folded(mesh, "mesh")
-        u = solve(mesh, body(clamp=[hold("x", 0.0, None, None), hold("y", None, 0.0, None), hold("z", None, None, 0.0)],
-                             traction=[Traction(on="inner", pressure=PRESSURE)]))
-        mapped = mesh.map(np.arange(len(mesh.triangles)), points)
-        r = np.linalg.norm(mapped.places, axis=2, keepdims=True)
-        exact = mapped.places / r * hollow_ball(r)
-        found = np.einsum("qk,tkd->qtd", mesh.cell.shapes(points), u[mesh.triangles])
-        squares = [weights @ ((each**2).sum(axis=2) * mapped.measures).sum(axis=1) for each in (found - exact, exact)]
-        energy = PRESSURE * np.pi / 2 * INNER**2 * hollow_ball(np.array(INNER))
-        estimate = estimate_error(mesh, STEEL, u)
-        errors.append((np.sqrt(squares[0] / squares[1]), abs(estimate.energy / energy - 1)))
-    rates = np.log(np.array(errors[-2]) / errors[-1]) / np.log(sizes[-1] / sizes[-2])
-    assert (rates >= [2.7, 3.3]).all(), rates
-    assert errors[-1][0] < 3e-3 and errors[-1][1] < 1.5e-3, errors
-    assert np.sqrt(estimate.total / energy / errors[-1][1]) == pytest.approx(1.0, abs=0.2)
-
-
-# The compliance
-
-
 def contact(order: int, held: bool) -> tuple[PETSc.Mat, csr_matrix, np.ndarray]:
     """A of a box, on its bottom a row for each component of each vertex, and the nodes of A; a loose one on springs."""
     mesh = box((3, 2, 2), (3.0, 1.0, 1.0), order, jitter=0.2)
@@ -275,9 +205,8 @@ def contact(order: int, held: bool) -> tuple[PETSc.Mat, csr_matrix, np.ndarray]:
     return A, kron(B, identity(3), "csr"), mesh.points[problem.nodes]
 
 
-@both_orders
-@pytest.mark.parametrize("held", [True, False], ids=["held", "loose"])
-@pytest.mark.parametrize("route", ["own order", "MUMPS's order", "through PETSc"])
+@pytest.mark.parametrize(("order", "held", "route"), [
+    (1, True, "own order"), (2, False, "own order"), (2, True, "MUMPS's order"), (2, True, "through PETSc")])
 def test_compliance_is_the_dense_one(order, held, route, petsc_options, monkeypatch):
     """With its order of elimination, without, and where PETSc calls MUMPS."""
     monkeypatch.setattr("ddmpi.petsc.dissection.FEWEST", 0 if route == "own order" else 10**9)

@@ -85,10 +85,7 @@ def test_default_is_a_direct_cholesky_factorization_by_the_best_package_or_that_
 ITERATIVE = {
     "cg + gamg": {"body_ksp_type": "cg", "body_pc_type": "gamg"},
     "cg + jacobi": {"body_ksp_type": "cg", "body_pc_type": "jacobi"},
-    "cg + icc": {"body_ksp_type": "cg", "body_pc_type": "icc"},
-    "gmres + jacobi": {"body_ksp_type": "gmres", "body_pc_type": "jacobi", "body_ksp_gmres_restart": 200},
     "minres + jacobi": {"body_ksp_type": "minres", "body_pc_type": "jacobi"},
-    "fcg + jacobi": {"body_ksp_type": "fcg", "body_pc_type": "jacobi"},
     "cg + cholesky": {"body_ksp_type": "cg"},
 }
 
@@ -136,24 +133,20 @@ def test_an_iterative_solve_is_no_more_precise_than_it_is_asked_to_be():
 @pytest.mark.parametrize("shape, size", [("rectangle", (3.0, 1.0)), ("box", (3.0, 1.0, 1.0))])
 @pytest.mark.parametrize("clamp", [{"x": 0.0, "y": 0.0, "z": 0.0}, {"x": 0.0}])
 def test_quadratic_elements_take_linear_ones_as_their_coarse_level(shape, size, clamp, petsc_options):
-    """In few iterations, on finer meshes as well; algebraic multigrid alone is there by its option."""
-    taken = []
-    for n in (2, 4):
-        mesh = MeshSpec(shape=shape, origin=(0.0,) * len(size), size=size, divisions=(3 * n, *(n,) * (len(size) - 1)),
-                        order=2)
-        components = {name: value for name, value in clamp.items() if name in "xyz"[:len(size)]}
-        walls = [Clamp(on=on, **components) for on in ("left", "bottom")[:1 + (len(clamp) == 1)]]
-        spec = BodySpec(name="block", mesh=mesh, clamp=walls, material=Material(young=2e11, poisson=0.3),
-                        foundation=[Foundation(on="right", normal=1e9, tangential=1e9)])
-        problem = assemble(build_mesh(spec), spec)
-        load, u = problem.b.duplicate(), problem.b.duplicate()
-        load.array[:] = np.random.default_rng(0).standard_normal(load.size)
-        solver = StiffnessSolver(problem.A, "block", iterative=True)
-        assert solver.description == "cg + mg"
-        solver.solve(load, u)
-        taken.append(solver.ksp.getIterationNumber())
-        assert np.linalg.norm(load.array_r - to_scipy(problem.A) @ u.array_r) <= 1e-9 * load.norm()
-    assert max(taken) <= 35, taken
+    """In few iterations; algebraic multigrid alone is there by its option."""
+    mesh = MeshSpec(shape=shape, origin=(0.0,) * len(size), size=size, divisions=(12, *(4,) * (len(size) - 1)), order=2)
+    components = {name: value for name, value in clamp.items() if name in "xyz"[:len(size)]}
+    walls = [Clamp(on=on, **components) for on in ("left", "bottom")[:1 + (len(clamp) == 1)]]
+    spec = BodySpec(name="block", mesh=mesh, clamp=walls, material=Material(young=2e11, poisson=0.3),
+                    foundation=[Foundation(on="right", normal=1e9, tangential=1e9)])
+    problem = assemble(build_mesh(spec), spec)
+    load, u = problem.b.duplicate(), problem.b.duplicate()
+    load.array[:] = np.random.default_rng(0).standard_normal(load.size)
+    solver = StiffnessSolver(problem.A, "block", iterative=True)
+    assert solver.description == "cg + mg"
+    solver.solve(load, u)
+    assert np.linalg.norm(load.array_r - to_scipy(problem.A) @ u.array_r) <= 1e-9 * load.norm()
+    assert solver.ksp.getIterationNumber() <= 35
     petsc_options(body_pc_type="gamg")
     assert StiffnessSolver(problem.A, "block", iterative=True).description == "cg + gamg"
 
@@ -201,12 +194,10 @@ SINGULAR = {
 }
 
 
-@pytest.mark.parametrize("package", ["", "mumps", "cholmod", "petsc"])
-@pytest.mark.parametrize("case", SINGULAR)
-def test_singular_matrix_is_an_error(case, package, petsc_options):
-    if package:
-        petsc_options(body_pc_factor_mat_solver_type=package)
-    matrix = SINGULAR[case]
+@pytest.mark.parametrize("package", ["mumps", "cholmod", "petsc"])
+@pytest.mark.parametrize("matrix", SINGULAR.values(), ids=SINGULAR)
+def test_singular_matrix_is_an_error(matrix, package, petsc_options):
+    petsc_options(body_pc_factor_mat_solver_type=package)
     with pytest.raises(SolverError, match="body 'upper'"):
         solve(from_dense(matrix), vector(1.0 + np.arange(len(matrix))))
 
@@ -260,39 +251,25 @@ KINDS = {"default": (None, {}, 1e-12), "explicit": ("explicit", {}, 1e-12), "dir
 
 @pytest.mark.parametrize(("divisions", "order"), [((8, 4), 1), ((4, 2), 2)], ids=["linear", "quadratic"])
 @pytest.mark.parametrize("name", KINDS)
-def test_compliance_is_the_dense_one(name, divisions, order, petsc_options):
+def test_compliance_counts_by_purpose(name, divisions, order, petsc_options):
+    """It is the dense one, and counts products and solves; zero costs nothing."""
     kind, options, precision = KINDS[name]
     petsc_options(**options)
     problem, B, C = contact_problem(divisions, order=order)
     operator = Compliance(problem.A, B, "upper", kind)
     assert operator.size == len(C) == 16
     assert operator.kind == kind or kind is None
-    product, columns = np.empty(16), np.empty((16, 16))
+    before, y, columns = operator.count.copy(), np.full(16, np.nan), np.empty((16, 16))
     for i, unit in enumerate(np.eye(16)):
-        operator.mult(unit, product, "step1")
-        columns[:, i] = product
+        operator.mult(unit, y, "step1")
+        columns[:, i] = y
+    operator.mult(np.zeros(16), y, "step1")
+    assert not y.any() and operator.count - before == {"step1": 16}
     assert np.abs(columns - C).max() <= precision * np.abs(C).max()
     assert np.abs(operator.dense() - C).max() <= precision * np.abs(C).max()
-    assert operator.count["step1"] == 16
-
-
-@pytest.mark.parametrize("name", KINDS)
-def test_compliance_counts_by_purpose(name, petsc_options):
-    kind, options, precision = KINDS[name]
-    petsc_options(**options)
-    problem, B, _ = contact_problem()
-    operator = Compliance(problem.A, B, "upper", kind)
-    before = operator.count.copy()
-    y = np.full(16, np.nan)
-    operator.mult(np.ones(16), y, "step1")
-    operator.mult(np.ones(16), y, "step1")
-    operator.mult(np.ones(16), y, "neumann")
-    assert operator.count - before == {"step1": 2, "neumann": 1}
-    operator.mult(np.zeros(16), y, "step1")  # zero costs nothing
-    assert np.array_equal(y, np.zeros(16))
-    u = problem.b.duplicate()
+    before, u = operator.count.copy(), problem.b.duplicate()
     operator.solve(problem.b, u, "load")
-    assert operator.count - before == {"step1": 2, "neumann": 1, "load": 1}
+    assert operator.count - before == {"load": 1}
     expected = B @ spsolve(to_scipy(problem.A).tocsc(), problem.b.array_r)
     assert np.linalg.norm(B @ u.array_r - expected) <= precision * np.linalg.norm(expected)
 

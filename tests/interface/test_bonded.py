@@ -15,11 +15,8 @@ from boundaries import (
     uncovered_profile,
 )
 
-from ddmpi.coupling.space import Laws, Space
-from ddmpi.interface.law import NO_BOUND, BondedLaw, CoulombLaw, Law
-from ddmpi.interface.state import contact_state
+from ddmpi.interface.law import BondedLaw
 from ddmpi.interface.trace import trace
-from ddmpi.judge.diagnosis import StatusLog
 from ddmpi.methods.krylov import Linearised
 from ddmpi.scene.bodies import Clamp
 from ddmpi.scene.contacts import Coulomb, NoFriction, Plane
@@ -40,8 +37,6 @@ def bonded(upper, lower, **arguments):
     return pair(upper, lower, NoFriction(), "seam", kind="bonded", **arguments)
 
 
-# The law
-
 def test_all_nodes_are_closed_and_stick_whatever_the_forces():
     """s − P(s − c r) = c r: whatever the forces, the gaps must vanish; none reaches a bound."""
     for s, r in zip(points(7), points(7)[::-1], strict=True):
@@ -56,41 +51,6 @@ def test_all_nodes_are_closed_and_stick_whatever_the_forces():
     box = LAW.cone(LAW.bound_at(np.zeros(7)))
     assert not np.isfinite([box.lower, box.upper]).any() and len(box.lower) == 7
 
-
-def test_gap_slip_and_tension():
-    """An opening is as wrong as an overlap, all slip is wrong, tension is not."""
-    gap, slip = np.array([0.0, 3.0, -2.0, 0.0]), np.array([[0.0], [-4.0], [1.0]])
-    assert LAW.misfit(gap) == LAW.misfit(-gap) == 3.0
-    assert Law(4, np.empty(0, int), 1).misfit(gap) == 2.0
-    assert LAW.violation(np.ones(7), slip, 0.5) == 2.0
-    assert LAW.complementarity(-np.ones(4), gap) == (0.0, 0.0)
-    assert Law(4, np.empty(0, int), 1).complementarity(np.array([-1.0, 2.0, 3.0, -4.0]), gap) == (12.0, 4.0)
-
-
-def test_bonded_and_other_laws_mix():
-    """Each part keeps its law; differences of bounds are numbers, also where there is no bound."""
-    laws = [CoulombLaw(3, np.array([1, 2]), 1, np.array([0.5, 0.3])), LAW, Law(2, np.empty(0, int), 1)]
-    together = Laws(laws)
-    parts = [slice(0, 5), slice(5, 12), slice(12, 14)]
-    for q, other in zip(points(14), points(14)[::-1], strict=True):
-        active = together.active_sets(q)
-        for law, part in zip(laws, parts, strict=True):
-            assert together.project(q)[part].tolist() == law.project(q[part]).tolist()
-        settled, linear = together.settle(q, active), Linearised.of(together.linearise(active))
-        assert settled[5:12].tolist() == q[5:12].tolist() and (settled[12:] >= 0.0).all()
-        unknown = np.diff(linear.basis.indptr) > 0
-        assert unknown[5:12].all() and unknown[12:].tolist() == (q[12:] > 0.0).tolist()
-        bound = together.bound_at(q)
-        assert bound[2:].tolist() == [NO_BOUND] * 3
-        change = together.bound_at(other) - bound
-        assert np.isfinite(np.linalg.norm(change)) and (change[2:] == 0.0).all()
-        box = together.cone(bound + 0.5 * change)
-        assert np.isinf(box.lower[5:12]).all() and np.isinf(box.upper[5:12]).all()
-        assert (box.lower[[0, 1, 2, 12, 13]] == 0.0).all() and np.isfinite(box.upper[3:5]).all()
-    assert together.largest_slope == 0.5
-
-
-# The interface
 
 def test_a_bond_holds_along_the_contact_too():
     """All nodes carry tangential unknowns without a friction law, but those that clamps hold."""
@@ -131,23 +91,6 @@ def test_a_given_gap_takes_the_place_of_the_measured_one(kind):
     short = Profile(along="x", points=[0.0, 2.0], values=[0.0, 1e-4])
     assert "contact.seam.gap: the profile covers x from 0 to 2" in uncovered_profile(contact, NoFriction(), short)[0]
 
-
-def test_bonded_nodes_stick_under_tension():
-    upper, lower = blocks()
-    contact = bonded(side(upper, "bottom"), side(lower, "top"))
-    s = np.concatenate([[3.0, -2.0, 0.0, 1.0, -5.0, 0.0, 0.0], np.linspace(-9.0, 9.0, 7)])
-    state = contact_state(contact, s, contact.law.bound_at(s), np.zeros(14))
-    assert state.status.tolist() == ["stick"] * 7
-    assert state.force == pytest.approx([0.0, -3.0], abs=1e-12)
-    log = StatusLog(Space([contact, pair(side(upper, "bottom"), side(lower, "top"), NoFriction(), "other")]))
-    s = np.concatenate([s, [1.0, 1.0, -1.0, 0.0, 1.0, 1.0, 1.0]])
-    log.record(s, contact.law.bound_at(s))
-    log.record(-s, contact.law.bound_at(s))
-    assert log.counts == [(2, 5, 7), (6, 1, 7)]
-    assert (log.unsettled() >= 7).all()
-
-
-# Mechanics
 
 def test_a_body_bonded_to_a_moving_floor_moves_as_if_clamped_to_it():
     """The displacement of a rigid partner acts like a prescribed one of the body's nodes, sign and all."""

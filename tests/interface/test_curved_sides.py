@@ -13,7 +13,7 @@ from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import bend
 from ddmpi.scene.contacts import Circle, NoFriction
 from ddmpi.surface.patch import Patch
-from ddmpi.surface.side import Side, cross
+from ddmpi.surface.side import Side, cross, frames, unit
 
 UNEVEN = np.cumsum([0.0, 0.2, 0.12, 0.25, 0.16, 0.2, 0.1, 0.22, 0.15])
 
@@ -128,3 +128,11 @@ def test_a_curved_triangle_meets_its_corners():
     off = Patch.bulge(ball, np.zeros(4, int), at, np.tile(np.full(3, 3**-0.5), (4, 1)))
     assert np.abs(off[:3]).max() < 1e-15
     assert off[3] == pytest.approx(np.sqrt(5 / 6) - np.sqrt(1 / 3), rel=1e-12)
+
+
+def test_neighbours_have_nearly_the_same_tangents():
+    """Over a cap of 120° tangents turn no faster than normals do."""
+    angle = np.linspace(-np.pi / 3, np.pi / 3, 60)
+    normals = np.column_stack([np.sin(angle), 0.3 * np.sin(2 * angle), np.cos(angle)])
+    found = frames(unit(normals))
+    assert np.abs(np.diff(found, axis=0)).max() < 2.0 * np.abs(np.diff(unit(normals), axis=0)).max()

@@ -56,40 +56,7 @@ def test_side_around_a_corner_averages_normals_by_length():
     assert boundary.area.sum() == pytest.approx(4.0, rel=1e-14)
 
 
-def test_side_of_two_pieces_is_walked_piece_by_piece():
-    mesh = rectangle((6, 2), (3.0, 1.0))
-    x = mesh.points[mesh.groups["top"], 0].max(axis=1)
-    mesh.groups["pieces"] = mesh.groups["top"][(x < 1.1) | (x > 2.1)]
-    boundary = side(mesh, "pieces")
-    assert boundary.xy[:, 0] == pytest.approx([0.0, 0.5, 1.0, 2.0, 2.5, 3.0])
-    assert boundary.area == pytest.approx([0.25, 0.5, 0.25, 0.25, 0.5, 0.25])
-    assert np.sort(boundary.facets).tolist() == [[0, 1], [1, 2], [3, 4], [4, 5]]
-
-
-def test_side_of_order_2_has_simpson_lengths():
-    boundary = side(rectangle((6, 2), (3.0, 1.0), order=2), "top")
-    assert boundary.xy[:, 0] == pytest.approx(np.linspace(0.0, 3.0, 13), rel=1e-14)
-    corner, middle = 0.5 / 6, 4 * 0.5 / 6
-    assert boundary.area == pytest.approx([corner, *[middle, 2 * corner] * 5, middle, corner], rel=1e-14)
-    assert np.array_equal(boundary.normal, np.tile([0.0, 1.0], (13, 1)))
-    assert np.sort(boundary.facets).tolist() == [[k, k + 1, k + 2] for k in range(0, 12, 2)]
-
-
 # Pairs
-
-
-def test_matching_blocks():
-    upper, lower = blocks()
-    contact = interface_of(upper, lower)
-    assert (contact.m, contact.size, len(contact.fixed.gap)) == (7, 14, 0)
-    assert np.array_equal(contact.sliding, np.arange(7))
-    for mesh, nodes in zip((upper, lower), contact.nodes, strict=True):
-        assert np.array_equal(mesh.points[nodes], contact.xy)
-    assert np.array_equal(contact.xy, np.column_stack([np.linspace(0, 3, 7), np.ones(7)]))
-    assert np.array_equal(contact.normal, np.tile([0.0, -1.0], (7, 1)))
-    assert np.array_equal(contact.frame[:, 1], np.tile([1.0, 0.0], (7, 1)))
-    assert contact.area == pytest.approx([0.25, 0.5, 0.5, 0.5, 0.5, 0.5, 0.25], rel=1e-14)
-    assert np.array_equal(contact.gap, np.zeros(7))
 
 
 def test_area_and_normal_are_those_of_both_sides():
@@ -102,7 +69,7 @@ def test_area_and_normal_are_those_of_both_sides():
     assert contact.normal == pytest.approx(np.tile([-np.sin(0.1), -np.cos(0.1)], (7, 1)))
 
 
-@pytest.mark.parametrize("gap", [1e-3, -1e-3, 0.2, 5.0])
+@pytest.mark.parametrize("gap", [-1e-3, 5.0])
 def test_gap_and_overlap(gap):
     contact = interface_of(*blocks(gap))
     assert contact.gap == pytest.approx(np.full(7, gap), rel=1e-12)
@@ -177,7 +144,7 @@ def test_roller_across_the_normal_keeps_the_normal_unknown():
     assert np.array_equal(contact.sliding, np.arange(1, 7))
 
 
-@pytest.mark.parametrize(("angle", "kept"), [(0, 7), (20, 7), (40, 7), (50, 6), (70, 6), (90, 6)])
+@pytest.mark.parametrize(("angle", "kept"), [(0, 7), (40, 7), (50, 6), (90, 6)])
 def test_roller_at_an_oblique_contact_keeps_the_nearest_unknown(angle, kept):
     """The blocks turned by `angle`, the end node free along y only; at 0° that is along the normal."""
     c, s = np.cos(np.deg2rad(angle)), np.sin(np.deg2rad(angle))
@@ -189,8 +156,6 @@ def test_roller_at_an_oblique_contact_keeps_the_nearest_unknown(angle, kept):
     assert interface_of(*meshes, COULOMB, *clamps).m == kept
 
 
-# Traces
-
 def test_displacement_trace_has_the_signs_of_the_slides():
     """Opposite normals and tangents: closing and sliding displacements of the two bodies add up."""
     upper, lower = blocks()
@@ -199,22 +164,6 @@ def test_displacement_trace_has_the_signs_of_the_slides():
     still = displacement_trace(contact, 1, np.tile([3.0, -2.0], (len(lower.points), 1)))
     assert np.array_equal(down, np.repeat([2.0, 3.0], 7))
     assert np.array_equal(still, -down)
-
-
-# Curved interfaces
-
-
-def test_closed_loop_is_walked_once_around():
-    t = 2 * np.pi * np.arange(40) / 40
-    boundary = side(ring(1.0, 2.0, t + 0.3 * np.sin(t)), "inner")
-    assert len(np.unique(boundary.nodes)) == len(boundary.nodes) == 40
-    assert np.argmin(boundary.xy[:, 0]) == 0
-    steps = np.diff(np.append(boundary.nodes, boundary.nodes[0]))
-    assert set(np.abs(steps)) == {1, 39}  # neighbours on the circle, in one direction
-    assert np.abs(np.sign(steps[np.abs(steps) == 1]).sum()) == 39
-    chords = np.linalg.norm(np.diff(boundary.xy, axis=0, append=boundary.xy[:1]), axis=1)
-    assert boundary.area.sum() == pytest.approx(chords.sum(), rel=1e-13)
-    assert np.all(np.einsum("ij,ij->i", boundary.normal, boundary.xy) < 0)  # out of the ring, into the hole
 
 
 def test_quadratic_edges_with_a_node_without_unknowns_are_left_out():

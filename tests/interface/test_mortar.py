@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from boundaries import held_beside, join, joined, mortar, pair, rectangle, ring, side
+from boundaries import held_beside, join, mortar, rectangle, ring, side
 from made_up_solids import box
 
 from ddmpi.errors import InputError
@@ -70,8 +70,8 @@ def nodal_lengths(boundary: Side, low: float, high: float) -> dict[int, float]:
 
 @orders
 @slaves
-@pytest.mark.parametrize("divisions", [(7, 7), (7, 11), (11, 7), (3, 16), (16, 3)])
-@pytest.mark.parametrize("x", [0.0, 0.3, 0.977, 1.0, -0.6, 1.7])
+@pytest.mark.parametrize("divisions, x", [((7, 11), 0.3), ((11, 7), 0.977), ((3, 16), 1.7), ((16, 3), -0.6),
+                                          ((7, 7), 0.0)])
 def test_a_constant_pressure_has_the_nodal_forces_of_both_bodies(x, divisions, slave, order):
     """On any meshes, wherever the sides end, so that a constant stress is exact."""
     sides = blocks(*divisions, order, x)
@@ -87,22 +87,6 @@ def test_a_constant_pressure_has_the_nodal_forces_of_both_bodies(x, divisions, s
     assert not contact.gap.any() and contact.slave == slave
     assert contact.lines.area.sum() == pytest.approx(high - low)
     assert np.bincount(contact.lines.row, contact.lines.area) == pytest.approx(contact.area)
-
-
-@orders
-@slaves
-def test_rows_reproduce_linear_motions(order, slave):
-    """Rigid motions and constant strains of both bodies together move no row."""
-    sides = blocks(5, 8, order, 0.3)
-    contact = met(sides, slave=slave)
-    rng = np.random.default_rng(0)
-    gradient = rng.normal(size=(2, 2))
-    moved = []
-    for boundary, nodes, transfer in zip(sides, contact.nodes, contact.transfer, strict=True):
-        at = boundary.xy[[boundary.nodes.tolist().index(node) for node in nodes.tolist()]]
-        moved.append(transfer @ (at @ gradient + [1.0, 2.0]))
-    assert moved[0] == pytest.approx(moved[1], abs=1e-12)
-    assert contact.at[0] == pytest.approx(contact.at[1], abs=1e-12)
 
 
 @orders
@@ -126,16 +110,6 @@ def test_arcs_of_circles_have_their_true_gap(divisions, gap, order):
     """Polygons of two circles: the chords' own heights, 100 times this gap, do not count."""
     for slave in ("shaft", "hub"):
         assert met(arcs(*divisions, order, gap), slave=slave).gap == pytest.approx(gap, abs=5e-9)
-
-
-@pytest.mark.parametrize("gap", [1e-4, -1e-4])
-def test_pairs_of_middles_have_the_gap_of_their_arcs(gap):
-    """Of matching quadratic sides as well, whose middles stand aside of the arcs."""
-    sides = arcs(4, 4, 2, gap)
-    assert pair(*sides, COULOMB, "seam").gap[1:-1] == pytest.approx(gap, rel=1e-6)
-    straight = blocks(5, 5, 2, gap=gap)
-    assert not straight[0].slopes.any()
-    assert pair(*straight, COULOMB, "seam").gap == pytest.approx(gap, rel=1e-9)
 
 
 @orders
@@ -233,21 +207,6 @@ def test_a_tooth_overlaps_nothing_beyond_its_other_flank(order):
     assert over.weight.sum() == pytest.approx(2.0) and over.gap == pytest.approx(0.3)
 
 
-@orders
-def test_a_closed_shaft_in_a_closed_hub(order):
-    """Every point of a closed side faces its neighbour across the gap, also where the chain begins."""
-    shaft = ring(0.5, 0.999, 0.1 + 2 * np.pi * np.arange(20) / 20, order)
-    hub = ring(1.001, 1.5, 2 * np.pi * np.arange(27) / 27, order)
-    for slave in ("shaft", "hub"):
-        contact = met((side(shaft, "outer", body="shaft"), side(hub, "inner", body="hub")), slave=slave)
-        boundary = (shaft, hub)[slave == "hub"]
-        assert contact.m == len(np.unique(boundary.groups["outer" if slave == "shaft" else "inner"]))
-        assert contact.gap == pytest.approx(2e-3, abs=2e-7)
-        assert np.einsum("mi,mi->m", contact.normal, contact.xy) == pytest.approx(np.hypot(*contact.xy.T), rel=2e-2)
-        assert joined(contact).all() and contact.laplacian[0, contact.m - 1] < 0.0
-        assert contact.lines.facets.tolist() == [[k, (k + 1) % contact.m] for k in range(contact.m)]
-
-
 def test_sides_that_turn_their_backs_on_each_other_are_refused():
     upper, lower = (rectangle((n, 2), (2.0, 1.0), (0.0, y)) for n, y in ((5, 1.0), (8, 0.0)))
     for groups in (("top", "bottom"), ("left", "top"), ("bottom", "bottom"), ("left", "right")):
@@ -279,10 +238,9 @@ def forces_on_lines(state: ContactState) -> tuple[np.ndarray, float]:
 
 @orders
 @pytest.mark.parametrize("slave", [0, 1])
-@pytest.mark.parametrize("seed", range(30))
+@pytest.mark.parametrize("seed", range(12))
 def test_forces_at_the_nodes_have_the_resultant_and_the_moment(seed, slave, order):
-    """Of any meshes, gaps and slivers; the moment is that on the first body's nodes, which the imbalance tells apart
-    from that on the second body's."""
+    """Of any meshes, gaps and slivers; the moment is that on the first body's nodes, not on the second body's."""
     rng = np.random.default_rng(seed)
     above, below = rng.integers(3, 12, 2)
     sliver = rng.choice([1e-6, 1e-4, 4e-3, 0.018, 0.03, 0.3, rng.random()])
@@ -413,20 +371,13 @@ def test_a_held_side_is_master():
         met((sides[0], side(lower, "top", body="lower", **held)))
 
 
-def test_a_bond_holds_what_slides_between_sides_that_are_held_along_its_normal():
-    held = {"where": lambda x, y: y == 1.0, "y": True}
-    upper, lower = (rectangle((n, 2), (2.0, 1.0), (0.0, y)) for n, y in ((5, 1.0), (8, 0.0)))
-    bond = join(side(upper, "bottom", body="upper", **held), side(lower, "top", body="lower", **held), NoFriction(),
-                "seam", kind="bonded")
-    assert bond.m == 6 and bond.law.live.tolist() == [False] * 6 + [True] * 6
-
-
 def test_of_sides_that_are_held_along_the_normal_of_a_bond_the_one_that_slides_is_the_slave():
-    """However coarse the other one is: it has nothing to give way with."""
+    """However coarse the other one is: it has nothing to give way with. The bond holds what slides."""
     upper, lower = (rectangle((n, 2), (2.0, 1.0), (0.0, y)) for n, y in ((5, 1.0), (8, 0.0)))
     sides = (side(upper, "bottom", body="upper", where=lambda x, y: y == 1.0, x=True, y=True),
              side(lower, "top", body="lower", where=lambda x, y: y == 1.0, y=True))
-    assert join(*sides, NoFriction(), "seam", kind="bonded").slave == "lower"
+    bond = join(*sides, NoFriction(), "seam", kind="bonded")
+    assert bond.slave == "lower" and (bond.law.live.tolist() == [False] * bond.m + [True] * len(bond.sliding))
     with pytest.raises(InputError, match="clamps constrain all of 'upper'"):
         join(*sides, NoFriction(), "seam", kind="bonded", slave="upper")
 

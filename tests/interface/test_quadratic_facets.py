@@ -21,7 +21,7 @@ def seam(above: tuple[int, int], below: tuple[int, int], scale: float = 1.0, **h
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1.0])
-@pytest.mark.parametrize("above, below", [((3, 3), (4, 5)), ((1, 1), (2, 2)), ((2, 5), (3, 9))])
+@pytest.mark.parametrize("above, below", [((1, 1), (2, 2)), ((2, 5), (3, 9))])
 def test_forces_act_at_the_vertices(above, below, scale):
     """Any force at a row has its moment about any axis, on both bodies: a row measures linear motions exactly."""
     contact = seam(above, below, scale)

@@ -36,8 +36,7 @@ def test_a_loop_dissipates_its_area():
 
 
 def test_pressure_that_ends_takes_friction_with_it():
-    """Slip overcomes the mean of the bounds; open nodes dissipate nothing under Coulomb's law, whatever came before,
-    and all of Tresca's bound, which is theirs from the first step on."""
+    """Slip overcomes the mean of the bounds; open nodes dissipate under Tresca's law only."""
     assert dissipated(COULOMB, [(4.0, 0.0, 0.0), (1.0, -0.5, -0.1)]) == pytest.approx([0.0, 7 * 0.125])
     assert dissipated(COULOMB, [(4.0, 2.0, 0.0), (0.0, 0.0, 0.1)]) == [0.0, 0.0]
     bound = interface_of(*blocks(), TRESCA).law.bound

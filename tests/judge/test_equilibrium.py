@@ -10,7 +10,6 @@ from mpi4py import MPI
 from rigid_blocks import Blocks, Boxes, arch, beam, pushed, squeezed, tall, tower, wall, wedge
 
 from ddmpi.interface.law import CoulombLaw
-from ddmpi.judge import motions
 from ddmpi.judge.equilibrium import Forces, _Free, describe, find_mechanism
 from ddmpi.judge.motions import MotionsOfBody, direction, undetermined
 from ddmpi.run import equilibrium
@@ -60,18 +59,103 @@ def check(scene, mechanism) -> None:
     assert work > 0.0
 
 
-# What stands and what does not
+# What is said of scenes in the plane
 
-@pytest.mark.parametrize("force", [0.0, 0.45, 0.499, 0.5])
-def test_a_pushed_block_stays_up_to_the_coefficient_of_friction(force):
-    """A block that is pushed with less than 𝓕 times its weight, or just that, stays."""
-    assert words(pushed(force)) == "equilibrium"
+def capped(push):
+    """A law that nothing else knows: what it allows is asked of the law itself, not by its name."""
+    @dataclass(frozen=True)
+    class Capped(CoulombLaw):
+        name = "capped"
+
+        def slip_bound(self, pressure):
+            return np.minimum(super().slip_bound(pressure), 10.0)
+
+    scene = pushed(push)
+    known = scene.contacts[0].law
+    scene.contacts[0] = replace(scene.contacts[0], law=Capped(known.m, known.sliding, 1, known.coefficient))
+    return scene
 
 
-@pytest.mark.parametrize("force", [0.5001, 0.51, 0.6, 2.9])
+def bonded_to_a_wall():
+    return (Blocks().box("a", 0, 0, 1, 1, ((9.0, 9.0), (0.0, 0.25)))
+            .contact("a", "floor", (0, 0), (1, 0), "bonded"))
+
+
+def two_bonded(load=0.0):
+    """Both weigh the same, and the joint is above the edge."""
+    two = Blocks().box("a", 0, 0, 1, 1).box("b", 1, 0, 1, 1).contact("b", "a", (1, 1), (1, 0), "bonded")
+    two.loads["b"] += (((0.0, -load), (1.5, 0.5)),)
+    return two.contact("a", "floor", (0, 0), (1, 0), "coulomb", 0.5)
+
+
+def lifted_lid():
+    lid = Blocks().box("lid", 0, 1, 1, 0.1, ((0.0, 2.0), (0.5, 1.0)))
+    return lid.contact("lid", "box", (0, 1), (1, 1), "coulomb", 1)
+
+
+def light_lid(push):
+    """Of a millionth of the load of the block that bears it."""
+    scene = pushed(0.4).box("lid", 0, 1, 1, 0.1, ((push, 0.0), (0.5, 1.0)), weight=1e-6)
+    return scene.contact("lid", "block", (0, 1), (1, 1), "coulomb", 0.5)
+
+
+def bore(couple):
+    """A shaft in the plane turns, and is not lifted, though no two of its nodes slide along the same line."""
+    turn = np.linspace(0, 2 * np.pi, 2001)[:-1]
+    rim = np.column_stack([np.cos(turn), np.sin(turn)])
+    scene = Blocks().body("shaft", rim, ((0.0, couple), (0.5, 0.0)), ((0.0, -couple), (-0.5, 0.0)))
+    return scene.curve("shaft", "bore", rim, rim, "tresca", 1.0)
+
+
+EQUILIBRIUM, SLIDES = "equilibrium", "block would move along x"
+
+PLANE = [
+    # a block is held up to the coefficient of friction times its weight, or to a bound that needs no pressure
+    (pushed(0.0), EQUILIBRIUM), (pushed(0.499), EQUILIBRIUM), (pushed(0.5), EQUILIBRIUM), (pushed(0.5001), SLIDES),
+    (pushed(0.299, "tresca", 0.3), EQUILIBRIUM), (pushed(0.301, "tresca", 0.3), SLIDES),
+    (pushed(0.0, "none"), EQUILIBRIUM), (pushed(1e-5, "none"), SLIDES),
+    (capped(0.499), EQUILIBRIUM), (capped(0.501), SLIDES),
+    # between wall and jaw if 2 𝓕 times the pressure is at least its weight
+    (squeezed(1.0), EQUILIBRIUM), (squeezed(0.99), "block would move along -y"),
+    # bonds hold, and bodies move as one
+    (bonded_to_a_wall(), EQUILIBRIUM), (two_bonded(), EQUILIBRIUM),
+    (two_bonded(0.1), "a and b would move most at (2, 1), along (0.71, -0.71)"),
+    # shifted blocks stand as long as the centre of all above a joint is above it: (n − 1) shift/2 ≤ ½
+    (tower(0.25, 5), EQUILIBRIUM), (tower(0.5, 3), EQUILIBRIUM), (tower(0.75, 2), EQUILIBRIUM),
+    (tower(0.75, 3), "b0, b1 and b2 would move"), (tower(0.25, 6), "b0, b1 (and 4 more) would move"),
+    (tower(0.3), "b0, b1 (and 3 more) would move most at (-1.2, 5), along (-0.97, -0.23)"),
+    # a beam lies on its posts as long as its centre is between them, and tips about the outer edge of one
+    (beam(0.0, 0.0, 1.7), EQUILIBRIUM), (beam(-0.69, 0.0), "beam would turn clockwise"),
+    (beam(-1.1, 0.0, 0.6), "beam would turn counterclockwise about (0, 1)"),
+    (beam(0.31, 1.0), "beam would turn clockwise about (1.3, 1)"),
+    # a semicircular arch stands from thickness 0.1075 of its mean radius on (Couplet, Heyman), if it does not slide
+    (arch(0.109), EQUILIBRIUM),
+    (arch(0.106), "v0, v1 (and 4 more) would move most at (-0.876, 0.585), along (-0.96, 0.29)"),
+    (arch(0.2, 0.3), "v11, v12 (and 8 more) would move along -y"),
+    # what leaves all its contacts, or has none, however light
+    (lifted_lid(), "lid would move along y"), (pushed(0.0).box("lid", 0, 3, 1, 0.1), "lid would move along -y"),
+    (pushed(0.0).box("lid", 0, 3, 1, 0.1, weight=1e-6), "lid would move along -y"),
+    (light_lid(0.4e-6), EQUILIBRIUM), (light_lid(0.6e-6), "lid would move along x"),
+    # the whole highest row slides, however many ways there are to balance the others
+    (wall(4, 4, 0.5), EQUILIBRIUM), (wall(4, 4, 30.0), "r3b0, r3b1 (and 2 more) would move along x"),
+    # a thousand nodes of a bore
+    (bore(0.999), EQUILIBRIUM), (bore(1.01), "shaft would turn counterclockwise about (0, 0)"),
+    # directions and places turn with the scene, and are mirrored with it
+    (pushed(0.6, angle=np.arccos(0.8)), "block would move along (0.8, 0.6)"),
+    (pushed(0.6, mirror=True), "block would move along -x"),
+    (tall(0.124), EQUILIBRIUM), (tall(0.2), "tower would move most at (3, 4), along (-0.97, 0.24)"),
+    (tall(0.2, mirror=True), "tower would move most at (-3, 4), along (0.97, 0.24)"),
+    (tall(0.2, angle=np.pi), "tower would move most at (-3, -4), along (0.97, -0.24)")]
+
+
+@pytest.mark.parametrize(("scene", "said"), PLANE)
+def test_what_stands_and_what_moves(scene, said):
+    assert words(scene).startswith(said)
+
+
+@pytest.mark.parametrize("force", [0.5001, 0.6, 2.9])
 def test_a_pushed_block_slides_beyond_it(force):
     """It slides along the floor: it is not lifted, as associated flow would have it."""
-    assert words(pushed(force)) == "block would move along x"
     assert found(pushed(force)).velocities[0] == pytest.approx([1.0, 0.0, 0.0], abs=1e-9)
     excess = (force - 0.5) / np.hypot(force, 1.0)  # over the load; the work on a motion, which lifts it, shows less
     assert 0.7 * excess < found(pushed(force)).imbalance < excess
@@ -83,12 +167,6 @@ def test_a_block_that_is_pushed_hard_slides_and_tips(force, tips):
     moment about the centre, force/4, exceeds that of the pressure at the rear edge, 1/2, and of the friction, 1/4."""
     v = found(pushed(force)).velocities[0]
     assert v[0] > 0.5 and (v[2] > 1e-3) == tips
-
-
-def test_friction_of_a_given_bound():
-    """Tresca's bound holds whatever the pressure, and all nodes add to it."""
-    assert words(pushed(0.299, "tresca", 0.3)) == "equilibrium"
-    assert words(pushed(0.301, "tresca", 0.3)) == "block would move along x"
 
 
 def test_the_imbalance_of_given_friction():
@@ -104,74 +182,7 @@ def test_what_a_solver_returns_is_no_proof_by_itself(v, monkeypatch):
     assert found(pushed(0.6)) is None
 
 
-@dataclass(frozen=True)
-class Capped(CoulombLaw):
-    """A law that nothing else knows: Coulomb's up to a bound."""
-
-    name = "capped"
-
-    def slip_bound(self, pressure):
-        return np.minimum(super().slip_bound(pressure), 10.0)
-
-
-def test_friction_by_a_law_that_is_known_by_its_bound():
-    """What it allows is asked of the law itself, not by its name."""
-    for push, said in ((0.499, "equilibrium"), (0.501, "block would move along x")):
-        scene = pushed(push)
-        law = scene.contacts[0].law
-        scene.contacts[0] = replace(scene.contacts[0], law=Capped(law.m, law.sliding, 1, law.coefficient))
-        assert words(scene) == said
-
-
-def test_without_friction_every_push_moves():
-    """No friction holds nothing along the floor."""
-    assert words(pushed(1e-5, "none")) == "block would move along x"
-    assert words(pushed(0.0, "none")) == "equilibrium"
-
-
-def test_bonded_bodies_hold_and_move_as_one():
-    """A bonded body is held by a rigid partner, and moves as one with a body that is not."""
-    assert words(Blocks().box("a", 0, 0, 1, 1, ((9.0, 9.0), (0.0, 0.25)))
-                 .contact("a", "floor", (0, 0), (1, 0), "bonded")) == "equilibrium"
-    two = Blocks().box("a", 0, 0, 1, 1).box("b", 1, 0, 1, 1).contact("b", "a", (1, 1), (1, 0), "bonded")
-    two.contact("a", "floor", (0, 0), (1, 0), "coulomb", 0.5)
-    assert words(two) == "equilibrium"  # both weigh the same, and the joint is above the edge
-    two.loads["b"] += (((0.0, -0.1), (1.5, 0.5)),)
-    assert words(two) == "a and b would move most at (2, 1), along (0.71, -0.71)"
-
-
-@pytest.mark.parametrize("shift, count, stands", [(0.25, 5, True), (0.25, 6, False), (0.5, 2, True), (0.5, 3, True),
-                                                  (0.5, 4, False), (0.75, 2, True), (0.75, 3, False), (0.3, 5, False)])
-def test_a_tower_of_shifted_blocks(shift, count, stands):
-    """It stands as long as the centre of all blocks above a joint is above that joint: (n − 1) shift/2 ≤ ½ here."""
-    below = all((k - 1) * shift / 2 <= 0.5 for k in range(1, count + 1))
-    above = (count - 2) * shift / 2 + shift <= 0.5 + shift  # of the second block's joint
-    assert (below and above) == stands
-    assert (words(tower(shift, count)) == "equilibrium") == stands
-
-
-def test_a_tower_tips_as_one():
-    """Blocks that move as one body are named together."""
-    assert words(tower(0.3)) == "b0, b1 (and 3 more) would move most at (-1.2, 5), along (-0.97, -0.23)"
-    assert found(tower(0.3)).velocities[0] / found(tower(0.3)).velocities[0, 2] == pytest.approx([-0.5, 0.5, 1.0])
-
-
-@pytest.mark.parametrize("x, posts, said", [
-    (0.0, (0.0, 1.7), "equilibrium"), (-0.5, (0.0, 1.2), "equilibrium"), (-0.69, (0.0,), "beam would turn clockwise"),
-    (-1.1, (0.0, 0.6), "beam would turn counterclockwise about (0, 1)"),
-    (0.31, (1.0,), "beam would turn clockwise about (1.3, 1)")])
-def test_a_beam_on_posts(x, posts, said):
-    """A beam lies on its posts as long as its centre is between them, and tips about the outer edge of one."""
-    assert words(beam(x, *posts)).startswith(said)
-
-
-def test_a_block_held_by_friction():
-    """It hangs between wall and jaw if 2 𝓕 times the pressure is at least its weight."""
-    assert words(squeezed(1.0)) == words(squeezed(1.1)) == "equilibrium"
-    assert words(squeezed(0.99)) == words(squeezed(0.2)) == "block would move along -y"
-
-
-@pytest.mark.parametrize("friction, slope", [(0.1, 0.36), (0.2, 0.36), (0.3, 0.7)])
+@pytest.mark.parametrize("friction, slope", [(0.1, 0.36), (0.3, 0.7)])
 def test_a_wedge_is_driven_by_the_known_force(friction, slope):
     """𝓕 + (𝓕 + tan α)/(1 − 𝓕 tan α) drives it in (its own weight is none), less than the opposite lets it out."""
     most = friction + (friction + slope) / (1 - friction * slope)
@@ -180,29 +191,6 @@ def test_a_wedge_is_driven_by_the_known_force(friction, slope):
         assert words(wedge(push, friction, slope)) == "equilibrium"
     assert words(wedge(1.001 * most, friction, slope)) == "wedge would move along x; block would move, too"
     assert words(wedge(least - 0.001, friction, slope)) == "wedge would move along -x; block would move, too"
-
-
-def test_an_arch_as_thin_as_it_may_be():
-    """Under its own weight a semicircular arch stands from thickness 0.1075 of its mean radius on (Couplet, Heyman)."""
-    assert words(arch(0.109)) == words(arch(0.2)) == "equilibrium"
-    said = words(arch(0.106))
-    assert "v0, v1 (and 4 more) would move most at (-0.876, 0.585), along (-0.96, 0.29)" in said
-    assert "v26, v27 (and 4 more) would move most at (0.876, 0.585), along (0.96, 0.29)" in said
-
-
-def test_an_arch_that_slides():
-    """With little friction the crown sinks and pushes the haunches aside, and none of them is lifted."""
-    said = words(arch(0.2, 0.3))
-    assert said.startswith("v11, v12 (and 8 more) would move along -y")
-
-
-def test_nothing_holds_a_lid():
-    """A body that leaves all its contacts is held by nothing."""
-    lid = Blocks().box("lid", 0, 1, 1, 0.1, ((0.0, 2.0), (0.5, 1.0)))
-    lid.contact("lid", "box", (0, 1), (1, 1), "coulomb", 1)
-    assert words(lid) == "lid would move along y"
-    alone = pushed(0.0).box("lid", 0, 3, 1, 0.1)
-    assert words(alone) == "lid would move along -y"
 
 
 def test_without_loads_nothing_is_looked_for():
@@ -215,47 +203,11 @@ def test_without_loads_nothing_is_looked_for():
     assert find(interfaces, G, e + 1e-5, bodies) is not None
 
 
-def test_a_light_body_is_seen_beside_a_heavy_one():
-    """A lid of a millionth of the load of others that floats is found."""
-    scene = pushed(0.0).box("lid", 0, 3, 1, 0.1, weight=1e-6)
-    assert words(scene) == "lid would move along -y"
-    scene = pushed(0.4).box("lid", 0, 1, 1, 0.1, ((0.6e-6, 0.0), (0.5, 1.0)), weight=1e-6)
-    scene.contact("lid", "block", (0, 1), (1, 1), "coulomb", 0.5)
-    assert words(scene) == "lid would move along x"
-
-
-@pytest.fixture
-def few(monkeypatch) -> int:
-    """So many bodies of a heap are looked at, instead of `LARGEST`."""
-    monkeypatch.setattr(motions, "LARGEST", 30)
-    return 30
-
-
-def test_one_of_many_bodies_is_found(few):
-    """However many others stay, in heaps of their own."""
-    scene = pushed(0.6)
-    for k in range(few + 10):
-        x, name = 3.0 + 2.0 * k, f"other{k}"
-        scene.box(name, x, 0, 1, 1).contact(name, "floor", (x, 0), (x + 1.0, 0), "coulomb", 0.5)
-    assert words(scene) == "block would move along x"
-
-
-@pytest.mark.parametrize("columns, rows", [(4, 4), pytest.param(8, 8, marks=pytest.mark.slow)])
-def test_a_row_of_a_wall_is_pushed_out(columns, rows):
-    """The whole highest row slides, however many ways there are to balance the others."""
-    assert words(wall(columns, rows, 0.5)) == "equilibrium"
-    names = f"r{rows - 1}b0, r{rows - 1}b1 (and {columns - 2} more)"
-    assert words(wall(columns, rows, 30.0)) == f"{names} would move along x"
-
-
-# Units and axes do not matter
-
-@pytest.mark.parametrize("how", [{"force": 1e12, "length": 1e6}, {"force": 1e-12, "length": 1e-6},
-                                 {"force": 1e12, "length": 1e-6}, {"shift": (1e4, -1e4)}], ids=str)
+@pytest.mark.parametrize("how", [{"force": 1e12, "length": 1e-6}, {"force": 1e-12, "length": 1e6},
+                                 {"shift": (1e4, -1e4)}], ids=str)
 def test_units_and_origin_do_not_matter(how):
     """Newtons or giganewtons, metres or micrometres, near the origin or far from it: the same is said."""
-    assert words(pushed(0.499, **how)) == words(pushed(0.5, **how)) == words(arch(0.109, **how)) == "equilibrium"
-    assert words(pushed(0.51, **how)) == "block would move along x"
+    assert words(pushed(0.499, **how)) == words(arch(0.109, **how)) == "equilibrium"
     assert "along (-0.96, 0.29)" in words(arch(0.106, **how))
     scene = tall(0.2, **how)
     corner = scene.place((3, 4))[0] / scene.length
@@ -263,31 +215,7 @@ def test_units_and_origin_do_not_matter(how):
     assert np.array(said.split(", "), float) / scene.length == pytest.approx(corner, abs=0.02)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("angle", np.radians([30.0, 90.0, 137.0, 200.0]))
-@pytest.mark.parametrize("make", [lambda **how: pushed(0.6, **how), lambda **how: tower(0.75, **how),
-                                  lambda **how: arch(0.2, 0.3, **how), lambda **how: wall(4, 4, 3.0, **how),
-                                  lambda **how: wedge(1.2, 0.2, 0.36, **how)],
-                         ids=["pushed", "tower", "arch", "wall", "wedge"])
-def test_a_turned_scene_moves_as_it_did_but_turned(make, angle):
-    """The mechanism does not depend on the axes."""
-    one, other = found(make()), found(make(angle=angle))
-    c, s = np.cos(angle), np.sin(angle)
-    assert other.velocities[:, :2] == pytest.approx(one.velocities[:, :2] @ np.array([[c, s], [-s, c]]), abs=1e-5)
-    assert other.velocities[:, 2] == pytest.approx(one.velocities[:, 2], abs=1e-5)
-
-
-def test_words_of_turned_and_mirrored_scenes():
-    """Directions and places turn with the scene, and are mirrored with it."""
-    assert words(pushed(0.6, angle=np.arccos(0.8))) == "block would move along (0.8, 0.6)"
-    assert words(pushed(0.6, mirror=True)) == "block would move along -x"
-    assert words(tall(0.2)) == "tower would move most at (3, 4), along (-0.97, 0.24)"
-    assert words(tall(0.2, mirror=True)) == "tower would move most at (-3, 4), along (0.97, 0.24)"
-    assert words(tall(0.2, angle=np.pi)) == "tower would move most at (-3, -4), along (0.97, -0.24)"
-    assert words(tall(0.124)) == "equilibrium"
-
-
-@pytest.mark.parametrize("seed", range(30))
+@pytest.mark.parametrize("seed", range(15))
 def test_random_stacks(seed):
     """Ends of straight contacts serve as well as all nodes: curved ones, of which all are kept, give the same."""
     made = []
@@ -350,8 +278,9 @@ def test_undetermined_motions():
     assert undetermined(*active(shaft, "slip")) == ["shaft can turn counterclockwise about (2, 1) without any force"]
 
 
-def test_undetermined_motions_of_many_bodies(few):
+def test_undetermined_motions_of_many_bodies(monkeypatch):
     """Heaps are looked at one by one, those of up to LARGEST bodies."""
+    monkeypatch.setattr("ddmpi.judge.motions.LARGEST", few := 8)
     scene = Blocks()
     for k in range(few + 1):
         x, name = 3.0 * k, f"block{k}"
@@ -392,140 +321,6 @@ def column(push, nodes=5, **how):
             .contact("tower", "floor", (2, 0, 0), *AXES, "coulomb", 0.8, nodes))
 
 
-@pytest.mark.parametrize("angle", np.radians([0.0, 11.25, 22.5, 290.0]))
-def test_a_solid_block_slides_where_it_is_pushed(angle):
-    """The cone is round: polygons of 16 sides around it would let the block stay up to 1.02 of the bound at 11.25°."""
-    assert words(slab(0.4999, angle=angle)) == "equilibrium"
-    x, y = np.cos(angle), np.sin(angle)
-    assert found(slab(0.6, angle=angle)).velocities[0] == pytest.approx([x, y, 0, 0, 0, 0], abs=1e-3)
-    assert words(slab(0.5001, angle=angle)).startswith("block would move along ")
-
-
-@pytest.mark.parametrize("share", [0.999, 1.001])
-def test_a_block_on_a_slope_slides_from_the_angle_of_friction_on(share):
-    """It stays as long as the tangent of the slope is less than 𝓕; it is low enough not to tip."""
-    angle = np.arctan(0.3 * share)
-    along, down = np.sin(angle), -np.cos(angle)
-    flat = Blocks().box("block", 0, 0, 1, 0.2, ((along, down), (0.5, 0.1)), weight=0.0)
-    flat.contact("block", "slope", (0, 0), (1, 0), "coulomb", 0.3)
-    solid = Boxes().box("block", (0, 0, 0), (1, 1, 0.2), ((along, 0.0, down), (0.5, 0.5, 0.1)), weight=0.0)
-    solid.contact("block", "slope", (0, 0, 0), *AXES, "coulomb", 0.3)
-    assert words(flat) == words(solid) == ("equilibrium" if share < 1.0 else "block would move along x")
-
-
-@pytest.mark.parametrize("share", [0.999, 1.001])
-def test_a_block_tips_at_its_limit(share):
-    """It tips from a push on its top on that has half its weight times its width over its height."""
-    push = 0.125 * share
-    assert (found(tall(push)) is None) == (found(column(push)) is None) == (share < 1.0)
-
-
-@pytest.mark.parametrize("law, value", [("tresca", 0.3), ("coulomb", 0.3)])
-def test_solid_friction_of_both_kinds(law, value):
-    """The bound holds in all directions."""
-    assert words(slab(0.299, law, value, 0.3)) == "equilibrium"
-    assert words(slab(0.301, law, value)) == "block would move along x"
-
-
-def loaded(push, at=(0.5, 0.5, 0.0), nodes=5, **how):
-    """A block of weight ten on a floor of Tresca's friction of 0.5, pushed along (cos 17°, sin 17°)."""
-    along = push * np.cos(np.radians(17.0)), push * np.sin(np.radians(17.0)), 0.0
-    return (Boxes(**how).box("block", (0, 0, 0), (1, 1, 1), (along, at), weight=10.0)
-            .contact("block", "floor", (0, 0, 0), *AXES, "tresca", 0.5, nodes))
-
-
-@pytest.mark.parametrize("push, nodes", [(0.505, 5), (0.52, 13), (0.6, 5), (1.5, 13), (0.7, 40)])
-def test_given_friction_lets_a_block_slide_where_it_is_pushed(push, nodes):
-    """Just beyond the bound or far beyond it, with few nodes or many, to 0.01 degrees."""
-    exact = [np.cos(np.radians(17.0)), np.sin(np.radians(17.0)), 0, 0, 0, 0]
-    assert found(loaded(push, nodes=nodes)).velocities[0] == pytest.approx(exact, abs=2e-4)
-
-
-@pytest.mark.parametrize("push, y, nodes", [(0.4, 0.1, 6), (0.52, 0.35, 13), (0.8, 0.1, 13), (2.0, 0.9, 6)])
-def test_given_friction_turns_a_block_that_is_pushed_off_its_centre(push, y, nodes):
-    """It moves with the least ½ v·Mv + Σ g |v_t| − b·v, found here by Newton's method with |v_t| made smooth."""
-    mechanism = found(loaded(push, (0.5, y, 0.0), nodes))
-    x = np.array([(a - 0.5, b - 0.5) for a in np.linspace(0, 1, nodes) for b in np.linspace(0, 1, nodes)])
-    J = np.stack([np.tile([1.0, 0.0], (len(x), 1)), np.tile([0.0, 1.0], (len(x), 1)), x[:, ::-1] * [-1.0, 1.0]], axis=2)
-    force, g = push * np.array([np.cos(np.radians(17.0)), np.sin(np.radians(17.0))]), 0.5 / len(x)
-    M, b = np.diag([1.0, 1.0, 1.0 / 6.0]), np.append(force, -(y - 0.5) * force[0])
-
-    def value(v, smooth):
-        return v @ M @ v / 2 - b @ v + g * np.hypot(np.linalg.norm(J @ v, axis=1), smooth).sum()
-
-    v = np.linalg.solve(M, b)
-    for smooth in np.repeat(10.0 ** -np.arange(12.0), 50):
-        size = np.hypot(np.linalg.norm(J @ v, axis=1), smooth)
-        along = (J @ v) / size[:, None]
-        bend = (np.eye(2) - along[:, :, None] * along[:, None, :]) / size[:, None, None]
-        gradient = M @ v - b + g * np.einsum("kdj,kd->j", J, along)
-        step = np.linalg.solve(M + g * np.einsum("kdi,kde,kej->ij", J, bend, J), gradient)
-        while value(v - step, smooth) > value(v, smooth) and np.abs(step).max() > 1e-15:
-            step /= 2
-        v = v - step
-    corners = [v[:2] + v[2] * np.array([-b, a]) for a in (-0.5, 0.5) for b in (-0.5, 0.5)]
-    v = v / np.linalg.norm(corners, axis=1).max()
-    assert mechanism.velocities[0] == pytest.approx([v[0], v[1], 0, 0, 0, v[2]], abs=1e-3)
-
-
-@pytest.mark.parametrize("weak, said", [("lower", "block and top would"), ("upper", "top would")])
-def test_given_friction_of_two_blocks(weak, said):
-    """The contact that is too weak slides, along the push, and the other one holds."""
-    push, lower, upper = (0.7, 0.6, 3.0) if weak == "lower" else (0.4, 0.6, 0.3)
-    along = push * np.cos(np.radians(17.0)), push * np.sin(np.radians(17.0)), 0.0
-    scene = Boxes().box("block", (0, 0, 0), (1, 1, 1), weight=10.0)
-    scene.box("top", (0.25, 0.25, 1), (0.5, 0.5, 0.5), (along, (0.5, 0.5, 1.0)), weight=10.0)
-    scene.contact("block", "floor", (0, 0, 0), *AXES, "tresca", lower, 12)
-    scene.contact("top", "block", (0.25, 0.25, 1), AXES[0] / 2, AXES[1] / 2, "tresca", upper, 12)
-    assert words(scene) == f"{said} move along (0.96, 0.29, 0)"
-
-
-def test_given_friction_at_a_thousand_nodes_of_a_bore():
-    """A shaft in the plane turns, and is not lifted, though no two of its nodes slide along the same line."""
-    turn = np.linspace(0, 2 * np.pi, 2001)[:-1]
-    rim = np.column_stack([np.cos(turn), np.sin(turn)])
-    for couple, said in ((0.999, "equilibrium"), (1.01, "shaft would turn counterclockwise about (0, 0)")):
-        scene = Blocks().body("shaft", rim, ((0.0, couple), (0.5, 0.0)), ((0.0, -couple), (-0.5, 0.0)))
-        assert words(scene.curve("shaft", "bore", rim, rim, "tresca", 1.0)) == said
-
-
-def test_solids_without_friction_and_bonded():
-    """No friction holds nothing along the floor; a bond holds everything; nothing holds a lid that is lifted."""
-    assert words(slab(1e-5, "none")) == "block would move along x"
-    assert words(slab(9.0, "bonded")) == "equilibrium"
-    lid = Boxes().box("lid", (0, 0, 1), (1, 1, 1), ((0, 0, 2.0), (0.5, 0.5, 1))).contact("lid", "box", (0, 0, 1), *AXES)
-    assert words(lid) == "lid would move along z"
-
-
-def test_a_tower_tips_over_its_edge():
-    """It stands if the push times its height is less than its weight times half its width."""
-    assert words(column(0.1249)) == "equilibrium"
-    assert words(column(0.1251)) == words(column(0.15)) == (
-        "tower would move most at (2, 1, 4), along (0.97, 0, 0.24)")
-    assert words(column(-0.15)) == "tower would move most at (3, 1, 4), along (-0.97, 0, 0.24)"
-    assert found(column(0.15)).velocities[0] == pytest.approx(
-        np.array([2.0, 0, 0.5, 0, 1, 0]) / np.hypot(1.0, 4.0), abs=1e-6)
-
-
-def test_a_tower_tips_over_its_corner():
-    """Pushed along the diagonal it tips over the corner: it turns about the axis through it, square to the push."""
-    push = 0.2 / np.sqrt(2)
-    scene = Boxes().box("tower", (0, 0, 0), (1, 1, 4), ((push, push, 0.0), (0.5, 0.5, 4)))
-    said = words(scene.contact("tower", "floor", (0, 0, 0), *AXES, "coulomb", 0.8))
-    assert said == "tower would move most at (0, 0, 4), along (0.67, 0.67, 0.33)"
-
-
-def test_a_block_turns_on_the_floor():
-    """A couple beyond what friction at the corners takes turns it about its axis."""
-    def twisted(couple):
-        pair = ((0, couple, 0), (1, 0.5, 0)), ((0, -couple, 0), (0, 0.5, 0))
-        scene = Boxes().box("block", (0, 0, 0), (1, 1, 1), *pair)
-        return scene.contact("block", "floor", (0, 0, 0), *AXES, "coulomb", 0.5)
-    assert words(twisted(0.499 * np.sqrt(0.5))) == "equilibrium"
-    assert words(twisted(0.6 * np.sqrt(0.5))) == "block would turn about the axis through (0.5, 0.5, 0.5) along z"
-    assert words(twisted(-0.6 * np.sqrt(0.5))) == "block would turn about the axis through (0.5, 0.5, 0.5) along -z"
-
-
 def thread(force, pitch=0.25, **how):
     """A bolt without friction in a thread, pulled along z: at angle φ the thread's height is pitch times φ."""
     angle = np.linspace(0, 2 * np.pi, 13)[:-1]
@@ -539,29 +334,88 @@ def thread(force, pitch=0.25, **how):
     return scene.curve("bolt", "nut", np.vstack([radial, radial + 3 * up]), np.vstack([radial, radial]))
 
 
-def test_a_bolt_turns_out_of_its_thread():
-    """Its flanks allow a screw only, which goes up as it turns."""
-    assert words(thread(1.0)) == "bolt would turn about the axis through (0, 0, 2) along z"
-    assert words(thread(-1.0)) == "bolt would turn about the axis through (0, 0, 2) along -z"
-    assert words(thread(1.0, -0.25)) == "bolt would turn about the axis through (0, 0, 2) along -z"
-    v = found(thread(1.0)).velocities[0]
-    assert v / v[5] == pytest.approx([0, 0, 0.25, 0, 0, 1], abs=1e-6)
-    assert words(thread(1.0).box("lid", (9, 9, 9), (1, 1, 1), weight=0.0)).startswith("bolt would turn about")
+def loaded(push, at=(0.5, 0.5, 0.0), nodes=5, **how):
+    """A block of weight ten on a floor of Tresca's friction of 0.5, pushed along (cos 17°, sin 17°)."""
+    along = push * np.cos(np.radians(17.0)), push * np.sin(np.radians(17.0)), 0.0
+    return (Boxes(**how).box("block", (0, 0, 0), (1, 1, 1), (along, at), weight=10.0)
+            .contact("block", "floor", (0, 0, 0), *AXES, "tresca", 0.5, nodes))
 
 
-def test_solids_that_slide_are_not_lifted():
-    """The highest of three is pushed out, and the others stay; shifted too far, all of them tip."""
-    def stack(shift, push):
-        scene = Boxes()
-        for k in range(3):
-            pushed_at = ((0, push * (k == 2), 0), (shift * k + 0.5, 0.5, k))
-            scene.box(f"b{k}", (shift * k, 0, k), (1, 1, 1), pushed_at)
-            scene.contact(f"b{k}", f"b{k - 1}" if k else "floor", (shift * k, 0, k),
-                          np.array([1 - shift * bool(k), 0, 0]), AXES[1], "coulomb", 0.5)
-        return scene
-    assert words(stack(0.25, 0.0)) == words(stack(0.25, 0.45)) == "equilibrium"
-    assert words(stack(0.25, 0.6)) == "b2 would move along y"
-    assert words(stack(0.6, 0.0)) == "b1 and b2 would move most at (2.2, 1, 3), along (0.86, 0, -0.51)"
+def two_blocks(lower, upper):
+    """The contact that is too weak slides, along the push, and the other one holds."""
+    push = 0.7 if lower < upper else 0.4
+    along = push * np.cos(np.radians(17.0)), push * np.sin(np.radians(17.0)), 0.0
+    scene = Boxes().box("block", (0, 0, 0), (1, 1, 1), weight=10.0)
+    scene.box("top", (0.25, 0.25, 1), (0.5, 0.5, 0.5), (along, (0.5, 0.5, 1.0)), weight=10.0)
+    scene.contact("block", "floor", (0, 0, 0), *AXES, "tresca", lower, 12)
+    return scene.contact("top", "block", (0.25, 0.25, 1), AXES[0] / 2, AXES[1] / 2, "tresca", upper, 12)
+
+
+def on_its_corner():
+    """A tower that is pushed along the diagonal turns about the axis through its corner, square to the push."""
+    push = 0.2 / np.sqrt(2)
+    scene = Boxes().box("tower", (0, 0, 0), (1, 1, 4), ((push, push, 0.0), (0.5, 0.5, 4)))
+    return scene.contact("tower", "floor", (0, 0, 0), *AXES, "coulomb", 0.8)
+
+
+def twisted(couple):
+    """A couple beyond what friction at the corners takes, ½ √½, turns a block about its axis."""
+    pair = ((0, couple, 0), (1, 0.5, 0)), ((0, -couple, 0), (0, 0.5, 0))
+    scene = Boxes().box("block", (0, 0, 0), (1, 1, 1), *pair)
+    return scene.contact("block", "floor", (0, 0, 0), *AXES, "coulomb", 0.5)
+
+
+def stack(shift, push):
+    """Three blocks; the highest one is pushed along y."""
+    scene = Boxes()
+    for k in range(3):
+        pushed_at = ((0, push * (k == 2), 0), (shift * k + 0.5, 0.5, k))
+        scene.box(f"b{k}", (shift * k, 0, k), (1, 1, 1), pushed_at)
+        scene.contact(f"b{k}", f"b{k - 1}" if k else "floor", (shift * k, 0, k),
+                      np.array([1 - shift * bool(k), 0, 0]), AXES[1], "coulomb", 0.5)
+    return scene
+
+
+@pytest.mark.parametrize(("scene", "said"), [
+    (slab(1e-5, "none"), SLIDES), (slab(9.0, "bonded"), EQUILIBRIUM),
+    (column(0.1249), EQUILIBRIUM), (column(0.1251), "tower would move most at (2, 1, 4), along (0.97, 0, 0.24)"),
+    (column(-0.15), "tower would move most at (3, 1, 4), along (-0.97, 0, 0.24)"),
+    (on_its_corner(), "tower would move most at (0, 0, 4), along (0.67, 0.67, 0.33)"),
+    (two_blocks(0.6, 3.0), "block and top would move along (0.96, 0.29, 0)"),
+    (two_blocks(0.6, 0.3), "top would move along (0.96, 0.29, 0)"),
+    (twisted(0.499 * np.sqrt(0.5)), EQUILIBRIUM),
+    (twisted(0.6 * np.sqrt(0.5)), "block would turn about the axis through (0.5, 0.5, 0.5) along z"),
+    (twisted(-0.6 * np.sqrt(0.5)), "block would turn about the axis through (0.5, 0.5, 0.5) along -z"),
+    (thread(1.0), "bolt would turn about the axis through (0, 0, 2) along z"),
+    (thread(-1.0), "bolt would turn about the axis through (0, 0, 2) along -z"),
+    (thread(1.0, -0.25), "bolt would turn about the axis through (0, 0, 2) along -z"),
+    (stack(0.25, 0.45), EQUILIBRIUM), (stack(0.25, 0.6), "b2 would move along y"),
+    (stack(0.6, 0.0), "b1 and b2 would move most at (2.2, 1, 3), along (0.86, 0, -0.51)")])
+def test_what_stands_and_what_moves_in_space(scene, said):
+    assert words(scene).startswith(said)
+
+
+@pytest.mark.parametrize("angle", np.radians([0.0, 11.25, 22.5, 290.0]))
+def test_a_solid_block_slides_where_it_is_pushed(angle):
+    """The cone is round: polygons of 16 sides around it would let the block stay up to 1.02 of the bound at 11.25°."""
+    assert words(slab(0.4999, angle=angle)) == "equilibrium"
+    x, y = np.cos(angle), np.sin(angle)
+    assert found(slab(0.6, angle=angle)).velocities[0] == pytest.approx([x, y, 0, 0, 0, 0], abs=1e-3)
+    assert words(slab(0.5001, angle=angle)).startswith("block would move along ")
+
+
+@pytest.mark.parametrize("share", [0.999, 1.001])
+def test_a_block_tips_at_its_limit(share):
+    """It tips from a push on its top on that has half its weight times its width over its height."""
+    push = 0.125 * share
+    assert (found(tall(push)) is None) == (found(column(push)) is None) == (share < 1.0)
+
+
+@pytest.mark.parametrize("push, nodes", [(0.505, 5), (1.5, 13), (0.7, 40)])
+def test_given_friction_lets_a_block_slide_where_it_is_pushed(push, nodes):
+    """Just beyond the bound or far beyond it, with few nodes or many, to 0.01 degrees."""
+    exact = [np.cos(np.radians(17.0)), np.sin(np.radians(17.0)), 0, 0, 0, 0]
+    assert found(loaded(push, nodes=nodes)).velocities[0] == pytest.approx(exact, abs=2e-4)
 
 
 @pytest.mark.parametrize("how", [{"force": 1e9, "length": 1e3}, {"force": 1e-9, "length": 1e-3},
@@ -616,20 +470,6 @@ def test_undetermined_motions_in_space():
 
 # Motions and words
 
-def test_motions_are_found_from_displacements():
-    """Any basis of the free motions, about any point and in any units, is described by velocities of the centre."""
-    points = 1e3 + np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.0], [0.0, 1.0], [1.0, 0.5], [1.9, 0.9], [1.8, 0.9]])
-    x, y = (points - points[1]).T
-    motions = np.stack([np.column_stack([-y, x]) * 7.0, np.column_stack([0 * x + 3.0, 0 * y])], axis=2)
-    body = MotionsOfBody.of("a", points, motions)
-    assert body.centre == pytest.approx([1001.0, 1000.5])
-    assert body.size == pytest.approx(np.hypot(1.0, 0.5)) and body.inertia[1, 1] == pytest.approx(9.0)
-    assert body.basis @ np.array([1.0, 0.0]) == pytest.approx([-3.5, -7.0, 7.0])
-    for k, coefficients in enumerate(np.eye(2)):
-        assert body.at(body.basis @ coefficients, points) == pytest.approx(motions[:, :, k], abs=1e-8)
-    assert body.speed(body.basis @ np.array([1.0, 0.0])) == pytest.approx(7.0 * np.hypot(2.0, 1.0))
-
-
 def test_motions_of_nodes_on_a_line():
     """Nodes that span no area have motions, too."""
     points = np.array([[0.0, 0.0], [1.0, 1.0], [2.0, 2.0]])
@@ -637,16 +477,11 @@ def test_motions_of_nodes_on_a_line():
     assert body.basis @ np.ones(1) == pytest.approx([1.0, 1.0, 0.0], abs=1e-12) and body.inertia[0, 0] > 0.0
 
 
-@pytest.mark.parametrize("vector, said", [((2, 0), "x"), ((0, -1e-9), "-y"), ((8, 6), "(0.8, 0.6)"),
-                                          ((-1, 1e-4), "-x"), ((-1, -1), "(-0.71, -0.71)")])
+@pytest.mark.parametrize("vector, said", [
+    ((0, -1e-9), "-y"), ((8, 6), "(0.8, 0.6)"), ((-1, 1e-4), "-x"), ((0, 0, -2), "-z"), ((1, 1e-9, 0), "x"),
+    ((0, 3, -4), "(0, 0.6, -0.8)")])
 def test_directions(vector, said):
     """Directions along an axis are named by it."""
-    assert direction(np.array(vector)) == said
-
-
-@pytest.mark.parametrize("vector, said", [((0, 0, -2), "-z"), ((1, 1e-9, 0), "x"), ((0, 3, -4), "(0, 0.6, -0.8)")])
-def test_directions_in_space(vector, said):
-    """The same with three coordinates."""
     assert direction(np.array(vector)) == said
 
 

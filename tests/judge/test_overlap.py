@@ -9,7 +9,6 @@ import solids
 from ddmpi.judge.overlap import Solid, penetrates_itself, penetration
 from ddmpi.mesh.boundary import creases
 from ddmpi.mesh.mesh import Mesh
-from ddmpi.mesh.refine import raise_order
 from ddmpi.mesh.shapes import generate_rectangle
 from ddmpi.scene.bodies import MeshSpec
 from ddmpi.surface.near import contained, distance_to
@@ -58,19 +57,6 @@ def through(first: Solid, second: Solid, y: float = np.nan) -> tuple[float, floa
     kept = np.abs(first.at[:, 1] - y) < 0.02, np.abs(second.at[:, 1] - y) < 0.02
     overlap, drawn = penetration(first, second, kept)
     return overlap.depth, drawn
-
-
-@pytest.mark.parametrize("order", [1, 2])
-def test_a_solid_has_the_boundary_of_its_mesh(order):
-    """Middles of quadratic sides are ends of facets; cells behind them are as high as their opposite corners."""
-    mesh = rectangle((1.0, 2.0), (3.0, 1.0), (6, 2))
-    body = of(mesh if order == 1 else raise_order(mesh, "mesh"))
-    assert len(body.facets) == len(np.unique(body.facets[:, :-1])) == 16 * order
-    ends = body.at[body.facets[:, :-1]]
-    length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-    assert length.sum() == pytest.approx(8.0)
-    inward = body.at[body.facets[:, -1]] - ends[:, 0]
-    assert body.height * length == pytest.approx(np.abs(np.linalg.det(np.stack([ends[:, 1] - ends[:, 0], inward], 1))))
 
 
 DEEP = {
@@ -196,16 +182,6 @@ def test_a_slot_that_closes_is_found_in_the_cells_at_the_boundary(down, closed):
 def moved_box(origin, size=(1.0, 1.0, 1.0), divisions=(3, 3, 3), order=1) -> Solid:
     mesh = solids.box(divisions, size, order)
     return of(replace(mesh, points=mesh.points + origin), np.zeros(3))
-
-
-@pytest.mark.parametrize("order", [1, 2])
-def test_a_solid_in_space_has_the_boundary_of_its_mesh(order):
-    """Its facets cover its surface, those of order 2 in four parts."""
-    body = moved_box((1.0, 2.0, 3.0), (3.0, 1.0, 2.0), (3, 1, 2), order)
-    assert len(body.facets) == 44 * (1, 4)[order - 1]
-    ends = body.at[body.facets[:, :-1]]
-    assert np.linalg.norm(np.cross(ends[:, 1] - ends[:, 0], ends[:, 2] - ends[:, 0]), axis=1).sum() / 2 == (
-        pytest.approx(22.0))
 
 
 @pytest.mark.parametrize(("origin", "size", "depth"), [

@@ -7,7 +7,6 @@ from test_formats import write_ring
 
 from ddmpi.errors import InputError
 from ddmpi.mesh.build import build_mesh
-from ddmpi.mesh.elements import facet_measures, facet_shares
 from ddmpi.mesh.mesh import Mesh, refuse_folded
 from ddmpi.mesh.read import read_mesh
 from ddmpi.mesh.refine import bend
@@ -37,7 +36,7 @@ def test_turned_triangles_keep_their_middles(tmp_path):
     assert other.measures() == pytest.approx(mesh.measures(), rel=1e-12)
 
 
-@pytest.mark.parametrize("angles", [(0.0, 90.0), (0.0, 360.0), (-30.0, 47.0), (100.0, 460.0)])
+@pytest.mark.parametrize("angles", [(-30.0, 47.0), (0.0, 360.0)])
 def test_annulus_is_curved(angles):
     """The nodes of an annulus of order 2 lie on its circles, also where a ring closes; radial sides stay straight."""
     mesh = annulus((7, 3), angles)
@@ -71,14 +70,3 @@ def test_folded_triangle_is_refused():
     refuse_folded(bend(mesh, bends / 4), "mesh")
     with pytest.raises(InputError, match=r"body\.ring\.mesh: the curved triangle at \(0\.\d+, 0\.\d+\) folds"):
         refuse_folded(bend(mesh, bends), "body.ring.mesh")
-
-
-def test_shares_of_a_curved_side():
-    """Integrals of the shape functions along a parabola agree with many short chords, and add up to its length."""
-    side = np.array([[0.0, 0.0], [1.0, 0.2], [0.55, 0.4]])
-    t = np.linspace(0.0, 1.0, 200001)
-    phi = np.column_stack([(1 - t) * (1 - 2 * t), t * (2 * t - 1), 4 * t * (1 - t)])
-    steps = np.linalg.norm(np.diff(phi @ side, axis=0), axis=1)
-    shares = facet_shares(side[None])[0]
-    assert shares == pytest.approx(steps @ (phi[1:] + phi[:-1]) / 2, rel=2e-4)
-    assert shares.sum() == pytest.approx(facet_measures(side[None])[0], rel=1e-14)

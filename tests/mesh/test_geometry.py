@@ -13,7 +13,7 @@ from ddmpi.mesh.build import build_mesh
 from ddmpi.mesh.mesh import Mesh, signed_measures
 from ddmpi.mesh.read import gmsh_session
 from ddmpi.mesh.refine import GRADE, Sizes, graded
-from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec
+from ddmpi.scene.bodies import BodySpec, Material, MeshSpec
 
 PLATE = """
 Point(1) = {0, 0, 0}; Point(2) = {2, 0, 0}; Point(3) = {2, 1, 0}; Point(4) = {0, 1, 0};
@@ -115,7 +115,7 @@ def test_circles_have_enough_elements(tmp_path):
 
 
 def test_given_sizes_are_followed(tmp_path):
-    """Sizes by an accuracy target replace all others, constraints of the file as well, but stay below `size`."""
+    """They replace all others, constraints of the file and nodes on curves as well, but stay below `size`."""
     path = write(tmp_path / "hole.geo", HOLE + "Transfinite Curve {1, 2, 3, 4} = 2; MeshSize{:} = 0.01;")
     start = drawn(write(tmp_path / "start.geo", HOLE))
     wanted = np.where(start.points[start.triangles].mean(axis=1)[:, 0] < 1.0, 0.05, 5.0)
@@ -123,14 +123,9 @@ def test_given_sizes_are_followed(tmp_path):
     assert np.array_equal(meshes[0].points, meshes[1].points)
     assert lengths(meshes[0], "left") == pytest.approx(np.full(20, 0.05), rel=0.1)
     assert 0.15 < lengths(meshes[0], "right").min() < 0.26
-
-
-def test_given_sizes_are_followed_in_opencascade(tmp_path):
-    """Sizes by an accuracy target replace numbers of nodes on curves of the other kernel, too."""
-    text = ('SetFactory("OpenCASCADE"); Rectangle(1) = {0, 0, 0, 2, 1}; Physical Curve("bottom") = {1};'
-            "Transfinite Curve {1} = 2;")
-    start = drawn(write(tmp_path / "start.geo", SURFACE + GROUPS))
-    mesh = drawn(write(tmp_path / "plate.geo", text), sizes=graded(start, np.full(len(start.triangles), 0.1)))
+    occ = ('SetFactory("OpenCASCADE"); Rectangle(1) = {0, 0, 0, 2, 1}; Physical Curve("bottom") = {1};'
+           "Transfinite Curve {1} = 2;")
+    mesh = drawn(write(tmp_path / "plate.geo", occ), sizes=graded(start, np.full(len(start.triangles), 0.1)))
     assert lengths(mesh, "bottom") == pytest.approx(np.full(20, 0.1), rel=0.1)
 
 
@@ -160,10 +155,9 @@ def test_sizes_grow_slowly():
     assert np.allclose(graded(mesh, np.full(len(mesh.triangles), 0.3)).sizes, 0.3)
 
 
-@pytest.mark.parametrize("also", ["Mesh 2;", "Mesh.ElementOrder = 2; Mesh 2;", "Mesh 2; RefineMesh;",
-                                  "Mesh.RecombineAll = 1;", "Recombine Surface {1};",
+@pytest.mark.parametrize("also", ["Mesh.ElementOrder = 2; Mesh 2; RefineMesh;", "Mesh.RecombineAll = 1;",
                                   "Mesh.SaveAll = 1; Mesh.MshFileVersion = 2.2;",
-                                  "Transfinite Surface {1}; Recombine Surface {1};", "Mesh.Algorithm = 8;",
+                                  "Transfinite Surface {1}; Recombine Surface {1};",
                                   "General.NumThreads = 2; Mesh.ScalingFactor = 1000;"])
 def test_scripts_that_also_mesh(tmp_path, also):
     """What a .geo says of meshing, beside sizes, does no harm: there are straight triangles of the right shape."""
@@ -192,9 +186,6 @@ def test_scripts_of_several_files(tmp_path):
     script = 'SetFactory("OpenCASCADE"); Merge "part.step"; Physical Curve("ends") = {2, 4};'
     mesh = drawn(write(folder / "merged.geo", script))
     assert area(mesh) == pytest.approx(3.0, rel=1e-9) and lengths(mesh, "ends").sum() == pytest.approx(2.0, rel=1e-9)
-
-
-# STEP and BREP
 
 
 @pytest.fixture(params=[".step", ".brep"])
@@ -264,14 +255,12 @@ def test_any_error_of_gmsh_is_the_drawings(tmp_path, monkeypatch):
         drawn(path)
 
 
-def test_missing_files_and_groups_are_refused(tmp_path):
-    """A missing file, a broken STEP file, and a group that the geometry has not are refused."""
+def test_missing_and_broken_files_are_refused(tmp_path):
+    """A missing file and a broken STEP file are refused."""
     with pytest.raises(InputError, match=r"body\.plate\.mesh\.geometry: there is no file"):
         drawn(tmp_path / "plate.geo")
     with pytest.raises(InputError, match="cannot be read"):
         drawn(write(tmp_path / "plate.step", "no STEP file"))
-    with pytest.raises(InputError, match=r"body\.plate\.clamp: the mesh has no boundary group 'lift'; did you mean"):
-        drawn(write(tmp_path / "good.geo", SURFACE + GROUPS), clamp=[Clamp(on="lift", x=0.0)])
 
 
 @pytest.mark.parametrize("key", ["size", "contact_size"])

@@ -14,7 +14,6 @@ from ddmpi.mesh.elements import facet_measures
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.read import gmsh_session
 from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec, Traction
-from ddmpi.scene.reader import read_scene
 
 STEEL = Material(young=1.0, poisson=0.3)
 
@@ -103,8 +102,7 @@ def test_numbered_faces_are_groups_of_clamps_loads_and_contacts(tmp_path):
 
 
 def test_sizes_by_group(tmp_path):
-    """Elements have the sizes of size_on along its groups, also where these are parts of a contact; unknown groups are
-    refused with those that there are."""
+    """Elements have the sizes of size_on along its groups, also where these are parts of a contact."""
     path = tmp_path / "box.geo"
     path.write_text('SetFactory("OpenCASCADE"); Box(1) = {0, 0, 0, 6, 2, 2};')
     mesh = mesh_of(geometry=str(path), size=1.0, contact_size=0.25, size_on={"2": 1.0}, contacts=("1+2",))
@@ -143,10 +141,9 @@ def test_a_group_whose_name_has_signs_is_itself():
     assert len(combined(named, "left+twice").groups["left+twice"]) == 2
 
 
-@pytest.mark.parametrize("order", [1, 2])
-def test_balls_and_cylinders_have_their_volume_and_groups(order):
+def test_balls_and_cylinders_have_their_volume_and_groups():
     """A ball, a pin and a tube in any direction have the groups and, as fine as asked, the volumes of their sizes."""
-    near = {1: 0.04, 2: 1e-3}[order]
+    near, order = 1e-3, 2
     ball = mesh_of(shape="ball", center=(1, 2, 3), radius=2.0, size=1.0, order=order, contacts=("surface",))
     assert ball.groups.keys() == {"surface"}
     assert ball.measures().sum() == pytest.approx(32 / 3 * np.pi, rel=near)
@@ -160,26 +157,6 @@ def test_balls_and_cylinders_have_their_volume_and_groups(order):
     assert (tube.points[tube.nodes_of("bottom")] - [1, 0, 0]) @ along == pytest.approx(0.0, abs=1e-12)
     assert (tube.points[tube.nodes_of("top")] - [1, 0, 0]) @ along == pytest.approx(2.0)
     assert area(tube, "inner") == pytest.approx(1.6 * np.pi, rel=near)
-
-
-def test_a_scene_with_balls_and_cylinders_is_read():
-    """A scene names the shapes as any other, and is in space by them; numbers in lists are whole or not."""
-    text = """
-[[body]]
-name = "ball"
-mesh = { shape = "ball", center = [0, 0, 1], radius = 1, size = 0.5, size_on = { surface = 0.25 } }
-material = { young = 1.0, poisson = 0.3 }
-[[body]]
-name = "pin"
-mesh = { shape = "cylinder", center = [0, 0, -1], axis = [0, 0, 1], radii = [0, 1], height = 1, size = 1 }
-material = { young = 1.0, poisson = 0.3 }
-clamp = ["bottom", "outer & top"]
-[[contact]]
-bodies = ["ball", "pin"]
-on = ["surface", "top"]
-"""
-    scene = read_scene("scene.toml", text)
-    assert scene.dimension == 3 and [body.mesh.contact_size for body in scene.body] == [0.125, 0.25]
 
 
 BALL, BOX = {"shape": "ball", "center": (0, 0, 0)}, {"shape": "box", "size": (1, 1, 1), "divisions": (1, 1, 1)}

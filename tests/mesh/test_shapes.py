@@ -1,19 +1,15 @@
-"""Generated shapes: quadrilaterals and annuli against closed forms, and against each other where they meet."""
+"""Generated shapes: quadrilaterals, annuli and hexahedra against closed forms."""
 
 import numpy as np
 import pytest
 
-from ddmpi.judge.accuracy import refine_scene
+from ddmpi.errors import InputError
 from ddmpi.mesh.build import build_mesh
 from ddmpi.mesh.mesh import Mesh, signed_measures
 from ddmpi.mesh.shapes import generate_rectangle
 from ddmpi.scene.bodies import BodySpec, Material, MeshSpec
-from ddmpi.scene.reader import read_scene
 
 SLANTED = ((0.1, -0.2), (3.0, 0.3), (2.5, 1.7), (-0.4, 1.1))
-NAMES = ("bottom", "right", "top", "left")
-
-
 def mesh_of(order: int = 1, **keys) -> Mesh:
     return build_mesh(BodySpec(name="body", mesh=MeshSpec(order=order, **keys),
                                material=Material(young=1.0, poisson=0.3)))
@@ -48,27 +44,6 @@ def check_boundary(mesh: Mesh) -> None:
         assert np.array_equal(mesh.facets(name).nodes, group)
 
 
-# Quadrilaterals
-
-
-@pytest.mark.parametrize("order", [1, 2])
-@pytest.mark.parametrize("divisions", [(1, 1), (1, 3), (6, 4)])
-def test_quadrilateral_has_area_and_lengths_of_its_corners(divisions, order):
-    """A quadrilateral has the area and sides of its corners, and its groups go around counter-clockwise."""
-    mesh, corners = quadrilateral(divisions, order=order), np.array(SLANTED)
-    x, y = corners.T
-    shoelace = (x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2
-    assert areas(mesh).sum() == pytest.approx(shoelace, rel=1e-14)
-    assert np.all(areas(mesh) > 0)
-    assert tuple(mesh.groups) == NAMES
-    for k, name in enumerate(NAMES):
-        start, end = corners[k], corners[(k + 1) % 4]
-        parts = divisions[k % 2]
-        assert lengths(mesh, name) == pytest.approx(np.full(parts, np.linalg.norm(end - start) / parts), rel=1e-13)
-        assert np.array_equal(mesh.points[mesh.groups[name][[0, -1], [0, 1]]], [start, end])
-    check_boundary(mesh)
-
-
 def test_quadrilateral_is_the_bilinear_map_of_a_grid():
     """Nodes lie at equal parameters of the bilinear map; cells are cut from their first to their third corner."""
     nx, ny = 5, 3
@@ -82,11 +57,8 @@ def test_quadrilateral_is_the_bilinear_map_of_a_grid():
         {name: edges.tolist() for name, edges in grid.groups.items()}
 
 
-# Annuli
-
-
 @pytest.mark.parametrize("order", [1, 2])
-@pytest.mark.parametrize("angles", [(0.0, 90.0), (-30.0, 47.0), (0.0, 360.0), (100.0, 460.0), (0.0, 359.0)])
+@pytest.mark.parametrize("angles", [(-30.0, 47.0), (100.0, 460.0), (0.0, 359.0)])
 def test_annulus_has_area_and_lengths_of_its_polygons(angles, order):
     """The corners of an annulus have the area of the sectors of two regular polygons, chords and radii as sides."""
     around, across, inner, outer = 14, 3, 0.5, 1.25
@@ -119,31 +91,52 @@ def test_annulus_is_exact_on_the_axes_and_symmetric():
     assert np.count_nonzero(points == 0.0) == 4 * 3
 
 
-# Order 2 and refinement
+# In space
+
+CORNERS = ((0, 0, 0), (3, 0, 0), (3, 1, 0), (0, 1, 0), (0, 0, 2), (3, 0, 2), (3, 1, 2), (0, 1, 2))
+
+LEANING = ((0, 0, 0), (3, .1, -.2), (3.3, 1.2, 0), (-.1, 1, .1),
+           (.2, .1, 1.9), (3.1, 0, 2.2), (2.9, 1.3, 2), (0, .9, 2.1))
 
 
-SCENE = """
-[[body]]
-name = "plate"
-mesh = { shape = "quadrilateral", corners = [[-1, 0], [1, 0], [1.5, 1], [-1.5, 1]], divisions = [3, 2] }
-material = { young = 2e11, poisson = 0.3 }
-
-[[body]]
-name = "ring"
-mesh = { shape = "annulus", center = [0, 2], radii = [0.5, 1], angles = [0, 360], divisions = [12, 2] }
-material = { young = 2e11, poisson = 0.3 }
-
-[[contact]]
-bodies = ["ring", "plate"]
-on = ["outer", "top"]
-"""
+def box(divisions=(3, 2, 4), order=1, size=(3.0, 1.0, 2.0), **keys) -> Mesh:
+    return mesh_of(order, shape="box", size=size, divisions=divisions, **keys)
 
 
-def test_accuracy_targets_refine_all_shapes():
-    """An accuracy target divides quadrilaterals and annuli as it divides rectangles."""
-    fine = refine_scene(read_scene("case.toml", SCENE), 3)
-    assert [body.mesh.divisions for body in fine.body] == [(9, 6), (36, 6)]
-    coarse = [build_mesh(body) for body in read_scene("case.toml", SCENE).body]
-    for body, mesh in zip(fine.body, coarse, strict=True):
-        finer = {tuple(p) for p in build_mesh(body).points.round(12) + 0.0}
-        assert {tuple(p) for p in mesh.points.round(12) + 0.0} <= finer
+def hexahedron(divisions=(3, 2, 4), corners=LEANING, order=1) -> Mesh:
+    corners = tuple(tuple(map(float, corner)) for corner in corners)
+    return mesh_of(order, shape="hexahedron", corners=corners, divisions=divisions)
+
+
+def facets(mesh: Mesh, group: str) -> set:
+    """The facets of a group as sets of the points of their nodes."""
+    return {frozenset(map(tuple, facet)) for facet in mesh.points[mesh.groups[group]].tolist()}
+
+
+def test_hexahedron_is_the_trilinear_map_of_a_grid():
+    """Nodes lie at equal parameters; those at corners are the corners exactly."""
+    mesh, grid = hexahedron(), box(size=(1.0, 1.0, 1.0))
+    (x, y, z), at = grid.points.T[:, :, None], np.array(LEANING)
+    weights = [(x if c[0] else 1 - x) * (y if c[1] else 1 - y) * (z if c[2] else 1 - z) for c in CORNERS]
+    assert mesh.points == pytest.approx(sum(w * a for w, a in zip(weights, at, strict=True)), rel=0, abs=1e-15)
+    assert {tuple(map(float, corner)) for corner in LEANING} <= set(map(tuple, mesh.points.tolist()))
+    assert (signed_measures(mesh.points, mesh.triangles) > 0).all() and np.array_equal(mesh.triangles, grid.triangles)
+    assert all(np.array_equal(mesh.groups[name], grid.groups[name]) for name in grid.groups)
+
+
+def test_hexahedra_share_the_nodes_of_a_common_face():
+    """Two hexahedra with a face in common, of equal divisions, have the same facets on it."""
+    below = [(x, y, z - 2.0 - 0.1 * x) for x, y, z in LEANING[:4]]
+    assert facets(hexahedron(), "bottom") == facets(hexahedron(corners=(*below, *LEANING[:4])), "top")
+
+
+def test_too_many_cells_are_refused():
+    """A typing error in divisions is found before the memory is gone."""
+    with pytest.raises(InputError, match=r"^body\.body\.mesh\.divisions: 6e\+27 tetrahedra need more than"):
+        box((10**9, 10**9, 10**9))
+
+
+def test_a_box_without_volume_is_refused():
+    """Where a box is so far away that its cells vanish in double precision, the message says so."""
+    with pytest.raises(InputError, match=r"^body\.body\.mesh: its tetrahedra have no volume in double precision"):
+        box(origin=(1e30, 0.0, 0.0))

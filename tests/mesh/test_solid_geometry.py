@@ -6,6 +6,7 @@ from pathlib import Path
 import gmsh
 import numpy as np
 import pytest
+from scenes import to_toml
 
 from ddmpi.errors import InputError
 from ddmpi.mesh.build import build_mesh, kind_of_files
@@ -88,25 +89,6 @@ def test_solid_has_its_groups_and_is_as_fine_as_asked(tmp_path):
     assert mesh.points[mesh.nodes_of("corner")].tolist() == [[0.0, 0.0, 0.0]]
 
 
-def test_a_solid_is_finer_along_contacts(tmp_path):
-    """Elements have the contact's size on its faces, and the largest size far away."""
-    path = write(tmp_path / "block.geo", BLOCK + GROUPS)
-    mesh = drawn(path, ("left",), size=0.5, contact_size=0.1)
-    near = np.isin(mesh.triangles, mesh.groups["left"]).any(axis=1)
-    assert longest(mesh)[near].max() < 0.2
-    far = mesh.points[mesh.triangles].min(axis=1)[:, 0] > 1.5
-    assert np.median(longest(mesh)[far]) > 0.2
-
-
-def test_a_curved_face_has_enough_elements(tmp_path):
-    """A ball that is drawn without curves of its size has elements around it, and its poles do no harm."""
-    path = cad(tmp_path / "ball.step", lambda occ: occ.addSphere(0, 0, 0, 1))
-    mesh = drawn(path, size=10.0)
-    assert mesh.measures().sum() == pytest.approx(4 / 3 * np.pi, rel=0.05)
-    normals = np.linalg.norm(mesh.points[mesh.groups["1"]].mean(axis=1), axis=1)
-    assert normals.min() > np.cos(np.radians(20)) and len(mesh.groups["1"]) > 200
-
-
 @pytest.mark.parametrize("layers", ["", "Layers{3};", "Layers{3}; Recombine;"])
 def test_solids_of_gmshs_own_kernel(tmp_path, layers):
     """A body is all volumes where no group says so; groups without a name have a number; prisms are cut."""
@@ -116,11 +98,9 @@ def test_solids_of_gmshs_own_kernel(tmp_path, layers):
     assert (signed_measures(mesh.points, mesh.triangles) > 0).all()
 
 
-@pytest.mark.parametrize("suffix", [".step", ".brep"])
-def test_faces_curves_and_points_of_cad_files_have_numbers(tmp_path, suffix):
-    """They are called "5", "curve 5" and "point 3"; what asks for others, or loads curves, is refused with what there
-    is."""
-    path = cad(tmp_path / f"block{suffix}", lambda occ: occ.addBox(0, 0, 0, 2, 1, 0.5))
+def test_faces_curves_and_points_of_cad_files_have_numbers(tmp_path):
+    """They are called "5", "curve 5" and "point 3"; what asks for others is refused with what there is."""
+    path = cad(tmp_path / "block.step", lambda occ: occ.addBox(0, 0, 0, 2, 1, 0.5))
     for asked, words in (("left", r"has no face 'left'; it has .*(\d) \(0, 0, 0\) to \(2, 1, 0\)"),
                          ("curve 99", r"'curve 99'; it has curve 1 from \(.*\) by .* to .*; curve 2(.*; curve){10}"),
                          ("point 99", r"has no point 'point 99'; .*point (\d) \(2, 1, 0.5\)")):
@@ -143,52 +123,17 @@ def test_drawings_say_the_dimension(tmp_path):
         tmp_path / "flat.geo", (EXTRUDED % "").split("out[]")[0] + 'Physical Curve("bottom") = {1};')
     kind = kind_of_files(tmp_path / "scene.toml")
     assert kind(spec(solid)) == (3, 1) and kind(spec(flat)) == (2, 1)
-    text = """
-[[body]]
-name = "block"
-mesh = {{ geometry = "{0}", size = 0.5 }}
-material = {{ young = 1.0, poisson = 0.3 }}
-clamp = ["bottom"]
-[[rigid]]
-name = "floor"
-shape = "plane"
-point = {1}
-normal = {1}
-[[contact]]
-bodies = ["block", "floor"]
-on = ["bottom"]
-"""
-    assert read_scene("scene.toml", text.format("solid.geo", "[0, 0, 1]"), (), kind).dimension == 3
-    no_rigid = text.split("[[rigid]]")[0]
-    both = no_rigid + no_rigid.replace('"block"', '"other"').replace("{0}", "{1}") + """
-[[contact]]
-bodies = ["block", "other"]
-on = ["bottom", "bottom"]
-"""
-    assert read_scene("scene.toml", both.format("solid.geo", "solid.geo"), (), kind).dimension == 3
+
+    def dimension(*files: str, **more) -> int:
+        bodies = [{"name": f"block{k}", "mesh": {"geometry": file, "size": 0.5}, "clamp": ["bottom"],
+                   "material": {"young": 1.0, "poisson": 0.3}} for k, file in enumerate(files)]
+        contact = {"bodies": ["block0", "block1"], "on": ["bottom", "bottom"]}
+        return read_scene("scene.toml", to_toml({"body": bodies, "contact": [contact]} | more), (), kind).dimension
+
+    floor = {"name": "floor", "shape": "plane", "point": [0, 0, 1], "normal": [0, 0, 1]}
+    assert dimension("solid.geo", rigid=[floor], contact=[{"bodies": ["block0", "floor"], "on": ["bottom"]}]) == 3
+    assert dimension("solid.geo", "solid.geo") == 3
     with pytest.raises(InputError, match=r"geometry: flat.geo is in the plane, and .* = solid.geo is in space"):
-        read_scene("scene.toml", both.format("solid.geo", "flat.geo"), (), kind)
+        dimension("solid.geo", "flat.geo")
     with pytest.raises(InputError, match="the mesh is in space, and the scene is in the plane"):
         build_mesh(spec(solid), dimension=2)
-
-
-@pytest.mark.parametrize(("text", "words"), [
-    (BLOCK, "has no named physical groups of triangles; clamps, tractions and contacts refer to boundaries by such "
-            "names: Physical Surface("),
-    (BLOCK + GROUPS + 'Physical Volume("top") = {3};', "'top' is the name of both a physical surface and a physical "
-                                                       "volume; rename one"),
-    (BLOCK + GROUPS + "Box(9) = {5, 0, 0, 1, 1, 1};", "has 2 volumes and no physical one; name those of the body"),
-])
-def test_bad_drawings_of_solids_are_refused(tmp_path, text, words):
-    """A drawing that cannot be a solid body is refused with its name and the reason."""
-    path = write(tmp_path / "block.geo", text)
-    with pytest.raises(InputError) as error:
-        drawn(path)
-    assert str(error.value).startswith(f"body.block.mesh.geometry: {path}") and words in str(error.value)
-
-
-def test_a_size_in_other_units_is_refused(tmp_path):
-    """A size in metres for a drawing in millimetres ends at once, and the message says so."""
-    path = write(tmp_path / "block.geo", EXTRUDED % "")
-    with pytest.raises(InputError, match=r"size = 0\.0005 would make .* tetrahedra of a drawing of 2 by 1 by 1; is it"):
-        drawn(path, size=0.0005)

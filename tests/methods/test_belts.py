@@ -40,19 +40,17 @@ def belt(thickness: float, wrap: float, friction: float, divisions: int, young: 
     (belt(0.05, 180, 0.3, 48, 2e9, pull=0.999), 80, "no equilibrium found"),
     (belt(0.01, 180, 0.1, 48, 2e9, pull=0.97), 80, "converged and certified"),
     (belt(0.01, 180, 0.1, 48, 2e9, pull=0.999), 80, "no equilibrium found")])
-@pytest.mark.mpi(ranks=[1, 2])
-def test_belts_that_slip_as_wholes(belt, steps, said, comm):
+def test_belts_that_slip_as_wholes(belt, steps, said):
     """Clamped ones are certified; loose ones up to the limit of friction, beyond which they slide around the drum."""
-    answer = ddmpi.solve(belt, comm)
+    answer = ddmpi.solve(belt, MPI.COMM_SELF)
     assert answer.reason.startswith(said) and answer.summary["outer_iterations"] <= steps
 
 
 def loose_block() -> dict:
     """Of weight, on a floor 1 mm below it, and pushed aside."""
     block = scenes.rectangle("block", (0, 1e-3), (1, 0.5), (6, 3), young=2e10, poisson=0.2, volume_force=[2e3, -2e4])
-    floor = {"name": "floor", "shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}
-    return {"body": [block], "rigid": [floor], "contact": [
-        {"bodies": ["block", "floor"], "on": ["bottom"], "friction": {"law": "coulomb", "coefficient": 0.3}}]}
+    return {"body": [block], "rigid": [scenes.FLOOR], "contact": [
+        {"bodies": ["block", "floor"], "on": ["bottom"], "friction": scenes.COULOMB}]}
 
 
 @pytest.mark.parametrize("scene", [loose_block(), belt(0.01, 180, 0.5, 48, 2e11, -0.05)], ids=["block", "belt"])

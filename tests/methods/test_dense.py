@@ -29,8 +29,7 @@ def stack(make=rectangle) -> dict:
 
 @pytest.mark.parametrize("scene", [blocks, stack, lambda: stack(box)], ids=["blocks", "loose", "loose in space"])
 def test_a_direct_direction_solves_its_equations(scene):
-    """r + D y is what is wanted along unknown forces, and loose bodies are in balance, whatever follows the pressure
-    and however friction turns; the products with C are counted."""
+    """r + D y is what is wanted along unknown forces, and loose bodies are in balance; products are counted."""
     newton, rng = Newton(prepare_scene(MPI.COMM_SELF, scene()).joint, 60), np.random.default_rng(5)
     joint = newton.joint
     assert newton.run(1e-8) == "converged" and not newton.direct.long
@@ -60,8 +59,7 @@ def test_a_direct_direction_solves_its_equations(scene):
 
 @pytest.mark.parametrize("cells", [(2, 2, 30), (1, 1, 29)])
 def test_needles_side_by_side_take_few_steps(cells):
-    """Quadratic needles of 1 : 100, with nodes that match or not: at most ten steps on one rank, once GMRES has shown
-    how slender they are, by its 300 iterations in the first one."""
+    """Quadratic needles of 1 : 100: ten steps at most, once GMRES has shown by 300 iterations how slender they are."""
     size, load = (0.01, 0.01, 1.0), 60.0
     needles = [box("upper", (0.01, 0, 0), size, (2, 2, 30), 2, clamp=[{"on": "bottom"} | HELD],
                    traction=[{"on": "right", "value": [-load, 0.1 * load, 0.0]}]),

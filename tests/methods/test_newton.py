@@ -10,8 +10,6 @@ import scipy.linalg
 import scipy.sparse as sparse
 from mpi4py import MPI
 from scenes import (
-    everywhere,
-    exact_forces,
     joint_compliance,
     pinched_blocks,
     prepare_scene,
@@ -34,7 +32,6 @@ from ddmpi.surface.side import laplacian
 
 pytestmark = pytest.mark.slow
 
-two_ranks = pytest.mark.mpi(ranks=2)
 MODULUS = 3e11
 
 
@@ -88,7 +85,7 @@ def columns(operator, size: int) -> np.ndarray:
     return np.column_stack([operator.mult(unit) for unit in np.eye(size)])
 
 
-@pytest.mark.parametrize("scale", [1e-9, 1.0, 1e6])
+@pytest.mark.parametrize("scale", [1e-9, 1e6])
 @pytest.mark.parametrize(("x", "sliding", "dropped"), [
     (np.linspace(0, 3, 40), range(40), 0),
     (np.linspace(0, 3, 40)[1:], range(39), 1),
@@ -107,7 +104,7 @@ def test_half_space_is_the_square_root(x, sliding, dropped, scale):
     assert np.linalg.eigvalsh((P + P.T) / 2).min() > 0.0
 
 
-@pytest.mark.parametrize("delta", [0.0, 0.01, 1.0, 30.0, 1e3])
+@pytest.mark.parametrize("delta", [0.0, 0.01, 1.0, 1e3])
 def test_half_space_behind_a_layer(delta):
     """(1 + δ)(M⁻¹ + δ/c)⁻¹, also where the layer is thinner than an element, or thicker than the interface is long."""
     contact = interface(np.linspace(0, 3, 40), range(40))
@@ -135,12 +132,6 @@ def test_half_space_of_a_closed_chain(start):
     assert np.fft.fft(P[0]).real == pytest.approx(0.5 * MODULUS * chord * waves, rel=1e-3)
 
 
-def test_half_space_of_no_columns():
-    """An interface whose bodies have no coarse motions asks for none."""
-    contact = interface([0.0, 1.0], [0, 1])
-    assert HalfSpace(Space([contact])).on_interface(0, np.empty((contact.size, 0))).shape == (contact.size, 0)
-
-
 def test_half_space_of_one_node():
     """Its only neighbour, 0.5 m away, is clamped."""
     one = replace(interface([0.0], [0], 1, area=np.array([0.25])), laplacian=sparse.csr_matrix([[2.0]]))
@@ -160,7 +151,7 @@ def test_interfaces_do_not_see_each_other_in_the_preconditioner():
 def test_preconditioned_compliance_is_well_conditioned_at_every_h_and_contrast(comm, order):
     for contrast in (1.0, 1e4):
         conditions = []
-        for N in (6, 12, 24):
+        for N in (6, 24):
             scene = pinched_blocks(N // order)
             scene["body"][0]["material"]["young"] *= contrast
             for body in scene["body"]:
@@ -200,71 +191,21 @@ def solve(assembly, **method):
     return solve(assembly, Method(**method).settled())
 
 
-def distance(assembly, outer) -> float:
-    """Of the contact forces from those of the coupled problem. Collective."""
-    exact = exact_forces(assembly)
-    return float(np.linalg.norm(everywhere(assembly, outer.forces) - exact) / np.linalg.norm(exact))
-
-
-def multiplications(comm, assembly) -> dict[str, int]:
-    """By purpose, of both bodies. Collective."""
-    own = sum((body.member.C.count for body in assembly.bodies), start=Counter())
-    return dict(sum(comm.allgather(own), start=Counter()))
-
-
-@two_ranks
-def test_all_methods_reach_the_coupled_problem(comm):
-    for law in ("coulomb", "tresca", "none"):
-        for method in ({}, {"outer": "newton", "tolerance": 1e-11}, {"outer": "anderson"},
-                       {"theta": 0.25, "tolerance": 1e-10}):
-            assembly = prepare_scene(comm, pinched_blocks(6, law, **method))
-            answer = solve(assembly, **method)
-            outer = answer.outer
-            assert answer.certified, (law, method, answer.reason)
-            assert distance(assembly, outer) <= 1e-6, (law, method)
-
-
-@two_ranks
-def test_only_what_the_scene_requires_is_multiplied(comm):
-    """Without friction m unknowns, vectors of that length across, and fewer products; without loads none at all."""
-    with_friction = prepare_scene(comm, pinched_blocks(6))
-    outer = solve(with_friction).outer
-    m = with_friction.m
-    assert len(everywhere(with_friction, outer.forces)) == with_friction.member.C.size == 2 * m
-    usual = multiplications(comm, with_friction)
-    assert set(usual) <= {"load", "newton", "displacement"}
-    assert (usual["load"], usual["displacement"]) == (2, 2)
-
-    frictionless = prepare_scene(comm, pinched_blocks(6, "none"))
-    before = frictionless.exchange.sent.copy()
-    outer = solve(frictionless).outer
-    messages, sent = (frictionless.exchange.sent[name] - before[name] for name in ("messages", "bytes"))
-    assert len(everywhere(frictionless, outer.forces)) == frictionless.member.C.size == m
-    assert len(the_interface(frictionless).sliding) == 0
-    assert multiplications(comm, frictionless)["newton"] < usual["newton"]
-    assert sent <= 8 * messages * m
-
-    scene = pinched_blocks(6)
-    for body in scene["body"]:
+def test_only_what_the_scene_requires_is_multiplied():
+    """Without friction there are m unknowns and fewer products; without loads no products at all."""
+    smooth, unloaded = pinched_blocks(6, "none"), pinched_blocks(6)
+    for body in unloaded["body"]:
         body["traction"] = []
-    unloaded = prepare_scene(comm, scene)
-    answer = solve(unloaded)
-    outer = answer.outer
-    assert answer.certified
-    assert not outer.forces.any()
-    assert multiplications(comm, unloaded) == {}
-
-
-def test_stiffness_contrast_costs_at_most_a_factor_of_two(comm):
     counts = {}
-    for contrast in (1e-4, 1.0, 1e4):
-        scene = pinched_blocks(12)
-        scene["body"][0]["material"]["young"] *= contrast
-        assembly = prepare_scene(comm, scene)
+    for name, scene in (("rough", pinched_blocks(6)), ("smooth", smooth), ("unloaded", unloaded)):
+        assembly = prepare_scene(MPI.COMM_SELF, scene)
         answer = solve(assembly)
-        assert answer.certified
-        counts[contrast] = sum(multiplications(comm, assembly).values())
-    assert max(counts.values()) <= 2 * min(counts.values()), counts
+        assert answer.certified and answer.outer.forces.any() == (name != "unloaded")
+        assert len(answer.outer.forces) == assembly.m * (1 if name == "smooth" else 2)
+        counts[name] = sum((body.member.C.count for body in assembly.bodies), start=Counter())
+    assert set(counts["rough"]) <= {"load", "newton", "displacement"} and not counts["unloaded"]
+    assert (counts["rough"]["load"], counts["rough"]["displacement"]) == (2, 2)
+    assert counts["smooth"]["newton"] < counts["rough"]["newton"]
 
 
 @pytest.mark.parametrize("path", [Softening, InteriorPoints])
@@ -283,35 +224,6 @@ def test_each_path_alone_leads_to_the_same_answer(comm, monkeypatch, path):
         assert [step.stage.split()[0] for step in outer.history if step.stage][:4] == [word] * 4
         assert len(outer.history) <= 25
         assert outer.forces == pytest.approx(usual.forces, rel=1e-5, abs=1e-6 * np.abs(usual.forces).max(initial=0.0))
-
-
-@two_ranks
-def test_too_few_iterations_are_no_answer(comm):
-    from ddmpi.judge.diagnosis import diagnose
-    from ddmpi.scene.method import Method
-
-    assembly = prepare_scene(comm, pinched_blocks(6))
-    for method in ({"outer": "newton"}, {"outer": "anderson"}, {"theta": 0.2}):
-        answer = solve(assembly, max_iterations=2, **method)
-        outer = answer.outer
-        assert answer.stopped == "max_iterations"
-        assert len(outer.history) == 2
-        assert not answer.certified
-        assert "max_iterations" in answer.reason
-        text = diagnose(answer.reason, answer.stopped, answer.violations, Method(**method).settled(), outer.history,
-                        answer.statuses.whole())
-        assert "iteration 2" in text
-        assert "try: " in text
-
-
-@two_ranks
-def test_a_theta_too_large_diverges_and_is_told_from_running_out(comm):
-    scene = pinched_blocks(6)
-    scene["body"][0]["material"]["young"] *= 1e3
-    answer = solve(prepare_scene(comm, scene), theta=1.0)
-    outer = answer.outer
-    assert answer.stopped == "diverged"
-    assert len(outer.history) < 100
 
 
 # What is said of a run that fails
@@ -374,17 +286,30 @@ def diagnosis(stopped: str, steps: list, coefficient: float = 0.3, statuses=(), 
                     recorded(*statuses, coefficient=coefficient), ("friction", "anderson"))
 
 
-def test_diagnosis_of_divergence():
-    text = diagnosis("diverged", history(2.0), theta=0.9)
-    assert text.startswith("the reason (iteration 15, update 1.6e+04")
-    assert "divergence" in text
-    assert "smaller method.theta than 0.9" in text
-    assert "default method" in text
+WANTED = 15 + 1.5 * math.log(1e-4 / 0.9**14) / math.log(0.9)
+
+
+@pytest.mark.parametrize(("stopped", "factor", "keys", "words", "unsaid"), [
+    ("diverged", 2.0, {"theta": 0.9}, ("the reason (iteration 15, update 1.6e+04", "divergence",
+                                       "smaller method.theta than 0.9", "default method"), ()),
+    ("max_iterations", 0.9, {"theta": 0.1, "tolerance": 1e-4},
+     ("slow convergence, a factor of 0.900", f"max_iterations of {WANTED:.0f} or more"), ("changed", "unique")),
+    ("max_iterations", 1.1, {"theta": 0.1}, ("growth",), ()),
+    ("max_iterations", 1.0, {"theta": 0.1}, ("no progress",), ()),
+    ("max_iterations", 1.0, {"statuses": ["osr", "osl", "osr"]},
+     ("1 of 3 nodes changed between open, slip and stick in a cycle, at (2, 1)", "anderson"), ()),
+    ("max_iterations", 1.0, {"statuses": ["osr", "osr"]}, (), ("changed",)),
+    ("max_iterations", 1.0, {"coefficient": 1.0}, ("need not be unique",), ()),
+    ("max_iterations", 1.0, {"coefficient": 10.0}, ("coefficient of 10 ",), ()),
+    ("converged", 0.1, {"violations": ["penetration 1e-3"]}, ("the certificate fails: penetration 1e-3",), ())])
+def test_diagnosis(stopped, factor, keys, words, unsaid):
+    """What was seen, how many iterations it would take, which nodes change, that answers need not be unique."""
+    text = diagnosis(stopped, history(factor), **keys)
+    assert all(each in text for each in words) and not any(each in text for each in unsaid)
 
 
 def test_diagnosis_names_what_the_scene_can_do():
-    """Less friction where there is some, Anderson where the scene is two held bodies in one step, iterations where they
-    ran out."""
+    """Less friction where there is some, Anderson for two held bodies in one step, iterations where they ran out."""
     from ddmpi.judge.diagnosis import diagnose, helpful
     from ddmpi.scene.method import Method
     from ddmpi.scene.reader import read_scene
@@ -403,35 +328,6 @@ def test_diagnosis_names_what_the_scene_can_do():
     assert tried(bonded, "max_iterations") == "a larger method.max_iterations, or a tighter -newton_ksp_rtol"
 
 
-def test_diagnosis_of_slowness_says_how_many_iterations_it_would_take():
-    text = diagnosis("max_iterations", history(0.9), theta=0.1, tolerance=1e-4)
-    assert "slow convergence, a factor of 0.900" in text
-    wanted = 15 + 1.5 * math.log(1e-4 / history(0.9)[-1].update) / math.log(0.9)
-    assert f"max_iterations of {wanted:.0f} or more" in text
-    assert "growth" in diagnosis("max_iterations", history(1.1), theta=0.1)
-    assert "no progress" in diagnosis("max_iterations", history(1.0), theta=0.1)
-
-
-def test_diagnosis_of_cycling_names_the_nodes():
-    text = diagnosis("max_iterations", history(1.0), statuses=["osr", "osl", "osr"])
-    assert "1 of 3 nodes changed between open, slip and stick in a cycle, at (2, 1)" in text
-    assert "anderson" in text
-    assert "changed" not in diagnosis("max_iterations", history(1.0), statuses=["osr", "osr"])
-
-
-def test_diagnosis_mentions_uniqueness_for_large_friction_only():
-    assert "need not be unique" in diagnosis("max_iterations", history(1.0), coefficient=1.0)
-    assert "coefficient of 10 " in diagnosis("max_iterations", history(1.0), coefficient=10.0)
-    assert "unique" not in diagnosis("max_iterations", history(1.0), coefficient=0.3)
-
-
-def test_diagnosis_names_what_the_certificate_finds():
-    assert "the certificate fails: penetration 1e-3" in diagnosis("converged", history(0.1),
-                                                                   violations=["penetration 1e-3"])
-
-
-# What is said
-
 def test_the_plan_says_what_is_left_out(tmp_path):
     scene = pinched_blocks(6, "none") | {"output": {"stress": False, "figures": False}}
     scene["body"][1]["traction"] = []
@@ -444,13 +340,6 @@ def test_the_plan_says_what_is_left_out(tmp_path):
     assert "lower: no loads\n" in done.stdout
     assert "semi-smooth Newton, GMRES with half-plane preconditioner" in done.stdout
     assert "upper, lower: direct solver\n" in done.stdout
-
-
-def test_no_tolerance_makes_a_certificate_empty():
-    from ddmpi.judge.certificate import certificate_limit
-
-    assert certificate_limit(0.5) == certificate_limit(0.01) == 0.05
-    assert certificate_limit(1e-4) == pytest.approx(5e-3)
 
 
 # A model of the compliance

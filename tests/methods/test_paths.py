@@ -22,9 +22,6 @@ from ddmpi.scene.reader import read_scene
 pytestmark = pytest.mark.slow
 
 CONFIGS, PAD = scenes.ROOT / "configs", Path(__file__).with_name("pad.toml")
-STEEL = {"young": 2.1e11, "poisson": 0.3}
-
-FLOOR = {"name": "floor", "shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}
 
 
 def energy(path: Softening, point: Point) -> float:
@@ -101,7 +98,7 @@ def pad() -> dict:
 
 def falling_disc() -> dict:
     """A disc that touches the top of a bore falls to its bottom, by 1 cm."""
-    return {"body": [{"name": "disc", "material": STEEL, "volume_force": [0.0, -1e5],
+    return {"body": [{"name": "disc", "material": scenes.STEEL, "volume_force": [0.0, -1e5],
                       "mesh": {"shape": "annulus", "center": [0.0, 0.0], "radii": [0.3, 1.0],
                                "angles": [0.0, 360.0], "divisions": [48, 6]}}],
             "rigid": [{"name": "bore", "shape": "circle", "center": [0.0, -1e-2], "radius": 1.01, "inside": True}],
@@ -118,7 +115,7 @@ def spanner() -> dict:
              "handle": [(half + depth, -gap - depth), (4.0, -gap - depth), (4.0, gap + depth),
                         (half + depth, gap + depth)]}
     divisions = {"nut": [12, 12], "upper": [17, 5], "lower": [17, 5], "handle": [30, 19]}
-    bodies = [{"name": name, "material": STEEL, "clamp": [], "mesh": {
+    bodies = [{"name": name, "material": scenes.STEEL, "clamp": [], "mesh": {
         "shape": "quadrilateral", "corners": turned(corners, 7.0), "divisions": divisions[name]}}
         for name, corners in parts.items()]
     bodies[0]["clamp"] = ["left"]
@@ -144,10 +141,9 @@ def test_interior_points_that_jam_are_given_up_soon():
     assert scenes.certified(assembly_scenes.random_scene(523)).summary["outer_iterations"] <= 40
 
 
-@pytest.mark.parametrize("seed", [873, 897, 907])
-def test_stacks_where_bodies_slide_take_few_steps(seed):
-    """Two walls and a row between walls where softening alone gets nowhere, which took 42 to 47 steps."""
-    assert scenes.certified(assembly_scenes.random_scene(seed)).summary["outer_iterations"] <= 30
+def test_stacks_where_bodies_slide_take_few_steps():
+    """Softening alone gets nowhere there, and took over 40 steps."""
+    assert scenes.certified(assembly_scenes.random_scene(897)).summary["outer_iterations"] <= 30
 
 
 def test_given_slip_bounds_need_no_path():
@@ -168,7 +164,7 @@ def test_a_body_that_slides_off_is_named_where_interior_points_fail_too(coeffici
     assert answer.summary["outer_iterations"] <= 60
 
 
-@pytest.mark.mpi(ranks=[1, 2, 3])
+@pytest.mark.mpi(ranks=[2, 3])
 def test_ranks_of_unequal_unknowns_end_alike(comm):
     """The scene that kept two ranks waiting for each other for ever; the same answer on any number of ranks."""
     answer = ddmpi.solve(PAD, comm)
@@ -190,11 +186,11 @@ def slot(contrast: float) -> dict:
         ("left", [-1e-3, 0.0], [1.0, 0.0]), ("right", [1.001, 0.0], [-1.0, 0.0]))]
     sides = [(body, wall, [wall]) for body in ("lower", "upper") for wall in ("left", "right")]
     sides += [("lower", "floor", ["bottom"]), ("upper", "lower", ["bottom", "top"])]
-    return {"body": [lower, upper], "rigid": [FLOOR, *walls],
+    return {"body": [lower, upper], "rigid": [scenes.FLOOR, *walls],
             "contact": [{"bodies": [body, other], "on": on} for body, other, on in sides]}
 
 
-@pytest.mark.parametrize("contrast", [1e-2, 1e2, 1e4])
+@pytest.mark.parametrize("contrast", [1e-2, 1e4])
 def test_stiff_bodies_cross_clearances_without_friction(contrast):
     """Bodies move a thousand times farther than they give way; without friction there is always an answer."""
     assert scenes.certified(slot(contrast)).summary["outer_iterations"] <= 60
@@ -210,13 +206,13 @@ def squeezed(friction: float) -> dict:
          "friction": {"law": "coulomb", "coefficient": friction}} for wall in ("left", "right")]}
 
 
-@pytest.mark.parametrize("friction", [0.025, 0.035, 0.05])
+@pytest.mark.parametrize("friction", [0.025, 0.05])
 def test_a_squeezed_block_that_friction_holds_is_not_condemned(friction):
     """The least friction that holds it is about 0.0241; the convex program, which may squeeze harder, needs less."""
     assert scenes.certified(squeezed(friction)).summary["outer_iterations"] <= 40
 
 
-@pytest.mark.parametrize("excess", [1.05, 1.2, 2.0])
+@pytest.mark.parametrize("excess", [1.05, 2.0])
 def test_a_squeezed_block_past_its_limit_is_named_in_few_steps(excess):
     answer = ddmpi.solve(squeezed(0.0241 / excess), MPI.COMM_SELF)
     assert "no equilibrium found: block would move along -y" in answer.reason

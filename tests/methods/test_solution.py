@@ -31,35 +31,30 @@ def approach() -> dict:
 
 
 @two_ranks
-def test_certificate_is_not_flattered_by_a_rigid_approach(comm):
-    for method in ({"theta": 0.2}, {}):
-        assembly = scenes.prepare_scene(comm, approach() | {"method": method})
-        answer = solve(assembly, assembly.scene.method)
-        outer = answer.outer
-        exact = exact_forces(assembly)
-        forces = everywhere(assembly, outer.forces)
-        distance = np.linalg.norm(forces - exact) / np.linalg.norm(exact)
-        assert answer.certified
-        assert distance <= answer.limit
-        assert answer.certificate.worst()["force_mismatch"][0] == pytest.approx(
-            np.linalg.norm(everywhere(assembly, outer.mismatch)) / np.linalg.norm(forces), rel=0.1)
+@pytest.mark.parametrize("method", [{"theta": 0.2}, {}], ids=["relaxation", "newton"])
+def test_certificate_is_not_flattered_by_a_rigid_approach(comm, method):
+    assembly = scenes.prepare_scene(comm, approach() | {"method": method})
+    answer, exact = solve(assembly, assembly.scene.method), exact_forces(assembly)
+    forces, mismatch = (everywhere(assembly, each) for each in (answer.outer.forces, answer.outer.mismatch))
+    mismatch = np.linalg.norm(mismatch)
+    assert answer.certified and np.linalg.norm(forces - exact) <= answer.limit * np.linalg.norm(exact)
+    assert answer.certificate.worst()["force_mismatch"][0] == pytest.approx(mismatch / np.linalg.norm(forces), rel=0.1)
 
 
-def test_newton_that_goes_on_knows_its_gaps(comm):
+def test_newton_that_goes_on_knows_its_gaps():
     """It settles its forces on their bounds when it stops; going on, the gaps must belong to these forces."""
-    assembly = scenes.prepare_scene(comm, scenes.pinched_blocks(6))
+    assembly = scenes.prepare_scene(MPI.COMM_SELF, scenes.pinched_blocks(6))
     newton = Newton(assembly.joint, 500)
     assert newton.run(0.1) == "converged"
     assert newton.run(1e-10) == "converged"
     exact = exact_forces(assembly)
-    assert np.linalg.norm(everywhere(assembly, newton.forces) - exact) <= 1e-8 * np.linalg.norm(exact)
+    assert np.linalg.norm(newton.forces - exact) <= 1e-8 * np.linalg.norm(exact)
 
 
 @pytest.mark.parametrize("worst, rounds", [((3e-6, 5e-6, 4e-8), 3), ((3e-6, 5e-6, 2.9e-6), 3), ((3e-6, 1e-6, 9e-8), 5),
                                            ((3e-6, 5e-6, 2e-6, 3e-6, 1e-6, 1e-8), 6)])
 def test_one_useless_round_is_not_the_last(monkeypatch, worst, rounds):
-    """Where the certificate fails, the iteration goes on with a tighter tolerance until two rounds in a row gain
-    nothing: forces moved onto their bounds by one step may shift a body on soft springs by chance."""
+    """Where the certificate fails, the tolerance tightens until two rounds in a row gain nothing."""
     assembly = scenes.prepare_scene(MPI.COMM_SELF, scenes.pinched_blocks(2, tolerance=1e-9))
     solved, values = solve(assembly, assembly.scene.method), [*worst, *itertools.repeat(worst[-1], 9)]
     iteration = Iteration(assembly, assembly.scene.method, no_report, Clock())
@@ -97,7 +92,7 @@ def test_fallback_that_fails_on_one_rank_ends_on_both(comm, monkeypatch):
 
 
 @two_ranks
-@pytest.mark.parametrize("contrast", [1e-4, 1.0, 1e4])
+@pytest.mark.parametrize("contrast", [1e-4, 1e4])
 def test_methods_agree(comm, contrast):
     """The accelerated map, whichever body is the softer one, against the coupled problem; Newton in test_extremes."""
     scene = scenes.pinched_blocks(6)

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import scipy.sparse as sparse
 from petsc4py import PETSc
-from scipy.sparse.csgraph import connected_components
 
 from ddmpi.petsc.dissection import _cover, dissect, elimination_order, layers_of
 
@@ -56,16 +55,6 @@ def test_order_saves_entries(counts):
     shuffled[number] = points
     other = entries(dissect(shuffled, number[first], number[second]), number[first], number[second])
     assert abs(other - own) <= 0.1 * own
-
-
-def test_last_nodes_divide_the_others():
-    """Without the nodes of the first cut, a column of the grid, two halves are left."""
-    points, first, second = grid(40, 12)
-    place = dissect(points, first, second)
-    left = (place[first] < len(points) - 12) & (place[second] < len(points) - 12)
-    graph = sparse.coo_array((np.ones(left.sum()), (first[left], second[left])), (len(points),) * 2)
-    sizes = np.bincount(connected_components(graph, directed=False)[1])
-    assert sorted(sizes[sizes > 1]) == [228, 240]
 
 
 def test_nodes_at_one_place_and_few_nodes():
