@@ -440,21 +440,20 @@ def test_plots_stay_in_the_folder_of_their_sweep(place, capsys):
     assert told(place, capsys, "sweep-plot", str(place.out), "n_A:case") == (0, "")
 
 
-@pytest.mark.parametrize("spoil", [lambda i, s: i.clear(), lambda i, s: s[0].clear(), lambda i, s: s[0].update(outer=7),
-                                   lambda i, s: s[0].update(ladder={"levels": "a"}), lambda i, s: i.update(scene=[])])
-def test_checkpoints_of_other_types(place, capsys, spoil):
+def test_checkpoints_of_other_types(place, capsys, monkeypatch):
     """A checkpoint that is whole, and holds something else, is refused."""
     place.put(PLAIN)
     here = place.given / "here"
     here.mkdir()
-    command = ["run", str(place.given / "scene.toml"), "--no-figures", "--set", "checkpoint.iterations=1"]
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("ddmpi.results.checkpoint.Checkpoints.remove", lambda self: None)
-        cli._main(MPI.COMM_SELF, [*command, "--output", str(here)], [])
-    capsys.readouterr()
-    identity, states = checkpoint.read(here / "checkpoint.h5")
-    spoil(identity, states)
     place.out.mkdir()
-    checkpoint.write(place.out / "checkpoint.h5", identity, states)
-    code, message = told(place, capsys, *command, "--restart", str(place.out))
-    assert code == 2 and "checkpoint" in message
+    command = ["run", str(place.given / "scene.toml"), "--no-figures", "--set", "checkpoint.iterations=1"]
+    monkeypatch.setattr("ddmpi.results.checkpoint.Checkpoints.remove", lambda self: None)
+    cli._main(MPI.COMM_SELF, [*command, "--output", str(here)], [])
+    capsys.readouterr()
+    for spoil in (lambda i, s: i.clear(), lambda i, s: s[0].clear(), lambda i, s: s[0].update(outer=7),
+                  lambda i, s: s[0].update(ladder={"levels": "a"}), lambda i, s: i.update(scene=[])):
+        identity, states = checkpoint.read(here / "checkpoint.h5")
+        spoil(identity, states)
+        checkpoint.write(place.out / "checkpoint.h5", identity, states)
+        code, message = told(place, capsys, *command, "--restart", str(place.out))
+        assert code == 2 and "checkpoint" in message
