@@ -393,15 +393,6 @@ def test_maps_show_what_is_closed(still):
     assert 0.5 < small.get_xlim()[1] < 1.5
 
 
-def test_maps_fill_their_sheet(still):
-    """Labels of maps above each other do not touch, and little of the sheet stays empty below them."""
-    figure = draw_maps(read_results(still), "upper-lower")
-    figure.canvas.draw()
-    names = [axes.yaxis.label.get_window_extent() for axes in figure.axes[:4] if axes.get_ylabel()]
-    assert len(names) == 2 and names[1].y1 < names[0].y0
-    assert 0.0 <= min(axes.get_tightbbox().y0 for axes in figure.axes) < 0.08 * figure.bbox.height
-
-
 def test_pressure_and_tension_are_told_apart(still):
     """Where a contact bears tension, colours are white at zero; else they begin there."""
     results = read_results(still)

@@ -80,14 +80,6 @@ def test_solid_scene_is_filled_in():
     assert "dimension" not in solid.resolved() and scene(write_toml(solid.resolved())) == solid
 
 
-def test_plane_scene_is_filled_in():
-    """A plane scene is in plane strain, and its vectors have two components."""
-    plane = scene(PLANE, "body.upper.mesh={shape='rectangle', size=[3, 1], divisions=[6, 2]}")
-    assert plane.dimension == 2
-    assert (plane.body[0].volume_force, plane.rigid[0].displacement, plane.body[0].mesh.origin) == ((0.0,) * 2,) * 3
-    assert plane.body[0].material.plane == "strain"
-
-
 def test_files_say_the_dimension_where_nothing_else_does():
     """Shapes come first, then places and vectors, then files; these are only asked where they must be."""
     assert scene(FILES, upper=(3, 1), lower=(3, 1)).dimension == 3

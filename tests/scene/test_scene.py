@@ -530,17 +530,6 @@ def test_parameters_of_the_published_iteration_do_not_go_with_others(outer):
     assert text.startswith("case.toml: method: splitting, theta belong to outer") and f'not to "{outer}"' in text
 
 
-def test_friction_defaults_to_none():
-    """A contact without friction key has no friction."""
-    text = TEXT.replace('friction = { law = "coulomb", coefficient = 0.3 }', "")
-    assert scene(text=text).contact[0].friction == NoFriction()
-
-
-def test_clamps_in_long_form():
-    """A bare group name among the clamps fixes all components; others are free."""
-    assert scene().body[0].clamps == [Clamp(on="left", x=0.0, y=0.0, z=0.0), Clamp(on="right", x=1e-3)]
-
-
 def test_lame_constants():
     """Lamé's constants are those of plane strain or plane stress."""
     strain = Material(young=2.6, poisson=0.3)
