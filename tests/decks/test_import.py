@@ -365,6 +365,7 @@ LOST_IN_STEP = [
     ("*CLOAD\n14, 3, 1.", "*CLOAD: a force at a node that is not on the boundary"),
     ("*CLOAD\n1, 5, 1.", "*CLOAD: moments at nodes"),
     ("*BOUNDARY, FIXED\n1, 1", "*BOUNDARY: displacements of another model"),
+    ("*MODEL CHANGE, TYPE=ELEMENT, REMOVE\nA", "*MODEL CHANGE: parts that are removed or added"),
     ("*DLOAD\n9, P2NP, 36", "*DLOAD: a pressure that is not given at node 36"),
     ("*CLOAD, AMPLITUDE=OWN\n36, 3, 1.\n*AMPLITUDE, NAME=OWN, USER", "no table of factors; --amplitude OWN=0,0,1,1"),
     ("*TEMPERATURE, FILE=x.frd", "*TEMPERATURE: temperatures of a file"),

@@ -130,6 +130,7 @@ REFUSED = [
      "body.hub.mesh.size_on.bore: expected a number > 0"),
     ("body.hub.clamp=[0]", "body.hub.clamp.0: expected a whole number >= 1"),
     ('body.hub.traction=[{on=[], pressure=1.0}]', "body.hub.traction.0.on: expected a list of length >= 1"),
+    ("body.hub.mesh.radii=[0, 1]", "body.hub.mesh.radii.0: expected a number > 0"),
     ("body.hub.mesh.angles=[90, 0]", "angles = [start, end] must ascend|[90, 0]"),
     ("body.hub.mesh.angles=[0, 361]", "at most 360 degrees"),
     ("body.hub.mesh.divisions=[2, 1]", "2 around make cells of 180 degrees; they must be less"),
