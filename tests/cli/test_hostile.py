@@ -121,8 +121,6 @@ DRAWINGS = {
     "a short word for it": (drawn(f'System "{TOUCH}";'), HARM),
     "a word made of strings": (drawn(HIDDEN + "S2N[StrCat[a, b]] Str[c];"), HARM),
     "a word made of strings, in full": (drawn(HIDDEN + f'StringToName[StrCat[a, b]] "{TOUCH}";'), HARM),
-    "a command in a loop": (drawn(f'For i In {{1:2}}\nSystemCall "{TOUCH}";\nEndFor'), HARM),
-    "a command in a macro": (drawn(f'Macro m\nSystemCall "{TOUCH}";\nReturn\nCall m;'), HARM),
     "a command after a condition that reads on in a string":
         (drawn(f"If(0)\nI\"x // \";\nEndIf SystemCall '{TOUCH}'; //\"\n"), HARM),
     "a command after a long string": (drawn(f'a = "{"x" * 1023} ; SystemCall \'{TOUCH}\'; b = \'";'), HARM),
@@ -132,7 +130,6 @@ DRAWINGS = {
     "a mesh saved": (drawn('Mesh 2; Save "VICTIM/thesis.txt";'), HARM),
     "a picture": (drawn('Print "VICTIM/thesis.txt";'), HARM),
     "words into a file": (drawn('Printf("gone") > "VICTIM/thesis.txt";'), "cannot be read (gmsh: "),
-    "words added to a file": (drawn('Printf("%g", 1) >> "VICTIM/thesis.txt";'), "cannot be read (gmsh: "),
     "a folder": (drawn('CreateDir "VICTIM/new";'), HARM),
     "a plugin": (drawn('Plugin(BoundaryAngles).Dir = "VICTIM"; Plugin(BoundaryAngles).Run;'), HARM),
     "a temporary file": (drawn('General.TmpFileName = "../victim/thesis.txt";'), HARM),
@@ -146,7 +143,6 @@ DRAWINGS = {
                                           a_dat=f'SystemCall "{TOUCH}";'), HARM),
     "a script as a drawing of CAD": (drawn("", "plate.Step") | {"plate.Step": f'SystemCall "{TOUCH}";'},
                                      "cannot be read"),
-    "a script as a solid": (drawn("", "plate.step") | {"plate.step": f'SystemCall "{TOUCH}";'}, "cannot be read"),
     "a script as a solid to merge": (drawn('Merge "a.STP";', a_STP=f'SystemCall "{TOUCH}";'), "cannot be read"),
     "options beside a drawing": (drawn("foo;") | {"plate.geo.opt": f'SystemCall "{TOUCH}";'}, "syntax error"),
     "a script that is not there": (drawn('Include "absent.geo";'), "absent.geo cannot be read: No such file"),
@@ -166,27 +162,23 @@ def test_a_drawing_starts_no_program_and_writes_no_file(place, capsys, name):
 
 
 MESHES = {
-    "a script": filed(f'SystemCall "{TOUCH}";'),
     "a script after a space": filed(f' \n$MeshFormat\nSystemCall "{TOUCH}";'),
     "a script after a header": filed(f'$MeshFormat\n4.0 0 8\n$EndMeshFormat\nSystemCall "{TOUCH}";\n'),
     "a script of an old version": filed(f'$NOD\n1\n1 0 0 0\n$ENDNOD\nSystemCall "{TOUCH}";\n'),
     "options beside an old mesh": filed("$MeshFormat\n4.0 0 8\n$EndMeshFormat\n")
     | {"plate.msh.opt": f'SystemCall "{TOUCH}";'},
-    "no version": filed("$MeshFormat\n"),
     "an unknown version": filed("$MeshFormat\n9.9 0 8\n$EndMeshFormat\n"),
     "more nodes than there are": filed("$MeshFormat\n4.1 0 8\n$EndMeshFormat\n$Nodes\n1 99 1 99\n2 1 0 99\n1\n"),
     "noise": filed(b"$MeshFormat\n4.1 1 8\n\1\0\0\0\n$EndMeshFormat\n$Nodes\n" + bytes(range(256)) * 40),
     "an input that includes itself": filed("*INCLUDE, INPUT=VICTIM/../given/plate.inp\n", "plate.inp"),
     "an input of other words": filed("*NODE\n1, a, b\n", "plate.inp"),
     "an empty input": filed("", "plate.inp"),
-    "a script as an input": filed(f'SystemCall "{TOUCH}";', "plate.inp"),
     "no HDF5": filed(f'SystemCall "{TOUCH}";', "plate.med"),
     "an XML of entities": filed("<!DOCTYPE a [<!ENTITY a 'aaaaaaaaaa'>" + "".join(
         f"<!ENTITY a{k} '{f'&a{k - 1 or str()};' * 10}'>" for k in range(1, 12)) + "]><VTKFile>&a11;</VTKFile>",
         "plate.vtu"),
     "a header of VTK": filed("# vtk DataFile Version 4.2\n\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 99999999999 "
                              "double\n0 0 0\n", "plate.vtk"),
-    "a picture": filed(b"\x89PNG\r\n\x1a\n" + bytes(100)),
     "nothing": filed("")}
 
 
@@ -417,7 +409,7 @@ def test_summaries_of_other_types(place, capsys, command):
     place.out.mkdir()
     summary = made_up.results(place.out, divisions=(6, 2))
     codes = []
-    for seed in range(60 if command == "report" else 20):
+    for seed in range(60) if command == "report" else range(12, 18):
         (place.out / "summary.json").write_text(json.dumps(spoilt(summary, seed)))
         codes.append(told(place, capsys, command, str(place.out))[0])
     assert set(codes) == {0, 2}
@@ -426,8 +418,9 @@ def test_summaries_of_other_types(place, capsys, command):
 @pytest.mark.parametrize("content", ["[]", "7", '"a"', "{}", '{"format": 2}', '{"format": 2, "contacts": 3}',
                                      '{"format": 2, "contacts": {"/../../victim/x": {}}}', "nan", "\0", "[" * DEEP])
 @pytest.mark.parametrize("command", ["report", "figures", "gather", "sweep-plot"])
-def test_what_is_no_summary(place, capsys, command, content):
+def test_what_is_no_summary(place, capsys, monkeypatch, command, content):
     """Any JSON in the place of a summary or a sweep's record has one message and exit code 2."""
+    monkeypatch.setattr("ddmpi.sweep.table.PATIENCE", 0.1)
     place.put(PLAIN | {"../out/summary.json": content, "../out/contact_/a": ""})
     arguments = [command, str(place.out)]
     if command in ("gather", "sweep-plot"):
@@ -447,21 +440,20 @@ def test_plots_stay_in_the_folder_of_their_sweep(place, capsys):
     assert told(place, capsys, "sweep-plot", str(place.out), "n_A:case") == (0, "")
 
 
-@pytest.mark.parametrize("spoil", [lambda i, s: i.clear(), lambda i, s: s[0].clear(), lambda i, s: s[0].update(outer=7),
-                                   lambda i, s: s[0].update(ladder={"levels": "a"}), lambda i, s: i.update(scene=[])])
-def test_checkpoints_of_other_types(place, capsys, spoil):
+def test_checkpoints_of_other_types(place, capsys, monkeypatch):
     """A checkpoint that is whole, and holds something else, is refused."""
     place.put(PLAIN)
     here = place.given / "here"
     here.mkdir()
-    command = ["run", str(place.given / "scene.toml"), "--no-figures", "--set", "checkpoint.iterations=1"]
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("ddmpi.results.checkpoint.Checkpoints.remove", lambda self: None)
-        cli._main(MPI.COMM_SELF, [*command, "--output", str(here)], [])
-    capsys.readouterr()
-    identity, states = checkpoint.read(here / "checkpoint.h5")
-    spoil(identity, states)
     place.out.mkdir()
-    checkpoint.write(place.out / "checkpoint.h5", identity, states)
-    code, message = told(place, capsys, *command, "--restart", str(place.out))
-    assert code == 2 and "checkpoint" in message
+    command = ["run", str(place.given / "scene.toml"), "--no-figures", "--set", "checkpoint.iterations=1"]
+    monkeypatch.setattr("ddmpi.results.checkpoint.Checkpoints.remove", lambda self: None)
+    cli._main(MPI.COMM_SELF, [*command, "--output", str(here)], [])
+    capsys.readouterr()
+    for spoil in (lambda i, s: i.clear(), lambda i, s: s[0].clear(), lambda i, s: s[0].update(outer=7),
+                  lambda i, s: s[0].update(ladder={"levels": "a"}), lambda i, s: i.update(scene=[])):
+        identity, states = checkpoint.read(here / "checkpoint.h5")
+        spoil(identity, states)
+        checkpoint.write(place.out / "checkpoint.h5", identity, states)
+        code, message = told(place, capsys, *command, "--restart", str(place.out))
+        assert code == 2 and "checkpoint" in message

@@ -62,8 +62,8 @@ def test_a_reader_that_stops_early_does_not_end_the_check(tmp_path):
     """As in ddmpi check SCENE.toml | head: one warning, no pages of PETSc, and the exit code of the check."""
     read, write = os.pipe()
     os.close(read)
-    command = [sys.executable, "-m", "ddmpi", "check", str(scenes.ROOT / "configs" / "arch.toml"), "--no-figures",
-               "--output", str(tmp_path / "out")]
+    scene = scenes.write_scene(scenes.pinched_blocks(2), tmp_path / "scene.toml")
+    command = [sys.executable, "-m", "ddmpi", "check", str(scene), "--no-figures", "--output", str(tmp_path / "out")]
     try:
         job = subprocess.run(command, stdout=write, stderr=subprocess.PIPE, text=True, cwd=scenes.ROOT,
                              env=scenes.clean_environment(), check=False)

@@ -30,10 +30,10 @@ def imported(folder: Path, text: str, partial: bool = False, name: str = "deck")
     return tomllib.loads((folder / name / "scene.toml").read_text()), lists
 
 
-def solved(folder: Path, text: str, partial: bool = False, name: str = "deck", comm=MPI.COMM_SELF):
+def solved(folder: Path, text: str, partial: bool = False, name: str = "deck"):
     """The certified answer to a deck."""
     imported(folder, text, partial, name)
-    answer = ddmpi.solve(str(folder / name / "scene.toml"), comm)
+    answer = ddmpi.solve(str(folder / name / "scene.toml"), MPI.COMM_SELF)
     assert answer.certified, answer.reason
     return answer
 
@@ -73,10 +73,9 @@ def scattered(rng: np.random.Generator, nodes: list[int]) -> str:
     return "*CLOAD\n" + "\n".join(f"{node}, {k}, {rng.normal():.6f}" for node in nodes for k in (1, 2, 3)) + "\n"
 
 
-@pytest.mark.parametrize("nodes", [list(range(28, 37)), [28, 30], [36], [28, 29, 30], [28, 29, 31, 32]])
+@pytest.mark.parametrize("nodes", [list(range(28, 37)), [28, 30], [28, 29, 31, 32]])
 def test_nodal_forces_keep_their_resultant_and_moments(tmp_path, nodes):
-    """Forces at nodes, whether these are of a whole face, of an edge or alone, have the same resultant when spread over
-    faces, and on whole faces the same moment."""
+    """Forces at nodes keep their resultant when spread over faces, and on whole faces their moment."""
     deck = BOX + "*BOUNDARY\nA_Z0, 1, 3\n" + scattered(np.random.default_rng(1), nodes) + step("*DLOAD", "1, P1, 0.")
     rows = [line.split(",") for line in deck.split("*CLOAD\n")[1].splitlines()[:3 * len(nodes)]]
     places = {int(row[0]): [float(x) for x in row[1:]] for row in
@@ -101,8 +100,7 @@ def stack(card: str, more: str = "", gap: float = 0.0, first: str = "SLAVE, MAST
 
 
 def test_contact_friction_and_load_steps(tmp_path):
-    """Surfaces of elements and of nodes, friction, and two steps with moved supports: reactions are those of confined
-    boxes; the second step is written as a load step."""
+    """Surfaces of elements and of nodes, friction, and two steps: reactions are those of confined boxes."""
     law = "*SURFACE INTERACTION, NAME=I\n*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=LINEAR\n1e6, 3.\n*FRICTION\n0.2, 5e4\n"
     deck = stack("*CONTACT PAIR, INTERACTION=i, TYPE=SURFACE TO SURFACE", law) + step(
         "*BOUNDARY", "B_Z1, 3, 3, -0.001", options=", NLGEOM") + step("*BOUNDARY", "B_Z1, 3, 3, -0.0004", time="1., 2.")
@@ -128,8 +126,7 @@ def test_ties_over_a_gap_are_told(tmp_path):
 
 
 def test_uneven_forces_are_no_double_load(tmp_path):
-    """The even part of forces at nodes and the rest are loads of their own groups, so that no warning of loads that add
-    up is given; the force is that of the deck."""
+    """The even part and the rest are loads of groups of their own, without a warning of loads that add up."""
     deck = BOX + "*BOUNDARY\nA_Z0, 1, 3\n" + step("*CLOAD", *(f"{28 + k}, 3, {1 + k}." for k in range(9)))
     answer = solved(tmp_path, deck)
     loads = answer.summary["bodies"]["A"]["loads"]
@@ -140,8 +137,7 @@ def test_uneven_forces_are_no_double_load(tmp_path):
 
 
 def test_rotations_far_from_the_origin_keep_their_digits(tmp_path):
-    """Of supports that turn a face about its own middle, 1000 km from the origin, the scene has the values of the deck
-    to the precision of the products."""
+    """Supports that turn a face about its middle, 1000 km away, have the deck's values but for rounding."""
     far, turn = 1e6, 1e-3 / 3.0
     deck = grid("A", (2, 2, 3), (1.0, 1.0, 3.0), [far, 0.0, 0.0]) + STEEL + SECTION + ROLLERS
     x = far + np.array([0.0, 0.5, 1.0])
@@ -165,8 +161,7 @@ def test_kinds_of_contacts(tmp_path, card, more, expected):
 
 
 def test_odd_order_case_and_continued_lines(tmp_path):
-    """Materials after sections, capitals or not, blanks, continued keywords, generated sets, sets of sets, includes and
-    D exponents: the scene is the same."""
+    """Order, case, blanks, continued keywords, generated and nested sets, includes, D exponents: the same scene."""
     plain = BOX + ROLLERS + step("*CLOAD", "A_Z1, 3, 100.")
     nodes, rest = grid("A", (2, 2, 3), (1.0, 1.0, 3.0)).split("*NSET", 1)
     (tmp_path / "nodes.inp").write_text(nodes)
@@ -185,8 +180,7 @@ def test_odd_order_case_and_continued_lines(tmp_path):
     lambda text: text.replace(ROLLERS, "*BOUNDARY\nA_Z0, 3\n*INCLUDE, INPUT=more.inc\n"),
     lambda text: text.replace(ROLLERS, "*BOUNDARY, INPUT=more.inc\nA_Z0, 3\n")])
 def test_files_of_other_programs(tmp_path, change):
-    """Marks of UTF-8, ends of lines of Windows, tabs, data lines in a file that INCLUDE or INPUT names: no difference.
-    """
+    """Marks of UTF-8, ends of lines of Windows, tabs, data lines in files by INCLUDE or INPUT: no difference."""
     plain = BOX + ROLLERS + step("*CLOAD", "A_Z1, 3, 100.")
     (tmp_path / "more.inc").write_text("A_X0, 1\nA_Y0, 2\n")
     one, two = imported(tmp_path, plain)[0], imported(tmp_path, change(plain), name="odd")[0]
@@ -223,15 +217,12 @@ def test_named_supports(tmp_path):
 
 
 def test_amplitudes_of_the_total_time_go_on(tmp_path):
-    """A load that follows one does so in later steps, until OP=NEW removes it."""
+    """A load that follows one does so in later steps."""
     deck = BOX + ROLLERS + "*AMPLITUDE, NAME=ALL, TIME=TOTAL TIME\n0., 0., 2., 1.\n" + step(
         "*CLOAD, AMPLITUDE=ALL", "A_Z1, 3, 9.")
     scene = imported(tmp_path, deck + 2 * step("*NODE PRINT, NSET=A_Z1", "U"))[0]
     assert scene["body"][0]["traction"][0]["force"] == [0.0, 0.0, 81.0]
     assert scene["history"] == {"h1": {"times": [0.0, 2.0, 3.0], "factors": [0.0, 1.0, 1.0]}}
-    scene = imported(tmp_path, deck + step("*CLOAD, OP=NEW") + step("*NODE PRINT, NSET=A_Z1", "U"), name="new")[0]
-    assert scene["body"][0]["traction"][0]["force"] == [0.0, 0.0, 40.5]
-    assert scene["history"] == {"h1": {"times": [0.0, 1.0, 2.0, 3.0], "factors": [0.0, 1.0, 0.0, 0.0]}}
 
 
 @pytest.mark.parametrize("load", ["*CLOAD\nA_Y1, 3, 1.", "*DLOAD\nA, GRAV, 9810., 0., 0., -1.", "*DLOAD\nA, BZ, 1.",
@@ -257,8 +248,7 @@ def test_perturbation_steps(tmp_path):
 
 
 def test_amplitudes(tmp_path):
-    """One step without friction takes values at its end, less the delay; several steps follow tables, and in a later
-    step a load goes on unless OP=NEW removes it."""
+    """One step has the values at its end, less the delay; several follow tables, until OP=NEW removes a load."""
     ramp = "*AMPLITUDE, NAME=UP\n0., 0., 1., 0.5, 2., 3.\n*AMPLITUDE, NAME=ALL, TIME=TOTAL TIME\n0., 1., 4., 0.\n"
     end = step("*CLOAD, AMPLITUDE=UP, TIME DELAY=0.5", "A_Z1, 3, 9.", time="0.1, 2.")
     load = imported(tmp_path, BOX + ROLLERS + ramp + end)[0]["body"][0]["traction"]
@@ -290,8 +280,7 @@ def test_local_directions(tmp_path):
 
 
 def test_heat(tmp_path):
-    """An expansion that varies with the temperature becomes one coefficient where the temperature is uniform; one that
-    is linear in place is a formula, and nodes that are not named keep the initial temperature."""
+    """An expansion by temperature is one coefficient where that is uniform; linear temperatures are formulas."""
     table = STEEL.replace("1.2e-5", "1.0e-5, 0.\n2.0e-5, 100.").replace("*EXPANSION", "*EXPANSION, ZERO=20.")
     body = grid("A", (2, 2, 3), (1.0, 1.0, 3.0)) + table + SECTION + ROLLERS
     body += "*INITIAL CONDITIONS, TYPE=TEMPERATURE\nA_ALL, 20.\n"
@@ -332,15 +321,14 @@ def test_lists_are_in_the_order_of_the_deck(tmp_path):
 
 
 def test_gravity_and_rotation(tmp_path):
-    """*DLOAD GRAV and CENTRIF are forces per volume, by the density, along directions of any length; the reaction is
-    the weight."""
+    """*DLOAD GRAV and CENTRIF are forces per volume along directions of any length; the reaction is the weight."""
     deck = BOX + ROLLERS + step("*DLOAD", "A, GRAV, 9810., 0., 0., -2.", "A, CENTRIF, 4., 1., 0., 0., 0., 0., 1.")
     answer = solved(tmp_path, deck)
     assert answer.summary["bodies"]["A"]["reactions"]["A_Z0"]["force"][2] == pytest.approx(7.8e-9 * 9810 * 3, rel=1e-9)
     assert imported(tmp_path, deck, name="b")[0]["body"][0]["volume_force"][0].startswith("-3.12e-08 + (3.12e-08) * x")
 
 
-@pytest.mark.parametrize("order", [(0, 1, 2), (1, 2, 0), (2, 0, 1), (1, 0, 2)])
+@pytest.mark.parametrize("order", [(1, 2, 0), (1, 0, 2)])
 def test_axes_of_orthotropic_materials(tmp_path, order):
     """Axes of a material along x, y and z in another order: a bar has the modulus along it."""
     axes = np.eye(3)[list(order)]
@@ -362,15 +350,11 @@ def test_axes_of_orthotropic_materials(tmp_path, order):
 
 LOST = [
     ("*EQUATION\n2\n1, 1, 1., 2, 1, -1.", "*EQUATION: equations between nodes: not possible"),
-    ("*MPC\nBEAM, 1, 2", "*MPC: constraints between nodes"),
-    ("*CONTACT\n*CONTACT INCLUSIONS, ALL EXTERIOR", "*CONTACT: general contact"),
     ("*INITIAL CONDITIONS, TYPE=STRESS\n1, 1, 1., 1., 1., 1., 1., 1.", "*INITIAL CONDITIONS: initial stress"),
     ("*NONSENSE, OF=ANY\n1, 2", "*NONSENSE: this keyword is not known"),
     ("*BOUNDARY\nA_Z0, 3\n*PLASTIC\n200., 0.", "*PLASTIC: plasticity"),
     ("*ELEMENT, TYPE=SPRINGA, ELSET=K\n90, 1, 2", "*ELEMENT: elements of type SPRINGA"),
-    ("*ELEMENT, TYPE=S4, ELSET=K\n90, 1, 2, 5, 4", "*ELEMENT: elements of type S4"),
     ("*TEMPERATURE,\nA_Z0, 3.\nA_X0, 1.", "*TEMPERATURE: its parameter A_Z0 is not possible"),
-    ("*AMPLITUDE, NAME=U, SHIFTY=1.\n0., 0., 1., 1.", "*AMPLITUDE: its parameter SHIFTY is not possible"),
     ("*SURFACE INTERACTION, NAME=I\n*FRICTION, ANISOTROPIC\n0.3, 0.1", "*FRICTION: its parameter ANISOTROPIC is"),
     ("*SURFACE INTERACTION, NAME=I\n*FRICTION\n0.3, , , 20.\n0.1, , , 100.", "*FRICTION: friction other than Coulom")]
 
@@ -385,7 +369,6 @@ LOST_IN_STEP = [
     ("*DLOAD\n9, P2NP, 36", "*DLOAD: a pressure that is not given at node 36"),
     ("*CLOAD, AMPLITUDE=OWN\n36, 3, 1.\n*AMPLITUDE, NAME=OWN, USER", "no table of factors; --amplitude OWN=0,0,1,1"),
     ("*TEMPERATURE, FILE=x.frd", "*TEMPERATURE: temperatures of a file"),
-    ("*CLOAD, LOAD CASE=2\nA_Z1, 3, 1.", "*CLOAD: its parameter LOADCASE is not possible"),
     ("*STATIC, RIKS", "*STATIC: its parameter RIKS is not possible")]
 
 
@@ -408,8 +391,7 @@ def test_lost_loads_refuse_the_deck(tmp_path, card, words):
 
 
 def test_what_changes_between_steps_leaves_the_end(tmp_path):
-    """Supports that begin or end, materials that change and contacts that are removed: without friction the scene is
-    the state at the end, the same as of a deck with the last step alone; with friction they are lost."""
+    """Without friction the scene is that of a deck with the last step alone; with friction the changes are lost."""
     law, moved = LAW, ("*BOUNDARY, OP=NEW", "A_Z0, 3", "A_X0, 1", "A_Y0, 2", "B_Z0, 1, 3")
     deck = stack(PAIR, law) + STEEL.replace("STEEL", "SOFT").replace("210000.", "105000.")
     change = ("*CHANGE SOLID SECTION, ELSET=A, MATERIAL=SOFT", "*MODEL CHANGE, TYPE=CONTACT PAIR, REMOVE",
@@ -465,7 +447,6 @@ BAD = [
     (BOX + step("*CLOAD", "NONE, 1, 1."), "*CLOAD: there is no set NONE"),
     (BOX + step("*CLOAD", "1, 1, one"), '*CLOAD: "one" is not a number'),
     (BOX + step("*CLOAD", "1, 1, nan"), '*CLOAD: "nan" is not a number'),
-    (BOX + step("*CLOAD", "1, x, 1."), '*CLOAD: "x" is not an integer'),
     (BOX.replace("*NODE\n", "*NODE\n99, 0, zero\n") + step(), 'line 1 of deck.inp: *NODE: "zero" is not a number'),
     (BOX + "*ELEMENT, TYPE=C3D4\n99, 1, 2, x, 4\n" + step(), '*ELEMENT: "x" is not an integer'),
     (BOX + "*ELSET, ELSET=S, GENERATE\n1\n" + step(), "*ELSET: a data line is too short"),
@@ -473,12 +454,9 @@ BAD = [
     (BOX + "*NSET\n1\n" + step(), "*NSET: it lacks NSET"),
     (BOX + "*NSET, NSET=S, INSTANCE=far\n1\n" + step(), "*NSET: there is no instance far"),
     (BOX + "*INCLUDE\n" + step(), "*INCLUDE: it lacks INPUT"),
-    (BOX.replace("210000., 0.3", "steel, 0.3") + step(), '*ELASTIC: "steel" is not a number'),
-    (BOX + step(time="1., end"), '*STATIC: "end" is not a number'),
     (BOX + "*AMPLITUDE, NAME=N\n0., 0., 1.\n" + step("*CLOAD, AMPLITUDE=N", "1, 1, 1."), "*AMPLITUDE: it needs pairs"),
     (BOX + "*RIGID BODY, NSET=A_Z1, REF NODE=A_Z0\n" + step(), "*RIGID BODY: A_Z0 has 9 nodes; one is needed"),
     (BOX + "*RIGID BODY, NSET=A_Z1, REF NODE=999\n" + step(), "*RIGID BODY: there is no node 999"),
-    (BOX + step("*CLOAD", "1"), "*CLOAD: a data line is too short"),
     (BOX + step("*CLOAD, AMPLITUDE=N", "1, 1, 1."), "*CLOAD: there is no *AMPLITUDE N"),
     (BOX.replace("MATERIAL=STEEL", "MATERIAL=GOLD") + step("*CLOAD", "1, 1, 1."), "there is no *MATERIAL GOLD"),
     (BOX.replace(SECTION, "") + step("*CLOAD", "1, 1, 1."), "element 1 of A has no *SOLID SECTION"),
@@ -494,7 +472,6 @@ BAD = [
     (BOX + step("*DLOAD", ", GRAV, 9810., 0., 0., -1."), "*DLOAD: the name of a set is missing"),
     (BOX + step("*DLOAD", "A, GRAV, 9810."), "*DLOAD: a direction is zero"),
     (BOX + "*TRANSFORM, NSET=A_Z0\n1., 0., 0., 2., 0., 0.\n" + step(), "*TRANSFORM: axes are those of two vectors"),
-    (BOX + "*TRANSFORM, NSET=A_Z0, TYPE=S\n0., 0., 0., 0., 1., 1.\n" + step(), "*TRANSFORM: axes are those of two"),
     (BOX + "*ORIENTATION, NAME=O\n" + step(), "*ORIENTATION: axes are those of two vectors"),
     (BOX.replace("*NODE\n", "*NODE, SYSTEM=C\n", 1) + step(), "*NODE: its SYSTEM is not supported"),
     (BOX + "*ELEMENT, TYPE=C3D8\n1, 1, 2, 5, 4, 10, 11, 14, 13\n" + step(), "it has the element 1 twice"),
@@ -585,8 +562,7 @@ def test_plane_and_axisymmetric_decks(tmp_path, kind, area):
 
 
 def test_several_materials_and_moved_supports(tmp_path):
-    """Elements that share nodes are one body with materials by sets; displacements that are linear in place are one
-    clamp, others keep the value of each node."""
+    """One body with materials by sets; displacements linear in place are one clamp, others one for each value."""
     deck = grid("A", (2, 2, 3), (1.0, 1.0, 3.0)) + STEEL + STEEL.replace("STEEL", "SOFT").replace("210000.", "1000.")
     deck += "*ELSET, ELSET=LOW, GENERATE\n1, 4\n*ELSET, ELSET=HIGH, GENERATE\n5, 12\n"
     deck += "*SOLID SECTION, ELSET=LOW, MATERIAL=SOFT\n*SOLID SECTION, ELSET=HIGH, MATERIAL=STEEL\n" + ROLLERS
@@ -603,18 +579,6 @@ def test_several_materials_and_moved_supports(tmp_path):
     assert answer.bodies["A"].displacement[:, 2].max() == pytest.approx(0.01, rel=1e-12)
 
 
-@pytest.mark.mpi(ranks=2)
-def test_a_deck_on_two_ranks(comm, tmp_path):
-    """The scene of a deck is solved on several ranks."""
-    folder = Path(comm.bcast(str(tmp_path) if comm.rank == 0 else None))
-    if comm.rank == 0:
-        imported(folder, stack("*TIE") + step("*BOUNDARY", "B_Z1, 3, 3, -0.001"))
-    comm.barrier()
-    answer = ddmpi.solve(str(folder / "deck" / "scene.toml"), comm)
-    pressed = YOUNG * 0.7 / 1.3 / 0.4 * 0.0005
-    assert answer.certified and answer.summary["contacts"]["B-A"]["normal_force"] == pytest.approx(pressed, rel=1e-6)
-
-
 COUPLED = BOX + ("*NODE, NSET=REF\n900, 0.5, 0.5, 4.\n*ELSET, ELSET=UP, GENERATE\n9, 12\n*SURFACE, NAME=TOP\n"
                  "UP, S2\n*BOUNDARY\nA_Z0, 1, 3\n")
 
@@ -623,8 +587,7 @@ COUPLED = BOX + ("*NODE, NSET=REF\n900, 0.5, 0.5, 4.\n*ELSET, ELSET=UP, GENERATE
                                   "*COUPLING, CONSTRAINT NAME=C, REF NODE=900, SURFACE=TOP\n*KINEMATIC\n1, 6\n",
                                   "*RIGID BODY, NSET=A_Z1, REF NODE=900\n"])
 def test_couplings_carry_force_and_moment(tmp_path, card):
-    """A force and a moment at a reference node off the face act on the body, whether its face is kept rigid or not: the
-    reaction has the force, and its moment about the reference node."""
+    """The reaction has the force and moment at a reference node off the face, whether this is kept rigid or not."""
     deck = COUPLED + card + step("*CLOAD", "900, 1, 3.", "900, 3, -2.", "900, 5, 7.")
     answer = solved(tmp_path, deck)
     held = answer.summary["bodies"]["A"]["reactions"]["A_Z0"]
@@ -699,8 +662,7 @@ def bolt(kind: str = "") -> str:
 
 
 def test_a_bolt_under_pretension(tmp_path):
-    """A section of pre-tension cuts the body in two, and its force pulls; once it is fixed the offset is kept, and the
-    force follows the load."""
+    """A section cuts the body in two and pulls; fixed, it keeps its offset, and the force follows the load."""
     scene = imported(tmp_path, bolt() + step("*CLOAD", "900, 1, 50."))[0]
     assert scene["contact"][0]["pretension"] == {"force": 50.0, "along": [0.0, 0.0, 1.0]}
     answer = solved(tmp_path, bolt() + step("*CLOAD", "900, 1, 50.") + step("*BOUNDARY, FIXED", "900, 1, 1",
@@ -720,10 +682,9 @@ def test_sections_that_are_lost(tmp_path, change, words):
     assert "neither a force nor a displacement" in refused(tmp_path, bolt() + step("*CLOAD", "A_X1, 1, 1."))
 
 
-@pytest.mark.parametrize("normal", ["", "0., 0., 1.\n", "0., 0., -1.\n"])
+@pytest.mark.parametrize("normal", ["", "0., 0., -1.\n"])
 def test_a_bolt_by_its_displacement(tmp_path, normal):
-    """A displacement of the node of a section shortens the bolt: the bond is over a gap. The normal that the card gives
-    tells which sign pulls."""
+    """A displacement shortens the bolt: the bond is over a gap. The card's normal tells which sign pulls."""
     deck = bolt().replace("NODE=900\n", f"NODE=900\n{normal}")
     answer = solved(tmp_path, deck + step("*BOUNDARY", "900, 1, 1, 0.002"))
     pull = YOUNG * 0.002 / 4.0 * (-1.0 if "-" in normal else 1.0)
@@ -732,8 +693,7 @@ def test_a_bolt_by_its_displacement(tmp_path, normal):
 
 
 def test_a_bolt_in_a_frame(tmp_path):
-    """A section does not cut a ring in two: the elements at it are a body of their own. Its force is that of the deck,
-    and the other leg bears the opposite one: each is stretched or shortened by F L/(E A)."""
+    """No section cuts a ring in two: elements at it are a body of their own. The other leg bears the opposite force."""
     deck = grid("A", (3, 1, 3), (3.0, 1.0, 3.0)) + STEEL + SECTION
     lines = deck.splitlines()
     hollow = "\n".join(line for line in lines if not (line.startswith("5, ") and line.count(",") == 8)) + "\n"
@@ -760,8 +720,7 @@ def test_adjusted_surfaces(tmp_path, reach, force):
 
 
 def test_plates_of_different_thickness(tmp_path):
-    """Two strips in series, pulled by a pressure on the thinner one and by gravity: forces, stresses and displacements
-    are those of bars with these sections; heat causes no stress."""
+    """Two strips in series are bars with these sections under pressure, gravity and heat, which causes no stress."""
     plain = STEEL.replace("0.3", "0.0")
     deck = grid("A", (2, 1), (2.0, 1.0), kind="CPS4") + plain + (
         "*ELSET, ELSET=L\n1\n*ELSET, ELSET=R\n2\n*SOLID SECTION, ELSET=L, MATERIAL=STEEL\n0.5\n*SOLID SECTION, "

@@ -40,8 +40,7 @@ def stacked(folder, times=(), **how):
 
 
 def test_a_view_has_what_the_results_have(tmp_path):
-    """Nodes, boundary and cells of the bodies, both sides of each contact, and stresses and displacements of each load
-    step to a part in 65,535; the largest of them are those of the summary; nothing is fetched from anywhere."""
+    """Meshes, sides of contacts, fields of each load step to a part in 65,535; nothing is fetched from anywhere."""
     results = stacked(tmp_path, times=(1.0, 2.0))
     path = write_view(tmp_path)
     head, arrays = unpacked(path)
@@ -180,8 +179,7 @@ def test_a_browser_draws_the_view_and_its_slider_moves(tmp_path):
 
 @pytest.mark.skipif(not CHROMIUM, reason="no Chromium to open views with")
 def test_axisymmetric_bodies_turn_around_their_axis(tmp_path):
-    """Three quarters of a turn at first: two sections and 54 strips along their outlines; a half and a whole turn (72
-    strips, no section), and the section alone."""
+    """Three quarters of a turn (two sections, 54 strips along the outlines), a half, a whole turn, and none."""
     made_up.results(tmp_path)
     summary = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
     summary["scene"]["axisymmetric"] = True

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from ddmpi.results.fields import MANY, contact_fields, table_fields, write_fields, write_surface, write_xdmf
-from ddmpi.results.tables import STATUS
+from ddmpi.results.fields import MANY, contact_fields, table_fields, write_fields, write_xdmf
+from ddmpi.results.tables import STATUS, chains
 from ddmpi.system.files import write_rows
 
 
@@ -64,8 +64,7 @@ def test_rows_of_all_ranks_are_of_one_kind(comm, tmp_path):
 
 
 @pytest.mark.mpi(ranks=3)
-@pytest.mark.parametrize("times", [(), (0.5, 1.0)])
-def test_ranks_write_their_contacts_as_one_does(comm, tmp_path, times):
+def test_ranks_write_their_contacts_as_one_does(comm, tmp_path):
     """What result.xdmf and result.h5 say of each contact does not depend on who has it; no rank needs to have one."""
     meshes = {name: made_up.block(origin) for name, origin in made_up.ROW.items()}
     states = {name: made_up.state(made_up.interface(name, *(meshes[body] for body in name.split("-")), on))
@@ -79,10 +78,9 @@ def test_ranks_write_their_contacts_as_one_does(comm, tmp_path, times):
         mine = {k: bodies[k] for k in bodies if world.size == 1 or k == comm.rank}
         surfaces = {name: contact_fields(states[name]) for name in own}
         places = write_fields(folder, mine, surfaces, world, tables={name: table_fields(states[name]) for name in own})
-        for step in range(len(times) - 1):
-            write_fields(folder, mine, surfaces, world, step)
+        write_fields(folder, mine, surfaces, world, step=0)
         if world.rank == 0:
-            write_xdmf(folder, times, {name: places[k] for k, name in enumerate(meshes)},
+            write_xdmf(folder, (0.5, 1.0), {name: places[k] for k, name in enumerate(meshes)},
                        {name: places[name] for name in states})
         world.Barrier()
         with h5py.File(folder / "result.h5") as file:
@@ -119,29 +117,19 @@ def test_bodies_and_contacts_are_grids_of_their_names(tmp_path, order):
                                                                     for name in made_up.ROW)
 
 
-def test_contact_surfaces_are_files_of_their_own(tmp_path):
-    """meshio.read takes contact_NAME.vtu: lines between the nodes of the table, with its columns."""
-    contact = made_up.interface("upper-lower", *(made_up.block(origin) for origin in made_up.STACK.values()),
-                                ("bottom", "top"))
-    fields = contact_fields(made_up.state(contact))
-    write_surface(tmp_path, "upper-lower", fields)
-    mesh = meshio.read(tmp_path / "contact_upper-lower.vtu")
-    assert [(block.type, block.data.tolist()) for block in mesh.cells] == [("line", fields.pop("cells").tolist())]
-    assert np.array_equal(mesh.points, fields.pop("points")) and fields.keys() == mesh.point_data.keys()
-    assert all(np.array_equal(mesh.point_data[name], values) for name, values in fields.items())
-    assert {"pressure", "friction", "gap", "slip", "status"} <= fields.keys()
-
-
 def test_contacts_in_pieces_and_of_one_node():
     """Lines join neighbours only, close closed contacts, and are points where a node has no neighbour."""
     upper, lower = (made_up.block(origin) for origin in made_up.STACK.values())
     flat = made_up.interface("upper-lower", upper, lower, ("bottom", "top"))
     inner, outer = (made_up.ring(radii) for radii in ((1.0, 2.0), (2.0, 3.0)))
     closed = made_up.interface("inner-outer", inner, outer, ("outside", "inside"))
-    for contact, nodes, joined in ((flat, [3, 4, 7, 8, 9], [[0, 1], [2, 3], [3, 4]]), (flat, [5], [[0, 0]]),
-                                   (closed, list(range(24)), [[k, (k + 1) % 24] for k in range(24)])):
+    ring = list(range(24))
+    for contact, nodes, joined, chained in (
+            (flat, [3, 4, 6, 8, 9], [[0, 1], [2, 2], [3, 4]], [[0, 1], [2], [3, 4]]), (flat, [5], [[0, 0]], [[0]]),
+            (closed, ring, [[k, (k + 1) % 24] for k in ring], [[*ring, 0]])):
         lines = contact.lines.only(np.isin(np.arange(contact.m), nodes))
-        assert table_fields(made_up.state(replace(contact, lines=lines)))["facets"].tolist() == joined
+        facets = table_fields(made_up.state(replace(contact, lines=lines)))["facets"]
+        assert facets.tolist() == joined and [each.tolist() for each in chains(facets)] == chained
 
 
 def test_very_many_grids_have_no_names(tmp_path):

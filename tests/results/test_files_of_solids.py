@@ -7,10 +7,8 @@ import made_up_solids
 import meshio
 import numpy as np
 import pytest
-from scenes import certified
-from solid_scenes import box
 
-from ddmpi.results.tables import read_results, write_contact
+from ddmpi.results.tables import read_results
 
 COLUMNS = ["x", "y", "z", "nx", "ny", "nz", "area", "normal_force", "tangential_force", "normal_stress",
            "tangential_stress", "gap", "slip", "slip_total", "status", "force_x", "force_y", "force_z", "slip_x",
@@ -19,24 +17,6 @@ COLUMNS = ["x", "y", "z", "nx", "ny", "nz", "area", "normal_force", "tangential_
 
 def vectors(table, *names: str) -> np.ndarray:
     return np.column_stack([table[name] for name in names])
-
-
-def test_lines_of_a_partly_covered_slave_have_the_moment_of_the_contact(tmp_path):
-    """A block stands off the middle of a wider base, which is the slave: rows at its rim are merged with others."""
-    scene = {"body": [box("base", (0, 0, -0.5), (2, 2, 0.5), (4, 4, 2), clamp=["bottom"]),
-                      box("block", (0.3, 0.4, 0), (1.1, 0.9, 0.8), (4, 4, 3),
-                          traction=[{"on": "top", "value": [0.0, 0.0, -1e5]}])],
-             "contact": [{"bodies": ["base", "block"], "on": ["top", "bottom"], "slave": "base",
-                          "friction": {"law": "coulomb", "coefficient": 0.5}}]}
-    answer = certified(scene)
-    state = answer.contacts["base-block"]
-    write_contact(tmp_path, "c", state)
-    with open(tmp_path / "contact_c.csv", encoding="utf-8") as file:
-        table = {name: np.array(values) for name, *values in zip(*csv.reader(file), strict=True)}
-    at, force = (vectors(table, *names).astype(float) for names in (COLUMNS[:3], COLUMNS[15:18]))
-    middle, weight = np.array([0.85, 0.85, 0.0]), np.array([0.0, 0.0, -1e5 * 1.1 * 0.9])
-    assert np.cross(at, force).sum(axis=0) == pytest.approx(np.cross(middle, weight), abs=1e-3)
-    assert state.moment == pytest.approx(np.cross(middle, weight), abs=1e-3)
 
 
 @pytest.mark.parametrize("order", [1, 2])

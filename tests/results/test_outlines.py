@@ -3,11 +3,12 @@
 import meshio
 import numpy as np
 import pytest
-from scenes import certified, rectangle
+from scenes import Run, certified, rectangle
 from solid_scenes import box
 
 from ddmpi.mesh.elements import facet_measures
 from ddmpi.results.fields import contact_fields, write_surface
+from ddmpi.results.tables import write_contact
 
 
 def surface(answer, name: str, folder) -> tuple[np.ndarray, np.ndarray, np.ndarray, object]:
@@ -21,8 +22,7 @@ def surface(answer, name: str, folder) -> tuple[np.ndarray, np.ndarray, np.ndarr
 
 @pytest.mark.parametrize("order", [1, 2])
 def test_a_face_that_ends_within_facets_is_drawn_as_it_is(tmp_path, order):
-    """A block stands on a wider base, the slave, whose facets it covers partly: the surface is the block's face, its
-    values lie between those of the rows, and its pressure adds up to the force."""
+    """A block covers facets of a wider base partly: the surface is its face, with values between those of the rows."""
     answer = certified({
         "body": [box("block", (0.31, 0.42, 0), (1.0, 0.9, 0.5), (3, 3, 2), order=order,
                      clamp=[{"on": "top", "x": 0.0, "y": 0.0, "z": -1e-4}]),
@@ -37,6 +37,10 @@ def test_a_face_that_ends_within_facets_is_drawn_as_it_is(tmp_path, order):
     assert state.pressure.min() - 1.0 <= pressure.min() and pressure.max() <= state.pressure.max() + 1.0
     assert (areas * pressure[cells].mean(axis=1)).sum() == pytest.approx(state.normal_force.sum(), rel=0.03)
     assert set(mesh.point_data["status"]) <= {0, 1, 2}
+    write_contact(tmp_path, "foot", state)  # whose lines, nodes that share rows at the rim, have the contact's moment
+    lines = Run(0, "", "", tmp_path).table("contact_foot.csv")
+    at, force = (np.column_stack([lines[f"{what}{axis}"] for axis in "xyz"]) for what in ("", "force_"))
+    assert np.cross(at, force).sum(axis=0) == pytest.approx(state.moment, abs=1e-3)
 
 
 def test_cells_of_clamped_nodes_alone_are_left_out(tmp_path):

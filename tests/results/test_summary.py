@@ -9,25 +9,12 @@ from documented import SUMMARY, entries
 
 from ddmpi.errors import InputError
 from ddmpi.interface.state import ContactState
-from ddmpi.results.summary import ROWS, summarize, write_summary
+from ddmpi.results.summary import ROWS, summarize, units, write_summary
 from ddmpi.results.tables import leg_values, read_results
 from ddmpi.run.gather import StepLog
 from ddmpi.system.provenance import provenance
 
-TOP = {"format", "title", "converged", "reason", "outer", "order", "n", "m", "ranks", "outer_iterations",
-       "inner_iterations", "n_A", "bodies", "contacts", "certificate", "steps", "discretization_error",
-       "displacement_max", "units", "warnings", "seconds", "exchange", "options", "scene",
-       "algorithm", "splitting", "friction", "eff", "certificate_limit", "solvers", "options_unused",
-       "undetermined", "rigid"}
-
-BODY = {"n", "ranks", "n_A", "held", "displacement_max", "von_mises_max", "energy", "reaction", "loads", "reactions",
-        "discretization_error",
-        "compliance", "memory_mib", "n_A_by_purpose", "inner_steps", "solver", "certificate"}
-
 STEP = {"force", "moment", "normal_force", "tangential_force", "open", "slip", "stick", "dissipated"}
-
-CONTACT = STEP | {"m", "pairing", "slave", "friction", "pressure_max", "certificate", "pointwise_penetration",
-                  "moment_imbalance", "moment_imbalance_bound"}
 
 
 def row() -> dict[str, ContactState]:
@@ -41,25 +28,6 @@ def summary_of(contacts: dict[str, ContactState], run=None, residuals=None, **of
     bodies = {name: made_up.body(**(of_the_first_body if name == "left" else {})) for name in made_up.ROW}
     return summarize(made_up.scene(list(contacts)), made_up.run(contacts, **run or {}), bodies,
                      made_up.totals(contacts), made_up.certificate(contacts, bodies, **residuals or {}))
-
-
-def test_everything_has_a_name():
-    """A summary has the keys of format 2, bodies and contacts by name, and no list by number of a body."""
-    summary = summary_of(row())
-    assert summary["format"] == 2 and set(summary) == TOP
-    assert list(summary["bodies"]) == ["left", "middle", "right"]
-    assert list(summary["contacts"]) == ["left-middle", "middle-right"]
-    assert all(set(body) == BODY for body in summary["bodies"].values())
-    for contact in summary["contacts"].values():
-        assert set(contact) == CONTACT
-        assert (contact["pairing"], contact["slave"], contact["friction"]) == ("nodes", None, "coulomb")
-    assert set(summary["certificate"]) == {"force_mismatch", "penetration", "complementarity", "friction",
-                                           "equilibrium"}
-    (step,) = summary["steps"]
-    assert set(step) == {"time", "outer_iterations", "contacts", "rigid"} and step["time"] == 1.0
-    assert step["contacts"] == {name: {key: contact[key] for key in STEP}
-                                for name, contact in summary["contacts"].items()}
-    assert summary["warnings"] == []
 
 
 def test_every_entry_is_documented():
@@ -80,12 +48,8 @@ def test_every_entry_is_documented():
     ("in", "psi", "psi·in", "psi·in·in", "psi·in·in")])
 def test_results_carry_their_units(length, stress, force, moment, energy):
     """Units are those of the scene; forces, moments and energies are per unit of depth."""
-    scene = made_up.scene(["left-middle", "middle-right"])
-    scene["output"] = {"length_unit": length, "stress_unit": stress}
-    bodies = {name: made_up.body() for name in made_up.ROW}
-    summary = summarize(scene, made_up.run(row()), bodies, made_up.totals(row()),
-                        made_up.certificate(row(), bodies))
-    assert summary["units"] == {"length": length, "stress": stress, "force": force, "moment": moment, "energy": energy}
+    found = units({"output": {"length_unit": length, "stress_unit": stress}}, 2)
+    assert found == {"length": length, "stress": stress, "force": force, "moment": moment, "energy": energy}
 
 
 def test_sums_are_those_of_all_bodies_and_contacts():
@@ -199,13 +163,4 @@ def test_incomplete_results_are_refused(tmp_path, missing):
     made_up.results(tmp_path)
     (tmp_path / missing).unlink()
     with pytest.raises(InputError, match=rf"not a complete folder of results: .*{missing}"):
-        read_results(tmp_path)
-
-
-def test_results_of_another_format_are_refused(tmp_path):
-    """Results that an earlier version wrote, without a number of the format, are named as such."""
-    summary = made_up.results(tmp_path)
-    del summary["format"]
-    write_summary(tmp_path, summary)
-    with pytest.raises(InputError, match="results in format 1; this version reads format 2"):
         read_results(tmp_path)

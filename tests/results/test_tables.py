@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from documented import NAMES
 
-from ddmpi.errors import OutputError
 from ddmpi.results.histories import FRAMES_IN
 from ddmpi.results.tables import (
     CYCLE,
@@ -21,7 +20,6 @@ from ddmpi.results.tables import (
     write_contact,
     write_sides,
     write_steps,
-    write_table,
 )
 
 
@@ -102,22 +100,6 @@ def test_a_closed_contact_has_all_its_sides(tmp_path):
     assert table["length"] @ table["normal_stress"] == pytest.approx(nodes["normal_force"].sum(), rel=1e-12)
 
 
-def test_linear_elements_have_no_table_of_sides(tmp_path):
-    """There is no contact_NAME_sides.csv in order 1."""
-    write_sides(tmp_path, "c", stack())
-    assert not list(tmp_path.iterdir())
-
-
-def test_history_has_a_line_per_iteration(tmp_path):
-    """history.csv counts load steps and iterations; numbers that do not exist are nan."""
-    write_table(tmp_path / "history.csv", HISTORY, [(1, 1, np.float64(0.1), float("nan"), 1 / 3, 0, 4, 3, 20),
-                                                    (1, 2, 1e-9, 2e-9, 0.0, 1, 3, 3, 41)])
-    assert rows(tmp_path / "history.csv") == [
-        ["step", "iteration", "update", "residual", "inner_precision", "open", "slip", "stick", "n_A"],
-        ["1", "1", "0.1", "nan", "0.3333333333333333", "0", "4", "3", "20"],
-        ["1", "2", "1e-09", "2e-09", "0.0", "1", "3", "3", "41"]]
-
-
 def test_steps_has_a_line_per_step_and_contact(tmp_path):
     """steps.csv has what the summary says of each contact at each step; its null is nan."""
     step = {"force": [1.0, None], "moment": 3.0, "normal_force": 4.0, "tangential_force": 5.0, "open": 6, "slip": 7,
@@ -130,9 +112,3 @@ def test_steps_has_a_line_per_step_and_contact(tmp_path):
     assert [line[:2] for line in lines] == [["0.5", "a"], ["0.5", "b"], ["1.0", "a"], ["1.0", "b"]]
     assert lines[0][2:] == ["1.0", "nan", "3.0", "4.0", "5.0", "6", "7", "8", "9.0"]
     assert lines[1][7] == "0"
-
-
-def test_a_table_that_cannot_be_written_is_named(tmp_path):
-    """An error of the system while a table is written becomes an OutputError with the name of the file."""
-    with pytest.raises(OutputError, match=r"^results could not be written: .*missing/history.csv: No such file"):
-        write_table(tmp_path / "missing" / "history.csv", HISTORY, [])

@@ -18,12 +18,10 @@ def build(*varied: str, settings: tuple[str, ...] = ()) -> list:
 
 VALUES = {
     "method.theta=0.1:0.5:5": ["0.1", "0.2", "0.3", "0.4", "0.5"],
-    "method.theta=0:1:3": ["0", "0.5", "1"],
     "method.max_iterations=10:40:4": ["10", "20", "30", "40"],
     "method.max_iterations=1:1000:4:log": ["1", "10", "100", "1000"],
     "body.upper.material.young=1e9:1e12:4:log": ["1e9", "10000000000", "100000000000", "1e12"],
     "k=-1:1:3": ["-1", "0", "1"],
-    "k=1:0:2": ["1", "0"],
     "k=none, step1": ["none", "step1"],
     "k=[66,22],[132, 44]": ["[66,22]", "[132, 44]"],
     'k="a,b",c': ['"a,b"', "c"],
@@ -38,31 +36,20 @@ def test_values(text):
     assert parse_axis(text)[1] == VALUES[text]
 
 
-MALFORMED = ["method.theta", "=1,2", "a,=3", "k=", "k=1,,2", "k=1:2", "k=1:2:3:4", "k=1:x:3", "k=1:2:1", "k=1:2:2.5",
-             "k=-1:1:3:log", "k=1:2:100000000000"]
-
-
-@pytest.mark.parametrize("text", MALFORMED)
+@pytest.mark.parametrize("text", ["method.theta", "=1,2", "a,=3", "k=", "k=1,,2", "k=1:2", "k=1:2:3:4", "k=1:x:3",
+                                  "k=1:2:1", "k=1:2:2.5", "k=-1:1:3:log", "k=1:2:100000000000"])
 def test_malformed(text):
     with pytest.raises(InputError) as caught:
         parse_axis(text)
     assert f"--vary {text}: expected KEY=first:last:number" in str(caught.value)
 
 
-REFUSED = {
-    # what is wrong: (--vary, what the message must name)
-    "key": ("method.thetta=0.1,0.2", ["--vary method.thetta=0.1", "scene.toml", "unknown key", "'theta'"]),
-    "table": ("methd.theta=0.1", ["unknown key", "'method'"]),
-    "body": ("body.uper.material.young=1e9,2e9", ["--vary body.uper.material.young=1e9", "'uper'", "'upper'"]),
-    "value": ("method.theta=0.1,-1", ["--vary method.theta=-1", "method.theta", "> 0"]),
-    "word": ("method.splitting=none,stp1", ["--vary method.splitting=stp1", "'step1'"]),
-    "not an integer": ("method.max_iterations=1:10:3", ["--vary method.max_iterations=5.5", "method.max_iterations"]),
-}
-
-
-@pytest.mark.parametrize("name", REFUSED)
-def test_refused(name):
-    varied, words = REFUSED[name]
+@pytest.mark.parametrize(("varied", "words"), [
+    ("method.thetta=0.1,0.2", ["--vary method.thetta=0.1", "scene.toml", "unknown key", "'theta'"]),
+    ("body.uper.material.young=1e9,2e9", ["--vary body.uper.material.young=1e9", "'uper'", "'upper'"]),
+    ("method.theta=0.1,-1", ["--vary method.theta=-1", "method.theta", "> 0"]),
+    ("method.max_iterations=1:10:3", ["--vary method.max_iterations=5.5", "method.max_iterations"])])
+def test_refused(varied, words):
     with pytest.raises(InputError) as caught:
         build(varied)
     for word in words:
@@ -73,8 +60,7 @@ def test_refused(name):
 @pytest.mark.parametrize(("varied", "word"), [
     (("method.theta=0.1:1:1000", "contact.0.friction.coefficient=0:1:1000"), "1000000 cases"), ((), "--vary"),
     (("method.theta=0.1,0.10",), "method.theta=0.1 and method.theta=0.10 are the same"),
-    (("method.theta=1:1.0:3",), "are the same"), (("body.0.mesh.divisions=[6,2],[6, 2]",), "are the same"),
-    (('title="a",a',), "are the same"), (("method.theta=0.1,0.2", "method.theta=0.3"), "are the same"),
+    (("method.theta=1:1.0:3",), "are the same"), (("method.theta=0.1,0.2", "method.theta=0.3"), "are the same"),
     (("body.0.material.young=1e9,2e9", "body.upper.material.young=3e9"), "are the same"),
     (("contact.0.friction.coefficient=0.1,0.2", 'contact.0.friction={law="none"}'), "are the same")])
 def test_refused_as_a_whole(varied, word):
@@ -84,13 +70,10 @@ def test_refused_as_a_whole(varied, word):
 
 
 def test_a_table_and_then_an_entry_of_it():
+    assert len(build("petsc.a=true,1")) == 2
     cases = build('petsc={-a=1},{a=2, b=3}', "petsc.c=true,false", "body.0.material={young=1e9, poisson=0}")
     assert [case.scene.petsc for case in cases] == [{"-a": 1, "c": True}, {"-a": 1, "c": False},
                                                     {"a": 2, "b": 3, "c": True}, {"a": 2, "b": 3, "c": False}]
-
-
-def test_true_is_not_one():
-    assert len(build("petsc.a=true,1")) == 2
 
 
 def test_all_combinations_the_last_key_fastest():
@@ -113,6 +96,9 @@ def test_integers_stay_integers_and_settings_come_first():
 
 
 def test_folders_tell_cases_apart_and_stay_when_the_sweep_grows():
+    """They are readable, and contain nothing that a file system would refuse."""
+    case, = build("method.theta=0.1", "body.upper.mesh.divisions,body.lower.mesh.divisions=[6,2]")
+    assert case.folder == "method.theta=0.1,body.upper.mesh.divisions=6x2"
     long = [f'"{"x" * 200}{k}"' for k in range(2)]
     few = build("method.theta=0.1,0.2", f"title=a b,a_b,[a b],{','.join(long)}")
     folders = [case.folder for case in few]
@@ -137,11 +123,6 @@ def test_cases_that_would_share_a_folder(monkeypatch):
         build(f"title={'x' * 200}0,{'x' * 200}1")
 
 
-def test_readable_folder():
-    case = build("method.theta=0.1", "body.upper.mesh.divisions,body.lower.mesh.divisions=[6,2]")[0]
-    assert case.folder == "method.theta=0.1,body.upper.mesh.divisions=6x2"
-
-
 @pytest.mark.parametrize(("index", "numbers"), [(None, range(7)), ("0", [0]), ("6", [6]), ("1/3", [1, 4]),
                                                 ("0/1", range(7)), ("8/9", [])])
 def test_index(index, numbers):
@@ -153,9 +134,3 @@ def test_index(index, numbers):
 def test_index_out_of_range(index):
     with pytest.raises(InputError, match=f"--index {index}"):
         choose(build("method.theta=0.1:0.7:7"), index)
-
-
-def test_shares_cover_everything_once():
-    cases = build("method.theta=0.1:0.7:7")
-    shared = [case.number for k in range(3) for case in choose(cases, f"{k}/3")]
-    assert sorted(shared) == list(range(7))

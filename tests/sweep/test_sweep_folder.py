@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 import scenes
 from scenes import pinched_blocks
-from test_sweep import COEFFICIENT, NEUMANN, inject, rows, run_sweep, stamp
+from test_sweep import COEFFICIENT, rows, run_sweep, stamp
 
 from ddmpi.errors import InputError, NotConvergedError, OutputError
 from ddmpi.scene.reader import read_data
@@ -114,21 +114,6 @@ def test_meshes_that_a_target_has_refined_are_the_sweeps_own(tmp_path):
     assert again.code == 0 and "0 to run, 1 finished" in again.stdout
 
 
-def test_after_an_update_the_interrupted_case_goes_on(small, tmp_path):
-    """An update does not cost the work of an interrupted case; its log says that the versions differ."""
-    folder, relaxation = tmp_path / "out", ["--set", "method.outer=relaxation"]
-    stopped = inject(small, folder, NEUMANN, 3, "SIGUSR1", *relaxation, *TWO)
-    assert "interrupted by SIGUSR1" in stopped.stderr, stopped.output
-    hook = tmp_path / "hook.py"
-    hook.write_text("import sys\nfrom ddmpi.cli import main as cli\nfrom ddmpi.system import provenance\n"
-                    "provenance.ddmpi.__version__ = '9.9'\ncli.main(sys.argv[1:])\n")
-    arguments = ["sweep", str(small), *relaxation, *TWO, "--output", str(folder)]
-    run = scenes.run_python([str(hook), *arguments], folder=folder)
-    assert run.code == 0, run.output
-    log = (folder / rows(run)[0]["folder"] / "run.log").read_text()
-    assert "ddmpi is '9.9' here" in log and "continuing after iteration" in log
-
-
 # The table
 
 
@@ -191,11 +176,10 @@ def test_an_option_that_would_win(small, tmp_path):
 # Plots
 
 
-@pytest.mark.parametrize(("plot", "words"), [("n_A", "RESULT:KEY"), ("n_A:coeficient", "'coefficient'"),
-                                             ("status:coefficient", "status is not a number")])
-def test_impossible_plots_are_a_warning(finished, small, plot, words):
-    run = run_sweep(small, finished.folder, *TWO, "--gather", "--plot", plot)
-    assert run.code == 0 and "not drawn: " in run.stderr and words in run.stderr
+def test_impossible_plots_are_a_warning(finished, small):
+    run = run_sweep(small, finished.folder, *TWO, "--gather", "--plot", "n_A", "--plot", "n_A:coeficient")
+    assert run.code == 0 and run.stderr.count("not drawn: ") == 2
+    assert "expected RESULT:KEY" in run.stderr and "'coefficient'" in run.stderr
 
 
 def test_a_plot_that_cannot_be_written(finished, small, tmp_path):
@@ -238,6 +222,7 @@ def test_mesh_files_are_part_of_a_sweep(tmp_path):
     cases = build_cases("scene.toml", tomllib.loads(text), [f"{COEFFICIENT}=0.1"])
     first = identify({}, [], cases, tmp_path)
     assert first["mesh files"].keys() == {"punch_base.msh", "punch_block.msh"}
+    assert first.keys() == {"scene", "PETSc options", "mesh files"}  # no versions: after an update a sweep goes on
     claim_sweep(tmp_path / "out", {**first, "mesh files": {"punch_base.msh": first["mesh files"]["punch_base.msh"]}},
                 cases)
     check_sweep(tmp_path / "out", first)
