@@ -54,8 +54,7 @@ def test_a_body_falls_across_a_gap_though_it_touches_something_above(clearance):
 @pytest.mark.parametrize("divisions, coefficient, radius, pressure", [
     (1, 0.4, 2.1, 1e3), (2, 0.4, 2.1, 1e5), (3, 0.4, 2.1, 1e5), (3, 1.0, 6.0, 1e5), (2, 0.05, 6.0, 1e5)])
 def test_a_box_falls_far_into_a_bore(divisions, coefficient, radius, pressure):
-    """By a tenth of its size in the middle: which way nodes slide is not known before, and friction that turns holds
-    the rolling in the bore less than the springs that steer."""
+    """Which way nodes slide is not known before; friction that turns holds it less than the springs that steer."""
     mesh = {"shape": "box", "origin": [-0.5, -0.5, -0.5], "size": [1.0, 1.0, 0.5], "divisions": [divisions] * 2 + [1]}
     box = {"name": "box", "mesh": mesh, "material": {"young": 1e9, "poisson": 0.3},
            "traction": [{"on": "top", "value": [0.0, 0.0, -pressure]}]}

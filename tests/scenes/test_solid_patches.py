@@ -104,19 +104,3 @@ def test_shear_along_edges_that_are_held_along_themselves(order, bonded, held):
 def test_contacts_meet_at_an_edge(order, bonded, bodies):
     """Of three bodies, and of four."""
     check(patch(*bodies, order, bonded))
-
-
-@pytest.mark.slow
-@pytest.mark.mpi(ranks=2)
-@pytest.mark.parametrize("bodies", [T_JUNCTION, CROSS], ids=["T", "cross"])
-def test_on_two_ranks(comm, bodies):
-    check(patch(*bodies, 1), comm)
-
-
-def test_a_stress_that_varies_is_not_exact():
-    """What these tests measure can fail: a load that is a little larger is seen."""
-    scene = two_patches((2, 2, 2), (3, 3, 3), 1)
-    scene["body"][0]["traction"][-1]["value"][2] *= 1.0 + 1e-6
-    with jittered():
-        errors = patch_errors(ddmpi.solve(scene, MPI.COMM_SELF))
-    assert errors.traction > 100 * EXACT

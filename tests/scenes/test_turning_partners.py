@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mpi4py import MPI
-from scenes import call, certified, rectangle, run_here, write_scene
+from scenes import assert_refused, call, certified, rectangle, run_here, write_scene
 from solid_scenes import box
 
 import ddmpi
@@ -197,10 +197,7 @@ def test_load_steps(tmp_path):
     ({"moment": None}, "rigid.lid: pivot goes with a moment, or with turns = true"),
     ({"moment": 0.0}, "rigid.lid: moment must not be zero"),
     ({"moment": [0.0, 1.0, 0.0]}, "rigid.lid.moment: [0.0, 1.0, 0.0] is in space"),
-    ({"moment": "x"}, "rigid.lid.moment: expected a number"),
-    ({"pivot": [0.0, 0.0, 1.0]}, "rigid.lid.pivot: [0.0, 0.0, 1.0] is in space"),
     ({"free": ["z"]}, "rigid.lid.free: there is no z in the plane"),
-    ({"free": ["w"]}, "rigid.lid.free.0: 'w' is not valid; expected one of x, y, z"),
     ({"free": ["x"], "displacement": [1e-3, 0.0]}, "rigid.lid: along x it has both freedom to move and a displacement"),
     ({"axisymmetric": True}, "rigid.lid.pivot: an axisymmetric partner is pushed along y only and does not")])
 def test_a_turn_is_refused(lid, words):
@@ -209,9 +206,7 @@ def test_a_turn_is_refused(lid, words):
     scene |= {"axisymmetric": True} if lid.pop("axisymmetric", None) else {}
     scene["body"][0]["mesh"]["origin"] = [0.0, 0.0]
     scene["rigid"][0] = {key: value for key, value in (scene["rigid"][0] | lid).items() if value is not None}
-    with pytest.raises(InputError) as error:
-        ddmpi.solve(scene, MPI.COMM_SELF)
-    assert words in str(error.value)
+    assert_refused(scene, words)
 
 
 def test_a_moment_in_space_has_three_components():

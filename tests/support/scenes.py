@@ -293,6 +293,18 @@ def certified(scene: dict, comm=None, **overrides):
     return answer
 
 
+def assert_refused(scene: dict, *words: str) -> None:
+    """One message with these words says before any work why there is no answer."""
+    import pytest
+    from mpi4py import MPI
+
+    import ddmpi
+
+    with pytest.raises(ddmpi.errors.InputError) as refused:
+        ddmpi.solve(scene, MPI.COMM_SELF)
+    assert all(word in str(refused.value) for word in words), refused.value
+
+
 def the_interface(assembly):
     """The interface of a scene with one contact, also on the rank that does not own it. Collective."""
     (interface,) = sum(assembly.world.allgather(assembly.space.interfaces), ())
