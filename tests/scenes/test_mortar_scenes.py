@@ -36,8 +36,7 @@ def press(group: str = "top") -> dict:
 
 @orders
 @pytest.mark.parametrize("held", ["clamps", "bonds"])
-@pytest.mark.parametrize("sides", [(48, 36), (30, 48)])
-def test_two_leaves_held_at_one_end(sides, held, order):
+def test_two_leaves_held_at_one_end(held, order):
     """Whatever the meshes, they bend as on matching ones, and so does the moment of their pressure about that end.
 
     Pressure next to the end has no lever, so that its sum says less, with linear elements a third.
@@ -57,9 +56,10 @@ def test_two_leaves_held_at_one_end(sides, held, order):
         return [answer.summary["bodies"][name]["displacement_max"] for name in ("upper", "lower")] + [
             force @ x, force.sum()]
 
-    for value, right, within in zip(found(*sides), found(50, 40), ((0.07, 0.07, 0.07, 0.4), (1e-3, 1e-3, 5e-3, 0.08))[
-            order - 1], strict=True):
-        assert value == pytest.approx(right, rel=within)
+    right, within = found(50, 40), [(0.07, 0.07, 0.07, 0.4), (1e-3, 1e-3, 5e-3, 0.08)][order - 1]
+    for sides in (48, 36), (30, 48):
+        for value, matching, most in zip(found(*sides), right, within, strict=True):
+            assert value == pytest.approx(matching, rel=most)
 
 
 def plates(seed: int) -> dict:
@@ -78,7 +78,7 @@ def plates(seed: int) -> dict:
                                         for a, b, on, facing in pairs]}
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_bodies_that_meet_at_a_point_do_not_run_through_each_other(seed):
     """Diagonally across a point of four bodies, their corners overlap as the meshes of its contacts do."""
     answer = certified(plates(seed))
