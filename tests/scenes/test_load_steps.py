@@ -2,7 +2,6 @@
 
 import copy
 import dataclasses
-import json
 import tomllib
 
 import made_up
@@ -208,6 +207,9 @@ def test_forces_of_a_history_are_not_those_of_its_end():
     assert np.abs(one.forces - direct.forces).max() > 0.01 * size
     assert np.abs(one.forces - four.forces).max() < 0.2 * np.abs(one.forces - direct.forces).max()
     assert all(answer.summary["energy"]["residual"] <= 1e-9 for answer in answers)
+    kinked = certified(sheared_blocks(steps=1, points=[3.0]))  # kinks of histories end legs, too
+    assert [step["time"] for step in kinked.summary["steps"]] == [1.0, 2.0, 3.0]
+    assert np.array_equal(kinked.contacts["upper-lower"].forces, one.forces)
     newton = answers[1].solved.solution.outer
     assert newton.run(1e-7) == "converged"  # with gaps that are computed afresh
     assert [step.update for step in newton.history] == [0.0] and newton.history[0].residual <= 1e-9
@@ -323,28 +325,6 @@ def test_a_load_that_nothing_holds_at_first_is_named_though_it_is_held_at_last()
                           "history": {"press": {"times": [0.0, 1.0], "factors": [0.0, 1.0]}},
                           "time": {"points": [1.0], "steps": 2}}, MPI.COMM_SELF)
     assert answer.reason.startswith("no equilibrium: block would") and not answer.summary["steps"]
-
-
-def test_a_rigid_partner_and_clamps_follow_histories():
-    """Without friction, and with loads that come back, a later step is the single step with the same loads."""
-    wall = FLOOR | {"name": "wall", "displacement": [0.0, 2e-4], "history": "push"}
-    body = rectangle("block", (0, 0), (2, 1), (4, 2), volume_force={"value": [0.0, -1.0e4], "history": "push"},
-                     clamp=[{"on": "left", "x": 0.0}, {"on": "top", "y": -1e-4, "history": "press"}])
-    scene = {"body": [body], "rigid": [wall], "contact": [{"bodies": ["block", "wall"], "on": ["bottom"]}],
-             "history": {"push": {"times": [0.0, 1.0, 2.0], "factors": [0.0, 1.0, 0.5]},
-                         "press": {"times": [1.0, 2.0], "factors": [0.0, 3.0]}}, "time": {"points": [2.0]}}
-    answer = certified(scene)
-    assert [step["time"] for step in answer.summary["steps"]] == [1.0, 2.0]  # a kink ends a leg
-    at_end = {"push": 0.5, "press": 3.0}
-    del scene["history"], scene["time"]
-    single = json.loads(json.dumps(scene))
-    del single["rigid"][0]["history"], single["body"][0]["clamp"][1]["history"]
-    single["rigid"][0]["displacement"] = [0.0, at_end["push"] * 2e-4]
-    single["body"][0]["clamp"][1]["y"] = at_end["press"] * -1e-4
-    single["body"][0]["volume_force"] = [0.0, at_end["push"] * -1.0e4]
-    expected = certified(single).contacts["block-wall"]
-    assert answer.contacts["block-wall"].normal_force == pytest.approx(expected.normal_force, rel=1e-6)
-    assert answer.summary["energy"]["residual"] <= 1e-12
 
 
 def test_adaptive_steps_go_on_from_wherever_they_were(tmp_path):
