@@ -70,30 +70,6 @@ def known(contact: str, size: int, salt: object) -> np.ndarray:
     return np.random.default_rng(zlib.crc32(f"{contact} {salt}".encode())).standard_normal(size)
 
 
-class Traffic:
-    """Passes everything on to a communicator and notes what was asked of it."""
-
-    def __init__(self, comm) -> None:
-        self._comm, self.calls, self.lengths, self.partners = comm, [], [], set()
-
-    def Isend(self, send, rank, *arguments):
-        self.calls.append("Isend")
-        self.lengths.append(len(send))
-        self.partners.add(rank)
-        return self._comm.Isend(send, rank, *arguments)
-
-    def Irecv(self, receive, rank, *arguments):
-        self.calls.append("Irecv")
-        self.partners.add(rank)
-        return self._comm.Irecv(receive, rank, *arguments)
-
-    def __getattr__(self, name: str):
-        value = getattr(self._comm, name)
-        if callable(value):
-            self.calls.append(name)
-        return value
-
-
 # Vectors
 
 
@@ -147,17 +123,6 @@ def test_messages_and_bytes_of_vectors_are_counted(comm):
             sent += WORD * sum(size for each in vectors.values() for _, _, size in each)
             assert (exchange.sent["messages"], exchange.sent["bytes"]) == (messages, sent)
     assert comm.allreduce(messages) == 2 * 10
-
-
-@pytest.mark.mpi(ranks=4)
-def test_a_rank_without_a_common_contact_gets_no_message(comm):
-    """In a chain each rank talks to the one before and the one after; all together, only of errors."""
-    bodies = Bodies(comm, CHAIN)
-    traffic = bodies.exchange.world = Traffic(comm)
-    bodies.exchange.spread(bodies.vector())
-    bodies.exchange.total(bodies.of_bodies(), "test")
-    assert traffic.partners == {comm.rank - 1, comm.rank + 1} & set(range(4))
-    assert sorted(traffic.calls) == sorted(["Isend", "Irecv"] * len(traffic.partners) + ["Allreduce"])
 
 
 @two_ranks
