@@ -18,13 +18,12 @@ def disc(name: str, y: float, divisions: tuple[int, int], order: int = 1, inner:
     return rectangle(name, (inner, y), (2.0 - inner, 1.0), divisions, order, **more)
 
 
-def pressed(order: int = 1, matching: bool = False, law: dict | None = None, loose: bool = False, inner: float = 0.0,
-            **contact) -> dict:
+def pressed(order: int = 1, law: dict | None = None, loose: bool = False, inner: float = 0.0, **contact) -> dict:
     """Two discs of unlike stiffness, the upper one pressed at its rim; the lower one held, or loose on a floor."""
     lower = {} if loose else {"clamp": ["bottom"]}
     scene = {"axisymmetric": True, "body": [
         disc("upper", 1.0, (6, 3), order, inner, traction=[{"on": "top", "pressure": 1e6}]),
-        disc("lower", 0.0, (6, 3) if matching else (7, 4), order, inner, **lower)]}
+        disc("lower", 0.0, (7, 4), order, inner, **lower)]}
     scene["body"][1]["material"] = {"young": 3e9, "poisson": 0.2}
     scene["contact"] = [{"bodies": ["upper", "lower"], "on": ["bottom", "top"], "friction": law or COULOMB} | contact]
     if loose:

@@ -100,17 +100,6 @@ def test_cycles_end_when_forces_stay(unit):
     assert found.summary["cycles"]["run"] == 3 and found.summary["energy"]["residual"] < 1e-10
 
 
-@pytest.mark.mpi(ranks=2)
-def test_ranks_end_cycles_together(comm):
-    """Two ranks run the cycles that one runs."""
-    scene = rubbed(steps=2, cycle=CYCLE | {"repeat": 20, "until": 1e-6})
-    ours, alone = certified(scene, comm).summary, certified(scene).summary
-    assert ours["cycles"]["run"] == alone["cycles"]["run"] > 1
-    for one, other in zip(ours["steps"], alone["steps"], strict=True):
-        force = np.array(other["contacts"]["upper-lower"]["force"])
-        assert one["contacts"]["upper-lower"]["force"] == pytest.approx(force, rel=1e-6, abs=1e-6 * np.abs(force).max())
-
-
 def test_files_of_cycles(tmp_path):
     """Tables number the cycles; fields are those of the last one; pictures and report know which loads act."""
     path = write_scene(rubbed(steps=2, cycle=CYCLE), tmp_path / "scene.toml")
@@ -136,7 +125,7 @@ def test_files_of_cycles(tmp_path):
 def test_a_run_goes_on_within_cycles(time, tmp_path):
     """From checkpoints here and there."""
     go_on_from_checkpoints(rubbed(cycle=CYCLE | {"until": 1e-9}, **time) | {"checkpoint": {"iterations": 1}}, tmp_path,
-                           slice(3, None, 5), ("steps", "cycles", "n_A", "energy", "certificate"))
+                           slice(3, None, 9), ("steps", "cycles", "n_A", "energy", "certificate"))
 
 
 def test_a_cycle_without_equilibrium_is_named():

@@ -5,7 +5,10 @@ from problems import PROBLEMS, around_axis, curved, flat, moving, solids, suppor
 
 pytestmark = pytest.mark.slow
 
-RUNS = [(name, order) for name, each in PROBLEMS.items() for order in each.orders]
+ORDERS = {"spur-gears": (), "twisted-balls": (1,)}
+RUNS = [(name, order) for name, each in PROBLEMS.items() for order in ORDERS.get(name, (
+    each.orders[-1:] if each.in_space or each.measure.__module__ == moving.__name__ else each.orders))]
+"""Solids and bodies that move far with quadratic elements alone; the gallery's test solves the spur gears."""
 
 
 @pytest.mark.parametrize(("name", "order"), RUNS)
