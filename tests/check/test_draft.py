@@ -15,6 +15,7 @@ from ddmpi.mesh.build import kind_of_files
 from ddmpi.scene.reader import read_scene_file
 
 
+@pytest.mark.slow
 def test_an_assembly_becomes_a_scene(tmp_path, caplog, monkeypatch):
     """Its parts are bodies by name, or else by number, with contacts where they touch; check proposes no others."""
     monkeypatch.setattr(draft, "FINE", 4.0)

@@ -38,6 +38,7 @@ def test_blocks_with_coulomb_friction():
                   "body.lower.volume_force.1"], {"body.lower.volume_force.1": 1e6, "body.lower.clamp.0.x": 1e-4})
 
 
+@pytest.mark.slow
 def test_blocks_that_do_not_match_with_profiles():
     """Mortar, a given gap, and factors on profiles of a slip bound and of friction."""
     bound = {"law": "tresca", "slip_bound": {"along": "x", "points": [0.0, 3.0], "values": [8e6, 1.5e7]}}
@@ -57,6 +58,7 @@ def test_a_number_of_a_slip_bound_and_of_a_gap():
           {"contact.upper-lower.gap": 1e-6})
 
 
+@pytest.mark.slow
 def test_a_loose_body_between_rigid_partners():
     """Motions of a loose body and of a pushed partner follow, by displacement and by force."""
     answer = check(vice(), ["rigid.ram.force", "rigid.ram.force.0", "rigid.fixed.displacement",
@@ -68,12 +70,14 @@ def test_a_loose_body_between_rigid_partners():
     assert np.allclose(entry.bodies.part.displacement, [1e-3, 0.0], rtol=1e-6, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_loose_blocks_on_each_other():
     """A tower of loose blocks: factors on friction and loads."""
     check(tower(3, 2), ["contact.block2-block1.friction.coefficient", "body.block3.traction.0",
                         "body.block2.material.young"])
 
 
+@pytest.mark.slow
 def test_around_an_axis_with_heat():
     """A heated ring that is shrunk onto a shaft: temperature, interference, moduli of parts."""
     scene = ring()

@@ -100,6 +100,7 @@ def test_cycles_end_when_forces_stay(unit):
     assert found.summary["cycles"]["run"] == 3 and found.summary["energy"]["residual"] < 1e-10
 
 
+@pytest.mark.slow
 def test_files_of_cycles(tmp_path):
     """Tables number the cycles; fields are those of the last one; pictures and report know which loads act."""
     path = write_scene(rubbed(steps=2, cycle=CYCLE), tmp_path / "scene.toml")
@@ -121,6 +122,7 @@ def test_files_of_cycles(tmp_path):
         assert told[time]["bodies"]["lower"]["reaction"] == pytest.approx([-load, 2e6], rel=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("time", [{"steps": 2}, {"tolerance": 0.05}])
 def test_a_run_goes_on_within_cycles(time, tmp_path):
     """From checkpoints here and there."""

@@ -158,6 +158,7 @@ def test_a_lever_that_nothing_bears():
     assert answer.summary["undetermined"] and all("lid can move" in text for text in answer.summary["undetermined"])
 
 
+@pytest.mark.slow
 def test_load_steps(tmp_path):
     """A moment that comes and goes: works balance at each step; check, log and pictures know it."""
     scene = lever(2, {"law": "coulomb", "coefficient": 0.3}, history="push") | {
