@@ -35,7 +35,7 @@ def run(assembly, algorithm: str, splitting: str, **changes):
 @pytest.mark.mpi(ranks=2)
 def test_every_variant_reaches_the_answer_of_the_coupled_problem(comm):
     for law in ("tresca", "coulomb"):
-        assembly = prepare_scene(comm, pinched_blocks(4, law))
+        assembly = prepare_scene(comm, pinched_blocks(3, law))
         reference = exact_forces(assembly)
         for kind in itertools.product(ALGORITHMS, SPLITTINGS):
             answer = run(assembly, *kind, tolerance=1e-10)

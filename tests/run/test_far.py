@@ -270,6 +270,7 @@ def rows_of(path: Path) -> list[dict]:
         return list(csv.DictReader(file))
 
 
+@pytest.mark.slow
 def test_files_are_of_the_world(tmp_path):
     """Places, displacements, stresses, reactions and tables of contacts are where bodies are at the end of a step."""
     made = disc() | {"output": {"steps": "all", "figures": True}}
@@ -302,6 +303,7 @@ def test_files_are_of_the_world(tmp_path):
     assert {path.name for path in draw_all(folder, time=1.0, into=tmp_path)} >= {"bodies.png", "contact.png"}
 
 
+@pytest.mark.slow
 def test_pictures_are_of_where_bodies_are(tmp_path):
     """Drawn bodies stand at their places, a rigid partner too, and an animation has them all on one sheet."""
     from ddmpi.pictures.moved import rigid_parts

@@ -81,6 +81,7 @@ def ball(turn: float = 20.0, steps: int = 3) -> dict:
             "contact": [{"bodies": ["plate", "ball"], "on": ["top"], "friction": COULOMB}]}
 
 
+@pytest.mark.slow
 def test_a_ball_rolls_where_forces_take_it():
     """It goes as far as it turns, and the plate carries its forces; frames.csv and the summary say where it is."""
     answer = certified(ball())
@@ -169,6 +170,7 @@ def test_what_cannot_be_in_space_is_refused(made, words):
     assert_refused(made, words)
 
 
+@pytest.mark.slow
 def test_files_are_of_the_world(tmp_path):
     """frames.csv, displacements with and without the motion, and pictures of where solids are."""
     made = pressed(TURN, steps=2) | {"output": {"steps": "all", "figures": True, "animation": True}}
