@@ -75,10 +75,10 @@ def _solver(rng: random.Random, scene: dict) -> dict[str, Any]:
 
 
 CHANGES: tuple[Change, ...] = (
+    partial(_contact, lambda rng: {"gap": -1e-7 * _number(rng)}),
     *(partial(scale, kind) for kind in SCALED),
     partial(_contact, lambda rng: {"friction": {"law": "coulomb", "coefficient": 0.2 * _number(rng)}}),
     partial(_contact, lambda rng: {"friction": {"law": "none"}}),
-    partial(_contact, lambda rng: {"gap": -1e-7 * _number(rng)}),
     # rollers in place of a clamp in all directions: other dofs
     partial(_one, "body.*.clamp.*", str, lambda rng, clamp: {"on": clamp, "x": 0.0}),
     partial(_one, "body.*.material.poisson", float, lambda rng, _: 0.25 + 0.05 * _number(rng)),
