@@ -15,9 +15,9 @@ from ddmpi.mesh.build import kind_of_files
 from ddmpi.scene.reader import read_scene_file
 
 
+@pytest.mark.slow
 def test_an_assembly_becomes_a_scene(tmp_path, caplog, monkeypatch):
-    """Its parts are bodies, by name where CAD gave one and by number elsewhere, with a contact where they touch; check
-    reads the scene, and proposes no further contact."""
+    """Its parts are bodies by name, or else by number, with contacts where they touch; check proposes no others."""
     monkeypatch.setattr(nearby, "FINE", 4.0)
     drawn_parts(tmp_path)
     step = tmp_path / "all.step"

@@ -88,35 +88,10 @@ def large(x: np.ndarray) -> float:
 # Held bodies
 
 
-@pytest.mark.parametrize("kind", ["explicit", "direct", "iterative"])
-def test_held_body_is_its_compliance(kind):
-    """Clamps leave nothing to centre: the same numbers by the same calls, and no rigid motions.
-
-    Multigrid starts from solutions before, so that the same product again is the same to its precision only.
-    """
-    error = 1e-9 if kind == "iterative" else 0.0
-    mesh = rectangle()
-    body = member(mesh, elastic(mesh, ["left"]), ["top"], kind)
-    assert body.G.shape == (0, body.C.size)
-    assert body.e.shape == (0,)
-    assert body.motions.shape == (len(mesh.points), 2, 0)
-    x = np.random.default_rng(0).standard_normal(body.C.size)
-    y, z = np.empty((2, body.C.size))
-    before = body.C.count.copy()
-    body.mult(x, y, "newton")
-    body.C.mult(x, z, "newton")
-    assert body.C.count - before == {"newton": 2}
-    assert np.abs(y - z).max() <= error * np.abs(z).max()
-    u, residual = displaced(body, x, np.empty(0))
-    assert residual <= 1e-11
-    assert np.abs(u - body.displacement(x)[0]).max() <= error * np.abs(u).max()
-
-
 # Loose bodies
 
 
-@pytest.mark.parametrize("kind", ["explicit", "direct", "iterative"])
-@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("order, kind", [(1, "explicit"), (2, "explicit"), (1, "direct"), (1, "iterative")])
 @pytest.mark.parametrize("faces", FACES.values(), ids=FACES)
 @pytest.mark.parametrize("clamp", CLAMPS.values(), ids=CLAMPS)
 def test_loose_body_against_dense_algebra(clamp, faces, order, kind):
@@ -202,57 +177,4 @@ def test_nothing_depends_on_the_supports(clamp, faces, rest, monkeypatch):
 # Counts
 
 
-@pytest.mark.parametrize("kind", ["explicit", "direct"])
-def test_counts_of_a_loose_body(kind):
-    """The load costs a multiplication, a product one, the norm some once; a member with one node to hold on to none."""
-    mesh = rectangle()
-    body = member(mesh, elastic(mesh), ["top"], kind)
-    before = body.C.count.copy()
-    assert before["load"] == 1
-    x, y = np.random.default_rng(0).standard_normal((2, body.C.size))
-    body.mult(x, y, "newton")
-    assert body.C.count - before == {"newton": 1}
-    norm = body.C.norm()
-    taken = body.C.count["norm"]
-    assert body.C.norm() == norm
-    assert 0 < body.C.count["norm"] == taken <= 30
-    body.restart()
-    assert body.C.count == before
-
-    new = member(mesh, elastic(mesh), ["top"], kind)
-    new.C.restore(body.C.state())
-    assert new.C.norm() == norm
-    assert new.C.count == body.C.count
-
-    point = member(mesh, elastic(mesh), ["top"], kind, number=1)
-    before = point.C.count.copy()
-    point.mult(np.ones(2), y[:2], "newton")
-    assert np.array_equal(y[:2], np.zeros(2))
-    assert point.C.count == before
-
-
 # Nothing to touch
-
-
-@pytest.mark.parametrize("kind", [None, "explicit", "direct", "iterative"])
-def test_loose_body_that_touches_nothing(kind):
-    """Unloaded it stays, or moves by α; a load in balance strains it; another one is seen as an imbalance."""
-    mesh = rectangle()
-    idle = member(mesh, elastic(mesh, loads={}), [], kind)
-    assert idle.G.shape == (3, 0)
-    assert np.array_equal(idle.e, np.zeros(3))
-    u, residual = displaced(idle, np.empty(0), np.array([1.0, 2.0, 0.0]))
-    assert np.array_equal(u, np.tile([1.0, 2.0], (len(u), 1)))
-    assert residual == 0.0
-
-    pulled = member(mesh, elastic(mesh, loads={"left": (-1e6, 0.0), "right": (1e6, 0.0)}), [], kind)
-    assert large(pulled.e) <= 1e-9
-    u, residual = displaced(pulled, np.empty(0))
-    strain = 1e6 / (YOUNG / (1 - POISSON**2))
-    exact = (mesh.points - mesh.points.mean(axis=0)) * [strain, -strain * POISSON / (1 - POISSON)]
-    assert residual <= 1e-11
-    assert large(u - exact) <= 1e-9 * large(exact)
-
-    pushed = member(mesh, elastic(mesh, loads={"left": (1e6, 0.0)}), [], kind)
-    assert pushed.e == pytest.approx([1e6, 0.0, 0.0], abs=1e-6)
-    assert displaced(pushed, np.empty(0))[1] > 0.1

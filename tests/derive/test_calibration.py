@@ -2,8 +2,10 @@
 
 import calibrate
 import numpy as np
+import pytest
 
 
+@pytest.mark.slow
 def test_a_coefficient_and_a_gap_are_found_from_forces():
     """From forces without noise both come out as they were, in few solves; with noise within their errors."""
     exact = np.array([0.37, -4e-5])

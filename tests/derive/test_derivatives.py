@@ -1,26 +1,17 @@
 """Derivatives against central differences of fresh answers, and what is refused."""
 
 import tomllib
-from types import SimpleNamespace
 
 import bolts
 import numpy as np
 import pytest
 from differences import TIGHT, changed, difference, plain, results, ring, rubbed, vice, with_derivatives
-from mpi4py import MPI
+from restarts import go_on_from_checkpoints
 from scenes import COULOMB, FLOOR, ROOT, pinched_blocks, rectangle, tower
 from solid_scenes import two_boxes
 
 import ddmpi
-from ddmpi.coupling.assembly import prepare
 from ddmpi.errors import InputError
-from ddmpi.methods.outer import no_report
-from ddmpi.results.checkpoint import read, write
-from ddmpi.run.gather import StepLog
-from ddmpi.run.solve import Iteration
-from ddmpi.run.steps import March
-from ddmpi.scene.reader import read_scene
-from ddmpi.system.clock import Clock
 
 CLOSE = 1e-5
 """Central differences of answers to 1e-12 are as precise."""
@@ -47,6 +38,7 @@ def test_blocks_with_coulomb_friction():
                   "body.lower.volume_force.1"], {"body.lower.volume_force.1": 1e6, "body.lower.clamp.0.x": 1e-4})
 
 
+@pytest.mark.slow
 def test_blocks_that_do_not_match_with_profiles():
     """Mortar, a given gap, and factors on profiles of a slip bound and of friction."""
     bound = {"law": "tresca", "slip_bound": {"along": "x", "points": [0.0, 3.0], "values": [8e6, 1.5e7]}}
@@ -66,6 +58,7 @@ def test_a_number_of_a_slip_bound_and_of_a_gap():
           {"contact.upper-lower.gap": 1e-6})
 
 
+@pytest.mark.slow
 def test_a_loose_body_between_rigid_partners():
     """Motions of a loose body and of a pushed partner follow, by displacement and by force."""
     answer = check(vice(), ["rigid.ram.force", "rigid.ram.force.0", "rigid.fixed.displacement",
@@ -77,12 +70,14 @@ def test_a_loose_body_between_rigid_partners():
     assert np.allclose(entry.bodies.part.displacement, [1e-3, 0.0], rtol=1e-6, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_loose_blocks_on_each_other():
     """A tower of loose blocks: factors on friction and loads."""
     check(tower(3, 2), ["contact.block2-block1.friction.coefficient", "body.block3.traction.0",
                         "body.block2.material.young"])
 
 
+@pytest.mark.slow
 def test_around_an_axis_with_heat():
     """A heated ring that is shrunk onto a shaft: temperature, interference, moduli of parts."""
     scene = ring()
@@ -138,29 +133,10 @@ def test_a_pretension_that_is_kept():
 
 
 def test_a_march_goes_on_from_a_checkpoint(tmp_path):
-    """Derivatives go on with those of the steps before, as they come out of a file."""
+    """Derivatives go on with those of the steps before."""
     keys = ["contact.fit.friction.coefficient", "contact.fit.gap"]
-    scene = read_scene("scene", with_derivatives(rubbed(steps=2), keys))
-
-    def begin() -> March:
-        assembly = prepare(MPI.COMM_SELF, scene)
-        assembly.act(scene.legs[0])
-        return March(assembly, Iteration(assembly, scene.method, no_report, Clock()), StepLog())
-
-    whole, states = begin(), []
-    whole.run(SimpleNamespace(note=lambda _: states.append(whole.state())))
-    assert len(states) == 5
-    write(tmp_path / "state", {}, [states[2]])
-    again = begin()
-    again.restore(read(tmp_path / "state")[1][0])
-    again.run()
-    for key in keys:
-        (one, arrays), (other, more) = ((march.log.derived[0][key], march.log.derived[1][key])
-                                        for march in (whole, again))
-        assert other["contacts"]["fit"]["dissipated"] == pytest.approx(one["contacts"]["fit"]["dissipated"], rel=1e-6)
-        size = np.abs(arrays.contacts.fit.pressure).max()
-        assert more.contacts.fit.pressure == pytest.approx(arrays.contacts.fit.pressure, rel=1e-6, abs=1e-6 * size)
-        assert other["until"] == pytest.approx(one["until"], rel=1e-6)
+    go_on_from_checkpoints(with_derivatives(rubbed(steps=2), keys) | {"checkpoint": {"iterations": 1}}, tmp_path,
+                           slice(2, None, 2), ("steps", "derivatives"))
 
 
 def test_a_gap_with_a_history():

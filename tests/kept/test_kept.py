@@ -3,7 +3,6 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-import pytest
 import scipy.sparse as sparse
 
 from ddmpi.kept.kept import Kept, digest
@@ -92,17 +91,6 @@ def test_what_is_not_met_again_goes_first():
     kept.begin(None)
     kept.get("mesh", "gone", 1, object)
     assert kept.found == {}
-
-
-def test_an_error_leaves_the_rest():
-    kept = Kept()
-    kept.begin(None)
-    kept.get("mesh", "upper", 1, object)
-    with pytest.raises(ZeroDivisionError):
-        kept.get("mesh", "lower", 1, lambda: 1 / 0)
-    kept.begin(None)
-    kept.get("mesh", "upper", 1, object)
-    assert kept.found == {"upper": ["mesh"]}
 
 
 def test_memory_is_that_of_the_first_case():

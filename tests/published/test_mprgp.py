@@ -157,14 +157,6 @@ def test_warm_start_is_cheaper_and_start_outside_costs_one_product():
     check(qp, result, 1e6)
 
 
-def test_zero_load_keeps_zero_forces():
-    qp = program(6, "lower")
-    qp.d[:] = 0.0
-    result = solve(qp, 0.0)
-    assert np.array_equal(result.s, np.zeros(6))
-    assert qp.C.count["program"] == 0
-
-
 @pytest.mark.parametrize("kind", ["none", "lower", "contact", "zero width"])
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 def test_zero_tolerance_is_reached_to_rounding_or_not_at_all(kind):

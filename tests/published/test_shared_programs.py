@@ -6,7 +6,6 @@ from mpi4py import MPI
 from petsc4py import PETSc
 from test_mprgp import bounds, random_matrix
 
-from ddmpi.petsc.lanczos import estimate_norm
 from ddmpi.published.apg import APG
 from ddmpi.published.mprgp import MPRGP
 from ddmpi.sets import Box, Discs, product
@@ -89,16 +88,3 @@ def test_discs_on_several_ranks_are_solved_by_the_same_steps(comm):
     parts = [discs(number) for number in np.diff(PARTS[comm.size])]
     s = solve_shared(Shared(comm, matrix), d, APG, parts[comm.rank])
     assert np.linalg.norm(product(parts).reduced(matrix @ s - d, s, 1.0)) <= 1.1 * PRECISION
-
-
-@one_to_three_ranks
-def test_the_norm_of_a_shared_operator_is_that_of_the_whole(comm):
-    """Lanczos steps on parts of vectors find the largest eigenvalue of all of it."""
-    C = Shared(comm, random_matrix(SIZE, 100.0, 6))
-
-    def products(V, y):
-        return comm.allreduce(V @ y)
-
-    found = estimate_norm(lambda x, y: C.mult(x, y, "norm"), C.size, products=products, steps=SIZE)
-    assert 0.95 <= found <= 1.0 + 1e-12
-    assert comm.allgather(found) == [found] * comm.size

@@ -8,7 +8,6 @@ import pytest
 from ddmpi.interface.law import CoulombLaw
 from ddmpi.published.published import PublishedIteration
 from ddmpi.published.subproblem import Subproblem
-from ddmpi.sets import Box, Discs
 
 INF = np.inf
 LAW = CoulombLaw(2, np.arange(2), 1, np.full(2, 0.3))
@@ -48,39 +47,3 @@ def test_the_second_role_takes_the_gap():
     for role in (1, 2):
         subproblem(role, asked).solve(np.full(4, 10.0), np.ones(2), 1e-8)
     assert [d.tolist() for d in asked] == [[-10.0, -9.0, -8.0, -7.0], [9.5, 10.75, 12.0, 13.0]]
-
-
-def test_in_space_friction_is_a_disc_for_one_role_and_nothing_for_the_other():
-    """Splitting holds the pressures while both tangential components of a node move in their disc."""
-    asked: list[np.ndarray] = []
-    law = CoulombLaw(2, np.arange(2), 2, np.full(2, 0.3))
-    for algorithm, role in (("original", 2), ("modified", 1), ("original", 1), ("modified", 2)):
-        body = subproblem(role, asked)
-        body.interface.law = law
-        allowed, s = body.constraints(np.array([1.0, 2.0]), algorithm), np.array([5.0, 6.0, 30.0, 40.0, 0.3, 0.4])
-        assert (allowed.lower[:2] == (0.0 if role == 2 else -INF)).all()
-        whole, tangential = allowed.holding(s, slice(None)), allowed.holding(s, slice(2, None))
-        bounded = role == (2 if algorithm == "original" else 1)
-        assert isinstance(whole, Discs) == isinstance(tangential, Discs) == bounded
-        assert tangential.project(s + 1.0) == pytest.approx(
-            [5.0, 6.0, *(np.array([31.0, 41.0]) / np.hypot(31.0, 41.0) if bounded else (31.0, 41.0)), 1.3, 1.4])
-        normal = allowed.holding(s, slice(0, 2))
-        assert type(normal) is Box
-        assert normal.project(s - 7.0).tolist() == [*([0.0, 0.0] if role == 2 else [-2.0, -1.0]), *s[2:]]
-
-
-def test_splitting_in_space_sweeps_over_pressures_then_over_discs():
-    sets: list = []
-    body = subproblem(2, [])
-    body.interface = SimpleNamespace(m=2, size=6, law=CoulombLaw(2, np.arange(2), 2, np.full(2, 0.3)),
-                                     gap=np.zeros(2))
-    body.member, body.s, body.Cs = SimpleNamespace(C=None, h=np.zeros(6)), np.zeros(6), np.zeros(6)
-
-    def solve(qp, s, Cs, *_):
-        sets.append(type(qp.constraints))
-        return SimpleNamespace(s=s, Cs=Cs, steps={})
-
-    body.solver = SimpleNamespace(solve=solve)
-    body.solve(np.zeros(6), np.ones(2), 1e-8, split=True)
-    body.solve(np.zeros(6), np.ones(2), 1e-8)
-    assert sets == [Box, Discs, Discs]

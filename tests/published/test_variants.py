@@ -1,6 +1,6 @@
 """The sixteen published variants, all in one pair of processes: the answer, and the outer iterations.
 
-The answer is that of the coupled problem, which `tests/support/brute_force.py` finds by brute force.
+The answer in the plane is that of the coupled problem, which `tests/support/brute_force.py` finds by brute force.
 """
 
 import itertools
@@ -8,6 +8,7 @@ import itertools
 import numpy as np
 import pytest
 from scenes import everywhere, exact_forces, pinched_blocks, prepare_scene
+from solid_scenes import two_boxes
 
 pytestmark = pytest.mark.slow
 
@@ -27,13 +28,14 @@ def run(assembly, algorithm: str, splitting: str, **changes):
     from ddmpi.run.solve import solve
     from ddmpi.scene.method import Method
 
-    return solve(assembly, Method(outer="relaxation", algorithm=algorithm, splitting=splitting, theta=0.2, **changes))
+    return solve(assembly, Method(outer="relaxation", algorithm=algorithm, splitting=splitting,
+                                  **{"theta": 0.2} | changes))
 
 
 @pytest.mark.mpi(ranks=2)
 def test_every_variant_reaches_the_answer_of_the_coupled_problem(comm):
     for law in ("tresca", "coulomb"):
-        assembly = prepare_scene(comm, pinched_blocks(4, law))
+        assembly = prepare_scene(comm, pinched_blocks(3, law))
         reference = exact_forces(assembly)
         for kind in itertools.product(ALGORITHMS, SPLITTINGS):
             answer = run(assembly, *kind, tolerance=1e-10)
@@ -60,14 +62,32 @@ def test_outer_iterations_do_not_depend_on_the_mesh(comm):
 @pytest.mark.mpi(ranks=2)
 def test_unsplit_original_fails_at_a_large_theta_and_says_so(comm):
     """The paper's observation: splitting stabilises."""
-    from ddmpi.run.solve import solve
-    from ddmpi.scene.method import Method
-
     for law in ("tresca", "coulomb"):
         assembly = prepare_scene(comm, pinched_blocks(6, law))
         for theta, splitting, certified in ((0.5, "none", False), (0.8, "step1+2", True)):
-            method = Method(outer="relaxation", algorithm="original", splitting=splitting, theta=theta,
-                            tolerance=1e-4, max_iterations=200)
-            answer = solve(assembly, method)
+            answer = run(assembly, "original", splitting, theta=theta, tolerance=1e-4, max_iterations=200)
             assert answer.certified is certified, (law, theta, splitting, answer.reason)
             assert certified or answer.stopped in ("diverged", "max_iterations")
+
+
+@pytest.mark.mpi(ranks=2)
+def test_every_variant_in_space_finds_newtons_answer(comm):
+    """By QPs on discs; half of the variants with each law, so that either has all splittings and both algorithms."""
+    from ddmpi.run.solve import solve
+    from ddmpi.scene.method import Method
+
+    every = list(itertools.product(ALGORITHMS, SPLITTINGS))
+    for law, half in (({"law": "tresca", "slip_bound": 1.2e7}, every[:4:2] + every[5::2]),
+                      ({"law": "coulomb", "coefficient": 0.3}, every[1:4:2] + every[4::2])):
+        assembly = prepare_scene(comm, two_boxes(2, law=law))
+        newton = solve(assembly, Method(outer="newton", tolerance=1e-10))
+        reference, contact = everywhere(assembly, newton.outer.forces), newton.contacts["upper-lower"]
+        assert newton.certified and contact.slip and contact.stick and contact.open
+        for kind in [*half, None]:
+            answer = (run(assembly, *kind, tolerance=1e-6) if kind else
+                      solve(assembly, Method(outer="anderson", tolerance=1e-6)))
+            assert answer.certified, (law, kind, answer.reason)
+            error = np.linalg.norm(everywhere(assembly, answer.outer.forces) - reference)
+            assert error <= 5e-5 * np.linalg.norm(reference), (law, kind)
+            steps = set().union(*comm.allgather(set(answer.outer.inner_steps)))
+            assert {"cg", "gradient"} <= steps, (law, kind)

@@ -53,20 +53,6 @@ def test_tables_are_those_of_a_whole_run(scene, tmp_path):
     assert call("report", str(alone)).code == 0
 
 
-@pytest.mark.mpi(ranks=3)
-def test_an_answer_has_contacts_alone(comm):
-    """`ddmpi.solve(…, only="contacts")` has the same contacts on all ranks and no fields, on several ranks a body."""
-    scene = pinched_blocks(4)
-    whole, alone = ddmpi.solve(scene, comm), ddmpi.solve(scene, comm, only="contacts")
-    assert alone.certified
-    assert alone.bodies == {}
-    (state,), (other,) = alone.contacts.values(), whole.contacts.values()
-    assert state.forces == pytest.approx(other.forces, rel=1e-9)  # on several ranks MUMPS adds up in any order
-    assert alone.summary["bodies"]["upper"]["reaction"] == pytest.approx(
-        whole.summary["bodies"]["upper"]["reaction"], rel=1e-9)
-    assert alone.summary["discretization_error"]["energy_norm"] is None
-
-
 def test_what_is_left_out_cannot_be_asked_for():
     """What only = "contacts" leaves out is refused beside it; a target of accuracy has its estimate."""
     scene = pinched_blocks(4)

@@ -3,8 +3,6 @@
 All runs are in children with a time limit, in the same one where they can.
 """
 
-import copy
-
 import pytest
 import scenes
 from fault_cases import run_in_one_go
@@ -15,82 +13,25 @@ pytestmark = pytest.mark.slow
 RELAXATION = ("--set", "method.outer=relaxation")
 
 
-def changed(body: int | None = None, **entries) -> dict:
-    """The pinched blocks at N = 2 with entries of the scene, or of a body, replaced; None removes one."""
-    scene = copy.deepcopy(pinched_blocks(2))
-    table = scene if body is None else scene["body"][body]
-    for key, value in entries.items():
-        if value is None:
-            del table[key]
-        else:
-            table[key] = value
-    return scene
-
-
 def only_message(run: Run) -> str:
     assert len(run.messages) == 1, run.output
     assert "Traceback" not in run.output
     return run.messages[0]
 
 
-# Bad input
-
-ON_SCENE = {
-    # what is wrong: (scene, arguments, what the message must name)
-    "unknown key after --set": (changed(), ["--set", "method.thetta=0.3"],
-                                ["scene.toml", "method.thetta", "'theta'"]),
-    "boundary that is not there": (changed(0, clamp=["lfet"]), [], ["scene.toml", "body.upper.clamp", "lfet", "left"]),
-    "meshes that do not match": (changed(), ["--set", "body.upper.mesh.divisions=[7, 2]", "contact.0.pairing=nodes"],
-                                 ["scene.toml", "contact.upper-lower", "8 and 7"]),
-}
-
-
-@pytest.fixture(scope="module")
-def bad_input(tmp_path_factory) -> dict[str, Run]:
-    faults = []
-    for scene, arguments, _ in ON_SCENE.values():
-        folder = tmp_path_factory.mktemp("bad_input")
-        path = scenes.write_scene(scene, folder / "scene.toml")
-        faults.append((0, "", 0, "", str(folder / "out"), [str(path), *arguments]))
-    return dict(zip(ON_SCENE, run_in_one_go(faults, "run"), strict=True))
-
-
-@pytest.mark.parametrize("name", ON_SCENE)
-def test_bad_input(bad_input, name):
-    run = bad_input[name]
-    assert run.code == 2, run.output
-    message = only_message(run)
-    for word in ON_SCENE[name][2]:
-        assert word in message
-    assert [path.name for path in run.folder.parent.iterdir()] == ["scene.toml"]
-
-
-# Surroundings that do not fit
-
-
-@pytest.fixture(scope="module")
-def surroundings(tmp_path_factory) -> dict[str, Run]:
-    here = tmp_path_factory.mktemp("surroundings")
-    scene = scenes.write_scene(pinched_blocks(2), here / "scene.toml")
-    taken = here / "taken"
+def test_surroundings_that_do_not_fit_are_named_and_left_alone(tmp_path):
+    """Too few ranks, a folder with results, a scene that is not there."""
+    scene, taken = scenes.write_scene(pinched_blocks(2), tmp_path / "scene.toml"), tmp_path / "taken"
     taken.mkdir()
     (taken / "summary.json").write_text("precious")
-
-    one = scenes.run_command(scene, here / "one", *RELAXATION, ranks=1, cwd=here)
-    two = run_in_one_go([(0, "", 0, "", str(taken), [str(scene)]),
-                         (0, "", 0, "", str(here / "none"), [str(here / "nowhere.toml")])], "run")
-    return dict(zip(("one rank", "taken", "no scene"), (one, *two), strict=True))
-
-
-@pytest.mark.parametrize(("name", "words", "files"), [
-    ("one rank", ["mpirun -n 2 (started on 1)"], None), ("no scene", ["nowhere.toml"], None),
-    ("taken", ["taken", "summary.json"], {"summary.json"})])
-def test_surroundings_that_do_not_fit_are_named_and_left_alone(surroundings, name, words, files):
-    run = surroundings[name]
-    assert run.code == 2 and all(word in only_message(run) for word in words)
-    assert run.files == files if files else not run.folder.exists()
-    if name == "taken":
-        assert (run.folder / "summary.json").read_text() == "precious"
+    for path, folder, arguments, words in (
+            (scene, tmp_path / "one", RELAXATION, ["mpirun -n 2 (started on 1)"]),
+            (scene, taken, (), ["taken", "summary.json"]),
+            (tmp_path / "nowhere.toml", tmp_path / "none", (), ["nowhere.toml"])):
+        run = scenes.run_here(path, folder, *arguments)
+        assert run.code == 2 and all(word in only_message(run) for word in words)
+        assert run.files == {"summary.json"} if folder == taken else not folder.exists()
+    assert (taken / "summary.json").read_text() == "precious"
 
 
 # Runs that do not converge, and solvers that fail
@@ -148,17 +89,10 @@ def test_an_unsuccessful_end_warns_of_thin_cells_and_slender_bodies(unsuccessful
         assert sum(words in warning for warning in run.summary["warnings"]) == 1
 
 
-def test_ksp_that_cannot_reach_its_tolerance(unsuccessful):
+@pytest.mark.parametrize(("name", "words"), [("ksp", ["body 'upper'", "cg", "DIVERGED_MAX_IT"]),
+                                             ("qp", ["DIVERGED_MAXITS"])])
+def test_solvers_that_cannot_reach_their_tolerance(unsuccessful, name, words):
     """Options from the scene and from the command line together."""
-    run = unsuccessful["ksp"]
-    assert run.code == 4, run.output
-    message = only_message(run)
-    assert "body 'upper'" in message and "cg" in message and "DIVERGED_MAX_IT" in message
-    assert run.files == set()
-
-
-def test_subproblem_that_cannot_reach_its_tolerance(unsuccessful):
-    run = unsuccessful["qp"]
-    assert run.code == 4, run.output
-    assert "DIVERGED_MAXITS" in only_message(run)
-    assert run.files == set()
+    run = unsuccessful[name]
+    assert run.code == 4 and run.files == set(), run.output
+    assert all(word in only_message(run) for word in words)

@@ -1,27 +1,23 @@
 """Solids that move far: they slide, turn and roll, prescribed and free."""
 
+import functools
+
 import numpy as np
 import pytest
+import solid_scenes
 from mpi4py import MPI
-from scenes import COULOMB, certified, run_here, write_scene
+from scenes import COULOMB, assert_refused, certified, run_here, write_scene
 from test_far import changed, forces, history, rows_of
 
 import ddmpi
 from ddmpi.body.rigid_motions import FreeFrame
 from ddmpi.body.stress import turned as stress_turned
 from ddmpi.body.stress import von_mises
-from ddmpi.errors import InputError
 from ddmpi.results.histories import placed
 from ddmpi.results.tables import read_results
-from ddmpi.scene.meshes import Motion
 from ddmpi.system.numbers import Frame
 
-MU, SOFT = COULOMB["coefficient"], {"young": 1000.0, "poisson": 0.3}
-
-
-def box(name: str, origin: list[float], size: list[float], divisions: list[int], order: int = 1, **more) -> dict:
-    mesh = {"shape": "box", "origin": origin, "size": size, "divisions": divisions, "order": order}
-    return {"name": name, "mesh": mesh, "material": SOFT} | more
+box = functools.partial(solid_scenes.box, young=1000.0)
 
 
 def pressed(way: dict, order: int = 1, steps: int = 3, together: dict | None = None, n: int = 4) -> dict:
@@ -41,26 +37,6 @@ def pressed(way: dict, order: int = 1, steps: int = 3, together: dict | None = N
 
 
 SLIDE, TURN = {"shift": [0.6, 0.3, 0.0]}, {"turn": 30.0, "axis": [0.0, 0.0, 2.0], "pivot": [0.5, 0.5, 0.0]}
-
-
-@pytest.mark.parametrize("order", [1, 2])
-def test_a_block_slides_against_its_way(order):
-    """T = μ N against the way, all along it, and the end does not depend on the number of steps."""
-    found = forces(certified(pressed(SLIDE, order)))
-    T, N = found[4:, :2], found[4:, 2]
-    assert np.linalg.norm(T, axis=1) / N == pytest.approx(MU, rel=1e-4)
-    assert T / np.linalg.norm(T, axis=1)[:, None] == pytest.approx(-np.array([[2.0, 1.0]] * 2) / 5**0.5, abs=0.01)
-    assert forces(certified(pressed(SLIDE, order, 1)))[-1] == pytest.approx(found[-1], rel=1e-4, abs=1e-4 * N[-1])
-
-
-def test_a_block_turns_against_friction():
-    """The moment about the pivot is that of μ N of each node at its distance, which all slide but in the middle."""
-    answer = certified(pressed(TURN, 2, n=6))
-    state = answer.contacts["block-plate"]
-    about = np.cross(np.array([0.5, 0.5, 0.0]), state.force)[2]
-    arms = np.linalg.norm(state.interface.at[0][:, :2] - 0.5, axis=1)
-    assert state.moment[2] - about == pytest.approx(-MU * (arms * state.normal_force).sum(), rel=0.02)
-    assert np.abs(state.force[:2]).max() < 0.01 * state.force[2]
 
 
 @pytest.mark.parametrize("axis", [[0.0, 0.0, 1.0], [1.0, -2.0, 0.5]])
@@ -105,6 +81,7 @@ def ball(turn: float = 20.0, steps: int = 3) -> dict:
             "contact": [{"bodies": ["plate", "ball"], "on": ["top"], "friction": COULOMB}]}
 
 
+@pytest.mark.slow
 def test_a_ball_rolls_where_forces_take_it():
     """It goes as far as it turns, and the plate carries its forces; frames.csv and the summary say where it is."""
     answer = certified(ball())
@@ -158,39 +135,6 @@ def test_a_loose_block_lies_on_a_plate_that_moves():
     assert middle == pytest.approx(carried, abs=0.01)
 
 
-def test_a_bevel_wheel_takes_the_other_along():
-    """Two drawn cones on shafts at a right angle: the driven one, free to turn, turns as far as the driving one."""
-    answer = ddmpi.solve("configs/drawn/bevel_wheels.toml", None, {
-        "time.steps": 2, "body.driving.mesh.contact_size": 1.8, "body.driven.mesh.contact_size": 1.8,
-        "body.driving.motion.turn": 12.0, "output.animation": False})
-    assert answer.certified and answer.summary["bodies"]["driven"]["compliance"] == "explicit"
-    freed = answer.solved.assembly.far.freed
-    assert freed[2.0]["driven"][3:] - freed[1.0]["driven"][3:] == pytest.approx([-12.0, 0.0, 0.0], abs=0.3)
-    state = answer.contacts["face"]
-    about = np.cross([-0.05657, 0.0, 0.05657], state.force)  # where the shaft is pressed to
-    assert (state.moment - about)[0] == pytest.approx(0.0, abs=1e-6 * np.abs(state.moment).max())
-
-
-def test_loads_resist_motions_in_space():
-    """K is minus the derivative of the loads along the motions."""
-    rng = np.random.default_rng(3)
-    turned = Frame.of(np.zeros(3), np.array([20.0, -35.0, 50.0])).turned
-    points, dead, following = rng.standard_normal((3, 7, 3))
-    part = Motion(free=["x", "y", "z", "turn"], pivot=(0.3, -0.2, 0.1), force=(1.5, -0.7, 0.2))
-    frame = FreeFrame.of(part, points)
-
-    def loads(alpha: np.ndarray) -> np.ndarray:
-        here = turned @ frame.pivot
-        moved = Frame.of(alpha[:3], np.degrees(alpha[3:] / frame.size), here)
-        x = np.vstack([np.tile(moved.at(points @ turned.T), (2, 1)), moved.at(here)]) - here
-        f = np.vstack([dead @ turned.T, moved.along(following @ turned.T), [1.5, -0.7, 0.2]])
-        return np.append(f.sum(axis=0), np.cross(x, f).sum(axis=0) / frame.size)
-
-    K, step = frame.resists(points, turned, dead, following) + frame.levers, 1e-5
-    for k, along in enumerate(np.eye(6)):
-        assert -(loads(step * along) - loads(-step * along)) / (2 * step) == pytest.approx(K[:, k], abs=1e-7)
-
-
 def test_a_free_turn_goes_on_beyond_half_a_turn():
     """The vector of the turn is continuous, and its frame that of all turns one after the other."""
     free, points = FreeFrame.of(None, np.random.default_rng(2).standard_normal((9, 3))), np.zeros(3)
@@ -221,14 +165,12 @@ REFUSED = {
 }
 
 
-@pytest.mark.parametrize("name", REFUSED)
-def test_what_cannot_be_in_space_is_refused(name):
-    """One clear message, which names the key."""
-    made, words = REFUSED[name]
-    with pytest.raises(InputError, match=words):
-        ddmpi.solve(made)
+@pytest.mark.parametrize("made, words", REFUSED.values(), ids=REFUSED)
+def test_what_cannot_be_in_space_is_refused(made, words):
+    assert_refused(made, words)
 
 
+@pytest.mark.slow
 def test_files_are_of_the_world(tmp_path):
     """frames.csv, displacements with and without the motion, and pictures of where solids are."""
     made = pressed(TURN, steps=2) | {"output": {"steps": "all", "figures": True, "animation": True}}

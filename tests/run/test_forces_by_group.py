@@ -1,16 +1,10 @@
 """What loads and clamps do to bodies, by group: closed forms, and the equilibrium of each body."""
 
-from pathlib import Path
 
 import numpy as np
 import pytest
-from scenes import to_toml
 
 import ddmpi
-from ddmpi.results.histories import at_step
-from ddmpi.results.tables import read_results
-from ddmpi.run.run import run
-from ddmpi.scene.reader import read_scene
 
 pytestmark = pytest.mark.slow
 
@@ -90,37 +84,3 @@ def test_the_last_clamp_that_holds_a_component_has_its_force():
     for each in summaries:
         total = np.sum([forces["force"] for forces in each["reactions"].values()], axis=0)
         assert total == pytest.approx(each["reaction"], abs=1e-2)
-
-
-def test_a_body_without_clamps_has_no_reactions():
-    """What its contact does balances its loads, and nothing is said of clamps."""
-    made = scene(2)
-    made["body"][0]["clamp"] = []
-    summary = ddmpi.solve(made).summary
-    loads, reactions = (summary["bodies"]["upper"][key] for key in ("loads", "reactions"))
-    assert reactions == {}
-    assert summary["contacts"]["upper-lower"]["force"] == pytest.approx(
-        -np.sum([each["force"] for each in loads.values()], axis=0), abs=1e-2)
-
-
-@pytest.mark.mpi(ranks=2)
-def test_forces_of_each_load_step_are_told(comm, tmp_path):
-    """Each step whose fields are written has loads and reactions in balance; a report of that step shows them."""
-    folder = comm.bcast(tmp_path)
-    made = Path(folder) / "scene.toml"
-    if comm.rank == 0:
-        made.write_text(to_toml(scene(2)), encoding="utf-8")
-    comm.barrier()
-    settled = read_scene(str(made), made.read_text(encoding="utf-8"), [])
-    run(comm, settled, str(made), str(Path(folder) / "out"), figures=False)
-    if comm.rank == 0:
-        last, summary = read_results(Path(folder) / "out"), None
-        for time, factor in (1.0, 2.0), (2.0, 0.5):
-            summary = at_step(last, Path(folder) / "out", time).summary
-            upper, contact = summary["bodies"]["upper"], summary["contacts"]["upper-lower"]
-            assert upper["loads"]["top"]["force"] == pytest.approx([0.0, -3e6 - 1.5e6 * factor])
-            for kind in ("force", "moment"):
-                parts = [each[kind] for of in ("loads", "reactions") for each in upper[of].values()]
-                assert np.sum(parts, axis=0) == pytest.approx(-np.array(contact[kind]), abs=1e-2)
-            assert upper["reaction"] == pytest.approx(upper["reactions"]["left"]["force"], abs=1e-6)
-        assert summary["bodies"]["upper"]["reactions"] == last.summary["bodies"]["upper"]["reactions"]

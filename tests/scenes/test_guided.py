@@ -8,7 +8,6 @@ from solid_scenes import box
 
 import ddmpi
 from ddmpi.errors import InputError
-from ddmpi.interface.law import GuidedLaw
 
 PULL = 1e6
 
@@ -110,11 +109,3 @@ def test_clamps_that_contradict_a_guide(y):
 def test_friction_of_a_guide_is_refused():
     with pytest.raises(InputError, match='friction does not go with kind = "guided"'):
         ddmpi.solve(pushed(0.0, friction={"law": "coulomb", "coefficient": 0.3}), MPI.COMM_SELF)
-
-
-def test_the_law_of_a_guide():
-    """Any normal force, no gap, nothing along the surface: the projection changes no force."""
-    law, q = GuidedLaw(3, np.empty(0, int), 2), np.array([3.0, 0.0, -5.0])
-    assert law.project(q) is not q and law.project(q).tolist() == q.tolist()
-    assert law.active_set(q).closed.all() and law.linearise(law.active_set(q)).unknown.all()
-    assert law.misfit(np.array([1e-3, -2e-3])) == 2e-3 and law.two_sided and law.frictionless

@@ -8,55 +8,13 @@ import tomllib
 import numpy as np
 import pytest
 from mpi4py import MPI
-from scenes import ROOT, STEEL, certified, pinched_blocks, rectangle, solve_scene
+from scenes import ROOT, certified, rectangle, solve_scene
 from solid_scenes import box
 
 ALONE = MPI.COMM_SELF
 
 
-def test_force_is_the_stress_times_the_area():
-    """A scene loaded by total forces has the answer of the same scene loaded by stresses."""
-    stresses, forces = pinched_blocks(4), pinched_blocks(4)
-    for body in forces["body"]:
-        for load in body["traction"]:
-            area = 3.0 if load["on"] in ("top", "bottom") else 1.0
-            load["force"] = [area * each for each in load.pop("value")]
-    one, other = (solve_scene(ALONE, scene) for scene in (stresses, forces))
-    assert one["certified"] and other["certified"]
-    assert other["normal_force"] == pytest.approx(one["normal_force"], rel=1e-9, abs=1e-3)
-    assert abs(other["n_A"] - one["n_A"]) <= 4  # rounding may decide one more product of each body
-    assert np.abs(one["normal_force"]).max() > 1e6
-
-
 # Heat
-
-
-def heated_stack(n: int, order: int) -> dict:
-    """Two blocks between walls on all sides; the lower one is heated, then the upper one pressed and moved."""
-    def block(name: str, y: float, clamp: list, **more) -> dict:
-        return rectangle(name, (0, y), (2, 1), (2 * n, n), order, clamp=clamp, **{"material": STEEL} | more)
-
-    sides = [{"on": "left", "x": 0.0}, {"on": "right", "x": 0.0}]
-    return {"body": [block("upper", 1.0, [{"on": "top", "x": 1e-3, "y": -2e-4, "history": "press"}]),
-                     block("lower", 0.0, [*sides, {"on": "bottom", "x": 0.0, "y": 0.0}],
-                           material=STEEL | {"expansion": 1.2e-5},
-                           temperature={"value": "50 + 10*x", "history": "day"})],
-            "contact": [{"bodies": ["upper", "lower"], "on": ["bottom", "top"],
-                         "friction": {"law": "coulomb", "coefficient": 0.3}}],
-            "history": {"day": {"times": [0.0, 1.0, 2.0, 3.0], "factors": [0.0, 1.0, 1.0, 0.3]},
-                        "press": {"times": [0.0, 1.0, 2.0], "factors": [0.2, 0.3, 1.0]}},
-            "time": {"points": [1.0, 2.0, 3.0], "steps": 2}, "method": {"tolerance": 1e-10}}
-
-
-@pytest.mark.parametrize("order", [1, 2])
-def test_energy_balances_while_temperatures_change(order):
-    """Work of supports and heat is strain energy, less what friction takes; strain energy is that of the stresses."""
-    answer = certified(heated_stack(3, order))
-    energy, bodies = answer.summary["energy"], answer.summary["bodies"]
-    assert energy["residual"] <= 1e-9
-    assert energy["external_work"] == pytest.approx(energy["strain_energy"] + energy["interface_work"], rel=1e-9)
-    assert energy["dissipated"] > 0.01 * energy["strain_energy"]
-    assert energy["strain_energy"] == pytest.approx(sum(each["energy"] for each in bodies.values()), rel=1e-9)
 
 
 # Clamps along normals

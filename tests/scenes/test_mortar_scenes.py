@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenes import COULOMB, certified, pinched_blocks, rectangle
+from scenes import certified, pinched_blocks, rectangle
 
 from ddmpi.errors import InputError
 
@@ -35,28 +35,8 @@ def press(group: str = "top") -> dict:
 
 
 @orders
-@pytest.mark.parametrize("divisions", [(7, 11), (16, 3)])
-def test_constant_pressure(divisions, order):
-    """Two blocks under a uniform pressure: exact on any meshes, and forces balance to rounding."""
-    upper, lower = divisions
-    answer = solved([
-        body("upper", quadrilateral(0.0, 1.0, 2.0, (upper, 2), order), [{"on": "left", "x": 0.0}], press()),
-        body("lower", quadrilateral(0.0, 0.0, 2.0, (lower, 3), order),
-             [{"on": "left", "x": 0.0}, {"on": "bottom", "y": 0.0}])],
-        [{"bodies": ["upper", "lower"], "on": ["bottom", "top"], "friction": COULOMB}])
-    assert answer.contacts["upper-lower"].pressure == pytest.approx(PRESSURE, rel=1e-10)
-    contact = answer.summary["contacts"]["upper-lower"]
-    assert (contact["pairing"], contact["slave"]) == ("mortar", "upper" if upper <= lower else "lower")
-    assert contact["certificate"]["force_mismatch"] == 0.0
-    assert contact["force"] == pytest.approx([0.0, 2 * PRESSURE], abs=1e-9 * PRESSURE)
-    assert contact["pointwise_penetration"] <= 1e-12
-    assert contact["moment_imbalance"] <= contact["moment_imbalance_bound"] + 1e-9 * PRESSURE
-
-
-@orders
 @pytest.mark.parametrize("held", ["clamps", "bonds"])
-@pytest.mark.parametrize("sides", [(48, 36), (30, 48)])
-def test_two_leaves_held_at_one_end(sides, held, order):
+def test_two_leaves_held_at_one_end(held, order):
     """Whatever the meshes, they bend as on matching ones, and so does the moment of their pressure about that end.
 
     Pressure next to the end has no lever, so that its sum says less, with linear elements a third.
@@ -76,9 +56,10 @@ def test_two_leaves_held_at_one_end(sides, held, order):
         return [answer.summary["bodies"][name]["displacement_max"] for name in ("upper", "lower")] + [
             force @ x, force.sum()]
 
-    for value, right, within in zip(found(*sides), found(50, 40), ((0.07, 0.07, 0.07, 0.4), (1e-3, 1e-3, 5e-3, 0.08))[
-            order - 1], strict=True):
-        assert value == pytest.approx(right, rel=within)
+    right, within = found(50, 40), [(0.07, 0.07, 0.07, 0.4), (1e-3, 1e-3, 5e-3, 0.08)][order - 1]
+    for sides in (48, 36), (30, 48):
+        for value, matching, most in zip(found(*sides), right, within, strict=True):
+            assert value == pytest.approx(matching, rel=most)
 
 
 def plates(seed: int) -> dict:
@@ -97,7 +78,7 @@ def plates(seed: int) -> dict:
                                         for a, b, on, facing in pairs]}
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_bodies_that_meet_at_a_point_do_not_run_through_each_other(seed):
     """Diagonally across a point of four bodies, their corners overlap as the meshes of its contacts do."""
     answer = certified(plates(seed))
@@ -125,25 +106,6 @@ def test_wrong_keys(keys, words):
     with pytest.raises(InputError) as error:
         solved(bodies, [{"bodies": ["upper", "lower"], "on": ["bottom", "top"]} | keys])
     assert words in str(error.value)
-
-
-@orders
-@pytest.mark.parametrize("slave", ["wheel", "block"])
-def test_a_wheel_comes_down_on_a_block(slave, order):
-    """From far above; the whole rim may touch, but its far side is no partner, and the forces are symmetric."""
-    mesh = {"shape": "annulus", "center": [0.0, 1.8], "radii": [0.6, 1.0], "angles": [0.0, 360.0],
-            "divisions": [52, 5], "order": order}
-    wheel = body("wheel", mesh, [{"on": "inner", "x": 0.0, "y": -0.81}])
-    wide = {"shape": "rectangle", "origin": [-1.5, -1.0], "size": [3.0, 1.0], "divisions": [36, 12], "order": order}
-    answer = solved([wheel, body("block", wide, ["bottom"])],
-                    [{"bodies": ["wheel", "block"], "on": ["outer", "top"], "slave": slave}], 1e-8)
-    state, contact = answer.contacts["wheel-block"], answer.summary["contacts"]["wheel-block"]
-    assert state.interface.at[0][:, 1].max() < 1.8 and state.interface.gap.min() == pytest.approx(0.8, rel=1e-2)
-    assert state.interface.xy[state.normal_force > 0.0, 0] == pytest.approx(0.0, abs=0.2)
-    x, y = contact["force"]
-    assert y == pytest.approx(contact["normal_force"], rel=1e-2) and abs(x) < 0.02 * y
-    assert y == pytest.approx(-answer.summary["bodies"]["wheel"]["reaction"][1], rel=1e-6)
-    assert contact["pointwise_penetration"] < 0.01 and contact["certificate"]["penetration"] <= 5e-7
 
 
 @pytest.mark.parametrize("slave, moved", [(None, 2.3e-16), (None, -2.3e-16), ("left", 0.0), ("right", 2.3e-16)])

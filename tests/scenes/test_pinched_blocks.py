@@ -1,9 +1,8 @@
-"""The model scene through the real command: the measured answers of the design, and every result file."""
+"""The model scene: the measured answers of the design."""
 
 import numpy as np
 import pytest
-import scenes
-from scenes import ROOT, Run, certified, pinched_blocks, solve_scene
+from scenes import certified, pinched_blocks, solve_scene
 
 pytestmark = pytest.mark.slow
 
@@ -19,54 +18,6 @@ ANSWERS = {
     (22, "none"): ((4, 62, 0), 1.149542927e8, 0.0, (-1.684004e-4, 1.5922347e-3)),
 }
 """Answers of the discrete problem for N and the friction law."""
-
-SHIPPED = {
-    "pinched_blocks_coulomb": ("tangential_force", 8.368861e6),
-    "pinched_blocks_tresca": ("tangential_force", 5.868415e6),
-    "pinched_blocks_frictionless": ("normal_force", 1.149542927e8),
-    "punch": ("tangential_force", 190.81310),
-}
-"""One number of each scene in configs/; the last is from the independent code, too, with bounded least squares."""
-
-RESIDUALS = {"force_mismatch": float, "penetration": float, "complementarity": float, "friction": float}
-STEP = {"force": [float, float], "moment": float, "normal_force": float, "tangential_force": float, "open": int,
-        "slip": int, "stick": int, "dissipated": float}
-FORCES = {"force": [float, float], "moment": float}
-BODY = {"n": int, "ranks": [int], "n_A": int, "held": bool, "displacement_max": float, "von_mises_max": float,
-        "energy": float, "reaction": [float, float], "loads": {}, "reactions": {"left": FORCES},
-        "discretization_error": float, "compliance": str, "memory_mib": float}
-SUMMARY_KEYS = {
-    "format": int, "title": str, "converged": bool, "reason": str, "outer": str, "order": int, "algorithm": str,
-    "splitting": str, "friction": str, "n": int, "m": int, "ranks": int, "outer_iterations": int,
-    "inner_iterations": int, "n_A": int, "eff": float, "bodies": {"upper": BODY, "lower": BODY},
-    "contacts": {"upper-lower": {"m": int, "pairing": str, "pressure_max": float, "certificate": RESIDUALS,
-                                 "pointwise_penetration": float, "moment_imbalance": float,
-                                 "moment_imbalance_bound": float} | STEP},
-    "certificate": RESIDUALS | {"equilibrium": float}, "displacement_max": float, "warnings": [],
-    "discretization_error": {"energy_norm": float}, "exchange": {"messages": int, "bytes": int},
-    "seconds": {"mesh": float, "assemble": float, "factor": float, "outer": float, "recover": float, "output": float,
-                "total": float},
-    "versions": {}, "options": {}, "options_unused": [], "scene": {},
-}
-"""Keys and types of summary.json in format 2."""
-
-
-def check_types(value, kind, key: str) -> None:
-    if isinstance(kind, dict):
-        assert isinstance(value, dict), key
-        assert value.keys() >= kind.keys(), key
-        for name, inner in kind.items():
-            check_types(value[name], inner, f"{key}.{name}")
-    elif isinstance(kind, list):
-        assert isinstance(value, list), key
-        assert not kind or len(value) == len(kind), key
-        for entry, inner in zip(value, kind, strict=False):
-            check_types(entry, inner, key)
-    else:
-        assert type(value) is kind, f"{key} is {value!r}"
-
-
-# The answers
 
 
 @pytest.mark.parametrize("N, law", ANSWERS)
@@ -112,98 +63,3 @@ def test_no_bit_of_the_published_iteration_depends_on_the_units(comm, law):
         assert np.array_equal(other[name], base[name] * length * stress)
     for name, (_, u) in base["body"].items():
         assert np.array_equal(other["body"][name][1], u * length)
-
-
-@pytest.mark.mpi(ranks=2)
-@pytest.mark.parametrize("name", SHIPPED)
-def test_shipped_scenes(comm, name):
-    """The scenes in configs/ just as they are, without a warning."""
-    key, value = SHIPPED[name]
-    summary = certified(ROOT / "configs" / f"{name}.toml", comm).summary
-    assert summary["warnings"] == []
-    (contact,) = summary["contacts"].values()
-    assert contact[key] == pytest.approx(value, rel=max(SIX_DIGITS, 2 * summary["certificate_limit"]))
-
-
-# The files
-
-
-@pytest.fixture(scope="module")
-def command(tmp_path_factory) -> Run:
-    """The real command on two ranks, with pictures and an option that PETSc does not know."""
-    done = scenes.run_command(ROOT / "configs" / "pinched_blocks.toml", tmp_path_factory.mktemp("command") / "out",
-                              "-not_an_option", "3")
-    assert done.code == 0, done.output
-    return done
-
-
-@pytest.fixture(scope="module")
-def laws(tmp_path_factory) -> dict[str, Run]:
-    folder = tmp_path_factory.mktemp("laws")
-    return {law: scenes.run_here(scenes.write_scene(pinched_blocks(22, law, tolerance=1e-9), folder / f"{law}.toml"),
-                                 folder / law, "--no-figures", "--quiet") for law in ("coulomb", "tresca")}
-
-
-def test_summary_has_all_keys_and_types(command):
-    """Of format 2, with what was solved, how, where, by which versions and how fast."""
-    summary = command.summary
-    check_types(summary, SUMMARY_KEYS, "summary")
-    assert summary["friction"] == "coulomb" and summary["ranks"] == 2 and len(summary["hosts"]) == 2
-    assert sum(body["n_A"] for body in summary["bodies"].values()) == summary["n_A"]
-    assert summary["eff"] == pytest.approx(summary["n_A"] / (2 * summary["m"]))
-    assert sum(summary["contacts"]["upper-lower"][status] for status in ("open", "slip", "stick")) == summary["m"]
-    assert summary["options_unused"] == ["not_an_option"]
-    assert command.output.count("not_an_option") == 1  # by us, and not by PETSc once more
-    seconds = summary["seconds"]
-    assert all(value > 0 for value in seconds.values())
-    assert seconds["total"] >= max(value for phase, value in seconds.items() if phase != "total")
-    assert all(10 < body["memory_mib"] < 4000 for body in summary["bodies"].values())
-    assert summary["versions"].keys() >= {"ddmpi", "python", "petsc", "petsc4py", "mpi4py", "numpy"}
-    assert all(isinstance(version, str) and version for version in summary["versions"].values())
-    assert summary["scene"]["body"][0]["material"]["plane"] == "strain"  # a default
-    assert summary["scene"]["contact"][0]["friction"] == {"law": "coulomb", "coefficient": 0.3}
-
-
-def test_what_is_printed_and_drawn(command, laws):
-    """Progress once, by one rank, and pictures; nothing with --quiet, no pictures with --no-figures."""
-    assert command.stdout.count("converged and certified (") == 1
-    assert command.stdout.startswith(command.summary["title"])
-    assert command.files == scenes.DATA | {"bodies.png", "contact.png", "convergence.png"}
-    quiet = laws["coulomb"]
-    assert (quiet.code, quiet.stdout, quiet.own_stderr, quiet.files) == (0, "", "", scenes.DATA)
-
-
-def test_interface_table(laws):
-    """A line for each node that carries unknowns, whose stresses are forces over lengths and add up to the summary."""
-    done = laws["coulomb"]
-    contact, columns = done.summary["contacts"]["upper-lower"], done.table("contact_upper-lower.csv")
-    assert list(columns) == ["x", "y", "nx", "ny", "length", "normal_force", "tangential_force", "normal_stress",
-                             "tangential_stress", "gap", "slip", "slip_total", "status"]
-    assert columns["x"] == pytest.approx(np.arange(1, 67) / 22)  # the node at the clamp carries no unknown
-    assert columns["y"] == pytest.approx(np.ones(66))
-    length = np.r_[np.full(65, 1 / 22), 1 / 44]
-    assert columns["length"] == pytest.approx(length)
-    assert not columns["nx"].any() and (columns["ny"] == -1.0).all()  # out of the upper block
-    assert columns["slip_total"].tolist() == columns["slip"].tolist()
-    for kind in ("normal", "tangential"):
-        assert columns[f"{kind}_stress"] * length == pytest.approx(columns[f"{kind}_force"])
-        assert columns[f"{kind}_force"].sum() == pytest.approx(contact[f"{kind}_force"], rel=1e-12)
-    for status in ("open", "slip", "stick"):
-        assert (columns["status"] == status).sum() == contact[status]
-
-
-@pytest.mark.parametrize("law, bound_of", [("coulomb", lambda columns: 0.3 * columns["normal_stress"]),
-                                           ("tresca", lambda columns: np.full(66, 1.2e7))])
-def test_interface_table_obeys_the_laws_of_contact(laws, law, bound_of):
-    """Pressure where it is closed, friction on its bound against the slip, within it where nodes stick."""
-    columns = laws[law].table("contact_upper-lower.csv")
-    gap, slip, shear, bound = (*(columns[c] for c in ("gap", "slip", "tangential_stress")), bound_of(columns))
-    opened, slipping, sticking = (columns["status"] == s for s in ("open", "slip", "stick"))
-    largest = np.abs(slip).max()
-    assert (columns["normal_force"] >= 0).all()
-    assert (columns["normal_force"][opened] == 0).all() and (gap[opened] > 0).all()
-    assert np.abs(gap[~opened]).max() <= 1e-7 * largest
-    assert np.abs(slip[sticking]).max() <= 1e-7 * largest
-    assert (np.abs(shear[sticking]) < bound[sticking]).all()
-    assert np.abs(shear[slipping]) == pytest.approx(bound[slipping], rel=1e-6)
-    assert (shear[slipping] * slip[slipping] >= -1e-7 * largest * bound.max()).all()

@@ -15,8 +15,7 @@ POSSIBLE = [title for title in PUBLIC if title not in IMPOSSIBLE]
 
 @pytest.mark.parametrize("title", POSSIBLE)
 def test_answer_is_the_published_one(title):
-    """Displacements of corners to 1e-6 of the largest one; where no node belongs to several contacts, whose forces are
-    then not unique, resultants to 1e-6 and nodes by status."""
+    """Displacements to 1e-6; resultants and statuses where no node belongs to several contacts, thus unique."""
     scene, known = PUBLIC[title]["scene"], PUBLIC[title]["answer"]
     answer = ddmpi.solve(scene, MPI.COMM_SELF)
     assert answer.certified, answer.reason
@@ -63,12 +62,9 @@ TRESCA = {"law": "tresca", "slip_bound": 1.2e7}
     boxes(4, steps=8, inner=73, force=(1.13363555e8, -8.0786785e6, -4.9433846e6), m=60),
     boxes(4, law=TRESCA, steps=8, inner=75, force=(1.13303709e8, -7.5050547e6, -4.6935660e6), m=60),
     boxes(8, steps=10, inner=98, force=(1.146577e8, -8.234903e6, -4.547908e6), m=216, slow=True),
-    boxes(8, pairing="mortar", steps=10, inner=99, force=(1.1567e8,), m=216, rel=1e-4, slow=True),
-    boxes(4, order=2, steps=8, inner=94, force=(1.15468e8,), m=65, rel=1e-4),
-    boxes(8, 7, order=2, slave="upper", steps=9, inner=112, force=(1.158311e8,), m=225, rel=1e-5, slow=True)])
+    boxes(4, order=2, steps=8, inner=94, force=(1.15468e8,), m=65, rel=1e-4)])
 def test_two_boxes(arguments, keys, steps, inner, force, m, rel):
-    """Resultants as measured by another program, in order 2 as measured here (fine meshes have 1.1583e8); steps and
-    GMRES iterations within 1.2 of what was measured."""
+    """Resultants by another program, of order 2 by this one (fine meshes have 1.1583e8); iterations within 1.2."""
     order = keys.get("order", 1)
     answer = ddmpi.solve(two_boxes(*arguments, **keys), MPI.COMM_SELF)
     assert answer.certified, answer.reason

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from mpi4py import MPI
-from scenes import call, certified, rectangle, run_here, write_scene
+from scenes import assert_refused, certified, rectangle, run_here, write_scene
 from solid_scenes import box
 
 import ddmpi
@@ -52,9 +52,8 @@ LAWS = {"none": None, "coulomb": {"law": "coulomb", "coefficient": 0.5}, "tresca
 
 
 @pytest.mark.parametrize(("d", "shape", "law", "order", "lift"), [
-    (2, "plane", "coulomb", 1, 0.3), (2, "circle", "none", 2, 0.0), (2, "circle", "coulomb", 1, 0.3),
-    (2, "plane", "tresca", 2, 0.3), (3, "plane", "coulomb", 1, 0.3), (3, "sphere", "none", 1, 0.3),
-    (3, "cylinder", "coulomb", 1, 0.0), (3, "plane", "tresca", 2, 0.3)])
+    (2, "circle", "none", 2, 0.0), (2, "circle", "coulomb", 1, 0.3), (2, "plane", "tresca", 2, 0.3),
+    (3, "sphere", "none", 1, 0.3), (3, "cylinder", "coulomb", 1, 0.0), (3, "plane", "tresca", 1, 0.3)])
 def test_pushed_as_far_as_moved(d, shape, law, order, lift):
     """Force balance to rounding; the same partner, moved as far, is pressed by the same forces; also across a gap."""
     force = along(d, 0.2 * FORCE if law != "none" else 0.0, FORCE)
@@ -112,21 +111,9 @@ def test_without_clarabel_the_question_is_not_asked(tmp_path, monkeypatch):
     assert not refused(vice(2, FORCE, 2.0 * 0.3 * FORCE)).startswith("no equilibrium:")
 
 
-def test_a_bonded_partner_may_be_pulled():
-    """The same displacement as by a traction of a rigid side: forces in any direction."""
-    scene = pressed(2, force=[2e5, 3e5])
-    scene["contact"][0]["kind"] = "bonded"
-    answer = certified(scene)
-    assert answer.summary["rigid"]["ram"]["force"] == pytest.approx([-2e5, -3e5], abs=1e-3)
-    top = answer.bodies["block"].points[:, 1] == 1.0
-    moved = answer.bodies["block"].displacement[top]
-    assert np.abs(moved - answer.summary["rigid"]["ram"]["displacement"]).max() <= 1e-9 * np.abs(moved).max()
-
-
 @pytest.mark.parametrize("d", [2, 3])
 def test_load_steps(d):
-    """A push that grows, is joined by a displacement aside, and goes: works balance, the partner goes as far as in one
-    step where there is no friction, and stays behind with it."""
+    """Works balance; without friction a partner that is pushed and moved aside goes as far as in one step."""
     scene = pressed(d, force=along(d, 0.0, FORCE), law=LAWS["coulomb"], lift=0.05, history="push",
                     displacement=along(d, 1e-3, 0.0))
     scene |= {"history": {"push": {"times": [0.0, 1.0, 2.0], "factors": [0.0, 1.0, 0.4]}},
@@ -145,17 +132,6 @@ def test_load_steps(d):
     del scene["rigid"][0]["history"]
     scene["rigid"][0] |= {"force": along(d, 0.0, 0.4 * FORCE), "displacement": along(d, 4e-4, 0.0)}
     assert stepped == pytest.approx(certified(scene).summary["rigid"]["ram"]["displacement"], rel=1e-7)
-
-
-@pytest.mark.clarabel
-def test_a_scene_is_checked_and_a_mechanism_drawn(tmp_path):
-    """`ddmpi check` says by what a partner is pushed; where only the partner moves, a picture shows it."""
-    path = write_scene(pressed(2, force=along(2, 0.0, -FORCE)), tmp_path / "scene.toml")
-    done = call("check", str(path), "--output", str(tmp_path / "checked"))
-    assert done.code == 3 and "rigid ram: pushed by (0, 1e+06)" in done.output, done.output
-    assert (tmp_path / "checked" / "bodies.png").exists()
-    assert run_here(path, tmp_path / "out").code == 3
-    assert (tmp_path / "out" / "mechanism.png").exists()
 
 
 def test_a_partner_falls_on_a_clamped_node():
@@ -185,15 +161,11 @@ def test_a_ram_around_an_axis():
 @pytest.mark.parametrize(("ram", "words"), [
     ({"force": [0.0, 0.0]}, "rigid.ram: force must not be zero"),
     ({"force": [1.0, -1e4], "displacement": [1e-3, 0.0]}, "rigid.ram: along x it has both a force and a displacement"),
-    ({"force": [0.0, 0.0, 1.0]}, "rigid.ram.force: [0.0, 0.0, 1.0] is in space"),
-    ({"force": [0.0, "x"]}, "rigid.ram.force.1: expected a number"),
-    ({"force": [0.0, -1.0], "history": "x"}, "rigid.ram.history: there is no [history.x]")])
+    ({"force": [0.0, 0.0, 1.0]}, "rigid.ram.force: [0.0, 0.0, 1.0] is in space")])
 def test_a_push_is_refused(ram, words):
     scene = pressed(2)
     scene["rigid"][0] |= ram
-    with pytest.raises(ddmpi.errors.InputError) as error:
-        ddmpi.solve(scene, MPI.COMM_SELF)
-    assert words in str(error.value)
+    assert_refused(scene, words)
 
 
 def test_the_published_iteration_refuses_it():

@@ -4,15 +4,14 @@ check."""
 import functools
 
 import assembly_scenes
-import numpy as np
 import pytest
 import random_assemblies
 import result_check
 import scenes
 import solid_assemblies
 from mpi4py import MPI
-from result_check import feasible, violations
-from solid_scenes import box, two_boxes
+from result_check import violations
+from solid_scenes import two_boxes
 
 import ddmpi
 
@@ -25,8 +24,8 @@ much unless interior points are steered less. 52 has no friction, only faces z =
 act from time 1 on: without a force along x or y nothing balances it, though at time 1 itself all bodies are held.
 """
 
-PLANE = {"verified": (80, 168, 176, 9, 25, 193, 10, 162, 170, 178, 43, 107, 171, 12, 172, 188, 5, 189, 166, 190, 79,
-                      183, 191), "reported": (88, 161, 194, 115, 197, 70, 150)}
+PLANE = {"verified": (80, 168, 9, 25, 10, 170, 43, 107, 12, 172, 5, 189, 166, 79, 191),
+         "reported": (88, 161, 194, 115, 70)}
 RANKS = {29: 4, 229: 3}
 QUICK = {46, 10, 52, 88, 80, 161}
 RUNS = [pytest.param(kind, seed, verdict, marks=[] if seed in QUICK else pytest.mark.slow)
@@ -41,15 +40,6 @@ def test_random_assembly(kind, seed, verdict, tmp_path):
     tolerance = 1e-8 if kind is assembly_scenes else 1e-5
     found = random_assemblies.judge(kind.random_scene(seed), tmp_path, tolerance, command)
     assert found[0] == verdict, found
-
-
-@pytest.mark.parametrize("kind, families", [(assembly_scenes, tuple(assembly_scenes.FAMILIES)),
-                                            (solid_assemblies, solid_assemblies.FAMILIES)])
-def test_families_take_turns(kind, families):
-    """A seed has one scene, whose title says of which family it is."""
-    for seed, family in enumerate(families):
-        scene = kind.random_scene(seed)
-        assert scene == kind.random_scene(seed) and scene["title"].replace(",", " ").split()[0] == family
 
 
 @pytest.mark.slow
@@ -93,39 +83,3 @@ def test_the_check_sees_what_is_wrong(solved, monkeypatch, name, column, law):
 
     monkeypatch.setattr(result_check, "read_results", spoiled)
     assert violations(scene, folder)[law] > 1e-5
-
-
-@pytest.mark.parametrize("name, law", [("plane", "inside"), ("plane", "clamps"), ("solids", "inside")])
-def test_the_check_sees_wrong_displacements(solved, monkeypatch, name, law):
-    """A field that is turned a little, and bent within bodies."""
-    scene, folder = solved[name]
-    read = result_check.read_results
-
-    def spoiled(path):
-        results = read(path)
-        u = results.fields["displacement"]
-        u += 1e-3 * np.abs(u).max() * np.sin(5.0 * results.fields["points"] + 1.0)
-        return results
-
-    monkeypatch.setattr(result_check, "read_results", spoiled)
-    assert violations(scene, folder)[law] > 1e-5
-
-
-@pytest.mark.parametrize("make, law, bound", [(make, law, bound) for make in ("plane", "space") for law, bound in (
-    ("coulomb", 0.3), ("tresca", 3e5), ("none", 0.0))])
-def test_what_friction_can_hold_is_feasible(make, law, bound):
-    """A block on a floor that is pushed by 0.9 of what friction bears, and not by 1.1 of it."""
-    key = {"coulomb": "coefficient", "tresca": "slip_bound", "none": ""}[law]
-    friction = {"law": law} | ({key: bound} if key else {})
-    for part in (0.9, 1.1):
-        push = part * 3e5 if bound else (part > 1.0) * 1e3
-        if make == "plane":
-            block = scenes.rectangle("b", (0, 0), (4, 1), (4, 2), traction=[{"on": "top", "value": [push, -1e6]}])
-            floor = scenes.FLOOR
-        else:
-            block = box("b", (0, 0, 0), (4, 4, 1), (2, 2, 2), traction=[{"on": "top", "value": [push, 0.0, -1e6]}])
-            floor = {"name": "floor", "shape": "plane", "point": [0.0, 0.0, 0.0], "normal": [0.0, 0.0, 1.0]}
-        scene = {"body": [block], "rigid": [floor], "contact": [
-            {"name": "c", "bodies": ["b", "floor"], "on": ["bottom"], "friction": friction}]}
-        assert feasible(scene) == (part < 1.0)
-    assert feasible(two_boxes(2))

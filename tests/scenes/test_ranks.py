@@ -3,9 +3,12 @@
 import numpy as np
 import pytest
 import test_bolts
+import test_cycles
 import test_fits
 import test_foundations
 import test_guided
+import test_lean_steps
+import test_load_steps
 import test_loads_and_supports
 import test_pushed_partners
 from elsewhere import HERE, Found, assert_same, found
@@ -57,7 +60,10 @@ MADE = {
     "foundations": (4, lambda: test_foundations.beside(True, tangential=1e8, pull=1e5)),
     "guides": (3, row_of_guides), "a ram": (4, under_a_ram), "a head": (3, under_a_head),
     "a bolt": (3, lambda: EXACT | test_bolts.joint(steps=1, poisson=0.3, law={"law": "coulomb", "coefficient": 0.2})),
-    "heat": (2, lambda: test_loads_and_supports.heated_stack(3, 1)),
+    "heat": (2, lambda: test_lean_steps.stepped(test_lean_steps.heated(), "all", steps=2) | EXACT),
+    "steps by accuracy": (2, lambda: test_load_steps.circle(tolerance=0.5) | EXACT),
+    "cycles": (2, lambda: EXACT | test_cycles.rubbed(steps=2, cycle=test_cycles.CYCLE | {"repeat": 20, "until": 1e-6})),
+    "lean steps": (3, lambda: EXACT | test_lean_steps.stepped(test_lean_steps.loose(), "legs", steps=3)),
     "planes": (2, lambda: test_loads_and_supports.wedge(2, 33.0, 2, "mortar")),
     "planes in space": (2, lambda: test_loads_and_supports.wedge(3, 33.0, 1, "nodes")),
 }
@@ -100,7 +106,10 @@ def test_ranks_agree(comm, name):
     if not (other := on_some(comm, ranks, make())):
         return
     assert_same(one, other)
+    energy, found_there = (each.summary.get("energy", {}) for each in (one, other))
+    assert found_there == pytest.approx(energy, rel=1e-8, abs=1e-9 * energy.get("strain_energy", 1.0))
     for mine, theirs in zip(one.summary["steps"], other.summary["steps"], strict=True):
+        assert theirs["time"] == pytest.approx(mine["time"], rel=1e-6)
         for each, same in zip(mine["contacts"].values(), theirs["contacts"].values(), strict=True):
             for key in {"normal_force", "pretension"} & each.keys():
                 assert same[key] == pytest.approx(each[key], rel=1e-9), key

@@ -21,11 +21,6 @@ def cube(name: str, z: float = 0.0, x: float = 0.0, divisions: int = 2, order: i
     return box(name, (x, 0, z), (1, 1, 1), [divisions] * 3, order, young, poisson, **more)
 
 
-def rollers(**more: float) -> list[dict]:
-    """Planes of symmetry at x = 0 and y = 0, and faces that are moved along z."""
-    return [{"on": "left", "x": 0.0}, {"on": "front", "y": 0.0}, *({"on": face, "z": z} for face, z in more.items())]
-
-
 def solve(bodies: list[dict], contacts: list[dict], **more) -> Answer:
     """The certified answer."""
     return certified({"body": bodies, "contact": contacts, **more})
@@ -34,37 +29,6 @@ def solve(bodies: list[dict], contacts: list[dict], **more) -> Answer:
 def on(first: str, second: str, **more) -> dict:
     """The contact of the bottom of the first with the top of the second, or with a rigid partner."""
     return {"name": "c", "bodies": [first, second], "on": ["bottom", "top"][:1 if second == "floor" else 2], **more}
-
-
-def confined(young: float, poisson: float) -> float:
-    return young * (1.0 - poisson) / ((1.0 + poisson) * (1.0 - 2.0 * poisson))
-
-
-@pytest.mark.parametrize("order", [1, 2])
-@pytest.mark.parametrize("divisions", [(2, 2), (2, 3)])
-def test_cubes_between_planes_of_symmetry_bulge_alike(divisions, order):
-    """Quarters of a bar that is pressed by 0.1 along itself, held by symmetry alone, on meshes that match or not."""
-    push = 1e-3
-    bodies = [cube("lower", 0.0, divisions=divisions[0], order=order, clamp=rollers(bottom=0.0)),
-              cube("upper", 1.0, divisions=divisions[1], order=order, clamp=rollers(top=-2.0 * push))]
-    answer = solve(bodies, [on("upper", "lower", **FRICTION)])
-    for name in ("lower", "upper"):
-        x, u = answer.bodies[name].points, answer.bodies[name].displacement
-        exact = push * np.column_stack([0.3 * x[:, 0], 0.3 * x[:, 1], -x[:, 2]])
-        assert u == pytest.approx(exact, abs=1e-8 * push)
-    assert answer.contacts["c"].pressure == pytest.approx(YOUNG * push, rel=1e-7)
-
-
-@pytest.mark.parametrize("gap, pressed", [(0.0, True), (4e-4, True), (1.1e-3, False)])
-def test_a_stack_closes_its_gap_first(gap, pressed):
-    """Confined cubes of unlike stiffness: p = (δ − g) / Σ H/M, or nothing."""
-    sides = [{"on": face, axis: 0.0} for axis, faces in (("x", ("left", "right")), ("y", ("front", "back")))
-             for face in faces]
-    bodies = [cube("lower", 0.0, young=3.0 * YOUNG, poisson=0.2, clamp=[*sides, {"on": "bottom", "z": 0.0}]),
-              cube("upper", 1.0 + gap, clamp=[*sides, {"on": "top", "z": -1e-3}])]
-    answer = solve(bodies, [on("upper", "lower", **FRICTION)])
-    exact = (1e-3 - gap) / (1.0 / confined(YOUNG, 0.3) + 1.0 / confined(3.0 * YOUNG, 0.2)) if pressed else 0.0
-    assert answer.contacts["c"].pressure == pytest.approx(exact, rel=1e-6, abs=1e-6)
 
 
 PRESSURE, THICK = 1e6, 0.01

@@ -5,8 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from elsewhere import Elsewhere
 from mpi4py import MPI
-from scenes import call, certified, rectangle, run_here, write_scene
+from scenes import assert_refused, call, certified, rectangle, run_here, write_scene
 from solid_scenes import box
 
 import ddmpi
@@ -27,23 +28,6 @@ def cantilever(d: int, order: int = 2, contact: dict | None = None, **head) -> d
     return {"body": [body], "rigid": [{"name": "head", "shape": "plane", "point": middle, "pivot": middle,
                                        "normal": [-1.0] + [0.0] * (d - 1)} | head],
             "contact": [{"bodies": ["beam", "head"], "on": ["right"], "kind": "bonded"} | (contact or {})]}
-
-
-def turned(scene: dict, angle: float, length: float, stress: float) -> dict:
-    """A plane scene of rectangles turned by an angle (rad), in other units."""
-    Q = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    for body in scene["body"]:
-        at, size = np.array(body["mesh"].pop("origin")), np.array(body["mesh"].pop("size"))
-        corners = at + size * np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
-        body["mesh"] |= {"shape": "quadrilateral", "corners": (corners @ Q.T / length).tolist()}
-        body["material"]["young"] /= stress
-    for rigid in scene["rigid"]:
-        for key, unit in {"point": length, "pivot": length, "normal": 1.0, "force": stress * length}.items():
-            if key in rigid:
-                rigid[key] = (Q @ rigid[key] / unit).tolist()
-        if "moment" in rigid:
-            rigid["moment"] /= stress * length**2
-    return scene
 
 
 @pytest.mark.parametrize("pivot", [(0.0, 0.0), (0.3, -0.5), (50.0, 20.0), (1e5, 0.0)])
@@ -89,10 +73,10 @@ def test_a_remote_force():
     turn = force * (LENGTH**2 / 2 + arm * LENGTH) / STIFF
     assert head["turn"] == pytest.approx(turn, rel=1e-9)
     assert head["moment"] == pytest.approx(0.0, abs=1e-9 * MOMENT)
-    other = certified(turned(scene, 0.7, 1e-3, 1e6)).summary["rigid"]["head"]
+    Q = np.array([[0.8, -0.6], [0.6, 0.8]])
+    other = certified(Elsewhere(Q, length=1e-3, stress=1e6).scene(scene)).summary["rigid"]["head"]
     assert other["turn"] == pytest.approx(turn, rel=1e-8)
-    c, s = np.cos(0.7), np.sin(0.7)
-    assert other["displacement"] == pytest.approx((1e3 * np.array([[c, -s], [s, c]]) @ head["displacement"]), rel=1e-8)
+    assert other["displacement"] == pytest.approx(1e3 * Q @ head["displacement"], rel=1e-8)
 
 
 def test_the_example_of_the_page():
@@ -174,6 +158,7 @@ def test_a_lever_that_nothing_bears():
     assert answer.summary["undetermined"] and all("lid can move" in text for text in answer.summary["undetermined"])
 
 
+@pytest.mark.slow
 def test_load_steps(tmp_path):
     """A moment that comes and goes: works balance at each step; check, log and pictures know it."""
     scene = lever(2, {"law": "coulomb", "coefficient": 0.3}, history="push") | {
@@ -197,10 +182,7 @@ def test_load_steps(tmp_path):
     ({"moment": None}, "rigid.lid: pivot goes with a moment, or with turns = true"),
     ({"moment": 0.0}, "rigid.lid: moment must not be zero"),
     ({"moment": [0.0, 1.0, 0.0]}, "rigid.lid.moment: [0.0, 1.0, 0.0] is in space"),
-    ({"moment": "x"}, "rigid.lid.moment: expected a number"),
-    ({"pivot": [0.0, 0.0, 1.0]}, "rigid.lid.pivot: [0.0, 0.0, 1.0] is in space"),
     ({"free": ["z"]}, "rigid.lid.free: there is no z in the plane"),
-    ({"free": ["w"]}, "rigid.lid.free.0: 'w' is not valid; expected one of x, y, z"),
     ({"free": ["x"], "displacement": [1e-3, 0.0]}, "rigid.lid: along x it has both freedom to move and a displacement"),
     ({"axisymmetric": True}, "rigid.lid.pivot: an axisymmetric partner is pushed along y only and does not")])
 def test_a_turn_is_refused(lid, words):
@@ -209,9 +191,7 @@ def test_a_turn_is_refused(lid, words):
     scene |= {"axisymmetric": True} if lid.pop("axisymmetric", None) else {}
     scene["body"][0]["mesh"]["origin"] = [0.0, 0.0]
     scene["rigid"][0] = {key: value for key, value in (scene["rigid"][0] | lid).items() if value is not None}
-    with pytest.raises(InputError) as error:
-        ddmpi.solve(scene, MPI.COMM_SELF)
-    assert words in str(error.value)
+    assert_refused(scene, words)
 
 
 def test_a_moment_in_space_has_three_components():

@@ -4,11 +4,14 @@ import re
 
 import pytest
 from experiment import TABLES
-from problems import PROBLEMS, Value, around_axis, curved, flat, moving, solids, supports
+from problems import PROBLEMS, around_axis, curved, flat, moving, solids, supports
 
 pytestmark = pytest.mark.slow
 
-RUNS = [(name, order) for name, each in PROBLEMS.items() for order in each.orders]
+ORDERS = {"spur-gears": (), "twisted-balls": (1,)}
+RUNS = [(name, order) for name, each in PROBLEMS.items() for order in ORDERS.get(name, (
+    each.orders[-1:] if each.in_space or each.measure.__module__ == moving.__name__ else each.orders))]
+"""Solids and bodies that move far with quadratic elements alone; the gallery's test solves the spur gears."""
 
 
 @pytest.mark.parametrize(("name", "order"), RUNS)
@@ -31,9 +34,3 @@ def test_all_problems_are_there():
     assert len(PROBLEMS) == 45
     for name, each in PROBLEMS.items():
         assert each.name == name and sorted(set(each.meshes)) == list(each.meshes)
-
-
-def test_a_value_is_met():
-    """Within what is allowed of the exact value, on either side."""
-    assert Value(1.009, 1.0, 0.01).met and not Value(1.011, 1.0, 0.01).met and not Value(0.98, 1.0, 0.01).met
-    assert Value(1e-9, 0.0, 1e-8).met and not Value(float("nan"), 0.0, 1e-8).met

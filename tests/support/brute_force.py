@@ -8,17 +8,13 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
+from scipy.optimize import lsq_linear
 
 from ddmpi.coupling.assembly import Assembly
 from ddmpi.coupling.member import Member
-from ddmpi.errors import InputError, NotConvergedError
 from ddmpi.interface.law import Law
 from ddmpi.sets import Box
-from ddmpi.system.agreement import agreed
 from ddmpi.system.numbers import norm
-
-LARGEST = 2000
-"""Most contact unknowns that are solved this way; BVLS is cubic in them, and worse."""
 
 PRECISE, USABLE, ROUNDS = 1e-12, 1e-6, 3
 """Projected gradient, of normal and of tangential unknowns by themselves, over the displacements there, below which
@@ -26,18 +22,6 @@ a program is solved, and below which it will do; and how often the problem that 
 
 FIXED_POINT = 1e-12
 """Relative change of the slip bound at which the fixed point of Coulomb friction is reached."""
-
-
-def check_size(assembly: Assembly) -> None:
-    """InputError when the scene is too large, or not of the kind, to be solved this way."""
-    if assembly.joint.bodies != 2 or len(assembly.scene.contact) != 1 or assembly.loose:
-        raise InputError("brute force is for two bodies that clamps hold, with one contact; this scene is another one")
-    if any(law.size > law.m + len(law.sliding) for law in assembly.space.laws.laws):
-        raise InputError("brute force bounds each tangential force by itself, as there is one in the plane; the "
-                         "friction of solids it cannot check")
-    if assembly.space.size > LARGEST:
-        raise InputError(f"the coupled problem has {assembly.space.size} contact unknowns; by brute force {LARGEST} "
-                         "are the most")
 
 
 def dense(member: Member) -> np.ndarray:
@@ -51,17 +35,11 @@ def dense(member: Member) -> np.ndarray:
 def solve_coupled(assembly: Assembly) -> np.ndarray:
     """The contact forces of the coupled problem (N), on the rank that owns the interface; empty on another.
 
-    Collective on both bodies. Raises NotConvergedError when the fixed
-    point of Coulomb friction is not found, InputError for too large an interface; on both.
+    For two bodies in the plane that clamps hold, with one contact. Collective on both bodies.
     """
-    with agreed(assembly.world):
-        check_size(assembly)
-    s = np.empty(0)
+    assert assembly.joint.bodies == 2 and len(assembly.scene.contact) == 1 and not assembly.loose
     C = sum(assembly.world.allgather(sum(dense(body.member) for body in assembly.bodies)))
-    with agreed(assembly.world):
-        if assembly.space.interfaces:
-            s = solve_dense(C, assembly.joint.d, assembly.space.laws.laws[0])
-    return s
+    return solve_dense(C, assembly.joint.d, assembly.space.laws.laws[0]) if assembly.space.interfaces else np.empty(0)
 
 
 def solve_dense(C: np.ndarray, d: np.ndarray, law: Law) -> np.ndarray:
@@ -71,22 +49,19 @@ def solve_dense(C: np.ndarray, d: np.ndarray, law: Law) -> np.ndarray:
     """
     m, s = law.m, np.zeros(len(d))
     g = law.bound_at(s)
-    if not law.largest_slope:  # the bound does not follow the normal forces
-        return _checked(C, d, m, g, _bounded(C, d, m, g))
     relaxation, last = 1.0, np.inf
     for _ in range(500):
         s = _bounded(C, d, m, g)
         change = law.bound_at(s) - g
         size = norm(change)
-        if size <= FIXED_POINT * np.linalg.norm(s):
-            return _checked(C, d, m, g, s)
+        if size <= FIXED_POINT * np.linalg.norm(s):  # at once, where the bound does not follow the normal forces
+            assert _error(C, d, m, g, s) <= USABLE, "rounding hides the normal or the tangential part of the answer"
+            return s
         if size > 0.9 * last:
             relaxation = max(0.7 * relaxation, 0.02)
         last = size
         g = g + relaxation * change
-    raise NotConvergedError("brute force: the successive approximations of the slip bound do not converge "
-                            f"(last change {size / np.linalg.norm(s):.1e}); for a large friction coefficient "
-                            "a solution need not be unique")
+    raise AssertionError("the fixed point of the slip bound is not found; a solution need not be unique")
 
 
 def _bounded(C: np.ndarray, d: np.ndarray, m: int, g: np.ndarray) -> np.ndarray:
@@ -113,20 +88,9 @@ def _error(C: np.ndarray, d: np.ndarray, m: int, g: np.ndarray, s: np.ndarray) -
     return max(norm(left[part]) / (norm(size[part]) or 1.0) for part in parts)
 
 
-def _checked(C: np.ndarray, d: np.ndarray, m: int, g: np.ndarray, s: np.ndarray) -> np.ndarray:
-    """`s`, if it solves the program well enough to check something by it; else NotConvergedError."""
-    error = _error(C, d, m, g, s)
-    if error > USABLE:
-        raise NotConvergedError(f"brute force leaves a gradient of {error:.0e}, relatively: rounding hides the normal "
-                                "or the tangential part of the answer, and nothing can be checked by it")
-    return s
-
-
 def _least_squares(C: np.ndarray, d: np.ndarray, lower: np.ndarray, upper: np.ndarray,
                    ) -> tuple[np.ndarray, np.ndarray]:
     """min ½ sᵀCs − sᵀd within bounds by BVLS, scaled free of units; s, and where it is on a bound: −1, 0, 1."""
-    from scipy.optimize import lsq_linear
-
     force = np.linalg.norm(d) / np.linalg.norm(C, 2) or 1.0
     lower, upper = lower / force, upper / force
     moving = upper > lower

@@ -54,13 +54,16 @@ class Elsewhere:
         scene = json.loads(json.dumps(scene))  # in which no two tables are one
         for body in scene["body"]:
             self._put(body)
+        d = len(corners(scene["body"][0]["mesh"])[0])
         for rigid in scene.get("rigid", []):
-            rigid |= {key: self.place(rigid[key]).tolist() for key in ("point", "center") if key in rigid}
+            rigid |= {key: self.place(rigid[key]).tolist() for key in ("point", "center", "pivot") if key in rigid}
+            force = self.stress * self.length ** (d - 1)
+            rigid |= {"force": (self.turned(rigid["force"]) / force).tolist()} if "force" in rigid else {}
             rigid |= {"normal": self.turned(rigid["normal"]).tolist()} if "normal" in rigid else {}
             rigid |= {key: rigid[key] / self.length for key in ("radius",) if key in rigid}
             if "displacement" in rigid:
                 rigid["displacement"] = (self.turned(rigid["displacement"]) / self.length).tolist()
-        swap = self._swap(len(corners(scene["body"][0]["mesh"])[0]))[1]
+        swap = self._swap(d)[1]
         for contact in scene["contact"]:
             contact.setdefault("name", "-".join(contact["bodies"]))
             contact["on"] = [swap.get(on, on) for on in contact["on"]]

@@ -517,7 +517,7 @@ MUTANTS = [Mutant(*row) for row in (
     ("clamps may hold a bond that is pulled", "interface/rows", ".max() > SAME:", ".max() > 2.0:",
      f"{BOLTS}::test_a_pretension_is_refused"),
     ("a kept offset has no derivative", "derive/chain", "np.where(joint.kept, since[\"alpha\"][k], 0.0)",
-     "0.0 * since[\"alpha\"][k]", f"{BOLTS}::test_derivatives_go_on_with_the_offset"),
+     "0.0 * since[\"alpha\"][k]", f"{DERIVED}::test_a_pretension_that_is_kept"),
     ("kept offsets may move in the search for a mechanism", "run/equilibrium", "moves = sparse.diags(1.0 - joint.kept)",
      "moves = sparse.diags(1.0 + 0.0 * joint.kept)", f"{BOLTS}::test_a_joint_under_load"),
     ("a rigid partner is looked for among bodies", "coupling/assembly", "== contact.bodies[1])",

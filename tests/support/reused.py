@@ -3,8 +3,10 @@ models."""
 
 from __future__ import annotations
 
+import fnmatch
 import random
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,130 +16,56 @@ CHANCE = {"seconds", "started", "run", "command", "reused", "memory_mib", "start
 
 Change = Callable[[random.Random, dict], dict[str, Any]]
 
+SCALED = {"friction": ("contact.*.friction.coefficient", "contact.*.friction.slip_bound"), "gap": ("contact.*.gap",),
+          "load": ("body.*.traction.*.value", "body.*.traction.*.pressure", "body.*.traction.*.force"),
+          "clamp": ("body.*.clamp.*.[xyz]",), "partner": ("rigid.*.displacement", "rigid.*.force"),
+          "history": ("history.*.factors",), "modulus": ("body.*.material.young",),
+          "foundation": ("body.*.foundation.*.normal", "body.*.foundation.*.tangential"),
+          "heat": ("body.*.temperature",)}
+"""Keys whose numbers are multiplied by a factor."""
+
+
+def places(scene: dict, *patterns: str) -> dict[str, Any]:
+    """What stands at the keys of a scene that match patterns, * in the place of numbers and names."""
+    found: dict[str, Any] = {}
+    for pattern in patterns:
+        some: dict[str, Any] = {"": scene}
+        for part in pattern.split("."):
+            some = {f"{key}.{name}".lstrip("."): entry for key, value in some.items() for name, entry in (
+                value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ())
+                    if fnmatch.fnmatch(str(name), part)}
+        found |= some
+    return found
+
 
 def _number(rng: random.Random) -> float:
     return round(rng.uniform(0.5, 1.5), 3)
 
 
 def _scaled(value: Any, factor: float) -> Any:
-    """A load, a clamp or a displacement times a factor."""
-    if isinstance(value, bool | str):
-        return value
-    if isinstance(value, int | float):
-        return value * factor
-    if isinstance(value, list | tuple):
-        return [_scaled(entry, factor) for entry in value]
-    return value
+    return [_scaled(entry, factor) for entry in value] if isinstance(value, list) else value * factor
 
 
-def _friction(rng: random.Random, scene: dict) -> dict[str, Any]:
+def scale(kind: str, rng: random.Random, scene: dict) -> dict[str, Any]:
+    """One of the numbers, or lists of numbers, at the keys of a kind."""
+    some = {key: value for key, value in places(scene, *SCALED[kind]).items() if isinstance(value, float | int | list)}
+    key = rng.choice([*some]) if some else ""
+    return {key: _scaled(some[key], _number(rng))} if some else {}
+
+
+def _contact(value: Callable[[random.Random], dict[str, Any]], rng: random.Random, scene: dict) -> dict[str, Any]:
+    """Another friction or gap of a contact that is no bond and has no gap yet."""
     k, contact = rng.choice([*enumerate(scene["contact"])])
-    law, key = contact.get("friction", {"law": "none"}), f"contact.{k}.friction"
-    if contact.get("kind") == "bonded":
-        return {}
-    for name in "coefficient", "slip_bound":
-        if isinstance(law.get(name), float | int):
-            return {f"{key}.{name}": law[name] * _number(rng)}
-    return {key: {"law": "coulomb", "coefficient": 0.2 * _number(rng)}}
+    given = {f"contact.{k}.{key}": entry for key, entry in value(rng).items() if not (key in contact and key == "gap")}
+    return {} if contact.get("kind") == "bonded" else given
 
 
-def _frictionless(rng: random.Random, scene: dict) -> dict[str, Any]:
-    k, contact = rng.choice([*enumerate(scene["contact"])])
-    return {} if contact.get("kind") == "bonded" else {f"contact.{k}.friction": {"law": "none"}}
-
-
-def _gap(rng: random.Random, scene: dict) -> dict[str, Any]:
-    k, contact = rng.choice([*enumerate(scene["contact"])])
-    given = contact.get("gap")
-    if isinstance(given, float | int) and given:
-        return {f"contact.{k}.gap": given * _number(rng)}
-    return {} if given is not None or contact.get("kind") == "bonded" else {f"contact.{k}.gap": -1e-7 * _number(rng)}
-
-
-def _load(rng: random.Random, scene: dict) -> dict[str, Any]:
-    places = [(b, k, key, load[key]) for b, body in enumerate(scene["body"])
-              for k, load in enumerate(body.get("traction", []))
-              for key in ("value", "pressure", "force") if key in load]
-    if not places:
-        return {}
-    b, k, key, value = rng.choice(places)
-    return {f"body.{b}.traction.{k}.{key}": _scaled(value, _number(rng))}
-
-
-def _clamp(rng: random.Random, scene: dict) -> dict[str, Any]:
-    """The value of a clamp that has one, or a small one."""
-    places = [(b, k, clamp) for b, body in enumerate(scene["body"]) for k, clamp in enumerate(body.get("clamp", []))]
-    moved = [(b, k, {axis: _scaled(clamp[axis], _number(rng)) for axis in ("x", "y", "z") if axis in clamp})
-             for b, k, clamp in places if isinstance(clamp, dict)]
-    return {f"body.{b}.clamp.{k}.{axis}": value for b, k, values in [rng.choice(moved)]
-            for axis, value in values.items()} if moved else {}
-
-
-def _held_otherwise(rng: random.Random, scene: dict) -> dict[str, Any]:
-    """Rollers in place of a clamp in all directions: other dofs."""
-    places = [(b, k, clamp) for b, body in enumerate(scene["body"]) for k, clamp in enumerate(body.get("clamp", []))
-              if isinstance(clamp, str)]
-    if not places:
-        return {}
-    b, k, clamp = rng.choice(places)
-    return {f"body.{b}.clamp.{k}": {"on": clamp, "x": 0.0}}
-
-
-def _partner(rng: random.Random, scene: dict) -> dict[str, Any]:
-    places = [(k, key, rigid[key]) for k, rigid in enumerate(scene.get("rigid", []))
-              for key in ("displacement", "force") if key in rigid]
-    if not places:
-        return {}
-    k, key, value = rng.choice(places)
-    return {f"rigid.{k}.{key}": _scaled(value, _number(rng))}
-
-
-def _history(rng: random.Random, scene: dict) -> dict[str, Any]:
-    if not scene.get("history"):
-        return {}
-    name = rng.choice([*scene["history"]])
-    factor = _number(rng)
-    return {f"history.{name}.factors": [factor * value for value in scene["history"][name]["factors"]]}
-
-
-def _modulus(rng: random.Random, scene: dict) -> dict[str, Any]:
-    b, body = rng.choice([*enumerate(scene["body"])])
-    material = body["material"]
-    return {} if isinstance(material, list) else {
-        f"body.{b}.material.young": _scaled(material["young"], _number(rng))}
-
-
-def _poisson(rng: random.Random, scene: dict) -> dict[str, Any]:
-    b, body = rng.choice([*enumerate(scene["body"])])
-    material = body["material"]
-    return {} if isinstance(material, list) or isinstance(material.get("poisson"), list) else {
-        f"body.{b}.material.poisson": 0.25 + 0.05 * _number(rng)}
-
-
-def _mesh(rng: random.Random, scene: dict) -> dict[str, Any]:
-    places = [(b, body["mesh"]["divisions"]) for b, body in enumerate(scene["body"]) if "divisions" in body["mesh"]]
-    if not places:
-        return {}
-    b, divisions = rng.choice(places)
-    return {f"body.{b}.mesh.divisions": [number + rng.choice([0, 1]) for number in divisions]}
-
-
-def _foundation(rng: random.Random, scene: dict) -> dict[str, Any]:
-    places = [(b, k, key, entry[key]) for b, body in enumerate(scene["body"])
-              for k, entry in enumerate(body.get("foundation", [])) for key in ("normal", "tangential") if key in entry]
-    if not places:
-        return {}
-    b, k, key, value = rng.choice(places)
-    return {f"body.{b}.foundation.{k}.{key}": _scaled(value, _number(rng))}
-
-
-def _heat(rng: random.Random, scene: dict) -> dict[str, Any]:
-    places = [(b, body["temperature"]) for b, body in enumerate(scene["body"])
-              if isinstance(body.get("temperature"), float | int)]
-    if not places:
-        return {}
-    b, value = rng.choice(places)
-    return {f"body.{b}.temperature": _scaled(value, _number(rng))}
+def _one(pattern: str, kind: type, value: Callable[[random.Random, Any], Any], rng: random.Random,
+         scene: dict) -> dict[str, Any]:
+    """Another value in the place of one of a kind."""
+    some = {key: entry for key, entry in places(scene, pattern).items() if isinstance(entry, kind)}
+    key = rng.choice([*some]) if some else ""
+    return {key: value(rng, some[key])} if some else {}
 
 
 def _solver(rng: random.Random, scene: dict) -> dict[str, Any]:
@@ -146,8 +74,16 @@ def _solver(rng: random.Random, scene: dict) -> dict[str, Any]:
                        {"petsc.newton_ksp_max_it": 200}, {"method.tolerance": 1e-7}])
 
 
-CHANGES: tuple[Change, ...] = (_friction, _frictionless, _gap, _load, _clamp, _held_otherwise, _partner, _history,
-                               _modulus, _poisson, _mesh, _foundation, _heat, _solver)
+CHANGES: tuple[Change, ...] = (
+    partial(_contact, lambda rng: {"gap": -1e-7 * _number(rng)}),
+    *(partial(scale, kind) for kind in SCALED),
+    partial(_contact, lambda rng: {"friction": {"law": "coulomb", "coefficient": 0.2 * _number(rng)}}),
+    partial(_contact, lambda rng: {"friction": {"law": "none"}}),
+    # rollers in place of a clamp in all directions: other dofs
+    partial(_one, "body.*.clamp.*", str, lambda rng, clamp: {"on": clamp, "x": 0.0}),
+    partial(_one, "body.*.material.poisson", float, lambda rng, _: 0.25 + 0.05 * _number(rng)),
+    partial(_one, "body.*.mesh.divisions", list, lambda rng, numbers: [n + rng.choice([0, 1]) for n in numbers]),
+    _solver)
 
 
 def changes(rng: random.Random, scene: dict) -> dict[str, Any]:

@@ -63,14 +63,14 @@ def test_the_log_has_what_the_screen_has(runs, log):
 
 def test_a_log_that_cannot_be_written_is_refused_at_once(here, tmp_path):
     (tmp_path / "no").write_text("not a folder")
-    run = scenes.run_command(here / "scene.toml", tmp_path / "out", "--log", str(tmp_path / "no" / "x.log"))
+    run = scenes.run_here(here / "scene.toml", tmp_path / "out", "--log", str(tmp_path / "no" / "x.log"))
     assert run.code == 2 and "--log" in run.messages[0]
     assert not run.folder.exists()
 
 
 def test_a_log_may_be_in_the_new_folder_of_the_results(here, tmp_path):
     folder = tmp_path / "new" / "out"
-    run = scenes.run_command(here / "scene.toml", folder, "--log", str(folder / "run.log"), "--no-figures")
+    run = scenes.run_here(here / "scene.toml", folder, "--log", str(folder / "run.log"), "--no-figures")
     assert run.code == 0, run.output
     assert run.files == scenes.DATA | {"run.log"}
     assert "converged and certified" in (folder / "run.log").read_text()
@@ -136,6 +136,10 @@ def test_results_and_pictures_lead_back_to_their_run(runs):
     assert summary["working_folder"] == str(runs["said"].folder.parent)
     assert summary["versions"]["numpy"] == np.__version__
     assert not {"unknown", "not there"} & set(summary["versions"].values())
+    assert len(summary["hosts"]) == 2 and all(10 < body["memory_mib"] < 4000 for body in summary["bodies"].values())
+    seconds = summary["seconds"]
+    assert min(seconds.values()) > 0 and seconds["total"] == max(seconds.values())
+    assert runs["said"].files == scenes.DATA | {"bodies.png", "contact.png", "convergence.png"}
     for name in ("bodies.png", "contact.png", "convergence.png"):
         with Image.open(runs["said"].folder / name) as picture:
             assert picture.text["Title"] == summary["title"]
@@ -165,17 +169,6 @@ def test_what_cannot_be_printed_is_told(arguments):
         assert child.returncode == 5
         assert scenes.own_lines(child.stderr) == (
             "ddmpi: error: what was asked for could not be printed: No space left on device\n")
-
-
-@pytest.mark.parametrize("arguments", ["info", "--help"])
-def test_whoever_reads_may_have_seen_enough(arguments):
-    """As with `| head -1`."""
-    reads, writes = os.pipe()
-    os.close(reads)
-    with open(writes, "w") as closed:
-        child = subprocess.run([sys.executable, "-m", "ddmpi", arguments], stdout=closed, stderr=subprocess.PIPE,
-                               text=True, timeout=scenes.LIMIT, env=scenes.clean_environment())
-    assert (child.returncode, scenes.own_lines(child.stderr)) == (0, "")
 
 
 def test_a_run_whose_words_cannot_be_printed_goes_on():
