@@ -33,7 +33,7 @@ LARGEST_CONDENSED = 8e4, 2.5e5
 """Dofs of a box of 3 : 1 : 1 in space, of order 1 and 2, up to which a dense compliance is the default; times the
 number of load steps, as factors last for all of them. Factors take time with n², multigrid with n. On one rank two
 boxes of order 1 take 0.7, 0.9 and 1.1 times the time of multigrid with 28,000, 50,000 and 79,000 dofs each, those of
-order 2 0.5 and 0.7 times with 50,000 and 82,000 dofs."""
+order 2 0.28 and 0.48 times with 58,000 and 105,000; on two ranks 0.89 times with 212,000."""
 
 SECTION = 9.0
 """Such a box has this many dofs times (nodes in a cross-section)^(3/2)."""
