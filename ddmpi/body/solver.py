@@ -232,19 +232,5 @@ class StiffnessSolver:
 
 def best_cholesky(A: PETSc.Mat) -> str:
     """Name of the best package for a Cholesky factorization of A that this PETSc has."""
-    return next((package for package in ("mumps", "cholmod") if offers_cholesky(A, package)), "petsc")
-
-
-def offers_cholesky(A: PETSc.Mat, package: str) -> bool:
-    """Whether this PETSc has a Cholesky factorization of A by `package`."""
-    pc = PETSc.PC().create(A.comm)
-    try:
-        pc.setOperators(A)
-        pc.setType(PETSc.PC.Type.CHOLESKY)
-        pc.setFactorSolverType(package)
-        pc.setFactorSetUpSolverType()
-    except PETSc.Error:
-        return False
-    finally:
-        pc.destroy()
-    return True
+    there = PETSc.Sys.hasExternalPackage
+    return "mumps" if there("mumps") else "cholmod" if there("suitesparse") and A.comm.size == 1 else "petsc"

@@ -6,10 +6,10 @@ from collections.abc import Iterable
 
 from petsc4py import PETSc
 
-from ddmpi.body.solver import offers_cholesky
 from ddmpi.system.provenance import versions
 
-CHOLESKY = ("mumps", "cholmod", "mkl_pardiso", "petsc")
+CHOLESKY = {"mumps": "mumps", "cholmod": "suitesparse", "mkl_pardiso": "mkl_pardiso"}
+"""Cholesky factorizations beside PETSc's own, with the packages that have them."""
 
 PRECONDITIONERS = ("gamg", "hypre", "ml", "bddc")
 
@@ -19,13 +19,10 @@ QP_TYPES = ("gpcg", "tron", "blmvm", "bncg", "bnls", "bntr", "bntl", "bqnls", "b
 
 def describe_installation() -> str:
     """Lines of text. Not collective."""
-    A = PETSc.Mat().createAIJ((1, 1), nnz=1, comm=PETSc.COMM_SELF)
-    A.setValue(0, 0, 1.0)
-    A.assemble()
-    A.setOption(PETSc.Mat.Option.SPD, True)
     lines = {
         **versions(),
-        "Cholesky factorizations": _listed(package for package in CHOLESKY if offers_cholesky(A, package)),
+        "Cholesky factorizations": _listed([*(
+            name for name, package in CHOLESKY.items() if PETSc.Sys.hasExternalPackage(package)), "petsc"]),
         "multigrid and others": _listed(name for name in PRECONDITIONERS if _has_type("PC", name)),
         "contact subproblems (TAO)": "python (MPRGP), " + _listed(name for name in QP_TYPES if _has_type("TAO", name)),
         "machine": f"{platform.node()}, {platform.system()} {platform.machine()}, {os.cpu_count()} cores, "

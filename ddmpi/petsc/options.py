@@ -51,14 +51,11 @@ def unused_options() -> list[str]:
     """Names of options that no object has asked for so far. Not collective."""
     from petsc4py import PETSc  # only after petsc4py.init, which takes the arguments
 
-    library = ctypes.CDLL(PETSc.__file__)  # petsc4py does not wrap PetscOptionsLeftGet
-    count = ctypes.c_int64 if PETSc.IntType().itemsize == 8 else ctypes.c_int32
-    number, names, values = count(), ctypes.POINTER(ctypes.c_char_p)(), ctypes.POINTER(ctypes.c_char_p)()
-    references = [ctypes.byref(x) for x in (number, names, values)]
-    if library.PetscOptionsLeftGet(None, *references):
-        raise RuntimeError("PetscOptionsLeftGet failed")
-    left = [names[i].decode() for i in range(number.value)]
-    library.PetscOptionsLeftRestore(None, *references)
+    library, used, left = ctypes.CDLL(PETSc.__file__), ctypes.c_int(), []  # petsc4py 3.18 does not wrap it
+    for name in PETSc.Options().getAll():
+        if library.PetscOptionsUsed(None, name.encode(), ctypes.byref(used)):
+            raise RuntimeError("PetscOptionsUsed failed")
+        left += [] if used.value else [name]
     return left
 
 
