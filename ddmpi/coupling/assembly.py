@@ -20,7 +20,7 @@ from ddmpi.coupling.joint import Far, FarMember, Joint
 from ddmpi.coupling.member import Member
 from ddmpi.coupling.ranks import homes_of, ranks_beside, team_of
 from ddmpi.coupling.space import Space, kept_by_bonds
-from ddmpi.coupling.team import Team, TeamMatrix
+from ddmpi.coupling.team import TeamMatrix
 from ddmpi.errors import InputError, naming
 from ddmpi.interface.interface import Interface, Mover, check_overlap, refuse_contradiction
 from ddmpi.interface.law import law_of
@@ -235,7 +235,7 @@ def prepare(world: MPI.Comm, scene: Settled, folder: Path = Path("."), clock: Cl
             if factor and team and team.comm.size > 1:
                 elasticity = replace(elasticity, A=kept.get(
                     "matrix", spec.name, kept.key("stiffness", spec.name), partial(
-                        _distributed, team, elasticity, points, meshes[spec.name], spec)))
+                        TeamMatrix, team, elasticity, points, partial(assemble, meshes[spec.name], spec))))
             if scene.far:
                 faces = [sides[contact.name, side] for contact, side in at_body[spec.name]]
                 members.append(FarMember(elasticity, scene, meshes[spec.name], spec, faces, memory, points))
@@ -290,11 +290,6 @@ def _mesh(scene: Settled, spec: SettledBody, folder: Path, contacts: Sequence[st
                scene.axisymmetric, [(name, acting.on) for name, acting in spec.acting])
     return kept.get("mesh", spec.name, depends, lambda: build_mesh(
         spec, folder, contacts, sizes, scene.dimension, scene.axisymmetric))
-
-
-def _distributed(team: Team, elasticity: Elasticity, points: np.ndarray, mesh: Mesh, spec: SettledBody) -> TeamMatrix:
-    """The stiffness of a body of several ranks, of the nodes at `points`."""
-    return TeamMatrix(team, elasticity.A, points, elasticity.supported, lambda: assemble(mesh, spec).A)
 
 
 def _doubts(scene: Settled, by_body: Mapping[str, list[str]], by_contact: Mapping[str, list[str]]) -> list[str]:

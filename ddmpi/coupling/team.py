@@ -16,6 +16,7 @@ import scipy.sparse as sparse
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from ddmpi.body.elasticity import Elasticity
 from ddmpi.body.rigid_motions import stiffen
 from ddmpi.body.solver import StiffnessSolver
 from ddmpi.errors import DdmpiError, SolverError
@@ -235,22 +236,21 @@ class Team:
 class TeamMatrix:
     """The root's view of a stiffness whose rows are on the ranks of the team once there is a solver.
 
-    Until then the root has all of A, with a block of rows for each of the nodes at `points` (k, d). `supported` says
-    whether clamps support the body, so that A is positive definite; `again` makes A for another solver. Methods with
-    PETSc's names are those of its matrices.
+    Until then the root has all of A, with a block of rows for each of the nodes at `points` (k, d). `again` makes the
+    body for another solver. Methods with PETSc's names are those of its matrices.
     """
 
-    def __init__(self, team: Team, A: PETSc.Mat, points: np.ndarray, supported: bool,
-                 again: Callable[[], PETSc.Mat]) -> None:
+    def __init__(self, team: Team, body: Elasticity, points: np.ndarray, again: Callable[[], Elasticity]) -> None:
+        A = self._whole = body.A
         self.team, self.size, self._width, self._diagonal = team, A.getSize(), A.getBlockSize(), A.getDiagonal()
-        self._whole, self._again, self.points, self._coarse = A, again, points, A.getAttr("coarse")
-        self.supported, self.springs = supported, np.zeros(0, int)
+        self._again, self.points, self._coarse = again, points, A.getAttr("coarse")
+        self.supported, self.springs = body.supported, np.zeros(0, int)
 
     @property
     def whole(self) -> PETSc.Mat:
         """All of A, on the root; made again where a solver has distributed and destroyed it."""
         if not self._whole:
-            self._whole = self._again()
+            self._whole = self._again().A
         return self._whole
 
     def getDiagonal(self) -> PETSc.Vec:

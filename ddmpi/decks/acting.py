@@ -290,7 +290,7 @@ class Acts:
         own = [node for node in piece.nodes.tolist() if node in self.model.kinds["heat"]]
         if not own:
             return None, {}
-        start = np.array([self.model.start.get(node, 0.0) for node in piece.nodes.tolist()])
+        start, _ = self.model.temperatures(piece.nodes.tolist())
         end, histories = start.copy(), set()
         card = self.model.kinds["heat"][own[0]].card
         for node in own:

@@ -97,7 +97,7 @@ class Matter:
         card = self.model.materials[name].get("ELASTIC")
         if card is None or len(card.rows) < 2:
             return [(0.0, elements)]
-        nodal = self.heats(piece)
+        _, nodal = self.model.temperatures(piece.nodes.tolist())
         heats = np.round(np.concatenate([nodal[np.searchsorted(piece.nodes, block.entries[:, 1:])].mean(axis=1)
                                          for block in piece.blocks]), 6)[np.isin(piece.elements, elements)]
         own = piece.elements[np.isin(piece.elements, elements)]
@@ -140,9 +140,3 @@ class Matter:
             self.notes.lost.add(card, "axes of a material that turn from place to place")
         shear = row[6:].tolist() if self.family == "C3D" else float(row[6])
         return {"young": row[:3].tolist(), "poisson": row[3:6].tolist(), "shear": shear} | turned
-
-    def heats(self, piece: Piece) -> np.ndarray:
-        """(n,) the temperatures of the nodes of a body at the end."""
-        start = np.array([self.model.start.get(node, 0.0) for node in piece.nodes.tolist()])
-        return np.array([self.model.kinds["heat"][node].course[-1][1] if node in self.model.kinds["heat"] else before
-                         for node, before in zip(piece.nodes.tolist(), start.tolist(), strict=True)])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -87,6 +87,12 @@ class Model:
         self._fresh: dict[str, dict[Any, tuple[Card, float]]] = {kind: {} for kind in self.kinds}
         self._renewed: set[str] = set()
         self._read()
+
+    def temperatures(self, nodes: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
+        """(n,) the temperatures of nodes at first and at the end."""
+        first, heat = [self.start.get(node, 0.0) for node in nodes], self.kinds["heat"]
+        return np.array(first), np.array([heat[node].course[-1][1] if node in heat else before
+                                          for node, before in zip(nodes, first, strict=True)])
 
     def _of(self, card: Card, kind: str, what: str) -> set[int]:
         with card.reading():

@@ -169,7 +169,9 @@ def build(rows: Rows, contact: SettledContact, moved: float = np.inf) -> Interfa
     lines = replace(rows.lines, row=number[rows.lines.row],
                     area=rows.lines.area * (not rows.pointwise)).only(~left[rows.lines.row])
     pull = unit(np.array([contact.pretension.along]))[0] if contact.pretension else np.empty(0)
-    _refuse_held(contact, pull, frame, live, xy)
+    if len(pull) and (held := np.linalg.norm(np.einsum("rcd,d->rc", frame, pull) * ~live, axis=1)).max() > SAME:
+        raise InputError(f"contact.{contact.name}.pretension: at {in_words(xy[held.argmax()])} clamps hold both sides "
+                         f"along {in_words(pull, 3)}, so that the bond cannot be pulled; leave one side free there")
     xy, arc, area, places = xy[keep], rows.arc[keep], rows.area[keep], _at_rows(rows, keep, start)
     return Interface(
         name=contact.name, bodies=(sides[0].body, sides[1].body), xy=xy, frame=frame[keep], area=area, gap=places.gap,
@@ -184,15 +186,6 @@ def build(rows: Rows, contact: SettledContact, moved: float = np.inf) -> Interfa
         axisymmetric=side.axisymmetric, pointwise=rows.pointwise, waves=rows.waves,
         fixed=_at_rows(rows, np.flatnonzero(dropped), start), beyond=int(beyond.sum()), pull=pull,
         probes=_probes(rows, contact, dropped, np.flatnonzero(beyond), start))
-
-
-def _refuse_held(contact: SettledContact, pull: np.ndarray, frame: np.ndarray, live: np.ndarray,
-                 xy: np.ndarray) -> None:
-    """InputError where clamps of both sides constrain nodes along the direction `pull` of a pretension. The rows at
-    places `xy` (r, d) have the frames (r, d, d), whose directions can move where `live` (r, d)."""
-    if len(pull) and (left := np.linalg.norm(np.einsum("rcd,d->rc", frame, pull) * ~live, axis=1)).max() > SAME:
-        raise InputError(f"contact.{contact.name}.pretension: at {in_words(xy[left.argmax()])} clamps hold both sides "
-                         f"along {in_words(pull, 3)}, so that the bond cannot be pulled; leave one side free there")
 
 
 def _along_clamps(rows: Rows, frame: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

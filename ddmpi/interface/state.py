@@ -343,9 +343,9 @@ def rows_of(state: ContactState) -> dict[str, np.ndarray]:
     one, other = state.interface.at or np.zeros((2, 0, state.interface.dimension))
     law = state.interface.law
     s = np.concatenate([state.normal_force, state.tangential_force[law.sliding].ravel()])
-    return {"node": slave_nodes(state.interface), "normal": state.normal_force[:, None],
-            "tangential": state.tangential_force, "slip": state.slip_total, "forces": state.forces, "first": one,
-            "second": other, "bound": np.array([law.bound_at(s).sum()])}
+    return forces_by_node(state.interface, s) | {
+        "slip": state.slip_total, "forces": state.forces, "first": one, "second": other,
+        "bound": np.array([law.bound_at(s).sum()])}
 
 
 def forces_by_node(interface: Interface, s: np.ndarray) -> dict[str, np.ndarray]:

@@ -183,9 +183,7 @@ def _fixed_along_rim(rows: Rows) -> np.ndarray:
     """Rows (r,) at an edge of the slave's rim along which one clamp constrains both ends: shear passes through such an
     edge, unlike through a plane of symmetry."""
     side = rows.sides[rows.slave]
-    edges = np.sort(side.pieces(rows.seen)[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-    edges, number = np.unique(edges, axis=0, return_counts=True)
-    edges = edges[number == 1]
+    edges = creases(side.xy, side.corners[rows.seen], side.outward[rows.seen]).rim
     along = side.xy[edges[:, 1]] - side.xy[edges[:, 0]]
     along /= np.linalg.norm(along, axis=1)[:, None]
     first, second = edges.T

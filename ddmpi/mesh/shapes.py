@@ -17,7 +17,7 @@ from ddmpi.scene.meshes import MeshSpec
 def generate_rectangle(spec: MeshSpec) -> Mesh:
     """A rectangle or a box; touching ones of equal divisions match. Not collective."""
     assert spec.divisions and isinstance(spec.size, tuple)  # checked by the scene
-    parameters, cells, sides = _grid_of(spec)
+    parameters, cells, sides = _grid(spec.divisions)
     # Exact multiples, so that both sides of an interface agree.
     return Mesh(np.array(spec.origin or (0.0,) * len(spec.size)) + parameters * spec.size, cells, sides)
 
@@ -30,7 +30,7 @@ def generate_quadrilateral(spec: MeshSpec) -> Mesh:
     Where the sides are parallel to the axes, nodes are those of a rectangle. Not collective.
     """
     assert spec.divisions and spec.corners
-    parameters, cells, sides = _grid_of(spec)
+    parameters, cells, sides = _grid(spec.divisions)
     x, y, *z = parameters.T[:, :, None]
     layers = [_between(_between(one, two, x), _between(four, three, x), y)
               for one, two, three, four in np.array(spec.corners).reshape(-1, 4, len(spec.divisions))]
@@ -46,7 +46,7 @@ def generate_annulus(spec: MeshSpec) -> Mesh:
     """
     assert spec.divisions and spec.center and spec.radii and spec.angles
     around, across = spec.divisions
-    parameters, triangles, sides = _grid(across, around, closed=spec.closed)
+    parameters, triangles, sides = _grid((across, around), spec.closed)
     names = {"left": "inner", "right": "outer", "bottom": "start", "top": "end"}
     mesh = Mesh(parameters, triangles, {name: sides[side] for side, name in names.items()
                                         if not (spec.closed and side in ("bottom", "top"))})
@@ -84,11 +84,6 @@ def draw_shape(gmsh, spec: MeshSpec) -> None:
         gmsh.model.addPhysicalGroup(2, faces, name=name)
 
 
-def _grid_of(spec: MeshSpec) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
-    assert spec.divisions
-    return _solid_grid(spec.divisions) if len(spec.divisions) > 2 else _grid(spec.divisions[0], spec.divisions[1])
-
-
 def _solid_grid(divisions: Sequence[int]) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
     """Nodes (·, 3) of a grid on the unit cube, tetrahedra, and the triangles of its sides ``left`` and ``right`` (x),
     ``front`` and ``back`` (y), ``bottom`` and ``top`` (z).
@@ -112,27 +107,30 @@ def _solid_grid(divisions: Sequence[int]) -> tuple[np.ndarray, np.ndarray, dict[
     return places / np.array(divisions), tetrahedra, sides
 
 
-def _grid(nx: int, ny: int, closed: bool = False) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
-    """Nodes (·, 2) of a grid on the unit square, triangles of its nx × ny cells, and the edges of its sides ``bottom``,
-    ``right``, ``top`` and ``left``. Diagonals go from lower left to upper right.
+def _grid(divisions: Sequence[int], closed: bool = False) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+    """In space `_solid_grid`; in the plane the nodes (·, 2) of a grid on the unit square, triangles of its cells, and
+    the edges of its sides ``bottom``, ``right``, ``top`` and ``left``. Diagonals go from lower left to upper right.
 
     Corners come first, then the other nodes of the sides, both counter-clockwise, then the inner nodes by columns: the
     numbers that gmsh gives a transfinite surface; MUMPS's ordering depends on them. If `closed`, the top is the bottom.
     """
-    grid = np.arange((nx + 1) * (ny + 1)).reshape(nx + 1, ny + 1)
+    if len(divisions) > 2:
+        return _solid_grid(divisions)
+    sizes = np.array(divisions) + 1
+    grid = np.arange(sizes.prod()).reshape(sizes)
     if closed:
         grid[:, -1] = grid[:, 0]
     sides = (grid[:, 0], grid[-1], grid[::-1, -1], grid[0, ::-1])
     order = np.concatenate([[s[0] for s in sides], *(s[1:-1] for s in sides), grid[1:-1, 1:-1].ravel()])
     if closed:
         order = order[np.sort(np.unique(order, return_index=True)[1])]
-    number = np.empty((nx + 1) * (ny + 1), dtype=order.dtype)
+    number = np.empty(sizes.prod(), dtype=order.dtype)
     number[order] = np.arange(len(order))
     a, b, c, d = number[grid[:-1, :-1]], number[grid[1:, :-1]], number[grid[1:, 1:]], number[grid[:-1, 1:]]
     triangles = np.stack([a, b, c, c, d, a], axis=-1).reshape(-1, 3)
     edges = {name: number[np.column_stack([side[:-1], side[1:]])]
              for name, side in zip(("bottom", "right", "top", "left"), sides, strict=True)}
-    return np.column_stack(np.divmod(order, ny + 1)) / (nx, ny), triangles, edges
+    return np.column_stack(np.divmod(order, sizes[1])) / divisions, triangles, edges
 
 
 def _between(start, end, part: np.ndarray) -> np.ndarray:
