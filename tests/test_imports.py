@@ -1,8 +1,9 @@
-"""Rooms import in one direction only, and the command starts without heavy libraries."""
+"""Rooms import in one direction only, know no dimension, and the command starts without heavy libraries."""
 
 import ast
 import functools
 import graphlib
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -27,6 +28,30 @@ NEVERS = [("interface", "mpi4py", set()), ("interface", "petsc4py", {"trace"}),
           ("scene", "petsc4py", set()), ("mesh", "petsc4py", set()), ("sets", "petsc4py", set()),
           ("published", "mpi4py", set())]
 """A room, what it never imports, and which of its modules may."""
+
+ASKS = re.compile(
+    r"\b(?:dimension|components)\b (?:==|!=|<|>|<=|>=) \d"  # compares it
+    r"|\b\w?x\w?, \w?y\w?\)?(?: =| in\b)|\(x, y\), \("  # takes points apart into two coordinates
+    r"|(?:np\.empty|np\.zeros)\(\((?:0|len\(\w+\)|\w+), 2\)"  # makes vectors of two components
+    r"|isinstance\(\w+, (?:Curve|Patch)\)|facets\.shape\[1\] == \d|law\.size > law\.m"  # in other words
+    r"|\[-(\w+)\[1\], \1\[0\]\]")  # turns a vector of two components
+"""Code that asks for the dimension, or takes it to be two."""
+
+PLACES = {
+    # of the laws: a box and two edges in the plane, discs and polygons in space; no friction turns in the plane
+    "interface/law": 2, "run/equilibrium": 1, "mesh/boundary": 1, "interface/interface": 2,
+    # what the plane has and space has not, to be replaced with solids
+    "surface/curve": 1, "interface/state": 1,
+    # pictures, and meshes that are made or drawn
+    "mesh/geometry": 1, "pictures/draw": 1, "pictures/contacts": 1, "pictures/curves": 2, "pictures/moved": 1,
+    # columns, units and the name of the preconditioner
+    "check/drawing": 1,
+    "results/tables": 1, "scene/method": 1, "run/report": 1,
+    # a scene in the plane has plane strain or plane stress
+    "scene/bodies": 1,
+    # by the kind of a side, and by what is drawn of it
+    "interface/mortar": 1, "surface/cover": 1, "results/fields": 1}
+"""How often a module does so. The numbers only fall: everything else holds in any dimension."""
 
 MODULES = sorted(path.relative_to(PACKAGE).with_suffix("").as_posix() for path in PACKAGE.rglob("*.py"))
 
@@ -94,6 +119,21 @@ def test_rooms_are_small(room):
     assert 0 < len(modules) <= 8
     for path in modules:
         assert len(path.read_text(encoding="utf-8").splitlines()) <= 400, path
+
+
+def code(module: str) -> str:
+    """What a module does, without its docstrings and comments."""
+    tree = ast.parse((PACKAGE / f"{module}.py").read_text(encoding="utf-8"))
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef):
+            node.body = [each for each in node.body
+                         if not (isinstance(each, ast.Expr) and isinstance(each.value, ast.Constant))] or [ast.Pass()]
+    return ast.unparse(tree)
+
+
+def test_few_places_ask_for_the_dimension():
+    found = {module: sum(bool(ASKS.search(line)) for line in code(module).splitlines()) for module in MODULES}
+    assert {module: number for module, number in found.items() if number} == PLACES
 
 
 def test_imports_are_light():
