@@ -280,7 +280,7 @@ def scene_table(rows: list[Row], scene: str, N: int) -> list[str]:
         lines.append([*start, f"{row['processor']:.2f}", f"{row['seconds']:.2f}", f"{row['memory']:.0f}",
                       row["iterations"], *found_in(row),
                       "" if not alike else "–" if own is None else f"{difference(own, row):.0e}",
-                      "–" if fine is None else f"{difference(fine, row):.1%}"])
+                      "–" if fine is None else f"{difference(fine, row):.2%}"])
     pairs = max(row["pairs"] for row in where(rows, scene=scene, N=N))
     return [f"### N = {N}: {pairs} pairs of nodes at order 1", "",
             *table(["", "unknowns", "processor (s)", "clock (s)", "MiB", "iterations", "normal force",
@@ -322,7 +322,7 @@ def short_table(rows: list[Row]) -> list[str]:
                 cheap = min((each["processor"] for each in own if fine and difference(fine, each) <= 1.02 * error),
                             default=math.nan)
                 lines.append([*start, f"{row['processor']:.1f}", f"{row['processor'] / same['processor']:.1f}",
-                              number(error, ".1%"), number(row["processor"] / cheap, ".1f")])
+                              number(error, ".2%"), number(row["processor"] / cheap, ".1f")])
     return table(["scene", "", "N", "unknowns", "processor (s)", "times, equal unknowns", "error",
                   "times, equal error"], lines)
 
