@@ -329,7 +329,8 @@ def short_table(rows: list[Row]) -> list[str]:
 
 def page(rows: list[Row], complete: bool) -> str:
     """docs/tables/peers.md, which has all words."""
-    have, done = versions(), [scene for scene in SCENES if where(rows, scene=scene)]
+    have = versions()
+    done = [scene for scene, its in SCENES.items() if any(where(rows, scene=scene, N=N) for N in its.sizes)]
     return refilled("peers.md", {"Solids in short": short_table(rows)} | {SCENES[scene].title: [
         line for N in SCENES[scene].sizes if where(rows, scene=scene, N=N) for line in scene_table(rows, scene, N)]
         for scene in done}, complete, {

@@ -174,7 +174,7 @@ def page(folder: Path) -> str:
              for order in (1, 2) for fine in (1, 4)])}
     return refilled("far.md", {title: table(header.split(" | "), rows) for title, (header, rows) in sections.items()},
                     True, {
-        r"version [\d.]+ on one rank, [^.]+": f"version {ddmpi.__version__} on one rank, {processor()}",
+        r"version [\d.]+ on one rank, .+?(?=\. Seconds)": f"version {ddmpi.__version__} on one rank, {processor()}",
         r"[\d.]+ to [\d.]+ MPa, Lamé [\d.]+": f"{least:.1f} to {most:.1f} MPa, Lamé {lame:.2f}",
         r"μ N by [\d.]+%": f"μ N by {apart:.1%}", r"along by [\d.]+°": f"along by {bevel():.2f}°",
         "Its way is .* passes": "Its way is {:.4f} of its turn; N is right to {:.0e} of it, T to {:.0e}; {:.1f} passes"

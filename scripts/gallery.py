@@ -391,7 +391,7 @@ def main() -> None:
             print(*text, large, sep="\n")
             if chosen == EXHIBITS:
                 publish("gallery.md", refilled("gallery.md", {"": text}, True, {
-                    r"version [\d.]+ on one rank, [^.]+": f"version {__version__} on one rank, {processor()}",
+                    r"version [\d.]+ on .+?(?=\. Seconds)": f"version {__version__} on one rank, {processor()}",
                     "A view of two boxes .*": large}), Path(temporary), True)
     sys.exit(not right)
 

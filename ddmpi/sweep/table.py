@@ -27,7 +27,8 @@ RESULTS = ("outer_iterations", "inner_iterations", "n_A", "eff", "n", "m", "disp
 """Columns of the table that are numbers of summary.json."""
 
 GROUPS = ("contacts", "certificate", "discretization_error", "bodies", "seconds")
-LEVELS = "discretization_error.levels."  # tables of summary.json whose numbers have columns, but for those of levels
+LEVELS = "discretization_error.levels."
+"""Tables of summary.json whose numbers have columns, and the beginning of those that have none."""
 
 STATUS = {None: "unfinished", 0: "certified", 2: "refused", 3: "not converged", 4: "solver failed", 5: "not written",
           6: "interrupted"}

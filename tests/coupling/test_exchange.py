@@ -1,13 +1,17 @@
 """What crosses the ranks: interface vectors, counted, between neighbours only; and errors, agreed on by all ranks."""
 
+import signal
 import zlib
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import scenes
+from scenes import Stack
 
 from ddmpi.coupling.exchange import Ends, Exchange
-from ddmpi.errors import DdmpiError, InputError, OutputError, SolverError
+from ddmpi.errors import DdmpiError, InputError, InterruptionError, OutputError, SolverError
+from ddmpi.system import interrupt
 from ddmpi.system.agreement import agreed
 
 pytestmark = pytest.mark.slow
@@ -70,6 +74,35 @@ def known(contact: str, size: int, salt: object) -> np.ndarray:
     return np.random.default_rng(zlib.crc32(f"{contact} {salt}".encode())).standard_normal(size)
 
 
+class Traffic:
+    """Passes everything on to a communicator and notes what was asked of it."""
+
+    def __init__(self, comm) -> None:
+        self._comm, self.calls, self.lengths, self.partners = comm, [], [], set()
+
+    def Isend(self, send, rank, *arguments):
+        self.calls.append("Isend")
+        self.lengths.append(len(send))
+        self.partners.add(rank)
+        return self._comm.Isend(send, rank, *arguments)
+
+    def Irecv(self, receive, rank, *arguments):
+        self.calls.append("Irecv")
+        self.partners.add(rank)
+        return self._comm.Irecv(receive, rank, *arguments)
+
+    def __getattr__(self, name: str):
+        value = getattr(self._comm, name)
+        if callable(value):
+            self.calls.append(name)
+        return value
+
+
+@pytest.fixture(autouse=True)
+def no_signal_yet(monkeypatch):
+    monkeypatch.setattr(interrupt, "_received", [])
+
+
 # Vectors
 
 
@@ -102,6 +135,16 @@ def test_both_bodies_contributions_come_to_the_owner(comm):
     assert np.array_equal(bodies.exchange.total(mine, "test"), first + second)
 
 
+@one_to_four_ranks
+def test_objects_of_both_bodies_come_to_both_ranks(comm):
+    """By contact, the first body's first; None for a rigid partner's."""
+    bodies = Bodies(comm)
+    both = bodies.exchange.swap_objects({(key, side): (key, name) for name, own in bodies.mine.items()
+                                         for key, (_, side) in own.items()})
+    assert both == {key: ((key, first), (key, second) if second else None)
+                    for key, (first, second, _) in bodies.contacts.items()}
+
+
 @pytest.mark.mpi(ranks=4)
 def test_messages_and_bytes_of_vectors_are_counted(comm):
     """One message to each neighbour and back, with the vectors of all common interfaces; objects do not count."""
@@ -123,6 +166,17 @@ def test_messages_and_bytes_of_vectors_are_counted(comm):
             sent += WORD * sum(size for each in vectors.values() for _, _, size in each)
             assert (exchange.sent["messages"], exchange.sent["bytes"]) == (messages, sent)
     assert comm.allreduce(messages) == 2 * 10
+
+
+@pytest.mark.mpi(ranks=4)
+def test_a_rank_without_a_common_contact_gets_no_message(comm):
+    """In a chain each rank talks to the one before and the one after; all together, only of errors."""
+    bodies = Bodies(comm, CHAIN)
+    traffic = bodies.exchange.world = Traffic(comm)
+    bodies.exchange.spread(bodies.vector())
+    bodies.exchange.total(bodies.of_bodies(), "test")
+    assert traffic.partners == {comm.rank - 1, comm.rank + 1} & set(range(4))
+    assert sorted(traffic.calls) == sorted(["Isend", "Irecv"] * len(traffic.partners) + ["Allreduce"])
 
 
 @two_ranks
@@ -180,6 +234,19 @@ def test_deferred_error_of_one_rank_is_raised_on_all(comm, way):
         WAYS[way](bodies, "test")
 
 
+@three_ranks
+def test_a_signal_to_one_rank_is_raised_on_all(comm):
+    for hit in range(3):
+        interrupt._received.clear()
+        bodies = Bodies(comm, CHAIN)
+        bodies.exchange.meet("test")
+        if comm.rank == hit:
+            interrupt._note(signal.SIGTERM, None)
+        with pytest.raises(InterruptionError) as caught:
+            bodies.exchange.total(bodies.of_bodies(), "test")
+        assert caught.value.agreed and caught.value.kind == "interrupted by SIGTERM"
+
+
 @two_ranks
 def test_deferred_keeps_nothing_but_our_own_errors(comm):
     """Another exception is a bug: it ends the run at once (test_failures), and is no rank's to agree on."""
@@ -219,3 +286,47 @@ def test_ranks_at_different_points_notice_it(comm, way):
         with pytest.raises(SolverError, match="different points") as caught:
             WAYS[way](bodies, "answer" if comm.rank == astray else "forces")
         assert caught.value.agreed
+
+
+# Traffic of the iterations
+
+
+def taller(stack: Stack, rows: int) -> dict:
+    """The stack's scene with `rows` rows of elements in each body instead of as many as columns."""
+    scene = stack.scene(outer="relaxation", algorithm="original", tolerance=1e-6)
+    for body in scene["body"]:
+        body["mesh"]["divisions"][1] = rows
+    return scene
+
+
+@two_ranks
+def test_newton_moves_interface_vectors_only(comm):
+    """Two bodies: one message each for a multiplication by the joint compliance; none is longer than the interface."""
+    from ddmpi.methods.newton import Newton
+
+    stack = Stack(6, {"law": "coulomb", "coefficient": 0.3}, shift=1e-3)
+    for rows in (2, 24):
+        assembly = scenes.prepare_scene(comm, taller(stack, rows))
+        newton, exchange, size = Newton(assembly.joint, 500), assembly.exchange, 2 * assembly.m
+        messages, sent = exchange.sent["messages"], exchange.sent["bytes"]
+        traffic = exchange.world = Traffic(comm)
+        assert newton.run(1e-8) == "converged"
+        products, counts = assembly.member.C.count["newton"], len(newton.history)
+        assert products > 10
+        assert traffic.lengths == [size] * products
+        assert traffic.calls.count("Allreduce") == products
+        assert len(traffic.calls) == 3 * products + counts
+        assert exchange.sent["messages"] - messages == len(traffic.lengths)
+        assert exchange.sent["bytes"] - sent == WORD * sum(traffic.lengths)
+
+
+@pytest.mark.mpi(ranks=3)
+def test_a_product_is_a_message_there_and_back(comm):
+    """More bodies: a rank tells its neighbours only, by one message each, and all ranks agree once."""
+    assembly = scenes.prepare_scene(comm, scenes.tower(3, 2))
+    joint, exchange = assembly.joint, assembly.exchange
+    messages, reductions = exchange.sent["messages"], exchange.sent["reductions"]
+    joint.product(np.ones(joint.size), "newton", 0.0)
+    neighbours = {rank for ends in exchange.ends for rank in ends[1:]} - {comm.rank}
+    assert exchange.sent["messages"] - messages == len(neighbours) < comm.size
+    assert exchange.sent["reductions"] - reductions == 1

@@ -1,17 +1,26 @@
 """Derivatives against central differences of fresh answers, and what is refused."""
 
 import tomllib
+from types import SimpleNamespace
 
 import bolts
 import numpy as np
 import pytest
 from differences import TIGHT, changed, difference, plain, results, ring, rubbed, vice, with_derivatives
-from restarts import go_on_from_checkpoints
+from mpi4py import MPI
 from scenes import COULOMB, FLOOR, ROOT, pinched_blocks, rectangle, tower
 from solid_scenes import two_boxes
 
 import ddmpi
+from ddmpi.coupling.assembly import prepare
 from ddmpi.errors import InputError
+from ddmpi.methods.outer import no_report
+from ddmpi.results.checkpoint import read, write
+from ddmpi.run.gather import StepLog
+from ddmpi.run.solve import Iteration
+from ddmpi.run.steps import March
+from ddmpi.scene.reader import read_scene
+from ddmpi.system.clock import Clock
 
 CLOSE = 1e-5
 """Central differences of answers to 1e-12 are as precise."""
@@ -133,10 +142,29 @@ def test_a_pretension_that_is_kept():
 
 
 def test_a_march_goes_on_from_a_checkpoint(tmp_path):
-    """Derivatives go on with those of the steps before."""
+    """Derivatives go on with those of the steps before, as they come out of a file."""
     keys = ["contact.fit.friction.coefficient", "contact.fit.gap"]
-    go_on_from_checkpoints(with_derivatives(rubbed(steps=2), keys) | {"checkpoint": {"iterations": 1}}, tmp_path,
-                           slice(2, None, 2), ("steps", "derivatives"))
+    scene = read_scene("scene", with_derivatives(rubbed(steps=2), keys))
+
+    def begin() -> March:
+        assembly = prepare(MPI.COMM_SELF, scene)
+        assembly.act(scene.legs[0])
+        return March(assembly, Iteration(assembly, scene.method, no_report, Clock()), StepLog())
+
+    whole, states = begin(), []
+    whole.run(SimpleNamespace(note=lambda _: states.append(whole.state())))
+    assert len(states) == 5
+    write(tmp_path / "state", {}, [states[2]])
+    again = begin()
+    again.restore(read(tmp_path / "state")[1][0])
+    again.run()
+    for key in keys:
+        (one, arrays), (other, more) = ((march.log.derived[0][key], march.log.derived[1][key])
+                                        for march in (whole, again))
+        assert other["contacts"]["fit"]["dissipated"] == pytest.approx(one["contacts"]["fit"]["dissipated"], rel=1e-6)
+        size = np.abs(arrays.contacts.fit.pressure).max()
+        assert more.contacts.fit.pressure == pytest.approx(arrays.contacts.fit.pressure, rel=1e-6, abs=1e-6 * size)
+        assert other["until"] == pytest.approx(one["until"], rel=1e-6)
 
 
 def test_a_gap_with_a_history():

@@ -155,12 +155,18 @@ def test_drawn_meshes_do_not_exceed_the_most_unknowns():
 
 
 def test_a_drawn_roller_meets_its_target(tmp_path):
-    """1 % on the shipped roller, from geometries: few meshes of few unknowns."""
+    """1 % on the shipped roller, from geometries: few meshes of few unknowns, Hertz's pressure and width to 1 %."""
     done = run_here("configs/roller.toml", tmp_path / "out", "--no-figures")
     assert done.code == 0, done.output
     told = done.summary["discretization_error"]
     assert told["energy_norm"] <= 0.9 * 0.01 < told["levels"][-2]["error"]
     assert len(told["levels"]) <= 4 and done.summary["n"] < 6000
+    sides = done.table("contact_cylinder-block_sides.csv")
+    x, p = np.array(sides["x"], float), np.array(sides["normal_stress"], float)
+    inner = x < 0.8 * 6.2146
+    slope, start = np.polyfit(x[inner] ** 2, p[inner] ** 2, 1)
+    assert np.sqrt(start) == pytest.approx(3585.36, rel=0.01)
+    assert np.sqrt(-start / slope) == pytest.approx(6.2146, rel=0.01)
 
 
 # When it stops
@@ -251,6 +257,10 @@ def test_linear_triangles_that_lock_have_no_estimate(tmp_path):
     assert error["energy_norm"] is None and error["levels"][0]["error"] is None
     assert [body["discretization_error"] for body in done.summary["bodies"].values()] == [None, None]
     assert "bodies.png" in done.files and "error.png" not in done.files
+    quadratic = run_here(write_scene(scene, tmp_path / "scene.toml"), tmp_path / "quadratic", "--no-figures",
+                         "--set", "body.upper.material.poisson=0.4999", "body.upper.mesh.order=2")
+    assert 0.0 < quadratic.summary["discretization_error"]["energy_norm"] < 0.3
+    assert quadratic.summary["warnings"] == []
 
 
 def test_target_is_met_and_told(tmp_path):

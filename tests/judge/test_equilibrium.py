@@ -122,16 +122,18 @@ PLANE = [
     (two_bonded(0.1), "a and b would move most at (2, 1), along (0.71, -0.71)"),
     # shifted blocks stand as long as the centre of all above a joint is above it: (n − 1) shift/2 ≤ ½
     (tower(0.25, 5), EQUILIBRIUM), (tower(0.5, 3), EQUILIBRIUM), (tower(0.75, 2), EQUILIBRIUM),
-    (tower(0.75, 3), "b0, b1 and b2 would move"), (tower(0.25, 6), "b0, b1 (and 4 more) would move"),
+    (tower(0.75, 3), "b0, b1 and b2 would move most at (-1.5, 3), along (-0.89, -0.45)"),
+    (tower(0.25, 6), "b0, b1 (and 4 more) would move most at (-1.25, 6), along (-0.98, -0.2)"),
     (tower(0.3), "b0, b1 (and 3 more) would move most at (-1.2, 5), along (-0.97, -0.23)"),
     # a beam lies on its posts as long as its centre is between them, and tips about the outer edge of one
-    (beam(0.0, 0.0, 1.7), EQUILIBRIUM), (beam(-0.69, 0.0), "beam would turn clockwise"),
+    (beam(0.0, 0.0, 1.7), EQUILIBRIUM), (beam(-0.69, 0.0), "beam would turn clockwise about (0.3, 1)"),
     (beam(-1.1, 0.0, 0.6), "beam would turn counterclockwise about (0, 1)"),
     (beam(0.31, 1.0), "beam would turn clockwise about (1.3, 1)"),
     # a semicircular arch stands from thickness 0.1075 of its mean radius on (Couplet, Heyman), if it does not slide
     (arch(0.109), EQUILIBRIUM),
-    (arch(0.106), "v0, v1 (and 4 more) would move most at (-0.876, 0.585), along (-0.96, 0.29)"),
-    (arch(0.2, 0.3), "v11, v12 (and 8 more) would move along -y"),
+    (arch(0.106), "v0, v1 (and 4 more) would move most at (-0.876, 0.585), along (-0.96, 0.29); v26, v27 (and 4 more) "
+     "would move most at (0.876, 0.585), along (0.96, 0.29); v6, v7 (and 18 more) would move, too"),
+    (arch(0.2, 0.3), "v11, v12 (and 8 more) would move along -y; v0, v1 (and 20 more) would move, too"),
     # what leaves all its contacts, or has none, however light
     (lifted_lid(), "lid would move along y"), (pushed(0.0).box("lid", 0, 3, 1, 0.1), "lid would move along -y"),
     (pushed(0.0).box("lid", 0, 3, 1, 0.1, weight=1e-6), "lid would move along -y"),
@@ -150,7 +152,7 @@ PLANE = [
 
 @pytest.mark.parametrize(("scene", "said"), PLANE)
 def test_what_stands_and_what_moves(scene, said):
-    assert words(scene).startswith(said)
+    assert words(scene) == said
 
 
 @pytest.mark.parametrize("force", [0.5001, 0.6, 2.9])
@@ -208,6 +210,7 @@ def test_without_loads_nothing_is_looked_for():
 def test_units_and_origin_do_not_matter(how):
     """Newtons or giganewtons, metres or micrometres, near the origin or far from it: the same is said."""
     assert words(pushed(0.499, **how)) == words(arch(0.109, **how)) == "equilibrium"
+    assert words(pushed(0.51, **how)) == "block would move along x"
     assert "along (-0.96, 0.29)" in words(arch(0.106, **how))
     scene = tall(0.2, **how)
     corner = scene.place((3, 4))[0] / scene.length
@@ -392,7 +395,7 @@ def stack(shift, push):
     (stack(0.25, 0.45), EQUILIBRIUM), (stack(0.25, 0.6), "b2 would move along y"),
     (stack(0.6, 0.0), "b1 and b2 would move most at (2.2, 1, 3), along (0.86, 0, -0.51)")])
 def test_what_stands_and_what_moves_in_space(scene, said):
-    assert words(scene).startswith(said)
+    assert words(scene) == said
 
 
 @pytest.mark.parametrize("angle", np.radians([0.0, 11.25, 22.5, 290.0]))

@@ -282,6 +282,7 @@ def test_large_displacements_and_far_slips_are_warnings():
     moved, *_, slid = doubts(scene)
     assert "body.upper" in moved and "largest displacement" in moved and "times its size" in moved
     assert "node pairs slid up to" in slid
+    assert doubts(pinched_blocks(6)) == []
 
 
 # Meshes of files

@@ -299,7 +299,7 @@ def test_a_full_disk_at_the_start_is_an_error_of_writing(tmp_path, monkeypatch):
 
 
 def test_what_may_not_be_reached_is_refused(tmp_path):
-    """Such as a name that is too long, or a folder without permission, which does not bind root."""
+    """Such as a name that is too long."""
     name, scene = "x" * 300, scenes.pinched_blocks(2)
     with pytest.raises(InputError, match=rf"{name}: cannot be made: File name too long"):
         chosen(tmp_path / name)

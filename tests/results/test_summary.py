@@ -164,3 +164,12 @@ def test_incomplete_results_are_refused(tmp_path, missing):
     (tmp_path / missing).unlink()
     with pytest.raises(InputError, match=rf"not a complete folder of results: .*{missing}"):
         read_results(tmp_path)
+
+
+def test_results_of_another_format_are_refused(tmp_path):
+    """Results that an earlier version wrote, without a number of the format, are named as such."""
+    summary = made_up.results(tmp_path)
+    del summary["format"]
+    write_summary(tmp_path, summary)
+    with pytest.raises(InputError, match="results in format 1; this version reads format 2"):
+        read_results(tmp_path)

@@ -221,7 +221,7 @@ def test_no_case_is_started_after_a_signal(small, tmp_path, monkeypatch):
     """A failing case does not stop the others, an interrupted one does."""
     started = []
 
-    def interrupted(cases, scene, *_):
+    def interrupted(cases, scene, *_, **__):
         started.append(scene)
         error = InterruptionError("SIGTERM")
         error.agreed = True
