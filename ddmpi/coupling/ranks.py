@@ -54,8 +54,9 @@ class WorkingRanks:
         elif self._failed and self._roots != MPI.COMM_NULL:
             self._left.append(self._roots)
             self._take(self._roots.Dup())  # no message of the case that failed may reach this one
-        give_back()  # several ranks a body are used where memory is short
         team, result, failure = self._team, None, None
+        if team is not None:
+            give_back()  # several ranks a body are used where memory is short; else page faults cost a sixth of a run
         self._failed = self._lost = True  # until it is known how the work ends
         if team is None:
             try:
