@@ -6,18 +6,24 @@ their derivatives are all that goes on. Everything is collective.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
 
+from ddmpi.body.elasticity import LoadCase
 from ddmpi.coupling.assembly import Assembly
 from ddmpi.derive.entries import Entry, entries_of
-from ddmpi.derive.parameters import Parameters
+from ddmpi.derive.parameters import Parameter, parameter
+from ddmpi.errors import naming
 from ddmpi.interface.law import Law
 from ddmpi.interface.state import ContactState, slip_start_change
+from ddmpi.methods.linear import PURPOSE
 from ddmpi.methods.newton import Newton
 from ddmpi.methods.outer import Outer
 from ddmpi.sets import magnitude
+from ddmpi.system.agreement import agreed
 
 Derived = dict[str, np.ndarray]
 """Of each parameter p: forces ``s`` (p, size), relative displacements less gaps ``closed`` (p, size), motions ``alpha``
@@ -47,22 +53,26 @@ class Answered(Protocol):
 
 
 class Chain:
-    """The derivatives of the answers of an assembly by some `keys` of its scene, maybe none.
+    """The derivatives of the answers of an assembly by some valid `keys` of its scene, maybe none.
 
-    Construction raises InputError where a clamp cannot change alone.
+    Construction raises InputError, on all ranks, where a clamp cannot change alone.
     """
 
     def __init__(self, assembly: Assembly, keys: list[str]) -> None:
-        self.assembly, self.parameters = assembly, Parameters.of(assembly, keys)
+        self.assembly, self.parameters = assembly, list[Parameter]()
+        with agreed(assembly.world):
+            for key in keys:
+                with naming(f"output.derivatives: {key}"):
+                    self.parameters.append(parameter(assembly, key))
 
     def first(self, time: float = 0.0) -> Derived:
         """Before the first load step, at time 0; empty without keys."""
-        space, number = self.assembly.space, len(self.parameters.all)
+        space, number = self.assembly.space, len(self.parameters)
         if not number:
             return {}
         factors = self.assembly.scene.factors(time)
         return {"s": np.zeros((number, space.size)),
-                "closed": np.array([-factors[one.history] * one.opening for one in self.parameters.all]),
+                "closed": np.array([-factors[one.history] * one.opening for one in self.parameters]),
                 "alpha": np.zeros((number, self.assembly.joint.rigid.size)),
                 "dissipated": np.zeros((number, len(space.interfaces))), "residual": np.zeros(number),
                 "until": np.tile([-np.inf, np.inf], (number, 1))}
@@ -80,9 +90,9 @@ class Chain:
         equations = outer.linearisation()
         s, former = equations.point.s, now.s if now else np.zeros(space.size)
         rows: dict[str, list[Any]] = {name: [] for name in since}
-        for k, one in enumerate(self.parameters.all):
+        for k, one in enumerate(self.parameters):
             start = self._start(k, time, now, before) if now and before else np.zeros(space.size)
-            rho, de = self.parameters.changes(k, factors, answer.displacements)
+            rho, de = self._changes(k, factors, answer.displacements)
             bounds, former_bounds = (one.bounds(self.assembly, forces) for forces in (s, former))
             # offsets of bolts that are kept are those of the step before, and so are their derivatives
             kept = np.where(joint.kept, since["alpha"][k], 0.0)
@@ -106,8 +116,34 @@ class Chain:
         """The derivatives of results as `entries_of` has them; empty without keys."""
         if not derived:
             return {}, {}
-        return entries_of(self.parameters, derived, self.assembly.scene.factors(time), answer.displacements,
-                          answer.states)
+        return entries_of(self.assembly, self.parameters, derived, self.assembly.scene.factors(time),
+                          answer.displacements, answer.states)
+
+    @cached_property
+    def _responses(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Of each parameter `_response` at the factor 1 of its history; zero where it is no load or clamp."""
+        return [self._response({} if one.case is None else {one.body: one.case}) for one in self.parameters]
+
+    def _response(self, cases: Mapping[str, LoadCase]) -> tuple[np.ndarray, np.ndarray]:
+        """h (size,) in metres and e (rigid.size,) in newtons of load cases of this rank's bodies by name."""
+        joint = self.assembly.joint
+        parts = [(np.zeros(member.size), np.zeros(len(member.e))) for member in joint.members]
+        with joint.exchange.deferred():
+            parts = [member.response_to(cases[member.name], PURPOSE) if member.name in cases else none
+                     for member, none in zip(joint.members, parts, strict=True)]
+        h = joint.exchange.total([part for part, _ in parts], "load of a derivative")
+        return h, joint.of_all([e for _, e in parts], [np.zeros(len(each.push)) for each in joint.driven])
+
+    def _changes(self, k: int, factors: Mapping[str | None, float],
+                 u: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+        """ρ (size,) in metres and de (rigid.size,) in newtons of the k-th parameter, at these factors by history and
+        displacements of this rank's bodies."""
+        one, (h, e) = self.parameters[k], self._responses[k]
+        factor = factors[one.history]
+        rho, de = factor * (h + one.driven - one.opening), factor * (e + one.force)
+        if one.young is not None:  # its load follows from the answer
+            rho = rho + self._response(one.load(self.assembly, u, factor))[0]
+        return rho, de
 
     def _start(self, k: int, time: float, now: Mark, before: Mark) -> np.ndarray:
         """The derivative (size,) of where slip begins in the step to `time`, by the k-th parameter (m)."""

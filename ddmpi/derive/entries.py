@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -10,12 +10,14 @@ import numpy as np
 
 from ddmpi.body.elasticity import clamp_forces
 from ddmpi.body.loads import resultants
-from ddmpi.derive.parameters import Parameters, scaled
+from ddmpi.coupling.assembly import Assembly
+from ddmpi.derive.parameters import Parameter, scaled
 from ddmpi.interface.law import direction
 from ddmpi.interface.state import ContactState
 from ddmpi.methods.linear import PURPOSE
 from ddmpi.scene.scene import Settled
 from ddmpi.system.agreement import agreed, gathered
+from ddmpi.system.numbers import moment
 
 ENOUGH = 1e-6
 """Largest relative residual of derivatives that are told."""
@@ -31,8 +33,8 @@ class Entry(dict[str, Any]):
             raise AttributeError(f"there is no {name!r} (but {', '.join(self)})") from None
 
 
-def entries_of(parameters: Parameters, derived: Mapping[str, np.ndarray], factors: Mapping[str | None, float],
-               u: Mapping[str, np.ndarray], states: Mapping[str, ContactState],
+def entries_of(assembly: Assembly, parameters: Sequence[Parameter], derived: Mapping[str, np.ndarray],
+               factors: Mapping[str | None, float], u: Mapping[str, np.ndarray], states: Mapping[str, ContactState],
                ) -> tuple[dict[str, Entry | None], dict[str, Entry]]:
     """By key the derivatives of all results, on the first rank, None where they are not precise enough; and those of
     arrays over this rank's contacts and bodies.
@@ -45,12 +47,12 @@ def entries_of(parameters: Parameters, derived: Mapping[str, np.ndarray], factor
 
     Collective.
     """
-    assembly, scene, joint = parameters.assembly, parameters.assembly.scene, parameters.assembly.joint
+    scene, joint = assembly.scene, assembly.joint
     contacts, bodies, told = {}, {}, dict[str, Entry | None]()
-    arrays = {one.key: Entry(contacts=Entry(), bodies=Entry()) for one in parameters.all}
+    arrays = {one.key: Entry(contacts=Entry(), bodies=Entry()) for one in parameters}
     parts = [joint.exchange.spread(s) for s in derived["s"]]
     with agreed(assembly.world):
-        for k, one in enumerate(parameters.all):
+        for k, one in enumerate(parameters):
             here = arrays[one.key]
             for (name, state), part, work in zip(states.items(), assembly.space.parts.values(),
                                                  derived["dissipated"][k].tolist(), strict=True):
@@ -68,7 +70,7 @@ def entries_of(parameters: Parameters, derived: Mapping[str, np.ndarray], factor
                     points=Entry({point: du[nodes].mean(axis=0) for point, nodes in mesh.vertices.items()}))
                 here.bodies[name] = Entry(displacement=du)
     contacts, bodies = gathered(assembly.world, contacts), gathered(assembly.world, bodies)
-    for k, one in enumerate(parameters.all):
+    for k, one in enumerate(parameters):
         told[one.key] = None if derived["residual"][k] > ENOUGH else Entry(
             until=one.value + derived["until"][k],
             contacts=Entry({contact.name: contacts.get((k, contact.name)) for contact in scene.contact}),
@@ -87,6 +89,22 @@ def joined(*entries: Mapping[str, Any]) -> Entry:
                   for key, values in found.items()})
 
 
+def measures(state: ContactState) -> dict[str, np.ndarray]:
+    """By result of a contact the row (size,), of a vector (d or 3, size), whose product with changes of its forces is
+    the change of the result: all are linear in the forces, as directions stay."""
+    interface, law, m = state.interface, state.interface.law, state.interface.m
+    along, peak = interface.directions, np.argmax(state.pressure)  # the force on the first body is −Σ s · directions
+    at = (interface.xy if interface.at is None else interface.at[0])[law.node]
+    normal, pressure = np.repeat([1.0, 0.0], [m, law.size - m]), np.zeros(law.size)
+    pressure[peak] = replace(state, normal_force=np.ones(m)).pressure[peak]
+    tangential = 1.0 - normal
+    if state.slip.shape[1] > 1:  # the length of a vector changes with the part along it
+        tangential *= along @ direction(state.along(state.tangential_force).sum(axis=0)[None])[0]
+    return {"force": -along.T, "moment": np.array([moment(place[None], -way[None], interface.axisymmetric)
+                                                   for place, way in zip(at, along, strict=True)]).T,
+            "normal_force": normal, "tangential_force": tangential, "pressure_max": pressure}
+
+
 def _contact(state: ContactState, s: np.ndarray, closed: np.ndarray, work: float) -> tuple[Entry, Entry]:
     """The derivatives of a contact's resultants, and those at its nodes, from those of its forces s (size,), relative
     displacements less gaps `closed` (size,), and dissipation."""
@@ -94,16 +112,10 @@ def _contact(state: ContactState, s: np.ndarray, closed: np.ndarray, work: float
     (normal, along), (closing, slid) = law.split(s), law.split(closed)
     tangential, slip = np.zeros((2, *state.slip.shape))
     tangential[law.sliding], slip[law.sliding] = along, slid
-    # all that follows is linear in the forces at fixed directions
-    change = replace(state, normal_force=normal, tangential_force=tangential, gap=-closing)
-    total = float(tangential.sum())
-    if tangential.shape[1] > 1:  # the length of a vector changes with the part along it
-        total = float(direction(state.along(state.tangential_force).sum(axis=0)[None])[0]
-                      @ change.along(tangential).sum(axis=0))
-    return Entry(force=change.force, moment=change.moment, normal_force=float(normal.sum()), tangential_force=total,
-                 pressure_max=float(change.pressure[np.argmax(state.pressure)]), dissipated=work,
-                 ), Entry(pressure=change.pressure, shear=change.shear, normal_forces=normal,
-                          tangential_forces=tangential, gap=-closing, slip_total=slip)
+    change = replace(state, normal_force=normal, tangential_force=tangential)
+    return Entry({name: row @ s for name, row in measures(state).items()}, dissipated=work), Entry(
+        pressure=change.pressure, shear=change.shear, normal_forces=normal, tangential_forces=tangential,
+        gap=-closing, slip_total=slip)
 
 
 def _partners(scene: Settled, contacts: Mapping[str, Entry], pushed: Mapping[str, np.ndarray],

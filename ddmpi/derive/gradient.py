@@ -12,24 +12,21 @@ from mpi4py import MPI
 
 from ddmpi.coupling.assembly import Assembly
 from ddmpi.derive.chain import Answered
-from ddmpi.derive.entries import ENOUGH, Entry
+from ddmpi.derive.entries import ENOUGH, Entry, measures
 from ddmpi.derive.parameters import parameter, scaled
 from ddmpi.errors import InputError, SolverError
-from ddmpi.interface.interface import Interface
-from ddmpi.interface.law import direction
 from ddmpi.interface.state import ContactState
 from ddmpi.methods.linear import AIM, PURPOSE
 from ddmpi.methods.newton import Newton
 from ddmpi.scene.keys import derivable, nearest
 from ddmpi.sets import magnitude
 from ddmpi.system.agreement import agreed, merged
-from ddmpi.system.numbers import moment
 
 RESULTS = {"contacts": ("force", "moment", "normal_force", "tangential_force", "pressure_max", "dissipated"),
            "bodies": ("reaction",), "rigid": ("force", "displacement")}
 """The results that have gradients, by their entries in the summary."""
 
-AXES = {axis: k for k, axis in enumerate("xyz")} | {str(k): k for k in range(3)}
+AXES = dict(zip("xyz012", [*range(3)] * 2, strict=True))
 
 
 @dataclass
@@ -140,34 +137,20 @@ def functional(assembly: Assembly, states: Mapping[str, ContactState], result: s
             if each.name == name:  # `shift` is linear in the motions
                 found.motions[joint.slices[name]] = [each.shift(one)[found.axis] for one in np.eye(len(each.push))]
     for interface, part in space.with_slices():
-        if kind == "contacts" and interface.name == name:
-            _of_contact(found, interface, states[name], part, what)
-        elif kind == "rigid" and what == "force" and interface.bodies[1] == name:
+        if kind == "rigid" and what == "force" and interface.bodies[1] == name:
             found.forces[part] = interface.directions[:, found.axis]
-    return found
-
-
-def _of_contact(found: Functional, interface: Interface, state: ContactState, part: slice, what: str) -> None:
-    """Set the derivative of a contact's result."""
-    law, m = interface.law, interface.m
-    forces, along = found.forces[part], interface.directions  # the force on the first body is −Σ s · directions
-    if what == "force":
-        forces[:] = -along[:, found.axis]
-    elif what == "moment":
-        at = (interface.xy if interface.at is None else interface.at[0])[law.node]
-        forces[:] = [np.atleast_1d(moment(place[None], -way[None], interface.axisymmetric))[found.axis]
-                     for place, way in zip(at, along, strict=True)]
-    elif what == "normal_force":
-        forces[:m] = 1.0
-    elif what == "tangential_force":
-        total = direction(state.along(state.tangential_force).sum(axis=0)[None])[0]
-        forces[m:] = along[m:] @ total if state.slip.shape[1] > 1 else 1.0
-    elif what == "pressure_max":
-        forces[np.argmax(state.pressure)] = 1.0 / interface.area[np.argmax(state.pressure)]
-    else:  # dissipated: ½ (g + g_0) |slip| of the nodes that rub
+        if kind != "contacts" or interface.name != name:
+            continue
+        state, law, m = states[name], interface.law, interface.m
+        if what != "dissipated":
+            found.forces[part] = np.atleast_2d(measures(state)[what])[found.axis if what in vectors else 0]
+            continue
+        # ½ (g + g_0) |slip| of the nodes that rub
         resistance = np.broadcast_to(state.resistance, (m,))[law.sliding]
         slip, s = state.slip[law.sliding], np.append(state.normal_force, np.zeros(law.size - m))
         size = magnitude(slip)
-        found.bounds[interface.name] = 0.5 * size * (resistance > 0.0)
+        found.bounds[name] = 0.5 * size * (resistance > 0.0)
         law.split(found.moves[part])[1][:] = (resistance / np.where(size > 0.0, size, 1.0))[:, None] * slip
-        np.add.at(forces, law.sliding, found.bounds[interface.name] * law.slope(s[:m]) * (s[:m] > 0.0)[law.sliding])
+        np.add.at(found.forces[part], law.sliding,
+                  found.bounds[name] * law.slope(s[:m]) * (s[:m] > 0.0)[law.sliding])
+    return found

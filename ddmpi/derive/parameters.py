@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from functools import cached_property
 from typing import Any
 
 import msgspec.structs
@@ -15,13 +14,10 @@ from ddmpi.body.elasticity import LoadCase, load_cases
 from ddmpi.body.loads import supports, thermal_loads
 from ddmpi.body.stiffness import sum_stiffness
 from ddmpi.coupling.assembly import Assembly, Body
-from ddmpi.errors import naming
 from ddmpi.interface.law import CoulombLaw, Law, TrescaLaw
 from ddmpi.mesh.boundary import material_numbers
-from ddmpi.methods.linear import PURPOSE
 from ddmpi.scene.bodies import SettledBody
 from ddmpi.scene.values import Heat, VolumeForce
-from ddmpi.system.agreement import agreed
 
 
 @dataclass(frozen=True)
@@ -79,56 +75,6 @@ class Parameter:
         zero, free = np.zeros_like(f), elasticity.supports.free[elasticity.nodes]
         return LoadCase(f, 0.0 * acting.warm, zero, 0.0, zero, zero,
                         np.einsum("kij,kj->ki", free, f[elasticity.nodes]).ravel())
-
-
-@dataclass(frozen=True)
-class Parameters:
-    """The parameters of an assembly, with the free displacements that follow from loads and clamps.
-
-    Construction with `of` and all methods are collective.
-    """
-
-    assembly: Assembly
-    all: Sequence[Parameter]
-
-    @classmethod
-    def of(cls, assembly: Assembly, keys: Sequence[str]) -> Parameters:
-        """Those of some valid `keys`. Raises InputError where a clamp cannot change alone, on all ranks."""
-        with agreed(assembly.world):
-            made = []
-            for key in keys:
-                with naming(f"output.derivatives: {key}"):
-                    made.append(parameter(assembly, key))
-        return cls(assembly, made)
-
-    @cached_property
-    def responses(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Of each parameter h (size,) in metres and e (rigid.size,) in newtons, at the factor 1 of its history; zero
-        where it is no load or clamp."""
-        return [self.response({} if one.case is None else {one.body: one.case}) for one in self.all]
-
-    def response(self, cases: Mapping[str, LoadCase]) -> tuple[np.ndarray, np.ndarray]:
-        """h (size,) and e (rigid.size,) of load cases of this rank's bodies by name."""
-        joint = self.assembly.joint
-        parts = [(np.zeros(member.size), np.zeros(len(member.e))) for member in joint.members]
-        with joint.exchange.deferred():
-            parts = [member.response_to(cases[member.name], PURPOSE) if member.name in cases else none
-                     for member, none in zip(joint.members, parts, strict=True)]
-        h = joint.exchange.total([part for part, _ in parts], "load of a derivative")
-        return h, joint.of_all([e for _, e in parts], [np.zeros(len(each.push)) for each in joint.driven])
-
-    def changes(self, number: int, factors: Mapping[str | None, float],
-                u: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-        """ρ (size,) in metres and de (rigid.size,) in newtons of a parameter by its `number`, at these factors by
-        history and displacements of this rank's bodies."""
-        one = self.all[number]
-        factor = factors[one.history]
-        h, e = self.responses[number]
-        rho, de = factor * (h + one.driven - one.opening), factor * (e + one.force)
-        if one.young is not None:  # its load follows from the answer
-            h, _ = self.response(one.load(self.assembly, u, factor))
-            rho = rho + h
-        return rho, de
 
 
 def scaled(case: LoadCase | None, factor: float) -> LoadCase:

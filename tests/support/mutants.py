@@ -710,7 +710,7 @@ MUTANTS = [Mutant(*row) for row in (
      f"{DERIVED}::test_parts_of_a_body"),
     ("a load case has the loads beside it", "derive/parameters", "change(spec, traction=[], clamp=clamps,",
      "change(spec, clamp=clamps,", f"{DERIVED}::test_blocks_with_coulomb_friction"),
-    ("tangential forces in space add up by components", "derive/entries", "if tangential.shape[1] > 1:", "if False:",
+    ("tangential forces in space add up by components", "derive/entries", "if state.slip.shape[1] > 1:", "if False:",
      f"{DERIVED}::test_boxes_in_space"),
     ("derivatives are told however precise", "derive/entries",
      'None if derived["residual"][k] > ENOUGH else', "None if False else",
