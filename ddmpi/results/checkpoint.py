@@ -36,7 +36,7 @@ from ddmpi.system.files import CHECKPOINT, write_atomically
 
 log = logging.getLogger("ddmpi")
 
-FORMAT, BLOCK = b"ddmpi checkpoint 18 sha256 ", 512
+FORMAT, BLOCK = b"ddmpi checkpoint 19 sha256 ", 512
 """The beginning of HDF5's user block, before the digest of the rest; the block's size, the smallest that HDF5 has."""
 
 KIND = "a checkpoint of this version of ddmpi"

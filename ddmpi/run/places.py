@@ -14,7 +14,7 @@ from the second body's frame. So it does not depend on the pairing, nor on a mot
 
 import logging
 from collections.abc import Collection, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -31,7 +31,7 @@ from ddmpi.results.checkpoint import Checkpoints
 from ddmpi.run.equilibrium import NOTHING, Mark, began, instability, partners_gone, way_down
 from ddmpi.run.gather import StepLog
 from ddmpi.run.solve import Iteration, Solution, solve
-from ddmpi.run.steps import MARKS, March
+from ddmpi.run.steps import March
 from ddmpi.scene.contacts import SettledContact
 from ddmpi.scene.meshes import Freed, frames_of
 from ddmpi.surface.cover import DEEPEST
@@ -43,7 +43,6 @@ from ddmpi.system.numbers import Frame, norm
 log = logging.getLogger("ddmpi")
 
 MOST = 64  # most places on the way of a step at which a body is looked for in its partner
-MARGIN = 1.0  # overlaps are looked for deeper than before by the motion of the step and this many facets
 
 PASSES, SETTLED, SHRINKS, PATIENCE = 40, 1e-8, 0.7, 6
 """Most passes of a step. Frames have settled once α moves contacts by less than SETTLED of what their forces do, and
@@ -89,11 +88,12 @@ class FarMarch(March):
 
     def __init__(self, assembly: Assembly, iteration: Iteration, log: StepLog) -> None:
         assert assembly.far
+        self._far = assembly.far
         still = np.zeros({2: 3, 3: 6}[assembly.scene.dimension])
-        self._first = Memory(0.0, dict.fromkeys(assembly.far.free, still), {}, {}, _deepest(assembly))
-        self._compared: Memory | None = None  # the last attempt at the present leg
+        first = Memory(0.0, dict.fromkeys(self._far.free, still), {}, {}, _deepest(assembly))
         self._whole: frozenset[str] = frozenset()  # contacts of which no rows are left out in the present step
         super().__init__(assembly, iteration, log)
+        self._now = self._before = self._base = self._coarse = replace(self._now, memory=first)
 
     def _step(self, time: float) -> Solution:
         """Solve the load step to `time`; once more, with all rows, where one that was left out as open is not."""
@@ -110,8 +110,7 @@ class FarMarch(March):
 
     def _settle(self, time: float) -> Solution:
         """Place the bodies at `time`, and solve, until free frames have settled."""
-        memory, far, clock, mark = self._memory(self._now), self.assembly.far, self.iteration.clock, self._now
-        assert far
+        memory, far, clock, mark = self._now.memory, self._far, self.iteration.clock, self._now
         then, least, idle = frames_of(self.assembly.scene, memory.time, memory.freed), np.inf, 0
         far.freed[time], rows, settled = self._ahead_of(time), memory.contacts, not far.free
         stopped = ""
@@ -175,16 +174,15 @@ class FarMarch(March):
 
     def _accept(self, time: float, solution: Solution) -> None:
         super()._accept(time, solution)
-        if self.assembly.far and self.assembly.far.free:
+        if self._far.free:
             self.log.steps[-1]["passes"] = self._passes
 
     def _place(self, time: float, memory: Memory, then: Mapping[str, Frame], rows: Rows,
                again: bool) -> np.ndarray:
         """Have the bodies meet where their frames are at `time`, and begin with the forces of `rows`; where slip begins
         (size,) (m)."""
-        far, clock = self.assembly.far, self.iteration.clock
-        assert far
-        far.reach[time] = _reaches(self.assembly, memory, then, self._whole, time)
+        clock = self.iteration.clock
+        self._far.reach[time] = _reaches(self.assembly, memory, then, self._whole, time)
         with clock.phase("assemble"):
             self.assembly = assembly = self.assembly.meet(time)
         start = assembly.exchange.total([body.member.begin(began(
@@ -208,21 +206,19 @@ class FarMarch(March):
 
     def _count(self) -> None:
         """Have later passes count products on."""
-        assert self.assembly.far
-        for member, body in zip(self.assembly.far.members, self.assembly.bodies, strict=True):
+        for member, body in zip(self._far.members, self.assembly.bodies, strict=True):
             member.C.count = body.member.C.count
 
     def _ahead_of(self, time: float) -> Freed:
         """Where free frames are looked for first: as far as they have gone, and on as in the step before."""
-        now, before = self._memory(self._now), self._memory(self._before)
+        now, before = self._now.memory, self._before.memory
         span = now.time - before.time
         share = (time - now.time) / span if span and not self._cuts else 0.0
         return {name: gone + share * (gone - before.freed[name]) for name, gone in now.freed.items()}
 
     def _go(self, time: float, alpha: np.ndarray) -> None:
         """Have the free frames take the motions α."""
-        assembly, far = self.assembly, self.assembly.far
-        assert far
+        assembly, far = self.assembly, self._far
         moved = {name: far.free[name].gone(gone, assembly.frames[name], alpha[assembly.joint.slices[name]])
                  for name, gone in far.freed[time].items()}
         turned = slice(assembly.scene.dimension, None)
@@ -230,29 +226,18 @@ class FarMarch(March):
         far.freed[time] = {name: far.freed[time][name] + min(1.0, FARTHEST / max(most, FARTHEST)) * (
             gone - far.freed[time][name]) for name, gone in moved.items()}
 
-    def _memory(self, mark: Mark) -> Memory:
-        return mark.memory or self._first
-
-    def _refine(self) -> bool:
-        # attempts may have paired other rows at the end of the leg
-        if self._coarse is not None and self._compared:
-            self._coarse = _forces_of(self.assembly, self._compared.contacts)
-        self._compared = self._memory(self._now)
-        again = super()._refine()
-        if not again:
-            self._compared = None
-        return again
+    def _forces(self, mark: Mark) -> np.ndarray:
+        return _forces_of(self.assembly, mark.memory.contacts)  # attempts may have paired other rows at the leg's end
 
     def _remember(self, solution: Solution) -> Memory:
         assert solution.time is not None
-        assert self.assembly.far
-        return Memory(solution.time, self.assembly.far.freed[solution.time], solution.displacements, {
+        return Memory(solution.time, self._far.freed[solution.time], solution.displacements, {
             name: rows_of(state) for name, state in solution.states.items()}, {
                 name: total.moved for name, total in solution.contacts.items()})
 
     def _by_frames(self, solution: Solution, before: Mark) -> float:
         """Work of the motions of frames (J): clamps balance what contact forces do to bodies that move."""
-        memory, joules = self._memory(before), 0.0
+        memory, joules = before.memory, 0.0
         then, now = frames_of(self.assembly.scene, memory.time, memory.freed), self.assembly.frames
         for name, state in solution.states.items():
             for side, body in enumerate(state.interface.bodies):
@@ -269,21 +254,16 @@ class FarMarch(March):
         return False
 
     def state(self) -> dict[str, Any]:
-        assert self.assembly.far
         return super().state() | {name: {repr(time): dict(values) for time, values in getattr(
-            self.assembly.far, name).items()} for name in ("reach", "freed")} | {
-                "compared": self._compared and asdict(self._compared)}
+            self._far, name).items()} for name in ("reach", "freed")}
+
+    def _recalled(self, state: dict[str, Any]) -> Mark:
+        return Mark(**state | {"memory": Memory(**state["memory"])})
 
     def restore(self, state: dict[str, Any]) -> None:
         super().restore(state)
-        assert self.assembly.far
         for name in ("reach", "freed"):
-            getattr(self.assembly.far, name).update({float(time): values for time, values in state[name].items()})
-        self._compared = Memory(**state["compared"]) if state["compared"] else None
-        for name in MARKS:
-            mark = getattr(self, name)
-            if mark.memory:
-                setattr(self, name, replace(mark, memory=Memory(**mark.memory)))
+            getattr(self._far, name).update({float(time): values for time, values in state[name].items()})
 
 
 def _deepest(assembly: Assembly) -> dict[str, float]:
@@ -337,8 +317,8 @@ def _reaches(assembly: Assembly, memory: Memory, then: Mapping[str, Frame], whol
     for contact in far.contacts:
         side, moved = far.sides[contact.name][0], memory.moved[contact.name]
         endless = not memory.time or contact.name in whole or not far.free.keys().isdisjoint(contact.bodies)
-        reach[contact.name] = moved + _way(contact, side, then, now) + MARGIN * float(
-            side.lengths.max() ** (1.0 / (side.dimension - 1))), np.inf if endless else moved
+        facet = float(side.lengths.max() ** (1.0 / (side.dimension - 1)))
+        reach[contact.name] = moved + _way(contact, side, then, now) + facet, np.inf if endless else moved
     return reach
 
 

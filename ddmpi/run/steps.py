@@ -45,11 +45,11 @@ CERTAIN = 0.25
 """Changes below this fraction of ``time.tolerance`` are small enough at any rate. At the slowest one, the root of the
 number of steps, as where nodes touch within a step, the error left is 2.4 times the change."""
 
-KEPT = ("iterations", "_leg", "_number", "_coarse", "_changed", "_largest", "_given", "_cuts", "_noted", "_shortest",
-        "_began", "_planned", "_plans")
+KEPT = ("iterations", "_leg", "_number", "_changed", "_largest", "_given", "_cuts", "_noted", "_shortest", "_began",
+        "_planned", "_plans")
 """Attributes of a march that checkpoints keep unchanged."""
 
-MARKS = ("_now", "_before", "_base")  # attributes of a march that are marks
+MARKS = ("_now", "_before", "_base", "_coarse")  # attributes of a march that are marks
 
 
 class March:
@@ -284,10 +284,9 @@ class March:
             self._began = self._now.s
         if self._cycle:
             self.log.cycle = self.log.run if self._in_cycle.start <= self._leg < self._in_cycle.stop else 0
-        self._base = self._before = self._now
+        self._base = self._before = self._coarse = self._now  # the last: the leg's end in half as many steps
         self._noted = {} if self._steps or self._repeated else self.log.state()
         self._safe = None
-        self._coarse: np.ndarray | None = None
         self._changed = math.nan
         self._number = self._steps or 1
         self._ahead = self._times()
@@ -330,8 +329,8 @@ class March:
         # tangential forces are compared with slip bounds: with little friction they are small beside all forces
         bound = space.norm(np.minimum(space.laws.bound_at(s), size))
         self._largest = np.maximum(self._largest, [size, min(bound, size)])
-        if self._coarse is not None and self._largest.all():
-            change = self._now.change_since(self._coarse, self._largest, space)
+        if self._number > 1 and self._largest.all():
+            change = self._now.change_since(self._forces(self._coarse), self._largest, space)
             # where changes fall by r = former / change with each doubling, those to come add up to change / (r − 1)
             faster = self._changed / change - 1.0 if change else math.inf
             before, self._changed = self._changed, change
@@ -351,7 +350,7 @@ class March:
             return False
         # nodes that were open and now carry force: their gaps close within the leg
         closing = self._closing(s)
-        self._coarse, self._number = s, 2 * self._number
+        self._coarse, self._number = self._now, 2 * self._number
         length, self._now, self._before = self._now.length, self._base, self._base
         self.log.restore(self._noted)
         self._ahead = self._times(length, closing)
@@ -369,6 +368,10 @@ class March:
         return space.any(np.array([((s[normal] > 0.0) & (base.s[normal] <= 0.0) & (base.closed[normal] < 0.0)).any()
                                    for normal in self._frictional]))
 
+    def _forces(self, mark: Mark) -> np.ndarray:
+        """The forces (size,) of a mark on the rows of now (N)."""
+        return mark.s
+
     def _by_frames(self, solution: Solution, before: Mark) -> float:
         """Work of the motions of frames (J). Collective."""
         return 0.0
@@ -377,12 +380,16 @@ class March:
         """What the next step needs of this one, where bodies move far."""
         return {}
 
+    def _recalled(self, state: dict[str, Any]) -> Mark:
+        """A mark as it comes out of a checkpoint."""
+        return Mark(**state)
+
     def state(self) -> dict[str, Any]:
         return {name: getattr(self, name) for name in KEPT} | {name: asdict(getattr(self, name)) for name in MARKS} | {
             "ahead": tuple(self._ahead), "log": self.log.state()}
 
     def restore(self, state: dict[str, Any]) -> None:
         """Go on with the first of the steps that lie ahead in `state`."""
-        vars(self).update({name: state[name] for name in KEPT} | {name: Mark(**state[name]) for name in MARKS})
+        vars(self).update({name: state[name] for name in KEPT} | {name: self._recalled(state[name]) for name in MARKS})
         self._ahead, self._safe = list(state["ahead"]), None
         self.log.restore(state["log"])

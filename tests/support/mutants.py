@@ -755,9 +755,9 @@ MUTANTS = [Mutant(*row) for row in (
     ("the largest values forgotten at a restart", "run/gather", "{name: state[name] for name in self.most}",
      "self.most",
      "results/test_summary.py::test_what_is_kept_of_load_steps_outlives_a_restart"),
-    ("the beginning of a leg forgotten at a restart", "run/steps", '"_now", "_before", "_base")',
-     '"_now", "_before")', "scenes/test_load_steps.py::test_a_restored_march_is_the_whole_one"),
-    ("the last change forgotten at a restart", "run/steps", '"_coarse", "_changed"', '"_coarse"', ADAPTIVE),
+    ("the beginning of a leg forgotten at a restart", "run/steps", '"_now", "_before", "_base", "_coarse")',
+     '"_now", "_before", "_coarse")', "scenes/test_load_steps.py::test_a_restored_march_is_the_whole_one"),
+    ("the last change forgotten at a restart", "run/steps", '"_number", "_changed"', '"_number"', ADAPTIVE),
     ("slip bounds of the step before forgotten", "run/steps", "s: before[part],", "s: 0.0 * s,",
      "scenes/test_load_steps.py::test_a_proportional_load_dissipates_the_same_in_any_number_of_steps"),
     # bodies that move far
