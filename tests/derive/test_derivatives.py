@@ -1,6 +1,7 @@
-"""Derivatives against central differences of fresh answers, and what is refused."""
+"""Derivatives against central differences of fresh answers, gradients against derivatives; what is refused."""
 
 import tomllib
+from collections.abc import Sequence
 from types import SimpleNamespace
 
 import bolts
@@ -19,79 +20,138 @@ from ddmpi.results.checkpoint import read, write
 from ddmpi.run.gather import StepLog
 from ddmpi.run.solve import Iteration
 from ddmpi.run.steps import March
+from ddmpi.scene.keys import derivable
 from ddmpi.scene.reader import read_scene
 from ddmpi.system.clock import Clock
 
-CLOSE = 1e-5
-"""Central differences of answers to 1e-12 are as precise."""
+CLOSE, SAME = 1e-5, 1e-8
+"""Central differences of answers to 1e-12 are as precise; gradients and derivatives are solved to 1e-10."""
 
 
-def check(scene: dict, keys: list[str], sizes: dict[str, float] | None = None, close: float = CLOSE):
-    """The answer with derivatives, once these are those of differences."""
-    answer = ddmpi.solve(with_derivatives(scene, keys), overrides=TIGHT)
+def check(scene: dict, sizes: dict[str, float | None], gradients: Sequence[str] = (), close: float = CLOSE):
+    """The answer with derivatives, once these are those of differences, and gradients those of the derivatives by all
+    keys; `sizes` of the numbers that are zero."""
+    every = [key for key in derivable(plain(scene)) if key != "body.shaft.clamp.0.x"]  # an axis cannot move
+    answer = ddmpi.solve(with_derivatives(scene, every if gradients else [*sizes]), overrides=TIGHT)
     assert answer.certified, answer.reason
     entries = answer.summary["derivatives"]
-    assert list(entries) == keys and not any("derivatives" in warning for warning in answer.summary["warnings"])
-    for key in keys:
-        worst, name = difference(scene, key, entries[key], size=(sizes or {}).get(key))
+    assert entries.keys() >= sizes.keys()
+    assert not any("derivatives" in warning for warning in answer.summary["warnings"])
+    for key, size in sizes.items():
+        worst, name = difference(scene, key, entries[key], size=size)
         assert worst < close, f"{key}: {name} differs by {worst:.1e}"
+    for result in gradients:
+        same_gradient(answer, result)
     return answer
 
 
-def test_blocks_with_coulomb_friction():
-    """Loads, moduli, clamps and friction of supported bodies, as numbers and as factors."""
-    scene = pinched_blocks(4)
+def entry_of(summary, result):
+    """The number of a result in an entry of ``derivatives``."""
+    for name in result.split("."):
+        summary = summary["xyz".index(name)] if name in "xyz" else summary[name]
+    return summary
+
+
+def same_gradient(answer, result: str) -> None:
+    """The gradient of a result has the derivatives by all keys, which the answer has."""
+    gradient = answer.gradient(result)
+    assert gradient.keys() >= {*answer.summary["derivatives"], "gap"}
+    size = abs(entry_of(answer.summary, result)) or 1.0
+    for key, entry in answer.summary["derivatives"].items():
+        # derivatives that are zero are rounding of those of the parts of a result
+        assert gradient[key] == pytest.approx(entry_of(entry, result), rel=SAME, abs=1e-8 * size), f"{result} by {key}"
+
+
+def blocks(law: str = "coulomb", **contact) -> dict:
+    """Blocks whose lower one is moved by a clamp."""
+    scene = pinched_blocks(4, law)
     scene["body"][1]["clamp"] = [{"on": "left", "x": 2e-5, "y": 0.0}]
-    check(scene, ["contact.upper-lower.friction.coefficient", "body.upper.traction.0", "body.upper.traction.1.value.0",
-                  "body.upper.material.young", "body.lower.clamp.0", "body.lower.clamp.0.x",
-                  "body.lower.volume_force.1"], {"body.lower.volume_force.1": 1e6, "body.lower.clamp.0.x": 1e-4})
+    scene["contact"][0] |= contact
+    return scene
 
 
-@pytest.mark.slow
-def test_blocks_that_do_not_match_with_profiles():
-    """Mortar, a given gap, and factors on profiles of a slip bound and of friction."""
-    bound = {"law": "tresca", "slip_bound": {"along": "x", "points": [0.0, 3.0], "values": [8e6, 1.5e7]}}
-    coefficient = {"law": "coulomb", "coefficient": {"along": "x", "points": [0.0, 3.0], "values": [0.1, 0.5]}}
-    for friction, key in (bound, "slip_bound"), (coefficient, "coefficient"):
-        scene = pinched_blocks(4)
-        scene["body"][1]["mesh"]["divisions"] = [9, 3]
-        scene["contact"][0] |= {"friction": friction, "gap": "1e-6 + 1e-6 * x"}
-        check(scene, [f"contact.upper-lower.friction.{key}", "contact.upper-lower.gap"])
+def profile(law: str, key: str, *values: float) -> dict:
+    """Blocks that do not match, with a given gap, and friction that changes along them."""
+    scene = blocks(gap="1e-6 + 1e-6 * x", friction={"law": law, key: {
+        "along": "x", "points": [0.0, 3.0], "values": [*values]}})
+    scene["body"][1] |= {"clamp": pinched_blocks(4)["body"][1]["clamp"], "mesh": scene["body"][1]["mesh"] | {
+        "divisions": [9, 3]}}
+    return scene
 
 
-def test_a_number_of_a_slip_bound_and_of_a_gap():
-    """A gap of zero is a number, too."""
-    scene = pinched_blocks(4, "tresca")
-    scene["contact"][0]["gap"] = 0.0
-    check(scene, ["contact.upper-lower.friction.slip_bound", "contact.upper-lower.gap"],
-          {"contact.upper-lower.gap": 1e-6})
+PAIR, FIT = "contact.upper-lower", "contact.fit"
+CASES = {
+    # name: scene, keys whose derivatives are compared with differences, and results whose gradients are with these
+    "supported blocks": (blocks(gap=0.0), {
+        f"{PAIR}.friction.coefficient": None, "body.upper.traction.0": None, "body.upper.traction.1.value.0": None,
+        "body.upper.material.young": None, "body.lower.clamp.0": None, "body.lower.clamp.0.x": 1e-4,
+        "body.lower.volume_force.1": 1e6}, [
+        *(f"contacts.upper-lower.{name}" for name in ("normal_force", "force.x", "tangential_force", "moment",
+                                                      "pressure_max", "dissipated")),
+        "bodies.upper.reaction.x", "bodies.lower.reaction.y"]),
+    "a profile of a slip bound": (profile("tresca", "slip_bound", 8e6, 1.5e7), {
+        f"{PAIR}.friction.slip_bound": None, f"{PAIR}.gap": None}, []),
+    "a profile of friction": (profile("coulomb", "coefficient", 0.1, 0.5), {
+        f"{PAIR}.friction.coefficient": None, f"{PAIR}.gap": None}, []),
+    # the bound also weighs what was dissipated at first; a gap of zero is a number, too
+    "a slip bound": (blocks("tresca", gap=0.0), {f"{PAIR}.friction.slip_bound": None, f"{PAIR}.gap": 1e-6}, [
+        "contacts.upper-lower.tangential_force", "contacts.upper-lower.dissipated"]),
+    # motions of a loose body and of a pushed partner follow, by displacement and by force
+    "a loose body": (vice(), {
+        "rigid.ram.force": None, "rigid.ram.force.0": None, "rigid.fixed.displacement": None,
+        "rigid.fixed.displacement.1": 1e-3, "body.part.traction.0": None, "body.part.volume_force.1": 1e-2,
+        "contact.part-fixed.friction.coefficient": None, "contact.part-ram.friction.coefficient": None}, [
+        "rigid.ram.displacement.x", "rigid.fixed.displacement.y", "rigid.ram.force.y",
+        "contacts.part-fixed.tangential_force", "contacts.part-ram.dissipated"]),
+    "loose blocks on each other": (tower(3, 2), {
+        "contact.block2-block1.friction.coefficient": None, "body.block3.traction.0": None,
+        "body.block2.material.young": None}, []),
+    # the axial reaction follows from equilibrium
+    "around an axis with heat": (ring(), {
+        f"{FIT}.gap": None, "body.ring.temperature": None, "body.ring.material.young": None,
+        "body.ring.traction.0": None, f"{FIT}.friction.coefficient": None}, [
+        "bodies.shaft.reaction.y", "contacts.fit.normal_force"]),
+    # friction that turns
+    "boxes": (two_boxes(2, law=COULOMB), {
+        f"{PAIR}.friction.coefficient": None, "body.upper.traction.0": None, "body.upper.material.young": None,
+        "body.lower.material.young": None}, [
+        "contacts.upper-lower.moment.x", "contacts.upper-lower.tangential_force", "contacts.upper-lower.dissipated",
+        "bodies.upper.reaction.z"]),
+    # an interference that grows is there from the first step on
+    "a gap with a history": (rubbed(steps=1), {f"{FIT}.gap": None, f"{FIT}.friction.coefficient": None}, []),
+    # a bolt keeps its offset once it is tightened, and this its derivative; the force in it then follows the load
+    "a pretension that is kept": (bolts.joint(n=2), {
+        "contact.cut.pretension.force": None, "body.sleeve.material.young": None, "rigid.head.force": None}, []),
+}
+SLOW = ("a loose body", "loose blocks on each other", "around an axis with heat", "a profile of friction", "boxes",
+        "a pretension that is kept")
+CASES["a gap with a history"][0]["contact"][0]["gap"] = {"value": -1e-3, "history": "press"}
+CASES["a pretension that is kept"][0]["time"]["points"] = [1.0, 2.0]
 
 
-@pytest.mark.slow
-def test_a_loose_body_between_rigid_partners():
-    """Motions of a loose body and of a pushed partner follow, by displacement and by force."""
-    answer = check(vice(), ["rigid.ram.force", "rigid.ram.force.0", "rigid.fixed.displacement",
-                            "rigid.fixed.displacement.1", "body.part.traction.0", "body.part.volume_force.1",
-                            "contact.part-fixed.friction.coefficient", "contact.part-ram.friction.coefficient"],
-                   {"rigid.fixed.displacement.1": 1e-3, "body.part.volume_force.1": 1e-2})
-    entry = answer.derivative("rigid.fixed.displacement")  # all follow the plane that moves by itself
+@pytest.mark.parametrize("name", [pytest.param(name, marks=pytest.mark.slow if name in SLOW else ()) for name in CASES])
+def test_derivatives_are_those_of_differences(name):
+    """And gradients, by one solve of the transposed equations, are derivatives by all keys."""
+    check(*CASES[name])
+
+
+def test_motions_that_follow_a_partner():
+    """All that is loose follows the plane that moves by itself."""
+    key = "rigid.fixed.displacement"
+    entry = ddmpi.solve(with_derivatives(vice(), [key]), overrides=TIGHT).derivative(key)
     assert entry.rigid.ram.displacement == pytest.approx([1e-3, 0.0], rel=1e-6)
     assert np.allclose(entry.bodies.part.displacement, [1e-3, 0.0], rtol=1e-6, atol=1e-9)
 
 
-@pytest.mark.slow
-def test_loose_blocks_on_each_other():
-    """A tower of loose blocks: factors on friction and loads."""
-    check(tower(3, 2), ["contact.block2-block1.friction.coefficient", "body.block3.traction.0",
-                        "body.block2.material.young"])
-
-
-@pytest.mark.slow
-def test_around_an_axis_with_heat():
-    """A heated ring that is shrunk onto a shaft: temperature, interference, moduli of parts."""
-    scene = ring()
-    check(scene, ["contact.fit.gap", "body.ring.temperature", "body.ring.material.young", "body.ring.traction.0",
-                  "contact.fit.friction.coefficient"])
+def test_a_gradient_by_the_gap_at_every_node():
+    """Its sum is the derivative by the gap as a number; open nodes do not count."""
+    answer = ddmpi.solve(blocks(gap=0.0), overrides=TIGHT)
+    gradient = answer.gradient("contacts.upper-lower.normal_force")
+    nodes = gradient.gap["upper-lower"]
+    assert nodes.shape == answer.contacts["upper-lower"].gap.shape
+    assert nodes.sum() == pytest.approx(gradient["contact.upper-lower.gap"], rel=1e-9)
+    closed = answer.contacts["upper-lower"].status != "open"
+    assert np.abs(nodes[closed]).min() > 0.0 and not nodes[~closed].any()
 
 
 def test_parts_of_a_body():
@@ -108,17 +168,10 @@ def test_parts_of_a_body():
         assert found == pytest.approx((above[name] - below[name]) / (2e-3 * young), rel=CLOSE)
 
 
-def test_boxes_in_space():
-    """Friction that turns."""
-    scene = two_boxes(2, law=COULOMB)
-    check(scene, ["contact.upper-lower.friction.coefficient", "body.upper.traction.0", "body.upper.material.young",
-                  "body.lower.material.young"])
-
-
 def test_load_steps_are_chained():
     """Where slip begins depends on the steps before; at the ends of legs too."""
-    answer = check(rubbed(steps=2), ["contact.fit.friction.coefficient", "contact.fit.gap", "body.pad.clamp.0",
-                                     "body.pad.clamp.1", "body.base.material.young"])
+    answer = check(rubbed(steps=2), dict.fromkeys((f"{FIT}.friction.coefficient", f"{FIT}.gap", "body.pad.clamp.0",
+                                                   "body.pad.clamp.1", "body.base.material.young")))
     steps = answer.summary["steps"]
     assert ["derivatives" in step for step in steps] == [False, True] * 3
     assert steps[-1]["derivatives"] == answer.summary["derivatives"]
@@ -132,13 +185,6 @@ def test_until_is_that_of_all_steps():
     assert (np.diff(ends[:, 0]) >= 0.0).all() and (np.diff(ends[:, 1]) <= 0.0).all()
     alone = scene | {"time": {"points": [1.0], "steps": 1}}
     assert ddmpi.solve(with_derivatives(alone, [key]), overrides=TIGHT).derivative(key).until == pytest.approx(ends[0])
-
-
-def test_a_pretension_that_is_kept():
-    """A bolt keeps its offset once it is tightened, and this its derivative; the force in it then follows the load."""
-    scene = bolts.joint(n=2)
-    scene["time"]["points"] = [1.0, 2.0]
-    check(scene, ["contact.cut.pretension.force", "body.sleeve.material.young", "rigid.head.force"])
 
 
 def test_a_march_goes_on_from_a_checkpoint(tmp_path):
@@ -165,13 +211,6 @@ def test_a_march_goes_on_from_a_checkpoint(tmp_path):
         size = np.abs(arrays.contacts.fit.pressure).max()
         assert more.contacts.fit.pressure == pytest.approx(arrays.contacts.fit.pressure, rel=1e-6, abs=1e-6 * size)
         assert other["until"] == pytest.approx(one["until"], rel=1e-6)
-
-
-def test_a_gap_with_a_history():
-    """An interference that grows is there from the first step on."""
-    scene = rubbed(steps=1)
-    scene["contact"][0]["gap"] = {"value": -1e-3, "history": "press"}
-    check(scene, ["contact.fit.gap", "contact.fit.friction.coefficient"])
 
 
 def test_both_sides_of_a_change_of_status():
@@ -245,3 +284,40 @@ def test_a_loose_body_that_nothing_holds_along_the_floor_has_no_derivative():
     assert answer.derivative(keys[0]).contacts["block-floor"].normal_force == pytest.approx(2e5, rel=1e-6)
     assert answer.derivative(keys[1]) is None and answer.summary["derivatives"][keys[1]] is None
     assert any(f"derivatives.{keys[1]}: not given" in warning for warning in answer.summary["warnings"])
+
+
+# Gradients
+
+
+@pytest.mark.mpi(ranks=2)
+def test_gradients_on_two_ranks(comm):
+    """There GMRES solves, and all ranks have the same gradient; some nodes slip, so that the system is unsymmetric."""
+    for scene, keys, contact in (
+            (pinched_blocks(4), ["contact.upper-lower.friction.coefficient", "body.lower.traction.0"], "upper-lower"),
+            (tower(3, 2), ["body.block3.traction.0", "body.block2.volume_force.1"], "block2-block1")):
+        answer = ddmpi.solve(with_derivatives(scene, keys), comm, TIGHT)
+        same_gradient(answer, f"contacts.{contact}.force.x")
+        nodes = answer.gradient(f"contacts.{contact}.normal_force").gap[contact]
+        assert np.array_equal(nodes, comm.bcast(nodes))
+
+
+@pytest.mark.parametrize("result, words", [
+    ("contacts.upper-lower.force", "no such result; did you mean 'contacts.upper-lower.force."),
+    ("contacts.upper-lower.normal_forces", "did you mean 'contacts.upper-lower.normal_force'"),
+    ("bodies.uper.reaction.x", "did you mean 'bodies.upper.reaction.x'"), ("", "there is no such result")])
+def test_a_result_that_there_is_not(result, words):
+    """It is refused with the nearest one."""
+    answer = ddmpi.solve(pinched_blocks(2))
+    with pytest.raises(InputError) as caught:
+        answer.gradient(result)
+    assert words in str(caught.value)
+
+
+def test_what_has_no_gradient():
+    """Load steps, answers without a certificate, and the radial sum of reactions around an axis."""
+    with pytest.raises(InputError, match="not possible with load steps"):
+        ddmpi.solve(rubbed(steps=1)).gradient("contacts.fit.normal_force")
+    with pytest.raises(InputError, match="needs a certified answer"):
+        ddmpi.solve(pinched_blocks(4, max_iterations=1)).gradient("contacts.upper-lower.normal_force")
+    with pytest.raises(InputError, match="radial reactions"):
+        ddmpi.solve(ring()).gradient("bodies.shaft.reaction.x")
