@@ -269,7 +269,7 @@ def write_files(solved: Solved, folder: Path | None, clock: Clock, figures: bool
     staging, picture_error = Staging(folder) if folder else None, None
     path = world.bcast(staging.path if staging else None)
     scene = solved.assembly.scene
-    viewed = scene.output.view is True and not scene.output.only
+    viewed, drawn = scene.output.view is True and not scene.output.only, figures and not scene.output.only
     try:
         with clock.phase("output"):
             surfaces, spans = dict[str, Datasets](), dict[int | str, np.ndarray]()
@@ -296,9 +296,9 @@ def write_files(solved: Solved, folder: Path | None, clock: Clock, figures: bool
                                             for step in solved.steps.steps])
                     if solved.solution.mechanism:
                         write_mechanism(path, solved.solution.mechanism)
-                    if figures or viewed:  # they show it
+                    if drawn or viewed:  # they show it
                         write_summary(path, summary)
-            if figures:
+            if drawn:
                 near = drawers(world)
                 with agreed(world), event("Figures"):
                     picture_error = _draw(path, near.index(world.rank), len(near)) if world.rank in near else None

@@ -57,7 +57,7 @@ def log_plan(assembly: Assembly, figures: bool) -> None:
          f'(output.only = "{only}")', only),
         ("stress in the files (not asked for)", not only and not scene.output.stress),
         ("pictures (not asked for)", not only and not figures)) if missing]
-    if figures and not has_matplotlib():
+    if figures and not only and not has_matplotlib():
         left_out.append(f"pictures ({NO_MATPLOTLIB})")
     left_out += _target_left_out(scene)
     log.info("%s; left out: %s", describe_method(scene.method, scene.dimension), ", ".join(left_out) or "nothing")

@@ -3,9 +3,8 @@
 import contextlib
 import gc
 import logging
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -103,15 +102,14 @@ def compute(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock, outp
         the same on all ranks. After NotConvergedError the results are there, marked as not converged; after
         the last two a checkpoint is, as far as one could be written.
     """
-    told, figures = list[str](), figures and not scene.output.only  # told: the warnings that the log has
+    told: list[str] = []  # the warnings that the log has
 
     def attempt() -> Solved | None:
         """Solve on the ladder's present mesh and write the results, or return None: the ladder goes on to another mesh,
         which needs the memory of this one."""
-        mesh = refine_scene(scene, ladder.factor)
-        assembly = prepare_scene(world, mesh, scene_path, clock, ladder.factor, ladder.sizes, kept=kept, outer=outer)
+        assembly = prepare_scene(world, scene, scene_path, clock, ladder.factor, ladder.sizes, kept=kept, outer=outer)
         if start:
-            assembly = replace(assembly, start=partial(_warm, assembly, *_beginning(assembly, start)))
+            assembly = replace(assembly, start=_warm(assembly, start))
         log_plan(assembly, figures)
         log_warnings(assembly.warnings, told)
         # one solve without [time], else load steps; far motions place bodies anew in each
@@ -134,8 +132,8 @@ def compute(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock, outp
     if write:
         log.info("%s", scene.title or scene_path)
     with claim:
-        identity = {} if world.rank else identify(scene, PETSc.Options().getAll(), versions())
         ladder, solved = MeshLadder(scene), None
+        identity = {} if world.rank else identify(scene, PETSc.Options().getAll(), versions())
         state = continue_from(world, restart, identity, ladder) if restart else None
         checkpoints = Checkpoints(world, folder, identity, scene.checkpoint, clock, ladder, state)
         with checkpoints.kept():
@@ -174,10 +172,11 @@ def _refuse_uncertified(solved: Solved, ladder: MeshLadder) -> None:
             raise NotConvergedError(ladder.missed)
 
 
-def _beginning(assembly: Assembly, start: Start) -> tuple[np.ndarray, np.ndarray]:
-    """The forces (size,) of this rank's contacts and the motions of loose bodies to begin with. Collective. Raises
-    InputError, on all ranks, where the answer has other contacts or nodes, or is of load steps."""
-    forces, (states, motions) = [np.empty(0)], start
+def _warm(assembly: Assembly, start: Start) -> Callable[[], tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """What makes the beginning for `Newton.begin`: the forces of another answer that the laws of now allow, with their
+    gaps and motions. Collective, also the call of it. Raises InputError, on all ranks, where the answer has other
+    contacts or nodes, or is of load steps."""
+    forces, (states, motions), joint = [np.empty(0)], start, assembly.joint
     with agreed(assembly.world):
         if assembly.scene.time is not None or assembly.scene.method.outer != "newton":
             raise InputError('start: needs a scene without load steps and method.outer = "newton"; leave start out')
@@ -187,33 +186,38 @@ def _beginning(assembly: Assembly, start: Start) -> tuple[np.ndarray, np.ndarray
                 raise InputError(f"start: that answer has {'no' if state is None else 'other nodes at the'} contact "
                                  f"{interface.name!r}; begin from an answer on the same meshes")
             forces += [state.normal_force, state.tangential_force[interface.law.sliding].ravel()]
-    motions = assembly.world.bcast(motions)
-    size = assembly.joint.rigid.size
-    return np.concatenate(forces), motions if motions is not None and len(motions) == size else np.zeros(size)
+    motions, size = assembly.world.bcast(motions), joint.rigid.size
+    alpha = motions if motions is not None and len(motions) == size else np.zeros(size)
 
+    def begin() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        s = assembly.space.laws.project(np.concatenate(forces))
+        return s, joint.product(s, "newton") - joint.d - joint.rigid.spread(alpha), alpha
 
-def _warm(assembly: Assembly, s: np.ndarray, alpha: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """For `Newton.begin`, the forces that the laws of now allow, with their gaps and motions. Collective."""
-    joint, s = assembly.joint, assembly.space.laws.project(s)
-    return s, joint.product(s, "newton") - joint.d - joint.rigid.spread(alpha), alpha
+    return begin
 
 
 def prepare_scene(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock | None = None,
                   refinement: int = 1, sizes: Mapping[str, Sizes] = NO_SIZES, factor: bool = True,
                   kept: Kept | None = None, outer: Any = None) -> Assembly:
-    """`prepare` between the checks of a method from outside, that of `compute`, and of the pictures' cut, which has to
-    meet a body; their errors name the scene's file. Collective."""
+    """`prepare` for a scene whose shapes are meshed `refinement` times finer, between the checks of a method from
+    outside, that of `compute`, and of the pictures' cut, which has to meet a body; their errors name the scene's file.
+    Collective."""
+    scene = refine_scene(scene, refinement)
     with naming(scene_path):
         with agreed(world):
             outer = outer_from_outside(scene.method.outer, outer) if scene.method.outside else None
         assembly = prepare(world, scene, Path(scene_path).parent, clock, refinement, sizes, factor, kept)
-        assembly = replace(assembly, outer=outer)
-        if scene.output.cut:
-            ends = merged(world, {body.number: np.array([body.mesh.points.min(axis=0), body.mesh.points.max(axis=0)])
-                                  for body in assembly.bodies})
-            with agreed(world):
-                View(np.concatenate([*ends.values()]), scene.resolved()["output"])
-    return assembly
+        _refuse_cut(assembly)
+    return replace(assembly, outer=outer)
+
+
+def _refuse_cut(assembly: Assembly) -> None:
+    """InputError, on all ranks, where the pictures' cut meets no body. Collective."""
+    if assembly.scene.output.cut:
+        ends = merged(assembly.world, {body.number: np.array([body.mesh.points.min(axis=0), body.mesh.points.max(
+            axis=0)]) for body in assembly.bodies})
+        with agreed(assembly.world):
+            View(np.concatenate([*ends.values()]), assembly.scene.resolved()["output"])
 
 
 def _estimate(assembly: Assembly, solution: Solution, clock: Clock) -> DiscretizationError:
