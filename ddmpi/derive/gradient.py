@@ -26,8 +26,6 @@ RESULTS = {"contacts": ("force", "moment", "normal_force", "tangential_force", "
            "bodies": ("reaction",), "rigid": ("force", "displacement")}
 """The results that have gradients, by their entries in the summary."""
 
-AXES = dict(zip("xyz012", [*range(3)] * 2, strict=True))
-
 
 @dataclass
 class Functional:
@@ -117,13 +115,15 @@ def functional(assembly: Assembly, states: Mapping[str, ContactState], result: s
     """The derivative of a result by its name, on this rank's contacts. Raises InputError. Not collective."""
     scene, space, joint = assembly.scene, assembly.space, assembly.joint
     kind, name, what, axis = (*result.split("."), "", "", "")[:4]
-    found = Functional(np.zeros(space.size), np.zeros(space.size), np.zeros(joint.rigid.size), axis=AXES.get(axis, 0))
+    axis = axis.translate(str.maketrans("012", "xyz"))
+    found = Functional(np.zeros(space.size), np.zeros(space.size), np.zeros(joint.rigid.size),
+                       axis=max("xyz".find(axis), 0))
     vectors = ["force", "reaction", "displacement", *["moment"] * (comb(scene.dimension, 2) > 1)]  # one for a rotation
     able = [f"{group}.{entry.name}.{one}{end}" for group, entries in (
                 ("contacts", scene.contact), ("bodies", scene.body), ("rigid", scene.rigid))
             for entry in entries for one in RESULTS[group]
             for end in ([f".{letter}" for letter in "xyz"[:scene.dimension]] if one in vectors else [""])]
-    same = f"{kind}.{name}.{what}" + (f".{'xyz'[found.axis]}" if axis in AXES else f".{axis}" if axis else "")
+    same = f"{kind}.{name}.{what}" + f".{axis}" * bool(axis)
     if same not in able:
         near = nearest(same, able) or f" (such as {able[0]!r})"
         raise InputError(f"gradient({result!r}): there is no such result{near}")

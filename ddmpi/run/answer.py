@@ -24,7 +24,7 @@ from ddmpi.results.fields import Fields, table_fields
 from ddmpi.results.summary import ROWS, as_float
 from ddmpi.results.tables import STATUS, chains
 from ddmpi.run.gather import Solved
-from ddmpi.run.report import LISTED, describe_contact
+from ddmpi.run.report import LISTED, NAMED, describe_contact
 from ddmpi.run.run import Cases
 from ddmpi.scene.keys import nearest, override
 from ddmpi.scene.reader import as_data, read_data, read_scene, read_text
@@ -35,7 +35,6 @@ from ddmpi.system.clock import Clock
 from ddmpi.system.numbers import scaled_unit
 from ddmpi.system.provenance import has_matplotlib
 
-SHOWN = 4  # most contacts in the picture: those with the largest forces
 COLUMNS = ("normal_force", "tangential_force", "pressure_max", *STATUS)  # the entries of a contact in the table
 
 
@@ -233,10 +232,10 @@ def _amount(value: float | None, unit: str) -> str:
 
 
 def _picture(summary: Mapping[str, Any], contacts: Mapping[str, ContactState]) -> bytes:
-    """A PNG file: in the plane stresses along the contacts, in space the pressure at their nodes."""
+    """A PNG file of the contacts with the largest forces: in the plane stresses along them, in space pressures."""
     from matplotlib.figure import Figure  # without pyplot: a notebook's own figures are left alone
 
-    shown = sorted(contacts, key=lambda name: -float(np.abs(contacts[name].normal_force).sum()))[:SHOWN]
+    shown = sorted(contacts, key=lambda name: -float(np.abs(contacts[name].normal_force).sum()))[:NAMED]
     figure = Figure(figsize=(6.4, 2.6 * len(shown)), layout="constrained")
     for place, name in enumerate(shown, 1):
         table, units = contacts[name].table(), summary["units"]

@@ -13,7 +13,7 @@ from the second body's frame. So it does not depend on the pairing, nor on a mot
 """
 
 import logging
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -48,9 +48,8 @@ PASSES, SETTLED, SHRINKS, PATIENCE = 40, 1e-8, 0.7, 6
 """Most passes of a step. Frames have settled once α moves contacts by less than SETTLED of what their forces do, and
 do not settle if PATIENCE passes in a row leave more than SHRINKS of the least so far."""
 
-NEAR, DEPTH, RANK = 0.3, 3, 1e-6
-"""Once α moves contacts by less than NEAR of what forces do, DEPTH passes before make the next α (Anderson, J. ACM 12,
-1965), by least squares up to RANK."""
+DEPTH, RANK = 3, 1e-6
+"""Most passes before that make the next motion of the frames, by least squares up to RANK, see `_mixed`."""
 
 FARTHEST = 15.0  # largest turn of a frame in a pass (degrees)
 
@@ -139,12 +138,7 @@ class FarMarch(March):
             counts += self.iteration.statuses.counts
             rows, alpha = {interface.name: forces_by_node(interface, self.outer.forces[part]) for interface, part in
                            self.assembly.space.with_slices()}, self.outer.motions
-            if changes and far_off <= NEAR * size:
-                gone = np.array([step for _, step in changes[-DEPTH:]])
-                alphas = np.diff([*(each for each, _ in changes[-DEPTH:]), alpha], axis=0)
-                step = alpha - np.linalg.lstsq(alphas.T, alpha, rcond=RANK)[0] @ (gone + alphas)
-            else:
-                changes, step = [], alpha
+            step = _mixed(changes[-DEPTH:], alpha)
             changes.append((alpha, step))
             self._go(time, step)
             self._count()
@@ -264,6 +258,15 @@ class FarMarch(March):
         super().restore(state)
         for name in ("reach", "freed"):
             getattr(self._far, name).update({float(time): values for time, values in state[name].items()})
+
+
+def _mixed(changes: Sequence[tuple[np.ndarray, np.ndarray]], alpha: np.ndarray) -> np.ndarray:
+    """How the frames move next (Anderson, J. ACM 12, 1965): by α, less what the passes before say of it, whose α and
+    steps are `changes`."""
+    if not changes:
+        return alpha
+    alphas = np.diff([*(former for former, _ in changes), alpha], axis=0)
+    return alpha - np.linalg.lstsq(alphas.T, alpha, rcond=RANK)[0] @ (np.array([step for _, step in changes]) + alphas)
 
 
 def _deepest(assembly: Assembly) -> dict[str, float]:

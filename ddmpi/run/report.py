@@ -20,10 +20,9 @@ from ddmpi.system.provenance import NO_CLARABEL, NO_MATPLOTLIB, has_clarabel, ha
 
 log = logging.getLogger("ddmpi")
 
-NAMED = 4  # most names in a line; of more, the first two and the number
+NAMED = 4  # most names in a line, of more the first two and the number; most undetermined motions, and pictures
 LISTED = 12  # most contacts or bodies with own lines at the end; of more, those with rigid partners or supports
 DIRECT = "preonly + cholesky (mumps)"  # PETSc's name for the default solver of bodies
-UNDETERMINED = 3  # most undetermined motions in the log
 
 
 def log_plan(assembly: Assembly, figures: bool) -> None:
@@ -167,9 +166,9 @@ def log_end(summary: dict, solution: Solution) -> None:
         if error is not None:
             lines.append(f"estimated discretization error: {error:.2g} of the energy norm")
     motions = summary["undetermined"]
-    lines += [f"{motion}; how far it has moved is not determined" for motion in motions[:UNDETERMINED]]
-    if len(motions) > UNDETERMINED:
-        lines.append(f"and {len(motions) - UNDETERMINED} more such motions, which summary.json lists")
+    lines += [f"{motion}; how far it has moved is not determined" for motion in motions[:NAMED]]
+    if len(motions) > NAMED:
+        lines.append(f"and {len(motions) - NAMED} more such motions, which summary.json lists")
     for line in lines:
         log.info("%s", line)
     if summary["options_unused"]:

@@ -45,8 +45,6 @@ log = logging.getLogger("ddmpi")
 Start = tuple[Mapping[str, ContactState], np.ndarray | None]
 """Of another answer: the states of its contacts, by name, and the motions of loose bodies (m), if the rank has them."""
 
-NO_ESTIMATE = DiscretizationError(np.nan, {}, {}, 0.0)
-
 
 def run(world: MPI.Comm, scene: Settled, scene_path: str, output: str | None, figures: bool,
         restart: str | None = None) -> None:
@@ -223,7 +221,7 @@ def _refuse_cut(assembly: Assembly) -> None:
 def _estimate(assembly: Assembly, solution: Solution, clock: Clock) -> DiscretizationError:
     """The discretization error of all bodies; none with output.only, unless meshes follow it. Collective."""
     if assembly.scene.output.only and not assembly.scene.method.target_error:
-        return NO_ESTIMATE
+        return DiscretizationError(np.nan, {}, {}, 0.0)
     with clock.phase("estimate"):
         errors = {body.spec.name: estimate_error(body.mesh, body.material, solution.displacements[body.spec.name],
                                                  body.member.elasticity.acting.heated) for body in assembly.bodies}

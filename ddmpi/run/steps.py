@@ -26,7 +26,7 @@ from ddmpi.results.checkpoint import Checkpoints
 from ddmpi.results.tables import leg_values
 from ddmpi.run.equilibrium import NOTHING, Mark, look_for_mechanism, undetermined_motions
 from ddmpi.run.gather import StepLog
-from ddmpi.run.report import UNDETERMINED
+from ddmpi.run.report import NAMED
 from ddmpi.run.solve import Iteration, Solution, lean_steps
 
 log = logging.getLogger("ddmpi")
@@ -111,7 +111,7 @@ class March:
                 if solution.displacements:
                     doubts = doubt_answer(self.assembly, solution.displacements, solution.states, solution.contacts,
                                           True)
-                    loose = undetermined_motions(self.assembly, solution.states)[:UNDETERMINED]
+                    loose = undetermined_motions(self.assembly, solution.states)[:NAMED]
                     self.log.doubt(time, [*doubts, *loose])
                 self._next_leg(again)
         worst = self.log.judge(solution.certificate)
