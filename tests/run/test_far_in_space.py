@@ -193,7 +193,7 @@ def test_files_are_of_the_world(tmp_path):
 @pytest.mark.mpi(ranks=2)
 def test_solids_move_far_on_two_ranks(comm):
     """As on one rank, prescribed and free."""
-    for made in (pressed(SLIDE, steps=1), flap(2.0, [0.0, 1.0, 0.0])):
+    for made in (pressed(SLIDE, steps=1, n=2), flap(2.0, [0.0, 1.0, 0.0])):
         many = ddmpi.solve(made, comm)
         if comm.rank == 0:
             assert forces(many) == pytest.approx(forces(ddmpi.solve(made, MPI.COMM_SELF)), abs=2e-4)
