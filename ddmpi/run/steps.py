@@ -45,8 +45,8 @@ CERTAIN = 0.25
 """Changes below this fraction of ``time.tolerance`` are small enough at any rate. At the slowest one, the root of the
 number of steps, as where nodes touch within a step, the error left is 2.4 times the change."""
 
-KEPT = ("iterations", "_leg", "_number", "_changed", "_largest", "_given", "_cuts", "_noted", "_shortest", "_began",
-        "_planned", "_plans")
+KEPT = ("iterations", "_leg", "_number", "_changed", "_largest", "_given", "_cuts", "_noted", "_shortest",
+        "_began", "_planned", "_plans")
 """Attributes of a march that checkpoints keep unchanged."""
 
 MARKS = ("_now", "_before", "_base", "_coarse")  # attributes of a march that are marks

@@ -1,9 +1,7 @@
 """Bodies that move far: closed forms, what no frame, step, rank or order changes, refusals, files."""
 
 import copy
-import csv
 import json
-from pathlib import Path
 
 import h5py
 import numpy as np
@@ -265,22 +263,16 @@ def test_motions_of_nothing_are_motions():
     assert forces(one).tolist() == forces(two).tolist() and forces(one)[-1, 1] > 0.0
 
 
-def rows_of(path: Path) -> list[dict]:
-    with open(path, newline="", encoding="utf-8") as file:
-        return list(csv.DictReader(file))
-
-
 @pytest.mark.slow
 def test_files_are_of_the_world(tmp_path):
     """Places, displacements, stresses, reactions and tables of contacts are where bodies are at the end of a step."""
     made = disc() | {"output": {"steps": "all", "figures": True}}
-    run_here(write_scene(made, tmp_path / "scene.toml"), tmp_path / "results")
-    folder = tmp_path / "results"
-    frames = {(float(row["time"]), row["body"]): Frame.of([float(row["shift_x"]), float(row["shift_y"])]).after(
-        Frame.of((0.0, 0.0), float(row["turn"]))) for row in rows_of(folder / "frames.csv")}
+    run = run_here(write_scene(made, tmp_path / "scene.toml"), tmp_path / "results")
+    folder, legs = run.folder, run.table("contact_ring-base_legs.csv")
+    frames = {(time, name): Frame.of(shift).after(Frame.of((0.0, 0.0), turn)) for time, name, *shift, turn in zip(
+        *run.table("frames.csv").values(), strict=True)}
     assert len(frames) == 9 * 2
     results = read_results(folder)
-    legs = rows_of(folder / "contact_ring-base_legs.csv")
     with h5py.File(folder / "result.h5") as file:
         points, body = file["points"][()][:, :2], np.zeros(len(file["points"]), int)
         body[file["cells"][()]] = file["body"][()][:, None]
@@ -292,7 +284,7 @@ def test_files_are_of_the_world(tmp_path):
                 assert points[mine] + total[mine] == pytest.approx(
                     frames[time, name].at(points[mine] + u[mine]), abs=1e-12)
             # rows of the contact stand on the slave's boundary where it is
-            at = np.array([[float(row["x"]), float(row["y"])] for row in legs if float(row["time"]) == time])
+            at = np.column_stack([legs["x"], legs["y"]])[legs["time"] == time]
             surface = group["surfaces/points"][()][:, :2]
             assert len(at) and np.abs(at[:, None] - surface[None]).sum(axis=2).min(axis=1).max() < 0.05
         stress = file["von_mises"][()]

@@ -7,7 +7,7 @@ import pytest
 import solid_scenes
 from mpi4py import MPI
 from scenes import COULOMB, assert_refused, certified, run_here, write_scene
-from test_far import changed, forces, history, rows_of
+from test_far import changed, forces, history
 
 import ddmpi
 from ddmpi.body.rigid_motions import FreeFrame
@@ -174,12 +174,11 @@ def test_what_cannot_be_in_space_is_refused(made, words):
 def test_files_are_of_the_world(tmp_path):
     """frames.csv, displacements with and without the motion, and pictures of where solids are."""
     made = pressed(TURN, steps=2) | {"output": {"steps": "all", "figures": True, "animation": True}}
-    run_here(write_scene(made, tmp_path / "scene.toml"), tmp_path / "results")
-    folder = tmp_path / "results"
-    last = rows_of(folder / "frames.csv")[-2]
-    turn = np.array([float(last[f"turn_{axis}"]) for axis in "xyz"])
-    assert last["body"] == "block" and turn == pytest.approx([0.0, 0.0, 30.0])
-    frame = Frame.of([float(last[f"shift_{axis}"]) for axis in "xyz"]).after(Frame.of(np.zeros(3), turn))
+    run = run_here(write_scene(made, tmp_path / "scene.toml"), tmp_path / "results")
+    folder, frames = run.folder, run.table("frames.csv")
+    shift, turn = (np.array([frames[f"{kind}_{axis}"][-2] for axis in "xyz"]) for kind in ("shift", "turn"))
+    assert frames["body"][-2] == "block" and turn == pytest.approx([0.0, 0.0, 30.0])
+    frame = Frame.of(shift).after(Frame.of(np.zeros(3), turn))
     results = read_results(folder)
     block = np.unique(results.fields["cells"][results.fields["body"] == 0])
     points = results.points[block]

@@ -26,11 +26,11 @@ def ring(name: str, center: tuple[float, float], radii: tuple[float, float], div
 
 def rolling(turn: float = 15.0, order: int = 1, steps: int = 5, coarse: int = 1) -> dict:
     """A loose disc that falls onto the bottom of a bore by its weight; then the bore turns."""
-    area = np.pi * (1.0 - 0.25**2)
+    area, less = np.pi * (1.0 - 0.25**2), order * coarse
     return {"time": {"points": [1.0, 2.0], "steps": steps, "motions": "far"}, "history": {"turn": history(1.0, 2.0)},
-            "body": [ring("disc", (0.0, -0.45), (0.25, 1.0), (120 // (order * coarse), 10 // coarse), order,
+            "body": [ring("disc", (0.0, -0.45), (0.25, 1.0), (120 // less, 10 // coarse), order,
                           volume_force=[0.0, -WEIGHT / area]),
-                     ring("bore", (0.0, 0.0), (1.5, 2.2), (175 // (order * coarse), 6 // coarse), order, clamp=["outer"],
+                     ring("bore", (0.0, 0.0), (1.5, 2.2), (175 // less, 6 // coarse), order, clamp=["outer"],
                           motion={"turn": turn, "history": "turn"})],
             "contact": [{"bodies": ["disc", "bore"], "on": ["outer", "inner"], "slave": "disc", "friction": COULOMB}]}
 

@@ -399,7 +399,7 @@ class Run:
         with open(self.folder / name, newline="", encoding="utf-8") as file:
             header, *rows = csv.reader(file)
         columns = zip(*rows, strict=True)
-        return {key: np.array(column) if key in ("status", "contact") else np.array(column, float)
+        return {key: np.array(column) if key in ("status", "contact", "body") else np.array(column, float)
                 for key, column in zip(header, columns, strict=True)}
 
 

@@ -36,37 +36,27 @@ def test_values(text):
     assert parse_axis(text)[1] == VALUES[text]
 
 
-@pytest.mark.parametrize("text", ["method.theta", "=1,2", "a,=3", "k=", "k=1,,2", "k=1:2", "k=1:2:3:4", "k=1:x:3",
-                                  "k=1:2:1", "k=1:2:2.5", "k=-1:1:3:log", "k=1:2:100000000000"])
-def test_malformed(text):
-    with pytest.raises(InputError) as caught:
-        parse_axis(text)
-    assert f"--vary {text}: expected KEY=first:last:number" in str(caught.value)
+MALFORMED = ["method.theta", "=1,2", "a,=3", "k=", "k=1,,2", "k=1:2", "k=1:2:3:4", "k=1:x:3", "k=1:2:1", "k=1:2:2.5",
+             "k=-1:1:3:log", "k=1:2:100000000000"]
+REFUSED = [
+    ((), ["--vary"]), *(((text,), [f"--vary {text}: expected KEY=first:last:number"]) for text in MALFORMED),
+    (("method.thetta=0.1,0.2",), ["--vary method.thetta=0.1", "scene.toml", "unknown key", "'theta'"]),
+    (("body.uper.material.young=1e9,2e9",), ["--vary body.uper.material.young=1e9", "'uper'", "'upper'"]),
+    (("method.theta=0.1,-1",), ["--vary method.theta=-1", "method.theta", "> 0"]),
+    (("method.max_iterations=1:10:3",), ["--vary method.max_iterations=5.5", "method.max_iterations"]),
+    (("method.theta=0.1:1:1000", "contact.0.friction.coefficient=0:1:1000"), ["1000000 cases"]),
+    # a value given twice, or a key that another --vary sets, makes two equal cases
+    (("method.theta=0.1,0.10",), ["method.theta=0.1 and method.theta=0.10 are the same"]),
+    (("method.theta=1:1.0:3",), ["are the same"]), (("method.theta=0.1,0.2", "method.theta=0.3"), ["are the same"]),
+    (("body.0.material.young=1e9,2e9", "body.upper.material.young=3e9"), ["are the same"]),
+    (("contact.0.friction.coefficient=0.1,0.2", 'contact.0.friction={law="none"}'), ["are the same"])]
 
 
-@pytest.mark.parametrize(("varied", "words"), [
-    ("method.thetta=0.1,0.2", ["--vary method.thetta=0.1", "scene.toml", "unknown key", "'theta'"]),
-    ("body.uper.material.young=1e9,2e9", ["--vary body.uper.material.young=1e9", "'uper'", "'upper'"]),
-    ("method.theta=0.1,-1", ["--vary method.theta=-1", "method.theta", "> 0"]),
-    ("method.max_iterations=1:10:3", ["--vary method.max_iterations=5.5", "method.max_iterations"])])
+@pytest.mark.parametrize(("varied", "words"), REFUSED)
 def test_refused(varied, words):
     with pytest.raises(InputError) as caught:
-        build(varied)
-    for word in words:
-        assert word in str(caught.value)
-    assert "--set" not in str(caught.value)
-
-
-@pytest.mark.parametrize(("varied", "word"), [
-    (("method.theta=0.1:1:1000", "contact.0.friction.coefficient=0:1:1000"), "1000000 cases"), ((), "--vary"),
-    (("method.theta=0.1,0.10",), "method.theta=0.1 and method.theta=0.10 are the same"),
-    (("method.theta=1:1.0:3",), "are the same"), (("method.theta=0.1,0.2", "method.theta=0.3"), "are the same"),
-    (("body.0.material.young=1e9,2e9", "body.upper.material.young=3e9"), "are the same"),
-    (("contact.0.friction.coefficient=0.1,0.2", 'contact.0.friction={law="none"}'), "are the same")])
-def test_refused_as_a_whole(varied, word):
-    """A value given twice, or a key that another --vary sets, makes two equal cases."""
-    with pytest.raises(InputError, match=word):
         build(*varied)
+    assert all(word in str(caught.value) for word in words) and "--set" not in str(caught.value)
 
 
 def test_a_table_and_then_an_entry_of_it():
