@@ -301,7 +301,10 @@ def write_files(solved: Solved, folder: Path | None, clock: Clock, figures: bool
             if drawn:
                 near = drawers(world)
                 with agreed(world), event("Figures"):
-                    picture_error = _draw(path, near.index(world.rank), len(near)) if world.rank in near else None
+                    if world.rank in near and has_matplotlib():
+                        from ddmpi.pictures.draw import draw_all
+
+                        picture_error = _guarded(draw_all, path, near.index(world.rank), len(near))
             with agreed(world):
                 if staging and viewed and not solved.solution.mechanism:
                     picture_error = _guarded(write_view, path) or picture_error
@@ -378,13 +381,6 @@ def drawers(world: MPI.Comm) -> list[int]:
     """The ranks that share the pictures. Collective."""
     hosts = world.allgather(MPI.Get_processor_name())
     return [rank for rank, host in enumerate(hosts) if host == hosts[0]][:DRAWERS]
-
-
-def _draw(path: Path, number: int, drawers: int) -> OutputError | None:
-    """Draw this rank's share of the pictures, where matplotlib is installed."""
-    from ddmpi.pictures.draw import draw_all
-
-    return _guarded(draw_all, path, number, drawers) if has_matplotlib() else None
 
 
 def _guarded(draw: Callable[..., object], *arguments: object) -> OutputError | None:

@@ -102,16 +102,16 @@ def test_a_sweep_on_a_full_disk_ends_in_good_order(small_disk, tmp_path, leave):
     """And when there is room again, the same command goes on."""
     scene = scenes.write_scene(pinched_blocks(2), tmp_path / "scene.toml")
     fill(small_disk, leave)
-    sweep = ["-m", "ddmpi", "sweep", str(scene), "--vary", "contact.0.friction.coefficient=0.1:0.4:2", "--output",
+    sweep = ["sweep", str(scene), "--vary", "contact.0.friction.coefficient=0.1:0.4:2", "--output",
              str(small_disk / "out"), "--set", "output.figures=false"]
-    run = scenes.run_python(sweep)
+    run = scenes.run_python(["-m", "ddmpi", *sweep], 1)
     assert run.code in (3, 5), run.output
     assert len(run.messages) == 1 and "Traceback" not in run.output
     for folder in (small_disk / "out").glob("*/"):
         there = {path.name for path in folder.iterdir()}
         assert there >= WHOLE if "summary.json" in there else not there & WHOLE, there
     (small_disk / "filler").unlink()
-    again = scenes.run_python(sweep)
+    again = scenes.call(*sweep)
     assert again.code == 0, again.output
 
 

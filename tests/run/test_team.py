@@ -85,15 +85,11 @@ def test_two_ranks_where_petsc_calls_mumps(comm, petsc_options):
 
 
 @pytest.mark.mpi(ranks=5)
-def test_five_ranks_on_two_bodies_and_on_a_body_of_a_few_nodes(comm):
-    compare(comm, pinched_blocks(6))
+def test_five_ranks(comm):
+    """On a body of a few nodes; on two bodies and one that nothing touches."""
     scene = loose_block()
     scene["body"][0]["mesh"]["divisions"] = [1, 1]
     compare(comm, scene)
-
-
-@pytest.mark.mpi(ranks=5)
-def test_two_ranks_on_a_body_that_nothing_touches(comm):
     scene = pinched_blocks(6)
     scene["body"].append(rectangle("alone", (9, 0), (3, 3), (20, 20), young=1e11, clamp=["bottom"],
                                    traction=[{"on": "top", "value": [0.0, -1e7]}]))
