@@ -139,8 +139,7 @@ class FarMarch(March):
             rows, alpha = {interface.name: forces_by_node(interface, self.outer.forces[part]) for interface, part in
                            self.assembly.space.with_slices()}, self.outer.motions
             step = _mixed(changes[-DEPTH:], alpha)
-            changes.append((alpha, step))
-            self._go(time, step)
+            changes.append((alpha, self._go(time, step) * step))
             self._count()
         largest = self.log.most["sizes"]
         since = start, memory.forces_at, self._now.slid
@@ -210,15 +209,17 @@ class FarMarch(March):
         share = (time - now.time) / span if span and not self._cuts else 0.0
         return {name: gone + share * (gone - before.freed[name]) for name, gone in now.freed.items()}
 
-    def _go(self, time: float, alpha: np.ndarray) -> None:
-        """Have the free frames take the motions α."""
+    def _go(self, time: float, alpha: np.ndarray) -> float:
+        """Have the free frames take a share of the motions α, all of it unless they turn far; the share."""
         assembly, far = self.assembly, self._far
         moved = {name: far.free[name].gone(gone, assembly.frames[name], alpha[assembly.joint.slices[name]])
                  for name, gone in far.freed[time].items()}
         turned = slice(assembly.scene.dimension, None)
         most = max(norm((gone - far.freed[time][name])[turned]) for name, gone in moved.items())
-        far.freed[time] = {name: far.freed[time][name] + min(1.0, FARTHEST / max(most, FARTHEST)) * (
-            gone - far.freed[time][name]) for name, gone in moved.items()}
+        share = FARTHEST / max(most, FARTHEST)
+        far.freed[time] = {name: far.freed[time][name] + share * (gone - far.freed[time][name])
+                           for name, gone in moved.items()}
+        return share
 
     def _forces(self, mark: Mark) -> np.ndarray:
         return _forces_of(self.assembly, mark.memory.contacts)  # attempts may have paired other rows at the leg's end
