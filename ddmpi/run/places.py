@@ -34,6 +34,7 @@ from ddmpi.run.solve import Iteration, Solution, solve
 from ddmpi.run.steps import March
 from ddmpi.scene.contacts import SettledContact
 from ddmpi.scene.meshes import Freed, frames_of
+from ddmpi.scene.scene import Settled
 from ddmpi.surface.cover import DEEPEST
 from ddmpi.surface.side import Side
 from ddmpi.system.agreement import agreed
@@ -71,6 +72,10 @@ class Memory:
     displacements: Mapping[str, np.ndarray]
     contacts: Rows
     moved: Mapping[str, float]
+
+    def frames(self, scene: Settled) -> Mapping[str, Frame]:
+        """Where the frames of bodies and rigid partners were then."""
+        return frames_of(scene, self.time, self.freed)
 
     def forces_at(self, interface: Interface, part: slice, s: np.ndarray) -> np.ndarray:
         """The forces (size,) of the step before where those of now are `s` (N): the same, with its sum of slip bounds.
@@ -110,18 +115,18 @@ class FarMarch(March):
     def _settle(self, time: float) -> Solution:
         """Place the bodies at `time`, and solve, until free frames have settled."""
         memory, far, clock, mark = self._now.memory, self._far, self.iteration.clock, self._now
-        then, least, idle = frames_of(self.assembly.scene, memory.time, memory.freed), np.inf, 0
+        least, idle = np.inf, 0
         far.freed[time], rows, settled = self._ahead_of(time), memory.contacts, not far.free
         stopped = ""
         steps, counts, changes = list[Step](), list[tuple[int, int, int]](), list[tuple[np.ndarray, np.ndarray]]()
         for number in range(PASSES):
             self._now = mark
-            start = self._place(time, memory, then, rows, number > 0)
+            start = self._place(time, memory, rows, number > 0)
             if not far.free:
                 break
             if not number and (fall := way_down(self.assembly)).any():
                 self._go(time, fall)
-                start = self._place(time, memory, then, rows, False)
+                start = self._place(time, memory, rows, False)
             with clock.phase("outer"):
                 stopped = self.outer.run(self.iteration.method.tolerance)
             moved = self.assembly.joint.rigid.spread(self.outer.motions)
@@ -170,12 +175,11 @@ class FarMarch(March):
         if self._far.free:
             self.log.steps[-1]["passes"] = self._passes
 
-    def _place(self, time: float, memory: Memory, then: Mapping[str, Frame], rows: Rows,
-               again: bool) -> np.ndarray:
+    def _place(self, time: float, memory: Memory, rows: Rows, again: bool) -> np.ndarray:
         """Have the bodies meet where their frames are at `time`, and begin with the forces of `rows`; where slip begins
         (size,) (m)."""
-        clock = self.iteration.clock
-        self._far.reach[time] = _reaches(self.assembly, memory, then, self._whole, time)
+        clock, then = self.iteration.clock, memory.frames(self.assembly.scene)
+        self._far.reach[time] = _reaches(self.assembly, memory, self._whole, time)
         with clock.phase("assemble"):
             self.assembly = assembly = self.assembly.meet(time)
         start = assembly.exchange.total([body.member.begin(began(
@@ -233,7 +237,7 @@ class FarMarch(March):
     def _by_frames(self, solution: Solution, before: Mark) -> float:
         """Work of the motions of frames (J): clamps balance what contact forces do to bodies that move."""
         memory, joules = before.memory, 0.0
-        then, now = frames_of(self.assembly.scene, memory.time, memory.freed), self.assembly.frames
+        then, now = memory.frames(self.assembly.scene), self.assembly.frames
         for name, state in solution.states.items():
             for side, body in enumerate(state.interface.bodies):
                 step = now[body].after(then[body].undone)
@@ -282,8 +286,7 @@ def _refuse_passing(assembly: Assembly, memory: Memory, time: float) -> None:
     now, unit, scene = _deepest(assembly), assembly.scene.units["length"], assembly.scene
     assert assembly.far
     ends = memory.freed, assembly.far.freed[time]
-    rigid, then, here = {each.name: each for each in scene.rigid}, frames_of(
-        scene, memory.time, ends[0]), assembly.frames
+    rigid, then, here = {each.name: each for each in scene.rigid}, memory.frames(scene), assembly.frames
     with agreed(assembly.world):
         for contact in assembly.far.contacts:
             both = assembly.far.sides[contact.name]
@@ -310,14 +313,14 @@ def _way(contact: SettledContact, side: Side, then: Mapping[str, Frame], now: Ma
     return float(np.linalg.norm(new - old, axis=1).max())
 
 
-def _reaches(assembly: Assembly, memory: Memory, then: Mapping[str, Frame], whole: Collection[str],
+def _reaches(assembly: Assembly, memory: Memory, whole: Collection[str],
              time: float) -> dict[str, tuple[float, float]]:
     """By contact how deep overlaps may be at `time` (m): as far as bodies moved along normals before, by the motion
-    since `then`, and a facet; and how far they moved, endless where no rows are to be left out: in the first step, of
+    since then, and a facet; and how far they moved, endless where no rows are to be left out: in the first step, of
     `whole` contacts, and where frames are free."""
     far, reach = assembly.far, {}
     assert far
-    now = far.frames(assembly.scene, time)
+    then, now = memory.frames(assembly.scene), far.frames(assembly.scene, time)
     for contact in far.contacts:
         side, moved = far.sides[contact.name][0], memory.moved[contact.name]
         endless = not memory.time or contact.name in whole or not far.free.keys().isdisjoint(contact.bodies)
