@@ -89,7 +89,7 @@ class Chain:
         factors = self.assembly.scene.factors(time if drawn is None else drawn)
         equations = outer.linearisation()
         s, former = equations.point.s, now.s if now else np.zeros(space.size)
-        rows: dict[str, list[Any]] = {name: [] for name in since}
+        rows = list[dict[str, Any]]()
         for k, one in enumerate(self.parameters):
             start = self._start(k, time, now, before) if now and before else np.zeros(space.size)
             rho, de = self._changes(k, factors, answer.displacements)
@@ -104,12 +104,11 @@ class Chain:
                             _follows(interface.law, former[part], since["s"][k, part]) + former_bound)
                     for (interface, part), bound, former_bound in zip(space.with_slices(), bounds, former_bounds,
                                                                       strict=True)]
-            for name, value in (("s", changed.s), ("closed", start - changed.r), ("alpha", changed.alpha + kept),
-                                ("dissipated", since["dissipated"][k] + np.array(work)),
-                                ("residual", max(changed.residual, since["residual"][k])),
-                                ("until", [max(fall, since["until"][k, 0]), min(rise, since["until"][k, 1])])):
-                rows[name].append(value)
-        return {name: np.array(values) for name, values in rows.items()}
+            rows.append({"s": changed.s, "closed": start - changed.r, "alpha": changed.alpha + kept,
+                         "dissipated": since["dissipated"][k] + np.array(work),
+                         "residual": max(changed.residual, since["residual"][k]),
+                         "until": [max(fall, since["until"][k, 0]), min(rise, since["until"][k, 1])]})
+        return {name: np.array([row[name] for row in rows]) for name in since}
 
     def entries(self, time: float, derived: Derived,
                 answer: Answered) -> tuple[dict[str, Entry | None], dict[str, Entry]]:
