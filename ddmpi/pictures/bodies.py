@@ -208,7 +208,8 @@ def animate(results: Results, folder: Path, title: str) -> Path:
     view = View(results.points, scene["output"])
     painted = pressing if view.solid else []
     steps = partial(load_steps, results, folder, FRAMES)
-    for _, fields, surfaces in steps():
+    shown = () if what in ("pressure", "displacement") else COMPONENTS.get(what, ("nodal_von_mises",))[:1]
+    for _, fields, surfaces in steps(shown):
         largest = max(largest, np.linalg.norm(fields["displacement"], axis=1).max())
         values, quantity, unit = coloured(results, fields, what)
         ends = limits(skin.extended(values), areas, BRIGHTEST)
@@ -233,7 +234,7 @@ def animate(results: Results, folder: Path, title: str) -> Path:
     sheet.colours(image, f"{quantity} ({unit})", "both" if least < 0.0 else "max")
     sheet.figure.set_dpi(80)
     path, frames = folder / "animation.gif", []
-    for time, fields, surfaces in steps():
+    for time, fields, surfaces in steps(shown):
         sheet.clear()
         at = skin.extended((fields["points"] + factor * fields["displacement"])[:, :dimension] + shift)
         values = skin.extended(coloured(results, fields, what)[0])[skin.facets] / scale

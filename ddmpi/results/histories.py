@@ -1,6 +1,6 @@
 """Results at a load step and along a line."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ import numpy as np
 from ddmpi.body.stress import principal, von_mises
 from ddmpi.errors import InputError
 from ddmpi.mesh.elements import cell_with
-from ddmpi.results.fields import IN_FILES, NODAL, group_of, owners, vectors
+from ddmpi.results.fields import IN_FILES, group_of, owners, vectors
 from ddmpi.results.summary import drawn_times
 from ddmpi.results.tables import (
     PATH,
@@ -32,7 +32,6 @@ INSIDE, OUTSIDE = -1e-6, -0.05
 
 MOST, FARTHEST = 100_000, 1e150  # of a path most points, and the largest coordinate (m), whose square does not overflow
 NEWTON = 8  # Newton steps to the barycentric coordinates of a place; straight cells need one
-DRAWN = ("displacement", "displacement_in_frame", "von_mises", *NODAL)  # the fields that pictures of load steps show
 
 FRAMES_IN = {2: ("time", "body", "shift_x", "shift_y", "turn"),
              3: ("time", "body", "shift_x", "shift_y", "shift_z", "turn_x", "turn_y", "turn_z")}
@@ -87,16 +86,18 @@ def evenly(number: int, most: int) -> np.ndarray:
     return np.unique(np.linspace(number - 1, 0, min(most, number)).round().astype(int))
 
 
-def load_steps(results: Results, folder: Path, most: int) -> Iterator[tuple[float, Columns, dict[str, Columns]]]:
+def load_steps(results: Results, folder: Path, most: int, shown: Collection[str] = (),
+               ) -> Iterator[tuple[float, Columns, dict[str, Columns]]]:
     """Time, fields as they are drawn, and surfaces of contacts, of at most so many of the load steps whose fields are
-    in the `folder`, or of the only one."""
+    in the `folder`, or of the only one. Of the fields, displacements and those to be `shown` are of the load step."""
     import h5py
 
-    times = step_times(folder) or [1.0]
+    read = {"displacement", "displacement_in_frame", *shown}
+    times = (step_times(folder) if results.energy else []) or [1.0]
     with h5py.File(folder / "result.h5", "r") as file:
         for k in evenly(len(times), most):
             fields = file.get(group_of(k), file)  # the last step has no group
-            drawn = {name: fields[name][()] for name in DRAWN if name in fields}
+            drawn = {name: fields[name][()] for name in read if name in fields}
             yield times[k], placed(results, times[k], drawn).fields, read_surfaces(file, group_of(k))
 
 

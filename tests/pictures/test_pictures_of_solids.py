@@ -6,6 +6,7 @@ import json
 import shutil
 from pathlib import Path
 
+import h5py
 import made_up
 import made_up_solids
 import numpy as np
@@ -22,11 +23,13 @@ from ddmpi.cli.report import write_report
 from ddmpi.errors import InputError, OutputError
 from ddmpi.pictures import views
 from ddmpi.pictures.bodies import animate, coloured, draw_bodies
+from ddmpi.pictures.browser import write_view
 from ddmpi.pictures.contacts import _aside, draw_contacts, draw_maps, flatten
 from ddmpi.pictures.curves import draw_steps
 from ddmpi.pictures.draw import draw_all
 from ddmpi.pictures.moved import apart, directions, rigid_parts
 from ddmpi.pictures.sheet import limits
+from ddmpi.results.fields import group_of
 from ddmpi.results.tables import STATUS, Results, read_results
 from ddmpi.run.run import prepare_scene
 from ddmpi.scene.method import VIEWS, Output
@@ -59,8 +62,8 @@ def marched(tmp_path_factory) -> Path:
 
 
 @pytest.mark.slow
-def test_there_is_a_picture_of_everything(marched):
-    """Solids have the pictures that plane bodies have, and each shows something."""
+def test_there_is_a_picture_of_everything(marched, tmp_path):
+    """Solids have the pictures that plane bodies have, and each shows something, twice the same to the last pixel."""
     assert undocumented(marched) == []
     names = {"bodies.png", "contact.png", "convergence.png", "error.png", "steps.png"}
     assert {path.name for path in marched.glob("*.png")} == names
@@ -68,6 +71,25 @@ def test_there_is_a_picture_of_everything(marched):
         pixels = image.imread(marched / name)
         inked = (pixels[..., :3] < 0.99).any(axis=2)
         assert min(pixels.shape[:2]) > 300 and 0.01 < inked.mean() < 0.99, name
+    for path in draw_all(marched, into=tmp_path):
+        assert path.read_bytes() == (marched / path.name).read_bytes(), path.name
+
+
+def test_load_steps_are_read_as_far_as_they_are_shown(tmp_path, still, marched):
+    """Fields of a load step that are not drawn are not read, and without [time] no list of load steps."""
+    shutil.copytree(marched, tmp_path / "marched")
+    shutil.copytree(still, tmp_path / "still")
+    (tmp_path / "still" / "result.xdmf").unlink()
+    assert write_view(tmp_path / "still").exists()
+    results = read_results(marched)
+    results.summary["scene"]["output"]["animation"] = "displacement"
+    for hidden, draw in ((("stress", "nodal_stress", "nodal_principal"), write_view),
+                         (("von_mises", "nodal_von_mises"), lambda folder: animate(results, folder, ""))):
+        with h5py.File(tmp_path / "marched" / "result.h5", "r+") as file:
+            for name in hidden:
+                del file[group_of(0)][name]
+                file[group_of(0)].create_group(name)  # which cannot be read as a field
+        assert draw(tmp_path / "marched").exists()
     page = write_report(marched).read_text(encoding="utf-8")
     assert all(f"{what} {axis}" in page for what in ("force", "moment", "reaction") for axis in "xyz")
 
