@@ -18,7 +18,6 @@ from ddmpi.system.numbers import scaled_unit
 
 MARKED = 100  # curves of at most this many nodes have a marker at each
 SHADE = 0.35  # opacity of zones behind curves
-ROUNDING = 1e-6  # resultants below this fraction of the normal force count as zero, as of a shaft in its hub
 LOOPS = 3  # largest number of contacts, those with the largest forces, with loops and stresses in pictures
 ALIKE = 0.01  # forces of two contacts that differ by less than this, over the largest, are drawn as one
 CURVES = 8  # largest number of ends of legs in a picture, from the first to the last
@@ -240,7 +239,7 @@ def _draw_stresses(axes: Any, name: str, results: Results, units: dict) -> None:
 def _resultant(steps: Columns) -> str:
     """The resultant of a contact in pictures: force, or the moment of solids without a force."""
     forces = [np.abs(values).max() for column, values in steps.items() if column.startswith("force_")]
-    return "moment" if "moment_x" in steps and max(forces) <= ROUNDING * steps["normal_force"].max() else "force"
+    return "moment" if "moment_x" in steps and max(forces) <= RESOLVED * steps["normal_force"].max() else "force"
 
 
 def _draw_course(axes: Any, name: str, results: Results, units: dict) -> None:

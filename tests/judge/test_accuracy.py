@@ -12,9 +12,7 @@ from scenes import drawn_roller, pinched_blocks, prepare_scene, run_here, to_tom
 from ddmpi.body.estimate import estimate_error, relative_error
 from ddmpi.errors import InputError, NotConvergedError, SolverError
 from ddmpi.judge.accuracy import (
-    AIM_DRAWN,
-    DROP,
-    GROWTH,
+    LADDER,
     Level,
     MeshLadder,
     demand,
@@ -49,7 +47,7 @@ def test_the_rate_that_was_seen_leads_to_the_target(rate):
     assert level(found).error <= 0.1 * 6**-rate
 
 
-FAR, GOOD = [Level(1, 900, 0.5, 1000)], [Level(1, 1000, 0.8, 1000), Level(2, 4000, 0.4, 4000)]
+GROWTH, FAR, GOOD = LADDER["growth"], [Level(1, 900, 0.5, 1000)], [Level(1, 1000, 0.8, 1000), Level(2, 4000, 0.4, 4000)]
 
 
 @pytest.mark.parametrize(("levels", "goal", "most", "doubling", "dimension", "least", "largest"), [
@@ -113,7 +111,7 @@ def drawn_ladder(*settings: str, done: bool = True) -> tuple[MeshLadder, dict]:
 def test_ladder_of_drawn_meshes():
     """Drawn meshes have as many unknowns as their errors take; shapes beside them are finer by a whole number."""
     ladder, _ = drawn_ladder()
-    assert ladder.refinement == pytest.approx((0.3 / (AIM_DRAWN * 0.09)) ** 0.5, rel=1e-2)  # all errors nearly equal
+    assert ladder.refinement == pytest.approx((0.3 / (LADDER["aim drawn"] * 0.09)) ** 0.5, rel=1e-2)  # equal errors
     assert ladder.factor == 1 and "about 3900 unknowns" in ladder.meshes
     assert ladder.proceed(4000, 0.08, 4200) is None and not ladder.missed
     assert ladder.levels[-1].refinement == 2.0  # what it has become
@@ -124,7 +122,7 @@ def test_ladder_of_drawn_meshes():
     assert refine_scene(mixed.scene, 3).body[1].mesh.divisions == (6, 12)
     one_step = MeshLadder(ladder.scene)
     step = one_step.proceed(1000, 100.0, 1050, {"roller": demand(np.ones(200), 2, 2)})
-    assert step == pytest.approx((1 / DROP) ** 0.5)  # coarse meshes do not say how fine the last one must be
+    assert step == pytest.approx((1 / LADDER["drop"]) ** 0.5)  # coarse meshes do not say how fine the last one must be
 
 
 def test_ladder_of_drawn_meshes_is_restored(tmp_path):
