@@ -21,6 +21,7 @@ from ddmpi.judge.accuracy import (
     refine_scene,
 )
 from ddmpi.mesh.build import build_mesh
+from ddmpi.results.tables import read_results
 from ddmpi.run.solve import solve
 from ddmpi.scene.method import PRESETS
 from ddmpi.scene.reader import read_scene
@@ -245,7 +246,7 @@ def test_a_preset_asks_no_target_of_meshes_that_are_given():
 def test_linear_triangles_that_lock_have_no_estimate(tmp_path):
     """Where linear triangles lock, the estimated error is null, not 0.14, and a warning says what would be right."""
     scene = pinched_blocks(6) | {"output": {"error": True}}
-    done = run_here(write_scene(scene, tmp_path / "scene.toml"), tmp_path / "results",
+    done = run_here(write_scene(scene, tmp_path / "scene.toml"), tmp_path / "results", "--no-figures",
                     "--set", "body.upper.material.poisson=0.4999")
     assert done.code == 0, done.output
     warning = "upper: no estimate: linear elements lock at nu = 0.4999; write mesh.order = 2"
@@ -254,7 +255,7 @@ def test_linear_triangles_that_lock_have_no_estimate(tmp_path):
     error = done.summary["discretization_error"]
     assert error["energy_norm"] is None and error["levels"][0]["error"] is None
     assert [body["discretization_error"] for body in done.summary["bodies"].values()] == [None, None]
-    assert "bodies.png" in done.files and "error.png" not in done.files
+    assert "error" not in read_results(tmp_path / "results").fields  # of which there is then no picture
     quadratic = run_here(write_scene(scene, tmp_path / "scene.toml"), tmp_path / "quadratic", "--no-figures",
                          "--set", "body.upper.material.poisson=0.4999", "body.upper.mesh.order=2")
     assert 0.0 < quadratic.summary["discretization_error"]["energy_norm"] < 0.3
@@ -263,7 +264,7 @@ def test_linear_triangles_that_lock_have_no_estimate(tmp_path):
 
 def test_target_is_met_and_told(tmp_path):
     """A run refines until the estimate meets the target, and reports every mesh; nodes that pair off go on so."""
-    scene = pinched_blocks(6) | {"method": {"target_error": 0.06}, "output": {"error": True, "figures": True}}
+    scene = pinched_blocks(6) | {"method": {"target_error": 0.06}, "output": {"error": True, "figures": False}}
     scene["body"][1]["mesh"]["origin"] = [5e-4, -1e-3]  # the nodes at the ends allow 1/1200
     done = run_here(write_scene(scene, tmp_path / "scene.toml"), tmp_path / "results")
     assert done.code == 0, done.output
@@ -274,7 +275,7 @@ def test_target_is_met_and_told(tmp_path):
     finest = told["levels"][-1]["refinement"]
     assert done.summary["scene"]["body"][0]["mesh"]["divisions"] == [18 * finest, 6 * finest]
     assert done.summary["n"] == told["levels"][-1]["n"]
-    assert "going on with meshes" in done.stdout and "error.png" in done.files
+    assert "going on with meshes" in done.stdout and "error" in read_results(tmp_path / "results").fields
 
 
 def test_target_out_of_reach_is_an_error_with_results(tmp_path):

@@ -59,7 +59,7 @@ def test_there_is_a_picture_of_everything(tmp_path, how, contacts):
         assert min(pixels.shape[:2]) > 300 and 0.01 < inked.mean() < 0.99, path.name
         assert len({colour.tobytes() for colour in pixels[::3, ::3].reshape(-1, pixels.shape[2])}) > 20, path.name
     (tmp_path / "again").mkdir()
-    for path in draw_all(tmp_path, into=tmp_path / "again"):
+    for path in draw_all(tmp_path, 0, 2, into=tmp_path / "again"):  # every other one
         assert path.read_bytes() == (tmp_path / path.name).read_bytes(), path.name
 
 
