@@ -12,7 +12,7 @@ from ddmpi.body.stress import principal, von_mises
 from ddmpi.errors import InputError
 from ddmpi.mesh.elements import cell_with
 from ddmpi.results.fields import IN_FILES, group_of, owners, vectors
-from ddmpi.results.summary import drawn_times
+from ddmpi.results.summary import drawn_times, plain
 from ddmpi.results.tables import (
     PATH,
     Columns,
@@ -155,16 +155,13 @@ def at_step(results: Results, folder: Path, asked: float | None = None) -> Resul
         "displacement_max": float(moved.max()), "bodies": bodies, "rigid": rigid,
         "discretization_error": results.summary["discretization_error"] | {"energy_norm": None},
         "contacts": {name: entry | unknown | totals[name] | {
-            "dissipated": entry["dissipated"], "pressure_max": _largest(contacts[name]["normal_stress"])}
+            "dissipated": entry["dissipated"],
+            # None where the contact has no rows, or no area, and stresses are NaN
+            "pressure_max": plain(contacts[name]["normal_stress"].max(initial=-np.inf))}
                      for name, entry in results.summary["contacts"].items()}}
     sides = {name: _means(table, contacts[name], results.axisymmetric) for name, table in results.sides.items()}
     return replace(results, summary=summary, contacts=contacts, fields=fields, time=time, sides=sides,
                    surfaces=surfaces, facets=facets or results.facets)
-
-
-def _largest(stress: np.ndarray) -> float | None:
-    """The largest of the stresses (l,) (Pa); None where the contact has no area, and they are NaN."""
-    return None if np.isnan(stress).all() else float(stress.max())
 
 
 def _means(sides: Columns, nodes: Columns, axisymmetric: bool) -> Columns:
