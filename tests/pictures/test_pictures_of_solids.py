@@ -14,6 +14,7 @@ import PIL.Image
 import PIL.ImageSequence
 import pytest
 from documented import undocumented
+from made_up_solids import stacked
 from matplotlib import image
 from mpi4py import MPI
 from scenes import pinched_blocks, run_here, to_toml, write_scene
@@ -30,16 +31,10 @@ from ddmpi.pictures.draw import draw_all
 from ddmpi.pictures.moved import apart, directions, rigid_parts
 from ddmpi.pictures.sheet import limits
 from ddmpi.results.fields import group_of
-from ddmpi.results.tables import STATUS, Results, read_results
+from ddmpi.results.tables import STATUS, read_results
 from ddmpi.run.run import prepare_scene
 from ddmpi.scene.method import VIEWS, Output
 from ddmpi.scene.reader import read_scene
-
-
-def stacked(folder, **how) -> Results:
-    bodies, contacts = made_up_solids.stack(divisions=(6, 2, 2))
-    made_up_solids.results(folder, bodies, contacts, **how)
-    return read_results(folder)
 
 
 @pytest.fixture(scope="module")
@@ -54,10 +49,9 @@ def still(tmp_path_factory) -> Path:
 def marched(tmp_path_factory) -> Path:
     """That of two load steps with quadratic elements and errors, with all pictures and an animation."""
     folder = tmp_path_factory.mktemp("marched")
-    bodies, contacts = made_up_solids.stack(order=2, divisions=(6, 2, 2))
-    made_up_solids.results(folder, bodies, contacts, times=(1.0, 2.0), error=True)
+    results = stacked(folder, 2, times=(1.0, 2.0), error=True)
     draw_all(folder)
-    animate(read_results(folder), folder, "")
+    animate(results, folder, "")
     return folder
 
 
