@@ -307,8 +307,7 @@ def large_view(folder: Path) -> tuple[str, bool]:
     folder.mkdir()
     import made_up_solids  # of tests/support
 
-    bodies, contacts = made_up_solids.stack(divisions=(110, 110, 2))
-    made_up_solids.results(folder, bodies, contacts)
+    made_up_solids.stacked(folder, divisions=(110, 110, 2))
     start = time.process_time()
     path = write_view(folder)
     taken, size = time.process_time() - start, path.stat().st_size

@@ -24,27 +24,26 @@ from ddmpi.scene.scene import Settled
 
 log = logging.getLogger("ddmpi")
 
-FIRST_RATE = 0.75  # rate assumed on the first mesh: corners of clamps and ends of contacts slow down both orders
-RATES = (0.4, 2.0)  # a measured rate is limited to this range
-GROWTH = 4  # largest refinement in one step
-AIM, AIM_DRAWN = 0.95, 0.85  # the error that a step aims for, over the goal: of shapes and files, of geometries
-
 CAUTION = 0.2
 """A target is met by estimates that are smaller by this fraction of it, over the order: true errors were larger than
 estimates by at most as much (docs/understand/tradeoff.md)."""
 
-HOPELESS = 1.25  # stop refining when the goal needs meshes more than this many times finer than `max_unknowns` allows
-
-DROP = 0.2
-"""A step of a geometry aims for at least this fraction of the error: estimates on coarse meshes say where the error is,
-not how large it is."""
-
-SHRINK, GROW = 0.1, 2.0  # limits of the new size of an element over its old size
-
-SLOWEST, ALMOST = 0.5, 0.95
-"""The lowest rate of geometries; a step that leaves more than ALMOST of the error counts as leaving ALMOST."""
-
-STEPS = 12  # largest number of meshes of a geometry
+LADDER = {
+    # of all meshes
+    "growth": 4,  # largest refinement in one step
+    "hopeless": 1.25,  # stop if the goal needs meshes more than so many times finer than `max_unknowns` allows
+    # of shapes and mesh files
+    "rate": 0.75,  # assumed on the first mesh: corners of clamps and ends of contacts slow down both orders
+    "least rate": 0.4, "largest rate": 2.0,  # limits of a measured rate
+    "aim": 0.95,  # the error that a step aims for, over the goal
+    # of geometries
+    "meshes": 12,  # largest number of them
+    "slowest": 0.5,  # lowest rate, at most the order
+    "aim drawn": 0.85,  # the error that a step aims for, over the goal
+    "drop": 0.2,  # it aims for at least this fraction of the error: coarse meshes say where the error is, not how large
+    "almost": 0.95,  # a step that leaves more than this fraction of the error counts as leaving so much
+    "shrink": 0.1, "grow": 2.0,  # limits of the new size of an element over its old size
+}
 
 
 class Level(NamedTuple):
@@ -79,7 +78,7 @@ def finer_sizes(mesh: Mesh, squares: np.ndarray, rate: float, scale: float) -> S
     size = (equilateral * signed_measures(mesh.points, mesh.triangles)) ** (1 / d)
     with np.errstate(divide="ignore"):
         ratio = scale * squares ** (-1 / (2 * rate + d))
-    return graded(mesh, size * np.clip(ratio, SHRINK, GROW))
+    return graded(mesh, size * np.clip(ratio, LADDER["shrink"], LADDER["grow"]))
 
 
 def next_refinement(levels: Sequence[Level], goal: float, most: int, doubling: bool, dimension: int) -> int | None:
@@ -98,18 +97,18 @@ def next_refinement(levels: Sequence[Level], goal: float, most: int, doubling: b
     """
     last = levels[-1]
     whole = int(last.refinement)
-    rate, seen = FIRST_RATE, False
+    rate, seen = LADDER["rate"], False
     if len(levels) > 1 and levels[-2].error > last.error > 0.0:
         seen = True
         rate = math.log(levels[-2].error / last.error) / math.log(last.refinement / levels[-2].refinement)
-        rate = min(max(rate, RATES[0]), RATES[1])
-    factor = (last.error / (AIM * goal)) ** (1 / rate)  # from ‖e‖ ∝ refinement^(−rate)
+        rate = min(max(rate, LADDER["least rate"]), LADDER["largest rate"])
+    factor = (last.error / (LADDER["aim"] * goal)) ** (1 / rate)  # from ‖e‖ ∝ refinement^(−rate)
     largest = last.refinement * (most / last.dofs) ** (1 / dimension)
-    if seen and GROWTH * last.refinement > largest:
-        least = (last.error / goal) ** (1 / max(rate, FIRST_RATE))  # rates on coarse meshes are too low
-        if last.refinement * least > HOPELESS * largest:
+    if seen and LADDER["growth"] * last.refinement > largest:
+        least = (last.error / goal) ** (1 / max(rate, LADDER["rate"]))  # rates on coarse meshes are too low
+        if last.refinement * least > LADDER["hopeless"] * largest:
             return None
-    wanted = last.refinement * (factor if factor <= GROWTH else min(math.sqrt(factor), GROWTH))
+    wanted = last.refinement * (factor if factor <= LADDER["growth"] else min(math.sqrt(factor), LADDER["growth"]))
     if doubling:
         wanted, largest = 2 ** math.ceil(math.log2(wanted)), 2 ** math.floor(math.log2(largest))
     refinement = min(max(math.ceil(wanted - 1e-9), whole + 1), math.floor(largest))
@@ -172,9 +171,9 @@ class MeshLadder:
         order = float(self.scene.body[0].mesh.order)
         if not self.levels:
             return order
-        wanted = max(AIM_DRAWN * self.goal / self.levels[-1].error, DROP)
-        seen = min(error / self.levels[-1].error, ALMOST)
-        return min(max(order * math.log(seen) / math.log(wanted), SLOWEST), order)
+        wanted = max(LADDER["aim drawn"] * self.goal / self.levels[-1].error, LADDER["drop"])
+        seen = min(error / self.levels[-1].error, LADDER["almost"])
+        return min(max(order * math.log(seen) / math.log(wanted), LADDER["slowest"]), order)
 
     def proceed(self, n: int, error: float, dofs: int, demands: Mapping[str, Demand] | None = None) -> float | None:
         """Note the `error` on this mesh; return the refinement of the next one, or None to stay with this one.
@@ -202,8 +201,8 @@ class MeshLadder:
         reason = (f"the mesh of {' and of '.join(given)} is given: allow finer ones by mesh.refine = \"as needed\""
                   if given else
                   f"meshes that meet it would probably exceed method.max_unknowns = {method.max_unknowns}")
-        if len(self.levels) >= STEPS and self._any_drawn:
-            reason = f"{STEPS} meshes did not reach it"
+        if len(self.levels) >= LADDER["meshes"] and self._any_drawn:
+            reason = f"{len(self.levels)} meshes did not reach it"
         self.missed = self._miss(reason)
         return None
 
@@ -240,18 +239,18 @@ class MeshLadder:
         share, square, cells = (sum(column) for column in zip(*demands.values(), strict=True))
         # Equal errors of all new elements leave the fraction f of the error if κ^(2p) = f² Σ η_e² / Σ η_e^(2d/(2p+d)),
         # and take κ^(−d) Σ η_e^(2d/(2p+d)) elements, `times` as many as now.
-        final = AIM_DRAWN * self.goal / last.error
-        scale = [(square * fraction**2 / share) ** (0.5 / rate) for fraction in (max(final, DROP), final)]
+        final = LADDER["aim drawn"] * self.goal / last.error
+        scale = [(square * fraction**2 / share) ** (0.5 / rate) for fraction in (max(final, LADDER["drop"]), final)]
         times = [share / cells / kappa**d for kappa in scale]
-        # an element that is not needed is not removed: it grows by GROW at most
-        growth = [(ratio + max(1.0 - ratio, 0.0) / GROW**d) ** (1 / d) for ratio in times]
+        # an element that is not needed is not removed: it grows by "grow" at most
+        growth = [(ratio + max(1.0 - ratio, 0.0) / LADDER["grow"] ** d) ** (1 / d) for ratio in times]
         largest = (self.scene.method.max_unknowns / last.dofs) ** (1 / d)
-        if len(self.levels) >= STEPS or (len(self.levels) > 1 and growth[1] > HOPELESS * largest):
+        if len(self.levels) >= LADDER["meshes"] or (len(self.levels) > 1 and growth[1] > LADDER["hopeless"] * largest):
             return None
-        self._scale = scale[0] * max(growth[0] / min(largest, GROWTH), 1.0)
+        self._scale = scale[0] * max(growth[0] / min(largest, LADDER["growth"]), 1.0)
         if not self._all_drawn:
             return self._next_grid()
-        return last.refinement * min(growth[0], largest, GROWTH) if largest > 1.0 else None
+        return last.refinement * min(growth[0], largest, LADDER["growth"]) if largest > 1.0 else None
 
     def _next_grid(self) -> int | None:
         doubling = any(body.mesh.file is not None for body in self.scene.body)

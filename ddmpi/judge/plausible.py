@@ -1,6 +1,6 @@
 """Warnings about a scene and its certified answer; `LIMIT` has the limits of all of them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 import scipy.sparse as sparse
@@ -90,8 +90,8 @@ def doubt_answer(assembly: Assembly, displacements: Mapping[str, np.ndarray], st
     by_body, moved = {}, dict[tuple[str, int], tuple[np.ndarray, float]]()
     for body in assembly.bodies:
         name, u = body.spec.name, displacements[body.spec.name]
-        warnings = _large_motion(body, u, units, not assembly.scene.output.only)
-        warnings += [] if passing else _points_that_carry(body, u, contacts, units)
+        warnings = [*_large_motion(body, u, units, not assembly.scene.output.only),
+                    *(() if passing else _points_that_carry(body, u, contacts, units))]
         by_body[name] = warnings, body.member.elasticity.load
         for interface in body.member.interfaces:
             side = interface.side(name)
@@ -112,8 +112,8 @@ def doubt_answer(assembly: Assembly, displacements: Mapping[str, np.ndarray], st
                     *_held_through_air(state, LIMIT["idle"] * most, units["length"])]
         # What contacts that carry next to nothing say of their forces is noise.
         if not passing and np.abs(state.normal_force).max(initial=0.0) >= LIMIT["idle"] * pressed:
-            warnings += _lost_in_rounding(state, largest, units)
-            warnings += _few_nodes(state) if assembly.far else _unresolved_zone(state)
+            warnings += [*_lost_in_rounding(state, largest, units),
+                         *(_few_nodes(state) if assembly.far else _unresolved_zone(state))]
         if warnings:
             by_contact[interface.name] = warnings
     by_contact = gathered(world, by_contact)
@@ -126,68 +126,67 @@ def doubt_answer(assembly: Assembly, displacements: Mapping[str, np.ndarray], st
             *([] if passing else _unresolved(assembly, contacts, loads)), *overlaps]
 
 
-def _left(assembly: Assembly, state: ContactState) -> list[str]:
+def _left(assembly: Assembly, state: ContactState) -> Iterator[str]:
     """That bodies that move far have left each other, where they do not face each other any more."""
     interface = state.interface
-    return [f"contact.{interface.name}: {' and '.join(interface.bodies)} do not face each other; the contact carries "
-            "no forces"] * (assembly.far is not None and not interface.m)
+    if assembly.far is not None and not interface.m:
+        yield (f"contact.{interface.name}: {' and '.join(interface.bodies)} do not face each other; the contact "
+               "carries no forces")
 
 
-def _few_nodes(state: ContactState) -> list[str]:
+def _few_nodes(state: ContactState) -> Iterator[str]:
     """A warning where few nodes of bodies that move far are closed: as nodes open and close forces ripple, too."""
     closed = int((state.status != "open").sum())
-    return [f"contact.{state.interface.name}: only {closed} closed node{'s' * (closed != 1)}, too few to resolve the "
-            "pressure; forces ripple as nodes open and close; refine the mesh there"] * (0 < closed < LIMIT["few"])
+    if 0 < closed < LIMIT["few"]:
+        yield (f"contact.{state.interface.name}: only {closed} closed node{'s' * (closed != 1)}, too few to resolve "
+               "the pressure; forces ripple as nodes open and close; refine the mesh there")
 
 
-def _large_motion(body: Body, u: np.ndarray, units: Mapping[str, str], strains: bool) -> list[str]:
+def _large_motion(body: Body, u: np.ndarray, units: Mapping[str, str], strains: bool) -> Iterator[str]:
     """A warning where a body moves far, or, where `strains` are looked at, is strained or turned much."""
     moved, extent = float(np.linalg.norm(u, axis=1).max()), body.mesh.extent
     if moved > LIMIT["motion"] * extent:
         unit = units["length"]
-        return [f"body.{body.spec.name}: its largest displacement of {moved:.3g} {unit} is {moved / extent:.2g} times "
-                f"its size ({extent:.3g} {unit}); small-strain theory requires small displacements"]
-    return _large_gradient(body, u) if strains else []
+        yield (f"body.{body.spec.name}: its largest displacement of {moved:.3g} {unit} is {moved / extent:.2g} times "
+               f"its size ({extent:.3g} {unit}); small-strain theory requires small displacements")
+    elif strains:
+        yield from _large_gradient(body, u)
 
 
-def _unresolved(assembly: Assembly, contacts: Mapping[str, ContactTotals], loads: Mapping[str, float]) -> list[str]:
+def _unresolved(assembly: Assembly, contacts: Mapping[str, ContactTotals], loads: Mapping[str, float]) -> Iterator[str]:
     """Warnings of loose bodies whose loads and contact forces are rounding beside the loads of others."""
-    most, warnings, pressed = max(loads.values()), [], dict.fromkeys(assembly.loose, 0.0)
-    unit = assembly.scene.units["force"]
+    most, pressed, unit = max(loads.values()), dict.fromkeys(assembly.loose, 0.0), assembly.scene.units["force"]
     for contact in contacts.values():
         for name in pressed.keys() & set(contact.bodies):
             pressed[name] = max(pressed[name], contact.acting)
     for name, acting in pressed.items():
         acting = max(loads.get(name, 0.0), acting)
         if 0.0 < acting < LIMIT["light"] * most:
-            warnings.append(f"body.{name}: the forces on it, {acting:.3g} {unit} in all, are negligible beside the "
-                            f"loads of {most:.3g} {unit} of another body, so that the answer does not show whether "
-                            "anything supports it; solve it without the other body")
-    return warnings
+            yield (f"body.{name}: the forces on it, {acting:.3g} {unit} in all, are negligible beside the loads of "
+                   f"{most:.3g} {unit} of another body, so that the answer does not show whether anything supports "
+                   "it; solve it without the other body")
 
 
 def _points_that_carry(body: Body, u: np.ndarray, contacts: Mapping[str, ContactTotals],
-                       units: Mapping[str, str]) -> list[str]:
+                       units: Mapping[str, str]) -> Iterator[str]:
     """Warnings where the displacement u (nv, d) means forces at clamped points outside clamped groups and contacts."""
     mesh, name = body.mesh, body.spec.name
     points = {clamp.on: mesh.vertices[clamp.on] for clamp in body.spec.clamps if clamp.on in mesh.vertices}
     if not points:
-        return []
+        return
     supported = [interface.nodes[interface.side(name)] for interface in body.member.interfaces]
     supported += [np.unique(mesh.groups[clamp.on]) for clamp in body.spec.clamps if clamp.on in mesh.groups]
     elasticity = body.member.elasticity
     acting, clamped, pulled = elasticity.acting, ~elasticity.free, elasticity.forces(u)
     loads, heat = np.abs(acting.f), acting.heat
     pressed = sum(contacts[interface.name].normal_sum for interface in body.member.interfaces)
-    least, warnings = LIMIT["point"] * max(elasticity.load, pressed), []
+    least = LIMIT["point"] * max(elasticity.load, pressed)
     for on, nodes in points.items():
         force = np.abs(pulled[nodes] - heat[nodes]) * clamped[nodes]
         alone = not any(np.isin(nodes, others).any() for others in supported)
         if alone and (force > np.maximum(least, 2.0 * loads[nodes])).any():  # loads at the point itself do not count
-            warnings.append(f"body.{name}.clamp: the point {on!r} carries a force of {force.max():.3g} "
-                            f"{units['force']}; its displacement grows without limit as the mesh is refined, "
-                            "so clamp a boundary group instead")
-    return warnings
+            yield (f"body.{name}.clamp: the point {on!r} carries a force of {force.max():.3g} {units['force']}; its "
+                   "displacement grows without limit as the mesh is refined, so clamp a boundary group instead")
 
 
 def doubt_mesh(bodies: Sequence[SettledBody], error: DiscretizationError) -> list[str]:
@@ -242,56 +241,55 @@ def _singular(body: Body, stress: np.ndarray, unit: str) -> list[str]:
     return []
 
 
-def _lost_in_rounding(state: ContactState, moved: float, units: Mapping[str, str]) -> list[str]:
+def _lost_in_rounding(state: ContactState, moved: float, units: Mapping[str, str]) -> Iterator[str]:
     """A warning where rounding of displacements up to `moved` (m) decides on the forces or the status of a contact."""
     name, length, force = state.interface.name, units["length"], units["force"]
     widest = float(np.abs(state.gap).max(initial=0.0))
     largest = float(np.abs(state.normal_force).max(initial=0.0))
     if state.interface.m and (state.status == "open").all() and moved and widest <= LIMIT["undecided"] * moved:
-        return [f"contact.{name}: rounding decides that it is open: its gaps, up to {widest:.3g} {length}, are "
-                f"negligible beside the displacements of up to {moved:.3g} {length}"]
+        yield (f"contact.{name}: rounding decides that it is open: its gaps, up to {widest:.3g} {length}, are "
+               f"negligible beside the displacements of up to {moved:.3g} {length}")
+        return
     # rounding of the displacements of both bodies, times the stiffness of a node against a gap
     noise = 2.0 * float(state.interface.stiffness.max(initial=0.0)) * float(np.finfo(float).eps) * moved
-    if not largest or noise <= LIMIT["rounding"] * largest:
-        return []
-    return [f"contact.{name}: its forces are uncertain by about {noise / largest:.1g} of the largest ({largest:.3g} "
-            f"{force} at a node): the bodies move by {moved:.3g} {length}, and rounding of this motion causes forces "
-            f"of {noise:.1g} {force}"]
+    if largest and not noise <= LIMIT["rounding"] * largest:
+        yield (f"contact.{name}: its forces are uncertain by about {noise / largest:.1g} of the largest ({largest:.3g} "
+               f"{force} at a node): the bodies move by {moved:.3g} {length}, and rounding of this motion causes "
+               f"forces of {noise:.1g} {force}")
 
 
-def _held_through_air(state: ContactState, least: float, unit: str) -> list[str]:
+def _held_through_air(state: ContactState, least: float, unit: str) -> Iterator[str]:
     """A warning where friction of open nodes is more than `least` (N) and a large fraction of a contact's forces, as
     Tresca's law allows."""
     sizes, name, law = np.linalg.norm(state.forces, axis=1), state.interface.name, state.interface.law.name
     air = np.where(state.status == "open", sizes, 0.0)
-    if not air.sum() > max(LIMIT["air"] * sizes.sum(), least):
-        return []
-    k = int(np.argmax(np.where(air > 0.0, air * state.gap, -np.inf)))  # of many that all bear their bound
-    return [f"contact.{name}: friction of open nodes bears {air.sum() / sizes.sum():.0%} of its forces, as at "
-            f"{in_words(state.interface.xy[k], 4)}, where the gap is {state.gap[k]:.3g} {unit}: the bound of law = "
-            f'"{law}" asks for no pressure; with law = "coulomb" open nodes have no friction']
+    if air.sum() > max(LIMIT["air"] * sizes.sum(), least):
+        k = int(np.argmax(np.where(air > 0.0, air * state.gap, -np.inf)))  # of many that all bear their bound
+        yield (f"contact.{name}: friction of open nodes bears {air.sum() / sizes.sum():.0%} of its forces, as at "
+               f"{in_words(state.interface.xy[k], 4)}, where the gap is {state.gap[k]:.3g} {unit}: the bound of law = "
+               f'"{law}" asks for no pressure; with law = "coulomb" open nodes have no friction')
 
 
-def _overlap_between(assembly: Assembly, state: ContactState, moved: float) -> list[str]:
+def _overlap_between(assembly: Assembly, state: ContactState, moved: float) -> Iterator[str]:
     """A warning where bodies that move by up to `moved` (m) overlap much between the nodes of a contact."""
     interface, overlap, unit = state.interface, -state.between, assembly.scene.units["length"]
     k = int(np.argmax(overlap)) if len(overlap) else 0
     body = next(body for body in assembly.bodies if body.spec.name in interface.bodies)
     least = max(LIMIT["between"] * state.yielding, RESOLVED * moved, 1e-12 * body.mesh.extent)
     if not len(overlap) or not overlap[k] > least:
-        return []
+        return
     place = in_words(interface.probes.moved(interface.side(body.spec.name), body.mesh.points)[k], 4)
     other = ""
     if interface.slave:
         slave = interface.side(interface.slave)
         if len(interface.nodes[1 - slave]) > len(interface.nodes[slave]):
             other = f" or write slave = {interface.bodies[1 - slave]!r}"
-    return [f"contact.{interface.name}: the bodies overlap by {overlap[k]:.3g} {unit} between nodes that bear forces, "
-            f"as at {place}, while contact forces move them by at most {state.yielding:.3g} {unit}; refine the "
-            f"mesh{other}"]
+    yield (f"contact.{interface.name}: the bodies overlap by {overlap[k]:.3g} {unit} between nodes that bear forces, "
+           f"as at {place}, while contact forces move them by at most {state.yielding:.3g} {unit}; refine the "
+           f"mesh{other}")
 
 
-def _unresolved_zone(state: ContactState) -> list[str]:
+def _unresolved_zone(state: ContactState) -> Iterator[str]:
     """A warning where a contact zone between boundaries that curve apart has too few nodes to resolve its pressure.
 
     Not at corners and ends of a boundary, where no mesh resolves it, nor between flat boundaries: there, few closed
@@ -299,7 +297,7 @@ def _unresolved_zone(state: ContactState) -> list[str]:
     """
     interface, number = state.interface, len(state.status)
     if interface.law.two_sided or number < 3:
-        return []
+        return
     pairs = np.column_stack(sparse.triu(interface.laplacian, 1).nonzero())
     d, closed = interface.dimension, state.status != "open"
     both = closed[pairs].all(axis=1)
@@ -320,29 +318,28 @@ def _unresolved_zone(state: ContactState) -> list[str]:
     size, force = np.bincount(zone, closed, number) * twice, np.bincount(zone, state.normal_force, number)
     least = (2 * cell_with(interface.facets.shape[1], d - 1).order + 1) ** (d - 1)  # nodes; fewer say little of it
     poor = (size > 0) & (size < least) & enclosed & ~cornered & (force > LIMIT["zone"] * force.sum())
-    if not poor.any():
-        return []
-    k = int(np.argmax(np.where(poor, force, -np.inf)))
-    place = in_words(interface.xy[zone == k].mean(axis=0), 4)
-    return [f"contact.{interface.name}: the pressure at {place} is on too few nodes to resolve it, {size[k]:.0f}: the "
-            "total force is right, the largest pressure and the approach of the bodies are not; refine the mesh there"]
+    if poor.any():
+        k = int(np.argmax(np.where(poor, force, -np.inf)))
+        yield (f"contact.{interface.name}: the pressure at {in_words(interface.xy[zone == k].mean(axis=0), 4)} is on "
+               f"too few nodes to resolve it, {size[k]:.0f}: the total force is right, the largest pressure and the "
+               "approach of the bodies are not; refine the mesh there")
 
 
-def _large_gradient(body: Body, u: np.ndarray) -> list[str]:
+def _large_gradient(body: Body, u: np.ndarray) -> Iterator[str]:
     """A warning where a cell is strained or turned much, by its corners alone."""
     corners = body.mesh.corners
     # ∇u by the tangents of the cell as drawn and of its displacement
     gradients = np.einsum("art,act->trc", invert(tangents(body.mesh.points, corners))[0], tangents(u, corners))
     large = np.flatnonzero((gradients**2).sum(axis=(1, 2)) > LIMIT["gradient"] ** 2)  # ‖∇u‖_F ≥ ‖∇u‖₂
     size = np.linalg.norm(gradients[large], ord=2, axis=(1, 2))
-    if size.max(initial=0.0) <= LIMIT["gradient"]:
-        return []
-    k = int(np.argmax(size))
-    return [f"body.{body.spec.name}: strains and rotations reach {size[k]:.2g}, as at "
-            f"{in_words(body.mesh.points[corners[large[k]]].mean(axis=0), 4)}; small-strain theory requires small ones"]
+    if size.max(initial=0.0) > LIMIT["gradient"]:
+        k = int(np.argmax(size))
+        place = in_words(body.mesh.points[corners[large[k]]].mean(axis=0), 4)
+        yield (f"body.{body.spec.name}: strains and rotations reach {size[k]:.2g}, as at {place}; small-strain theory "
+               "requires small ones")
 
 
-def _far_slip(assembly: Assembly, state: ContactState, moved: np.ndarray) -> list[str]:
+def _far_slip(assembly: Assembly, state: ContactState, moved: np.ndarray) -> Iterator[str]:
     """A warning where closed nodes have `moved` (m, d) far past their partners, or far around a rigid one. Distances of
     nodes count as at least the mean of the closed ones, as they are smaller at corners."""
     interface, closed = state.interface, state.status != "open"
@@ -352,11 +349,10 @@ def _far_slip(assembly: Assembly, state: ContactState, moved: np.ndarray) -> lis
     along = np.linalg.norm(np.einsum("mcd,md->mc", interface.frame[:, 1:], moved), axis=1)
     slid = np.where(closed, along, 0.0) / far
     k = int(np.argmax(slid))
-    if slid[k] <= limit:
-        return []
-    name, place = interface.name, in_words(interface.xy[k], 4)
-    if rigid is None:
-        return [f"contact.{name}: node pairs slid up to {slid[k]:.3g} times the distance of their neighbours, as at "
-                f"{place}; they are no longer opposite each other"]
-    return [f"contact.{name}: nodes slid around {rigid.name!r} by up to {slid[k]:.2g} times its radius, as at "
-            f"{place}; normals are those before the motion"]
+    if slid[k] > limit:
+        place = in_words(interface.xy[k], 4)
+        yield f"contact.{interface.name}: " + (
+            f"node pairs slid up to {slid[k]:.3g} times the distance of their neighbours, as at {place}; they are no "
+            "longer opposite each other" if rigid is None else
+            f"nodes slid around {rigid.name!r} by up to {slid[k]:.2g} times its radius, as at {place}; normals are "
+            "those before the motion")

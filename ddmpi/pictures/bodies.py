@@ -36,20 +36,25 @@ from ddmpi.system.numbers import RigidMotion, crossed, scaled_unit
 
 BRIGHTEST = 0.998  # share of the area at which colours of stresses end: singular ones must not set the scale
 
-MOVED, TURNED_BY = 0.1, 0.3
-"""Largest displacement in the picture of a mechanism, over the bodies' extent, and largest rotation (rad)."""
+MECHANISM = {
+    "moved": 0.1,  # its largest displacement in the picture, over the bodies' extent
+    "turned": 0.3,  # its largest rotation in the picture (rad)
+    "at rest": 1e-3,  # a body is drawn at rest if its velocity is below this fraction of the largest
+}
+"""How a mechanism is drawn."""
 
-AT_REST = 1e-3  # a body is drawn at rest if its velocity is below this fraction of the largest
-
-FRAMES, SECONDS, SLOWEST, FASTEST = 200, 6.0, 2.0, 20.0
-"""Largest number of frames of an animation, its duration (s), and limits of frames per second."""
+ANIMATION = {
+    "frames": 200,  # largest number
+    "seconds": 6.0,  # duration, unless there were too few or too many frames a second:
+    "slowest": 2.0, "fastest": 20.0,
+    "pixels": 700,  # of the longer side of the bodies
+}
+"""How load steps become an animation."""
 
 COMPONENTS = ({f"displacement_{axis}": ("displacement", k) for k, axis in enumerate("xyz")}
               | {f"stress_{axes}": ("nodal_stress", k) for k, axes in enumerate(("xx", "xy", "xz", "yy", "yz", "zz"))}
               | {f"principal_{k + 1}": ("nodal_principal", k) for k in range(3)})
 """The field at nodes, and its column, that output.animation asks for."""
-
-COARSE = 700  # pixels of the longer side of the bodies in an animation
 
 
 def skin_of(results: Results) -> Skin:
@@ -155,9 +160,9 @@ def draw_mechanism(results: Results, mechanism: dict[str, Any]) -> Any:
     u = velocity[owner] + crossed(turning[owner], points - centres[owner])
     speed = np.linalg.norm(u, axis=1)
     fastest = max([speed.max(), *(np.linalg.norm(motion.displacement) for motion in going.values())])
-    step = min(MOVED * np.ptp(points, axis=0).max() / fastest,
-               TURNED_BY / max(np.linalg.norm(turning, axis=1).max(), 1e-300))
-    moves = np.bincount(owner, speed > AT_REST * fastest) > 0
+    step = min(MECHANISM["moved"] * np.ptp(points, axis=0).max() / fastest,
+               MECHANISM["turned"] / max(np.linalg.norm(turning, axis=1).max(), 1e-300))
+    moves = np.bincount(owner, speed > MECHANISM["at rest"] * fastest) > 0
     rigid = [*rigid_parts(results), *rigid_parts(results, step, going=going)]
     still, at = skin.extended(points), skin.extended(points + step * u)
     moving = moves[results.fields["body"][skin.cell]]
@@ -207,8 +212,10 @@ def animate(results: Results, folder: Path, title: str) -> Path:
     pressing = [contact["name"] for contact in pressed(results) if what == "pressure"]
     view = View(results.points, scene["output"])
     painted = pressing if view.solid else []
-    steps = partial(load_steps, results, folder, FRAMES)
-    for _, fields, surfaces in steps():
+    steps = partial(load_steps, results, folder, int(ANIMATION["frames"]))
+    shown = () if what in ("pressure", "displacement") else [
+        COMPONENTS[what][0] if what in COMPONENTS else "nodal_von_mises"]
+    for _, fields, surfaces in steps(shown):
         largest = max(largest, np.linalg.norm(fields["displacement"], axis=1).max())
         values, quantity, unit = coloured(results, fields, what)
         ends = limits(skin.extended(values), areas, BRIGHTEST)
@@ -229,11 +236,11 @@ def animate(results: Results, folder: Path, title: str) -> Path:
     scale, unit = scaled_unit(max(top, -least), unit)
     image = signed_colours(least / scale, top / scale, "YlOrRd" if pressing else "viridis")
     sheet = Sheet(results, np.vstack([skin.extended(state)[skin.beyond <= 0.0] for state in (low, high)]),
-                  pixels=COARSE)
+                  pixels=int(ANIMATION["pixels"]))
     sheet.colours(image, f"{quantity} ({unit})", "both" if least < 0.0 else "max")
     sheet.figure.set_dpi(80)
     path, frames = folder / "animation.gif", []
-    for time, fields, surfaces in steps():
+    for time, fields, surfaces in steps(shown):
         sheet.clear()
         at = skin.extended((fields["points"] + factor * fields["displacement"])[:, :dimension] + shift)
         values = skin.extended(coloured(results, fields, what)[0])[skin.facets] / scale
@@ -257,7 +264,7 @@ def animate(results: Results, folder: Path, title: str) -> Path:
     palette = Image.fromarray(colours.repeat(np.rint(weight).astype(int), axis=0)[None]).quantize(255)
     palette.putpalette([*palette.getpalette()[:765], 255, 255, 255])
     first, *others = (frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames)
-    rate = float(np.clip(len(frames) / SECONDS, SLOWEST, FASTEST))
+    rate = float(np.clip(len(frames) / ANIMATION["seconds"], ANIMATION["slowest"], ANIMATION["fastest"]))
     with writing(path):
         path.unlink(missing_ok=True)  # it may be a link
         first.save(path, save_all=True, append_images=others, loop=0, duration=1000.0 / rate)

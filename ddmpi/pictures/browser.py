@@ -115,7 +115,7 @@ def _page(results: Results, folder: Path) -> str:
     painted = paint(results, points)
     low, high = points[nodes].min(axis=0), points[nodes].max(axis=0)
     times, tops, marks = [], dict.fromkeys(TITLES, 0.0), {name: list[tuple[float, int]]() for name in TITLES}
-    seen = load_steps(results, folder, max(1, int(MOST_NUMBERS / (5 * len(nodes)))))
+    seen = load_steps(results, folder, max(1, int(MOST_NUMBERS / (5 * len(nodes)))), ("von_mises", "nodal_von_mises"))
     for k, (time, fields, surfaces) in enumerate(seen):
         u = np.pad(fields["displacement"][:, :d], ((0, 0), (0, 3 - d))) + s
         if far:

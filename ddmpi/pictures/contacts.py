@@ -36,10 +36,14 @@ plane the largest pressure has 0.8 of it."""
 
 WEAK = 0.01  # resultants below this fraction of the largest are not drawn
 ASIDE = 0.03  # distance of resultants on one line, over the height of the picture
-APART = 1e-3  # flats are apart if they are, over the extent of the contact
-LONG = 5.0  # maps of contacts longer than this times their width are arranged in one column
-ARROWS = 16  # approximate number of arrows of slip along a contact
-SMALL = 0.5  # maps of contacts closed over at most this fraction of their extent show that and as much around
+
+MAPS = {
+    "apart": 1e-3,  # flats are apart if they are, over the extent of the contact
+    "long": 5.0,  # maps of contacts longer than this times their width are arranged in one column
+    "arrows": 16,  # approximate number of arrows of slip along a contact
+    "small": 0.5,  # maps of contacts closed over at most this fraction of their extent show that and as much around
+}
+"""How the surfaces of contacts are laid out."""
 
 
 def draw_contacts(results: Results) -> Any:
@@ -184,7 +188,7 @@ def draw_maps(results: Results, name: str) -> Any:
     low, high = _shown(at, surface["status"][cells] != STATUS.index("open"))
     near = ((at >= low) & (at <= high)).all(axis=2).any(axis=1)
     at, cells, (width, height) = at[near], cells[near], high - low
-    columns = 1 if width > LONG * height or len(maps) == 1 or (width > 2.5 * height and len(maps) < 4) else 2
+    columns = 1 if width > MAPS["long"] * height or len(maps) == 1 or (width > 2.5 * height and len(maps) < 4) else 2
     columns += len(maps) == 3 and width < 0.8 * height
     rows = -(-len(maps) // columns)
     tall = np.clip((9.6 / columns - 1.6) * height / width, 0.8, 4.2) + 0.55
@@ -222,12 +226,12 @@ def draw_maps(results: Results, name: str) -> Any:
 
 def _shown(at: np.ndarray, closed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Corners (2,) of what maps show of facets (f, 3, 2) that are `closed` (f, 3) at some corners: all, or if these are
-    a SMALL part, them with their surroundings."""
+    a small part, them with their surroundings."""
     low, high = at.min(axis=(0, 1)), at.max(axis=(0, 1))
     margin = 0.03 * (high - low).max()
     if closed.any():
         least, most = at[closed].min(axis=0), at[closed].max(axis=0)
-        if (most - least <= SMALL * (high - low)).all():
+        if (most - least <= MAPS["small"] * (high - low)).all():
             margin = max((most - least).max(), margin)
             low, high = np.maximum(low, least - margin), np.minimum(high, most + margin)
             margin *= 0.06
@@ -255,7 +259,7 @@ def flatten(points: np.ndarray, cells: np.ndarray, mean: np.ndarray, least: np.n
         labels = list(names) or ["along\n({:g}, {:g}, {:g})".format(*(np.round(vector, 2) + 0.0)) for vector in along]
         at = (points @ along.T)[cells]
         if np.linalg.norm(mean) <= FACING:  # as seen along the normal those at the back stand under those in front
-            level = np.round((points @ front)[cells].mean(axis=1) / (APART * np.ptp(points, axis=0).max()))
+            level = np.round((points @ front)[cells].mean(axis=1) / (MAPS["apart"] * np.ptp(points, axis=0).max()))
             heights, floor = np.unique(level, return_inverse=True)
             at[..., 0] += (1.2 * np.ptp(at[..., 0]) * floor)[:, None]
             labels[0] += " (side by side)" if len(heights) > 1 else ""
@@ -295,7 +299,7 @@ def _draw_slip(axes: Any, at: np.ndarray, along: np.ndarray, cells: np.ndarray, 
     place, slip = at.reshape(-1, 2)[first], surface["slip_vector"][nodes]
     slips = surface["status"] == STATUS.index("slip")
     arrows = np.einsum("lci,li->lc", along[nodes], slip)
-    size = np.ptp(place, axis=0).max() / ARROWS
+    size = np.ptp(place, axis=0).max() / MAPS["arrows"]
     cell = np.round((place - place.min(axis=0)) / size).astype(int)
     off = np.linalg.norm(place - place.min(axis=0) - size * cell, axis=1)
     order = np.lexsort((off, *cell.T, ~slips[nodes]))

@@ -1,6 +1,6 @@
 """Curves: stresses, gap and slip along contacts in the plane, iterations, and load steps."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import matplotlib.pyplot as plt
@@ -18,7 +18,6 @@ from ddmpi.system.numbers import scaled_unit
 
 MARKED = 100  # curves of at most this many nodes have a marker at each
 SHADE = 0.35  # opacity of zones behind curves
-ROUNDING = 1e-6  # resultants below this fraction of the normal force count as zero, as of a shaft in its hub
 LOOPS = 3  # largest number of contacts, those with the largest forces, with loops and stresses in pictures
 ALIKE = 0.01  # forces of two contacts that differ by less than this, over the largest, are drawn as one
 CURVES = 8  # largest number of ends of legs in a picture, from the first to the last
@@ -150,29 +149,32 @@ def draw_steps(results: Results) -> Any:
     Energies count from time 0. Friction dissipates one part of the interface work; interference, closing gaps and time
     stepping take the other. Not collective.
     """
-    steps, summary = results.steps, results.summary
-    largest = {name: np.abs(steps["normal_force"][steps["contact"] == name]).max(initial=0.0)
-               for name in results.contacts}
+    summary, of = results.summary, results.steps["contact"]
+    steps = {name: {column: values[of == name] for column, values in results.steps.items()}
+             for name in results.contacts}
+    largest = {name: np.abs(table["normal_force"]).max(initial=0.0) for name, table in steps.items()}
     tied = {contact["name"] for contact in summary["scene"]["contact"] if contact.get("kind") in ("bonded", "guided")}
     loops = [name for name in largest if name not in tied] or largest
-    names = _without_doubles(sorted(loops, key=lambda name: -largest[name]), results)
+    names = _without_doubles({name: steps[name] for name in sorted(loops, key=lambda name: -largest[name])})
     shown = list(names)[:LOOPS]
     figure, grid = plt.subplots(len(shown) + 1, 2, figsize=(9.6, 2.9 * (len(shown) + 1)), squeeze=False)
     loop, energies = grid[0]
     words: dict[str, None] = {}
     label, driver = _driver(summary, results.energy["time"])
     for name in shown:
-        rows = {key: values[steps["contact"] == name] for key, values in steps.items()}
-        what, column, of_one = _resultant(rows), "tangential_force", names[name]
+        what, column, of_one = _resultant(steps[name]), "tangential_force", names[name]
         if what == "moment":
-            column = max((f"moment_{axis}" for axis in "xyz"), key=lambda component: np.ptp(rows[component]))
+            column = max((f"moment_{axis}" for axis in "xyz"), key=lambda component: np.ptp(steps[name][component]))
             of_one = f"{names[name]}, {column.replace('_', ' ')}"
-        loop.plot(driver, np.append(0.0, rows[column]), marker=".", label=of_one)
+        loop.plot(driver, np.append(0.0, steps[name][column]), marker=".", label=of_one)
         words[f"{'tangential ' * (what == 'force')}{what} ({summary['units'][what]})"] = None
     loop.set(xlabel=label, ylabel=", ".join(words))
     _draw_energies(energies, results.energy, summary["units"]["energy"])
     for axes, name in zip(grid[1:], shown, strict=True):
-        (_draw_stresses if results.dimension == 2 else _draw_course)(axes, name, results, summary["units"])
+        if results.dimension == 2:
+            _draw_stresses(axes, name, results, summary["units"])
+        else:
+            _draw_course(axes, name, steps[name], summary["units"])
         if names[name] != name:  # several, longer than an axis is high
             axes[0].set_title(names[name], fontsize=8, loc="left")
     for axes in (loop, energies):
@@ -182,14 +184,13 @@ def draw_steps(results: Results) -> Any:
     return figure
 
 
-def _without_doubles(names: Sequence[str], results: Results) -> dict[str, str]:
+def _without_doubles(steps: Mapping[str, Columns]) -> dict[str, str]:
     """Those of the contacts whose forces need curves of their own, each with all that have the same, in words. In space
     contacts in a row, as of a bolt and its washer, have the same forces; in the plane their stresses differ."""
     found, words = dict[str, np.ndarray](), dict[str, list[str]]()
-    for name in names:
-        rows = results.steps["contact"] == name
-        curves = np.abs([results.steps[column][rows] for column in results.steps if column.startswith("force_")])
-        same = next((other for other, of in found.items() if "force_z" in results.steps
+    for name, table in steps.items():
+        curves = np.abs([values for column, values in table.items() if column.startswith("force_")])
+        same = next((other for other, of in found.items() if "force_z" in table
                      and np.abs(curves - of).max() <= ALIKE * of.max()), name)
         found.setdefault(same, curves)
         words.setdefault(same, []).append(name)
@@ -240,13 +241,11 @@ def _draw_stresses(axes: Any, name: str, results: Results, units: dict) -> None:
 def _resultant(steps: Columns) -> str:
     """The resultant of a contact in pictures: force, or the moment of solids without a force."""
     forces = [np.abs(values).max() for column, values in steps.items() if column.startswith("force_")]
-    return "moment" if "moment_x" in steps and max(forces) <= ROUNDING * steps["normal_force"].max() else "force"
+    return "moment" if "moment_x" in steps and max(forces) <= RESOLVED * steps["normal_force"].max() else "force"
 
 
-def _draw_course(axes: Any, name: str, results: Results, units: dict) -> None:
+def _draw_course(axes: Any, name: str, steps: Columns, units: dict) -> None:
     """Force on the first body along x, y and z, or its moment without a force, and nodes by status, over time."""
-    rows = results.steps["contact"] == name
-    steps = {column: values[rows] for column, values in results.steps.items()}
     time = np.append(0.0, steps["time"])
     what = _resultant(steps)
     for axis in "xyz":

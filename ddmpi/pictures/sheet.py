@@ -25,7 +25,7 @@ ZONES = {"open": "#b4bac2", "slip": "#e8954a", "stick": "#5fa35f"}  # colours of
 
 RESOLVED = 1e-6
 """Gaps and slips below this fraction of the largest displacement are drawn as zero, and so are resultants below this
-fraction of the sum of the nodes' forces."""
+fraction of the sum of the nodes' forces, as of a shaft in its hub."""
 
 BESIDE: dict[str, Any] = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0)}  # legends to the right of the axes
 NAMED = 40  # largest number of bodies with names in pictures

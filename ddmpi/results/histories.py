@@ -1,6 +1,6 @@
 """Results at a load step and along a line."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,8 +11,8 @@ import numpy as np
 from ddmpi.body.stress import principal, von_mises
 from ddmpi.errors import InputError
 from ddmpi.mesh.elements import cell_with
-from ddmpi.results.fields import IN_FILES, NODAL, group_of, owners, vectors
-from ddmpi.results.summary import drawn_times
+from ddmpi.results.fields import IN_FILES, group_of, owners, vectors
+from ddmpi.results.summary import drawn_times, plain
 from ddmpi.results.tables import (
     PATH,
     Columns,
@@ -32,7 +32,6 @@ INSIDE, OUTSIDE = -1e-6, -0.05
 
 MOST, FARTHEST = 100_000, 1e150  # of a path most points, and the largest coordinate (m), whose square does not overflow
 NEWTON = 8  # Newton steps to the barycentric coordinates of a place; straight cells need one
-DRAWN = ("displacement", "displacement_in_frame", "von_mises", *NODAL)  # the fields that pictures of load steps show
 
 FRAMES_IN = {2: ("time", "body", "shift_x", "shift_y", "turn"),
              3: ("time", "body", "shift_x", "shift_y", "shift_z", "turn_x", "turn_y", "turn_z")}
@@ -87,16 +86,18 @@ def evenly(number: int, most: int) -> np.ndarray:
     return np.unique(np.linspace(number - 1, 0, min(most, number)).round().astype(int))
 
 
-def load_steps(results: Results, folder: Path, most: int) -> Iterator[tuple[float, Columns, dict[str, Columns]]]:
+def load_steps(results: Results, folder: Path, most: int, shown: Collection[str] = (),
+               ) -> Iterator[tuple[float, Columns, dict[str, Columns]]]:
     """Time, fields as they are drawn, and surfaces of contacts, of at most so many of the load steps whose fields are
-    in the `folder`, or of the only one."""
+    in the `folder`, or of the only one. Of the fields, displacements and those to be `shown` are of the load step."""
     import h5py
 
-    times = step_times(folder) or [1.0]
+    read = {"displacement", "displacement_in_frame", *shown}
+    times = (step_times(folder) if results.energy else []) or [1.0]
     with h5py.File(folder / "result.h5", "r") as file:
         for k in evenly(len(times), most):
             fields = file.get(group_of(k), file)  # the last step has no group
-            drawn = {name: fields[name][()] for name in DRAWN if name in fields}
+            drawn = {name: fields[name][()] for name in read if name in fields}
             yield times[k], placed(results, times[k], drawn).fields, read_surfaces(file, group_of(k))
 
 
@@ -154,16 +155,13 @@ def at_step(results: Results, folder: Path, asked: float | None = None) -> Resul
         "displacement_max": float(moved.max()), "bodies": bodies, "rigid": rigid,
         "discretization_error": results.summary["discretization_error"] | {"energy_norm": None},
         "contacts": {name: entry | unknown | totals[name] | {
-            "dissipated": entry["dissipated"], "pressure_max": _largest(contacts[name]["normal_stress"])}
+            "dissipated": entry["dissipated"],
+            # None where the contact has no rows, or no area, and stresses are NaN
+            "pressure_max": plain(contacts[name]["normal_stress"].max(initial=-np.inf))}
                      for name, entry in results.summary["contacts"].items()}}
     sides = {name: _means(table, contacts[name], results.axisymmetric) for name, table in results.sides.items()}
     return replace(results, summary=summary, contacts=contacts, fields=fields, time=time, sides=sides,
                    surfaces=surfaces, facets=facets or results.facets)
-
-
-def _largest(stress: np.ndarray) -> float | None:
-    """The largest of the stresses (l,) (Pa); None where the contact has no area, and they are NaN."""
-    return None if np.isnan(stress).all() else float(stress.max())
 
 
 def _means(sides: Columns, nodes: Columns, axisymmetric: bool) -> Columns:

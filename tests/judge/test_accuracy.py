@@ -12,9 +12,7 @@ from scenes import drawn_roller, pinched_blocks, prepare_scene, run_here, to_tom
 from ddmpi.body.estimate import estimate_error, relative_error
 from ddmpi.errors import InputError, NotConvergedError, SolverError
 from ddmpi.judge.accuracy import (
-    AIM_DRAWN,
-    DROP,
-    GROWTH,
+    LADDER,
     Level,
     MeshLadder,
     demand,
@@ -23,6 +21,7 @@ from ddmpi.judge.accuracy import (
     refine_scene,
 )
 from ddmpi.mesh.build import build_mesh
+from ddmpi.results.tables import read_results
 from ddmpi.run.solve import solve
 from ddmpi.scene.method import PRESETS
 from ddmpi.scene.reader import read_scene
@@ -49,7 +48,7 @@ def test_the_rate_that_was_seen_leads_to_the_target(rate):
     assert level(found).error <= 0.1 * 6**-rate
 
 
-FAR, GOOD = [Level(1, 900, 0.5, 1000)], [Level(1, 1000, 0.8, 1000), Level(2, 4000, 0.4, 4000)]
+GROWTH, FAR, GOOD = LADDER["growth"], [Level(1, 900, 0.5, 1000)], [Level(1, 1000, 0.8, 1000), Level(2, 4000, 0.4, 4000)]
 
 
 @pytest.mark.parametrize(("levels", "goal", "most", "doubling", "dimension", "least", "largest"), [
@@ -113,7 +112,7 @@ def drawn_ladder(*settings: str, done: bool = True) -> tuple[MeshLadder, dict]:
 def test_ladder_of_drawn_meshes():
     """Drawn meshes have as many unknowns as their errors take; shapes beside them are finer by a whole number."""
     ladder, _ = drawn_ladder()
-    assert ladder.refinement == pytest.approx((0.3 / (AIM_DRAWN * 0.09)) ** 0.5, rel=1e-2)  # all errors nearly equal
+    assert ladder.refinement == pytest.approx((0.3 / (LADDER["aim drawn"] * 0.09)) ** 0.5, rel=1e-2)  # equal errors
     assert ladder.factor == 1 and "about 3900 unknowns" in ladder.meshes
     assert ladder.proceed(4000, 0.08, 4200) is None and not ladder.missed
     assert ladder.levels[-1].refinement == 2.0  # what it has become
@@ -124,7 +123,7 @@ def test_ladder_of_drawn_meshes():
     assert refine_scene(mixed.scene, 3).body[1].mesh.divisions == (6, 12)
     one_step = MeshLadder(ladder.scene)
     step = one_step.proceed(1000, 100.0, 1050, {"roller": demand(np.ones(200), 2, 2)})
-    assert step == pytest.approx((1 / DROP) ** 0.5)  # coarse meshes do not say how fine the last one must be
+    assert step == pytest.approx((1 / LADDER["drop"]) ** 0.5)  # coarse meshes do not say how fine the last one must be
 
 
 def test_ladder_of_drawn_meshes_is_restored(tmp_path):
@@ -247,7 +246,7 @@ def test_a_preset_asks_no_target_of_meshes_that_are_given():
 def test_linear_triangles_that_lock_have_no_estimate(tmp_path):
     """Where linear triangles lock, the estimated error is null, not 0.14, and a warning says what would be right."""
     scene = pinched_blocks(6) | {"output": {"error": True}}
-    done = run_here(write_scene(scene, tmp_path / "scene.toml"), tmp_path / "results",
+    done = run_here(write_scene(scene, tmp_path / "scene.toml"), tmp_path / "results", "--no-figures",
                     "--set", "body.upper.material.poisson=0.4999")
     assert done.code == 0, done.output
     warning = "upper: no estimate: linear elements lock at nu = 0.4999; write mesh.order = 2"
@@ -256,7 +255,7 @@ def test_linear_triangles_that_lock_have_no_estimate(tmp_path):
     error = done.summary["discretization_error"]
     assert error["energy_norm"] is None and error["levels"][0]["error"] is None
     assert [body["discretization_error"] for body in done.summary["bodies"].values()] == [None, None]
-    assert "bodies.png" in done.files and "error.png" not in done.files
+    assert "error" not in read_results(tmp_path / "results").fields  # of which there is then no picture
     quadratic = run_here(write_scene(scene, tmp_path / "scene.toml"), tmp_path / "quadratic", "--no-figures",
                          "--set", "body.upper.material.poisson=0.4999", "body.upper.mesh.order=2")
     assert 0.0 < quadratic.summary["discretization_error"]["energy_norm"] < 0.3
@@ -265,7 +264,7 @@ def test_linear_triangles_that_lock_have_no_estimate(tmp_path):
 
 def test_target_is_met_and_told(tmp_path):
     """A run refines until the estimate meets the target, and reports every mesh; nodes that pair off go on so."""
-    scene = pinched_blocks(6) | {"method": {"target_error": 0.06}, "output": {"error": True, "figures": True}}
+    scene = pinched_blocks(6) | {"method": {"target_error": 0.06}, "output": {"error": True, "figures": False}}
     scene["body"][1]["mesh"]["origin"] = [5e-4, -1e-3]  # the nodes at the ends allow 1/1200
     done = run_here(write_scene(scene, tmp_path / "scene.toml"), tmp_path / "results")
     assert done.code == 0, done.output
@@ -276,7 +275,7 @@ def test_target_is_met_and_told(tmp_path):
     finest = told["levels"][-1]["refinement"]
     assert done.summary["scene"]["body"][0]["mesh"]["divisions"] == [18 * finest, 6 * finest]
     assert done.summary["n"] == told["levels"][-1]["n"]
-    assert "going on with meshes" in done.stdout and "error.png" in done.files
+    assert "going on with meshes" in done.stdout and "error" in read_results(tmp_path / "results").fields
 
 
 def test_target_out_of_reach_is_an_error_with_results(tmp_path):

@@ -212,10 +212,13 @@ def test_units_and_origin_do_not_matter(how):
     assert words(pushed(0.499, **how)) == words(arch(0.109, **how)) == "equilibrium"
     assert words(pushed(0.51, **how)) == "block would move along x"
     assert "along (-0.96, 0.29)" in words(arch(0.106, **how))
-    scene = tall(0.2, **how)
-    corner = scene.place((3, 4))[0] / scene.length
-    said = words(scene).removeprefix("tower would move most at (").removesuffix("), along (-0.97, 0.24)")
-    assert np.array(said.split(", "), float) / scene.length == pytest.approx(corner, abs=0.02)
+    assert_tips(tall(0.2, **how), (3, 4), "(-0.97, 0.24)")
+
+
+def assert_tips(scene, at, along: str) -> None:
+    """The tower of a scene moves most at a place (d,), in its units, along what is said."""
+    said = words(scene).removeprefix("tower would move most at (").removesuffix(f"), along {along}")
+    assert np.array(said.split(", "), float) == pytest.approx(scene.place(at)[0], abs=0.02 * scene.length)
 
 
 @pytest.mark.parametrize("seed", range(15))
@@ -427,10 +430,7 @@ def test_units_and_origin_of_solids_do_not_matter(how):
     """The same is said, at the place that is meant."""
     assert words(column(0.1249, **how)) == "equilibrium"
     assert words(slab(0.6, **how)) == "block would move along x"
-    scene = column(0.13, **how)
-    said = words(scene).removeprefix("tower would move most at (").removesuffix("), along (0.97, 0, 0.24)")
-    assert np.array(said.split(", "), float) / scene.length == pytest.approx(scene.place((2, 1, 4))[0] / scene.length,
-                                                                              abs=0.02)
+    assert_tips(column(0.13, **how), (2, 1, 4), "(0.97, 0, 0.24)")
 
 
 @pytest.mark.parametrize("make", [lambda **how: slab(0.6, **how), lambda **how: column(0.13, **how),

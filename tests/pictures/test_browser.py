@@ -9,9 +9,9 @@ from base64 import b64decode
 from html import unescape
 
 import made_up
-import made_up_solids
 import numpy as np
 import pytest
+from made_up_solids import stacked
 from scenes import LIMIT, call, pinched_blocks, rectangle, run_here, write_scene
 
 from ddmpi.errors import InputError
@@ -31,12 +31,6 @@ def unpacked(path) -> tuple[dict, dict[str, np.ndarray]]:
         raw = np.frombuffer(block, f"<{of['type']}", of["size"], of["at"])
         arrays[name] = of["low"] + (of["high"] - of["low"]) * raw / 65535 if "high" in of else raw
     return json.loads(head), arrays
-
-
-def stacked(folder, times=(), **how):
-    bodies, contacts = made_up_solids.stack(divisions=(6, 2, 2))
-    made_up_solids.results(folder, bodies, contacts, times=times, **how)
-    return read_results(folder)
 
 
 def test_a_view_has_what_the_results_have(tmp_path):
@@ -66,9 +60,7 @@ def test_a_view_has_what_the_results_have(tmp_path):
 
 def test_a_view_closes_gaps_as_pictures_do(tmp_path):
     """A node is drawn where `magnify` has it, whatever the factor."""
-    bodies, contacts = made_up_solids.stack(divisions=(6, 2, 2))
-    made_up_solids.results(tmp_path, bodies, contacts)
-    results = read_results(tmp_path)
+    results = stacked(tmp_path)
     results.contacts["upper-lower"]["initial_gap"][:] = 1e-3
     page = _page(results, tmp_path)
     (tmp_path / "view.html").write_text(page, encoding="utf-8")

@@ -6,6 +6,7 @@ import json
 import shutil
 from pathlib import Path
 
+import h5py
 import made_up
 import made_up_solids
 import numpy as np
@@ -13,6 +14,7 @@ import PIL.Image
 import PIL.ImageSequence
 import pytest
 from documented import undocumented
+from made_up_solids import stacked
 from matplotlib import image
 from mpi4py import MPI
 from scenes import pinched_blocks, run_here, to_toml, write_scene
@@ -22,21 +24,17 @@ from ddmpi.cli.report import write_report
 from ddmpi.errors import InputError, OutputError
 from ddmpi.pictures import views
 from ddmpi.pictures.bodies import animate, coloured, draw_bodies
+from ddmpi.pictures.browser import write_view
 from ddmpi.pictures.contacts import _aside, draw_contacts, draw_maps, flatten
 from ddmpi.pictures.curves import draw_steps
 from ddmpi.pictures.draw import draw_all
 from ddmpi.pictures.moved import apart, directions, rigid_parts
 from ddmpi.pictures.sheet import limits
-from ddmpi.results.tables import STATUS, Results, read_results
+from ddmpi.results.fields import group_of
+from ddmpi.results.tables import STATUS, read_results
 from ddmpi.run.run import prepare_scene
 from ddmpi.scene.method import VIEWS, Output
 from ddmpi.scene.reader import read_scene
-
-
-def stacked(folder, **how) -> Results:
-    bodies, contacts = made_up_solids.stack(divisions=(6, 2, 2))
-    made_up_solids.results(folder, bodies, contacts, **how)
-    return read_results(folder)
 
 
 @pytest.fixture(scope="module")
@@ -51,16 +49,15 @@ def still(tmp_path_factory) -> Path:
 def marched(tmp_path_factory) -> Path:
     """That of two load steps with quadratic elements and errors, with all pictures and an animation."""
     folder = tmp_path_factory.mktemp("marched")
-    bodies, contacts = made_up_solids.stack(order=2, divisions=(6, 2, 2))
-    made_up_solids.results(folder, bodies, contacts, times=(1.0, 2.0), error=True)
+    results = stacked(folder, 2, times=(1.0, 2.0), error=True)
     draw_all(folder)
-    animate(read_results(folder), folder, "")
+    animate(results, folder, "")
     return folder
 
 
 @pytest.mark.slow
-def test_there_is_a_picture_of_everything(marched):
-    """Solids have the pictures that plane bodies have, and each shows something."""
+def test_there_is_a_picture_of_everything(marched, tmp_path):
+    """Solids have the pictures that plane bodies have, and each shows something, twice the same to the last pixel."""
     assert undocumented(marched) == []
     names = {"bodies.png", "contact.png", "convergence.png", "error.png", "steps.png"}
     assert {path.name for path in marched.glob("*.png")} == names
@@ -68,6 +65,25 @@ def test_there_is_a_picture_of_everything(marched):
         pixels = image.imread(marched / name)
         inked = (pixels[..., :3] < 0.99).any(axis=2)
         assert min(pixels.shape[:2]) > 300 and 0.01 < inked.mean() < 0.99, name
+    for path in draw_all(marched, 0, 2, into=tmp_path):  # every other one
+        assert path.read_bytes() == (marched / path.name).read_bytes(), path.name
+
+
+def test_load_steps_are_read_as_far_as_they_are_shown(tmp_path, still, marched):
+    """Fields of a load step that are not drawn are not read, and without [time] no list of load steps."""
+    shutil.copytree(marched, tmp_path / "marched")
+    shutil.copytree(still, tmp_path / "still")
+    (tmp_path / "still" / "result.xdmf").unlink()
+    assert write_view(tmp_path / "still").exists()
+    results = read_results(marched)
+    results.summary["scene"]["output"]["animation"] = "displacement"
+    for hidden, draw in ((("stress", "nodal_stress", "nodal_principal"), write_view),
+                         (("von_mises", "nodal_von_mises"), lambda folder: animate(results, folder, ""))):
+        with h5py.File(tmp_path / "marched" / "result.h5", "r+") as file:
+            for name in hidden:
+                del file[group_of(0)][name]
+                file[group_of(0)].create_group(name)  # which cannot be read as a field
+        assert draw(tmp_path / "marched").exists()
     page = write_report(marched).read_text(encoding="utf-8")
     assert all(f"{what} {axis}" in page for what in ("force", "moment", "reaction") for axis in "xyz")
 
@@ -270,7 +286,7 @@ def test_a_cut_along_a_side_leaves_nothing_of_what_is_in_front(order):
 def test_pictures_are_cut_and_seen_as_asked_for(tmp_path, marched):
     """By keys of the scene or options of the command; colours and limits are those of what is left."""
     asked = {"view": "front", "cut": {"y": 0.5}, "magnification": 3.0}
-    drawn = {path.name: image.imread(path) for path in draw_all(marched, into=tmp_path, **asked)}
+    drawn = {path.name: image.imread(path) for path in draw_all(marched, 0, 2, into=tmp_path, **asked)}
     for name in ("bodies.png", "error.png"):
         whole = image.imread(marched / name)
         assert drawn[name].shape != whole.shape or np.abs(drawn[name] - whole).max() > 0.1
@@ -330,7 +346,8 @@ def test_animations_show_pressures(tmp_path):
         "load": {"times": [0.0, 2.0], "factors": [0.0, 1.0]}}, "output": {"animation": "pressure", "stress": False}}
     for body in flat["body"]:
         body["traction"] = [each | {"history": "load"} for each in body["traction"]]
-    assert run_here(write_scene(flat, tmp_path / "scene.toml"), tmp_path / "flat").code == 0
+    assert run_here(write_scene(flat, tmp_path / "scene.toml"), tmp_path / "flat", "--no-figures").code == 0
+    animate(read_results(tmp_path / "flat"), tmp_path / "flat", "")
     half, whole = red_pixels(tmp_path / "flat" / "animation.gif")
     assert whole > half + 50
 

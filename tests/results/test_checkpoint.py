@@ -238,6 +238,11 @@ def same(one: object, other: object) -> bool:
 # When they are written
 
 
+def full(number: int) -> None:
+    """What writes on a disk without space."""
+    raise OSError(28, "No space left on device")
+
+
 def count_writes(monkeypatch) -> list[int]:
     """Iterations of the checkpoints that this rank writes from now on."""
     written, write = [], checkpoint.write
@@ -285,10 +290,6 @@ def test_a_run_goes_on_without_a_checkpoint_that_cannot_be_written(comm, shared,
     reference = run(comm, scene, shared)
     caplog.clear()
     scene["checkpoint"] = {"iterations": 1}
-
-    def full(number: int) -> None:
-        raise OSError(28, "No space left on device")
-
     monkeypatch.setattr(os, "fsync", full)
     assert run(comm, scene, shared) == reference
     assert listing(comm, shared) == []
@@ -304,8 +305,6 @@ def test_an_interruption_whose_checkpoint_cannot_be_written_says_so(comm, shared
     if comm.rank == 0:
         if former:
             (shared / checkpoint.CHECKPOINT).write_text("a periodic one")
-        def full(number: int) -> None:
-            raise OSError(28, "No space left on device")
         monkeypatch.setattr(os, "fsync", full)
     words = r"^interrupted by SIGTERM; .*checkpoint.h5: cannot be written: No space left on device"
     words += f"; --restart {shared} goes on from the checkpoint before$" if former else "$"

@@ -30,6 +30,11 @@ def names(folder: Path) -> set[str]:
     return {path.name for path in folder.iterdir()}
 
 
+def full(*arguments, **options):
+    """What writes on a disk without space."""
+    raise OSError(28, "No space left on device")
+
+
 def chosen(wanted: Path | None = None, restart: Path | None = None) -> Path:
     """The folder of a run that ends at once."""
     with choose_folder(wanted and str(wanted), restart and str(restart), "scene.toml") as folder:
@@ -59,9 +64,6 @@ def test_a_file_that_cannot_be_written_leaves_the_former_one(tmp_path, monkeypat
 
 def test_an_error_of_writing_names_the_file(tmp_path, monkeypatch):
     """Also where the system does not: only what opens a file knows its name."""
-    def full(*arguments, **options):
-        raise OSError(28, "No space left on device")
-
     monkeypatch.setattr(Path, "write_text", full)
     with pytest.raises(OutputError, match=rf"^results could not be written: {tmp_path}/summary.json: No space left"):
         write_summary(tmp_path, {})
@@ -286,9 +288,6 @@ def test_publishing_that_fails_leaves_nothing(tmp_path, monkeypatch):
 
 
 def test_a_full_disk_at_the_start_is_an_error_of_writing(tmp_path, monkeypatch):
-    def full(*arguments, **options):
-        raise OSError(28, "No space left on device")
-
     (tmp_path / "out").mkdir()
     monkeypatch.setattr(Path, "mkdir", lambda path, **options: full() if UNFINISHED in str(path) else os.mkdir(path))
     with pytest.raises(OutputError, match=f"{tmp_path}/out: cannot write there: No space left"):

@@ -7,8 +7,7 @@ import made_up_solids
 import meshio
 import numpy as np
 import pytest
-
-from ddmpi.results.tables import read_results
+from made_up_solids import stacked
 
 COLUMNS = ["x", "y", "z", "nx", "ny", "nz", "area", "normal_force", "tangential_force", "normal_stress",
            "tangential_stress", "gap", "slip", "slip_total", "status", "force_x", "force_y", "force_z", "slip_x",
@@ -22,13 +21,11 @@ def vectors(table, *names: str) -> np.ndarray:
 @pytest.mark.parametrize("order", [1, 2])
 def test_tables_have_vectors_in_space(tmp_path, order):
     """contact_NAME.csv has the columns of solids; forces, moments and slips follow from its vectors."""
-    bodies, contacts = made_up_solids.stack(order)
-    summary = made_up_solids.results(tmp_path, bodies, contacts)
+    results = stacked(tmp_path, order)
     with open(tmp_path / "contact_upper-lower.csv", encoding="utf-8") as file:
         assert next(csv.reader(file)) == COLUMNS
-    results = read_results(tmp_path)
     assert not results.sides and results.dimension == 3
-    table, contact = results.contacts["upper-lower"], summary["contacts"]["upper-lower"]
+    table, contact = results.contacts["upper-lower"], results.summary["contacts"]["upper-lower"]
     at, normal, force, slip = (vectors(table, *names) for names in (
         COLUMNS[:3], COLUMNS[3:6], COLUMNS[15:18], COLUMNS[18:]))
     assert table["area"].sum() == pytest.approx(3.0)
@@ -42,7 +39,7 @@ def test_tables_have_vectors_in_space(tmp_path, order):
     assert np.linalg.norm(slip, axis=1) == pytest.approx(table["slip"]) and table["slip"].any()
     assert (friction * slip).sum() < 0.0  # friction on the first body acts against its slip
     assert table["normal_stress"] == pytest.approx(table["normal_force"] / table["area"])
-    assert summary["units"] == {"length": "m", "stress": "Pa", "force": "N", "moment": "N·m", "energy": "J"}
+    assert results.summary["units"] == {"length": "m", "stress": "Pa", "force": "N", "moment": "N·m", "energy": "J"}
     for k, axis in enumerate("xyz"):
         assert results.steps[f"force_{axis}"] == contact["force"][k]
         assert results.steps[f"moment_{axis}"] == contact["moment"][k]
@@ -55,17 +52,15 @@ def test_tables_have_vectors_in_space(tmp_path, order):
 @pytest.mark.parametrize("order", [1, 2])
 def test_meshio_and_paraview_read_solids(tmp_path, order):
     """meshio.read takes the tetrahedra and their tensors; contacts are surfaces of triangles, with vectors."""
-    bodies, contacts = made_up_solids.stack(order, divisions=(6, 2, 2))
-    made_up_solids.results(tmp_path, bodies, contacts, error=True)
+    table = stacked(tmp_path, order, error=True).contacts["upper-lower"]
     mesh = meshio.read(tmp_path / "result.xdmf")
     assert [cells.type for cells in mesh.cells] == [{1: "tetra", 2: "tetra10"}[order]]
-    upper = made_up_solids.fields(bodies["upper"])
+    upper = made_up_solids.fields(made_up_solids.box((0.0, 0.0, 1.0), divisions=(6, 2, 2), order=order))
     own = mesh.cell_data["body"][0] == 0
     assert np.array_equal(mesh.points[mesh.cells[0].data[own]], upper.points[upper.triangles])
     assert np.array_equal(mesh.cell_data["stress"][0][own], upper.stress[:, [0, 3, 5, 1, 4, 2]])
     assert np.array_equal(mesh.point_data["displacement"][:len(upper.points)], upper.displacement)
     (grid,) = made_up.named_grids(tmp_path)["upper-lower"]
-    table = read_results(tmp_path).contacts["upper-lower"]
     a, b, c = grid["Geometry"][grid["Topology"]].transpose(1, 0, 2)
     assert np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2 == pytest.approx(3.0)
     assert np.linalg.norm(grid["friction_vector"], axis=1) == pytest.approx(grid["friction"])
@@ -77,9 +72,7 @@ def test_meshio_and_paraview_read_solids(tmp_path, order):
 
 def test_load_steps_of_solids_are_kept(tmp_path):
     """contact_NAME_legs.csv has the vectors of each leg, as contact_NAME.csv has them of the last one."""
-    bodies, contacts = made_up_solids.stack(divisions=(6, 2, 2))
-    made_up_solids.results(tmp_path, bodies, contacts, times=(1.0, 2.0))
-    results = read_results(tmp_path)
+    results = stacked(tmp_path, times=(1.0, 2.0))
     legs, table = results.legs["upper-lower"], results.contacts["upper-lower"]
     last = legs["time"] == 2.0
     for column in set(legs) & set(table):

@@ -77,27 +77,22 @@ def test_the_total_slip_of_several_steps_is_a_column_of_its_own(tmp_path):
     assert table["slip"].any() and np.array_equal(table["slip_total"], 3.0 * table["slip"])
 
 
-def test_means_over_sides_carry_the_force_of_quadratic_elements(tmp_path):
+def ring():
+    """The state of a ring's contact with another one, whose chain of nodes is closed."""
+    inner, outer = (made_up.ring(radii, order=2) for radii in ((1.0, 2.0), (2.0, 3.0)))
+    return made_up.state(made_up.interface("inner-outer", inner, outer, ("outside", "inside")))
+
+
+@pytest.mark.parametrize(("state", "length"), [(stack(order=2), 1 / 8), (ring(), 4.0 * np.sin(np.pi / 24))])
+def test_means_over_sides_carry_the_force_of_quadratic_elements(tmp_path, state, length):
     """contact_NAME_sides.csv has one line per side; length times stress sums up to the resultant of the nodes."""
-    state = stack(order=2)
     write_sides(tmp_path, "c", state)
     table = columns(tmp_path / "contact_c_sides.csv")
     assert list(table) == ["x", "y", "length", "normal_stress", "tangential_stress"]
-    assert table["length"] == pytest.approx([1 / 8] * 24)
+    assert table["length"] == pytest.approx([length] * 24)
     assert np.array_equal(np.column_stack([table["x"], table["y"]]), state.interface.xy[1::2])
     assert table["length"] @ table["normal_stress"] == pytest.approx(state.normal_force.sum(), rel=1e-12)
     assert table["length"] @ table["tangential_stress"] == pytest.approx(state.tangential_force.sum(), rel=1e-12)
-
-
-def test_a_closed_contact_has_all_its_sides(tmp_path):
-    """A ring pressed on another has a line per side, also for the one at which its chain of nodes begins and ends."""
-    inner, outer = (made_up.ring(radii, order=2) for radii in ((1.0, 2.0), (2.0, 3.0)))
-    state = made_up.state(made_up.interface("inner-outer", inner, outer, ("outside", "inside")))
-    write_sides(tmp_path, "c", state)
-    write_contact(tmp_path, "c", state)
-    table, nodes = columns(tmp_path / "contact_c_sides.csv"), columns(tmp_path / "contact_c.csv")
-    assert len(table["x"]) == len(nodes["x"]) / 2 == 24
-    assert table["length"] @ table["normal_stress"] == pytest.approx(nodes["normal_force"].sum(), rel=1e-12)
 
 
 def test_steps_has_a_line_per_step_and_contact(tmp_path):

@@ -17,7 +17,7 @@ from ddmpi.mesh.elements import facet_shares
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import raise_order
 from ddmpi.results.fields import Fields, contact_fields, write_fields
-from ddmpi.results.tables import ENERGY, leg_values, write_table
+from ddmpi.results.tables import ENERGY, Results, leg_values, read_results, write_table
 from ddmpi.scene.contacts import NoFriction
 from ddmpi.surface.outline import Outline
 
@@ -139,7 +139,9 @@ def results(folder: Path, bodies: Mapping[str, Mesh], contacts: Mapping[str, tup
     return summary
 
 
-def stack(order=1, **how) -> tuple[dict[str, Mesh], dict[str, tuple[str, str]]]:
-    """Two boxes, one upon the other."""
-    return ({"upper": box((0.0, 0.0, 1.0), order=order, **how), "lower": box(order=order, **how)},
-            {"upper-lower": ("upper", "bottom")})
+def stacked(folder: Path, order=1, divisions=(6, 2, 2), **how) -> Results:
+    """The results of two boxes, one upon the other, written and read back."""
+    boxes = {name: box((0.0, 0.0, z), divisions=divisions, order=order)
+             for name, z in {"upper": 1.0, "lower": 0.0}.items()}
+    results(folder, boxes, {"upper-lower": ("upper", "bottom")}, **how)
+    return read_results(folder)
