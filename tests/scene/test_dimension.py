@@ -137,6 +137,8 @@ REFUSED = [
      "body.upper.mesh.shape = box"),
     (AROUND, "body.upper.clamp=[{on='left', z=0.1}]",
      "body.upper.clamp.0.z: nothing is twisted around the axis; this scene is around an axis, as axisymmetric = true"),
+    (PLANE, "rigid.0={name='floor', shape='plane', point=[0, -1], normal=[0, 1], displacement=[0, 0], force=[0, 0, 1]}",
+     "rigid.floor.force: [0.0, 0.0, 1.0] is in space"),
     (PLANE, "output.mirrored=true", "output.mirrored: shows the other half of axisymmetric bodies"),
     (SOLID, "rigid.shaft.axis=[0, 0, 0]", "rigid.shaft: axis must not be zero"),
     (SOLID, "body.upper.mesh.size=[3, 1]",

@@ -813,7 +813,7 @@ MUTANTS = [Mutant(*row) for row in (
     ("fields of all cycles are kept", "run/gather", "if row[0] <= since]", "]", f"{CYCLES}::test_files_of_cycles"),
     ("where a cycle began is forgotten at a restart", "run/steps", '"_began", "_planned"', '"_planned"',
      f"{CYCLES}::test_a_run_goes_on_within_cycles"),
-    ("a cycle may end with other loads", "scene/method", "abs(first - last) > SAME", "abs(first - last) > 3.0",
+    ("a cycle may end with other loads", "scene/method", "abs(first - last) > ALIKE", "abs(first - last) > 3.0",
      f"{CYCLES}::test_what_cycles_cannot_be_is_refused"),
     ("a direct direction forgets that friction follows pressure", "methods/dense",
      "both[nodes] += np", "both[nodes] += 0.0 * np",
