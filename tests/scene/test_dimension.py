@@ -1,5 +1,6 @@
 """Scenes in the plane and in space: what says which, what is filled in, and what belongs to the other one."""
 
+import numpy as np
 import pytest
 from test_scene import message
 
@@ -155,3 +156,10 @@ REFUSED = [
 def test_what_belongs_to_the_other_dimension_is_refused(text, setting, words):
     """One message with the key says what does not belong into this scene."""
     assert message(setting, text=text).startswith(f"case.toml: {words}")
+
+
+def test_expansions_along_three_axes_are_no_place_in_space():
+    """An orthotropic material has three of them, in the plane as well."""
+    material = "material={young=[3, 2, 1], poisson=[0.3, 0.2, 0.1], shear=1, expansion=[1e-5, 2e-5, 3e-5]}"
+    warm = scene(PLANE, f"body.upper.{material}", "body.upper.temperature=10.0").body[0]
+    assert np.diag(warm.material.expansions) == pytest.approx([1e-5, 2e-5, 3e-5])

@@ -104,6 +104,8 @@ MUTANTS = [Mutant(*row) for row in (
      "scene/test_dimension.py::test_what_belongs_to_the_other_dimension_is_refused"),
     ("tables within tables are one value", "scene/keys", "if isinstance(value, dict):\n", "if False:\n",
      "scene/test_scene.py::test_differences_are_named_by_key"),
+    ("three expansions are a place in space", "scene/scene", '"expansion", "view"', '"view"',
+     "scene/test_dimension.py::test_expansions_along_three_axes_are_no_place_in_space"),
     ("an unknown key has no name", "scene/keys", "[*named, found[2]]", "[*named, found[3]]",
      "scene/test_scene.py::test_refusal_names_file_key_and_remedy"),
     # mesh
