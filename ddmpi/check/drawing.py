@@ -36,9 +36,6 @@ GROUPS = ("#7fa8d1", "#e3b272", "#c4a8dc", "#d9cf7a", "#a9b8c6", "#c9a184", "#8f
 MARKERS = "s^>DoPv*ph"  # markers of the kinds of supports
 HELD, MISSING = "#1f6f4a", "#e00000"  # colours of clamps and of missing contacts
 SPACED = 4.0  # edges of cells are drawn if on all bodies half of them are so many pixels from the opposite corner
-TRIED = 8  # number of facets of a group that are tried for a visible place of its name
-
-
 DRAWN = 24  # the numbers are not drawn of more bodies, as each takes two pictures
 EDGEWISE = 0.1  # facets are not numbered whose normal points less to the eye
 
@@ -65,15 +62,39 @@ class Plan(Sheet):
                            fontsize=7, zorder=8, bbox={"boxstyle": "round,pad=0.15", "facecolor": "#ffffffb0",
                                                        "edgecolor": "none"})
 
-    def name(self, group: str, at: np.ndarray, normal: np.ndarray, number: int) -> None:
-        """Write the name of a group at the middle one of its visible facets (f, d) with `normal`; around rings it is
-        shifted by the `number` of the group."""
-        away = np.linalg.norm(at - at.mean(axis=0), axis=1)
-        order = np.argsort(away, kind="stable")[np.linspace(0, len(at) - 1, min(len(at), TRIED)).astype(int)]
-        seen = order[(self.place(normal[order])[:, 2] > 0.1 * self.view.solid - 0.05) & self.shows(at[order])]
-        ring = away.min() > 0.5 * away.max()
-        for k in np.roll(seen, -3 * number * ring)[:1]:
-            self.label(group, at[k], *(() if self.view.solid else (-9.0 * normal[k],)))
+    def show_groups(self, bodies: Mapping[str, Looked], most: float = np.inf) -> list[str]:
+        """Draw meshes with their groups in colours by name, and write the names, with those of `bodies` that have one,
+        unless there are more than `most`. The groups whose names are not seen.
+
+        A name stands at the visible facet that is farthest from the rim of its group, and from the names so far.
+        """
+        groups = [(called, name, body.boundary, some) for called, body in bodies.items()
+                  for name, some in body.boundary.groups.items() if some.any()]
+        names = dict.fromkeys(name for body in bodies.values() for name in body.boundary.groups)
+        colours = {name: GROUPS[k % len(GROUPS)] for k, name in enumerate(names)}
+        self.show(meshed(self, list(bodies.values()), colours))
+        far = np.full(2, 1e3 * max(np.abs(body.mesh.points).max() for body in bodies.values()))
+        hidden, taken = list[str](), [far]
+        for called, name, boundary, some in groups:
+            points, middle, normal = bodies[called].mesh.points, boundary.at[some].mean(axis=1), boundary.normal[some]
+            if not self.view.solid:
+                self.lines(points[segments(boundary.facets[some])], colors=colours[name], linewidth=2.4, zorder=4)
+            if len(groups) > most:
+                continue
+            facing = (np.where(self.shows(middle), self.place(normal)[:, 2], 0.0) if self.view.solid
+                      else np.ones(len(middle)))
+            seen = np.flatnonzero(facing > max(EDGEWISE, facing.max() / 2.0))
+            if not len(seen):
+                hidden.append(name)
+                continue
+            flat = self.place(middle[seen])[:, :2]
+            rim = creases(points, boundary.facets[some][:, :points.shape[1]], normal).rim
+            away = cKDTree(np.vstack([*taken, self.place(points[rim].mean(axis=1))[:, :2]])).query(flat)[0]
+            k = seen[np.argmax(away)]
+            taken.append(self.place(middle[k])[:2])
+            self.label(f"{called}." * bool(called and self.view.solid) + name, middle[k],
+                       *(() if self.view.solid else (-9.0 * normal[k],)))
+        return hidden
 
     def point(self, at: np.ndarray, vectors: np.ndarray, outward: np.ndarray, colour: str) -> None:
         """Draw vectors (k, d) that are not hidden as arrows: to places where they point inward, else from these."""
@@ -146,18 +167,7 @@ def draw_bodies(results: Results, bodies: Mapping[str, Looked], behind: bool = F
     from matplotlib.lines import Line2D
 
     plan, looked, ways = _plan(results, behind), list(bodies.values()), dict[str, int]()
-    names = dict.fromkeys(group for body in looked for group in body.boundary.groups)
-    colours = {name: GROUPS[k % len(GROUPS)] for k, name in enumerate(names)}
-    plan.show(meshed(plan, looked, colours))
-    groups = [(called, name, body, some) for called, body in bodies.items()
-              for name, some in body.boundary.groups.items() if some.any()]
-    for number, (called, name, body, some) in enumerate(groups):
-        if not plan.view.solid:
-            plan.lines(body.mesh.points[segments(body.boundary.facets[some])], colors=colours[name], linewidth=2.4,
-                       zorder=4)
-        if len(groups) <= NAMED:
-            plan.name(f"{called}." * plan.view.solid + name, body.boundary.at[some].mean(axis=1),
-                      body.boundary.normal[some], number)
+    plan.show_groups(bodies, NAMED)
     arrows = [_stresses(body, on, f, plan.size / PLACES) for body in looked for on, f in body.loads if on != VOLUME]
     largest = max((np.linalg.norm(stress, axis=1).max() for _, stress, _ in arrows), default=0.0)
     for at, stress, outward in arrows:
@@ -178,7 +188,7 @@ def draw_bodies(results: Results, bodies: Mapping[str, Looked], behind: bool = F
                         for colour, words in loads.items() if words),
                       *(Line2D([], [], linestyle="", marker=MARKERS[k % len(MARKERS)], color=HELD, markersize=5,
                                label=how) for how, k in ways.items())])
-    if not plan.view.solid or len(groups) > NAMED:
+    if not plan.view.solid or sum(len(body.boundary.groups) for body in looked) > NAMED:
         plan.write(list(bodies), inside)
     plan.figure.suptitle(f"{results.heading()}bodies as drawn{', from behind' * behind}")
     return plan.figure
@@ -186,29 +196,9 @@ def draw_bodies(results: Results, bodies: Mapping[str, Looked], behind: bool = F
 
 def draw_faces(results: Results, name: str, body: Looked, behind: bool) -> Any:
     """A body with the numbers of its faces; a figure. `results` are of this body alone."""
-    numbered = {face: body.boundary.groups[face] for face in body.mesh.faces}
-    boundary = replace(body.boundary, groups=numbered)
-    results = seen_from(results, behind, cut=None)
-    plan = Plan(results, results.points)
-    colours = {face: GROUPS[k % len(GROUPS)] for k, face in enumerate(numbered)}
-    plan.show(meshed(plan, [replace(body, boundary=boundary)], colours))
-    placed, hidden, far = list[np.ndarray](), list[str](), np.full(2, 1e3 * np.abs(results.points).max())
-    for face, some in numbered.items():
-        at, normal = boundary.at[some].mean(axis=1), boundary.normal[some]
-        if not plan.view.solid:
-            plan.lines(body.mesh.points[segments(boundary.facets[some])], colors=colours[face], linewidth=2.4, zorder=4)
-        facing = np.where(plan.shows(at), plan.place(normal)[:, 2], 0.0) if plan.view.solid else np.ones(len(at))
-        seen = at[facing > max(EDGEWISE, facing.max() / 2.0)]
-        if len(seen):
-            # as far as possible from the rim of the face, and from the numbers so far
-            ends = creases(body.mesh.points, boundary.facets[some][:, :body.mesh.dimension], normal).rim
-            rim = plan.place(body.mesh.points[ends].mean(axis=1))[:, :2]
-            flat = plan.place(seen)[:, :2]
-            k = int(np.argmax(cKDTree(np.vstack([[far], *placed, rim])).query(flat)[0]))
-            placed.append(flat[k])
-            plan.label(face, seen[k])
-        else:
-            hidden.append(face)
+    numbered = replace(body.boundary, groups={face: body.boundary.groups[face] for face in body.mesh.faces})
+    plan = Plan(seen_from(results, behind, cut=None), results.points)
+    hidden = plan.show_groups({"": replace(body, boundary=numbered)})
     what = ("curves", "faces")[body.mesh.dimension - 2]
     plan.figure.suptitle(f"{results.heading()}{name}: numbered {what}{', from behind' * behind}"
                          + f"\nnot seen: {', '.join(hidden)}" * bool(hidden))

@@ -23,13 +23,13 @@ from ddmpi.scene.reader import write_toml
 from ddmpi.surface.cut import FACING
 from ddmpi.surface.near import distance_to
 from ddmpi.surface.side import across, unit
-from ddmpi.system.numbers import nearest_in
+from ddmpi.system.numbers import SAME, nearest_in
 
 NEAR = 0.25  # facets may be meant to touch if they are closer than this fraction of the smaller one's size
 NUMBERS = re.compile(r"\d+(\+\d+)*")  # a number of a face, or several together
 
-ASIDE, ROUNDING = 0.5, 1e-6
-"""The nearest point lies before a facet: offset by at most the first of its distance plus the second of its size."""
+ASIDE = 0.5
+"""The nearest point lies before a facet: offset by at most this times its distance, but for rounding."""
 
 STEEL = {"young": 210000.0, "poisson": 0.3}
 """The material of all parts until a user says otherwise (MPa); gmsh reads CAD files in millimetres."""
@@ -128,8 +128,8 @@ def find_missing(boundaries: Mapping[str, Boundary], rigid: Sequence[Rigid],
         """Note that facets `there` of the k-th, with normals `against`, lie `away` (j, d) from some facets (j,)."""
         distance, ahead = np.linalg.norm(away, axis=1), np.einsum("kd,kd->k", away, normal[some])
         aside = np.linalg.norm(away - ahead[:, None] * normal[some], axis=1)
-        near = (distance <= NEAR * reach) & (distance < least[some] - ROUNDING * reach)
-        near &= aside <= ASIDE * distance + ROUNDING * reach
+        near = (distance <= NEAR * reach) & (distance < least[some] - SAME * reach)
+        near &= aside <= ASIDE * distance + SAME * reach
         near &= np.einsum("kd,kd->k", normal[some], against) < FACING
         for values, new in (least, distance), (gap, ahead), (partner, k), (facing, there):
             values[some[near]] = np.broadcast_to(new, len(some))[near]

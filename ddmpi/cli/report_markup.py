@@ -11,9 +11,8 @@ from importlib import resources
 from pathlib import Path
 
 from ddmpi import __version__
-from ddmpi.system.numbers import scaled_unit
+from ddmpi.system.numbers import ALIKE, scaled_unit
 
-NOISE = 1e-9  # numbers below this fraction of the largest of their unit in a table are shown as about zero
 LONG = 12  # minor tables of more rows are folded
 
 TYPES = {".png": "image/png", ".gif": "image/gif"}
@@ -108,7 +107,7 @@ def table(caption: str, *columns: Column, digits: int = 4, minor: bool = False) 
     cells: list[list[Html]] = []
     for column in columns:
         factor, unit = scaled_unit(largest[column.unit], column.unit)
-        noise = NOISE * largest[column.unit] if unit else 0.0
+        noise = ALIKE * largest[column.unit] if unit else 0.0  # smaller ones are about zero
         numeric = not any(isinstance(entry, str) for entry in column.entries)
         heads.append(element("th", column.head, element("small", " ", unit) if unit else "", scope="col",
                              **{"kind": "number"} if numeric else {}))

@@ -28,6 +28,7 @@ from ddmpi.scene.values import (
     joined,
     settle,
 )
+from ddmpi.system.numbers import ALIKE
 
 LOCKING = 0.48
 """Largest Poisson's ratio for error estimates of linear triangles; right to a fifth for measured errors below 0.3."""
@@ -35,9 +36,6 @@ LOCKING = 0.48
 Moduli = Annotated[tuple[Positive, ...], msgspec.Meta(min_length=3, max_length=3)]
 Three = Annotated[tuple[Number, ...], msgspec.Meta(min_length=3, max_length=3)]
 # not tuple[Number, Number, Number]: msgspec 0.22 crashes where that stands beside a number and garbage is collected
-
-DEFINITE = 1e-9
-"""Least eigenvalue of the normalised compliance of a positive definite material."""
 
 
 class Material(Table, frozen=True, kw_only=True):
@@ -80,7 +78,7 @@ class Material(Table, frozen=True, kw_only=True):
         if self.axes and not np.cross(*self.axes).any():
             raise ValueError("axes: both are parallel or zero; the second lies beside axis 1, in the plane of 1 and 2")
         scale = np.sqrt(self.moduli)
-        if rows[0] and not np.linalg.eigvalsh(self._matrix[:3, :3] * scale[:, None] * scale).min() > DEFINITE:
+        if rows[0] and not np.linalg.eigvalsh(self._matrix[:3, :3] * scale[:, None] * scale).min() > ALIKE:
             raise ValueError("poisson: no material has these ratios and moduli: the matrix of its compliances is not "
                              "positive definite; ν12 is −ε2/ε1 under stress along axis 1, so that |ν12| < √(E1/E2)")
 

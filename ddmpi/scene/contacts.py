@@ -186,7 +186,7 @@ class RigidSurface(Table, frozen=True, kw_only=True, tag_field="shape"):
         if self.pivot is not None and not self.turning:
             raise ValueError("pivot goes with a moment, or with turns = true; leave it out where the partner does not "
                              "turn")
-        both = [axis for axis in self.pushed if self.displacement and self.displacement[axis]]
+        both = [axis for axis, moved in enumerate(self.displacement or ()) if moved and axis in self.pushed]
         if both:
             what = "a force" if (self.force or (0.0,) * 3)[both[0]] else "freedom to move"
             raise ValueError(f"along {'xyz'[both[0]]} it has both {what} and a displacement; it is pushed or moved, "

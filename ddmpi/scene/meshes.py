@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 
 from ddmpi.scene.values import Count, Group, Name, NonNegative, Number, Point, Positive, Table
-from ddmpi.system.numbers import Frame
+from ddmpi.system.numbers import ALIKE, Frame
 
 LARGEST_SIZE = "h, the largest size of an element"
 """What ``size`` is of a drawing."""
@@ -50,9 +50,6 @@ GEOMETRIES = (".geo", ".step", ".stp", ".brep", ".brp")
 
 TOWARDS_CONTACTS = 0.25
 """The default ``contact_size`` of a geometry over its ``size``."""
-
-CLOSED = 1e-9
-"""Rounding of the angle of a closed ring (degrees)."""
 
 Sizes = Annotated[tuple[Positive, ...], msgspec.Meta(min_length=2, max_length=3)] | Positive
 """A size in each direction, or one number."""
@@ -140,7 +137,7 @@ class MeshSpec(Table, frozen=True, kw_only=True):
     @property
     def closed(self) -> bool:
         """Whether an annulus is a whole ring, without start and end."""
-        return self.angles is not None and abs(self.angles[1] - self.angles[0] - 360) <= CLOSED
+        return self.angles is not None and abs(self.angles[1] - self.angles[0] - 360) <= 360 * ALIKE
 
     def __post_init__(self) -> None:
         if self.file is None and self.refine:
@@ -215,7 +212,7 @@ class MeshSpec(Table, frozen=True, kw_only=True):
         if not radii[0]:
             raise ValueError("radii.0: expected a number > 0; only a cylinder may have no bore")
         span = angles[1] - angles[0]
-        if not 0 < span <= 360 + CLOSED:
+        if not 0 < span <= 360 * (1 + ALIKE):
             raise ValueError(f"angles = [start, end] must ascend by at most 360 degrees, which make a whole ring; got "
                              f"[{angles[0]:g}, {angles[1]:g}]")
         if span / around >= 180:

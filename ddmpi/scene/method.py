@@ -11,6 +11,7 @@ import msgspec
 import numpy as np
 
 from ddmpi.scene.values import Count, Field, History, NonNegative, Number, Positive, Side, Table, settle
+from ddmpi.system.numbers import ALIKE
 
 ALGEBRAIC = 0.01
 """Tolerance of the outer iteration as a part of ``target_error``."""
@@ -200,9 +201,6 @@ def method_of(outer: str) -> type[SettledMethod]:
     return METHODS.get(outer, External)
 
 
-SAME = 1e-9
-"""Factors of a history that differ by less than this part of the largest are the same."""
-
 
 class Cycle(Table, frozen=True, kw_only=True, rename={"begin": "from"}):
     """A part of the load steps that is run again and again, as in ``cycle = { from = 1.5, to = 3.5, repeat = 500 }``.
@@ -278,7 +276,7 @@ class Time(Table, frozen=True, kw_only=True):
         """Raise ValueError unless a cycle ends with the loads with which it begins."""
         for name, history in histories.items() if self.cycle else ():
             first, last = map(history.at, self.cycle_ends)
-            if abs(first - last) > SAME * max(map(abs, history.factors)):
+            if abs(first - last) > ALIKE * max(map(abs, history.factors)):
                 begin, end = self.cycle_ends
                 raise ValueError(f"time.cycle: history.{name} has the factor {first:g} at from = {begin:g} and "
                                  f"{last:g} at to = {end:g}; a cycle ends with the loads with which it begins")

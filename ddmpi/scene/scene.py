@@ -24,7 +24,7 @@ from ddmpi.system.files import LONGEST, contact_files
 FileKind = Callable[[BodySpec], tuple[int, int]]
 """Gives dimension and order of the elements in the mesh file, or in the drawing, of a body; raises InputError."""
 
-EXTENTS = ("size", "divisions", "radii", "angles", "bodies", "on", "young", "poisson", "shear", "view")
+EXTENTS = ("size", "divisions", "radii", "angles", "bodies", "on", "young", "poisson", "shear", "expansion", "view")
 """Keys of lists that are neither places nor vectors."""
 
 FORMULAS = ("x", "y", "z", "normal", "value", "pressure", "volume_force", "gap", "temperature")

@@ -191,7 +191,7 @@ def drawn_parts(tmp_path) -> dict:
         cad.fuse([rings[0]], [rings[1]])
         cad.synchronize()
         gmsh.write(str(tmp_path / "all.step"))
-    bodies = [{"name": name, "mesh": {"geometry": "all.step", "part": k, "size": 1.0, "contact_size": 0.5},
+    bodies = [{"name": name, "mesh": {"geometry": "all.step", "part": k, "size": 2.0, "contact_size": 1.0},
                "material": {"young": 1.0, "poisson": 0.3}} | ({"clamp": [1]} if k == block else {})
               for k, name in enumerate(("block", "pin", "tube"), 1)]
     return {"body": bodies, "rigid": [{"name": "wall", "shape": "plane", "point": [0, 0, -1], "normal": [0, 0, 1]}],
@@ -200,7 +200,8 @@ def drawn_parts(tmp_path) -> dict:
 
 def test_numbered_faces_are_told_and_proposed(looked_at, tmp_path):
     """Faces of a drawing without names: number, kind and size; those of one contact are proposed together."""
-    text = looked_at(drawn_parts(tmp_path))
+    scene = drawn_parts(tmp_path)
+    text = looked_at(scene)
     for words in (r"\n    5: plane, normal -z, 16 m², about \(0, 0, -1\)\n", r"\n    \d+: cylinder, r 1, 3.142 m²",
                   r"\n    \d+: cylinder, r 0.5, hollow, 1.571 m²", r"; groups by number\n"):
         assert re.search(words, text), words
@@ -210,7 +211,6 @@ def test_numbered_faces_are_told_and_proposed(looked_at, tmp_path):
     assert [each["bodies"] for each in new] == [["block", "pin"], ["block", "tube"], ["pin", "tube"]]
     faces = [[on if isinstance(on, list) else [on] for on in each["on"]] for each in new]
     assert [[len(on) for on in pair] for pair in faces] == [[1, 2], [1, 2], [2, 2]]
-    scene = drawn_parts(tmp_path)
     assert not proposed(looked_at(scene | {"contact": scene["contact"] + new}))
 
 

@@ -18,7 +18,7 @@ from ddmpi.scene.reader import read_scene_file
 @pytest.mark.slow
 def test_an_assembly_becomes_a_scene(tmp_path, caplog, monkeypatch):
     """Its parts are bodies by name, or else by number, with contacts where they touch; check proposes no others."""
-    monkeypatch.setattr(nearby, "FINE", 4.0)
+    monkeypatch.setattr(nearby, "FINE", 2.0)
     drawn_parts(tmp_path)
     step = tmp_path / "all.step"
     step.write_text(re.sub(r"'Open CASCADE STEP translator [\d.]+ \d+\.1'", "'a block'", step.read_text()))

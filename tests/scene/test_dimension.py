@@ -1,6 +1,8 @@
 """Scenes in the plane and in space: what says which, what is filled in, and what belongs to the other one."""
 
+import numpy as np
 import pytest
+from test_scene import message
 
 from ddmpi.errors import InputError
 from ddmpi.scene.reader import read_scene, write_toml
@@ -127,16 +129,18 @@ REFUSED = [
      "body.upper.material.angle: the axes 1, 2, 3 of solids are x, y, z; leave it out"),
     (SOLID, "body.upper.material={young=[3e9, 2e9, 1e9], poisson=[0.3, 0.3, 0.3], shear=1e9}",
      "body.upper.material.shear: solids have shear = [G12, G13, G23]"),
-    (SOLID, "rigid.ball={name='ball', shape='circle', center=[0, 0, 0], radius=1}",
+    (SOLID, "rigid.0={name='ball', shape='circle', center=[0, 0, 0], radius=1}",
      "rigid.ball.shape: a circle is a shape in the plane; in space there are plane, sphere, cylinder; this scene is "
      "in space, as body.upper.mesh.shape = box"),
-    (PLANE, "rigid.floor={name='floor', shape='sphere', center=[0, 0, 0], radius=1}",
+    (PLANE, "rigid.0={name='floor', shape='sphere', center=[0, 0, 0], radius=1}",
      "rigid.floor.shape: a sphere is a shape in space; in the plane there are plane, circle"),
     (SOLID, "axisymmetric=true",
      "axisymmetric: axisymmetric bodies are drawn in the half-plane x >= 0; this scene is in space, as "
      "body.upper.mesh.shape = box"),
     (AROUND, "body.upper.clamp=[{on='left', z=0.1}]",
      "body.upper.clamp.0.z: nothing is twisted around the axis; this scene is around an axis, as axisymmetric = true"),
+    (PLANE, "rigid.0={name='floor', shape='plane', point=[0, -1], normal=[0, 1], displacement=[0, 0], force=[0, 0, 1]}",
+     "rigid.floor.force: [0.0, 0.0, 1.0] is in space"),
     (PLANE, "output.mirrored=true", "output.mirrored: shows the other half of axisymmetric bodies"),
     (SOLID, "rigid.shaft.axis=[0, 0, 0]", "rigid.shaft: axis must not be zero"),
     (SOLID, "body.upper.mesh.size=[3, 1]",
@@ -151,8 +155,11 @@ REFUSED = [
 @pytest.mark.parametrize("text, setting, words", REFUSED, ids=[setting[:60] for _, setting, _ in REFUSED])
 def test_what_belongs_to_the_other_dimension_is_refused(text, setting, words):
     """One message with the key says what does not belong into this scene."""
-    if "rigid." in setting and "={" in setting:
-        setting = setting.replace("rigid.ball", "rigid.0").replace("rigid.floor", "rigid.0")
-    with pytest.raises(InputError) as error:
-        scene(text, setting)
-    assert str(error.value).startswith(f"case.toml: {words}"), error.value
+    assert message(setting, text=text).startswith(f"case.toml: {words}")
+
+
+def test_expansions_along_three_axes_are_no_place_in_space():
+    """An orthotropic material has three of them, in the plane as well."""
+    material = "material={young=[3, 2, 1], poisson=[0.3, 0.2, 0.1], shear=1, expansion=[1e-5, 2e-5, 3e-5]}"
+    warm = scene(PLANE, f"body.upper.{material}", "body.upper.temperature=10.0").body[0]
+    assert np.diag(warm.material.expansions) == pytest.approx([1e-5, 2e-5, 3e-5])

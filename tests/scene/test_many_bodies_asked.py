@@ -1,14 +1,14 @@
 """Scenes of any number of bodies, contacts and rigid partners: what is read, and what is refused in which words."""
 
 import tomllib
+from functools import partial
 
 import pytest
+import test_scene
 from scenes import to_toml
 
 from ddmpi.errors import InputError
 from ddmpi.scene.contacts import Circle, Coulomb, Gap, NoFriction, Plane
-from ddmpi.scene.reader import read_scene
-from ddmpi.scene.scene import Settled
 
 TEXT = """
 rigid = [{ name = "floor", shape = "plane", point = [0.0, 0.0], normal = [0.0, 1.0] },
@@ -56,15 +56,7 @@ material = { young = 2e11, poisson = 0.3 }
 DATA = tomllib.loads(TEXT)
 
 
-def scene(*settings: str, text: str = TEXT) -> Settled:
-    return read_scene("case.toml", text, list(settings))
-
-
-def message(*settings: str, text: str = TEXT) -> str:
-    with pytest.raises(InputError) as error:
-        scene(*settings, text=text)
-    assert error.value.exit_code == 2
-    return str(error.value)
+scene, message = (partial(function, text=TEXT) for function in (test_scene.scene, test_scene.message))
 
 
 def test_assembly_is_read():
@@ -141,10 +133,7 @@ REFUSED = [
 @pytest.mark.parametrize(("settings", "words"), REFUSED, ids=[str(settings)[:60] for settings, _ in REFUSED])
 def test_refusal_names_file_key_and_remedy(settings, words):
     """A wrong assembly is refused in one line that names file, key and what would be right."""
-    text = message(*([settings] if isinstance(settings, str) else settings))
-    assert text.startswith(("case.toml: ", "--set ")) and "\n" not in text
-    for part in words.split("|"):
-        assert part in text
+    test_scene.refuses(settings, words, TEXT)
 
 
 FIT = {"bodies": ["shaft", "hub"], "on": ["outer", "inner"]}

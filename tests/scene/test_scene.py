@@ -4,13 +4,14 @@ import datetime
 import json
 import re
 import tomllib
+from collections.abc import Iterator
 from decimal import Decimal
 from enum import StrEnum
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
-from msgspec import inspect
 
 from ddmpi.errors import InputError
 from ddmpi.scene.bodies import Clamp, Material
@@ -61,10 +62,20 @@ def scene(*settings: str, text: str = TEXT) -> Settled:
 
 
 def message(*settings: str, text: str = TEXT) -> str:
+    """The words by which a scene is refused."""
     with pytest.raises(InputError) as error:
         scene(*settings, text=text)
-    assert error.value.exit_code == 2
-    return str(error.value)
+    said = str(error.value)
+    assert error.value.exit_code == 2 and said.startswith(("case.toml: ", "--set "))
+    return said
+
+
+def refuses(settings: str | list[str], words: str, text: str = TEXT) -> None:
+    """The message is one line, and has all parts of `words`, which stand between bars."""
+    said = message(*([settings] if isinstance(settings, str) else settings), text=text)
+    assert "\n" not in said
+    for part in words.split("|"):
+        assert part in said
 
 
 PROFILE = "contact.upper-lower.friction.coefficient"
@@ -197,10 +208,7 @@ REFUSED = [
 @pytest.mark.parametrize(("settings", "words"), REFUSED, ids=[str(settings)[:60] for settings, _ in REFUSED])
 def test_refusal_names_file_key_and_remedy(settings, words):
     """A wrong scene is refused in one line that names file, key and what would be right."""
-    text = message(*([settings] if isinstance(settings, str) else settings))
-    assert text.startswith("case.toml: ") and "\n" not in text
-    for part in words.split("|"):
-        assert part in text
+    refuses(settings, words)
 
 
 BAD_SETTINGS = [
@@ -219,9 +227,7 @@ BAD_SETTINGS = [
 @pytest.mark.parametrize(("setting", "words"), BAD_SETTINGS)
 def test_bad_setting_is_refused(setting, words):
     """A setting that leads nowhere is refused, with the key as it was written."""
-    text = message(setting)
-    for part in words.split("|"):
-        assert part in text
+    refuses(setting, words)
 
 
 @pytest.mark.parametrize(("removed", "key"), [
@@ -286,9 +292,10 @@ def test_unreadable_files_are_refused(tmp_path):
 
 
 def test_overrides_reach_every_part():
-    """`--set` changes any key, entries of lists by name or number."""
+    """`--set` changes any key, entries of lists by name or number; the last setting wins; absent tables are made."""
     changed = scene(
-        "body.upper.material.young=1e9", "body.1.material.poisson=0.1", "body.upper.mesh.divisions=[12, 4]",
+        "method.theta=0.4", "body.upper.material.young=1e9", "body.1.material.poisson=0.1",
+        "body.upper.mesh.divisions=[12, 4]",
         "body.upper.mesh.size.0=4.0", "body.upper.traction.0.value=[1.0, 2.0]", "body.upper.clamp.0=top",
         'contact.0.on=["a", "b"]', "method.theta = 0.3", "petsc.qp_tao_type=gpcg", "petsc.body_ksp_max_it=3",
         "petsc.log_view=true", "title=a new = title")
@@ -301,6 +308,11 @@ def test_overrides_reach_every_part():
     assert changed.petsc == {"body_ksp_rtol": 1e-9, "body_ksp_max_it": 3, "qp_tao_type": "gpcg",
                              "log_view": True}
     assert changed.title == "a new = title"
+    bare = scene("petsc.a=1", "checkpoint.iterations=3", text=TEXT.partition("[method]")[0])
+    assert (bare.petsc, bare.checkpoint.iterations) == ({"a": 1}, 3)
+    data = {"body": [{"mesh": {}}, {"name": "lower"}]}  # one without a name counts, too
+    override(data, "body.lower.x", 1)
+    assert data["body"] == [{"mesh": {}}, {"name": "lower", "x": 1}]
 
 
 def test_values_of_a_program_become_those_of_a_scene():
@@ -340,14 +352,6 @@ def test_dates_are_refused_by_their_key(value):
         build_cases("case.toml", data, ["title=a,b"])
 
 
-def test_overrides_apply_in_order_and_make_absent_tables():
-    """Settings apply in order, also to tables that the file does not have."""
-    assert scene("method.theta=0.3", "method.theta=0.4").method.theta == 0.4
-    bare = WITHOUT_METHOD.replace("[petsc]\nbody_ksp_rtol = 1e-9\n", "")
-    changed = scene("method.tolerance=1e-6", "petsc.a=1", text=bare)
-    assert (changed.method.tolerance, changed.petsc) == (1e-6, {"a": 1})
-
-
 SECOND = """
 [[contact]]
 bodies = ["upper", "lower"]
@@ -385,13 +389,6 @@ def test_contacts_have_names():
                      ['contact.0.bodies=["lower", "upper"]', f"contact.lower-upper.{key}"]):
         assert scene(*settings).contact[0].friction == Coulomb(coefficient=0.5)
     assert "there is no entry 'upper-lower'" in message("contact.0.name=joint", f"contact.upper-lower.{key}")
-
-
-def test_entries_are_found_by_name_where_others_have_none():
-    """`--set` counts entries without a name, too."""
-    data = {"body": [{"mesh": {}}, {"name": "lower"}]}
-    override(data, "body.lower.x", 1)
-    assert data == {"body": [{"mesh": {}}, {"name": "lower", "x": 1}]}
 
 
 def test_differences_are_named_by_key():
@@ -474,35 +471,21 @@ def test_elements_have_the_order_of_the_files():
         orders(upper=2, lower=1)
 
 
-def inside(kind: inspect.Type) -> list[inspect.Type]:
-    """The types that a list, a table of free names or a union consists of."""
-    one = [getattr(kind, name) for name in ("item_type", "value_type") if hasattr(kind, name)]
-    return [*one, *getattr(kind, "item_types", ()), *getattr(kind, "types", ())]
-
-
-def tables(kind: inspect.Type) -> dict[str, inspect.StructType]:
-    """All tables of a `kind` by name, itself included."""
-    fields = getattr(kind, "fields", ())
-    found = {kind.cls.__name__: kind} if fields else {}
-    for each in [*(field.type for field in fields), *inside(kind)]:
-        found |= tables(each)
-    return found
-
-
-def floats(kind: inspect.Type) -> list[inspect.FloatType]:
-    """The numbers in a `kind`, those of further tables left aside."""
-    if isinstance(kind, inspect.FloatType):
-        return [kind]
-    return [number for each in inside(kind) for number in floats(each)]
+def within(node: object) -> Iterator[dict]:
+    """All objects of a JSON schema."""
+    if isinstance(node, dict):
+        yield node
+    for inner in node.values() if isinstance(node, dict) else node if isinstance(node, list) else ():
+        yield from within(inner)
 
 
 def test_numbers_are_finite():
-    """No key of a scene takes inf or nan."""
-    numbers = [(name, field.name, kind) for name, table in tables(inspect.type_info(Scene)).items()
-               for field in table.fields for kind in floats(field.type)]
-    assert len(numbers) > 20
-    for name, key, kind in numbers:
-        assert (kind.ge, kind.gt) != (None, None) and (kind.le, kind.lt) != (None, None), f"{name}.{key}"
+    """No key of a scene takes inf or nan: all numbers have limits."""
+    numbers = [node for node in within(msgspec.json.schema(Scene)) if node.get("type") == "number"]
+    assert len(numbers) > 40
+    for number in numbers:
+        for limit in ("minimum", "maximum"):
+            assert {limit, f"exclusive{limit.capitalize()}"} & number.keys(), number
 
 
 def test_method_without_parameters_by_default():

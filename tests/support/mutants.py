@@ -105,6 +105,8 @@ MUTANTS = [Mutant(*row) for row in (
      "scene/test_dimension.py::test_what_belongs_to_the_other_dimension_is_refused"),
     ("tables within tables are one value", "scene/keys", "if isinstance(value, dict):\n", "if False:\n",
      "scene/test_scene.py::test_differences_are_named_by_key"),
+    ("three expansions are a place in space", "scene/scene", '"expansion", "view"', '"view"',
+     "scene/test_dimension.py::test_expansions_along_three_axes_are_no_place_in_space"),
     ("an unknown key has no name", "scene/keys", "[*named, found[2]]", "[*named, found[3]]",
      "scene/test_scene.py::test_refusal_names_file_key_and_remedy"),
     # mesh
@@ -817,7 +819,7 @@ MUTANTS = [Mutant(*row) for row in (
     ("fields of all cycles are kept", "run/gather", "if row[0] <= since]", "]", f"{CYCLES}::test_files_of_cycles"),
     ("where a cycle began is forgotten at a restart", "run/steps", '"_began", "_planned"', '"_planned"',
      f"{CYCLES}::test_a_run_goes_on_within_cycles"),
-    ("a cycle may end with other loads", "scene/method", "abs(first - last) > SAME", "abs(first - last) > 3.0",
+    ("a cycle may end with other loads", "scene/method", "abs(first - last) > ALIKE", "abs(first - last) > 3.0",
      f"{CYCLES}::test_what_cycles_cannot_be_is_refused"),
     ("a direct direction forgets that friction follows pressure", "methods/dense",
      "both[nodes] += np", "both[nodes] += 0.0 * np",
