@@ -100,7 +100,8 @@ class Joint:
                                                        if isinstance(member, FarMember)}):
                 blocks |= resisting
             self._resisting = {history: sparse.block_diag([blocks.get(name, {}).get(history, np.zeros((
-                at.stop - at.start,) * 2)) for name, at in self.slices.items()], "csr") for history in histories}
+                at.stop - at.start,) * 2)) for name, at in self.slices.items()], "csr") for history in histories
+                if any(history in by_history for by_history in blocks.values())}
         self._pulled = {name: self.of_all([member.response(name)[1] for member in members],
                                            [(partner.history == name) * partner.push for partner in self.driven])
                         for name in histories}
@@ -310,7 +311,7 @@ class FarMember(Member):
         other._join(interfaces)
         other._B = other._rows()
         other.size = other._B.shape[0]
-        W, d = other._B @ self._B.T, len(turned)  # its rows are unit vectors
+        W, d = other._B[:, self._B.indices], len(turned)  # rows of `self._B` are unit vectors: W = B B₀ᵀ
         if self.free:
             other.motions = self.free.motions(self._drawn, turned)
         other.G = np.vstack([np.empty((0, other.size)), *(other.trace(motion)[None] for motion in

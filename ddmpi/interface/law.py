@@ -150,7 +150,7 @@ class Law:
         return ActiveSet(pressure, normal > self.least, slip, bound, excess)
 
     def sticking(self, closed: np.ndarray, falls: np.ndarray) -> ActiveSet:
-        """A first guess: the nodes `closed` (m,), and all of a two-sided law, are closed and stick, the others are open.
+        """A first guess: the nodes `closed` (m,), and all of a two-sided law, are closed and stick; others are open.
 
         Nodes that `falls` (m,) marks have no Coulomb friction: before their body has fallen onto its partner, the
         direction of their slip is unknown.
@@ -226,8 +226,8 @@ class Law:
         return float(np.max(np.abs(gap) if self.two_sided else -gap, initial=0.0))
 
     def complementarity(self, normal: np.ndarray, gap: np.ndarray) -> tuple[float, float]:
-        """Work Σ s_ν |gap| of the pressure at gaps (N m), and the largest tension (N), of normal forces (m,); zero for a
-        two-sided law, which allows any normal force."""
+        """Work Σ s_ν |gap| of the pressure at gaps (N m), and the largest tension (N), of normal forces (m,); zero for
+        a two-sided law, which allows any normal force."""
         if self.two_sided:
             return 0.0, 0.0
         return (float(np.maximum(normal, 0.0) @ np.abs(gap)), float(np.maximum(-normal, 0.0).max(initial=0.0)))

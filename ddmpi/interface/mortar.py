@@ -100,10 +100,11 @@ def mortar(first: Side, second: Side, contact: SettledContact, over: Cover | Non
     # Rows are merged twice: nodes that are hardly covered first, then rows that clamps nearly fix. Where two contacts
     # share a facet, its nodes carry rows of both, so coverage is that of the facet's own functions.
     root = _merged(side, over, _functions(side, over, over.at) if side.parted else psi)
-    rows = _rows(sides, slave, over, psi, root)
+    points = between(sides, slave, over)
+    rows = _rows(points, sides, slave, over, psi, root)
     free = _unbound(rows, root, holds_along(contact))
     if (free != root).any():
-        rows = replace(_rows(sides, slave, over, psi, free), bound=free != root)
+        rows = replace(_rows(points, sides, slave, over, psi, free), bound=free != root)
     return build(replace(rows, covered=outlined(side, over, hats)), contact, moved)
 
 
@@ -197,15 +198,15 @@ def _choose_slave(sides: tuple[Side, Side], contact: SettledContact, faced: Sequ
     return slave
 
 
-def _rows(sides: tuple[Side, Side], slave: int, over: Cover, psi: sparse.csr_matrix, root: np.ndarray) -> Rows:
-    """The rows of the slave, `sides[slave]`. A node uses the row of its `root` (k,)."""
+def _rows(points: Places, sides: tuple[Side, Side], slave: int, over: Cover, psi: sparse.csr_matrix,
+          root: np.ndarray) -> Rows:
+    """The rows of the slave, `sides[slave]`, with the `points` of `over`. A node uses the row of its `root` (k,)."""
     side, other, shown = sides[slave], sides[1 - slave], np.flatnonzero(root >= 0)
     coefficients = sparse.csr_matrix((np.ones(len(shown)), (root[shown], shown)), (len(root), len(root)))
-    points = between(sides, slave, over)
     at = points.transfer[::1 if slave == 0 else -1]
     # n_j ∝ n_slave − P n_master: opposite sides contribute alike, so that swapping the roles changes little.
     across = at[0] @ _normals(side, over.facet) - at[1] @ _normals(other, over.other)
-    rows = rows_of(sides, slave, over, psi, coefficients, across, points=points)
+    rows = rows_of(sides, slave, over, psi, coefficients, across, points)
     place = np.where(root >= 0, rows.place[root], -1)
     row = place[side.facets[over.facet]]
     rows = replace(rows, place=place, arc=side.arc[rows.nodes] if slave == 0 else

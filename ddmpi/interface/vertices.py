@@ -84,8 +84,13 @@ def rows_at_vertices(sides: tuple[Side, Side], slave: int, over: Cover, looked: 
     across = -at_points(over.there, other.corners[over.other], len(other.nodes)) @ other.normal
     if np.isfinite(other.modulus):  # else the rigid partner's normal alone
         across += at_points(over.at, side.corners[over.facet], len(met)) @ side.normal
-    coefficients = _shared(met, shares, near)
-    rows = rows_of(sides, slave, over, psi, coefficients @ mix, across, coefficients @ dual)
+    points = between(sides, slave, over)
+
+    def shared() -> Rows:
+        coefficients = _shared(met, shares, near)
+        return rows_of(sides, slave, over, psi, coefficients @ mix, across, points, coefficients @ dual)
+
+    rows = shared()
     # The rows tell which of them clamps nearly fix; then they are made again without these vertices.
     fixed = _hardly_move(rows)
     if holds_along(contact) and np.isfinite(other.modulus):
@@ -93,8 +98,7 @@ def rows_at_vertices(sides: tuple[Side, Side], slave: int, over: Cover, looked: 
     fixed &= ~kept[rows.nodes]
     if fixed.any() and not fixed.all():
         shares[rows.nodes[fixed]] = True
-        coefficients = _shared(met, shares, near)
-        rows = rows_of(sides, slave, over, psi, coefficients @ mix, across, coefficients @ dual)
+        rows = shared()
     facets = rows.place[side.corners]
     complete = (facets >= 0).all(axis=1)
     lines = Lines(np.arange(len(rows.nodes)), side.xy[rows.nodes], rows.area, facets[seen & complete],
