@@ -30,7 +30,7 @@ from ddmpi.scene.meshes import Freed, frames_of, freed_part, parts_of
 from ddmpi.scene.scene import Settled
 from ddmpi.surface.side import Side
 from ddmpi.system.agreement import agreed
-from ddmpi.system.numbers import Frame, norm
+from ddmpi.system.numbers import ROUNDING, Frame, norm
 
 STEERING = 0.1
 """With an iterative solver, a product in GMRES needs no more relative precision than this times the ratio by which
@@ -38,9 +38,6 @@ GMRES has still to reduce its residual (Bouras and Frayssé, SIAM J. Matrix Anal
 
 STEPS, MOST = 100, 4000
 """Bodies that move far have compliances for this many load steps, of at most this many nodes (in space 1.1 GiB)."""
-
-BALANCED = 1e-12
-"""A driven partner is in equilibrium if its imbalance is below this fraction of its force and all contact forces."""
 
 
 class Joint:
@@ -243,7 +240,7 @@ class Joint:
         """Whether the imbalance `left` of driven partners is rounding beside their forces and those of contacts, whose
         norm is `size` (N)."""
         motions = [self.slices[partner.name] for partner in self.driven]
-        return all(norm(left[at]) <= BALANCED * (norm(self.e[at]) + size) for at in motions)
+        return all(norm(left[at]) <= ROUNDING * (norm(self.e[at]) + size) for at in motions)
 
     def multiplications(self) -> int:
         """Multiplications by A_a⁻¹ so far, of all bodies."""

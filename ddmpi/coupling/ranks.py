@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Sequence
 from typing import TypeVar
 
 from mpi4py import MPI
 
-from ddmpi.coupling.team import Team
+from ddmpi.coupling.team import Team, wait
 from ddmpi.errors import DdmpiError, InputError, NotConvergedError
 from ddmpi.scene.meshes import MeshSpec
 from ddmpi.scene.scene import Settled
@@ -17,9 +16,6 @@ from ddmpi.system.agreement import agree, in_lockstep
 from ddmpi.system.memory import give_back
 
 T = TypeVar("T")
-
-NAP = 0.01
-"""Seconds between two tests of an idle rank for messages."""
 
 _TEAM = MPI.Comm.Create_keyval()
 """The attribute of the roots' communicator that holds the team of its rank."""
@@ -77,10 +73,7 @@ class WorkingRanks:
                 raise failure
             team.stop()
         if team is not None:
-            # Test and sleep: a blocking barrier keeps a core busy for every rank that waits.
-            over = self.world.Ibarrier()
-            while not over.Test():
-                time.sleep(NAP)
+            wait(self.world.Ibarrier())
             self._lost = False
             agree(self.world, failure)
         self._failed = self._lost = False

@@ -23,7 +23,8 @@ from ddmpi.scene.contacts import Coulomb, Friction, Tresca
 from ddmpi.sets import Box, Discs, magnitude, shorten
 
 ON_BOUND = 1e-8
-"""Relative distance to its slip bound below which a tangential force counts as lying on it."""
+"""Relative distance to its bound below which a force counts as lying on it: a tangential force on the slip bound, a
+normal one, beside the largest, on zero, so that the node is open."""
 
 NO_BOUND = sys.float_info.max
 """The slip bound (N) of bonded nodes: no force reaches it. It is finite, as inf − inf would be NaN."""

@@ -9,12 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ddmpi.interface.interface import Interface
-from ddmpi.interface.law import Law
+from ddmpi.interface.law import ON_BOUND, Law
 from ddmpi.sets import magnitude
 from ddmpi.system.numbers import ALIKE, RigidMotion, moment
-
-CLOSED = 1e-8
-"""A node is open, unless bonded, if its normal force is at most this fraction of the largest."""
 
 RESULTANTS = ("force", "moment", "normal_force", "tangential_force", "open", "slip", "stick", "dissipated")
 """The entries of `ContactTotals` that are written at every load step."""
@@ -270,7 +267,7 @@ def contact_state(interface: Interface, s: np.ndarray, bound: np.ndarray, u: np.
         slip = slides[0] - before
     # nodes without tangential unknowns stick, or slip if the contact has no friction; open nodes are neither
     status, resistance = np.full(m, "slip" if law.frictionless else "stick", dtype="U5"), np.zeros(m)
-    slips, closed = law.reaches_bound(s, bound), law.closed(s, CLOSED)
+    slips, closed = law.reaches_bound(s, bound), law.closed(s, ON_BOUND)
     status[sliding[slips]] = "slip"
     status[~closed] = "open"
     # trapezoidal rule for ∫ g d|u_t|; an open node dissipates only under a bound that needs no pressure, as Tresca's

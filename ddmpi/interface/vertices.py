@@ -27,9 +27,7 @@ from ddmpi.mesh.boundary import creases, links
 from ddmpi.scene.contacts import SettledContact
 from ddmpi.surface.cut import Cover
 from ddmpi.surface.side import Side, nodal
-
-SLIVER = 1e-6
-"""A facet covered by a smaller fraction has constant dual functions."""
+from ddmpi.system.numbers import SAME
 
 UNCOVERED, STRIP = 0.15, 0.35
 """A node shares its function if less than this fraction of it is covered, as its row would nearly depend on others: in
@@ -60,7 +58,7 @@ def rows_at_vertices(sides: tuple[Side, Side], slave: int, over: Cover, looked: 
     kept, hats = clamped & quadratic, over.at if contact.two_sided else inset(side, over, looked)
     psi = over.weight[:, None] * hats
     if not contact.two_sided:
-        psi = duals(side, over, hats, SLIVER, 1.0 / 3.0, kept[side.corners])
+        psi = duals(side, over, hats, SAME, 1.0 / 3.0, kept[side.corners])
     psi = at_points(psi, side.corners[over.facet], len(met))
     integrals = np.asarray(psi.sum(axis=0)).ravel()
     dual = mix = sparse.identity(len(met), format="csr")

@@ -316,7 +316,7 @@ MUTANTS = [Mutant(*row) for row in (
     ("arc length along the second body", "interface/mortar", "side.arc[rows.nodes] if slave == 0 else",
      "side.arc[rows.nodes] if True else",
      ARC),
-    ("held rows like others", "interface/mortar", "    if (free != root).any():", "    if False:",
+    ("held rows like others", "interface/mortar", "        if (free != root).any():", "        if False:",
      f"{MORTAR}::test_rows_that_clamps_nearly_hold_are_shared"),
     ("shifts without their weights", "methods/half_space", " * dn / cn**2", "",
      "methods/test_newton.py::test_half_space_of_a_closed_chain"),
