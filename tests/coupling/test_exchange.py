@@ -318,15 +318,3 @@ def test_newton_moves_interface_vectors_only(comm):
         assert len(traffic.calls) == 3 * products + counts
         assert exchange.sent["messages"] - messages == len(traffic.lengths)
         assert exchange.sent["bytes"] - sent == WORD * sum(traffic.lengths)
-
-
-@pytest.mark.mpi(ranks=3)
-def test_a_product_is_a_message_there_and_back(comm):
-    """More bodies: a rank tells its neighbours only, by one message each, and all ranks agree once."""
-    assembly = scenes.prepare_scene(comm, scenes.tower(3, 2))
-    joint, exchange = assembly.joint, assembly.exchange
-    messages, reductions = exchange.sent["messages"], exchange.sent["reductions"]
-    joint.product(np.ones(joint.size), "newton", 0.0)
-    neighbours = {rank for ends in exchange.ends for rank in ends[1:]} - {comm.rank}
-    assert exchange.sent["messages"] - messages == len(neighbours) < comm.size
-    assert exchange.sent["reductions"] - reductions == 1
