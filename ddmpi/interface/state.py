@@ -349,22 +349,14 @@ def forces_by_node(interface: Interface, s: np.ndarray) -> dict[str, np.ndarray]
     """The forces s (size,) of the rows of a contact, in the form of `rows_of`."""
     tangential = np.zeros((interface.m, interface.dimension - 1))
     tangential[interface.sliding] = s[interface.m:].reshape(-1, interface.dimension - 1)
-    return {"node": slave_nodes(interface), "normal": s[:interface.m, None], "tangential": tangential}
+    return {"node": interface.stands, "normal": s[:interface.m, None], "tangential": tangential}
 
 
 def values_by_node(interface: Interface, contacts: Rows, what: str) -> np.ndarray:
     """Values (m, ·) of earlier rows at the slave's nodes of the rows of `interface`; zero where there was none."""
-    number, rows = slave_nodes(interface), contacts.get(interface.name)
+    number, rows = interface.stands, contacts.get(interface.name)
     if rows is None or not len(rows["node"]):
         return np.zeros((interface.m, 1 if what == "normal" else interface.dimension - 1))
     whole = np.zeros((max(number.max(initial=0), rows["node"].max()) + 1, rows[what].shape[1]))
     whole[rows["node"]] = rows[what]
     return whole[number]
-
-
-def slave_nodes(interface: Interface) -> np.ndarray:
-    """(m,) the slave's node of each row, by its number in the mesh."""
-    side = interface.side(interface.slave) if interface.slave else 0
-    transfer = interface.transfer[side].tocoo()
-    order = np.lexsort((transfer.col, -transfer.data, transfer.row))  # a row's largest entry first
-    return interface.nodes[side][transfer.col[order[np.flatnonzero(np.diff(transfer.row[order], prepend=-1))]]]
