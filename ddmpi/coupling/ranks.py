@@ -54,25 +54,23 @@ class WorkingRanks:
         if team is not None:
             give_back()  # several ranks a body are used where memory is short; else page faults cost a sixth of a run
         self._failed = self._lost = True  # until it is known how the work ends
-        if team is None:
-            try:
+        try:
+            if team is None or team.comm.rank == 0:
                 result = work(self._roots)
-            except DdmpiError as error:
-                self._lost, self._failed = not error.agreed, not isinstance(error, NotConvergedError)
-                raise
-        elif team.comm.rank:
-            team.serve()
-        else:
-            try:
-                result = work(self._roots)
-            except DdmpiError as error:
-                failure = error
+            else:
+                team.serve()
+        except DdmpiError as error:
+            failure = error
+        if team is None and failure:
+            self._lost, self._failed = not failure.agreed, not isinstance(failure, NotConvergedError)
+            raise failure
+        if team is not None:
             # ranks of a lost team hang in a collective call of PETSc; an error without agreement ends all processes
             if team.lost and failure:
                 failure.agreed = False
                 raise failure
-            team.stop()
-        if team is not None:
+            if team.comm.rank == 0:
+                team.stop()
             wait(self.world.Ibarrier())
             self._lost = False
             agree(self.world, failure)

@@ -196,7 +196,6 @@ def exchange_of_two(comm, first: int = 0) -> Exchange:
 # Errors
 
 WAYS = {"collect": lambda bodies, about: bodies.exchange.collect(bodies.of_bodies(), about),
-        "total": lambda bodies, about: bodies.exchange.total(bodies.of_bodies(), about),
         "meet": lambda bodies, about: bodies.exchange.meet(about)}
 
 
