@@ -25,10 +25,7 @@ from ddmpi.interface.interface import Interface
 from ddmpi.petsc.events import event
 from ddmpi.scene.contacts import Rigid, SettledContact
 from ddmpi.system.agreement import agreed
-from ddmpi.system.numbers import Frame, crossed
-
-UNTURNED = 1e-9
-"""A turn moves no node if it moves all by less than this fraction of what another turn does."""
+from ddmpi.system.numbers import ALIKE, Frame, crossed
 
 
 @dataclass(frozen=True)
@@ -78,9 +75,9 @@ class Driven:
         sizes = np.array([space.largest(np.array([np.linalg.norm(
             crossed(turn[None], at - pivot) + shift, axis=1).max() for at in nodes]))
             for turn, shift in zip(turns, shifts, strict=True)])
-        # if all nodes lie on the axis of a turn, nothing resists it, and any size will do
+        # if all nodes lie on the axis of a turn, it moves none beside other turns; nothing resists it, any size will do
         most = sizes.max(initial=0.0) or np.linalg.norm(arm) or 1.0
-        sizes = np.where(sizes > UNTURNED * most, sizes, most)
+        sizes = np.where(sizes > ALIKE * most, sizes, most)
         driven = cls(rigid.name, rigid.history, axes, np.empty(0), pivot, turns, shifts, sizes)
         return replace(driven, push=driven.along(np.array(rigid.force or np.zeros(d)), np.array(rigid.moment or 0.0)))
 

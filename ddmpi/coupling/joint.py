@@ -30,7 +30,7 @@ from ddmpi.scene.meshes import Freed, frames_of, freed_part, parts_of
 from ddmpi.scene.scene import Settled
 from ddmpi.surface.side import Side
 from ddmpi.system.agreement import agreed
-from ddmpi.system.numbers import Frame, norm
+from ddmpi.system.numbers import ROUNDING, Frame, norm
 
 STEERING = 0.1
 """With an iterative solver, a product in GMRES needs no more relative precision than this times the ratio by which
@@ -38,9 +38,6 @@ GMRES has still to reduce its residual (Bouras and Frayssé, SIAM J. Matrix Anal
 
 STEPS, MOST = 100, 4000
 """Bodies that move far have compliances for this many load steps, of at most this many nodes (in space 1.1 GiB)."""
-
-BALANCED = 1e-12
-"""A driven partner is in equilibrium if its imbalance is below this fraction of its force and all contact forces."""
 
 
 class Joint:
@@ -100,7 +97,8 @@ class Joint:
                                                        if isinstance(member, FarMember)}):
                 blocks |= resisting
             self._resisting = {history: sparse.block_diag([blocks.get(name, {}).get(history, np.zeros((
-                at.stop - at.start,) * 2)) for name, at in self.slices.items()], "csr") for history in histories}
+                at.stop - at.start,) * 2)) for name, at in self.slices.items()], "csr") for history in histories
+                if any(history in by_history for by_history in blocks.values())}
         self._pulled = {name: self.of_all([member.response(name)[1] for member in members],
                                            [(partner.history == name) * partner.push for partner in self.driven])
                         for name in histories}
@@ -242,7 +240,7 @@ class Joint:
         """Whether the imbalance `left` of driven partners is rounding beside their forces and those of contacts, whose
         norm is `size` (N)."""
         motions = [self.slices[partner.name] for partner in self.driven]
-        return all(norm(left[at]) <= BALANCED * (norm(self.e[at]) + size) for at in motions)
+        return all(norm(left[at]) <= ROUNDING * (norm(self.e[at]) + size) for at in motions)
 
     def multiplications(self) -> int:
         """Multiplications by A_a⁻¹ so far, of all bodies."""
@@ -310,7 +308,7 @@ class FarMember(Member):
         other._join(interfaces)
         other._B = other._rows()
         other.size = other._B.shape[0]
-        W, d = other._B @ self._B.T, len(turned)  # its rows are unit vectors
+        W, d = other._B[:, self._B.indices], len(turned)  # rows of `self._B` are unit vectors: W = B B₀ᵀ
         if self.free:
             other.motions = self.free.motions(self._drawn, turned)
         other.G = np.vstack([np.empty((0, other.size)), *(other.trace(motion)[None] for motion in

@@ -22,9 +22,7 @@ from ddmpi.interface.trace import components, displacement_trace, nodal_forces, 
 from ddmpi.kept.kept import Kept
 from ddmpi.petsc.events import event
 from ddmpi.petsc.options import ask, asked_for
-
-PRECISE = 1e-12
-"""Relative residual of an iterative solver in the last solve, which the certificate checks."""
+from ddmpi.system.numbers import ROUNDING
 
 
 class Member:
@@ -364,7 +362,7 @@ class Member:
             f.aypx(-1.0, b)
             load = self._balanced(f)
             if load.norm() > 0.0:
-                self.C.solve(load, u, purpose, PRECISE)
+                self.C.solve(load, u, purpose, ROUNDING)  # the certificate checks this solve
             if self._centring:
                 u.array[:] = self._centring.centre(u.array_r)
             Au = u.duplicate()

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Sequence
 from typing import TypeVar
 
 from mpi4py import MPI
 
-from ddmpi.coupling.team import Team
+from ddmpi.coupling.team import Team, wait
 from ddmpi.errors import DdmpiError, InputError, NotConvergedError
 from ddmpi.scene.meshes import MeshSpec
 from ddmpi.scene.scene import Settled
@@ -17,9 +16,6 @@ from ddmpi.system.agreement import agree, in_lockstep
 from ddmpi.system.memory import give_back
 
 T = TypeVar("T")
-
-NAP = 0.01
-"""Seconds between two tests of an idle rank for messages."""
 
 _TEAM = MPI.Comm.Create_keyval()
 """The attribute of the roots' communicator that holds the team of its rank."""
@@ -58,29 +54,24 @@ class WorkingRanks:
         if team is not None:
             give_back()  # several ranks a body are used where memory is short; else page faults cost a sixth of a run
         self._failed = self._lost = True  # until it is known how the work ends
-        if team is None:
-            try:
+        try:
+            if team is None or team.comm.rank == 0:
                 result = work(self._roots)
-            except DdmpiError as error:
-                self._lost, self._failed = not error.agreed, not isinstance(error, NotConvergedError)
-                raise
-        elif team.comm.rank:
-            team.serve()
-        else:
-            try:
-                result = work(self._roots)
-            except DdmpiError as error:
-                failure = error
+            else:
+                team.serve()
+        except DdmpiError as error:
+            failure = error
+        if team is None and failure:
+            self._lost, self._failed = not failure.agreed, not isinstance(failure, NotConvergedError)
+            raise failure
+        if team is not None:
             # ranks of a lost team hang in a collective call of PETSc; an error without agreement ends all processes
             if team.lost and failure:
                 failure.agreed = False
                 raise failure
-            team.stop()
-        if team is not None:
-            # Test and sleep: a blocking barrier keeps a core busy for every rank that waits.
-            over = self.world.Ibarrier()
-            while not over.Test():
-                time.sleep(NAP)
+            if team.comm.rank == 0:
+                team.stop()
+            wait(self.world.Ibarrier())
             self._lost = False
             agree(self.world, failure)
         self._failed = self._lost = False

@@ -225,26 +225,27 @@ def kept_by_bonds(scene: Settled, joined: Mapping[str, tuple[Interface, list[str
     or in a chain through other bodies, are set to zero, as no force could separate them. Collective."""
     if len({contact.kind for contact in scene.contact}) < 2:
         return dict(joined)
-    pairs = {name: [[(body, int(node)) for body, node in zip(interface.bodies, row, strict=True)]
-                    for row in np.column_stack([nodes[transfer.indices] for nodes, transfer in
-                                                zip(interface.nodes, interface.transfer, strict=True)])]
+    # A node of a body, at an end of a pair, by one number.
+    first = {body.name: number << 32 for number, body in enumerate(scene.body)}
+    pairs = {name: np.column_stack([first[body] + nodes[transfer.indices] for body, nodes, transfer in
+                                    zip(interface.bodies, interface.nodes, interface.transfer, strict=True)])
              for name, (interface, _) in joined.items() if not interface.slave and not interface.on_rigid
              and all(len(move.indices) == interface.m for move in interface.transfer)}  # no merged nodes on an axis
-    # An end is a node of a body. Only bonds at a node of several contacts can close a chain.
-    shared = Counter(end for ends in pairs.values() for end in {end for row in ends for end in row})
-    bonds = {(name, k): row for name, ends in pairs.items() if joined[name][0].law.name == "bonded"
-             for k, row in enumerate(ends) if max(shared[end] for end in row) > 1 and not joined[name][0].gap[k]}
+    # Only bonds at a node of several contacts can close a chain.
+    ends, times = np.unique(np.concatenate([np.empty(0, int), *map(np.unique, pairs.values())]), return_counts=True)
+    bonds = [rows[np.isin(rows, ends[times > 1]).any(axis=1) & (joined[name][0].gap == 0.0)]
+             for name, rows in pairs.items() if joined[name][0].law.name == "bonded"]
     # Chains of bonds are the connected components of a graph: nodes of bodies, and bonds as edges between them.
-    together = list({key: row for interface in world.allgather(bonds) for key, row in interface.items()}.values())
-    number = {end: k for k, end in enumerate(dict.fromkeys(end for row in together for end in row))}
-    links = np.array([[number[end] for end in row] for row in together], int).reshape(-1, 2)
-    piece = csgraph.connected_components(sparse.csr_matrix((np.ones(len(links)), links.T), (len(number),) * 2),
+    bonded, links = np.unique(np.concatenate([np.empty((0, 2), int), *itertools.chain(*world.allgather(bonds))]),
+                              return_inverse=True)
+    links = links.reshape(-1, 2)
+    piece = csgraph.connected_components(sparse.csr_matrix((np.ones(len(links)), links.T), (len(bonded),) * 2),
                                          directed=False)[1]
     result = dict(joined)
-    for name, ends in pairs.items():
+    for name, rows in pairs.items():
         interface, warnings = joined[name]
-        kept = np.array([row[0] in number and row[1] in number and piece[number[row[0]]] == piece[number[row[1]]]
-                         for row in ends]) & (interface.gap < 0.0) & (interface.law.name != "bonded")
+        kept = np.isin(rows, bonded).all(axis=1) & (interface.gap < 0.0) & (interface.law.name != "bonded")
+        kept[kept] = np.equal(*piece[np.searchsorted(bonded, rows[kept])].T)
         if kept.any():
             gap, at = np.where(kept, 0.0, interface.gap), in_words(interface.xy[kept][0])
             result[name] = replace(interface, gap=gap), [

@@ -25,8 +25,7 @@ from ddmpi.system.numbers import bisect
 from ddmpi.system.provenance import peak_memory
 
 SHORTEST, LONGEST, PATIENCE = 1e-3, 5e-2, 1e-2
-"""Shortest and longest sleep (s) of a rank without a command, and its length over the time waited so far; to wait in
-Open MPI would keep a core busy."""
+"""Shortest and longest sleep (s) of a rank that waits, and its length over the time waited so far."""
 
 GRACE = 5.0
 """Seconds that a rank with an error waits for its team to end the command. Ranks that have not ended it by then wait
@@ -227,10 +226,15 @@ class Team:
         self.comm.bcast(order)
 
     def _receive(self) -> tuple | None:
-        start, request = time.monotonic(), self.comm.Ibcast(np.zeros(1))
-        while not request.Test():
-            time.sleep(min(max(SHORTEST, PATIENCE * (time.monotonic() - start)), LONGEST))
+        wait(self.comm.Ibcast(np.zeros(1)))
         return self.comm.bcast(None)
+
+
+def wait(request: MPI.Request) -> None:
+    """Test a request and sleep until it is complete; to wait in Open MPI would keep a core busy."""
+    start = time.monotonic()
+    while not request.Test():
+        time.sleep(min(max(SHORTEST, PATIENCE * (time.monotonic() - start)), LONGEST))
 
 
 class TeamMatrix:

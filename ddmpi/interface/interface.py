@@ -126,6 +126,7 @@ class Interface:
     at : of both sides (m, d), points of application of the rows' forces (m); None where unknown
     slave : name of the body whose nodes carry the rows where the nodes do not match, else None
     lines : the nodes of the rows
+    stands : (m,) the node of the slave, or of the first body, at which each row stands, by its number in the mesh
     draw : makes the `outline` of the covered part when it is asked for
     probes : places between the nodes of non-matching sides; of matching ones, fixed nodes that can still move a little
     beyond : number of rows that were left out as open; they are the last probes
@@ -156,6 +157,7 @@ class Interface:
     at: tuple[np.ndarray, np.ndarray] | None = None
     slave: str | None = None
     lines: Lines = Lines(np.empty(0, int), np.empty((0, 2)), np.empty(0), np.empty((0, 2), int))
+    stands: np.ndarray = field(default_factory=lambda: np.empty(0, int))
     draw: Callable[[], Outline | None] | None = None
     probes: Places = field(default_factory=Places)
     beyond: int = 0

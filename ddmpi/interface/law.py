@@ -23,7 +23,8 @@ from ddmpi.scene.contacts import Coulomb, Friction, Tresca
 from ddmpi.sets import Box, Discs, magnitude, shorten
 
 ON_BOUND = 1e-8
-"""Relative distance to its slip bound below which a tangential force counts as lying on it."""
+"""Relative distance to its bound below which a force counts as lying on it: a tangential force on the slip bound, a
+normal one, beside the largest, on zero, so that the node is open."""
 
 NO_BOUND = sys.float_info.max
 """The slip bound (N) of bonded nodes: no force reaches it. It is finite, as inf − inf would be NaN."""
@@ -150,12 +151,12 @@ class Law:
         return ActiveSet(pressure, normal > self.least, slip, bound, excess)
 
     def sticking(self, closed: np.ndarray, falls: np.ndarray) -> ActiveSet:
-        """A first guess: the nodes `closed` (m,) are closed and stick, the others are open.
+        """A first guess: the nodes `closed` (m,), and all of a two-sided law, are closed and stick; others are open.
 
         Nodes that `falls` (m,) marks have no Coulomb friction: before their body has fallen onto its partner, the
         direction of their slip is unknown.
         """
-        none, mt = np.zeros(self.m), len(self.sliding)
+        none, mt, closed = np.zeros(self.m), len(self.sliding), closed | self.two_sided
         active = ActiveSet(none, closed, np.zeros((mt, self.components)), self.slip_bound(none), np.zeros(mt))
         free = (~closed | falls)[self.sliding] & (active.bound == 0.0)  # others may carry friction though open
         active.slip[free, 0] = 1.0
@@ -214,17 +215,22 @@ class Law:
         return size >= bound - ON_BOUND * np.minimum(bound, size.max(initial=0.0) or np.inf)
 
     def closed(self, s: np.ndarray, share: float = 0.0) -> np.ndarray:
-        """Nodes (m,) under more pressure than this share of the largest, under the forces s (size,)."""
+        """Nodes (m,) under more pressure than this share of the largest, under the forces s (size,); all nodes of a
+        two-sided law, those under tension as well."""
         normal = s[:self.m]
         # "not ≤", so that NaN counts as closed
-        return ~(normal <= share * normal.max(initial=0.0))
+        return ~(normal <= share * normal.max(initial=0.0)) | self.two_sided
 
     def misfit(self, gap: np.ndarray) -> float:
-        """Largest distance (m) of the gaps (k,) from those that the law allows: the largest overlap."""
-        return max(0.0, -float(gap.min(initial=0.0)))
+        """Largest distance (m) of the gaps (k,) from those that the law allows: the largest overlap, or of a two-sided
+        law also the largest opening."""
+        return float(np.max(np.abs(gap) if self.two_sided else -gap, initial=0.0))
 
     def complementarity(self, normal: np.ndarray, gap: np.ndarray) -> tuple[float, float]:
-        """Work Σ s_ν |gap| of the pressure at gaps (N m), and the largest tension (N), of normal forces (m,)."""
+        """Work Σ s_ν |gap| of the pressure at gaps (N m), and the largest tension (N), of normal forces (m,); zero for
+        a two-sided law, which allows any normal force."""
+        if self.two_sided:
+            return 0.0, 0.0
         return (float(np.maximum(normal, 0.0) @ np.abs(gap)), float(np.maximum(-normal, 0.0).max(initial=0.0)))
 
     def violation(self, s: np.ndarray, slip: np.ndarray, stiffness: float) -> float:
@@ -272,27 +278,8 @@ class BondedLaw(Law):
     def slip_bound(self, pressure: np.ndarray) -> np.ndarray:
         return np.full(len(self.sliding), NO_BOUND)
 
-    def sticking(self, closed: np.ndarray, falls: np.ndarray) -> ActiveSet:
-        return self.active_set(np.zeros(self.size))
-
     def cone(self, bound: np.ndarray) -> Box:
         return Box(np.full(self.size, -np.inf), np.full(self.size, np.inf))
-
-    def closed(self, s: np.ndarray, share: float = 0.0) -> np.ndarray:
-        """All nodes, those under tension as well."""
-        return np.ones(self.m, bool)
-
-    def misfit(self, gap: np.ndarray) -> float:
-        """Largest opening or overlap (m)."""
-        return float(np.abs(gap).max(initial=0.0))
-
-    def complementarity(self, normal: np.ndarray, gap: np.ndarray) -> tuple[float, float]:
-        """Zero: any normal force is allowed."""
-        return 0.0, 0.0
-
-    def violation(self, s: np.ndarray, slip: np.ndarray, stiffness: float) -> float:
-        """Largest ρ |u_t| (N): all slip is wrong."""
-        return float(magnitude(stiffness * slip).max(initial=0.0))
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ that constant pressures are exact on any meshes. Gaps are those between the curv
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import msgspec
@@ -29,9 +29,9 @@ from ddmpi.interface.trace import placed
 from ddmpi.interface.vertices import BARELY, UNCOVERED, rows_at_vertices
 from ddmpi.scene.contacts import Rigid, SettledContact
 from ddmpi.surface.cover import corners, cover, faced_arc
+from ddmpi.surface.curve import Curve
 from ddmpi.surface.cut import Cover
 from ddmpi.surface.outline import Outline, outlined
-from ddmpi.surface.patch import Patch
 from ddmpi.surface.side import Side, nodal, unit
 from ddmpi.system.numbers import SAME, Frame, in_words
 
@@ -56,54 +56,41 @@ def connect(first: Side, second: Side, contact: SettledContact, refinement: int 
         except InputError:
             if contact.pairing == "nodes":
                 raise
-    return _joining(first)(first, second, contact)
-
-
-def _joining(side: Side) -> Callable[..., Interface]:
-    """`mortar` in the plane or in space."""
-    return mortar_in_space if isinstance(side, Patch) else mortar
-
-
-def mortar_in_space(first: Side, second: Side, contact: SettledContact, over: Cover | None = None,
-                    moved: float = np.inf) -> Interface:
-    """`mortar` of two sides in space: rows at the nodes of the slave, see `vertices`.
-
-    By default the slave is the side with the larger size of facets over plane modulus, unless it is wholly clamped.
-    """
-    sides = (first, second)
-    slave = _choose_slave(sides, contact, [slice(None)] * 2)
-    over = over or _cover(sides, slave, contact.name)
-    side, looked, weighted = sides[slave], corners(over), over.only(over.weight > 0.0)
-    rows = rows_at_vertices(sides, slave, weighted, looked, contact)
-    hats = over.at if contact.kind == "bonded" else inset(side, over, looked)
-    return build(replace(rows, covered=outlined(side, over, hats)), contact, moved)
+    return mortar(first, second, contact)
 
 
 def mortar(first: Side, second: Side, contact: SettledContact, over: Cover | None = None,
            moved: float = np.inf) -> Interface:
     """The interface of two sides whose nodes need not match; the first gives the directions. By default the `slave` is
-    the side with the larger spacing of nodes over plane modulus, unless clamps constrain all of it. If the contact
-    names the slave, `over` may be the part of it that faces the other side; `moved` as for `build`.
+    the side with the larger spacing of nodes, in space size of facets, over plane modulus, unless clamps constrain all
+    of it. If the contact names the slave, `over` may be the part of it that faces the other side; `moved` as for
+    `build`. Rows in space are those of `vertices`.
 
     Not collective. Raises InputError where the sides do not face each other, or the slave is wholly clamped.
     """
-    sides = (first, second)
+    sides, plane, covers = (first, second), isinstance(first, Curve), dict[int, Cover]()
     if over is not None:
-        covers = {sides.index(next(side for side in sides if side.body == contact.slave)): over}
-    else:
+        covers = {[side.body for side in sides].index(str(contact.slave)): over}
+    elif plane:
         covers = {k: _cover(sides, k, contact.name) for k in (0, 1) if contact.slave != sides[1 - k].body}
-    faced = [np.unique(covers[k].facet if k in covers else covers[1 - k].other) for k in (0, 1)]
-    slave = _choose_slave(sides, contact, faced)
-    side, over = sides[slave], covers[slave]
-    hats = inset(side, over, over)
-    psi = _functions(side, over, hats)
-    # Rows are merged twice: nodes that are hardly covered first, then rows that clamps nearly fix. Where two contacts
-    # share a facet, its nodes carry rows of both, so coverage is that of the facet's own functions.
-    root = _merged(side, over, _functions(side, over, over.at) if side.parted else psi)
-    rows = _rows(sides, slave, over, psi, root)
-    free = _unbound(rows, root, holds_along(contact))
-    if (free != root).any():
-        rows = replace(_rows(sides, slave, over, psi, free), bound=free != root)
+    # in the plane the slave is chosen by the parts that face each other, in space by the whole sides
+    slave = _choose_slave(sides, contact, [np.unique(covers[k].facet if k in covers else covers[1 - k].other)
+                                           if plane else slice(None) for k in (0, 1)])
+    over = covers[slave] if covers else _cover(sides, slave, contact.name)
+    side, looked = sides[slave], over if plane else corners(over)
+    hats = over.at if not plane and contact.kind == "bonded" else inset(side, over, looked)
+    if plane:
+        psi = _functions(side, over, hats)
+        # Rows are merged twice: nodes that are hardly covered first, then rows that clamps nearly fix. Where two
+        # contacts share a facet, its nodes carry rows of both, so coverage is that of the facet's own functions.
+        root = _merged(side, over, _functions(side, over, over.at) if side.parted else psi)
+        points = between(sides, slave, over)
+        rows = _rows(points, sides, slave, over, psi, root)
+        free = _unbound(rows, root, holds_along(contact))
+        if (free != root).any():
+            rows = replace(_rows(points, sides, slave, over, psi, free), bound=free != root)
+    else:
+        rows = rows_at_vertices(sides, slave, over.only(over.weight > 0.0), looked, contact)
     return build(replace(rows, covered=outlined(side, over, hats)), contact, moved)
 
 
@@ -134,7 +121,7 @@ def meet(contact: SettledContact, sides: tuple[Side, Side | None], frames: Mappi
     both = first.placed(one, depth), second.placed(other, depth)
     slave = contact.bodies.index(str(contact.slave))
     over = cover(both[slave], both[1 - slave])
-    return _joining(first)(*both, contact, over, moved) if len(over.facet) else apart(contact, *both)
+    return mortar(*both, contact, over, moved) if len(over.facet) else apart(contact, *both)
 
 
 def apart(contact: SettledContact, first: Side, second: Side | None = None) -> Interface:
@@ -197,15 +184,15 @@ def _choose_slave(sides: tuple[Side, Side], contact: SettledContact, faced: Sequ
     return slave
 
 
-def _rows(sides: tuple[Side, Side], slave: int, over: Cover, psi: sparse.csr_matrix, root: np.ndarray) -> Rows:
-    """The rows of the slave, `sides[slave]`. A node uses the row of its `root` (k,)."""
+def _rows(points: Places, sides: tuple[Side, Side], slave: int, over: Cover, psi: sparse.csr_matrix,
+          root: np.ndarray) -> Rows:
+    """The rows of the slave, `sides[slave]`, with the `points` of `over`. A node uses the row of its `root` (k,)."""
     side, other, shown = sides[slave], sides[1 - slave], np.flatnonzero(root >= 0)
     coefficients = sparse.csr_matrix((np.ones(len(shown)), (root[shown], shown)), (len(root), len(root)))
-    points = between(sides, slave, over)
     at = points.transfer[::1 if slave == 0 else -1]
     # n_j ∝ n_slave − P n_master: opposite sides contribute alike, so that swapping the roles changes little.
     across = at[0] @ _normals(side, over.facet) - at[1] @ _normals(other, over.other)
-    rows = rows_of(sides, slave, over, psi, coefficients, across, points=points)
+    rows = rows_of(sides, slave, over, psi, coefficients, across, points)
     place = np.where(root >= 0, rows.place[root], -1)
     row = place[side.facets[over.facet]]
     rows = replace(rows, place=place, arc=side.arc[rows.nodes] if slave == 0 else

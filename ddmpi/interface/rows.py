@@ -94,7 +94,7 @@ class Rows:
 
 
 def rows_of(sides: tuple[Side, Side], slave: int, over: Cover, psi: sparse.csr_matrix, coefficients: sparse.csr_matrix,
-            across: np.ndarray, measure: sparse.csr_matrix | None = None, points: Places | None = None) -> Rows:
+            across: np.ndarray, points: Places, measure: sparse.csr_matrix | None = None) -> Rows:
     """The rows of the slave, `sides[slave]`, which faces the other side at the points of `over`. Not collective.
 
     Parameters
@@ -102,20 +102,20 @@ def rows_of(sides: tuple[Side, Side], slave: int, over: Cover, psi: sparse.csr_m
     psi : (q, j) sparse, w ψ: functions at the points, times the points' weights
     coefficients : (k, j) sparse, of the functions θ = coefficients ψ of the slave's nodes; an empty row is none
     across : (q, d) normals at the points, of any length, out of the slave
+    points : those of `over`, `between` the sides
     measure : (k, j) coefficients of functions with the same integrals that measure gaps, of the first k of `psi`, those
         of the nodes; θ if left out
-    points : `between` the sides, if known
     """
     nodes, place = np.flatnonzero(np.diff(coefficients.indptr)), np.full(coefficients.shape[0], -1)
     place[nodes] = np.arange(len(nodes))
-    measure = (coefficients if measure is None else measure)[nodes]
     coefficients, psi = coefficients[nodes], psi.T.tocsr()
+    measure = coefficients if measure is None else measure[nodes]
     # D_j = ∫ θ_j, the nodal length; n_j ∝ ∫ θ_j n.
     area, normal = coefficients @ (psi @ np.ones(len(over.facet))), unit(coefficients @ (psi @ across))
     # the cover measures gaps along the slave's normals; by the cosine they are along the row's normal
     turned = np.einsum("ij,ij->i", unit(measure @ (psi @ over.direction)), normal)
     gap = measure @ (psi @ over.gap) / area * turned
-    side, points = sides[slave], points or between(sides, slave, over)
+    side = sides[slave]
     share = np.bincount(over.facet, over.weight, len(side.facets))
     seen = np.isin(np.arange(len(side.facets)), over.facet)
     # P = D⁻¹ ∫ θ φ for both sides; for the slave it is the identity unless rows are merged.
@@ -181,7 +181,8 @@ def build(rows: Rows, contact: SettledContact, moved: float = np.inf) -> Interfa
         facets=facets[(facets >= 0).all(axis=1)],
         laplacian=laplacian(side.xy, side.pieces(rows.seen), row, len(keep), side.axisymmetric),
         one_sided=of_rows(clamped.any(axis=0)), displacement=np.zeros(xy.shape[1]), gap_history=contact.opening[1],
-        slave=side.body if rows.points else None, lines=lines, draw=partial(_outline, rows, keep),
+        slave=side.body if rows.points else None, lines=lines, stands=side.nodes[rows.nodes[keep]],
+        draw=partial(_outline, rows, keep),
         at=(rows.transfers[0][keep] @ sides[0].xy, rows.transfers[1][keep] @ sides[1].xy),
         axisymmetric=side.axisymmetric, pointwise=rows.pointwise, waves=rows.waves,
         fixed=_at_rows(rows, np.flatnonzero(dropped), start), beyond=int(beyond.sum()), pull=pull,
@@ -304,8 +305,10 @@ def is_held(direction: np.ndarray, free: np.ndarray) -> np.ndarray:
 
 def at_points(phi: np.ndarray, nodes: np.ndarray, size: int) -> sparse.csr_matrix:
     """The matrix (q, size) of the functions (q, c) of `nodes` (q, c) at points."""
-    points = np.repeat(np.arange(len(phi)), phi.shape[1])
-    return sparse.csr_matrix((phi.ravel(), (points, nodes.ravel())), (len(phi), size))
+    starts = phi.shape[1] * np.arange(len(phi) + 1)
+    matrix = sparse.csr_matrix((phi.ravel(), nodes.ravel(), starts), (len(phi), size), copy=True)
+    matrix.sum_duplicates()
+    return matrix
 
 
 def duals(side: Side, over: Cover, phi: np.ndarray, sliver: float, alone: np.ndarray | float,
@@ -370,7 +373,8 @@ def means(integrals: sparse.csr_matrix, area: np.ndarray) -> sparse.csr_matrix:
     transfer = integrals.tocsr()
     transfer.data[np.abs(transfer.data) <= ROUNDING * area.repeat(np.diff(transfer.indptr))] = 0.0
     transfer.eliminate_zeros()
-    return (sparse.diags(1.0 / np.asarray(transfer.sum(axis=1)).ravel()) @ transfer).tocsr()
+    transfer.data *= (1.0 / np.asarray(transfer.sum(axis=1)).ravel()).repeat(np.diff(transfer.indptr))
+    return transfer
 
 
 def uncovered_profile(interface: Interface, contact: SettledContact) -> list[str]:

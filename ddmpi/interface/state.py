@@ -9,12 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ddmpi.interface.interface import Interface
-from ddmpi.interface.law import Law
+from ddmpi.interface.law import ON_BOUND, Law
 from ddmpi.sets import magnitude
 from ddmpi.system.numbers import ALIKE, RigidMotion, moment
-
-CLOSED = 1e-8
-"""A node is open, unless bonded, if its normal force is at most this fraction of the largest."""
 
 RESULTANTS = ("force", "moment", "normal_force", "tangential_force", "open", "slip", "stick", "dissipated")
 """The entries of `ContactTotals` that are written at every load step."""
@@ -270,7 +267,7 @@ def contact_state(interface: Interface, s: np.ndarray, bound: np.ndarray, u: np.
         slip = slides[0] - before
     # nodes without tangential unknowns stick, or slip if the contact has no friction; open nodes are neither
     status, resistance = np.full(m, "slip" if law.frictionless else "stick", dtype="U5"), np.zeros(m)
-    slips, closed = law.reaches_bound(s, bound), law.closed(s, CLOSED)
+    slips, closed = law.reaches_bound(s, bound), law.closed(s, ON_BOUND)
     status[sliding[slips]] = "slip"
     status[~closed] = "open"
     # trapezoidal rule for ∫ g d|u_t|; an open node dissipates only under a bound that needs no pressure, as Tresca's
@@ -352,22 +349,14 @@ def forces_by_node(interface: Interface, s: np.ndarray) -> dict[str, np.ndarray]
     """The forces s (size,) of the rows of a contact, in the form of `rows_of`."""
     tangential = np.zeros((interface.m, interface.dimension - 1))
     tangential[interface.sliding] = s[interface.m:].reshape(-1, interface.dimension - 1)
-    return {"node": slave_nodes(interface), "normal": s[:interface.m, None], "tangential": tangential}
+    return {"node": interface.stands, "normal": s[:interface.m, None], "tangential": tangential}
 
 
 def values_by_node(interface: Interface, contacts: Rows, what: str) -> np.ndarray:
     """Values (m, ·) of earlier rows at the slave's nodes of the rows of `interface`; zero where there was none."""
-    number, rows = slave_nodes(interface), contacts.get(interface.name)
+    number, rows = interface.stands, contacts.get(interface.name)
     if rows is None or not len(rows["node"]):
         return np.zeros((interface.m, 1 if what == "normal" else interface.dimension - 1))
     whole = np.zeros((max(number.max(initial=0), rows["node"].max()) + 1, rows[what].shape[1]))
     whole[rows["node"]] = rows[what]
     return whole[number]
-
-
-def slave_nodes(interface: Interface) -> np.ndarray:
-    """(m,) the slave's node of each row, by its number in the mesh."""
-    side = interface.side(interface.slave) if interface.slave else 0
-    transfer = interface.transfer[side].tocoo()
-    order = np.lexsort((transfer.col, -transfer.data, transfer.row))  # a row's largest entry first
-    return interface.nodes[side][transfer.col[order[np.flatnonzero(np.diff(transfer.row[order], prepend=-1))]]]

@@ -87,8 +87,7 @@ def components(body: Elasticity, nodes: np.ndarray) -> sparse.csr_matrix:
 
 def rows(interface: Interface, side: int) -> sparse.csr_matrix:
     """The transfer to the nodes of a side, a row for each unknown."""
-    transfer = interface.transfer[side]
-    return sparse.vstack([transfer, transfer[np.repeat(interface.sliding, interface.dimension - 1)]], format="csr")
+    return interface.transfer[side][interface.law.node]
 
 
 def _sign(side: int) -> float:

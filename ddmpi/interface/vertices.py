@@ -27,9 +27,7 @@ from ddmpi.mesh.boundary import creases, links
 from ddmpi.scene.contacts import SettledContact
 from ddmpi.surface.cut import Cover
 from ddmpi.surface.side import Side, nodal
-
-SLIVER = 1e-6
-"""A facet covered by a smaller fraction has constant dual functions."""
+from ddmpi.system.numbers import SAME
 
 UNCOVERED, STRIP = 0.15, 0.35
 """A node shares its function if less than this fraction of it is covered, as its row would nearly depend on others: in
@@ -60,7 +58,7 @@ def rows_at_vertices(sides: tuple[Side, Side], slave: int, over: Cover, looked: 
     kept, hats = clamped & quadratic, over.at if contact.two_sided else inset(side, over, looked)
     psi = over.weight[:, None] * hats
     if not contact.two_sided:
-        psi = duals(side, over, hats, SLIVER, 1.0 / 3.0, kept[side.corners])
+        psi = duals(side, over, hats, SAME, 1.0 / 3.0, kept[side.corners])
     psi = at_points(psi, side.corners[over.facet], len(met))
     integrals = np.asarray(psi.sum(axis=0)).ravel()
     dual = mix = sparse.identity(len(met), format="csr")
@@ -84,8 +82,13 @@ def rows_at_vertices(sides: tuple[Side, Side], slave: int, over: Cover, looked: 
     across = -at_points(over.there, other.corners[over.other], len(other.nodes)) @ other.normal
     if np.isfinite(other.modulus):  # else the rigid partner's normal alone
         across += at_points(over.at, side.corners[over.facet], len(met)) @ side.normal
-    coefficients = _shared(met, shares, near)
-    rows = rows_of(sides, slave, over, psi, coefficients @ mix, across, coefficients @ dual)
+    points = between(sides, slave, over)
+
+    def shared() -> Rows:
+        coefficients = _shared(met, shares, near)
+        return rows_of(sides, slave, over, psi, coefficients @ mix, across, points, coefficients @ dual)
+
+    rows = shared()
     # The rows tell which of them clamps nearly fix; then they are made again without these vertices.
     fixed = _hardly_move(rows)
     if holds_along(contact) and np.isfinite(other.modulus):
@@ -93,8 +96,7 @@ def rows_at_vertices(sides: tuple[Side, Side], slave: int, over: Cover, looked: 
     fixed &= ~kept[rows.nodes]
     if fixed.any() and not fixed.all():
         shares[rows.nodes[fixed]] = True
-        coefficients = _shared(met, shares, near)
-        rows = rows_of(sides, slave, over, psi, coefficients @ mix, across, coefficients @ dual)
+        rows = shared()
     facets = rows.place[side.corners]
     complete = (facets >= 0).all(axis=1)
     lines = Lines(np.arange(len(rows.nodes)), side.xy[rows.nodes], rows.area, facets[seen & complete],

@@ -8,16 +8,13 @@ from ddmpi.mesh.elements import on_line
 from ddmpi.surface.curve import Curve
 from ddmpi.surface.cut import FACING, Cover, cut
 from ddmpi.surface.side import Side, cross, unit
-from ddmpi.system.numbers import ALIKE, together
+from ddmpi.system.numbers import ALIKE, SAME, together
 
 DEEPEST = 0.5
 """Partners deeper than this fraction of the thinner body's depth belong to its far side and are ignored."""
 
 POINTS = 5
 """Gauss points on each piece of a side, between its two ends, which have no weight."""
-
-FINEST = 2**20
-"""Corners of pieces that are nearer than one over this, in barycentric coordinates, are one."""
 
 BLOCK = 32
 """The search for partners tests bounding boxes of this many facets first."""
@@ -42,8 +39,10 @@ def corners(over: Cover) -> Cover:
     """The points without weight of a cover in space, without repetition: corners of the common polygons of facets. The
     gap of plane facets has its extremes there. Not collective."""
     some = np.flatnonzero(over.weight == 0.0)
-    fine = np.round(over.at[some, :2] * FINEST).astype(np.int64)
-    key = (over.facet[some] * 2 * FINEST + fine[:, 0]) * 2 * FINEST + fine[:, 1]
+    # corners whose barycentric coordinates are the SAME are one
+    key, size = over.facet[some], int(2.0 / SAME)
+    for coordinate in over.at[some, :2].T:
+        key = size * key + np.round(coordinate / SAME).astype(np.int64)
     return over.only(some[np.unique(key, return_index=True)[1]])
 
 

@@ -25,9 +25,6 @@ CHUNK = 60_000
 PARALLEL = 1e-20
 """Lines with a squared cross product below this fraction of their squared lengths are parallel and do not cross."""
 
-SMALLEST = 1e-14
-"""Triangles below this fraction of their facet's area are rounding."""
-
 
 @dataclass(frozen=True)
 class Cover:
@@ -178,7 +175,7 @@ def _cut(slaves: np.ndarray, masters: np.ndarray, outward: np.ndarray, facet: np
     fan = np.stack([np.broadcast_to(points[:, :1], points[:, 1:-1].shape), points[:, 1:-1], points[:, 2:]], axis=2)
     area = cross(fan[:, :, 1] - fan[:, :, 0], fan[:, :, 2] - fan[:, :, 0]) / 2
     whole = np.abs(cross(a[:, 1] - a[:, 0], a[:, 2] - a[:, 0])) / 2
-    pair, piece = np.nonzero(area > SMALLEST * whole[:, None])
+    pair, piece = np.nonzero(area > ROUNDING * whole[:, None])  # the others are rounding beside the facet
     fan, area, (where, weights) = fan[pair, piece], area[pair, piece], rule
     places = where @ fan
     at, there = _barycentric(places, a[pair]), _barycentric(places, b[pair])

@@ -85,12 +85,6 @@ def large(x: np.ndarray) -> float:
     return float(np.abs(x).max(initial=0.0))
 
 
-# Held bodies
-
-
-# Loose bodies
-
-
 @pytest.mark.parametrize("order, kind", [(1, "explicit"), (2, "explicit"), (1, "direct"), (1, "iterative")])
 @pytest.mark.parametrize("faces", FACES.values(), ids=FACES)
 @pytest.mark.parametrize("clamp", CLAMPS.values(), ids=CLAMPS)
@@ -172,9 +166,3 @@ def test_nothing_depends_on_the_supports(clamp, faces, rest, monkeypatch):
     assert set(chosen[0]) != set(chosen[1])
     for one, other in zip(*found, strict=True):
         assert large(np.asarray(one) - other) <= 1e-10 * max(large(np.asarray(one)), 1e-11)
-
-
-# Counts
-
-
-# Nothing to touch

@@ -14,6 +14,7 @@ from boundaries import (
     touch,
     uncovered_profile,
 )
+from test_interface import blocks
 
 from ddmpi.interface.law import BondedLaw
 from ddmpi.interface.trace import trace
@@ -27,10 +28,6 @@ LAW = BondedLaw(4, np.array([0, 2, 3]), 1)
 
 def points(size: int) -> np.ndarray:
     return np.random.default_rng(3).standard_normal((10, size))
-
-
-def blocks(gap: float = 0.0, order: int = 1):
-    return rectangle((6, 2), (3.0, 1.0), (0.0, 1.0 + gap), order), rectangle((6, 3), (3.0, 1.0), order=order)
 
 
 def bonded(upper, lower, **arguments):

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from boundaries import join, rectangle, side, touch
+from boundaries import join, rectangle, side, touch, turned
 
 from ddmpi.body.loads import supports
 from ddmpi.errors import InputError
@@ -19,11 +19,6 @@ from ddmpi.surface.side import Side
 NOW = {1.0: {None: 1.0}}
 meshes = pytest.mark.parametrize("below", [6, 7], ids=["pairs", "mortar"])
 orders = pytest.mark.parametrize("order", [1, 2])
-
-
-def turned(mesh: Mesh, angle: float) -> Mesh:
-    c, s = np.cos(angle), np.sin(angle)
-    return Mesh(mesh.points @ np.array([[c, s], [-s, c]]), mesh.triangles, mesh.groups)
 
 
 def blocks(upper: Clamp, lower: Clamp, below: int = 6, order: int = 1, drawn: float = 0.0, kind: str = "unilateral",

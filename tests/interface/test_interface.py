@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from boundaries import held_beside, joined, pair, rectangle, ring, side
+from boundaries import held_beside, joined, pair, rectangle, ring, side, turned
 
 from ddmpi.errors import InputError
 from ddmpi.interface.interface import Interface
@@ -147,11 +147,10 @@ def test_roller_across_the_normal_keeps_the_normal_unknown():
 @pytest.mark.parametrize(("angle", "kept"), [(0, 7), (40, 7), (50, 6), (90, 6)])
 def test_roller_at_an_oblique_contact_keeps_the_nearest_unknown(angle, kept):
     """The blocks turned by `angle`, the end node free along y only; at 0° that is along the normal."""
-    c, s = np.cos(np.deg2rad(angle)), np.sin(np.deg2rad(angle))
     meshes, clamps = [], []
     for mesh in blocks():
         corner = (mesh.points == [0.0, 1.0]).all(axis=1)
-        meshes.append(Mesh(mesh.points @ np.array([[c, s], [-s, c]]), mesh.triangles, mesh.groups))
+        meshes.append(turned(mesh, np.deg2rad(angle)))
         clamps.append({"where": lambda x, y, corner=corner: corner, "x": True})
     assert interface_of(*meshes, COULOMB, *clamps).m == kept
 

@@ -1,10 +1,12 @@
 """Sides whose nodes do not match: rows, their partners, gaps between arcs, ends, clamps, who is the slave."""
 
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
-from boundaries import held_beside, join, mortar, rectangle, ring, side
+from boundaries import held_beside, join, mortar, rectangle, ring, side, turned
 from made_up_solids import box
 
 from ddmpi.errors import InputError
@@ -20,23 +22,21 @@ COULOMB = Coulomb(coefficient=0.3)
 orders = pytest.mark.parametrize("order", [1, 2])
 slaves = pytest.mark.parametrize("slave", ["upper", "lower"])
 QUARTER = np.pi / 2
+FREE: Mapping[str, dict] = {}
 
 
-def turned(mesh: Mesh, angle: float = 0.0, mirrored: bool = False) -> Mesh:
-    """The mesh mirrored at the y axis and turned."""
-    c, s = np.cos(angle), np.sin(angle)
-    points, triangles = mesh.points.copy(), mesh.triangles
-    if mirrored:
-        points[:, 0] *= -1.0
-        triangles = triangles[:, [0, 2, 1] if triangles.shape[1] == 3 else [0, 2, 1, 5, 4, 3]]
-    return Mesh(points @ np.array([[c, s], [-s, c]]), triangles, mesh.groups)
-
-
-def blocks(above: int, below: int, order: int = 1, x: float = 0.0, gap: float = 0.0, **how) -> tuple[Side, Side]:
-    """Blocks of 2 × 1, the upper one at `x`, with so many sides along the contact."""
+def blocks(above: int, below: int, order: int = 1, x: float = 0.0, gap: float = 0.0, held: Mapping = FREE,
+           **how) -> tuple[Side, Side]:
+    """Blocks of 2 × 1, the upper one at `x`, with so many sides along the contact, `held` by name."""
     upper = rectangle((above, 2), (2.0, 1.0), (x, 1.0 + gap), order)
     lower = rectangle((below, 2), (2.0, 1.0), order=order)
-    return side(turned(upper, **how), "bottom", body="upper"), side(turned(lower, **how), "top", body="lower")
+    return (side(turned(upper, **how), "bottom", body="upper", **held.get("upper", {})),
+            side(turned(lower, **how), "top", body="lower", **held.get("lower", {})))
+
+
+def clamped(where, x: bool = True, y: bool = True) -> dict[str, Any]:
+    """Clamps of nodes, as of `side`."""
+    return {"where": where, "x": x, "y": y}
 
 
 def arcs(one: int, two: int, order: int, gap: float = 0.0) -> tuple[Side, Side]:
@@ -279,40 +279,27 @@ def test_nodes_that_face_nothing_are_no_lines(part, order):
 
 @orders
 @slaves
-def test_clamped_nodes_keep_their_rows(order, slave):
-    """A pressure of the clamped node's part must act on the other body, where that can move."""
-    left = {"where": lambda x, y: x == 0.0, "x": True, "y": True}
-    upper, lower = (rectangle((n, 2), (2.0, 1.0), (0.0, y), order) for n, y in ((5, 1.0), (8, 0.0)))
-    held = {slave: left}
-    sides = [side(mesh, on, body=name, **held.get(name, {}))
-             for mesh, on, name in ((upper, "bottom", "upper"), (lower, "top", "lower"))]
-    contact = met(sides, slave=slave)
-    assert len(contact.fixed.gap) == 0 and contact.m == len(contact.sliding) == len(sides[slave == "lower"].nodes)
-
-
-@orders
-@slaves
 def test_rows_that_clamps_nearly_hold_are_shared(order, slave):
-    """Where clamps hold both bodies, an end has its neighbour's pressure, or none if no free node faces it."""
-    left = {"where": lambda x, y: x == 0.0, "x": True, "y": True}
-    upper, lower = (rectangle((n, 2), (2.0, 1.0), (0.0, y), order) for n, y in ((5, 1.0), (8, 0.0)))
-    sides = side(upper, "bottom", body="upper", **left), side(lower, "top", body="lower", **left)
-    contact, nodes = met(sides, slave=slave), len(sides[slave == "lower"].nodes)
-    assert contact.m == len(contact.sliding) == nodes - 1
+    """A clamped node keeps its row where the other body can move there. Where clamps hold both bodies, an end has its
+    neighbour's pressure, or none if no free node faces it."""
+    left = clamped(lambda x, y: x == 0.0)
+    one, both = (met(blocks(5, 8, order, held=dict.fromkeys(names, left)), slave=slave)
+                 for names in ([slave], ["upper", "lower"]))
+    nodes = order * (5 if slave == "upper" else 8) + 1
+    assert len(one.fixed.gap) == 0 and one.m == len(one.sliding) == nodes
+    assert both.m == len(both.sliding) == nodes - 1
     if slave == "lower":  # its end lies within one side of the upper one
-        assert len(contact.fixed.gap) == 1 and len(contact.lines.row) == nodes - 1
+        assert len(both.fixed.gap) == 1 and len(both.lines.row) == nodes - 1
     else:
-        assert len(contact.fixed.gap) == 0 and sorted(contact.lines.row) == [0, *range(nodes - 1)]
-        assert contact.area.sum() == pytest.approx(2.0)
+        assert len(both.fixed.gap) == 0 and sorted(both.lines.row) == [0, *range(nodes - 1)]
+        assert both.area.sum() == pytest.approx(2.0)
 
 
 @pytest.mark.parametrize("law, reach, sliding", [(NoFriction(), 0.1, 0), (COULOMB, 0.1, 5), (COULOMB, 9.0, 0)])
 def test_what_clamps_of_both_sides_hold_along_the_contact_carries_no_friction(law, reach, sliding):
     """The row of the node on a plane of symmetry keeps its normal."""
-    held = {"where": lambda x, y: x < reach, "x": True}
-    upper, lower = (rectangle((n, 2), (2.0, 1.0), (0.0, y)) for n, y in ((5, 1.0), (8, 0.0)))
-    contact = mortar(side(upper, "bottom", body="upper", **held), side(lower, "top", body="lower", **held), law, "seam",
-                     slave="upper")
+    held = dict.fromkeys(("upper", "lower"), clamped(lambda x, y: x < reach, y=False))
+    contact = mortar(*blocks(5, 8, held=held), law, "seam", slave="upper")
     assert contact.m == 6 and len(contact.sliding) == sliding
 
 
@@ -347,35 +334,30 @@ def test_a_rim_tied_in_both_bodies_is_shared_but_no_hinge_is_left_in_space(divis
 
 
 def test_rows_that_no_body_moves_are_dropped():
-    held = {"where": lambda x, y: x < 0.1, "x": True, "y": True}
-    upper, lower = (rectangle((n, 2), (2.0, 1.0), (0.0, y)) for n, y in ((10, 1.0), (4, 0.0)))
-    contact = met((side(upper, "bottom", body="upper", **held), side(lower, "top", body="lower", **held)),
-                  slave="upper")
+    held = dict.fromkeys(("upper", "lower"), clamped(lambda x, y: x < 0.1))
+    contact = met(blocks(10, 4, held=held), slave="upper")
     assert len(contact.fixed.gap) == 1 and contact.m == 10
     assert held_beside(contact)[0] == pytest.approx(1 / 0.2)
-    assert contact.fixed.moved(0, np.ones((len(upper.points), 2))) == pytest.approx(1.0)
+    assert contact.fixed.moved(0, np.ones((11 * 3, 2))) == pytest.approx(1.0)
 
 
 def test_a_held_side_is_master():
     """Its rows would say the same thing several times."""
-    held = {"where": lambda x, y: y == 1.0, "x": True, "y": True}
-    upper, lower = (rectangle((n, 2), (2.0, 1.0), (0.0, y)) for n, y in ((5, 1.0), (8, 0.0)))
-    sides = side(upper, "bottom", body="upper", **held), side(lower, "top", body="lower")
+    held = clamped(lambda x, y: y == 1.0)
+    sides = blocks(5, 8, held={"upper": held})
     assert met(sides).slave == "lower"
     with pytest.raises(InputError, match="cannot be the slave"):
         met(sides, slave="upper")
-    partly = side(lower, "top", body="lower", where=lambda x, y: (y == 1.0) & (x < 0.3), x=True, y=True)
     with pytest.raises(InputError, match="cannot be the slave"):
-        met((sides[0], partly), slave="upper")
+        met(blocks(5, 8, held={"upper": held, "lower": clamped(lambda x, y: (y == 1.0) & (x < 0.3))}), slave="upper")
     with pytest.raises(InputError, match="all nodes of the contact are clamped"):
-        met((sides[0], side(lower, "top", body="lower", **held)))
+        met(blocks(5, 8, held={"upper": held, "lower": held}))
 
 
 def test_of_sides_that_are_held_along_the_normal_of_a_bond_the_one_that_slides_is_the_slave():
     """However coarse the other one is: it has nothing to give way with. The bond holds what slides."""
-    upper, lower = (rectangle((n, 2), (2.0, 1.0), (0.0, y)) for n, y in ((5, 1.0), (8, 0.0)))
-    sides = (side(upper, "bottom", body="upper", where=lambda x, y: y == 1.0, x=True, y=True),
-             side(lower, "top", body="lower", where=lambda x, y: y == 1.0, y=True))
+    held = {name: clamped(lambda x, y: y == 1.0, x=name == "upper") for name in ("upper", "lower")}
+    sides = blocks(5, 8, held=held)
     bond = join(*sides, NoFriction(), "seam", kind="bonded")
     assert bond.slave == "lower" and (bond.law.live.tolist() == [False] * bond.m + [True] * len(bond.sliding))
     with pytest.raises(InputError, match="clamps constrain all of 'upper'"):

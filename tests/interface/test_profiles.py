@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from boundaries import join, pair, rectangle, ring, side, touch, uncovered_profile
+from boundaries import join, pair, rectangle, ring, side, touch, turned, uncovered_profile
 
 from ddmpi.interface.interface import Interface
 from ddmpi.mesh.mesh import Mesh
@@ -20,14 +20,12 @@ slaves = pytest.mark.parametrize("slave", [None, "left", "right"])
 def columns(order: int, divisions: tuple[int, int] = (6, 6), angle: float = 0.0, lean: float = 0.0,
             clamped: tuple[str, ...] = ()) -> list[Side]:
     """Two blocks side by side that touch along an upright line, which leans by `lean`, all turned by `angle`."""
-    c, s = np.cos(angle), np.sin(angle)
     found = []
     for name, group, x, number in (("left", "right", -1.0, divisions[0]), ("right", "left", 0.0, divisions[1])):
         mesh = rectangle((2, number), (1.0, LENGTH), (x, 0.0), order)
         mesh.points[:, 0] += lean * (1.0 - mesh.points[:, 1] / LENGTH)
         hold = {"where": lambda x, y: y == 0.0, "x": True, "y": True} if name in clamped else {}
-        found.append(side(Mesh(mesh.points @ np.array([[c, s], [-s, c]]), mesh.triangles, mesh.groups), group,
-                          body=name, **hold))
+        found.append(side(turned(mesh, angle), group, body=name, **hold))
     return found
 
 

@@ -122,16 +122,6 @@ def test_middles_of_straight_sides_stand_off_no_circle(group, rigid, gap, closed
     assert contact.gap == pytest.approx(np.full(contact.m, gap), abs=1e-12)
 
 
-def test_middles_of_a_flat_stay_where_they_are():
-    """Straight boundaries and corners are no curves."""
-    disc = Circle(name="roller", center=(1.0, -1.0), radius=1.0)
-    boundary = side(block((4, 2), (2.0, 1.0), order=2), "bottom", "right")
-    contact = touch(boundary, disc, COULOMB, "seam")
-    flat = contact.xy[:, 1] == 0.0
-    assert flat.sum() == 9
-    assert contact.gap[flat] == pytest.approx(np.hypot(contact.xy[flat, 0] - 1.0, 1.0) - 1.0, abs=1e-15)
-
-
 # Motion and clamps
 
 def test_a_partner_that_comes_closer_closes_the_gap():

@@ -106,6 +106,16 @@ def joined(contact: Interface) -> np.ndarray:
     return contact.laplacian.diagonal(1) != 0.0
 
 
+def turned(mesh: Mesh, angle: float = 0.0, mirrored: bool = False) -> Mesh:
+    """The mesh mirrored at the y axis and turned."""
+    c, s = np.cos(angle), np.sin(angle)
+    points, triangles = mesh.points.copy(), mesh.triangles
+    if mirrored:
+        points[:, 0] *= -1.0
+        triangles = triangles[:, [0, 2, 1] if triangles.shape[1] == 3 else [0, 2, 1, 5, 4, 3]]
+    return Mesh(points @ np.array([[c, s], [-s, c]]), triangles, mesh.groups)
+
+
 def held_beside(contact: Interface) -> np.ndarray:
     """(m,) inverse distances to neighbours that are fixed, summed."""
     return contact.laplacian @ np.ones(contact.m)
