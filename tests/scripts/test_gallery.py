@@ -13,6 +13,7 @@ from mpi4py import MPI
 from scenes import LIMIT, clean_environment
 
 import ddmpi
+from ddmpi.mesh.elements import facet_measures
 from ddmpi.results.histories import write_frames
 from ddmpi.results.summary import write_mechanism
 from ddmpi.results.tables import write_contact
@@ -31,7 +32,7 @@ BALANCES = {"dovetail": {"root-disc": [-600 * (1 - 0.2) / (1 + 0.2), -600]},
 @pytest.mark.parametrize("exhibit", EXHIBITS, ids=lambda exhibit: exhibit.name)
 def test_exhibit(exhibit, tmp_path):
     """A scene of the gallery ends as the page says, with its number, and warns of nothing. The lines of its tables have
-    the force and the moment of its contacts."""
+    the force and the moment of its contacts; what is drawn of those in space has their area."""
     answer = ddmpi.solve(exhibit.path, MPI.COMM_SELF, exhibit.settings)
     if exhibit.refused:
         write_mechanism(tmp_path, answer.solved.solution.mechanism)
@@ -49,6 +50,9 @@ def test_exhibit(exhibit, tmp_path):
         at, n = (np.column_stack([table[f"{before}{axis}"] for axis in "xyz" if axis in table]).astype(float)
                  for before in ("", "n"))
         if at.shape[1] == 3:
+            outline = state.interface.outline
+            drawn = facet_measures(outline.xy[outline.cells], axisymmetric=False).sum()
+            assert drawn == pytest.approx(state.interface.area.sum(), rel=1e-6), name
             forces = np.column_stack([table[f"force_{axis}"] for axis in "xyz"]).astype(float)
         else:  # −(s_ν n + s_t t), t being n turned counterclockwise
             normal, tangential = (table[f"{kind}_force"].astype(float)[:, None] for kind in ("normal", "tangential"))

@@ -105,7 +105,6 @@ def jobs(cluster) -> Cluster:
     array = cluster.submit("array", "sweep.sbatch", *sweep, options=("--array=1-2",))
     cluster.submit("gather", "sweep.sbatch", *sweep, "--plot", "n_A:coefficient",
                    options=(f"--dependency=afterany:{array}",))
-    cluster.submit("tables", "tables.sbatch", "--sizes", "6", "--laws", "tresca", "--output", str(here / "tables"))
     return cluster
 
 
@@ -158,15 +157,6 @@ def test_a_job_whose_time_is_up_goes_back_and_continues(jobs, tmp_path):
     for name in ("contact_upper-lower.csv", "history.csv"):
         assert (jobs.folder / "preempted" / name).read_bytes() == (whole.folder / name).read_bytes()
     assert not (jobs.folder / "preempted" / "checkpoint.h5").exists()
-
-
-@pytest.mark.slurm
-def test_tables(jobs):
-    job, = jobs.wait("tables")
-    assert (job["JobState"], job["ExitCode"]) == ("COMPLETED", "0:0"), jobs.said("tables")
-    with open(jobs.folder / "tables" / "tables.csv", newline="") as file:
-        rows = list(csv.DictReader(file))
-    assert len(rows) == 8 and all(row["certified"] == "True" for row in rows)
 
 
 # What needs no Slurm: the script that all of them source, with a scontrol that takes notes

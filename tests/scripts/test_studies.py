@@ -50,6 +50,17 @@ def test_studies_are_listed(tmp_path):
     assert "there is no study nothing" in start(tmp_path, "nothing").stderr
 
 
+def test_pages_name_commands_that_there_are():
+    """A page that names a study or a script which is gone says so."""
+    listed = {name for name, _ in LISTED}
+    for page in [*(ROOT / "docs").rglob("*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md"]:
+        text = page.read_text(encoding="utf-8")
+        gone = {name for name in re.findall(r"scripts/study ([a-z]\w+)", text) if name not in listed}
+        gone |= {path for path in re.findall(r"\bscripts/[\w/]+\.(?:py|sh|sbatch)", text) if not
+                 ((ROOT / path).exists() or (ROOT / "tests" / path).exists())}
+        assert not gone or re.search(r"no\s+longer\s+has|of that\s+version|in version", text), (page, gone)
+
+
 @pytest.mark.parametrize("name", [name for name, _ in LISTED if name not in {"extremes", "fault_injection", *STUDIES}])
 def test_start(tmp_path, name, monkeypatch, capsys):
     """Every study that no other test starts, starts by its name, on one rank, and says what its arguments are.
