@@ -30,9 +30,9 @@ def solved(bodies: list[dict], contacts: list[dict], rigid: Sequence[dict] = (),
                              "method": {"tolerance": tolerance}})
 
 
-def answer_of(scene: dict) -> Answer:
+def answer_of(scene: dict | Path, changes: Mapping[str, Any] | None = None) -> Answer:
     """The answer on this rank alone. Stops with the reason where it is not certified."""
-    answer = ddmpi.solve(to_toml(scene), MPI.COMM_SELF)
+    answer = ddmpi.solve(to_toml(scene) if isinstance(scene, dict) else scene, MPI.COMM_SELF, changes)
     if not answer.certified:
         raise RuntimeError(answer.reason)
     return answer

@@ -254,7 +254,7 @@ def heated_cubes(n: int, order: Order, folder: Path) -> Results:
 
 @problem("A block turned on a plate", (1, 2), "fours of cells along an edge, × n")
 def turned_solid(n: int, order: Order, folder: Path) -> Results:
-    moment, apart, _, answer = torque(int(order), 4 * n)
+    moment, apart, answer = torque(int(order), 4 * n)
     state = answer.contacts["block-plate"]
     ratio = np.linalg.norm(state.tangential_force, axis=1) / state.normal_force
     return {"moment over Σ μ N r": (moment, 1.0, 0.02), "|T|/N − μ, slid": (apart, 1e-4)}, answer, along(
