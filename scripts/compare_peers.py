@@ -24,7 +24,7 @@ from pathlib import Path
 
 import numpy as np
 import peers
-from experiment import ROOT, Ledger, Row, arguments, processor, publish, refilled, table, where
+from experiment import ROOT, Ledger, Row, arguments, processor, publish, table, where
 from mpi4py import MPI
 from peers import Answer, Case, read_answer
 from peers.scenes import FORCE, MOVED, SCENES, write_case
@@ -327,13 +327,13 @@ def short_table(rows: list[Row]) -> list[str]:
                   "times, equal error"], lines)
 
 
-def page(rows: list[Row], complete: bool) -> str:
+def write_page(rows: list[Row], folder: Path, complete: bool) -> None:
     """docs/tables/peers.md, which has all words."""
     have = versions()
     done = [scene for scene, its in SCENES.items() if any(where(rows, scene=scene, N=N) for N in its.sizes)]
-    return refilled("peers.md", {"Solids in short": short_table(rows)} | {SCENES[scene].title: [
+    publish("peers.md", {"Solids in short": short_table(rows)} | {SCENES[scene].title: [
         line for N in SCENES[scene].sizes if where(rows, scene=scene, N=N) for line in scene_table(rows, scene, N)]
-        for scene in done}, complete, {
+        for scene in done}, folder, complete, {
             ".* cores, PETSc .*": f"{processor()}, {os.cpu_count()} cores, PETSc {have['petsc']}, {have['mpi']}."} | {
             f"of order 2 with N = {SCENES[scene].fine},.*": fine_words(rows, scene) for scene in done})
 
@@ -367,7 +367,7 @@ def main() -> None:
         wanted = [each for each in work(options.scenes, options.peers) if each[1] in (options.sizes or [each[1]])]
         rows = ledger.fill(wanted, Runs(ledger.rows, Path(folder), options.limit))
     complete = all(where(rows, scene=scene, N=N, peer=name) for scene, N, name, *_ in work(SCENES, PEERS))
-    publish("peers.md", page(rows, complete), options.output, complete)
+    write_page(rows, options.output, complete)
 
 
 if __name__ == "__main__":

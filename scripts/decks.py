@@ -18,7 +18,7 @@ import traceback
 from pathlib import Path
 
 import numpy as np
-from experiment import Ledger, Row, arguments, publish, refilled, table, where
+from experiment import Ledger, Row, arguments, publish, table, where
 from mpi4py import MPI
 from scipy.spatial import cKDTree
 
@@ -181,17 +181,17 @@ def tried(deck: Path, folder: Path) -> tuple[str, str]:
     return "agrees" if agrees else "differs", words
 
 
-def page(rows: list[Row]) -> str:
+def write_page(rows: list[Row], folder: Path, complete: bool) -> None:
     """docs/tables/decks.md, which also has why decks differ."""
     rows = sorted(rows, key=lambda row: row["deck"])
     counts = [[end or "all", *(len(some) for some in (of, where(of, static=True)))]
               for end in [*sorted({row["end"] for row in rows}), ""]
               for of in [where(rows, end=end) if end else rows]]
-    return refilled("decks.md", {
+    publish("decks.md", {
         "Ends": table(("end", "decks", "static ones"), counts),
         "Decks": table(("deck", "static", "end", "details, or the line that is not possible"), (
             (row["deck"], "yes" if row["static"] else "", row["end"], row["words"].replace("*", "\\*"))
-            for row in rows))}, True)
+            for row in rows))}, folder, complete)
 
 
 def main() -> None:
@@ -210,7 +210,7 @@ def main() -> None:
             return {"static": is_static(decks[stem]), "end": end, "words": words}
 
         rows = ledger.fill([(stem,) for stem in decks], measure)
-    publish("decks.md", page(rows), options.output, not options.only)
+    write_page(rows, options.output, not options.only)
 
 
 if __name__ == "__main__":

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sparse
-from experiment import Ledger, Row, arguments, publish, refilled, table, where
+from experiment import Ledger, Row, arguments, publish, table, where
 from mpi4py import MPI
 from problems import mean_pressure, nodes_off
 from problems.bodies import QUARTER, annulus
@@ -265,7 +265,7 @@ def choice(row: Row) -> str:
     return ", ".join([f"order {row['order']}", f"N = {row['N']}", *filter(None, more)])
 
 
-def page(rows: list[Row], where_to: str, asked: list[str], own: float, complete: bool) -> str:
+def write_page(name: str, rows: list[Row], asked: list[str], own: float, folder: Path, complete: bool) -> None:
     """The page of the plane or of space; `own` is the error of the reference solution."""
     body = []
     for scene in asked:
@@ -276,12 +276,12 @@ def page(rows: list[Row], where_to: str, asked: list[str], own: float, complete:
             best = [min(some, key=lambda row: row["cpu_seconds"]) if some else None for some in good]
             body.append([TITLES[scene], words, *(f"{choice(row)}: {row['cpu_seconds']:.2g} s" if row else "–"
                                                  for row in best)])
-    return refilled(f"tradeoff_in_{where_to}.md", {
+    publish(f"tradeoff_in_{name}.md", {
         "The cheapest way to an error": table(["scene", "error of", "10 %", "5 %", "2 %", "1 %"], body)} | {
         TITLES[scene]: table(["choice", "n", "k", "n_A", "CPU s", *ERRORS[scene].values(), "estimated"], (
             [choice(row) + ("" if row["outcome"] == "certified" else f" ({row['outcome'].split(';')[0]})"), row["n"],
              row["iterations"], row["n_A"], f"{row['cpu_seconds']:.2g}", *(percent(row[key]) for key in ERRORS[scene]),
-             percent(row["estimated"])] for row in where(rows, scene=scene))) for scene in asked}, complete,
+             percent(row["estimated"])] for row in where(rows, scene=scene))) for scene in asked}, folder, complete,
         {r"[\d.]+ % of the energy norm": f"{percent(own)} of the energy norm"})
 
 
@@ -302,8 +302,7 @@ def main() -> None:
         asked = [scene for scene in scenes if scene in options.scenes]
         if asked:
             own = trade.own(scenes[0]) if scenes[0] in asked else np.nan
-            complete = asked == list(scenes) and not options.finest
-            publish(f"tradeoff_in_{name}.md", page(rows, name, asked, own, complete), options.output, complete)
+            write_page(name, rows, asked, own, options.output, asked == list(scenes) and not options.finest)
     print(f"The pages are in {options.output}")
 
 
