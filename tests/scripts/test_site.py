@@ -1,12 +1,11 @@
 """The pages of docs/ make a site without links to nowhere; so do the pages beside them."""
 
 import re
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
-from scenes import LIMIT, clean_environment
+from commands import run
 
 ROOT = Path(__file__).resolve().parents[2]
 LOADED = re.compile(r"<(?:script|img|iframe)\b[^>]*\bsrc=\"(https?:)?//|<link\b[^>]*\bhref=\"(https?:)?//")
@@ -16,9 +15,7 @@ LINK = re.compile(r"\]\((?!\w+:|#)([^()\s#]+)")
 def test_site(tmp_path):
     """The site is built without a warning: all links and anchors lead somewhere. Nothing is loaded from outside."""
     pytest.importorskip("mkdocs", reason="needs mkdocs")
-    done = subprocess.run([sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path / "site")],
-                          cwd=ROOT, env=clean_environment(), capture_output=True, text=True, timeout=LIMIT)
-    assert done.returncode == 0, done.stdout + done.stderr
+    run(sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", tmp_path / "site", cwd=ROOT)
     pages = {path.relative_to(tmp_path / "site").as_posix(): path.read_text(encoding="utf-8")
              for path in (tmp_path / "site").rglob("*.html")}
     assert {"index.html", "CONTRIBUTING.html", "reference/scene.html", "tables/verification.html"} <= pages.keys()
