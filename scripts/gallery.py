@@ -184,7 +184,7 @@ CHECKS = {
     "shaft_turned_in_hub": Check(contact("fit", "moment", 2, -1e-3), 0.025, ONE),
     "arch_in_space": Check(lambda summary: 1e-3 * total(summary, ("v1-left", "v7-right"), 2), 1e-4),
     "bevel_wheels": Check(lambda summary: -summary["turned"]["driven"], 0.03, {
-        "time.steps": 4, "body.driving.mesh.contact_size": 1.2, "body.driven.mesh.contact_size": 1.2,
+        "time.steps": 4, "body.driving.mesh.contact_size": 1.6, "body.driven.mesh.contact_size": 1.6,
         "output.animation": False})}
 
 
