@@ -24,7 +24,7 @@ from pathlib import Path
 
 import numpy as np
 import peers
-from experiment import ROOT, Ledger, Row, arguments, processor, publish, table, where
+from experiment import ROOT, Ledger, Row, arguments, number, processor, publish, table, where
 from mpi4py import MPI
 from peers import Answer, Case, read_answer
 from peers.scenes import FORCE, MOVED, SCENES, write_case
@@ -62,7 +62,7 @@ class Peer:
     Attributes
     ----------
     title : what the tables call it
-    missing : what is not there, or None
+    needs : the module or program
     command : from the folder
     write : its input; not timed
     read : its answer
@@ -71,12 +71,16 @@ class Peer:
     """
 
     title: str
-    missing: Callable[[], str | None]
+    needs: str
     command: Callable[[Path], list[str]]
     read: Callable[[Case, Path], Answer]
     write: Callable[[Case, Path], object] = lambda case, folder: None
     order: int = 1
     scenes: Collection[str] = tuple(SCENES)
+
+    @property
+    def missing(self) -> bool:
+        return not (shutil.which(self.needs) or importlib.util.find_spec(self.needs))
 
 
 @dataclass(frozen=True)
@@ -141,14 +145,6 @@ GRID = np.stack(np.meshgrid(*3 * [np.linspace(0.0, 1.0, 5)]), axis=-1).reshape(-
 
 # Who takes part
 
-def lacks_module(name: str) -> str | None:
-    return None if importlib.util.find_spec(name) else f"no Python module {name}"
-
-
-def lacks_program(name: str) -> str | None:
-    return None if shutil.which(name) else f"no program {name}"
-
-
 def script(name: str) -> dict:
     """How a program of peers/ is started and read."""
     return {"command": lambda folder: [sys.executable, "-m", f"peers.{name}", str(folder)],
@@ -156,22 +152,21 @@ def script(name: str) -> dict:
 
 
 def calculix(title: str, kind: str, order: int = 1) -> Peer:
-    return Peer(title, lambda: lacks_program("ccx"), peers.calculix_command, peers.read_calculix,
-                peers.write_calculix(kind), order)
+    return Peer(title, "ccx", peers.calculix_command, peers.read_calculix, peers.write_calculix(kind), order)
 
 
 def ddmpi(title: str, order: int) -> Peer:
-    return Peer(title, lambda: None, peers.ddmpi_command, peers.read_ddmpi, peers.clear_ddmpi, order)
+    return Peer(title, "ddmpi", peers.ddmpi_command, peers.read_ddmpi, peers.clear_ddmpi, order)
 
 
 PEERS = {
     "ddmpi": ddmpi("ddmpi", 1),
-    "petsc": Peer("by hand, sparse, PETSc's MUMPS", lambda: lacks_module("skfem"), **script("active_set")),
-    "getfem": Peer("GetFEM", lambda: lacks_module("getfem"), **script("getfem_peer")),
+    "petsc": Peer("by hand, sparse, PETSc's MUMPS", "skfem", **script("active_set")),
+    "getfem": Peer("GetFEM", "getfem", **script("getfem_peer")),
     "calculix-faces": calculix("CalculiX, face to face", "SURFACE TO SURFACE"),
     "calculix-mortar": calculix("CalculiX, mortar", "LINMORTAR"),
     "ddmpi-2": ddmpi("ddmpi, order 2", 2),
-    "getfem-2": Peer("GetFEM, integral brick, order 2", lambda: lacks_module("getfem"), order=2,
+    "getfem-2": Peer("GetFEM, integral brick, order 2", "getfem", order=2,
                      scenes=[name for name in SCENES if name != "ball"], **script("getfem_peer")),
     "calculix-2": calculix("CalculiX, face to face, order 2", "SURFACE TO SURFACE", 2),
 }
@@ -251,10 +246,6 @@ def fine_answer(rows: list[Row], scene: str) -> Row | None:
 
 
 # The page
-
-def number(value: float, form: str) -> str:
-    return "–" if math.isnan(value) else format(value, form)
-
 
 def found_in(row: Row) -> list[str]:
     """Cells of a table: forces, pressure and displacement; rounding errors are zero."""
@@ -343,13 +334,12 @@ def main() -> None:
     parser.add_argument("--scenes", nargs="+", choices=list(SCENES), default=list(SCENES), help="default: all")
     parser.add_argument("--sizes", nargs="+", type=int, metavar="N", help="default: each scene's own, and fine answers")
     parser.add_argument("--peers", nargs="+", choices=list(PEERS), default=list(PEERS), help="default: all")
-    parser.add_argument("--repetitions", type=int, metavar="R", help="default: 1 to 3, by scene and size")
     parser.add_argument("--limit", type=float, default=LIMIT, metavar="S",
                         help="seconds of processors of a run (%(default)s)")
     options = parser.parse_args()
-    left_out = {name: why for name, peer in PEERS.items() if (why := peer.missing())}
-    for name, why in left_out.items():
-        print(f"{PEERS[name].title} is left out: {why}", file=sys.stderr)
+    left_out = {name: peer for name, peer in PEERS.items() if peer.missing}
+    for peer in left_out.values():
+        print(f"{peer.title} is left out: there is no {peer.needs}", file=sys.stderr)
 
     def work(scenes: Iterable[str], names: Collection[str]) -> list[tuple]:
         """What there is to run, the coarse meshes first."""
@@ -358,7 +348,7 @@ def main() -> None:
             its = SCENES[scene]
             having = [name for name in names if name not in left_out and scene in PEERS[name].scenes]
             found += [(place, scene, N, name, k) for place, (N, times) in enumerate(its.sizes.items())
-                      for k in range(options.repetitions or times) for name in having]
+                      for k in range(times) for name in having]
             found += [(1, scene, N, name, 0) for N in (*its.between, its.fine) for name in having if name == "ddmpi-2"]
         return [rest for _, *rest in sorted(found, key=lambda each: each[0])]
 

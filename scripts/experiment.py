@@ -7,13 +7,13 @@ import csv
 import functools
 import gc
 import inspect
+import math
 import platform
 import re
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
 
 from mpi4py import MPI
 
@@ -119,16 +119,16 @@ def _line(cells: Iterable) -> str:
     return f"| {' | '.join(map(str, cells))} |"
 
 
+def number(value: float, form: str = ".0e") -> str:
+    """For a cell of a table, which is empty where there is no number."""
+    return "–" if not math.isfinite(value) else "0" if value == 0 and form.endswith("e") else format(value, form)
+
+
 def processor() -> str:
     """The name of this machine's processor, for a page (Linux)."""
     with open("/proc/cpuinfo", encoding="utf-8") as file:
         named = [line.split(":")[1].strip() for line in file if line.startswith("model name")]
     return re.sub(" +", " ", named[0]) if named else platform.processor()
-
-
-def cells(pattern: str, *values: Any) -> list[str]:
-    """A row of a table from formats, as in "{} | {:.1f}"."""
-    return pattern.format(*values).split(" | ")
 
 
 def publish(name: str, tables: Mapping[str, list[str]], folder: Path, complete: bool = True,

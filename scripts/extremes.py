@@ -8,13 +8,15 @@ Writes to the folder --output: a CSV file per table (a line per run, written at 
 continues), robustness_table.md and, for space, extremes_in_space.md; each is also written to docs/tables/.
 """
 
+import functools
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from experiment import ROOT, Ledger, Row, arguments, on_two_ranks, publish, table
-from extremes_in_space import SOLIDS, attempt_solid, changed, solid_cases
+from experiment import ROOT, Ledger, Row, arguments, number, on_two_ranks, publish, table
+from extremes_in_space import SOLIDS, Scene, attempt_solid, changed, solid_cases
 from mpi4py import MPI
 from scenes import everywhere, exact_forces
 
@@ -156,10 +158,6 @@ def distance(answer: Answer) -> float:
 
 # Tables
 
-def number(value: float, form: str = ".0e") -> str:
-    return "–" if not np.isfinite(value) else "0" if value == 0 else format(value, form)
-
-
 def extremes_page(rows: list[Row], folder: Path) -> None:
     done = [row for row in rows if row["outcome"] == "certified"]
     refused = sum(row["outcome"].startswith("refused") for row in rows)
@@ -189,8 +187,7 @@ def solids_page(rows: list[Row], folder: Path) -> None:
                 else f"({said.index(row['outcome']) + 1})")
 
     def worst(some: dict[str, Row], key: str) -> str:
-        found = [row[key] for row in some.values() if np.isfinite(row[key])]
-        return number(max(found)) if found else "–"
+        return number(max((row[key] for row in some.values() if np.isfinite(row[key])), default=np.nan))
 
     kinds, keys = list(KINDS.values()), ("residual", "violation", "differs")
     body = [[group, case, *(cell(some[kind]) if kind in some else "–" for kind in kinds),
@@ -213,14 +210,15 @@ def extremes(world: MPI.Comm, folder: Path) -> list[Row]:
 
 def solids(world: MPI.Comm, folder: Path) -> list[Row]:
     ledger, made = Ledger(world, folder / "solids.csv", ("group", "case", "kind"), SOLIDS), solid_cases()
-    bases: dict[tuple, np.ndarray | None] = {}
     found: dict[tuple, Row] = {}
+
+    @functools.cache
+    def unchanged(make: Callable[..., Scene], which: tuple[bool, int]) -> np.ndarray | None:
+        return attempt_solid(make(*which), None, None)[1]
 
     def solve(group: str, case: str, which: tuple[bool, int]) -> Row:
         make, changes, factor = made[group, case]
-        if factor and (make, which) not in bases:
-            bases[make, which] = attempt_solid(make(*which), None, None)[1]
-        return attempt_solid(changed(make(*which), changes), bases.get((make, which)), factor)[0]
+        return attempt_solid(changed(make(*which), changes), unchanged(make, which) if factor else None, factor)[0]
 
     def measure(group: str, case: str, kind: str) -> Row:
         if (group, case, kind) not in found:  # each rank solves some kinds of a case alone

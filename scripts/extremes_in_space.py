@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from experiment import Row
 from mpi4py import MPI
-from problems.bodies import QUARTER, coulomb, plane, tresca
+from problems.bodies import FLOOR, QUARTER, coulomb, tresca
 from problems.revolved import half_ball
 from result_check import violations
 from reused import places
@@ -30,8 +30,6 @@ Changes = dict[str, Any]
 
 DRAWN = tempfile.TemporaryDirectory()
 """Of the ball."""
-
-FLOOR = plane("floor", (0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
 
 
 def later(function: Callable[..., Scene]) -> Callable[..., Callable[[bool, int], Scene]]:

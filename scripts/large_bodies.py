@@ -16,7 +16,7 @@ import os
 import tempfile
 from pathlib import Path
 
-from experiment import ROOT, Ledger, Row, arguments, publish, table, where
+from experiment import ROOT, Ledger, Row, arguments, number, publish, table, where
 from mpi4py import MPI
 from scenes import run_command
 
@@ -59,10 +59,6 @@ def measure_large(folder: Path, scene: str, millions: float, ranks: int, kind: s
         f"peak_{phase}": max((each.get(phase, math.nan) for each in held), default=math.nan) for phase in PEAKS} | {
         "n": summary["n"], "n_A": summary["n_A"], "compliance": " ".join(sorted(kinds)), "memory": max(memory),
         "in_all": sum(memory)}
-
-
-def digits_of(value: float, digits: int) -> str:
-    return "–" if math.isnan(value) else f"{value:.{digits}f}"
 
 
 def crossover(rows: list[Row], ranks: int) -> str:
@@ -110,9 +106,9 @@ def main() -> None:
             best = min((row["total"] for row in own if row["total"] == row["total"]), default=math.nan)
             tables[f"{scene}, {millions:g} million unknowns on {ranks} ranks"] = table(
                 ("compliance", "became", "n_A", "memory", "in all", "peak", *SPENT, "total / best"),
-                [(row["kind"], row["compliance"], row["n_A"] or "–", *(digits_of(row[name], 0) for name in
-                  ("memory", "in_all")), ", ".join(digits_of(row[f"peak_{phase}"], 0) for phase in PEAKS),
-                  *(digits_of(row[phase], 2) for phase in SPENT), digits_of(row["total"] / best, 2)) for row in own])
+                [(row["kind"], row["compliance"], row["n_A"] or "–", *(number(row[name], ".0f") for name in
+                  ("memory", "in_all")), ", ".join(number(row[f"peak_{phase}"], ".0f") for phase in PEAKS),
+                  *(number(row[phase], ".2f") for phase in SPENT), number(row["total"] / best, ".2f")) for row in own])
     solids = where(rows, scene="two_boxes")
     crossovers = "\n".join(line for ranks in options.ranks if (line := crossover(solids, ranks)))
     whole = options.order == 1 and all(tuple(given) == default for given, default in (

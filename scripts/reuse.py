@@ -23,7 +23,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from experiment import ROOT, Ledger, Row, arguments, cells, processor, publish, table, where
+from experiment import ROOT, Ledger, Row, arguments, processor, publish, table, where
 from gallery import EXHIBITS
 from mpi4py import MPI
 from reused import changes, content, differences
@@ -121,14 +121,14 @@ def write_page(pairs: list[Row], times: list[Row], folder: Path, complete: bool)
         [row["alike"] and not row["bytes"] for row in rows], [not row["alike"] for row in rows])))
         for ranks in sorted({row["ranks"] for row in pairs}) for rows in [where(pairs, ranks=ranks)]]
     sources = Counter(row["source"] for row in pairs + times).items()
+    spent = [[f"{row['scene']}, N = {row['N']}", row["cases"], f"{row['fresh']:.3f}",
+              *(format(value, form) for key in ("whole", "contacts") for value, form in (
+                  (row[key], ".3f"), (row[key] / row["fresh"], ".2f"))), row["same"]] for row in times]
     publish("reuse.md", {
         "Answers": table(("ranks", "pairs", "certified, not refused", "the same to the bit",
                           "the same up to 1e-7, several ranks a body", "unlike"), counts),
         "Times": table(("scene", "cases", "run by itself", "model, all fields", "ratio", "contacts alone", "ratio",
-                        "the same forces"), [cells(
-                            "{}, N = {} | {} | {:.3f} | {:.3f} | {:.2f} | {:.3f} | {:.2f} | {}", row["scene"], row["N"],
-                            row["cases"], row["fresh"], row["whole"], row["whole"] / row["fresh"], row["contacts"],
-                            row["contacts"] / row["fresh"], row["same"]) for row in times])}, folder, complete,
+                        "the same forces"), spent)}, folder, complete,
             {"Measured: .*": f"Measured: {'; '.join(f'{count} by {name}' for name, count in sources)}."})
 
 

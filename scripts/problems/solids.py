@@ -12,12 +12,11 @@ from scipy.special import ellipe, ellipk
 from ddmpi.interface.state import ContactState
 from ddmpi.run.answer import Answer
 from problems import ANGLE, AWAY, Curve, Order, Position, Results, X, along, mean_pressure, nodes_off, off, problem
-from problems.bodies import QUARTER, RADIUS, between, body, box, contact, coulomb, courses, held, plane, solved
+from problems.bodies import FLOOR, QUARTER, RADIUS, between, body, box, contact, coulomb, courses, held, solved
 from problems.forms import confined, hertz_values, lame_ball, lame_fit, plane_strain, shear
 from problems.moving import FRICTION, torque
 from problems.revolved import half_ball, shell, tube
 
-FLOOR = plane("floor", (0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
 EXACT, TIGHT = 1e-7, 1e-12
 
 

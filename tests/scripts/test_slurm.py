@@ -48,13 +48,14 @@ class Cluster:
         assert done.returncode == 0, f"{command}: {done.stderr}"
         return done.stdout
 
-    def wait(self, name: str) -> list[dict[str, str]]:
-        """What Slurm knows of the job, or of each task of an array, once it has ended."""
+    def wait(self, name: str, state: str = "COMPLETED", code: str = "0:0") -> list[dict[str, str]]:
+        """What Slurm knows of the job, or of each task of an array, once it has ended as it should."""
         end = time.monotonic() + scenes.LIMIT
         while True:
             text = self.ask("scontrol", "show", "job", "--oneliner", self.jobs[name])
             tasks = [dict(re.findall(r"(\w+)=(\S*)", line)) for line in text.splitlines() if line]
             if all(task["JobState"] in ("COMPLETED", "FAILED", "CANCELLED", "TIMEOUT") for task in tasks):
+                assert {(task["JobState"], task["ExitCode"]) for task in tasks} == {(state, code)}, self.said(name)
                 return tasks
             assert time.monotonic() < end, f"{name}: {text}\n{self.said(name)}"
             time.sleep(0.2)
@@ -110,8 +111,7 @@ def jobs(cluster) -> Cluster:
 @pytest.mark.slurm
 @pytest.mark.parametrize("launch", ["mpirun", "srun"])
 def test_run(jobs, launch):
-    job, = jobs.wait(launch)
-    assert (job["JobState"], job["ExitCode"]) == ("COMPLETED", "0:0"), jobs.said(launch)
+    jobs.wait(launch)
     summary = json.loads((jobs.folder / launch / "summary.json").read_text())
     assert summary["converged"] and summary["ranks"] == 2
     assert summary["slurm"]["job_id"] == jobs.jobs[launch] and summary["run"].endswith(f" job {jobs.jobs[launch]}")
@@ -120,15 +120,13 @@ def test_run(jobs, launch):
 
 @pytest.mark.slurm
 def test_the_exit_code_reaches_slurm(jobs):
-    job, = jobs.wait("bad")
-    assert (job["JobState"], job["ExitCode"]) == ("FAILED", "2:0")
+    jobs.wait("bad", "FAILED", "2:0")
     assert jobs.said("bad").count("ddmpi: error:") == 1 and not (jobs.folder / "bad").exists()
 
 
 @pytest.mark.slurm
 def test_array(jobs):
-    tasks = jobs.wait("array")
-    assert [task["JobState"] for task in tasks] == ["COMPLETED"] * 2, jobs.said("array")
+    assert len(jobs.wait("array")) == 2
     assert jobs.said("array").count("certified, ") == 5
     summaries = [json.loads(path.read_text()) for path in (jobs.folder / "sweep").glob("*/summary.json")]
     assert sorted(summary["slurm"]["array_task_id"] for summary in summaries) == ["1", "1", "1", "2", "2"]
@@ -136,8 +134,7 @@ def test_array(jobs):
 
 @pytest.mark.slurm
 def test_the_job_after_the_array_gathers(jobs):
-    job, = jobs.wait("gather")
-    assert (job["JobState"], job["ExitCode"]) == ("COMPLETED", "0:0"), jobs.said("gather")
+    jobs.wait("gather")
     assert "0 to run, 5 finished" in jobs.said("gather")
     with open(jobs.folder / "sweep" / "sweep.csv", newline="") as file:
         assert [row["status"] for row in csv.DictReader(file)] == ["certified"] * 5
@@ -148,7 +145,7 @@ def test_the_job_after_the_array_gathers(jobs):
 def test_a_job_whose_time_is_up_goes_back_and_continues(jobs, tmp_path):
     job, = jobs.wait("preempted")
     said = jobs.said("preempted")
-    assert (job["JobState"], job["ExitCode"], job["Restarts"]) == ("COMPLETED", "0:0", "1"), said
+    assert job["Restarts"] == "1", said
     assert "interrupted by SIGUSR1" in said and "back into the queue" in said
     assert said.index("start number 2") < said.index("continuing after iteration") < said.index("converged and")
     whole = scenes.run_command(jobs.folder / "long.toml", tmp_path / "whole", "--no-figures")
