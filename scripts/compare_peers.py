@@ -8,6 +8,7 @@ is not installed is named and left out.
 
 from __future__ import annotations
 
+import functools
 import importlib.util
 import json
 import math
@@ -18,7 +19,7 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -199,27 +200,6 @@ def moved(case: Case, u: np.ndarray) -> str:
     return " ".join(f"{value:.7g}" for value in np.concatenate(found).ravel())
 
 
-class Runs:
-    """Runs peers in turns; a peer that has failed on a scene is not asked again, nor for finer meshes of it."""
-
-    def __init__(self, rows: list[Row], folder: Path, limit: float) -> None:
-        self.rows, self.folder, self.limit, self.cases = rows, folder, limit, {}
-
-    def __call__(self, scene: str, N: int, peer: str, repetition: int) -> Row:
-        order = PEERS[peer].order
-        place = self.folder / f"{scene}{N}-{order}"
-        if (scene, N, order) not in self.cases:
-            place.mkdir(exist_ok=True)
-            self.cases = {(scene, N, order): write_case(scene, N, place, order)}  # one at a time
-        case = self.cases[scene, N, order]
-        before = [row for row in where(self.rows, scene=scene, peer=peer)
-                  if row["failure"] and (row["N"] == N or (row["N"] < N and LATE in row["failure"]))]
-        if before:
-            return row_of(case, Result(math.nan, math.nan, math.nan, None, before[0]["failure"]))
-        (place / "answer.npz").unlink(missing_ok=True)
-        return row_of(case, measure(PEERS[peer], case, place, self.limit))
-
-
 def best(rows: list[Row]) -> Row | None:
     """The repetition with the smallest time, with the largest memory of all."""
     done = [row for row in rows if not row["failure"]]
@@ -334,29 +314,38 @@ def main() -> None:
     parser.add_argument("--scenes", nargs="+", choices=list(SCENES), default=list(SCENES), help="default: all")
     parser.add_argument("--sizes", nargs="+", type=int, metavar="N", help="default: each scene's own, and fine answers")
     parser.add_argument("--peers", nargs="+", choices=list(PEERS), default=list(PEERS), help="default: all")
-    parser.add_argument("--limit", type=float, default=LIMIT, metavar="S",
-                        help="seconds of processors of a run (%(default)s)")
     options = parser.parse_args()
-    left_out = {name: peer for name, peer in PEERS.items() if peer.missing}
-    for peer in left_out.values():
+    for peer in (each for each in PEERS.values() if each.missing):
         print(f"{peer.title} is left out: there is no {peer.needs}", file=sys.stderr)
-
-    def work(scenes: Iterable[str], names: Collection[str]) -> list[tuple]:
-        """What there is to run, the coarse meshes first."""
-        found = []
-        for scene in scenes:
-            its = SCENES[scene]
-            having = [name for name in names if name not in left_out and scene in PEERS[name].scenes]
-            found += [(place, scene, N, name, k) for place, (N, times) in enumerate(its.sizes.items())
-                      for k in range(times) for name in having]
-            found += [(1, scene, N, name, 0) for N in (*its.between, its.fine) for name in having if name == "ddmpi-2"]
-        return [rest for _, *rest in sorted(found, key=lambda each: each[0])]
-
+    runs: list[tuple] = []  # the coarse meshes first
+    for scene, its in SCENES.items():
+        having = [name for name, peer in PEERS.items() if not peer.missing and scene in peer.scenes]
+        runs += [(place, scene, N, name, k) for place, (N, times) in enumerate(its.sizes.items())
+                 for k in range(times) for name in having]
+        runs += [(1, scene, N, "ddmpi-2", 0) for N in (*its.between, its.fine)]
+    runs = [rest for _, *rest in sorted(runs, key=lambda each: each[0])]
+    wanted = [(scene, N, peer, k) for scene, N, peer, k in runs if scene in options.scenes
+              and N in (options.sizes or [N]) and peer in options.peers]
     ledger = Ledger(MPI.COMM_WORLD, options.output / "peers.csv", KEY, MEASURED)
     with tempfile.TemporaryDirectory() as folder:
-        wanted = [each for each in work(options.scenes, options.peers) if each[1] in (options.sizes or [each[1]])]
-        rows = ledger.fill(wanted, Runs(ledger.rows, Path(folder), options.limit))
-    complete = all(where(rows, scene=scene, N=N, peer=name) for scene, N, name, *_ in work(SCENES, PEERS))
+        @functools.lru_cache(maxsize=1)
+        def written(scene: str, N: int, order: int) -> tuple[Case, Path]:
+            place = Path(folder) / f"{scene}{N}-{order}"
+            place.mkdir(exist_ok=True)
+            return write_case(scene, N, place, order), place
+
+        def run(scene: str, N: int, name: str, repetition: int) -> Row:
+            """A peer that has failed on a scene is not asked again, nor for finer meshes of it if it took too long."""
+            case, place = written(scene, N, PEERS[name].order)
+            before = [row for row in where(ledger.rows, scene=scene, peer=name)
+                      if row["failure"] and (row["N"] == N or (row["N"] < N and LATE in row["failure"]))]
+            if before:
+                return row_of(case, Result(math.nan, math.nan, math.nan, None, before[0]["failure"]))
+            (place / "answer.npz").unlink(missing_ok=True)
+            return row_of(case, measure(PEERS[name], case, place, LIMIT))
+
+        rows = ledger.fill(wanted, run)
+    complete = all(where(rows, scene=scene, N=N, peer=name) for scene, N, name, _ in runs)
     write_page(rows, options.output, complete)
 
 
