@@ -84,28 +84,6 @@ def test_a_set_up_removes_no_folder_of_others(tmp_path, name):
     assert ("no virtual environment; name another folder in DDMPI_VENV" in said) == place.exists()
 
 
-HELD = """
-import os, sys, time
-from ddmpi.body.compliance import Compliance
-from ddmpi.cli.main import main
-from ddmpi.system import interrupt
-
-original, calls = Compliance.mult, []
-
-def mult(*arguments):
-    calls.append(1)
-    if len(calls) == 120:
-        open(os.environ["READY"], "w").close()
-        end = 1200 + time.monotonic()
-        while not interrupt.interruption() and time.monotonic() < end:
-            time.sleep(0.01)
-    return original(*arguments)
-
-Compliance.mult = mult
-main(sys.argv[3:])
-"""
-"""The command, which at its 120th multiplication waits for a signal."""
-
 DEAF = """
 import os, signal, time
 from mpi4py import MPI
@@ -120,13 +98,12 @@ while time.monotonic() < end:
 """A program that goes on at SIGUSR1, as one that factorizes."""
 
 
-def in_terminal(program: str, here: Path, command: list[str], *ready: str) -> tuple[int, str]:
+def in_terminal(program: Path, here: Path, command: list[str], *ready: str) -> tuple[int, str]:
     """Start a command in a terminal of its own, press Ctrl-C when a file is there; its exit code and what it has said.
 
-    Once for each of the files `ready`.
+    Once for each of the files `ready`. The program takes the place of Python.
     """
-    (here / "program.py").write_text(program)
-    python = executable(here / "python", f'exec {sys.executable} {here}/program.py "$@"')
+    python = executable(here / "python", f'exec {sys.executable} {program} "$@"')
     said = b""
     environment = scenes.clean_environment() | {"DDMPI_PYTHON": str(python), "READY": f"{here}/ready", "TERM": "dumb"}
     process, terminal = pty.fork()
@@ -156,7 +133,7 @@ def test_ctrl_c_leaves_a_checkpoint_and_one_message(tmp_path, alone):
     scenes.write_scene(scene, tmp_path / "scene.toml")
     arguments = ["run", str(tmp_path / "scene.toml"), "--no-figures", "--output", str(folder)]
     command = [str(tmp_path / "python"), "-m", "ddmpi"] if alone else [str(scenes.ROOT / "scripts" / "run.sh")]
-    code, said = in_terminal(HELD, tmp_path, [*command, *arguments], "ready")
+    code, said = in_terminal(scenes.ROOT / "tests" / "support" / "held.py", tmp_path, [*command, *arguments], "ready")
     assert code == 6, said
     message, = re.findall(r"ddmpi: .*", said)
     kept = rf"ddmpi: interrupted by SIGINT: the state after iteration \d+ is kept, --restart {folder} goes on"
@@ -167,7 +144,8 @@ def test_ctrl_c_leaves_a_checkpoint_and_one_message(tmp_path, alone):
 def test_a_second_ctrl_c_does_not_wait(tmp_path):
     """Ctrl-C twice ends also what hears no signal, all ranks of it; the exit code is a shell's."""
     command = [str(scenes.ROOT / "scripts" / "run.sh"), "scene.toml"]
-    code, said = in_terminal(DEAF, tmp_path, command, "ready1", "ready heard")
+    (tmp_path / "deaf.py").write_text(DEAF)
+    code, said = in_terminal(tmp_path / "deaf.py", tmp_path, command, "ready1", "ready heard")
     assert (code, said.count("ddmpi: ")) == (130, 1), said
     assert "ending at once" in said
     for rank in ("", "1"):

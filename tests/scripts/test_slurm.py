@@ -94,8 +94,8 @@ def jobs(cluster) -> Cluster:
     here = cluster.folder
     small = str(scenes.write_scene(pinched_blocks(2), here / "small.toml"))
     long = str(scenes.write_scene(pinched_blocks(2, outer="relaxation"), here / "long.toml"))
-    preempted = shlex.join([sys.executable, f"{scenes.ROOT}/tests/support/preempted.py"])
-    python = executable(here / "python", f'exec {preempted} "$@"')
+    held = shlex.join([sys.executable, f"{scenes.ROOT}/tests/support/held.py"])
+    python = executable(here / "python", f'exec {held} "$@"')
     cluster.submit("preempted", "run.sbatch", long, "--no-figures", "--output", str(here / "preempted"),
                    DDMPI_PYTHON=str(python))
     cluster.submit("mpirun", "run.sbatch", small, f"--output={here / 'mpirun'}", "--no-figures")
