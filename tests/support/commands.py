@@ -17,8 +17,9 @@ def executable(path: Path, text: str) -> Path:
 
 
 def without_settings() -> dict[str, str]:
-    """The environment of a test without the settings of ddmpi's scripts."""
-    return {key: value for key, value in scenes.clean_environment().items() if not key.startswith("DDMPI_")}
+    """The environment of a test without the settings of ddmpi's scripts, but for the folder of the set-up."""
+    return {key: value for key, value in scenes.clean_environment().items()
+            if not key.startswith("DDMPI_") or key == "DDMPI_VENV"}
 
 
 def run(*command: str | Path, cwd: Path, code: int = 0, **environment: str) -> str:
