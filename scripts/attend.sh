@@ -6,7 +6,6 @@
 # second or two and return 1, so it runs in a session of its own, which a terminal sends nothing. The file DDMPI_SIGNAL
 # holds the name of the signal, for the message. A second Ctrl-C, or Ctrl-\, does not wait for a checkpoint.
 # BARE_SIGNALS says that mpirun returns the bare number of a signal that has ended a rank; our own codes end at 6.
-# HAND_ON=TERM is for programs that handle no signal.
 attend() {
     local came last=0 signal
     caught="" hurried=""
@@ -37,7 +36,7 @@ pass_on() {
     if [ -n "$hurried" ]; then
         kill_session
     else
-        { echo "SIG$1" >"$DDMPI_SIGNAL"; kill -s "${HAND_ON:-USR1}" "$child"; } 2>/dev/null || true
+        { echo "SIG$1" >"$DDMPI_SIGNAL"; kill -s USR1 "$child"; } 2>/dev/null || true
     fi
 }
 

@@ -8,6 +8,7 @@ is not installed is named and left out.
 
 from __future__ import annotations
 
+import functools
 import importlib.util
 import json
 import math
@@ -18,13 +19,13 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import peers
-from experiment import ROOT, Ledger, Row, arguments, processor, publish, refilled, table, where
+from experiment import ROOT, Ledger, Row, arguments, number, processor, publish, table, where
 from mpi4py import MPI
 from peers import Answer, Case, read_answer
 from peers.scenes import FORCE, MOVED, SCENES, write_case
@@ -62,7 +63,7 @@ class Peer:
     Attributes
     ----------
     title : what the tables call it
-    missing : what is not there, or None
+    needs : the module or program
     command : from the folder
     write : its input; not timed
     read : its answer
@@ -71,12 +72,16 @@ class Peer:
     """
 
     title: str
-    missing: Callable[[], str | None]
+    needs: str
     command: Callable[[Path], list[str]]
     read: Callable[[Case, Path], Answer]
     write: Callable[[Case, Path], object] = lambda case, folder: None
     order: int = 1
     scenes: Collection[str] = tuple(SCENES)
+
+    @property
+    def missing(self) -> bool:
+        return not (shutil.which(self.needs) or importlib.util.find_spec(self.needs))
 
 
 @dataclass(frozen=True)
@@ -141,14 +146,6 @@ GRID = np.stack(np.meshgrid(*3 * [np.linspace(0.0, 1.0, 5)]), axis=-1).reshape(-
 
 # Who takes part
 
-def lacks_module(name: str) -> str | None:
-    return None if importlib.util.find_spec(name) else f"no Python module {name}"
-
-
-def lacks_program(name: str) -> str | None:
-    return None if shutil.which(name) else f"no program {name}"
-
-
 def script(name: str) -> dict:
     """How a program of peers/ is started and read."""
     return {"command": lambda folder: [sys.executable, "-m", f"peers.{name}", str(folder)],
@@ -156,22 +153,21 @@ def script(name: str) -> dict:
 
 
 def calculix(title: str, kind: str, order: int = 1) -> Peer:
-    return Peer(title, lambda: lacks_program("ccx"), peers.calculix_command, peers.read_calculix,
-                peers.write_calculix(kind), order)
+    return Peer(title, "ccx", peers.calculix_command, peers.read_calculix, peers.write_calculix(kind), order)
 
 
 def ddmpi(title: str, order: int) -> Peer:
-    return Peer(title, lambda: None, peers.ddmpi_command, peers.read_ddmpi, peers.clear_ddmpi, order)
+    return Peer(title, "ddmpi", peers.ddmpi_command, peers.read_ddmpi, peers.clear_ddmpi, order)
 
 
 PEERS = {
     "ddmpi": ddmpi("ddmpi", 1),
-    "petsc": Peer("by hand, sparse, PETSc's MUMPS", lambda: lacks_module("skfem"), **script("active_set")),
-    "getfem": Peer("GetFEM", lambda: lacks_module("getfem"), **script("getfem_peer")),
+    "petsc": Peer("by hand, sparse, PETSc's MUMPS", "skfem", **script("active_set")),
+    "getfem": Peer("GetFEM", "getfem", **script("getfem_peer")),
     "calculix-faces": calculix("CalculiX, face to face", "SURFACE TO SURFACE"),
     "calculix-mortar": calculix("CalculiX, mortar", "LINMORTAR"),
     "ddmpi-2": ddmpi("ddmpi, order 2", 2),
-    "getfem-2": Peer("GetFEM, integral brick, order 2", lambda: lacks_module("getfem"), order=2,
+    "getfem-2": Peer("GetFEM, integral brick, order 2", "getfem", order=2,
                      scenes=[name for name in SCENES if name != "ball"], **script("getfem_peer")),
     "calculix-2": calculix("CalculiX, face to face, order 2", "SURFACE TO SURFACE", 2),
 }
@@ -204,27 +200,6 @@ def moved(case: Case, u: np.ndarray) -> str:
     return " ".join(f"{value:.7g}" for value in np.concatenate(found).ravel())
 
 
-class Runs:
-    """Runs peers in turns; a peer that has failed on a scene is not asked again, nor for finer meshes of it."""
-
-    def __init__(self, rows: list[Row], folder: Path, limit: float) -> None:
-        self.rows, self.folder, self.limit, self.cases = rows, folder, limit, {}
-
-    def __call__(self, scene: str, N: int, peer: str, repetition: int) -> Row:
-        order = PEERS[peer].order
-        place = self.folder / f"{scene}{N}-{order}"
-        if (scene, N, order) not in self.cases:
-            place.mkdir(exist_ok=True)
-            self.cases = {(scene, N, order): write_case(scene, N, place, order)}  # one at a time
-        case = self.cases[scene, N, order]
-        before = [row for row in where(self.rows, scene=scene, peer=peer)
-                  if row["failure"] and (row["N"] == N or (row["N"] < N and LATE in row["failure"]))]
-        if before:
-            return row_of(case, Result(math.nan, math.nan, math.nan, None, before[0]["failure"]))
-        (place / "answer.npz").unlink(missing_ok=True)
-        return row_of(case, measure(PEERS[peer], case, place, self.limit))
-
-
 def best(rows: list[Row]) -> Row | None:
     """The repetition with the smallest time, with the largest memory of all."""
     done = [row for row in rows if not row["failure"]]
@@ -251,10 +226,6 @@ def fine_answer(rows: list[Row], scene: str) -> Row | None:
 
 
 # The page
-
-def number(value: float, form: str) -> str:
-    return "–" if math.isnan(value) else format(value, form)
-
 
 def found_in(row: Row) -> list[str]:
     """Cells of a table: forces, pressure and displacement; rounding errors are zero."""
@@ -327,13 +298,13 @@ def short_table(rows: list[Row]) -> list[str]:
                   "times, equal error"], lines)
 
 
-def page(rows: list[Row], complete: bool) -> str:
+def write_page(rows: list[Row], folder: Path, complete: bool) -> None:
     """docs/tables/peers.md, which has all words."""
     have = versions()
     done = [scene for scene, its in SCENES.items() if any(where(rows, scene=scene, N=N) for N in its.sizes)]
-    return refilled("peers.md", {"Solids in short": short_table(rows)} | {SCENES[scene].title: [
+    publish("peers.md", {"Solids in short": short_table(rows)} | {SCENES[scene].title: [
         line for N in SCENES[scene].sizes if where(rows, scene=scene, N=N) for line in scene_table(rows, scene, N)]
-        for scene in done}, complete, {
+        for scene in done}, folder, complete, {
             ".* cores, PETSc .*": f"{processor()}, {os.cpu_count()} cores, PETSc {have['petsc']}, {have['mpi']}."} | {
             f"of order 2 with N = {SCENES[scene].fine},.*": fine_words(rows, scene) for scene in done})
 
@@ -343,31 +314,39 @@ def main() -> None:
     parser.add_argument("--scenes", nargs="+", choices=list(SCENES), default=list(SCENES), help="default: all")
     parser.add_argument("--sizes", nargs="+", type=int, metavar="N", help="default: each scene's own, and fine answers")
     parser.add_argument("--peers", nargs="+", choices=list(PEERS), default=list(PEERS), help="default: all")
-    parser.add_argument("--repetitions", type=int, metavar="R", help="default: 1 to 3, by scene and size")
-    parser.add_argument("--limit", type=float, default=LIMIT, metavar="S",
-                        help="seconds of processors of a run (%(default)s)")
     options = parser.parse_args()
-    left_out = {name: why for name, peer in PEERS.items() if (why := peer.missing())}
-    for name, why in left_out.items():
-        print(f"{PEERS[name].title} is left out: {why}", file=sys.stderr)
-
-    def work(scenes: Iterable[str], names: Collection[str]) -> list[tuple]:
-        """What there is to run, the coarse meshes first."""
-        found = []
-        for scene in scenes:
-            its = SCENES[scene]
-            having = [name for name in names if name not in left_out and scene in PEERS[name].scenes]
-            found += [(place, scene, N, name, k) for place, (N, times) in enumerate(its.sizes.items())
-                      for k in range(options.repetitions or times) for name in having]
-            found += [(1, scene, N, name, 0) for N in (*its.between, its.fine) for name in having if name == "ddmpi-2"]
-        return [rest for _, *rest in sorted(found, key=lambda each: each[0])]
-
+    for peer in (each for each in PEERS.values() if each.missing):
+        print(f"{peer.title} is left out: there is no {peer.needs}", file=sys.stderr)
+    runs: list[tuple] = []  # the coarse meshes first
+    for scene, its in SCENES.items():
+        having = [name for name, peer in PEERS.items() if not peer.missing and scene in peer.scenes]
+        runs += [(place, scene, N, name, k) for place, (N, times) in enumerate(its.sizes.items())
+                 for k in range(times) for name in having]
+        runs += [(1, scene, N, "ddmpi-2", 0) for N in (*its.between, its.fine)]
+    runs = [rest for _, *rest in sorted(runs, key=lambda each: each[0])]
+    wanted = [(scene, N, peer, k) for scene, N, peer, k in runs if scene in options.scenes
+              and N in (options.sizes or [N]) and peer in options.peers]
     ledger = Ledger(MPI.COMM_WORLD, options.output / "peers.csv", KEY, MEASURED)
     with tempfile.TemporaryDirectory() as folder:
-        wanted = [each for each in work(options.scenes, options.peers) if each[1] in (options.sizes or [each[1]])]
-        rows = ledger.fill(wanted, Runs(ledger.rows, Path(folder), options.limit))
-    complete = all(where(rows, scene=scene, N=N, peer=name) for scene, N, name, *_ in work(SCENES, PEERS))
-    publish("peers.md", page(rows, complete), options.output, complete)
+        @functools.lru_cache(maxsize=1)
+        def written(scene: str, N: int, order: int) -> tuple[Case, Path]:
+            place = Path(folder) / f"{scene}{N}-{order}"
+            place.mkdir(exist_ok=True)
+            return write_case(scene, N, place, order), place
+
+        def run(scene: str, N: int, name: str, repetition: int) -> Row:
+            """A peer that has failed on a scene is not asked again, nor for finer meshes of it if it took too long."""
+            case, place = written(scene, N, PEERS[name].order)
+            before = [row for row in where(ledger.rows, scene=scene, peer=name)
+                      if row["failure"] and (row["N"] == N or (row["N"] < N and LATE in row["failure"]))]
+            if before:
+                return row_of(case, Result(math.nan, math.nan, math.nan, None, before[0]["failure"]))
+            (place / "answer.npz").unlink(missing_ok=True)
+            return row_of(case, measure(PEERS[name], case, place, LIMIT))
+
+        rows = ledger.fill(wanted, run)
+    complete = all(where(rows, scene=scene, N=N, peer=name) for scene, N, name, _ in runs)
+    write_page(rows, options.output, complete)
 
 
 if __name__ == "__main__":

@@ -18,10 +18,12 @@ import traceback
 from pathlib import Path
 
 import numpy as np
-from experiment import Ledger, Row, arguments, publish, refilled, table, where
+from experiment import Ledger, Row, arguments, publish, table, where
 from mpi4py import MPI
+from peers import nodal
 from scipy.spatial import cKDTree
 
+from ddmpi.decks.cards import DeckError
 from ddmpi.decks.deck import STRIDE, flattened
 from ddmpi.decks.scene import Importer, import_deck
 from ddmpi.errors import DdmpiError
@@ -34,9 +36,6 @@ LARGEST, NODAL = 0.03, 0.05
 
 LIMIT = 600
 """Longest time of a run (s)."""
-
-NODE = re.compile(r" -1 *(\d+)((?:[ -]\d\.\d{5}E[+-]\d\d){3})")
-"""A node of a file of results of CalculiX, with its three components."""
 
 OTHER = frozenset((
     "PLASTIC", "DYNAMIC", "HEATTRANSFER", "HYPERELASTIC", "HYPERFOAM", "FREQUENCY", "BUCKLE", "CREEP", "VISCO",
@@ -71,7 +70,10 @@ def unpacked(suite: Path, folder: Path) -> list[Path]:
 
 def is_static(deck: Path) -> bool:
     """Whether a deck computes the statics of solids, and has no constraints between nodes."""
-    cards, _ = flattened(deck)
+    try:
+        cards, _ = flattened(deck)
+    except DeckError:  # of which `tried` tells
+        return False
     words = {card.word for card in cards}
     types = {card.given.get("TYPE", "").upper() for card in cards if card.word == "ELEMENT"}
     return (bool(types) and all(SOLIDS.match(kind) for kind in types) and "STATIC" in words
@@ -107,17 +109,10 @@ def computed(deck: Path, text: str, folder: Path) -> dict[int, list[float]]:
         (folder / deck.name).write_text(text[:k] + "*NODE FILE\nU\n" + text[k:])
     try:
         subprocess.run(["ccx", deck.stem], cwd=folder, capture_output=True, timeout=LIMIT, check=False)
-        lines = (folder / deck.with_suffix(".frd").name).read_text(errors="replace").splitlines()
-    except (OSError, subprocess.TimeoutExpired):
+        nodes, u = nodal((folder / deck.with_suffix(".frd").name).read_text(errors="replace"), "DISP")
+    except (OSError, ValueError, subprocess.TimeoutExpired):
         return {}
-    starts = [k for k, line in enumerate(lines) if line.startswith(" -4  DISP")]
-    found = {}
-    for line in lines[starts[-1]:] if starts else ():
-        if line.startswith(" -3"):
-            break
-        if match := NODE.match(line):
-            found[int(match[1])] = [float(match[2][12 * k:12 * k + 12]) for k in range(3)]
-    return found
+    return dict(zip(nodes, u.tolist(), strict=True))
 
 
 def compared(deck: Path, scene: Path, reference: dict[int, list[float]]) -> tuple[float, float, float]:
@@ -181,17 +176,17 @@ def tried(deck: Path, folder: Path) -> tuple[str, str]:
     return "agrees" if agrees else "differs", words
 
 
-def page(rows: list[Row]) -> str:
+def write_page(rows: list[Row], folder: Path, complete: bool) -> None:
     """docs/tables/decks.md, which also has why decks differ."""
     rows = sorted(rows, key=lambda row: row["deck"])
     counts = [[end or "all", *(len(some) for some in (of, where(of, static=True)))]
               for end in [*sorted({row["end"] for row in rows}), ""]
               for of in [where(rows, end=end) if end else rows]]
-    return refilled("decks.md", {
+    publish("decks.md", {
         "Ends": table(("end", "decks", "static ones"), counts),
         "Decks": table(("deck", "static", "end", "details, or the line that is not possible"), (
             (row["deck"], "yes" if row["static"] else "", row["end"], row["words"].replace("*", "\\*"))
-            for row in rows))}, True)
+            for row in rows))}, folder, complete)
 
 
 def main() -> None:
@@ -210,7 +205,7 @@ def main() -> None:
             return {"static": is_static(decks[stem]), "end": end, "words": words}
 
         rows = ledger.fill([(stem,) for stem in decks], measure)
-    publish("decks.md", page(rows), options.output, not options.only)
+    write_page(rows, options.output, not options.only)
 
 
 if __name__ == "__main__":

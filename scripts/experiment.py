@@ -7,13 +7,13 @@ import csv
 import functools
 import gc
 import inspect
+import math
 import platform
 import re
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
 
 from mpi4py import MPI
 
@@ -119,6 +119,11 @@ def _line(cells: Iterable) -> str:
     return f"| {' | '.join(map(str, cells))} |"
 
 
+def number(value: float, form: str = ".0e") -> str:
+    """For a cell of a table, which is empty where there is no number."""
+    return "–" if not math.isfinite(value) else "0" if value == 0 and form.endswith("e") else format(value, form)
+
+
 def processor() -> str:
     """The name of this machine's processor, for a page (Linux)."""
     with open("/proc/cpuinfo", encoding="utf-8") as file:
@@ -126,25 +131,26 @@ def processor() -> str:
     return re.sub(" +", " ", named[0]) if named else platform.processor()
 
 
-def cells(pattern: str, *values: Any) -> list[str]:
-    """A row of a table from formats, as in "{} | {:.1f}"."""
-    return pattern.format(*values).split(" | ")
-
-
-def refilled(name: str, tables: Mapping[str, list[str]], complete: bool, facts: Mapping[str, str] | None = None) -> str:
-    """A page of docs/tables/ with new tables. Its words stand there alone.
+def publish(name: str, tables: Mapping[str, list[str]], folder: Path, complete: bool = True,
+            facts: Mapping[str, str] | None = None, draw: Callable[[Path], None] | None = None) -> None:
+    """Write a page of docs/tables/, whose words stand there alone, with new tables to `folder`, and back if the study
+    is complete.
 
     Parameters
     ----------
     tables : lines of those below each heading, in their order; "" is what stands above the first heading
-    complete : else the page has no sections but those of the `tables`
+    complete : else the page has no sections but those of the `tables`, new ones at its end
     facts : patterns in the words, and what stands there now
+    draw : draws figures into a folder beside the page
     """
     first, *sections = re.split(r"^## ", (TABLES / name).read_text(encoding="utf-8"), flags=re.M)
     parts = {"": first} | {section.partition("\n")[0]: f"## {section}" for section in sections}
     for title, lines in tables.items():
         if lines[0].startswith("### ") and title in parts:  # with headings of their own
             parts[title] = "\n".join([re.split("\n### ", parts[title], maxsplit=1)[0], *lines, ""])
+            continue
+        if title not in parts and not complete:
+            parts[title] = "\n".join([f"## {title}", "", *lines, ""])
             continue
         old, new = (re.findall(TABLE, text, re.M) for text in (parts.get(title, ""), "\n".join([*lines, ""])))
         if len(old) != len(new):
@@ -154,11 +160,6 @@ def refilled(name: str, tables: Mapping[str, list[str]], complete: bool, facts: 
     text = "".join(part for title, part in parts.items() if complete or not title or title in tables)
     for pattern, fact in (facts or {}).items():
         text = re.sub(pattern, lambda _, fact=fact: fact, text)
-    return text
-
-
-def publish(name: str, text: str, folder: Path, complete: bool, draw: Callable[[Path], None] | None = None) -> None:
-    """Write a page to `folder`, and to docs/tables/ if the study is complete; `draw` draws its figures beside it."""
     folder.mkdir(parents=True, exist_ok=True)
     for place in [folder, TABLES] if complete else [folder]:
         (place / name).write_text(text, encoding="utf-8")

@@ -8,13 +8,15 @@ Writes to the folder --output: a CSV file per table (a line per run, written at 
 continues), robustness_table.md and, for space, extremes_in_space.md; each is also written to docs/tables/.
 """
 
+import functools
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from experiment import ROOT, Ledger, Row, arguments, on_two_ranks, publish, refilled, table
-from extremes_in_space import SOLIDS, attempt_solid, changed, solid_cases
+from experiment import ROOT, Ledger, Row, arguments, number, on_two_ranks, publish, table
+from extremes_in_space import SOLIDS, Scene, attempt_solid, changed, solid_cases
 from mpi4py import MPI
 from scenes import everywhere, exact_forces
 
@@ -156,11 +158,7 @@ def distance(answer: Answer) -> float:
 
 # Tables
 
-def number(value: float, form: str = ".0e") -> str:
-    return "–" if not np.isfinite(value) else "0" if value == 0 else format(value, form)
-
-
-def extremes_page(rows: list[Row]) -> str:
+def extremes_page(rows: list[Row], folder: Path) -> None:
     done = [row for row in rows if row["outcome"] == "certified"]
     refused = sum(row["outcome"].startswith("refused") for row in rows)
     distances = [row["distance"] for row in done if np.isfinite(row["distance"])]
@@ -172,13 +170,13 @@ def extremes_page(rows: list[Row]) -> str:
             cells = ["–", outcome, "–", "–", "–", "–"]
         body.append([row["group"], row["case"], *cells, f"{row['seconds']:.1f}"])
     header = ["what", "case", "m", "certified", "iterations", "n_A", "residual", "distance", "s"]
-    return refilled("robustness_table.md", {"The extremes": table(header, body)}, True, {
+    publish("robustness_table.md", {"The extremes": table(header, body)}, folder, facts={
         r"\d+ scenes: .* not converged": f"{len(rows)} scenes: {len(done)} certified, {refused} refused, "
                                          f"{len(rows) - len(done) - refused} not converged",
         r"\(\d+ scenes, at most [^)]*": f"({len(distances)} scenes, at most {number(max(distances, default=np.nan))}"})
 
 
-def solids_page(rows: list[Row]) -> str:
+def solids_page(rows: list[Row], folder: Path) -> None:
     at: dict[tuple[str, str], dict[str, Row]] = {}
     for row in rows:
         at.setdefault((row["group"], row["case"]), {})[row["kind"]] = row
@@ -189,38 +187,38 @@ def solids_page(rows: list[Row]) -> str:
                 else f"({said.index(row['outcome']) + 1})")
 
     def worst(some: dict[str, Row], key: str) -> str:
-        found = [row[key] for row in some.values() if np.isfinite(row[key])]
-        return number(max(found)) if found else "–"
+        return number(max((row[key] for row in some.values() if np.isfinite(row[key])), default=np.nan))
 
     kinds, keys = list(KINDS.values()), ("residual", "violation", "differs")
     body = [[group, case, *(cell(some[kind]) if kind in some else "–" for kind in kinds),
              *(worst(some, key) for key in keys)] for (group, case), some in at.items()]
     done = [row for row in rows if row["outcome"] == "certified"]
     checked = [row["violation"] for row in done if np.isfinite(row["violation"])]
-    return refilled("extremes_in_space.md", {"": [
-        *table(["what", "case", *kinds, *keys], body), *table(["", "message"], enumerate(said, 1))]}, True, {
+    publish("extremes_in_space.md", {"": [
+        *table(["what", "case", *kinds, *keys], body), *table(["", "message"], enumerate(said, 1))]}, folder, facts={
         r"\d+ scenes: \d+ certified": f"{len(rows)} scenes: {len(done)} certified",
         r"\(\d+ scenes, at most [^)]*": f"({len(checked)} scenes, at most {number(max(checked, default=np.nan))}"})
 
 
 # All of it
 
-def extremes(world: MPI.Comm, folder: Path) -> str:
+def extremes(world: MPI.Comm, folder: Path) -> list[Row]:
     changes = cases()
     ledger = Ledger(world, folder / "extremes.csv", ("group", "case"), EXTREMES)
-    return extremes_page(ledger.fill(changes, lambda *key: attempt(world, changes[key])))
+    return ledger.fill(changes, lambda *key: attempt(world, changes[key]))
 
 
-def solids(world: MPI.Comm, folder: Path) -> str:
+def solids(world: MPI.Comm, folder: Path) -> list[Row]:
     ledger, made = Ledger(world, folder / "solids.csv", ("group", "case", "kind"), SOLIDS), solid_cases()
-    bases: dict[tuple, np.ndarray | None] = {}
     found: dict[tuple, Row] = {}
+
+    @functools.cache
+    def unchanged(make: Callable[..., Scene], which: tuple[bool, int]) -> np.ndarray | None:
+        return attempt_solid(make(*which), None, None)[1]
 
     def solve(group: str, case: str, which: tuple[bool, int]) -> Row:
         make, changes, factor = made[group, case]
-        if factor and (make, which) not in bases:
-            bases[make, which] = attempt_solid(make(*which), None, None)[1]
-        return attempt_solid(changed(make(*which), changes), bases.get((make, which)), factor)[0]
+        return attempt_solid(changed(make(*which), changes), unchanged(make, which) if factor else None, factor)[0]
 
     def measure(group: str, case: str, kind: str) -> Row:
         if (group, case, kind) not in found:  # each rank solves some kinds of a case alone
@@ -229,10 +227,10 @@ def solids(world: MPI.Comm, folder: Path) -> str:
             found.update(merged(world, own))
         return found[group, case, kind]
 
-    return solids_page(ledger.fill([(*key, kind) for key in made for kind in KINDS.values()], measure))
+    return ledger.fill([(*key, kind) for key in made for kind in KINDS.values()], measure)
 
 
-PAGES = {"extremes": (extremes, "robustness_table.md"), "solids": (solids, "extremes_in_space.md")}
+PAGES = {"extremes": (extremes, extremes_page), "solids": (solids, solids_page)}
 
 
 @on_two_ranks
@@ -241,10 +239,10 @@ def main(world: MPI.Comm) -> None:
     parser.add_argument("--tables", nargs="+", default=list(PAGES), choices=PAGES, metavar="TABLE",
                         help="which of %(choices)s (default: all)")
     options = parser.parse_args()
-    for measure, name in (PAGES[each] for each in options.tables):
-        text = measure(world, options.output)
+    for measure, page in (PAGES[each] for each in options.tables):
+        rows = measure(world, options.output)
         if world.rank == 0:
-            publish(name, text, options.output, complete=True)
+            page(rows, options.output)
 
 
 if __name__ == "__main__":

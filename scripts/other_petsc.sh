@@ -31,20 +31,11 @@ fi
 
 say() { printf 'ddmpi, newest PETSc: %s\n' "$*" >&2; }
 
-install_packages() {
-    local package missing=""
-    command -v dpkg-query >/dev/null 2>&1 || return 0
-    for package in $DEBIAN_PACKAGES; do
-        dpkg-query -W -f '${Status}' "$package" 2>/dev/null | grep -q '^install ok installed' || missing+=" $package"
-    done
-    [ -z "$missing" ] && return 0
-    if [ "$(id -u)" != 0 ]; then
-        say "these packages are missing: apt-get install --no-install-recommends$missing"
-        exit 1
-    fi
-    say "installing Debian packages:$missing"
-    apt-get update -qq
-    DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends -o DPkg::Lock::Timeout=300 $missing
+install_packages() { # by setup.sh, in a shell of its own
+    (packages=$DEBIAN_PACKAGES DDMPI_PYTHON=python3
+        . "$ROOT/scripts/setup.sh"
+        LOG=$(mktemp) DEBIAN_PACKAGES=$packages
+        ! command -v dpkg-query >/dev/null 2>&1 || install_packages)
 }
 
 # Downloads Debian's source of MUMPS and names it to PETSc. The lists of source packages are ours: those of the system

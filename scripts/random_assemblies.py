@@ -76,7 +76,6 @@ def main() -> None:
     parser.add_argument("--seeds", type=seeds, default=seeds("0:300"), help="A:B, or seeds with commas")
     parser.add_argument("--ranks", type=int, help="left out, 1 to 4 by seed")
     parser.add_argument("--tolerance", type=float, default=1e-5, help="of violations, over the largest of their kind")
-    parser.add_argument("--limit", type=float, default=600.0, help="seconds of a run")
     parser.add_argument("--keep", type=Path, metavar="DIR", help="folder for scenes and results, one folder each")
     options = parser.parse_args()
     tally, taken = Counter[tuple[str, str]](), dict[int, tuple[int, float]]()
@@ -86,7 +85,7 @@ def main() -> None:
             folder = options.keep / str(seed) if options.keep else Path(scratch)
             folder.mkdir(parents=True, exist_ok=True)
             verdict, words = judge(scene, folder, options.tolerance, functools.partial(
-                scenes.run_command, ranks=ranks, limit=options.limit))
+                scenes.run_command, ranks=ranks))
             if verdict != "failed":
                 summary = json.loads((folder / "results" / "summary.json").read_text(encoding="utf-8"))
                 taken[seed] = summary["outer_iterations"], products(summary)

@@ -19,7 +19,7 @@ from pathlib import Path
 
 import msgspec
 import numpy as np
-from experiment import ROOT, Ledger, Row, arguments, on_two_ranks, publish, refilled, save_figures, table, where
+from experiment import ROOT, Ledger, Row, arguments, on_two_ranks, publish, save_figures, table, where
 from mpi4py import MPI
 
 from ddmpi.coupling.assembly import Assembly, prepare
@@ -74,15 +74,6 @@ def read_published() -> dict[tuple, tuple[int, int, float]]:
         return {(row["friction"], row["algorithm"], splitting, int(row["m"])):
                 (int(row[f"k_{splitting}"]), int(row[f"n_A_{splitting}"]), float(row[f"eff_{splitting}"]))
                 for row in csv.DictReader(file) for splitting in SPLITTINGS}
-
-
-def tables_page(rows: list[Row], complete: bool) -> str:
-    """The page, whose words and parameters stand in docs/tables/paper_tables.md."""
-    short, spread = in_short(rows)
-    return refilled("paper_tables.md", {"": spread} | {
-        f"{algorithm.capitalize()} algorithm, {law.capitalize()} friction": paper_table(where(
-            rows, law=law, algorithm=algorithm)) for law in LAWS if where(rows, law=law) for algorithm in ALGORITHMS},
-        complete, {r"\*\*In short\.\*\*.*": short})
 
 
 def paper_table(rows: list[Row]) -> list[str]:
@@ -183,10 +174,15 @@ def main(world: MPI.Comm) -> None:
     rows = Ledger(world, options.output / "tables.csv", TABLE_KEY, TABLE_MEASURED).fill(
         [(law, *kind, N) for N in options.sizes for law in options.laws for kind in VARIANTS], measure)
     if world.rank == 0:
-        complete = (tuple(options.sizes), tuple(options.laws)) == (SIZES, LAWS)
-        publish("paper_tables.md", tables_page(rows, complete), options.output, complete, lambda folder: save_figures(
-            folder, {f"tables_{law}": functools.partial(draw_tables, law, rows) for law in LAWS}))
-        print(in_short(rows)[0], f"\n\nPage and figures are in {options.output}")
+        short, spread = in_short(rows)
+        publish("paper_tables.md", {"": spread} | {
+            f"{algorithm.capitalize()} algorithm, {law.capitalize()} friction": paper_table(
+                where(rows, law=law, algorithm=algorithm))
+            for law in LAWS if where(rows, law=law) for algorithm in ALGORITHMS},
+                options.output, (tuple(options.sizes), tuple(options.laws)) == (SIZES, LAWS),
+                {r"\*\*In short\.\*\*.*": short}, lambda folder: save_figures(
+                    folder, {f"tables_{law}": functools.partial(draw_tables, law, rows) for law in LAWS}))
+        print(short, f"\n\nPage and figures are in {options.output}")
 
 
 if __name__ == "__main__":

@@ -23,7 +23,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from experiment import ROOT, Ledger, Row, arguments, cells, processor, publish, refilled, table, where
+from experiment import ROOT, Ledger, Row, arguments, processor, publish, table, where
 from gallery import EXHIBITS
 from mpi4py import MPI
 from reused import changes, content, differences
@@ -115,22 +115,21 @@ def measure(scene: str, N: int, cases: int) -> Row:
             "contacts": np.mean(spent["contacts"]), "same": bool(same), "source": SOURCE}
 
 
-def page(pairs: list[Row], times: list[Row], complete: bool) -> str:
+def write_page(pairs: list[Row], times: list[Row], folder: Path, complete: bool) -> None:
     counts = [(ranks, len(rows), *(sum(map(bool, kind)) for kind in (
         [row["certified"] for row in rows], [row["bytes"] for row in rows],
         [row["alike"] and not row["bytes"] for row in rows], [not row["alike"] for row in rows])))
         for ranks in sorted({row["ranks"] for row in pairs}) for rows in [where(pairs, ranks=ranks)]]
     sources = Counter(row["source"] for row in pairs + times).items()
-    return refilled("reuse.md", {
+    spent = [[f"{row['scene']}, N = {row['N']}", row["cases"], f"{row['fresh']:.3f}",
+              *(format(value, form) for key in ("whole", "contacts") for value, form in (
+                  (row[key], ".3f"), (row[key] / row["fresh"], ".2f"))), row["same"]] for row in times]
+    publish("reuse.md", {
         "Answers": table(("ranks", "pairs", "certified, not refused", "the same to the bit",
                           "the same up to 1e-7, several ranks a body", "unlike"), counts),
         "Times": table(("scene", "cases", "run by itself", "model, all fields", "ratio", "contacts alone", "ratio",
-                        "the same forces"), [cells(
-                            "{}, N = {} | {} | {:.3f} | {:.3f} | {:.2f} | {:.3f} | {:.2f} | {}", row["scene"], row["N"],
-                            row["cases"], row["fresh"], row["whole"], row["whole"] / row["fresh"], row["contacts"],
-                            row["contacts"] / row["fresh"], row["same"]) for row in times])}, complete,
-        {
-                            "Measured: .*": f"Measured: {'; '.join(f'{count} by {name}' for name, count in sources)}."})
+                        "the same forces"), spent)}, folder, complete,
+            {"Measured: .*": f"Measured: {'; '.join(f'{count} by {name}' for name, count in sources)}."})
 
 
 def main() -> None:
@@ -149,8 +148,8 @@ def main() -> None:
              for row in Ledger(MPI.COMM_SELF, path, PAIR, FOUND).rows]
     times = Ledger(MPI.COMM_SELF, options.output / f"times_{options.cases}.csv", ("scene", "N"), SPENT).fill(
         TIMED.items() if options.cases and world.size == 1 else [], lambda scene, N: measure(scene, N, options.cases))
-    publish("reuse.md", page(pairs, times, True), options.output, len(pairs) >= 3 * PAIRS and len(times) == len(TIMED)
-            and options.cases >= CASES)
+    write_page(pairs, times, options.output, len(pairs) >= 3 * PAIRS and len(times) == len(TIMED)
+               and options.cases >= CASES)
     wrong = [row for row in mine if not row["alike"]]
     sys.exit(f"{len(wrong)} pairs differ: {wrong}" if wrong else 0)
 

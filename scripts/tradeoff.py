@@ -15,13 +15,13 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sparse
-from experiment import Ledger, Row, arguments, publish, refilled, table, where
+from experiment import Ledger, Row, arguments, publish, table, where
 from mpi4py import MPI
 from problems import mean_pressure, nodes_off
-from problems.bodies import QUARTER, annulus
+from problems.bodies import FLOOR, QUARTER, annulus, body, contact, courses, held
 from problems.forms import hertz_values, lame_fit, plane_strain
 from problems.revolved import half_ball, tube
-from scenes import pinched_blocks, to_toml
+from scenes import pinched_blocks
 from solid_scenes import two_boxes
 
 import ddmpi
@@ -90,28 +90,23 @@ def make_scene(case: Case, folder: Path) -> dict:
     drawn = 1 if case.shape == "straight" else case.order
     if case.scene == "ball":
         mesh = half_ball(folder / "ball.msh", 0.1, 0.088 / case.N, drawn) | {"order": case.order}
-        floor = {"name": "floor", "shape": "plane", "point": [0.0, 0.0, 0.0], "normal": [0.0, 0.0, 1.0]}
-        return {"body": [{"name": "ball", "mesh": mesh, "material": {"young": 1.0, "poisson": 0.3},
-                          "clamp": [*QUARTER, {"on": "top", "z": -0.0075}]}],
-                "rigid": [floor], "contact": [{"bodies": ["ball", "floor"], "on": ["contact"]}]} | method
+        return {"body": [body("ball", mesh, 1.0, 0.3, [*QUARTER, *held(top={"z": -0.0075})])], "rigid": [FLOOR],
+                "contact": [contact("ball", "floor", "contact")]} | method
     if case.scene in ("rings", "tubes"):
-        flat = [] if case.scene == "rings" else [{"on": "bottom", "z": 0.0}, {"on": "top", "z": 0.0}]
-        walls = {"inner": (0.3, 0.6 + FIT, 0.3 / case.N), "outer": (0.6, 0.9, 0.24 / case.N)}
-
-        def mesh_of(name: str) -> dict:
-            *radii, h = walls[name]
+        def wall(name: str, radii: tuple[float, float], h: float) -> dict:
             if case.scene == "tubes":
-                return tube(folder / f"{name}.msh", *radii, h, drawn) | {"order": case.order}
-            return annulus(tuple(radii), (3 * case.N, case.N), "2 straight" if drawn < case.order else drawn, folder)
+                mesh = tube(folder / f"{name}.msh", *radii, h, drawn) | {"order": case.order}
+                return body(name, mesh, 2e11, 0.3, [*QUARTER, *held(bottom="z", top="z")])
+            mesh = annulus(radii, (3 * case.N, case.N), "2 straight" if drawn < case.order else drawn, folder)
+            return body(name, mesh, 2e11, 0.3, QUARTER)
 
-        return {"body": [{"name": name, "material": {"young": 2e11, "poisson": 0.3}, "clamp": [*QUARTER, *flat],
-                          "mesh": mesh_of(name)} for name in walls],
-                "contact": [{"bodies": ["inner", "outer"], "on": ["outer", "inner"]}]} | method
+        return {"body": [wall("inner", (0.3, 0.6 + FIT), 0.3 / case.N), wall("outer", (0.6, 0.9), 0.24 / case.N)],
+                "contact": [contact("inner", "outer", "outer", "inner")]} | method
     scene = pinched_blocks(case.N) if case.scene == "blocks" else two_boxes(case.N)
-    for k, body in enumerate(scene["body"]):
+    for k, each in enumerate(scene["body"]):
         more = k if case.pairing == "unlike" else 0
-        body["mesh"] |= {"order": case.order, "divisions": [
-            int(size * (case.N + more)) for size in body["mesh"]["size"]]}
+        each["mesh"] |= {"order": case.order, "divisions": [
+            int(size * (case.N + more)) for size in each["mesh"]["size"]]}
     scene["contact"][0] |= {"name": "upper-lower"} | (
         {"pairing": case.pairing} if case.pairing in ("nodes", "mortar") else {})
     if case.scene == "history":
@@ -119,8 +114,7 @@ def make_scene(case: Case, folder: Path) -> dict:
         upper["traction"] = [{"on": "back", "value": [0.0, -6e7, 0.0], "history": "press"},
                              {"on": "right", "value": [2e7, 0.0, 2e7], "history": "shear"}]
         lower["traction"] = []
-        scene["history"] = {"press": {"times": [0.0, 1.0], "factors": [0.0, 1.0]},
-                            "shear": {"times": [1.0, 2.0, 3.0], "factors": [0.0, 1.0, -1.0]}}
+        scene["history"] = courses(press=[(0.0, 0.0), (1.0, 1.0)], shear=[(1.0, 0.0), (2.0, 1.0), (3.0, -1.0)])
         way = {"tolerance": case.steps} if case.steps < 1 else {"steps": int(case.steps)}
         scene["time"] = {"points": [1.0, 2.0, 3.0]} | way
     return scene | method
@@ -145,10 +139,10 @@ class Trade:
 
     def solved(self, case: Case) -> tuple[Answer, float]:
         """The answer on this rank alone, and the processor time that it took; the least of up to three runs."""
-        text, least = to_toml(make_scene(case, self.folder)), np.inf
+        scene, least = make_scene(case, self.folder), np.inf
         for _ in range(3):
             start = time.process_time()
-            answer = ddmpi.solve(text, MPI.COMM_SELF)
+            answer = ddmpi.solve(scene, MPI.COMM_SELF)
             least = min(least, time.process_time() - start)
             if least > SHORT:
                 break
@@ -265,7 +259,7 @@ def choice(row: Row) -> str:
     return ", ".join([f"order {row['order']}", f"N = {row['N']}", *filter(None, more)])
 
 
-def page(rows: list[Row], where_to: str, asked: list[str], own: float, complete: bool) -> str:
+def write_page(name: str, rows: list[Row], asked: list[str], own: float, folder: Path, complete: bool) -> None:
     """The page of the plane or of space; `own` is the error of the reference solution."""
     body = []
     for scene in asked:
@@ -276,12 +270,12 @@ def page(rows: list[Row], where_to: str, asked: list[str], own: float, complete:
             best = [min(some, key=lambda row: row["cpu_seconds"]) if some else None for some in good]
             body.append([TITLES[scene], words, *(f"{choice(row)}: {row['cpu_seconds']:.2g} s" if row else "–"
                                                  for row in best)])
-    return refilled(f"tradeoff_in_{where_to}.md", {
+    publish(f"tradeoff_in_{name}.md", {
         "The cheapest way to an error": table(["scene", "error of", "10 %", "5 %", "2 %", "1 %"], body)} | {
         TITLES[scene]: table(["choice", "n", "k", "n_A", "CPU s", *ERRORS[scene].values(), "estimated"], (
             [choice(row) + ("" if row["outcome"] == "certified" else f" ({row['outcome'].split(';')[0]})"), row["n"],
              row["iterations"], row["n_A"], f"{row['cpu_seconds']:.2g}", *(percent(row[key]) for key in ERRORS[scene]),
-             percent(row["estimated"])] for row in where(rows, scene=scene))) for scene in asked}, complete,
+             percent(row["estimated"])] for row in where(rows, scene=scene))) for scene in asked}, folder, complete,
         {r"[\d.]+ % of the energy norm": f"{percent(own)} of the energy norm"})
 
 
@@ -302,8 +296,7 @@ def main() -> None:
         asked = [scene for scene in scenes if scene in options.scenes]
         if asked:
             own = trade.own(scenes[0]) if scenes[0] in asked else np.nan
-            complete = asked == list(scenes) and not options.finest
-            publish(f"tradeoff_in_{name}.md", page(rows, name, asked, own, complete), options.output, complete)
+            write_page(name, rows, asked, own, options.output, asked == list(scenes) and not options.finest)
     print(f"The pages are in {options.output}")
 
 

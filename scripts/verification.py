@@ -22,12 +22,11 @@ import problems.flat
 import problems.moving
 import problems.solids
 import problems.supports
-from experiment import arguments, publish, refilled, save_figures, table
+from experiment import arguments, publish, save_figures, table
 from problems import Found, Order, Problem, Value
 
 from ddmpi.mesh.boundary import boundary_facets, segments
 
-PAGE, FIGURES = "verification.md", "verification"
 PROBLEMS = {name: each for module in (problems.flat, problems.curved, problems.supports, problems.around_axis,
                                    problems.moving, problems.solids)
             for name, each in problems.PROBLEMS.items() if each.measure.__module__ == module.__name__}
@@ -115,13 +114,6 @@ def section(its: Problem, runs: Runs) -> list[str]:
     return table(["", "exact", *(f"{described(order)}: {n}" for order, n in columns)], rows)
 
 
-def page(runs: Runs, complete: bool, seconds: float) -> str:
-    done = [each for each in PROBLEMS.values() if any(name == each.name for name, *_ in runs)]
-    tables = {"Aims": table(["what", "aim", "seen", "met"], aims(runs))}
-    return refilled(PAGE, tables | {each.title: section(each, runs) for each in done}, complete,
-                    {r"took \d+ minutes": f"took {seconds / 60:.0f} minutes"})
-
-
 # Pictures
 
 def picture(its: Problem, runs: Runs) -> Callable:
@@ -193,8 +185,10 @@ def main() -> None:
                           for key, value in found.values.items() if not value.met]
         print(f"{name}: {time.perf_counter() - begun:.0f} s", file=sys.stderr, flush=True)
     complete = not options.coarse and set(options.only) == set(PROBLEMS)
-    figures = {f"{FIGURES}_{name}": picture(PROBLEMS[name], runs) for name in options.only}
-    publish(PAGE, page(runs, complete, time.perf_counter() - start), options.output, complete,
+    figures = {f"verification_{name}": picture(PROBLEMS[name], runs) for name in options.only}
+    publish("verification.md", {"Aims": table(["what", "aim", "seen", "met"], aims(runs))} | {
+        PROBLEMS[name].title: section(PROBLEMS[name], runs) for name in options.only}, options.output, complete,
+            {r"took \d+ minutes": f"took {(time.perf_counter() - start) / 60:.0f} minutes"},
             lambda folder: save_figures(folder, figures, dpi=84))
     print("\n".join(wrong), end="\n" if wrong else "")
     sys.exit(1 if wrong else 0)

@@ -291,10 +291,12 @@ def _table(text: str, title: str) -> np.ndarray:
     return np.array([line.split() for line in blocks[last + 1].strip().splitlines()], float)
 
 
-def _values(block: str, column: int) -> np.ndarray:
-    """A column of the results of nodes that follow in a file of CalculiX."""
-    start = 13 + 12 * column
-    return np.array([line[start:start + 12] for line in block.splitlines() if line.startswith(" -1")], float)
+def nodal(text: str, name: str) -> tuple[list[int], np.ndarray]:
+    """Nodes and values of the last results of that name in a .frd file of CalculiX; none where it has none."""
+    lines = [line for line in text.rpartition(f" -4  {name}")[2].split("\n -3", 1)[0].splitlines()
+             if line.startswith(" -1")] if f" -4  {name}" in text else []
+    return [int(line[3:13]) for line in lines], np.array(
+        [[float(line[k:k + 12]) for k in range(13, len(line.rstrip()), 12)] for line in lines])
 
 
 def read_calculix(case: Case, folder: Path) -> Answer:
@@ -306,9 +308,9 @@ def read_calculix(case: Case, folder: Path) -> Answer:
     load = part * case.load
     load[case.clamped] = 0.0  # not part of what CalculiX calls a reaction
     force = -_table(text, "total force")[0, :3] - load.reshape(-1, 3)[second_body(case)].sum(axis=0)
-    moved, found = (folder / "contact.frd").read_text(encoding="utf-8").split("CPRESS")
-    pressure = _values(found, 3)  # of faces, extrapolated to nodes
-    u = np.column_stack([_values(moved.split("DISP")[-1], k) for k in range(3)])[:len(case.points)]
+    results = (folder / "contact.frd").read_text(encoding="utf-8")
+    pressure = nodal(results, "CONTACT")[1][:, 3]  # of faces, extrapolated to nodes
+    u = nodal(results, "DISP")[1][:len(case.points)]
     return Answer(u / part, along_and_across(case, force) / part,
                   float(pressure.max()) / part,
                   sum(int(row.split()[3]) for row in increments))

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from mpi4py import MPI
-from scenes import to_toml
 
 import ddmpi
 from ddmpi.mesh.mesh import Mesh
@@ -30,9 +29,9 @@ def solved(bodies: list[dict], contacts: list[dict], rigid: Sequence[dict] = (),
                              "method": {"tolerance": tolerance}})
 
 
-def answer_of(scene: dict) -> Answer:
+def answer_of(scene: dict | Path, changes: Mapping[str, Any] | None = None) -> Answer:
     """The answer on this rank alone. Stops with the reason where it is not certified."""
-    answer = ddmpi.solve(to_toml(scene), MPI.COMM_SELF)
+    answer = ddmpi.solve(scene, MPI.COMM_SELF, changes)
     if not answer.certified:
         raise RuntimeError(answer.reason)
     return answer
@@ -70,6 +69,9 @@ def tresca(bound: float) -> dict:
 def plane(name: str, point: Sequence[float], normal: Sequence[float], **more: Any) -> dict:
     """A rigid partner."""
     return {"name": name, "shape": "plane", "point": list(point), "normal": list(normal)} | more
+
+
+FLOOR = plane("floor", (0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
 
 
 def courses(**pairs: Iterable[tuple[float, float]]) -> dict:

@@ -12,12 +12,11 @@ from scipy.special import ellipe, ellipk
 from ddmpi.interface.state import ContactState
 from ddmpi.run.answer import Answer
 from problems import ANGLE, AWAY, Curve, Order, Position, Results, X, along, mean_pressure, nodes_off, off, problem
-from problems.bodies import QUARTER, RADIUS, between, body, box, contact, coulomb, courses, held, plane, solved
+from problems.bodies import FLOOR, QUARTER, RADIUS, between, body, box, contact, coulomb, courses, held, solved
 from problems.forms import confined, hertz_values, lame_ball, lame_fit, plane_strain, shear
 from problems.moving import FRICTION, torque
 from problems.revolved import half_ball, shell, tube
 
-FLOOR = plane("floor", (0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
 EXACT, TIGHT = 1e-7, 1e-12
 
 
@@ -254,7 +253,7 @@ def heated_cubes(n: int, order: Order, folder: Path) -> Results:
 
 @problem("A block turned on a plate", (1, 2), "fours of cells along an edge, × n")
 def turned_solid(n: int, order: Order, folder: Path) -> Results:
-    moment, apart, _, answer = torque(int(order), 4 * n)
+    moment, apart, answer = torque(int(order), 4 * n)
     state = answer.contacts["block-plate"]
     ratio = np.linalg.norm(state.tangential_force, axis=1) / state.normal_force
     return {"moment over Σ μ N r": (moment, 1.0, 0.02), "|T|/N − μ, slid": (apart, 1e-4)}, answer, along(

@@ -2,17 +2,17 @@
 
 import csv
 import re
-import subprocess
 import sys
 
 import numpy as np
 import pytest
+from commands import run
 from gallery import CHECKS, EXHIBITS, ROOT, WIDEST, beside
 from matplotlib import image
 from mpi4py import MPI
-from scenes import LIMIT, clean_environment
 
 import ddmpi
+from ddmpi.mesh.elements import facet_measures
 from ddmpi.results.histories import write_frames
 from ddmpi.results.summary import write_mechanism
 from ddmpi.results.tables import write_contact
@@ -31,7 +31,7 @@ BALANCES = {"dovetail": {"root-disc": [-600 * (1 - 0.2) / (1 + 0.2), -600]},
 @pytest.mark.parametrize("exhibit", EXHIBITS, ids=lambda exhibit: exhibit.name)
 def test_exhibit(exhibit, tmp_path):
     """A scene of the gallery ends as the page says, with its number, and warns of nothing. The lines of its tables have
-    the force and the moment of its contacts."""
+    the force and the moment of its contacts; what is drawn of those in space has their area."""
     answer = ddmpi.solve(exhibit.path, MPI.COMM_SELF, exhibit.settings)
     if exhibit.refused:
         write_mechanism(tmp_path, answer.solved.solution.mechanism)
@@ -49,6 +49,9 @@ def test_exhibit(exhibit, tmp_path):
         at, n = (np.column_stack([table[f"{before}{axis}"] for axis in "xyz" if axis in table]).astype(float)
                  for before in ("", "n"))
         if at.shape[1] == 3:
+            outline = state.interface.outline
+            drawn = facet_measures(outline.xy[outline.cells], axisymmetric=False).sum()
+            assert drawn == pytest.approx(state.interface.area.sum(), rel=1e-6), name
             forces = np.column_stack([table[f"force_{axis}"] for axis in "xyz"]).astype(float)
         else:  # −(s_ν n + s_t t), t being n turned counterclockwise
             normal, tangential = (table[f"{kind}_force"].astype(float)[:, None] for kind in ("normal", "tangential"))
@@ -79,11 +82,9 @@ def test_the_page_shows_every_scene():
 
 def test_the_script_keeps_pictures(tmp_path):
     """The script runs a scene as a user would and leaves its picture, small enough for a page."""
-    done = subprocess.run([ROOT / "scripts" / "gallery.py", "--only", "tipping_tower", "--output", tmp_path], text=True,
-                          timeout=LIMIT, capture_output=True,
-                          env=clean_environment() | {"DDMPI_PYTHON": sys.executable})
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert done.stdout.startswith("tipping_tower: 1 m, of 1 m"), done.stdout
+    said = run(ROOT / "scripts" / "gallery.py", "--only", "tipping_tower", "--output", tmp_path, cwd=tmp_path,
+               DDMPI_PYTHON=sys.executable)
+    assert said.startswith("tipping_tower: 1 m, of 1 m"), said
     (picture,) = tmp_path.iterdir()
     assert picture.name == "gallery_tipping_tower.png" and picture.stat().st_size < 250_000
     pixels = image.imread(picture)

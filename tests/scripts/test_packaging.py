@@ -1,5 +1,6 @@
 """The package as others get it: wheel, sdist, one version, and recipes that want what pyproject.toml wants."""
 
+import functools
 import os
 import re
 import shutil
@@ -12,6 +13,7 @@ from pathlib import Path
 import pytest
 import scenes
 import yaml
+from commands import run
 from scenes import LIMIT, pinched_blocks
 
 import ddmpi
@@ -27,8 +29,7 @@ def build(kind: str, folder: Path, output: Path) -> Path:
     pytest.importorskip("setuptools", "77")
     output.mkdir()
     code = f"from setuptools import build_meta; build_meta.build_{kind}({str(output)!r})"
-    done = subprocess.run([sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, timeout=LIMIT)
-    assert done.returncode == 0 and "eprecat" not in done.stderr, done.stderr
+    assert "eprecat" not in run(sys.executable, "-c", code, cwd=folder)
     (built,) = output.iterdir()
     return built
 
@@ -67,8 +68,7 @@ def installed(wheel) -> Path:
     """The folder in which pip has installed the wheel, without what it depends on."""
     target = wheel.parents[1] / "installed"
     pip = [sys.executable, "-m", "pip", "install", "--no-deps", "--no-index"]
-    done = subprocess.run([*pip, "--target", target, wheel], capture_output=True, text=True, timeout=LIMIT)
-    assert done.returncode == 0, done.stderr
+    run(*pip, "--target", target, wheel, cwd=target.parent)
     return target
 
 
@@ -98,13 +98,7 @@ def test_sdist_is_the_checkout(clean, wheel):
 def test_the_wheel_runs_outside_of_the_checkout(installed, tmp_path):
     """The command of an installed wheel solves a scene on two ranks, in a folder far from any checkout."""
     paths = [path for path in os.environ.get("PYTHONPATH", "").split(os.pathsep) if path and Path(path) != ROOT]
-    environment = scenes.clean_environment() | {"PYTHONPATH": os.pathsep.join([str(installed), *paths])}
-
-    def start(*command: str | Path) -> str:
-        done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=LIMIT)
-        assert done.returncode == 0, done.stdout + done.stderr
-        return done.stdout
-
+    start = functools.partial(run, cwd=tmp_path, PYTHONPATH=os.pathsep.join([str(installed), *paths]))
     place = start(sys.executable, "-c", "import ddmpi; print(ddmpi.__file__)")
     assert Path(place.strip()) == installed / "ddmpi" / "__init__.py"
     scene = scenes.write_scene(pinched_blocks(2), tmp_path / "scene.toml")

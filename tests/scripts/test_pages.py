@@ -13,6 +13,7 @@ from ddmpi.errors import InputError
 from ddmpi.interface import mortar
 from ddmpi.judge import accuracy, certificate
 from ddmpi.mesh import boundary
+from ddmpi.mesh.read import gmsh_session
 from ddmpi.methods import krylov, newton, paths
 
 pytestmark = pytest.mark.slow
@@ -91,16 +92,12 @@ def messages() -> dict[str, str]:
 
 def save(folder: Path, script: str, name: str) -> dict:
     """Write a drawing by gmsh as a file of another format; the mesh of a scene that names it."""
-    import gmsh
-
-    gmsh.initialize()
-    gmsh.option.setNumber("General.Terminal", 0)
     (folder / "script.geo").write_text(script)
-    gmsh.open(str(folder / "script.geo"))
-    if name.endswith(".msh"):
-        gmsh.model.mesh.generate(3)
-    gmsh.write(str(folder / name))
-    gmsh.finalize()
+    with gmsh_session() as gmsh:
+        gmsh.open(str(folder / "script.geo"))
+        if name.endswith(".msh"):
+            gmsh.model.mesh.generate(3)
+        gmsh.write(str(folder / name))
     return {"file": name} if name.endswith(".msh") else {"geometry": name, "size": 0.5}
 
 
@@ -152,7 +149,7 @@ def test_theory_points_to_what_there_is():
     """Classes, attributes and modules in the table of symbols of docs/understand/theory.md exist."""
     page = (DOCS / "understand" / "theory.md").read_text(encoding="utf-8")
     table = page[page.index("## Symbols"):page.index("## Sources")]
-    sources = {path: path.read_text(encoding="utf-8") for path in (scenes.ROOT / "ddmpi").rglob("*.py")}
+    sources = [path.read_text(encoding="utf-8") for path in (scenes.ROOT / "ddmpi").rglob("*.py")]
     cells = [row.split("|")[-2] for row in table.splitlines()[4:] if row.startswith("|")]
     assert len(cells) > 10
     for cell in cells:
@@ -163,9 +160,8 @@ def test_theory_points_to_what_there_is():
                 continue
             first, _, attribute = name.partition(".")
             owner = first or owner
-            where = [text for text in sources.values() if re.search(rf"^(class|def) {owner}\b", text, re.M)]
-            where = where or [text for text in sources.values() if re.search(rf"\b{owner}\b", text)]
-            assert where, name
+            where = [text for text in sources if re.search(rf"^(class|def) {owner}\b", text, re.M)]
+            where = where or [text for text in sources if re.search(rf"\b{owner}\b", text)]
             assert any(re.search(rf"\b{attribute}\b", text) for text in where), name
 
 

@@ -36,8 +36,8 @@ def test_peer_agrees(scene, name, solved):
     from compare_peers import PEERS, difference, measure, row_of
 
     peer = PEERS[name]
-    if peer.missing():
-        pytest.skip(peer.missing())
+    if peer.missing:
+        pytest.skip(f"there is no {peer.needs}")
     case, folder, own = solved(scene, peer.order)
     result = measure(peer, case, folder, 20.0)
     assert not result.failure
@@ -50,7 +50,7 @@ def test_peers_that_fail(tmp_path, solved):
     from compare_peers import Peer, measure
 
     def outcome(*command: str, limit: float) -> str:
-        peer = Peer("nobody", lambda: None, lambda folder: list(command), lambda case, folder: None)
+        peer = Peer("nobody", "sh", lambda folder: list(command), lambda case, folder: None)
         return measure(peer, solved("boxes", 1)[0], tmp_path, limit).failure
 
     assert outcome("sleep", "30", limit=0.3) == "not done in 0 s"

@@ -6,15 +6,12 @@ import pty
 import re
 import shutil
 import signal
-import subprocess
 import sys
-import time
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 import scenes
-from test_test import executable
+from commands import attended, await_that, executable, run
 
 pytestmark = pytest.mark.slow
 
@@ -43,10 +40,7 @@ def root(tmp_path: Path) -> Path:
 def start(root: Path, *arguments: str, **environment: str) -> list[str]:
     """What run.sh gives to mpirun."""
     environment = {"OMP_NUM_THREADS": "1", **environment, "PATH": f"{root / 'bin'}:{os.environ['PATH']}"}
-    clean = {key: value for key, value in scenes.clean_environment().items() if not key.startswith("DDMPI_")}
-    done = subprocess.run(["bash", root / "scripts" / "run.sh", *arguments], env=clean | environment, cwd=root,
-                          capture_output=True, text=True, timeout=scenes.LIMIT)
-    assert (done.returncode, done.stdout, done.stderr) == (3, "", "")
+    assert run("bash", root / "scripts" / "run.sh", *arguments, cwd=root, code=3, **environment) == ""
     return (root / "calls").read_text().splitlines()
 
 
@@ -85,33 +79,10 @@ def test_a_set_up_removes_no_folder_of_others(tmp_path, name):
     script = script.replace("\nchoose_python\n", "\nLOG=/dev/null; make_venv\n")
     (tmp_path / "scripts").mkdir()
     (tmp_path / "scripts" / "setup.sh").write_text(script.replace("/usr/bin/python3", "false"))
-    done = subprocess.run(["bash", tmp_path / "scripts" / "setup.sh"], capture_output=True, text=True,
-                          timeout=scenes.LIMIT, env=scenes.clean_environment() | {"DDMPI_VENV": str(place)})
-    assert done.returncode == 1 and place.exists() == (name == "thesis.txt")
-    assert ("no virtual environment; name another folder in DDMPI_VENV" in done.stderr) == place.exists()
+    said = run("bash", tmp_path / "scripts" / "setup.sh", cwd=tmp_path, code=1, DDMPI_VENV=str(place))
+    assert place.exists() == (name == "thesis.txt")
+    assert ("no virtual environment; name another folder in DDMPI_VENV" in said) == place.exists()
 
-
-HELD = """
-import os, sys, time
-from ddmpi.body.compliance import Compliance
-from ddmpi.cli.main import main
-from ddmpi.system import interrupt
-
-original, calls = Compliance.mult, []
-
-def mult(*arguments):
-    calls.append(1)
-    if len(calls) == 120:
-        open(os.environ["READY"], "w").close()
-        end = 1200 + time.monotonic()
-        while not interrupt.interruption() and time.monotonic() < end:
-            time.sleep(0.01)
-    return original(*arguments)
-
-Compliance.mult = mult
-main(sys.argv[3:])
-"""
-"""The command, which at its 120th multiplication waits for a signal."""
 
 DEAF = """
 import os, signal, time
@@ -127,20 +98,12 @@ while time.monotonic() < end:
 """A program that goes on at SIGUSR1, as one that factorizes."""
 
 
-def await_that(happens: Callable[[], bool], what: str) -> None:
-    end = time.monotonic() + scenes.LIMIT
-    while not happens():
-        assert time.monotonic() < end, what
-        time.sleep(0.02)
-
-
-def in_terminal(program: str, here: Path, command: list[str], *ready: str) -> tuple[int, str]:
+def in_terminal(program: Path, here: Path, command: list[str], *ready: str) -> tuple[int, str]:
     """Start a command in a terminal of its own, press Ctrl-C when a file is there; its exit code and what it has said.
 
-    Once for each of the files `ready`.
+    Once for each of the files `ready`. The program takes the place of Python.
     """
-    (here / "program.py").write_text(program)
-    python = executable(here / "python", f'exec {sys.executable} {here}/program.py "$@"')
+    python = executable(here / "python", f'exec {sys.executable} {program} "$@"')
     said = b""
     environment = scenes.clean_environment() | {"DDMPI_PYTHON": str(python), "READY": f"{here}/ready", "TERM": "dumb"}
     process, terminal = pty.fork()
@@ -170,7 +133,7 @@ def test_ctrl_c_leaves_a_checkpoint_and_one_message(tmp_path, alone):
     scenes.write_scene(scene, tmp_path / "scene.toml")
     arguments = ["run", str(tmp_path / "scene.toml"), "--no-figures", "--output", str(folder)]
     command = [str(tmp_path / "python"), "-m", "ddmpi"] if alone else [str(scenes.ROOT / "scripts" / "run.sh")]
-    code, said = in_terminal(HELD, tmp_path, [*command, *arguments], "ready")
+    code, said = in_terminal(scenes.ROOT / "tests" / "support" / "held.py", tmp_path, [*command, *arguments], "ready")
     assert code == 6, said
     message, = re.findall(r"ddmpi: .*", said)
     kept = rf"ddmpi: interrupted by SIGINT: the state after iteration \d+ is kept, --restart {folder} goes on"
@@ -181,7 +144,8 @@ def test_ctrl_c_leaves_a_checkpoint_and_one_message(tmp_path, alone):
 def test_a_second_ctrl_c_does_not_wait(tmp_path):
     """Ctrl-C twice ends also what hears no signal, all ranks of it; the exit code is a shell's."""
     command = [str(scenes.ROOT / "scripts" / "run.sh"), "scene.toml"]
-    code, said = in_terminal(DEAF, tmp_path, command, "ready1", "ready heard")
+    (tmp_path / "deaf.py").write_text(DEAF)
+    code, said = in_terminal(tmp_path / "deaf.py", tmp_path, command, "ready1", "ready heard")
     assert (code, said.count("ddmpi: ")) == (130, 1), said
     assert "ending at once" in said
     for rank in ("", "1"):
@@ -189,28 +153,19 @@ def test_a_second_ctrl_c_does_not_wait(tmp_path):
         await_that(lambda number=number: not scenes.is_alive(number), f"process {number} is still there")
 
 
-@pytest.mark.parametrize("number", ["TERM", "HUP", "INT", "USR1"])
-def test_the_name_of_a_signal_is_handed_on(tmp_path, number):
+ATTEND = f'. {scenes.ROOT}/scripts/attend.sh; attend bash -c "$1"; explain; exit "$code"'
+
+
+@pytest.mark.parametrize("name", ["TERM", "HUP", "INT", "USR1"])
+def test_the_name_of_a_signal_is_handed_on(tmp_path, name):
     """What run.sh hands on as SIGUSR1 is called by its own name; the file that has the name does not stay."""
     waits = 'trap "echo heard $(cat $DDMPI_SIGNAL); exit 6" USR1\ntouch ready; while :; do sleep 0.02; done'
     waits = waits.replace("$", "\\$", 1)  # read when the signal comes
-    script = f'set -euo pipefail; . {scenes.ROOT}/scripts/attend.sh; attend bash -c "$1"; explain; exit "$code"'
-    with subprocess.Popen(["bash", "-c", script, "bash", waits], cwd=tmp_path, text=True, stdout=subprocess.PIPE,
-                          env=scenes.clean_environment() | {"TMPDIR": str(tmp_path)},
-                          preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)) as job:
-        await_that((tmp_path / "ready").exists, "it does not start")
-        job.send_signal(getattr(signal, f"SIG{number}"))
-        said, _ = job.communicate(timeout=scenes.LIMIT)
-    assert (job.returncode, said) == (6, f"heard SIG{number}\n")
+    assert attended(ATTEND, waits, name, tmp_path, TMPDIR=str(tmp_path)) == (6, f"heard SIG{name}\n")
     assert [path.name for path in tmp_path.iterdir()] == ["ready"]
 
 
 def test_what_hears_no_signal_is_said_to_be_interrupted(tmp_path):
     """As `ddmpi path`, which has nothing to keep: by the signal that came, not by the one that was handed on."""
-    script = f'set -euo pipefail; . {scenes.ROOT}/scripts/attend.sh; attend bash -c "$1"; explain; exit "$code"'
-    with subprocess.Popen(["bash", "-c", script, "bash", "touch ready; exec sleep 600"], cwd=tmp_path, text=True,
-                          stderr=subprocess.PIPE, env=scenes.clean_environment()) as job:
-        await_that((tmp_path / "ready").exists, "it does not start")
-        job.send_signal(signal.SIGTERM)
-        _, said = job.communicate(timeout=scenes.LIMIT)
-    assert (job.returncode, said) == (128 + signal.SIGUSR1, "ddmpi: error: interrupted by SIGTERM\n")
+    assert attended(ATTEND, "touch ready; exec sleep 600", "TERM", tmp_path) == (
+        128 + signal.SIGUSR1, "ddmpi: error: interrupted by SIGTERM\n")

@@ -9,7 +9,6 @@ import os
 import re
 import shlex
 import shutil
-import signal
 import subprocess
 import sys
 import time
@@ -18,8 +17,8 @@ from pathlib import Path
 
 import pytest
 import scenes
+from commands import attended, executable, run
 from scenes import pinched_blocks
-from test_test import executable
 
 from ddmpi.results.summary import write_summary
 
@@ -49,13 +48,14 @@ class Cluster:
         assert done.returncode == 0, f"{command}: {done.stderr}"
         return done.stdout
 
-    def wait(self, name: str) -> list[dict[str, str]]:
-        """What Slurm knows of the job, or of each task of an array, once it has ended."""
+    def wait(self, name: str, state: str = "COMPLETED", code: str = "0:0") -> list[dict[str, str]]:
+        """What Slurm knows of the job, or of each task of an array, once it has ended as it should."""
         end = time.monotonic() + scenes.LIMIT
         while True:
             text = self.ask("scontrol", "show", "job", "--oneliner", self.jobs[name])
             tasks = [dict(re.findall(r"(\w+)=(\S*)", line)) for line in text.splitlines() if line]
             if all(task["JobState"] in ("COMPLETED", "FAILED", "CANCELLED", "TIMEOUT") for task in tasks):
+                assert {(task["JobState"], task["ExitCode"]) for task in tasks} == {(state, code)}, self.said(name)
                 return tasks
             assert time.monotonic() < end, f"{name}: {text}\n{self.said(name)}"
             time.sleep(0.2)
@@ -94,8 +94,8 @@ def jobs(cluster) -> Cluster:
     here = cluster.folder
     small = str(scenes.write_scene(pinched_blocks(2), here / "small.toml"))
     long = str(scenes.write_scene(pinched_blocks(2, outer="relaxation"), here / "long.toml"))
-    preempted = shlex.join([sys.executable, f"{scenes.ROOT}/tests/support/preempted.py"])
-    python = executable(here / "python", f'exec {preempted} "$@"')
+    held = shlex.join([sys.executable, f"{scenes.ROOT}/tests/support/held.py"])
+    python = executable(here / "python", f'exec {held} "$@"')
     cluster.submit("preempted", "run.sbatch", long, "--no-figures", "--output", str(here / "preempted"),
                    DDMPI_PYTHON=str(python))
     cluster.submit("mpirun", "run.sbatch", small, f"--output={here / 'mpirun'}", "--no-figures")
@@ -105,15 +105,13 @@ def jobs(cluster) -> Cluster:
     array = cluster.submit("array", "sweep.sbatch", *sweep, options=("--array=1-2",))
     cluster.submit("gather", "sweep.sbatch", *sweep, "--plot", "n_A:coefficient",
                    options=(f"--dependency=afterany:{array}",))
-    cluster.submit("tables", "tables.sbatch", "--sizes", "6", "--laws", "tresca", "--output", str(here / "tables"))
     return cluster
 
 
 @pytest.mark.slurm
 @pytest.mark.parametrize("launch", ["mpirun", "srun"])
 def test_run(jobs, launch):
-    job, = jobs.wait(launch)
-    assert (job["JobState"], job["ExitCode"]) == ("COMPLETED", "0:0"), jobs.said(launch)
+    jobs.wait(launch)
     summary = json.loads((jobs.folder / launch / "summary.json").read_text())
     assert summary["converged"] and summary["ranks"] == 2
     assert summary["slurm"]["job_id"] == jobs.jobs[launch] and summary["run"].endswith(f" job {jobs.jobs[launch]}")
@@ -122,15 +120,13 @@ def test_run(jobs, launch):
 
 @pytest.mark.slurm
 def test_the_exit_code_reaches_slurm(jobs):
-    job, = jobs.wait("bad")
-    assert (job["JobState"], job["ExitCode"]) == ("FAILED", "2:0")
+    jobs.wait("bad", "FAILED", "2:0")
     assert jobs.said("bad").count("ddmpi: error:") == 1 and not (jobs.folder / "bad").exists()
 
 
 @pytest.mark.slurm
 def test_array(jobs):
-    tasks = jobs.wait("array")
-    assert [task["JobState"] for task in tasks] == ["COMPLETED"] * 2, jobs.said("array")
+    assert len(jobs.wait("array")) == 2
     assert jobs.said("array").count("certified, ") == 5
     summaries = [json.loads(path.read_text()) for path in (jobs.folder / "sweep").glob("*/summary.json")]
     assert sorted(summary["slurm"]["array_task_id"] for summary in summaries) == ["1", "1", "1", "2", "2"]
@@ -138,8 +134,7 @@ def test_array(jobs):
 
 @pytest.mark.slurm
 def test_the_job_after_the_array_gathers(jobs):
-    job, = jobs.wait("gather")
-    assert (job["JobState"], job["ExitCode"]) == ("COMPLETED", "0:0"), jobs.said("gather")
+    jobs.wait("gather")
     assert "0 to run, 5 finished" in jobs.said("gather")
     with open(jobs.folder / "sweep" / "sweep.csv", newline="") as file:
         assert [row["status"] for row in csv.DictReader(file)] == ["certified"] * 5
@@ -150,7 +145,7 @@ def test_the_job_after_the_array_gathers(jobs):
 def test_a_job_whose_time_is_up_goes_back_and_continues(jobs, tmp_path):
     job, = jobs.wait("preempted")
     said = jobs.said("preempted")
-    assert (job["JobState"], job["ExitCode"], job["Restarts"]) == ("COMPLETED", "0:0", "1"), said
+    assert job["Restarts"] == "1", said
     assert "interrupted by SIGUSR1" in said and "back into the queue" in said
     assert said.index("start number 2") < said.index("continuing after iteration") < said.index("converged and")
     whole = scenes.run_command(jobs.folder / "long.toml", tmp_path / "whole", "--no-figures")
@@ -158,15 +153,6 @@ def test_a_job_whose_time_is_up_goes_back_and_continues(jobs, tmp_path):
     for name in ("contact_upper-lower.csv", "history.csv"):
         assert (jobs.folder / "preempted" / name).read_bytes() == (whole.folder / name).read_bytes()
     assert not (jobs.folder / "preempted" / "checkpoint.h5").exists()
-
-
-@pytest.mark.slurm
-def test_tables(jobs):
-    job, = jobs.wait("tables")
-    assert (job["JobState"], job["ExitCode"]) == ("COMPLETED", "0:0"), jobs.said("tables")
-    with open(jobs.folder / "tables" / "tables.csv", newline="") as file:
-        rows = list(csv.DictReader(file))
-    assert len(rows) == 8 and all(row["certified"] == "True" for row in rows)
 
 
 # What needs no Slurm: the script that all of them source, with a scontrol that takes notes
@@ -191,36 +177,27 @@ def test_signals_are_handed_on(tmp_path, command):
     executable(tmp_path / "scontrol", 'echo "$@" >>"$0.calls"')
     (tmp_path / "scripts").mkdir()
     (tmp_path / "scripts" / "setup.sh").write_text("")
-    environment = scenes.clean_environment() | {
-        "PATH": f"{tmp_path}:{os.environ['PATH']}", "ROOT": str(tmp_path), "SLURM_SUBMIT_DIR": str(tmp_path),
-        "SLURM_JOB_ID": "7", "SLURM_JOB_NODELIST": "n", "SLURM_RESTART_COUNT": "50" if "# #" in command else "1"}
-    waits = f"{command}\ntouch ready; while :; do sleep 0.05; done"
-    script = f'set -euo pipefail; . "{SLURM}/job.sh"; output=out; attend bash -c "$1"; requeue_or_exit'
-    with subprocess.Popen(["bash", "-c", script, "bash", waits], env=environment, cwd=tmp_path, text=True,
-                          stdout=subprocess.PIPE, stderr=subprocess.STDOUT) as job:
-        end = time.monotonic() + scenes.LIMIT
-        while not (tmp_path / "ready").exists() and time.monotonic() < end:
-            time.sleep(0.02)
-        job.send_signal(getattr(signal, f"SIG{name}"))
-        said, _ = job.communicate(timeout=scenes.LIMIT)
-    assert job.returncode == code, said
+    ended, said = attended(
+        f'. "{SLURM}/job.sh"; output=out; attend bash -c "$1"; requeue_or_exit',
+        f"{command}\ntouch ready; while :; do sleep 0.05; done", name, tmp_path,
+        PATH=f"{tmp_path}:{os.environ['PATH']}", ROOT=str(tmp_path), SLURM_SUBMIT_DIR=str(tmp_path), SLURM_JOB_ID="7",
+        SLURM_JOB_NODELIST="n", SLURM_RESTART_COUNT="50" if "# #" in command else "1")
+    assert ended == code, said
     calls = tmp_path / "scontrol.calls"
     assert (calls.read_text() if calls.exists() else "") == ("requeue 7\n" if requeued else "")
 
 
-def start_job(here: Path, *arguments: str, **environment: str) -> tuple[subprocess.CompletedProcess, list[str]]:
-    """run.sbatch with a launcher that notes its arguments and ends with exit code 9; and these."""
+def start_job(here: Path, code: int, *arguments: str, **environment: str) -> list[str]:
+    """What run.sbatch, which must end with this code, gives to a launcher that ends with 9."""
     (here / "scripts" / "slurm").mkdir(parents=True)
     (here / "scripts" / "setup.sh").write_text("MPIRUN=./mpirun PYTHON=python\n")
     shutil.copy(SLURM / "job.sh", here / "scripts" / "slurm")
     shutil.copy(SLURM.parent / "attend.sh", here / "scripts")
     executable(here / "mpirun", "printf '%s\\n' \"$@\" >calls\nexit 9")
-    environment |= {"DDMPI_ROOT": str(here), "SLURM_SUBMIT_DIR": str(here), "SLURM_JOB_ID": "7",
-                    "SLURM_JOB_NODELIST": "n"}
-    job = subprocess.run(["bash", SLURM / "run.sbatch", "scene.toml", *arguments], capture_output=True, text=True,
-                         env=scenes.clean_environment() | environment, timeout=scenes.LIMIT)
+    run("bash", SLURM / "run.sbatch", "scene.toml", *arguments, cwd=here, code=code, DDMPI_ROOT=str(here),
+        SLURM_SUBMIT_DIR=str(here), SLURM_JOB_ID="7", SLURM_JOB_NODELIST="n", **environment)
     calls = here / "calls"
-    return job, calls.read_text().split("\n")[:-1] if calls.exists() else []
+    return calls.read_text().split("\n")[:-1] if calls.exists() else []
 
 
 RESULTS = {
@@ -239,27 +216,24 @@ def test_results_end_a_job_only_if_it_is_the_one_that_made_them(tmp_path, holds,
     if holds:
         write_summary(tmp_path, {"title": 'a\n  "converged": true', "converged": holds != "ours, not converged",
                                  "slurm": {"job_id": "7" if holds.startswith("ours") else "70"}})
+    code, starts = RESULTS[holds, again]
     environment = {"SLURM_RESTART_COUNT": "1"} if again else {}
-    job, started = start_job(tmp_path, "--output", str(tmp_path), **environment)
-    assert (job.returncode, bool(started)) == RESULTS[holds, again], job.stdout + job.stderr
+    assert bool(start_job(tmp_path, code, "--output", str(tmp_path), **environment)) == starts
 
 
 @pytest.mark.parametrize(("environment", "ranks"), [({"SLURM_NTASKS": "8"}, "8"), ({"SLURM_NTASKS": "8",
                                                                                   "DDMPI_RANKS": "3"}, "3")])
 def test_a_job_has_the_ranks_that_slurm_gives_it(tmp_path, environment, ranks):
     """sbatch --ntasks, or else DDMPI_RANKS, says how many ranks a job has."""
-    _, started = start_job(tmp_path, "--output", "out", **environment)
-    assert started[:2] == ["-n", ranks]
+    assert start_job(tmp_path, 9, "--output", "out", **environment)[:2] == ["-n", ranks]
 
 
-def start_task(root: Path, **variables: int) -> subprocess.CompletedProcess:
-    """sweep.sbatch as a task of an array, up to the command that it would launch."""
+def start_task(root: Path, code: int, **variables: int) -> str:
+    """What sweep.sbatch says as a task of an array, up to the command that it would launch."""
     (root / "scripts" / "slurm").mkdir(parents=True)
     (root / "scripts" / "slurm" / "job.sh").write_text('launch() { echo "$@"; }\nrequeue_or_exit() { :; }\n')
-    environment = scenes.clean_environment() | {"DDMPI_ROOT": str(root)} | {
-        f"SLURM_ARRAY_TASK_{name}": str(value) for name, value in variables.items()}
-    return subprocess.run(["bash", SLURM / "sweep.sbatch", "s.toml", "--output", "D"], env=environment,
-                          capture_output=True, text=True, timeout=scenes.LIMIT)
+    return run("bash", SLURM / "sweep.sbatch", "s.toml", "--output", "D", cwd=root, code=code, DDMPI_ROOT=str(root),
+               **{f"SLURM_ARRAY_TASK_{name}": str(value) for name, value in variables.items()})
 
 
 ARRAYS = {
@@ -272,15 +246,13 @@ ARRAYS = {
 @pytest.mark.parametrize("array", ARRAYS)
 def test_tasks_of_an_array_have_each_a_share_or_are_refused(tmp_path, array):
     tasks, step = ARRAYS[array]
-    runs = [start_task(tmp_path / str(task), ID=task, MIN=min(tasks), MAX=max(tasks), STEP=step, COUNT=len(tasks))
-            for task in tasks]
+    said = [start_task(tmp_path / str(task), 2 if "," in array else 0, ID=task, MIN=min(tasks), MAX=max(tasks),
+                       STEP=step, COUNT=len(tasks)) for task in tasks]
     if "," in array:
-        for run in runs:
-            assert run.returncode == 2 and run.stdout == ""
-            assert f"the {len(tasks)} tasks" in run.stderr and f"--array=0-{len(tasks) - 1}" in run.stderr
+        for each in said:
+            assert f"the {len(tasks)} tasks" in each and f"--array=0-{len(tasks) - 1}" in each and "-m" not in each
     else:
-        assert [run.stdout for run in runs] == [f"-m ddmpi sweep s.toml --output D --index {k}/{len(tasks)}\n"
-                                                for k in range(len(tasks))], runs[0].stderr
+        assert said == [f"-m ddmpi sweep s.toml --output D --index {k}/{len(tasks)}\n" for k in range(len(tasks))]
 
 
 @pytest.mark.parametrize(("folder", "code"), [("ours", 0), ("empty", 0), ("theirs", 1), ("copied", 1)])
@@ -290,19 +262,18 @@ def test_a_cluster_removes_only_what_it_has_made(tmp_path, folder, code):
         executable(tmp_path / name, "echo idle")
     place = tmp_path / folder
     place.mkdir()
-    environment = scenes.clean_environment() | {"DDMPI_SLURM": str(place), "PATH": f"{tmp_path}:{os.environ['PATH']}"}
 
-    def start() -> int:
-        return subprocess.run([SLURM / "local_cluster.sh", "start"], env=environment, capture_output=True,
-                              timeout=scenes.LIMIT).returncode
+    def start(code: int) -> None:
+        run(SLURM / "local_cluster.sh", "start", cwd=tmp_path, code=code, DDMPI_SLURM=str(place),
+            PATH=f"{tmp_path}:{os.environ['PATH']}")
 
     if folder == "ours":
-        assert start() == 0
+        start(0)
     files = {} if folder == "empty" else {"slurm.conf": "ClusterName=ours\n", "thesis.txt": "years of work"}
     if folder == "copied":
         files["slurm.conf"] = "# Written by local_cluster.sh for /elsewhere\n"
     for name in files if folder != "ours" else ["thesis.txt"]:
         (place / name).write_text(files[name])
-    assert start() == code
+    start(code)
     known = {path.name: path.read_text() for path in place.iterdir() if path.name in files}
     assert known == files if code else known.get("thesis.txt") == files.get("thesis.txt")

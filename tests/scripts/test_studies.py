@@ -3,17 +3,15 @@
 import re
 import runpy
 import shlex
-import subprocess
 import sys
 from pathlib import Path
 
 import mutants
 import mutation
 import pytest
+from commands import executable, run
 from experiment import Ledger
 from mpi4py import MPI
-from scenes import LIMIT, clean_environment
-from test_test import executable
 
 pytestmark = pytest.mark.slow
 
@@ -32,9 +30,8 @@ STUDIES = {
 }
 
 
-def start(folder: Path, name: str, *arguments: str) -> subprocess.CompletedProcess:
-    return subprocess.run([ROOT / "scripts/study", name, *arguments], text=True, capture_output=True, timeout=LIMIT,
-                          cwd=folder, env=clean_environment() | {"DDMPI_PYTHON": sys.executable, "DDMPI_RANKS": "1"})
+def start(folder: Path, *arguments: str, code: int = 0) -> str:
+    return run(ROOT / "scripts/study", *arguments, cwd=folder, code=code, DDMPI_PYTHON=sys.executable, DDMPI_RANKS="1")
 
 
 LISTED = re.findall(r"^    (\w+) +[12]  (\S+\.py)", (ROOT / "scripts/study").read_text(encoding="utf-8"), re.M)
@@ -42,12 +39,23 @@ LISTED = re.findall(r"^    (\w+) +[12]  (\S+\.py)", (ROOT / "scripts/study").rea
 
 def test_studies_are_listed(tmp_path):
     """Without a name, or by --help, the command lists all studies; a name that is none ends with a message."""
-    done = subprocess.run([ROOT / "scripts/study"], text=True, capture_output=True, timeout=LIMIT, check=True)
-    assert [line.split()[0] for line in done.stdout.splitlines()[1:]] == [name for name, _ in LISTED]
+    said = start(tmp_path)
+    assert [line.split()[0] for line in said.splitlines()[1:]] == [name for name, _ in LISTED]
     commands = {path.resolve() for path in (ROOT / "scripts").glob("*.py") if "__main__" in path.read_text("utf-8")}
     assert len(LISTED) > 10 and commands <= {(ROOT / "scripts" / file).resolve() for _, file in LISTED}
-    assert start(tmp_path, "--help").stdout == done.stdout
-    assert "there is no study nothing" in start(tmp_path, "nothing").stderr
+    assert start(tmp_path, "--help") == said
+    assert "there is no study nothing" in start(tmp_path, "nothing", code=2)
+
+
+def test_pages_name_commands_that_there_are():
+    """A page that names a study or a script which is gone says so."""
+    listed = {name for name, _ in LISTED}
+    for page in [*(ROOT / "docs").rglob("*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md"]:
+        text = page.read_text(encoding="utf-8")
+        gone = {name for name in re.findall(r"scripts/study ([a-z]\w+)", text) if name not in listed}
+        gone |= {path for path in re.findall(r"\bscripts/[\w/]+\.(?:py|sh|sbatch)", text) if not
+                 ((ROOT / path).exists() or (ROOT / "tests" / path).exists())}
+        assert not gone or re.search(r"no\s+longer\s+has|of that\s+version|in version", text), (page, gone)
 
 
 @pytest.mark.parametrize("name", [name for name, _ in LISTED if name not in {"extremes", "fault_injection", *STUDIES}])
@@ -56,10 +64,9 @@ def test_start(tmp_path, name, monkeypatch, capsys):
 
     The extremes want two ranks: tests/scenes/test_extremes.py uses their functions.
     """
-    executable(tmp_path / "python", 'echo "$@"')
-    done = subprocess.run([ROOT / "scripts/study", name, "--help"], text=True, capture_output=True, timeout=LIMIT,
-                          env=clean_environment() | {"DDMPI_PYTHON": str(tmp_path / "python")}, check=True)
-    monkeypatch.setattr(sys, "argv", done.stdout.split())
+    python = executable(tmp_path / "python", 'echo "$@"')
+    said = run(ROOT / "scripts/study", name, "--help", cwd=tmp_path, DDMPI_PYTHON=str(python))
+    monkeypatch.setattr(sys, "argv", said.split())
     with pytest.raises(SystemExit, match=r"^0$"):
         runpy.run_path(sys.argv[0], run_name="__main__")
     assert "usage:" in capsys.readouterr().out
@@ -70,9 +77,8 @@ def test_study(tmp_path, name):
     """A study ends without an error and writes its tables, pages and figures."""
     arguments, words, tables, figures = STUDIES[name]
     output = tmp_path / "out"
-    done = start(tmp_path, name, *shlex.split(arguments), "--output", str(output))
-    assert done.returncode == 0, done.stdout + done.stderr
-    written = done.stdout + "".join(path.read_text(encoding="utf-8") for path in output.glob("*.md"))
+    said = start(tmp_path, name, *shlex.split(arguments), "--output", str(output))
+    written = said + "".join(path.read_text(encoding="utf-8") for path in output.glob("*.md"))
     for word in words:
         assert word in written
     assert len(list(output.glob("*.csv"))) == tables

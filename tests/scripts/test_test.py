@@ -2,32 +2,16 @@
 
 import re
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 import scenes
+from commands import executable, run
 
 pytestmark = pytest.mark.slow
 
 SCRIPTS = scenes.ROOT / "scripts"
-
-
-def executable(path: Path, text: str) -> Path:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(f"#!/bin/sh\n{text}\n", encoding="utf-8")
-    path.chmod(0o755)
-    return path
-
-
-def run(*command: str | Path, cwd: Path, code: int = 0, **environment: str) -> str:
-    """What a command prints, without the settings of ddmpi's scripts."""
-    clean = {key: value for key, value in scenes.clean_environment().items() if not key.startswith("DDMPI_")}
-    done = subprocess.run(command, cwd=cwd, env=clean | environment, timeout=scenes.LIMIT, text=True,
-                          stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
-    assert done.returncode == code, done.stdout
-    return done.stdout
 
 
 # Tests on several ranks

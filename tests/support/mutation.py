@@ -2,9 +2,9 @@
 
     scripts/study mutation [--only WORD]
 
-Works in a copy of the checkout. First the tests must pass without a mutant. Prints the table of
-docs/tables/mutation.md. Exit code 1 if a mutant survives, 2 if the study itself is wrong: a text that is not there
-exactly once, a test that fails by itself, a mutant that cannot be imported.
+Works in a copy of the checkout. First the tests must pass without a mutant. Prints a table. Exit code 1 if a mutant
+survives, 2 if the study itself is wrong: a text that is not there exactly once, a test that fails by itself, a mutant
+that cannot be imported.
 """
 
 import argparse
