@@ -50,6 +50,20 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
         pytest.importorskip("clarabel", reason="needs clarabel")
 
 
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> object:
+    """With -n of pytest-xdist, files are shared out whole, and so are the tests of a folder on as many ranks."""
+    from xdist.scheduler import LoadScopeScheduling
+
+    class Whole(LoadScopeScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            file, _, name = nodeid.partition("::")
+            ranks = re.search(r"\[(\d)[-\]]", name)  # or another number: no harm is done
+            return f"{file.rpartition('/')[0]} on {ranks[1]}" if ranks else file
+
+    return Whole(config, log)
+
+
 def pytest_sessionstart(session: pytest.Session) -> None:
     """Tests on several ranks share an mpirun and report under their own names."""
     for plugin in session.config.pluginmanager.get_plugins():
@@ -68,6 +82,13 @@ class Bar:
 
     def pytest_collection_finish(self, session: pytest.Session) -> None:
         self.total = len(session.items)
+
+    @pytest.hookimpl(optionalhook=True)
+    def pytest_xdist_node_collection_finished(self, ids: list[str]) -> None:
+        self.total = len(ids)
+
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_runtestloop(self) -> None:
         reporter = self.config.pluginmanager.get_plugin("terminalreporter")
         reporter.showfspath = reporter._show_progress_info = False
 

@@ -79,6 +79,17 @@ def test_a_shared_mpirun_that_ends_without_a_word_is_a_failure(example):
     assert "the mpirun of this folder ended in it" in said
 
 
+def test_with_workers_the_tests_of_a_folder_share_an_mpirun(example):
+    """Those on as many ranks go to one worker of pytest-xdist, in whatever file they are."""
+    pytest.importorskip("xdist")
+    test = ('import os\nimport pytest\n\n@pytest.mark.mpi(ranks=2)\ndef test(comm, mpi_ranks):\n'
+            '    open(f"mpirun-{os.getppid()}", "a").close()\n')
+    for name in ("a", "b", "c", "example"):
+        (example / f"test_{name}.py").write_text(test)
+    assert "8 passed" in run(sys.executable, "-m", "pytest", "-n", "2", cwd=example)
+    assert len(list(example.glob("mpirun-*"))) == 1
+
+
 def test_no_test_has_a_time_limit_of_its_own():
     """The limit is to catch what hangs, on any machine, and stands in one place."""
     own = re.compile(r"\b(?:timeout|limit)=\d|monotonic\(\) \+ \d|^LIMIT = \d", re.M)
