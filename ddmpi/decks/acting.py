@@ -9,19 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from ddmpi.decks.cards import Acting, Card, Course, Notes, numbers
+from ddmpi.decks.cards import EXACT, Acting, Card, Course, Notes, axes, number
 from ddmpi.decks.material import Matter, table
 from ddmpi.decks.model import Model
-from ddmpi.decks.pieces import Piece, direction, formula, linear
+from ddmpi.decks.pieces import Piece, formula, linear
 
 KEEPS = 1e-9
 """Factors of one history are equal to this difference."""
-
-LEVER = 1e-6
-"""Moments of nodal forces below this fraction of force times size are rounding."""
-
-PARALLEL = 1e-6
-"""A direction whose component is nearer to 1 than this is that of x, y or z."""
 
 ALONG = 0.97
 """Least cosine between the normals of straight facets and the directions of supports at their nodes."""
@@ -92,10 +86,10 @@ class Acts:
             (value, history), k, sign = self.factor(acting), component - 1, 1.0
             # where all components are zero, their directions do not matter
             if node in self.model.transforms and zero[node] < len(self.axes):
-                way = direction(self.model.transforms[node], piece.points[number[node]], component)[:len(self.axes)]
+                way = axes(self.model.transforms[node], piece.points[number[node]])[k][:len(self.axes)]
                 k = int(np.abs(way).argmax())
                 sign = float(np.sign(way[k]))
-                if abs(abs(way[k]) - 1.0) >= PARALLEL:
+                if abs(abs(way[k]) - 1.0) >= EXACT:
                     turned[component, bool(value)][number[node]] = way
                     cards[component] = acting.card
                     continue
@@ -177,7 +171,7 @@ class Acts:
 
     def _flat(self, card: Card, vector: np.ndarray) -> np.ndarray:
         """A vector (3,) along the axes of the scene (d,); what points out of the plane is lost."""
-        if len(self.axes) == 2 and abs(vector[2]) > PARALLEL * np.abs(vector).max():
+        if len(self.axes) == 2 and abs(vector[2]) > EXACT * np.abs(vector).max():
             self.notes.lost.add(card, "a load out of the plane")
         return vector[:len(self.axes)]
 
@@ -185,7 +179,7 @@ class Acts:
     def _surfaces(self) -> dict[frozenset[tuple[int, int]], str]:
         """Names of the deck's surfaces by their elements and faces; of equal ones the first."""
         deck = self.model.deck
-        return {frozenset((element, int(where[1])) for what, where in deck.surfaces[key] if where[1:].isdigit()
+        return {frozenset((element, int(where[1])) for what, where in deck.sets[kind][key] if where[1:].isdigit()
                           for element in deck.members("ELSET", what)): name
                 for (kind, key), name in reversed(deck.names.items()) if kind == "SURFACE"}
 
@@ -197,8 +191,9 @@ class Acts:
         for (node, component), acting in self.model.kinds["forces"].items():
             value, history = self.factor(acting)
             if node in number and value:
-                way = self._flat(acting.card, direction(self.model.transforms.get(node), piece.points[number[node]],
-                                                        component))
+                turned = self.model.transforms.get(node)
+                ways = np.eye(3) if turned is None else axes(turned, piece.points[number[node]])
+                way = self._flat(acting.card, ways[component - 1])
                 before = by_history[history].get(number[node], np.zeros(d))
                 by_history[history][number[node]] = before + value * way / self.matter.depth
                 cards[number[node]] = acting.card
@@ -224,11 +219,11 @@ class Acts:
         J, moments = ((x - centre).T * w) @ (x - centre), forces.T @ (at - centre)
         total, size = forces.sum(axis=0), np.abs(forces).sum() * np.ptp(x, axis=0).max()
         loads: list[dict[str, Any]] = []
-        if np.abs(total).max() > LEVER * np.abs(forces).sum():
+        if np.abs(total).max() > EXACT * np.abs(forces).sum():
             loads.append({"force": [float(value) for value in total]})
-        if np.abs(moments).max() > LEVER * size:
-            slopes = moments @ np.linalg.pinv(J, rcond=1e-6, hermitian=True)
-            if np.abs(slopes).max() * w.sum() * np.ptp(x, axis=0).max() > LEVER * np.abs(forces).sum():
+        if np.abs(moments).max() > EXACT * size:
+            slopes = moments @ np.linalg.pinv(J, rcond=EXACT, hermitian=True)
+            if np.abs(slopes).max() * w.sum() * np.ptp(x, axis=0).max() > EXACT * np.abs(forces).sum():
                 slopes[np.abs(slopes) < KEEPS * np.abs(slopes).max()] = 0.0
                 loads.append({"value": [formula(float(-row @ centre), row, self.axes) for row in slopes]})
         return loads
@@ -237,7 +232,7 @@ class Acts:
         """Gravity, centrifugal and other forces per volume of a body, as formulas; all must have one history."""
         rows: dict[str | None, list[tuple[Card, np.ndarray, np.ndarray]]] = defaultdict(list)
         own, d = set(piece.elements.tolist()), len(self.axes)
-        for (what, scope, label, more), acting in self.model.kinds["body_forces"].items():
+        for (what, scope, label, field), acting in self.model.kinds["body_forces"].items():
             value, history = self.factor(acting)
             some = self.model.deck.chosen(acting.card._replace(scope=scope), "ELSET", what) & own
             if not some or not value:
@@ -245,25 +240,16 @@ class Acts:
             if some != own:
                 self.notes.lost.add(acting.card, f"{label} on a part of a body")
                 continue
-            if label in ("BX", "BY", "BZ"):
-                way = self._flat(acting.card, np.eye(3)["XYZ".index(label[1])])
-                rows[history].append((acting.card, value * way, np.zeros((d, d))))
-                continue
-            densities = {self._density(k, acting.card) for k in self.matter.sections(piece)}
+            densities = {1.0} if label[0] == "B" else {
+                self._density(k, acting.card) for k in self.matter.sections(piece)}
             if len(densities) > 1:
                 self.notes.lost.add(acting.card, f"{label} on a body with several densities")
                 continue
-            density = densities.pop()
-            if label == "GRAV":
-                rows[history].append((acting.card, density * value * self._flat(acting.card, np.array(more)),
-                                      np.zeros((d, d))))
-            else:  # ρ ω² times the distance from the axis
-                start, way = np.reshape(more, (2, 3))
-                across = density * value * (np.eye(3) - np.outer(way, way))
-                slopes = [self._flat(acting.card, slope) for slope in across[:d]]
-                rows[history].append((acting.card, -self._flat(acting.card, across @ start), np.array(slopes).T))
-                if self.axisymmetric and (abs(way[1]) < 1.0 - PARALLEL or start[[0, 2]].any()):
-                    self.notes.lost.add(acting.card, "a rotation about another axis than that of the body")
+            constant, *slopes = densities.pop() * value * np.reshape(field, (4, 3))
+            if label == "CENTRIF" and self.axisymmetric and (constant.any() or slopes[1].any()):
+                self.notes.lost.add(acting.card, "a rotation about another axis than that of the body")
+            rows[history].append((acting.card, self._flat(acting.card, constant),
+                                  np.array([self._flat(acting.card, column) for column in slopes[:d]]).T))
         if not rows:
             return None
         history = next(iter(rows))
@@ -311,11 +297,11 @@ class Acts:
             if expansion is None:
                 expansions[name] = 0.0
                 continue
-            kind = expansion.given.get("TYPE", "ISO").upper()
+            kind = expansion.says("TYPE", "ISO")
             values, at = table(expansion, {"ISO": 1, "ORT": 3}.get(kind[:3], 6))
             if kind[:3] != "ISO" and np.ptp(values[:, :3], axis=1).any():
                 self.notes.lost.add(expansion, "expansion that differs by direction")
-            zero = numbers([expansion.given.get("ZERO", "0")])[0]
+            zero = number(expansion.given.get("ZERO") or "0")
             order = np.argsort(at)
 
             def strain(T: np.ndarray, at=at[order], alpha=values[order, 0], zero=zero) -> np.ndarray:
@@ -352,7 +338,7 @@ class Acts:
         for x, axis in zip(piece.points.T, self.axes, strict=True):
             layers, number = np.unique(np.round(x, 9), return_inverse=True)
             means = np.bincount(number, values) / np.bincount(number)
-            if len(layers) < 30 and np.abs(values - means[number]).max() < LEVER * size:
+            if len(layers) < 30 and np.abs(values - means[number]).max() < EXACT * size:
                 turns = np.diff(np.diff(means) / np.diff(layers), prepend=0.0)
                 text = repr(float(means[0])) + "".join(
                     f" + ({turn!r}) * max(0, {axis} - ({layer!r}))"

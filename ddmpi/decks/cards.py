@@ -36,68 +36,60 @@ ELEMENTS: dict[str, dict[int, str]] = {
     "T2D|T3D": {2: "line", 3: "line3"}, "B2|B3": {1: "line", 2: "line3", 3: "line"}}
 """Abaqus's names of elements: letters and a number; further letters are ignored."""
 
+FAMILIES = re.compile(r"(C3D|CPE|CPS|CAX)(\d+)([A-Z]*)$")
+"""Elements that a scene may have: family, nodes and variant."""
+
 SHAPELESS = ("MASS", "ROTARYI", "SPRING", "DASHPOT", "CONN", "GAP", "DCOUP")
 """Prefixes of the names of elements that have no shape."""
 
 SILENT = frozenset((
-    "HEADING", "NODE", "ELEMENT", "NSET", "ELSET", "SURFACE", "STEP", "ENDSTEP", "STATIC",
-    "PHYSICALCONSTANTS", "CONTROLS", "PREPRINT", "NODEPRINT", "ELPRINT", "NODEFILE", "ELFILE", "CONTACTFILE",
-    "CONTACTPRINT", "FACEPRINT", "SECTIONPRINT", "ENERGYPRINT", "ENERGYFILE", "OUTPUT", "NODEOUTPUT",
+    "HEADING", "ENDSTEP", "PHYSICALCONSTANTS", "CONTROLS", "PREPRINT", "NODEPRINT", "ELPRINT", "NODEFILE", "ELFILE",
+    "CONTACTFILE", "CONTACTPRINT", "FACEPRINT", "SECTIONPRINT", "ENERGYPRINT", "ENERGYFILE", "OUTPUT", "NODEOUTPUT",
     "ELEMENTOUTPUT", "CONTACTOUTPUT", "ENERGYOUTPUT", "MONITOR", "PRINT", "RESTART", "TIMEPOINTS", "FILEFORMAT",
-    "PARAMETER", "NORMAL", "TRANSFORM", "ORIENTATION", "AMPLITUDE", "ENDPART", "ENDASSEMBLY", "ENDINSTANCE",
-    "SURFACESMOOTHING", "PRE-TENSIONSECTION",
-    # what these say matters with elements that are lost themselves
+    "PARAMETER", "NORMAL", "ENDPART", "ENDASSEMBLY", "ENDINSTANCE", "SURFACESMOOTHING", "PRE-TENSIONSECTION",
     "SHELLSECTION", "BEAMSECTION", "BEAMGENERALSECTION", "MEMBRANESECTION", "MEMBRANE", "FLUIDSECTION", "SPRING",
-    "DASHPOT", "MASS",
-))
-"""Keywords about meshes and output, and those that count where others name them."""
+    "DASHPOT", "MASS"))
+"""Keywords about output, those that count where others name them, and those of elements that are lost themselves."""
 
 REFUSED = {
-    "EQUATION": "equations between nodes", "MPC": "constraints between nodes",
-    "DISTRIBUTINGCOUPLING": "couplings",
-    "KINEMATICCOUPLING": "couplings",
-    "SUBMODEL": "displacements of another model", "CHANGEFRICTION": "friction that changes",
-    "CHANGESURFACEBEHAVIOR": "contact laws that change", "CHANGEMATERIAL": "materials that change", "CONTACT":
-    "general contact; name each pair of surfaces by *CONTACT PAIR", "PLASTIC": "plasticity",
-    "CYCLICHARDENING": "plasticity", "DEFORMATIONPLASTICITY": "plasticity", "CREEP": "creep",
+    "EQUATION": "equations between nodes", "MPC": "constraints between nodes", "DISTRIBUTINGCOUPLING": "couplings",
+    "KINEMATICCOUPLING": "couplings", "SUBMODEL": "displacements of another model",
+    "CHANGEFRICTION": "friction that changes", "CHANGESURFACEBEHAVIOR": "contact laws that change",
+    "CHANGEMATERIAL": "materials that change",
+    "CONTACT": "general contact; name each pair of surfaces by *CONTACT PAIR",
+    "PLASTIC": "plasticity", "CYCLICHARDENING": "plasticity", "DEFORMATIONPLASTICITY": "plasticity", "CREEP": "creep",
     "HYPERELASTIC": "rubber", "HYPERFOAM": "foam", "USERMATERIAL": "materials of a user's routine",
     "VISCOELASTIC": "viscoelasticity", "CYCLICSYMMETRYMODEL": "cyclic symmetry", "CFLUX": "heat flow"}
 """What becomes impossible by a keyword; any other one that is not read is unknown."""
-
-PROCEDURES = frozenset((
-    "STATIC", "DYNAMIC", "FREQUENCY", "BUCKLE", "VISCO", "HEATTRANSFER", "MODALDYNAMIC", "STEADYSTATEDYNAMICS",
-    "CFD", "COUPLEDTEMPERATURE-DISPLACEMENT", "UNCOUPLEDTEMPERATURE-DISPLACEMENT", "ELECTROMAGNETICS",
-    "COMPLEXFREQUENCY", "NOANALYSIS", "GREEN", "SENSITIVITY", "SUBSTRUCTUREGENERATE", "CRACKPROPAGATION",
-))
-"""Keywords that say what a step computes."""
 
 NAMED_SUPPORTS = {
     "ENCASTRE": (1, 2, 3, 4, 5, 6), "PINNED": (1, 2, 3), "XSYMM": (1, 5, 6), "YSYMM": (2, 4, 6), "ZSYMM": (3, 4, 5),
     "XASYMM": (2, 3, 4), "YASYMM": (1, 3, 5), "ZASYMM": (1, 2, 6)}
 """Abaqus's words for supports: the components that they hold; nodes of solids have the first three."""
 
-OVER_TIME = ("OP", "AMPLITUDE", "TIMEDELAY", "FOLLOWER")
+OVER_TIME = "OP AMPLITUDE TIMEDELAY FOLLOWER "
 
-PARAMETERS: dict[str, tuple[str, ...]] = {
-    "NODE": ("NSET",), "ELEMENT": ("TYPE", "ELSET"), "SURFACE": ("NAME", "TYPE", "INTERNAL"),
-    "NSET": ("NSET", "ELSET", "GENERATE", "INSTANCE", "INTERNAL", "UNSORTED"),
-    "ELSET": ("ELSET", "GENERATE", "INSTANCE", "INTERNAL", "UNSORTED"),
-    "TRANSFORM": ("NSET", "TYPE"), "ORIENTATION": ("NAME", "SYSTEM", "DEFINITION"),
-    "SOLIDSECTION": ("ELSET", "MATERIAL", "ORIENTATION", "CONTROLS", "OFFSET"), "ELASTIC": ("TYPE", "MODULI"),
-    "DENSITY": (), "EXPANSION": ("TYPE", "ZERO"), "INITIALCONDITIONS": ("TYPE", "FILE"),
-    "AMPLITUDE": ("NAME", "TIME", "DEFINITION", "VALUE", "USER", "SMOOTH"),
-    "STEP": ("NAME", "NLGEOM", "INC", "INCF", "UNSYMM", "EXTRAPOLATION", "CONVERTSDI", "SOLVER", "AMPLITUDE"),
-    "STATIC": ("DIRECT", "SOLVER", "STABILIZE", "ALLSDTOL", "CONTINUE", "FACTOR"),
-    "BOUNDARY": (*OVER_TIME, "TYPE", "FIXED", "SUBMODEL", "USER", "STEP"), "CLOAD": OVER_TIME, "DLOAD": OVER_TIME,
-    "DSLOAD": OVER_TIME, "TEMPERATURE": (*OVER_TIME, "FILE", "USER"),
-    "FRICTION": ("SLIPTOLERANCE", "LAGRANGE", "ELASTICSLIP"), "SURFACEINTERACTION": ("NAME",),
-    "SURFACEBEHAVIOR": ("PRESSURE-OVERCLOSURE", "NOSEPARATION", "PENALTY", "AUGMENTEDLAGRANGE", "DIRECT"),
-    "CONTACTPAIR": ("INTERACTION", "TYPE", "SMALLSLIDING", "ADJUST", "MECHANICALCONSTRAINT", "CPSET", "EXTENSIONZONE",
-                    "HCRIT", "NOTHICKNESS", "SMOOTH", "TRACKING", "SUPPLEMENTARYCONSTRAINTS", "SLIDINGTRANSITION"),
-    "TIE": ("NAME", "ADJUST", "POSITIONTOLERANCE", "TYPE", "NOROTATION", "NOTHICKNESS", "CONSTRAINTRATIO"),
-    "RIGIDBODY": ("NSET", "TIENSET", "REFNODE", "ROTNODE", "ELSET", "PINNSET", "ANALYTICALSURFACE"),
-    "COUPLING": ("CONSTRAINTNAME", "REFNODE", "SURFACE"), "DISTRIBUTING": ("WEIGHTINGMETHOD", "COUPLING")}
-"""Parameters of keywords that are read, or change no answer; any other one of these keywords is lost."""
+PARAMETERS = {word: frozenset(names.split()) for word, names in {
+    "NODE": "NSET", "ELEMENT": "TYPE ELSET", "SURFACE": "NAME TYPE INTERNAL",
+    "NSET": "NSET ELSET GENERATE INSTANCE INTERNAL UNSORTED", "ELSET": "ELSET GENERATE INSTANCE INTERNAL UNSORTED",
+    "TRANSFORM": "NSET TYPE", "ORIENTATION": "NAME SYSTEM DEFINITION",
+    "SOLIDSECTION": "ELSET MATERIAL ORIENTATION CONTROLS OFFSET", "ELASTIC": "TYPE MODULI", "DENSITY": "",
+    "EXPANSION": "TYPE ZERO", "INITIALCONDITIONS": "TYPE FILE", "AMPLITUDE": "NAME TIME DEFINITION VALUE USER SMOOTH",
+    "STEP": "NAME NLGEOM INC INCF UNSYMM EXTRAPOLATION CONVERTSDI SOLVER AMPLITUDE",
+    "STATIC": "DIRECT SOLVER STABILIZE ALLSDTOL CONTINUE FACTOR",
+    "BOUNDARY": OVER_TIME + "TYPE FIXED SUBMODEL USER STEP", "CLOAD": OVER_TIME, "DLOAD": OVER_TIME,
+    "DSLOAD": OVER_TIME, "TEMPERATURE": OVER_TIME + "FILE USER", "FRICTION": "SLIPTOLERANCE LAGRANGE ELASTICSLIP",
+    "SURFACEINTERACTION": "NAME",
+    "SURFACEBEHAVIOR": "PRESSURE-OVERCLOSURE NOSEPARATION PENALTY AUGMENTEDLAGRANGE DIRECT",
+    "CONTACTPAIR": "INTERACTION TYPE SMALLSLIDING ADJUST MECHANICALCONSTRAINT CPSET EXTENSIONZONE HCRIT NOTHICKNESS "
+                   "SMOOTH TRACKING SUPPLEMENTARYCONSTRAINTS SLIDINGTRANSITION",
+    "TIE": "NAME ADJUST POSITIONTOLERANCE TYPE NOROTATION NOTHICKNESS CONSTRAINTRATIO",
+    "RIGIDBODY": "NSET TIENSET REFNODE ROTNODE ELSET PINNSET ANALYTICALSURFACE",
+    "COUPLING": "CONSTRAINTNAME REFNODE SURFACE", "DISTRIBUTING": "WEIGHTINGMETHOD COUPLING"}.items()}
+"""Keywords that are read, and their parameters that are read or change no answer; any other parameter is lost."""
+
+EXACT = 1e-6
+"""Directions, values on linear functions, moments of forces and layers of nodes are equal up to this fraction."""
 
 
 class DeckError(ValueError):
@@ -170,23 +162,32 @@ def numbers(row: list[str]) -> list[float]:
     return [number(word) if word else 0.0 for word in row]
 
 
+def entry(row: list[str], k: int, default: str = "") -> str:
+    """The entry k of a data line, or the default where it is empty or missing."""
+    return (row[k] if k < len(row) else "") or default
+
+
+def vector(values: Sequence[float], size: int = 3) -> np.ndarray:
+    """The first values as an array (size,); missing ones are zero."""
+    return np.array([*values, *[0.0] * size][:size])
+
+
 def held(row: list[str]) -> tuple[Sequence[int], float]:
     """The components that a data line of *BOUNDARY gives, and their value. Raises DeckError."""
     if row[1].upper() in NAMED_SUPPORTS:
         return NAMED_SUPPORTS[row[1].upper()], 0.0
-    first = component(row[1] or "1")
-    last = component([*row, "", ""][2] or str(first))
+    first = component(entry(row, 1, "1"))
+    last = component(entry(row, 2, str(first)))
     if last < first:
         raise DeckError(f"it gives the components {first} to {last}")
-    return range(first, last + 1), number([*row, "", ""][3] or "0")
+    return range(first, last + 1), number(entry(row, 3, "0"))
 
 
-def along(values: Sequence[float]) -> tuple[float, ...]:
+def along(values: Sequence[float]) -> np.ndarray:
     """The unit vector (3,) along such components, of which missing ones are zero. Raises DeckError where all are."""
-    vector = np.array([*values, 0.0, 0.0, 0.0][:3])
-    if not vector.any():
+    if not vector(values).any():
         raise DeckError("a direction is zero")
-    return tuple((vector / np.linalg.norm(vector)).tolist())
+    return vector(values) / np.linalg.norm(vector(values))
 
 
 class Card(NamedTuple):
@@ -213,6 +214,14 @@ class Card(NamedTuple):
     scope: str = ""
     place: int = 0
 
+    def says(self, name: str, default: str = "") -> str:
+        """The value of a parameter in capitals, or the default."""
+        return self.given.get(name, default).upper()
+
+    def values(self) -> list[float]:
+        """The numbers of the first data line, if there is one. Raises DeckError."""
+        return numbers(self.rows[0] if self.rows else [])
+
     def tells(self, what: object) -> str:
         """A message about this keyword, with its line and file."""
         return f"line {self.line} of {self.path.name}: *{self.name}: {what}"
@@ -228,6 +237,19 @@ class Card(NamedTuple):
             raise InputError(self.tells(f"it lacks {error.args[0]}")) from None
         except IndexError:
             raise InputError(self.tells("a data line is too short")) from None
+
+
+class Block(NamedTuple):
+    """Elements of one keyword: meshio's name, their numbers and nodes (k, 1 + n), and the keyword."""
+
+    kind: str
+    entries: np.ndarray
+    card: Card
+
+    @property
+    def name(self) -> str:
+        """Abaqus's name of the family and the number of nodes."""
+        return re.sub(r"(\d)[A-Z]+$", r"\1", self.card.says("TYPE"))
 
 
 Course = tuple[tuple[float, float], ...]
@@ -317,13 +339,20 @@ def factors(amplitude: Card) -> np.ndarray:
     return np.reshape(values, (-1, 2))
 
 
-def check_axes(card: Card) -> None:
-    """InputError where *TRANSFORM or *ORIENTATION has no axes that are known."""
-    row, kind = numbers(card.rows[0] if card.rows else []), card.given.get("TYPE", "R").upper()[:1]
-    a, b = np.array([*row, *[0.0] * 6][:6]).reshape(2, 3)
-    if (kind not in ("R", "C") or card.given.get("DEFINITION", "COORDINATES").upper() != "COORDINATES" or any(row[6:])
-            or not (b - a if kind == "C" else np.cross(a, b)).any()):
-        raise InputError(card.tells("axes are those of two vectors, or of a cylinder by two points on its axis"))
+def axes(card: Card, place: Sequence[float] = ()) -> np.ndarray:
+    """(3, 3) the directions of *TRANSFORM or *ORIENTATION at a place, as rows: along the first of two vectors, in their
+    plane and across it; or radial, around and along the axis of a cylinder. Raises DeckError for others."""
+    row, kind = card.values(), card.says("TYPE", "R")[:1]
+    a, b = vector(row, 6).reshape(2, 3)
+    third = b - a if kind == "C" else np.cross(a, b)
+    if (kind not in ("R", "C") or card.says("DEFINITION", "COORDINATES") != "COORDINATES" or any(row[6:])
+            or not third.any()):
+        raise DeckError("axes are those of two vectors, or of a cylinder by two points on its axis")
+    third = third / np.linalg.norm(third)
+    off = vector(place) - a
+    first = off - third * (off @ third) if kind == "C" else a
+    first = first / (np.linalg.norm(first) or 1.0)
+    return np.array([first, np.cross(third, first), third])
 
 
 def read_lines(path: Path, within: tuple[Path, ...] = ()) -> Iterator[tuple[Path, int, str]]:

@@ -10,12 +10,9 @@ from typing import Any
 import numpy as np
 
 from ddmpi.decks.acting import Acts
-from ddmpi.decks.cards import Card, Pair, Rigid, number, numbers
+from ddmpi.decks.cards import EXACT, Card, Pair, Rigid, number
 from ddmpi.decks.pieces import Piece, formula, own_name
 from ddmpi.errors import InputError
-
-FLAT = 1e-6
-"""Normals of a flat face are parallel up to this difference."""
 
 ROUNDING = 1e-12
 """Moments below this fraction of the forces times the coordinates are zero."""
@@ -36,14 +33,13 @@ class Joints:
 
     def _side(self, card: Card, name: str) -> list[tuple[Piece, np.ndarray]]:
         """The facets of a surface, of elements or of nodes, by body. Raises InputError where there is no surface."""
-        keys = (f"{card.scope}.{name}".lower(), name.lower())
-        if any(key in self.deck.surfaces for key in keys):
+        if self.deck.key("SURFACE", card.scope, name):
             found = defaultdict[str, list[int]](list)
             for end in self.deck.ends(card, name):
                 if end in self.acts.where:
                     found[self.acts.where[end][0].name].append(self.acts.where[end][1])
             return [(piece, np.unique(found[piece.name])) for piece in self.pieces if found[piece.name]]
-        if not any(key in self.deck.sets["NODES"] for key in keys):
+        if not self.deck.key("NODES", card.scope, name):
             raise InputError(card.tells(f"there is no surface {name}"))
         nodes, sides = self.deck.chosen(card, "NODES", name), []
         for piece in self.pieces:
@@ -60,12 +56,12 @@ class Joints:
         card, notes, law = pair.card, self.notes, {}
         tied = card.word == "TIE"
         if not tied:
-            name = card.given.get("INTERACTION", "").upper()
+            name = card.says("INTERACTION")
             if name not in self.model.interactions:
                 raise InputError(card.tells(f"there is no *SURFACE INTERACTION {name}"))
             law = self.model.interactions[name]
             behaviour = law.get("SURFACEBEHAVIOR")
-            tied = behaviour is not None and behaviour.given.get("PRESSURE-OVERCLOSURE", "").upper() == "TIED"
+            tied = behaviour is not None and behaviour.says("PRESSURE-OVERCLOSURE") == "TIED"
         slaves, masters = (self._side(card, name) for name in (pair.slave, pair.master))
         count, held = 0, set().union({node for node, _ in self.model.kinds["supports"]},
                                      *(rigid.nodes for rigid in self.model.rigid))
@@ -86,7 +82,7 @@ class Joints:
                 gap = self._clearance(pair)
                 if gap is not None:
                     contact["gap"] = gap
-                elif not tied and (word := card.given.get("ADJUST", "NO").upper()) != "NO":
+                elif not tied and (word := card.says("ADJUST", "NO")) != "NO":
                     heights = slave.heights(on, master, against)
                     reach = number(word) if re.fullmatch(r"[\d.]+([ED][+-]?\d+)?", word) else np.nan
                     near = heights <= max(reach, 1e-9 * float(np.ptp(slave.points, axis=0).max()))
@@ -127,7 +123,7 @@ class Joints:
 
     def _clearance(self, pair: Pair) -> float | None:
         for card in self.model.clearances:
-            names = {card.given.get("SLAVE", "").upper(), card.given.get("MASTER", "").upper()}
+            names = {card.says("SLAVE"), card.says("MASTER")}
             if names == {pair.slave.upper(), pair.master.upper()} and "VALUE" in card.given:
                 self.notes.taken.add(card, "gap")
                 return number(card.given["VALUE"])
@@ -153,7 +149,7 @@ class Joints:
             facets = np.unique([self.acts.where[end][1] for end in ends])
             out = piece.points[piece.facets[facets[0], :2]].mean(axis=0) - piece.points.mean(axis=0)
             normal = piece.normals(facets)[0]
-            if card.rows and normal @ numbers(card.rows[0])[:len(normal)] * (normal @ out) < 0.0:
+            if card.rows and normal @ card.values()[:len(normal)] * (normal @ out) < 0.0:
                 value = -value  # the normal that the card gives points into the elements of the surface
             along, later = (normal * np.sign(normal @ out)).tolist(), {"history": history} if history else {}
             self.notes.taken.add(card, "a bond with a pretension" if force else "a bond over a gap")
@@ -228,7 +224,7 @@ class RigidSets:
         normals = piece.normals(facets)
         normal = normals[0] * np.sign((piece.points[piece.facets[facets[0], :3]].mean(axis=0)
                                        - piece.points.mean(axis=0)) @ normals[0])
-        if np.abs(np.abs(normals @ normal) - 1.0).max() > FLAT:
+        if np.abs(np.abs(normals @ normal) - 1.0).max() > EXACT:
             return "its faces are not flat"
         turns = [k for k in range(3, 6) if k in held]
         if turns and (len(turns) < 3 or any(held[k][0] for k in turns)):

@@ -14,26 +14,8 @@ import numpy as np
 import scipy.sparse as sparse
 from scipy.sparse import csgraph
 
-from ddmpi.decks.cards import SIDES, Card, corners, faces, numbers, shape
+from ddmpi.decks.cards import EXACT, SIDES, Block, corners, faces, shape
 from ddmpi.decks.deck import STRIDE
-
-GAUSS = 0.5 + np.array([-0.5, 0.0, 0.5]) * np.sqrt(0.6)
-
-RULES = {2: (np.column_stack([1.0 - GAUSS, GAUSS]), np.array([5.0, 8.0, 5.0]) / 18.0),
-         3: (np.array([[4.0, 1.0, 1.0], [1.0, 4.0, 1.0], [1.0, 1.0, 4.0]]) / 6.0, np.full(3, 1.0 / 3.0))}
-"""Barycentric points and weights on facets, by dimension: exact for fifth powers of the coordinates in the plane, for
-squares in space."""
-
-EXACT = 1e-6
-"""Values lie on a linear function of the coordinates up to this fraction of the largest one."""
-
-
-class Block(NamedTuple):
-    """Elements of one type: Abaqus's name, meshio's, and numbers and nodes (k, 1 + n)."""
-
-    name: str
-    kind: str
-    entries: np.ndarray
 
 
 class Patch(NamedTuple):
@@ -56,7 +38,7 @@ def split(blocks: Sequence[Block]) -> list[list[Block]]:
     piece = connected(np.concatenate([np.pad(block.entries[:, 1:], ((0, 0), (0, widest - block.entries.shape[1])),
                                              constant_values=-1) for block in blocks]))
     of_blocks = np.split(piece, np.cumsum([len(block.entries) for block in blocks])[:-1])
-    return [[Block(block.name, block.kind, block.entries[of == k]) for block, of in zip(blocks, of_blocks, strict=True)
+    return [[block._replace(entries=block.entries[of == k]) for block, of in zip(blocks, of_blocks, strict=True)
              if (of == k).any()] for k in range(piece.max() + 1)]
 
 
@@ -79,19 +61,18 @@ def cut(blocks: Sequence[Block], ends: set[tuple[int, int]], points: dict[int, l
 
     The elements, and the copies at the section and around the layer, old number → new. New `points` (m) are added.
     """
-    section = set(nodes_of_faces(blocks, ends).ravel().tolist()) - {-1}
-    layer, middles = {element for element, _ in ends}, {
-        entries[0]: np.mean([points[node] for node in entries[1:]], axis=0)
-        for block in blocks for entries in block.entries.tolist()}
+    section, layer = set(nodes_of_faces(blocks, ends).ravel().tolist()) - {-1}, {element for element, _ in ends}
     at = np.array([points[node] for node in sorted(section)])
     d = 3 if blocks[0].name.startswith("C3D") else 2
     normal = np.pad(np.linalg.svd((at - at.mean(axis=0))[:, :d])[2][-1], (0, 3 - d))
-    normal *= np.sign((np.mean([middles[element] for element in layer], axis=0) - at.mean(axis=0)) @ normal)
-    beyond = {element for element, middle in middles.items() if (middle - at.mean(axis=0)) @ normal > 0.0}
-    result, copies = _apart(blocks, beyond, section, points)
+    heights = {entries[0]: (np.mean([points[node] for node in entries[1:]], axis=0) - at.mean(axis=0)) @ normal
+               for block in blocks for entries in block.entries.tolist()}
+    side = np.sign(np.mean([heights[element] for element in layer]))
+    result, copies = _apart(blocks, {element for element, height in heights.items() if side * height > 0.0}, section,
+                            points)
     if not any(_nodes(one) & section and _nodes(one) & {*copies.values()} for one in split(result)):
         return result, copies, {}
-    result, beside = _apart(result, layer, _nodes(result, layer) & _nodes(result, {*middles} - layer), points)
+    result, beside = _apart(result, layer, _nodes(result, layer) & _nodes(result, {*heights} - layer), points)
     return result, copies, beside
 
 
@@ -136,7 +117,7 @@ def _apart(blocks: Sequence[Block], own: set[int], nodes: set[int], points: dict
         some = np.isin(entries, list(nodes)) & np.isin(entries[:, :1], list(own))
         some[:, 0] = False
         entries[some] = [copies[node] for node in entries[some].tolist()]
-        result.append(Block(block.name, block.kind, entries))
+        result.append(block._replace(entries=entries))
     return result, copies
 
 
@@ -224,9 +205,10 @@ class Piece:
 
     def quadrature(self, facets: np.ndarray, around: bool) -> tuple[np.ndarray, np.ndarray]:
         """Points (q, d) and weights (q,) on straight facets; with the circumference if `around` an axis."""
-        corners, (points, shares) = self._simplices(facets), RULES[self.points.shape[1]]
-        at = (points @ corners).reshape(-1, self.points.shape[1])
-        weights = np.outer(np.linalg.norm(_vectors(corners), axis=1), shares).ravel()
+        corners, d = self._simplices(facets), self.points.shape[1]
+        inner = (1.0 - (d + 1) ** -0.5) / d  # d points in each: exact for squares, in the plane for cubes
+        at = ((inner + (1.0 - d * inner) * np.eye(d)) @ corners).reshape(-1, d)
+        weights = np.repeat(np.linalg.norm(_vectors(corners), axis=1) / d, d)
         return at, weights * 2.0 * np.pi * at[:, 0] if around else weights
 
     def _simplices(self, facets: np.ndarray) -> np.ndarray:
@@ -313,22 +295,6 @@ def linear(points: np.ndarray, values: np.ndarray) -> np.ndarray | None:
     spread = float(np.ptp(values)) or size
     digits = 13 - math.floor(math.log10(spread)) if spread else 0
     return np.append(round(constant, digits) if abs(constant) > 1e-9 * size else 0.0, slopes)
-
-
-def direction(transform: Card | None, at: np.ndarray, component: int) -> np.ndarray:
-    """(3,) the direction of a component of displacements or forces at a place."""
-    if transform is None:
-        return np.eye(3)[component - 1]
-    v = np.array([*numbers(transform.rows[0]), *[0.0] * 6][:6])
-    place = np.array([*at, 0.0][:3])
-    if transform.given.get("TYPE", "R").upper()[:1] == "C":  # radial, around and along the axis from a to b
-        third = (v[3:] - v[:3]) / np.linalg.norm(v[3:] - v[:3])
-        first = place - v[:3] - third * ((place - v[:3]) @ third)
-    else:
-        first, third = v[:3], np.cross(v[:3], v[3:])
-        third = third / np.linalg.norm(third)
-    first = first / (np.linalg.norm(first) or 1.0)
-    return np.array([first, np.cross(third, first), third])[component - 1]
 
 
 def formula(constant: float, slopes: np.ndarray, axes: str) -> Any:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections import defaultdict
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,17 +10,14 @@ from typing import Any
 import numpy as np
 
 from ddmpi.decks.acting import Acts
-from ddmpi.decks.cards import PARAMETERS, Card, DeckError, Notes, check_axes
+from ddmpi.decks.cards import FAMILIES, PARAMETERS, Block, Card, DeckError, Notes, axes
 from ddmpi.decks.deck import STRIDE, Deck
 from ddmpi.decks.joints import Cut, Joints, RigidSets
 from ddmpi.decks.material import Matter
 from ddmpi.decks.model import Model
-from ddmpi.decks.pieces import Block, Piece, cut, own_name, split
+from ddmpi.decks.pieces import Piece, cut, own_name, split
 from ddmpi.errors import InputError, TakenError
 from ddmpi.scene.reader import write_toml
-
-FAMILIES = re.compile(r"(C3D|CPE|CPS|CAX)(\d+)([A-Z]*)$")
-"""Elements that a scene may have: family, nodes and variant."""
 
 VARIANTS = {"": "", "R": "full integration", "I": "no incompatible modes", "RI": "full integration", "H": "",
             "IH": "no incompatible modes", "RH": "full integration", "M": "", "MH": "", "T": "",
@@ -41,8 +37,9 @@ class Importer:
         self.model = Model(self.deck, self.notes, amplitudes)
         linear = len(self.model.ends) == 1 and all(pair.card.word == "TIE" for pair in self.model.pairs)
         for card in self.deck.cards:
-            if card.word in ("TRANSFORM", "ORIENTATION"):
-                check_axes(card)
+            if card.word in ("TRANSFORM", "ORIENTATION") and card.says("SYSTEM", "R")[0] == "R":
+                with card.reading():
+                    axes(card)
             for name in card.given:
                 if name not in PARAMETERS.get(card.word, card.given) and not (name == "PERTURBATION" and linear):
                     self.notes.lost.add(card, f"its parameter {name} is not possible")
@@ -53,30 +50,27 @@ class Importer:
 
     def _pieces(self) -> tuple[list[Piece], str, bool]:
         """The bodies, their family, and whether elements are quadratic. Raises InputError where there are none."""
-        notes, families = self.notes, defaultdict[str, list[tuple[Block, Card]]](list)
+        notes, families = self.notes, defaultdict[str, list[Block]](list)
         for card in self.deck.odd:
             notes.lost.add(card, f"elements of type {card.given.get('TYPE', '(none)')}")
-        for kind, entries, card in self.deck.blocks:
-            name = card.given["TYPE"].upper()
-            fits = FAMILIES.match(name)
+        for block in self.deck.blocks:
+            name, fits = block.card.says("TYPE"), FAMILIES.match(block.card.says("TYPE"))
             if not fits or fits[3] not in VARIANTS:
-                notes.lost.add(card, f"elements of type {name}")
+                notes.lost.add(block.card, f"elements of type {name}")
                 continue
-            plain = f"{fits[1]}{fits[2]}"
-            families[fits[1]].append((Block(plain, kind, entries), card))
-            notes.taken.add(card, f"elements of type {name}")
+            families[fits[1]].append(block)
+            notes.taken.add(block.card, f"elements of type {name}")
             if VARIANTS[fits[3]]:
-                notes.changed.add(card, f"{name} as {plain}: {VARIANTS[fits[3]]}")
+                notes.changed.add(block.card, f"{name} as {block.name}: {VARIANTS[fits[3]]}")
         if not families:
             raise InputError("it has no elements that a scene may have: C3D4 to C3D20, CPE, CPS and CAX")
         if len(families) > 1:
             raise InputError(f"it has elements of the families {' and '.join(sorted(families))}; a scene has one")
-        (family, found), = families.items()
-        blocks = [block for block, _ in found]
+        (family, blocks), = families.items()
         quadratic = any(block.name not in ("C3D4", "CPE3", "CPS3", "CAX3") for block in blocks)
-        for block, card in found:
+        for block in blocks:
             if block.kind in ("hexahedron", "wedge", "quad", "pyramid"):
-                notes.changed.add(card, f"{block.name} cut into quadratic "
+                notes.changed.add(block.card, f"{block.name} cut into quadratic "
                                   f"{'tetrahedra' if family == 'C3D' else 'triangles'}: linear ones would be too stiff")
         self.cuts: list[Cut] = []
         for card in self.model.bolts:
