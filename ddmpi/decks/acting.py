@@ -45,6 +45,8 @@ class Acts:
         self.sets = {name: np.fromiter(model.deck.members("NSET", ("", key)), np.int64)
                      for (kind, key), name in model.deck.names.items() if kind == "NSET"}
         self.where = {end: (piece, k) for piece in pieces for end, k in piece.at.items()}
+        # nodes at the section of a bolt belong to two bodies, forces there to one
+        self.home = {node: piece for piece in reversed(pieces) for node in piece.nodes.tolist()}
 
     def factor(self, acting: Acting) -> Key:
         """The largest value of a load or support, or that at the end if there is one step, and its history."""
@@ -156,9 +158,8 @@ class Acts:
             found[name].append({"on": piece.group(some, called)} | load | ({"history": history} if history else {}))
         for piece in self.pieces:
             found[piece.name] += self._forces(piece)
-        inside = fluid | {node for piece in self.pieces for node in piece.nodes.tolist()}
-        inside |= {node for rigid in self.model.rigid for node in (rigid.ref, rigid.turn)}
-        inside |= self.model.bolt_nodes
+        inside = fluid | self.home.keys() | self.model.bolt_nodes | {
+            node for rigid in self.model.rigid for node in (rigid.ref, rigid.turn)}
         for (node, _), acting in self.model.kinds["forces"].items():
             if node not in inside and any(value for _, value in acting.course):
                 self.notes.lost.add(acting.card, "a force at a node of no body")
@@ -190,7 +191,7 @@ class Acts:
         cards: dict[int, Card] = {}
         for (node, component), acting in self.model.kinds["forces"].items():
             value, history = self.factor(acting)
-            if node in number and value:
+            if self.home.get(node) is piece and value:
                 turned = self.model.transforms.get(node)
                 ways = np.eye(3) if turned is None else axes(turned, piece.points[number[node]])
                 way = self._flat(acting.card, ways[component - 1])

@@ -355,9 +355,18 @@ def axes(card: Card, place: Sequence[float] = ()) -> np.ndarray:
     return np.array([first, np.cross(third, first), third])
 
 
-def read_lines(path: Path, within: tuple[Path, ...] = ()) -> Iterator[tuple[Path, int, str]]:
-    """The lines of a deck and of what it includes, each with its file and number, without comments. Raises DeckError
-    where a file includes itself or one that is not there, and OSError."""
+def read_cards(path: Path) -> list[Card]:
+    """Each keyword of a deck and of what it includes. Raises DeckError where there is none or a file includes itself,
+    InputError where an included one is not there, and OSError."""
+    cards: list[Card] = []
+    _read(path, cards, ())
+    if not cards:
+        raise DeckError("it has no keyword, such as *NODE")
+    return cards
+
+
+def _read(path: Path, cards: list[Card], within: tuple[Path, ...]) -> None:
+    """Append the keywords of a file to the `cards`; data lines with which an included one begins are of the last one.
     data = path.read_bytes()
     if path.resolve() in within:
         raise DeckError(f"{path} includes itself")
@@ -366,39 +375,26 @@ def read_lines(path: Path, within: tuple[Path, ...] = ()) -> Iterator[tuple[Path
     except UnicodeDecodeError:
         text = data.decode("latin-1")
     every = ((number, line.strip()) for number, line in enumerate(text.splitlines(), 1))
-    lines = iter([(number, line) for number, line in every if line and not line.startswith("**")])
-    for number, line in lines:
-        if not re.match(r"\*\s*INCLUDE\b", line, re.IGNORECASE):
-            yield path, number, line
+    lines = [(number, line) for number, line in every if line and not line.startswith("**")]
+    k, end = 0, len(lines)
+    lines.append((0, "*"))  # after the last one
+    while k < end:
+        (number, line), begin = lines[k], k + 1
+        k = begin
+        if not line.startswith("*"):
+            if not cards:
+                raise DeckError(f"line {number} of {path.name}: data without a keyword, such as *NODE")
+            cards[-1].rows.append([entry.strip() for entry in line.rstrip(", ").split(",")])
             continue
-        while line.endswith(","):
-            line += next(lines, (0, " "))[1]
-        yield from read_lines(_named(path, number, *_headed(line)), (*within, path.resolve()))
-
-
-def _named(path: Path, number: int, name: str, given: Mapping[str, str]) -> Path:
-    """The file that a keyword on a line of `path` names by INPUT. Raises DeckError where there is none."""
-    if "INPUT" not in given or not (path.parent / given["INPUT"]).is_file():
-        what = f"no such file: {given['INPUT']}" if "INPUT" in given else "it lacks INPUT"
-        raise DeckError(f"line {number} of {path.name}: *{name}: {what}")
-    return path.parent / given["INPUT"]
-
-
-def read_cards(path: Path) -> Iterator[Card]:
-    """Each keyword of a deck and of what it includes. Raises the errors of `read_lines`."""
-    lines = list(read_lines(path))
-    starts = [k for k, (*_, line) in enumerate(lines) if line.startswith("*")]
-    if not starts or starts[0]:
-        raise DeckError(f"line {lines[0][1]} of {lines[0][0].name}: data without a keyword" if starts else
-                        "it has no keyword, such as *NODE")
-    for start, end in zip(starts, [*starts, len(lines)][1:], strict=True):
-        (source, number, head), first = lines[start], start + 1
-        while head.endswith(",") and first < end and (first == start + 1 or "=" in lines[first][2]):
-            head, first = head + lines[first][2], first + 1
-        name, given = _headed(head)
-        data = [line for *_, line in lines[first:end]]
-        if (word := name.replace(" ", "")) in PARAMETERS and "INPUT" in given:
-            data = [*(line for *_, line in read_lines(_named(source, number, name, given))), *data]
-            del given["INPUT"]
-        rows = [[entry.strip() for entry in line.rstrip(", ").split(",")] for line in data]
-        yield Card(word, given, rows, number, source, name)
+        while line.endswith(",") and (k == begin or "=" in lines[k][1]) and not lines[k][1].startswith("*"):
+            line, k = line + lines[k][1], k + 1
+        name, given = _headed(line)
+        card = Card(name.replace(" ", ""), given, [], number, path, name)
+        if card.word != "INCLUDE":
+            cards.append(card)
+        if card.word == "INCLUDE" or (card.word in PARAMETERS and "INPUT" in given):
+            with card.reading():
+                other = given.pop("INPUT")
+                if not (path.parent / other).is_file():
+                    raise DeckError(f"no such file: {other}")
+            _read(path.parent / other, cards, (*within, path.resolve()))

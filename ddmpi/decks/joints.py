@@ -19,9 +19,9 @@ ROUNDING = 1e-12
 
 ZERO = 0.0, None
 
-Cut = tuple[Card, set[tuple[int, int]], set[int], dict[int, int]]
-"""A section of a bolt: its keyword, the faces of elements on one side, the nodes there, and the copies of those around
-the layer of these elements, where that is a body of its own."""
+Cut = tuple[Card, set[tuple[int, int]], np.ndarray, np.ndarray]
+"""A section of a bolt: its keyword, the faces of elements on one side, the nodes there, and those around the layer of
+these elements, where that is a body of its own."""
 
 
 class Joints:
@@ -134,11 +134,12 @@ class Joints:
         these shorten them; and around the layers that had to be taken out."""
         for card, ends, section, around in self.cuts:
             sides = {self.acts.where[end][0].name: self.acts.where[end][0] for end in ends if end in self.acts.where}
-            others = [piece for piece in self.pieces if len(piece.whole(piece.within(section)))]
+            others = [piece for piece in self.pieces if piece.name not in sides and len(
+                piece.whole(piece.within(section)))]
             node = self.model.node(card, card.given["NODE"])
             force, offset = (self.model.kinds[kind].get((node, 1)) for kind in ("forces", "supports"))
             given = force or offset
-            if len(sides) != 1 or len(others) != 1 or others[0].name in sides or not given or (force and offset):
+            if len(sides) != 1 or len(others) != 1 or not given or (force and offset):
                 self.notes.lost.add(card, "a section that does not cut a body in two" if given else
                                     "a pre-tension whose node has neither a force nor a displacement")
                 continue
@@ -158,10 +159,10 @@ class Joints:
                 other.whole(other.within(section)), "section")]} | (
                     {"pretension": {"force": value / self.matter.depth, "along": along} | later} if force else
                     {"gap": {"value": value} | later})
-            if around:
+            if len(around):
                 self.notes.changed.add(card, "the elements at the section are a body of their own, bonded "
                                        "to the others, which hang together without it")
-                yield bond | {"on": [piece.group(piece.whole(piece.within(around.values())), "layer"),
+                yield bond | {"on": [piece.group(piece.whole(piece.within(around)), "layer"),
                                      other.group(other.whole(other.within(around)), "layer")]}
 
 

@@ -32,14 +32,19 @@ def own_name(text: str, taken: Iterable[str]) -> str:
     return next(name for name in itertools.chain([base], names) if name.lower() not in lower)
 
 
-def split(blocks: Sequence[Block]) -> list[list[Block]]:
-    """The elements in pieces that have no node in common, in the order of their first elements."""
-    widest = max(block.entries.shape[1] for block in blocks)
-    piece = connected(np.concatenate([np.pad(block.entries[:, 1:], ((0, 0), (0, widest - block.entries.shape[1])),
-                                             constant_values=-1) for block in blocks]))
+def split(blocks: Sequence[Block], rows: np.ndarray) -> list[list[Block]]:
+    """The elements in pieces of which no `rows` (k, n) have a node in common, in the order of their first elements."""
+    piece = connected(rows)
     of_blocks = np.split(piece, np.cumsum([len(block.entries) for block in blocks])[:-1])
     return [[block._replace(entries=block.entries[of == k]) for block, of in zip(blocks, of_blocks, strict=True)
              if (of == k).any()] for k in range(piece.max() + 1)]
+
+
+def rows_of(blocks: Sequence[Block]) -> np.ndarray:
+    """The nodes (k, n) of all elements, −1 where there are fewer."""
+    widest = max(block.entries.shape[1] for block in blocks)
+    return np.concatenate([np.pad(block.entries[:, 1:], ((0, 0), (0, widest - block.entries.shape[1])),
+                                  constant_values=-1) for block in blocks])
 
 
 def connected(rows: np.ndarray) -> np.ndarray:
@@ -54,26 +59,25 @@ def connected(rows: np.ndarray) -> np.ndarray:
     return first.argsort().argsort()[number]
 
 
-def cut(blocks: Sequence[Block], ends: set[tuple[int, int]], points: dict[int, list[float]]
-        ) -> tuple[list[Block], dict[int, int], dict[int, int]]:
-    """Elements cut apart at a flat section, faces `ends` (element, number) of those on one side: these have copies of
-    its nodes, as CalculiX has them. Where all still hang together, the layer of these elements is taken out.
+def cut(blocks: Sequence[Block], rows: np.ndarray, ends: set[tuple[int, int]], numbers: np.ndarray, points: np.ndarray
+        ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Elements cut apart at a flat section, faces `ends` (element, number) of those on one side: their `rows` (k, n)
+    have nodes of their own there. Where all still hang together, the layer of these elements is taken out.
 
-    The elements, and the copies at the section and around the layer, old number → new. New `points` (m) are added.
+    The rows, and the nodes at the section and around the layer. The nodes have `numbers` (m,) and `points` (m, d).
     """
-    section, layer = set(nodes_of_faces(blocks, ends).ravel().tolist()) - {-1}, {element for element, _ in ends}
-    at = np.array([points[node] for node in sorted(section)])
-    d = 3 if blocks[0].name.startswith("C3D") else 2
-    normal = np.pad(np.linalg.svd((at - at.mean(axis=0))[:, :d])[2][-1], (0, 3 - d))
-    heights = {entries[0]: (np.mean([points[node] for node in entries[1:]], axis=0) - at.mean(axis=0)) @ normal
-               for block in blocks for entries in block.entries.tolist()}
-    side = np.sign(np.mean([heights[element] for element in layer]))
-    result, copies = _apart(blocks, {element for element, height in heights.items() if side * height > 0.0}, section,
-                            points)
-    if not any(_nodes(one) & section and _nodes(one) & {*copies.values()} for one in split(result)):
-        return result, copies, {}
-    result, beside = _apart(result, layer, _nodes(result, layer) & _nodes(result, {*heights} - layer), points)
-    return result, copies, beside
+    nodes, layer = nodes_of_faces(blocks, ends), np.isin(np.concatenate([block.entries[:, 0] for block in blocks]),
+                                                         [element for element, _ in ends])
+    section = np.unique(nodes[nodes >= 0])
+    at = points[np.isin(numbers, section)]
+    middles = np.concatenate([points[np.searchsorted(numbers, block.entries[:, 1:])].mean(axis=1) for block in blocks])
+    heights = (middles - at.mean(axis=0)) @ np.linalg.svd(at - at.mean(axis=0))[2][-1]
+    apart = _apart(rows, heights * heights[layer].mean() > 0.0, section)
+    piece, here = connected(apart), np.isin(apart, section).any(axis=1)
+    if not np.intersect1d(piece[here], piece[(apart != rows).any(axis=1)]).size:
+        return apart, section, np.empty(0, int)
+    around = np.setdiff1d(np.intersect1d(apart[layer], apart[~layer]), [-1])
+    return _apart(apart, layer, around), section, np.unique(rows[np.isin(apart, around)])
 
 
 def all_faces(blocks: Sequence[Block]) -> tuple[np.ndarray, np.ndarray]:
@@ -99,26 +103,11 @@ def nodes_of_faces(blocks: Sequence[Block], ends: set[tuple[int, int]]) -> np.nd
     return rows[[(element, face) in ends for element, face in owners.tolist()]]
 
 
-def _nodes(blocks: Sequence[Block], some: set[int] | None = None) -> set[int]:
-    """The nodes of elements, of `some` of them."""
-    return {node for block in blocks for node in np.unique(block.entries[:, 1:][
-        slice(None) if some is None else np.isin(block.entries[:, 0], list(some))]).tolist()}
-
-
-def _apart(blocks: Sequence[Block], own: set[int], nodes: set[int], points: dict[int, list[float]]
-           ) -> tuple[list[Block], dict[int, int]]:
-    """Elements of which the `own` ones have copies of `nodes`, old number → new."""
-    top = max(number % STRIDE for number in points)
-    copies = {node: node // STRIDE * STRIDE + top + k for k, node in enumerate(sorted(nodes), 1)}
-    points |= {new: points[old] for old, new in copies.items()}
-    result = []
-    for block in blocks:
-        entries = block.entries.copy()
-        some = np.isin(entries, list(nodes)) & np.isin(entries[:, :1], list(own))
-        some[:, 0] = False
-        entries[some] = [copies[node] for node in entries[some].tolist()]
-        result.append(block._replace(entries=entries))
-    return result, copies
+def _apart(rows: np.ndarray, own: np.ndarray, nodes: np.ndarray) -> np.ndarray:
+    """The `rows` (k, n), of which the `own` (k,) ones have other numbers for the `nodes`."""
+    some, rows = own[:, None] & np.isin(rows, nodes), rows.copy()
+    rows[some] = rows.max() + 1 + np.unique(rows[some], return_inverse=True)[1].ravel()
+    return rows
 
 
 class Piece:

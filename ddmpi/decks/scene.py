@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 
 from ddmpi.decks.acting import Acts
-from ddmpi.decks.cards import FAMILIES, PARAMETERS, Block, Card, DeckError, Notes, axes
+from ddmpi.decks.cards import FAMILIES, PARAMETERS, Block, DeckError, Notes, axes
 from ddmpi.decks.deck import STRIDE, Deck
 from ddmpi.decks.joints import Cut, Joints, RigidSets
 from ddmpi.decks.material import Matter
 from ddmpi.decks.model import Model
-from ddmpi.decks.pieces import Piece, cut, own_name, split
+from ddmpi.decks.pieces import Piece, cut, own_name, rows_of, split
 from ddmpi.errors import InputError, TakenError
 from ddmpi.scene.reader import write_toml
 
@@ -72,41 +72,27 @@ class Importer:
             if block.kind in ("hexahedron", "wedge", "quad", "pyramid"):
                 notes.changed.add(block.card, f"{block.name} cut into quadratic "
                                   f"{'tetrahedra' if family == 'C3D' else 'triangles'}: linear ones would be too stiff")
-        self.cuts: list[Cut] = []
-        for card in self.model.bolts:
-            blocks = self._cut(card, blocks)
-        numbers, points = self.deck.placed()
-        lost = np.setdiff1d(np.concatenate([block.entries[:, 1:].ravel() for block in blocks]), numbers)
+        (numbers, points), rows = self.deck.placed(), rows_of(blocks)
+        points = points if family == "C3D" else points[:, :2]
+        lost = np.setdiff1d(rows, [*numbers, -1])
         if len(lost):
             raise InputError(f"an element has node {lost[0] % STRIDE}, which is not there; is the deck cut off?")
+        self.cuts: list[Cut] = []
+        for card in self.model.bolts:
+            if "SURFACE" not in card.given:
+                notes.lost.add(card, "a pre-tension that is not of a section of solid elements")
+                continue
+            ends = set(self.deck.ends(card, card.given["SURFACE"]))
+            rows, section, around = cut(blocks, rows, ends, numbers, points)
+            self.cuts.append((card, ends, section, around))
         pieces: list[Piece] = []
         sets = self._element_sets()
-        for blocks_of_one in split(blocks):
+        for blocks_of_one in split(blocks, rows):
             elements = np.sort(np.concatenate([block.entries[:, 0] for block in blocks_of_one]))
             named = sets.get(frozenset(elements.tolist()), "") if len(elements) else ""
             name = own_name(named or f"part{len(pieces) + 1}", [piece.name for piece in pieces])
-            pieces.append(Piece(name, blocks_of_one, numbers, points if family == "C3D" else points[:, :2]))
+            pieces.append(Piece(name, blocks_of_one, numbers, points))
         return pieces, family, quadratic
-
-    def _cut(self, card: Card, blocks: list[Block]) -> list[Block]:
-        """Cut a bolt at its section. Supports and temperatures of the nodes there hold for both sides."""
-        if "SURFACE" not in card.given:
-            self.notes.lost.add(card, "a pre-tension that is not of a section of solid elements")
-            return blocks
-        ends = set(self.deck.ends(card, card.given["SURFACE"]))
-        blocks, at_section, around = cut(blocks, ends, self.deck.points)
-        for copies in (at_section, around):
-            for kind in ("supports", "heat"):
-                acting = self.model.kinds[kind]
-                for key in list(acting):
-                    node = key[0] if isinstance(key, tuple) else key
-                    if node in copies:
-                        acting[(copies[node], *key[1:]) if isinstance(key, tuple) else copies[node]] = acting[key]
-            model = self.model
-            model.start |= {copies[node]: heat for node, heat in model.start.items() if node in copies}
-            model.transforms |= {copies[node]: axes for node, axes in model.transforms.items() if node in copies}
-        self.cuts.append((card, ends, set(at_section), around))
-        return blocks
 
     def _element_sets(self) -> dict[frozenset[int], str]:
         """Names of sets of elements by their members; those of sections first; within instances their names."""

@@ -483,7 +483,7 @@ BAD = [
     (stack("*CONTACT PAIR, INTERACTION=I", LAW, first="") + step(), "*CONTACT PAIR: a data line is too short"),
     (BOX + "*INCLUDE, INPUT=none.inp\n" + step(), "*INCLUDE: no such file: none.inp"),
     ("1, 2.\n" + BOX + step(), "line 1 of deck.inp: data without a keyword"),
-    ("", "it has no"), ("hello\n", "it has no"), ("*NODE, NSET\n*STEP\n", "")]
+    ("", "it has no keyword"), ("hello\n", "data without a keyword"), ("*NODE, NSET\n*STEP\n", "")]
 
 
 @pytest.mark.parametrize("deck, words", BAD)
