@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -59,6 +59,21 @@ class Acts:
         kept = tuple(point for k, point in enumerate(course) if k in (0, len(course) - 1)
                      or not _between(course[k - 1], point, course[k + 1]))
         return peak, self.histories.setdefault(kept, f"h{len(self.histories) + 1}")
+
+    def on(self, ends: Iterable[tuple[int, int]]) -> list[tuple[Piece, np.ndarray]]:
+        """The facets (k,) of faces (element, number), by body."""
+        found = defaultdict[str, list[int]](list)
+        for piece, facet in (self.where[end] for end in ends if end in self.where):
+            found[piece.name].append(facet)
+        return [(piece, np.unique(found[piece.name])) for piece in self.pieces if piece.name in found]
+
+    def at(self, nodes: Iterable[int]) -> list[tuple[Piece, np.ndarray, bool]]:
+        """The bodies that have some of these nodes, with the facets (k,) all of whose corners are among them, and whether
+        these facets have all of the nodes."""
+        marked = [(piece, piece.within(nodes)) for piece in self.pieces]
+        facets = [(piece, piece.whole(some), some) for piece, some in marked if some.any()]
+        return [(piece, whole, not np.setdiff1d(np.flatnonzero(some), piece.facets[whole]).size)
+                for piece, whole, some in facets]
 
     def _named(self, piece: Piece, places: np.ndarray, name: str) -> str:
         """The set of the nodes at these places, called as in the deck if there is such a set."""

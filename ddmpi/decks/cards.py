@@ -366,7 +366,7 @@ def read_cards(path: Path) -> list[Card]:
 
 
 def _read(path: Path, cards: list[Card], within: tuple[Path, ...]) -> None:
-    """Append the keywords of a file to the `cards`; data lines with which an included one begins are of the last one.
+    """Append the keywords of a file to the `cards`; data lines at the beginning of an included one are of the last."""
     data = path.read_bytes()
     if path.resolve() in within:
         raise DeckError(f"{path} includes itself")

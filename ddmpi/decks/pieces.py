@@ -210,6 +210,11 @@ class Piece:
         """Unit normals (f, d) of straight facets, on either side."""
         return _normals(self.points[self.facets[facets][:, :self.points.shape[1]]])
 
+    def outward(self, facets: np.ndarray) -> np.ndarray:
+        """The unit normal (d,) of the first of these facets, away from the middle of the body."""
+        normal, at = self.normals(facets[:1])[0], self.facets[facets[0], :self.points.shape[1]]
+        return normal * np.sign((self.points[at].mean(axis=0) - self.points.mean(axis=0)) @ normal)
+
     def heights(self, facets: np.ndarray, master: Piece, against: np.ndarray) -> np.ndarray:
         """(k,) distances of the nodes of these facets from the facets `against` of the master below or above them."""
         corners = master._simplices(against)
