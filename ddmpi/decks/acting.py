@@ -38,7 +38,8 @@ class Acts:
         self.axes = "xyz" if family == "C3D" else "xy"
         self.histories: dict[Course, str] = {}
         friction = any("FRICTION" in of for of in model.interactions.values())
-        odd = [acting for kind in model.kinds.values() for acting in kind.values() if not _ramps(acting.course)]
+        odd = [acting for kind in model.kinds.values() for acting in kind.values()
+               if len(course := _scaled(acting.course)[1]) > 2 or course[0][1]]  # more than a ramp from zero
         self.timed = (len(model.ends) > 1 and not model.final) or (bool(odd) and friction)
         for card in {id(acting.card): acting.card for acting in odd}.values() if not self.timed else ():
             notes.changed.add(card, "its amplitude counts at the end of the step")
@@ -52,13 +53,8 @@ class Acts:
         """The largest value of a load or support, or that at the end if there is one step, and its history."""
         if not self.timed:
             return acting.course[-1][1], None
-        peak = max((value for _, value in acting.course), key=abs)
-        if not peak:
-            return 0.0, None
-        course = [(time, round(value / peak, 12)) for time, value in acting.course]
-        kept = tuple(point for k, point in enumerate(course) if k in (0, len(course) - 1)
-                     or not _between(course[k - 1], point, course[k + 1]))
-        return peak, self.histories.setdefault(kept, f"h{len(self.histories) + 1}")
+        peak, course = _scaled(acting.course)
+        return peak, self.histories.setdefault(course, f"h{len(self.histories) + 1}") if peak else None
 
     def on(self, ends: Iterable[tuple[int, int]]) -> list[tuple[Piece, np.ndarray]]:
         """The facets (k,) of faces (element, number), by body."""
@@ -68,7 +64,7 @@ class Acts:
         return [(piece, np.unique(found[piece.name])) for piece in self.pieces if piece.name in found]
 
     def at(self, nodes: Iterable[int]) -> list[tuple[Piece, np.ndarray, bool]]:
-        """The bodies that have some of these nodes, with the facets (k,) all of whose corners are among them, and whether
+        """The bodies that have some of these nodes, with the facets (k,) whose corners are among them, and whether
         these facets have all of the nodes."""
         marked = [(piece, piece.within(nodes)) for piece in self.pieces]
         facets = [(piece, piece.whole(some), some) for piece, some in marked if some.any()]
@@ -78,39 +74,39 @@ class Acts:
     def _named(self, piece: Piece, places: np.ndarray, name: str) -> str:
         """The set of the nodes at these places, called as in the deck if there is such a set."""
         nodes = piece.nodes[places]
-        for other, members in self.sets.items():
-            if len(members) >= len(nodes) and np.array_equal(np.intersect1d(members, piece.nodes), nodes):
-                name = other
-                break
-        return piece.node_set(places, name)
+        named = (other for other, members in self.sets.items() if len(members) >= len(nodes)
+                 and np.array_equal(np.intersect1d(members, piece.nodes), nodes))
+        return piece.node_set(places, next(named, name))
+
+    def _way(self, piece: Piece, node: int, component: int) -> np.ndarray:
+        """(3,) the direction of a component of displacements or forces at a node."""
+        turned = self.model.transforms.get(node)
+        return (np.eye(3) if turned is None else axes(turned, piece.points[piece.place[node]]))[component - 1]
 
     def clamps(self, piece: Piece) -> list[dict[str, Any]]:
         """The supports of a body: by component sets of nodes with one value, or a linear function."""
-        number, supports = {node: k for k, node in enumerate(piece.nodes.tolist())}, self.model.kinds["supports"]
+        d, supports = len(self.axes), self.model.kinds["supports"]
         # by component, then whether it is moved and by which history: value by place
         at: dict[int, dict[tuple[bool, str | None], dict[int, float]]] = defaultdict(lambda: defaultdict(dict))
         # in directions of *TRANSFORM, by component and whether it is moved: direction by place
         turned: dict[tuple[int, bool], dict[int, np.ndarray]] = defaultdict(dict)
         cards: dict[int, Card] = {}
         zero = Counter(node for (node, component), acting in supports.items()
-                       if component <= len(self.axes) and not any(value for _, value in acting.course))
+                       if component <= d and not any(value for _, value in acting.course))
         for (node, component), acting in supports.items():
-            if node not in number or (component > len(self.axes) and not acting.course[-1][1]):
+            if node not in piece.place or (component > d and not acting.course[-1][1]):
                 continue
-            if component > len(self.axes):
+            if component > d:
                 self.notes.lost.add(acting.card, "a displacement out of the plane")
                 continue
-            (value, history), k, sign = self.factor(acting), component - 1, 1.0
             # where all components are zero, their directions do not matter
-            if node in self.model.transforms and zero[node] < len(self.axes):
-                way = axes(self.model.transforms[node], piece.points[number[node]])[k][:len(self.axes)]
-                k = int(np.abs(way).argmax())
-                sign = float(np.sign(way[k]))
-                if abs(abs(way[k]) - 1.0) >= EXACT:
-                    turned[component, bool(value)][number[node]] = way
-                    cards[component] = acting.card
-                    continue
-            at[k][bool(value), history][number[node]] = value * sign
+            way = self._way(piece, node, component)[:d] if zero[node] < d else np.eye(d)[component - 1]
+            (value, history), main = self.factor(acting), int(np.abs(way).argmax())
+            if abs(abs(way[main]) - 1.0) < EXACT:
+                at[main][bool(value), history][piece.place[node]] = value * np.sign(way[main])
+            else:
+                turned[component, bool(value)][piece.place[node]] = way
+                cards[component] = acting.card
         found = self._guided(piece, turned, cards)
         together: dict[tuple[bytes, str | None], tuple[np.ndarray, dict[str, Any]]] = {}
         for component, by_history in sorted(at.items()):
@@ -119,25 +115,20 @@ class Acts:
                 for some, value in _alike(piece, places, values):
                     _, entry = together.setdefault((some.tobytes(), history), (some, {}))
                     entry[self.axes[component]] = value
-        for (_, history), (some, entry) in together.items():
-            clamp = {"on": self._named(piece, some, "fixed")} | entry
-            found.append(clamp | ({"history": history} if history else {}))
-        return found
+        return found + [{"on": self._named(piece, some, "fixed")} | entry | later(history)
+                        for (_, history), (some, entry) in together.items()]
 
     def _guided(self, piece: Piece, turned: dict[tuple[int, bool], dict[int, np.ndarray]],
                 cards: dict[int, Card]) -> list[dict[str, Any]]:
         """Supports in directions of *TRANSFORM, which are the normals of whole faces, as clamps along these."""
         found = []
         for (component, moved), ways in turned.items():
-            marked = np.zeros(len(piece.nodes), bool)
-            marked[list(ways)] = True
-            facets = piece.whole(marked)
-            mean = np.zeros((len(facets), len(self.axes)))
-            for row, ends in zip(mean, piece.facets[facets][:, :4].tolist(), strict=True):
-                row[:] = np.mean([ways[k] for k in ends if k >= 0], axis=0)
+            given = np.full((len(piece.nodes) + 1, len(self.axes)), np.nan)  # −1, no node, is the last
+            given[list(ways)] = list(ways.values())
+            facets = piece.whole(~np.isnan(given[:-1, 0]))
+            mean = np.nanmean(given[piece.facets[facets, :4]], axis=1)
             facets = facets[np.abs((piece.normals(facets) * mean).sum(axis=1)) > ALONG]
-            covered = np.unique(piece.facets[facets])
-            if moved or set(ways) - set(covered.tolist()):
+            if moved or ways.keys() - set(piece.facets[facets].ravel().tolist()):
                 self.notes.lost.add(cards[component], "a support in a direction of *TRANSFORM that is "
                                     "neither x, y, z nor the normal of faces")
             else:
@@ -147,7 +138,7 @@ class Acts:
     def loads(self) -> dict[str, list[dict[str, Any]]]:
         """The tractions of all bodies by name: pressures on faces, and forces at nodes spread over faces."""
         found: dict[str, list[dict[str, Any]]] = {piece.name: [] for piece in self.pieces}
-        pressed: dict[tuple[str, float, str | None, tuple], list[int]] = defaultdict(list)
+        pressed: dict[tuple[Piece, float, str | None, tuple], list[int]] = defaultdict(list)
         fluid = set[int]()
         for (element, face, way), acting in self.model.kinds["pressures"].items():
             if len(way) == 1:
@@ -164,13 +155,11 @@ class Acts:
             value, history = self.factor(acting)
             if value:
                 self._flat(acting.card, np.array(way or (0.0, 0.0, 0.0)))
-                pressed[piece.name, value, history, way].append(facet)
-        by_name = {piece.name: piece for piece in self.pieces}
-        for (name, value, history, way), facets in pressed.items():
+                pressed[piece, value, history, way].append(facet)
+        for (piece, value, history, way), facets in pressed.items():
             load = {"value": [value * x for x in way[:len(self.axes)]]} if way else {"pressure": value}
-            piece, some = by_name[name], np.array(facets)
-            called = self._surfaces.get(frozenset(map(tuple, piece.owners[some].tolist())), "pressed")
-            found[name].append({"on": piece.group(some, called)} | load | ({"history": history} if history else {}))
+            called = self._surfaces.get(frozenset(map(tuple, piece.owners[facets].tolist())), "pressed")
+            found[piece.name].append({"on": piece.group(np.array(facets), called)} | load | later(history))
         for piece in self.pieces:
             found[piece.name] += self._forces(piece)
         inside = fluid | self.home.keys() | self.model.bolt_nodes | {
@@ -201,18 +190,14 @@ class Acts:
 
     def _forces(self, piece: Piece) -> list[dict[str, Any]]:
         """Nodal forces as tractions with the same resultant and the same first moments."""
-        number, d = {node: k for k, node in enumerate(piece.nodes.tolist())}, len(self.axes)
         by_history: dict[str | None, dict[int, np.ndarray]] = defaultdict(dict)
         cards: dict[int, Card] = {}
         for (node, component), acting in self.model.kinds["forces"].items():
             value, history = self.factor(acting)
             if self.home.get(node) is piece and value:
-                turned = self.model.transforms.get(node)
-                ways = np.eye(3) if turned is None else axes(turned, piece.points[number[node]])
-                way = self._flat(acting.card, ways[component - 1])
-                before = by_history[history].get(number[node], np.zeros(d))
-                by_history[history][number[node]] = before + value * way / self.matter.depth
-                cards[number[node]] = acting.card
+                k, way = piece.place[node], self._flat(acting.card, self._way(piece, node, component))
+                by_history[history][k] = by_history[history].get(k, 0.0) + value * way / self.matter.depth
+                cards[k] = acting.card
         found = []
         for history, forces in by_history.items():
             patches, lost = piece.patches(np.array(sorted(forces)))
@@ -223,7 +208,7 @@ class Acts:
                 self.notes.changed.add(cards[int(patch.nodes[0])], "forces at nodes are spread over "
                                        "the faces around them, with the same resultant and moments")
                 on = piece.group(patch.facets, "loaded")
-                found += [{"on": piece.again(on) if k else on} | load | ({"history": history} if history else {})
+                found += [{"on": piece.again(on) if k else on} | load | later(history)
                           for k, load in enumerate(self._spread(piece, patch.facets, piece.points[patch.nodes], some))]
         return found
 
@@ -296,8 +281,7 @@ class Acts:
         end, histories = start.copy(), set()
         card = self.model.kinds["heat"][own[0]].card
         for node in own:
-            k = int(np.searchsorted(piece.nodes, node))
-            acting = self.model.kinds["heat"][node]
+            k, acting = piece.place[node], self.model.kinds["heat"][node]
             # courses begin at zero; temperatures at the initial one
             warm = tuple((time, value - start[k] if time else 0.0) for time, value in acting.course)
             rise, history = self.factor(Acting(acting.card, warm))
@@ -318,12 +302,8 @@ class Acts:
             if kind[:3] != "ISO" and np.ptp(values[:, :3], axis=1).any():
                 self.notes.lost.add(expansion, "expansion that differs by direction")
             zero = number(expansion.given.get("ZERO") or "0")
-            order = np.argsort(at)
-
-            def strain(T: np.ndarray, at=at[order], alpha=values[order, 0], zero=zero) -> np.ndarray:
-                return np.interp(T, at, alpha) * (T - zero)
-
-            grown = strain(end) - strain(start)
+            order, T = np.argsort(at), np.array([start, end])
+            grown = np.diff(np.interp(T, at[order], values[order, 0]) * (T - zero), axis=0)[0]
             alpha = float(values[0, 0]) or 1.0
             if uniform and end[0] != start[0]:
                 alpha = float(grown[0] / (end[0] - start[0]))
@@ -347,9 +327,9 @@ class Acts:
 
     def _field(self, piece: Piece, values: np.ndarray, card: Card) -> Any:
         """A temperature by nodes as a number or a formula: linear in place, or between layers of nodes."""
-        found = linear(piece.points, values)
+        found = linear(piece.points, values, self.axes)
         if found is not None:
-            return formula(float(found[0]), found[1:], self.axes)
+            return found
         size = np.abs(values).max()
         for x, axis in zip(piece.points.T, self.axes, strict=True):
             layers, number = np.unique(np.round(x, 9), return_inverse=True)
@@ -371,16 +351,23 @@ def _alike(piece: Piece, places: np.ndarray, values: np.ndarray) -> list[tuple[n
     """Nodes with one value; all of them if the values are a linear function of place."""
     different = np.unique(values)
     if len(different) > 1 and len(places) > piece.points.shape[1] + 1:
-        found = linear(piece.points[places], values)
+        found = linear(piece.points[places], values, "xyz"[:piece.points.shape[1]])
         if found is not None:
-            return [(places, formula(float(found[0]), found[1:], "xyz"[:len(found) - 1]))]
+            return [(places, found)]
     return [(places[values == value], float(value)) for value in different]
 
 
-def _ramps(course: Course) -> bool:
-    """Whether a value grows from zero in proportion to time, or is zero."""
-    end, last = course[-1]
-    return all(abs(value - last * time / end) <= KEEPS * abs(last) for time, value in course)
+def later(history: str | None) -> dict[str, Any]:
+    """The entry of a history, if there is one."""
+    return {"history": history} if history else {}
+
+
+def _scaled(course: Course) -> tuple[float, Course]:
+    """The largest value of a course, and the course over it, without points on the lines between their neighbours."""
+    peak = max((value for _, value in course), key=abs)
+    points = [(time, round(value / (peak or 1.0), 12)) for time, value in course]
+    return peak, tuple(point for k, point in enumerate(points) if k in (0, len(points) - 1)
+                       or not _between(*points[k - 1:k + 2]))
 
 
 def _between(before: tuple[float, float], point: tuple[float, float], after: tuple[float, float]) -> bool:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ddmpi.decks.acting import Acts
+from ddmpi.decks.acting import Acts, later
 from ddmpi.decks.cards import EXACT, Card, Pair, Rigid, number
 from ddmpi.decks.pieces import Piece, formula, own_name
 from ddmpi.errors import InputError
@@ -94,8 +94,8 @@ class Joints:
         return None
 
     def _tell_gap(self, card: Card, sides: np.ndarray, heights: np.ndarray) -> None:
-        """Note a tie of nodes with `heights` (k,) beyond its tolerance; without one, beyond a twentieth of a facet, which
-        have ends of `sides` (f, 2, d)."""
+        """Note a tie of nodes with `heights` (k,) beyond its tolerance; without one, beyond a twentieth of the median
+        of `sides` (f, 2, d) of facets."""
         word = card.given.get("POSITIONTOLERANCE", "")
         reach = number(word) if word else 0.05 * float(np.median(np.linalg.norm(sides[:, 0] - sides[:, 1], axis=1)))
         near, far = heights.min(initial=np.inf), heights.max(initial=0.0)
@@ -133,12 +133,11 @@ class Joints:
             normal = piece.outward(facets)
             if card.rows and normal @ card.values()[:len(normal)] < 0.0:
                 value = -value  # the normal that the card gives points into the elements of the surface
-            later = {"history": history} if history else {}
             self.notes.taken.add(card, "a bond with a pretension" if force else "a bond over a gap")
             bond: dict[str, Any] = {"bodies": [piece.name, other.name], "kind": "bonded"}
             yield bond | {"on": [piece.group(facets, "section"), other.group(against, "section")]} | (
-                {"pretension": {"force": value / self.acts.matter.depth, "along": normal.tolist()} | later} if force
-                else {"gap": {"value": value} | later})
+                {"pretension": {"force": value / self.acts.matter.depth, "along": normal.tolist()} | later(history)}
+                if force else {"gap": {"value": value} | later(history)})
             if len(around):
                 self.notes.changed.add(card, "the elements at the section are a body of their own, bonded "
                                        "to the others, which hang together without it")
@@ -179,8 +178,7 @@ class RigidSets:
         (held, of_held), (loads, of_loads) = (self._parts(kind, rigid) for kind in ("supports", "forces"))
         if len(of_held | of_loads) > 1:
             return "its loads and displacements change in different ways"
-        history = next(iter(of_held | of_loads), None)
-        more = {"history": history} if history else {}
+        more = later(next(iter(of_held | of_loads), None))
         given, held, loads = ~np.isnan(held), np.nan_to_num(held), np.nan_to_num(loads)
         pivot = np.array(self.model.deck.points[rigid.ref])
         if rigid.spread:

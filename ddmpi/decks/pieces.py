@@ -144,6 +144,11 @@ class Piece:
         return {self.name, *self.sets, *self.groups, *self.materials}
 
     @cached_property
+    def place(self) -> dict[int, int]:
+        """Places in `nodes` by number."""
+        return {node: k for k, node in enumerate(self.nodes.tolist())}
+
+    @cached_property
     def at(self) -> dict[tuple[int, int], int]:
         """Numbers of facets by element and face."""
         return {(element, face): k for k, (element, face) in enumerate(self.owners.tolist())}
@@ -273,9 +278,8 @@ def _kept(groups: dict[str, np.ndarray], members: np.ndarray, name: str, taken: 
     return called
 
 
-def linear(points: np.ndarray, values: np.ndarray) -> np.ndarray | None:
-    """(1 + d,) constant and slopes of the linear function with these `values` (n,) at `points` (n, d), if there is
-    one."""
+def linear(points: np.ndarray, values: np.ndarray, axes: str) -> Any:
+    """The formula of the linear function with these `values` (n,) at `points` (n, d); None if there is none."""
     size = np.abs(values).max(initial=0.0)
     middle = points.mean(axis=0)
     columns = np.column_stack([np.ones(len(points)), points - middle])
@@ -288,7 +292,7 @@ def linear(points: np.ndarray, values: np.ndarray) -> np.ndarray | None:
     constant = float(found[0] - slopes @ middle)
     spread = float(np.ptp(values)) or size
     digits = 13 - math.floor(math.log10(spread)) if spread else 0
-    return np.append(round(constant, digits) if abs(constant) > 1e-9 * size else 0.0, slopes)
+    return formula(round(constant, digits) if abs(constant) > 1e-9 * size else 0.0, slopes, axes)
 
 
 def formula(constant: float, slopes: np.ndarray, axes: str) -> Any:
