@@ -296,12 +296,6 @@ def test_file_without_a_sound_mesh(tmp_path, changes, words):
     assert re.search(words, refused(write_square(tmp_path / "square.msh", **changes)))
 
 
-def test_mirrored_parts_are_not_folded(tmp_path):
-    """A part whose triangles all run clockwise is turned as a whole."""
-    path = write_square(tmp_path / "mirrored.msh", points=np.array(FIVE), triangles=[each[::-1] for each in FAN])
-    assert area(read_mesh(path, "upper")) == pytest.approx(1.0)
-
-
 def test_group_without_lines(tmp_path):
     """A name that gmsh kept but whose lines it did not save must not clamp or load nothing in silence."""
     write_square(tmp_path / "square.msh", tags=(1, 1, 1, 1))
