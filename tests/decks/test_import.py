@@ -10,7 +10,6 @@ from mpi4py import MPI
 from scenes import call
 
 import ddmpi
-from ddmpi.decks.deck import Deck
 from ddmpi.decks.scene import import_deck
 from ddmpi.errors import InputError, TakenError
 from ddmpi.scene.values import evaluate
@@ -116,12 +115,6 @@ def test_contact_friction_and_load_steps(tmp_path):
             if step["time"] in (1.0, 3.0)] == pytest.approx([modulus * 0.0005, modulus * 0.0002], rel=1e-6)
 
 
-def test_ties_over_a_gap_are_told(tmp_path):
-    """Without POSITION TOLERANCE nodes far apart are tied, and the list says so."""
-    lists = imported(tmp_path, stack("*TIE, NAME=T", gap=0.3) + step("*CLOAD", "B_Z1, 3, -1."))[1]
-    assert "nodes 0.3 apart, beyond its tolerance, are tied" in lists
-
-
 def test_uneven_forces_are_no_double_load(tmp_path):
     """The even part and the rest are loads of groups of their own, without a warning of loads that add up."""
     deck = BOX + "*BOUNDARY\nA_Z0, 1, 3\n" + step("*CLOAD", *(f"{28 + k}, 3, {1 + k}." for k in range(9)))
@@ -145,16 +138,6 @@ def test_rotations_far_from_the_origin_keep_their_digits(tmp_path):
 
 
 PAIR, LAW = "*CONTACT PAIR, INTERACTION=I", "*SURFACE INTERACTION, NAME=I\n"
-
-
-@pytest.mark.parametrize("card, more, expected", [
-    ("*TIE, NAME=T", "", {"kind": "bonded"}),
-    (PAIR, f"{LAW}*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=TIED\n1e7\n", {"kind": "bonded"}),
-    (PAIR, f"{LAW}*CLEARANCE, SLAVE=slave, MASTER=MASTER, VALUE=0.02\n", {"gap": 0.02})])
-def test_kinds_of_contacts(tmp_path, card, more, expected):
-    """Ties are bonded; *CLEARANCE gives a gap."""
-    scene, _ = imported(tmp_path, stack(card, more, 0.05) + step("*BOUNDARY", "B_Z1, 3, 3, -0.001"))
-    assert {key: value for key, value in scene["contact"][0].items() if key in ("kind", "gap", "friction")} == expected
 
 
 def test_odd_order_case_and_continued_lines(tmp_path):
@@ -191,33 +174,6 @@ def test_names_that_differ_by_one_umlaut(tmp_path):
     import_deck(tmp_path / "deck.inp", tmp_path / "out")
     scene = tomllib.loads((tmp_path / "out" / "scene.toml").read_text())
     assert scene["body"][0]["traction"][0]["force"] == [0.0, 0.0, 9.0]
-
-
-def test_nodes_of_elements_as_a_set(tmp_path):
-    """*NSET, ELSET= has the nodes of elements."""
-    deck = BOX + "*ELSET, ELSET=LOW, GENERATE\n1, 4\n*NSET, NSET=HELD, ELSET=LOW\n*BOUNDARY\nHELD, 1, 3\n"
-    scene, _ = imported(tmp_path, deck + step("*CLOAD", "A_Z1, 3, 1."))
-    assert scene["body"][0]["clamp"] == [{"on": "HELD", "x": 0.0, "y": 0.0, "z": 0.0}]
-    assert Deck(tmp_path / "0" / "deck.inp").members("NSET", ("", "held")) == {*range(1, 19)}
-
-
-def test_named_supports(tmp_path):
-    """ENCASTRE holds the turns of a reference node as well, PINNED does not."""
-    deck = COUPLED + "*COUPLING, REF NODE=900, SURFACE=TOP\n*KINEMATIC\n1, 3\n*BOUNDARY\n900, "
-    end = step("*DLOAD", "1, P3, 5.")
-    assert {"on": "rigid", "x": 0.0, "y": 0.0, "z": 0.0} in imported(
-        tmp_path, deck + "ENCASTRE\n" + end)[0]["body"][0]["clamp"]
-    partner, = imported(tmp_path, deck + "PINNED\n" + end)[0]["rigid"]
-    assert partner["turns"] and partner["displacement"] == [0.0, 0.0, 0.0] and "free" not in partner
-
-
-def test_amplitudes_of_the_total_time_go_on(tmp_path):
-    """A load that follows one does so in later steps."""
-    deck = BOX + ROLLERS + "*AMPLITUDE, NAME=ALL, TIME=TOTAL TIME\n0., 0., 2., 1.\n" + step(
-        "*CLOAD, AMPLITUDE=ALL", "A_Z1, 3, 9.")
-    scene = imported(tmp_path, deck + 2 * step("*NODE PRINT, NSET=A_Z1", "U"))[0]
-    assert scene["body"][0]["traction"][0]["force"] == [0.0, 0.0, 81.0]
-    assert scene["history"] == {"h1": {"times": [0.0, 2.0, 3.0], "factors": [0.0, 1.0, 1.0]}}
 
 
 @pytest.mark.parametrize("load", ["*CLOAD\nA_Y1, 3, 1.", "*DLOAD\nA, GRAV, 9810., 0., 0., -1.", "*DLOAD\nA, BZ, 1.",
@@ -289,15 +245,6 @@ def test_heat(tmp_path):
     scene = imported(tmp_path, steel + step("*TEMPERATURE", "A_Z1, 50."))[0]
     assert "max(0, z - (2.0))" in scene["body"][0]["temperature"]
     assert "no linear function" in refused(tmp_path, steel + step("*TEMPERATURE", "1, 50."))
-
-
-def test_temperatures_without_expansion_change_nothing(tmp_path):
-    """They are listed as changed, not as taken; with an expansion they are taken."""
-    deck = BOX + ROLLERS + step("*TEMPERATURE", "A_Z1, 50.", "*DLOAD", "9, P2, 1.")
-    assert "*TEMPERATURE: temperature\n" in imported(tmp_path, deck)[1].split("changed:")[0]
-    scene, lists = imported(tmp_path, deck.replace("*EXPANSION\n1.2e-5\n", ""))
-    assert "*TEMPERATURE" not in lists.split("changed:")[0] and "temperature" not in scene["body"][0]
-    assert "*TEMPERATURE: no thermal strain of A: its material has no *EXPANSION\n" in lists
 
 
 def test_lists_are_in_the_order_of_the_deck(tmp_path):
@@ -399,23 +346,6 @@ def test_what_changes_between_steps_leaves_the_end(tmp_path):
     assert plain == scene
     rough = deck.replace(law, f"{law}*FRICTION\n0.1\n") + step("*CLOAD", "1, 1, 1.") + step(*moved)
     assert "a support that ends before a later step\n" in refused(tmp_path, rough) + "\n"
-
-
-def test_slaves_are_those_of_the_deck(tmp_path):
-    """Unless supports hold the slave wherever it is in contact, which is no slave then."""
-    move = step("*BOUNDARY", "B_Z1, 3, 3, -0.001")
-    assert imported(tmp_path, stack(PAIR, LAW) + move)[0]["contact"][0]["slave"] == "B"
-    held = stack(PAIR, LAW).replace("*BOUNDARY\n", "*BOUNDARY\nB_Z0, 1, 3\n", 1) + move
-    assert "slave" not in imported(tmp_path, held)[0]["contact"][0]
-    rigid = "*NODE\n900, 0., 0., 5.\n*RIGID BODY, NSET=B_Z0, REF NODE=900\n*BOUNDARY\n900, 1, 6\n"
-    assert "slave" not in imported(tmp_path, stack(PAIR, LAW + rigid) + move)[0]["contact"][0]
-
-
-def test_pressure_of_a_fluid(tmp_path):
-    """P2NP is the pressure that the second component of a node of a network gives; it is no support then."""
-    deck = "*NODE\n900, 9., 9., 9.\n" + BOX + ROLLERS + step("*DLOAD", "9, P2NP, 900", "*BOUNDARY", "900, 2, 2, 4.")
-    scene, lists = imported(tmp_path, deck)
-    assert scene["body"][0]["traction"] == [{"on": "pressed", "pressure": 4.0}] and "left out" not in lists
 
 
 def test_amplitudes_on_the_command_line(tmp_path):
@@ -589,12 +519,6 @@ def test_couplings_carry_force_and_moment(tmp_path, card):
     assert held["moment"] == pytest.approx(-np.cross([0.5, 0.5, 4.0], force) - [0.0, 7.0, 0.0], rel=1e-6, abs=1e-6)
 
 
-def test_a_moment_turns_a_rigid_face(tmp_path):
-    """It is the moment of a rigid partner."""
-    deck = COUPLED + "*RIGID BODY, NSET=A_X0, REF NODE=900\n" + step("*CLOAD", "900, 4, 1.")
-    assert imported(tmp_path, deck)[0]["rigid"][0]["moment"] == [1.0, 0.0, 0.0]
-
-
 def test_a_rigid_set_whose_motion_is_given(tmp_path):
     """A reference node with all six displacements moves its nodes as a rigid body of small turns."""
     deck = COUPLED + "*RIGID BODY, NSET=A_Z1, REF NODE=900\n" + step(
@@ -603,37 +527,6 @@ def test_a_rigid_set_whose_motion_is_given(tmp_path):
     top = answer.bodies["A"].displacement[answer.bodies["A"].points[:, 2] > 2.999]
     x = answer.bodies["A"].points[answer.bodies["A"].points[:, 2] > 2.999] - [0.5, 0.5, 4.0]
     assert top == pytest.approx(np.cross([0.0, 0.02, 0.0], x) - np.array([0.0, 0.0, 0.01]), abs=1e-12)
-
-
-def test_loads_of_rigid_points_are_spread(tmp_path):
-    """A set of points that nothing holds carries its force and moment, spread over the faces around them."""
-    deck = COUPLED + "*NSET, NSET=CORNERS\n28, 30, 34, 36\n*RIGID BODY, NSET=CORNERS, REF NODE=900\n" + step(
-        "*CLOAD", "900, 1, 3.", "900, 4, 5.")
-    scene, lists = imported(tmp_path, deck)
-    moment = pytest.approx([5.0, 3.0 * 1.4, 0.0])  # about their middle
-    assert scene["body"][0]["traction"] == [{"on": "coupled", "force": [3.0, 0.0, 0.0]},
-                                            {"on": "coupled", "moment": moment}]
-    assert "points alone hold nothing in a solid" in lists and "rigid" not in scene
-    assert "*RIGID BODY: forces spread over a face" in lists
-    upward = deck.replace("900, 1, 3.", "900, 3, 3.").replace("900, 4, 5.", "900, 6, 0.")
-    scene, _ = imported(tmp_path, upward)
-    assert scene["body"][0]["traction"] == [{"on": "coupled", "force": [0.0, 0.0, 3.0]}]  # no moment of rounding
-
-
-@pytest.mark.parametrize("young, output", [(210000.0, {"length_unit": "mm", "stress_unit": "MPa"}), (2.1e11, None),
-                                           (29000.0, None)])
-def test_labels_follow_the_moduli(tmp_path, young, output):
-    """A deck has no units: moduli of metals in MPa give labels in mm and MPa, and the lists say so."""
-    scene, lists = imported(tmp_path, BOX.replace("210000.", f"{young}") + ROLLERS + step("*DLOAD", "9, P2, 1."))
-    assert scene["body"][0]["material"]["young"] == young and scene.get("output") == output
-    labels = "by its moduli labelled mm and MPa" if output else "labelled m and Pa"
-    assert f"units: those of the deck, {labels}" in lists
-
-
-def test_supports_at_nodes_of_no_body_are_left_out(tmp_path):
-    """A support at a node that no element has changes nothing."""
-    lists = imported(tmp_path, COUPLED + "*BOUNDARY\n900, 1\n" + step("*CLOAD", "36, 1, 1."))[1]
-    assert "a support at a node of no body is left out" in lists
 
 
 def bolt(kind: str = "") -> str:
@@ -654,10 +547,76 @@ def test_a_bolt_under_pretension(tmp_path):
     assert contact["pretension"]["force"] == pytest.approx(50.0 + 0.001 / 4 * YOUNG, rel=1e-6)
 
 
-RIGID, KINEMATIC = "*RIGID BODY, NSET=CORNERS, REF NODE=900\n", "*COUPLING, REF NODE=900, SURFACE=TOP\n*KINEMATIC\n1, "
+RIGID = "*NSET, NSET=CORNERS\n28, 30, 34, 36\n*RIGID BODY, NSET=CORNERS, REF NODE=900\n"
+KINEMATIC = "*COUPLING, REF NODE=900, SURFACE=TOP\n*KINEMATIC\n1, "
+PRESS = step("*BOUNDARY", "B_Z1, 3, 3, -0.001")
+WARM = step("*TEMPERATURE", "A_Z1, 50.", "*DLOAD", "9, P2, 1.")
+
+SCENES = {
+    "ties are bonded": (stack("*TIE, NAME=T", gap=0.05) + PRESS, "contact.0.kind", "bonded", ""),
+    "ties over a gap are told": (stack("*TIE, NAME=T", gap=0.3) + PRESS, "contact.0.kind", "bonded",
+                                 "nodes 0.3 apart, beyond its tolerance, are tied"),
+    "tied contact is bonded": (stack(PAIR, f"{LAW}*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=TIED\n1e7\n") + PRESS,
+                               "contact.0.kind", "bonded", "tied contact: bonded, without stiffness"),
+    "a clearance is a gap": (stack(PAIR, f"{LAW}*CLEARANCE, SLAVE=slave, MASTER=MASTER, VALUE=0.02\n", 0.05) + PRESS,
+                             "contact.0.gap", 0.02, ""),
+    "slaves are those of the deck": (stack(PAIR, LAW) + PRESS, "contact.0.slave", "B", ""),
+    "unless supports hold them": (stack(PAIR, LAW).replace("*BOUNDARY\n", "*BOUNDARY\nB_Z0, 1, 3\n", 1) + PRESS,
+                                  "contact.0.slave", None, ""),
+    "or they are rigid": (stack(PAIR, f"{LAW}*NODE\n900, 0., 0., 5.\n*RIGID BODY, NSET=B_Z0, REF NODE=900\n*BOUNDARY\n"
+                                "900, 1, 6\n") + PRESS, "contact.0.slave", None, ""),
+    "*NSET, ELSET= has the nodes of elements": (
+        BOX + "*ELSET, ELSET=LOW, GENERATE\n1, 4\n*NSET, NSET=HELD, ELSET=LOW\n*NSET, NSET=SAME, GENERATE\n1, 18\n"
+        "*BOUNDARY\nSAME, 1, 3\n" + step("*CLOAD", "A_Z1, 3, 1."),
+        "body.0.clamp", [{"on": "HELD", "x": 0.0, "y": 0.0, "z": 0.0}], ""),
+    "ENCASTRE holds the turns of a reference node": (
+        COUPLED + KINEMATIC + "3\n*BOUNDARY\n900, ENCASTRE\n" + step("*DLOAD", "1, P3, 5."),
+        "body.0.clamp.1", {"on": "rigid", "x": 0.0, "y": 0.0, "z": 0.0}, ""),
+    "PINNED does not": (COUPLED + KINEMATIC + "3\n*BOUNDARY\n900, PINNED\n" + step("*DLOAD", "1, P3, 5."), "rigid.0", {
+        "name": "rigid", "shape": "plane", "point": [0.0, 0.0, 3.0], "normal": [0.0, 0.0, -1.0],
+        "displacement": [0.0, 0.0, 0.0], "pivot": [0.5, 0.5, 4.0], "turns": True}, ""),
+    "a moment is that of the rigid partner": (COUPLED + "*RIGID BODY, NSET=A_X0, REF NODE=900\n" + step(
+        "*CLOAD", "900, 4, 1."), "rigid.0.moment", [1.0, 0.0, 0.0], "a face that moves as a rigid one"),
+    "loads of rigid points are spread": (
+        COUPLED + RIGID + step("*CLOAD", "900, 1, 3.", "900, 4, 5."), "body.0.traction",
+        [{"on": "coupled", "force": [3.0, 0.0, 0.0]}, {"on": "coupled", "moment": pytest.approx([5.0, 4.2, 0.0])}],
+        "points alone hold nothing in a solid"),
+    "without a moment of rounding": (COUPLED + RIGID + step("*CLOAD", "900, 3, 3.", "900, 6, 0."), "body.0.traction", [
+        {"on": "coupled", "force": [0.0, 0.0, 3.0]}], "*RIGID BODY: forces spread over a face"),
+    "loads follow amplitudes of the total time in later steps": (
+        BOX + ROLLERS + "*AMPLITUDE, NAME=ALL, TIME=TOTAL TIME\n0., 0., 2., 1.\n" + step(
+            "*CLOAD, AMPLITUDE=ALL", "A_Z1, 3, 9.") + 2 * step("*NODE PRINT, NSET=A_Z1", "U"),
+        "history", {"h1": {"times": [0.0, 2.0, 3.0], "factors": [0.0, 1.0, 1.0]}}, ""),
+    "the pressure of a fluid is that of a node": (
+        "*NODE\n900, 9., 9., 9.\n" + BOX + ROLLERS + step("*DLOAD", "9, P2NP, 900", "*BOUNDARY", "900, 2, 2, 4."),
+        "body.0.traction", [{"on": "pressed", "pressure": 4.0}], "linear ones would be too stiff\n\nlost:"),
+    "a support at no body changes nothing": (
+        COUPLED + "*BOUNDARY\n900, 1\n" + step("*CLOAD", "36, 1, 1."), "rigid", None,
+        "a support at a node of no body is left out"),
+    "temperatures are taken": (
+        BOX + ROLLERS + WARM, "body.0.material.expansion", 1.2e-5, "*TEMPERATURE: temperature\n"),
+    "without expansion they change nothing": (
+        (BOX + ROLLERS + WARM).replace("*EXPANSION\n1.2e-5\n", ""), "body.0.temperature", None,
+        "*TEMPERATURE: no thermal strain of A: its material has no *EXPANSION\n"),
+    "moduli of metals in MPa label mm and MPa": (
+        BOX + ROLLERS + step("*DLOAD", "9, P2, 1."), "output", {"length_unit": "mm", "stress_unit": "MPa"},
+        "units: those of the deck, by its moduli labelled mm and MPa"),
+    "others do not": (BOX.replace("210000.", "2.1e11") + ROLLERS + step("*DLOAD", "9, P2, 1."), "output", None,
+                      "units: those of the deck, labelled m and Pa"),
+    "nor those in ksi": (BOX.replace("210000.", "29000.") + ROLLERS + step("*DLOAD", "9, P2, 1."), "output", None, "")}
+
+
+@pytest.mark.parametrize("deck, key, value, words", SCENES.values(), ids=SCENES)
+def test_what_a_deck_becomes(tmp_path, deck, key, value, words):
+    """A value of the scene, None where it has none, and what the lists say."""
+    scene, lists = imported(tmp_path, deck)
+    for part in key.split("."):
+        scene = scene[int(part)] if isinstance(scene, list) else scene.get(part)
+    assert scene == value and words in lists
+
 
 LOST_LATER = [
-    (COUPLED + "*NSET, NSET=CORNERS\n28, 30, 34, 36\n" + RIGID + "*BOUNDARY\n900, 2\n" + step("*CLOAD", "900, 1, 1."),
+    (COUPLED + RIGID + "*BOUNDARY\n900, 2\n" + step("*CLOAD", "900, 1, 1."),
      "*RIGID BODY: its nodes are no whole faces of one body"),
     (COUPLED + KINEMATIC + "2\n" + step("*CLOAD", "900, 1, 1."), "*KINEMATIC: a coupling of some components only"),
     (COUPLED + KINEMATIC + "3\n*BOUNDARY\n900, YSYMM\n" + step("*DLOAD", "1, P3, 5."), "some of its turns are given"),
