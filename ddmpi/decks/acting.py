@@ -42,7 +42,7 @@ class Acts:
                if len(course := _scaled(acting.course)[1]) > 2 or course[0][1]]  # more than a ramp from zero
         self.timed = (len(model.ends) > 1 and not model.final) or (bool(odd) and friction)
         for card in {id(acting.card): acting.card for acting in odd}.values() if not self.timed else ():
-            notes.changed.add(card, "its amplitude counts at the end of the step")
+            notes.add("changed", card, "its amplitude counts at the end of the step")
         self.sets = {name: np.fromiter(model.deck.members("NSET", ("", key)), np.int64)
                      for (kind, key), name in model.deck.names.items() if kind == "NSET"}
         self.where = {end: (piece, k) for piece in pieces for end, k in piece.at.items()}
@@ -97,7 +97,7 @@ class Acts:
             if node not in piece.place or (component > d and not acting.course[-1][1]):
                 continue
             if component > d:
-                self.notes.lost.add(acting.card, "a displacement out of the plane")
+                self.notes.add("lost", acting.card, "a displacement out of the plane")
                 continue
             # where all components are zero, their directions do not matter
             way = self._way(piece, node, component)[:d] if zero[node] < d else np.eye(d)[component - 1]
@@ -129,7 +129,7 @@ class Acts:
             mean = np.nanmean(given[piece.facets[facets, :4]], axis=1)
             facets = facets[np.abs((piece.normals(facets) * mean).sum(axis=1)) > ALONG]
             if moved or ways.keys() - set(piece.facets[facets].ravel().tolist()):
-                self.notes.lost.add(cards[component], "a support in a direction of *TRANSFORM that is "
+                self.notes.add("lost", cards[component], "a support in a direction of *TRANSFORM that is "
                                     "neither x, y, z nor the normal of faces")
             else:
                 found.append({"on": piece.group(facets, "guided"), "normal": 0.0})
@@ -144,12 +144,12 @@ class Acts:
             if len(way) == 1:
                 fluid |= {*way}
                 if (way[0], 2) not in self.model.kinds["supports"]:
-                    self.notes.lost.add(acting.card, f"a pressure that is not given at node {way[0]}")
+                    self.notes.add("lost", acting.card, f"a pressure that is not given at node {way[0]}")
                     continue
                 acting, way = self.model.kinds["supports"][way[0], 2], ()
             if (element, face) not in self.where:
                 if any(value for _, value in acting.course):
-                    self.notes.lost.add(acting.card, "a pressure on a face that is not on a boundary")
+                    self.notes.add("lost", acting.card, "a pressure on a face that is not on a boundary")
                 continue
             piece, facet = self.where[element, face]
             value, history = self.factor(acting)
@@ -166,18 +166,18 @@ class Acts:
             node for rigid in self.model.rigid for node in (rigid.ref, rigid.turn)}
         for (node, _), acting in self.model.kinds["forces"].items():
             if node not in inside and any(value for _, value in acting.course):
-                self.notes.lost.add(acting.card, "a force at a node of no body")
+                self.notes.add("lost", acting.card, "a force at a node of no body")
         for (node, _), acting in self.model.kinds["supports"].items():
             if node not in inside and node in self.model.deck.points:
-                self.notes.changed.add(acting.card, "a support at a node of no body is left out")
+                self.notes.add("changed", acting.card, "a support at a node of no body is left out")
             elif node not in inside:
-                self.notes.lost.add(acting.card, "a support at a node that the deck does not have")
+                self.notes.add("lost", acting.card, "a support at a node that the deck does not have")
         return found
 
     def _flat(self, card: Card, vector: np.ndarray) -> np.ndarray:
         """A vector (3,) along the axes of the scene (d,); what points out of the plane is lost."""
         if len(self.axes) == 2 and abs(vector[2]) > EXACT * np.abs(vector).max():
-            self.notes.lost.add(card, "a load out of the plane")
+            self.notes.add("lost", card, "a load out of the plane")
         return vector[:len(self.axes)]
 
     @cached_property
@@ -202,14 +202,14 @@ class Acts:
         for history, forces in by_history.items():
             patches, lost = piece.patches(np.array(sorted(forces)))
             for k in lost.tolist():
-                self.notes.lost.add(cards[k], "a force at a node that is not on the boundary")
-            for patch in patches:
-                some = np.array([forces[k] for k in patch.nodes])
-                self.notes.changed.add(cards[int(patch.nodes[0])], "forces at nodes are spread over "
+                self.notes.add("lost", cards[k], "a force at a node that is not on the boundary")
+            for facets, nodes in patches:
+                some = np.array([forces[k] for k in nodes])
+                self.notes.add("changed", cards[int(nodes[0])], "forces at nodes are spread over "
                                        "the faces around them, with the same resultant and moments")
-                on = piece.group(patch.facets, "loaded")
+                on = piece.group(facets, "loaded")
                 found += [{"on": piece.again(on) if k else on} | load | later(history)
-                          for k, load in enumerate(self._spread(piece, patch.facets, piece.points[patch.nodes], some))]
+                          for k, load in enumerate(self._spread(piece, facets, piece.points[nodes], some))]
         return found
 
     def _spread(self, piece: Piece, facets: np.ndarray, at: np.ndarray, forces: np.ndarray) -> list[dict[str, Any]]:
@@ -239,23 +239,23 @@ class Acts:
             if not some or not value:
                 continue
             if some != own:
-                self.notes.lost.add(acting.card, f"{label} on a part of a body")
+                self.notes.add("lost", acting.card, f"{label} on a part of a body")
                 continue
             densities = {1.0} if label[0] == "B" else {
                 self._density(k, acting.card) for k in self.matter.sections(piece)}
             if len(densities) > 1:
-                self.notes.lost.add(acting.card, f"{label} on a body with several densities")
+                self.notes.add("lost", acting.card, f"{label} on a body with several densities")
                 continue
             constant, *slopes = densities.pop() * value * np.reshape(field, (4, 3))
             if label == "CENTRIF" and self.axisymmetric and (constant.any() or slopes[1].any()):
-                self.notes.lost.add(acting.card, "a rotation about another axis than that of the body")
+                self.notes.add("lost", acting.card, "a rotation about another axis than that of the body")
             rows[history].append((acting.card, self._flat(acting.card, constant),
                                   np.array([self._flat(acting.card, column) for column in slopes[:d]]).T))
         if not rows:
             return None
         history = next(iter(rows))
         for other in list(rows)[1:]:
-            self.notes.lost.add(rows[other][0][0], "volume forces that change in different ways")
+            self.notes.add("lost", rows[other][0][0], "volume forces that change in different ways")
         constant = np.sum([row[1] for row in rows[history]], axis=0)
         slopes = np.sum([row[2] for row in rows[history]], axis=0)
         force = [formula(float(constant[k]), slopes[k], self.axes) for k in range(d)]
@@ -264,7 +264,7 @@ class Acts:
     def _density(self, section: int, card: Card) -> float:
         name = self.model.sections[section][1]
         if "DENSITY" not in self.model.materials.get(name, {}):
-            self.notes.lost.add(card, f"the material {name} has no *DENSITY")
+            self.notes.add("lost", card, f"the material {name} has no *DENSITY")
             return 0.0
         return float(table(self.model.materials[name]["DENSITY"], 1)[0][0, 0])
 
@@ -288,7 +288,7 @@ class Acts:
             end[k] = start[k] + rise
             histories |= {history} if rise else set()
         if len(histories) > 1:
-            self.notes.lost.add(card, "temperatures that change in different ways in one body")
+            self.notes.add("lost", card, "temperatures that change in different ways in one body")
         names = dict.fromkeys(self.model.sections[k][1] for k in self.matter.sections(piece))
         uniform = np.ptp(start) == np.ptp(end) == 0.0
         fields, expansions = [], {}
@@ -300,7 +300,7 @@ class Acts:
             kind = expansion.says("TYPE", "ISO")
             values, at = table(expansion, {"ISO": 1, "ORT": 3}.get(kind[:3], 6))
             if kind[:3] != "ISO" and np.ptp(values[:, :3], axis=1).any():
-                self.notes.lost.add(expansion, "expansion that differs by direction")
+                self.notes.add("lost", expansion, "expansion that differs by direction")
             zero = number(expansion.given.get("ZERO") or "0")
             order, T = np.argsort(at), np.array([start, end])
             grown = np.diff(np.interp(T, at[order], values[order, 0]) * (T - zero), axis=0)[0]
@@ -310,17 +310,17 @@ class Acts:
             fields.append(grown / alpha if alpha else grown)
             expansions[name] = alpha
             if len(values) > 1:
-                self.notes.changed.add(expansion, "the thermal strain of the table is folded into the "
+                self.notes.add("changed", expansion, "the thermal strain of the table is folded into the "
                                        "expansion and the temperature")
         grows = bool(fields) and any(expansions.values())
-        where, words = (self.notes.taken, "temperature") if grows else (
-            self.notes.changed, f"no thermal strain of {piece.name}: its material has no *EXPANSION")
+        which, words = ("taken", "temperature") if grows else (
+            "changed", f"no thermal strain of {piece.name}: its material has no *EXPANSION")
         for given in (given for given, nodes in self.model.heated if not nodes.isdisjoint(own)):
-            where.add(given, words)
+            self.notes.add(which, given, words)
         if not grows:
             return None, {}
         if any(np.abs(field - fields[0]).max() > KEEPS * np.abs(fields[0]).max() for field in fields[1:]):
-            self.notes.lost.add(card, "expansions of several materials that vary with the temperature")
+            self.notes.add("lost", card, "expansions of several materials that vary with the temperature")
         text = self._field(piece, fields[0], card)
         history = next(iter(histories), None)
         return (text if not history else {"value": text, "history": history}), expansions
@@ -341,9 +341,9 @@ class Acts:
                     for turn, layer in zip(turns.tolist(), layers.tolist(), strict=False)
                     if abs(turn) * np.ptp(layers) > KEEPS * size)
                 if len(text) <= 1000:
-                    self.notes.changed.add(card, "temperatures are linear between layers of nodes")
+                    self.notes.add("changed", card, "temperatures are linear between layers of nodes")
                     return text
-        self.notes.lost.add(card, "temperatures that are no linear function of place")
+        self.notes.add("lost", card, "temperatures that are no linear function of place")
         return 0.0
 
 

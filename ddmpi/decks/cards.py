@@ -6,6 +6,7 @@ from __future__ import annotations
 import contextlib
 import math
 import re
+from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -265,14 +266,6 @@ class Acting(NamedTuple):
     value: float = 0.0
 
 
-class Pair(NamedTuple):
-    """Two surfaces in contact or tied, by names."""
-
-    card: Card
-    slave: str
-    master: str
-
-
 class Rigid(NamedTuple):
     """A rigid set of nodes, or one over which forces are `spread`: keyword, nodes, and the reference nodes whose
     displacements are the shift of the set and its turn; one with six components may be both."""
@@ -284,32 +277,28 @@ class Rigid(NamedTuple):
     spread: bool = False
 
 
-class Listing(dict[tuple[str, str], dict[int, str]]):
-    """Keywords to which one thing happened. By keyword and reason: the lines by their places in the deck."""
-
-    def __init__(self, main: Path) -> None:
-        super().__init__()
-        self.main = main
-
-    def add(self, card: Card, reason: str) -> None:
-        line = f"{card.line}" if card.path == self.main else f"{card.line} of {card.path.name}"
-        self.setdefault((card.name, reason), {})[card.place] = line
-
-
 class Notes:
-    """What became of the keywords: taken, changed and lost."""
+    """What became of the keywords: each with the list in which it is, "taken", "changed" or "lost", and the reason."""
 
     def __init__(self, main: Path) -> None:
-        self.taken, self.changed, self.lost = Listing(main), Listing(main), Listing(main)
+        self.main, self.entries = main, list[tuple[str, Card, str]]()
 
-    def words(self, where: Listing) -> Iterator[str]:
-        """A line of text for each entry, in the order of the deck. A keyword that is lost, if only in part, is not
-        listed as taken."""
-        hidden = {place for lines in self.lost.values() for place in lines} if where is self.taken else set()
-        entries = [(sorted(lines.keys() - hidden), key, lines) for key, lines in where.items()]
-        for places, (name, reason), lines in sorted((entry for entry in entries if entry[0]), key=lambda e: e[0]):
-            some = ", ".join(lines[place] for place in places[:6]) + f" and {len(places) - 6} more" * (len(places) > 6)
-            yield f"line{'s' * (len(places) > 1)} {some}: *{name}: {reason}"
+    def add(self, which: str, card: Card, reason: str) -> None:
+        """Note in a list what became of a keyword."""
+        self.entries.append((which, card, reason))
+
+    def words(self, which: str) -> list[str]:
+        """A line of text for each entry of a list, in the order of the deck. A keyword that is lost, if only in part,
+        is not listed as taken."""
+        lost = {card.place for kind, card, _ in self.entries if (kind, which) == ("lost", "taken")}
+        lines = defaultdict[tuple[str, str], dict[int, str]](dict)  # by keyword and reason, then by place in the deck
+        for kind, card, reason in self.entries:
+            if kind == which and card.place not in lost:
+                where = "" if card.path == self.main else f" of {card.path.name}"
+                lines[card.name, reason][card.place] = f"{card.line}{where}"
+        return [f"line{'s' * (len(some) > 1)} {', '.join(some[place] for place in sorted(some)[:6])}"
+                + f" and {len(some) - 6} more" * (len(some) > 6) + f": *{name}: {reason}"
+                for (name, reason), some in sorted(lines.items(), key=lambda entry: sorted(entry[1]))]
 
 
 class Instance(NamedTuple):

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ddmpi.decks.acting import Acts, later
-from ddmpi.decks.cards import EXACT, Card, Pair, Rigid, number
+from ddmpi.decks.cards import EXACT, Card, Rigid, number
 from ddmpi.decks.pieces import Piece, formula, own_name
 from ddmpi.errors import InputError
 
@@ -36,12 +36,12 @@ class Joints:
             raise InputError(card.tells(f"there is no surface {name}"))
         sides = self.acts.at(self.deck.chosen(card, "NODES", name))
         if not all(covered for *_, covered in sides):
-            self.notes.lost.add(card, f"the surface {name} has nodes without a whole face")
+            self.notes.add("lost", card, f"the surface {name} has nodes without a whole face")
         return [(piece, facets) for piece, facets, _ in sides if len(facets)]
 
-    def contacts(self, pair: Pair) -> Iterable[dict[str, Any]]:
+    def contacts(self, card: Card, slave_surface: str, master_surface: str) -> Iterable[dict[str, Any]]:
         """The contacts of a pair of surfaces, one for each two bodies that they have."""
-        card, notes, law = pair.card, self.notes, dict[str, Card]()
+        notes, law = self.notes, dict[str, Card]()
         if card.word != "TIE":
             name = card.says("INTERACTION")
             if name not in self.model.interactions:
@@ -50,30 +50,30 @@ class Joints:
         behaviour = law.get("SURFACEBEHAVIOR", card).says("PRESSURE-OVERCLOSURE")
         tied = card.word == "TIE" or behaviour == "TIED"
         coefficient = number(law["FRICTION"].rows[0][0]) if "FRICTION" in law and law["FRICTION"].rows else 0.0
-        slaves, masters = (self._side(card, name) for name in (pair.slave, pair.master))
+        slaves, masters = (self._side(card, name) for name in (slave_surface, master_surface))
         held = set().union({node for node, _ in self.model.kinds["supports"]}, *(one.nodes for one in self.model.rigid))
         joined = [(slave, on, master, against) for (slave, on), (master, against) in product(slaves, masters)
                   if slave is not master]
         for slave, on, master, against in joined:
             contact: dict[str, Any] = {"bodies": [slave.name, master.name],
-                                       "on": [slave.group(on, pair.slave), master.group(against, pair.master)]}
+                                       "on": [slave.group(on, slave_surface), master.group(against, master_surface)]}
             if tied:
                 contact["kind"] = "bonded"
             elif coefficient:
                 contact["friction"] = {"law": "coulomb", "coefficient": coefficient}
             if not tied and not held.issuperset(slave.nodes[np.unique(slave.facets[on])].tolist()):
                 contact["slave"] = slave.name  # supported or rigid all over it could be none
-            gap = self._clearance(pair)
+            gap = self._clearance({slave_surface.upper(), master_surface.upper()})
             if gap is None and not tied and card.says("ADJUST", "NO") != "NO":
                 gap = self._adjusted(card, slave, slave.heights(on, master, against))
             yield contact | ({} if gap is None else {"gap": gap})
         own = {piece.name for piece, _ in slaves} & {piece.name for piece, _ in masters}
         if own:
-            notes.lost.add(card, f"contact of {', '.join(sorted(own))} with itself")
+            notes.add("lost", card, f"contact of {', '.join(sorted(own))} with itself")
         elif not joined:
-            notes.lost.add(card, f"{pair.slave} or {pair.master} has no faces on a body")
+            notes.add("lost", card, f"{slave_surface} or {master_surface} has no faces on a body")
         if joined:
-            notes.taken.add(card, "bonded contact" if tied else "contact")
+            notes.add("taken", card, "bonded contact" if tied else "contact")
         for slave, on in slaves if tied else ():
             found = [slave.heights(on, master, against) for own, _, master, against in joined if own is slave]
             if found:
@@ -85,12 +85,12 @@ class Joints:
         reach = number(word) if re.fullmatch(r"[\d.]+([ED][+-]?\d+)?", word) else np.nan
         near = heights <= max(reach, 1e-9 * float(np.ptp(slave.points, axis=0).max()))
         if near.all() and len(near):
-            self.notes.changed.add(card, "ADJUST: the surfaces touch, with a gap of 0")
+            self.notes.add("changed", card, "ADJUST: the surfaces touch, with a gap of 0")
             return 0.0
         if reach == 0.0 or (reach > 0.0 and not near.any()):
-            self.notes.changed.add(card, "ADJUST moves nothing: gaps are those of the mesh")
+            self.notes.add("changed", card, "ADJUST moves nothing: gaps are those of the mesh")
         else:
-            self.notes.lost.add(card, "ADJUST that moves some of the nodes only")
+            self.notes.add("lost", card, "ADJUST that moves some of the nodes only")
         return None
 
     def _tell_gap(self, card: Card, sides: np.ndarray, heights: np.ndarray) -> None:
@@ -100,15 +100,14 @@ class Joints:
         reach = number(word) if word else 0.05 * float(np.median(np.linalg.norm(sides[:, 0] - sides[:, 1], axis=1)))
         near, far = heights.min(initial=np.inf), heights.max(initial=0.0)
         if word and near > reach:
-            self.notes.lost.add(card, f"a tie over a gap of {near:.3g}, beyond its tolerance")
+            self.notes.add("lost", card, f"a tie over a gap of {near:.3g}, beyond its tolerance")
         elif far > reach:
-            self.notes.changed.add(card, f"nodes {far:.3g} apart, beyond its tolerance, are tied")
+            self.notes.add("changed", card, f"nodes {far:.3g} apart, beyond its tolerance, are tied")
 
-    def _clearance(self, pair: Pair) -> float | None:
+    def _clearance(self, surfaces: set[str]) -> float | None:
         for card in self.model.clearances:
-            names = {card.says("SLAVE"), card.says("MASTER")}
-            if names == {pair.slave.upper(), pair.master.upper()} and "VALUE" in card.given:
-                self.notes.taken.add(card, "gap")
+            if {card.says("SLAVE"), card.says("MASTER")} == surfaces and "VALUE" in card.given:
+                self.notes.add("taken", card, "gap")
                 return number(card.given["VALUE"])
         return None
 
@@ -123,7 +122,7 @@ class Joints:
             force, offset = (self.model.kinds[kind].get((node, 1)) for kind in ("forces", "supports"))
             given = force or offset
             if len(sides) != 1 or len(others) != 1 or not given or (force and offset):
-                self.notes.lost.add(card, "a section that does not cut a body in two" if given else
+                self.notes.add("lost", card, "a section that does not cut a body in two" if given else
                                     "a pre-tension whose node has neither a force nor a displacement")
                 continue
             ((piece, facets),), ((other, against),) = sides, others
@@ -133,13 +132,13 @@ class Joints:
             normal = piece.outward(facets)
             if card.rows and normal @ card.values()[:len(normal)] < 0.0:
                 value = -value  # the normal that the card gives points into the elements of the surface
-            self.notes.taken.add(card, "a bond with a pretension" if force else "a bond over a gap")
+            self.notes.add("taken", card, "a bond with a pretension" if force else "a bond over a gap")
             bond: dict[str, Any] = {"bodies": [piece.name, other.name], "kind": "bonded"}
             yield bond | {"on": [piece.group(facets, "section"), other.group(against, "section")]} | (
                 {"pretension": {"force": value / self.acts.matter.depth, "along": normal.tolist()} | later(history)}
                 if force else {"gap": {"value": value} | later(history)})
             if len(around):
-                self.notes.changed.add(card, "the elements at the section are a body of their own, bonded "
+                self.notes.add("changed", card, "the elements at the section are a body of their own, bonded "
                                        "to the others, which hang together without it")
                 yield bond | {"on": [one.group(one.whole(one.within(around)), "layer") for one in (piece, other)]}
 
@@ -161,13 +160,12 @@ class RigidSets:
                 reason = self._take(rigid, *own[0][:2])
             elif points:
                 patches, _ = own[0][0].patches(np.flatnonzero(own[0][0].within(rigid.nodes)))
-                facets = np.unique(np.concatenate([patch.facets for patch in patches] or [own[0][1]]))
+                facets = np.unique(np.concatenate([facets for facets, _ in patches] or [own[0][1]]))
                 if len(facets):
                     reason = self._take(rigid._replace(spread=True), own[0][0], facets)
-                    self.notes.changed.add(rigid.card, "points alone hold nothing in a solid; the loads on "
+                    self.notes.add("changed", rigid.card, "points alone hold nothing in a solid; the loads on "
                                            "them are spread over the faces around them")
-            where = self.notes.lost if reason else self.notes.taken
-            where.add(rigid.card, reason or (
+            self.notes.add("lost" if reason else "taken", rigid.card, reason or (
                 "forces spread over a face" if rigid.spread or points else "a face that moves as a rigid one"))
 
     def _take(self, rigid: Rigid, piece: Piece, facets: np.ndarray) -> str:

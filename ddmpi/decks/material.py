@@ -109,11 +109,11 @@ class Matter:
         if len(values) > 1:
             order = np.argsort(at)
             row = np.array([np.interp(heat, at[order], column[order]) for column in values.T])
-            self.notes.changed.add(card, "moduli at the mean temperature of each element at the end")
+            self.notes.add("changed", card, "moduli at the mean temperature of each element at the end")
         if width == 2:
             return {"young": float(row[0]), "poisson": float(row[1])}
         if width == 21:
-            self.notes.lost.add(card, "a material without planes of symmetry")
+            self.notes.add("lost", card, "a material without planes of symmetry")
             return {"young": 1.0, "poisson": 0.0}
         if not kind.startswith("ENGINEERING"):  # the stiffness D1111, D1122, D2222, D1133, D2233, D3333, D1212, …
             stiffness = np.array([[row[0], row[1], row[3]], [row[1], row[2], row[4]], [row[3], row[4], row[5]]])
@@ -131,6 +131,6 @@ class Matter:
         elif self.family != "CAX" and abs(axes[2, 2]) == 1.0:  # the third axis is z
             turned = {"angle": float(np.degrees(np.arctan2(axes[0, 1], axes[0, 0])))}
         elif not plain:
-            self.notes.lost.add(card, "axes of a material that turn from place to place")
+            self.notes.add("lost", card, "axes of a material that turn from place to place")
         shear = row[6:].tolist() if self.family == "C3D" else float(row[6])
         return {"young": row[:3].tolist(), "poisson": row[3:6].tolist(), "shear": shear} | turned

@@ -17,7 +17,6 @@ from ddmpi.decks.cards import (
     Card,
     DeckError,
     Notes,
-    Pair,
     Rigid,
     along,
     component,
@@ -44,7 +43,8 @@ class Model:
     ----------
     materials : by name (capitals): keyword → its rows and parameters
     sections : elements, material, thickness, orientation, of each section
-    pairs, interactions, clearances : of contacts
+    pairs : keyword, slave and master of surfaces in contact or tied
+    interactions, clearances : of contacts
     supports, forces : by node and component
     pressures : by element and face: pressure, or with the components of TRVEC a traction
     body_forces : by set, instance, kind, and the constant and slopes (12,) of the force over its value
@@ -59,7 +59,7 @@ class Model:
         self.deck, self.notes = deck, notes
         self.materials: dict[str, dict[str, Card]] = {}
         self.sections: list[tuple[set[int], str, float, str, Card]] = []
-        self.pairs: list[Pair] = []
+        self.pairs: list[tuple[Card, str, str]] = []
         self.interactions: dict[str, dict[str, Card]] = {}
         self.clearances: list[Card] = []
         self.kinds: dict[str, dict[Any, Acting]] = {
@@ -75,7 +75,7 @@ class Model:
                 raise InputError(f"--amplitude {text}: it has no *AMPLITUDE {name}")
             card = self._named[name.upper()]
             self._named[name.upper()] = card._replace(given={}, rows=[values.split(",")])
-            notes.changed.add(card, "its times and factors are those of --amplitude")
+            notes.add("changed", card, "its times and factors are those of --amplitude")
         self.orientations = {card.says("NAME"): card for card in deck.cards if card.word == "ORIENTATION"}
         self.transforms = {node: card for card in deck.cards if card.word == "TRANSFORM"
                            for node in self._of(card, "NSET", card.given.get("NSET", ""))}
@@ -134,12 +134,13 @@ class Model:
                 with way.reading():
                     self._follow(step, way)
             else:
-                self.notes.lost.add(way, "only *STATIC steps are computed")
+                self.notes.add("lost", way, "only *STATIC steps are computed")
         # elastic bodies without friction forget the way to a state, unless the offset of a bolt is kept
         forgets = not self.locked and not any("FRICTION" in law for law in self.interactions.values())
-        self.final, where = forgets and bool(self.changing), self.notes.changed if forgets else self.notes.lost
+        self.final = forgets and bool(self.changing)
         for card, what in self.changing:
-            where.add(card, what + ": only the state at the end of the last step is computed" * forgets)
+            self.notes.add("changed" if forgets else "lost", card,
+                           what + ": only the state at the end of the last step is computed" * forgets)
 
     def _follow(self, cards: list[Card], way: Card) -> None:
         """Take the cards of a step, and follow all loads and supports to its end."""
@@ -148,7 +149,7 @@ class Model:
         if end <= begin:
             raise DeckError("the time of a step is not positive")
         if cards[0].says("NLGEOM", "NO") != "NO":
-            self.notes.changed.add(cards[0], "warning: NLGEOM: displacements and strains are small here")
+            self.notes.add("changed", cards[0], "warning: NLGEOM: displacements and strains are small here")
         self._renewed = set()
         for card in cards:
             self._take(card)
@@ -188,8 +189,8 @@ class Model:
         given = self._named[name]
         way, form = given.says("DEFINITION", "TABULAR"), given.says("VALUE")
         if way != "TABULAR" or "USER" in given.given or form == "ABSOLUTE":
-            self.notes.lost.add(card, f"the amplitude {name} is no table of factors; --amplitude {name}=0,0,1,1 gives "
-                                "times and factors")
+            self.notes.add("lost", card, f"the amplitude {name} is no table of factors; --amplitude {name}=0,0,1,1 "
+                           "gives times and factors")
             return []
         table = factors(given)
         times = number(card.given.get("TIMEDELAY", "0")) + (0.0 if self._goes_on(card) else begin) + table[:, 0]
@@ -200,9 +201,9 @@ class Model:
     def _take(self, card: Card) -> None:
         """Note what one keyword says. Raises InputError."""
         if card.word in REFUSED:
-            self.notes.lost.add(card, f"{REFUSED[card.word]}: not possible")
+            self.notes.add("lost", card, f"{REFUSED[card.word]}: not possible")
         elif not self._known(card.word):
-            self.notes.lost.add(card, "this keyword is not known")
+            self.notes.add("lost", card, "this keyword is not known")
         elif method := self._method(card.word):
             with card.reading():
                 method(card)
@@ -229,7 +230,7 @@ class Model:
 
     def _on_elastic(self, card: Card) -> None:
         self._keep(card)
-        self.notes.taken.add(card, PROPERTIES[card.word])
+        self.notes.add("taken", card, PROPERTIES[card.word])
 
     _on_expansion = _on_density = _on_elastic
 
@@ -237,24 +238,24 @@ class Model:
         self._keep(card, "SURFACE INTERACTION")
         law = card.says("PRESSURE-OVERCLOSURE", "HARD")
         if "NOSEPARATION" in card.given:
-            self.notes.lost.add(card, "contact that never opens")
+            self.notes.add("lost", card, "contact that never opens")
         elif law == "TIED":
-            self.notes.changed.add(card, "tied contact: bonded, without stiffness")
+            self.notes.add("changed", card, "tied contact: bonded, without stiffness")
         elif law != "HARD":
-            self.notes.changed.add(card, f"{law}: hard contact, the stiffness is dropped")
+            self.notes.add("changed", card, f"{law}: hard contact, the stiffness is dropped")
 
     def _on_friction(self, card: Card) -> None:
         self._keep(card, "SURFACE INTERACTION")
         if len(card.rows) > 1:
-            self.notes.lost.add(card, "friction other than Coulomb's with one coefficient")
+            self.notes.add("lost", card, "friction other than Coulomb's with one coefficient")
         if any(card.values()[1:2]):
-            self.notes.changed.add(card, "the stick slope is dropped: nodes stick without slip")
-        self.notes.taken.add(card, "coefficient of friction")
+            self.notes.add("changed", card, "the stick slope is dropped: nodes stick without slip")
+        self.notes.add("taken", card, "coefficient of friction")
 
     def _on_solidsection(self, card: Card) -> None:
         self.sections.append((self.deck.chosen(card, "ELSET", card.given["ELSET"]), card.given["MATERIAL"].upper(),
                               [*card.values(), 0.0][0] or 1.0, card.says("ORIENTATION"), card))
-        self.notes.taken.add(card, "material of elements")
+        self.notes.add("taken", card, "material of elements")
 
     def _on_changesolidsection(self, card: Card) -> None:
         self._on_solidsection(card)
@@ -262,20 +263,20 @@ class Model:
 
     def _on_modelchange(self, card: Card) -> None:
         if card.says("TYPE") != "CONTACT PAIR" or "REMOVE" not in card.given:
-            return self.notes.lost.add(card, "parts that are removed or added, or contacts that are added")
+            return self.notes.add("lost", card, "parts that are removed or added, or contacts that are added")
         ends = [" ".join(row[:2]).upper() for row in card.rows]
-        self.pairs = [pair for pair in self.pairs if f"{pair.slave} {pair.master}".upper() not in ends]
+        self.pairs = [pair for pair in self.pairs if " ".join(pair[1:]).upper() not in ends]
         self.changing.append((card, "a contact that is removed"))
 
     def _on_contactpair(self, card: Card) -> None:
-        self.pairs += [Pair(card, row[0], row[1]) for row in card.rows or [[]]]
+        self.pairs += [(card, row[0], row[1]) for row in card.rows or [[]]]
 
     _on_tie = _on_contactpair
 
     def _on_clearance(self, card: Card) -> None:
         self.clearances.append(card)
         if "VALUE" not in card.given:
-            self.notes.lost.add(card, "a clearance without one VALUE")
+            self.notes.add("lost", card, "a clearance without one VALUE")
 
     def _renew(self, kind: str, card: Card) -> None:
         """OP=NEW, once a step, removes what acted before."""
@@ -289,7 +290,7 @@ class Model:
         other, before = self._fresh[kind].get(key, (card, 0.0))
         self._fresh[kind][key] = card, before + value
         if other.given.get("AMPLITUDE") != card.given.get("AMPLITUDE"):
-            self.notes.lost.add(card, "a load beside another one of this step with another amplitude")
+            self.notes.add("lost", card, "a load beside another one of this step with another amplitude")
 
     def _on_boundary(self, card: Card) -> None:
         self._renew("supports", card)
@@ -298,7 +299,7 @@ class Model:
             self.locked |= dict.fromkeys(fixed, self.ends[-1])
             return
         if {"SUBMODEL", "USER", "FIXED"} & card.given.keys() or card.says("TYPE", "D")[0] != "D":
-            self.notes.lost.add(card, "displacements of another model, a routine, or of the step before")
+            self.notes.add("lost", card, "displacements of another model, a routine, or of the step before")
             return
         for row in card.rows:
             components, value = held(row)
@@ -306,18 +307,18 @@ class Model:
                 most = 6 if node in self._refs else 3
                 self._fresh["supports"] |= {(node, k): (card, value) for k in components if k <= most}
                 if components[-1] > most and (value or components[0] > 3):
-                    self.notes.lost.add(card, f"component {components[-1]} of the displacement")
-        self.notes.taken.add(card, "clamps")
+                    self.notes.add("lost", card, f"component {components[-1]} of the displacement")
+        self.notes.add("taken", card, "clamps")
 
     def _on_cload(self, card: Card) -> None:
         self._renew("forces", card)
         for row in card.rows:
             for node in self.deck.chosen(card, "NSET", row[0]):
                 if component(row[1]) > (6 if node in self._refs else 3):
-                    self.notes.lost.add(card, "moments at nodes")
+                    self.notes.add("lost", card, "moments at nodes")
                 else:
                     self._add("forces", (node, component(row[1])), card, number(row[2]))
-        self.notes.taken.add(card, "forces")
+        self.notes.add("taken", card, "forces")
 
     def _on_dload(self, card: Card) -> None:
         surface = card.word == "DSLOAD"
@@ -345,11 +346,11 @@ class Model:
                 words, way = "volume force", (*constant, *slopes.ravel())
                 self._add("body_forces", (what.lower(), card.scope, label, way), card, values[0])
             else:
-                self.notes.lost.add(card, f"the load {label}")
+                self.notes.add("lost", card, f"the load {label}")
                 continue
             for element, face in ends:
                 self._add("pressures", (element, face, way), card, values[0])
-            self.notes.taken.add(card, words)
+            self.notes.add("taken", card, words)
 
     _on_dsload = _on_dload
 
@@ -359,7 +360,7 @@ class Model:
         ref = self.node(card, card.given["REFNODE"])
         turn = self.node(card, card.given.get("ROTNODE", card.given["REFNODE"]))
         if {"ELSET", "PINNSET", "ANALYTICALSURFACE"} & card.given.keys() or not nodes:
-            self.notes.lost.add(card, "rigid bodies that are no set of nodes")
+            self.notes.add("lost", card, "rigid bodies that are no set of nodes")
         else:
             self.rigid.append(Rigid(card, nodes, ref, turn))
 
@@ -374,7 +375,7 @@ class Model:
 
     def _on_kinematic(self, card: Card) -> None:
         if [row for row in card.rows if integer(row[0]) > 1 or integer(entry(row, 1, "1")) < 3]:
-            self.notes.lost.add(card, "a coupling of some components only")
+            self.notes.add("lost", card, "a coupling of some components only")
 
     def _on_distributing(self, card: Card) -> None:
         self.rigid[-1] = self.rigid[-1]._replace(spread=True)
@@ -382,7 +383,7 @@ class Model:
     def _on_temperature(self, card: Card) -> None:
         self._renew("heat", card)
         if "FILE" in card.given or "USER" in card.given:
-            self.notes.lost.add(card, "temperatures of a file or a routine")
+            self.notes.add("lost", card, "temperatures of a file or a routine")
             return
         for row in card.rows:
             nodes = self.deck.chosen(card, "NSET", row[0])
@@ -391,8 +392,8 @@ class Model:
 
     def _on_initialconditions(self, card: Card) -> None:
         if card.says("TYPE") != "TEMPERATURE" or "FILE" in card.given:
-            self.notes.lost.add(card, f"initial {card.given['TYPE'].lower()}")
+            self.notes.add("lost", card, f"initial {card.given['TYPE'].lower()}")
             return
         for row in card.rows:
             self.start |= dict.fromkeys(self.deck.chosen(card, "NSET", row[0]), number(row[1]))
-        self.notes.taken.add(card, "initial temperature")
+        self.notes.add("taken", card, "initial temperature")

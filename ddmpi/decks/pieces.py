@@ -8,7 +8,7 @@ import re
 from collections.abc import Iterable, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sparse
@@ -16,13 +16,6 @@ from scipy.sparse import csgraph
 
 from ddmpi.decks.cards import EXACT, SIDES, Block, corners, faces, shape
 from ddmpi.decks.deck import STRIDE
-
-
-class Patch(NamedTuple):
-    """Facets with loads: numbers of facets and loaded nodes."""
-
-    facets: np.ndarray
-    nodes: np.ndarray
 
 
 def own_name(text: str, taken: Iterable[str]) -> str:
@@ -176,15 +169,15 @@ class Piece:
         """The name of a set of these nodes (places); a new one, like `name`, if there is none yet."""
         return _kept(self.sets, np.unique(nodes), name, self.taken)
 
-    def patches(self, loaded: np.ndarray) -> tuple[list[Patch], np.ndarray]:
-        """Facets to carry the forces at places `loaded` (k,): whole facets that hang together, else those around nodes
-        that hang together; and the nodes that have no facet."""
+    def patches(self, loaded: np.ndarray) -> tuple[list[tuple[np.ndarray, np.ndarray]], np.ndarray]:
+        """Facets to carry the forces at places `loaded` (k,), and the nodes whose forces they carry: whole facets that
+        hang together, else those around nodes that hang together; and the nodes that have no facet."""
         marked = np.zeros(len(self.nodes) + 1, bool)
         marked[loaded] = marked[-1] = True
         ends, middles = marked[self.facets[:, :4]].all(axis=1), marked[self.facets[:, 4:]].all(axis=1)
         # consistent loads of quadratic tetrahedra are at the middles of sides alone
         whole = ends | (middles & (self.facets[:, 4] >= 0))
-        found = []
+        found: list[tuple[np.ndarray, np.ndarray]] = []
         left = marked[:-1].copy()
         for some in (whole, None):
             some = np.append(left, False)[self.facets].any(axis=1) if some is None else some
@@ -193,9 +186,9 @@ class Piece:
             for facets in (loads[component == k] for k in range(component.max(initial=-1) + 1)):
                 nodes = np.unique(self.facets[facets])
                 nodes = nodes[(nodes >= 0) & left[nodes]]
-                found.append(Patch(facets, nodes))
+                found += [(facets, nodes)] if len(nodes) else []
             left[np.unique(self.facets[some])] = False
-        return [patch for patch in found if len(patch.nodes)], np.flatnonzero(left)
+        return found, np.flatnonzero(left)
 
     def quadrature(self, facets: np.ndarray, around: bool) -> tuple[np.ndarray, np.ndarray]:
         """Points (q, d) and weights (q,) on straight facets; with the circumference if `around` an axis."""

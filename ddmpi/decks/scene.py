@@ -35,14 +35,14 @@ class Importer:
         self.notes = Notes(path)
         self.deck = Deck(path)
         self.model = Model(self.deck, self.notes, amplitudes)
-        linear = len(self.model.ends) == 1 and all(pair.card.word == "TIE" for pair in self.model.pairs)
+        linear = len(self.model.ends) == 1 and all(card.word == "TIE" for card, *_ in self.model.pairs)
         for card in self.deck.cards:
             if card.word in ("TRANSFORM", "ORIENTATION") and card.says("SYSTEM", "R")[0] == "R":
                 with card.reading():
                     axes(card)
             for name in card.given:
                 if name not in PARAMETERS.get(card.word, card.given) and not (name == "PERTURBATION" and linear):
-                    self.notes.lost.add(card, f"its parameter {name} is not possible")
+                    self.notes.add("lost", card, f"its parameter {name} is not possible")
         self.pieces, self.family, quadratic = self._pieces()
         self.order = 2 if quadratic else 1
         self.matter = Matter(self.model, self.notes, self.family)
@@ -52,16 +52,16 @@ class Importer:
         """The bodies, their family, and whether elements are quadratic. Raises InputError where there are none."""
         notes, families = self.notes, defaultdict[str, list[Block]](list)
         for card in self.deck.odd:
-            notes.lost.add(card, f"elements of type {card.given.get('TYPE', '(none)')}")
+            notes.add("lost", card, f"elements of type {card.given.get('TYPE', '(none)')}")
         for block in self.deck.blocks:
             name, fits = block.card.says("TYPE"), FAMILIES.match(block.card.says("TYPE"))
             if not fits or fits[3] not in VARIANTS:
-                notes.lost.add(block.card, f"elements of type {name}")
+                notes.add("lost", block.card, f"elements of type {name}")
                 continue
             families[fits[1]].append(block)
-            notes.taken.add(block.card, f"elements of type {name}")
+            notes.add("taken", block.card, f"elements of type {name}")
             if VARIANTS[fits[3]]:
-                notes.changed.add(block.card, f"{name} as {block.name}: {VARIANTS[fits[3]]}")
+                notes.add("changed", block.card, f"{name} as {block.name}: {VARIANTS[fits[3]]}")
         if not families:
             raise InputError("it has no elements that a scene may have: C3D4 to C3D20, CPE, CPS and CAX")
         if len(families) > 1:
@@ -70,7 +70,7 @@ class Importer:
         quadratic = any(block.name not in ("C3D4", "CPE3", "CPS3", "CAX3") for block in blocks)
         for block in blocks:
             if block.kind in ("hexahedron", "wedge", "quad", "pyramid"):
-                notes.changed.add(block.card, f"{block.name} cut into quadratic "
+                notes.add("changed", block.card, f"{block.name} cut into quadratic "
                                   f"{'tetrahedra' if family == 'C3D' else 'triangles'}: linear ones would be too stiff")
         (numbers, points), rows = self.deck.placed(), rows_of(blocks)
         points = points if family == "C3D" else points[:, :2]
@@ -80,7 +80,7 @@ class Importer:
         self.cuts: list[Cut] = []
         for card in self.model.bolts:
             if "SURFACE" not in card.given:
-                notes.lost.add(card, "a pre-tension that is not of a section of solid elements")
+                notes.add("lost", card, "a pre-tension that is not of a section of solid elements")
                 continue
             ends = set(self.deck.ends(card, card.given["SURFACE"]))
             rows, section, around = cut(blocks, rows, ends, numbers, points)
@@ -120,7 +120,7 @@ class Importer:
                     "temperature": heat}
             bodies.append({key: value for key, value in body.items() if value not in (None, [])})
         joints = Joints(acts, self.cuts)
-        contacts = [contact for pair in self.model.pairs for contact in joints.contacts(pair)]
+        contacts = [contact for pair in self.model.pairs for contact in joints.contacts(*pair)]
         contacts += [*rigid.contacts, *joints.bolts()]
         names: list[str] = []
         for contact in contacts:
@@ -155,11 +155,11 @@ def import_deck(deck: str | Path, output: str | Path, partial: bool = False, amp
         scene = importer.scene(path.stem)
     except (InputError, DeckError, OSError) as error:
         raise InputError(f"{deck}: {error}") from None
-    notes = importer.notes
-    if notes.lost and not partial:
+    lists = {title: importer.notes.words(title) for title in ("taken", "changed", "lost")}
+    if lists["lost"] and not partial:
         raise InputError(f"{deck}: a scene would be another problem without what is not possible; nothing is written "
                          "(--partial writes it all the same)"
-                         + "".join(f"\n  {line}" for line in notes.words(notes.lost)))
+                         + "".join(f"\n  {line}" for line in lists["lost"]))
     text = f"# from {path.name}; lengths, stresses and forces are in the units of the deck\n" + write_toml(scene)
     files = ["scene.toml", *(f"{piece.name}.inp" for piece in importer.pieces)]
     there = [name for name in files if (folder / name).exists()]
@@ -169,9 +169,8 @@ def import_deck(deck: str | Path, output: str | Path, partial: bool = False, amp
     for piece in importer.pieces:
         piece.write(folder / f"{piece.name}.inp")
     (folder / "scene.toml").write_text(text, encoding="utf-8")
-    lists = {"taken": notes.taken, "changed": notes.changed, "lost": notes.lost}
-    return "\n".join([*(f"{title}:\n" + ("".join(f"  {line}\n" for line in notes.words(entries)) or "  nothing\n")
-                        for title, entries in lists.items()),
+    return "\n".join([*(f"{title}:\n" + ("".join(f"  {line}\n" for line in lines) or "  nothing\n")
+                        for title, lines in lists.items()),
                       "units: those of the deck, " + (
                           "by its moduli labelled mm and MPa" if "output" in scene else
                           "labelled m and Pa; others: length_unit, stress_unit of [output]") + "\n",

@@ -118,7 +118,7 @@ MUTANTS = [Mutant(*row) for row in (
      f"{DECKS}::test_amplitudes"),
     ("OP=NEW removes nothing", "decks/model", "elif kind in self._renewed:\n", "elif False:\n",
      f"{DECKS}::test_amplitudes"),
-    ("a lost load is not in the way", "decks/scene", "if notes.lost and not partial:", "if False:",
+    ("a lost load is not in the way", "decks/scene", "if lists[\"lost\"] and not partial:", "if False:",
      f"{DECKS}::test_what_is_lost_refuses_the_deck"),
     ("a force at a node of no body is forgotten", "decks/acting",
      "if node not in inside and any(value for _, value in acting.course):", "if False:",
