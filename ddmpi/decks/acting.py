@@ -12,7 +12,7 @@ import numpy as np
 from ddmpi.decks.cards import EXACT, Acting, Card, Course, Notes, axes, number
 from ddmpi.decks.material import Matter, table
 from ddmpi.decks.model import Model
-from ddmpi.decks.pieces import Piece, formula, linear
+from ddmpi.decks.pieces import Cut, Piece, formula, linear
 
 KEEPS = 1e-9
 """Factors of one history are equal to this difference."""
@@ -32,8 +32,9 @@ class Acts:
     timed : whether there are load steps; else the values at the end count
     """
 
-    def __init__(self, model: Model, notes: Notes, matter: Matter, pieces: Sequence[Piece], family: str) -> None:
-        self.model, self.notes, self.matter, self.pieces = model, notes, matter, pieces
+    def __init__(self, model: Model, notes: Notes, matter: Matter, pieces: Sequence[Piece], family: str,
+                 cuts: Sequence[Cut]) -> None:
+        self.model, self.notes, self.matter, self.pieces, self.cuts = model, notes, matter, pieces, cuts
         self.axisymmetric = family == "CAX"
         self.axes = "xyz" if family == "C3D" else "xy"
         self.histories: dict[Course, str] = {}
@@ -46,8 +47,12 @@ class Acts:
         self.sets = {name: np.fromiter(model.deck.members("NSET", ("", key)), np.int64)
                      for (kind, key), name in model.deck.names.items() if kind == "NSET"}
         self.where = {end: (piece, k) for piece in pieces for end, k in piece.at.items()}
-        # nodes at the section of a bolt belong to two bodies, forces there to one
-        self.home = {node: piece for piece in reversed(pieces) for node in piece.nodes.tolist()}
+        self.home = {node: piece for piece in pieces for node in piece.nodes.tolist()}
+        # of the two bodies at the section of a bolt the one without its surface has the forces there, as in CalculiX
+        for _, ends, section, _ in cuts:
+            layer = [piece for piece, _ in self.on(ends)]
+            self.home |= {node: piece for piece in pieces if piece not in layer
+                          for node in section.tolist() if node in piece.place}
 
     def factor(self, acting: Acting) -> Key:
         """The largest value of a load or support, or that at the end if there is one step, and its history."""
@@ -231,7 +236,7 @@ class Acts:
 
     def volume_forces(self, piece: Piece) -> list[Any] | dict[str, Any] | None:
         """Gravity, centrifugal and other forces per volume of a body, as formulas; all must have one history."""
-        rows: dict[str | None, list[tuple[Card, np.ndarray, np.ndarray]]] = defaultdict(list)
+        fields: dict[str | None, tuple[Card, np.ndarray]] = {}  # c and the rows of Sᵀ (1 + d, d) of f = c + S x
         own, d = set(piece.elements.tolist()), len(self.axes)
         for (what, scope, label, field), acting in self.model.kinds["body_forces"].items():
             value, history = self.factor(acting)
@@ -246,19 +251,19 @@ class Acts:
             if len(densities) > 1:
                 self.notes.add("lost", acting.card, f"{label} on a body with several densities")
                 continue
-            constant, *slopes = densities.pop() * value * np.reshape(field, (4, 3))
-            if label == "CENTRIF" and self.axisymmetric and (constant.any() or slopes[1].any()):
+            field = densities.pop() * value * np.reshape(field, (4, 3))
+            if label == "CENTRIF" and self.axisymmetric and np.abs(field[[0, 2]]).max() > EXACT * np.abs(field).max():
                 self.notes.add("lost", acting.card, "a rotation about another axis than that of the body")
-            rows[history].append((acting.card, self._flat(acting.card, constant),
-                                  np.array([self._flat(acting.card, column) for column in slopes[:d]]).T))
-        if not rows:
+            flat = np.array([self._flat(acting.card, row) for row in field[:1 + d]])
+            card, before = fields.get(history, (acting.card, 0.0))
+            fields[history] = card, before + flat
+        if not fields:
             return None
-        history = next(iter(rows))
-        for other in list(rows)[1:]:
-            self.notes.add("lost", rows[other][0][0], "volume forces that change in different ways")
-        constant = np.sum([row[1] for row in rows[history]], axis=0)
-        slopes = np.sum([row[2] for row in rows[history]], axis=0)
-        force = [formula(float(constant[k]), slopes[k], self.axes) for k in range(d)]
+        history, *others = fields
+        for other in others:
+            self.notes.add("lost", fields[other][0], "volume forces that change in different ways")
+        constant, *slopes = fields[history][1]
+        force = [formula(float(constant[k]), np.array(slopes)[:, k], self.axes) for k in range(d)]
         return {"value": force, "history": history} if history else force
 
     def _density(self, section: int, card: Card) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from itertools import product
 from typing import Any
 
@@ -17,16 +17,11 @@ from ddmpi.errors import InputError
 ROUNDING = 1e-12
 """Moments below this fraction of the forces times the coordinates are zero."""
 
-Cut = tuple[Card, set[tuple[int, int]], np.ndarray, np.ndarray]
-"""A section of a bolt: its keyword, the faces of elements on one side, the nodes there, and those around the layer of
-these elements, where that is a body of its own."""
-
-
 class Joints:
-    """The contacts of a deck, those at the `cuts` through bolts included, as entries of a scene."""
+    """The contacts of a deck, those at the sections of bolts included, as entries of a scene."""
 
-    def __init__(self, acts: Acts, cuts: Sequence[Cut]) -> None:
-        self.acts, self.notes, self.model, self.deck, self.cuts = acts, acts.notes, acts.model, acts.model.deck, cuts
+    def __init__(self, acts: Acts) -> None:
+        self.acts, self.notes, self.model, self.deck = acts, acts.notes, acts.model, acts.model.deck
 
     def _side(self, card: Card, name: str) -> list[tuple[Piece, np.ndarray]]:
         """The facets of a surface, of elements or of nodes, by body. Raises InputError where there is no surface."""
@@ -114,7 +109,7 @@ class Joints:
     def bolts(self) -> Iterable[dict[str, Any]]:
         """The bonded contacts at the sections of bolts, with the force of their reference nodes, or over a gap by which
         these shorten them; and around the layers that had to be taken out."""
-        for card, ends, section, around in self.cuts:
+        for card, ends, section, around in self.acts.cuts:
             sides = self.acts.on(ends)
             others = [(piece, facets) for piece, facets, _ in self.acts.at(section)
                       if len(facets) and not any(piece is one for one, _ in sides)]

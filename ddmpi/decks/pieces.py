@@ -14,8 +14,12 @@ import numpy as np
 import scipy.sparse as sparse
 from scipy.sparse import csgraph
 
-from ddmpi.decks.cards import EXACT, SIDES, Block, corners, faces, shape
+from ddmpi.decks.cards import EXACT, SIDES, Block, Card, corners, faces, shape
 from ddmpi.decks.deck import STRIDE
+
+Cut = tuple[Card, set[tuple[int, int]], np.ndarray, np.ndarray]
+"""A section of a bolt: its keyword, the faces of elements on one side, the nodes there, and those around the layer of
+these elements, where that is a body of its own."""
 
 
 def own_name(text: str, taken: Iterable[str]) -> str:

@@ -12,10 +12,10 @@ import numpy as np
 from ddmpi.decks.acting import Acts
 from ddmpi.decks.cards import FAMILIES, PARAMETERS, Block, DeckError, Notes, axes
 from ddmpi.decks.deck import STRIDE, Deck
-from ddmpi.decks.joints import Cut, Joints, RigidSets
+from ddmpi.decks.joints import Joints, RigidSets
 from ddmpi.decks.material import Matter
 from ddmpi.decks.model import Model
-from ddmpi.decks.pieces import Piece, cut, own_name, rows_of, split
+from ddmpi.decks.pieces import Cut, Piece, cut, own_name, rows_of, split
 from ddmpi.errors import InputError, TakenError
 from ddmpi.scene.reader import write_toml
 
@@ -46,7 +46,7 @@ class Importer:
         self.pieces, self.family, quadratic = self._pieces()
         self.order = 2 if quadratic else 1
         self.matter = Matter(self.model, self.notes, self.family)
-        self.acts = Acts(self.model, self.notes, self.matter, self.pieces, self.family)
+        self.acts = Acts(self.model, self.notes, self.matter, self.pieces, self.family, self.cuts)
 
     def _pieces(self) -> tuple[list[Piece], str, bool]:
         """The bodies, their family, and whether elements are quadratic. Raises InputError where there are none."""
@@ -119,7 +119,7 @@ class Importer:
                     "volume_force": acts.volume_forces(piece),
                     "temperature": heat}
             bodies.append({key: value for key, value in body.items() if value not in (None, [])})
-        joints = Joints(acts, self.cuts)
+        joints = Joints(acts)
         contacts = [contact for pair in self.model.pairs for contact in joints.contacts(*pair)]
         contacts += [*rigid.contacts, *joints.bolts()]
         names: list[str] = []

@@ -593,6 +593,12 @@ SCENES = {
     "a support at no body changes nothing": (
         COUPLED + "*BOUNDARY\n900, 1\n" + step("*CLOAD", "36, 1, 1."), "rigid", None,
         "a support at a node of no body is left out"),
+    "forces at the section of a bolt act on the side without its surface": (
+        bolt() + step("*CLOAD", "900, 1, 50.", "A_X1, 1, 1."), "body.1.traction", [
+            {"on": "loaded", "force": [6.0, 0.0, 0.0]}], ""),
+    "names of sets stay on both sides of it": (
+        bolt() + step("*CLOAD", "900, 1, 50."), "body.1.clamp", [
+            {"on": "A_X0", "x": 0.0}, {"on": "A_Y0", "y": 0.0}, {"on": "A_Z1", "z": 0.0}], ""),
     "temperatures are taken": (
         BOX + ROLLERS + WARM, "body.0.material.expansion", 1.2e-5, "*TEMPERATURE: temperature\n"),
     "without expansion they change nothing": (
