@@ -7,7 +7,7 @@ import meshio
 import numpy as np
 import pytest
 from scipy.spatial import KDTree
-from test_mesh import NAMES, SQUARE, body_with, length, refused
+from test_mesh import NAMES, SQUARE, refused
 
 from ddmpi.body.loads import supports
 from ddmpi.errors import InputError
@@ -16,6 +16,7 @@ from ddmpi.mesh.elements import CELLS, facet_measures
 from ddmpi.mesh.mesh import Mesh, boundary_facets, signed_measures
 from ddmpi.mesh.read import file_kind, gmsh_session, read_mesh
 from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec, PartMaterial, Traction
+from meshes import area, body_of
 
 # One shape by all formats: a quarter of a ring of two materials, in space of a tube
 
@@ -315,17 +316,11 @@ def wrong_edges(raw: meshio.Mesh) -> None:
             block.data[:, [4, 5]] = block.data[:, [5, 4]]
 
 
-def surface_alone(raw: meshio.Mesh) -> None:
-    raw.cells = [block for block in raw.cells if block.dim == 2]
-
-
 @pytest.mark.parametrize(("order", "spoil", "words"), [
     (1, moved_node, r"has tetrahedra that overlap at \(.*: the mesh folds there"),
-    (2, wrong_edges, r"the curved tetrahedron at .* folds"),
-    (1, surface_alone, r'is not plane \(its z coordinates differ\), and has no tetrahedra; a solid needs its cells: '
-                       r'Physical Volume\("body"\)')])
+    (2, wrong_edges, r"the curved tetrahedron at .* folds")])
 def test_solids_that_are_none_are_refused(tmp_path, order, spoil, words):
-    """A node that lies across its neighbours, middles on the wrong edges, and a mere surface."""
+    """A node that lies across its neighbours, and middles on the wrong edges."""
     raw = meshio.gmsh.read(write_ring(tmp_path, "tetra", order))
     spoil(raw)
     blocks = [(block.type, block.data) for block in raw.cells if block.dim > 1]
@@ -376,7 +371,7 @@ def test_a_set_of_a_side_and_other_nodes_is_held_whole(tmp_path, kind):
         with pytest.raises(InputError, match=f"^'{name}' has nodes in the middle of edges, .* order = 2"):
             held(name, straight)
     with pytest.raises(InputError, match=r"the node of 'mixed' at \(1, 0.5\) is on no line of it and has no normal"):
-        supports(mesh, body_with(MeshSpec(file=str(path)), clamp=[Clamp(on="mixed", normal=0.0)]))
+        supports(mesh, body_of(file=str(path), clamp=[Clamp(on="mixed", normal=0.0)]))
 
 
 def test_a_plane_part_is_moved_by_two_coordinates(tmp_path):
@@ -443,7 +438,7 @@ def test_input_of_an_assembly(tmp_path):
     """A part that stands in an assembly, moved and turned: sets of the instance, surfaces of faces, no internal set."""
     path = tmp_path / "Job-1.inp"
     path.write_text(CAE)
-    mesh = build_mesh(body_with(MeshSpec(file=str(path)), clamp=["Fixed end", "edge"]))
+    mesh = build_mesh(body_of(file=str(path), clamp=["Fixed end", "edge"]))
     assert sorted(mesh.groups) == ["Corners", "Fixed end", "Side", "Top", "Whole"] and list(mesh.curves) == ["edge"]
     assert {name: len(cells) for name, cells in mesh.surfaces.items()} == {"Lower": 5, "Upper": 5}
     assert mesh.cut == 2 and mesh.measures().sum() == pytest.approx(2.0)
@@ -534,10 +529,10 @@ def test_sets_of_sets_and_parts_of_a_file(tmp_path):
     whole = tmp_path / "whole.inp"
     whole.write_text("*INCLUDE,\nINPUT=square.inp\n*ELSET, ELSET=one\n1\n*ELSET, ELSET=two\none,\n2,")
     mesh = read_mesh(whole, "upper")
-    assert length(mesh, "rim") == pytest.approx(4.0)
+    assert area(mesh, "rim") == pytest.approx(4.0)
     assert {name: sorted(own.tolist()) for name, own in mesh.surfaces.items()} == {"volume": [0, 1], "one": [0],
                                                                                    "two": [0, 1]}
-    assert [length(mesh, name) for name in NAMES] == pytest.approx([1.0] * 4) and path.exists()
+    assert [area(mesh, name) for name in NAMES] == pytest.approx([1.0] * 4) and path.exists()
 
 
 @pytest.mark.parametrize(("more", "words"), [
