@@ -49,10 +49,10 @@ class Acts:
         self.where = {end: (piece, k) for piece in pieces for end, k in piece.at.items()}
         self.home = {node: piece for piece in pieces for node in piece.nodes.tolist()}
         # of the two bodies at the section of a bolt the one without its surface has the forces there, as in CalculiX
-        for _, ends, section, _ in cuts:
+        for _, ends, section, around in cuts:
             layer = [piece for piece, _ in self.on(ends)]
             self.home |= {node: piece for piece in pieces if piece not in layer
-                          for node in section.tolist() if node in piece.place}
+                          for node in (*section.tolist(), *around.tolist()) if node in piece.place}
 
     def factor(self, acting: Acting) -> Key:
         """The largest value of a load or support, or that at the end if there is one step, and its history."""

@@ -58,8 +58,11 @@ class Joints:
                 contact["friction"] = {"law": "coulomb", "coefficient": coefficient}
             if not tied and not held.issuperset(slave.nodes[np.unique(slave.facets[on])].tolist()):
                 contact["slave"] = slave.name  # supported or rigid all over it could be none
-            gap = self._clearance({slave_surface.upper(), master_surface.upper()})
-            if gap is None and not tied and card.says("ADJUST", "NO") != "NO":
+            clearance, gap = self.model.clearances.get(frozenset((slave_surface.upper(), master_surface.upper()))), None
+            if clearance:
+                gap = number(clearance.given["VALUE"])
+                notes.add("taken", clearance, "gap")
+            elif not tied and card.says("ADJUST", "NO") != "NO":
                 gap = self._adjusted(card, slave, slave.heights(on, master, against))
             yield contact | ({} if gap is None else {"gap": gap})
         own = {piece.name for piece, _ in slaves} & {piece.name for piece, _ in masters}
@@ -98,13 +101,6 @@ class Joints:
             self.notes.add("lost", card, f"a tie over a gap of {near:.3g}, beyond its tolerance")
         elif far > reach:
             self.notes.add("changed", card, f"nodes {far:.3g} apart, beyond its tolerance, are tied")
-
-    def _clearance(self, surfaces: set[str]) -> float | None:
-        for card in self.model.clearances:
-            if {card.says("SLAVE"), card.says("MASTER")} == surfaces and "VALUE" in card.given:
-                self.notes.add("taken", card, "gap")
-                return number(card.given["VALUE"])
-        return None
 
     def bolts(self) -> Iterable[dict[str, Any]]:
         """The bonded contacts at the sections of bolts, with the force of their reference nodes, or over a gap by which

@@ -44,7 +44,7 @@ class Model:
     materials : by name (capitals): keyword → its rows and parameters
     sections : elements, material, thickness, orientation, of each section
     pairs : keyword, slave and master of surfaces in contact or tied
-    interactions, clearances : of contacts
+    interactions : keywords by name; clearances : of contacts by their surfaces
     supports, forces : by node and component
     pressures : by element and face: pressure, or with the components of TRVEC a traction
     body_forces : by set, instance, kind, and the constant and slopes (12,) of the force over its value
@@ -61,7 +61,7 @@ class Model:
         self.sections: list[tuple[set[int], str, float, str, Card]] = []
         self.pairs: list[tuple[Card, str, str]] = []
         self.interactions: dict[str, dict[str, Card]] = {}
-        self.clearances: list[Card] = []
+        self.clearances: dict[frozenset[str], Card] = {}
         self.kinds: dict[str, dict[Any, Acting]] = {
             kind: {} for kind in ("supports", "forces", "pressures", "body_forces", "heat")}
         self.heated: list[tuple[Card, set[int]]] = []
@@ -274,9 +274,10 @@ class Model:
     _on_tie = _on_contactpair
 
     def _on_clearance(self, card: Card) -> None:
-        self.clearances.append(card)
         if "VALUE" not in card.given:
             self.notes.add("lost", card, "a clearance without one VALUE")
+        else:
+            self.clearances.setdefault(frozenset((card.says("SLAVE"), card.says("MASTER"))), card)
 
     def _renew(self, kind: str, card: Card) -> None:
         """OP=NEW, once a step, removes what acted before."""

@@ -169,7 +169,7 @@ def test_curves_of_cad_files_are_groups_by_number(tmp_path, suffix):
     mesh = drawn(path, size=2.0, clamp=["1"])
     assert len(mesh.groups) == 5 and mesh.measures().sum() == pytest.approx(200 - 4 * np.pi, rel=2e-3)
     assert sorted(round(lengths(mesh, name).sum()) for name in mesh.groups) == [10, 10, 13, 20, 20]
-    with pytest.raises(InputError, match="cannot be read|has no surface"):
+    with pytest.raises(InputError, match=r"cannot be read|has no surface"):
         drawn(write(path, "no drawing"))
     path.unlink()
     with pytest.raises(InputError, match=r"body\.body\.mesh\.geometry: there is no file"):
