@@ -135,7 +135,7 @@ class Acts:
             facets = facets[np.abs((piece.normals(facets) * mean).sum(axis=1)) > ALONG]
             if moved or ways.keys() - set(piece.facets[facets].ravel().tolist()):
                 self.notes.add("lost", cards[component], "a support in a direction of *TRANSFORM that is "
-                                    "neither x, y, z nor the normal of faces")
+                               "neither x, y, z nor the normal of faces")
             else:
                 found.append({"on": piece.group(facets, "guided"), "normal": 0.0})
         return found
@@ -211,7 +211,7 @@ class Acts:
             for facets, nodes in patches:
                 some = np.array([forces[k] for k in nodes])
                 self.notes.add("changed", cards[int(nodes[0])], "forces at nodes are spread over "
-                                       "the faces around them, with the same resultant and moments")
+                               "the faces around them, with the same resultant and moments")
                 on = piece.group(facets, "loaded")
                 found += [{"on": piece.again(on) if k else on} | load | later(history)
                           for k, load in enumerate(self._spread(piece, facets, piece.points[nodes], some))]
@@ -316,7 +316,7 @@ class Acts:
             expansions[name] = alpha
             if len(values) > 1:
                 self.notes.add("changed", expansion, "the thermal strain of the table is folded into the "
-                                       "expansion and the temperature")
+                               "expansion and the temperature")
         grows = bool(fields) and any(expansions.values())
         which, words = ("taken", "temperature") if grows else (
             "changed", f"no thermal strain of {piece.name}: its material has no *EXPANSION")

@@ -18,10 +18,35 @@ ROUNDING = 1e-12
 """Moments below this fraction of the forces times the coordinates are zero."""
 
 class Joints:
-    """The contacts of a deck, those at the sections of bolts included, as entries of a scene."""
+    """What joins the bodies of a deck, as entries of a scene.
+
+    Attributes
+    ----------
+    clamps, tractions : of rigid sets, by body
+    partners, held : rigid partners of rigid sets, and the contacts with them
+    """
 
     def __init__(self, acts: Acts) -> None:
         self.acts, self.notes, self.model, self.deck = acts, acts.notes, acts.model, acts.model.deck
+        self.clamps: dict[str, list[dict[str, Any]]] = {piece.name: [] for piece in acts.pieces}
+        self.tractions: dict[str, list[dict[str, Any]]] = {piece.name: [] for piece in acts.pieces}
+        self.partners: list[dict[str, Any]] = []
+        self.held: list[dict[str, Any]] = []
+        for rigid in self.model.rigid:
+            own, reason = self.acts.at(rigid.nodes), "its nodes are no whole faces of one body"
+            free = np.isnan(self._parts("supports", rigid)[0]).all()
+            points = len(own) == 1 and not len(own[0][1]) and free
+            if len(own) == 1 and own[0][2]:
+                reason = self._take(rigid, *own[0][:2])
+            elif points:
+                patches, _ = own[0][0].patches(np.flatnonzero(own[0][0].within(rigid.nodes)))
+                facets = np.unique(np.concatenate([facets for facets, _ in patches] or [own[0][1]]))
+                if len(facets):
+                    reason = self._take(rigid._replace(spread=True), own[0][0], facets)
+                    self.notes.add("changed", rigid.card, "points alone hold nothing in a solid; the loads on "
+                                   "them are spread over the faces around them")
+            self.notes.add("lost" if reason else "taken", rigid.card, reason or (
+                "forces spread over a face" if rigid.spread or points else "a face that moves as a rigid one"))
 
     def _side(self, card: Card, name: str) -> list[tuple[Piece, np.ndarray]]:
         """The facets of a surface, of elements or of nodes, by body. Raises InputError where there is no surface."""
@@ -114,7 +139,7 @@ class Joints:
             given = force or offset
             if len(sides) != 1 or len(others) != 1 or not given or (force and offset):
                 self.notes.add("lost", card, "a section that does not cut a body in two" if given else
-                                    "a pre-tension whose node has neither a force nor a displacement")
+                               "a pre-tension whose node has neither a force nor a displacement")
                 continue
             ((piece, facets),), ((other, against),) = sides, others
             if force and node in self.model.locked:  # after its last point the offset is kept
@@ -130,34 +155,8 @@ class Joints:
                 if force else {"gap": {"value": value} | later(history)})
             if len(around):
                 self.notes.add("changed", card, "the elements at the section are a body of their own, bonded "
-                                       "to the others, which hang together without it")
+                               "to the others, which hang together without it")
                 yield bond | {"on": [one.group(one.whole(one.within(around)), "layer") for one in (piece, other)]}
-
-
-class RigidSets:
-    """What the rigid sets of a deck become: clamps and tractions by body, rigid partners, and their contacts."""
-
-    def __init__(self, acts: Acts) -> None:
-        self.acts, self.notes, self.model = acts, acts.notes, acts.model
-        self.clamps: dict[str, list[dict[str, Any]]] = {piece.name: [] for piece in acts.pieces}
-        self.tractions: dict[str, list[dict[str, Any]]] = {piece.name: [] for piece in acts.pieces}
-        self.partners: list[dict[str, Any]] = []
-        self.contacts: list[dict[str, Any]] = []
-        for rigid in self.model.rigid:
-            own, reason = self.acts.at(rigid.nodes), "its nodes are no whole faces of one body"
-            free = np.isnan(self._parts("supports", rigid)[0]).all()
-            points = len(own) == 1 and not len(own[0][1]) and free
-            if len(own) == 1 and own[0][2]:
-                reason = self._take(rigid, *own[0][:2])
-            elif points:
-                patches, _ = own[0][0].patches(np.flatnonzero(own[0][0].within(rigid.nodes)))
-                facets = np.unique(np.concatenate([facets for facets, _ in patches] or [own[0][1]]))
-                if len(facets):
-                    reason = self._take(rigid._replace(spread=True), own[0][0], facets)
-                    self.notes.add("changed", rigid.card, "points alone hold nothing in a solid; the loads on "
-                                           "them are spread over the faces around them")
-            self.notes.add("lost" if reason else "taken", rigid.card, reason or (
-                "forces spread over a face" if rigid.spread or points else "a face that moves as a rigid one"))
 
     def _take(self, rigid: Rigid, piece: Piece, facets: np.ndarray) -> str:
         """Write a rigid set that has whole faces of a body; the reason where it is not possible."""
@@ -203,8 +202,8 @@ class RigidSets:
             partner |= {"pivot": pivot.tolist()} | (
                 {"moment": loads[3:].tolist()} if loads[3:].any() else {"turns": True})
         self.partners.append({key: value for key, value in partner.items() if value != []} | more)
-        self.contacts.append({"bodies": [piece.name, partner["name"]], "on": [piece.group(facets, "rigid")],
-                              "kind": "bonded"})
+        self.held.append({"bodies": [piece.name, partner["name"]], "on": [piece.group(facets, "rigid")],
+                          "kind": "bonded"})
         return ""
 
     def _parts(self, kind: str, rigid: Rigid) -> tuple[np.ndarray, set[str | None]]:

@@ -12,7 +12,7 @@ import numpy as np
 from ddmpi.decks.acting import Acts
 from ddmpi.decks.cards import FAMILIES, PARAMETERS, Block, DeckError, Notes, axes
 from ddmpi.decks.deck import STRIDE, Deck
-from ddmpi.decks.joints import Joints, RigidSets
+from ddmpi.decks.joints import Joints
 from ddmpi.decks.material import Matter
 from ddmpi.decks.model import Model
 from ddmpi.decks.pieces import Cut, Piece, cut, own_name, rows_of, split
@@ -71,7 +71,7 @@ class Importer:
         for block in blocks:
             if block.kind in ("hexahedron", "wedge", "quad", "pyramid"):
                 notes.add("changed", block.card, f"{block.name} cut into quadratic "
-                                  f"{'tetrahedra' if family == 'C3D' else 'triangles'}: linear ones would be too stiff")
+                          f"{'tetrahedra' if family == 'C3D' else 'triangles'}: linear ones would be too stiff")
         (numbers, points), rows = self.deck.placed(), rows_of(blocks)
         points = points if family == "C3D" else points[:, :2]
         lost = np.setdiff1d(rows, [*numbers, -1])
@@ -108,20 +108,19 @@ class Importer:
     def scene(self, title: str) -> dict[str, Any]:
         """The scene as plain data, and groups in the pieces. Raises InputError."""
         bodies = []
-        acts, tractions, rigid = self.acts, self.acts.loads(), RigidSets(self.acts)
+        acts, tractions, joints = self.acts, self.acts.loads(), Joints(self.acts)
         for piece in self.pieces:
             heat, expansions = acts.heat(piece)
             materials = self.matter.of(piece, expansions)
             body = {"name": piece.name, "mesh": {"file": f"{piece.name}.inp", "order": self.order},
                     "material": materials[0] if len(materials) == 1 else materials,
-                    "clamp": acts.clamps(piece) + rigid.clamps[piece.name],
-                    "traction": tractions[piece.name] + rigid.tractions[piece.name],
+                    "clamp": acts.clamps(piece) + joints.clamps[piece.name],
+                    "traction": tractions[piece.name] + joints.tractions[piece.name],
                     "volume_force": acts.volume_forces(piece),
                     "temperature": heat}
             bodies.append({key: value for key, value in body.items() if value not in (None, [])})
-        joints = Joints(acts)
         contacts = [contact for pair in self.model.pairs for contact in joints.contacts(*pair)]
-        contacts += [*rigid.contacts, *joints.bolts()]
+        contacts += [*joints.held, *joints.bolts()]
         names: list[str] = []
         for contact in contacts:
             names.append(own_name("-".join(contact["bodies"]), names))
@@ -129,7 +128,7 @@ class Importer:
         histories = {name: {"times": [time for time, _ in course], "factors": [factor for _, factor in course]}
                      for course, name in acts.histories.items()}
         scene: dict[str, Any] = {"title": title, "axisymmetric": self.family == "CAX" or None, "body": bodies,
-                                 "rigid": rigid.partners,
+                                 "rigid": joints.partners,
                                  "contact": [{"name": contact["name"]} | contact for contact in contacts],
                                  "history": histories}
         if acts.timed:
