@@ -123,10 +123,11 @@ def compared(deck: Path, scene: Path, reference: dict[int, list[float]]) -> tupl
     for number, piece in enumerate(importer.pieces):
         own = np.unique(fields["cells"][fields["body"] == number])
         place = cKDTree(fields["points"][own][:, :piece.points.shape[1]]).query(piece.points)[1]
-        for node, u in zip((piece.nodes % STRIDE).tolist(), fields["displacement"][own][place], strict=True):
-            if node in reference:
+        for node, u in zip(piece.nodes.tolist(), fields["displacement"][own][place], strict=True):
+            # a node at the section of a bolt is that of one body in the reference
+            if node % STRIDE in reference and importer.acts.home[node] is piece:
                 ours.append(u[:piece.points.shape[1]])
-                theirs.append(reference[node][:piece.points.shape[1]])
+                theirs.append(reference[node % STRIDE][:piece.points.shape[1]])
     a, b = np.array(ours), np.array(theirs)
     if not len(a):
         return np.nan, np.nan, np.nan

@@ -3,25 +3,19 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from ddmpi.decks.cards import Acting, Card, Course, Notes, numbers
+from ddmpi.decks.cards import EXACT, Acting, Card, Course, Notes, axes, number
 from ddmpi.decks.material import Matter, table
 from ddmpi.decks.model import Model
-from ddmpi.decks.pieces import Piece, direction, formula, linear
+from ddmpi.decks.pieces import Cut, Piece, formula, linear
 
 KEEPS = 1e-9
 """Factors of one history are equal to this difference."""
-
-LEVER = 1e-6
-"""Moments of nodal forces below this fraction of force times size are rounding."""
-
-PARALLEL = 1e-6
-"""A direction whose component is nearer to 1 than this is that of x, y or z."""
 
 ALONG = 0.97
 """Least cosine between the normals of straight facets and the directions of supports at their nodes."""
@@ -38,68 +32,86 @@ class Acts:
     timed : whether there are load steps; else the values at the end count
     """
 
-    def __init__(self, model: Model, notes: Notes, matter: Matter, pieces: Sequence[Piece], family: str) -> None:
-        self.model, self.notes, self.matter, self.pieces = model, notes, matter, pieces
+    def __init__(self, model: Model, notes: Notes, matter: Matter, pieces: Sequence[Piece], family: str,
+                 cuts: Sequence[Cut]) -> None:
+        self.model, self.notes, self.matter, self.pieces, self.cuts = model, notes, matter, pieces, cuts
         self.axisymmetric = family == "CAX"
         self.axes = "xyz" if family == "C3D" else "xy"
         self.histories: dict[Course, str] = {}
         friction = any("FRICTION" in of for of in model.interactions.values())
-        odd = [acting for kind in model.kinds.values() for acting in kind.values() if not _ramps(acting.course)]
+        odd = [acting for kind in model.kinds.values() for acting in kind.values()
+               if len(course := _scaled(acting.course)[1]) > 2 or course[0][1]]  # more than a ramp from zero
         self.timed = (len(model.ends) > 1 and not model.final) or (bool(odd) and friction)
         for card in {id(acting.card): acting.card for acting in odd}.values() if not self.timed else ():
-            notes.changed.add(card, "its amplitude counts at the end of the step")
+            notes.add("changed", card, "its amplitude counts at the end of the step")
         self.sets = {name: np.fromiter(model.deck.members("NSET", ("", key)), np.int64)
                      for (kind, key), name in model.deck.names.items() if kind == "NSET"}
         self.where = {end: (piece, k) for piece in pieces for end, k in piece.at.items()}
+        self.home = {node: piece for piece in pieces for node in piece.nodes.tolist()}
+        # of the two bodies at the section of a bolt the one without its surface has the forces there, as in CalculiX
+        for _, ends, section, around in cuts:
+            layer = [piece for piece, _ in self.on(ends)]
+            self.home |= {node: piece for piece in pieces if piece not in layer
+                          for node in (*section.tolist(), *around.tolist()) if node in piece.place}
 
     def factor(self, acting: Acting) -> Key:
         """The largest value of a load or support, or that at the end if there is one step, and its history."""
         if not self.timed:
             return acting.course[-1][1], None
-        peak = max((value for _, value in acting.course), key=abs)
-        if not peak:
-            return 0.0, None
-        course = [(time, round(value / peak, 12)) for time, value in acting.course]
-        kept = tuple(point for k, point in enumerate(course) if k in (0, len(course) - 1)
-                     or not _between(course[k - 1], point, course[k + 1]))
-        return peak, self.histories.setdefault(kept, f"h{len(self.histories) + 1}")
+        peak, course = _scaled(acting.course)
+        return peak, self.histories.setdefault(course, f"h{len(self.histories) + 1}") if peak else None
+
+    def on(self, ends: Iterable[tuple[int, int]]) -> list[tuple[Piece, np.ndarray]]:
+        """The facets (k,) of faces (element, number), by body."""
+        found = defaultdict[str, list[int]](list)
+        for piece, facet in (self.where[end] for end in ends if end in self.where):
+            found[piece.name].append(facet)
+        return [(piece, np.unique(found[piece.name])) for piece in self.pieces if piece.name in found]
+
+    def at(self, nodes: Iterable[int]) -> list[tuple[Piece, np.ndarray, bool]]:
+        """The bodies that have some of these nodes, with the facets (k,) whose corners are among them, and whether
+        these facets have all of the nodes."""
+        marked = [(piece, piece.within(nodes)) for piece in self.pieces]
+        facets = [(piece, piece.whole(some), some) for piece, some in marked if some.any()]
+        return [(piece, whole, not np.setdiff1d(np.flatnonzero(some), piece.facets[whole]).size)
+                for piece, whole, some in facets]
 
     def _named(self, piece: Piece, places: np.ndarray, name: str) -> str:
         """The set of the nodes at these places, called as in the deck if there is such a set."""
         nodes = piece.nodes[places]
-        for other, members in self.sets.items():
-            if len(members) >= len(nodes) and np.array_equal(np.intersect1d(members, piece.nodes), nodes):
-                name = other
-                break
-        return piece.node_set(places, name)
+        named = (other for other, members in self.sets.items() if len(members) >= len(nodes)
+                 and np.array_equal(np.intersect1d(members, piece.nodes), nodes))
+        return piece.node_set(places, next(named, name))
+
+    def _way(self, piece: Piece, node: int, component: int) -> np.ndarray:
+        """(3,) the direction of a component of displacements or forces at a node."""
+        turned = self.model.transforms.get(node)
+        return (np.eye(3) if turned is None else axes(turned, piece.points[piece.place[node]]))[component - 1]
 
     def clamps(self, piece: Piece) -> list[dict[str, Any]]:
         """The supports of a body: by component sets of nodes with one value, or a linear function."""
-        number, supports = {node: k for k, node in enumerate(piece.nodes.tolist())}, self.model.kinds["supports"]
+        d, supports = len(self.axes), self.model.kinds["supports"]
         # by component, then whether it is moved and by which history: value by place
         at: dict[int, dict[tuple[bool, str | None], dict[int, float]]] = defaultdict(lambda: defaultdict(dict))
         # in directions of *TRANSFORM, by component and whether it is moved: direction by place
         turned: dict[tuple[int, bool], dict[int, np.ndarray]] = defaultdict(dict)
         cards: dict[int, Card] = {}
         zero = Counter(node for (node, component), acting in supports.items()
-                       if component <= len(self.axes) and not any(value for _, value in acting.course))
+                       if component <= d and not any(value for _, value in acting.course))
         for (node, component), acting in supports.items():
-            if node not in number or (component > len(self.axes) and not acting.course[-1][1]):
+            if node not in piece.place or (component > d and not acting.course[-1][1]):
                 continue
-            if component > len(self.axes):
-                self.notes.lost.add(acting.card, "a displacement out of the plane")
+            if component > d:
+                self.notes.add("lost", acting.card, "a displacement out of the plane")
                 continue
-            (value, history), k, sign = self.factor(acting), component - 1, 1.0
             # where all components are zero, their directions do not matter
-            if node in self.model.transforms and zero[node] < len(self.axes):
-                way = direction(self.model.transforms[node], piece.points[number[node]], component)[:len(self.axes)]
-                k = int(np.abs(way).argmax())
-                sign = float(np.sign(way[k]))
-                if abs(abs(way[k]) - 1.0) >= PARALLEL:
-                    turned[component, bool(value)][number[node]] = way
-                    cards[component] = acting.card
-                    continue
-            at[k][bool(value), history][number[node]] = value * sign
+            way = self._way(piece, node, component)[:d] if zero[node] < d else np.eye(d)[component - 1]
+            (value, history), main = self.factor(acting), int(np.abs(way).argmax())
+            if abs(abs(way[main]) - 1.0) < EXACT:
+                at[main][bool(value), history][piece.place[node]] = value * np.sign(way[main])
+            else:
+                turned[component, bool(value)][piece.place[node]] = way
+                cards[component] = acting.card
         found = self._guided(piece, turned, cards)
         together: dict[tuple[bytes, str | None], tuple[np.ndarray, dict[str, Any]]] = {}
         for component, by_history in sorted(at.items()):
@@ -108,27 +120,22 @@ class Acts:
                 for some, value in _alike(piece, places, values):
                     _, entry = together.setdefault((some.tobytes(), history), (some, {}))
                     entry[self.axes[component]] = value
-        for (_, history), (some, entry) in together.items():
-            clamp = {"on": self._named(piece, some, "fixed")} | entry
-            found.append(clamp | ({"history": history} if history else {}))
-        return found
+        return found + [{"on": self._named(piece, some, "fixed")} | entry | later(history)
+                        for (_, history), (some, entry) in together.items()]
 
     def _guided(self, piece: Piece, turned: dict[tuple[int, bool], dict[int, np.ndarray]],
                 cards: dict[int, Card]) -> list[dict[str, Any]]:
         """Supports in directions of *TRANSFORM, which are the normals of whole faces, as clamps along these."""
         found = []
         for (component, moved), ways in turned.items():
-            marked = np.zeros(len(piece.nodes), bool)
-            marked[list(ways)] = True
-            facets = piece.whole(marked)
-            mean = np.zeros((len(facets), len(self.axes)))
-            for row, ends in zip(mean, piece.facets[facets][:, :4].tolist(), strict=True):
-                row[:] = np.mean([ways[k] for k in ends if k >= 0], axis=0)
+            given = np.full((len(piece.nodes) + 1, len(self.axes)), np.nan)  # −1, no node, is the last
+            given[list(ways)] = list(ways.values())
+            facets = piece.whole(~np.isnan(given[:-1, 0]))
+            mean = np.nanmean(given[piece.facets[facets, :4]], axis=1)
             facets = facets[np.abs((piece.normals(facets) * mean).sum(axis=1)) > ALONG]
-            covered = np.unique(piece.facets[facets])
-            if moved or set(ways) - set(covered.tolist()):
-                self.notes.lost.add(cards[component], "a support in a direction of *TRANSFORM that is "
-                                    "neither x, y, z nor the normal of faces")
+            if moved or ways.keys() - set(piece.facets[facets].ravel().tolist()):
+                self.notes.add("lost", cards[component], "a support in a direction of *TRANSFORM that is "
+                               "neither x, y, z nor the normal of faces")
             else:
                 found.append({"on": piece.group(facets, "guided"), "normal": 0.0})
         return found
@@ -136,84 +143,78 @@ class Acts:
     def loads(self) -> dict[str, list[dict[str, Any]]]:
         """The tractions of all bodies by name: pressures on faces, and forces at nodes spread over faces."""
         found: dict[str, list[dict[str, Any]]] = {piece.name: [] for piece in self.pieces}
-        pressed: dict[tuple[str, float, str | None, tuple], list[int]] = defaultdict(list)
+        pressed: dict[tuple[Piece, float, str | None, tuple], list[int]] = defaultdict(list)
         fluid = set[int]()
         for (element, face, way), acting in self.model.kinds["pressures"].items():
             if len(way) == 1:
                 fluid |= {*way}
                 if (way[0], 2) not in self.model.kinds["supports"]:
-                    self.notes.lost.add(acting.card, f"a pressure that is not given at node {way[0]}")
+                    self.notes.add("lost", acting.card, f"a pressure that is not given at node {way[0]}")
                     continue
                 acting, way = self.model.kinds["supports"][way[0], 2], ()
             if (element, face) not in self.where:
                 if any(value for _, value in acting.course):
-                    self.notes.lost.add(acting.card, "a pressure on a face that is not on a boundary")
+                    self.notes.add("lost", acting.card, "a pressure on a face that is not on a boundary")
                 continue
             piece, facet = self.where[element, face]
             value, history = self.factor(acting)
             if value:
                 self._flat(acting.card, np.array(way or (0.0, 0.0, 0.0)))
-                pressed[piece.name, value, history, way].append(facet)
-        by_name = {piece.name: piece for piece in self.pieces}
-        for (name, value, history, way), facets in pressed.items():
+                pressed[piece, value, history, way].append(facet)
+        for (piece, value, history, way), facets in pressed.items():
             load = {"value": [value * x for x in way[:len(self.axes)]]} if way else {"pressure": value}
-            piece, some = by_name[name], np.array(facets)
-            called = self._surfaces.get(frozenset(map(tuple, piece.owners[some].tolist())), "pressed")
-            found[name].append({"on": piece.group(some, called)} | load | ({"history": history} if history else {}))
+            called = self._surfaces.get(frozenset(map(tuple, piece.owners[facets].tolist())), "pressed")
+            found[piece.name].append({"on": piece.group(np.array(facets), called)} | load | later(history))
         for piece in self.pieces:
             found[piece.name] += self._forces(piece)
-        inside = fluid | {node for piece in self.pieces for node in piece.nodes.tolist()}
-        inside |= {node for rigid in self.model.rigid for node in (rigid.ref, rigid.turn)}
-        inside |= self.model.bolt_nodes
+        inside = fluid | self.home.keys() | self.model.bolt_nodes | {
+            node for rigid in self.model.rigid for node in (rigid.ref, rigid.turn)}
         for (node, _), acting in self.model.kinds["forces"].items():
             if node not in inside and any(value for _, value in acting.course):
-                self.notes.lost.add(acting.card, "a force at a node of no body")
+                self.notes.add("lost", acting.card, "a force at a node of no body")
         for (node, _), acting in self.model.kinds["supports"].items():
             if node not in inside and node in self.model.deck.points:
-                self.notes.changed.add(acting.card, "a support at a node of no body is left out")
+                self.notes.add("changed", acting.card, "a support at a node of no body is left out")
             elif node not in inside:
-                self.notes.lost.add(acting.card, "a support at a node that the deck does not have")
+                self.notes.add("lost", acting.card, "a support at a node that the deck does not have")
         return found
 
     def _flat(self, card: Card, vector: np.ndarray) -> np.ndarray:
         """A vector (3,) along the axes of the scene (d,); what points out of the plane is lost."""
-        if len(self.axes) == 2 and abs(vector[2]) > PARALLEL * np.abs(vector).max():
-            self.notes.lost.add(card, "a load out of the plane")
+        if len(self.axes) == 2 and abs(vector[2]) > EXACT * np.abs(vector).max():
+            self.notes.add("lost", card, "a load out of the plane")
         return vector[:len(self.axes)]
 
     @cached_property
     def _surfaces(self) -> dict[frozenset[tuple[int, int]], str]:
         """Names of the deck's surfaces by their elements and faces; of equal ones the first."""
         deck = self.model.deck
-        return {frozenset((element, int(where[1])) for what, where in deck.surfaces[key] if where[1:].isdigit()
+        return {frozenset((element, int(where[1])) for what, where in deck.sets[kind][key] if where[1:].isdigit()
                           for element in deck.members("ELSET", what)): name
                 for (kind, key), name in reversed(deck.names.items()) if kind == "SURFACE"}
 
     def _forces(self, piece: Piece) -> list[dict[str, Any]]:
         """Nodal forces as tractions with the same resultant and the same first moments."""
-        number, d = {node: k for k, node in enumerate(piece.nodes.tolist())}, len(self.axes)
         by_history: dict[str | None, dict[int, np.ndarray]] = defaultdict(dict)
         cards: dict[int, Card] = {}
         for (node, component), acting in self.model.kinds["forces"].items():
             value, history = self.factor(acting)
-            if node in number and value:
-                way = self._flat(acting.card, direction(self.model.transforms.get(node), piece.points[number[node]],
-                                                        component))
-                before = by_history[history].get(number[node], np.zeros(d))
-                by_history[history][number[node]] = before + value * way / self.matter.depth
-                cards[number[node]] = acting.card
+            if self.home.get(node) is piece and value:
+                k, way = piece.place[node], self._flat(acting.card, self._way(piece, node, component))
+                by_history[history][k] = by_history[history].get(k, 0.0) + value * way / self.matter.depth
+                cards[k] = acting.card
         found = []
         for history, forces in by_history.items():
             patches, lost = piece.patches(np.array(sorted(forces)))
             for k in lost.tolist():
-                self.notes.lost.add(cards[k], "a force at a node that is not on the boundary")
-            for patch in patches:
-                some = np.array([forces[k] for k in patch.nodes])
-                self.notes.changed.add(cards[int(patch.nodes[0])], "forces at nodes are spread over "
-                                       "the faces around them, with the same resultant and moments")
-                on = piece.group(patch.facets, "loaded")
-                found += [{"on": piece.again(on) if k else on} | load | ({"history": history} if history else {})
-                          for k, load in enumerate(self._spread(piece, patch.facets, piece.points[patch.nodes], some))]
+                self.notes.add("lost", cards[k], "a force at a node that is not on the boundary")
+            for facets, nodes in patches:
+                some = np.array([forces[k] for k in nodes])
+                self.notes.add("changed", cards[int(nodes[0])], "forces at nodes are spread over "
+                               "the faces around them, with the same resultant and moments")
+                on = piece.group(facets, "loaded")
+                found += [{"on": piece.again(on) if k else on} | load | later(history)
+                          for k, load in enumerate(self._spread(piece, facets, piece.points[nodes], some))]
         return found
 
     def _spread(self, piece: Piece, facets: np.ndarray, at: np.ndarray, forces: np.ndarray) -> list[dict[str, Any]]:
@@ -224,60 +225,51 @@ class Acts:
         J, moments = ((x - centre).T * w) @ (x - centre), forces.T @ (at - centre)
         total, size = forces.sum(axis=0), np.abs(forces).sum() * np.ptp(x, axis=0).max()
         loads: list[dict[str, Any]] = []
-        if np.abs(total).max() > LEVER * np.abs(forces).sum():
+        if np.abs(total).max() > EXACT * np.abs(forces).sum():
             loads.append({"force": [float(value) for value in total]})
-        if np.abs(moments).max() > LEVER * size:
-            slopes = moments @ np.linalg.pinv(J, rcond=1e-6, hermitian=True)
-            if np.abs(slopes).max() * w.sum() * np.ptp(x, axis=0).max() > LEVER * np.abs(forces).sum():
+        if np.abs(moments).max() > EXACT * size:
+            slopes = moments @ np.linalg.pinv(J, rcond=EXACT, hermitian=True)
+            if np.abs(slopes).max() * w.sum() * np.ptp(x, axis=0).max() > EXACT * np.abs(forces).sum():
                 slopes[np.abs(slopes) < KEEPS * np.abs(slopes).max()] = 0.0
                 loads.append({"value": [formula(float(-row @ centre), row, self.axes) for row in slopes]})
         return loads
 
     def volume_forces(self, piece: Piece) -> list[Any] | dict[str, Any] | None:
         """Gravity, centrifugal and other forces per volume of a body, as formulas; all must have one history."""
-        rows: dict[str | None, list[tuple[Card, np.ndarray, np.ndarray]]] = defaultdict(list)
+        fields: dict[str | None, tuple[Card, np.ndarray]] = {}  # c and the rows of Sᵀ (1 + d, d) of f = c + S x
         own, d = set(piece.elements.tolist()), len(self.axes)
-        for (what, scope, label, more), acting in self.model.kinds["body_forces"].items():
+        for (what, scope, label, field), acting in self.model.kinds["body_forces"].items():
             value, history = self.factor(acting)
             some = self.model.deck.chosen(acting.card._replace(scope=scope), "ELSET", what) & own
             if not some or not value:
                 continue
             if some != own:
-                self.notes.lost.add(acting.card, f"{label} on a part of a body")
+                self.notes.add("lost", acting.card, f"{label} on a part of a body")
                 continue
-            if label in ("BX", "BY", "BZ"):
-                way = self._flat(acting.card, np.eye(3)["XYZ".index(label[1])])
-                rows[history].append((acting.card, value * way, np.zeros((d, d))))
-                continue
-            densities = {self._density(k, acting.card) for k in self.matter.sections(piece)}
+            densities = {1.0} if label[0] == "B" else {
+                self._density(k, acting.card) for k in self.matter.sections(piece)}
             if len(densities) > 1:
-                self.notes.lost.add(acting.card, f"{label} on a body with several densities")
+                self.notes.add("lost", acting.card, f"{label} on a body with several densities")
                 continue
-            density = densities.pop()
-            if label == "GRAV":
-                rows[history].append((acting.card, density * value * self._flat(acting.card, np.array(more)),
-                                      np.zeros((d, d))))
-            else:  # ρ ω² times the distance from the axis
-                start, way = np.reshape(more, (2, 3))
-                across = density * value * (np.eye(3) - np.outer(way, way))
-                slopes = [self._flat(acting.card, slope) for slope in across[:d]]
-                rows[history].append((acting.card, -self._flat(acting.card, across @ start), np.array(slopes).T))
-                if self.axisymmetric and (abs(way[1]) < 1.0 - PARALLEL or start[[0, 2]].any()):
-                    self.notes.lost.add(acting.card, "a rotation about another axis than that of the body")
-        if not rows:
+            field = densities.pop() * value * np.reshape(field, (4, 3))
+            if label == "CENTRIF" and self.axisymmetric and np.abs(field[[0, 2]]).max() > EXACT * np.abs(field).max():
+                self.notes.add("lost", acting.card, "a rotation about another axis than that of the body")
+            flat = np.array([self._flat(acting.card, row) for row in field[:1 + d]])
+            card, before = fields.get(history, (acting.card, 0.0))
+            fields[history] = card, before + flat
+        if not fields:
             return None
-        history = next(iter(rows))
-        for other in list(rows)[1:]:
-            self.notes.lost.add(rows[other][0][0], "volume forces that change in different ways")
-        constant = np.sum([row[1] for row in rows[history]], axis=0)
-        slopes = np.sum([row[2] for row in rows[history]], axis=0)
-        force = [formula(float(constant[k]), slopes[k], self.axes) for k in range(d)]
+        history, *others = fields
+        for other in others:
+            self.notes.add("lost", fields[other][0], "volume forces that change in different ways")
+        constant, *slopes = fields[history][1]
+        force = [formula(float(constant[k]), np.array(slopes)[:, k], self.axes) for k in range(d)]
         return {"value": force, "history": history} if history else force
 
     def _density(self, section: int, card: Card) -> float:
         name = self.model.sections[section][1]
         if "DENSITY" not in self.model.materials.get(name, {}):
-            self.notes.lost.add(card, f"the material {name} has no *DENSITY")
+            self.notes.add("lost", card, f"the material {name} has no *DENSITY")
             return 0.0
         return float(table(self.model.materials[name]["DENSITY"], 1)[0][0, 0])
 
@@ -294,15 +286,14 @@ class Acts:
         end, histories = start.copy(), set()
         card = self.model.kinds["heat"][own[0]].card
         for node in own:
-            k = int(np.searchsorted(piece.nodes, node))
-            acting = self.model.kinds["heat"][node]
+            k, acting = piece.place[node], self.model.kinds["heat"][node]
             # courses begin at zero; temperatures at the initial one
             warm = tuple((time, value - start[k] if time else 0.0) for time, value in acting.course)
             rise, history = self.factor(Acting(acting.card, warm))
             end[k] = start[k] + rise
             histories |= {history} if rise else set()
         if len(histories) > 1:
-            self.notes.lost.add(card, "temperatures that change in different ways in one body")
+            self.notes.add("lost", card, "temperatures that change in different ways in one body")
         names = dict.fromkeys(self.model.sections[k][1] for k in self.matter.sections(piece))
         uniform = np.ptp(start) == np.ptp(end) == 0.0
         fields, expansions = [], {}
@@ -311,57 +302,53 @@ class Acts:
             if expansion is None:
                 expansions[name] = 0.0
                 continue
-            kind = expansion.given.get("TYPE", "ISO").upper()
+            kind = expansion.says("TYPE", "ISO")
             values, at = table(expansion, {"ISO": 1, "ORT": 3}.get(kind[:3], 6))
             if kind[:3] != "ISO" and np.ptp(values[:, :3], axis=1).any():
-                self.notes.lost.add(expansion, "expansion that differs by direction")
-            zero = numbers([expansion.given.get("ZERO", "0")])[0]
-            order = np.argsort(at)
-
-            def strain(T: np.ndarray, at=at[order], alpha=values[order, 0], zero=zero) -> np.ndarray:
-                return np.interp(T, at, alpha) * (T - zero)
-
-            grown = strain(end) - strain(start)
+                self.notes.add("lost", expansion, "expansion that differs by direction")
+            zero = number(expansion.given.get("ZERO") or "0")
+            order, T = np.argsort(at), np.array([start, end])
+            grown = np.diff(np.interp(T, at[order], values[order, 0]) * (T - zero), axis=0)[0]
             alpha = float(values[0, 0]) or 1.0
             if uniform and end[0] != start[0]:
                 alpha = float(grown[0] / (end[0] - start[0]))
             fields.append(grown / alpha if alpha else grown)
             expansions[name] = alpha
             if len(values) > 1:
-                self.notes.changed.add(expansion, "the thermal strain of the table is folded into the "
-                                       "expansion and the temperature")
+                self.notes.add("changed", expansion, "the thermal strain of the table is folded into the "
+                               "expansion and the temperature")
         grows = bool(fields) and any(expansions.values())
-        where, words = (self.notes.taken, "temperature") if grows else (
-            self.notes.changed, f"no thermal strain of {piece.name}: its material has no *EXPANSION")
+        which, words = ("taken", "temperature") if grows else (
+            "changed", f"no thermal strain of {piece.name}: its material has no *EXPANSION")
         for given in (given for given, nodes in self.model.heated if not nodes.isdisjoint(own)):
-            where.add(given, words)
+            self.notes.add(which, given, words)
         if not grows:
             return None, {}
         if any(np.abs(field - fields[0]).max() > KEEPS * np.abs(fields[0]).max() for field in fields[1:]):
-            self.notes.lost.add(card, "expansions of several materials that vary with the temperature")
+            self.notes.add("lost", card, "expansions of several materials that vary with the temperature")
         text = self._field(piece, fields[0], card)
         history = next(iter(histories), None)
         return (text if not history else {"value": text, "history": history}), expansions
 
     def _field(self, piece: Piece, values: np.ndarray, card: Card) -> Any:
         """A temperature by nodes as a number or a formula: linear in place, or between layers of nodes."""
-        found = linear(piece.points, values)
+        found = linear(piece.points, values, self.axes)
         if found is not None:
-            return formula(float(found[0]), found[1:], self.axes)
+            return found
         size = np.abs(values).max()
         for x, axis in zip(piece.points.T, self.axes, strict=True):
             layers, number = np.unique(np.round(x, 9), return_inverse=True)
             means = np.bincount(number, values) / np.bincount(number)
-            if len(layers) < 30 and np.abs(values - means[number]).max() < LEVER * size:
+            if len(layers) < 30 and np.abs(values - means[number]).max() < EXACT * size:
                 turns = np.diff(np.diff(means) / np.diff(layers), prepend=0.0)
                 text = repr(float(means[0])) + "".join(
                     f" + ({turn!r}) * max(0, {axis} - ({layer!r}))"
                     for turn, layer in zip(turns.tolist(), layers.tolist(), strict=False)
                     if abs(turn) * np.ptp(layers) > KEEPS * size)
                 if len(text) <= 1000:
-                    self.notes.changed.add(card, "temperatures are linear between layers of nodes")
+                    self.notes.add("changed", card, "temperatures are linear between layers of nodes")
                     return text
-        self.notes.lost.add(card, "temperatures that are no linear function of place")
+        self.notes.add("lost", card, "temperatures that are no linear function of place")
         return 0.0
 
 
@@ -369,16 +356,23 @@ def _alike(piece: Piece, places: np.ndarray, values: np.ndarray) -> list[tuple[n
     """Nodes with one value; all of them if the values are a linear function of place."""
     different = np.unique(values)
     if len(different) > 1 and len(places) > piece.points.shape[1] + 1:
-        found = linear(piece.points[places], values)
+        found = linear(piece.points[places], values, "xyz"[:piece.points.shape[1]])
         if found is not None:
-            return [(places, formula(float(found[0]), found[1:], "xyz"[:len(found) - 1]))]
+            return [(places, found)]
     return [(places[values == value], float(value)) for value in different]
 
 
-def _ramps(course: Course) -> bool:
-    """Whether a value grows from zero in proportion to time, or is zero."""
-    end, last = course[-1]
-    return all(abs(value - last * time / end) <= KEEPS * abs(last) for time, value in course)
+def later(history: str | None) -> dict[str, Any]:
+    """The entry of a history, if there is one."""
+    return {"history": history} if history else {}
+
+
+def _scaled(course: Course) -> tuple[float, Course]:
+    """The largest value of a course, and the course over it, without points on the lines between their neighbours."""
+    peak = max((value for _, value in course), key=abs)
+    points = [(time, round(value / (peak or 1.0), 12)) for time, value in course]
+    return peak, tuple(point for k, point in enumerate(points) if k in (0, len(points) - 1)
+                       or not _between(*points[k - 1:k + 2]))
 
 
 def _between(before: tuple[float, float], point: tuple[float, float], after: tuple[float, float]) -> bool:

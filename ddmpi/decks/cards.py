@@ -6,6 +6,7 @@ from __future__ import annotations
 import contextlib
 import math
 import re
+from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -36,68 +37,60 @@ ELEMENTS: dict[str, dict[int, str]] = {
     "T2D|T3D": {2: "line", 3: "line3"}, "B2|B3": {1: "line", 2: "line3", 3: "line"}}
 """Abaqus's names of elements: letters and a number; further letters are ignored."""
 
+FAMILIES = re.compile(r"(C3D|CPE|CPS|CAX)(\d+)([A-Z]*)$")
+"""Elements that a scene may have: family, nodes and variant."""
+
 SHAPELESS = ("MASS", "ROTARYI", "SPRING", "DASHPOT", "CONN", "GAP", "DCOUP")
 """Prefixes of the names of elements that have no shape."""
 
 SILENT = frozenset((
-    "HEADING", "NODE", "ELEMENT", "NSET", "ELSET", "SURFACE", "STEP", "ENDSTEP", "STATIC",
-    "PHYSICALCONSTANTS", "CONTROLS", "PREPRINT", "NODEPRINT", "ELPRINT", "NODEFILE", "ELFILE", "CONTACTFILE",
-    "CONTACTPRINT", "FACEPRINT", "SECTIONPRINT", "ENERGYPRINT", "ENERGYFILE", "OUTPUT", "NODEOUTPUT",
+    "HEADING", "ENDSTEP", "PHYSICALCONSTANTS", "CONTROLS", "PREPRINT", "NODEPRINT", "ELPRINT", "NODEFILE", "ELFILE",
+    "CONTACTFILE", "CONTACTPRINT", "FACEPRINT", "SECTIONPRINT", "ENERGYPRINT", "ENERGYFILE", "OUTPUT", "NODEOUTPUT",
     "ELEMENTOUTPUT", "CONTACTOUTPUT", "ENERGYOUTPUT", "MONITOR", "PRINT", "RESTART", "TIMEPOINTS", "FILEFORMAT",
-    "PARAMETER", "NORMAL", "TRANSFORM", "ORIENTATION", "AMPLITUDE", "ENDPART", "ENDASSEMBLY", "ENDINSTANCE",
-    "SURFACESMOOTHING", "PRE-TENSIONSECTION",
-    # what these say matters with elements that are lost themselves
+    "PARAMETER", "NORMAL", "ENDPART", "ENDASSEMBLY", "ENDINSTANCE", "SURFACESMOOTHING", "PRE-TENSIONSECTION",
     "SHELLSECTION", "BEAMSECTION", "BEAMGENERALSECTION", "MEMBRANESECTION", "MEMBRANE", "FLUIDSECTION", "SPRING",
-    "DASHPOT", "MASS",
-))
-"""Keywords about meshes and output, and those that count where others name them."""
+    "DASHPOT", "MASS"))
+"""Keywords about output, those that count where others name them, and those of elements that are lost themselves."""
 
 REFUSED = {
-    "EQUATION": "equations between nodes", "MPC": "constraints between nodes",
-    "DISTRIBUTINGCOUPLING": "couplings",
-    "KINEMATICCOUPLING": "couplings",
-    "SUBMODEL": "displacements of another model", "CHANGEFRICTION": "friction that changes",
-    "CHANGESURFACEBEHAVIOR": "contact laws that change", "CHANGEMATERIAL": "materials that change", "CONTACT":
-    "general contact; name each pair of surfaces by *CONTACT PAIR", "PLASTIC": "plasticity",
-    "CYCLICHARDENING": "plasticity", "DEFORMATIONPLASTICITY": "plasticity", "CREEP": "creep",
+    "EQUATION": "equations between nodes", "MPC": "constraints between nodes", "DISTRIBUTINGCOUPLING": "couplings",
+    "KINEMATICCOUPLING": "couplings", "SUBMODEL": "displacements of another model",
+    "CHANGEFRICTION": "friction that changes", "CHANGESURFACEBEHAVIOR": "contact laws that change",
+    "CHANGEMATERIAL": "materials that change",
+    "CONTACT": "general contact; name each pair of surfaces by *CONTACT PAIR",
+    "PLASTIC": "plasticity", "CYCLICHARDENING": "plasticity", "DEFORMATIONPLASTICITY": "plasticity", "CREEP": "creep",
     "HYPERELASTIC": "rubber", "HYPERFOAM": "foam", "USERMATERIAL": "materials of a user's routine",
     "VISCOELASTIC": "viscoelasticity", "CYCLICSYMMETRYMODEL": "cyclic symmetry", "CFLUX": "heat flow"}
 """What becomes impossible by a keyword; any other one that is not read is unknown."""
-
-PROCEDURES = frozenset((
-    "STATIC", "DYNAMIC", "FREQUENCY", "BUCKLE", "VISCO", "HEATTRANSFER", "MODALDYNAMIC", "STEADYSTATEDYNAMICS",
-    "CFD", "COUPLEDTEMPERATURE-DISPLACEMENT", "UNCOUPLEDTEMPERATURE-DISPLACEMENT", "ELECTROMAGNETICS",
-    "COMPLEXFREQUENCY", "NOANALYSIS", "GREEN", "SENSITIVITY", "SUBSTRUCTUREGENERATE", "CRACKPROPAGATION",
-))
-"""Keywords that say what a step computes."""
 
 NAMED_SUPPORTS = {
     "ENCASTRE": (1, 2, 3, 4, 5, 6), "PINNED": (1, 2, 3), "XSYMM": (1, 5, 6), "YSYMM": (2, 4, 6), "ZSYMM": (3, 4, 5),
     "XASYMM": (2, 3, 4), "YASYMM": (1, 3, 5), "ZASYMM": (1, 2, 6)}
 """Abaqus's words for supports: the components that they hold; nodes of solids have the first three."""
 
-OVER_TIME = ("OP", "AMPLITUDE", "TIMEDELAY", "FOLLOWER")
+OVER_TIME = "OP AMPLITUDE TIMEDELAY FOLLOWER "
 
-PARAMETERS: dict[str, tuple[str, ...]] = {
-    "NODE": ("NSET",), "ELEMENT": ("TYPE", "ELSET"), "SURFACE": ("NAME", "TYPE", "INTERNAL"),
-    "NSET": ("NSET", "ELSET", "GENERATE", "INSTANCE", "INTERNAL", "UNSORTED"),
-    "ELSET": ("ELSET", "GENERATE", "INSTANCE", "INTERNAL", "UNSORTED"),
-    "TRANSFORM": ("NSET", "TYPE"), "ORIENTATION": ("NAME", "SYSTEM", "DEFINITION"),
-    "SOLIDSECTION": ("ELSET", "MATERIAL", "ORIENTATION", "CONTROLS", "OFFSET"), "ELASTIC": ("TYPE", "MODULI"),
-    "DENSITY": (), "EXPANSION": ("TYPE", "ZERO"), "INITIALCONDITIONS": ("TYPE", "FILE"),
-    "AMPLITUDE": ("NAME", "TIME", "DEFINITION", "VALUE", "USER", "SMOOTH"),
-    "STEP": ("NAME", "NLGEOM", "INC", "INCF", "UNSYMM", "EXTRAPOLATION", "CONVERTSDI", "SOLVER", "AMPLITUDE"),
-    "STATIC": ("DIRECT", "SOLVER", "STABILIZE", "ALLSDTOL", "CONTINUE", "FACTOR"),
-    "BOUNDARY": (*OVER_TIME, "TYPE", "FIXED", "SUBMODEL", "USER", "STEP"), "CLOAD": OVER_TIME, "DLOAD": OVER_TIME,
-    "DSLOAD": OVER_TIME, "TEMPERATURE": (*OVER_TIME, "FILE", "USER"),
-    "FRICTION": ("SLIPTOLERANCE", "LAGRANGE", "ELASTICSLIP"), "SURFACEINTERACTION": ("NAME",),
-    "SURFACEBEHAVIOR": ("PRESSURE-OVERCLOSURE", "NOSEPARATION", "PENALTY", "AUGMENTEDLAGRANGE", "DIRECT"),
-    "CONTACTPAIR": ("INTERACTION", "TYPE", "SMALLSLIDING", "ADJUST", "MECHANICALCONSTRAINT", "CPSET", "EXTENSIONZONE",
-                    "HCRIT", "NOTHICKNESS", "SMOOTH", "TRACKING", "SUPPLEMENTARYCONSTRAINTS", "SLIDINGTRANSITION"),
-    "TIE": ("NAME", "ADJUST", "POSITIONTOLERANCE", "TYPE", "NOROTATION", "NOTHICKNESS", "CONSTRAINTRATIO"),
-    "RIGIDBODY": ("NSET", "TIENSET", "REFNODE", "ROTNODE", "ELSET", "PINNSET", "ANALYTICALSURFACE"),
-    "COUPLING": ("CONSTRAINTNAME", "REFNODE", "SURFACE"), "DISTRIBUTING": ("WEIGHTINGMETHOD", "COUPLING")}
-"""Parameters of keywords that are read, or change no answer; any other one of these keywords is lost."""
+PARAMETERS = {word: frozenset(names.split()) for word, names in {
+    "NODE": "NSET", "ELEMENT": "TYPE ELSET", "SURFACE": "NAME TYPE INTERNAL",
+    "NSET": "NSET ELSET GENERATE INSTANCE INTERNAL UNSORTED", "ELSET": "ELSET GENERATE INSTANCE INTERNAL UNSORTED",
+    "TRANSFORM": "NSET TYPE", "ORIENTATION": "NAME SYSTEM DEFINITION",
+    "SOLIDSECTION": "ELSET MATERIAL ORIENTATION CONTROLS OFFSET", "ELASTIC": "TYPE MODULI", "DENSITY": "",
+    "EXPANSION": "TYPE ZERO", "INITIALCONDITIONS": "TYPE FILE", "AMPLITUDE": "NAME TIME DEFINITION VALUE USER SMOOTH",
+    "STEP": "NAME NLGEOM INC INCF UNSYMM EXTRAPOLATION CONVERTSDI SOLVER AMPLITUDE",
+    "STATIC": "DIRECT SOLVER STABILIZE ALLSDTOL CONTINUE FACTOR",
+    "BOUNDARY": OVER_TIME + "TYPE FIXED SUBMODEL USER STEP", "CLOAD": OVER_TIME, "DLOAD": OVER_TIME,
+    "DSLOAD": OVER_TIME, "TEMPERATURE": OVER_TIME + "FILE USER", "FRICTION": "SLIPTOLERANCE LAGRANGE ELASTICSLIP",
+    "SURFACEINTERACTION": "NAME",
+    "SURFACEBEHAVIOR": "PRESSURE-OVERCLOSURE NOSEPARATION PENALTY AUGMENTEDLAGRANGE DIRECT",
+    "CONTACTPAIR": "INTERACTION TYPE SMALLSLIDING ADJUST MECHANICALCONSTRAINT CPSET EXTENSIONZONE HCRIT NOTHICKNESS "
+                   "SMOOTH TRACKING SUPPLEMENTARYCONSTRAINTS SLIDINGTRANSITION",
+    "TIE": "NAME ADJUST POSITIONTOLERANCE TYPE NOROTATION NOTHICKNESS CONSTRAINTRATIO",
+    "RIGIDBODY": "NSET TIENSET REFNODE ROTNODE ELSET PINNSET ANALYTICALSURFACE",
+    "COUPLING": "CONSTRAINTNAME REFNODE SURFACE", "DISTRIBUTING": "WEIGHTINGMETHOD COUPLING"}.items()}
+"""Keywords that are read, and their parameters that are read or change no answer; any other parameter is lost."""
+
+EXACT = 1e-6
+"""Directions, values on linear functions, moments of forces and layers of nodes are equal up to this fraction."""
 
 
 class DeckError(ValueError):
@@ -170,23 +163,32 @@ def numbers(row: list[str]) -> list[float]:
     return [number(word) if word else 0.0 for word in row]
 
 
+def entry(row: list[str], k: int, default: str = "") -> str:
+    """The entry k of a data line, or the default where it is empty or missing."""
+    return (row[k] if k < len(row) else "") or default
+
+
+def vector(values: Sequence[float], size: int = 3) -> np.ndarray:
+    """The first values as an array (size,); missing ones are zero."""
+    return np.array([*values, *[0.0] * size][:size])
+
+
 def held(row: list[str]) -> tuple[Sequence[int], float]:
     """The components that a data line of *BOUNDARY gives, and their value. Raises DeckError."""
     if row[1].upper() in NAMED_SUPPORTS:
         return NAMED_SUPPORTS[row[1].upper()], 0.0
-    first = component(row[1] or "1")
-    last = component([*row, "", ""][2] or str(first))
+    first = component(entry(row, 1, "1"))
+    last = component(entry(row, 2, str(first)))
     if last < first:
         raise DeckError(f"it gives the components {first} to {last}")
-    return range(first, last + 1), number([*row, "", ""][3] or "0")
+    return range(first, last + 1), number(entry(row, 3, "0"))
 
 
-def along(values: Sequence[float]) -> tuple[float, ...]:
+def along(values: Sequence[float]) -> np.ndarray:
     """The unit vector (3,) along such components, of which missing ones are zero. Raises DeckError where all are."""
-    vector = np.array([*values, 0.0, 0.0, 0.0][:3])
-    if not vector.any():
+    if not vector(values).any():
         raise DeckError("a direction is zero")
-    return tuple((vector / np.linalg.norm(vector)).tolist())
+    return vector(values) / np.linalg.norm(vector(values))
 
 
 class Card(NamedTuple):
@@ -213,6 +215,14 @@ class Card(NamedTuple):
     scope: str = ""
     place: int = 0
 
+    def says(self, name: str, default: str = "") -> str:
+        """The value of a parameter in capitals, or the default."""
+        return self.given.get(name, default).upper()
+
+    def values(self) -> list[float]:
+        """The numbers of the first data line, if there is one. Raises DeckError."""
+        return numbers(self.rows[0] if self.rows else [])
+
     def tells(self, what: object) -> str:
         """A message about this keyword, with its line and file."""
         return f"line {self.line} of {self.path.name}: *{self.name}: {what}"
@@ -230,6 +240,19 @@ class Card(NamedTuple):
             raise InputError(self.tells("a data line is too short")) from None
 
 
+class Block(NamedTuple):
+    """Elements of one keyword: meshio's name, their numbers and nodes (k, 1 + n), and the keyword."""
+
+    kind: str
+    entries: np.ndarray
+    card: Card
+
+    @property
+    def name(self) -> str:
+        """Abaqus's name of the family and the number of nodes."""
+        return re.sub(r"(\d)[A-Z]+$", r"\1", self.card.says("TYPE"))
+
+
 Course = tuple[tuple[float, float], ...]
 """Values over time."""
 
@@ -243,14 +266,6 @@ class Acting(NamedTuple):
     value: float = 0.0
 
 
-class Pair(NamedTuple):
-    """Two surfaces in contact or tied, by names."""
-
-    card: Card
-    slave: str
-    master: str
-
-
 class Rigid(NamedTuple):
     """A rigid set of nodes, or one over which forces are `spread`: keyword, nodes, and the reference nodes whose
     displacements are the shift of the set and its turn; one with six components may be both."""
@@ -262,32 +277,28 @@ class Rigid(NamedTuple):
     spread: bool = False
 
 
-class Listing(dict[tuple[str, str], dict[int, str]]):
-    """Keywords to which one thing happened. By keyword and reason: the lines by their places in the deck."""
-
-    def __init__(self, main: Path) -> None:
-        super().__init__()
-        self.main = main
-
-    def add(self, card: Card, reason: str) -> None:
-        line = f"{card.line}" if card.path == self.main else f"{card.line} of {card.path.name}"
-        self.setdefault((card.name, reason), {})[card.place] = line
-
-
 class Notes:
-    """What became of the keywords: taken, changed and lost."""
+    """What became of the keywords: each with the list in which it is, "taken", "changed" or "lost", and the reason."""
 
     def __init__(self, main: Path) -> None:
-        self.taken, self.changed, self.lost = Listing(main), Listing(main), Listing(main)
+        self.main, self.entries = main, list[tuple[str, Card, str]]()
 
-    def words(self, where: Listing) -> Iterator[str]:
-        """A line of text for each entry, in the order of the deck. A keyword that is lost, if only in part, is not
-        listed as taken."""
-        hidden = {place for lines in self.lost.values() for place in lines} if where is self.taken else set()
-        entries = [(sorted(lines.keys() - hidden), key, lines) for key, lines in where.items()]
-        for places, (name, reason), lines in sorted((entry for entry in entries if entry[0]), key=lambda e: e[0]):
-            some = ", ".join(lines[place] for place in places[:6]) + f" and {len(places) - 6} more" * (len(places) > 6)
-            yield f"line{'s' * (len(places) > 1)} {some}: *{name}: {reason}"
+    def add(self, which: str, card: Card, reason: str) -> None:
+        """Note in a list what became of a keyword."""
+        self.entries.append((which, card, reason))
+
+    def words(self, which: str) -> list[str]:
+        """A line of text for each entry of a list, in the order of the deck. A keyword that is lost, if only in part,
+        is not listed as taken."""
+        lost = {card.place for kind, card, _ in self.entries if (kind, which) == ("lost", "taken")}
+        lines = defaultdict[tuple[str, str], dict[int, str]](dict)  # by keyword and reason, then by place in the deck
+        for kind, card, reason in self.entries:
+            if kind == which and card.place not in lost:
+                where = "" if card.path == self.main else f" of {card.path.name}"
+                lines[card.name, reason][card.place] = f"{card.line}{where}"
+        return [f"line{'s' * (len(some) > 1)} {', '.join(some[place] for place in sorted(some)[:6])}"
+                + f" and {len(some) - 6} more" * (len(some) > 6) + f": *{name}: {reason}"
+                for (name, reason), some in sorted(lines.items(), key=lambda entry: sorted(entry[1]))]
 
 
 class Instance(NamedTuple):
@@ -317,18 +328,34 @@ def factors(amplitude: Card) -> np.ndarray:
     return np.reshape(values, (-1, 2))
 
 
-def check_axes(card: Card) -> None:
-    """InputError where *TRANSFORM or *ORIENTATION has no axes that are known."""
-    row, kind = numbers(card.rows[0] if card.rows else []), card.given.get("TYPE", "R").upper()[:1]
-    a, b = np.array([*row, *[0.0] * 6][:6]).reshape(2, 3)
-    if (kind not in ("R", "C") or card.given.get("DEFINITION", "COORDINATES").upper() != "COORDINATES" or any(row[6:])
-            or not (b - a if kind == "C" else np.cross(a, b)).any()):
-        raise InputError(card.tells("axes are those of two vectors, or of a cylinder by two points on its axis"))
+def axes(card: Card, place: Sequence[float] = ()) -> np.ndarray:
+    """(3, 3) the directions of *TRANSFORM or *ORIENTATION at a place, as rows: along the first of two vectors, in their
+    plane and across it; or radial, around and along the axis of a cylinder. Raises DeckError for others."""
+    row, kind = card.values(), card.says("TYPE", "R")[:1]
+    a, b = vector(row, 6).reshape(2, 3)
+    third = b - a if kind == "C" else np.cross(a, b)
+    if (kind not in ("R", "C") or card.says("DEFINITION", "COORDINATES") != "COORDINATES" or any(row[6:])
+            or not third.any()):
+        raise DeckError("axes are those of two vectors, or of a cylinder by two points on its axis")
+    third = third / np.linalg.norm(third)
+    off = vector(place) - a
+    first = off - third * (off @ third) if kind == "C" else a
+    first = first / (np.linalg.norm(first) or 1.0)
+    return np.array([first, np.cross(third, first), third])
 
 
-def read_lines(path: Path, within: tuple[Path, ...] = ()) -> Iterator[tuple[Path, int, str]]:
-    """The lines of a deck and of what it includes, each with its file and number, without comments. Raises DeckError
-    where a file includes itself or one that is not there, and OSError."""
+def read_cards(path: Path) -> list[Card]:
+    """Each keyword of a deck and of what it includes. Raises DeckError where there is none or a file includes itself,
+    InputError where an included one is not there, and OSError."""
+    cards: list[Card] = []
+    _read(path, cards, ())
+    if not cards:
+        raise DeckError("it has no keyword, such as *NODE")
+    return cards
+
+
+def _read(path: Path, cards: list[Card], within: tuple[Path, ...]) -> None:
+    """Append the keywords of a file to the `cards`; data lines at the beginning of an included one are of the last."""
     data = path.read_bytes()
     if path.resolve() in within:
         raise DeckError(f"{path} includes itself")
@@ -337,39 +364,26 @@ def read_lines(path: Path, within: tuple[Path, ...] = ()) -> Iterator[tuple[Path
     except UnicodeDecodeError:
         text = data.decode("latin-1")
     every = ((number, line.strip()) for number, line in enumerate(text.splitlines(), 1))
-    lines = iter([(number, line) for number, line in every if line and not line.startswith("**")])
-    for number, line in lines:
-        if not re.match(r"\*\s*INCLUDE\b", line, re.IGNORECASE):
-            yield path, number, line
+    lines = [(number, line) for number, line in every if line and not line.startswith("**")]
+    k, end = 0, len(lines)
+    lines.append((0, "*"))  # after the last one
+    while k < end:
+        (number, line), begin = lines[k], k + 1
+        k = begin
+        if not line.startswith("*"):
+            if not cards:
+                raise DeckError(f"line {number} of {path.name}: data without a keyword, such as *NODE")
+            cards[-1].rows.append([entry.strip() for entry in line.rstrip(", ").split(",")])
             continue
-        while line.endswith(","):
-            line += next(lines, (0, " "))[1]
-        yield from read_lines(_named(path, number, *_headed(line)), (*within, path.resolve()))
-
-
-def _named(path: Path, number: int, name: str, given: Mapping[str, str]) -> Path:
-    """The file that a keyword on a line of `path` names by INPUT. Raises DeckError where there is none."""
-    if "INPUT" not in given or not (path.parent / given["INPUT"]).is_file():
-        what = f"no such file: {given['INPUT']}" if "INPUT" in given else "it lacks INPUT"
-        raise DeckError(f"line {number} of {path.name}: *{name}: {what}")
-    return path.parent / given["INPUT"]
-
-
-def read_cards(path: Path) -> Iterator[Card]:
-    """Each keyword of a deck and of what it includes. Raises the errors of `read_lines`."""
-    lines = list(read_lines(path))
-    starts = [k for k, (*_, line) in enumerate(lines) if line.startswith("*")]
-    if not starts or starts[0]:
-        raise DeckError(f"line {lines[0][1]} of {lines[0][0].name}: data without a keyword" if starts else
-                        "it has no keyword, such as *NODE")
-    for start, end in zip(starts, [*starts, len(lines)][1:], strict=True):
-        (source, number, head), first = lines[start], start + 1
-        while head.endswith(",") and first < end and (first == start + 1 or "=" in lines[first][2]):
-            head, first = head + lines[first][2], first + 1
-        name, given = _headed(head)
-        data = [line for *_, line in lines[first:end]]
-        if (word := name.replace(" ", "")) in PARAMETERS and "INPUT" in given:
-            data = [*(line for *_, line in read_lines(_named(source, number, name, given))), *data]
-            del given["INPUT"]
-        rows = [[entry.strip() for entry in line.rstrip(", ").split(",")] for line in data]
-        yield Card(word, given, rows, number, source, name)
+        while line.endswith(",") and (k == begin or "=" in lines[k][1]) and not lines[k][1].startswith("*"):
+            line, k = line + lines[k][1], k + 1
+        name, given = _headed(line)
+        card = Card(name.replace(" ", ""), given, [], number, path, name)
+        if card.word != "INCLUDE":
+            cards.append(card)
+        if card.word == "INCLUDE" or (card.word in PARAMETERS and "INPUT" in given):
+            with card.reading():
+                other = given.pop("INPUT")
+                if not (path.parent / other).is_file():
+                    raise DeckError(f"no such file: {other}")
+            _read(path.parent / other, cards, (*within, path.resolve()))

@@ -6,13 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from ddmpi.decks.cards import Card, DeckError, Notes, numbers
+from ddmpi.decks.cards import Card, DeckError, Notes, axes, numbers
 from ddmpi.decks.deck import STRIDE
 from ddmpi.decks.model import Model
 from ddmpi.decks.pieces import Piece, own_name
 from ddmpi.errors import InputError
-
-AXES = np.eye(3)
 
 
 def table(card: Card, width: int) -> tuple[np.ndarray, np.ndarray]:
@@ -81,16 +79,12 @@ class Matter:
     def _axes(self, orientation: str, card: Card) -> np.ndarray:
         """(3, 3) rows are the axes of a section's material."""
         if not orientation:
-            return AXES
+            return np.eye(3)
         if orientation not in self.model.orientations:
             raise InputError(card.tells(f"there is no *ORIENTATION {orientation}"))
         given = self.model.orientations[orientation]
-        v = np.array([*numbers(given.rows[0]), *[0.0] * 6][:6])
         turned = len(given.rows) > 1 and any(numbers(given.rows[1])[1:])
-        if given.given.get("SYSTEM", "RECTANGULAR").upper()[:1] != "R" or turned or not np.cross(v[:3], v[3:]).any():
-            return np.zeros((3, 3))
-        first, third = v[:3] / np.linalg.norm(v[:3]), np.cross(v[:3], v[3:]) / np.linalg.norm(np.cross(v[:3], v[3:]))
-        return np.array([first, np.cross(third, first), third])
+        return np.zeros((3, 3)) if given.says("SYSTEM", "R")[0] != "R" or turned else axes(given)
 
     def _by_heat(self, name: str, piece: Piece, elements: np.ndarray) -> list[tuple[float, np.ndarray]]:
         """The elements by their mean temperatures, where the moduli vary with these."""
@@ -108,18 +102,18 @@ class Matter:
         card = self.model.materials[name].get("ELASTIC")
         if card is None:
             raise InputError(section.tells(f"the material {name} has no *ELASTIC"))
-        kind = card.given.get("TYPE", "ISOTROPIC").upper()
+        kind = card.says("TYPE", "ISOTROPIC")
         width = 2 if kind.startswith("ISO") else 21 if kind.startswith("ANISO") else 9
         values, at = table(card, width)
         row = values[0]
         if len(values) > 1:
             order = np.argsort(at)
             row = np.array([np.interp(heat, at[order], column[order]) for column in values.T])
-            self.notes.changed.add(card, "moduli at the mean temperature of each element at the end")
+            self.notes.add("changed", card, "moduli at the mean temperature of each element at the end")
         if width == 2:
             return {"young": float(row[0]), "poisson": float(row[1])}
         if width == 21:
-            self.notes.lost.add(card, "a material without planes of symmetry")
+            self.notes.add("lost", card, "a material without planes of symmetry")
             return {"young": 1.0, "poisson": 0.0}
         if not kind.startswith("ENGINEERING"):  # the stiffness D1111, D1122, D2222, D1133, D2233, D3333, D1212, …
             stiffness = np.array([[row[0], row[1], row[3]], [row[1], row[2], row[4]], [row[3], row[4], row[5]]])
@@ -131,12 +125,12 @@ class Matter:
         return self._orthotropic(row, axes, card)
 
     def _orthotropic(self, row: np.ndarray, axes: np.ndarray, card: Card) -> dict[str, Any]:
-        plain, turned = np.allclose(axes, AXES), {}
+        plain, turned = np.allclose(axes, np.eye(3)), {}
         if self.family == "C3D" and axes.any():
             turned = {} if plain else {"axes": axes[:2].tolist()}
         elif self.family != "CAX" and abs(axes[2, 2]) == 1.0:  # the third axis is z
             turned = {"angle": float(np.degrees(np.arctan2(axes[0, 1], axes[0, 0])))}
         elif not plain:
-            self.notes.lost.add(card, "axes of a material that turn from place to place")
+            self.notes.add("lost", card, "axes of a material that turn from place to place")
         shear = row[6:].tolist() if self.family == "C3D" else float(row[6])
         return {"young": row[:3].tolist(), "poisson": row[3:6].tolist(), "shear": shear} | turned

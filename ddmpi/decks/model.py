@@ -3,31 +3,33 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from itertools import product
 from typing import Any
 
 import numpy as np
 
 from ddmpi.decks.cards import (
-    PROCEDURES,
+    PARAMETERS,
     REFUSED,
     SILENT,
     Acting,
     Card,
     DeckError,
     Notes,
-    Pair,
     Rigid,
     along,
     component,
+    entry,
     factors,
     held,
     integer,
     number,
     numbers,
+    vector,
 )
 from ddmpi.decks.deck import Deck
-from ddmpi.decks.pieces import Block, nodes_of_faces
+from ddmpi.decks.pieces import nodes_of_faces
 from ddmpi.errors import InputError
 
 PROPERTIES = {"ELASTIC": "elastic constants", "EXPANSION": "thermal expansion", "DENSITY": "density"}
@@ -41,10 +43,11 @@ class Model:
     ----------
     materials : by name (capitals): keyword → its rows and parameters
     sections : elements, material, thickness, orientation, of each section
-    pairs, interactions, clearances : of contacts
+    pairs : keyword, slave and master of surfaces in contact or tied
+    interactions : keywords by name; clearances : of contacts by their surfaces
     supports, forces : by node and component
     pressures : by element and face: pressure, or with the components of TRVEC a traction
-    body_forces : by set, kind and direction
+    body_forces : by set, instance, kind, and the constant and slopes (12,) of the force over its value
     heat : by node the temperatures
     heated : *TEMPERATURE and its nodes, of each data line
     start : initial temperatures by node
@@ -56,25 +59,24 @@ class Model:
         self.deck, self.notes = deck, notes
         self.materials: dict[str, dict[str, Card]] = {}
         self.sections: list[tuple[set[int], str, float, str, Card]] = []
-        self.pairs: list[Pair] = []
+        self.pairs: list[tuple[Card, str, str]] = []
         self.interactions: dict[str, dict[str, Card]] = {}
-        self.clearances: list[Card] = []
+        self.clearances: dict[frozenset[str], Card] = {}
         self.kinds: dict[str, dict[Any, Acting]] = {
             kind: {} for kind in ("supports", "forces", "pressures", "body_forces", "heat")}
         self.heated: list[tuple[Card, set[int]]] = []
         self.start: dict[int, float] = {}
         self.ends: list[float] = []
         self.changing: list[tuple[Card, str]] = []  # what differs from step to step, and is no load
-        self._named = {card.given.get("NAME", "").upper(): card for card in deck.cards if card.word == "AMPLITUDE"}
+        self._named = {card.says("NAME"): card for card in deck.cards if card.word == "AMPLITUDE"}
         for text in amplitudes:  # NAME=time,factor,…
             name, _, values = text.partition("=")
             if name.upper() not in self._named:
                 raise InputError(f"--amplitude {text}: it has no *AMPLITUDE {name}")
             card = self._named[name.upper()]
             self._named[name.upper()] = card._replace(given={}, rows=[values.split(",")])
-            notes.changed.add(card, "its times and factors are those of --amplitude")
-        self.orientations = {card.given.get("NAME", "").upper(): card for card in deck.cards
-                             if card.word == "ORIENTATION"}
+            notes.add("changed", card, "its times and factors are those of --amplitude")
+        self.orientations = {card.says("NAME"): card for card in deck.cards if card.word == "ORIENTATION"}
         self.transforms = {node: card for card in deck.cards if card.word == "TRANSFORM"
                            for node in self._of(card, "NSET", card.given.get("NSET", ""))}
         self.rigid: list[Rigid] = []
@@ -121,7 +123,9 @@ class Model:
             inside = None if card.word == "ENDSTEP" else inside
         if inside is not None:
             raise InputError(inside.tells("the step that begins here does not end; is the deck cut off?"))
-        ways = [next((card for card in step if card.word in PROCEDURES), step[0]) for step in steps]
+        # a step that is not static is called by its first keyword that static ones do not have
+        ways = [next((card for card in step if card.word == "STATIC"), None) or
+                next((card for card in step if not self._known(card.word)), step[0]) for step in steps]
         if not any(way.word == "STATIC" for way in ways):
             what = f"; its first step, on line {steps[0][0].line}, is *{ways[0].name}" if steps else " (is it cut off?)"
             raise InputError(f"it has no *STATIC step{what}; ddmpi computes static equilibrium")
@@ -130,153 +134,154 @@ class Model:
                 with way.reading():
                     self._follow(step, way)
             else:
-                self.notes.lost.add(way, "only *STATIC steps are computed")
+                self.notes.add("lost", way, "only *STATIC steps are computed")
         # elastic bodies without friction forget the way to a state, unless the offset of a bolt is kept
         forgets = not self.locked and not any("FRICTION" in law for law in self.interactions.values())
-        self.final, where = forgets and bool(self.changing), self.notes.changed if forgets else self.notes.lost
+        self.final = forgets and bool(self.changing)
         for card, what in self.changing:
-            where.add(card, what + ": only the state at the end of the last step is computed" * forgets)
+            self.notes.add("changed" if forgets else "lost", card,
+                           what + ": only the state at the end of the last step is computed" * forgets)
 
     def _follow(self, cards: list[Card], way: Card) -> None:
         """Take the cards of a step, and follow all loads and supports to its end."""
-        given = numbers([word for row in way.rows[:1] for word in row])
         begin = self.ends[-1] if self.ends else 0.0
-        end = begin + ([*given, 0.0, 0.0][1] or 1.0)
+        end = begin + ([*way.values(), 0.0, 0.0][1] or 1.0)
         if end <= begin:
             raise DeckError("the time of a step is not positive")
-        if cards[0].given.get("NLGEOM", "NO").upper() != "NO":
-            self.notes.changed.add(cards[0], "warning: NLGEOM: displacements and strains are small here")
+        if cards[0].says("NLGEOM", "NO") != "NO":
+            self.notes.add("changed", cards[0], "warning: NLGEOM: displacements and strains are small here")
         self._renewed = set()
         for card in cards:
             self._take(card)
         for kind, acting in self.kinds.items():
-            fresh = self._fresh[kind]
-            self._fresh[kind] = {}
-            for key in [key for key in acting if kind in self._renewed and key not in fresh]:
-                card, course, _ = acting[key]
-                if kind == "supports":
+            fresh, self._fresh[kind] = self._fresh[kind], {}
+            for key in dict.fromkeys([*acting, *fresh]):
+                old = acting.get(key, Acting(way, ((0.0, 0.0), (begin, 0.0))[:1 + bool(begin)]))
+                card, value = fresh.get(key, (old.card, old.value))
+                on: Iterable[tuple[float, float]] = ()
+                if kind == "supports" and self.ends and key not in acting:
+                    self.changing.append((card, "a support that begins in a later step"))
+                if key in fresh or (kind not in self._renewed and self._goes_on(card)):
+                    on = self._course(card, value, begin, end)
+                elif kind in self._renewed and kind == "supports":
                     self.changing.append((card, "a support that ends before a later step"))
                     del acting[key]
                     continue
-                acting[key] = Acting(card, (*course, (end, 0.0)))
-            for key, (card, value) in fresh.items():
-                if kind == "supports" and self.ends and key not in acting:
-                    self.changing.append((card, "a support that begins in a later step"))
-                before = acting[key].course if key in acting else ((0.0, 0.0), (begin, 0.0))[:1 + bool(begin)]
-                course = (*before, *self._course(card, value, begin, end))
-                acting[key] = Acting(card, course[1:] if course[1:2] and course[1][0] == 0.0 else course, value)
-            for key, (card, course, value) in acting.items():
-                if course[-1][0] < end:
-                    on = self._course(card, value, begin, end) if self._goes_on(card) else [(end, course[-1][1])]
-                    acting[key] = Acting(card, (*course, *on), value)
+                elif kind in self._renewed:
+                    value, on = 0.0, [(end, 0.0)]
+                course = (*old.course, *on)
+                course = course if course[-1][0] == end else (*course, (end, course[-1][1]))  # it stays
+                acting[key] = Acting(card, course[1:] if course[1][0] == 0.0 else course, value)
         self.ends.append(end)
 
     def _goes_on(self, card: Card) -> bool:
         """Whether a load follows an amplitude of the total time, in later steps too."""
-        amplitude = self._named.get(card.given.get("AMPLITUDE", "").upper())
-        return amplitude is not None and "TOTAL" in amplitude.given.get("TIME", "").upper()
+        amplitude = self._named.get(card.says("AMPLITUDE"))
+        return amplitude is not None and "TOTAL" in amplitude.says("TIME")
 
-    def _course(self, card: Card, value: float, begin: float, end: float) -> Iterator[tuple[float, float]]:
+    def _course(self, card: Card, value: float, begin: float, end: float) -> list[tuple[float, float]]:
         """The values of a load of a step: a ramp, or its amplitude."""
-        name = card.given.get("AMPLITUDE", "").upper()
+        name = card.says("AMPLITUDE")
         if not name:
-            yield end, value
-            return
+            return [(end, value)]
         if name not in self._named:
             raise InputError(card.tells(f"there is no *AMPLITUDE {name}"))
-        amplitude = self._named[name]
-        way, form = amplitude.given.get("DEFINITION", "TABULAR").upper(), amplitude.given.get("VALUE", "").upper()
-        if way != "TABULAR" or "USER" in amplitude.given or form == "ABSOLUTE":
-            return self.notes.lost.add(card, f"the amplitude {name} is no table of factors; --amplitude "
-                                  f"{name}=0,0,1,1 gives times and factors")
-        table = factors(amplitude)
-        first = number(card.given.get("TIMEDELAY", "0")) + (0.0 if self._goes_on(card) else begin)
-        times = first + table[:, 0]
+        given = self._named[name]
+        way, form = given.says("DEFINITION", "TABULAR"), given.says("VALUE")
+        if way != "TABULAR" or "USER" in given.given or form == "ABSOLUTE":
+            self.notes.add("lost", card, f"the amplitude {name} is no table of factors; --amplitude {name}=0,0,1,1 "
+                           "gives times and factors")
+            return []
+        table = factors(given)
+        times = number(card.given.get("TIMEDELAY", "0")) + (0.0 if self._goes_on(card) else begin) + table[:, 0]
         inner = times[(times > begin) & (times < end)].tolist()
-        if begin == 0.0 and table[0, 1]:  # it begins at once
-            inner = [0.0, *inner]
-        for time in (*inner, end):
-            yield time, value * float(np.interp(time, times, table[:, 1]))
+        first = [0.0] if begin == 0.0 and table[0, 1] else []  # it begins at once
+        return [(time, value * float(np.interp(time, times, table[:, 1]))) for time in (*first, *inner, end)]
 
     def _take(self, card: Card) -> None:
         """Note what one keyword says. Raises InputError."""
-        method = getattr(self, f"_{card.word.lower().replace('-', '_')}", None)
         if card.word in REFUSED:
-            self.notes.lost.add(card, f"{REFUSED[card.word]}: not possible")
-        elif method is not None:
+            self.notes.add("lost", card, f"{REFUSED[card.word]}: not possible")
+        elif not self._known(card.word):
+            self.notes.add("lost", card, "this keyword is not known")
+        elif method := self._method(card.word):
             with card.reading():
                 method(card)
-        elif card.word not in SILENT:
-            self.notes.lost.add(card, "this keyword is not known")
 
-    def _material(self, card: Card) -> None:
+    def _method(self, word: str) -> Callable[[Card], None] | None:
+        """What reads a keyword beyond meshes."""
+        return getattr(self, f"_on_{word.lower().replace('-', '_')}", None)
+
+    def _known(self, word: str) -> bool:
+        return self._method(word) is not None or word in SILENT or word in PARAMETERS or word in REFUSED
+
+    def _on_material(self, card: Card) -> None:
         of, name = self.materials if card.word == "MATERIAL" else self.interactions, card.given["NAME"].upper()
         if name in of and not card.scope:
             raise DeckError(f"there are two of the name {name}")
         self._within, self._inside = card.word, of.setdefault(name, {})
 
-    _surfaceinteraction = _material
+    _on_surfaceinteraction = _on_material
 
     def _keep(self, card: Card, within: str = "MATERIAL") -> None:
         if self._within != within.replace(" ", ""):
             raise DeckError(f"it does not follow *{within}")
         self._inside[card.word] = card
 
-    def _elastic(self, card: Card) -> None:
+    def _on_elastic(self, card: Card) -> None:
         self._keep(card)
-        self.notes.taken.add(card, PROPERTIES[card.word])
+        self.notes.add("taken", card, PROPERTIES[card.word])
 
-    _expansion = _density = _elastic
+    _on_expansion = _on_density = _on_elastic
 
-    def _surfacebehavior(self, card: Card) -> None:
+    def _on_surfacebehavior(self, card: Card) -> None:
         self._keep(card, "SURFACE INTERACTION")
-        law = card.given.get("PRESSURE-OVERCLOSURE", "HARD").upper()
+        law = card.says("PRESSURE-OVERCLOSURE", "HARD")
         if "NOSEPARATION" in card.given:
-            self.notes.lost.add(card, "contact that never opens")
+            self.notes.add("lost", card, "contact that never opens")
         elif law == "TIED":
-            self.notes.changed.add(card, "tied contact: bonded, without stiffness")
+            self.notes.add("changed", card, "tied contact: bonded, without stiffness")
         elif law != "HARD":
-            self.notes.changed.add(card, f"{law}: hard contact, the stiffness is dropped")
+            self.notes.add("changed", card, f"{law}: hard contact, the stiffness is dropped")
 
-    def _friction(self, card: Card) -> None:
+    def _on_friction(self, card: Card) -> None:
         self._keep(card, "SURFACE INTERACTION")
-        row = numbers(card.rows[0]) if card.rows else [0.0]
         if len(card.rows) > 1:
-            self.notes.lost.add(card, "friction other than Coulomb's with one coefficient")
-        if len(row) > 1 and row[1]:
-            self.notes.changed.add(card, "the stick slope is dropped: nodes stick without slip")
-        self.notes.taken.add(card, "coefficient of friction")
+            self.notes.add("lost", card, "friction other than Coulomb's with one coefficient")
+        if any(card.values()[1:2]):
+            self.notes.add("changed", card, "the stick slope is dropped: nodes stick without slip")
+        self.notes.add("taken", card, "coefficient of friction")
 
-    def _solidsection(self, card: Card) -> None:
-        row = numbers(card.rows[0]) if card.rows else []
+    def _on_solidsection(self, card: Card) -> None:
         self.sections.append((self.deck.chosen(card, "ELSET", card.given["ELSET"]), card.given["MATERIAL"].upper(),
-                              [*row, 0.0][0] or 1.0, card.given.get("ORIENTATION", "").upper(), card))
-        self.notes.taken.add(card, "material of elements")
+                              [*card.values(), 0.0][0] or 1.0, card.says("ORIENTATION"), card))
+        self.notes.add("taken", card, "material of elements")
 
-    def _changesolidsection(self, card: Card) -> None:
-        self._solidsection(card)
+    def _on_changesolidsection(self, card: Card) -> None:
+        self._on_solidsection(card)
         self.changing.append((card, "a material that changes"))
 
-    def _modelchange(self, card: Card) -> None:
-        if card.given.get("TYPE", "").upper() != "CONTACT PAIR" or "REMOVE" not in card.given:
-            return self.notes.lost.add(card, "parts that are removed or added, or contacts that are added")
+    def _on_modelchange(self, card: Card) -> None:
+        if card.says("TYPE") != "CONTACT PAIR" or "REMOVE" not in card.given:
+            return self.notes.add("lost", card, "parts that are removed or added, or contacts that are added")
         ends = [" ".join(row[:2]).upper() for row in card.rows]
-        self.pairs = [pair for pair in self.pairs if f"{pair.slave} {pair.master}".upper() not in ends]
+        self.pairs = [pair for pair in self.pairs if " ".join(pair[1:]).upper() not in ends]
         self.changing.append((card, "a contact that is removed"))
 
-    def _contactpair(self, card: Card) -> None:
-        self.pairs += [Pair(card, row[0], row[1]) for row in card.rows or [[]]]
+    def _on_contactpair(self, card: Card) -> None:
+        self.pairs += [(card, row[0], row[1]) for row in card.rows or [[]]]
 
-    _tie = _contactpair
+    _on_tie = _on_contactpair
 
-    def _clearance(self, card: Card) -> None:
-        self.clearances.append(card)
+    def _on_clearance(self, card: Card) -> None:
         if "VALUE" not in card.given:
-            self.notes.lost.add(card, "a clearance without one VALUE")
+            self.notes.add("lost", card, "a clearance without one VALUE")
+        else:
+            self.clearances.setdefault(frozenset((card.says("SLAVE"), card.says("MASTER"))), card)
 
     def _renew(self, kind: str, card: Card) -> None:
         """OP=NEW, once a step, removes what acted before."""
-        if card.given.get("OP", "MOD").upper() == "NEW" and kind not in self._renewed:
+        if card.says("OP") == "NEW" and kind not in self._renewed:
             self._renewed.add(kind)
             if not self.ends:
                 self._fresh[kind] = {}
@@ -286,16 +291,16 @@ class Model:
         other, before = self._fresh[kind].get(key, (card, 0.0))
         self._fresh[kind][key] = card, before + value
         if other.given.get("AMPLITUDE") != card.given.get("AMPLITUDE"):
-            self.notes.lost.add(card, "a load beside another one of this step with another amplitude")
+            self.notes.add("lost", card, "a load beside another one of this step with another amplitude")
 
-    def _boundary(self, card: Card) -> None:
+    def _on_boundary(self, card: Card) -> None:
         self._renew("supports", card)
         fixed = set().union(*(self.deck.chosen(card, "NSET", row[0]) for row in card.rows))
         if "FIXED" in card.given and fixed <= self.bolt_nodes and self.ends:
             self.locked |= dict.fromkeys(fixed, self.ends[-1])
             return
-        if {"SUBMODEL", "USER", "FIXED"} & card.given.keys() or card.given.get("TYPE", "D")[0].upper() != "D":
-            self.notes.lost.add(card, "displacements of another model, a routine, or of the step before")
+        if {"SUBMODEL", "USER", "FIXED"} & card.given.keys() or card.says("TYPE", "D")[0] != "D":
+            self.notes.add("lost", card, "displacements of another model, a routine, or of the step before")
             return
         for row in card.rows:
             components, value = held(row)
@@ -303,92 +308,93 @@ class Model:
                 most = 6 if node in self._refs else 3
                 self._fresh["supports"] |= {(node, k): (card, value) for k in components if k <= most}
                 if components[-1] > most and (value or components[0] > 3):
-                    self.notes.lost.add(card, f"component {components[-1]} of the displacement")
-        self.notes.taken.add(card, "clamps")
+                    self.notes.add("lost", card, f"component {components[-1]} of the displacement")
+        self.notes.add("taken", card, "clamps")
 
-    def _cload(self, card: Card) -> None:
+    def _on_cload(self, card: Card) -> None:
         self._renew("forces", card)
         for row in card.rows:
             for node in self.deck.chosen(card, "NSET", row[0]):
                 if component(row[1]) > (6 if node in self._refs else 3):
-                    self.notes.lost.add(card, "moments at nodes")
+                    self.notes.add("lost", card, "moments at nodes")
                 else:
                     self._add("forces", (node, component(row[1])), card, number(row[2]))
-        self.notes.taken.add(card, "forces")
+        self.notes.add("taken", card, "forces")
 
-    def _dload(self, card: Card) -> None:
-        for kind in ("pressures", "body_forces"):
+    def _on_dload(self, card: Card) -> None:
+        surface = card.word == "DSLOAD"
+        for kind in ("pressures", "body_forces")[:2 - surface]:
             self._renew(kind, card)
         for row in card.rows:
             what, label, values = row[0], row[1].upper(), numbers(row[2:])
-            if re.fullmatch(r"P\d(NP)?", label):
-                # P1NP is that of a fluid at a node, the second component there
-                node = [self.node(card, row[2])] if label[2:] else []
-                for element in self.deck.chosen(card, "ELSET", what):
-                    self._add("pressures", (element, int(label[1]), (*node,)), card, 0.0 if node else values[0])
-                self.notes.taken.add(card, "pressure")
-            elif label in ("GRAV", "CENTRIF", "BX", "BY", "BZ"):
+            way: tuple[float, ...] = ()
+            ends: Iterable[tuple[int, int]] = ()
+            if surface and label in ("P", "TRVEC"):
+                ends, words = self.deck.ends(card, what), "pressure on a surface"
+                way = (*along(values[1:4]).tolist(),) if label == "TRVEC" else ()
+            elif not surface and re.fullmatch(r"P\d(NP)?", label):
+                ends, words = product(self.deck.chosen(card, "ELSET", what), [int(label[1])]), "pressure"
+                if label[2:]:  # P1NP is that of a fluid at a node, the second component there
+                    way, values = (self.node(card, row[2]),), [0.0]
+            elif not surface and label in ("GRAV", "CENTRIF", "BX", "BY", "BZ"):
                 self.deck.chosen(card, "ELSET", what)
-                way = () if label[0] == "B" else along(values[1:4]) if label == "GRAV" else (
-                    *values[1:4], *along(values[4:7]))
+                slopes = np.zeros((3, 3))
+                if label == "CENTRIF":  # ω² times the distance from the axis through a place
+                    slopes = np.eye(3) - np.outer(along(values[4:7]), along(values[4:7]))
+                    constant = -slopes @ vector(values[1:4])
+                else:
+                    constant = along(values[1:4]) if label == "GRAV" else np.eye(3)["XYZ".index(label[1])]
+                words, way = "volume force", (*constant, *slopes.ravel())
                 self._add("body_forces", (what.lower(), card.scope, label, way), card, values[0])
-                self.notes.taken.add(card, "volume force")
             else:
-                self.notes.lost.add(card, f"the load {label}")
+                self.notes.add("lost", card, f"the load {label}")
+                continue
+            for element, face in ends:
+                self._add("pressures", (element, face, way), card, values[0])
+            self.notes.add("taken", card, words)
 
-    def _dsload(self, card: Card) -> None:
-        self._renew("pressures", card)
-        for row in card.rows:
-            label, values = row[1].upper(), numbers(row[2:])
-            if label in ("P", "TRVEC"):
-                way = along(values[1:4]) if label == "TRVEC" else ()
-                for element, face in self.deck.ends(card, row[0]):
-                    self._add("pressures", (element, face, way), card, values[0])
-                self.notes.taken.add(card, "pressure on a surface")
-            else:
-                self.notes.lost.add(card, f"the load {label}")
+    _on_dsload = _on_dload
 
-    def _rigidbody(self, card: Card) -> None:
+    def _on_rigidbody(self, card: Card) -> None:
         nodes = set().union(*(self.deck.chosen(card, "NSET", card.given[key]) for key in ("NSET", "TIENSET")
                               if key in card.given))
         ref = self.node(card, card.given["REFNODE"])
         turn = self.node(card, card.given.get("ROTNODE", card.given["REFNODE"]))
         if {"ELSET", "PINNSET", "ANALYTICALSURFACE"} & card.given.keys() or not nodes:
-            self.notes.lost.add(card, "rigid bodies that are no set of nodes")
+            self.notes.add("lost", card, "rigid bodies that are no set of nodes")
         else:
             self.rigid.append(Rigid(card, nodes, ref, turn))
 
-    def _coupling(self, card: Card) -> None:
+    def _on_coupling(self, card: Card) -> None:
         ref, name = self.node(card, card.given["REFNODE"]), card.given["SURFACE"]
         try:
             nodes = self.deck.chosen(card, "NODES", name)
         except DeckError:
             ends = set(self.deck.ends(card, name))
-            blocks = [Block("", kind, entries) for kind, entries, _ in self.deck.blocks]
-            nodes = set(nodes_of_faces(blocks, ends)[:, :4].ravel().tolist()) - {-1}
+            nodes = set(nodes_of_faces(self.deck.blocks, ends)[:, :4].ravel().tolist()) - {-1}
         self.rigid.append(Rigid(card, nodes, ref, ref))
 
-    def _kinematic(self, card: Card) -> None:
-        if [row for row in card.rows if integer(row[0]) > 1 or integer([*row, ""][1] or "1") < 3]:
-            self.notes.lost.add(card, "a coupling of some components only")
+    def _on_kinematic(self, card: Card) -> None:
+        if [row for row in card.rows if integer(row[0]) > 1 or integer(entry(row, 1, "1")) < 3]:
+            self.notes.add("lost", card, "a coupling of some components only")
 
-    def _distributing(self, card: Card) -> None:
+    def _on_distributing(self, card: Card) -> None:
         self.rigid[-1] = self.rigid[-1]._replace(spread=True)
 
-    def _temperature(self, card: Card) -> None:
+    def _on_temperature(self, card: Card) -> None:
         self._renew("heat", card)
         if "FILE" in card.given or "USER" in card.given:
-            self.notes.lost.add(card, "temperatures of a file or a routine")
+            self.notes.add("lost", card, "temperatures of a file or a routine")
             return
         for row in card.rows:
             nodes = self.deck.chosen(card, "NSET", row[0])
             self._fresh["heat"] |= dict.fromkeys(nodes, (card, number(row[1])))
             self.heated.append((card, nodes))
 
-    def _initialconditions(self, card: Card) -> None:
-        if card.given["TYPE"].upper() != "TEMPERATURE" or "FILE" in card.given:
-            self.notes.lost.add(card, f"initial {card.given['TYPE'].lower()}")
+    def _on_initialconditions(self, card: Card) -> None:
+        if card.says("TYPE") != "TEMPERATURE" or "FILE" in card.given:
+            self.notes.add("lost", card, f"initial {card.given['TYPE'].lower()}")
             return
         for row in card.rows:
             self.start |= dict.fromkeys(self.deck.chosen(card, "NSET", row[0]), number(row[1]))
-        self.notes.taken.add(card, "initial temperature")
+        self.notes.add("taken", card, "initial temperature")

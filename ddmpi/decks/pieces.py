@@ -8,39 +8,18 @@ import re
 from collections.abc import Iterable, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sparse
 from scipy.sparse import csgraph
 
-from ddmpi.decks.cards import SIDES, Card, corners, faces, numbers, shape
+from ddmpi.decks.cards import EXACT, SIDES, Block, Card, corners, faces, shape
 from ddmpi.decks.deck import STRIDE
 
-GAUSS = 0.5 + np.array([-0.5, 0.0, 0.5]) * np.sqrt(0.6)
-
-RULES = {2: (np.column_stack([1.0 - GAUSS, GAUSS]), np.array([5.0, 8.0, 5.0]) / 18.0),
-         3: (np.array([[4.0, 1.0, 1.0], [1.0, 4.0, 1.0], [1.0, 1.0, 4.0]]) / 6.0, np.full(3, 1.0 / 3.0))}
-"""Barycentric points and weights on facets, by dimension: exact for fifth powers of the coordinates in the plane, for
-squares in space."""
-
-EXACT = 1e-6
-"""Values lie on a linear function of the coordinates up to this fraction of the largest one."""
-
-
-class Block(NamedTuple):
-    """Elements of one type: Abaqus's name, meshio's, and numbers and nodes (k, 1 + n)."""
-
-    name: str
-    kind: str
-    entries: np.ndarray
-
-
-class Patch(NamedTuple):
-    """Facets with loads: numbers of facets and loaded nodes."""
-
-    facets: np.ndarray
-    nodes: np.ndarray
+Cut = tuple[Card, set[tuple[int, int]], np.ndarray, np.ndarray]
+"""A section of a bolt: its keyword, the faces of elements on one side, the nodes there, and those around the layer of
+these elements, where that is a body of its own."""
 
 
 def own_name(text: str, taken: Iterable[str]) -> str:
@@ -50,14 +29,19 @@ def own_name(text: str, taken: Iterable[str]) -> str:
     return next(name for name in itertools.chain([base], names) if name.lower() not in lower)
 
 
-def split(blocks: Sequence[Block]) -> list[list[Block]]:
-    """The elements in pieces that have no node in common, in the order of their first elements."""
-    widest = max(block.entries.shape[1] for block in blocks)
-    piece = connected(np.concatenate([np.pad(block.entries[:, 1:], ((0, 0), (0, widest - block.entries.shape[1])),
-                                             constant_values=-1) for block in blocks]))
+def split(blocks: Sequence[Block], rows: np.ndarray) -> list[list[Block]]:
+    """The elements in pieces of which no `rows` (k, n) have a node in common, in the order of their first elements."""
+    piece = connected(rows)
     of_blocks = np.split(piece, np.cumsum([len(block.entries) for block in blocks])[:-1])
-    return [[Block(block.name, block.kind, block.entries[of == k]) for block, of in zip(blocks, of_blocks, strict=True)
+    return [[block._replace(entries=block.entries[of == k]) for block, of in zip(blocks, of_blocks, strict=True)
              if (of == k).any()] for k in range(piece.max() + 1)]
+
+
+def rows_of(blocks: Sequence[Block]) -> np.ndarray:
+    """The nodes (k, n) of all elements, −1 where there are fewer."""
+    widest = max(block.entries.shape[1] for block in blocks)
+    return np.concatenate([np.pad(block.entries[:, 1:], ((0, 0), (0, widest - block.entries.shape[1])),
+                                  constant_values=-1) for block in blocks])
 
 
 def connected(rows: np.ndarray) -> np.ndarray:
@@ -72,27 +56,25 @@ def connected(rows: np.ndarray) -> np.ndarray:
     return first.argsort().argsort()[number]
 
 
-def cut(blocks: Sequence[Block], ends: set[tuple[int, int]], points: dict[int, list[float]]
-        ) -> tuple[list[Block], dict[int, int], dict[int, int]]:
-    """Elements cut apart at a flat section, faces `ends` (element, number) of those on one side: these have copies of
-    its nodes, as CalculiX has them. Where all still hang together, the layer of these elements is taken out.
+def cut(blocks: Sequence[Block], rows: np.ndarray, ends: set[tuple[int, int]], numbers: np.ndarray, points: np.ndarray
+        ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Elements cut apart at a flat section, faces `ends` (element, number) of those on one side: their `rows` (k, n)
+    have nodes of their own there. Where all still hang together, the layer of these elements is taken out.
 
-    The elements, and the copies at the section and around the layer, old number → new. New `points` (m) are added.
+    The rows, and the nodes at the section and around the layer. The nodes have `numbers` (m,) and `points` (m, d).
     """
-    section = set(nodes_of_faces(blocks, ends).ravel().tolist()) - {-1}
-    layer, middles = {element for element, _ in ends}, {
-        entries[0]: np.mean([points[node] for node in entries[1:]], axis=0)
-        for block in blocks for entries in block.entries.tolist()}
-    at = np.array([points[node] for node in sorted(section)])
-    d = 3 if blocks[0].name.startswith("C3D") else 2
-    normal = np.pad(np.linalg.svd((at - at.mean(axis=0))[:, :d])[2][-1], (0, 3 - d))
-    normal *= np.sign((np.mean([middles[element] for element in layer], axis=0) - at.mean(axis=0)) @ normal)
-    beyond = {element for element, middle in middles.items() if (middle - at.mean(axis=0)) @ normal > 0.0}
-    result, copies = _apart(blocks, beyond, section, points)
-    if not any(_nodes(one) & section and _nodes(one) & {*copies.values()} for one in split(result)):
-        return result, copies, {}
-    result, beside = _apart(result, layer, _nodes(result, layer) & _nodes(result, {*middles} - layer), points)
-    return result, copies, beside
+    nodes, layer = nodes_of_faces(blocks, ends), np.isin(np.concatenate([block.entries[:, 0] for block in blocks]),
+                                                         [element for element, _ in ends])
+    section = np.unique(nodes[nodes >= 0])
+    at = points[np.isin(numbers, section)]
+    middles = np.concatenate([points[np.searchsorted(numbers, block.entries[:, 1:])].mean(axis=1) for block in blocks])
+    heights = (middles - at.mean(axis=0)) @ np.linalg.svd(at - at.mean(axis=0))[2][-1]
+    apart = _apart(rows, heights * heights[layer].mean() > 0.0, section)
+    piece, here = connected(apart), np.isin(apart, section).any(axis=1)
+    if not np.intersect1d(piece[here], piece[(apart != rows).any(axis=1)]).size:
+        return apart, section, np.empty(0, int)
+    around = np.setdiff1d(np.intersect1d(apart[layer], apart[~layer]), [-1])
+    return _apart(apart, layer, around), section, np.unique(rows[np.isin(apart, around)])
 
 
 def all_faces(blocks: Sequence[Block]) -> tuple[np.ndarray, np.ndarray]:
@@ -118,26 +100,11 @@ def nodes_of_faces(blocks: Sequence[Block], ends: set[tuple[int, int]]) -> np.nd
     return rows[[(element, face) in ends for element, face in owners.tolist()]]
 
 
-def _nodes(blocks: Sequence[Block], some: set[int] | None = None) -> set[int]:
-    """The nodes of elements, of `some` of them."""
-    return {node for block in blocks for node in np.unique(block.entries[:, 1:][
-        slice(None) if some is None else np.isin(block.entries[:, 0], list(some))]).tolist()}
-
-
-def _apart(blocks: Sequence[Block], own: set[int], nodes: set[int], points: dict[int, list[float]]
-           ) -> tuple[list[Block], dict[int, int]]:
-    """Elements of which the `own` ones have copies of `nodes`, old number → new."""
-    top = max(number % STRIDE for number in points)
-    copies = {node: node // STRIDE * STRIDE + top + k for k, node in enumerate(sorted(nodes), 1)}
-    points |= {new: points[old] for old, new in copies.items()}
-    result = []
-    for block in blocks:
-        entries = block.entries.copy()
-        some = np.isin(entries, list(nodes)) & np.isin(entries[:, :1], list(own))
-        some[:, 0] = False
-        entries[some] = [copies[node] for node in entries[some].tolist()]
-        result.append(Block(block.name, block.kind, entries))
-    return result, copies
+def _apart(rows: np.ndarray, own: np.ndarray, nodes: np.ndarray) -> np.ndarray:
+    """The `rows` (k, n), of which the `own` (k,) ones have other numbers for the `nodes`."""
+    some, rows = own[:, None] & np.isin(rows, nodes), rows.copy()
+    rows[some] = rows.max() + 1 + np.unique(rows[some], return_inverse=True)[1].ravel()
+    return rows
 
 
 class Piece:
@@ -174,6 +141,11 @@ class Piece:
         return {self.name, *self.sets, *self.groups, *self.materials}
 
     @cached_property
+    def place(self) -> dict[int, int]:
+        """Places in `nodes` by number."""
+        return {node: k for k, node in enumerate(self.nodes.tolist())}
+
+    @cached_property
     def at(self) -> dict[tuple[int, int], int]:
         """Numbers of facets by element and face."""
         return {(element, face): k for k, (element, face) in enumerate(self.owners.tolist())}
@@ -201,15 +173,15 @@ class Piece:
         """The name of a set of these nodes (places); a new one, like `name`, if there is none yet."""
         return _kept(self.sets, np.unique(nodes), name, self.taken)
 
-    def patches(self, loaded: np.ndarray) -> tuple[list[Patch], np.ndarray]:
-        """Facets to carry the forces at places `loaded` (k,): whole facets that hang together, else those around nodes
-        that hang together; and the nodes that have no facet."""
+    def patches(self, loaded: np.ndarray) -> tuple[list[tuple[np.ndarray, np.ndarray]], np.ndarray]:
+        """Facets to carry the forces at places `loaded` (k,), and the nodes whose forces they carry: whole facets that
+        hang together, else those around nodes that hang together; and the nodes that have no facet."""
         marked = np.zeros(len(self.nodes) + 1, bool)
         marked[loaded] = marked[-1] = True
         ends, middles = marked[self.facets[:, :4]].all(axis=1), marked[self.facets[:, 4:]].all(axis=1)
         # consistent loads of quadratic tetrahedra are at the middles of sides alone
         whole = ends | (middles & (self.facets[:, 4] >= 0))
-        found = []
+        found: list[tuple[np.ndarray, np.ndarray]] = []
         left = marked[:-1].copy()
         for some in (whole, None):
             some = np.append(left, False)[self.facets].any(axis=1) if some is None else some
@@ -218,15 +190,16 @@ class Piece:
             for facets in (loads[component == k] for k in range(component.max(initial=-1) + 1)):
                 nodes = np.unique(self.facets[facets])
                 nodes = nodes[(nodes >= 0) & left[nodes]]
-                found.append(Patch(facets, nodes))
+                found += [(facets, nodes)] if len(nodes) else []
             left[np.unique(self.facets[some])] = False
-        return [patch for patch in found if len(patch.nodes)], np.flatnonzero(left)
+        return found, np.flatnonzero(left)
 
     def quadrature(self, facets: np.ndarray, around: bool) -> tuple[np.ndarray, np.ndarray]:
         """Points (q, d) and weights (q,) on straight facets; with the circumference if `around` an axis."""
-        corners, (points, shares) = self._simplices(facets), RULES[self.points.shape[1]]
-        at = (points @ corners).reshape(-1, self.points.shape[1])
-        weights = np.outer(np.linalg.norm(_vectors(corners), axis=1), shares).ravel()
+        corners, d = self._simplices(facets), self.points.shape[1]
+        inner = (1.0 - (d + 1) ** -0.5) / d  # d points in each: exact for squares, in the plane for cubes
+        at = ((inner + (1.0 - d * inner) * np.eye(d)) @ corners).reshape(-1, d)
+        weights = np.repeat(np.linalg.norm(_vectors(corners), axis=1) / d, d)
         return at, weights * 2.0 * np.pi * at[:, 0] if around else weights
 
     def _simplices(self, facets: np.ndarray) -> np.ndarray:
@@ -238,6 +211,11 @@ class Piece:
     def normals(self, facets: np.ndarray) -> np.ndarray:
         """Unit normals (f, d) of straight facets, on either side."""
         return _normals(self.points[self.facets[facets][:, :self.points.shape[1]]])
+
+    def outward(self, facets: np.ndarray) -> np.ndarray:
+        """The unit normal (d,) of the first of these facets, away from the middle of the body."""
+        normal, at = self.normals(facets[:1])[0], self.facets[facets[0], :self.points.shape[1]]
+        return normal * np.sign((self.points[at].mean(axis=0) - self.points.mean(axis=0)) @ normal)
 
     def heights(self, facets: np.ndarray, master: Piece, against: np.ndarray) -> np.ndarray:
         """(k,) distances of the nodes of these facets from the facets `against` of the master below or above them."""
@@ -297,9 +275,8 @@ def _kept(groups: dict[str, np.ndarray], members: np.ndarray, name: str, taken: 
     return called
 
 
-def linear(points: np.ndarray, values: np.ndarray) -> np.ndarray | None:
-    """(1 + d,) constant and slopes of the linear function with these `values` (n,) at `points` (n, d), if there is
-    one."""
+def linear(points: np.ndarray, values: np.ndarray, axes: str) -> Any:
+    """The formula of the linear function with these `values` (n,) at `points` (n, d); None if there is none."""
     size = np.abs(values).max(initial=0.0)
     middle = points.mean(axis=0)
     columns = np.column_stack([np.ones(len(points)), points - middle])
@@ -312,23 +289,7 @@ def linear(points: np.ndarray, values: np.ndarray) -> np.ndarray | None:
     constant = float(found[0] - slopes @ middle)
     spread = float(np.ptp(values)) or size
     digits = 13 - math.floor(math.log10(spread)) if spread else 0
-    return np.append(round(constant, digits) if abs(constant) > 1e-9 * size else 0.0, slopes)
-
-
-def direction(transform: Card | None, at: np.ndarray, component: int) -> np.ndarray:
-    """(3,) the direction of a component of displacements or forces at a place."""
-    if transform is None:
-        return np.eye(3)[component - 1]
-    v = np.array([*numbers(transform.rows[0]), *[0.0] * 6][:6])
-    place = np.array([*at, 0.0][:3])
-    if transform.given.get("TYPE", "R").upper()[:1] == "C":  # radial, around and along the axis from a to b
-        third = (v[3:] - v[:3]) / np.linalg.norm(v[3:] - v[:3])
-        first = place - v[:3] - third * ((place - v[:3]) @ third)
-    else:
-        first, third = v[:3], np.cross(v[:3], v[3:])
-        third = third / np.linalg.norm(third)
-    first = first / (np.linalg.norm(first) or 1.0)
-    return np.array([first, np.cross(third, first), third])[component - 1]
+    return formula(round(constant, digits) if abs(constant) > 1e-9 * size else 0.0, slopes, axes)
 
 
 def formula(constant: float, slopes: np.ndarray, axes: str) -> Any:

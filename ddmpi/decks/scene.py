@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections import defaultdict
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,17 +10,14 @@ from typing import Any
 import numpy as np
 
 from ddmpi.decks.acting import Acts
-from ddmpi.decks.cards import PARAMETERS, Card, DeckError, Notes, check_axes
+from ddmpi.decks.cards import FAMILIES, PARAMETERS, Block, DeckError, Notes, axes
 from ddmpi.decks.deck import STRIDE, Deck
-from ddmpi.decks.joints import Cut, Joints, RigidSets
+from ddmpi.decks.joints import Joints
 from ddmpi.decks.material import Matter
 from ddmpi.decks.model import Model
-from ddmpi.decks.pieces import Block, Piece, cut, own_name, split
+from ddmpi.decks.pieces import Cut, Piece, cut, own_name, rows_of, split
 from ddmpi.errors import InputError, TakenError
 from ddmpi.scene.reader import write_toml
-
-FAMILIES = re.compile(r"(C3D|CPE|CPS|CAX)(\d+)([A-Z]*)$")
-"""Elements that a scene may have: family, nodes and variant."""
 
 VARIANTS = {"": "", "R": "full integration", "I": "no incompatible modes", "RI": "full integration", "H": "",
             "IH": "no incompatible modes", "RH": "full integration", "M": "", "MH": "", "T": "",
@@ -39,80 +35,64 @@ class Importer:
         self.notes = Notes(path)
         self.deck = Deck(path)
         self.model = Model(self.deck, self.notes, amplitudes)
-        linear = len(self.model.ends) == 1 and all(pair.card.word == "TIE" for pair in self.model.pairs)
+        linear = len(self.model.ends) == 1 and all(card.word == "TIE" for card, *_ in self.model.pairs)
         for card in self.deck.cards:
-            if card.word in ("TRANSFORM", "ORIENTATION"):
-                check_axes(card)
+            if card.word in ("TRANSFORM", "ORIENTATION") and card.says("SYSTEM", "R")[0] == "R":
+                with card.reading():
+                    axes(card)
             for name in card.given:
                 if name not in PARAMETERS.get(card.word, card.given) and not (name == "PERTURBATION" and linear):
-                    self.notes.lost.add(card, f"its parameter {name} is not possible")
+                    self.notes.add("lost", card, f"its parameter {name} is not possible")
         self.pieces, self.family, quadratic = self._pieces()
         self.order = 2 if quadratic else 1
         self.matter = Matter(self.model, self.notes, self.family)
-        self.acts = Acts(self.model, self.notes, self.matter, self.pieces, self.family)
+        self.acts = Acts(self.model, self.notes, self.matter, self.pieces, self.family, self.cuts)
 
     def _pieces(self) -> tuple[list[Piece], str, bool]:
         """The bodies, their family, and whether elements are quadratic. Raises InputError where there are none."""
-        notes, families = self.notes, defaultdict[str, list[tuple[Block, Card]]](list)
+        notes, families = self.notes, defaultdict[str, list[Block]](list)
         for card in self.deck.odd:
-            notes.lost.add(card, f"elements of type {card.given.get('TYPE', '(none)')}")
-        for kind, entries, card in self.deck.blocks:
-            name = card.given["TYPE"].upper()
-            fits = FAMILIES.match(name)
+            notes.add("lost", card, f"elements of type {card.given.get('TYPE', '(none)')}")
+        for block in self.deck.blocks:
+            name, fits = block.card.says("TYPE"), FAMILIES.match(block.card.says("TYPE"))
             if not fits or fits[3] not in VARIANTS:
-                notes.lost.add(card, f"elements of type {name}")
+                notes.add("lost", block.card, f"elements of type {name}")
                 continue
-            plain = f"{fits[1]}{fits[2]}"
-            families[fits[1]].append((Block(plain, kind, entries), card))
-            notes.taken.add(card, f"elements of type {name}")
+            families[fits[1]].append(block)
+            notes.add("taken", block.card, f"elements of type {name}")
             if VARIANTS[fits[3]]:
-                notes.changed.add(card, f"{name} as {plain}: {VARIANTS[fits[3]]}")
+                notes.add("changed", block.card, f"{name} as {block.name}: {VARIANTS[fits[3]]}")
         if not families:
             raise InputError("it has no elements that a scene may have: C3D4 to C3D20, CPE, CPS and CAX")
         if len(families) > 1:
             raise InputError(f"it has elements of the families {' and '.join(sorted(families))}; a scene has one")
-        (family, found), = families.items()
-        blocks = [block for block, _ in found]
+        (family, blocks), = families.items()
         quadratic = any(block.name not in ("C3D4", "CPE3", "CPS3", "CAX3") for block in blocks)
-        for block, card in found:
+        for block in blocks:
             if block.kind in ("hexahedron", "wedge", "quad", "pyramid"):
-                notes.changed.add(card, f"{block.name} cut into quadratic "
-                                  f"{'tetrahedra' if family == 'C3D' else 'triangles'}: linear ones would be too stiff")
-        self.cuts: list[Cut] = []
-        for card in self.model.bolts:
-            blocks = self._cut(card, blocks)
-        numbers, points = self.deck.placed()
-        lost = np.setdiff1d(np.concatenate([block.entries[:, 1:].ravel() for block in blocks]), numbers)
+                notes.add("changed", block.card, f"{block.name} cut into quadratic "
+                          f"{'tetrahedra' if family == 'C3D' else 'triangles'}: linear ones would be too stiff")
+        (numbers, points), rows = self.deck.placed(), rows_of(blocks)
+        points = points if family == "C3D" else points[:, :2]
+        lost = np.setdiff1d(rows, [*numbers, -1])
         if len(lost):
             raise InputError(f"an element has node {lost[0] % STRIDE}, which is not there; is the deck cut off?")
+        self.cuts: list[Cut] = []
+        for card in self.model.bolts:
+            if "SURFACE" not in card.given:
+                notes.add("lost", card, "a pre-tension that is not of a section of solid elements")
+                continue
+            ends = set(self.deck.ends(card, card.given["SURFACE"]))
+            rows, section, around = cut(blocks, rows, ends, numbers, points)
+            self.cuts.append((card, ends, section, around))
         pieces: list[Piece] = []
         sets = self._element_sets()
-        for blocks_of_one in split(blocks):
+        for blocks_of_one in split(blocks, rows):
             elements = np.sort(np.concatenate([block.entries[:, 0] for block in blocks_of_one]))
             named = sets.get(frozenset(elements.tolist()), "") if len(elements) else ""
             name = own_name(named or f"part{len(pieces) + 1}", [piece.name for piece in pieces])
-            pieces.append(Piece(name, blocks_of_one, numbers, points if family == "C3D" else points[:, :2]))
+            pieces.append(Piece(name, blocks_of_one, numbers, points))
         return pieces, family, quadratic
-
-    def _cut(self, card: Card, blocks: list[Block]) -> list[Block]:
-        """Cut a bolt at its section. Supports and temperatures of the nodes there hold for both sides."""
-        if "SURFACE" not in card.given:
-            self.notes.lost.add(card, "a pre-tension that is not of a section of solid elements")
-            return blocks
-        ends = set(self.deck.ends(card, card.given["SURFACE"]))
-        blocks, at_section, around = cut(blocks, ends, self.deck.points)
-        for copies in (at_section, around):
-            for kind in ("supports", "heat"):
-                acting = self.model.kinds[kind]
-                for key in list(acting):
-                    node = key[0] if isinstance(key, tuple) else key
-                    if node in copies:
-                        acting[(copies[node], *key[1:]) if isinstance(key, tuple) else copies[node]] = acting[key]
-            model = self.model
-            model.start |= {copies[node]: heat for node, heat in model.start.items() if node in copies}
-            model.transforms |= {copies[node]: axes for node, axes in model.transforms.items() if node in copies}
-        self.cuts.append((card, ends, set(at_section), around))
-        return blocks
 
     def _element_sets(self) -> dict[frozenset[int], str]:
         """Names of sets of elements by their members; those of sections first; within instances their names."""
@@ -128,20 +108,19 @@ class Importer:
     def scene(self, title: str) -> dict[str, Any]:
         """The scene as plain data, and groups in the pieces. Raises InputError."""
         bodies = []
-        acts, tractions, rigid = self.acts, self.acts.loads(), RigidSets(self.acts)
+        acts, tractions, joints = self.acts, self.acts.loads(), Joints(self.acts)
         for piece in self.pieces:
             heat, expansions = acts.heat(piece)
             materials = self.matter.of(piece, expansions)
             body = {"name": piece.name, "mesh": {"file": f"{piece.name}.inp", "order": self.order},
                     "material": materials[0] if len(materials) == 1 else materials,
-                    "clamp": acts.clamps(piece) + rigid.clamps[piece.name],
-                    "traction": tractions[piece.name] + rigid.tractions[piece.name],
+                    "clamp": acts.clamps(piece) + joints.clamps[piece.name],
+                    "traction": tractions[piece.name] + joints.tractions[piece.name],
                     "volume_force": acts.volume_forces(piece),
                     "temperature": heat}
             bodies.append({key: value for key, value in body.items() if value not in (None, [])})
-        joints = Joints(acts, self.cuts)
-        contacts = [contact for pair in self.model.pairs for contact in joints.contacts(pair)]
-        contacts += [*rigid.contacts, *joints.bolts()]
+        contacts = [contact for pair in self.model.pairs for contact in joints.contacts(*pair)]
+        contacts += [*joints.held, *joints.bolts()]
         names: list[str] = []
         for contact in contacts:
             names.append(own_name("-".join(contact["bodies"]), names))
@@ -149,7 +128,7 @@ class Importer:
         histories = {name: {"times": [time for time, _ in course], "factors": [factor for _, factor in course]}
                      for course, name in acts.histories.items()}
         scene: dict[str, Any] = {"title": title, "axisymmetric": self.family == "CAX" or None, "body": bodies,
-                                 "rigid": rigid.partners,
+                                 "rigid": joints.partners,
                                  "contact": [{"name": contact["name"]} | contact for contact in contacts],
                                  "history": histories}
         if acts.timed:
@@ -175,11 +154,11 @@ def import_deck(deck: str | Path, output: str | Path, partial: bool = False, amp
         scene = importer.scene(path.stem)
     except (InputError, DeckError, OSError) as error:
         raise InputError(f"{deck}: {error}") from None
-    notes = importer.notes
-    if notes.lost and not partial:
+    lists = {title: importer.notes.words(title) for title in ("taken", "changed", "lost")}
+    if lists["lost"] and not partial:
         raise InputError(f"{deck}: a scene would be another problem without what is not possible; nothing is written "
                          "(--partial writes it all the same)"
-                         + "".join(f"\n  {line}" for line in notes.words(notes.lost)))
+                         + "".join(f"\n  {line}" for line in lists["lost"]))
     text = f"# from {path.name}; lengths, stresses and forces are in the units of the deck\n" + write_toml(scene)
     files = ["scene.toml", *(f"{piece.name}.inp" for piece in importer.pieces)]
     there = [name for name in files if (folder / name).exists()]
@@ -189,9 +168,8 @@ def import_deck(deck: str | Path, output: str | Path, partial: bool = False, amp
     for piece in importer.pieces:
         piece.write(folder / f"{piece.name}.inp")
     (folder / "scene.toml").write_text(text, encoding="utf-8")
-    lists = {"taken": notes.taken, "changed": notes.changed, "lost": notes.lost}
-    return "\n".join([*(f"{title}:\n" + ("".join(f"  {line}\n" for line in notes.words(entries)) or "  nothing\n")
-                        for title, entries in lists.items()),
+    return "\n".join([*(f"{title}:\n" + ("".join(f"  {line}\n" for line in lines) or "  nothing\n")
+                        for title, lines in lists.items()),
                       "units: those of the deck, " + (
                           "by its moduli labelled mm and MPa" if "output" in scene else
                           "labelled m and Pa; others: length_unit, stress_unit of [output]") + "\n",

@@ -40,13 +40,13 @@ CUTS = {1: np.array([[[0, 2], [2, 1]]]), 2: np.array([[[0, 3, 5], [3, 1, 4], [5,
 In space four parts lie around one of the octahedron's three diagonals, whose ends are the first two nodes of the last
 part."""
 
-NAMES = {0: ("point", "points"), 1: ("line", "lines"), 2: ("triangle", "triangles"), 3: ("tetrahedron", "tetrahedra")}
+NAMES = (("point", "points"), ("line", "lines"), ("triangle", "triangles"), ("tetrahedron", "tetrahedra"))
 """One and several, by dimension."""
 
-TOPOLOGY = {1: "Polyline", 2: "Triangle", 3: "Tetrahedron"}
+TOPOLOGY = ("", "Polyline", "Triangle", "Tetrahedron")
 """XDMF's names of linear cells, by dimension; the names of others end in the number of their nodes."""
 
-ORDERS = {1: "linear", 2: "quadratic"}
+ORDERS = ("", "linear", "quadratic")
 """Names of elements, by order."""
 
 REGULAR = {2: 3**0.5 / 4, 3: 2**0.5 / 12}
@@ -230,10 +230,12 @@ def _products(powers: np.ndarray) -> np.ndarray:
     return np.array([1.0, 1.0, 2.0, 6.0, 24.0])[powers].prod(axis=-1)
 
 
-def _orbits(*orbits: tuple[float, Sequence[float]]) -> Rule:
-    """A rule from weights and barycentric coordinates, all permutations of which are points."""
-    points = [sorted(set(permutations(point))) for _, point in orbits]
-    return np.concatenate(points), np.repeat([weight for weight, _ in orbits], [len(orbit) for orbit in points])
+def _orbits(dimension: int, *orbits: tuple[float, float, int]) -> Rule:
+    """A rule from weights and barycentric coordinates: a value, how often it stands, and equal ones for the rest. All
+    permutations of them are points."""
+    points = [sorted(set(permutations([value] * times + [(1.0 - times * value) / rest] * rest)))
+              for _, value, times in orbits for rest in [dimension + 1 - times]]
+    return np.concatenate(points), np.repeat([weight for weight, *_ in orbits], [len(orbit) for orbit in points])
 
 
 def _collapsed(dimension: int) -> Rule:
@@ -249,21 +251,16 @@ def _collapsed(dimension: int) -> Rule:
     return points, weight
 
 
-_A, _B, _C, _D, _E = 0.445948490915965, 0.091576213509771, 0.310885919263300610, 0.0927352503108912264, \
-    0.0455037041256496495
-
-FIRST = {dimension: _orbits((1.0, [1.0 / (dimension + 1)] * (dimension + 1))) for dimension in EDGES}
+FIRST = {dimension: (np.full((1, dimension + 1), 1.0 / (dimension + 1)), np.ones(1)) for dimension in EDGES}
 """The centroid, where the stress of a straight cell is its mean."""
 
-_INNER = {dimension: (1.0 - (dimension + 2) ** -0.5) / (dimension + 1) for dimension in EDGES}
-
-SECOND = {dimension: _orbits((1.0 / (dimension + 1), [1.0 - dimension * inner, *[inner] * dimension]))
-          for dimension, inner in _INNER.items()}
+SECOND = {d: _orbits(d, (1.0 / (d + 1), (1.0 - (d + 2) ** -0.5) / (d + 1), d)) for d in EDGES}
 """d + 1 points, exact to degree 2."""
 
-RULES = {2: _orbits((0.223381589678011, [1 - 2 * _A, _A, _A]), (0.109951743655322, [1 - 2 * _B, _B, _B])),
-         3: _orbits((0.112687925718015851, [1 - 3 * _C, _C, _C, _C]), (0.0734930431163619495, [1 - 3 * _D, _D, _D, _D]),
-                    (0.0425460207770814664, [0.5 - _E, 0.5 - _E, _E, _E]))}
+RULES = {2: _orbits(2, (0.223381589678011, 0.445948490915965, 2), (0.109951743655322, 0.091576213509771, 2)),
+         3: _orbits(3, (0.112687925718015851, 0.310885919263300610, 3),
+                    (0.0734930431163619495, 0.0927352503108912264, 3),
+                    (0.0425460207770814664, 0.0455037041256496495, 2))}
 """Exact to degree 4 in the plane (Dunavant 1985), 5 in space (Walkington 2000). On curved cells ∫ σ : ε(φ_i) of a
 constant stress needs degree d and ∫ φ_i degree d + 2, so that constant stresses and volume forces are exact."""
 

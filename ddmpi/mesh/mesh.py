@@ -19,7 +19,7 @@ from ddmpi.mesh.elements import FACETS, RULES, Cell, Mapped, cell_with, cross
 from ddmpi.scene.keys import nearest
 from ddmpi.system.numbers import in_words
 
-MEASURE = {2: "area", 3: "volume"}
+MEASURE = ("", "length", "area", "volume")
 """Measure of cells, by dimension."""
 
 PHYSICAL = ("physical point", "physical curve", "physical surface", "physical volume")

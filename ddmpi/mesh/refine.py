@@ -30,10 +30,7 @@ FIVE = np.array([[[0, 2, 5, 7], [1, 0, 2, 5], [3, 0, 7, 2], [4, 0, 5, 7], [6, 2,
 """Corners of the tetrahedra that a hexahedron is cut into, by diagonals between its corners 0, 2, 5, 7 or the rest."""
 
 EQUAL = 1e-6
-"""Diagonals are equally long up to this fraction of their lengths."""
-
-STRAIGHT = 1e-6
-"""A side is straight if its middle node is off its midpoint by at most this fraction of its length."""
+"""Diagonals are equally long, and the middle of a straight side is its midpoint, up to this fraction of the lengths."""
 
 GRADE = 0.3
 """Largest slope of the size of elements over the distance."""
@@ -132,7 +129,7 @@ def simplices(raw, d: int, points: np.ndarray, curved: bool = False
         bow = np.zeros((*parts.shape[:2], len(EDGES[d]) * curved, points.shape[1]))
         if curved and kind != shape and len(corners):
             ends = corners[:, np.array(SIDES[shape])]
-            off = CELLS[1, 2].bends(points[np.concatenate([ends, middles[..., None]], axis=2)], STRAIGHT)[:, :, 0]
+            off = CELLS[1, 2].bends(points[np.concatenate([ends, middles[..., None]], axis=2)], EQUAL)[:, :, 0]
             bent = np.flatnonzero(off.any(axis=(1, 2)))
             between = np.einsum("ijs,nsc->nijc", _weights(shape, corners.shape[1]), off[bent])
             i, j = np.moveaxis(parts[bent][:, :, EDGES[d]], -1, 0)

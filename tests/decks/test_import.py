@@ -10,7 +10,6 @@ from mpi4py import MPI
 from scenes import call
 
 import ddmpi
-from ddmpi.decks.deck import Deck
 from ddmpi.decks.scene import import_deck
 from ddmpi.errors import InputError, TakenError
 from ddmpi.scene.values import evaluate
@@ -21,27 +20,29 @@ ROLLERS = "*BOUNDARY\nA_Z0, 3\nA_X0, 1\nA_Y0, 2\n"
 YOUNG = 210000.0
 
 
-def imported(folder: Path, text: str, partial: bool = False, name: str = "deck") -> tuple[dict, str]:
-    """The scene of a deck and the lists."""
-    folder.mkdir(exist_ok=True)
-    path = folder / f"{name}.inp"
-    path.write_text(text)
-    lists = import_deck(path, folder / name, partial)
-    return tomllib.loads((folder / name / "scene.toml").read_text()), lists
+def imported(folder: Path, text: str, partial: bool = False) -> tuple[dict, str]:
+    """The scene of a deck and the lists. Each deck has a new folder of its own in `folder`."""
+    own = folder / f"{len([*folder.iterdir()])}"
+    own.mkdir()
+    (own / "deck.inp").write_text(text)
+    lists = import_deck(own / "deck.inp", own / "deck", partial)
+    return tomllib.loads((own / "deck" / "scene.toml").read_text()), lists
 
 
-def solved(folder: Path, text: str, partial: bool = False, name: str = "deck"):
+def solved(folder: Path, text: str):
     """The certified answer to a deck."""
-    imported(folder, text, partial, name)
-    answer = ddmpi.solve(str(folder / name / "scene.toml"), MPI.COMM_SELF)
+    imported(folder, text)
+    scene = max(folder.glob("*/deck/scene.toml"), key=lambda path: int(path.parts[-3]))
+    answer = ddmpi.solve(str(scene), MPI.COMM_SELF)
     assert answer.certified, answer.reason
     return answer
 
 
 def refused(folder: Path, text: str, partial: bool = False) -> str:
+    before = len([*folder.glob("*/deck")])
     with pytest.raises(InputError) as caught:
         imported(folder, text, partial)
-    assert not (folder / "deck").exists()
+    assert len([*folder.glob("*/deck")]) == before
     return str(caught.value)
 
 
@@ -52,21 +53,18 @@ def test_a_bar_under_pressure(tmp_path):
     assert scene["body"][0]["mesh"] == {"file": "A.inp", "order": 2} and "contact" not in scene and "time" not in scene
     assert scene["body"][0]["clamp"] == [{"on": "A_X0", "x": 0.0}, {"on": "A_Y0", "y": 0.0}, {"on": "A_Z0", "z": 0.0}]
     assert "line 131: *BOUNDARY: clamps" in lists and "*DLOAD: pressure" in lists and "lost:\n  nothing\n" in lists
-    u = solved(tmp_path, deck, name="again").bodies["A"].displacement
+    u = solved(tmp_path, deck).bodies["A"].displacement
     assert u.min(axis=0) == pytest.approx([0.0, 0.0, -21.0 * 3 / YOUNG], rel=1e-9, abs=1e-15)
     assert u[:, :2].max(axis=0) == pytest.approx([0.3 * 21 / YOUNG] * 2, rel=1e-9)
 
 
 def test_loads_of_a_step_add(tmp_path):
-    """At one place, of one keyword or of several, as in CalculiX; with other amplitudes they are lost."""
+    """At one place, of one keyword or of several, as in CalculiX."""
     faces = [f"{k}, P2, 10." for k in range(9, 13)]
     deck = BOX + ROLLERS + step("*DLOAD", *faces, *(
         face.replace("10.", "11.") for face in faces), "*CLOAD", "A_X1, 1, 2.", "A_X1, 1, -2.")
-    reaction = solved(tmp_path / "add", deck).summary["bodies"]["A"]["reaction"]
+    reaction = solved(tmp_path, deck).summary["bodies"]["A"]["reaction"]
     assert reaction == pytest.approx([0.0, 0.0, 21.0], abs=1e-9)
-    other = step("*CLOAD", "A_Z1, 3, 1.", "*CLOAD, AMPLITUDE=UP", "A_Z1, 3, 2.")
-    assert "with another amplitude" in refused(
-        tmp_path, BOX + ROLLERS + "*AMPLITUDE, NAME=UP\n0., 0., 1., 1.\n" + other)
 
 
 def scattered(rng: np.random.Generator, nodes: list[int]) -> str:
@@ -111,18 +109,10 @@ def test_contact_friction_and_load_steps(tmp_path):
     assert scene["history"] == {"h1": {"times": [0.0, 1.0, 3.0], "factors": [0.0, 1.0, 0.4]}}
     for words in ("LINEAR: hard contact", "stick slope", "warning: NLGEOM"):
         assert words in lists.split("changed:")[1]
-    answer = solved(tmp_path, deck, name="run")
+    answer = solved(tmp_path, deck)
     modulus = YOUNG * 0.7 / 1.3 / 0.4
     assert [step["contacts"]["B-A"]["normal_force"] for step in answer.summary["steps"]
             if step["time"] in (1.0, 3.0)] == pytest.approx([modulus * 0.0005, modulus * 0.0002], rel=1e-6)
-
-
-def test_ties_over_a_gap_are_told(tmp_path):
-    """Beyond POSITION TOLERANCE they are lost; without one, nodes far apart are tied, and the list says so."""
-    assert "a tie over a gap of 0.3, beyond its tolerance" in refused(
-        tmp_path, stack("*TIE, NAME=T, POSITION TOLERANCE=0.1", gap=0.3) + step("*CLOAD", "B_Z1, 3, -1."))
-    lists = imported(tmp_path, stack("*TIE, NAME=T", gap=0.3) + step("*CLOAD", "B_Z1, 3, -1."), name="tied")[1]
-    assert "nodes 0.3 apart, beyond its tolerance, are tied" in lists
 
 
 def test_uneven_forces_are_no_double_load(tmp_path):
@@ -150,41 +140,31 @@ def test_rotations_far_from_the_origin_keep_their_digits(tmp_path):
 PAIR, LAW = "*CONTACT PAIR, INTERACTION=I", "*SURFACE INTERACTION, NAME=I\n"
 
 
-@pytest.mark.parametrize("card, more, expected", [
-    ("*TIE, NAME=T", "", {"kind": "bonded"}),
-    (PAIR, f"{LAW}*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=TIED\n1e7\n", {"kind": "bonded"}),
-    (PAIR, f"{LAW}*CLEARANCE, SLAVE=slave, MASTER=MASTER, VALUE=0.02\n", {"gap": 0.02})])
-def test_kinds_of_contacts(tmp_path, card, more, expected):
-    """Ties are bonded; *CLEARANCE gives a gap."""
-    scene, _ = imported(tmp_path, stack(card, more, 0.05) + step("*BOUNDARY", "B_Z1, 3, 3, -0.001"))
-    assert {key: value for key, value in scene["contact"][0].items() if key in ("kind", "gap", "friction")} == expected
-
-
 def test_odd_order_case_and_continued_lines(tmp_path):
     """Order, case, blanks, continued keywords, generated and nested sets, includes, D exponents: the same scene."""
     plain = BOX + ROLLERS + step("*CLOAD", "A_Z1, 3, 100.")
     nodes, rest = grid("A", (2, 2, 3), (1.0, 1.0, 3.0)).split("*NSET", 1)
     (tmp_path / "nodes.inp").write_text(nodes)
     odd = ("** a comment\n*Heading\nno keyword, really\n*solid section ,material = steel,\nelset=a\n*Boundary\na_z0,3\n"
-           "a_x0 , 1,1\na_y0,2,2,0.\n*include,\ninput=nodes.inp\n*NSET" + rest +
+           "a_x0 , 1,1\na_y0,2,2,0.\n*include,\ninput=../nodes.inp\n*NSET" + rest +
            "*NSET, NSET=part, GENERATE\n28, 36\n*NSET, NSET=LOADED\npart\n*material,\nname=Steel\n*elastic,type="
            "isotropic\n2.1D5, 3.d-1\n*step, inc=1000\n*STATIC\n*Cload , op=mod\nloaded,3,1.E+2\n*NODE PRINT, "
            "NSET=A_Z1\nU\n*endstep\n")
-    one, two = imported(tmp_path, plain)[0], imported(tmp_path, odd, name="odd")[0]
-    assert {**one, "title": ""} == {**two, "title": ""}
-    assert (tmp_path / "deck" / "A.inp").read_text() == (tmp_path / "odd" / "A.inp").read_text()
+    one, two = imported(tmp_path, plain)[0], imported(tmp_path, odd)[0]
+    assert one == two
+    assert len({path.read_text() for path in tmp_path.glob("*/deck/A.inp")}) == 1
 
 
 @pytest.mark.parametrize("change", [
     lambda text: "\ufeff" + text, lambda text: text.replace("\n", "\r\n"), lambda text: text.replace(", ", ",\t"),
-    lambda text: text.replace(ROLLERS, "*BOUNDARY\nA_Z0, 3\n*INCLUDE, INPUT=more.inc\n"),
-    lambda text: text.replace(ROLLERS, "*BOUNDARY, INPUT=more.inc\nA_Z0, 3\n")])
+    lambda text: text.replace(ROLLERS, "*BOUNDARY\nA_Z0, 3\n*INCLUDE, INPUT=../more.inc\n"),
+    lambda text: text.replace(ROLLERS, "*BOUNDARY, INPUT=../more.inc\nA_Z0, 3\n")])
 def test_files_of_other_programs(tmp_path, change):
     """Marks of UTF-8, ends of lines of Windows, tabs, data lines in files by INCLUDE or INPUT: no difference."""
     plain = BOX + ROLLERS + step("*CLOAD", "A_Z1, 3, 100.")
     (tmp_path / "more.inc").write_text("A_X0, 1\nA_Y0, 2\n")
-    one, two = imported(tmp_path, plain)[0], imported(tmp_path, change(plain), name="odd")[0]
-    assert change(plain) != plain and {**one, "title": ""} == {**two, "title": ""}
+    one, two = imported(tmp_path, plain)[0], imported(tmp_path, change(plain))[0]
+    assert change(plain) != plain and one == two
 
 
 def test_names_that_differ_by_one_umlaut(tmp_path):
@@ -194,35 +174,6 @@ def test_names_that_differ_by_one_umlaut(tmp_path):
     import_deck(tmp_path / "deck.inp", tmp_path / "out")
     scene = tomllib.loads((tmp_path / "out" / "scene.toml").read_text())
     assert scene["body"][0]["traction"][0]["force"] == [0.0, 0.0, 9.0]
-
-
-def test_nodes_of_elements_as_a_set(tmp_path):
-    """*NSET, ELSET= has the nodes of elements."""
-    deck = BOX + "*ELSET, ELSET=LOW, GENERATE\n1, 4\n*NSET, NSET=HELD, ELSET=LOW\n*BOUNDARY\nHELD, 1, 3\n"
-    scene, _ = imported(tmp_path, deck + step("*CLOAD", "A_Z1, 3, 1."))
-    assert scene["body"][0]["clamp"] == [{"on": "HELD", "x": 0.0, "y": 0.0, "z": 0.0}]
-    assert Deck(tmp_path / "deck.inp").members("NSET", ("", "held")) == {*range(1, 19)}
-
-
-def test_named_supports(tmp_path):
-    """ENCASTRE holds the turns of a reference node as well, PINNED does not; turns held in part are lost."""
-    deck = COUPLED + "*COUPLING, REF NODE=900, SURFACE=TOP\n*KINEMATIC\n1, 3\n*BOUNDARY\n900, "
-    end = step("*DLOAD", "1, P3, 5.")
-    assert {"on": "rigid", "x": 0.0, "y": 0.0, "z": 0.0} in imported(
-        tmp_path, deck + "ENCASTRE\n" + end)[0]["body"][0]["clamp"]
-    partner, = imported(tmp_path, deck + "PINNED\n" + end, name="pinned")[0]["rigid"]
-    assert partner["turns"] and partner["displacement"] == [0.0, 0.0, 0.0] and "free" not in partner
-    (tmp_path / "half").mkdir()
-    assert "some of its turns are given" in refused(tmp_path / "half", deck + "YSYMM\n" + end)
-
-
-def test_amplitudes_of_the_total_time_go_on(tmp_path):
-    """A load that follows one does so in later steps."""
-    deck = BOX + ROLLERS + "*AMPLITUDE, NAME=ALL, TIME=TOTAL TIME\n0., 0., 2., 1.\n" + step(
-        "*CLOAD, AMPLITUDE=ALL", "A_Z1, 3, 9.")
-    scene = imported(tmp_path, deck + 2 * step("*NODE PRINT, NSET=A_Z1", "U"))[0]
-    assert scene["body"][0]["traction"][0]["force"] == [0.0, 0.0, 81.0]
-    assert scene["history"] == {"h1": {"times": [0.0, 2.0, 3.0], "factors": [0.0, 1.0, 1.0]}}
 
 
 @pytest.mark.parametrize("load", ["*CLOAD\nA_Y1, 3, 1.", "*DLOAD\nA, GRAV, 9810., 0., 0., -1.", "*DLOAD\nA, BZ, 1.",
@@ -242,9 +193,8 @@ def test_perturbation_steps(tmp_path):
     """A single one without contact is linear as well; beside others its loads would not add to theirs."""
     pull = step("*CLOAD", "A_Z1, 3, 1.")
     alone = pull.replace("*STEP", "*STEP, PERTURBATION")
-    assert imported(tmp_path, BOX + ROLLERS + alone)[0] == imported(tmp_path / "plain", BOX + ROLLERS + pull)[0]
-    (tmp_path / "two").mkdir()
-    assert "*STEP: its parameter PERTURBATION" in refused(tmp_path / "two", BOX + ROLLERS + pull + alone)
+    assert imported(tmp_path, BOX + ROLLERS + alone)[0] == imported(tmp_path, BOX + ROLLERS + pull)[0]
+    assert "*STEP: its parameter PERTURBATION" in refused(tmp_path, BOX + ROLLERS + pull + alone)
 
 
 def test_amplitudes(tmp_path):
@@ -255,7 +205,7 @@ def test_amplitudes(tmp_path):
     assert load == [{"on": "loaded", "force": [0.0, 0.0, 9 * 9.0 * 1.75]}]
     more = step("*CLOAD, AMPLITUDE=ALL", "A_Z1, 3, 9.", "*DLOAD, AMPLITUDE=UP", "9, P2, 4.", time="0.1, 2.") + step(
         "*CLOAD, OP=NEW", "A_X1, 1, 1.")
-    scene = imported(tmp_path, BOX + ROLLERS + ramp + more, name="two")[0]
+    scene = imported(tmp_path, BOX + ROLLERS + ramp + more)[0]
     loads = {history.get("pressure", 0.0) or tuple(history["force"]): scene["history"][history["history"]]
              for history in scene["body"][0]["traction"]}
     assert loads[12.0] == {"times": [0.0, 1.0, 2.0, 3.0], "factors": [0.0, pytest.approx(1 / 6), 1.0, 1.0]}
@@ -273,10 +223,10 @@ def test_local_directions(tmp_path):
     ring = "*NODE\n" + "\n".join(f"{k}, {x!r}, {y!r}" for k, (x, y) in enumerate(points.tolist(), 1))
     ring += "\n*ELEMENT, TYPE=CPE4, ELSET=A\n" + "\n".join(f"{k}, {k}, {k + 5}, {k + 6}, {k + 1}" for k in range(1, 5))
     ring += f"\n*NSET, NSET=IN, GENERATE\n1, 5\n*TRANSFORM, NSET=IN, TYPE=C\n0, 0, 0, 0, 0, 1\n{STEEL}{SECTION}"
-    scene = imported(tmp_path, ring + "*BOUNDARY\nIN, 1\n1, 2\n" + step("*DLOAD", "1, P2, 1."), name="ring")[0]
+    scene = imported(tmp_path, ring + "*BOUNDARY\nIN, 1\n1, 2\n" + step("*DLOAD", "1, P2, 1."))[0]
     assert {"on": "guided", "normal": 0.0} in scene["body"][0]["clamp"]
     assert "*BOUNDARY: a support in a direction of *TRANSFORM" in refused(
-        tmp_path / "lost", ring + "*BOUNDARY\n2, 1\n" + step("*DLOAD", "1, P2, 1."))
+        tmp_path, ring + "*BOUNDARY\n2, 1\n" + step("*DLOAD", "1, P2, 1."))
 
 
 def test_heat(tmp_path):
@@ -290,27 +240,18 @@ def test_heat(tmp_path):
         np.array([1.0, 1.0, 3.0]) * 2e-5 * 80.0, rel=1e-9)
     steel = body.replace("1.0e-5, 0.\n2.0e-5, 100.", "1.2e-5")
     rows = [f"{1 + 9 * k + j}, {20.0 + 30.0 * k}" for k in range(4) for j in range(9)]
-    scene = imported(tmp_path, steel + step("*TEMPERATURE", *rows), name="linear")[0]
+    scene = imported(tmp_path, steel + step("*TEMPERATURE", *rows))[0]
     assert scene["body"][0]["temperature"] == "0.0 + (30.0) * z"
-    scene = imported(tmp_path, steel + step("*TEMPERATURE", "A_Z1, 50."), name="layers")[0]
+    scene = imported(tmp_path, steel + step("*TEMPERATURE", "A_Z1, 50."))[0]
     assert "max(0, z - (2.0))" in scene["body"][0]["temperature"]
-    assert "no linear function" in refused(tmp_path / "no", steel + step("*TEMPERATURE", "1, 50."))
-
-
-def test_temperatures_without_expansion_change_nothing(tmp_path):
-    """They are listed as changed, not as taken; with an expansion they are taken."""
-    deck = BOX + ROLLERS + step("*TEMPERATURE", "A_Z1, 50.", "*DLOAD", "9, P2, 1.")
-    assert "*TEMPERATURE: temperature\n" in imported(tmp_path, deck, name="grows")[1].split("changed:")[0]
-    scene, lists = imported(tmp_path, deck.replace("*EXPANSION\n1.2e-5\n", ""))
-    assert "*TEMPERATURE" not in lists.split("changed:")[0] and "temperature" not in scene["body"][0]
-    assert "*TEMPERATURE: no thermal strain of A: its material has no *EXPANSION\n" in lists
+    assert "no linear function" in refused(tmp_path, steel + step("*TEMPERATURE", "1, 50."))
 
 
 def test_lists_are_in_the_order_of_the_deck(tmp_path):
     """Also where a file is included; a keyword that is lost is not listed as taken."""
     (tmp_path / "law.inp").write_text(f"** a comment\n{STEEL}")
     inner = "*CLOAD\n14, 3, 1.\n"  # a force at a node inside of the box
-    deck = grid("A", (2, 2, 3), (1.0, 1.0, 3.0)) + "*INCLUDE, INPUT=law.inp\n" + SECTION + ROLLERS + step(
+    deck = grid("A", (2, 2, 3), (1.0, 1.0, 3.0)) + "*INCLUDE, INPUT=../law.inp\n" + SECTION + ROLLERS + step(
         "*DLOAD", "9, P2, 1.", "*CLOAD", "36, 3, 1.", "*CLOAD", "35, 3, 1.", inner.strip())
     _, lists = imported(tmp_path, deck, partial=True)
     taken = " ".join(line.split(": ")[1] for line in lists.split("changed:")[0].splitlines()[1:] if line)
@@ -325,7 +266,7 @@ def test_gravity_and_rotation(tmp_path):
     deck = BOX + ROLLERS + step("*DLOAD", "A, GRAV, 9810., 0., 0., -2.", "A, CENTRIF, 4., 1., 0., 0., 0., 0., 1.")
     answer = solved(tmp_path, deck)
     assert answer.summary["bodies"]["A"]["reactions"]["A_Z0"]["force"][2] == pytest.approx(7.8e-9 * 9810 * 3, rel=1e-9)
-    assert imported(tmp_path, deck, name="b")[0]["body"][0]["volume_force"][0].startswith("-3.12e-08 + (3.12e-08) * x")
+    assert imported(tmp_path, deck)[0]["body"][0]["volume_force"][0].startswith("-3.12e-08 + (3.12e-08) * x")
 
 
 @pytest.mark.parametrize("order", [(1, 2, 0), (1, 0, 2)])
@@ -352,6 +293,7 @@ LOST = [
     ("*EQUATION\n2\n1, 1, 1., 2, 1, -1.", "*EQUATION: equations between nodes: not possible"),
     ("*INITIAL CONDITIONS, TYPE=STRESS\n1, 1, 1., 1., 1., 1., 1., 1.", "*INITIAL CONDITIONS: initial stress"),
     ("*NONSENSE, OF=ANY\n1, 2", "*NONSENSE: this keyword is not known"),
+    ("*ADD\n1, 2", "*ADD: this keyword is not known"),
     ("*BOUNDARY\nA_Z0, 3\n*PLASTIC\n200., 0.", "*PLASTIC: plasticity"),
     ("*ELEMENT, TYPE=SPRINGA, ELSET=K\n90, 1, 2", "*ELEMENT: elements of type SPRINGA"),
     ("*TEMPERATURE,\nA_Z0, 3.\nA_X0, 1.", "*TEMPERATURE: its parameter A_Z0 is not possible"),
@@ -367,27 +309,24 @@ LOST_IN_STEP = [
     ("*BOUNDARY, FIXED\n1, 1", "*BOUNDARY: displacements of another model"),
     ("*MODEL CHANGE, TYPE=ELEMENT, REMOVE\nA", "*MODEL CHANGE: parts that are removed or added"),
     ("*DLOAD\n9, P2NP, 36", "*DLOAD: a pressure that is not given at node 36"),
-    ("*CLOAD, AMPLITUDE=OWN\n36, 3, 1.\n*AMPLITUDE, NAME=OWN, USER", "no table of factors; --amplitude OWN=0,0,1,1"),
+    ("*CLOAD, AMPLITUDE=OWN\n36, 1, 1.\n*AMPLITUDE, NAME=OWN, USER", "no table of factors; --amplitude OWN=0,0,1,1"),
     ("*TEMPERATURE, FILE=x.frd", "*TEMPERATURE: temperatures of a file"),
     ("*STATIC, RIKS", "*STATIC: its parameter RIKS is not possible")]
 
 
-@pytest.mark.parametrize("card, words", LOST)
-def test_what_is_lost_refuses_the_deck(tmp_path, card, words):
+@pytest.mark.parametrize("cards, words", [
+    *((f"{card}\n" + step("*CLOAD", "A_Z1, 3, 1."), words) for card, words in LOST),
+    *((step("*CLOAD", "A_Z1, 3, 1.", card), words) for card, words in LOST_IN_STEP)])
+def test_what_is_lost_refuses_the_deck(tmp_path, cards, words):
     """A keyword that is not possible is named with its line, and nothing is written, unless --partial."""
-    deck = BOX + ROLLERS + f"{card}\n" + step("*CLOAD", "A_Z1, 3, 1.")
-    message = refused(tmp_path, deck)
-    line = next(k for k, text in enumerate(deck.splitlines(), 1)
-                if text.startswith("*" + words.split(":")[0][1:]) and k > BOX.count("\n"))
-    assert f"line {line}: {words}" in message and "--partial" in message
-    scene, lists = imported(tmp_path, deck, partial=True)
+    message = refused(tmp_path, BOX + ROLLERS + cards)
+    scene, lists = imported(tmp_path, BOX + ROLLERS + cards, partial=True)
+    if words.startswith("*"):
+        line = max(k for k, text in enumerate((BOX + ROLLERS + cards).splitlines(), 1)
+                   if text.startswith(words.split(":")[0]))
+        words = f"line {line}: {words}"
+    assert words in message and "--partial" in message
     assert words in lists.split("lost:")[1] and scene["body"][0]["traction"][0]["force"] == [0.0, 0.0, 9.0]
-
-
-@pytest.mark.parametrize("card, words", LOST_IN_STEP)
-def test_lost_loads_refuse_the_deck(tmp_path, card, words):
-    """So is a load or a support of a step."""
-    assert words in refused(tmp_path, BOX + ROLLERS + step(card))
 
 
 def test_what_changes_between_steps_leaves_the_end(tmp_path):
@@ -403,27 +342,10 @@ def test_what_changes_between_steps_leaves_the_end(tmp_path):
         assert words in lists.split("changed:")[1].split("lost:")[0]
     alone = deck.replace("MATERIAL=STEEL", "MATERIAL=SOFT", 1)
     plain = imported(tmp_path, alone[:alone.index("*BOUNDARY")].replace(f"{PAIR}\nSLAVE, MASTER\n", "") + STEEL.replace(
-        "STEEL", "SOFT").replace("210000.", "105000.") + step(*moved, *force), name="alone")[0]
-    assert {**plain, "title": ""} == {**scene, "title": ""}
+        "STEEL", "SOFT").replace("210000.", "105000.") + step(*moved, *force))[0]
+    assert plain == scene
     rough = deck.replace(law, f"{law}*FRICTION\n0.1\n") + step("*CLOAD", "1, 1, 1.") + step(*moved)
-    assert "a support that ends before a later step\n" in refused(tmp_path / "lost", rough) + "\n"
-
-
-def test_slaves_are_those_of_the_deck(tmp_path):
-    """Unless supports hold the slave wherever it is in contact, which is no slave then."""
-    move = step("*BOUNDARY", "B_Z1, 3, 3, -0.001")
-    assert imported(tmp_path, stack(PAIR, LAW) + move)[0]["contact"][0]["slave"] == "B"
-    held = stack(PAIR, LAW).replace("*BOUNDARY\n", "*BOUNDARY\nB_Z0, 1, 3\n", 1) + move
-    assert "slave" not in imported(tmp_path, held, name="held")[0]["contact"][0]
-    rigid = "*NODE\n900, 0., 0., 5.\n*RIGID BODY, NSET=B_Z0, REF NODE=900\n*BOUNDARY\n900, 1, 6\n"
-    assert "slave" not in imported(tmp_path, stack(PAIR, LAW + rigid) + move, name="rigid")[0]["contact"][0]
-
-
-def test_pressure_of_a_fluid(tmp_path):
-    """P2NP is the pressure that the second component of a node of a network gives; it is no support then."""
-    deck = "*NODE\n900, 9., 9., 9.\n" + BOX + ROLLERS + step("*DLOAD", "9, P2NP, 900", "*BOUNDARY", "900, 2, 2, 4.")
-    scene, lists = imported(tmp_path, deck)
-    assert scene["body"][0]["traction"] == [{"on": "pressed", "pressure": 4.0}] and "left out" not in lists
+    assert "a support that ends before a later step\n" in refused(tmp_path, rough) + "\n"
 
 
 def test_amplitudes_on_the_command_line(tmp_path):
@@ -457,6 +379,7 @@ BAD = [
     (BOX + "*AMPLITUDE, NAME=N\n0., 0., 1.\n" + step("*CLOAD, AMPLITUDE=N", "1, 1, 1."), "*AMPLITUDE: it needs pairs"),
     (BOX + "*RIGID BODY, NSET=A_Z1, REF NODE=A_Z0\n" + step(), "*RIGID BODY: A_Z0 has 9 nodes; one is needed"),
     (BOX + "*RIGID BODY, NSET=A_Z1, REF NODE=999\n" + step(), "*RIGID BODY: there is no node 999"),
+    (BOX + "*SURFACE, NAME=S\nA, S2\n*PRE-TENSION SECTION, SURFACE=S, NODE=77\n" + step(), "there is no node 77"),
     (BOX + step("*CLOAD, AMPLITUDE=N", "1, 1, 1."), "*CLOAD: there is no *AMPLITUDE N"),
     (BOX.replace("MATERIAL=STEEL", "MATERIAL=GOLD") + step("*CLOAD", "1, 1, 1."), "there is no *MATERIAL GOLD"),
     (BOX.replace(SECTION, "") + step("*CLOAD", "1, 1, 1."), "element 1 of A has no *SOLID SECTION"),
@@ -483,14 +406,14 @@ BAD = [
     (stack("*CONTACT PAIR, INTERACTION=I", LAW, first="") + step(), "*CONTACT PAIR: a data line is too short"),
     (BOX + "*INCLUDE, INPUT=none.inp\n" + step(), "*INCLUDE: no such file: none.inp"),
     ("1, 2.\n" + BOX + step(), "line 1 of deck.inp: data without a keyword"),
-    ("", "it has no"), ("hello\n", "it has no"), ("*NODE, NSET\n*STEP\n", "")]
+    ("", "it has no keyword"), ("hello\n", "data without a keyword"), ("*NODE, NSET\n*STEP\n", "")]
 
 
 @pytest.mark.parametrize("deck, words", BAD)
 def test_bad_decks(tmp_path, deck, words):
     """Each mistake is one message with the file, and where it can be, the line."""
     message = refused(tmp_path, deck, partial=True)
-    assert words in message and message.startswith(str(tmp_path / "deck.inp")) and "\n" not in message
+    assert words in message and message.startswith(str(tmp_path / "0" / "deck.inp")) and "\n" not in message
 
 
 def test_a_deck_cut_off_anywhere(tmp_path):
@@ -536,12 +459,12 @@ def test_an_assembly_with_parts(tmp_path):
             + step("*DSLOAD", "top, P, 5.", "top, TRVEC, 2., 0., 0., -3."))
     scene, _ = imported(tmp_path, deck)
     assert [body["name"] for body in scene["body"]] == ["low", "high"]
-    answer = solved(tmp_path, deck, name="run")
+    answer = solved(tmp_path, deck)
     assert answer.summary["bodies"]["low"]["reaction"][2] == pytest.approx(7.0, rel=1e-9)
     assert answer.bodies["high"].displacement[:, 2].min() == pytest.approx(-2.0 * 7.0 / YOUNG, rel=1e-9)
     assert "element 1 of low has no *SOLID SECTION" in refused(
-        tmp_path / "bare", deck.replace("*Solid Section, elset=ALL, material=Steel\n", ""))
-    assert "has node 8, which is not there" in refused(tmp_path / "gone", deck.replace("8, 1.0, 1.0, 1.0\n", ""))
+        tmp_path, deck.replace("*Solid Section, elset=ALL, material=Steel\n", ""))
+    assert "has node 8, which is not there" in refused(tmp_path, deck.replace("8, 1.0, 1.0, 1.0\n", ""))
 
 
 @pytest.mark.parametrize("kind, area", [("CPS4", 1.0), ("CPE4", 1.0), ("CAX4", np.pi)])
@@ -553,11 +476,11 @@ def test_plane_and_axisymmetric_decks(tmp_path, kind, area):
     assert scene.get("axisymmetric", False) == (kind == "CAX4")
     assert scene["body"][0]["material"].get("plane") == ("stress" if kind == "CPS4" else None)
     strain = 7.0 / YOUNG * (0.91 if kind == "CPE4" else 1.0)
-    answer = solved(tmp_path, deck, name="run")
+    answer = solved(tmp_path, deck)
     assert answer.bodies["A"].displacement[:, 1].max() == pytest.approx(2.0 * strain, rel=1e-9)
     assert answer.summary["bodies"]["A"]["reaction"][1] == pytest.approx(-7.0 * area, rel=1e-9)
     pulled = deck.replace("*DLOAD\n3, P3, -7.\n4, P3, -7.", "*CLOAD\nA_Y1, 2, 3.")
-    force = imported(tmp_path, pulled, name="pulled")[0]["body"][0]["traction"][0]["force"]
+    force = imported(tmp_path, pulled)[0]["body"][0]["traction"][0]["force"]
     assert force == pytest.approx([0.0, 9.0 / (1.0 if kind == "CAX4" else 0.5)])
 
 
@@ -572,10 +495,10 @@ def test_several_materials_and_moved_supports(tmp_path):
     top = next(clamp for clamp in scene["clamp"] if isinstance(clamp.get("z"), str))
     assert top["on"] == "A_Z1"
     assert evaluate(top["z"], np.array([0.0, 1.0])) == pytest.approx([0.001, 0.003])
-    odd = imported(tmp_path, deck + step("*BOUNDARY", *moved[:-1], "36, 3, 3, 0.9"), name="odd")[0]["body"][0]
+    odd = imported(tmp_path, deck + step("*BOUNDARY", *moved[:-1], "36, 3, 3, 0.9"))[0]["body"][0]
     held = sorted(clamp["z"] for clamp in odd["clamp"] if "z" in clamp)
     assert held == pytest.approx([0.0, 0.001, 0.002, 0.003, 0.9])
-    answer = solved(tmp_path, deck + step("*BOUNDARY", "A_Z1, 3, 3, 0.01"), name="run")
+    answer = solved(tmp_path, deck + step("*BOUNDARY", "A_Z1, 3, 3, 0.01"))
     assert answer.bodies["A"].displacement[:, 2].max() == pytest.approx(0.01, rel=1e-12)
 
 
@@ -606,54 +529,6 @@ def test_a_rigid_set_whose_motion_is_given(tmp_path):
     assert top == pytest.approx(np.cross([0.0, 0.02, 0.0], x) - np.array([0.0, 0.0, 0.01]), abs=1e-12)
 
 
-@pytest.mark.parametrize("card, step_card, words", [
-    ("*RIGID BODY, NSET=A_X0, REF NODE=900", "900, 4, 1.", ""),
-    ("*RIGID BODY, NSET=CORNERS, REF NODE=900\n*BOUNDARY\n900, 2", "900, 1, 1.", "*RIGID BODY: its nodes are no whole"),
-    ("*COUPLING, REF NODE=900, SURFACE=TOP\n*KINEMATIC\n1, 2", "900, 1, 1.", "*KINEMATIC: a coupling of some compo"),
-    ("*RIGID BODY, ELSET=A, REF NODE=900", "900, 1, 1.", "*RIGID BODY: rigid bodies that are no set of nodes")])
-def test_rigid_sets_that_are_lost(tmp_path, card, step_card, words):
-    """Rigid sets that are no faces, or that hold some components only, are named."""
-    deck = COUPLED + f"*NSET, NSET=CORNERS\n28, 30, 34, 36\n{card}\n" + step("*CLOAD", step_card)
-    if words:
-        assert words in refused(tmp_path, deck)
-    else:
-        assert imported(tmp_path, deck)[0]["rigid"][0]["moment"] == [1.0, 0.0, 0.0]
-
-
-def test_loads_of_rigid_points_are_spread(tmp_path):
-    """A set of points that nothing holds carries its force and moment, spread over the faces around them."""
-    deck = COUPLED + "*NSET, NSET=CORNERS\n28, 30, 34, 36\n*RIGID BODY, NSET=CORNERS, REF NODE=900\n" + step(
-        "*CLOAD", "900, 1, 3.", "900, 4, 5.")
-    scene, lists = imported(tmp_path, deck)
-    moment = pytest.approx([5.0, 3.0 * 1.4, 0.0])  # about their middle
-    assert scene["body"][0]["traction"] == [{"on": "coupled", "force": [3.0, 0.0, 0.0]},
-                                            {"on": "coupled", "moment": moment}]
-    assert "points alone hold nothing in a solid" in lists and "rigid" not in scene
-    assert "*RIGID BODY: forces spread over a face" in lists
-    upward = deck.replace("900, 1, 3.", "900, 3, 3.").replace("900, 4, 5.", "900, 6, 0.")
-    scene, _ = imported(tmp_path, upward, name="up")
-    assert scene["body"][0]["traction"] == [{"on": "coupled", "force": [0.0, 0.0, 3.0]}]  # no moment of rounding
-
-
-@pytest.mark.parametrize("young, output", [(210000.0, {"length_unit": "mm", "stress_unit": "MPa"}), (2.1e11, None),
-                                           (29000.0, None)])
-def test_labels_follow_the_moduli(tmp_path, young, output):
-    """A deck has no units: moduli of metals in MPa give labels in mm and MPa, and the lists say so."""
-    scene, lists = imported(tmp_path, BOX.replace("210000.", f"{young}") + ROLLERS + step("*DLOAD", "9, P2, 1."))
-    assert scene["body"][0]["material"]["young"] == young and scene.get("output") == output
-    labels = "by its moduli labelled mm and MPa" if output else "labelled m and Pa"
-    assert f"units: those of the deck, {labels}" in lists
-
-
-def test_loads_at_nodes_of_no_body_are_lost(tmp_path):
-    """A force at a node that no element has is lost; a support there is left out, but not one at no node at all."""
-    assert "*BOUNDARY: a support at a node that the deck does not have" in refused(
-        tmp_path, COUPLED + "*BOUNDARY\n901, 1\n" + step("*CLOAD", "36, 1, 1."))
-    assert "*CLOAD: a force at a node of no body" in refused(tmp_path, COUPLED + step("*CLOAD", "900, 1, 1."))
-    lists = imported(tmp_path, COUPLED + "*BOUNDARY\n900, 1\n" + step("*CLOAD", "36, 1, 1."))[1]
-    assert "a support at a node of no body is left out" in lists
-
-
 def bolt(kind: str = "") -> str:
     """A bar between two supports, cut at a section in its middle with a force at node 900."""
     head = grid("A", (1, 1, 4), (1.0, 1.0, 4.0), kind=kind) + STEEL + SECTION
@@ -666,20 +541,112 @@ def test_a_bolt_under_pretension(tmp_path):
     scene = imported(tmp_path, bolt() + step("*CLOAD", "900, 1, 50."))[0]
     assert scene["contact"][0]["pretension"] == {"force": 50.0, "along": [0.0, 0.0, 1.0]}
     answer = solved(tmp_path, bolt() + step("*CLOAD", "900, 1, 50.") + step("*BOUNDARY, FIXED", "900, 1, 1",
-                    "*BOUNDARY", "A_Z1, 3, 3, 0.001"), name="run")
+                    "*BOUNDARY", "A_Z1, 3, 3, 0.001"))
     (contact,) = answer.summary["contacts"].values()
     assert contact["pretension"]["offset"] == pytest.approx(50.0 * 4 / YOUNG, rel=1e-6)
     assert contact["pretension"]["force"] == pytest.approx(50.0 + 0.001 / 4 * YOUNG, rel=1e-6)
 
 
-@pytest.mark.parametrize("change, words", [
-    (("S2\n*PRE", "S6\n*PRE"), "a section that does not cut a body in two"),
-    (("NODE=900", "NODE=77"), "there is no"), (("SURFACE=CUT, ", ""), "not of a section of solid elements")])
-def test_sections_that_are_lost(tmp_path, change, words):
-    """A section on a side, without its node or surface is refused."""
-    deck = bolt().replace(*change) + step("*CLOAD", "900, 1, 50.")
-    assert words in refused(tmp_path, deck) or "a force at a node of no body" in refused(tmp_path, deck)
-    assert "neither a force nor a displacement" in refused(tmp_path, bolt() + step("*CLOAD", "A_X1, 1, 1."))
+RIGID = "*NSET, NSET=CORNERS\n28, 30, 34, 36\n*RIGID BODY, NSET=CORNERS, REF NODE=900\n"
+KINEMATIC = "*COUPLING, REF NODE=900, SURFACE=TOP\n*KINEMATIC\n1, "
+PRESS = step("*BOUNDARY", "B_Z1, 3, 3, -0.001")
+WARM = step("*TEMPERATURE", "A_Z1, 50.", "*DLOAD", "9, P2, 1.")
+
+SCENES = {
+    "ties are bonded": (stack("*TIE, NAME=T", gap=0.05) + PRESS, "contact.0.kind", "bonded", ""),
+    "ties over a gap are told": (stack("*TIE, NAME=T", gap=0.3) + PRESS, "contact.0.kind", "bonded",
+                                 "nodes 0.3 apart, beyond its tolerance, are tied"),
+    "tied contact is bonded": (stack(PAIR, f"{LAW}*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=TIED\n1e7\n") + PRESS,
+                               "contact.0.kind", "bonded", "tied contact: bonded, without stiffness"),
+    "a clearance is a gap": (stack(PAIR, f"{LAW}*CLEARANCE, SLAVE=slave, MASTER=MASTER, VALUE=0.02\n", 0.05) + PRESS,
+                             "contact.0.gap", 0.02, ""),
+    "slaves are those of the deck": (stack(PAIR, LAW) + PRESS, "contact.0.slave", "B", ""),
+    "unless supports hold them": (stack(PAIR, LAW).replace("*BOUNDARY\n", "*BOUNDARY\nB_Z0, 1, 3\n", 1) + PRESS,
+                                  "contact.0.slave", None, ""),
+    "or they are rigid": (stack(PAIR, f"{LAW}*NODE\n900, 0., 0., 5.\n*RIGID BODY, NSET=B_Z0, REF NODE=900\n*BOUNDARY\n"
+                                "900, 1, 6\n") + PRESS, "contact.0.slave", None, ""),
+    "*NSET, ELSET= has the nodes of elements": (
+        BOX + "*ELSET, ELSET=LOW, GENERATE\n1, 4\n*NSET, NSET=HELD, ELSET=LOW\n*NSET, NSET=SAME, GENERATE\n1, 18\n"
+        "*BOUNDARY\nSAME, 1, 3\n" + step("*CLOAD", "A_Z1, 3, 1."),
+        "body.0.clamp", [{"on": "HELD", "x": 0.0, "y": 0.0, "z": 0.0}], ""),
+    "ENCASTRE holds the turns of a reference node": (
+        COUPLED + KINEMATIC + "3\n*BOUNDARY\n900, ENCASTRE\n" + step("*DLOAD", "1, P3, 5."),
+        "body.0.clamp.1", {"on": "rigid", "x": 0.0, "y": 0.0, "z": 0.0}, ""),
+    "PINNED does not": (COUPLED + KINEMATIC + "3\n*BOUNDARY\n900, PINNED\n" + step("*DLOAD", "1, P3, 5."), "rigid.0", {
+        "name": "rigid", "shape": "plane", "point": [0.0, 0.0, 3.0], "normal": [0.0, 0.0, -1.0],
+        "displacement": [0.0, 0.0, 0.0], "pivot": [0.5, 0.5, 4.0], "turns": True}, ""),
+    "a moment is that of the rigid partner": (COUPLED + "*RIGID BODY, NSET=A_X0, REF NODE=900\n" + step(
+        "*CLOAD", "900, 4, 1."), "rigid.0.moment", [1.0, 0.0, 0.0], "a face that moves as a rigid one"),
+    "loads of rigid points are spread": (
+        COUPLED + RIGID + step("*CLOAD", "900, 1, 3.", "900, 4, 5."), "body.0.traction",
+        [{"on": "coupled", "force": [3.0, 0.0, 0.0]}, {"on": "coupled", "moment": pytest.approx([5.0, 4.2, 0.0])}],
+        "points alone hold nothing in a solid"),
+    "without a moment of rounding": (COUPLED + RIGID + step("*CLOAD", "900, 3, 3.", "900, 6, 0."), "body.0.traction", [
+        {"on": "coupled", "force": [0.0, 0.0, 3.0]}], "*RIGID BODY: forces spread over a face"),
+    "loads follow amplitudes of the total time in later steps": (
+        BOX + ROLLERS + "*AMPLITUDE, NAME=ALL, TIME=TOTAL TIME\n0., 0., 2., 1.\n" + step(
+            "*CLOAD, AMPLITUDE=ALL", "A_Z1, 3, 9.") + 2 * step("*NODE PRINT, NSET=A_Z1", "U"),
+        "history", {"h1": {"times": [0.0, 2.0, 3.0], "factors": [0.0, 1.0, 1.0]}}, ""),
+    "the pressure of a fluid is that of a node": (
+        "*NODE\n900, 9., 9., 9.\n" + BOX + ROLLERS + step("*DLOAD", "9, P2NP, 900", "*BOUNDARY", "900, 2, 2, 4."),
+        "body.0.traction", [{"on": "pressed", "pressure": 4.0}], "linear ones would be too stiff\n\nlost:"),
+    "a support at no body changes nothing": (
+        COUPLED + "*BOUNDARY\n900, 1\n" + step("*CLOAD", "36, 1, 1."), "rigid", None,
+        "a support at a node of no body is left out"),
+    "forces at the section of a bolt act on the side without its surface": (
+        bolt() + step("*CLOAD", "900, 1, 50.", "A_X1, 1, 1."), "body.1.traction", [
+            {"on": "loaded", "force": [6.0, 0.0, 0.0]}], ""),
+    "names of sets stay on both sides of it": (
+        bolt() + step("*CLOAD", "900, 1, 50."), "body.1.clamp", [
+            {"on": "A_X0", "x": 0.0}, {"on": "A_Y0", "y": 0.0}, {"on": "A_Z1", "z": 0.0}], ""),
+    "temperatures are taken": (
+        BOX + ROLLERS + WARM, "body.0.material.expansion", 1.2e-5, "*TEMPERATURE: temperature\n"),
+    "without expansion they change nothing": (
+        (BOX + ROLLERS + WARM).replace("*EXPANSION\n1.2e-5\n", ""), "body.0.temperature", None,
+        "*TEMPERATURE: no thermal strain of A: its material has no *EXPANSION\n"),
+    "moduli of metals in MPa label mm and MPa": (
+        BOX + ROLLERS + step("*DLOAD", "9, P2, 1."), "output", {"length_unit": "mm", "stress_unit": "MPa"},
+        "units: those of the deck, by its moduli labelled mm and MPa"),
+    "others do not": (BOX.replace("210000.", "2.1e11") + ROLLERS + step("*DLOAD", "9, P2, 1."), "output", None,
+                      "units: those of the deck, labelled m and Pa"),
+    "nor those in ksi": (BOX.replace("210000.", "29000.") + ROLLERS + step("*DLOAD", "9, P2, 1."), "output", None, "")}
+
+
+@pytest.mark.parametrize("deck, key, value, words", SCENES.values(), ids=SCENES)
+def test_what_a_deck_becomes(tmp_path, deck, key, value, words):
+    """A value of the scene, None where it has none, and what the lists say."""
+    scene, lists = imported(tmp_path, deck)
+    for part in key.split("."):
+        scene = scene[int(part)] if isinstance(scene, list) else scene.get(part)
+    assert scene == value and words in lists
+
+
+LOST_LATER = [
+    (BOX.replace("*ELASTIC\n210000., 0.3", "*ORIENTATION, NAME=O, SYSTEM=CYLINDRICAL\n0., 0., 0., 0., 0., 1.\n*ELASTIC,"
+                 "TYPE=ENGINEERING CONSTANTS\n1e5, 1e5, 1e5, 0., 0., 0., 3e4, 3e4,\n3e4").replace(
+         SECTION, f"{SECTION[:-1]}, ORIENTATION=O\n") + step(), "*ELASTIC: axes of a material that turn from place to"),
+    (COUPLED + RIGID + "*BOUNDARY\n900, 2\n" + step("*CLOAD", "900, 1, 1."),
+     "*RIGID BODY: its nodes are no whole faces of one body"),
+    (COUPLED + KINEMATIC + "2\n" + step("*CLOAD", "900, 1, 1."), "*KINEMATIC: a coupling of some components only"),
+    (COUPLED + KINEMATIC + "3\n*BOUNDARY\n900, YSYMM\n" + step("*DLOAD", "1, P3, 5."), "some of its turns are given"),
+    (COUPLED + "*RIGID BODY, ELSET=A, REF NODE=900\n" + step("*CLOAD", "900, 1, 1."), "that are no set of nodes"),
+    (COUPLED + "*BOUNDARY\n901, 1\n" + step("*CLOAD", "36, 1, 1."), "a support at a node that the deck does not have"),
+    (COUPLED + step("*CLOAD", "900, 1, 1."), "*CLOAD: a force at a node of no body"),
+    (bolt().replace("S2\n*PRE", "S6\n*PRE") + step("*CLOAD", "900, 1, 5."), "a section that does not cut a body in"),
+    (bolt().replace("SURFACE=CUT, ", "") + step("*CLOAD", "900, 1, 5."), "not of a section of solid elements"),
+    (bolt() + step("*CLOAD", "A_X1, 1, 1."), "a pre-tension whose node has neither a force nor a displacement"),
+    (stack("*TIE, NAME=T, POSITION TOLERANCE=0.1", gap=0.3) + step("*CLOAD", "B_Z1, 3, 1."), "a tie over a gap of 0.3"),
+    (stack(PAIR, LAW, first="SLAVE, SLAVE") + step("*CLOAD", "B_Z1, 3, 1."), "*CONTACT PAIR: contact of B with itself"),
+    (BOX + ROLLERS + "*AMPLITUDE, NAME=UP\n0., 0., 1., 1.\n" + step(
+        "*CLOAD", "A_Z1, 3, 1.", "*CLOAD, AMPLITUDE=UP", "A_Z1, 3, 2."), "a load beside another one of this step with"),
+    (BOX + ROLLERS + step("*DLOAD", "A, GRAV, 9., 0., 0., 1.").replace("*STEP", "*ELSET, ELSET=S\n1\n*STEP").replace(
+        "\nA,", "\nS,"), "*DLOAD: GRAV on a part of a body")]
+
+
+@pytest.mark.parametrize("deck, words", LOST_LATER)
+def test_what_is_lost_of_bodies_and_what_joins_them(tmp_path, deck, words):
+    """Rigid sets, bolts, ties and loads that have no place in the scene are named."""
+    assert words in refused(tmp_path, deck)
 
 
 @pytest.mark.parametrize("normal", ["", "0., 0., -1.\n"])
@@ -702,7 +669,7 @@ def test_a_bolt_in_a_frame(tmp_path):
     scene, lists = imported(tmp_path, deck + step("*CLOAD", "900, 1, 50."))
     assert [contact.get("pretension", {}).get("force") for contact in scene["contact"]] == [50.0, None]
     assert "a body of their own" in lists
-    answer = solved(tmp_path, deck + step("*CLOAD", "900, 1, 50."), name="run")
+    answer = solved(tmp_path, deck + step("*CLOAD", "900, 1, 50."))
     first, second = answer.summary["contacts"].values()
     assert first["pretension"]["force"] == pytest.approx(50.0, rel=1e-9)
     assert first["force"][2] + second["force"][2] == pytest.approx(0.0, abs=1e-6)
@@ -716,7 +683,7 @@ def test_adjusted_surfaces(tmp_path, reach, force):
     pressed = YOUNG * 0.7 / 1.3 / 0.4 * 0.001 / 2.0 if force else 0.0
     assert answer.summary["contacts"]["B-A"]["normal_force"] == pytest.approx(pressed, rel=1e-6, abs=1e-9)
     turned = deck.replace("*TRANSFORM", "").replace("101, 0.0, 0.0, 1.05", "101, 0.0, 0.0, 1.15")
-    assert "ADJUST that moves some of the nodes only" in refused(tmp_path / "some", turned) if force else True
+    assert "ADJUST that moves some of the nodes only" in refused(tmp_path, turned) if force else True
 
 
 def test_plates_of_different_thickness(tmp_path):
@@ -731,10 +698,10 @@ def test_plates_of_different_thickness(tmp_path):
     assert np.unique(np.round(answer.bodies["A"].stress[:, 0], 9)) == pytest.approx([2.8, 7.0])
     assert summary["bodies"]["A"]["reaction"] == pytest.approx([-7.0 * 0.2, 0.0], abs=1e-12)
     assert summary["discretization_error"]["energy_norm"] == pytest.approx(0.0, abs=1e-6)
-    heavy = solved(tmp_path, deck + step("*DLOAD", "A, GRAV, 1000., 1., 0., 0."), name="heavy").summary
+    heavy = solved(tmp_path, deck + step("*DLOAD", "A, GRAV, 1000., 1., 0., 0.")).summary
     assert heavy["bodies"]["A"]["reaction"][0] == pytest.approx(-7.8e-9 * 1000.0 * 0.7, rel=1e-9)
-    warm = solved(tmp_path, deck + step("*TEMPERATURE", *(f"{k}, 10." for k in range(1, 7))), name="warm").bodies["A"]
+    warm = solved(tmp_path, deck + step("*TEMPERATURE", *(f"{k}, 10." for k in range(1, 7)))).bodies["A"]
     assert warm.displacement[:, 0].max() == pytest.approx(2.0 * 1.2e-5 * 10.0, rel=1e-9)
     assert np.abs(warm.stress).max() < 1e-9 * YOUNG
     assert "thick; plane strain, and bodies in contact, have one depth" in refused(
-        tmp_path / "strain", deck.replace("CPS4", "CPE4") + step("*DLOAD", "2, P2, -7."))
+        tmp_path, deck.replace("CPS4", "CPE4") + step("*DLOAD", "2, P2, -7."))

@@ -1,19 +1,16 @@
 """Geometries: .geo, .step and .brep as gmsh meshes them in the run, how fine, and what is refused."""
 
 import re
-from pathlib import Path
+from functools import partial
 
-import gmsh
 import numpy as np
 import pytest
 
 from ddmpi.errors import InputError
 from ddmpi.mesh import geometry
-from ddmpi.mesh.build import build_mesh
-from ddmpi.mesh.mesh import Mesh, signed_measures
-from ddmpi.mesh.read import gmsh_session
-from ddmpi.mesh.refine import GRADE, Sizes, graded
-from ddmpi.scene.bodies import BodySpec, Material, MeshSpec
+from ddmpi.mesh.refine import GRADE, graded
+from meshes import cad, lengths, longest, mesh_of, write
+from meshes import drawn as drawn_of
 
 PLATE = """
 Point(1) = {0, 0, 0}; Point(2) = {2, 0, 0}; Point(3) = {2, 1, 0}; Point(4) = {0, 1, 0};
@@ -42,30 +39,7 @@ Physical Curve("hole") = {5, 6};
 """ + GROUPS
 
 
-def write(path: Path, text: str) -> Path:
-    path.write_text(text)
-    return path
-
-
-def drawn(path: Path, size: float = 0.25, contacts: tuple[str, ...] = (), sizes: Sizes | None = None, clamp=(),
-          **keys) -> Mesh:
-    body = BodySpec(name="plate", mesh=MeshSpec(geometry=str(path), size=size, **keys),
-                    material=Material(young=1.0, poisson=0.3), clamp=list(clamp))
-    return build_mesh(body.settled(keys.get("order", 1)), Path("."), contacts, sizes)
-
-
-def area(mesh: Mesh) -> float:
-    return float(signed_measures(mesh.points, mesh.triangles).sum())
-
-
-def lengths(mesh: Mesh, group: str) -> np.ndarray:
-    ends = mesh.points[mesh.groups[group]]
-    return np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-
-
-def longest(mesh: Mesh) -> float:
-    corners = mesh.points[mesh.triangles[:, :3]]
-    return float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max())
+drawn = partial(drawn_of, size=0.25)
 
 
 # How fine
@@ -75,7 +49,7 @@ def test_geometry_has_its_groups_and_is_as_fine_as_asked(tmp_path):
     """A .geo is meshed with its physical groups; no side is much longer than `size`; the same file, the same mesh."""
     path = write(tmp_path / "plate.geo", SURFACE + GROUPS)
     meshes = [drawn(path), drawn(path)]
-    assert area(meshes[0]) == pytest.approx(2.0, rel=1e-12, abs=0.0)
+    assert meshes[0].measures().sum() == pytest.approx(2.0, rel=1e-12, abs=0.0)
     assert {name: round(lengths(meshes[0], name).sum(), 12) for name in meshes[0].groups} == \
         {"bottom": 2.0, "right": 1.0, "top": 2.0, "left": 1.0}
     assert 0.2 < longest(meshes[0]) < 1.4 * 0.25
@@ -111,7 +85,7 @@ def test_circles_have_enough_elements(tmp_path):
     """A small hole in a coarse plate is round: its sides turn by 15 degrees, not so much as to be corners."""
     mesh = drawn(write(tmp_path / "hole.geo", HOLE), size=1.0)
     assert 24 <= len(mesh.groups["hole"]) <= 28
-    assert area(mesh) == pytest.approx(2 - np.pi * 0.04, rel=2e-3)
+    assert mesh.measures().sum() == pytest.approx(2 - np.pi * 0.04, rel=2e-3)
 
 
 def test_given_sizes_are_followed(tmp_path):
@@ -142,8 +116,7 @@ def test_names_of_groups_are_no_script(tmp_path):
 
 def test_sizes_grow_slowly():
     """Sizes at nodes grow by no more than GRADE with the distance, and are the elements' where these vary little."""
-    spec = MeshSpec(shape="rectangle", size=(1.0, 1.0), divisions=(20, 20))
-    mesh = build_mesh(BodySpec(name="a", mesh=spec, material=Material(young=1.0, poisson=0.3)))
+    mesh = mesh_of(shape="rectangle", size=(1.0, 1.0), divisions=(20, 20))
     wanted = np.ones(len(mesh.triangles))
     wanted[0] = 1e-3
     found = graded(mesh, wanted)
@@ -162,7 +135,7 @@ def test_sizes_grow_slowly():
 def test_scripts_that_also_mesh(tmp_path, also):
     """What a .geo says of meshing, beside sizes, does no harm: there are straight triangles of the right shape."""
     mesh = drawn(write(tmp_path / "plate.geo", SURFACE + GROUPS + also))
-    assert mesh.order == 1 and area(mesh) == pytest.approx(2.0, rel=1e-12, abs=0.0)
+    assert mesh.order == 1 and mesh.measures().sum() == pytest.approx(2.0, rel=1e-12, abs=0.0)
     assert longest(mesh) < 0.45
 
 
@@ -179,33 +152,28 @@ def test_scripts_of_several_files(tmp_path):
     write(folder / "sides.geo", SURFACE)
     mesh = drawn(write(folder / "plate.geo", 'Include "sides.geo";' + GROUPS))
     assert set(mesh.groups) == {"bottom", "right", "top", "left"}
-    with gmsh_session():
-        gmsh.model.occ.addRectangle(0, 0, 0, 3, 1)
-        gmsh.model.occ.synchronize()
-        gmsh.write(str(folder / "part.step"))
+    cad(folder / "part.step", lambda occ: occ.addRectangle(0, 0, 0, 3, 1))
     script = 'SetFactory("OpenCASCADE"); Merge "part.step"; Physical Curve("ends") = {2, 4};'
     mesh = drawn(write(folder / "merged.geo", script))
-    assert area(mesh) == pytest.approx(3.0, rel=1e-9) and lengths(mesh, "ends").sum() == pytest.approx(2.0, rel=1e-9)
+    assert [mesh.measures().sum(), lengths(mesh, "ends").sum()] == pytest.approx([3.0, 2.0], rel=1e-9)
 
 
-@pytest.fixture(params=[".step", ".brep"])
-def cad(request, tmp_path) -> Path:
-    """A plate 20 × 10 with a hole, without physical groups."""
-    with gmsh_session():
-        occ = gmsh.model.occ
-        occ.cut([(2, occ.addRectangle(0, 0, 0, 20, 10))], [(2, occ.addDisk(10, 5, 0, 2, 2))])
-        occ.synchronize()
-        gmsh.write(str(tmp_path / f"plate{request.param}"))
-    return tmp_path / f"plate{request.param}"
-
-
-def test_curves_of_cad_files_are_groups_by_number(cad):
-    """Curves of STEP and BREP files are called by their numbers, which the message about a wrong one explains."""
-    with pytest.raises(InputError, match=r"has no curve 'left'; it has .*(\d) from \(0, 10\) by \(0, 5\) to \(0, 0\)"):
-        drawn(cad, size=2.0, clamp=["left"])
-    mesh = drawn(cad, size=2.0, clamp=["1"])
-    assert len(mesh.groups) == 5 and area(mesh) == pytest.approx(200 - 4 * np.pi, rel=2e-3)
+@pytest.mark.parametrize("suffix", [".step", ".brep"])
+def test_curves_of_cad_files_are_groups_by_number(tmp_path, suffix):
+    """Curves of STEP and BREP files are called by their numbers, which the message about a wrong one explains; broken
+    and missing files are refused."""
+    path = cad(tmp_path / f"plate{suffix}", lambda occ: occ.cut(
+        [(2, occ.addRectangle(0, 0, 0, 20, 10))], [(2, occ.addDisk(10, 5, 0, 2, 2))]))
+    with pytest.raises(InputError, match=r"no curve 'left'; it has .*(\d) from \(0, 10\) by \(0, 5\) to \(0, 0\)"):
+        drawn(path, size=2.0, clamp=["left"])
+    mesh = drawn(path, size=2.0, clamp=["1"])
+    assert len(mesh.groups) == 5 and mesh.measures().sum() == pytest.approx(200 - 4 * np.pi, rel=2e-3)
     assert sorted(round(lengths(mesh, name).sum()) for name in mesh.groups) == [10, 10, 13, 20, 20]
+    with pytest.raises(InputError, match=r"cannot be read|has no surface"):
+        drawn(write(path, "no drawing"))
+    path.unlink()
+    with pytest.raises(InputError, match=r"body\.body\.mesh\.geometry: there is no file"):
+        drawn(path)
 
 
 # What is refused
@@ -229,9 +197,9 @@ def test_bad_geometries_are_refused(tmp_path, text, words):
     path = write(tmp_path / "plate.geo", text)
     with pytest.raises(InputError) as error:
         drawn(path)
-    assert str(error.value).startswith(f"body.plate.mesh.geometry: {path}") and words in str(error.value)
+    assert str(error.value).startswith(f"body.body.mesh.geometry: {path}") and words in str(error.value)
     assert len(str(error.value).splitlines()) == 1
-    assert drawn(write(tmp_path / "good.geo", SURFACE + GROUPS)).triangles.size
+    assert "Exit" not in text or drawn(write(tmp_path / "good.geo", SURFACE + GROUPS)).triangles.size
 
 
 def test_any_error_of_gmsh_is_the_drawings(tmp_path, monkeypatch):
@@ -253,14 +221,6 @@ def test_any_error_of_gmsh_is_the_drawings(tmp_path, monkeypatch):
     monkeypatch.setattr(geometry, "apart", ends)
     with pytest.raises(InputError, match=r"plate\.geo ends gmsh \(exit code 1: Unknown curve 7\)$"):
         drawn(path)
-
-
-def test_missing_and_broken_files_are_refused(tmp_path):
-    """A missing file and a broken STEP file are refused."""
-    with pytest.raises(InputError, match=r"body\.plate\.mesh\.geometry: there is no file"):
-        drawn(tmp_path / "plate.geo")
-    with pytest.raises(InputError, match="cannot be read"):
-        drawn(write(tmp_path / "plate.step", "no STEP file"))
 
 
 @pytest.mark.parametrize("key", ["size", "contact_size"])

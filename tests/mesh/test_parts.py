@@ -3,49 +3,24 @@
 import re
 from pathlib import Path
 
-import gmsh
 import numpy as np
 import pytest
 
 from ddmpi.errors import InputError
 from ddmpi.mesh.boundary import combined
-from ddmpi.mesh.build import build_mesh
-from ddmpi.mesh.elements import facet_measures
 from ddmpi.mesh.mesh import Mesh
-from ddmpi.mesh.read import gmsh_session
-from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec, Traction
-
-STEEL = Material(young=1.0, poisson=0.3)
+from ddmpi.scene.bodies import Clamp, MeshSpec, Traction
+from meshes import area, cad, lengths, mesh_of
 
 
 def assembly(path: Path, names: tuple[str, ...] = ("base", "bolt", "bolt")) -> Path:
     """A STEP file of a block 4 × 4 × 1, and of two pins of radius 0.5 on it, called by `names`."""
-    with gmsh_session():
-        occ = gmsh.model.occ
-        occ.addBox(0, 0, 0, 4, 4, 1)
-        occ.addCylinder(1, 1, 1, 0, 0, 1, 0.5)
-        occ.addCylinder(3, 3, 1, 0, 0, 1, 0.5)
-        occ.synchronize()
-        gmsh.write(str(path))
+    cad(path, lambda occ: [occ.addBox(0, 0, 0, 4, 4, 1), *(
+        occ.addCylinder(x, x, 1, 0, 0, 1, 0.5) for x in (1, 3))])
     text = re.sub(r"'Open CASCADE STEP translator [\d.]+ \d+\.(\d)'", lambda m: f"'{names[int(m[1]) - 1]}'",
                   path.read_text())
     path.write_text(text)
     return path
-
-
-def mesh_of(clamp=(), traction=(), order: int = 1, contacts=(), **keys) -> Mesh:
-    spec = BodySpec(name="body", mesh=MeshSpec(order=order, **keys), material=STEEL, clamp=list(clamp),
-                    traction=list(traction))
-    return build_mesh(spec.settled(order, 3), Path("."), contacts)
-
-
-def area(mesh: Mesh, name: str) -> float:
-    return facet_measures(mesh.points[mesh.facets(name).nodes]).sum()
-
-
-def lengths(mesh: Mesh, name: str) -> np.ndarray:
-    at = mesh.points[mesh.groups[name]]
-    return np.linalg.norm(at - np.roll(at, 1, axis=1), axis=2)
 
 
 def test_a_part_of_an_assembly_by_name_and_number(tmp_path):
@@ -122,8 +97,7 @@ def test_edges_and_corners_of_any_body_may_be_clamped():
     mesh = mesh_of(clamp=["left & bottom", "left & bottom & front"], order=2, **box)
     edge, corner = (mesh.points[mesh.nodes_of(name)] for name in ("left & bottom", "left & bottom & front"))
     assert (edge[:, [0, 2]] == 0.0).all() and len(edge) == 5 and corner.tolist() == [[0.0, 0.0, 0.0]]
-    plate = build_mesh(BodySpec(name="body", material=STEEL, clamp=["left & bottom"], mesh=MeshSpec(
-        shape="rectangle", size=(1.0, 1.0), divisions=(2, 2))))
+    plate = mesh_of(clamp=["left & bottom"], shape="rectangle", size=(1.0, 1.0), divisions=(2, 2))
     assert plate.points[plate.nodes_of("left & bottom")].tolist() == [[0.0, 0.0]]
     with pytest.raises(InputError, match=r"body.body.clamp: 'left' and 'right' have no node in common"):
         mesh_of(clamp=["left & right"], **box)

@@ -4,15 +4,13 @@ import numpy as np
 import pytest
 
 from ddmpi.errors import InputError
-from ddmpi.mesh.build import build_mesh
-from ddmpi.mesh.mesh import Mesh, signed_measures
+from ddmpi.mesh.mesh import Mesh, refuse_folded, signed_measures
+from ddmpi.mesh.refine import bend
 from ddmpi.mesh.shapes import generate_rectangle
-from ddmpi.scene.bodies import BodySpec, Material, MeshSpec
+from ddmpi.scene.bodies import MeshSpec
+from meshes import lengths, mesh_of
 
 SLANTED = ((0.1, -0.2), (3.0, 0.3), (2.5, 1.7), (-0.4, 1.1))
-def mesh_of(order: int = 1, **keys) -> Mesh:
-    return build_mesh(BodySpec(name="body", mesh=MeshSpec(order=order, **keys),
-                               material=Material(young=1.0, poisson=0.3)))
 
 
 def quadrilateral(divisions, corners=SLANTED, order=1) -> Mesh:
@@ -25,11 +23,6 @@ def annulus(divisions, angles=(0.0, 90.0), radii=(0.5, 1.25), center=(0.0, 0.0),
 
 def areas(mesh: Mesh) -> np.ndarray:
     return signed_measures(mesh.points, mesh.triangles)
-
-
-def lengths(mesh: Mesh, group: str) -> np.ndarray:
-    ends = mesh.points[mesh.groups[group][:, :2]]
-    return np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
 
 
 def check_boundary(mesh: Mesh) -> None:
@@ -66,13 +59,13 @@ def test_annulus_has_area_and_lengths_of_its_polygons(angles, order):
     step = np.radians(angles[1] - angles[0]) / around
     assert areas(mesh).sum() == pytest.approx(around * np.sin(step) * (outer**2 - inner**2) / 2, rel=1e-13)
     assert np.all(areas(mesh) > 0)
-    closed = angles[1] - angles[0] == 360
-    assert set(mesh.groups) == {"inner", "outer"} | ({"start", "end"} if not closed else set())
+    ends = {"start", "end"} if angles[1] - angles[0] < 360.0 else set()
+    assert mesh.groups.keys() == {"inner", "outer"} | ends
     for name, radius in (("inner", inner), ("outer", outer)):
         assert lengths(mesh, name) == pytest.approx(np.full(around, 2 * radius * np.sin(step / 2)), rel=1e-13)
-        ends = mesh.points[mesh.groups[name][:, :2]] - (3.0, -1.0)
-        assert np.linalg.norm(ends, axis=2) == pytest.approx(np.full((around, 2), radius), rel=1e-14)
-    for name in set(mesh.groups) - {"inner", "outer"}:
+        nodes = mesh.points[mesh.groups[name][:, :2]] - (3.0, -1.0)
+        assert np.linalg.norm(nodes, axis=2) == pytest.approx(np.full((around, 2), radius), rel=1e-14)
+    for name in ends:
         assert lengths(mesh, name) == pytest.approx(np.full(across, (outer - inner) / across), rel=1e-13)
     check_boundary(mesh)
 
@@ -89,6 +82,40 @@ def test_annulus_is_exact_on_the_axes_and_symmetric():
     turned = np.column_stack([-points[:, 1], points[:, 0]])
     assert {tuple(p) for p in points + 0.0} == {tuple(p) for p in turned + 0.0}
     assert np.count_nonzero(points == 0.0) == 4 * 3
+
+
+@pytest.mark.parametrize("angles", [(-30.0, 47.0), (0.0, 360.0)])
+def test_annulus_is_curved(angles):
+    """The nodes of an annulus of order 2 lie on its circles, also where a ring closes; radial sides stay straight."""
+    mesh = annulus((7, 3), angles, order=2)
+    distance, inner, outer = np.linalg.norm(mesh.points, axis=1), 0.5, 1.25
+    assert distance == pytest.approx((outer - inner) / 6 * np.round((distance - inner) / (outer - inner) * 6) + inner,
+                                     rel=1e-14)
+    assert len(mesh.curved) == len(mesh.triangles)
+    radial = np.abs(np.ptp(distance[mesh.triangles[:, mesh.cell.edges[:, :2]]], axis=2) - (outer - inner) / 3) < 1e-12
+    bent = mesh.cell.bends(mesh.points[mesh.triangles]).any(axis=2)
+    assert np.count_nonzero(~bent) == 3 * 7 * 2 and radial[~bent].all()
+    assert mesh.measures().min() > 0.0
+    span = np.radians(angles[1] - angles[0])
+    assert mesh.measures().sum() == pytest.approx(span / 2 * (outer**2 - inner**2), rel=(span / 7)**4 / 400)
+
+
+def test_coarse_rings_do_not_fold():
+    """As few cells as a ring may have are mapped one to one, however thin or thick the ring is."""
+    for around, angles in ((3, (0.0, 360.0)), (1, (0.0, 170.0))):
+        for inner in (0.02, 0.5, 0.99):
+            mesh = annulus((around, 2), angles, (inner, 1.0), order=2)
+            assert len(mesh.curved) == len(mesh.triangles)
+
+
+def test_folded_triangle_is_refused():
+    """A triangle whose side is bent beyond its opposite corner is refused with its place."""
+    bends = np.zeros((2, 3, 2))
+    bends[0, 0] = (0.0, 0.6)  # the bottom, up into the lower triangle
+    mesh = mesh_of(2, shape="rectangle", size=(1.0, 1.0), divisions=(1, 1))
+    refuse_folded(bend(mesh, bends / 4), "mesh")
+    with pytest.raises(InputError, match=r"body\.body\.mesh: the curved triangle at \(0\.\d+, 0\.\d+\) folds"):
+        refuse_folded(bend(mesh, bends), "body.body.mesh")
 
 
 # In space

@@ -1,21 +1,15 @@
 """Drawings of solids: .geo, .step and .brep as gmsh meshes them in the run, how fine, and what is refused."""
 
-from collections.abc import Callable
-from pathlib import Path
-
-import gmsh
 import numpy as np
 import pytest
 from scenes import to_toml
 
 from ddmpi.errors import InputError
 from ddmpi.mesh.build import build_mesh, kind_of_files
-from ddmpi.mesh.elements import facet_measures
-from ddmpi.mesh.mesh import Mesh, signed_measures
-from ddmpi.mesh.read import gmsh_session
-from ddmpi.mesh.refine import Sizes
-from ddmpi.scene.bodies import BodySpec, Material, MeshSpec, Traction
+from ddmpi.mesh.mesh import signed_measures
+from ddmpi.scene.bodies import Traction
 from ddmpi.scene.reader import read_scene
+from meshes import area, body_of, cad, drawn, longest, write
 
 BLOCK = """
 SetFactory("OpenCASCADE");
@@ -44,44 +38,15 @@ Physical Surface(7) = {out[2]};
 """A block of gmsh's own kernel, without a physical volume."""
 
 
-def write(path: Path, text: str) -> Path:
-    path.write_text(text)
-    return path
-
-
-def spec(path: Path, size: float = 0.5, order: int = 1, clamp=(), **keys) -> BodySpec:
-    rest = {key: keys.pop(key) for key in ("material", "traction") if key in keys}
-    return BodySpec(name="block", mesh=MeshSpec(geometry=str(path), size=size, order=order, **keys), clamp=list(clamp),
-                    **{"material": Material(young=1.0, poisson=0.3)} | rest)
-
-
-def drawn(path: Path, contacts: tuple[str, ...] = (), sizes: Sizes | None = None, order: int = 1, **keys) -> Mesh:
-    return build_mesh(spec(path, order=order, **keys).settled(order, 3), Path("."), contacts, sizes)
-
-
-def longest(mesh: Mesh) -> np.ndarray:
-    """The longest edge (nt,) of each cell."""
-    ends = mesh.points[mesh.triangles[:, mesh.cell.edges[:, :2]]]
-    return np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2).max(axis=1)
-
-
-def cad(path: Path, draw: Callable) -> Path:
-    with gmsh_session():
-        draw(gmsh.model.occ)
-        gmsh.model.occ.synchronize()
-        gmsh.write(str(path))
-    return path
-
-
 @pytest.mark.slow
 def test_solid_has_its_groups_and_is_as_fine_as_asked(tmp_path):
     """A .geo with volumes is meshed with tetrahedra, its groups and materials, curved in order 2."""
     path = write(tmp_path / "block.geo", BLOCK + GROUPS + 'Physical Volume("steel") = {3};')
     mesh, volume = drawn(path, order=2, clamp=["left", "edge", "corner"]), 2.0 - np.pi * 0.25**2
     assert (mesh.dimension, mesh.order, mesh.groups.keys()) == (3, 2, {"left", "top", "bore"})
-    assert longest(mesh).max() < 2 * 0.5 and len(mesh.surfaces["steel"]) == len(mesh.triangles)
+    assert longest(mesh) < 2 * 0.5 and len(mesh.surfaces["steel"]) == len(mesh.triangles)
     assert mesh.measures().sum() == pytest.approx(volume, rel=1e-4)
-    assert facet_measures(mesh.points[mesh.groups["bore"]]).sum() == pytest.approx(np.pi * 0.5, rel=1e-4)
+    assert area(mesh, "bore") == pytest.approx(np.pi * 0.5, rel=1e-4)
     assert len(mesh.groups["bore"]) >= 24  # elements around
     for name, group in mesh.groups.items():
         assert len(mesh.facets(name).nodes) == len(group)
@@ -109,7 +74,7 @@ def test_faces_curves_and_points_of_cad_files_have_numbers(tmp_path):
     mesh = drawn(path, order=2, clamp=["curve 3", "point 2", "5"])
     assert list(mesh.curves) == ["curve 3"] and list(mesh.vertices) == ["point 2"]
     assert mesh.groups.keys() == {str(k) for k in range(1, 7)} and mesh.measures().sum() == pytest.approx(1.0)
-    areas = sorted(facet_measures(mesh.points[group]).sum() for group in mesh.groups.values())
+    areas = sorted(area(mesh, name) for name in mesh.groups)
     assert areas == pytest.approx([0.5, 0.5, 1.0, 1.0, 2.0, 2.0])
     ends = mesh.points[mesh.nodes_of("curve 3")]
     assert np.count_nonzero(np.ptp(ends, axis=0) > 1e-9) == 1 and len(mesh.vertices["point 2"]) == 1
@@ -122,7 +87,7 @@ def test_drawings_say_the_dimension(tmp_path):
     solid, flat = write(tmp_path / "solid.geo", EXTRUDED % ""), write(
         tmp_path / "flat.geo", (EXTRUDED % "").split("out[]")[0] + 'Physical Curve("bottom") = {1};')
     kind = kind_of_files(tmp_path / "scene.toml")
-    assert kind(spec(solid)) == (3, 1) and kind(spec(flat)) == (2, 1)
+    assert [kind(body_of(geometry=str(path), size=0.5)) for path in (solid, flat)] == [(3, 1), (2, 1)]
 
     def dimension(*files: str, **more) -> int:
         bodies = [{"name": f"block{k}", "mesh": {"geometry": file, "size": 0.5}, "clamp": ["bottom"],
@@ -136,4 +101,4 @@ def test_drawings_say_the_dimension(tmp_path):
     with pytest.raises(InputError, match=r"geometry: flat.geo is in the plane, and .* = solid.geo is in space"):
         dimension("solid.geo", "flat.geo")
     with pytest.raises(InputError, match="the mesh is in space, and the scene is in the plane"):
-        build_mesh(spec(solid), dimension=2)
+        build_mesh(body_of(geometry=str(solid), size=0.5), dimension=2)
