@@ -22,9 +22,10 @@ LARGEST_RATIO = 2e6, 5e6
 """In the plane and in space, a dense compliance is the default up to this ratio of k³ to n, with k contact unknowns and
 n dofs. Only thin bodies exceed it: condensation costs them more than cheap products save."""
 
-FACTORS, FACTORS_WITH_SCHUR = (55.0, 250.0), (60.0, 285.0)
-"""Bytes of MUMPS's factors, without and with the compliance, per n log₂ n in the plane and per n^(4/3) in space.
-Measured from n = 45,000 on in the plane, within 4 %, and from 35,000 on in space, where it was up to a third less."""
+FACTORS = 60.0, 285.0
+"""Bytes of MUMPS's factors per n log₂ n in the plane and per n^(4/3) in space, with the compliance, without which they
+are a tenth smaller. Measured from n = 45,000 on in the plane, within 4 %, and from 35,000 on in space, where it was up
+to a third less."""
 
 MARGIN = 1.5
 """The free memory must exceed the estimated factors by this factor (quadratic elements have denser rows)."""
@@ -202,8 +203,8 @@ def choose_kind(n: int, k: int, memory: float, d: int = 2, largest: float = LARG
     collective.
     """
     solid, dense = d == 3, 8.0 * k**2
-    plain, whole = (MARGIN * memory_of_factors(n, d, condensed) for condensed in (False, True))
-    whole += dense
+    plain = MARGIN * memory_of_factors(n, d)
+    whole = plain + dense
     if plain > memory:
         return "iterative", f"factors may take {bytes_in_words(plain)}, {bytes_in_words(memory)} are free"
     if solid and n > largest:
@@ -216,12 +217,10 @@ def choose_kind(n: int, k: int, memory: float, d: int = 2, largest: float = LARG
     return "explicit", f"a dense matrix of {bytes_in_words(dense)} beside the factors"
 
 
-def memory_of_factors(n: int, d: int, condensed: bool) -> float:
-    """Estimated bytes of MUMPS's factors of `n` dofs, d a node, with the compliance if `condensed`."""
-    solid = d == 3
+def memory_of_factors(n: int, d: int) -> float:
+    """Estimated bytes of MUMPS's factors of `n` dofs, d a node."""
     # Nested dissection: factors grow as n log n in the plane and as n^(4/3) in space.
-    growth = n ** (4 / 3) if solid else n * np.log2(max(n, 2))
-    return (FACTORS_WITH_SCHUR if condensed else FACTORS)[solid] * growth
+    return FACTORS[1] * n ** (4 / 3) if d == 3 else FACTORS[0] * n * np.log2(max(n, 2))
 
 
 def bytes_in_words(size: float) -> str:

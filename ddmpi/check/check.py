@@ -120,7 +120,7 @@ def _look(body: Body, unit: str) -> Looked:
     words.append(f"{member.elasticity.n} unknowns, {member.size} of contact: {SOLVERS[member.kind]} ({member.reason})")
     dense, memory = member.kind == "explicit", 0.0
     if member.kind != "iterative":
-        memory = memory_of_factors(member.elasticity.A.size[0], mesh.dimension, dense) + dense * 8.0 * member.size**2
+        memory = memory_of_factors(member.elasticity.A.size[0], mesh.dimension) + dense * 8.0 * member.size**2
     return Looked(mesh, boundary, [load[1:] for load in loads],
                   [(how, mesh.nodes_of(on)) for how, on, _ in supports], memory, words, doubt)
 

@@ -17,7 +17,7 @@ def main() -> None:
     from mpi4py import MPI
 
     from ddmpi.cli import main as cli
-    from ddmpi.published.subproblem import Subproblem
+    from ddmpi.published.published import Subproblem
     from ddmpi.system import interrupt
 
     original, calls = Subproblem.neumann, itertools.count(1)
