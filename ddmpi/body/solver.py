@@ -10,6 +10,7 @@ from petsc4py import PETSc
 
 from ddmpi.errors import SolverError
 from ddmpi.petsc.mumps import Factors, MumpsError, RefusedError
+from ddmpi.petsc.options import in_force
 from ddmpi.petsc.versions import petsc_message, reason_name
 
 REFINEMENTS = 3
@@ -73,7 +74,7 @@ class StiffnessSolver:
             self._configure(iterative)
             self._set_up(trace, order)
         except PETSc.Error as error:
-            given = ", ".join(f"-{k} {v}" for k, v in PETSc.Options().getAll().items() if k.startswith("body_"))
+            given = ", ".join(f"-{k} {v}" for k, v in in_force().items() if k.startswith("body_"))
             raise SolverError(f"body {name!r}: PETSc cannot set up its solver ({self.description}"
                               f"{'; options ' + given if given else ''}): {petsc_message(error)}") from None
         self._residual, self._correction = A.createVecs()

@@ -20,6 +20,8 @@ from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.linalg.blas import dsymv
 
+from ddmpi.petsc.options import in_force
+
 VERSIONS = (("5.5.0", "5.5.1", "5.6.0", "5.6.1", "5.6.2"),
             ("5.7.0", "5.7.1", "5.7.2", "5.7.3", "5.8.0", "5.8.1", "5.8.2"),
             ("5.9.0",))
@@ -200,13 +202,13 @@ def _entries(A: PETSc.Mat, B: sparse.csr_matrix) -> tuple[np.ndarray, np.ndarray
 
 def _settings() -> dict[int, int]:
     """The ICNTL among the options for bodies. Raises RefusedError if there are options that only PETSc can obey."""
-    options, values = PETSc.Options(), {}
-    for name in options.getAll():
+    values = {}
+    for name in in_force():
         if name.startswith("body_") and name not in KNOWN:
             number = re.fullmatch(r"body_mat_mumps_icntl_(\d+)", name)
             if not number or int(number[1]) not in SETTINGS:
                 raise RefusedError(f"-{name} is an option of PETSc's")
-            values[int(number[1])] = options.getInt(name)
+            values[int(number[1])] = PETSc.Options().getInt(name)
     return values
 
 

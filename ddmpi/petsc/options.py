@@ -4,7 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import os
+import re
+import tempfile
 from collections.abc import Iterable, Iterator
+
+_SOURCE = re.compile(r" # \(source: [\w ]+\)$")
+"""What PETSc prints behind an option from 3.19 on."""
 
 
 def as_arguments(table: dict[str, str | int | float | bool]) -> list[str]:
@@ -19,6 +25,22 @@ def _plain(table: dict[str, str | int | float | bool]) -> dict[str, str | None]:
             for name, value in table.items()}
 
 
+def in_force() -> dict[str, str | None]:
+    """All options of PETSc by name, less a dash; None for one without a value. Not collective.
+
+    From the table that PETSc prints, with an option a line: petsc4py's `getAll` splits a line of all of them at blanks,
+    and so takes a value such as "b -x 3" for two options.
+    """
+    from petsc4py import PETSc  # only after petsc4py.init, which takes the arguments
+
+    with tempfile.NamedTemporaryFile("r", encoding="utf-8", errors="surrogateescape") as page:
+        viewer = PETSc.Viewer().createASCII(page.name, comm=PETSc.COMM_SELF)
+        PETSc.Options().view(viewer)
+        viewer.destroy()
+        lines = [_SOURCE.sub("", line) for line in page.read().split("\n") if line.startswith("-")]
+    return {name: value if blank else None for name, blank, value in (line[1:].partition(" ") for line in lines)}
+
+
 class RunOptions:
     """PETSc's options for several runs of one process: those of the scene of a run and of the command line.
 
@@ -26,10 +48,7 @@ class RunOptions:
     """
 
     def __init__(self) -> None:
-        from petsc4py import PETSc
-
-        self._options = PETSc.Options()
-        self._given = self._options.getAll()
+        self._given = in_force()
         self._used = set(self._given) - set(unused_options())  # by PetscInitialize
 
     def given(self, name: str) -> bool:
@@ -38,48 +57,49 @@ class RunOptions:
 
     def use(self, table: dict[str, str | int | float | bool]) -> None:
         """Set the options of the scene's [petsc] `table`, and those given to petsc4py.init, which win."""
-        for name in self._options.getAll():
-            self._options.delValue(name)
         scene = {name: value for name, value in _plain(table).items() if not self.given(name)}
-        for name, value in (scene | self._given).items():
-            self._options.setValue(name, value)
-            if name in self._used:
-                self._options.hasName(name)  # PETSc notes that it was asked for
+        _replace(scene | self._given)
+        ask(self._used)
 
 
 def unused_options() -> list[str]:
     """Names of options that no object has asked for so far. Not collective."""
-    from petsc4py import PETSc  # only after petsc4py.init, which takes the arguments
+    from petsc4py import PETSc
 
     library, used, left = ctypes.CDLL(PETSc.__file__), ctypes.c_int(), []  # petsc4py 3.18 does not wrap it
-    for name in PETSc.Options().getAll():
-        if library.PetscOptionsUsed(None, name.encode(), ctypes.byref(used)):
+    for name in in_force():
+        if library.PetscOptionsUsed(None, os.fsencode(name), ctypes.byref(used)):
             raise RuntimeError("PetscOptionsUsed failed")
         left += [] if used.value else [name]
     return left
 
 
-def conditions() -> list[tuple[str, str]]:
+def conditions() -> list[tuple[str, str | None]]:
     """The options that matter to a body alone: all but those of outer methods. Not collective."""
-    from petsc4py import PETSc
-
-    return sorted(pair for pair in PETSc.Options().getAll().items() if not pair[0].startswith(("newton_", "qp_")))
+    return sorted(pair for pair in in_force().items() if not pair[0].startswith(("newton_", "qp_")))
 
 
 @contextlib.contextmanager
 def asked_for() -> Iterator[set[str]]:
     """The options that the block asks for, known at its end. Not collective."""
+    names, given = set[str](), in_force()
+    before = set(given) - set(unused_options())
+    if before:
+        _replace(given)  # a value that is set anew has not been asked for
+    yield names
+    names |= set(given) - set(unused_options())
+    ask(before)
+
+
+def _replace(values: dict[str, str | None]) -> None:
+    """Make these all options, none of them asked for."""
     from petsc4py import PETSc
 
-    options, names = PETSc.Options(), set[str]()
-    given = options.getAll()
-    before = set(given) - set(unused_options()) if given else set()
-    for name, value in given.items() if before else ():  # a value that is set anew has not been asked for
-        options.delValue(name)
-        options.setValue(name, value)
-    yield names
-    names |= set(given) - set(unused_options()) if given else set()
-    ask(before)
+    options = PETSc.Options()
+    for name in in_force():
+        options.delValue(f"-{name}")
+    for name, value in values.items():
+        options.setValue(f"-{name}", value)
 
 
 def ask(names: Iterable[str]) -> None:
@@ -87,7 +107,7 @@ def ask(names: Iterable[str]) -> None:
     from petsc4py import PETSc
 
     for name in names:
-        PETSc.Options().hasName(name)
+        PETSc.Options().hasName(f"-{name}")
 
 
 def silence_left() -> None:

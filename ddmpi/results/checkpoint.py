@@ -56,7 +56,7 @@ class Stateful(Protocol):
     def restore(self, state: dict[str, Any]) -> None: ...
 
 
-def identify(scene: Settled, options: dict[str, str], versions: dict[str, str]) -> dict[str, dict]:
+def identify(scene: Settled, options: dict[str, str | None], versions: dict[str, str]) -> dict[str, dict]:
     """What a checkpoint and the run that continues it must share: scene, PETSc options, versions. Not collective."""
     data = scene.resolved()
     for key in MAY_DIFFER:

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 from mpi4py import MPI
-from petsc4py import PETSc
 
 from ddmpi.body.estimate import DiscretizationError, nodal_stress
 from ddmpi.body.stress import stress, von_mises
@@ -22,7 +21,7 @@ from ddmpi.interface.state import ContactState, ContactTotals
 from ddmpi.judge.accuracy import MeshLadder
 from ddmpi.judge.certificate import Certificate, ContactResiduals
 from ddmpi.petsc.events import event
-from ddmpi.petsc.options import unused_options
+from ddmpi.petsc.options import in_force, unused_options
 from ddmpi.pictures.browser import write_view
 from ddmpi.results.checkpoint import Checkpoints
 from ddmpi.results.fields import Datasets, Fields, contact_fields, table_fields, write_fields, write_surface, write_xdmf
@@ -211,7 +210,7 @@ def gather_summary(assembly: Assembly, solution: Solution, error: Discretization
            "warnings": warnings, "undetermined": free,
            "exchange": {name: max(counts[name] for counts in sent) for name in sent[0]},
            "reused": {name: reused[name] for name in (*bodies, *solution.contacts) if name in reused},
-           "solvers": {"qp": outer.qp_type}, "options": PETSc.Options().getAll(),
+           "solvers": {"qp": outer.qp_type}, "options": in_force(),
            "options_unused": sorted(set.intersection(*unused))} | ({"energy": steps.balance()} if scene.time else {})
     if scene.output.derivatives:
         run["derivatives"] = steps.derived[0] if solution.certified else {}

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 from mpi4py import MPI
-from petsc4py import PETSc
 
 from ddmpi.body.estimate import DiscretizationError, estimate_error, sum_errors
 from ddmpi.coupling.assembly import NO_SIZES, Assembly, prepare
@@ -26,6 +25,7 @@ from ddmpi.kept.kept import Kept
 from ddmpi.mesh.refine import Sizes
 from ddmpi.methods.outer import outer_from_outside
 from ddmpi.petsc.events import event
+from ddmpi.petsc.options import in_force
 from ddmpi.petsc.versions import free_garbage
 from ddmpi.pictures.views import View
 from ddmpi.results.checkpoint import Checkpoints, continue_from, identify
@@ -131,7 +131,7 @@ def compute(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock, outp
         log.info("%s", scene.title or scene_path)
     with claim:
         ladder, solved = MeshLadder(scene), None
-        identity = {} if world.rank else identify(scene, PETSc.Options().getAll(), versions())
+        identity = {} if world.rank else identify(scene, in_force(), versions())
         state = continue_from(world, restart, identity, ladder) if restart else None
         checkpoints = Checkpoints(world, folder, identity, scene.checkpoint, clock, ladder, state)
         with checkpoints.kept():

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from ddmpi.interface.law import CoulombLaw
-from ddmpi.published.published import PublishedIteration
-from ddmpi.published.subproblem import Subproblem
+from ddmpi.published.published import PublishedIteration, Subproblem
 
 INF = np.inf
 LAW = CoulombLaw(2, np.arange(2), 1, np.full(2, 0.3))

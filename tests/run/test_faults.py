@@ -54,7 +54,7 @@ RAISED = [
     (0, "ddmpi.coupling.assembly.assemble", 1, "OutputError", ()),
     (1, "ddmpi.body.solver.StiffnessSolver.__init__", 1, "SolverError", ()),
     (0, "ddmpi.body.compliance.Compliance.mult", 12, "SolverError", ()),  # within GMRES of the Newton method
-    (1, "ddmpi.published.subproblem.Subproblem.neumann", 3, "OutputError", RELAXATION),
+    (1, "ddmpi.published.published.Subproblem.neumann", 3, "OutputError", RELAXATION),
     (0, "ddmpi.system.files.put", 1, "SolverError", ()), (1, "ddmpi.system.files.put", 1, "OutputError", ()),
     (0, "ddmpi.run.gather.write_summary", 1, "OutputError", ()),  # by rank 0 alone, when all else is there
 ]

@@ -39,7 +39,7 @@ PHASES = {
     "assemble": ("newton", "ddmpi.coupling.assembly.assemble", 1),
     "factor": ("newton", "ddmpi.body.solver.StiffnessSolver.__init__", 1),
     "outer": ("newton", "ddmpi.body.compliance.Compliance.mult", 30),  # within GMRES, some iterations on
-    "outer, published": ("published", "ddmpi.published.subproblem.Subproblem.neumann", 5),
+    "outer, published": ("published", "ddmpi.published.published.Subproblem.neumann", 5),
     "conclude": ("newton", "ddmpi.coupling.member.Member.displacement", 1),
     "output": ("newton", "ddmpi.system.files.put", 1),
 }
@@ -110,7 +110,7 @@ def all_cases() -> list[Case]:
         numbers("NaN from a product", "ddmpi.body.compliance.Compliance.mult", 30, "nan", whole=True)
         numbers("NaN from a product, published", "ddmpi.body.compliance.Compliance.mult", 40, "nan", "published",
                 whole=True)
-        numbers("NaN from a Neumann problem", "ddmpi.published.subproblem.Subproblem.neumann", 5, "nan", "published",
+        numbers("NaN from a Neumann problem", "ddmpi.published.published.Subproblem.neumann", 5, "nan", "published",
                 whole=True)
         numbers("NaN from a solve", "ddmpi.body.solver.StiffnessSolver._solve", 1, "nan")
         numbers("NaN from the last solve", "ddmpi.body.solver.StiffnessSolver._solve", 2, "nan", whole=True)

@@ -23,7 +23,7 @@ from ddmpi.system.provenance import whereabouts
 
 pytestmark = pytest.mark.slow
 
-COEFFICIENT, NEUMANN = "contact.0.friction.coefficient", "ddmpi.published.subproblem.Subproblem.neumann"
+COEFFICIENT, NEUMANN = "contact.0.friction.coefficient", "ddmpi.published.published.Subproblem.neumann"
 
 
 def run_sweep(scene: Path, folder: Path, *arguments: str, ranks: int | None = None) -> Run:
