@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from ddmpi.run.answer import Answer, Model
 
-__version__ = "0.17.1"
+__version__ = "0.18.0"
 
 
 def solve(scene: str | Path | Mapping[str, Any], comm: MPI.Comm | None = None,
