@@ -236,8 +236,8 @@ def kept_by_bonds(scene: Settled, joined: Mapping[str, tuple[Interface, list[str
     bonds = [rows[np.isin(rows, ends[times > 1]).any(axis=1) & (joined[name][0].gap == 0.0)]
              for name, rows in pairs.items() if joined[name][0].law.name == "bonded"]
     # Chains of bonds are the connected components of a graph: nodes of bodies, and bonds as edges between them.
-    bonded, links = np.unique(np.concatenate([np.empty((0, 2), int), *itertools.chain(*world.allgather(bonds))]),
-                              return_inverse=True)
+    together = [[], *itertools.chain(*world.allgather(bonds))]
+    bonded, links = np.unique(np.concatenate([np.ravel(rows) for rows in together]).astype(int), return_inverse=True)
     links = links.reshape(-1, 2)
     piece = csgraph.connected_components(sparse.csr_matrix((np.ones(len(links)), links.T), (len(bonded),) * 2),
                                          directed=False)[1]
