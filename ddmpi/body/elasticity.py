@@ -17,7 +17,6 @@ import scipy.sparse as sparse
 from petsc4py import PETSc
 
 from ddmpi.body.loads import (
-    ALONG,
     Supports,
     loads_by_group,
     lost_loads,
@@ -36,7 +35,7 @@ from ddmpi.kept.kept import Kept
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import BodySpec
 from ddmpi.scene.values import histories
-from ddmpi.system.numbers import is_touched
+from ddmpi.system.numbers import SAME, is_touched
 
 PRESCRIBED_SHARE = 1e-3
 """Prescribed displacements count as a load of this fraction of the forces K u that they alone need, and temperatures of
@@ -142,7 +141,7 @@ class Elasticity(Supported):
     @property
     def free(self) -> np.ndarray:
         """(nv, d) bool, components that can move."""
-        return self.supports.free.diagonal(axis1=1, axis2=2) > ALONG
+        return self.supports.free.diagonal(axis1=1, axis2=2) > SAME
 
     def under(self, factors: Mapping[str | None, float]) -> Elasticity:
         """The same body under its load cases times `factors`; `load`, the scale of forces, stays."""
@@ -289,7 +288,7 @@ def clamp_forces(mesh: Mesh, body: BodySpec, elasticity: Elasticity, u: np.ndarr
     for which, nodes, direction in reversed(elasticity.supports.constrained):
         direction = np.where(mesh.on_axis[nodes, None] & (np.arange(mesh.dimension) == 0), 0.0, direction)
         rest = apply(free[nodes], direction)
-        squares = np.where((rest**2).sum(axis=1) > ALONG**2, (rest**2).sum(axis=1), np.inf)
+        squares = np.where((rest**2).sum(axis=1) > SAME**2, (rest**2).sum(axis=1), np.inf)
         free[nodes] -= rest[:, :, None] * rest[:, None] / squares[:, None, None]
         shares.append((body.clamps[which].on, nodes, direction, rest / squares[:, None]))
     for on, nodes, direction, rest in reversed(shares):  # `rest` is orthogonal to the directions of later clamps

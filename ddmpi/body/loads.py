@@ -17,10 +17,10 @@ from ddmpi.mesh.elements import FINE, RULES, circumference, exact_rule
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import BodySpec, Clamp, Material, Traction
 from ddmpi.scene.values import AffineVector, Vector, evaluate, histories, varies
-from ddmpi.system.numbers import ALIKE, in_words, moment
+from ddmpi.system.numbers import ALIKE, SAME, in_words, moment
 
-ALONG, EXACT = 1e-6, 1e-14
-"""A direction is clamped if its free part is below the first; the second is the rounding of displacements."""
+EXACT = 1e-14
+"""The rounding of displacements."""
 
 SMALLEST = 1e-150
 """Squares of smaller numbers, as in norms, lose digits or vanish."""
@@ -230,7 +230,7 @@ def supports(mesh: Mesh, body: BodySpec) -> Supports:
             # Gram and Schmidt: the free part of the new direction. If nothing of it is free, earlier clamps prescribe
             # the displacement along it, and both values must agree.
             rest = np.einsum("kij,kj->ki", free[nodes], direction)
-            new = np.linalg.norm(rest, axis=1) > ALONG
+            new = np.linalg.norm(rest, axis=1) > SAME
             wanted = np.zeros((len(names), len(nodes)))
             wanted[names.index(clamp.history)] = values_at(value, mesh.points[nodes], key)
             before = np.einsum("hki,ki->hk", moved[:, nodes], direction)
@@ -245,7 +245,7 @@ def supports(mesh: Mesh, body: BodySpec) -> Supports:
                                      'a formula that is zero there, such as x = "1e-3 * x"')
                 raise InputError(f"{where}twice, as {one:.6g} and, on {clamp.on!r}, as {other:.6g}"
                                  + ", with another history" * bool(one == other))
-            rows, columns = np.nonzero(np.abs(direction) > ALONG)
+            rows, columns = np.nonzero(np.abs(direction) > SAME)
             clamps[nodes[rows], columns] = which
             nodes, rest = nodes[new], rest[new]
             squares = (rest**2).sum(axis=1)

@@ -13,9 +13,8 @@ from ddmpi.decks.acting import Acts, later
 from ddmpi.decks.cards import EXACT, Card, Rigid, number
 from ddmpi.decks.pieces import Piece, formula, own_name
 from ddmpi.errors import InputError
+from ddmpi.system.numbers import ROUNDING
 
-ROUNDING = 1e-12
-"""Moments below this fraction of the forces times the coordinates are zero."""
 
 class Joints:
     """What joins the bodies of a deck, as entries of a scene.

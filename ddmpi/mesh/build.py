@@ -23,7 +23,7 @@ from ddmpi.mesh.shapes import SHAPES
 from ddmpi.scene.bodies import BodySpec
 from ddmpi.scene.values import WHERE
 from ddmpi.system.memory import free_memory
-from ddmpi.system.numbers import in_words
+from ddmpi.system.numbers import ROUNDING, in_words
 
 EACH = 200.0
 """Least memory of a linear cell (bytes): nodes, groups, and its part of the stiffness."""
@@ -31,9 +31,6 @@ EACH = 200.0
 NAMES_OTHERS = {".geo": rb"include|merge|open(?!cascade)|import|shapefromfile", ".inp": rb"\*include|input *=",
                 ".xdmf": rb"", ".xmf": rb""}
 """By the end of a file's name, what its text has where it names other files; XDMF keeps its data beside it."""
-
-ROUNDING = 1e-12
-"""Nodes lie on the axis up to this fraction of the largest coordinate."""
 
 
 def build_mesh(body: BodySpec, folder: Path = Path("."), contacts: Collection[str] = (),

@@ -21,6 +21,8 @@ from math import factorial
 
 import numpy as np
 
+from ddmpi.system.numbers import ALIKE
+
 Rule = tuple[np.ndarray, np.ndarray]
 """Barycentric coordinates (q, d + 1) of points, and their weights (q,), which sum to one."""
 
@@ -51,9 +53,6 @@ ORDERS = ("", "linear", "quadratic")
 
 REGULAR = {2: 3**0.5 / 4, 3: 2**0.5 / 12}
 """Area of the triangle, volume of the tetrahedron, with edges of length one."""
-
-BENT = 1e-9
-"""A cell is curved if a node is off its straight place by more than this fraction of the distance of the corners."""
 
 
 @dataclass(frozen=True)
@@ -154,7 +153,7 @@ class Cell:
         """Whether a constant pressure acts on all nodes: ∫ φ_i > 0, unlike at corners of quadratic triangles."""
         return bool((self.coefficients @ _products(self.powers) > 0.0).all())  # integers
 
-    def bends(self, nodes: np.ndarray, least: float = BENT) -> np.ndarray:
+    def bends(self, nodes: np.ndarray, least: float = ALIKE) -> np.ndarray:
         """Offsets (…, k − d − 1, D) of all nodes but the corners from the means `between`, of cells with `nodes`
         (…, k, D) (m). Exactly zero up to the fraction `least` of the distance of the corners."""
         corners = nodes[..., self.between, :]

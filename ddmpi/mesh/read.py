@@ -22,6 +22,7 @@ from ddmpi.mesh.refine import KINDS, SIMPLICES, bend, distinct, raise_order, sim
 from ddmpi.scene.keys import nearest
 from ddmpi.scene.values import LARGEST
 from ddmpi.system import interrupt
+from ddmpi.system.numbers import ALIKE
 
 MSH = (b"$MeshFormat", b"$Comments", b"$NOD", b"$NOE")
 """First words of mesh files that gmsh may open: it runs unknown files as scripts."""
@@ -35,9 +36,6 @@ FORMATS = {".med": "med", ".vtu": "vtu", ".vtk": "vtk"}
 
 NUMBERED = ("cell_tags", "gmsh:physical", "CellEntityIds")
 """Names of the data that number the groups of elements in these formats."""
-
-PLANE = 1e-9
-"""Largest difference of the z coordinates of a plane mesh over its extent."""
 
 FLAT = 1e-14
 """A triangle has no area if it is smaller than this fraction of the largest one; for volumes its power 3/2."""
@@ -75,7 +73,7 @@ def read_mesh(path: Path, body: str, order: int = 1, label: str = "", part: str 
     if len(cells) == 0:
         raise InputError(f"{label} has neither triangles nor tetrahedra; gmsh saves only elements in physical groups: "
                          'Physical Surface("body") = {1}; or Physical Volume("body") = {1};')
-    if (np.ptp(raw.points[:, d:], axis=0) > PLANE * np.ptp(raw.points)).any():
+    if (np.ptp(raw.points[:, d:], axis=0) > ALIKE * np.ptp(raw.points)).any():
         raise InputError(f"{label} is not plane (its z coordinates differ), and has no tetrahedra; a solid needs its "
                          'cells: Physical Volume("body") = {1};')
     groups, curves, vertices = file_groups(raw, label, cells, part is not None)

@@ -12,6 +12,7 @@ from ddmpi.decks.cards import FACES, SIDES
 from ddmpi.errors import InputError
 from ddmpi.mesh.elements import CELLS, CUTS, EDGES, cell_with
 from ddmpi.mesh.mesh import Mesh, signed_measures
+from ddmpi.system.numbers import SAME
 
 KINDS = {
     0: {"vertex": 1}, 1: {"line": 1, "line3": 2}, 2: {"triangle": 1, "triangle6": 2, "quad": 1, "quad8": 2, "quad9": 2},
@@ -28,9 +29,6 @@ HALVES = np.array([[[0, 1, 2], [2, 3, 0]], [[1, 2, 3], [3, 0, 1]]])
 FIVE = np.array([[[0, 2, 5, 7], [1, 0, 2, 5], [3, 0, 7, 2], [4, 0, 5, 7], [6, 2, 7, 5]],
                  [[1, 3, 4, 6], [0, 1, 3, 4], [2, 1, 6, 3], [5, 1, 4, 6], [7, 3, 6, 4]]])
 """Corners of the tetrahedra that a hexahedron is cut into, by diagonals between its corners 0, 2, 5, 7 or the rest."""
-
-EQUAL = 1e-6
-"""Diagonals are equally long, and the middle of a straight side is its midpoint, up to this fraction of the lengths."""
 
 GRADE = 0.3
 """Largest slope of the size of elements over the distance."""
@@ -96,7 +94,7 @@ def halve(mesh: Mesh, key: str) -> Mesh:
     """
     fine, d, ways = raise_order(mesh, key), mesh.dimension, CUTS[mesh.dimension]
     lengths = np.linalg.norm(np.diff(fine.points[fine.triangles[:, ways[:, -1, :2]]], axis=2)[:, :, 0], axis=2)
-    way = (lengths <= (1.0 + EQUAL) * lengths.min(axis=1, keepdims=True)).argmax(axis=1)
+    way = (lengths <= (1.0 + SAME) * lengths.min(axis=1, keepdims=True)).argmax(axis=1)
     parts = ways[way]
     number = parts.shape[1]
     halved = replace(
@@ -129,7 +127,7 @@ def simplices(raw, d: int, points: np.ndarray, curved: bool = False
         bow = np.zeros((*parts.shape[:2], len(EDGES[d]) * curved, points.shape[1]))
         if curved and kind != shape and len(corners):
             ends = corners[:, np.array(SIDES[shape])]
-            off = CELLS[1, 2].bends(points[np.concatenate([ends, middles[..., None]], axis=2)], EQUAL)[:, :, 0]
+            off = CELLS[1, 2].bends(points[np.concatenate([ends, middles[..., None]], axis=2)], SAME)[:, :, 0]
             bent = np.flatnonzero(off.any(axis=(1, 2)))
             between = np.einsum("ijs,nsc->nijc", _weights(shape, corners.shape[1]), off[bent])
             i, j = np.moveaxis(parts[bent][:, :, EDGES[d]], -1, 0)
@@ -244,7 +242,7 @@ def shorter_diagonals(points: np.ndarray, quads: np.ndarray) -> np.ndarray:
     size = [signed_measures(corners.reshape(-1, 2), 4 * np.arange(len(quads))[:, None] + part)
             for part in np.array([[0, 1, 2], [0, 2, 3], [1, 2, 3], [1, 3, 0]])]
     fits = np.stack([size[0] * size[1] > 0.0, size[2] * size[3] > 0.0], axis=1)
-    shorter = np.where(np.abs(np.diff(diagonals)[:, 0]) <= EQUAL * diagonals.max(axis=1), left,
+    shorter = np.where(np.abs(np.diff(diagonals)[:, 0]) <= SAME * diagonals.max(axis=1), left,
                        diagonals.argmin(axis=1))
     return np.where(fits.all(axis=1) | ~fits.any(axis=1), shorter, fits.argmax(axis=1))
 

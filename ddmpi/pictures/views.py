@@ -14,7 +14,7 @@ from ddmpi.mesh.mesh import boundary_facets
 from ddmpi.results.fields import linear_triangles
 from ddmpi.scene.method import VIEWS
 from ddmpi.surface.side import unit
-from ddmpi.system.numbers import spans
+from ddmpi.system.numbers import ALIKE, spans
 
 CORNER, ABOVE = (-60.0, 24.0), 40.0
 """Default azimuth and elevation (degrees) of solids: half the azimuth for those longer along y than along x or cut
@@ -25,7 +25,6 @@ CROSSED = {1: [[(0, 1), (0, 2), (0, 3)]], 2: [[(0, 2), (0, 3), (1, 3)], [(0, 2),
 """Triangles in which a plane cuts a tetrahedron, as edges between its corners, by the number of corners behind the
 plane; these come first."""
 
-ROUNDING = 1e-9  # nodes are on a cut up to this fraction of the bodies' extent
 MEETING = 0.02  # edges of cells meet if they are this near to each other, over their length
 CHUNK = 2_000_000  # number of candidate pixels per block of work
 
@@ -62,7 +61,7 @@ class View:
         self.axes = np.array([[-s, c, 0.0], [-c * high, -s * high, up], [c * up, s * up, high]])
         for k, at in across.items():
             low, high = points[:, k].min(), points[:, k].max()
-            if not 2.0 * ROUNDING * (high - low) < min(at - low, high - at):
+            if not 2.0 * ALIKE * (high - low) < min(at - low, high - at):
                 raise InputError(f"a cut at {'xyz'[k]} = {at:g} meets no body; they reach from {low:g} to {high:g}")
             sign = 1.0 if self.axes[2, k] > -1e-9 else -1.0
             self.cut = sign * np.eye(3)[k], sign * at
@@ -74,7 +73,7 @@ class View:
     def beyond(self, at: np.ndarray) -> np.ndarray:
         """Distance of points (k, d) in front of the cut (m); zero without a cut."""
         distance = np.zeros(len(at)) if self.cut is None else at @ self.cut[0] - self.cut[1]
-        return np.where(np.abs(distance) > ROUNDING * np.ptp(distance), distance, 0.0)
+        return np.where(np.abs(distance) > ALIKE * np.ptp(distance), distance, 0.0)
 
 
 class Skin:

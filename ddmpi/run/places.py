@@ -39,7 +39,7 @@ from ddmpi.surface.cover import DEEPEST
 from ddmpi.surface.side import Side
 from ddmpi.system.agreement import agreed
 from ddmpi.system.clock import Clock
-from ddmpi.system.numbers import Frame, norm
+from ddmpi.system.numbers import SAME, Frame, norm
 
 log = logging.getLogger("ddmpi")
 
@@ -49,8 +49,8 @@ PASSES, SETTLED, SHRINKS, PATIENCE = 40, 1e-8, 0.7, 6
 """Most passes of a step. Frames have settled once α moves contacts by less than SETTLED of what their forces do, and
 do not settle if PATIENCE passes in a row leave more than SHRINKS of the least so far."""
 
-DEPTH, RANK = 3, 1e-6
-"""Most passes before that make the next motion of the frames, by least squares up to RANK, see `_mixed`."""
+DEPTH = 3
+"""Most passes before that make the next motion of the frames, by least squares, see `_mixed`."""
 
 FARTHEST = 15.0  # largest turn of a frame in a pass (degrees)
 
@@ -271,7 +271,7 @@ def _mixed(changes: Sequence[tuple[np.ndarray, np.ndarray]], alpha: np.ndarray) 
     if not changes:
         return alpha
     alphas = np.diff([*(former for former, _ in changes), alpha], axis=0)
-    return alpha - np.linalg.lstsq(alphas.T, alpha, rcond=RANK)[0] @ (np.array([step for _, step in changes]) + alphas)
+    return alpha - np.linalg.lstsq(alphas.T, alpha, rcond=SAME)[0] @ (np.array([step for _, step in changes]) + alphas)
 
 
 def _deepest(assembly: Assembly) -> dict[str, float]:
