@@ -183,6 +183,8 @@ def test_swap_returns_the_first_bodys_vector_first(comm):
         assert one.tolist() == [first, 10.5, -np.inf]
         assert two.tolist() == [1 - first, 10.5, -np.inf]
         assert mine.tolist() == [comm.rank, 10.5, -np.inf]
+        assert [len(vector) for vector in exchange.swap(np.empty(0), "test")] == [0, 0]
+        assert all(np.isnan(vector).all() for vector in exchange.swap(np.full(2, np.nan), "test"))
         before = exchange.swap(np.full(3, 1.0 + comm.rank), "test")
         exchange.swap(np.full(3, 7.0), "test")  # must not overwrite what was received
         assert sorted(vector.tolist() for vector in before) == [[1.0] * 3, [2.0] * 3]

@@ -124,6 +124,15 @@ def test_middles_of_straight_sides_stand_off_no_circle(group, rigid, gap, closed
 
 # Motion and clamps
 
+def test_middles_of_a_flat_stay_where_they_are():
+    """Straight boundaries and corners are no curves."""
+    disc = Circle(name="roller", center=(1.0, -1.0), radius=1.0)
+    contact = touch(side(block((4, 2), (2.0, 1.0), order=2), "bottom", "right"), disc, COULOMB, "seam")
+    flat = contact.xy[:, 1] == 0.0
+    assert flat.sum() == 9
+    assert contact.gap[flat] == pytest.approx(np.hypot(contact.xy[flat, 0] - 1.0, 1.0) - 1.0, abs=1e-15)
+
+
 def test_a_partner_that_comes_closer_closes_the_gap():
     """It has the sign of the second body's contact displacement."""
     moving = Plane(name="floor", point=(0.0, 0.0), normal=(0.0, 1.0), displacement=(0.2, 0.3))

@@ -121,6 +121,7 @@ FAULTS = {
     "mesh, root": (0, "ddmpi.coupling.assembly.build_mesh", 1, "InputError", {2}),
     "assemble, other root": (2, "ddmpi.coupling.assembly.assemble", 1, "SolverError", {4}),
     "outer, root": (0, "ddmpi.body.compliance.Compliance.mult", 12, "SolverError", {4}),
+    "outer, internal error on a root": (2, "ddmpi.body.compliance.Compliance.mult", 12, "RuntimeError", {1}),
     "factor, root, before PETSc": (0, "ddmpi.coupling.team.Share.factor", 1, "SolverError", {4}),
     "factor, other rank, after MUMPS": (1, "ddmpi.petsc.mumps.Factors._check", 1, "RuntimeError", {1}),
     "end of a command, other rank": (1, "ddmpi.coupling.team.Share.machine", 1, "MemoryError", {4}),
