@@ -33,12 +33,22 @@ def in_force() -> dict[str, str | None]:
     """
     from petsc4py import PETSc  # only after petsc4py.init, which takes the arguments
 
-    with tempfile.NamedTemporaryFile("r", encoding="utf-8", errors="surrogateescape") as page:
-        viewer = PETSc.Viewer().createASCII(page.name, comm=PETSc.COMM_SELF)
+    with open(_file_without_name(), encoding="utf-8", errors="surrogateescape") as page:
+        viewer = PETSc.Viewer().createASCII(f"/dev/fd/{page.fileno()}", comm=PETSc.COMM_SELF)
         PETSc.Options().view(viewer)
         viewer.destroy()
+        page.seek(0)
         lines = [_SOURCE.sub("", line) for line in page.read().split("\n") if line.startswith("-")]
     return {name: value if blank else None for name, blank, value in (line[1:].partition(" ") for line in lines)}
+
+
+def _file_without_name() -> int:
+    """The descriptor of a new file: in memory, where the system has such files (Linux)."""
+    if hasattr(os, "memfd_create"):
+        return os.memfd_create("options")
+    number, name = tempfile.mkstemp()
+    os.unlink(name)
+    return number
 
 
 class RunOptions:
