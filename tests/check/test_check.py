@@ -198,6 +198,7 @@ def drawn_parts(tmp_path) -> dict:
             "contact": [{"bodies": ["block", "wall"], "on": [[5]]}]}
 
 
+@pytest.mark.slow
 def test_numbered_faces_are_told_and_proposed(looked_at, tmp_path):
     """Faces of a drawing without names: number, kind and size; those of one contact are proposed together."""
     scene = drawn_parts(tmp_path)
@@ -214,6 +215,7 @@ def test_numbered_faces_are_told_and_proposed(looked_at, tmp_path):
     assert not proposed(looked_at(scene | {"contact": scene["contact"] + new}))
 
 
+@pytest.mark.slow
 def test_contacts_are_proposed_for_loose_bodies_without_any(looked_at, tmp_path):
     """The first look at an assembly: no contact yet, and nothing is clamped."""
     scene = drawn_parts(tmp_path)

@@ -307,6 +307,7 @@ def test_numbers_of_a_table_share_a_prefix():
                                       ["c", "–", "1.000e-06"]]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not CHROMIUM, reason="no Chromium to open reports with")
 def test_a_report_fits_a_phone(run):
     """At 390 pixels wide tables scroll in their own boxes with the names of rows; at 1200 none does."""

@@ -255,6 +255,7 @@ def test_what_else_is_refused():
         ddmpi.solve(scene | {"output": {"derivatives": ["body.upper.clamp.0"]}})
 
 
+@pytest.mark.slow
 @pytest.mark.mpi(ranks=3)
 def test_any_number_of_ranks(comm):
     """One, two and three ranks give the same; bodies may have several ranks each."""

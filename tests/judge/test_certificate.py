@@ -218,6 +218,7 @@ def test_the_limit_follows_the_tolerance_within_bounds(tolerance, limit):
 
 # The certificate of a run
 
+@pytest.mark.slow
 @two_ranks
 def test_a_solved_scene_that_is_spoilt_is_not_certified(comm, monkeypatch):
     from ddmpi.methods.outer import no_report

@@ -88,6 +88,7 @@ def test_circles_have_enough_elements(tmp_path):
     assert mesh.measures().sum() == pytest.approx(2 - np.pi * 0.04, rel=2e-3)
 
 
+@pytest.mark.slow
 def test_given_sizes_are_followed(tmp_path):
     """They replace all others, constraints of the file and nodes on curves as well, but stay below `size`."""
     path = write(tmp_path / "hole.geo", HOLE + "Transfinite Curve {1, 2, 3, 4} = 2; MeshSize{:} = 0.01;")

@@ -115,6 +115,7 @@ def test_a_group_whose_name_has_signs_is_itself():
     assert len(combined(named, "left+twice").groups["left+twice"]) == 2
 
 
+@pytest.mark.slow
 def test_balls_and_cylinders_have_their_volume_and_groups():
     """A ball, a pin and a tube in any direction have the groups and, as fine as asked, the volumes of their sizes."""
     near, order = 1e-3, 2

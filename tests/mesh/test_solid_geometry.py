@@ -63,6 +63,7 @@ def test_solids_of_gmshs_own_kernel(tmp_path, layers):
     assert (signed_measures(mesh.points, mesh.triangles) > 0).all()
 
 
+@pytest.mark.slow
 def test_faces_curves_and_points_of_cad_files_have_numbers(tmp_path):
     """They are called "5", "curve 5" and "point 3"; what asks for others is refused with what there is."""
     path = cad(tmp_path / "block.step", lambda occ: occ.addBox(0, 0, 0, 2, 1, 0.5))
@@ -82,6 +83,7 @@ def test_faces_curves_and_points_of_cad_files_have_numbers(tmp_path):
         drawn(path, traction=[Traction(on="curve 3", pressure=1.0)])
 
 
+@pytest.mark.slow
 def test_drawings_say_the_dimension(tmp_path):
     """A drawing with volumes makes the scene solid, where nothing else says what it is."""
     solid, flat = write(tmp_path / "solid.geo", EXTRUDED % ""), write(

@@ -159,6 +159,7 @@ def opened(folder, changes) -> dict[str, dict[str, str]]:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not CHROMIUM, reason="no Chromium to open views with")
 def test_a_browser_draws_the_view_and_its_slider_moves(tmp_path):
     """In headless Chromium: bodies in many colours; another picture at the other load step, cut open, and apart."""
@@ -169,6 +170,7 @@ def test_a_browser_draws_the_view_and_its_slider_moves(tmp_path):
     assert int(found["axis x"]["triangles"]) > int(found["step 0"]["triangles"])  # those of the cut
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not CHROMIUM, reason="no Chromium to open views with")
 def test_axisymmetric_bodies_turn_around_their_axis(tmp_path):
     """Three quarters of a turn (two sections, 54 strips along the outlines), a half, a whole turn, and none."""

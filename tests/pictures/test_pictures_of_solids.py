@@ -335,6 +335,7 @@ def red_pixels(path) -> list[int]:
     return found
 
 
+@pytest.mark.slow
 def test_animations_show_pressures(tmp_path):
     """Contacts are as red as they are pressed: of solids drawn apart, in the plane along the bodies."""
     results = stacked(tmp_path, times=(1.0, 2.0))

@@ -195,6 +195,7 @@ def three() -> dict:
     return made
 
 
+@pytest.mark.slow
 @pytest.mark.mpi(ranks=3)
 @pytest.mark.parametrize("make", [disc, three])
 def test_ranks_do_not_matter(comm, make):

@@ -189,6 +189,7 @@ def test_files_are_of_the_world(tmp_path):
         "bodies.png", "contact.png", "animation.gif"))
 
 
+@pytest.mark.slow
 @pytest.mark.mpi(ranks=2)
 def test_solids_move_far_on_two_ranks(comm):
     """As on one rank, prescribed and free."""

@@ -67,6 +67,7 @@ def gone(answer, name: str) -> np.ndarray:
     return np.array([freed[step["time"]][name] for step in answer.summary["steps"]])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", [1, 2])
 def test_a_loose_disc_rolls_in_a_bore_that_turns(order):
     """At the bottom N is its weight and T nothing; its turn is that of the bore times the ratio of radii."""
@@ -122,6 +123,7 @@ def test_a_wheel_rolls_where_forces_take_its_axle(rigid):
         assert entry["force"] == pytest.approx([0.5, 8.0], rel=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.mpi(ranks=2)
 def test_free_frames_on_two_ranks(comm):
     """By GMRES on two ranks, by factors on one: the same frames and forces."""

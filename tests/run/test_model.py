@@ -56,6 +56,7 @@ def compare(model, scene: dict, overrides: dict, comm=None, only: str | None = N
     assert differences(*ends) == [], overrides
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SCENES)
 def test_each_change_has_the_answer_of_a_run_by_itself(name):
     """One change after the other, and then some together; nothing of an earlier case is left in a later one."""
@@ -67,6 +68,7 @@ def test_each_change_has_the_answer_of_a_run_by_itself(name):
         compare(model, scene, changes(rng, scene), only="contacts")
 
 
+@pytest.mark.slow
 @pytest.mark.mpi(ranks=3)
 def test_the_ranks_of_a_body_stay(comm):
     """On several ranks a body: their factors are kept from solve to solve, and anew where a mesh needs other ranks."""
@@ -96,6 +98,7 @@ PUSHED = {"body": [rectangle("upper", [0.5, 1.0], [2.0, 1.0], [8, 4], clamp=[{"o
 """One body, so that all ranks are its."""
 
 
+@pytest.mark.slow
 @pytest.mark.mpi(ranks=3)
 @pytest.mark.parametrize("scene", [PUSHED, two_boxes(2)], ids=["pushed", "space"])
 def test_changes_on_several_ranks(comm, scene):

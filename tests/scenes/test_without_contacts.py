@@ -63,6 +63,7 @@ def test_a_body_alone_that_nothing_supports():
     assert not answer.certified and "no equilibrium: bar would move along z" in answer.reason
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("way", ["plane", "space"])
 def test_files_of_a_body_alone(tmp_path, way):
     """Pictures, tables, the check and the report of a scene without contacts are there, with finite numbers."""

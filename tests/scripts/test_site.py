@@ -11,6 +11,7 @@ ROOT = Path(__file__).resolve().parents[2]
 LOADED = re.compile(r"<(?:script|img|iframe)\b[^>]*\bsrc=\"(https?:)?//|<link\b[^>]*\bhref=\"(https?:)?//")
 
 
+@pytest.mark.slow
 def test_site(tmp_path):
     """The site is built without a warning: all links and anchors lead somewhere. Nothing is loaded from outside."""
     pytest.importorskip("mkdocs", reason="needs mkdocs")
