@@ -32,7 +32,7 @@ from ddmpi.results.fields import owners
 from ddmpi.results.histories import load_steps
 from ddmpi.results.tables import Results
 from ddmpi.system.files import writing
-from ddmpi.system.numbers import RigidMotion, crossed, scaled_unit
+from ddmpi.system.numbers import ALIKE, RigidMotion, crossed, scaled_unit
 
 BRIGHTEST = 0.998  # share of the area at which colours of stresses end: singular ones must not set the scale
 
@@ -87,7 +87,9 @@ def draw_bodies(results: Results) -> Any:
     if most and seen_there:
         mark(sheet.axes, sheet.place(at[node])[:2], f"{rounded(most / factor)} {unit}")
     hidden = "" if seen_there else " (out of sight)"
-    words = f"{quantity} up to {rounded(most / factor)} {unit}{hidden}; " if quantity != "displacement" else ""
+    # The colours are those of nodes, and may go beyond the means over cells, as the mesh is coarse.
+    nodal = f" in a cell, {rounded(seen.max() / factor)} {unit} at a node" if top > (1.0 + ALIKE) * most else ""
+    words = f"{quantity} up to {rounded(most / factor)} {unit}{nodal}{hidden}; " if quantity != "displacement" else ""
     factor, unit = scaled_unit(moved, results.summary["units"]["length"])
     words += f"displacement × {scale:g}, largest {rounded(moved / factor)} {unit}"
     sheet.title(results.heading(True) + words, "; ")
