@@ -3,6 +3,7 @@
 import dataclasses
 import itertools
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -472,3 +473,5 @@ def test_a_largest_value_out_of_sight_is_said_to_be(still):
             fields[name][place] = 2.0
         title = draw_bodies(results)._suptitle.get_text()
         assert "up to 2 " in title and ("(out of sight)" in title) == behind, title
+    fields["nodal_von_mises"] = np.full(len(points), 3.0)  # as its colours show
+    assert re.search(r"up to 2 (\w+) in a cell, 3 \1 at a node", draw_bodies(results)._suptitle.get_text())
