@@ -66,6 +66,8 @@ def cut(blocks: Sequence[Block], rows: np.ndarray, ends: set[tuple[int, int]], n
     nodes, layer = nodes_of_faces(blocks, ends), np.isin(np.concatenate([block.entries[:, 0] for block in blocks]),
                                                          [element for element, _ in ends])
     section = np.unique(nodes[nodes >= 0])
+    if not layer.any():
+        return rows, section, np.empty(0, int)
     at = points[np.isin(numbers, section)]
     middles = np.concatenate([points[np.searchsorted(numbers, block.entries[:, 1:])].mean(axis=1) for block in blocks])
     heights = (middles - at.mean(axis=0)) @ np.linalg.svd(at - at.mean(axis=0))[2][-1]

@@ -633,6 +633,7 @@ LOST_LATER = [
     (COUPLED + "*BOUNDARY\n901, 1\n" + step("*CLOAD", "36, 1, 1."), "a support at a node that the deck does not have"),
     (COUPLED + step("*CLOAD", "900, 1, 1."), "*CLOAD: a force at a node of no body"),
     (bolt().replace("S2\n*PRE", "S6\n*PRE") + step("*CLOAD", "900, 1, 5."), "a section that does not cut a body in"),
+    (bolt().replace("2, S2\n*PRE", "99, S2\n*PRE") + step("*CLOAD", "900, 1, 5."), "a section that does not cut a"),
     (bolt().replace("SURFACE=CUT, ", "") + step("*CLOAD", "900, 1, 5."), "not of a section of solid elements"),
     (bolt() + step("*CLOAD", "A_X1, 1, 1."), "a pre-tension whose node has neither a force nor a displacement"),
     (stack("*TIE, NAME=T, POSITION TOLERANCE=0.1", gap=0.3) + step("*CLOAD", "B_Z1, 3, 1."), "a tie over a gap of 0.3"),
@@ -647,6 +648,12 @@ LOST_LATER = [
 def test_what_is_lost_of_bodies_and_what_joins_them(tmp_path, deck, words):
     """Rigid sets, bolts, ties and loads that have no place in the scene are named."""
     assert words in refused(tmp_path, deck)
+
+
+def test_a_bolt_with_a_missing_node_is_refused(tmp_path):
+    """The node is named, as in a deck without bolts."""
+    deck = bolt().replace("13, 0.0, 0.0, 3.0\n", "") + step("*CLOAD", "900, 1, 5.")
+    assert "has node 13, which is not there" in refused(tmp_path, deck)
 
 
 @pytest.mark.parametrize("normal", ["", "0., 0., -1.\n"])
