@@ -8,6 +8,7 @@ import re
 import shlex
 import shutil
 import sys
+import time
 from collections import Counter
 from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
@@ -133,6 +134,9 @@ Runner = Callable[[pytest.Item], list[pytest.TestReport]]
 class Kept:
     """What runs a test on a rank, for several tests: returns reports of one, and writes those of all so far."""
 
+    GRACE = 5.0
+    """Seconds that a rank whose only test has failed leaves the others to report."""
+
     def __init__(self, run: Runner) -> None:
         self.run = run
         self.reports: list[pytest.TestReport] = []
@@ -144,8 +148,12 @@ class Kept:
         self.reports += new
         path = Path(os.environ["PYTEST_MPI_REPORTS_PATH"], str(MPI.COMM_WORLD.rank))
         path.write_bytes(pickle.dumps(self.reports))
-        if len(item.session.items) > 1 and any(report.failed for report in new):
-            MPI.COMM_WORLD.Abort(1)  # the other ranks may wait for this one
+        if any(report.failed for report in new):
+            if len(item.session.items) > 1:
+                MPI.COMM_WORLD.Abort(1)  # the other ranks may wait for this one
+            start = time.monotonic()  # mpirun ends them with this one, and some may be about to report
+            while len([*path.parent.iterdir()]) < MPI.COMM_WORLD.size and time.monotonic() - start < self.GRACE:
+                time.sleep(0.05)
         return new
 
 
