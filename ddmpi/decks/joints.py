@@ -163,6 +163,9 @@ class Joints:
         if len(axes) < 3:
             return "in the plane"
         (held, of_held), (loads, of_loads) = (self._parts(kind, rigid) for kind in ("supports", "forces"))
+        if np.nan_to_num([held[6:], loads[6:]]).any():
+            return "a node of rotations has components 1 to 3 alone"
+        held, loads = held[:6], loads[:6]
         if len(of_held | of_loads) > 1:
             return "its loads and displacements change in different ways"
         more = later(next(iter(of_held | of_loads), None))
@@ -206,9 +209,9 @@ class Joints:
         return ""
 
     def _parts(self, kind: str, rigid: Rigid) -> tuple[np.ndarray, set[str | None]]:
-        """Shifts or forces, and turns or moments (6,) of the reference nodes, NaN where there is none; and the
-        histories of those that are not zero."""
-        values, histories = np.full(6, np.nan), set[str | None]()
+        """Shifts or forces, and turns or moments of the reference nodes, and what has no meaning (9,), NaN where there
+        is none; and the histories of those that are not zero."""
+        values, histories = np.full(9, np.nan), set[str | None]()
         for (node, component), acting in self.model.kinds[kind].items():
             if node in (rigid.ref, rigid.turn):
                 value, history = self.acts.factor(acting)

@@ -74,7 +74,7 @@ class Importer:
                           f"{'tetrahedra' if family == 'C3D' else 'triangles'}: linear ones would be too stiff")
         (numbers, points), rows = self.deck.placed(), rows_of(blocks)
         points = points if family == "C3D" else points[:, :2]
-        lost = np.setdiff1d(rows, [*numbers, -1])
+        lost = np.setdiff1d(np.concatenate([block.entries[:, 1:].ravel() for block in blocks]), numbers)
         if len(lost):
             raise InputError(f"an element has node {lost[0] % STRIDE}, which is not there; is the deck cut off?")
         self.cuts: list[Cut] = []

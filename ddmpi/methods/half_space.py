@@ -136,6 +136,8 @@ class _Block:
 
     def mult(self, x: np.ndarray, inverse: bool = False) -> np.ndarray:
         """M x, or M⁻¹ x, of columns x (size, c)."""
+        if not x.size:
+            return x
         nodes, even = np.zeros((len(self._root) * self._columns, x.shape[1])), self._even ** (1 if inverse else -1)
         nodes[self._at] = even * x
         return even * self._apply(nodes.reshape(len(self._root), -1), inverse).reshape(nodes.shape)[self._at]

@@ -49,8 +49,9 @@ PASSES, SETTLED, SHRINKS, PATIENCE = 40, 1e-8, 0.7, 6
 """Most passes of a step. Frames have settled once α moves contacts by less than SETTLED of what their forces do, and
 do not settle if PATIENCE passes in a row leave more than SHRINKS of the least so far."""
 
-DEPTH = 3
-"""Most passes before that make the next motion of the frames, by least squares, see `_mixed`."""
+NEAR, DEPTH = 0.3, 3
+"""Once α moves contacts by less than NEAR of what forces do, up to DEPTH passes before make the next motion of the
+frames, see `_mixed`. Earlier than that, bodies may leave each other."""
 
 FARTHEST = 15.0  # largest turn of a frame in a pass (degrees)
 
@@ -143,7 +144,8 @@ class FarMarch(March):
             counts += self.iteration.statuses.counts
             rows, alpha = {interface.name: forces_by_node(interface, self.outer.forces[part]) for interface, part in
                            self.assembly.space.with_slices()}, self.outer.motions
-            step = _mixed(changes[-DEPTH:], alpha)
+            changes = changes[-DEPTH:] if far_off <= NEAR * size else []
+            step = _mixed(changes, alpha)
             changes.append((alpha, self._go(time, step) * step))
             self._count()
         largest = self.log.most["sizes"]

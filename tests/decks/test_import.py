@@ -1,5 +1,6 @@
 """`ddmpi import`: decks become scenes with the same loads, supports and contacts; what is lost refuses the deck."""
 
+import re
 import tomllib
 from pathlib import Path
 
@@ -630,6 +631,8 @@ LOST_LATER = [
     (COUPLED + KINEMATIC + "2\n" + step("*CLOAD", "900, 1, 1."), "*KINEMATIC: a coupling of some components only"),
     (COUPLED + KINEMATIC + "3\n*BOUNDARY\n900, YSYMM\n" + step("*DLOAD", "1, P3, 5."), "some of its turns are given"),
     (COUPLED + "*RIGID BODY, ELSET=A, REF NODE=900\n" + step("*CLOAD", "900, 1, 1."), "that are no set of nodes"),
+    (COUPLED + "*NODE\n901, 0., 0., 5.\n*RIGID BODY, NSET=A_X0, REF NODE=900, ROT NODE=901\n" + step(
+        "*CLOAD", "901, 5, 2."), "a node of rotations has components 1 to 3 alone"),
     (COUPLED + "*BOUNDARY\n901, 1\n" + step("*CLOAD", "36, 1, 1."), "a support at a node that the deck does not have"),
     (COUPLED + step("*CLOAD", "900, 1, 1."), "*CLOAD: a force at a node of no body"),
     (bolt().replace("S2\n*PRE", "S6\n*PRE") + step("*CLOAD", "900, 1, 5."), "a section that does not cut a body in"),
@@ -654,6 +657,8 @@ def test_a_bolt_with_a_missing_node_is_refused(tmp_path):
     """The node is named, as in a deck without bolts."""
     deck = bolt().replace("13, 0.0, 0.0, 3.0\n", "") + step("*CLOAD", "900, 1, 5.")
     assert "has node 13, which is not there" in refused(tmp_path, deck)
+    negative = re.sub(r"(\*ELEMENT.*\n\d+, )\d+", r"\1-1", BOX + step("*CLOAD", "1, 1, 5."), count=1)
+    assert "which is not there" in refused(tmp_path, negative)
 
 
 @pytest.mark.parametrize("normal", ["", "0., 0., -1.\n"])

@@ -103,6 +103,11 @@ def test_what_holds_a_free_frame_is_judged():
     assert {"ring", "frame of ring", "block"} == residuals.keys() and residuals["frame of ring"] < 1e-10
 
 
+def test_a_wheel_under_a_large_pull_stays_on_its_plate():
+    """Passes that are far from their place are not mixed, or bodies leave each other."""
+    assert forces(certified(axle(force=(-1.8, -8.0), rigid=True)))[-1] == pytest.approx([-1.8, -8.0], rel=1e-9)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("rigid", [False, True])
 def test_a_wheel_rolls_where_forces_take_its_axle(rigid):
