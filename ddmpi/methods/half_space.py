@@ -144,8 +144,6 @@ class _Block:
 
     def _apply(self, x: np.ndarray, inverse: bool) -> np.ndarray:
         """The root of the operator, or its inverse A^−½ = Σ w (A + t²)⁻¹, on columns x (m, c)."""
-        if not x.size:
-            return x
         # M = scale W^½ A^½ W^½ with A^½ = Σ w (1 − t² (A + t²)⁻¹), and M⁻¹ = W^−½ A^−½ W^−½ / scale
         x = x / self._root if inverse else self._root * x
         shifted = self._shifted.solve(np.concatenate(SHIFTS * [x])).reshape(SHIFTS, -1)
