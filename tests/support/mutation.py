@@ -8,7 +8,9 @@ that cannot be imported.
 """
 
 import argparse
+import ast
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -55,17 +57,36 @@ class Checkout:
     def try_mutant(self, mutant: Mutant) -> tuple[int | None, str]:
         path = self.folder / "ddmpi" / f"{mutant.file}.py"
         original = path.read_text(encoding="utf-8")
-        path.write_text(original.replace(mutant.text, mutant.replacement), encoding="utf-8")
+        path.write_text(mutated(original, mutant), encoding="utf-8")
         try:
             return self.test([mutant.tests])
         finally:
             path.write_text(original, encoding="utf-8")
 
 
+def normal_form(source: str) -> str:
+    """A module's source without layout and comments."""
+    return ast.unparse(ast.parse(source))
+
+
+def places(normal: str, text: str) -> list[int]:
+    """Where a text begins in a source in normal form, whatever the quotes."""
+    alike = normal.replace('"', "'")
+    return [found.start() for found in re.finditer(re.escape(text.replace('"', "'")), alike)]
+
+
+def mutated(source: str, mutant: Mutant) -> str:
+    """The source of a module, in normal form, with the mutant's wrong line."""
+    normal = normal_form(source)
+    (begin,) = places(normal, mutant.text)
+    return normal[:begin] + mutant.replacement + normal[begin + len(mutant.text) :]
+
+
 def wrong_texts(mutants: list[Mutant]) -> list[str]:
     """What is wrong with the table itself."""
-    counts = [(ROOT / "ddmpi" / f"{mutant.file}.py").read_text(encoding="utf-8").count(mutant.text)
-              for mutant in mutants]
+    files = {mutant.file for mutant in mutants}
+    normal = {file: normal_form((ROOT / "ddmpi" / f"{file}.py").read_text(encoding="utf-8")) for file in files}
+    counts = [len(places(normal[mutant.file], mutant.text)) for mutant in mutants]
     return [f"{mutant.name}: the text is {count} times in ddmpi/{mutant.file}.py"
             for mutant, count in zip(mutants, counts, strict=True) if count != 1]
 

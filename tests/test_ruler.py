@@ -1,0 +1,136 @@
+"""Functions are short and simple; those that are not yet stand in a list that only shrinks."""
+
+import ast
+
+import pytest
+import ruler
+
+COMPLEX = {
+    "check/check:_check": 23,
+    "check/check:_look": 17,
+    "check/check:_page": 26,
+    "check/drawing:draw_bodies": 17,
+    "check/nearby:find_missing": 27,
+    "cli/report:RunReport._steps": 23,
+    "cli/report:_sweep": 19,
+    "cli/report_markup:table": 16,
+    "coupling/assembly:prepare": 67,
+    "coupling/joint:FarMember.__init__": 21,
+    "coupling/joint:Joint.__init__": 18,
+    "coupling/ranks:WorkingRanks.work": 17,
+    "decks/acting:Acts.__init__": 21,
+    "decks/acting:Acts.clamps": 16,
+    "decks/acting:Acts.heat": 28,
+    "decks/acting:Acts.loads": 24,
+    "decks/acting:Acts.volume_forces": 16,
+    "decks/cards:_read": 19,
+    "decks/deck:Deck._take": 38,
+    "decks/deck:Deck.mesh": 29,
+    "decks/deck:flattened": 18,
+    "decks/joints:Joints.__init__": 16,
+    "decks/joints:Joints._take": 21,
+    "decks/joints:Joints.bolts": 22,
+    "decks/joints:Joints.contacts": 29,
+    "decks/model:Model._follow": 19,
+    "decks/model:Model._read": 21,
+    "decks/scene:Importer._pieces": 22,
+    "decks/scene:Importer.scene": 19,
+    "derive/gradient:functional": 25,
+    "derive/gradient:gradient": 18,
+    "derive/parameters:parameter": 28,
+    "interface/interface:refuse_contradiction": 17,
+    "judge/diagnosis:diagnose": 16,
+    "judge/overlap:doubt_overlaps": 20,
+    "judge/plausible:doubt_answer": 22,
+    "mesh/boundary:file_groups": 22,
+    "mesh/boundary:keep_part": 19,
+    "mesh/boundary:name_sides": 26,
+    "mesh/build:build_mesh": 18,
+    "mesh/read:read_mesh": 21,
+    "methods/newton:Newton._iterate": 21,
+    "methods/newton:Newton.run": 22,
+    "pictures/bodies:animate": 26,
+    "pictures/browser:_page": 39,
+    "pictures/contacts:draw_contacts": 29,
+    "pictures/contacts:draw_maps": 24,
+    "pictures/curves:draw_contact": 18,
+    "pictures/views:View.__init__": 17,
+    "results/fields:write_fields": 18,
+    "results/histories:at_step": 26,
+    "run/answer:Model.solve": 16,
+    "run/gather:_write_steps": 18,
+    "run/gather:gather_summary": 20,
+    "run/gather:write_files": 35,
+    "run/places:FarMarch._settle": 24,
+    "run/report:log_plan": 23,
+    "run/run:compute": 21,
+    "run/solve:Iteration.conclude": 18,
+    "run/solve:Iteration.solve": 20,
+    "run/steps:March._refine": 16,
+    "scene/bodies:Material.__post_init__": 16,
+    "scene/contacts:RigidSurface.__post_init__": 16,
+    "scene/keys:_remedy": 23,
+    "scene/keys:_tidy": 17,
+    "scene/keys:derivable": 16,
+    "scene/keys:explain": 32,
+    "scene/meshes:MeshSpec.__post_init__": 39,
+    "scene/meshes:Motion.__post_init__": 17,
+    "scene/meshes:check_motions": 40,
+    "scene/scene:Scene.__post_init__": 24,
+    "scene/scene:Scene._check_histories": 21,
+    "scene/scene:Scene._check_partners": 20,
+    "scene/scene:Scene._misplaced": 35,
+    "scene/scene:Scene.settled": 19,
+    "sweep/plots:draw_curves": 24,
+}
+"""Functions of the program beyond `ruler.MOST_COMPLEX`, with their complexity. Numbers only fall."""
+
+
+def beyond(measured: dict[str, int], listed: dict[str, int], most: int) -> dict[str, int]:
+    """What is beyond the limit and beyond its number in the list."""
+    return {name: number for name, number in measured.items() if number > max(most, listed.get(name, 0))}
+
+
+@pytest.fixture(scope="module")
+def functions() -> list[ruler.Function]:
+    return ruler.measure("ddmpi")[1]
+
+
+def test_functions_are_simple(functions):
+    """No function is more complex than the ruler allows, or than it was when it was listed."""
+    measured = {each.name: each.complexity for each in functions}
+    assert beyond(measured, COMPLEX, ruler.MOST_COMPLEX) == {}
+    assert {name: number for name, number in COMPLEX.items() if measured.get(name) != number} == {}, "lower the number"
+
+
+def test_the_ruler_counts_branches_and_operands():
+    """Complexity counts branches, conditional expressions, comprehensions, excepts and operands, nested ones too."""
+    source = '''
+def simple(x):
+    """Not counted."""
+    return x + 1
+class Box:
+    def lid(self, a, b, c):
+        if a and b or c:
+            return [each for each in a]
+        try:
+            return 1 if a else 2
+        except ValueError:
+            for _ in a:
+                while b:
+                    pass
+        def inner():
+            return a or b
+'''
+    found = {each.name: each for each in ruler.functions(ast.parse(source), "room/module")}
+    assert found["room/module:simple"] == ("room/module:simple", 1, 1)
+    assert found["room/module:Box.lid"].complexity == 1 + 6 + 3
+    assert found["room/module:Box.lid"].lines == 10
+    assert found["room/module:Box.lid.inner"].complexity == 2
+
+
+def test_layout_changes_no_tokens():
+    """Layout, comments, brackets that are not needed and the kind of quotes change no number of tokens."""
+    dense = ast.parse("x = f(a, b); y = 'text'")
+    loose = ast.parse('x = (  # a comment\n    f(\n        a,\n        b,\n    )\n)\ny = "text"\n')
+    assert ruler.tokens(dense) == ruler.tokens(loose) == 3 + 5 + 2
