@@ -23,9 +23,14 @@ if TYPE_CHECKING:
 __version__ = "0.18.0"
 
 
-def solve(scene: str | Path | Mapping[str, Any], comm: MPI.Comm | None = None,
-          overrides: Mapping[str, Any] | None = None, progress: bool = False, only: str | None = None,
-          outer: str | type | None = None) -> Answer:
+def solve(
+    scene: str | Path | Mapping[str, Any],
+    comm: MPI.Comm | None = None,
+    overrides: Mapping[str, Any] | None = None,
+    progress: bool = False,
+    only: str | None = None,
+    outer: str | type | None = None,
+) -> Answer:
     """Solve a scene; nothing is written. Collective on `comm`.
 
         >>> import ddmpi

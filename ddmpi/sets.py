@@ -42,7 +42,9 @@ class Box:
     def longest_step(self, x: np.ndarray, p: np.ndarray) -> float:
         """The largest t for which x − t p is feasible."""
         with np.errstate(divide="ignore", invalid="ignore"):
-            room = np.where(p > 0, (x - self.lower) / p, np.where(p < 0, (x - self.upper) / p, np.inf))
+            room = np.where(
+                p > 0, (x - self.lower) / p, np.where(p < 0, (x - self.upper) / p, np.inf)
+            )
         return float(room.min(initial=np.inf))
 
     def holding(self, x: np.ndarray, free: slice) -> Box:
@@ -90,7 +92,11 @@ class Discs(Box):
         box, moves = super().holding(x, free), np.zeros(len(x), bool)
         moves[free] = True
         bounds = moves[self.entries].all(axis=1) & np.isfinite(self.radius)
-        return Discs(box.lower, box.upper, self.entries[bounds], self.radius[bounds]) if bounds.any() else box
+        return (
+            Discs(box.lower, box.upper, self.entries[bounds], self.radius[bounds])
+            if bounds.any()
+            else box
+        )
 
     def scaled(self, unit: float) -> Discs:
         return Discs(self.lower / unit, self.upper / unit, self.entries, self.radius / unit)
@@ -98,10 +104,15 @@ class Discs(Box):
 
 def product(sets: Sequence[Box]) -> Box:
     """The points whose parts, one after the other, lie in the `sets`. Their discs have equally many components."""
-    lower, upper = (np.concatenate([getattr(box, name) for box in sets]) for name in ("lower", "upper"))
+    lower, upper = (
+        np.concatenate([getattr(box, name) for box in sets]) for name in ("lower", "upper")
+    )
     starts = np.cumsum([0, *(len(box.lower) for box in sets)])
-    discs = [(box.entries + start, box.radius) for box, start in zip(sets, starts, strict=False)
-             if isinstance(box, Discs)]
+    discs = [
+        (box.entries + start, box.radius)
+        for box, start in zip(sets, starts, strict=False)
+        if isinstance(box, Discs)
+    ]
     if not discs:
         return Box(lower, upper)
     return Discs(lower, upper, *(np.concatenate(arrays) for arrays in zip(*discs, strict=True)))
@@ -115,9 +126,14 @@ def magnitude(vectors: np.ndarray) -> np.ndarray:
 def shorten(vectors: np.ndarray, limit: np.ndarray) -> np.ndarray:
     """The nearest vectors (k, c) that are no longer than the limits (k,), also after rounding."""
     if vectors.shape[1] == 1:
-        return np.minimum(np.maximum(vectors, -limit[:, None]), limit[:, None])  # np.clip takes twice the time
+        return np.minimum(
+            np.maximum(vectors, -limit[:, None]), limit[:, None]
+        )  # np.clip takes twice the time
     size = magnitude(vectors)
-    return vectors * np.where(size > limit, SHORT * limit / np.where(size > limit, size, 1.0), 1.0)[:, None]
+    return (
+        vectors
+        * np.where(size > limit, SHORT * limit / np.where(size > limit, size, 1.0), 1.0)[:, None]
+    )
 
 
 def dots(v: np.ndarray, w: np.ndarray) -> np.ndarray:
@@ -131,11 +147,17 @@ def cone_room(limit: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     return (limit - size) * (limit + size)
 
 
-def cone_exit(limit: np.ndarray, vectors: np.ndarray, more: np.ndarray, change: np.ndarray) -> np.ndarray:
+def cone_exit(
+    limit: np.ndarray, vectors: np.ndarray, more: np.ndarray, change: np.ndarray
+) -> np.ndarray:
     """1/t (k, 1) for the least t > 0 with |v + t `change`| = limit + t `more`; zero where there is none.
 
     Vectors (k, c) are inside their limits (k, 1).
     """
-    room, b, a = cone_room(limit, vectors), limit * more - dots(vectors, change), more**2 - dots(change, change)
+    room, b, a = (
+        cone_room(limit, vectors),
+        limit * more - dots(vectors, change),
+        more**2 - dots(change, change),
+    )
     root = np.sqrt(np.maximum(b**2 - a * room, 0.0))
     return np.where(root > b, (root - b) / room, 0.0)

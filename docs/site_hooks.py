@@ -32,12 +32,16 @@ LINK = re.compile(r"(?<=\]\()(?!\w+:|[#/<])([^()\s#]+)")
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add the three pages, and what any page links to outside docs/."""
     for name in PAGES:
-        files.append(File.generated(config, name, content=(ROOT / name).read_text(encoding="utf-8")))
+        files.append(
+            File.generated(config, name, content=(ROOT / name).read_text(encoding="utf-8"))
+        )
     for file in files.documentation_pages():
         text = _with_links(file.content_string) if file.src_uri == GALLERY else file.content_string
         for target in _targets(file.src_uri, text):
             if files.get_file_from_path(_place(target)) is None and (ROOT / target).is_file():
-                files.append(File.generated(config, _place(target), content=(ROOT / target).read_bytes()))
+                files.append(
+                    File.generated(config, _place(target), content=(ROOT / target).read_bytes())
+                )
     return files
 
 
@@ -63,7 +67,8 @@ def on_post_build(config: MkDocsConfig) -> None:
     folder = Path(config.site_dir, "search")
     library, worker, index, main = (
         (folder / name).read_text(encoding="utf-8")
-        for name in ("lunr.js", "worker.js", "search_index.json", "main.js"))
+        for name in ("lunr.js", "worker.js", "search_index.json", "main.js")
+    )
     source = f"""{library}
 {worker}
 self.importScripts = function () {{}};
@@ -71,16 +76,23 @@ init = function () {{ onJSONLoaded.call({{responseText: {json.dumps(index)}}}); 
 """
     call = 'new Worker(joinUrl(base_url, "search/worker.js"))'
     if call not in main:
-        raise PluginError("the search of this version of mkdocs starts its worker otherwise: adapt docs/site_hooks.py")
+        raise PluginError(
+            "the search of this version of mkdocs starts its worker otherwise: adapt docs/site_hooks.py"
+        )
     started = f"new Worker(URL.createObjectURL(new Blob([{json.dumps(source)}])))"
     (folder / "main.js").write_text(main.replace(call, started), encoding="utf-8")
 
 
 def _with_links(gallery: str) -> str:
     """The gallery with a link to the scene, and to the view if there is one, below each example."""
+
     def links(command: re.Match) -> str:
         view = f"views/{command[2]}.html"
-        turn = f" · [Its results, in the browser]({view})" if (ROOT / "docs" / "start" / view).exists() else ""
+        turn = (
+            f" · [Its results, in the browser]({view})"
+            if (ROOT / "docs" / "start" / view).exists()
+            else ""
+        )
         return f"{command[0]}\n\n[Its scene](../../{command[1]}){turn}"
 
     return RUN.sub(links, gallery)

@@ -18,13 +18,17 @@ geometry = gmsh.model.geo
 centre = geometry.addPoint(0.0, 0.0, 0.0)
 arcs, tops = {}, {}
 for name, r in RADII.items():
-    corners = [geometry.addPoint(r * x, r * y, 0.0, 0.7 if (name, y) == ("tread", -1) else SIZES[name])
-               for x, y in ((1, 0), (0, 1), (-1, 0), (0, -1))]
+    corners = [
+        geometry.addPoint(r * x, r * y, 0.0, 0.7 if (name, y) == ("tread", -1) else SIZES[name])
+        for x, y in ((1, 0), (0, 1), (-1, 0), (0, -1))
+    ]
     arcs[name] = [geometry.addCircleArc(corners[i], centre, corners[(i + 1) % 4]) for i in range(4)]
     tops[name] = corners[1]
 loops = {name: geometry.addCurveLoop(members) for name, members in arcs.items()}
-parts = {"core": geometry.addPlaneSurface([loops["seam"], loops["bore"]]),
-         "tyre": geometry.addPlaneSurface([loops["tread"], loops["seam"]])}
+parts = {
+    "core": geometry.addPlaneSurface([loops["seam"], loops["bore"]]),
+    "tyre": geometry.addPlaneSurface([loops["tread"], loops["seam"]]),
+}
 geometry.synchronize()
 for name, surface in parts.items():
     gmsh.model.addPhysicalGroup(2, [surface], name=name)

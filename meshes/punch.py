@@ -13,8 +13,13 @@ HERE = Path(__file__).parent
 HALF, DIVISIONS = 10.0, 40  # half width of the contact in mm, elements along it
 
 
-def _write(name: str, corners: list[tuple[float, float]], lines: dict[str, list[int]], contact: int,
-           size: float) -> None:
+def _write(
+    name: str,
+    corners: list[tuple[float, float]],
+    lines: dict[str, list[int]],
+    contact: int,
+    size: float,
+) -> None:
     gmsh.initialize([], readConfigFiles=False, interruptible=False)
     gmsh.option.setNumber("General.Terminal", 0)
     geometry = gmsh.model.geo
@@ -31,7 +36,24 @@ def _write(name: str, corners: list[tuple[float, float]], lines: dict[str, list[
     gmsh.finalize()
 
 
-_write("block", [(-HALF, 0), (HALF, 0), (1.5 * HALF, 15), (1.5 * HALF, 25), (-1.5 * HALF, 25), (-1.5 * HALF, 15)],
-       {"contact": [0], "right": [1, 2], "top": [3], "left": [4, 5]}, contact=0, size=2.0)
-_write("base", [(-30, -30), (30, -30), (30, 0), (HALF, 0), (-HALF, 0), (-30, 0)],
-       {"bottom": [0], "right": [1], "free": [2, 4], "contact": [3], "left": [5]}, contact=3, size=3.0)
+_write(
+    "block",
+    [
+        (-HALF, 0),
+        (HALF, 0),
+        (1.5 * HALF, 15),
+        (1.5 * HALF, 25),
+        (-1.5 * HALF, 25),
+        (-1.5 * HALF, 15),
+    ],
+    {"contact": [0], "right": [1, 2], "top": [3], "left": [4, 5]},
+    contact=0,
+    size=2.0,
+)
+_write(
+    "base",
+    [(-30, -30), (30, -30), (30, 0), (HALF, 0), (-HALF, 0), (-30, 0)],
+    {"bottom": [0], "right": [1], "free": [2, 4], "contact": [3], "left": [5]},
+    contact=3,
+    size=3.0,
+)

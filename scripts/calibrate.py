@@ -1,7 +1,7 @@
 #!/usr/bin/env -S bash -c 'exec "${0%/*}/study" "$0" "$@"'
 """A friction coefficient and a gap from measured forces, by least squares with derivatives (docs/use/derivatives.md).
 
-    scripts/study calibrate         # pinched blocks under three loads, with 0.1 % of noise; a few seconds
+scripts/study calibrate         # pinched blocks under three loads, with 0.1 % of noise; a few seconds
 """
 
 from __future__ import annotations
@@ -29,9 +29,23 @@ LOADS, NOISE = (0.6, 1.0, 1.4), 1e-3
 @functools.lru_cache(maxsize=2)
 def solve(coefficient: float, gap: float) -> list[Answer]:
     """The answers under all loads, with derivatives."""
-    given = dict(zip(KEYS, (coefficient, gap), strict=True)) | {"output.derivatives": KEYS, "output.only": "contacts"}
-    return [ddmpi.solve(SCENE, overrides=given | {"body.upper.traction": [
-        {"on": "top", "value": [0.0, -6e7 * load]}, {"on": "right", "value": [2e7 * load, 3e7]}]}) for load in LOADS]
+    given = dict(zip(KEYS, (coefficient, gap), strict=True)) | {
+        "output.derivatives": KEYS,
+        "output.only": "contacts",
+    }
+    return [
+        ddmpi.solve(
+            SCENE,
+            overrides=given
+            | {
+                "body.upper.traction": [
+                    {"on": "top", "value": [0.0, -6e7 * load]},
+                    {"on": "right", "value": [2e7 * load, 3e7]},
+                ]
+            },
+        )
+        for load in LOADS
+    ]
 
 
 def forces(answers: list[Answer]) -> np.ndarray:
@@ -48,18 +62,24 @@ def calibrate(measured: np.ndarray, guess: np.ndarray) -> tuple[np.ndarray, np.n
         return (forces(solve(*(x * SIZES).tolist())) - measured) / size
 
     def jacobian(x: np.ndarray) -> np.ndarray:
-        rows = [np.column_stack([answer.derivative(key).contacts[CONTACT].force for key in KEYS])
-                for answer in solve(*(x * SIZES).tolist())]
+        rows = [
+            np.column_stack([answer.derivative(key).contacts[CONTACT].force for key in KEYS])
+            for answer in solve(*(x * SIZES).tolist())
+        ]
         return np.vstack(rows) * SIZES / size
 
-    fit = least_squares(residuals, guess / SIZES, jac=jacobian, bounds=([0.0, -np.inf], np.inf), xtol=1e-8)
+    fit = least_squares(
+        residuals, guess / SIZES, jac=jacobian, bounds=([0.0, -np.inf], np.inf), xtol=1e-8
+    )
     spread = np.sqrt(2.0 * fit.cost / (len(measured) - len(guess)))  # of a residual
     errors = spread * np.sqrt(np.diag(np.linalg.inv(fit.jac.T @ fit.jac)))
     return fit.x * SIZES, errors * SIZES, fit.nfev
 
 
 def main() -> None:
-    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
+    argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    ).parse_args()
     exact = np.array([0.37, -4e-5])
     noise = 1.0 + NOISE * np.random.default_rng(0).standard_normal(2 * len(LOADS))
     found, errors, tried = calibrate(forces(solve(*exact.tolist())) * noise, np.array([0.15, 0.0]))

@@ -37,12 +37,35 @@ LARGEST, NODAL = 0.03, 0.05
 LIMIT = 600
 """Longest time of a run (s)."""
 
-OTHER = frozenset((
-    "PLASTIC", "DYNAMIC", "HEATTRANSFER", "HYPERELASTIC", "HYPERFOAM", "FREQUENCY", "BUCKLE", "CREEP", "VISCO",
-    "CYCLICSYMMETRYMODEL", "GREEN", "SUBSTRUCTUREGENERATE", "SENSITIVITY", "MODALDYNAMIC", "STEADYSTATEDYNAMICS",
-    "COUPLEDTEMPERATURE-DISPLACEMENT", "ELECTROMAGNETICS", "UNCOUPLEDTEMPERATURE-DISPLACEMENT", "CFD",
-    "COMPLEXFREQUENCY", "NOANALYSIS", "DEFORMATIONPLASTICITY", "CYCLICHARDENING", "DEPVAR", "USERMATERIAL",
-))
+OTHER = frozenset(
+    (
+        "PLASTIC",
+        "DYNAMIC",
+        "HEATTRANSFER",
+        "HYPERELASTIC",
+        "HYPERFOAM",
+        "FREQUENCY",
+        "BUCKLE",
+        "CREEP",
+        "VISCO",
+        "CYCLICSYMMETRYMODEL",
+        "GREEN",
+        "SUBSTRUCTUREGENERATE",
+        "SENSITIVITY",
+        "MODALDYNAMIC",
+        "STEADYSTATEDYNAMICS",
+        "COUPLEDTEMPERATURE-DISPLACEMENT",
+        "ELECTROMAGNETICS",
+        "UNCOUPLEDTEMPERATURE-DISPLACEMENT",
+        "CFD",
+        "COMPLEXFREQUENCY",
+        "NOANALYSIS",
+        "DEFORMATIONPLASTICITY",
+        "CYCLICHARDENING",
+        "DEPVAR",
+        "USERMATERIAL",
+    )
+)
 """Keywords of other physics."""
 
 SOLIDS = re.compile(r"(C3D(4|6|8|10|15|20)(R|I|RI|T)?|(CAX|CPE|CPS)\d+R?)$")
@@ -54,7 +77,9 @@ GIVEN = {"beamuamp": ["QUADRATIC=0,0,0.5,0.25,1,1"]}
 HARD = 100
 """CalculiX's contact is a penalty; where a deck differs, it is compared with this many times the stiffness, too."""
 
-LINEAR = re.compile(r"(\*SURFACE *BEHAVIOR, *PRESSURE-OVERCLOSURE *= *LINEAR *\n\s*)([\d.EeDd+-]+)", re.IGNORECASE)
+LINEAR = re.compile(
+    r"(\*SURFACE *BEHAVIOR, *PRESSURE-OVERCLOSURE *= *LINEAR *\n\s*)([\d.EeDd+-]+)", re.IGNORECASE
+)
 """The stiffness of linear contact in a deck."""
 
 
@@ -76,8 +101,12 @@ def is_static(deck: Path) -> bool:
         return False
     words = {card.word for card in cards}
     types = {card.given.get("TYPE", "").upper() for card in cards if card.word == "ELEMENT"}
-    return (bool(types) and all(SOLIDS.match(kind) for kind in types) and "STATIC" in words
-            and not words & (OTHER | {"EQUATION", "MPC", "SUBMODEL"}))
+    return (
+        bool(types)
+        and all(SOLIDS.match(kind) for kind in types)
+        and "STATIC" in words
+        and not words & (OTHER | {"EQUATION", "MPC", "SUBMODEL"})
+    )
 
 
 def printed(deck: Path) -> dict[int, list[float]]:
@@ -104,30 +133,38 @@ def computed(deck: Path, text: str, folder: Path) -> dict[int, list[float]]:
     """The displacements by node at the end, by CalculiX; none where it is not there or fails."""
     if not shutil.which("ccx"):
         return {}
-    at = [match.start() for match in re.finditer(r"^\*END *STEP", text, re.MULTILINE | re.IGNORECASE)][-1:]
+    at = [
+        match.start() for match in re.finditer(r"^\*END *STEP", text, re.MULTILINE | re.IGNORECASE)
+    ][-1:]
     for k in at:
         (folder / deck.name).write_text(text[:k] + "*NODE FILE\nU\n" + text[k:])
     try:
-        subprocess.run(["ccx", deck.stem], cwd=folder, capture_output=True, timeout=LIMIT, check=False)
-        nodes, u = nodal((folder / deck.with_suffix(".frd").name).read_text(errors="replace"), "DISP")
+        subprocess.run(
+            ["ccx", deck.stem], cwd=folder, capture_output=True, timeout=LIMIT, check=False
+        )
+        nodes, u = nodal(
+            (folder / deck.with_suffix(".frd").name).read_text(errors="replace"), "DISP"
+        )
     except (OSError, ValueError, subprocess.TimeoutExpired):
         return {}
     return dict(zip(nodes, u.tolist(), strict=True))
 
 
-def compared(deck: Path, scene: Path, reference: dict[int, list[float]]) -> tuple[float, float, float]:
+def compared(
+    deck: Path, scene: Path, reference: dict[int, list[float]]
+) -> tuple[float, float, float]:
     """The largest displacement, that of the reference, and the nodal error, of the nodes that both have."""
     results = read_results(scene / "results")
     fields, importer = results.fields, Importer(deck, GIVEN.get(deck.stem, []))
     ours, theirs = [], []
     for number, piece in enumerate(importer.pieces):
         own = np.unique(fields["cells"][fields["body"] == number])
-        place = cKDTree(fields["points"][own][:, :piece.points.shape[1]]).query(piece.points)[1]
+        place = cKDTree(fields["points"][own][:, : piece.points.shape[1]]).query(piece.points)[1]
         for node, u in zip(piece.nodes.tolist(), fields["displacement"][own][place], strict=True):
             # a node at the section of a bolt is that of one body in the reference
             if node % STRIDE in reference and importer.acts.home[node] is piece:
-                ours.append(u[:piece.points.shape[1]])
-                theirs.append(reference[node % STRIDE][:piece.points.shape[1]])
+                ours.append(u[: piece.points.shape[1]])
+                theirs.append(reference[node % STRIDE][: piece.points.shape[1]])
     a, b = np.array(ours), np.array(theirs)
     if not len(a):
         return np.nan, np.nan, np.nan
@@ -142,7 +179,8 @@ def judged(deck: Path, scene: Path, reference: dict[int, list[float]]) -> tuple[
         return False, f"largest displacement {size:.3g} for {right:g}"
     return abs(size - right) <= LARGEST * right and error <= NODAL, (
         f"largest displacement {size:.4g} for {right:.4g} ({100 * (size / right - 1):+.1f} %), nodal error "
-        f"{100 * error:.1f} % of {len(reference)} nodes")
+        f"{100 * error:.1f} % of {len(reference)} nodes"
+    )
 
 
 def tried(deck: Path, folder: Path) -> tuple[str, str]:
@@ -156,9 +194,23 @@ def tried(deck: Path, folder: Path) -> tuple[str, str]:
     except Exception:
         return "traceback", traceback.format_exc().splitlines()[-1]
     try:
-        run = subprocess.run([sys.executable, "-m", "ddmpi", "run", str(scene / "scene.toml"), "--output",
-                              str(scene / "results"), "--no-figures", "--quiet"], capture_output=True, text=True,
-                             timeout=LIMIT, check=False)
+        run = subprocess.run(
+            [
+                sys.executable,
+                "-m",
+                "ddmpi",
+                "run",
+                str(scene / "scene.toml"),
+                "--output",
+                str(scene / "results"),
+                "--no-figures",
+                "--quiet",
+            ],
+            capture_output=True,
+            text=True,
+            timeout=LIMIT,
+            check=False,
+        )
     except subprocess.TimeoutExpired:
         return "not solved", f"not within {LIMIT} s"
     if run.returncode:
@@ -180,26 +232,53 @@ def tried(deck: Path, folder: Path) -> tuple[str, str]:
 def write_page(rows: list[Row], folder: Path, complete: bool) -> None:
     """docs/tables/decks.md, which also has why decks differ."""
     rows = sorted(rows, key=lambda row: row["deck"])
-    counts = [[end or "all", *(len(some) for some in (of, where(of, static=True)))]
-              for end in [*sorted({row["end"] for row in rows}), ""]
-              for of in [where(rows, end=end) if end else rows]]
-    publish("decks.md", {
-        "Ends": table(("end", "decks", "static ones"), counts),
-        "Decks": table(("deck", "static", "end", "details, or the line that is not possible"), (
-            (row["deck"], "yes" if row["static"] else "", row["end"], row["words"].replace("*", "\\*"))
-            for row in rows))}, folder, complete)
+    counts = [
+        [end or "all", *(len(some) for some in (of, where(of, static=True)))]
+        for end in [*sorted({row["end"] for row in rows}), ""]
+        for of in [where(rows, end=end) if end else rows]
+    ]
+    publish(
+        "decks.md",
+        {
+            "Ends": table(("end", "decks", "static ones"), counts),
+            "Decks": table(
+                ("deck", "static", "end", "details, or the line that is not possible"),
+                (
+                    (
+                        row["deck"],
+                        "yes" if row["static"] else "",
+                        row["end"],
+                        row["words"].replace("*", "\\*"),
+                    )
+                    for row in rows
+                ),
+            ),
+        },
+        folder,
+        complete,
+    )
 
 
 def main() -> None:
     parser = arguments(__doc__, "decks")
     parser.add_argument("--suite", type=Path, default=SUITE, help="folder of the decks")
-    parser.add_argument("--only", default="", help="decks with this word in their names; writes no page")
+    parser.add_argument(
+        "--only", default="", help="decks with this word in their names; writes no page"
+    )
     options = parser.parse_args()
     if not options.suite.is_dir():
-        sys.exit(f"{options.suite} is not there: apt-get install calculix-ccx-test, or name a copy by --suite")
-    ledger = Ledger(MPI.COMM_SELF, options.output / "decks.csv", ("deck",), ("static", "end", "words"))
+        sys.exit(
+            f"{options.suite} is not there: apt-get install calculix-ccx-test, or name a copy by --suite"
+        )
+    ledger = Ledger(
+        MPI.COMM_SELF, options.output / "decks.csv", ("deck",), ("static", "end", "words")
+    )
     with tempfile.TemporaryDirectory() as name:
-        decks = {deck.stem: deck for deck in unpacked(options.suite, Path(name)) if options.only in deck.stem}
+        decks = {
+            deck.stem: deck
+            for deck in unpacked(options.suite, Path(name))
+            if options.only in deck.stem
+        }
 
         def measure(stem: str) -> Row:
             end, words = tried(decks[stem], options.output)

@@ -28,6 +28,7 @@ Row = dict
 
 # Tables that outlive interruptions
 
+
 class Ledger:
     """Rows in a CSV file, each written as soon as it is known; a study that is started again keeps them.
 
@@ -40,7 +41,9 @@ class Ledger:
     others : the other columns
     """
 
-    def __init__(self, world: MPI.Comm, path: Path, key: tuple[str, ...], others: tuple[str, ...]) -> None:
+    def __init__(
+        self, world: MPI.Comm, path: Path, key: tuple[str, ...], others: tuple[str, ...]
+    ) -> None:
         self.world, self.path, self.key, self.columns = world, path, key, (*key, *others)
         self.rows: list[Row] = []
         error = None
@@ -51,8 +54,12 @@ class Ledger:
                     header, *lines = list(csv.reader(file)) or [[]]
                 if tuple(header) != self.columns:
                     error = f"{path} has other columns than this script writes; move it away"
-                complete = [line for line in lines if len(line) == len(self.columns)]  # the last one may be torn
-                self.rows = [dict(zip(self.columns, map(_value, line), strict=True)) for line in complete]
+                complete = [
+                    line for line in lines if len(line) == len(self.columns)
+                ]  # the last one may be torn
+                self.rows = [
+                    dict(zip(self.columns, map(_value, line), strict=True)) for line in complete
+                ]
         error = world.bcast(error)
         if error:
             sys.exit(error if world.rank == 0 else 1)
@@ -83,10 +90,18 @@ class Ledger:
         for done, item in enumerate([*work, None]):
             if self.world.rank == 0 and work:
                 spent = time.perf_counter() - start
-                left = f", {spent / done * (len(work) - done):.0f} s left" if 0 < done < len(work) else ""
+                left = (
+                    f", {spent / done * (len(work) - done):.0f} s left"
+                    if 0 < done < len(work)
+                    else ""
+                )
                 bar, words = "#" * (30 * done // len(work)), " ".join(map(str, item or ()))
-                print(f"\r{self.path.stem} [{bar:30}] {done}/{len(work)}  {spent:.0f} s{left}  {words:40.40}",
-                      end="" if item else "\n", file=sys.stderr, flush=True)
+                print(
+                    f"\r{self.path.stem} [{bar:30}] {done}/{len(work)}  {spent:.0f} s{left}  {words:40.40}",
+                    end="" if item else "\n",
+                    file=sys.stderr,
+                    flush=True,
+                )
             if item:
                 yield item
 
@@ -109,6 +124,7 @@ def where(rows: Iterable[Row], **values) -> list[Row]:
 
 # Pages and figures
 
+
 def table(header: Iterable, rows: Iterable[Iterable]) -> list[str]:
     """A table as lines of Markdown, with an empty one after it."""
     header = list(header)
@@ -121,7 +137,13 @@ def _line(cells: Iterable) -> str:
 
 def number(value: float, form: str = ".0e") -> str:
     """For a cell of a table, which is empty where there is no number."""
-    return "–" if not math.isfinite(value) else "0" if value == 0 and form.endswith("e") else format(value, form)
+    return (
+        "–"
+        if not math.isfinite(value)
+        else "0"
+        if value == 0 and form.endswith("e")
+        else format(value, form)
+    )
 
 
 def processor() -> str:
@@ -131,8 +153,14 @@ def processor() -> str:
     return re.sub(" +", " ", named[0]) if named else platform.processor()
 
 
-def publish(name: str, tables: Mapping[str, list[str]], folder: Path, complete: bool = True,
-            facts: Mapping[str, str] | None = None, draw: Callable[[Path], None] | None = None) -> None:
+def publish(
+    name: str,
+    tables: Mapping[str, list[str]],
+    folder: Path,
+    complete: bool = True,
+    facts: Mapping[str, str] | None = None,
+    draw: Callable[[Path], None] | None = None,
+) -> None:
     """Write a page of docs/tables/, whose words stand there alone, with new tables to `folder`, and back if the study
     is complete.
 
@@ -152,12 +180,19 @@ def publish(name: str, tables: Mapping[str, list[str]], folder: Path, complete: 
         if title not in parts and not complete:
             parts[title] = "\n".join([f"## {title}", "", *lines, ""])
             continue
-        old, new = (re.findall(TABLE, text, re.M) for text in (parts.get(title, ""), "\n".join([*lines, ""])))
+        old, new = (
+            re.findall(TABLE, text, re.M)
+            for text in (parts.get(title, ""), "\n".join([*lines, ""]))
+        )
         if len(old) != len(new):
-            sys.exit(f"docs/tables/{name} wants a section '{title}' with {len(new)} tables, which a study fills in")
+            sys.exit(
+                f"docs/tables/{name} wants a section '{title}' with {len(new)} tables, which a study fills in"
+            )
         for before, now in zip(old, new, strict=True):
             parts[title] = parts[title].replace(before, now, 1)
-    text = "".join(part for title, part in parts.items() if complete or not title or title in tables)
+    text = "".join(
+        part for title, part in parts.items() if complete or not title or title in tables
+    )
     for pattern, fact in (facts or {}).items():
         text = re.sub(pattern, lambda _, fact=fact: fact, text)
     folder.mkdir(parents=True, exist_ok=True)
@@ -177,7 +212,9 @@ def save_figures(folder: Path, figures: dict[str, Callable], **options) -> None:
     from ddmpi.pictures.sheet import STYLE
 
     folder.mkdir(parents=True, exist_ok=True)
-    with plt.rc_context(STYLE | {"axes.grid": True, "axes.grid.which": "major", "grid.color": "#e3e3e3"}):
+    with plt.rc_context(
+        STYLE | {"axes.grid": True, "axes.grid.which": "major", "grid.color": "#e3e3e3"}
+    ):
         for name, draw in figures.items():
             figure = draw()
             figure.savefig(folder / f"{name}.png", bbox_inches="tight", **options)
@@ -186,10 +223,13 @@ def save_figures(folder: Path, figures: dict[str, Callable], **options) -> None:
 
 # Commands
 
+
 def arguments(description: str | None, name: str = "") -> argparse.ArgumentParser:
     """A parser; with the option --output, by default results/NAME, for a study that writes files."""
-    parser = argparse.ArgumentParser(description=inspect.cleandoc(description or ""),
-                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=inspect.cleandoc(description or ""),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     if name:
         parser.add_argument("--output", type=Path, default=Path("results") / name, metavar="DIR")
     return parser
@@ -197,6 +237,7 @@ def arguments(description: str | None, name: str = "") -> argparse.ArgumentParse
 
 def on_two_ranks(main: Callable[[MPI.Comm], None]) -> Callable[[], None]:
     """Decorator for a script's main(world) that refuses other numbers of ranks and frees PETSc's objects at the end."""
+
     @functools.wraps(main)
     def guarded() -> None:
         world = MPI.COMM_WORLD
@@ -204,4 +245,5 @@ def on_two_ranks(main: Callable[[MPI.Comm], None]) -> Callable[[], None]:
             sys.exit(f"two ranks, please: scripts/study {Path(sys.argv[0]).stem} starts them")
         main(world)
         gc.collect()
+
     return guarded

@@ -94,14 +94,20 @@ class Exhibit(Check):
             raise ValueError(f"{self.scene}: {summary['warnings']}")
         found = self.measure(summary)
         if not abs(found - self.value) <= self.within * abs(self.value):
-            raise ValueError(f"{self.scene}: {found:.6g} {self.unit} instead of {self.told} ± {self.within:.1%}")
+            raise ValueError(
+                f"{self.scene}: {found:.6g} {self.unit} instead of {self.told} ± {self.within:.1%}"
+            )
 
 
-def contact(name: str, key: str, part: int | None = None, factor: float = 1.0) -> Callable[[dict], float]:
+def contact(
+    name: str, key: str, part: int | None = None, factor: float = 1.0
+) -> Callable[[dict], float]:
     """A number of a contact, or a `part` of a pair of them, times `factor`."""
+
     def measure(summary: dict) -> float:
         value = summary["contacts"][name][key]
         return factor * (value if part is None else value[part])
+
     return measure
 
 
@@ -113,19 +119,28 @@ def floor_resultant(summary: dict) -> float:
 
 def tipping_edge(summary: dict) -> float:
     """x of the edge about which the tower's upper blocks turn (m), from the velocity of the second one."""
-    (centre, velocity), = ((body["centre"], body["velocity"]) for body in summary["mechanism"]
-                           if body["name"] == "second")
+    ((centre, velocity),) = (
+        (body["centre"], body["velocity"])
+        for body in summary["mechanism"]
+        if body["name"] == "second"
+    )
     return centre[0] - velocity[1] / velocity[2]  # v_y + ω (x − x_c) = 0
 
 
 def second_cycle(summary: dict) -> float:
     """What the pad dissipates in the second cycle (N mm/mm)."""
-    return sum(step["contacts"]["pad-base"]["dissipated"] for step in summary["steps"] if 3.5 < step["time"] <= 5.5)
+    return sum(
+        step["contacts"]["pad-base"]["dissipated"]
+        for step in summary["steps"]
+        if 3.5 < step["time"] <= 5.5
+    )
 
 
 def bolt_over_joint(summary: dict) -> float:
     """By how much the force of the bolt is larger than that of the joint (kN)."""
-    return 1e-3 * (summary["contacts"]["head"]["force"][-1] - summary["contacts"]["joint"]["force"][-1])
+    return 1e-3 * (
+        summary["contacts"]["head"]["force"][-1] - summary["contacts"]["joint"]["force"][-1]
+    )
 
 
 def stiffness_of_a_pair(summary: dict) -> float:
@@ -151,11 +166,19 @@ CHECKS = {
     "punch": Check(contact("punch-base", "tangential_force"), 1e-3),
     "roller": Check(contact("cylinder-block", "pressure_max"), 0.01),
     "pin_in_lug": Check(contact("pin-lug", "pressure_max"), 0.01, {"method.target_error": 0.04}),
-    "dovetail": Check(contact("root-disc", "force", 0, -1.0), 1e-5, {"method.target_error": 0.1},
-                      warned="re-entrant corner at (13, -1)"),
-    "wedge_in_slot": Check(contact("left", "force", 0), 1e-4, {"method.target_error": 0.1}, warned="2.321, -10)"),
+    "dovetail": Check(
+        contact("root-disc", "force", 0, -1.0),
+        1e-5,
+        {"method.target_error": 0.1},
+        warned="re-entrant corner at (13, -1)",
+    ),
+    "wedge_in_slot": Check(
+        contact("left", "force", 0), 1e-4, {"method.target_error": 0.1}, warned="2.321, -10)"
+    ),
     "shrink_fit": Check(contact("fit", "moment", factor=-1e-3), 1e-3, ONE, "steps.png"),
-    "shaft_in_hub": Check(contact("bush-hub", "moment", factor=-1e-3), 1e-3, picture="contacts.png"),
+    "shaft_in_hub": Check(
+        contact("bush-hub", "moment", factor=-1e-3), 1e-3, picture="contacts.png"
+    ),
     "loosened_fit": Check(contact("fit", "moment", factor=1e-3), 1e-3, ONE, "steps.png"),
     "guided_wedge": Check(contact("wedge-block", "force", 0, -1.0), 1e-4),
     "heated_bush": Check(lambda summary: summary["bodies"]["bush"]["displacement_max"], 1e-3, ONE),
@@ -163,29 +186,56 @@ CHECKS = {
     "rail_on_bed": Check(contact("rail-wheel", "normal_force"), 1e-3),
     "vice": Check(contact("part-moving", "force", 1, -1.0), 1e-3, ONE, "contacts.png"),
     "fretting": Check(second_cycle, 1e-3, {"time.steps": 2}, "steps.png"),
-    "pushed_block": Check(lambda summary: -np.divide(*summary["contacts"]["guide"]["force"]), 1e-9, {"time.steps": 8}),
+    "pushed_block": Check(
+        lambda summary: -np.divide(*summary["contacts"]["guide"]["force"]), 1e-9, {"time.steps": 8}
+    ),
     "rolling_wheel": Check(contact("tread", "force", 1), 1e-9, {"time.steps": 4}),
-    "cam_and_follower": Check(lambda summary: -at(summary, 40.0)["lift"]["force"][1], 0.02, {"time.steps": 8}),
+    "cam_and_follower": Check(
+        lambda summary: -at(summary, 40.0)["lift"]["force"][1], 0.02, {"time.steps": 8}
+    ),
     "spur_gears": Check(stiffness_of_a_pair, 0.06, {"time.steps": 8}),
-    "bolted_plates": Check(lambda summary: summary["bodies"]["middle"]["reaction"][0], 1e-5, ONE, "contacts.png"),
+    "bolted_plates": Check(
+        lambda summary: summary["bodies"]["middle"]["reaction"][0], 1e-5, ONE, "contacts.png"
+    ),
     "sliding_floor": Check(contact("crate-floor", "force", 0, 1e-3), 1e-5, ONE, "steps.png"),
     "wall": Check(floor_resultant, 1e-4, picture="contacts.png"),
-    "arch": Check(contact("v5-v6", "force", 0, -1e-3), 1e-4,
-                  {f"body.v{k}.mesh.divisions": [6, 4] for k in range(1, 11)}),
-    "tipping_tower": Check(tipping_edge, 1e-6, picture="mechanism.png",
-                           refused="no equilibrium: second, third and fourth would move most at ("),
-    "bonded_block": Check(lambda summary: -1e-6 * total(summary, ("lower", "upper"), 1), 1e-5, picture="contacts.png"),
+    "arch": Check(
+        contact("v5-v6", "force", 0, -1e-3),
+        1e-4,
+        {f"body.v{k}.mesh.divisions": [6, 4] for k in range(1, 11)},
+    ),
+    "tipping_tower": Check(
+        tipping_edge,
+        1e-6,
+        picture="mechanism.png",
+        refused="no equilibrium: second, third and fourth would move most at (",
+    ),
+    "bonded_block": Check(
+        lambda summary: -1e-6 * total(summary, ("lower", "upper"), 1), 1e-5, picture="contacts.png"
+    ),
     "lined_wheel": Check(contact("wheel-ground", "force", 1), 0.02),
     "turned_bolt": Check(bolt_over_joint, 1e-6, ONE | {"body.bolt.mesh.contact_size": 0.8}),
-    "tightened_bolt": Check(lambda summary: 1e-3 * at(summary, 1.0)["under-head"]["force"][1], 1e-6, ONE),
-    "pushed_pin": Check(lambda summary: 1e-3 * at(summary, 1.0)["fit"]["force"][1], 0.01, {"time.steps": 10}),
+    "tightened_bolt": Check(
+        lambda summary: 1e-3 * at(summary, 1.0)["under-head"]["force"][1], 1e-6, ONE
+    ),
+    "pushed_pin": Check(
+        lambda summary: 1e-3 * at(summary, 1.0)["fit"]["force"][1], 0.01, {"time.steps": 10}
+    ),
     "ball_on_floor": Check(contact("ball-floor", "pressure_max"), 0.03),
     "bolted_flange": Check(bolt_over_joint, 5e-3, ONE, warned="is at a re-entrant edge"),
     "shaft_turned_in_hub": Check(contact("fit", "moment", 2, -1e-3), 0.025, ONE),
     "arch_in_space": Check(lambda summary: 1e-3 * total(summary, ("v1-left", "v7-right"), 2), 1e-4),
-    "bevel_wheels": Check(lambda summary: -summary["turned"]["driven"], 0.03, {
-        "time.steps": 4, "body.driving.mesh.contact_size": 1.6, "body.driven.mesh.contact_size": 1.6,
-        "output.animation": False})}
+    "bevel_wheels": Check(
+        lambda summary: -summary["turned"]["driven"],
+        0.03,
+        {
+            "time.steps": 4,
+            "body.driving.mesh.contact_size": 1.6,
+            "body.driven.mesh.contact_size": 1.6,
+            "output.animation": False,
+        },
+    ),
+}
 
 
 def read_exhibits(page: str) -> list[Exhibit]:
@@ -193,9 +243,16 @@ def read_exhibits(page: str) -> list[Exhibit]:
     found = []
     for section in re.split(r"^## ", page, flags=re.M)[1:]:
         scene = re.findall(r"^scripts/run\.sh configs/(.*)\.toml$", section, re.M)[0]
-        (value, unit), = re.findall(r"\*\*([\d.]+)\s([^*]*)\*\*", section)
-        found.append(Exhibit(**vars(CHECKS[scene.rpartition("/")[2]]), scene=scene, value=float(value),
-                             unit=" ".join(unit.split()), moves=".gif)" in section))
+        ((value, unit),) = re.findall(r"\*\*([\d.]+)\s([^*]*)\*\*", section)
+        found.append(
+            Exhibit(
+                **vars(CHECKS[scene.rpartition("/")[2]]),
+                scene=scene,
+                value=float(value),
+                unit=" ".join(unit.split()),
+                moves=".gif)" in section,
+            )
+        )
     return found
 
 
@@ -206,21 +263,39 @@ def beside(folder: Path) -> dict:
     """What a run has left in `folder` beside its summary: of mechanism.json the bodies, as "mechanism"; of frames.csv
     in space the last turns about x by body (degrees), as "turned"."""
     path, frames = folder / "mechanism.json", folder / "frames.csv"
-    found = {"mechanism": json.loads(path.read_text(encoding="utf-8"))["bodies"]} if path.exists() else {}
+    found = (
+        {"mechanism": json.loads(path.read_text(encoding="utf-8"))["bodies"]}
+        if path.exists()
+        else {}
+    )
     if frames.exists():
         with open(frames, newline="", encoding="utf-8") as file:
-            found["turned"] = {row["body"]: float(row.get("turn_x", "nan")) for row in csv.DictReader(file)}
+            found["turned"] = {
+                row["body"]: float(row.get("turn_x", "nan")) for row in csv.DictReader(file)
+            }
     return found
 
 
 def run(exhibit: Exhibit, output: Path) -> dict:
     """Run a scene as a user would, unless its results are in `output`; its checked summary. Raises ValueError."""
     if not (output / "summary.json").exists():
-        done = subprocess.run([ROOT / "scripts" / "run.sh", exhibit.path, "--output", output, "--set",
-                               "output.view=true"], text=True, capture_output=True,
-                              env=dict(os.environ))  # without what MPI adds to it
+        done = subprocess.run(
+            [
+                ROOT / "scripts" / "run.sh",
+                exhibit.path,
+                "--output",
+                output,
+                "--set",
+                "output.view=true",
+            ],
+            text=True,
+            capture_output=True,
+            env=dict(os.environ),
+        )  # without what MPI adds to it
         if done.returncode != (3 if exhibit.refused else 0):
-            raise ValueError(f"{exhibit.scene} ended with {done.returncode}:\n{done.stdout}{done.stderr}")
+            raise ValueError(
+                f"{exhibit.scene} ended with {done.returncode}:\n{done.stdout}{done.stderr}"
+            )
     summary = read_results(output).summary | beside(output)
     exhibit.check(summary)
     return summary
@@ -245,7 +320,9 @@ def keep(picture: Path, path: Path) -> None:
     # a palette by areas alone would lose the largest stresses, whose areas are small
     colours, number = np.unique(np.asarray(image).reshape(-1, 3), axis=0, return_counts=True)
     weight = (number // 2) ** 0.5 * (colours.min(axis=1) < 246)
-    palette = Image.fromarray(colours.repeat(np.rint(weight).astype(int), axis=0)[None]).quantize(255)
+    palette = Image.fromarray(colours.repeat(np.rint(weight).astype(int), axis=0)[None]).quantize(
+        255
+    )
     palette.putpalette([*palette.getpalette()[:765], 255, 255, 255])
     image.quantize(palette=palette, dither=Image.Dither.NONE).save(path, optimize=True)
 
@@ -262,12 +339,20 @@ def keep_moving(animation: Path, path: Path) -> None:
         frame.thumbnail((MOVING, MOVING), Image.Resampling.LANCZOS)
     for shades in SHADES:
         # a palette of the picture itself would spend its colours on large areas, and lose the largest stresses
-        colours = np.vstack([colormaps["viridis"](np.linspace(0.0, 1.0, shades))[:, :3],
-                             np.linspace(0.0, 1.0, GREYS)[:, None].repeat(3, axis=1)])
+        colours = np.vstack(
+            [
+                colormaps["viridis"](np.linspace(0.0, 1.0, shades))[:, :3],
+                np.linspace(0.0, 1.0, GREYS)[:, None].repeat(3, axis=1),
+            ]
+        )
         palette = Image.new("P", (1, 1))
         palette.putpalette(np.rint(255 * colours).astype(np.uint8).tobytes())
-        first, *others = (frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames)
-        first.save(path, save_all=True, append_images=others, loop=0, duration=few * pause, optimize=True)
+        first, *others = (
+            frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames
+        )
+        first.save(
+            path, save_all=True, append_images=others, loop=0, duration=few * pause, optimize=True
+        )
         if path.stat().st_size <= HEAVIEST:
             break
 
@@ -276,8 +361,15 @@ def main() -> None:
     parser = arguments(__doc__)
     parser.add_argument("--only", nargs="+", choices=CHECKS, default=CHECKS, metavar="NAME")
     parser.add_argument("--output", type=Path, default=ROOT / "docs" / "figures")
-    parser.add_argument("--runs", type=Path, metavar="FOLDER", help="keep the runs there, and use those that are there")
-    parser.add_argument("--views", type=Path, metavar="FOLDER", help="copy the views there, and draw nothing")
+    parser.add_argument(
+        "--runs",
+        type=Path,
+        metavar="FOLDER",
+        help="keep the runs there, and use those that are there",
+    )
+    parser.add_argument(
+        "--views", type=Path, metavar="FOLDER", help="copy the views there, and draw nothing"
+    )
     asked = parser.parse_args()
     chosen = [exhibit for exhibit in EXHIBITS if exhibit.name in asked.only]
     figures, right = asked.views or asked.output, True

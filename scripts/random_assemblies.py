@@ -39,10 +39,14 @@ def products(summary: dict[str, Any]) -> float:
 def seeds(text: str) -> list[int]:
     """Seeds as A, A:B (B left out), or several of these with commas."""
     parts = [part.partition(":") for part in text.split(",")]
-    return [seed for first, _, end in parts for seed in range(int(first), int(end or int(first) + 1))]
+    return [
+        seed for first, _, end in parts for seed in range(int(first), int(end or int(first) + 1))
+    ]
 
 
-def judge(scene: dict[str, Any], folder: Path, tolerance: float, command: Callable[..., scenes.Run]) -> tuple[str, str]:
+def judge(
+    scene: dict[str, Any], folder: Path, tolerance: float, command: Callable[..., scenes.Run]
+) -> tuple[str, str]:
     """The verdict on what the command makes of a scene, and what to say about it; what it writes is left in the folder.
 
     ``command(path, results, "--no-figures")`` runs the scene.
@@ -62,45 +66,76 @@ def judge(scene: dict[str, Any], folder: Path, tolerance: float, command: Callab
         return "finding" if "found" in reason else "missed" if certain else "edge", reason
     if run.code != 0 or not run.summary["converged"]:
         return "missed", f"exit code {run.code}: {reason}"
-    law, worst = max(result_check.violations(scene, folder / "results").items(), key=lambda item: item[1])
+    law, worst = max(
+        result_check.violations(scene, folder / "results").items(), key=lambda item: item[1]
+    )
     said = f"largest violation {worst:.1e} ({law})"
     if not result_check.feasible(scene, result_check.REACH):
         return "violated", f"{said}; no forces can hold the bodies"
-    return "violated" if worst > tolerance else "verified" if result_check.feasible(scene) else "edge", said
+    return "violated" if worst > tolerance else "verified" if result_check.feasible(
+        scene
+    ) else "edge", said
 
 
 def main() -> None:
     kinds = {"random_assemblies": assembly_scenes, "random_solids": solid_assemblies}
     random_scene = kinds[sys.argv.pop(1)].random_scene
     parser = arguments(__doc__)
-    parser.add_argument("--seeds", type=seeds, default=seeds("0:300"), help="A:B, or seeds with commas")
+    parser.add_argument(
+        "--seeds", type=seeds, default=seeds("0:300"), help="A:B, or seeds with commas"
+    )
     parser.add_argument("--ranks", type=int, help="left out, 1 to 4 by seed")
-    parser.add_argument("--tolerance", type=float, default=1e-5, help="of violations, over the largest of their kind")
-    parser.add_argument("--keep", type=Path, metavar="DIR", help="folder for scenes and results, one folder each")
+    parser.add_argument(
+        "--tolerance",
+        type=float,
+        default=1e-5,
+        help="of violations, over the largest of their kind",
+    )
+    parser.add_argument(
+        "--keep", type=Path, metavar="DIR", help="folder for scenes and results, one folder each"
+    )
     options = parser.parse_args()
     tally, taken = Counter[tuple[str, str]](), dict[int, tuple[int, float]]()
     for seed in options.seeds:
-        scene, ranks, start = random_scene(seed), options.ranks or 1 + seed % 7 % 4, time.perf_counter()
+        scene, ranks, start = (
+            random_scene(seed),
+            options.ranks or 1 + seed % 7 % 4,
+            time.perf_counter(),
+        )
         with tempfile.TemporaryDirectory() as scratch:
             folder = options.keep / str(seed) if options.keep else Path(scratch)
             folder.mkdir(parents=True, exist_ok=True)
-            verdict, words = judge(scene, folder, options.tolerance, functools.partial(
-                scenes.run_command, ranks=ranks))
+            verdict, words = judge(
+                scene, folder, options.tolerance, functools.partial(scenes.run_command, ranks=ranks)
+            )
             if verdict != "failed":
-                summary = json.loads((folder / "results" / "summary.json").read_text(encoding="utf-8"))
+                summary = json.loads(
+                    (folder / "results" / "summary.json").read_text(encoding="utf-8")
+                )
                 taken[seed] = summary["outer_iterations"], products(summary)
         for family in (scene["title"].replace(",", " ").split()[0], "all"):
             tally[family, verdict] += 1
-        print(f"{seed:4d} {scene['title']:42s} {ranks} ranks {time.perf_counter() - start:5.1f} s  "
-              f"{taken.get(seed, (0, 0.0))[0]:3d} steps {taken.get(seed, (0, 0.0))[1]:6.0f} products  "
-              f"{verdict:9s} {words}", flush=True)
+        print(
+            f"{seed:4d} {scene['title']:42s} {ranks} ranks {time.perf_counter() - start:5.1f} s  "
+            f"{taken.get(seed, (0, 0.0))[0]:3d} steps {taken.get(seed, (0, 0.0))[1]:6.0f} products  "
+            f"{verdict:9s} {words}",
+            flush=True,
+        )
     steps, made = (sum(each[k] for each in taken.values()) for k in (0, 1))
-    above = [f"{seed} ({k}, {p:.0f})" for seed, (k, p) in taken.items() if k > STEPS or p > PRODUCTS]
+    above = [
+        f"{seed} ({k}, {p:.0f})" for seed, (k, p) in taken.items() if k > STEPS or p > PRODUCTS
+    ]
     verdicts = sorted({verdict for _, verdict in tally})
     families = sorted({family for family, _ in tally}, key=lambda family: (family == "all", family))
-    print(f"\n{steps} steps and {made:.0f} products a body; above {STEPS} or {PRODUCTS}: "
-          f"{', '.join(above) or 'none'}", *table(["family", *verdicts], (
-              [family, *(tally[family, verdict] for verdict in verdicts)] for family in families)), sep="\n")
+    print(
+        f"\n{steps} steps and {made:.0f} products a body; above {STEPS} or {PRODUCTS}: "
+        f"{', '.join(above) or 'none'}",
+        *table(
+            ["family", *verdicts],
+            ([family, *(tally[family, verdict] for verdict in verdicts)] for family in families),
+        ),
+        sep="\n",
+    )
     sys.exit(any(verdict in WRONG for verdict in verdicts))
 
 

@@ -33,37 +33,72 @@ from ddmpi.scene.values import FUNCTIONS
 PAGES = ROOT / "docs" / "reference"
 
 HEADINGS = {
-    "Scene": "A scene", "BodySpec": "[[body]]", "MeshSpec": "mesh", "Motion": "motion", "Material": "material",
-    "PartMaterial": "material of a part", "Clamp": "clamp", "Foundation": "foundation", "Traction": "traction",
-    "VolumeForce": "volume_force", "Heat": "temperature", "AffineVector": "vector with slopes",
-    "AffineScalar": "number with slopes", "ContactSpec": "[[contact]]",
-    "Coulomb": "friction by Coulomb", "Tresca": "friction by Tresca", "NoFriction": "no friction",
-    "Profile": "profile", "SignedProfile": "signed profile", "Gap": "gap", "Pretension": "pretension",
+    "Scene": "A scene",
+    "BodySpec": "[[body]]",
+    "MeshSpec": "mesh",
+    "Motion": "motion",
+    "Material": "material",
+    "PartMaterial": "material of a part",
+    "Clamp": "clamp",
+    "Foundation": "foundation",
+    "Traction": "traction",
+    "VolumeForce": "volume_force",
+    "Heat": "temperature",
+    "AffineVector": "vector with slopes",
+    "AffineScalar": "number with slopes",
+    "ContactSpec": "[[contact]]",
+    "Coulomb": "friction by Coulomb",
+    "Tresca": "friction by Tresca",
+    "NoFriction": "no friction",
+    "Profile": "profile",
+    "SignedProfile": "signed profile",
+    "Gap": "gap",
+    "Pretension": "pretension",
     "Plane": "[[rigid]]: a plane",
-    "Circle": "[[rigid]]: a circle", "Sphere": "[[rigid]]: a sphere", "Cylinder": "[[rigid]]: a cylinder",
-    "History": "[history.NAME]", "Time": "[time]", "Cycle": "cycle of load steps",
-    "Method": "[method]", "Output": "[output]", "Cut": "cut",
-    "Checkpoint": "[checkpoint]"}
+    "Circle": "[[rigid]]: a circle",
+    "Sphere": "[[rigid]]: a sphere",
+    "Cylinder": "[[rigid]]: a cylinder",
+    "History": "[history.NAME]",
+    "Time": "[time]",
+    "Cycle": "cycle of load steps",
+    "Method": "[method]",
+    "Output": "[output]",
+    "Cut": "cut",
+    "Checkpoint": "[checkpoint]",
+}
 """The tables of a scene in the order of the page."""
 
+
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("folder", nargs="?", type=Path, default=PAGES)
     target = parser.parse_args().folder
     target.mkdir(parents=True, exist_ok=True)
     schema = json_schema(Scene)
-    pages = {"scene.md": scene_page(schema), "commands.md": commands_page(), "python.md": python_page(),
-             "scene.schema.json": json.dumps(schema, indent=1, ensure_ascii=False)}
+    pages = {
+        "scene.md": scene_page(schema),
+        "commands.md": commands_page(),
+        "python.md": python_page(),
+        "scene.schema.json": json.dumps(schema, indent=1, ensure_ascii=False),
+    }
     for name, text in pages.items():
         (target / name).write_text(text.rstrip() + "\n", encoding="utf-8")
 
 
 def by_hand(name: str) -> str:
     """What stands above the first heading of a page."""
-    return re.split(r"^## ", (PAGES / name).read_text(encoding="utf-8"), maxsplit=1, flags=re.M)[0].rstrip() + "\n"
+    return (
+        re.split(r"^## ", (PAGES / name).read_text(encoding="utf-8"), maxsplit=1, flags=re.M)[
+            0
+        ].rstrip()
+        + "\n"
+    )
 
 
 # Scenes
+
 
 def scene_page(schema: Mapping) -> str:
     tables = schema["$defs"]
@@ -73,19 +108,36 @@ def scene_page(schema: Mapping) -> str:
     lines = [by_hand("scene.md")]
     for name, heading in HEADINGS.items():
         lines += [f"## {heading}", "", _linked(tables[name]["description"]), ""]
-        rows = [(f"`{key}`", _type(value), _default(value, key in tables[name]["required"]),
-                 _linked(value.get("description", "chooses this table")))
-                for key, value in tables[name]["properties"].items()]
+        rows = [
+            (
+                f"`{key}`",
+                _type(value),
+                _default(value, key in tables[name]["required"]),
+                _linked(value.get("description", "chooses this table")),
+            )
+            for key, value in tables[name]["properties"].items()
+        ]
         lines += table(("key", "takes", "default", "meaning"), rows)
         if name == "Method":
-            lines += ["Presets fill in what a scene leaves out ([accuracy.md](../use/accuracy.md)):", ""]
+            lines += [
+                "Presets fill in what a scene leaves out ([accuracy.md](../use/accuracy.md)):",
+                "",
+            ]
             keys = list(dict.fromkeys(key for preset in PRESETS.values() for key in preset))
-            lines += table(("preset", *keys), ([f"`{preset}`", *(values.get(key, "–") for key in keys)]
-                                               for preset, values in PRESETS.items()))
-    lines += ["## formula", "",
-              "Numbers, `x`, `y`, in space `z`, `pi`, `+ - * / **`, the comparisons `< <= > >=` (1 where they hold,",
-              f"else 0), brackets, and the functions `{' '.join(name for name in FUNCTIONS if name != 'where')}`",
-              "(angles in radians) and `where(condition, one, other)`; see [loads.md](../use/loads.md)."]
+            lines += table(
+                ("preset", *keys),
+                (
+                    [f"`{preset}`", *(values.get(key, "–") for key in keys)]
+                    for preset, values in PRESETS.items()
+                ),
+            )
+    lines += [
+        "## formula",
+        "",
+        "Numbers, `x`, `y`, in space `z`, `pi`, `+ - * / **`, the comparisons `< <= > >=` (1 where they hold,",
+        f"else 0), brackets, and the functions `{' '.join(name for name in FUNCTIONS if name != 'where')}`",
+        "(angles in radians) and `where(condition, one, other)`; see [loads.md](../use/loads.md).",
+    ]
     return "\n".join(lines)
 
 
@@ -100,7 +152,9 @@ def _type(node: Mapping) -> str:
     match node:
         case {"$ref": path}:
             heading = HEADINGS[path.rpartition("/")[2]]
-            return f"[{heading.translate(str.maketrans({'[': None, ']': None}))}](#{_anchor(heading)})"
+            return (
+                f"[{heading.translate(str.maketrans({'[': None, ']': None}))}](#{_anchor(heading)})"
+            )
         case {"allOf": [one]}:
             return _type(one)
         case {"anyOf": kinds}:
@@ -121,7 +175,12 @@ def _type(node: Mapping) -> str:
         case {"type": "boolean"}:
             return "`true`, `false`"
         case {"type": "integer" | "number" as kind}:
-            signs = {"exclusiveMinimum": ">", "minimum": "≥", "exclusiveMaximum": "<", "maximum": "≤"}
+            signs = {
+                "exclusiveMinimum": ">",
+                "minimum": "≥",
+                "exclusiveMaximum": "<",
+                "maximum": "≤",
+            }
             limits = [f"{sign} {node[limit]:g}" for limit, sign in signs.items() if limit in node]
             return f"{'whole ' * (kind == 'integer')}number {' and '.join(limits)}".strip()
     raise TypeError(f"no words for {node}")
@@ -142,56 +201,105 @@ def _linked(text: str) -> str:
 
 # Commands
 
+
 def commands_page() -> str:
-    commands = next(action for action in build_parser()._actions if isinstance(action, argparse._SubParsersAction))
+    commands = next(
+        action
+        for action in build_parser()._actions
+        if isinstance(action, argparse._SubParsersAction)
+    )
     helps = {each.dest: each.help for each in commands._choices_actions}
     lines = [by_hand("commands.md")]
     for name, parser in commands.choices.items():
         lines += [f"## {name}", "", f"{helps[name][0].upper()}{helps[name][1:]}.", ""]
-        rows = [(f"`{_call(action)}`", _linked(action.help or ""))
-                for action in parser._actions if not isinstance(action, argparse._HelpAction)]
+        rows = [
+            (f"`{_call(action)}`", _linked(action.help or ""))
+            for action in parser._actions
+            if not isinstance(action, argparse._HelpAction)
+        ]
         lines += table(("argument", "meaning"), rows) if rows else []
     codes: dict[int, str] = {}
     for kind in vars(errors).values():
-        if isinstance(kind, type) and issubclass(kind, errors.DdmpiError) and kind is not errors.DdmpiError:
+        if (
+            isinstance(kind, type)
+            and issubclass(kind, errors.DdmpiError)
+            and kind is not errors.DdmpiError
+        ):
             codes.setdefault(kind.exit_code, read_docstring(kind.__doc__)[0].split("\n\n")[0])
-    lines += ["## Exit codes", "",
-              *table(("code", "meaning"), [
-                  (0, "Certified answer."), *((code, " ".join(words.split())) for code, words in codes.items()),
-                  ("other", "A bug (1, with a traceback), or what the system or mpirun says of a killed process.")])]
+    lines += [
+        "## Exit codes",
+        "",
+        *table(
+            ("code", "meaning"),
+            [
+                (0, "Certified answer."),
+                *((code, " ".join(words.split())) for code, words in codes.items()),
+                (
+                    "other",
+                    "A bug (1, with a traceback), or what the system or mpirun says of a killed process.",
+                ),
+            ],
+        ),
+    ]
     return "\n".join(lines)
 
 
 def _call(action: argparse.Action) -> str:
     if not action.option_strings:
         return str(action.metavar)
-    return " ".join([action.option_strings[-1], *([str(action.metavar)] if action.nargs != 0 else [])])
+    return " ".join(
+        [action.option_strings[-1], *([str(action.metavar)] if action.nargs != 0 else [])]
+    )
 
 
 # Python
 
+
 def python_page() -> str:
     lines = [by_hand("python.md")]
-    for name, function in (("ddmpi.solve", ddmpi.solve), ("ddmpi.prepare", ddmpi.prepare),
-                           ("Model.solve", answer.Model.solve)):
+    for name, function in (
+        ("ddmpi.solve", ddmpi.solve),
+        ("ddmpi.prepare", ddmpi.prepare),
+        ("Model.solve", answer.Model.solve),
+    ):
         lines += [f"## {name}{_signature(function)}", "", *_described(function)]
-    for heading, kind in {"Answer": answer.Answer, "Fields": answer.Fields,
-                          "ContactState": ddmpi.interface.state.ContactState}.items():
+    for heading, kind in {
+        "Answer": answer.Answer,
+        "Fields": answer.Fields,
+        "ContactState": ddmpi.interface.state.ContactState,
+    }.items():
         words, rows = read_docstring(kind.__doc__)[0], dict(meanings(kind))
         for name, value in vars(kind).items():
             if isinstance(value, property):
-                first = " ".join(inspect.cleandoc(value.__doc__ or "").split("\n\n")[0].split()).rstrip(".")
+                first = " ".join(
+                    inspect.cleandoc(value.__doc__ or "").split("\n\n")[0].split()
+                ).rstrip(".")
                 rows[name] = first[:1].lower() + first[1:]
         lines += [f"## {heading}", "", words, "", *table(("attribute", "meaning"), _coded(rows))]
-    for kind, room in (("ddmpi.mprgp.MPRGP", ddmpi.published.mprgp), ("ddmpi.apg.APG", ddmpi.published.apg)):
-        lines += [f"## {kind}", "", *_described(getattr(room, kind.split(".")[-1])), inspect.cleandoc(room.__doc__), ""]
+    for kind, room in (
+        ("ddmpi.mprgp.MPRGP", ddmpi.published.mprgp),
+        ("ddmpi.apg.APG", ddmpi.published.apg),
+    ):
+        lines += [
+            f"## {kind}",
+            "",
+            *_described(getattr(room, kind.split(".")[-1])),
+            inspect.cleandoc(room.__doc__),
+            "",
+        ]
     return "\n".join(lines)
 
 
 def _signature(function: Any) -> str:
     parameters = inspect.signature(function).parameters.values()
-    return "(" + ", ".join(each.name if each.default is each.empty else f"{each.name}={each.default}"
-                           for each in parameters) + ")"
+    return (
+        "("
+        + ", ".join(
+            each.name if each.default is each.empty else f"{each.name}={each.default}"
+            for each in parameters
+        )
+        + ")"
+    )
 
 
 def _described(subject: Any) -> list[str]:
@@ -199,9 +307,15 @@ def _described(subject: Any) -> list[str]:
     words, sections = read_docstring(subject.__doc__)
     lines = [words, ""]
     for title, entries in sections.items():
-        lines += [f"**{title}**", "",
-                  *(f"- {names if ' ' in names and not meaning else f'`{names}`'}{': ' * bool(meaning)}{meaning}"
-                    for names, meaning in entries.items()), ""]
+        lines += [
+            f"**{title}**",
+            "",
+            *(
+                f"- {names if ' ' in names and not meaning else f'`{names}`'}{': ' * bool(meaning)}{meaning}"
+                for names, meaning in entries.items()
+            ),
+            "",
+        ]
     return lines
 
 

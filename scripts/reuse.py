@@ -36,10 +36,14 @@ from ddmpi.scene.reader import read_scene_file
 PAIRS, CASES, EVERY = 60, 100, 10
 """Pairs on each number of ranks; cases of friction, and of these so many of which one runs by itself."""
 
-SCENES = sorted({exhibit.scene for exhibit in EXHIBITS} | {path.stem for path in (ROOT / "configs").glob("*.toml")})
+SCENES = sorted(
+    {exhibit.scene for exhibit in EXHIBITS}
+    | {path.stem for path in (ROOT / "configs").glob("*.toml")}
+)
 COARSE = {f"body.{body}.mesh.divisions": [18, 6] for body in ("upper", "lower")}
 SETTINGS = {exhibit.scene: exhibit.settings for exhibit in EXHIBITS} | {
-    f"pinched_blocks_{law}": COARSE for law in ("coulomb", "frictionless", "tresca")}  # by the paper's method
+    f"pinched_blocks_{law}": COARSE for law in ("coulomb", "frictionless", "tresca")
+}  # by the paper's method
 
 ROUNDING = 1e-7
 """On several ranks a body MUMPS adds up in any order: forces then agree up to this part of the largest."""
@@ -67,8 +71,11 @@ def compare(name: str, number: int) -> Row:
     second = first | second if rng.random() < 0.5 and not first.keys() & second.keys() else second
     answers, ends = [], []
     with ddmpi.prepare(path, world) as model:
-        solves: tuple[Callable, ...] = (lambda: model.solve(settings | first), lambda: model.solve(settings | second),
-                                        lambda: ddmpi.solve(path, world, settings | second))
+        solves: tuple[Callable, ...] = (
+            lambda: model.solve(settings | first),
+            lambda: model.solve(settings | second),
+            lambda: ddmpi.solve(path, world, settings | second),
+        )
         for solve in solves:
             try:
                 answers.append(solve())
@@ -80,22 +87,41 @@ def compare(name: str, number: int) -> Row:
     difference = 0.0 if ends[1] == ends[2] else np.inf
     if answers[1] and answers[2]:
         kinds: tuple[Callable, ...] = (
-            lambda answer: np.concatenate([[*contact.force, contact.normal_force.sum()] for contact in
-                                           answer.contacts.values()] or [[0.0]]),
-            lambda answer: np.array([answer.summary["displacement_max"]]))
-        difference = max(float(np.abs(of(answers[1]) - of(answers[2])).max() / (np.abs(of(answers[2])).max() or 1.0))
-                         for of in kinds)
-    return {"ranks": world.size, "changes": json.dumps([first, second]),
-            "certified": bool(answers[2] and answers[2].certified),
-            "bytes": not unlike, "difference": difference, "unlike": json.dumps(unlike[:9]), "source": SOURCE,
-            "alike": not unlike or (world.size > len(data["body"]) and difference < ROUNDING)}
+            lambda answer: np.concatenate(
+                [
+                    [*contact.force, contact.normal_force.sum()]
+                    for contact in answer.contacts.values()
+                ]
+                or [[0.0]]
+            ),
+            lambda answer: np.array([answer.summary["displacement_max"]]),
+        )
+        difference = max(
+            float(
+                np.abs(of(answers[1]) - of(answers[2])).max()
+                / (np.abs(of(answers[2])).max() or 1.0)
+            )
+            for of in kinds
+        )
+    return {
+        "ranks": world.size,
+        "changes": json.dumps([first, second]),
+        "certified": bool(answers[2] and answers[2].certified),
+        "bytes": not unlike,
+        "difference": difference,
+        "unlike": json.dumps(unlike[:9]),
+        "source": SOURCE,
+        "alike": not unlike or (world.size > len(data["body"]) and difference < ROUNDING),
+    }
 
 
 def measure(scene: str, N: int, cases: int) -> Row:
     """Processor seconds of a case of a friction coefficient: of a run by itself, of a model, of contacts alone."""
     path = scene_of(scene)
-    mesh = {f"body.{body}.mesh.divisions": [3 * N, N] if scene == "pinched_blocks" else [3 * N, N, N]
-            for body in ("upper", "lower")}
+    mesh = {
+        f"body.{body}.mesh.divisions": [3 * N, N] if scene == "pinched_blocks" else [3 * N, N, N]
+        for body in ("upper", "lower")
+    }
     fresh, same = [], True
     ddmpi.solve(path, overrides=mesh | {KEY: 0.5}, only="contacts")  # loads modules
     spent: dict[str | None, list[float]] = {None: [], "contacts": []}
@@ -109,27 +135,87 @@ def measure(scene: str, N: int, cases: int) -> Row:
                     start = time.process_time()
                     other = ddmpi.solve(path, overrides=mesh | {KEY: friction})
                     fresh.append(time.process_time() - start)
-                    same &= (answer.contacts["upper-lower"].normal_force
-                             == other.contacts["upper-lower"].normal_force).all()
-    return {"cases": cases, "fresh": np.mean(fresh), "whole": np.mean(spent[None]),
-            "contacts": np.mean(spent["contacts"]), "same": bool(same), "source": SOURCE}
+                    same &= (
+                        answer.contacts["upper-lower"].normal_force
+                        == other.contacts["upper-lower"].normal_force
+                    ).all()
+    return {
+        "cases": cases,
+        "fresh": np.mean(fresh),
+        "whole": np.mean(spent[None]),
+        "contacts": np.mean(spent["contacts"]),
+        "same": bool(same),
+        "source": SOURCE,
+    }
 
 
 def write_page(pairs: list[Row], times: list[Row], folder: Path, complete: bool) -> None:
-    counts = [(ranks, len(rows), *(sum(map(bool, kind)) for kind in (
-        [row["certified"] for row in rows], [row["bytes"] for row in rows],
-        [row["alike"] and not row["bytes"] for row in rows], [not row["alike"] for row in rows])))
-        for ranks in sorted({row["ranks"] for row in pairs}) for rows in [where(pairs, ranks=ranks)]]
+    counts = [
+        (
+            ranks,
+            len(rows),
+            *(
+                sum(map(bool, kind))
+                for kind in (
+                    [row["certified"] for row in rows],
+                    [row["bytes"] for row in rows],
+                    [row["alike"] and not row["bytes"] for row in rows],
+                    [not row["alike"] for row in rows],
+                )
+            ),
+        )
+        for ranks in sorted({row["ranks"] for row in pairs})
+        for rows in [where(pairs, ranks=ranks)]
+    ]
     sources = Counter(row["source"] for row in pairs + times).items()
-    spent = [[f"{row['scene']}, N = {row['N']}", row["cases"], f"{row['fresh']:.3f}",
-              *(format(value, form) for key in ("whole", "contacts") for value, form in (
-                  (row[key], ".3f"), (row[key] / row["fresh"], ".2f"))), row["same"]] for row in times]
-    publish("reuse.md", {
-        "Answers": table(("ranks", "pairs", "certified, not refused", "the same to the bit",
-                          "the same up to 1e-7, several ranks a body", "unlike"), counts),
-        "Times": table(("scene", "cases", "run by itself", "model, all fields", "ratio", "contacts alone", "ratio",
-                        "the same forces"), spent)}, folder, complete,
-            {"Measured: .*": f"Measured: {'; '.join(f'{count} by {name}' for name, count in sources)}."})
+    spent = [
+        [
+            f"{row['scene']}, N = {row['N']}",
+            row["cases"],
+            f"{row['fresh']:.3f}",
+            *(
+                format(value, form)
+                for key in ("whole", "contacts")
+                for value, form in ((row[key], ".3f"), (row[key] / row["fresh"], ".2f"))
+            ),
+            row["same"],
+        ]
+        for row in times
+    ]
+    publish(
+        "reuse.md",
+        {
+            "Answers": table(
+                (
+                    "ranks",
+                    "pairs",
+                    "certified, not refused",
+                    "the same to the bit",
+                    "the same up to 1e-7, several ranks a body",
+                    "unlike",
+                ),
+                counts,
+            ),
+            "Times": table(
+                (
+                    "scene",
+                    "cases",
+                    "run by itself",
+                    "model, all fields",
+                    "ratio",
+                    "contacts alone",
+                    "ratio",
+                    "the same forces",
+                ),
+                spent,
+            ),
+        },
+        folder,
+        complete,
+        {
+            "Measured: .*": f"Measured: {'; '.join(f'{count} by {name}' for name, count in sources)}."
+        },
+    )
 
 
 def main() -> None:
@@ -138,18 +224,35 @@ def main() -> None:
     parser.add_argument("--cases", type=int, default=CASES)
     options = parser.parse_args()
     world = MPI.COMM_WORLD
-    by_body = {name: read_scene_file(scene_of(name), []).method.by_body for name in SCENES}  # a rank for each body
-    own = sorted((name for name in SCENES if world.size == 2 or not by_body[name]), key=lambda name: "drawn" in name)
+    by_body = {
+        name: read_scene_file(scene_of(name), []).method.by_body for name in SCENES
+    }  # a rank for each body
+    own = sorted(
+        (name for name in SCENES if world.size == 2 or not by_body[name]),
+        key=lambda name: "drawn" in name,
+    )
     mine = Ledger(world, options.output / f"pairs_{world.size}.csv", PAIR, FOUND).fill(
-        [(own[k % len(own)], k) for k in range(options.pairs)], compare)
+        [(own[k % len(own)], k) for k in range(options.pairs)], compare
+    )
     if world.rank:
         return
-    pairs = [row for path in sorted(options.output.glob("pairs_*.csv"))
-             for row in Ledger(MPI.COMM_SELF, path, PAIR, FOUND).rows]
-    times = Ledger(MPI.COMM_SELF, options.output / f"times_{options.cases}.csv", ("scene", "N"), SPENT).fill(
-        TIMED.items() if options.cases and world.size == 1 else [], lambda scene, N: measure(scene, N, options.cases))
-    write_page(pairs, times, options.output, len(pairs) >= 3 * PAIRS and len(times) == len(TIMED)
-               and options.cases >= CASES)
+    pairs = [
+        row
+        for path in sorted(options.output.glob("pairs_*.csv"))
+        for row in Ledger(MPI.COMM_SELF, path, PAIR, FOUND).rows
+    ]
+    times = Ledger(
+        MPI.COMM_SELF, options.output / f"times_{options.cases}.csv", ("scene", "N"), SPENT
+    ).fill(
+        TIMED.items() if options.cases and world.size == 1 else [],
+        lambda scene, N: measure(scene, N, options.cases),
+    )
+    write_page(
+        pairs,
+        times,
+        options.output,
+        len(pairs) >= 3 * PAIRS and len(times) == len(TIMED) and options.cases >= CASES,
+    )
     wrong = [row for row in mine if not row["alike"]]
     sys.exit(f"{len(wrong)} pairs differ: {wrong}" if wrong else 0)
 

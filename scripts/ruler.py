@@ -81,18 +81,28 @@ def sources(folder: str, revision: str | None = None) -> Iterator[tuple[str, str
     """Name below `folder`, without its ending, and text of each module: of the working tree, or of a revision."""
     if revision is None:
         for path in sorted((ROOT / folder).rglob("*.py")):
-            yield path.relative_to(ROOT / folder).with_suffix("").as_posix(), path.read_text(encoding="utf-8")
+            yield (
+                path.relative_to(ROOT / folder).with_suffix("").as_posix(),
+                path.read_text(encoding="utf-8"),
+            )
         return
     for name in _git("ls-tree", "-r", "--name-only", revision, folder).splitlines():
         if name.endswith(".py"):
-            yield name.removeprefix(f"{folder}/").removesuffix(".py"), _git("show", f"{revision}:{name}")
+            yield (
+                name.removeprefix(f"{folder}/").removesuffix(".py"),
+                _git("show", f"{revision}:{name}"),
+            )
 
 
 def _git(*arguments: str) -> str:
-    return subprocess.run(["git", *arguments], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    return subprocess.run(
+        ["git", *arguments], cwd=ROOT, capture_output=True, text=True, check=True
+    ).stdout
 
 
-def measure(folder: str = "ddmpi", revision: str | None = None) -> tuple[collections.Counter[str], list[Function]]:
+def measure(
+    folder: str = "ddmpi", revision: str | None = None
+) -> tuple[collections.Counter[str], list[Function]]:
     """Tokens by room, and all functions."""
     by_room: collections.Counter[str] = collections.Counter()
     found: list[Function] = []
@@ -105,17 +115,24 @@ def measure(folder: str = "ddmpi", revision: str | None = None) -> tuple[collect
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("folder", nargs="?", default="ddmpi", help="ddmpi, tests or scripts")
     parser.add_argument("revision", nargs="?", help="of git; left out: the working tree")
     arguments = parser.parse_args()
     by_room, found = measure(arguments.folder, arguments.revision)
-    complicated = sorted((each for each in found if each.complexity > MOST_COMPLEX), key=lambda each: -each.complexity)
+    complicated = sorted(
+        (each for each in found if each.complexity > MOST_COMPLEX),
+        key=lambda each: -each.complexity,
+    )
     long = sorted((each for each in found if each.lines > MOST_LINES), key=lambda each: -each.lines)
     for room, number in by_room.most_common():
         print(f"{number:8} {room}")
-    print(f"{sum(by_room.values()):8} tokens; {len(complicated)} functions of complexity > {MOST_COMPLEX}, "
-          f"{len(long)} of more than {MOST_LINES} lines")
+    print(
+        f"{sum(by_room.values()):8} tokens; {len(complicated)} functions of complexity > {MOST_COMPLEX}, "
+        f"{len(long)} of more than {MOST_LINES} lines"
+    )
     for each in complicated:
         print(f"complexity {each.complexity}: {each.name}")
     for each in long:

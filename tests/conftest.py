@@ -22,7 +22,10 @@ os.environ["DDMPI_LOCKSTEP"] = str(SUPPORT / "lockstep.py")
 os.environ |= {"OMPI_MCA_mpi_yield_when_idle": "1"}
 """A rank that waits gives way: on a busy machine this halves the time of tests on several ranks."""
 
-sys.path += [str(SUPPORT), str(SUPPORT.parents[1] / "scripts")]  # what the studies share is tested, too
+sys.path += [
+    str(SUPPORT),
+    str(SUPPORT.parents[1] / "scripts"),
+]  # what the studies share is tested, too
 
 
 class Quiet(int):
@@ -42,7 +45,9 @@ def pytest_configure(config: pytest.Config) -> None:
     if sys.stdout.isatty() and config.option.verbose == 0 and config.getoption("capture") != "no":
         config.pluginmanager.register(Bar(config), "bar")
     config.addinivalue_line("markers", "clarabel: asks whether there is an equilibrium")
-    config.addinivalue_line("markers", "hosts: runs on several hosts, which scripts/local_hosts.sh makes")
+    config.addinivalue_line(
+        "markers", "hosts: runs on several hosts, which scripts/local_hosts.sh makes"
+    )
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
@@ -111,7 +116,7 @@ class Bar:
         bar = "#" * round(part * self.WIDTH)
         line = f"[{bar:<{self.WIDTH}}] {part:4.0%} of {self.total}{failed}  {nodeid.partition('::')[0]}"
         end = "\n" if self.done == self.total else ""
-        sys.__stdout__.write(f"\r\033[K{line[:shutil.get_terminal_size().columns - 1]}{end}")
+        sys.__stdout__.write(f"\r\033[K{line[: shutil.get_terminal_size().columns - 1]}{end}")
         sys.__stdout__.flush()
 
 
@@ -151,8 +156,13 @@ class Kept:
         if any(report.failed for report in new):
             if len(item.session.items) > 1:
                 MPI.COMM_WORLD.Abort(1)  # the other ranks may wait for this one
-            start = time.monotonic()  # mpirun ends them with this one, and some may be about to report
-            while len([*path.parent.iterdir()]) < MPI.COMM_WORLD.size and time.monotonic() - start < self.GRACE:
+            start = (
+                time.monotonic()
+            )  # mpirun ends them with this one, and some may be about to report
+            while (
+                len([*path.parent.iterdir()]) < MPI.COMM_WORLD.size
+                and time.monotonic() - start < self.GRACE
+            ):
                 time.sleep(0.05)
         return new
 
@@ -172,10 +182,20 @@ class Together:
     def __call__(self, item: pytest.Item) -> list[pytest.TestReport]:
         """What all ranks report. Failures come last: a rank that passes would make --lf forget one that does not."""
         if item.nodeid not in self.found:
-            self.start([each for each in item.session.items if isinstance(each, pytest.Function)
-                        and (each.path.parent, ranks_of(each)) == (item.path.parent, ranks_of(item))])
+            self.start(
+                [
+                    each
+                    for each in item.session.items
+                    if isinstance(each, pytest.Function)
+                    and (each.path.parent, ranks_of(each)) == (item.path.parent, ranks_of(item))
+                ]
+            )
         found = self.found.pop(item.nodeid)
-        failed = [report for report in [*found, self.ended.pop(item.nodeid, None)] if report and report.failed]
+        failed = [
+            report
+            for report in [*found, self.ended.pop(item.nodeid, None)]
+            if report and report.failed
+        ]
         if failed or sum(report.when == "teardown" for report in found) < ranks_of(item):
             found = [named(report) for report in self.run(item)]
             found += [] if any(report.failed for report in found) else failed[:1]
@@ -185,7 +205,10 @@ class Together:
         """Run tests by one mpirun and sort what is reported by test."""
         self.found |= {item.nodeid: [] for item in items}
         options = os.environ.get("PYTEST_ADDOPTS", "")
-        with pytest.MonkeyPatch.context() as patch, contextlib.suppress(EOFError, pickle.UnpicklingError):
+        with (
+            pytest.MonkeyPatch.context() as patch,
+            contextlib.suppress(EOFError, pickle.UnpicklingError),
+        ):
             patch.setenv("PYTEST_ADDOPTS", f"{options} {shlex.join(item.nodeid for item in items)}")
             for report in self.run(items[0]) if len(items) > 1 else []:
                 self.found[named(report).nodeid].append(report)
@@ -194,7 +217,9 @@ class Together:
         cut = [item for item in items if whole.count(item.nodeid) < ranks_of(item)]
         if cut and len(items) > 1 and not any(report.failed for report in reports):
             why = "the mpirun of this folder ended in it; alone it passes"
-            self.ended[cut[0].nodeid] = pytest.TestReport(cut[0].nodeid, cut[0].location, {}, "failed", why, "call")
+            self.ended[cut[0].nodeid] = pytest.TestReport(
+                cut[0].nodeid, cut[0].location, {}, "failed", why, "call"
+            )
 
 
 def ranks_of(item: pytest.Function) -> int:

@@ -6,9 +6,20 @@ from pathlib import Path
 
 import ddmpi
 
-MODULES = ["ddmpi", "ddmpi.body.compliance", "ddmpi.body.elasticity", "ddmpi.interface.interface",
-           "ddmpi.interface.law", "ddmpi.interface.state", "ddmpi.mesh.build", "ddmpi.mesh.elements", "ddmpi.mesh.mesh",
-           "ddmpi.scene.contacts", "ddmpi.scene.reader", "ddmpi.system.numbers"]
+MODULES = [
+    "ddmpi",
+    "ddmpi.body.compliance",
+    "ddmpi.body.elasticity",
+    "ddmpi.interface.interface",
+    "ddmpi.interface.law",
+    "ddmpi.interface.state",
+    "ddmpi.mesh.build",
+    "ddmpi.mesh.elements",
+    "ddmpi.mesh.mesh",
+    "ddmpi.scene.contacts",
+    "ddmpi.scene.reader",
+    "ddmpi.system.numbers",
+]
 
 
 RUN = """
@@ -23,13 +34,18 @@ for name in sys.argv[1:]:
 def test_examples_run():
     """An example in a docstring has the output that stands below it, in a process of its own, as users have it."""
     root = Path(ddmpi.__file__).resolve().parents[1]
-    done = subprocess.run([sys.executable, "-c", RUN, *MODULES], cwd=root, text=True, capture_output=True)
+    done = subprocess.run(
+        [sys.executable, "-c", RUN, *MODULES], cwd=root, text=True, capture_output=True
+    )
     assert done.returncode == 0, done.stdout + done.stderr
 
 
 def test_all_examples_are_run():
     """Modules with examples are in the list."""
     root = Path(ddmpi.__file__).resolve().parent
-    names = {".".join(["ddmpi", *path.relative_to(root).with_suffix("").parts]) for path in root.rglob("*.py")
-             if ">>> " in path.read_text(encoding="utf-8")}
+    names = {
+        ".".join(["ddmpi", *path.relative_to(root).with_suffix("").parts])
+        for path in root.rglob("*.py")
+        if ">>> " in path.read_text(encoding="utf-8")
+    }
     assert names == {"ddmpi.__init__", *MODULES[1:]}

@@ -13,17 +13,45 @@ from scenes import LIMIT
 
 PACKAGE = Path(__file__).resolve().parents[1] / "ddmpi"
 
-ROOMS = ["errors", "sets", "petsc", "system", "kept", "scene", "decks", "mesh", "body", "surface", "interface",
-         "coupling", "methods", "published", "judge", "results", "pictures", "derive", "run", "check", "sweep", "cli"]
+ROOMS = [
+    "errors",
+    "sets",
+    "petsc",
+    "system",
+    "kept",
+    "scene",
+    "decks",
+    "mesh",
+    "body",
+    "surface",
+    "interface",
+    "coupling",
+    "methods",
+    "published",
+    "judge",
+    "results",
+    "pictures",
+    "derive",
+    "run",
+    "check",
+    "sweep",
+    "cli",
+]
 """From the bottom to the top: a room imports only itself and rooms to its left."""
 
 ENTRANCES = {"__init__", "__main__", "mprgp", "apg"}
 """Modules outside the rooms: the package, ``python -m ddmpi``, and names that stand in users' options."""
 
-NEVERS = [("interface", "mpi4py", set()), ("interface", "petsc4py", {"trace"}),
-          ("body", "ddmpi.interface", set()), ("methods", "ddmpi.body", set()),
-          ("scene", "petsc4py", set()), ("mesh", "petsc4py", set()), ("sets", "petsc4py", set()),
-          ("published", "mpi4py", set())]
+NEVERS = [
+    ("interface", "mpi4py", set()),
+    ("interface", "petsc4py", {"trace"}),
+    ("body", "ddmpi.interface", set()),
+    ("methods", "ddmpi.body", set()),
+    ("scene", "petsc4py", set()),
+    ("mesh", "petsc4py", set()),
+    ("sets", "petsc4py", set()),
+    ("published", "mpi4py", set()),
+]
 """A room, what it never imports, and which of its modules may."""
 
 ASKS = re.compile(
@@ -31,26 +59,42 @@ ASKS = re.compile(
     r"|\b\w?x\w?, \w?y\w?\)?(?: =| in\b)|\(x, y\), \("  # takes points apart into two coordinates
     r"|(?:np\.empty|np\.zeros)\(\((?:0|len\(\w+\)|\w+), 2\)"  # makes vectors of two components
     r"|isinstance\(\w+, (?:Curve|Patch)\)|facets\.shape\[1\] == \d|law\.size > law\.m"  # in other words
-    r"|\[-(\w+)\[1\], \1\[0\]\]")  # turns a vector of two components
+    r"|\[-(\w+)\[1\], \1\[0\]\]"
+)  # turns a vector of two components
 """Code that asks for the dimension, or takes it to be two."""
 
 PLACES = {
     # of the laws: a box and two edges in the plane, discs and polygons in space; no friction turns in the plane
-    "interface/law": 2, "run/equilibrium": 1, "mesh/boundary": 1, "interface/interface": 2,
+    "interface/law": 2,
+    "run/equilibrium": 1,
+    "mesh/boundary": 1,
+    "interface/interface": 2,
     # what the plane has and space has not, to be replaced with solids
-    "surface/curve": 1, "interface/state": 1,
+    "surface/curve": 1,
+    "interface/state": 1,
     # pictures, and meshes that are made or drawn
-    "mesh/geometry": 1, "pictures/draw": 1, "pictures/contacts": 1, "pictures/curves": 2, "pictures/moved": 1,
+    "mesh/geometry": 1,
+    "pictures/draw": 1,
+    "pictures/contacts": 1,
+    "pictures/curves": 2,
+    "pictures/moved": 1,
     # columns, units and the name of the preconditioner
     "check/drawing": 1,
-    "results/tables": 1, "scene/method": 1, "run/report": 1,
+    "results/tables": 1,
+    "scene/method": 1,
+    "run/report": 1,
     # a scene in the plane has plane strain or plane stress
     "scene/bodies": 1,
     # by the kind of a side, and by what is drawn of it
-    "interface/mortar": 1, "surface/cover": 1, "results/fields": 1}
+    "interface/mortar": 1,
+    "surface/cover": 1,
+    "results/fields": 1,
+}
 """How often a module does so. The numbers only fall: everything else holds in any dimension."""
 
-MODULES = sorted(path.relative_to(PACKAGE).with_suffix("").as_posix() for path in PACKAGE.rglob("*.py"))
+MODULES = sorted(
+    path.relative_to(PACKAGE).with_suffix("").as_posix() for path in PACKAGE.rglob("*.py")
+)
 
 
 def room_of(module: str) -> str:
@@ -84,13 +128,17 @@ def test_all_rooms_are_looked_at():
 @pytest.mark.parametrize("module", [m for m in MODULES if room_of(m) not in ENTRANCES])
 def test_imports_go_one_way(module):
     """A module imports only from its own room and from rooms below it."""
-    allowed = set(ROOMS[:ROOMS.index(room_of(module)) + 1])
-    assert imported_rooms(module) <= allowed, f"{module} imports {sorted(imported_rooms(module) - allowed)} from above"
+    allowed = set(ROOMS[: ROOMS.index(room_of(module)) + 1])
+    assert imported_rooms(module) <= allowed, (
+        f"{module} imports {sorted(imported_rooms(module) - allowed)} from above"
+    )
 
 
 def below(name: str) -> set[str]:
     """The modules that a module imports."""
-    found = {"/".join(other.split(".")[1:]) for other in imported(name) if other.startswith("ddmpi.")}
+    found = {
+        "/".join(other.split(".")[1:]) for other in imported(name) if other.startswith("ddmpi.")
+    }
     return {m for m in MODULES if m in found or any(f.startswith(f"{m}/") for f in found)} - {name}
 
 
@@ -106,7 +154,9 @@ def test_nevers(room, never, but):
     assert modules
     for module in modules:
         if module.split("/")[-1] not in but:
-            assert not any(f"{name}.".startswith(f"{never}.") for name in imported(module)), f"{module}: {never}"
+            assert not any(f"{name}.".startswith(f"{never}.") for name in imported(module)), (
+                f"{module}: {never}"
+            )
 
 
 def code(module: str) -> str:
@@ -114,13 +164,19 @@ def code(module: str) -> str:
     tree = ast.parse((PACKAGE / f"{module}.py").read_text(encoding="utf-8"))
     for node in ast.walk(tree):
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef):
-            node.body = [each for each in node.body
-                         if not (isinstance(each, ast.Expr) and isinstance(each.value, ast.Constant))] or [ast.Pass()]
+            node.body = [
+                each
+                for each in node.body
+                if not (isinstance(each, ast.Expr) and isinstance(each.value, ast.Constant))
+            ] or [ast.Pass()]
     return ast.unparse(tree)
 
 
 def test_few_places_ask_for_the_dimension():
-    found = {module: sum(bool(ASKS.search(line)) for line in code(module).splitlines()) for module in MODULES}
+    found = {
+        module: sum(bool(ASKS.search(line)) for line in code(module).splitlines())
+        for module in MODULES
+    }
     assert {module: number for module, number in found.items() if number} == PLACES
 
 
@@ -132,7 +188,12 @@ for module in ("cli.main", "sweep.sweep"):
     importlib.import_module("ddmpi." + module)
     print(module, *[name for name in ("gmsh", "matplotlib", "meshio", "h5py", "scipy.optimize") if name in sys.modules])
 """
-    child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=LIMIT,
-                           cwd=PACKAGE.parent)
+    child = subprocess.run(
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        timeout=LIMIT,
+        cwd=PACKAGE.parent,
+    )
     assert child.returncode == 0, child.stderr
     assert child.stdout.splitlines() == ["cli.main", "sweep.sweep"]

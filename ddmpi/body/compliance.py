@@ -75,9 +75,18 @@ class Compliance:
     Construction factors A. Collective on the body's communicator. Raises SolverError.
     """
 
-    def __init__(self, A: PETSc.Mat, B: sparse.csr_matrix, name: str, kind: str | None = None,
-                 memory: float = np.inf, make_solver: Callable[..., Any] = StiffnessSolver,
-                 points: np.ndarray | None = None, quadratic: bool = False, solves: int = 1) -> None:
+    def __init__(
+        self,
+        A: PETSc.Mat,
+        B: sparse.csr_matrix,
+        name: str,
+        kind: str | None = None,
+        memory: float = np.inf,
+        make_solver: Callable[..., Any] = StiffnessSolver,
+        points: np.ndarray | None = None,
+        quadratic: bool = False,
+        solves: int = 1,
+    ) -> None:
         self.B, self.size = B, B.shape[0]
         self.kind, self.reason = plan_compliance(A, B, kind, memory, quadratic, solves)
         # C = 0: the factors are still needed for the displacement under loads.
@@ -86,7 +95,9 @@ class Compliance:
         # The Schur complement wants the contact's multipliers last; a nested dissection by positions keeps the fill low
         # under this restriction. Without C MUMPS orders by itself.
         order = elimination_order(A, points) if dense and points is not None else None
-        self.solver = make_solver(A, name, B if dense else None, order, iterative=self.kind == "iterative")
+        self.solver = make_solver(
+            A, name, B if dense else None, order, iterative=self.kind == "iterative"
+        )
         self.accuracy = LEAST if self.solver.direct else USUAL
         self.count: Counter[str] = Counter()
         self._u, self._f = A.createVecs()
@@ -95,7 +106,10 @@ class Compliance:
         self._dense: np.ndarray | None = None  # made by dense
         if dense and self._matrix is None:
             if kind is None:
-                self.kind, self.reason = "direct", f"{self.solver.description} leaves no Schur complement"
+                self.kind, self.reason = (
+                    "direct",
+                    f"{self.solver.description} leaves no Schur complement",
+                )
             else:
                 with event("ComplianceForm"):
                     self._matrix = self.dense().T
@@ -108,7 +122,9 @@ class Compliance:
         other.B, other.size, other._norm = W @ self.B, W.shape[0], 0.0
         other._rigid = not other.B.count_nonzero()
         joined = W @ (W @ C).T
-        other._dense = other._matrix = ((joined + joined.T) / 2).T  # symmetric; in Fortran's order for `mult`
+        other._dense = other._matrix = (
+            (joined + joined.T) / 2
+        ).T  # symmetric; in Fortran's order for `mult`
         return other
 
     def renew(self) -> None:
@@ -157,7 +173,9 @@ class Compliance:
                     unit[k] = 1.0
                     self.mult(unit, C[k], "explicit")
                     unit[k] = 0.0
-                self.count["explicit"] = counted or self.count["explicit"]  # a continued run has counted them
+                self.count["explicit"] = (
+                    counted or self.count["explicit"]
+                )  # a continued run has counted them
             self._dense = (C + C.T) / 2
         return self._dense
 
@@ -173,16 +191,26 @@ class Compliance:
     def norm(self) -> float:
         """A lower bound close to ‖C‖₂ (m/N), estimated at the first call. Collective."""
         if not self._norm:
-            self._norm = estimate_norm(lambda x, y: self.mult(x, y, "norm", NORM_PRECISION), self.size)
+            self._norm = estimate_norm(
+                lambda x, y: self.mult(x, y, "norm", NORM_PRECISION), self.size
+            )
         return self._norm
 
 
-def plan_compliance(A: PETSc.Mat, B: sparse.csr_matrix, kind: str | None, memory: float, quadratic: bool = False,
-                    solves: int = 1) -> tuple[str, str]:
+def plan_compliance(
+    A: PETSc.Mat,
+    B: sparse.csr_matrix,
+    kind: str | None,
+    memory: float,
+    quadratic: bool = False,
+    solves: int = 1,
+) -> tuple[str, str]:
     """The given `kind`, else that of `choose_kind`, and the reason; direct for a trace B without entries, of a body
     whose contact nodes cannot move. Not collective."""
     if not B.count_nonzero():
-        return "direct", "clamps constrain its whole contact: C = 0" if B.shape[0] else "it touches nothing"
+        return "direct", "clamps constrain its whole contact: C = 0" if B.shape[
+            0
+        ] else "it touches nothing"
     n, d = A.size[0], A.getBlockSize()
     if kind:
         return kind, "asked for"
@@ -194,7 +222,9 @@ def plan_compliance(A: PETSc.Mat, B: sparse.csr_matrix, kind: str | None, memory
     return choose_kind(n, B.shape[0], memory, d, largest)
 
 
-def choose_kind(n: int, k: int, memory: float, d: int = 2, largest: float = LARGEST_CONDENSED[0]) -> tuple[str, str]:
+def choose_kind(
+    n: int, k: int, memory: float, d: int = 2, largest: float = LARGEST_CONDENSED[0]
+) -> tuple[str, str]:
     """The kind of compliance for a body with `n` dofs, `d` of a node, and `k` contact unknowns, and the reason.
 
     A body whose factors exceed the `memory` (bytes) is solved by multigrid; in space also one of more than `largest`
@@ -205,14 +235,22 @@ def choose_kind(n: int, k: int, memory: float, d: int = 2, largest: float = LARG
     plain, whole = (MARGIN * memory_of_factors(n, d, condensed) for condensed in (False, True))
     whole += dense
     if plain > memory:
-        return "iterative", f"factors may take {bytes_in_words(plain)}, {bytes_in_words(memory)} are free"
+        return (
+            "iterative",
+            f"factors may take {bytes_in_words(plain)}, {bytes_in_words(memory)} are free",
+        )
     if solid and n > largest:
         return "iterative", f"multigrid is faster than factors at {n} dofs"
     if k**3 > LARGEST_RATIO[solid] * n:
-        return "direct", f"a dense matrix of {k} contact unknowns costs more than it saves at {n} dofs"
+        return (
+            "direct",
+            f"a dense matrix of {k} contact unknowns costs more than it saves at {n} dofs",
+        )
     if whole > memory:
-        return ("iterative" if solid else "direct",
-                f"factors and a dense matrix may take {bytes_in_words(whole)}, {bytes_in_words(memory)} are free")
+        return (
+            "iterative" if solid else "direct",
+            f"factors and a dense matrix may take {bytes_in_words(whole)}, {bytes_in_words(memory)} are free",
+        )
     return "explicit", f"a dense matrix of {bytes_in_words(dense)} beside the factors"
 
 

@@ -68,8 +68,12 @@ class LoadCase:
     @property
     def size(self) -> float:
         """Sum of the absolute nodal loads (N), as for `Elasticity.load`."""
-        return float(max(np.abs(self.f).sum(), *(PRESCRIBED_SHARE * np.abs(forces).sum() for forces in
-                                                 (self.taken, self.heat))))
+        return float(
+            max(
+                np.abs(self.f).sum(),
+                *(PRESCRIBED_SHARE * np.abs(forces).sum() for forces in (self.taken, self.heat)),
+            )
+        )
 
     @property
     def heated(self) -> np.ndarray | None:
@@ -152,7 +156,9 @@ class Elasticity(Supported):
 
     def largest(self, factors: Sequence[Mapping[str | None, float]]) -> Elasticity:
         """The same body with the largest `load` of its cases times any of `factors`."""
-        sums = (_sum_cases([(now[name], case) for name, case in self.cases.items()]) for now in factors)
+        sums = (
+            _sum_cases([(now[name], case) for name, case in self.cases.items()]) for now in factors
+        )
         return replace(self, load=max(case.size for case in sums))
 
     @property
@@ -163,7 +169,9 @@ class Elasticity(Supported):
     def expand(self, u: PETSc.Vec) -> np.ndarray:
         """The displacement (nv, d) of all nodes from the solution `u` of the reduced system (m)."""
         full = self.acting.prescribed.copy()
-        full[self.nodes] += apply(self.supports.free[self.nodes], u.array_r.reshape(-1, full.shape[1]))
+        full[self.nodes] += apply(
+            self.supports.free[self.nodes], u.array_r.reshape(-1, full.shape[1])
+        )
         return full
 
 
@@ -183,11 +191,21 @@ def assemble(mesh: Mesh, body: BodySpec, kept: Kept | None = None) -> Elasticity
     """
     kept, name = kept or Kept(), body.name
     mesh_key = kept.key("mesh", name)
-    clamped = kept.get("supports", name, (mesh_key, body.clamp, histories(body)), lambda: supports(mesh, body))
-    stiff = kept.get("stiffness", name, (mesh_key, body.material, body.foundation, clamped.free),
-                     lambda: _stiffness(mesh, body, clamped.free))
-    return kept.get("load cases", name, (kept.key("stiffness", name), body),
-                    lambda: load_cases(mesh, body, clamped, stiff))
+    clamped = kept.get(
+        "supports", name, (mesh_key, body.clamp, histories(body)), lambda: supports(mesh, body)
+    )
+    stiff = kept.get(
+        "stiffness",
+        name,
+        (mesh_key, body.material, body.foundation, clamped.free),
+        lambda: _stiffness(mesh, body, clamped.free),
+    )
+    return kept.get(
+        "load cases",
+        name,
+        (kept.key("stiffness", name), body),
+        lambda: load_cases(mesh, body, clamped, stiff),
+    )
 
 
 def load_cases(mesh: Mesh, body: BodySpec, clamped: Supports, stiff: Supported) -> Elasticity:
@@ -196,8 +214,13 @@ def load_cases(mesh: Mesh, body: BodySpec, clamped: Supports, stiff: Supported) 
     loose, sprung, acting, cases = clamped.free[stiff.nodes], stiff.sprung, {}, {}
     for history, moved in clamped.moved.items():
         acting[history] = [*loads_by_group(mesh, body, history)]
-        f, warm = sum((f for _, f in acting[history]), np.zeros_like(moved)), temperature(mesh, body, history)
-        heat, energy = thermal_loads(mesh, material, warm) if warm.any() else (np.zeros_like(f), 0.0)
+        f, warm = (
+            sum((f for _, f in acting[history]), np.zeros_like(moved)),
+            temperature(mesh, body, history),
+        )
+        heat, energy = (
+            thermal_loads(mesh, material, warm) if warm.any() else (np.zeros_like(f), 0.0)
+        )
         # K (u + p) = f + heat for the free part u and the prescribed p: the right-hand side is f + heat − K p.
         # Only clamped nodes are moved, and the columns of K are its rows.
         taken = (stiff.rows.T @ moved[stiff.clamped].ravel()).reshape(moved.shape)
@@ -205,16 +228,27 @@ def load_cases(mesh: Mesh, body: BodySpec, clamped: Supports, stiff: Supported) 
             taken += (sprung.T @ (sprung @ moved.ravel())).reshape(moved.shape)
         right = f + heat - taken
         refuse_underflow(mesh, body, right, moved, stiff.stiffest)
-        cases[history] = LoadCase(f, warm, heat, energy**0.5, moved, taken, apply(loose, right[stiff.nodes]).ravel())
+        cases[history] = LoadCase(
+            f, warm, heat, energy**0.5, moved, taken, apply(loose, right[stiff.nodes]).ravel()
+        )
     case = _sum_cases([(1.0, loads) for loads in cases.values()])
     if not np.isfinite(case.b).all():
         raise _out_of_range(body)
     load = PETSc.Vec().createWithArray(case.b, bsize=mesh.dimension, comm=PETSc.COMM_SELF)
     load.setBlockSize(mesh.dimension)
-    known = {entry.name: getattr(stiff, entry.name) for entry in fields(Supported)}  # derivatives give an Elasticity
-    return Elasticity(**known, b=load, supports=clamped, acting=case, load=case.size,
-                      warnings=lost_loads(body, clamped.free, acting), cases=cases,
-                      pushes={history: resultants(mesh, groups) for history, groups in acting.items()})
+    known = {
+        entry.name: getattr(stiff, entry.name) for entry in fields(Supported)
+    }  # derivatives give an Elasticity
+    return Elasticity(
+        **known,
+        b=load,
+        supports=clamped,
+        acting=case,
+        load=case.size,
+        warnings=lost_loads(body, clamped.free, acting),
+        cases=cases,
+        pushes={history: resultants(mesh, groups) for history, groups in acting.items()},
+    )
 
 
 def _stiffness(mesh: Mesh, body: BodySpec, free: np.ndarray) -> Supported:
@@ -222,42 +256,72 @@ def _stiffness(mesh: Mesh, body: BodySpec, free: np.ndarray) -> Supported:
     K, foundations = sum_stiffness(mesh, material_of(mesh, body)), list(springs(mesh, body))
     rows = sparse.vstack([Q for *_, Q in foundations], format="csr") if foundations else None
     motions = body_motions(mesh, K, free, body.name, rows)
-    sprung = sparse.vstack([root * Q for _, root, Q in foundations], format="csr") if foundations else None
+    sprung = (
+        sparse.vstack([root * Q for _, root, Q in foundations], format="csr")
+        if foundations
+        else None
+    )
     nodes, clamped = np.flatnonzero(free.any(axis=(1, 2))), np.flatnonzero(is_touched(free))
     loose, d = free[nodes], mesh.dimension
     whole = K.to_csr(free, nodes, sprung)
     # Overflow shows as inf, underflow as a zero on the diagonal: both end in wrong answers if PETSc meets them.
-    if not (np.isfinite(whole.data).all()
-            and K.diagonal[nodes].diagonal(axis1=1, axis2=2).min(initial=np.inf) > 0.0):
+    if not (
+        np.isfinite(whole.data).all()
+        and K.diagonal[nodes].diagonal(axis1=1, axis2=2).min(initial=np.inf) > 0.0
+    ):
         raise _out_of_range(body)
 
     matrix = PETSc.Mat().createAIJWithArrays(
-        whole.shape, (whole.indptr.astype(PETSc.IntType, copy=False), whole.indices.astype(PETSc.IntType, copy=False),
-                      whole.data), bsize=d, comm=PETSc.COMM_SELF)
+        whole.shape,
+        (
+            whole.indptr.astype(PETSc.IntType, copy=False),
+            whole.indices.astype(PETSc.IntType, copy=False),
+            whole.data,
+        ),
+        bsize=d,
+        comm=PETSc.COMM_SELF,
+    )
     matrix.setBlockSize(d)  # createAIJWithArrays ignores its bsize
     matrix.setOption(PETSc.Mat.Option.SYMMETRIC if motions.size else PETSc.Mat.Option.SPD, True)
     matrix.setNearNullSpace(near_null_space(mesh.points[nodes], loose))
     if not mesh.cell.linear:
         matrix.setAttr("coarse", partial(_linear_elements, mesh, nodes, loose))
-    return Supported(matrix, round(np.einsum("kii->", loose)), nodes, motions,
-                     min((root**2 for _, root, _ in foundations), default=np.inf), sprung, float(K.diagonal.max()),
-                     clamped, K.rows(clamped))
+    return Supported(
+        matrix,
+        round(np.einsum("kii->", loose)),
+        nodes,
+        motions,
+        min((root**2 for _, root, _ in foundations), default=np.inf),
+        sprung,
+        float(K.diagonal.max()),
+        clamped,
+        K.rows(clamped),
+    )
 
 
 def _out_of_range(body: BodySpec) -> InputError:
-    return InputError(f"body.{body.name}: material, loads and lengths give numbers out of the range of double "
-                      "precision; choose other units")
+    return InputError(
+        f"body.{body.name}: material, loads and lengths give numbers out of the range of double "
+        "precision; choose other units"
+    )
 
 
-def _linear_elements(mesh: Mesh, nodes: np.ndarray, loose: np.ndarray) -> tuple[PETSc.Mat, PETSc.NullSpace]:
+def _linear_elements(
+    mesh: Mesh, nodes: np.ndarray, loose: np.ndarray
+) -> tuple[PETSc.Mat, PETSc.NullSpace]:
     """For multigrid on quadratic elements: the displacements (k d, j d) of the `nodes` (k,) by those of the corners
     among them as linear elements have them, and the rigid motions of these corners. `loose` (k, d, d) as of A."""
     first, size = mesh.dimension + 1, len(mesh.points)
     middles, cells = np.unique(mesh.triangles[:, first:], return_index=True)
     ends = mesh.triangles[:, mesh.cell.between].reshape(-1, 2)[cells]
     corners, half = np.unique(mesh.corners), np.full(2 * len(middles), 0.5)
-    rows, columns = np.concatenate([corners, middles.repeat(2)]), np.concatenate([corners, ends.ravel()])
-    means = sparse.csr_matrix((np.append(np.ones(len(corners)), half), (rows, columns)), (size, size))
+    rows, columns = (
+        np.concatenate([corners, middles.repeat(2)]),
+        np.concatenate([corners, ends.ravel()]),
+    )
+    means = sparse.csr_matrix(
+        (np.append(np.ones(len(corners)), half), (rows, columns)), (size, size)
+    )
     kept = np.isin(nodes, corners)
     P = sparse.kron(means[nodes][:, nodes[kept]], sparse.identity(mesh.dimension), "csr")
     indices = (P.indptr.astype(PETSc.IntType), P.indices.astype(PETSc.IntType))
@@ -265,8 +329,9 @@ def _linear_elements(mesh: Mesh, nodes: np.ndarray, loose: np.ndarray) -> tuple[
     return matrix, near_null_space(mesh.points[nodes[kept]], loose[kept])
 
 
-def clamp_forces(mesh: Mesh, body: BodySpec, elasticity: Elasticity, u: np.ndarray,
-                 pull: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
+def clamp_forces(
+    mesh: Mesh, body: BodySpec, elasticity: Elasticity, u: np.ndarray, pull: np.ndarray
+) -> Iterator[tuple[str, np.ndarray]]:
     """The forces of all clamps and foundations on the body: group, and nodal forces (nv, d) in newtons. Not collective.
 
     A node's reaction is split along the directions of its clamps; a direction that several of them constrain goes to
@@ -275,7 +340,7 @@ def clamp_forces(mesh: Mesh, body: BodySpec, elasticity: Elasticity, u: np.ndarr
     """
     given = elasticity.acting.f + elasticity.acting.heat + pull
     for on, root, Q in springs(mesh, body):
-        pressed = -root**2 * (Q.T @ (Q @ u.ravel())).reshape(u.shape)
+        pressed = -(root**2) * (Q.T @ (Q @ u.ravel())).reshape(u.shape)
         given = given + pressed
         yield on, pressed
     forces, clamped = elasticity.forces(u), elasticity.clamped
@@ -286,12 +351,16 @@ def clamp_forces(mesh: Mesh, body: BodySpec, elasticity: Elasticity, u: np.ndarr
     # Clamps of one node may be oblique to each other. The part of a direction orthogonal to those of later clamps
     # measures its share of the reaction; the remainder is left to the later ones.
     for which, nodes, direction in reversed(elasticity.supports.constrained):
-        direction = np.where(mesh.on_axis[nodes, None] & (np.arange(mesh.dimension) == 0), 0.0, direction)
+        direction = np.where(
+            mesh.on_axis[nodes, None] & (np.arange(mesh.dimension) == 0), 0.0, direction
+        )
         rest = apply(free[nodes], direction)
         squares = np.where((rest**2).sum(axis=1) > SAME**2, (rest**2).sum(axis=1), np.inf)
         free[nodes] -= rest[:, :, None] * rest[:, None] / squares[:, None, None]
         shares.append((body.clamps[which].on, nodes, direction, rest / squares[:, None]))
-    for on, nodes, direction, rest in reversed(shares):  # `rest` is orthogonal to the directions of later clamps
+    for on, nodes, direction, rest in reversed(
+        shares
+    ):  # `rest` is orthogonal to the directions of later clamps
         share = np.zeros_like(u)
         share[nodes] = (forces[nodes] * rest).sum(axis=1)[:, None] * direction
         forces -= share
@@ -305,5 +374,9 @@ def apply(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
 
 def _sum_cases(summands: Sequence[tuple[float, LoadCase]]) -> LoadCase:
     """The sum of load cases, each times a factor."""
-    return LoadCase(*(np.sum([factor * getattr(case, entry.name) for factor, case in summands], axis=0)
-                      for entry in fields(LoadCase)))
+    return LoadCase(
+        *(
+            np.sum([factor * getattr(case, entry.name) for factor, case in summands], axis=0)
+            for entry in fields(LoadCase)
+        )
+    )

@@ -97,20 +97,31 @@ class DiscretizationError:
         if np.isnan(self.relative):
             return None
         estimate = self.estimates[body]
-        return np.sqrt(estimate.squares / estimate.areas / self.mean) if self.mean else np.zeros(len(estimate.areas))
+        return (
+            np.sqrt(estimate.squares / estimate.areas / self.mean)
+            if self.mean
+            else np.zeros(len(estimate.areas))
+        )
 
 
-def sum_errors(bodies: Mapping[str, tuple[float, float, float]], estimates: dict[str, ErrorEstimate],
-               sums: np.ndarray) -> DiscretizationError:
+def sum_errors(
+    bodies: Mapping[str, tuple[float, float, float]],
+    estimates: dict[str, ErrorEstimate],
+    sums: np.ndarray,
+) -> DiscretizationError:
     """The error from squared errors, squared energy norms and areas of `bodies` by name, and their `sums` (3,). Not
     collective."""
     error, energy, area = sums.tolist()
-    shares = {name: relative_error(square, error + energy - square) for name, (square, *_) in bodies.items()}
+    shares = {
+        name: relative_error(square, error + energy - square)
+        for name, (square, *_) in bodies.items()
+    }
     return DiscretizationError(relative_error(error, energy), shares, estimates, energy / area)
 
 
-def estimate_error(mesh: Mesh, material: Material | Composite, u: np.ndarray,
-                   heat: np.ndarray | None = None) -> ErrorEstimate:
+def estimate_error(
+    mesh: Mesh, material: Material | Composite, u: np.ndarray, heat: np.ndarray | None = None
+) -> ErrorEstimate:
     """Estimate the discretization error of the displacement `u` (nv, d) in metres. Not collective.
 
     `heat` (nv,) is the temperature over the state free of stress (K).
@@ -121,10 +132,15 @@ def estimate_error(mesh: Mesh, material: Material | Composite, u: np.ndarray,
     """
     cell, points, measures = mesh.cell, mesh.cell.rule[0], mesh.measures()
     shapes = cell.shapes(points)
-    spans = [cell.derivatives(places).swapaxes(0, 1).reshape(len(places), -1) for places in (points, cell.samples[0])]
+    spans = [
+        cell.derivatives(places).swapaxes(0, 1).reshape(len(places), -1)
+        for places in (points, cell.samples[0])
+    ]
     # On straight cells σ_h is a combination of the derivatives of shape functions, so its values at the samples give
     # those at the points of quadrature: no second evaluation.
-    between = spans[0] @ np.linalg.pinv(spans[1])  # stress is a sum of derivatives of shape functions
+    between = spans[0] @ np.linalg.pinv(
+        spans[1]
+    )  # stress is a sum of derivatives of shape functions
     split, sampled, recovered = _recovered(mesh, material, u, heat)
     squares: np.ndarray = np.zeros(len(measures))
     energy = 0.0
@@ -139,8 +155,11 @@ def estimate_error(mesh: Mesh, material: Material | Composite, u: np.ndarray,
         squares[cells] = (share * energy_density(uniform, difference)).sum(axis=0)
         energy += float((share * energy_density(uniform, computed)).sum())
         if heat is not None:  # in plane strain σ_zz has energy as well
-            warm = cell_temperature(mesh, heat, points, cells) if curved else (
-                between @ cell_temperature(mesh, heat, cell.samples[0], cells))
+            warm = (
+                cell_temperature(mesh, heat, points, cells)
+                if curved
+                else (between @ cell_temperature(mesh, heat, cell.samples[0], cells))
+            )
             energy += thermal(uniform, mesh.strains)[3] * float((share * warm**2).sum())
     materials = [material] if isinstance(material, Material) else material.materials
     stiffest = max(one.tensor(mesh.dimension).max() for one in materials)
@@ -151,24 +170,34 @@ def estimate_error(mesh: Mesh, material: Material | Composite, u: np.ndarray,
     return ErrorEstimate(squares, measures, energy, _joined(mesh, material, split, recovered, heat))
 
 
-def nodal_stress(mesh: Mesh, material: Material | Composite, u: np.ndarray,
-                 heat: np.ndarray | None = None) -> np.ndarray:
+def nodal_stress(
+    mesh: Mesh, material: Material | Composite, u: np.ndarray, heat: np.ndarray | None = None
+) -> np.ndarray:
     """The recovered stress at the nodes (nv, 4), in space (nv, 6), in Pa, with the columns and arguments of `stress`;
     where materials meet, the mean of theirs. Not collective."""
     split, _, recovered = _recovered(mesh, material, u, heat)
     return _joined(mesh, material, split, recovered, heat)
 
 
-def _recovered(mesh: Mesh, material: Material | Composite, u: np.ndarray, heat: np.ndarray | None,
-               ) -> tuple[Mesh, np.ndarray, np.ndarray]:
+def _recovered(
+    mesh: Mesh,
+    material: Material | Composite,
+    u: np.ndarray,
+    heat: np.ndarray | None,
+) -> tuple[Mesh, np.ndarray, np.ndarray]:
     """The mesh with separate nodes for every material, stress (n, q, nt) at the samples, and recovered (n, ·)."""
     split = mesh if isinstance(material, Material) else _apart(mesh, material)
     sampled = components(stress_at(mesh, material, u, mesh.cell.samples[0], heat))
     return split, sampled, _recover(split, sampled)
 
 
-def _joined(mesh: Mesh, material: Material | Composite, split: Mesh, recovered: np.ndarray,
-            heat: np.ndarray | None) -> np.ndarray:
+def _joined(
+    mesh: Mesh,
+    material: Material | Composite,
+    split: Mesh,
+    recovered: np.ndarray,
+    heat: np.ndarray | None,
+) -> np.ndarray:
     """The columns of `stress` at the nodes of the mesh, from the recovered stress (n, ·) at those of its `split`."""
     n, columns = mesh.strains, 2 * mesh.dimension
     tensors = np.empty((n, n, recovered.shape[1]))
@@ -190,7 +219,9 @@ def _apart(mesh: Mesh, material: Composite) -> Mesh:
     """The mesh with separate nodes for every material, so that no patch reaches from one into another."""
     size = len(material.materials)
     keys, cells = np.unique(mesh.triangles * size + material.number[:, None], return_inverse=True)
-    return replace(mesh, points=mesh.points[keys // size], triangles=cells.reshape(mesh.triangles.shape))
+    return replace(
+        mesh, points=mesh.points[keys // size], triangles=cells.reshape(mesh.triangles.shape)
+    )
 
 
 def _recover(mesh: Mesh, sampled: np.ndarray) -> np.ndarray:
@@ -204,7 +235,11 @@ def _recover(mesh: Mesh, sampled: np.ndarray) -> np.ndarray:
     # Coordinates relative to the vertex, over the size of its patch, keep the normal equations well conditioned.
     reach = np.zeros(nv)
     for block in blocks(len(corners)):
-        np.maximum.at(reach, corners[block], np.linalg.norm(np.ptp(x[corners[block]], axis=1), axis=1)[:, None])
+        np.maximum.at(
+            reach,
+            corners[block],
+            np.linalg.norm(np.ptp(x[corners[block]], axis=1), axis=1)[:, None],
+        )
     upper = np.triu_indices(k)
     moments, sums = np.zeros((len(upper[0]), nv)), np.zeros((n * k, nv))  # the normal equations
     for vertex, q in itertools.product(corners.T, range(len(samples))):
@@ -218,13 +253,19 @@ def _recover(mesh: Mesh, sampled: np.ndarray) -> np.ndarray:
     del moments
     value, vertices = np.zeros((n, len(x))), np.flatnonzero(np.bincount(corners.ravel()))
     value[:, vertices] = _evaluate(fit, owner[vertices], x, reach, vertices, order)
-    for node, between in zip(mesh.triangles.T[mesh.dimension + 1:], mesh.cell.between, strict=True):
-        fits = (_evaluate(fit, owner[corner], x, reach, node, order) for corner in corners.T[between])
+    for node, between in zip(
+        mesh.triangles.T[mesh.dimension + 1 :], mesh.cell.between, strict=True
+    ):
+        fits = (
+            _evaluate(fit, owner[corner], x, reach, node, order) for corner in corners.T[between]
+        )
         value[:, node] = sum(fits) / order
     return value
 
 
-def _fits(mesh: Mesh, moments: np.ndarray, sums: np.ndarray, upper: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+def _fits(
+    mesh: Mesh, moments: np.ndarray, sums: np.ndarray, upper: tuple[np.ndarray, np.ndarray]
+) -> np.ndarray:
     """Fit polynomials around the vertices, in the place of `sums`; the number of the one that each vertex uses.
 
     The normal equations are given by the `upper` triangles of their matrices (k (k+1)/2, nv) and their
@@ -234,9 +275,12 @@ def _fits(mesh: Mesh, moments: np.ndarray, sums: np.ndarray, upper: tuple[np.nda
     corners, nv, first = mesh.corners, sums.shape[1], mesh.dimension + 1
     k = int(upper[0][-1]) + 1
     good, inner = np.zeros(nv, dtype=bool), np.ones(nv, dtype=bool)
-    inner[mesh.boundary[0][:, :mesh.dimension]] = False
+    inner[mesh.boundary[0][:, : mesh.dimension]] = False
     for block in blocks(nv):
-        M, right = np.empty((len(inner[block]), k, k)), sums[:, block].T.reshape(len(inner[block]), k, -1)
+        M, right = (
+            np.empty((len(inner[block]), k, k)),
+            sums[:, block].T.reshape(len(inner[block]), k, -1),
+        )
         M[:, upper[0], upper[1]] = M[:, upper[1], upper[0]] = moments[:, block].T
         solvable = inner[block] & _well_posed(M)
         fit = np.zeros_like(right)
@@ -254,7 +298,9 @@ def _fits(mesh: Mesh, moments: np.ndarray, sums: np.ndarray, upper: tuple[np.nda
     ends = np.concatenate([mesh.cell.edges[:, :2], mesh.cell.edges[:, 1::-1]])
     links = near[:, ends].swapaxes(0, 1).reshape(-1, 2)
     distance = np.linalg.norm(mesh.points[links[:, 0]] - mesh.points[links[:, 1]], axis=1)
-    alike = np.round(np.log(distance / distance.max(initial=0.0)) / ALIKE)  # so that rounding does not choose
+    alike = np.round(
+        np.log(distance / distance.max(initial=0.0)) / ALIKE
+    )  # so that rounding does not choose
     links = links[np.argsort(-alike, kind="stable")]  # the nearest one is assigned last
     for _ in range(REACH[mesh.order]):
         open_links = links[(owner[links[:, 0]] >= 0) & (owner[links[:, 1]] < 0)]
@@ -269,16 +315,30 @@ def _well_posed(M: np.ndarray) -> np.ndarray:
 
 def _monomials(x: np.ndarray, order: int) -> np.ndarray:
     """All monomials (k, …) up to the order at the points x (d, …)."""
-    factors = (chosen for k in range(order) for chosen in itertools.combinations_with_replacement(x, k + 1))
-    return np.stack([np.ones_like(x[0]), *(functools.reduce(np.multiply, chosen) for chosen in factors)])
+    factors = (
+        chosen for k in range(order) for chosen in itertools.combinations_with_replacement(x, k + 1)
+    )
+    return np.stack(
+        [np.ones_like(x[0]), *(functools.reduce(np.multiply, chosen) for chosen in factors)]
+    )
 
 
-def _evaluate(fit: np.ndarray, owner: np.ndarray, x: np.ndarray, reach: np.ndarray, nodes: np.ndarray,
-              order: int) -> np.ndarray:
+def _evaluate(
+    fit: np.ndarray,
+    owner: np.ndarray,
+    x: np.ndarray,
+    reach: np.ndarray,
+    nodes: np.ndarray,
+    order: int,
+) -> np.ndarray:
     """The polynomials `fit` (k n, nv) of the vertices `owner` (j,) at the `nodes` (j,) with coordinates x (nv, d)."""
     values = []
     for block in blocks(len(nodes)):
         vertex = owner[block]
         p = _monomials(((x[nodes[block]] - x[vertex]) / reach[vertex, None]).T, order)
-        values.append(np.einsum("kj,knj->nj", p, np.take(fit, vertex, axis=1).reshape(len(p), -1, len(vertex))))
+        values.append(
+            np.einsum(
+                "kj,knj->nj", p, np.take(fit, vertex, axis=1).reshape(len(p), -1, len(vertex))
+            )
+        )
     return np.concatenate(values, axis=1)

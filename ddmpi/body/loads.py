@@ -10,7 +10,14 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sparse
 
-from ddmpi.body.stress import Composite, cell_temperature, gradients, portions, thermal, thickness_of
+from ddmpi.body.stress import (
+    Composite,
+    cell_temperature,
+    gradients,
+    portions,
+    thermal,
+    thickness_of,
+)
 from ddmpi.errors import InputError
 from ddmpi.mesh.boundary import SHARPEST, outer_normals
 from ddmpi.mesh.elements import FINE, RULES, circumference, exact_rule
@@ -32,52 +39,79 @@ VOLUME = "volume_force"
 """The name of the volume force among loaded groups."""
 
 
-def nodal_loads(mesh: Mesh, body: BodySpec, history: str | None = None,
-                turned: np.ndarray | None = None) -> np.ndarray:
+def nodal_loads(
+    mesh: Mesh, body: BodySpec, history: str | None = None, turned: np.ndarray | None = None
+) -> np.ndarray:
     """Nodal loads (nv, d) in newtons of tractions, pressures and volume force of a `history`, None for constant ones.
 
     In the axes of a frame that is `turned` (d, d), in which loads that keep their direction turn back; a matrix of
     zeros leaves the loads that follow the body. Loads are integrated by Gauss's rule, affine ones on straight
     facets and cells exactly. Raises InputError where a formula is not finite.
     """
-    return sum((f for _, f in loads_by_group(mesh, body, history, turned)), np.zeros_like(mesh.points))
+    return sum(
+        (f for _, f in loads_by_group(mesh, body, history, turned)), np.zeros_like(mesh.points)
+    )
 
 
-def loads_by_group(mesh: Mesh, body: BodySpec, history: str | None = None,
-                   turned: np.ndarray | None = None) -> Iterator[tuple[str, np.ndarray]]:
+def loads_by_group(
+    mesh: Mesh, body: BodySpec, history: str | None = None, turned: np.ndarray | None = None
+) -> Iterator[tuple[str, np.ndarray]]:
     """The summands of `nodal_loads` with their groups; the volume force is called VOLUME. A group may appear twice."""
     back, thick = np.eye(mesh.dimension) if turned is None else turned, thickness_of(mesh, body)
     for traction in body.traction:
         if traction.history == history:
             key = f"body.{body.name}.traction"
             facets, cells, _ = mesh.facets(traction.on)
-            values_at(traction.given, mesh.points[facets], key)  # a formula must be finite at the nodes, too
+            values_at(
+                traction.given, mesh.points[facets], key
+            )  # a formula must be finite at the nodes, too
             load = _traction if traction.moment is None else _moment
             f = load(mesh, facets, traction, key, thick[cells])
-            follows = traction.follows or traction.pressure is not None or traction.moment is not None
+            follows = (
+                traction.follows or traction.pressure is not None or traction.moment is not None
+            )
             yield traction.on, f if follows else f @ back
     force, named = body.weight
     if named == history and force != (0.0,) * mesh.dimension:
-        yield VOLUME, _volume_force(mesh, body.materials[0], force, f"body.{body.name}.volume_force", thick) @ back
+        yield (
+            VOLUME,
+            _volume_force(mesh, body.materials[0], force, f"body.{body.name}.volume_force", thick)
+            @ back,
+        )
 
 
-def resultants(mesh: Mesh, groups: Iterable[tuple[str, np.ndarray]]) -> dict[str, dict[str, np.ndarray]]:
+def resultants(
+    mesh: Mesh, groups: Iterable[tuple[str, np.ndarray]]
+) -> dict[str, dict[str, np.ndarray]]:
     """Force (d,) in newtons and moment about the origin (N m), () or (3,), by group, of nodal forces (nv, d)."""
     loaded = ((group, f, f.any(axis=1)) for group, f in groups)
-    return added((group, {"force": f[acts].sum(axis=0), "moment": moment(mesh.points[acts], f[acts],
-                                                                         mesh.axisymmetric)})
-                 for group, f, acts in loaded)
+    return added(
+        (
+            group,
+            {
+                "force": f[acts].sum(axis=0),
+                "moment": moment(mesh.points[acts], f[acts], mesh.axisymmetric),
+            },
+        )
+        for group, f, acts in loaded
+    )
 
 
 def added(entries: Iterable[tuple[str, dict[str, np.ndarray]]]) -> dict[str, dict[str, np.ndarray]]:
     """The sums of such resultants by group."""
     totals: dict[str, dict[str, np.ndarray]] = {}
     for group, now in entries:
-        totals[group] = {kind: now[kind] + value for kind, value in totals[group].items()} if group in totals else now
+        totals[group] = (
+            {kind: now[kind] + value for kind, value in totals[group].items()}
+            if group in totals
+            else now
+        )
     return totals
 
 
-def _traction(mesh: Mesh, facets: np.ndarray, traction: Traction, key: str, thick: np.ndarray) -> np.ndarray:
+def _traction(
+    mesh: Mesh, facets: np.ndarray, traction: Traction, key: str, thick: np.ndarray
+) -> np.ndarray:
     """Nodal loads (nv, d) in newtons of a traction, a pressure or a force on facets (k, l) of thickness (k,)."""
     nodes, cell, f = mesh.points[facets], mesh.cell.facet, np.zeros_like(mesh.points)
     points, weights = FINE[cell.dimension]
@@ -92,22 +126,32 @@ def _traction(mesh: Mesh, facets: np.ndarray, traction: Traction, key: str, thic
     if traction.force is None:
         return f
     if not measures.sum() > 0.0:
-        raise InputError(f"{key}: the group {traction.on!r} has no area over which a force could be spread")
+        raise InputError(
+            f"{key}: the group {traction.on!r} has no area over which a force could be spread"
+        )
     return f / measures.sum()
 
 
-def _moment(mesh: Mesh, facets: np.ndarray, traction: Traction, key: str, thick: np.ndarray) -> np.ndarray:
+def _moment(
+    mesh: Mesh, facets: np.ndarray, traction: Traction, key: str, thick: np.ndarray
+) -> np.ndarray:
     """Nodal loads (nv, d) in newtons of the moment of a traction on facets (k, l)."""
     d = mesh.dimension
-    slopes = {f"{axis}_slope": tuple(row) for axis, row in zip("xyz", np.eye(d).tolist(), strict=False)}
+    slopes = {
+        f"{axis}_slope": tuple(row) for axis, row in zip("xyz", np.eye(d).tolist(), strict=False)
+    }
     # ∫ φ and ∫ φ x, then ∫ φ (x − c) about the middle c of the group
-    share, first = (_traction(mesh, facets, Traction(on=traction.on, value=value), key, thick)
-                    for value in ((1.0,) * d, AffineVector(constant=(0.0,) * d, **slopes)))
+    share, first = (
+        _traction(mesh, facets, Traction(on=traction.on, value=value), key, thick)
+        for value in ((1.0,) * d, AffineVector(constant=(0.0,) * d, **slopes))
+    )
     arms = np.pad(first - share * (first.sum(axis=0) / share[:, 0].sum()), ((0, 0), (0, 3 - d)))
     # t = ω × (x − c) has no resultant, and the moment (tr S − S) ω with S = ∫ (x − c)(x − c)ᵀ
     S = np.pad(mesh.points, ((0, 0), (0, 3 - d))).T @ arms
     given = np.atleast_1d(np.array(traction.moment, float))
-    turn = np.linalg.pinv(np.trace(S) * np.eye(3) - S, hermitian=True) @ np.pad(given, (3 - len(given), 0))
+    turn = np.linalg.pinv(np.trace(S) * np.eye(3) - S, hermitian=True) @ np.pad(
+        given, (3 - len(given), 0)
+    )
     return np.cross(turn, arms)[:, :d]
 
 
@@ -117,18 +161,29 @@ def temperature(mesh: Mesh, body: BodySpec, history: str | None) -> np.ndarray:
     return values_at(value, mesh.points, f"body.{body.name}.temperature")
 
 
-def _volume_force(mesh: Mesh, material: Material, force: Vector | AffineVector, key: str,
-                  thick: np.ndarray) -> np.ndarray:
+def _volume_force(
+    mesh: Mesh, material: Material, force: Vector | AffineVector, key: str, thick: np.ndarray
+) -> np.ndarray:
     """Nodal loads (nv, d) in newtons of a volume force (N/m³) in cells of thickness (nt,)."""
     f = np.zeros_like(mesh.points)
     values_at(force, mesh.points, key)  # a formula must be finite at the nodes, too
     for cells, _, curved in portions(mesh, material):
         # affine forces times shape functions on straight cells, by a rule that is exact for these
-        where, weights = FINE[mesh.dimension] if curved or varies(force) else exact_rule(mesh.dimension, mesh.order + 1)
-        mapped, nodes, shapes = mesh.map(cells, where), mesh.triangles[cells], mesh.cell.shapes(where)
+        where, weights = (
+            FINE[mesh.dimension]
+            if curved or varies(force)
+            else exact_rule(mesh.dimension, mesh.order + 1)
+        )
+        mapped, nodes, shapes = (
+            mesh.map(cells, where),
+            mesh.triangles[cells],
+            mesh.cell.shapes(where),
+        )
         shares = weights[:, None] * mapped.measures * thick[cells]
         for component, density in enumerate(values_at(force, mapped.places, key)):
-            f[:, component] += np.bincount(nodes.ravel(), ((shares * density).T @ shapes).ravel(), len(f))
+            f[:, component] += np.bincount(
+                nodes.ravel(), ((shares * density).T @ shapes).ravel(), len(f)
+            )
     return f
 
 
@@ -146,20 +201,32 @@ def springs(mesh: Mesh, body: BodySpec) -> Iterator[tuple[str, float, sparse.csr
         along = np.einsum("iqs,jqs->qsij", vectors / size, vectors / size)
         places = np.einsum("ql,sld->qsd", cell.shapes(points), mesh.points[facets])
         size = size * circumference(places, mesh.axisymmetric)
-        largest, measure = max(foundation.normal, foundation.tangential), float(weights @ size.sum(axis=1))
+        largest, measure = (
+            max(foundation.normal, foundation.tangential),
+            float(weights @ size.sum(axis=1)),
+        )
         normal, tangential = np.sqrt([foundation.normal / largest, foundation.tangential / largest])
         # The root of k_n n nᵀ + k_t (I − n nᵀ), as n nᵀ and I − n nᵀ are orthogonal projections; a row of Q a Gauss
         # point.
         roots = normal * along + tangential * (np.eye(d) - along)
         roots = roots * np.sqrt(weights[:, None] * size / measure)[..., None, None]
         values = np.einsum("qsij,ql->qsilj", roots, cell.shapes(points))
-        columns = np.broadcast_to((d * facets[:, :, None] + np.arange(d))[None, :, None], values.shape)
+        columns = np.broadcast_to(
+            (d * facets[:, :, None] + np.arange(d))[None, :, None], values.shape
+        )
         starts = np.arange(0, values.size + 1, d * facets.shape[1])
-        yield foundation.on, float(np.sqrt(largest * measure)), sparse.csr_matrix(
-            (values.ravel(), columns.ravel(), starts), (len(starts) - 1, mesh.points.size))
+        yield (
+            foundation.on,
+            float(np.sqrt(largest * measure)),
+            sparse.csr_matrix(
+                (values.ravel(), columns.ravel(), starts), (len(starts) - 1, mesh.points.size)
+            ),
+        )
 
 
-def thermal_loads(mesh: Mesh, material: Material | Composite, heat: np.ndarray) -> tuple[np.ndarray, float]:
+def thermal_loads(
+    mesh: Mesh, material: Material | Composite, heat: np.ndarray
+) -> tuple[np.ndarray, float]:
     """Nodal loads ∫ β T : ∇φ (nv, d) in newtons of a temperature (nv,) in K; and twice the elastic energy of the fully
     constrained thermal strains (J). Not collective.
 
@@ -183,9 +250,14 @@ def values_at(value: Any, points: np.ndarray, key: str) -> np.ndarray:
     values = evaluate(value, *np.moveaxis(points, -1, 0))
     if varies(value) and not np.isfinite(values).all():
         at = np.argwhere(~np.isfinite(values))[0]
-        formulas, where = value if isinstance(value, tuple) else (value,), in_words(points[tuple(at[1 - points.ndim:])])
-        raise InputError(f'{key}: the formula "{formulas[at[0] if len(at) == points.ndim else 0]}" is '
-                         f"{values[tuple(at)]} at {where}; it must be a finite number wherever it acts")
+        formulas, where = (
+            value if isinstance(value, tuple) else (value,),
+            in_words(points[tuple(at[1 - points.ndim :])]),
+        )
+        raise InputError(
+            f'{key}: the formula "{formulas[at[0] if len(at) == points.ndim else 0]}" is '
+            f"{values[tuple(at)]} at {where}; it must be a finite number wherever it acts"
+        )
     return values
 
 
@@ -238,13 +310,21 @@ def supports(mesh: Mesh, body: BodySpec) -> Supports:
             allowed += EXACT * np.linalg.norm(moved[:, nodes], axis=2)
             clash = np.flatnonzero(~new & (np.abs(wanted - before) > allowed).any(axis=0))
             if len(clash):
-                one, other, node = before[:, clash[0]].sum(), wanted[:, clash[0]].sum(), nodes[clash[0]]
+                one, other, node = (
+                    before[:, clash[0]].sum(),
+                    wanted[:, clash[0]].sum(),
+                    nodes[clash[0]],
+                )
                 where = f"{key}: {axis} at {in_words(mesh.points[node])} is prescribed "
                 if mesh.on_axis[node] and axis == "x":
-                    raise InputError(f"{where}as {other:.6g}, and what lies on the axis does not move radially; write "
-                                     'a formula that is zero there, such as x = "1e-3 * x"')
-                raise InputError(f"{where}twice, as {one:.6g} and, on {clamp.on!r}, as {other:.6g}"
-                                 + ", with another history" * bool(one == other))
+                    raise InputError(
+                        f"{where}as {other:.6g}, and what lies on the axis does not move radially; write "
+                        'a formula that is zero there, such as x = "1e-3 * x"'
+                    )
+                raise InputError(
+                    f"{where}twice, as {one:.6g} and, on {clamp.on!r}, as {other:.6g}"
+                    + ", with another history" * bool(one == other)
+                )
             rows, columns = np.nonzero(np.abs(direction) > SAME)
             clamps[nodes[rows], columns] = which
             nodes, rest = nodes[new], rest[new]
@@ -256,36 +336,51 @@ def supports(mesh: Mesh, body: BodySpec) -> Supports:
     return Supports(clamps, free, dict(zip(names, moved, strict=True)), directions)
 
 
-def _constrained(mesh: Mesh, clamp: Clamp, key: str) -> Iterator[tuple[str, Any, np.ndarray, np.ndarray]]:
+def _constrained(
+    mesh: Mesh, clamp: Clamp, key: str
+) -> Iterator[tuple[str, Any, np.ndarray, np.ndarray]]:
     """The components of a clamp: name, value, nodes (k,), and unit vectors (k, d) at them."""
     nodes = mesh.nodes_of(clamp.on)
     for axis, value, unit in zip("xyz", clamp.components, np.eye(3), strict=True):
-        if value is not None and unit[:mesh.dimension].any():
-            yield axis, value, nodes, np.tile(unit[:mesh.dimension], (len(nodes), 1))
+        if value is not None and unit[: mesh.dimension].any():
+            yield axis, value, nodes, np.tile(unit[: mesh.dimension], (len(nodes), 1))
     if clamp.normal is not None:
         if clamp.on not in mesh.groups:
-            raise InputError(f"{key}: {clamp.on!r} is no boundary group of the mesh and has no normal; give x, y or z")
+            raise InputError(
+                f"{key}: {clamp.on!r} is no boundary group of the mesh and has no normal; give x, y or z"
+            )
         if clamp.on in mesh.vertices:
             at = in_words(mesh.points[mesh.vertices[clamp.on][0]])
-            raise InputError(f"{key}: the node of {clamp.on!r} at {at} is on no {mesh.cell.facet.name} of it and has "
-                             "no normal; give x, y or z")
+            raise InputError(
+                f"{key}: the node of {clamp.on!r} at {at} is on no {mesh.cell.facet.name} of it and has "
+                "no normal; give x, y or z"
+            )
         yield "normal", clamp.normal, *outer_normals(mesh, clamp.on, key)
 
 
-def refuse_underflow(mesh: Mesh, body: BodySpec, f: np.ndarray, prescribed: np.ndarray, stiffest: float) -> None:
+def refuse_underflow(
+    mesh: Mesh, body: BodySpec, f: np.ndarray, prescribed: np.ndarray, stiffest: float
+) -> None:
     """Raise InputError for numbers too small to compute with: loads, nodal loads f (nv, d) in newtons, `prescribed`
     displacements (nv, d) in metres, or f over the `stiffest` entry (N/m). Not collective."""
-    groups = [(load.given, mesh.points[mesh.facets(load.on).nodes.ravel()]) for load in body.traction]
-    values = [evaluate(value, *points.T) for value, points in [*groups, (body.weight[0], mesh.points)]]
+    groups = [
+        (load.given, mesh.points[mesh.facets(load.on).nodes.ravel()]) for load in body.traction
+    ]
+    values = [
+        evaluate(value, *points.T) for value, points in [*groups, (body.weight[0], mesh.points)]
+    ]
     sizes = [float(np.abs(value).max()) for value in (*values, f, prescribed)]
     small = [size for size in (*sizes, float(np.abs(f).max() / stiffest)) if 0.0 < size < SMALLEST]
     if small:
-        raise InputError(f"body.{body.name}: loads or prescribed displacements are so small ({min(small):.3g}) that "
-                         "their squares are out of the range of double precision; choose other units")
+        raise InputError(
+            f"body.{body.name}: loads or prescribed displacements are so small ({min(small):.3g}) that "
+            "their squares are out of the range of double precision; choose other units"
+        )
 
 
-def lost_loads(body: BodySpec, free: np.ndarray,
-               acting: Mapping[str | None, Sequence[tuple[str, np.ndarray]]]) -> list[str]:
+def lost_loads(
+    body: BodySpec, free: np.ndarray, acting: Mapping[str | None, Sequence[tuple[str, np.ndarray]]]
+) -> list[str]:
     """Warnings of loads that act on clamps alone, and of groups that are loaded twice; `acting` are the loads by
     history, as of `loads_by_group`. Not collective."""
     key, warnings, loads = f"body.{body.name}", [], Counter[tuple[str, str | None]]()
@@ -294,9 +389,18 @@ def lost_loads(body: BodySpec, free: np.ndarray,
             if group == VOLUME:
                 continue
             loads[group, history] += 1
-            acts, left = (np.abs(forces).max(axis=0) > ALIKE * np.abs(f).max()
-                          for forces in (f, np.einsum("kij,kj->ki", free, f)))
-            warnings += [f"{key}: the load on {group!r} along {axis} is lost, as clamps constrain the whole group in "
-                         "this direction" for axis, lost in zip("xyz", acts & ~left, strict=False) if lost]
-    return warnings + [f"{key}: {group!r} is loaded {number} times; the loads add up"
-                       for (group, _), number in loads.items() if number > 1]
+            acts, left = (
+                np.abs(forces).max(axis=0) > ALIKE * np.abs(f).max()
+                for forces in (f, np.einsum("kij,kj->ki", free, f))
+            )
+            warnings += [
+                f"{key}: the load on {group!r} along {axis} is lost, as clamps constrain the whole group in "
+                "this direction"
+                for axis, lost in zip("xyz", acts & ~left, strict=False)
+                if lost
+            ]
+    return warnings + [
+        f"{key}: {group!r} is loaded {number} times; the loads add up"
+        for (group, _), number in loads.items()
+        if number > 1
+    ]

@@ -42,19 +42,28 @@ def rigid_motions(points: np.ndarray, centre: np.ndarray, size: float = 1.0) -> 
     z. Distances are divided by `size`.
     """
     x, d = (points - centre) / size, points.shape[1]
-    return np.stack([*(np.broadcast_to(axis, x.shape) for axis in np.eye(d)),
-                     *(crossed(turn[None], x) for turn in np.eye(1 if d == 2 else 3))], axis=-1)
+    return np.stack(
+        [
+            *(np.broadcast_to(axis, x.shape) for axis in np.eye(d)),
+            *(crossed(turn[None], x) for turn in np.eye(1 if d == 2 else 3)),
+        ],
+        axis=-1,
+    )
 
 
-def free_motions(motions: np.ndarray, free: np.ndarray, springs: Sequence[np.ndarray] = ()) -> np.ndarray:
+def free_motions(
+    motions: np.ndarray, free: np.ndarray, springs: Sequence[np.ndarray] = ()
+) -> np.ndarray:
     """Combinations (j, ·) of `motions` (k, d, j), orthonormal columns, that move the nodes only in the directions onto
     which `free` (k, d, d) projects, and strain no springs, given as rows (r, j) on the motions."""
     across = np.eye(free.shape[1]) - free
     fixed = np.concatenate([(across @ motions)[across.diagonal(axis1=1, axis2=2) > 0.0], *springs])
     # The null space of the clamped components; a QR first leaves the SVD a matrix of at most six rows.
-    _, values, vectors = np.linalg.svd(np.linalg.qr(fixed, mode="r") if len(fixed) else np.zeros((1, motions.shape[2])))
+    _, values, vectors = np.linalg.svd(
+        np.linalg.qr(fixed, mode="r") if len(fixed) else np.zeros((1, motions.shape[2]))
+    )
     squares = np.zeros(motions.shape[2])
-    squares[:len(values)] = values**2
+    squares[: len(values)] = values**2
     return vectors[squares <= LOOSE * max(squares[0], 1.0) * max(len(fixed), 1)].T
 
 
@@ -67,15 +76,16 @@ def recognisable(left: np.ndarray, dimension: int) -> np.ndarray:
     axes = np.eye(len(left))[:, :dimension]
     pure = axes[:, np.linalg.norm(axes - left @ left[:dimension].T, axis=0) < PURE]
     vectors, _, _ = np.linalg.svd(left - pure @ (pure.T @ left))
-    rest = vectors[:, :left.shape[1] - pure.shape[1]]
+    rest = vectors[:, : left.shape[1] - pure.shape[1]]
     if rest.shape[1] == 1:
         size = np.abs(rest)
         rest = rest / rest[np.flatnonzero(size > 0.5 * size.max())[-1]]
     return np.hstack([pure, rest])
 
 
-def body_motions(mesh: Mesh, K: Stiffness, free: np.ndarray, name: str,
-                 springs: sparse.csr_matrix | None = None) -> np.ndarray:
+def body_motions(
+    mesh: Mesh, K: Stiffness, free: np.ndarray, name: str, springs: sparse.csr_matrix | None = None
+) -> np.ndarray:
     """The rigid motions that clamps and springs of a body leave free, as displacements (nv, d, j) of all nodes.
 
     The rows of the springs (r, d nv) are without units. Translations move by one, rotations by the distance from their
@@ -96,8 +106,14 @@ def body_motions(mesh: Mesh, K: Stiffness, free: np.ndarray, name: str,
     return free @ (rigid_motions(mesh.points, centre, size) @ recognisable(left, mesh.dimension))
 
 
-def _left_free(mesh: Mesh, members: np.ndarray, centre: np.ndarray, size: float, free: np.ndarray,
-               springs: sparse.csr_matrix | None) -> np.ndarray:
+def _left_free(
+    mesh: Mesh,
+    members: np.ndarray,
+    centre: np.ndarray,
+    size: float,
+    free: np.ndarray,
+    springs: sparse.csr_matrix | None,
+) -> np.ndarray:
     """`free_motions` (j, ·) of the nodes `members` (nv,) bool, with springs as for `body_motions`.
 
     Around an axis all motions but the axial one strain the body; they are excluded as if they strained springs.
@@ -109,8 +125,14 @@ def _left_free(mesh: Mesh, members: np.ndarray, centre: np.ndarray, size: float,
     return free_motions(rigid_motions(mesh.points[touched], centre, size), free[touched], seen)
 
 
-def _refuse_loose(mesh: Mesh, members: np.ndarray, pieces: int, free: np.ndarray, name: str,
-                  springs: sparse.csr_matrix | None) -> None:
+def _refuse_loose(
+    mesh: Mesh,
+    members: np.ndarray,
+    pieces: int,
+    free: np.ndarray,
+    name: str,
+    springs: sparse.csr_matrix | None,
+) -> None:
     """Raise InputError if the piece of the nodes `members` (nv,), one of several, can move as a rigid body."""
     left = _left_free(mesh, members, mesh.points[members].mean(axis=0), mesh.extent, free, springs)
     if left.size:
@@ -118,9 +140,11 @@ def _refuse_loose(mesh: Mesh, members: np.ndarray, pieces: int, free: np.ndarray
         motion = "rotate" if rotations.max() > 0.5 else f"move along {'xyz'[translations.argmax()]}"
         groups = [group for group, edges in mesh.groups.items() if members[edges].any()]
         fix = f", or clamp it on its own boundary groups ({', '.join(groups)})" if groups else ""
-        raise InputError(f"body.{name}.clamp: a piece of the body (it has {pieces} that are not connected) is not "
-                         f"supported: it can still {motion} as a rigid body; make each piece a body of its own "
-                         f"(mesh.part){fix}")
+        raise InputError(
+            f"body.{name}.clamp: a piece of the body (it has {pieces} that are not connected) is not "
+            f"supported: it can still {motion} as a rigid body; make each piece a body of its own "
+            f"(mesh.part){fix}"
+        )
 
 
 def _centroid(mesh: Mesh) -> np.ndarray:
@@ -141,8 +165,12 @@ def near_null_space(points: np.ndarray, free: np.ndarray) -> PETSc.NullSpace:
 
     motions = free @ rigid_motions(points, points.sum(axis=0) / max(len(points), 1))
     Q, _ = np.linalg.qr(motions.reshape(-1, motions.shape[2]))
-    vectors = [PETSc.Vec().createWithArray(np.ascontiguousarray(q), bsize=points.shape[1], comm=PETSc.COMM_SELF)
-               for q in Q.T]
+    vectors = [
+        PETSc.Vec().createWithArray(
+            np.ascontiguousarray(q), bsize=points.shape[1], comm=PETSc.COMM_SELF
+        )
+        for q in Q.T
+    ]
     return PETSc.NullSpace().create(vectors=vectors, comm=PETSc.COMM_SELF)
 
 
@@ -152,7 +180,7 @@ def support(motions: np.ndarray) -> np.ndarray:
     QR with column pivoting: the next dof is the one that the remaining motions move most.
     """
     rows = motions.reshape(-1, motions.shape[2])
-    return qr(rows.T, mode="r", pivoting=True)[1][:rows.shape[1]]
+    return qr(rows.T, mode="r", pivoting=True)[1][: rows.shape[1]]
 
 
 def add_springs(A: PETSc.Mat, dofs: np.ndarray) -> PETSc.Mat:
@@ -194,7 +222,11 @@ class Centring:
         # G = (B R)ᵀ = Tᵀ Qᵀ = U Σ (Q Vᵀ)ᵀ. Its rank is below j where motions do not act on the contact, as those along
         # a frictionless floor; P = I − Gᵀ(GGᵀ)⁺G is then made of the first `rank` vectors.
         U, values, V = np.linalg.svd(T.T)
-        rank = int((values > SEEN * np.linalg.norm(B.data) * np.abs(R).max()).sum()) if len(values) else 0
+        rank = (
+            int((values > SEEN * np.linalg.norm(B.data) * np.abs(R).max()).sum())
+            if len(values)
+            else 0
+        )
         self._V = Q @ V[:rank].T
         self._inverse = self._V / values[:rank] @ U[:, :rank].T  # Gᵀ(GGᵀ)⁺, (size, j)
         self._unseen, _ = np.linalg.qr(R @ U[:, rank:])
@@ -244,8 +276,13 @@ class FreeFrame:
         free = part.free if part and part.free else ["y"] if axisymmetric else [*"xyz"[:d], "turn"]
         pivot = points.mean(axis=0) if part is None else np.array(part.pivot or np.zeros(d))
         turns = part.about[None] if part and (d == 2 or part.axis) else np.eye(1 if d == 2 else 3)
-        return cls(["xyz".index(axis) for axis in free if axis != "turn"], turns[:("turn" in free) * len(turns)], pivot,
-                   float(np.linalg.norm(points - pivot, axis=1).max()), part)
+        return cls(
+            ["xyz".index(axis) for axis in free if axis != "turn"],
+            turns[: ("turn" in free) * len(turns)],
+            pivot,
+            float(np.linalg.norm(points - pivot, axis=1).max()),
+            part,
+        )
 
     @property
     def history(self) -> str | None:
@@ -255,8 +292,16 @@ class FreeFrame:
     def motions(self, points: np.ndarray, turned: np.ndarray) -> np.ndarray:
         """Displacements (k, d, j) of points (k, d) of the drawing by its motions, in the axes of the frame, which is
         `turned` (d, d): along axes of the world, then by turns that move the farthest node by one."""
-        return np.stack([*(np.zeros_like(points) + turned[axis] for axis in self.axes), *(
-            crossed(turn[None], points - self.pivot) / self.size for turn in self._seen(turned))], axis=2)
+        return np.stack(
+            [
+                *(np.zeros_like(points) + turned[axis] for axis in self.axes),
+                *(
+                    crossed(turn[None], points - self.pivot) / self.size
+                    for turn in self._seen(turned)
+                ),
+            ],
+            axis=2,
+        )
 
     def _seen(self, turned: np.ndarray) -> np.ndarray:
         """The axes of its turns (t, 1 or 3), seen from the frame."""
@@ -267,11 +312,21 @@ class FreeFrame:
         """Its force and moment along its motions (j,), at the factor 1 of their history (N)."""
         force, moment = (self.part.force, self.part.moment) if self.part else (None, 0.0)
         # a number is the moment about the axis
-        moments = self.turns @ np.array(moment) if isinstance(moment, tuple) else np.full(len(self.turns), moment)
-        return np.array([*((force[axis] for axis in self.axes) if force else [0.0] * len(self.axes)), *(
-            moments / self.size)])
+        moments = (
+            self.turns @ np.array(moment)
+            if isinstance(moment, tuple)
+            else np.full(len(self.turns), moment)
+        )
+        return np.array(
+            [
+                *((force[axis] for axis in self.axes) if force else [0.0] * len(self.axes)),
+                *(moments / self.size),
+            ]
+        )
 
-    def resists(self, points: np.ndarray, turned: np.ndarray, dead: np.ndarray, following: np.ndarray) -> np.ndarray:
+    def resists(
+        self, points: np.ndarray, turned: np.ndarray, dead: np.ndarray, following: np.ndarray
+    ) -> np.ndarray:
         """K (j, j) = −∂e/∂α (N/m), by which loads (k, d) at points resist the motions; some follow turns.
 
         The moment of a force about a place that stays is e = f·(ω × (x − p)): as x moves, it changes by f·(ω × δx); and
@@ -279,8 +334,10 @@ class FreeFrame:
         """
         M, K = self.motions(points, turned), np.zeros((len(self.axes) + len(self.turns),) * 2)
         for k, turn in enumerate(self._seen(turned), len(self.axes)):
-            K[k] -= [((dead + following) * crossed(turn[None], moved)).sum() / self.size for moved in
-                     np.moveaxis(M, 2, 0)]
+            K[k] -= [
+                ((dead + following) * crossed(turn[None], moved)).sum() / self.size
+                for moved in np.moveaxis(M, 2, 0)
+            ]
             K[:, k] -= np.einsum("nij,ni->j", M, crossed(turn[None], following)) / self.size
         return K
 
@@ -288,19 +345,28 @@ class FreeFrame:
     def levers(self) -> np.ndarray:
         """The part of `resists` by its force, which moves along with the pivot."""
         none, force = np.zeros((1, len(self.pivot))), np.zeros((1, len(self.pivot)))
-        force[0, self.axes] = self.push[:len(self.axes)]
+        force[0, self.axes] = self.push[: len(self.axes)]
         return self.resists(self.pivot[None], np.eye(len(self.pivot)), force, none)
 
     def gone(self, gone: np.ndarray, frame: Frame, alpha: np.ndarray) -> np.ndarray:
         """How far it has gone, see `Freed`, after motions α (j,) (m) from a frame."""
-        shift, by = np.zeros(len(frame.shift)), np.degrees(alpha[len(self.axes):] / self.size) @ self.turns
-        shift[self.axes] = alpha[:len(self.axes)]
+        shift, by = (
+            np.zeros(len(frame.shift)),
+            np.degrees(alpha[len(self.axes) :] / self.size) @ self.turns,
+        )
+        shift[self.axes] = alpha[: len(self.axes)]
         before, turn = np.split(gone, [len(shift)])
         # without supports the turn that is remembered is one about the origin
         shift += before if self.part else Frame.of(0.0 * shift, by, frame.at(self.pivot)).at(before)
         after = turn + by
-        if len(turn) == 3:  # of the vectors of a rotation, which differ by whole turns, the nearest one
+        if (
+            len(turn) == 3
+        ):  # of the vectors of a rotation, which differ by whole turns, the nearest one
             after = Frame.of(0.0 * shift, by).after(Frame.of(0.0 * shift, turn)).turn
             size = norm(after)
-            after = after * (1.0 + 360.0 / size * round((turn @ after / size - size) / 360.0)) if size else after
+            after = (
+                after * (1.0 + 360.0 / size * round((turn @ after / size - size) / 360.0))
+                if size
+                else after
+            )
         return np.concatenate([shift, after])

@@ -61,8 +61,14 @@ class StiffnessSolver:
     refused : why MUMPS was not called directly for C, or empty
     """
 
-    def __init__(self, A: PETSc.Mat, name: str, trace: sparse.csr_matrix | None = None,
-                 order: np.ndarray | None = None, iterative: bool = False) -> None:
+    def __init__(
+        self,
+        A: PETSc.Mat,
+        name: str,
+        trace: sparse.csr_matrix | None = None,
+        order: np.ndarray | None = None,
+        iterative: bool = False,
+    ) -> None:
         self.A, self.name = A, name
         self.ksp = PETSc.KSP().create(A.comm)
         self.ksp.setOptionsPrefix("body_")
@@ -75,8 +81,10 @@ class StiffnessSolver:
             self._set_up(trace, order)
         except PETSc.Error as error:
             given = ", ".join(f"-{k} {v}" for k, v in in_force().items() if k.startswith("body_"))
-            raise SolverError(f"body {name!r}: PETSc cannot set up its solver ({self.description}"
-                              f"{'; options ' + given if given else ''}): {petsc_message(error)}") from None
+            raise SolverError(
+                f"body {name!r}: PETSc cannot set up its solver ({self.description}"
+                f"{'; options ' + given if given else ''}): {petsc_message(error)}"
+            ) from None
         self._residual, self._correction = A.createVecs()
         self._first = True
 
@@ -90,7 +98,9 @@ class StiffnessSolver:
         if coarse and options.getString("pc_type", pc.getType()) == "mg":
             self._use_linear_elements(pc, *coarse())
         if options.getString("pc_type", pc.getType()) == "cholesky":
-            pc.setFactorSolverType(options.getString("pc_factor_mat_solver_type", best_cholesky(self.A)))
+            pc.setFactorSolverType(
+                options.getString("pc_factor_mat_solver_type", best_cholesky(self.A))
+            )
         self.ksp.setTolerances(rtol=USUAL, atol=0.0, max_it=2000)
         self.ksp.setErrorIfNotConverged(False)
         if iterative:
@@ -101,9 +111,13 @@ class StiffnessSolver:
         self._tolerances = self.ksp.getTolerances()
         self.given = 0.0 if self.direct or self._adapts else self._tolerances[0]
         if not options.hasName("ksp_norm_type") and self.ksp.getType() == PETSc.KSP.Type.CG:
-            self.ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)  # other types are checked after the solve alone
+            self.ksp.setNormType(
+                PETSc.KSP.NormType.UNPRECONDITIONED
+            )  # other types are checked after the solve alone
 
-    def _use_linear_elements(self, pc: PETSc.PC, interpolation: PETSc.Mat, motions: PETSc.NullSpace) -> None:
+    def _use_linear_elements(
+        self, pc: PETSc.PC, interpolation: PETSc.Mat, motions: PETSc.NullSpace
+    ) -> None:
         """Multigrid in two levels: Chebyshev's iteration with the blocks of nodes on quadratic elements, and linear
         elements, Pᵀ A P, by algebraic multigrid.
 
@@ -126,8 +140,11 @@ class StiffnessSolver:
     def _set_up(self, trace: sparse.csr_matrix | None, order: np.ndarray | None) -> None:
         """Factor, with C if MUMPS can be called directly for it."""
         pc = self.ksp.getPC()
-        if trace is None or not (self.direct and pc.getType() == PETSc.PC.Type.CHOLESKY
-                                 and pc.getFactorSolverType() == "mumps"):
+        if trace is None or not (
+            self.direct
+            and pc.getType() == PETSc.PC.Type.CHOLESKY
+            and pc.getFactorSolverType() == "mumps"
+        ):
             self._factor()
             return
         try:
@@ -137,11 +154,16 @@ class StiffnessSolver:
             self.refused = str(reason)
             self._factor()
         except MumpsError as error:
-            raise SolverError(f"body {self.name!r}: the stiffness cannot be factored ({error})") from None
+            raise SolverError(
+                f"body {self.name!r}: the stiffness cannot be factored ({error})"
+            ) from None
 
     def _factor(self) -> None:
         """Set up the KSP, with our ordering of MUMPS unless the user names one."""
-        options, name = PETSc.Options(), "body_mat_mumps_icntl_7"  # for an option that not all versions have a call for
+        options, name = (
+            PETSc.Options(),
+            "body_mat_mumps_icntl_7",
+        )  # for an option that not all versions have a call for
         default = not options.hasName(name)
         if default:
             options.setValue(name, MUMPS_ORDERING)
@@ -156,7 +178,9 @@ class StiffnessSolver:
         """Type of KSP, PC and factorization, for logs and results."""
         pc = self.ksp.getPC()
         kind = f"{self.ksp.getType()} + {pc.getType()}"
-        return f"{kind} ({pc.getFactorSolverType()})" if pc.getType() in ("cholesky", "lu") else kind
+        return (
+            f"{kind} ({pc.getFactorSolverType()})" if pc.getType() in ("cholesky", "lu") else kind
+        )
 
     def solve(self, f: PETSc.Vec, u: PETSc.Vec, relative: float = 0.0) -> None:
         """u ← A⁻¹ f. Collective. Raises SolverError when the true residual is too large.
@@ -175,24 +199,33 @@ class StiffnessSolver:
             return
         self._first = False
         size = f.norm()
-        target = DIRECT_RESIDUAL if self.direct else 2 * max(precision, usual)  # with room for rounding
+        target = (
+            DIRECT_RESIDUAL if self.direct else 2 * max(precision, usual)
+        )  # with room for rounding
         for attempt in range(REFINEMENTS + 1):
             self.A.mult(u, self._residual)
             self._residual.aypx(-1.0, f)
             residual = self._residual.norm()
             # Either the residual is as small as asked, or the backward error ‖f − A u‖/(‖A‖ ‖u‖) is that of a direct
             # solver: no iteration gets below it.
-            if residual <= target * size or residual <= min(BACKWARD_ERROR * self._norm * u.norm(),
-                                                            DIRECT_RESIDUAL * size):
+            if residual <= target * size or residual <= min(
+                BACKWARD_ERROR * self._norm * u.norm(), DIRECT_RESIDUAL * size
+            ):
                 return
             if not np.isfinite(residual) or attempt == REFINEMENTS:
                 break
             self._solve(self._residual, self._correction)
             u.axpy(1.0, self._correction)
-        hint = ("; its stiffness is singular to double precision, as that of a very slender or flat body, or of very "
-                "thin cells" if self.direct else "; -body_ksp_rtol sets another precision")
-        raise SolverError(f"body {self.name!r}: {self.description} left a true residual of "
-                          f"{residual / size:.1e} relative to the load, {target:.0e} is needed{hint}")
+        hint = (
+            "; its stiffness is singular to double precision, as that of a very slender or flat body, or of very "
+            "thin cells"
+            if self.direct
+            else "; -body_ksp_rtol sets another precision"
+        )
+        raise SolverError(
+            f"body {self.name!r}: {self.description} left a true residual of "
+            f"{residual / size:.1e} relative to the load, {target:.0e} is needed{hint}"
+        )
 
     @cached_property
     def _norm(self) -> float:
@@ -206,9 +239,11 @@ class StiffnessSolver:
         self.ksp.solve(f, u)
         reason = self.ksp.getConvergedReason()
         if reason < 0:
-            raise SolverError(f"body {self.name!r}: {self.description} failed with "
-                              f"{reason_name(PETSc.KSP.ConvergedReason, reason)} after "
-                              f"{self.ksp.getIterationNumber()} iterations")
+            raise SolverError(
+                f"body {self.name!r}: {self.description} failed with "
+                f"{reason_name(PETSc.KSP.ConvergedReason, reason)} after "
+                f"{self.ksp.getIterationNumber()} iterations"
+            )
 
     def _solve_with(self, factors: Factors, f: PETSc.Vec, u: PETSc.Vec) -> None:
         """Solve with factors that have the load and the displacement on the first rank."""
@@ -234,4 +269,10 @@ class StiffnessSolver:
 def best_cholesky(A: PETSc.Mat) -> str:
     """Name of the best package for a Cholesky factorization of A that this PETSc has."""
     there = PETSc.Sys.hasExternalPackage
-    return "mumps" if there("mumps") else "cholmod" if there("suitesparse") and A.comm.size == 1 else "petsc"
+    return (
+        "mumps"
+        if there("mumps")
+        else "cholmod"
+        if there("suitesparse") and A.comm.size == 1
+        else "petsc"
+    )

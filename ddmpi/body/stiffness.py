@@ -54,11 +54,17 @@ class Stiffness:
         place = np.full(size, -1)
         place[nodes] = np.arange(len(nodes))
         one, two = (np.flatnonzero(place[ends] >= 0) for ends in (self.first, self.second))
-        blocks = np.concatenate([self.diagonal[nodes], self.upper[one], self.upper[two].swapaxes(1, 2)])
+        blocks = np.concatenate(
+            [self.diagonal[nodes], self.upper[one], self.upper[two].swapaxes(1, 2)]
+        )
         row = d * place[np.concatenate([nodes, self.first[one], self.second[two]])]
         column = d * np.concatenate([nodes, self.second[one], self.first[two]])
-        at = np.broadcast_arrays(row[:, None, None] + np.arange(d)[:, None], column[:, None, None] + np.arange(d))
-        return sparse.csr_matrix((blocks.ravel(), tuple(k.ravel() for k in at)), (d * len(nodes), d * size))
+        at = np.broadcast_arrays(
+            row[:, None, None] + np.arange(d)[:, None], column[:, None, None] + np.arange(d)
+        )
+        return sparse.csr_matrix(
+            (blocks.ravel(), tuple(k.ravel() for k in at)), (d * len(nodes), d * size)
+        )
 
     def connected(self) -> tuple[int, np.ndarray]:
         """The number of connected pieces of the body, and for each node (nv,) the number of its piece."""
@@ -67,8 +73,9 @@ class Stiffness:
         pairs = sparse.csr_matrix((np.ones(len(self.second)), self.second, indptr), (size, size))
         return csgraph.connected_components(pairs, directed=False)
 
-    def to_csr(self, free: np.ndarray, nodes: np.ndarray,
-               springs: sparse.csr_matrix | None = None) -> sparse.csr_matrix:
+    def to_csr(
+        self, free: np.ndarray, nodes: np.ndarray, springs: sparse.csr_matrix | None = None
+    ) -> sparse.csr_matrix:
         """The rows and columns (d k, d k) of some `nodes` (k,), sorted, plus QᵀQ (N/m) of springs Q (r, d nv).
 
         Clamped directions, outside of the range of `free` (nv, d, d), are decoupled and keep their diagonal entries.
@@ -77,7 +84,11 @@ class Stiffness:
         place = np.full(len(free), -1, dtype=np.int32)
         place[nodes] = np.arange(size, dtype=np.int32)
         inside = (place[self.first] >= 0) & (place[self.second] >= 0)
-        a, b, diagonals = place[self.first[inside]], place[self.second[inside]], np.arange(size, dtype=np.int32)
+        a, b, diagonals = (
+            place[self.first[inside]],
+            place[self.second[inside]],
+            np.arange(size, dtype=np.int32),
+        )
         upper, diagonal = self.upper[inside], self.diagonal[nodes]
         clamped = is_touched(loose)
         pairs = clamped[a] | clamped[b]
@@ -87,13 +98,21 @@ class Stiffness:
         total = P @ D @ P + Q @ (D * np.eye(d)) @ Q
         diagonal[clamped] = 0.5 * (total + total.swapaxes(1, 2))
         ends = np.concatenate([diagonals, a, b]), np.concatenate([diagonals, b, a])
-        order = sparse.csr_matrix((np.arange(len(ends[0]), dtype=np.int32), ends), (size, size))  # sorts
+        order = sparse.csr_matrix(
+            (np.arange(len(ends[0]), dtype=np.int32), ends), (size, size)
+        )  # sorts
         blocks = np.empty((len(order.data), d, d))
-        blocks[:size], blocks[size:size + len(a)], blocks[size + len(a):] = diagonal, upper, upper.swapaxes(1, 2)
+        blocks[:size], blocks[size : size + len(a)], blocks[size + len(a) :] = (
+            diagonal,
+            upper,
+            upper.swapaxes(1, 2),
+        )
         blocks = np.take(blocks, order.data, axis=0)
         matrix = sparse.bsr_matrix((blocks, order.indices, order.indptr), (d * size, d * size))
         if springs is not None:
-            directions = sparse.bsr_matrix((loose, diagonals, np.arange(size + 1)), (d * size, d * size))
+            directions = sparse.bsr_matrix(
+                (loose, diagonals, np.arange(size + 1)), (d * size, d * size)
+            )
             seen = springs[:, (d * nodes[:, None] + np.arange(d)).ravel()] @ directions
             matrix = matrix + (seen.T @ seen).tobsr((d, d))
             matrix.sort_indices()
@@ -106,8 +125,10 @@ def sum_stiffness(mesh: Mesh, material: Material | Composite) -> Stiffness:
     upper = np.array(np.triu_indices(k, 1))
     alike = np.arange(k)
     filled = upper[:, mesh.cell.stiffness[tuple(upper)].any(axis=(1, 2))]  # on straight cells
-    portioned = [(cells, uniform, curved, upper if curved else filled)
-                 for cells, uniform, curved in portions(mesh, material)]
+    portioned = [
+        (cells, uniform, curved, upper if curved else filled)
+        for cells, uniform, curved in portions(mesh, material)
+    ]
     number = sum(len(mesh.triangles[cells]) * pairs.shape[1] for cells, _, _, pairs in portioned)
     ends, entries, at = np.empty((2, number), mesh.triangles.dtype), np.empty((d, d, number)), 0
     own_entries = np.empty((d, d, *mesh.triangles.shape[::-1]))
@@ -116,53 +137,74 @@ def sum_stiffness(mesh: Mesh, material: Material | Composite) -> Stiffness:
         blocks = make(mesh, uniform, cells, *np.hstack([[alike, alike], pairs]))
         own_entries[..., cells] = blocks[:, :, :k]
         nodes, to = mesh.triangles[cells].T, slice(at, at + pairs.shape[1] * blocks.shape[3])
-        ends[:, to], entries[..., to] = nodes[pairs].reshape(2, -1), blocks[:, :, k:].reshape(d, d, -1)
+        ends[:, to], entries[..., to] = (
+            nodes[pairs].reshape(2, -1),
+            blocks[:, :, k:].reshape(d, d, -1),
+        )
         at = to.stop
 
     turned, low, high = ends[0] > ends[1], ends.min(axis=0), ends.max(axis=0)
     order = sort_stably(high, size)
     order = order[sort_stably(low[order], size)]
     low, high = low[order], high[order]
-    new = np.concatenate([np.ones(min(number, 1), bool), (low[1:] != low[:-1]) | (high[1:] != high[:-1])])
+    new = np.concatenate(
+        [np.ones(min(number, 1), bool), (low[1:] != low[:-1]) | (high[1:] != high[:-1])]
+    )
     pair = np.empty(number, dtype=np.int64)
     pair[order] = np.cumsum(new) - 1
     total, diagonal = np.empty((np.count_nonzero(new), d, d)), np.empty((size, d, d))
     node = mesh.triangles.T.ravel()
     for i, j in np.ndindex(d, d):
         diagonal[:, i, j] = np.bincount(node, own_entries[min(i, j), max(i, j)].ravel(), size)
-        total[:, i, j] = np.bincount(pair, np.where(turned, entries[j, i], entries[i, j]), len(total))
+        total[:, i, j] = np.bincount(
+            pair, np.where(turned, entries[j, i], entries[i, j]), len(total)
+        )
     return Stiffness(low[new], high[new], total, diagonal)
 
 
-def _straight_blocks(mesh: Mesh, material: Material, cells: slice | np.ndarray, i: np.ndarray, j: np.ndarray) \
-        -> np.ndarray:
+def _straight_blocks(
+    mesh: Mesh, material: Material, cells: slice | np.ndarray, i: np.ndarray, j: np.ndarray
+) -> np.ndarray:
     """Blocks (d, d, p, t) of pairs i, j (p,) of nodes in straight cells of a plane figure or a solid: ∫ C_rkcl ∂_kφ_i
     ∂_lφ_j."""
     inverse, determinant = invert(tangents(mesh.points, mesh.corners[cells]))
-    slopes = (inverse * np.sqrt(determinant / factorial(len(inverse)))).swapaxes(0, 1)  # ∇λ √|T|, (d, a, t)
+    slopes = (inverse * np.sqrt(determinant / factorial(len(inverse)))).swapaxes(
+        0, 1
+    )  # ∇λ √|T|, (d, a, t)
     products = _elastic(mesh, material, slopes[:, None, :, None] * slopes[:, None])
     table = mesh.cell.stiffness[i, j].reshape(len(i), -1)
     return table @ products.reshape(*products.shape[:2], table.shape[1], -1)
 
 
-def _curved_blocks(mesh: Mesh, material: Material, cells: slice | np.ndarray, i: np.ndarray, j: np.ndarray) \
-        -> np.ndarray:
+def _curved_blocks(
+    mesh: Mesh, material: Material, cells: slice | np.ndarray, i: np.ndarray, j: np.ndarray
+) -> np.ndarray:
     """`_straight_blocks` of curved cells, or of those around an axis, by quadrature."""
     points, weights = RULES[mesh.dimension]
     mapped = mesh.map(cells, points)
-    slopes = mapped.slopes * np.sqrt(weights[:, None] * mapped.measures)[:, None]  # of which products are summed
+    slopes = (
+        mapped.slopes * np.sqrt(weights[:, None] * mapped.measures)[:, None]
+    )  # of which products are summed
     one, two = slopes[:, :, i], slopes[:, :, j]
-    return _elastic(mesh, material, np.stack([np.stack([np.einsum("qpt,qpt->pt", x, y) for y in two]) for x in one]))
+    return _elastic(
+        mesh,
+        material,
+        np.stack([np.stack([np.einsum("qpt,qpt->pt", x, y) for y in two]) for x in one]),
+    )
 
 
 def _elastic(mesh: Mesh, material: Material, products: np.ndarray) -> np.ndarray:
     """Σ t C_rkcl P_kl (d, d, …) for products (n, n, …) of slopes, with the thickness t."""
     d, n, M = mesh.dimension, len(products), gradients(mesh)
-    C = np.einsum("ijrk,ijmn,mncl->rckl", M, material.tensor(n), M, optimize=True).reshape(d * d, n * n)
+    C = np.einsum("ijrk,ijmn,mncl->rckl", M, material.tensor(n), M, optimize=True).reshape(
+        d * d, n * n
+    )
     return material.thickness * (C @ products.reshape(n * n, -1)).reshape(d, d, *products.shape[2:])
 
 
 def sort_stably(keys: np.ndarray, size: int) -> np.ndarray:
     """The permutation that sorts integers in [0, size) and keeps the order of equals, in linear time."""
-    table = sparse.csr_matrix((np.zeros(len(keys), bool), keys, np.arange(len(keys) + 1)), (len(keys), size))
+    table = sparse.csr_matrix(
+        (np.zeros(len(keys), bool), keys, np.arange(len(keys) + 1)), (len(keys), size)
+    )
     return table.tocsc().indices

@@ -37,7 +37,9 @@ def material_of(mesh: Mesh, body: BodySpec) -> Material | Composite:
     if isinstance(body.material, Material):
         return body.material
     constants = [replace(part, on=None) for part in body.material]
-    same = np.array([constants.index(entry) for entry in constants])  # entries that differ in their surfaces only
+    same = np.array(
+        [constants.index(entry) for entry in constants]
+    )  # entries that differ in their surfaces only
     kept, number = np.unique(same[material_numbers(mesh, body)], return_inverse=True)
     materials = [body.material[k] for k in kept]
     return Composite(materials, number.ravel()) if len(materials) > 1 else materials[0]
@@ -45,24 +47,40 @@ def material_of(mesh: Mesh, body: BodySpec) -> Material | Composite:
 
 def thickness_of(mesh: Mesh, body: BodySpec) -> np.ndarray:
     """The thickness (nt,) of the cells, over the depth."""
-    material = material_of(mesh, body) if any(one.thickness != 1.0 for one in body.materials) else body.materials[0]
+    material = (
+        material_of(mesh, body)
+        if any(one.thickness != 1.0 for one in body.materials)
+        else body.materials[0]
+    )
     if isinstance(material, Material):
         return np.full(len(mesh.triangles), material.thickness)
     return np.array([one.thickness for one in material.materials])[material.number]
 
 
-def portions(mesh: Mesh, material: Material | Composite) -> list[tuple[slice | np.ndarray, Material, bool]]:
+def portions(
+    mesh: Mesh, material: Material | Composite
+) -> list[tuple[slice | np.ndarray, Material, bool]]:
     """All cells in blocks that stay in cache, with their material, and whether they are `summed` by quadrature."""
     if isinstance(material, Material) and not len(mesh.summed):
         return [(block, material, False) for block in blocks(len(mesh.triangles))]
-    number = np.zeros(len(mesh.triangles), int) if isinstance(material, Material) else material.number
+    number = (
+        np.zeros(len(mesh.triangles), int) if isinstance(material, Material) else material.number
+    )
     bent = np.zeros(len(number), bool)
     bent[mesh.summed] = True
     pieces: list[tuple[slice | np.ndarray, Material, bool]] = []
-    for k, uniform in enumerate([material] if isinstance(material, Material) else material.materials):
+    for k, uniform in enumerate(
+        [material] if isinstance(material, Material) else material.materials
+    ):
         for curved in (False, True):
-            cells, size = np.flatnonzero((number == k) & (bent == curved)), BLOCK if curved else STRAIGHT_BLOCK
-            pieces += [(cells[start:start + size], uniform, curved) for start in range(0, len(cells), size)]
+            cells, size = (
+                np.flatnonzero((number == k) & (bent == curved)),
+                BLOCK if curved else STRAIGHT_BLOCK,
+            )
+            pieces += [
+                (cells[start : start + size], uniform, curved)
+                for start in range(0, len(cells), size)
+            ]
     return pieces
 
 
@@ -71,10 +89,12 @@ def modulus_beside(mesh: Mesh, material: Material | Composite, boundary: Facets)
     if isinstance(material, Material) and material.shear is None:
         return material.plane_modulus
     facets, cells, _ = boundary
-    across = normals(mesh.points[facets[:, :mesh.dimension]])
+    across = normals(mesh.points[facets[:, : mesh.dimension]])
     across /= np.linalg.norm(across, axis=1)[:, None]
     kinds = material.materials if isinstance(material, Composite) else [material]
-    number = material.number[cells] if isinstance(material, Composite) else np.zeros(len(cells), int)
+    number = (
+        material.number[cells] if isinstance(material, Composite) else np.zeros(len(cells), int)
+    )
     moduli = np.array([moduli_along(kind, across) for kind in kinds])[number, np.arange(len(cells))]
     measures = facet_measures(mesh.points[facets], mesh.axisymmetric)
     return float(measures.sum() / (measures / moduli).sum())
@@ -92,11 +112,16 @@ def moduli_along(material: Material, directions: np.ndarray) -> np.ndarray:
     across = [np.tile([0.0, 0.0, 1.0], (k, 1))]
     if d == len(S):
         one = np.cross(n, np.eye(3)[np.abs(n).round(6).argmin(axis=1)])  # rounding decides nothing
-        across = [one / np.linalg.norm(one, axis=1)[:, None], np.cross(n, one / np.linalg.norm(one, axis=1)[:, None])]
+        across = [
+            one / np.linalg.norm(one, axis=1)[:, None],
+            np.cross(n, one / np.linalg.norm(one, axis=1)[:, None]),
+        ]
     for t in across if material.plane != "stress" else ():
         # With σ_nn = 1 and ε_tt = 0: σ_tt = −S_ttnn/S_tttt, so that 1/E' = S_nnnn − S_nntt²/S_tttt; isotropic, that is
         # (1 − ν²)/E.
-        constrained = np.einsum("nkl,nk,nl->n", strains, t, t) ** 2 / np.einsum("ijkl,ni,nj,nk,nl->n", S, t, t, t, t)
+        constrained = np.einsum("nkl,nk,nl->n", strains, t, t) ** 2 / np.einsum(
+            "ijkl,ni,nj,nk,nl->n", S, t, t, t, t
+        )
         compliance = compliance - constrained / len(across)
     return 1.0 / compliance
 
@@ -113,7 +138,9 @@ def thermal(material: Material, dimension: int) -> tuple[np.ndarray, float, floa
     return beta[:dimension, :dimension], float((alpha[:d, :d] * beta).sum()), across, out * across
 
 
-def stress(mesh: Mesh, material: Material | Composite, u: np.ndarray, heat: np.ndarray | None = None) -> np.ndarray:
+def stress(
+    mesh: Mesh, material: Material | Composite, u: np.ndarray, heat: np.ndarray | None = None
+) -> np.ndarray:
     """Mean stress of each cell: (nt, 4) σ_xx, σ_yy, σ_zz, σ_xy in Pa, in space (nt, 6) with σ_yz, σ_xz.
 
     In the plane σ_zz is that of plane strain, or zero, around an axis the circumferential stress. `u` (nv, d) is the
@@ -121,14 +148,18 @@ def stress(mesh: Mesh, material: Material | Composite, u: np.ndarray, heat: np.n
     """
     means = np.empty((2 * mesh.dimension, len(mesh.triangles)))
     for cells, uniform, curved in portions(mesh, material):
-        points, weights = RULES[mesh.dimension] if curved else exact_rule(mesh.dimension, mesh.order - 1)
+        points, weights = (
+            RULES[mesh.dimension] if curved else exact_rule(mesh.dimension, mesh.order - 1)
+        )
         sigma, shares = cell_stress(mesh, uniform, u, points, cells, curved, heat), np.ones((1, 1))
         if curved:
             shares = weights[:, None] * mesh.map(cells, points).measures
         mean, warm = (sigma * shares).sum(axis=2) / shares.sum(axis=0), None
         if heat is not None:
-            warm = (cell_temperature(mesh, heat, points, cells) * shares).sum(axis=0) / shares.sum(axis=0)
-        means[:, cells] = columns_of(mean, uniform, warm)[:len(means)]
+            warm = (cell_temperature(mesh, heat, points, cells) * shares).sum(axis=0) / shares.sum(
+                axis=0
+            )
+        means[:, cells] = columns_of(mean, uniform, warm)[: len(means)]
     return np.ascontiguousarray(means.T)
 
 
@@ -140,8 +171,11 @@ def columns_of(sigma: np.ndarray, material: Material, warm: np.ndarray | None) -
     d = len(sigma)
     rows = [sigma[i, j] for i, j in COLUMNS if max(i, j) < d]
     if d == 2:
-        rows.insert(d, np.einsum("kl,kln->n", material.across, sigma)
-                    - (0.0 if warm is None else thermal(material, d)[2] * warm))
+        rows.insert(
+            d,
+            np.einsum("kl,kln->n", material.across, sigma)
+            - (0.0 if warm is None else thermal(material, d)[2] * warm),
+        )
     return np.stack(rows)
 
 
@@ -155,9 +189,9 @@ def principal(sigma: np.ndarray) -> np.ndarray:
 def turned(sigma: np.ndarray, rotation: np.ndarray) -> np.ndarray:
     """`stress` (nt, …) in other axes: T ↦ Q T Qᵀ with a rotation Q (d, d); in the plane σ_zz stays."""
     Q = np.eye(3)
-    Q[:len(rotation), :len(rotation)] = rotation
+    Q[: len(rotation), : len(rotation)] = rotation
     tensors = Q @ _tensors(sigma) @ Q.T
-    return np.column_stack([tensors[:, i, j] for i, j in COLUMNS[:sigma.shape[1]]])
+    return np.column_stack([tensors[:, i, j] for i, j in COLUMNS[: sigma.shape[1]]])
 
 
 def _tensors(sigma: np.ndarray) -> np.ndarray:
@@ -171,11 +205,19 @@ def _tensors(sigma: np.ndarray) -> np.ndarray:
 def von_mises(sigma: np.ndarray) -> np.ndarray:
     """Von Mises stress (nt,) in Pa from `stress`."""
     xx, yy, zz, *shears = sigma.T
-    return np.sqrt(0.5 * ((xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2) + 3 * sum(shear**2 for shear in shears))
+    return np.sqrt(
+        0.5 * ((xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2)
+        + 3 * sum(shear**2 for shear in shears)
+    )
 
 
-def stress_at(mesh: Mesh, material: Material | Composite, u: np.ndarray, barycentric: np.ndarray,
-              heat: np.ndarray | None = None) -> np.ndarray:
+def stress_at(
+    mesh: Mesh,
+    material: Material | Composite,
+    u: np.ndarray,
+    barycentric: np.ndarray,
+    heat: np.ndarray | None = None,
+) -> np.ndarray:
     """Stress (n, n, q, nt) in Pa at barycentric points (q, d + 1) of all cells, for a displacement u (nv, d) in metres
     and a temperature (nv,) in K.
 
@@ -187,19 +229,30 @@ def stress_at(mesh: Mesh, material: Material | Composite, u: np.ndarray, barycen
     return sigma
 
 
-def cell_stress(mesh: Mesh, material: Material, u: np.ndarray, barycentric: np.ndarray, cells: slice | np.ndarray,
-                curved: bool, heat: np.ndarray | None = None) -> np.ndarray:
+def cell_stress(
+    mesh: Mesh,
+    material: Material,
+    u: np.ndarray,
+    barycentric: np.ndarray,
+    cells: slice | np.ndarray,
+    curved: bool,
+    heat: np.ndarray | None = None,
+) -> np.ndarray:
     """`stress_at` (n, n, q, t) in some cells of one material, none of which are `summed` or all, `curved`."""
     n, moved = mesh.strains, np.take(u.T, mesh.triangles[cells].T, axis=1)
     if curved:
         gradient = np.einsum("rqkt,ckt->crqt", mesh.map(cells, barycentric).slopes, moved)
     else:
         inverse, _ = invert(tangents(mesh.points, mesh.corners[cells]))
-        gradient = np.einsum("acqt,art->crqt", mesh.cell.derivatives(barycentric)[:, None] @ moved, inverse)
+        gradient = np.einsum(
+            "acqt,art->crqt", mesh.cell.derivatives(barycentric)[:, None] @ moved, inverse
+        )
     C = np.einsum("ijmn,mncl->ijcl", material.tensor(n), gradients(mesh)).reshape(n * n, -1)
     sigma = (C @ gradient.reshape(C.shape[1], -1)).reshape(n, n, *gradient.shape[2:])
     if heat is not None:
-        sigma -= np.multiply.outer(thermal(material, len(sigma))[0], cell_temperature(mesh, heat, barycentric, cells))
+        sigma -= np.multiply.outer(
+            thermal(material, len(sigma))[0], cell_temperature(mesh, heat, barycentric, cells)
+        )
     return sigma
 
 
@@ -213,7 +266,9 @@ def gradients(mesh: Mesh) -> np.ndarray:
     return M
 
 
-def cell_temperature(mesh: Mesh, heat: np.ndarray, barycentric: np.ndarray, cells: slice | np.ndarray) -> np.ndarray:
+def cell_temperature(
+    mesh: Mesh, heat: np.ndarray, barycentric: np.ndarray, cells: slice | np.ndarray
+) -> np.ndarray:
     """Temperature (q, t) at points (q, d + 1) of some cells, from that of the nodes (nv,)."""
     return mesh.cell.shapes(barycentric) @ heat[mesh.triangles[cells]].T
 
@@ -227,7 +282,9 @@ def energy_density(material: Material, sigma: np.ndarray) -> np.ndarray:
     """σ : C⁻¹ σ (…) in J/m³ of stresses (n, …) in Pa, which are `components`."""
     dimension = int(np.sqrt(2 * len(sigma)))
     i, j = np.triu_indices(dimension)
-    compliance = np.linalg.inv(material.tensor(dimension)[i, j][:, i, j])  # by strains ε_ii and 2 ε_ij
+    compliance = np.linalg.inv(
+        material.tensor(dimension)[i, j][:, i, j]
+    )  # by strains ε_ii and 2 ε_ij
     flat = sigma.reshape(len(sigma), -1)
     return np.einsum("ck,ck->k", flat, compliance @ flat).reshape(sigma.shape[1:])
 

@@ -39,57 +39,93 @@ from ddmpi.system.provenance import NO_CLARABEL, NO_MATPLOTLIB, has_clarabel, ha
 
 log = logging.getLogger("ddmpi")
 
-SOLVERS = {"explicit": "direct solver", "direct": "direct solver, compliance direct", "iterative": "multigrid"}
+SOLVERS = {
+    "explicit": "direct solver",
+    "direct": "direct solver, compliance direct",
+    "iterative": "multigrid",
+}
 
-SQUARE = "", "", "²"  # the powers of the unit of length of lengths and areas, by the dimension of what has them
+SQUARE = (
+    "",
+    "",
+    "²",
+)  # the powers of the unit of length of lengths and areas, by the dimension of what has them
 
 
-def check(world: MPI.Comm, scene: Settled, scene_path: str, output: str | None, figures: bool) -> None:
+def check(
+    world: MPI.Comm, scene: Settled, scene_path: str, output: str | None, figures: bool
+) -> None:
     """Log meshes, supports, loads and contacts of `scene`. With `figures`, and matplotlib, draw them into the folder
     `output`, or a new one under results/. Collective on `world`.
 
     Raises the errors of a run, the same on all ranks; NotConvergedError if there is no equilibrium.
     """
     ranks = world.size
-    on_working_ranks(world, scene, lambda part: _check(part, scene, scene_path, output, figures, ranks))
+    on_working_ranks(
+        world, scene, lambda part: _check(part, scene, scene_path, output, figures, ranks)
+    )
 
 
-def _check(world: MPI.Comm, scene: Settled, scene_path: str, output: str | None, figures: bool, ranks: int) -> None:
+def _check(
+    world: MPI.Comm, scene: Settled, scene_path: str, output: str | None, figures: bool, ranks: int
+) -> None:
     """`check` on the ranks with bodies, of all `ranks`."""
     folder, claimed = None, contextlib.ExitStack()
     with agreed(world):
         if world.rank == 0 and figures and has_matplotlib():
-            folder = claimed.enter_context(choose_folder(output, None, f"{Path(scene_path).stem}-check"))
+            folder = claimed.enter_context(
+                choose_folder(output, None, f"{Path(scene_path).stem}-check")
+            )
     with claimed:
         log.info("%s", scene.title or scene_path)
         assembly = prepare_scene(world, scene, scene_path, factor=False)
         mechanism, free = look_for_mechanism(assembly), motions_without_resistance(assembly)
-        still = [msgspec.structs.replace(rigid, displacement=(0.0,) * scene.dimension) for rigid in scene.rigid]
+        still = [
+            msgspec.structs.replace(rigid, displacement=(0.0,) * scene.dimension)
+            for rigid in scene.rigid
+        ]
         overlaps = doubt_overlaps(
             dataclasses.replace(assembly, scene=msgspec.structs.replace(scene, rigid=still)),
-            {body.spec.name: np.zeros_like(body.mesh.points) for body in assembly.bodies}, {})
+            {body.spec.name: np.zeros_like(body.mesh.points) for body in assembly.bodies},
+            {},
+        )
         with agreed(world):
             local = {body.spec.name: _look(body, scene.units["length"]) for body in assembly.bodies}
         looked = merged(world, local)
-        owned = merged(world, {interface.name: interface for interface in assembly.space.interfaces})
+        owned = merged(
+            world, {interface.name: interface for interface in assembly.space.interfaces}
+        )
         near, folder = drawers(world), world.bcast(folder)
         with agreed(world):
             bodies = {body.name: looked[body.name] for body in scene.body}
             interfaces = [owned[contact.name] for contact in scene.contact]
-            missing = list(find_missing({name: body.boundary for name, body in bodies.items()}, scene.rigid,
-                                        scene.contact))
+            missing = list(
+                find_missing(
+                    {name: body.boundary for name, body in bodies.items()},
+                    scene.rigid,
+                    scene.contact,
+                )
+            )
             for line in _page(assembly, bodies, interfaces, missing, free, ranks):
                 log.info("%s", line)
-            for warning in (*assembly.warnings, *(body.locking for body in scene.body if body.locking), *overlaps,
-                            *(body.doubt for body in bodies.values() if body.doubt)):
+            for warning in (
+                *assembly.warnings,
+                *(body.locking for body in scene.body if body.locking),
+                *overlaps,
+                *(body.doubt for body in bodies.values() if body.doubt),
+            ):
                 log.warning("%s", warning)
             if folder and world.rank in near:
-                names = draw(folder, scene, bodies, interfaces, missing, near.index(world.rank), len(near))
+                names = draw(
+                    folder, scene, bodies, interfaces, missing, near.index(world.rank), len(near)
+                )
                 log.info("pictures in %s: %s", folder, ", ".join(names))
             elif figures and not folder:
                 log.info("no pictures: %s", NO_MATPLOTLIB)
             if assembly.loose and not has_clarabel():
-                log.info("the search for an equilibrium of loose bodies is skipped: %s", NO_CLARABEL)
+                log.info(
+                    "the search for an equilibrium of loose bodies is skipped: %s", NO_CLARABEL
+                )
             if mechanism:
                 raise NotConvergedError(describe(mechanism))
 
@@ -97,32 +133,62 @@ def _check(world: MPI.Comm, scene: Settled, scene_path: str, output: str | None,
 def _look(body: Body, unit: str) -> Looked:
     """A body's mesh, loads and supports, with the words about them; `unit` of length. Not collective."""
     mesh, spec, member, boundary = body.mesh, body.spec, body.member, Boundary.of(body.mesh)
-    loads = [(history, on, f) for history in (None, *histories(spec))
-             for on, f in loads_by_group(mesh, spec, history)]
-    supports = [(_prescribed(clamp, mesh.dimension), clamp.on, clamp.history) for clamp in spec.clamps]
+    loads = [
+        (history, on, f)
+        for history in (None, *histories(spec))
+        for on, f in loads_by_group(mesh, spec, history)
+    ]
+    supports = [
+        (_prescribed(clamp, mesh.dimension), clamp.on, clamp.history) for clamp in spec.clamps
+    ]
     supports += [("foundation", foundation.on, None) for foundation in spec.foundation]
     length = edge_lengths(mesh)
     size, doubt = _range(length.max(axis=1).min(), length.max()), doubt_cells(mesh, spec.name)
     named = [name for name in mesh.groups if not mesh.faces.keys() >= {*parts_of(name, ())}]
-    words = [f"{len(mesh.points)} nodes, {len(mesh.triangles)} {mesh.cell.names} of size {size}; "
-             f"groups {', '.join(named) or 'by number'}"]
+    words = [
+        f"{len(mesh.points)} nodes, {len(mesh.triangles)} {mesh.cell.names} of size {size}; "
+        f"groups {', '.join(named) or 'by number'}"
+    ]
     words += list(_describe_faces(mesh, boundary, unit))
     words += [f"{how} on {on}{_following(history)}" for how, on, history in supports]
     if not member.elasticity.supported:
-        motions = undetermined(np.zeros((len(member.e), 0)), [MotionsOfBody.of(spec.name, mesh.points, member.motions)])
-        words.append("loose: " + "; ".join(motion.rpartition(": ")[2].removesuffix(" without any force").replace(
-            f"{spec.name} can", "it can", 1) for motion in motions))
+        motions = undetermined(
+            np.zeros((len(member.e), 0)), [MotionsOfBody.of(spec.name, mesh.points, member.motions)]
+        )
+        words.append(
+            "loose: "
+            + "; ".join(
+                motion.rpartition(": ")[2]
+                .removesuffix(" without any force")
+                .replace(f"{spec.name} can", "it can", 1)
+                for motion in motions
+            )
+        )
     if spec.heat.value:
         words.append(f"temperature {spec.heat.value}{_following(spec.heat.history)}")
-    words += [f"load on {on}{_following(history)}: {_force(mesh, on, f)}" for history, on, f in loads]
+    words += [
+        f"load on {on}{_following(history)}: {_force(mesh, on, f)}" for history, on, f in loads
+    ]
     if len(loads) > 1:
         words.append(f"loads in all: {_force(mesh, '', np.sum([f for *_, f in loads], axis=0))}")
-    words.append(f"{member.elasticity.n} unknowns, {member.size} of contact: {SOLVERS[member.kind]} ({member.reason})")
+    words.append(
+        f"{member.elasticity.n} unknowns, {member.size} of contact: {SOLVERS[member.kind]} ({member.reason})"
+    )
     dense, memory = member.kind == "explicit", 0.0
     if member.kind != "iterative":
-        memory = memory_of_factors(member.elasticity.A.size[0], mesh.dimension, dense) + dense * 8.0 * member.size**2
-    return Looked(mesh, boundary, [load[1:] for load in loads],
-                  [(how, mesh.nodes_of(on)) for how, on, _ in supports], memory, words, doubt)
+        memory = (
+            memory_of_factors(member.elasticity.A.size[0], mesh.dimension, dense)
+            + dense * 8.0 * member.size**2
+        )
+    return Looked(
+        mesh,
+        boundary,
+        [load[1:] for load in loads],
+        [(how, mesh.nodes_of(on)) for how, on, _ in supports],
+        memory,
+        words,
+        doubt,
+    )
 
 
 def _describe_faces(mesh: Mesh, boundary: Boundary, unit: str) -> Iterator[str]:
@@ -139,16 +205,25 @@ def _describe_faces(mesh: Mesh, boundary: Boundary, unit: str) -> Iterator[str]:
             words += [f"r {face.radius:.3g}", *["hollow"] * bool(hollow)]
         elif np.ptp(normal, axis=0).max() < 1e-6:
             axis = int(np.abs(mean).argmax())
-            words.append("normal " + ("+" if mean[axis] > 0.0 else "-") + "xyz"[axis] if abs(mean[axis]) > 1 - 1e-9
-                         else f"normal {in_words(np.round(mean, 4) + 0.0, 3)}")
-        yield (f"{name}: {', '.join(words)}, {face.measure or measures.sum():.4g} {unit}{SQUARE[d - 1]}, about "
-               f"{in_words(np.array(face.place), 4)}")
+            words.append(
+                "normal " + ("+" if mean[axis] > 0.0 else "-") + "xyz"[axis]
+                if abs(mean[axis]) > 1 - 1e-9
+                else f"normal {in_words(np.round(mean, 4) + 0.0, 3)}"
+            )
+        yield (
+            f"{name}: {', '.join(words)}, {face.measure or measures.sum():.4g} {unit}{SQUARE[d - 1]}, about "
+            f"{in_words(np.array(face.place), 4)}"
+        )
 
 
 def _prescribed(clamp: Clamp, d: int) -> str:
     """The components that a clamp prescribes, in words."""
     given = dict(zip("xyz"[:d], clamp.components, strict=False)) | {"its normal": clamp.normal}
-    ways = grouped(("fixed" if value == 0.0 else "moved", axis) for axis, value in given.items() if value is not None)
+    ways = grouped(
+        ("fixed" if value == 0.0 else "moved", axis)
+        for axis, value in given.items()
+        if value is not None
+    )
     return ", ".join(f"{how} along {', '.join(axes)}" for how, axes in ways)
 
 
@@ -172,14 +247,22 @@ def _vector(value: Sequence[float] | np.ndarray, summands: np.ndarray) -> str:
     return in_words(parts, 4) if parts.ndim else f"{parts:.4g}"
 
 
-def _page(assembly: Assembly, bodies: Mapping[str, Looked], interfaces: Sequence[Interface],
-          missing: Sequence[Missing], free: Sequence[str], ranks: int) -> Iterator[str]:
+def _page(
+    assembly: Assembly,
+    bodies: Mapping[str, Looked],
+    interfaces: Sequence[Interface],
+    missing: Sequence[Missing],
+    free: Sequence[str],
+    ranks: int,
+) -> Iterator[str]:
     """The lines of the page. Not collective."""
     scene = assembly.scene
     unit = scene.units
-    yield (f"{assembly.n} unknowns ({CELLS[scene.dimension, scene.body[0].mesh.order].title}), {assembly.m} "
-           f"contact nodes, bodies: {len(bodies)}, ranks: {ranks}; factors take about "
-           f"{bytes_in_words(sum(body.memory for body in bodies.values()))}")
+    yield (
+        f"{assembly.n} unknowns ({CELLS[scene.dimension, scene.body[0].mesh.order].title}), {assembly.m} "
+        f"contact nodes, bodies: {len(bodies)}, ranks: {ranks}; factors take about "
+        f"{bytes_in_words(sum(body.memory for body in bodies.values()))}"
+    )
     yield describe_method(scene.method, scene.dimension)
     yield f"lengths in {unit['length']}, forces in {unit['force']}, moments about the origin in {unit['moment']}"
     for words, names in grouped(("\n    ".join(body.words), name) for name, body in bodies.items()):
@@ -188,31 +271,61 @@ def _page(assembly: Assembly, bodies: Mapping[str, Looked], interfaces: Sequence
         for how, value in ("moved", rigid.displacement), ("pushed", rigid.force):
             if value and any(value):
                 yield f"rigid {rigid.name}: {how} by {_vector(value, np.zeros(1))}{_following(rigid.history)}"
-        if unpushed := [axis for k, axis in enumerate("xyz") if axis in (rigid.free or ()) and not (
-                rigid.force and rigid.force[k])]:
+        if unpushed := [
+            axis
+            for k, axis in enumerate("xyz")
+            if axis in (rigid.free or ()) and not (rigid.force and rigid.force[k])
+        ]:
             yield f"rigid {rigid.name}: moves freely along {', '.join(unpushed)}"
         if rigid.turning:
-            under = "freely" if rigid.moment is None else f"by a moment {_vector(np.array(rigid.moment), np.zeros(1))}"
-            yield (f"rigid {rigid.name}: turned {under} about {in_words(np.array(rigid.pivot), 4)}"
-                   f"{_following(rigid.history) * (rigid.moment is not None)}")
+            under = (
+                "freely"
+                if rigid.moment is None
+                else f"by a moment {_vector(np.array(rigid.moment), np.zeros(1))}"
+            )
+            yield (
+                f"rigid {rigid.name}: turned {under} about {in_words(np.array(rigid.pivot), 4)}"
+                f"{_following(rigid.history) * (rigid.moment is not None)}"
+            )
     contacts = []
     for contact, interface in zip(scene.contact, interfaces, strict=True):
-        sides = " and ".join(".".join(side) for side in zip(contact.bodies, contact.on, strict=False))
+        sides = " and ".join(
+            ".".join(side) for side in zip(contact.bodies, contact.on, strict=False)
+        )
         pairing = f"mortar, slave {interface.slave}" if interface.slave else "paired"
-        contacts.append((f"{sides}: " * (len(interfaces) <= LISTED) + f"{interface.m} nodes, {pairing}, law "
-                         f"{interface.law.name}; {describe_gap(interface, unit['length'])}", contact.name))
+        contacts.append(
+            (
+                f"{sides}: " * (len(interfaces) <= LISTED) + f"{interface.m} nodes, {pairing}, law "
+                f"{interface.law.name}; {describe_gap(interface, unit['length'])}",
+                contact.name,
+            )
+        )
         if bolt := contact.pretension:
-            contacts.append((f"pulled by {bolt.force:g} along {in_words(np.array(bolt.along), 4)}"
-                             f"{_following(bolt.history)}", contact.name))
+            contacts.append(
+                (
+                    f"pulled by {bolt.force:g} along {in_words(np.array(bolt.along), 4)}"
+                    f"{_following(bolt.history)}",
+                    contact.name,
+                )
+            )
     yield from (f"contact {some(names, 'contacts')}: {words}" for words, names in grouped(contacts))
     yield from (f"{motion}, whatever touches" for motion in free)
     taken = {contact.name for contact in scene.contact}
     for lack in missing:
-        nameless = " and ".join(name for name, on in zip(lack.bodies, lack.on, strict=False) if not on)
+        nameless = " and ".join(
+            name for name, on in zip(lack.bodies, lack.on, strict=False) if not on
+        )
         # words are a comment, so that all of the lines can be pasted together
-        yield ("# " * (not nameless) + f"{' and '.join(lack.bodies)} are {_range(*lack.gap)} {unit['length']} apart at "
-               f"{in_words(lack.facets[0].mean(axis=0), 4)} and near it, where no contact names both; " + (
-                   f"to name one, give the boundary of {nameless} a name there (a {PHYSICAL[scene.dimension - 1]})"
-                   if nameless else "where they may touch, add"))
+        yield (
+            "# "
+            * (not nameless)
+            + f"{' and '.join(lack.bodies)} are {_range(*lack.gap)} {unit['length']} apart at "
+            f"{in_words(lack.facets[0].mean(axis=0), 4)} and near it, where no contact names both; "
+            + (
+                f"to name one, give the boundary of {nameless} a name there (a {PHYSICAL[scene.dimension - 1]})"
+                if nameless
+                else "where they may touch, add"
+            )
+        )
         if not nameless:
             yield lack.lines(taken)

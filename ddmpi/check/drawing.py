@@ -19,7 +19,18 @@ from ddmpi.mesh.elements import facet_shares
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.pictures.bodies import middles, skin_of
 from ddmpi.pictures.moved import rigid_parts
-from ddmpi.pictures.sheet import COLOURS, FILLED, NAMED, PIXELS, STYLE, Sheet, above, colours_of, rounded, start_drawing
+from ddmpi.pictures.sheet import (
+    COLOURS,
+    FILLED,
+    NAMED,
+    PIXELS,
+    STYLE,
+    Sheet,
+    above,
+    colours_of,
+    rounded,
+    start_drawing,
+)
 from ddmpi.pictures.views import Paint, Skin, Surface, View
 from ddmpi.results.tables import Results
 from ddmpi.scene.scene import Settled
@@ -46,7 +57,9 @@ class Looked:
 
     mesh: Mesh
     boundary: Boundary
-    loads: list[tuple[str, np.ndarray]]  # nodal loads (nv, d) by group (N), that of the volume force is VOLUME
+    loads: list[
+        tuple[str, np.ndarray]
+    ]  # nodal loads (nv, d) by group (N), that of the volume force is VOLUME
     supports: list[tuple[str, np.ndarray]]  # clamps and foundations in words, and their nodes
     memory: float  # bytes of its factors, none for multigrid; an estimate
     words: list[str]  # lines of the page
@@ -58,9 +71,17 @@ class Plan(Sheet):
 
     def label(self, text: str, at: np.ndarray, offset: Sequence[float] = (0.0, 0.0)) -> None:
         """Write a text at a place (d,), or an offset in points from it."""
-        self.axes.annotate(text, self.place(at)[:2], offset, textcoords="offset points", ha="center", va="center",
-                           fontsize=7, zorder=8, bbox={"boxstyle": "round,pad=0.15", "facecolor": "#ffffffb0",
-                                                       "edgecolor": "none"})
+        self.axes.annotate(
+            text,
+            self.place(at)[:2],
+            offset,
+            textcoords="offset points",
+            ha="center",
+            va="center",
+            fontsize=7,
+            zorder=8,
+            bbox={"boxstyle": "round,pad=0.15", "facecolor": "#ffffffb0", "edgecolor": "none"},
+        )
 
     def show_groups(self, bodies: Mapping[str, Looked], most: float = np.inf) -> list[str]:
         """Draw meshes with their groups in colours by name, and write the names, with those of `bodies` that have one,
@@ -68,32 +89,53 @@ class Plan(Sheet):
 
         A name stands at the visible facet that is farthest from the rim of its group, and from the names so far.
         """
-        groups = [(called, name, body.boundary, some) for called, body in bodies.items()
-                  for name, some in body.boundary.groups.items() if some.any()]
+        groups = [
+            (called, name, body.boundary, some)
+            for called, body in bodies.items()
+            for name, some in body.boundary.groups.items()
+            if some.any()
+        ]
         names = dict.fromkeys(name for body in bodies.values() for name in body.boundary.groups)
         colours = {name: GROUPS[k % len(GROUPS)] for k, name in enumerate(names)}
         self.show(meshed(self, list(bodies.values()), colours))
         far = np.full(2, 1e3 * max(np.abs(body.mesh.points).max() for body in bodies.values()))
         hidden, taken = list[str](), [far]
         for called, name, boundary, some in groups:
-            points, middle, normal = bodies[called].mesh.points, boundary.at[some].mean(axis=1), boundary.normal[some]
+            points, middle, normal = (
+                bodies[called].mesh.points,
+                boundary.at[some].mean(axis=1),
+                boundary.normal[some],
+            )
             if not self.view.solid:
-                self.lines(points[segments(boundary.facets[some])], colors=colours[name], linewidth=2.4, zorder=4)
+                self.lines(
+                    points[segments(boundary.facets[some])],
+                    colors=colours[name],
+                    linewidth=2.4,
+                    zorder=4,
+                )
             if len(groups) > most:
                 continue
-            facing = (np.where(self.shows(middle), self.place(normal)[:, 2], 0.0) if self.view.solid
-                      else np.ones(len(middle)))
+            facing = (
+                np.where(self.shows(middle), self.place(normal)[:, 2], 0.0)
+                if self.view.solid
+                else np.ones(len(middle))
+            )
             seen = np.flatnonzero(facing > max(EDGEWISE, facing.max() / 2.0))
             if not len(seen):
                 hidden.append(name)
                 continue
             flat = self.place(middle[seen])[:, :2]
-            rim = creases(points, boundary.facets[some][:, :points.shape[1]], normal).rim
-            away = cKDTree(np.vstack([*taken, self.place(points[rim].mean(axis=1))[:, :2]])).query(flat)[0]
+            rim = creases(points, boundary.facets[some][:, : points.shape[1]], normal).rim
+            away = cKDTree(np.vstack([*taken, self.place(points[rim].mean(axis=1))[:, :2]])).query(
+                flat
+            )[0]
             k = seen[np.argmax(away)]
             taken.append(self.place(middle[k])[:2])
-            self.label(f"{called}." * bool(called and self.view.solid) + name, middle[k],
-                       *(() if self.view.solid else (-9.0 * normal[k],)))
+            self.label(
+                f"{called}." * bool(called and self.view.solid) + name,
+                middle[k],
+                *(() if self.view.solid else (-9.0 * normal[k],)),
+            )
         return hidden
 
     def point(self, at: np.ndarray, vectors: np.ndarray, outward: np.ndarray, colour: str) -> None:
@@ -105,7 +147,9 @@ class Plan(Sheet):
 
     def mark(self, at: np.ndarray, marker: str) -> None:
         """Draw markers at places (k, d) that are not hidden."""
-        self.axes.plot(*self.place(at[self.shows(at)])[:, :2].T, marker, color=HELD, markersize=4.0, zorder=7)
+        self.axes.plot(
+            *self.place(at[self.shows(at)])[:, :2].T, marker, color=HELD, markersize=4.0, zorder=7
+        )
 
 
 def seen_from(results: Results, behind: bool, **output: Any) -> Results:
@@ -123,11 +167,22 @@ def _plan(results: Results, behind: bool = False) -> Plan:
     """A plan of all bodies, with rigid partners and room for arrows; from the opposite side `behind`."""
     results = seen_from(results, behind)
     room = ARROW * np.ptp(results.points, axis=0).max() * np.eye(results.dimension)
-    return Plan(results, np.vstack([results.points + step for step in (*room, *-room)]), rigid_parts(results))
+    return Plan(
+        results,
+        np.vstack([results.points + step for step in (*room, *-room)]),
+        rigid_parts(results),
+    )
 
 
-def draw(folder: Path, scene: Settled, bodies: Mapping[str, Looked], interfaces: Sequence[Interface],
-         missing: Sequence[Missing], number: int = 0, drawers: int = 1) -> list[str]:
+def draw(
+    folder: Path,
+    scene: Settled,
+    bodies: Mapping[str, Looked],
+    interfaces: Sequence[Interface],
+    missing: Sequence[Missing],
+    number: int = 0,
+    drawers: int = 1,
+) -> list[str]:
     """Write the pictures, or a share of them for several `drawers`; all names. Not collective. Raises OutputError."""
     plt, results = start_drawing(), as_results(scene, bodies, interfaces)
     pictures: dict[str, Callable[[], Any]] = {"bodies.png": lambda: draw_bodies(results, bodies)}
@@ -136,9 +191,15 @@ def draw(folder: Path, scene: Settled, bodies: Mapping[str, Looked], interfaces:
     if scene.contact or missing:
         pictures["contacts.png"] = lambda: draw_contacts(results, interfaces, missing)
     for k, (name, body) in enumerate(bodies.items()):  # of solids from both sides
-        for behind in range(scene.dimension - 1) if body.mesh.faces and len(bodies) <= DRAWN else ():
-            file = f"faces_{name if len(name.encode()) < LONGEST - 20 else k}{'_behind' * behind}.png"
-            pictures[file] = partial(draw_faces, as_results(scene, {name: body}, []), name, body, bool(behind))
+        for behind in (
+            range(scene.dimension - 1) if body.mesh.faces and len(bodies) <= DRAWN else ()
+        ):
+            file = (
+                f"faces_{name if len(name.encode()) < LONGEST - 20 else k}{'_behind' * behind}.png"
+            )
+            pictures[file] = partial(
+                draw_faces, as_results(scene, {name: body}, []), name, body, bool(behind)
+            )
     with plt.rc_context(STYLE):
         for name, make in islice(pictures.items(), number, None, drawers):
             with writing(folder / name):
@@ -147,19 +208,43 @@ def draw(folder: Path, scene: Settled, bodies: Mapping[str, Looked], interfaces:
     return list(pictures)
 
 
-def as_results(scene: Settled, bodies: Mapping[str, Looked], interfaces: Sequence[Interface]) -> Results:
+def as_results(
+    scene: Settled, bodies: Mapping[str, Looked], interfaces: Sequence[Interface]
+) -> Results:
     """Bodies and contacts at rest, in the form of results, for the pictures of a run."""
     meshes, plain_scene = [body.mesh for body in bodies.values()], scene.resolved()
     starts = np.cumsum([0, *(len(mesh.points) for mesh in meshes)])
     points = np.concatenate([mesh.points for mesh in meshes])
-    tables = {interface.name: dict(zip("xyz", interface.lines.xy.T, strict=False)) for interface in interfaces}
-    return Results({"title": scene.title, "bodies": dict.fromkeys(bodies), "scene": plain_scene, "steps": [],
-                    "units": scene.units}, tables, {}, {}, {}, {
-        "points": points, "displacement": np.zeros_like(points),
-        "cells": np.concatenate([mesh.triangles + start for mesh, start in zip(meshes, starts, strict=False)]),
-        "body": np.repeat(np.arange(len(meshes)), [len(mesh.triangles) for mesh in meshes])},
-                   surfaces={interface.name: {"points": interface.outline.xy, "cells": interface.outline.cells}
-                             for interface in interfaces if interface.outline})
+    tables = {
+        interface.name: dict(zip("xyz", interface.lines.xy.T, strict=False))
+        for interface in interfaces
+    }
+    return Results(
+        {
+            "title": scene.title,
+            "bodies": dict.fromkeys(bodies),
+            "scene": plain_scene,
+            "steps": [],
+            "units": scene.units,
+        },
+        tables,
+        {},
+        {},
+        {},
+        {
+            "points": points,
+            "displacement": np.zeros_like(points),
+            "cells": np.concatenate(
+                [mesh.triangles + start for mesh, start in zip(meshes, starts, strict=False)]
+            ),
+            "body": np.repeat(np.arange(len(meshes)), [len(mesh.triangles) for mesh in meshes]),
+        },
+        surfaces={
+            interface.name: {"points": interface.outline.xy, "cells": interface.outline.cells}
+            for interface in interfaces
+            if interface.outline
+        },
+    )
 
 
 def draw_bodies(results: Results, bodies: Mapping[str, Looked], behind: bool = False) -> Any:
@@ -168,26 +253,59 @@ def draw_bodies(results: Results, bodies: Mapping[str, Looked], behind: bool = F
 
     plan, looked, ways = _plan(results, behind), list(bodies.values()), dict[str, int]()
     plan.show_groups(bodies, NAMED)
-    arrows = [_stresses(body, on, f, plan.size / PLACES) for body in looked for on, f in body.loads if on != VOLUME]
+    arrows = [
+        _stresses(body, on, f, plan.size / PLACES)
+        for body in looked
+        for on, f in body.loads
+        if on != VOLUME
+    ]
     largest = max((np.linalg.norm(stress, axis=1).max() for _, stress, _ in arrows), default=0.0)
     for at, stress, outward in arrows:
         plan.point(at, ARROW * plan.size / (largest or 1.0) * stress, outward, COLOURS["force"])
     inside = middles(results)
-    weights = [(at, f.sum(axis=0)) for at, body in zip(inside, looked, strict=True)
-               for on, f in body.loads if on == VOLUME]
+    weights = [
+        (at, f.sum(axis=0))
+        for at, body in zip(inside, looked, strict=True)
+        for on, f in body.loads
+        if on == VOLUME
+    ]
     for at, force in weights:
-        plan.arrows(at[None], ARROW * plan.size / (np.linalg.norm(force) or 1.0) * force[None], COLOURS["moved"])
+        plan.arrows(
+            at[None],
+            ARROW * plan.size / (np.linalg.norm(force) or 1.0) * force[None],
+            COLOURS["moved"],
+        )
     for body in looked:
         for how, nodes in body.supports:
             at, _ = _thinned(body.mesh.points[nodes], plan.size / PLACES)
             plan.mark(at, MARKERS[ways.setdefault(how, len(ways)) % len(MARKERS)])
     factor, unit_of = scaled_unit(largest, results.summary["units"]["stress"])
-    loads = {COLOURS["force"]: f"loads, up to {rounded(largest / factor)} {unit_of}" * bool(arrows),
-             COLOURS["moved"]: "volume forces" * bool(weights)}
-    above(plan.axes, [*(Line2D([], [], color=colour, marker=">", label=words)
-                        for colour, words in loads.items() if words),
-                      *(Line2D([], [], linestyle="", marker=MARKERS[k % len(MARKERS)], color=HELD, markersize=5,
-                               label=how) for how, k in ways.items())])
+    loads = {
+        COLOURS["force"]: f"loads, up to {rounded(largest / factor)} {unit_of}" * bool(arrows),
+        COLOURS["moved"]: "volume forces" * bool(weights),
+    }
+    above(
+        plan.axes,
+        [
+            *(
+                Line2D([], [], color=colour, marker=">", label=words)
+                for colour, words in loads.items()
+                if words
+            ),
+            *(
+                Line2D(
+                    [],
+                    [],
+                    linestyle="",
+                    marker=MARKERS[k % len(MARKERS)],
+                    color=HELD,
+                    markersize=5,
+                    label=how,
+                )
+                for how, k in ways.items()
+            ),
+        ],
+    )
     if not plan.view.solid or sum(len(body.boundary.groups) for body in looked) > NAMED:
         plan.write(list(bodies), inside)
     plan.figure.suptitle(f"{results.heading()}bodies as drawn{', from behind' * behind}")
@@ -196,37 +314,57 @@ def draw_bodies(results: Results, bodies: Mapping[str, Looked], behind: bool = F
 
 def draw_faces(results: Results, name: str, body: Looked, behind: bool) -> Any:
     """A body with the numbers of its faces; a figure. `results` are of this body alone."""
-    numbered = replace(body.boundary, groups={face: body.boundary.groups[face] for face in body.mesh.faces})
+    numbered = replace(
+        body.boundary, groups={face: body.boundary.groups[face] for face in body.mesh.faces}
+    )
     plan = Plan(seen_from(results, behind, cut=None), results.points)
     hidden = plan.show_groups({"": replace(body, boundary=numbered)})
     what = ("curves", "faces")[body.mesh.dimension - 2]
-    plan.figure.suptitle(f"{results.heading()}{name}: numbered {what}{', from behind' * behind}"
-                         + f"\nnot seen: {', '.join(hidden)}" * bool(hidden))
+    plan.figure.suptitle(
+        f"{results.heading()}{name}: numbered {what}{', from behind' * behind}"
+        + f"\nnot seen: {', '.join(hidden)}" * bool(hidden)
+    )
     return plan.figure
 
 
-def draw_contacts(results: Results, interfaces: Sequence[Interface], missing: Sequence[Missing]) -> Any:
+def draw_contacts(
+    results: Results, interfaces: Sequence[Interface], missing: Sequence[Missing]
+) -> Any:
     """Contacts with their pairing and gaps, and missing ones; a figure."""
     from matplotlib.lines import Line2D
 
     plan, skin = _plan(results), skin_of(results)
     plan.rigid = []  # they would hide contacts
-    gaps = np.concatenate([np.zeros(int(not interfaces)), *(interface.gap for interface in interfaces)])
+    gaps = np.concatenate(
+        [np.zeros(int(not interfaces)), *(interface.gap for interface in interfaces)]
+    )
     factor, unit_of = scaled_unit(np.abs(gaps).max(), results.summary["units"]["length"])
-    image = colours_of(gaps.min() / factor, gaps.max() / factor if gaps.any() else 1.0,
-                       "viridis" if gaps.any() else "Blues_r")
+    image = colours_of(
+        gaps.min() / factor,
+        gaps.max() / factor if gaps.any() else 1.0,
+        "viridis" if gaps.any() else "Blues_r",
+    )
     image.cmap = image.cmap.with_extremes(bad=MISSING)
     plan.outline(skin.extended(results.points), skin.facets, skin.beyond)
-    parts = [(outline.xy, outline.cells, outline.shares @ interface.gap / factor)
-             for interface in interfaces if (outline := interface.outline)]
+    parts = [
+        (outline.xy, outline.cells, outline.shares @ interface.gap / factor)
+        for interface in interfaces
+        if (outline := interface.outline)
+    ]
     for lack in missing:
         at = lack.facets.reshape(-1, lack.facets.shape[-1])
-        parts.append((at, np.arange(len(at)).reshape(lack.facets.shape[:2]), np.full(len(at), np.nan)))
+        parts.append(
+            (at, np.arange(len(at)).reshape(lack.facets.shape[:2]), np.full(len(at), np.nan))
+        )
     plan.facets(parts, image)
     for interface in interfaces:
         if interface.at is not None:
-            plan.lines(np.stack([plan.place(at)[:, :2] for at in interface.at], axis=1), colors=COLOURS["rigid"],
-                       linewidth=0.5, zorder=4)
+            plan.lines(
+                np.stack([plan.place(at)[:, :2] for at in interface.at], axis=1),
+                colors=COLOURS["rigid"],
+                linewidth=0.5,
+                zorder=4,
+            )
         if len(interfaces) <= NAMED:
             at = interface.lines.xy
             plan.label(interface.name, at[np.argmin(np.linalg.norm(at - at.mean(axis=0), axis=1))])
@@ -235,7 +373,9 @@ def draw_contacts(results: Results, interfaces: Sequence[Interface], missing: Se
     if missing:
         words = f"close enough to touch, in no contact ({len(missing)})"
         above(plan.axes, [Line2D([], [], color=MISSING, label=words)])
-    plan.figure.suptitle(f"{results.heading()}contacts as drawn{', all touching' * (not gaps.any())}")
+    plan.figure.suptitle(
+        f"{results.heading()}contacts as drawn{', all touching' * (not gaps.any())}"
+    )
     return plan.figure
 
 
@@ -245,14 +385,18 @@ def meshed(plan: Plan, bodies: Sequence[Looked], colours: Mapping[str, str]) -> 
     surfaces, heights = zip(*(_meshed(plan, body, colours) for body in bodies), strict=True)
     if any(len(height) and np.median(height) <= SPACED for height in heights):
         return list(surfaces)
-    return [replace(surface, paint=_lined(surface.paint, height)) for surface, height in zip(
-        surfaces, heights, strict=True)]
+    return [
+        replace(surface, paint=_lined(surface.paint, height))
+        for surface, height in zip(surfaces, heights, strict=True)
+    ]
 
 
 def _lined(paint: Paint, height: np.ndarray) -> Paint:
     """The colours with the edges of facets, whose corners are `height` (f, 3) away from the opposite edge (pixels)."""
-    return lambda face, weights: paint(face, weights) * np.where(
-        (height[face] * weights < 1.0).any(axis=1), 0.8, 1.0)[:, None]
+    return lambda face, weights: (
+        paint(face, weights)
+        * np.where((height[face] * weights < 1.0).any(axis=1), 0.8, 1.0)[:, None]
+    )
 
 
 def _meshed(plan: Plan, body: Looked, colours: Mapping[str, str]) -> tuple[Surface, np.ndarray]:
@@ -271,9 +415,13 @@ def _meshed(plan: Plan, body: Looked, colours: Mapping[str, str]) -> tuple[Surfa
     return Surface(points, skin.facets, lambda face, _: paint[face], skin.beyond), height
 
 
-def _thinned(at: np.ndarray, size: float, *values: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
+def _thinned(
+    at: np.ndarray, size: float, *values: np.ndarray
+) -> tuple[np.ndarray, list[np.ndarray]]:
     """Means (j, d) of the places (k, d) in cubes of a size, and the sums of values (k, …) there."""
-    _, cube, count = np.unique(np.round((at - at.min(axis=0)) / size), axis=0, return_inverse=True, return_counts=True)
+    _, cube, count = np.unique(
+        np.round((at - at.min(axis=0)) / size), axis=0, return_inverse=True, return_counts=True
+    )
     sums = []
     for array in (at, *values):
         sums.append(np.zeros((len(count), *array.shape[1:])))
@@ -281,12 +429,18 @@ def _thinned(at: np.ndarray, size: float, *values: np.ndarray) -> tuple[np.ndarr
     return sums[0] / count[:, None], sums[1:]
 
 
-def _stresses(body: Looked, on: str, f: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _stresses(
+    body: Looked, on: str, f: np.ndarray, size: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Points (k, d) on the group `on`, its load at them (Pa), and outward vectors; from nodal loads (nv, d)."""
     some = body.boundary.groups[on]
     facets, normal = body.boundary.facets[some], body.boundary.normal[some]
-    nodes, area = np.unique(facets), nodal(
-        facet_shares(body.mesh.points[facets], body.mesh.axisymmetric), facets, len(f))
+    nodes, area = (
+        np.unique(facets),
+        nodal(facet_shares(body.mesh.points[facets], body.mesh.axisymmetric), facets, len(f)),
+    )
     outward = nodal(np.repeat(normal[:, None], facets.shape[1], axis=1), facets, len(f))
-    at, (force, around, outward) = _thinned(body.mesh.points[nodes], size, f[nodes], area[nodes], outward[nodes])
+    at, (force, around, outward) = _thinned(
+        body.mesh.points[nodes], size, f[nodes], area[nodes], outward[nodes]
+    )
     return at, force / np.where(around > 0.0, around, np.inf)[:, None], outward

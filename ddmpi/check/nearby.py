@@ -47,7 +47,9 @@ class Boundary:
     normal: np.ndarray  # (f, d) outer unit normals
     groups: Mapping[str, np.ndarray]  # by name which facets (f,) bool belong to it
     faces: Collection[str] = ()  # the groups that are numbered faces of a drawing
-    smooth: Collection[tuple[str, str]] = ()  # pairs of these that meet without a corner, in both orders
+    smooth: Collection[
+        tuple[str, str]
+    ] = ()  # pairs of these that meet without a corner, in both orders
 
     @classmethod
     def of(cls, mesh: Mesh) -> Self:
@@ -55,13 +57,21 @@ class Boundary:
         d, facets = mesh.dimension, mesh.boundary[0]
         at = mesh.points[facets[:, :d]]
         keys = [np.sort(part[:, :d], axis=1) for part in (facets, *mesh.groups.values())]
-        number = np.split(np.unique(np.concatenate(keys), axis=0, return_inverse=True)[1].ravel(),
-                          np.cumsum([len(key) for key in keys])[:-1])
+        number = np.split(
+            np.unique(np.concatenate(keys), axis=0, return_inverse=True)[1].ravel(),
+            np.cumsum([len(key) for key in keys])[:-1],
+        )
         normal = unit(across(at)[:, 0])
-        groups = {name: np.isin(number[0], members) for name, members in zip(mesh.groups, number[1:], strict=True)}
+        groups = {
+            name: np.isin(number[0], members)
+            for name, members in zip(mesh.groups, number[1:], strict=True)
+        }
         smooth = set()
         if mesh.faces:
-            bends, face = creases(mesh.points, facets[:, :d], normal), np.full(len(facets), "", dtype=object)
+            bends, face = (
+                creases(mesh.points, facets[:, :d], normal),
+                np.full(len(facets), "", dtype=object),
+            )
             for name in mesh.faces:
                 face[groups[name]] = name
             for a, b in face[bends.facets[np.abs(bends.turn) < SHARPEST]]:
@@ -77,9 +87,14 @@ class Boundary:
         """Groups of some facets (k,), or "": of a facet's groups the one with the most of these facets, of equal ones
         the smallest."""
         names = np.full(len(some), "", dtype=object)
-        simple = [name for name in self.groups if parts_of(name, ()) == [name] or not
-                  self.groups.keys() >= {*parts_of(name, ())}]  # what a scene combines is no name
-        for name in sorted(simple, key=lambda name: (-self.groups[name][some].sum(), self.groups[name].sum())):
+        simple = [
+            name
+            for name in self.groups
+            if parts_of(name, ()) == [name] or not self.groups.keys() >= {*parts_of(name, ())}
+        ]  # what a scene combines is no name
+        for name in sorted(
+            simple, key=lambda name: (-self.groups[name][some].sum(), self.groups[name].sum())
+        ):
             names[(names == "") & self.groups[name][some]] = name
         return names
 
@@ -95,7 +110,9 @@ class Missing(NamedTuple):
     @property
     def sides(self) -> list[Any]:
         """The value of ``on``: names, numbers of faces, and lists of these."""
-        numbers: list[list] = [sorted(map(int, on.split("+"))) if NUMBERS.fullmatch(on) else [on] for on in self.on]
+        numbers: list[list] = [
+            sorted(map(int, on.split("+"))) if NUMBERS.fullmatch(on) else [on] for on in self.on
+        ]
         return [parts if len(parts) > 1 else parts[0] for parts in numbers]
 
     def lines(self, taken: set[str]) -> str:
@@ -108,8 +125,9 @@ class Missing(NamedTuple):
         return write_toml({"contact": [entry]}).strip()
 
 
-def find_missing(boundaries: Mapping[str, Boundary], rigid: Sequence[Rigid],
-                 contacts: Sequence[SettledContact]) -> Iterator[Missing]:
+def find_missing(
+    boundaries: Mapping[str, Boundary], rigid: Sequence[Rigid], contacts: Sequence[SettledContact]
+) -> Iterator[Missing]:
     """Groups of bodies, and rigid partners, that face each other closer than NEAR, but not in a contact of both.
 
     Facets are compared with the nearest point to their middle on other bodies and rigid partners. Not collective.
@@ -118,13 +136,23 @@ def find_missing(boundaries: Mapping[str, Boundary], rigid: Sequence[Rigid],
     number = {name: k for k, name in enumerate((*boundaries, *(surface.name for surface in rigid)))}
     starts = np.cumsum([0, *(len(body.at) for body in bodies)])
     owner = np.repeat(np.arange(len(bodies)), np.diff(starts))
-    middle, normal, size = (np.concatenate(arrays) for arrays in zip(*(
-        (body.at.mean(axis=1), body.normal, body.size) for body in bodies), strict=True))
+    middle, normal, size = (
+        np.concatenate(arrays)
+        for arrays in zip(
+            *((body.at.mean(axis=1), body.normal, body.size) for body in bodies), strict=True
+        )
+    )
     least, gap = np.full(len(owner), np.inf), np.zeros(len(owner))
     partner, facing = np.full((2, len(owner)), -1)
 
-    def note(some: np.ndarray, k: int, away: np.ndarray, against: np.ndarray, reach: np.ndarray,
-             there: np.ndarray | int = 0) -> None:
+    def note(
+        some: np.ndarray,
+        k: int,
+        away: np.ndarray,
+        against: np.ndarray,
+        reach: np.ndarray,
+        there: np.ndarray | int = 0,
+    ) -> None:
         """Note that facets `there` of the k-th, with normals `against`, lie `away` (j, d) from some facets (j,)."""
         distance, ahead = np.linalg.norm(away, axis=1), np.einsum("kd,kd->k", away, normal[some])
         aside = np.linalg.norm(away - ahead[:, None] * normal[some], axis=1)
@@ -136,50 +164,73 @@ def find_missing(boundaries: Mapping[str, Boundary], rigid: Sequence[Rigid],
 
     for k, body in enumerate(bodies):
         low, high, wide = body.at.min(axis=(0, 1)), body.at.max(axis=(0, 1)), NEAR * body.size.max()
-        some = np.flatnonzero((owner != k) & ((middle > low - wide) & (middle < high + wide)).all(axis=1))
+        some = np.flatnonzero(
+            (owner != k) & ((middle > low - wide) & (middle < high + wide)).all(axis=1)
+        )
         if len(some):
             there = distance_to(middle[some], body.at)[1]
             away = nearest_in(middle[some], body.at[there]) - middle[some]
             note(some, k, away, body.normal[there], np.minimum(size[some], body.size[there]), there)
-    named = [(number[on], starts[number[body]] + np.flatnonzero(boundaries[body].groups[contact.on[0]]))
-             for contact in contacts for body, on in [contact.bodies] if on not in boundaries]
-    for k, some in [*named, *((number[surface.name], np.arange(len(owner))) for surface in rigid)]:  # of planes in line
+    named = [
+        (number[on], starts[number[body]] + np.flatnonzero(boundaries[body].groups[contact.on[0]]))
+        for contact in contacts
+        for body, on in [contact.bodies]
+        if on not in boundaries
+    ]
+    for k, some in [
+        *named,
+        *((number[surface.name], np.arange(len(owner))) for surface in rigid),
+    ]:  # of planes in line
         surface = rigid[k - len(bodies)]  # that comes first which a contact names
         against, distance = surface.facing(middle[some])
         note(some, k, -distance[:, None] * against, against, np.minimum(size[some], surface.bend))
     local = np.arange(len(owner)) - starts[owner]
-    first, second = (np.where(owner < partner, *pair) for pair in ((local, facing), (facing, local)))
+    first, second = (
+        np.where(owner < partner, *pair) for pair in ((local, facing), (facing, local))
+    )
     low, high = np.minimum(owner, partner), np.maximum(owner, partner)
     names = list(number)
     for a, b in np.unique(np.column_stack([low, high])[partner >= 0], axis=0):
         some = np.flatnonzero((partner >= 0) & (low == a) & (high == b))
         for contact in contacts:
             if set(contact.bodies) == {names[a], names[b]}:
-                both = [boundaries[name].groups[on][(first if name == names[a] else second)[some]]
-                        for name, on in zip(contact.bodies, contact.on, strict=False)]
+                both = [
+                    boundaries[name].groups[on][(first if name == names[a] else second)[some]]
+                    for name, on in zip(contact.bodies, contact.on, strict=False)
+                ]
                 some = some[~np.logical_and.reduce(both)]
         if not len(some):
             continue
-        sides = [(bodies[k], facets[some]) for k, facets in ((a, first), (b, second)) if k < len(bodies)]
+        sides = [
+            (bodies[k], facets[some]) for k, facets in ((a, first), (b, second)) if k < len(bodies)
+        ]
         groups = list(zip(*(body.named(facets) for body, facets in sides), strict=True))
         for alike in _together(list(dict.fromkeys(groups)), [body for body, _ in sides]):
             chosen = np.array([group in alike for group in groups])
             on = tuple("+".join(dict.fromkeys(parts)) for parts in zip(*alike, strict=True))
-            yield Missing((names[a], names[b]), on,
-                          np.concatenate([body.at[np.unique(facets[chosen])] for body, facets in sides]),
-                          (float(gap[some[chosen]].min()), float(gap[some[chosen]].max())))
+            yield Missing(
+                (names[a], names[b]),
+                on,
+                np.concatenate([body.at[np.unique(facets[chosen])] for body, facets in sides]),
+                (float(gap[some[chosen]].min()), float(gap[some[chosen]].max())),
+            )
 
 
-def _together(pairs: Sequence[tuple[str, ...]], bodies: Sequence[Boundary]) -> Iterator[list[tuple[str, ...]]]:
+def _together(
+    pairs: Sequence[tuple[str, ...]], bodies: Sequence[Boundary]
+) -> Iterator[list[tuple[str, ...]]]:
     """The `pairs` of groups that face each other, those of one contact together: numbered faces of which one is the
     same, as two soles on a floor, or of which all meet without a corner, as the halves of a bore and of its pin."""
+
     def joined(one: tuple[str, ...], other: tuple[str, ...]) -> bool:
         same = [a == b for a, b in zip(one, other, strict=True)]
         numbered = [{a, b} <= {*body.faces} for a, b, body in zip(one, other, bodies, strict=True)]
         smooth = [(a, b) in body.smooth for a, b, body in zip(one, other, bodies, strict=True)]
         return all(np.logical_or(same, numbered)) and (any(same) or all(smooth))
 
-    number, label = csgraph.connected_components(np.array([[joined(one, other) for other in pairs] for one in pairs]))
+    number, label = csgraph.connected_components(
+        np.array([[joined(one, other) for other in pairs] for one in pairs])
+    )
     for k in range(number):
         yield [pair for pair, of in zip(pairs, label, strict=True) if of == k]
 
@@ -193,19 +244,30 @@ def draft_scene(assembly: str | Path, output: str | Path) -> str:
     path, folder = Path(assembly).resolve(), Path(output)
     target = folder / "scene.toml"
     if target.exists():
-        raise TakenError(f"{target} is there already; nothing is overwritten; choose another --output")
+        raise TakenError(
+            f"{target} is there already; nothing is overwritten; choose another --output"
+        )
     dimension, parts = list_parts(path, path.name)
     bodies, words, boundaries = list[dict](), list[str](), dict[str, Boundary]()
     labels = [label for _, label, _ in parts]
     for number, label, extent in parts:
         alone = labels.count(label) == 1 and bool(label) and not label.startswith(NAMELESS)
-        name = re.sub(r"[.=/\s\x00-\x1f\x7f]+", "_", "part" if label.startswith(NAMELESS) else label)[:80].strip("_")
+        name = re.sub(
+            r"[.=/\s\x00-\x1f\x7f]+", "_", "part" if label.startswith(NAMELESS) else label
+        )[:80].strip("_")
         name = name if alone and name and name not in boundaries else f"{name or 'part'}_{number}"
         size = float(f"{extent / FINE:.1g}")
-        mesh = {"geometry": str(path), "part": label if alone else number, "size": size, "contact_size": size / 2,
-                "order": 2}
+        mesh = {
+            "geometry": str(path),
+            "part": label if alone else number,
+            "size": size,
+            "contact_size": size / 2,
+            "order": 2,
+        }
         body = {"name": name, "mesh": mesh, "material": STEEL}
-        boundaries[name] = Boundary.of(build_mesh(msgspec.convert(body, BodySpec).settled(1, dimension)))
+        boundaries[name] = Boundary.of(
+            build_mesh(msgspec.convert(body, BodySpec).settled(1, dimension))
+        )
         words.append(f"  part {number}: {name}, quadratic elements of {size:g} mm")
         bodies.append(body | {"mesh": mesh | {"geometry": os.path.relpath(path, folder.resolve())}})
     missing, taken = list(find_missing(boundaries, [], [])), set[str]()
@@ -213,10 +275,20 @@ def draft_scene(assembly: str | Path, output: str | Path) -> str:
     text = write_toml({"title": path.stem, "body": bodies, "output": units})
     contacts = "".join(f"\n{lack.lines(taken)}\n" for lack in missing)
     folder.mkdir(parents=True, exist_ok=True)
-    target.write_text(f"# from {path.name}; assumed: steel, MPa and mm; to be added: clamps, loads, friction\n"
-                      f"{text}{contacts}", encoding="utf-8")
-    return "\n".join([
-        "taken:", *words, *(f"  contact of {' and '.join(lack.bodies)}: on = {lack.sides}" for lack in missing),
-        "assumed:", f"  young = {STEEL['young']:g} MPa, poisson = {STEEL['poisson']:g}, lengths in mm",
-        "to be added:", f"  materials, clamps, loads and friction, on faces by their numbers: ddmpi check {target}",
-        f"{target}: {len(bodies)} bodies, {len(missing)} contacts"])
+    target.write_text(
+        f"# from {path.name}; assumed: steel, MPa and mm; to be added: clamps, loads, friction\n"
+        f"{text}{contacts}",
+        encoding="utf-8",
+    )
+    return "\n".join(
+        [
+            "taken:",
+            *words,
+            *(f"  contact of {' and '.join(lack.bodies)}: on = {lack.sides}" for lack in missing),
+            "assumed:",
+            f"  young = {STEEL['young']:g} MPa, poisson = {STEEL['poisson']:g}, lengths in mm",
+            "to be added:",
+            f"  materials, clamps, loads and friction, on faces by their numbers: ddmpi check {target}",
+            f"{target}: {len(bodies)} bodies, {len(missing)} contacts",
+        ]
+    )

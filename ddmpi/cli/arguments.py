@@ -35,7 +35,9 @@ def _point(word: str) -> list[float]:
     try:
         return [float(coordinate) for coordinate in word.split(",")]
     except ValueError:
-        raise argparse.ArgumentTypeError(f"{word!r} is no point; write it as 0,0.5 or 0,0,1") from None
+        raise argparse.ArgumentTypeError(
+            f"{word!r} is no point; write it as 0,0.5 or 0,0,1"
+        ) from None
 
 
 def _view(word: str) -> str | list[float]:
@@ -53,98 +55,218 @@ def _cut(word: str) -> dict[str, float]:
 def build_parser() -> argparse.ArgumentParser:
     """The parser of everything that is not a PETSc option."""
     parser = _Parser(
-        prog="ddmpi", description="Frictional contact of linear elastic bodies, 3D, axisymmetric or plane, by domain "
-                                  "decomposition on MPI.",
-        epilog=EPILOG, formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False)
+        prog="ddmpi",
+        description="Frictional contact of linear elastic bodies, 3D, axisymmetric or plane, by domain "
+        "decomposition on MPI.",
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
     parser.add_argument("--version", action="version", version=f"ddmpi {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     scene = _Parser(add_help=False)
     scene.add_argument("scene", metavar="SCENE.toml", help="the scene")
-    scene.add_argument("--set", action="append", default=[], metavar="KEY=VALUE",
-                       help="override any key of the scene, as in body.upper.material.young=1e9")
+    scene.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="override any key of the scene, as in body.upper.material.young=1e9",
+    )
     scene.add_argument("--quiet", action="store_true", help="print nothing but errors")
-    scene.add_argument("--log", type=_named, metavar="FILE", help="append all messages to FILE, with time stamps, "
-                       "also those that --quiet keeps off the screen")
-    solving: dict[str, Any] = {"epilog": EPILOG, "formatter_class": argparse.RawDescriptionHelpFormatter}
+    scene.add_argument(
+        "--log",
+        type=_named,
+        metavar="FILE",
+        help="append all messages to FILE, with time stamps, "
+        "also those that --quiet keeps off the screen",
+    )
+    solving: dict[str, Any] = {
+        "epilog": EPILOG,
+        "formatter_class": argparse.RawDescriptionHelpFormatter,
+    }
     written = _Parser(add_help=False)
-    written.add_argument("--output", type=_named, metavar="DIR",
-                         help="folder for what is written (default: a new one in results/)")
+    written.add_argument(
+        "--output",
+        type=_named,
+        metavar="DIR",
+        help="folder for what is written (default: a new one in results/)",
+    )
     written.add_argument("--no-figures", action="store_true", help="draw no pictures")
 
     def command(name: str, words: str, *parents: _Parser, **more: Any) -> argparse.ArgumentParser:
         return commands.add_parser(name, help=words, parents=parents, allow_abbrev=False, **more)
 
-    run = command("run", "solve a scene, best on as many ranks as it has bodies", scene, written, **solving)
-    run.add_argument("--restart", type=_named, metavar="DIR", help="continue the interrupted run in DIR from its "
-                     "checkpoint, with the same scene and options; results go to DIR, too, or to --output")
+    run = command(
+        "run", "solve a scene, best on as many ranks as it has bodies", scene, written, **solving
+    )
+    run.add_argument(
+        "--restart",
+        type=_named,
+        metavar="DIR",
+        help="continue the interrupted run in DIR from its "
+        "checkpoint, with the same scene and options; results go to DIR, too, or to --output",
+    )
     command("check", "describe and draw a scene without solving it", scene, written, **solving)
-    _add_sweep(command("sweep", "run a scene for all combinations of some values", scene, **solving))
+    _add_sweep(
+        command("sweep", "run a scene for all combinations of some values", scene, **solving)
+    )
     deck = command(
-        "import", "write a scene from an Abaqus or CalculiX deck, or a first one from an assembly (.step, .brep)",
+        "import",
+        "write a scene from an Abaqus or CalculiX deck, or a first one from an assembly (.step, .brep)",
         description="Write scene.toml and its meshes from an Abaqus or CalculiX deck, and list by lines what was "
         "taken, what was changed and what is lost. Where a load, a support or a contact would be lost, nothing is "
         "written. From an assembly (.step, .brep) it writes an incomplete scene: the parts, and contacts where they "
-        "touch.")
-    deck.add_argument("deck", type=_named, metavar="FILE", help="a deck (.inp) or an assembly (.step, .brep)")
-    deck.add_argument("--output", type=_named, metavar="FOLDER", required=True, help="folder for the scene and its "
-                      "meshes; nothing is overwritten")
-    deck.add_argument("--amplitude", action="append", default=[], metavar="NAME=TIME,FACTOR,…",
-                      help="times and factors of an *AMPLITUDE, such as one by a user routine")
-    deck.add_argument("--partial", action="store_true", help="write the scene without the cards that are lost")
+        "touch.",
+    )
+    deck.add_argument(
+        "deck", type=_named, metavar="FILE", help="a deck (.inp) or an assembly (.step, .brep)"
+    )
+    deck.add_argument(
+        "--output",
+        type=_named,
+        metavar="FOLDER",
+        required=True,
+        help="folder for the scene and its meshes; nothing is overwritten",
+    )
+    deck.add_argument(
+        "--amplitude",
+        action="append",
+        default=[],
+        metavar="NAME=TIME,FACTOR,…",
+        help="times and factors of an *AMPLITUDE, such as one by a user routine",
+    )
+    deck.add_argument(
+        "--partial", action="store_true", help="write the scene without the cards that are lost"
+    )
     results = _Parser(add_help=False)
     results.add_argument("folder", type=_named, metavar="DIR", help="folder of results")
-    results.add_argument("--step", type=float, metavar="TIME", help="time of the load step to show, of those whose "
-                         "fields are written (default: the one of the largest load)")
+    results.add_argument(
+        "--step",
+        type=float,
+        metavar="TIME",
+        help="time of the load step to show, of those whose "
+        "fields are written (default: the one of the largest load)",
+    )
     figures = command("figures", "draw the pictures of saved results anew", results)
-    figures.add_argument("--view", type=_view, metavar="VIEW", help="viewpoint of 3D pictures: front, back, left, "
-                         "right, top, bottom, iso, or azimuth and elevation in degrees, as in -60,24")
-    figures.add_argument("--cut", type=_cut, action="append", metavar="AXIS=COORDINATE",
-                         help="cut 3D bodies open, as in x=0.5")
-    figures.add_argument("--magnification", type=float, metavar="F",
-                         help="enlargement of displacements (default: automatic)")
+    figures.add_argument(
+        "--view",
+        type=_view,
+        metavar="VIEW",
+        help="viewpoint of 3D pictures: front, back, left, "
+        "right, top, bottom, iso, or azimuth and elevation in degrees, as in -60,24",
+    )
+    figures.add_argument(
+        "--cut",
+        type=_cut,
+        action="append",
+        metavar="AXIS=COORDINATE",
+        help="cut 3D bodies open, as in x=0.5",
+    )
+    figures.add_argument(
+        "--magnification",
+        type=float,
+        metavar="F",
+        help="enlargement of displacements (default: automatic)",
+    )
     view = command(
-        "view", "write one HTML file in which the results turn in a browser",
+        "view",
+        "write one HTML file in which the results turn in a browser",
         description="Write a view of a run: one HTML file that turns the bodies in a browser, with stresses, "
-        "displacements and contact pressures, load steps and a cut. It needs no other file and no network.")
+        "displacements and contact pressures, load steps and a cut. It needs no other file and no network.",
+    )
     view.add_argument("folder", type=_named, metavar="DIR", help="folder of results")
-    view.add_argument("--output", type=_named, metavar="FILE", help="file to write (default: DIR/view.html); an "
-                      "earlier view is overwritten, any other file is not")
-    path = command("path", "write displacements and stresses along a straight line through the bodies as a table",
-                   results)
+    view.add_argument(
+        "--output",
+        type=_named,
+        metavar="FILE",
+        help="file to write (default: DIR/view.html); an "
+        "earlier view is overwritten, any other file is not",
+    )
+    path = command(
+        "path",
+        "write displacements and stresses along a straight line through the bodies as a table",
+        results,
+    )
     for name, words in ("from", "first point, as in 0,0.5 or 0,0,1"), ("to", "last point"):
-        path.add_argument(f"--{name}", type=_point, metavar="X,Y", dest=name, required=True, help=words)
-    path.add_argument("--points", type=int, metavar="N", default=101,
-                      help="number of points, equally spaced (default: 101)")
-    path.add_argument("--output", type=_named, metavar="FILE", help="file to write (default: DIR/path.csv); the table "
-                      "of an earlier path is overwritten, any other file is not")
+        path.add_argument(
+            f"--{name}", type=_point, metavar="X,Y", dest=name, required=True, help=words
+        )
+    path.add_argument(
+        "--points",
+        type=int,
+        metavar="N",
+        default=101,
+        help="number of points, equally spaced (default: 101)",
+    )
+    path.add_argument(
+        "--output",
+        type=_named,
+        metavar="FILE",
+        help="file to write (default: DIR/path.csv); the table "
+        "of an earlier path is overwritten, any other file is not",
+    )
     plot = command("sweep-plot", "draw a result of a sweep against a parameter")
     plot.add_argument("folder", type=_named, metavar="DIR", help="folder of the sweep")
-    plot.add_argument("plots", nargs="+", metavar="RESULT:KEY", help="two columns of its table, as in n_A:theta")
+    plot.add_argument(
+        "plots", nargs="+", metavar="RESULT:KEY", help="two columns of its table, as in n_A:theta"
+    )
     report = command(
-        "report", "write one HTML file that reports a run or a sweep", results,
+        "report",
+        "write one HTML file that reports a run or a sweep",
+        results,
         description="Write a report of a run, converged or not, or of a sweep: one HTML file with its verdict, "
         "warnings, pictures, numbers, certificate, scene and versions. It needs no other file and no network, so it "
-        "can be mailed.")
-    report.add_argument("--output", type=_named, metavar="FILE", help="file to write (default: DIR/report.html); an "
-                        "earlier report is overwritten, any other file is not")
+        "can be mailed.",
+    )
+    report.add_argument(
+        "--output",
+        type=_named,
+        metavar="FILE",
+        help="file to write (default: DIR/report.html); an "
+        "earlier report is overwritten, any other file is not",
+    )
     command("info", "print versions and the available solvers")
     command("schema", "print the JSON schema of scenes, for editors")
     return parser
 
 
 def _add_sweep(sweep: argparse.ArgumentParser) -> None:
-    sweep.add_argument("--vary", action="append", default=[], metavar="KEY=VALUES",
-                       help="values of a key of the scene: first:last:number, the same with :log at the end, or "
-                       "value,value,…; KEY,KEY=VALUES vary together")
-    sweep.add_argument("--output", type=_named, metavar="DIR", required=True,
-                       help="folder of the sweep; finished cases are not run again")
-    sweep.add_argument("--index", metavar="I", help="run case number I only, or as I/N every N-th case from I on "
-                       "(of a job array: --index $SLURM_ARRAY_TASK_ID)")
+    sweep.add_argument(
+        "--vary",
+        action="append",
+        default=[],
+        metavar="KEY=VALUES",
+        help="values of a key of the scene: first:last:number, the same with :log at the end, or "
+        "value,value,…; KEY,KEY=VALUES vary together",
+    )
+    sweep.add_argument(
+        "--output",
+        type=_named,
+        metavar="DIR",
+        required=True,
+        help="folder of the sweep; finished cases are not run again",
+    )
+    sweep.add_argument(
+        "--index",
+        metavar="I",
+        help="run case number I only, or as I/N every N-th case from I on "
+        "(of a job array: --index $SLURM_ARRAY_TASK_ID)",
+    )
     only = sweep.add_mutually_exclusive_group()
-    only.add_argument("--list", action="store_true", help="run nothing; list the cases and how they ended")
-    only.add_argument("--gather", action="store_true", help="run nothing; write the table of finished cases")
-    sweep.add_argument("--plot", action="append", default=[], metavar="RESULT:KEY",
-                       help="draw one column of the table against another, as in n_A:theta")
+    only.add_argument(
+        "--list", action="store_true", help="run nothing; list the cases and how they ended"
+    )
+    only.add_argument(
+        "--gather", action="store_true", help="run nothing; write the table of finished cases"
+    )
+    sweep.add_argument(
+        "--plot",
+        action="append",
+        default=[],
+        metavar="RESULT:KEY",
+        help="draw one column of the table against another, as in n_A:theta",
+    )
     sweep.add_argument("--figures", action="store_true", help="draw the pictures of every case")
 
 

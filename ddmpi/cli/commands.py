@@ -30,7 +30,9 @@ def _run(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> None
         from ddmpi.mesh.build import kind_of_files
         from ddmpi.scene.reader import read_scene_file
 
-    scene = from_first(world, lambda: read_scene_file(options.scene, options.set, kind_of_files(options.scene)))
+    scene = from_first(
+        world, lambda: read_scene_file(options.scene, options.set, kind_of_files(options.scene))
+    )
     _init_petsc(world, scene.petsc, petsc)
     with loading():
         from ddmpi.run.run import run
@@ -39,10 +41,22 @@ def _run(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> None
     if options.command == "check":
         from ddmpi.check.check import check
 
-        check(world, scene, options.scene, options.output, scene.output.figures and not options.no_figures)
+        check(
+            world,
+            scene,
+            options.scene,
+            options.output,
+            scene.output.figures and not options.no_figures,
+        )
     else:
-        run(world, scene, options.scene, options.output, figures=scene.output.figures and not options.no_figures,
-            restart=options.restart)
+        run(
+            world,
+            scene,
+            options.scene,
+            options.output,
+            figures=scene.output.figures and not options.no_figures,
+            restart=options.restart,
+        )
 
 
 def _check(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> None:
@@ -58,8 +72,12 @@ def _sweep(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> No
     from ddmpi.scene.reader import read_data, read_text
     from ddmpi.sweep.cases import build_cases, choose
 
-    scene = from_first(world, lambda: read_data(options.scene, read_text(options.scene), options.set))
-    cases = from_first(world, lambda: build_cases(options.scene, scene, options.vary, kind_of_files(options.scene)))
+    scene = from_first(
+        world, lambda: read_data(options.scene, read_text(options.scene), options.set)
+    )
+    cases = from_first(
+        world, lambda: build_cases(options.scene, scene, options.vary, kind_of_files(options.scene))
+    )
     with agreed(world):
         chosen = choose(cases, options.index)
     _init_petsc(world, {}, petsc)
@@ -68,7 +86,9 @@ def _sweep(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> No
         from ddmpi.sweep.table import identify
 
     identity = from_first(world, lambda: identify(scene, petsc, cases, Path(options.scene).parent))
-    sweep = Sweep(options.scene, identity, Path(options.output), cases, chosen, options.figures, options.plot)
+    sweep = Sweep(
+        options.scene, identity, Path(options.output), cases, chosen, options.figures, options.plot
+    )
     if options.list or options.gather:
         interrupt.leave()
         with agreed(world), printing(world):
@@ -85,7 +105,13 @@ def _figures(options: argparse.Namespace) -> None:
     cut, *more = options.cut or [None]
     if more:
         raise InputError("argument --cut: pictures have one cut, and it is given twice")
-    draw_all(options.folder, time=options.step, view=options.view, cut=cut, magnification=options.magnification)
+    draw_all(
+        options.folder,
+        time=options.step,
+        view=options.view,
+        cut=cut,
+        magnification=options.magnification,
+    )
 
 
 def _plot(options: argparse.Namespace) -> None:
@@ -147,8 +173,16 @@ def _schema(options: argparse.Namespace) -> None:
     print(json.dumps(json_schema(Scene), indent=1, ensure_ascii=False))
 
 
-ALONE = {"figures": _figures, "import": _import, "path": _path, "sweep-plot": _plot, "report": _report, "view": _view,
-         "info": _info, "schema": _schema}
+ALONE = {
+    "figures": _figures,
+    "import": _import,
+    "path": _path,
+    "sweep-plot": _plot,
+    "report": _report,
+    "view": _view,
+    "info": _info,
+    "schema": _schema,
+}
 
 
 def _alone(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> None:
@@ -179,7 +213,9 @@ def printing(world: MPI.Comm) -> Iterator[None]:
             logs.leave_stdout()
         except OSError as error:
             logs.leave_stdout()
-            raise OutputError(f"what was asked for could not be printed: {error.strerror}") from None
+            raise OutputError(
+                f"what was asked for could not be printed: {error.strerror}"
+            ) from None
 
 
 def _init_petsc(world: MPI.Comm, table: dict, petsc: list[str]) -> None:
@@ -190,5 +226,7 @@ def _init_petsc(world: MPI.Comm, table: dict, petsc: list[str]) -> None:
     from ddmpi.petsc.options import as_arguments, silence_left
 
     petsc4py.init([sys.argv[0], *as_arguments(table), *petsc], comm=MPI.Intracomm(world))
-    signal.signal(signal.SIGPIPE, signal.SIG_IGN)  # PETSc would end a run whose reader, such as head, has gone
+    signal.signal(
+        signal.SIGPIPE, signal.SIG_IGN
+    )  # PETSc would end a run whose reader, such as head, has gone
     atexit.register(silence_left)

@@ -13,7 +13,19 @@ CHOLESKY = {"mumps": "mumps", "cholmod": "suitesparse", "mkl_pardiso": "mkl_pard
 
 PRECONDITIONERS = ("gamg", "hypre", "ml", "bddc")
 
-QP_TYPES = ("gpcg", "tron", "blmvm", "bncg", "bnls", "bntr", "bntl", "bqnls", "bqnktr", "bqpip", "pdipm")
+QP_TYPES = (
+    "gpcg",
+    "tron",
+    "blmvm",
+    "bncg",
+    "bnls",
+    "bntr",
+    "bntl",
+    "bqnls",
+    "bqnktr",
+    "bqpip",
+    "pdipm",
+)
 """PETSc's types for QPs with bounds; ours, MPRGP, is always there."""
 
 
@@ -21,12 +33,21 @@ def describe_installation() -> str:
     """Lines of text. Not collective."""
     lines = {
         **versions(),
-        "Cholesky factorizations": _listed([*(
-            name for name, package in CHOLESKY.items() if PETSc.Sys.hasExternalPackage(package)), "petsc"]),
+        "Cholesky factorizations": _listed(
+            [
+                *(
+                    name
+                    for name, package in CHOLESKY.items()
+                    if PETSc.Sys.hasExternalPackage(package)
+                ),
+                "petsc",
+            ]
+        ),
         "multigrid and others": _listed(name for name in PRECONDITIONERS if _has_type("PC", name)),
-        "contact subproblems (TAO)": "python (MPRGP), " + _listed(name for name in QP_TYPES if _has_type("TAO", name)),
+        "contact subproblems (TAO)": "python (MPRGP), "
+        + _listed(name for name in QP_TYPES if _has_type("TAO", name)),
         "machine": f"{platform.node()}, {platform.system()} {platform.machine()}, {os.cpu_count()} cores, "
-                   f"OMP_NUM_THREADS {os.environ.get('OMP_NUM_THREADS', 'not set (1 is best)')}",
+        f"OMP_NUM_THREADS {os.environ.get('OMP_NUM_THREADS', 'not set (1 is best)')}",
     }
     width = max(map(len, lines))
     return "".join(f"{name:{width}}  {value}\n" for name, value in lines.items())

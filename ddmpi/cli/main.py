@@ -50,7 +50,10 @@ def _abort(world: MPI.Comm, code: int) -> None:
     """
     late = time.monotonic() + 1.0
     with contextlib.suppress(OSError):  # stderr is no pipe
-        while any(fcntl.ioctl(sys.stderr.fileno(), termios.FIONREAD, bytes(4))) and time.monotonic() < late:
+        while (
+            any(fcntl.ioctl(sys.stderr.fileno(), termios.FIONREAD, bytes(4)))
+            and time.monotonic() < late
+        ):
             time.sleep(0.005)
     world.Abort(code)
 
@@ -67,8 +70,12 @@ def _main(world: MPI.Comm, ours: list[str], petsc: list[str]) -> int:
             except SystemExit as end:  # --help and --version
                 return int(end.code or 0)
         with agreed(world):
-            logs.configure(world.rank, getattr(options, "quiet", False), getattr(options, "log", None),
-                           f"ddmpi {__version__} on {whereabouts()}: {command()}")
+            logs.configure(
+                world.rank,
+                getattr(options, "quiet", False),
+                getattr(options, "log", None),
+                f"ddmpi {__version__} on {whereabouts()}: {command()}",
+            )
             interrupt.check()
         with explained():
             COMMANDS[options.command](world, options, petsc)

@@ -9,7 +9,18 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ddmpi.cli.report_markup import CAPTIONS, Column, Html, element, fill, noted, number, page, picture, table
+from ddmpi.cli.report_markup import (
+    CAPTIONS,
+    Column,
+    Html,
+    element,
+    fill,
+    noted,
+    number,
+    page,
+    picture,
+    table,
+)
 from ddmpi.errors import InputError
 from ddmpi.mesh.elements import ORDERS
 from ddmpi.results.histories import at_step, evenly
@@ -24,9 +35,16 @@ from ddmpi.system.provenance import has_matplotlib
 MOST_STEPS = 24  # most load steps in the table: of more steps those at the ends of legs, of more ends an even choice
 FEW = 3  # most contacts with lines of their own in the table of load steps
 
-PHASES = {"mesh": "making or reading the meshes", "assemble": "stiffness, pairing of the contacts",
-          "factor": "factorization of the stiffness", "outer": "the iteration", "recover": "displacements, stresses",
-          "estimate": "estimate of the error", "output": "files and pictures", "total": "all"}
+PHASES = {
+    "mesh": "making or reading the meshes",
+    "assemble": "stiffness, pairing of the contacts",
+    "factor": "factorization of the stiffness",
+    "outer": "the iteration",
+    "recover": "displacements, stresses",
+    "estimate": "estimate of the error",
+    "output": "files and pictures",
+    "total": "all",
+}
 
 RESULTANTS = ["force", "moment", "normal_force", "tangential_force"]
 
@@ -55,8 +73,12 @@ def write_report(folder: str | Path, output: str | None = None, time: float | No
 def _run(folder: Path, time: float | None) -> str:
     """The report of a run that shows the load step at `time`. Raises InputError."""
     if (folder / CHECKPOINT).exists() and not (folder / SUMMARY).exists():
-        raise InputError(f"{folder}: the run was not completed; go on from its checkpoint with --restart {folder}")
-    steps = time is not None or ((folder / "energy.csv").exists() and (folder / "result.h5").exists())
+        raise InputError(
+            f"{folder}: the run was not completed; go on from its checkpoint with --restart {folder}"
+        )
+    steps = time is not None or (
+        (folder / "energy.csv").exists() and (folder / "result.h5").exists()
+    )
     results, drawn = at_step(read_results(folder), folder, time) if steps else None, None
     summary = results.summary if results else read_summary(folder)
     with tempfile.TemporaryDirectory() as place:
@@ -71,33 +93,60 @@ def _run(folder: Path, time: float | None) -> str:
 def _sweep(folder: Path) -> str:
     """The report of a sweep. Raises InputError."""
     if not (folder / TABLE).exists():
-        raise InputError(f"{folder}: the sweep has no {TABLE} yet; it is written at its end, or by sweep … --gather")
+        raise InputError(
+            f"{folder}: the sweep has no {TABLE} yet; it is written at its end, or by sweep … --gather"
+        )
     rows = read_table(folder / TABLE)
     with reading(folder / SWEEP, "the record of a sweep"):
         scene = json.loads((folder / SWEEP).read_text(encoding="utf-8"))["scene"]
     if not rows:
         raise InputError(f"{folder / TABLE}: has no cases; sweep … --gather writes it anew")
     names, unit = list(rows[0]), scene.get("output", {}).get("length_unit", "m")
-    settings, certified = names[1:names.index("status")], sum(row["status"] == "certified" for row in rows)
-    ends = [row["status"] if row["status"] == "certified" or not row["reason"] else f"{row['status']}: {row['reason']}"
-            for row in rows]
-    warnings = [f"Case {_entry(row['case'])}: {row['warnings']}" for row in rows if row.get("warnings")]
-    cases = table("A line for each case; sweep.csv has all results",
-                  Column("case", [_entry(row["case"]) for row in rows]),
-                  *(Column(name, [_entry(row[name]) for row in rows]) for name in settings), Column("ended", ends),
-                  Column("outer iterations", [row["outer_iterations"] for row in rows]),
-                  Column("solves", [row["n_A"] for row in rows]),
-                  Column("displacement", [row["displacement_max"] for row in rows], unit),
-                  Column("estimated error", [row.get("discretization_error.energy_norm") for row in rows], "%"),
-                  Column("time", [row.get("seconds.total") for row in rows], "s", decimals=2), digits=3)
-    return fill({
-        "kind": "sweep", "title": scene.get("title") or folder.resolve().name,
-        "mood": "good" if certified == len(rows) else "bad",
-        "verdict": f"{certified} of {len(rows)} cases certified",
-        "because": f"Varied: {', '.join(settings)}." + f" Cases that warn: {len(warnings)}." * bool(warnings),
-        "warnings": noted(warnings), "cases": cases,
-        "plots": Html("".join(picture(path, path.stem) for path in sorted(folder.glob("*.png")))),
-        "scene": write_toml(scene), "scene_words": "The scene as it was written, before anything was varied."}, {"run"})
+    settings, certified = (
+        names[1 : names.index("status")],
+        sum(row["status"] == "certified" for row in rows),
+    )
+    ends = [
+        row["status"]
+        if row["status"] == "certified" or not row["reason"]
+        else f"{row['status']}: {row['reason']}"
+        for row in rows
+    ]
+    warnings = [
+        f"Case {_entry(row['case'])}: {row['warnings']}" for row in rows if row.get("warnings")
+    ]
+    cases = table(
+        "A line for each case; sweep.csv has all results",
+        Column("case", [_entry(row["case"]) for row in rows]),
+        *(Column(name, [_entry(row[name]) for row in rows]) for name in settings),
+        Column("ended", ends),
+        Column("outer iterations", [row["outer_iterations"] for row in rows]),
+        Column("solves", [row["n_A"] for row in rows]),
+        Column("displacement", [row["displacement_max"] for row in rows], unit),
+        Column(
+            "estimated error", [row.get("discretization_error.energy_norm") for row in rows], "%"
+        ),
+        Column("time", [row.get("seconds.total") for row in rows], "s", decimals=2),
+        digits=3,
+    )
+    return fill(
+        {
+            "kind": "sweep",
+            "title": scene.get("title") or folder.resolve().name,
+            "mood": "good" if certified == len(rows) else "bad",
+            "verdict": f"{certified} of {len(rows)} cases certified",
+            "because": f"Varied: {', '.join(settings)}."
+            + f" Cases that warn: {len(warnings)}." * bool(warnings),
+            "warnings": noted(warnings),
+            "cases": cases,
+            "plots": Html(
+                "".join(picture(path, path.stem) for path in sorted(folder.glob("*.png")))
+            ),
+            "scene": write_toml(scene),
+            "scene_words": "The scene as it was written, before anything was varied.",
+        },
+        {"run"},
+    )
 
 
 def _entry(value: object) -> str:
@@ -108,24 +157,39 @@ class RunReport:
     """The contents of a report of a run: the summary of its `folder` at the load step of a `time`; pictures of this
     step that have been `drawn` into another folder take the place of those there."""
 
-    def __init__(self, folder: Path, summary: dict, time: float | None = None, drawn: Path | None = None) -> None:
+    def __init__(
+        self, folder: Path, summary: dict, time: float | None = None, drawn: Path | None = None
+    ) -> None:
         self.folder, self.summary, self.drawn = folder, summary, drawn or folder
-        self.scene, self.bodies, self.contacts = summary["scene"], summary["bodies"], summary["contacts"]
+        self.scene, self.bodies, self.contacts = (
+            summary["scene"],
+            summary["bodies"],
+            summary["contacts"],
+        )
         self.refused = (folder / MECHANISM).exists() and not drawn  # then its numbers mean nothing
-        self.error, self.stepped = summary["discretization_error"], self.scene.get("time") is not None
+        self.error, self.stepped = (
+            summary["discretization_error"],
+            self.scene.get("time") is not None,
+        )
         last = time in (None, *(step["time"] for step in summary["steps"][-1:]))
-        self.of_step = ("of the last load step" if last else f"at time {time:g}") if self.stepped else ""
-        self.axes = "xyz"[:len(next(iter(self.bodies.values()))["reaction"])]
+        self.of_step = (
+            ("of the last load step" if last else f"at time {time:g}") if self.stepped else ""
+        )
+        self.axes = "xyz"[: len(next(iter(self.bodies.values()))["reaction"])]
         self.units = summary["units"] | {"": "", "%": "%"}
 
     def page(self) -> str:
         values = self._run() | self._work() | self._pictures() | self._steps() | self._numbers()
         if not self.refused:
-            return fill(values | self._contacts() | self._bodies() | self._certificate() | self._error())
+            return fill(
+                values | self._contacts() | self._bodies() | self._certificate() | self._error()
+            )
         mechanism = json.loads((self.folder / MECHANISM).read_text(encoding="utf-8"))
         return fill(values | {"imbalance": number(mechanism["imbalance"], 2)}, {"numbers"})
 
-    def _columns(self, table: str, keys: Iterable[str | Column], entries: Iterable[Any]) -> Iterator[Column]:
+    def _columns(
+        self, table: str, keys: Iterable[str | Column], entries: Iterable[Any]
+    ) -> Iterator[Column]:
         """The `keys` of `entries` as columns, by the rows that begin with `table`; of vectors one for each axis."""
         entries = list(entries)
         for key in keys:
@@ -133,41 +197,81 @@ class RunReport:
                 yield key
                 continue
             row = ROWS[table + key]
-            values = [functools.reduce(operator.getitem, key.split("."), entry) for entry in entries]
+            values = [
+                functools.reduce(operator.getitem, key.split("."), entry) for entry in entries
+            ]
             if not any(isinstance(value, list | tuple) for value in values):
                 yield Column(row.words, values, self.units[row.quantity])
                 continue
             for k, axis in enumerate(self.axes):
-                yield Column(f"{row.words} {axis}", [value and value[k] for value in values], self.units[row.quantity])
+                yield Column(
+                    f"{row.words} {axis}",
+                    [value and value[k] for value in values],
+                    self.units[row.quantity],
+                )
 
-    def _table(self, of: str, caption: str, *keys: str | Column, entries: dict | None = None, **options) -> Html:
+    def _table(
+        self, of: str, caption: str, *keys: str | Column, entries: dict | None = None, **options
+    ) -> Html:
         """A table with a line for each of the "bodies" or "contacts", or of `entries` in their place, by name."""
         entries = self.summary[of] if entries is None else entries
-        return table(caption, Column({"bodies": "body", "contacts": "contact"}[of], list(entries)),
-                     *self._columns(f"{of}.NAME.", keys, entries.values()), **options)
+        return table(
+            caption,
+            Column({"bodies": "body", "contacts": "contact"}[of], list(entries)),
+            *self._columns(f"{of}.NAME.", keys, entries.values()),
+            **options,
+        )
 
     def _run(self) -> dict[str, Any]:
         """The verdict, warnings, provenance and scene, and the numbers of the summary by their names."""
-        summary, unused, (verdict, *sentences) = self.summary, self.summary.get("options_unused", []), self._verdict()
-        hosts, versions = ", ".join(dict.fromkeys(summary.get("hosts", ()))), summary.get("versions", {})
+        summary, unused, (verdict, *sentences) = (
+            self.summary,
+            self.summary.get("options_unused", []),
+            self._verdict(),
+        )
+        hosts, versions = (
+            ", ".join(dict.fromkeys(summary.get("hosts", ()))),
+            summary.get("versions", {}),
+        )
         started = summary.get("started", "").replace("T", " ").replace("Z", " UTC")
-        when = [f"run of {started}" if started else "", f"on {hosts}" if hosts else "",
-                f"{summary['ranks']} rank{'s' * (summary['ranks'] != 1)}",
-                f"ddmpi {versions.get('ddmpi', 'of unknown version')}"]
-        options = " ".join(f"-{name} {value}".strip() for name, value in summary.get("options", {}).items())
+        when = [
+            f"run of {started}" if started else "",
+            f"on {hosts}" if hosts else "",
+            f"{summary['ranks']} rank{'s' * (summary['ranks'] != 1)}",
+            f"ddmpi {versions.get('ddmpi', 'of unknown version')}",
+        ]
+        options = " ".join(
+            f"-{name} {value}".strip() for name, value in summary.get("options", {}).items()
+        )
         return {name: value for name, value in summary.items() if isinstance(value, int | str)} | {
-            "kind": "run", "title": summary["title"] or self.folder.resolve().name,
-            "mood": "good" if summary["converged"] else "bad", "verdict": verdict, "because": sentences[0],
-            "more": " ".join(sentences[1:]), "when": ", ".join(filter(None, when)), "hosts": hosts,
-            "warnings": noted([*summary.get("warnings", ()), *(
-                f"{motion}; how far it has moved is not determined"
-                for motion in summary.get("undetermined", ())), *(
-                [f"PETSc options that nothing used: {', '.join(unused)}"] if unused else [])]),
-            "slurm": ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in summary.get("slurm", {}).items()),
+            "kind": "run",
+            "title": summary["title"] or self.folder.resolve().name,
+            "mood": "good" if summary["converged"] else "bad",
+            "verdict": verdict,
+            "because": sentences[0],
+            "more": " ".join(sentences[1:]),
+            "when": ", ".join(filter(None, when)),
+            "hosts": hosts,
+            "warnings": noted(
+                [
+                    *summary.get("warnings", ()),
+                    *(
+                        f"{motion}; how far it has moved is not determined"
+                        for motion in summary.get("undetermined", ())
+                    ),
+                    *([f"PETSc options that nothing used: {', '.join(unused)}"] if unused else []),
+                ]
+            ),
+            "slurm": ", ".join(
+                f"{name.replace('_', ' ')} {value}"
+                for name, value in summary.get("slurm", {}).items()
+            ),
             "versions": ", ".join(f"{name} {value}" for name, value in versions.items()),
-            "options": options or "none", "scene": write_toml(self.scene),
+            "options": options or "none",
+            "scene": write_toml(self.scene),
             "scene_words": "The scene as the run has read it, with all that was left out filled in. A file of it can "
-            "be run again."}
+            "be run again.",
+        }
 
     def _verdict(self) -> list[str]:
         """How the run ended in a word or two, and the sentences that explain it."""
@@ -177,21 +281,36 @@ class RunReport:
             sentences = [f"All residuals of the coupled problem are below {limit}."]
             if estimate is not None:
                 sentences.append(
-                    f"The mesh leaves an estimated error of {number(estimate, 2, '%')} in the energy norm.")
+                    f"The mesh leaves an estimated error of {number(estimate, 2, '%')} in the energy norm."
+                )
             if warnings:
-                sentences.append(f"There {'are' if warnings > 1 else 'is'} {warnings} warning{'s' * (warnings > 1)}.")
+                sentences.append(
+                    f"There {'are' if warnings > 1 else 'is'} {warnings} warning{'s' * (warnings > 1)}."
+                )
             return ["Certified", " ".join(sentences)]
         reason = summary["reason"]
-        no_answer = "" if self.refused else "The numbers below are those of the last iteration, and no answer."
+        no_answer = (
+            ""
+            if self.refused
+            else "The numbers below are those of the last iteration, and no answer."
+        )
         if reason.startswith("no equilibrium"):
             verdict, _, motion = reason.partition(": ")
             return [verdict.capitalize(), motion, no_answer]
-        failing = [f"{_words(kind)} {number(value, 2)}" for kind, value in summary["certificate"].items()
-                   if self._fails(value)]
+        failing = [
+            f"{_words(kind)} {number(value, 2)}"
+            for kind, value in summary["certificate"].items()
+            if self._fails(value)
+        ]
         if not failing:  # an accuracy target is missed
             return ["Accuracy not reached", reason, "The answer on this mesh is certified."]
-        return ["No certified answer", reason, f"Above the limit of {limit}: {', '.join(failing)}.", no_answer,
-                "The messages of the run say what to try."]
+        return [
+            "No certified answer",
+            reason,
+            f"Above the limit of {limit}: {', '.join(failing)}.",
+            no_answer,
+            "The messages of the run say what to try.",
+        ]
 
     def _fails(self, value: float | None) -> bool:
         return value is None or value > self.summary["certificate_limit"]
@@ -199,15 +318,23 @@ class RunReport:
     def _numbers(self) -> dict[str, Any]:
         """The numbers at the top of the report."""
         contacts = self.contacts.values()
-        numbers = {"m": sum(contact["m"] for contact in contacts), "nodes": count(contacts), "of_step": self.of_step,
-                   "depth": "depth" if len(self.axes) == 2 and not self.scene.get("axisymmetric") else "",
-                   "estimate": number(self.error["energy_norm"], 2, "%"), "body_number": len(self.bodies),
-                   "elements": ORDERS[self.summary["order"]]}
+        numbers = {
+            "m": sum(contact["m"] for contact in contacts),
+            "nodes": count(contacts),
+            "of_step": self.of_step,
+            "depth": "depth" if len(self.axes) == 2 and not self.scene.get("axisymmetric") else "",
+            "estimate": number(self.error["energy_norm"], 2, "%"),
+            "body_number": len(self.bodies),
+            "elements": ORDERS[self.summary["order"]],
+        }
         if not {contact["friction"] for contact in contacts} <= {"none", "bonded", "guided"}:
             dissipated = sum(contact["dissipated"] or 0.0 for contact in contacts)
             numbers["dissipated"] = number(dissipated, unit=self.units["energy"])
-        for name, entries, unit in (("displacement", self.bodies, "length"), ("von_mises", self.bodies, "stress"),
-                                    ("pressure", self.contacts, "stress")):
+        for name, entries, unit in (
+            ("displacement", self.bodies, "length"),
+            ("von_mises", self.bodies, "stress"),
+            ("pressure", self.contacts, "stress"),
+        ):
             value, of = largest(entries, f"{name}_max")
             numbers[name] = number(value, unit=self.units[unit])
             numbers[f"{name}_of"] = "not computed" if value is None else f"of {of}"
@@ -221,54 +348,106 @@ class RunReport:
             captions |= {file.replace("NAME", name): words.replace("NAME", name) for name in names}
         if self.refused:
             captions = {"mechanism.png": self.summary["reason"]}
-        pictures = Html("".join(picture(self.drawn / file, words) or picture(self.folder / file, words)
-                                for file, words in captions.items()))
-        hands = ("Drag to turn, wheel to zoom, shift and drag to move" if len(self.axes) == 3
-                 or self.scene.get("axisymmetric") else "Drag to move, wheel to zoom")
+        pictures = Html(
+            "".join(
+                picture(self.drawn / file, words) or picture(self.folder / file, words)
+                for file, words in captions.items()
+            )
+        )
+        hands = (
+            "Drag to turn, wheel to zoom, shift and drag to move"
+            if len(self.axes) == 3 or self.scene.get("axisymmetric")
+            else "Drag to move, wheel to zoom"
+        )
         view = page(self.folder / "view.html", f"{hands}. The controls choose what is drawn.")
         allowed = {"view": view, "policy": Html("; script-src 'unsafe-inline'")} if view else {}
         return allowed | {"pictures": pictures, "undrawn": "" if pictures else self.folder}
 
     def _contacts(self) -> dict[str, Any]:
-        contacts, asked = self.contacts, {contact["name"]: contact for contact in self.scene["contact"]}
+        contacts, asked = (
+            self.contacts,
+            {contact["name"]: contact for contact in self.scene["contact"]},
+        )
         unmatched = [name for name, contact in contacts.items() if contact["slave"]]
         # matching nodes have no such errors
-        entries = {name: contact if contact["slave"] else contact | dict.fromkeys(BETWEEN)
-                   for name, contact in contacts.items()}
-        pairing = [f"mortar, nodes of {contact['slave']}" if contact["slave"] else "node to node"
-                   for contact in contacts.values()]
+        entries = {
+            name: contact if contact["slave"] else contact | dict.fromkeys(BETWEEN)
+            for name, contact in contacts.items()
+        }
+        pairing = [
+            f"mortar, nodes of {contact['slave']}" if contact["slave"] else "node to node"
+            for contact in contacts.values()
+        ]
         return {
             "contacts": self._table(
-                "contacts", "Force and moment on the first body, about the origin; normal forces are positive under "
-                "pressure", *RESULTANTS, "pressure_max", *STATES),
+                "contacts",
+                "Force and moment on the first body, about the origin; normal forces are positive under "
+                "pressure",
+                *RESULTANTS,
+                "pressure_max",
+                *STATES,
+            ),
             "pairing": self._table(
-                "contacts", "Pairing; directions are those of the first body",
+                "contacts",
+                "Pairing; directions are those of the first body",
                 Column("bodies", [", ".join(asked[name]["bodies"]) for name in contacts]),
-                Column("law", [_law(asked[name]) for name in contacts]), "m", Column("pairing", pairing),
-                *(BETWEEN if unmatched else ()), entries=entries, digits=3, minor=True),
-            "unmatched": ", ".join(unmatched[:FEW]) + ", …" * (len(unmatched) > FEW)}
+                Column("law", [_law(asked[name]) for name in contacts]),
+                "m",
+                Column("pairing", pairing),
+                *(BETWEEN if unmatched else ()),
+                entries=entries,
+                digits=3,
+                minor=True,
+            ),
+            "unmatched": ", ".join(unmatched[:FEW]) + ", …" * (len(unmatched) > FEW),
+        }
 
     def _bodies(self) -> dict[str, Any]:
-        supports = {body["name"]: [f"{word}s" for word in ("clamp", "foundation") if body.get(word)]
-                    for body in self.scene["body"]}
-        entries = {name: body if supports[name] else body | {"reaction": [None] * len(self.axes)}
-                   for name, body in self.bodies.items()}
-        supported = [" and ".join(supports[name] + ["contacts"] * (not body["held"]))
-                     for name, body in self.bodies.items()]
-        return {"groups": self._groups(), "bodies": self._table(
-            "bodies", "Largest displacement and stress; the reaction of clamps and foundations, where there are any",
-            "n", "displacement_max", "von_mises_max", "reaction", "energy", Column("supported by", supported),
-            entries=entries)}
+        supports = {
+            body["name"]: [f"{word}s" for word in ("clamp", "foundation") if body.get(word)]
+            for body in self.scene["body"]
+        }
+        entries = {
+            name: body if supports[name] else body | {"reaction": [None] * len(self.axes)}
+            for name, body in self.bodies.items()
+        }
+        supported = [
+            " and ".join(supports[name] + ["contacts"] * (not body["held"]))
+            for name, body in self.bodies.items()
+        ]
+        return {
+            "groups": self._groups(),
+            "bodies": self._table(
+                "bodies",
+                "Largest displacement and stress; the reaction of clamps and foundations, where there are any",
+                "n",
+                "displacement_max",
+                "von_mises_max",
+                "reaction",
+                "energy",
+                Column("supported by", supported),
+                entries=entries,
+            ),
+        }
 
     def _groups(self) -> Html | str:
-        rows = [(name, group, by, forces) for name, body in self.bodies.items() for by in ("loads", "reactions")
-                for group, forces in body.get(by, {}).items()]
+        rows = [
+            (name, group, by, forces)
+            for name, body in self.bodies.items()
+            for by in ("loads", "reactions")
+            for group, forces in body.get(by, {}).items()
+        ]
         if not rows:
             return ""
         *names, forces = zip(*rows, strict=True)
-        return table("What loads and supports do to bodies, by group; moments are about the origin",
-                     *(Column(head, column) for head, column in zip(("body", "group", "of"), names, strict=True)),
-                     *self._columns("bodies.NAME.loads.GROUP.", ("force", "moment"), forces))
+        return table(
+            "What loads and supports do to bodies, by group; moments are about the origin",
+            *(
+                Column(head, column)
+                for head, column in zip(("body", "group", "of"), names, strict=True)
+            ),
+            *self._columns("bodies.NAME.loads.GROUP.", ("force", "moment"), forces),
+        )
 
     def _steps(self) -> dict[str, Any]:
         """The load steps, condensed where there are many, and the balance of energy."""
@@ -276,60 +455,132 @@ class RunReport:
         if not self.stepped or not every:
             return {"no_steps": "No load step was completed." if self.stepped else ""}
         if len(every) > MOST_STEPS:
-            steps = [step for step in every if drawn_times(self.summary, step["time"]) in self.scene["time"]["points"]
-                     ] or every
+            steps = [
+                step
+                for step in every
+                if drawn_times(self.summary, step["time"]) in self.scene["time"]["points"]
+            ] or every
             steps = [steps[k] for k in evenly(len(steps), MOST_STEPS)]
         if len(self.contacts) <= FEW:
-            rows = [(step, name, contact) for step in steps for name, contact in step["contacts"].items()]
+            rows = [
+                (step, name, contact)
+                for step in steps
+                for name, contact in step["contacts"].items()
+            ]
             caption, keys = "Forces on the first body", RESULTANTS + STATES
         else:
-            rows = [(step, "all", {key: sum(contact[key] or 0 for contact in step["contacts"].values())
-                                   for key in STATES}) for step in steps]
+            rows = [
+                (
+                    step,
+                    "all",
+                    {
+                        key: sum(contact[key] or 0 for contact in step["contacts"].values())
+                        for key in STATES
+                    },
+                )
+                for step in steps
+            ]
             caption, keys = "Nodes of all contacts", STATES
-        several = [Column("contact", [name for _, name, _ in rows])] if 1 < len(self.contacts) <= FEW else []
-        caption += f"; {len(steps)} of {len(every)} steps, steps.csv has all" * (len(steps) < len(every))
-        values = {"step_number": f"{len(every)} load steps to time {every[-1]['time']:g}.", "steps": table(
-            caption, Column("time", [f"{step['time']:g}" for step, *_ in rows]),
-            Column("iterations", [step["outer_iterations"] for step, *_ in rows]), *several,
-            *self._columns("contacts.NAME.", keys, [contact for *_, contact in rows]))}
+        several = (
+            [Column("contact", [name for _, name, _ in rows])]
+            if 1 < len(self.contacts) <= FEW
+            else []
+        )
+        caption += f"; {len(steps)} of {len(every)} steps, steps.csv has all" * (
+            len(steps) < len(every)
+        )
+        values = {
+            "step_number": f"{len(every)} load steps to time {every[-1]['time']:g}.",
+            "steps": table(
+                caption,
+                Column("time", [f"{step['time']:g}" for step, *_ in rows]),
+                Column("iterations", [step["outer_iterations"] for step, *_ in rows]),
+                *several,
+                *self._columns("contacts.NAME.", keys, [contact for *_, contact in rows]),
+            ),
+        }
         if energy := self.summary.get("energy"):
             told = {key: row.words for key in energy if (row := ROWS.get(f"energy.{key}"))}
-            values |= {"energy": table(
-                "Energy since time 0: the first is the sum of the next two", Column("what", list(told.values())),
-                Column("energy", [energy[key] for key in told], self.units["energy"])),
-                "imbalance_of_energy": number(energy["residual"], 2)}
+            values |= {
+                "energy": table(
+                    "Energy since time 0: the first is the sum of the next two",
+                    Column("what", list(told.values())),
+                    Column("energy", [energy[key] for key in told], self.units["energy"]),
+                ),
+                "imbalance_of_energy": number(energy["residual"], 2),
+            }
         return values
 
     def _certificate(self) -> dict[str, Any]:
         entries = [*self.contacts.items(), *self.bodies.items()]
-        kinds = {kind: value for kind, value in self.summary["certificate"].items() if kind in RESIDUALS}
-        worst = [_worst({name: entry["certificate"].get(kind, 0.0) for name, entry in entries}) for kind in kinds]
-        verdicts = [element("span", "fails", kind="fails") if self._fails(value) else "holds"
-                    for value in kinds.values()]
+        kinds = {
+            kind: value for kind, value in self.summary["certificate"].items() if kind in RESIDUALS
+        }
+        worst = [
+            _worst({name: entry["certificate"].get(kind, 0.0) for name, entry in entries})
+            for kind in kinds
+        ]
+        verdicts = [
+            element("span", "fails", kind="fails") if self._fails(value) else "holds"
+            for value in kinds.values()
+        ]
         of_contacts = [f"certificate.{kind}" for kind in kinds if kind != "equilibrium"]
         return {
             "limit": f"{self.summary['certificate_limit']:.2g}",
             "residuals": table(
                 f"The worst of all contacts{', bodies and load steps' if self.stepped else ' and bodies'}",
-                Column("residual", [_words(kind) for kind in kinds]), Column("value", list(kinds.values())),
-                Column("verdict", verdicts), Column("worst of", worst),
-                Column("what it is", [element("div", RESIDUALS[kind], kind="words") for kind in kinds]), digits=2),
-            "residuals_of_contacts": self._table("contacts", "By contact", *of_contacts, digits=2, minor=True)
-            if len(self.contacts) > 1 else "",
+                Column("residual", [_words(kind) for kind in kinds]),
+                Column("value", list(kinds.values())),
+                Column("verdict", verdicts),
+                Column("worst of", worst),
+                Column(
+                    "what it is", [element("div", RESIDUALS[kind], kind="words") for kind in kinds]
+                ),
+                digits=2,
+            ),
+            "residuals_of_contacts": self._table(
+                "contacts", "By contact", *of_contacts, digits=2, minor=True
+            )
+            if len(self.contacts) > 1
+            else "",
             "residuals_of_bodies": self._table(
-                "bodies", "By body, with its part of the estimated discretization error", "certificate.equilibrium",
-                "discretization_error", digits=2, minor=True)}
+                "bodies",
+                "By body, with its part of the estimated discretization error",
+                "certificate.equilibrium",
+                "discretization_error",
+                digits=2,
+                minor=True,
+            ),
+        }
 
     def _error(self) -> dict[str, Any]:
-        estimate, target, levels = self.error["energy_norm"], self.error.get("target"), self.error.get("levels") or []
+        estimate, target, levels = (
+            self.error["energy_norm"],
+            self.error.get("target"),
+            self.error.get("levels") or [],
+        )
         if estimate is None:
-            return {"no_estimate": self.of_step if self.of_step.startswith("at") else "for this run"}
-        meshes = table("The meshes on the way", Column("mesh", [f"{k}" for k in range(1, len(levels) + 1)]),
-                       *(Column(head, [level[key] for level in levels], unit) for head, key, unit in (
-                           ("refinement", "refinement", ""), ("unknowns", "n", ""), ("estimated error", "error", "%"))),
-                       digits=2)
-        return {"error": number(estimate, 2, "%"), "meshes": meshes if len(levels) > 1 else "",
-                "target": f"; {number(target, 2, '%')} was asked for" if target else ""}
+            return {
+                "no_estimate": self.of_step if self.of_step.startswith("at") else "for this run"
+            }
+        meshes = table(
+            "The meshes on the way",
+            Column("mesh", [f"{k}" for k in range(1, len(levels) + 1)]),
+            *(
+                Column(head, [level[key] for level in levels], unit)
+                for head, key, unit in (
+                    ("refinement", "refinement", ""),
+                    ("unknowns", "n", ""),
+                    ("estimated error", "error", "%"),
+                )
+            ),
+            digits=2,
+        )
+        return {
+            "error": number(estimate, 2, "%"),
+            "meshes": meshes if len(levels) > 1 else "",
+            "target": f"; {number(target, 2, '%')} was asked for" if target else "",
+        }
 
     def _work(self) -> dict[str, Any]:
         summary, seconds, bodies = self.summary, self.summary["seconds"], self.bodies.values()
@@ -337,13 +588,28 @@ class RunReport:
             "method": method_of(summary["outer"]).title.format_map(self.scene["method"]),
             "tolerance": f"{self.scene['method']['tolerance']:g}",
             "memory": f"{max(body['memory_mib'] for body in bodies):.0f}",
-            "convergence": picture(self.folder / "convergence.png", "The outer iteration.", "small"),
-            "times": table("Time of the slowest rank", Column("phase", list(seconds)),
-                           Column("time", list(seconds.values()), "s", decimals=2),
-                           Column("what it is", [PHASES.get(name, "") for name in seconds])) if seconds else "",
+            "convergence": picture(
+                self.folder / "convergence.png", "The outer iteration.", "small"
+            ),
+            "times": table(
+                "Time of the slowest rank",
+                Column("phase", list(seconds)),
+                Column("time", list(seconds.values()), "s", decimals=2),
+                Column("what it is", [PHASES.get(name, "") for name in seconds]),
+            )
+            if seconds
+            else "",
             "work_of_bodies": self._table(
-                "bodies", "By body", Column("ranks", [_ranks(body["ranks"]) for body in bodies]), "n_A", "solver",
-                "compliance", Column("memory", [round(body["memory_mib"]) for body in bodies], "MiB"), minor=True)}
+                "bodies",
+                "By body",
+                Column("ranks", [_ranks(body["ranks"]) for body in bodies]),
+                "n_A",
+                "solver",
+                "compliance",
+                Column("memory", [round(body["memory_mib"]) for body in bodies], "MiB"),
+                minor=True,
+            ),
+        }
 
 
 def _words(kind: str) -> str:

@@ -17,23 +17,35 @@ LONG = 12  # minor tables of more rows are folded
 
 TYPES = {".png": "image/png", ".gif": "image/gif"}
 
-CONTACT = ("Contact NAME: normal and tangential stress with the slip bound, gap and slip, and zones of open, slipping "
-           "and sticking nodes.",
-           "Contact NAME, laid flat: pressure, zones of open, slipping and sticking nodes, friction with the slip as "
-           "arrows, and the gap or slip; circles mark the largest values.")
+CONTACT = (
+    "Contact NAME: normal and tangential stress with the slip bound, gap and slip, and zones of open, slipping "
+    "and sticking nodes.",
+    "Contact NAME, laid flat: pressure, zones of open, slipping and sticking nodes, friction with the slip as "
+    "arrows, and the gap or slip; circles mark the largest values.",
+)
 
 CAPTIONS = {
-    "bodies.png": ("The deformed bodies with von Mises stress, else displacement; grey outlines are undeformed, and "
-                   "closed contacts are drawn closed.",) * 2,
-    "contacts.png": ("Contact pressures as areas on the undeformed bodies, resultants, and zones of open, slipping and "
-                     "sticking nodes.",
-                     "The bodies drawn apart, with the pressure painted on either side of each contact. Arrows are the "
-                     "resultants on the first body of each."),
-    "contact.png": (CONTACT[0].replace(" NAME", ""), CONTACT[1].replace(" NAME", "")), "contact_NAME.png": CONTACT,
-    "steps.png": ("Forces, energies and contact stresses over the load steps.",
-                  "Forces, energies and numbers of open, slipping and sticking nodes over the load steps."),
-    "error.png": ("Where the mesh is coarse: the estimated discretization error of each cell.",) * 2,
-    "animation.gif": ("The load steps, one after the other.",) * 2}
+    "bodies.png": (
+        "The deformed bodies with von Mises stress, else displacement; grey outlines are undeformed, and "
+        "closed contacts are drawn closed.",
+    )
+    * 2,
+    "contacts.png": (
+        "Contact pressures as areas on the undeformed bodies, resultants, and zones of open, slipping and "
+        "sticking nodes.",
+        "The bodies drawn apart, with the pressure painted on either side of each contact. Arrows are the "
+        "resultants on the first body of each.",
+    ),
+    "contact.png": (CONTACT[0].replace(" NAME", ""), CONTACT[1].replace(" NAME", "")),
+    "contact_NAME.png": CONTACT,
+    "steps.png": (
+        "Forces, energies and contact stresses over the load steps.",
+        "Forces, energies and numbers of open, slipping and sticking nodes over the load steps.",
+    ),
+    "error.png": ("Where the mesh is coarse: the estimated discretization error of each cell.",)
+    * 2,
+    "animation.gif": ("The load steps, one after the other.",) * 2,
+}
 """What pictures show, in the plane and in space."""
 
 Cell = str | float | None
@@ -62,15 +74,20 @@ def fill(values: Mapping[str, object], without: Collection[str] = ()) -> str:
     Lines and sections that have names, but none with a value, are left out as well.
     """
     template = resources.files("ddmpi.cli").joinpath("report.html").read_text(encoding="utf-8")
-    given = {"version": Html(__version__), "policy": Html(" ")} | {name: text(value) for name, value in values.items()
-                                              if value not in (None, "")}
+    given = {"version": Html(__version__), "policy": Html(" ")} | {
+        name: text(value) for name, value in values.items() if value not in (None, "")
+    }
 
     def wanted(section: re.Match[str]) -> str:
         known = given.keys() & re.findall(r"\$(\w+)", section[0])
         return section[0] if known and section["id"] not in without else ""
 
-    template = re.sub(r'<section id="(?P<id>\w+)">.*?</section>\n', wanted, template, flags=re.DOTALL)
-    return string.Template(re.sub(r"(?P<id>).*\$.*\n", wanted, template)).substitute(defaultdict(str, given))
+    template = re.sub(
+        r'<section id="(?P<id>\w+)">.*?</section>\n', wanted, template, flags=re.DOTALL
+    )
+    return string.Template(re.sub(r"(?P<id>).*\$.*\n", wanted, template)).substitute(
+        defaultdict(str, given)
+    )
 
 
 def text(value: object) -> Html:
@@ -79,7 +96,9 @@ def text(value: object) -> Html:
 
 def element(tag: str, *inside: object, **attributes: str) -> Html:
     """An element with its content; ``kind`` stands for the attribute class."""
-    given = "".join(f' {name.replace("kind", "class")}="{text(value)}"' for name, value in attributes.items())
+    given = "".join(
+        f' {name.replace("kind", "class")}="{text(value)}"' for name, value in attributes.items()
+    )
     return Html(f"<{tag}{given}>{''.join(map(text, inside))}</{tag}>")
 
 
@@ -100,27 +119,59 @@ def number(value: float | None, digits: int = 4, unit: str = "") -> str:
 
 def table(caption: str, *columns: Column, digits: int = 4, minor: bool = False) -> Html:
     """A table whose first column names its rows. On narrow screens it scrolls; a long one that is `minor` is folded."""
-    largest = {unit: max((abs(entry) for column in columns if column.unit == unit
-                          for entry in column.entries if isinstance(entry, int | float)), default=0.0)
-               for unit in {column.unit for column in columns}}
+    largest = {
+        unit: max(
+            (
+                abs(entry)
+                for column in columns
+                if column.unit == unit
+                for entry in column.entries
+                if isinstance(entry, int | float)
+            ),
+            default=0.0,
+        )
+        for unit in {column.unit for column in columns}
+    }
     heads: list[Html] = []
     cells: list[list[Html]] = []
     for column in columns:
         factor, unit = scaled_unit(largest[column.unit], column.unit)
         noise = ALIKE * largest[column.unit] if unit else 0.0  # smaller ones are about zero
         numeric = not any(isinstance(entry, str) for entry in column.entries)
-        heads.append(element("th", column.head, element("small", " ", unit) if unit else "", scope="col",
-                             **{"kind": "number"} if numeric else {}))
+        heads.append(
+            element(
+                "th",
+                column.head,
+                element("small", " ", unit) if unit else "",
+                scope="col",
+                **{"kind": "number"} if numeric else {},
+            )
+        )
         tag, named = ("td", {}) if cells else ("th", {"scope": "row"})
-        cells.append([element(tag, _cell(entry, digits, column.decimals, factor, noise),
-                              **named if isinstance(entry, str) else named | {"kind": "number"})
-                      for entry in column.entries])
+        cells.append(
+            [
+                element(
+                    tag,
+                    _cell(entry, digits, column.decimals, factor, noise),
+                    **named if isinstance(entry, str) else named | {"kind": "number"},
+                )
+                for entry in column.entries
+            ]
+        )
     rows = [element("tr", *row) for row in zip(*cells, strict=True)]
     whole = element("table", element("thead", element("tr", *heads)), element("tbody", *rows))
-    figure = element("figure", element("figcaption", caption), element(
-        "div", whole, kind="wide", role="region", tabindex="0", **{"aria-label": caption}), kind="table")
+    figure = element(
+        "figure",
+        element("figcaption", caption),
+        element("div", whole, kind="wide", role="region", tabindex="0", **{"aria-label": caption}),
+        kind="table",
+    )
     fold = minor and len(rows) > LONG
-    return element("details", element("summary", f"{caption} ({len(rows)})"), figure) if fold else figure
+    return (
+        element("details", element("summary", f"{caption} ({len(rows)})"), figure)
+        if fold
+        else figure
+    )
 
 
 def _cell(entry: Cell, digits: int, decimals: int | None, factor: float, noise: float) -> str:
@@ -135,15 +186,20 @@ def _cell(entry: Cell, digits: int, decimals: int | None, factor: float, noise: 
 
 def noted(entries: Sequence[object]) -> Html | str:
     """A list of notes, if there are any."""
-    return element("ul", *(element("li", entry) for entry in entries), kind="note") if entries else ""
+    return (
+        element("ul", *(element("li", entry) for entry in entries), kind="note") if entries else ""
+    )
 
 
 def page(path: Path, caption: str) -> Html:
     """A page of its own within the page, if its file exists; it may run scripts, and reach no network."""
     if not path.exists():
         return Html("")
-    return element("figure", element("iframe", srcdoc=path.read_text(encoding="utf-8"), title=caption, loading="lazy"),
-                   element("figcaption", caption))
+    return element(
+        "figure",
+        element("iframe", srcdoc=path.read_text(encoding="utf-8"), title=caption, loading="lazy"),
+        element("figcaption", caption),
+    )
 
 
 def picture(path: Path, caption: str, kind: str = "picture") -> Html:

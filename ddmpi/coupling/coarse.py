@@ -65,21 +65,39 @@ class Driven:
     @classmethod
     def of(cls, rigid: Rigid, space: Space) -> Driven:
         """A rigid partner that may touch the owned interfaces of `space`. Collective."""
-        nodes = [interface.places for interface in space.interfaces if interface.bodies[1] == rigid.name]
+        nodes = [
+            interface.places for interface in space.interfaces if interface.bodies[1] == rigid.name
+        ]
         d, turns = len(rigid.displacement or ()), np.eye(rigid.turns_by)
         axes, pivot = np.eye(d)[rigid.pushed], np.array(rigid.pivot or np.zeros(d))
-        *total, number = space.add(np.append(sum((at.sum(axis=0) for at in nodes), np.zeros(d)),
-                                             sum(map(len, nodes))))
+        *total, number = space.add(
+            np.append(sum((at.sum(axis=0) for at in nodes), np.zeros(d)), sum(map(len, nodes)))
+        )
         arm = np.array(total)[None] / number - pivot
-        shifts = np.concatenate([np.zeros((0, d)), *(-crossed(turn[None], arm) @ axes.T @ axes for turn in turns)])
-        sizes = np.array([space.largest(np.array([np.linalg.norm(
-            crossed(turn[None], at - pivot) + shift, axis=1).max() for at in nodes]))
-            for turn, shift in zip(turns, shifts, strict=True)])
+        shifts = np.concatenate(
+            [np.zeros((0, d)), *(-crossed(turn[None], arm) @ axes.T @ axes for turn in turns)]
+        )
+        sizes = np.array(
+            [
+                space.largest(
+                    np.array(
+                        [
+                            np.linalg.norm(crossed(turn[None], at - pivot) + shift, axis=1).max()
+                            for at in nodes
+                        ]
+                    )
+                )
+                for turn, shift in zip(turns, shifts, strict=True)
+            ]
+        )
         # if all nodes lie on the axis of a turn, it moves none beside other turns; nothing resists it, any size will do
         most = sizes.max(initial=0.0) or np.linalg.norm(arm) or 1.0
         sizes = np.where(sizes > ALIKE * most, sizes, most)
         driven = cls(rigid.name, rigid.history, axes, np.empty(0), pivot, turns, shifts, sizes)
-        return replace(driven, push=driven.along(np.array(rigid.force or np.zeros(d)), np.array(rigid.moment or 0.0)))
+        return replace(
+            driven,
+            push=driven.along(np.array(rigid.force or np.zeros(d)), np.array(rigid.moment or 0.0)),
+        )
 
     def along(self, force: np.ndarray, moment: np.ndarray | float = 0.0) -> np.ndarray:
         """A force (d,) and a moment (t,) along the motions (a + t,) (N)."""
@@ -92,20 +110,40 @@ class Driven:
         bolt = contact.pretension
         assert bolt
         along = np.array([bolt.along]) / np.linalg.norm(bolt.along)
-        return cls(f"pretension of {contact.name}", bolt.history, along, np.array([bolt.force]), 0.0 * along[0],
-                   np.eye(0), along[:0], np.empty(0), contact.name)
+        return cls(
+            f"pretension of {contact.name}",
+            bolt.history,
+            along,
+            np.array([bolt.force]),
+            0.0 * along[0],
+            np.eye(0),
+            along[:0],
+            np.empty(0),
+            contact.name,
+        )
 
     @classmethod
     def of_frame(cls, name: str, free: FreeFrame, frame: Frame) -> Driven:
         """A rigid partner that moves far, where its frame is."""
         d, t = len(frame.shift), len(free.turns)
-        return cls(name, free.history, np.eye(d)[free.axes], free.push, frame.at(free.pivot), free.turns,
-                   np.zeros((t, d)), np.full(t, free.size), resists=free.levers)
+        return cls(
+            name,
+            free.history,
+            np.eye(d)[free.axes],
+            free.push,
+            frame.at(free.pivot),
+            free.turns,
+            np.zeros((t, d)),
+            np.full(t, free.size),
+            resists=free.levers,
+        )
 
     def motions(self, points: np.ndarray) -> np.ndarray:
         """The displacements (k, d, j) of points (k, d) by the motions."""
-        turned = [(crossed(turn[None], points - self.pivot) + shift) / size for turn, shift, size in
-                  zip(self.turns, self.shifts, self.sizes, strict=True)]
+        turned = [
+            (crossed(turn[None], points - self.pivot) + shift) / size
+            for turn, shift, size in zip(self.turns, self.shifts, self.sizes, strict=True)
+        ]
         return np.stack([*(np.zeros_like(points) + axis for axis in self.axes), *turned], axis=2)
 
     def place(self, interface: Interface, alpha: np.ndarray) -> Interface:
@@ -114,8 +152,12 @@ class Driven:
             return interface
         if self.bond:
             return replace(interface, offset=float(alpha[0]))
-        return replace(interface, displacement=interface.displacement + self.shift(alpha),
-                       turn=alpha[len(self.axes):] / self.sizes @ self.turns, pivot=self.pivot)
+        return replace(
+            interface,
+            displacement=interface.displacement + self.shift(alpha),
+            turn=alpha[len(self.axes) :] / self.sizes @ self.turns,
+            pivot=self.pivot,
+        )
 
     def shift(self, alpha: np.ndarray) -> np.ndarray:
         """The displacement (d,) of the pivot by amplitudes α (j,) (m)."""
@@ -138,7 +180,9 @@ class Motions:
         contact displacements (its size, c); together they are Z (owned size, size), sparse (m)
     """
 
-    def __init__(self, space: Space, size: int, blocks: Sequence[tuple[slice, np.ndarray, np.ndarray]]) -> None:
+    def __init__(
+        self, space: Space, size: int, blocks: Sequence[tuple[slice, np.ndarray, np.ndarray]]
+    ) -> None:
         self.space, self.size, self.blocks = space, size, tuple(blocks)
         self.Z = self.assemble([block for _, _, block in self.blocks])
 
@@ -148,9 +192,16 @@ class Motions:
             return self
         if not self.size:
             return other
-        return Motions(self.space, self.size + other.size,
-                       [(entries, np.append(ours, self.size + theirs), np.hstack([block, more])) for
-                        (entries, ours, block), (_, theirs, more) in zip(self.blocks, other.blocks, strict=True)])
+        return Motions(
+            self.space,
+            self.size + other.size,
+            [
+                (entries, np.append(ours, self.size + theirs), np.hstack([block, more]))
+                for (entries, ours, block), (_, theirs, more) in zip(
+                    self.blocks, other.blocks, strict=True
+                )
+            ],
+        )
 
     def assemble(self, blocks: Sequence[np.ndarray]) -> sparse.csr_matrix:
         """A matrix like Z from columns (its size, c) of every owned interface, for the motions of its bodies."""
@@ -159,8 +210,10 @@ class Motions:
             rows.append(np.repeat(np.arange(entries.start, entries.stop), len(numbers)))
             columns.append(np.tile(numbers, entries.stop - entries.start))
             values.append(block.ravel())
-        return sparse.csr_matrix((np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))),
-                                 (self.space.size, self.size))
+        return sparse.csr_matrix(
+            (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))),
+            (self.space.size, self.size),
+        )
 
     def spread(self, alpha: np.ndarray) -> np.ndarray:
         """Zα = Gᵀα (owned size,) in metres: the contact displacements of motions with amplitudes α (size,)."""
@@ -171,33 +224,54 @@ class Motions:
         return self.space.add(self.Z.T @ s) if self.size else np.zeros(0)
 
 
-def gather_motions(exchange: Exchange, space: Space, members: Sequence[Member], columns: Sequence[np.ndarray],
-                   driven: Sequence[Driven] = ()) -> tuple[Motions, dict[str, slice]]:
+def gather_motions(
+    exchange: Exchange,
+    space: Space,
+    members: Sequence[Member],
+    columns: Sequence[np.ndarray],
+    driven: Sequence[Driven] = (),
+) -> tuple[Motions, dict[str, slice]]:
     """The motions of all bodies, and their numbers by body: in the order of ranks, then of the bodies on a rank.
 
     `columns` has the contact displacements of the motions of every local body (j, size of its vector) in metres. The
     motions of what is `driven` come last. Collective.
     """
     # All ranks learn how many motions each body has, hence the same numbers; the motions themselves go to neighbours.
-    counts = exchange.world.allgather([(member.name, len(rows)) for member, rows in zip(members, columns, strict=True)])
+    counts = exchange.world.allgather(
+        [(member.name, len(rows)) for member, rows in zip(members, columns, strict=True)]
+    )
     slices, size = {}, 0
-    for name, count in itertools.chain(*counts, ((partner.name, len(partner.push)) for partner in driven)):
+    for name, count in itertools.chain(
+        *counts, ((partner.name, len(partner.push)) for partner in driven)
+    ):
         slices[name] = slice(size, size + count)
         size += count
     if not size:
         return Motions(space, 0, ()), slices
-    both = exchange.swap_objects({(contact, side): motions[:, entries].T
-                                  for member, motions in zip(members, columns, strict=True)
-                                  for contact, (entries, side) in member.parts.items()})
+    both = exchange.swap_objects(
+        {
+            (contact, side): motions[:, entries].T
+            for member, motions in zip(members, columns, strict=True)
+            for contact, (entries, side) in member.parts.items()
+        }
+    )
     blocks = []
     for interface, entries in space.with_slices():
         sides = dict(zip(interface.bodies, both[interface.name], strict=True))
         for partner in driven:
-            if partner.acts_on(interface):  # a second side that moves by e_x closes the contact by −n·e_x
-                sides[partner.name] = -np.einsum("id,idj->ij", interface.directions,
-                                                 partner.motions(interface.places)[interface.law.node])
-        seen = [(np.arange(slices[name].start, slices[name].stop), block)
-                for name, block in sides.items() if block is not None]
+            if partner.acts_on(
+                interface
+            ):  # a second side that moves by e_x closes the contact by −n·e_x
+                sides[partner.name] = -np.einsum(
+                    "id,idj->ij",
+                    interface.directions,
+                    partner.motions(interface.places)[interface.law.node],
+                )
+        seen = [
+            (np.arange(slices[name].start, slices[name].stop), block)
+            for name, block in sides.items()
+            if block is not None
+        ]
         numbers, columns = zip(*seen, strict=True)
         blocks.append((entries, np.concatenate(numbers), np.hstack(columns)))
     return Motions(space, size, blocks), slices
@@ -221,31 +295,52 @@ class CoarseSystem:
     Construction is collective.
     """
 
-    def __init__(self, motions: Motions, basis: sparse.csr_matrix, E: sparse.csr_matrix,
-                 weights: np.ndarray, stiffness: Callable[[int, np.ndarray], np.ndarray], resists: sparse.spmatrix,
-                 kept: Sequence[bool] | np.ndarray = (), columns: sparse.csr_matrix | None = None) -> None:
+    def __init__(
+        self,
+        motions: Motions,
+        basis: sparse.csr_matrix,
+        E: sparse.csr_matrix,
+        weights: np.ndarray,
+        stiffness: Callable[[int, np.ndarray], np.ndarray],
+        resists: sparse.spmatrix,
+        kept: Sequence[bool] | np.ndarray = (),
+        columns: sparse.csr_matrix | None = None,
+    ) -> None:
         self._space = motions.space
-        moves = sparse.diags(np.append(1.0 - np.asarray(kept, float), np.ones(motions.size - len(kept))))
+        moves = sparse.diags(
+            np.append(1.0 - np.asarray(kept, float), np.ones(motions.size - len(kept)))
+        )
         with event("CoarseSystem"):
             smooth = []
             for number, (entries, _, block) in enumerate(motions.blocks):
                 along = basis if columns is None else columns
-                smooth.append(stiffness(number, basis[entries] @ (weights[:, None] * (along[entries].T @ block))))
+                smooth.append(
+                    stiffness(
+                        number, basis[entries] @ (weights[:, None] * (along[entries].T @ block))
+                    )
+                )
             # Elimination of y from [M⁻¹ −Z̃ᵀ; Ẑ K] leaves S. The friction of slipping nodes follows the pressure, so E
             # differs from I, S is not symmetric, and the projector is oblique, unlike FETI's.
             self._MZ = (sparse.diags(weights) @ basis.T @ motions.assemble(smooth) @ moves).tocsr()
             self._EZ = (E.T @ motions.Z @ moves).tocsr()
             local = (self._EZ.T @ self._MZ).tocoo()
-            triplets, self.size = self._space.gather((local.row, local.col, local.data)), motions.size
+            triplets, self.size = (
+                self._space.gather((local.row, local.col, local.data)),
+                motions.size,
+            )
             with agreed(self._space.comm):
                 if triplets is not None:
-                    row, column, value = (np.concatenate(arrays) for arrays in zip(*triplets, strict=True))
+                    row, column, value = (
+                        np.concatenate(arrays) for arrays in zip(*triplets, strict=True)
+                    )
                     S = sparse.csc_matrix((value, (row, column)), (self.size, self.size))
                     try:
                         S = (S + resists).tocsc()
                         self._factors = splu(S, permc_spec="MMD_AT_PLUS_A")  # nearly symmetric
                     except (RuntimeError, ValueError) as cause:
-                        raise SolverError(f"the coarse problem of rigid motions cannot be solved: {cause}") from None
+                        raise SolverError(
+                            f"the coarse problem of rigid motions cannot be solved: {cause}"
+                        ) from None
 
     def correct(self, Mf: np.ndarray, h: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """y = M f + M Z̃ᵀ a (k,) in newtons and a = S⁻¹(h − Ẑ M f) (size,) in metres, from M f; `h` is zero if left out.
@@ -253,8 +348,9 @@ class CoarseSystem:
         Collective.
         """
         # the right-hand side is summed over ranks in one reduction, and a sent back: a few numbers a body
-        a = self._space.solve_first(self._EZ.T @ Mf, lambda total: self._factors.solve(
-            -total if h is None else h - total))
+        a = self._space.solve_first(
+            self._EZ.T @ Mf, lambda total: self._factors.solve(-total if h is None else h - total)
+        )
         return Mf + self._MZ @ a, a
 
 
@@ -268,26 +364,47 @@ class CrossPoints:
     def __init__(self, members: Sequence[Member], exchange: Exchange, space: Space) -> None:
         points = [member.at_cross_points() for member in members]
         rest = exchange.total([rest for _, rest in points], "cross points")
-        blocks = [([(name, entries.stop - entries.start) for name, (entries, _) in member.parts.items()], block)
-                  for member, (block, _) in zip(members, points, strict=True)]
+        blocks = [
+            (
+                [
+                    (name, entries.stop - entries.start)
+                    for name, (entries, _) in member.parts.items()
+                ],
+                block,
+            )
+            for member, (block, _) in zip(members, points, strict=True)
+        ]
         self._space, everyone = space, space.gather((space.parts, rest, blocks))
         if everyone is not None:
             layouts, rests, by_rank = zip(*everyone, strict=True)
             before = np.cumsum([0, *(len(values) for values in rests)])
             # Where the vector of each interface begins among those of all ranks.
-            starts = {name: start + entries.start for start, layout in zip(before, layouts, strict=False)
-                      for name, entries in layout.items()}
+            starts = {
+                name: start + entries.start
+                for start, layout in zip(before, layouts, strict=False)
+                for name, entries in layout.items()
+            }
             placed = [sparse.csr_matrix((before[-1], 0))]
             for sizes, block in itertools.chain(*by_rank):
-                rows = np.concatenate([np.zeros(0, int), *(starts[name] + np.arange(size) for name, size in sizes)])
-                placed.append(sparse.csr_matrix((np.ones(len(rows)), (rows, np.arange(len(rows)))),
-                                                (before[-1], len(rows))) @ block)
+                rows = np.concatenate(
+                    [np.zeros(0, int), *(starts[name] + np.arange(size) for name, size in sizes)]
+                )
+                placed.append(
+                    sparse.csr_matrix(
+                        (np.ones(len(rows)), (rows, np.arange(len(rows)))), (before[-1], len(rows))
+                    )
+                    @ block
+                )
             B = sparse.hstack(placed, "csr")
             # the diagonal `rest` is the compliance that nodes with one contact only add to these rows
             self._R = B @ B.T + sparse.diags(np.concatenate(rests))
 
-    def corrector(self, basis: sparse.csr_matrix, D: np.ndarray, rows: np.ndarray,
-                  ) -> Callable[[np.ndarray], np.ndarray] | None:
+    def corrector(
+        self,
+        basis: sparse.csr_matrix,
+        D: np.ndarray,
+        rows: np.ndarray,
+    ) -> Callable[[np.ndarray], np.ndarray] | None:
         """w ↦ diag(K) K⁻¹ w for displacements (k,) along the unknown forces, K = Iᵀ R I + D. Its calls are collective.
 
         `basis` is I (owned size, k), sparse, D (k,) are positive compliances (m/N), and `rows` (owned size,) bool marks
@@ -309,11 +426,15 @@ class CrossPoints:
                 try:
                     factors = splu(K, permc_spec="MMD_AT_PLUS_A")
                 except RuntimeError as cause:
-                    raise SolverError(f"the forces where contacts meet cannot be solved for: {cause}") from None
+                    raise SolverError(
+                        f"the forces where contacts meet cannot be solved for: {cause}"
+                    ) from None
 
         def correct(w: np.ndarray) -> np.ndarray:
             corrected = w.copy()
-            corrected[columns] = space.solve_joined(w[columns], lambda right: diagonal * factors.solve(right))
+            corrected[columns] = space.solve_joined(
+                w[columns], lambda right: diagonal * factors.solve(right)
+            )
             return corrected
 
         return correct

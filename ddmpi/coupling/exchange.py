@@ -52,7 +52,10 @@ class Exchange:
     def connect(self, space: Space, bodies: Sequence[Mapping[str, tuple[slice, int]]]) -> None:
         """Set the layout of vectors: of the owned interfaces by `space`; of the local `bodies` by contact, as the slice
         of the body's vector and the body's side, 0 or 1."""
-        sizes = [max((entries.stop for entries, _ in contacts.values()), default=0) for contacts in bodies]
+        sizes = [
+            max((entries.stop for entries, _ in contacts.values()), default=0)
+            for contacts in bodies
+        ]
         self._owned = space.size
         *starts, self._size = np.cumsum([0, *sizes]).tolist()
         self._bodies = [slice(*ends) for ends in itertools.pairwise([*starts, self._size])]
@@ -60,19 +63,29 @@ class Exchange:
         lent: dict[int, list[np.ndarray]] = {}
         borrowed: dict[int, list[np.ndarray]] = {}
         for contact, first, second in self.ends:
-            places = {contacts[contact][1]: start + np.arange(sizes[k])[contacts[contact][0]]
-                      for k, (start, contacts) in enumerate(zip(starts, bodies, strict=True)) if contact in contacts}
+            places = {
+                contacts[contact][1]: start + np.arange(sizes[k])[contacts[contact][0]]
+                for k, (start, contacts) in enumerate(zip(starts, bodies, strict=True))
+                if contact in contacts
+            }
             if first != self.world.rank:
                 borrowed.setdefault(first, []).append(places[1])
                 continue
             entries = np.arange(space.size)[space.parts[contact]]
-            local += [np.stack([place, entries, np.full_like(entries, side)]) for side, place in places.items()]
+            local += [
+                np.stack([place, entries, np.full_like(entries, side)])
+                for side, place in places.items()
+            ]
             if second != first:
                 lent.setdefault(second, []).append(entries)
         # index arrays: of contacts within this rank, of those lent to the second body's rank, and of those borrowed
-        self._local, self._at, self._side = np.hstack([np.zeros((3, 0), int), *local])  # rows of bodies, of owner; side
-        self._lent, self._borrowed = ({rank: np.concatenate(arrays) for rank, arrays in indices.items()}
-                                      for indices in (lent, borrowed))
+        self._local, self._at, self._side = np.hstack(
+            [np.zeros((3, 0), int), *local]
+        )  # rows of bodies, of owner; side
+        self._lent, self._borrowed = (
+            {rank: np.concatenate(arrays) for rank, arrays in indices.items()}
+            for indices in (lent, borrowed)
+        )
 
     def spread(self, x: np.ndarray) -> list[np.ndarray]:
         """A vector of each local body, from a vector `x` of the owned interfaces. Collective over neighbours."""
@@ -118,7 +131,8 @@ class Exchange:
         lost = words[1] != -words[2]
         if lost:
             self._failure = self._failure or SolverError(
-                f"the ranks are at different points of the iteration, one at {about!r}; the processors may differ")
+                f"the ranks are at different points of the iteration, one at {about!r}; the processors may differ"
+            )
         if words[0] or lost:
             agree(self.world, self._failure)
 
@@ -142,13 +156,17 @@ class Exchange:
         for contact, first, second in self.ends:
             if first != second:
                 side = int(self.world.rank == second)
-                outgoing.setdefault(first if side else second, {})[contact, side] = mine[contact, side]
+                outgoing.setdefault(first if side else second, {})[contact, side] = mine[
+                    contact, side
+                ]
         sending = [self.world.isend(objects, rank, _OBJECT) for rank, objects in outgoing.items()]
         known = dict(mine)
         for rank in outgoing:
             known |= self.world.recv(None, rank, _OBJECT)
         MPI.Request.waitall(sending)
-        return {contact: (known.get((contact, 0)), known.get((contact, 1))) for contact, *_ in self.ends}
+        return {
+            contact: (known.get((contact, 0)), known.get((contact, 1))) for contact, *_ in self.ends
+        }
 
     def state(self) -> dict[str, int]:
         return dict(self.sent)
@@ -167,7 +185,9 @@ class Exchange:
                 raise
             self._failure = error
 
-    def _trade(self, send: Mapping[int, np.ndarray], like: Mapping[int, np.ndarray]) -> dict[int, np.ndarray]:
+    def _trade(
+        self, send: Mapping[int, np.ndarray], like: Mapping[int, np.ndarray]
+    ) -> dict[int, np.ndarray]:
         """Send vectors to ranks, and receive vectors of the lengths of `like` from others."""
         if not (send or like):
             return {}

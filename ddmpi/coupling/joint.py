@@ -72,36 +72,76 @@ class Joint:
     far : whether bodies move far, and the operator is one of many passes
     """
 
-    def __init__(self, members: Sequence[Member], exchange: Exchange, space: Space,
-                 histories: Sequence[str | None] = (None,), pushed: Sequence[Rigid] = (),
-                 bolts: Sequence[SettledContact] = (), freed: Sequence[Driven] | None = None) -> None:
+    def __init__(
+        self,
+        members: Sequence[Member],
+        exchange: Exchange,
+        space: Space,
+        histories: Sequence[str | None] = (None,),
+        pushed: Sequence[Rigid] = (),
+        bolts: Sequence[SettledContact] = (),
+        freed: Sequence[Driven] | None = None,
+    ) -> None:
         self.members, self.space, self.size = tuple(members), space, space.size
         self.neglected, self.steering = 0.0, STEERING
         self.exchange, self.far = exchange, freed is not None
-        ours = np.array([any(member.dear for member in members),
-                         any(interface.waves for interface in space.interfaces)])
+        ours = np.array(
+            [
+                any(member.dear for member in members),
+                any(interface.waves for interface in space.interfaces),
+            ]
+        )
         exchange.world.Allreduce(MPI.IN_PLACE, ours, MPI.LOR)
         self.dear, self._waves = ours
-        self._moved = {name: exchange.total([member.response(name)[0] for member in members], "free displacement")
-                       for name in histories}
-        self.driven = (*(Driven.of(rigid, space) for rigid in pushed), *map(Driven.of_bond, bolts), *(freed or ()))
-        self.rigid, self.slices = gather_motions(exchange, space, members, [member.G for member in members],
-                                                 self.driven)
+        self._moved = {
+            name: exchange.total(
+                [member.response(name)[0] for member in members], "free displacement"
+            )
+            for name in histories
+        }
+        self.driven = (
+            *(Driven.of(rigid, space) for rigid in pushed),
+            *map(Driven.of_bond, bolts),
+            *(freed or ()),
+        )
+        self.rigid, self.slices = gather_motions(
+            exchange, space, members, [member.G for member in members], self.driven
+        )
         self.bodies = len(self.slices) - len(self.driven)
         self.kept, self.still = np.zeros(self.rigid.size, bool), np.zeros(self.rigid.size)
         # a driven partner is a body without compliance; its rows of G s = e balance contact forces, force and moment
-        self._none, self._resisting = sparse.csr_matrix((self.rigid.size,) * 2), dict[str | None, sparse.spmatrix]()
+        self._none, self._resisting = (
+            sparse.csr_matrix((self.rigid.size,) * 2),
+            dict[str | None, sparse.spmatrix](),
+        )
         if freed is not None:
             blocks = {partner.name: {partner.history: partner.resists} for partner in freed}
-            for resisting in exchange.world.allgather({member.name: member.resisting for member in members
-                                                       if isinstance(member, FarMember)}):
+            for resisting in exchange.world.allgather(
+                {
+                    member.name: member.resisting
+                    for member in members
+                    if isinstance(member, FarMember)
+                }
+            ):
                 blocks |= resisting
-            self._resisting = {history: sparse.block_diag([blocks.get(name, {}).get(history, np.zeros((
-                at.stop - at.start,) * 2)) for name, at in self.slices.items()], "csr") for history in histories
-                if any(history in by_history for by_history in blocks.values())}
-        self._pulled = {name: self.of_all([member.response(name)[1] for member in members],
-                                           [(partner.history == name) * partner.push for partner in self.driven])
-                        for name in histories}
+            self._resisting = {
+                history: sparse.block_diag(
+                    [
+                        blocks.get(name, {}).get(history, np.zeros((at.stop - at.start,) * 2))
+                        for name, at in self.slices.items()
+                    ],
+                    "csr",
+                )
+                for history in histories
+                if any(history in by_history for by_history in blocks.values())
+            }
+        self._pulled = {
+            name: self.of_all(
+                [member.response(name)[1] for member in members],
+                [(partner.history == name) * partner.push for partner in self.driven],
+            )
+            for name in histories
+        }
         self.act(dict.fromkeys(histories, 1.0))
 
     def keep(self, bonds: Collection[str], alpha: np.ndarray) -> None:
@@ -115,12 +155,19 @@ class Joint:
     def at_rest(self) -> Point:
         """No forces, and no motions but those that are kept. Collective."""
         s = np.zeros(self.size)
-        return Point(s, -self.d - self.rigid.spread(self.still), self.still.copy(), self.imbalance(s, self.still))
+        return Point(
+            s,
+            -self.d - self.rigid.spread(self.still),
+            self.still.copy(),
+            self.imbalance(s, self.still),
+        )
 
     def act(self, factors: Mapping[str | None, float]) -> None:
         """Set d and e for these `factors` of loads and clamps by history; `act` of `space` and members goes first."""
-        self.d, self.e = (sum((factors[name] * value for name, value in by_history.items()), np.zeros(1))
-                          for by_history in (self._moved, self._pulled))
+        self.d, self.e = (
+            sum((factors[name] * value for name, value in by_history.items()), np.zeros(1))
+            for by_history in (self._moved, self._pulled)
+        )
         # d = Σ B_a A_a⁺ b_a − gap is positive where bodies without contact forces would overlap
         self.d = self.d - self.space.gap
         self.e = np.where(self.kept, 0.0, self.e)
@@ -147,15 +194,23 @@ class Joint:
 
     def dense(self, most: int) -> np.ndarray | None:
         """C (size, size) as a matrix (m/N), if one rank has all compliances explicitly, and of at most `most` rows."""
-        if self.exchange.world.size > 1 or self.size > most or not all(member.known for member in self.members):
+        if (
+            self.exchange.world.size > 1
+            or self.size > most
+            or not all(member.known for member in self.members)
+        ):
             return None
         C = np.zeros((self.size, self.size))
-        for member, places in zip(self.members, self.exchange.spread(np.arange(self.size)), strict=True):
+        for member, places in zip(
+            self.members, self.exchange.spread(np.arange(self.size)), strict=True
+        ):
             at = places.astype(int)
             C[np.ix_(at, at)] += member.dense()
         return C
 
-    def add_motions(self, columns: Sequence[np.ndarray], values: Sequence[np.ndarray]) -> tuple[Motions, np.ndarray]:
+    def add_motions(
+        self, columns: Sequence[np.ndarray], values: Sequence[np.ndarray]
+    ) -> tuple[Motions, np.ndarray]:
         """The rigid motions followed by `columns` (j, its size) of all bodies, and the `values` of these for all."""
         more, _ = gather_motions(self.exchange, self.space, self.members, columns)
         return self.rigid.joined(more), self.of_all(values)
@@ -166,25 +221,53 @@ class Joint:
 
     def local(self) -> np.ndarray:
         """`Member.local` (size,) of both bodies, where interfaces have waves; else zero. Collective."""
-        return self.exchange.total([member.local() for member in self.members], "local compliances"
-                                   ) if self._waves else np.zeros(self.size)
+        return (
+            self.exchange.total([member.local() for member in self.members], "local compliances")
+            if self._waves
+            else np.zeros(self.size)
+        )
 
     def shared(self) -> np.ndarray:
         """(size,) bool, unknowns of nodes at which a body has several contacts. Collective."""
-        return self.exchange.total([member.shared().astype(float) for member in self.members], "shared nodes") > 0.0
+        return (
+            self.exchange.total(
+                [member.shared().astype(float) for member in self.members], "shared nodes"
+            )
+            > 0.0
+        )
 
     def rigid_moduli(self) -> np.ndarray:
         """`Member.stiffness` (rigid.size,) of each rigid motion's body, for a driven partner of its stiffest body
         (N/m²; in space N/m), times the ratio of the softest foundation to its body, if below 1."""
         world = self.exchange.world
         # springs that steer rigid motions must be soft beside foundations, which resist the same motions
-        soft = [member.elasticity.softest / member.stiffness for member in self.members if member.stiffness]
+        soft = [
+            member.elasticity.softest / member.stiffness
+            for member in self.members
+            if member.stiffness
+        ]
         share = world.allreduce(min([1.0, *soft]), MPI.MIN)
-        pushing = [world.allreduce(max((member.stiffness for member in self.members if any(
-            map(partner.acts_on, member.interfaces))), default=0.0), MPI.MAX) for partner in self.driven]
-        return share * self.of_all([np.full(len(member.e), member.stiffness) for member in self.members],
-                                    [np.full(len(partner.push), stiffness) for partner, stiffness in
-                                     zip(self.driven, pushing, strict=True)])
+        pushing = [
+            world.allreduce(
+                max(
+                    (
+                        member.stiffness
+                        for member in self.members
+                        if any(map(partner.acts_on, member.interfaces))
+                    ),
+                    default=0.0,
+                ),
+                MPI.MAX,
+            )
+            for partner in self.driven
+        ]
+        return share * self.of_all(
+            [np.full(len(member.e), member.stiffness) for member in self.members],
+            [
+                np.full(len(partner.push), stiffness)
+                for partner, stiffness in zip(self.driven, pushing, strict=True)
+            ],
+        )
 
     def first_closed(self) -> tuple[np.ndarray, np.ndarray]:
         """The nodes (m,) bool of all owned interfaces that the first guess closes, and those of them that are open and
@@ -196,19 +279,27 @@ class Joint:
         """
         space = self.space
         # gap ≤ 0 without forces: they touch or overlap, as drawn and with rigid partners moved
-        touches = [space.gap[entries][:interface.m] <= 0.0 for interface, entries in space.with_slices()]
+        touches = [
+            space.gap[entries][: interface.m] <= 0.0 for interface, entries in space.with_slices()
+        ]
         falls = [np.zeros(len(touch), bool) for touch in touches]
         lonely: list[str] = []
         if self.rigid.size:
             bears = np.zeros(self.rigid.size)
-            for interface, block_of, closed in zip(space.interfaces, self.rigid.blocks, touches, strict=True):
+            for interface, block_of, closed in zip(
+                space.interfaces, self.rigid.blocks, touches, strict=True
+            ):
                 _, numbers, block = block_of
                 for at in (self.slices[name] for name in interface.bodies if name in self.slices):
                     of_body = (at.start <= numbers) & (numbers < at.stop)
                     # (Gᵀe)_j > 0: a motion along the load closes the gap at touching node j
-                    bears[numbers[of_body]] += (block[:interface.m][closed][:, of_body] @ self.e[at] > 0.0).any()
+                    bears[numbers[of_body]] += (
+                        block[: interface.m][closed][:, of_body] @ self.e[at] > 0.0
+                    ).any()
             bears = space.add(bears)
-            lonely = [name for name, at in self.slices.items() if self.e[at].any() and not bears[at].any()]
+            lonely = [
+                name for name, at in self.slices.items() if self.e[at].any() and not bears[at].any()
+            ]
         # for partners that do not turn, the direction of slip after the fall is known
         upright = {partner.name for partner in self.driven if not len(partner.sizes)}
         for k, interface in enumerate(space.interfaces):
@@ -219,7 +310,9 @@ class Joint:
         none = np.empty(0, bool)
         return np.concatenate([none, *touches]), np.concatenate([none, *falls])
 
-    def of_all(self, arrays: Sequence[np.ndarray], partners: Sequence[np.ndarray] = ()) -> np.ndarray:
+    def of_all(
+        self, arrays: Sequence[np.ndarray], partners: Sequence[np.ndarray] = ()
+    ) -> np.ndarray:
         """Arrays of all bodies and then of driven partners, concatenated in the order of the motions."""
         everyone = self.exchange.world.allgather(arrays)
         return np.concatenate([np.zeros(0), *itertools.chain(*everyone), *partners])
@@ -228,7 +321,9 @@ class Joint:
         """The owned interfaces, with rigid partners and offsets where the motions α (rigid.size,) take them."""
         interfaces = list(self.space.interfaces)
         for partner in self.driven:
-            interfaces = [partner.place(met, alpha[self.slices[partner.name]]) for met in interfaces]
+            interfaces = [
+                partner.place(met, alpha[self.slices[partner.name]]) for met in interfaces
+            ]
         return interfaces
 
     def imbalance(self, s: np.ndarray, alpha: np.ndarray) -> np.ndarray:
@@ -265,41 +360,100 @@ class FarMember(Member):
 
     resisting: dict[str | None, np.ndarray]
 
-    def __init__(self, elasticity: Elasticity, scene: Settled, mesh: Mesh, body: SettledBody, faces: Sequence[Side],
-                 memory: float, points: np.ndarray) -> None:
+    def __init__(
+        self,
+        elasticity: Elasticity,
+        scene: Settled,
+        mesh: Mesh,
+        body: SettledBody,
+        faces: Sequence[Side],
+        memory: float,
+        points: np.ndarray,
+    ) -> None:
         nodes = np.unique(np.concatenate([np.empty(0, int), *(side.nodes for side in faces)]))
-        super().__init__(body.name, elasticity, [], scene.method.compliance, memory, [None, *scene.followed], points,
-                         STEPS, nodes)
+        super().__init__(
+            body.name,
+            elasticity,
+            [],
+            scene.method.compliance,
+            memory,
+            [None, *scene.followed],
+            points,
+            STEPS,
+            nodes,
+        )
         loose, d, freed = not elasticity.supported, mesh.dimension, freed_part(body.motion)
-        if loose and (body.motion or elasticity.motions.shape[2] < (1 if mesh.axisymmetric else d * (d + 1) // 2)):
-            raise InputError(f'body.{body.name}: clamps leave a rigid motion free; with time.motions = "far" they '
-                             "must fix a body in its frame; free the motion of the frame, as in motion = { free = "
-                             '["y"] }, or leave clamps and motion out for a body that moves freely')
+        if loose and (
+            body.motion
+            or elasticity.motions.shape[2] < (1 if mesh.axisymmetric else d * (d + 1) // 2)
+        ):
+            raise InputError(
+                f'body.{body.name}: clamps leave a rigid motion free; with time.motions = "far" they '
+                "must fix a body in its frame; free the motion of the frame, as in motion = { free = "
+                '["y"] }, or leave clamps and motion out for a body that moves freely'
+            )
         if self.size and (self.kind == "iterative" or len(nodes) > MOST):
             why = self.reason if self.kind == "iterative" else f"at most {MOST} are possible"
-            raise InputError(f'body.{body.name}: with time.motions = "far" it needs a dense compliance of all '
-                             f"{len(nodes)} nodes of its contacts, and {why}: name smaller groups, or take a coarser "
-                             "mesh")
-        if self.kind == "direct" and self._B.count_nonzero():  # columns by solves would take a hundred times as long
+            raise InputError(
+                f'body.{body.name}: with time.motions = "far" it needs a dense compliance of all '
+                f"{len(nodes)} nodes of its contacts, and {why}: name smaller groups, or take a coarser "
+                "mesh"
+            )
+        if (
+            self.kind == "direct" and self._B.count_nonzero()
+        ):  # columns by solves would take a hundred times as long
             self.kind = self._asked = "explicit"
-        self._drawn, self._whole, self._dead = mesh.points, np.empty((0, 0)), dict[str | None, np.ndarray]()
+        self._drawn, self._whole, self._dead = (
+            mesh.points,
+            np.empty((0, 0)),
+            dict[str | None, np.ndarray](),
+        )
         # the frame of a loose body is the rigid motion of its contact nodes, by least squares
-        self.free = FreeFrame.of(freed, self._drawn[nodes] if loose and len(nodes) else self._drawn,
-                                 mesh.axisymmetric) if loose or freed else None
-        turns = any(motion.turn for motion in parts_of(body.motion)) or bool(self.free and len(self.free.turns))
-        self._following = {history: nodal_loads(mesh, body, history, np.zeros((d, d))) if turns else case.f
-                           for history, case in elasticity.cases.items()}
+        self.free = (
+            FreeFrame.of(
+                freed,
+                self._drawn[nodes] if loose and len(nodes) else self._drawn,
+                mesh.axisymmetric,
+            )
+            if loose or freed
+            else None
+        )
+        turns = any(motion.turn for motion in parts_of(body.motion)) or bool(
+            self.free and len(self.free.turns)
+        )
+        self._following = {
+            history: nodal_loads(mesh, body, history, np.zeros((d, d))) if turns else case.f
+            for history, case in elasticity.cases.items()
+        }
 
     def factor(self, kept: Kept | None = None) -> Member:
         """As of a `Member`; and the response to dead loads in all directions, for a frame that turns."""
         super().factor(kept)
         self._whole = super().dense()
         for history, case in self.elasticity.cases.items():
-            dead, free, d = case.f - self._following[history], self.elasticity.supports.free, case.f.shape[1]
+            dead, free, d = (
+                case.f - self._following[history],
+                self.elasticity.supports.free,
+                case.f.shape[1],
+            )
             if dead.any():
-                self._dead[history] = np.array([[self.response_to(replace(case, prescribed=0.0 * case.f, b=apply(
-                    free, np.outer(dead[:, i], axis))[self.elasticity.nodes].ravel()))[0] for axis in np.eye(d)]
-                    for i in range(d)])
+                self._dead[history] = np.array(
+                    [
+                        [
+                            self.response_to(
+                                replace(
+                                    case,
+                                    prescribed=0.0 * case.f,
+                                    b=apply(free, np.outer(dead[:, i], axis))[
+                                        self.elasticity.nodes
+                                    ].ravel(),
+                                )
+                            )[0]
+                            for axis in np.eye(d)
+                        ]
+                        for i in range(d)
+                    ]
+                )
         return self
 
     def meet(self, interfaces: Sequence[Interface], frame: Frame) -> FarMember:
@@ -308,18 +462,29 @@ class FarMember(Member):
         other._join(interfaces)
         other._B = other._rows()
         other.size = other._B.shape[0]
-        W, d = other._B[:, self._B.indices], len(turned)  # rows of `self._B` are unit vectors: W = B B₀ᵀ
+        W, d = (
+            other._B[:, self._B.indices],
+            len(turned),
+        )  # rows of `self._B` are unit vectors: W = B B₀ᵀ
         if self.free:
             other.motions = self.free.motions(self._drawn, turned)
-        other.G = np.vstack([np.empty((0, other.size)), *(other.trace(motion)[None] for motion in
-                                                         np.moveaxis(other.motions, 2, 0))])
+        other.G = np.vstack(
+            [
+                np.empty((0, other.size)),
+                *(other.trace(motion)[None] for motion in np.moveaxis(other.motions, 2, 0)),
+            ]
+        )
         cases, other._responses, other.resisting = dict[str | None, LoadCase](), {}, {}
         for history, case in self.elasticity.cases.items():
             follow, h = self._following[history], self._responses[history][0]
             dead = (case.f - follow) @ turned  # in a frame that turns they turn back
             change = follow + dead - case.f
-            cases[history] = replace(case, f=case.f + change, b=case.b + apply(
-                self.elasticity.supports.free, change)[self.elasticity.nodes].ravel())
+            cases[history] = replace(
+                case,
+                f=case.f + change,
+                b=case.b
+                + apply(self.elasticity.supports.free, change)[self.elasticity.nodes].ravel(),
+            )
             if history in self._dead:
                 h = h + np.einsum("ij,ijk->k", turned - np.eye(d), self._dead[history])
             e = np.einsum("nij,ni->j", other.motions, follow + dead)
@@ -328,7 +493,10 @@ class FarMember(Member):
             other._responses[history] = W @ h + other.trace(case.prescribed), e
         if self.free and self.free.part:  # its history is one of elasticity.cases
             history = self.free.history
-            other._responses[history] = other._responses[history][0], other._responses[history][1] + self.free.push
+            other._responses[history] = (
+                other._responses[history][0],
+                other._responses[history][1] + self.free.push,
+            )
             other.resisting[history] += self.free.levers
         other.h = sum((h for h, _ in other._responses.values()), np.zeros(1))
         other.e = sum((e for _, e in other._responses.values()), np.zeros(1))
@@ -368,24 +536,53 @@ class Far:
 
     def driven(self, scene: Settled, frames: Mapping[str, Frame]) -> list[Driven]:
         """The rigid partners with free frames, where their frames are."""
-        return [Driven.of_frame(rigid.name, self.free[rigid.name], frames[rigid.name]) for rigid in scene.rigid
-                if rigid.name in self.free]
+        return [
+            Driven.of_frame(rigid.name, self.free[rigid.name], frames[rigid.name])
+            for rigid in scene.rigid
+            if rigid.name in self.free
+        ]
 
     def frames(self, scene: Settled, time: float) -> dict[str, Frame]:
         """The frames of all bodies and rigid partners at `time`, by name."""
         return frames_of(scene, time, self.freed.get(time))
 
-    def meet(self, world: MPI.Comm, scene: Settled, exchange: Exchange, frames: Mapping[str, Frame],
-             reach: Mapping[str, tuple[float, float]]) -> tuple[list[FarMember], Space]:
+    def meet(
+        self,
+        world: MPI.Comm,
+        scene: Settled,
+        exchange: Exchange,
+        frames: Mapping[str, Frame],
+        reach: Mapping[str, tuple[float, float]],
+    ) -> tuple[list[FarMember], Space]:
         """The bodies with their contacts where their frames are, and the layout of the contacts that this rank owns.
         Collective. Raises InputError."""
         with agreed(world):
             rigid = {partner.name: partner for partner in scene.rigid}
-            met = {contact.name: meet(contact, self.sides[contact.name], frames, rigid,
-                                      reach.get(contact.name, (None, np.inf)))
-                   for contact in self.contacts}
-        members = [member.meet([seen(met[contact.name], frames[member.name]) for contact in self.contacts
-                                if member.name in contact.bodies], frames[member.name]) for member in self.members]
-        space = Space([met[name] for name, first, _ in exchange.ends if first == world.rank], world, exchange.sent)
+            met = {
+                contact.name: meet(
+                    contact,
+                    self.sides[contact.name],
+                    frames,
+                    rigid,
+                    reach.get(contact.name, (None, np.inf)),
+                )
+                for contact in self.contacts
+            }
+        members = [
+            member.meet(
+                [
+                    seen(met[contact.name], frames[member.name])
+                    for contact in self.contacts
+                    if member.name in contact.bodies
+                ],
+                frames[member.name],
+            )
+            for member in self.members
+        ]
+        space = Space(
+            [met[name] for name, first, _ in exchange.ends if first == world.rank],
+            world,
+            exchange.sent,
+        )
         exchange.connect(space, [member.parts for member in members])
         return members, space

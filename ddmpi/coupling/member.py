@@ -18,7 +18,14 @@ from ddmpi.body.rigid_motions import Centring, add_springs, support
 from ddmpi.body.solver import StiffnessSolver
 from ddmpi.coupling.team import TeamMatrix, TeamSolver
 from ddmpi.interface.interface import Interface
-from ddmpi.interface.trace import components, displacement_trace, nodal_forces, normal_trace, sliding_trace, trace
+from ddmpi.interface.trace import (
+    components,
+    displacement_trace,
+    nodal_forces,
+    normal_trace,
+    sliding_trace,
+    trace,
+)
 from ddmpi.kept.kept import Kept
 from ddmpi.petsc.events import event
 from ddmpi.petsc.options import ask, asked_for
@@ -62,10 +69,18 @@ class Member:
     _acting: Mapping[str | None, float] | None
     _elasticity: Elasticity
 
-    def __init__(self, name: str, elasticity: Elasticity, interfaces: Sequence[Interface],
-                 compliance: str | None = None, memory: float = np.inf,
-                 histories: Sequence[str | None] = (None,), points: np.ndarray | None = None,
-                 solves: int = 1, candidates: np.ndarray | None = None) -> None:
+    def __init__(
+        self,
+        name: str,
+        elasticity: Elasticity,
+        interfaces: Sequence[Interface],
+        compliance: str | None = None,
+        memory: float = np.inf,
+        histories: Sequence[str | None] = (None,),
+        points: np.ndarray | None = None,
+        solves: int = 1,
+        candidates: np.ndarray | None = None,
+    ) -> None:
         self.name, self.elasticity, self._histories = name, elasticity, tuple(histories)
         self._join(interfaces)
         A, b = elasticity.A, elasticity.b
@@ -82,21 +97,32 @@ class Member:
         self._B, self._points, self._asked, self._memory = B, points, compliance, memory
         self._for = bool(A.getAttr("coarse")), solves
         self.kind, self.reason = plan_compliance(A, B, compliance, memory, *self._for)
-        self._responses = {name: (np.zeros(self.size), R.T @ case.b) for name, case in elasticity.cases.items()}
+        self._responses = {
+            name: (np.zeros(self.size), R.T @ case.b) for name, case in elasticity.cases.items()
+        }
 
     def _join(self, interfaces: Sequence[Interface]) -> None:
         """Take part in these interfaces."""
         self.interfaces, self.began = tuple(interfaces), dict[str, np.ndarray]()
         ends = np.cumsum([0, *(interface.size for interface in self.interfaces)]).tolist()
-        self._sides = [(interface, slice(start, stop), interface.side(self.name)) for interface, (start, stop) in
-                       zip(self.interfaces, itertools.pairwise(ends), strict=True)]
+        self._sides = [
+            (interface, slice(start, stop), interface.side(self.name))
+            for interface, (start, stop) in zip(
+                self.interfaces, itertools.pairwise(ends), strict=True
+            )
+        ]
         self.parts = {interface.name: (entries, side) for interface, entries, side in self._sides}
 
     def _rows(self) -> sparse.csr_matrix:
         """B (size, columns of A) of the interfaces."""
         none = sparse.csr_matrix((0, self.elasticity.A.size[1]))
-        return sparse.vstack([none, *(trace(interface, side, self.elasticity) for interface, _, side in self._sides)],
-                             format="csr")
+        return sparse.vstack(
+            [
+                none,
+                *(trace(interface, side, self.elasticity) for interface, _, side in self._sides),
+            ],
+            format="csr",
+        )
 
     def local(self) -> np.ndarray:
         """(size,) the compliance that the diagonal of A alone gives an unknown (m/N). Not collective."""
@@ -111,14 +137,28 @@ class Member:
             # depends on the springs: C ← P C P, h ← P h, P = 1 − Gᵀ(G Gᵀ)⁺G.
             self._centring = Centring(self._R, self._B)
         # not kept for another case if the solver is iterative, as it starts from earlier solutions
-        self.C, options = kept.get("compliance", self.name, self.depends(kept), self._compliance,
-                                   lambda value: value[0].solver.direct)
+        self.C, options = kept.get(
+            "compliance",
+            self.name,
+            self.depends(kept),
+            self._compliance,
+            lambda value: value[0].solver.direct,
+        )
         self.C.renew()
         ask(options)
         self.dear = self.C.kind == "iterative"
-        self._responses = {name: self.response_to(case, get=partial(
-            kept.get, f"displacement by {name}", self.name, (kept.key("compliance", self.name), case.b)))
-            for name, case in self.elasticity.cases.items()}
+        self._responses = {
+            name: self.response_to(
+                case,
+                get=partial(
+                    kept.get,
+                    f"displacement by {name}",
+                    self.name,
+                    (kept.key("compliance", self.name), case.b),
+                ),
+            )
+            for name, case in self.elasticity.cases.items()
+        }
         self.h = sum((h for h, _ in self._responses.values()), np.zeros(1))
         self._set_up = self.C.count.copy()
         return self
@@ -134,12 +174,23 @@ class Member:
             if not self.elasticity.supported:
                 dofs = support(self.motions[self.elasticity.nodes])
                 A = A.with_springs(dofs) if shared else add_springs(A, dofs)
-            return Compliance(A, self._B, self.name, self._asked, self._memory,
-                              TeamSolver if shared else StiffnessSolver, self._points, *self._for), options
+            return Compliance(
+                A,
+                self._B,
+                self.name,
+                self._asked,
+                self._memory,
+                TeamSolver if shared else StiffnessSolver,
+                self._points,
+                *self._for,
+            ), options
 
-    def response_to(self, case: LoadCase, purpose: str = "load",
-                    get: Callable[[Callable[[], np.ndarray]], np.ndarray] = lambda make: make(),
-                    ) -> tuple[np.ndarray, np.ndarray]:
+    def response_to(
+        self,
+        case: LoadCase,
+        purpose: str = "load",
+        get: Callable[[Callable[[], np.ndarray]], np.ndarray] = lambda make: make(),
+    ) -> tuple[np.ndarray, np.ndarray]:
         """h (size,) and e (j,) of one load case; `get` computes B A⁻¹ b or has kept it. Collective on the body's
         communicator."""
         h = np.zeros(self.C.size)
@@ -147,7 +198,9 @@ class Member:
             self.C.count[purpose] += 1
             h = get(partial(self._free, case.b))
         # B has no entries at clamped dofs, whose prescribed displacements move the contact by a constant
-        return h + (self.trace(case.prescribed) if case.prescribed.any() else 0.0), self._R.T @ case.b
+        return h + (
+            self.trace(case.prescribed) if case.prescribed.any() else 0.0
+        ), self._R.T @ case.b
 
     def _free(self, load: np.ndarray) -> np.ndarray:
         """B A⁻¹ b (size,) of a load b (d k,). Collective on the body's communicator."""
@@ -182,16 +235,24 @@ class Member:
         """Set loads and prescribed displacements to these `factors` by history. Not collective."""
         self._acting = factors  # `elasticity` sums the loads on all nodes when it is asked for
         self._factors = np.array([factors[name] for name in self._histories])
-        self.h, self.e = (sum((factors[name] * response[k] for name, response in self._responses.items()), np.zeros(1))
-                          for k in (0, 1))
+        self.h, self.e = (
+            sum(
+                (factors[name] * response[k] for name, response in self._responses.items()),
+                np.zeros(1),
+            )
+            for k in (0, 1)
+        )
 
     @property
     def stiffness(self) -> float:
         """The largest E* of its interfaces (N/m²), in space and around an axis times their extent (N/m); without
         interfaces, the largest of A."""
         if any(interface.m for interface in self.interfaces):
-            return max(interface.modulus * interface.area.sum() / interface.length for interface in self.interfaces
-                       if interface.m)
+            return max(
+                interface.modulus * interface.area.sum() / interface.length
+                for interface in self.interfaces
+                if interface.m
+            )
         return float(self.elasticity.A.getDiagonal().array_r.max(initial=0.0))
 
     def at_cross_points(self) -> tuple[sparse.csr_matrix, np.ndarray]:
@@ -203,14 +264,23 @@ class Member:
         B, several = self.C.B.tocoo(), self._several()
         # 1/c is the compliance of both bodies together at a row: each has half of it, on a rigid partner the body has
         # all. A row distributes it by the squares of B over its nodes, with one or with several contacts.
-        compliance = np.concatenate([np.empty(0), *(1.0 / ((2.0 - interface.on_rigid) * interface.stiffness)
-                                                    for interface in self.interfaces)])
+        compliance = np.concatenate(
+            [
+                np.empty(0),
+                *(
+                    1.0 / ((2.0 - interface.on_rigid) * interface.stiffness)
+                    for interface in self.interfaces
+                ),
+            ]
+        )
         number = np.bincount(B.col, minlength=B.shape[1])
         node = np.bincount(B.col, compliance[B.row], B.shape[1]) / np.maximum(number, 1)
         squares = np.bincount(B.row, B.data**2 * node[B.col], self.size)
         shared = np.bincount(B.row, B.data**2 * (several * node)[B.col], self.size)
         columns = self.C.B @ sparse.diags(np.sqrt(several * node))
-        return columns[:, several], (shared > 0.0) * compliance * (1.0 - shared / np.where(squares > 0.0, squares, 1.0))
+        return columns[:, several], (shared > 0.0) * compliance * (
+            1.0 - shared / np.where(squares > 0.0, squares, 1.0)
+        )
 
     def shared(self) -> np.ndarray:
         """(size,) bool, the rows of nodes at which the body has several contacts. Not collective."""
@@ -220,7 +290,9 @@ class Member:
     def _several(self) -> np.ndarray:
         """(columns of B,) bool, the dofs of nodes at which the body has several contacts."""
         B, d = self.C.B.tocoo(), self.motions.shape[1]
-        contact = np.repeat(np.arange(len(self.parts)), [interface.size for interface in self.interfaces])
+        contact = np.repeat(
+            np.arange(len(self.parts)), [interface.size for interface in self.interfaces]
+        )
         meets, acts = np.zeros((len(self.parts), B.shape[1] // d), bool), B.data != 0.0
         meets[contact[B.row[acts]], B.col[acts] // d] = True
         return np.repeat(meets.sum(axis=0) > 1, d)
@@ -262,24 +334,43 @@ class Member:
 
     def trace(self, u: np.ndarray) -> np.ndarray:
         """B u (size,) in metres, of a displacement (nv, d) of all nodes. Not collective."""
-        return np.concatenate([np.empty(0), *(displacement_trace(met, side, u) for met, _, side in self._sides)])
+        return np.concatenate(
+            [np.empty(0), *(displacement_trace(met, side, u) for met, _, side in self._sides)]
+        )
 
     def pull(self, s: np.ndarray) -> np.ndarray:
         """−Bᵀ s (nv, d): what contact forces s (size,) do to all nodes of the body (N). Not collective."""
-        return sum((nodal_forces(interface, side, s[entries], len(self.motions))
-                    for interface, entries, side in self._sides), np.zeros(self.motions.shape[:2]))
+        return sum(
+            (
+                nodal_forces(interface, side, s[entries], len(self.motions))
+                for interface, entries, side in self._sides
+            ),
+            np.zeros(self.motions.shape[:2]),
+        )
 
     def beside(self, u: np.ndarray) -> dict[tuple[str, int], tuple[np.ndarray, np.ndarray]]:
         """Displacements (m) that belong to no unknown, by contact and side: normal ones at the interfaces' probes, and
         tangential ones of nodes without friction. Not collective."""
-        return {(interface.name, side): (normal_trace(side, interface.probes, u), sliding_trace(
-            interface, side, u - self.began.get(interface.name, 0.0))) for interface, _, side in self._sides}
+        return {
+            (interface.name, side): (
+                normal_trace(side, interface.probes, u),
+                sliding_trace(interface, side, u - self.began.get(interface.name, 0.0)),
+            )
+            for interface, _, side in self._sides
+        }
 
     def begin(self, began: Mapping[str, np.ndarray]) -> np.ndarray:
         """Displacement (size,) from which slip counts (m), by `began`: those (nv, d) of all nodes, by contact."""
         self.began = dict(began)
-        return np.concatenate([np.empty(0), *(displacement_trace(met, side, self.began[met.name])
-                                              for met, _, side in self._sides)])
+        return np.concatenate(
+            [
+                np.empty(0),
+                *(
+                    displacement_trace(met, side, self.began[met.name])
+                    for met, _, side in self._sides
+                ),
+            ]
+        )
 
     def work(self, u: np.ndarray, s: np.ndarray) -> np.ndarray:
         """Work of loads, reactions and heat along displacements: (2, k) in J, by history in the order of the scene.
@@ -295,9 +386,13 @@ class Member:
                 joules[0, k] = (case.f * u).sum()
                 # R = K u − f − heat + Bᵀs at clamped dofs, times p, with K p = `taken`. Then ∫ σ : ε with σ = C (ε(u) −
                 # ε_heat) is heat·u less the product of the stored roots, exact for one temperature field.
-                joules[1, k] = ((u * case.taken).sum() - ((acting.f + acting.heat) * case.prescribed).sum()
-                                + s @ self.trace(case.prescribed)
-                                - (case.heat * u).sum() + case.stored * acting.stored)
+                joules[1, k] = (
+                    (u * case.taken).sum()
+                    - ((acting.f + acting.heat) * case.prescribed).sum()
+                    + s @ self.trace(case.prescribed)
+                    - (case.heat * u).sum()
+                    + case.stored * acting.stored
+                )
         return joules
 
     def prepare_energies(self) -> None:
@@ -313,11 +408,17 @@ class Member:
                 self._joules[:, :, k] = self.work(self.displacement(none)[0], none)
                 self._along[k] = self._pushed[k] = self.response(name)[0]
                 if case.taken.any() or case.heat.any():
-                    loads = apply(self.elasticity.supports.free[now.nodes], case.f[now.nodes]).ravel()
-                    self._pushed[k] = self.response_to(replace(case, b=loads, prescribed=0.0 * case.prescribed))[0]
+                    loads = apply(
+                        self.elasticity.supports.free[now.nodes], case.f[now.nodes]
+                    ).ravel()
+                    self._pushed[k] = self.response_to(
+                        replace(case, b=loads, prescribed=0.0 * case.prescribed)
+                    )[0]
         self.elasticity = now
 
-    def at_contacts(self, s: np.ndarray, alpha: np.ndarray) -> tuple[np.ndarray, np.ndarray, float, np.ndarray]:
+    def at_contacts(
+        self, s: np.ndarray, alpha: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, float, np.ndarray]:
         """What `displacement`, `trace` and `work` give under contact forces s (size,) in newtons and motions α (j,) in
         metres, by one product with C. Collective on the body's communicator. Raises SolverError.
 
@@ -340,8 +441,9 @@ class Member:
         work[0] += np.array([self.response(name)[1] @ alpha for name in self._histories])
         return self.h + self.G.T @ alpha - yielded, yielded, energy, work
 
-    def displacement(self, s: np.ndarray, alpha: np.ndarray | None = None,
-                     purpose: str = "displacement") -> tuple[np.ndarray, float, float, float]:
+    def displacement(
+        self, s: np.ndarray, alpha: np.ndarray | None = None, purpose: str = "displacement"
+    ) -> tuple[np.ndarray, float, float, float]:
         """Displacement under the load and the contact forces s (size,) in newtons.
 
         A loose body also moves by the rigid motions α (j,) in metres; without them its displacement is centred, as in

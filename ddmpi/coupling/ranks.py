@@ -32,7 +32,9 @@ class WorkingRanks:
         self.world, self._roots, self._left = world, world, list[MPI.Comm]()
         self._number: list[int] = []
         self._team: Team | None = None
-        self._failed = self._lost = False  # of the last case: whether it failed, and without an agreement of the ranks
+        self._failed = self._lost = (
+            False  # of the last case: whether it failed, and without an agreement of the ranks
+        )
 
     def work(self, scene: Settled, work: Callable[[MPI.Comm], T]) -> T | None:
         """The result of `work(roots)` on the roots of the bodies, None on the other ranks.
@@ -41,8 +43,11 @@ class WorkingRanks:
         that cannot reach all ranks of a body is raised on one rank only, with `agreed` False.
         """
         check_ranks(self.world, scene)
-        number = [] if self.world.size <= len(scene.body) else place_ranks(
-            [count_nodes(body.mesh) for body in scene.body], self.world.size)
+        number = (
+            []
+            if self.world.size <= len(scene.body)
+            else place_ranks([count_nodes(body.mesh) for body in scene.body], self.world.size)
+        )
         if number != self._number:
             self.end()
             if number:
@@ -62,7 +67,10 @@ class WorkingRanks:
         except DdmpiError as error:
             failure = error
         if team is None and failure:
-            self._lost, self._failed = not failure.agreed, not isinstance(failure, NotConvergedError)
+            self._lost, self._failed = (
+                not failure.agreed,
+                not isinstance(failure, NotConvergedError),
+            )
             raise failure
         if team is not None:
             # ranks of a lost team hang in a collective call of PETSc; an error without agreement ends all processes
@@ -81,7 +89,11 @@ class WorkingRanks:
         """Make teams, for more ranks than bodies; `number` is the body of each rank."""
         beside, comm = ranks_beside(self.world), self.world.Split(number[self.world.rank])
         roots = self.world.Split(0 if comm.rank == 0 else MPI.UNDEFINED)
-        self._team = Team(comm, [rank for rank, body in enumerate(number) if body == number[self.world.rank]], beside)
+        self._team = Team(
+            comm,
+            [rank for rank, body in enumerate(number) if body == number[self.world.rank]],
+            beside,
+        )
         self._number = number
         self._take(in_lockstep(roots) if comm.rank == 0 else roots)
 
@@ -132,14 +144,20 @@ def place_ranks(nodes: Sequence[int | None], ranks: int) -> list[int]:
 
 def count_nodes(mesh: MeshSpec) -> int | None:
     """The approximate number of nodes of a body's mesh; None if only its file has it."""
-    return None if mesh.divisions is None else math.prod((mesh.order or 1) * number + 1 for number in mesh.divisions)
+    return (
+        None
+        if mesh.divisions is None
+        else math.prod((mesh.order or 1) * number + 1 for number in mesh.divisions)
+    )
 
 
 def check_ranks(world: MPI.Comm, scene: Settled) -> None:
     """InputError, on all ranks, where a method of two bodies lacks a rank for each."""
     if scene.method.by_body and world.size < len(scene.body):
-        error = InputError(f"method.outer = {scene.method.outer!r} works on two ranks, one for each body; start it "
-                           f"with mpirun -n {len(scene.body)} (started on {world.size}), or use the default method")
+        error = InputError(
+            f"method.outer = {scene.method.outer!r} works on two ranks, one for each body; start it "
+            f"with mpirun -n {len(scene.body)} (started on {world.size}), or use the default method"
+        )
         error.agreed = True
         raise error
 

@@ -64,9 +64,17 @@ class Space:
     gap : (size,) `opening` less `prescribed`
     """
 
-    def __init__(self, interfaces: Sequence[Interface], comm: MPI.Comm = MPI.COMM_SELF,
-                 sent: Counter[str] | None = None) -> None:
-        self.interfaces, self.comm, self.sent = tuple(interfaces), comm, Counter() if sent is None else sent
+    def __init__(
+        self,
+        interfaces: Sequence[Interface],
+        comm: MPI.Comm = MPI.COMM_SELF,
+        sent: Counter[str] | None = None,
+    ) -> None:
+        self.interfaces, self.comm, self.sent = (
+            tuple(interfaces),
+            comm,
+            Counter() if sent is None else sent,
+        )
         self.petsc_comm = MPI.Intracomm(comm)
         self.parts: dict[str, slice] = {}
         start = 0
@@ -81,13 +89,17 @@ class Space:
     def _place(self) -> None:
         self.opening = np.zeros(self.size)
         for interface, entries in self.with_slices():
-            self.opening[entries][:interface.m] = interface.opening
-        self.prescribed = np.concatenate([np.empty(0), *(interface.prescribed for interface in self.interfaces)])
+            self.opening[entries][: interface.m] = interface.opening
+        self.prescribed = np.concatenate(
+            [np.empty(0), *(interface.prescribed for interface in self.interfaces)]
+        )
         self.gap = self.opening - self.prescribed
 
     def act(self, factors: Mapping[str | None, float]) -> None:
         """Set gaps and rigid partners to these `factors` by history."""
-        if any((interface.history, interface.gap_history) != (None, None) for interface in self._drawn):
+        if any(
+            (interface.history, interface.gap_history) != (None, None) for interface in self._drawn
+        ):
             self.interfaces = tuple(interface.under(factors) for interface in self._drawn)
             self._place()
 
@@ -97,12 +109,21 @@ class Space:
 
     def spread(self, values: Sequence[float]) -> np.ndarray:
         """A vector (size,) that is constant on each interface."""
-        return np.repeat(np.asarray(values, float), [interface.size for interface in self.interfaces])
+        return np.repeat(
+            np.asarray(values, float), [interface.size for interface in self.interfaces]
+        )
 
     def at_nodes(self, x: np.ndarray) -> np.ndarray:
         """|v| of each node's entries of a vector (size,), for all owned nodes; independent of the tangents."""
-        return np.concatenate([np.empty(0), *(np.sqrt(np.bincount(interface.law.node, x[entries]**2, interface.m))
-                                              for interface, entries in self.with_slices())])
+        return np.concatenate(
+            [
+                np.empty(0),
+                *(
+                    np.sqrt(np.bincount(interface.law.node, x[entries] ** 2, interface.m))
+                    for interface, entries in self.with_slices()
+                ),
+            ]
+        )
 
     def norm(self, x: np.ndarray) -> float:
         """‖x‖₂ of a vector (size,) over all ranks. Collective."""
@@ -123,7 +144,9 @@ class Space:
 
     def add(self, values: np.ndarray) -> np.ndarray:
         """The sum of equally long vectors over the ranks, the same on all of them. Collective."""
-        values = np.asarray(values, float)  # a sum over no contacts is an integer, which MPI would misread
+        values = np.asarray(
+            values, float
+        )  # a sum over no contacts is an integer, which MPI would misread
         if self.comm.size == 1:
             return values
         self.sent.update(reductions=1, reduced_bytes=values.nbytes)
@@ -131,7 +154,9 @@ class Space:
         self.comm.Allreduce(values, total)
         return total
 
-    def solve_first(self, values: np.ndarray, solve: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+    def solve_first(
+        self, values: np.ndarray, solve: Callable[[np.ndarray], np.ndarray]
+    ) -> np.ndarray:
         """`solve` on the first rank, applied to the sum of `values` (k,) over the ranks: (k,) on all. Collective."""
         total = self.add(values)
         if self.comm.rank == 0:
@@ -139,19 +164,25 @@ class Space:
         self.comm.Bcast(total)
         return total
 
-    def solve_joined(self, values: np.ndarray, solve: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+    def solve_joined(
+        self, values: np.ndarray, solve: Callable[[np.ndarray], np.ndarray]
+    ) -> np.ndarray:
         """This rank's part (k,) of `solve` on the first rank, applied to the `values` (k,) of all ranks. Collective."""
         if self.comm.size == 1:
             return solve(values)
         self.sent.update(reductions=1, reduced_bytes=values.nbytes)
         if vectors := self.comm.gather(values):
-            vectors = np.split(solve(np.concatenate(vectors)), np.cumsum([len(values) for values in vectors])[:-1])
+            vectors = np.split(
+                solve(np.concatenate(vectors)), np.cumsum([len(values) for values in vectors])[:-1]
+            )
         return self.comm.scatter(vectors)
 
     def gather(self, arrays: tuple) -> list[tuple] | None:
         """The `arrays` of all ranks, or other objects, on the first. Collective."""
         if self.comm.size > 1:
-            self.sent.update(reductions=1, reduced_bytes=sum(getattr(array, "nbytes", 0) for array in arrays))
+            self.sent.update(
+                reductions=1, reduced_bytes=sum(getattr(array, "nbytes", 0) for array in arrays)
+            )
         return self.comm.gather(arrays)
 
     def _gather(self, values: Sequence[float]) -> np.ndarray:
@@ -172,9 +203,12 @@ class Laws:
     def __init__(self, laws: Sequence[Law]) -> None:
         self.laws = tuple(laws) or (Law(0, np.empty(0, int), 1),)
         self.size = sum(law.size for law in self.laws)
-        sizes = np.cumsum([(0, 0, 0), *((law.size, law.m, len(law.sliding)) for law in self.laws)], axis=0).T.tolist()
-        self._parts, self._nodes, self._sliding = ([slice(*pair) for pair in itertools.pairwise(ends)]
-                                                   for ends in sizes)
+        sizes = np.cumsum(
+            [(0, 0, 0), *((law.size, law.m, len(law.sliding)) for law in self.laws)], axis=0
+        ).T.tolist()
+        self._parts, self._nodes, self._sliding = (
+            [slice(*pair) for pair in itertools.pairwise(ends)] for ends in sizes
+        )
 
     @property
     def largest_slope(self) -> float:
@@ -199,16 +233,25 @@ class Laws:
     def sticking(self, closed: np.ndarray, falls: np.ndarray | None = None) -> list[ActiveSet]:
         """Active sets with the nodes `closed` closed and sticking, unless they fall, and all others open."""
         falls = np.zeros_like(closed) if falls is None else falls
-        return [law.sticking(closed[nodes], falls[nodes]) for law, nodes in zip(self.laws, self._nodes, strict=True)]
+        return [
+            law.sticking(closed[nodes], falls[nodes])
+            for law, nodes in zip(self.laws, self._nodes, strict=True)
+        ]
 
     def linearise(self, active: list[ActiveSet]) -> list[Tangent]:
         """The tangents of the laws at the active sets, one for each interface."""
-        return [law.linearise(active_set) for law, active_set in zip(self.laws, active, strict=True)]
+        return [
+            law.linearise(active_set) for law, active_set in zip(self.laws, active, strict=True)
+        ]
 
     def settle(self, s: np.ndarray, active: list[ActiveSet]) -> np.ndarray:
         """The forces (size,) next to s that obey all bounds exactly."""
-        return np.concatenate([law.settle(vector, active_set) for (law, vector), active_set in
-                               zip(self.parts(s), active, strict=True)])
+        return np.concatenate(
+            [
+                law.settle(vector, active_set)
+                for (law, vector), active_set in zip(self.parts(s), active, strict=True)
+            ]
+        )
 
     def bound_at(self, s: np.ndarray) -> np.ndarray:
         """The slip bounds of all sliding nodes under the forces s (size,), in newtons."""
@@ -216,39 +259,69 @@ class Laws:
 
     def cone(self, bound: np.ndarray) -> Box | Discs:
         """The forces that are allowed while the slip bounds of all sliding nodes stay `bound`."""
-        return product([law.cone(limits) for law, limits in zip(self.laws, self.bounds(bound), strict=True)])
+        return product(
+            [law.cone(limits) for law, limits in zip(self.laws, self.bounds(bound), strict=True)]
+        )
 
 
-def kept_by_bonds(scene: Settled, joined: Mapping[str, tuple[Interface, list[str]]],
-                   world: MPI.Comm) -> dict[str, tuple[Interface, list[str]]]:
+def kept_by_bonds(
+    scene: Settled, joined: Mapping[str, tuple[Interface, list[str]]], world: MPI.Comm
+) -> dict[str, tuple[Interface, list[str]]]:
     """The interfaces and warnings of this rank. Overlaps of paired nodes that bonds of other contacts connect, directly
     or in a chain through other bodies, are set to zero, as no force could separate them. Collective."""
     if len({contact.kind for contact in scene.contact}) < 2:
         return dict(joined)
     # A node of a body, at an end of a pair, by one number.
     first = {body.name: number << 32 for number, body in enumerate(scene.body)}
-    pairs = {name: np.column_stack([first[body] + nodes[transfer.indices] for body, nodes, transfer in
-                                    zip(interface.bodies, interface.nodes, interface.transfer, strict=True)])
-             for name, (interface, _) in joined.items() if not interface.slave and not interface.on_rigid
-             and all(len(move.indices) == interface.m for move in interface.transfer)}  # no merged nodes on an axis
+    pairs = {
+        name: np.column_stack(
+            [
+                first[body] + nodes[transfer.indices]
+                for body, nodes, transfer in zip(
+                    interface.bodies, interface.nodes, interface.transfer, strict=True
+                )
+            ]
+        )
+        for name, (interface, _) in joined.items()
+        if not interface.slave
+        and not interface.on_rigid
+        and all(len(move.indices) == interface.m for move in interface.transfer)
+    }  # no merged nodes on an axis
     # Only bonds at a node of several contacts can close a chain.
-    ends, times = np.unique(np.concatenate([np.empty(0, int), *map(np.unique, pairs.values())]), return_counts=True)
-    bonds = [rows[np.isin(rows, ends[times > 1]).any(axis=1) & (joined[name][0].gap == 0.0)]
-             for name, rows in pairs.items() if joined[name][0].law.name == "bonded"]
+    ends, times = np.unique(
+        np.concatenate([np.empty(0, int), *map(np.unique, pairs.values())]), return_counts=True
+    )
+    bonds = [
+        rows[np.isin(rows, ends[times > 1]).any(axis=1) & (joined[name][0].gap == 0.0)]
+        for name, rows in pairs.items()
+        if joined[name][0].law.name == "bonded"
+    ]
     # Chains of bonds are the connected components of a graph: nodes of bodies, and bonds as edges between them.
     together = [[], *itertools.chain(*world.allgather(bonds))]
-    bonded, links = np.unique(np.concatenate([np.ravel(rows) for rows in together]).astype(int), return_inverse=True)
+    bonded, links = np.unique(
+        np.concatenate([np.ravel(rows) for rows in together]).astype(int), return_inverse=True
+    )
     links = links.reshape(-1, 2)
-    piece = csgraph.connected_components(sparse.csr_matrix((np.ones(len(links)), links.T), (len(bonded),) * 2),
-                                         directed=False)[1]
+    piece = csgraph.connected_components(
+        sparse.csr_matrix((np.ones(len(links)), links.T), (len(bonded),) * 2), directed=False
+    )[1]
     result = dict(joined)
     for name, rows in pairs.items():
         interface, warnings = joined[name]
-        kept = np.isin(rows, bonded).all(axis=1) & (interface.gap < 0.0) & (interface.law.name != "bonded")
+        kept = (
+            np.isin(rows, bonded).all(axis=1)
+            & (interface.gap < 0.0)
+            & (interface.law.name != "bonded")
+        )
         kept[kept] = np.equal(*piece[np.searchsorted(bonded, rows[kept])].T)
         if kept.any():
             gap, at = np.where(kept, 0.0, interface.gap), in_words(interface.xy[kept][0])
-            result[name] = replace(interface, gap=gap), [
-                *warnings, f"contact.{name}: bonds of other contacts hold both sides together at {at}, so that the "
-                           f"overlap of {-interface.gap[kept].min():.3g} there is left out"]
+            result[name] = (
+                replace(interface, gap=gap),
+                [
+                    *warnings,
+                    f"contact.{name}: bonds of other contacts hold both sides together at {at}, so that the "
+                    f"overlap of {-interface.gap[kept].min():.3g} there is left out",
+                ],
+            )
     return result

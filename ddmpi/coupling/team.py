@@ -42,7 +42,10 @@ class Share:
     def __init__(self, comm: MPI.Comm, beside: int) -> None:
         self.comm, self._beside = comm, beside
         self._A: PETSc.Mat | None = None
-        self._springs: tuple[np.ndarray, float] = (np.zeros(0, int), 0.0)  # rows of this rank with springs; stiffness
+        self._springs: tuple[np.ndarray, float] = (
+            np.zeros(0, int),
+            0.0,
+        )  # rows of this rank with springs; stiffness
         self.solver: StiffnessSolver | None = None
 
     def drop(self, given: None = None) -> None:
@@ -55,8 +58,9 @@ class Share:
         self._A = self.solver = None
         PETSc.garbage_cleanup(self.comm)
 
-    def factor(self, given: tuple | None, supported: bool, condensed: bool, name: str,
-               iterative: bool) -> StiffnessSolver | None:
+    def factor(
+        self, given: tuple | None, supported: bool, condensed: bool, name: str, iterative: bool
+    ) -> StiffnessSolver | None:
         """Distribute the rows of a stiffness over the ranks, and make the solver with them.
 
         All rows of a node go to one rank, and a rank has a region of the body. Where MUMPS factors, the root gets no
@@ -71,7 +75,11 @@ class Share:
         """
         self.drop()
         pieces, width, near, dofs = None, 1, [], np.zeros(0, int)
-        rows: tuple[np.ndarray, ...] = (np.zeros(1, PETSc.IntType), np.zeros(0, PETSc.IntType), np.zeros(0))
+        rows: tuple[np.ndarray, ...] = (
+            np.zeros(1, PETSc.IntType),
+            np.zeros(0, PETSc.IntType),
+            np.zeros(0),
+        )
         if given is not None:
             A, points, dofs, trace, eliminated = given
             first, width, rows = int(not iterative), A.getBlockSize(), A.getValuesCSR()
@@ -80,7 +88,9 @@ class Share:
             # Recursive bisection of the nodes' positions: few entries of A couple the rows of different ranks.
             owner = first + bisect(points, self.comm.size - first)
             order = (width * np.argsort(owner, kind="stable")[:, None] + np.arange(width)).ravel()
-            pieces = np.split(order, width * np.cumsum(np.bincount(owner, minlength=self.comm.size))[:-1])
+            pieces = np.split(
+                order, width * np.cumsum(np.bincount(owner, minlength=self.comm.size))[:-1]
+            )
         indices = self.comm.scatter(pieces)
         width, number, dofs = self.comm.bcast((width, len(near), dofs))
         mine = PETSc.IS().createGeneral(indices.astype(PETSc.IntType), comm=self.comm)
@@ -93,7 +103,10 @@ class Share:
         self._u, self._f = self._A.createVecs()
         self._whole = whole.createVecRight()  # all entries on the root, in the root's order
         self._deal = PETSc.Scatter().create(self._whole, mine, self._f, None)
-        motions = [self._scatter(near[k] if near else None, self._A.createVecRight()) for k in range(number)]
+        motions = [
+            self._scatter(near[k] if near else None, self._A.createVecRight())
+            for k in range(number)
+        ]
         space = PETSc.NullSpace().create(vectors=motions, comm=self.comm)
         self._A.setNearNullSpace(space)
         for item in (*motions, space, mine, whole):
@@ -128,7 +141,9 @@ class Share:
 
     def machine(self, given: None = None) -> tuple[float, list[str]]:
         """The peak memory (MiB) of the ranks, and their hosts."""
-        peaks, hosts = zip(*self.comm.allgather((peak_memory(), MPI.Get_processor_name())), strict=True)
+        peaks, hosts = zip(
+            *self.comm.allgather((peak_memory(), MPI.Get_processor_name())), strict=True
+        )
         return max(peaks), list(hosts)
 
     def _scatter(self, x: np.ndarray | None, to: PETSc.Vec) -> PETSc.Vec:
@@ -244,9 +259,16 @@ class TeamMatrix:
     body for another solver. Methods with PETSc's names are those of its matrices.
     """
 
-    def __init__(self, team: Team, body: Elasticity, points: np.ndarray, again: Callable[[], Elasticity]) -> None:
+    def __init__(
+        self, team: Team, body: Elasticity, points: np.ndarray, again: Callable[[], Elasticity]
+    ) -> None:
         A = self._whole = body.A
-        self.team, self.size, self._width, self._diagonal = team, A.getSize(), A.getBlockSize(), A.getDiagonal()
+        self.team, self.size, self._width, self._diagonal = (
+            team,
+            A.getSize(),
+            A.getBlockSize(),
+            A.getDiagonal(),
+        )
         self._again, self.points, self._coarse = again, points, A.getAttr("coarse")
         self.supported, self.springs = body.supported, np.zeros(0, int)
 
@@ -284,15 +306,25 @@ class TeamMatrix:
 class TeamSolver:
     """A `StiffnessSolver` of a `TeamMatrix`, on the root. Construction distributes the rows of A."""
 
-    def __init__(self, A: TeamMatrix, name: str, trace: sparse.csr_matrix | None = None,
-                 order: np.ndarray | None = None, iterative: bool = False) -> None:
+    def __init__(
+        self,
+        A: TeamMatrix,
+        name: str,
+        trace: sparse.csr_matrix | None = None,
+        order: np.ndarray | None = None,
+        iterative: bool = False,
+    ) -> None:
         given, self._team = (A.whole, A.points, A.springs, trace, order), A.team
-        self._solver = solver = self._team.do("factor", given, A.supported, trace is not None, name, iterative)
+        self._solver = solver = self._team.do(
+            "factor", given, A.supported, trace is not None, name, iterative
+        )
         self.direct, self.given, self.description = solver.direct, solver.given, solver.description
         self.condensed, self.refused = solver.condensed, solver.refused
 
     def solve(self, f: PETSc.Vec, u: PETSc.Vec, relative: float = 0.0) -> None:
         """u ← A⁻¹ f, see `StiffnessSolver.solve`. Raises SolverError where other factors have replaced these."""
         if not self._team.holds(self._solver):
-            raise SolverError("the ranks of this body hold the factors of a later solve of the model")
+            raise SolverError(
+                "the ranks of this body hold the factors of a later solve of the model"
+            )
         u.array[:] = self._team.do("solve", f.array_r, relative)

@@ -32,72 +32,116 @@ class Acts:
     timed : whether there are load steps; else the values at the end count
     """
 
-    def __init__(self, model: Model, notes: Notes, matter: Matter, pieces: Sequence[Piece], family: str,
-                 cuts: Sequence[Cut]) -> None:
-        self.model, self.notes, self.matter, self.pieces, self.cuts = model, notes, matter, pieces, cuts
+    def __init__(
+        self,
+        model: Model,
+        notes: Notes,
+        matter: Matter,
+        pieces: Sequence[Piece],
+        family: str,
+        cuts: Sequence[Cut],
+    ) -> None:
+        self.model, self.notes, self.matter, self.pieces, self.cuts = (
+            model,
+            notes,
+            matter,
+            pieces,
+            cuts,
+        )
         self.axisymmetric = family == "CAX"
         self.axes = "xyz" if family == "C3D" else "xy"
         self.histories: dict[Course, str] = {}
         friction = any("FRICTION" in of for of in model.interactions.values())
-        odd = [acting for kind in model.kinds.values() for acting in kind.values()
-               if len(course := _scaled(acting.course)[1]) > 2 or course[0][1]]  # more than a ramp from zero
+        odd = [
+            acting
+            for kind in model.kinds.values()
+            for acting in kind.values()
+            if len(course := _scaled(acting.course)[1]) > 2 or course[0][1]
+        ]  # more than a ramp from zero
         self.timed = (len(model.ends) > 1 and not model.final) or (bool(odd) and friction)
-        for card in {id(acting.card): acting.card for acting in odd}.values() if not self.timed else ():
+        for card in (
+            {id(acting.card): acting.card for acting in odd}.values() if not self.timed else ()
+        ):
             notes.add("changed", card, "its amplitude counts at the end of the step")
-        self.sets = {name: np.fromiter(model.deck.members("NSET", ("", key)), np.int64)
-                     for (kind, key), name in model.deck.names.items() if kind == "NSET"}
+        self.sets = {
+            name: np.fromiter(model.deck.members("NSET", ("", key)), np.int64)
+            for (kind, key), name in model.deck.names.items()
+            if kind == "NSET"
+        }
         self.where = {end: (piece, k) for piece in pieces for end, k in piece.at.items()}
         self.home = {node: piece for piece in pieces for node in piece.nodes.tolist()}
         # of the two bodies at the section of a bolt the one without its surface has the forces there, as in CalculiX
         for _, ends, section, around in cuts:
             layer = [piece for piece, _ in self.on(ends)]
-            self.home |= {node: piece for piece in pieces if piece not in layer
-                          for node in (*section.tolist(), *around.tolist()) if node in piece.place}
+            self.home |= {
+                node: piece
+                for piece in pieces
+                if piece not in layer
+                for node in (*section.tolist(), *around.tolist())
+                if node in piece.place
+            }
 
     def factor(self, acting: Acting) -> Key:
         """The largest value of a load or support, or that at the end if there is one step, and its history."""
         if not self.timed:
             return acting.course[-1][1], None
         peak, course = _scaled(acting.course)
-        return peak, self.histories.setdefault(course, f"h{len(self.histories) + 1}") if peak else None
+        return peak, self.histories.setdefault(
+            course, f"h{len(self.histories) + 1}"
+        ) if peak else None
 
     def on(self, ends: Iterable[tuple[int, int]]) -> list[tuple[Piece, np.ndarray]]:
         """The facets (k,) of faces (element, number), by body."""
         found = defaultdict[str, list[int]](list)
         for piece, facet in (self.where[end] for end in ends if end in self.where):
             found[piece.name].append(facet)
-        return [(piece, np.unique(found[piece.name])) for piece in self.pieces if piece.name in found]
+        return [
+            (piece, np.unique(found[piece.name])) for piece in self.pieces if piece.name in found
+        ]
 
     def at(self, nodes: Iterable[int]) -> list[tuple[Piece, np.ndarray, bool]]:
         """The bodies that have some of these nodes, with the facets (k,) whose corners are among them, and whether
         these facets have all of the nodes."""
         marked = [(piece, piece.within(nodes)) for piece in self.pieces]
         facets = [(piece, piece.whole(some), some) for piece, some in marked if some.any()]
-        return [(piece, whole, not np.setdiff1d(np.flatnonzero(some), piece.facets[whole]).size)
-                for piece, whole, some in facets]
+        return [
+            (piece, whole, not np.setdiff1d(np.flatnonzero(some), piece.facets[whole]).size)
+            for piece, whole, some in facets
+        ]
 
     def _named(self, piece: Piece, places: np.ndarray, name: str) -> str:
         """The set of the nodes at these places, called as in the deck if there is such a set."""
         nodes = piece.nodes[places]
-        named = (other for other, members in self.sets.items() if len(members) >= len(nodes)
-                 and np.array_equal(np.intersect1d(members, piece.nodes), nodes))
+        named = (
+            other
+            for other, members in self.sets.items()
+            if len(members) >= len(nodes)
+            and np.array_equal(np.intersect1d(members, piece.nodes), nodes)
+        )
         return piece.node_set(places, next(named, name))
 
     def _way(self, piece: Piece, node: int, component: int) -> np.ndarray:
         """(3,) the direction of a component of displacements or forces at a node."""
         turned = self.model.transforms.get(node)
-        return (np.eye(3) if turned is None else axes(turned, piece.points[piece.place[node]]))[component - 1]
+        return (np.eye(3) if turned is None else axes(turned, piece.points[piece.place[node]]))[
+            component - 1
+        ]
 
     def clamps(self, piece: Piece) -> list[dict[str, Any]]:
         """The supports of a body: by component sets of nodes with one value, or a linear function."""
         d, supports = len(self.axes), self.model.kinds["supports"]
         # by component, then whether it is moved and by which history: value by place
-        at: dict[int, dict[tuple[bool, str | None], dict[int, float]]] = defaultdict(lambda: defaultdict(dict))
+        at: dict[int, dict[tuple[bool, str | None], dict[int, float]]] = defaultdict(
+            lambda: defaultdict(dict)
+        )
         # in directions of *TRANSFORM, by component and whether it is moved: direction by place
         turned: dict[tuple[int, bool], dict[int, np.ndarray]] = defaultdict(dict)
         cards: dict[int, Card] = {}
-        zero = Counter(node for (node, component), acting in supports.items()
-                       if component <= d and not any(value for _, value in acting.course))
+        zero = Counter(
+            node
+            for (node, component), acting in supports.items()
+            if component <= d and not any(value for _, value in acting.course)
+        )
         for (node, component), acting in supports.items():
             if node not in piece.place or (component > d and not acting.course[-1][1]):
                 continue
@@ -105,7 +149,11 @@ class Acts:
                 self.notes.add("lost", acting.card, "a displacement out of the plane")
                 continue
             # where all components are zero, their directions do not matter
-            way = self._way(piece, node, component)[:d] if zero[node] < d else np.eye(d)[component - 1]
+            way = (
+                self._way(piece, node, component)[:d]
+                if zero[node] < d
+                else np.eye(d)[component - 1]
+            )
             (value, history), main = self.factor(acting), int(np.abs(way).argmax())
             if abs(abs(way[main]) - 1.0) < EXACT:
                 at[main][bool(value), history][piece.place[node]] = value * np.sign(way[main])
@@ -120,22 +168,34 @@ class Acts:
                 for some, value in _alike(piece, places, values):
                     _, entry = together.setdefault((some.tobytes(), history), (some, {}))
                     entry[self.axes[component]] = value
-        return found + [{"on": self._named(piece, some, "fixed")} | entry | later(history)
-                        for (_, history), (some, entry) in together.items()]
+        return found + [
+            {"on": self._named(piece, some, "fixed")} | entry | later(history)
+            for (_, history), (some, entry) in together.items()
+        ]
 
-    def _guided(self, piece: Piece, turned: dict[tuple[int, bool], dict[int, np.ndarray]],
-                cards: dict[int, Card]) -> list[dict[str, Any]]:
+    def _guided(
+        self,
+        piece: Piece,
+        turned: dict[tuple[int, bool], dict[int, np.ndarray]],
+        cards: dict[int, Card],
+    ) -> list[dict[str, Any]]:
         """Supports in directions of *TRANSFORM, which are the normals of whole faces, as clamps along these."""
         found = []
         for (component, moved), ways in turned.items():
-            given = np.full((len(piece.nodes) + 1, len(self.axes)), np.nan)  # −1, no node, is the last
+            given = np.full(
+                (len(piece.nodes) + 1, len(self.axes)), np.nan
+            )  # −1, no node, is the last
             given[list(ways)] = list(ways.values())
             facets = piece.whole(~np.isnan(given[:-1, 0]))
             mean = np.nanmean(given[piece.facets[facets, :4]], axis=1)
             facets = facets[np.abs((piece.normals(facets) * mean).sum(axis=1)) > ALONG]
             if moved or ways.keys() - set(piece.facets[facets].ravel().tolist()):
-                self.notes.add("lost", cards[component], "a support in a direction of *TRANSFORM that is "
-                               "neither x, y, z nor the normal of faces")
+                self.notes.add(
+                    "lost",
+                    cards[component],
+                    "a support in a direction of *TRANSFORM that is "
+                    "neither x, y, z nor the normal of faces",
+                )
             else:
                 found.append({"on": piece.group(facets, "guided"), "normal": 0.0})
         return found
@@ -149,12 +209,16 @@ class Acts:
             if len(way) == 1:
                 fluid |= {*way}
                 if (way[0], 2) not in self.model.kinds["supports"]:
-                    self.notes.add("lost", acting.card, f"a pressure that is not given at node {way[0]}")
+                    self.notes.add(
+                        "lost", acting.card, f"a pressure that is not given at node {way[0]}"
+                    )
                     continue
                 acting, way = self.model.kinds["supports"][way[0], 2], ()
             if (element, face) not in self.where:
                 if any(value for _, value in acting.course):
-                    self.notes.add("lost", acting.card, "a pressure on a face that is not on a boundary")
+                    self.notes.add(
+                        "lost", acting.card, "a pressure on a face that is not on a boundary"
+                    )
                 continue
             piece, facet = self.where[element, face]
             value, history = self.factor(acting)
@@ -162,13 +226,25 @@ class Acts:
                 self._flat(acting.card, np.array(way or (0.0, 0.0, 0.0)))
                 pressed[piece, value, history, way].append(facet)
         for (piece, value, history, way), facets in pressed.items():
-            load = {"value": [value * x for x in way[:len(self.axes)]]} if way else {"pressure": value}
-            called = self._surfaces.get(frozenset(map(tuple, piece.owners[facets].tolist())), "pressed")
-            found[piece.name].append({"on": piece.group(np.array(facets), called)} | load | later(history))
+            load = (
+                {"value": [value * x for x in way[: len(self.axes)]]}
+                if way
+                else {"pressure": value}
+            )
+            called = self._surfaces.get(
+                frozenset(map(tuple, piece.owners[facets].tolist())), "pressed"
+            )
+            found[piece.name].append(
+                {"on": piece.group(np.array(facets), called)} | load | later(history)
+            )
         for piece in self.pieces:
             found[piece.name] += self._forces(piece)
-        inside = fluid | self.home.keys() | self.model.bolt_nodes | {
-            node for rigid in self.model.rigid for node in (rigid.ref, rigid.turn)}
+        inside = (
+            fluid
+            | self.home.keys()
+            | self.model.bolt_nodes
+            | {node for rigid in self.model.rigid for node in (rigid.ref, rigid.turn)}
+        )
         for (node, _), acting in self.model.kinds["forces"].items():
             if node not in inside and any(value for _, value in acting.course):
                 self.notes.add("lost", acting.card, "a force at a node of no body")
@@ -176,22 +252,31 @@ class Acts:
             if node not in inside and node in self.model.deck.points:
                 self.notes.add("changed", acting.card, "a support at a node of no body is left out")
             elif node not in inside:
-                self.notes.add("lost", acting.card, "a support at a node that the deck does not have")
+                self.notes.add(
+                    "lost", acting.card, "a support at a node that the deck does not have"
+                )
         return found
 
     def _flat(self, card: Card, vector: np.ndarray) -> np.ndarray:
         """A vector (3,) along the axes of the scene (d,); what points out of the plane is lost."""
         if len(self.axes) == 2 and abs(vector[2]) > EXACT * np.abs(vector).max():
             self.notes.add("lost", card, "a load out of the plane")
-        return vector[:len(self.axes)]
+        return vector[: len(self.axes)]
 
     @cached_property
     def _surfaces(self) -> dict[frozenset[tuple[int, int]], str]:
         """Names of the deck's surfaces by their elements and faces; of equal ones the first."""
         deck = self.model.deck
-        return {frozenset((element, int(where[1])) for what, where in deck.sets[kind][key] if where[1:].isdigit()
-                          for element in deck.members("ELSET", what)): name
-                for (kind, key), name in reversed(deck.names.items()) if kind == "SURFACE"}
+        return {
+            frozenset(
+                (element, int(where[1]))
+                for what, where in deck.sets[kind][key]
+                if where[1:].isdigit()
+                for element in deck.members("ELSET", what)
+            ): name
+            for (kind, key), name in reversed(deck.names.items())
+            if kind == "SURFACE"
+        }
 
     def _forces(self, piece: Piece) -> list[dict[str, Any]]:
         """Nodal forces as tractions with the same resultant and the same first moments."""
@@ -200,8 +285,13 @@ class Acts:
         for (node, component), acting in self.model.kinds["forces"].items():
             value, history = self.factor(acting)
             if self.home.get(node) is piece and value:
-                k, way = piece.place[node], self._flat(acting.card, self._way(piece, node, component))
-                by_history[history][k] = by_history[history].get(k, 0.0) + value * way / self.matter.depth
+                k, way = (
+                    piece.place[node],
+                    self._flat(acting.card, self._way(piece, node, component)),
+                )
+                by_history[history][k] = (
+                    by_history[history].get(k, 0.0) + value * way / self.matter.depth
+                )
                 cards[k] = acting.card
         found = []
         for history, forces in by_history.items():
@@ -210,14 +300,22 @@ class Acts:
                 self.notes.add("lost", cards[k], "a force at a node that is not on the boundary")
             for facets, nodes in patches:
                 some = np.array([forces[k] for k in nodes])
-                self.notes.add("changed", cards[int(nodes[0])], "forces at nodes are spread over "
-                               "the faces around them, with the same resultant and moments")
+                self.notes.add(
+                    "changed",
+                    cards[int(nodes[0])],
+                    "forces at nodes are spread over "
+                    "the faces around them, with the same resultant and moments",
+                )
                 on = piece.group(facets, "loaded")
-                found += [{"on": piece.again(on) if k else on} | load | later(history)
-                          for k, load in enumerate(self._spread(piece, facets, piece.points[nodes], some))]
+                found += [
+                    {"on": piece.again(on) if k else on} | load | later(history)
+                    for k, load in enumerate(self._spread(piece, facets, piece.points[nodes], some))
+                ]
         return found
 
-    def _spread(self, piece: Piece, facets: np.ndarray, at: np.ndarray, forces: np.ndarray) -> list[dict[str, Any]]:
+    def _spread(
+        self, piece: Piece, facets: np.ndarray, at: np.ndarray, forces: np.ndarray
+    ) -> list[dict[str, Any]]:
         """The traction t(x) = F / A + S (x − c) with ∫t = Σ F_n and ∫ t ⊗ (x − c) = Σ F_n ⊗ (x_n − c); the second as
         far as the facets reach. S J = that moment, with J = ∫ (x − c) ⊗ (x − c)."""
         x, w = piece.quadrature(facets, self.axisymmetric)
@@ -229,14 +327,21 @@ class Acts:
             loads.append({"force": [float(value) for value in total]})
         if np.abs(moments).max() > EXACT * size:
             slopes = moments @ np.linalg.pinv(J, rcond=EXACT, hermitian=True)
-            if np.abs(slopes).max() * w.sum() * np.ptp(x, axis=0).max() > EXACT * np.abs(forces).sum():
+            if (
+                np.abs(slopes).max() * w.sum() * np.ptp(x, axis=0).max()
+                > EXACT * np.abs(forces).sum()
+            ):
                 slopes[np.abs(slopes) < KEEPS * np.abs(slopes).max()] = 0.0
-                loads.append({"value": [formula(float(-row @ centre), row, self.axes) for row in slopes]})
+                loads.append(
+                    {"value": [formula(float(-row @ centre), row, self.axes) for row in slopes]}
+                )
         return loads
 
     def volume_forces(self, piece: Piece) -> list[Any] | dict[str, Any] | None:
         """Gravity, centrifugal and other forces per volume of a body, as formulas; all must have one history."""
-        fields: dict[str | None, tuple[Card, np.ndarray]] = {}  # c and the rows of Sᵀ (1 + d, d) of f = c + S x
+        fields: dict[
+            str | None, tuple[Card, np.ndarray]
+        ] = {}  # c and the rows of Sᵀ (1 + d, d) of f = c + S x
         own, d = set(piece.elements.tolist()), len(self.axes)
         for (what, scope, label, field), acting in self.model.kinds["body_forces"].items():
             value, history = self.factor(acting)
@@ -246,15 +351,24 @@ class Acts:
             if some != own:
                 self.notes.add("lost", acting.card, f"{label} on a part of a body")
                 continue
-            densities = {1.0} if label[0] == "B" else {
-                self._density(k, acting.card) for k in self.matter.sections(piece)}
+            densities = (
+                {1.0}
+                if label[0] == "B"
+                else {self._density(k, acting.card) for k in self.matter.sections(piece)}
+            )
             if len(densities) > 1:
                 self.notes.add("lost", acting.card, f"{label} on a body with several densities")
                 continue
             field = densities.pop() * value * np.reshape(field, (4, 3))
-            if label == "CENTRIF" and self.axisymmetric and np.abs(field[[0, 2]]).max() > EXACT * np.abs(field).max():
-                self.notes.add("lost", acting.card, "a rotation about another axis than that of the body")
-            flat = np.array([self._flat(acting.card, row) for row in field[:1 + d]])
+            if (
+                label == "CENTRIF"
+                and self.axisymmetric
+                and np.abs(field[[0, 2]]).max() > EXACT * np.abs(field).max()
+            ):
+                self.notes.add(
+                    "lost", acting.card, "a rotation about another axis than that of the body"
+                )
+            flat = np.array([self._flat(acting.card, row) for row in field[: 1 + d]])
             card, before = fields.get(history, (acting.card, 0.0))
             fields[history] = card, before + flat
         if not fields:
@@ -298,7 +412,11 @@ class Acts:
         uniform = np.ptp(start) == np.ptp(end) == 0.0
         fields, expansions = [], {}
         for name in names:
-            expansion = self.model.materials[name].get("EXPANSION") if name in self.model.materials else None
+            expansion = (
+                self.model.materials[name].get("EXPANSION")
+                if name in self.model.materials
+                else None
+            )
             if expansion is None:
                 expansions[name] = 0.0
                 continue
@@ -315,17 +433,29 @@ class Acts:
             fields.append(grown / alpha if alpha else grown)
             expansions[name] = alpha
             if len(values) > 1:
-                self.notes.add("changed", expansion, "the thermal strain of the table is folded into the "
-                               "expansion and the temperature")
+                self.notes.add(
+                    "changed",
+                    expansion,
+                    "the thermal strain of the table is folded into the "
+                    "expansion and the temperature",
+                )
         grows = bool(fields) and any(expansions.values())
-        which, words = ("taken", "temperature") if grows else (
-            "changed", f"no thermal strain of {piece.name}: its material has no *EXPANSION")
+        which, words = (
+            ("taken", "temperature")
+            if grows
+            else ("changed", f"no thermal strain of {piece.name}: its material has no *EXPANSION")
+        )
         for given in (given for given, nodes in self.model.heated if not nodes.isdisjoint(own)):
             self.notes.add(which, given, words)
         if not grows:
             return None, {}
-        if any(np.abs(field - fields[0]).max() > KEEPS * np.abs(fields[0]).max() for field in fields[1:]):
-            self.notes.add("lost", card, "expansions of several materials that vary with the temperature")
+        if any(
+            np.abs(field - fields[0]).max() > KEEPS * np.abs(fields[0]).max()
+            for field in fields[1:]
+        ):
+            self.notes.add(
+                "lost", card, "expansions of several materials that vary with the temperature"
+            )
         text = self._field(piece, fields[0], card)
         history = next(iter(histories), None)
         return (text if not history else {"value": text, "history": history}), expansions
@@ -344,9 +474,12 @@ class Acts:
                 text = repr(float(means[0])) + "".join(
                     f" + ({turn!r}) * max(0, {axis} - ({layer!r}))"
                     for turn, layer in zip(turns.tolist(), layers.tolist(), strict=False)
-                    if abs(turn) * np.ptp(layers) > KEEPS * size)
+                    if abs(turn) * np.ptp(layers) > KEEPS * size
+                )
                 if len(text) <= 1000:
-                    self.notes.add("changed", card, "temperatures are linear between layers of nodes")
+                    self.notes.add(
+                        "changed", card, "temperatures are linear between layers of nodes"
+                    )
                     return text
         self.notes.add("lost", card, "temperatures that are no linear function of place")
         return 0.0
@@ -356,7 +489,7 @@ def _alike(piece: Piece, places: np.ndarray, values: np.ndarray) -> list[tuple[n
     """Nodes with one value; all of them if the values are a linear function of place."""
     different = np.unique(values)
     if len(different) > 1 and len(places) > piece.points.shape[1] + 1:
-        found = linear(piece.points[places], values, "xyz"[:piece.points.shape[1]])
+        found = linear(piece.points[places], values, "xyz"[: piece.points.shape[1]])
         if found is not None:
             return [(places, found)]
     return [(places[values == value], float(value)) for value in different]
@@ -371,11 +504,16 @@ def _scaled(course: Course) -> tuple[float, Course]:
     """The largest value of a course, and the course over it, without points on the lines between their neighbours."""
     peak = max((value for _, value in course), key=abs)
     points = [(time, round(value / (peak or 1.0), 12)) for time, value in course]
-    return peak, tuple(point for k, point in enumerate(points) if k in (0, len(points) - 1)
-                       or not _between(*points[k - 1:k + 2]))
+    return peak, tuple(
+        point
+        for k, point in enumerate(points)
+        if k in (0, len(points) - 1) or not _between(*points[k - 1 : k + 2])
+    )
 
 
-def _between(before: tuple[float, float], point: tuple[float, float], after: tuple[float, float]) -> bool:
+def _between(
+    before: tuple[float, float], point: tuple[float, float], after: tuple[float, float]
+) -> bool:
     """Whether a point is on the line between its neighbours."""
     share = (point[0] - before[0]) / (after[0] - before[0]) if after[0] > before[0] else 0.0
     return abs(before[1] + share * (after[1] - before[1]) - point[1]) <= KEEPS

@@ -16,25 +16,65 @@ import numpy as np
 from ddmpi.errors import InputError
 
 SIDES: dict[str, list[tuple[int, int]]] = {
-    "line": [(0, 1)], "triangle": [(0, 1), (1, 2), (2, 0)], "quad": [(0, 1), (1, 2), (2, 3), (3, 0)],
+    "line": [(0, 1)],
+    "triangle": [(0, 1), (1, 2), (2, 0)],
+    "quad": [(0, 1), (1, 2), (2, 3), (3, 0)],
     "tetra": [(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)],
-    "hexahedron": [(0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)],
+    "hexahedron": [
+        (0, 1),
+        (1, 2),
+        (2, 3),
+        (3, 0),
+        (4, 5),
+        (5, 6),
+        (6, 7),
+        (7, 4),
+        (0, 4),
+        (1, 5),
+        (2, 6),
+        (3, 7),
+    ],
     "wedge": [(0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5)],
-    "pyramid": [(0, 1), (1, 2), (2, 3), (3, 0), (0, 4), (1, 4), (2, 4), (3, 4)]}
+    "pyramid": [(0, 1), (1, 2), (2, 3), (3, 0), (0, 4), (1, 4), (2, 4), (3, 4)],
+}
 """Corners at the ends of the edges of an element, whose middles come in this order, which is VTK's."""
 
 FACES: dict[str, list[tuple[int, ...]]] = {
     "tetra": [(0, 1, 2), (0, 1, 3), (1, 2, 3), (2, 0, 3)],
-    "hexahedron": [(0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)],
+    "hexahedron": [
+        (0, 1, 2, 3),
+        (4, 5, 6, 7),
+        (0, 1, 5, 4),
+        (1, 2, 6, 5),
+        (2, 3, 7, 6),
+        (3, 0, 4, 7),
+    ],
     "wedge": [(0, 1, 2), (3, 4, 5), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5)],
-    "pyramid": [(0, 1, 2, 3), (0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)]}
+    "pyramid": [(0, 1, 2, 3), (0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)],
+}
 """Corners around the faces S1, S2, … of solid elements; those of plane ones are their SIDES."""
 
 ELEMENTS: dict[str, dict[int, str]] = {
-    "CPE|CPS|CPEG|CAX|CGAX|S|STRI|M3D|SFM3D|R3D": {3: "triangle", 4: "quad", 6: "triangle6", 65: "triangle6",
-                                                   8: "quad8", 9: "quad9"},
-    "C3D": {4: "tetra", 5: "pyramid", 6: "wedge", 8: "hexahedron", 10: "tetra10", 15: "wedge15", 20: "hexahedron20"},
-    "T2D|T3D": {2: "line", 3: "line3"}, "B2|B3": {1: "line", 2: "line3", 3: "line"}}
+    "CPE|CPS|CPEG|CAX|CGAX|S|STRI|M3D|SFM3D|R3D": {
+        3: "triangle",
+        4: "quad",
+        6: "triangle6",
+        65: "triangle6",
+        8: "quad8",
+        9: "quad9",
+    },
+    "C3D": {
+        4: "tetra",
+        5: "pyramid",
+        6: "wedge",
+        8: "hexahedron",
+        10: "tetra10",
+        15: "wedge15",
+        20: "hexahedron20",
+    },
+    "T2D|T3D": {2: "line", 3: "line3"},
+    "B2|B3": {1: "line", 2: "line3", 3: "line"},
+}
 """Abaqus's names of elements: letters and a number; further letters are ignored."""
 
 FAMILIES = re.compile(r"(C3D|CPE|CPS|CAX)(\d+)([A-Z]*)$")
@@ -43,50 +83,124 @@ FAMILIES = re.compile(r"(C3D|CPE|CPS|CAX)(\d+)([A-Z]*)$")
 SHAPELESS = ("MASS", "ROTARYI", "SPRING", "DASHPOT", "CONN", "GAP", "DCOUP")
 """Prefixes of the names of elements that have no shape."""
 
-SILENT = frozenset((
-    "HEADING", "ENDSTEP", "PHYSICALCONSTANTS", "CONTROLS", "PREPRINT", "NODEPRINT", "ELPRINT", "NODEFILE", "ELFILE",
-    "CONTACTFILE", "CONTACTPRINT", "FACEPRINT", "SECTIONPRINT", "ENERGYPRINT", "ENERGYFILE", "OUTPUT", "NODEOUTPUT",
-    "ELEMENTOUTPUT", "CONTACTOUTPUT", "ENERGYOUTPUT", "MONITOR", "PRINT", "RESTART", "TIMEPOINTS", "FILEFORMAT",
-    "PARAMETER", "NORMAL", "ENDPART", "ENDASSEMBLY", "ENDINSTANCE", "SURFACESMOOTHING", "PRE-TENSIONSECTION",
-    "SHELLSECTION", "BEAMSECTION", "BEAMGENERALSECTION", "MEMBRANESECTION", "MEMBRANE", "FLUIDSECTION", "SPRING",
-    "DASHPOT", "MASS"))
+SILENT = frozenset(
+    (
+        "HEADING",
+        "ENDSTEP",
+        "PHYSICALCONSTANTS",
+        "CONTROLS",
+        "PREPRINT",
+        "NODEPRINT",
+        "ELPRINT",
+        "NODEFILE",
+        "ELFILE",
+        "CONTACTFILE",
+        "CONTACTPRINT",
+        "FACEPRINT",
+        "SECTIONPRINT",
+        "ENERGYPRINT",
+        "ENERGYFILE",
+        "OUTPUT",
+        "NODEOUTPUT",
+        "ELEMENTOUTPUT",
+        "CONTACTOUTPUT",
+        "ENERGYOUTPUT",
+        "MONITOR",
+        "PRINT",
+        "RESTART",
+        "TIMEPOINTS",
+        "FILEFORMAT",
+        "PARAMETER",
+        "NORMAL",
+        "ENDPART",
+        "ENDASSEMBLY",
+        "ENDINSTANCE",
+        "SURFACESMOOTHING",
+        "PRE-TENSIONSECTION",
+        "SHELLSECTION",
+        "BEAMSECTION",
+        "BEAMGENERALSECTION",
+        "MEMBRANESECTION",
+        "MEMBRANE",
+        "FLUIDSECTION",
+        "SPRING",
+        "DASHPOT",
+        "MASS",
+    )
+)
 """Keywords about output, those that count where others name them, and those of elements that are lost themselves."""
 
 REFUSED = {
-    "EQUATION": "equations between nodes", "MPC": "constraints between nodes", "DISTRIBUTINGCOUPLING": "couplings",
-    "KINEMATICCOUPLING": "couplings", "SUBMODEL": "displacements of another model",
-    "CHANGEFRICTION": "friction that changes", "CHANGESURFACEBEHAVIOR": "contact laws that change",
+    "EQUATION": "equations between nodes",
+    "MPC": "constraints between nodes",
+    "DISTRIBUTINGCOUPLING": "couplings",
+    "KINEMATICCOUPLING": "couplings",
+    "SUBMODEL": "displacements of another model",
+    "CHANGEFRICTION": "friction that changes",
+    "CHANGESURFACEBEHAVIOR": "contact laws that change",
     "CHANGEMATERIAL": "materials that change",
     "CONTACT": "general contact; name each pair of surfaces by *CONTACT PAIR",
-    "PLASTIC": "plasticity", "CYCLICHARDENING": "plasticity", "DEFORMATIONPLASTICITY": "plasticity", "CREEP": "creep",
-    "HYPERELASTIC": "rubber", "HYPERFOAM": "foam", "USERMATERIAL": "materials of a user's routine",
-    "VISCOELASTIC": "viscoelasticity", "CYCLICSYMMETRYMODEL": "cyclic symmetry", "CFLUX": "heat flow"}
+    "PLASTIC": "plasticity",
+    "CYCLICHARDENING": "plasticity",
+    "DEFORMATIONPLASTICITY": "plasticity",
+    "CREEP": "creep",
+    "HYPERELASTIC": "rubber",
+    "HYPERFOAM": "foam",
+    "USERMATERIAL": "materials of a user's routine",
+    "VISCOELASTIC": "viscoelasticity",
+    "CYCLICSYMMETRYMODEL": "cyclic symmetry",
+    "CFLUX": "heat flow",
+}
 """What becomes impossible by a keyword; any other one that is not read is unknown."""
 
 NAMED_SUPPORTS = {
-    "ENCASTRE": (1, 2, 3, 4, 5, 6), "PINNED": (1, 2, 3), "XSYMM": (1, 5, 6), "YSYMM": (2, 4, 6), "ZSYMM": (3, 4, 5),
-    "XASYMM": (2, 3, 4), "YASYMM": (1, 3, 5), "ZASYMM": (1, 2, 6)}
+    "ENCASTRE": (1, 2, 3, 4, 5, 6),
+    "PINNED": (1, 2, 3),
+    "XSYMM": (1, 5, 6),
+    "YSYMM": (2, 4, 6),
+    "ZSYMM": (3, 4, 5),
+    "XASYMM": (2, 3, 4),
+    "YASYMM": (1, 3, 5),
+    "ZASYMM": (1, 2, 6),
+}
 """Abaqus's words for supports: the components that they hold; nodes of solids have the first three."""
 
 OVER_TIME = "OP AMPLITUDE TIMEDELAY FOLLOWER "
 
-PARAMETERS = {word: frozenset(names.split()) for word, names in {
-    "NODE": "NSET", "ELEMENT": "TYPE ELSET", "SURFACE": "NAME TYPE INTERNAL",
-    "NSET": "NSET ELSET GENERATE INSTANCE INTERNAL UNSORTED", "ELSET": "ELSET GENERATE INSTANCE INTERNAL UNSORTED",
-    "TRANSFORM": "NSET TYPE", "ORIENTATION": "NAME SYSTEM DEFINITION",
-    "SOLIDSECTION": "ELSET MATERIAL ORIENTATION CONTROLS OFFSET", "ELASTIC": "TYPE MODULI", "DENSITY": "",
-    "EXPANSION": "TYPE ZERO", "INITIALCONDITIONS": "TYPE FILE", "AMPLITUDE": "NAME TIME DEFINITION VALUE USER SMOOTH",
-    "STEP": "NAME NLGEOM INC INCF UNSYMM EXTRAPOLATION CONVERTSDI SOLVER AMPLITUDE",
-    "STATIC": "DIRECT SOLVER STABILIZE ALLSDTOL CONTINUE FACTOR",
-    "BOUNDARY": OVER_TIME + "TYPE FIXED SUBMODEL USER STEP", "CLOAD": OVER_TIME, "DLOAD": OVER_TIME,
-    "DSLOAD": OVER_TIME, "TEMPERATURE": OVER_TIME + "FILE USER", "FRICTION": "SLIPTOLERANCE LAGRANGE ELASTICSLIP",
-    "SURFACEINTERACTION": "NAME",
-    "SURFACEBEHAVIOR": "PRESSURE-OVERCLOSURE NOSEPARATION PENALTY AUGMENTEDLAGRANGE DIRECT",
-    "CONTACTPAIR": "INTERACTION TYPE SMALLSLIDING ADJUST MECHANICALCONSTRAINT CPSET EXTENSIONZONE HCRIT NOTHICKNESS "
-                   "SMOOTH TRACKING SUPPLEMENTARYCONSTRAINTS SLIDINGTRANSITION",
-    "TIE": "NAME ADJUST POSITIONTOLERANCE TYPE NOROTATION NOTHICKNESS CONSTRAINTRATIO",
-    "RIGIDBODY": "NSET TIENSET REFNODE ROTNODE ELSET PINNSET ANALYTICALSURFACE",
-    "COUPLING": "CONSTRAINTNAME REFNODE SURFACE", "DISTRIBUTING": "WEIGHTINGMETHOD COUPLING"}.items()}
+PARAMETERS = {
+    word: frozenset(names.split())
+    for word, names in {
+        "NODE": "NSET",
+        "ELEMENT": "TYPE ELSET",
+        "SURFACE": "NAME TYPE INTERNAL",
+        "NSET": "NSET ELSET GENERATE INSTANCE INTERNAL UNSORTED",
+        "ELSET": "ELSET GENERATE INSTANCE INTERNAL UNSORTED",
+        "TRANSFORM": "NSET TYPE",
+        "ORIENTATION": "NAME SYSTEM DEFINITION",
+        "SOLIDSECTION": "ELSET MATERIAL ORIENTATION CONTROLS OFFSET",
+        "ELASTIC": "TYPE MODULI",
+        "DENSITY": "",
+        "EXPANSION": "TYPE ZERO",
+        "INITIALCONDITIONS": "TYPE FILE",
+        "AMPLITUDE": "NAME TIME DEFINITION VALUE USER SMOOTH",
+        "STEP": "NAME NLGEOM INC INCF UNSYMM EXTRAPOLATION CONVERTSDI SOLVER AMPLITUDE",
+        "STATIC": "DIRECT SOLVER STABILIZE ALLSDTOL CONTINUE FACTOR",
+        "BOUNDARY": OVER_TIME + "TYPE FIXED SUBMODEL USER STEP",
+        "CLOAD": OVER_TIME,
+        "DLOAD": OVER_TIME,
+        "DSLOAD": OVER_TIME,
+        "TEMPERATURE": OVER_TIME + "FILE USER",
+        "FRICTION": "SLIPTOLERANCE LAGRANGE ELASTICSLIP",
+        "SURFACEINTERACTION": "NAME",
+        "SURFACEBEHAVIOR": "PRESSURE-OVERCLOSURE NOSEPARATION PENALTY AUGMENTEDLAGRANGE DIRECT",
+        "CONTACTPAIR": "INTERACTION TYPE SMALLSLIDING ADJUST MECHANICALCONSTRAINT CPSET EXTENSIONZONE HCRIT NOTHICKNESS "
+        "SMOOTH TRACKING SUPPLEMENTARYCONSTRAINTS SLIDINGTRANSITION",
+        "TIE": "NAME ADJUST POSITIONTOLERANCE TYPE NOROTATION NOTHICKNESS CONSTRAINTRATIO",
+        "RIGIDBODY": "NSET TIENSET REFNODE ROTNODE ELSET PINNSET ANALYTICALSURFACE",
+        "COUPLING": "CONSTRAINTNAME REFNODE SURFACE",
+        "DISTRIBUTING": "WEIGHTINGMETHOD COUPLING",
+    }.items()
+}
 """Keywords that are read, and their parameters that are read or change no answer; any other parameter is lost."""
 
 EXACT = 1e-6
@@ -128,8 +242,10 @@ def face(kind: str, name: str, surface: str) -> tuple[int, ...]:
     if name in ("SPOS", "SNEG") and shape(kind) in ("triangle", "quad"):
         return tuple(range(len(all_faces)))
     if not re.fullmatch(r"[SE]\d", name) or not 1 <= int(name[1]) <= len(all_faces):
-        raise DeckError(f"the surface {surface} has {name or 'no'} face of a {shape(kind)}; these are S1 to "
-                         f"S{len(all_faces)}")
+        raise DeckError(
+            f"the surface {surface} has {name or 'no'} face of a {shape(kind)}; these are S1 to "
+            f"S{len(all_faces)}"
+        )
     return all_faces[int(name[1]) - 1]
 
 
@@ -291,14 +407,19 @@ class Notes:
         """A line of text for each entry of a list, in the order of the deck. A keyword that is lost, if only in part,
         is not listed as taken."""
         lost = {card.place for kind, card, _ in self.entries if (kind, which) == ("lost", "taken")}
-        lines = defaultdict[tuple[str, str], dict[int, str]](dict)  # by keyword and reason, then by place in the deck
+        lines = defaultdict[tuple[str, str], dict[int, str]](
+            dict
+        )  # by keyword and reason, then by place in the deck
         for kind, card, reason in self.entries:
             if kind == which and card.place not in lost:
                 where = "" if card.path == self.main else f" of {card.path.name}"
                 lines[card.name, reason][card.place] = f"{card.line}{where}"
-        return [f"line{'s' * (len(some) > 1)} {', '.join(some[place] for place in sorted(some)[:6])}"
-                + f" and {len(some) - 6} more" * (len(some) > 6) + f": *{name}: {reason}"
-                for (name, reason), some in sorted(lines.items(), key=lambda entry: sorted(entry[1]))]
+        return [
+            f"line{'s' * (len(some) > 1)} {', '.join(some[place] for place in sorted(some)[:6])}"
+            + f" and {len(some) - 6} more" * (len(some) > 6)
+            + f": *{name}: {reason}"
+            for (name, reason), some in sorted(lines.items(), key=lambda entry: sorted(entry[1]))
+        ]
 
 
 class Instance(NamedTuple):
@@ -313,8 +434,11 @@ def _headed(line: str) -> tuple[str, dict[str, str]]:
     """A keyword in capitals with single blanks, and its parameters."""
     word, *rest = line[1:].split(",")
     parts = [entry.partition("=") for entry in rest]
-    return " ".join(word.split()).upper(), {"".join(name.split()).upper(): value.strip().strip('"')
-                                            for name, _, value in parts if name.strip()}
+    return " ".join(word.split()).upper(), {
+        "".join(name.split()).upper(): value.strip().strip('"')
+        for name, _, value in parts
+        if name.strip()
+    }
 
 
 def factors(amplitude: Card) -> np.ndarray:
@@ -334,8 +458,12 @@ def axes(card: Card, place: Sequence[float] = ()) -> np.ndarray:
     row, kind = card.values(), card.says("TYPE", "R")[:1]
     a, b = vector(row, 6).reshape(2, 3)
     third = b - a if kind == "C" else np.cross(a, b)
-    if (kind not in ("R", "C") or card.says("DEFINITION", "COORDINATES") != "COORDINATES" or any(row[6:])
-            or not third.any()):
+    if (
+        kind not in ("R", "C")
+        or card.says("DEFINITION", "COORDINATES") != "COORDINATES"
+        or any(row[6:])
+        or not third.any()
+    ):
         raise DeckError("axes are those of two vectors, or of a cylinder by two points on its axis")
     third = third / np.linalg.norm(third)
     off = vector(place) - a
@@ -372,10 +500,16 @@ def _read(path: Path, cards: list[Card], within: tuple[Path, ...]) -> None:
         k = begin
         if not line.startswith("*"):
             if not cards:
-                raise DeckError(f"line {number} of {path.name}: data without a keyword, such as *NODE")
+                raise DeckError(
+                    f"line {number} of {path.name}: data without a keyword, such as *NODE"
+                )
             cards[-1].rows.append([entry.strip() for entry in line.rstrip(", ").split(",")])
             continue
-        while line.endswith(",") and (k == begin or "=" in lines[k][1]) and not lines[k][1].startswith("*"):
+        while (
+            line.endswith(",")
+            and (k == begin or "=" in lines[k][1])
+            and not lines[k][1].startswith("*")
+        ):
             line, k = line + lines[k][1], k + 1
         name, given = _headed(line)
         card = Card(name.replace(" ", ""), given, [], number, path, name)

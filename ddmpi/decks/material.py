@@ -20,7 +20,7 @@ def table(card: Card, width: int) -> tuple[np.ndarray, np.ndarray]:
         for words in card.rows:
             row += numbers(words)
             if len(row) >= width:
-                lines.append([*row, 0.0][:width + 1])
+                lines.append([*row, 0.0][: width + 1])
                 row = []
         if not lines or row:
             raise DeckError(f"{width} values are needed")
@@ -38,19 +38,25 @@ class Matter:
             self.owner |= dict.fromkeys(members, k)
             if thick < 0.0:
                 raise InputError(card.tells("the thickness is negative"))
-        depths = {section[2] for k, section in enumerate(model.sections) if k in set(self.owner.values())}
+        depths = {
+            section[2] for k, section in enumerate(model.sections) if k in set(self.owner.values())
+        }
         self.varies = len(depths) > 1 and family == "CPS"
         if len(depths) > 1 and (family == "CPE" or (family == "CPS" and model.pairs)):
-            raise InputError(f"plane sections are {' and '.join(map(str, sorted(depths)))} thick; plane strain, and "
-                             "bodies in contact, have one depth")
+            raise InputError(
+                f"plane sections are {' and '.join(map(str, sorted(depths)))} thick; plane strain, and "
+                "bodies in contact, have one depth"
+            )
         self.depth = depths.pop() if family in ("CPE", "CPS") and len(depths) == 1 else 1.0
 
     def sections(self, piece: Piece) -> dict[int, np.ndarray]:
         """The sections of a body, and their elements. Raises InputError for elements without one."""
         own = np.array([self.owner.get(element, -1) for element in piece.elements.tolist()])
         if (own < 0).any():
-            raise InputError(f"element {piece.elements[own < 0][0] % STRIDE} of {piece.name} has no *SOLID SECTION; is "
-                             "the deck cut off?")
+            raise InputError(
+                f"element {piece.elements[own < 0][0] % STRIDE} of {piece.name} has no *SOLID SECTION; is "
+                "the deck cut off?"
+            )
         return {int(k): piece.elements[own == k] for k in np.unique(own)}
 
     def of(self, piece: Piece, expansions: dict[str, float]) -> list[dict[str, Any]]:
@@ -86,14 +92,23 @@ class Matter:
         turned = len(given.rows) > 1 and any(numbers(given.rows[1])[1:])
         return np.zeros((3, 3)) if given.says("SYSTEM", "R")[0] != "R" or turned else axes(given)
 
-    def _by_heat(self, name: str, piece: Piece, elements: np.ndarray) -> list[tuple[float, np.ndarray]]:
+    def _by_heat(
+        self, name: str, piece: Piece, elements: np.ndarray
+    ) -> list[tuple[float, np.ndarray]]:
         """The elements by their mean temperatures, where the moduli vary with these."""
         card = self.model.materials[name].get("ELASTIC")
         if card is None or len(card.rows) < 2:
             return [(0.0, elements)]
         _, nodal = self.model.temperatures(piece.nodes.tolist())
-        heats = np.round(np.concatenate([nodal[np.searchsorted(piece.nodes, block.entries[:, 1:])].mean(axis=1)
-                                         for block in piece.blocks]), 6)[np.isin(piece.elements, elements)]
+        heats = np.round(
+            np.concatenate(
+                [
+                    nodal[np.searchsorted(piece.nodes, block.entries[:, 1:])].mean(axis=1)
+                    for block in piece.blocks
+                ]
+            ),
+            6,
+        )[np.isin(piece.elements, elements)]
         own = piece.elements[np.isin(piece.elements, elements)]
         return [(float(heat), own[heats == heat]) for heat in np.unique(heats)]
 
@@ -109,19 +124,27 @@ class Matter:
         if len(values) > 1:
             order = np.argsort(at)
             row = np.array([np.interp(heat, at[order], column[order]) for column in values.T])
-            self.notes.add("changed", card, "moduli at the mean temperature of each element at the end")
+            self.notes.add(
+                "changed", card, "moduli at the mean temperature of each element at the end"
+            )
         if width == 2:
             return {"young": float(row[0]), "poisson": float(row[1])}
         if width == 21:
             self.notes.add("lost", card, "a material without planes of symmetry")
             return {"young": 1.0, "poisson": 0.0}
-        if not kind.startswith("ENGINEERING"):  # the stiffness D1111, D1122, D2222, D1133, D2233, D3333, D1212, …
-            stiffness = np.array([[row[0], row[1], row[3]], [row[1], row[2], row[4]], [row[3], row[4], row[5]]])
+        if not kind.startswith(
+            "ENGINEERING"
+        ):  # the stiffness D1111, D1122, D2222, D1133, D2233, D3333, D1212, …
+            stiffness = np.array(
+                [[row[0], row[1], row[3]], [row[1], row[2], row[4]], [row[3], row[4], row[5]]]
+            )
             if np.linalg.matrix_rank(stiffness) < 3:
                 raise InputError(card.tells("the stiffness is singular"))
             S = np.linalg.inv(stiffness)
             young = 1.0 / np.diag(S)
-            row = np.array([*young, -S[1, 0] * young[0], -S[2, 0] * young[0], -S[2, 1] * young[1], *row[6:]])
+            row = np.array(
+                [*young, -S[1, 0] * young[0], -S[2, 0] * young[0], -S[2, 1] * young[1], *row[6:]]
+            )
         return self._orthotropic(row, axes, card)
 
     def _orthotropic(self, row: np.ndarray, axes: np.ndarray, card: Card) -> dict[str, Any]:

@@ -32,7 +32,11 @@ from ddmpi.decks.deck import Deck
 from ddmpi.decks.pieces import nodes_of_faces
 from ddmpi.errors import InputError
 
-PROPERTIES = {"ELASTIC": "elastic constants", "EXPANSION": "thermal expansion", "DENSITY": "density"}
+PROPERTIES = {
+    "ELASTIC": "elastic constants",
+    "EXPANSION": "thermal expansion",
+    "DENSITY": "density",
+}
 """Keywords of a material, and what they give."""
 
 
@@ -63,7 +67,8 @@ class Model:
         self.interactions: dict[str, dict[str, Card]] = {}
         self.clearances: dict[frozenset[str], Card] = {}
         self.kinds: dict[str, dict[Any, Acting]] = {
-            kind: {} for kind in ("supports", "forces", "pressures", "body_forces", "heat")}
+            kind: {} for kind in ("supports", "forces", "pressures", "body_forces", "heat")
+        }
         self.heated: list[tuple[Card, set[int]]] = []
         self.start: dict[int, float] = {}
         self.ends: list[float] = []
@@ -76,16 +81,34 @@ class Model:
             card = self._named[name.upper()]
             self._named[name.upper()] = card._replace(given={}, rows=[values.split(",")])
             notes.add("changed", card, "its times and factors are those of --amplitude")
-        self.orientations = {card.says("NAME"): card for card in deck.cards if card.word == "ORIENTATION"}
-        self.transforms = {node: card for card in deck.cards if card.word == "TRANSFORM"
-                           for node in self._of(card, "NSET", card.given.get("NSET", ""))}
+        self.orientations = {
+            card.says("NAME"): card for card in deck.cards if card.word == "ORIENTATION"
+        }
+        self.transforms = {
+            node: card
+            for card in deck.cards
+            if card.word == "TRANSFORM"
+            for node in self._of(card, "NSET", card.given.get("NSET", ""))
+        }
         self.rigid: list[Rigid] = []
         self.bolts = [card for card in deck.cards if card.word == "PRE-TENSIONSECTION"]
-        self.bolt_nodes = {node for card in self.bolts for node in self._of(card, "NSET", card.given.get("NODE", ""))}
+        self.bolt_nodes = {
+            node
+            for card in self.bolts
+            for node in self._of(card, "NSET", card.given.get("NODE", ""))
+        }
         self.locked: dict[int, float] = {}  # bolts whose offset is kept from this time on
-        self._refs = {node for card in deck.cards for key in ("REFNODE", "ROTNODE") if key in card.given
-                      for node in self._of(card, "NSET", card.given[key])}
-        self._within, self._inside = "", dict[str, Card]()  # the material or interaction whose keywords follow
+        self._refs = {
+            node
+            for card in deck.cards
+            for key in ("REFNODE", "ROTNODE")
+            if key in card.given
+            for node in self._of(card, "NSET", card.given[key])
+        }
+        self._within, self._inside = (
+            "",
+            dict[str, Card](),
+        )  # the material or interaction whose keywords follow
         self._fresh: dict[str, dict[Any, tuple[Card, float]]] = {kind: {} for kind in self.kinds}
         self._renewed: set[str] = set()
         self._read()
@@ -93,8 +116,12 @@ class Model:
     def temperatures(self, nodes: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
         """(n,) the temperatures of nodes at first and at the end."""
         first, heat = [self.start.get(node, 0.0) for node in nodes], self.kinds["heat"]
-        return np.array(first), np.array([heat[node].course[-1][1] if node in heat else before
-                                          for node, before in zip(nodes, first, strict=True)])
+        return np.array(first), np.array(
+            [
+                heat[node].course[-1][1] if node in heat else before
+                for node, before in zip(nodes, first, strict=True)
+            ]
+        )
 
     def _of(self, card: Card, kind: str, what: str) -> set[int]:
         with card.reading():
@@ -115,19 +142,30 @@ class Model:
         for card in self.deck.cards:
             if card.word == "STEP":
                 if inside is not None:
-                    raise InputError(inside.tells("the step does not end before the next one begins"))
+                    raise InputError(
+                        inside.tells("the step does not end before the next one begins")
+                    )
                 inside = card
                 steps.append([])
             take = self._take if inside is None else steps[-1].append
             take(card)
             inside = None if card.word == "ENDSTEP" else inside
         if inside is not None:
-            raise InputError(inside.tells("the step that begins here does not end; is the deck cut off?"))
+            raise InputError(
+                inside.tells("the step that begins here does not end; is the deck cut off?")
+            )
         # a step that is not static is called by its first keyword that static ones do not have
-        ways = [next((card for card in step if card.word == "STATIC"), None) or
-                next((card for card in step if not self._known(card.word)), step[0]) for step in steps]
+        ways = [
+            next((card for card in step if card.word == "STATIC"), None)
+            or next((card for card in step if not self._known(card.word)), step[0])
+            for step in steps
+        ]
         if not any(way.word == "STATIC" for way in ways):
-            what = f"; its first step, on line {steps[0][0].line}, is *{ways[0].name}" if steps else " (is it cut off?)"
+            what = (
+                f"; its first step, on line {steps[0][0].line}, is *{ways[0].name}"
+                if steps
+                else " (is it cut off?)"
+            )
             raise InputError(f"it has no *STATIC step{what}; ddmpi computes static equilibrium")
         for step, way in zip(steps, ways, strict=True):
             if way.word == "STATIC":
@@ -136,11 +174,16 @@ class Model:
             else:
                 self.notes.add("lost", way, "only *STATIC steps are computed")
         # elastic bodies without friction forget the way to a state, unless the offset of a bolt is kept
-        forgets = not self.locked and not any("FRICTION" in law for law in self.interactions.values())
+        forgets = not self.locked and not any(
+            "FRICTION" in law for law in self.interactions.values()
+        )
         self.final = forgets and bool(self.changing)
         for card, what in self.changing:
-            self.notes.add("changed" if forgets else "lost", card,
-                           what + ": only the state at the end of the last step is computed" * forgets)
+            self.notes.add(
+                "changed" if forgets else "lost",
+                card,
+                what + ": only the state at the end of the last step is computed" * forgets,
+            )
 
     def _follow(self, cards: list[Card], way: Card) -> None:
         """Take the cards of a step, and follow all loads and supports to its end."""
@@ -149,14 +192,16 @@ class Model:
         if end <= begin:
             raise DeckError("the time of a step is not positive")
         if cards[0].says("NLGEOM", "NO") != "NO":
-            self.notes.add("changed", cards[0], "warning: NLGEOM: displacements and strains are small here")
+            self.notes.add(
+                "changed", cards[0], "warning: NLGEOM: displacements and strains are small here"
+            )
         self._renewed = set()
         for card in cards:
             self._take(card)
         for kind, acting in self.kinds.items():
             fresh, self._fresh[kind] = self._fresh[kind], {}
             for key in dict.fromkeys([*acting, *fresh]):
-                old = acting.get(key, Acting(way, ((0.0, 0.0), (begin, 0.0))[:1 + bool(begin)]))
+                old = acting.get(key, Acting(way, ((0.0, 0.0), (begin, 0.0))[: 1 + bool(begin)]))
                 card, value = fresh.get(key, (old.card, old.value))
                 on: Iterable[tuple[float, float]] = ()
                 if kind == "supports" and self.ends and key not in acting:
@@ -170,7 +215,9 @@ class Model:
                 elif kind in self._renewed:
                     value, on = 0.0, [(end, 0.0)]
                 course = (*old.course, *on)
-                course = course if course[-1][0] == end else (*course, (end, course[-1][1]))  # it stays
+                course = (
+                    course if course[-1][0] == end else (*course, (end, course[-1][1]))
+                )  # it stays
                 acting[key] = Acting(card, course[1:] if course[1][0] == 0.0 else course, value)
         self.ends.append(end)
 
@@ -179,7 +226,9 @@ class Model:
         amplitude = self._named.get(card.says("AMPLITUDE"))
         return amplitude is not None and "TOTAL" in amplitude.says("TIME")
 
-    def _course(self, card: Card, value: float, begin: float, end: float) -> list[tuple[float, float]]:
+    def _course(
+        self, card: Card, value: float, begin: float, end: float
+    ) -> list[tuple[float, float]]:
         """The values of a load of a step: a ramp, or its amplitude."""
         name = card.says("AMPLITUDE")
         if not name:
@@ -189,14 +238,25 @@ class Model:
         given = self._named[name]
         way, form = given.says("DEFINITION", "TABULAR"), given.says("VALUE")
         if way != "TABULAR" or "USER" in given.given or form == "ABSOLUTE":
-            self.notes.add("lost", card, f"the amplitude {name} is no table of factors; --amplitude {name}=0,0,1,1 "
-                           "gives times and factors")
+            self.notes.add(
+                "lost",
+                card,
+                f"the amplitude {name} is no table of factors; --amplitude {name}=0,0,1,1 "
+                "gives times and factors",
+            )
             return []
         table = factors(given)
-        times = number(card.given.get("TIMEDELAY", "0")) + (0.0 if self._goes_on(card) else begin) + table[:, 0]
+        times = (
+            number(card.given.get("TIMEDELAY", "0"))
+            + (0.0 if self._goes_on(card) else begin)
+            + table[:, 0]
+        )
         inner = times[(times > begin) & (times < end)].tolist()
         first = [0.0] if begin == 0.0 and table[0, 1] else []  # it begins at once
-        return [(time, value * float(np.interp(time, times, table[:, 1]))) for time in (*first, *inner, end)]
+        return [
+            (time, value * float(np.interp(time, times, table[:, 1])))
+            for time in (*first, *inner, end)
+        ]
 
     def _take(self, card: Card) -> None:
         """Note what one keyword says. Raises InputError."""
@@ -213,10 +273,18 @@ class Model:
         return getattr(self, f"_on_{word.lower().replace('-', '_')}", None)
 
     def _known(self, word: str) -> bool:
-        return self._method(word) is not None or word in SILENT or word in PARAMETERS or word in REFUSED
+        return (
+            self._method(word) is not None
+            or word in SILENT
+            or word in PARAMETERS
+            or word in REFUSED
+        )
 
     def _on_material(self, card: Card) -> None:
-        of, name = self.materials if card.word == "MATERIAL" else self.interactions, card.given["NAME"].upper()
+        of, name = (
+            self.materials if card.word == "MATERIAL" else self.interactions,
+            card.given["NAME"].upper(),
+        )
         if name in of and not card.scope:
             raise DeckError(f"there are two of the name {name}")
         self._within, self._inside = card.word, of.setdefault(name, {})
@@ -253,8 +321,15 @@ class Model:
         self.notes.add("taken", card, "coefficient of friction")
 
     def _on_solidsection(self, card: Card) -> None:
-        self.sections.append((self.deck.chosen(card, "ELSET", card.given["ELSET"]), card.given["MATERIAL"].upper(),
-                              [*card.values(), 0.0][0] or 1.0, card.says("ORIENTATION"), card))
+        self.sections.append(
+            (
+                self.deck.chosen(card, "ELSET", card.given["ELSET"]),
+                card.given["MATERIAL"].upper(),
+                [*card.values(), 0.0][0] or 1.0,
+                card.says("ORIENTATION"),
+                card,
+            )
+        )
         self.notes.add("taken", card, "material of elements")
 
     def _on_changesolidsection(self, card: Card) -> None:
@@ -263,7 +338,9 @@ class Model:
 
     def _on_modelchange(self, card: Card) -> None:
         if card.says("TYPE") != "CONTACT PAIR" or "REMOVE" not in card.given:
-            return self.notes.add("lost", card, "parts that are removed or added, or contacts that are added")
+            return self.notes.add(
+                "lost", card, "parts that are removed or added, or contacts that are added"
+            )
         ends = [" ".join(row[:2]).upper() for row in card.rows]
         self.pairs = [pair for pair in self.pairs if " ".join(pair[1:]).upper() not in ends]
         self.changing.append((card, "a contact that is removed"))
@@ -291,7 +368,9 @@ class Model:
         other, before = self._fresh[kind].get(key, (card, 0.0))
         self._fresh[kind][key] = card, before + value
         if other.given.get("AMPLITUDE") != card.given.get("AMPLITUDE"):
-            self.notes.add("lost", card, "a load beside another one of this step with another amplitude")
+            self.notes.add(
+                "lost", card, "a load beside another one of this step with another amplitude"
+            )
 
     def _on_boundary(self, card: Card) -> None:
         self._renew("supports", card)
@@ -300,13 +379,17 @@ class Model:
             self.locked |= dict.fromkeys(fixed, self.ends[-1])
             return
         if {"SUBMODEL", "USER", "FIXED"} & card.given.keys() or card.says("TYPE", "D")[0] != "D":
-            self.notes.add("lost", card, "displacements of another model, a routine, or of the step before")
+            self.notes.add(
+                "lost", card, "displacements of another model, a routine, or of the step before"
+            )
             return
         for row in card.rows:
             components, value = held(row)
             for node in self.deck.chosen(card, "NSET", row[0]):
                 most = 6 if node in self._refs else 3
-                self._fresh["supports"] |= {(node, k): (card, value) for k in components if k <= most}
+                self._fresh["supports"] |= {
+                    (node, k): (card, value) for k in components if k <= most
+                }
                 if components[-1] > most and (value or components[0] > 3):
                     self.notes.add("lost", card, f"component {components[-1]} of the displacement")
         self.notes.add("taken", card, "clamps")
@@ -323,7 +406,7 @@ class Model:
 
     def _on_dload(self, card: Card) -> None:
         surface = card.word == "DSLOAD"
-        for kind in ("pressures", "body_forces")[:2 - surface]:
+        for kind in ("pressures", "body_forces")[: 2 - surface]:
             self._renew(kind, card)
         for row in card.rows:
             what, label, values = row[0], row[1].upper(), numbers(row[2:])
@@ -333,7 +416,10 @@ class Model:
                 ends, words = self.deck.ends(card, what), "pressure on a surface"
                 way = (*along(values[1:4]).tolist(),) if label == "TRVEC" else ()
             elif not surface and re.fullmatch(r"P\d(NP)?", label):
-                ends, words = product(self.deck.chosen(card, "ELSET", what), [int(label[1])]), "pressure"
+                ends, words = (
+                    product(self.deck.chosen(card, "ELSET", what), [int(label[1])]),
+                    "pressure",
+                )
                 if label[2:]:  # P1NP is that of a fluid at a node, the second component there
                     way, values = (self.node(card, row[2]),), [0.0]
             elif not surface and label in ("GRAV", "CENTRIF", "BX", "BY", "BZ"):
@@ -343,7 +429,9 @@ class Model:
                     slopes = np.eye(3) - np.outer(along(values[4:7]), along(values[4:7]))
                     constant = -slopes @ vector(values[1:4])
                 else:
-                    constant = along(values[1:4]) if label == "GRAV" else np.eye(3)["XYZ".index(label[1])]
+                    constant = (
+                        along(values[1:4]) if label == "GRAV" else np.eye(3)["XYZ".index(label[1])]
+                    )
                 words, way = "volume force", (*constant, *slopes.ravel())
                 self._add("body_forces", (what.lower(), card.scope, label, way), card, values[0])
             else:
@@ -356,8 +444,13 @@ class Model:
     _on_dsload = _on_dload
 
     def _on_rigidbody(self, card: Card) -> None:
-        nodes = set().union(*(self.deck.chosen(card, "NSET", card.given[key]) for key in ("NSET", "TIENSET")
-                              if key in card.given))
+        nodes = set().union(
+            *(
+                self.deck.chosen(card, "NSET", card.given[key])
+                for key in ("NSET", "TIENSET")
+                if key in card.given
+            )
+        )
         ref = self.node(card, card.given["REFNODE"])
         turn = self.node(card, card.given.get("ROTNODE", card.given["REFNODE"]))
         if {"ELSET", "PINNSET", "ANALYTICALSURFACE"} & card.given.keys() or not nodes:

@@ -33,15 +33,29 @@ def split(blocks: Sequence[Block], rows: np.ndarray) -> list[list[Block]]:
     """The elements in pieces of which no `rows` (k, n) have a node in common, in the order of their first elements."""
     piece = connected(rows)
     of_blocks = np.split(piece, np.cumsum([len(block.entries) for block in blocks])[:-1])
-    return [[block._replace(entries=block.entries[of == k]) for block, of in zip(blocks, of_blocks, strict=True)
-             if (of == k).any()] for k in range(piece.max() + 1)]
+    return [
+        [
+            block._replace(entries=block.entries[of == k])
+            for block, of in zip(blocks, of_blocks, strict=True)
+            if (of == k).any()
+        ]
+        for k in range(piece.max() + 1)
+    ]
 
 
 def rows_of(blocks: Sequence[Block]) -> np.ndarray:
     """The nodes (k, n) of all elements, −1 where there are fewer."""
     widest = max(block.entries.shape[1] for block in blocks)
-    return np.concatenate([np.pad(block.entries[:, 1:], ((0, 0), (0, widest - block.entries.shape[1])),
-                                  constant_values=-1) for block in blocks])
+    return np.concatenate(
+        [
+            np.pad(
+                block.entries[:, 1:],
+                ((0, 0), (0, widest - block.entries.shape[1])),
+                constant_values=-1,
+            )
+            for block in blocks
+        ]
+    )
 
 
 def connected(rows: np.ndarray) -> np.ndarray:
@@ -50,26 +64,40 @@ def connected(rows: np.ndarray) -> np.ndarray:
         return np.empty(0, int)
     row, column = np.nonzero(rows >= 0)
     nodes, place = np.unique(rows[row, column], return_inverse=True)
-    links = sparse.coo_matrix((np.ones(len(row), np.int8), (row, len(rows) + place)), (len(rows) + len(nodes),) * 2)
-    label = csgraph.connected_components(links, directed=False)[1][:len(rows)]
+    links = sparse.coo_matrix(
+        (np.ones(len(row), np.int8), (row, len(rows) + place)), (len(rows) + len(nodes),) * 2
+    )
+    label = csgraph.connected_components(links, directed=False)[1][: len(rows)]
     _, first, number = np.unique(label, return_index=True, return_inverse=True)
     return first.argsort().argsort()[number]
 
 
-def cut(blocks: Sequence[Block], rows: np.ndarray, ends: set[tuple[int, int]], numbers: np.ndarray, points: np.ndarray
-        ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def cut(
+    blocks: Sequence[Block],
+    rows: np.ndarray,
+    ends: set[tuple[int, int]],
+    numbers: np.ndarray,
+    points: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Elements cut apart at a flat section, faces `ends` (element, number) of those on one side: their `rows` (k, n)
     have nodes of their own there. Where all still hang together, the layer of these elements is taken out.
 
     The rows, and the nodes at the section and around the layer. The nodes have `numbers` (m,) and `points` (m, d).
     """
-    nodes, layer = nodes_of_faces(blocks, ends), np.isin(np.concatenate([block.entries[:, 0] for block in blocks]),
-                                                         [element for element, _ in ends])
+    nodes, layer = (
+        nodes_of_faces(blocks, ends),
+        np.isin(
+            np.concatenate([block.entries[:, 0] for block in blocks]),
+            [element for element, _ in ends],
+        ),
+    )
     section = np.unique(nodes[nodes >= 0])
     if not layer.any():
         return rows, section, np.empty(0, int)
     at = points[np.isin(numbers, section)]
-    middles = np.concatenate([points[np.searchsorted(numbers, block.entries[:, 1:])].mean(axis=1) for block in blocks])
+    middles = np.concatenate(
+        [points[np.searchsorted(numbers, block.entries[:, 1:])].mean(axis=1) for block in blocks]
+    )
     heights = (middles - at.mean(axis=0)) @ np.linalg.svd(at - at.mean(axis=0))[2][-1]
     apart = _apart(rows, heights * heights[layer].mean() > 0.0, section)
     piece, here = connected(apart), np.isin(apart, section).any(axis=1)
@@ -90,7 +118,10 @@ def all_faces(blocks: Sequence[Block]) -> tuple[np.ndarray, np.ndarray]:
             around = list(zip(face, face[1:] + face[:1], strict=True)) if len(face) > 2 else [face]
             middles = [sides[frozenset(side)] for side in around] if nodes.shape[1] > number else []
             rows = np.full((len(nodes), 8), -1)
-            rows[:, :len(face)], rows[:, 4:4 + len(middles)] = nodes[:, list(face)], nodes[:, middles]
+            rows[:, : len(face)], rows[:, 4 : 4 + len(middles)] = (
+                nodes[:, list(face)],
+                nodes[:, middles],
+            )
             found.append(rows)
             owners.append(np.column_stack([block.entries[:, 0], np.full(len(nodes), k)]))
     return np.concatenate(found), np.concatenate(owners)
@@ -122,7 +153,9 @@ class Piece:
     materials : elements by name of the set
     """
 
-    def __init__(self, name: str, blocks: list[Block], numbers: np.ndarray, points: np.ndarray) -> None:
+    def __init__(
+        self, name: str, blocks: list[Block], numbers: np.ndarray, points: np.ndarray
+    ) -> None:
         self.name, self.blocks = name, blocks
         self.elements = np.concatenate([block.entries[:, 0] for block in blocks])
         self.nodes = np.unique(np.concatenate([block.entries[:, 1:].ravel() for block in blocks]))
@@ -158,15 +191,16 @@ class Piece:
 
     def whole(self, marked: np.ndarray) -> np.ndarray:
         """The facets (k,) whose corners are all `marked`."""
-        return np.flatnonzero((np.append(marked, True)[self.facets[:, :4]]).all(axis=1))  # −1 is the last, and True
+        return np.flatnonzero(
+            (np.append(marked, True)[self.facets[:, :4]]).all(axis=1)
+        )  # −1 is the last, and True
 
     def group(self, facets: np.ndarray, name: str) -> str:
         """The name of a group of these facets; a new one, like `name`, if there is none yet."""
         return _kept(self.groups, np.unique(facets), name, self.taken)
 
     def again(self, group: str) -> str:
-        """A second name for the facets of a group: of loads under one name `ddmpi check` asks whether both are meant.
-        """
+        """A second name for the facets of a group: of loads under one name `ddmpi check` asks whether both are meant."""
         name = own_name(f"{group}_uneven", self.taken)
         self.groups[name] = self.groups[group]
         return name
@@ -180,7 +214,10 @@ class Piece:
         hang together, else those around nodes that hang together; and the nodes that have no facet."""
         marked = np.zeros(len(self.nodes) + 1, bool)
         marked[loaded] = marked[-1] = True
-        ends, middles = marked[self.facets[:, :4]].all(axis=1), marked[self.facets[:, 4:]].all(axis=1)
+        ends, middles = (
+            marked[self.facets[:, :4]].all(axis=1),
+            marked[self.facets[:, 4:]].all(axis=1),
+        )
         # consistent loads of quadratic tetrahedra are at the middles of sides alone
         whole = ends | (middles & (self.facets[:, 4] >= 0))
         found: list[tuple[np.ndarray, np.ndarray]] = []
@@ -199,7 +236,9 @@ class Piece:
     def quadrature(self, facets: np.ndarray, around: bool) -> tuple[np.ndarray, np.ndarray]:
         """Points (q, d) and weights (q,) on straight facets; with the circumference if `around` an axis."""
         corners, d = self._simplices(facets), self.points.shape[1]
-        inner = (1.0 - (d + 1) ** -0.5) / d  # d points in each: exact for squares, in the plane for cubes
+        inner = (
+            1.0 - (d + 1) ** -0.5
+        ) / d  # d points in each: exact for squares, in the plane for cubes
         at = ((inner + (1.0 - d * inner) * np.eye(d)) @ corners).reshape(-1, d)
         weights = np.repeat(np.linalg.norm(_vectors(corners), axis=1) / d, d)
         return at, weights * 2.0 * np.pi * at[:, 0] if around else weights
@@ -207,23 +246,30 @@ class Piece:
     def _simplices(self, facets: np.ndarray) -> np.ndarray:
         """Corners (k, d, d) of facets, of which quadrilaterals are cut in two."""
         place = self.facets[facets]
-        parts = [place[:, :2]] if self.points.shape[1] == 2 else [place[:, :3], place[place[:, 3] >= 0][:, [0, 2, 3]]]
+        parts = (
+            [place[:, :2]]
+            if self.points.shape[1] == 2
+            else [place[:, :3], place[place[:, 3] >= 0][:, [0, 2, 3]]]
+        )
         return self.points[np.concatenate(parts)]
 
     def normals(self, facets: np.ndarray) -> np.ndarray:
         """Unit normals (f, d) of straight facets, on either side."""
-        return _normals(self.points[self.facets[facets][:, :self.points.shape[1]]])
+        return _normals(self.points[self.facets[facets][:, : self.points.shape[1]]])
 
     def outward(self, facets: np.ndarray) -> np.ndarray:
         """The unit normal (d,) of the first of these facets, away from the middle of the body."""
-        normal, at = self.normals(facets[:1])[0], self.facets[facets[0], :self.points.shape[1]]
+        normal, at = self.normals(facets[:1])[0], self.facets[facets[0], : self.points.shape[1]]
         return normal * np.sign((self.points[at].mean(axis=0) - self.points.mean(axis=0)) @ normal)
 
     def heights(self, facets: np.ndarray, master: Piece, against: np.ndarray) -> np.ndarray:
         """(k,) distances of the nodes of these facets from the facets `against` of the master below or above them."""
         corners = master._simplices(against)
         edges, normals = corners[:, 1:] - corners[:, :1], _normals(corners)
-        inverse, found = np.linalg.pinv(edges), []  # of the edges along a facet: coordinates of a place in it
+        inverse, found = (
+            np.linalg.pinv(edges),
+            [],
+        )  # of the edges along a facet: coordinates of a place in it
         for place in set(self.facets[facets].ravel().tolist()) - {-1}:
             off = self.points[place] - corners[:, 0]
             at = np.einsum("fd,fde->fe", off, inverse)
@@ -234,8 +280,10 @@ class Piece:
     def write(self, path: Path) -> None:
         """Write the mesh as an input of Abaqus with sets of nodes, elements, and surfaces of faces."""
         lines = ["*NODE"]
-        lines += [f"{number % STRIDE}, {', '.join(map(repr, at))}" for number, at in zip(
-            self.nodes.tolist(), self.points.tolist(), strict=True)]
+        lines += [
+            f"{number % STRIDE}, {', '.join(map(repr, at))}"
+            for number, at in zip(self.nodes.tolist(), self.points.tolist(), strict=True)
+        ]
         for block in self.blocks:
             lines.append(f"*ELEMENT, TYPE={block.name}, ELSET={self.name}")
             for entries in (block.entries % STRIDE).tolist():
@@ -245,15 +293,21 @@ class Piece:
         for name, nodes in self.sets.items():
             lines += [f"*NSET, NSET={name}", *_rows((self.nodes[nodes] % STRIDE).tolist())]
         for name, facets in self.groups.items():
-            lines += [f"*SURFACE, NAME={name}", *(f"{element % STRIDE}, S{face}" for element, face in
-                                                  self.owners[facets].tolist())]
+            lines += [
+                f"*SURFACE, NAME={name}",
+                *(f"{element % STRIDE}, S{face}" for element, face in self.owners[facets].tolist()),
+            ]
         path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 def _vectors(corners: np.ndarray) -> np.ndarray:
     """Normals (k, d) of plane facets by their corners (k, d, d), as long as their measures (m or m²)."""
     edges = corners[:, 1:] - corners[:, :1]
-    return np.cross(edges[:, 0], edges[:, 1]) / 2.0 if corners.shape[2] > 2 else edges[:, 0, ::-1] * (1.0, -1.0)
+    return (
+        np.cross(edges[:, 0], edges[:, 1]) / 2.0
+        if corners.shape[2] > 2
+        else edges[:, 0, ::-1] * (1.0, -1.0)
+    )
 
 
 def _normals(corners: np.ndarray) -> np.ndarray:
@@ -264,7 +318,7 @@ def _normals(corners: np.ndarray) -> np.ndarray:
 
 def _rows(entries: list[int]) -> list[str]:
     """A data line of numbers, continued after every tenth."""
-    rows = [", ".join(map(str, entries[k:k + 10])) for k in range(0, len(entries), 10)]
+    rows = [", ".join(map(str, entries[k : k + 10])) for k in range(0, len(entries), 10)]
     return [f"{row}," for row in rows[:-1]] + rows[-1:]
 
 
@@ -296,5 +350,7 @@ def linear(points: np.ndarray, values: np.ndarray, axes: str) -> Any:
 
 def formula(constant: float, slopes: np.ndarray, axes: str) -> Any:
     """A number, or a formula that is linear in the coordinates."""
-    terms = [f"({slope!r}) * {axis}" for slope, axis in zip(slopes.tolist(), axes, strict=True) if slope]
+    terms = [
+        f"({slope!r}) * {axis}" for slope, axis in zip(slopes.tolist(), axes, strict=True) if slope
+    ]
     return " + ".join([repr(constant), *terms]) if terms else constant

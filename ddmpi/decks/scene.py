@@ -19,9 +19,19 @@ from ddmpi.decks.pieces import Cut, Piece, cut, own_name, rows_of, split
 from ddmpi.errors import InputError, TakenError
 from ddmpi.scene.reader import write_toml
 
-VARIANTS = {"": "", "R": "full integration", "I": "no incompatible modes", "RI": "full integration", "H": "",
-            "IH": "no incompatible modes", "RH": "full integration", "M": "", "MH": "", "T": "",
-            "RT": "full integration"}
+VARIANTS = {
+    "": "",
+    "R": "full integration",
+    "I": "no incompatible modes",
+    "RI": "full integration",
+    "H": "",
+    "IH": "no incompatible modes",
+    "RH": "full integration",
+    "M": "",
+    "MH": "",
+    "T": "",
+    "RT": "full integration",
+}
 """What changes in the variants of elements; others are refused."""
 
 METALS = 4e4, 1e6
@@ -35,13 +45,17 @@ class Importer:
         self.notes = Notes(path)
         self.deck = Deck(path)
         self.model = Model(self.deck, self.notes, amplitudes)
-        linear = len(self.model.ends) == 1 and all(card.word == "TIE" for card, *_ in self.model.pairs)
+        linear = len(self.model.ends) == 1 and all(
+            card.word == "TIE" for card, *_ in self.model.pairs
+        )
         for card in self.deck.cards:
             if card.word in ("TRANSFORM", "ORIENTATION") and card.says("SYSTEM", "R")[0] == "R":
                 with card.reading():
                     axes(card)
             for name in card.given:
-                if name not in PARAMETERS.get(card.word, card.given) and not (name == "PERTURBATION" and linear):
+                if name not in PARAMETERS.get(card.word, card.given) and not (
+                    name == "PERTURBATION" and linear
+                ):
                     self.notes.add("lost", card, f"its parameter {name} is not possible")
         self.pieces, self.family, quadratic = self._pieces()
         self.order = 2 if quadratic else 1
@@ -63,20 +77,32 @@ class Importer:
             if VARIANTS[fits[3]]:
                 notes.add("changed", block.card, f"{name} as {block.name}: {VARIANTS[fits[3]]}")
         if not families:
-            raise InputError("it has no elements that a scene may have: C3D4 to C3D20, CPE, CPS and CAX")
+            raise InputError(
+                "it has no elements that a scene may have: C3D4 to C3D20, CPE, CPS and CAX"
+            )
         if len(families) > 1:
-            raise InputError(f"it has elements of the families {' and '.join(sorted(families))}; a scene has one")
-        (family, blocks), = families.items()
+            raise InputError(
+                f"it has elements of the families {' and '.join(sorted(families))}; a scene has one"
+            )
+        ((family, blocks),) = families.items()
         quadratic = any(block.name not in ("C3D4", "CPE3", "CPS3", "CAX3") for block in blocks)
         for block in blocks:
             if block.kind in ("hexahedron", "wedge", "quad", "pyramid"):
-                notes.add("changed", block.card, f"{block.name} cut into quadratic "
-                          f"{'tetrahedra' if family == 'C3D' else 'triangles'}: linear ones would be too stiff")
+                notes.add(
+                    "changed",
+                    block.card,
+                    f"{block.name} cut into quadratic "
+                    f"{'tetrahedra' if family == 'C3D' else 'triangles'}: linear ones would be too stiff",
+                )
         (numbers, points), rows = self.deck.placed(), rows_of(blocks)
         points = points if family == "C3D" else points[:, :2]
-        lost = np.setdiff1d(np.concatenate([block.entries[:, 1:].ravel() for block in blocks]), numbers)
+        lost = np.setdiff1d(
+            np.concatenate([block.entries[:, 1:].ravel() for block in blocks]), numbers
+        )
         if len(lost):
-            raise InputError(f"an element has node {lost[0] % STRIDE}, which is not there; is the deck cut off?")
+            raise InputError(
+                f"an element has node {lost[0] % STRIDE}, which is not there; is the deck cut off?"
+            )
         self.cuts: list[Cut] = []
         for card in self.model.bolts:
             if "SURFACE" not in card.given:
@@ -112,12 +138,15 @@ class Importer:
         for piece in self.pieces:
             heat, expansions = acts.heat(piece)
             materials = self.matter.of(piece, expansions)
-            body = {"name": piece.name, "mesh": {"file": f"{piece.name}.inp", "order": self.order},
-                    "material": materials[0] if len(materials) == 1 else materials,
-                    "clamp": acts.clamps(piece) + joints.clamps[piece.name],
-                    "traction": tractions[piece.name] + joints.tractions[piece.name],
-                    "volume_force": acts.volume_forces(piece),
-                    "temperature": heat}
+            body = {
+                "name": piece.name,
+                "mesh": {"file": f"{piece.name}.inp", "order": self.order},
+                "material": materials[0] if len(materials) == 1 else materials,
+                "clamp": acts.clamps(piece) + joints.clamps[piece.name],
+                "traction": tractions[piece.name] + joints.tractions[piece.name],
+                "volume_force": acts.volume_forces(piece),
+                "temperature": heat,
+            }
             bodies.append({key: value for key, value in body.items() if value not in (None, [])})
         contacts = [contact for pair in self.model.pairs for contact in joints.contacts(*pair)]
         contacts += [*joints.held, *joints.bolts()]
@@ -125,23 +154,41 @@ class Importer:
         for contact in contacts:
             names.append(own_name("-".join(contact["bodies"]), names))
             contact["name"] = names[-1]
-        histories = {name: {"times": [time for time, _ in course], "factors": [factor for _, factor in course]}
-                     for course, name in acts.histories.items()}
-        scene: dict[str, Any] = {"title": title, "axisymmetric": self.family == "CAX" or None, "body": bodies,
-                                 "rigid": joints.partners,
-                                 "contact": [{"name": contact["name"]} | contact for contact in contacts],
-                                 "history": histories}
+        histories = {
+            name: {
+                "times": [time for time, _ in course],
+                "factors": [factor for _, factor in course],
+            }
+            for course, name in acts.histories.items()
+        }
+        scene: dict[str, Any] = {
+            "title": title,
+            "axisymmetric": self.family == "CAX" or None,
+            "body": bodies,
+            "rigid": joints.partners,
+            "contact": [{"name": contact["name"]} | contact for contact in contacts],
+            "history": histories,
+        }
         if acts.timed:
             sliding = any("friction" in contact for contact in contacts)
             scene["time"] = {"points": self.model.ends} | ({} if sliding else {"steps": 1})
-        largest = max((np.max(one["young"]) for body in bodies for one in np.atleast_1d(body["material"])
-                       if "young" in one), default=0.0)
+        largest = max(
+            (
+                np.max(one["young"])
+                for body in bodies
+                for one in np.atleast_1d(body["material"])
+                if "young" in one
+            ),
+            default=0.0,
+        )
         if METALS[0] <= largest <= METALS[1]:
             scene["output"] = {"length_unit": "mm", "stress_unit": "MPa"}
         return {key: value for key, value in scene.items() if value not in (None, [], {})}
 
 
-def import_deck(deck: str | Path, output: str | Path, partial: bool = False, amplitudes: Sequence[str] = ()) -> str:
+def import_deck(
+    deck: str | Path, output: str | Path, partial: bool = False, amplitudes: Sequence[str] = ()
+) -> str:
     """Write a scene and its meshes into a folder; the lists of what was taken, changed and lost. Times and factors of
     `amplitudes`, such as "RAMP=0,0,1,1", replace those of the deck. Not collective.
 
@@ -156,25 +203,41 @@ def import_deck(deck: str | Path, output: str | Path, partial: bool = False, amp
         raise InputError(f"{deck}: {error}") from None
     lists = {title: importer.notes.words(title) for title in ("taken", "changed", "lost")}
     if lists["lost"] and not partial:
-        raise InputError(f"{deck}: a scene would be another problem without what is not possible; nothing is written "
-                         "(--partial writes it all the same)"
-                         + "".join(f"\n  {line}" for line in lists["lost"]))
-    text = f"# from {path.name}; lengths, stresses and forces are in the units of the deck\n" + write_toml(scene)
+        raise InputError(
+            f"{deck}: a scene would be another problem without what is not possible; nothing is written "
+            "(--partial writes it all the same)" + "".join(f"\n  {line}" for line in lists["lost"])
+        )
+    text = (
+        f"# from {path.name}; lengths, stresses and forces are in the units of the deck\n"
+        + write_toml(scene)
+    )
     files = ["scene.toml", *(f"{piece.name}.inp" for piece in importer.pieces)]
     there = [name for name in files if (folder / name).exists()]
     if there:
-        raise TakenError(f"{folder / there[0]} is there already; nothing is overwritten; choose another --output")
+        raise TakenError(
+            f"{folder / there[0]} is there already; nothing is overwritten; choose another --output"
+        )
     folder.mkdir(parents=True, exist_ok=True)
     for piece in importer.pieces:
         piece.write(folder / f"{piece.name}.inp")
     (folder / "scene.toml").write_text(text, encoding="utf-8")
-    return "\n".join([*(f"{title}:\n" + ("".join(f"  {line}\n" for line in lines) or "  nothing\n")
-                        for title, lines in lists.items()),
-                      "units: those of the deck, " + (
-                          "by its moduli labelled mm and MPa" if "output" in scene else
-                          "labelled m and Pa; others: length_unit, stress_unit of [output]") + "\n",
-                      f"{folder / 'scene.toml'}: {_count(len(importer.pieces), 'body', 'bodies')}, "
-                      + _count(len(scene.get("contact", [])), "contact", "contacts")])
+    return "\n".join(
+        [
+            *(
+                f"{title}:\n" + ("".join(f"  {line}\n" for line in lines) or "  nothing\n")
+                for title, lines in lists.items()
+            ),
+            "units: those of the deck, "
+            + (
+                "by its moduli labelled mm and MPa"
+                if "output" in scene
+                else "labelled m and Pa; others: length_unit, stress_unit of [output]"
+            )
+            + "\n",
+            f"{folder / 'scene.toml'}: {_count(len(importer.pieces), 'body', 'bodies')}, "
+            + _count(len(scene.get("contact", [])), "contact", "contacts"),
+        ]
+    )
 
 
 def _count(number: int, one: str, several: str) -> str:

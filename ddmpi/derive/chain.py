@@ -71,18 +71,32 @@ class Chain:
         if not number:
             return {}
         factors = self.assembly.scene.factors(time)
-        return {"s": np.zeros((number, space.size)),
-                "closed": np.array([-factors[one.history] * one.opening for one in self.parameters]),
-                "alpha": np.zeros((number, self.assembly.joint.rigid.size)),
-                "dissipated": np.zeros((number, len(space.interfaces))), "residual": np.zeros(number),
-                "until": np.tile([-np.inf, np.inf], (number, 1))}
+        return {
+            "s": np.zeros((number, space.size)),
+            "closed": np.array([-factors[one.history] * one.opening for one in self.parameters]),
+            "alpha": np.zeros((number, self.assembly.joint.rigid.size)),
+            "dissipated": np.zeros((number, len(space.interfaces))),
+            "residual": np.zeros(number),
+            "until": np.tile([-np.inf, np.inf], (number, 1)),
+        }
 
-    def advance(self, time: float, outer: Outer, answer: Answered, now: Mark | None = None,
-                before: Mark | None = None, drawn: float | None = None) -> Derived:
+    def advance(
+        self,
+        time: float,
+        outer: Outer,
+        answer: Answered,
+        now: Mark | None = None,
+        before: Mark | None = None,
+        drawn: float | None = None,
+    ) -> Derived:
         """The derivatives at the end of a load step, of the `answer` of `outer`. `now` and `before` are the beginnings
         of the step and of the step before; None without load steps. `drawn` is its time in the histories, if another.
         """
-        space, joint, since = self.assembly.space, self.assembly.joint, now.derived if now else self.first(time)
+        space, joint, since = (
+            self.assembly.space,
+            self.assembly.joint,
+            now.derived if now else self.first(time),
+        )
         if not since:
             return {}
         assert isinstance(outer, Newton)
@@ -96,45 +110,76 @@ class Chain:
             bounds, former_bounds = (one.bounds(self.assembly, forces) for forces in (s, former))
             # offsets of bolts that are kept are those of the step before, and so are their derivatives
             kept = np.where(joint.kept, since["alpha"][k], 0.0)
-            changed = equations.direct(rho + joint.rigid.spread(kept) - start, np.where(joint.kept, 0.0, de),
-                                       equations.along_slip(bounds))
+            changed = equations.direct(
+                rho + joint.rigid.spread(kept) - start,
+                np.where(joint.kept, 0.0, de),
+                equations.along_slip(bounds),
+            )
             fall, rise = equations.until(changed, bounds)
-            work = [_rubbed(answer.states[interface.name], interface.law, changed.r[part],
-                            _follows(interface.law, s[part], changed.s[part]) + bound,
-                            _follows(interface.law, former[part], since["s"][k, part]) + former_bound)
-                    for (interface, part), bound, former_bound in zip(space.with_slices(), bounds, former_bounds,
-                                                                      strict=True)]
-            rows.append({"s": changed.s, "closed": start - changed.r, "alpha": changed.alpha + kept,
-                         "dissipated": since["dissipated"][k] + np.array(work),
-                         "residual": max(changed.residual, since["residual"][k]),
-                         "until": [max(fall, since["until"][k, 0]), min(rise, since["until"][k, 1])]})
+            work = [
+                _rubbed(
+                    answer.states[interface.name],
+                    interface.law,
+                    changed.r[part],
+                    _follows(interface.law, s[part], changed.s[part]) + bound,
+                    _follows(interface.law, former[part], since["s"][k, part]) + former_bound,
+                )
+                for (interface, part), bound, former_bound in zip(
+                    space.with_slices(), bounds, former_bounds, strict=True
+                )
+            ]
+            rows.append(
+                {
+                    "s": changed.s,
+                    "closed": start - changed.r,
+                    "alpha": changed.alpha + kept,
+                    "dissipated": since["dissipated"][k] + np.array(work),
+                    "residual": max(changed.residual, since["residual"][k]),
+                    "until": [max(fall, since["until"][k, 0]), min(rise, since["until"][k, 1])],
+                }
+            )
         return {name: np.array([row[name] for row in rows]) for name in since}
 
-    def entries(self, time: float, derived: Derived,
-                answer: Answered) -> tuple[dict[str, Entry | None], dict[str, Entry]]:
+    def entries(
+        self, time: float, derived: Derived, answer: Answered
+    ) -> tuple[dict[str, Entry | None], dict[str, Entry]]:
         """The derivatives of results as `entries_of` has them; empty without keys."""
         if not derived:
             return {}, {}
-        return entries_of(self.assembly, self.parameters, derived, self.assembly.scene.factors(time),
-                          answer.displacements, answer.states)
+        return entries_of(
+            self.assembly,
+            self.parameters,
+            derived,
+            self.assembly.scene.factors(time),
+            answer.displacements,
+            answer.states,
+        )
 
     @cached_property
     def _responses(self) -> list[tuple[np.ndarray, np.ndarray]]:
         """Of each parameter `_response` at the factor 1 of its history; zero where it is no load or clamp."""
-        return [self._response({} if one.case is None else {one.body: one.case}) for one in self.parameters]
+        return [
+            self._response({} if one.case is None else {one.body: one.case})
+            for one in self.parameters
+        ]
 
     def _response(self, cases: Mapping[str, LoadCase]) -> tuple[np.ndarray, np.ndarray]:
         """h (size,) in metres and e (rigid.size,) in newtons of load cases of this rank's bodies by name."""
         joint = self.assembly.joint
         parts = [(np.zeros(member.size), np.zeros(len(member.e))) for member in joint.members]
         with joint.exchange.deferred():
-            parts = [member.response_to(cases[member.name], PURPOSE) if member.name in cases else none
-                     for member, none in zip(joint.members, parts, strict=True)]
+            parts = [
+                member.response_to(cases[member.name], PURPOSE) if member.name in cases else none
+                for member, none in zip(joint.members, parts, strict=True)
+            ]
         h = joint.exchange.total([part for part, _ in parts], "load of a derivative")
-        return h, joint.of_all([e for _, e in parts], [np.zeros(len(each.push)) for each in joint.driven])
+        return h, joint.of_all(
+            [e for _, e in parts], [np.zeros(len(each.push)) for each in joint.driven]
+        )
 
-    def _changes(self, k: int, factors: Mapping[str | None, float],
-                 u: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    def _changes(
+        self, k: int, factors: Mapping[str | None, float], u: Mapping[str, np.ndarray]
+    ) -> tuple[np.ndarray, np.ndarray]:
         """ρ (size,) in metres and de (rigid.size,) in newtons of the k-th parameter, at these factors by history and
         displacements of this rank's bodies."""
         one, (h, e) = self.parameters[k], self._responses[k]
@@ -148,23 +193,44 @@ class Chain:
         """The derivative (size,) of where slip begins in the step to `time`, by the k-th parameter (m)."""
         span = now.time - before.time  # zero at a turning point
         share = (time - now.time) / span if span else 0.0
-        closed, rate = ((now.closed, now.derived["closed"][k]),
-                        (now.closed - before.closed, now.derived["closed"][k] - before.derived["closed"][k]))
-        return np.concatenate([np.empty(0), *(
-            slip_start_change(interface.law, now.s[part], (closed[0][part], closed[1][part]),
-                              (rate[0][part], rate[1][part]), share)
-            for interface, part in self.assembly.space.with_slices())])
+        closed, rate = (
+            (now.closed, now.derived["closed"][k]),
+            (now.closed - before.closed, now.derived["closed"][k] - before.derived["closed"][k]),
+        )
+        return np.concatenate(
+            [
+                np.empty(0),
+                *(
+                    slip_start_change(
+                        interface.law,
+                        now.s[part],
+                        (closed[0][part], closed[1][part]),
+                        (rate[0][part], rate[1][part]),
+                        share,
+                    )
+                    for interface, part in self.assembly.space.with_slices()
+                ),
+            ]
+        )
 
 
 def _follows(law: Law, s: np.ndarray, ds: np.ndarray) -> np.ndarray:
     """The changes (mt,) of slip bounds that follow the forces s (size,) (N)."""
-    return law.slope(np.maximum(s[:law.m], 0.0)) * np.where(s[:law.m] > 0.0, ds[:law.m], 0.0)[law.sliding]
+    return (
+        law.slope(np.maximum(s[: law.m], 0.0))
+        * np.where(s[: law.m] > 0.0, ds[: law.m], 0.0)[law.sliding]
+    )
 
 
-def _rubbed(state: ContactState, law: Law, dr: np.ndarray, dnew: np.ndarray, dold: np.ndarray) -> float:
+def _rubbed(
+    state: ContactState, law: Law, dr: np.ndarray, dnew: np.ndarray, dold: np.ndarray
+) -> float:
     """The derivative of `ContactState.dissipated`, the sum of ½ (g_n + g_n−1) |u_t| over the nodes that slip, from
     those of r (size,) in metres and of the bounds (mt,) in newtons."""
-    slip, resistance = state.slip[law.sliding], np.broadcast_to(state.resistance, state.gap.shape)[law.sliding]
+    slip, resistance = (
+        state.slip[law.sliding],
+        np.broadcast_to(state.resistance, state.gap.shape)[law.sliding],
+    )
     size, rubs = magnitude(slip), resistance > 0.0
     longer = (slip * -law.split(dr)[1]).sum(axis=1) / np.where(size > 0.0, size, 1.0)
     return float((resistance * longer + 0.5 * (dnew + dold) * size)[rubs].sum())

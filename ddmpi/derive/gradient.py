@@ -22,8 +22,18 @@ from ddmpi.scene.keys import derivable, nearest
 from ddmpi.sets import magnitude
 from ddmpi.system.agreement import agreed, merged
 
-RESULTS = {"contacts": ("force", "moment", "normal_force", "tangential_force", "pressure_max", "dissipated"),
-           "bodies": ("reaction",), "rigid": ("force", "displacement")}
+RESULTS = {
+    "contacts": (
+        "force",
+        "moment",
+        "normal_force",
+        "tangential_force",
+        "pressure_max",
+        "dissipated",
+    ),
+    "bodies": ("reaction",),
+    "rigid": ("force", "displacement"),
+}
 """The results that have gradients, by their entries in the summary."""
 
 
@@ -56,28 +66,43 @@ def gradient(assembly: Assembly, outer: Newton, answer: Answered, result: str) -
     """
     world, space, joint = assembly.world, assembly.space, assembly.joint
     if assembly.scene.time:
-        raise InputError(f"gradient({result!r}): not possible with load steps; set output.derivatives instead")
+        raise InputError(
+            f"gradient({result!r}): not possible with load steps; set output.derivatives instead"
+        )
     with agreed(world):
         wanted = functional(assembly, answer.states, result)
     if wanted.body:  # equilibrium: the reaction is what loads and contact forces on a body leave
         unit = np.eye(assembly.scene.dimension)[wanted.axis]
-        wanted.forces = joint.exchange.total([
-            member.trace(np.tile(unit, (len(member.motions), 1))) * (member.name == wanted.body)
-            for member in joint.members], "reaction")
+        wanted.forces = joint.exchange.total(
+            [
+                member.trace(np.tile(unit, (len(member.motions), 1))) * (member.name == wanted.body)
+                for member in joint.members
+            ],
+            "reaction",
+        )
     equations = outer.linearisation()
     j = wanted.forces
     if space.any(wanted.moves):  # d(closed) = ρ + Z dα − C ds
         j = j - joint.product(wanted.moves, PURPOSE, AIM)
     z, beta, residual = equations.adjoint(j, wanted.motions + joint.rigid.sums(wanted.moves))
     if residual > ENOUGH:
-        raise SolverError(f"gradient({result!r}): GMRES does not solve the equations to {ENOUGH:.0e}")
+        raise SolverError(
+            f"gradient({result!r}): GMRES does not solve the equations to {ENOUGH:.0e}"
+        )
     # dJ = w·ρ + β·de + q·γ: the work of forces w on changes of gaps, and what forces beyond the law add
     w = z + wanted.moves
     q = j - (joint.product(z, PURPOSE, AIM) if space.any(z) else 0.0) - joint.rigid.spread(beta)
-    fields, moved, parts = dict[str, np.ndarray](), dict[str, np.ndarray](), joint.exchange.spread(w)
+    fields, moved, parts = (
+        dict[str, np.ndarray](),
+        dict[str, np.ndarray](),
+        joint.exchange.spread(w),
+    )
     with agreed(world):
         for body, of_body in zip(assembly.bodies, parts, strict=True):
-            name, member = body.spec.name, body.member.loaded_by(scaled(body.member.elasticity.acting, 0.0))
+            name, member = (
+                body.spec.name,
+                body.member.loaded_by(scaled(body.member.elasticity.acting, 0.0)),
+            )
             fields[name], *_ = member.displacement(-of_body, beta[joint.slices[name]], PURPOSE)
             moved[name] = -member.pull(of_body)  # Bᵀ w
     found, known = list[float](), list[str]()
@@ -98,7 +123,11 @@ def gradient(assembly: Assembly, outer: Newton, answer: Answered, result: str) -
             law, s = one.law[name], equations.point.s[space.parts[name]]
             total += float(wanted.bounds[name] @ (law.bound_at(s) + law.bound_at(0.0 * s)))
         for name, case in one.load(assembly, answer.displacements, 1.0).items():
-            total += float((fields[name] * (case.f + case.heat - case.taken) + moved[name] * case.prescribed).sum())
+            total += float(
+                (
+                    fields[name] * (case.f + case.heat - case.taken) + moved[name] * case.prescribed
+                ).sum()
+            )
             if name == wanted.body:
                 total -= float((case.f + case.heat)[:, wanted.axis].sum())
         if world.rank == 0:
@@ -107,7 +136,10 @@ def gradient(assembly: Assembly, outer: Newton, answer: Answered, result: str) -
                 total += float(one.moved[1][wanted.axis])
         found.append(total)
     totals = world.allreduce(np.array(found))
-    gaps = {interface.name: -interface.scale * w[part][:interface.m] for interface, part in space.with_slices()}
+    gaps = {
+        interface.name: -interface.scale * w[part][: interface.m]
+        for interface, part in space.with_slices()
+    }
     return Entry(zip(known, totals.tolist(), strict=True), gap=Entry(merged(world, gaps)))
 
 
@@ -116,26 +148,48 @@ def functional(assembly: Assembly, states: Mapping[str, ContactState], result: s
     scene, space, joint = assembly.scene, assembly.space, assembly.joint
     kind, name, what, axis = (*result.split("."), "", "", "")[:4]
     axis = axis.translate(str.maketrans("012", "xyz"))
-    found = Functional(np.zeros(space.size), np.zeros(space.size), np.zeros(joint.rigid.size),
-                       axis=max("xyz".find(axis), 0))
-    vectors = ["force", "reaction", "displacement", *["moment"] * (comb(scene.dimension, 2) > 1)]  # one for a rotation
-    able = [f"{group}.{entry.name}.{one}{end}" for group, entries in (
-                ("contacts", scene.contact), ("bodies", scene.body), ("rigid", scene.rigid))
-            for entry in entries for one in RESULTS[group]
-            for end in ([f".{letter}" for letter in "xyz"[:scene.dimension]] if one in vectors else [""])]
+    found = Functional(
+        np.zeros(space.size),
+        np.zeros(space.size),
+        np.zeros(joint.rigid.size),
+        axis=max("xyz".find(axis), 0),
+    )
+    vectors = [
+        "force",
+        "reaction",
+        "displacement",
+        *["moment"] * (comb(scene.dimension, 2) > 1),
+    ]  # one for a rotation
+    able = [
+        f"{group}.{entry.name}.{one}{end}"
+        for group, entries in (
+            ("contacts", scene.contact),
+            ("bodies", scene.body),
+            ("rigid", scene.rigid),
+        )
+        for entry in entries
+        for one in RESULTS[group]
+        for end in (
+            [f".{letter}" for letter in "xyz"[: scene.dimension]] if one in vectors else [""]
+        )
+    ]
     same = f"{kind}.{name}.{what}" + f".{axis}" * bool(axis)
     if same not in able:
         near = nearest(same, able) or f" (such as {able[0]!r})"
         raise InputError(f"gradient({result!r}): there is no such result{near}")
     if kind == "bodies":
         if scene.axisymmetric and found.axis == 0:
-            raise InputError(f"gradient({result!r}): radial reactions of axisymmetric bodies have none; take y")
+            raise InputError(
+                f"gradient({result!r}): radial reactions of axisymmetric bodies have none; take y"
+            )
         found.body = name
     if kind == "rigid" and what == "displacement":
         found.partner = name
         for each in joint.driven:
             if each.name == name:  # `shift` is linear in the motions
-                found.motions[joint.slices[name]] = [each.shift(one)[found.axis] for one in np.eye(len(each.push))]
+                found.motions[joint.slices[name]] = [
+                    each.shift(one)[found.axis] for one in np.eye(len(each.push))
+                ]
     for interface, part in space.with_slices():
         if kind == "rigid" and what == "force" and interface.bodies[1] == name:
             found.forces[part] = interface.directions[:, found.axis]
@@ -143,14 +197,21 @@ def functional(assembly: Assembly, states: Mapping[str, ContactState], result: s
             continue
         state, law, m = states[name], interface.law, interface.m
         if what != "dissipated":
-            found.forces[part] = np.atleast_2d(measures(state)[what])[found.axis if what in vectors else 0]
+            found.forces[part] = np.atleast_2d(measures(state)[what])[
+                found.axis if what in vectors else 0
+            ]
             continue
         # ½ (g + g_0) |slip| of the nodes that rub
         resistance = np.broadcast_to(state.resistance, (m,))[law.sliding]
         slip, s = state.slip[law.sliding], np.append(state.normal_force, np.zeros(law.size - m))
         size = magnitude(slip)
         found.bounds[name] = 0.5 * size * (resistance > 0.0)
-        law.split(found.moves[part])[1][:] = (resistance / np.where(size > 0.0, size, 1.0))[:, None] * slip
-        np.add.at(found.forces[part], law.sliding,
-                  found.bounds[name] * law.slope(s[:m]) * (s[:m] > 0.0)[law.sliding])
+        law.split(found.moves[part])[1][:] = (resistance / np.where(size > 0.0, size, 1.0))[
+            :, None
+        ] * slip
+        np.add.at(
+            found.forces[part],
+            law.sliding,
+            found.bounds[name] * law.slope(s[:m]) * (s[:m] > 0.0)[law.sliding],
+        )
     return found

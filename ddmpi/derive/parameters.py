@@ -52,29 +52,48 @@ class Parameter:
 
     def bounds(self, assembly: Assembly, s: np.ndarray) -> list[np.ndarray]:
         """The changes (mt,) of the slip bounds of each interface under the forces s (size,) (N). Not collective."""
-        return [self.law[interface.name].bound_at(s[part]) if interface.name in self.law
-                else np.zeros(len(interface.sliding)) for interface, part in assembly.space.with_slices()]
+        return [
+            self.law[interface.name].bound_at(s[part])
+            if interface.name in self.law
+            else np.zeros(len(interface.sliding))
+            for interface, part in assembly.space.with_slices()
+        ]
 
-    def load(self, assembly: Assembly, u: Mapping[str, np.ndarray], factor: float) -> dict[str, LoadCase]:
+    def load(
+        self, assembly: Assembly, u: Mapping[str, np.ndarray], factor: float
+    ) -> dict[str, LoadCase]:
         """The changes of the load cases of this rank's bodies, at displacements u (nv, d) by body (m), and at this
         factor of its history. Not collective."""
-        return {body.spec.name: self._case(body, u[body.spec.name]) if self.young is not None else
-                scaled(self.case, factor) for body in assembly.bodies
-                if body.spec.name == self.body and (self.case or self.young is not None)}
+        return {
+            body.spec.name: self._case(body, u[body.spec.name])
+            if self.young is not None
+            else scaled(self.case, factor)
+            for body in assembly.bodies
+            if body.spec.name == self.body and (self.case or self.young is not None)
+        }
 
     def _case(self, body: Body, u: np.ndarray) -> LoadCase:
         """The load that a change of a modulus E is equivalent to: with K = E K_1 + …, that of −(K_1 u − heat_1)."""
         mesh, entry = body.mesh, body.spec.materials[self.young or 0]
         if len(body.spec.materials) > 1:
-            mesh = replace(mesh, triangles=mesh.triangles[material_numbers(mesh, body.spec) == self.young])
+            mesh = replace(
+                mesh, triangles=mesh.triangles[material_numbers(mesh, body.spec) == self.young]
+            )
         acting, elasticity = body.member.elasticity.acting, body.member.elasticity
         f = -sum_stiffness(mesh, entry).mult(u)
         if acting.heated is not None:
             f += thermal_loads(mesh, entry, acting.warm)[0]
         f /= self.value
         zero, free = np.zeros_like(f), elasticity.supports.free[elasticity.nodes]
-        return LoadCase(f, 0.0 * acting.warm, zero, 0.0, zero, zero,
-                        np.einsum("kij,kj->ki", free, f[elasticity.nodes]).ravel())
+        return LoadCase(
+            f,
+            0.0 * acting.warm,
+            zero,
+            0.0,
+            zero,
+            zero,
+            np.einsum("kij,kj->ki", free, f[elasticity.nodes]).ravel(),
+        )
 
 
 def scaled(case: LoadCase | None, factor: float) -> LoadCase:
@@ -97,9 +116,16 @@ def parameter(assembly: Assembly, key: str) -> Parameter:
             assert not isinstance(young, tuple)
             return replace(blank, body=name, young=number, value=young)
         alone, value, history = _alone(spec, rest, scene.dimension)
-        cases = [load_cases(body.mesh, alone, supports(body.mesh, alone), body.member.elasticity).cases[history]
-                 for body in assembly.bodies if body.spec.name == name]
-        return replace(blank, body=name, value=value, history=history, case=cases[0] if cases else None)
+        cases = [
+            load_cases(body.mesh, alone, supports(body.mesh, alone), body.member.elasticity).cases[
+                history
+            ]
+            for body in assembly.bodies
+            if body.spec.name == name
+        ]
+        return replace(
+            blank, body=name, value=value, history=history, case=cases[0] if cases else None
+        )
     if kind == "rigid":
         rigid = next(rigid for rigid in scene.rigid if rigid.name == name)
         vector, value = _unit(getattr(rigid, rest[0]), rest[1:])
@@ -115,7 +141,9 @@ def parameter(assembly: Assembly, key: str) -> Parameter:
         for interface, part in space.with_slices():
             if interface.bodies[1] == name:
                 driven[part] = -(interface.directions @ along)
-        return replace(blank, value=value, history=rigid.history, driven=driven, moved=(name, along))
+        return replace(
+            blank, value=value, history=rigid.history, driven=driven, moved=(name, along)
+        )
     contact = next(contact for contact in scene.contact if contact.name == name)
     own = [(interface, part) for interface, part in space.with_slices() if interface.name == name]
     if contact.pretension and rest[0] == "pretension":
@@ -123,35 +151,56 @@ def parameter(assembly: Assembly, key: str) -> Parameter:
         for each in joint.driven:
             if each.bond == name:
                 force[joint.slices[each.name]] = each.push / contact.pretension.force
-        return replace(blank, value=contact.pretension.force, history=contact.pretension.history, force=force)
+        return replace(
+            blank, value=contact.pretension.force, history=contact.pretension.history, force=force
+        )
     if rest[0] == "friction":
         given = getattr(contact.friction, rest[1])
         number = isinstance(given, float | int)
-        return replace(blank, value=float(given) if number else 1.0, law={
-            interface.name: _bound_of(interface.law, interface.area) if number else interface.law
-            for interface, _ in own})
+        return replace(
+            blank,
+            value=float(given) if number else 1.0,
+            law={
+                interface.name: _bound_of(interface.law, interface.area)
+                if number
+                else interface.law
+                for interface, _ in own
+            },
+        )
     gap, history = contact.opening
     opening, value = np.zeros(space.size), float(gap) if isinstance(gap, float | int) else 1.0
     for interface, part in own:
         # every row has the number, but for those of bonds that are held open or together
-        opening[part][:interface.m] = interface.gap / value if value else 1.0
+        opening[part][: interface.m] = interface.gap / value if value else 1.0
     return replace(blank, value=value, history=history, opening=opening)
 
 
-def _alone(spec: SettledBody, key: Sequence[str], dimension: int) -> tuple[SettledBody, float, str | None]:
+def _alone(
+    spec: SettledBody, key: Sequence[str], dimension: int
+) -> tuple[SettledBody, float, str | None]:
     """A body on which nothing acts but the load or clamp at `key`, with 1 for a number there and 0 for those beside it;
     the number, or 1 for a factor; and its history."""
     change = msgspec.structs.replace
-    clamps = [change(clamp, **{name: 0.0 for name in (*"xyz", "normal") if getattr(clamp, name) is not None})
-              for clamp in spec.clamps]
-    bare = change(spec, traction=[], clamp=clamps, volume_force=(0.0,) * dimension, temperature=None)
+    clamps = [
+        change(
+            clamp, **{name: 0.0 for name in (*"xyz", "normal") if getattr(clamp, name) is not None}
+        )
+        for clamp in spec.clamps
+    ]
+    bare = change(
+        spec, traction=[], clamp=clamps, volume_force=(0.0,) * dimension, temperature=None
+    )
     if key[0] == "volume_force":
         (given, history) = spec.weight
         given, value = _unit(given, key[1:])
         return change(bare, volume_force=VolumeForce(value=given, history=history)), value, history
     if key[0] == "temperature":
         given, value = _unit(spec.heat.value, ())
-        return change(bare, temperature=Heat(value=given, history=spec.heat.history)), value, spec.heat.history
+        return (
+            change(bare, temperature=Heat(value=given, history=spec.heat.history)),
+            value,
+            spec.heat.history,
+        )
     number, value = int(key[1]), 1.0
     entry: Any = (spec.traction if key[0] == "traction" else spec.clamps)[number]
     if len(key) > 2:

@@ -49,7 +49,10 @@ class Places:
     nodes: tuple[np.ndarray, np.ndarray] = (np.empty(0, int), np.empty(0, int))
     normal: np.ndarray = field(default_factory=lambda: np.empty((0, 2)))
     gap: np.ndarray = field(default_factory=lambda: np.empty(0))
-    transfer: tuple[sparse.csr_matrix, sparse.csr_matrix] = (sparse.csr_matrix((0, 0)), sparse.csr_matrix((0, 0)))
+    transfer: tuple[sparse.csr_matrix, sparse.csr_matrix] = (
+        sparse.csr_matrix((0, 0)),
+        sparse.csr_matrix((0, 0)),
+    )
     stays: np.ndarray | float = 0.0
 
     def opening(self, scale: float) -> np.ndarray:
@@ -88,8 +91,13 @@ class Lines:
     def only(self, some: np.ndarray) -> Lines:
         """The nodes marked by `some` (l,) bool, and the facets between them."""
         place = np.cumsum(some) - 1
-        return Lines(self.row[some], self.xy[some], self.area[some], place[self.facets[some[self.facets].all(axis=1)]],
-                     None if self.at is None else self.at[some])
+        return Lines(
+            self.row[some],
+            self.xy[some],
+            self.area[some],
+            place[self.facets[some[self.facets].all(axis=1)]],
+            None if self.at is None else self.at[some],
+        )
 
 
 @dataclass(frozen=True)
@@ -175,7 +183,11 @@ class Interface:
 
     def under(self, factors: Mapping[str | None, float]) -> Interface:
         """The same interface with these `factors` of its gap and rigid partner, by history."""
-        return replace(self, displacement=factors[self.history] * self.displacement, scale=factors[self.gap_history])
+        return replace(
+            self,
+            displacement=factors[self.history] * self.displacement,
+            scale=factors[self.gap_history],
+        )
 
     @property
     def prescribed(self) -> np.ndarray:
@@ -204,7 +216,11 @@ class Interface:
     @property
     def shares(self) -> np.ndarray:
         """(l,) the fraction of its row's force that acts on each of the `lines`."""
-        return np.ones(len(self.lines.row)) if self.pointwise else self.lines.area / self.area[self.lines.row]
+        return (
+            np.ones(len(self.lines.row))
+            if self.pointwise
+            else self.lines.area / self.area[self.lines.row]
+        )
 
     @property
     def opening(self) -> np.ndarray:
@@ -247,7 +263,9 @@ class Interface:
         """c (size,) of s − c r: the stiffness of half-spaces against waves of the nodes' spacing (N/m)."""
         # Half-spaces resist a wave of displacement with the wave number k by E* k/2 per area; with k = 1/spacing, times
         # the area of a node, this is E*/2 in the plane. Any c > 0 has the same answers; c steers the active sets.
-        width = self.around * (self.area / self.around) ** (1.0 - 1.0 / self.law.components)  # 1 in the plane
+        width = self.around * (self.area / self.around) ** (
+            1.0 - 1.0 / self.law.components
+        )  # 1 in the plane
         return 0.5 * self.modulus * width[self.law.node]
 
     @property
@@ -268,7 +286,9 @@ class Interface:
     @property
     def directions(self) -> np.ndarray:
         """(size, d) the unit vectors of all unknowns, on the first body; zero where neither body can move."""
-        directions = np.concatenate([self.normal, self.frame[self.sliding, 1:].reshape(-1, self.dimension)])
+        directions = np.concatenate(
+            [self.normal, self.frame[self.sliding, 1:].reshape(-1, self.dimension)]
+        )
         return directions if self.law.live.all() else directions * self.law.live[:, None]
 
     def side(self, body: str) -> int:
@@ -276,7 +296,9 @@ class Interface:
         return self.bodies.index(body)
 
 
-def check_overlap(interface: Interface, *sides: Side, scales: Sequence[float] = (1.0,), unit: str = "m") -> list[str]:
+def check_overlap(
+    interface: Interface, *sides: Side, scales: Sequence[float] = (1.0,), unit: str = "m"
+) -> list[str]:
     """Warnings of a large initial overlap; InputError where the sides face away from each other. Not collective.
 
     `sides` are those of the elastic bodies, `scales` all factors of the gap. The depth of a body is its extent along
@@ -289,19 +311,25 @@ def check_overlap(interface: Interface, *sides: Side, scales: Sequence[float] = 
     overlap, depths = -gap[k], [float(np.abs(normal[k]) @ side.extent) for side in sides]
     thin = sides[int(np.argmin(depths))].body
     if len(sides) == 1 and overlap > (1.0 - ALIKE) * depths[0]:
-        raise InputError(f"contact.{interface.name}: {thin!r} lies {overlap:.3g} {unit} deep in "
-                         f"{interface.bodies[1]!r}, more than its depth of {depths[0]:.3g} {unit}: the surface or the "
-                         "boundary is turned the wrong way")
+        raise InputError(
+            f"contact.{interface.name}: {thin!r} lies {overlap:.3g} {unit} deep in "
+            f"{interface.bodies[1]!r}, more than its depth of {depths[0]:.3g} {unit}: the surface or the "
+            "boundary is turned the wrong way"
+        )
     if overlap > min(depths):
-        raise InputError(f"contact.{interface.name}: the sides overlap by {overlap:.3g} {unit}, more than the depth "
-                         f"of {thin!r} ({min(depths):.3g} {unit}): they face away from each other. Are the two names "
-                         "of `on` in the order of `bodies`?")
+        raise InputError(
+            f"contact.{interface.name}: the sides overlap by {overlap:.3g} {unit}, more than the depth "
+            f"of {thin!r} ({min(depths):.3g} {unit}): they face away from each other. Are the two names "
+            "of `on` in the order of `bodies`?"
+        )
     spacing = float(np.median(interface.spacing))
     if overlap > LARGE_OVERLAP * min(depths) or overlap > MANY_ELEMENTS * spacing:
         of = "of the thinner one's depth" if len(sides) == 2 else "of the body's depth"
-        return [f"contact.{interface.name}: the bodies overlap by {overlap:.3g} {unit} at first, "
-                f"{overlap / min(depths):.1%} {of} and {overlap / spacing:.3g} times the distance of contact nodes; "
-                "small-strain theory requires small overlaps"]
+        return [
+            f"contact.{interface.name}: the bodies overlap by {overlap:.3g} {unit} at first, "
+            f"{overlap / min(depths):.1%} {of} and {overlap / spacing:.3g} times the distance of contact nodes; "
+            "small-strain theory requires small overlaps"
+        ]
     return []
 
 
@@ -315,14 +343,22 @@ class Mover:
     def free(self, places: Places, k: int) -> np.ndarray:
         """M (n, d, d): `places` move by M e with this side, the k-th, where unconstrained nodes move by e."""
         axes = np.arange(places.normal.shape[1])
-        return self.at(places, k, self.side.free if isinstance(self.side, Side)
-                       else np.diag(1.0 * (np.isin(axes, self.side.pushed) | self.side.turning))[None])
+        return self.at(
+            places,
+            k,
+            self.side.free
+            if isinstance(self.side, Side)
+            else np.diag(1.0 * (np.isin(axes, self.side.pushed) | self.side.turning))[None],
+        )
 
     def moved(self, places: Places, k: int, factors: Mapping[str | None, float]) -> np.ndarray:
         """(n, d) the prescribed displacement of places (m), with these factors by history."""
         u = np.zeros((1, places.normal.shape[1]))
-        for history, moved in (self.side.moved.items() if isinstance(self.side, Side) else
-                               [(self.side.history, np.array(self.side.displacement))]):
+        for history, moved in (
+            self.side.moved.items()
+            if isinstance(self.side, Side)
+            else [(self.side.history, np.array(self.side.displacement))]
+        ):
             u = u + factors[history] * moved
         return self.at(places, k, u)
 
@@ -341,12 +377,19 @@ class Mover:
             return f"rigid.{self.side.name}.displacement prescribes {', '.join(values)}"
         node = int(np.argmax(abs(places.transfer[k][[place]].toarray())))
         numbers = self.side.clamps[self.side.nodes == places.nodes[k][node]][0, axes]
-        return ", ".join(f"body.{self.side.body}.clamp.{number} on {self.clamps[number].on!r} prescribes {value}"
-                         for value, number in zip(values, numbers, strict=True) if number >= 0)
+        return ", ".join(
+            f"body.{self.side.body}.clamp.{number} on {self.clamps[number].on!r} prescribes {value}"
+            for value, number in zip(values, numbers, strict=True)
+            if number >= 0
+        )
 
 
-def refuse_contradiction(interface: Interface, movers: Sequence[Mover],
-                         factors: Mapping[float, Mapping[str | None, float]], unit: str = "m") -> None:
+def refuse_contradiction(
+    interface: Interface,
+    movers: Sequence[Mover],
+    factors: Mapping[float, Mapping[str | None, float]],
+    unit: str = "m",
+) -> None:
     """InputError where clamps push both sides into each other, which no contact force can prevent. Not collective.
 
     Bonded sides must not move against each other at all, guided ones not along the normal. An overlap that is
@@ -357,7 +400,10 @@ def refuse_contradiction(interface: Interface, movers: Sequence[Mover],
         return
     worst, message, law = 0.0, "", interface.law
     bonded = law.two_sided and not law.frictionless
-    pairs = [Places(interface.nodes, interface.normal, interface.gap, interface.transfer), interface.fixed]
+    pairs = [
+        Places(interface.nodes, interface.normal, interface.gap, interface.transfer),
+        interface.fixed,
+    ]
     for places in [interface.probes] if interface.slave else pairs:
         # Along eigenvectors of M_1 + M_2 with eigenvalue zero neither side can yield to a force. The sum is positive
         # semi-definite, as projections and means of them are.
@@ -366,11 +412,17 @@ def refuse_contradiction(interface: Interface, movers: Sequence[Mover],
         for time, by_history in factors.items():
             gap = by_history[interface.gap_history] * places.gap[:, None]
             u = np.array([mover.moved(places, k, by_history) for k, mover in enumerate(movers)])
-            closing, slack = u[0] - u[1], SAME * (np.abs(gap) + np.linalg.norm(u, axis=2).sum(axis=0)[:, None])
+            closing, slack = (
+                u[0] - u[1],
+                SAME * (np.abs(gap) + np.linalg.norm(u, axis=2).sum(axis=0)[:, None]),
+            )
             if bonded:
                 # A bond may keep its gap, or close it wholly or in part: the closing motion u_1 − u_2 must lie between
                 # 0 and gap n along each constrained direction.
-                ends, closing = np.stack([0.0 * normal, gap * normal]), np.einsum("nd,ndk->nk", closing, axes)
+                ends, closing = (
+                    np.stack([0.0 * normal, gap * normal]),
+                    np.einsum("nd,ndk->nk", closing, axes),
+                )
                 beyond = np.maximum(closing - ends.max(axis=0), ends.min(axis=0) - closing)
                 beyond[free] = 0.0
             else:
@@ -385,13 +437,21 @@ def refuse_contradiction(interface: Interface, movers: Sequence[Mover],
             if not beyond.max(initial=0.0) > worst:
                 continue
             worst = float(beyond.max())
-            place, axis = (int(number) for number in np.unravel_index(np.argmax(beyond), beyond.shape))
-            along = np.flatnonzero(np.abs(axes[place, :, axis] if bonded else places.normal[place]) > SAME).tolist()
-            first, second = (mover.words(places, k, place, along, u[k, place]) for k, mover in enumerate(movers))
+            place, axis = (
+                int(number) for number in np.unravel_index(np.argmax(beyond), beyond.shape)
+            )
+            along = np.flatnonzero(
+                np.abs(axes[place, :, axis] if bonded else places.normal[place]) > SAME
+            ).tolist()
+            first, second = (
+                mover.words(places, k, place, along, u[k, place]) for k, mover in enumerate(movers)
+            )
             assert isinstance(movers[0].side, Side)
             at = in_words(movers[0].at(places, 0, movers[0].side.xy)[place])
-            message = (f"contact.{interface.name}: at {at}{f', at time {time:g},' * (len(factors) > 1)} "
-                       f"{first}, and {second}: they {WRONG.get(law.name, 'push the bodies into each other')} by "
-                       f"{worst:.3g} {unit}, and no force can prevent that; prescribe motions that go together")
+            message = (
+                f"contact.{interface.name}: at {at}{f', at time {time:g},' * (len(factors) > 1)} "
+                f"{first}, and {second}: they {WRONG.get(law.name, 'push the bodies into each other')} by "
+                f"{worst:.3g} {unit}, and no force can prevent that; prescribe motions that go together"
+            )
     if message:
         raise InputError(message)

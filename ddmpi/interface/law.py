@@ -126,7 +126,7 @@ class Law:
 
     def split(self, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Views of the normal (m,) and the tangential part (mt, d − 1) of a vector (size,)."""
-        return s[:self.m], s[self.m:].reshape(len(self.sliding), self.components)
+        return s[: self.m], s[self.m :].reshape(len(self.sliding), self.components)
 
     def project(self, q: np.ndarray) -> np.ndarray:
         """The forces (size,) that the law assigns to q = s − c r."""
@@ -146,7 +146,9 @@ class Law:
         slips = size >= bound
         # Where |q_t| > g the projection is g q_t/|q_t|. Its (semismooth) derivative across q_t is g/|q_t|: there
         # κ δs + c δr = 0 with κ = |q_t|/g − 1, a spring of compliance κ/c against which friction turns.
-        excess = np.where(slips & (bound > 0.0), size / np.where(bound > 0.0, bound, 1.0) - 1.0, 0.0)
+        excess = np.where(
+            slips & (bound > 0.0), size / np.where(bound > 0.0, bound, 1.0) - 1.0, 0.0
+        )
         slip = np.where(slips[:, None], direction(tangential), 0.0)
         return ActiveSet(pressure, normal > self.least, slip, bound, excess)
 
@@ -157,8 +159,12 @@ class Law:
         direction of their slip is unknown.
         """
         none, mt, closed = np.zeros(self.m), len(self.sliding), closed | self.two_sided
-        active = ActiveSet(none, closed, np.zeros((mt, self.components)), self.slip_bound(none), np.zeros(mt))
-        free = (~closed | falls)[self.sliding] & (active.bound == 0.0)  # others may carry friction though open
+        active = ActiveSet(
+            none, closed, np.zeros((mt, self.components)), self.slip_bound(none), np.zeros(mt)
+        )
+        free = (~closed | falls)[self.sliding] & (
+            active.bound == 0.0
+        )  # others may carry friction though open
         active.slip[free, 0] = 1.0
         return active
 
@@ -170,21 +176,41 @@ class Law:
         unknown = np.repeat(~slips[:, None], self.components, axis=1)
         unknown[:, 1:] |= turns[:, None]  # a bound of zero has no friction that turns
         slope = self.slope(active.pressure)
-        coupling, given, spring, turn = np.zeros(self.size), np.zeros(self.size), np.zeros(self.size), None
+        coupling, given, spring, turn = (
+            np.zeros(self.size),
+            np.zeros(self.size),
+            np.zeros(self.size),
+            None,
+        )
         tangential = slice(self.m, self.size)
         coupling[tangential] = (active.slip * slope[:, None]).ravel()
-        given[tangential] = (active.slip * (active.bound - slope * active.pressure[self.sliding])[:, None]).ravel()
+        given[tangential] = (
+            active.slip * (active.bound - slope * active.pressure[self.sliding])[:, None]
+        ).ravel()
         if self.components > 1 and slips.any():
             spring[tangential] = np.repeat(active.excess, self.components)
             frames = np.where(slips[:, None, None], across(active.slip), np.eye(self.components))
             # the pressures' identity, then a block for each node
             columns = self.m + np.arange(frames[..., 0].size).reshape(-1, self.components)
-            turn = sparse.csr_matrix((
-                np.concatenate([np.ones(self.m), frames.ravel()]),
-                np.concatenate([np.arange(self.m), np.repeat(columns, self.components, axis=0).ravel()]),
-                np.concatenate([np.arange(self.m), self.m + np.arange(0, frames.size + 1, self.components)])))
-        return Tangent(np.concatenate([active.closed, unknown.ravel()]) & self.live, self.node, coupling, given, spring,
-                       turn)
+            turn = sparse.csr_matrix(
+                (
+                    np.concatenate([np.ones(self.m), frames.ravel()]),
+                    np.concatenate(
+                        [np.arange(self.m), np.repeat(columns, self.components, axis=0).ravel()]
+                    ),
+                    np.concatenate(
+                        [np.arange(self.m), self.m + np.arange(0, frames.size + 1, self.components)]
+                    ),
+                )
+            )
+        return Tangent(
+            np.concatenate([active.closed, unknown.ravel()]) & self.live,
+            self.node,
+            coupling,
+            given,
+            spring,
+            turn,
+        )
 
     def settle(self, s: np.ndarray, active: ActiveSet) -> np.ndarray:
         """The forces (size,) next to s that obey all bounds exactly, given which nodes are closed and slip."""
@@ -192,18 +218,24 @@ class Law:
         normal = np.where(active.closed, np.maximum(normal, self.least), 0.0)
         g = self.slip_bound(normal)
         # A linear solve leaves slipping nodes on the tangent of the bound; the certificate asks for the bound itself.
-        tangential = np.where(active.slip.any(axis=1)[:, None], active.slip * g[:, None], shorten(tangential, g))
-        return np.concatenate([normal, tangential.ravel()]) * self.live  # steps by a model move the others, too
+        tangential = np.where(
+            active.slip.any(axis=1)[:, None], active.slip * g[:, None], shorten(tangential, g)
+        )
+        return (
+            np.concatenate([normal, tangential.ravel()]) * self.live
+        )  # steps by a model move the others, too
 
     def bound_at(self, s: np.ndarray) -> np.ndarray:
         """The slip bound (mt,) under the forces s (size,), tension taken as no pressure."""
-        return self.slip_bound(np.maximum(s[:self.m], 0.0))
+        return self.slip_bound(np.maximum(s[: self.m], 0.0))
 
     def cone(self, bound: np.ndarray) -> Box | Discs:
         """The set of allowed forces while the slip bound stays `bound` (mt,): boxes in the plane, discs in space."""
         free, limit = np.full(self.size, np.inf), np.repeat(bound, self.components)
         if self.components == 1:
-            return Box(np.concatenate([np.zeros(self.m), -limit]), np.concatenate([free[:self.m], limit]))
+            return Box(
+                np.concatenate([np.zeros(self.m), -limit]), np.concatenate([free[: self.m], limit])
+            )
         lower = np.where(np.arange(self.size) < self.m, 0.0, -free)
         return Discs(lower, free, np.arange(self.m, self.size).reshape(-1, self.components), bound)
 
@@ -217,7 +249,7 @@ class Law:
     def closed(self, s: np.ndarray, share: float = 0.0) -> np.ndarray:
         """Nodes (m,) under more pressure than this share of the largest, under the forces s (size,); all nodes of a
         two-sided law, those under tension as well."""
-        normal = s[:self.m]
+        normal = s[: self.m]
         # "not ≤", so that NaN counts as closed
         return ~(normal <= share * normal.max(initial=0.0)) | self.two_sided
 
@@ -231,14 +263,21 @@ class Law:
         a two-sided law, which allows any normal force."""
         if self.two_sided:
             return 0.0, 0.0
-        return (float(np.maximum(normal, 0.0) @ np.abs(gap)), float(np.maximum(-normal, 0.0).max(initial=0.0)))
+        return (
+            float(np.maximum(normal, 0.0) @ np.abs(gap)),
+            float(np.maximum(-normal, 0.0).max(initial=0.0)),
+        )
 
     def violation(self, s: np.ndarray, slip: np.ndarray, stiffness: float) -> float:
         """Largest |P(s_t + ρ u_t) − s_t| (N): forces beyond the bound, slip below it, slip in a wrong direction, by the
         forces s (size,), the slip u_t (mt, d − 1) in metres and a stiffness ρ (N/m)."""
         tangential = self.split(s)[1]
         # The law holds exactly when s_t = P(s_t + ρ u_t) for any ρ > 0, as r_t = −u_t.
-        return float(magnitude(shorten(tangential + stiffness * slip, self.bound_at(s)) - tangential).max(initial=0.0))
+        return float(
+            magnitude(shorten(tangential + stiffness * slip, self.bound_at(s)) - tangential).max(
+                initial=0.0
+            )
+        )
 
 
 @dataclass(frozen=True)
@@ -290,8 +329,15 @@ class GuidedLaw(BondedLaw):
     frictionless = True  # though bonds have a bound
 
 
-def law_of(friction: Friction, xy: np.ndarray, arc: np.ndarray, area: np.ndarray, sliding: np.ndarray,
-           kind: str = "unilateral", live: np.ndarray | bool = True) -> Law:
+def law_of(
+    friction: Friction,
+    xy: np.ndarray,
+    arc: np.ndarray,
+    area: np.ndarray,
+    sliding: np.ndarray,
+    kind: str = "unilateral",
+    live: np.ndarray | bool = True,
+) -> Law:
     """The law of a scene at its contact nodes. Not collective.
 
         >>> law = law_of(Coulomb(coefficient=0.3), np.zeros((2, 2)), np.zeros(2), np.ones(2), np.arange(2))
@@ -306,8 +352,11 @@ def law_of(friction: Friction, xy: np.ndarray, arc: np.ndarray, area: np.ndarray
     kind : "unilateral", or "bonded" or "guided", which ignore `friction`
     live : of a `Law`
     """
+
     def values(value) -> np.ndarray:
-        at_nodes = np.full(len(area), value) if isinstance(value, float | int) else value.at(xy, arc)
+        at_nodes = (
+            np.full(len(area), value) if isinstance(value, float | int) else value.at(xy, arc)
+        )
         return at_nodes[sliding].astype(float)
 
     shape, moves = (len(area), sliding, xy.shape[1] - 1), np.asarray(live)
@@ -323,7 +372,9 @@ def law_of(friction: Friction, xy: np.ndarray, arc: np.ndarray, area: np.ndarray
 def direction(vectors: np.ndarray) -> np.ndarray:
     """v / |v| (k, c); the first axis where v is zero."""
     size = magnitude(vectors)[:, None]
-    return np.where(size > 0.0, vectors / np.where(size > 0.0, size, 1.0), np.eye(1, vectors.shape[1]))
+    return np.where(
+        size > 0.0, vectors / np.where(size > 0.0, size, 1.0), np.eye(1, vectors.shape[1])
+    )
 
 
 def across(directions: np.ndarray) -> np.ndarray:

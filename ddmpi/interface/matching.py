@@ -28,27 +28,53 @@ LARGEST_OFFSET = 1e-2
 refinement keeps the offset."""
 
 
-def pairs(sides: tuple[Side, Side], nodes: np.ndarray, partners: np.ndarray, normal: np.ndarray, area: np.ndarray,
-          gap: np.ndarray, seen: np.ndarray) -> Rows:
+def pairs(
+    sides: tuple[Side, Side],
+    nodes: np.ndarray,
+    partners: np.ndarray,
+    normal: np.ndarray,
+    area: np.ndarray,
+    gap: np.ndarray,
+    seen: np.ndarray,
+) -> Rows:
     """The rows of `nodes` (r,) of the first side and their `partners`; `seen` (f,) marks its facets of the contact."""
     side = sides[0]
     place, lengths = np.full(len(side.nodes), -1), np.zeros(len(side.nodes))
     place[nodes], lengths[nodes] = np.arange(len(nodes)), area
     # A corner on the axis has ∫ φ r = 0 at order 2 (D = h r/6 with r = 0): its pressure would be 0/0. It shares the row
     # of the middle beside it.
-    for facet in side.facets[side.bare[side.facets].any(axis=1) & (place[side.facets] >= 0).all(axis=1)]:
+    for facet in side.facets[
+        side.bare[side.facets].any(axis=1) & (place[side.facets] >= 0).all(axis=1)
+    ]:
         place[facet[side.bare[facet]]] = place[facet[2]]
     kept, row = np.unique(place[nodes], return_inverse=True)
     total = np.bincount(row, area)
     # Weights area/total sum to one: rigid translations open no gap, and nodal forces are pressure × length.
-    transfers = [sparse.csr_matrix((area / total[row], (row, numbers)), (len(kept), len(one.nodes)))
-                 for one, numbers in zip(sides, (nodes, partners), strict=True)]
+    transfers = [
+        sparse.csr_matrix((area / total[row], (row, numbers)), (len(kept), len(one.nodes)))
+        for one, numbers in zip(sides, (nodes, partners), strict=True)
+    ]
     place[nodes], nodes = row, nodes[kept]
     lines = Lines(place, side.xy, lengths, side.pieces(seen)).only(place >= 0)
-    return Rows(sides, 0, nodes, place, seen, (transfers[0], transfers[1]), normal[kept], total, gap[kept],
-                side.arc[nodes], np.zeros(len(place), bool), seen,
-                sparse.csr_matrix((np.ones((place >= 0).sum()), (np.flatnonzero(place >= 0), place[place >= 0])),
-                                  (len(place), len(kept))), lines)
+    return Rows(
+        sides,
+        0,
+        nodes,
+        place,
+        seen,
+        (transfers[0], transfers[1]),
+        normal[kept],
+        total,
+        gap[kept],
+        side.arc[nodes],
+        np.zeros(len(place), bool),
+        seen,
+        sparse.csr_matrix(
+            (np.ones((place >= 0).sum()), (np.flatnonzero(place >= 0), place[place >= 0])),
+            (len(place), len(kept)),
+        ),
+        lines,
+    )
 
 
 def pair(first: Side, second: Side, contact: SettledContact, refinement: int = 1) -> Interface:
@@ -73,10 +99,14 @@ def pair(first: Side, second: Side, contact: SettledContact, refinement: int = 1
 def faces_rigid(side: Side, rigid: Rigid) -> bool:
     """Whether a facet of a side faces a rigid partner. Not collective."""
     outward = rigid.facing(side.xy)[0]
-    return bool((np.einsum("icj,ij->ic", outward[side.facets], side.outward) < FACING).all(axis=1).any())
+    return bool(
+        (np.einsum("icj,ij->ic", outward[side.facets], side.outward) < FACING).all(axis=1).any()
+    )
 
 
-def face_rigid(side: Side, rigid: Rigid, contact: SettledContact, moved: float = np.inf) -> Interface:
+def face_rigid(
+    side: Side, rigid: Rigid, contact: SettledContact, moved: float = np.inf
+) -> Interface:
     """The interface of a body, which is the first, and a rigid partner.
 
     Normals and gaps are those of the rigid surface at the body's nodes, exactly. Nodes that do not face it, such as
@@ -88,67 +118,123 @@ def face_rigid(side: Side, rigid: Rigid, contact: SettledContact, moved: float =
     outward, measured = rigid.facing(side.xy)
     outward = np.where(outward.any(axis=1, keepdims=True), outward, -side.normal)
     # middles of straight quadratic sides lie h²/8R inside the arc, so the gap is that of the arc over the chord
-    measured = without_rounding(measured - side.rise(np.arange(len(measured)), -outward), side.spacing)
+    measured = without_rounding(
+        measured - side.rise(np.arange(len(measured)), -outward), side.spacing
+    )
     towards = (np.einsum("icj,ij->ic", outward[side.facets], side.outward) < FACING).all(axis=1)
     facing = np.unique(side.facets[towards])
     if len(facing) == 0:
         place = in_words(side.xy[np.argmin(np.einsum("ij,ij->i", outward, side.normal))])
-        raise InputError(f"contact.{contact.name}: near {place} the boundary of {side.body!r} does not face "
-                         f"{rigid.name!r}; {rigid.turned}")
+        raise InputError(
+            f"contact.{contact.name}: near {place} the boundary of {side.body!r} does not face "
+            f"{rigid.name!r}; {rigid.turned}"
+        )
     clamps = np.zeros_like(side.clamps)
     clamps[:, slice(None) if rigid.turning else rigid.pushed] = -1
     # A second side stands for the partner, with a node opposite to each of the body's. Its compliance is zero (modulus
     # ∞), and all directions are clamped but those in which it is pushed; none if it turns.
-    partner = replace(side, body=rigid.name, modulus=np.inf, xy=side.xy - measured[:, None] * outward, normal=outward,
-                      clamps=clamps, free=(clamps < 0)[:, :, None] * np.eye(side.dimension))
+    partner = replace(
+        side,
+        body=rigid.name,
+        modulus=np.inf,
+        xy=side.xy - measured[:, None] * outward,
+        normal=outward,
+        clamps=clamps,
+        free=(clamps < 0)[:, :, None] * np.eye(side.dimension),
+    )
     if not side.cell.bears:
-        over, looked = (_over_rigid(side, rigid, np.flatnonzero(towards), *rule) for rule in (
-            side.cell.rule, (side.cell.nodes, np.zeros(len(side.cell.nodes)))))
+        over, looked = (
+            _over_rigid(side, rigid, np.flatnonzero(towards), *rule)
+            for rule in (side.cell.rule, (side.cell.nodes, np.zeros(len(side.cell.nodes))))
+        )
         rows = rows_at_vertices((side, partner), 0, over, looked, contact)
     else:
-        rows = pairs((side, partner), facing, facing, -outward[facing], side.lengths_over(towards)[facing],
-                     measured[facing], towards)
+        rows = pairs(
+            (side, partner),
+            facing,
+            facing,
+            -outward[facing],
+            side.lengths_over(towards)[facing],
+            measured[facing],
+            towards,
+        )
     interface = build(rows, contact, moved)
     # drop the nodes of this side, which belong to no body
     U, none = np.array(rigid.displacement or np.zeros(side.dimension)), np.empty(0, int)
-    fixed, probes = (replace(places, nodes=(places.nodes[0], none)) for places in (interface.fixed, interface.probes))
-    return replace(interface, nodes=(interface.nodes[0], none), modulus=side.modulus, fixed=fixed, probes=probes,
-                   slave=None, transfer=(interface.transfer[0], sparse.csr_matrix((interface.m, 0))),
-                   history=rigid.history, displacement=U, pivot=np.array(rigid.pivot or ()))
+    fixed, probes = (
+        replace(places, nodes=(places.nodes[0], none))
+        for places in (interface.fixed, interface.probes)
+    )
+    return replace(
+        interface,
+        nodes=(interface.nodes[0], none),
+        modulus=side.modulus,
+        fixed=fixed,
+        probes=probes,
+        slave=None,
+        transfer=(interface.transfer[0], sparse.csr_matrix((interface.m, 0))),
+        history=rigid.history,
+        displacement=U,
+        pivot=np.array(rigid.pivot or ()),
+    )
 
 
-def _over_rigid(side: Side, rigid: Rigid, some: np.ndarray, where: np.ndarray, weights: np.ndarray) -> Cover:
+def _over_rigid(
+    side: Side, rigid: Rigid, some: np.ndarray, where: np.ndarray, weights: np.ndarray
+) -> Cover:
     """The cover of some facets (n,) that face a rigid surface in space, at points `where` (p, 3) with weights (p,)."""
     facet, at = np.repeat(some, len(where)), np.tile(where, (len(some), 1))
     outward, gap = rigid.facing(np.einsum("qc,qcd->qd", at, side.xy[side.corners[facet]]))
     outward = np.where(outward.any(axis=1, keepdims=True), outward, -side.outward[facet])
     weight = np.tile(weights, len(some)) * facet_measures(side.xy[side.corners])[facet]
-    return Cover(facet, at, facet, at, weight * stretch(side, facet, at), -outward,
-                 gap - side.bulge(facet, at, -outward))
+    return Cover(
+        facet,
+        at,
+        facet,
+        at,
+        weight * stretch(side, facet, at),
+        -outward,
+        gap - side.bulge(facet, at, -outward),
+    )
 
 
 def _match_whole(first: Side, second: Side, name: str, refinement: int) -> Rows:
     """The rows of sides whose nodes all match one to one. Raises InputError."""
     if len(first.nodes) != len(second.nodes):
-        raise InputError(f"contact.{name}: the two sides have {len(first.nodes)} and {len(second.nodes)} nodes; "
-                         "their meshes must match node by node")
+        raise InputError(
+            f"contact.{name}: the two sides have {len(first.nodes)} and {len(second.nodes)} nodes; "
+            "their meshes must match node by node"
+        )
     nodes, match = np.arange(len(first.nodes)), cKDTree(second.xy).query(first.xy)[1]
     if len(np.unique(match)) != len(match):
-        raise InputError(f"contact.{name}: the nodes of the two sides do not pair off one to one"
-                         f"{_worst(first, second, match)}; their meshes must match node by node")
+        raise InputError(
+            f"contact.{name}: the nodes of the two sides do not pair off one to one"
+            f"{_worst(first, second, match)}; their meshes must match node by node"
+        )
     normal = first.normal - second.normal[match]
     size = np.linalg.norm(normal, axis=1)
     # |n_1 − n_2| = 2 sin(angle/2): 2 for opposite normals; below 1 the angle between them is below 60°.
     if (size < 1.0).any():
-        raise InputError(f"contact.{name}: near {in_words(first.xy[np.argmin(size)])} the two boundaries do not face "
-                         "each other")
+        raise InputError(
+            f"contact.{name}: near {in_words(first.xy[np.argmin(size)])} the two boundaries do not face "
+            "each other"
+        )
     normal /= size[:, None]
     gap, aside, spacing = _offset(first, second, nodes, match, normal)
     if (aside > LARGEST_OFFSET * refinement * spacing).any():
-        raise InputError(f"contact.{name}: the nodes of the two sides do not lie opposite each other"
-                         f"{_worst(first, second, match)}; their meshes must match node by node")
-    return pairs((first, second), nodes, match, normal, (first.area + second.area[match]) / 2, gap,
-                 np.ones(len(first.facets), bool))
+        raise InputError(
+            f"contact.{name}: the nodes of the two sides do not lie opposite each other"
+            f"{_worst(first, second, match)}; their meshes must match node by node"
+        )
+    return pairs(
+        (first, second),
+        nodes,
+        match,
+        normal,
+        (first.area + second.area[match]) / 2,
+        gap,
+        np.ones(len(first.facets), bool),
+    )
 
 
 def _match_partly(first: Side, second: Side, refinement: int) -> Rows | None:
@@ -164,15 +250,22 @@ def _match_partly(first: Side, second: Side, refinement: int) -> Rows | None:
         return None
     if ours.size:
         a, b = first.facets[ours[0]], second.facets[ours[1]]
-        nearest = np.linalg.norm(first.xy[a][:, :, None] - second.xy[b][:, None], axis=3).argmin(axis=2)
-        nodes, partners = np.unique(np.stack([a.ravel(), np.take_along_axis(b, nearest, axis=1).ravel()]), axis=1)
+        nearest = np.linalg.norm(first.xy[a][:, :, None] - second.xy[b][:, None], axis=3).argmin(
+            axis=2
+        )
+        nodes, partners = np.unique(
+            np.stack([a.ravel(), np.take_along_axis(b, nearest, axis=1).ravel()]), axis=1
+        )
     else:
         # No facet faces one of the other side. The bodies can still meet along an edge or at a vertex: candidates are
         # nodes that are each other's nearest.
         nearest, back = cKDTree(second.xy).query(first.xy)[1], cKDTree(first.xy).query(second.xy)[1]
         nodes = np.flatnonzero(back[nearest] == np.arange(len(nearest)))
         partners = nearest[nodes]
-    common = [np.isin(np.arange(len(side.facets)), some) for side, some in zip((first, second), ours, strict=True)]
+    common = [
+        np.isin(np.arange(len(side.facets)), some)
+        for side, some in zip((first, second), ours, strict=True)
+    ]
     outward, other = first.normals_over(common[0])[nodes], second.normals_over(common[1])[partners]
     normal = unit(outward - other)
     # normals that cancel, at edges where one surface continues the other: the first side's counts
@@ -182,7 +275,9 @@ def _match_partly(first: Side, second: Side, refinement: int) -> Rows | None:
     fits = aside <= offset * spacing
     if not ours.size:
         # candidates must have normals that face each other, and not lie on the far sides of the bodies
-        deepest = -DEEPEST * np.minimum(np.abs(normal) @ first.extent, np.abs(normal) @ second.extent)
+        deepest = -DEEPEST * np.minimum(
+            np.abs(normal) @ first.extent, np.abs(normal) @ second.extent
+        )
         fits &= (np.einsum("ij,ij->i", outward, other) < FACING) & (gap > deepest)
         if not fits.any() or _unmatched(first, second, nodes[fits], partners[fits]):
             return None
@@ -190,8 +285,12 @@ def _match_partly(first: Side, second: Side, refinement: int) -> Rows | None:
         # Edges and vertices have no area; only the iteration uses it, and the spacing takes its place. On the axis the
         # circumference is that at a quarter of the spacing.
         area = (first.spacing[nodes] + second.spacing[partners]) / 2
-        area = area * circumference(np.maximum(first.xy[nodes], area[:, None] / 4), first.axisymmetric)
-    elif not fits.all() or any(len(np.unique(numbers)) < len(numbers) for numbers in (nodes, partners)):
+        area = area * circumference(
+            np.maximum(first.xy[nodes], area[:, None] / 4), first.axisymmetric
+        )
+    elif not fits.all() or any(
+        len(np.unique(numbers)) < len(numbers) for numbers in (nodes, partners)
+    ):
         return None
     rows = pairs((first, second), nodes, partners, normal, area, gap, common[0])
     return replace(rows, pointwise=not ours.size)
@@ -200,13 +299,18 @@ def _match_partly(first: Side, second: Side, refinement: int) -> Rows | None:
 def _unmatched(first: Side, second: Side, nodes: np.ndarray, partners: np.ndarray) -> bool:
     """Whether the sides touch along an edge on which their nodes do not match: a neighbour of a paired node then has no
     partner but lies on a facet at that node's partner. `nodes` and `partners` (k,) are the pairs."""
-    for side, other, matched, partner in ((first, second, nodes, partners), (second, first, partners, nodes)):
+    for side, other, matched, partner in (
+        (first, second, nodes, partners),
+        (second, first, partners, nodes),
+    ):
         edges, match = links(side.facets, side.dimension), np.full(len(side.nodes), -1)
         edges, match[matched] = np.concatenate([edges, edges[:, ::-1]]), partner
         start, end = edges[(match[edges[:, 0]] >= 0) & (match[edges[:, 1]] < 0)].T
         corners = other.corners.ravel()
         order = np.argsort(corners, kind="stable")
-        edge, place = together(match[start], corners[order])  # an edge, and a facet at its start's partner
+        edge, place = together(
+            match[start], corners[order]
+        )  # an edge, and a facet at its start's partner
         facet = other.xy[other.corners[order[place] // side.dimension]]
         away = side.xy[end] - side.xy[start] + other.xy[match[start]]
         # the neighbour, shifted with its paired node onto the partner, in barycentric coordinates of a facet there
@@ -227,11 +331,16 @@ def _faced(side: Side, other: Side, least: float) -> np.ndarray:
     return facets[:, covered > least * side.areas[facets[0]]]
 
 
-def _offset(first: Side, second: Side, nodes: np.ndarray, partners: np.ndarray,
-            normal: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _offset(
+    first: Side, second: Side, nodes: np.ndarray, partners: np.ndarray, normal: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Of all pairs (k,): gap along the normal between the arcs over the chords, tangential offset, spacing of nodes."""
     ends, offset = links(first.facets, first.dimension), second.xy[partners] - first.xy[nodes]
-    half = np.linalg.norm(first.xy[ends[:, 1]] - first.xy[ends[:, 0]], axis=1) / 2 / (first.dimension - 1)
+    half = (
+        np.linalg.norm(first.xy[ends[:, 1]] - first.xy[ends[:, 0]], axis=1)
+        / 2
+        / (first.dimension - 1)
+    )
     spacing = np.bincount(ends.ravel(), np.repeat(half, 2), len(first.nodes))[nodes]
     gap = np.einsum("ij,ij->i", offset, normal)
     aside = np.linalg.norm(offset - gap[:, None] * normal, axis=1)

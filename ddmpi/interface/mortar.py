@@ -24,7 +24,17 @@ from ddmpi.errors import InputError
 from ddmpi.interface.interface import Interface, Lines, Places
 from ddmpi.interface.law import law_of
 from ddmpi.interface.matching import face_rigid, faces_rigid, pair
-from ddmpi.interface.rows import Rows, at_points, between, build, duals, holds_along, inset, is_held, rows_of
+from ddmpi.interface.rows import (
+    Rows,
+    at_points,
+    between,
+    build,
+    duals,
+    holds_along,
+    inset,
+    is_held,
+    rows_of,
+)
 from ddmpi.interface.trace import placed
 from ddmpi.interface.vertices import BARELY, UNCOVERED, rows_at_vertices
 from ddmpi.scene.contacts import Rigid, SettledContact
@@ -48,8 +58,10 @@ def connect(first: Side, second: Side, contact: SettledContact, refinement: int 
     # first where nodes match
     paired = first.cell.bears and second.cell.bears
     if contact.pairing == "nodes" and not paired:
-        raise InputError(f"contact.{contact.name}.pairing: pairs of nodes are for linear tetrahedra, as corners of "
-                         "quadratic ones carry no pressure; leave it out")
+        raise InputError(
+            f"contact.{contact.name}.pairing: pairs of nodes are for linear tetrahedra, as corners of "
+            "quadratic ones carry no pressure; leave it out"
+        )
     if contact.pairing != "mortar" and paired:
         try:
             return pair(first, second, contact, refinement)
@@ -59,8 +71,13 @@ def connect(first: Side, second: Side, contact: SettledContact, refinement: int 
     return mortar(first, second, contact)
 
 
-def mortar(first: Side, second: Side, contact: SettledContact, over: Cover | None = None,
-           moved: float = np.inf) -> Interface:
+def mortar(
+    first: Side,
+    second: Side,
+    contact: SettledContact,
+    over: Cover | None = None,
+    moved: float = np.inf,
+) -> Interface:
     """The interface of two sides whose nodes need not match; the first gives the directions. By default the `slave` is
     the side with the larger spacing of nodes, in space size of facets, over plane modulus, unless clamps constrain all
     of it. If the contact names the slave, `over` may be the part of it that faces the other side; `moved` as for
@@ -72,10 +89,20 @@ def mortar(first: Side, second: Side, contact: SettledContact, over: Cover | Non
     if over is not None:
         covers = {[side.body for side in sides].index(str(contact.slave)): over}
     elif plane:
-        covers = {k: _cover(sides, k, contact.name) for k in (0, 1) if contact.slave != sides[1 - k].body}
+        covers = {
+            k: _cover(sides, k, contact.name) for k in (0, 1) if contact.slave != sides[1 - k].body
+        }
     # in the plane the slave is chosen by the parts that face each other, in space by the whole sides
-    slave = _choose_slave(sides, contact, [np.unique(covers[k].facet if k in covers else covers[1 - k].other)
-                                           if plane else slice(None) for k in (0, 1)])
+    slave = _choose_slave(
+        sides,
+        contact,
+        [
+            np.unique(covers[k].facet if k in covers else covers[1 - k].other)
+            if plane
+            else slice(None)
+            for k in (0, 1)
+        ],
+    )
     over = covers[slave] if covers else _cover(sides, slave, contact.name)
     side, looked = sides[slave], over if plane else corners(over)
     hats = over.at if not plane and contact.kind == "bonded" else inset(side, over, looked)
@@ -100,8 +127,13 @@ def with_slave(first: Side, second: Side, contact: SettledContact) -> SettledCon
     return msgspec.structs.replace(contact, slave=slave, pairing="mortar")
 
 
-def meet(contact: SettledContact, sides: tuple[Side, Side | None], frames: Mapping[str, Frame],
-          rigid: Mapping[str, Rigid], reach: tuple[float | None, float]) -> Interface:
+def meet(
+    contact: SettledContact,
+    sides: tuple[Side, Side | None],
+    frames: Mapping[str, Frame],
+    rigid: Mapping[str, Rigid],
+    reach: tuple[float | None, float],
+) -> Interface:
     """The interface of a contact where the frames of its bodies are. Not collective.
 
     Parameters
@@ -116,7 +148,11 @@ def meet(contact: SettledContact, sides: tuple[Side, Side | None], frames: Mappi
     if second is None:  # in the frame of the partner, in which its shape is given
         partner = rigid[contact.bodies[1]]
         seen = first.placed(other.undone.after(one), depth)
-        met = face_rigid(seen, partner, contact, moved) if faces_rigid(seen, partner) else apart(contact, seen)
+        met = (
+            face_rigid(seen, partner, contact, moved)
+            if faces_rigid(seen, partner)
+            else apart(contact, seen)
+        )
         return placed(met, other)
     both = first.placed(one, depth), second.placed(other, depth)
     slave = contact.bodies.index(str(contact.slave))
@@ -129,25 +165,44 @@ def apart(contact: SettledContact, first: Side, second: Side | None = None) -> I
     collective."""
     d, none, modulus = first.dimension, np.empty(0), second.modulus if second else np.inf
     at, square = np.empty((0, d)), sparse.csr_matrix((0, 0))
-    law = law_of(contact.friction, at, none, none, np.empty(0, int), contact.kind, np.empty(0, bool))
+    law = law_of(
+        contact.friction, at, none, none, np.empty(0, int), contact.kind, np.empty(0, bool)
+    )
     return Interface(
-        name=contact.name, bodies=contact.bodies, xy=at, frame=np.empty((0, d, d)), area=none, gap=none,
-        nodes=(np.empty(0, int),) * 2, transfer=(square, square), law=law, laplacian=square,
+        name=contact.name,
+        bodies=contact.bodies,
+        xy=at,
+        frame=np.empty((0, d, d)),
+        area=none,
+        gap=none,
+        nodes=(np.empty(0, int),) * 2,
+        transfer=(square, square),
+        law=law,
+        laplacian=square,
         facets=np.empty((0, d), int),
-        modulus=1.0 / (1.0 / first.modulus + 1.0 / modulus), one_sided=np.empty(0, bool), at=(at, at),
-        displacement=np.zeros(d), slave=contact.slave, lines=Lines(np.empty(0, int), at, none, np.empty((0, d), int)),
-        fixed=Places(normal=at), probes=Places(normal=at), draw=lambda: Outline(at, np.empty((0, d), int), square),
-        axisymmetric=first.axisymmetric)
+        modulus=1.0 / (1.0 / first.modulus + 1.0 / modulus),
+        one_sided=np.empty(0, bool),
+        at=(at, at),
+        displacement=np.zeros(d),
+        slave=contact.slave,
+        lines=Lines(np.empty(0, int), at, none, np.empty((0, d), int)),
+        fixed=Places(normal=at),
+        probes=Places(normal=at),
+        draw=lambda: Outline(at, np.empty((0, d), int), square),
+        axisymmetric=first.axisymmetric,
+    )
 
 
 def _cover(sides: tuple[Side, Side], slave: int, name: str) -> Cover:
     """The part of one of the sides that faces the other. Raises InputError if there is none."""
     over, (first, second) = cover(sides[slave], sides[1 - slave]), sides
     if len(over.facet) == 0:
-        raise InputError(f"contact.{name}: the boundaries of {first.body!r} and {second.body!r} do not face each other "
-                         f"(the first begins at {in_words(first.xy[0])}). Are the two names of `on` in the order of "
-                         "`bodies`? Where bodies touch along an edge or at a vertex only, their nodes there must "
-                         "match, in space with linear elements, and pairing must not be \"mortar\"")
+        raise InputError(
+            f"contact.{name}: the boundaries of {first.body!r} and {second.body!r} do not face each other "
+            f"(the first begins at {in_words(first.xy[0])}). Are the two names of `on` in the order of "
+            "`bodies`? Where bodies touch along an edge or at a vertex only, their nodes there must "
+            'match, in space with linear elements, and pairing must not be "mortar"'
+        )
     return over
 
 
@@ -161,7 +216,9 @@ def _functions(side: Side, over: Cover, at: np.ndarray) -> sparse.csr_matrix:
     return at_points(weighted, side.facets[over.facet], len(side.nodes))
 
 
-def _choose_slave(sides: tuple[Side, Side], contact: SettledContact, faced: Sequence[np.ndarray | slice]) -> int:
+def _choose_slave(
+    sides: tuple[Side, Side], contact: SettledContact, faced: Sequence[np.ndarray | slice]
+) -> int:
     """0 or 1, the slave: the side that the contact names, else the less clamped one of the facets `faced`, else that of
     larger h/E'. Raises InputError where it is more clamped than the other."""
     clamped, sizes = [], []
@@ -170,38 +227,62 @@ def _choose_slave(sides: tuple[Side, Side], contact: SettledContact, faced: Sequ
         free = side.free[nodes]
         # 0 free, 1 clamped along the normal, 2 clamped throughout (the trace of the projection counts free directions).
         # A clamped, finer slave would make C singular: it has more rows than the other side has nodes.
-        clamped.append(int(is_held(side.normal[nodes], free).all()) + int((np.einsum("kii->k", free) < 0.5).all()))
+        clamped.append(
+            int(is_held(side.normal[nodes], free).all())
+            + int((np.einsum("kii->k", free) < 0.5).all())
+        )
         # h/E': a fine and stiff slave against a coarse and soft master has errors of 15 to 150 % on Hertz's problem;
         # this rule never chooses it. A tie, up to rounding, goes to the first side.
         sizes.append(size ** (1.0 / (side.dimension - 1)) / side.modulus)
     if contact.slave is not None:
         slave = [side.body for side in sides].index(contact.slave)
     else:
-        slave = clamped.index(min(clamped)) if clamped[0] != clamped[1] else int(sizes[1] > (1.0 + 1e-6) * sizes[0])
+        slave = (
+            clamped.index(min(clamped))
+            if clamped[0] != clamped[1]
+            else int(sizes[1] > (1.0 + 1e-6) * sizes[0])
+        )
     if clamped[slave] > clamped[1 - slave]:
-        raise InputError(f"contact.{contact.name}: clamps constrain all of {sides[slave].body!r} at this contact; it "
-                         "cannot be the slave")
+        raise InputError(
+            f"contact.{contact.name}: clamps constrain all of {sides[slave].body!r} at this contact; it "
+            "cannot be the slave"
+        )
     return slave
 
 
-def _rows(points: Places, sides: tuple[Side, Side], slave: int, over: Cover, psi: sparse.csr_matrix,
-          root: np.ndarray) -> Rows:
+def _rows(
+    points: Places,
+    sides: tuple[Side, Side],
+    slave: int,
+    over: Cover,
+    psi: sparse.csr_matrix,
+    root: np.ndarray,
+) -> Rows:
     """The rows of the slave, `sides[slave]`, with the `points` of `over`. A node uses the row of its `root` (k,)."""
     side, other, shown = sides[slave], sides[1 - slave], np.flatnonzero(root >= 0)
-    coefficients = sparse.csr_matrix((np.ones(len(shown)), (root[shown], shown)), (len(root), len(root)))
-    at = points.transfer[::1 if slave == 0 else -1]
+    coefficients = sparse.csr_matrix(
+        (np.ones(len(shown)), (root[shown], shown)), (len(root), len(root))
+    )
+    at = points.transfer[:: 1 if slave == 0 else -1]
     # n_j ∝ n_slave − P n_master: opposite sides contribute alike, so that swapping the roles changes little.
     across = at[0] @ _normals(side, over.facet) - at[1] @ _normals(other, over.other)
     rows = rows_of(sides, slave, over, psi, coefficients, across, points)
     place = np.where(root >= 0, rows.place[root], -1)
     row = place[side.facets[over.facet]]
-    rows = replace(rows, place=place, arc=side.arc[rows.nodes] if slave == 0 else
-                   faced_arc(side.xy[rows.nodes], row, over, other))
+    rows = replace(
+        rows,
+        place=place,
+        arc=side.arc[rows.nodes]
+        if slave == 0
+        else faced_arc(side.xy[rows.nodes], row, over, other),
+    )
     lines = _lines(rows, over, psi)
     # A facet is whole if none of its nodes shares a row with another; bare nodes on the axis always do.
     number = np.bincount(lines.row, minlength=len(rows.nodes))
     number -= np.bincount(place[side.bare & (place >= 0)], minlength=len(rows.nodes))
-    return replace(rows, lines=lines, whole=rows.whole & (number == 1)[place[side.facets]].all(axis=1))
+    return replace(
+        rows, lines=lines, whole=rows.whole & (number == 1)[place[side.facets]].all(axis=1)
+    )
 
 
 def _unbound(rows: Rows, root: np.ndarray, tangential: bool) -> np.ndarray:
@@ -226,7 +307,9 @@ def _unbound(rows: Rows, root: np.ndarray, tangential: bool) -> np.ndarray:
         near = rows.nodes[near[most[near] >= BARELY]]
         if len(near):
             node = rows.nodes[number]
-            roots[root == node] = near[np.argmin(np.linalg.norm(side.xy[near] - side.xy[node], axis=1))]
+            roots[root == node] = near[
+                np.argmin(np.linalg.norm(side.xy[near] - side.xy[node], axis=1))
+            ]
     return roots
 
 
@@ -234,7 +317,9 @@ def _tied_ends(rows: Rows) -> np.ndarray:
     """The last rows at those ends of the slave's covered part where it and the nearest node of the other are `tied`."""
     side, other = rows.sides[rows.slave], rows.sides[1 - rows.slave]
     facets = side.facets[rows.seen]
-    ends = np.flatnonzero(np.bincount(side.corners[rows.seen].ravel(), minlength=len(side.nodes)) == 1)
+    ends = np.flatnonzero(
+        np.bincount(side.corners[rows.seen].ravel(), minlength=len(side.nodes)) == 1
+    )
     ends = ends[side.tied[ends] & other.tied[cKDTree(other.xy).query(side.xy[ends])[1]]]
     last = rows.place[facets[(facets == ends[:, None, None]).any(axis=2).argmax(axis=1)]]
     away = np.linalg.norm(side.xy[rows.nodes[last]] - side.xy[ends][:, None], axis=2)
@@ -251,7 +336,9 @@ def _merged(side: Side, over: Cover, psi: sparse.csr_matrix) -> np.ndarray:
     # pressure would be rounding. The same pressure as at the neighbour of the largest D keeps constants exact.
     thin = (full * UNCOVERED > D) | side.bare
     for facet in side.facets[some & thin[side.facets].any(axis=1)]:
-        top = facet[2 if side.bare[facet].any() else np.argmax(D[facet])]  # D of the other end may be the same
+        top = facet[
+            2 if side.bare[facet].any() else np.argmax(D[facet])
+        ]  # D of the other end may be the same
         for node in facet[thin[facet]]:
             if top != node and (best[node] < 0 or D[top] > D[best[node]]):
                 best[node] = top
@@ -274,10 +361,14 @@ def _lines(rows: Rows, over: Cover, psi: sparse.csr_matrix) -> Lines:
     points = np.einsum("qc,qcd->qd", side.cell.shapes(over.at), side.xy[side.facets[over.facet]])
     faces = (length > UNSEEN * side.lengths_over(rows.seen)) | (side.bare & (place >= 0))
     faces[nodes] = True
-    length[nodes] += rows.area - np.bincount(place[faces], length[faces])  # of nodes that are left out
+    length[nodes] += rows.area - np.bincount(
+        place[faces], length[faces]
+    )  # of nodes that are left out
     some = length > 0.0
     centre = np.where(some[:, None], psi.T @ points / np.where(some, length, 1.0)[:, None], side.xy)
-    centre = np.where(np.abs(centre - side.xy) <= SAME * side.spacing[:, None], side.xy, centre)  # rounding
+    centre = np.where(
+        np.abs(centre - side.xy) <= SAME * side.spacing[:, None], side.xy, centre
+    )  # rounding
     return Lines(place, side.xy, length, side.pieces(rows.seen), centre).only(faces)
 
 

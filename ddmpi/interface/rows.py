@@ -89,12 +89,22 @@ class Rows:
             entries = transfer.tocoo()
             moves = ~is_held(direction[entries.row], side.free[entries.col])
             clamped[number] = np.bincount(entries.row, moves, len(direction)) == 0
-            most = np.maximum(most, np.abs(np.bincount(entries.row, entries.data * moves, len(direction))))
+            most = np.maximum(
+                most, np.abs(np.bincount(entries.row, entries.data * moves, len(direction)))
+            )
         return clamped, most
 
 
-def rows_of(sides: tuple[Side, Side], slave: int, over: Cover, psi: sparse.csr_matrix, coefficients: sparse.csr_matrix,
-            across: np.ndarray, points: Places, measure: sparse.csr_matrix | None = None) -> Rows:
+def rows_of(
+    sides: tuple[Side, Side],
+    slave: int,
+    over: Cover,
+    psi: sparse.csr_matrix,
+    coefficients: sparse.csr_matrix,
+    across: np.ndarray,
+    points: Places,
+    measure: sparse.csr_matrix | None = None,
+) -> Rows:
     """The rows of the slave, `sides[slave]`, which faces the other side at the points of `over`. Not collective.
 
     Parameters
@@ -111,7 +121,10 @@ def rows_of(sides: tuple[Side, Side], slave: int, over: Cover, psi: sparse.csr_m
     coefficients, psi = coefficients[nodes], psi.T.tocsr()
     measure = coefficients if measure is None else measure[nodes]
     # D_j = ∫ θ_j, the nodal length; n_j ∝ ∫ θ_j n.
-    area, normal = coefficients @ (psi @ np.ones(len(over.facet))), unit(coefficients @ (psi @ across))
+    area, normal = (
+        coefficients @ (psi @ np.ones(len(over.facet))),
+        unit(coefficients @ (psi @ across)),
+    )
     # the cover measures gaps along the slave's normals; by the cosine they are along the row's normal
     turned = np.einsum("ij,ij->i", unit(measure @ (psi @ over.direction)), normal)
     gap = measure @ (psi @ over.gap) / area * turned
@@ -120,16 +133,31 @@ def rows_of(sides: tuple[Side, Side], slave: int, over: Cover, psi: sparse.csr_m
     seen = np.isin(np.arange(len(side.facets)), over.facet)
     # P = D⁻¹ ∫ θ φ for both sides; for the slave it is the identity unless rows are merged.
     one, other = (means(coefficients @ (psi @ transfer), area) for transfer in points.transfer)
-    return Rows(sides, slave, nodes, place, seen, (one, other), normal if slave == 0 else -normal, area,
-                without_rounding(gap, side.spacing[nodes]), np.zeros(len(nodes)), np.zeros(len(place), bool),
-                seen & (share >= (1.0 - LACKING) * side.areas), measure[:, :len(place)].T.tocsr(), points=points)
+    return Rows(
+        sides,
+        slave,
+        nodes,
+        place,
+        seen,
+        (one, other),
+        normal if slave == 0 else -normal,
+        area,
+        without_rounding(gap, side.spacing[nodes]),
+        np.zeros(len(nodes)),
+        np.zeros(len(place), bool),
+        seen & (share >= (1.0 - LACKING) * side.areas),
+        measure[:, : len(place)].T.tocsr(),
+        points=points,
+    )
 
 
 def between(sides: tuple[Side, Side], slave: int, over: Cover) -> Places:
     """The points at which the slave, `sides[slave]`, faces the other side, interpolated on both facets."""
     side, other = sides[slave], sides[1 - slave]
-    at = (at_points(side.cell.shapes(over.at), side.facets[over.facet], len(side.nodes)),
-          at_points(other.cell.shapes(over.there), other.facets[over.other], len(other.nodes)))
+    at = (
+        at_points(side.cell.shapes(over.at), side.facets[over.facet], len(side.nodes)),
+        at_points(other.cell.shapes(over.there), other.facets[over.other], len(other.nodes)),
+    )
     first, sign = (1, 1.0) if slave == 0 else (-1, -1.0)
     return Places((sides[0].nodes, sides[1].nodes), sign * over.direction, over.gap, at[::first])
 
@@ -143,18 +171,28 @@ def build(rows: Rows, contact: SettledContact, moved: float = np.inf) -> Interfa
     sides, side, bonded = rows.sides, rows.sides[rows.slave], contact.kind == "bonded"
     (frame, across), xy = _along_clamps(rows, frames(rows.normal)), side.xy[rows.nodes]
     start = initial_gap(contact, rows.gap, xy, rows.arc)
-    clamped = np.stack([rows.clamped(direction)[0] for direction in frame.swapaxes(0, 1)], axis=-1)  # (2, r, d)
+    clamped = np.stack(
+        [rows.clamped(direction)[0] for direction in frame.swapaxes(0, 1)], axis=-1
+    )  # (2, r, d)
     # an unknown that both sides clamp would be a zero row of C; tangents `across` planes of symmetry carry no force
     live = ~clamped.all(axis=0)
     live[:, 1:] &= ~across
-    dropped = ~live.any(axis=1) if bonded else ~live[:, 0]  # a bond also carries tangential forces alone
+    dropped = (
+        ~live.any(axis=1) if bonded else ~live[:, 0]
+    )  # a bond also carries tangential forces alone
     keep = np.flatnonzero(~dropped)
     if len(keep) == 0:
-        raise InputError(f"contact.{contact.name}: all nodes of the contact are clamped; there is nothing to solve")
+        raise InputError(
+            f"contact.{contact.name}: all nodes of the contact are clamped; there is nothing to solve"
+        )
     # a bond whose normal motion is clamped on both sides can never close its gap
     start[~live[:, 0] & ~dropped] = 0.0
     least = start[keep].min()  # the nearest row stays
-    beyond = ~dropped & (start > max(least, WIDER * max(moved, -least))) & (not isinstance(contact.friction, Tresca))
+    beyond = (
+        ~dropped
+        & (start > max(least, WIDER * max(moved, -least)))
+        & (not isinstance(contact.friction, Tresca))
+    )
     left = dropped | beyond  # with Tresca's law open rows have forces, too
     keep = np.flatnonzero(~left)
     sliding = np.flatnonzero(live[keep, 1:].any(axis=1) & holds_along(contact))
@@ -163,30 +201,55 @@ def build(rows: Rows, contact: SettledContact, moved: float = np.inf) -> Interfa
         """The values (r, d) as a vector of the interface."""
         return np.concatenate([values[keep, 0], values[keep[sliding], 1:].ravel()])
 
-    number = np.append(np.where(left, -1, np.cumsum(~left) - 1), -1)  # new numbers of rows; −1 stays −1
+    number = np.append(
+        np.where(left, -1, np.cumsum(~left) - 1), -1
+    )  # new numbers of rows; −1 stays −1
     facets = number[rows.place[(side.facets if side.cell.bears else side.corners)[rows.whole]]]
     row = number[np.where(rows.bound, -1, rows.place)]
-    lines = replace(rows.lines, row=number[rows.lines.row],
-                    area=rows.lines.area * (not rows.pointwise)).only(~left[rows.lines.row])
+    lines = replace(
+        rows.lines, row=number[rows.lines.row], area=rows.lines.area * (not rows.pointwise)
+    ).only(~left[rows.lines.row])
     pull = unit(np.array([contact.pretension.along]))[0] if contact.pretension else np.empty(0)
-    if len(pull) and (held := np.linalg.norm(np.einsum("rcd,d->rc", frame, pull) * ~live, axis=1)).max() > SAME:
-        raise InputError(f"contact.{contact.name}.pretension: at {in_words(xy[held.argmax()])} clamps hold both sides "
-                         f"along {in_words(pull, 3)}, so that the bond cannot be pulled; leave one side free there")
+    if (
+        len(pull)
+        and (held := np.linalg.norm(np.einsum("rcd,d->rc", frame, pull) * ~live, axis=1)).max()
+        > SAME
+    ):
+        raise InputError(
+            f"contact.{contact.name}.pretension: at {in_words(xy[held.argmax()])} clamps hold both sides "
+            f"along {in_words(pull, 3)}, so that the bond cannot be pulled; leave one side free there"
+        )
     xy, arc, area, places = xy[keep], rows.arc[keep], rows.area[keep], _at_rows(rows, keep, start)
     return Interface(
-        name=contact.name, bodies=(sides[0].body, sides[1].body), xy=xy, frame=frame[keep], area=area, gap=places.gap,
-        arc=arc, nodes=places.nodes, transfer=places.transfer,
+        name=contact.name,
+        bodies=(sides[0].body, sides[1].body),
+        xy=xy,
+        frame=frame[keep],
+        area=area,
+        gap=places.gap,
+        arc=arc,
+        nodes=places.nodes,
+        transfer=places.transfer,
         law=law_of(contact.friction, xy, arc, area, sliding, contact.kind, of_rows(live)),
         modulus=1.0 / (1.0 / sides[0].modulus + 1.0 / sides[1].modulus),
         facets=facets[(facets >= 0).all(axis=1)],
         laplacian=laplacian(side.xy, side.pieces(rows.seen), row, len(keep), side.axisymmetric),
-        one_sided=of_rows(clamped.any(axis=0)), displacement=np.zeros(xy.shape[1]), gap_history=contact.opening[1],
-        slave=side.body if rows.points else None, lines=lines, stands=side.nodes[rows.nodes[keep]],
+        one_sided=of_rows(clamped.any(axis=0)),
+        displacement=np.zeros(xy.shape[1]),
+        gap_history=contact.opening[1],
+        slave=side.body if rows.points else None,
+        lines=lines,
+        stands=side.nodes[rows.nodes[keep]],
         draw=partial(_outline, rows, keep),
         at=(rows.transfers[0][keep] @ sides[0].xy, rows.transfers[1][keep] @ sides[1].xy),
-        axisymmetric=side.axisymmetric, pointwise=rows.pointwise, waves=rows.waves,
-        fixed=_at_rows(rows, np.flatnonzero(dropped), start), beyond=int(beyond.sum()), pull=pull,
-        probes=_probes(rows, contact, dropped, np.flatnonzero(beyond), start))
+        axisymmetric=side.axisymmetric,
+        pointwise=rows.pointwise,
+        waves=rows.waves,
+        fixed=_at_rows(rows, np.flatnonzero(dropped), start),
+        beyond=int(beyond.sum()),
+        pull=pull,
+        probes=_probes(rows, contact, dropped, np.flatnonzero(beyond), start),
+    )
 
 
 def _along_clamps(rows: Rows, frame: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -197,13 +260,21 @@ def _along_clamps(rows: Rows, frame: np.ndarray) -> tuple[np.ndarray, np.ndarray
     constrain the curvature of the other side, of which only the nodes beside the plane move. A node that is clamped
     along the normal too has a row only for the nodes that share it, and these slide.
     """
-    side, other, transfer = rows.sides[rows.slave], rows.sides[1 - rows.slave], rows.transfers[1 - rows.slave]
+    side, other, transfer = (
+        rows.sides[rows.slave],
+        rows.sides[1 - rows.slave],
+        rows.transfers[1 - rows.slave],
+    )
     free, mean, tangents = side.free[rows.nodes], other.moves_with(transfer), frame[:, 1:]
     # a tangent t moves by M t: the quadratic forms tᵀ Mᵀ M t of both sides, in the basis of the tangents
     turns = sum(tangents @ M.swapaxes(1, 2) @ M @ tangents.swapaxes(1, 2) for M in (free, mean))
     turns = np.linalg.eigh(turns)[1][:, :, ::-1].swapaxes(1, 2)
     turns[~is_touched(free)] = np.eye(tangents.shape[1])
-    tangents, entries, constrained = turns @ tangents, transfer.tocoo(), np.empty(tangents.shape[:2], bool)
+    tangents, entries, constrained = (
+        turns @ tangents,
+        transfer.tocoo(),
+        np.empty(tangents.shape[:2], bool),
+    )
     moves = ~is_held(frame[:, 0], free)
     for k, t in enumerate(tangents.swapaxes(0, 1)):
         met = np.bincount(entries.row, is_held(t[entries.row], other.free[entries.col]), len(t))
@@ -217,9 +288,13 @@ def _outline(rows: Rows, keep: np.ndarray) -> Outline:
     side, lines = rows.sides[rows.slave], rows.lines
     facet, xy, hats = drawn_cells(side, rows.covered or whole_facets(side, rows.seen))
     # in space pressures are linear between corners, in the plane order 2 has rows at middles
-    functions, nodes = (side.cell.shapes(hats), side.facets) if side.cell.bears else (hats, side.corners)
-    of_lines = sparse.csr_matrix((np.ones(len(lines.row)), (np.arange(len(lines.row)), lines.row)),
-                                 (len(lines.row), len(rows.nodes)))
+    functions, nodes = (
+        (side.cell.shapes(hats), side.facets) if side.cell.bears else (hats, side.corners)
+    )
+    of_lines = sparse.csr_matrix(
+        (np.ones(len(lines.row)), (np.arange(len(lines.row)), lines.row)),
+        (len(lines.row), len(rows.nodes)),
+    )
     at_cells = at_points(functions, nodes[facet], len(side.nodes)) @ rows.interpolation
     shares = sparse.vstack([of_lines, at_cells])[:, keep]
     # Corners of cells at the same place are one point with their mean value, as pieces of two facets differ a little;
@@ -229,43 +304,77 @@ def _outline(rows: Rows, keep: np.ndarray) -> Outline:
     _, first, point = np.unique(place, axis=0, return_index=True, return_inverse=True)
     point = np.argsort(np.argsort(first))[point.ravel()]
     xy = xy[np.sort(first)]
-    shares = means(sparse.csr_matrix((np.ones(len(point)), (point, np.arange(len(point))))), np.ones(len(xy))) @ shares
+    shares = (
+        means(
+            sparse.csr_matrix((np.ones(len(point)), (point, np.arange(len(point))))),
+            np.ones(len(xy)),
+        )
+        @ shares
+    )
     # Points of which no row is kept take the mean of their neighbours.
-    cells, known = point[len(lines.row):].reshape(-1, side.dimension), shares.getnnz(axis=1) > 0
+    cells, known = point[len(lines.row) :].reshape(-1, side.dimension), shares.getnnz(axis=1) > 0
     cells = cells[known[cells].any(axis=1)]
     near = at_points(np.ones(cells.shape), cells, len(xy))
     shares = (shares + sparse.diags(1.0 * ~known) @ (near.T @ near) @ shares).tocsr()
-    alone = np.setdiff1d(point[:len(lines.row)][np.isin(lines.row, keep)], cells) if rows.pointwise else cells[:0, 0]
-    used, cells = np.unique(np.vstack([cells, alone[:, None].repeat(side.dimension, axis=1)]), return_inverse=True)
-    return Outline(xy[used], cells.reshape(-1, side.dimension), means(shares[used], np.ones(len(used))))
+    alone = (
+        np.setdiff1d(point[: len(lines.row)][np.isin(lines.row, keep)], cells)
+        if rows.pointwise
+        else cells[:0, 0]
+    )
+    used, cells = np.unique(
+        np.vstack([cells, alone[:, None].repeat(side.dimension, axis=1)]), return_inverse=True
+    )
+    return Outline(
+        xy[used], cells.reshape(-1, side.dimension), means(shares[used], np.ones(len(used)))
+    )
 
 
 def _at_rows(rows: Rows, some: np.ndarray, gap: np.ndarray) -> Places:
     """The places of `some` rows (k,), with their entries of `gap` (r,)."""
-    (first, one), (second, other) = (_used(side, transfer[some]) for side, transfer in
-                                     zip(rows.sides, rows.transfers, strict=True))
+    (first, one), (second, other) = (
+        _used(side, transfer[some])
+        for side, transfer in zip(rows.sides, rows.transfers, strict=True)
+    )
     return Places((first, second), rows.normal[some], gap[some], (one, other))
 
 
-def _probes(rows: Rows, contact: SettledContact, dropped: np.ndarray, beyond: np.ndarray, start: np.ndarray) -> Places:
+def _probes(
+    rows: Rows, contact: SettledContact, dropped: np.ndarray, beyond: np.ndarray, start: np.ndarray
+) -> Places:
     """Places between the nodes, or dropped rows that can still move a little, with overlaps that clamps preserve;
     followed by the rows `beyond`."""
     if rows.points is None:
-        moves = sum(np.abs(np.einsum("rij,rj->ri", side.moves_with(transfer), rows.normal)).max(axis=1)
-                    for side, transfer in zip(rows.sides, rows.transfers, strict=True)) > SAME
-        return replace(_at_rows(rows, np.append(np.flatnonzero(dropped & moves), beyond), start), stays=1.0)
+        moves = (
+            sum(
+                np.abs(np.einsum("rij,rj->ri", side.moves_with(transfer), rows.normal)).max(axis=1)
+                for side, transfer in zip(rows.sides, rows.transfers, strict=True)
+            )
+            > SAME
+        )
+        return replace(
+            _at_rows(rows, np.append(np.flatnonzero(dropped & moves), beyond), start), stays=1.0
+        )
     points, stays = rows.points, [np.zeros(1)]
     if len(beyond):
-        one, other = (sparse.vstack([move, more[beyond]], "csr") for move, more in zip(
-            points.transfer, rows.transfers, strict=True))
-        points = replace(points, transfer=(one, other), normal=np.vstack([points.normal, rows.normal[beyond]]),
-                         gap=np.append(points.gap, start[beyond]))
+        one, other = (
+            sparse.vstack([move, more[beyond]], "csr")
+            for move, more in zip(points.transfer, rows.transfers, strict=True)
+        )
+        points = replace(
+            points,
+            transfer=(one, other),
+            normal=np.vstack([points.normal, rows.normal[beyond]]),
+            gap=np.append(points.gap, start[beyond]),
+        )
     gap = points.gap
     if contact.gap is not None or contact.two_sided:
         # A given gap, or none of a bond or a guide, overrides the geometry between the nodes too.
         gap = points.transfer[rows.slave] @ np.append(start, 0.0)[rows.place]
     if not contact.two_sided:
-        stays = [move @ is_held(side.normal, side.free) for move, side in zip(points.transfer, rows.sides, strict=True)]
+        stays = [
+            move @ is_held(side.normal, side.free)
+            for move, side in zip(points.transfer, rows.sides, strict=True)
+        ]
     return replace(points, gap=gap, stays=np.clip(np.min(stays, axis=0), 0.0, 1.0))
 
 
@@ -281,7 +390,9 @@ def holds_along(contact: SettledContact) -> bool:
     return contact.kind == "bonded" or not isinstance(contact.friction, NoFriction)
 
 
-def initial_gap(contact: SettledContact, measured: np.ndarray, xy: np.ndarray, arc: np.ndarray) -> np.ndarray:
+def initial_gap(
+    contact: SettledContact, measured: np.ndarray, xy: np.ndarray, arc: np.ndarray
+) -> np.ndarray:
     """The initial gap (k,) at nodes `xy` (k, d), at arc lengths (k,): given, else measured; zero for bonds and
     guides."""
     given, _ = contact.opening
@@ -311,8 +422,14 @@ def at_points(phi: np.ndarray, nodes: np.ndarray, size: int) -> sparse.csr_matri
     return matrix
 
 
-def duals(side: Side, over: Cover, phi: np.ndarray, sliver: float, alone: np.ndarray | float,
-          kept: np.ndarray | None = None) -> np.ndarray:
+def duals(
+    side: Side,
+    over: Cover,
+    phi: np.ndarray,
+    sliver: float,
+    alone: np.ndarray | float,
+    kept: np.ndarray | None = None,
+) -> np.ndarray:
     """w ψ (q, c) at the points with weights w: ∫ ψ_j φ_k = δ_jk ∫ φ_j over the covered part of each facet, for the
     functions φ (q, c) of a side. Facets covered by less than the fraction `sliver` get ψ = `alone`. Functions that
     `kept` (f, c) marks are ψ = φ; the others are dual among themselves, so that all ψ still sum to one."""
@@ -344,20 +461,28 @@ def inset(side: Side, over: Cover, corners: Cover) -> np.ndarray:
     """
     facets, place = np.unique(over.facet, return_inverse=True)
     kept = np.isin(corners.facet, facets)
-    at, number, d = corners.at[kept], np.searchsorted(facets, corners.facet[kept]), corners.at.shape[1]
+    at, number, d = (
+        corners.at[kept],
+        np.searchsorted(facets, corners.facet[kept]),
+        corners.at.shape[1],
+    )
     most, least = np.zeros((len(facets), d)), np.ones((len(facets), d))
     np.maximum.at(most, number, at)
     np.minimum.at(least, number, at)
     # The mean of the corners within END of the farthest one, by weights that fall to zero: where the cover ends
     # parallel to an edge there are several such corners, and a small turn of the end must move the vertex little.
-    near = np.maximum(1.0 - (most[number] - at) / np.maximum(END * (most - least), ALIKE)[number], 0.0)
+    near = np.maximum(
+        1.0 - (most[number] - at) / np.maximum(END * (most - least), ALIKE)[number], 0.0
+    )
     ends, total = np.zeros((len(facets), d, d)), np.zeros((len(facets), d))
     np.add.at(ends, number, near[:, :, None] * at[:, None, :])
     np.add.at(total, number, near)
     ends /= np.maximum(total, ROUNDING)[:, :, None]
     # from this mean towards the vertex, until λ_i is the largest in the covered part
     reached = np.einsum("fii->fi", ends)
-    shift = np.where(reached < 1.0, (most - reached) / np.where(reached < 1.0, 1.0 - reached, 1.0), 0.0)
+    shift = np.where(
+        reached < 1.0, (most - reached) / np.where(reached < 1.0, 1.0 - reached, 1.0), 0.0
+    )
     ends += shift[:, :, None] * (np.eye(d) - ends)
     covered = np.bincount(place, over.weight, len(facets))
     ends[np.abs(np.linalg.det(ends)) < LEAST * covered / side.areas[facets]] = np.eye(d)
@@ -373,14 +498,19 @@ def means(integrals: sparse.csr_matrix, area: np.ndarray) -> sparse.csr_matrix:
     transfer = integrals.tocsr()
     transfer.data[np.abs(transfer.data) <= ROUNDING * area.repeat(np.diff(transfer.indptr))] = 0.0
     transfer.eliminate_zeros()
-    transfer.data *= (1.0 / np.asarray(transfer.sum(axis=1)).ravel()).repeat(np.diff(transfer.indptr))
+    transfer.data *= (1.0 / np.asarray(transfer.sum(axis=1)).ravel()).repeat(
+        np.diff(transfer.indptr)
+    )
     return transfer
 
 
 def uncovered_profile(interface: Interface, contact: SettledContact) -> list[str]:
     """A warning where a profile of friction or of the gap ends before the contact does. Not collective."""
     warnings = []
-    for key, values in (*(("friction", value) for value in astuple(contact.friction)), ("gap", contact.opening[0])):
+    for key, values in (
+        *(("friction", value) for value in astuple(contact.friction)),
+        ("gap", contact.opening[0]),
+    ):
         if not isinstance(values, Profile) or len(values.points) < 2:
             continue
         along = values.position(interface.xy, interface.arc)
@@ -388,5 +518,6 @@ def uncovered_profile(interface: Interface, contact: SettledContact) -> list[str
         if along.min() < low - slack or along.max() > high + slack:
             warnings.append(
                 f"contact.{interface.name}.{key}: the profile covers {values.along} from {low:g} to {high:g}, the "
-                f"contact goes from {along.min():g} to {along.max():g}; beyond its ends the profile is constant")
+                f"contact goes from {along.min():g} to {along.max():g}; beyond its ends the profile is constant"
+            )
     return warnings

@@ -13,7 +13,16 @@ from ddmpi.interface.law import ON_BOUND, Law
 from ddmpi.sets import magnitude
 from ddmpi.system.numbers import ALIKE, RigidMotion, moment
 
-RESULTANTS = ("force", "moment", "normal_force", "tangential_force", "open", "slip", "stick", "dissipated")
+RESULTANTS = (
+    "force",
+    "moment",
+    "normal_force",
+    "tangential_force",
+    "open",
+    "slip",
+    "stick",
+    "dissipated",
+)
 """The entries of `ContactTotals` that are written at every load step."""
 
 
@@ -64,7 +73,8 @@ class ContactTotals(NamedTuple):
     def resultants(self) -> dict[str, Any]:
         """The entries that are written at every load step."""
         return {name: getattr(self, name) for name in RESULTANTS} | (
-            {"pretension": self.pretension} if self.pretension else {})
+            {"pretension": self.pretension} if self.pretension else {}
+        )
 
     @property
     def deepest(self) -> float:
@@ -157,7 +167,11 @@ class ContactState:
     def moment(self) -> np.ndarray:
         """Moment on the first body about the origin (N m): in the plane x F_y − y F_x (), in space (3,)."""
         interface = self.interface
-        return moment(interface.xy if interface.at is None else interface.at[0], self.forces, interface.axisymmetric)
+        return moment(
+            interface.xy if interface.at is None else interface.at[0],
+            self.forces,
+            interface.axisymmetric,
+        )
 
     @property
     def moment_imbalance(self) -> tuple[float, float]:
@@ -187,15 +201,31 @@ class ContactState:
         columns |= zip(("nx", "ny", "nz"), interface.normal[lines.row].T, strict=False)
         solid = "nz" in columns
         columns["area" if solid or interface.axisymmetric else "length"] = lines.area
-        columns |= {"normal_force": normal[lines.row] * interface.shares,
-                    "tangential_force": tangential[lines.row] * interface.shares}
-        columns |= {name: values[lines.row] for name, values in (
-            ("normal_stress", self.pressure), ("tangential_stress", signed(self.shear)), ("gap", self.gap),
-            ("slip", signed(self.slip)), ("slip_total", signed(self.slip_total)), ("status", self.status))}
+        columns |= {
+            "normal_force": normal[lines.row] * interface.shares,
+            "tangential_force": tangential[lines.row] * interface.shares,
+        }
+        columns |= {
+            name: values[lines.row]
+            for name, values in (
+                ("normal_stress", self.pressure),
+                ("tangential_stress", signed(self.shear)),
+                ("gap", self.gap),
+                ("slip", signed(self.slip)),
+                ("slip_total", signed(self.slip_total)),
+                ("status", self.status),
+            )
+        }
         if solid:
-            forces, slip = self.forces[lines.row].T * interface.shares + 0.0, self.along(self.slip)[lines.row].T + 0.0
-            columns |= zip(("force_x", "force_y", "force_z", "slip_x", "slip_y", "slip_z"), (*forces, *slip),
-                           strict=True)  # no −0
+            forces, slip = (
+                self.forces[lines.row].T * interface.shares + 0.0,
+                self.along(self.slip)[lines.row].T + 0.0,
+            )
+            columns |= zip(
+                ("force_x", "force_y", "force_z", "slip_x", "slip_y", "slip_z"),
+                (*forces, *slip),
+                strict=True,
+            )  # no −0
         table = np.empty(len(lines.row), [(name, values.dtype) for name, values in columns.items()])
         for name, values in columns.items():
             table[name] = values
@@ -204,20 +234,44 @@ class ContactState:
     @property
     def totals(self) -> ContactTotals:
         """Resultants and extremes of the contact."""
-        interface, tangential, normal = self.interface, self.tangential_force, np.abs(self.normal_force)
-        total = tangential.sum() if interface.dimension == 2 else np.linalg.norm(self.along(tangential).sum(axis=0))
+        interface, tangential, normal = (
+            self.interface,
+            self.tangential_force,
+            np.abs(self.normal_force),
+        )
+        total = (
+            tangential.sum()
+            if interface.dimension == 2
+            else np.linalg.norm(self.along(tangential).sum(axis=0))
+        )
         return ContactTotals(
-            self.force, self.moment, float(self.normal_force.sum()), float(total), self.count("open"),
-            self.count("slip"), self.count("stick"), self.dissipated, interface.bodies, interface.m, interface.law.name,
+            self.force,
+            self.moment,
+            float(self.normal_force.sum()),
+            float(total),
+            self.count("open"),
+            self.count("slip"),
+            self.count("stick"),
+            self.dissipated,
+            interface.bodies,
+            interface.m,
+            interface.law.name,
             interface.slave,
-            RigidMotion(interface.displacement, interface.turn, interface.pivot) if interface.on_rigid else None,
-            float(self.pressure.max(initial=-np.inf if interface.m else 0.0)), float(normal.max(initial=0.0)),
-            float(normal.sum()), float(np.abs(self.forces).sum()),
+            RigidMotion(interface.displacement, interface.turn, interface.pivot)
+            if interface.on_rigid
+            else None,
+            float(self.pressure.max(initial=-np.inf if interface.m else 0.0)),
+            float(normal.max(initial=0.0)),
+            float(normal.sum()),
+            float(np.abs(self.forces).sum()),
             float(self.between.min(initial=self.gap.min(initial=np.inf))),
             float(np.abs(interface.opening - self.gap).max(initial=0.0)),
             float(interface.area[self.status != "open"].sum()),
-            self.moment_imbalance, {"force": float(self.force @ interface.pull), "offset": interface.offset}
-            if len(interface.pull) else None)
+            self.moment_imbalance,
+            {"force": float(self.force @ interface.pull), "offset": interface.offset}
+            if len(interface.pull)
+            else None,
+        )
 
     @property
     def deepest(self) -> float:
@@ -238,9 +292,16 @@ def _areas(interface: Interface) -> np.ndarray:
     return np.full(interface.m, np.nan) if interface.pointwise else interface.area
 
 
-def contact_state(interface: Interface, s: np.ndarray, bound: np.ndarray, u: np.ndarray,
-                  between: np.ndarray | None = None, since: tuple[np.ndarray, np.ndarray] | None = None,
-                  yielding: float = 0.0, slides: tuple[np.ndarray, np.ndarray | float] | None = None) -> ContactState:
+def contact_state(
+    interface: Interface,
+    s: np.ndarray,
+    bound: np.ndarray,
+    u: np.ndarray,
+    between: np.ndarray | None = None,
+    since: tuple[np.ndarray, np.ndarray] | None = None,
+    yielding: float = 0.0,
+    slides: tuple[np.ndarray, np.ndarray | float] | None = None,
+) -> ContactState:
     """The state of the contact nodes. Not collective.
 
     Parameters
@@ -260,24 +321,43 @@ def contact_state(interface: Interface, s: np.ndarray, bound: np.ndarray, u: np.
     start, former = since or (none, none)
     normal, moved = s[:m].copy(), law.split(u)
     tangential, slip, before = np.zeros((3, m, law.components))
-    tangential[sliding], slip[sliding], before[sliding] = law.split(s)[1], moved[1], law.split(start)[1]
+    tangential[sliding], slip[sliding], before[sliding] = (
+        law.split(s)[1],
+        moved[1],
+        law.split(start)[1],
+    )
     slip -= before
     if slides:
         before[:] = slides[1]
         slip = slides[0] - before
     # nodes without tangential unknowns stick, or slip if the contact has no friction; open nodes are neither
-    status, resistance = np.full(m, "slip" if law.frictionless else "stick", dtype="U5"), np.zeros(m)
+    status, resistance = (
+        np.full(m, "slip" if law.frictionless else "stick", dtype="U5"),
+        np.zeros(m),
+    )
     slips, closed = law.reaches_bound(s, bound), law.closed(s, ON_BOUND)
     status[sliding[slips]] = "slip"
     status[~closed] = "open"
     # trapezoidal rule for ∫ g d|u_t|; an open node dissipates only under a bound that needs no pressure, as Tresca's
     slips &= closed[sliding] | (law.bound_at(none) > 0.0)
     resistance[sliding[slips]] = 0.5 * bound[slips] + 0.5 * law.bound_at(former)[slips]
-    return ContactState(interface, normal, tangential, interface.opening - moved[0], slip, status,
-                        np.empty(0) if between is None else between, before, yielding, resistance)
+    return ContactState(
+        interface,
+        normal,
+        tangential,
+        interface.opening - moved[0],
+        slip,
+        status,
+        np.empty(0) if between is None else between,
+        before,
+        yielding,
+        resistance,
+    )
 
 
-def slip_start(law: Law, s: np.ndarray, closed: np.ndarray, rate: np.ndarray, ahead: float) -> np.ndarray:
+def slip_start(
+    law: Law, s: np.ndarray, closed: np.ndarray, rate: np.ndarray, ahead: float
+) -> np.ndarray:
     """The displacement from which slip counts in the next load step (size,), tangential entries only (m).
 
     It is the displacement at the end of the last step, also at open nodes. An open node without a slip bound begins to
@@ -298,7 +378,9 @@ def slip_start(law: Law, s: np.ndarray, closed: np.ndarray, rate: np.ndarray, ah
     return start
 
 
-def touching(law: Law, s: np.ndarray, closed: np.ndarray, rate: np.ndarray, ahead: float) -> np.ndarray:
+def touching(
+    law: Law, s: np.ndarray, closed: np.ndarray, rate: np.ndarray, ahead: float
+) -> np.ndarray:
     """The share (mt,) of a load step like the last one after which a sliding node touches, at most `ahead`; zero where
     it does not close, or has friction. Otherwise as `slip_start`."""
     # Touching-time correction: by the time that a node touches, after the share gap / closing of a step, it has moved
@@ -312,8 +394,13 @@ def touching(law: Law, s: np.ndarray, closed: np.ndarray, rate: np.ndarray, ahea
     return share
 
 
-def slip_start_change(law: Law, s: np.ndarray, closed: tuple[np.ndarray, np.ndarray],
-                      rate: tuple[np.ndarray, np.ndarray], ahead: float) -> np.ndarray:
+def slip_start_change(
+    law: Law,
+    s: np.ndarray,
+    closed: tuple[np.ndarray, np.ndarray],
+    rate: tuple[np.ndarray, np.ndarray],
+    ahead: float,
+) -> np.ndarray:
     """The derivative (size,) of `slip_start`, from `closed` and `rate` with their derivatives. Not collective."""
     change = np.zeros(law.size)
     if law.name == "bonded":
@@ -341,15 +428,19 @@ def rows_of(state: ContactState) -> dict[str, np.ndarray]:
     law = state.interface.law
     s = np.concatenate([state.normal_force, state.tangential_force[law.sliding].ravel()])
     return forces_by_node(state.interface, s) | {
-        "slip": state.slip_total, "forces": state.forces, "first": one, "second": other,
-        "bound": np.array([law.bound_at(s).sum()])}
+        "slip": state.slip_total,
+        "forces": state.forces,
+        "first": one,
+        "second": other,
+        "bound": np.array([law.bound_at(s).sum()]),
+    }
 
 
 def forces_by_node(interface: Interface, s: np.ndarray) -> dict[str, np.ndarray]:
     """The forces s (size,) of the rows of a contact, in the form of `rows_of`."""
     tangential = np.zeros((interface.m, interface.dimension - 1))
-    tangential[interface.sliding] = s[interface.m:].reshape(-1, interface.dimension - 1)
-    return {"node": interface.stands, "normal": s[:interface.m, None], "tangential": tangential}
+    tangential[interface.sliding] = s[interface.m :].reshape(-1, interface.dimension - 1)
+    return {"node": interface.stands, "normal": s[: interface.m, None], "tangential": tangential}
 
 
 def values_by_node(interface: Interface, contacts: Rows, what: str) -> np.ndarray:

@@ -28,10 +28,15 @@ def trace(interface: Interface, side: int, body: Elasticity) -> sparse.csr_matri
     # A is P K P with the projection P onto the free directions, so B becomes B P. At clamps aslant to the axes P leaves
     # rounding in the constrained direction, which would make a column of B where A is decoupled.
     values = np.einsum("kij,kj->ki", body.supports.free[nodes], along)
-    entry = np.abs(values) > np.where(clamped[nodes], ROUNDING * np.linalg.norm(along, axis=1), 0.0)[:, None]
+    entry = (
+        np.abs(values)
+        > np.where(clamped[nodes], ROUNDING * np.linalg.norm(along, axis=1), 0.0)[:, None]
+    )
     columns = d * place[nodes][:, None] + np.arange(d)
     row = np.repeat(moves.row[:, None], d, axis=1)
-    return sparse.csr_matrix((values[entry], (row[entry], columns[entry])), (interface.size, body.A.size[1]))
+    return sparse.csr_matrix(
+        (values[entry], (row[entry], columns[entry])), (interface.size, body.A.size[1])
+    )
 
 
 def displacement_trace(interface: Interface, side: int, u: np.ndarray) -> np.ndarray:
@@ -52,7 +57,11 @@ def sliding_trace(interface: Interface, side: int, u: np.ndarray) -> np.ndarray:
 def nodal_forces(interface: Interface, side: int, s: np.ndarray, nodes: int) -> np.ndarray:
     """−Bᵀ s (nodes, d): forces on all nodes of the body on `side` by contact forces s (size,) (N). Not collective."""
     forces, moves = np.zeros((nodes, interface.dimension)), rows(interface, side)
-    np.add.at(forces, interface.nodes[side], -_sign(side) * (moves.T @ (s[:, None] * interface.directions)))
+    np.add.at(
+        forces,
+        interface.nodes[side],
+        -_sign(side) * (moves.T @ (s[:, None] * interface.directions)),
+    )
     return forces
 
 
@@ -64,25 +73,36 @@ def normal_trace(side: int, places: Places, u: np.ndarray) -> np.ndarray:
 def seen(interface: Interface, frame: Frame) -> Interface:
     """The interface in the axes of a body's frame: its directions are turned back, places stay where they are."""
     back, fixed, probes = frame.turned, interface.fixed, interface.probes
-    return replace(interface, frame=interface.frame @ back, fixed=replace(fixed, normal=fixed.normal @ back),
-                   probes=replace(probes, normal=probes.normal @ back))
+    return replace(
+        interface,
+        frame=interface.frame @ back,
+        fixed=replace(fixed, normal=fixed.normal @ back),
+        probes=replace(probes, normal=probes.normal @ back),
+    )
 
 
 def placed(interface: Interface, frame: Frame) -> Interface:
     """The interface where a frame takes both of its sides."""
     lines, at = interface.lines, interface.at
-    lines = replace(lines, xy=frame.at(lines.xy), at=None if lines.at is None else frame.at(lines.at))
-    return replace(seen(interface, frame.undone), xy=frame.at(interface.xy), lines=lines,
-                   at=at and (frame.at(at[0]), frame.at(at[1])),
-                   draw=lambda: (outline := interface.outline) and replace(outline, xy=frame.at(outline.xy)))
+    lines = replace(
+        lines, xy=frame.at(lines.xy), at=None if lines.at is None else frame.at(lines.at)
+    )
+    return replace(
+        seen(interface, frame.undone),
+        xy=frame.at(interface.xy),
+        lines=lines,
+        at=at and (frame.at(at[0]), frame.at(at[1])),
+        draw=lambda: (outline := interface.outline) and replace(outline, xy=frame.at(outline.xy)),
+    )
 
 
 def components(body: Elasticity, nodes: np.ndarray) -> sparse.csr_matrix:
     """The components along the axes (d k, columns of A) of those of the `nodes` (·,) on which A acts."""
     d, place = body.supports.free.shape[1], np.flatnonzero(np.isin(body.nodes, nodes))
     columns = (d * place[:, None] + np.arange(d)).ravel()
-    return sparse.csr_matrix((np.ones(len(columns)), (np.arange(len(columns)), columns)),
-                             (len(columns), body.A.size[1]))
+    return sparse.csr_matrix(
+        (np.ones(len(columns)), (np.arange(len(columns)), columns)), (len(columns), body.A.size[1])
+    )
 
 
 def rows(interface: Interface, side: int) -> sparse.csr_matrix:

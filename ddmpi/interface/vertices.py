@@ -22,7 +22,17 @@ import numpy as np
 import scipy.sparse as sparse
 
 from ddmpi.interface.interface import Lines
-from ddmpi.interface.rows import LACKING, Rows, at_points, between, duals, holds_along, inset, is_held, rows_of
+from ddmpi.interface.rows import (
+    LACKING,
+    Rows,
+    at_points,
+    between,
+    duals,
+    holds_along,
+    inset,
+    is_held,
+    rows_of,
+)
 from ddmpi.mesh.boundary import creases, links
 from ddmpi.scene.contacts import SettledContact
 from ddmpi.surface.cut import Cover
@@ -48,7 +58,9 @@ FLAT = 1e-3
 """Places are collinear if they deviate from a line by less than this fraction of their extent."""
 
 
-def rows_at_vertices(sides: tuple[Side, Side], slave: int, over: Cover, looked: Cover, contact: SettledContact) -> Rows:
+def rows_at_vertices(
+    sides: tuple[Side, Side], slave: int, over: Cover, looked: Cover, contact: SettledContact
+) -> Rows:
     """The rows of the slave, `sides[slave]`, which faces the other side at the points of `over`. At the points `looked`
     the answer will be checked for overlaps. Not collective."""
     side, other = sides[slave], sides[1 - slave]
@@ -64,21 +76,31 @@ def rows_at_vertices(sides: tuple[Side, Side], slave: int, over: Cover, looked: 
     dual = mix = sparse.identity(len(met), format="csr")
     if quadratic:
         psi, dual, mix = _smoothed(side, over, psi, hats, kept)
-    full, faced = (nodal(np.repeat(side.lengths[some, None] / 3.0, 3, axis=1), side.corners[some], len(met))
-                   for some in (slice(None), seen))  # ∫ of hats over all facets, and over those that are seen
+    full, faced = (
+        nodal(np.repeat(side.lengths[some, None] / 3.0, 3, axis=1), side.corners[some], len(met))
+        for some in (slice(None), seen)
+    )  # ∫ of hats over all facets, and over those that are seen
     met[side.corners[seen]] = True
-    D = nodal(over.weight[:, None] * over.at, side.corners[over.facet], len(met))  # ∫ of hats over what is covered
+    D = nodal(
+        over.weight[:, None] * over.at, side.corners[over.facet], len(met)
+    )  # ∫ of hats over what is covered
     # Vertices that are hardly covered or wholly clamped share; those of other contacts too, if enough rows remain.
     clamped &= ~kept
     shares = (STRIP * faced > integrals) | clamped
-    if not _spread(side.xy[~shares & met]):  # the contact is small beside the facets: its own size counts
+    if not _spread(
+        side.xy[~shares & met]
+    ):  # the contact is small beside the facets: its own size counts
         shares = (UNCOVERED * integrals.max() > integrals) | clamped
     also = shares | (_meets_others(side, D, full) & ~kept)
-    if _spread(side.xy[~also & met]):  # rows along a line would be a hinge that the scene does not have
+    if _spread(
+        side.xy[~also & met]
+    ):  # rows along a line would be a hinge that the scene does not have
         shares = also
     shares[~met] = False
     pairs, size = links(side.corners[seen], 3), len(side.nodes)
-    near = sparse.csr_matrix((np.ones(2 * len(pairs)), np.concatenate([pairs, pairs[:, ::-1]]).T), (size, size))
+    near = sparse.csr_matrix(
+        (np.ones(2 * len(pairs)), np.concatenate([pairs, pairs[:, ::-1]]).T), (size, size)
+    )
     across = -at_points(over.there, other.corners[over.other], len(other.nodes)) @ other.normal
     if np.isfinite(other.modulus):  # else the rigid partner's normal alone
         across += at_points(over.at, side.corners[over.facet], len(met)) @ side.normal
@@ -86,7 +108,9 @@ def rows_at_vertices(sides: tuple[Side, Side], slave: int, over: Cover, looked: 
 
     def shared() -> Rows:
         coefficients = _shared(met, shares, near)
-        return rows_of(sides, slave, over, psi, coefficients @ mix, across, points, coefficients @ dual)
+        return rows_of(
+            sides, slave, over, psi, coefficients @ mix, across, points, coefficients @ dual
+        )
 
     rows = shared()
     # The rows tell which of them clamps nearly fix; then they are made again without these vertices.
@@ -99,14 +123,25 @@ def rows_at_vertices(sides: tuple[Side, Side], slave: int, over: Cover, looked: 
         rows = shared()
     facets = rows.place[side.corners]
     complete = (facets >= 0).all(axis=1)
-    lines = Lines(np.arange(len(rows.nodes)), side.xy[rows.nodes], rows.area, facets[seen & complete],
-                  rows.transfers[slave] @ side.xy)
-    return replace(rows, whole=rows.whole & complete, lines=lines, points=between(sides, slave, looked),
-                   waves=quadratic)
+    lines = Lines(
+        np.arange(len(rows.nodes)),
+        side.xy[rows.nodes],
+        rows.area,
+        facets[seen & complete],
+        rows.transfers[slave] @ side.xy,
+    )
+    return replace(
+        rows,
+        whole=rows.whole & complete,
+        lines=lines,
+        points=between(sides, slave, looked),
+        waves=quadratic,
+    )
 
 
-def _smoothed(side: Side, over: Cover, psi: sparse.csr_matrix, hats: np.ndarray,
-              kept: np.ndarray) -> tuple[sparse.csr_matrix, sparse.csr_matrix, sparse.csr_matrix]:
+def _smoothed(
+    side: Side, over: Cover, psi: sparse.csr_matrix, hats: np.ndarray, kept: np.ndarray
+) -> tuple[sparse.csr_matrix, sparse.csr_matrix, sparse.csr_matrix]:
     """Functions (q, 3 k) at the points, times the weights; and two matrices (k, 3 k) that make of them the dual
     functions `psi` (q, k) of quadratic facets, and smoother ones, with smaller jumps between facets.
 
@@ -119,17 +154,24 @@ def _smoothed(side: Side, over: Cover, psi: sparse.csr_matrix, hats: np.ndarray,
     lie between 1/4 and 1 on triangles of any shape. Gaps are measured with ψ itself, which is less sensitive to the
     shape of curved sides between vertices.
     """
-    one, whole = sparse.identity(len(side.nodes), format="csr"), np.bincount(over.facet, over.weight, len(side.facets))
+    one, whole = (
+        sparse.identity(len(side.nodes), format="csr"),
+        np.bincount(over.facet, over.weight, len(side.facets)),
+    )
     inside = sparse.diags((whole >= (1.0 - LACKING) * side.areas)[over.facet] * 1.0)
-    phi = inside @ at_points(hats * ~kept[side.corners[over.facet]], side.corners[over.facet], len(side.nodes))
+    phi = inside @ at_points(
+        hats * ~kept[side.corners[over.facet]], side.corners[over.facet], len(side.nodes)
+    )
     weighted = sparse.diags(over.weight) @ phi
     M = (weighted.T @ phi).tocsr()
     D = np.asarray(M.sum(axis=1)).ravel()
     turn = M @ sparse.diags(np.divide(1.0, D, out=np.zeros(len(D)), where=D > 0.0))
     T = SMOOTHING * one + (1.0 - SMOOTHING) * turn
-    return (sparse.hstack([psi, inside @ psi, weighted], format="csr"),
-            sparse.hstack([one, sparse.csr_matrix((len(D), 2 * len(D)))], format="csr"),
-            sparse.hstack([one, -T @ turn, T], format="csr"))
+    return (
+        sparse.hstack([psi, inside @ psi, weighted], format="csr"),
+        sparse.hstack([one, sparse.csr_matrix((len(D), 2 * len(D)))], format="csr"),
+        sparse.hstack([one, -T @ turn, T], format="csr"),
+    )
 
 
 def _meets_others(side: Side, D: np.ndarray, full: np.ndarray) -> np.ndarray:
@@ -150,7 +192,9 @@ def _spread(xy: np.ndarray) -> bool:
     return bool(sizes[1] > FLAT * sizes[0])
 
 
-def _shared(vertices: np.ndarray, shares: np.ndarray, links: sparse.csr_matrix) -> sparse.csr_matrix:
+def _shared(
+    vertices: np.ndarray, shares: np.ndarray, links: sparse.csr_matrix
+) -> sparse.csr_matrix:
     """(k, k) the share that a vertex (row) takes of the functions of all vertices (columns): neighbours by `links`
     (k, k) evenly share those that `shares` (k,) marks, level by level where none keeps a row. Columns sum to one."""
     keeps = vertices & ~shares
@@ -172,7 +216,9 @@ def _shared(vertices: np.ndarray, shares: np.ndarray, links: sparse.csr_matrix) 
 
 def _hardly_move(rows: Rows) -> np.ndarray:
     """Rows (r,) that the clamps of the sides nearly fix along the normal."""
-    moves = [side.moves_with(transfer) for side, transfer in zip(rows.sides, rows.transfers, strict=True)]
+    moves = [
+        side.moves_with(transfer) for side, transfer in zip(rows.sides, rows.transfers, strict=True)
+    ]
     # A row moves by M e where free nodes move by e. Along each common axis of both M, a row can move as far as the side
     # that moves farther; how far it can move along the normal is compared with BARELY.
     axes = np.linalg.eigh(sum(move + move.swapaxes(1, 2) for move in moves))[1]
@@ -190,6 +236,9 @@ def _fixed_along_rim(rows: Rows) -> np.ndarray:
     along /= np.linalg.norm(along, axis=1)[:, None]
     first, second = edges.T
     both = is_held(along, side.free[first]) & is_held(along, side.free[second])
-    axis, edge = np.abs(along).argmax(axis=1), np.arange(len(edges))  # one cell between two planes is no such edge
+    axis, edge = (
+        np.abs(along).argmax(axis=1),
+        np.arange(len(edges)),
+    )  # one cell between two planes is no such edge
     both &= side.clamps[first][edge, axis] == side.clamps[second][edge, axis]
     return np.isin(rows.nodes, edges[both])

@@ -34,7 +34,8 @@ LADDER = {
     "hopeless": 1.25,  # stop if the goal needs meshes more than so many times finer than `max_unknowns` allows
     # of shapes and mesh files
     "rate": 0.75,  # assumed on the first mesh: corners of clamps and ends of contacts slow down both orders
-    "least rate": 0.4, "largest rate": 2.0,  # limits of a measured rate
+    "least rate": 0.4,
+    "largest rate": 2.0,  # limits of a measured rate
     "aim": 0.95,  # the error that a step aims for, over the goal
     # of geometries
     "meshes": 12,  # largest number of them
@@ -42,7 +43,8 @@ LADDER = {
     "aim drawn": 0.85,  # the error that a step aims for, over the goal
     "drop": 0.2,  # it aims for at least this fraction of the error: coarse meshes say where the error is, not how large
     "almost": 0.95,  # a step that leaves more than this fraction of the error counts as leaving so much
-    "shrink": 0.1, "grow": 2.0,  # limits of the new size of an element over its old size
+    "shrink": 0.1,
+    "grow": 2.0,  # limits of the new size of an element over its old size
 }
 
 
@@ -68,20 +70,28 @@ class Demand(NamedTuple):
 
 def demand(squares: np.ndarray, rate: float, dimension: int) -> Demand:
     """The demand of one body with the squared errors (nt,) of its cells, which fall with the `rate` p."""
-    return Demand(float((squares ** (dimension / (2 * rate + dimension))).sum()), float(squares.sum()), len(squares))
+    return Demand(
+        float((squares ** (dimension / (2 * rate + dimension))).sum()),
+        float(squares.sum()),
+        len(squares),
+    )
 
 
 def finer_sizes(mesh: Mesh, squares: np.ndarray, rate: float, scale: float) -> Sizes:
     """The sizes κ h_e η_e^(−2/(2p+d)) for the squared errors η_e² (nt,) of the cells; `scale` is κ."""
     d = mesh.dimension
-    equilateral = math.factorial(d) * 2 ** (d / 2) / math.sqrt(d + 1)  # of the edge's d-th power over the measure
+    equilateral = (
+        math.factorial(d) * 2 ** (d / 2) / math.sqrt(d + 1)
+    )  # of the edge's d-th power over the measure
     size = (equilateral * signed_measures(mesh.points, mesh.triangles)) ** (1 / d)
     with np.errstate(divide="ignore"):
         ratio = scale * squares ** (-1 / (2 * rate + d))
     return graded(mesh, size * np.clip(ratio, LADDER["shrink"], LADDER["grow"]))
 
 
-def next_refinement(levels: Sequence[Level], goal: float, most: int, doubling: bool, dimension: int) -> int | None:
+def next_refinement(
+    levels: Sequence[Level], goal: float, most: int, doubling: bool, dimension: int
+) -> int | None:
     """How many times finer than the scene's the next meshes are.
 
     None if they would have too many unknowns, or if the largest meshes are near and would miss the goal by far at the
@@ -100,15 +110,21 @@ def next_refinement(levels: Sequence[Level], goal: float, most: int, doubling: b
     rate, seen = LADDER["rate"], False
     if len(levels) > 1 and levels[-2].error > last.error > 0.0:
         seen = True
-        rate = math.log(levels[-2].error / last.error) / math.log(last.refinement / levels[-2].refinement)
+        rate = math.log(levels[-2].error / last.error) / math.log(
+            last.refinement / levels[-2].refinement
+        )
         rate = min(max(rate, LADDER["least rate"]), LADDER["largest rate"])
     factor = (last.error / (LADDER["aim"] * goal)) ** (1 / rate)  # from ‖e‖ ∝ refinement^(−rate)
     largest = last.refinement * (most / last.dofs) ** (1 / dimension)
     if seen and LADDER["growth"] * last.refinement > largest:
-        least = (last.error / goal) ** (1 / max(rate, LADDER["rate"]))  # rates on coarse meshes are too low
+        least = (last.error / goal) ** (
+            1 / max(rate, LADDER["rate"])
+        )  # rates on coarse meshes are too low
         if last.refinement * least > LADDER["hopeless"] * largest:
             return None
-    wanted = last.refinement * (factor if factor <= LADDER["growth"] else min(math.sqrt(factor), LADDER["growth"]))
+    wanted = last.refinement * (
+        factor if factor <= LADDER["growth"] else min(math.sqrt(factor), LADDER["growth"])
+    )
     if doubling:
         wanted, largest = 2 ** math.ceil(math.log2(wanted)), 2 ** math.floor(math.log2(largest))
     refinement = min(max(math.ceil(wanted - 1e-9), whole + 1), math.floor(largest))
@@ -136,15 +152,21 @@ class MeshLadder:
         self._any_drawn, self._all_drawn = any(drawn), all(drawn)  # geometries
 
     def state(self) -> dict[str, Any]:
-        return {"levels": tuple(self.levels), "missed": self.missed, "refinement": self.refinement,
-                "sizes": {name: asdict(sizes) for name, sizes in self.sizes.items()},
-                "former": {name: asdict(sizes) for name, sizes in self._former.items()}}
+        return {
+            "levels": tuple(self.levels),
+            "missed": self.missed,
+            "refinement": self.refinement,
+            "sizes": {name: asdict(sizes) for name, sizes in self.sizes.items()},
+            "former": {name: asdict(sizes) for name, sizes in self._former.items()},
+        }
 
     def restore(self, state: dict[str, Any]) -> None:
         self.levels, self.missed = [Level(*level) for level in state["levels"]], state["missed"]
         self.refinement = state["refinement"]
-        self.sizes, self._former = ({name: Sizes(**entry) for name, entry in state[kind].items()}
-                                    for kind in ("sizes", "former"))
+        self.sizes, self._former = (
+            {name: Sizes(**entry) for name, entry in state[kind].items()}
+            for kind in ("sizes", "former")
+        )
 
     @property
     def factor(self) -> int:
@@ -175,7 +197,9 @@ class MeshLadder:
         seen = min(error / self.levels[-1].error, LADDER["almost"])
         return min(max(order * math.log(seen) / math.log(wanted), LADDER["slowest"]), order)
 
-    def proceed(self, n: int, error: float, dofs: int, demands: Mapping[str, Demand] | None = None) -> float | None:
+    def proceed(
+        self, n: int, error: float, dofs: int, demands: Mapping[str, Demand] | None = None
+    ) -> float | None:
         """Note the `error` on this mesh; return the refinement of the next one, or None to stay with this one.
 
         Parameters
@@ -195,12 +219,18 @@ class MeshLadder:
         following = None if given else self._next(demands or {})
         if following:
             self.refinement = following
-            log.info("estimated discretization error %.2g, at most %.2g is asked for: going on with %s", error,
-                     self.goal, self.meshes)
+            log.info(
+                "estimated discretization error %.2g, at most %.2g is asked for: going on with %s",
+                error,
+                self.goal,
+                self.meshes,
+            )
             return following
-        reason = (f"the mesh of {' and of '.join(given)} is given: allow finer ones by mesh.refine = \"as needed\""
-                  if given else
-                  f"meshes that meet it would probably exceed method.max_unknowns = {method.max_unknowns}")
+        reason = (
+            f'the mesh of {" and of ".join(given)} is given: allow finer ones by mesh.refine = "as needed"'
+            if given
+            else f"meshes that meet it would probably exceed method.max_unknowns = {method.max_unknowns}"
+        )
         if len(self.levels) >= LADDER["meshes"] and self._any_drawn:
             reason = f"{len(self.levels)} meshes did not reach it"
         self.missed = self._miss(reason)
@@ -209,8 +239,10 @@ class MeshLadder:
     def draw(self, geometries: Mapping[str, tuple[Mesh, np.ndarray]]) -> None:
         """Find the sizes of the next meshes of this rank's geometries from their meshes and squared errors."""
         self._former = self.sizes
-        self.sizes = {name: finer_sizes(mesh, squares, self._rate, self._scale)
-                      for name, (mesh, squares) in geometries.items()}
+        self.sizes = {
+            name: finer_sizes(mesh, squares, self._rate, self._scale)
+            for name, (mesh, squares) in geometries.items()
+        }
 
     def fall_back(self, reason: str) -> bool:
         """Go back to the last mesh with a certified answer, because of `reason` this one has none.
@@ -226,9 +258,11 @@ class MeshLadder:
         return True
 
     def _miss(self, reason: str) -> str:
-        return (f"certified, but the estimated discretization error of {self.levels[-1].error:.2g} misses "
-                f"method.target_error = {self.scene.method.target_error:g}, met by an estimate of at most "
-                f"{self.goal:.2g}; {reason}")
+        return (
+            f"certified, but the estimated discretization error of {self.levels[-1].error:.2g} misses "
+            f"method.target_error = {self.scene.method.target_error:g}, met by an estimate of at most "
+            f"{self.goal:.2g}; {reason}"
+        )
 
     def _next(self, demands: Mapping[str, Demand]) -> float | None:
         """The next refinement, and the scale of the sizes of geometries; None if the target is out of reach."""
@@ -240,26 +274,37 @@ class MeshLadder:
         # Equal errors of all new elements leave the fraction f of the error if κ^(2p) = f² Σ η_e² / Σ η_e^(2d/(2p+d)),
         # and take κ^(−d) Σ η_e^(2d/(2p+d)) elements, `times` as many as now.
         final = LADDER["aim drawn"] * self.goal / last.error
-        scale = [(square * fraction**2 / share) ** (0.5 / rate) for fraction in (max(final, LADDER["drop"]), final)]
+        scale = [
+            (square * fraction**2 / share) ** (0.5 / rate)
+            for fraction in (max(final, LADDER["drop"]), final)
+        ]
         times = [share / cells / kappa**d for kappa in scale]
         # an element that is not needed is not removed: it grows by "grow" at most
-        growth = [(ratio + max(1.0 - ratio, 0.0) / LADDER["grow"] ** d) ** (1 / d) for ratio in times]
+        growth = [
+            (ratio + max(1.0 - ratio, 0.0) / LADDER["grow"] ** d) ** (1 / d) for ratio in times
+        ]
         largest = (self.scene.method.max_unknowns / last.dofs) ** (1 / d)
-        if len(self.levels) >= LADDER["meshes"] or (len(self.levels) > 1 and growth[1] > LADDER["hopeless"] * largest):
+        if len(self.levels) >= LADDER["meshes"] or (
+            len(self.levels) > 1 and growth[1] > LADDER["hopeless"] * largest
+        ):
             return None
         self._scale = scale[0] * max(growth[0] / min(largest, LADDER["growth"]), 1.0)
         if not self._all_drawn:
             return self._next_grid()
-        return last.refinement * min(growth[0], largest, LADDER["growth"]) if largest > 1.0 else None
+        return (
+            last.refinement * min(growth[0], largest, LADDER["growth"]) if largest > 1.0 else None
+        )
 
     def _next_grid(self) -> int | None:
         doubling = any(body.mesh.file is not None for body in self.scene.body)
-        return next_refinement(self.levels, self.goal, self.scene.method.max_unknowns, doubling,
-                               self.scene.dimension)
+        return next_refinement(
+            self.levels, self.goal, self.scene.method.max_unknowns, doubling, self.scene.dimension
+        )
 
 
 def refine_scene(scene: Settled, refinement: int) -> Settled:
     """The scene with shapes meshed `refinement` times finer, and meshes of files halved log2(`refinement`) times."""
+
     def finer(mesh):
         if mesh.drawn:
             return mesh

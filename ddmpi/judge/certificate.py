@@ -16,7 +16,10 @@ FACTOR = 50.0
 iteration. With a contraction of 0.8 per step the contact displacement is off by four steps, and the contact forces by
 three to twenty times that, because the spectrum of the compliance is wide."""
 
-SMALLEST_LIMIT, LARGEST_LIMIT = 1e-10, 0.05  # of the residuals of a certified answer, whatever the tolerance
+SMALLEST_LIMIT, LARGEST_LIMIT = (
+    1e-10,
+    0.05,
+)  # of the residuals of a certified answer, whatever the tolerance
 
 RESOLVED = 1e-8
 """Contact displacements below this fraction of the bodies' largest displacement are rounding: the usual limit, 5e-7 of
@@ -30,7 +33,9 @@ are compared with this fraction of what those caused. The usual limit is then 1e
 
 EPSILON = float(np.finfo(float).eps)
 
-LITTLE = 1e-4  # the forces on a body are compared with at least this fraction of the loads of all bodies
+LITTLE = (
+    1e-4  # the forces on a body are compared with at least this fraction of the loads of all bodies
+)
 
 
 class ContactResiduals(NamedTuple):
@@ -77,14 +82,22 @@ class Certificate:
         """The largest residual of each kind, and its contact or body; NaN counts as the largest."""
         if self.known is not None:
             return self.known
-        kinds = {kind: {name: getattr(residuals, kind) for name, residuals in self.contacts.items()}
-                 for kind in ContactResiduals._fields}
-        return {kind: _largest(values) for kind, values in (kinds | {"equilibrium": self.equilibrium}).items()}
+        kinds = {
+            kind: {name: getattr(residuals, kind) for name, residuals in self.contacts.items()}
+            for kind in ContactResiduals._fields
+        }
+        return {
+            kind: _largest(values)
+            for kind, values in (kinds | {"equilibrium": self.equilibrium}).items()
+        }
 
     def violations(self, limit: float) -> list[str]:
         """The residuals above `limit` or NaN, in words for a message."""
-        return [f"{kind.replace('_', ' ')} {value:.1e} of {name}" for kind, (value, name) in self.worst().items()
-                if not value <= limit]
+        return [
+            f"{kind.replace('_', ' ')} {value:.1e} of {name}"
+            for kind, (value, name) in self.worst().items()
+            if not value <= limit
+        ]
 
 
 def certificate_limit(tolerance: float) -> float:
@@ -102,9 +115,16 @@ def equilibrium_residual(left: float, acting: float, load: float, moved: float =
     return 0.0 if max(left, size) < EPSILON * moved else _ratio(left, size)
 
 
-def contact_residuals(state: ContactState, s: np.ndarray, mismatch: np.ndarray, u: tuple[np.ndarray, np.ndarray],
-                      load: float, yielding: float, everywhere: Sequence[float],
-                      former: Sequence[float] = (0.0, 0.0)) -> ContactResiduals:
+def contact_residuals(
+    state: ContactState,
+    s: np.ndarray,
+    mismatch: np.ndarray,
+    u: tuple[np.ndarray, np.ndarray],
+    load: float,
+    yielding: float,
+    everywhere: Sequence[float],
+    former: Sequence[float] = (0.0, 0.0),
+) -> ContactResiduals:
     """Residuals of one contact. Not collective.
 
     Parameters
@@ -134,23 +154,36 @@ def contact_residuals(state: ContactState, s: np.ndarray, mismatch: np.ndarray, 
     U = np.inf if interface.on_rigid else max(np.abs(trace).max(initial=0.0) for trace in u)
     S = np.abs(s).max(initial=0.0)
     (moved, largest), (moved_before, before) = everywhere, former
-    U = max(min(U, max(yielding, overlap)), RESOLVED * max(moved, moved_before, S / interface.stiffness.max()),
-            largest if floor >= S else NO_FORCE * largest, (NO_FORCE if S else RELEASED) * before)
+    U = max(
+        min(U, max(yielding, overlap)),
+        RESOLVED * max(moved, moved_before, S / interface.stiffness.max()),
+        largest if floor >= S else NO_FORCE * largest,
+        (NO_FORCE if S else RELEASED) * before,
+    )
     work, tension = law.complementarity(state.normal_force, state.gap)
     # s_ν ≥ 0 and s_ν r_ν = 0: the work of pressure on gaps, over all pressure on gaps of size U; tension
-    complementarity = max(_ratio(work, np.maximum(state.normal_force, 0.0).sum() * U), _ratio(tension, max(S, floor)))
+    complementarity = max(
+        _ratio(work, np.maximum(state.normal_force, 0.0).sum() * U), _ratio(tension, max(S, floor))
+    )
     friction, size = 0.0, S or floor or 1.0
     if len(interface.sliding):
         # ρ = S/U, so that a slip of size U counts as much as a force of size S
-        friction = law.violation(s, state.slip[interface.sliding], _ratio(size, U) if S or U else 0.0)
+        friction = law.violation(
+            s, state.slip[interface.sliding], _ratio(size, U) if S or U else 0.0
+        )
     return ContactResiduals(
         force_mismatch=_ratio(norm(mismatch), max(norm(s), norm(s + mismatch), floor)),
-        penetration=_ratio(overlap, U), complementarity=complementarity, friction=_ratio(friction, size))
+        penetration=_ratio(overlap, U),
+        complementarity=complementarity,
+        friction=_ratio(friction, size),
+    )
 
 
 def _largest(values: Mapping[str, float]) -> tuple[float, str]:
     """The largest value, or NaN, and its name; of none, as of a scene without contacts, zero."""
-    name = max(values, key=lambda name: np.inf if np.isnan(values[name]) else values[name], default="")
+    name = max(
+        values, key=lambda name: np.inf if np.isnan(values[name]) else values[name], default=""
+    )
     return float(values.get(name, 0.0)), name
 
 

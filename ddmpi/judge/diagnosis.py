@@ -16,7 +16,9 @@ from ddmpi.system.numbers import in_words
 
 LOOK_BACK = 10  # number of iterations by which convergence is judged
 SMALLEST = 1e-15  # a residual below this cannot become smaller
-LARGE_FRICTION = 1.0  # from this friction coefficient on a message says that a solution need not be unique
+LARGE_FRICTION = (
+    1.0  # from this friction coefficient on a message says that a solution need not be unique
+)
 
 
 class StatusLog:
@@ -39,11 +41,14 @@ class StatusLog:
     def record(self, s: np.ndarray, bound: np.ndarray) -> None:
         """Note the status of each node under forces s (size,) and slip bounds of all sliding nodes (N). Collective."""
         codes, counts, laws = [], np.zeros(3, int), self._space.laws
-        for interface, (law, forces), limit in zip(self._space.interfaces, laws.parts(s), laws.bounds(bound),
-                                                   strict=False):
+        for interface, (law, forces), limit in zip(
+            self._space.interfaces, laws.parts(s), laws.bounds(bound), strict=False
+        ):
             closed = law.closed(forces)
             on_bound = law.reaches_bound(forces, limit)
-            slipping = np.full(interface.m, not len(interface.sliding))  # without friction all closed nodes slip
+            slipping = np.full(
+                interface.m, not len(interface.sliding)
+            )  # without friction all closed nodes slip
             slipping[interface.sliding] = on_bound
             # one number for each state: open 0, stick 1, slip 1 + 10 × the signs of the friction as digits to base 3
             code = closed.astype(int)
@@ -87,12 +92,12 @@ class StatusLog:
         """Whether the last status has been there before, with another one between."""
         codes = list(self._recent)
         same = [k for k, c in enumerate(codes[:-1]) if np.array_equal(c, codes[-1])]
-        return bool(same) and any(not np.array_equal(c, codes[-1]) for c in codes[same[-1]:])
+        return bool(same) and any(not np.array_equal(c, codes[-1]) for c in codes[same[-1] :])
 
 
 def contraction(history: list[Step], quantity: str = "update") -> float:
     """The factor by which `quantity` shrank per iteration lately, a geometric mean; nan if unknown."""
-    values = np.array([getattr(step, quantity) for step in history[-LOOK_BACK - 1:]])
+    values = np.array([getattr(step, quantity) for step in history[-LOOK_BACK - 1 :]])
     if len(values) < 3 or not (np.isfinite(values) & (values > 0)).all():
         return float("nan")
     return float(np.exp(np.polyfit(np.arange(len(values)), np.log(values), 1)[0]))
@@ -101,19 +106,34 @@ def contraction(history: list[Step], quantity: str = "update") -> float:
 def helpful(scene: Settled) -> set[str]:
     """Changes that may help where no answer is found: less "friction", or the method "anderson", for two supported
     bodies with one contact that is not bonded, in one load step."""
-    two = len(scene.body) == 2 and [contact.kind for contact in scene.contact] == ["unilateral"] and not scene.time
-    changes = {"friction": any(contact.friction != NoFriction() for contact in scene.contact),
-               "anderson": two and all(body.clamps for body in scene.body)}
+    two = (
+        len(scene.body) == 2
+        and [contact.kind for contact in scene.contact] == ["unilateral"]
+        and not scene.time
+    )
+    changes = {
+        "friction": any(contact.friction != NoFriction() for contact in scene.contact),
+        "anderson": two and all(body.clamps for body in scene.body),
+    }
     return {name for name, can in changes.items() if can}
 
 
-def diagnose(reason: str, stopped: str, violations: list[str], method: SettledMethod, history: list[Step],
-             log: StatusLog, able: Collection[str] = ()) -> str:
+def diagnose(
+    reason: str,
+    stopped: str,
+    violations: list[str],
+    method: SettledMethod,
+    history: list[Step],
+    log: StatusLog,
+    able: Collection[str] = (),
+) -> str:
     """A message: how the run ended, what was seen, what to try. `log` is of all nodes; `able` as of
     `helpful`. Not collective."""
     last = history[-1]
-    lines = [f"{reason} (iteration {last.iteration}, update {last.update:.1e}, residual {last.residual:.1e}, "
-             f"asked for {method.tolerance:.0e})"]
+    lines = [
+        f"{reason} (iteration {last.iteration}, update {last.update:.1e}, residual {last.residual:.1e}, "
+        f"asked for {method.tolerance:.0e})"
+    ]
     if violations:
         lines.append(f"the certificate fails: {', '.join(violations)}")
     factor = contraction(history, method.criterion)
@@ -123,18 +143,37 @@ def diagnose(reason: str, stopped: str, violations: list[str], method: SettledMe
     elif rounding or last.update == 0.0:
         lines.append("seen: the forces no longer change" + ", rounding is reached" * rounding)
     elif np.isfinite(factor):
-        seen = ("growth" if factor > 1.02 else "no progress" if factor > 0.98 else
-                "slow convergence" if factor > 0.7 else "convergence")
-        lines.append(f"seen: {seen}, a factor of {factor:.3f} per iteration over the last "
-                     f"{min(LOOK_BACK, len(history) - 1)}")
+        seen = (
+            "growth"
+            if factor > 1.02
+            else "no progress"
+            if factor > 0.98
+            else "slow convergence"
+            if factor > 0.7
+            else "convergence"
+        )
+        lines.append(
+            f"seen: {seen}, a factor of {factor:.3f} per iteration over the last "
+            f"{min(LOOK_BACK, len(history) - 1)}"
+        )
     nodes = log.unsettled()
     if len(nodes):
         places = ", ".join(in_words(place, 4) for place in (log.xy[node] for node in nodes[:4]))
-        lines.append(f"{len(nodes)} of {len(log.xy)} nodes changed between open, slip and stick"
-                     f"{' in a cycle' if log.cycles() else ''}, at {places}{' …' if len(nodes) > 4 else ''}")
+        lines.append(
+            f"{len(nodes)} of {len(log.xy)} nodes changed between open, slip and stick"
+            f"{' in a cycle' if log.cycles() else ''}, at {places}{' …' if len(nodes) > 4 else ''}"
+        )
     if log.largest_slope >= LARGE_FRICTION:
-        lines.append(f"with a friction coefficient of {log.largest_slope:g} a solution need not be unique, and "
-                     "there may be none near the first guess")
-    lines.append("try: " + ("a larger method.tolerance; double precision allows no smaller one" if rounding else
-                            method.advice(stopped, factor, last.iteration, last.update, able)))
+        lines.append(
+            f"with a friction coefficient of {log.largest_slope:g} a solution need not be unique, and "
+            "there may be none near the first guess"
+        )
+    lines.append(
+        "try: "
+        + (
+            "a larger method.tolerance; double precision allows no smaller one"
+            if rounding
+            else method.advice(stopped, factor, last.iteration, last.update, able)
+        )
+    )
     return "\n  ".join(lines)

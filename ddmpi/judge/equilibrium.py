@@ -32,8 +32,14 @@ IMBALANCE = 1e-6
 """There is no equilibrium if this fraction of the loads on a body stays without balance. By this fraction of its
 velocity a mechanism may press into a contact, the solver's tolerance."""
 
-LIGHTEST = 1e-3, 1e-6  # loads and mass of a body count as at least these fractions of the largest ones
-ROUNDS, SETTLED = 20, 1e-5  # most rounds in which bounds follow pressures, until v changes by less than SETTLED
+LIGHTEST = (
+    1e-3,
+    1e-6,
+)  # loads and mass of a body count as at least these fractions of the largest ones
+ROUNDS, SETTLED = (
+    20,
+    1e-5,
+)  # most rounds in which bounds follow pressures, until v changes by less than SETTLED
 
 TOLERANCES = (1e-16, 1e-12, 1e-12), (1e-13, 1e-9, 1e-9)
 """Tolerances of clarabel for gap, relative gap and feasibility: first strict ones, near a limit looser ones."""
@@ -65,8 +71,12 @@ def describe(mechanism: Mechanism) -> str:
     return f"no equilibrium: {motions}{' (or should its `along` be turned round?)' * ('pretension of' in motions)}"
 
 
-def find_mechanism(contacts: Sequence[Forces], e: np.ndarray, bodies: Sequence[MotionsOfBody],
-                   load: np.ndarray | float = 0.0) -> Mechanism | None:
+def find_mechanism(
+    contacts: Sequence[Forces],
+    e: np.ndarray,
+    bodies: Sequence[MotionsOfBody],
+    load: np.ndarray | float = 0.0,
+) -> Mechanism | None:
     """How loose bodies move if no contact forces can balance their loads, else None. Not collective.
 
     None does not prove that there is an equilibrium: with Coulomb friction forces that balance the loads may be out of
@@ -89,7 +99,9 @@ def find_mechanism(contacts: Sequence[Forces], e: np.ndarray, bodies: Sequence[M
         return None
     for _ in range(ROUNDS * bool(slope.any())):
         before, (v, pressure) = v, free.start(none, slope * pressure)
-        if not free.imbalance(v, none) > 0.0:  # friction of these bounds balances the loads, or v was not found
+        if (
+            not free.imbalance(v, none) > 0.0
+        ):  # friction of these bounds balances the loads, or v was not found
             v = before
             break
         if np.abs(v - before).max() <= SETTLED * np.abs(v).max():
@@ -107,26 +119,39 @@ class _Free:
     idle : whether the loads are nothing but rounding
     """
 
-    def __init__(self, forces: Forces, e: np.ndarray, bodies: Sequence[MotionsOfBody],
-                 load: np.ndarray | float) -> None:
+    def __init__(
+        self,
+        forces: Forces,
+        e: np.ndarray,
+        bodies: Sequence[MotionsOfBody],
+        load: np.ndarray | float,
+    ) -> None:
         self.forces, self._e, self._bodies = forces, e, bodies
         self._starts = np.cumsum([body.basis.shape[1] for body in bodies])[:-1]
         self._components = bodies[0].dimension - 1
         # v = Wᵀ w with M⁻¹ = Wᵀ W: in w neither the basis of the motions nor units matter, and v·Mv is w·w.
         roots = [np.linalg.inv(np.linalg.cholesky(body.inertia)) for body in bodies]
-        net = np.array([np.linalg.norm(root @ of_body) for root, of_body in
-                        zip(roots, np.split(e, self._starts), strict=True)])
+        net = np.array(
+            [
+                np.linalg.norm(root @ of_body)
+                for root, of_body in zip(roots, np.split(e, self._starts), strict=True)
+            ]
+        )
         loads = np.maximum(net, load)
         self._largest = float(loads.max())
         self._loads = np.maximum(loads, LIGHTEST[0] * self._largest)
         self.idle = bool((net <= ALIKE * self._loads).all())
         masses = np.maximum(loads / (self._largest or 1.0), LIGHTEST[1])
-        self._W = sparse.block_diag([root / np.sqrt(mass) for root, mass in zip(roots, masses, strict=True)], "csr")
+        self._W = sparse.block_diag(
+            [root / np.sqrt(mass) for root, mass in zip(roots, masses, strict=True)], "csr"
+        )
 
     def velocities(self, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Of the bodies (nb, n), as of `MotionsOfBody`, and of their fastest nodes (nb,), from coefficients (nc,)."""
         coefficients = np.split(v, self._starts)
-        motions = [body.basis @ of_body for body, of_body in zip(self._bodies, coefficients, strict=True)]
+        motions = [
+            body.basis @ of_body for body, of_body in zip(self._bodies, coefficients, strict=True)
+        ]
         speeds = [body.speed(motion) for body, motion in zip(self._bodies, motions, strict=True)]
         return np.array(motions), np.array(speeds)
 
@@ -140,32 +165,63 @@ class _Free:
 
         forces, W, c = self.forces, self._W, self._components
         rubs = np.flatnonzero((slope > 0.0) | (bound > 0.0))
-        tangential = sparse.vstack([forces.friction[(c * rubs[:, None] + np.arange(c)).ravel()], forces.given])
+        tangential = sparse.vstack(
+            [forces.friction[(c * rubs[:, None] + np.arange(c)).ravel()], forces.given]
+        )
         g = np.concatenate([bound[rubs], forces.bound]) / self._largest
         (bonds, n), m, k = forces.bonded.shape, len(slope), len(g)
         lift = sparse.csr_matrix((slope[rubs], (rubs, np.arange(len(rubs)))), (m, k))
-        rows = sparse.bmat([[forces.bonded @ W.T, None], [forces.normal @ W.T, lift],  # and of each disc τ and v_t:
-                            [-sparse.kron(sparse.identity(k), np.eye(c + 1, c, -1)) @ tangential @ W.T,
-                             -sparse.kron(sparse.identity(k), np.eye(c + 1, 1))]], format="csc")
+        rows = sparse.bmat(
+            [
+                [forces.bonded @ W.T, None],
+                [forces.normal @ W.T, lift],  # and of each disc τ and v_t:
+                [
+                    -sparse.kron(sparse.identity(k), np.eye(c + 1, c, -1)) @ tangential @ W.T,
+                    -sparse.kron(sparse.identity(k), np.eye(c + 1, 1)),
+                ],
+            ],
+            format="csc",
+        )
         square = sparse.block_diag([sparse.identity(n), sparse.csc_matrix((k, k))], format="csc")
-        cones = [clarabel.ZeroConeT(bonds), clarabel.NonnegativeConeT(m), *k * [clarabel.SecondOrderConeT(c + 1)]]
+        cones = [
+            clarabel.ZeroConeT(bonds),
+            clarabel.NonnegativeConeT(m),
+            *k * [clarabel.SecondOrderConeT(c + 1)],
+        ]
         settings = clarabel.DefaultSettings()
-        settings.verbose, settings.direct_solve_method = False, "qdldl"  # serial: the same on every machine
+        settings.verbose, settings.direct_solve_method = (
+            False,
+            "qdldl",
+        )  # serial: the same on every machine
         for settings.tol_gap_abs, settings.tol_gap_rel, settings.tol_feas in TOLERANCES:
-            solution = clarabel.DefaultSolver(square, np.concatenate([-W @ self._e / self._largest, g]), rows,
-                                              np.zeros(rows.shape[0]), cones, settings).solve()
-            if solution.status in (clarabel.SolverStatus.Solved, clarabel.SolverStatus.AlmostSolved):
+            solution = clarabel.DefaultSolver(
+                square,
+                np.concatenate([-W @ self._e / self._largest, g]),
+                rows,
+                np.zeros(rows.shape[0]),
+                cones,
+                settings,
+            ).solve()
+            if solution.status in (
+                clarabel.SolverStatus.Solved,
+                clarabel.SolverStatus.AlmostSolved,
+            ):
                 break
-        pressure = np.array(solution.z)[bonds:bonds + m]
+        pressure = np.array(solution.z)[bonds : bonds + m]
         return W.T @ np.array(solution.x)[:n], self._largest * np.maximum(pressure, 0.0)
 
     def imbalance(self, v: np.ndarray, slope: np.ndarray) -> float:
         """The proof: the work of the loads on v (nc,) that friction of given bounds does not take, over that of all
         loads on a body. 0.0 where v presses into a contact, so that it proves nothing."""
         forces, speeds = self.forces, self.velocities(v)[1]
-        slides, given = (np.linalg.norm((tangential @ v).reshape(-1, self._components), axis=1)
-                         for tangential in (forces.friction, forces.given))
-        presses = max((forces.normal @ v + slope * slides).max(initial=0.0), np.abs(forces.bonded @ v).max(initial=0.0))
+        slides, given = (
+            np.linalg.norm((tangential @ v).reshape(-1, self._components), axis=1)
+            for tangential in (forces.friction, forces.given)
+        )
+        presses = max(
+            (forces.normal @ v + slope * slides).max(initial=0.0),
+            np.abs(forces.bonded @ v).max(initial=0.0),
+        )
         if not presses <= IMBALANCE * speeds.max():
             return 0.0
         return float(self._e @ v - forces.bound @ given) / ((speeds * self._loads).max() or 1.0)
@@ -203,29 +259,47 @@ class Forces(NamedTuple):
 
         def rows(x: np.ndarray) -> sparse.csr_matrix:
             k = x.size // n
-            return sparse.csr_matrix((x.ravel(), np.tile(motions, k), n * np.arange(k + 1)), (k, G.shape[0]))
+            return sparse.csr_matrix(
+                (x.ravel(), np.tile(motions, k), n * np.arange(k + 1)), (k, G.shape[0])
+            )
 
         none = rows(powers[:0])
         if law.two_sided:  # forces of any sign: a basis of what they do stands for all
             _, sizes, basis = np.linalg.svd(powers, full_matrices=False)
-            return cls(rows(basis[sizes > BENT * sizes.max()]), none, zero[:0], none, none, zero[:0])
+            return cls(
+                rows(basis[sizes > BENT * sizes.max()]), none, zero[:0], none, none, zero[:0]
+            )
         tangential, slope, bound = np.zeros((law.m, d - 1, n)), zero.copy(), zero.copy()
-        tangential[law.sliding] = powers[law.m:].reshape(-1, d - 1, n)
+        tangential[law.sliding] = powers[law.m :].reshape(-1, d - 1, n)
         slope[law.sliding], bound[law.sliding] = law.slope(zero), law.slip_bound(zero)
-        columns = np.concatenate([powers[:law.m, None], tangential], axis=1).reshape(law.m, -1)
+        columns = np.concatenate([powers[: law.m, None], tangential], axis=1).reshape(law.m, -1)
         corners = _corners(columns, np.column_stack([interface.frame.reshape(law.m, -1), slope]))
         # Along a straight contact all nodes have the same tangential forces: one disc with the sum of their bounds.
-        given, disc = np.unique(tangential[bound > 0.0].round(DIGITS + 2), axis=0, return_inverse=True)
-        return cls(none, rows(powers[corners]), slope[corners], rows(tangential[corners]), rows(given),
-                   np.bincount(disc.ravel(), bound[bound > 0.0], len(given)))
+        given, disc = np.unique(
+            tangential[bound > 0.0].round(DIGITS + 2), axis=0, return_inverse=True
+        )
+        return cls(
+            none,
+            rows(powers[corners]),
+            slope[corners],
+            rows(tangential[corners]),
+            rows(given),
+            np.bincount(disc.ravel(), bound[bound > 0.0], len(given)),
+        )
 
     @classmethod
     def together(cls, contacts: Sequence[Forces], n: int) -> Forces:
         """Of all `contacts`, on n rigid motions."""
         rows, numbers = sparse.csr_matrix((0, n)), np.empty(0)
         none = cls(rows, rows, numbers, rows, rows, numbers)
-        return cls(*(np.concatenate(arrays) if isinstance(arrays[0], np.ndarray) else
-                     sparse.vstack(arrays, format="csr") for arrays in zip(none, *contacts, strict=True)))
+        return cls(
+            *(
+                np.concatenate(arrays)
+                if isinstance(arrays[0], np.ndarray)
+                else sparse.vstack(arrays, format="csr")
+                for arrays in zip(none, *contacts, strict=True)
+            )
+        )
 
 
 def _corners(x: np.ndarray, kinds: np.ndarray) -> np.ndarray:

@@ -16,7 +16,9 @@ from ddmpi.body.rigid_motions import rigid_motions
 from ddmpi.system.numbers import crossed, in_words
 
 SAME = 1e-2  # velocities that differ by less than this fraction of the largest count as one motion
-TURNS_ABOUT = 0.25  # a body turns about its middle if that moves by at most this fraction of the fastest node
+TURNS_ABOUT = (
+    0.25  # a body turns about its middle if that moves by at most this fraction of the fastest node
+)
 NAMED = 2  # of more than NAMED + 1 bodies, this many are named
 DIGITS = 6  # places that agree to this many digits of a body's size are equal
 FLAT = 1e-3  # least thickness of a body over its size
@@ -57,8 +59,8 @@ class MotionsOfBody:
         rigid = rigid_motions(points, centre, size).reshape(motions[..., 0].size, -1)
         basis = np.linalg.lstsq(rigid, motions.reshape(len(rigid), -1), rcond=None)[0]
         moved = rigid_motions(places, centre, size) @ basis
-        inertia = np.einsum("k,kdi,kdj->ij", weights, moved, moved) + FLAT ** 2 * basis.T @ basis
-        basis[len(centre):] /= size
+        inertia = np.einsum("k,kdi,kdj->ij", weights, moved, moved) + FLAT**2 * basis.T @ basis
+        basis[len(centre) :] /= size
         return cls(name, centre, size, outline, basis, inertia)
 
     @property
@@ -73,14 +75,18 @@ class MotionsOfBody:
 
     def at(self, velocity: np.ndarray, points: np.ndarray) -> np.ndarray:
         """Velocities (k, d) of `points` (k, d) that move with the body."""
-        return velocity[:self.dimension] + crossed(velocity[None, self.dimension:], points - self.centre)
+        return velocity[: self.dimension] + crossed(
+            velocity[None, self.dimension :], points - self.centre
+        )
 
     def speed(self, velocity: np.ndarray) -> float:
         """The largest velocity of a node."""
         return float(np.linalg.norm(self.at(velocity, self.outline), axis=1).max())
 
 
-def describe_motions(bodies: Sequence[MotionsOfBody], velocities: np.ndarray, verb: str = "would") -> str:
+def describe_motions(
+    bodies: Sequence[MotionsOfBody], velocities: np.ndarray, verb: str = "would"
+) -> str:
     """How the fastest bodies "would" or "can" move with the velocities (nb, n), and which others; "" if none moves."""
     speeds = np.array([body.speed(v) for body, v in zip(bodies, velocities, strict=True)])
     top = speeds.max(initial=0.0)
@@ -97,8 +103,9 @@ def describe_motions(bodies: Sequence[MotionsOfBody], velocities: np.ndarray, ve
     return "; ".join(sentences)
 
 
-def undetermined(G_active: np.ndarray, bodies: Sequence[MotionsOfBody],
-                 friction: np.ndarray | None = None) -> list[str]:
+def undetermined(
+    G_active: np.ndarray, bodies: Sequence[MotionsOfBody], friction: np.ndarray | None = None
+) -> list[str]:
     """The rigid motions that no closed contact resists at a solution, one sentence each. Not collective.
 
     Bodies that touch form a group, which is skipped if it has more than `LARGEST`.
@@ -120,9 +127,15 @@ def undetermined(G_active: np.ndarray, bodies: Sequence[MotionsOfBody],
     touches = sparse.csr_matrix((np.ones(starts[-1]), (owner, np.arange(starts[-1])))) @ abs(G)
     number, island = csgraph.connected_components(touches @ touches.T, directed=False)
     untouched, unresisted = list[str](), list[str]()
-    for members in np.split(np.argsort(island, kind="stable"), np.cumsum(np.bincount(island, minlength=number))[:-1]):
+    for members in np.split(
+        np.argsort(island, kind="stable"), np.cumsum(np.bincount(island, minlength=number))[:-1]
+    ):
         rows, some = np.flatnonzero(np.isin(owner, members)), [bodies[k] for k in members]
-        if len(some) == 1 and not touches[members].nnz and numbers[members[0]] == len(some[0].basis):
+        if (
+            len(some) == 1
+            and not touches[members].nnz
+            and numbers[members[0]] == len(some[0].basis)
+        ):
             untouched.append(f"nothing touches {some[0].name}: it can move freely")
         elif len(some) <= LARGEST:
             G_island = G[rows]
@@ -130,7 +143,9 @@ def undetermined(G_active: np.ndarray, bodies: Sequence[MotionsOfBody],
                 motion = motion / unit[rows]
                 work, most = motion @ friction[0, rows], friction[1, rows] / unit[rows]
                 coefficients = np.split(motion, np.cumsum([numbers[k] for k in members])[:-1])
-                velocities = np.array([body.basis @ of_body for body, of_body in zip(some, coefficients, strict=True)])
+                velocities = np.array(
+                    [body.basis @ of_body for body, of_body in zip(some, coefficients, strict=True)]
+                )
                 if not abs(work) > SAME * most.max():  # of both ways the one along the axes
                     work = _forwards(some, velocities)
                 way = describe_motions(some, -velocities if work < 0.0 else velocities, "can")
@@ -148,7 +163,7 @@ def _null_space(A: np.ndarray) -> np.ndarray:
     null = null_space(np.linalg.qr(np.vstack([A, np.zeros((1, A.shape[1]))]), mode="r"), RESISTED).T
     if len(null) == 0:
         return null
-    pivots = qr(null, mode="r", pivoting=True)[1][:len(null)]
+    pivots = qr(null, mode="r", pivoting=True)[1][: len(null)]
     return np.linalg.solve(null[:, pivots], null)
 
 
@@ -166,25 +181,38 @@ def _way(members: list[MotionsOfBody], v: np.ndarray) -> str:
     first, d = members[0], members[0].dimension
     if _is_translation(first, v):
         return f"move along {direction(v[:d])}"
-    nodes, size = np.concatenate([body.outline for body in members]), min(body.size for body in members)
+    nodes, size = (
+        np.concatenate([body.outline for body in members]),
+        min(body.size for body in members),
+    )
     speeds = np.linalg.norm(first.at(v, nodes), axis=1)
     middle = (nodes.max(axis=0) + nodes.min(axis=0)) / 2
     turning, mean = v[d:], first.at(v, middle[None])[0]
     if np.linalg.norm(mean) <= TURNS_ABOUT * speeds.max():
         # The axis comes nearest to the middle at ω × v / ω·ω from it.
         place = _place(middle + crossed(turning[None], mean[None])[0] / (turning @ turning), size)
-        return (f"turn {'counter' * bool(turning[0] > 0.0)}clockwise about {place}" if d == 2 else
-                f"turn about the axis through {place} along {direction(turning)}")
+        return (
+            f"turn {'counter' * bool(turning[0] > 0.0)}clockwise about {place}"
+            if d == 2
+            else f"turn about the axis through {place} along {direction(turning)}"
+        )
     fastest = nodes[speeds >= (1.0 - SAME) * speeds.max()]
-    at = np.array(max(np.round(fastest / size, DIGITS).tolist())) * size  # of nodes as fast always the same one
+    at = (
+        np.array(max(np.round(fastest / size, DIGITS).tolist())) * size
+    )  # of nodes as fast always the same one
     return f"move most at {_place(at, size)}, along {direction(first.at(v, at[None])[0])}"
 
 
-def _moving_as(lead: int, bodies: Sequence[MotionsOfBody], velocities: np.ndarray, least: float) -> list[int]:
+def _moving_as(
+    lead: int, bodies: Sequence[MotionsOfBody], velocities: np.ndarray, least: float
+) -> list[int]:
     """The bodies that move with the body `lead` as one, and itself; nodes may differ in velocity by `least`."""
     group = [lead]
     for k, body in enumerate(bodies):
-        carried = np.append(bodies[lead].at(velocities[lead], body.centre[None])[0], velocities[lead][body.dimension:])
+        carried = np.append(
+            bodies[lead].at(velocities[lead], body.centre[None])[0],
+            velocities[lead][body.dimension :],
+        )
         if k != lead and body.speed(velocities[k] - carried) <= least < body.speed(velocities[k]):
             group.append(k)
     return sorted(group)
@@ -192,7 +220,7 @@ def _moving_as(lead: int, bodies: Sequence[MotionsOfBody], velocities: np.ndarra
 
 def _is_translation(body: MotionsOfBody, v: np.ndarray) -> bool:
     """Whether the turning moves no node by more than `SAME` of the fastest one."""
-    return bool(np.linalg.norm(v[body.dimension:]) * body.size <= SAME * body.speed(v))
+    return bool(np.linalg.norm(v[body.dimension :]) * body.size <= SAME * body.speed(v))
 
 
 def direction(v: np.ndarray) -> str:

@@ -26,7 +26,9 @@ RESOLVED = 1e-3  # do not warn of overlaps below this fraction of the largest di
 WIDEN, ADD = "name the whole boundary that may touch in `on`", "add a [[contact]] between them"
 """What helps where bodies overlap that a contact names, and those that none does."""
 
-Box = tuple[np.ndarray, np.ndarray]  # its corners (d,) of the least and of the largest coordinates (m)
+Box = tuple[
+    np.ndarray, np.ndarray
+]  # its corners (d,) of the least and of the largest coordinates (m)
 
 
 @dataclass(frozen=True)
@@ -104,15 +106,22 @@ class Solid:
     def near(self, low: np.ndarray, high: np.ndarray, *at: np.ndarray) -> np.ndarray:
         """Its cells that may meet the box from `low` to `high` with nodes at all `at` (n, d) or between these."""
         beyond = np.hstack([np.maximum.reduce(at) < low, np.minimum.reduce(at) > high])
-        sides = np.packbits(beyond, axis=1)[:, 0]  # a bit for each side of the box; no cell may have one in common
+        sides = np.packbits(beyond, axis=1)[
+            :, 0
+        ]  # a bit for each side of the box; no cell may have one in common
         return self.cells[np.bitwise_and.reduce(sides[self.cells.T]) == 0]
 
     def near_box(self, low: np.ndarray, high: np.ndarray) -> Self:
         """Its boundary, and the cells that may meet a box between the drawing and the answer, for another rank."""
         cells = self.near(low, high, self.at, self.moved)
         nodes = np.unique(np.concatenate([cells.ravel(), self.facets.ravel()]))
-        return type(self)(self.at[nodes], self.moved[nodes], np.searchsorted(nodes, cells),
-                          np.searchsorted(nodes, self.facets), self.numbers[nodes])
+        return type(self)(
+            self.at[nodes],
+            self.moved[nodes],
+            np.searchsorted(nodes, cells),
+            np.searchsorted(nodes, self.facets),
+            self.numbers[nodes],
+        )
 
 
 class Overlap(NamedTuple):
@@ -122,51 +131,74 @@ class Overlap(NamedTuple):
     place: np.ndarray = np.zeros(0)
 
 
-def doubt_overlaps(assembly: Assembly, displacements: Mapping[str, np.ndarray],
-                   contacts: Mapping[str, ContactTotals]) -> list[str]:
+def doubt_overlaps(
+    assembly: Assembly,
+    displacements: Mapping[str, np.ndarray],
+    contacts: Mapping[str, ContactTotals],
+) -> list[str]:
     """Warnings, on the first rank, where bodies penetrate each other or rigid partners outside their contacts.
 
     `contacts` are all on the first rank, which finds the pairs of bodies whose boxes overlap. Where the two are on two
     ranks, that of the second sends the cells near the first. Collective.
     """
-    world, names, unit = assembly.world, [body.name for body in assembly.scene.body], assembly.scene.units["length"]
-    solids = {body.number: Solid.of(body.mesh, displacements[body.spec.name]) for body in assembly.bodies}
+    world, names, unit = (
+        assembly.world,
+        [body.name for body in assembly.scene.body],
+        assembly.scene.units["length"],
+    )
+    solids = {
+        body.number: Solid.of(body.mesh, displacements[body.spec.name]) for body in assembly.bodies
+    }
     interfaces, warnings = {body.number: body.member.interfaces for body in assembly.bodies}, {}
     boxes = gathered(world, {number: (world.rank, solid.box()) for number, solid in solids.items()})
     pairs = list(_meeting(boxes)) if world.rank == 0 else []
-    near = world.scatter([[pair for pair in pairs if rank in pair[1]] for rank in range(world.size)])
+    near = world.scatter(
+        [[pair for pair in pairs if rank in pair[1]] for rank in range(world.size)]
+    )
     depths = world.bcast(_depths(contacts))
-    sending = [world.isend(solids[b].near_box(*box), ranks[0], b) for (a, b), ranks, box in near
-               if b in solids and a not in solids]
+    sending = [
+        world.isend(solids[b].near_box(*box), ranks[0], b)
+        for (a, b), ranks, box in near
+        if b in solids and a not in solids
+    ]
     for number, solid in solids.items():
         if (place := penetrates_itself(solid)) is not None:
             warnings[False, number, number] = (
                 f"body.{names[number]} penetrates itself, as at {in_words(place, 4)}, where no contact keeps its sides "
-                "apart; if they may touch, split it into two bodies, bonded where they are connected")
+                "apart; if they may touch, split it into two bodies, bonded where they are connected"
+            )
     for (a, b), ranks, _ in near:
         if a in solids:
-            pair, sides = (names[a], names[b]), (solids[a], solids[b] if b in solids else world.recv(None, ranks[1], b))
-            kept = [np.isin(solid.numbers, _kept(interfaces[a], *ends)) for solid, ends in
-                    zip(sides, (pair, pair[::-1]), strict=True)]
+            pair, sides = (
+                (names[a], names[b]),
+                (solids[a], solids[b] if b in solids else world.recv(None, ranks[1], b)),
+            )
+            kept = [
+                np.isin(solid.numbers, _kept(interfaces[a], *ends))
+                for solid, ends in zip(sides, (pair, pair[::-1]), strict=True)
+            ]
             overlap, drawn = penetration(*sides, kept, _between(*pair, depths))
             if overlap.depth:
                 touch = any(set(contact.bodies) == set(pair) for contact in assembly.scene.contact)
                 as_drawn = f" ({drawn:.3g} {unit} as drawn)" * (drawn > 0.0)
                 warnings[False, a, b] = (
                     f"body.{pair[0]} and body.{pair[1]} penetrate each other by {overlap.depth:.3g} {unit}{as_drawn}, "
-                    f"as at {in_words(overlap.place, 4)}, where no contact keeps them apart; {WIDEN if touch else ADD}")
+                    f"as at {in_words(overlap.place, 4)}, where no contact keeps them apart; {WIDEN if touch else ADD}"
+                )
     MPI.Request.waitall(sending)
     warnings |= _doubt_rigid(assembly, contacts, solids)
     return [warning for _, warning in sorted(gathered(world, warnings).items())]
 
 
-def _meeting(boxes: Mapping[int, tuple[int, Box]]) -> Iterator[tuple[tuple[int, int], tuple[int, int], Box]]:
+def _meeting(
+    boxes: Mapping[int, tuple[int, Box]],
+) -> Iterator[tuple[tuple[int, int], tuple[int, int], Box]]:
     """The pairs of bodies whose boxes overlap: their numbers, their ranks, and the box of the first. `boxes` are the
     ranks and boxes of all bodies. Not collective."""
     numbers = sorted(boxes)
     low, high = np.array([boxes[number][1] for number in numbers]).transpose(1, 0, 2)
     for k, a in enumerate(numbers):
-        meets = ((low[k + 1:] <= high[k]) & (low[k] <= high[k + 1:])).all(axis=1)
+        meets = ((low[k + 1 :] <= high[k]) & (low[k] <= high[k + 1 :])).all(axis=1)
         for b in (numbers[k + 1 + other] for other in np.flatnonzero(meets)):
             yield (a, b), (boxes[a][0], boxes[b][0]), boxes[a][1]
 
@@ -190,9 +222,17 @@ def _between(first: str, second: str, depths: Mapping[str, Mapping[str, float]])
 
 def _kept(interfaces: Sequence[Interface], body: str, other: str) -> np.ndarray:
     """The nodes (k,) of a body that its contacts with another one, or with a rigid partner, keep apart from it."""
-    return np.concatenate([np.empty(0, int), *(
-        nodes[interface.side(body)] for interface in interfaces if set(interface.bodies) == {body, other}
-        for nodes in (interface.nodes, interface.fixed.nodes))])
+    return np.concatenate(
+        [
+            np.empty(0, int),
+            *(
+                nodes[interface.side(body)]
+                for interface in interfaces
+                if set(interface.bodies) == {body, other}
+                for nodes in (interface.nodes, interface.fixed.nodes)
+            ),
+        ]
+    )
 
 
 def _positions(way: float, height: float) -> Iterable[float]:
@@ -216,15 +256,23 @@ def penetrates_itself(body: Solid) -> np.ndarray | None:
         x = body.placed(fraction)
         middle = x[body.facets[:, :-1]].mean(axis=1)
         facets = body.facets[:, :-1]
-        inside = np.flatnonzero(in_cells(middle, x[body.facets.T], (facets, body.facets)) > RESOLVED)
+        inside = np.flatnonzero(
+            in_cells(middle, x[body.facets.T], (facets, body.facets)) > RESOLVED
+        )
         drawn, nodes = body.at[facets[inside]].mean(axis=1), (facets[inside], body.facets)
-        inside = inside[in_cells(drawn, body.at[body.facets.T], nodes) <= RESOLVED] if len(inside) else inside
+        inside = (
+            inside[in_cells(drawn, body.at[body.facets.T], nodes) <= RESOLVED]
+            if len(inside)
+            else inside
+        )
         if len(inside):
             return middle[inside[0]]
     return None
 
 
-def penetration(first: Solid, second: Solid, kept: Sequence[np.ndarray], slack: float = 0.0) -> tuple[Overlap, float]:
+def penetration(
+    first: Solid, second: Solid, kept: Sequence[np.ndarray], slack: float = 0.0
+) -> tuple[Overlap, float]:
     """The deepest overlap of two bodies in the answer, or else in the drawing, and how deep the drawing has one.
 
     The answer is looked at at several positions on the way from the drawing, so that a body which has passed a thin one
@@ -235,9 +283,13 @@ def penetration(first: Solid, second: Solid, kept: Sequence[np.ndarray], slack: 
     kept : (n,) of each body, which of its nodes contacts keep from the other one
     slack : overlaps of the answer below this do not count (m)
     """
+
     def deepest(fraction: float, least: float) -> Overlap:
-        return max(deepest_in(first, second, kept[0], kept[1], fraction, least),
-                   deepest_in(second, first, kept[1], kept[0], fraction, least), key=lambda overlap: overlap.depth)
+        return max(
+            deepest_in(first, second, kept[0], kept[1], fraction, least),
+            deepest_in(second, first, kept[1], kept[0], fraction, least),
+            key=lambda overlap: overlap.depth,
+        )
 
     rounding = 32.0 * float(np.spacing(max(np.abs(solid.at).max() for solid in (first, second))))
     heights = np.concatenate([first.height, second.height])
@@ -245,17 +297,25 @@ def penetration(first: Solid, second: Solid, kept: Sequence[np.ndarray], slack: 
     if drawn.depth <= SAME * np.median(heights):
         drawn, least = Overlap(), least + drawn.depth
     motions = np.concatenate([(solid.moved - solid.at)[solid.outer] for solid in (first, second)])
-    if not 0.0 < np.abs(motions).max() <= max(np.ptp(solid.at, axis=0).max() for solid in (first, second)):
+    if (
+        not 0.0
+        < np.abs(motions).max()
+        <= max(np.ptp(solid.at, axis=0).max() for solid in (first, second))
+    ):
         return drawn, drawn.depth  # nothing moved, or the displacements are no numbers
     largest = float(np.linalg.norm(motions - motions.mean(axis=0), axis=1).max())
     # Small-strain theory neglects products of displacements with strains and rotations.
     least += max(RESOLVED, first.gradient, second.gradient) * largest
-    answer = max((deepest(fraction, least) for fraction in _positions(largest, float(heights.min()))),
-                 key=lambda overlap: overlap.depth)
+    answer = max(
+        (deepest(fraction, least) for fraction in _positions(largest, float(heights.min()))),
+        key=lambda overlap: overlap.depth,
+    )
     return (answer if answer.depth else drawn), drawn.depth
 
 
-def deepest_in(a: Solid, b: Solid, kept: np.ndarray, kept_of_b: np.ndarray, fraction: float, least: float) -> Overlap:
+def deepest_in(
+    a: Solid, b: Solid, kept: np.ndarray, kept_of_b: np.ndarray, fraction: float, least: float
+) -> Overlap:
     """Where the boundary of `a` lies deepest in `b`, if deeper than `least` and the sagittas, after a `fraction` of
     the displacements.
 
@@ -286,46 +346,72 @@ def deepest_in(a: Solid, b: Solid, kept: np.ndarray, kept_of_b: np.ndarray, frac
     # What is closed lies in cells at the contact, up to small errors: most contacts need no distances.
     at_contact = np.zeros(len(at), bool)
     at_contact[b.facets[kept_of_b[b.facets[:, :-1]].all(axis=1), :-1]] = True
-    free = np.concatenate([inside(~closed, near), inside(closed, near[~at_contact[near].any(axis=1)])])
+    free = np.concatenate(
+        [inside(~closed, near), inside(closed, near[~at_contact[near].any(axis=1)])]
+    )
     boundary = at[b.facets[:, :-1]]
     if not len(free) or distance_to(points[free], boundary, least)[0].max() <= least:
         return Overlap()
     some = inside(np.ones(len(points), bool), near)
     depth, nearest = distance_to(points[some], boundary)
     facing = closed[some] & kept_of_b[b.facets[nearest, :-1]].all(axis=1)
-    excess = depth - least - a.sagitta[facet[some]] - b.sagitta[nearest] - depth[facing].max(initial=0.0)
+    excess = (
+        depth - least - a.sagitta[facet[some]] - b.sagitta[nearest] - depth[facing].max(initial=0.0)
+    )
     k = int(np.argmax(excess))
     return Overlap(float(depth[k]), points[some[k]]) if excess[k] > 0.0 else Overlap()
 
 
-def _doubt_rigid(assembly: Assembly, contacts: Mapping[str, ContactTotals],
-                 solids: Mapping[int, Solid]) -> dict[tuple[bool, int, int], str]:
+def _doubt_rigid(
+    assembly: Assembly, contacts: Mapping[str, ContactTotals], solids: Mapping[int, Solid]
+) -> dict[tuple[bool, int, int], str]:
     """Warnings where a body of this rank, one of the `solids`, penetrates a rigid partner outside its contact with it,
     by (True, body, partner). Collective."""
-    moved = assembly.world.bcast({contact.bodies[1]: contact.rigid for contact in contacts.values()
-                                  if contact.rigid is not None})
+    moved = assembly.world.bcast(
+        {
+            contact.bodies[1]: contact.rigid
+            for contact in contacts.values()
+            if contact.rigid is not None
+        }
+    )
     warnings = {}
     for body in assembly.bodies:
         for k, rigid in enumerate(assembly.scene.rigid):
             still = RigidMotion(np.array(rigid.displacement or np.zeros(body.mesh.dimension)))
             solid, frame = solids[body.number], assembly.frames.get(rigid.name)
             if frame:  # in the frame of the partner, whose shape is given there
-                solid = replace(solid, at=frame.undone.at(solid.at), moved=frame.undone.at(solid.moved))
-            if warning := _in_partner(body, solid, moved.get(rigid.name, still), rigid,
-                                      assembly.scene.units["length"], frame):
+                solid = replace(
+                    solid, at=frame.undone.at(solid.at), moved=frame.undone.at(solid.moved)
+                )
+            if warning := _in_partner(
+                body,
+                solid,
+                moved.get(rigid.name, still),
+                rigid,
+                assembly.scene.units["length"],
+                frame,
+            ):
                 warnings[True, body.number, k] = warning
     return warnings
 
 
-def _in_partner(body: Body, solid: Solid, motion: RigidMotion, rigid: Rigid, unit: str,
-                frame: Frame | None = None) -> str:
+def _in_partner(
+    body: Body,
+    solid: Solid,
+    motion: RigidMotion,
+    rigid: Rigid,
+    unit: str,
+    frame: Frame | None = None,
+) -> str:
     """A warning where a body lies in a rigid partner, after its `motion`, between contact nodes or beside contacts.
 
     Beside them, a partner through which the body is drawn is left out if it may be meant to end before: a bore may be a
     piece of a socket, and a plane need not go on where no contact of the body names it.
     """
     name, extent, facets = body.spec.name, body.mesh.extent, solid.facets[:, :-1]
-    contacts = [interface for interface in body.member.interfaces if interface.bodies[1] == rigid.name]
+    contacts = [
+        interface for interface in body.member.interfaces if interface.bodies[1] == rigid.name
+    ]
     touching = np.isin(facets, _kept(contacts, name, rigid.name))
     ends, between = motion.undone(solid.moved)[facets], touching.all(axis=1)
     places, at_ends = rigid.deepest(ends), rigid.depth(ends)
@@ -336,15 +422,28 @@ def _in_partner(body: Body, solid: Solid, motion: RigidMotion, rigid: Rigid, uni
     sunk = np.where(between, depth - np.maximum(at_ends.max(axis=1), 0.0) - 0.25 * size, 0.0)
     k = int(np.argmax(sunk))
     if sunk[k] > 0.0:
-        return (f"contact.{contacts[0].name}: {rigid.name} is small beside the distance of nodes of {name}, and "
-                f"penetrates it by {depth[k]:.3g} {unit} between two of them, as at {in_words(moved[k], 4)}; refine "
-                "the mesh there")
+        return (
+            f"contact.{contacts[0].name}: {rigid.name} is small beside the distance of nodes of {name}, and "
+            f"penetrates it by {depth[k]:.3g} {unit} between two of them, as at {in_words(moved[k], 4)}; refine "
+            "the mesh there"
+        )
     least = ALIKE * extent
-    if rigid.may_end(bool(contacts)) and rigid.depth(solid.at[facets[~touching]]).max(initial=0.0) > least:
+    if (
+        rigid.may_end(bool(contacts))
+        and rigid.depth(solid.at[facets[~touching]]).max(initial=0.0) > least
+    ):
         return ""
-    least += float(at_ends[touching].max(initial=0.0)) + RESOLVED * float(np.abs(solid.moved - solid.at).max())
+    least += float(at_ends[touching].max(initial=0.0)) + RESOLVED * float(
+        np.abs(solid.moved - solid.at).max()
+    )
     beside = np.where(between, 0.0, depth)
     k = int(np.argmax(beside))
-    where = f"contact.{contacts[0].name}: beside the contact" if contacts else "no contact keeps them apart:"
-    return (f"{where} {name} penetrates {rigid.name} by {depth[k]:.3g} {unit}, as at {in_words(moved[k], 4)}; "
-            f"{WIDEN if contacts else ADD}{rigid.crossed}") * bool(beside[k] > least)
+    where = (
+        f"contact.{contacts[0].name}: beside the contact"
+        if contacts
+        else "no contact keeps them apart:"
+    )
+    return (
+        f"{where} {name} penetrates {rigid.name} by {depth[k]:.3g} {unit}, as at {in_words(moved[k], 4)}; "
+        f"{WIDEN if contacts else ADD}{rigid.crossed}"
+    ) * bool(beside[k] > least)

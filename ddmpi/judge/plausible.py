@@ -55,12 +55,16 @@ def edge_lengths(mesh: Mesh) -> np.ndarray:
 def doubt_cells(mesh: Mesh, name: str) -> str:
     """A warning of thin cells of a body's mesh; empty if there are none. Not collective."""
     # 1 for a regular cell, 0 for a degenerate one
-    regular = REGULAR[mesh.dimension] * np.sqrt((edge_lengths(mesh)**2).mean(axis=1)) ** mesh.dimension
+    regular = (
+        REGULAR[mesh.dimension] * np.sqrt((edge_lengths(mesh) ** 2).mean(axis=1)) ** mesh.dimension
+    )
     quality = signed_measures(mesh.points, mesh.corners) / regular
     worst, poor = int(quality.argmin()), int((quality < LIMIT["thin"]).sum())
-    return (f"body.{name}.mesh: {poor} of {len(quality)} {mesh.cell.names} are thin: the one at "
-            f"{in_words(mesh.points[mesh.corners[worst]].mean(axis=0), 4)} has {quality[worst]:.2g} of the measure of "
-            "a regular one; stresses are poor there") * (poor > 0)
+    return (
+        f"body.{name}.mesh: {poor} of {len(quality)} {mesh.cell.names} are thin: the one at "
+        f"{in_words(mesh.points[mesh.corners[worst]].mean(axis=0), 4)} has {quality[worst]:.2g} of the measure of "
+        "a regular one; stresses are poor there"
+    ) * (poor > 0)
 
 
 def doubt_shape(mesh: Mesh, name: str) -> str:
@@ -68,13 +72,19 @@ def doubt_shape(mesh: Mesh, name: str) -> str:
     # extents along the principal axes of the nodes
     sizes = np.ptp(mesh.points @ np.linalg.svd(np.cov(mesh.points.T))[0], axis=0)
     ratio = sizes.max() / max(sizes.min(), np.finfo(float).tiny)
-    return (f"body.{name}: it is about {ratio:.0f} times as long as it is thick; so slender a body bends far more than "
-            "its contacts deform, and its contact forces may be lost in rounding") * (
-                bool(ratio > LIMIT["slender"]))
+    return (
+        f"body.{name}: it is about {ratio:.0f} times as long as it is thick; so slender a body bends far more than "
+        "its contacts deform, and its contact forces may be lost in rounding"
+    ) * (bool(ratio > LIMIT["slender"]))
 
 
-def doubt_answer(assembly: Assembly, displacements: Mapping[str, np.ndarray], states: Mapping[str, ContactState],
-                 contacts: Mapping[str, ContactTotals], passing: bool = False) -> list[str]:
+def doubt_answer(
+    assembly: Assembly,
+    displacements: Mapping[str, np.ndarray],
+    states: Mapping[str, ContactState],
+    contacts: Mapping[str, ContactTotals],
+    passing: bool = False,
+) -> list[str]:
     """Warnings of an answer, on the first rank; none where it is not even finite. Collective.
 
     Parameters
@@ -85,18 +95,24 @@ def doubt_answer(assembly: Assembly, displacements: Mapping[str, np.ndarray], st
         way may have next to no forces
     """
     world, units = assembly.world, assembly.scene.units
-    if not world.allreduce(all(bool(np.isfinite(u).all()) for u in displacements.values()), MPI.LAND):
+    if not world.allreduce(
+        all(bool(np.isfinite(u).all()) for u in displacements.values()), MPI.LAND
+    ):
         return []
     by_body, moved = {}, dict[tuple[str, int], tuple[np.ndarray, float]]()
     for body in assembly.bodies:
         name, u = body.spec.name, displacements[body.spec.name]
-        warnings = [*_large_motion(body, u, units, not assembly.scene.output.only),
-                    *(() if passing else _points_that_carry(body, u, contacts, units))]
+        warnings = [
+            *_large_motion(body, u, units, not assembly.scene.output.only),
+            *(() if passing else _points_that_carry(body, u, contacts, units)),
+        ]
         by_body[name] = warnings, body.member.elasticity.load
         for interface in body.member.interfaces:
             side = interface.side(name)
-            moved[interface.name, side] = (interface.transfer[side] @ u[interface.nodes[side]],
-                                           float(np.linalg.norm(u, axis=1).max()))
+            moved[interface.name, side] = (
+                interface.transfer[side] @ u[interface.nodes[side]],
+                float(np.linalg.norm(u, axis=1).max()),
+            )
     by_body = gathered(world, by_body)
     loads = {name: load for name, (_, load) in by_body.items()}
     pressed = max((contact.normal_max for contact in contacts.values()), default=0.0)
@@ -108,74 +124,107 @@ def doubt_answer(assembly: Assembly, displacements: Mapping[str, np.ndarray], st
         other, largest_of_other = (second[0] + carried, second[1]) if second else (carried, 0.0)
         largest = max(largest, largest_of_other)
         slid = [] if assembly.far else _far_slip(assembly, state, first - other)
-        warnings = [*slid, *_overlap_between(here, state, largest), *_left(assembly, state),
-                    *_held_through_air(state, LIMIT["idle"] * most, units["length"])]
+        warnings = [
+            *slid,
+            *_overlap_between(here, state, largest),
+            *_left(assembly, state),
+            *_held_through_air(state, LIMIT["idle"] * most, units["length"]),
+        ]
         # What contacts that carry next to nothing say of their forces is noise.
         if not passing and np.abs(state.normal_force).max(initial=0.0) >= LIMIT["idle"] * pressed:
-            warnings += [*_lost_in_rounding(state, largest, units),
-                         *(_few_nodes(state) if assembly.far else _unresolved_zone(state))]
+            warnings += [
+                *_lost_in_rounding(state, largest, units),
+                *(_few_nodes(state) if assembly.far else _unresolved_zone(state)),
+            ]
         if warnings:
             by_contact[interface.name] = warnings
     by_contact = gathered(world, by_contact)
-    overlaps = [] if assembly.scene.output.only else doubt_overlaps(
-        here, assembly.along(displacements), contacts)
+    overlaps = (
+        []
+        if assembly.scene.output.only
+        else doubt_overlaps(here, assembly.along(displacements), contacts)
+    )
     if world.rank:
         return []
-    return [*(warning for body in assembly.scene.body for warning in by_body[body.name][0]),
-            *(warning for name in contacts for warning in by_contact.get(name, ())),
-            *([] if passing else _unresolved(assembly, contacts, loads)), *overlaps]
+    return [
+        *(warning for body in assembly.scene.body for warning in by_body[body.name][0]),
+        *(warning for name in contacts for warning in by_contact.get(name, ())),
+        *([] if passing else _unresolved(assembly, contacts, loads)),
+        *overlaps,
+    ]
 
 
 def _left(assembly: Assembly, state: ContactState) -> Iterator[str]:
     """That bodies that move far have left each other, where they do not face each other any more."""
     interface = state.interface
     if assembly.far is not None and not interface.m:
-        yield (f"contact.{interface.name}: {' and '.join(interface.bodies)} do not face each other; the contact "
-               "carries no forces")
+        yield (
+            f"contact.{interface.name}: {' and '.join(interface.bodies)} do not face each other; the contact "
+            "carries no forces"
+        )
 
 
 def _few_nodes(state: ContactState) -> Iterator[str]:
     """A warning where few nodes of bodies that move far are closed: as nodes open and close forces ripple, too."""
     closed = int((state.status != "open").sum())
     if 0 < closed < LIMIT["few"]:
-        yield (f"contact.{state.interface.name}: only {closed} closed node{'s' * (closed != 1)}, too few to resolve "
-               "the pressure; forces ripple as nodes open and close; refine the mesh there")
+        yield (
+            f"contact.{state.interface.name}: only {closed} closed node{'s' * (closed != 1)}, too few to resolve "
+            "the pressure; forces ripple as nodes open and close; refine the mesh there"
+        )
 
 
-def _large_motion(body: Body, u: np.ndarray, units: Mapping[str, str], strains: bool) -> Iterator[str]:
+def _large_motion(
+    body: Body, u: np.ndarray, units: Mapping[str, str], strains: bool
+) -> Iterator[str]:
     """A warning where a body moves far, or, where `strains` are looked at, is strained or turned much."""
     moved, extent = float(np.linalg.norm(u, axis=1).max()), body.mesh.extent
     if moved > LIMIT["motion"] * extent:
         unit = units["length"]
-        yield (f"body.{body.spec.name}: its largest displacement of {moved:.3g} {unit} is {moved / extent:.2g} times "
-               f"its size ({extent:.3g} {unit}); small-strain theory requires small displacements")
+        yield (
+            f"body.{body.spec.name}: its largest displacement of {moved:.3g} {unit} is {moved / extent:.2g} times "
+            f"its size ({extent:.3g} {unit}); small-strain theory requires small displacements"
+        )
     elif strains:
         yield from _large_gradient(body, u)
 
 
-def _unresolved(assembly: Assembly, contacts: Mapping[str, ContactTotals], loads: Mapping[str, float]) -> Iterator[str]:
+def _unresolved(
+    assembly: Assembly, contacts: Mapping[str, ContactTotals], loads: Mapping[str, float]
+) -> Iterator[str]:
     """Warnings of loose bodies whose loads and contact forces are rounding beside the loads of others."""
-    most, pressed, unit = max(loads.values()), dict.fromkeys(assembly.loose, 0.0), assembly.scene.units["force"]
+    most, pressed, unit = (
+        max(loads.values()),
+        dict.fromkeys(assembly.loose, 0.0),
+        assembly.scene.units["force"],
+    )
     for contact in contacts.values():
         for name in pressed.keys() & set(contact.bodies):
             pressed[name] = max(pressed[name], contact.acting)
     for name, acting in pressed.items():
         acting = max(loads.get(name, 0.0), acting)
         if 0.0 < acting < LIMIT["light"] * most:
-            yield (f"body.{name}: the forces on it, {acting:.3g} {unit} in all, are negligible beside the loads of "
-                   f"{most:.3g} {unit} of another body, so that the answer does not show whether anything supports "
-                   "it; solve it without the other body")
+            yield (
+                f"body.{name}: the forces on it, {acting:.3g} {unit} in all, are negligible beside the loads of "
+                f"{most:.3g} {unit} of another body, so that the answer does not show whether anything supports "
+                "it; solve it without the other body"
+            )
 
 
-def _points_that_carry(body: Body, u: np.ndarray, contacts: Mapping[str, ContactTotals],
-                       units: Mapping[str, str]) -> Iterator[str]:
+def _points_that_carry(
+    body: Body, u: np.ndarray, contacts: Mapping[str, ContactTotals], units: Mapping[str, str]
+) -> Iterator[str]:
     """Warnings where the displacement u (nv, d) means forces at clamped points outside clamped groups and contacts."""
     mesh, name = body.mesh, body.spec.name
-    points = {clamp.on: mesh.vertices[clamp.on] for clamp in body.spec.clamps if clamp.on in mesh.vertices}
+    points = {
+        clamp.on: mesh.vertices[clamp.on] for clamp in body.spec.clamps if clamp.on in mesh.vertices
+    }
     if not points:
         return
     supported = [interface.nodes[interface.side(name)] for interface in body.member.interfaces]
-    supported += [np.unique(mesh.groups[clamp.on]) for clamp in body.spec.clamps if clamp.on in mesh.groups]
+    supported += [
+        np.unique(mesh.groups[clamp.on]) for clamp in body.spec.clamps if clamp.on in mesh.groups
+    ]
     elasticity = body.member.elasticity
     acting, clamped, pulled = elasticity.acting, ~elasticity.free, elasticity.forces(u)
     loads, heat = np.abs(acting.f), acting.heat
@@ -184,34 +233,56 @@ def _points_that_carry(body: Body, u: np.ndarray, contacts: Mapping[str, Contact
     for on, nodes in points.items():
         force = np.abs(pulled[nodes] - heat[nodes]) * clamped[nodes]
         alone = not any(np.isin(nodes, others).any() for others in supported)
-        if alone and (force > np.maximum(least, 2.0 * loads[nodes])).any():  # loads at the point itself do not count
-            yield (f"body.{name}.clamp: the point {on!r} carries a force of {force.max():.3g} {units['force']}; its "
-                   "displacement grows without limit as the mesh is refined, so clamp a boundary group instead")
+        if (
+            alone and (force > np.maximum(least, 2.0 * loads[nodes])).any()
+        ):  # loads at the point itself do not count
+            yield (
+                f"body.{name}.clamp: the point {on!r} carries a force of {force.max():.3g} {units['force']}; its "
+                "displacement grows without limit as the mesh is refined, so clamp a boundary group instead"
+            )
 
 
 def doubt_mesh(bodies: Sequence[SettledBody], error: DiscretizationError) -> list[str]:
     """A warning of elements that make the estimated discretization error large. Not collective."""
     k = int(np.argmax([error.by_body[body.name] for body in bodies]))
     what, cure, limit = {
-        1: ("linear elements make it too stiff", "quadratic elements (mesh.order = 2) or a finer mesh", "linear"),
-        2: ("its mesh is coarse, and forces at the edges of contacts are uncertain", "a finer mesh", "quadratic"),
+        1: (
+            "linear elements make it too stiff",
+            "quadratic elements (mesh.order = 2) or a finer mesh",
+            "linear",
+        ),
+        2: (
+            "its mesh is coarse, and forces at the edges of contacts are uncertain",
+            "a finer mesh",
+            "quadratic",
+        ),
     }[bodies[k].mesh.order]
     if not error.relative > LIMIT[limit]:
         return []
-    return [f"body.{bodies[k].name}: {what}: the estimated discretization error is {error.relative:.2g}, "
-            f"of which this body has {error.by_body[bodies[k].name]:.2g}; use {cure}"]
+    return [
+        f"body.{bodies[k].name}: {what}: the estimated discretization error is {error.relative:.2g}, "
+        f"of which this body has {error.by_body[bodies[k].name]:.2g}; use {cure}"
+    ]
 
 
 def doubt_stress(assembly: Assembly, stresses: Mapping[str, np.ndarray | None]) -> list[str]:
     """Warnings, on the first rank, of bodies whose largest stress stands where that of the continuum is infinite.
     `stresses` (nt,) are von Mises stresses (Pa) of this rank's bodies; None where they are not wanted. Collective."""
     unit = assembly.scene.units["stress"]
-    of_rank = {body.spec.name: (float(sigma.max()), _singular(body, sigma, unit)) for body in assembly.bodies
-               for sigma in [stresses[body.spec.name]] if sigma is not None}
+    of_rank = {
+        body.spec.name: (float(sigma.max()), _singular(body, sigma, unit))
+        for body in assembly.bodies
+        for sigma in [stresses[body.spec.name]]
+        if sigma is not None
+    }
     of_all = gathered(assembly.world, of_rank)
     least = LIMIT["stress"] * max((largest for largest, _ in of_all.values()), default=0.0)
-    return [warning for body in assembly.scene.body if body.name in of_all and of_all[body.name][0] > least
-            for warning in of_all[body.name][1]]
+    return [
+        warning
+        for body in assembly.scene.body
+        if body.name in of_all and of_all[body.name][0] > least
+        for warning in of_all[body.name][1]
+    ]
 
 
 def _singular(body: Body, stress: np.ndarray, unit: str) -> list[str]:
@@ -219,25 +290,38 @@ def _singular(body: Body, stress: np.ndarray, unit: str) -> list[str]:
     a clamp ends, but not where it ends at an outer corner, a much weaker singularity. A facet is clamped if it belongs
     to a clamp's group: clamps of the faces around a free one may constrain all nodes of its facets.
     """
-    points, facets, d = body.mesh.points, Solid.of(body.mesh, np.zeros(1)).facets, body.mesh.dimension
+    points, facets, d = (
+        body.mesh.points,
+        Solid.of(body.mesh, np.zeros(1)).facets,
+        body.mesh.dimension,
+    )
     bends = creases(points, facets[:, :-1], points[facets[:, 0]] - points[facets[:, -1]])
-    groups = [body.mesh.groups[clamp.on] for clamp in body.spec.clamps if clamp.on in body.mesh.groups]
+    groups = [
+        body.mesh.groups[clamp.on] for clamp in body.spec.clamps if clamp.on in body.mesh.groups
+    ]
     clamped_facets = [group[:, body.mesh.cell.facet.parts].reshape(-1, d) for group in groups]
     both = np.sort(np.concatenate([facets[:, :-1], *clamped_facets]), axis=1)
     number = np.unique(both, axis=0, return_inverse=True)[1].ravel()
-    clamped = np.isin(number[:len(facets)], number[len(facets):])
+    clamped = np.isin(number[: len(facets)], number[len(facets) :])
     ends = (clamped[bends.facets].sum(axis=1) == 1) & (bends.turn < SHARPEST)
     largest = stress >= (1.0 - SAME) * stress.max()
     if largest.all():  # a constant stress grows nowhere
         return []
     top = np.unique(body.mesh.triangles[largest])
     corner = {2: "corner", 3: "edge"}[body.mesh.dimension]
-    for what, where, cure in ((f"a re-entrant {corner}", bends.turn < -SHARPEST,
-                               "; round it in the drawing, or take the stress beside it"),
-                              ("the end of a clamp", ends, "; take the stress beside it")):
+    for what, where, cure in (
+        (
+            f"a re-entrant {corner}",
+            bends.turn < -SHARPEST,
+            "; round it in the drawing, or take the stress beside it",
+        ),
+        ("the end of a clamp", ends, "; take the stress beside it"),
+    ):
         for place in points[np.intersect1d(bends.nodes[where], top)[:1]]:
-            return [f"body.{body.spec.name}: the largest von Mises stress, {stress.max():.4g} {unit}, is at {what} "
-                    f"at {in_words(place, 4)}, where it grows without limit as the mesh is refined{cure}"]
+            return [
+                f"body.{body.spec.name}: the largest von Mises stress, {stress.max():.4g} {unit}, is at {what} "
+                f"at {in_words(place, 4)}, where it grows without limit as the mesh is refined{cure}"
+            ]
     return []
 
 
@@ -246,28 +330,47 @@ def _lost_in_rounding(state: ContactState, moved: float, units: Mapping[str, str
     name, length, force = state.interface.name, units["length"], units["force"]
     widest = float(np.abs(state.gap).max(initial=0.0))
     largest = float(np.abs(state.normal_force).max(initial=0.0))
-    if state.interface.m and (state.status == "open").all() and moved and widest <= LIMIT["undecided"] * moved:
-        yield (f"contact.{name}: rounding decides that it is open: its gaps, up to {widest:.3g} {length}, are "
-               f"negligible beside the displacements of up to {moved:.3g} {length}")
+    if (
+        state.interface.m
+        and (state.status == "open").all()
+        and moved
+        and widest <= LIMIT["undecided"] * moved
+    ):
+        yield (
+            f"contact.{name}: rounding decides that it is open: its gaps, up to {widest:.3g} {length}, are "
+            f"negligible beside the displacements of up to {moved:.3g} {length}"
+        )
         return
     # rounding of the displacements of both bodies, times the stiffness of a node against a gap
-    noise = 2.0 * float(state.interface.stiffness.max(initial=0.0)) * float(np.finfo(float).eps) * moved
+    noise = (
+        2.0 * float(state.interface.stiffness.max(initial=0.0)) * float(np.finfo(float).eps) * moved
+    )
     if largest and not noise <= LIMIT["rounding"] * largest:
-        yield (f"contact.{name}: its forces are uncertain by about {noise / largest:.1g} of the largest ({largest:.3g} "
-               f"{force} at a node): the bodies move by {moved:.3g} {length}, and rounding of this motion causes "
-               f"forces of {noise:.1g} {force}")
+        yield (
+            f"contact.{name}: its forces are uncertain by about {noise / largest:.1g} of the largest ({largest:.3g} "
+            f"{force} at a node): the bodies move by {moved:.3g} {length}, and rounding of this motion causes "
+            f"forces of {noise:.1g} {force}"
+        )
 
 
 def _held_through_air(state: ContactState, least: float, unit: str) -> Iterator[str]:
     """A warning where friction of open nodes is more than `least` (N) and a large fraction of a contact's forces, as
     Tresca's law allows."""
-    sizes, name, law = np.linalg.norm(state.forces, axis=1), state.interface.name, state.interface.law.name
+    sizes, name, law = (
+        np.linalg.norm(state.forces, axis=1),
+        state.interface.name,
+        state.interface.law.name,
+    )
     air = np.where(state.status == "open", sizes, 0.0)
     if air.sum() > max(LIMIT["air"] * sizes.sum(), least):
-        k = int(np.argmax(np.where(air > 0.0, air * state.gap, -np.inf)))  # of many that all bear their bound
-        yield (f"contact.{name}: friction of open nodes bears {air.sum() / sizes.sum():.0%} of its forces, as at "
-               f"{in_words(state.interface.xy[k], 4)}, where the gap is {state.gap[k]:.3g} {unit}: the bound of law = "
-               f'"{law}" asks for no pressure; with law = "coulomb" open nodes have no friction')
+        k = int(
+            np.argmax(np.where(air > 0.0, air * state.gap, -np.inf))
+        )  # of many that all bear their bound
+        yield (
+            f"contact.{name}: friction of open nodes bears {air.sum() / sizes.sum():.0%} of its forces, as at "
+            f"{in_words(state.interface.xy[k], 4)}, where the gap is {state.gap[k]:.3g} {unit}: the bound of law = "
+            f'"{law}" asks for no pressure; with law = "coulomb" open nodes have no friction'
+        )
 
 
 def _overlap_between(assembly: Assembly, state: ContactState, moved: float) -> Iterator[str]:
@@ -284,9 +387,11 @@ def _overlap_between(assembly: Assembly, state: ContactState, moved: float) -> I
         slave = interface.side(interface.slave)
         if len(interface.nodes[1 - slave]) > len(interface.nodes[slave]):
             other = f" or write slave = {interface.bodies[1 - slave]!r}"
-    yield (f"contact.{interface.name}: the bodies overlap by {overlap[k]:.3g} {unit} between nodes that bear forces, "
-           f"as at {place}, while contact forces move them by at most {state.yielding:.3g} {unit}; refine the "
-           f"mesh{other}")
+    yield (
+        f"contact.{interface.name}: the bodies overlap by {overlap[k]:.3g} {unit} between nodes that bear forces, "
+        f"as at {place}, while contact forces move them by at most {state.yielding:.3g} {unit}; refine the "
+        f"mesh{other}"
+    )
 
 
 def _unresolved_zone(state: ContactState) -> Iterator[str]:
@@ -306,7 +411,9 @@ def _unresolved_zone(state: ContactState) -> Iterator[str]:
     parting = pairs[closed[pairs[:, 0]] != closed[pairs[:, 1]]]
     inner, outer = np.where(closed[parting[:, :1]], parting, parting[:, ::-1]).T
     apart = interface.opening[outer] > interface.opening[inner] + SAME * interface.spacing[inner]
-    curving = np.bincount(zone[inner[apart]], minlength=number)  # where it ends because the boundaries curve apart
+    curving = np.bincount(
+        zone[inner[apart]], minlength=number
+    )  # where it ends because the boundaries curve apart
     axis = interface.axisymmetric & (interface.xy[:, 0] < 0.75 * interface.spacing)
     twice = 1 + (np.bincount(zone[axis], minlength=number) > 0)  # a zone goes on beyond the axis
     enclosed = (twice * curving >= 2) & (curving == np.bincount(zone[inner], minlength=number))
@@ -315,37 +422,60 @@ def _unresolved_zone(state: ContactState) -> Iterator[str]:
     sharp = np.append(bent.nodes[np.abs(bent.turn) > SHARPEST], bent.rim)
     sharp = sharp[~axis[sharp]]
     cornered = np.bincount(zone[sharp], minlength=number) > 0
-    size, force = np.bincount(zone, closed, number) * twice, np.bincount(zone, state.normal_force, number)
-    least = (2 * cell_with(interface.facets.shape[1], d - 1).order + 1) ** (d - 1)  # nodes; fewer say little of it
-    poor = (size > 0) & (size < least) & enclosed & ~cornered & (force > LIMIT["zone"] * force.sum())
+    size, force = (
+        np.bincount(zone, closed, number) * twice,
+        np.bincount(zone, state.normal_force, number),
+    )
+    least = (2 * cell_with(interface.facets.shape[1], d - 1).order + 1) ** (
+        d - 1
+    )  # nodes; fewer say little of it
+    poor = (
+        (size > 0) & (size < least) & enclosed & ~cornered & (force > LIMIT["zone"] * force.sum())
+    )
     if poor.any():
         k = int(np.argmax(np.where(poor, force, -np.inf)))
-        yield (f"contact.{interface.name}: the pressure at {in_words(interface.xy[zone == k].mean(axis=0), 4)} is on "
-               f"too few nodes to resolve it, {size[k]:.0f}: the total force is right, the largest pressure and the "
-               "approach of the bodies are not; refine the mesh there")
+        yield (
+            f"contact.{interface.name}: the pressure at {in_words(interface.xy[zone == k].mean(axis=0), 4)} is on "
+            f"too few nodes to resolve it, {size[k]:.0f}: the total force is right, the largest pressure and the "
+            "approach of the bodies are not; refine the mesh there"
+        )
 
 
 def _large_gradient(body: Body, u: np.ndarray) -> Iterator[str]:
     """A warning where a cell is strained or turned much, by its corners alone."""
     corners = body.mesh.corners
     # ∇u by the tangents of the cell as drawn and of its displacement
-    gradients = np.einsum("art,act->trc", invert(tangents(body.mesh.points, corners))[0], tangents(u, corners))
-    large = np.flatnonzero((gradients**2).sum(axis=(1, 2)) > LIMIT["gradient"] ** 2)  # ‖∇u‖_F ≥ ‖∇u‖₂
+    gradients = np.einsum(
+        "art,act->trc", invert(tangents(body.mesh.points, corners))[0], tangents(u, corners)
+    )
+    large = np.flatnonzero(
+        (gradients**2).sum(axis=(1, 2)) > LIMIT["gradient"] ** 2
+    )  # ‖∇u‖_F ≥ ‖∇u‖₂
     size = np.linalg.norm(gradients[large], ord=2, axis=(1, 2))
     if size.max(initial=0.0) > LIMIT["gradient"]:
         k = int(np.argmax(size))
         place = in_words(body.mesh.points[corners[large[k]]].mean(axis=0), 4)
-        yield (f"body.{body.spec.name}: strains and rotations reach {size[k]:.2g}, as at {place}; small-strain theory "
-               "requires small ones")
+        yield (
+            f"body.{body.spec.name}: strains and rotations reach {size[k]:.2g}, as at {place}; small-strain theory "
+            "requires small ones"
+        )
 
 
 def _far_slip(assembly: Assembly, state: ContactState, moved: np.ndarray) -> Iterator[str]:
     """A warning where closed nodes have `moved` (m, d) far past their partners, or far around a rigid one. Distances of
     nodes count as at least the mean of the closed ones, as they are smaller at corners."""
     interface, closed = state.interface, state.status != "open"
-    rigid = next((partner for partner in assembly.scene.rigid if partner.name == interface.bodies[1]), None)
-    spacing = np.maximum(interface.spacing, interface.spacing[closed].mean() if closed.any() else 0.0)
-    far, limit = (spacing, LIMIT["slip"]) if rigid is None else (np.full_like(spacing, rigid.bend), LIMIT["turn"])
+    rigid = next(
+        (partner for partner in assembly.scene.rigid if partner.name == interface.bodies[1]), None
+    )
+    spacing = np.maximum(
+        interface.spacing, interface.spacing[closed].mean() if closed.any() else 0.0
+    )
+    far, limit = (
+        (spacing, LIMIT["slip"])
+        if rigid is None
+        else (np.full_like(spacing, rigid.bend), LIMIT["turn"])
+    )
     along = np.linalg.norm(np.einsum("mcd,md->mc", interface.frame[:, 1:], moved), axis=1)
     slid = np.where(closed, along, 0.0) / far
     k = int(np.argmax(slid))
@@ -353,6 +483,8 @@ def _far_slip(assembly: Assembly, state: ContactState, moved: np.ndarray) -> Ite
         place = in_words(interface.xy[k], 4)
         yield f"contact.{interface.name}: " + (
             f"node pairs slid up to {slid[k]:.3g} times the distance of their neighbours, as at {place}; they are no "
-            "longer opposite each other" if rigid is None else
-            f"nodes slid around {rigid.name!r} by up to {slid[k]:.2g} times its radius, as at {place}; normals are "
-            "those before the motion")
+            "longer opposite each other"
+            if rigid is None
+            else f"nodes slid around {rigid.name!r} by up to {slid[k]:.2g} times its radius, as at {place}; normals are "
+            "those before the motion"
+        )

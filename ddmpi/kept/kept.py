@@ -34,7 +34,9 @@ def _feed(total: Any, thing: Any) -> None:
     elif sparse.issparse(thing):
         _feed(total, (thing.shape, thing.indptr, thing.indices, thing.data))
     elif dataclasses.is_dataclass(thing):
-        _feed(total, {field.name: getattr(thing, field.name) for field in dataclasses.fields(thing)})
+        _feed(
+            total, {field.name: getattr(thing, field.name) for field in dataclasses.fields(thing)}
+        )
     elif isinstance(thing, Mapping):
         _feed(total, [*thing, *thing.values()])
     elif isinstance(thing, list | tuple):
@@ -82,8 +84,14 @@ class Kept:
         """Begin a case. `conditions`, such as options, belong to all keys."""
         self.found, self._met, self._conditions = {}, set(), digest(conditions)
 
-    def get(self, stage: str, owner: str, depends: Any, make: Callable[[], T],
-            lasts: Callable[[T], bool] = lambda value: True) -> T:
+    def get(
+        self,
+        stage: str,
+        owner: str,
+        depends: Any,
+        make: Callable[[], T],
+        lasts: Callable[[T], bool] = lambda value: True,
+    ) -> T:
         """The value of a stage of a body or contact that depends on the content of `depends`, see `digest`; made where
         it is not there, and kept if it `lasts`."""
         slot, key = (stage, owner), digest(self._conditions, depends)
@@ -102,12 +110,22 @@ class Kept:
     def key(self, stage: str, owner: str) -> str:
         """The key of a value that this case has got, for what depends on it; unlike all others if none is kept."""
         slot = stage, owner
-        return self._entries[slot][0] if slot in self._entries and slot in self._met else f"{next(self._unlike)}"
+        return (
+            self._entries[slot][0]
+            if slot in self._entries and slot in self._met
+            else f"{next(self._unlike)}"
+        )
 
     def expect(self, stage: str, depends: Mapping[str, Any]) -> None:
         """Drop the values of a stage that the case will not take, before any is made: `depends` by body or contact."""
         keys = {owner: digest(self._conditions, entry) for owner, entry in depends.items()}
-        self._drop({slot for slot, (key, _) in self._entries.items() if slot[0] == stage and keys.get(slot[1]) != key})
+        self._drop(
+            {
+                slot
+                for slot, (key, _) in self._entries.items()
+                if slot[0] == stage and keys.get(slot[1]) != key
+            }
+        )
 
     def end(self) -> None:
         """Drop what the case has not met, such as the stages of a body that is no more."""

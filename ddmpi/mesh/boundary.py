@@ -40,26 +40,38 @@ def material_numbers(mesh: Mesh, body: BodySpec) -> np.ndarray:
     """Which one of the body's materials each triangle (nt,) has. Raises InputError unless each has exactly one."""
     number, what = np.full(len(mesh.triangles), -1), PHYSICAL[mesh.dimension]
     materials = [] if not isinstance(body.material, list) else body.material
-    for k, on in ((k, material.on) for k, material in enumerate(materials) if material.on is not None):
+    for k, on in (
+        (k, material.on) for k, material in enumerate(materials) if material.on is not None
+    ):
         key = f"body.{body.name}.material.{k}.on"
         if on not in mesh.surfaces:
-            raise InputError(f"{key}: the mesh has no {what} {on!r}{nearest(on, list(mesh.surfaces))} "
-                             f"(it has {', '.join(sorted(mesh.surfaces)) or 'none with a name'})")
+            raise InputError(
+                f"{key}: the mesh has no {what} {on!r}{nearest(on, list(mesh.surfaces))} "
+                f"(it has {', '.join(sorted(mesh.surfaces)) or 'none with a name'})"
+            )
         cells = mesh.surfaces[on]
         if len(cells) == 0:
-            raise InputError(f"{key}: the {what} {on!r} of the mesh has a name, but no {mesh.cell.names}")
+            raise InputError(
+                f"{key}: the {what} {on!r} of the mesh has a name, but no {mesh.cell.names}"
+            )
         if (number[cells] >= 0).any():
             triangle = cells[number[cells] >= 0][0]
-            raise InputError(f"{key}: {_place(mesh, triangle)} is in the {what}s {on!r} and "
-                             f"{materials[number[triangle]].on!r}, which would both give it a material")
+            raise InputError(
+                f"{key}: {_place(mesh, triangle)} is in the {what}s {on!r} and "
+                f"{materials[number[triangle]].on!r}, which would both give it a material"
+            )
         number[cells] = k
-    rest = next((k for k, material in enumerate(materials) if material.on is None), None if materials else 0)
+    rest = next(
+        (k for k, material in enumerate(materials) if material.on is None), None if materials else 0
+    )
     if rest is None and (number < 0).any():
         triangle = np.flatnonzero(number < 0)[0]
         around = [name for name, members in mesh.surfaces.items() if triangle in members]
         where = f"in the {what} {around[0]!r}" if around else f"in no {what} with a name"
-        raise InputError(f"body.{body.name}.material: {_place(mesh, triangle)}, {where}, has no material; add an entry "
-                         "for it, or one without on for the rest")
+        raise InputError(
+            f"body.{body.name}.material: {_place(mesh, triangle)}, {where}, has no material; add an entry "
+            "for it, or one without on for the rest"
+        )
     return np.where(number < 0, 0 if rest is None else rest, number)
 
 
@@ -78,7 +90,9 @@ def links(facets: np.ndarray, dimension: int) -> np.ndarray:
     if dimension == 2:
         return segments(facets)
     cell = cell_with(facets.shape[1], dimension - 1)
-    return np.unique(np.sort(segments(facets[:, cell.edges].reshape(-1, cell.edges.shape[1])), axis=1), axis=0)
+    return np.unique(
+        np.sort(segments(facets[:, cell.edges].reshape(-1, cell.edges.shape[1])), axis=1), axis=0
+    )
 
 
 def outer_normals(mesh: Mesh, name: str, key: str) -> tuple[np.ndarray, np.ndarray]:
@@ -96,8 +110,10 @@ def outer_normals(mesh: Mesh, name: str, key: str) -> tuple[np.ndarray, np.ndarr
     sharp = np.flatnonzero(np.abs(bends.turn) > SHARPEST)
     if len(sharp):
         at = in_words(mesh.points[bends.nodes[sharp[0]]].mean(axis=0))
-        raise InputError(f"{key}: {name!r} has a corner at {at}, where it has no normal; make groups of what meets "
-                         "there, and clamp each along its normal")
+        raise InputError(
+            f"{key}: {name!r} has a corner at {at}, where it has no normal; make groups of what meets "
+            "there, and clamp each along its normal"
+        )
     squares = ((points[:, :, None] - points[:, None]) ** 2).sum(axis=3) + np.eye(d)
     normal = np.zeros_like(mesh.points)
     np.add.at(normal, corners, outward[:, None] / squares.prod(axis=2)[:, :, None])
@@ -124,7 +140,9 @@ class Creases(NamedTuple):
 
 def creases(points: np.ndarray, facets: np.ndarray, outward: np.ndarray) -> Creases:
     """The creases between facets (f, d) of `points` (n, d), of which vectors (f, d) point to their outer sides."""
-    sides = np.sort(np.concatenate([np.delete(facets, k, axis=1) for k in range(facets.shape[1])]), axis=1)
+    sides = np.sort(
+        np.concatenate([np.delete(facets, k, axis=1) for k in range(facets.shape[1])]), axis=1
+    )
     nodes, number, count = np.unique(sides, axis=0, return_inverse=True, return_counts=True)
     order, first = np.argsort(number.ravel(), kind="stable"), np.cumsum(count) - count
     first = first[count == 2]
@@ -134,7 +152,9 @@ def creases(points: np.ndarray, facets: np.ndarray, outward: np.ndarray) -> Crea
     normal /= np.linalg.norm(normal, axis=1)[:, None]
     turn = np.arccos(np.clip(np.einsum("cd,cd->c", normal[a], normal[b]), -1.0, 1.0))
     hollow = np.einsum("cd,cd->c", ends[b].mean(axis=1) - ends[a].mean(axis=1), normal[a]) > 0.0
-    return Creases(nodes[count == 2], np.column_stack([a, b]), np.where(hollow, -turn, turn), nodes[count != 2])
+    return Creases(
+        nodes[count == 2], np.column_stack([a, b]), np.where(hollow, -turn, turn), nodes[count != 2]
+    )
 
 
 def parts_of(on: str, known: Collection[str]) -> list[str]:
@@ -173,6 +193,7 @@ def combined(mesh: Mesh, name: str, clamp: bool = False) -> Mesh:
 
 # Drawings, in a session of gmsh
 
+
 def box(gmsh, dimension: int = -1, tag: int = -1) -> np.ndarray:
     """The least and the greatest coordinates (2, 3) of an entity of the drawing, or of all of it."""
     return np.reshape(gmsh.model.getBoundingBox(dimension, tag), (2, 3))
@@ -193,7 +214,9 @@ def curve_bend(gmsh, tag: int) -> tuple[float, float]:
     """The largest curvature of a curve (1/m), and its length (m)."""
     steps = np.diff(samples(gmsh, tag), axis=0)
     length = np.maximum(np.linalg.norm(steps, axis=1), 1 / OFF)
-    return np.linalg.norm(np.diff(steps / length[:, None], axis=0), axis=1).max() / length.mean(), length.sum()
+    return np.linalg.norm(
+        np.diff(steps / length[:, None], axis=0), axis=1
+    ).max() / length.mean(), length.sum()
 
 
 def face_bend(gmsh, tag: int) -> tuple[float, float]:
@@ -209,21 +232,38 @@ def keep_part(gmsh, part: str | int, label: str) -> None:
     """Remove all bodies but one from the drawing: a number, a physical group, or a label of a CAD program or of one of
     its assemblies. What is left keeps its numbers. Raises InputError unless exactly one body is meant."""
     d = gmsh.model.getDimension()
-    names = {tag: gmsh.model.getEntityName(d, tag).split("/")[::-1] for _, tag in gmsh.model.getEntities(d)}
-    groups = [(k, gmsh.model.getEntitiesForPhysicalGroup(k, group), group, gmsh.model.getPhysicalName(k, group))
-              for k, group in gmsh.model.getPhysicalGroups()]
+    names = {
+        tag: gmsh.model.getEntityName(d, tag).split("/")[::-1]
+        for _, tag in gmsh.model.getEntities(d)
+    }
+    groups = [
+        (
+            k,
+            gmsh.model.getEntitiesForPhysicalGroup(k, group),
+            group,
+            gmsh.model.getPhysicalName(k, group),
+        )
+        for k, group in gmsh.model.getPhysicalGroups()
+    ]
     for tag, name in ((tag, name) for k, tags, _, name in groups for tag in tags if k == d):
         names[tag].insert(0, name)
     # a label is as "Shapes/assembly/1/bolt": its last word says most, and then a number in quotation marks
-    deep = [[tag for tag, words in names.items() if words[k:k + 1] == [part]]
-            for k in range(max(map(len, names.values())))]
+    deep = [
+        [tag for tag, words in names.items() if words[k : k + 1] == [part]]
+        for k in range(max(map(len, names.values())))
+    ]
     deep.insert(1, [tag for tag in names if str(tag) == part])
     meant = [part] if part in names else next(filter(None, deep), [])
     if len(meant) != 1:
-        listed = "; ".join(f"{tag} {words[0]!r} {where(gmsh, d, tag)}" for tag, words in names.items()
-                           if tag in meant or not meant)
-        raise InputError(f"{label} has {f'{len(meant)} parts' if meant else 'no part'} {part!r}" + (
-            f"; take one by its number: {listed}" if meant else f"; it has {listed}"))
+        listed = "; ".join(
+            f"{tag} {words[0]!r} {where(gmsh, d, tag)}"
+            for tag, words in names.items()
+            if tag in meant or not meant
+        )
+        raise InputError(
+            f"{label} has {f'{len(meant)} parts' if meant else 'no part'} {part!r}"
+            + (f"; take one by its number: {listed}" if meant else f"; it has {listed}")
+        )
     gmsh.model.removeEntities([(d, tag) for tag in names if tag != meant[0]], recursive=True)
     left = set(gmsh.model.getEntities())
     gmsh.model.removePhysicalGroups()
@@ -249,15 +289,27 @@ def name_sides(gmsh, script: bool, asked: Collection[str], label: str) -> dict[s
         spoken = "" if script else gmsh.model.getEntityName(k, tag).split("/")[-1]
         for name in {number, spoken} - {"", *there} if k <= side else ():
             tagged.setdefault((name, k), []).append(tag)
-    for missing in (part for part in (numbers if script else wanted) if not any((part, k) in tagged for k in range(3))):
+    for missing in (
+        part
+        for part in (numbers if script else wanted)
+        if not any((part, k) in tagged for k in range(3))
+    ):
         of = next((k for k in range(side) if missing.startswith(kinds[k])), side)
-        listed = "; ".join(f"{name} {where(gmsh, k, tags[0])}" for (name, k), tags in tagged.items() if k == of)
+        listed = "; ".join(
+            f"{name} {where(gmsh, k, tags[0])}" for (name, k), tags in tagged.items() if k == of
+        )
         raise InputError(f"{label} has no {kinds[of]} {missing!r}; it has {listed}")
-    chosen = {key: tags for key, tags in tagged.items() if (every and key[1] == side) or key[0] in wanted}
+    chosen = {
+        key: tags for key, tags in tagged.items() if (every and key[1] == side) or key[0] in wanted
+    }
     for (name, k), tags in chosen.items():
         gmsh.model.addPhysicalGroup(k, tags, name=name)
-    return {name: _face(gmsh, *key) for (name, k), (tag, *_) in chosen.items() for key in [(k, tag)]
-            if k == side and name == str(tag)}
+    return {
+        name: _face(gmsh, *key)
+        for (name, k), (tag, *_) in chosen.items()
+        for key in [(k, tag)]
+        if k == side and name == str(tag)
+    }
 
 
 def _face(gmsh, k: int, tag: int) -> Face:
@@ -267,20 +319,28 @@ def _face(gmsh, k: int, tag: int) -> Face:
         measure = gmsh.model.occ.getMass(k, tag)
     except Exception:  # gmsh's own kernel knows no areas
         measure = curve_bend(gmsh, tag)[1] if k == 1 else 0.0
-    place = np.round(box(gmsh, k, tag).mean(axis=0)[:gmsh.model.getDimension()], 5 - int(np.log10(extent(gmsh)))) + 0.0
+    place = (
+        np.round(
+            box(gmsh, k, tag).mean(axis=0)[: gmsh.model.getDimension()],
+            5 - int(np.log10(extent(gmsh))),
+        )
+        + 0.0
+    )
     return Face(kind, 1.0 / bend if bend else 0.0, measure, tuple(place.tolist()))
 
 
 def where(gmsh, k: int, tag: int) -> str:
     """Where an entity of the drawing lies, in words."""
     if k == 1:
-        places = samples(gmsh, tag)[[0, SAMPLES // 2, -1], :gmsh.model.getDimension()]
+        places = samples(gmsh, tag)[[0, SAMPLES // 2, -1], : gmsh.model.getDimension()]
         return "from {} by {} to {}".format(*(in_words(at + 0.0) for at in places))
     corners = np.round(box(gmsh, k, tag), 5 - int(np.log10(extent(gmsh)))) + 0.0
     return " to ".join(dict.fromkeys(map(in_words, corners)))
 
 
-def file_groups(raw, label: str, cells: np.ndarray, part: bool = False) -> tuple[dict[str, np.ndarray], ...]:
+def file_groups(
+    raw, label: str, cells: np.ndarray, part: bool = False
+) -> tuple[dict[str, np.ndarray], ...]:
     """By name the facets (·, d) of each group of the boundary, in space the lines (·, 2) of curves, and nodes.
 
     Of a set of nodes the facets, or else the lines, and in any case its nodes. If the `cells` are a `part` of the file,
@@ -290,16 +350,23 @@ def file_groups(raw, label: str, cells: np.ndarray, part: bool = False) -> tuple
     for dimension in range(d - 1, 0, -1):
         parts, _, element = simplices(raw, dimension, raw.points)
         if part:
-            of_cells = cells[:, list(combinations(range(d + 1), dimension + 1))].reshape(-1, dimension + 1)
-            number = np.unique(np.sort(np.concatenate([of_cells, parts]), axis=1), axis=0, return_inverse=True)[1]
-            own = np.isin(number.ravel()[len(of_cells):], number.ravel()[:len(of_cells)])
+            of_cells = cells[:, list(combinations(range(d + 1), dimension + 1))].reshape(
+                -1, dimension + 1
+            )
+            number = np.unique(
+                np.sort(np.concatenate([of_cells, parts]), axis=1), axis=0, return_inverse=True
+            )[1]
+            own = np.isin(number.ravel()[len(of_cells) :], number.ravel()[: len(of_cells)])
             parts, element = parts[own], element[own]
-        named = {name: parts[np.isin(element, members)] for name, members in file_members(raw, dimension).items()}
+        named = {
+            name: parts[np.isin(element, members)]
+            for name, members in file_members(raw, dimension).items()
+        }
         kinds.append({name: facets[distinct(facets)[0]] for name, facets in named.items()})
     alone: dict[str, np.ndarray] = {}
     if raw.point_sets and not raw.field_data:
         facets = boundary_facets(cells)[0]
-        sides = [facets, facets[:, CELLS[d - 1, 1].edges].reshape(-1, 2)][:len(kinds)]
+        sides = [facets, facets[:, CELLS[d - 1, 1].edges].reshape(-1, 2)][: len(kinds)]
         sides = [np.unique(np.sort(pieces, axis=1), axis=0) for pieces in sides]
         for name, nodes in raw.point_sets.items():
             inside = [pieces[np.isin(pieces, nodes).all(axis=1)] for pieces in sides]
@@ -312,17 +379,24 @@ def file_groups(raw, label: str, cells: np.ndarray, part: bool = False) -> tuple
     points_of = raw.cells_dict.get("vertex", np.empty((0, 1), int))[:, 0]
     alone |= {name: np.unique(points_of[members]) for name, members in file_members(raw, 0).items()}
     if not any((*kinds, alone)):
-        raise InputError(f"{label} has no named physical groups of {CELLS[d - 1, 1].names}; clamps, tractions and "
-                         'contacts refer to boundaries by such names: '
-                         f'{PHYSICAL[d - 1].title()}("left") = {{4}};')
+        raise InputError(
+            f"{label} has no named physical groups of {CELLS[d - 1, 1].names}; clamps, tractions and "
+            "contacts refer to boundaries by such names: "
+            f'{PHYSICAL[d - 1].title()}("left") = {{4}};'
+        )
     if part:  # groups of other parts are not of this one
         kinds = [{name: own for name, own in kind.items() if len(own)} for kind in kinds]
-        alone = {name: own for name, own in alone.items() if np.isin(own, cells).any() or any(
-            name in kind for kind in kinds)}
+        alone = {
+            name: own
+            for name, own in alone.items()
+            if np.isin(own, cells).any() or any(name in kind for kind in kinds)
+        }
     return kinds[0], {} if d == 2 else kinds[1], alone
 
 
-def set_nodes(raw, mesh: Mesh, number: np.ndarray, sets: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+def set_nodes(
+    raw, mesh: Mesh, number: np.ndarray, sets: dict[str, np.ndarray]
+) -> dict[str, np.ndarray]:
     """By name the nodes of the mesh in `sets` of the file's nodes that no facet or line of the set has. `number` (nr,)
     is that of the file's nodes at corners, else −1; −1 also stands for middles of edges that a linear mesh lacks."""
     middles, ends = middle_nodes(raw, mesh.dimension)
@@ -331,7 +405,9 @@ def set_nodes(raw, mesh: Mesh, number: np.ndarray, sets: dict[str, np.ndarray]) 
     if mesh.order > 1 and len(middles):  # those of the mesh are where the file has them
         first = int(mesh.corners.max()) + 1
         number = number.copy()
-        number[middles] = first + cKDTree(mesh.points[first:]).query(raw.points[middles, :mesh.dimension])[1]
+        number[middles] = (
+            first + cKDTree(mesh.points[first:]).query(raw.points[middles, : mesh.dimension])[1]
+        )
     for name, nodes in sets.items():
         lone = np.isin(middles, nodes) & (number[middles] < 0) & ~np.isin(ends, nodes).all(axis=1)
         members = number[nodes][number[nodes] >= 0]
@@ -349,8 +425,12 @@ def file_members(raw, dimension: int) -> dict[str, np.ndarray]:
     tags = {int(tag): name for name, (tag, of) in raw.field_data.items() if of == dimension}
     sets = raw.cell_sets_dict  # of version 4 files, where an element may be in several groups
     if not raw.field_data:
-        tags |= {-k: name for k, name in enumerate(sets, 1) if not name.startswith("gmsh:")  # meshio's own
-                 and any(len(sets[name].get(kind, ())) for kind in kinds)}
+        tags |= {
+            -k: name
+            for k, name in enumerate(sets, 1)
+            if not name.startswith("gmsh:")  # meshio's own
+            and any(len(sets[name].get(kind, ())) for kind in kinds)
+        }
     members: dict[str, list[np.ndarray]] = {name: [] for name in tags.values()}
     before = 0
     for kind in kinds:

@@ -28,13 +28,23 @@ from ddmpi.system.numbers import ROUNDING, in_words
 EACH = 200.0
 """Least memory of a linear cell (bytes): nodes, groups, and its part of the stiffness."""
 
-NAMES_OTHERS = {".geo": rb"include|merge|open(?!cascade)|import|shapefromfile", ".inp": rb"\*include|input *=",
-                ".xdmf": rb"", ".xmf": rb""}
+NAMES_OTHERS = {
+    ".geo": rb"include|merge|open(?!cascade)|import|shapefromfile",
+    ".inp": rb"\*include|input *=",
+    ".xdmf": rb"",
+    ".xmf": rb"",
+}
 """By the end of a file's name, what its text has where it names other files; XDMF keeps its data beside it."""
 
 
-def build_mesh(body: BodySpec, folder: Path = Path("."), contacts: Collection[str] = (),
-               sizes: Sizes | None = None, dimension: int | None = None, axisymmetric: bool = False) -> Mesh:
+def build_mesh(
+    body: BodySpec,
+    folder: Path = Path("."),
+    contacts: Collection[str] = (),
+    sizes: Sizes | None = None,
+    dimension: int | None = None,
+    axisymmetric: bool = False,
+) -> Mesh:
     """Generate or read the mesh of `body`, and resolve the groups on which something acts.
 
     >>> from ddmpi.scene.reader import read_scene_file
@@ -56,33 +66,51 @@ def build_mesh(body: BodySpec, folder: Path = Path("."), contacts: Collection[st
     if spec.drawn:
         from ddmpi.mesh.geometry import mesh_geometry
 
-        mesh = mesh_geometry(locate_mesh(body, folder) if spec.geometry else None, body, contacts, sizes)
+        mesh = mesh_geometry(
+            locate_mesh(body, folder) if spec.geometry else None, body, contacts, sizes
+        )
     elif spec.shape:
         assert spec.divisions
-        _refuse_huge(float(factorial(len(spec.divisions)) * np.prod(spec.divisions, dtype=float)),
-                     NAMES[len(spec.divisions)][1], f"{key}.divisions")
+        _refuse_huge(
+            float(factorial(len(spec.divisions)) * np.prod(spec.divisions, dtype=float)),
+            NAMES[len(spec.divisions)][1],
+            f"{key}.divisions",
+        )
         mesh = SHAPES[spec.shape](spec)
         if not signed_measures(mesh.points, mesh.triangles).min() > 0.0:
-            raise InputError(f"{key}: its {mesh.cell.names} have no {MEASURE[mesh.dimension]} in double precision; "
-                             "sizes, place and units do not fit together")
+            raise InputError(
+                f"{key}: its {mesh.cell.names} have no {MEASURE[mesh.dimension]} in double precision; "
+                "sizes, place and units do not fit together"
+            )
     else:
         from ddmpi.mesh.read import read_mesh
 
-        mesh = read_mesh(locate_mesh(body, folder), body.name, spec.order or 1,
-                         part=None if spec.part is None else str(spec.part))
+        mesh = read_mesh(
+            locate_mesh(body, folder),
+            body.name,
+            spec.order or 1,
+            part=None if spec.part is None else str(spec.part),
+        )
     if dimension not in (None, mesh.dimension):
-        raise InputError(f"{key}: the mesh is {WHERE[mesh.dimension]}, and the scene is {WHERE[dimension or 2]}")
+        raise InputError(
+            f"{key}: the mesh is {WHERE[mesh.dimension]}, and the scene is {WHERE[dimension or 2]}"
+        )
     for _ in range(spec.halvings):
         _refuse_huge(2.0**mesh.dimension * len(mesh.triangles), mesh.cell.names, f"{key}.refine")
         mesh = halve(mesh, key)
     mesh = raise_order(mesh, key, spec.order or 1)
     refuse_folded(mesh, key)
     material_numbers(mesh, body)
-    for name, on in [*(("mesh", on) for on in contacts), *((name, acting.on) for name, acting in body.acting)]:
+    for name, on in [
+        *(("mesh", on) for on in contacts),
+        *((name, acting.on) for name, acting in body.acting),
+    ]:
         with naming(f"body.{body.name}.{name}"):
             mesh = combined(mesh, on, name == "clamp")
     if axisymmetric:
-        mesh = _turned(mesh, key, [*contacts, *(acting.on for name, acting in body.acting if name != "clamp")])
+        mesh = _turned(
+            mesh, key, [*contacts, *(acting.on for name, acting in body.acting if name != "clamp")]
+        )
     for name, acting in body.acting:
         with naming(f"body.{body.name}.{name}"):
             # a clamp holds nodes, of points and curves as well; all else acts on facets
@@ -97,7 +125,11 @@ def content(body: BodySpec, folder: Path = Path(".")) -> bytes | None:
         return b""
     path = locate_mesh(body, folder)
     data, words = path.read_bytes(), NAMES_OTHERS.get(path.suffix.lower())
-    return None if words is not None and re.search(words, data, re.IGNORECASE) else hashlib.blake2b(data).digest()
+    return (
+        None
+        if words is not None and re.search(words, data, re.IGNORECASE)
+        else hashlib.blake2b(data).digest()
+    )
 
 
 def _turned(mesh: Mesh, key: str, acted: Collection[str]) -> Mesh:
@@ -106,12 +138,16 @@ def _turned(mesh: Mesh, key: str, acted: Collection[str]) -> Mesh:
     points = mesh.points.copy()
     points[np.abs(points[:, 0]) <= ROUNDING * np.abs(points).max(), 0] = 0.0
     if points[:, 0].min() < 0.0:
-        raise InputError(f"{key}: the node at {in_words(points[points[:, 0].argmin()])} lies on the other side of the "
-                         "axis; an axisymmetric scene has x >= 0, x being the radius and y the axis")
+        raise InputError(
+            f"{key}: the node at {in_words(points[points[:, 0].argmin()])} lies on the other side of the "
+            "axis; an axisymmetric scene has x >= 0, x being the radius and y the axis"
+        )
     for name in acted:
         if name in mesh.groups and not points[mesh.groups[name], 0].any(axis=1).all():
-            raise InputError(f"{key}: {name!r} has sides on the axis, where they have no area: contacts, loads and "
-                             "foundations are on other sides, and nodes on the axis are fixed radially anyway")
+            raise InputError(
+                f"{key}: {name!r} has sides on the axis, where they have no area: contacts, loads and "
+                "foundations are on other sides, and nodes on the axis are fixed radially anyway"
+            )
     return replace(mesh, points=points, axisymmetric=True)
 
 
@@ -119,8 +155,10 @@ def _refuse_huge(cells: float, names: str, key: str) -> None:
     """Raise InputError where free memory cannot hold so many cells and their stiffness."""
     needed, free = EACH * cells, free_memory()
     if needed > free:
-        raise InputError(f"{key}: {cells:.2g} {names} need more than {needed / 2**30:.2g} GiB of memory; "
-                         f"{free / 2**30:.2g} GiB are free")
+        raise InputError(
+            f"{key}: {cells:.2g} {names} need more than {needed / 2**30:.2g} GiB of memory; "
+            f"{free / 2**30:.2g} GiB are free"
+        )
 
 
 def kind_of_files(scene_path: str | Path) -> Callable[[BodySpec], tuple[int, int]]:
@@ -128,6 +166,7 @@ def kind_of_files(scene_path: str | Path) -> Callable[[BodySpec], tuple[int, int
 
     Drawings have no order, so 1. Not collective. The function raises InputError.
     """
+
     @functools.cache
     def of_file(path: Path, name: str, drawn: bool, part: str | None) -> tuple[int, int]:
         if drawn:
@@ -140,8 +179,12 @@ def kind_of_files(scene_path: str | Path) -> Callable[[BodySpec], tuple[int, int
         return file_kind(path, name, part)
 
     folder = Path(scene_path).parent
-    return lambda body: of_file(locate_mesh(body, folder), body.name, bool(body.mesh.geometry),
-                                None if body.mesh.part is None else str(body.mesh.part))
+    return lambda body: of_file(
+        locate_mesh(body, folder),
+        body.name,
+        bool(body.mesh.geometry),
+        None if body.mesh.part is None else str(body.mesh.part),
+    )
 
 
 def locate_mesh(body: BodySpec, folder: Path) -> Path:
@@ -156,7 +199,12 @@ def locate_mesh(body: BodySpec, folder: Path) -> Path:
             if stat.S_ISREG(os.stat(place).st_mode):
                 return place
             reason = ""
-        except (OSError, ValueError) as error:  # a folder without permission, a zero byte in the name
-            reason = f" ({getattr(error, 'strerror', error)})" * (not isinstance(error, FileNotFoundError))
+        except (
+            OSError,
+            ValueError,
+        ) as error:  # a folder without permission, a zero byte in the name
+            reason = f" ({getattr(error, 'strerror', error)})" * (
+                not isinstance(error, FileNotFoundError)
+            )
         tried.append(f"{place}{reason}")
     raise InputError(f"body.{body.name}.mesh.{key}: there is no file {' nor '.join(tried)}")

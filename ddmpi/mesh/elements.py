@@ -26,23 +26,50 @@ from ddmpi.system.numbers import ALIKE
 Rule = tuple[np.ndarray, np.ndarray]
 """Barycentric coordinates (q, d + 1) of points, and their weights (q,), which sum to one."""
 
-EDGES = {1: [(0, 1)], 2: [(0, 1), (1, 2), (2, 0)], 3: [(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)]}
+EDGES = {
+    1: [(0, 1)],
+    2: [(0, 1), (1, 2), (2, 0)],
+    3: [(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)],
+}
 """Ends of the edges by dimension; their middles are numbered in this order, which is VTK's."""
 
 FACETS: dict[int, list[tuple[int, ...]]] = {
-    1: [(1,), (0,)], 2: [(0, 1), (1, 2), (2, 0)], 3: [(1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1)]}
+    1: [(1,), (0,)],
+    2: [(0, 1), (1, 2), (2, 0)],
+    3: [(1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1)],
+}
 """Corners of the facets by dimension, counter-clockwise from outside; in the plane the cell lies to their left."""
 
-CUTS = {1: np.array([[[0, 2], [2, 1]]]), 2: np.array([[[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]]),
-        3: np.array([[[0, 4, 6, 7], [4, 1, 5, 8], [6, 5, 2, 9], [7, 8, 9, 3], *([*ends, a, b] for a, b in around)]
-                     for ends, around in (((4, 9), ((5, 6), (6, 7), (7, 8), (8, 5))),
-                                          ((5, 7), ((6, 4), (9, 6), (8, 9), (4, 8))),
-                                          ((6, 8), ((4, 5), (5, 9), (9, 7), (7, 4))))])}
+CUTS = {
+    1: np.array([[[0, 2], [2, 1]]]),
+    2: np.array([[[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]]),
+    3: np.array(
+        [
+            [
+                [0, 4, 6, 7],
+                [4, 1, 5, 8],
+                [6, 5, 2, 9],
+                [7, 8, 9, 3],
+                *([*ends, a, b] for a, b in around),
+            ]
+            for ends, around in (
+                ((4, 9), ((5, 6), (6, 7), (7, 8), (8, 5))),
+                ((5, 7), ((6, 4), (9, 6), (8, 9), (4, 8))),
+                ((6, 8), ((4, 5), (5, 9), (9, 7), (7, 4))),
+            )
+        ]
+    ),
+}
 """Ways (w, 2^d, d + 1) to cut a cell with halved edges, by dimension: its nodes of order 2 at the corners of the parts.
 In space four parts lie around one of the octahedron's three diagonals, whose ends are the first two nodes of the last
 part."""
 
-NAMES = (("point", "points"), ("line", "lines"), ("triangle", "triangles"), ("tetrahedron", "tetrahedra"))
+NAMES = (
+    ("point", "points"),
+    ("line", "lines"),
+    ("triangle", "triangles"),
+    ("tetrahedron", "tetrahedra"),
+)
 """One and several, by dimension."""
 
 TOPOLOGY = ("", "Polyline", "Triangle", "Tetrahedron")
@@ -157,8 +184,10 @@ class Cell:
         """Offsets (…, k − d − 1, D) of all nodes but the corners from the means `between`, of cells with `nodes`
         (…, k, D) (m). Exactly zero up to the fraction `least` of the distance of the corners."""
         corners = nodes[..., self.between, :]
-        off = nodes[..., self.dimension + 1:, :] - corners.mean(axis=-2)
-        bent = np.linalg.norm(off, axis=-1) > least * np.linalg.norm(np.ptp(corners, axis=-2), axis=-1)
+        off = nodes[..., self.dimension + 1 :, :] - corners.mean(axis=-2)
+        bent = np.linalg.norm(off, axis=-1) > least * np.linalg.norm(
+            np.ptp(corners, axis=-2), axis=-1
+        )
         return np.where(bent[..., None], off, 0.0)
 
     def split(self, nodes: np.ndarray) -> np.ndarray:
@@ -178,11 +207,15 @@ class Cell:
 
         Zeros are exact: all that is summed are integers over the same denominator.
         """
-        scaled = self.coefficients[..., None] * self.powers  # ∂φ_i/∂λ_a = Σ_n scaled_ina λ^(α_n − e_a)
+        scaled = (
+            self.coefficients[..., None] * self.powers
+        )  # ∂φ_i/∂λ_a = Σ_n scaled_ina λ^(α_n − e_a)
         # Products of derivatives are monomials with exponents α_n − e_a + α_m − e_b; where α_na = 0 the factor is zero.
         products = _products(self._lower[:, :, None, None] + self._lower)
         w = np.einsum("ina,jmb,namb->ijab", scaled, scaled, products)
-        w = w[:, :, 1:, 1:] - w[:, :, 1:, :1] - w[:, :, :1, 1:] + w[:, :, :1, :1]  # as λ_0 = 1 − λ_1 − …
+        w = (
+            w[:, :, 1:, 1:] - w[:, :, 1:, :1] - w[:, :, :1, 1:] + w[:, :, :1, :1]
+        )  # as λ_0 = 1 − λ_1 − …
         return w * self._scale(2 * self.order - 2)
 
     @property
@@ -200,13 +233,17 @@ class Cell:
 
     def derivatives(self, barycentric: np.ndarray) -> np.ndarray:
         """∂φ_i/∂λ_a (d, q, k) at points (q, d + 1), for a = 1 … d with λ_0 = 1 − λ_1 − …."""
-        terms = (barycentric[:, None, None] ** self._lower).prod(axis=-1) * self.powers  # (q, n, d + 1)
+        terms = (barycentric[:, None, None] ** self._lower).prod(
+            axis=-1
+        ) * self.powers  # (q, n, d + 1)
         slopes = np.einsum("qna,in->aqi", terms, self.coefficients)
         return slopes[1:] - slopes[:1]
 
     def tangents(self, nodes: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
         """∂x/∂λ_a (d, D, q, t) at points (q, d + 1) of t cells in space of dimension D, with `nodes` (t, k, D) (m)."""
-        return self.derivatives(barycentric)[:, None] @ np.ascontiguousarray(nodes.transpose(2, 1, 0))
+        return self.derivatives(barycentric)[:, None] @ np.ascontiguousarray(
+            nodes.transpose(2, 1, 0)
+        )
 
     def map(self, nodes: np.ndarray, barycentric: np.ndarray, axisymmetric: bool = False) -> Mapped:
         """Points (q, d + 1) of cells whose `nodes` (t, k, d) need not lie on straight edges (m)."""
@@ -214,7 +251,13 @@ class Cell:
         shapes = self.shapes(barycentric)
         places = np.moveaxis(shapes @ nodes.transpose(2, 1, 0), 0, -1)
         measures = determinant / factorial(self.dimension) * circumference(places, axisymmetric)
-        return Mapped(places, measures, self.derivatives(barycentric), inverse, shapes if axisymmetric else None)
+        return Mapped(
+            places,
+            measures,
+            self.derivatives(barycentric),
+            inverse,
+            shapes if axisymmetric else None,
+        )
 
     def vectors(self, nodes: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
         """Normal vectors (d + 1, q, t) of facets in space of dimension d + 1, with `nodes` (t, k, d + 1) (m).
@@ -232,9 +275,14 @@ def _products(powers: np.ndarray) -> np.ndarray:
 def _orbits(dimension: int, *orbits: tuple[float, float, int]) -> Rule:
     """A rule from weights and barycentric coordinates: a value, how often it stands, and equal ones for the rest. All
     permutations of them are points."""
-    points = [sorted(set(permutations([value] * times + [(1.0 - times * value) / rest] * rest)))
-              for _, value, times in orbits for rest in [dimension + 1 - times]]
-    return np.concatenate(points), np.repeat([weight for weight, *_ in orbits], [len(orbit) for orbit in points])
+    points = [
+        sorted(set(permutations([value] * times + [(1.0 - times * value) / rest] * rest)))
+        for _, value, times in orbits
+        for rest in [dimension + 1 - times]
+    ]
+    return np.concatenate(points), np.repeat(
+        [weight for weight, *_ in orbits], [len(orbit) for orbit in points]
+    )
 
 
 def _collapsed(dimension: int) -> Rule:
@@ -244,22 +292,36 @@ def _collapsed(dimension: int) -> Rule:
     # Split off one coordinate at a time: λ_last → λ_last (1 − t), λ_last t. The Jacobian is t^(rest − 1), and the
     # factor `rest` makes the weights sum to one.
     for rest in range(dimension, 0, -1):
-        points, last, t = points[:, :-1].repeat(5, axis=0), points[:, -1].repeat(5), np.tile(at, len(points))
+        points, last, t = (
+            points[:, :-1].repeat(5, axis=0),
+            points[:, -1].repeat(5),
+            np.tile(at, len(points)),
+        )
         points = np.column_stack([points, last * (1.0 - t), last * t])
         weight = np.outer(weight, weights * rest * at ** (rest - 1)).ravel()
     return points, weight
 
 
-FIRST = {dimension: (np.full((1, dimension + 1), 1.0 / (dimension + 1)), np.ones(1)) for dimension in EDGES}
+FIRST = {
+    dimension: (np.full((1, dimension + 1), 1.0 / (dimension + 1)), np.ones(1))
+    for dimension in EDGES
+}
 """The centroid, where the stress of a straight cell is its mean."""
 
 SECOND = {d: _orbits(d, (1.0 / (d + 1), (1.0 - (d + 2) ** -0.5) / (d + 1), d)) for d in EDGES}
 """d + 1 points, exact to degree 2."""
 
-RULES = {2: _orbits(2, (0.223381589678011, 0.445948490915965, 2), (0.109951743655322, 0.091576213509771, 2)),
-         3: _orbits(3, (0.112687925718015851, 0.310885919263300610, 3),
-                    (0.0734930431163619495, 0.0927352503108912264, 3),
-                    (0.0425460207770814664, 0.0455037041256496495, 2))}
+RULES = {
+    2: _orbits(
+        2, (0.223381589678011, 0.445948490915965, 2), (0.109951743655322, 0.091576213509771, 2)
+    ),
+    3: _orbits(
+        3,
+        (0.112687925718015851, 0.310885919263300610, 3),
+        (0.0734930431163619495, 0.0927352503108912264, 3),
+        (0.0425460207770814664, 0.0455037041256496495, 2),
+    ),
+}
 """Exact to degree 4 in the plane (Dunavant 1985), 5 in space (Walkington 2000). On curved cells ∫ σ : ε(φ_i) of a
 constant stress needs degree d and ∫ φ_i degree d + 2, so that constant stresses and volume forces are exact."""
 
@@ -284,16 +346,29 @@ def _lagrange(dimension: int, order: int) -> Cell:
     number = {tuple(sorted(mean)): k for k, mean in enumerate(means)}
 
     def nodes_of(corners: tuple[int, ...]) -> list[int]:
-        return [number[tuple(sorted(corners[k] for k in mean))] for mean in _means(len(corners) - 1, order)]
+        return [
+            number[tuple(sorted(corners[k] for k in mean))]
+            for mean in _means(len(corners) - 1, order)
+        ]
 
-    edges, facets = (np.array([nodes_of(part) for part in every]) for every in (EDGES[dimension], FACETS[dimension]))
+    edges, facets = (
+        np.array([nodes_of(part) for part in every])
+        for every in (EDGES[dimension], FACETS[dimension])
+    )
     powers = np.array([np.bincount(mean, minlength=dimension + 1) for mean in means])
     # Values of the monomials at the nodes; the inverse has the coefficients of the shape functions, which are integers.
     values = ((powers[:, None] / order) ** powers).prod(axis=-1)
-    return Cell(powers / order, np.array(means[dimension + 1:], int).reshape(-1, order), edges, facets,
-                np.arange(dimension + 1)[None] if order == 1 else CUTS[dimension][0],
-                exact_rule(dimension, 2 * order - 2), exact_rule(dimension, 2 * order), powers,
-                np.round(np.linalg.inv(values)).T)
+    return Cell(
+        powers / order,
+        np.array(means[dimension + 1 :], int).reshape(-1, order),
+        edges,
+        facets,
+        np.arange(dimension + 1)[None] if order == 1 else CUTS[dimension][0],
+        exact_rule(dimension, 2 * order - 2),
+        exact_rule(dimension, 2 * order),
+        powers,
+        np.round(np.linalg.inv(values)).T,
+    )
 
 
 CELLS = {(dimension, order): _lagrange(dimension, order) for dimension in EDGES for order in (1, 2)}
@@ -302,14 +377,19 @@ CELLS = {(dimension, order): _lagrange(dimension, order) for dimension in EDGES 
 
 def cell_with(number: int, dimension: int | None = None) -> Cell:
     """The cell with this number of nodes, of a dimension or else of the largest one."""
-    return next(cell for (d, _), cell in reversed(CELLS.items())
-                if len(cell.nodes) == number and dimension in (None, d))
+    return next(
+        cell
+        for (d, _), cell in reversed(CELLS.items())
+        if len(cell.nodes) == number and dimension in (None, d)
+    )
 
 
 def cross(rows: Sequence[np.ndarray] | np.ndarray) -> np.ndarray:
     """The vectors c (d, …) with c · v = det [v; rows] for all v, of `rows` (d − 1, d, …); of (x, y) it is (y, −x)."""
     columns = range(len(rows) + 1)
-    minors = np.stack([_determinant([[row[m] for m in columns if m != k] for row in rows]) for k in columns])
+    minors = np.stack(
+        [_determinant([[row[m] for m in columns if m != k] for row in rows]) for k in columns]
+    )
     minors[1::2] *= -1.0
     return minors
 
@@ -318,7 +398,10 @@ def _determinant(rows: Sequence[Sequence[np.ndarray]]) -> np.ndarray:
     first, rest = rows[0], rows[1:]
     if not rest:
         return first[0]
-    terms = [entry * _determinant([[*row[:k], *row[k + 1:]] for row in rest]) for k, entry in enumerate(first)]
+    terms = [
+        entry * _determinant([[*row[:k], *row[k + 1 :]] for row in rest])
+        for k, entry in enumerate(first)
+    ]
     return sum(terms[2::2], terms[0]) - sum(terms[3::2], terms[1])
 
 
@@ -361,7 +444,9 @@ def facet_shares(facets: np.ndarray, axisymmetric: bool = False) -> np.ndarray:
     """∫ φ_i (s, l) over facets with nodes (s, l, D) (m or m²)."""
     cell, bent = facet_cell(facets), curved_facets(facets) | axisymmetric
     (centre, _), (points, weights) = FIRST[cell.dimension], FINE[cell.dimension]
-    shares = np.outer(np.linalg.norm(cell.vectors(facets, centre)[:, 0], axis=0), cell.mass.sum(axis=1))
+    shares = np.outer(
+        np.linalg.norm(cell.vectors(facets, centre)[:, 0], axis=0), cell.mass.sum(axis=1)
+    )
     size = np.linalg.norm(cell.vectors(facets[bent], points), axis=0).T
     shapes = cell.shapes(points)
     around = circumference(shapes @ facets[bent], axisymmetric)

@@ -16,7 +16,17 @@ from pathlib import Path
 import numpy as np
 
 from ddmpi.errors import InputError
-from ddmpi.mesh.boundary import OFF, box, curve_bend, extent, face_bend, keep_part, name_sides, parts_of, samples
+from ddmpi.mesh.boundary import (
+    OFF,
+    box,
+    curve_bend,
+    extent,
+    face_bend,
+    keep_part,
+    name_sides,
+    parts_of,
+    samples,
+)
 from ddmpi.mesh.elements import CELLS, REGULAR
 from ddmpi.mesh.mesh import PHYSICAL, Face, Mesh
 from ddmpi.mesh.read import MSH, gmsh_session, name_groups, read_mesh
@@ -29,15 +39,19 @@ from ddmpi.system.interrupt import apart
 TRUST = "DDMPI_TRUST_GEOMETRY"
 """The environment variable that allows drawings to start programs and write files, if it is 1."""
 
-HARMFUL = re.compile(rb"\b(System|SystemCall|NonBlockingSystemCall|OnelabRun|ExternalProcess|Plugin|SendToServer|Save"
-                     rb"|CreateDir|(?:Tmp|Session|Options|Error)FileName|S2N|StringToName|Print(?!\s*\.))\b")
+HARMFUL = re.compile(
+    rb"\b(System|SystemCall|NonBlockingSystemCall|OnelabRun|ExternalProcess|Plugin|SendToServer|Save"
+    rb"|CreateDir|(?:Tmp|Session|Options|Error)FileName|S2N|StringToName|Print(?!\s*\.))\b"
+)
 """Commands of a .geo that start programs or write files, or that build such a command from strings."""
 
 SKIPPED = re.compile(rb"""("[^"]*"|'[^']*')|//[^\n]*|/\*.*?\*/""", re.S)
 """A string of a .geo, or a comment."""
 
-READS = re.compile(rb"""\b(Include|Merge|MergeWithBoundingBox|ShapeFromFile|ListFromFile|FileExists|FileName)\b"""
-                   rb"""([\s=(\[]*)(?:"([^"\n]{1,999})"|'([^'\n]{1,999})')?""")
+READS = re.compile(
+    rb"""\b(Include|Merge|MergeWithBoundingBox|ShapeFromFile|ListFromFile|FileExists|FileName)\b"""
+    rb"""([\s=(\[]*)(?:"([^"\n]{1,999})"|'([^'\n]{1,999})')?"""
+)
 """Commands of a .geo that read another file, and its name; gmsh cuts strings at 1023 characters and reads on."""
 
 READ_AS_DATA = (".step", ".stp", ".brep", ".brp", ".iges", ".igs", ".stl")
@@ -65,14 +79,30 @@ FILLED, TINY = 0.01, 1e-6
 DRAWN = "drawn.msh"
 """The mesh that gmsh writes."""
 
-_OPTIONS = {"General.NumThreads": 1, "Mesh.MaxNumThreads1D": 1, "Mesh.MaxNumThreads2D": 1, "Mesh.MaxNumThreads3D": 1,
-            "Mesh.RandomSeed": 1, "Mesh.ElementOrder": 1, "Mesh.SecondOrderLinear": 0, "Mesh.MshFileVersion": 4.1,
-            "Mesh.Binary": 1, "Mesh.SaveAll": 0, "Mesh.SaveParametric": 0, "Mesh.MeshOnlyVisible": 0,
-            "Mesh.MeshOnlyEmpty": 0, "Mesh.RecombineAll": 0, "Mesh.SubdivisionAlgorithm": 0, "Mesh.ScalingFactor": 1}
+_OPTIONS = {
+    "General.NumThreads": 1,
+    "Mesh.MaxNumThreads1D": 1,
+    "Mesh.MaxNumThreads2D": 1,
+    "Mesh.MaxNumThreads3D": 1,
+    "Mesh.RandomSeed": 1,
+    "Mesh.ElementOrder": 1,
+    "Mesh.SecondOrderLinear": 0,
+    "Mesh.MshFileVersion": 4.1,
+    "Mesh.Binary": 1,
+    "Mesh.SaveAll": 0,
+    "Mesh.SaveParametric": 0,
+    "Mesh.MeshOnlyVisible": 0,
+    "Mesh.MeshOnlyEmpty": 0,
+    "Mesh.RecombineAll": 0,
+    "Mesh.SubdivisionAlgorithm": 0,
+    "Mesh.ScalingFactor": 1,
+}
 """Options that a file cannot change."""
 
 
-def mesh_geometry(path: Path | None, body: BodySpec, contacts: Collection[str], sizes: Sizes | None = None) -> Mesh:
+def mesh_geometry(
+    path: Path | None, body: BodySpec, contacts: Collection[str], sizes: Sizes | None = None
+) -> Mesh:
     """The mesh of a geometry, or of a shape that gmsh draws, with its physical groups; in order 2 its sides are curved
     along curves and faces.
 
@@ -83,11 +113,26 @@ def mesh_geometry(path: Path | None, body: BodySpec, contacts: Collection[str], 
 
     Not collective. Raises InputError for a file that gmsh cannot read or mesh, or that is neither plane nor solid.
     """
-    label = f"body.{body.name}.mesh.geometry: {path}" if path else f"body.{body.name}.mesh: the {body.mesh.shape}"
+    label = (
+        f"body.{body.name}.mesh.geometry: {path}"
+        if path
+        else f"body.{body.name}.mesh: the {body.mesh.shape}"
+    )
     with _opened(path, label) as (folder, source):
-        faces = apart(folder, _draw, source, path is None or path.suffix.lower() == ".geo", body, contacts, sizes,
-                      label, doing=f"body.{body.name}: gmsh is meshing {path.name if path else body.mesh.shape}")
-        return replace(read_mesh(folder / DRAWN, body.name, body.mesh.order or 1, label), faces=faces)
+        faces = apart(
+            folder,
+            _draw,
+            source,
+            path is None or path.suffix.lower() == ".geo",
+            body,
+            contacts,
+            sizes,
+            label,
+            doing=f"body.{body.name}: gmsh is meshing {path.name if path else body.mesh.shape}",
+        )
+        return replace(
+            read_mesh(folder / DRAWN, body.name, body.mesh.order or 1, label), faces=faces
+        )
 
 
 def list_parts(path: Path, label: str) -> tuple[int, list[tuple[int, str, float]]]:
@@ -103,8 +148,10 @@ def _list_parts(source: Path, label: str) -> tuple[int, list[tuple[int, str, flo
     with gmsh_session() as gmsh, _gmsh_errors(f"{label} cannot be read"):
         gmsh.open(str(source))
         d = max(gmsh.model.getDimension(), 2)
-        return d, [(tag, gmsh.model.getEntityName(d, tag).split("/")[-1], extent(gmsh, d, tag))
-                   for _, tag in gmsh.model.getEntities(d)]
+        return d, [
+            (tag, gmsh.model.getEntityName(d, tag).split("/")[-1], extent(gmsh, d, tag))
+            for _, tag in gmsh.model.getEntities(d)
+        ]
 
 
 @contextlib.contextmanager
@@ -156,8 +203,10 @@ def _tamed(script: bytes, path: Path, copies: dict[Path, Path], folder: Path, la
 
     def refuse(word: re.Match[bytes], what: str) -> None:
         line = 1 + script.count(b"\n", 0, word.start())
-        raise InputError(f"{label} {what} ({word[1].decode()} in line {line} of {path.name}); for a drawing that you "
-                         f"trust as you would a program, set {TRUST}=1 in the environment")
+        raise InputError(
+            f"{label} {what} ({word[1].decode()} in line {line} of {path.name}); for a drawing that you "
+            f"trust as you would a program, set {TRUST}=1 in the environment"
+        )
 
     def use_copy(read: re.Match[bytes]) -> bytes:
         word, between, *names = read.groups()
@@ -181,8 +230,14 @@ def _tamed(script: bytes, path: Path, copies: dict[Path, Path], folder: Path, la
     return READS.sub(use_copy, printing) + b"\n"  # without it gmsh 4.15 would lose statements
 
 
-def _draw(source: Path | None, script: bool, body: BodySpec, contacts: Collection[str], sizes: Sizes | None,
-          label: str) -> dict[str, Face]:
+def _draw(
+    source: Path | None,
+    script: bool,
+    body: BodySpec,
+    contacts: Collection[str],
+    sizes: Sizes | None,
+    label: str,
+) -> dict[str, Face]:
     """Write the mesh of the drawing `source`, or of a shape, as DRAWN, and say what its numbered faces are; for a
     process that does nothing else. Raises InputError."""
     with gmsh_session() as gmsh, _gmsh_errors(f"{label} cannot be meshed"):
@@ -208,46 +263,81 @@ def _draw(source: Path | None, script: bool, body: BodySpec, contacts: Collectio
         return faces
 
 
-def _choose_groups(gmsh, script: bool, body: BodySpec, contacts: Collection[str], label: str) -> dict[str, Face]:
+def _choose_groups(
+    gmsh, script: bool, body: BodySpec, contacts: Collection[str], label: str
+) -> dict[str, Face]:
     """Name the groups, and save the cells of the body. Raises InputError."""
     d = gmsh.model.getDimension()
     name_groups(gmsh)
-    faces = name_sides(gmsh, script, [*contacts, *(acting.on for _, acting in body.acting), *body.mesh.size_on], label)
+    faces = name_sides(
+        gmsh,
+        script,
+        [*contacts, *(acting.on for _, acting in body.acting), *body.mesh.size_on],
+        label,
+    )
     bodies = [tag for _, tag in gmsh.model.getEntities(d)]
     if not gmsh.model.getPhysicalGroups(d):
         if len(bodies) > 1 and script:
-            raise InputError(f"{label} has {len(bodies)} {PHYSICAL[d].split()[1]}s and no physical one; name those of "
-                             f'the body: {PHYSICAL[d].title()}("body") = {{1}};')
+            raise InputError(
+                f"{label} has {len(bodies)} {PHYSICAL[d].split()[1]}s and no physical one; name those of "
+                f'the body: {PHYSICAL[d].title()}("body") = {{1}};'
+            )
         gmsh.model.addPhysicalGroup(d, bodies)
     return faces
 
 
 def _refuse_tiny(gmsh, body: BodySpec, contacts: Collection[str], label: str) -> None:
     """Raise InputError where the sizes of the scene would make far too many elements."""
-    d, largest, finest = gmsh.model.getDimension(), body.mesh.largest, body.mesh.contact_size or body.mesh.largest
+    d, largest, finest = (
+        gmsh.model.getDimension(),
+        body.mesh.largest,
+        body.mesh.contact_size or body.mesh.largest,
+    )
     whole = sum(_measure(gmsh, d, tag) for tag in _of_groups(gmsh, d))
-    band = NEAR * finest * sum(_measure(gmsh, d - 1, tag) for tag in _of_groups(gmsh, d - 1, contacts))
-    for key, size, covered in (("size", largest, whole), ("contact_size", finest, min(whole, band))):
+    band = (
+        NEAR * finest * sum(_measure(gmsh, d - 1, tag) for tag in _of_groups(gmsh, d - 1, contacts))
+    )
+    for key, size, covered in (
+        ("size", largest, whole),
+        ("contact_size", finest, min(whole, band)),
+    ):
         cells = covered / (REGULAR[d] * size**d)
         if cells > TOO_MANY:
             extents = " by ".join(f"{length:.3g}" for length in np.diff(box(gmsh), axis=0)[0, :d])
-            raise InputError(f"{label}: {key} = {size:g} would make {cells:.1g} {CELLS[d, 1].names} of a drawing of "
-                             f"{extents}; is it in the units of the drawing?")
+            raise InputError(
+                f"{label}: {key} = {size:g} would make {cells:.1g} {CELLS[d, 1].names} of a drawing of "
+                f"{extents}; is it in the units of the drawing?"
+            )
 
 
 def _measure(gmsh, dimension: int, tag: int) -> float:
     """The length of a curve, the area of a plane surface; for a face or a volume an estimate by its box."""
     if gmsh.model.getDimension() == 2:
         return _area(gmsh, tag) if dimension == 2 else curve_bend(gmsh, tag)[1]
-    return float(np.sort(np.diff(box(gmsh, dimension, tag), axis=0)[0])[-dimension:].prod()) * FILLED
+    return (
+        float(np.sort(np.diff(box(gmsh, dimension, tag), axis=0)[0])[-dimension:].prod()) * FILLED
+    )
 
 
 def _of_groups(gmsh, dimension: int, names: Collection[str] | None = None) -> np.ndarray:
     """The numbers of the curves, surfaces or volumes of physical groups, all or those of some names."""
-    called = {tag: gmsh.model.getPhysicalName(dimension, tag) for _, tag in gmsh.model.getPhysicalGroups(dimension)}
-    wanted = called.values() if names is None else [part for on in names for part in parts_of(on, called.values())]
+    called = {
+        tag: gmsh.model.getPhysicalName(dimension, tag)
+        for _, tag in gmsh.model.getPhysicalGroups(dimension)
+    }
+    wanted = (
+        called.values()
+        if names is None
+        else [part for on in names for part in parts_of(on, called.values())]
+    )
     groups = [tag for tag, name in called.items() if name in wanted]
-    return np.unique([entity for tag in groups for entity in gmsh.model.getEntitiesForPhysicalGroup(dimension, tag)])
+    return np.unique(
+        [
+            entity
+            for tag in groups
+            for entity in gmsh.model.getEntitiesForPhysicalGroup(dimension, tag)
+        ]
+    )
 
 
 def _area(gmsh, surface: int) -> float:
@@ -271,9 +361,13 @@ def _refine_towards(gmsh, body: BodySpec, contacts: Collection[str]) -> None:
     for name, size in body.mesh.size_on.items():
         along = _of_groups(gmsh, side, [name])
         if not len(along):
-            names = [gmsh.model.getPhysicalName(*group) for group in gmsh.model.getPhysicalGroups(side)]
-            raise InputError(f"body.{body.name}.mesh.size_on: the drawing has no boundary group {name!r}"
-                             f"{nearest(name, names)} (it has {', '.join(names)})")
+            names = [
+                gmsh.model.getPhysicalName(*group) for group in gmsh.model.getPhysicalGroups(side)
+            ]
+            raise InputError(
+                f"body.{body.name}.mesh.size_on: the drawing has no boundary group {name!r}"
+                f"{nearest(name, names)} (it has {', '.join(names)})"
+            )
         near = np.setdiff1d(near, along)  # it has this size in contacts as well
         if size < largest:
             fields.append(_near(gmsh, side, along, size, largest))
@@ -297,10 +391,19 @@ def _follow(gmsh, sizes: Sizes, largest: float, label: str) -> None:
     d, middle = sizes.points.shape[1], box(gmsh).mean(axis=0)
     xyz = np.column_stack([sizes.points, np.tile(middle[d:], (len(sizes.points), 1))])
     corners = xyz[sizes.triangles].transpose(0, 2, 1).reshape(len(sizes.triangles), -1)
-    view, data = gmsh.view.add("sizes"), np.column_stack([corners, sizes.sizes[sizes.triangles]]).ravel()
+    view, data = (
+        gmsh.view.add("sizes"),
+        np.column_stack([corners, sizes.sizes[sizes.triangles]]).ravel(),
+    )
     gmsh.view.addListData(view, {2: "ST", 3: "SS"}[d], len(corners), data)
-    for option, value in (("SizeMin", 0.0), ("SizeMax", largest), ("SizeFactor", 1.0), ("SizeFromPoints", 0),
-                          ("SizeExtendFromBoundary", 0), ("SizeFromCurvature", 0)):
+    for option, value in (
+        ("SizeMin", 0.0),
+        ("SizeMax", largest),
+        ("SizeFactor", 1.0),
+        ("SizeFromPoints", 0),
+        ("SizeExtendFromBoundary", 0),
+        ("SizeFromCurvature", 0),
+    ):
         gmsh.option.setNumber(f"Mesh.Mesh{option}", value)
     fields = [_field(gmsh, "PostView", ViewTag=view), *_around(gmsh, largest)]
     gmsh.model.mesh.field.setAsBackgroundMesh(_field(gmsh, "Min", FieldsList=fields))
@@ -314,24 +417,41 @@ def _around(gmsh, largest: float) -> list[int]:
         size = max(2 * np.pi / AROUND / max(bend, 1 / OFF), length / MOST)
         if size < largest and length > TINY * extent(gmsh):
             alike.setdefault((dimension, round(np.log(size) / ALIKE)), []).append((size, tag))
-    return [_near(gmsh, dimension, [tag for _, tag in group], min(group)[0], largest)
-            for (dimension, _), group in alike.items()]
+    return [
+        _near(gmsh, dimension, [tag for _, tag in group], min(group)[0], largest)
+        for (dimension, _), group in alike.items()
+    ]
 
 
 def _near(gmsh, dimension: int, tags, finest: float, largest: float) -> int:
     """A field of size `finest` along curves or faces, which grows to `largest`."""
     length = max(extent(gmsh, dimension, tag) for tag in tags)
-    far = _field(gmsh, "Distance", Sampling=int(np.clip(4 * length / finest, 20, {1: 20_000, 2: 500}[dimension])),
-                 **{("CurvesList", "SurfacesList")[dimension - 1]: tags})
-    return _field(gmsh, "Threshold", InField=far, SizeMin=finest, SizeMax=largest, DistMin=NEAR * finest,
-                  DistMax=NEAR * finest + (largest - finest) / GRADE)
+    far = _field(
+        gmsh,
+        "Distance",
+        Sampling=int(np.clip(4 * length / finest, 20, {1: 20_000, 2: 500}[dimension])),
+        **{("CurvesList", "SurfacesList")[dimension - 1]: tags},
+    )
+    return _field(
+        gmsh,
+        "Threshold",
+        InField=far,
+        SizeMin=finest,
+        SizeMax=largest,
+        DistMin=NEAR * finest,
+        DistMax=NEAR * finest + (largest - finest) / GRADE,
+    )
 
 
 def _field(gmsh, kind: str, **values) -> int:
     """A new size field of gmsh."""
     field = gmsh.model.mesh.field.add(kind)
     for key, value in values.items():
-        put = gmsh.model.mesh.field.setNumber if np.isscalar(value) else gmsh.model.mesh.field.setNumbers
+        put = (
+            gmsh.model.mesh.field.setNumber
+            if np.isscalar(value)
+            else gmsh.model.mesh.field.setNumbers
+        )
         put(field, key, value)
     return int(field)
 

@@ -112,7 +112,7 @@ class Mesh:
     @property
     def corners(self) -> np.ndarray:
         """(nt, d + 1) the nodes at the corners of the cells."""
-        return self.triangles[:, :self.dimension + 1]
+        return self.triangles[:, : self.dimension + 1]
 
     @cached_property
     def curved(self) -> np.ndarray:
@@ -120,10 +120,12 @@ class Mesh:
         # Nearly all edges of most meshes are straight to the last bit; only the others need the tolerance.
         off = np.zeros(len(self.triangles), bool)
         for first in range(0, len(off), BLOCK):
-            nodes = self.triangles[first:first + BLOCK].T
+            nodes = self.triangles[first : first + BLOCK].T
             for x in self.points.T:
                 straight = x[nodes[self.cell.between]].mean(axis=1)
-                off[first:first + BLOCK] |= (x[nodes[self.dimension + 1:]] != straight).any(axis=0)
+                off[first : first + BLOCK] |= (x[nodes[self.dimension + 1 :]] != straight).any(
+                    axis=0
+                )
         cells = np.flatnonzero(off)
         return cells[self.cell.bends(self.points[self.triangles[cells]]).any(axis=(1, 2))]
 
@@ -149,14 +151,22 @@ class Mesh:
         if name not in self.groups:
             for what, names in zip(PHYSICAL, (self.vertices, self.curves), strict=False):
                 if name in names:
-                    raise InputError(f"{name!r} is a {what} of the mesh, which only a clamp may name; where a force "
-                                     "acts on it, the displacement has no limit as the mesh gets finer")
+                    raise InputError(
+                        f"{name!r} is a {what} of the mesh, which only a clamp may name; where a force "
+                        "acts on it, the displacement has no limit as the mesh gets finer"
+                    )
             if name in self.surfaces:
-                raise InputError(f"{name!r} is a {PHYSICAL[d]} of the mesh, not a boundary group; these are {of} "
-                                 f"(a boundary needs a name that no {PHYSICAL[d]} has)")
-            raise InputError(f"the mesh has no boundary group {name!r}{nearest(name, list(self.groups))} (it has {of})")
+                raise InputError(
+                    f"{name!r} is a {PHYSICAL[d]} of the mesh, not a boundary group; these are {of} "
+                    f"(a boundary needs a name that no {PHYSICAL[d]} has)"
+                )
+            raise InputError(
+                f"the mesh has no boundary group {name!r}{nearest(name, list(self.groups))} (it has {of})"
+            )
         if len(self.groups[name]) == 0:
-            raise InputError(f"the boundary group {name!r} of the mesh has a name, but no {self.cell.facet.names}")
+            raise InputError(
+                f"the boundary group {name!r} of the mesh has a name, but no {self.cell.facet.names}"
+            )
         return self.groups[name]
 
     def nodes_of(self, name: str) -> np.ndarray:
@@ -168,10 +178,14 @@ class Mesh:
             found.append(("", self._group(name).ravel()))
         nodes = np.unique(np.concatenate([members for _, members in found]))
         if len(nodes) == 0:
-            raise InputError(f"the {found[0][0]} {name!r} of the mesh is at none of its {self.cell.names}")
+            raise InputError(
+                f"the {found[0][0]} {name!r} of the mesh is at none of its {self.cell.names}"
+            )
         if nodes[0] < 0:
-            raise InputError(f"{name!r} has nodes in the middle of edges, which linear elements do not have; give the "
-                             "mesh order = 2")
+            raise InputError(
+                f"{name!r} has nodes in the middle of edges, which linear elements do not have; give the "
+                "mesh order = 2"
+            )
         return nodes
 
     @property
@@ -192,7 +206,7 @@ class Mesh:
     def summed_blocks(self) -> list[np.ndarray]:
         """The numbers of the `summed` cells, BLOCK at a time."""
         cells = self.summed
-        return [cells[start:start + BLOCK] for start in range(0, len(cells), BLOCK)]
+        return [cells[start : start + BLOCK] for start in range(0, len(cells), BLOCK)]
 
     def map(self, cells: np.ndarray | slice, barycentric: np.ndarray) -> Mapped:
         """Cells (numbers or a slice), curved or not, at their points `barycentric` (q, d + 1)."""
@@ -200,7 +214,10 @@ class Mesh:
 
     def measures(self) -> np.ndarray:
         """(nt,) areas or volumes of the cells, around an axis those of rings (m² or m³)."""
-        measures, (points, weights) = signed_measures(self.points, self.corners), RULES[self.dimension]
+        measures, (points, weights) = (
+            signed_measures(self.points, self.corners),
+            RULES[self.dimension],
+        )
         for cells in self.summed_blocks():
             measures[cells] = weights @ self.map(cells, points).measures
         return measures
@@ -212,11 +229,13 @@ class Mesh:
         return float(np.linalg.norm(self.points - far, axis=1).max())
 
 
-def boundary_facets(cells: np.ndarray, dimension: int | None = None) -> tuple[np.ndarray, np.ndarray]:
+def boundary_facets(
+    cells: np.ndarray, dimension: int | None = None
+) -> tuple[np.ndarray, np.ndarray]:
     """The facets (f, l) that belong to only one of the cells (nt, k), turned outward, and their cells (f,)."""
     cell = cell_with(cells.shape[1], dimension)
     facets = cells[:, cell.facets].reshape(-1, cell.facets.shape[1])
-    corners = np.sort(facets[:, :cell.dimension], axis=1).T
+    corners = np.sort(facets[:, : cell.dimension], axis=1).T
     order = np.lexsort(corners)
     new = (np.diff(corners[:, order], prepend=-1, append=-1) != 0).any(axis=0)
     alone = np.sort(order[new[:-1] & new[1:]])
@@ -225,18 +244,26 @@ def boundary_facets(cells: np.ndarray, dimension: int | None = None) -> tuple[np
 
 def turn_outward(mesh: Mesh, facets: np.ndarray) -> Facets:
     """Facets (k, l) on the boundary of a mesh. Raises InputError for inner ones."""
-    d, marked, (outer, owners) = mesh.dimension, np.zeros(len(mesh.points), dtype=bool), mesh.boundary
+    d, marked, (outer, owners) = (
+        mesh.dimension,
+        np.zeros(len(mesh.points), dtype=bool),
+        mesh.boundary,
+    )
     marked[facets] = True
     near = marked[outer].all(axis=1)
     outer, owners = outer[near], owners[near]
     # a facet is found on the boundary by the set of its corners, whatever their order
-    _, number = np.unique(np.sort(np.concatenate([outer[:, :d], facets[:, :d]])), axis=0, return_inverse=True)
+    _, number = np.unique(
+        np.sort(np.concatenate([outer[:, :d], facets[:, :d]])), axis=0, return_inverse=True
+    )
     place = np.full(len(number), -1)
-    place[number.ravel()[:len(outer)]] = np.arange(len(outer))
-    at = place[number.ravel()[len(outer):]]
+    place[number.ravel()[: len(outer)]] = np.arange(len(outer))
+    at = place[number.ravel()[len(outer) :]]
     if (at < 0).any():
         inner = in_words(mesh.points[facets[at < 0][0, :d]].mean(axis=0))
-        raise InputError(f"the group has {mesh.cell.facet.names} that are not on the body's boundary, as at {inner}")
+        raise InputError(
+            f"the group has {mesh.cell.facet.names} that are not on the body's boundary, as at {inner}"
+        )
     return Facets(outer[at], owners[at], facets[:, 0])
 
 
@@ -249,7 +276,7 @@ def signed_measures(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
 
 def tangents(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
     """∂x/∂λ_a (d, d, nt) of straight cells as in `signed_measures` (m): edges from their first corners."""
-    x = np.take(points.T, corners[:, :points.shape[1] + 1].T, axis=1)
+    x = np.take(points.T, corners[:, : points.shape[1] + 1].T, axis=1)
     return (x[:, 1:] - x[:, :1]).swapaxes(0, 1)
 
 
@@ -265,8 +292,10 @@ def refuse_overlaps(mesh: Mesh, label: str) -> None:
     twice = order[:-1][(np.diff(keys[:, order]) == 0).all(axis=0)]
     if len(twice):
         place = in_words(mesh.points[facets[twice.min()]].mean(axis=0))
-        raise InputError(f"{label} has {mesh.cell.names} that overlap at {place}: the mesh folds there, or two of its "
-                         "parts lie on each other")
+        raise InputError(
+            f"{label} has {mesh.cell.names} that overlap at {place}: the mesh folds there, or two of its "
+            "parts lie on each other"
+        )
 
 
 def refuse_folded(mesh: Mesh, key: str) -> None:
@@ -276,5 +305,7 @@ def refuse_folded(mesh: Mesh, key: str) -> None:
         least = mesh.map(cells, points).measures.min(axis=0)
         if (least <= 0.0).any():
             place = in_words(mesh.points[mesh.triangles[cells[np.argmin(least)]]].mean(axis=0))
-            raise InputError(f"{key}: the curved {mesh.cell.name} at {place} folds: its sides are bent too much for "
-                             "its size (gmsh: a smaller size there, or Mesh.HighOrderOptimize = 2)")
+            raise InputError(
+                f"{key}: the curved {mesh.cell.name} at {place} folds: its sides are bent too much for "
+                "its size (gmsh: a smaller size there, or Mesh.HighOrderOptimize = 2)"
+            )

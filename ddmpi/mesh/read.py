@@ -27,8 +27,10 @@ from ddmpi.system.numbers import ALIKE
 MSH = (b"$MeshFormat", b"$Comments", b"$NOD", b"$NOE")
 """First words of mesh files that gmsh may open: it runs unknown files as scripts."""
 
-COMPLETE = {"wedge18": [0, 1, 2, 3, 4, 5, 6, 9, 7, 12, 14, 13, 8, 10, 11],
-            "pyramid14": [0, 1, 2, 3, 4, 5, 8, 10, 6, 7, 9, 11, 12]}
+COMPLETE = {
+    "wedge18": [0, 1, 2, 3, 4, 5, 6, 9, 7, 12, 14, 13, 8, 10, 11],
+    "pyramid14": [0, 1, 2, 3, 4, 5, 8, 10, 6, 7, 9, 11, 12],
+}
 """The order of VTK in elements with middles of faces, which meshio leaves in gmsh's."""
 
 FORMATS = {".med": "med", ".vtu": "vtu", ".vtk": "vtk"}
@@ -41,7 +43,9 @@ FLAT = 1e-14
 """A triangle has no area if it is smaller than this fraction of the largest one; for volumes its power 3/2."""
 
 
-def read_mesh(path: Path, body: str, order: int = 1, label: str = "", part: str | None = None) -> Mesh:
+def read_mesh(
+    path: Path, body: str, order: int = 1, label: str = "", part: str | None = None
+) -> Mesh:
     """Read triangles or tetrahedra, the groups of the boundary and points from a mesh file, as a mesh of the `order`.
 
     In order 2 the edges of second-order elements are curved as they are in the file; in order 1 only corners are kept.
@@ -56,10 +60,14 @@ def read_mesh(path: Path, body: str, order: int = 1, label: str = "", part: str 
     raw = _load(path, label, part)
     d, _ = _kind(raw)
     kind = CELLS[d, order]
-    other = sorted({c.type for c in raw.cells} - {kind for kinds in KINDS.values() for kind in kinds})
+    other = sorted(
+        {c.type for c in raw.cells} - {kind for kinds in KINDS.values() for kind in kinds}
+    )
     if other and part is None:
-        raise InputError(f"{label} has elements of type {', '.join(other)}; only triangles, quadrilaterals, "
-                         "tetrahedra, hexahedra, prisms, pyramids and lines of first or second order are supported")
+        raise InputError(
+            f"{label} has elements of type {', '.join(other)}; only triangles, quadrilaterals, "
+            "tetrahedra, hexahedra, prisms, pyramids and lines of first or second order are supported"
+        )
     if not (np.abs(raw.points) <= LARGEST).all():
         raise InputError(f"{label} has coordinates that are not numbers, or above {LARGEST:g}")
     cells, bends, element = simplices(raw, d, raw.points[:, :d], not kind.linear)
@@ -68,23 +76,36 @@ def read_mesh(path: Path, body: str, order: int = 1, label: str = "", part: str 
         cells, bends, element = cells[own], bends[own], element[own]
     first, place = distinct(cells)
     cells, bends = cells[first], bends[first]
-    simple = sum(len(raw.cells_dict.get(kind, ())) for kind in KINDS[d] if kind.startswith(SIMPLICES[d]))
-    cut = len(np.unique(element[first][element[first] >= simple]))  # the simplices of KINDS are counted first
+    simple = sum(
+        len(raw.cells_dict.get(kind, ())) for kind in KINDS[d] if kind.startswith(SIMPLICES[d])
+    )
+    cut = len(
+        np.unique(element[first][element[first] >= simple])
+    )  # the simplices of KINDS are counted first
     if len(cells) == 0:
-        raise InputError(f"{label} has neither triangles nor tetrahedra; gmsh saves only elements in physical groups: "
-                         'Physical Surface("body") = {1}; or Physical Volume("body") = {1};')
+        raise InputError(
+            f"{label} has neither triangles nor tetrahedra; gmsh saves only elements in physical groups: "
+            'Physical Surface("body") = {1}; or Physical Volume("body") = {1};'
+        )
     if (np.ptp(raw.points[:, d:], axis=0) > ALIKE * np.ptp(raw.points)).any():
-        raise InputError(f"{label} is not plane (its z coordinates differ), and has no tetrahedra; a solid needs its "
-                         'cells: Physical Volume("body") = {1};')
+        raise InputError(
+            f"{label} is not plane (its z coordinates differ), and has no tetrahedra; a solid needs its "
+            'cells: Physical Volume("body") = {1};'
+        )
     groups, curves, vertices = file_groups(raw, label, cells, part is not None)
-    surfaces = {name: np.unique(place[np.isin(element, members)]) for name, members in file_members(raw, d).items()}
+    surfaces = {
+        name: np.unique(place[np.isin(element, members)])
+        for name, members in file_members(raw, d).items()
+    }
 
     used, renumbered = np.unique(cells, return_inverse=True)
     number = np.full(len(raw.points), -1)
     number[used] = np.arange(len(used))
     points, cells = np.asarray(raw.points[used, :d], float), renumbered.reshape(-1, d + 1)
     groups = {name: number[facets] for name, facets in groups.items()}
-    curves = {name: number[lines][(number[lines] >= 0).all(axis=1)] for name, lines in curves.items()}
+    curves = {
+        name: number[lines][(number[lines] >= 0).all(axis=1)] for name, lines in curves.items()
+    }
     if any((facets < 0).any() for facets in groups.values()):
         raise InputError(f"{label} has boundary {kind.facet.names} that belong to no {kind.name}")
     measure = signed_measures(points, cells)
@@ -123,8 +144,10 @@ def _members(raw, d: int, part: str, label: str) -> np.ndarray:
     """The elements (k,) of a part, counted through all KINDS. Raises InputError where it is not there."""
     named = {name: members for name, members in file_members(raw, d).items() if len(members)}
     if part not in named:
-        raise InputError(f"{label} has no part {part!r}{nearest(part, list(named))} (parts with {CELLS[d, 1].names} or "
-                         f"what is cut into them: {', '.join(sorted(named)) or 'none with a name'})")
+        raise InputError(
+            f"{label} has no part {part!r}{nearest(part, list(named))} (parts with {CELLS[d, 1].names} or "
+            f"what is cut into them: {', '.join(sorted(named)) or 'none with a name'})"
+        )
     return named[part]
 
 
@@ -136,15 +159,25 @@ def _load(path: Path, label: str, part: str | None = None):
     kind = path.suffix.lower()
     if kind == ".inp" or kind in FORMATS:
         try:
-            return Deck(path).mesh(part) if kind == ".inp" else _with_sets(getattr(meshio, FORMATS[kind]).read(path))
+            return (
+                Deck(path).mesh(part)
+                if kind == ".inp"
+                else _with_sets(getattr(meshio, FORMATS[kind]).read(path))
+            )
         except Exception as error:  # meshio raises many kinds, some of them without a message
-            what = "" if isinstance(error, DdmpiError | ValueError | OSError) else f"{type(error).__name__} "
+            what = (
+                ""
+                if isinstance(error, DdmpiError | ValueError | OSError)
+                else f"{type(error).__name__} "
+            )
             raise InputError(f"{label} is not a mesh that can be read: {what}{error}") from None
     with open(path, "rb") as file:
         begin = file.read(len(MSH[0]))
     if not begin.startswith(MSH):
-        raise InputError(f"{label} is not a mesh that meshio or gmsh can read: it does not begin with $MeshFormat; a "
-                         "drawing is given by geometry = …")
+        raise InputError(
+            f"{label} is not a mesh that meshio or gmsh can read: it does not begin with $MeshFormat; a "
+            "drawing is given by geometry = …"
+        )
     _refuse_double_names(path, label)
     try:
         return _read_msh(path)
@@ -159,20 +192,27 @@ def _load(path: Path, label: str, part: str | None = None):
         except InterruptionError:
             raise
         except Exception as error:  # meshio refuses a file without elements
-            raise InputError(f"{label} is not a mesh that meshio or gmsh can read "
-                             f"({refusal}; gmsh: {error})") from None
+            raise InputError(
+                f"{label} is not a mesh that meshio or gmsh can read ({refusal}; gmsh: {error})"
+            ) from None
 
 
 def _refuse_double_names(path: Path, label: str) -> None:
     """Raise InputError where groups of two dimensions have one name: meshio would forget one of them."""
     with open(path, encoding="utf-8", errors="replace") as file:
-        head = "".join(takewhile(lambda line: not line.startswith(("$EndPhysicalNames", "$Nodes", "$NOD")), file))
+        head = "".join(
+            takewhile(
+                lambda line: not line.startswith(("$EndPhysicalNames", "$Nodes", "$NOD")), file
+            )
+        )
     dimensions: dict[str, str] = {}
     for dimension, name in re.findall(r'^([0-3])\s+\d+\s+"(.*)"', head, re.MULTILINE):
         kinds = dimensions.setdefault(name, dimension), dimension
         if len(set(kinds)) > 1:
             one, other = (PHYSICAL[int(kind)] for kind in kinds)
-            raise InputError(f"{label}: {name!r} is the name of both a {one} and a {other}; rename one")
+            raise InputError(
+                f"{label}: {name!r} is the name of both a {one} and a {other}; rename one"
+            )
 
 
 def _read_msh(path: Path):
@@ -192,7 +232,9 @@ def _with_sets(raw):
     numbers: list = next((raw.cell_data[kind] for kind in NUMBERED if kind in raw.cell_data), [])
     raw.cell_sets |= _sets(numbers, getattr(raw, "cell_tags", None))
     nodes = [raw.point_data["point_tags"]] if "point_tags" in raw.point_data else []
-    raw.point_sets |= {name: blocks[0] for name, blocks in _sets(nodes, getattr(raw, "point_tags", None)).items()}
+    raw.point_sets |= {
+        name: blocks[0] for name, blocks in _sets(nodes, getattr(raw, "point_tags", None)).items()
+    }
     raw.points, raw.field_data = np.pad(raw.points, ((0, 0), (0, 3 - raw.points.shape[1]))), {}
     _check_nodes(raw)
     return raw
@@ -211,7 +253,9 @@ def _sets(blocks: list, names: dict[int, list[str]] | None) -> dict[str, list[np
         for name in names.get(number, ()) if names else [str(int(number))] * bool(number):
             members = [np.flatnonzero(np.asarray(block) == number) for block in blocks]
             before = sets.get(name.strip(" \0"), members)
-            sets[name.strip(" \0")] = [np.union1d(*pair) for pair in zip(members, before, strict=True)]
+            sets[name.strip(" \0")] = [
+                np.union1d(*pair) for pair in zip(members, before, strict=True)
+            ]
     return sets
 
 

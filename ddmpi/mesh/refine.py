@@ -15,9 +15,23 @@ from ddmpi.mesh.mesh import Mesh, signed_measures
 from ddmpi.system.numbers import SAME
 
 KINDS = {
-    0: {"vertex": 1}, 1: {"line": 1, "line3": 2}, 2: {"triangle": 1, "triangle6": 2, "quad": 1, "quad8": 2, "quad9": 2},
-    3: {"tetra": 1, "tetra10": 2, "hexahedron": 1, "hexahedron20": 2, "hexahedron27": 2, "wedge": 1, "wedge15": 2,
-        "wedge18": 2, "pyramid": 1, "pyramid13": 2, "pyramid14": 2}}
+    0: {"vertex": 1},
+    1: {"line": 1, "line3": 2},
+    2: {"triangle": 1, "triangle6": 2, "quad": 1, "quad8": 2, "quad9": 2},
+    3: {
+        "tetra": 1,
+        "tetra10": 2,
+        "hexahedron": 1,
+        "hexahedron20": 2,
+        "hexahedron27": 2,
+        "wedge": 1,
+        "wedge15": 2,
+        "wedge18": 2,
+        "pyramid": 1,
+        "pyramid13": 2,
+        "pyramid14": 2,
+    },
+}
 """The orders of the element types that are read, by dimension and meshio's words."""
 
 SIMPLICES = ("vertex", "line", "triangle", "tetra")
@@ -26,8 +40,12 @@ SIMPLICES = ("vertex", "line", "triangle", "tetra")
 HALVES = np.array([[[0, 1, 2], [2, 3, 0]], [[1, 2, 3], [3, 0, 1]]])
 """Corners of the triangles that a quadrilateral is cut into, along its first or its second diagonal."""
 
-FIVE = np.array([[[0, 2, 5, 7], [1, 0, 2, 5], [3, 0, 7, 2], [4, 0, 5, 7], [6, 2, 7, 5]],
-                 [[1, 3, 4, 6], [0, 1, 3, 4], [2, 1, 6, 3], [5, 1, 4, 6], [7, 3, 6, 4]]])
+FIVE = np.array(
+    [
+        [[0, 2, 5, 7], [1, 0, 2, 5], [3, 0, 7, 2], [4, 0, 5, 7], [6, 2, 7, 5]],
+        [[1, 3, 4, 6], [0, 1, 3, 4], [2, 1, 6, 3], [5, 1, 4, 6], [7, 3, 6, 4]],
+    ]
+)
 """Corners of the tetrahedra that a hexahedron is cut into, by diagonals between its corners 0, 2, 5, 7 or the rest."""
 
 GRADE = 0.3
@@ -63,8 +81,10 @@ def raise_order(mesh: Mesh, key: str, order: int = 2) -> Mesh:
             wanted = keys(facets)
             place = np.minimum(np.searchsorted(new, wanted), len(new) - 1)
             if not np.array_equal(new[place], wanted):
-                raise InputError(f"{key}: the group {name!r} has {cell_with(facets.shape[1]).names} that are not "
-                                 f"sides of {mesh.cell.names}")
+                raise InputError(
+                    f"{key}: the group {name!r} has {cell_with(facets.shape[1]).names} that are not "
+                    f"sides of {mesh.cell.names}"
+                )
             result[name] = np.column_stack([facets, size + place])
         return result
 
@@ -73,7 +93,9 @@ def raise_order(mesh: Mesh, key: str, order: int = 2) -> Mesh:
     between = np.unravel_index(new, (size,) * order)
     points = np.concatenate([mesh.points, sum(mesh.points[corner] for corner in between) / order])
     cells = np.column_stack([mesh.triangles, size + number.reshape(of_cells.shape)])
-    return replace(mesh, points=points, triangles=cells, groups=raised(mesh.groups), curves=raised(mesh.curves))
+    return replace(
+        mesh, points=points, triangles=cells, groups=raised(mesh.groups), curves=raised(mesh.curves)
+    )
 
 
 def bend(mesh: Mesh, bends: np.ndarray) -> Mesh:
@@ -82,7 +104,7 @@ def bend(mesh: Mesh, bends: np.ndarray) -> Mesh:
     Cells that share a node have the same bend for it, or zero, which does not count.
     """
     bent, points = bends.any(axis=2), mesh.points.copy()
-    points[mesh.triangles[:, mesh.dimension + 1:][bent]] += bends[bent]
+    points[mesh.triangles[:, mesh.dimension + 1 :][bent]] += bends[bent]
     return replace(mesh, points=points)
 
 
@@ -93,27 +115,38 @@ def halve(mesh: Mesh, key: str) -> Mesh:
     maps. Not collective. Raises InputError as `raise_order` does.
     """
     fine, d, ways = raise_order(mesh, key), mesh.dimension, CUTS[mesh.dimension]
-    lengths = np.linalg.norm(np.diff(fine.points[fine.triangles[:, ways[:, -1, :2]]], axis=2)[:, :, 0], axis=2)
+    lengths = np.linalg.norm(
+        np.diff(fine.points[fine.triangles[:, ways[:, -1, :2]]], axis=2)[:, :, 0], axis=2
+    )
     way = (lengths <= (1.0 + SAME) * lengths.min(axis=1, keepdims=True)).argmax(axis=1)
     parts = ways[way]
     number = parts.shape[1]
     halved = replace(
-        mesh, points=fine.points,
+        mesh,
+        points=fine.points,
         triangles=np.take_along_axis(fine.triangles[:, None], parts, axis=2).reshape(-1, d + 1),
         groups={name: fine.cell.facet.split(facets) for name, facets in fine.groups.items()},
         curves={name: CELLS[1, fine.order].split(lines) for name, lines in fine.curves.items()},
-        surfaces={name: (number * members[:, None] + np.arange(number)).ravel()
-                  for name, members in mesh.surfaces.items()})
+        surfaces={
+            name: (number * members[:, None] + np.arange(number)).ravel()
+            for name, members in mesh.surfaces.items()
+        },
+    )
     shapes = mesh.cell.shapes(mesh.cell.nodes @ fine.cell.nodes[ways])  # at the nodes of the parts
-    shares = mesh.cell.bends(shapes, 0.0)[..., d + 1:]  # what bends of a cell give those of its parts
+    shares = mesh.cell.bends(shapes, 0.0)[
+        ..., d + 1 :
+    ]  # what bends of a cell give those of its parts
     bends = np.zeros((len(parts), number, len(mesh.cell.between), d))
     for cells in mesh.summed_blocks():
-        bends[cells] = shares[way[cells]] @ mesh.cell.bends(mesh.points[mesh.triangles[cells]])[:, None]
+        bends[cells] = (
+            shares[way[cells]] @ mesh.cell.bends(mesh.points[mesh.triangles[cells]])[:, None]
+        )
     return bend(raise_order(halved, key, mesh.order), bends.reshape(len(halved.triangles), -1, d))
 
 
-def simplices(raw, d: int, points: np.ndarray, curved: bool = False
-               ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def simplices(
+    raw, d: int, points: np.ndarray, curved: bool = False
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """All elements of dimension d, cut into simplices.
 
     Corners (n, d + 1), if `curved` the bends (n, e, ·) of their edges (m), and the elements that they are parts of,
@@ -127,7 +160,9 @@ def simplices(raw, d: int, points: np.ndarray, curved: bool = False
         bow = np.zeros((*parts.shape[:2], len(EDGES[d]) * curved, points.shape[1]))
         if curved and kind != shape and len(corners):
             ends = corners[:, np.array(SIDES[shape])]
-            off = CELLS[1, 2].bends(points[np.concatenate([ends, middles[..., None]], axis=2)], SAME)[:, :, 0]
+            off = CELLS[1, 2].bends(
+                points[np.concatenate([ends, middles[..., None]], axis=2)], SAME
+            )[:, :, 0]
             bent = np.flatnonzero(off.any(axis=(1, 2)))
             between = np.einsum("ijs,nsc->nijc", _weights(shape, corners.shape[1]), off[bent])
             i, j = np.moveaxis(parts[bent][:, :, EDGES[d]], -1, 0)
@@ -140,16 +175,25 @@ def simplices(raw, d: int, points: np.ndarray, curved: bool = False
 
 def _of_kind(raw, kind: str) -> tuple[str, np.ndarray, np.ndarray]:
     """The shape of a kind of elements, and their nodes at corners and in the middles of edges."""
-    nodes, shape = raw.cells_dict.get(kind, np.empty((0, 27), int)).astype(np.int64), kind.rstrip("0123456789")
+    nodes, shape = (
+        raw.cells_dict.get(kind, np.empty((0, 27), int)).astype(np.int64),
+        kind.rstrip("0123456789"),
+    )
     number = 1 + max(map(max, SIDES[shape]))
-    return shape, nodes[:, :number], nodes[:, number:number + len(SIDES[shape])]
+    return shape, nodes[:, :number], nodes[:, number : number + len(SIDES[shape])]
 
 
 def middle_nodes(raw, d: int) -> tuple[np.ndarray, np.ndarray]:
     """The nodes (k,) of a file in the middle of edges of elements of dimension d, and the ends (k, 2) of the edges."""
     triples = []
-    for shape, corners, middles in (_of_kind(raw, kind) for kind, order in KINDS[d].items() if order > 1):
-        triples.append(np.concatenate([middles[:, :, None], corners[:, np.array(SIDES[shape])]], axis=2).reshape(-1, 3))
+    for shape, corners, middles in (
+        _of_kind(raw, kind) for kind, order in KINDS[d].items() if order > 1
+    ):
+        triples.append(
+            np.concatenate(
+                [middles[:, :, None], corners[:, np.array(SIDES[shape])]], axis=2
+            ).reshape(-1, 3)
+        )
     entries = np.concatenate(triples)
     middles, first = np.unique(entries[:, 0], return_index=True)
     return middles, entries[first, 1:]
@@ -168,7 +212,9 @@ def graded(mesh: Mesh, sizes: np.ndarray) -> Sizes:
     # are as long as their sizes.
     ends = np.concatenate([links.T, [np.full(k, k), np.arange(k)]], axis=1)
     _, first = np.unique(np.sort(ends, axis=0), axis=1, return_index=True)
-    graph = sparse.csr_matrix((np.concatenate([far, nodal])[first], ends[:, first]), shape=(k + 1, k + 1))
+    graph = sparse.csr_matrix(
+        (np.concatenate([far, nodal])[first], ends[:, first]), shape=(k + 1, k + 1)
+    )
     return Sizes(points, corners, csgraph.dijkstra(graph, directed=False, indices=k)[:k])
 
 
@@ -180,7 +226,9 @@ def _ranks(raw, size: int) -> np.ndarray:
     mirror images of those beside them. Corners of bodies, which bear few elements, then have no diagonals as a rule.
     """
     rank, kinds = np.arange(size), [kind for kind in KINDS[3] if kind.startswith("hexahedron")]
-    corners = np.concatenate([raw.cells_dict.get(kind, np.empty((0, 8), int))[:, :8] for kind in kinds])
+    corners = np.concatenate(
+        [raw.cells_dict.get(kind, np.empty((0, 8), int))[:, :8] for kind in kinds]
+    )
     if not len(corners):
         return rank
     used, (i, j) = np.unique(corners), corners[:, np.array(SIDES["hexahedron"])].reshape(-1, 2).T
@@ -191,7 +239,9 @@ def _ranks(raw, size: int) -> np.ndarray:
     if (one == other).any():
         return rank
     part, second = np.minimum(one, other), one > other
-    more = np.bincount(part, np.where(second, 1, -1))[part]  # the second colour has more nodes than the first
+    more = np.bincount(part, np.where(second, 1, -1))[
+        part
+    ]  # the second colour has more nodes than the first
     rank[used[second == (more < 0)]] -= size
     return rank
 
@@ -210,17 +260,29 @@ def _cuts(points: np.ndarray, corners: np.ndarray, shape: str, rank: np.ndarray)
         return FIVE[1 * (rank[:, 0] >= 0)]
     parts = np.empty((n, {"hexahedron": 6, "wedge": 3, "pyramid": 2}[shape], 4), int)
     for apex in range(k):
-        elements, faces = rank[first == apex], [np.array(face) for face in FACES[shape] if apex not in face]
-        over = [face[HALVES[elements[:, face].argmin(axis=1) % 2]] if len(face) == 4
-                else np.broadcast_to(face, (len(elements), 1, 3)) for face in faces]
-        parts[first == apex] = np.pad(np.concatenate(over, axis=1), ((0, 0), (0, 0), (1, 0)), constant_values=apex)
+        elements, faces = (
+            rank[first == apex],
+            [np.array(face) for face in FACES[shape] if apex not in face],
+        )
+        over = [
+            face[HALVES[elements[:, face].argmin(axis=1) % 2]]
+            if len(face) == 4
+            else np.broadcast_to(face, (len(elements), 1, 3))
+            for face in faces
+        ]
+        parts[first == apex] = np.pad(
+            np.concatenate(over, axis=1), ((0, 0), (0, 0), (1, 0)), constant_values=apex
+        )
     return parts
 
 
 def _weights(shape: str, number: int) -> np.ndarray:
     """(k, k, s) weights of the bends of edges in the bend between two corners of a curved element: on a face's diagonal
     half of each of its edges, on a hexahedron's a quarter of all. In the plane diagonals are straight."""
-    sides, weights = [set(side) for side in SIDES[shape]], np.zeros((number, number, len(SIDES[shape])))
+    sides, weights = (
+        [set(side) for side in SIDES[shape]],
+        np.zeros((number, number, len(SIDES[shape]))),
+    )
     if shape == "hexahedron":
         weights += 0.25
     for face in FACES.get(shape, ()):
@@ -239,17 +301,24 @@ def shorter_diagonals(points: np.ndarray, quads: np.ndarray) -> np.ndarray:
     corners = points[quads]
     diagonals = np.linalg.norm(corners[:, :2] - corners[:, 2:], axis=2)
     left = (corners @ [1.0, 0.6]).argmin(axis=1) % 2  # ties of both are rare
-    size = [signed_measures(corners.reshape(-1, 2), 4 * np.arange(len(quads))[:, None] + part)
-            for part in np.array([[0, 1, 2], [0, 2, 3], [1, 2, 3], [1, 3, 0]])]
+    size = [
+        signed_measures(corners.reshape(-1, 2), 4 * np.arange(len(quads))[:, None] + part)
+        for part in np.array([[0, 1, 2], [0, 2, 3], [1, 2, 3], [1, 3, 0]])
+    ]
     fits = np.stack([size[0] * size[1] > 0.0, size[2] * size[3] > 0.0], axis=1)
-    shorter = np.where(np.abs(np.diff(diagonals)[:, 0]) <= SAME * diagonals.max(axis=1), left,
-                       diagonals.argmin(axis=1))
+    shorter = np.where(
+        np.abs(np.diff(diagonals)[:, 0]) <= SAME * diagonals.max(axis=1),
+        left,
+        diagonals.argmin(axis=1),
+    )
     return np.where(fits.all(axis=1) | ~fits.any(axis=1), shorter, fits.argmax(axis=1))
 
 
 def distinct(elements: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The places of different elements (k,), in the given order, and the number of every element among them: up to
     version 2 a file repeats an element for each of its groups."""
-    _, first, same = np.unique(np.sort(elements, axis=1), axis=0, return_index=True, return_inverse=True)
+    _, first, same = np.unique(
+        np.sort(elements, axis=1), axis=0, return_index=True, return_inverse=True
+    )
     order = np.argsort(first)
     return first[order], np.argsort(order)[same.ravel()]

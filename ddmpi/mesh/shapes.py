@@ -19,7 +19,9 @@ def generate_rectangle(spec: MeshSpec) -> Mesh:
     assert spec.divisions and isinstance(spec.size, tuple)  # checked by the scene
     parameters, cells, sides = _grid(spec.divisions)
     # Exact multiples, so that both sides of an interface agree.
-    return Mesh(np.array(spec.origin or (0.0,) * len(spec.size)) + parameters * spec.size, cells, sides)
+    return Mesh(
+        np.array(spec.origin or (0.0,) * len(spec.size)) + parameters * spec.size, cells, sides
+    )
 
 
 def generate_quadrilateral(spec: MeshSpec) -> Mesh:
@@ -32,8 +34,10 @@ def generate_quadrilateral(spec: MeshSpec) -> Mesh:
     assert spec.divisions and spec.corners
     parameters, cells, sides = _grid(spec.divisions)
     x, y, *z = parameters.T[:, :, None]
-    layers = [_between(_between(one, two, x), _between(four, three, x), y)
-              for one, two, three, four in np.array(spec.corners).reshape(-1, 4, len(spec.divisions))]
+    layers = [
+        _between(_between(one, two, x), _between(four, three, x), y)
+        for one, two, three, four in np.array(spec.corners).reshape(-1, 4, len(spec.divisions))
+    ]
     return Mesh(_between(*layers, *z) if z else layers[0], cells, sides)
 
 
@@ -48,15 +52,24 @@ def generate_annulus(spec: MeshSpec) -> Mesh:
     around, across = spec.divisions
     parameters, triangles, sides = _grid((across, around), spec.closed)
     names = {"left": "inner", "right": "outer", "bottom": "start", "top": "end"}
-    mesh = Mesh(parameters, triangles, {name: sides[side] for side, name in names.items()
-                                        if not (spec.closed and side in ("bottom", "top"))})
+    mesh = Mesh(
+        parameters,
+        triangles,
+        {
+            name: sides[side]
+            for side, name in names.items()
+            if not (spec.closed and side in ("bottom", "top"))
+        },
+    )
     mesh = raise_order(mesh, "", spec.order or 1)
     if spec.closed:  # sides from the last nodes to the first go on to a whole turn
         angles = parameters[mesh.triangles[:, mesh.cell.between], 1]
         over = np.ptp(angles, axis=2) > 0.5
         mesh.points[mesh.triangles[:, 3:][over], 1] += (angles[over] == 0.0).mean(axis=1)
     radius = _between(*spec.radii, mesh.points[:, 0])
-    points = np.array(spec.center) + radius[:, None] * _directions(_between(*spec.angles, mesh.points[:, 1]))
+    points = np.array(spec.center) + radius[:, None] * _directions(
+        _between(*spec.angles, mesh.points[:, 1])
+    )
     return replace(mesh, points=points)
 
 
@@ -69,7 +82,9 @@ def draw_shape(gmsh, spec: MeshSpec) -> None:
     else:
         assert spec.axis and spec.radii
         axis = np.array(spec.axis) / np.linalg.norm(spec.axis)
-        solid, *bore = [(3, cad.addCylinder(*spec.center, *(height * axis), r)) for r in spec.radii[::-1] if r]
+        solid, *bore = [
+            (3, cad.addCylinder(*spec.center, *(height * axis), r)) for r in spec.radii[::-1] if r
+        ]
         cad.cut([solid], bore) if bore else None
     cad.synchronize()
     groups: dict[str, list[int]] = {}
@@ -92,22 +107,34 @@ def _solid_grid(divisions: Sequence[int]) -> tuple[np.ndarray, np.ndarray, dict[
     coordinates, one for each order in which a way along edges takes the axes (Kuhn 1960). Neighbours fit.
     """
     number = np.arange(np.prod([n + 1 for n in divisions])).reshape([n + 1 for n in divisions])
-    cells = [[number[tuple(slice(step, n + step) for step, n in zip(corner, divisions, strict=True))].ravel()
-              for corner in np.cumsum([(0, 0, 0), *np.eye(3, dtype=int)[list(order)]], axis=0)]
-             for order in permutations(range(3))]
+    cells = [
+        [
+            number[
+                tuple(slice(step, n + step) for step, n in zip(corner, divisions, strict=True))
+            ].ravel()
+            for corner in np.cumsum([(0, 0, 0), *np.eye(3, dtype=int)[list(order)]], axis=0)
+        ]
+        for order in permutations(range(3))
+    ]
     cells = np.stack(cells, axis=0).transpose(2, 0, 1)  # (cells of the grid, 6, 4)
     odd = [np.linalg.det(np.eye(3)[list(order)]) < 0 for order in permutations(range(3))]
     cells[:, odd] = cells[:, odd][:, :, [0, 2, 1, 3]]
     tetrahedra = cells.reshape(-1, 4)
     places = np.stack(np.unravel_index(np.arange(number.size), number.shape), axis=1)
-    outer, names, sides = boundary_facets(tetrahedra)[0], ("left", "right", "front", "back", "bottom", "top"), {}
+    outer, names, sides = (
+        boundary_facets(tetrahedra)[0],
+        ("left", "right", "front", "back", "bottom", "top"),
+        {},
+    )
     for k, name in enumerate(names):
         axis, end = k // 2, (k % 2) * divisions[k // 2]
         sides[name] = outer[(places[outer][:, :, axis] == end).all(axis=1)]
     return places / np.array(divisions), tetrahedra, sides
 
 
-def _grid(divisions: Sequence[int], closed: bool = False) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+def _grid(
+    divisions: Sequence[int], closed: bool = False
+) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
     """In space `_solid_grid`; in the plane the nodes (·, 2) of a grid on the unit square, triangles of its cells, and
     the edges of its sides ``bottom``, ``right``, ``top`` and ``left``. Diagonals go from lower left to upper right.
 
@@ -121,15 +148,24 @@ def _grid(divisions: Sequence[int], closed: bool = False) -> tuple[np.ndarray, n
     if closed:
         grid[:, -1] = grid[:, 0]
     sides = (grid[:, 0], grid[-1], grid[::-1, -1], grid[0, ::-1])
-    order = np.concatenate([[s[0] for s in sides], *(s[1:-1] for s in sides), grid[1:-1, 1:-1].ravel()])
+    order = np.concatenate(
+        [[s[0] for s in sides], *(s[1:-1] for s in sides), grid[1:-1, 1:-1].ravel()]
+    )
     if closed:
         order = order[np.sort(np.unique(order, return_index=True)[1])]
     number = np.empty(sizes.prod(), dtype=order.dtype)
     number[order] = np.arange(len(order))
-    a, b, c, d = number[grid[:-1, :-1]], number[grid[1:, :-1]], number[grid[1:, 1:]], number[grid[:-1, 1:]]
+    a, b, c, d = (
+        number[grid[:-1, :-1]],
+        number[grid[1:, :-1]],
+        number[grid[1:, 1:]],
+        number[grid[:-1, 1:]],
+    )
     triangles = np.stack([a, b, c, c, d, a], axis=-1).reshape(-1, 3)
-    edges = {name: number[np.column_stack([side[:-1], side[1:]])]
-             for name, side in zip(("bottom", "right", "top", "left"), sides, strict=True)}
+    edges = {
+        name: number[np.column_stack([side[:-1], side[1:]])]
+        for name, side in zip(("bottom", "right", "top", "left"), sides, strict=True)
+    }
     return np.column_stack(np.divmod(order, sizes[1])) / divisions, triangles, edges
 
 
@@ -142,10 +178,17 @@ def _directions(degrees: np.ndarray) -> np.ndarray:
     """Unit vectors (·, 2) at angles in degrees, exact at multiples of 90 and equal in all quadrants."""
     quarters = np.floor(degrees / 90 + 0.5)
     rest = np.radians(degrees - 90 * quarters)
-    turned = np.array([1, 1j, -1, -1j])[quarters.astype(int) % 4] * (np.cos(rest) + 1j * np.sin(rest))
+    turned = np.array([1, 1j, -1, -1j])[quarters.astype(int) % 4] * (
+        np.cos(rest) + 1j * np.sin(rest)
+    )
     return np.column_stack([turned.real, turned.imag])
 
 
-SHAPES = {"rectangle": generate_rectangle, "box": generate_rectangle, "quadrilateral": generate_quadrilateral,
-          "hexahedron": generate_quadrilateral, "annulus": generate_annulus}
+SHAPES = {
+    "rectangle": generate_rectangle,
+    "box": generate_rectangle,
+    "quadrilateral": generate_quadrilateral,
+    "hexahedron": generate_quadrilateral,
+    "annulus": generate_annulus,
+}
 """The functions that generate the shapes."""

@@ -28,11 +28,22 @@ class Direct:
 
     def __init__(self, joint: Joint, preconditioner: Preconditioner) -> None:
         self._joint, self._preconditioner = joint, preconditioner
-        self._C: np.ndarray | None = None  # until it is asked for; without entries where it is not explicit
+        self._C: np.ndarray | None = (
+            None  # until it is asked for; without entries where it is not explicit
+        )
         self.steps = self.long = False
 
-    def direction(self, point: Point, linearised: Linearised, change: np.ndarray, wanted: np.ndarray,
-                  layer: np.ndarray, springs: float, steered: float, refine: bool) -> Point | None:
+    def direction(
+        self,
+        point: Point,
+        linearised: Linearised,
+        change: np.ndarray,
+        wanted: np.ndarray,
+        layer: np.ndarray,
+        springs: float,
+        steered: float,
+        refine: bool,
+    ) -> Point | None:
         """As `Newton.direction`; None where GMRES is cheaper, the compliance not explicit, or the matrix singular.
 
         Its two products with C count as multiplications. Its factors do not, as they need no product.
@@ -44,7 +55,12 @@ class Direct:
 
         Collective. Raises SolverError.
         """
-        joint, rigid, steering, k = self._joint, self._joint.rigid, self._preconditioner, linearised.number
+        joint, rigid, steering, k = (
+            self._joint,
+            self._joint.rigid,
+            self._preconditioner,
+            linearised.number,
+        )
         if not 0 < k <= (SMALLER if self.steps else SMALL if self.long else 0):
             return None
         if self._C is None:
@@ -53,8 +69,10 @@ class Direct:
         if not self._C.size:  # as on several ranks, of which one may have no unknowns
             return None
         C_change = joint.product(change, "newton")
-        right = linearised.restrict(wanted - point.r - C_change), joint.imbalance(point.s + change,
-                                                                                           point.alpha)
+        right = (
+            linearised.restrict(wanted - point.r - C_change),
+            joint.imbalance(point.s + change, point.alpha),
+        )
         softly = steered * steering.shared[linearised.unknown], springs * steering.springs
         K = matrix(self._C, linearised, joint, layer[linearised.unknown] + softly[0], softly[1])
         factors, pivots, singular = dgetrf(K)
@@ -73,7 +91,9 @@ class Direct:
         return Point(change, C_change - rigid.spread(alpha), alpha, left)
 
 
-def matrix(C: np.ndarray, linearised: Linearised, joint: Joint, D: np.ndarray, springs: np.ndarray) -> np.ndarray:
+def matrix(
+    C: np.ndarray, linearised: Linearised, joint: Joint, D: np.ndarray, springs: np.ndarray
+) -> np.ndarray:
     """[Iᵀ C E + D, −Iᵀ Z; Zᵀ E, K + springs], of k unknown forces and j rigid motions. Not collective.
 
     C (size, size) is symmetric, Z (size, j) are the contact displacements of the motions, D (k,) are compliances, and
@@ -84,9 +104,13 @@ def matrix(C: np.ndarray, linearised: Linearised, joint: Joint, D: np.ndarray, s
     unknown, turn, size, k = linearised.unknown, linearised.turn, len(C), linearised.number
     both = np.hstack([C, Z])
     follow = np.flatnonzero(linearised.coupling)
-    if len(follow):  # Eᵀ [C Z] with E = I + F I: friction follows the pressure, one or two entries of a node
+    if len(
+        follow
+    ):  # Eᵀ [C Z] with E = I + F I: friction follows the pressure, one or two entries of a node
         nodes, first = np.unique(linearised.source[follow], return_index=True)
-        both[nodes] += np.add.reduceat(linearised.coupling[follow, None] * np.hstack([C[follow], Z[follow]]), first)
+        both[nodes] += np.add.reduceat(
+            linearised.coupling[follow, None] * np.hstack([C[follow], Z[follow]]), first
+        )
     if turn is not None:
         both, Z = turn.T @ np.hstack([(turn.T @ both[:, :size].T).T, both[:, size:]]), turn.T @ Z
     K = np.empty((k + Z.shape[1],) * 2, order="F")

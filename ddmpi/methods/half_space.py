@@ -69,13 +69,20 @@ class HalfSpace:
     `Joint.local`, for interfaces with waves. Not collective."""
 
     def __init__(self, space: Space, local: np.ndarray | None = None) -> None:
-        self._slices, local = list(space.parts.values()), np.zeros(space.size) if local is None else local
-        self._blocks = [_Block(interface, local[entries]) for interface, entries in space.with_slices()]
+        self._slices, local = (
+            list(space.parts.values()),
+            np.zeros(space.size) if local is None else local,
+        )
+        self._blocks = [
+            _Block(interface, local[entries]) for interface, entries in space.with_slices()
+        ]
 
     def softened(self, deltas: Sequence[float]) -> HalfSpace:
         """(1 + δ) (M⁻¹ + δ/c)⁻¹: half-spaces behind a layer, δ of each interface, c as `Interface.stiffness`."""
         softer = copy.copy(self)
-        softer._blocks = [block.softened(delta) for block, delta in zip(self._blocks, deltas, strict=True)]
+        softer._blocks = [
+            block.softened(delta) for block, delta in zip(self._blocks, deltas, strict=True)
+        ]
         return softer
 
     def mult(self, x: np.ndarray, inverse: bool = False) -> np.ndarray:
@@ -97,7 +104,7 @@ class _Block:
         components = interface.law.components * (len(interface.sliding) > 0)
         self._columns = 1 + components  # of a node: the normal component, the tangential ones
         self._at = self._columns * interface.law.node
-        self._at[interface.m:] += np.tile(np.arange(1, self._columns), len(interface.sliding))
+        self._at[interface.m :] += np.tile(np.arange(1, self._columns), len(interface.sliding))
         self._root, self._scale = np.sqrt(interface.area)[:, None], 0.5 * interface.modulus
         self._even = np.ones((interface.size, 1))
         if not interface.m:  # of bodies that have left each other
@@ -108,7 +115,9 @@ class _Block:
             # at planes of symmetry there are rows along which no body moves
             self._even = np.where(softness > SAME, np.minimum(softness, 1.0) ** UNEVEN, 1.0)
             self._scale *= FIRM
-        self._spacing = float(np.mean(self._scale * interface.area / interface.stiffness[:interface.m]))
+        self._spacing = float(
+            np.mean(self._scale * interface.area / interface.stiffness[: interface.m])
+        )
         lowest = (LONGEST[interface.law.components] / interface.length) ** 2
         over = sparse.diags(1.0 / self._root[:, 0])
         A = (over @ interface.laplacian @ over + lowest * sparse.identity(interface.m)).tocsr()
@@ -130,17 +139,30 @@ class _Block:
         if not len(self._root):
             return self
         softer, b = copy.copy(self), delta * self._spacing
-        softer._scale, softer._weights = self._scale * (1.0 + delta), self._weights / (1.0 + b**2 * self._shifts)
-        softer._sum = 1.0 / b if b**2 * self._lowest > 1.0 else softer._weights.sum()  # the shifts leave out small t
+        softer._scale, softer._weights = (
+            self._scale * (1.0 + delta),
+            self._weights / (1.0 + b**2 * self._shifts),
+        )
+        softer._sum = (
+            1.0 / b if b**2 * self._lowest > 1.0 else softer._weights.sum()
+        )  # the shifts leave out small t
         return softer
 
     def mult(self, x: np.ndarray, inverse: bool = False) -> np.ndarray:
         """M x, or M⁻¹ x, of columns x (size, c)."""
         if not x.size:
             return x
-        nodes, even = np.zeros((len(self._root) * self._columns, x.shape[1])), self._even ** (1 if inverse else -1)
+        nodes, even = (
+            np.zeros((len(self._root) * self._columns, x.shape[1])),
+            self._even ** (1 if inverse else -1),
+        )
         nodes[self._at] = even * x
-        return even * self._apply(nodes.reshape(len(self._root), -1), inverse).reshape(nodes.shape)[self._at]
+        return (
+            even
+            * self._apply(nodes.reshape(len(self._root), -1), inverse).reshape(nodes.shape)[
+                self._at
+            ]
+        )
 
     def _apply(self, x: np.ndarray, inverse: bool) -> np.ndarray:
         """The root of the operator, or its inverse A^−½ = Σ w (A + t²)⁻¹, on columns x (m, c)."""
@@ -149,10 +171,16 @@ class _Block:
         shifted = self._shifted.solve(np.concatenate(SHIFTS * [x])).reshape(SHIFTS, -1)
         if inverse:
             return (self._weights @ shifted).reshape(x.shape) / (self._scale * self._root)
-        return self._scale * self._root * (self._sum * x - (self._weights * self._shifts @ shifted).reshape(x.shape))
+        return (
+            self._scale
+            * self._root
+            * (self._sum * x - (self._weights * self._shifts @ shifted).reshape(x.shape))
+        )
 
 
-def smooth_modes(operator: Member | Joint, space: Space, limit: float) -> tuple[np.ndarray, np.ndarray]:
+def smooth_modes(
+    operator: Member | Joint, space: Space, limit: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Deformations in which a body, or all of them, give way much more than half-spaces do, by Lanczos steps.
 
     They are v = M⁻¹ x with C x = μ M⁻¹ x, where M are the half-spaces of the interfaces in `space` (coarse spaces by
@@ -173,7 +201,10 @@ def smooth_modes(operator: Member | Joint, space: Space, limit: float) -> tuple[
     half_space, size = HalfSpace(space, operator.local()), space.size
     most = min(MODE_STEPS, int(space.add(np.array([float(size)]))[0]))
     V, W, H = np.empty((0, size)), np.empty((0, size)), np.empty((0, 0))  # W = M V, H = Wᵀ C W
-    v, modes = 1.0 + 0.3 * np.random.default_rng(0).standard_normal(size), (np.empty((0, size)), np.empty(0))
+    v, modes = (
+        1.0 + 0.3 * np.random.default_rng(0).standard_normal(size),
+        (np.empty((0, size)), np.empty(0)),
+    )
     while len(V) < most:
         # Lanczos steps with C M, symmetric in the product vᵀ M w. v is made orthogonal to all before, twice because of
         # rounding. H is full, not tridiagonal, as products with C are only as precise as MODE_PRECISION
@@ -190,10 +221,15 @@ def smooth_modes(operator: Member | Joint, space: Space, limit: float) -> tuple[
         mu, Y = np.linalg.eigh(H)
         left = v - V.T @ column
         length = np.sqrt(max(space.add(np.array([left @ half_space.mult(left)]))[0], 0.0))
-        error = length * np.abs(Y[-1])  # the residual of each Ritz pair, a bound of the error of its μ
+        error = length * np.abs(
+            Y[-1]
+        )  # the residual of each Ritz pair, a bound of the error of its μ
         above = mu > limit
         modes = Y[:, above].T @ V, mu[above]
-        if len(V) > 2 and (error <= MODE_PRECISION * np.maximum(mu, limit))[mu > limit - error].all():
+        if (
+            len(V) > 2
+            and (error <= MODE_PRECISION * np.maximum(mu, limit))[mu > limit - error].all()
+        ):
             break
     return modes
 
@@ -217,7 +253,9 @@ class Model(Joint):
         self._modes, mu = smooth_modes(joint, joint.space, LIMIT)
         self._more, least = mu - 1.0, 1.0 / mu.max(initial=1.0)
         joint.steering = STEERING * (least if least < BENDING else 1.0)
-        self._x, self._y, self._bx = np.empty((3, 0, joint.size))  # known products y = C x; C̃ x without them
+        self._x, self._y, self._bx = np.empty(
+            (3, 0, joint.size)
+        )  # known products y = C x; C̃ x without them
         self._within = self._known = np.empty((0, 0))  # inverses of xᵀ C̃ x and xᵀ y
 
     def mult(self, x: np.ndarray, y: np.ndarray, purpose: str, relative: float = 0.0) -> None:
@@ -230,18 +268,28 @@ class Model(Joint):
 
     def _unlearnt(self, x: np.ndarray) -> np.ndarray:
         """C̃ x of half-spaces and modes alone."""
-        return self._half_space.mult(x, inverse=True) + self._modes.T @ (self._more * self.space.add(self._modes @ x))
+        return self._half_space.mult(x, inverse=True) + self._modes.T @ (
+            self._more * self.space.add(self._modes @ x)
+        )
 
     def learn(self, x: np.ndarray, y: np.ndarray) -> None:
         """Learn the product y = C x (size,), with an error that is small beside y. Collective on all bodies."""
         size = self.space.norm(x)
         if not size:
             return
-        products = (np.vstack([former, new]) for former, new in
-                 zip((self._x, self._y, self._bx), (x / size, y / size, self._unlearnt(x / size)), strict=True))
+        products = (
+            np.vstack([former, new])
+            for former, new in zip(
+                (self._x, self._y, self._bx),
+                (x / size, y / size, self._unlearnt(x / size)),
+                strict=True,
+            )
+        )
         self._x, self._y, self._bx = (rows[-LEARNT:] for rows in products)
         grams = self.space.add(np.stack([self._x @ self._bx.T, self._x @ self._y.T]))
-        self._within, self._known = (_inverse(0.5 * (gram + gram.T)) for gram in grams)  # Xᵀ Y is not quite symmetric
+        self._within, self._known = (
+            _inverse(0.5 * (gram + gram.T)) for gram in grams
+        )  # Xᵀ Y is not quite symmetric
 
     def pass_through(self, s: np.ndarray, r: np.ndarray, alpha: np.ndarray, e: np.ndarray) -> None:
         """Choose d̃ so that the model has the gaps r (size,) under forces s (size,) and motions α; take the loads e."""
@@ -266,7 +314,9 @@ class Modelled:
     def __init__(self, joint: Joint, newton: Any) -> None:
         self._joint, self._newton, self._corrected, self.rough = joint, newton, CORRECTED, False
 
-    def step(self, point: Point, residual: float, size: float, start: bool, warm: bool) -> Point | None:
+    def step(
+        self, point: Point, residual: float, size: float, start: bool, warm: bool
+    ) -> Point | None:
         """The change from `point` to the answer of the model, or None if the model's iteration finds none.
 
         Parameters
@@ -279,16 +329,25 @@ class Modelled:
         joint, newton, (s, r, alpha, left) = self._joint, self._newton, point
         newton.joint.pass_through(s, r, alpha, joint.e)
         newton.begin((s, r, alpha) if warm or not start else None, foreseen=residual < FORESEEN)
-        if newton.run(max(SOLVED * min(residual, 1.0), joint.neglected / size if size else 0.0)) != "converged":
+        if (
+            newton.run(max(SOLVED * min(residual, 1.0), joint.neglected / size if size else 0.0))
+            != "converged"
+        ):
             return None
         forces, turned = newton.forces, joint.rigid.spread(newton.motions)
         whole, moved = joint.space.norms([forces, forces - s])
-        relative = min(max(self._corrected * moved, joint.neglected) / whole, COARSEST) if whole else 0.0
+        relative = (
+            min(max(self._corrected * moved, joint.neglected) / whole, COARSEST) if whole else 0.0
+        )
         opened = joint.product(forces, "newton", relative) - joint.d - turned - r
         self.rough = True
         newton.joint.learn(forces - s, opened + turned - joint.rigid.spread(alpha))
-        return Point(forces - s, opened, newton.motions - alpha,
-                     joint.imbalance(forces, newton.motions) - left)
+        return Point(
+            forces - s,
+            opened,
+            newton.motions - alpha,
+            joint.imbalance(forces, newton.motions) - left,
+        )
 
     def refine(self) -> None:
         """Note that the gaps are precise now; if they were rough, later products will be more precise."""

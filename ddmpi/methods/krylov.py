@@ -91,13 +91,20 @@ class Linearised(Tangent):
     @classmethod
     def of(cls, tangents: Sequence[Tangent]) -> Linearised:
         """That of interfaces, one after the other."""
-        unknown, source, coupling, given, spring = (np.concatenate([getattr(tangent, name) for tangent in tangents])
-                                                    for name in ("unknown", "source", "coupling", "given", "spring"))
+        unknown, source, coupling, given, spring = (
+            np.concatenate([getattr(tangent, name) for tangent in tangents])
+            for name in ("unknown", "source", "coupling", "given", "spring")
+        )
         sizes, turn = [len(tangent.unknown) for tangent in tangents], None
         source = source + np.repeat(np.cumsum(sizes) - sizes, sizes)
         if any(tangent.turn is not None for tangent in tangents):
-            turn = sparse.block_diag([sparse.identity(size) if tangent.turn is None else tangent.turn
-                                      for tangent, size in zip(tangents, sizes, strict=True)], format="csr")
+            turn = sparse.block_diag(
+                [
+                    sparse.identity(size) if tangent.turn is None else tangent.turn
+                    for tangent, size in zip(tangents, sizes, strict=True)
+                ],
+                format="csr",
+            )
         return cls(unknown, source, coupling, given, spring, turn)
 
     @cached_property
@@ -109,7 +116,9 @@ class Linearised(Tangent):
     def basis(self) -> sparse.csr_matrix:
         """I (size, k), with orthonormal columns."""
         size, k = len(self.unknown), self.number
-        basis = sparse.csr_matrix((np.ones(k), np.arange(k), np.append(0, np.cumsum(self.unknown))), (size, k))
+        basis = sparse.csr_matrix(
+            (np.ones(k), np.arange(k), np.append(0, np.cumsum(self.unknown))), (size, k)
+        )
         return basis if self.turn is None else (self.turn @ basis).tocsr()
 
     @cached_property
@@ -144,8 +153,11 @@ class Linearised(Tangent):
 
     def frozen(self, q: np.ndarray) -> Linearised:
         """The same with slip bounds that are fixed, those of the pressures of q = s − c r (size,)."""
-        return replace(self, coupling=0.0 * self.coupling,
-                       given=self.given + self.coupling * np.maximum(q, 0.0)[self.source])
+        return replace(
+            self,
+            coupling=0.0 * self.coupling,
+            given=self.given + self.coupling * np.maximum(q, 0.0)[self.source],
+        )
 
 
 class Preconditioner:
@@ -182,20 +194,36 @@ class Preconditioner:
         motions, 1/(μ − ½) of modes."""
         joint = self._joint
         motions, diagonal = joint.rigid, self.springs
-        if (joint.bodies >= MANY or motions.size) and not joint.far:  # one pass does not pay for modes
+        if (
+            joint.bodies >= MANY or motions.size
+        ) and not joint.far:  # one pass does not pay for modes
             modes = [(np.empty((0, member.size)), np.empty(0)) for member in joint.members]
             with joint.exchange.deferred():
-                modes = [smooth_modes(member, Space(member.interfaces),
-                                      SMOOTH[max(interface.law.components for interface in member.interfaces)])
-                         if member.interfaces else none for member, none in zip(joint.members, modes, strict=True)]
+                modes = [
+                    smooth_modes(
+                        member,
+                        Space(member.interfaces),
+                        SMOOTH[max(interface.law.components for interface in member.interfaces)],
+                    )
+                    if member.interfaces
+                    else none
+                    for member, none in zip(joint.members, modes, strict=True)
+                ]
             joint.exchange.meet("coarse modes")
             # M⁻¹ is the compliance of two half-spaces, of which a body has ½: a mode gives way by μ − ½ more
-            motions, more = joint.add_motions([v for v, _ in modes], [1.0 / (mu - 0.5) for _, mu in modes])
+            motions, more = joint.add_motions(
+                [v for v, _ in modes], [1.0 / (mu - 0.5) for _, mu in modes]
+            )
             diagonal = np.append(diagonal, more)
         if motions.size:
-            log.log(logging.DEBUG if joint.far else logging.INFO, "coarse problem: %d rigid motions and %d smooth "
-                    "modes of %d bod%s", joint.rigid.size, motions.size - joint.rigid.size, joint.bodies,
-                    "ies" if joint.bodies > 1 else "y")
+            log.log(
+                logging.DEBUG if joint.far else logging.INFO,
+                "coarse problem: %d rigid motions and %d smooth modes of %d bod%s",
+                joint.rigid.size,
+                motions.size - joint.rigid.size,
+                joint.bodies,
+                "ies" if joint.bodies > 1 else "y",
+            )
         return motions, diagonal
 
     @cached_property
@@ -224,23 +252,42 @@ class LinearProblem:
     Construction is collective.
     """
 
-    def __init__(self, joint: Joint, preconditioner: Preconditioner, linearised: Linearised,
-                 layer: np.ndarray, springs: float = 1.0, steered: float = 1.0, forcing: float = FORCING,
-                 precise: bool = False, exact: bool = False, transposed: bool = False,
-                 purpose: str = "newton") -> None:
+    def __init__(
+        self,
+        joint: Joint,
+        preconditioner: Preconditioner,
+        linearised: Linearised,
+        layer: np.ndarray,
+        springs: float = 1.0,
+        steered: float = 1.0,
+        forcing: float = FORCING,
+        precise: bool = False,
+        exact: bool = False,
+        transposed: bool = False,
+        purpose: str = "newton",
+    ) -> None:
         self.joint, self.linearised, self._purpose = joint, linearised, purpose
         self._D = (steered * preconditioner.shared + layer)[linearised.unknown]
         self._layer = layer[linearised.unknown] if exact else self._D
         # The transposed of Iᵀ C E is Eᵀ C I: the forces are I y, and rows are tested by E.
-        self.expand, self.restrict = (linearised.place, linearised.contract) if transposed else (
-            linearised.expand, linearised.restrict)
+        self.expand, self.restrict = (
+            (linearised.place, linearised.contract)
+            if transposed
+            else (linearised.expand, linearised.restrict)
+        )
         crossing = preconditioner.crossing
-        self._correct = crossing and crossing.corrector(linearised.basis, self._D, preconditioner.shared > 0.0)
+        self._correct = crossing and crossing.corrector(
+            linearised.basis, self._D, preconditioner.shared > 0.0
+        )
         # M_δ has one δ for each interface, the least one, for the stiffest nodes; W softens the others one by one
         deltas = np.where(linearised.unknown, layer * preconditioner.c, np.inf)
         self._half_space = preconditioner.half_space.softened(
-            [least if np.isfinite(least) else 0.0 for entries in joint.space.parts.values()
-             for least in (deltas[entries].min(initial=np.inf),)])
+            [
+                least if np.isfinite(least) else 0.0
+                for entries in joint.space.parts.values()
+                for least in (deltas[entries].min(initial=np.inf),)
+            ]
+        )
         self._weights = 1.0 / np.sqrt(1.0 + layer * preconditioner.c)[linearised.unknown]
         self._rigid = joint.rigid.size
         self._forcing, self._slender = forcing, np.inf if precise else SLENDER
@@ -248,15 +295,25 @@ class LinearProblem:
         motions, diagonal = preconditioner.coarse
         if motions.size:
             diagonal = diagonal.copy()
-            diagonal[:self._rigid] *= springs
+            diagonal[: self._rigid] *= springs
             basis, E = linearised.basis, linearised.expansion
             resists, more = sparse.diags(diagonal), len(diagonal) - self._rigid
             if joint.K.nnz:
                 resists = resists + sparse.block_diag([joint.K, sparse.csr_matrix((more, more))])
-            self._coarse = CoarseSystem(motions, basis, basis if transposed else E, self._weights,
-                                        self._half_space.on_interface, resists, joint.kept, E if transposed else None)
+            self._coarse = CoarseSystem(
+                motions,
+                basis,
+                basis if transposed else E,
+                self._weights,
+                self._half_space.on_interface,
+                resists,
+                joint.kept,
+                E if transposed else None,
+            )
 
-    def precondition(self, w: np.ndarray, h: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+    def precondition(
+        self, w: np.ndarray, h: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
         """The unknown forces y (k,) and rigid motions α of the half-space system for w (k,) in metres, h in newtons.
 
         w is a displacement times W, which `CrossPoints` correct first. `h` (joint.rigid.size,) is zero if left out.
@@ -265,15 +322,19 @@ class LinearProblem:
         if self._correct:
             w = self._weights * self._correct(w / self._weights)
         # y = W Iᵀ M_δ I W w, then the coarse problem of rigid motions and smooth modes makes the second row hold
-        y = self._weights * self.linearised.restrict(self._half_space.mult(self.linearised.place(w)))
+        y = self._weights * self.linearised.restrict(
+            self._half_space.mult(self.linearised.place(w))
+        )
         if not self._coarse:
             return y, np.zeros(0)
         if h is not None:
             h = np.append(h, np.zeros(self._coarse.size - len(h)))
         y, a = self._coarse.correct(y, h)
-        return y, a[:self._rigid]
+        return y, a[: self._rigid]
 
-    def solve(self, right: np.ndarray, forcing: float | None = None) -> tuple[np.ndarray, np.ndarray, int]:
+    def solve(
+        self, right: np.ndarray, forcing: float | None = None
+    ) -> tuple[np.ndarray, np.ndarray, int]:
         """The unknown forces y (k,), rigid motions α, and number of iterations, for f (k,) in metres and h = 0.
 
         GMRES ends at `forcing`, or later: a slender body gives way so much that a small residual of displacements says
@@ -285,7 +346,9 @@ class LinearProblem:
         if not size:
             return np.zeros_like(right), np.zeros(self._rigid), 0
         self._size = size
-        K = PETSc.Mat().createPython(((len(right), None), (len(right), None)), context=self, comm=comm)
+        K = PETSc.Mat().createPython(
+            ((len(right), None), (len(right), None)), context=self, comm=comm
+        )
         K.setUp()
         w, b = K.createVecs()
         b.array[:] = right
@@ -295,22 +358,31 @@ class LinearProblem:
             ksp.setOperators(K)
             ksp.setType(PETSc.KSP.Type.GMRES)
             ksp.setGMRESRestart(KRYLOV_LIMIT)  # no restarts: a basis of short vectors costs little
-            ksp.getPC().setType(PETSc.PC.Type.NONE)  # `mult` has it, from the right: the residual is the true one
+            ksp.getPC().setType(
+                PETSc.PC.Type.NONE
+            )  # `mult` has it, from the right: the residual is the true one
             ksp.setTolerances(rtol=forcing or self._forcing, atol=0.0, max_it=KRYLOV_LIMIT)
             ksp.setFromOptions()
             ksp.setConvergenceTest(self._converged)
             call_solver(ksp.solve, b, w)
             reason = ksp.getConvergedReason()
             if reason == PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT:
-                log.info("GMRES took %d iterations without reaching %.0e; its step is used as it is",
-                         ksp.getIterationNumber(), ksp.getTolerances()[0])
+                log.info(
+                    "GMRES took %d iterations without reaching %.0e; its step is used as it is",
+                    ksp.getIterationNumber(),
+                    ksp.getTolerances()[0],
+                )
             elif reason < 0:
-                raise SolverError(f"the linear problem of a Newton step failed with "
-                                  f"{reason_name(PETSc.KSP.ConvergedReason, reason)}")
+                raise SolverError(
+                    f"the linear problem of a Newton step failed with "
+                    f"{reason_name(PETSc.KSP.ConvergedReason, reason)}"
+                )
             y, alpha = self.precondition(w.array_r)
             return y, alpha, ksp.getIterationNumber()
         except PETSc.Error as error:
-            raise SolverError(f"the linear problem of a Newton step: {petsc_message(error)}") from None
+            raise SolverError(
+                f"the linear problem of a Newton step: {petsc_message(error)}"
+            ) from None
         finally:
             del self._ksp
             for thing in (ksp, K, w, b):
@@ -330,14 +402,15 @@ class LinearProblem:
         return self.joint.steering * min(self._ksp.getTolerances()[0] / left, 1.0)
 
     def apply(self, y: np.ndarray, alpha: np.ndarray, relative: float = 0.0) -> np.ndarray:
-        """The first row (k,) of the system at y (k,) and α, in metres; `relative` as for `Joint.product`. Collective.
-        """
+        """The first row (k,) of the system at y (k,) and α, in metres; `relative` as for `Joint.product`. Collective."""
         product = self.joint.product(self.expand(y), self._purpose, relative)
         if self._rigid:
             product -= self.joint.rigid.spread(alpha)
         return self.restrict(product) + self._layer * y
 
-    def _converged(self, ksp: PETSc.KSP, iteration: int, residual: float) -> PETSc.KSP.ConvergedReason | None:
+    def _converged(
+        self, ksp: PETSc.KSP, iteration: int, residual: float
+    ) -> PETSc.KSP.ConvergedReason | None:
         """Whether the residual is small beside the right-hand side, and beside the half-spaces' displacement w."""
         rtol, atol, *_ = ksp.getTolerances()
         if not residual <= max(rtol * self._size, atol):

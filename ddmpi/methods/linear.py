@@ -66,41 +66,59 @@ class Linearisation:
     are collective. They raise SolverError.
     """
 
-    def __init__(self, joint: Joint, preconditioner: Preconditioner, point: Point, c: np.ndarray) -> None:
+    def __init__(
+        self, joint: Joint, preconditioner: Preconditioner, point: Point, c: np.ndarray
+    ) -> None:
         self.joint, self.point, self._preconditioner, self._c = joint, point, preconditioner, c
         self._q = point.s - c * point.r
         self.active = joint.space.laws.active_sets(self._q)
         self.linearised = Linearised.of(joint.space.laws.linearise(self.active))
         self._layer = self.linearised.spring / c
-        self._factors: tuple | None = None  # until they are asked for; empty where the compliance is not explicit
+        self._factors: tuple | None = (
+            None  # until they are asked for; empty where the compliance is not explicit
+        )
         self._problems: dict[bool, LinearProblem] = {}
 
     def along_slip(self, bounds: Sequence[np.ndarray]) -> np.ndarray:
         """γ (size,): `bounds` (mt,) of each interface along the friction of nodes that slip (N)."""
         vectors = [np.empty(0)]
-        for active, bound in zip(self.active, bounds, strict=False):  # a rank without interfaces has an empty law
+        for active, bound in zip(
+            self.active, bounds, strict=False
+        ):  # a rank without interfaces has an empty law
             vectors += [np.zeros(len(active.closed)), (active.slip * bound[:, None]).ravel()]
         return np.concatenate(vectors)
 
     def direct(self, rho: np.ndarray, de: np.ndarray, gamma: np.ndarray) -> Changed:
         """The derivative of the answer by ρ (size,) in metres, de (rigid.size,) and γ (size,) in newtons."""
         joint, rigid = self.joint, self.joint.rigid
-        C_gamma = joint.product(gamma, PURPOSE, AIM) if joint.space.any(gamma) else np.zeros_like(gamma)
-        y, alpha, C_y, residual = self._solve(self.linearised.restrict(rho - C_gamma), de - rigid.sums(gamma))
-        return Changed(self.linearised.expand(y) + gamma, C_y + C_gamma - rho - rigid.spread(alpha), alpha, residual)
+        C_gamma = (
+            joint.product(gamma, PURPOSE, AIM) if joint.space.any(gamma) else np.zeros_like(gamma)
+        )
+        y, alpha, C_y, residual = self._solve(
+            self.linearised.restrict(rho - C_gamma), de - rigid.sums(gamma)
+        )
+        return Changed(
+            self.linearised.expand(y) + gamma,
+            C_y + C_gamma - rho - rigid.spread(alpha),
+            alpha,
+            residual,
+        )
 
     def yielding(self) -> np.ndarray:
         """∂α/∂e (rigid.size, rigid.size) in m/N: how the motions yield to loads along them."""
         none = np.zeros(self.joint.size)
-        return np.array([self.direct(none, along, none).alpha for along in np.eye(self.joint.rigid.size)]).T
+        return np.array(
+            [self.direct(none, along, none).alpha for along in np.eye(self.joint.rigid.size)]
+        ).T
 
     def adjoint(self, j: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
         """I z (size,) in m/N times the unit of a result J, β (rigid.size,), and the residual, by dJ = j·ds + a·dα."""
         z, beta, _, residual = self._solve(self.linearised.contract(j), -a, transposed=True)
         return self.linearised.place(z), -beta, residual
 
-    def _solve(self, f: np.ndarray, h: np.ndarray,
-               transposed: bool = False) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+    def _solve(
+        self, f: np.ndarray, h: np.ndarray, transposed: bool = False
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
         """The unknown forces y (k,), the motions α, C times the forces (size,), and the relative residual."""
         joint, space, rigid = self.joint, self.joint.space, self.joint.rigid
         y, alpha, product = np.zeros(len(f)), np.zeros(rigid.size), np.zeros(space.size)
@@ -109,8 +127,11 @@ class Linearisation:
         if not residual or not space.any(np.ones(len(f))):
             return y, alpha, product, residual
         solve = self._approximate(transposed)
-        outward, inward = ((self.linearised.place, self.linearised.contract) if transposed else
-                           (self.linearised.expand, self.linearised.restrict))
+        outward, inward = (
+            (self.linearised.place, self.linearised.contract)
+            if transposed
+            else (self.linearised.expand, self.linearised.restrict)
+        )
         left, out, pull, layer = f, h, norm(h), self._layer[self.linearised.unknown]
         size = space.norm(f)
         for _ in range(ROUNDS):
@@ -123,7 +144,10 @@ class Linearisation:
             # relative to the largest so far, as a motion may cancel nearly all of f, and forces may cancel each other
             misfit, moved, now = space.norms([left, inward(rigid.spread(alpha)), y])
             size, pull = max(size, moved), max(pull, now)
-            before, residual = residual, max(misfit / size if size else 0.0, norm(out) / pull if pull else 0.0)
+            before, residual = (
+                residual,
+                max(misfit / size if size else 0.0, norm(out) / pull if pull else 0.0),
+            )
             if residual <= AIM or not residual <= GAIN * before:
                 break
         return y, alpha, product, residual
@@ -134,9 +158,19 @@ class Linearisation:
         joint, lin, steering = self.joint, self.linearised, self._preconditioner
         if self._factors is None:
             C = joint.dense(SMALL) if 0 < lin.number <= SMALL else None
-            self._factors = () if C is None else dgetrf(matrix(
-                C, lin, joint, (self._layer + steering.shared)[lin.unknown],
-                steering.springs))
+            self._factors = (
+                ()
+                if C is None
+                else dgetrf(
+                    matrix(
+                        C,
+                        lin,
+                        joint,
+                        (self._layer + steering.shared)[lin.unknown],
+                        steering.springs,
+                    )
+                )
+            )
         if self._factors and not self._factors[2]:
             lu, pivots, _ = self._factors
 
@@ -144,12 +178,20 @@ class Linearisation:
                 # the transposed matrix has −Zᵀ I in its second row, and β = −α beside it
                 sign = -1.0 if transposed else 1.0
                 unknowns = dgetrs(lu, pivots, np.append(f, sign * h), trans=int(transposed))[0]
-                return unknowns[:len(f)], sign * unknowns[len(f):]
+                return unknowns[: len(f)], sign * unknowns[len(f) :]
 
             return by_factors
         if transposed not in self._problems:
-            self._problems[transposed] = LinearProblem(joint, steering, lin, self._layer, precise=True, exact=True,
-                                                       transposed=transposed, purpose=PURPOSE)
+            self._problems[transposed] = LinearProblem(
+                joint,
+                steering,
+                lin,
+                self._layer,
+                precise=True,
+                exact=True,
+                transposed=transposed,
+                purpose=PURPOSE,
+            )
         problem, least = self._problems[transposed], STEERED if joint.rigid.size else 0.1 * AIM
 
         def by_gmres(f: np.ndarray, h: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
@@ -158,7 +200,9 @@ class Linearisation:
                 y, alpha = problem.precondition(y, h)
                 f = f - problem.apply(y, alpha, AIM)
             now = joint.space.norm(f)
-            more, turn, _ = problem.solve(f, min(max(0.5 * AIM * size / now, least), 0.1) if now else 0.1)
+            more, turn, _ = problem.solve(
+                f, min(max(0.5 * AIM * size / now, least), 0.1) if now else 0.1
+            )
             return y + more, alpha + turn
 
         return by_gmres
@@ -172,24 +216,38 @@ class Linearisation:
         rates = [np.zeros(2)]  # one over the distance, of fall and rise
         change = changed.s - self._c * changed.r
         for (law, q), (_, dq), (_, ds), active, bound in zip(
-                *(self.joint.space.laws.parts(x) for x in (self._q, change, changed.s)), self.active, bounds,
-                strict=False):
+            *(self.joint.space.laws.parts(x) for x in (self._q, change, changed.s)),
+            self.active,
+            bounds,
+            strict=False,
+        ):
             if law.two_sided:  # nodes of bonds and guides keep their status
                 continue
             (normal, t), (dn, dt) = law.split(q), law.split(dq)
-            live = np.broadcast_to(law.live, law.size)[:law.m]
+            live = np.broadcast_to(law.live, law.size)[: law.m]
             rates.append(_rates(np.where(active.closed, 1.0, -1.0), 0.0 * dn, dn, normal, live))
             # |t|² − g² changes its sign where a node begins or ends to slip, in the plane as in space
-            g, dg = active.bound, law.slope(active.pressure) * (ds[:law.m] * active.closed)[law.sliding] + bound
-            rates.append(_rates(np.where(active.slip.any(axis=1), 1.0, -1.0), (dt**2).sum(axis=1) - dg**2,
-                                2.0 * ((t * dt).sum(axis=1) - g * dg), (t**2).sum(axis=1) - g**2,
-                                active.closed[law.sliding] | (g > 0.0)))
+            g, dg = (
+                active.bound,
+                law.slope(active.pressure) * (ds[: law.m] * active.closed)[law.sliding] + bound,
+            )
+            rates.append(
+                _rates(
+                    np.where(active.slip.any(axis=1), 1.0, -1.0),
+                    (dt**2).sum(axis=1) - dg**2,
+                    2.0 * ((t * dt).sum(axis=1) - g * dg),
+                    (t**2).sum(axis=1) - g**2,
+                    active.closed[law.sliding] | (g > 0.0),
+                )
+            )
         fall, rise = np.max(rates, axis=0)
         fall, rise = (self.joint.space.largest(np.array([rate])) for rate in (fall, rise))
         return -1.0 / fall if fall else -np.inf, 1.0 / rise if rise else np.inf
 
 
-def _rates(side: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray, counts: np.ndarray) -> np.ndarray:
+def _rates(
+    side: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray, counts: np.ndarray
+) -> np.ndarray:
     """(2,) the largest 1/|x| at which a x² + b x + c loses the sign `side` that it has at x = 0, for x ≤ 0, x ≥ 0."""
     c = side * np.maximum(side * c, 0.0)  # rounding may give it the other sign
     with np.errstate(all="ignore"):

@@ -85,26 +85,45 @@ class Newton(Outer):
     direct : dense factors, in place of GMRES where they are cheaper
     """
 
-    def __init__(self, joint: Joint, max_iterations: int, report: Report = no_report,
-                 preconditioner: Preconditioner | None = None) -> None:
-        self.joint, self.space, self.max_iterations, self.report = joint, joint.space, max_iterations, report
+    def __init__(
+        self,
+        joint: Joint,
+        max_iterations: int,
+        report: Report = no_report,
+        preconditioner: Preconditioner | None = None,
+    ) -> None:
+        self.joint, self.space, self.max_iterations, self.report = (
+            joint,
+            joint.space,
+            max_iterations,
+            report,
+        )
         self.inner_steps = {"gmres": 0}
         self.checkpoint: Callable[[], None] = lambda: None
         self._laws = self.space.laws
-        self._c = np.concatenate([np.empty(0), *(interface.stiffness for interface in self.space.interfaces)])
+        self._c = np.concatenate(
+            [np.empty(0), *(interface.stiffness for interface in self.space.interfaces)]
+        )
         self._coulomb = self.space.largest(np.array([self._laws.largest_slope])) > 0.0
-        self._in_space = self.space.largest(np.array([float(law.components) for law in self._laws.laws])) > 1.0
+        self._in_space = (
+            self.space.largest(np.array([float(law.components) for law in self._laws.laws])) > 1.0
+        )
         self._preconditioner = preconditioner or Preconditioner(joint, self._c, self._in_space)
         self._full = FULL_STEPS if self._in_space else 0 if self._coulomb else GIVEN_STEPS
         self._modelled: Modelled | None = None
         if joint.dear:
-            self._full, model = 0, Newton(Model(joint), MODEL_STEPS, preconditioner=self._preconditioner)
+            self._full, model = (
+                0,
+                Newton(Model(joint), MODEL_STEPS, preconditioner=self._preconditioner),
+            )
             self._modelled, model.inner_steps = Modelled(joint, model), self.inner_steps
         self._least_size = self.nothing = 0.0
         self.direct = Direct(joint, self._preconditioner)
         self.begin()
 
-    def begin(self, warm: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None, foreseen: bool = False) -> None:
+    def begin(
+        self, warm: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None, foreseen: bool = False
+    ) -> None:
         """Begin a load step, for the present loads of the joint. Collective.
 
         The first step takes the nodes under pressure as closed and sticking, which is right at a reversal, where starts
@@ -124,7 +143,9 @@ class Newton(Outer):
         self._trying = False  # whether steps are Newton's own, from the path's point
         self._measured: tuple[np.ndarray | None, float] = (None, 0.0)
         self._misfit: float | None = None  # `_misfits` of the iterate
-        self._least_size = max(self._least_size, NO_FORCE * max(self.space.norm(self._c * joint.d), norm(joint.e)))
+        self._least_size = max(
+            self._least_size, NO_FORCE * max(self.space.norm(self._c * joint.d), norm(joint.e))
+        )
         # from guessed active sets (_start) the iteration cannot end; from a prediction one step must estimate the error
         self._start, self._settled, self._error = not foreseen, False, math.inf if foreseen else 0.0
         self._stalled, self._smallest, self._springs = 0, np.inf, 1.0
@@ -132,8 +153,15 @@ class Newton(Outer):
 
     def _pressed(self) -> np.ndarray:
         """The nodes (m,) bool of all interfaces that are under pressure."""
-        return np.concatenate([np.empty(0, bool), *(self._at.s[entries][:interface.m] > 0.0
-                                                    for interface, entries in self.space.with_slices())])
+        return np.concatenate(
+            [
+                np.empty(0, bool),
+                *(
+                    self._at.s[entries][: interface.m] > 0.0
+                    for interface, entries in self.space.with_slices()
+                ),
+            ]
+        )
 
     @property
     def forces(self) -> np.ndarray:
@@ -157,13 +185,18 @@ class Newton(Outer):
         if self._settled:  # the forces were moved onto their bounds; the gaps must follow
             self.joint.neglected = NEGLECTED * tolerance * self._size()
             self._settled, self._misfit = False, self._look()
-        while True:  # the misfit is in newtons, see `_misfits`; the residual is the misfit over the forces
+        while (
+            True
+        ):  # the misfit is in newtons, see `_misfits`; the residual is the misfit over the forces
             if self._misfit is None:
                 self._misfit = self._misfits([self._at])[0]
             misfit = self._misfit
             residual = self._relative(misfit)
-            done = (residual <= tolerance and self._error <= ERROR * tolerance
-                    and not (self._start and residual > 0.0))  # guessed active sets may fit by chance
+            done = (
+                residual <= tolerance
+                and self._error <= ERROR * tolerance
+                and not (self._start and residual > 0.0)
+            )  # guessed active sets may fit by chance
             if done and self._rough:  # the gaps were only as precise as the step needed
                 self._misfit = self._look()
                 continue
@@ -171,7 +204,9 @@ class Newton(Outer):
                 self._note(residual, 0.0)
             if not np.isfinite(residual):
                 return "diverged"
-            if (done and self.joint.balances(self._at.left, self._size())) or len(self.history) >= self.max_iterations:
+            if (done and self.joint.balances(self._at.left, self._size())) or len(
+                self.history
+            ) >= self.max_iterations:
                 self._settle()
                 return "converged" if done else "max_iterations"
             if self._path and not self._trying and self._path.failed and not self._next_path():
@@ -183,7 +218,10 @@ class Newton(Outer):
         if not self._coulomb or norm(self._at.left) <= DRIFT * norm(self.joint.e):
             return False
         moved = self.joint.rigid.spread(self._at.alpha)
-        closing = [moved[entries][:interface.m].max(initial=0.0) for interface, entries in self.space.with_slices()]
+        closing = [
+            moved[entries][: interface.m].max(initial=0.0)
+            for interface, entries in self.space.with_slices()
+        ]
         return self.space.largest(np.array(closing)) <= STOPPED * self.space.largest(np.abs(moved))
 
     @property
@@ -193,7 +231,11 @@ class Newton(Outer):
 
     def _look(self) -> float:
         """Compute the gaps of the iterate anew; return its `_misfits` then (N). Collective."""
-        r = self.joint.product(self._at.s, "newton") - self.joint.d - self.joint.rigid.spread(self._at.alpha)
+        r = (
+            self.joint.product(self._at.s, "newton")
+            - self.joint.d
+            - self.joint.rigid.spread(self._at.alpha)
+        )
         self._at = self._at._replace(r=r, left=self.joint.imbalance(self._at.s, self._at.alpha))
         if self._modelled:
             self._modelled.refine()
@@ -229,7 +271,9 @@ class Newton(Outer):
         update = self.space.norm(self._at.s - before) / size if size else 0.0
         if not update:
             self._stalled = PATIENCE  # the next step would be the same
-        self._error = update * after / residual if residual else 0.0  # as if the next step shrank like the residual
+        self._error = (
+            update * after / residual if residual else 0.0
+        )  # as if the next step shrank like the residual
         self._note(after, update, stage)
         if self._path and self._trying and not stage and not after <= PROGRESS * residual:
             self._trying, self._at = False, self._path.point  # back to where the path was left
@@ -248,7 +292,9 @@ class Newton(Outer):
         if self._path:
             self._ends.append(self._path.point)
         if not self._paths:
-            self._at = max(self._ends, key=lambda end: self.space.largest(self.joint.rigid.spread(end.alpha)))
+            self._at = max(
+                self._ends, key=lambda end: self.space.largest(self.joint.rigid.spread(end.alpha))
+            )
             return False
         self._path = self._paths.pop(0)(self.joint, self._c)
         return True
@@ -266,10 +312,21 @@ class Newton(Outer):
 
     @property
     def _forcing(self) -> float:
-        return self._path.forcing if self._path else forcing([step.residual for step in self.history], self._in_space)
+        return (
+            self._path.forcing
+            if self._path
+            else forcing([step.residual for step in self.history], self._in_space)
+        )
 
     def _note(self, residual: float, update: float, stage: str = "") -> None:
-        step = Step(len(self.history) + 1, update, residual, self._forcing, self.joint.multiplications(), stage)
+        step = Step(
+            len(self.history) + 1,
+            update,
+            residual,
+            self._forcing,
+            self.joint.multiplications(),
+            stage,
+        )
         self.history.append(step)
         self.report(step)
 
@@ -294,7 +351,10 @@ class Newton(Outer):
         """
         points = list(points)
         contact = self.space.norms([s - self._laws.project(s - self._c * r) for s, r, *_ in points])
-        return [math.hypot(of_laws, norm(point.left)) for of_laws, point in zip(contact, points, strict=True)]
+        return [
+            math.hypot(of_laws, norm(point.left))
+            for of_laws, point in zip(contact, points, strict=True)
+        ]
 
     def _newton_step(self, misfit: float) -> float:
         """Solve for the forces that the active sets of the iterate imply, and go towards them as far as it helps.
@@ -302,8 +362,12 @@ class Newton(Outer):
         It takes and returns `_misfits` of the iterate (N).
         """
         change = None
-        if self._modelled and not self._path and not self._stalled % 2:  # every other stalled step has no model
-            change = self._modelled.step(self._at, self._relative(misfit), self._size(), self._start, self._warm)
+        if (
+            self._modelled and not self._path and not self._stalled % 2
+        ):  # every other stalled step has no model
+            change = self._modelled.step(
+                self._at, self._relative(misfit), self._size(), self._start, self._warm
+            )
         if change is None:
             if self._rough:  # which may be why the model failed
                 misfit = self._look()
@@ -323,8 +387,14 @@ class Newton(Outer):
         self._at = self._at.along(change, length)
         return misfit
 
-    def direction(self, point: Point, linearised: Linearised, change: np.ndarray, wanted: np.ndarray,
-                  layer: np.ndarray) -> Point:
+    def direction(
+        self,
+        point: Point,
+        linearised: Linearised,
+        change: np.ndarray,
+        wanted: np.ndarray,
+        layer: np.ndarray,
+    ) -> Point:
         """The change of `point` with which r + D y = `wanted` along unknown forces, and G s + K α = e.
 
         Parameters
@@ -339,18 +409,34 @@ class Newton(Outer):
         joint, rigid, space = self.joint, self.joint.rigid, self.space
         alpha, C_change = np.zeros(rigid.size), np.zeros_like(change)
         problem, y = None, np.zeros(linearised.number)
-        if (self._path and rigid.size) or space.any(np.ones(linearised.number)):  # springs let free bodies move
+        if (self._path and rigid.size) or space.any(
+            np.ones(linearised.number)
+        ):  # springs let free bodies move
             springs = self._path.springs if self._path else 1.0
             if self._trying or not self._path:  # Newton's own steps
                 springs = min(springs, self._springs)
             steered = self._path.steered if self._path else 1.0
-            direct = self.direct.direction(point, linearised, change, wanted, layer, springs, steered, not self._path)
+            direct = self.direct.direction(
+                point, linearised, change, wanted, layer, springs, steered, not self._path
+            )
             if direct is not None:
                 return direct
-            problem = LinearProblem(joint, self._preconditioner, linearised, layer, springs, steered, self._forcing,
-                                    precise=self._path is not None)
-            if rigid.size:  # forces that balance the loads with the least energy of half-spaces; then h = 0
-                y, alpha = problem.precondition(np.zeros_like(y), joint.imbalance(point.s + change, point.alpha))
+            problem = LinearProblem(
+                joint,
+                self._preconditioner,
+                linearised,
+                layer,
+                springs,
+                steered,
+                self._forcing,
+                precise=self._path is not None,
+            )
+            if (
+                rigid.size
+            ):  # forces that balance the loads with the least energy of half-spaces; then h = 0
+                y, alpha = problem.precondition(
+                    np.zeros_like(y), joint.imbalance(point.s + change, point.alpha)
+                )
                 change = change + linearised.expand(y)
         if space.any(change):
             C_change = joint.product(change, "newton")
@@ -371,10 +457,13 @@ class Newton(Outer):
 
     def _length(self, misfit: float, change: Point) -> tuple[float, float]:
         """The smallest misfit (N) and the length of the step to it; those of the full step if it gains enough."""
+
         def misfits(lengths: Sequence[float]) -> list[float]:
             return self._misfits(self._at.along(change, length) for length in lengths)
 
-        full = misfits(LENGTHS[:1])  # r is linear in s, so that no length takes another product with C
+        full = misfits(
+            LENGTHS[:1]
+        )  # r is linear in s, so that no length takes another product with C
         if self._start or full[0] <= (GROWTH if self._takes_full_steps else GAIN) * misfit:
             return full[0], LENGTHS[0]
         return min(zip(full + misfits(LENGTHS[1:]), LENGTHS, strict=True))
@@ -390,8 +479,12 @@ class Newton(Outer):
         """Nothing to do: the gaps are computed afresh where the iteration goes on."""
 
     def state(self) -> dict[str, Any]:
-        return self._at._asdict() | {"least": self._least_size, "inner_steps": dict(self.inner_steps),
-                                     "long": self.direct.long, "history": tuple(self.history)}
+        return self._at._asdict() | {
+            "least": self._least_size,
+            "inner_steps": dict(self.inner_steps),
+            "long": self.direct.long,
+            "history": tuple(self.history),
+        }
 
     def restore(self, state: dict[str, Any]) -> None:
         self._at, self._least_size = Point(*(state[name] for name in Point._fields)), state["least"]

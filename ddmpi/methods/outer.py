@@ -97,11 +97,15 @@ class Outer(Protocol):
         """Go on from what `state` returned."""
 
 
-ENDS = {"converged": "the iteration stopped, but its certificate fails", "diverged": "diverged",
-        "max_iterations": "not converged: method.max_iterations is reached",
-        "stalled": "not converged: Newton's method and its fallbacks stalled", "drift": "bodies drift",
-        "unsettled": "no equilibrium found: bodies with free motions do not come to rest; they may fall past all "
-                     "contacts, roll on, or have no stable position"}
+ENDS = {
+    "converged": "the iteration stopped, but its certificate fails",
+    "diverged": "diverged",
+    "max_iterations": "not converged: method.max_iterations is reached",
+    "stalled": "not converged: Newton's method and its fallbacks stalled",
+    "drift": "bodies drift",
+    "unsettled": "no equilibrium found: bodies with free motions do not come to rest; they may fall past all "
+    "contacts, roll on, or have no stable position",
+}
 """Reasons of `Outer.run` to end, in words where no answer is certified."""
 
 REQUIRED = "run", "forces", "bound", "body_forces", "refresh", "state", "restore"
@@ -116,29 +120,46 @@ def outer_from_outside(name: str, kind: Any = None) -> Callable[..., Outer]:
     try:
         kind = pkgutil.resolve_name(name) if kind is None else kind
     except (Exception, SystemExit) as error:  # whatever a module does while it is imported
-        raise InputError(f'method.outer = "{name}" cannot be imported: {type(error).__name__}: {error}') from None
+        raise InputError(
+            f'method.outer = "{name}" cannot be imported: {type(error).__name__}: {error}'
+        ) from None
     if not isinstance(kind, type) or Outer not in kind.__mro__:
-        raise InputError(f'method.outer = "{name}" is no class that is based on ddmpi.methods.outer.Outer')
-    if missing := [needed for needed in REQUIRED if getattr(kind, needed) in (None, getattr(Outer, needed))]:
-        raise InputError(f'method.outer = "{name}" has no {", ".join(missing)} of its own, see docs/use/methods.md')
+        raise InputError(
+            f'method.outer = "{name}" is no class that is based on ddmpi.methods.outer.Outer'
+        )
+    if missing := [
+        needed for needed in REQUIRED if getattr(kind, needed) in (None, getattr(Outer, needed))
+    ]:
+        raise InputError(
+            f'method.outer = "{name}" has no {", ".join(missing)} of its own, see docs/use/methods.md'
+        )
     try:
         inspect.signature(kind).bind("assembly", "method", "report")
     except (TypeError, ValueError) as error:
-        raise InputError(f'method.outer = "{name}" is not made by Class(assembly, method, report): {error}') from None
+        raise InputError(
+            f'method.outer = "{name}" is not made by Class(assembly, method, report): {error}'
+        ) from None
     return kind
 
 
-def check_promises(name: str, outer: Outer, stopped: str, sizes: tuple[int, int], reported: int) -> None:
+def check_promises(
+    name: str, outer: Outer, stopped: str, sizes: tuple[int, int], reported: int
+) -> None:
     """Raise SolverError where the attributes after `Outer.run`, or its reason to end, are not what `Outer` promises.
 
     `sizes` are those of forces and motions, `reported` the number of reports. Not collective.
     """
     shapes = [np.shape(vector) for vector in (outer.forces, outer.motions)]
-    broken = [words for words, holds in {
-        f"its run returns {stopped!r}, none of {', '.join(ENDS)}": stopped in ENDS,
-        f"its forces and motions have the shapes {shapes[0]} and {shapes[1]}, not sizes {sizes}":
-            shapes == [(size,) for size in sizes],
-        "it does not report each step of its history once": len(outer.history) == reported,
-        "it reports no step": bool(outer.history)}.items() if not holds]
+    broken = [
+        words
+        for words, holds in {
+            f"its run returns {stopped!r}, none of {', '.join(ENDS)}": stopped in ENDS,
+            f"its forces and motions have the shapes {shapes[0]} and {shapes[1]}, not sizes {sizes}": shapes
+            == [(size,) for size in sizes],
+            "it does not report each step of its history once": len(outer.history) == reported,
+            "it reports no step": bool(outer.history),
+        }.items()
+        if not holds
+    ]
     if broken:
         raise SolverError(f'method.outer = "{name}": {"; ".join(broken)}')

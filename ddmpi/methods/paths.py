@@ -109,7 +109,10 @@ class Softening:
 
     def __init__(self, joint: Joint, c: np.ndarray) -> None:
         self._joint, self._space, self._laws, self._c = joint, joint.space, joint.space.laws, c
-        self._two_sided = joint.space.spread([interface.law.two_sided for interface in joint.space.interfaces]) > 0
+        self._two_sided = (
+            joint.space.spread([interface.law.two_sided for interface in joint.space.interfaces])
+            > 0
+        )
         self.point = joint.at_rest()
         self._delta, self._last_delta = SOFTEST, 0.0  # δ of this stage, and of the last step
         self._begin()
@@ -158,7 +161,11 @@ class Softening:
     def _pressed(self, point: Point, delta: float) -> np.ndarray:
         """q (size,) whose projection are the forces of a layer of δ = `delta`; of bonded rows s − c r."""
         pressed = -self._c / delta * point.r
-        return np.where(self._two_sided, point.s - self._c * point.r, pressed) if self._two_sided.any() else pressed
+        return (
+            np.where(self._two_sided, point.s - self._c * point.r, pressed)
+            if self._two_sided.any()
+            else pressed
+        )
 
     def _slopes(self, change: Point, lengths: np.ndarray, bound: np.ndarray | None) -> np.ndarray:
         """Derivatives (k,) of the energy (J) by the length of the step, at the `lengths` (k,), in one reduction.
@@ -204,13 +211,17 @@ class Softening:
         self._residual, self._last_delta = float(np.hypot(contact, norm(point.left))), self._delta
         self._steps += 1
         gained = self._residual <= GAIN * self._smallest
-        self._idle, self._smallest = (0, self._residual) if gained else (self._idle + 1, self._smallest)
+        self._idle, self._smallest = (
+            (0, self._residual) if gained else (self._idle + 1, self._smallest)
+        )
         # early stages need only lead near the next one; in late ones few nodes decide where a body goes
         late = self._delta <= LATE
         share = min(SETTLED_LATE, self._delta) if late else SETTLED
         settled = length == 1.0 and self._residual <= share * size
         if not settled:
-            still = not (moved or norm(change.alpha))  # all nodes are open, and loose bodies fall onto nothing
+            still = not (
+                moved or norm(change.alpha)
+            )  # all nodes are open, and loose bodies fall onto nothing
             self.failed = still or self._idle >= STUCK or self._steps >= MOST_STEPS
         elif self._delta <= STIFF:
             self.ready = True
@@ -232,14 +243,21 @@ class InteriorPoints:
 
     def __init__(self, joint: Joint, c: np.ndarray) -> None:
         self._joint, self._space, size = joint, joint.space, joint.size
-        self._laws = [(interface.law, entries) for interface, entries in joint.space.with_slices()
-                      if not interface.law.two_sided]
+        self._laws = [
+            (interface.law, entries)
+            for interface, entries in joint.space.with_slices()
+            if not interface.law.two_sided
+        ]
         self._normal, self._source = np.zeros(size, bool), np.arange(size)
         rows = np.empty((0, max((law.components for law, _ in self._laws), default=1)), int)
         for law, entries in self._laws:
-            self._normal[entries.start:entries.start + law.m] = True
+            self._normal[entries.start : entries.start + law.m] = True
             self._source[entries] = entries.start + law.node
-            rows = np.append(rows, np.arange(entries.start + law.m, entries.stop).reshape(-1, law.components), axis=0)
+            rows = np.append(
+                rows,
+                np.arange(entries.start + law.m, entries.stop).reshape(-1, law.components),
+                axis=0,
+            )
         # equal forces at all nodes, whose norm is the first force
         number = float(self._space.add(np.array([float(np.count_nonzero(self._normal))]))[0])
         force = self._first_force(c) / np.sqrt(max(number, 1.0))
@@ -248,11 +266,21 @@ class InteriorPoints:
         self._unknown, self._rubbing = np.ones(size, bool), self._bounds(s)[0, :, 0] > 0.0
         self._unknown[rows[~self._rubbing]] = False  # no friction force at all
         self._rows = rows[self._rubbing]
-        r, alpha = joint.product(s, "newton") - joint.d - joint.rigid.spread(joint.still), joint.still.copy()
+        r, alpha = (
+            joint.product(s, "newton") - joint.d - joint.rigid.spread(joint.still),
+            joint.still.copy(),
+        )
         if joint.rigid.size:  # least squares: α = (ZᵀZ)⁻¹Zᵀr leaves the smallest gaps |r − Zα|
             identity = sparse.identity(size, format="csr")
-            r, motions = CoarseSystem(joint.rigid, identity, identity, np.ones(size), lambda _, block: block,
-                                      UNSEEN * sparse.identity(joint.rigid.size), joint.kept).correct(r)
+            r, motions = CoarseSystem(
+                joint.rigid,
+                identity,
+                identity,
+                np.ones(size),
+                lambda _, block: block,
+                UNSEEN * sparse.identity(joint.rigid.size),
+                joint.kept,
+            ).correct(r)
             alpha -= motions
         # each gap w begins at the largest of: the widest clearance, what the first force closes, and its r
         w = self._space.largest(np.maximum(joint.space.opening, force / c))
@@ -274,7 +302,9 @@ class InteriorPoints:
         closing = np.where(self._normal, np.maximum(gaps, 0.0), 0.0)
         gaps = closing if self._space.any(closing) else gaps  # slips say nothing of pressures
         forces = c * gaps
-        given, stored = self._space.add(np.array([forces @ gaps, forces @ self._joint.product(forces, "newton")]))
+        given, stored = self._space.add(
+            np.array([forces @ gaps, forces @ self._joint.product(forces, "newton")])
+        )
         fraction = given / stored if stored > given else 1.0
         return max(norm(self._joint.e), fraction * self._space.norm(forces))
 
@@ -290,8 +320,10 @@ class InteriorPoints:
 
     def _bounds(self, s: np.ndarray) -> np.ndarray:
         """Slip bounds (N) and their slopes (2, k, 1) at the nodes with friction, under the forces s (size,)."""
-        bounds = [(law.bound_at(s[entries]), law.slope(np.maximum(s[entries][:law.m], 0.0)))
-                  for law, entries in self._laws]
+        bounds = [
+            (law.bound_at(s[entries]), law.slope(np.maximum(s[entries][: law.m], 0.0)))
+            for law, entries in self._laws
+        ]
         return np.concatenate([np.empty((2, 0)), *bounds], axis=1)[:, self._rubbing, None]
 
     def _turn(self, axes: np.ndarray) -> sparse.csr_matrix | None:
@@ -300,13 +332,21 @@ class InteriorPoints:
             return None
         rows, straight = self._rows, np.setdiff1d(np.arange(len(self._unknown)), self._rows)
         row, column = np.broadcast_arrays(rows[:, :, None], rows[:, None, :])
-        return sparse.csr_matrix((np.append(np.ones(len(straight)), across(axes)),
-                                  (np.append(straight, row), np.append(straight, column))))
+        return sparse.csr_matrix(
+            (
+                np.append(np.ones(len(straight)), across(axes)),
+                (np.append(straight, row), np.append(straight, column)),
+            )
+        )
 
     def _mean(self, s: np.ndarray) -> float:
         """The barrier μ (J) that s with its gaps and slips has on average. Collective."""
         # on the path s w = μ for each normal force, and g y + s_t·v = 2μ for each friction force
-        work = s @ self._w + (self._bounds(s)[0] * self._most).sum() + (s[self._rows] * self._slip).sum()
+        work = (
+            s @ self._w
+            + (self._bounds(s)[0] * self._most).sum()
+            + (s[self._rows] * self._slip).sum()
+        )
         number = np.count_nonzero(self._normal) + 2 * len(self._rows)
         work, number = self._space.add(np.array([work, float(number)]))
         return float(work / max(number, 1.0))
@@ -328,11 +368,18 @@ class InteriorPoints:
         axes, size = direction(s_t), magnitude(s_t)[:, None]
         ahead = dots(axes, v)
         power, across_slip = g * y - size * ahead, v - ahead * axes
-        along, aside = power / room, y / g  # leaves out how slip across friction changes slip along it
+        along, aside = (
+            power / room,
+            y / g,
+        )  # leaves out how slip across friction changes slip along it
         turns = (size * y - g * ahead) / power * axes - across_slip / y  # ds_t/dg at a fixed slip
         # s w = μ, linearised, where the new gap r takes the place of the new w: r + (w/s) ds = μ/s
         pressure = np.where(normal, s, 1.0)
-        layer, coupling, wanted = w / pressure, np.zeros(len(s)), np.where(normal, mu / pressure, 0.0)
+        layer, coupling, wanted = (
+            w / pressure,
+            np.zeros(len(s)),
+            np.where(normal, mu / pressure, 0.0),
+        )
         layer[rows], coupling[rows], wanted[rows] = aside, slope * turns, -2.0 * mu / room * s_t
         layer[rows[:, :1]] = along
         none = np.zeros(len(s))
@@ -346,8 +393,14 @@ class InteriorPoints:
         dy = (2.0 * mu - dots(s_t, v + dv) - dots(v, ds_t) - y * dg) / g - y
         dw = np.where(normal, (mu - w * change.s) / pressure - w, 0.0)
         # TO_BOUND of the way to the nearest place where a force, a gap, or the room below a bound becomes zero
-        nears = np.concatenate([-change.s[normal] / s[normal], -dw[normal] / w[normal],
-                                *cone_exit(g, s_t, dg, ds_t), *cone_exit(y, v, dy, dv)])
+        nears = np.concatenate(
+            [
+                -change.s[normal] / s[normal],
+                -dw[normal] / w[normal],
+                *cone_exit(g, s_t, dg, ds_t),
+                *cone_exit(y, v, dy, dv),
+            ]
+        )
         fastest = self._space.largest(np.maximum(nears, 0.0))
         length = min(1.0, TO_BOUND / fastest) if fastest else 1.0
         self._w, self._slip, self._most = w + length * dw, v + length * dv, y + length * dy

@@ -44,7 +44,9 @@ def neighbours(A: PETSc.Mat) -> tuple[np.ndarray, np.ndarray]:
     starts, columns = A.getRowIJ()
     count = np.diff(starts)[::width] // width
     ends = np.cumsum(np.append(0, count), dtype=columns.dtype)
-    at = np.repeat(starts[:-1:width] - width * ends[:-1], count) + width * np.arange(ends[-1], dtype=columns.dtype)
+    at = np.repeat(starts[:-1:width] - width * ends[:-1], count) + width * np.arange(
+        ends[-1], dtype=columns.dtype
+    )
     return ends, columns[at] // width
 
 
@@ -72,19 +74,29 @@ def dissect(points: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.nda
     pairs of them that share an entry of the matrix, each once.
     """
     depth = max(0, int(np.ceil(np.log2(max(len(points), 1) / LEAF))))
-    step = np.abs(points[first[::SAMPLE]] - points[second[::SAMPLE]]).mean(axis=0) if len(first) else np.ones(1)
+    step = (
+        np.abs(points[first[::SAMPLE]] - points[second[::SAMPLE]]).mean(axis=0)
+        if len(first)
+        else np.ones(1)
+    )
     part = _bisect(points / np.where(step > 0.0, step, 1.0), depth)
     one, two = part[first], part[second]
     between = np.flatnonzero(one != two)
     turned = one[between] > two[between]
     lower = np.where(turned, second[between], first[between])
     upper = np.where(turned, first[between], second[between])
-    level = (depth - np.frexp((one ^ two)[between].astype(float))[1]).astype(np.int16)  # the first bit that differs
+    level = (depth - np.frexp((one ^ two)[between].astype(float))[1]).astype(
+        np.int16
+    )  # the first bit that differs
     order = np.argsort(level, kind="stable")
-    lower, upper, ends = lower[order], upper[order], np.cumsum([0, *np.bincount(level, minlength=depth)])
+    lower, upper, ends = (
+        lower[order],
+        upper[order],
+        np.cumsum([0, *np.bincount(level, minlength=depth)]),
+    )
     cut = np.full(len(points), depth)  # the level of the separator that has the node
     for k in range(depth):
-        a, b = lower[ends[k]:ends[k + 1]], upper[ends[k]:ends[k + 1]]
+        a, b = lower[ends[k] : ends[k + 1]], upper[ends[k] : ends[k + 1]]
         left = (cut[a] == depth) & (cut[b] == depth)
         if left.any():
             cut[_cover(a[left], b[left])] = k
@@ -106,14 +118,20 @@ def _bisect(points: np.ndarray, depth: int) -> np.ndarray:
     spare = (width << depth) - k
     node = np.concatenate([np.arange(k), np.arange(spare) * k // max(spare, 1)])
     x = (points + TILT * points.sum(axis=1)[:, None])[node]
-    lists = [np.argsort(x[:, axis], kind="stable").astype(np.int32).reshape(1, -1) for axis in range(d)]
+    lists = [
+        np.argsort(x[:, axis], kind="stable").astype(np.int32).reshape(1, -1) for axis in range(d)
+    ]
     for level in range(depth):
         extent = [x[nodes[:, -1], axis] - x[nodes[:, 0], axis] for axis, nodes in enumerate(lists)]
         longest, half = np.argmax(extent, axis=0), lists[0].shape[1] // 2
         upper = np.zeros(len(node), bool)
         upper[np.stack(lists)[longest, np.arange(1 << level), half:]] = True
-        lists = [np.stack([nodes[~above].reshape(-1, half), nodes[above].reshape(-1, half)], axis=1).reshape(-1, half)
-                 for nodes, above in ((nodes, upper[nodes]) for nodes in lists)]
+        lists = [
+            np.stack(
+                [nodes[~above].reshape(-1, half), nodes[above].reshape(-1, half)], axis=1
+            ).reshape(-1, half)
+            for nodes, above in ((nodes, upper[nodes]) for nodes in lists)
+        ]
     part = np.empty(k, np.int32)
     part[node[lists[0]]] = np.arange(1 << depth, dtype=np.int32)[:, None]
     return part
@@ -124,14 +142,25 @@ def _cover(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 
     By Kőnig's theorem, from a largest matching.
     """
-    (left, row), (right, column) = (np.unique(nodes, return_inverse=True) for nodes in (first, second))
+    (left, row), (right, column) = (
+        np.unique(nodes, return_inverse=True) for nodes in (first, second)
+    )
     m, source = len(left), len(left) + len(right)
     pairs = sparse.csr_matrix((np.ones(len(row), np.int8), (row, column)), (m, len(right)))
-    match = csgraph.maximum_bipartite_matching(pairs, perm_type="column")  # the column of each row, or −1
+    match = csgraph.maximum_bipartite_matching(
+        pairs, perm_type="column"
+    )  # the column of each row, or −1
     matched, single = np.flatnonzero(match >= 0), np.flatnonzero(match < 0)
-    ways = sparse.csr_matrix((np.ones(len(row) + m, np.int8),
-                              (np.concatenate([np.full(len(single), source), row, m + match[matched]]),
-                               np.concatenate([single, m + column, matched]))), (source + 1, source + 1))
+    ways = sparse.csr_matrix(
+        (
+            np.ones(len(row) + m, np.int8),
+            (
+                np.concatenate([np.full(len(single), source), row, m + match[matched]]),
+                np.concatenate([single, m + column, matched]),
+            ),
+        ),
+        (source + 1, source + 1),
+    )
     reached = np.zeros(source + 1, bool)  # by alternating paths from rows that are not matched
     reached[csgraph.breadth_first_order(ways, source, return_predecessors=False)] = True
     # Kőnig: rows that alternating paths from unmatched rows do not reach, and columns that they reach.

@@ -8,8 +8,22 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from petsc4py import PETSc
 
-NAMES = ("LoadResponse", "ComplianceForm", "ComplianceMult", "Exchange", "NewtonStep", "CoarseSystem", "ContactQP",
-         "NeumannSolve", "Displacement", "Certificate", "Stress", "WriteFields", "WriteTables", "Figures")
+NAMES = (
+    "LoadResponse",
+    "ComplianceForm",
+    "ComplianceMult",
+    "Exchange",
+    "NewtonStep",
+    "CoarseSystem",
+    "ContactQP",
+    "NeumannSolve",
+    "Displacement",
+    "Certificate",
+    "Stress",
+    "WriteFields",
+    "WriteTables",
+    "Figures",
+)
 """In the order of registration, which must be the same on all ranks."""
 
 

@@ -10,9 +10,14 @@ from scipy.linalg import eigh_tridiagonal
 Product = Callable[[np.ndarray, np.ndarray], None]
 
 
-def estimate_norm(mult: Product, size: int, change: float = 1e-2, limit: int = 30,
-                  products: Callable[[np.ndarray, np.ndarray], np.ndarray] = np.matmul, steps: int | None = None,
-                  ) -> float:
+def estimate_norm(
+    mult: Product,
+    size: int,
+    change: float = 1e-2,
+    limit: int = 30,
+    products: Callable[[np.ndarray, np.ndarray], np.ndarray] = np.matmul,
+    steps: int | None = None,
+) -> float:
     """Estimate ‖H‖₂ of a symmetric positive definite H by the Lanczos method, from below.
 
     Parameters
@@ -25,10 +30,13 @@ def estimate_norm(mult: Product, size: int, change: float = 1e-2, limit: int = 3
 
     Collective where `mult` is. Returns NaN if a product is not finite.
     """
+
     def length(x: np.ndarray) -> float:
         return float(np.sqrt(products(x[None], x)[0]))
 
-    v = 1.0 + 0.3 * np.random.default_rng(0).standard_normal(size)  # the same in every run, with all eigenvectors
+    v = 1.0 + 0.3 * np.random.default_rng(0).standard_normal(
+        size
+    )  # the same in every run, with all eigenvectors
     basis, diagonal = [v / length(v)], []
     off: list[float] = []
     y = np.empty(size)

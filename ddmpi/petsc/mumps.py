@@ -22,9 +22,11 @@ from scipy.linalg.blas import dsymv
 
 from ddmpi.petsc.options import in_force
 
-VERSIONS = (("5.5.0", "5.5.1", "5.6.0", "5.6.1", "5.6.2"),
-            ("5.7.0", "5.7.1", "5.7.2", "5.7.3", "5.8.0", "5.8.1", "5.8.2"),
-            ("5.9.0",))
+VERSIONS = (
+    ("5.5.0", "5.5.1", "5.6.0", "5.6.1", "5.6.2"),
+    ("5.7.0", "5.7.1", "5.7.2", "5.7.3", "5.8.0", "5.8.1", "5.8.2"),
+    ("5.9.0",),
+)
 """Versions of MUMPS by the structure in their header, which changed with 5.7.0 and 5.9.0. docs/developers/versions.md
 says which of them ran here."""
 
@@ -40,25 +42,50 @@ TOO_SMALL, RETRIES = (-8, -9), 4
 AGREEMENT = 1e-3
 """Largest relative difference of C·1 and a solve. Misread structures differ by orders of magnitude."""
 
-_INT, _LONG, _REAL, _POINTER, _CHAR = ctypes.c_int32, ctypes.c_int64, ctypes.c_double, ctypes.c_void_p, ctypes.c_char
+_INT, _LONG, _REAL, _POINTER, _CHAR = (
+    ctypes.c_int32,
+    ctypes.c_int64,
+    ctypes.c_double,
+    ctypes.c_void_p,
+    ctypes.c_char,
+)
 
 _ALL, _OLD, _NEW, _NEWEST, _TO_58 = (0, 1, 2), (0,), (1, 2), (2,), (0, 1)
 
 _LAYOUT: tuple[tuple[tuple[int, ...], Any, str], ...] = (
-    (_ALL, _INT, "sym par job comm_fortran icntl:60 keep:500"), (_ALL, _REAL, "cntl:15 dkeep:230"),
-    (_ALL, _LONG, "keep8:150"), (_ALL, _INT, "n nblk nz_alloc nz"), (_ALL, _LONG, "nnz"), (_ALL, _POINTER, "irn jcn a"),
-    (_ALL, _INT, "nz_loc"), (_ALL, _LONG, "nnz_loc"), (_ALL, _POINTER, "irn_loc jcn_loc a_loc"), (_ALL, _INT, "nelt"),
+    (_ALL, _INT, "sym par job comm_fortran icntl:60 keep:500"),
+    (_ALL, _REAL, "cntl:15 dkeep:230"),
+    (_ALL, _LONG, "keep8:150"),
+    (_ALL, _INT, "n nblk nz_alloc nz"),
+    (_ALL, _LONG, "nnz"),
+    (_ALL, _POINTER, "irn jcn a"),
+    (_ALL, _INT, "nz_loc"),
+    (_ALL, _LONG, "nnz_loc"),
+    (_ALL, _POINTER, "irn_loc jcn_loc a_loc"),
+    (_ALL, _INT, "nelt"),
     (_ALL, _POINTER, "eltptr eltvar a_elt blkptr blkvar perm_in sym_perm uns_perm colsca rowsca"),
     (_ALL, _INT, "colsca_from_mumps rowsca_from_mumps"),
     (_NEW, _POINTER, "colsca_loc rowsca_loc rowind colind pivots"),
-    (_ALL, _POINTER, "rhs redrhs rhs_sparse sol_loc rhs_loc"), (_NEW, _POINTER, "rhsintr"),
-    (_ALL, _POINTER, "irhs_sparse irhs_ptr isol_loc irhs_loc"), (_NEW, _POINTER, "glob2loc_rhs glob2loc_sol"),
-    (_ALL, _INT, "nrhs lrhs lredrhs nz_rhs lsol_loc nloc_rhs lrhs_loc"), (_NEW, _INT, "nsol_loc"),
-    (_ALL, _INT, "schur_mloc schur_nloc schur_lld mblock nblock nprow npcol"), (_NEW, _INT, "ld_rhsintr"),
-    (_ALL, _INT, "info:80 infog:80"), (_ALL, _REAL, "rinfo:40 rinfog:40"), (_TO_58, _INT, "deficiency"),
-    (_ALL, _POINTER, "pivnul_list mapping"), (_NEW, _POINTER, "singular_values"), (_NEWEST, _INT, "nb_singular_values"),
-    (_ALL, _INT, "size_schur"), (_ALL, _POINTER, "listvar_schur schur"), (_OLD, _INT, "instance_number"),
-    (_ALL, _POINTER, "wk_user"), (_ALL, _CHAR, "version_number:32"))
+    (_ALL, _POINTER, "rhs redrhs rhs_sparse sol_loc rhs_loc"),
+    (_NEW, _POINTER, "rhsintr"),
+    (_ALL, _POINTER, "irhs_sparse irhs_ptr isol_loc irhs_loc"),
+    (_NEW, _POINTER, "glob2loc_rhs glob2loc_sol"),
+    (_ALL, _INT, "nrhs lrhs lredrhs nz_rhs lsol_loc nloc_rhs lrhs_loc"),
+    (_NEW, _INT, "nsol_loc"),
+    (_ALL, _INT, "schur_mloc schur_nloc schur_lld mblock nblock nprow npcol"),
+    (_NEW, _INT, "ld_rhsintr"),
+    (_ALL, _INT, "info:80 infog:80"),
+    (_ALL, _REAL, "rinfo:40 rinfog:40"),
+    (_TO_58, _INT, "deficiency"),
+    (_ALL, _POINTER, "pivnul_list mapping"),
+    (_NEW, _POINTER, "singular_values"),
+    (_NEWEST, _INT, "nb_singular_values"),
+    (_ALL, _INT, "size_schur"),
+    (_ALL, _POINTER, "listvar_schur schur"),
+    (_OLD, _INT, "instance_number"),
+    (_ALL, _POINTER, "wk_user"),
+    (_ALL, _CHAR, "version_number:32"),
+)
 """Entries of the structures up to the last one in use: versions that have them, type, and names with array lengths."""
 
 _SPACE = 2**16
@@ -66,8 +93,12 @@ _SPACE = 2**16
 
 
 def _structure(number: int) -> type[ctypes.Structure]:
-    fields = [(name, kind * int(length) if length else kind) for those, kind, names in _LAYOUT if number in those
-              for name, _, length in (word.partition(":") for word in names.split())]
+    fields = [
+        (name, kind * int(length) if length else kind)
+        for those, kind, names in _LAYOUT
+        if number in those
+        for name, _, length in (word.partition(":") for word in names.split())
+    ]
     return type(f"Structure{number}", (ctypes.Structure,), {"_fields_": fields})
 
 
@@ -101,13 +132,22 @@ class Factors:
         k, n = B.shape
         self._run, self._memory = run, ctypes.create_string_buffer(_SPACE)
         head = _STRUCTURES[0].from_buffer(self._memory)
-        head.sym, head.par, head.job, head.comm_fortran = 1, 1, -1, comm.py2f()  # the same in all versions
+        head.sym, head.par, head.job, head.comm_fortran = (
+            1,
+            1,
+            -1,
+            comm.py2f(),
+        )  # the same in all versions
         run(self._memory)
         self._end = weakref.finalize(self, _end, run, self._memory)
         self._end.atexit = False
         self._data = data = self._known()
         parallel = comm.size > 1
-        data.icntl[0], data.icntl[2], data.icntl[3] = -1, 6 if settings.get(4) else -1, 0  # messages if asked for
+        data.icntl[0], data.icntl[2], data.icntl[3] = (
+            -1,
+            6 if settings.get(4) else -1,
+            0,
+        )  # messages if asked for
         data.icntl[17], data.icntl[18] = 3 * parallel, 1  # whose entries; a Schur complement
         entries = _entries(A, B)
         length = ("nnz", "nnz_loc")[parallel]
@@ -116,11 +156,19 @@ class Factors:
             setattr(data, name + "_loc" * parallel, array.ctypes.data)
         data.n, data.size_schur = comm.bcast((n + k, k))
         self._size = k
-        last, places, schur = np.arange(n + 1, n + k + 1, dtype=np.int32), np.zeros(0, np.int32), np.zeros((k, k))
+        last, places, schur = (
+            np.arange(n + 1, n + k + 1, dtype=np.int32),
+            np.zeros(0, np.int32),
+            np.zeros((k, k)),
+        )
         data.listvar_schur, data.schur, self._listed = last.ctypes.data, schur.ctypes.data, last
         if order is not None:
             places = np.concatenate([order + np.int32(1), last])
-            data.perm_in, data.icntl[6], data.icntl[57] = places.ctypes.data, 1, 2  # symbolically, by counting columns
+            data.perm_in, data.icntl[6], data.icntl[57] = (
+                places.ctypes.data,
+                1,
+                2,
+            )  # symbolically, by counting columns
         for number, value in settings.items():
             data.icntl[number - 1] = value
         try:
@@ -129,7 +177,15 @@ class Factors:
         except MumpsError:
             self.destroy()
             raise
-        for name in ("irn", "jcn", "a", "irn_loc", "jcn_loc", "a_loc", "perm_in"):  # these arrays go
+        for name in (
+            "irn",
+            "jcn",
+            "a",
+            "irn_loc",
+            "jcn_loc",
+            "a_loc",
+            "perm_in",
+        ):  # these arrays go
             setattr(data, name, None)
         # MUMPS leaves 0 − B A⁻¹ Bᵀ = −C on the variables of the Schur complement.
         self.condensed = np.negative(schur, out=schur).T if comm.rank == 0 else None
@@ -137,10 +193,12 @@ class Factors:
 
     def solve(self, f: np.ndarray | None) -> np.ndarray | None:
         """A⁻¹ f (n,), both on the first rank; None elsewhere."""
-        work = np.zeros(0) if f is None else np.concatenate([f, np.zeros(self._size)])  # of which the end is ignored
+        work = (
+            np.zeros(0) if f is None else np.concatenate([f, np.zeros(self._size)])
+        )  # of which the end is ignored
         self._data.rhs, self._data.nrhs, self._data.lrhs = work.ctypes.data, 1, len(work)
         self._do(3)
-        return None if f is None else work[:len(f)]
+        return None if f is None else work[: len(f)]
 
     def destroy(self) -> None:
         """Free MUMPS's memory, once."""
@@ -154,14 +212,18 @@ class Factors:
                 return data
         self.destroy()
         found = re.search(rb"\d+\.\d+\.\d+", self._memory.raw)
-        raise RefusedError(f"version {found[0].decode() if found else 'unknown'} is not among those that ddmpi knows")
+        raise RefusedError(
+            f"version {found[0].decode() if found else 'unknown'} is not among those that ddmpi knows"
+        )
 
     def _check(self, B: sparse.csr_matrix, comm: MPI.Comm) -> None:
         """RefusedError unless C and a solve agree on the displacement by equal forces."""
         solved, agrees = self.solve(B.T @ np.ones(B.shape[0]) if comm.rank == 0 else None), True
         if solved is not None and self.condensed is not None:
             moved = dsymv(1.0, self.condensed, np.ones(B.shape[0]))
-            size = max(np.linalg.norm(moved), self.condensed.diagonal().max())  # sums of rows may nearly cancel
+            size = max(
+                np.linalg.norm(moved), self.condensed.diagonal().max()
+            )  # sums of rows may nearly cancel
             agrees = bool(np.linalg.norm(B @ solved - moved) <= AGREEMENT * size)
         if not comm.bcast(agrees):
             self.destroy()
@@ -181,7 +243,9 @@ class Factors:
         self._data.job = job
         self._run(self._memory)
         if self._data.infog[0] < 0:
-            raise MumpsError(f"MUMPS: INFOG(1) = {self._data.infog[0]}, INFOG(2) = {self._data.infog[1]}")
+            raise MumpsError(
+                f"MUMPS: INFOG(1) = {self._data.infog[0]}, INFOG(2) = {self._data.infog[1]}"
+            )
 
 
 def _entries(A: PETSc.Mat, B: sparse.csr_matrix) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -192,9 +256,13 @@ def _entries(A: PETSc.Mat, B: sparse.csr_matrix) -> tuple[np.ndarray, np.ndarray
     upper, trace = np.flatnonzero(columns >= rows), B.tocoo()
     ends = len(upper), len(upper) + trace.nnz
     irn, jcn, a = np.empty(ends[1], np.int32), np.empty(ends[1], np.int32), np.empty(ends[1])
-    for array, of_A, of_B in ((irn, rows, trace.col), (jcn, columns, A.size[0] + trace.row), (a, values, trace.data)):
-        np.take(of_A, upper, out=array[:ends[0]], mode="clip")  # without a copy
-        array[ends[0]:] = of_B
+    for array, of_A, of_B in (
+        (irn, rows, trace.col),
+        (jcn, columns, A.size[0] + trace.row),
+        (a, values, trace.data),
+    ):
+        np.take(of_A, upper, out=array[: ends[0]], mode="clip")  # without a copy
+        array[ends[0] :] = of_B
     irn += 1
     jcn += 1
     return irn, jcn, a

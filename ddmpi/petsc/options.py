@@ -21,8 +21,10 @@ def as_arguments(table: dict[str, str | int | float | bool]) -> list[str]:
 
 def _plain(table: dict[str, str | int | float | bool]) -> dict[str, str | None]:
     """Names without a dash, and values as PETSc reads them; true becomes an option without a value."""
-    return {name.lstrip("-"): None if value is True else "false" if value is False else str(value)
-            for name, value in table.items()}
+    return {
+        name.lstrip("-"): None if value is True else "false" if value is False else str(value)
+        for name, value in table.items()
+    }
 
 
 def in_force() -> dict[str, str | None]:
@@ -39,7 +41,10 @@ def in_force() -> dict[str, str | None]:
         viewer.destroy()
         page.seek(0)
         lines = [_SOURCE.sub("", line) for line in page.read().split("\n") if line.startswith("-")]
-    return {name: value if blank else None for name, blank, value in (line[1:].partition(" ") for line in lines)}
+    return {
+        name: value if blank else None
+        for name, blank, value in (line[1:].partition(" ") for line in lines)
+    }
 
 
 def _file_without_name() -> int:
@@ -76,7 +81,11 @@ def unused_options() -> list[str]:
     """Names of options that no object has asked for so far. Not collective."""
     from petsc4py import PETSc
 
-    library, used, left = ctypes.CDLL(PETSc.__file__), ctypes.c_int(), []  # petsc4py 3.18 does not wrap it
+    library, used, left = (
+        ctypes.CDLL(PETSc.__file__),
+        ctypes.c_int(),
+        [],
+    )  # petsc4py 3.18 does not wrap it
     for name in in_force():
         if library.PetscOptionsUsed(None, os.fsencode(name), ctypes.byref(used)):
             raise RuntimeError("PetscOptionsUsed failed")

@@ -46,14 +46,20 @@ MECHANISM = {
 ANIMATION = {
     "frames": 200,  # largest number
     "seconds": 6.0,  # duration, unless there were too few or too many frames a second:
-    "slowest": 2.0, "fastest": 20.0,
+    "slowest": 2.0,
+    "fastest": 20.0,
     "pixels": 700,  # of the longer side of the bodies
 }
 """How load steps become an animation."""
 
-COMPONENTS = ({f"displacement_{axis}": ("displacement", k) for k, axis in enumerate("xyz")}
-              | {f"stress_{axes}": ("nodal_stress", k) for k, axes in enumerate(("xx", "xy", "xz", "yy", "yz", "zz"))}
-              | {f"principal_{k + 1}": ("nodal_principal", k) for k in range(3)})
+COMPONENTS = (
+    {f"displacement_{axis}": ("displacement", k) for k, axis in enumerate("xyz")}
+    | {
+        f"stress_{axes}": ("nodal_stress", k)
+        for k, axes in enumerate(("xx", "xy", "xz", "yy", "yz", "zz"))
+    }
+    | {f"principal_{k + 1}": ("nodal_principal", k) for k in range(3)}
+)
 """The field at nodes, and its column, that output.animation asks for."""
 
 
@@ -69,9 +75,15 @@ def draw_bodies(results: Results) -> Any:
     values, quantity, unit = coloured(results, fields)
     values, still = skin.extended(values), skin.extended(results.points + shift)
     facets, at = skin.facets, still + skin.extended(results.displacement(scale))
-    seen, moved = values[np.unique(facets)], float(np.linalg.norm(results.displacement(), axis=1).max())
-    low, top = (0.0, limits(values, skin.areas(results.points), BRIGHTEST)[1]) if quantity != "displacement" else (
-        seen.min(), seen.max())
+    seen, moved = (
+        values[np.unique(facets)],
+        float(np.linalg.norm(results.displacement(), axis=1).max()),
+    )
+    low, top = (
+        (0.0, limits(values, skin.areas(results.points), BRIGHTEST)[1])
+        if quantity != "displacement"
+        else (seen.min(), seen.max())
+    )
     beyond, rigid = skin.beyond, rigid_parts(results, scale)
     if results.summary["scene"]["output"].get("mirrored"):
         facets, at, still, values, beyond = _both_halves(facets, at, still, values, beyond)
@@ -88,22 +100,35 @@ def draw_bodies(results: Results) -> Any:
         mark(sheet.axes, sheet.place(at[node])[:2], f"{rounded(most / factor)} {unit}")
     hidden = "" if seen_there else " (out of sight)"
     # The colours are those of nodes, and may go beyond the means over cells, as the mesh is coarse.
-    nodal = f" in a cell, {rounded(seen.max() / factor)} {unit} at a node" if top > (1.0 + ALIKE) * most else ""
-    words = f"{quantity} up to {rounded(most / factor)} {unit}{nodal}{hidden}; " if quantity != "displacement" else ""
+    nodal = (
+        f" in a cell, {rounded(seen.max() / factor)} {unit} at a node"
+        if top > (1.0 + ALIKE) * most
+        else ""
+    )
+    words = (
+        f"{quantity} up to {rounded(most / factor)} {unit}{nodal}{hidden}; "
+        if quantity != "displacement"
+        else ""
+    )
     factor, unit = scaled_unit(moved, results.summary["units"]["length"])
     words += f"displacement × {scale:g}, largest {rounded(moved / factor)} {unit}"
     sheet.title(results.heading(True) + words, "; ")
     return sheet.figure
 
 
-def coloured(results: Results, fields: dict[str, np.ndarray], what: str | bool = True) -> tuple[np.ndarray, str, str]:
+def coloured(
+    results: Results, fields: dict[str, np.ndarray], what: str | bool = True
+) -> tuple[np.ndarray, str, str]:
     """The values (nv,) for the colours of bodies, with name and unit: `what` is asked for by output.animation, by
     default von Mises stress, else displacement."""
     output = results.summary["scene"]["output"]
     if what in COMPONENTS:
         field, column = COMPONENTS[str(what)]
-        return fields[field][:, column], str(what).replace("_", " "), output[
-            "length_unit" if field == "displacement" else "stress_unit"]
+        return (
+            fields[field][:, column],
+            str(what).replace("_", " "),
+            output["length_unit" if field == "displacement" else "stress_unit"],
+        )
     if "nodal_von_mises" in fields and what != "displacement":
         return fields["nodal_von_mises"], "von Mises stress", output["stress_unit"]
     return np.linalg.norm(fields["displacement"], axis=1), "displacement", output["length_unit"]
@@ -117,16 +142,24 @@ def largest_of(fields: dict[str, np.ndarray]) -> tuple[float, int]:
         return float(size.max()), int(size.argmax())
     cell = fields["von_mises"].argmax()
     corners = fields["cells"][cell]
-    return float(fields["von_mises"][cell]), int(corners[fields["nodal_von_mises"][corners].argmax()])
+    return float(fields["von_mises"][cell]), int(
+        corners[fields["nodal_von_mises"][corners].argmax()]
+    )
 
 
-def _both_halves(facets: np.ndarray, at: np.ndarray, still: np.ndarray, *values: np.ndarray) -> list[np.ndarray]:
+def _both_halves(
+    facets: np.ndarray, at: np.ndarray, still: np.ndarray, *values: np.ndarray
+) -> list[np.ndarray]:
     """Triangles (f, 3), places (nv, 2) and values (nv,) of a half-plane x ≥ 0 together with their mirror images."""
     number = np.arange(len(at))
-    other = np.where(still[:, 0] == 0.0, number, number + len(at))  # the mirror image of a node on the axis is the node
-    return [np.vstack([facets, other[facets[:, ::-1]]]),
-            *(np.vstack([array, array * (-1.0, 1.0)]) for array in (at, still)),
-            *(np.tile(array, 2) for array in values)]
+    other = np.where(
+        still[:, 0] == 0.0, number, number + len(at)
+    )  # the mirror image of a node on the axis is the node
+    return [
+        np.vstack([facets, other[facets[:, ::-1]]]),
+        *(np.vstack([array, array * (-1.0, 1.0)]) for array in (at, still)),
+        *(np.tile(array, 2) for array in values),
+    ]
 
 
 def draw_error(results: Results) -> Any:
@@ -135,11 +168,26 @@ def draw_error(results: Results) -> Any:
     image = colours_of(1e-3 * top, top, "magma_r", logarithmic=True)
     values = np.maximum(results.fields["error"][skin.cell], 1e-3 * top)[:, None].repeat(3, axis=1)
     sheet = Sheet(results, results.points)
-    sheet.show([Surface(skin.extended(results.points), skin.facets, by_value(values, image), skin.beyond, plain=True)])
-    sheet.colours(image, f"estimated error, over the mean (energy norm per {'volume' if sheet.view.solid else 'area'})",
-                  "min")
-    sheet.figure.suptitle(f"{results.heading()}estimated discretization error "
-                          f"{results.summary['discretization_error']['energy_norm']:.2g} of the energy norm")
+    sheet.show(
+        [
+            Surface(
+                skin.extended(results.points),
+                skin.facets,
+                by_value(values, image),
+                skin.beyond,
+                plain=True,
+            )
+        ]
+    )
+    sheet.colours(
+        image,
+        f"estimated error, over the mean (energy norm per {'volume' if sheet.view.solid else 'area'})",
+        "min",
+    )
+    sheet.figure.suptitle(
+        f"{results.heading()}estimated discretization error "
+        f"{results.summary['discretization_error']['energy_norm']:.2g} of the energy norm"
+    )
     return sheet.figure
 
 
@@ -148,7 +196,12 @@ def draw_mechanism(results: Results, mechanism: dict[str, Any]) -> Any:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-    points, names, owner, skin = results.points, list(results.summary["bodies"]), owners(results), skin_of(results)
+    points, names, owner, skin = (
+        results.points,
+        list(results.summary["bodies"]),
+        owners(results),
+        skin_of(results),
+    )
     centres, d, going = np.array(middles(results)), results.dimension, {}
     velocities = np.zeros((len(names), len(mechanism["bodies"][0]["velocity"])))
     for body in mechanism["bodies"]:
@@ -161,22 +214,36 @@ def draw_mechanism(results: Results, mechanism: dict[str, Any]) -> Any:
     velocity, turning = velocities[:, :d], velocities[:, d:]
     u = velocity[owner] + crossed(turning[owner], points - centres[owner])
     speed = np.linalg.norm(u, axis=1)
-    fastest = max([speed.max(), *(np.linalg.norm(motion.displacement) for motion in going.values())])
-    step = min(MECHANISM["moved"] * np.ptp(points, axis=0).max() / fastest,
-               MECHANISM["turned"] / max(np.linalg.norm(turning, axis=1).max(), 1e-300))
+    fastest = max(
+        [speed.max(), *(np.linalg.norm(motion.displacement) for motion in going.values())]
+    )
+    step = min(
+        MECHANISM["moved"] * np.ptp(points, axis=0).max() / fastest,
+        MECHANISM["turned"] / max(np.linalg.norm(turning, axis=1).max(), 1e-300),
+    )
     moves = np.bincount(owner, speed > MECHANISM["at rest"] * fastest) > 0
     rigid = [*rigid_parts(results), *rigid_parts(results, step, going=going)]
     still, at = skin.extended(points), skin.extended(points + step * u)
     moving = moves[results.fields["body"][skin.cell]]
     sheet = Sheet(results, np.vstack([points, at]), rigid)
-    sheet.show([Surface(at, skin.facets[some], filled(kind), skin.beyond, edges=COLOURS[kind])
-                for some, kind in ((~moving, "still"), (moving, "moved")) if some.any()])
+    sheet.show(
+        [
+            Surface(at, skin.facets[some], filled(kind), skin.beyond, edges=COLOURS[kind])
+            for some, kind in ((~moving, "still"), (moving, "moved"))
+            if some.any()
+        ]
+    )
     sheet.outline(still, skin.facets[moving], skin.beyond, zorder=4)
     sheet.arrows(centres[moves], step * velocity[moves], COLOURS["force"])
     sheet.write(names, centres + np.where(moves[:, None], step * velocity, 0.0), below=True)
-    legend: list[Any] = [Line2D([], [], color=COLOURS["still"], linewidth=0.9, label="as the bodies stand"),
-                         Patch(facecolor=FILLED["moved"], edgecolor=COLOURS["moved"],
-                               label="as they would move, not to scale")]
+    legend: list[Any] = [
+        Line2D([], [], color=COLOURS["still"], linewidth=0.9, label="as the bodies stand"),
+        Patch(
+            facecolor=FILLED["moved"],
+            edgecolor=COLOURS["moved"],
+            label="as they would move, not to scale",
+        ),
+    ]
     if rigid:
         legend.append(Line2D([], [], color=COLOURS["rigid"], linewidth=1.4, label="rigid"))
     above(sheet.axes, legend)
@@ -188,7 +255,11 @@ def middles(results: Results) -> list[np.ndarray]:
     """A node (d,) of each body for its name, far from the boundary and as near as possible to the middle of its box."""
     from scipy.spatial import cKDTree
 
-    owner, edge, places = owners(results), np.unique(boundary_facets(results.fields["cells"], results.dimension)[0]), []
+    owner, edge, places = (
+        owners(results),
+        np.unique(boundary_facets(results.fields["cells"], results.dimension)[0]),
+        [],
+    )
     for k in range(owner.max() + 1):
         nodes = results.points[owner == k]
         depth = cKDTree(results.points[edge[owner[edge] == k]]).query(nodes)[0]
@@ -215,15 +286,20 @@ def animate(results: Results, folder: Path, title: str) -> Path:
     view = View(results.points, scene["output"])
     painted = pressing if view.solid else []
     steps = partial(load_steps, results, folder, int(ANIMATION["frames"]))
-    shown = () if what in ("pressure", "displacement") else [
-        COMPONENTS[what][0] if what in COMPONENTS else "nodal_von_mises"]
+    shown = (
+        ()
+        if what in ("pressure", "displacement")
+        else [COMPONENTS[what][0] if what in COMPONENTS else "nodal_von_mises"]
+    )
     for _, fields, surfaces in steps(shown):
         largest = max(largest, np.linalg.norm(fields["displacement"], axis=1).max())
         values, quantity, unit = coloured(results, fields, what)
         ends = limits(skin.extended(values), areas, BRIGHTEST)
         if pressing:
             quantity, unit = "pressure", scene["output"]["stress_unit"]
-            values = np.concatenate([np.zeros(1), *(np.nan_to_num(surfaces[name]["pressure"]) for name in pressing)])
+            values = np.concatenate(
+                [np.zeros(1), *(np.nan_to_num(surfaces[name]["pressure"]) for name in pressing)]
+            )
             ends = 0.0, limits(values, values > 0.0, PRESSED)[1]
         least, top = min(least, ends[0]), max(top, ends[1])
     factor, shift = magnify(results, largest)
@@ -237,36 +313,72 @@ def animate(results: Results, folder: Path, title: str) -> Path:
         low, high = np.minimum(low, at), np.maximum(high, at)
     scale, unit = scaled_unit(max(top, -least), unit)
     image = signed_colours(least / scale, top / scale, "YlOrRd" if pressing else "viridis")
-    sheet = Sheet(results, np.vstack([skin.extended(state)[skin.beyond <= 0.0] for state in (low, high)]),
-                  pixels=int(ANIMATION["pixels"]))
+    sheet = Sheet(
+        results,
+        np.vstack([skin.extended(state)[skin.beyond <= 0.0] for state in (low, high)]),
+        pixels=int(ANIMATION["pixels"]),
+    )
     sheet.colours(image, f"{quantity} ({unit})", "both" if least < 0.0 else "max")
     sheet.figure.set_dpi(80)
     path, frames = folder / "animation.gif", []
     for time, fields, surfaces in steps(shown):
         sheet.clear()
-        at = skin.extended((fields["points"] + factor * fields["displacement"])[:, :dimension] + shift)
+        at = skin.extended(
+            (fields["points"] + factor * fields["displacement"])[:, :dimension] + shift
+        )
         values = skin.extended(coloured(results, fields, what)[0])[skin.facets] / scale
-        body = Surface(at, skin.facets, filled("still") if pressing else by_value(values, image), skin.beyond,
-                       plain=not pressing)
+        body = Surface(
+            at,
+            skin.facets,
+            filled("still") if pressing else by_value(values, image),
+            skin.beyond,
+            plain=not pressing,
+        )
         sheet.meet(() if painted else rigid_parts(results, factor, time))
-        sheet.show([body, *(surface for surface, _ in painted_by(
-            replace(results, surfaces=surfaces), painted, shifts, image, scale))])
+        sheet.show(
+            [
+                body,
+                *(
+                    surface
+                    for surface, _ in painted_by(
+                        replace(results, surfaces=surfaces), painted, shifts, image, scale
+                    )
+                ),
+            ]
+        )
         if pressing and not painted:
-            sheet.facets([(surfaces[name]["points"][:, :2], surfaces[name]["cells"],
-                           np.nan_to_num(surfaces[name]["pressure"]) / scale) for name in pressing], image)
-        sheet.figure.suptitle(title + f"time {time:.4g}" + f", displacement × {factor:g}" * (not pressing))
+            sheet.facets(
+                [
+                    (
+                        surfaces[name]["points"][:, :2],
+                        surfaces[name]["cells"],
+                        np.nan_to_num(surfaces[name]["pressure"]) / scale,
+                    )
+                    for name in pressing
+                ],
+                image,
+            )
+        sheet.figure.suptitle(
+            title + f"time {time:.4g}" + f", displacement × {factor:g}" * (not pressing)
+        )
         sheet.figure.canvas.draw()
         sheet.figure.set_layout_engine("none")  # as the first frame has it
         frames.append(Image.fromarray(np.asarray(sheet.figure.canvas.buffer_rgba())).convert("RGB"))
     plt.close(sheet.figure)
-    some = frames[::len(frames) // 20 + 1]
+    some = frames[:: len(frames) // 20 + 1]
     pixels = np.concatenate([np.asarray(frame)[::2, ::2].reshape(-1, 3) for frame in some])
     colours, number = np.unique(pixels, axis=0, return_counts=True)
-    weight = number**0.3 * (colours.min(axis=1) < 246)  # by areas alone, the largest stresses would lose their colours
-    palette = Image.fromarray(colours.repeat(np.rint(weight).astype(int), axis=0)[None]).quantize(255)
+    weight = number**0.3 * (
+        colours.min(axis=1) < 246
+    )  # by areas alone, the largest stresses would lose their colours
+    palette = Image.fromarray(colours.repeat(np.rint(weight).astype(int), axis=0)[None]).quantize(
+        255
+    )
     palette.putpalette([*palette.getpalette()[:765], 255, 255, 255])
     first, *others = (frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames)
-    rate = float(np.clip(len(frames) / ANIMATION["seconds"], ANIMATION["slowest"], ANIMATION["fastest"]))
+    rate = float(
+        np.clip(len(frames) / ANIMATION["seconds"], ANIMATION["slowest"], ANIMATION["fastest"])
+    )
     with writing(path):
         path.unlink(missing_ok=True)  # it may be a link
         first.save(path, save_all=True, append_images=others, loop=0, duration=1000.0 / rate)
@@ -278,13 +390,27 @@ def animate(results: Results, folder: Path, title: str) -> Path:
 def _write_video(path: Path, frames: Sequence[Any], rate: float, ffmpeg: str) -> None:
     """Write pictures of one size as a video in H.264, of which the sides are even. Raises OutputError."""
     width, height = frames[0].size
-    with writing(path), tempfile.TemporaryFile() as raw:  # no pipe: PETSc ends a program whose pipe is closed
+    with (
+        writing(path),
+        tempfile.TemporaryFile() as raw,
+    ):  # no pipe: PETSc ends a program whose pipe is closed
         path.unlink(missing_ok=True)
         raw.writelines(frame.tobytes() for frame in frames)
         raw.seek(0)
         done = subprocess.run(
-            [ffmpeg, *f"-loglevel error -f rawvideo -pix_fmt rgb24 -s {width}x{height} -r {rate:g} -i -".split(),
-             "-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2:color=white", "-pix_fmt", "yuv420p", str(path)],
-            stdin=raw, capture_output=True)
+            [
+                ffmpeg,
+                *f"-loglevel error -f rawvideo -pix_fmt rgb24 -s {width}x{height} -r {rate:g} -i -".split(),
+                "-vf",
+                "pad=ceil(iw/2)*2:ceil(ih/2)*2:color=white",
+                "-pix_fmt",
+                "yuv420p",
+                str(path),
+            ],
+            stdin=raw,
+            capture_output=True,
+        )
     if done.returncode:
-        raise OutputError(f"{path}: ffmpeg could not write it: {done.stderr.decode(errors='replace').strip()}")
+        raise OutputError(
+            f"{path}: ffmpeg could not write it: {done.stderr.decode(errors='replace').strip()}"
+        )

@@ -25,13 +25,20 @@ from ddmpi.results.tables import Results, read_results, reading
 from ddmpi.system.files import MECHANISM, write_page
 from ddmpi.system.numbers import scaled_unit
 
-COLOURS = {name: [f"#{colour}" for colour in colours.split()] for name, colours in {
-    "stress": "440154 472d7b 3b528b 2c728e 21918c 28ae80 5ec962 addc30 fde725",
-    "pressure": "ffffcc ffeda0 fed976 feb24c fd8d3c fc4e2a e31a1c bd0026 800026"}.items()}
+COLOURS = {
+    name: [f"#{colour}" for colour in colours.split()]
+    for name, colours in {
+        "stress": "440154 472d7b 3b528b 2c728e 21918c 28ae80 5ec962 addc30 fde725",
+        "pressure": "ffffcc ffeda0 fed976 feb24c fd8d3c fc4e2a e31a1c bd0026 800026",
+    }.items()
+}
 """Colours from the lowest to the highest value: viridis and YlOrRd of matplotlib."""
 
-TITLES = {"von_mises": ("von Mises stress", "stress"), "pressure": ("contact pressure", "stress"),
-          "displacement": ("displacement", "length")}
+TITLES = {
+    "von_mises": ("von Mises stress", "stress"),
+    "pressure": ("contact pressure", "stress"),
+    "displacement": ("displacement", "length"),
+}
 """Words and quantities of what colours stand for; the first one is shown at first."""
 
 MOST_CELLS, MOST_NUMBERS = 600_000, 4_000_000
@@ -52,7 +59,10 @@ class Arrays:
         values, ends = np.asarray(values).ravel(), {}
         if values.dtype.kind == "f":
             low, high = float(values.min(initial=0.0)), float(values.max(initial=0.0))
-            values, ends = np.round((values - low) * (65535.0 / ((high - low) or 1.0))), {"low": low, "high": high}
+            values, ends = (
+                np.round((values - low) * (65535.0 / ((high - low) or 1.0))),
+                {"low": low, "high": high},
+            )
         width = 2 if ends else 1 if values.max(initial=0) < 256 else 4
         block = values.astype(f"<u{width}").tobytes()
         self.places[name] = {"at": self._size, "size": len(values), "type": f"u{width}"} | ends
@@ -73,23 +83,33 @@ def write_view(folder: str | Path, output: str | None = None) -> Path:
     path = Path(output) if output else folder / "view.html"
     with reading(folder):
         if (folder / MECHANISM).exists():
-            raise InputError(f"{folder}: the run has found no equilibrium, so there is nothing to turn; mechanism.png "
-                             "shows how the bodies would move")
+            raise InputError(
+                f"{folder}: the run has found no equilibrium, so there is nothing to turn; mechanism.png "
+                "shows how the bodies would move"
+            )
         page = _page(placed(at_step(read_results(folder), folder)), folder)
     return write_page(path, page, "view")
 
 
 def _page(results: Results, folder: Path) -> str:
     if results.surfaces.keys() != results.contacts.keys():
-        raise InputError(f"{folder}: an earlier version of ddmpi wrote these results, without the surfaces of contacts "
-                         "that a view shows; run the scene again")
+        raise InputError(
+            f"{folder}: an earlier version of ddmpi wrote these results, without the surfaces of contacts "
+            "that a view shows; run the scene again"
+        )
     output, d = results.summary["scene"]["output"], results.dimension
     turned = results.axisymmetric  # the page turns the section around y
-    view = View(results.points, {key: output[key] for key in ("view",) if output.get(key) and d > 2})
+    view = View(
+        results.points, {key: output[key] for key in ("view",) if output.get(key) and d > 2}
+    )
     skin, owner = Skin(view, results.points, results.fields["cells"]), owners(results)
     facets, areas = skin.facets, skin.areas(results.points)
     # solids keep the nodes inside, too, for cuts, unless there are too many
-    cells = results.fields["cells"][:, :4] if d > 2 and len(results.fields["cells"]) <= MOST_CELLS else facets[:0]
+    cells = (
+        results.fields["cells"][:, :4]
+        if d > 2 and len(results.fields["cells"]) <= MOST_CELLS
+        else facets[:0]
+    )
     nodes = np.unique(np.concatenate([facets.ravel(), cells.ravel()]))
     number = np.zeros(len(owner), int)
     number[nodes] = np.arange(len(nodes))
@@ -114,8 +134,17 @@ def _page(results: Results, folder: Path) -> str:
 
     painted = paint(results, points)
     low, high = points[nodes].min(axis=0), points[nodes].max(axis=0)
-    times, tops, marks = [], dict.fromkeys(TITLES, 0.0), {name: list[tuple[float, int]]() for name in TITLES}
-    seen = load_steps(results, folder, max(1, int(MOST_NUMBERS / (5 * len(nodes)))), ("von_mises", "nodal_von_mises"))
+    times, tops, marks = (
+        [],
+        dict.fromkeys(TITLES, 0.0),
+        {name: list[tuple[float, int]]() for name in TITLES},
+    )
+    seen = load_steps(
+        results,
+        folder,
+        max(1, int(MOST_NUMBERS / (5 * len(nodes)))),
+        ("von_mises", "nodal_von_mises"),
+    )
     for k, (time, fields, surfaces) in enumerate(seen):
         u = np.pad(fields["displacement"][:, :d], ((0, 0), (0, 3 - d))) + s
         if far:
@@ -125,8 +154,9 @@ def _page(results: Results, folder: Path) -> str:
             painted = paint(replace(results, surfaces=surfaces), fields["points"], k)
         values = {"displacement": np.linalg.norm(u - s, axis=1)[nodes]}
         if len(painted["painted"]) or (far and surfaces):  # steps without contact, too
-            values["pressure"] = np.concatenate([
-                np.nan_to_num(surfaces[name]["pressure"])[rows] for name, rows in painted["rows"]])
+            values["pressure"] = np.concatenate(
+                [np.nan_to_num(surfaces[name]["pressure"])[rows] for name, rows in painted["rows"]]
+            )
         if "nodal_von_mises" in fields:
             values["von_mises"] = fields["nodal_von_mises"][nodes]
         times.append(time)
@@ -136,33 +166,67 @@ def _page(results: Results, folder: Path) -> str:
             arrays.put(f"{name}{k}", np.maximum(value, 0.0))
             some = value > 0.0 if name == "pressure" else areas[nodes] > 0.0
             share = np.ones(some.sum()) if name == "pressure" else areas[nodes][some]
-            tops[name] = max(tops[name], limits(value[some], share, BRIGHTEST)[1] if some.any() else 0.0)
-            marks[name].append((float(value.max(initial=0.0)), int(value.argmax()) if len(value) else 0))
+            tops[name] = max(
+                tops[name], limits(value[some], share, BRIGHTEST)[1] if some.any() else 0.0
+            )
+            marks[name].append(
+                (float(value.max(initial=0.0)), int(value.argmax()) if len(value) else 0)
+            )
         if "nodal_von_mises" in fields:  # that of a cell, as in the summary: nodes extrapolate it
             most, node = largest_of(results.fields | fields)
             marks["von_mises"][-1] = most, int(number[node])
     shown = []
     for name, (title, quantity) in TITLES.items() if times else ():
         if marks[name]:
-            factor, words = scaled_unit(max(most for most, _ in marks[name]), output[f"{quantity}_unit"])
+            factor, words = scaled_unit(
+                max(most for most, _ in marks[name]), output[f"{quantity}_unit"]
+            )
             for k in range(len(times)):
                 arrays.places[f"{name}{k}"]["high"] /= factor
-            shown.append({"name": name, "title": title, "unit": words, "painted": name == "pressure",
-                          "colours": COLOURS["pressure" if name == "pressure" else "stress"], "low": 0.0,
-                          "high": tops[name] / factor or 1.0, "marks": [(most / factor, k) for most, k in marks[name]]})
+            shown.append(
+                {
+                    "name": name,
+                    "title": title,
+                    "unit": words,
+                    "painted": name == "pressure",
+                    "colours": COLOURS["pressure" if name == "pressure" else "stress"],
+                    "low": 0.0,
+                    "high": tops[name] / factor or 1.0,
+                    "marks": [(most / factor, k) for most, k in marks[name]],
+                }
+            )
     if turned:  # all around
         low[[0, 2]], high[[0, 2]] = -high[0], high[0]
-    eye = np.array([0.43, -0.75, 0.5]) if turned else view.axes[2]  # into the quarter that is left out
-    head = {"fields": shown, "times": times, "timed": results.time is not None,
-            "flat": d < 3 and not turned, "turned": turned,
-            "cut": next(([axis, at] for axis, at in (output.get("cut") or {}).items() if at is not None), None),
-            "scale": scale, "low": low.tolist(), "high": high.tolist(), "arrays": arrays.places,
-            "view": np.degrees([np.arctan2(eye[1], eye[0]), np.arcsin(np.clip(eye[2], -1.0, 1.0))]).tolist(),
-            "shifts": [shifts.get(name, np.zeros(3)).tolist() for name in results.parts]}
-    template = string.Template(resources.files("ddmpi.pictures").joinpath("view.html").read_text(encoding="utf-8"))
-    return template.substitute(version=__version__, title=escape(
-        results.summary["title"] or ", ".join(results.summary["bodies"])),
-                               head=json.dumps(head).replace("<", "\\u003c"), data=arrays.packed())
+    eye = (
+        np.array([0.43, -0.75, 0.5]) if turned else view.axes[2]
+    )  # into the quarter that is left out
+    head = {
+        "fields": shown,
+        "times": times,
+        "timed": results.time is not None,
+        "flat": d < 3 and not turned,
+        "turned": turned,
+        "cut": next(
+            ([axis, at] for axis, at in (output.get("cut") or {}).items() if at is not None), None
+        ),
+        "scale": scale,
+        "low": low.tolist(),
+        "high": high.tolist(),
+        "arrays": arrays.places,
+        "view": np.degrees(
+            [np.arctan2(eye[1], eye[0]), np.arcsin(np.clip(eye[2], -1.0, 1.0))]
+        ).tolist(),
+        "shifts": [shifts.get(name, np.zeros(3)).tolist() for name in results.parts],
+    }
+    template = string.Template(
+        resources.files("ddmpi.pictures").joinpath("view.html").read_text(encoding="utf-8")
+    )
+    return template.substitute(
+        version=__version__,
+        title=escape(results.summary["title"] or ", ".join(results.summary["bodies"])),
+        head=json.dumps(head).replace("<", "\\u003c"),
+        data=arrays.packed(),
+    )
 
 
 def _painted(results: Results, points: np.ndarray, owner: np.ndarray) -> dict[str, Any]:
@@ -185,7 +249,9 @@ def _painted(results: Results, points: np.ndarray, owner: np.ndarray) -> dict[st
                 lift = np.array([0.0, 0.0, ABOVE * extent]).repeat(len(place)).reshape(3, -1).T
                 rims.append(cells + first)
                 a, b = cells.T
-                facets = np.concatenate([np.stack([a, b, b + len(at)], 1), np.stack([a, b + len(at), a + len(at)], 1)])
+                facets = np.concatenate(
+                    [np.stack([a, b, b + len(at)], 1), np.stack([a, b + len(at), a + len(at)], 1)]
+                )
             else:
                 place, lift = at, sign * ABOVE * extent * outward
             mover = body if body in trees else contact["bodies"][0]
@@ -197,6 +263,12 @@ def _painted(results: Results, points: np.ndarray, owner: np.ndarray) -> dict[st
             nearest.append(own_nodes[trees[mover].query(at)[1]][some])
             rows.append((contact["name"], some))
             first += len(place)
-    return {"surface": np.vstack(places), "above": np.vstack(above), "painted": np.vstack(triangles), "rows": rows,
-            "rims": np.vstack(rims), "bearer": np.concatenate([np.zeros(0, int), *bearers]),
-            "nearest": np.concatenate([np.zeros(0, int), *nearest])}
+    return {
+        "surface": np.vstack(places),
+        "above": np.vstack(above),
+        "painted": np.vstack(triangles),
+        "rows": rows,
+        "rims": np.vstack(rims),
+        "bearer": np.concatenate([np.zeros(0, int), *bearers]),
+        "nearest": np.concatenate([np.zeros(0, int), *nearest]),
+    }

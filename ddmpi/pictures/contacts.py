@@ -10,7 +10,17 @@ from matplotlib.patches import Patch
 
 from ddmpi.mesh.mesh import signed_measures
 from ddmpi.pictures.bodies import middles, skin_of
-from ddmpi.pictures.moved import FACING, PRESSED, STRAIGHT, apart, directions, outward, painted_by, pressed, rigid_parts
+from ddmpi.pictures.moved import (
+    FACING,
+    PRESSED,
+    STRAIGHT,
+    apart,
+    directions,
+    outward,
+    painted_by,
+    pressed,
+    rigid_parts,
+)
 from ddmpi.pictures.sheet import (
     COLOURS,
     RESOLVED,
@@ -56,27 +66,45 @@ def draw_contacts(results: Results) -> Any:
     """
     units, contacts, d = results.summary["units"], results.summary["contacts"], results.dimension
     skin, points = skin_of(results), results.points
-    measure = np.bincount(results.fields["body"], np.abs(signed_measures(points, results.fields["cells"])))
+    measure = np.bincount(
+        results.fields["body"], np.abs(signed_measures(points, results.fields["cells"]))
+    )
     size = WIDEST[d] * float(np.median(measure ** (1.0 / d)))
     forces, largest = _resultants(results, size)
-    shown = results.contacts if d == 2 else {contact["name"]: results.contacts[contact["name"]]
-                                             for contact in pressed(results)}
+    shown = (
+        results.contacts
+        if d == 2
+        else {contact["name"]: results.contacts[contact["name"]] for contact in pressed(results)}
+    )
     stresses = np.nan_to_num(np.concatenate([table["normal_stress"] for table in shown.values()]))
     low, top = stresses.min(initial=0.0), np.abs(stresses).max(initial=0.0)
-    (factor, unit_of), (times, of_force) = scaled_unit(top, units["stress"]), scaled_unit(largest, units["force"])
+    (factor, unit_of), (times, of_force) = (
+        scaled_unit(top, units["stress"]),
+        scaled_unit(largest, units["force"]),
+    )
     kind, counted, legend = "pressure" if low >= 0.0 else "normal stress", "", list[Any]()
     counts = {zone: sum(contact[zone] for contact in contacts.values()) for zone in ZONES}
     if forces:
-        legend.append(Line2D([], [], color=COLOURS["force"], marker=">",
-                             label=f"resultants on the first body, largest {rounded(largest / times)} {of_force}"))
+        legend.append(
+            Line2D(
+                [],
+                [],
+                color=COLOURS["force"],
+                marker=">",
+                label=f"resultants on the first body, largest {rounded(largest / times)} {of_force}",
+            )
+        )
     if results.dimension == 2:
         areas, rims, zones, colours = _profiles(results, 0.8 * size / (top or 1.0))
         sheet = Sheet(results, np.vstack([points, *areas, *forces.values()]), rigid_parts(results))
         sheet.show([Surface(points, skin.facets, filled("still"))])
         shade = {"facecolor": COLOURS["normal"] + "60", "edgecolor": COLOURS["normal"]}
         sheet.axes.add_collection(PolyCollection(areas, **shade | {"edgecolor": "none"}, zorder=4))
-        sheet.axes.add_collection(PolyCollection(rims, closed=False, **shade | {"facecolor": "none"}, linewidth=0.6,
-                                                 zorder=4))
+        sheet.axes.add_collection(
+            PolyCollection(
+                rims, closed=False, **shade | {"facecolor": "none"}, linewidth=0.6, zorder=4
+            )
+        )
         sheet.lines(zones, colors=colours, linewidth=2.2, capstyle="butt", zorder=5)
         words = f"{kind}, largest {rounded(top / factor)} {unit_of}"
         legend = [Patch(**shade, label=words), *legend, *zone_legend(counts)]
@@ -84,30 +112,64 @@ def draw_contacts(results: Results) -> Any:
         sheet.write(list(results.summary["bodies"]), middles(results))
     else:
         shifts = apart(results, View(points, results.summary["scene"]["output"]))
-        at = skin.extended(points + np.array([shifts[name] for name in results.summary["bodies"]])[owners(results)])
+        at = skin.extended(
+            points + np.array([shifts[name] for name in results.summary["bodies"]])[owners(results)]
+        )
         area = np.where(stresses, np.concatenate([table["area"] for table in shown.values()]), 0.0)
         most = limits(np.abs(stresses), area, PRESSED)[1] if top else 1.0
         image = signed_colours(-most / factor * (low < 0.0), most / factor, "YlOrRd")
         painted = list(painted_by(results, shown, shifts, image, factor))
-        sheet = Sheet(results, np.vstack([at[skin.beyond <= 0.0], *(surface.at for surface, _ in painted)]))
-        sheet.show([Surface(at, skin.facets, filled("still"), skin.beyond), *(surface for surface, _ in painted)])
-        sheet.colours(image, f"{kind} ({unit_of})", ("both" if low < 0.0 else "max") if most < top else "neither")
-        first = {contact["name"]: contact["bodies"][0] for contact in results.summary["scene"]["contact"]}
+        sheet = Sheet(
+            results, np.vstack([at[skin.beyond <= 0.0], *(surface.at for surface, _ in painted)])
+        )
+        sheet.show(
+            [
+                Surface(at, skin.facets, filled("still"), skin.beyond),
+                *(surface for surface, _ in painted),
+            ]
+        )
+        sheet.colours(
+            image,
+            f"{kind} ({unit_of})",
+            ("both" if low < 0.0 else "max") if most < top else "neither",
+        )
+        first = {
+            contact["name"]: contact["bodies"][0] for contact in results.summary["scene"]["contact"]
+        }
         # the first body is pushed by an arrow that ends at the contact
-        forces = {name: np.stack([ends[0], ends.mean(axis=0)]) + shifts[first[name]] for name, ends in forces.items()}
-        places, values = np.vstack([surface.at for surface, _ in painted]), np.concatenate([p for _, p in painted])
+        forces = {
+            name: np.stack([ends[0], ends.mean(axis=0)]) + shifts[first[name]]
+            for name, ends in forces.items()
+        }
+        places, values = (
+            np.vstack([surface.at for surface, _ in painted]),
+            np.concatenate([p for _, p in painted]),
+        )
         beyond = np.concatenate([surface.beyond for surface, _ in painted])
         seen = np.flatnonzero((values >= values.max()) & sheet.shows(places, beyond))
         if top and len(seen):
             mark(sheet.axes, sheet.place(places[seen[0]])[:2], f"{rounded(values.max())} {unit_of}")
-        most_at = max(shown, key=lambda name: np.nan_to_num(shown[name]["normal_stress"]).max(initial=0.0))
+        most_at = max(
+            shown, key=lambda name: np.nan_to_num(shown[name]["normal_stress"]).max(initial=0.0)
+        )
         if values.max() > 0.0:
             hidden = "" if len(seen) else " (out of sight)"
             counted = f", largest pressure {rounded(values.max())} {unit_of} at {most_at}{hidden}"
     width = ASIDE * np.ptp(sheet.axes.get_ylim())
     for ends in _aside([sheet.place(ends)[:, :2] for ends in forces.values()], width):
-        sheet.axes.annotate("", *ends[::-1], annotation_clip=False, zorder=6, arrowprops={
-            "arrowstyle": "-|>", "shrinkA": 0, "shrinkB": 0, "linewidth": 1.6, "color": COLOURS["force"]})
+        sheet.axes.annotate(
+            "",
+            *ends[::-1],
+            annotation_clip=False,
+            zorder=6,
+            arrowprops={
+                "arrowstyle": "-|>",
+                "shrinkA": 0,
+                "shrinkB": 0,
+                "linewidth": 1.6,
+                "color": COLOURS["force"],
+            },
+        )
     if legend:
         above(sheet.axes, legend, 2 + (sheet.figure.get_figwidth() > sheet.figure.get_figheight()))
     sheet.title(f"{results.heading(True)}contact forces{counted}", ", ")
@@ -118,7 +180,10 @@ def _resultants(results: Results, size: float) -> tuple[dict[str, np.ndarray], f
     """By contact the ends (2, d) of resultants, half of the largest as long as `size` (m); the largest (N)."""
     arrows, tables, contacts = {}, results.contacts, results.summary["contacts"]
     largest = max(float(np.linalg.norm(contact["force"])) for contact in contacts.values())
-    sizes = {name: np.hypot(table["normal_force"], table["tangential_force"]) for name, table in tables.items()}
+    sizes = {
+        name: np.hypot(table["normal_force"], table["tangential_force"])
+        for name, table in tables.items()
+    }
     weak = max(WEAK * largest, RESOLVED * max(values.sum() for values in sizes.values()))
     for name, table in tables.items():
         force = np.array(contacts[name]["force"], float)
@@ -126,7 +191,9 @@ def _resultants(results: Results, size: float) -> tuple[dict[str, np.ndarray], f
             xy = vectors(table)
             # the line of action: r × F = M, nearest to the centre c at c + F × (M − c × F)/F·F
             centre = sizes[name] @ xy / sizes[name].sum()
-            left = np.atleast_1d(contacts[name]["moment"] - moment(centre[None], force[None], results.axisymmetric))
+            left = np.atleast_1d(
+                contacts[name]["moment"] - moment(centre[None], force[None], results.axisymmetric)
+            )
             at = centre - crossed(left[None], force[None])[0] / (force @ force)
             if np.linalg.norm(at - centre) <= np.ptp(xy, axis=0).max() + size:
                 arrows[name] = at + np.outer((-1.0, 1.0), size / largest * force)
@@ -140,16 +207,22 @@ def _aside(arrows: list[np.ndarray], width: float) -> list[np.ndarray]:
         along = unit(ends[1] - ends[0])
         across = along @ np.array([[0.0, 1.0], [-1.0, 0.0]])
         across *= 1.0 if tuple(along) > (0.0, 0.0) else -1.0  # the same of opposite arrows
-        on = [other for other in drawn if (other @ along).min() < (ends @ along).max()
-              and (ends @ along).min() < (other @ along).max()]
+        on = [
+            other
+            for other in drawn
+            if (other @ along).min() < (ends @ along).max()
+            and (ends @ along).min() < (other @ along).max()
+        ]
         while any((np.abs((other - ends[0]) @ across) < 0.9 * width).all() for other in on):
             ends = ends + width * across
         drawn.append(ends)
     return drawn
 
 
-def _profiles(results: Results, scale: float,
-              ) -> tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray], list[str]]:
+def _profiles(
+    results: Results,
+    scale: float,
+) -> tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray], list[str]]:
     """Normal stresses along contacts in the plane as areas (·, 2), `scale` (m) for each unit, and their rims; the part
     (3, 2) of a contact that is each node's, and its colour by status."""
     areas, rims, zones, colours = [], [], [], []
@@ -157,7 +230,12 @@ def _profiles(results: Results, scale: float,
         table, facets = drawn_rows(results.contacts[name], results.facets[name])
         for chain in chains(facets):
             at = vectors(table)[chain]
-            ends = at - scale * np.nan_to_num(table["normal_stress"])[chain, None] * vectors(table, "n")[chain]
+            ends = (
+                at
+                - scale
+                * np.nan_to_num(table["normal_stress"])[chain, None]
+                * vectors(table, "n")[chain]
+            )
             edges = np.vstack([at[:1], (at[1:] + at[:-1]) / 2, at[-1:]])
             areas.append(np.vstack([at, ends[::-1]]))
             rims.append(ends if chain[0] == chain[-1] else np.vstack([at[:1], ends, at[-1:]]))
@@ -170,7 +248,9 @@ def draw_maps(results: Results, name: str) -> Any:
     """Pressure, zones, friction with arrows of slip, and gap or slip, if there is any, on a contact; a figure."""
     surface, cells, summary = results.surfaces[name], results.cells(name), results.summary
     table = results.contacts[name]
-    at, labels, along = flatten(surface["points"], cells, *directions(vectors(table, "n"), table["area"]))
+    at, labels, along = flatten(
+        surface["points"], cells, *directions(vectors(table, "n"), table["area"])
+    )
     asked = next(contact for contact in summary["scene"]["contact"] if contact["name"] == name)
     visible = RESOLVED * summary["displacement_max"]
     gaps, slips = (np.abs(surface[what]).max(initial=0.0) > visible for what in ("gap", "slip"))
@@ -182,31 +262,58 @@ def draw_maps(results: Results, name: str) -> Any:
         maps.append(("normal stress" if tension else "pressure", "pressure", "stress", "Blues"))
     maps += [None, ("friction", "friction", "stress", "Oranges")] if has_shear else [None]
     if gaps or (asked["friction"]["law"] != "none" and slips):
-        maps.append(("gap", "gap", "length", "Greens") if gaps else ("slip", "slip", "length", "Purples"))
+        maps.append(
+            ("gap", "gap", "length", "Greens") if gaps else ("slip", "slip", "length", "Purples")
+        )
     edges, owner = rim(surface["points"], cells)
     ends = at[owner[:, None], (cells[owner, None] == edges[:, :, None]).argmax(axis=2)]
     low, high = _shown(at, surface["status"][cells] != STATUS.index("open"))
     near = ((at >= low) & (at <= high)).all(axis=2).any(axis=1)
     at, cells, (width, height) = at[near], cells[near], high - low
-    columns = 1 if width > MAPS["long"] * height or len(maps) == 1 or (width > 2.5 * height and len(maps) < 4) else 2
+    columns = (
+        1
+        if width > MAPS["long"] * height
+        or len(maps) == 1
+        or (width > 2.5 * height and len(maps) < 4)
+        else 2
+    )
     columns += len(maps) == 3 and width < 0.8 * height
     rows = -(-len(maps) // columns)
     tall = np.clip((9.6 / columns - 1.6) * height / width, 0.8, 4.2) + 0.55
-    figure, grid = plt.subplots(rows, columns, figsize=(9.6, rows * tall + 0.5), sharex=True, sharey=True,
-                                layout="compressed", squeeze=False)
-    for axes in grid.ravel()[len(maps):]:
+    figure, grid = plt.subplots(
+        rows,
+        columns,
+        figsize=(9.6, rows * tall + 0.5),
+        sharex=True,
+        sharey=True,
+        layout="compressed",
+        squeeze=False,
+    )
+    for axes in grid.ravel()[len(maps) :]:
         axes.remove()
     for axes, panel in zip(grid.ravel(), maps, strict=False):
         if panel:
             what, field, quantity, colours = panel
-            factor, unit_of = scaled_unit(np.abs(surface[field]).max(initial=0.0) or summary["displacement_max"],
-                                          summary["units"][quantity])
+            factor, unit_of = scaled_unit(
+                np.abs(surface[field]).max(initial=0.0) or summary["displacement_max"],
+                summary["units"][quantity],
+            )
             values = surface[field][cells].ravel() / factor
             least = values.min(initial=0.0)
-            image = signed_colours(least * (least < -RESOLVED * np.abs(values).max(initial=0.0)),
-                                   values.max(initial=0.0), colours)
-            axes.tripcolor(*at.reshape(-1, 2).T, np.arange(len(values)).reshape(-1, 3), values, shading="gouraud",
-                           norm=image.norm, cmap=image.cmap, rasterized=True)
+            image = signed_colours(
+                least * (least < -RESOLVED * np.abs(values).max(initial=0.0)),
+                values.max(initial=0.0),
+                colours,
+            )
+            axes.tripcolor(
+                *at.reshape(-1, 2).T,
+                np.arange(len(values)).reshape(-1, 3),
+                values,
+                shading="gouraud",
+                norm=image.norm,
+                cmap=image.cmap,
+                rasterized=True,
+            )
             figure.colorbar(image, ax=axes, label=f"{what} ({unit_of})", aspect=15, pad=0.02)
             mark(axes, at.reshape(-1, 2)[np.argmax(values)], f"{rounded(values.max())} {unit_of}")
             if what == "friction" and slips:
@@ -214,8 +321,13 @@ def draw_maps(results: Results, name: str) -> Any:
         else:
             _draw_zones(axes, at, surface["status"][cells], summary["contacts"][name])
         axes.add_collection(LineCollection(ends, colors=COLOURS["still"], linewidth=0.7))
-        axes.set(aspect="equal", xlabel=f"{labels[0]} ({summary['units']['length']})",
-                 ylabel=f"{labels[1]} ({summary['units']['length']})", xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+        axes.set(
+            aspect="equal",
+            xlabel=f"{labels[0]} ({summary['units']['length']})",
+            ylabel=f"{labels[1]} ({summary['units']['length']})",
+            xlim=(low[0], high[0]),
+            ylim=(low[1], high[1]),
+        )
         axes.label_outer()
     if len(maps) % columns:  # there is none below
         grid.ravel()[len(maps) - columns].xaxis.set_tick_params(labelbottom=True)
@@ -238,8 +350,9 @@ def _shown(at: np.ndarray, closed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return low - margin, high + margin
 
 
-def flatten(points: np.ndarray, cells: np.ndarray, mean: np.ndarray, least: np.ndarray,
-            axes: np.ndarray) -> tuple[np.ndarray, tuple[str, str], np.ndarray]:
+def flatten(
+    points: np.ndarray, cells: np.ndarray, mean: np.ndarray, least: np.ndarray, axes: np.ndarray
+) -> tuple[np.ndarray, tuple[str, str], np.ndarray]:
     """Where the corners of cells (c, 3) between `points` (n, 3) are drawn (c, 3, 2) (m), what the two coordinates are,
     and unit vectors (n, 2, 3) along them at the points. The contact's normals have `directions`.
 
@@ -253,21 +366,35 @@ def flatten(points: np.ndarray, cells: np.ndarray, mean: np.ndarray, least: np.n
             along = np.delete(np.eye(3), k, axis=0)
             names = "xyz".replace("xyz"[k], "")
         else:
-            right = unit(np.cross([0.0, 0.0, 1.0], front)) if abs(front[2]) < 0.9 else unit(np.cross(
-                [0.0, 1.0, 0.0], front))
+            right = (
+                unit(np.cross([0.0, 0.0, 1.0], front))
+                if abs(front[2]) < 0.9
+                else unit(np.cross([0.0, 1.0, 0.0], front))
+            )
             along, names = np.stack([right, np.cross(front, right)]), ""
-        labels = list(names) or ["along\n({:g}, {:g}, {:g})".format(*(np.round(vector, 2) + 0.0)) for vector in along]
+        labels = list(names) or [
+            "along\n({:g}, {:g}, {:g})".format(*(np.round(vector, 2) + 0.0)) for vector in along
+        ]
         at = (points @ along.T)[cells]
-        if np.linalg.norm(mean) <= FACING:  # as seen along the normal those at the back stand under those in front
-            level = np.round((points @ front)[cells].mean(axis=1) / (MAPS["apart"] * np.ptp(points, axis=0).max()))
+        if (
+            np.linalg.norm(mean) <= FACING
+        ):  # as seen along the normal those at the back stand under those in front
+            level = np.round(
+                (points @ front)[cells].mean(axis=1)
+                / (MAPS["apart"] * np.ptp(points, axis=0).max())
+            )
             heights, floor = np.unique(level, return_inverse=True)
             at[..., 0] += (1.2 * np.ptp(at[..., 0]) * floor)[:, None]
             labels[0] += " (side by side)" if len(heights) > 1 else ""
         return at, (labels[0], labels[1]), np.broadcast_to(along, (len(points), 2, 3))
     normal = outward(points, cells)
     axis = axes[:, 0] * np.sign(axes[np.abs(axes[:, 0]).argmax(), 0])
-    planes = np.eye(3) - normal[:, :, None] * normal[:, None, :] - np.outer(axis, axis)  # distances from its normal
-    middle = np.linalg.lstsq(planes.sum(axis=0), np.einsum("lij,lj->i", planes, points), rcond=None)[0]
+    planes = (
+        np.eye(3) - normal[:, :, None] * normal[:, None, :] - np.outer(axis, axis)
+    )  # distances from its normal
+    middle = np.linalg.lstsq(
+        planes.sum(axis=0), np.einsum("lij,lj->i", planes, points), rcond=None
+    )[0]
     first = unit(np.cross(axis, np.eye(3)[np.abs(axis).argmin()]))
     away = points - middle
     angle = np.arctan2(away @ np.cross(axis, first), away @ first)
@@ -279,21 +406,39 @@ def flatten(points: np.ndarray, cells: np.ndarray, mean: np.ndarray, least: np.n
     radial = away - np.outer(away @ axis, axis)
     radius = float(np.linalg.norm(radial, axis=1).mean())
     name = "xyz"[np.abs(axis).argmax()] if np.abs(axis).max() > 1.0 - STRAIGHT else "along the axis"
-    return (np.stack([radius * angle, (points @ axis)[cells]], axis=2), ("around the axis", name),
-            np.stack([np.cross(axis, unit(radial)), np.broadcast_to(axis, points.shape)], axis=1))
+    return (
+        np.stack([radius * angle, (points @ axis)[cells]], axis=2),
+        ("around the axis", name),
+        np.stack([np.cross(axis, unit(radial)), np.broadcast_to(axis, points.shape)], axis=1),
+    )
 
 
 def _draw_zones(axes: Any, at: np.ndarray, status: np.ndarray, counts: dict) -> None:
     """Colour the parts of cells (c, 3, 2) that are nearest to their corners by the status (c, 3) of these."""
-    after, before, middle = np.roll(at, -1, axis=1), np.roll(at, 1, axis=1), at.mean(axis=1, keepdims=True)
-    quarters = np.stack([at, (at + after) / 2, np.broadcast_to(middle, at.shape), (at + before) / 2], axis=2)
+    after, before, middle = (
+        np.roll(at, -1, axis=1),
+        np.roll(at, 1, axis=1),
+        at.mean(axis=1, keepdims=True),
+    )
+    quarters = np.stack(
+        [at, (at + after) / 2, np.broadcast_to(middle, at.shape), (at + before) / 2], axis=2
+    )
     colours = [ZONES[STATUS[value]] for value in status.ravel().astype(int)]
-    axes.add_collection(PolyCollection(quarters.reshape(-1, 4, 2), facecolors=colours, edgecolors="face",
-                                       linewidth=0.3, rasterized=True))
+    axes.add_collection(
+        PolyCollection(
+            quarters.reshape(-1, 4, 2),
+            facecolors=colours,
+            edgecolors="face",
+            linewidth=0.3,
+            rasterized=True,
+        )
+    )
     above(axes, zone_legend(counts))
 
 
-def _draw_slip(axes: Any, at: np.ndarray, along: np.ndarray, cells: np.ndarray, surface: Columns, length: str) -> None:
+def _draw_slip(
+    axes: Any, at: np.ndarray, along: np.ndarray, cells: np.ndarray, surface: Columns, length: str
+) -> None:
     """Draw the slip of some points that slip as arrows; see `flatten`."""
     nodes, first = np.unique(cells, return_index=True)
     place, slip = at.reshape(-1, 2)[first], surface["slip_vector"][nodes]
@@ -309,7 +454,16 @@ def _draw_slip(axes: Any, at: np.ndarray, along: np.ndarray, cells: np.ndarray, 
     if not len(some):
         return
     longest = np.linalg.norm(arrows[some], axis=1).max()
-    axes.quiver(*place[some].T, *arrows[some].T, angles="xy", scale_units="xy", scale=longest / size, width=0.003,
-                color=COLOURS["rigid"], zorder=4, clip_on=False).set_in_layout(False)
+    axes.quiver(
+        *place[some].T,
+        *arrows[some].T,
+        angles="xy",
+        scale_units="xy",
+        scale=longest / size,
+        width=0.003,
+        color=COLOURS["rigid"],
+        zorder=4,
+        clip_on=False,
+    ).set_in_layout(False)
     factor, length = scaled_unit(longest, length)
     axes.set_title(f"arrows: slip, up to {rounded(longest / factor)} {length}", fontsize=8)

@@ -19,7 +19,9 @@ from ddmpi.system.numbers import scaled_unit
 MARKED = 100  # curves of at most this many nodes have a marker at each
 SHADE = 0.35  # opacity of zones behind curves
 LOOPS = 3  # largest number of contacts, those with the largest forces, with loops and stresses in pictures
-ALIKE = 0.01  # forces of two contacts that differ by less than this, over the largest, are drawn as one
+ALIKE = (
+    0.01  # forces of two contacts that differ by less than this, over the largest, are drawn as one
+)
 CURVES = 8  # largest number of ends of legs in a picture, from the first to the last
 
 
@@ -28,31 +30,64 @@ def draw_contact(results: Results, name: str) -> Any:
 
     With quadratic elements the curves of the stresses are means over sides, and dots are the nodes' stresses.
     """
-    (nodes, facets), sides = drawn_rows(results.contacts[name], results.facets[name]), results.sides.get(name)
-    units, breaks = results.summary["units"], np.array([chain[0] for chain in chains(facets)[1:]], int)
-    contact = next(contact for contact in results.summary["scene"]["contact"] if contact["name"] == name)
+    (nodes, facets), sides = (
+        drawn_rows(results.contacts[name], results.facets[name]),
+        results.sides.get(name),
+    )
+    units, breaks = (
+        results.summary["units"],
+        np.array([chain[0] for chain in chains(facets)[1:]], int),
+    )
+    contact = next(
+        contact for contact in results.summary["scene"]["contact"] if contact["name"] == name
+    )
     friction, frictional = contact["friction"], contact["friction"]["law"] != "none"
     position, along = _position(nodes)
     shown, place, apart, extent = nodes, position, breaks, ""
     if sides:  # the middle of a side is a node
         at = dict(zip(zip(nodes["x"], nodes["y"], strict=True), range(len(position)), strict=True))
         rows = np.array([at[point] for point in zip(sides["x"], sides["y"], strict=True)])
-        apart = 1 + np.flatnonzero((np.diff(rows) != 2) | np.diff(np.searchsorted(breaks, rows, "right")).astype(bool))
+        apart = 1 + np.flatnonzero(
+            (np.diff(rows) != 2) | np.diff(np.searchsorted(breaks, rows, "right")).astype(bool)
+        )
         shown, place, extent = sides, position[rows], ",\nmean over sides"
-    figure, (stresses, motion) = plt.subplots(2, 1, sharex=True, figsize=(8.6, 6.0),
-                                              gridspec_kw={"height_ratios": (3, 2)})
+    figure, (stresses, motion) = plt.subplots(
+        2, 1, sharex=True, figsize=(8.6, 6.0), gridspec_kw={"height_ratios": (3, 2)}
+    )
     factor, unit = scaled_unit(np.abs(nodes["normal_stress"]).max(), units["stress"])
     for kind, label in {"normal": "normal (pressure)", "tangential": "tangential"}.items():
         if kind == "normal" or frictional or contact.get("kind") == "bonded":
             if sides:
-                stresses.plot(position, nodes[f"{kind}_stress"] / factor, ".", markersize=4, alpha=0.6,
-                              color=COLOURS[kind])
-            _curve(stresses, place, shown[f"{kind}_stress"] / factor, apart, color=COLOURS[kind], label=label + extent)
+                stresses.plot(
+                    position,
+                    nodes[f"{kind}_stress"] / factor,
+                    ".",
+                    markersize=4,
+                    alpha=0.6,
+                    color=COLOURS[kind],
+                )
+            _curve(
+                stresses,
+                place,
+                shown[f"{kind}_stress"] / factor,
+                apart,
+                color=COLOURS[kind],
+                label=label + extent,
+            )
     bound = _slip_bound(shown, friction) if frictional else None
     if bound is not None:
         for sign, label in ((1, "± slip bound"), (-1, "")):
-            _curve(stresses, place, sign * bound / factor, apart, marker="", color=COLOURS["bound"], linestyle="--",
-                   linewidth=1, label=label)
+            _curve(
+                stresses,
+                place,
+                sign * bound / factor,
+                apart,
+                marker="",
+                color=COLOURS["bound"],
+                linestyle="--",
+                linewidth=1,
+                label=label,
+            )
     stresses.set_ylabel(f"contact stress ({unit})")
     of_one = f" of {name}" if len(results.contacts) > 1 else ""
     stresses.set_title(f"{results.heading(True)}contact stresses{of_one}")
@@ -64,8 +99,18 @@ def draw_contact(results: Results, name: str) -> Any:
         motion.set_ylim(-visible / factor, visible / factor)
     _curve(motion, position, nodes["gap"] / factor, breaks, color=COLOURS["normal"], label="gap")
     if frictional:
-        _curve(motion, position, nodes["slip"] / factor, breaks, color=COLOURS["tangential"], label="slip")
-    motion.set(xlabel=f"{along} ({units['length']})", ylabel=f"{'gap, slip' if frictional else 'gap'} ({unit})")
+        _curve(
+            motion,
+            position,
+            nodes["slip"] / factor,
+            breaks,
+            color=COLOURS["tangential"],
+            label="slip",
+        )
+    motion.set(
+        xlabel=f"{along} ({units['length']})",
+        ylabel=f"{'gap, slip' if frictional else 'gap'} ({unit})",
+    )
 
     for axes in (stresses, motion):
         axes.axhline(0.0, color="black", linewidth=0.6)
@@ -81,23 +126,44 @@ def draw_convergence(results: Results) -> Any:
     """Update and residual over the outer iterations, load step after load step; a figure."""
     history, summary = results.history, results.summary
     figure, axes = plt.subplots(figsize=(7.2, 4.4))
-    k, starts = np.arange(1.0, len(history["iteration"]) + 1), 1 + np.flatnonzero(np.diff(history["step"]))
+    k, starts = (
+        np.arange(1.0, len(history["iteration"]) + 1),
+        1 + np.flatnonzero(np.diff(history["step"])),
+    )
     x, what = method_of(summary["outer"]).curves
-    curves = {"update": ("normal", "o", f"update  ‖{x}$_k$ − {x}$_{{k-1}}$‖ / ‖{x}$_k$‖"),
-              "residual": ("tangential", "s", f"residual: {what}")}
+    curves = {
+        "update": ("normal", "o", f"update  ‖{x}$_k$ − {x}$_{{k-1}}$‖ / ‖{x}$_k$‖"),
+        "residual": ("tangential", "s", f"residual: {what}"),
+    }
     for column, (colour, marker, label) in curves.items():
         positive = np.where(history[column] > 0, history[column], np.nan)
-        axes.semilogy(*(np.insert(values, starts, np.nan) for values in (k, positive)), color=COLOURS[colour],
-                      marker=marker, markersize=3, label=label)
+        axes.semilogy(
+            *(np.insert(values, starts, np.nan) for values in (k, positive)),
+            color=COLOURS[colour],
+            marker=marker,
+            markersize=3,
+            label=label,
+        )
     tolerance = summary["scene"]["method"]["tolerance"]
-    axes.axhline(tolerance, color=COLOURS["bound"], linestyle="--", linewidth=1, label=f"tolerance {tolerance:g}")
+    axes.axhline(
+        tolerance,
+        color=COLOURS["bound"],
+        linestyle="--",
+        linewidth=1,
+        label=f"tolerance {tolerance:g}",
+    )
     axes.grid(True, which="major", color="#e3e3e3")
     axes.xaxis.get_major_locator().set_params(integer=True)
-    axes.yaxis.set_major_formatter(lambda value, _: f"{value:.0e}".replace("e-0", "e-").replace("e+00", ""))
+    axes.yaxis.set_major_formatter(
+        lambda value, _: f"{value:.0e}".replace("e-0", "e-").replace("e+00", "")
+    )
     axes.set(xlabel="outer iteration k", ylabel="relative change (–)")
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=2)
-    axes.set_title(f"{results.heading()}{summary['outer_iterations']} outer iterations, n$_A$ = {summary['n_A']}, "
-                   f"{summary['reason']}", wrap=True)
+    axes.set_title(
+        f"{results.heading()}{summary['outer_iterations']} outer iterations, n$_A$ = {summary['n_A']}, "
+        f"{summary['reason']}",
+        wrap=True,
+    )
     return figure
 
 
@@ -113,10 +179,15 @@ def _position(nodes: Columns) -> tuple[np.ndarray, str]:
 
 def _curve(axes: Any, x: np.ndarray, y: np.ndarray, breaks: np.ndarray, **style: Any) -> None:
     """Draw a curve that is not joined to the points at `breaks`; long curves mark lone points only."""
-    lone = np.isin(np.arange(len(x)), [0, *breaks]) & np.isin(np.arange(1, len(x) + 1), [*breaks, len(x)])
+    lone = np.isin(np.arange(len(x)), [0, *breaks]) & np.isin(
+        np.arange(1, len(x) + 1), [*breaks, len(x)]
+    )
     marked = np.insert(lone | (len(x) <= MARKED), breaks, False)
-    axes.plot(*(np.insert(values, breaks, np.nan) for values in (x, y)),
-              **{"marker": "o" if marked.any() else "", "markersize": 2.5, "markevery": marked.tolist()} | style)
+    axes.plot(
+        *(np.insert(values, breaks, np.nan) for values in (x, y)),
+        **{"marker": "o" if marked.any() else "", "markersize": 2.5, "markevery": marked.tolist()}
+        | style,
+    )
 
 
 def _shade(axes: Any, position: np.ndarray, statuses: np.ndarray, breaks: np.ndarray) -> None:
@@ -125,7 +196,9 @@ def _shade(axes: Any, position: np.ndarray, statuses: np.ndarray, breaks: np.nda
         edges = np.concatenate([x[:1], (x[1:] + x[:-1]) / 2, x[-1:]])
         first = np.flatnonzero(np.concatenate([[True], status[1:] != status[:-1]]))
         for a, b in zip(first, [*first[1:], len(x)], strict=True):
-            axes.axvspan(edges[a], edges[b], color=ZONES[status[a]], alpha=SHADE, linewidth=0, zorder=0)
+            axes.axvspan(
+                edges[a], edges[b], color=ZONES[status[a]], alpha=SHADE, linewidth=0, zorder=0
+            )
     if len(position) > 1:
         axes.set_xlim(position.min(), position.max())
 
@@ -137,7 +210,11 @@ def _slip_bound(table: Columns, friction: dict) -> np.ndarray | None:
     one, xy = np.ones(len(table["x"])), np.column_stack([table["x"], table["y"]])
     law = law_of(msgspec.convert(friction, Friction), xy, one, one, np.arange(len(one)))
     bound = law.slip_bound(table["normal_stress"])
-    return bound if law.largest_slope or bound.max() <= 3 * np.abs(table["tangential_stress"]).max() else None
+    return (
+        bound
+        if law.largest_slope or bound.max() <= 3 * np.abs(table["tangential_stress"]).max()
+        else None
+    )
 
 
 def draw_steps(results: Results) -> Any:
@@ -150,21 +227,36 @@ def draw_steps(results: Results) -> Any:
     stepping take the other. Not collective.
     """
     summary, of = results.summary, results.steps["contact"]
-    steps = {name: {column: values[of == name] for column, values in results.steps.items()}
-             for name in results.contacts}
-    largest = {name: np.abs(table["normal_force"]).max(initial=0.0) for name, table in steps.items()}
-    tied = {contact["name"] for contact in summary["scene"]["contact"] if contact.get("kind") in ("bonded", "guided")}
+    steps = {
+        name: {column: values[of == name] for column, values in results.steps.items()}
+        for name in results.contacts
+    }
+    largest = {
+        name: np.abs(table["normal_force"]).max(initial=0.0) for name, table in steps.items()
+    }
+    tied = {
+        contact["name"]
+        for contact in summary["scene"]["contact"]
+        if contact.get("kind") in ("bonded", "guided")
+    }
     loops = [name for name in largest if name not in tied] or largest
-    names = _without_doubles({name: steps[name] for name in sorted(loops, key=lambda name: -largest[name])})
+    names = _without_doubles(
+        {name: steps[name] for name in sorted(loops, key=lambda name: -largest[name])}
+    )
     shown = list(names)[:LOOPS]
-    figure, grid = plt.subplots(len(shown) + 1, 2, figsize=(9.6, 2.9 * (len(shown) + 1)), squeeze=False)
+    figure, grid = plt.subplots(
+        len(shown) + 1, 2, figsize=(9.6, 2.9 * (len(shown) + 1)), squeeze=False
+    )
     loop, energies = grid[0]
     words: dict[str, None] = {}
     label, driver = _driver(summary, results.energy["time"])
     for name in shown:
         what, column, of_one = _resultant(steps[name]), "tangential_force", names[name]
         if what == "moment":
-            column = max((f"moment_{axis}" for axis in "xyz"), key=lambda component: np.ptp(steps[name][component]))
+            column = max(
+                (f"moment_{axis}" for axis in "xyz"),
+                key=lambda component: np.ptp(steps[name][component]),
+            )
             of_one = f"{names[name]}, {column.replace('_', ' ')}"
         loop.plot(driver, np.append(0.0, steps[name][column]), marker=".", label=of_one)
         words[f"{'tangential ' * (what == 'force')}{what} ({summary['units'][what]})"] = None
@@ -190,8 +282,14 @@ def _without_doubles(steps: Mapping[str, Columns]) -> dict[str, str]:
     found, words = dict[str, np.ndarray](), dict[str, list[str]]()
     for name, table in steps.items():
         curves = np.abs([values for column, values in table.items() if column.startswith("force_")])
-        same = next((other for other, of in found.items() if "force_z" in table
-                     and np.abs(curves - of).max() <= ALIKE * of.max()), name)
+        same = next(
+            (
+                other
+                for other, of in found.items()
+                if "force_z" in table and np.abs(curves - of).max() <= ALIKE * of.max()
+            ),
+            name,
+        )
         found.setdefault(same, curves)
         words.setdefault(same, []).append(name)
     return {name: ", ".join(alike) for name, alike in words.items()}
@@ -213,8 +311,12 @@ def _driver(summary: dict, times: np.ndarray) -> tuple[str, np.ndarray]:
 def _draw_energies(axes: Any, energy: Columns, unit: str) -> None:
     time = np.append(0.0, energy["time"])
     lost = energy["interface_work"] - energy["dissipated"]
-    for name, values in {"external work": energy["external_work"], "strain energy": energy["strain_energy"],
-                         "dissipated by friction": energy["dissipated"], "other interface work": lost}.items():
+    for name, values in {
+        "external work": energy["external_work"],
+        "strain energy": energy["strain_energy"],
+        "dissipated by friction": energy["dissipated"],
+        "other interface work": lost,
+    }.items():
         axes.plot(time, np.append(0.0, values), marker=".", label=name)
     axes.set(xlabel="time", ylabel=f"energy ({unit})")
 
@@ -232,7 +334,13 @@ def _draw_stresses(axes: Any, name: str, results: Results, units: dict) -> None:
             if not results.frames:  # rows of bodies that move far differ from step to step
                 step, _ = drawn_rows(step, results.facets[name])
             arc = np.append(0.0, np.cumsum(np.hypot(np.diff(step["x"]), np.diff(step["y"]))))
-            axis.plot(arc, step[f"{kind}_stress"] / factor, color=colour, linewidth=1.2, label=f"time {time:g}")
+            axis.plot(
+                arc,
+                step[f"{kind}_stress"] / factor,
+                color=colour,
+                linewidth=1.2,
+                label=f"time {time:g}",
+            )
         axis.axhline(0.0, color="black", linewidth=0.6)
         axis.set(xlabel=f"along {name} ({units['length']})", ylabel=f"{kind} stress ({unit})")
     axes[1].legend(fontsize=7, **BESIDE)
@@ -240,8 +348,14 @@ def _draw_stresses(axes: Any, name: str, results: Results, units: dict) -> None:
 
 def _resultant(steps: Columns) -> str:
     """The resultant of a contact in pictures: force, or the moment of solids without a force."""
-    forces = [np.abs(values).max() for column, values in steps.items() if column.startswith("force_")]
-    return "moment" if "moment_x" in steps and max(forces) <= RESOLVED * steps["normal_force"].max() else "force"
+    forces = [
+        np.abs(values).max() for column, values in steps.items() if column.startswith("force_")
+    ]
+    return (
+        "moment"
+        if "moment_x" in steps and max(forces) <= RESOLVED * steps["normal_force"].max()
+        else "force"
+    )
 
 
 def _draw_course(axes: Any, name: str, steps: Columns, units: dict) -> None:

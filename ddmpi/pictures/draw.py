@@ -21,11 +21,19 @@ from ddmpi.system.files import MECHANISM, contact_files, writing
 from ddmpi.system.provenance import identity
 
 EACH = 6  # largest number of contacts with separate pictures; more contacts share one
-Pictures = Iterator[tuple[str, Callable[[], Any]]]  # file names of pictures and the functions that draw their figures
+Pictures = Iterator[
+    tuple[str, Callable[[], Any]]
+]  # file names of pictures and the functions that draw their figures
 
 
-def draw_all(folder: str | Path, number: int = 0, drawers: int = 1, time: float | None = None,
-             into: Path | None = None, **asked: Any) -> list[Path]:
+def draw_all(
+    folder: str | Path,
+    number: int = 0,
+    drawers: int = 1,
+    time: float | None = None,
+    into: Path | None = None,
+    **asked: Any,
+) -> list[Path]:
     """Draw all pictures of the results in `folder` into it, or this process's share of several `drawers`; their paths.
 
     Pictures of bodies and contacts show the load step at `time`, by default as `at_step` chooses it. `into` is another
@@ -40,8 +48,10 @@ def draw_all(folder: str | Path, number: int = 0, drawers: int = 1, time: float 
         folder, last, drawn = Path(folder), read_results(folder), []
         if last.surfaces.keys() != last.contacts.keys():
             version = last.summary.get("versions", {}).get("ddmpi", "of unknown number")
-            raise InputError(f"{folder}: ddmpi {version} wrote these results without what this version draws pictures "
-                             "from; draw them with that version, or run the scene again")
+            raise InputError(
+                f"{folder}: ddmpi {version} wrote these results without what this version draws pictures "
+                "from; draw them with that version, or run the scene again"
+            )
         _ask(last, asked)
         results, last = placed(at_step(last, folder, time)), placed(last)
         with plt.rc_context(STYLE):
@@ -55,7 +65,11 @@ def draw_all(folder: str | Path, number: int = 0, drawers: int = 1, time: float 
                         figure.savefig(drawn[-1], metadata=identity(results.summary))
                 finally:
                     plt.close(figure)
-            animated = not into and number == drawers - 1 and results.summary["scene"]["output"].get("animation")
+            animated = (
+                not into
+                and number == drawers - 1
+                and results.summary["scene"]["output"].get("animation")
+            )
             if animated and len(results.energy.get("time", ())):
                 drawn.append(animate(results, folder, results.heading()))
         return drawn
@@ -77,7 +91,10 @@ def pictures_of(results: Results, last: Results, mechanism: Path | None = None) 
     from ddmpi.pictures.curves import draw_contact, draw_convergence, draw_steps
 
     if mechanism and mechanism.exists():
-        yield "mechanism.png", lambda: draw_mechanism(last, json.loads(mechanism.read_text(encoding="utf-8")))
+        yield (
+            "mechanism.png",
+            lambda: draw_mechanism(last, json.loads(mechanism.read_text(encoding="utf-8"))),
+        )
         return
     yield "bodies.png", lambda: draw_bodies(results)
     yield "convergence.png", lambda: draw_convergence(results)
@@ -88,7 +105,10 @@ def pictures_of(results: Results, last: Results, mechanism: Path | None = None) 
     for name, table in results.contacts.items() if len(results.contacts) <= EACH else ():
         if np.isnan(table["normal_stress"]).all():  # the bodies meet at nodes only
             continue
-        yield contact_files(name).picture if several else "contact.png", functools.partial(contact, results, name)
+        yield (
+            contact_files(name).picture if several else "contact.png",
+            functools.partial(contact, results, name),
+        )
     if len(results.energy.get("time", ())):
         yield "steps.png", lambda: draw_steps(results)
     if "error" in results.fields:

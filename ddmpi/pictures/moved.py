@@ -43,26 +43,43 @@ def magnify(results: Results, largest: float = 0.0) -> tuple[float, np.ndarray]:
     suit as well (m). Not collective.
     """
     points, moved = results.points, np.linalg.norm(results.fields["displacement"], axis=1)
-    owner, names, contacts = owners(results), list(results.summary["bodies"]), results.summary["scene"]["contact"]
+    owner, names, contacts = (
+        owners(results),
+        list(results.summary["bodies"]),
+        results.summary["scene"]["contact"],
+    )
     tables = [results.contacts[contact["name"]] for contact in contacts]
-    follows = [contact["gap"].get("history") if isinstance(contact.get("gap"), dict) else None for contact in contacts]
-    tables = [table | {"initial_gap": factor_at(results.summary, name, results.time) * table["initial_gap"]}
-              for name, table in zip(follows, tables, strict=True)]
+    follows = [
+        contact["gap"].get("history") if isinstance(contact.get("gap"), dict) else None
+        for contact in contacts
+    ]
+    tables = [
+        table
+        | {"initial_gap": factor_at(results.summary, name, results.time) * table["initial_gap"]}
+        for name, table in zip(follows, tables, strict=True)
+    ]
     mobile, apart = np.zeros(len(names)), np.zeros((len(tables), len(names)))
     distances = np.zeros((len(tables), results.dimension))
     np.maximum.at(mobile, owner, moved)
     for k, (contact, table) in enumerate(zip(contacts, tables, strict=True)):
         touching = table["status"] != "open"
         distances[k] = _initially(table)[touching if touching.any() else slice(None)].mean(axis=0)
-        bodies = [names.index(name) for name in contact["bodies"] if name in names]  # a rigid partner is none
-        apart[k, bodies] = (-1.0, 1.0)[:len(bodies)]
+        bodies = [
+            names.index(name) for name in contact["bodies"] if name in names
+        ]  # a rigid partner is none
+        apart[k, bodies] = (-1.0, 1.0)[: len(bodies)]
     shifts = np.zeros((len(names), results.dimension))
     if distances.any():
         # least squares: shifts of two bodies differ by the gaps of their contacts, weighted by their displacements
-        shifts = mobile[:, None] * (np.linalg.pinv(apart * mobile) @ distances)  # mostly of the body that moves most
+        shifts = mobile[:, None] * (
+            np.linalg.pinv(apart * mobile) @ distances
+        )  # mostly of the body that moves most
     extent, size = np.ptp(points, axis=0).max(), max(moved.max(), largest, np.abs(shifts).max())
-    limits = [limit for table, shift in zip(tables, apart @ shifts, strict=True)
-              for limit in _limits(table, shift, INVISIBLE * extent)]
+    limits = [
+        limit
+        for table, shift in zip(tables, apart @ shifts, strict=True)
+        for limit in _limits(table, shift, INVISIBLE * extent)
+    ]
     chosen = round_down(min([DRAWN * extent / size, *limits])) if size else 1.0
     asked = results.summary["scene"]["output"].get("magnification")
     factor = min(asked, FARTHEST * extent / size if size else asked) if asked else max(chosen, 1.0)
@@ -87,8 +104,12 @@ def _limits(table: Columns, shift: np.ndarray, visible: float) -> Iterator[float
     yield from (visible + into[overlapping]) / (into - gap)[overlapping]
 
 
-def rigid_parts(results: Results, factor: float = 0.0, time: float | None = None,
-                going: Mapping[str, RigidMotion] | None = None) -> list[Surface]:
+def rigid_parts(
+    results: Results,
+    factor: float = 0.0,
+    time: float | None = None,
+    going: Mapping[str, RigidMotion] | None = None,
+) -> list[Surface]:
     """The parts of rigid partners that bodies may touch; in the plane lines, with the bodies on their left.
 
     They are moved by `factor` times their displacement at `time`, by default that of the results, or times the
@@ -103,12 +124,23 @@ def rigid_parts(results: Results, factor: float = 0.0, time: float | None = None
         if not contacts or moved is None:
             continue
         if results.dimension > 2:
-            shapes = (_around(rigid, results.surfaces[contact["name"]]["points"], results.cells(contact["name"]))
-                     for contact in contacts)
-            surfaces += [Surface(at + factor * moved.at(at), facets, filled("patch"), edges=COLOURS["still"])
-                         for at, facets in shapes if len(facets)]
+            shapes = (
+                _around(
+                    rigid,
+                    results.surfaces[contact["name"]]["points"],
+                    results.cells(contact["name"]),
+                )
+                for contact in contacts
+            )
+            surfaces += [
+                Surface(at + factor * moved.at(at), facets, filled("patch"), edges=COLOURS["still"])
+                for at, facets in shapes
+                if len(facets)
+            ]
             continue
-        touched = np.concatenate([vectors(results.contacts[contact["name"]]) for contact in contacts])
+        touched = np.concatenate(
+            [vectors(results.contacts[contact["name"]]) for contact in contacts]
+        )
         bodies = points[np.isin(owner, [names.index(contact["bodies"][0]) for contact in contacts])]
         frame = where.get(rigid.name)
         if frame:
@@ -116,8 +148,12 @@ def rigid_parts(results: Results, factor: float = 0.0, time: float | None = None
         at = rigid.outline(touched, bodies, MARGIN * np.ptp(points, axis=0).max())
         at = frame.at(at) if frame else at
         if results.axisymmetric:
-            right = np.flatnonzero(at[:, 0] >= 0.0)  # one line, that begins after the gap on the left of the axis
-            at = np.roll(at[right], -1 - np.argmax(np.diff(right, append=right[-1] + 2) > 1), axis=0)
+            right = np.flatnonzero(
+                at[:, 0] >= 0.0
+            )  # one line, that begins after the gap on the left of the axis
+            at = np.roll(
+                at[right], -1 - np.argmax(np.diff(right, append=right[-1] + 2) > 1), axis=0
+            )
         surfaces.append(Surface(at + factor * moved.at(at), np.zeros((0, 3), int), filled("patch")))
     return surfaces
 
@@ -142,32 +178,59 @@ def apart(results: Results, view: View) -> dict[str, np.ndarray]:
     scene, names = results.summary["scene"], results.parts
     rows, aims = np.zeros((len(scene["contact"]), len(names))), np.zeros((len(scene["contact"]), 3))
     for row, aim, contact in zip(rows, aims, scene["contact"], strict=True):
-        table, points = results.contacts[contact["name"]], results.surfaces[contact["name"]]["points"]
+        table, points = (
+            results.contacts[contact["name"]],
+            results.surfaces[contact["name"]]["points"],
+        )
         if not table["area"].any():
             continue
         mean, least, axes = directions(vectors(table, "n"), table["area"])
         weight = 1.0
         if np.linalg.norm(mean) > FACING:
-            hull = ConvexHull((points - points[0]) @ frames(unit(mean[None]))[0, 1:].T)  # in the plane: an area
+            hull = ConvexHull(
+                (points - points[0]) @ frames(unit(mean[None]))[0, 1:].T
+            )  # in the plane: an area
             aim[:] = -OPENED * np.sqrt(hull.volume) * unit(mean)
         elif least[0] <= STRAIGHT and least[1] > STRAIGHT:
-            aim[:] = 1.1 * np.ptp(points @ axes[:, 0]) * axes[:, 0] * (1.0 if axes[:, 0] @ view.axes[2] > 0.0 else -1.0)
+            aim[:] = (
+                1.1
+                * np.ptp(points @ axes[:, 0])
+                * axes[:, 0]
+                * (1.0 if axes[:, 0] @ view.axes[2] > 0.0 else -1.0)
+            )
             weight = 1e-3  # others come first
         row[[names.index(name) for name in contact["bodies"]]] = weight, -weight
         aim *= weight
     return dict(zip(names, np.linalg.pinv(rows) @ aims, strict=True))
 
 
-def painted_by(results: Results, names: Collection[str], shifts: Mapping[str, np.ndarray], image: Any,
-               factor: float) -> Iterator[tuple[Surface, np.ndarray]]:
+def painted_by(
+    results: Results,
+    names: Collection[str],
+    shifts: Mapping[str, np.ndarray],
+    image: Any,
+    factor: float,
+) -> Iterator[tuple[Surface, np.ndarray]]:
     """The surfaces of some contacts as they lie on either side, shifted with it; their pressures (n,) over `factor`."""
-    view, off = View(results.points, results.summary["scene"]["output"]), ABOVE * np.ptp(results.points, axis=0).max()
+    view, off = (
+        View(results.points, results.summary["scene"]["output"]),
+        ABOVE * np.ptp(results.points, axis=0).max(),
+    )
     for contact in (each for each in results.summary["scene"]["contact"] if each["name"] in names):
         points, _, outward, faces = covered(results, contact)
         pressure = np.nan_to_num(results.surfaces[contact["name"]]["pressure"]) / factor
         for body, sign, facets in faces:
-            yield Surface(points + sign * off * outward + shifts[body], facets, by_value(pressure[facets], image),
-                          view.beyond(points), plain=True, edges=""), pressure
+            yield (
+                Surface(
+                    points + sign * off * outward + shifts[body],
+                    facets,
+                    by_value(pressure[facets], image),
+                    view.beyond(points),
+                    plain=True,
+                    edges="",
+                ),
+                pressure,
+            )
 
 
 def pressed(results: Results) -> list[dict]:
@@ -176,16 +239,24 @@ def pressed(results: Results) -> list[dict]:
     return [contact for contact in contacts if contact.get("kind") != "bonded"] or contacts
 
 
-def covered(results: Results, contact: dict) -> tuple[np.ndarray, np.ndarray, np.ndarray,
-                                                      list[tuple[str, float, np.ndarray]]]:
+def covered(
+    results: Results, contact: dict
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[tuple[str, float, np.ndarray]]]:
     """What a contact covers: points (n, 3), cells (c, d), unit normals (n, 3) at the points; and its faces: each body,
     whether normals point out of it (1) or into it (−1), and the cells as they are seen from outside of it."""
     points, cells = results.surfaces[contact["name"]]["points"], results.cells(contact["name"])
     of_slave, of_other = (1.0, cells), (-1.0, cells[:, ::-1])
-    order = (of_slave, of_other) if results.summary["contacts"][contact["name"]]["slave"] in (
-        None, contact["bodies"][0]) else (of_other, of_slave)
-    return points, cells, outward(points, cells), [(body, *face) for body, face in zip(
-        contact["bodies"], order, strict=True)]
+    order = (
+        (of_slave, of_other)
+        if results.summary["contacts"][contact["name"]]["slave"] in (None, contact["bodies"][0])
+        else (of_other, of_slave)
+    )
+    return (
+        points,
+        cells,
+        outward(points, cells),
+        [(body, *face) for body, face in zip(contact["bodies"], order, strict=True)],
+    )
 
 
 def outward(points: np.ndarray, cells: np.ndarray) -> np.ndarray:
@@ -198,4 +269,7 @@ def outward(points: np.ndarray, cells: np.ndarray) -> np.ndarray:
 def directions(normal: np.ndarray, area: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Of the normals (l, 3) of a contact at nodes with areas (l,) the mean; and along which axes (3, 3), the columns,
     they have the mean squares (3,), the least first."""
-    return (area @ normal / area.sum(), *np.linalg.eigh(np.einsum("l,li,lj->ij", area, normal, normal) / area.sum()))
+    return (
+        area @ normal / area.sum(),
+        *np.linalg.eigh(np.einsum("l,li,lj->ij", area, normal, normal) / area.sum()),
+    )

@@ -13,21 +13,47 @@ from ddmpi.surface.side import unit
 from ddmpi.system.numbers import scaled_unit
 from ddmpi.system.provenance import NO_MATPLOTLIB, has_matplotlib
 
-STYLE = {"font.size": 10, "axes.titlesize": 11, "figure.titlesize": 11, "axes.spines.top": False,
-         "axes.spines.right": False, "legend.frameon": False, "figure.constrained_layout.use": True,
-         "savefig.dpi": 160, "axes.axisbelow": True}
+STYLE = {
+    "font.size": 10,
+    "axes.titlesize": 11,
+    "figure.titlesize": 11,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "legend.frameon": False,
+    "figure.constrained_layout.use": True,
+    "savefig.dpi": 160,
+    "axes.axisbelow": True,
+}
 
-COLOURS = {"normal": "#1b4f8f", "tangential": "#c8501e", "bound": "#7a7a7a", "rigid": "#404040", "still": "#9aa0a8",
-           "moved": "#c8501e", "force": "#8c1a3a"}
+COLOURS = {
+    "normal": "#1b4f8f",
+    "tangential": "#c8501e",
+    "bound": "#7a7a7a",
+    "rigid": "#404040",
+    "still": "#9aa0a8",
+    "moved": "#c8501e",
+    "force": "#8c1a3a",
+}
 
-FILLED = {"still": "#f4f5f7", "moved": "#f6dfd4", "patch": "#cdd2d8"}  # fill colours of bodies and rigid partners
-ZONES = {"open": "#b4bac2", "slip": "#e8954a", "stick": "#5fa35f"}  # colours of nodes by their status
+FILLED = {
+    "still": "#f4f5f7",
+    "moved": "#f6dfd4",
+    "patch": "#cdd2d8",
+}  # fill colours of bodies and rigid partners
+ZONES = {
+    "open": "#b4bac2",
+    "slip": "#e8954a",
+    "stick": "#5fa35f",
+}  # colours of nodes by their status
 
 RESOLVED = 1e-6
 """Gaps and slips below this fraction of the largest displacement are drawn as zero, and so are resultants below this
 fraction of the sum of the nodes' forces, as of a shaft in its hub."""
 
-BESIDE: dict[str, Any] = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0)}  # legends to the right of the axes
+BESIDE: dict[str, Any] = {
+    "loc": "upper left",
+    "bbox_to_anchor": (1.0, 1.0),
+}  # legends to the right of the axes
 NAMED = 40  # largest number of bodies with names in pictures
 PIXELS = 1100  # pixels of the longer side of a picture of surfaces
 WIDE = 1.4  # pictures wider than this times their height have the colour bar below
@@ -64,8 +90,13 @@ class Sheet:
     rigid : surfaces of rigid partners, in space
     """
 
-    def __init__(self, results: Results, everything: np.ndarray, rigid: Sequence[Surface] = (),
-                 pixels: int = PIXELS) -> None:
+    def __init__(
+        self,
+        results: Results,
+        everything: np.ndarray,
+        rigid: Sequence[Surface] = (),
+        pixels: int = PIXELS,
+    ) -> None:
         """For places (k, d) and the surfaces of `rigid_parts`; with `pixels` along the longer side of surfaces. Raises
         InputError where a cut meets no body."""
         self.view = View(results.points, results.summary["scene"]["output"])
@@ -74,7 +105,9 @@ class Sheet:
         self._pixels = pixels
         self._depth, self._origin, self._pixel = np.zeros((0, 0)), np.zeros(3), 1.0
         at = self.place(np.vstack([everything, *(surface.at for surface in rigid)]))[:, :2]
-        self.figure, self.axes = (self._with_arms if self.view.solid else self._with_scales)(results, at)
+        self.figure, self.axes = (self._with_arms if self.view.solid else self._with_scales)(
+            results, at
+        )
         self._fixed = list(self.axes.lines)
         self.meet(rigid)
 
@@ -97,7 +130,9 @@ class Sheet:
         arm, margin = round_down(ARM * (high - low).max()), 0.02 * (high - low).max()
         arms, text = arm * self.view.axes[:2].T, 0.2 * arm
         origin = low - (0.7 * arm, 0.0)
-        if ((at < origin + arms.max(axis=0) + 2.0 * text).all(axis=1)).any():  # an arm could run into the bodies
+        if (
+            (at < origin + arms.max(axis=0) + 2.0 * text).all(axis=1)
+        ).any():  # an arm could run into the bodies
             origin = low - (max(arms[:, 0].max(), 0.0) + 1.5 * text, 0.0)
         ends = origin + arms
         below = np.vstack([ends, origin]).min(axis=0) - (text, 3.0 * text)
@@ -106,13 +141,30 @@ class Sheet:
         axes.set_axis_off()
         for name, end in zip("xyz", ends, strict=True):
             if np.linalg.norm(end - origin) > 0.1 * arm:  # it does not point to the eye
-                axes.annotate("", end, origin, arrowprops={
-                    "arrowstyle": "-|>", "shrinkA": 0, "shrinkB": 0, "linewidth": 0.9, "color": COLOURS["rigid"],
-                    "mutation_scale": 7})
-                axes.annotate(name, end + text * unit(end - origin), ha="center", va="center", fontsize=9)
+                axes.annotate(
+                    "",
+                    end,
+                    origin,
+                    arrowprops={
+                        "arrowstyle": "-|>",
+                        "shrinkA": 0,
+                        "shrinkB": 0,
+                        "linewidth": 0.9,
+                        "color": COLOURS["rigid"],
+                        "mutation_scale": 7,
+                    },
+                )
+                axes.annotate(
+                    name, end + text * unit(end - origin), ha="center", va="center", fontsize=9
+                )
         factor, unit_of = scaled_unit(arm, results.summary["units"]["length"])
-        axes.annotate(f"arrows x, y, z: {arm / factor:g} {unit_of} long", (origin[0], below[1]), ha="left", va="bottom",
-                      fontsize=8)
+        axes.annotate(
+            f"arrows x, y, z: {arm / factor:g} {unit_of} long",
+            (origin[0], below[1]),
+            ha="left",
+            va="bottom",
+            fontsize=8,
+        )
         return figure, axes
 
     def meet(self, rigid: Sequence[Surface]) -> None:
@@ -121,20 +173,34 @@ class Sheet:
 
         self.rigid = rigid if self.view.solid else ()
         for surface in () if self.view.solid else rigid:
-            self.axes.plot(*surface.at.T, color=COLOURS["rigid"], linewidth=1.4, zorder=2.5,
-                           path_effects=[withTickedStroke(angle=-135, linewidth=0.7)])
+            self.axes.plot(
+                *surface.at.T,
+                color=COLOURS["rigid"],
+                linewidth=1.4,
+                zorder=2.5,
+                path_effects=[withTickedStroke(angle=-135, linewidth=0.7)],
+            )
 
     def show(self, surfaces: Sequence[Surface]) -> None:
         """Draw the visible surfaces and rigid partners, and their `outlines`."""
         if not (some := [*surfaces, *self.rigid]):
             return
         placed = [self.place(surface.at) for surface in some]
-        beyond = [self.view.beyond(surface.at) if surface.beyond is None else surface.beyond for surface in some]
-        corners = np.concatenate([np.column_stack([at, cut])[surface.facets] for at, cut, surface in zip(
-            placed, beyond, some, strict=True)])
+        beyond = [
+            self.view.beyond(surface.at) if surface.beyond is None else surface.beyond
+            for surface in some
+        ]
+        corners = np.concatenate(
+            [
+                np.column_stack([at, cut])[surface.facets]
+                for at, cut, surface in zip(placed, beyond, some, strict=True)
+            ]
+        )
         number = [len(surface.facets) for surface in some]
         # normals of facets; those of thin surfaces face the eye, all others away from it are back faces
-        across = unit(np.cross(corners[:, 1, :3] - corners[:, 0, :3], corners[:, 2, :3] - corners[:, 0, :3]))
+        across = unit(
+            np.cross(corners[:, 1, :3] - corners[:, 0, :3], corners[:, 2, :3] - corners[:, 0, :3])
+        )
         across[np.repeat([surface.thin for surface in some], number) & (across[:, 2] < 0.0)] *= -1.0
         low, high = corners[..., :2].min(axis=(0, 1)), corners[..., :2].max(axis=(0, 1))
         self._pixel = pixel = (high - low).max() / self._pixels
@@ -155,29 +221,56 @@ class Sheet:
             colours *= light[face][:, None]
         image = np.zeros((height, width, 4), np.float32)
         image[covered] = np.column_stack([colours, np.ones(len(face))])
-        self.axes.imshow(image, origin="lower", interpolation="antialiased", zorder=2, extent=(
-            origin[0], origin[0] + width * pixel, origin[1], origin[1] + height * pixel))
+        self.axes.imshow(
+            image,
+            origin="lower",
+            interpolation="antialiased",
+            zorder=2,
+            extent=(origin[0], origin[0] + width * pixel, origin[1], origin[1] + height * pixel),
+        )
         for at, cut, surface in zip(placed, beyond, some, strict=True):
             if surface.edges:
                 edges = unhidden((outlines(at, surface.facets, cut) - origin) / pixel, self._depth)
-                self.lines(edges * pixel + origin[:2], colors=surface.edges, linewidth=0.6, zorder=3)
+                self.lines(
+                    edges * pixel + origin[:2], colors=surface.edges, linewidth=0.6, zorder=3
+                )
 
     def outline(self, at: np.ndarray, facets: np.ndarray, beyond: np.ndarray, **style: Any) -> None:
         """Draw the `outlines` of facets (f, 3), hidden ones as well, by default as thin grey lines below everything."""
-        self.lines(outlines(self.place(at), facets, beyond)[..., :2], **{
-            "colors": COLOURS["still"], "linewidth": 0.7, "zorder": 1} | style)
+        self.lines(
+            outlines(self.place(at), facets, beyond)[..., :2],
+            **{"colors": COLOURS["still"], "linewidth": 0.7, "zorder": 1} | style,
+        )
 
-    def facets(self, pieces: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]], image: Any) -> None:
+    def facets(
+        self, pieces: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]], image: Any
+    ) -> None:
         """Draw facets (f, d) between places (k, d), lines or surfaces, by values (k,) in the colours of an image."""
         if self.view.solid:
-            self.show([Surface(at, facets, by_value(values[facets], image), thin=True, plain=True, edges="")
-                       for at, facets, values in pieces if len(facets)])
+            self.show(
+                [
+                    Surface(
+                        at, facets, by_value(values[facets], image), thin=True, plain=True, edges=""
+                    )
+                    for at, facets, values in pieces
+                    if len(facets)
+                ]
+            )
             for at, facets, _ in pieces:
                 ends = (self.place(at)[rim(at, facets)[0]] - self._origin) / self._pixel
-                self.lines(unhidden(ends, self._depth) * self._pixel + self._origin[:2], colors="black", linewidth=0.6,
-                           zorder=3)
+                self.lines(
+                    unhidden(ends, self._depth) * self._pixel + self._origin[:2],
+                    colors="black",
+                    linewidth=0.6,
+                    zorder=3,
+                )
         for at, facets, values in () if self.view.solid else pieces:
-            self.lines(at[facets], colors=image.to_rgba(values[facets].mean(axis=1)), linewidth=2.4, zorder=5)
+            self.lines(
+                at[facets],
+                colors=image.to_rgba(values[facets].mean(axis=1)),
+                linewidth=2.4,
+                zorder=5,
+            )
 
     def lines(self, ends: Any, **style: Any) -> None:
         """Draw lines, each through places (·, 2) of the sheet."""
@@ -190,26 +283,51 @@ class Sheet:
         beyond = self.view.beyond(at) if beyond is None else beyond
         return (beyond <= 0.0) & is_seen((self.place(at) - self._origin) / self._pixel, self._depth)
 
-    def arrows(self, at: np.ndarray, vectors: np.ndarray, colour: str, width: float = 0.004) -> None:
+    def arrows(
+        self, at: np.ndarray, vectors: np.ndarray, colour: str, width: float = 0.004
+    ) -> None:
         """Draw vectors (k, d) as arrows from places (k, d)."""
         ends = (self.place(places)[:, :2].T for places in (at, vectors))
-        self.axes.quiver(*np.concatenate([*ends]), angles="xy", scale_units="xy", scale=1.0, width=width, zorder=6,
-                         color=colour)
+        self.axes.quiver(
+            *np.concatenate([*ends]),
+            angles="xy",
+            scale_units="xy",
+            scale=1.0,
+            width=width,
+            zorder=6,
+            color=colour,
+        )
 
     def write(self, names: Sequence[str], at: Sequence[np.ndarray], below: bool = False) -> None:
         """Write the names of bodies at places (d,), or a little `below` them, unless there are more than NAMED."""
         from matplotlib.patheffects import withStroke
 
         for name, place in zip(names, at, strict=True) if len(names) <= NAMED else ():
-            self.axes.annotate(name, self.place(place)[:2], (0, -9 * below), textcoords="offset points", ha="center",
-                               va="center", fontsize=7, color="#50555c", zorder=7,
-                               path_effects=[withStroke(linewidth=2, foreground="#ffffffc0")])
+            self.axes.annotate(
+                name,
+                self.place(place)[:2],
+                (0, -9 * below),
+                textcoords="offset points",
+                ha="center",
+                va="center",
+                fontsize=7,
+                color="#50555c",
+                zorder=7,
+                path_effects=[withStroke(linewidth=2, foreground="#ffffffc0")],
+            )
 
     def colours(self, image: Any, label: str, extend: str = "neither") -> None:
         """Draw the colour bar of an image, below wide pictures."""
         wide = np.ptp(self.axes.get_xlim()) > WIDE * np.ptp(self.axes.get_ylim())
-        self.figure.colorbar(image, ax=self.axes, label=label, extend=extend, shrink=0.85, aspect=40 if wide else 25,
-                             orientation="horizontal" if wide else "vertical")
+        self.figure.colorbar(
+            image,
+            ax=self.axes,
+            label=label,
+            extend=extend,
+            shrink=0.85,
+            aspect=40 if wide else 25,
+            orientation="horizontal" if wide else "vertical",
+        )
 
     def title(self, words: str, end: str = "") -> None:
         """Write `words` above the picture; lines that are too long for it are broken after `end`, or where they may."""
@@ -231,7 +349,11 @@ def _figure(low: np.ndarray, high: np.ndarray) -> tuple[Any, Any]:
     import matplotlib.pyplot as plt
 
     width, height = high - low
-    size = (8.6, 1.4 + 8.0 * height / width) if width > WIDE * height else (1.8 + 6.2 * width / height, 6.4)
+    size = (
+        (8.6, 1.4 + 8.0 * height / width)
+        if width > WIDE * height
+        else (1.8 + 6.2 * width / height, 6.4)
+    )
     figure, axes = plt.subplots(figsize=np.clip(size, (4.8, 3.0), (10.0, 8.0)), layout="compressed")
     axes.set(aspect="equal", xlim=(low[0], high[0]), ylim=(low[1], high[1]))
     return figure, axes
@@ -249,7 +371,9 @@ def limits(values: np.ndarray, area: np.ndarray, share: float) -> tuple[float, f
     """The values (k,) that a `share` of the area (k,) exceeds, and that it does not."""
     order = np.argsort(values)
     covered = np.cumsum(area[order])
-    low, high = values[order][np.searchsorted(covered, covered[-1] * np.array([1.0 - share, share]))]
+    low, high = values[order][
+        np.searchsorted(covered, covered[-1] * np.array([1.0 - share, share]))
+    ]
     return float(low), float(high)
 
 
@@ -276,25 +400,50 @@ def mark(axes: Any, at: np.ndarray, words: str) -> None:
     """Mark the place (2,) of the largest value, with `words`."""
     from matplotlib.patheffects import withStroke
 
-    axes.plot(*at, marker="o", markersize=5, markerfacecolor="none", markeredgecolor="black", markeredgewidth=1.1,
-              zorder=8, path_effects=[withStroke(linewidth=2.5, foreground="white")])
+    axes.plot(
+        *at,
+        marker="o",
+        markersize=5,
+        markerfacecolor="none",
+        markeredgecolor="black",
+        markeredgewidth=1.1,
+        zorder=8,
+        path_effects=[withStroke(linewidth=2.5, foreground="white")],
+    )
     left, right = axes.get_xlim()
     side = "right" if at[0] > left + LAST * (right - left) else "left"  # words end there, or begin
-    axes.annotate(words, at, (6 if side == "left" else -6, 6), textcoords="offset points", ha=side, fontsize=8,
-                  zorder=8, bbox={"facecolor": "#ffffffd8", "edgecolor": "none", "pad": 1.2}).set_in_layout(False)
+    axes.annotate(
+        words,
+        at,
+        (6 if side == "left" else -6, 6),
+        textcoords="offset points",
+        ha=side,
+        fontsize=8,
+        zorder=8,
+        bbox={"facecolor": "#ffffffd8", "edgecolor": "none", "pad": 1.2},
+    ).set_in_layout(False)
 
 
 def above(axes: Any, handles: Sequence[Any], columns: int = 3) -> None:
     """A legend above axes."""
-    axes.legend(handles=handles, ncols=columns, loc="lower center", bbox_to_anchor=(0.5, 1.0), fontsize=8)
+    axes.legend(
+        handles=handles, ncols=columns, loc="lower center", bbox_to_anchor=(0.5, 1.0), fontsize=8
+    )
 
 
 def zone_legend(counts: Mapping[str, int], **style: Any) -> list[Any]:
     """Entries of a legend for the zones that have nodes."""
     from matplotlib.patches import Patch
 
-    return [Patch(facecolor=colour, label=f"{zone} ({counts[zone]} node{'s' * (counts[zone] > 1)})", **style)
-            for zone, colour in ZONES.items() if counts[zone]]
+    return [
+        Patch(
+            facecolor=colour,
+            label=f"{zone} ({counts[zone]} node{'s' * (counts[zone] > 1)})",
+            **style,
+        )
+        for zone, colour in ZONES.items()
+        if counts[zone]
+    ]
 
 
 def rounded(value: float) -> str:

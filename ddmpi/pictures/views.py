@@ -20,8 +20,11 @@ CORNER, ABOVE = (-60.0, 24.0), 40.0
 """Default azimuth and elevation (degrees) of solids: half the azimuth for those longer along y than along x or cut
 across x; the second elevation for those cut across z."""
 
-CROSSED = {1: [[(0, 1), (0, 2), (0, 3)]], 2: [[(0, 2), (0, 3), (1, 3)], [(0, 2), (1, 3), (1, 2)]],
-           3: [[(0, 3), (1, 3), (2, 3)]]}
+CROSSED = {
+    1: [[(0, 1), (0, 2), (0, 3)]],
+    2: [[(0, 2), (0, 3), (1, 3)], [(0, 2), (1, 3), (1, 2)]],
+    3: [[(0, 3), (1, 3), (2, 3)]],
+}
 """Triangles in which a plane cuts a tetrahedron, as edges between its corners, by the number of corners behind the
 plane; these come first."""
 
@@ -45,7 +48,12 @@ class View:
 
     def __init__(self, points: np.ndarray, output: Mapping[str, Any] | None = None) -> None:
         """Of nodes (nv, d), as the table `output` of a scene asks for. Raises InputError where a cut meets no body."""
-        extent, self.solid, self.axes, self.cut = np.ptp(points, axis=0), points.shape[1] > 2, np.eye(3), None
+        extent, self.solid, self.axes, self.cut = (
+            np.ptp(points, axis=0),
+            points.shape[1] > 2,
+            np.eye(3),
+            None,
+        )
         asked, cut = (output or {}).get("view"), (output or {}).get("cut") or {}
         asked = None if isinstance(asked, bool) else asked  # whether there is a view.html
         across = {k: cut[axis] for k, axis in enumerate("xyz") if cut.get(axis) is not None}
@@ -54,21 +62,26 @@ class View:
                 raise InputError("only pictures of solids have a view and a cut; leave them out")
             return
         low = (extent[0] < 0.99 * extent[1] and 1 not in across) or 0 in across
-        chosen = VIEWS[asked] if isinstance(asked, str) else asked or (
-            CORNER[0] / (1 + low), ABOVE if 2 in across else CORNER[1])
+        chosen = (
+            VIEWS[asked]
+            if isinstance(asked, str)
+            else asked or (CORNER[0] / (1 + low), ABOVE if 2 in across else CORNER[1])
+        )
         # orthogonal projection: the third axis points to azimuth and elevation, the first is horizontal
         (c, up), (s, high) = np.cos(np.deg2rad(chosen)), np.sin(np.deg2rad(chosen))
         self.axes = np.array([[-s, c, 0.0], [-c * high, -s * high, up], [c * up, s * up, high]])
         for k, at in across.items():
             low, high = points[:, k].min(), points[:, k].max()
             if not 2.0 * ALIKE * (high - low) < min(at - low, high - at):
-                raise InputError(f"a cut at {'xyz'[k]} = {at:g} meets no body; they reach from {low:g} to {high:g}")
+                raise InputError(
+                    f"a cut at {'xyz'[k]} = {at:g} meets no body; they reach from {low:g} to {high:g}"
+                )
             sign = 1.0 if self.axes[2, k] > -1e-9 else -1.0
             self.cut = sign * np.eye(3)[k], sign * at
 
     def place(self, at: np.ndarray) -> np.ndarray:
         """Coordinates of points (…, d) to the right, upwards, and towards the eye."""
-        return at @ self.axes[:, :at.shape[-1]].T
+        return at @ self.axes[:, : at.shape[-1]].T
 
     def beyond(self, at: np.ndarray) -> np.ndarray:
         """Distance of points (k, d) in front of the cut (m); zero without a cut."""
@@ -99,26 +112,47 @@ class Skin:
         kept = (self.beyond[cells] < 0.0).any(axis=1)  # others are in front of the cut
         seen = kept[self.cell] & (self.beyond[self.facets] <= 0.0).any(axis=1)
         self.beyond = np.append(self.beyond, np.zeros(len(self._ends)))
-        self.facets, self.of, self.cell = (np.concatenate([old[seen], new]) for old, new in (
-            (self.facets, facets), (self.of, np.full(len(cell), -1)), (self.cell, cell)))
+        self.facets, self.of, self.cell = (
+            np.concatenate([old[seen], new])
+            for old, new in (
+                (self.facets, facets),
+                (self.of, np.full(len(cell), -1)),
+                (self.cell, cell),
+            )
+        )
 
-    def _cap(self, points: np.ndarray, cells: np.ndarray, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _cap(
+        self, points: np.ndarray, cells: np.ndarray, normal: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Triangles (t, 3) in which the cut crosses cells, and the cell (t,) of each."""
-        some = np.flatnonzero((self.beyond[cells].min(axis=1) < 0.0) & (self.beyond[cells].max(axis=1) >= 0.0))
+        some = np.flatnonzero(
+            (self.beyond[cells].min(axis=1) < 0.0) & (self.beyond[cells].max(axis=1) >= 0.0)
+        )
         subcells = cell_with(cells.shape[1], 3).parts  # linear tetrahedra
         corners = cells[some][:, subcells].reshape(-1, 4)
         # the corners behind the cut first; CROSSED has the edges that cross it
         order = np.argsort(self.beyond[corners] >= 0.0, axis=1, kind="stable")
-        corners, kept = np.take_along_axis(corners, order, axis=1), (self.beyond[corners] < 0.0).sum(axis=1)
-        edges = np.concatenate([corners[kept == n][:, crossed].reshape(-1, 3, 2) for n, crossed in CROSSED.items()])
-        cell = np.concatenate([np.repeat(some[np.flatnonzero(kept == n) // len(subcells)], len(crossed))
-                               for n, crossed in CROSSED.items()])
-        key, number = np.unique(edges.min(axis=2) * len(points) + edges.max(axis=2), return_inverse=True)
+        corners, kept = (
+            np.take_along_axis(corners, order, axis=1),
+            (self.beyond[corners] < 0.0).sum(axis=1),
+        )
+        edges = np.concatenate(
+            [corners[kept == n][:, crossed].reshape(-1, 3, 2) for n, crossed in CROSSED.items()]
+        )
+        cell = np.concatenate(
+            [
+                np.repeat(some[np.flatnonzero(kept == n) // len(subcells)], len(crossed))
+                for n, crossed in CROSSED.items()
+            ]
+        )
+        key, number = np.unique(
+            edges.min(axis=2) * len(points) + edges.max(axis=2), return_inverse=True
+        )
         self._ends = np.column_stack(np.divmod(key, len(points)))
         # nodes of the cut, one for each edge that crosses it, by linear interpolation of the distance to the plane
         first, second = self.beyond[self._ends].T
         self._share = first / (first - second)
-        triangles, at = number.reshape(-1, 3), self.extended(points)[len(points):]
+        triangles, at = number.reshape(-1, 3), self.extended(points)[len(points) :]
         a, b, c = at[triangles].transpose(1, 0, 2)
         # counter-clockwise as seen from the front
         turned = np.cross(b - a, c - a) @ normal < 0.0
@@ -128,13 +162,19 @@ class Skin:
     def extended(self, values: np.ndarray) -> np.ndarray:
         """Values at nodes (nv, …) with those on a cut (k, …)."""
         share = self._share.reshape(-1, *(1,) * (values.ndim - 1))
-        return np.concatenate([values, (1.0 - share) * values[self._ends[:, 0]] + share * values[self._ends[:, 1]]])
+        return np.concatenate(
+            [values, (1.0 - share) * values[self._ends[:, 0]] + share * values[self._ends[:, 1]]]
+        )
 
     def areas(self, points: np.ndarray) -> np.ndarray:
         """The shares (k,) of nodes in the area of the triangles (m²)."""
         at = np.pad(self.extended(points), ((0, 0), (0, 3 - points.shape[1])))
         a, b, c = at[self.facets].transpose(1, 0, 2)
-        return np.bincount(self.facets.ravel(), np.linalg.norm(np.cross(b - a, c - a), axis=1).repeat(3) / 6.0, len(at))
+        return np.bincount(
+            self.facets.ravel(),
+            np.linalg.norm(np.cross(b - a, c - a), axis=1).repeat(3) / 6.0,
+            len(at),
+        )
 
 
 @dataclass(frozen=True)
@@ -161,7 +201,9 @@ class Surface:
     edges: str = "black"
 
 
-def rasterise(corners: np.ndarray, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def rasterise(
+    corners: np.ndarray, shape: tuple[int, int]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The z-buffer of an image (h, w): the facet nearest to the eye at all pixels, or −1; barycentric coordinates (p,
     3) of the pixels with a facet, row by row; and the depth (h, w), larger towards the eye.
 
@@ -177,22 +219,42 @@ def rasterise(corners: np.ndarray, shape: tuple[int, int]) -> tuple[np.ndarray, 
     one, two = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     double = one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0]
     double = np.where(np.abs(double) > 1e-12, double, np.inf)
-    of_b, of_c = np.stack([two[:, 1], -two[:, 0]]) / double, np.stack([-one[:, 1], one[:, 0]]) / double  # gradients
+    of_b, of_c = (
+        np.stack([two[:, 1], -two[:, 0]]) / double,
+        np.stack([-one[:, 1], one[:, 0]]) / double,
+    )  # gradients
     of_z, of_cut = (of_b * one[:, k] + of_c * two[:, k] for k in (2, 3))
-    low, high = (np.ceil(extreme(corners[..., 1], axis=1) - 0.5).astype(int) for extreme in (np.min, np.max))
-    facet, row = spans(np.maximum(low, 0), np.where(np.isfinite(double), np.minimum(high, shape[0]), low))
+    low, high = (
+        np.ceil(extreme(corners[..., 1], axis=1) - 0.5).astype(int) for extreme in (np.min, np.max)
+    )
+    facet, row = spans(
+        np.maximum(low, 0), np.where(np.isfinite(double), np.minimum(high, shape[0]), low)
+    )
     up = row + 0.5 - y[facet]
-    left, right = (extreme(corners[..., 0], axis=1)[facet] - x[facet] for extreme in (np.min, np.max))
-    for start, gradient in ((0.0, of_b), (0.0, of_c), (1.0, -of_b - of_c), (-cut[facet], -of_cut)):  # not below zero
+    left, right = (
+        extreme(corners[..., 0], axis=1)[facet] - x[facet] for extreme in (np.min, np.max)
+    )
+    for start, gradient in (
+        (0.0, of_b),
+        (0.0, of_c),
+        (1.0, -of_b - of_c),
+        (-cut[facet], -of_cut),
+    ):  # not below zero
         slope, rest = gradient[0, facet], start + gradient[1, facet] * up + 1e-9
         end = -rest / np.where(slope == 0.0, 1.0, slope)
         left = np.where(slope > 0.0, np.maximum(left, end), left)
-        right = np.where(slope < 0.0, np.minimum(right, end), np.where((slope == 0.0) & (rest < 0.0), -np.inf, right))
+        right = np.where(
+            slope < 0.0,
+            np.minimum(right, end),
+            np.where((slope == 0.0) & (rest < 0.0), -np.inf, right),
+        )
     first = np.maximum(np.ceil(left + x[facet] - 0.5), 0).astype(int)
     stop = np.clip(np.floor(right + x[facet] + 0.5), 0, shape[1]).astype(int)
     base, ends = z[facet] + of_z[1, facet] * up, np.cumsum(np.maximum(stop - first, 0))
     # the z-buffer: pixels of all intervals in blocks, of each pixel the nearest facet so far
-    for some in np.split(np.arange(len(facet)), np.searchsorted(ends, np.arange(CHUNK, ends[-1:].sum(), CHUNK))):
+    for some in np.split(
+        np.arange(len(facet)), np.searchsorted(ends, np.arange(CHUNK, ends[-1:].sum(), CHUNK))
+    ):
         line, column = spans(first[some], stop[some])
         line = some[line]
         at = row[line] * shape[1] + column
@@ -220,13 +282,17 @@ def outlines(at: np.ndarray, facets: np.ndarray, beyond: np.ndarray) -> np.ndarr
     # what is beyond the cut goes: the edge ends where the distance, linear along it, is zero
     low, high = beyond[pairs].T
     share = np.where(high > 0.0, low / np.where(high > 0.0, low - high, 1.0), 1.0)[:, None]
-    return np.stack([at[pairs[:, 0]], (1.0 - share) * at[pairs[:, 0]] + share * at[pairs[:, 1]]], axis=1)
+    return np.stack(
+        [at[pairs[:, 0]], (1.0 - share) * at[pairs[:, 0]] + share * at[pairs[:, 1]]], axis=1
+    )
 
 
 def sharp_edges(at: np.ndarray, facets: np.ndarray, silhouette: bool = False) -> np.ndarray:
     """Edges (e, 2) of facets (f, 3) between places (k, 3): where facets meet at more than SHARPEST, at the end of a
     surface and, as a `silhouette`, where it turns away from the third axis."""
-    normal = unit(np.cross(at[facets[:, 1]] - at[facets[:, 0]], at[facets[:, 2]] - at[facets[:, 0]]))
+    normal = unit(
+        np.cross(at[facets[:, 1]] - at[facets[:, 0]], at[facets[:, 2]] - at[facets[:, 0]])
+    )
     pairs = np.sort(facets[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     key = pairs[:, 0] * len(at) + pairs[:, 1]
     order = np.argsort(key, kind="stable")
@@ -235,7 +301,9 @@ def sharp_edges(at: np.ndarray, facets: np.ndarray, silhouette: bool = False) ->
     # a silhouette: one of two facets faces the eye; facets without area have no direction
     flat = ~a.any(axis=1) | ~b.any(axis=1)
     turns = silhouette & ((a[:, 2] > 0.0) != (b[:, 2] > 0.0))
-    return pairs[order[first[(count != 2) | ~flat & (((a * b).sum(axis=1) < np.cos(SHARPEST)) | turns)]]]
+    return pairs[
+        order[first[(count != 2) | ~flat & (((a * b).sum(axis=1) < np.cos(SHARPEST)) | turns)]]
+    ]
 
 
 def rim(points: np.ndarray, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -246,7 +314,10 @@ def rim(points: np.ndarray, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     middle, along = ends.mean(axis=1), ends[:, 1] - ends[:, 0]
     length = np.linalg.norm(along, axis=1)
     near = cKDTree(middle).query_ball_point(middle, 0.51 * length) if len(edges) else []
-    other, one = np.repeat(np.arange(len(edges)), list(map(len, near))), np.concatenate([np.zeros(0, int), *near])
+    other, one = (
+        np.repeat(np.arange(len(edges)), list(map(len, near))),
+        np.concatenate([np.zeros(0, int), *near]),
+    )
     one, other = one[one != other].astype(int), other[one != other]
     away = middle[one] - ends[other, 0]
     share = np.clip(np.einsum("pd,pd->p", away, along[other]) / length[other] ** 2, 0.0, 1.0)

@@ -38,11 +38,15 @@ class AndersonIteration(PublishedIteration):
     The weights are the bodies' shares of the sum of their plane moduli; of several materials, the harmonic mean counts.
     """
 
-    def __init__(self, assembly: Assembly, method: SettledMethod, report: Report = no_report) -> None:
+    def __init__(
+        self, assembly: Assembly, method: SettledMethod, report: Report = no_report
+    ) -> None:
         (interface,) = assembly.member.interfaces
         bodies = {body.name: body for body in assembly.scene.body}
-        moduli = [harmonic_mean([material.plane_modulus for material in bodies[name].materials])
-                  for name in interface.bodies]
+        moduli = [
+            harmonic_mean([material.plane_modulus for material in bodies[name].materials])
+            for name in interface.bodies
+        ]
         lead = int(moduli[1] > moduli[0])  # with the softer body in role 1 convergence is slow
         super().__init__(assembly, method, report, lead, PRECISION)
         self._weights = moduli[lead] / sum(moduli), moduli[1 - lead] / sum(moduli)
@@ -61,7 +65,7 @@ class AndersonIteration(PublishedIteration):
         self._smallest = min(self._smallest, size)
         self._lams.append(self.lam.copy())
         self._residuals.append(f)
-        del self._lams[:-DEPTH - 1], self._residuals[:-DEPTH - 1]
+        del self._lams[: -DEPTH - 1], self._residuals[: -DEPTH - 1]
         if len(self._lams) == 1:
             return MIXING * f
         # the combination of earlier steps with the least residual f − F γ; then a step of the map from there
@@ -71,8 +75,11 @@ class AndersonIteration(PublishedIteration):
         return MIXING * f - (X + MIXING * F) @ gamma
 
     def state(self) -> dict[str, Any]:
-        return super().state() | {"lams": list(self._lams), "residuals": list(self._residuals),
-                                  "smallest": self._smallest}
+        return super().state() | {
+            "lams": list(self._lams),
+            "residuals": list(self._residuals),
+            "smallest": self._smallest,
+        }
 
     def restore(self, state: dict[str, Any]) -> None:
         super().restore(state)

@@ -28,16 +28,24 @@ class APG(TaoType):
 
     title = "projected gradient steps"
 
-    def iterate(self, x: np.ndarray, g: np.ndarray, feasible: Box, multiply: Callable[[np.ndarray], np.ndarray],
-                reduce: Callable[..., list[float]], norm: float) -> int:
+    def iterate(
+        self,
+        x: np.ndarray,
+        g: np.ndarray,
+        feasible: Box,
+        multiply: Callable[[np.ndarray], np.ndarray],
+        reduce: Callable[..., list[float]],
+        norm: float,
+    ) -> int:
         y, g_y = x.copy(), g.copy()  # the extrapolated point, from which the next step starts
         change, H_change = np.zeros_like(x), np.zeros_like(x)
         self.steps, momentum = {"gradient": 0, "restart": 0}, 1.0
         while True:
             # one reduction: the residual, the curvature along the last step, whether y − x turns uphill, and ‖x‖
             left = feasible.reduced(g, x, 1.0 / norm)
-            gradient, bent, moved, uphill, size = reduce(left, left, change, H_change, change, change, y - x, change,
-                                                         x, x)
+            gradient, bent, moved, uphill, size = reduce(
+                left, left, change, H_change, change, change, y - x, change, x, x
+            )
             reason = self._ends(math.sqrt(gradient), EPS * norm * math.sqrt(size))
             if reason is not None:
                 return reason

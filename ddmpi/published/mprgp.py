@@ -56,7 +56,11 @@ class TaoType:
         """Called by TAOSolve. Collective on the TAO's communicator."""
         X, H = tao.getSolution(), tao.getHessian()[0]
         feasible = self.constraints or Box(*(bound.array_r for bound in tao.getVariableBounds()))
-        self._tolerance, self._limit, self._iteration = tao.getTolerances()[0], tao.getMaximumIterations(), 0
+        self._tolerance, self._limit, self._iteration = (
+            tao.getTolerances()[0],
+            tao.getMaximumIterations(),
+            0,
+        )
         P, HP = X.duplicate(), X.duplicate()
         X.array[:] = feasible.project(X.array_r)
         G = tao.getGradient()[0]
@@ -68,14 +72,23 @@ class TaoType:
             return HP.array_r.copy()  # the next product overwrites it
 
         reduce = reduction(X)
-        reason = self.iterate(X.array, G.array, feasible, multiply, reduce, hessian_norm(H, X, reduce))
+        reason = self.iterate(
+            X.array, G.array, feasible, multiply, reduce, hessian_norm(H, X, reduce)
+        )
         tao.setIterationNumber(self._iteration)
         tao.setConvergedReason(reason)
         P.destroy()
         HP.destroy()
 
-    def iterate(self, x: np.ndarray, g: np.ndarray, feasible: Box, multiply: Callable[[np.ndarray], np.ndarray],
-                reduce: Callable[..., list[float]], norm: float) -> int:
+    def iterate(
+        self,
+        x: np.ndarray,
+        g: np.ndarray,
+        feasible: Box,
+        multiply: Callable[[np.ndarray], np.ndarray],
+        reduce: Callable[..., list[float]],
+        norm: float,
+    ) -> int:
         """Minimize from x, with its gradient g, both in place; return the reason of the end. `norm` is ‖H‖₂ from below,
         `reduce` as of `reduction`."""
         raise NotImplementedError
@@ -92,8 +105,13 @@ class TaoType:
             return TaoReason.CONVERGED_STEPTOL
         self._iteration += 1
         if self._iteration % TELLING == 0:
-            log.info("        %d %s: residual %.1e, %.1e is asked for", self._iteration, self.title, residual,
-                     self._tolerance)
+            log.info(
+                "        %d %s: residual %.1e, %.1e is asked for",
+                self._iteration,
+                self.title,
+                residual,
+                self._tolerance,
+            )
         return None
 
 
@@ -102,15 +120,33 @@ class MPRGP(TaoType):
 
     title = "steps of MPRGP"
 
-    def iterate(self, x: np.ndarray, g: np.ndarray, feasible: Box, multiply: Callable[[np.ndarray], np.ndarray],
-                reduce: Callable[..., list[float]], norm: float) -> int:
+    def iterate(
+        self,
+        x: np.ndarray,
+        g: np.ndarray,
+        feasible: Box,
+        multiply: Callable[[np.ndarray], np.ndarray],
+        reduce: Callable[..., list[float]],
+        norm: float,
+    ) -> int:
         self.steps, p = dict.fromkeys(("cg", "expansion", "proportioning"), 0), np.empty(0)
-        Hp, curvature = np.zeros_like(x), 0.0  # with curvature 0 the next conjugate gradient step starts anew
+        Hp, curvature = (
+            np.zeros_like(x),
+            0.0,
+        )  # with curvature 0 the next conjugate gradient step starts anew
         while True:
             # proportional: ‖chopped‖² ≤ Γ² (reduced free)·free, the paper's test of whether the active bounds may stay
             free, chopped = feasible.split(g, x)
-            gradient, leading, gain, beta = reduce(free + chopped, free + chopped, chopped, chopped,
-                                                   feasible.reduced(free, x, STEP / norm), free, free, Hp)
+            gradient, leading, gain, beta = reduce(
+                free + chopped,
+                free + chopped,
+                chopped,
+                chopped,
+                feasible.reduced(free, x, STEP / norm),
+                free,
+                free,
+                Hp,
+            )
             reason = self._ends(math.sqrt(gradient))
             if reason is not None:
                 return reason
@@ -118,16 +154,28 @@ class MPRGP(TaoType):
             if proportional:
                 p = free - (beta / curvature) * p if curvature else free  # β = freeᵀ H p
                 Hp = multiply(p)
-                curvature, slope, size, longest = reduce(p, Hp, g, p, p, p, least=feasible.longest_step(x, p))
+                curvature, slope, size, longest = reduce(
+                    p, Hp, g, p, p, p, least=feasible.longest_step(x, p)
+                )
                 if not curvature > 0.0:  # underflow, or not a number
                     return TaoReason.DIVERGED_NAN
-                norm, step = max(norm, curvature / size), slope / curvature  # Rayleigh quotients improve ‖H‖ from below
+                norm, step = (
+                    max(norm, curvature / size),
+                    slope / curvature,
+                )  # Rayleigh quotients improve ‖H‖ from below
                 expansion = step > longest
             if not proportional:
                 self.steps["proportioning"] += 1
                 H_chopped = multiply(chopped)
-                bent, slope, size, longest = reduce(chopped, H_chopped, g, chopped, chopped, chopped,
-                                                    least=feasible.longest_step(x, chopped))
+                bent, slope, size, longest = reduce(
+                    chopped,
+                    H_chopped,
+                    g,
+                    chopped,
+                    chopped,
+                    chopped,
+                    least=feasible.longest_step(x, chopped),
+                )
                 norm, step = max(norm, bent / size), min(slope / bent, longest)
                 change, H_change, curvature = -step * chopped, -step * H_chopped, 0.0
             elif not expansion:
@@ -139,7 +187,9 @@ class MPRGP(TaoType):
                 curvature, change = 0.0, feasible.project(x - step * p) - x
                 H_change = multiply(change)
                 falls, bent = reduce(change, g, change, H_change)
-                if falls + 0.5 * bent >= 0.0:  # else the paper's: to the bound, then a step of fixed length
+                if (
+                    falls + 0.5 * bent >= 0.0
+                ):  # else the paper's: to the bound, then a step of fixed length
                     half_x, half_g = x - longest * p, g - longest * Hp
                     half_free = feasible.split(half_g, half_x)[0]
                     while True:
@@ -166,7 +216,10 @@ def reduction(X: PETSc.Vec) -> Callable[..., list[float]]:
         mine = np.array(products if least is None else [*products, least])
         everyone = np.empty((comm.size, len(mine)))
         comm.Allgather(mine, everyone)
-        return [*everyone[:, :len(products)].sum(axis=0).tolist(), *everyone[:, len(products):].min(axis=0).tolist()]
+        return [
+            *everyone[:, : len(products)].sum(axis=0).tolist(),
+            *everyone[:, len(products) :].min(axis=0).tolist(),
+        ]
 
     return reduce
 

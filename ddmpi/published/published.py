@@ -84,8 +84,15 @@ class Subproblem:
             allowed.lower[self._normal] = -np.inf
         return allowed
 
-    def solve(self, lam: np.ndarray, bound: np.ndarray, tolerance: float, algorithm: str = "original",
-              split: bool = False, neglected: float = 0.0) -> np.ndarray:
+    def solve(
+        self,
+        lam: np.ndarray,
+        bound: np.ndarray,
+        tolerance: float,
+        algorithm: str = "original",
+        split: bool = False,
+        neglected: float = 0.0,
+    ) -> np.ndarray:
         """Contact forces s (size,) for the contact displacement `lam` (m) and the slip bound (N).
 
         Parameters
@@ -99,13 +106,19 @@ class Subproblem:
         Raises SolverError. Collective on the body's communicator. Slides: Steps 1 and 2 of (DD)_h,
         and "Further modifications".
         """
-        C, d, allowed = self.member.C, self.member.h - self._sign * lam, self.constraints(bound, algorithm)
+        C, d, allowed = (
+            self.member.C,
+            self.member.h - self._sign * lam,
+            self.constraints(bound, algorithm),
+        )
         if self.role == 2:  # body 2 has the contact condition, with the initial gap
             d[self._normal] -= self.interface.gap
         # a block is the whole QP with the other forces held: the product C s contains C_νt s_t or C_tν s_ν
         for block in (self._normal, self._tangential) if split else (self._whole,):
             qp = QP(C, d, allowed.holding(self.s, block))
-            result = self.solver.solve(qp, self.s, self.Cs, tolerance, f"step{self.role}", neglected)
+            result = self.solver.solve(
+                qp, self.s, self.Cs, tolerance, f"step{self.role}", neglected
+            )
             self.s, self.Cs = result.s, result.Cs
             for kind, number in result.steps.items():
                 self.steps[kind] = self.steps.get(kind, 0) + number
@@ -147,12 +160,19 @@ class PublishedIteration(Outer):
     history : all steps
     """
 
-    def __init__(self, assembly: Assembly, method: SettledMethod, report: Report = no_report,
-                 lead: int = 0, precision: float | None = None) -> None:
+    def __init__(
+        self,
+        assembly: Assembly,
+        method: SettledMethod,
+        report: Report = no_report,
+        lead: int = 0,
+        precision: float | None = None,
+    ) -> None:
         self.exchange, self.method, self.report = assembly.exchange, method, report
         self.algorithm, self.splitting = method.algorithm or "original", method.splitting or "none"
         self._precision = precision or (
-            FIXED_PRECISION if method.inner_precision == "fixed" else method.inner_precision)
+            FIXED_PRECISION if method.inner_precision == "fixed" else method.inner_precision
+        )
         self.history: list[Step] = []
         self.checkpoint: Callable[[], None] = lambda: None
         (self.interface,) = assembly.member.interfaces
@@ -230,19 +250,28 @@ class PublishedIteration(Outer):
         neglected = NEGLECTED * self._precision * self._tolerance * norm(self.lam)
 
         with exchange.deferred():
-            body.solve(self.lam, self._bound, precision, self.algorithm, self._split, neglected)  # Steps 1 and 2
+            body.solve(
+                self.lam, self._bound, precision, self.algorithm, self._split, neglected
+            )  # Steps 1 and 2
         self.s1, self.s2 = self._swap(body.s, "forces")
         w = np.zeros_like(self.lam)
         with exchange.deferred():
             w = body.neumann(self.s1 - self.s2, PASSING * self._precision)  # Steps 3 and 4
         w1, w2 = self._swap(np.append(w, body.member.C.count.total()), "neumann")
         update = self.advance(w1[:-1], w2[:-1])
-        self.lam = self.lam + update  # Step 5; not in place, as a checkpoint may refer to the former λ
+        self.lam = (
+            self.lam + update
+        )  # Step 5; not in place, as a checkpoint may refer to the former λ
 
         self._step_size = norm(update)
         mismatch = _ratio(norm(self.s1 - self.s2), norm(self.s2))
-        return Step(len(self.history) + 1, _ratio(self._step_size, norm(self.lam)), mismatch,
-                    precision, int(w1[-1]) + int(w2[-1]))
+        return Step(
+            len(self.history) + 1,
+            _ratio(self._step_size, norm(self.lam)),
+            mismatch,
+            precision,
+            int(w1[-1]) + int(w2[-1]),
+        )
 
     def _swap(self, mine: np.ndarray, about: str) -> tuple[np.ndarray, np.ndarray]:
         """`Exchange.swap`, returning role 1's vector before role 2's."""
@@ -254,11 +283,20 @@ class PublishedIteration(Outer):
         self.subproblem.Cs = self.subproblem.member.h - u[0]
 
     def state(self) -> dict[str, Any]:
-        return {"lam": self.lam, "s1": self.s1, "s2": self.s2, "bound": self._bound, "step_size": self._step_size,
-                "subproblem": self.subproblem.state(), "history": tuple(self.history)}
+        return {
+            "lam": self.lam,
+            "s1": self.s1,
+            "s2": self.s2,
+            "bound": self._bound,
+            "step_size": self._step_size,
+            "subproblem": self.subproblem.state(),
+            "history": tuple(self.history),
+        }
 
     def restore(self, state: dict[str, Any]) -> None:
-        self.lam, self.s1, self.s2, self._bound = (state[name] for name in ("lam", "s1", "s2", "bound"))
+        self.lam, self.s1, self.s2, self._bound = (
+            state[name] for name in ("lam", "s1", "s2", "bound")
+        )
         self._step_size = state["step_size"]
         self.subproblem.restore(state["subproblem"])
         self.history = [Step(*row) for row in state["history"]]

@@ -102,17 +102,27 @@ class QPSolver:
         """The TAO type; can be set. Else the option's value, which then counts as used."""
         return PETSc.Options("qp_").getString("tao_type", "python")
 
-    def solve(self, qp: QP, s: np.ndarray, Cs: np.ndarray, tolerance: float, purpose: str,
-              product_error: float = 0.0) -> QPResult:
+    def solve(
+        self,
+        qp: QP,
+        s: np.ndarray,
+        Cs: np.ndarray,
+        tolerance: float,
+        purpose: str,
+        product_error: float = 0.0,
+    ) -> QPResult:
         """Solve `qp` from the point `s`, whose product with C is `Cs`. Collective on the body.
 
         `QP.residual` ends below `tolerance` (m); multiplications are counted under `purpose`. An iterative solver may
         leave the error `product_error` (m) in the returned product; zero means the operator's own precision. Raises
         SolverError if neither the tolerance nor the limit of rounding is reached, whatever TAO reports.
         """
+
         def multiply(x: np.ndarray, size: float) -> np.ndarray:
             product = np.empty_like(x)
-            qp.C.mult(x, product, purpose, min(product_error / size, LEAST_PRECISE) if size else 0.0)
+            qp.C.mult(
+                x, product, purpose, min(product_error / size, LEAST_PRECISE) if size else 0.0
+            )
             return product
 
         start = qp.constraints.project(s)
@@ -121,38 +131,60 @@ class QPSolver:
         if qp.residual(start, Cs) <= tolerance:
             return QPResult(start, Cs, qp.residual(start, Cs), 0, {})
         feasible = qp.constraints
-        bounds = np.isfinite([feasible.lower, feasible.upper]).any() and not isinstance(feasible, Discs)
+        bounds = np.isfinite([feasible.lower, feasible.upper]).any() and not isinstance(
+            feasible, Discs
+        )
         solve = self._petsc if bounds and self.type != "python" else self._python
         with event("ContactQP"):
             result = solve(qp, start, Cs, tolerance, multiply)
         rounding = GRADIENT_ROUNDING * max(norm(qp.d), norm(result.Cs))
         if not result.residual <= max(1.01 * tolerance, rounding):
-            raise SolverError(f"subproblem for {purpose}: TAO type {self.type} ended with {result.reason} after "
-                              f"{result.iterations} iterations; projected gradient {result.residual:.2e}, "
-                              f"needed {tolerance:.2e}")
+            raise SolverError(
+                f"subproblem for {purpose}: TAO type {self.type} ended with {result.reason} after "
+                f"{result.iterations} iterations; projected gradient {result.residual:.2e}, "
+                f"needed {tolerance:.2e}"
+            )
         return result
 
-    def _python(self, qp: QP, s: np.ndarray, Cs: np.ndarray, tolerance: float, multiply: Product) -> QPResult:
+    def _python(
+        self, qp: QP, s: np.ndarray, Cs: np.ndarray, tolerance: float, multiply: Product
+    ) -> QPResult:
         problem = _Scaled(qp, np.arange(qp.C.size), s, Cs, multiply)
         with self._solved(problem, "python", tolerance) as tao:
             s = problem.unscaled(tao.getSolution().array_r, 0.0)
             Cs = problem.displacement * tao.getGradient()[0].array_r + qp.d
-            steps, iterations, reason = tao.getPythonContext().steps, tao.getIterationNumber(), tao.getConvergedReason()
+            steps, iterations, reason = (
+                tao.getPythonContext().steps,
+                tao.getIterationNumber(),
+                tao.getConvergedReason(),
+            )
         if tolerance < FRESH * problem.displacement:  # the recurrence may be off by rounding
             Cs = multiply(s, problem.displacement)
-        return QPResult(s, Cs, qp.residual(s, Cs), iterations, steps, reason_name(TaoReason, reason))
+        return QPResult(
+            s, Cs, qp.residual(s, Cs), iterations, steps, reason_name(TaoReason, reason)
+        )
 
-    def _petsc(self, qp: QP, s: np.ndarray, Cs: np.ndarray, tolerance: float, multiply: Product) -> QPResult:
-        moving, asked, iterations = np.flatnonzero(qp.constraints.lower < qp.constraints.upper), tolerance, 0
+    def _petsc(
+        self, qp: QP, s: np.ndarray, Cs: np.ndarray, tolerance: float, multiply: Product
+    ) -> QPResult:
+        moving, asked, iterations = (
+            np.flatnonzero(qp.constraints.lower < qp.constraints.upper),
+            tolerance,
+            0,
+        )
         for _ in range(ATTEMPTS):
             problem = (_Explicit if self.type == "bqpip" else _Scaled)(qp, moving, s, Cs, multiply)
             s = s.copy()
             with self._solved(problem, self.type, asked) as tao:
                 iterations += tao.getIterationNumber()
                 reason = tao.getConvergedReason()
-                s[moving] = problem.unscaled(tao.getSolution().array_r, ROUNDING)  # moved onto near bounds
+                s[moving] = problem.unscaled(
+                    tao.getSolution().array_r, ROUNDING
+                )  # moved onto near bounds
             Cs = multiply(s, problem.displacement)
-            if qp.residual(s, Cs) <= tolerance or (reason < 0 and reason != TaoReason.DIVERGED_LS_FAILURE):
+            if qp.residual(s, Cs) <= tolerance or (
+                reason < 0 and reason != TaoReason.DIVERGED_LS_FAILURE
+            ):
                 break
             if reason > 0:
                 asked *= STRICTER
@@ -203,14 +235,18 @@ class _Scaled:
     point cost one multiplication.
     """
 
-    def __init__(self, qp: QP, moving: np.ndarray, s: np.ndarray, Cs: np.ndarray, multiply: Product) -> None:
+    def __init__(
+        self, qp: QP, moving: np.ndarray, s: np.ndarray, Cs: np.ndarray, multiply: Product
+    ) -> None:
         self.moving, self._multiply, self._whole = moving, multiply, np.zeros(qp.C.size)
         self._change = norm(Cs - qp.d)  # a step changes C s by about the gradient
         self._norm = qp.C.norm()
         self.displacement = max(norm(qp.d), norm(Cs)) or 1.0
         self.force = self.displacement / self._norm
         whole = qp.constraints
-        self._moving = Box(whole.lower[moving], whole.upper[moving]) if len(moving) < qp.C.size else whole
+        self._moving = (
+            Box(whole.lower[moving], whole.upper[moving]) if len(moving) < qp.C.size else whole
+        )
         self.constraints = self._moving.scaled(self.force)
         # the gradient at x is that at the start, whose product is known, plus H (x − start)
         self._start = s[moving] / self.force
@@ -263,7 +299,9 @@ class _Scaled:
 class _Explicit(_Scaled):
     """A scaled QP with a dense Hessian and finite bounds, as interior-point methods need it."""
 
-    def __init__(self, qp: QP, moving: np.ndarray, s: np.ndarray, Cs: np.ndarray, multiply: Product) -> None:
+    def __init__(
+        self, qp: QP, moving: np.ndarray, s: np.ndarray, Cs: np.ndarray, multiply: Product
+    ) -> None:
         super().__init__(qp, moving, s, Cs, multiply)
         self._matrix = qp.C.dense()[np.ix_(moving, moving)] / self._norm
 
@@ -285,7 +323,9 @@ class _Explicit(_Scaled):
         return super().unscaled(x, near)
 
     def hessian(self) -> PETSc.Mat:
-        H = PETSc.Mat().createDense(self._matrix.shape, array=self._matrix.copy(), comm=PETSc.COMM_SELF)
+        H = PETSc.Mat().createDense(
+            self._matrix.shape, array=self._matrix.copy(), comm=PETSc.COMM_SELF
+        )
         H.setOption(PETSc.Mat.Option.SPD, True)
         return H
 

@@ -56,7 +56,9 @@ class Stateful(Protocol):
     def restore(self, state: dict[str, Any]) -> None: ...
 
 
-def identify(scene: Settled, options: dict[str, str | None], versions: dict[str, str]) -> dict[str, dict]:
+def identify(
+    scene: Settled, options: dict[str, str | None], versions: dict[str, str]
+) -> dict[str, dict]:
     """What a checkpoint and the run that continues it must share: scene, PETSc options, versions. Not collective."""
     data = scene.resolved()
     for key in MAY_DIFFER:
@@ -64,14 +66,19 @@ def identify(scene: Settled, options: dict[str, str | None], versions: dict[str,
     del data["method"]["max_iterations"]
     if scene.time:  # load steps take derivatives over from those before
         data["derivatives"] = scene.output.derivatives
-    identity = {"scene": data,
-                "PETSc options": {key: value for key, value in options.items() if not re.search(ONLY_PRINT, key)},
-                "versions": {name: versions[name] for name in ("ddmpi", "petsc", "numpy", "scipy")}}
+    identity = {
+        "scene": data,
+        "PETSc options": {
+            key: value for key, value in options.items() if not re.search(ONLY_PRINT, key)
+        },
+        "versions": {name: versions[name] for name in ("ddmpi", "petsc", "numpy", "scipy")},
+    }
     return json.loads(json.dumps(identity))  # as it comes out of a file
 
 
-def continue_from(world: MPI.Comm, folder: str, identity: dict[str, dict],
-                  ladder: MeshLadder | None = None) -> dict[str, Any]:
+def continue_from(
+    world: MPI.Comm, folder: str, identity: dict[str, dict], ladder: MeshLadder | None = None
+) -> dict[str, Any]:
     """This rank's state in the checkpoint of `folder`; a `ladder` is restored. Collective.
 
     Raises InputError, on all ranks, when there is no checkpoint, or it is damaged, or of a run of another `identity`.
@@ -88,10 +95,15 @@ def continue_from(world: MPI.Comm, folder: str, identity: dict[str, dict],
                     if differing and what != "versions":
                         raise InputError(f"{message}; only the same run can be continued")
                     if differing:
-                        log.warning("%s: the answer will be as good, but not the same to the last digit", message)
+                        log.warning(
+                            "%s: the answer will be as good, but not the same to the last digit",
+                            message,
+                        )
                 if len(states) != world.size:
-                    raise InputError(f"{path}: was written on {len(states)} ranks that hold bodies, this run has "
-                                     f"{world.size}; continue it with mpirun -n {len(states)}")
+                    raise InputError(
+                        f"{path}: was written on {len(states)} ranks that hold bodies, this run has "
+                        f"{world.size}; continue it with mpirun -n {len(states)}"
+                    )
     state = world.scatter(states)
     with agreed(world), reading(folder, KIND):
         if ladder:
@@ -115,15 +127,33 @@ class Checkpoints:
     continuing : whether the run goes on from an iteration on the present mesh
     """
 
-    def __init__(self, world: MPI.Comm, folder: Path | None, identity: dict[str, dict], spec: Checkpoint, clock: Clock,
-                 ladder: MeshLadder, state: dict[str, Any] | None = None) -> None:
-        self.world, self.folder, self.identity, self.spec, self.clock = world, folder, identity, spec, clock
+    def __init__(
+        self,
+        world: MPI.Comm,
+        folder: Path | None,
+        identity: dict[str, dict],
+        spec: Checkpoint,
+        clock: Clock,
+        ladder: MeshLadder,
+        state: dict[str, Any] | None = None,
+    ) -> None:
+        self.world, self.folder, self.identity, self.spec, self.clock = (
+            world,
+            folder,
+            identity,
+            spec,
+            clock,
+        )
         self._begin, self._ladder = state or {}, ladder
         self.continuing = "outer" in self._begin
         self._followed: dict[str, Stateful] = {}
         self._mesh = ""
-        self._now: dict[str, Any] = {}  # the last state that was noted; empty where there is nothing to go on from
-        self._at = self._written = 0  # the iterations so far at this state, and at the one in the file
+        self._now: dict[
+            str, Any
+        ] = {}  # the last state that was noted; empty where there is nothing to go on from
+        self._at = self._written = (
+            0  # the iterations so far at this state, and at the one in the file
+        )
         self._last = time.monotonic()
         if folder:
             import h5py  # noqa: F401  loading takes time, and a signal may leave only a second
@@ -134,7 +164,9 @@ class Checkpoints:
         Collective. Raises InputError on all ranks when the checkpoint is of other meshes.
         """
         self._followed = objects | {"ladder": self._ladder, "exchange": assembly.exchange}
-        members = assembly.far.members if assembly.far else [body.member for body in assembly.bodies]
+        members = (
+            assembly.far.members if assembly.far else [body.member for body in assembly.bodies]
+        )
         self._followed |= {f"compliance of {member.name}": member.C for member in members}
         self._mesh = _digest(assembly)
         if self.continuing:
@@ -150,8 +182,11 @@ class Checkpoints:
 
     def note(self, iteration: int) -> None:
         """Note the state of all objects after this iteration of the run, and write it when it is due. Collective."""
-        self._hold(iteration, {name: followed.state() for name, followed in self._followed.items()} | {
-            "mesh": self._mesh, "iterations": iteration})
+        self._hold(
+            iteration,
+            {name: followed.state() for name, followed in self._followed.items()}
+            | {"mesh": self._mesh, "iterations": iteration},
+        )
 
     def forget(self) -> None:
         """Drop the state that was noted: the run goes on from it in a way that it does not describe."""
@@ -172,7 +207,9 @@ class Checkpoints:
         if due and iteration != self._written:
             try:
                 self._write()
-            except OutputError as error:  # on rank 0 alone; the run is worth more than its checkpoint
+            except (
+                OutputError
+            ) as error:  # on rank 0 alone; the run is worth more than its checkpoint
                 log.warning("%s; going on without", error)
 
     @contextlib.contextmanager
@@ -184,14 +221,18 @@ class Checkpoints:
             if not error.agreed or not self._now:
                 raise
             by_signal, world = isinstance(error, InterruptionError), self.world
-            restart = f"--restart {world.bcast(str(self.folder))}" + " --output OTHER" * isinstance(error, TakenError)
+            restart = f"--restart {world.bcast(str(self.folder))}" + " --output OTHER" * isinstance(
+                error, TakenError
+            )
             try:
                 with agreed(world):
                     self._write()
             except OutputError as failure:
                 former = world.bcast(self.folder and os.path.exists(self.folder / CHECKPOINT))
-                failure.args = (f"{error.kind if by_signal else error}; {failure}"
-                                + f"; {restart} goes on from the checkpoint before" * bool(former),)
+                failure.args = (
+                    f"{error.kind if by_signal else error}; {failure}"
+                    + f"; {restart} goes on from the checkpoint before" * bool(former),
+                )
                 raise failure from None
             kept = f"the state after iteration {self._at} is kept, {restart} goes on from there"
             if "outer" not in self._now:
@@ -214,7 +255,9 @@ class Checkpoints:
             states = self.world.gather(self._now)
             self._last, self._written = time.monotonic(), self._at
             if self.folder and states:
-                assert len({state.get("iterations") for state in states}) == 1, "states of different iterations"
+                assert len({state.get("iterations") for state in states}) == 1, (
+                    "states of different iterations"
+                )
                 write(self.folder / CHECKPOINT, self.identity, states)
 
 
@@ -253,9 +296,13 @@ def read(path: Path) -> tuple[dict[str, dict], list[dict[str, Any]]]:
     try:
         data = path.read_bytes()
     except FileNotFoundError:
-        raise InputError(f"--restart {path.parent}: there is no {path.name}, so nothing to go on from") from None
+        raise InputError(
+            f"--restart {path.parent}: there is no {path.name}, so nothing to go on from"
+        ) from None
     except OSError as error:
-        raise InputError(f"--restart {path.parent}: {path} cannot be read: {error.strerror}") from None
+        raise InputError(
+            f"--restart {path.parent}: {path} cannot be read: {error.strerror}"
+        ) from None
     if data[:BLOCK] != _head(data[BLOCK:]):
         raise InputError(f"{path}: damaged, or not {KIND}")
     with reading(path, KIND), h5py.File(io.BytesIO(data), "r") as file:
@@ -267,7 +314,11 @@ def _put(group: Any, table: dict[str, Any]) -> None:
         first = value[0] if isinstance(value, list) and value else value
         if isinstance(value, dict):
             _put(group.create_group(name, track_order=True), value)
-        elif first is not value and isinstance(first, np.ndarray) and len({each.shape for each in value}) > 1:
+        elif (
+            first is not value
+            and isinstance(first, np.ndarray)
+            and len({each.shape for each in value}) > 1
+        ):
             group[name] = np.concatenate(value)  # load steps with rows of their own
             group[name].attrs["ends"] = np.cumsum([len(each) for each in value])
         elif isinstance(first, np.ndarray):

@@ -20,7 +20,11 @@ from ddmpi.system.files import contact_files, write_rows, writing
 from ddmpi.system.numbers import Frame
 
 Datasets = Mapping[str, np.ndarray]  # the data of a body or a contact in result.h5, by name
-KIND = {1: "Scalar", 3: "Vector", 6: "Tensor6"}  # what XDMF calls a field, by its number of components
+KIND = {
+    1: "Scalar",
+    3: "Vector",
+    6: "Tensor6",
+}  # what XDMF calls a field, by its number of components
 
 NODAL = ("nodal_stress", "nodal_principal", "nodal_von_mises")
 """Stress at nodes: recovered, see `body.estimate`; principal stresses and von Mises stress of it."""
@@ -31,14 +35,38 @@ AT_CONTACT = ("pressure", "friction", "gap", "slip", "slip_total", "status")
 AT_CONTACT_IN_SPACE = ("friction_vector", "slip_vector")
 """Fields of a contact as vectors: the friction on the first body, and its slip past the second."""
 
-AT_STEPS = ("displacement", "displacement_in_frame", "stress", "principal", "von_mises", *NODAL, "error", *AT_CONTACT,
-            *AT_CONTACT_IN_SPACE)
+AT_STEPS = (
+    "displacement",
+    "displacement_in_frame",
+    "stress",
+    "principal",
+    "von_mises",
+    *NODAL,
+    "error",
+    *AT_CONTACT,
+    *AT_CONTACT_IN_SPACE,
+)
 """The datasets that differ from load step to load step."""
 
-AT_NODES = ("points", "displacement", "displacement_in_frame", *NODAL, "initial_gap", *AT_CONTACT, *AT_CONTACT_IN_SPACE)
+AT_NODES = (
+    "points",
+    "displacement",
+    "displacement_in_frame",
+    *NODAL,
+    "initial_gap",
+    *AT_CONTACT,
+    *AT_CONTACT_IN_SPACE,
+)
 """What has a row per node; all else has a row per cell."""
 
-IN_FILES = [0, 3, 5, 1, 4, 2]  # the places of the columns of `stress` in files: σ_xx, σ_xy, σ_xz, σ_yy, σ_yz, σ_zz
+IN_FILES = [
+    0,
+    3,
+    5,
+    1,
+    4,
+    2,
+]  # the places of the columns of `stress` in files: σ_xx, σ_xy, σ_xz, σ_yy, σ_yz, σ_zz
 
 SURFACES = "surfaces"
 """The group of result.h5, and in that of a load step, with the fields of contacts, one contact after the other."""
@@ -74,18 +102,30 @@ class Fields:
 
     def placed(self, frame: Frame) -> Self:
         """The fields of a body whose frame has gone there: its displacement is that of the frame and its own."""
-        sigma, nodal = (stress if stress is None else turned(stress, frame.turned) for stress in (
-            self.stress, self.nodal_stress))
-        return replace(self, displacement=frame.at(self.points + self.displacement) - self.points, stress=sigma,
-                       nodal_stress=nodal, in_frame=self.displacement)
+        sigma, nodal = (
+            stress if stress is None else turned(stress, frame.turned)
+            for stress in (self.stress, self.nodal_stress)
+        )
+        return replace(
+            self,
+            displacement=frame.at(self.points + self.displacement) - self.points,
+            stress=sigma,
+            nodal_stress=nodal,
+            in_frame=self.displacement,
+        )
 
     def __repr__(self) -> str:
         return f"Fields({len(self.points)} nodes, {len(self.triangles)} cells)"
 
 
-def write_fields(path: Path, bodies: Mapping[int, Fields], contacts: Mapping[str, Datasets] | None = None,
-                 world: MPI.Comm = MPI.COMM_SELF, step: int | None = None,
-                 tables: Mapping[str, Datasets] | None = None) -> dict[int | str, np.ndarray]:
+def write_fields(
+    path: Path,
+    bodies: Mapping[int, Fields],
+    contacts: Mapping[str, Datasets] | None = None,
+    world: MPI.Comm = MPI.COMM_SELF,
+    step: int | None = None,
+    tables: Mapping[str, Datasets] | None = None,
+) -> dict[int | str, np.ndarray]:
     """Write the fields of all bodies and contacts into result.h5 in the folder `path`, all ranks at once.
 
     The datasets are those of the last load step, with the mesh, facets and initial gaps; they make the file. The fields
@@ -103,10 +143,14 @@ def write_fields(path: Path, bodies: Mapping[int, Fields], contacts: Mapping[str
     on the first rank, of its own on another. Collective. Raises OutputError, on all ranks.
     """
     everything: dict[str, Mapping[Any, Datasets]] = {
-        "": {number: _datasets_of(fields, number) for number, fields in bodies.items()}, f"{SURFACES}/": contacts or {}}
+        "": {number: _datasets_of(fields, number) for number, fields in bodies.items()},
+        f"{SURFACES}/": contacts or {},
+    }
     arrays, places, spans = {}, {}, dict[int | str, np.ndarray]()
     for group, entries in everything.items():
-        number = np.array([(len(entry["points"]), len(entry["cells"])) for entry in entries.values()]).reshape(-1, 2)
+        number = np.array(
+            [(len(entry["points"]), len(entry["cells"])) for entry in entries.values()]
+        ).reshape(-1, 2)
         mine = number.sum(axis=0, dtype=int)
         ends, total = np.empty_like(mine), np.empty_like(mine)
         MPI.Intracomm(world).Scan(mine, ends)
@@ -119,27 +163,39 @@ def write_fields(path: Path, bodies: Mapping[int, Fields], contacts: Mapping[str
                 arrays[group + name] = [entry[name] for entry in entries.values()]
                 places[group + name] = int(first[0, kind]), int(total[kind])
         if f"{group}cells" in arrays:
-            arrays[f"{group}cells"] = [entry["cells"] + start for entry, start in zip(
-                entries.values(), first[:, 0], strict=True)]
+            arrays[f"{group}cells"] = [
+                entry["cells"] + start
+                for entry, start in zip(entries.values(), first[:, 0], strict=True)
+            ]
     for name, table in (tables or {}).items():
         for key, data in {**table, "span": spans[name]}.items():
-            arrays[f"contacts/{name}/{key}"], places[f"contacts/{name}/{key}"] = [data], (0, len(data))
+            arrays[f"contacts/{name}/{key}"], places[f"contacts/{name}/{key}"] = (
+                [data],
+                (0, len(data)),
+            )
     write_rows(path / "result.h5", arrays, places, world, None if step is None else group_of(step))
     return gathered(world, spans)
 
 
 def _datasets_of(fields: Fields, body: int) -> dict[str, np.ndarray]:
     """The datasets of result.h5 of the body number `body`, by name."""
-    data = {"points": _padded(fields.points), "cells": fields.triangles,
-            "displacement": _padded(fields.displacement), "body": np.full(len(fields.triangles), body)}
+    data = {
+        "points": _padded(fields.points),
+        "cells": fields.triangles,
+        "displacement": _padded(fields.displacement),
+        "body": np.full(len(fields.triangles), body),
+    }
     if fields.in_frame is not None:
         data["displacement_in_frame"] = _padded(fields.in_frame)
     for where, sigma in ("", fields.stress), ("nodal_", fields.nodal_stress):
         if sigma is not None:
             tensor = np.zeros((len(sigma), 6))
-            tensor[:, IN_FILES[:sigma.shape[1]]] = sigma
-            data |= {f"{where}stress": tensor, f"{where}principal": principal(sigma),
-                     f"{where}von_mises": von_mises(sigma)}
+            tensor[:, IN_FILES[: sigma.shape[1]]] = sigma
+            data |= {
+                f"{where}stress": tensor,
+                f"{where}principal": principal(sigma),
+                f"{where}von_mises": von_mises(sigma),
+            }
     return data if fields.error is None else data | {"error": fields.error}
 
 
@@ -156,13 +212,19 @@ def contact_fields(state: ContactState, values: np.ndarray | None = None) -> dic
     entries = outline.shares.tocoo()
     order = np.argsort(entries.data, kind="stable")
     most[entries.row[order]] = entries.col[order]
-    data = {"points": _padded(outline.xy), "cells": outline.cells, "initial_gap": outline.shares @ interface.gap}
-    data |= zip(AT_CONTACT, (outline.shares @ values).T[:len(AT_CONTACT)], strict=True)
+    data = {
+        "points": _padded(outline.xy),
+        "cells": outline.cells,
+        "initial_gap": outline.shares @ interface.gap,
+    }
+    data |= zip(AT_CONTACT, (outline.shares @ values).T[: len(AT_CONTACT)], strict=True)
     data["status"] = values[most, AT_CONTACT.index("status")]
     if len(values.T) > len(AT_CONTACT):
-        force, slip = np.split(values[:, len(AT_CONTACT):], 2, axis=1)
+        force, slip = np.split(values[:, len(AT_CONTACT) :], 2, axis=1)
         friction = force / interface.area[:, None] + values[:, :1] * interface.normal
-        data |= zip(AT_CONTACT_IN_SPACE, (outline.shares @ friction, outline.shares @ slip), strict=True)
+        data |= zip(
+            AT_CONTACT_IN_SPACE, (outline.shares @ friction, outline.shares @ slip), strict=True
+        )
     return data
 
 
@@ -170,9 +232,15 @@ def table_fields(state: ContactState, far: bool = False) -> dict[str, np.ndarray
     """What result.h5 adds to the table of a contact, by its lines: its `drawn_facets` and initial gaps (m); where
     bodies move `far` also its normals, which differ from step to step."""
     interface = state.interface
-    normals = dict(zip(("nx", "ny", "nz"), interface.normal[interface.lines.row].T, strict=False)) if far else {}
-    return normals | {"facets": drawn_facets(interface.lines, interface.axisymmetric),
-            "initial_gap": interface.gap[interface.lines.row]}
+    normals = (
+        dict(zip(("nx", "ny", "nz"), interface.normal[interface.lines.row].T, strict=False))
+        if far
+        else {}
+    )
+    return normals | {
+        "facets": drawn_facets(interface.lines, interface.axisymmetric),
+        "initial_gap": interface.gap[interface.lines.row],
+    }
 
 
 def drawn_facets(lines: Lines, axisymmetric: bool = False) -> np.ndarray:
@@ -185,12 +253,18 @@ def drawn_facets(lines: Lines, axisymmetric: bool = False) -> np.ndarray:
     row, area = np.sort(lines.row[facets], axis=1), lines.area[facets]
     faces = np.diff(row, axis=1).all(axis=1) | (area.min(axis=1) >= FEW * area.max(axis=1))
     faces |= axisymmetric & (lines.xy[facets, 0] == 0.0).any(axis=1)
-    drawn = np.vstack([facets[faces], np.setdiff1d(nodes, facets)[:, None].repeat(facets.shape[1], axis=1)])
+    drawn = np.vstack(
+        [facets[faces], np.setdiff1d(nodes, facets)[:, None].repeat(facets.shape[1], axis=1)]
+    )
     return in_order(drawn) if facets.shape[1] == 2 else drawn
 
 
-def write_xdmf(path: Path, times: Sequence[float] = (), bodies: Mapping[str, np.ndarray] | None = None,
-               contacts: Mapping[str, np.ndarray] | None = None) -> None:
+def write_xdmf(
+    path: Path,
+    times: Sequence[float] = (),
+    bodies: Mapping[str, np.ndarray] | None = None,
+    contacts: Mapping[str, np.ndarray] | None = None,
+) -> None:
     """Write result.xdmf into the folder `path`: the mesh and all fields of result.h5 as one grid without time.
 
     With the `times` of load steps whose fields have been written, the last one's without a number, there is a grid for
@@ -208,10 +282,15 @@ def write_xdmf(path: Path, times: Sequence[float] = (), bodies: Mapping[str, np.
     import h5py
 
     with writing(path / "result.h5"), h5py.File(path / "result.h5", "r") as file:
-        steps, surfaces = ([_described(file, group, group_of(k)) for k in range(max(len(times), 1))]
-                           for group in ("/", f"/{SURFACES}"))
-    grids = [(f"contact {name}" if spans is contacts and name in (bodies or {}) else name, span, fields)
-             for spans, fields in ((bodies, steps), (contacts, surfaces)) for name, span in (spans or {}).items()]
+        steps, surfaces = (
+            [_described(file, group, group_of(k)) for k in range(max(len(times), 1))]
+            for group in ("/", f"/{SURFACES}")
+        )
+    grids = [
+        (f"contact {name}" if spans is contacts and name in (bodies or {}) else name, span, fields)
+        for spans, fields in ((bodies, steps), (contacts, surfaces))
+        for name, span in (spans or {}).items()
+    ]
     root = Element("Xdmf", Version="3.0")
     domain = SubElement(root, "Domain")
     _add_grids(domain, "bodies", times, steps)
@@ -221,7 +300,9 @@ def write_xdmf(path: Path, times: Sequence[float] = (), bodies: Mapping[str, np.
         first = domain[0][0] if times else domain[0]
         hidden = SubElement(first, "Information", Name="named")
         hidden.text = "<none/>"  # as meshio reads it
-        named = SubElement(hidden, "Grid", Name="results", GridType="Collection", CollectionType="Spatial")
+        named = SubElement(
+            hidden, "Grid", Name="results", GridType="Collection", CollectionType="Spatial"
+        )
         for name, span, fields in grids:
             _add_grids(named, name, times, fields, span, alone=1.0)
     _write_document(path / "result.xdmf", root)
@@ -236,16 +317,33 @@ def write_surface(path: Path, name: str, fields: Datasets) -> None:
     pyvista and meshio read. Not collective. Raises OutputError."""
     number, width = fields["cells"].shape
     root = Element("VTKFile", type="UnstructuredGrid", version="0.1", byte_order="LittleEndian")
-    piece = SubElement(SubElement(root, "UnstructuredGrid"), "Piece", NumberOfPoints=str(len(fields["points"])),
-                       NumberOfCells=str(number))
-    cells = {"connectivity": fields["cells"].ravel(), "offsets": width * np.arange(1, number + 1),
-             "types": np.full(number, {2: 3, 3: 5}[width])}  # VTK's lines and triangles
-    for tag, arrays in {"Points": {"points": fields["points"]}, "Cells": cells, "PointData": {
-            key: values for key, values in fields.items() if key not in ("points", "cells")}}.items():
+    piece = SubElement(
+        SubElement(root, "UnstructuredGrid"),
+        "Piece",
+        NumberOfPoints=str(len(fields["points"])),
+        NumberOfCells=str(number),
+    )
+    cells = {
+        "connectivity": fields["cells"].ravel(),
+        "offsets": width * np.arange(1, number + 1),
+        "types": np.full(number, {2: 3, 3: 5}[width]),
+    }  # VTK's lines and triangles
+    for tag, arrays in {
+        "Points": {"points": fields["points"]},
+        "Cells": cells,
+        "PointData": {
+            key: values for key, values in fields.items() if key not in ("points", "cells")
+        },
+    }.items():
         parent = SubElement(piece, tag)
         for key, values in arrays.items():
-            item = SubElement(parent, "DataArray", Name=key, format="ascii",
-                              type="Int64" if values.dtype.kind == "i" else "Float64")
+            item = SubElement(
+                parent,
+                "DataArray",
+                Name=key,
+                format="ascii",
+                type="Int64" if values.dtype.kind == "i" else "Float64",
+            )
             item.text = _words(*values.ravel().tolist())
             if values.ndim > 1:
                 item.set("NumberOfComponents", str(values.shape[1]))
@@ -263,21 +361,34 @@ def group_of(step: int) -> str:
     return f"step_{step:06d}"
 
 
-def _described(file: Any, group: str, step: str = "") -> dict[str, tuple[str, tuple[int, ...], str]]:
+def _described(
+    file: Any, group: str, step: str = ""
+) -> dict[str, tuple[str, tuple[int, ...], str]]:
     """Path, shape and kind of the datasets in a group of result.h5, by name; those of a load step in their place."""
-    last, changed = datasets(file.get(group, {})), datasets(file.get(f"{step}{group}", {})) if step else {}
+    last, changed = (
+        datasets(file.get(group, {})),
+        datasets(file.get(f"{step}{group}", {})) if step else {},
+    )
     kept = {name: last[name] for name in last if not changed or name not in AT_STEPS} | changed
     return {name: (data.name, data.shape, data.dtype.kind) for name, data in kept.items()}
 
 
-def _add_grids(parent: Element, name: str, times: Sequence[float], steps: Sequence[Mapping[str, tuple]],
-               span: np.ndarray | None = None, alone: float | None = None) -> None:
+def _add_grids(
+    parent: Element,
+    name: str,
+    times: Sequence[float],
+    steps: Sequence[Mapping[str, tuple]],
+    span: np.ndarray | None = None,
+    alone: float | None = None,
+) -> None:
     """Add grids to an element of XDMF: a collection with one for each time, or a single one with the time `alone`.
 
     A grid has the mesh and the fields of its step, `_described`, or the `span` of them, as of `write_fields`.
     """
     if times:
-        parent = SubElement(parent, "Grid", Name=name, GridType="Collection", CollectionType="Temporal")
+        parent = SubElement(
+            parent, "Grid", Name=name, GridType="Collection", CollectionType="Temporal"
+        )
     for time, fields in zip(times if times else [alone], steps, strict=True):
         grid = SubElement(parent, "Grid", Name=name, GridType="Uniform")
         if time is not None:
@@ -286,7 +397,9 @@ def _add_grids(parent: Element, name: str, times: Sequence[float], steps: Sequen
             _add_field(grid, field, stored, span)
 
 
-def _add_field(grid: Element, name: str, stored: tuple[str, tuple[int, ...], str], span: np.ndarray | None) -> None:
+def _add_field(
+    grid: Element, name: str, stored: tuple[str, tuple[int, ...], str], span: np.ndarray | None
+) -> None:
     """Add a `stored` field, or a span of it, to a grid."""
     (path, shape, kind), nodal = stored, name in AT_NODES
     start, number = (0, shape[0]) if span is None else span[:, 0 if nodal else 1].tolist()
@@ -300,15 +413,30 @@ def _add_field(grid: Element, name: str, stored: tuple[str, tuple[int, ...], str
         if span is not None:
             parent.set("BaseOffset", str(span[0, 0]))
     else:
-        parent = SubElement(grid, "Attribute", Name=name, AttributeType=KIND[int(np.prod(shape[1:]))],
-                            Center="Node" if nodal else "Cell")
+        parent = SubElement(
+            grid,
+            "Attribute",
+            Name=name,
+            AttributeType=KIND[int(np.prod(shape[1:]))],
+            Center="Node" if nodal else "Cell",
+        )
     if span is not None:
-        parent = SubElement(parent, "DataItem", ItemType="HyperSlab", Dimensions=_words(number, *shape[1:]))
+        parent = SubElement(
+            parent, "DataItem", ItemType="HyperSlab", Dimensions=_words(number, *shape[1:])
+        )
         slab = np.array([[start, 1, number], *([0, 1, size] for size in shape[1:])])
-        item = SubElement(parent, "DataItem", DataType="Int", Format="XML", Dimensions=f"3 {len(shape)}")
+        item = SubElement(
+            parent, "DataItem", DataType="Int", Format="XML", Dimensions=f"3 {len(shape)}"
+        )
         item.text = _words(*slab.T.ravel().tolist())
-    item = SubElement(parent, "DataItem", DataType="Int" if kind == "i" else "Float", Precision="8", Format="HDF",
-                      Dimensions=_words(*shape))
+    item = SubElement(
+        parent,
+        "DataItem",
+        DataType="Int" if kind == "i" else "Float",
+        Precision="8",
+        Format="HDF",
+        Dimensions=_words(*shape),
+    )
     item.text = f"result.h5:{path}"
 
 

@@ -68,7 +68,9 @@ def running(folder: Path) -> str:
 
     On another host, only a run of the same batch job has certainly ended. Not collective. Raises OSError.
     """
-    return next((claim.name for claim in (folder / UNFINISHED).glob("*") if not _has_ended(claim.name)), "")
+    return next(
+        (claim.name for claim in (folder / UNFINISHED).glob("*") if not _has_ended(claim.name)), ""
+    )
 
 
 def _has_ended(name: str) -> bool:
@@ -84,7 +86,9 @@ def _has_ended(name: str) -> bool:
 def _is_alive(process: int) -> bool:
     try:
         os.kill(process, 0)
-        state = Path(f"/proc/{process}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()[0]
+        state = (
+            Path(f"/proc/{process}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()[0]
+        )
     except ProcessLookupError:
         return False
     except OSError:  # another user's process, or no /proc
@@ -115,25 +119,36 @@ def _claim(folder: Path) -> None:
             shutil.rmtree(ours, ignore_errors=True)
             if error.errno not in (errno.ENOTEMPTY, errno.EEXIST, errno.ENOENT):
                 raise
-    raise InputError(f"--output {folder}: another run is at work there ({running(folder)}); name another folder, or, "
-                     f"if that run was killed, remove {claim}")
+    raise InputError(
+        f"--output {folder}: another run is at work there ({running(folder)}); name another folder, or, "
+        f"if that run was killed, remove {claim}"
+    )
 
 
 def _refuse_taken(folder: Path, restart: str | None) -> None:
     """Raise InputError where the folder holds results or other files. Raises OSError."""
     present = sorted(os.listdir(folder))
     if SUMMARY in present:
-        raise InputError(f"--output {folder}: there are results already ({SUMMARY}); nothing is overwritten, so name "
-                         "another folder or remove them")
+        raise InputError(
+            f"--output {folder}: there are results already ({SUMMARY}); nothing is overwritten, so name "
+            "another folder or remove them"
+        )
     if restart is not None and os.path.exists(restart) and os.path.samefile(folder, restart):
         return
     if CHECKPOINT in present:
-        raise InputError(f"--output {folder}: there is the checkpoint of a run that was not completed; go on "
-                         f"from it with --restart {folder}, name another folder, or remove {CHECKPOINT}")
-    others = [name for name in present
-              if not (name.startswith(".") or name == RECORD or logs.is_open(folder / name))]
+        raise InputError(
+            f"--output {folder}: there is the checkpoint of a run that was not completed; go on "
+            f"from it with --restart {folder}, name another folder, or remove {CHECKPOINT}"
+        )
+    others = [
+        name
+        for name in present
+        if not (name.startswith(".") or name == RECORD or logs.is_open(folder / name))
+    ]
     if others:
-        raise InputError(f"--output {folder}: is not empty (it holds {others[0]}); name a new folder")
+        raise InputError(
+            f"--output {folder}: is not empty (it holds {others[0]}); name a new folder"
+        )
 
 
 def _clear(claim: Path) -> None:
@@ -142,7 +157,9 @@ def _clear(claim: Path) -> None:
         return
     if not os.path.lexists(claim.parent / SUMMARY):
         for moved in filter(Path.is_file, claim.glob(f"*/{MOVED}")):
-            for name in re.findall(r"^[^/\0\n]+$", moved.read_text(encoding="utf-8", errors="replace"), re.M):
+            for name in re.findall(
+                r"^[^/\0\n]+$", moved.read_text(encoding="utf-8", errors="replace"), re.M
+            ):
                 (claim.parent / name).unlink(missing_ok=True)
     shutil.rmtree(claim)
 
@@ -160,12 +177,17 @@ class Staging:
         Raises OutputError, TakenError where one of these files is there already; `discard` then leaves no result.
         """
         with writing(self.folder):
-            written = {*os.listdir(self.path), *(name for name in others if os.path.lexists(self.path / name))}
+            written = {
+                *os.listdir(self.path),
+                *(name for name in others if os.path.lexists(self.path / name)),
+            }
             names = [name for name in written if not name.startswith(".")]
             names.sort(key=lambda name: (name == SUMMARY, name))
             taken = [name for name in names if os.path.lexists(self.folder / name)]
             if taken:
-                raise TakenError(f"{self.folder / taken[0]}: is there already, and nothing is overwritten")
+                raise TakenError(
+                    f"{self.folder / taken[0]}: is there already, and nothing is overwritten"
+                )
             write_atomically(self.path / MOVED, "\n".join(names).encode())
             for name in names:
                 os.rename(self.path / name, self.folder / name)

@@ -30,11 +30,16 @@ from ddmpi.system.numbers import Frame, in_words
 INSIDE, OUTSIDE = -1e-6, -0.05
 """A place is in a cell if its barycentric coordinates are above INSIDE, hardly outside if they are above OUTSIDE."""
 
-MOST, FARTHEST = 100_000, 1e150  # of a path most points, and the largest coordinate (m), whose square does not overflow
+MOST, FARTHEST = (
+    100_000,
+    1e150,
+)  # of a path most points, and the largest coordinate (m), whose square does not overflow
 NEWTON = 8  # Newton steps to the barycentric coordinates of a place; straight cells need one
 
-FRAMES_IN = {2: ("time", "body", "shift_x", "shift_y", "turn"),
-             3: ("time", "body", "shift_x", "shift_y", "shift_z", "turn_x", "turn_y", "turn_z")}
+FRAMES_IN = {
+    2: ("time", "body", "shift_x", "shift_y", "turn"),
+    3: ("time", "body", "shift_x", "shift_y", "shift_z", "turn_x", "turn_y", "turn_z"),
+}
 """The columns of frames.csv by dimension: what was drawn at X is at shift + Q X, without its displacement in the frame;
 turns are those of Q, in space along its axis (degrees)."""
 
@@ -42,7 +47,11 @@ turns are those of Q, in space along its axis (degrees)."""
 def write_frames(path: Path, steps: Iterable[tuple[float, Mapping[str, Frame]]]) -> None:
     """Write frames.csv into the folder `path`: a line for each load step and each body or rigid partner that moves far.
     Not collective. Raises OutputError."""
-    lines = [(time, name, *frame.shift, *frame.turn) for time, frames in steps for name, frame in frames.items()]
+    lines = [
+        (time, name, *frame.shift, *frame.turn)
+        for time, frames in steps
+        for name, frame in frames.items()
+    ]
     columns = next(columns for columns in FRAMES_IN.values() if len(columns) == len(lines[0]))
     write_table(path / "frames.csv", columns, lines)
 
@@ -56,8 +65,10 @@ def frames_at(results: Results, time: float | None = None) -> dict[str, Frame]:
     time = results.time if time is None else time
     rows = np.flatnonzero(table["time"] == (table["time"][-1] if time is None else time))
     values = np.column_stack([table[name][rows] for name in FRAMES_IN[d][2:]])
-    return {str(body): Frame.of(value[:d]).after(Frame.of((0.0,) * d, value[d:]))
-            for body, value in zip(table["body"][rows], values, strict=True)}
+    return {
+        str(body): Frame.of(value[:d]).after(Frame.of((0.0,) * d, value[d:]))
+        for body, value in zip(table["body"][rows], values, strict=True)
+    }
 
 
 def placed(results: Results, time: float | None = None, fields: Columns | None = None) -> Results:
@@ -86,8 +97,12 @@ def evenly(number: int, most: int) -> np.ndarray:
     return np.unique(np.linspace(number - 1, 0, min(most, number)).round().astype(int))
 
 
-def load_steps(results: Results, folder: Path, most: int, shown: Collection[str] = (),
-               ) -> Iterator[tuple[float, Columns, dict[str, Columns]]]:
+def load_steps(
+    results: Results,
+    folder: Path,
+    most: int,
+    shown: Collection[str] = (),
+) -> Iterator[tuple[float, Columns, dict[str, Columns]]]:
     """Time, fields as they are drawn, and surfaces of contacts, of at most so many of the load steps whose fields are
     in the `folder`, or of the only one. Of the fields, displacements and those to be `shown` are of the load step."""
     import h5py
@@ -98,7 +113,11 @@ def load_steps(results: Results, folder: Path, most: int, shown: Collection[str]
         for k in evenly(len(times), most):
             fields = file.get(group_of(k), file)  # the last step has no group
             drawn = {name: fields[name][()] for name in read if name in fields}
-            yield times[k], placed(results, times[k], drawn).fields, read_surfaces(file, group_of(k))
+            yield (
+                times[k],
+                placed(results, times[k], drawn).fields,
+                read_surfaces(file, group_of(k)),
+            )
 
 
 def at_step(results: Results, folder: Path, asked: float | None = None) -> Results:
@@ -113,7 +132,9 @@ def at_step(results: Results, folder: Path, asked: float | None = None) -> Resul
     """
     import h5py
 
-    complete = results.energy and all("gap" in legs for legs in results.legs.values())  # no run of version 0.6 is
+    complete = results.energy and all(
+        "gap" in legs for legs in results.legs.values()
+    )  # no run of version 0.6 is
     times = np.array(step_times(folder) if complete else [])
     if asked is None:
         if len(times) == 0 or not results.summary["converged"]:
@@ -121,47 +142,99 @@ def at_step(results: Results, folder: Path, asked: float | None = None) -> Resul
         # Σ |factor| / max |factor| over all histories, at the times of the steps
         loads = np.zeros(len(times))
         for history in results.summary["scene"].get("history", {}).values():
-            loads += np.abs(np.interp(drawn_times(results.summary, times), history["times"], history["factors"])) / (
-                np.abs(history["factors"]).max() or 1.0)
+            loads += np.abs(
+                np.interp(drawn_times(results.summary, times), history["times"], history["factors"])
+            ) / (np.abs(history["factors"]).max() or 1.0)
         asked = times[loads >= loads.max() - 1e-9][-1]
     matching = np.flatnonzero(np.abs(times - asked) <= 1e-9 * abs(asked))
     if len(matching) == 0:
-        raise InputError(f"{folder}: there are no fields of time {asked:g}; the times that have some: "
-                         f"{', '.join(f'{time:g}' for time in times) or 'none'}")
+        raise InputError(
+            f"{folder}: there are no fields of time {asked:g}; the times that have some: "
+            f"{', '.join(f'{time:g}' for time in times) or 'none'}"
+        )
     time = float(times[matching[0]])
     with h5py.File(folder / "result.h5", "r") as file:
         if group_of(matching[0]) not in file:  # it is the last step
             return replace(results, time=time)
-        fields = results.fields | {name: data[()] for name, data in datasets(file[group_of(matching[0])]).items()}
+        fields = results.fields | {
+            name: data[()] for name, data in datasets(file[group_of(matching[0])]).items()
+        }
         # where bodies move far, contacts have rows of their own in each step
-        surfaces, (rows, facets) = read_surfaces(file, group_of(matching[0])), read_lines(file, group_of(matching[0]))
+        surfaces, (rows, facets) = (
+            read_surfaces(file, group_of(matching[0])),
+            read_lines(file, group_of(matching[0])),
+        )
     contacts = {}
     for name, legs in results.legs.items():
-        own = {column: values[legs["time"] == time] for column, values in legs.items() if column != "time"}
-        table = own | rows[name] if rows else results.contacts[name] | {
-            column: own[column] for column in leg_columns(results.dimension)}
+        own = {
+            column: values[legs["time"] == time]
+            for column, values in legs.items()
+            if column != "time"
+        }
+        table = (
+            own | rows[name]
+            if rows
+            else results.contacts[name]
+            | {column: own[column] for column in leg_columns(results.dimension)}
+        )
         area = table["length"] if "length" in table else table["area"]
-        contacts[name] = table | {f"{kind}_force": table[f"{kind}_stress"] * area for kind in ("normal", "tangential")}
+        contacts[name] = table | {
+            f"{kind}_force": table[f"{kind}_stress"] * area for kind in ("normal", "tangential")
+        }
     entry = next(step for step in results.summary["steps"] if step["time"] == time)
     totals, rigid, forces = entry["contacts"], entry.get("rigid", {}), entry.get("bodies", {})
     moved, owner = np.linalg.norm(fields["displacement"], axis=1), owners(results)
-    unknown: dict[str, Any] = {"energy": None, "reaction": (None,) * results.dimension, "discretization_error": None,
-                               "loads": {}, "reactions": {}}
-    bodies = {name: entry | unknown | forces.get(name, {}) | {"displacement_max": float(moved[owner == k].max())} | (
-        {"von_mises_max": float(fields["von_mises"][fields["body"] == k].max())} if "von_mises" in fields else {})
-        for k, (name, entry) in enumerate(results.summary["bodies"].items())}
+    unknown: dict[str, Any] = {
+        "energy": None,
+        "reaction": (None,) * results.dimension,
+        "discretization_error": None,
+        "loads": {},
+        "reactions": {},
+    }
+    bodies = {
+        name: entry
+        | unknown
+        | forces.get(name, {})
+        | {"displacement_max": float(moved[owner == k].max())}
+        | (
+            {"von_mises_max": float(fields["von_mises"][fields["body"] == k].max())}
+            if "von_mises" in fields
+            else {}
+        )
+        for k, (name, entry) in enumerate(results.summary["bodies"].items())
+    }
     unknown = dict.fromkeys(("pointwise_penetration", "moment_imbalance", "moment_imbalance_bound"))
     summary = results.summary | {
-        "displacement_max": float(moved.max()), "bodies": bodies, "rigid": rigid,
+        "displacement_max": float(moved.max()),
+        "bodies": bodies,
+        "rigid": rigid,
         "discretization_error": results.summary["discretization_error"] | {"energy_norm": None},
-        "contacts": {name: entry | unknown | totals[name] | {
-            "dissipated": entry["dissipated"],
-            # None where the contact has no rows, or no area, and stresses are NaN
-            "pressure_max": plain(contacts[name]["normal_stress"].max(initial=-np.inf))}
-                     for name, entry in results.summary["contacts"].items()}}
-    sides = {name: _means(table, contacts[name], results.axisymmetric) for name, table in results.sides.items()}
-    return replace(results, summary=summary, contacts=contacts, fields=fields, time=time, sides=sides,
-                   surfaces=surfaces, facets=facets or results.facets)
+        "contacts": {
+            name: entry
+            | unknown
+            | totals[name]
+            | {
+                "dissipated": entry["dissipated"],
+                # None where the contact has no rows, or no area, and stresses are NaN
+                "pressure_max": plain(contacts[name]["normal_stress"].max(initial=-np.inf)),
+            }
+            for name, entry in results.summary["contacts"].items()
+        },
+    }
+    sides = {
+        name: _means(table, contacts[name], results.axisymmetric)
+        for name, table in results.sides.items()
+    }
+    return replace(
+        results,
+        summary=summary,
+        contacts=contacts,
+        fields=fields,
+        time=time,
+        sides=sides,
+        surfaces=surfaces,
+        facets=facets or results.facets,
+    )
 
 
 def _means(sides: Columns, nodes: Columns, axisymmetric: bool) -> Columns:
@@ -170,8 +243,10 @@ def _means(sides: Columns, nodes: Columns, axisymmetric: bool) -> Columns:
     # the nodes of a quadratic side are neighbours in the table; in a closed contact the first row follows the last one
     middle = np.array([row[place] for place in zip(sides["x"], sides["y"], strict=True)], int)
     three = np.stack([middle - 1, (middle + 1) % len(row), middle], axis=1)
-    return sides | {column: side_means(nodes[column][three], vectors(nodes)[three], axisymmetric)
-                    for column in ("normal_stress", "tangential_stress")}
+    return sides | {
+        column: side_means(nodes[column][three], vectors(nodes)[three], axisymmetric)
+        for column in ("normal_stress", "tangential_stress")
+    }
 
 
 def along(results: Results, start: Sequence[float], end: Sequence[float], number: int) -> Columns:
@@ -183,10 +258,14 @@ def along(results: Results, start: Sequence[float], end: Sequence[float], number
     d, (first, last) = results.dimension, (np.array(point) for point in (start, end))
     alike = {len(first), len(last)} == {d} and np.abs([first, last]).max() < FARTHEST
     if not alike or not np.linalg.norm(last - first) or not 2 <= number <= MOST:
-        raise InputError(f"a path has two different ends with {d} coordinates each, and 2 to {MOST} points")
+        raise InputError(
+            f"a path has two different ends with {d} coordinates each, and 2 to {MOST} points"
+        )
     length, share = np.linalg.norm(last - first), np.linspace(0.0, 1.0, number)
     places = first + share[:, None] * (last - first)
-    place, cell, at = _located(results.points, results.fields["cells"], results.fields["body"], places)
+    place, cell, at = _located(
+        results.points, results.fields["cells"], results.fields["body"], places
+    )
     if len(place) == 0:
         raise InputError(f"the path from {in_words(first)} to {in_words(last)} meets no body")
     nodes = results.fields["cells"][cell]
@@ -198,26 +277,38 @@ def along(results: Results, start: Sequence[float], end: Sequence[float], number
     axes, columns = "xyz"[:d], {"distance": length * share[place]}
     columns |= zip(axes, places[place].T, strict=True)
     columns["body"] = np.array(list(results.summary["bodies"]))[results.fields["body"][cell]]
-    columns |= zip((f"displacement_{axis}" for axis in axes), interpolated(results.displacement()).T, strict=True)
+    columns |= zip(
+        (f"displacement_{axis}" for axis in axes),
+        interpolated(results.displacement()).T,
+        strict=True,
+    )
     if "nodal_stress" in results.fields:
-        sigma = interpolated(results.fields["nodal_stress"])[:, IN_FILES[:2 * d]]
+        sigma = interpolated(results.fields["nodal_stress"])[:, IN_FILES[: 2 * d]]
         for kind, values in ("stress", sigma), ("principal", principal(sigma)):
             columns |= zip((name for name in PATH if name.startswith(kind)), values.T, strict=False)
         columns["von_mises"] = von_mises(sigma)
     return columns
 
 
-def _located(points: np.ndarray, cells: np.ndarray, body: np.ndarray, places: np.ndarray,
-             ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _located(
+    points: np.ndarray,
+    cells: np.ndarray,
+    body: np.ndarray,
+    places: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The numbers of `places` that are in a cell, the best cell of each `body` (nt,), and barycentric coordinates."""
-    low, high = (extreme.reduce([points[node] for node in cells.T]) for extreme in (np.minimum, np.maximum))
+    low, high = (
+        extreme.reduce([points[node] for node in cells.T]) for extreme in (np.minimum, np.maximum)
+    )
     place, cell = contained(places, low + OUTSIDE * (high - low), high - OUTSIDE * (high - low))
     kind, nodes = cell_with(cells.shape[1], points.shape[1]), points[cells[cell]]
     at = np.full((len(cell), points.shape[1] + 1), 1.0 / (points.shape[1] + 1))
     # x(ξ) = Σ N_k(ξ) x_k for ξ, by Newton's method from the centroid
     for _ in range(NEWTON if nodes.shape[1] > at.shape[1] else 1):
         off = places[place] - np.einsum("pk,pkd->pd", kind.shapes(at), nodes)
-        step = np.linalg.solve(np.einsum("apk,pkd->pda", kind.derivatives(at), nodes), off[:, :, None])[:, :, 0]
+        step = np.linalg.solve(
+            np.einsum("apk,pkd->pda", kind.derivatives(at), nodes), off[:, :, None]
+        )[:, :, 0]
         inner = np.clip(at[:, 1:] + step, -1.0, 2.0)
         at = np.column_stack([1.0 - inner.sum(axis=1), inner])
     inside = at.min(axis=1)
@@ -226,5 +317,7 @@ def _located(points: np.ndarray, cells: np.ndarray, body: np.ndarray, places: np
     kept |= (inside >= OUTSIDE) & ~np.isin(place, place[kept])
     order = np.lexsort((-inside, body[cell], place))
     order = order[kept[order]]
-    order = order[np.unique(np.column_stack([place, body[cell]])[order], axis=0, return_index=True)[1]]
+    order = order[
+        np.unique(np.column_stack([place, body[cell]])[order], axis=0, return_index=True)[1]
+    ]
     return place[order], cell[order], at[order]

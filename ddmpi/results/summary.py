@@ -37,10 +37,11 @@ class Row(NamedTuple):
 RESIDUALS = {
     "force_mismatch": "difference of the contact forces of the two bodies, over the forces",
     "penetration": "the largest overlap at the nodes, or opening where bonded or guided, over the size of the contact "
-                   "displacements",
+    "displacements",
     "complementarity": "force across open nodes, and tension",
     "friction": "distance of tangential forces from the friction law, over the largest force",
-    "equilibrium": "imbalance of the forces in a body, over its loads"}
+    "equilibrium": "imbalance of the forces in a body, over its loads",
+}
 """What each residual of the certificate means."""
 
 ROWS = {
@@ -64,7 +65,10 @@ ROWS = {
     **{f"contacts.NAME.{status}": Row(status) for status in STATUS},
     "contacts.NAME.dissipated": Row("dissipated", "energy"),
     "contacts.NAME.pressure_max": Row("largest pressure", "stress"),
-    **{f"contacts.NAME.certificate.{kind}": Row(kind.replace("_", " ")) for kind in ContactResiduals._fields},
+    **{
+        f"contacts.NAME.certificate.{kind}": Row(kind.replace("_", " "))
+        for kind in ContactResiduals._fields
+    },
     "contacts.NAME.pointwise_penetration": Row("penetration between nodes up to", "length"),
     "contacts.NAME.moment_imbalance": Row("moment imbalance", "moment"),
     "contacts.NAME.moment_imbalance_bound": Row("bound", "moment"),
@@ -76,14 +80,14 @@ ROWS = {
     "energy.strain_energy": Row("strain energy", "energy"),
     "energy.interface_work": Row("work of the contact forces", "energy"),
     "energy.dissipated": Row("of it dissipated by friction", "energy"),
-    "energy.lost": Row("of it taken by interference, closing gaps and time stepping", "energy")}
+    "energy.lost": Row("of it taken by interference, closing gaps and time stepping", "energy"),
+}
 """By the dotted name of an entry; NAME is that of a body, a contact or a rigid partner. docs/reference/results.md says
 what every entry of summary.json means."""
 
 
 def tell(summary: Mapping[str, Any], table: str, name: str, key: str, digits: int = 4) -> str:
-    """An entry of a body, contact or rigid partner in words: "3 open", "largest pressure 64.42 MPa", "force (3, −4) N".
-    """
+    """An entry of a body, contact or rigid partner in words: "3 open", "largest pressure 64.42 MPa", "force (3, −4) N"."""
     row, value = ROWS[f"{table}.NAME.{key}"], summary[table][name][key]
     if not row.quantity:
         return f"{value} {row.words}"
@@ -92,18 +96,26 @@ def tell(summary: Mapping[str, Any], table: str, name: str, key: str, digits: in
         return f"{row.words} {as_float(value):.{digits}g} {unit}"
     components = np.array([as_float(component) for component in value])
     components[np.abs(components) < PRECISION * np.linalg.norm(components)] = 0.0
-    return f"{row.words} ({', '.join(f'{component:.{digits}g}' for component in components)}) {unit}"
+    return (
+        f"{row.words} ({', '.join(f'{component:.{digits}g}' for component in components)}) {unit}"
+    )
 
 
 def count(contacts: Iterable[Mapping[str, Any]]) -> str:
     """The nodes of some contacts by their status, in words: "3 open, 4 slip, 3 stick"."""
     contacts = list(contacts)
-    return ", ".join(f"{sum(contact[status] for contact in contacts)} {status}" for status in STATUS)
+    return ", ".join(
+        f"{sum(contact[status] for contact in contacts)} {status}" for status in STATUS
+    )
 
 
 def largest(entries: Mapping[str, Mapping], key: str) -> tuple[float | None, str]:
     """The largest value of the `entries`, and its name; None, and the first name, if all are None."""
-    name = max(entries, default="", key=lambda name: -math.inf if entries[name][key] is None else entries[name][key])
+    name = max(
+        entries,
+        default="",
+        key=lambda name: -math.inf if entries[name][key] is None else entries[name][key],
+    )
     return entries[name][key] if name else None, name
 
 
@@ -112,8 +124,13 @@ def as_float(value: float | None) -> float:
     return math.nan if value is None else value
 
 
-def summarize(scene: dict, run: Mapping[str, Any], bodies: Mapping[str, dict], contacts: Mapping[str, ContactTotals],
-              certificate: Certificate) -> dict:
+def summarize(
+    scene: dict,
+    run: Mapping[str, Any],
+    bodies: Mapping[str, dict],
+    contacts: Mapping[str, ContactTotals],
+    certificate: Certificate,
+) -> dict:
     """The content of summary.json but for provenance and times, as plain data. Not collective.
 
     Numbers that are not finite become None, JSON's null.
@@ -127,25 +144,54 @@ def summarize(scene: dict, run: Mapping[str, Any], bodies: Mapping[str, dict], c
     """
     dimension = len(next(iter(bodies.values()))["reaction"])
     method = scene["method"]
-    entries = {name: body | {"n_A": sum(body["n_A_by_purpose"].values()),
-                             "certificate": {"equilibrium": certificate.equilibrium[name]}}
-               for name, body in bodies.items()}
-    n_A, m = sum(entry["n_A"] for entry in entries.values()), sum(contact.m for contact in contacts.values())
-    return plain({
-        "format": FORMAT, "title": scene["title"], "converged": run["converged"], "reason": run["reason"],
-        "outer": method["outer"], "algorithm": method.get("algorithm") or method["outer"],
-        "splitting": method.get("splitting") or "none",
-        "friction": ", ".join(dict.fromkeys(contact.law for contact in contacts.values())),
-        "n": sum(body["n"] for body in bodies.values()), "m": m, "n_A": n_A,
-        "eff": n_A / (2 * m) if m else None, "bodies": entries,
-        "contacts": {name: _contact(contact) | {
-            "certificate": certificate.contacts[name]._asdict(),
-            "dissipated": np.sum(np.array([step["contacts"][name]["dissipated"] for step in run["steps"]], float))}
-            for name, contact in contacts.items()},
-        "rigid": rigid_partners(contacts.values()),
-        "certificate": {kind: value for kind, (value, _) in certificate.worst().items()},
-        "displacement_max": np.max([body["displacement_max"] for body in bodies.values()]),
-        "units": units(scene, dimension), **run, "seconds": {}, "scene": scene})
+    entries = {
+        name: body
+        | {
+            "n_A": sum(body["n_A_by_purpose"].values()),
+            "certificate": {"equilibrium": certificate.equilibrium[name]},
+        }
+        for name, body in bodies.items()
+    }
+    n_A, m = (
+        sum(entry["n_A"] for entry in entries.values()),
+        sum(contact.m for contact in contacts.values()),
+    )
+    return plain(
+        {
+            "format": FORMAT,
+            "title": scene["title"],
+            "converged": run["converged"],
+            "reason": run["reason"],
+            "outer": method["outer"],
+            "algorithm": method.get("algorithm") or method["outer"],
+            "splitting": method.get("splitting") or "none",
+            "friction": ", ".join(dict.fromkeys(contact.law for contact in contacts.values())),
+            "n": sum(body["n"] for body in bodies.values()),
+            "m": m,
+            "n_A": n_A,
+            "eff": n_A / (2 * m) if m else None,
+            "bodies": entries,
+            "contacts": {
+                name: _contact(contact)
+                | {
+                    "certificate": certificate.contacts[name]._asdict(),
+                    "dissipated": np.sum(
+                        np.array(
+                            [step["contacts"][name]["dissipated"] for step in run["steps"]], float
+                        )
+                    ),
+                }
+                for name, contact in contacts.items()
+            },
+            "rigid": rigid_partners(contacts.values()),
+            "certificate": {kind: value for kind, (value, _) in certificate.worst().items()},
+            "displacement_max": np.max([body["displacement_max"] for body in bodies.values()]),
+            "units": units(scene, dimension),
+            **run,
+            "seconds": {},
+            "scene": scene,
+        }
+    )
 
 
 def rigid_partners(contacts: Iterable[ContactTotals]) -> dict[str, dict[str, np.ndarray]]:
@@ -155,7 +201,9 @@ def rigid_partners(contacts: Iterable[ContactTotals]) -> dict[str, dict[str, np.
     for contact in contacts:
         if contact.rigid is not None:
             moved, turn, pivot = contact.rigid
-            entry = partners.setdefault(contact.bodies[1], {"displacement": moved, "force": np.zeros(len(moved))})
+            entry = partners.setdefault(
+                contact.bodies[1], {"displacement": moved, "force": np.zeros(len(moved))}
+            )
             entry["force"] = entry["force"] - contact.force
             if len(turn):
                 about = moment(np.atleast_2d(pivot), contact.force[None])
@@ -186,11 +234,16 @@ def motion_at(summary: dict, rigid: Rigid, time: float | None) -> RigidMotion:
     if not rigid.yields:
         return RigidMotion(factor_at(summary, rigid.history, time) * still)
     at = {0.0: np.zeros(len(still) + rigid.turns_by)} | {
-        step["time"]: np.append(*(step["rigid"][rigid.name].get(key, []) for key in ("displacement", "turn")))
-        for step in summary.get("steps", ())}
+        step["time"]: np.append(
+            *(step["rigid"][rigid.name].get(key, []) for key in ("displacement", "turn"))
+        )
+        for step in summary.get("steps", ())
+    }
     now = max(at) if time is None else time
-    moved = np.array([np.interp(now, list(at), component) for component in zip(*at.values(), strict=True)])
-    return RigidMotion(moved[:len(still)], moved[len(still):], np.array(rigid.pivot or still))
+    moved = np.array(
+        [np.interp(now, list(at), component) for component in zip(*at.values(), strict=True)]
+    )
+    return RigidMotion(moved[: len(still)], moved[len(still) :], np.array(rigid.pivot or still))
 
 
 def write_summary(path: Path, summary: dict) -> None:
@@ -204,23 +257,43 @@ def write_mechanism(path: Path, mechanism: Mechanism) -> None:
     A velocity is (v_x, v_y, ω), in space (v_x, v_y, v_z, ω_x, ω_y, ω_z), such that the fastest node has velocity 1.
     Not collective. Raises OutputError.
     """
-    _write_json(path / MECHANISM, plain({
-        "reason": describe(mechanism), "imbalance": mechanism.imbalance,
-        "bodies": [{"name": body.name, "centre": body.centre, "velocity": velocity}
-                   for body, velocity in zip(mechanism.bodies, mechanism.velocities, strict=True)]}))
+    _write_json(
+        path / MECHANISM,
+        plain(
+            {
+                "reason": describe(mechanism),
+                "imbalance": mechanism.imbalance,
+                "bodies": [
+                    {"name": body.name, "centre": body.centre, "velocity": velocity}
+                    for body, velocity in zip(mechanism.bodies, mechanism.velocities, strict=True)
+                ],
+            }
+        ),
+    )
 
 
 def _write_json(path: Path, content: dict) -> None:
     with writing(path):
-        path.write_text(json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8",
-                        errors="backslashreplace")  # names of folders may have bytes that are no text
+        path.write_text(
+            json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n",
+            encoding="utf-8",
+            errors="backslashreplace",
+        )  # names of folders may have bytes that are no text
 
 
 def _contact(totals: ContactTotals) -> dict:
     imbalance, bound = totals.moment_imbalance
-    return {"m": totals.m, "pairing": "mortar" if totals.slave else "nodes", "slave": totals.slave,
-            "friction": totals.law, **plain(totals.resultants), "pressure_max": totals.pressure_max,
-            "pointwise_penetration": totals.deepest, "moment_imbalance": imbalance, "moment_imbalance_bound": bound}
+    return {
+        "m": totals.m,
+        "pairing": "mortar" if totals.slave else "nodes",
+        "slave": totals.slave,
+        "friction": totals.law,
+        **plain(totals.resultants),
+        "pressure_max": totals.pressure_max,
+        "pointwise_penetration": totals.deepest,
+        "moment_imbalance": imbalance,
+        "moment_imbalance_bound": bound,
+    }
 
 
 def plain(value: Any) -> Any:

@@ -30,12 +30,43 @@ STATUS = ("open", "slip", "stick")
 # each means.
 
 LEGS_IN = {
-    2: ("time", "x", "y", "length", "normal_stress", "tangential_stress", "gap", "slip", "slip_total", "status"),
-    3: ("time", "x", "y", "z", "area", "normal_stress", "tangential_stress", "gap", "slip", "slip_total", "status",
-        "force_x", "force_y", "force_z", "slip_x", "slip_y", "slip_z")}
+    2: (
+        "time",
+        "x",
+        "y",
+        "length",
+        "normal_stress",
+        "tangential_stress",
+        "gap",
+        "slip",
+        "slip_total",
+        "status",
+    ),
+    3: (
+        "time",
+        "x",
+        "y",
+        "z",
+        "area",
+        "normal_stress",
+        "tangential_stress",
+        "gap",
+        "slip",
+        "slip_total",
+        "status",
+        "force_x",
+        "force_y",
+        "force_z",
+        "slip_x",
+        "slip_y",
+        "slip_z",
+    ),
+}
 """By dimension."""
 
-AREAS = {"length": "area"}  # names of columns around an axis, where nodal lengths are those of rings: areas
+AREAS = {
+    "length": "area"
+}  # names of columns around an axis, where nodal lengths are those of rings: areas
 
 SIDES = ("x", "y", "length", "normal_stress", "tangential_stress")
 
@@ -43,17 +74,46 @@ HISTORY = ("step", "iteration", "update", "residual", "inner_precision", *STATUS
 
 TOTALS = ("normal_force", "tangential_force", *STATUS, "dissipated")
 
-STEPS_IN = {2: ("time", "contact", "force_x", "force_y", "moment", *TOTALS),
-            3: ("time", "contact", "force_x", "force_y", "force_z", "moment_x", "moment_y", "moment_z", *TOTALS)}
+STEPS_IN = {
+    2: ("time", "contact", "force_x", "force_y", "moment", *TOTALS),
+    3: (
+        "time",
+        "contact",
+        "force_x",
+        "force_y",
+        "force_z",
+        "moment_x",
+        "moment_y",
+        "moment_z",
+        *TOTALS,
+    ),
+}
 """By dimension."""
 
 ENERGY = ("time", "external_work", "strain_energy", "interface_work", "dissipated", "residual")
 
 CYCLE = ("cycle",)  # the last column of steps.csv and energy.csv in scenes with [time] cycle
 
-PATH = ("distance", "x", "y", "z", "body", "displacement_x", "displacement_y", "displacement_z",
-        "stress_xx", "stress_yy", "stress_zz", "stress_xy", "stress_yz", "stress_xz",
-        "principal_1", "principal_2", "principal_3", "von_mises")
+PATH = (
+    "distance",
+    "x",
+    "y",
+    "z",
+    "body",
+    "displacement_x",
+    "displacement_y",
+    "displacement_z",
+    "stress_xx",
+    "stress_yy",
+    "stress_zz",
+    "stress_xy",
+    "stress_yz",
+    "stress_xz",
+    "principal_1",
+    "principal_2",
+    "principal_3",
+    "von_mises",
+)
 
 
 def write_contact(path: Path, name: str, state: ContactState) -> None:
@@ -76,21 +136,32 @@ def write_sides(path: Path, name: str, state: ContactState) -> None:
     """
     xy, facets = state.interface.xy, state.interface.facets
     cell = cell_with(facets.shape[1], xy.shape[1] - 1)
-    middle, places = facets[:, (cell.nodes == FIRST[cell.dimension][0]).all(axis=1)].ravel(), xy[facets]
+    middle, places = (
+        facets[:, (cell.nodes == FIRST[cell.dimension][0]).all(axis=1)].ravel(),
+        xy[facets],
+    )
     if len(middle) == 0:
         return
     bare = facets[:, :2] == facets[:, 2:]  # ends on an axis, which have no row
     places[:, :2][bare] = (2.0 * places[:, 2:] - places[:, 1::-1])[bare]
     length = facet_measures(places)
-    means = (side_means(stress[facets], places, state.interface.axisymmetric)
-             for stress in (state.pressure, signed(state.shear)))
-    write_table(path / contact_files(name).sides, SIDES, zip(*xy[middle].T, length, *means, strict=True))
+    means = (
+        side_means(stress[facets], places, state.interface.axisymmetric)
+        for stress in (state.pressure, signed(state.shear))
+    )
+    write_table(
+        path / contact_files(name).sides, SIDES, zip(*xy[middle].T, length, *means, strict=True)
+    )
 
 
 def side_means(stress: np.ndarray, places: np.ndarray, axisymmetric: bool) -> np.ndarray:
     """Means (f,) over sides of stresses (f, 3) at their ends and middles at `places` (f, 3, 2), by Simpson's rule."""
     # ∫ σ ds by Simpson's weights 1/6, 1/6, 4/6, around an axis times 2πr
-    shares = cell_with(stress.shape[1], 1).mass.sum(axis=1) * circumference(places, axisymmetric) * np.ones_like(stress)
+    shares = (
+        cell_with(stress.shape[1], 1).mass.sum(axis=1)
+        * circumference(places, axisymmetric)
+        * np.ones_like(stress)
+    )
     return (shares * stress).sum(axis=1) / shares.sum(axis=1)
 
 
@@ -101,13 +172,20 @@ def named(columns: Iterable[str], axisymmetric: bool) -> list[str]:
 
 def leg_columns(dimension: int) -> tuple[str, ...]:
     """The columns of contact_NAME_legs.csv that differ from load step to load step."""
-    return LEGS_IN[dimension][LEGS_IN[dimension].index("normal_stress"):]
+    return LEGS_IN[dimension][LEGS_IN[dimension].index("normal_stress") :]
 
 
 def leg_values(state: ContactState) -> np.ndarray:
     """The numbers (m, k) of the `leg_columns`; a status is its place in STATUS, a force that of the whole row."""
     status = np.argmax(state.status[:, None] == np.array(STATUS), axis=1)
-    columns = [state.pressure, signed(state.shear), state.gap, signed(state.slip), signed(state.slip_total), status]
+    columns = [
+        state.pressure,
+        signed(state.shear),
+        state.gap,
+        signed(state.slip),
+        signed(state.slip_total),
+        status,
+    ]
     if state.interface.dimension > 2:
         columns += [state.forces + 0.0, state.along(state.slip) + 0.0]  # no −0
     return np.column_stack(columns)
@@ -116,15 +194,21 @@ def leg_values(state: ContactState) -> np.ndarray:
 def _by_line(state: ContactState, values: np.ndarray) -> list[np.ndarray]:
     """The `leg_columns` with `leg_values` (m, k) by line. Nodes that share a row share its force."""
     lines, share, columns = state.interface.lines, state.interface.shares, []
-    for name, column in zip(leg_columns(state.interface.dimension), values[lines.row].T, strict=True):
+    for name, column in zip(
+        leg_columns(state.interface.dimension), values[lines.row].T, strict=True
+    ):
         if name == "status":
             column = np.array(STATUS)[column.astype(int)]
         columns.append(column * share if name.startswith("force") else column)
     return columns
 
 
-def write_legs(path: Path, name: str, interface: Interface,
-               steps: Iterable[tuple[float, ContactState, np.ndarray]]) -> None:
+def write_legs(
+    path: Path,
+    name: str,
+    interface: Interface,
+    steps: Iterable[tuple[float, ContactState, np.ndarray]],
+) -> None:
     """Write contact_NAME_legs.csv into the folder `path`: a line per contact node and load step whose fields are kept.
 
     Parameters
@@ -134,9 +218,20 @@ def write_legs(path: Path, name: str, interface: Interface,
 
     Not collective. Raises OutputError.
     """
-    write_table(path / contact_files(name).legs, named(LEGS_IN[interface.dimension], interface.axisymmetric), (
-        (time, *row) for time, state, values in steps for row in zip(
-            *state.interface.lines.acting.T, state.interface.lines.area, *_by_line(state, values), strict=True)))
+    write_table(
+        path / contact_files(name).legs,
+        named(LEGS_IN[interface.dimension], interface.axisymmetric),
+        (
+            (time, *row)
+            for time, state, values in steps
+            for row in zip(
+                *state.interface.lines.acting.T,
+                state.interface.lines.area,
+                *_by_line(state, values),
+                strict=True,
+            )
+        ),
+    )
 
 
 def write_steps(path: Path, steps: Iterable[dict]) -> None:
@@ -144,26 +239,50 @@ def write_steps(path: Path, steps: Iterable[dict]) -> None:
     the summary (`summary.summarize`). Not collective. Raises OutputError."""
     steps = list(steps)
     cycles = CYCLE if any("cycle" in step for step in steps) else ()
-    rows = [(step["time"], name, *contact["force"], *np.atleast_1d(contact["moment"]),
-             *(contact[column] for column in TOTALS), *(step.get(column, 0) for column in cycles))
-            for step in steps for name, contact in step["contacts"].items()]
-    write_table(path / "steps.csv", next([*columns, *cycles] for columns in STEPS_IN.values()
-                                         if not rows or len(columns) + len(cycles) == len(rows[0])), rows)
+    rows = [
+        (
+            step["time"],
+            name,
+            *contact["force"],
+            *np.atleast_1d(contact["moment"]),
+            *(contact[column] for column in TOTALS),
+            *(step.get(column, 0) for column in cycles),
+        )
+        for step in steps
+        for name, contact in step["contacts"].items()
+    ]
+    write_table(
+        path / "steps.csv",
+        next(
+            [*columns, *cycles]
+            for columns in STEPS_IN.values()
+            if not rows or len(columns) + len(cycles) == len(rows[0])
+        ),
+        rows,
+    )
 
 
 def write_energies(path: Path, energies: Iterable[Sequence[float]], steps: Sequence[dict]) -> None:
     """Write energy.csv into the folder `path`: a line for each of the `steps`, as for `write_steps`, with the numbers
     ENERGY. Not collective. Raises OutputError."""
     cycles = CYCLE if any("cycle" in step for step in steps) else ()
-    write_table(path / "energy.csv", [*ENERGY, *cycles], (
-        (*row, *(step.get(column, 0) for column in cycles)) for row, step in zip(energies, steps, strict=True)))
+    write_table(
+        path / "energy.csv",
+        [*ENERGY, *cycles],
+        (
+            (*row, *(step.get(column, 0) for column in cycles))
+            for row, step in zip(energies, steps, strict=True)
+        ),
+    )
 
 
 def write_path(path: Path, columns: Columns) -> None:
     """Write the columns of `histories.along`. A table of a path is overwritten, any other file is not. Not collective.
     Raises InputError, OutputError."""
     if path.exists() and not (path.is_file() and path.read_bytes().startswith(b"distance,x,y,")):
-        raise InputError(f"--output {path}: is there already, and no table of a path; name another file")
+        raise InputError(
+            f"--output {path}: is there already, and no table of a path; name another file"
+        )
     write_table(path, columns, zip(*columns.values(), strict=True))
 
 
@@ -240,16 +359,19 @@ class Results:
     @property
     def parts(self) -> list[str]:
         """Names of the bodies, then of the rigid partners."""
-        return [*self.summary["bodies"], *(rigid["name"] for rigid in self.summary["scene"].get("rigid", ()))]
+        return [
+            *self.summary["bodies"],
+            *(rigid["name"] for rigid in self.summary["scene"].get("rigid", ())),
+        ]
 
     @property
     def points(self) -> np.ndarray:
         """(nv, d) of all bodies (m)."""
-        return self.fields["points"][:, :self.dimension]
+        return self.fields["points"][:, : self.dimension]
 
     def displacement(self, scale: float = 1.0) -> np.ndarray:
         """(nv, d) times `scale` (m)."""
-        return scale * self.fields["displacement"][:, :self.dimension]
+        return scale * self.fields["displacement"][:, : self.dimension]
 
     def cells(self, name: str) -> np.ndarray:
         """The cells (c, d) of what a contact covers, without points that stand alone."""
@@ -271,8 +393,10 @@ def read_results(folder: str | Path) -> Results:
     folder = Path(folder)
     summary = read_summary(folder)
     if only := summary["scene"].get("output", {}).get("only"):
-        raise InputError(f'{folder}: holds contacts alone, without fields, because of output.only = "{only}"; run the '
-                         "scene without it")
+        raise InputError(
+            f'{folder}: holds contacts alone, without fields, because of output.only = "{only}"; run the '
+            "scene without it"
+        )
     with reading(folder):
         for name in summary["contacts"]:
             if "/" in name:
@@ -283,32 +407,47 @@ def read_results(folder: str | Path) -> Results:
             fields = {name: data[()] for name, data in datasets(file).items()}
             surfaces, (lines, facets) = read_surfaces(file), read_lines(file)
         steps = summary["scene"].get("time") is not None
-        return Results(summary, {name: _read_csv(path) | lines.get(name, {}) for name, path in tables.items()},
-                       {name: _read_csv(path) for name, path in sides.items() if path.exists()},
-                       _read_csv(folder / "history.csv"), _read_csv(folder / "steps.csv"), fields,
-                       _read_csv(folder / "energy.csv") if steps else {},
-                       {name: _read_csv(folder / contact_files(name).legs) for name in tables if steps}, facets,
-                       surfaces, frames=_read_csv(folder / "frames.csv") if steps and (
-                           summary["scene"]["time"].get("motions") == "far") else {})
+        return Results(
+            summary,
+            {name: _read_csv(path) | lines.get(name, {}) for name, path in tables.items()},
+            {name: _read_csv(path) for name, path in sides.items() if path.exists()},
+            _read_csv(folder / "history.csv"),
+            _read_csv(folder / "steps.csv"),
+            fields,
+            _read_csv(folder / "energy.csv") if steps else {},
+            {name: _read_csv(folder / contact_files(name).legs) for name in tables if steps},
+            facets,
+            surfaces,
+            frames=_read_csv(folder / "frames.csv")
+            if steps and (summary["scene"]["time"].get("motions") == "far")
+            else {},
+        )
 
 
 def read_lines(file: Any, step: str = "") -> tuple[dict[str, Columns], dict[str, np.ndarray]]:
     """What result.h5 adds to the lines of each contact's table, at the last load step or that of the group `step`, and
     the facets that join them."""
-    lines = {name: {key: data[()] for key, data in group.items() if key != "span"}
-             for name, group in file.get(f"{step}/contacts", {}).items()}
+    lines = {
+        name: {key: data[()] for key, data in group.items() if key != "span"}
+        for name, group in file.get(f"{step}/contacts", {}).items()
+    }
     return lines, {name: data.pop("facets") for name, data in lines.items()}
 
 
 def read_surfaces(file: Any, step: str = "") -> dict[str, Columns]:
     """Of each contact the points (n, 3), cells (c, d) and fields of its surface in result.h5, at the last load step or
     that of the group `step`. Empty in results of versions before 0.16."""
-    stored, found = datasets(file.get("surfaces", {})) | datasets(file.get(f"{step}/surfaces", {})), {}
+    stored, found = (
+        datasets(file.get("surfaces", {})) | datasets(file.get(f"{step}/surfaces", {})),
+        {},
+    )
     for name, group in file.get(f"{step}/contacts", file.get("contacts", {})).items():
         if "span" in group:
             (node, cell), (nodes, cells) = group["span"][()].tolist()
-            found[name] = {key: data[node:node + nodes] for key, data in stored.items() if key != "cells"}
-            found[name]["cells"] = stored["cells"][cell:cell + cells] - node
+            found[name] = {
+                key: data[node : node + nodes] for key, data in stored.items() if key != "cells"
+            }
+            found[name]["cells"] = stored["cells"][cell : cell + cells] - node
     return found
 
 
@@ -325,7 +464,9 @@ def read_summary(folder: str | Path) -> dict:
         summary = json.loads((Path(folder) / "summary.json").read_text(encoding="utf-8"))
         format_found = summary.get("format", 1)
         if format_found != FORMAT:
-            raise InputError(f"{folder}: results in format {format_found}; this version reads format {FORMAT}")
+            raise InputError(
+                f"{folder}: results in format {format_found}; this version reads format {FORMAT}"
+            )
         return summary
 
 
@@ -333,8 +474,10 @@ def _read_csv(path: Path) -> Columns:
     with open(path, newline="", encoding="utf-8") as file:
         header, *rows = csv.reader(file)
     columns = zip(*rows, strict=True) if rows else ((),) * len(header)
-    return {name: np.array(column, str if name in ("status", "contact", "body") else float)
-            for name, column in zip(header, columns, strict=True)}
+    return {
+        name: np.array(column, str if name in ("status", "contact", "body") else float)
+        for name, column in zip(header, columns, strict=True)
+    }
 
 
 def drawn_rows(table: Columns, facets: np.ndarray) -> tuple[Columns, np.ndarray]:

@@ -35,7 +35,12 @@ from ddmpi.system.clock import Clock
 from ddmpi.system.numbers import scaled_unit
 from ddmpi.system.provenance import has_matplotlib
 
-COLUMNS = ("normal_force", "tangential_force", "pressure_max", *STATUS)  # the entries of a contact in the table
+COLUMNS = (
+    "normal_force",
+    "tangential_force",
+    "pressure_max",
+    *STATUS,
+)  # the entries of a contact in the table
 
 
 @dataclass(frozen=True)
@@ -75,10 +80,14 @@ class Answer:
         """
         entries = self.summary.get("derivatives", {})
         if not self.certified:
-            raise InputError(f"derivative({key!r}): {self.reason}; only a certified answer has derivatives")
+            raise InputError(
+                f"derivative({key!r}): {self.reason}; only a certified answer has derivatives"
+            )
         if key not in entries:
-            raise InputError(f"derivative({key!r}): output.derivatives of the scene does not name it"
-                             f"{nearest(str(key), list(entries))} (there: {', '.join(entries) or 'none'})")
+            raise InputError(
+                f"derivative({key!r}): output.derivatives of the scene does not name it"
+                f"{nearest(str(key), list(entries))} (there: {', '.join(entries) or 'none'})"
+            )
         return joined(entries[key], self.derived[key]) if entries[key] else None
 
     def gradient(self, result: str) -> Entry:
@@ -89,10 +98,14 @@ class Answer:
         and on more ranks than bodies; and SolverError where the equations are not solved precisely.
         """
         if not self.solved or self.summary["ranks"] > len(self.summary["bodies"]):
-            raise InputError("gradient: not possible with several ranks a body; start on fewer ranks, or set "
-                             "output.derivatives")
+            raise InputError(
+                "gradient: not possible with several ranks a body; start on fewer ranks, or set "
+                "output.derivatives"
+            )
         if self.solved.assembly.world == MPI.COMM_NULL:
-            raise InputError("gradient: a case failed, which closed the model of this answer; ask for gradients before")
+            raise InputError(
+                "gradient: a case failed, which closed the model of this answer; ask for gradients before"
+            )
         solution = self.solved.solution
         if not solution.certified or not isinstance(solution.outer, Newton):
             raise InputError('gradient: needs a certified answer of outer = "newton"')
@@ -100,10 +113,14 @@ class Answer:
 
     def __repr__(self) -> str:
         summary, contacts = self.summary, list(self.summary["contacts"])
-        lines = [f"Answer({summary['title']!r}, certified={self.certified}, reason={self.reason!r})",
-                 f"largest displacement {summary['displacement_max']:.4g} {summary['units']['length']}",
-                 *(describe_contact(summary, name, self.contacts[name].interface.bodies[0])
-                   for name in contacts[:LISTED])]
+        lines = [
+            f"Answer({summary['title']!r}, certified={self.certified}, reason={self.reason!r})",
+            f"largest displacement {summary['displacement_max']:.4g} {summary['units']['length']}",
+            *(
+                describe_contact(summary, name, self.contacts[name].interface.bodies[0])
+                for name in contacts[:LISTED]
+            ),
+        ]
         if len(contacts) > LISTED:
             lines.append(f"and {len(contacts) - LISTED} more contacts")
         return "\n    ".join(lines)
@@ -113,12 +130,17 @@ class Answer:
         collective."""
         summary, contacts = self.summary, self.contacts
         moved = _amount(summary["displacement_max"], summary["units"]["length"])
-        parts = [f"<b>{html.escape(summary['title'] or 'Answer')}</b>: {html.escape(summary['reason'])}; largest "
-                 f"displacement {moved}", _table(summary)]
+        parts = [
+            f"<b>{html.escape(summary['title'] or 'Answer')}</b>: {html.escape(summary['reason'])}; largest "
+            f"displacement {moved}",
+            _table(summary),
+        ]
         parts += [f"<p>Warning: {html.escape(warning)}</p>" for warning in summary["warnings"]]
         if contacts and has_matplotlib():
             image = base64.b64encode(_picture(summary, contacts)).decode("ascii")
-            parts.append(f'<img alt="stresses of the contacts" src="data:image/png;base64,{image}">')
+            parts.append(
+                f'<img alt="stresses of the contacts" src="data:image/png;base64,{image}">'
+            )
         return "<div>" + "\n".join(parts) + "</div>"
 
 
@@ -130,7 +152,9 @@ class Model:
     reused : what of each body and contact the last solve has taken from those before, as `summary["reused"]`
     """
 
-    def __init__(self, scene: str | Path | Mapping[str, Any], comm: MPI.Comm | None = None, keep: bool = True) -> None:
+    def __init__(
+        self, scene: str | Path | Mapping[str, Any], comm: MPI.Comm | None = None, keep: bool = True
+    ) -> None:
         if not isinstance(comm, MPI.Comm | None):
             raise InputError(f"comm: expected a communicator of mpi4py (got {comm!r})")
         self._world = in_lockstep(MPI.COMM_WORLD if comm is None else comm)
@@ -139,8 +163,17 @@ class Model:
 
         def read() -> dict:
             if not isinstance(scene, str | os.PathLike | Mapping) or scene == "":
-                raise InputError(f"scene: expected a path, the text of a scene, or a table (got {scene!r})")
-            return read_data(path, scene if isinstance(scene, Mapping) else str(scene) if in_words else read_text(path))
+                raise InputError(
+                    f"scene: expected a path, the text of a scene, or a table (got {scene!r})"
+                )
+            return read_data(
+                path,
+                scene
+                if isinstance(scene, Mapping)
+                else str(scene)
+                if in_words
+                else read_text(path),
+            )
 
         self._data = from_first(self._world, read)
         self._cases: Cases | None = Cases(self._world, keep)
@@ -158,23 +191,40 @@ class Model:
             self._cases.end()
         self._cases = None
 
-    def settle(self, overrides: Mapping[str, Any] | None = None, only: str | None = None,
-               outer: str | type | None = None) -> Settled:
+    def settle(
+        self,
+        overrides: Mapping[str, Any] | None = None,
+        only: str | None = None,
+        outer: str | type | None = None,
+    ) -> Settled:
         """The scene with all defaults and these values by key. Collective. Raises InputError."""
+
         def read() -> Settled:
             data = copy.deepcopy(self._data)
             if not isinstance(overrides, Mapping | None):
-                raise InputError(f"overrides: expected a table of values by key (got {overrides!r})")
+                raise InputError(
+                    f"overrides: expected a table of values by key (got {overrides!r})"
+                )
             name = f"{outer.__module__}:{outer.__qualname__}" if isinstance(outer, type) else outer
-            given = {key: value for key, value in (("output.only", only), ("method.outer", name)) if value is not None}
+            given = {
+                key: value
+                for key, value in (("output.only", only), ("method.outer", name))
+                if value is not None
+            }
             for key, value in {**(overrides or {}), **given}.items():
                 override(data, str(key), as_data(value, "overrides", str(key)), "overrides: ")
             return read_scene(self._path, data, file_kind=kind_of_files(self._path))
 
         return from_first(self._world, read)
 
-    def solve(self, overrides: Mapping[str, Any] | None = None, only: str | None = None, start: Answer | None = None,
-              progress: bool = False, outer: str | type | None = None) -> Answer:
+    def solve(
+        self,
+        overrides: Mapping[str, Any] | None = None,
+        only: str | None = None,
+        start: Answer | None = None,
+        progress: bool = False,
+        outer: str | type | None = None,
+    ) -> Answer:
         """The answer with these values by key, that of a run by itself to the bit. Collective.
 
         Parameters
@@ -192,27 +242,48 @@ class Model:
             raise InputError("this model is closed; ddmpi.prepare makes another one")
         if not isinstance(start, Answer | None):
             raise InputError(f"start: expected an answer (got {start!r})")
-        world, settled, clock, options = self._world, self.settle(overrides, only, outer), Clock(), RunOptions()
+        world, settled, clock, options = (
+            self._world,
+            self.settle(overrides, only, outer),
+            Clock(),
+            RunOptions(),
+        )
         motions = start.solved.solution.outer.motions if start and start.solved else None
         begin = (start.contacts, motions) if start else None
         options.use(settled.petsc)
         try:
             with logs.told_by_first(world.rank, progress):
-                solved = self._cases.compute(settled, self._path, clock, write=False, start=begin,
-                                             outer=outer if isinstance(outer, type) else None)
+                solved = self._cases.compute(
+                    settled,
+                    self._path,
+                    clock,
+                    write=False,
+                    start=begin,
+                    outer=outer if isinstance(outer, type) else None,
+                )
         finally:
             options.use({})
         seconds = clock.largest(world)
         states = merged(world, solved.solution.states if solved else {})
         none = {key: Entry(contacts={}, bodies={}) for key in settled.output.derivatives}
-        arrays = {key: solved.steps.derived[1].get(key, none[key]) if solved else none[key] for key in none}
-        derived = {key: Entry(contacts=merged(world, entry.contacts), bodies=entry.bodies)
-                   for key, entry in arrays.items()}
+        arrays = {
+            key: solved.steps.derived[1].get(key, none[key]) if solved else none[key]
+            for key in none
+        }
+        derived = {
+            key: Entry(contacts=merged(world, entry.contacts), bodies=entry.bodies)
+            for key, entry in arrays.items()
+        }
         more = {"started_from": start.summary["run"]} if start else {}
         summary = world.bcast(solved.summary | {"seconds": seconds} | more if solved else None)
         self.reused = summary["reused"]
-        return Answer(summary, {contact.name: states[contact.name] for contact in settled.contact},
-                      solved.fields if solved else {}, solved, derived)
+        return Answer(
+            summary,
+            {contact.name: states[contact.name] for contact in settled.contact},
+            solved.fields if solved else {},
+            solved,
+            derived,
+        )
 
 
 def _table(summary: Mapping[str, Any]) -> str:
@@ -220,9 +291,17 @@ def _table(summary: Mapping[str, Any]) -> str:
     heads = "".join(f"<th>{html.escape(row.words)}</th>" for row in rows)
     lines = [f"<tr><th></th>{heads}</tr>"]
     for name, contact in summary["contacts"].items():
-        cells = [_amount(contact[key], summary["units"][row.quantity]) if row.quantity else str(contact[key])
-                 for key, row in zip(COLUMNS, rows, strict=True)]
-        lines.append(f"<tr><th>{html.escape(name)}</th>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>")
+        cells = [
+            _amount(contact[key], summary["units"][row.quantity])
+            if row.quantity
+            else str(contact[key])
+            for key, row in zip(COLUMNS, rows, strict=True)
+        ]
+        lines.append(
+            f"<tr><th>{html.escape(name)}</th>"
+            + "".join(f"<td>{cell}</td>" for cell in cells)
+            + "</tr>"
+        )
     return "<table>" + "\n".join(lines) + "</table>"
 
 
@@ -235,13 +314,20 @@ def _picture(summary: Mapping[str, Any], contacts: Mapping[str, ContactState]) -
     """A PNG file of the contacts with the largest forces: in the plane stresses along them, in space pressures."""
     from matplotlib.figure import Figure  # without pyplot: a notebook's own figures are left alone
 
-    shown = sorted(contacts, key=lambda name: -float(np.abs(contacts[name].normal_force).sum()))[:NAMED]
+    shown = sorted(contacts, key=lambda name: -float(np.abs(contacts[name].normal_force).sum()))[
+        :NAMED
+    ]
     figure = Figure(figsize=(6.4, 2.6 * len(shown)), layout="constrained")
     for place, name in enumerate(shown, 1):
         table, units = contacts[name].table(), summary["units"]
-        factor, unit = scaled_unit(float(np.nan_to_num(np.abs(table["normal_stress"])).max()), units["stress"])
+        factor, unit = scaled_unit(
+            float(np.nan_to_num(np.abs(table["normal_stress"])).max()), units["stress"]
+        )
         if "z" in (table.dtype.names or ()):
-            axes, at = figure.add_subplot(len(shown), 1, place), np.column_stack([table[axis] for axis in "xyz"])
+            axes, at = (
+                figure.add_subplot(len(shown), 1, place),
+                np.column_stack([table[axis] for axis in "xyz"]),
+            )
             at = at - at.mean(axis=0)  # seen from where the contact is widest
             across = at @ np.linalg.svd(at.T @ at)[2][:2].T
             points = axes.scatter(*across.T, c=table["normal_stress"] / factor, s=8)
@@ -251,9 +337,17 @@ def _picture(summary: Mapping[str, Any], contacts: Mapping[str, ContactState]) -
             axes, start = figure.add_subplot(len(shown), 1, place), 0.0
             for chain in chains(table_fields(contacts[name])["facets"]):
                 at = table[chain]  # pieces of a contact one after the other
-                arc = start + np.append(0.0, np.cumsum(np.hypot(np.diff(at["x"]), np.diff(at["y"]))))
+                arc = start + np.append(
+                    0.0, np.cumsum(np.hypot(np.diff(at["x"]), np.diff(at["y"])))
+                )
                 for kind, colour in (("normal", "tab:blue"), ("tangential", "tab:orange")):
-                    axes.plot(arc, at[f"{kind}_stress"] / factor, ".-", color=colour, label=None if start else kind)
+                    axes.plot(
+                        arc,
+                        at[f"{kind}_stress"] / factor,
+                        ".-",
+                        color=colour,
+                        label=None if start else kind,
+                    )
                 start = arc[-1]
             axes.set(xlabel=f"along the contact ({units['length']})", ylabel=f"stress ({unit})")
             axes.legend()

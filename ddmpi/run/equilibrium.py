@@ -43,7 +43,9 @@ UNSTABLE = 0.15
 """An equilibrium is not stable if a motion is resisted by less than this times what loads push it on by. Of a disc on a
 plane, which nothing holds and nothing pushes on, nodes that open and close make up to 0.12."""
 
-Moved = tuple[dict[str, np.ndarray], list[np.ndarray], dict[str, dict[str, Any]], dict[tuple[str, int], tuple]]
+Moved = tuple[
+    dict[str, np.ndarray], list[np.ndarray], dict[str, dict[str, Any]], dict[tuple[str, int], tuple]
+]
 """How the bodies of a rank move under the outer method's forces: by name their displacements (nv, d); their contact
 displacements; by name the sizes for the certificate; by contact and side the motion beside the nodes, and yielding."""
 
@@ -56,23 +58,45 @@ def look_for_mechanism(assembly: Assembly) -> Mechanism | None:
     if not assembly.loose or len(assembly.loose) > LARGEST:
         return None
     world, space, joint, scene = assembly.world, assembly.space, assembly.joint, assembly.scene
-    loads = joint.of_all([np.array([body.member.elasticity.load]) for body in _loose(assembly)],
-                         [np.array([size]) for size in assembly.pushes.values()])
+    loads = joint.of_all(
+        [np.array([body.member.elasticity.load]) for body in _loose(assembly)],
+        [np.array([size]) for size in assembly.pushes.values()],
+    )
     moves = sparse.diags(1.0 - joint.kept)
     with agreed(world):
-        allowed = {interface.name: Forces.of(interface, G) for interface, G in
-                   ((interface, (moves @ joint.rigid.Z[part].T).tocsc()) for interface, part in space.with_slices())
-                   if G.nnz}
+        allowed = {
+            interface.name: Forces.of(interface, G)
+            for interface, G in (
+                (interface, (moves @ joint.rigid.Z[part].T).tocsc())
+                for interface, part in space.with_slices()
+            )
+            if G.nnz
+        }
     forces, bodies = gathered(world, allowed), _with_partners(assembly)
-    return from_first(world, lambda: find_mechanism(  # the first rank decides for all
-        [forces[contact.name] for contact in scene.contact if contact.name in forces], joint.e, bodies,
-        loads) if has_clarabel() else None)
+    return from_first(
+        world,
+        lambda: (
+            find_mechanism(  # the first rank decides for all
+                [forces[contact.name] for contact in scene.contact if contact.name in forces],
+                joint.e,
+                bodies,
+                loads,
+            )
+            if has_clarabel()
+            else None
+        ),
+    )
 
 
 def motions_without_resistance(assembly: Assembly) -> list[str]:
     """The rigid motions that no force of any contact resists, a sentence each, the same on all ranks. Collective."""
-    return _undetermined(assembly, lambda interface: (sparse.identity(interface.size, format="csr"),
-                                                      sparse.csr_matrix((1, interface.size))))
+    return _undetermined(
+        assembly,
+        lambda interface: (
+            sparse.identity(interface.size, format="csr"),
+            sparse.csr_matrix((1, interface.size)),
+        ),
+    )
 
 
 def undetermined_motions(assembly: Assembly, contacts: Mapping[str, ContactState]) -> list[str]:
@@ -86,22 +110,30 @@ def undetermined_motions(assembly: Assembly, contacts: Mapping[str, ContactState
         sticks = state.status[law.sliding] == "stick"
         s = np.concatenate([state.normal_force, state.tangential_force[law.sliding].ravel()])
         bound = law.bound_at(s)
-        sticks |= (law.bound_at(0.0 * s) > 0.0) & ~law.reaches_bound(s, bound)  # open nodes may, as by Tresca's law
+        sticks |= (law.bound_at(0.0 * s) > 0.0) & ~law.reaches_bound(
+            s, bound
+        )  # open nodes may, as by Tresca's law
         friction = direction(state.tangential_force[law.sliding])
         slips = ~sticks & (bound > 0.0) & (state.status[law.sliding] != "open")
         chosen = np.concatenate([state.status != "open", np.repeat(sticks, law.components)])
         rows = [sparse.identity(law.size, format="csr")[np.flatnonzero(chosen)]]
         if law.components > 1 and slips.any():
-            turned = sparse.block_diag([sparse.csr_matrix((0, law.m)), *across(friction)[:, :, 1:].transpose(0, 2, 1)],
-                                       format="csr")
-            rows.append(RESISTED / ALONG * turned[np.flatnonzero(np.repeat(slips, law.components - 1))])
-        slipping = np.append(np.zeros(law.m), np.repeat(slips, law.components) * s[law.m:])
+            turned = sparse.block_diag(
+                [sparse.csr_matrix((0, law.m)), *across(friction)[:, :, 1:].transpose(0, 2, 1)],
+                format="csr",
+            )
+            rows.append(
+                RESISTED / ALONG * turned[np.flatnonzero(np.repeat(slips, law.components - 1))]
+            )
+        slipping = np.append(np.zeros(law.m), np.repeat(slips, law.components) * s[law.m :])
         return sparse.vstack(rows, format="csr"), sparse.csr_matrix(slipping)
 
     return _undetermined(assembly, resists)
 
 
-def _undetermined(assembly: Assembly, chosen: Callable[[Interface], tuple[sparse.spmatrix, ...]]) -> list[str]:
+def _undetermined(
+    assembly: Assembly, chosen: Callable[[Interface], tuple[sparse.spmatrix, ...]]
+) -> list[str]:
     """The rigid motions that none of the `chosen` forces, rows (·, size) by contact, resists, a sentence each.
 
     `chosen` also returns friction (1, size) at its limit. Collective.
@@ -115,14 +147,24 @@ def _undetermined(assembly: Assembly, chosen: Callable[[Interface], tuple[sparse
         motions = np.unique(forces.indices)
         # RᵀR = FᵀF: a triangular matrix stands for all forces F of a contact
         R = np.atleast_2d(np.linalg.qr(forces[:, motions].toarray(), mode="r"))
-        of_rank[interface.name] = sparse.csr_matrix((R.ravel(), np.tile(motions, len(R)), len(motions) * np.arange(
-            len(R) + 1)), (len(R), size)), sparse.vstack([friction @ Z[part], abs(friction) @ abs(Z[part])])
+        of_rank[interface.name] = (
+            sparse.csr_matrix(
+                (R.ravel(), np.tile(motions, len(R)), len(motions) * np.arange(len(R) + 1)),
+                (len(R), size),
+            ),
+            sparse.vstack([friction @ Z[part], abs(friction) @ abs(Z[part])]),
+        )
     of_all, bodies = gathered(assembly.world, of_rank), _with_partners(assembly)
 
     def describe() -> list[str]:
-        none = sparse.csr_matrix((0, size)), sparse.csr_matrix((2, size))  # of a scene without contacts
+        none = (
+            sparse.csr_matrix((0, size)),
+            sparse.csr_matrix((2, size)),
+        )  # of a scene without contacts
         forces, slipping = zip(none, *of_all.values(), strict=True)
-        kept = sparse.identity(size, format="csr")[assembly.joint.kept]  # as if forces resisted them
+        kept = sparse.identity(size, format="csr")[
+            assembly.joint.kept
+        ]  # as if forces resisted them
         return undetermined(sparse.vstack([*forces, kept]).T, bodies, sum(slipping).toarray())
 
     return from_first(assembly.world, describe)
@@ -131,8 +173,15 @@ def _undetermined(assembly: Assembly, chosen: Callable[[Interface], tuple[sparse
 def describe_drift(assembly: Assembly, motions: np.ndarray) -> str:
     """How the loose bodies drift, in words; `motions` as `Outer.motions`. Collective."""
     bodies, slices = _with_partners(assembly), assembly.joint.slices
-    return from_first(assembly.world, lambda: describe_motions(
-        bodies, np.array([body.basis @ motions[slices[body.name]] for body in bodies])) or "no body")
+    return from_first(
+        assembly.world,
+        lambda: (
+            describe_motions(
+                bodies, np.array([body.basis @ motions[slices[body.name]] for body in bodies])
+            )
+            or "no body"
+        ),
+    )
 
 
 def instability(assembly: Assembly, outer: Newton) -> list[str]:
@@ -141,12 +190,16 @@ def instability(assembly: Assembly, outer: Newton) -> list[str]:
     size = np.abs(joint.K).max() if joint.K.nnz else 0.0
     if not size:
         return []
-    values, motions = assembly.world.bcast(np.linalg.eig(np.linalg.pinv(outer.linearisation().yielding())))
+    values, motions = assembly.world.bcast(
+        np.linalg.eig(np.linalg.pinv(outer.linearisation().yielding()))
+    )
     worst = int(values.real.argmin())
     if not values[worst].real < -UNSTABLE * size:
         return []
-    return [f"the equilibrium is not stable: {describe_drift(assembly, motions[:, worst].real)}, because the "
-            "loads push on"]
+    return [
+        f"the equilibrium is not stable: {describe_drift(assembly, motions[:, worst].real)}, because the "
+        "loads push on"
+    ]
 
 
 def _loose(assembly: Assembly) -> list[Body]:
@@ -164,13 +217,24 @@ def _with_partners(assembly: Assembly) -> list[MotionsOfBody]:
         if name in assembly.frames:
             frame = assembly.frames[name]
             placed[name] = frame.at(points), np.einsum("ij,njk->nik", frame.turned, motions)
-    all_motions = list(gathered(assembly.world, {name: MotionsOfBody.of(name, *at) for name, at in placed.items()}
-                                ).values())
+    all_motions = list(
+        gathered(
+            assembly.world, {name: MotionsOfBody.of(name, *at) for name, at in placed.items()}
+        ).values()
+    )
     for each in assembly.joint.driven:
-        facing = gathered(assembly.world, {
-            interface.name: [interface.xy + side * interface.spacing[:, None] * axis
-                             for axis in np.eye(interface.dimension) for side in (-1.0, 1.0)]
-            for interface in assembly.space.interfaces if each.acts_on(interface)})
+        facing = gathered(
+            assembly.world,
+            {
+                interface.name: [
+                    interface.xy + side * interface.spacing[:, None] * axis
+                    for axis in np.eye(interface.dimension)
+                    for side in (-1.0, 1.0)
+                ]
+                for interface in assembly.space.interfaces
+                if each.acts_on(interface)
+            },
+        )
         if assembly.world.rank == 0:
             at = np.concatenate([*itertools.chain(*facing.values())])
             all_motions.append(MotionsOfBody.of(each.name, at, each.motions(at)))
@@ -234,35 +298,68 @@ class Mark:
         change = self.s - s
         tangential = change.copy()
         for interface, part in space.with_slices():
-            tangential[part][:interface.m] = 0.0
+            tangential[part][: interface.m] = 0.0
         return float((space.norms([change, tangential]) / largest).max())
 
     def given(self, before: Self, space: Space) -> float:
-        """The work (J) of an overlap, of bonds and guides also of a gap: it acts at once, before any load. Collective.
-        """
-        sudden = np.concatenate([np.empty(0), *(
-            before.opening[part] if interface.law.two_sided else np.minimum(before.opening[part], 0.0)
-            for interface, part in space.with_slices())])
+        """The work (J) of an overlap, of bonds and guides also of a gap: it acts at once, before any load. Collective."""
+        sudden = np.concatenate(
+            [
+                np.empty(0),
+                *(
+                    before.opening[part]
+                    if interface.law.two_sided
+                    else np.minimum(before.opening[part], 0.0)
+                    for interface, part in space.with_slices()
+                ),
+            ]
+        )
         return float(space.add(np.array([0.5 * (self.s + before.s) @ sudden]))[0])
 
     @classmethod
     def first(cls, assembly: Assembly, derived: dict[str, np.ndarray]) -> Self:
         """Time 0, free of stress."""
         space, zero = assembly.space, np.zeros(assembly.space.size)
-        touching = sum(float(interface.area[interface.opening <= 0.0].sum()) for interface in space.interfaces)
+        touching = sum(
+            float(interface.area[interface.opening <= 0.0].sum()) for interface in space.interfaces
+        )
         still, k = np.zeros(assembly.joint.rigid.size), len(assembly.scene.followed) + 1
-        return cls(0.0, zero, still, zero, zero, space.opening, zero, np.zeros(k), np.zeros((2, k)), 0.0,
-                   float(space.add(np.array([touching]))[0]), {}, derived)
+        return cls(
+            0.0,
+            zero,
+            still,
+            zero,
+            zero,
+            space.opening,
+            zero,
+            np.zeros(k),
+            np.zeros((2, k)),
+            0.0,
+            float(space.add(np.array([touching]))[0]),
+            {},
+            derived,
+        )
 
 
 def displaced(assembly: Assembly, outer: Outer, largest: np.ndarray) -> Moved:
     """By displacements of all nodes. Not collective."""
-    displacements, traces, sizes = dict[str, np.ndarray](), list[np.ndarray](), dict[str, dict[str, Any]]()
+    displacements, traces, sizes = (
+        dict[str, np.ndarray](),
+        list[np.ndarray](),
+        dict[str, dict[str, Any]](),
+    )
     beside: dict[tuple[str, int], tuple[np.ndarray, np.ndarray, float]] = {}
     for body, s in zip(assembly.bodies, outer.body_forces(), strict=True):
         member, alpha = body.member, outer.motions[assembly.joint.slices[body.spec.name]]
-        u, left, acting, energy = np.zeros_like(member.elasticity.acting.prescribed), np.nan, 0.0, np.nan
-        with assembly.exchange.deferred():  # an error is raised on all ranks, after the next exchange
+        u, left, acting, energy = (
+            np.zeros_like(member.elasticity.acting.prescribed),
+            np.nan,
+            0.0,
+            np.nan,
+        )
+        with (
+            assembly.exchange.deferred()
+        ):  # an error is raised on all ranks, after the next exchange
             u, left, acting, energy = recover(member, s, alpha, largest)
         traces.append(member.trace(u))
         # C s, by which contact forces move the contacts: all but the free displacement and rigid motions
@@ -270,16 +367,27 @@ def displaced(assembly: Assembly, outer: Outer, largest: np.ndarray) -> Moved:
         displacements[member.name] = u
         beside |= {key: (*motion, yielding) for key, motion in member.beside(u).items()}
         farthest = float(np.linalg.norm(u, axis=1).max())
-        sizes[member.name] = {"left": left, "acting": acting, "moved": farthest, "yielding": yielding,
-                              "made": member.stiffness * farthest, "load": member.elasticity.load,
-                              "energy": energy, "work": member.work(u, s)}
+        sizes[member.name] = {
+            "left": left,
+            "acting": acting,
+            "moved": farthest,
+            "yielding": yielding,
+            "made": member.stiffness * farthest,
+            "load": member.elasticity.load,
+            "energy": energy,
+            "work": member.work(u, s),
+        }
     return displacements, traces, sizes, beside
 
 
 def at_contacts(assembly: Assembly, outer: Outer, largest: np.ndarray) -> Moved:
     """The same by products with the compliances, as far as these know it. Not collective."""
     force, moved, _ = NOTHING * largest
-    traces, sizes, beside = list[np.ndarray](), dict[str, dict[str, Any]](), dict[tuple[str, int], tuple]()
+    traces, sizes, beside = (
+        list[np.ndarray](),
+        dict[str, dict[str, Any]](),
+        dict[tuple[str, int], tuple](),
+    )
     for body, s in zip(assembly.bodies, outer.body_forces(), strict=True):
         member, alpha = body.member, outer.motions[assembly.joint.slices[body.spec.name]]
         u, yielded, energy, work = *np.full((2, member.size), np.nan), np.nan, np.zeros((2, 1))
@@ -291,27 +399,57 @@ def at_contacts(assembly: Assembly, outer: Outer, largest: np.ndarray) -> Moved:
         traces.append(u)
         farthest, yielding = (float(np.abs(array).max(initial=0.0)) for array in (u, yielded))
         beside |= {(name, side): (None, None, yielding) for name, (_, side) in member.parts.items()}
-        sizes[member.name] = {"left": norm(member.e - member.G @ s), "acting": acting, "moved": farthest,
-                              "yielding": yielding, "made": member.stiffness * farthest,
-                              "load": member.load, "energy": energy, "work": work}
+        sizes[member.name] = {
+            "left": norm(member.e - member.G @ s),
+            "acting": acting,
+            "moved": farthest,
+            "yielding": yielding,
+            "made": member.stiffness * farthest,
+            "load": member.load,
+            "energy": energy,
+            "work": work,
+        }
     return {}, traces, sizes, beside
 
 
-def forces_by_group(body: Body, u: np.ndarray, s: np.ndarray, factors: Mapping[str | None, float],
-                    frames: Mapping[str, Frame] | None = None) -> dict:
+def forces_by_group(
+    body: Body,
+    u: np.ndarray,
+    s: np.ndarray,
+    factors: Mapping[str | None, float],
+    frames: Mapping[str, Frame] | None = None,
+) -> dict:
     """The applied loads and the forces of clamps, by group, and the resultant of the latter, under the displacement u
     (nv, d) and contact forces s (size,); of a body that moves far, where its frame is. Not collective."""
     mesh, member, frame = body.mesh, body.member, (frames or {}).get(body.spec.name)
-    reactions = resultants(mesh, clamp_forces(mesh, body.spec, member.elasticity, u, member.pull(s)))
-    acting = added((group, {kind: factor * value for kind, value in entry.items()}) for history, factor in
-                   factors.items() for group, entry in member.elasticity.pushes.get(history, {}).items())
+    reactions = resultants(
+        mesh, clamp_forces(mesh, body.spec, member.elasticity, u, member.pull(s))
+    )
+    acting = added(
+        (group, {kind: factor * value for kind, value in entry.items()})
+        for history, factor in factors.items()
+        for group, entry in member.elasticity.pushes.get(history, {}).items()
+    )
     if frame:
-        acting = resultants(mesh, ((group, factor * f) for history, factor in factors.items()
-                                   for group, f in loads_by_group(mesh, body.spec, history, frame.turned)))
-        reactions, acting = ({group: _in_world(entry, frame) for group, entry in entries.items()}
-                             for entries in (reactions, acting))
-    return {"reaction": sum((reaction["force"] for reaction in reactions.values()), np.zeros(mesh.dimension)),
-            "loads": acting, "reactions": reactions}
+        acting = resultants(
+            mesh,
+            (
+                (group, factor * f)
+                for history, factor in factors.items()
+                for group, f in loads_by_group(mesh, body.spec, history, frame.turned)
+            ),
+        )
+        reactions, acting = (
+            {group: _in_world(entry, frame) for group, entry in entries.items()}
+            for entries in (reactions, acting)
+        )
+    return {
+        "reaction": sum(
+            (reaction["force"] for reaction in reactions.values()), np.zeros(mesh.dimension)
+        ),
+        "loads": acting,
+        "reactions": reactions,
+    }
 
 
 def _in_world(entry: dict, frame: Frame) -> dict:
@@ -325,21 +463,31 @@ def driven_partners(assembly: Assembly, outer: Outer) -> dict[str, dict[str, flo
     """The sizes of driven partners, and of free frames with clamps, which are bodies without elasticity. Collective."""
     joint, far, pushes = assembly.joint, assembly.far, assembly.pushes
     # what clamps hold in a free frame balances by itself; the whole of it, with its clamps, by contacts and loads
-    held = {name: lambda interface, name=name: name in interface.bodies for name, frame in (
-        far.free if far else {}).items() if frame.part and name not in pushes}
+    held = {
+        name: lambda interface, name=name: name in interface.bodies
+        for name, frame in (far.free if far else {}).items()
+        if frame.part and name not in pushes
+    }
     unbalanced = joint.imbalance(outer.forces, outer.motions) if joint.driven or held else joint.e
     sizes = {}
     for name, acts_on in ({each.name: each.acts_on for each in joint.driven} | held).items():
         at = joint.slices[name]
         # contact forces may cancel, as on a partner that moves freely without a force
-        squares = [float(outer.forces[part] @ outer.forces[part]) for interface, part in assembly.space.with_slices()
-                   if acts_on(interface)]
+        squares = [
+            float(outer.forces[part] @ outer.forces[part])
+            for interface, part in assembly.space.with_slices()
+            if acts_on(interface)
+        ]
         contact = float(np.sqrt(assembly.space.add(np.array([sum(squares)]))[0]))
         acting = max(norm(joint.e[at]), norm(joint.e[at] - unbalanced[at]), contact)
         sizes[f"frame of {name}" if name in held else name] = dict.fromkeys(
-            ("yielding", "made", "energy", "work"), 0.0) | {
-            "left": norm(unbalanced[at]), "acting": acting, "moved": norm(outer.motions[at]),
-            "load": pushes.get(name, 0.0)}
+            ("yielding", "made", "energy", "work"), 0.0
+        ) | {
+            "left": norm(unbalanced[at]),
+            "acting": acting,
+            "moved": norm(outer.motions[at]),
+            "load": pushes.get(name, 0.0),
+        }
     return sizes
 
 
@@ -348,16 +496,27 @@ def partners_gone(assembly: Assembly) -> dict[str, RigidMotion]:
     pivot is. Not collective."""
     gone = {}
     for partner in assembly.scene.rigid:
-        turning = [part for part in parts_of(partner.motion) if part.turn or "turn" in (part.free or ())]
+        turning = [
+            part for part in parts_of(partner.motion) if part.turn or "turn" in (part.free or ())
+        ]
         frame = assembly.frames[partner.name]
-        pivot = np.array(next((part.pivot for part in turning if part.pivot), (0.0,) * len(frame.shift)))
+        pivot = np.array(
+            next((part.pivot for part in turning if part.pivot), (0.0,) * len(frame.shift))
+        )
         at = frame.at(pivot)
-        gone[partner.name] = RigidMotion(at - pivot, np.radians(frame.turn if turning else np.empty(0)), at)
+        gone[partner.name] = RigidMotion(
+            at - pivot, np.radians(frame.turn if turning else np.empty(0)), at
+        )
     return gone
 
 
-def began(assembly: Assembly, name: str, points: np.ndarray, u: np.ndarray | float,
-          then: Mapping[str, Frame]) -> dict[str, np.ndarray]:
+def began(
+    assembly: Assembly,
+    name: str,
+    points: np.ndarray,
+    u: np.ndarray | float,
+    then: Mapping[str, Frame],
+) -> dict[str, np.ndarray]:
     """Where the points of a body were a step before, with its displacement `u` and the frames of `then`, by contact, as
     displacements (nv, d) in its frame of now (m): seen from the frame of the second body, which is where it is now. Not
     collective."""
@@ -374,20 +533,26 @@ def began(assembly: Assembly, name: str, points: np.ndarray, u: np.ndarray | flo
 def way_down(assembly: Assembly) -> np.ndarray:
     """The motions (rigid.size,) of free frames along the loads on them, without turns, that bring sides together (m);
     zero where sides on the way touch, or none are there. Collective."""
-    joint, space, along, far = assembly.joint, assembly.space, np.zeros(assembly.joint.rigid.size), np.inf
+    joint, space, along, far = (
+        assembly.joint,
+        assembly.space,
+        np.zeros(assembly.joint.rigid.size),
+        np.inf,
+    )
     for name, frame in assembly.far.free.items() if assembly.far else ():
         shifts = slice(joint.slices[name].start, joint.slices[name].start + len(frame.axes))
         along[shifts] = joint.e[shifts]
     closing = joint.rigid.spread(along)
     for interface, part in space.with_slices():
-        gap, closes = space.gap[part][:interface.m], closing[part][:interface.m]
+        gap, closes = space.gap[part][: interface.m], closing[part][: interface.m]
         far = min(far, (gap[closes > 0.0] / closes[closes > 0.0]).min(initial=np.inf))
     far = min(assembly.world.allgather(far))
     return (far if 0.0 < far < np.inf else 0.0) * along
 
 
-def recover(member: Member, s: np.ndarray, alpha: np.ndarray,
-            largest: np.ndarray) -> tuple[np.ndarray, float, float, float]:
+def recover(
+    member: Member, s: np.ndarray, alpha: np.ndarray, largest: np.ndarray
+) -> tuple[np.ndarray, float, float, float]:
     """`Member.displacement`, but zero where it and its forces are rounding beside the `largest` sizes (3,) so far."""
     u, left, acting, energy = member.displacement(s, alpha)
     force, moved, _ = NOTHING * largest

@@ -24,7 +24,15 @@ from ddmpi.petsc.events import event
 from ddmpi.petsc.options import in_force, unused_options
 from ddmpi.pictures.browser import write_view
 from ddmpi.results.checkpoint import Checkpoints
-from ddmpi.results.fields import Datasets, Fields, contact_fields, table_fields, write_fields, write_surface, write_xdmf
+from ddmpi.results.fields import (
+    Datasets,
+    Fields,
+    contact_fields,
+    table_fields,
+    write_fields,
+    write_surface,
+    write_xdmf,
+)
 from ddmpi.results.folder import Staging
 from ddmpi.results.histories import write_frames
 from ddmpi.results.summary import plain, rigid_partners, summarize, write_mechanism, write_summary
@@ -53,7 +61,11 @@ LITTLE = 0.1  # frictional work is compared with at least this fraction of the l
 Leg = tuple[float, dict[str, tuple[ContactState, np.ndarray]]]
 """Time of a kept load step; by contact a state with its nodes, and `leg_values`."""
 
-TABLES = ("steps", "energies", "iterations")  # tables of a `StepLog` with a row for each step or iteration
+TABLES = (
+    "steps",
+    "energies",
+    "iterations",
+)  # tables of a `StepLog` with a row for each step or iteration
 
 
 class StepLog:
@@ -83,11 +95,15 @@ class StepLog:
         contacts, bodies = certificate.contacts, certificate.equilibrium
         self._raise(contacts=[*contacts.values()], bodies=[*bodies.values()])
         residuals = [ContactResiduals(*row) for row in self.most["contacts"].tolist()]
-        return Certificate(dict(zip(contacts, residuals, strict=True)),
-                           dict(zip(bodies, self.most["bodies"].tolist(), strict=True)))
+        return Certificate(
+            dict(zip(contacts, residuals, strict=True)),
+            dict(zip(bodies, self.most["bodies"].tolist(), strict=True)),
+        )
 
     def _raise(self, **values: np.ndarray | Sequence) -> None:
-        self.most = self.most | {name: np.maximum(self.most[name], sizes) for name, sizes in values.items()}
+        self.most = self.most | {
+            name: np.maximum(self.most[name], sizes) for name, sizes in values.items()
+        }
 
     def note_step(self, time: float, solution: Solution) -> None:
         """Note the end of a step: its iterations and sizes, resultants, and where rigid partners are."""
@@ -100,12 +116,21 @@ class StepLog:
         for step, counts in zip(solution.outer.history, solution.statuses.counts, strict=True):
             self.iterations.append((len(self.steps) + 1, *step[:4], *counts, step.n_A))
 
-    def note_contacts(self, time: float, iterations: int, contacts: Mapping[str, ContactTotals]) -> None:
+    def note_contacts(
+        self, time: float, iterations: int, contacts: Mapping[str, ContactTotals]
+    ) -> None:
         """Note the resultants of a step, and where rigid partners are."""
-        self.steps.append(plain({
-            "time": time, "outer_iterations": iterations,
-            "contacts": {name: contact.resultants for name, contact in contacts.items()},
-            "rigid": rigid_partners(contacts.values())} | ({} if self.cycle is None else {"cycle": self.cycle})))
+        self.steps.append(
+            plain(
+                {
+                    "time": time,
+                    "outer_iterations": iterations,
+                    "contacts": {name: contact.resultants for name, contact in contacts.items()},
+                    "rigid": rigid_partners(contacts.values()),
+                }
+                | ({} if self.cycle is None else {"cycle": self.cycle})
+            )
+        )
 
     def begin_cycle(self, since: float) -> None:
         """Begin another cycle; fields are kept of the last one alone, and of steps before it began first, `since`."""
@@ -151,20 +176,34 @@ class StepLog:
         rows = np.array(self.energies or np.zeros((1, 6)))
         _, external, strain, interface, dissipated, _ = rows[-1].tolist()
         size = float(np.abs(rows[:, 1:4]).max())
-        return {"external_work": external, "strain_energy": strain, "interface_work": interface,
-                "dissipated": dissipated, "lost": interface - dissipated,
-                "residual": float(np.abs(rows[:, 5]).max()) / size if size else 0.0}
+        return {
+            "external_work": external,
+            "strain_energy": strain,
+            "interface_work": interface,
+            "dissipated": dissipated,
+            "lost": interface - dissipated,
+            "residual": float(np.abs(rows[:, 5]).max()) / size if size else 0.0,
+        }
 
     def state(self) -> dict[str, Any]:
-        return {name: tuple(getattr(self, name)) for name in TABLES} | self.most | {
-            "cycles": (self.run, self.change, self.cycle),
-            "kept": {str(k): list(column) for k, column in enumerate(zip(*self.kept, strict=True))},
-            "doubts": tuple(self.doubts.items())}
+        return (
+            {name: tuple(getattr(self, name)) for name in TABLES}
+            | self.most
+            | {
+                "cycles": (self.run, self.change, self.cycle),
+                "kept": {
+                    str(k): list(column) for k, column in enumerate(zip(*self.kept, strict=True))
+                },
+                "doubts": tuple(self.doubts.items()),
+            }
+        )
 
     def restore(self, state: dict[str, Any]) -> None:
         for name in TABLES:
             setattr(self, name, list(state[name]))
-        self.kept = [(float(time), *row) for time, *row in zip(*state["kept"].values(), strict=True)]
+        self.kept = [
+            (float(time), *row) for time, *row in zip(*state["kept"].values(), strict=True)
+        ]
         self.run, self.change, self.cycle = state["cycles"]
         self.doubts, self.most = dict(state["doubts"]), {name: state[name] for name in self.most}
 
@@ -174,8 +213,17 @@ def _kind(warning: str) -> str:
     return re.sub(r"(?<![\w-])-?\d+(\.\d*)?(e[-+]?\d+)?", "#", warning)
 
 
-def gather_summary(assembly: Assembly, solution: Solution, error: DiscretizationError, fields: dict[str, Fields],
-                   ladder: MeshLadder, warnings: list[str], free: list[str], started: float, steps: StepLog) -> dict:
+def gather_summary(
+    assembly: Assembly,
+    solution: Solution,
+    error: DiscretizationError,
+    fields: dict[str, Fields],
+    ladder: MeshLadder,
+    warnings: list[str],
+    free: list[str],
+    started: float,
+    steps: StepLog,
+) -> dict:
     """All of summary.json but the times, on the first rank; nothing on the others. Collective.
 
     Parameters
@@ -185,33 +233,69 @@ def gather_summary(assembly: Assembly, solution: Solution, error: Discretization
     warnings, free : of the scene and of the answer; motions that no contact resists
     started : as for `provenance`
     """
-    world, scene, outer, team = assembly.world, assembly.scene, solution.outer, team_of(assembly.world)
+    world, scene, outer, team = (
+        assembly.world,
+        assembly.scene,
+        solution.outer,
+        team_of(assembly.world),
+    )
     ranks = team.ranks if team else [world.rank]
     memory, hosts = team.do("machine") if team else (peak_memory(), [MPI.Get_processor_name()])
     factors = scene.factors(1.0 if solution.time is None else scene.drawn(solution.time, steps.run))
-    mine = [(body.number, (body.spec.name, _body(body, solution, error, fields.get(body.spec.name), ranks, memory) | (
-        forces_by_group(body, solution.displacements[body.spec.name], s, factors, assembly.frames))))
-            for body, s in zip(assembly.bodies, outer.body_forces(), strict=True)]
+    mine = [
+        (
+            body.number,
+            (
+                body.spec.name,
+                _body(body, solution, error, fields.get(body.spec.name), ranks, memory)
+                | (
+                    forces_by_group(
+                        body, solution.displacements[body.spec.name], s, factors, assembly.frames
+                    )
+                ),
+            ),
+        )
+        for body, s in zip(assembly.bodies, outer.body_forces(), strict=True)
+    ]
     reused = gathered(world, assembly.reused)
-    of_ranks = world.gather((mine, set(unused_options()), sum(outer.inner_steps.values()), assembly.exchange.state(),
-                             hosts))
+    of_ranks = world.gather(
+        (
+            mine,
+            set(unused_options()),
+            sum(outer.inner_steps.values()),
+            assembly.exchange.state(),
+            hosts,
+        )
+    )
     if of_ranks is None:
         return {}
     bodies_of_ranks, unused, inner, sent, named = zip(*of_ranks, strict=True)
     hosts = list(itertools.chain(*named))
-    bodies = dict(body for _, body in sorted(itertools.chain(*bodies_of_ranks), key=lambda pair: pair[0]))
-    run = {"converged": solution.certified and not ladder.missed,
-           "reason": (solution.certified and ladder.missed) or solution.reason, "order": scene.body[0].mesh.order,
-           "ranks": len(hosts), "outer_iterations": len(steps.iterations),
-           "inner_iterations": sum(inner) if scene.method.by_body else inner[0],
-           "certificate_limit": solution.limit, "steps": steps.steps,
-           "discretization_error": {"energy_norm": error.relative, "target": scene.method.target_error,
-                                    "levels": [level._asdict() for level in ladder.levels]},
-           "warnings": warnings, "undetermined": free,
-           "exchange": {name: max(counts[name] for counts in sent) for name in sent[0]},
-           "reused": {name: reused[name] for name in (*bodies, *solution.contacts) if name in reused},
-           "solvers": {"qp": outer.qp_type}, "options": in_force(),
-           "options_unused": sorted(set.intersection(*unused))} | ({"energy": steps.balance()} if scene.time else {})
+    bodies = dict(
+        body for _, body in sorted(itertools.chain(*bodies_of_ranks), key=lambda pair: pair[0])
+    )
+    run = {
+        "converged": solution.certified and not ladder.missed,
+        "reason": (solution.certified and ladder.missed) or solution.reason,
+        "order": scene.body[0].mesh.order,
+        "ranks": len(hosts),
+        "outer_iterations": len(steps.iterations),
+        "inner_iterations": sum(inner) if scene.method.by_body else inner[0],
+        "certificate_limit": solution.limit,
+        "steps": steps.steps,
+        "discretization_error": {
+            "energy_norm": error.relative,
+            "target": scene.method.target_error,
+            "levels": [level._asdict() for level in ladder.levels],
+        },
+        "warnings": warnings,
+        "undetermined": free,
+        "exchange": {name: max(counts[name] for counts in sent) for name in sent[0]},
+        "reused": {name: reused[name] for name in (*bodies, *solution.contacts) if name in reused},
+        "solvers": {"qp": outer.qp_type},
+        "options": in_force(),
+        "options_unused": sorted(set.intersection(*unused)),
+    } | ({"energy": steps.balance()} if scene.time else {})
     if scene.output.derivatives:
         run["derivatives"] = steps.derived[0] if solution.certified else {}
     if scene.time and scene.time.cycle:
@@ -220,19 +304,32 @@ def gather_summary(assembly: Assembly, solution: Solution, error: Discretization
     return summary | {"steps": steps.told} | provenance(started, hosts)
 
 
-def _body(body: Body, solution: Solution, error: DiscretizationError, fields: Fields | None, ranks: list[int],
-          memory: float) -> dict:
+def _body(
+    body: Body,
+    solution: Solution,
+    error: DiscretizationError,
+    fields: Fields | None,
+    ranks: list[int],
+    memory: float,
+) -> dict:
     """The summary's entry of a body of this rank; its `ranks` have used up to `memory` MiB. Not collective."""
     member, name = body.member, body.spec.name
     estimate, stress = error.estimates.get(name), fields.von_mises if fields else None
     return {
-        "n": member.elasticity.n, "ranks": ranks, "held": member.elasticity.supported,
+        "n": member.elasticity.n,
+        "ranks": ranks,
+        "held": member.elasticity.supported,
         "displacement_max": float(np.linalg.norm(solution.displacements[name], axis=1).max()),
         "von_mises_max": None if stress is None else float(stress.max()),
-        "energy": estimate and estimate.energy / 2,  # by the stresses: rigid motions add no rounding
+        "energy": estimate
+        and estimate.energy / 2,  # by the stresses: rigid motions add no rounding
         "discretization_error": error.by_body.get(name),
-        "n_A_by_purpose": dict(member.C.count), "inner_steps": dict(solution.outer.inner_steps),
-        "solver": member.C.solver.description, "compliance": member.C.kind, "memory_mib": memory}
+        "n_A_by_purpose": dict(member.C.count),
+        "inner_steps": dict(solution.outer.inner_steps),
+        "solver": member.C.solver.description,
+        "compliance": member.C.kind,
+        "memory_mib": memory,
+    }
 
 
 @dataclass(frozen=True)
@@ -247,7 +344,9 @@ class Solved:
     steps: StepLog
 
 
-def fields_of(assembly: Assembly, body: Body, u: np.ndarray, error: DiscretizationError | None = None) -> Fields:
+def fields_of(
+    assembly: Assembly, body: Body, u: np.ndarray, error: DiscretizationError | None = None
+) -> Fields:
     """The fields of a body that moves by `u` (nv, 2), as far as they are asked for. Not collective."""
     mesh, output = body.mesh, assembly.scene.output
     density = error.density(body.spec.name) if error and output.error else None
@@ -255,44 +354,75 @@ def fields_of(assembly: Assembly, body: Body, u: np.ndarray, error: Discretizati
     if output.stress:
         heat = body.member.elasticity.acting.heated
         sigma = stress(mesh, body.material, u, heat)
-        fields = replace(fields, stress=sigma, von_mises=von_mises(sigma), nodal_stress=error.estimates[
-            body.spec.name].stress if error else nodal_stress(mesh, body.material, u, heat))
+        fields = replace(
+            fields,
+            stress=sigma,
+            von_mises=von_mises(sigma),
+            nodal_stress=error.estimates[body.spec.name].stress
+            if error
+            else nodal_stress(mesh, body.material, u, heat),
+        )
     frame = assembly.frames.get(body.spec.name)
     return fields.placed(frame) if frame else fields
 
 
-def write_files(solved: Solved, folder: Path | None, clock: Clock, figures: bool, checkpoints: Checkpoints) -> None:
+def write_files(
+    solved: Solved, folder: Path | None, clock: Clock, figures: bool, checkpoints: Checkpoints
+) -> None:
     """Write all result files, with output.only the tables and the summary; they appear together or not at all, and the
     checkpoint goes. Collective."""
     world, bodies, summary = solved.assembly.world, solved.assembly.bodies, solved.summary
     staging, picture_error = Staging(folder) if folder else None, None
     path = world.bcast(staging.path if staging else None)
     scene = solved.assembly.scene
-    viewed, drawn = scene.output.view is True and not scene.output.only, figures and not scene.output.only
+    viewed, drawn = (
+        scene.output.view is True and not scene.output.only,
+        figures and not scene.output.only,
+    )
     try:
         with clock.phase("output"):
             surfaces, spans = dict[str, Datasets](), dict[int | str, np.ndarray]()
             if not scene.output.only:
-                surfaces = {name: contact_fields(state) for name, state in solved.solution.states.items()}
+                surfaces = {
+                    name: contact_fields(state) for name, state in solved.solution.states.items()
+                }
                 with event("WriteFields"):
-                    spans = write_fields(path, {body.number: solved.fields[body.spec.name] for body in bodies},
-                                         surfaces, world, tables={name: table_fields(state, scene.far) for name, state
-                                                                  in solved.solution.states.items()})
+                    spans = write_fields(
+                        path,
+                        {body.number: solved.fields[body.spec.name] for body in bodies},
+                        surfaces,
+                        world,
+                        tables={
+                            name: table_fields(state, scene.far)
+                            for name, state in solved.solution.states.items()
+                        },
+                    )
             legs = _write_steps(path, solved)
-            times = [time for time, _ in legs] or [time for time in [solved.solution.time] if time is not None]
+            times = [time for time, _ in legs] or [
+                time for time in [solved.solution.time] if time is not None
+            ]
             with agreed(world), event("WriteTables"):
                 _write_contacts(path, solved, surfaces, legs)
                 if staging:
                     if not scene.output.only:
-                        write_xdmf(path, times, {body.name: spans[number] for number, body in enumerate(scene.body)},
-                                   {contact.name: spans[contact.name] for contact in scene.contact})
+                        write_xdmf(
+                            path,
+                            times,
+                            {body.name: spans[number] for number, body in enumerate(scene.body)},
+                            {contact.name: spans[contact.name] for contact in scene.contact},
+                        )
                     write_table(path / "history.csv", HISTORY, solved.steps.iterations)
                     write_steps(path, solved.steps.steps)
                     if scene.time:
                         write_energies(path, solved.steps.energies, solved.steps.steps)
                     if solved.assembly.far:
-                        write_frames(path, [(step["time"], solved.assembly.far.frames(scene, step["time"]))
-                                            for step in solved.steps.steps])
+                        write_frames(
+                            path,
+                            [
+                                (step["time"], solved.assembly.far.frames(scene, step["time"]))
+                                for step in solved.steps.steps
+                            ],
+                        )
                     if solved.solution.mechanism:
                         write_mechanism(path, solved.solution.mechanism)
                     if drawn or viewed:  # they show it
@@ -311,9 +441,15 @@ def write_files(solved: Solved, folder: Path | None, clock: Clock, figures: bool
         with agreed(world):
             if staging:
                 write_summary(path, summary | {"seconds": seconds})
-                files = staging.publish(name for contact in scene.contact for name in contact_files(contact.name))
-                log.info("results in %s: %s (%.1f s in all)", folder, describe_files([f.name for f in files]),
-                         seconds["total"])
+                files = staging.publish(
+                    name for contact in scene.contact for name in contact_files(contact.name)
+                )
+                log.info(
+                    "results in %s: %s (%.1f s in all)",
+                    folder,
+                    describe_files([f.name for f in files]),
+                    seconds["total"],
+                )
         checkpoints.remove()
         with agreed(world):
             if picture_error:
@@ -334,36 +470,67 @@ def _write_steps(path: Path, solved: Solved) -> list[Leg]:
         states, last = solved.solution.states, time == solved.solution.time
         if assembly.far and not last:  # bodies meet elsewhere
             assembly = assembly.meet(time)
-            joint, states = assembly.joint, {met.name: replace(states[met.name], interface=met)
-                                             for met in assembly.space.interfaces}
-        legs.append((time, dict(zip(states, zip(states.values(), values, strict=True), strict=True))))
+            joint, states = (
+                assembly.joint,
+                {
+                    met.name: replace(states[met.name], interface=met)
+                    for met in assembly.space.interfaces
+                },
+            )
+        legs.append(
+            (time, dict(zip(states, zip(states.values(), values, strict=True), strict=True)))
+        )
         if last:  # its fields are written already
             if told:
-                told[time]["bodies"] = {name: {key: body[key] for key in ("reaction", "loads", "reactions")}
-                                        for name, body in solved.summary["bodies"].items()}
+                told[time]["bodies"] = {
+                    name: {key: body[key] for key in ("reaction", "loads", "reactions")}
+                    for name, body in solved.summary["bodies"].items()
+                }
             continue
         drawn = assembly.scene.drawn(time, steps.run)
         assembly.act(drawn)
-        body_forces, fields, forces, factors = joint.exchange.spread(s), {}, {}, assembly.scene.factors(drawn)
+        body_forces, fields, forces, factors = (
+            joint.exchange.spread(s),
+            {},
+            {},
+            assembly.scene.factors(drawn),
+        )
         with agreed(world):
             for body, s_body in zip(assembly.bodies, body_forces, strict=True):
-                u, *_ = recover(body.member, s_body, alpha[joint.slices[body.spec.name]], steps.most["sizes"])
+                u, *_ = recover(
+                    body.member, s_body, alpha[joint.slices[body.spec.name]], steps.most["sizes"]
+                )
                 if whole:
                     fields[body.number] = fields_of(assembly, body, u)
-                forces[body.spec.name] = plain(forces_by_group(body, u, s_body, factors, assembly.frames))
-            surfaces = {name: contact_fields(state, leg) for (name, state), leg in zip(
-                states.items(), values, strict=True) if whole}
+                forces[body.spec.name] = plain(
+                    forces_by_group(body, u, s_body, factors, assembly.frames)
+                )
+            surfaces = {
+                name: contact_fields(state, leg)
+                for (name, state), leg in zip(states.items(), values, strict=True)
+                if whole
+            }
         forces = gathered(world, forces)
         if told:
             told[time]["bodies"] = {name: forces[name] for name in solved.summary["bodies"]}
         if whole:
             with event("WriteFields"):
-                write_fields(path, fields, surfaces, world, number, {
-                    name: table_fields(state, True) for name, state in states.items()} if assembly.far else None)
+                write_fields(
+                    path,
+                    fields,
+                    surfaces,
+                    world,
+                    number,
+                    {name: table_fields(state, True) for name, state in states.items()}
+                    if assembly.far
+                    else None,
+                )
     return legs
 
 
-def _write_contacts(path: Path, solved: Solved, surfaces: Mapping[str, Datasets], legs: Sequence[Leg]) -> None:
+def _write_contacts(
+    path: Path, solved: Solved, surfaces: Mapping[str, Datasets], legs: Sequence[Leg]
+) -> None:
     """Write the tables and `surfaces` of the contacts that this rank owns, which are `legs` at the kept load steps;
     with output.only, the first table alone. Not collective."""
     for name, state in solved.solution.states.items():
@@ -387,6 +554,8 @@ def _guarded(draw: Callable[..., object], *arguments: object) -> OutputError | N
     try:
         draw(*arguments)
     except Exception as error:  # matplotlib may raise anything
-        return OutputError(f"the pictures could not be drawn ({type(error).__name__}: {error}); the other results "
-                           "are complete")
+        return OutputError(
+            f"the pictures could not be drawn ({type(error).__name__}: {error}); the other results "
+            "are complete"
+        )
     return None

@@ -96,20 +96,29 @@ class FarMarch(March):
         self._far = assembly.far
         still = np.zeros({2: 3, 3: 6}[assembly.scene.dimension])
         first = Memory(0.0, dict.fromkeys(self._far.free, still), {}, {}, _deepest(assembly))
-        self._whole: frozenset[str] = frozenset()  # contacts of which no rows are left out in the present step
+        self._whole: frozenset[str] = (
+            frozenset()
+        )  # contacts of which no rows are left out in the present step
         super().__init__(assembly, iteration, log)
         self._now = self._before = self._base = self._coarse = replace(self._now, memory=first)
 
     def _step(self, time: float) -> Solution:
         """Solve the load step to `time`; once more, with all rows, where one that was left out as open is not."""
         solution = self._settle(time)
-        missed = {name for name, state in solution.states.items()
-                  if (state.between[len(state.between) - state.interface.beyond:] < 0.0).any()}
+        missed = {
+            name
+            for name, state in solution.states.items()
+            if (state.between[len(state.between) - state.interface.beyond :] < 0.0).any()
+        }
         missed = set().union(*self.assembly.world.allgather(missed))
         self._whole = self._whole | missed if missed else frozenset()
         if not missed:
             return solution
-        log.info("time %g: more of %s closes than expected; once more with all nodes", time, ", ".join(sorted(missed)))
+        log.info(
+            "time %g: more of %s closes than expected; once more with all nodes",
+            time,
+            ", ".join(sorted(missed)),
+        )
         self._leave()
         return self._step(time)
 
@@ -119,7 +128,11 @@ class FarMarch(March):
         least, idle = np.inf, 0
         far.freed[time], rows, settled = self._ahead_of(time), memory.contacts, not far.free
         stopped = ""
-        steps, counts, changes = list[Step](), list[tuple[int, int, int]](), list[tuple[np.ndarray, np.ndarray]]()
+        steps, counts, changes = (
+            list[Step](),
+            list[tuple[int, int, int]](),
+            list[tuple[np.ndarray, np.ndarray]](),
+        )
         for number in range(PASSES):
             self._now = mark
             start = self._place(time, memory, rows, number > 0)
@@ -133,8 +146,13 @@ class FarMarch(March):
             moved = self.assembly.joint.rigid.spread(self.outer.motions)
             given = self.assembly.joint.product(self.outer.forces, "newton")
             far_off, size = self.assembly.space.norms([moved, given])
-            log.debug("time %g, pass %d: frames moved contacts by %.1e m, forces by %.1e m", time, number + 1, far_off,
-                      size)
+            log.debug(
+                "time %g, pass %d: frames moved contacts by %.1e m, forces by %.1e m",
+                time,
+                number + 1,
+                far_off,
+                size,
+            )
             settled = stopped == "converged" and far_off <= SETTLED * size
             idle = 0 if far_off <= SHRINKS * least else idle + 1
             least = min(least, far_off)
@@ -142,8 +160,13 @@ class FarMarch(March):
                 break
             steps += self.outer.history
             counts += self.iteration.statuses.counts
-            rows, alpha = {interface.name: forces_by_node(interface, self.outer.forces[part]) for interface, part in
-                           self.assembly.space.with_slices()}, self.outer.motions
+            rows, alpha = (
+                {
+                    interface.name: forces_by_node(interface, self.outer.forces[part])
+                    for interface, part in self.assembly.space.with_slices()
+                },
+                self.outer.motions,
+            )
             changes = changes[-DEPTH:] if far_off <= NEAR * size else []
             step = _mixed(changes, alpha)
             changes.append((alpha, self._go(time, step) * step))
@@ -157,7 +180,9 @@ class FarMarch(March):
         else:
             solution = self.iteration.conclude("unsettled", since, largest)
         # the record has the steps of all passes
-        self.outer.history[:] = [row._replace(iteration=k + 1) for k, row in enumerate([*steps, *self.outer.history])]
+        self.outer.history[:] = [
+            row._replace(iteration=k + 1) for k, row in enumerate([*steps, *self.outer.history])
+        ]
         self.iteration.statuses.counts[:0] = counts
         if settled:
             _refuse_passing(self.assembly, memory, time)
@@ -165,11 +190,15 @@ class FarMarch(March):
             self.log.doubt(time, instability(self.assembly, self.outer))
         self._count()
         self._passes = number + 1
-        states = {name: replace(state, before=values_by_node(state.interface, memory.contacts, "slip"))
-                  for name, state in solution.states.items()}
+        states = {
+            name: replace(state, before=values_by_node(state.interface, memory.contacts, "slip"))
+            for name, state in solution.states.items()
+        }
         partners = partners_gone(self.assembly)
-        contacts = {name: total._replace(rigid=partners.get(total.bodies[1], total.rigid))
-                    for name, total in solution.contacts.items()}
+        contacts = {
+            name: total._replace(rigid=partners.get(total.bodies[1], total.rigid))
+            for name, total in solution.contacts.items()
+        }
         return replace(solution, time=time, states=states, contacts=contacts)
 
     def _accept(self, time: float, solution: Solution) -> None:
@@ -184,13 +213,25 @@ class FarMarch(March):
         self._far.reach[time] = _reaches(self.assembly, memory, self._whole, time)
         with clock.phase("assemble"):
             self.assembly = assembly = self.assembly.meet(time)
-        start = assembly.exchange.total([body.member.begin(began(
-            assembly, body.spec.name, body.mesh.points, memory.displacements.get(body.spec.name, 0.0), then))
-            for body in assembly.bodies], "slip")
+        start = assembly.exchange.total(
+            [
+                body.member.begin(
+                    began(
+                        assembly,
+                        body.spec.name,
+                        body.mesh.points,
+                        memory.displacements.get(body.spec.name, 0.0),
+                        then,
+                    )
+                )
+                for body in assembly.bodies
+            ],
+            "slip",
+        )
         self._now = _seen_now(self._now, assembly, memory, start)
         sliding = start.copy()
         for interface, part in assembly.space.with_slices():
-            sliding[part][:interface.m] = 0.0
+            sliding[part][: interface.m] = 0.0
         joint = assembly.joint
         self._d = joint.d = joint.d - sliding
         self.iteration = Iteration(assembly, self.iteration.method, no_report, clock)
@@ -199,7 +240,10 @@ class FarMarch(March):
         self.outer = outer
         s, largest = assembly.space.laws.project(_forces_of(assembly, rows)), self.log.most["sizes"]
         if assembly.space.any(s):
-            outer.begin((s, joint.product(s, "newton") - joint.d, np.zeros(joint.rigid.size)), foreseen=again)
+            outer.begin(
+                (s, joint.product(s, "newton") - joint.d, np.zeros(joint.rigid.size)),
+                foreseen=again,
+            )
         outer.nothing, outer.direct.steps = NOTHING * largest[0], True
         return sliding
 
@@ -213,28 +257,42 @@ class FarMarch(March):
         now, before = self._now.memory, self._before.memory
         span = now.time - before.time
         share = (time - now.time) / span if span and not self._cuts else 0.0
-        return {name: gone + share * (gone - before.freed[name]) for name, gone in now.freed.items()}
+        return {
+            name: gone + share * (gone - before.freed[name]) for name, gone in now.freed.items()
+        }
 
     def _go(self, time: float, alpha: np.ndarray) -> float:
         """Have the free frames take a share of the motions α, all of it unless they turn far; the share."""
         assembly, far = self.assembly, self._far
-        moved = {name: far.free[name].gone(gone, assembly.frames[name], alpha[assembly.joint.slices[name]])
-                 for name, gone in far.freed[time].items()}
+        moved = {
+            name: far.free[name].gone(
+                gone, assembly.frames[name], alpha[assembly.joint.slices[name]]
+            )
+            for name, gone in far.freed[time].items()
+        }
         turned = slice(assembly.scene.dimension, None)
         most = max(norm((gone - far.freed[time][name])[turned]) for name, gone in moved.items())
         share = FARTHEST / max(most, FARTHEST)
-        far.freed[time] = {name: far.freed[time][name] + share * (gone - far.freed[time][name])
-                           for name, gone in moved.items()}
+        far.freed[time] = {
+            name: far.freed[time][name] + share * (gone - far.freed[time][name])
+            for name, gone in moved.items()
+        }
         return share
 
     def _forces(self, mark: Mark) -> np.ndarray:
-        return _forces_of(self.assembly, mark.memory.contacts)  # attempts may have paired other rows at the leg's end
+        return _forces_of(
+            self.assembly, mark.memory.contacts
+        )  # attempts may have paired other rows at the leg's end
 
     def _remember(self, solution: Solution) -> Memory:
         assert solution.time is not None
-        return Memory(solution.time, self._far.freed[solution.time], solution.displacements, {
-            name: rows_of(state) for name, state in solution.states.items()}, {
-                name: total.moved for name, total in solution.contacts.items()})
+        return Memory(
+            solution.time,
+            self._far.freed[solution.time],
+            solution.displacements,
+            {name: rows_of(state) for name, state in solution.states.items()},
+            {name: total.moved for name, total in solution.contacts.items()},
+        )
 
     def _by_frames(self, solution: Solution, before: Mark) -> float:
         """Work of the motions of frames (J): clamps balance what contact forces do to bodies that move."""
@@ -244,10 +302,18 @@ class FarMarch(March):
             for side, body in enumerate(state.interface.bodies):
                 step = now[body].after(then[body].undone)
                 # the mean of the forces at both ends, each over the way of the place at which it acts
-                for rows, way, sign in ((rows_of(state), step.undone, -1.0), (memory.contacts.get(name), step, 1.0)):
+                for rows, way, sign in (
+                    (rows_of(state), step.undone, -1.0),
+                    (memory.contacts.get(name), step, 1.0),
+                ):
                     if rows:
                         at = rows[("first", "second")[side]]
-                        joules -= 0.5 * sign * (1.0, -1.0)[side] * float(((way.at(at) - at) * rows["forces"]).sum())
+                        joules -= (
+                            0.5
+                            * sign
+                            * (1.0, -1.0)[side]
+                            * float(((way.at(at) - at) * rows["forces"]).sum())
+                        )
         return float(self.assembly.space.add(np.array([joules]))[0])
 
     def _closing(self, s: np.ndarray) -> bool:
@@ -255,8 +321,10 @@ class FarMarch(March):
         return False
 
     def state(self) -> dict[str, Any]:
-        return super().state() | {name: {repr(time): dict(values) for time, values in getattr(
-            self._far, name).items()} for name in ("reach", "freed")}
+        return super().state() | {
+            name: {repr(time): dict(values) for time, values in getattr(self._far, name).items()}
+            for name in ("reach", "freed")
+        }
 
     def _recalled(self, state: dict[str, Any]) -> Mark:
         return Mark(**state | {"memory": Memory(**state["memory"])})
@@ -264,7 +332,9 @@ class FarMarch(March):
     def restore(self, state: dict[str, Any]) -> None:
         super().restore(state)
         for name in ("reach", "freed"):
-            getattr(self._far, name).update({float(time): values for time, values in state[name].items()})
+            getattr(self._far, name).update(
+                {float(time): values for time, values in state[name].items()}
+            )
 
 
 def _mixed(changes: Sequence[tuple[np.ndarray, np.ndarray]], alpha: np.ndarray) -> np.ndarray:
@@ -273,13 +343,18 @@ def _mixed(changes: Sequence[tuple[np.ndarray, np.ndarray]], alpha: np.ndarray) 
     if not changes:
         return alpha
     alphas = np.diff([*(former for former, _ in changes), alpha], axis=0)
-    return alpha - np.linalg.lstsq(alphas.T, alpha, rcond=SAME)[0] @ (np.array([step for _, step in changes]) + alphas)
+    return alpha - np.linalg.lstsq(alphas.T, alpha, rcond=SAME)[0] @ (
+        np.array([step for _, step in changes]) + alphas
+    )
 
 
 def _deepest(assembly: Assembly) -> dict[str, float]:
     """The deepest overlap of the placed sides (m), by contact of this rank's bodies."""
-    return {met.name: max(0.0, -float(met.opening.min(initial=0.0))) for body in assembly.bodies
-            for met in body.member.interfaces}
+    return {
+        met.name: max(0.0, -float(met.opening.min(initial=0.0)))
+        for body in assembly.bodies
+        for met in body.member.interfaces
+    }
 
 
 def _refuse_passing(assembly: Assembly, memory: Memory, time: float) -> None:
@@ -288,35 +363,52 @@ def _refuse_passing(assembly: Assembly, memory: Memory, time: float) -> None:
     now, unit, scene = _deepest(assembly), assembly.scene.units["length"], assembly.scene
     assert assembly.far
     ends = memory.freed, assembly.far.freed[time]
-    rigid, then, here = {each.name: each for each in scene.rigid}, memory.frames(scene), assembly.frames
+    rigid, then, here = (
+        {each.name: each for each in scene.rigid},
+        memory.frames(scene),
+        assembly.frames,
+    )
     with agreed(assembly.world):
         for contact in assembly.far.contacts:
             both = assembly.far.sides[contact.name]
-            body, thin = min(((side.body, float(side.extent.min())) for side in both if side), key=lambda each: each[1])
+            body, thin = min(
+                ((side.body, float(side.extent.min())) for side in both if side),
+                key=lambda each: each[1],
+            )
             deepest = now[contact.name]
             if not deepest:  # apart: it may have passed
                 places = min(MOST, 1 + int(4.0 * _way(contact, both[0], then, here) / thin))
                 for share in np.linspace(0.0, 1.0, places)[1:-1]:
-                    freed = {name: (1.0 - share) * gone + share * ends[1][name] for name, gone in ends[0].items()}
-                    frames = frames_of(scene, memory.time + float(share) * (time - memory.time), freed)
+                    freed = {
+                        name: (1.0 - share) * gone + share * ends[1][name]
+                        for name, gone in ends[0].items()
+                    }
+                    frames = frames_of(
+                        scene, memory.time + float(share) * (time - memory.time), freed
+                    )
                     met = meet(contact, both, frames, rigid, (thin, 0.0))
                     deepest = max(deepest, -float(met.opening.min(initial=0.0)))
             if deepest > DEEPEST * thin:
-                raise InputError(f"contact.{contact.name}: the motions push {contact.bodies[0]!r} and "
-                                 f"{contact.bodies[1]!r} into each other by {deepest:.3g} {unit} until time {time:g}, "
-                                 f"more than {DEEPEST:g} of the thickness of {body!r}: they would pass through each "
-                                 "other")
+                raise InputError(
+                    f"contact.{contact.name}: the motions push {contact.bodies[0]!r} and "
+                    f"{contact.bodies[1]!r} into each other by {deepest:.3g} {unit} until time {time:g}, "
+                    f"more than {DEEPEST:g} of the thickness of {body!r}: they would pass through each "
+                    "other"
+                )
 
 
-def _way(contact: SettledContact, side: Side, then: Mapping[str, Frame], now: Mapping[str, Frame]) -> float:
+def _way(
+    contact: SettledContact, side: Side, then: Mapping[str, Frame], now: Mapping[str, Frame]
+) -> float:
     """How far the nodes of the first side move past the second body (m)."""
     first, second = contact.bodies
     old, new = (at[second].undone.after(at[first]).at(side.xy) for at in (then, now))
     return float(np.linalg.norm(new - old, axis=1).max())
 
 
-def _reaches(assembly: Assembly, memory: Memory, whole: Collection[str],
-             time: float) -> dict[str, tuple[float, float]]:
+def _reaches(
+    assembly: Assembly, memory: Memory, whole: Collection[str], time: float
+) -> dict[str, tuple[float, float]]:
     """By contact how deep overlaps may be at `time` (m): as far as bodies moved along normals before, by the motion
     since then, and a facet; and how far they moved, endless where no rows are to be left out: in the first step, of
     `whole` contacts, and where frames are free."""
@@ -325,32 +417,55 @@ def _reaches(assembly: Assembly, memory: Memory, whole: Collection[str],
     then, now = memory.frames(assembly.scene), far.frames(assembly.scene, time)
     for contact in far.contacts:
         side, moved = far.sides[contact.name][0], memory.moved[contact.name]
-        endless = not memory.time or contact.name in whole or not far.free.keys().isdisjoint(contact.bodies)
+        endless = (
+            not memory.time
+            or contact.name in whole
+            or not far.free.keys().isdisjoint(contact.bodies)
+        )
         facet = float(side.lengths.max() ** (1.0 / (side.dimension - 1)))
-        reach[contact.name] = moved + _way(contact, side, then, now) + facet, np.inf if endless else moved
+        reach[contact.name] = (
+            moved + _way(contact, side, then, now) + facet,
+            np.inf if endless else moved,
+        )
     return reach
 
 
 def _seen_now(mark: Mark, assembly: Assembly, memory: Memory, start: np.ndarray) -> Mark:
     """The last step as the rows of now see it: its forces by slave nodes, and the places of what they join now."""
     space, zero = assembly.space, np.zeros(assembly.space.size)
-    slid = {interface.name: np.zeros((interface.m, interface.dimension - 1)) for interface in space.interfaces
-            if interface.law.frictionless}
-    return replace(mark, s=_forces_of(assembly, memory.contacts), moved=start, opening=space.opening, prescribed=zero,
-                   d=zero, slid=slid)
+    slid = {
+        interface.name: np.zeros((interface.m, interface.dimension - 1))
+        for interface in space.interfaces
+        if interface.law.frictionless
+    }
+    return replace(
+        mark,
+        s=_forces_of(assembly, memory.contacts),
+        moved=start,
+        opening=space.opening,
+        prescribed=zero,
+        d=zero,
+        slid=slid,
+    )
 
 
 def _forces_of(assembly: Assembly, rows: Rows) -> np.ndarray:
     """The forces (size,) of such rows at the slave nodes of the rows of now (N)."""
     s = np.zeros(assembly.space.size)
     for interface, part in assembly.space.with_slices():
-        normal, tangential = (values_by_node(interface, rows, what) for what in ("normal", "tangential"))
+        normal, tangential = (
+            values_by_node(interface, rows, what) for what in ("normal", "tangential")
+        )
         s[part] = np.concatenate([normal[:, 0], tangential[interface.sliding].ravel()])
     return s
 
 
-def march(assembly: Assembly, report: Report = no_report, checkpoints: Checkpoints | None = None,
-          clock: Clock | None = None) -> tuple[Solution, StepLog, Assembly]:
+def march(
+    assembly: Assembly,
+    report: Report = no_report,
+    checkpoints: Checkpoints | None = None,
+    clock: Clock | None = None,
+) -> tuple[Solution, StepLog, Assembly]:
     """Solve `assembly` in the load steps of its scene, without [time] in one; the solution, the record of the steps,
     and the assembly at the end.
 
@@ -364,10 +479,15 @@ def march(assembly: Assembly, report: Report = no_report, checkpoints: Checkpoin
         solution = solve(assembly, scene.method, report, checkpoints, clock)
         log.note_step(time, solution)
         if solution.certified:
-            log.derive(*chain.entries(time, chain.advance(time, solution.outer, solution), solution), several=False)
+            log.derive(
+                *chain.entries(time, chain.advance(time, solution.outer, solution), solution),
+                several=False,
+            )
         return solution, log, assembly
     assembly.act(scene.legs[0])
-    march = (FarMarch if scene.far else March)(assembly, Iteration(assembly, scene.method, no_report, clock), log)
+    march = (FarMarch if scene.far else March)(
+        assembly, Iteration(assembly, scene.method, no_report, clock), log
+    )
     if checkpoints:
         checkpoints.follow(assembly, outer=march.outer, steps=march)
     return march.run(checkpoints), log, march.assembly

@@ -29,15 +29,27 @@ def log_plan(assembly: Assembly, figures: bool) -> None:
     """Log what is solved, how, and what is left out because the scene does not need it. Collective."""
     scene, world = assembly.scene, assembly.world
     ranks = team.comm.size if (team := team_of(world)) else 1
-    bodies = gathered(world, {body.spec.name: _describe_body(body, ranks) for body in assembly.bodies})
-    owned = gathered(world, {interface.name: (interface.law.name, _plan_of(interface, scene.output.length_unit))
-                             for interface in assembly.space.interfaces})
+    bodies = gathered(
+        world, {body.spec.name: _describe_body(body, ranks) for body in assembly.bodies}
+    )
+    owned = gathered(
+        world,
+        {
+            interface.name: (interface.law.name, _plan_of(interface, scene.output.length_unit))
+            for interface in assembly.space.interfaces
+        },
+    )
     if world.rank:
         return
     contacts = {contact.name: owned[contact.name] for contact in scene.contact}
-    log.info("n = %d unknowns (%s), m = %d contact nodes%s%s", assembly.n,
-             CELLS[scene.dimension, scene.body[0].mesh.order].title, assembly.m, ", friction: " * bool(contacts),
-             ", ".join(dict.fromkeys(law for law, _ in contacts.values())))
+    log.info(
+        "n = %d unknowns (%s), m = %d contact nodes%s%s",
+        assembly.n,
+        CELLS[scene.dimension, scene.body[0].mesh.order].title,
+        assembly.m,
+        ", friction: " * bool(contacts),
+        ", ".join(dict.fromkeys(law for law, _ in contacts.values())),
+    )
     for plan, names in grouped((plan, name) for name, (_, plan) in contacts.items()):
         log.info("%s: %s", some(names, "contacts"), plan)
     for way, names in grouped((bodies[spec.name][0], spec.name) for spec in scene.body):
@@ -50,16 +62,28 @@ def log_plan(assembly: Assembly, figures: bool) -> None:
     if world.size < len(scene.body):
         log.info("%d bodies on %s", len(scene.body), _count(world.size, "rank"))
     only = scene.output.only
-    left_out = [what for what, missing in (
-        ("rigid motions (all bodies are supported)", not assembly.loose),
-        ("fields, stresses, pictures, the estimated error and warnings of strains, stresses and overlaps of bodies "
-         f'(output.only = "{only}")', only),
-        ("stress in the files (not asked for)", not only and not scene.output.stress),
-        ("pictures (not asked for)", not only and not figures)) if missing]
+    left_out = [
+        what
+        for what, missing in (
+            ("rigid motions (all bodies are supported)", not assembly.loose),
+            (
+                "fields, stresses, pictures, the estimated error and warnings of strains, stresses and overlaps of bodies "
+                f'(output.only = "{only}")',
+                only,
+            ),
+            ("stress in the files (not asked for)", not only and not scene.output.stress),
+            ("pictures (not asked for)", not only and not figures),
+        )
+        if missing
+    ]
     if figures and not only and not has_matplotlib():
         left_out.append(f"pictures ({NO_MATPLOTLIB})")
     left_out += _target_left_out(scene)
-    log.info("%s; left out: %s", describe_method(scene.method, scene.dimension), ", ".join(left_out) or "nothing")
+    log.info(
+        "%s; left out: %s",
+        describe_method(scene.method, scene.dimension),
+        ", ".join(left_out) or "nothing",
+    )
     log.info("%5s  %10s  %10s  %6s", "k", "update", "residual", "n_A")
 
 
@@ -74,11 +98,16 @@ def log_warnings(warnings: Iterable[str], told: list[str]) -> None:
 def _describe_body(body: Body, ranks: int) -> tuple[str, bool]:
     """How the cells of a body were cut, and how it is solved, on how many ranks; whether loads act on it."""
     mesh, motions, compliance = body.mesh, body.member.motions.shape[2], body.member.C
-    solver, what = compliance.solver.description, {"triangle": "quadrilaterals"}.get(mesh.cell.name, "other cells")
+    solver, what = (
+        compliance.solver.description,
+        {"triangle": "quadrilaterals"}.get(mesh.cell.name, "other cells"),
+    )
     way = f"{mesh.cut} {what} cut into {mesh.cell.names}; " if mesh.cut else ""
     way += "" if ranks == 1 else f"on {ranks} ranks; "
     if motions:
-        held = "its frame is free" if body.member.elasticity.supported else "not supported by clamps"
+        held = (
+            "its frame is free" if body.member.elasticity.supported else "not supported by clamps"
+        )
         way += f"{held} ({_count(motions, 'rigid motion')}); "
     way += "direct solver" if solver == DIRECT else f"solver {solver}"
     if compliance.solver.refused:
@@ -98,7 +127,11 @@ def grouped(pairs: Iterable[tuple[str, str]]) -> Iterator[tuple[str, list[str]]]
 
 def some(names: Sequence[str], what: str) -> str:
     """All names, or of many the first ones and the number: "a, b, … (12 contacts)"."""
-    return ", ".join(names) if len(names) <= NAMED else f"{names[0]}, {names[1]}, … ({len(names)} {what})"
+    return (
+        ", ".join(names)
+        if len(names) <= NAMED
+        else f"{names[0]}, {names[1]}, … ({len(names)} {what})"
+    )
 
 
 def _plan_of(interface: Interface, unit: str) -> str:
@@ -119,8 +152,10 @@ def _target_left_out(scene: Settled) -> list[str]:
     given = [body.name for body in scene.body if not body.mesh.refinable]
     if not (target and given and scene.method.target_error is None):
         return []
-    return [f'the target of {scene.method.preset}, {target:g} (the mesh of {" and of ".join(given)} is given, and not '
-            'refined unless mesh.refine = "as needed")']
+    return [
+        f"the target of {scene.method.preset}, {target:g} (the mesh of {' and of '.join(given)} is given, and not "
+        'refined unless mesh.refine = "as needed")'
+    ]
 
 
 def _count(number: int, what: str) -> str:
@@ -133,35 +168,57 @@ def describe_gap(interface: Interface, unit: str) -> str:
     if not gap.any():
         return "all nodes touch at first"
     ends = {"gap": gap.max(), "overlap": -gap.min()}
-    return ", ".join(f"initial {kind} up to {end:.3g} {unit}" for kind, end in ends.items() if end > 0.0)
+    return ", ".join(
+        f"initial {kind} up to {end:.3g} {unit}" for kind, end in ends.items() if end > 0.0
+    )
 
 
 def log_step(step: Step) -> None:
-    log.info("%5d  %10.3e  %10.3e  %6d%s", step.iteration, step.update, step.residual, step.n_A,
-             f"  {step.stage}" if step.stage else "")
+    log.info(
+        "%5d  %10.3e  %10.3e  %6d%s",
+        step.iteration,
+        step.update,
+        step.residual,
+        step.n_A,
+        f"  {step.stage}" if step.stage else "",
+    )
 
 
 def describe_method(method: SettledMethod, dimension: int) -> str:
     """The outer method with its solvers, in words."""
     plan, discs = method.plan, ""
     if dimension > 2:
-        plan, discs = plan.replace("half-plane", "half-space"), ", those with friction by python (APG)"
+        plan, discs = (
+            plan.replace("half-plane", "half-space"),
+            ", those with friction by python (APG)",
+        )
     if not method.by_body:
         return plan
 
     from ddmpi.published.tao import QPSolver
 
-    return f"{plan}; subproblems by TAO {QPSolver().type.replace('python', 'python (MPRGP)')}{discs}"
+    return (
+        f"{plan}; subproblems by TAO {QPSolver().type.replace('python', 'python (MPRGP)')}{discs}"
+    )
 
 
 def log_end(summary: dict, solution: Solution) -> None:
     """Log how the run ended, and what a user looks at first. Not collective."""
-    lines = [f"{summary['reason']} ({summary['outer_iterations']} outer iterations, n_A = {summary['n_A']})"]
+    lines = [
+        f"{summary['reason']} ({summary['outer_iterations']} outer iterations, n_A = {summary['n_A']})"
+    ]
     if not solution.mechanism:  # its forces and displacements would mean nothing
-        residuals = ", ".join(f"{kind.replace('_', ' ')} {as_float(value):.1e}"
-                              for kind, value in summary["certificate"].items())
-        lines += [*_contacts(summary, solution.contacts), *_bodies(summary), *_partners(summary),
-                  f"certificate (limit {summary['certificate_limit']:.2g}): {residuals}", *_between_nodes(summary)]
+        residuals = ", ".join(
+            f"{kind.replace('_', ' ')} {as_float(value):.1e}"
+            for kind, value in summary["certificate"].items()
+        )
+        lines += [
+            *_contacts(summary, solution.contacts),
+            *_bodies(summary),
+            *_partners(summary),
+            f"certificate (limit {summary['certificate_limit']:.2g}): {residuals}",
+            *_between_nodes(summary),
+        ]
         error = summary["discretization_error"]["energy_norm"]
         if error is not None:
             lines.append(f"estimated discretization error: {error:.2g} of the energy norm")
@@ -172,8 +229,10 @@ def log_end(summary: dict, solution: Solution) -> None:
     for line in lines:
         log.info("%s", line)
     if summary["options_unused"]:
-        log.warning("PETSc options that nothing used: %s (solvers have those with the prefixes body_, newton_ and qp_)",
-                    ", ".join(summary["options_unused"]))
+        log.warning(
+            "PETSc options that nothing used: %s (solvers have those with the prefixes body_, newton_ and qp_)",
+            ", ".join(summary["options_unused"]),
+        )
 
 
 def _contacts(summary: dict, totals: Mapping[str, ContactTotals]) -> Iterator[str]:
@@ -184,10 +243,17 @@ def _contacts(summary: dict, totals: Mapping[str, ContactTotals]) -> Iterator[st
         yield f"{len(contacts)} contacts: {count(contacts.values())} nodes; {pressure}"
         listed = [name for name in contacts if totals[name].rigid is not None][:LISTED]
     yield from (describe_contact(summary, name, totals[name].bodies[0]) for name in listed)
-    closed = {name for step in summary["steps"] for name, contact in step["contacts"].items()
-              if contact["slip"] + contact["stick"]}
-    apart = [f"{name} (at least {max(contact.opening, 0.0):.3g} apart)" for name, contact in totals.items()
-             if name not in closed]
+    closed = {
+        name
+        for step in summary["steps"]
+        for name, contact in step["contacts"].items()
+        if contact["slip"] + contact["stick"]
+    }
+    apart = [
+        f"{name} (at least {max(contact.opening, 0.0):.3g} apart)"
+        for name, contact in totals.items()
+        if name not in closed
+    ]
     if apart:
         yield f"closed nowhere{' at any time' * (len(summary['steps']) > 1)}: {some(apart, 'contacts')}"
 
@@ -196,11 +262,20 @@ def describe_contact(summary: dict, name: str, body: str) -> str:
     """The state of a contact in one line; `body` is its first one. Not collective."""
     contact = summary["contacts"][name]
     # bodies that meet along an edge only have forces but no area, so no pressure
-    pressure = ("no area" if contact["pressure_max"] is None and None not in contact["force"] else
-                tell(summary, "contacts", name, "pressure_max"))
+    pressure = (
+        "no area"
+        if contact["pressure_max"] is None and None not in contact["force"]
+        else tell(summary, "contacts", name, "pressure_max")
+    )
     bolt, units = contact.get("pretension"), summary["units"]
-    pulled = (f"; pretension {as_float(bolt['force']):.4g} {units['force']} at the offset "
-              f"{as_float(bolt['offset']):.4g} {units['length']}") if bolt else ""
+    pulled = (
+        (
+            f"; pretension {as_float(bolt['force']):.4g} {units['force']} at the offset "
+            f"{as_float(bolt['offset']):.4g} {units['length']}"
+        )
+        if bolt
+        else ""
+    )
     return f"{name}: {count([contact])} nodes; {tell(summary, 'contacts', name, 'force')} on {body}, {pressure}{pulled}"
 
 
@@ -218,23 +293,36 @@ def _between_nodes(summary: dict) -> Iterator[str]:
     _, deepest = largest(unmatched, "pointwise_penetration")
     _, turned = largest(unmatched, "moment_imbalance")
     bound = as_float(unmatched[turned]["moment_imbalance_bound"])
-    for name, words in grouped([
+    for name, words in grouped(
+        [
             (deepest, tell(summary, "contacts", deepest, "pointwise_penetration", 2)),
-            (turned, f"{tell(summary, 'contacts', turned, 'moment_imbalance', 3)} (bound {bound:.3g})")]):
+            (
+                turned,
+                f"{tell(summary, 'contacts', turned, 'moment_imbalance', 3)} (bound {bound:.3g})",
+            ),
+        ]
+    ):
         yield f"non-matching meshes at {name}: {'; '.join(words)}"
 
 
 def _bodies(summary: dict) -> Iterator[str]:
     bodies = summary["bodies"]
-    supported = {body["name"] for body in summary["scene"]["body"] if body["clamp"] or body["foundation"]}
+    supported = {
+        body["name"] for body in summary["scene"]["body"] if body["clamp"] or body["foundation"]
+    }
     listed = list(bodies)
     if len(bodies) > LISTED:
-        keys = ["displacement_max"] + ["von_mises_max"] * (largest(bodies, "von_mises_max")[0] is not None)
+        keys = ["displacement_max"] + ["von_mises_max"] * (
+            largest(bodies, "von_mises_max")[0] is not None
+        )
         yield f"{len(bodies)} bodies: {'; '.join(_largest(summary, 'bodies', key) for key in keys)}"
         listed = [name for name in bodies if name in supported][:LISTED]
     for name in listed:
-        keys = [*["reaction"] * (name in supported), "displacement_max",
-                *["von_mises_max"] * (bodies[name]["von_mises_max"] is not None)]
+        keys = [
+            *["reaction"] * (name in supported),
+            "displacement_max",
+            *["von_mises_max"] * (bodies[name]["von_mises_max"] is not None),
+        ]
         yield f"{name}: {', '.join(tell(summary, 'bodies', name, key) for key in keys)}"
 
 
@@ -249,8 +337,13 @@ def _partners(summary: dict) -> Iterator[str]:
 
 def describe_files(names: Sequence[str]) -> str:
     """The names of the result files; many tables of contacts as one."""
-    tables = [name for name in names if name.startswith("contact_") and name.endswith((".csv", ".vtu"))]
+    tables = [
+        name for name in names if name.startswith("contact_") and name.endswith((".csv", ".vtu"))
+    ]
     if len(tables) <= NAMED:
         return ", ".join(names)
-    return ", ".join(dict.fromkeys(f"contact_NAME ({len(tables)} files)" if name in tables else name
-                                   for name in names))
+    return ", ".join(
+        dict.fromkeys(
+            f"contact_NAME ({len(tables)} files)" if name in tables else name for name in names
+        )
+    )

@@ -46,10 +46,20 @@ Start = tuple[Mapping[str, ContactState], np.ndarray | None]
 """Of another answer: the states of its contacts, by name, and the motions of loose bodies (m), if the rank has them."""
 
 
-def run(world: MPI.Comm, scene: Settled, scene_path: str, output: str | None, figures: bool,
-        restart: str | None = None) -> None:
+def run(
+    world: MPI.Comm,
+    scene: Settled,
+    scene_path: str,
+    output: str | None,
+    figures: bool,
+    restart: str | None = None,
+) -> None:
     """Solve `scene` and write its results; parameters and errors as of `compute`. Collective on `world`."""
-    on_working_ranks(world, scene, lambda ranks: compute(ranks, scene, scene_path, Clock(), output, figures, restart))
+    on_working_ranks(
+        world,
+        scene,
+        lambda ranks: compute(ranks, scene, scene_path, Clock(), output, figures, restart),
+    )
 
 
 class Cases:
@@ -62,10 +72,13 @@ class Cases:
 
     def compute(self, scene: Settled, scene_path: str, clock: Clock, **more: Any) -> Solved | None:
         """`compute`, with what is kept; None on ranks without a body of their own."""
+
         def work(ranks: MPI.Comm) -> Solved:
             if team_of(ranks) is not self._team:  # what was kept went with the ranks of the bodies
                 self._team, self._kept = team_of(ranks), Kept(locked=True)
-            return compute(ranks, scene, scene_path, clock, kept=self._kept if self._keep else None, **more)
+            return compute(
+                ranks, scene, scene_path, clock, kept=self._kept if self._keep else None, **more
+            )
 
         return self._ranks.work(scene, work)
 
@@ -76,9 +89,19 @@ class Cases:
         self._ranks.end()
 
 
-def compute(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock, output: str | None = None,
-            figures: bool = False, restart: str | None = None, write: bool = True, kept: Kept | None = None,
-            start: Start | None = None, outer: type | None = None) -> Solved:
+def compute(
+    world: MPI.Comm,
+    scene: Settled,
+    scene_path: str,
+    clock: Clock,
+    output: str | None = None,
+    figures: bool = False,
+    restart: str | None = None,
+    write: bool = True,
+    kept: Kept | None = None,
+    start: Start | None = None,
+    outer: type | None = None,
+) -> Solved:
     """Solve `scene` on one mesh after the other until its accuracy target is met, and write the results. Collective.
 
     Parameters
@@ -105,7 +128,9 @@ def compute(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock, outp
     def attempt() -> Solved | None:
         """Solve on the ladder's present mesh and write the results, or return None: the ladder goes on to another mesh,
         which needs the memory of this one."""
-        assembly = prepare_scene(world, scene, scene_path, clock, ladder.factor, ladder.sizes, kept=kept, outer=outer)
+        assembly = prepare_scene(
+            world, scene, scene_path, clock, ladder.factor, ladder.sizes, kept=kept, outer=outer
+        )
         if start:
             assembly = replace(assembly, start=_warm(assembly, start))
         log_plan(assembly, figures)
@@ -160,29 +185,46 @@ def _refuse_uncertified(solved: Solved, ladder: MeshLadder) -> None:
     statuses = None if solution.certified else solution.statuses.whole()
     with agreed(solved.assembly.world):
         if solution.given and solution.unbalanced:
-            raise NotConvergedError(f"{solution.reason} (the certificate fails: {', '.join(solution.violations)})")
+            raise NotConvergedError(
+                f"{solution.reason} (the certificate fails: {', '.join(solution.violations)})"
+            )
         if solution.mechanism or solution.drift:
             raise NotConvergedError(solution.reason)
         if statuses:
-            raise NotConvergedError(diagnose(solution.reason, solution.stopped, solution.violations, scene.method,
-                                             solution.outer.history, statuses, helpful(scene)))
+            raise NotConvergedError(
+                diagnose(
+                    solution.reason,
+                    solution.stopped,
+                    solution.violations,
+                    scene.method,
+                    solution.outer.history,
+                    statuses,
+                    helpful(scene),
+                )
+            )
         if ladder.missed:
             raise NotConvergedError(ladder.missed)
 
 
-def _warm(assembly: Assembly, start: Start) -> Callable[[], tuple[np.ndarray, np.ndarray, np.ndarray]]:
+def _warm(
+    assembly: Assembly, start: Start
+) -> Callable[[], tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """What makes the beginning for `Newton.begin`: the forces of another answer that the laws of now allow, with their
     gaps and motions. Collective, also the call of it. Raises InputError, on all ranks, where the answer has other
     contacts or nodes, or is of load steps."""
     forces, (states, motions), joint = [np.empty(0)], start, assembly.joint
     with agreed(assembly.world):
         if assembly.scene.time is not None or assembly.scene.method.outer != "newton":
-            raise InputError('start: needs a scene without load steps and method.outer = "newton"; leave start out')
+            raise InputError(
+                'start: needs a scene without load steps and method.outer = "newton"; leave start out'
+            )
         for interface in assembly.space.interfaces:
             state = states.get(interface.name)
             if state is None or len(state.gap) != interface.m:
-                raise InputError(f"start: that answer has {'no' if state is None else 'other nodes at the'} contact "
-                                 f"{interface.name!r}; begin from an answer on the same meshes")
+                raise InputError(
+                    f"start: that answer has {'no' if state is None else 'other nodes at the'} contact "
+                    f"{interface.name!r}; begin from an answer on the same meshes"
+                )
             forces += [state.normal_force, state.tangential_force[interface.law.sliding].ravel()]
     motions, size = assembly.world.bcast(motions), joint.rigid.size
     alpha = motions if motions is not None and len(motions) == size else np.zeros(size)
@@ -194,9 +236,17 @@ def _warm(assembly: Assembly, start: Start) -> Callable[[], tuple[np.ndarray, np
     return begin
 
 
-def prepare_scene(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock | None = None,
-                  refinement: int = 1, sizes: Mapping[str, Sizes] = NO_SIZES, factor: bool = True,
-                  kept: Kept | None = None, outer: Any = None) -> Assembly:
+def prepare_scene(
+    world: MPI.Comm,
+    scene: Settled,
+    scene_path: str,
+    clock: Clock | None = None,
+    refinement: int = 1,
+    sizes: Mapping[str, Sizes] = NO_SIZES,
+    factor: bool = True,
+    kept: Kept | None = None,
+    outer: Any = None,
+) -> Assembly:
     """`prepare` for a scene whose shapes are meshed `refinement` times finer, between the checks of a method from
     outside, that of `compute`, and of the pictures' cut, which has to meet a body; their errors name the scene's file.
     Collective."""
@@ -204,7 +254,9 @@ def prepare_scene(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock
     with naming(scene_path):
         with agreed(world):
             outer = outer_from_outside(scene.method.outer, outer) if scene.method.outside else None
-        assembly = prepare(world, scene, Path(scene_path).parent, clock, refinement, sizes, factor, kept)
+        assembly = prepare(
+            world, scene, Path(scene_path).parent, clock, refinement, sizes, factor, kept
+        )
         _refuse_cut(assembly)
     return replace(assembly, outer=outer)
 
@@ -212,8 +264,13 @@ def prepare_scene(world: MPI.Comm, scene: Settled, scene_path: str, clock: Clock
 def _refuse_cut(assembly: Assembly) -> None:
     """InputError, on all ranks, where the pictures' cut meets no body. Collective."""
     if assembly.scene.output.cut:
-        ends = merged(assembly.world, {body.number: np.array([body.mesh.points.min(axis=0), body.mesh.points.max(
-            axis=0)]) for body in assembly.bodies})
+        ends = merged(
+            assembly.world,
+            {
+                body.number: np.array([body.mesh.points.min(axis=0), body.mesh.points.max(axis=0)])
+                for body in assembly.bodies
+            },
+        )
         with agreed(assembly.world):
             View(np.concatenate([*ends.values()]), assembly.scene.resolved()["output"])
 
@@ -223,51 +280,97 @@ def _estimate(assembly: Assembly, solution: Solution, clock: Clock) -> Discretiz
     if assembly.scene.output.only and not assembly.scene.method.target_error:
         return DiscretizationError(np.nan, {}, {}, 0.0)
     with clock.phase("estimate"):
-        errors = {body.spec.name: estimate_error(body.mesh, body.material, solution.displacements[body.spec.name],
-                                                 body.member.elasticity.acting.heated) for body in assembly.bodies}
+        errors = {
+            body.spec.name: estimate_error(
+                body.mesh,
+                body.material,
+                solution.displacements[body.spec.name],
+                body.member.elasticity.acting.heated,
+            )
+            for body in assembly.bodies
+        }
         numbers = {name: (error.total, error.energy, error.area) for name, error in errors.items()}
         bodies = gathered(assembly.world, numbers)
-        return sum_errors(bodies, errors, assembly.world.bcast(np.sum(list(bodies.values()), axis=0)))
+        return sum_errors(
+            bodies, errors, assembly.world.bcast(np.sum(list(bodies.values()), axis=0))
+        )
 
 
-def _another_mesh(ladder: MeshLadder, assembly: Assembly, solution: Solution, error: DiscretizationError) -> bool:
+def _another_mesh(
+    ladder: MeshLadder, assembly: Assembly, solution: Solution, error: DiscretizationError
+) -> bool:
     """Whether the ladder goes on to a finer mesh, or back to the last one with a certified answer, which has to be
     solved again. Collective."""
     if not solution.certified:
         return ladder.fall_back(solution.reason)
     dofs = assembly.world.allreduce(sum(body.mesh.points.size for body in assembly.bodies))
-    drawn = {body.spec.name: (body.mesh, error.estimates[body.spec.name].squares) for body in assembly.bodies
-             if body.spec.mesh.drawn}
+    drawn = {
+        body.spec.name: (body.mesh, error.estimates[body.spec.name].squares)
+        for body in assembly.bodies
+        if body.spec.mesh.drawn
+    }
     rate = ladder.rate(error.relative)
-    demands = merged(assembly.world, {name: demand(squares, rate, mesh.dimension)
-                                      for name, (mesh, squares) in drawn.items()})
+    demands = merged(
+        assembly.world,
+        {name: demand(squares, rate, mesh.dimension) for name, (mesh, squares) in drawn.items()},
+    )
     if not ladder.proceed(assembly.n, error.relative, dofs, demands):
         return False
     ladder.draw(drawn)
     return True
 
 
-def _judge(assembly: Assembly, solution: Solution, steps: StepLog, error: DiscretizationError, ladder: MeshLadder,
-           clock: Clock) -> Solved:
+def _judge(
+    assembly: Assembly,
+    solution: Solution,
+    steps: StepLog,
+    error: DiscretizationError,
+    ladder: MeshLadder,
+    clock: Clock,
+) -> Solved:
     """The answer with its warnings, fields, and on the first rank the summary. Collective."""
     scene, world = assembly.scene, assembly.world
     with clock.phase("recover"), agreed(world), event("Stress"):
-        fields = {body.spec.name: fields_of(assembly, body, solution.displacements[body.spec.name], error)
-                  for body in assembly.bodies if not scene.output.only}
+        fields = {
+            body.spec.name: fields_of(assembly, body, solution.displacements[body.spec.name], error)
+            for body in assembly.bodies
+            if not scene.output.only
+        }
     free = [] if solution.mechanism else undetermined_motions(assembly, solution.states)
     warnings = [*assembly.warnings, *(body.locking for body in scene.body if body.locking)]
     if solution.certified:
         doubts = doubt_answer(assembly, solution.displacements, solution.states, solution.contacts)
         warnings += [*doubts, *steps.doubts_beside([*doubts, *free])]
         if not scene.output.only:
-            warnings += [*(() if world.rank else doubt_mesh(scene.body, error)),
-                         *doubt_stress(assembly.in_world(), {name: field.von_mises for name, field in fields.items()})]
-        warnings += [f"derivatives.{key}: not given, because GMRES does not solve their equations to {ENOUGH:.0e}"
-                     for key, entry in steps.derived[0].items() if entry is None and not world.rank]
+            warnings += [
+                *(() if world.rank else doubt_mesh(scene.body, error)),
+                *doubt_stress(
+                    assembly.in_world(), {name: field.von_mises for name, field in fields.items()}
+                ),
+            ]
+        warnings += [
+            f"derivatives.{key}: not given, because GMRES does not solve their equations to {ENOUGH:.0e}"
+            for key, entry in steps.derived[0].items()
+            if entry is None and not world.rank
+        ]
     else:  # no answer to warn of, but meshes may be the reason
-        thin = gathered(world, {body.spec.name: [doubt(body.mesh, body.spec.name) for doubt in (
-            doubt_cells, doubt_shape)] for body in assembly.bodies})
+        thin = gathered(
+            world,
+            {
+                body.spec.name: [
+                    doubt(body.mesh, body.spec.name) for doubt in (doubt_cells, doubt_shape)
+                ]
+                for body in assembly.bodies
+            },
+        )
         warnings += [doubt for body in scene.body for doubt in thin.get(body.name, ()) if doubt]
         warnings += steps.doubts_beside(())  # those of load steps that have an answer
-    return Solved(assembly, solution, fields, gather_summary(
-        assembly, solution, error, fields, ladder, warnings, free, clock.started, steps), steps)
+    return Solved(
+        assembly,
+        solution,
+        fields,
+        gather_summary(
+            assembly, solution, error, fields, ladder, warnings, free, clock.started, steps
+        ),
+        steps,
+    )

@@ -51,7 +51,9 @@ and a step that meets a tighter tolerance by chance hardly changes that."""
 
 NO_SIZES = np.zeros(3)  # the `Solution.sizes` of no load step
 
-Beginning = tuple[np.ndarray, Callable[[Interface, slice, np.ndarray], np.ndarray], Mapping[str, np.ndarray]]
+Beginning = tuple[
+    np.ndarray, Callable[[Interface, slice, np.ndarray], np.ndarray], Mapping[str, np.ndarray]
+]
 """Of a load step: the displacement (size,) from which slip counts (m); what makes a contact's forces there, with its
 part of a vector, of those at the end (N); by contact the `ContactState.slip_total` of those without friction (m)."""
 
@@ -117,7 +119,9 @@ class Solution:
     @property
     def reason(self) -> str:
         """Why the iteration ended, in words."""
-        return self._reason + ("" if self.time is None or self.certified else f", in the step to time {self.time:g}")
+        return self._reason + (
+            "" if self.time is None or self.certified else f", in the step to time {self.time:g}"
+        )
 
     @property
     def _reason(self) -> str:
@@ -126,11 +130,15 @@ class Solution:
         if self.mechanism:
             return describe(self.mechanism)
         if self.drift:
-            return (f"no equilibrium found: {self.drift}, as far as the iteration shows; rigid bodies would be in "
-                    "equilibrium, elastic ones need not be")
+            return (
+                f"no equilibrium found: {self.drift}, as far as the iteration shows; rigid bodies would be in "
+                "equilibrium, elastic ones need not be"
+            )
         if self.given and self.unbalanced:
-            return (f"no answer can be certified: -body_ksp_rtol {self.given:g} leaves the bodies out of equilibrium; "
-                    f"leave that option out, or give at most {0.1 * self.limit:.0e}")
+            return (
+                f"no answer can be certified: -body_ksp_rtol {self.given:g} leaves the bodies out of equilibrium; "
+                f"leave that option out, or give at most {0.1 * self.limit:.0e}"
+            )
         if self.stopped == "stalled" and not isinstance(self.outer, Newton):
             return "not converged: the method stalled"
         return ENDS[self.stopped]
@@ -153,7 +161,9 @@ class Iteration:
     limit : largest residual of a certified answer
     """
 
-    def __init__(self, assembly: Assembly, method: SettledMethod, report: Report, clock: Clock) -> None:
+    def __init__(
+        self, assembly: Assembly, method: SettledMethod, report: Report, clock: Clock
+    ) -> None:
         self.assembly, self.method, self.clock = assembly, method, clock
         for body in assembly.bodies:
             body.member.restart()
@@ -167,10 +177,16 @@ class Iteration:
         with clock.phase("outer"):
             self.outer = choose_outer(assembly, method, note)
         self.limit, self._tolerance = certificate_limit(method.tolerance), method.tolerance
-        self._judged = math.inf, 0, 0  # least that the certificate said before, useless rounds since, and steps so far
+        self._judged = (
+            math.inf,
+            0,
+            0,
+        )  # least that the certificate said before, useless rounds since, and steps so far
         self._stopped = ""  # why the outer method has ended, until it goes on
         self._checkpoints: Checkpoints | None = None
-        self.given = assembly.world.allreduce(max(body.member.C.solver.given for body in assembly.bodies), MPI.MAX)
+        self.given = assembly.world.allreduce(
+            max(body.member.C.solver.given for body in assembly.bodies), MPI.MAX
+        )
 
     def begin(self) -> None:
         """Forget the certificates of the load step before; the outer method begins anew by itself."""
@@ -191,15 +207,28 @@ class Iteration:
             self._checkpoints.note(len(self.outer.history))
 
     def state(self) -> dict[str, Any]:
-        return {"tolerance": self._tolerance, "judged": self._judged, "stopped": self._stopped,
-                "statuses": self.statuses.state()}
+        return {
+            "tolerance": self._tolerance,
+            "judged": self._judged,
+            "stopped": self._stopped,
+            "statuses": self.statuses.state(),
+        }
 
     def restore(self, state: dict[str, Any]) -> None:
-        self._tolerance, self._judged, self._stopped = state["tolerance"], tuple(state["judged"]), state["stopped"]
+        self._tolerance, self._judged, self._stopped = (
+            state["tolerance"],
+            tuple(state["judged"]),
+            state["stopped"],
+        )
         self.statuses.restore(state["statuses"])
 
-    def solve(self, mechanism: Mechanism | None, since: Beginning | None = None,
-              largest: np.ndarray = NO_SIZES, lean: Callable[[], bool] = lambda: False) -> Solution:
+    def solve(
+        self,
+        mechanism: Mechanism | None,
+        since: Beginning | None = None,
+        largest: np.ndarray = NO_SIZES,
+        lean: Callable[[], bool] = lambda: False,
+    ) -> Solution:
         """Iterate until the answer is certified, or tighter tolerances are useless.
 
         Where the iteration stops by its criterion but the certificate fails, it goes on with a tighter one.
@@ -217,17 +246,25 @@ class Iteration:
         while True:
             try:
                 with self.clock.phase("outer"):
-                    stopped = "mechanism" if mechanism else self._stopped or self._kept(outer.run(self._tolerance))
+                    stopped = (
+                        "mechanism"
+                        if mechanism
+                        else self._stopped or self._kept(outer.run(self._tolerance))
+                    )
             except SolverError as error:
                 if self.given > method.tolerance:
-                    error.args = (f"{error}; -body_ksp_rtol {self.given:g} is too coarse for method.tolerance = "
-                                  f"{method.tolerance:g}: leave that option out",)
+                    error.args = (
+                        f"{error}; -body_ksp_rtol {self.given:g} is too coarse for method.tolerance = "
+                        f"{method.tolerance:g}: leave that option out",
+                    )
                 raise
             self._stopped = stopped
             self._note()  # results follow from here, whatever prevents them from being written
             with self.clock.phase("recover"):
                 solution = None
-                if stopped == "converged" and lean():  # what this certificate doubts is judged by displacements
+                if (
+                    stopped == "converged" and lean()
+                ):  # what this certificate doubts is judged by displacements
                     solution = self.conclude(stopped, since, largest, lean=True)
                 if solution is None or not solution.certified:
                     solution = self.conclude(stopped, since, largest)
@@ -237,30 +274,45 @@ class Iteration:
             least, useless, steps = self._judged
             useless = 0 if worst < USEFUL * least else useless + (len(outer.history) > steps)
             self._judged = min(worst, least), useless, len(outer.history)
-            hopeless = (useless >= USELESS or self._tolerance < sys.float_info.epsilon
-                        or (solution.unbalanced and not assembly.loose))
+            hopeless = (
+                useless >= USELESS
+                or self._tolerance < sys.float_info.epsilon
+                or (solution.unbalanced and not assembly.loose)
+            )
             if stopped != "converged" or solution.certified or hopeless:
                 return replace(solution, mechanism=mechanism)
             self._stopped = ""
             if self._checkpoints:
                 self._checkpoints.forget()
             self._tolerance *= TIGHTER
-            log.info("the certificate fails (%s); continuing to a tolerance of %.0e", ", ".join(solution.violations),
-                     self._tolerance)
+            log.info(
+                "the certificate fails (%s); continuing to a tolerance of %.0e",
+                ", ".join(solution.violations),
+                self._tolerance,
+            )
 
     def _kept(self, stopped: str) -> str:
-        """The end of `Outer.run`, if a method from outside keeps what `Outer` promises, else a SolverError. Collective.
-        """
+        """The end of `Outer.run`, if a method from outside keeps what `Outer` promises, else a SolverError. Collective."""
         assembly = self.assembly
         if assembly.outer is None:
             return stopped
         with agreed(assembly.world):
-            check_promises(self.method.outer, self.outer, stopped, (assembly.space.size, assembly.joint.rigid.size),
-                           len(self.statuses.counts))
+            check_promises(
+                self.method.outer,
+                self.outer,
+                stopped,
+                (assembly.space.size, assembly.joint.rigid.size),
+                len(self.statuses.counts),
+            )
         return assembly.world.bcast(stopped)
 
-    def conclude(self, stopped: str, since: Beginning | None = None, largest: np.ndarray = NO_SIZES,
-                 lean: bool = False) -> Solution:
+    def conclude(
+        self,
+        stopped: str,
+        since: Beginning | None = None,
+        largest: np.ndarray = NO_SIZES,
+        lean: bool = False,
+    ) -> Solution:
         """Displacements, contact states and certificate of the outer method's forces. Collective.
 
         A `lean` one has no displacements: contact displacements by a product with C take their place, and the balance
@@ -269,12 +321,16 @@ class Iteration:
         """
         assembly, outer = self.assembly, self.outer
         world, joint = assembly.world, assembly.joint
-        displacements, traces, sizes, motions = (at_contacts if lean else displaced)(assembly, outer, largest)
+        displacements, traces, sizes, motions = (at_contacts if lean else displaced)(
+            assembly, outer, largest
+        )
         outer.refresh(traces)
         both = assembly.exchange.collect(traces, "answer")
         beside = assembly.exchange.swap_objects(motions)
         bodies = gathered(world, sizes) | driven_partners(assembly, outer)
-        load, energy, work = (sum(size[key] for size in bodies.values()) for key in ("load", "energy", "work"))
+        load, energy, work = (
+            sum(size[key] for size in bodies.values()) for key in ("load", "energy", "work")
+        )
         now = [max(size[key] for size in bodies.values()) for key in ("moved", "yielding")]
         load, energy, work, now = world.bcast((load, energy, work, now))
 
@@ -283,28 +339,64 @@ class Iteration:
             seen = assembly.exchange.spread(outer.forces)
             apart = [s - mine for s, mine in zip(seen, outer.body_forces(), strict=True)]
             mismatch = np.hypot(*assembly.exchange.collect(apart, "mismatch"))
-        prescribed = np.concatenate([np.empty(0), *(interface.prescribed for interface in interfaces)])
+        prescribed = np.concatenate(
+            [np.empty(0), *(interface.prescribed for interface in interfaces)]
+        )
         with event("Certificate"):
-            states, judged = self._contacts(interfaces, both, beside, since, (load, now, largest[1:].tolist()),
-                                            mismatch)
+            states, judged = self._contacts(
+                interfaces, both, beside, since, (load, now, largest[1:].tolist()), mismatch
+            )
         forces = [0.0, *(float(np.abs(state.forces).max(initial=0.0)) for state in states.values())]
         force = world.allreduce(max(forces), MPI.MAX)
         # the owner of a contact tells its totals to the ranks of both bodies, and to the first rank those of all
-        told = assembly.exchange.swap_objects({(name, side): judged.get(name) for name, *_ in assembly.exchange.ends
-                                               for side in (0, 1)})
-        known = {name: one or other for name, (one, other) in told.items()} | gathered(world, judged)
-        contacts = {contact.name: known[contact.name] for contact in assembly.scene.contact if contact.name in known}
-        certificate = Certificate({name: residuals for name, (_, residuals) in contacts.items()},
-                                  {name: equilibrium_residual(size["left"], size["acting"], load, size["made"])
-                                   for name, size in bodies.items()})
-        return Solution(stopped, displacements, states, {name: totals for name, (totals, _) in contacts.items()},
-                        certificate.told(world), self.limit, outer, self.statuses, self.given,
-                        moved=both[0] + both[1] + prescribed, prescribed=prescribed, energy=energy,
-                        sizes=np.array([force, *now]), work=work)
+        told = assembly.exchange.swap_objects(
+            {
+                (name, side): judged.get(name)
+                for name, *_ in assembly.exchange.ends
+                for side in (0, 1)
+            }
+        )
+        known = {name: one or other for name, (one, other) in told.items()} | gathered(
+            world, judged
+        )
+        contacts = {
+            contact.name: known[contact.name]
+            for contact in assembly.scene.contact
+            if contact.name in known
+        }
+        certificate = Certificate(
+            {name: residuals for name, (_, residuals) in contacts.items()},
+            {
+                name: equilibrium_residual(size["left"], size["acting"], load, size["made"])
+                for name, size in bodies.items()
+            },
+        )
+        return Solution(
+            stopped,
+            displacements,
+            states,
+            {name: totals for name, (totals, _) in contacts.items()},
+            certificate.told(world),
+            self.limit,
+            outer,
+            self.statuses,
+            self.given,
+            moved=both[0] + both[1] + prescribed,
+            prescribed=prescribed,
+            energy=energy,
+            sizes=np.array([force, *now]),
+            work=work,
+        )
 
-    def _contacts(self, interfaces: Sequence[Interface], both: Sequence[np.ndarray], beside: Mapping[str, tuple],
-                  since: Beginning | None, sizes: tuple[float, list[float], list[float]], mismatch: np.ndarray,
-                  ) -> tuple[dict[str, ContactState], dict[str, tuple[ContactTotals, ContactResiduals]]]:
+    def _contacts(
+        self,
+        interfaces: Sequence[Interface],
+        both: Sequence[np.ndarray],
+        beside: Mapping[str, tuple],
+        since: Beginning | None,
+        sizes: tuple[float, list[float], list[float]],
+        mismatch: np.ndarray,
+    ) -> tuple[dict[str, ContactState], dict[str, tuple[ContactTotals, ContactResiduals]]]:
         """State, and totals with residuals, of each contact that this rank owns. Not collective.
 
         Parameters
@@ -315,35 +407,77 @@ class Iteration:
         mismatch : as of `Outer`
         """
         space, outer = self.assembly.space, self.outer
-        start, former, slid = since or (np.zeros(space.size), lambda interface, part, s: 0.0 * s, {})
+        start, former, slid = since or (
+            np.zeros(space.size),
+            lambda interface, part, s: 0.0 * s,
+            {},
+        )
         forces = outer.forces
-        states, judged, points = {}, {}, {body.spec.name: body.mesh.points for body in self.assembly.bodies}
-        for interface, part, bound in zip(interfaces, space.parts.values(), space.laws.bounds(outer.bound),
-                                          strict=False):
+        states, judged, points = (
+            {},
+            {},
+            {body.spec.name: body.mesh.points for body in self.assembly.bodies},
+        )
+        for interface, part, bound in zip(
+            interfaces, space.parts.values(), space.laws.bounds(outer.bound), strict=False
+        ):
             u1, u2 = both[0][part], both[1][part] + interface.prescribed
-            probes, near, between, slides = interface.probes, list(filter(None, beside[interface.name])), None, None
+            probes, near, between, slides = (
+                interface.probes,
+                list(filter(None, beside[interface.name])),
+                None,
+                None,
+            )
             if near[0][0] is not None:
                 # the gap at points between the nodes, where the discrete conditions promise nothing
                 beyond = interface.carried(probes.moved(0, points[interface.bodies[0]]))
-                between = (probes.opening(interface.scale) + np.einsum("qd,qd->q", probes.normal, beyond)
-                           - sum(closing for closing, *_ in near))
+                between = (
+                    probes.opening(interface.scale)
+                    + np.einsum("qd,qd->q", probes.normal, beyond)
+                    - sum(closing for closing, *_ in near)
+                )
                 # without friction the unknowns have no tangential part; slip is that of the bodies beside the nodes
-                slides = None if not interface.law.frictionless else (
-                    sum(along for _, along, _ in near)
-                    - np.einsum("mcd,md->mc", interface.frame[:, 1:], interface.carried(interface.places)),
-                    slid.get(interface.name, 0.0))
+                slides = (
+                    None
+                    if not interface.law.frictionless
+                    else (
+                        sum(along for _, along, _ in near)
+                        - np.einsum(
+                            "mcd,md->mc",
+                            interface.frame[:, 1:],
+                            interface.carried(interface.places),
+                        ),
+                        slid.get(interface.name, 0.0),
+                    )
+                )
             yielding = max(elastic for *_, elastic in near)
             state = states[interface.name] = contact_state(
-                interface, forces[part], bound, u1 + u2, between,
-                (start[part], former(interface, part, forces[part])), yielding, slides)
+                interface,
+                forces[part],
+                bound,
+                u1 + u2,
+                between,
+                (start[part], former(interface, part, forces[part])),
+                yielding,
+                slides,
+            )
             load, now, before = sizes
-            judged[interface.name] = state.totals, contact_residuals(
-                state, forces[part], mismatch[part], (u1, u2), load, yielding, now, before)
+            judged[interface.name] = (
+                state.totals,
+                contact_residuals(
+                    state, forces[part], mismatch[part], (u1, u2), load, yielding, now, before
+                ),
+            )
         return states, judged
 
 
-def solve(assembly: Assembly, method: SettledMethod, report: Report = no_report,
-          checkpoints: Checkpoints | None = None, clock: Clock | None = None) -> Solution:
+def solve(
+    assembly: Assembly,
+    method: SettledMethod,
+    report: Report = no_report,
+    checkpoints: Checkpoints | None = None,
+    clock: Clock | None = None,
+) -> Solution:
     """Solve `assembly` by `method` in one load step, from zero or from the state in `checkpoints`.
 
     `clock` times the phases outer and recover. Collective. Raises SolverError, and InterruptionError
@@ -366,10 +500,21 @@ def lean_steps(assembly: Assembly) -> int:
     # Displacements are asked for at the end of a leg. Slip without friction is not among the unknowns and counts from
     # the step before, which needs them as well; derivatives may need them at every step. By multigrid a product with C
     # would cost as much.
-    slides, rubs = (any(contact.kind != "bonded" and (contact.friction == NoFriction()) == free
-                        for contact in scene.contact) for free in (True, False))
+    slides, rubs = (
+        any(
+            contact.kind != "bonded" and (contact.friction == NoFriction()) == free
+            for contact in scene.contact
+        )
+        for free in (True, False)
+    )
     several = time is not None and (bool(time.cycle) or (time.steps > 1 if time.steps else rubs))
-    if not several or scene.far or assembly.joint.dear or scene.output.steps == "all" or scene.output.derivatives:
+    if (
+        not several
+        or scene.far
+        or assembly.joint.dear
+        or scene.output.steps == "all"
+        or scene.output.derivatives
+    ):
         return 0
     with assembly.exchange.deferred():
         for body in assembly.bodies:

@@ -45,8 +45,20 @@ CERTAIN = 0.25
 """Changes below this fraction of ``time.tolerance`` are small enough at any rate. At the slowest one, the root of the
 number of steps, as where nodes touch within a step, the error left is 2.4 times the change."""
 
-KEPT = ("iterations", "_leg", "_number", "_changed", "_largest", "_given", "_cuts", "_noted", "_shortest",
-        "_began", "_planned", "_plans")
+KEPT = (
+    "iterations",
+    "_leg",
+    "_number",
+    "_changed",
+    "_largest",
+    "_given",
+    "_cuts",
+    "_noted",
+    "_shortest",
+    "_began",
+    "_planned",
+    "_plans",
+)
 """Attributes of a march that checkpoints keep unchanged."""
 
 MARKS = ("_now", "_before", "_base", "_coarse")  # attributes of a march that are marks
@@ -65,16 +77,33 @@ class March:
     def __init__(self, assembly: Assembly, iteration: Iteration, log: StepLog) -> None:
         scene = assembly.scene
         assert isinstance(iteration.outer, Newton) and scene.time
-        self.assembly, self.iteration, self.outer, self.log = assembly, iteration, iteration.outer, log
+        self.assembly, self.iteration, self.outer, self.log = (
+            assembly,
+            iteration,
+            iteration.outer,
+            log,
+        )
         self.iterations = 0
-        self._legs, self._steps, self._tolerance = scene.legs, scene.time.steps, scene.time.tolerance or math.inf
+        self._legs, self._steps, self._tolerance = (
+            scene.legs,
+            scene.time.steps,
+            scene.time.tolerance or math.inf,
+        )
         self._cycle = scene.time.cycle
         self._in_cycle = slice(0, 0)  # the legs of the cycle
         if self._cycle:
-            self._in_cycle = slice(*(self._legs.index(end) + 1 if end else 0 for end in (self._cycle.begin,
-                                                                                          self._cycle.to)))
-        self._began = np.zeros(assembly.space.size)  # forces at the beginning of the present cycle (N)
-        self._plans: dict[str, tuple[float, ...]] = {}  # the ends of steps in the first cycle, by leg
+            self._in_cycle = slice(
+                *(
+                    self._legs.index(end) + 1 if end else 0
+                    for end in (self._cycle.begin, self._cycle.to)
+                )
+            )
+        self._began = np.zeros(
+            assembly.space.size
+        )  # forces at the beginning of the present cycle (N)
+        self._plans: dict[
+            str, tuple[float, ...]
+        ] = {}  # the ends of steps in the first cycle, by leg
         self._safe: bool | None = None
         self._largest = np.zeros(2)  # forces and slip bounds so far (N)
         self._cuts = 0
@@ -83,7 +112,9 @@ class March:
             body.member.elasticity = body.member.elasticity.largest(factors)
         self._leanly = lean_steps(assembly)
         assembly.act(0.0)
-        self._sudden = assembly.space.any(assembly.joint.d + assembly.space.opening)  # loads act at time 0
+        self._sudden = assembly.space.any(
+            assembly.joint.d + assembly.space.opening
+        )  # loads act at time 0
         self._chain = Chain(assembly, scene.output.derivatives)
         self._now = self._before = Mark.first(assembly, self._chain.first())
         self._ahead: list[float] = []
@@ -109,8 +140,13 @@ class March:
                 if self._leg == len(self._legs) - 1 and not again:
                     break
                 if solution.displacements:
-                    doubts = doubt_answer(self.assembly, solution.displacements, solution.states, solution.contacts,
-                                          True)
+                    doubts = doubt_answer(
+                        self.assembly,
+                        solution.displacements,
+                        solution.states,
+                        solution.contacts,
+                        True,
+                    )
                     loose = undetermined_motions(self.assembly, solution.states)[:NAMED]
                     self.log.doubt(time, [*doubts, *loose])
                 self._next_leg(again)
@@ -120,7 +156,11 @@ class March:
     def _step(self, time: float) -> Solution:
         """Solve the load step to `time`."""
         assembly, joint = self.assembly, self.assembly.joint
-        over = [name for name, end in assembly.scene.tightened.items() if end <= self._drawn(self._now.time)]
+        over = [
+            name
+            for name, end in assembly.scene.tightened.items()
+            if end <= self._drawn(self._now.time)
+        ]
         joint.keep(over, self._now.alpha)
         mechanism = self._mechanism(time)
         assembly.act(self._drawn(time))
@@ -145,8 +185,13 @@ class March:
         """
         if not self._leanly or len(self._ahead) > self._leanly:
             return bool(self._leanly)
-        return self._leanly == 1 and self._cycle is not None and self._repeated and (
-            self._leg < self._in_cycle.stop - 1 or not self._steady()) and self.log.run < self._cycle.repeat
+        return (
+            self._leanly == 1
+            and self._cycle is not None
+            and self._repeated
+            and (self._leg < self._in_cycle.stop - 1 or not self._steady())
+            and self.log.run < self._cycle.repeat
+        )
 
     @property
     def _repeated(self) -> bool:
@@ -166,14 +211,22 @@ class March:
         if self._cycle is None or self._leg != self._in_cycle.stop - 1:
             return False
         steady = self._steady()
-        log.info("cycle %d to time %g: forces at its end changed by %.2g of the largest", self.log.run, self._now.time,
-                 self.log.change)
+        log.info(
+            "cycle %d to time %g: forces at its end changed by %.2g of the largest",
+            self.log.run,
+            self._now.time,
+            self.log.change,
+        )
         return not steady and self.log.run < self._cycle.repeat
 
     @property
     def _shift(self) -> float:
         """By how much the present leg is later than in the scene."""
-        return (self.log.run - 1) * self._cycle.span if self._cycle and self._leg >= self._in_cycle.start else 0.0
+        return (
+            (self.log.run - 1) * self._cycle.span
+            if self._cycle and self._leg >= self._in_cycle.start
+            else 0.0
+        )
 
     def _drawn(self, time: float) -> float:
         """The time in the scene's histories."""
@@ -190,9 +243,17 @@ class March:
         if now.time == 0.0:
             self.outer.begin()
         elif share and not self._cuts:
-            s, closed, alpha = (new + share * (new - old) for new, old in (
-                (now.s, before.s), (now.closed, before.closed), (now.alpha, before.alpha)))
-            self.outer.begin((s, start - closed, alpha), foreseen=True)  # loads are linear along a leg
+            s, closed, alpha = (
+                new + share * (new - old)
+                for new, old in (
+                    (now.s, before.s),
+                    (now.closed, before.closed),
+                    (now.alpha, before.alpha),
+                )
+            )
+            self.outer.begin(
+                (s, start - closed, alpha), foreseen=True
+            )  # loads are linear along a leg
         else:
             self.outer.begin((now.s, now.d - self._d - now.closed + start, now.alpha))
 
@@ -200,8 +261,10 @@ class March:
         """Where the slip of the next step, a `share` of the one before, begins (size,) (m)."""
         s, closed = self._now.s, self._now.closed
         gain = closed - self._before.closed
-        starts = [slip_start(interface.law, s[part], closed[part], gain[part], share)
-                  for interface, part in self.assembly.space.with_slices()]
+        starts = [
+            slip_start(interface.law, s[part], closed[part], gain[part], share)
+            for interface, part in self.assembly.space.with_slices()
+        ]
         return np.concatenate([np.empty(0), *starts])
 
     def _mechanism(self, time: float) -> Mechanism | None:
@@ -219,7 +282,9 @@ class March:
             return look_for_mechanism(assembly)
 
         if self._safe is None:  # all legs but the first begin at a solved step
-            self._safe = self._repeated or ((self._leg > 0 or look(0.0) is None) and look(self._end) is None)
+            self._safe = self._repeated or (
+                (self._leg > 0 or look(0.0) is None) and look(self._end) is None
+            )
         return None if self._safe else look(time)
 
     def _accept(self, time: float, solution: Solution) -> None:
@@ -227,20 +292,49 @@ class March:
         assembly, now, outer = self.assembly, self._now, self.outer
         space, scene = assembly.space, assembly.scene
         contacts = solution.contacts.values()
-        dissipated, closed = assembly.world.bcast((sum(contact.dissipated for contact in contacts),
-                                                   sum(contact.closed for contact in contacts)))
-        self._now = Mark(time, outer.forces, outer.motions, self._d, solution.moved, space.opening, solution.prescribed,
-                         np.array(list(scene.factors(self._drawn(time)).values())), solution.work, solution.energy,
-                         closed, {name: state.slip_total for name, state in solution.states.items()
-                                  if state.interface.law.frictionless}, memory=self._remember(solution))
+        dissipated, closed = assembly.world.bcast(
+            (
+                sum(contact.dissipated for contact in contacts),
+                sum(contact.closed for contact in contacts),
+            )
+        )
+        self._now = Mark(
+            time,
+            outer.forces,
+            outer.motions,
+            self._d,
+            solution.moved,
+            space.opening,
+            solution.prescribed,
+            np.array(list(scene.factors(self._drawn(time)).values())),
+            solution.work,
+            solution.energy,
+            closed,
+            {
+                name: state.slip_total
+                for name, state in solution.states.items()
+                if state.interface.law.frictionless
+            },
+            memory=self._remember(solution),
+        )
         if now.time == 0.0:
             self._given = self._now.given(now, space)
         work, interface_work = self._now.work_since(now, space)
         work += self._by_frames(solution, now)
-        lost = work - (solution.energy - now.energy) - interface_work  # ΔW − ΔU − ΔI, zero but for rounding
+        lost = (
+            work - (solution.energy - now.energy) - interface_work
+        )  # ΔW − ΔU − ΔI, zero but for rounding
         _, worked, _, taken, rubbed, _ = self.log.energies[-1] if self.log.energies else np.zeros(6)
-        self.log.energies.append([time, worked + work, solution.energy, taken + interface_work, rubbed + dissipated,
-                                  lost])
+        self.log.energies.append(
+            [
+                time,
+                worked + work,
+                solution.energy,
+                taken + interface_work,
+                rubbed + dissipated,
+                lost,
+            ]
+        )
         self.log.note_step(time, solution)
         self.log.judge(solution.certificate)
         derived = self._chain.advance(time, outer, solution, now, self._before, self._drawn(time))
@@ -250,10 +344,20 @@ class March:
         self._before = self._now if self._sudden and now.time == 0.0 else now
         del self._ahead[0]
         if not self._ahead or scene.output.steps == "all":
-            self.log.kept.append((time, outer.forces, outer.motions, *map(leg_values, solution.states.values())))
-        counts = [sum(getattr(contact, status) for contact in contacts) for status in ("open", "slip", "stick")]
-        log.log(logging.DEBUG if self._repeated else logging.INFO, "time %-10.6g %3d iterations; %d open, %d slip, "
-                "%d stick nodes", time, len(outer.history), *counts)
+            self.log.kept.append(
+                (time, outer.forces, outer.motions, *map(leg_values, solution.states.values()))
+            )
+        counts = [
+            sum(getattr(contact, status) for contact in contacts)
+            for status in ("open", "slip", "stick")
+        ]
+        log.log(
+            logging.DEBUG if self._repeated else logging.INFO,
+            "time %-10.6g %3d iterations; %d open, %d slip, %d stick nodes",
+            time,
+            len(outer.history),
+            *counts,
+        )
         self._leave()
         self._cuts = 0
 
@@ -265,8 +369,13 @@ class March:
     def _cut(self, solution: Solution, time: float) -> bool:
         """Whether to try again in a step half as long, after the step to `time` has failed."""
         # shorter steps cure neither loads without equilibrium nor solves that -body_ksp_rtol makes too coarse
-        if solution.mechanism or solution.stopped not in CURABLE or self._cuts == CUTS or (
-                solution.given and solution.unbalanced) or time - self._now.time < 1.5 * self._shortest:
+        if (
+            solution.mechanism
+            or solution.stopped not in CURABLE
+            or self._cuts == CUTS
+            or (solution.given and solution.unbalanced)
+            or time - self._now.time < 1.5 * self._shortest
+        ):
             return False
         self._cuts += 1
         self._ahead.insert(0, (self._now.time + time) / 2)
@@ -277,14 +386,20 @@ class March:
     def _next_leg(self, again: bool = False) -> None:
         """Begin the next leg, or the cycle `again`."""
         if self._cycle and self._in_cycle.start <= self._leg < self._in_cycle.stop:
-            self._plans.setdefault(str(self._leg), tuple(np.subtract(self._planned, self._shift).tolist()))
+            self._plans.setdefault(
+                str(self._leg), tuple(np.subtract(self._planned, self._shift).tolist())
+            )
         self._leg = self._in_cycle.start if again else self._leg + 1
         if self._cycle and self._leg == self._in_cycle.start:
             self.log.begin_cycle(self._cycle.begin)
             self._began = self._now.s
         if self._cycle:
-            self.log.cycle = self.log.run if self._in_cycle.start <= self._leg < self._in_cycle.stop else 0
-        self._base = self._before = self._coarse = self._now  # the last: the leg's end in half as many steps
+            self.log.cycle = (
+                self.log.run if self._in_cycle.start <= self._leg < self._in_cycle.stop else 0
+            )
+        self._base = self._before = self._coarse = (
+            self._now
+        )  # the last: the leg's end in half as many steps
         self._noted = {} if self._steps or self._repeated else self.log.state()
         self._safe = None
         self._changed = math.nan
@@ -334,19 +449,34 @@ class March:
             # where changes fall by r = former / change with each doubling, those to come add up to change / (r − 1)
             faster = self._changed / change - 1.0 if change else math.inf
             before, self._changed = self._changed, change
-            close = change <= self._tolerance * (1.0 if math.isnan(before) else min(max(faster, CERTAIN), 1.0))
+            close = change <= self._tolerance * (
+                1.0 if math.isnan(before) else min(max(faster, CERTAIN), 1.0)
+            )
             # forces may agree by chance while slip is coarse: friction then dissipates more than contacts took
             given = self._given if self._base.time == 0.0 else 0.0
             enough = close and self.log.excess(self._noted, given) <= self._tolerance
-            log.info("time %g reached: %d and %d steps agree to %.2g, %s", self._end, self._number // 2,
-                     self._number, change, "accepted" if enough else "but friction dissipates more than contacts take"
-                     if close else "not enough")
+            log.info(
+                "time %g reached: %d and %d steps agree to %.2g, %s",
+                self._end,
+                self._number // 2,
+                self._number,
+                change,
+                "accepted"
+                if enough
+                else "but friction dissipates more than contacts take"
+                if close
+                else "not enough",
+            )
             if enough:
                 return False
         if 2 * self._number > MOST or not self._largest.all():
             if self._largest.all():
-                log.warning("time %g: forces miss time.tolerance in %d load steps; doubling changed them by %.2g",
-                            self._end, self._number, self._changed)
+                log.warning(
+                    "time %g: forces miss time.tolerance in %d load steps; doubling changed them by %.2g",
+                    self._end,
+                    self._number,
+                    self._changed,
+                )
             return False
         # nodes that were open and now carry force: their gaps close within the leg
         closing = self._closing(s)
@@ -359,14 +489,25 @@ class March:
     @property
     def _frictional(self) -> list[slice]:
         """Of this rank's contacts with friction the parts of vectors with the normal components."""
-        return [slice(part.start, part.start + interface.m) for interface, part in self.assembly.space.with_slices()
-                if len(interface.sliding) and interface.law.name != "bonded"]
+        return [
+            slice(part.start, part.start + interface.m)
+            for interface, part in self.assembly.space.with_slices()
+            if len(interface.sliding) and interface.law.name != "bonded"
+        ]
 
     def _closing(self, s: np.ndarray) -> bool:
         """Whether nodes with friction carry forces `s` that were open where the leg began. Collective."""
         space, base = self.assembly.space, self._base
-        return space.any(np.array([((s[normal] > 0.0) & (base.s[normal] <= 0.0) & (base.closed[normal] < 0.0)).any()
-                                   for normal in self._frictional]))
+        return space.any(
+            np.array(
+                [
+                    (
+                        (s[normal] > 0.0) & (base.s[normal] <= 0.0) & (base.closed[normal] < 0.0)
+                    ).any()
+                    for normal in self._frictional
+                ]
+            )
+        )
 
     def _forces(self, mark: Mark) -> np.ndarray:
         """The forces (size,) of a mark on the rows of now (N)."""
@@ -385,11 +526,17 @@ class March:
         return Mark(**state)
 
     def state(self) -> dict[str, Any]:
-        return {name: getattr(self, name) for name in KEPT} | {name: asdict(getattr(self, name)) for name in MARKS} | {
-            "ahead": tuple(self._ahead), "log": self.log.state()}
+        return (
+            {name: getattr(self, name) for name in KEPT}
+            | {name: asdict(getattr(self, name)) for name in MARKS}
+            | {"ahead": tuple(self._ahead), "log": self.log.state()}
+        )
 
     def restore(self, state: dict[str, Any]) -> None:
         """Go on with the first of the steps that lie ahead in `state`."""
-        vars(self).update({name: state[name] for name in KEPT} | {name: self._recalled(state[name]) for name in MARKS})
+        vars(self).update(
+            {name: state[name] for name in KEPT}
+            | {name: self._recalled(state[name]) for name in MARKS}
+        )
         self._ahead, self._safe = list(state["ahead"]), None
         self.log.restore(state["log"])

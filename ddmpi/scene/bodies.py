@@ -66,29 +66,49 @@ class Material(Table, frozen=True, kw_only=True):
     def __post_init__(self) -> None:
         rows = [isinstance(value, tuple) for value in (self.young, self.poisson)]
         if rows[0] != rows[1] or rows[0] != (self.shear is not None):
-            raise ValueError("an isotropic material has young = E and poisson = ν; an orthotropic one young = [E1, E2, "
-                             "E3], poisson = [ν12, ν13, ν23] and shear = G12 or, in space, [G12, G13, G23]")
+            raise ValueError(
+                "an isotropic material has young = E and poisson = ν; an orthotropic one young = [E1, E2, "
+                "E3], poisson = [ν12, ν13, ν23] and shear = G12 or, in space, [G12, G13, G23]"
+            )
         along_axes = {"angle": self.angle, "axes": self.axes, "expansion": self.expansion}
         for key, value in () if rows[0] else along_axes.items():
             if isinstance(value, tuple) or (key == "angle" and value is not None):
-                raise ValueError(f"{key}: an isotropic material has no axes; " + (
-                    "write expansion = α" if key == "expansion" else "leave it out"))
+                raise ValueError(
+                    f"{key}: an isotropic material has no axes; "
+                    + ("write expansion = α" if key == "expansion" else "leave it out")
+                )
         if self.thickness != 1.0 and self.plane != "stress":
             raise ValueError('thickness: such parts are in plane stress; write plane = "stress"')
         if self.axes and not np.cross(*self.axes).any():
-            raise ValueError("axes: both are parallel or zero; the second lies beside axis 1, in the plane of 1 and 2")
+            raise ValueError(
+                "axes: both are parallel or zero; the second lies beside axis 1, in the plane of 1 and 2"
+            )
         scale = np.sqrt(self.moduli)
-        if rows[0] and not np.linalg.eigvalsh(self._matrix[:3, :3] * scale[:, None] * scale).min() > ALIKE:
-            raise ValueError("poisson: no material has these ratios and moduli: the matrix of its compliances is not "
-                             "positive definite; ν12 is −ε2/ε1 under stress along axis 1, so that |ν12| < √(E1/E2)")
+        if (
+            rows[0]
+            and not np.linalg.eigvalsh(self._matrix[:3, :3] * scale[:, None] * scale).min() > ALIKE
+        ):
+            raise ValueError(
+                "poisson: no material has these ratios and moduli: the matrix of its compliances is not "
+                "positive definite; ν12 is −ε2/ε1 under stress along axis 1, so that |ν12| < √(E1/E2)"
+            )
 
     def of_one_dimension(self, axisymmetric: bool) -> Iterator[tuple[int, str, str]]:
         """Keys of one dimension only: the dimension, the key, and the reason."""
         if self.plane:
-            yield 3 if axisymmetric else 2, "plane", (
-                "solids and axisymmetric bodies are neither in plane strain nor in plane stress; leave it out")
+            yield (
+                3 if axisymmetric else 2,
+                "plane",
+                (
+                    "solids and axisymmetric bodies are neither in plane strain nor in plane stress; leave it out"
+                ),
+            )
         if self.angle is not None:
-            yield 2, "angle", "the axes 1, 2, 3 of solids are x, y, z; leave it out, or turn them by axes = [[…], […]]"
+            yield (
+                2,
+                "angle",
+                "the axes 1, 2, 3 of solids are x, y, z; leave it out, or turn them by axes = [[…], […]]",
+            )
         if self.axes:
             yield 3, "axes", "in the plane angle = … turns the axes 1 and 2"
         if isinstance(self.shear, tuple):
@@ -104,8 +124,13 @@ class Material(Table, frozen=True, kw_only=True):
     @property
     def _matrix(self) -> np.ndarray:
         """Compliance matrix (6, 6) of an orthotropic material, for ε11, ε22, ε33, 2 ε12, 2 ε13, 2 ε23 (1/Pa)."""
-        E, (n12, n13, n23) = self.moduli, self.poisson if isinstance(self.poisson, tuple) else [self.poisson] * 3
-        S = np.diag(1.0 / np.append(E, np.array(self.shear) * np.ones(3)))  # in the plane G13 and G23 do not count
+        E, (n12, n13, n23) = (
+            self.moduli,
+            self.poisson if isinstance(self.poisson, tuple) else [self.poisson] * 3,
+        )
+        S = np.diag(
+            1.0 / np.append(E, np.array(self.shear) * np.ones(3))
+        )  # in the plane G13 and G23 do not count
         S[0, 1:3] = S[1:3, 0] = -np.array([n12, n13]) / E[0]
         S[1, 2] = S[2, 1] = -n23 / E[1]
         return S
@@ -120,7 +145,15 @@ class Material(Table, frozen=True, kw_only=True):
         """The tensor (3, 3, 3, 3) along x, y, z of components (6, 6) along the axes of the material."""
         number = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])
         R = self.rotation
-        return np.einsum("ia,jb,kc,ld,abcd->ijkl", R, R, R, R, matrix[number[:, :, None, None], number], optimize=True)
+        return np.einsum(
+            "ia,jb,kc,ld,abcd->ijkl",
+            R,
+            R,
+            R,
+            R,
+            matrix[number[:, :, None, None], number],
+            optimize=True,
+        )
 
     @property
     def rotation(self) -> np.ndarray:
@@ -128,7 +161,9 @@ class Material(Table, frozen=True, kw_only=True):
         if self.axes:
             one, beside = np.array(self.axes)
             three = np.cross(one, beside)
-            return np.column_stack([a / np.linalg.norm(a) for a in (one, np.cross(three, one), three)])
+            return np.column_stack(
+                [a / np.linalg.norm(a) for a in (one, np.cross(three, one), three)]
+            )
         c, s = np.cos(np.deg2rad(self.angle or 0.0)), np.sin(np.deg2rad(self.angle or 0.0))
         return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
@@ -136,8 +171,11 @@ class Material(Table, frozen=True, kw_only=True):
     def expansions(self) -> np.ndarray:
         """α (3, 3) of the strain of a free body (1/K)."""
         R = self.rotation
-        return R @ np.diag(np.ones(3) * (self.expansion or 0.0)) @ R.T if isinstance(
-            self.expansion, tuple) else np.eye(3) * (self.expansion or 0.0)
+        return (
+            R @ np.diag(np.ones(3) * (self.expansion or 0.0)) @ R.T
+            if isinstance(self.expansion, tuple)
+            else np.eye(3) * (self.expansion or 0.0)
+        )
 
     @property
     def lame(self) -> tuple[float, float]:
@@ -178,7 +216,10 @@ class Material(Table, frozen=True, kw_only=True):
         if not isinstance(self.poisson, tuple):
             return self.poisson
         normal, shears = self._matrix[:3, :3], np.trace(self._matrix[3:, 3:])
-        bulk, shear = normal.sum(), (6.0 * np.trace(normal) - 2.0 * normal.sum() + 3.0 * shears) / 15.0
+        bulk, shear = (
+            normal.sum(),
+            (6.0 * np.trace(normal) - 2.0 * normal.sum() + 3.0 * shears) / 15.0,
+        )
         return float((3.0 * shear - 2.0 * bulk) / (6.0 * shear + 2.0 * bulk))
 
     @property
@@ -222,8 +263,10 @@ class Clamp(Table, frozen=True, kw_only=True):
     def __post_init__(self) -> None:
         force_setattr(self, "on", joined(self.on))
         if (*self.components, self.normal) == (None,) * 4:
-            raise ValueError("a clamp prescribes one or several of x, y and, in space, z, or the normal component; to "
-                             f'fix all, write clamp = ["{self.on}"]')
+            raise ValueError(
+                "a clamp prescribes one or several of x, y and, in space, z, or the normal component; to "
+                f'fix all, write clamp = ["{self.on}"]'
+            )
 
     @property
     def components(self) -> tuple[Number | Formula | AffineScalar | None, ...]:
@@ -256,14 +299,18 @@ class Traction(Table, frozen=True, kw_only=True):
     def __post_init__(self) -> None:
         force_setattr(self, "on", joined(self.on))
         if [self.value, self.pressure, self.force, self.moment].count(None) != 3:
-            raise ValueError("a traction has either a value (Pa), as in value = [0.0, -6e7], or a pressure = 1e6 along "
-                             "the inner normal, or the total force (N), as in force = [0.0, -1e4], or the total moment "
-                             "(N m), as in moment = 50.0 or, in space, [0.0, 0.0, 50.0]")
+            raise ValueError(
+                "a traction has either a value (Pa), as in value = [0.0, -6e7], or a pressure = 1e6 along "
+                "the inner normal, or the total force (N), as in force = [0.0, -1e4], or the total moment "
+                "(N m), as in moment = 50.0 or, in space, [0.0, 0.0, 50.0]"
+            )
 
     @property
     def given(self) -> Vector | AffineVector | Number | Formula | AffineScalar:
         """The value, the pressure, the force or the moment, whichever there is."""
-        return next(one for one in (self.value, self.pressure, self.force, self.moment) if one is not None)
+        return next(
+            one for one in (self.value, self.pressure, self.force, self.moment) if one is not None
+        )
 
 
 class Foundation(Table, frozen=True, kw_only=True):
@@ -283,7 +330,9 @@ class Foundation(Table, frozen=True, kw_only=True):
     def __post_init__(self) -> None:
         force_setattr(self, "on", joined(self.on))
         if not self.normal and not self.tangential:
-            raise ValueError("a foundation has a stiffness per area, as in normal = 1e9 or tangential = 1e8")
+            raise ValueError(
+                "a foundation has a stiffness per area, as in normal = 1e9 or tangential = 1e8"
+            )
 
 
 class BodySpec(Table, frozen=True, kw_only=True):
@@ -313,25 +362,38 @@ class BodySpec(Table, frozen=True, kw_only=True):
     motion: Motions | None = None
 
     def __post_init__(self) -> None:
-        if self.temperature is not None and any(material.expansion is None for material in self.materials):
-            raise ValueError("temperature: has no effect, because the material has no expansion; write expansion = "
-                             "1.2e-5 (1/K, of steel) into material, 0 for none")
+        if self.temperature is not None and any(
+            material.expansion is None for material in self.materials
+        ):
+            raise ValueError(
+                "temperature: has no effect, because the material has no expansion; write expansion = "
+                "1.2e-5 (1/K, of steel) into material, 0 for none"
+            )
         if isinstance(self.material, Material):
             return
         surfaces = [part.on for part in self.material]
         named = [on for on in surfaces if on is not None]
         for on in surfaces:
             if surfaces.count(on) > 1:
-                raise ValueError(f"material: {surfaces.count(on)} entries are "
-                                 + ("without on; one may leave it out, and has what the others leave" if on is None
-                                    else f"on {on!r}; leave all but one of them out"))
+                raise ValueError(
+                    f"material: {surfaces.count(on)} entries are "
+                    + (
+                        "without on; one may leave it out, and has what the others leave"
+                        if on is None
+                        else f"on {on!r}; leave all but one of them out"
+                    )
+                )
         if named and self.mesh.shape:
-            raise ValueError(f'material: on = "{named[0]}" names a physical surface of a mesh file, and a '
-                             f'{self.mesh.shape} has none; leave on out, or make a body of each part and join them by '
-                             'contacts with kind = "bonded"')
+            raise ValueError(
+                f'material: on = "{named[0]}" names a physical surface of a mesh file, and a '
+                f"{self.mesh.shape} has none; leave on out, or make a body of each part and join them by "
+                'contacts with kind = "bonded"'
+            )
         if len({part.plane or "strain" for part in self.material}) > 1:
-            raise ValueError("material: entries are in plane strain, the default, and in plane stress; a body is in "
-                             "one of them, so give all entries the same plane")
+            raise ValueError(
+                "material: entries are in plane strain, the default, and in plane stress; a body is in "
+                "one of them, so give all entries the same plane"
+            )
 
     @property
     def materials(self) -> Sequence[Material]:
@@ -346,7 +408,9 @@ class BodySpec(Table, frozen=True, kw_only=True):
     @property
     def locking_ratio(self) -> float | None:
         """Poisson's ratio of a material in which linear triangles lock; None if there is none."""
-        return max((material.mean_ratio for material in self.materials if material.locks), default=None)
+        return max(
+            (material.mean_ratio for material in self.materials if material.locks), default=None
+        )
 
     @property
     def clamps(self) -> list[Clamp]:
@@ -356,8 +420,11 @@ class BodySpec(Table, frozen=True, kw_only=True):
     @property
     def acting(self) -> list[tuple[str, Clamp | Traction | Foundation]]:
         """Clamps, loads and foundations on groups, with their keys."""
-        return [*(("clamp", entry) for entry in self.clamps), *(("traction", entry) for entry in self.traction),
-                *(("foundation", entry) for entry in self.foundation)]
+        return [
+            *(("clamp", entry) for entry in self.clamps),
+            *(("traction", entry) for entry in self.traction),
+            *(("foundation", entry) for entry in self.foundation),
+        ]
 
     @property
     def weight(self) -> tuple[Vector | AffineVector, str | None]:
@@ -370,7 +437,11 @@ class BodySpec(Table, frozen=True, kw_only=True):
     @property
     def heat(self) -> Heat:
         """The temperature (K), zero if none is given, with its history."""
-        return self.temperature if isinstance(self.temperature, Heat) else Heat(value=self.temperature or 0.0)
+        return (
+            self.temperature
+            if isinstance(self.temperature, Heat)
+            else Heat(value=self.temperature or 0.0)
+        )
 
     def settled(self, order: int, dimension: int = 2, axisymmetric: bool = False) -> SettledBody:
         """This body with elements of `order`, in the plane, around an axis or in space."""
@@ -380,9 +451,13 @@ class BodySpec(Table, frozen=True, kw_only=True):
         plane = self.plane if dimension == 2 and not axisymmetric else None
         materials = [replace(material, plane=plane) for material in self.materials]
         settled_mesh = settle(mesh, SettledMesh, order=order, contact_size=finest, origin=origin)
-        return settle(self, SettledBody, mesh=settled_mesh,
-                      material=materials[0] if isinstance(self.material, Material) else materials,
-                      volume_force=(0.0,) * dimension if self.volume_force is None else self.volume_force)
+        return settle(
+            self,
+            SettledBody,
+            mesh=settled_mesh,
+            material=materials[0] if isinstance(self.material, Material) else materials,
+            volume_force=(0.0,) * dimension if self.volume_force is None else self.volume_force,
+        )
 
 
 class SettledBody(BodySpec, frozen=True, kw_only=True):
@@ -394,5 +469,8 @@ class SettledBody(BodySpec, frozen=True, kw_only=True):
     @property
     def locking(self) -> str:
         """Why the discretization error of this body cannot be estimated; empty if it can."""
-        return (f"{self.name}: no estimate: linear elements lock at nu = {self.locking_ratio:g}; write mesh.order = 2"
-                if self.mesh.order == 1 and self.locking_ratio else "")
+        return (
+            f"{self.name}: no estimate: linear elements lock at nu = {self.locking_ratio:g}; write mesh.order = 2"
+            if self.mesh.order == 1 and self.locking_ratio
+            else ""
+        )

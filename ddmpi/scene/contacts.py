@@ -62,7 +62,9 @@ class NoFriction(Table, frozen=True, kw_only=True, tag_field="law", tag="none"):
 
 Friction = Coulomb | Tresca | NoFriction
 
-LAWS = {str(law.__struct_config__.tag): {"law", *law.__struct_fields__} for law in get_args(Friction)}
+LAWS = {
+    str(law.__struct_config__.tag): {"law", *law.__struct_fields__} for law in get_args(Friction)
+}
 """The keys of each law of friction."""
 
 
@@ -99,12 +101,18 @@ class ContactSpec(Table, frozen=True, kw_only=True):
     def __post_init__(self) -> None:
         force_setattr(self, "on", tuple(map(joined, self.on)))
         if self.pretension and self.kind != "bonded":
-            raise ValueError(f'pretension goes with kind = "bonded", a bond that is pulled as a whole; this contact is '
-                             f"{self.kind}")
+            raise ValueError(
+                f'pretension goes with kind = "bonded", a bond that is pulled as a whole; this contact is '
+                f"{self.kind}"
+            )
         if self.two_sided and not isinstance(self.friction, NoFriction):
-            raise ValueError(f'friction does not go with kind = "{self.kind}"; leave one of them out')
+            raise ValueError(
+                f'friction does not go with kind = "{self.kind}"; leave one of them out'
+            )
         if self.slave is not None and self.pairing == "nodes":
-            raise ValueError('slave does not go with pairing = "nodes", which has none; leave one of them out')
+            raise ValueError(
+                'slave does not go with pairing = "nodes", which has none; leave one of them out'
+            )
 
     @property
     def two_sided(self) -> bool:
@@ -177,26 +185,42 @@ class RigidSurface(Table, frozen=True, kw_only=True, tag_field="shape"):
 
     def __post_init__(self) -> None:
         if self.force is not None and not any(self.force):
-            raise ValueError("force must not be zero; leave it out, or the partner moves as displacement says")
+            raise ValueError(
+                "force must not be zero; leave it out, or the partner moves as displacement says"
+            )
         if self.moment is not None and not np.any(self.moment):
-            raise ValueError("moment must not be zero; leave it out, or write turns = true: it then turns freely")
+            raise ValueError(
+                "moment must not be zero; leave it out, or write turns = true: it then turns freely"
+            )
         if self.turning and self.pivot is None:
-            raise ValueError(f"{'turns' if self.moment is None else 'moment'} needs pivot = […], the point about which "
-                             "the partner turns")
+            raise ValueError(
+                f"{'turns' if self.moment is None else 'moment'} needs pivot = […], the point about which "
+                "the partner turns"
+            )
         if self.pivot is not None and not self.turning:
-            raise ValueError("pivot goes with a moment, or with turns = true; leave it out where the partner does not "
-                             "turn")
-        both = [axis for axis, moved in enumerate(self.displacement or ()) if moved and axis in self.pushed]
+            raise ValueError(
+                "pivot goes with a moment, or with turns = true; leave it out where the partner does not "
+                "turn"
+            )
+        both = [
+            axis
+            for axis, moved in enumerate(self.displacement or ())
+            if moved and axis in self.pushed
+        ]
         if both:
             what = "a force" if (self.force or (0.0,) * 3)[both[0]] else "freedom to move"
-            raise ValueError(f"along {'xyz'[both[0]]} it has both {what} and a displacement; it is pushed or moved, "
-                             "so set one of them to 0")
+            raise ValueError(
+                f"along {'xyz'[both[0]]} it has both {what} and a displacement; it is pushed or moved, "
+                "so set one of them to 0"
+            )
 
     @property
     def pushed(self) -> list[int]:
         """The axes along which a force acts on it, or nothing resists it."""
         force = self.force or (0.0,) * 3
-        return [axis for axis, value in enumerate(force) if value or "xyz"[axis] in (self.free or ())]
+        return [
+            axis for axis, value in enumerate(force) if value or "xyz"[axis] in (self.free or ())
+        ]
 
     @property
     def turning(self) -> bool:
@@ -216,9 +240,19 @@ class RigidSurface(Table, frozen=True, kw_only=True, tag_field="shape"):
     def settled(self, dimension: int, bonded: bool) -> Self:
         """The partner with all defaults; `bonded` if a body is bonded to it."""
         free = self.free
-        if free is None and bonded and self.turning and (self.moment or self.force) and self.displacement is None:
-            free = list(get_args(Axis)[:dimension])  # it brings forces to a face, and does not hold it
-        return msgspec.structs.replace(self, displacement=self.displacement or (0.0,) * dimension, free=free)
+        if (
+            free is None
+            and bonded
+            and self.turning
+            and (self.moment or self.force)
+            and self.displacement is None
+        ):
+            free = list(
+                get_args(Axis)[:dimension]
+            )  # it brings forces to a face, and does not hold it
+        return msgspec.structs.replace(
+            self, displacement=self.displacement or (0.0,) * dimension, free=free
+        )
 
     def facing(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Unit normals (…, d), towards the bodies, at the nearest places to points (…, d), and the distances (…) along
@@ -282,7 +316,9 @@ class Plane(RigidSurface, frozen=True, kw_only=True, tag="plane"):
     def outline(self, touched: np.ndarray, bodies: np.ndarray, margin: float) -> np.ndarray:
         along = np.array([self.normal[1], -self.normal[0]]) / np.linalg.norm(self.normal)
         ends = (bodies - self.point) @ along
-        return self.point + np.linspace(ends.min() - margin, ends.max() + margin, 200)[:, None] * along
+        return (
+            self.point + np.linspace(ends.min() - margin, ends.max() + margin, 200)[:, None] * along
+        )
 
 
 class Round(RigidSurface, frozen=True, kw_only=True):
@@ -310,7 +346,9 @@ class Round(RigidSurface, frozen=True, kw_only=True):
     def facing(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         away, sign = self.away(points), -1.0 if self.inside else 1.0
         distance = np.linalg.norm(away, axis=-1)
-        return sign * away / np.where(distance > 0.0, distance, 1.0)[..., None], sign * (distance - self.radius)
+        return sign * away / np.where(distance > 0.0, distance, 1.0)[..., None], sign * (
+            distance - self.radius
+        )
 
     def deepest(self, simplices: np.ndarray) -> np.ndarray:
         if self.inside:
@@ -354,10 +392,14 @@ class Circle(Centred, frozen=True, kw_only=True, tag="circle"):
         angle = np.sort(np.arctan2(*(touched - self.center).T[::-1]))
         holes = np.diff(angle, append=angle[0] + 2 * np.pi)  # the largest one is not touched
         k = int(np.argmax(holes))
-        margin, begin, length = margin / self.radius, angle[(k + 1) % len(angle)], 2 * np.pi - holes[k]
+        margin, begin, length = (
+            margin / self.radius,
+            angle[(k + 1) % len(angle)],
+            2 * np.pi - holes[k],
+        )
         if length + 2 * margin >= WHOLE:
             margin, begin, length = 0.0, 0.0, 2 * np.pi
-        t = np.linspace(begin - margin, begin + length + margin, 400)[::1 if self.inside else -1]
+        t = np.linspace(begin - margin, begin + length + margin, 400)[:: 1 if self.inside else -1]
         return self.center + self.radius * np.column_stack([np.cos(t), np.sin(t)])
 
 

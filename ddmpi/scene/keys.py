@@ -32,36 +32,90 @@ SIMILAR = 0.65
 """Least similarity of a word to a misspelling of it."""
 
 MEANT = {
-    "E": "young", "youngs_modulus": "young", "modulus": "young", "nu": "poisson", "poissons_ratio": "poisson",
-    "mu": "coefficient", "ux": "x", "uy": "y", "group": "on", "centre": "center", "elements": "divisions", "uz": "z",
-    "tied": "bonded", "glued": "bonded", "welded": "bonded", "contact": "unilateral", "frictionless": "unilateral",
-    "sliding": "guided", "no separation": "guided", "roller": "guided",
-    "fix": "clamp", "fixed": "clamp", "support": "clamp", "boundary": "clamp", "dirichlet": "clamp",
-    "springs": "foundation", "spring": "foundation", "winkler": "foundation", "bed": "foundation",
-    "load": "traction", "loads": "traction", "BodySpec.force": "traction", "BodySpec.pressure": "traction",
-    "gravity": "volume_force", "body_force": "volume_force", "weight": "volume_force", "plane stress": "stress",
-    "plane strain": "strain", "solver": "outer", "interference": "a negative gap is an interference",
-    "alpha": "expansion", "thermal_expansion": "expansion", "temp": "temperature", "heat": "temperature",
+    "E": "young",
+    "youngs_modulus": "young",
+    "modulus": "young",
+    "nu": "poisson",
+    "poissons_ratio": "poisson",
+    "mu": "coefficient",
+    "ux": "x",
+    "uy": "y",
+    "group": "on",
+    "centre": "center",
+    "elements": "divisions",
+    "uz": "z",
+    "tied": "bonded",
+    "glued": "bonded",
+    "welded": "bonded",
+    "contact": "unilateral",
+    "frictionless": "unilateral",
+    "sliding": "guided",
+    "no separation": "guided",
+    "roller": "guided",
+    "fix": "clamp",
+    "fixed": "clamp",
+    "support": "clamp",
+    "boundary": "clamp",
+    "dirichlet": "clamp",
+    "springs": "foundation",
+    "spring": "foundation",
+    "winkler": "foundation",
+    "bed": "foundation",
+    "load": "traction",
+    "loads": "traction",
+    "BodySpec.force": "traction",
+    "BodySpec.pressure": "traction",
+    "gravity": "volume_force",
+    "body_force": "volume_force",
+    "weight": "volume_force",
+    "plane stress": "stress",
+    "plane strain": "strain",
+    "solver": "outer",
+    "interference": "a negative gap is an interference",
+    "alpha": "expansion",
+    "thermal_expansion": "expansion",
+    "temp": "temperature",
+    "heat": "temperature",
     "density": "weight is the body's volume_force = [0, -density * gravity], in space [0, 0, …]",
     "rho": "weight is the body's volume_force = [0, -density * gravity], in space [0, 0, …]",
-    "thickness": "forces in the plane are those on a unit of depth", "yield_stress": "materials are linear elastic",
-    "plasticity": "materials are linear elastic", "stiffness": "there is no contact stiffness to choose",
-    "penalty": "there is no contact stiffness to choose", "master": "it is the body that slave does not name",
+    "thickness": "forces in the plane are those on a unit of depth",
+    "yield_stress": "materials are linear elastic",
+    "plasticity": "materials are linear elastic",
+    "stiffness": "there is no contact stiffness to choose",
+    "penalty": "there is no contact stiffness to choose",
+    "master": "it is the body that slave does not name",
     "symmetry": "clamp = [{ on = …, normal = 0.0 }] lets the group slide along itself",
-    "rotation": "nothing is turned by an angle", "units": "any units that fit together do; [output] has labels",
-    "axisymmetric": "axisymmetric = true stands at the top of the scene", "steps": "load steps stand in [time]",
-    "dimension": "meshes and lists say it: [x, y] in the plane, [x, y, z] in space"}
+    "rotation": "nothing is turned by an angle",
+    "units": "any units that fit together do; [output] has labels",
+    "axisymmetric": "axisymmetric = true stands at the top of the scene",
+    "steps": "load steps stand in [time]",
+    "dimension": "meshes and lists say it: [x, y] in the plane, [x, y, z] in space",
+}
 """Engineers' usual words, anywhere or as a key of one table, and those of scenes: a key, a word, or an explanation."""
 
 WRITTEN = {
     "friction": 'friction = { law = "coulomb", coefficient = 0.3 }',
     "material": "material = { young = …, poisson = … }",
     "mesh": 'mesh = { file = "….msh" }, { geometry = "….geo", size = … } or { shape = "rectangle", … }',
-    "bodies": 'bodies = ["…", "…"]', "divisions": "divisions = [nx, ny], in space [nx, ny, nz]",
+    "bodies": 'bodies = ["…", "…"]',
+    "divisions": "divisions = [nx, ny], in space [nx, ny, nz]",
     "size": "size = [width, height], of a box [length, depth, height], of a geometry h",
-    **{key: f"{key} = [x, y], in space [x, y, z]" for key in ("value", "volume_force", "force", "origin", "center",
-                                                              "point", "normal", "axis", "displacement")},
-    "method": '[method], and below it a line for each key, such as preset = "accurate"'}
+    **{
+        key: f"{key} = [x, y], in space [x, y, z]"
+        for key in (
+            "value",
+            "volume_force",
+            "force",
+            "origin",
+            "center",
+            "point",
+            "normal",
+            "axis",
+            "displacement",
+        )
+    },
+    "method": '[method], and below it a line for each key, such as preset = "accurate"',
+}
 """Examples of tables and pairs."""
 
 SLIPS = {
@@ -69,16 +123,21 @@ SLIPS = {
     r"\d,\d+[eE]|\d *[dD] *[+-]?\d|\d *[*/^]": "a number is written like 2.1e11",
     r"\b(True|False)\b": "write true or false",
     r"[=\[,] *(?!(true|false|inf|nan)\b|[\w.-]+ *=)[A-Za-z_]": "words stand in quotation marks",
-    r"[{,][^}]*$|, *\}": "a table { … } stands on one line, without a comma at its end"}
+    r"[{,][^}]*$|, *\}": "a table { … } stands on one line, without a comma at its end",
+}
 """Frequent mistakes in lines that are not TOML, with remedies."""
 
-WHOLE = (r"body\.[^.]+\.(?:(?:traction|clamp)\.\d+|volume_force|temperature)"
-         r"|rigid\.[^.]+\.(?:displacement|force|moment)|contact\.[^.]+\.(?:gap|friction\.(?:coefficient|slip_bound))")
+WHOLE = (
+    r"body\.[^.]+\.(?:(?:traction|clamp)\.\d+|volume_force|temperature)"
+    r"|rigid\.[^.]+\.(?:displacement|force|moment)|contact\.[^.]+\.(?:gap|friction\.(?:coefficient|slip_bound))"
+)
 """What the derivatives of an answer take as a whole, by a factor on it, unless it is one number."""
 
-NUMBER = (r"body\.[^.]+\.(?:material(?:\.\d+)?\.young|volume_force\.\d"
-          r"|traction\.\d+\.(?:pressure|moment|(?:value|force|moment)\.\d)|clamp\.\d+\.(?:x|y|z|normal))"
-          r"|rigid\.[^.]+\.(?:displacement|force|moment)\.\d|contact\.[^.]+\.(?:gap\.value|pretension\.force)")
+NUMBER = (
+    r"body\.[^.]+\.(?:material(?:\.\d+)?\.young|volume_force\.\d"
+    r"|traction\.\d+\.(?:pressure|moment|(?:value|force|moment)\.\d)|clamp\.\d+\.(?:x|y|z|normal))"
+    r"|rigid\.[^.]+\.(?:displacement|force|moment)\.\d|contact\.[^.]+\.(?:gap\.value|pretension\.force)"
+)
 """Other numbers by which an answer can be differentiated."""
 
 
@@ -87,9 +146,13 @@ def override(data: dict, key: str, value: Any, where: str = "--set ") -> None:
     (*parents, last), key = key.strip().split("."), f"{where}{key}"
     table: Any = data
     for depth, part in enumerate(parents):
-        table = table[_index(table, part, key)] if isinstance(table, list) else table.setdefault(part, {})
+        table = (
+            table[_index(table, part, key)]
+            if isinstance(table, list)
+            else table.setdefault(part, {})
+        )
         if not isinstance(table, dict | list):
-            raise InputError(f"{key}: {'.'.join(parents[:depth + 1])} is a value, not a table")
+            raise InputError(f"{key}: {'.'.join(parents[: depth + 1])} is a value, not a table")
     table[_index(table, last, key) if isinstance(table, list) else last] = value
     if last == "law" and isinstance(value, str) and value in LAWS:  # what other laws need goes
         for name in set(table) - LAWS[value]:
@@ -115,7 +178,11 @@ def explain_syntax(error: tomllib.TOMLDecodeError, text: str) -> str:
 
 def flatten(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
     """The leaves of nested tables with their keys."""
-    if isinstance(value, list | tuple) and value and all(isinstance(entry, dict) for entry in value):
+    if (
+        isinstance(value, list | tuple)
+        and value
+        and all(isinstance(entry, dict) for entry in value)
+    ):
         value = {name_of(entry) or str(k): entry for k, entry in enumerate(value)}
     if isinstance(value, dict):
         for name, entry in value.items():
@@ -127,18 +194,31 @@ def flatten(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
 def derivable(scene: dict) -> list[str]:
     """The keys of a resolved scene by which its answer can be differentiated: numbers, and what stands for a factor."""
     keys: dict[str, None] = {}
-    bodies = [body | {"clamp": [{"on": entry} if isinstance(entry, str) else entry for entry in body["clamp"]]}
-              for body in scene["body"]]
-    fixed = {f"rigid.{rigid['name']}.{'displacement' if force else 'force'}.{axis}" for rigid in scene["rigid"]
-             for axis, force in enumerate(rigid.get("force") or ())}  # an axis is pushed or moved
-    for leaf, value in flatten({"body": bodies, "contact": scene["contact"], "rigid": scene["rigid"]}):
+    bodies = [
+        body
+        | {"clamp": [{"on": entry} if isinstance(entry, str) else entry for entry in body["clamp"]]}
+        for body in scene["body"]
+    ]
+    fixed = {
+        f"rigid.{rigid['name']}.{'displacement' if force else 'force'}.{axis}"
+        for rigid in scene["rigid"]
+        for axis, force in enumerate(rigid.get("force") or ())
+    }  # an axis is pushed or moved
+    for leaf, value in flatten(
+        {"body": bodies, "contact": scene["contact"], "rigid": scene["rigid"]}
+    ):
         whole = re.match(WHOLE, leaf)
         if whole and value is not None:
             keys[whole[0]] = None
         vector = isinstance(value, list | tuple)
         entries = [(f".{k}", entry) for k, entry in enumerate(value)] if vector else [("", value)]
-        keys |= dict.fromkeys(leaf + at for at, entry in entries if type(entry) in (int, float)
-                              and re.fullmatch(NUMBER, leaf + at) and leaf + at not in fixed)
+        keys |= dict.fromkeys(
+            leaf + at
+            for at, entry in entries
+            if type(entry) in (int, float)
+            and re.fullmatch(NUMBER, leaf + at)
+            and leaf + at not in fixed
+        )
     return list(keys)
 
 
@@ -146,19 +226,24 @@ def refuse_underivable(scene: dict) -> None:
     """ValueError where ``output.derivatives`` names a key by which nothing can be differentiated."""
     wanted = scene["output"]["derivatives"]
     if wanted and scene["method"]["outer"] != "newton":
-        raise ValueError(f'output.derivatives: need outer = "newton", not "{scene["method"]["outer"]}"')
+        raise ValueError(
+            f'output.derivatives: need outer = "newton", not "{scene["method"]["outer"]}"'
+        )
     able = derivable(scene) if wanted else []
     for key in wanted:
         if key not in able:
-            raise ValueError(f"output.derivatives: {key!r} is no number, load, clamp or displacement of this scene by "
-                             f"which its answer can be differentiated; the nearest ones are "
-                             f"{', '.join(difflib.get_close_matches(key, able, n=3, cutoff=0.0))}")
+            raise ValueError(
+                f"output.derivatives: {key!r} is no number, load, clamp or displacement of this scene by "
+                f"which its answer can be differentiated; the nearest ones are "
+                f"{', '.join(difflib.get_close_matches(key, able, n=3, cutoff=0.0))}"
+            )
         if wanted.count(key) > 1:
             raise ValueError(f"output.derivatives: {key!r} stands there {wanted.count(key)} times")
 
 
 def differences(ours: dict, theirs: dict) -> str:
     """The differences of two nested tables, in words: the first three keys with both values. Empty for equal ones."""
+
     def word(table: dict, key: str) -> str:
         return repr(table[key]) if key in table else "not set"
 
@@ -188,7 +273,10 @@ def nearest(word: str, words: list[str]) -> str:
 
 def _meant(word: str, words: list[str], tables: Sequence[str] = ()) -> str:
     """`nearest`, or what `word` means elsewhere, as a key of one of the `tables` or in general."""
-    meant = next((MEANT[each] for each in (*(f"{table}.{word}" for table in tables), word) if each in MEANT), "")
+    meant = next(
+        (MEANT[each] for each in (*(f"{table}.{word}" for table in tables), word) if each in MEANT),
+        "",
+    )
     if meant in words:
         return f"; did you mean {meant!r}?"
     return f"; {meant}" if " " in meant else nearest(word, words)
@@ -196,7 +284,9 @@ def _meant(word: str, words: list[str], tables: Sequence[str] = ()) -> str:
 
 def name_of(entry: Any) -> str | None:
     """The name that keys may use for an entry of a list in a scene's data; None if it has no name."""
-    name, bodies = (entry.get("name"), entry.get("bodies")) if isinstance(entry, dict) else (None, None)
+    name, bodies = (
+        (entry.get("name"), entry.get("bodies")) if isinstance(entry, dict) else (None, None)
+    )
     if name is None and isinstance(bodies, list) and all(isinstance(body, str) for body in bodies):
         name = default_name(bodies)
     return name if isinstance(name, str) and name else None
@@ -212,21 +302,42 @@ def explain(message: str, data: dict, root: type) -> str:
         if found[1] != "unknown":
             words = ", ".join(str(kind.tag) for kind in tables if kind.tag_field == found[2])
             return f"{key}: this key is required and missing" + f" (one of {words})" * bool(words)
-        fields = [name for kind in tables
-                  for name in (kind.tag_field, *(field.encode_name for field in kind.fields)) if name]
-        meant = _meant(found[2], fields, [base.__name__ for kind in tables for base in kind.cls.__mro__])
+        fields = [
+            name
+            for kind in tables
+            for name in (kind.tag_field, *(field.encode_name for field in kind.fields))
+            if name
+        ]
+        meant = _meant(
+            found[2], fields, [base.__name__ for kind in tables for base in kind.cls.__mro__]
+        )
         return f"{key}: unknown key{meant} (valid here: {', '.join(fields)})"
     field, _, rest = problem.partition(": ")
-    if rest and any(field.partition(".")[0] == entry.encode_name for kind in kinds
-                    if isinstance(kind, inspect.StructType) for entry in kind.fields):  # its own check names a key
+    if rest and any(
+        field.partition(".")[0] == entry.encode_name
+        for kind in kinds
+        if isinstance(kind, inspect.StructType)
+        for entry in kind.fields
+    ):  # its own check names a key
         named, problem = [*named, field], rest
     key = ".".join(named) + ": " * bool(named)
-    allowed = [str(value) for kind in kinds if isinstance(kind, inspect.LiteralType) for value in kind.values]
+    allowed = [
+        str(value)
+        for kind in kinds
+        if isinstance(kind, inspect.LiteralType)
+        for value in kind.values
+    ]
     # where a "package:Class" may stand as well, the words are the beginning of a pattern
-    allowed += [word for kind in kinds if isinstance(kind, inspect.StrType) and "matching regex" in problem
-                for word in re.findall(r"\w+(?=\|)", kind.pattern or "")]
+    allowed += [
+        word
+        for kind in kinds
+        if isinstance(kind, inspect.StrType) and "matching regex" in problem
+        for word in re.findall(r"\w+(?=\|)", kind.pattern or "")
+    ]
     if allowed and ("matching regex" in problem or problem.startswith("Invalid")):
-        number = "a number or " * any(isinstance(kind, inspect.IntType | inspect.FloatType) for kind in kinds)
+        number = "a number or " * any(
+            isinstance(kind, inspect.IntType | inspect.FloatType) for kind in kinds
+        )
         return f"{key}{given!r} is not valid; expected {number}one of {', '.join(allowed)}{_meant(str(given), allowed)}"
     if isinstance(given, float) and not math.isfinite(given):
         problem = "must be a finite number"
@@ -238,9 +349,21 @@ def explain(message: str, data: dict, root: type) -> str:
         problem = f"expected a list of length {' or '.join(map(str, lengths))}, got {len(given)}"
     if not isinstance(given, dict | list):
         problem = re.sub(r", got `.*?`$", "", problem) + f" (got {given!r})"
-    problem = re.sub(r"`(.*?)`", lambda kind: kind[1].replace("object", "a table").replace("array", "a list")
-                     .replace("float", "a number").replace("int", "a whole number").replace("str", "words in quotes")
-                     .replace("bool", "true or false").replace(" | null", "").replace("|", "or"), problem)
+    problem = re.sub(
+        r"`(.*?)`",
+        lambda kind: (
+            kind[1]
+            .replace("object", "a table")
+            .replace("array", "a list")
+            .replace("float", "a number")
+            .replace("int", "a whole number")
+            .replace("str", "words in quotes")
+            .replace("bool", "true or false")
+            .replace(" | null", "")
+            .replace("|", "or")
+        ),
+        problem,
+    )
     return key + problem[:1].lower() + problem[1:] + _remedy(named, kinds, given)
 
 
@@ -254,11 +377,19 @@ def _locate(path: list[str], data: dict, root: type) -> tuple[list[str], Any, li
             entry = get_args(get_type_hints(table, include_extras=True)[named[-1]])[1]
             key = next(name for name, value in given.items() if not _fits(value, entry))
         before, kinds = kinds, [inner for kind in kinds for inner in _inside(kind, key)]
-        in_list, given = isinstance(given, list), given[int(key) if isinstance(given, list) else key]
+        in_list, given = (
+            isinstance(given, list),
+            given[int(key) if isinstance(given, list) else key],
+        )
         named.append((in_list and name_of(given)) or key)
         if isinstance(given, dict):  # its tag, as in law = "coulomb", tells unions apart
-            kinds = [kind for kind in kinds if isinstance(kind, inspect.StructType) and kind.tag
-                     and kind.tag == given.get(kind.tag_field)] or kinds
+            kinds = [
+                kind
+                for kind in kinds
+                if isinstance(kind, inspect.StructType)
+                and kind.tag
+                and kind.tag == given.get(kind.tag_field)
+            ] or kinds
     return named, given, kinds
 
 
@@ -287,7 +418,11 @@ def _inside(kind: inspect.Type, part: str) -> list[inspect.Type]:
             inner = [value]
         case _:
             inner = []
-    return [one for entry in inner for one in (entry.types if isinstance(entry, inspect.UnionType) else (entry,))]
+    return [
+        one
+        for entry in inner
+        for one in (entry.types if isinstance(entry, inspect.UnionType) else (entry,))
+    ]
 
 
 def _remedy(named: list[str], kinds: list[inspect.Type], value: Any) -> str:
@@ -300,12 +435,23 @@ def _remedy(named: list[str], kinds: list[inspect.Type], value: Any) -> str:
     for kind in kinds:
         if isinstance(kind, inspect.StructType) and kind.tag == value == "none":
             return f'; write {named[-1]} = {{ {kind.tag_field} = "{value}" }}'
-        wanted = inspect.StrType if isinstance(value, str) else inspect.StructType if isinstance(value, dict) else ()
-        is_list = isinstance(kind, inspect.ListType | inspect.VarTupleType) and (kind.min_length or 0) < 2
+        wanted = (
+            inspect.StrType
+            if isinstance(value, str)
+            else inspect.StructType
+            if isinstance(value, dict)
+            else ()
+        )
+        is_list = (
+            isinstance(kind, inspect.ListType | inspect.VarTupleType) and (kind.min_length or 0) < 2
+        )
         if is_list and any(isinstance(item, wanted) for item in _inside(kind, "0")):
             inner = f'"{value}"' if isinstance(value, str) else "{ … }"
             return f"; write {named[-1]} = [{inner}]" if named[1:] else f"; write [[{named[0]}]]"
-    compound = any(isinstance(kind, inspect.StructType | inspect.TupleType | inspect.VarTupleType) for kind in kinds)
+    compound = any(
+        isinstance(kind, inspect.StructType | inspect.TupleType | inspect.VarTupleType)
+        for kind in kinds
+    )
     written = WRITTEN.get(named[-1]) if named and compound and not isinstance(value, dict) else None
     return f"; write {written}" if written else ""
 
@@ -314,15 +460,19 @@ def read_docstring(text: str | None) -> tuple[str, dict[str, dict[str, str]]]:
     """The words of a numpydoc docstring, and by title its sections: what each name, or row of names, means."""
     words, *parts = re.split(r"^(\w+)\n-{3,}\n", cleandoc(text or ""), flags=re.MULTILINE)
     entry = re.compile(r"^(\S.*?)(?: : |\n[ ]+|\n|\Z)((?:.*\n?(?:[ ]+.*\n?)*))", re.MULTILINE)
-    return words.strip(), {title: {names: " ".join(meaning.split()) for names, meaning in entry.findall(part)}
-                           for title, part in zip(parts[::2], parts[1::2], strict=True)}
+    return words.strip(), {
+        title: {names: " ".join(meaning.split()) for names, meaning in entry.findall(part)}
+        for title, part in zip(parts[::2], parts[1::2], strict=True)
+    }
 
 
 def meanings(kind: type) -> dict[str, str]:
     """The meanings of attributes by name, from the docstrings of a class and of its bases."""
     words: dict[str, str] = {}
     for base in reversed(kind.__mro__):
-        for names, meaning in read_docstring(vars(base).get("__doc__"))[1].get("Attributes", {}).items():
+        for names, meaning in (
+            read_docstring(vars(base).get("__doc__"))[1].get("Attributes", {}).items()
+        ):
             words |= dict.fromkeys(names.split(", "), meaning)
     return words
 
@@ -330,7 +480,10 @@ def meanings(kind: type) -> dict[str, str]:
 def json_schema(root: type) -> dict[str, Any]:
     """The JSON schema of `root`, as a user writes it: keys, types, limits, defaults and, by docstrings, meanings."""
     schema = msgspec.json.schema(root)
-    titles = [(msgspec.json.schema(kind), {"type": "string", "title": title}) for title, kind in TITLES.items()]
+    titles = [
+        (msgspec.json.schema(kind), {"type": "string", "title": title})
+        for title, kind in TITLES.items()
+    ]
     tables = {kind.__name__: kind for kind in _below(Table)}
     definitions = {}
     for name, definition in schema["$defs"].items():
@@ -341,7 +494,8 @@ def json_schema(root: type) -> dict[str, Any]:
             # beside a reference, other entries would not be looked at
             value = table["properties"][key]
             table["properties"][key] = ({"allOf": [value]} if "$ref" in value else value) | {
-                "description": _plain(meaning)}
+                "description": _plain(meaning)
+            }
     return {"$schema": DIALECT, "title": "scene of ddmpi", **schema, "$defs": definitions}
 
 
@@ -363,9 +517,15 @@ def _tidy(node: Any, titles: list[tuple[dict, dict]]) -> Any:
     for wanted, title in titles:
         if node == wanted:
             return _tidy(node, []) | title
-    kept = {key: _tidy(value, titles) for key, value in node.items()
-            if not (key == "default" and (value is None or value in ([], {}) or isinstance(value, dict)))
-            and value not in (LARGEST, -LARGEST) and key != "discriminator"}
+    kept = {
+        key: _tidy(value, titles)
+        for key, value in node.items()
+        if not (
+            key == "default" and (value is None or value in ([], {}) or isinstance(value, dict))
+        )
+        and value not in (LARGEST, -LARGEST)
+        and key != "discriminator"
+    }
     if "prefixItems" in kept:  # all entries of a row are alike
         kept["items"] = kept.pop("prefixItems")[0]
     if "pattern" in kept:
@@ -379,16 +539,26 @@ def _tidy(node: Any, titles: list[tuple[dict, dict]]) -> Any:
 def check_heat(bodies: list[Any]) -> None:
     """ValueError if materials of `BodySpec` bodies expand, and none has a temperature. Bodies without one keep that of
     the state free of stress."""
-    expanding = [body.name for body in bodies if any(material.expansions.any() for material in body.materials)]
+    expanding = [
+        body.name
+        for body in bodies
+        if any(material.expansions.any() for material in body.materials)
+    ]
     if expanding and all(body.temperature is None for body in bodies):
-        raise ValueError(f"body.{expanding[0]}.material.expansion: no body has a temperature, so nothing expands; "
-                         "write temperature = 80.0 (K over the state free of stress) into a [[body]], or leave "
-                         "expansion out")
+        raise ValueError(
+            f"body.{expanding[0]}.material.expansion: no body has a temperature, so nothing expands; "
+            "write temperature = 80.0 (K over the state free of stress) into a [[body]], or leave "
+            "expansion out"
+        )
 
 
 def check_thickness(bodies: list[Any], touched: set[str]) -> None:
     """ValueError if a part of a `BodySpec` body with foundations, or with contacts, has a thickness of its own."""
     for body in bodies:
-        if (body.foundation or body.name in touched) and any(one.thickness != 1.0 for one in body.materials):
-            raise ValueError(f"body.{body.name}.material.thickness: bodies with contacts or foundations have the depth "
-                             "alone; leave it out")
+        if (body.foundation or body.name in touched) and any(
+            one.thickness != 1.0 for one in body.materials
+        ):
+            raise ValueError(
+                f"body.{body.name}.material.thickness: bodies with contacts or foundations have the depth "
+                "alone; leave it out"
+            )

@@ -15,15 +15,26 @@ from ddmpi.system.numbers import ALIKE, Frame
 LARGEST_SIZE = "h, the largest size of an element"
 """What ``size`` is of a drawing."""
 
-SHAPES = {"rectangle": {"size": "[width, height]", "divisions": "[nx, ny]"},
-          "quadrilateral": {"corners": "[[x, y], …]", "divisions": "[nx, ny]"},
-          "annulus": {"center": "[x, y]", "radii": "[inner, outer]", "angles": "[start, end]",
-                      "divisions": "[around, across]"},
-          "box": {"size": "[length, depth, height]", "divisions": "[nx, ny, nz]"},
-          "hexahedron": {"corners": "[[x, y, z], …]", "divisions": "[nx, ny, nz]"},
-          "ball": {"center": "[x, y, z]", "radius": "r", "size": LARGEST_SIZE},
-          "cylinder": {"center": "[x, y, z] of the lower end", "axis": "[0, 0, 1]", "radii": "[inner or 0, outer]",
-                       "height": "h", "size": LARGEST_SIZE}}
+SHAPES = {
+    "rectangle": {"size": "[width, height]", "divisions": "[nx, ny]"},
+    "quadrilateral": {"corners": "[[x, y], …]", "divisions": "[nx, ny]"},
+    "annulus": {
+        "center": "[x, y]",
+        "radii": "[inner, outer]",
+        "angles": "[start, end]",
+        "divisions": "[around, across]",
+    },
+    "box": {"size": "[length, depth, height]", "divisions": "[nx, ny, nz]"},
+    "hexahedron": {"corners": "[[x, y, z], …]", "divisions": "[nx, ny, nz]"},
+    "ball": {"center": "[x, y, z]", "radius": "r", "size": LARGEST_SIZE},
+    "cylinder": {
+        "center": "[x, y, z] of the lower end",
+        "axis": "[0, 0, 1]",
+        "radii": "[inner or 0, outer]",
+        "height": "h",
+        "size": LARGEST_SIZE,
+    },
+}
 """The keys of the shapes, and how to write them."""
 
 SIZED = {"size": LARGEST_SIZE}
@@ -42,7 +53,9 @@ CORNER = 1e-8
 """Smallest sine of a corner of a quadrilateral, as triangles at a flatter one have almost no area; of a hexahedron the
 smallest volume of unit vectors along the edges of its map."""
 
-UNIT_CUBE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]])
+UNIT_CUBE = np.array(
+    [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]]
+)
 """Corners in the order of those of a hexahedron."""
 
 GEOMETRIES = (".geo", ".step", ".stp", ".brep", ".brp")
@@ -100,7 +113,10 @@ class MeshSpec(Table, frozen=True, kw_only=True):
     refine : number of times that the sides of a file's mesh are halved, or "as needed" for method.target_error
     """
 
-    shape: Literal["rectangle", "quadrilateral", "annulus", "box", "hexahedron", "ball", "cylinder"] | None = None
+    shape: (
+        Literal["rectangle", "quadrilateral", "annulus", "box", "hexahedron", "ball", "cylinder"]
+        | None
+    ) = None
     origin: Point | None = None
     size: Sizes | None = None
     corners: Annotated[tuple[Point, ...], msgspec.Meta(min_length=4, max_length=8)] | None = None
@@ -141,21 +157,35 @@ class MeshSpec(Table, frozen=True, kw_only=True):
 
     def __post_init__(self) -> None:
         if self.file is None and self.refine:
-            raise ValueError("refine belongs to a file; for a shape, raise divisions, for a geometry, lower size")
+            raise ValueError(
+                "refine belongs to a file; for a shape, raise divisions, for a geometry, lower size"
+            )
         if sum(source is not None for source in (self.shape, self.file, self.geometry)) != 1:
-            raise ValueError('a mesh is either { file = "….msh" } or { geometry = "….geo", size = … } or has a shape, '
-                             f'one of {", ".join(SHAPES)}, as in {{ shape = "rectangle", size = …, divisions = … }}')
+            raise ValueError(
+                'a mesh is either { file = "….msh" } or { geometry = "….geo", size = … } or has a shape, '
+                f'one of {", ".join(SHAPES)}, as in {{ shape = "rectangle", size = …, divisions = … }}'
+            )
         if str(self.file).lower().endswith(GEOMETRIES):
-            raise ValueError(f'{self.file} is a drawing; write geometry = "{self.file}", size = h, the largest size of '
-                             "an element")
+            raise ValueError(
+                f'{self.file} is a drawing; write geometry = "{self.file}", size = h, the largest size of '
+                "an element"
+            )
         if any(self.origin or ()) and self.shape not in WITH_ORIGIN:
             raise ValueError(f"origin belongs to a rectangle or a box, not to {self._what}")
         if self.geometry is not None and not self.geometry.lower().endswith(GEOMETRIES):
             mesh = "; a mesh is given by file = …" * self.geometry.endswith(".msh")
-            raise ValueError(f"geometry = {self.geometry!r} must end with one of {', '.join(GEOMETRIES)}{mesh}")
-        for key, wrong in (("contact_size", not self.drawn), ("size_on", not self.drawn), ("part", bool(self.shape))):
+            raise ValueError(
+                f"geometry = {self.geometry!r} must end with one of {', '.join(GEOMETRIES)}{mesh}"
+            )
+        for key, wrong in (
+            ("contact_size", not self.drawn),
+            ("size_on", not self.drawn),
+            ("part", bool(self.shape)),
+        ):
             if getattr(self, key) and wrong:
-                raise ValueError(f"{key} belongs to a geometry{' or a file' * (key == 'part')}, not to {self._what}")
+                raise ValueError(
+                    f"{key} belongs to a geometry{' or a file' * (key == 'part')}, not to {self._what}"
+                )
         needed = SIZED if self.geometry else SHAPES.get(self.shape or "", {})
         self._check_keys(needed)
         d = self.dimension or 0
@@ -163,20 +193,33 @@ class MeshSpec(Table, frozen=True, kw_only=True):
             value = getattr(self, key)
             if key in needed and (len(value) if isinstance(value, tuple) else 0) != number:
                 got = list(value) if isinstance(value, tuple) else value
-                raise ValueError(f"{key}: a {self.shape or 'geometry'} has " + (
-                    f"{number} corners, got {len(got)}" if key == "corners" else f"{key} = {needed[key]}, got {got}"))
+                raise ValueError(
+                    f"{key}: a {self.shape or 'geometry'} has "
+                    + (
+                        f"{number} corners, got {len(got)}"
+                        if key == "corners"
+                        else f"{key} = {needed[key]}, got {got}"
+                    )
+                )
         smaller = {"contact_size": (self.contact_size or 0.0, "contacts")} | {
-            f"size_on.{name}": (size, repr(name)) for name, size in self.size_on.items()}
+            f"size_on.{name}": (size, repr(name)) for name, size in self.size_on.items()
+        }
         for key, (size, along) in smaller.items():
             if self.drawn and size > self.largest:
-                raise ValueError(f"{key} = {size:g}, along {along}, must not exceed size = {self.largest:g}, which is "
-                                 "the largest")
+                raise ValueError(
+                    f"{key} = {size:g}, along {along}, must not exceed size = {self.largest:g}, which is "
+                    "the largest"
+                )
         if self.corners and all(len(corner) == self.dimension for corner in self.corners):
             _check_corners(self.corners)
         if self.radii and self.radii[0] >= self.radii[1]:
-            raise ValueError(f"radii = [inner, outer] must ascend, got [{self.radii[0]:g}, {self.radii[1]:g}]")
+            raise ValueError(
+                f"radii = [inner, outer] must ascend, got [{self.radii[0]:g}, {self.radii[1]:g}]"
+            )
         if self.axis and not any(self.axis):
-            raise ValueError("axis must not be zero; it goes from the bottom of a cylinder to its top")
+            raise ValueError(
+                "axis must not be zero; it goes from the bottom of a cylinder to its top"
+            )
         if self.radii and self.angles and self.divisions:
             self._check_ring(self.radii, self.angles, self.divisions[0])
 
@@ -204,41 +247,61 @@ class MeshSpec(Table, frozen=True, kw_only=True):
             if getattr(self, key) is not None and key not in needed:
                 owners = [shape for shape, keys in SHAPES.items() if key in keys]
                 owners = [shape for shape in owners if shape not in DRAWN] or owners
-                owner = "a shape" if key == "divisions" else f'shape = "{owners[0]}"' + "".join(
-                    f' or "{shape}"' for shape in owners[1:])
+                owner = (
+                    "a shape"
+                    if key == "divisions"
+                    else f'shape = "{owners[0]}"'
+                    + "".join(f' or "{shape}"' for shape in owners[1:])
+                )
                 raise ValueError(f"{key} belongs to {owner}, not to {self._what}")
 
-    def _check_ring(self, radii: tuple[float, float], angles: tuple[float, float], around: int) -> None:
+    def _check_ring(
+        self, radii: tuple[float, float], angles: tuple[float, float], around: int
+    ) -> None:
         if not radii[0]:
             raise ValueError("radii.0: expected a number > 0; only a cylinder may have no bore")
         span = angles[1] - angles[0]
         if not 0 < span <= 360 * (1 + ALIKE):
-            raise ValueError(f"angles = [start, end] must ascend by at most 360 degrees, which make a whole ring; got "
-                             f"[{angles[0]:g}, {angles[1]:g}]")
+            raise ValueError(
+                f"angles = [start, end] must ascend by at most 360 degrees, which make a whole ring; got "
+                f"[{angles[0]:g}, {angles[1]:g}]"
+            )
         if span / around >= 180:
-            raise ValueError(f"divisions = [around, across]: {around} around make cells of {span / around:g} degrees; "
-                             "they must be less than 180")
+            raise ValueError(
+                f"divisions = [around, across]: {around} around make cells of {span / around:g} degrees; "
+                "they must be less than 180"
+            )
 
 
 def _check_corners(corners: tuple[Point, ...]) -> None:
     """Raise ValueError unless the corners are those of a convex quadrilateral, counter-clockwise, or of a hexahedron
     with positive volumes of its trilinear map: by the edges of the map at 9 or 27 points."""
     x = np.array(corners)
-    unit, d = UNIT_CUBE[:len(x), :len(x[0])], len(x[0])
+    unit, d = UNIT_CUBE[: len(x), : len(x[0])], len(x[0])
     along = 1.0 - np.abs(unit - np.array(list(product((0.0, 0.5, 1.0), repeat=d)))[:, None])
-    slopes = np.stack([(2 * unit[:, k] - 1) * np.delete(along, k, axis=2).prod(axis=2) for k in range(d)], axis=1)
+    slopes = np.stack(
+        [(2 * unit[:, k] - 1) * np.delete(along, k, axis=2).prod(axis=2) for k in range(d)], axis=1
+    )
     edges = slopes @ x
     size = np.linalg.norm(edges, axis=2, keepdims=True)
     sines = np.linalg.det(edges / np.where(size > 0.0, size, 1.0))
-    base = "the four of the bottom, counter-clockwise seen from the top, and then the four above them"
+    base = (
+        "the four of the bottom, counter-clockwise seen from the top, and then the four above them"
+    )
     if (sines < -CORNER).all():
         turned = ", ".join(f"[{x!r}, {y!r}]" for x, y, *_ in (corners[0], *corners[:0:-1]))
-        raise ValueError(f"corners make a hexahedron that is turned inside out; write {base}" if d > 2 else
-                         f"corners run clockwise; write them counter-clockwise, as in corners = [{turned}]")
+        raise ValueError(
+            f"corners make a hexahedron that is turned inside out; write {base}"
+            if d > 2
+            else f"corners run clockwise; write them counter-clockwise, as in corners = [{turned}]"
+        )
     if not (sines > CORNER).all():
-        raise ValueError(f"corners must be those of a convex hexahedron: {base}" if d > 2 else
-                         "corners must be those of a convex quadrilateral in their order along its boundary, without "
-                         "corners of 0 or 180 degrees")
+        raise ValueError(
+            f"corners must be those of a convex hexahedron: {base}"
+            if d > 2
+            else "corners must be those of a convex quadrilateral in their order along its boundary, without "
+            "corners of 0 or 180 degrees"
+        )
 
 
 class SettledMesh(MeshSpec, frozen=True, kw_only=True):
@@ -275,11 +338,15 @@ class Motion(Table, frozen=True, kw_only=True):
     def __post_init__(self) -> None:
         prescribed, free = self.turn is not None or self.shift is not None, self.free or ()
         if prescribed == bool(free):
-            raise ValueError("a motion has a shift (m), as in shift = [0.0, -20.0], or a turn (degrees), as in turn = "
-                             '90.0, or both; or it is free, as in free = ["turn"]')
+            raise ValueError(
+                "a motion has a shift (m), as in shift = [0.0, -20.0], or a turn (degrees), as in turn = "
+                '90.0, or both; or it is free, as in free = ["turn"]'
+            )
         for key in ("pivot", "axis"):
             if getattr(self, key) is not None and self.turn is None and "turn" not in free:
-                raise ValueError(f"{key} is that of a turn; leave it out, or write turn = … (degrees)")
+                raise ValueError(
+                    f"{key} is that of a turn; leave it out, or write turn = … (degrees)"
+                )
         if self.axis is not None and not any(self.axis):
             raise ValueError("axis must not be zero; a turn is about it, by the right-hand rule")
         if len({*free}) < len(free):
@@ -288,7 +355,9 @@ class Motion(Table, frozen=True, kw_only=True):
             raise ValueError('moment: needs a free turn: write free = ["turn"], or leave it out')
         for axis, component in zip("xyz", self.force or (), strict=False):
             if component and axis not in free:
-                raise ValueError(f'force: acts along {axis}, which is not free; write free = ["{axis}"], or 0 there')
+                raise ValueError(
+                    f'force: acts along {axis}, which is not free; write free = ["{axis}"], or 0 there'
+                )
 
     def frame(self, factor: float, dimension: int) -> Frame:
         """Where it leads at a factor of its history; nowhere if it is free."""
@@ -337,7 +406,11 @@ def frames_of(scene: Any, time: float, freed: Freed | None = None) -> dict[str, 
             # a free turn is that of the body, a free shift one along the axes of the world
             free = freed_part(each.motion)
             shift, turn = np.split(gone, [scene.dimension])
-            frame = Frame.of(shift).after(frame).after(Frame.of(0.0 * shift, turn, free.pivot if free else None))
+            frame = (
+                Frame.of(shift)
+                .after(frame)
+                .after(Frame.of(0.0 * shift, turn, free.pivot if free else None))
+            )
         frames[each.name] = frame
     return frames
 
@@ -345,52 +418,86 @@ def frames_of(scene: Any, time: float, freed: Freed | None = None) -> dict[str, 
 def check_motions(scene: Any) -> None:
     """ValueError where a `Scene` has motions that do not go with the rest of it."""
     far = scene.time is not None and scene.time.motions == "far"
-    movers = [(f"{kind}.{each.name}", each) for kind in ("body", "rigid") for each in getattr(scene, kind)]
+    movers = [
+        (f"{kind}.{each.name}", each) for kind in ("body", "rigid") for each in getattr(scene, kind)
+    ]
     moving = [(key, each, parts_of(each.motion)) for key, each in movers if each.motion]
-    following = [f"body.{body.name}.traction.{k}.follows" for body in scene.body for k, load in
-                 enumerate(body.traction) if load.follows]
+    following = [
+        f"body.{body.name}.traction.{k}.follows"
+        for body in scene.body
+        for k, load in enumerate(body.traction)
+        if load.follows
+    ]
     if not far:
         for key in [*(f"{key}.motion" for key, *_ in moving), *following]:
-            raise ValueError(f'{key}: bodies move far with motions = "far" in [time] only; write it there, or leave '
-                             "this out" + "; small motions are those of clamps" * key.endswith("motion"))
+            raise ValueError(
+                f'{key}: bodies move far with motions = "far" in [time] only; write it there, or leave '
+                "this out" + "; small motions are those of clamps" * key.endswith("motion")
+            )
         return
     if not moving and all(body.clamp or body.foundation for body in scene.body):
-        raise ValueError('time.motions: no body and no rigid partner has a motion, and clamps hold all bodies; leave '
-                         'motions = "far" out')
+        raise ValueError(
+            "time.motions: no body and no rigid partner has a motion, and clamps hold all bodies; leave "
+            'motions = "far" out'
+        )
     if scene.time.cycle:
-        raise ValueError('time.cycle: does not go with motions = "far"; write the times of all turning points')
+        raise ValueError(
+            'time.cycle: does not go with motions = "far"; write the times of all turning points'
+        )
     if scene.output.derivatives:
-        raise ValueError('output.derivatives: there are none with time.motions = "far"; leave one of them out')
+        raise ValueError(
+            'output.derivatives: there are none with time.motions = "far"; leave one of them out'
+        )
     if scene.method.compliance not in (None, "explicit"):
-        raise ValueError(f'method.compliance: {scene.method.compliance!r} does not go with time.motions = "far", for '
-                         "which the compliance of all contact nodes is made once; leave it out")
+        raise ValueError(
+            f'method.compliance: {scene.method.compliance!r} does not go with time.motions = "far", for '
+            "which the compliance of all contact nodes is made once; leave it out"
+        )
     for key, mover, motions in moving:
         free = [part.free for part in motions if part.free]
         moved = {"turn"} & {"turn" * bool(part.turn) for part in motions} | {
-            axis for part in motions for axis, way in zip("xyz", part.shift or (), strict=False) if way}
+            axis
+            for part in motions
+            for axis, way in zip("xyz", part.shift or (), strict=False)
+            if way
+        }
         if scene.axisymmetric and not moved | set(*free[:1]) <= {"y"}:
-            raise ValueError(f"{key}.motion: axisymmetric bodies shift along y only, as in shift = [0.0, -20.0]")
+            raise ValueError(
+                f"{key}.motion: axisymmetric bodies shift along y only, as in shift = [0.0, -20.0]"
+            )
         if len(free) > 1:
-            raise ValueError(f'{key}.motion: has {len(free)} free parts; write one, as in free = ["x", "turn"]')
+            raise ValueError(
+                f'{key}.motion: has {len(free)} free parts; write one, as in free = ["x", "turn"]'
+            )
         for axis in sorted(moved & set(*free)):
-            raise ValueError(f"{key}.motion: prescribes {axis} in one part and frees it in another; leave one of them "
-                             "out")
+            raise ValueError(
+                f"{key}.motion: prescribes {axis} in one part and frees it in another; leave one of them "
+                "out"
+            )
         if key.startswith("rigid") and any(part.free and part.axis for part in motions):
-            raise ValueError(f"{key}.motion.axis: a rigid partner turns freely about all axes through its pivot; leave "
-                             "axis out")
+            raise ValueError(
+                f"{key}.motion.axis: a rigid partner turns freely about all axes through its pivot; leave "
+                "axis out"
+            )
         if getattr(mover, "displacement", None):
             raise ValueError(f"{key}: has both a motion and a displacement; leave one of them out")
     for rigid in scene.rigid:
         if rigid.yields or any(rigid.displacement or ()):
-            raise ValueError(f'rigid.{rigid.name}: with time.motions = "far" a partner moves as its motion says, not '
-                             "by a displacement, forces or moments; write motion = { shift = […] }")
+            raise ValueError(
+                f'rigid.{rigid.name}: with time.motions = "far" a partner moves as its motion says, not '
+                "by a displacement, forces or moments; write motion = { shift = […] }"
+            )
     for contact in scene.contact:
         name, law = f"contact.{contact.called}", contact.friction
         for key, given, why in (
-                ("kind", contact.kind != "unilateral", "only unilateral contacts slide far"),
-                ("gap", contact.gap is not None, "gaps are measured where the bodies are"),
-                ("pairing", contact.pairing == "nodes", "nodes do not stay opposite each other"),
-                ("friction", not all(isinstance(value, float | int) for value in msgspec.structs.astuple(law)),
-                 "profiles along a contact are not possible yet")):
+            ("kind", contact.kind != "unilateral", "only unilateral contacts slide far"),
+            ("gap", contact.gap is not None, "gaps are measured where the bodies are"),
+            ("pairing", contact.pairing == "nodes", "nodes do not stay opposite each other"),
+            (
+                "friction",
+                not all(isinstance(value, float | int) for value in msgspec.structs.astuple(law)),
+                "profiles along a contact are not possible yet",
+            ),
+        ):
             if given:
                 raise ValueError(f'{name}.{key}: does not go with time.motions = "far": {why}')

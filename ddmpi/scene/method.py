@@ -10,15 +10,27 @@ from typing import Annotated, Any, ClassVar, Literal
 import msgspec
 import numpy as np
 
-from ddmpi.scene.values import Count, Field, History, NonNegative, Number, Positive, Side, Table, settle
+from ddmpi.scene.values import (
+    Count,
+    Field,
+    History,
+    NonNegative,
+    Number,
+    Positive,
+    Side,
+    Table,
+    settle,
+)
 from ddmpi.system.numbers import ALIKE
 
 ALGEBRAIC = 0.01
 """Tolerance of the outer iteration as a part of ``target_error``."""
 
-PRESETS: dict[str, dict[str, Any]] = {"fast": {"order": 1, "tolerance": 1e-4},
-           "balanced": {"order": 2, "tolerance": 1e-6},
-           "accurate": {"order": 2, "tolerance": 1e-8, "target_error": 0.01}}
+PRESETS: dict[str, dict[str, Any]] = {
+    "fast": {"order": 1, "tolerance": 1e-4},
+    "balanced": {"order": 2, "tolerance": 1e-6},
+    "accurate": {"order": 2, "tolerance": 1e-8, "target_error": 0.01},
+}
 """Values of keys that a scene leaves out, by ``method.preset``; measured in docs/understand/tradeoff.md."""
 
 Elevation = Annotated[float, msgspec.Meta(ge=-90, le=90)]
@@ -69,12 +81,16 @@ class Method(Table, frozen=True, kw_only=True):
 
     def __post_init__(self) -> None:
         if self.outer not in (None, "relaxation") and self._published:
-            raise ValueError(f'{", ".join(self._published)} belong{"s" * (len(self._published) == 1)} to outer = '
-                             f'"relaxation", not to "{self.outer}"')
+            raise ValueError(
+                f"{', '.join(self._published)} belong{'s' * (len(self._published) == 1)} to outer = "
+                f'"relaxation", not to "{self.outer}"'
+            )
 
     @property
     def _published(self) -> list[str]:
-        return [name for name in ("algorithm", "splitting", "theta") if getattr(self, name) is not None]
+        return [
+            name for name in ("algorithm", "splitting", "theta") if getattr(self, name) is not None
+        ]
 
     @property
     def _kind(self) -> str:
@@ -85,7 +101,11 @@ class Method(Table, frozen=True, kw_only=True):
         """The keys that choose a method of two bodies with one contact, for messages; empty for other methods."""
         if not method_of(self._kind).by_body:
             return ""
-        return f'outer = "{self.outer}"' if self.outer else f'{", ".join(self._published)} (outer = "relaxation")'
+        return (
+            f'outer = "{self.outer}"'
+            if self.outer
+            else f'{", ".join(self._published)} (outer = "relaxation")'
+        )
 
     @property
     def outside(self) -> bool:
@@ -107,9 +127,15 @@ class Method(Table, frozen=True, kw_only=True):
             enough *= min(theta, 1.0)
         tolerances = [value for value in (preset.get("tolerance"), enough) if value]
         values: dict[str, Any] = {
-            "target_error": target, "tolerance": self.tolerance or min(tolerances, default=1e-4 if published else 1e-8)}
+            "target_error": target,
+            "tolerance": self.tolerance or min(tolerances, default=1e-4 if published else 1e-8),
+        }
         if published:
-            values |= {"algorithm": self.algorithm or "original", "splitting": self.splitting or "none", "theta": theta}
+            values |= {
+                "algorithm": self.algorithm or "original",
+                "splitting": self.splitting or "none",
+                "theta": theta,
+            }
         return settle(self, method_of(self._kind), outer=self._kind, **values)
 
 
@@ -123,11 +149,18 @@ class SettledMethod(Method, frozen=True, kw_only=True):
     outer: OuterName
     tolerance: Tolerance
 
-    by_body: ClassVar[bool] = True  # whether two supported bodies solve problems of their own, on a rank each
+    by_body: ClassVar[bool] = (
+        True  # whether two supported bodies solve problems of their own, on a rank each
+    )
     title: ClassVar[str]  # in logs and reports, with keys in braces
-    curves: ClassVar[tuple[str, str]] = "λ", "force mismatch  ‖s$_1$ − s$_2$‖ / ‖s‖"  # of its history, in pictures
+    curves: ClassVar[tuple[str, str]] = (
+        "λ",
+        "force mismatch  ‖s$_1$ − s$_2$‖ / ‖s‖",
+    )  # of its history, in pictures
     criterion: ClassVar[Literal["update", "residual"]] = "update"  # what `tolerance` bounds
-    diverging: ClassVar[str] = "divergence, the contact displacement grew beyond all bounds"  # in words
+    diverging: ClassVar[str] = (
+        "divergence, the contact displacement grew beyond all bounds"  # in words
+    )
 
     @property
     def plan(self) -> str:
@@ -135,7 +168,9 @@ class SettledMethod(Method, frozen=True, kw_only=True):
         title = self.title.format_map(msgspec.structs.asdict(self))
         return f"{title}, {self.criterion} below {self.tolerance:g}"
 
-    def advice(self, stopped: str, factor: float, iteration: int, update: float, able: Collection[str]) -> str:
+    def advice(
+        self, stopped: str, factor: float, iteration: int, update: float, able: Collection[str]
+    ) -> str:
         """Advice where no answer is certified. `stopped` is the reason of `Outer.run`, `factor` the reduction of the
         criterion per iteration, nan if unknown; `iteration` and `update` are the last ones; the scene is `able` to have
         less "friction", or "anderson" for its method."""
@@ -149,9 +184,13 @@ class Newton(SettledMethod, frozen=True, kw_only=True):
     title = "semi-smooth Newton, GMRES with half-plane preconditioner"
     curves = "s", "contact equations"
     criterion = "residual"
-    diverging = "a residual that is not a number; a solve with the stiffness of a body must have failed"
+    diverging = (
+        "a residual that is not a number; a solve with the stiffness of a body must have failed"
+    )
 
-    def advice(self, stopped: str, factor: float, iteration: int, update: float, able: Collection[str]) -> str:
+    def advice(
+        self, stopped: str, factor: float, iteration: int, update: float, able: Collection[str]
+    ) -> str:
         advice = ["a larger method.max_iterations"] * (stopped == "max_iterations")
         advice += ["a tighter -newton_ksp_rtol"] * (stopped != "stalled")
         advice += ['method.outer = "anderson"'] * ("anderson" in able and bool(update))
@@ -175,15 +214,23 @@ class Published(SettledMethod, frozen=True, kw_only=True):
 
     title = "published iteration, {algorithm} algorithm, splitting {splitting}, theta = {theta:g}"
 
-    def advice(self, stopped: str, factor: float, iteration: int, update: float, able: Collection[str]) -> str:
+    def advice(
+        self, stopped: str, factor: float, iteration: int, update: float, able: Collection[str]
+    ) -> str:
         if stopped == "diverged" or not factor < 0.98:
-            return ("leave algorithm, splitting and theta out, the default method needs none of them; or a smaller "
-                    f"method.theta than {self.theta:g}")
+            return (
+                "leave algorithm, splitting and theta out, the default method needs none of them; or a smaller "
+                f"method.theta than {self.theta:g}"
+            )
         wanted = iteration + 1.5 * max(math.log(self.tolerance / update) / math.log(factor), 1.0)
         return f"method.max_iterations of {wanted:.0f} or more; or leave theta out, the default method is faster"
 
 
-METHODS: dict[str, type[SettledMethod]] = {"newton": Newton, "anderson": Anderson, "relaxation": Published}
+METHODS: dict[str, type[SettledMethod]] = {
+    "newton": Newton,
+    "anderson": Anderson,
+    "relaxation": Published,
+}
 """The outer methods of the package by the name in ``method.outer``."""
 
 
@@ -199,7 +246,6 @@ class External(SettledMethod, frozen=True, kw_only=True):
 def method_of(outer: str) -> type[SettledMethod]:
     """The kind of a method by its name in ``method.outer``."""
     return METHODS.get(outer, External)
-
 
 
 class Cycle(Table, frozen=True, kw_only=True, rename={"begin": "from"}):
@@ -232,7 +278,9 @@ class Cycle(Table, frozen=True, kw_only=True, rename={"begin": "from"}):
 
     def drawn(self, time: Any, run: int) -> Any:
         """The time in `points` of a `time`, or of an array of times, of a run with `run` cycles."""
-        shifts = np.ceil((time - self.to) / self.span - 1e-9)  # a time on an end belongs to the cycle before
+        shifts = np.ceil(
+            (time - self.to) / self.span - 1e-9
+        )  # a time on an end belongs to the cycle before
         return time - np.clip(shifts, 0, max(run - 1, 0)) * self.span
 
 
@@ -257,15 +305,21 @@ class Time(Table, frozen=True, kw_only=True):
 
     def __post_init__(self) -> None:
         if self.points[0] <= 0.0:
-            raise ValueError(f"points are ends of legs, the first of which starts at time 0; they must be positive, "
-                             f"got {self.points[0]:g}")
+            raise ValueError(
+                f"points are ends of legs, the first of which starts at time 0; they must be positive, "
+                f"got {self.points[0]:g}"
+            )
         if any(b <= a for a, b in zip(self.points, self.points[1:], strict=False)):
             raise ValueError("points must ascend strictly")
         if self.steps is not None and self.tolerance is not None:
-            raise ValueError("steps and tolerance do not go together; leave steps out to have as many as tolerance "
-                             "asks for")
+            raise ValueError(
+                "steps and tolerance do not go together; leave steps out to have as many as tolerance "
+                "asks for"
+            )
         if self.cycle and self.cycle.to > self.points[-1]:
-            raise ValueError(f"cycle: to = {self.cycle.to:g} is after the last of the points, {self.points[-1]:g}")
+            raise ValueError(
+                f"cycle: to = {self.cycle.to:g} is after the last of the points, {self.points[-1]:g}"
+            )
 
     @property
     def cycle_ends(self) -> tuple[float, ...]:
@@ -278,18 +332,25 @@ class Time(Table, frozen=True, kw_only=True):
             first, last = map(history.at, self.cycle_ends)
             if abs(first - last) > ALIKE * max(map(abs, history.factors)):
                 begin, end = self.cycle_ends
-                raise ValueError(f"time.cycle: history.{name} has the factor {first:g} at from = {begin:g} and "
-                                 f"{last:g} at to = {end:g}; a cycle ends with the loads with which it begins")
+                raise ValueError(
+                    f"time.cycle: history.{name} has the factor {first:g} at from = {begin:g} and "
+                    f"{last:g} at to = {end:g}; a cycle ends with the loads with which it begins"
+                )
 
     def settled(self) -> Time:
         """The load steps, with a tolerance if no number of steps is given."""
         return settle(self, Time, tolerance=None if self.steps else self.tolerance or 0.02)
 
 
-REACHING = re.compile("debug|dll|python|file|string|info|trace|history|citations|malloc|mpe|tmpdir|saws|draw|display")
+REACHING = re.compile(
+    "debug|dll|python|file|string|info|trace|history|citations|malloc|mpe|tmpdir|saws|draw|display"
+)
 """PETSc's options that start programs, load code, or name files."""
 
-VIEWING, FILES = re.compile("view|monitor"), re.compile("binary|hdf5|vtk|matlab|socket|saws|adios|exodus|cgns|draw")
+VIEWING, FILES = (
+    re.compile("view|monitor"),
+    re.compile("binary|hdf5|vtk|matlab|socket|saws|adios|exodus|cgns|draw"),
+)
 """Options that show something, and values that send it to files or windows."""
 
 OWN = "ddmpi.mprgp.MPRGP"
@@ -299,15 +360,27 @@ OWN = "ddmpi.mprgp.MPRGP"
 def check_petsc(options: Mapping[str, object]) -> None:
     """Raise ValueError for PETSc's options that reach beyond the run. Not collective."""
     for name, value in options.items():
-        reaching = ((REACHING.search(name.lower()) and (isinstance(value, str) or "debug" in name.lower()))
-                    or (VIEWING.search(name.lower()) and FILES.match(str(value).lower())))
-        if value != OWN and (reaching or not re.fullmatch(r"(?!-\D)[^/:\s]*(::[^/:\s]*)?", str(value))):
-            raise ValueError(f"petsc.{name}: could start a program or name a file, which no scene may do; give it on "
-                             f"the command line, as -{name.lstrip('-')} …")
+        reaching = (
+            REACHING.search(name.lower()) and (isinstance(value, str) or "debug" in name.lower())
+        ) or (VIEWING.search(name.lower()) and FILES.match(str(value).lower()))
+        if value != OWN and (
+            reaching or not re.fullmatch(r"(?!-\D)[^/:\s]*(::[^/:\s]*)?", str(value))
+        ):
+            raise ValueError(
+                f"petsc.{name}: could start a program or name a file, which no scene may do; give it on "
+                f"the command line, as -{name.lstrip('-')} …"
+            )
 
 
-VIEWS = {"front": (-90.0, 0.0), "back": (90.0, 0.0), "left": (180.0, 0.0), "right": (0.0, 0.0),
-         "top": (-90.0, 90.0), "bottom": (-90.0, -90.0), "iso": (-45.0, 35.264)}
+VIEWS = {
+    "front": (-90.0, 0.0),
+    "back": (90.0, 0.0),
+    "left": (180.0, 0.0),
+    "right": (0.0, 0.0),
+    "top": (-90.0, 90.0),
+    "bottom": (-90.0, -90.0),
+    "iso": (-45.0, 35.264),
+}
 """Views of solids by name: azimuth and elevation (degrees)."""
 
 
@@ -367,9 +440,13 @@ class Output(Table, frozen=True, kw_only=True):
     def __post_init__(self) -> None:
         for key in ("error", "animation"):
             if self.only and getattr(self, key):
-                raise ValueError(f'{key} = true asks for what only = "{self.only}" leaves out; drop one of the two')
+                raise ValueError(
+                    f'{key} = true asks for what only = "{self.only}" leaves out; drop one of the two'
+                )
         if not self.stress and str(self.animation).startswith(("von", "stress", "principal")):
-            raise ValueError(f'animation = "{self.animation}" asks for stresses; drop stress = false')
+            raise ValueError(
+                f'animation = "{self.animation}" asks for stresses; drop stress = false'
+            )
 
 
 class Checkpoint(Table, frozen=True, kw_only=True):
@@ -392,7 +469,15 @@ def units(scene: dict, dimension: int = 2) -> dict[str, str]:
     if dimension == 3 or scene.get("axisymmetric"):
         named = {"Pa·m": ("N", "N·m", "J"), "MPa·mm": ("N", "N·mm", "mJ")}
         force, moment, energy = named.get(product, (f"{product}²", f"{product}³", f"{product}³"))
-        return {"length": length, "stress": stress, "force": force, "moment": moment, "energy": energy}
+        return {
+            "length": length,
+            "stress": stress,
+            "force": force,
+            "moment": moment,
+            "energy": energy,
+        }
     force = {"Pa·m": "N/m", "MPa·mm": "N/mm"}.get(product, product)
-    moment, energy = {"N/m": ("N·m/m", "J/m"), "N/mm": ("N·mm/mm", "mJ/mm")}.get(force, (f"{force}·{length}",) * 2)
+    moment, energy = {"N/m": ("N·m/m", "J/m"), "N/mm": ("N·mm/mm", "mJ/mm")}.get(
+        force, (f"{force}·{length}",) * 2
+    )
     return {"length": length, "stress": stress, "force": force, "moment": moment, "energy": energy}

@@ -35,7 +35,9 @@ def read_data(path: str, scene: str | Mapping[str, Any], settings: Sequence[str]
             raise RecursionError
         data = tomllib.loads(scene) if isinstance(scene, str) else as_data(scene, path)
     except tomllib.TOMLDecodeError as error:
-        raise InputError(_no_scene(path) or f"{path}: not valid TOML: {explain_syntax(error, str(scene))}") from None
+        raise InputError(
+            _no_scene(path) or f"{path}: not valid TOML: {explain_syntax(error, str(scene))}"
+        ) from None
     except RecursionError:
         raise InputError(f"{path}: is nested too deeply") from None
     except ValueError as error:  # an integer of too many digits
@@ -44,7 +46,9 @@ def read_data(path: str, scene: str | Mapping[str, Any], settings: Sequence[str]
         key, separator, value = setting.partition("=")
         if not separator or not key:
             raise InputError(f"--set {setting}: expected KEY=VALUE, as in method.theta=0.3")
-        if re.search("[\ud800-\udfff]", setting):  # how Python keeps bytes of the command line that are no text
+        if re.search(
+            "[\ud800-\udfff]", setting
+        ):  # how Python keeps bytes of the command line that are no text
             raise InputError(f"--set {setting!a}: not text in UTF-8")
         override(data, key, parse_value(value))
     return data
@@ -57,27 +61,43 @@ def as_data(value: Any, where: str, *key: str) -> Any:
     """
     if len(key) > NESTED:
         raise InputError(f"{where}: {'.'.join(key[:3])}…: is nested too deeply, or contains itself")
-    if isinstance(value, np.generic | np.ndarray) and value.dtype.kind not in "mM":  # dates may be integers of numpy
+    if (
+        isinstance(value, np.generic | np.ndarray) and value.dtype.kind not in "mM"
+    ):  # dates may be integers of numpy
         value = value.tolist()
     if isinstance(value, os.PathLike):
         value = os.fspath(value)
     if isinstance(value, Mapping):
-        return {str(name): as_data(entry, where, *key, str(name)) for name, entry in value.items() if entry is not None}
+        return {
+            str(name): as_data(entry, where, *key, str(name))
+            for name, entry in value.items()
+            if entry is not None
+        }
     if isinstance(value, list | tuple):
-        return [as_data(entry, where, *key, name_of(entry) or str(k)) for k, entry in enumerate(value)]
-    if isinstance(value, str):  # also of types that are based on these, such as enumerations of words
+        return [
+            as_data(entry, where, *key, name_of(entry) or str(k)) for k, entry in enumerate(value)
+        ]
+    if isinstance(
+        value, str
+    ):  # also of types that are based on these, such as enumerations of words
         if re.search("[\ud800-\udfff]", value):
             raise InputError(f"{where}: {'.'.join(key)}: {value!a} is not text in UTF-8")
         return "".join(value)
     for kind, like in (bool, bool), (int, int), (float, float | np.longdouble):
         if isinstance(value, like):
             return kind(value)
-    raise InputError(f"{where}: {'.'.join(key)}: {value!r} is no value of a scene; give numbers, words, lists or "
-                     "tables")
+    raise InputError(
+        f"{where}: {'.'.join(key)}: {value!r} is no value of a scene; give numbers, words, lists or "
+        "tables"
+    )
 
 
-def read_scene(path: str, scene: str | Mapping[str, Any], settings: Sequence[str] = (),
-               file_kind: FileKind | None = None) -> Settled:
+def read_scene(
+    path: str,
+    scene: str | Mapping[str, Any],
+    settings: Sequence[str] = (),
+    file_kind: FileKind | None = None,
+) -> Settled:
     """A scene of TOML text, or of tables, with ``KEY=VALUE`` settings as after ``--set``: checked, with all defaults.
 
         >>> scene = read_scene("punch.toml", read_text("configs/punch.toml"), ["contact.0.friction.coefficient=0.5"])
@@ -96,7 +116,9 @@ def read_scene(path: str, scene: str | Mapping[str, Any], settings: Sequence[str
         raise InputError(f"{path}: {error}") from None
 
 
-def read_scene_file(path: str | Path, settings: Sequence[str] = (), file_kind: FileKind | None = None) -> Settled:
+def read_scene_file(
+    path: str | Path, settings: Sequence[str] = (), file_kind: FileKind | None = None
+) -> Settled:
     """`read_scene` on a file. Not collective."""
     return read_scene(str(path), read_text(path), settings, file_kind)
 
@@ -116,8 +138,10 @@ def _no_scene(path: str | Path) -> str:
     ending = Path(path).suffix.lower()
     key = next((key for key, endings in MESHES.items() if ending in endings), "")
     what = "an Abaqus or CalculiX deck" if ending == ".inp" else f"a {ending[1:].upper()} file"
-    return key and (f"{path}: {what}, and no scene; a scene is a file in TOML, where a body names this one: "
-                    f"mesh = {{ {key} = {_value(Path(path).name)} }}")
+    return key and (
+        f"{path}: {what}, and no scene; a scene is a file in TOML, where a body names this one: "
+        f"mesh = {{ {key} = {_value(Path(path).name)} }}"
+    )
 
 
 def write_toml(scene: dict) -> str:
@@ -135,7 +159,9 @@ def write_toml(scene: dict) -> str:
         if isinstance(value, list):
             parts += [f"[[{_key(key)}]]\n{_entries(entry)}" for entry in value]
         elif all(_is_table(entry) for entry in value.values()):
-            parts += [f"[{_key(key)}.{_key(name)}]\n{_entries(entry)}" for name, entry in value.items()]
+            parts += [
+                f"[{_key(key)}.{_key(name)}]\n{_entries(entry)}" for name, entry in value.items()
+            ]
         else:
             parts.append(f"[{_key(key)}]\n{_entries(value)}")
     return "\n\n".join(parts) + "\n"
@@ -143,12 +169,18 @@ def write_toml(scene: dict) -> str:
 
 def _is_table(value: Any) -> bool:
     """Whether `value` is a table with entries, or a list of tables."""
-    return bool(value) and (isinstance(value, dict) or (isinstance(value, list) and isinstance(value[0], dict)))
+    return bool(value) and (
+        isinstance(value, dict) or (isinstance(value, list) and isinstance(value[0], dict))
+    )
 
 
 def _entries(table: dict, between: str = "\n") -> str:
     """Those keys of a table that have a value."""
-    return between.join(f"{_key(key)} = {_value(value)}" for key, value in table.items() if value not in (None, [], {}))
+    return between.join(
+        f"{_key(key)} = {_value(value)}"
+        for key, value in table.items()
+        if value not in (None, [], {})
+    )
 
 
 def _key(key: str) -> str:

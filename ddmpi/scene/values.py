@@ -26,9 +26,23 @@ WHERE = {2: "in the plane", 3: "in space"}
 """By number of coordinates."""
 
 Side = Literal["front", "back", "left", "right", "top", "bottom", "iso"]
-Field = Literal["von_mises", "displacement", "displacement_x", "displacement_y", "displacement_z", "stress_xx",
-                "stress_yy", "stress_zz", "stress_xy", "stress_yz", "stress_xz",
-                "principal_1", "principal_2", "principal_3", "pressure"]
+Field = Literal[
+    "von_mises",
+    "displacement",
+    "displacement_x",
+    "displacement_y",
+    "displacement_z",
+    "stress_xx",
+    "stress_yy",
+    "stress_zz",
+    "stress_xy",
+    "stress_yz",
+    "stress_xz",
+    "principal_1",
+    "principal_2",
+    "principal_3",
+    "pressure",
+]
 """What an animation may show: fields of bodies by the names of a path's columns, or the pressure of contacts."""
 
 Formula = Annotated[str, msgspec.Meta(min_length=1, max_length=1000)]
@@ -42,11 +56,18 @@ Group = Annotated[str, msgspec.Meta(min_length=1)]
 if TYPE_CHECKING:
     On = str  # once a table is made: `joined`
 else:
-    On = Group | Annotated[int, msgspec.Meta(ge=1)] | Annotated[
-        tuple[Group | Annotated[int, msgspec.Meta(ge=1)], ...], msgspec.Meta(min_length=1)]
+    On = (
+        Group
+        | Annotated[int, msgspec.Meta(ge=1)]
+        | Annotated[
+            tuple[Group | Annotated[int, msgspec.Meta(ge=1)], ...], msgspec.Meta(min_length=1)
+        ]
+    )
 """A group by name, a numbered curve or face of a drawing, or a list of these, which are one group together."""
 
-Name = Annotated[str, msgspec.Meta(min_length=1, max_length=100, pattern=r"^[^.=/\s\x00-\x1f\x7f]*\Z")]
+Name = Annotated[
+    str, msgspec.Meta(min_length=1, max_length=100, pattern=r"^[^.=/\s\x00-\x1f\x7f]*\Z")
+]
 """Name of a body or contact; it is a part of keys (``--set body.NAME.key=value``) and of file names."""
 
 
@@ -116,17 +137,41 @@ class AffineScalar(Table, frozen=True, kw_only=True):
 
 
 FUNCTIONS: dict[str, Callable[..., Any]] = {
-    "sin": np.sin, "cos": np.cos, "tan": np.tan, "asin": np.arcsin, "acos": np.arccos, "atan": np.arctan,
-    "atan2": np.arctan2, "sinh": np.sinh, "cosh": np.cosh, "tanh": np.tanh, "exp": np.exp, "log": np.log,
-    "log10": np.log10, "sqrt": np.sqrt, "hypot": np.hypot, "abs": np.absolute, "min": np.minimum, "max": np.maximum,
-    "where": np.where}
+    "sin": np.sin,
+    "cos": np.cos,
+    "tan": np.tan,
+    "asin": np.arcsin,
+    "acos": np.arccos,
+    "atan": np.arctan,
+    "atan2": np.arctan2,
+    "sinh": np.sinh,
+    "cosh": np.cosh,
+    "tanh": np.tanh,
+    "exp": np.exp,
+    "log": np.log,
+    "log10": np.log10,
+    "sqrt": np.sqrt,
+    "hypot": np.hypot,
+    "abs": np.absolute,
+    "min": np.minimum,
+    "max": np.maximum,
+    "where": np.where,
+}
 """The functions that a formula may call; angles are in radians."""
 
 _OPERATORS: dict[type[ast.AST], Callable[..., Any]] = {
-    ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,
-    ast.Pow: operator.pow, ast.USub: operator.neg, ast.UAdd: operator.pos,
-    ast.Lt: lambda a, b: 1.0 * (a < b), ast.LtE: lambda a, b: 1.0 * (a <= b),
-    ast.Gt: lambda a, b: 1.0 * (a > b), ast.GtE: lambda a, b: 1.0 * (a >= b)}
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: operator.truediv,
+    ast.Pow: operator.pow,
+    ast.USub: operator.neg,
+    ast.UAdd: operator.pos,
+    ast.Lt: lambda a, b: 1.0 * (a < b),
+    ast.LtE: lambda a, b: 1.0 * (a <= b),
+    ast.Gt: lambda a, b: 1.0 * (a > b),
+    ast.GtE: lambda a, b: 1.0 * (a >= b),
+}
 
 DEEPEST = 200
 """Deepest nesting of brackets, signs and terms of a formula, a little below Python's own limit."""
@@ -157,21 +202,38 @@ def _value(node: ast.AST, places: Mapping[str, Any], depth: int = 0) -> Any:
         case ast.Call(func=ast.Name(id=name), args=inside, keywords=named):
             if name not in FUNCTIONS:
                 raise ValueError(f"the function {name!r} is not known; {known}")
-            function, count = FUNCTIONS[name], getattr(FUNCTIONS[name], "nin", 3)  # more are places for numpy's results
-            if named or len(inside) != count or any(isinstance(argument, ast.Starred) for argument in inside):
-                raise ValueError(f"{name} takes {count} value{'s' * (count > 1)}, as in "
-                                 f"{name}({', '.join('xyz'[:count])})")
+            function, count = (
+                FUNCTIONS[name],
+                getattr(FUNCTIONS[name], "nin", 3),
+            )  # more are places for numpy's results
+            if (
+                named
+                or len(inside) != count
+                or any(isinstance(argument, ast.Starred) for argument in inside)
+            ):
+                raise ValueError(
+                    f"{name} takes {count} value{'s' * (count > 1)}, as in "
+                    f"{name}({', '.join('xyz'[:count])})"
+                )
         case ast.UnaryOp(op=sign, operand=one):
             function, inside = _OPERATORS.get(type(sign)), [one]
-        case ast.BinOp(left=one, op=sign, right=other) | ast.Compare(left=one, ops=[sign], comparators=[other]):
+        case (
+            ast.BinOp(left=one, op=sign, right=other)
+            | ast.Compare(left=one, ops=[sign], comparators=[other])
+        ):
             function, inside = _OPERATORS.get(type(sign)), [one, other]
         case ast.Compare():
             raise ValueError("a chain of comparisons; write (0 < x) * (x < 1)")
         case _:
-            raise ValueError(f"it must be made of numbers, + - * / **, comparisons, brackets and functions; {known}")
+            raise ValueError(
+                f"it must be made of numbers, + - * / **, comparisons, brackets and functions; {known}"
+            )
     if function is None:
-        raise ValueError("a power is written **, not ^" if isinstance(sign, ast.BitXor) else
-                         f"formulas do not have this operator ({type(sign).__name__}), only + - * / ** < <= > >=")
+        raise ValueError(
+            "a power is written **, not ^"
+            if isinstance(sign, ast.BitXor)
+            else f"formulas do not have this operator ({type(sign).__name__}), only + - * / ** < <= > >="
+        )
     return function(*[_value(argument, places, depth + 1) for argument in inside])
 
 
@@ -179,7 +241,9 @@ def _compute(formula: str, *x: np.ndarray) -> np.ndarray:
     """The values of a formula at points, in their shape. Raises ValueError, with the formula, if it is invalid."""
     try:
         with np.errstate(all="ignore"):
-            values = _value(_parse(formula), dict(zip("xyz", x, strict=False)) | {"pi": np.float64(np.pi)})
+            values = _value(
+                _parse(formula), dict(zip("xyz", x, strict=False)) | {"pi": np.float64(np.pi)}
+            )
         return np.array(np.broadcast_to(np.asarray(values, float), np.shape(x[0])))
     except SyntaxError as error:
         reason = f"it is not a formula: {error.msg}"
@@ -192,19 +256,27 @@ def varies(value: Any, coordinates: str = "xyz") -> bool:
     """Whether a value is, or contains, a formula with one of the coordinates."""
     if isinstance(value, tuple):
         return any(varies(part, coordinates) for part in value)
-    return isinstance(value, str) and any(isinstance(node, ast.Name) and node.id in tuple(coordinates)
-                                          for node in ast.walk(_parse(value)))
+    return isinstance(value, str) and any(
+        isinstance(node, ast.Name) and node.id in tuple(coordinates)
+        for node in ast.walk(_parse(value))
+    )
 
 
 def check_formulas(key: str, value: Any) -> None:
     """Raise ValueError, naming `key`, if `value` is, or contains, a formula that cannot be evaluated."""
-    for formula in (part for part in (value if isinstance(value, tuple) else (value,)) if isinstance(part, str)):
+    for formula in (
+        part for part in (value if isinstance(value, tuple) else (value,)) if isinstance(part, str)
+    ):
         try:
-            values = _compute(formula, np.array([0.25, 0.75]), np.array([0.5, 0.125]), np.array([0.375, 0.625]))
+            values = _compute(
+                formula, np.array([0.25, 0.75]), np.array([0.5, 0.125]), np.array([0.375, 0.625])
+            )
         except ValueError as error:
             raise ValueError(f"{key}: {error}") from None
         if not varies(formula) and not np.isfinite(values).all():
-            raise ValueError(f'{key}: the formula "{formula}" is {values[0]}, which is not a finite number')
+            raise ValueError(
+                f'{key}: the formula "{formula}" is {values[0]}, which is not a finite number'
+            )
 
 
 def evaluate(value: Any, *x: np.ndarray) -> np.ndarray:
@@ -219,8 +291,14 @@ def evaluate(value: Any, *x: np.ndarray) -> np.ndarray:
     if not isinstance(value, AffineVector | AffineScalar):
         return np.full(np.shape(x[0]), value, float)
     none = 0.0 if isinstance(value, AffineScalar) else np.zeros(len(x))
-    parts = zip((value.constant, value.x_slope, value.y_slope, value.z_slope), (np.ones_like(x[0]), *x), strict=False)
-    return np.sum([np.multiply.outer(none if factor is None else factor, of) for factor, of in parts], axis=0)
+    parts = zip(
+        (value.constant, value.x_slope, value.y_slope, value.z_slope),
+        (np.ones_like(x[0]), *x),
+        strict=False,
+    )
+    return np.sum(
+        [np.multiply.outer(none if factor is None else factor, of) for factor, of in parts], axis=0
+    )
 
 
 class VolumeForce(AffineVector, frozen=True, kw_only=True):
@@ -238,10 +316,14 @@ class VolumeForce(AffineVector, frozen=True, kw_only=True):
     def __post_init__(self) -> None:
         affine = (self.constant, self.x_slope, self.y_slope, self.z_slope) != (None,) * 4
         if self.value is not None and affine:
-            raise ValueError("value does not go with constant and slopes; write them into it, as in value = "
-                             "{ constant = …, x_slope = … }")
+            raise ValueError(
+                "value does not go with constant and slopes; write them into it, as in value = "
+                "{ constant = …, x_slope = … }"
+            )
         if self.value is None and self.history is not None:
-            raise ValueError('a volume force with a history has a value: write { value = […], history = "…" }')
+            raise ValueError(
+                'a volume force with a history has a value: write { value = […], history = "…" }'
+            )
 
 
 class Heat(Table, frozen=True, kw_only=True):
@@ -281,8 +363,10 @@ class Profile(Table, frozen=True, kw_only=True):
 
     def __post_init__(self) -> None:
         if len(self.points) != len(self.values) or not self.points:
-            raise ValueError(f"points and values must be equally many, at least one; "
-                             f"got {len(self.points)} points and {len(self.values)} values")
+            raise ValueError(
+                f"points and values must be equally many, at least one; "
+                f"got {len(self.points)} points and {len(self.values)} values"
+            )
         if any(b < a for a, b in zip(self.points, self.points[1:], strict=False)):
             raise ValueError("points must ascend (a repeated point is a jump)")
 
@@ -325,8 +409,10 @@ class Gap(SignedProfile, frozen=True, kw_only=True):
         if self.value is None:
             super().__post_init__()
         elif self.points or self.values:
-            raise ValueError("value does not go with points and values; write them into it, as in value = "
-                             "{ points = […], values = […] }")
+            raise ValueError(
+                "value does not go with points and values; write them into it, as in value = "
+                "{ points = […], values = […] }"
+            )
         if self.value is None and self.history is not None:
             raise ValueError('a gap with a history has a value: write { value = …, history = "…" }')
 
@@ -349,7 +435,9 @@ class Pretension(Table, frozen=True, kw_only=True):
 
     def __post_init__(self) -> None:
         if not any(self.along):
-            raise ValueError("along must not be zero; it is the direction in which the bond is pulled")
+            raise ValueError(
+                "along must not be zero; it is the direction in which the bond is pulled"
+            )
 
 
 class History(Table, frozen=True, kw_only=True):
@@ -366,8 +454,10 @@ class History(Table, frozen=True, kw_only=True):
 
     def __post_init__(self) -> None:
         if len(self.times) != len(self.factors) or not self.times:
-            raise ValueError(f"times and factors must be equally many, at least one; "
-                             f"got {len(self.times)} times and {len(self.factors)} factors")
+            raise ValueError(
+                f"times and factors must be equally many, at least one; "
+                f"got {len(self.times)} times and {len(self.factors)} factors"
+            )
         if any(b <= a for a, b in zip(self.times, self.times[1:], strict=False)):
             raise ValueError("times must ascend strictly")
 
@@ -380,4 +470,8 @@ class History(Table, frozen=True, kw_only=True):
         """The times at which the factor changes its slope."""
         rise, run = np.diff(self.factors), np.diff(self.times)
         slopes = np.concatenate([[0.0], rise / run, [0.0]])
-        return [time for time, before, after in zip(self.times, slopes, slopes[1:], strict=False) if before != after]
+        return [
+            time
+            for time, before, after in zip(self.times, slopes, slopes[1:], strict=False)
+            if before != after
+        ]

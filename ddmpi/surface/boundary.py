@@ -16,14 +16,23 @@ KINDS = {2: (Curve, in_chains), 3: (Patch, in_places)}
 """The class of a side and the function that sorts its nodes, by dimension."""
 
 
-def contact_side(mesh: Mesh, boundary: Facets, supports: Supports, body: str, modulus: float,
-                 tied: np.ndarray | None = None, parted: bool = False) -> Side:
+def contact_side(
+    mesh: Mesh,
+    boundary: Facets,
+    supports: Supports,
+    body: str,
+    modulus: float,
+    tied: np.ndarray | None = None,
+    parted: bool = False,
+) -> Side:
     """The side of a contact made of a `boundary` of the mesh, in the plane sorted from its first end. Not collective.
 
     `tied` (nv,) and `parted` as of a `Side`, for all nodes of the body; left out, none is tied.
     """
     # rounded, so that rounding does not sort nodes
-    places = np.round((mesh.points - mesh.points.min(axis=0)) / (SAME * np.ptp(mesh.points, axis=0).max()))
+    places = np.round(
+        (mesh.points - mesh.points.min(axis=0)) / (SAME * np.ptp(mesh.points, axis=0).max())
+    )
     kind, ordered = KINDS[mesh.dimension]
     nodes, arc = ordered(boundary.nodes, mesh.points, places, boundary.starts)
     place, xy = np.empty(len(mesh.points), int), mesh.points[nodes]
@@ -32,7 +41,20 @@ def contact_side(mesh: Mesh, boundary: Facets, supports: Supports, body: str, mo
     facets = facets[np.argsort(facets[:, -1])]
     normal = unit(nodal(across(xy[facets]), facets, len(nodes)))
     area = nodal(facet_shares(xy[facets], mesh.axisymmetric), facets, len(nodes))
-    return kind(body, modulus, nodes, xy, normal, area, supports.clamps[nodes],
-                supports.free[nodes], {name: u[nodes] for name, u in supports.moved.items()},
-                np.zeros(len(nodes), bool) if tied is None else tied[nodes], np.ptp(mesh.points, axis=0),
-                arc[nodes], facets, parted, mesh.axisymmetric)
+    return kind(
+        body,
+        modulus,
+        nodes,
+        xy,
+        normal,
+        area,
+        supports.clamps[nodes],
+        supports.free[nodes],
+        {name: u[nodes] for name, u in supports.moved.items()},
+        np.zeros(len(nodes), bool) if tied is None else tied[nodes],
+        np.ptp(mesh.points, axis=0),
+        arc[nodes],
+        facets,
+        parted,
+        mesh.axisymmetric,
+    )

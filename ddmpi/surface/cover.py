@@ -86,8 +86,18 @@ def _along(slave: Curve, master: Curve, depth: np.ndarray) -> Cover:
     on = slave.parameters(facet, at, outward[facet])
     # A point of a curved facet is `height` off its chord; moved by so much along the chord's normal, its ray meets the
     # master's chord elsewhere.
-    there = np.clip(there + height * cross(outward[facet], ray) / cross(master.along[one], ray), 0.0, 1.0)
-    return Cover(facet, on_line(on), one, on_line(master.parameters(one, there, ray)), weight * ratio, ray, gap)
+    there = np.clip(
+        there + height * cross(outward[facet], ray) / cross(master.along[one], ray), 0.0, 1.0
+    )
+    return Cover(
+        facet,
+        on_line(on),
+        one,
+        on_line(master.parameters(one, there, ray)),
+        weight * ratio,
+        ray,
+        gap,
+    )
 
 
 def faced_arc(xy: np.ndarray, rows: np.ndarray, over: Cover, master: Side) -> np.ndarray:
@@ -100,15 +110,22 @@ def faced_arc(xy: np.ndarray, rows: np.ndarray, over: Cover, master: Side) -> np
     order = np.lexsort((np.linalg.norm(away - at[:, None] * along, axis=1), row))
     nearest = order[np.flatnonzero(np.diff(row[order], prepend=-1))]
     # At the second end its own arc length counts: zero where a closed chain ends in its start.
-    arc = np.where(at < 1.0 - ALIKE, master.arc[start] + at * master.lengths[facet], master.arc[end])
+    arc = np.where(
+        at < 1.0 - ALIKE, master.arc[start] + at * master.lengths[facet], master.arc[end]
+    )
     return arc[nearest]
 
 
-def _swept(segments: np.ndarray, facets: np.ndarray, fans: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _swept(
+    segments: np.ndarray, facets: np.ndarray, fans: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Pairs of a facet (·, 2, 2) and a segment (·, 2, 2) that rays from the facet may meet, forward or backward, sorted
     by facets. Rays at its ends have the directions `fans` (·, 2, 2). Boxes of BLOCK segments are tested first."""
     first = np.arange(0, len(segments), BLOCK)
-    low, high = np.minimum.reduceat(segments.min(axis=1), first), np.maximum.reduceat(segments.max(axis=1), first)
+    low, high = (
+        np.minimum.reduceat(segments.min(axis=1), first),
+        np.maximum.reduceat(segments.max(axis=1), first),
+    )
     boxes = np.where([[[0, 0], [1, 0], [0, 1], [1, 1]]], high[:, None], low[:, None])
     facet, box = np.nonzero(_crossed(boxes, facets[:, None], fans[:, None]))
     one = (BLOCK * box[:, None] + np.arange(BLOCK)).ravel()
@@ -124,8 +141,9 @@ def _crossed(points: np.ndarray, facets: np.ndarray, fans: np.ndarray) -> np.nda
     return ~((beside < -slack).all(axis=(-2, -1)) | (beside > slack).all(axis=(-2, -1)))
 
 
-def _meet(facets: np.ndarray, fans: np.ndarray, facet: np.ndarray, at: np.ndarray,
-          segments: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _meet(
+    facets: np.ndarray, fans: np.ndarray, facet: np.ndarray, at: np.ndarray, segments: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Parameters on segments (q, 2, 2) where rays from places `at` (q,) on facets meet them, distances, and rays."""
     ray = unit(fans[facet, 0] + at[:, None] * (fans[facet, 1] - fans[facet, 0]))
     away = segments[:, 0] - (facets[facet, 0] + at[:, None] * (facets[facet, 1] - facets[facet, 0]))
@@ -135,8 +153,9 @@ def _meet(facets: np.ndarray, fans: np.ndarray, facet: np.ndarray, at: np.ndarra
         return there, np.einsum("qi,qi->q", away + there[:, None] * across, ray), ray
 
 
-def _hidden(facets: np.ndarray, fans: np.ndarray, facet: np.ndarray, at: np.ndarray,
-            distance: np.ndarray) -> np.ndarray:
+def _hidden(
+    facets: np.ndarray, fans: np.ndarray, facet: np.ndarray, at: np.ndarray, distance: np.ndarray
+) -> np.ndarray:
     """Whether rays from places `at` (q,) on facets meet another facet on the way to the distances (q,), signed."""
     some = np.unique(facet)
     source, other = _swept(facets, facets[some], fans[some])
@@ -150,8 +169,9 @@ def _hidden(facets: np.ndarray, fans: np.ndarray, facet: np.ndarray, at: np.ndar
     return np.bincount(point, between, len(facet)) > 0
 
 
-def _pieces(facet: np.ndarray, segments: np.ndarray, facets: np.ndarray,
-            fans: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _pieces(
+    facet: np.ndarray, segments: np.ndarray, facets: np.ndarray, fans: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The pieces of facets between the places where rays hit ends of segments (p, 2, 2): facet, start and end, (q,).
     The facets (p,) of the segments are sorted."""
     chords, rays = facets[facet], fans[facet]
@@ -171,7 +191,11 @@ def _pieces(facet: np.ndarray, segments: np.ndarray, facets: np.ndarray,
     cuts = np.concatenate([roots[inside], np.zeros(len(ends)), np.ones(len(ends))])
     order = np.lexsort((cuts, on))
     on, cuts = on[order], cuts[order]
-    apart = np.append(True, (np.diff(cuts) > ALIKE) | (np.diff(on) != 0)) if len(on) else np.empty(0, bool)
+    apart = (
+        np.append(True, (np.diff(cuts) > ALIKE) | (np.diff(on) != 0))
+        if len(on)
+        else np.empty(0, bool)
+    )
     on, cuts = on[apart], cuts[apart]
     inner = np.flatnonzero(np.diff(on) == 0)
     return on[inner], cuts[inner], cuts[inner + 1]

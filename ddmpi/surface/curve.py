@@ -21,7 +21,10 @@ STEEPEST = 0.24
 class Curve(Side):
     """The contact boundary of a body in the plane: chains of chords, of order 2 with their middles."""
 
-    TURNS, KEPT = ("outward", "along", "bends", "fans"), ("lengths", "areas", "spacing", "slopes", "_angles")
+    TURNS, KEPT = (
+        ("outward", "along", "bends", "fans"),
+        ("lengths", "areas", "spacing", "slopes", "_angles"),
+    )
 
     @cached_property
     def along(self) -> np.ndarray:
@@ -61,8 +64,10 @@ class Curve(Side):
         turns = np.full(len(self.nodes), np.nan)
         node = np.flatnonzero((before >= 0) & (after >= 0))
         b, a = before[node], after[node]
-        turn = np.arctan2(outer[b, 0] * outer[a, 1] - outer[b, 1] * outer[a, 0],
-                          np.einsum("ij,ij->i", outer[b], outer[a]))
+        turn = np.arctan2(
+            outer[b, 0] * outer[a, 1] - outer[b, 1] * outer[a, 0],
+            np.einsum("ij,ij->i", outer[b], outer[a]),
+        )
         turns[node] = turn = np.where(np.abs(turn) <= ALIKE, 0.0, turn)
         smooth = np.abs(turn) <= SHARPEST
         node, b, a, turn = node[smooth], b[smooth], a[smooth], turn[smooth]
@@ -95,7 +100,12 @@ class Curve(Side):
         rise = rise * arc + cubic * 4.0 * c * s**2 * z / (root * (root + c) ** 2)
         across = np.einsum("qi,qi->q", direction, self.outward[facets])
         # Along a ray aslant to the chord, to first order: height / (cos φ − y' sin φ).
-        return length * cubic * arc / (across - rise * np.einsum("qi,qi->q", direction, along) / length)
+        return (
+            length
+            * cubic
+            * arc
+            / (across - rise * np.einsum("qi,qi->q", direction, along) / length)
+        )
 
     def rise(self, nodes: np.ndarray, direction: np.ndarray) -> np.ndarray:
         # Only middles of quadratic facets are off the arc, by its height less their own over the chord.
@@ -121,17 +131,31 @@ class Curve(Side):
         bent, along = self.bends[facets], self.along[facets]
         delta = np.clip(cross(bent, direction) / cross(along, direction), -STEEPEST, STEEPEST)
         # The root that tends to `at` for δ → 0, without cancellation.
-        return 2.0 * at / (1.0 + 4.0 * delta + np.sqrt((1.0 + 4.0 * delta) ** 2 - 16.0 * delta * at))
+        return (
+            2.0 * at / (1.0 + 4.0 * delta + np.sqrt((1.0 + 4.0 * delta) ** 2 - 16.0 * delta * at))
+        )
 
     def off_chords(self, facets: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Height (q,) of facets over their chords (m), and the ratio of lengths of facet and chord times the
         `circumference` (q,), upright over places `at` (q,) from 0 to 1 on the chords."""
-        outward, along, nodes = self.outward[facets], self.along[facets], self.xy[self.facets[facets]]
+        outward, along, nodes = (
+            self.outward[facets],
+            self.along[facets],
+            self.xy[self.facets[facets]],
+        )
         t = on_line(self.parameters(facets, at, outward))
-        places, tangent = (np.einsum("ql,qli->qi", table, nodes) for table in (
-            self.cell.shapes(t), self.cell.derivatives(t)[0]))
-        ratio = np.linalg.norm(along, axis=1) * np.linalg.norm(tangent, axis=1) / (along * tangent).sum(axis=1)
-        return ((places - nodes[:, 0]) * outward).sum(axis=1), ratio * circumference(places, self.axisymmetric)
+        places, tangent = (
+            np.einsum("ql,qli->qi", table, nodes)
+            for table in (self.cell.shapes(t), self.cell.derivatives(t)[0])
+        )
+        ratio = (
+            np.linalg.norm(along, axis=1)
+            * np.linalg.norm(tangent, axis=1)
+            / (along * tangent).sum(axis=1)
+        )
+        return ((places - nodes[:, 0]) * outward).sum(axis=1), ratio * circumference(
+            places, self.axisymmetric
+        )
 
     def pieces(self, some: np.ndarray) -> np.ndarray:
         """Segments between neighbouring nodes, two of a quadratic facet, `in_order`."""
@@ -146,8 +170,9 @@ def in_order(pairs: np.ndarray) -> np.ndarray:
     return pairs[np.argsort(pairs[:, 0])]
 
 
-def in_chains(facets: np.ndarray, points: np.ndarray, places: np.ndarray,
-              origins: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def in_chains(
+    facets: np.ndarray, points: np.ndarray, places: np.ndarray, origins: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """The nodes (k,) of turned facets chain by chain, by `places` (nv, 2) of all nodes, and their `_arc` (nv,)."""
     return _chained(segments(facets), places), _arc(facets, points, origins)
 
@@ -156,7 +181,13 @@ def _arc(edges: np.ndarray, points: np.ndarray, origins: np.ndarray) -> np.ndarr
     """Arc lengths (nv,) of the nodes of turned edges (k, 2 or 3) from the start of their chain: a node at which no edge
     ends, or the first of `origins` (k,) on a closed chain."""
     length = facet_measures(points[edges])
-    after = dict(zip(edges[:, 0].tolist(), zip(edges[:, 1].tolist(), length.tolist(), strict=True), strict=True))
+    after = dict(
+        zip(
+            edges[:, 0].tolist(),
+            zip(edges[:, 1].tolist(), length.tolist(), strict=True),
+            strict=True,
+        )
+    )
     arc = np.full(len(points), np.nan)
     for start in [*np.setdiff1d(edges[:, 0], edges[:, 1]), *origins]:
         node, at = int(start), 0.0
@@ -164,7 +195,9 @@ def _arc(edges: np.ndarray, points: np.ndarray, origins: np.ndarray) -> np.ndarr
             arc[node] = at
             node, step = after.get(node, (node, 0.0))
             at += step
-    arc[edges[:, 2:]] = arc[edges[:, :1]] + length[:, None] * cell_with(edges.shape[1], 1).nodes[2:, 1]
+    arc[edges[:, 2:]] = (
+        arc[edges[:, :1]] + length[:, None] * cell_with(edges.shape[1], 1).nodes[2:, 1]
+    )
     return arc
 
 

@@ -63,12 +63,24 @@ def cut(slave: Side, master: Side, depth: np.ndarray) -> Cover:
     # The product of shape functions of both sides needs the rule of the higher order.
     where, weights = max(slave.cell, master.cell, key=lambda cell: cell.order).rule
     rule = np.concatenate([where, np.eye(3)]), np.append(weights, np.zeros(3))
-    cuts = [_cut(slaves, masters, outward, facet[start:start + CHUNK], other[start:start + CHUNK], rule)
-            for start in range(0, max(len(facet), 1), CHUNK)]
+    cuts = [
+        _cut(
+            slaves,
+            masters,
+            outward,
+            facet[start : start + CHUNK],
+            other[start : start + CHUNK],
+            rule,
+        )
+        for start in range(0, max(len(facet), 1), CHUNK)
+    ]
     facet, other, at, there, weight = (np.concatenate(values) for values in zip(*cuts, strict=True))
     number = len(rule[1])
-    distance = np.einsum("qd,qd->q", np.einsum("qc,qcd->qd", there, masters[other])
-                         - np.einsum("qc,qcd->qd", at, slaves[facet]), outward[facet])
+    distance = np.einsum(
+        "qd,qd->q",
+        np.einsum("qc,qcd->qd", there, masters[other]) - np.einsum("qc,qcd->qd", at, slaves[facet]),
+        outward[facet],
+    )
     keep = distance.reshape(-1, number).mean(axis=1) >= -depth[facet[::number]]
     piece, over, slack = facet[::number], other[::number], SAME * np.sqrt(facet_measures(slaves))
     middle, away = at.reshape(-1, number, 3).mean(axis=1), distance.reshape(-1, number).mean(axis=1)
@@ -82,10 +94,18 @@ def cut(slave: Side, master: Side, depth: np.ndarray) -> Cover:
         keep &= ~_hidden(slaves, outward, slaves, pairs, piece, piece, middle, away, slack, 0.0)
     keep = np.repeat(keep, number)
     facet, other, at, there, weight, distance = (
-        values[keep] for values in (facet, other, at, there, weight, distance))
+        values[keep] for values in (facet, other, at, there, weight, distance)
+    )
     ray = outward[facet]
-    return Cover(facet, at, other, there, weight * stretch(slave, facet, at), ray,
-                 distance - slave.bulge(facet, at, ray) - master.bulge(other, there, -ray))
+    return Cover(
+        facet,
+        at,
+        other,
+        there,
+        weight * stretch(slave, facet, at),
+        ray,
+        distance - slave.bulge(facet, at, ray) - master.bulge(other, there, -ray),
+    )
 
 
 def stretch(side: Side, facet: np.ndarray, at: np.ndarray) -> np.ndarray:
@@ -97,13 +117,16 @@ def stretch(side: Side, facet: np.ndarray, at: np.ndarray) -> np.ndarray:
     return np.linalg.norm(np.cross(slopes[0], slopes[1]), axis=1) / 2 / flat[facet]
 
 
-def _near(slaves: np.ndarray, masters: np.ndarray, outward: np.ndarray, backward: np.ndarray) \
-        -> tuple[np.ndarray, np.ndarray]:
+def _near(
+    slaves: np.ndarray, masters: np.ndarray, outward: np.ndarray, backward: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Pairs of facets that may lie over each other, sorted by the first. The master's nearest facet sets the distance
     of the search, by classes of equal size, so that a few large facets do not enlarge the search for small ones."""
     centre, far = slaves.mean(axis=1), masters.mean(axis=1)
-    radius, reach = (np.linalg.norm(triangles - triangles.mean(axis=1, keepdims=True), axis=2).max(axis=1)
-                     for triangles in (slaves, masters))
+    radius, reach = (
+        np.linalg.norm(triangles - triangles.mean(axis=1, keepdims=True), axis=2).max(axis=1)
+        for triangles in (slaves, masters)
+    )
     facet, other = [np.empty(0, int)], [np.empty(0, int)]
     classes = np.floor(np.log2(reach))
     nearest = cKDTree(far).query(centre)[1]
@@ -118,7 +141,13 @@ def _near(slaves: np.ndarray, masters: np.ndarray, outward: np.ndarray, backward
         ball = radius / steep + largest + np.maximum(aside - largest, 0.0)
         members = cKDTree(far[some]).query_ball_point(place, ball)
         facet.append(np.repeat(np.arange(len(slaves)), [len(near) for near in members]))
-        other.append(some[np.concatenate([np.empty(0, int), *map(np.asarray, filter(len, members))]).astype(int)])
+        other.append(
+            some[
+                np.concatenate([np.empty(0, int), *map(np.asarray, filter(len, members))]).astype(
+                    int
+                )
+            ]
+        )
     first, second = np.concatenate(facet), np.concatenate(other)
     order = np.lexsort((second, first))
     return first[order], second[order]
@@ -143,8 +172,14 @@ def _barycentric(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     return np.stack([1.0 - second - third, second, third], axis=-1)
 
 
-def _cut(slaves: np.ndarray, masters: np.ndarray, outward: np.ndarray, facet: np.ndarray, other: np.ndarray,
-         rule: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, ...]:
+def _cut(
+    slaves: np.ndarray,
+    masters: np.ndarray,
+    outward: np.ndarray,
+    facet: np.ndarray,
+    other: np.ndarray,
+    rule: tuple[np.ndarray, np.ndarray],
+) -> tuple[np.ndarray, ...]:
     """Gauss points of the common polygons of pairs of facets: facets, coordinates on both, weights."""
     axes = _axes(slaves[facet], outward[facet])
     a, b = (_flat(corners, slaves[facet, 0], axes) for corners in (slaves[facet], masters[other]))
@@ -160,9 +195,13 @@ def _cut(slaves: np.ndarray, masters: np.ndarray, outward: np.ndarray, facet: np
     s, t = cross(begin - start, across) / safe, cross(begin - start, along) / safe
     crosses &= (s >= 0.0) & (s <= 1.0) & (t >= 0.0) & (t <= 1.0)
     points = np.concatenate([a, b, start + s[..., None] * along], axis=1)
-    valid = np.concatenate([(a_in_b >= -ROUNDING).all(axis=2), (b_in_a >= -ROUNDING).all(axis=2), crosses], axis=1)
+    valid = np.concatenate(
+        [(a_in_b >= -ROUNDING).all(axis=2), (b_in_a >= -ROUNDING).all(axis=2), crosses], axis=1
+    )
     some = np.flatnonzero(valid.sum(axis=1) >= 3)
-    points, valid, a, b, facet, other = (values[some] for values in (points, valid, a, b, facet, other))
+    points, valid, a, b, facet, other = (
+        values[some] for values in (points, valid, a, b, facet, other)
+    )
     # The polygon is convex: sorting by the angle around its middle gives its outline, with invalid points last.
     points = np.where(valid[..., None], points, 0.0)
     middle = points.sum(axis=1) / np.maximum(valid.sum(axis=1), 1)[:, None]
@@ -171,27 +210,46 @@ def _cut(slaves: np.ndarray, masters: np.ndarray, outward: np.ndarray, facet: np
     points = np.take_along_axis(points, order[..., None], axis=1)
     last = valid.sum(axis=1)
     # Invalid points become copies of the first one, so that their triangles of the fan are empty.
-    points = np.where((np.arange(points.shape[1]) < last[:, None])[..., None], points, points[:, :1])
-    fan = np.stack([np.broadcast_to(points[:, :1], points[:, 1:-1].shape), points[:, 1:-1], points[:, 2:]], axis=2)
+    points = np.where(
+        (np.arange(points.shape[1]) < last[:, None])[..., None], points, points[:, :1]
+    )
+    fan = np.stack(
+        [np.broadcast_to(points[:, :1], points[:, 1:-1].shape), points[:, 1:-1], points[:, 2:]],
+        axis=2,
+    )
     area = cross(fan[:, :, 1] - fan[:, :, 0], fan[:, :, 2] - fan[:, :, 0]) / 2
     whole = np.abs(cross(a[:, 1] - a[:, 0], a[:, 2] - a[:, 0])) / 2
-    pair, piece = np.nonzero(area > ROUNDING * whole[:, None])  # the others are rounding beside the facet
+    pair, piece = np.nonzero(
+        area > ROUNDING * whole[:, None]
+    )  # the others are rounding beside the facet
     fan, area, (where, weights) = fan[pair, piece], area[pair, piece], rule
     places = where @ fan
     at, there = _barycentric(places, a[pair]), _barycentric(places, b[pair])
     number = len(weights)
-    return (np.repeat(facet[pair], number), np.repeat(other[pair], number), at.reshape(-1, 3), there.reshape(-1, 3),
-            np.outer(area, weights).ravel())
+    return (
+        np.repeat(facet[pair], number),
+        np.repeat(other[pair], number),
+        at.reshape(-1, 3),
+        there.reshape(-1, 3),
+        np.outer(area, weights).ravel(),
+    )
 
 
-def _opposite(slaves: np.ndarray, outward: np.ndarray, facet: np.ndarray, distance: np.ndarray,
-              slack: np.ndarray) -> np.ndarray:
+def _opposite(
+    slaves: np.ndarray,
+    outward: np.ndarray,
+    facet: np.ndarray,
+    distance: np.ndarray,
+    slack: np.ndarray,
+) -> np.ndarray:
     """Pairs (2, p) of the slave's facets of which the second may lie between pieces (q,) of the first and the master.
     Balls along the normal are searched, up to the bounding box of the slave: a flat one has none."""
     centre, reach = slaves.mean(axis=1), np.zeros(len(slaves))
     radius = np.linalg.norm(slaves - centre[:, None], axis=2).max(initial=0.0)
     np.maximum.at(reach, facet, distance)
-    room = np.where(outward > 0.0, slaves.max(axis=(0, 1)), slaves.min(axis=(0, 1))) - np.moveaxis(slaves, 1, 0)
+    room = np.where(outward > 0.0, slaves.max(axis=(0, 1)), slaves.min(axis=(0, 1))) - np.moveaxis(
+        slaves, 1, 0
+    )
     with np.errstate(divide="ignore", invalid="ignore"):
         leaves = np.abs(room / outward)
     # Where the ray from the farthest corner leaves the box of the slave no facet of it can follow.
@@ -207,16 +265,38 @@ def _opposite(slaves: np.ndarray, outward: np.ndarray, facet: np.ndarray, distan
     return np.unique(np.stack([one, other])[:, opposed], axis=1)
 
 
-def _hidden(slaves: np.ndarray, outward: np.ndarray, triangles: np.ndarray, pairs: np.ndarray, facet: np.ndarray,
-            other: np.ndarray, at: np.ndarray, distance: np.ndarray, slack: np.ndarray, least: float) -> np.ndarray:
+def _hidden(
+    slaves: np.ndarray,
+    outward: np.ndarray,
+    triangles: np.ndarray,
+    pairs: np.ndarray,
+    facet: np.ndarray,
+    other: np.ndarray,
+    at: np.ndarray,
+    distance: np.ndarray,
+    slack: np.ndarray,
+    least: float,
+) -> np.ndarray:
     """Which pieces (p,), with middles `at` (p, 3), have one of the `triangles` (·, 3, 3) before the facet that they
     face, farther than `least`. `pairs` (2, r), sorted, are a facet's rivals; `other` (p,) itself does not count."""
     piece, candidate = together(facet, pairs[0])
     rival = pairs[1, candidate]
-    on, rival, piece = facet[piece][rival != other[piece]], rival[rival != other[piece]], piece[rival != other[piece]]
+    on, rival, piece = (
+        facet[piece][rival != other[piece]],
+        rival[rival != other[piece]],
+        piece[rival != other[piece]],
+    )
     place = np.einsum("pc,pcd->pd", at[piece], slaves[on])
     axes = _axes(slaves[on], outward[on])
-    inside = _barycentric(_flat(place[:, None], place, axes), _flat(triangles[rival], place, axes))[:, 0]
-    reach = np.einsum("pd,pd->p", np.einsum("pc,pcd->pd", inside, triangles[rival]) - place, outward[on])
-    before = (inside >= -ROUNDING).all(axis=1) & (reach > least) & (np.abs(reach) < np.abs(distance[piece]) - slack[on])
+    inside = _barycentric(_flat(place[:, None], place, axes), _flat(triangles[rival], place, axes))[
+        :, 0
+    ]
+    reach = np.einsum(
+        "pd,pd->p", np.einsum("pc,pcd->pd", inside, triangles[rival]) - place, outward[on]
+    )
+    before = (
+        (inside >= -ROUNDING).all(axis=1)
+        & (reach > least)
+        & (np.abs(reach) < np.abs(distance[piece]) - slack[on])
+    )
     return np.bincount(piece, before, len(facet)) > 0

@@ -9,7 +9,9 @@ from ddmpi.mesh.elements import invert
 from ddmpi.system.numbers import nearest_in, spans
 
 
-def contained(points: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def contained(
+    points: np.ndarray, low: np.ndarray, high: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """All pairs of points (k, d) and boxes from `low` to `high` (c, d) that contain them: numbers (q,) of both.
 
     A grid divides space along each axis so that points are spread evenly over its bins. A box looks at the points in
@@ -38,8 +40,9 @@ def contained(points: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[np
     return point[inside], box[inside]
 
 
-def in_cells(points: np.ndarray, corners: np.ndarray,
-             own: tuple[np.ndarray, np.ndarray] | None = None) -> np.ndarray:
+def in_cells(
+    points: np.ndarray, corners: np.ndarray, own: tuple[np.ndarray, np.ndarray] | None = None
+) -> np.ndarray:
     """The least barycentric coordinate (k,) of points (k, d) in the cell of which each is most inside, by the `corners`
     (d + 1, c, d) of the cells; −∞ for points that lie in the box of no cell. Cells that have a node of what a point is
     of do not count; `own` are these nodes, of points (k, ·) and cells (c, ·)."""
@@ -56,12 +59,16 @@ def in_cells(points: np.ndarray, corners: np.ndarray,
     return best
 
 
-def distance_to(points: np.ndarray, facets: np.ndarray, least: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+def distance_to(
+    points: np.ndarray, facets: np.ndarray, least: float = 0.0
+) -> tuple[np.ndarray, np.ndarray]:
     """The distance of each point (k, d) to the nearest of the facets (f, d, d), and the number of that one; up to
     `least` (m) those of a facet nearby are enough."""
     low, high = facets.min(axis=1), facets.max(axis=1)
     middle, half = (low + high) / 2.0, (high - low).max(axis=0) / 2.0
-    stretch = np.maximum(half, 1e-3 * half.max())  # of flat facets those are near that are beside a point
+    stretch = np.maximum(
+        half, 1e-3 * half.max()
+    )  # of flat facets those are near that are beside a point
     number = cKDTree(middle / stretch).query(points / stretch)[1]
     distance = np.linalg.norm(nearest_in(points, facets[number]) - points, axis=1)
     # The box of the nearest facet meets the one around a point that reaches as far as this facet.

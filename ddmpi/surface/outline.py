@@ -13,9 +13,18 @@ from ddmpi.surface.cut import Cover
 from ddmpi.surface.side import Side
 from ddmpi.system.numbers import ALIKE, ROUNDING
 
-HALVED = {2: np.array([[[2, 0], [1, 1]], [[1, 1], [0, 2]]]) / 2,
-          3: np.array([[[2, 0, 0], [1, 1, 0], [1, 0, 1]], [[1, 1, 0], [0, 2, 0], [0, 1, 1]],
-                       [[1, 0, 1], [0, 1, 1], [0, 0, 2]], [[1, 1, 0], [0, 1, 1], [1, 0, 1]]]) / 2}
+HALVED = {
+    2: np.array([[[2, 0], [1, 1]], [[1, 1], [0, 2]]]) / 2,
+    3: np.array(
+        [
+            [[2, 0, 0], [1, 1, 0], [1, 0, 1]],
+            [[1, 1, 0], [0, 2, 0], [0, 1, 1]],
+            [[1, 0, 1], [0, 1, 1], [0, 0, 2]],
+            [[1, 1, 0], [0, 1, 1], [1, 0, 1]],
+        ]
+    )
+    / 2,
+}
 """Coordinates of the corners of the parts of a line or triangle with halved edges, by the dimension of space."""
 
 ROUNDS, MOST_MOVED = 8, 0.5
@@ -51,7 +60,11 @@ def outlined(side: Side, over: Cover, hats: np.ndarray) -> Outlined:
     """What a cover with its corners covers, to its true outline: facets that are whole, and of others the pieces. The
     `hats` (q, d) belong to the points of the cover. Not collective."""
     d, ends = side.dimension, np.flatnonzero(over.weight == 0.0)
-    facet, at, hats = over.facet[ends[::d]], over.at[ends].reshape(-1, d, d), hats[ends].reshape(-1, d, d)
+    facet, at, hats = (
+        over.facet[ends[::d]],
+        over.at[ends].reshape(-1, d, d),
+        hats[ends].reshape(-1, d, d),
+    )
     # the determinant of a piece's coordinates is its part of the facet, negative if it is turned inward
     parts = np.linalg.det(at)
     at[parts < 0.0], hats[parts < 0.0] = at[parts < 0.0, ::-1], hats[parts < 0.0, ::-1]
@@ -61,8 +74,12 @@ def outlined(side: Side, over: Cover, hats: np.ndarray) -> Outlined:
     corners = np.tile(np.eye(d), (len(whole), 1, 1))
     facet = np.append(whole, facet[pieces])
     order = np.argsort(facet, kind="stable")
-    return Outlined(facet[order], np.concatenate([corners, at[pieces]])[order],
-                    np.concatenate([corners, hats[pieces]])[order], float(over.weight.sum()))
+    return Outlined(
+        facet[order],
+        np.concatenate([corners, at[pieces]])[order],
+        np.concatenate([corners, hats[pieces]])[order],
+        float(over.weight.sum()),
+    )
 
 
 def whole_facets(side: Side, some: np.ndarray) -> Outlined:
@@ -78,7 +95,9 @@ def drawn_cells(side: Side, covered: Outlined) -> tuple[np.ndarray, np.ndarray, 
     d = side.dimension
     # In the plane rows stand at middles, too, and cells end there; in space curved facets make sixteen.
     curved = curved_facets(side.xy[side.facets])
-    for halved in () if side.cell.linear else (curved | side.cell.bears, curved & (not side.cell.bears)):
+    for halved in (
+        () if side.cell.linear else (curved | side.cell.bears, curved & (not side.cell.bears))
+    ):
         fine = halved[facet]
         halves = [(HALVED[d] @ values[fine, None]).reshape(-1, d, d) for values in (at, hats)]
         number = np.where(fine, len(HALVED[d]), 1)
@@ -97,10 +116,15 @@ def _of_measure(side: Side, facet: np.ndarray, at: np.ndarray, measure: float) -
     arc = np.einsum("qc,qcd->qd", side.cell.shapes(at), side.xy[side.facets[facet]]) - flat
 
     def excess(factor: float) -> float:
-        return float(facet_measures((flat + factor * arc).reshape(-1, d, d), side.axisymmetric).sum()) - measure
+        return (
+            float(facet_measures((flat + factor * arc).reshape(-1, d, d), side.axisymmetric).sum())
+            - measure
+        )
 
     last, factor = (0.0, excess(0.0)), 1.0
-    for _ in range(ROUNDS if (np.abs(arc) > ROUNDING * np.ptp(side.xy, axis=0).max()).any() else 0):  # secants
+    for _ in range(
+        ROUNDS if (np.abs(arc) > ROUNDING * np.ptp(side.xy, axis=0).max()).any() else 0
+    ):  # secants
         now = excess(factor)
         if abs(now) <= ROUNDING * measure or now == last[1]:
             break

@@ -35,13 +35,17 @@ class Patch(Side):
         outward, before = self.outward, -np.roll(edges, 1, axis=1)  # to the one before
         # Max's weight of a triangle at its corner: sin of the angle over the lengths of both edges, times the unit
         # normal.
-        weighted = np.cross(edges, before) / ((edges**2).sum(axis=2) * (before**2).sum(axis=2))[..., None]
+        weighted = (
+            np.cross(edges, before) / ((edges**2).sum(axis=2) * (before**2).sum(axis=2))[..., None]
+        )
         node, facet = facets.ravel(), np.repeat(np.arange(len(facets)), 3)
         order = np.argsort(node, kind="stable")
         entry, place = together(node, node[order])
         met = order[place]
         # Triangles at a corner count together only up to SHARPEST, so that a sharp edge keeps a normal for either side.
-        smooth = np.einsum("pd,pd->p", outward[facet[entry]], outward[facet[met]]) > np.cos(SHARPEST)
+        smooth = np.einsum("pd,pd->p", outward[facet[entry]], outward[facet[met]]) > np.cos(
+            SHARPEST
+        )
         total = np.zeros((len(node), 3))
         np.add.at(total, entry[smooth], weighted.reshape(-1, 3)[met[smooth]])
         mean = unit(total)
@@ -61,9 +65,15 @@ class Patch(Side):
         heights, some = np.zeros(len(facets)), np.flatnonzero(bent[facets])
         if not len(some):
             return heights
-        facets, weight, ray = facets[some], np.maximum(at[some], 0.0), direction[some]  # κ is a mean
+        facets, weight, ray = (
+            facets[some],
+            np.maximum(at[some], 0.0),
+            direction[some],
+        )  # κ is a mean
         x, n = self.xy[self.corners[facets]], normals[facets]
-        apart, turn = (np.roll(values, -1, axis=1) - values for values in (x, n))  # to the next corner
+        apart, turn = (
+            np.roll(values, -1, axis=1) - values for values in (x, n)
+        )  # to the next corner
         part = weight * np.roll(weight, -1, axis=1)
         # On a sphere Q = Σ w_i w_j |x_i − x_j|² is R² less the squared distance of the point from the centre, and
         # normals differ by κ (x_i − x_j): κ = K/Q, a mean over the edges weighted by the point.
@@ -71,11 +81,15 @@ class Patch(Side):
         kappa = np.where(Q > 0.0, K / np.where(Q > 0.0, Q, 1.0), 0.0)
         square = np.roll((apart**2).sum(axis=2), -1, axis=1)  # of the edge that a corner is not on
         share = square * (square.sum(axis=1, keepdims=True) - 2.0 * square)
-        middle = np.einsum("qc,qcd->qd", share / share.sum(axis=1, keepdims=True), x)  # of the circle through corners
+        middle = np.einsum(
+            "qc,qcd->qd", share / share.sum(axis=1, keepdims=True), x
+        )  # of the circle through corners
         # κ times the distance of the plane from the centre, with the circle's radius by the distance of a corner.
         rest = np.sqrt(np.maximum(1.0 - kappa**2 * ((x[:, 0] - middle) ** 2).sum(axis=1), 0.0))
         place = np.einsum("qc,qcd->qd", weight, x) - middle
-        beta = np.einsum("qd,qd->q", ray, kappa[:, None] * place + rest[:, None] * self.outward[facets])
+        beta = np.einsum(
+            "qd,qd->q", ray, kappa[:, None] * place + rest[:, None] * self.outward[facets]
+        )
         # κ t² + 2 β t − κ Q = 0 for the distance t along the ray; its small root, without cancellation.
         below = beta + np.sqrt(np.maximum(beta**2 + kappa**2 * Q, 0.0))
         heights[some] = kappa * Q / np.where(below > 0.0, below, np.inf)
@@ -86,20 +100,27 @@ class Patch(Side):
         return self.corners[some]
 
 
-def in_places(facets: np.ndarray, points: np.ndarray, places: np.ndarray,
-              _: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def in_places(
+    facets: np.ndarray, points: np.ndarray, places: np.ndarray, _: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """The nodes (k,) of facets by the `places` (nv, 3) of all nodes, and no arc lengths (nv,)."""
     nodes = np.unique(facets)
     return nodes[np.lexsort(places[nodes].T[::-1])], np.zeros(len(points))
 
 
-def _fitted(xy: np.ndarray, facets: np.ndarray, normal: np.ndarray, whole: np.ndarray) -> np.ndarray:
+def _fitted(
+    xy: np.ndarray, facets: np.ndarray, normal: np.ndarray, whole: np.ndarray
+) -> np.ndarray:
     """Normals (k, 3) of surfaces fitted at the corners marked by `whole` (k,); zero with too few neighbours."""
     pairs, size = links(facets, 3), len(xy)
-    near = sparse.csr_matrix((np.ones(2 * len(pairs)), np.concatenate([pairs, pairs[:, ::-1]]).T), (size, size))
+    near = sparse.csr_matrix(
+        (np.ones(2 * len(pairs)), np.concatenate([pairs, pairs[:, ::-1]]).T), (size, size)
+    )
     ring = near @ sparse.diags(1.0 * whole)
     near = near + ring @ near
-    near = near + sparse.diags(1.0 * (near.getnnz(axis=1) <= FEWEST)) @ (ring @ near)  # of few, a third ring
+    near = near + sparse.diags(1.0 * (near.getnnz(axis=1) <= FEWEST)) @ (
+        ring @ near
+    )  # of few, a third ring
     near = (near - sparse.diags(near.diagonal())).tocsr()
     near.eliminate_zeros()
     normals, nodes = np.zeros_like(xy), np.flatnonzero(whole & (near.getnnz(axis=1) >= FEWEST))
@@ -120,6 +141,8 @@ def _fitted(xy: np.ndarray, facets: np.ndarray, normal: np.ndarray, whole: np.nd
         np.add.at(squares, row, terms[:, :, None] * terms[:, None])
         np.add.at(right, row, terms * c[:, None])
         slopes = (np.linalg.pinv(squares, rcond=1e-10, hermitian=True) @ right[..., None])[:, :2, 0]
-        fitted = unit(np.einsum("ni,nid->nd", np.column_stack([-slopes, np.ones(len(nodes))]), axes))
+        fitted = unit(
+            np.einsum("ni,nid->nd", np.column_stack([-slopes, np.ones(len(nodes))]), axes)
+        )
     normals[nodes] = fitted
     return normals

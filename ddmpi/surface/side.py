@@ -12,7 +12,15 @@ import numpy as np
 import scipy.sparse as sparse
 
 from ddmpi.mesh.boundary import links
-from ddmpi.mesh.elements import Cell, cell_with, circumference, facet_cell, facet_measures, facet_shares, normals
+from ddmpi.mesh.elements import (
+    Cell,
+    cell_with,
+    circumference,
+    facet_cell,
+    facet_measures,
+    facet_shares,
+    normals,
+)
 from ddmpi.system.numbers import Frame
 
 
@@ -64,7 +72,9 @@ class Side:
     axisymmetric: bool = False
 
     def __getstate__(self) -> dict[str, object]:
-        return {each.name: vars(self)[each.name] for each in fields(self)}  # without what is found from them
+        return {
+            each.name: vars(self)[each.name] for each in fields(self)
+        }  # without what is found from them
 
     @property
     def dimension(self) -> int:
@@ -78,7 +88,7 @@ class Side:
     @property
     def corners(self) -> np.ndarray:
         """(f, d) the nodes at the corners of the facets."""
-        return self.facets[:, :self.dimension]
+        return self.facets[:, : self.dimension]
 
     def placed(self, frame: Frame, reach: float | None = None) -> Side:
         """The side where a frame has taken its body; overlaps are looked for up to a depth of `reach` (m), or by the
@@ -86,11 +96,19 @@ class Side:
         turned, free = frame.turned, frame.turned @ self.free @ frame.turned.T
         # `cover` looks as deep as half of the thinner body's extent
         extent = self.extent if reach is None else np.full(self.dimension, 2.0 * reach)
-        placed = replace(self, xy=frame.at(self.xy), normal=self.normal @ turned.T, free=free, extent=extent,
-                         moved={name: u @ turned.T for name, u in self.moved.items()})
+        placed = replace(
+            self,
+            xy=frame.at(self.xy),
+            normal=self.normal @ turned.T,
+            free=free,
+            extent=extent,
+            moved={name: u @ turned.T for name, u in self.moved.items()},
+        )
         # Shapes are found once, in the body's frame; a load step only turns them.
-        vars(placed).update({name: getattr(self, name) for name in self.KEPT},
-                            **{name: getattr(self, name) @ turned.T for name in self.TURNS})
+        vars(placed).update(
+            {name: getattr(self, name) for name in self.KEPT},
+            **{name: getattr(self, name) @ turned.T for name in self.TURNS},
+        )
         return placed
 
     def moves_with(self, transfer: sparse.csr_matrix) -> np.ndarray:
@@ -162,8 +180,9 @@ class Side:
         return np.where(total.any(axis=1, keepdims=True), total, self.normal)
 
 
-def laplacian(xy: np.ndarray, facets: np.ndarray, row: np.ndarray, m: int,
-              axisymmetric: bool = False) -> sparse.csr_matrix:
+def laplacian(
+    xy: np.ndarray, facets: np.ndarray, row: np.ndarray, m: int, axisymmetric: bool = False
+) -> sparse.csr_matrix:
     """Laplacian (m, m) of the hat functions of rows on facets between nodes at `xy` (k, d), in m^(d − 3).
 
     Facets (f, d) are straight simplices. Nodes with number j in `row` (k,) move with row j, those with −1 are fixed.
@@ -172,7 +191,11 @@ def laplacian(xy: np.ndarray, facets: np.ndarray, row: np.ndarray, m: int,
     along = xy[facets[:, 1:]] - xy[facets[:, :1]]
     gram, order = along @ along.transpose(0, 2, 1), along.shape[1]
     slopes = np.vstack([-np.ones(order), np.eye(order)])
-    measures = np.sqrt(np.linalg.det(gram)) / factorial(order) * circumference(xy[facets].mean(axis=1), axisymmetric)
+    measures = (
+        np.sqrt(np.linalg.det(gram))
+        / factorial(order)
+        * circumference(xy[facets].mean(axis=1), axisymmetric)
+    )
     # ∫ ∇φ_i · ∇φ_j of linear functions on a simplex: slopes G⁻¹ slopesᵀ |T|, with the Gram matrix G of its edges.
     local = slopes @ np.linalg.inv(gram) @ slopes.T * measures[:, None, None]
     one, other = np.broadcast_arrays(row[facets][:, :, None], row[facets][:, None, :])
@@ -198,13 +221,15 @@ def frames(normal: np.ndarray) -> np.ndarray:
     mean = mean if mean.any() else normal[0]
     first = unit(np.cross(mean, np.eye(3)[np.abs(mean).argmin()]))
     base, half = np.stack([first, np.cross(mean, first)]), unit(normal + mean)
-    turned = base - 2.0 * (base @ half.T).T[:, :, None] * half[:, None]  # by reflections in the mean and in the half
+    turned = (
+        base - 2.0 * (base @ half.T).T[:, :, None] * half[:, None]
+    )  # by reflections in the mean and in the half
     return np.concatenate([normal[:, None], turned], axis=1)
 
 
 def nodal(values: np.ndarray, facets: np.ndarray, size: int) -> np.ndarray:
     """Sums (size, …) at nodes of values (f, c, …) at the nodes (f, c) of facets, or (f, …) at one node (f,) of each."""
-    total = np.zeros((size, *values.shape[facets.ndim:]))
+    total = np.zeros((size, *values.shape[facets.ndim :]))
     np.add.at(total, facets, values)
     return total
 

@@ -49,13 +49,23 @@ class Case:
 def cut(name: str, label: str, changed: bool = False) -> str:
     """The name of a file or folder, not too long; one that is cut, or was `changed`, ends with a hash of its label."""
     short = name.encode()[:LONGEST_NAME].decode(errors="ignore")
-    return name if name == short and not changed else f"{short}-{hashlib.sha256(label.encode()).hexdigest()[:8]}"
+    return (
+        name
+        if name == short and not changed
+        else f"{short}-{hashlib.sha256(label.encode()).hexdigest()[:8]}"
+    )
 
 
 def _plain(text: str) -> str:
     """A value for the name of a folder; a list as in 66x22."""
     value = parse_value(text)
-    return "x".join(map(str, value)) if isinstance(value, list) else str(value) if isinstance(value, str) else text
+    return (
+        "x".join(map(str, value))
+        if isinstance(value, list)
+        else str(value)
+        if isinstance(value, str)
+        else text
+    )
 
 
 def parse_axis(text: str) -> tuple[list[str], list[str]]:
@@ -82,7 +92,11 @@ def _spaced(text: str) -> list[str]:
     if int(number) < 2 or (log and min(a, b) <= 0):
         return []
     spaced = np.geomspace(a, b, int(number)) if log else np.linspace(a, b, int(number))
-    return [first, *(f"{value:.12g}" for value in spaced[1:-1]), last]  # 0.3, not 0.30000000000000004
+    return [
+        first,
+        *(f"{value:.12g}" for value in spaced[1:-1]),
+        last,
+    ]  # 0.3, not 0.30000000000000004
 
 
 def _is_number(text: str) -> bool:
@@ -102,7 +116,9 @@ def _split(text: str) -> list[str]:
     return [part.strip() for part in parts]
 
 
-def build_cases(path: str, scene: dict, varied: list[str], file_kind: FileKind | None = None) -> list[Case]:
+def build_cases(
+    path: str, scene: dict, varied: list[str], file_kind: FileKind | None = None
+) -> list[Case]:
     """The cases of a sweep: all combinations of the `varied` keys, the last --vary running fastest.
 
     `path`, `scene` and `file_kind` are as for `read_scene`. Raises InputError, the same on every rank, that names a
@@ -113,19 +129,28 @@ def build_cases(path: str, scene: dict, varied: list[str], file_kind: FileKind |
     axes = [parse_axis(text) for text in varied]
     number = math.prod(len(values) for _, values in axes)
     if number > LARGEST_SWEEP:
-        raise InputError(f"--vary: these are {number} cases; {LARGEST_SWEEP} is the limit of one sweep")
+        raise InputError(
+            f"--vary: these are {number} cases; {LARGEST_SWEEP} is the limit of one sweep"
+        )
     cases: list[Case] = []
     known: dict[str, Case] = {}
     for chosen in itertools.product(*(values for _, values in axes)):
-        settings = {key: value for (keys, _), value in zip(axes, chosen, strict=True) for key in keys}
+        settings = {
+            key: value for (keys, _), value in zip(axes, chosen, strict=True) for key in keys
+        }
         named = {keys[0]: settings[keys[0]] for keys, _ in axes}
         varying = [f"{key}={value}" for key, value in settings.items()]
         try:
             case = Case(len(cases), settings, named, read_scene(path, scene, varying, file_kind))
         except InputError as error:
-            raise InputError(f"--vary {' '.join(varying)}: {str(error).removeprefix('--set ')}") from None
+            raise InputError(
+                f"--vary {' '.join(varying)}: {str(error).removeprefix('--set ')}"
+            ) from None
         cases.append(case)
-        for mark in (case.folder, repr(case.scene)):  # a value given twice, or a key that another --vary sets
+        for mark in (
+            case.folder,
+            repr(case.scene),
+        ):  # a value given twice, or a key that another --vary sets
             other = known.setdefault(mark, case)
             if other is not case:
                 raise InputError(f"--vary: the cases {other.label} and {case.label} are the same")
@@ -139,6 +164,8 @@ def choose(cases: list[Case], index: str | None) -> list[Case]:
     match = re.fullmatch(r"(\d+)(?:/(\d+))?", index, re.ASCII)
     step = int(match[2] or len(cases)) if match else 0
     if not match or int(match[1]) >= step:
-        raise InputError(f"--index {index}: expected the number of a case, 0 to {len(cases) - 1}, or I/N with I < N "
-                         "for every N-th case from I on")
-    return cases[int(match[1])::step]
+        raise InputError(
+            f"--index {index}: expected the number of a case, 0 to {len(cases) - 1}, or I/N with I < N "
+            "for every N-th case from I on"
+        )
+    return cases[int(match[1]) :: step]

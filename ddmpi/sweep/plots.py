@@ -19,13 +19,21 @@ MOST_CURVES = 12  # that a legend can tell apart
 
 WIDE = 20.0  # positive values that span more than this factor may stand on a logarithmic axis
 
-WORDS = {"n_A": "solves with stiffnesses", "seconds.total": "time", "displacement_max": "largest displacement",
-         "discretization_error.energy_norm": "estimated error", "m": "contact nodes", "n": "unknowns"}
+WORDS = {
+    "n_A": "solves with stiffnesses",
+    "seconds.total": "time",
+    "displacement_max": "largest displacement",
+    "discretization_error.energy_norm": "estimated error",
+    "m": "contact nodes",
+    "n": "unknowns",
+}
 """Words of columns that have none in the summary."""
 
 UNITS = {"seconds": "s", "memory_mib": "MiB", "young": "{stress}", "slip_bound": "{stress}"} | {
-    key.rpartition(".")[2]: f"{{{row.quantity}}}" for key, row in ROWS.items()
-    if row.quantity not in ("", "%", "angle")}
+    key.rpartition(".")[2]: f"{{{row.quantity}}}"
+    for key, row in ROWS.items()
+    if row.quantity not in ("", "%", "angle")
+}
 """Units by a part of a column's name, as keys of the summary's units."""
 
 
@@ -38,12 +46,16 @@ def draw_plot(folder: Path, plot: str) -> Path:
     plt = start_drawing()
     with reading(folder, "the folder of a sweep"), plt.rc_context(STYLE):
         rows = read_table(folder / TABLE)
-        summary = next(filter(None, (read_outcome(folder / str(row["folder"])).summary for row in rows)), None)
+        summary = next(
+            filter(None, (read_outcome(folder / str(row["folder"])).summary for row in rows)), None
+        )
         if not summary:
             raise InputError(f"--plot {plot}: no case has results")
         result, _, key = plot.partition(":")
         if not (result and key):
-            raise InputError(f"--plot {plot}: expected RESULT:KEY, two columns of the table, as in n_A:theta")
+            raise InputError(
+                f"--plot {plot}: expected RESULT:KEY, two columns of the table, as in n_A:theta"
+            )
         result, key = (find_column(word, list(rows[0]), f"--plot {plot}") for word in (result, key))
         figure, picture = draw_curves(rows, result, key, summary), io.BytesIO()
         figure.savefig(picture, format="png", metadata=identity(summary))
@@ -63,13 +75,15 @@ def draw_curves(rows: list[dict[str, Any]], result: str, key: str, summary: dict
     import matplotlib.pyplot as plt
 
     plot = f"{result}:{key}"
-    points = [row for row in rows if row["status"] == "certified" and None not in (row[result], row[key])]
+    points = [
+        row for row in rows if row["status"] == "certified" and None not in (row[result], row[key])
+    ]
     if not points:
         raise InputError(f"--plot {plot}: no case with a certified answer has both")
     if not all(isinstance(row[result], int | float) for row in points):
         raise InputError(f"--plot {plot}: {result} is not a number")
     names = list(rows[0])
-    others = _others(rows, names[1:names.index("status")], key)
+    others = _others(rows, names[1 : names.index("status")], key)
     curves = _curves(points, others, plot)
     words = not all(isinstance(row[key], int | float) for row in points)
     figure, axes = plt.subplots(figsize=(7.2 if len(curves) == 1 else 8.6, 4.6))
@@ -78,12 +92,24 @@ def draw_curves(rows: list[dict[str, Any]], result: str, key: str, summary: dict
         at = [(str(value), number) for value, number in at] if words else sorted(at)
         share = k / (len(curves) - 1) if len(curves) > 1 else 1.0
         colour = plt.get_cmap("viridis")(0.9 * share) if len(curves) > 1 else COLOURS["normal"]
-        label = ", ".join(f"{value:g}" if isinstance(value, int | float) else str(value) for value in combination)
-        axes.plot(*zip(*at, strict=True), "o" if words else "o-", color=colour, label=label,
-                  markersize=9.0 - 4.5 * share, linewidth=3.5 - 2.2 * share)  # those below show behind equal ones
+        label = ", ".join(
+            f"{value:g}" if isinstance(value, int | float) else str(value) for value in combination
+        )
+        axes.plot(
+            *zip(*at, strict=True),
+            "o" if words else "o-",
+            color=colour,
+            label=label,
+            markersize=9.0 - 4.5 * share,
+            linewidth=3.5 - 2.2 * share,
+        )  # those below show behind equal ones
     if len(curves) > 1:
-        axes.legend(title="\n".join(_label(name, summary) for name in others), loc="upper left",
-                    bbox_to_anchor=(1.0, 1.0), alignment="left")
+        axes.legend(
+            title="\n".join(_label(name, summary) for name in others),
+            loc="upper left",
+            bbox_to_anchor=(1.0, 1.0),
+            alignment="left",
+        )
     if not words and _crowds([row[key] for row in points]):
         axes.set_xscale("log")
     if _crowds([row[result] for row in points]):
@@ -91,7 +117,9 @@ def draw_curves(rows: list[dict[str, Any]], result: str, key: str, summary: dict
     axes.grid(True, which="major", color="#e3e3e3")
     axes.set(xlabel=_label(key, summary), ylabel=_label(result, summary))
     missing = len(rows) - len(points)
-    notes = f"{len(points)} cases" + f", {missing} without a certified answer left out" * (missing > 0)
+    notes = f"{len(points)} cases" + f", {missing} without a certified answer left out" * (
+        missing > 0
+    )
     axes.set_title(f"{summary['title']}\n{notes}".strip().replace("$", r"\$"))  # no formula
     return figure
 
@@ -101,7 +129,9 @@ def _others(rows: list[dict[str, Any]], names: list[str], key: str) -> list[str]
     patterns: dict[tuple[int, ...], str] = {}
     for name in (key, *names):
         first: dict[str, int] = {}  # the row in which a value comes first
-        patterns.setdefault(tuple(first.setdefault(str(row[name]), k) for k, row in enumerate(rows)), name)
+        patterns.setdefault(
+            tuple(first.setdefault(str(row[name]), k) for k, row in enumerate(rows)), name
+        )
     return [name for pattern, name in patterns.items() if any(pattern) and name != key]
 
 
@@ -111,10 +141,18 @@ def _curves(rows: list[dict[str, Any]], others: list[str], plot: str) -> dict[tu
     for row in rows:
         curves.setdefault(tuple(row[name] for name in others), []).append(row)
     if len(curves) > MOST_CURVES:
-        raise InputError(f"--plot {plot}: that would be {len(curves)} curves, one for each combination of "
-                         f"{', '.join(others)}; {MOST_CURVES} is the limit")
-    return dict(sorted(curves.items(), key=lambda item: [
-        value if isinstance(value, int | float) else math.inf for value in item[0]]))
+        raise InputError(
+            f"--plot {plot}: that would be {len(curves)} curves, one for each combination of "
+            f"{', '.join(others)}; {MOST_CURVES} is the limit"
+        )
+    return dict(
+        sorted(
+            curves.items(),
+            key=lambda item: [
+                value if isinstance(value, int | float) else math.inf for value in item[0]
+            ],
+        )
+    )
 
 
 def _crowds(values: list[float]) -> bool:
@@ -125,7 +163,9 @@ def _crowds(values: list[float]) -> bool:
 
 def _label(name: str, summary: dict) -> str:
     """What a column is, in words, and its unit, in the scene's units."""
-    unit = next((UNITS[part] for part in name.split(".") if part in UNITS), "").format_map(summary["units"])
+    unit = next((UNITS[part] for part in name.split(".") if part in UNITS), "").format_map(
+        summary["units"]
+    )
     head, *rest = name.split(".")
     words = name
     if head in ("body", "bodies", "contact", "contacts", "rigid", "history") and len(rest) > 1:

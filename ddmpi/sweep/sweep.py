@@ -77,8 +77,13 @@ def run_sweep(world: MPI.Comm, sweep: Sweep) -> None:
     check_ranks(world, sweep.cases[0].scene)
     options, error = RunOptions(), None
     order, cases = from_first(world, lambda: _pending(sweep, options)), Cases(world)
-    log.info("%d cases in %s: %d to run, %d finished", len(sweep.chosen), sweep.folder, len(order),
-             len(sweep.chosen) - len(order))
+    log.info(
+        "%d cases in %s: %d to run, %d finished",
+        len(sweep.chosen),
+        sweep.folder,
+        len(order),
+        len(sweep.chosen) - len(order),
+    )
     for done, number in enumerate(order, 1):
         case, start = sweep.cases[number], time.perf_counter()
         if taken := from_first(world, functools.partial(_taken, sweep.place(case))):
@@ -86,8 +91,15 @@ def run_sweep(world: MPI.Comm, sweep: Sweep) -> None:
             continue
         error = _run_case(world, sweep, case, options, cases)
         if world.rank == 0:
-            log.info("%d/%d  case %d  %s: %s, %.2f s", done, len(order), number, case.label,
-                     _describe(sweep.place(case)), time.perf_counter() - start)
+            log.info(
+                "%d/%d  case %d  %s: %s, %.2f s",
+                done,
+                len(order),
+                number,
+                case.label,
+                _describe(sweep.place(case)),
+                time.perf_counter() - start,
+            )
         if isinstance(error, InterruptionError):
             log.info("the same command goes on with the sweep from here")
             raise error
@@ -104,12 +116,16 @@ def _pending(sweep: Sweep, options: RunOptions) -> list[int]:
     """Claim the folder; numbers of the chosen cases without results, those that failed last. Raises InputError."""
     for key in sweep.cases[0].settings:
         if key.startswith("petsc.") and options.given(key.removeprefix("petsc.")):
-            raise InputError(f"--vary {key}: this option is on the command line or in PETSC_OPTIONS, too, which "
-                             "would override it; leave one of them out")
+            raise InputError(
+                f"--vary {key}: this option is on the command line or in PETSC_OPTIONS, too, which "
+                "would override it; leave one of them out"
+            )
     claim_sweep(sweep.folder, sweep.identity, sweep.cases)
     outcomes = {case.number: read_outcome(sweep.place(case)) for case in sweep.chosen}
     left = [number for number, outcome in outcomes.items() if outcome.summary is None]
-    return sorted(left, key=lambda number: outcomes[number].status not in ("not run", "interrupted"))
+    return sorted(
+        left, key=lambda number: outcomes[number].status not in ("not run", "interrupted")
+    )
 
 
 def _taken(place: Path) -> str:
@@ -117,10 +133,15 @@ def _taken(place: Path) -> str:
     if read_outcome(place).summary:
         return "has been finished by another process"
     owner = running(place)
-    return owner and f"is left to another process ({owner}); if that was killed, remove {place / UNFINISHED}"
+    return (
+        owner
+        and f"is left to another process ({owner}); if that was killed, remove {place / UNFINISHED}"
+    )
 
 
-def _run_case(world: MPI.Comm, sweep: Sweep, case: Case, options: RunOptions, cases: Cases) -> DdmpiError | None:
+def _run_case(
+    world: MPI.Comm, sweep: Sweep, case: Case, options: RunOptions, cases: Cases
+) -> DdmpiError | None:
     """Run one case, with what the `cases` before have left; its error, if all ranks agree on it. Collective. Raises
     OutputError."""
     place, error, restart = sweep.place(case), None, None
@@ -137,8 +158,14 @@ def _run_case(world: MPI.Comm, sweep: Sweep, case: Case, options: RunOptions, ca
         restart = world.bcast(restart)
         options.use(case.scene.petsc)
         try:
-            cases.compute(case.scene, sweep.scene_path, Clock(), output=str(place),
-                          figures=case.scene.output.figures and sweep.figures, restart=restart)
+            cases.compute(
+                case.scene,
+                sweep.scene_path,
+                Clock(),
+                output=str(place),
+                figures=case.scene.output.figures and sweep.figures,
+                restart=restart,
+            )
         except DdmpiError as failure:
             if not failure.agreed:
                 raise
@@ -182,8 +209,12 @@ def _judge(sweep: Sweep) -> None:
     """
     outcomes = [read_outcome(sweep.place(case)) for case in sweep.chosen]
     if warning := [outcome.warnings for outcome in outcomes if outcome.warnings]:
-        log.warning("%d of %d cases warn, each in its run.log; the first: %s", len(warning), len(outcomes),
-                    warning[0][0])
+        log.warning(
+            "%d of %d cases warn, each in its run.log; the first: %s",
+            len(warning),
+            len(outcomes),
+            warning[0][0],
+        )
     counts = Counter(outcome.status for outcome in outcomes)
     verdict = f"{counts.pop('certified', 0)} of {len(sweep.chosen)} cases in {sweep.folder} have a certified answer"
     if counts:

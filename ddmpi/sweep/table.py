@@ -30,8 +30,15 @@ GROUPS = ("contacts", "certificate", "discretization_error", "bodies", "seconds"
 LEVELS = "discretization_error.levels."
 """Tables of summary.json whose numbers have columns, and the beginning of those that have none."""
 
-STATUS = {None: "unfinished", 0: "certified", 2: "refused", 3: "not converged", 4: "solver failed", 5: "not written",
-          6: "interrupted"}
+STATUS = {
+    None: "unfinished",
+    0: "certified",
+    2: "refused",
+    3: "not converged",
+    4: "solver failed",
+    5: "not written",
+    6: "interrupted",
+}
 """Status by exit code; none while a process is at work, or when it was killed."""
 
 PATIENCE = 5.0  # seconds to wait for a sweep.json that another process is just writing
@@ -58,8 +65,12 @@ def identify(scene: dict, petsc: list[str], cases: list[Case], scene_folder: Pat
     A mesh file that cannot be read is left to the runs of its cases. Not collective.
     """
     meshes = {}
-    named = {body.mesh.file or body.mesh.geometry: body for case in cases for body in case.scene.body
-             if not body.mesh.shape}
+    named = {
+        body.mesh.file or body.mesh.geometry: body
+        for case in cases
+        for body in case.scene.body
+        if not body.mesh.shape
+    }
     for name, body in named.items():
         with contextlib.suppress(InputError, OSError):
             meshes[name] = hashlib.sha256(locate_mesh(body, scene_folder).read_bytes()).hexdigest()
@@ -74,7 +85,10 @@ def claim_sweep(folder: Path, identity: dict, cases: list[Case]) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if not any(os.path.lexists(folder / case.folder) for case in cases):
-            with contextlib.suppress(FileExistsError), open(folder / SWEEP, "x", encoding="utf-8") as file:
+            with (
+                contextlib.suppress(FileExistsError),
+                open(folder / SWEEP, "x", encoding="utf-8") as file,
+            ):
                 json.dump(identity, file, indent=2, ensure_ascii=False)
     except OSError as error:
         raise InputError(f"--output {folder}: cannot be written: {error.strerror}") from None
@@ -88,31 +102,46 @@ def check_sweep(folder: Path, identity: dict) -> None:
     """
     theirs = _read_json(folder / SWEEP, PATIENCE)
     if theirs is None:
-        raise InputError(f"--output {folder}: there is no {SWEEP}, so it is not the folder of a sweep; name another")
+        raise InputError(
+            f"--output {folder}: there is no {SWEEP}, so it is not the folder of a sweep; name another"
+        )
     with reading(folder / SWEEP, "the record of a sweep"):
         common = identity["mesh files"].keys() & theirs["mesh files"].keys()
-        differing = differences(*({**side, "mesh files": {name: side["mesh files"][name] for name in common}}
-                                  for side in (identity, theirs)))
+        differing = differences(
+            *(
+                {**side, "mesh files": {name: side["mesh files"][name] for name in common}}
+                for side in (identity, theirs)
+            )
+        )
     if differing:
-        raise InputError(f"--output {folder}: belongs to another sweep: {differing}; name another folder, or remove "
-                         "this one")
+        raise InputError(
+            f"--output {folder}: belongs to another sweep: {differing}; name another folder, or remove "
+            "this one"
+        )
 
 
 def record_case(folder: Path, case: Case, code: int | None, reason: str) -> None:
     """Write the record of a case: at its start without an exit code, at its end with it. Raises OutputError."""
     record = {"case": case.number, "values": case.values, "exit": code, "reason": reason}
-    write_atomically(folder / RECORD, json.dumps(record, indent=2, ensure_ascii=False).encode() + b"\n")
+    write_atomically(
+        folder / RECORD, json.dumps(record, indent=2, ensure_ascii=False).encode() + b"\n"
+    )
 
 
 def read_outcome(folder: Path) -> Outcome:
     """The outcome of the case in `folder`, from its files. Raises InputError if they cannot be read."""
     with reading(folder):
         summary = _read_json(folder / SUMMARY)
-        record = {"exit": 0 if summary["converged"] else 3, "reason": summary["reason"]} if summary else \
-            _read_json(folder / RECORD)
+        record = (
+            {"exit": 0 if summary["converged"] else 3, "reason": summary["reason"]}
+            if summary
+            else _read_json(folder / RECORD)
+        )
         if record is None:
             return Outcome("not run")
-        outcome = Outcome(STATUS.get(record["exit"], "failed"), record["exit"], record["reason"], summary)
+        outcome = Outcome(
+            STATUS.get(record["exit"], "failed"), record["exit"], record["reason"], summary
+        )
         " ".join(outcome.warnings)  # which are words
         return outcome
 
@@ -120,11 +149,24 @@ def read_outcome(folder: Path) -> Outcome:
 def numbers(summary: dict) -> dict[str, float]:
     """The numbers of a summary that have columns, by their dotted names; those of a vector end with .x, .y, .z."""
     columns: dict[str, float] = {}
-    derivatives = ((f"d {name} / d {key}", value) for key, entry in (summary.get("derivatives") or {}).items()
-                   for name, value in flatten(entry or {}) if name != "until")
-    for name, value in (*flatten({name: summary.get(name) for name in (*RESULTS, *GROUPS)}), *derivatives):
-        if isinstance(value, list) and len(value) <= 3 and all(isinstance(entry, float) for entry in value):
-            columns |= {_along(name, axis): entry for axis, entry in zip("xyz", value, strict=False)}
+    derivatives = (
+        (f"d {name} / d {key}", value)
+        for key, entry in (summary.get("derivatives") or {}).items()
+        for name, value in flatten(entry or {})
+        if name != "until"
+    )
+    for name, value in (
+        *flatten({name: summary.get(name) for name in (*RESULTS, *GROUPS)}),
+        *derivatives,
+    ):
+        if (
+            isinstance(value, list)
+            and len(value) <= 3
+            and all(isinstance(entry, float) for entry in value)
+        ):
+            columns |= {
+                _along(name, axis): entry for axis, entry in zip("xyz", value, strict=False)
+            }
         elif type(value) in (int, float) and not name.startswith(LEVELS):
             columns[name] = value
     return columns
@@ -142,13 +184,38 @@ def gather(folder: Path, cases: list[Case]) -> Path:
     results = [numbers(outcome.summary or {}) for outcome in outcomes]
     names = dict.fromkeys([*RESULTS, *(name for result in results for name in result)])
     text = io.StringIO()
-    writer = csv.DictWriter(text, ["case", *cases[0].settings, "status", "exit", "reason", *names, "started", "folder",
-                                  "warnings"], lineterminator="\n")
+    writer = csv.DictWriter(
+        text,
+        [
+            "case",
+            *cases[0].settings,
+            "status",
+            "exit",
+            "reason",
+            *names,
+            "started",
+            "folder",
+            "warnings",
+        ],
+        lineterminator="\n",
+    )
     writer.writeheader()
-    for case, outcome, result in zip(cases, outcomes, results, strict=True):  # what is missing is an empty field
-        writer.writerow({"case": case.number, **case.values, "status": outcome.status, "exit": outcome.exit,
-                         "reason": outcome.reason, **result, "started": (outcome.summary or {}).get("started"),
-                         "folder": case.folder, "warnings": " | ".join(outcome.warnings)})
+    for case, outcome, result in zip(
+        cases, outcomes, results, strict=True
+    ):  # what is missing is an empty field
+        writer.writerow(
+            {
+                "case": case.number,
+                **case.values,
+                "status": outcome.status,
+                "exit": outcome.exit,
+                "reason": outcome.reason,
+                **result,
+                "started": (outcome.summary or {}).get("started"),
+                "folder": case.folder,
+                "warnings": " | ".join(outcome.warnings),
+            }
+        )
     write_atomically(folder / TABLE, text.getvalue().encode())
     return folder / TABLE
 
@@ -161,14 +228,18 @@ def read_table(path: Path) -> list[dict[str, Any]]:
 
 def find_column(word: str, names: Sequence[str], what: str) -> str:
     """The column called `word`, or the one that ends with it after a dot. Raises InputError that begins with `what`."""
-    fits = [name for name in names if name == word] or [name for name in names if name.endswith(f".{word}")]
+    fits = [name for name in names if name == word] or [
+        name for name in names if name.endswith(f".{word}")
+    ]
     if len(fits) == 1:
         return fits[0]
     if fits:
         raise InputError(f"{what}: {word!r} may be {' or '.join(fits)}; say which")
     last = [name.rpartition(".")[2] for name in names]
-    raise InputError(f"{what}: the table has no column {word!r}{nearest(word, [*names, *last])} "
-                     f"(columns: {', '.join(names)})")
+    raise InputError(
+        f"{what}: the table has no column {word!r}{nearest(word, [*names, *last])} "
+        f"(columns: {', '.join(names)})"
+    )
 
 
 def _read_json(path: Path, patience: float = 0.0) -> dict | None:
@@ -181,7 +252,9 @@ def _read_json(path: Path, patience: float = 0.0) -> dict | None:
             return None
         except (OSError, ValueError, RecursionError) as error:
             if not isinstance(error, ValueError) or time.monotonic() > end:
-                raise InputError(f"{path}: cannot be read ({error}); remove it, or name another --output") from None
+                raise InputError(
+                    f"{path}: cannot be read ({error}); remove it, or name another --output"
+                ) from None
         time.sleep(0.1)
 
 

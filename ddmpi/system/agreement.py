@@ -51,7 +51,9 @@ def explained() -> Iterator[None]:
     except MemoryError as error:
         raise SolverError(": ".join(filter(None, ("not enough memory", str(error))))) from None
     except (OverflowError, FloatingPointError, np.linalg.LinAlgError) as error:
-        raise SolverError(f"numbers out of the range of double precision ({error}); choose other units") from None
+        raise SolverError(
+            f"numbers out of the range of double precision ({error}); choose other units"
+        ) from None
 
 
 @contextlib.contextmanager
@@ -82,7 +84,11 @@ def gathered(world: MPI.Comm, entries: Mapping[K, T]) -> dict[K, T]:
     sends the others a few numbers.
     """
     of_ranks = world.gather(entries)
-    return dict(entries) if of_ranks is None else {key: value for rank in of_ranks for key, value in rank.items()}
+    return (
+        dict(entries)
+        if of_ranks is None
+        else {key: value for rank in of_ranks for key, value in rank.items()}
+    )
 
 
 def merged(world: MPI.Comm, entries: Mapping[K, T]) -> dict[K, T]:

@@ -29,5 +29,7 @@ class Clock:
         """Seconds of the slowest rank, by phase and in total. Collective."""
         seconds = self.seconds | {"total": time.perf_counter() - self.started}
         everyone = world.allgather(seconds)
-        names = dict.fromkeys(name for phases in everyone for name in phases)  # a rank without a body has no phases
+        names = dict.fromkeys(
+            name for phases in everyone for name in phases
+        )  # a rank without a body has no phases
         return {name: round(max(phases.get(name, 0.0) for phases in everyone), 6) for name in names}

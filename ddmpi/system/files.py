@@ -42,8 +42,13 @@ class ContactFiles(NamedTuple):
 
 def contact_files(name: str) -> ContactFiles:
     """The names of the files of the contact `name`."""
-    return ContactFiles(f"contact_{name}.csv", f"contact_{name}_sides.csv", f"contact_{name}_legs.csv",
-                        f"contact_{name}.png", f"contact_{name}.vtu")
+    return ContactFiles(
+        f"contact_{name}.csv",
+        f"contact_{name}_sides.csv",
+        f"contact_{name}_legs.csv",
+        f"contact_{name}.png",
+        f"contact_{name}.vtu",
+    )
 
 
 class FileOfHDF5(io.FileIO):
@@ -87,21 +92,33 @@ def writing(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise OutputError(f"results could not be written: {error.filename or path}: "
-                          f"{error.strerror or error}") from None
+        raise OutputError(
+            f"results could not be written: {error.filename or path}: {error.strerror or error}"
+        ) from None
 
 
 def write_page(path: Path, page: str, what: str) -> Path:
     """Write a page of HTML, such as a "report"; its path. One that ddmpi wrote is overwritten, any other file is not.
     Raises InputError, OutputError. Not collective."""
-    if path.exists() and not (path.is_file() and b'<meta name="generator" content="ddmpi ' in path.read_bytes()[:1000]):
-        raise InputError(f"--output {path}: is there already, and no {what} of ddmpi; name another file")
-    write_atomically(path, page.encode(errors="backslashreplace"))  # names of folders may be no text
+    if path.exists() and not (
+        path.is_file() and b'<meta name="generator" content="ddmpi ' in path.read_bytes()[:1000]
+    ):
+        raise InputError(
+            f"--output {path}: is there already, and no {what} of ddmpi; name another file"
+        )
+    write_atomically(
+        path, page.encode(errors="backslashreplace")
+    )  # names of folders may be no text
     return path
 
 
-def write_rows(target: Path, parts: Mapping[str, Sequence[np.ndarray]], places: Mapping[str, tuple[int, int]],
-               world: MPI.Comm, group: str | None = None) -> None:
+def write_rows(
+    target: Path,
+    parts: Mapping[str, Sequence[np.ndarray]],
+    places: Mapping[str, tuple[int, int]],
+    world: MPI.Comm,
+    group: str | None = None,
+) -> None:
     """Write datasets of an HDF5 file, all ranks at once, each its rows.
 
     The first rank creates the datasets. Then all ranks write at the offsets that HDF5 reports, without parallel HDF5
@@ -116,34 +133,59 @@ def write_rows(target: Path, parts: Mapping[str, Sequence[np.ndarray]], places: 
 
     Collective. Raises OutputError, on all ranks.
     """
-    shapes = {name: ((places[name][1], *pieces[0].shape[1:]), np.result_type(*pieces).str)
-              for name, pieces in parts.items()}
+    shapes = {
+        name: ((places[name][1], *pieces[0].shape[1:]), np.result_type(*pieces).str)
+        for name, pieces in parts.items()
+    }
     everyone, shares = world.gather(shapes), None
     with agreed(world):
         if everyone is not None:
-            made = _made(target, {name: shape for table in everyone for name, shape in table.items()}, group)
+            made = _made(
+                target, {name: shape for table in everyone for name, shape in table.items()}, group
+            )
             shares = [{name: made[name] for name in table} for table in everyone]
     starts = world.scatter(shares)
     with agreed(world):
-        arrays = {name: [np.ascontiguousarray(piece, starts[name][1]) for piece in pieces]
-                  for name, pieces in parts.items()}
-        put(target, [(starts[name][0] + places[name][0] * pieces[0].itemsize * math.prod(pieces[0].shape[1:]), pieces)
-                     for name, pieces in arrays.items() if places[name][1]])
+        arrays = {
+            name: [np.ascontiguousarray(piece, starts[name][1]) for piece in pieces]
+            for name, pieces in parts.items()
+        }
+        put(
+            target,
+            [
+                (
+                    starts[name][0]
+                    + places[name][0] * pieces[0].itemsize * math.prod(pieces[0].shape[1:]),
+                    pieces,
+                )
+                for name, pieces in arrays.items()
+                if places[name][1]
+            ],
+        )
 
 
-def _made(target: Path, shapes: Mapping[str, tuple[tuple[int, ...], str]], group: str | None) -> dict[str, tuple]:
+def _made(
+    target: Path, shapes: Mapping[str, tuple[tuple[int, ...], str]], group: str | None
+) -> dict[str, tuple]:
     """Create datasets with allocated space in an HDF5 file: offsets and types by name; `group` as of `write_rows`. Not
     collective."""
     import h5py
 
     mode, places = "w" if group is None else "r+", {}
-    with writing(target), FileOfHDF5(target, f"{mode[0]}+") as storage, h5py.File(storage, mode) as file:
+    with (
+        writing(target),
+        FileOfHDF5(target, f"{mode[0]}+") as storage,
+        h5py.File(storage, mode) as file,
+    ):
         parent = file.create_group(group) if group else file
         at_once = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
         at_once.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)
         at_once.set_fill_time(h5py.h5d.FILL_TIME_NEVER)
         for name, (shape, kind) in shapes.items():
-            places[name] = parent.create_dataset(name, shape, kind, dcpl=at_once).id.get_offset(), kind
+            places[name] = (
+                parent.create_dataset(name, shape, kind, dcpl=at_once).id.get_offset(),
+                kind,
+            )
     return places
 
 

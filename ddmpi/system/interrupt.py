@@ -49,8 +49,14 @@ def ignore() -> None:
 
 
 def _handle(handler: Callable | signal.Handlers) -> None:
-    heard = [number for number in SIGNALS if number in _handlers or signal.getsignal(number) != signal.SIG_IGN]
-    _handlers.update(dict.fromkeys(heard, handler))  # a shell's job in the background ignores Ctrl-C
+    heard = [
+        number
+        for number in SIGNALS
+        if number in _handlers or signal.getsignal(number) != signal.SIG_IGN
+    ]
+    _handlers.update(
+        dict.fromkeys(heard, handler)
+    )  # a shell's job in the background ignores Ctrl-C
     listen_again()
 
 
@@ -63,7 +69,9 @@ def listen_again() -> None:
 def _note(number: int, _frame: object) -> None:
     name = signal.Signals(number).name
     if number == signal.SIGUSR1:
-        with contextlib.suppress(KeyError, OSError):  # scripts/attend.sh hands others on as SIGUSR1, and says which
+        with contextlib.suppress(
+            KeyError, OSError
+        ):  # scripts/attend.sh hands others on as SIGUSR1, and says which
             name = Path(os.environ["DDMPI_SIGNAL"]).read_text().strip() or name
     _received.append(name)
 
@@ -106,12 +114,23 @@ def apart(folder: Path, work: Callable[..., Any], *arguments: Any, doing: str = 
 
     task = folder / "task"
     task.write_bytes(pickle.dumps((work, arguments)))
-    environment = {name: value for name, value in os.environ.items() if not name.startswith(OF_RANKS)}
+    environment = {
+        name: value for name, value in os.environ.items() if not name.startswith(OF_RANKS)
+    }
     environment |= {"HOME": str(folder), "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     command = [sys.executable, "-P", "-c", "from ddmpi.system.interrupt import _serve; _serve()"]
-    with tempfile.TemporaryFile() as said, subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=said, cwd=folder, env=environment,
-            process_group=0) as child:
+    with (
+        tempfile.TemporaryFile() as said,
+        subprocess.Popen(
+            command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=said,
+            cwd=folder,
+            env=environment,
+            process_group=0,
+        ) as child,
+    ):
         assert child.stdout
         try:
             begun = seen = time.monotonic()
@@ -122,10 +141,18 @@ def apart(folder: Path, work: Callable[..., Any], *arguments: Any, doing: str = 
                 _waited[0] += seen - before
                 if doing and _waited[0] > silent:
                     # not by `said` itself, whose place in the file is the process's, too
-                    end = os.pread(said.fileno(), 1000, max(os.fstat(said.fileno()).st_size - 1000, 0)).strip()
-                    last = re.split(rb"[\r\n]+", end)[-1].decode(errors="replace").partition(": ")[2]
-                    print(f"ddmpi: {doing}, for {seen - begun:.0f} s so far" + f": {last.strip()}" * bool(last),
-                          file=sys.stderr, flush=True)
+                    end = os.pread(
+                        said.fileno(), 1000, max(os.fstat(said.fileno()).st_size - 1000, 0)
+                    ).strip()
+                    last = (
+                        re.split(rb"[\r\n]+", end)[-1].decode(errors="replace").partition(": ")[2]
+                    )
+                    print(
+                        f"ddmpi: {doing}, for {seen - begun:.0f} s so far"
+                        + f": {last.strip()}" * bool(last),
+                        file=sys.stderr,
+                        flush=True,
+                    )
                     _waited[0], silent = 0.0, max(silent, seen - begun)
             returned = child.stdout.read()
             code = child.wait()
@@ -135,8 +162,11 @@ def apart(folder: Path, work: Callable[..., Any], *arguments: Any, doing: str = 
         check()
         if code or not returned:
             said.seek(0)
-            lines = [line for line in said.read().decode(errors="replace").strip().split("\n")
-                     if not line.startswith("Info ")]
+            lines = [
+                line
+                for line in said.read().decode(errors="replace").strip().split("\n")
+                if not line.startswith("Info ")
+            ]
             words = lines[-1] if lines else ""
             how = f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
             raise ChildProcessError(": ".join(filter(None, (how, words))))
@@ -151,7 +181,9 @@ def _serve() -> None:
     back, parent = os.fdopen(os.dup(1), "wb"), os.dup(0)
     os.dup2(2, 1)  # for what libraries print
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)  # for what they ask
-    threading.Thread(target=lambda: (os.read(parent, 1), os._exit(1)), daemon=True).start()  # its end ends this one
+    threading.Thread(
+        target=lambda: (os.read(parent, 1), os._exit(1)), daemon=True
+    ).start()  # its end ends this one
     work, arguments = pickle.loads(Path("task").read_bytes())
     try:
         answer = work(*arguments)

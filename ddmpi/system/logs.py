@@ -21,10 +21,14 @@ class _LogFile(logging.FileHandler):
 
     def format(self, record: logging.LogRecord) -> str:
         stamp = utc(record.created)
-        return "\n".join(f"{stamp}  {line}".rstrip() for line in printable(super().format(record)).split("\n"))
+        return "\n".join(
+            f"{stamp}  {line}".rstrip() for line in printable(super().format(record)).split("\n")
+        )
 
     def handleError(self, record: logging.LogRecord | None) -> None:
-        _give_up(self, f"the log {self.baseFilename} cannot be written any more ({sys.exc_info()[1]})")
+        _give_up(
+            self, f"the log {self.baseFilename} cannot be written any more ({sys.exc_info()[1]})"
+        )
 
     def close(self) -> None:
         try:
@@ -85,7 +89,9 @@ def configure(rank: int, quiet: bool = False, file: str | None = None, heading: 
         try:
             former = Path(file).read_bytes() if os.path.isfile(file) else b""  # and no device
             if former and not re.match(rb"[\d-]{10}T[\d:]{8}Z  ddmpi \S+ on ", former):
-                raise InputError(f"--log {file}: is there already, and no log of ddmpi; name another file")
+                raise InputError(
+                    f"--log {file}: is there already, and no log of ddmpi; name another file"
+                )
             Path(file).parent.mkdir(parents=True, exist_ok=True)
             _logger.addHandler(log := _LogFile(file, encoding="utf-8"))
         except OSError as error:
@@ -152,7 +158,9 @@ def diverted(path: Path | None) -> Iterator[None]:
 def report_error(message: str) -> None:
     """Print an error on stderr and append it to the log; any rank may do so on its own."""
     with contextlib.suppress(OSError):  # the exit code says it, too
-        sys.stderr.write(f"{printable(message)}\n")  # a whole line: Open MPI 5.0 mixes pieces of lines of both streams
+        sys.stderr.write(
+            f"{printable(message)}\n"
+        )  # a whole line: Open MPI 5.0 mixes pieces of lines of both streams
         sys.stderr.flush()
     for handler in _log_files():
         with contextlib.suppress(OSError):  # the message is on the screen

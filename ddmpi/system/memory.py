@@ -11,7 +11,10 @@ from pathlib import Path
 _MALLOC = {-1: 2**20, -3: 2**20, -4: 2**16}
 """Settings of mallopt: M_TRIM_THRESHOLD and M_MMAP_THRESHOLD (bytes), M_MMAP_MAX."""
 
-GROUPS = {"": ("sys/fs/cgroup", "memory.max"), "memory": ("sys/fs/cgroup/memory", "memory.limit_in_bytes")}
+GROUPS = {
+    "": ("sys/fs/cgroup", "memory.max"),
+    "memory": ("sys/fs/cgroup/memory", "memory.limit_in_bytes"),
+}
 """Folder and file of the limit that a batch system sets by control groups: version 2 (no controller named) and 1."""
 
 
@@ -27,8 +30,12 @@ def free_memory(root: Path = Path("/")) -> float:
         if controllers in GROUPS:
             base, limit = GROUPS[controllers]
             group = root / base / name.strip("/")
-            while group != (root / base).parent:  # the limit of a group holds for the groups within it
-                known += [float(number) for number in _read(group / limit).split() if number.isdecimal()]
+            while (
+                group != (root / base).parent
+            ):  # the limit of a group holds for the groups within it
+                known += [
+                    float(number) for number in _read(group / limit).split() if number.isdecimal()
+                ]
                 group = group.parent
     return min(known, default=float("inf"))
 

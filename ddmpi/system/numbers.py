@@ -15,7 +15,16 @@ of a mesh, which files round; and what a user draws or prescribes."""
 SI = ("m", "Pa", "N/m", "N·m/m", "J/m", "N", "N·m", "J")
 """Units that take a prefix."""
 
-PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p"))
+PREFIXES = (
+    (1e9, "G"),
+    (1e6, "M"),
+    (1e3, "k"),
+    (1.0, ""),
+    (1e-3, "m"),
+    (1e-6, "µ"),
+    (1e-9, "n"),
+    (1e-12, "p"),
+)
 
 
 QUARTER = np.array([[0.0, 1.0], [-1.0, 0.0]])
@@ -62,7 +71,8 @@ class RigidMotion(NamedTuple):
         axes = np.eye(points.shape[1])
         # rows e_i + θ × e_i: (x − p) times them is x − p + θ × (x − p)
         return self.pivot + (points - self.displacement - self.pivot) @ np.linalg.inv(
-            axes + crossed(self.turn[None], axes))
+            axes + crossed(self.turn[None], axes)
+        )
 
 
 class Frame(NamedTuple):
@@ -84,15 +94,26 @@ class Frame(NamedTuple):
     angle: float = 0.0
 
     @classmethod
-    def of(cls, shift: Sequence[float] | np.ndarray, turn: float | np.ndarray = 0.0,
-           pivot: Sequence[float] | np.ndarray | None = None) -> Frame:
+    def of(
+        cls,
+        shift: Sequence[float] | np.ndarray,
+        turn: float | np.ndarray = 0.0,
+        pivot: Sequence[float] | np.ndarray | None = None,
+    ) -> Frame:
         """A turn about a pivot (m), and then a shift (m). The turn is in degrees, counterclockwise; in space it is a
         vector (3,), along its axis."""
-        about, turn = np.zeros(len(shift)) if pivot is None else np.array(pivot, float), np.atleast_1d(turn)
+        about, turn = (
+            np.zeros(len(shift)) if pivot is None else np.array(pivot, float),
+            np.atleast_1d(turn),
+        )
         angle = float(turn[0]) if len(turn) == 1 else norm(turn)
         # multiples of 90° without rounding
-        sine, cosine = (math.sin(math.radians(part)) if part % 90.0 else float(np.sin(np.pi / 180.0 * part).round())
-                        for part in (angle, angle + 90.0))
+        sine, cosine = (
+            math.sin(math.radians(part))
+            if part % 90.0
+            else float(np.sin(np.pi / 180.0 * part).round())
+            for part in (angle, angle + 90.0)
+        )
         turned = np.eye(len(shift))
         if angle:
             # Rodrigues: x ↦ cos φ x + sin φ k × x + (1 − cos φ) k (k·x) with the unit vector k of the axis
@@ -182,8 +203,12 @@ def nearest_in(points: np.ndarray, simplices: np.ndarray) -> np.ndarray:
     places, beside = points - aside, (part < 0.0).any(axis=1) | (part.sum(axis=1) > 1.0)
     # Outside of the simplex the nearest place is on one of its facets, simplices of one dimension less.
     if beside.any():
-        sides = np.stack([nearest_in(points[beside], np.delete(simplices[beside], k, axis=1))
-                          for k in range(simplices.shape[1])])
+        sides = np.stack(
+            [
+                nearest_in(points[beside], np.delete(simplices[beside], k, axis=1))
+                for k in range(simplices.shape[1])
+            ]
+        )
         nearest = np.argmin(np.linalg.norm(sides - points[beside], axis=2), axis=0)
         places[beside] = sides[nearest, np.arange(len(nearest))]
     return places

@@ -18,13 +18,21 @@ from mpi4py import MPI
 import ddmpi
 from ddmpi.system.logs import utc
 
-SLURM = {"job_id": "SLURM_JOB_ID", "job_name": "SLURM_JOB_NAME", "array_job_id": "SLURM_ARRAY_JOB_ID",
-         "array_task_id": "SLURM_ARRAY_TASK_ID", "restarts": "SLURM_RESTART_COUNT", "cluster": "SLURM_CLUSTER_NAME",
-         "nodes": "SLURM_JOB_NODELIST"}
+SLURM = {
+    "job_id": "SLURM_JOB_ID",
+    "job_name": "SLURM_JOB_NAME",
+    "array_job_id": "SLURM_ARRAY_JOB_ID",
+    "array_task_id": "SLURM_ARRAY_TASK_ID",
+    "restarts": "SLURM_RESTART_COUNT",
+    "cluster": "SLURM_CLUSTER_NAME",
+    "nodes": "SLURM_JOB_NODELIST",
+}
 """Environment variables in which Slurm describes the job."""
 
 NO_CLARABEL = "clarabel is not installed: pip install clarabel"
-NO_MATPLOTLIB = "matplotlib is not installed: pip install matplotlib, or Debian's python3-matplotlib"
+NO_MATPLOTLIB = (
+    "matplotlib is not installed: pip install matplotlib, or Debian's python3-matplotlib"
+)
 
 
 @functools.cache
@@ -32,9 +40,12 @@ def versions() -> dict[str, str]:
     """Versions of the software that a result depends on. After petsc4py.init only: importing PETSc starts it."""
     from petsc4py import PETSc
 
-    table = {"ddmpi": ddmpi.__version__, "python": sys.version.split()[0],
-             "petsc": ".".join(str(v) for v in PETSc.Sys.getVersion()),
-             "mpi": " ".join(MPI.Get_library_version().split("\n")[0].split(",")[0].strip("\0").split())}
+    table = {
+        "ddmpi": ddmpi.__version__,
+        "python": sys.version.split()[0],
+        "petsc": ".".join(str(v) for v in PETSc.Sys.getVersion()),
+        "mpi": " ".join(MPI.Get_library_version().split("\n")[0].split(",")[0].strip("\0").split()),
+    }
     installed = _installed()
     for name in ("petsc4py", "mpi4py", "numpy", "scipy", "gmsh", "meshio", "h5py", "clarabel"):
         try:
@@ -51,7 +62,10 @@ def _installed() -> dict[str, str]:
     packages: dict[str, str] = {}
     for folder in reversed(sys.path):
         with contextlib.suppress(OSError):  # zip files, folders that nobody may read
-            names = [re.fullmatch(r"(\w+)-(\d[^-]*).*\.(?:dist|egg)-info", name) for name in os.listdir(folder or ".")]
+            names = [
+                re.fullmatch(r"(\w+)-(\d[^-]*).*\.(?:dist|egg)-info", name)
+                for name in os.listdir(folder or ".")
+            ]
             packages |= {name[1].lower(): name[2] for name in names if name}
     return packages
 
@@ -74,15 +88,25 @@ def provenance(started: float, hosts: list[str]) -> dict:
     """
     seconds = time.time() - (time.perf_counter() - started)
     name = f"{utc(seconds)[:-1]}.{int(seconds % 1 * 1000):03d}Z {whereabouts()}"
-    return {"run": name, "started": utc(seconds), "command": command(),
-            "working_folder": os.getcwd(), "slurm": batch_job(), "hosts": hosts, "versions": versions()}
+    return {
+        "run": name,
+        "started": utc(seconds),
+        "command": command(),
+        "working_folder": os.getcwd(),
+        "slurm": batch_job(),
+        "hosts": hosts,
+        "versions": versions(),
+    }
 
 
 def identity(summary: dict) -> dict[str, str]:
     """Metadata of a picture (PNG text chunks) that name its run. Not collective."""
     version = summary.get("versions", {}).get("ddmpi", "of unknown version")
-    run = (f"run {summary['run']}: {summary['command']}, in {summary['working_folder']}" if "run" in summary
-           else "unknown run")
+    run = (
+        f"run {summary['run']}: {summary['command']}, in {summary['working_folder']}"
+        if "run" in summary
+        else "unknown run"
+    )
     return {"Title": summary["title"], "Software": f"ddmpi {version}", "Description": run}
 
 
@@ -108,4 +132,6 @@ def batch_job() -> dict[str, str]:
     """The batch job as Slurm describes it; empty without one."""
     if "SLURM_JOB_ID" not in os.environ:
         return {}
-    return {name: os.environ[variable] for name, variable in SLURM.items() if variable in os.environ}
+    return {
+        name: os.environ[variable] for name, variable in SLURM.items() if variable in os.environ
+    }

@@ -112,8 +112,11 @@ class Case:
         m, frame, found = len(self.pairs), self.frame, []
         for side, sign in ((0, 1.0), (1, -1.0)):
             i = np.flatnonzero(self.pairs[:, side] >= 0)
-            found += [(a * m + i, 3 * self.pairs[i, side] + c, sign * frame[i, a, c])
-                      for a in range(3) for c in range(3)]
+            found += [
+                (a * m + i, 3 * self.pairs[i, side] + c, sign * frame[i, a, c])
+                for a in range(3)
+                for c in range(3)
+            ]
         rows, columns, values = (np.concatenate(each) for each in zip(*found, strict=True))
         return rows, columns, values
 
@@ -123,7 +126,9 @@ class Case:
 
 def read_case(folder: Path) -> Case:
     with np.load(folder / FILE) as file:
-        return Case(**{name: file[name] if file[name].ndim else file[name].item() for name in file.files})
+        return Case(
+            **{name: file[name] if file[name].ndim else file[name].item() for name in file.files}
+        )
 
 
 @dataclass(frozen=True)
@@ -151,8 +156,12 @@ def answer_of(case: Case, u: np.ndarray, s: np.ndarray, iterations: int) -> Answ
     """From the displacement (3 nv,) of all nodes in m and the forces (3, m) of the pairs in their frames, in N."""
     first = case.contact < case.compared
     pushed = np.einsum("am,mac->c", s[1:, first], case.frame[first, 1:])
-    return Answer(u.reshape(case.points.shape), np.array([s[0, first].sum(), np.linalg.norm(pushed)]),
-                  float((s[0] / case.area).max()), iterations)
+    return Answer(
+        u.reshape(case.points.shape),
+        np.array([s[0, first].sum(), np.linalg.norm(pushed)]),
+        float((s[0] / case.area).max()),
+        iterations,
+    )
 
 
 def along_and_across(case: Case, force: np.ndarray) -> np.ndarray:
@@ -163,14 +172,28 @@ def along_and_across(case: Case, force: np.ndarray) -> np.ndarray:
 
 def read_answer(folder: Path) -> Answer:
     with np.load(folder / ANSWER) as file:
-        return Answer(**{name: file[name] if file[name].ndim else file[name].item() for name in file.files})
+        return Answer(
+            **{name: file[name] if file[name].ndim else file[name].item() for name in file.files}
+        )
 
 
 # ddmpi itself, the whole command as a user types it
 
+
 def ddmpi_command(folder: Path) -> list[str]:
-    return ["mpirun", "-n", "1", sys.executable, "-m", "ddmpi", "run", "scene.toml", "--no-figures",
-            "--output", "results"]
+    return [
+        "mpirun",
+        "-n",
+        "1",
+        sys.executable,
+        "-m",
+        "ddmpi",
+        "run",
+        "scene.toml",
+        "--no-figures",
+        "--output",
+        "results",
+    ]
 
 
 def clear_ddmpi(case: Case, folder: Path) -> None:
@@ -183,13 +206,17 @@ def read_ddmpi(case: Case, folder: Path) -> Answer:
 
     summary = msgspec.json.decode((folder / "results" / "summary.json").read_bytes())
     contacts = list(summary["contacts"].values())
-    force = sum(np.array(each["force"]) for each in contacts[:case.compared])
+    force = sum(np.array(each["force"]) for each in contacts[: case.compared])
     with h5py.File(folder / "results" / "result.h5") as file:
         if np.abs(file["points"][:] - case.points).max() > 1e-9 * np.ptp(case.points):
             raise RuntimeError("ddmpi's nodes are in another order")
         u = file["displacement"][:]
-    return Answer(u, along_and_across(case, force),
-                  max(each["pressure_max"] for each in contacts), summary["outer_iterations"])
+    return Answer(
+        u,
+        along_and_across(case, force),
+        max(each["pressure_max"] for each in contacts),
+        summary["outer_iterations"],
+    )
 
 
 # CalculiX (calculix-ccx): contact by penalty springs or mortar, SPOOLES
@@ -211,8 +238,10 @@ CUBE = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1,
 
 def _lines(rows: Iterable) -> str:
     """Lines of CalculiX, whose numbers have at most 20 characters."""
-    return "".join(", ".join(f"{each:.13g}" if isinstance(each, float) else str(each) for each in row) + "\n"
-                   for row in rows)
+    return "".join(
+        ", ".join(f"{each:.13g}" if isinstance(each, float) else str(each) for each in row) + "\n"
+        for row in rows
+    )
 
 
 def part_of_load(case: Case) -> float:
@@ -231,29 +260,50 @@ def deck(case: Case, kind: str) -> str:
         base = list(range(len(points), len(points) + len(CUBE)))
         points = np.vstack([points, low + size * np.array(CUBE)])
         clamped += [(i + 1, 1, 3) for i in base]
-        rigid = "*ELEMENT, TYPE=C3D8, ELSET=BODIES\n" + _lines([[len(case.cells) + 1, *(i + 1 for i in base)]])
-    lines = ["*NODE, NSET=ALL\n", _lines((i + 1, *x) for i, x in enumerate(points.tolist())),
-             f"*ELEMENT, TYPE={ELEMENTS[case.cells.shape[1]]}, ELSET=BODIES\n",
-             _lines((e + 1, *each) for e, each in enumerate((case.cells + 1).tolist())), rigid,
-             "*NSET, NSET=BASE\n", _lines((i + 1,) for i in base),
-             f"*MATERIAL, NAME=STEEL\n*ELASTIC\n{case.young!r}, {case.poisson!r}\n",
-             "*SOLID SECTION, ELSET=BODIES, MATERIAL=STEEL\n1.0\n*BOUNDARY\n", _lines(clamped)]
+        rigid = "*ELEMENT, TYPE=C3D8, ELSET=BODIES\n" + _lines(
+            [[len(case.cells) + 1, *(i + 1 for i in base)]]
+        )
+    lines = [
+        "*NODE, NSET=ALL\n",
+        _lines((i + 1, *x) for i, x in enumerate(points.tolist())),
+        f"*ELEMENT, TYPE={ELEMENTS[case.cells.shape[1]]}, ELSET=BODIES\n",
+        _lines((e + 1, *each) for e, each in enumerate((case.cells + 1).tolist())),
+        rigid,
+        "*NSET, NSET=BASE\n",
+        _lines((i + 1,) for i in base),
+        f"*MATERIAL, NAME=STEEL\n*ELASTIC\n{case.young!r}, {case.poisson!r}\n",
+        "*SOLID SECTION, ELSET=BODIES, MATERIAL=STEEL\n1.0\n*BOUNDARY\n",
+        _lines(clamped),
+    ]
     for number in np.unique(case.side[:, 0]).tolist():
         second = f"{len(case.cells) + 1}, S2\n" if case.rigid else _lines(faces(case, number, 1))
-        lines += [f"*SURFACE, NAME=FIRST{number}, TYPE=ELEMENT\n", _lines(faces(case, number, 0)),
-                  f"*SURFACE, NAME=SECOND{number}, TYPE=ELEMENT\n", second,
-                  f"*CONTACT PAIR, INTERACTION=TOUCH, TYPE={kind}\n", f"FIRST{number}, SECOND{number}\n"]
+        lines += [
+            f"*SURFACE, NAME=FIRST{number}, TYPE=ELEMENT\n",
+            _lines(faces(case, number, 0)),
+            f"*SURFACE, NAME=SECOND{number}, TYPE=ELEMENT\n",
+            second,
+            f"*CONTACT PAIR, INTERACTION=TOUCH, TYPE={kind}\n",
+            f"FIRST{number}, SECOND{number}\n",
+        ]
     spring = case.young / case.spacing
-    lines += ["*SURFACE INTERACTION, NAME=TOUCH\n*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=",
-              "HARD\n" if mortar else f"LINEAR\n{STIFFNESS * spring!r}",
-              "" if mortar else "\n"]
+    lines += [
+        "*SURFACE INTERACTION, NAME=TOUCH\n*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=",
+        "HARD\n" if mortar else f"LINEAR\n{STIFFNESS * spring!r}",
+        "" if mortar else "\n",
+    ]
     if case.friction:
         lines += [f"*FRICTION\n{case.friction!r}, {STICK * spring!r}\n"]
-    load = [(i // 3 + 1, i % 3 + 1, value) for i, value in enumerate((part_of_load(case) * case.load).tolist())
-            if value]
-    lines += ["*STEP, INC=1000\n*STATIC\n1., 1.\n*CLOAD\n", _lines(load),
-              "*NODE PRINT, NSET=BASE, TOTALS=ONLY\nRF\n",
-              "*NODE FILE\nU\n*CONTACT FILE\nCSTR\n*END STEP\n"]
+    load = [
+        (i // 3 + 1, i % 3 + 1, value)
+        for i, value in enumerate((part_of_load(case) * case.load).tolist())
+        if value
+    ]
+    lines += [
+        "*STEP, INC=1000\n*STATIC\n1., 1.\n*CLOAD\n",
+        _lines(load),
+        "*NODE PRINT, NSET=BASE, TOTALS=ONLY\nRF\n",
+        "*NODE FILE\nU\n*CONTACT FILE\nCSTR\n*END STEP\n",
+    ]
     return "".join(lines)
 
 
@@ -266,7 +316,10 @@ def second_body(case: Case) -> np.ndarray:
 
 def faces(case: Case, contact: int, which: int) -> list[tuple[int, str]]:
     """The sides of elements that are the facets of the first (0) or second (1) body of a contact."""
-    wanted, digits = case.facets[(case.side == (contact, which)).all(axis=1), :3], len(case.points) ** np.arange(3)
+    wanted, digits = (
+        case.facets[(case.side == (contact, which)).all(axis=1), :3],
+        len(case.points) ** np.arange(3),
+    )
     sides = np.sort(case.cells[:, SIDES], axis=2) @ digits
     found = np.argwhere(np.isin(sides, np.sort(wanted, axis=1) @ digits))
     return [(e + 1, f"S{k + 1}") for e, k in found.tolist()]
@@ -277,6 +330,7 @@ def write_calculix(kind: str) -> Callable[[Case, Path], None]:
         for name in ("contact.dat", "contact.sta", "contact.frd"):
             (folder / name).unlink(missing_ok=True)
         (folder / "contact.inp").write_text(deck(case, kind), encoding="utf-8")
+
     return write
 
 
@@ -293,10 +347,18 @@ def _table(text: str, title: str) -> np.ndarray:
 
 def nodal(text: str, name: str) -> tuple[list[int], np.ndarray]:
     """Nodes and values of the last results of that name in a .frd file of CalculiX; none where it has none."""
-    lines = [line for line in text.rpartition(f" -4  {name}")[2].split("\n -3", 1)[0].splitlines()
-             if line.startswith(" -1")] if f" -4  {name}" in text else []
+    lines = (
+        [
+            line
+            for line in text.rpartition(f" -4  {name}")[2].split("\n -3", 1)[0].splitlines()
+            if line.startswith(" -1")
+        ]
+        if f" -4  {name}" in text
+        else []
+    )
     return [int(line[3:13]) for line in lines], np.array(
-        [[float(line[k:k + 12]) for k in range(13, len(line.rstrip()), 12)] for line in lines])
+        [[float(line[k : k + 12]) for k in range(13, len(line.rstrip()), 12)] for line in lines]
+    )
 
 
 def read_calculix(case: Case, folder: Path) -> Answer:
@@ -310,7 +372,10 @@ def read_calculix(case: Case, folder: Path) -> Answer:
     force = -_table(text, "total force")[0, :3] - load.reshape(-1, 3)[second_body(case)].sum(axis=0)
     results = (folder / "contact.frd").read_text(encoding="utf-8")
     pressure = nodal(results, "CONTACT")[1][:, 3]  # of faces, extrapolated to nodes
-    u = nodal(results, "DISP")[1][:len(case.points)]
-    return Answer(u / part, along_and_across(case, force) / part,
-                  float(pressure.max()) / part,
-                  sum(int(row.split()[3]) for row in increments))
+    u = nodal(results, "DISP")[1][: len(case.points)]
+    return Answer(
+        u / part,
+        along_and_across(case, force) / part,
+        float(pressure.max()) / part,
+        sum(int(row.split()[3]) for row in increments),
+    )

@@ -31,10 +31,14 @@ its frame: the law of contact, linearised. Rows without S, where a pair touches 
 
 def stiffness(case: Case) -> sparse.csr_matrix:
     mesh = MeshTet(case.points.T.copy(), case.cells.T.copy())
-    return asm(linear_elasticity(*case.lame), Basis(mesh, ElementVector(ElementTetP1()), intorder=1)).tocsr()
+    return asm(
+        linear_elasticity(*case.lame), Basis(mesh, ElementVector(ElementTetP1()), intorder=1)
+    ).tocsr()
 
 
-def linearise(case: Case, closed: np.ndarray, sticks: np.ndarray, turn: np.ndarray, share: np.ndarray) -> Law:
+def linearise(
+    case: Case, closed: np.ndarray, sticks: np.ndarray, turn: np.ndarray, share: np.ndarray
+) -> Law:
     """The law where pairs are closed (m,) and stick (m,); those that slip have the direction q/|q| (m, 2) of
     q = s_t + scale x_t and the share μ s_ν/|q| (m,), which are zero elsewhere."""
     m = len(case.pairs)
@@ -42,12 +46,18 @@ def linearise(case: Case, closed: np.ndarray, sticks: np.ndarray, turn: np.ndarr
     S[~closed, 0, 0] = 1.0
     E[closed, 0, 0], g[closed, 0] = case.scale[closed], (case.scale * case.gap)[closed]
     across = share[:, None, None] * (one - turn[:, :, None] * turn[:, None])
-    S[:, 1:, 0], S[:, 1:, 1:], E[:, 1:, 1:] = -case.friction * turn, one - across, -case.scale[:, None, None] * across
+    S[:, 1:, 0], S[:, 1:, 1:], E[:, 1:, 1:] = (
+        -case.friction * turn,
+        one - across,
+        -case.scale[:, None, None] * across,
+    )
     S[sticks, 1:], E[sticks, 1:, 1:] = 0.0, case.scale[sticks, None, None] * one
     return S, E, g
 
 
-def iterate(case: Case, step: Callable[[np.ndarray, Law], tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, int]:
+def iterate(
+    case: Case, step: Callable[[np.ndarray, Law], tuple[np.ndarray, np.ndarray]]
+) -> tuple[np.ndarray, int]:
     """Semi-smooth Newton on the cones of friction: the forces (3, m) at which the sets no longer change, and the steps.
 
     `step` takes which pairs are closed (m,), and the law, to forces and relative displacements, both (3, m).
@@ -62,16 +72,24 @@ def iterate(case: Case, step: Callable[[np.ndarray, Law], tuple[np.ndarray, np.n
         closed = pressed > 0.0
         slips = closed & (size > mu * pressed) & (mu > 0.0)
         sticks, size = closed & ~slips & (mu > 0.0), np.where(slips, size, 1.0)
-        turn, share = np.where(slips[:, None], q / size[:, None], 0.0), np.where(slips, mu * pressed / size, 0.0)
-        if (np.array_equal(closed, before[0]) and np.array_equal(sticks, before[1])
-                and np.abs(turn - before[2]).max() < TURN):
+        turn, share = (
+            np.where(slips[:, None], q / size[:, None], 0.0),
+            np.where(slips, mu * pressed / size, 0.0),
+        )
+        if (
+            np.array_equal(closed, before[0])
+            and np.array_equal(sticks, before[1])
+            and np.abs(turn - before[2]).max() < TURN
+        ):
             return s, k
     raise RuntimeError(f"the active set still changes after {STEPS} steps")
 
 
 def by_clamps(case: Case) -> Answer:
     size, d, (first, second) = case.load.size, 3, case.pairs.T
-    dofs = d * first[:, None] + np.arange(d)  # of relative displacements in the frames, which replace those along axes
+    dofs = d * first[:, None] + np.arange(
+        d
+    )  # of relative displacements in the frames, which replace those along axes
     others, bodily = np.setdiff1d(np.arange(size), dofs), np.flatnonzero(second >= 0)
     parts = [(others, others, np.ones(len(others)))]
     for c in range(d):
@@ -82,7 +100,9 @@ def by_clamps(case: Case) -> Answer:
     K, f = (T.T @ stiffness(case) @ T).tocsr(), T.T @ case.load
     held = np.zeros(size, bool)
     held[case.clamped] = True
-    held[dofs] = (np.isin(dofs, case.clamped)[:, None] & (np.abs(case.frame) > 0.5)).any(axis=2)  # what lies along
+    held[dofs] = (np.isin(dofs, case.clamped)[:, None] & (np.abs(case.frame) > 0.5)).any(
+        axis=2
+    )  # what lies along
     v = np.zeros(size)
 
     def step(closed: np.ndarray, law: Law) -> tuple[np.ndarray, np.ndarray]:
@@ -92,11 +112,21 @@ def by_clamps(case: Case) -> Answer:
         known[dofs[given]] = True
         v[:] = 0.0
         v[dofs[given]] = g[given] / np.diagonal(E, axis1=1, axis2=2)[given]
-        free, at = np.flatnonzero(~known), (np.repeat(dofs, d, axis=1).ravel(), np.tile(dofs, d).ravel())
-        R = sparse.csr_matrix((np.concatenate([np.ones(len(others)), S.ravel()]),
-                               (np.concatenate([others, at[0]]), np.concatenate([others, at[1]]))), (size, size))
+        free, at = (
+            np.flatnonzero(~known),
+            (np.repeat(dofs, d, axis=1).ravel(), np.tile(dofs, d).ravel()),
+        )
+        R = sparse.csr_matrix(
+            (
+                np.concatenate([np.ones(len(others)), S.ravel()]),
+                (np.concatenate([others, at[0]]), np.concatenate([others, at[1]])),
+            ),
+            (size, size),
+        )
         R.eliminate_zeros()
-        M = (R @ K - sparse.csr_matrix((E.ravel(), at), (size, size)))[free]  # S (f − K v) + E v = g
+        M = (R @ K - sparse.csr_matrix((E.ravel(), at), (size, size)))[
+            free
+        ]  # S (f − K v) + E v = g
         v[free] = solve(M[:, free].tocsr(), (R @ f)[free] - M @ v)
         s = np.where(closed[:, None], (f - K @ v)[dofs], 0.0)
         s[:, 1:] *= case.friction > 0.0

@@ -31,22 +31,29 @@ def dofs_of(fem: getfem.MeshFem, points: np.ndarray, size: float) -> np.ndarray:
     return (first[:, None] + np.arange(d)).ravel()
 
 
-def matrix(rows: np.ndarray, columns: np.ndarray, values: np.ndarray, shape: tuple[int, int]) -> getfem.Spmat:
+def matrix(
+    rows: np.ndarray, columns: np.ndarray, values: np.ndarray, shape: tuple[int, int]
+) -> getfem.Spmat:
     found = getfem.Spmat("empty", *shape)
     for row, column, value in zip(rows.tolist(), columns.tolist(), values.tolist(), strict=True):
         found[row, column] = value
     return found
 
 
-def add_body(model: getfem.Model, case: Case, cells: np.ndarray, points: np.ndarray, name: str) -> tuple:
+def add_body(
+    model: getfem.Model, case: Case, cells: np.ndarray, points: np.ndarray, name: str
+) -> tuple:
     """A variable of the model with stiffness, loads and clamps; returns its mesh, integration, nodes and their dofs."""
     d, order, nodes = 3, 2 if cells.shape[1] == 10 else 1, np.unique(cells)
     mesh = getfem.Mesh("empty", d)
-    mesh.add_convex(getfem.GeoTrans(f"GT_PK({d},1)"), points[cells[:, :d + 1]].transpose(2, 1, 0))
+    mesh.add_convex(getfem.GeoTrans(f"GT_PK({d},1)"), points[cells[:, : d + 1]].transpose(2, 1, 0))
     fem = getfem.MeshFem(mesh, d)
     fem.set_fem(getfem.Fem(f"FEM_PK({d},{order})"))
     integration = getfem.MeshIm(mesh, getfem.Integ(f"IM_TETRAHEDRON({1 if order == 1 else 5})"))
-    dofs, own = dofs_of(fem, points[nodes], np.ptp(points)), (d * nodes[:, None] + np.arange(d)).ravel()
+    dofs, own = (
+        dofs_of(fem, points[nodes], np.ptp(points)),
+        (d * nodes[:, None] + np.arange(d)).ravel(),
+    )
     load, held = np.zeros(fem.nbdof()), dofs[np.isin(own, case.clamped)]
     load[dofs] = case.load[own] / case.young
     model.add_fem_variable(name, fem)
@@ -87,24 +94,37 @@ def at_nodes(case: Case) -> Answer:
     BN = matrix(rows[along], columns[along], values[along], (m, len(dofs)))
     if case.friction:
         component, pair = np.divmod(rows[~along] - m, m)
-        BT = matrix((d - 1) * pair + component, columns[~along], values[~along], ((d - 1) * m, len(dofs)))
+        BT = matrix(
+            (d - 1) * pair + component, columns[~along], values[~along], ((d - 1) * m, len(dofs))
+        )
         model.add_variable("tangential", (d - 1) * m)
-        model.add_basic_contact_brick("u", "normal", "tangential", "r", BN, BT, "friction", "gap", "alpha", 1)
+        model.add_basic_contact_brick(
+            "u", "normal", "tangential", "r", BN, BT, "friction", "gap", "alpha", 1
+        )
     else:
         model.add_basic_contact_brick("u", "normal", "r", BN, "gap", "alpha", 1)
     height = np.einsum("mc,mc->m", case.normal, case.points[case.pairs[:, 0]]) + case.gap
     _, level, count = np.unique(np.round(height / size, 9), return_inverse=True, return_counts=True)
     guess = np.abs(case.load.reshape(-1, d) @ case.axis).sum() / case.young / count[level]
-    model.set_variable("normal", -guess)  # the load on each joint: without it friction holds nothing at first
+    model.set_variable(
+        "normal", -guess
+    )  # the load on each joint: without it friction holds nothing at first
     steps = iterate(model)
     t = model.variable("tangential").reshape(m, -1).T if case.friction else np.zeros((d - 1, m))
-    return answer_of(case, model.variable("u")[dofs], -case.young * np.vstack([model.variable("normal"), t]), steps)
+    return answer_of(
+        case,
+        model.variable("u")[dofs],
+        -case.young * np.vstack([model.variable("normal"), t]),
+        steps,
+    )
 
 
 def by_integrals(case: Case) -> Answer:
     d, model = 3, start(case)
-    bodies = [add_body(model, case, case.cells[case.body == k], case.points, f"u{k}")
-              for k in range(int(case.body.max()) + 1)]
+    bodies = [
+        add_body(model, case, case.cells[case.body == k], case.points, f"u{k}")
+        for k in range(int(case.body.max()) + 1)
+    ]
     model.add_initialized_data("r", 1.0 / case.spacing)
     total, pressure, along, stresses = np.zeros(d), 0.0, np.abs(case.axis), []
     section = np.prod(np.ptp(case.points, axis=0)[along < 0.5])
@@ -117,26 +137,46 @@ def by_integrals(case: Case) -> Answer:
             mesh = bodies[pair[-1]][0]
             away = np.abs(mesh.pts().T[:, None] - case.points[corners]).max(axis=2).min(axis=1)
             outer = set(map(tuple, mesh.outer_faces().T.tolist()))
-            faces = mesh.faces_from_pid(np.flatnonzero(away < 1e-9 * np.ptp(case.points))).T.tolist()
-            mesh.set_region(number + 1, np.array([each for each in faces if tuple(each) in outer]).T)
+            faces = mesh.faces_from_pid(
+                np.flatnonzero(away < 1e-9 * np.ptp(case.points))
+            ).T.tolist()
+            mesh.set_region(
+                number + 1, np.array([each for each in faces if tuple(each) in outer]).T
+            )
         fem = getfem.MeshFem(bodies[pair[0]][0], d)
         fem.set_fem(getfem.Fem(f"FEM_PK({d},1)"))
         model.add_filtered_fem_variable(f"stress{number}", fem, number + 1)
         model.add_integral_contact_between_nonmatching_meshes_brick(
-            bodies[pair[0]][1], f"u{pair[0]}", f"u{pair[1]}", f"stress{number}", "r", "friction", number + 1,
-            number + 1, 1)
-        model.set_variable(f"stress{number}", np.tile(guess * along, len(model.variable(f"stress{number}")) // d))
+            bodies[pair[0]][1],
+            f"u{pair[0]}",
+            f"u{pair[1]}",
+            f"stress{number}",
+            "r",
+            "friction",
+            number + 1,
+            number + 1,
+            1,
+        )
+        model.set_variable(
+            f"stress{number}", np.tile(guess * along, len(model.variable(f"stress{number}")) // d)
+        )
         stresses.append((number, bodies[pair[0]][1]))
     steps = iterate(model)
     for number, integration in stresses:
         if number < case.compared:
-            total += [getfem.asm_generic(integration, 0, f"stress{number}({c + 1})", number + 1, model)
-                      for c in range(d)]
-        pressure = max(pressure, np.abs(model.variable(f"stress{number}").reshape(-1, d) @ along).max())
+            total += [
+                getfem.asm_generic(integration, 0, f"stress{number}({c + 1})", number + 1, model)
+                for c in range(d)
+            ]
+        pressure = max(
+            pressure, np.abs(model.variable(f"stress{number}").reshape(-1, d) @ along).max()
+        )
     u = np.zeros(case.points.shape)
     for k, (_, _, nodes, dofs) in enumerate(bodies):
         u[nodes] = model.variable(f"u{k}")[dofs].reshape(-1, d)
-    return Answer(u, case.young * along_and_across(case, total), float(case.young * pressure), steps)
+    return Answer(
+        u, case.young * along_and_across(case, total), float(case.young * pressure), steps
+    )
 
 
 if __name__ == "__main__":

@@ -34,21 +34,40 @@ def boxes(N: int, folder: Path, order: int) -> dict:
 def tall(N: int, folder: Path, order: int) -> dict:
     """Cubes on each other, pushed along both sides at the top; nothing but contacts holds the upper three."""
     n = N // order
-    bodies = [box(f"cube{k}", (0, 0, k), (1, 1, 1), (n, n, n), order, 2.119e11, 0.277) for k in range(4)]
+    bodies = [
+        box(f"cube{k}", (0, 0, k), (1, 1, 1), (n, n, n), order, 2.119e11, 0.277) for k in range(4)
+    ]
     bodies[0]["clamp"] = ["bottom"]
     bodies[3]["traction"] = [{"on": "top", "value": [5.0e6, 2.5e6, -6.0e7]}]
-    return {"body": bodies, "contact": [{"bodies": [f"cube{k + 1}", f"cube{k}"], "on": ["bottom", "top"],
-                                         "friction": coulomb(0.3)} for k in range(3)]}
+    return {
+        "body": bodies,
+        "contact": [
+            {
+                "bodies": [f"cube{k + 1}", f"cube{k}"],
+                "on": ["bottom", "top"],
+                "friction": coulomb(0.3),
+            }
+            for k in range(3)
+        ],
+    }
 
 
 def ball(N: int, folder: Path, order: int) -> dict:
     """A quarter of a half ball; N elements of order 1, or as many nodes, on the diameter of the contact."""
     mesh = half_ball(folder / "ball.msh", BALL, 2 * BALL * order / N, 2 if order == 2 else 1)
-    return {"rigid": [plane("plane", (0.0, 0.0, 0.0), (0.0, 0.0, 1.0))],
-            "body": [{"name": "ball", "mesh": mesh, "material": {"young": 1.0, "poisson": POISSON},
-                      "clamp": QUARTER,
-                      "traction": [{"on": "top", "force": [0.0, 0.0, -PRESSED / 4]}]}],
-            "contact": [{"bodies": ["ball", "plane"], "on": ["contact"]}]}
+    return {
+        "rigid": [plane("plane", (0.0, 0.0, 0.0), (0.0, 0.0, 1.0))],
+        "body": [
+            {
+                "name": "ball",
+                "mesh": mesh,
+                "material": {"young": 1.0, "poisson": POISSON},
+                "clamp": QUARTER,
+                "traction": [{"on": "top", "force": [0.0, 0.0, -PRESSED / 4]}],
+            }
+        ],
+        "contact": [{"bodies": ["ball", "plane"], "on": ["contact"]}],
+    }
 
 
 def wall(N: int, folder: Path, order: int) -> dict:
@@ -59,14 +78,31 @@ def wall(N: int, folder: Path, order: int) -> dict:
     for level, course in enumerate(courses):
         for k, (start, length) in enumerate(course):
             held = {"clamp": ["bottom"]} if level == 0 else {}
-            pushed = {"traction": [{"on": "top", "value": [1.5e4, 1.0e4, -5.0e4]}]} if level == 3 else {}
-            bodies.append(box(f"brick{level}{k}", (start * cell, 0, 2 * cell * level),
-                              (length * cell, 4 * cell, 2 * cell), (length * n, 4 * n, 2 * n), order, 1e10, 0.2,
-                              **held, **pushed))
-            contacts += [{"bodies": [f"brick{level}{k}", f"brick{level - 1}{below}"], "on": ["bottom", "top"],
-                          "friction": coulomb(0.6)}
-                         for below, (at, size) in enumerate(courses[level - 1] if level else [])
-                         if at < start + length and start < at + size]
+            pushed = (
+                {"traction": [{"on": "top", "value": [1.5e4, 1.0e4, -5.0e4]}]} if level == 3 else {}
+            )
+            bodies.append(
+                box(
+                    f"brick{level}{k}",
+                    (start * cell, 0, 2 * cell * level),
+                    (length * cell, 4 * cell, 2 * cell),
+                    (length * n, 4 * n, 2 * n),
+                    order,
+                    1e10,
+                    0.2,
+                    **held,
+                    **pushed,
+                )
+            )
+            contacts += [
+                {
+                    "bodies": [f"brick{level}{k}", f"brick{level - 1}{below}"],
+                    "on": ["bottom", "top"],
+                    "friction": coulomb(0.6),
+                }
+                for below, (at, size) in enumerate(courses[level - 1] if level else [])
+                if at < start + length and start < at + size
+            ]
     return {"body": bodies, "contact": sorted(contacts, key=lambda contact: contact["bodies"][1])}
 
 
@@ -101,14 +137,39 @@ class Scene:
 
 
 SCENES = {
-    "boxes": Scene("Two boxes in space with Coulomb friction 0.3", boxes, (3.0, 2.0, 1.0), {8: 2, 16: 1, 22: 1}, 28,
-                   between=(10, 12, 14, 18, 20)),
-    "tall": Scene("A loose stack of four cubes with Coulomb friction 0.3", tall, (1.0, 1.0, 4.0), {6: 2, 12: 1, 18: 1},
-                  24, between=(4, 8, 10, 14, 20)),
-    "ball": Scene("A ball on a rigid plane", ball, (0.0, 0.0, 1.0), {10: 2, 20: 1, 40: 1}, 60, (("pressure",), MOVED),
-                  {"pressure": 2 * BALL / np.pi / (1 - POISSON**2)}),
-    "wall": Scene("A wall of fourteen bricks with Coulomb friction 0.6", wall, (0.69, 0.12, 0.24), {2: 2, 4: 1}, 6,
-                  contacts=2),
+    "boxes": Scene(
+        "Two boxes in space with Coulomb friction 0.3",
+        boxes,
+        (3.0, 2.0, 1.0),
+        {8: 2, 16: 1, 22: 1},
+        28,
+        between=(10, 12, 14, 18, 20),
+    ),
+    "tall": Scene(
+        "A loose stack of four cubes with Coulomb friction 0.3",
+        tall,
+        (1.0, 1.0, 4.0),
+        {6: 2, 12: 1, 18: 1},
+        24,
+        between=(4, 8, 10, 14, 20),
+    ),
+    "ball": Scene(
+        "A ball on a rigid plane",
+        ball,
+        (0.0, 0.0, 1.0),
+        {10: 2, 20: 1, 40: 1},
+        60,
+        (("pressure",), MOVED),
+        {"pressure": 2 * BALL / np.pi / (1 - POISSON**2)},
+    ),
+    "wall": Scene(
+        "A wall of fourteen bricks with Coulomb friction 0.6",
+        wall,
+        (0.69, 0.12, 0.24),
+        {2: 2, 4: 1},
+        6,
+        contacts=2,
+    ),
 }
 """By name."""
 
@@ -126,7 +187,9 @@ def write_case(name: str, N: int, folder: Path, order: int = 1) -> Case:
 def case_of(scene: dict, watched: tuple[float, float, float], contacts: int) -> Case:
     """The Case of a scene whose contacts are flat and whose nodes match, or of one with the rigid plane through the
     origin across the last axis. At order 2 nodes need not match."""
-    meshes = {body.name: build_mesh(body) for body in read_scene("a scene of peers", to_toml(scene)).body}
+    meshes = {
+        body.name: build_mesh(body) for body in read_scene("a scene of peers", to_toml(scene)).body
+    }
     counts = [len(mesh.points) for mesh in meshes.values()]
     starts = dict(zip(meshes, np.cumsum([0, *counts[:-1]]), strict=True))
     points = np.concatenate([mesh.points for mesh in meshes.values()])
@@ -144,41 +207,68 @@ def case_of(scene: dict, watched: tuple[float, float, float], contacts: int) -> 
         for traction in body.get("traction", []):
             facets = facets_of(body["name"], traction["on"])
             shares = facet_shares(points[facets])
-            value = traction["value"] if "value" in traction else np.array(traction["force"]) / shares.sum()
+            value = (
+                traction["value"]
+                if "value" in traction
+                else np.array(traction["force"]) / shares.sum()
+            )
             np.add.at(load, facets, shares[:, :, None] * np.array(value))
     held = np.unique(np.concatenate(clamped))
 
     parts, shown = [], []
     for number, contact in enumerate(scene["contact"]):
-        sides = [facets_of(name, on) for name, on in zip(contact["bodies"], contact["on"], strict=False)]
+        sides = [
+            facets_of(name, on) for name, on in zip(contact["bodies"], contact["on"], strict=False)
+        ]
         nodes = np.unique(sides[0])
         partner = np.full(len(nodes), -1)
         if len(sides) == 2:  # what matches; at order 2 everything, if nothing does
             facing = np.unique(sides[1])
             away, nearest = cKDTree(points[facing]).query(points[nodes])
             there = away < 1e-9
-            covered = [np.isin(side, its).all(axis=1) for side, its in
-                       zip(sides, (nodes[there], facing[nearest[there]]), strict=True)]
+            covered = [
+                np.isin(side, its).all(axis=1)
+                for side, its in zip(sides, (nodes[there], facing[nearest[there]]), strict=True)
+            ]
             if covered[0].any() and covered[1].any():
                 sides = [side[its] for side, its in zip(sides, covered, strict=True)]
                 there &= np.isin(nodes, sides[0])
             elif order == 1:
                 raise ValueError(f"the nodes of {' and '.join(contact['bodies'])} do not match")
             nodes, partner = nodes[there], facing[nearest[there]]
-        share = np.bincount(sides[0].ravel(), facet_shares(points[sides[0]]).ravel(), len(points))[nodes]
-        pairs = np.column_stack([nodes, partner])[:len(nodes) if order == 1 else 0]
+        share = np.bincount(sides[0].ravel(), facet_shares(points[sides[0]]).ravel(), len(points))[
+            nodes
+        ]
+        pairs = np.column_stack([nodes, partner])[: len(nodes) if order == 1 else 0]
         dofs = 3 * pairs[:, :, None] + np.arange(3)
         moves = ~np.isin(dofs, held).all(axis=(1, 2))
         gap = np.where(partner < 0, points[nodes, -1], 0.0)
-        parts.append([pairs[moves], *(each[:len(pairs)][moves] for each in (gap, share, np.full(len(nodes), number)))])
+        parts.append(
+            [
+                pairs[moves],
+                *(each[: len(pairs)][moves] for each in (gap, share, np.full(len(nodes), number))),
+            ]
+        )
         shown += [(facets, (number, which)) for which, facets in enumerate(sides)]
     pairs, gap, area, numbers = (np.concatenate(each) for each in zip(*parts, strict=True))
     across = -1 if (pairs < 0).any() else int(np.ptp(points[shown[0][0]], axis=(0, 1)).argmin())
     material, friction = scene["body"][0]["material"], scene["contact"][0].get("friction", {})
-    return Case(points, np.concatenate([starts[name] + mesh.triangles for name, mesh in meshes.items()]),
-                np.repeat(np.arange(len(meshes)), [len(mesh.triangles) for mesh in meshes.values()]),
-                material["young"], material["poisson"], held, load.ravel(), pairs,
-                np.tile(-np.eye(3)[across], (len(pairs), 1)), gap, area, numbers,
-                np.concatenate([facets for facets, _ in shown]),
-                np.concatenate([np.tile(side, (len(facets), 1)) for facets, side in shown]),
-                friction.get("coefficient", 0.0), int(np.linalg.norm(points - watched, axis=1).argmin()), contacts)
+    return Case(
+        points,
+        np.concatenate([starts[name] + mesh.triangles for name, mesh in meshes.items()]),
+        np.repeat(np.arange(len(meshes)), [len(mesh.triangles) for mesh in meshes.values()]),
+        material["young"],
+        material["poisson"],
+        held,
+        load.ravel(),
+        pairs,
+        np.tile(-np.eye(3)[across], (len(pairs), 1)),
+        gap,
+        area,
+        numbers,
+        np.concatenate([facets for facets, _ in shown]),
+        np.concatenate([np.tile(side, (len(facets), 1)) for facets, side in shown]),
+        friction.get("coefficient", 0.0),
+        int(np.linalg.norm(points - watched, axis=1).argmin()),
+        contacts,
+    )

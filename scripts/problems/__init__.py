@@ -97,23 +97,39 @@ Results = tuple[dict[str, tuple], Answer, Curve]
 """What a problem's function gives: by name (computed, exact, allowed) or (error, allowed); what to draw."""
 
 
-def problem(title: str, meshes: tuple[int, ...] = (1, 2, 4), unit: str = "times finer than the coarsest meshes",
-            orders: tuple[Order, ...] = (1, 2), view: tuple[float, ...] | None = None) -> Callable:
+def problem(
+    title: str,
+    meshes: tuple[int, ...] = (1, 2, 4),
+    unit: str = "times finer than the coarsest meshes",
+    orders: tuple[Order, ...] = (1, 2),
+    view: tuple[float, ...] | None = None,
+) -> Callable:
     """Decorator: makes a Problem in PROBLEMS of a function (n, order, folder) → `Results`, with - for _ in its name."""
-    def register(function: Callable[[int, Order, Path], Results]) -> Callable[[int, Order, Path], Found]:
+
+    def register(
+        function: Callable[[int, Order, Path], Results],
+    ) -> Callable[[int, Order, Path], Found]:
         @functools.wraps(function)
         def measure(n: int, order: Order, folder: Path) -> Found:
             values, answer, curve = function(n, order, folder)
-            return Found({name: Value(float(computed), float(exact[0]) if exact else 0.0, allowed)
-                          for name, (computed, *exact, allowed) in values.items()}, answer, curve)
+            return Found(
+                {
+                    name: Value(float(computed), float(exact[0]) if exact else 0.0, allowed)
+                    for name, (computed, *exact, allowed) in values.items()
+                },
+                answer,
+                curve,
+            )
 
         name = function.__name__.replace("_", "-")
         PROBLEMS[name] = Problem(name, title, measure, meshes, unit, orders, view)
         return measure
+
     return register
 
 
 # What is compared
+
 
 class SideMeans(NamedTuple):
     """Mean pressures over the sides of elements along a contact: middles (k, 2), lengths (k,), pressures (k,)."""
@@ -164,8 +180,10 @@ def worst(state: ContactState, pressure: float, shear: float | None = 0.0) -> fl
     tangential = state.shear[state.interface.sliding] - (shear or 0.0)
     if shear is None:
         tangential, shear = np.zeros(0), 0.0
-    return float(max(np.abs(state.pressure - pressure).max(), np.abs(tangential).max(initial=0.0))
-                 / max(abs(pressure), abs(shear)))
+    return float(
+        max(np.abs(state.pressure - pressure).max(), np.abs(tangential).max(initial=0.0))
+        / max(abs(pressure), abs(shear))
+    )
 
 
 def mean_pressure(state: ContactState) -> float:
@@ -191,11 +209,24 @@ AWAY = Position(lambda xy: np.hypot(*xy[:, :2].T), "r (m)")
 """Distances from the axis: of the plane of an axisymmetric scene, and in space."""
 
 
-def along(state: ContactState, exact: Callable[[np.ndarray], np.ndarray] | float, position: Position,
-          ylabel: str = "pressure (Pa)", limit: float = np.inf, values: np.ndarray | None = None) -> Curve:
+def along(
+    state: ContactState,
+    exact: Callable[[np.ndarray], np.ndarray] | float,
+    position: Position,
+    ylabel: str = "pressure (Pa)",
+    limit: float = np.inf,
+    values: np.ndarray | None = None,
+) -> Curve:
     """The pressure (or other values) over a position of the nodes (k, d), up to a limit of it, and the exact one."""
     at = position(state.interface.xy)
     order = np.argsort(at)[np.sort(at) <= limit]
     x = np.linspace(at[order[0]], at[order[-1]], 400)
     known = exact(x) if callable(exact) else np.full(len(x), exact)
-    return Curve(at[order], (state.pressure if values is None else values)[order], x, known, position.label, ylabel)
+    return Curve(
+        at[order],
+        (state.pressure if values is None else values)[order],
+        x,
+        known,
+        position.label,
+        ylabel,
+    )

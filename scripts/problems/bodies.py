@@ -22,11 +22,24 @@ RADIUS = 1.0
 
 # Scenes
 
-def solved(bodies: list[dict], contacts: list[dict], rigid: Sequence[dict] = (), tolerance: float = 1e-8,
-           **more: Any) -> Answer:
+
+def solved(
+    bodies: list[dict],
+    contacts: list[dict],
+    rigid: Sequence[dict] = (),
+    tolerance: float = 1e-8,
+    **more: Any,
+) -> Answer:
     """The answer of a scene with `more` tables."""
-    return answer_of(more | {"rigid": list(rigid), "body": bodies, "contact": contacts,
-                             "method": {"tolerance": tolerance}})
+    return answer_of(
+        more
+        | {
+            "rigid": list(rigid),
+            "body": bodies,
+            "contact": contacts,
+            "method": {"tolerance": tolerance},
+        }
+    )
 
 
 def answer_of(scene: dict | Path, changes: Mapping[str, Any] | None = None) -> Answer:
@@ -37,17 +50,31 @@ def answer_of(scene: dict | Path, changes: Mapping[str, Any] | None = None) -> A
     return answer
 
 
-def body(name: str, mesh: dict, young: float, poisson: float, clamp: Sequence[dict | str] = (),
-         traction: Mapping[str, Sequence[float]] | None = None, **more: Any) -> dict:
+def body(
+    name: str,
+    mesh: dict,
+    young: float,
+    poisson: float,
+    clamp: Sequence[dict | str] = (),
+    traction: Mapping[str, Sequence[float]] | None = None,
+    **more: Any,
+) -> dict:
     """A body; tractions by group. Further keys go to the material."""
-    return {"name": name, "mesh": mesh, "material": {"young": young, "poisson": poisson} | more,
-            "clamp": list(clamp), "traction": [{"on": on, "value": list(value)} for on, value in
-                                               (traction or {}).items()]}
+    return {
+        "name": name,
+        "mesh": mesh,
+        "material": {"young": young, "poisson": poisson} | more,
+        "clamp": list(clamp),
+        "traction": [{"on": on, "value": list(value)} for on, value in (traction or {}).items()],
+    }
 
 
 def held(**groups: str | dict) -> list[dict]:
     """Clamps by group: the axes along which it does not move, or keys."""
-    return [{"on": on} | (dict.fromkeys(how, 0.0) if isinstance(how, str) else how) for on, how in groups.items()]
+    return [
+        {"on": on} | (dict.fromkeys(how, 0.0) if isinstance(how, str) else how)
+        for on, how in groups.items()
+    ]
 
 
 QUARTER = held(start="y", end="x")
@@ -76,46 +103,81 @@ FLOOR = plane("floor", (0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
 
 def courses(**pairs: Iterable[tuple[float, float]]) -> dict:
     """Histories by name, as pairs of a time and a factor."""
-    return {name: dict(zip(("times", "factors"), map(list, zip(*course, strict=True)), strict=True))
-            for name, course in pairs.items()}
+    return {
+        name: dict(zip(("times", "factors"), map(list, zip(*course, strict=True)), strict=True))
+        for name, course in pairs.items()
+    }
 
 
 # Meshes
+
 
 def number(order: Order) -> int:
     return order if isinstance(order, int) else 2
 
 
-def block(x: float, y: float, width: float, height: float, divisions: tuple[int, int], order: Order) -> dict:
-    return {"shape": "rectangle", "origin": [x, y], "size": [width, height], "divisions": list(divisions),
-            "order": number(order)}
+def block(
+    x: float, y: float, width: float, height: float, divisions: tuple[int, int], order: Order
+) -> dict:
+    return {
+        "shape": "rectangle",
+        "origin": [x, y],
+        "size": [width, height],
+        "divisions": list(divisions),
+        "order": number(order),
+    }
 
 
 def box(x: float, z: float, height: float, divisions: tuple[int, int, int], order: Order) -> dict:
     """One metre square, from (x, 0, z) on."""
-    return {"shape": "box", "origin": [x, 0.0, z], "size": [1.0, 1.0, height], "divisions": list(divisions),
-            "order": number(order)}
+    return {
+        "shape": "box",
+        "origin": [x, 0.0, z],
+        "size": [1.0, 1.0, height],
+        "divisions": list(divisions),
+        "order": number(order),
+    }
 
 
 def between(corners: Sequence[Sequence[float]], divisions: tuple[int, ...], order: Order) -> dict:
     """A quadrilateral or hexahedron."""
-    return {"shape": "quadrilateral" if len(corners) == 4 else "hexahedron", "order": number(order),
-            "corners": [list(map(float, each)) for each in corners], "divisions": list(divisions)}
+    return {
+        "shape": "quadrilateral" if len(corners) == 4 else "hexahedron",
+        "order": number(order),
+        "corners": [list(map(float, each)) for each in corners],
+        "divisions": list(divisions),
+    }
 
 
-def annulus(radii: tuple[float, float], divisions: tuple[int, int], order: Order, folder: Path,
-            angles: tuple[float, float] = (0.0, 90.0)) -> dict:
+def annulus(
+    radii: tuple[float, float],
+    divisions: tuple[int, int],
+    order: Order,
+    folder: Path,
+    angles: tuple[float, float] = (0.0, 90.0),
+) -> dict:
     """A part of a ring; of order "2 straight" as a file of linear elements, which the program raises."""
     if order == "2 straight":
         made = ring_of(radii, divisions, angles)
         return write(folder / f"ring_{radii[0]}_{radii[1]}.msh", made, made.groups, order)
-    return {"shape": "annulus", "center": [0.0, 0.0], "radii": list(radii), "angles": list(angles),
-            "divisions": list(divisions), "order": number(order)}
+    return {
+        "shape": "annulus",
+        "center": [0.0, 0.0],
+        "radii": list(radii),
+        "angles": list(angles),
+        "divisions": list(divisions),
+        "order": number(order),
+    }
 
 
-def ring_of(radii: tuple[float, float], divisions: tuple[int, int], angles: tuple[float, float]) -> Mesh:
-    return generate_annulus(MeshSpec(shape="annulus", center=(0.0, 0.0), radii=radii, angles=angles,
-                                     divisions=divisions))
+def ring_of(
+    radii: tuple[float, float], divisions: tuple[int, int], angles: tuple[float, float]
+) -> Mesh:
+    return generate_annulus(
+        MeshSpec(
+            shape="annulus", center=(0.0, 0.0), radii=radii, angles=angles, divisions=divisions
+        )
+    )
 
 
 def write(path: Path, mesh: Mesh, groups: Mapping[str, np.ndarray], order: Order) -> dict:
@@ -125,10 +187,17 @@ def write(path: Path, mesh: Mesh, groups: Mapping[str, np.ndarray], order: Order
     lines = np.concatenate(list(groups.values()))
     physical = np.repeat(np.arange(len(groups)) + 1, [len(each) for each in groups.values()])
     whole = np.full(len(mesh.triangles), len(groups) + 1)
-    meshio.write(path, meshio.Mesh(
-        np.column_stack([mesh.points, np.zeros(len(mesh.points))]), [("line", lines), ("triangle", mesh.triangles)],
-        cell_data={key: [physical, whole] for key in ("gmsh:physical", "gmsh:geometrical")},
-        field_data={name: np.array([k + 1, 1]) for k, name in enumerate(groups)}), file_format="gmsh22", binary=False)
+    meshio.write(
+        path,
+        meshio.Mesh(
+            np.column_stack([mesh.points, np.zeros(len(mesh.points))]),
+            [("line", lines), ("triangle", mesh.triangles)],
+            cell_data={key: [physical, whole] for key in ("gmsh:physical", "gmsh:geometrical")},
+            field_data={name: np.array([k + 1, 1]) for k, name in enumerate(groups)},
+        ),
+        file_format="gmsh22",
+        binary=False,
+    )
     return {"file": str(path), "order": number(order)}
 
 
@@ -137,8 +206,14 @@ def only_own_sizes(gmsh: Any) -> None:
         gmsh.option.setNumber(f"Mesh.{option}", 0)
 
 
-def draw(path: Path, corners: Mapping[str, tuple[float, float]], lines: Mapping[str, str], size: str,
-         order: Order, groups: Mapping[str, Sequence[str]] | None = None) -> dict:
+def draw(
+    path: Path,
+    corners: Mapping[str, tuple[float, float]],
+    lines: Mapping[str, str],
+    size: str,
+    order: Order,
+    groups: Mapping[str, Sequence[str]] | None = None,
+) -> dict:
     """The mesh of a plane figure by gmsh.
 
     Parameters

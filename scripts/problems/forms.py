@@ -23,31 +23,46 @@ def plane_strain(young: float, poisson: float) -> tuple[float, float]:
     return young / (1.0 - poisson**2), poisson / (1.0 - poisson)
 
 
-def lame_fit(a: float, b: float, c: float, fit: float, inner: tuple[float, float],
-             outer: tuple[float, float] | None = None) -> float:
+def lame_fit(
+    a: float,
+    b: float,
+    c: float,
+    fit: float,
+    inner: tuple[float, float],
+    outer: tuple[float, float] | None = None,
+) -> float:
     """The pressure of rings a < b < c that overlap by `fit` at the radius b (Lamé), of one material or two.
 
     Materials are E and ν in plane stress, those of `plane_strain` in plane strain.
     """
     (E, nu), (F, mu) = inner, outer or inner
-    return fit / b / (((b**2 + a**2) / (b**2 - a**2) - nu) / E + ((c**2 + b**2) / (c**2 - b**2) + mu) / F)
+    return (
+        fit
+        / b
+        / (((b**2 + a**2) / (b**2 - a**2) - nu) / E + ((c**2 + b**2) / (c**2 - b**2) + mu) / F)
+    )
 
 
 def clamped_fit(a: float, b: float, c: float, fit: float, young: float, poisson: float) -> float:
     """The same of rings of one material in plane strain, whose rims a and c are clamped."""
     G = shear(young, poisson)
-    return fit / sum(abs(b - rim**2 / b) / (2 * G / (1 - 2 * poisson) + 2 * G * rim**2 / b**2) for rim in (a, c))
+    return fit / sum(
+        abs(b - rim**2 / b) / (2 * G / (1 - 2 * poisson) + 2 * G * rim**2 / b**2) for rim in (a, c)
+    )
 
 
 def lame_ball(a: float, b: float, c: float, fit: float, young: float, poisson: float) -> float:
     """The same of a hollow ball in a shell of one material."""
-    gives = [b / young * ((1 - 2 * poisson) * b**3 + (1 + poisson) * other**3 / 2) / abs(b**3 - other**3)
-             for other in (a, c)]
+    gives = [
+        b / young * ((1 - 2 * poisson) * b**3 + (1 + poisson) * other**3 / 2) / abs(b**3 - other**3)
+        for other in (a, c)
+    ]
     return fit / sum(gives)
 
 
-def hertz_values(state: ContactState, parts: int, modulus: float, radius: float,
-                 allowed: tuple[float, float]) -> tuple[dict[str, tuple], Curve]:
+def hertz_values(
+    state: ContactState, parts: int, modulus: float, radius: float, allowed: tuple[float, float]
+) -> tuple[dict[str, tuple], Curve]:
     """The greatest pressure and the radius of a contact of which 1/`parts` is modelled, beside those of its force.
 
     The pressure by least squares of p² over r² up to 0.8 a, the radius by the second moment, Σ s r² = 2/5 P a².
@@ -59,5 +74,10 @@ def hertz_values(state: ContactState, parts: int, modulus: float, radius: float,
     near = r < 0.8 * a
     _, square = np.polyfit(r[near] ** 2, p[near] ** 2, 1)
     second = np.sqrt(2.5 * float(state.normal_force @ r**2) / force)
-    values = {"p₀ (Pa)": (np.sqrt(max(square, 0.0)), top, allowed[0]), "a (m)": (second, a, allowed[1])}
-    return values, along(state, lambda x: top * np.sqrt(np.maximum(1.0 - (x / a) ** 2, 0.0)), position, limit=1.3 * a)
+    values = {
+        "p₀ (Pa)": (np.sqrt(max(square, 0.0)), top, allowed[0]),
+        "a (m)": (second, a, allowed[1]),
+    }
+    return values, along(
+        state, lambda x: top * np.sqrt(np.maximum(1.0 - (x / a) ** 2, 0.0)), position, limit=1.3 * a
+    )

@@ -26,33 +26,70 @@ GO = [(1.0, 0.0), (2.0, 1.0)]
 EXACT = 1e-9
 
 
-def far(bodies: list[dict], contacts: list[dict], steps: int, points: tuple[float, ...] = (1.0, 2.0),
-        rigid: Iterable[dict] = (), **histories: list[tuple[float, float]]) -> dict:
+def far(
+    bodies: list[dict],
+    contacts: list[dict],
+    steps: int,
+    points: tuple[float, ...] = (1.0, 2.0),
+    rigid: Iterable[dict] = (),
+    **histories: list[tuple[float, float]],
+) -> dict:
     """A scene of bodies that move far."""
-    return {"body": bodies, "contact": contacts, "rigid": list(rigid), "history": courses(**histories),
-            "time": {"motions": "far", "points": list(points), "steps": steps}}
+    return {
+        "body": bodies,
+        "contact": contacts,
+        "rigid": list(rigid),
+        "history": courses(**histories),
+        "time": {"motions": "far", "points": list(points), "steps": steps},
+    }
 
 
 def forces(summary: dict, after: float = 0.0) -> np.ndarray:
     """(k, 1 + d) the time and the force on the first body of the only contact at the steps after a time."""
-    return np.array([(step["time"], *each["force"]) for step in summary["steps"] if step["time"] > after + 1e-9
-                     for each in step["contacts"].values()])
+    return np.array(
+        [
+            (step["time"], *each["force"])
+            for step in summary["steps"]
+            if step["time"] > after + 1e-9
+            for each in step["contacts"].values()
+        ]
+    )
 
 
 # A block slid along a longer one: T = μ N
 
+
 def sliding(order: int, steps: int, fine: int = 1) -> dict:
     """A block of 1 m × 0.5 m, pressed on a longer one and slid by `WAY` of its spacings."""
-    def part(name: str, x: float, y: float, size: tuple[float, float], divisions: list[int], clamp: str) -> dict:
-        return body(name, block(x, y, *size, tuple(fine * k // order for k in divisions), order), *SOFT, [clamp])
 
-    slider = part("slider", 0.0, 0.0, (1.0, 0.5), [16, 8], "top") | {"motion": [
-        {"shift": [0.0, -PRESSED], "history": "press"}, {"shift": [WAY * SPACING, 0.0], "history": "slide"}]}
-    return far([slider, part("base", -1.0, -1.0, (5.0, 1.0), [67, 12], "bottom")],
-               [contact("slider", "base", "bottom", "top", friction=coulomb(FRICTION))], steps, press=PRESS, slide=GO)
+    def part(
+        name: str, x: float, y: float, size: tuple[float, float], divisions: list[int], clamp: str
+    ) -> dict:
+        return body(
+            name,
+            block(x, y, *size, tuple(fine * k // order for k in divisions), order),
+            *SOFT,
+            [clamp],
+        )
+
+    slider = part("slider", 0.0, 0.0, (1.0, 0.5), [16, 8], "top") | {
+        "motion": [
+            {"shift": [0.0, -PRESSED], "history": "press"},
+            {"shift": [WAY * SPACING, 0.0], "history": "slide"},
+        ]
+    }
+    return far(
+        [slider, part("base", -1.0, -1.0, (5.0, 1.0), [67, 12], "bottom")],
+        [contact("slider", "base", "bottom", "top", friction=coulomb(FRICTION))],
+        steps,
+        press=PRESS,
+        slide=GO,
+    )
 
 
-@problem("A block slid along a longer one", (1, 2, 4), "sixteenths of the block on its contact, × n")
+@problem(
+    "A block slid along a longer one", (1, 2, 4), "sixteenths of the block on its contact, × n"
+)
 def sliding_block(n: int, order: Order, folder: Path) -> Results:
     answer, once = (answer_of(sliding(number(order), steps, n)) for steps in (8, 1))
     found, end = forces(answer.summary, 1.1), forces(once.summary, 1.1)[-1, 1:]
@@ -61,31 +98,76 @@ def sliding_block(n: int, order: Order, folder: Path) -> Results:
     closed = state.status != "open"
     x = state.interface.xy[closed, 0]
     rank = np.argsort(x)
-    stresses = np.abs(state.shear.reshape(len(state.pressure), -1)[closed, 0] / state.pressure[closed])[rank]
-    return {"T/N": (ratio[np.abs(ratio - FRICTION).argmax()], FRICTION, EXACT),
-            "forces at the end, 8 steps and 1": (np.abs(found[-1, 1:] - end).max() / found[-1, 2], EXACT)
-            }, answer, Curve(x[rank], stresses, x[rank], np.full(len(x), FRICTION), X.label,
-                             "tangential over normal stress")
+    stresses = np.abs(
+        state.shear.reshape(len(state.pressure), -1)[closed, 0] / state.pressure[closed]
+    )[rank]
+    return (
+        {
+            "T/N": (ratio[np.abs(ratio - FRICTION).argmax()], FRICTION, EXACT),
+            "forces at the end, 8 steps and 1": (
+                np.abs(found[-1, 1:] - end).max() / found[-1, 2],
+                EXACT,
+            ),
+        },
+        answer,
+        Curve(
+            x[rank],
+            stresses,
+            x[rank],
+            np.full(len(x), FRICTION),
+            X.label,
+            "tangential over normal stress",
+        ),
+    )
 
 
 # Both bodies turned together: nothing changes
 
+
 def turned(order: int, fine: int) -> dict:
     """A ring, pressed on a block and rubbed, and then both of them turned by 90° about another point and shifted."""
     together = {"turn": 90.0, "pivot": [4.0, -3.0], "shift": [7.0, -2.0], "history": "turn"}
-    ring = ring_of("ring", (0.5, 1.0), (240 * fine, 12 * fine), order, clamp=["inner"], motion=[
-        {"shift": [0.0, -0.02], "history": "press"}, {"shift": [0.02, 0.0], "history": "rub"}, together])
+    ring = ring_of(
+        "ring",
+        (0.5, 1.0),
+        (240 * fine, 12 * fine),
+        order,
+        clamp=["inner"],
+        motion=[
+            {"shift": [0.0, -0.02], "history": "press"},
+            {"shift": [0.02, 0.0], "history": "rub"},
+            together,
+        ],
+    )
     cells = 161 * fine // order, 24 * fine // order
     base = body("base", block(-2.0, -2.0, 4.0, 1.0, cells, order), *SOFT, ["bottom"])
-    return far([ring, base | {"motion": together}],
-               [contact("ring", "base", "outer", "top", friction=coulomb(FRICTION))], 9, (1.0, 2.0, 3.0),
-               press=PRESS, rub=GO, turn=[(2.0, 0.0), (3.0, 1.0)])
+    return far(
+        [ring, base | {"motion": together}],
+        [contact("ring", "base", "outer", "top", friction=coulomb(FRICTION))],
+        9,
+        (1.0, 2.0, 3.0),
+        press=PRESS,
+        rub=GO,
+        turn=[(2.0, 0.0), (3.0, 1.0)],
+    )
 
 
-def ring_of(name: str, radii: tuple[float, float], divisions: tuple[int, int], order: int, low: float = 0.0,
-            **more: Any) -> dict:
-    mesh = {"shape": "annulus", "center": [0.0, -low], "radii": list(radii), "angles": [0, 360],
-            "divisions": [n // order for n in divisions], "order": order}
+def ring_of(
+    name: str,
+    radii: tuple[float, float],
+    divisions: tuple[int, int],
+    order: int,
+    low: float = 0.0,
+    **more: Any,
+) -> dict:
+    mesh = {
+        "shape": "annulus",
+        "center": [0.0, -low],
+        "radii": list(radii),
+        "angles": [0, 360],
+        "divisions": [n // order for n in divisions],
+        "order": order,
+    }
     return body(name, mesh, *SOFT) | more
 
 
@@ -94,19 +176,29 @@ def turn_errors(summary: dict) -> tuple[float, float]:
     found = forces(summary)
     before, end = found[np.isclose(found[:, 0], 2.0)][0, 1:], found[-1, 1:]
     back = np.array([end[1], -end[0]])  # turned back by 90°
-    lost = np.array([(step["time"], each["dissipated"]) for step in summary["steps"]
-                     for each in step["contacts"].values()])
+    lost = np.array(
+        [
+            (step["time"], each["dissipated"])
+            for step in summary["steps"]
+            for each in step["contacts"].values()
+        ]
+    )
     turning = lost[:, 0] > 2.0 + 1e-9
-    return (float(np.abs(back - before).max() / np.linalg.norm(before)),
-            float(lost[turning, 1].sum() / lost[~turning, 1].sum()))
+    return (
+        float(np.abs(back - before).max() / np.linalg.norm(before)),
+        float(lost[turning, 1].sum() / lost[~turning, 1].sum()),
+    )
 
 
 @problem("Two bodies turned together", (1, 2, 3), "two-hundred-and-fortieths of the ring, × n")
 def turned_pair(n: int, order: Order, folder: Path) -> Results:
     answer = answer_of(turned(number(order), n))
     change, lost = turn_errors(answer.summary)
-    return {"change of the force": (change, EXACT), "dissipation of the turn": (lost, EXACT)}, answer, after_turn(
-        answer, Y)
+    return (
+        {"change of the force": (change, EXACT), "dissipation of the turn": (lost, EXACT)},
+        answer,
+        after_turn(answer, Y),
+    )
 
 
 def after_turn(answer: Answer, position: Any, near: Any = slice(None)) -> Curve:
@@ -128,7 +220,9 @@ def gear_theory() -> tuple[float, float]:
     """Largest stiffness of a pair of teeth by ISO 6336-1 (N/(mm µm)), without its factor for measured gears, and the
     loss of power over μ by the formula of ISO/TR 14179 (u = 1, ε₁ = ε₂)."""
     z, ra = 20, 33.0
-    stiff = 0.975 / (0.04723 + 0.15551 / z + 0.25791 / z)  # basic rack with a dedendum of 1.25 modules
+    stiff = 0.975 / (
+        0.04723 + 0.15551 / z + 0.25791 / z
+    )  # basic rack with a dedendum of 1.25 modules
     part = z / (2.0 * np.pi) * (np.sqrt((ra / BASE) ** 2 - 1.0) - np.tan(np.radians(20.0)))  # ε₁
     return stiff, 2.0 * np.pi / z * (1.0 - 2.0 * part + 2.0 * part**2)
 
@@ -137,12 +231,26 @@ def meshing(summary: dict) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """At each step the angle of the driving gear (degrees), the stiffness (N/(mm µm)), and the loss of power: that of
     the driven shaft's moment, as both turn alike. The stiffness is by the mean of both moments."""
     load = 0.234464 - np.degrees(2.0 * 0.05 / 30.0)  # turned back beyond backlash
-    t, force, moment = (np.array(each) for each in zip(*(
-        (step["time"], step["contacts"]["mesh"]["force"][1], step["contacts"]["mesh"]["moment"])
-        for step in summary["steps"]), strict=True))
+    t, force, moment = (
+        np.array(each)
+        for each in zip(
+            *(
+                (
+                    step["time"],
+                    step["contacts"]["mesh"]["force"][1],
+                    step["contacts"]["mesh"]["moment"],
+                )
+                for step in summary["steps"]
+            ),
+            strict=True,
+        )
+    )
     driven = CENTRES * force - moment
-    return (PITCH * (t / 40.0 - 0.5), (moment + driven) / -2.0 / BASE / (np.radians(load) * BASE * 1e3),
-            1.0 - driven / moment)
+    return (
+        PITCH * (t / 40.0 - 0.5),
+        (moment + driven) / -2.0 / BASE / (np.radians(load) * BASE * 1e3),
+        1.0 - driven / moment,
+    )
 
 
 def alone(angle: np.ndarray) -> np.ndarray:
@@ -150,17 +258,32 @@ def alone(angle: np.ndarray) -> np.ndarray:
     return (angle > -8.0) & (angle < -1.2)
 
 
-@problem("Teeth of spur gears in mesh", (1, 2), "twentieths of the pitch as steps, × n", orders=(2,))
+@problem(
+    "Teeth of spur gears in mesh", (1, 2), "twentieths of the pitch as steps, × n", orders=(2,)
+)
 def spur_gears(n: int, order: Order, folder: Path) -> Results:
-    answer = answer_of(ROOT / "configs" / "drawn" / "spur_gears.toml", {
-        "contact.mesh.friction.coefficient": 0.1, "time.steps": 20 * n, "output.animation": False})
+    answer = answer_of(
+        ROOT / "configs" / "drawn" / "spur_gears.toml",
+        {"contact.mesh.friction.coefficient": 0.1, "time.steps": 20 * n, "output.animation": False},
+    )
     angle, stiff, loss = meshing(answer.summary)
     exact, factor = gear_theory()
     single = alone(angle)
-    return {"stiffness of a pair": (stiff[single].max(), exact, 0.06),
-            "loss of power": (loss.mean(), 0.1 * factor, 0.1)}, answer, Curve(
-                angle, loss, angle[single], 0.2 * np.abs(np.radians(angle[single] + 4.4045)), "angle (degrees)",
-                "loss of power")
+    return (
+        {
+            "stiffness of a pair": (stiff[single].max(), exact, 0.06),
+            "loss of power": (loss.mean(), 0.1 * factor, 0.1),
+        },
+        answer,
+        Curve(
+            angle,
+            loss,
+            angle[single],
+            0.2 * np.abs(np.radians(angle[single] + 4.4045)),
+            "angle (degrees)",
+            "loss of power",
+        ),
+    )
 
 
 # A loose disc in a bore that turns
@@ -171,12 +294,29 @@ BORE = 30.0
 
 def rolling(order: int, fine: int) -> dict:
     """A loose disc of 1 m that lies in a bore of 1.5 m by its weight; the bore turns by `BORE`."""
-    disc = ring_of("disc", (0.25, 1.0), (80 * fine, 7 * fine), order, 0.49,
-                   volume_force={"value": [0.0, -2.7], "history": "weight"})
-    bore = ring_of("bore", (1.5, 2.2), (116 * fine, 5 * fine), order, clamp=["outer"],
-                   motion={"turn": BORE, "history": "turn"})
-    return far([disc, bore], [contact("disc", "bore", "outer", "inner", friction=coulomb(FRICTION), slave="disc")],
-               10, weight=PRESS, turn=GO)
+    disc = ring_of(
+        "disc",
+        (0.25, 1.0),
+        (80 * fine, 7 * fine),
+        order,
+        0.49,
+        volume_force={"value": [0.0, -2.7], "history": "weight"},
+    )
+    bore = ring_of(
+        "bore",
+        (1.5, 2.2),
+        (116 * fine, 5 * fine),
+        order,
+        clamp=["outer"],
+        motion={"turn": BORE, "history": "turn"},
+    )
+    return far(
+        [disc, bore],
+        [contact("disc", "bore", "outer", "inner", friction=coulomb(FRICTION), slave="disc")],
+        10,
+        weight=PRESS,
+        turn=GO,
+    )
 
 
 def rolled(answer: Answer) -> tuple[float, float, float]:
@@ -184,10 +324,15 @@ def rolled(answer: Answer) -> tuple[float, float, float]:
     found, steps = forces(answer.summary), answer.summary["steps"]
     weight = -answer.summary["bodies"]["disc"]["loads"]["volume_force"]["force"][1]
     freed = answer.solved.assembly.far.freed
-    turned = freed[steps[-1]["time"]]["disc"][-1] - next(freed[step["time"]]["disc"][-1] for step in steps
-                                                         if step["time"] >= 1.0)
+    turned = freed[steps[-1]["time"]]["disc"][-1] - next(
+        freed[step["time"]]["disc"][-1] for step in steps if step["time"] >= 1.0
+    )
     late = found[found[:, 0] > 1.0 - 1e-9]
-    return float(turned), float(np.abs(late[:, 2] / weight - 1.0).max()), float(np.abs(late[:, 1] / weight).max())
+    return (
+        float(turned),
+        float(np.abs(late[:, 2] / weight - 1.0).max()),
+        float(np.abs(late[:, 1] / weight).max()),
+    )
 
 
 @problem("A loose disc that rolls in a bore", (1, 2, 4), "eightieths of the disc, × n")
@@ -195,9 +340,15 @@ def rolling_disc(n: int, order: Order, folder: Path) -> Results:
     answer = answer_of(rolling(number(order), n))
     turned, normal, tangential = rolled(answer)
     x, y = answer.contacts["disc-bore"].interface.xy.T
-    return {"N/W": (1.0 + normal, 1.0, EXACT), "T/W": (tangential, EXACT),
-            "turn over that of the bore": (turned / BORE, 1.5, 0.03)}, answer, after_turn(
-                answer, X, (np.abs(x) < 0.4) & (y < -1.0))
+    return (
+        {
+            "N/W": (1.0 + normal, 1.0, EXACT),
+            "T/W": (tangential, EXACT),
+            "turn over that of the bore": (turned / BORE, 1.5, 0.03),
+        },
+        answer,
+        after_turn(answer, X, (np.abs(x) < 0.4) & (y < -1.0)),
+    )
 
 
 # Carter's roller
@@ -230,53 +381,108 @@ def creep(share: float, folder: Path, nodes: int) -> tuple[float, float, float, 
 
     def part(name: str, drawing: str, clamp: str) -> dict:
         (folder / f"{name}.geo").write_text(drawing, encoding="utf-8")
-        mesh = {"geometry": str(folder / f"{name}.geo"), "size": 0.2, "contact_size": 2.0 * a / nodes, "order": 2}
+        mesh = {
+            "geometry": str(folder / f"{name}.geo"),
+            "size": 0.2,
+            "contact_size": 2.0 * a / nodes,
+            "order": 2,
+        }
         return body(name, mesh, *SOFT, [clamp])
 
-    roller = part("roller", ROLLER, "inner") | {"motion": [
-        {"turn": -turn, "pivot": [0.0, 1.0], "history": "roll"},
-        {"free": ["x", "y"], "force": [-share * FRICTION * load, -load], "history": "load"}]}
-    answer = answer_of(far([roller, part("plate", PLATE, "bottom")], [
-        contact("roller", "plate", "outer", "top", friction=coulomb(FRICTION), slave="roller")], 6 * nodes,
-        load=PRESS, roll=GO))
+    roller = part("roller", ROLLER, "inner") | {
+        "motion": [
+            {"turn": -turn, "pivot": [0.0, 1.0], "history": "roll"},
+            {"free": ["x", "y"], "force": [-share * FRICTION * load, -load], "history": "load"},
+        ]
+    }
+    answer = answer_of(
+        far(
+            [roller, part("plate", PLATE, "bottom")],
+            [
+                contact(
+                    "roller", "plate", "outer", "top", friction=coulomb(FRICTION), slave="roller"
+                )
+            ],
+            6 * nodes,
+            load=PRESS,
+            roll=GO,
+        )
+    )
     freed, steps = answer.solved.assembly.far.freed, answer.summary["steps"]
     before, end = (freed[steps[k]["time"]]["roller"][0] for k in (-1 - nodes, -1))
     pressure = answer.contacts["roller-plate"].pressure.max() / (2.0 * load / (np.pi * a))
-    return 1.0 - (end - before) / a, float(pressure), FRICTION * a * (1.0 - (1.0 - share) ** 0.5), answer
+    return (
+        1.0 - (end - before) / a,
+        float(pressure),
+        FRICTION * a * (1.0 - (1.0 - share) ** 0.5),
+        answer,
+    )
 
 
 @problem("A roller that drives itself on", (4, 8), "nodes on the half-width", orders=(2,))
 def carter(n: int, order: Order, folder: Path) -> Results:
-    (still, *_), (driven, pressure, exact, answer) = (creep(share, folder, n) for share in (0.0, 0.5))
+    (still, *_), (driven, pressure, exact, answer) = (
+        creep(share, folder, n) for share in (0.0, 0.5)
+    )
     state = answer.contacts["roller-plate"]
     x = state.interface.xy[:, 0]
     x = x - (x * state.normal_force).sum() / state.normal_force.sum()
-    rank, z = np.argsort(x)[np.abs(np.sort(x)) < 1.5 * WIDTH], np.linspace(-1.5 * WIDTH, 1.5 * WIDTH, 200)
+    rank, z = (
+        np.argsort(x)[np.abs(np.sort(x)) < 1.5 * WIDTH],
+        np.linspace(-1.5 * WIDTH, 1.5 * WIDTH, 200),
+    )
     hertz = state.pressure.max() / pressure * np.sqrt(np.maximum(0.0, 1.0 - (z / WIDTH) ** 2))
     creeps, pressures = (0.03, 0.005) if n > 4 else (0.1, 0.02)
-    return {"creep": (driven - still, exact, creeps), "p₀": (pressure, 1.0, pressures)}, answer, Curve(
-        x[rank], state.pressure[rank], z, hertz, X.label, known="Hertz")
+    return (
+        {"creep": (driven - still, exact, creeps), "p₀": (pressure, 1.0, pressures)},
+        answer,
+        Curve(x[rank], state.pressure[rank], z, hertz, X.label, known="Hertz"),
+    )
 
 
 # In space: a block that slides and turns
 
+
 def solid(way: dict, order: int, n: int) -> dict:
     """A block of 1 m × 1 m × 0.4 m that is pressed onto a plate and then goes its way."""
-    def part(name: str, origin: list[float], size: list[float], divisions: list[int], clamp: str) -> dict:
-        return body(name, {"shape": "box", "origin": origin, "size": size, "divisions": divisions, "order": order},
-                    *SOFT, [clamp])
 
-    pushed = part("block", [0.0, 0.0, 0.0], [1.0, 1.0, 0.4], [n, n, n // 2], "top") | {"motion": [
-        {"shift": [0.0, 0.0, -PRESSED], "history": "press"}, way | {"history": "go"}]}
-    plate = part("plate", [-1.0, -1.0, -0.4], [3.0, 3.0, 0.4], [2 * n + 1, 2 * n + 1, n // 2], "bottom")
-    return far([pushed, plate], [contact("block", "plate", "bottom", "top", friction=coulomb(FRICTION))], 6,
-               press=PRESS, go=GO)
+    def part(
+        name: str, origin: list[float], size: list[float], divisions: list[int], clamp: str
+    ) -> dict:
+        return body(
+            name,
+            {
+                "shape": "box",
+                "origin": origin,
+                "size": size,
+                "divisions": divisions,
+                "order": order,
+            },
+            *SOFT,
+            [clamp],
+        )
+
+    pushed = part("block", [0.0, 0.0, 0.0], [1.0, 1.0, 0.4], [n, n, n // 2], "top") | {
+        "motion": [{"shift": [0.0, 0.0, -PRESSED], "history": "press"}, way | {"history": "go"}]
+    }
+    plate = part(
+        "plate", [-1.0, -1.0, -0.4], [3.0, 3.0, 0.4], [2 * n + 1, 2 * n + 1, n // 2], "bottom"
+    )
+    return far(
+        [pushed, plate],
+        [contact("block", "plate", "bottom", "top", friction=coulomb(FRICTION))],
+        6,
+        press=PRESS,
+        go=GO,
+    )
 
 
 def torque(order: int, n: int) -> tuple[float, float, Answer]:
     """A block turned by 30°: the moment about its middle over that of μ N of each node at its distance; slid instead:
     how much |T|/N differs from μ at most; the answer of the turn."""
-    answer = answer_of(solid({"turn": 30.0, "axis": [0.0, 0.0, 1.0], "pivot": [0.5, 0.5, 0.0]}, order, n))
+    answer = answer_of(
+        solid({"turn": 30.0, "axis": [0.0, 0.0, 1.0], "pivot": [0.5, 0.5, 0.0]}, order, n)
+    )
     state = answer.contacts["block-plate"]
     moment = state.moment[2] - np.cross([0.5, 0.5, 0.0], state.force)[2]
     arms = np.linalg.norm(state.interface.at[0][:, :2] - 0.5, axis=1)

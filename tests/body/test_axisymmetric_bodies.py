@@ -16,7 +16,15 @@ from ddmpi.body.stress import stress, von_mises
 from ddmpi.errors import InputError
 from ddmpi.mesh.build import build_mesh
 from ddmpi.mesh.mesh import Mesh
-from ddmpi.scene.bodies import BodySpec, Clamp, Foundation, Material, MeshSpec, Traction, VolumeForce
+from ddmpi.scene.bodies import (
+    BodySpec,
+    Clamp,
+    Foundation,
+    Material,
+    MeshSpec,
+    Traction,
+    VolumeForce,
+)
 
 STEEL = Material(young=3.0, poisson=0.3)
 
@@ -25,14 +33,22 @@ both_orders = pytest.mark.parametrize("order", [1, 2])
 
 def ring(order: int = 1, inner: float = 1.0, **more) -> BodySpec:
     """A rectangle 2 × 1 that turns into a tube, or with `inner` 0 into a disc."""
-    mesh = MeshSpec(shape="rectangle", origin=(inner, -0.5), size=(2.0, 1.0), divisions=(8, 4), order=order)
+    mesh = MeshSpec(
+        shape="rectangle", origin=(inner, -0.5), size=(2.0, 1.0), divisions=(8, 4), order=order
+    )
     return BodySpec(name="ring", mesh=mesh, material=STEEL, **more)
 
 
 def ball(order: int = 2, **more) -> BodySpec:
     """Half of an annulus, which turns into a hollow ball."""
-    mesh = MeshSpec(shape="annulus", center=(0.0, 0.0), radii=(1.0, 2.0), angles=(-90.0, 90.0), divisions=(24, 8),
-                    order=order)
+    mesh = MeshSpec(
+        shape="annulus",
+        center=(0.0, 0.0),
+        radii=(1.0, 2.0),
+        angles=(-90.0, 90.0),
+        divisions=(24, 8),
+        order=order,
+    )
     return BodySpec(name="ball", mesh=mesh, material=STEEL, **more)
 
 
@@ -60,12 +76,20 @@ def test_constant_stress_is_exact(spec, order):
     u = mesh.points * [a, b]
     first, shear = STEEL.lame
     rr, yy = (first * (2 * a + b) + 2 * shear * each for each in (a, b))
-    assert stress(mesh, STEEL, u) == pytest.approx(np.tile([rr, yy, rr, 0.0], (len(mesh.triangles), 1)), abs=1e-12)
-    assert von_mises(stress(mesh, STEEL, u)) == pytest.approx(np.full(len(mesh.triangles), abs(yy - rr)))
-    inner = ~np.isin(np.arange(len(mesh.points)), np.concatenate([each.ravel() for each in mesh.groups.values()]))
+    assert stress(mesh, STEEL, u) == pytest.approx(
+        np.tile([rr, yy, rr, 0.0], (len(mesh.triangles), 1)), abs=1e-12
+    )
+    assert von_mises(stress(mesh, STEEL, u)) == pytest.approx(
+        np.full(len(mesh.triangles), abs(yy - rr))
+    )
+    inner = ~np.isin(
+        np.arange(len(mesh.points)), np.concatenate([each.ravel() for each in mesh.groups.values()])
+    )
     inner &= ~mesh.on_axis
     forces = sum_stiffness(mesh, STEEL).mult(u)
-    assert forces[inner] == pytest.approx(0.0, abs=1e-3 * 1e-2 if order == 2 and spec is ball else 1e-14)
+    assert forces[inner] == pytest.approx(
+        0.0, abs=1e-3 * 1e-2 if order == 2 and spec is ball else 1e-14
+    )
     energy = 0.5 * (rr * 2 * a + yy * b) * mesh.measures().sum()
     assert 0.5 * (forces * u).sum() == pytest.approx(energy, rel=1e-9)
     estimate = estimate_error(mesh, STEEL, u)
@@ -75,9 +99,15 @@ def test_constant_stress_is_exact(spec, order):
 @both_orders
 def test_loads_are_of_the_whole_circumference(order):
     """Pressures, tractions, total forces and volume forces act on true areas and volumes."""
-    loaded = ring(order, traction=[Traction(on="top", pressure=2.0), Traction(on="right", value=("x", "1 + y")),
-                                   Traction(on="bottom", force=(5.0, 7.0))],
-                  volume_force=VolumeForce(value=(0.0, "x")))
+    loaded = ring(
+        order,
+        traction=[
+            Traction(on="top", pressure=2.0),
+            Traction(on="right", value=("x", "1 + y")),
+            Traction(on="bottom", force=(5.0, 7.0)),
+        ],
+        volume_force=VolumeForce(value=(0.0, "x")),
+    )
     f = assemble(turned(loaded), loaded).acting.f
     top, right = np.pi * 8.0, 2 * np.pi * 3.0
     axial = -2.0 * top + right + 7.0 + 2 * np.pi * (27.0 - 1.0) / 3
@@ -103,23 +133,33 @@ def test_nodes_on_the_axis_do_not_move_radially():
         assert not problem.free[mesh.points[:, 0] == 0.0, 0].any()
         assert problem.free[mesh.points[:, 0] == 1.0, 0].any()
     spec = ring(inner=0.0, clamp=[Clamp(on="top", x=1e-3)])
-    with pytest.raises(InputError, match=r"body.ring.clamp: x at \(0, 0.5\) is prescribed as 0.001, and what lies"):
+    with pytest.raises(
+        InputError, match=r"body.ring.clamp: x at \(0, 0.5\) is prescribed as 0.001, and what lies"
+    ):
         assemble(turned(spec), spec)
 
 
 def test_meshes_lie_on_one_side_of_the_axis():
     """x < 0 is refused with the place; rounding is none."""
-    with pytest.raises(InputError, match=r"body.ring.mesh: the node at \(-0.25, .*\) lies on the other side"):
+    with pytest.raises(
+        InputError, match=r"body.ring.mesh: the node at \(-0.25, .*\) lies on the other side"
+    ):
         turned(ring(inner=-0.25))
     assert turned(ring(inner=-1e-15)).points[:, 0].min() == 0.0
 
 
 def test_nothing_acts_on_the_axis():
     """Groups on the axis have no area: contacts, loads and foundations there are refused, clamps are not."""
-    for contacts, acted in (([], {"traction": [Traction(on="left", pressure=1.0)]}), (["left"], {}),
-                            ([], {"foundation": [Foundation(on="left", normal=1.0)]})):
+    for contacts, acted in (
+        ([], {"traction": [Traction(on="left", pressure=1.0)]}),
+        (["left"], {}),
+        ([], {"foundation": [Foundation(on="left", normal=1.0)]}),
+    ):
         spec = ring(inner=0.0, **acted)
-        with pytest.raises(InputError, match=r"body.ring.mesh: 'left' has sides on the axis, where they have no area"):
+        with pytest.raises(
+            InputError,
+            match=r"body.ring.mesh: 'left' has sides on the axis, where they have no area",
+        ):
             build_mesh(spec, Path("."), contacts, dimension=2, axisymmetric=True)
     turned(ring(inner=0.0, clamp=["left"]))
 
@@ -129,10 +169,19 @@ def test_multigrid_takes_as_many_iterations_as_in_the_plane(order, inner):
     """The plane's rigid motions make a near-null space for bodies around an axis, far from it and on it."""
     counts = []
     for axisymmetric in (False, True):
-        mesh = MeshSpec(shape="rectangle", origin=(inner, 0.0), size=(2.0, 1.0), divisions=(40, 20), order=order)
-        spec = BodySpec(name="ring", mesh=mesh, material=STEEL, clamp=["bottom"],
-                        traction=[Traction(on="top", pressure=1.0)])
-        problem = assemble(build_mesh(spec, Path("."), dimension=2, axisymmetric=axisymmetric), spec)
+        mesh = MeshSpec(
+            shape="rectangle", origin=(inner, 0.0), size=(2.0, 1.0), divisions=(40, 20), order=order
+        )
+        spec = BodySpec(
+            name="ring",
+            mesh=mesh,
+            material=STEEL,
+            clamp=["bottom"],
+            traction=[Traction(on="top", pressure=1.0)],
+        )
+        problem = assemble(
+            build_mesh(spec, Path("."), dimension=2, axisymmetric=axisymmetric), spec
+        )
         solver, u = PETSc.KSP().create(PETSc.COMM_SELF), problem.b.duplicate()
         solver.setOperators(problem.A)
         solver.setType("cg")
@@ -145,22 +194,40 @@ def test_multigrid_takes_as_many_iterations_as_in_the_plane(order, inner):
 
 def cone(order: int, bore: float) -> Mesh:
     """A turned part with a slanting flank, its inner side at the radius `bore`."""
-    spec = BodySpec(name="body", material=STEEL, mesh=MeshSpec(
-        shape="quadrilateral", corners=((bore, 0.0), (2.0, 0.0), (1.5, 1.0), (bore, 1.0)), divisions=(4, 3),
-        order=order))
+    spec = BodySpec(
+        name="body",
+        material=STEEL,
+        mesh=MeshSpec(
+            shape="quadrilateral",
+            corners=((bore, 0.0), (2.0, 0.0), (1.5, 1.0), (bore, 1.0)),
+            divisions=(4, 3),
+            order=order,
+        ),
+    )
     return replace(build_mesh(spec), axisymmetric=True)
 
 
 @both_orders
 def test_a_disc_of_an_orthotropic_material(order):
     """Pressed at its rim, a disc with E₁ = E₃ and ν₁₃ strains by −(1 − ν₁₃) p / E₁ in its plane."""
-    mesh = build_mesh(BodySpec(name="body", material=STEEL, mesh=MeshSpec(
-        shape="rectangle", size=(2.0, 0.5), divisions=(4, 2), order=order)))
+    mesh = build_mesh(
+        BodySpec(
+            name="body",
+            material=STEEL,
+            mesh=MeshSpec(shape="rectangle", size=(2.0, 0.5), divisions=(4, 2), order=order),
+        )
+    )
     mesh = replace(mesh, axisymmetric=True)
-    laminate = Material(young=(1.4e11, 1.0e10, 1.4e11), poisson=(0.3, 0.2, 0.3 * 1.0e10 / 1.4e11), shear=5e9)
-    spec = body(laminate, clamp=[Clamp(on="bottom", y=0.0)], traction=[Traction(on="right", pressure=1e6)])
+    laminate = Material(
+        young=(1.4e11, 1.0e10, 1.4e11), poisson=(0.3, 0.2, 0.3 * 1.0e10 / 1.4e11), shear=5e9
+    )
+    spec = body(
+        laminate, clamp=[Clamp(on="bottom", y=0.0)], traction=[Traction(on="right", pressure=1e6)]
+    )
     u = solve(mesh, spec)
-    exact = np.column_stack([-0.8e6 / 1.4e11 * mesh.points[:, 0], 2 * 0.3e6 / 1.4e11 * mesh.points[:, 1]])
+    exact = np.column_stack(
+        [-0.8e6 / 1.4e11 * mesh.points[:, 0], 2 * 0.3e6 / 1.4e11 * mesh.points[:, 1]]
+    )
     assert np.abs(u - exact).max() <= 1e-9 * np.abs(exact).max()
 
 
@@ -168,7 +235,9 @@ def test_a_disc_of_an_orthotropic_material(order):
 def test_a_cone_slides_on_its_flank(order):
     """A clamp along the normal of a slanting flank leaves nothing loose, and on the axis none but x = 0 is needed."""
     mesh = cone(order, 0.0)
-    spec = body(clamp=[Clamp(on="right", normal=0.0)], traction=[Traction(on="top", force=(0.0, -1e6))])
+    spec = body(
+        clamp=[Clamp(on="right", normal=0.0)], traction=[Traction(on="top", force=(0.0, -1e6))]
+    )
     problem, u = assemble(mesh, spec), solve(mesh, spec)
     assert problem.supported
     flank = np.unique(mesh.groups["right"])
@@ -176,4 +245,6 @@ def test_a_cone_slides_on_its_flank(order):
     assert np.abs(u[flank] @ normal).max() <= 1e-14 * np.abs(u).max() < np.abs(u[flank]).max()
     held = supports(mesh, body(clamp=[Clamp(on="bottom", normal=1e-3)]))
     centre = np.flatnonzero((mesh.points == 0.0).all(axis=1))
-    assert not held.free[centre].any() and held.moved[None][centre] == pytest.approx(np.array([[0.0, -1e-3]]))
+    assert not held.free[centre].any() and held.moved[None][centre] == pytest.approx(
+        np.array([[0.0, -1e-3]])
+    )

@@ -25,7 +25,9 @@ both_orders = pytest.mark.parametrize("order", [1, 2])
 
 
 def rectangle(divisions=(6, 4), size=(3.0, 2.0), origin=(1.0, -0.5), order=1) -> Mesh:
-    mesh = generate_rectangle(MeshSpec(shape="rectangle", origin=origin, size=size, divisions=divisions))
+    mesh = generate_rectangle(
+        MeshSpec(shape="rectangle", origin=origin, size=size, divisions=divisions)
+    )
     return raise_order(mesh, "mesh") if order == 2 else mesh
 
 
@@ -42,7 +44,11 @@ def distorted(mesh: Mesh) -> Mesh:
     number = rng.permutation(len(points))
     shuffled = np.empty_like(points)
     shuffled[number] = points
-    return Mesh(shuffled, number[mesh.triangles], {name: number[edges] for name, edges in mesh.groups.items()})
+    return Mesh(
+        shuffled,
+        number[mesh.triangles],
+        {name: number[edges] for name, edges in mesh.groups.items()},
+    )
 
 
 @both_orders
@@ -57,7 +63,10 @@ def test_stiffness_is_that_of_skfem(material, order):
     assert abs(A - K).max() <= 1e-14 * abs(K).max()
     u = np.random.default_rng(2).standard_normal((len(mesh.points), 2))
     u[::3] = 0.0
-    assert np.abs(whole.mult(u).ravel() - K @ u.ravel()).max() <= 1e-14 * abs(K).max() * np.abs(u).max()
+    assert (
+        np.abs(whole.mult(u).ravel() - K @ u.ravel()).max()
+        <= 1e-14 * abs(K).max() * np.abs(u).max()
+    )
 
 
 # Linear fields are exact
@@ -71,7 +80,10 @@ def linear(points: np.ndarray) -> np.ndarray:
 
 
 def linear_clamp(group: str) -> Clamp:
-    x, y = (AffineScalar(constant=SHIFT[i], x_slope=GRADIENT[i, 0], y_slope=GRADIENT[i, 1]) for i in (0, 1))
+    x, y = (
+        AffineScalar(constant=SHIFT[i], x_slope=GRADIENT[i, 0], y_slope=GRADIENT[i, 1])
+        for i in (0, 1)
+    )
     return Clamp(on=group, x=x, y=y)
 
 
@@ -94,10 +106,15 @@ def test_a_linear_field_is_exact(material, order):
     """Prescribed all around, or on one side and by tractions on the others; its stress is constant."""
     mesh, expected = rectangle(order=order), linear_stress(material)
     sxx, syy, _, sxy = expected
-    tractions = [Traction(on="right", value=(sxx, sxy)), Traction(on="top", value=(sxy, syy)),
-                 Traction(on="bottom", value=(-sxy, -syy))]
-    for spec in (body(material, clamp=[linear_clamp(s) for s in SIDES]),
-                 body(material, clamp=[linear_clamp("left")], traction=tractions)):
+    tractions = [
+        Traction(on="right", value=(sxx, sxy)),
+        Traction(on="top", value=(sxy, syy)),
+        Traction(on="bottom", value=(-sxy, -syy)),
+    ]
+    for spec in (
+        body(material, clamp=[linear_clamp(s) for s in SIDES]),
+        body(material, clamp=[linear_clamp("left")], traction=tractions),
+    ):
         u = solve(mesh, spec)
         assert np.abs(u - linear(mesh.points)).max() <= 1e-12 * np.abs(u).max()
     sigma = stress(mesh, material, linear(mesh.points))
@@ -106,8 +123,9 @@ def test_a_linear_field_is_exact(material, order):
 
 
 def test_von_mises():
-    cases = np.array([[5.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, -2.0],
-                      [3.0, 3.0, 3.0, 0.0], [4.0, -1.0, 2.0, 1.5]])
+    cases = np.array(
+        [[5.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, -2.0], [3.0, 3.0, 3.0, 0.0], [4.0, -1.0, 2.0, 1.5]]
+    )
     deviator = np.array([4.0, -1.0, 2.0]) - 5 / 3
     general = np.sqrt(1.5 * (deviator @ deviator + 2 * 1.5**2))
     assert von_mises(cases) == pytest.approx([5.0, 2.0 * np.sqrt(3), 0.0, general], rel=1e-14)
@@ -116,10 +134,13 @@ def test_von_mises():
 def test_principal_stresses():
     """Of pure shear, of a diagonal tensor in any order, and of a turned one in space; the largest first."""
     assert principal(np.array([[0.0, 0.0, 0.5, -2.0], [3.0, -1.0, 7.0, 0.0]])) == pytest.approx(
-        np.array([[2.0, 0.5, -2.0], [7.0, 3.0, -1.0]]), abs=1e-14)
+        np.array([[2.0, 0.5, -2.0], [7.0, 3.0, -1.0]]), abs=1e-14
+    )
     turn = np.linalg.qr(np.random.default_rng(3).standard_normal((3, 3)))[0]
     (xx, xy, xz), (_, yy, yz), (*_, zz) = turn @ np.diag([5.0, -4.0, 1.0]) @ turn.T
-    assert principal(np.array([[xx, yy, zz, xy, yz, xz]])) == pytest.approx(np.array([[5.0, 1.0, -4.0]]), abs=1e-13)
+    assert principal(np.array([[xx, yy, zz, xy, yz, xz]])) == pytest.approx(
+        np.array([[5.0, 1.0, -4.0]]), abs=1e-13
+    )
 
 
 # Loads. With the virtual displacement w = (x − x_left) e_i, which is in the space and vanishes on the
@@ -128,19 +149,58 @@ def test_principal_stresses():
 
 @both_orders
 @pytest.mark.parametrize("component", [0, 1])
-@pytest.mark.parametrize(("rest", "expected"), [
-    # block [1, 4] × [−0.5, 1.5], r = x − 1
-    ({"volume_force": AffineVector(constant=(1.0, 0.0), x_slope=(2.0, 0.0), y_slope=(0.0, 4.0))},
-     (9.0 + 2.0 * (9.0 + 18.0), 4.0 * 9.0 * 0.5)),
-    ({"traction": [Traction(on="top", value=(2.0, -3.0)), Traction(on="bottom", value=(1.0, 0.0))]},
-     (3.0 * 4.5, -3.0 * 4.5)),
-    ({"traction": [Traction(on="top", value=AffineVector(constant=(1.0, 0.0), x_slope=(0.0, 2.0)))]},
-     (4.5, 2.0 * (4.5 + 9.0))),
-    ({"traction": [Traction(on="right", value=AffineVector(y_slope=(6.0, 0.0), constant=(0.0, 1.0)))]},
-     (6.0 * 3.0 * 1.0, 6.0)),
-    ({"traction": [Traction(on="right", value=(1.0, 0.0)), Traction(on="right", value=(1.0, 5.0))],
-      "volume_force": (0.0, 1.0)}, (12.0, 39.0)),
-], ids=["affine volume", "top and bottom", "affine top", "affine right", "sum"])
+@pytest.mark.parametrize(
+    ("rest", "expected"),
+    [
+        # block [1, 4] × [−0.5, 1.5], r = x − 1
+        (
+            {
+                "volume_force": AffineVector(
+                    constant=(1.0, 0.0), x_slope=(2.0, 0.0), y_slope=(0.0, 4.0)
+                )
+            },
+            (9.0 + 2.0 * (9.0 + 18.0), 4.0 * 9.0 * 0.5),
+        ),
+        (
+            {
+                "traction": [
+                    Traction(on="top", value=(2.0, -3.0)),
+                    Traction(on="bottom", value=(1.0, 0.0)),
+                ]
+            },
+            (3.0 * 4.5, -3.0 * 4.5),
+        ),
+        (
+            {
+                "traction": [
+                    Traction(on="top", value=AffineVector(constant=(1.0, 0.0), x_slope=(0.0, 2.0)))
+                ]
+            },
+            (4.5, 2.0 * (4.5 + 9.0)),
+        ),
+        (
+            {
+                "traction": [
+                    Traction(
+                        on="right", value=AffineVector(y_slope=(6.0, 0.0), constant=(0.0, 1.0))
+                    )
+                ]
+            },
+            (6.0 * 3.0 * 1.0, 6.0),
+        ),
+        (
+            {
+                "traction": [
+                    Traction(on="right", value=(1.0, 0.0)),
+                    Traction(on="right", value=(1.0, 5.0)),
+                ],
+                "volume_force": (0.0, 1.0),
+            },
+            (12.0, 39.0),
+        ),
+    ],
+    ids=["affine volume", "top and bottom", "affine top", "affine right", "sum"],
+)
 def test_load_is_the_integral(rest, expected, component, order):
     mesh = rectangle(order=order)
     problem = assemble(mesh, body(clamp=["left"], **rest))
@@ -150,9 +210,11 @@ def test_load_is_the_integral(rest, expected, component, order):
 
 
 def small_load(kind: str, size: float) -> dict:
-    return {"traction": {"traction": [Traction(on="right", value=(0.0, -size))]},
-            "volume": {"volume_force": (size, 0.0)},
-            "clamp": {"clamp": ["left", Clamp(on="right", x=size)]}}[kind]
+    return {
+        "traction": {"traction": [Traction(on="right", value=(0.0, -size))]},
+        "volume": {"volume_force": (size, 0.0)},
+        "clamp": {"clamp": ["left", Clamp(on="right", x=size)]},
+    }[kind]
 
 
 @pytest.mark.parametrize("kind", ["traction", "volume", "clamp"])
@@ -161,7 +223,9 @@ def test_loads_whose_squares_underflow_are_refused(kind, size):
     """Their norm has lost digits or is zero, as if nothing acted; a little larger ones are solved."""
     with pytest.raises(InputError, match=r"body\.block: loads .* so small .* choose other units"):
         assemble(rectangle(), body(**{"clamp": ["left"]} | small_load(kind, size)))
-    assert assemble(rectangle(), body(**{"clamp": ["left"]} | small_load(kind, 1e-145))).b.norm() > 0.0
+    assert (
+        assemble(rectangle(), body(**{"clamp": ["left"]} | small_load(kind, 1e-145))).b.norm() > 0.0
+    )
     assert assemble(rectangle(), body(clamp=["left"])).b.norm() == 0.0
 
 
@@ -175,9 +239,16 @@ def test_traction_inside_the_body_is_refused():
 
 # Clamps
 
-ROLLERS = [Clamp(on="left", x=2e-3), Clamp(on="bottom", y=AffineScalar(constant=1e-3, x_slope=-1e-4))]
-CLAMPS = {"full": ["left"], "rollers": ROLLERS, "roller and full": ["left", Clamp(on="right", y=-1e-3)],
-          "all around": [*SIDES]}
+ROLLERS = [
+    Clamp(on="left", x=2e-3),
+    Clamp(on="bottom", y=AffineScalar(constant=1e-3, x_slope=-1e-4)),
+]
+CLAMPS = {
+    "full": ["left"],
+    "rollers": ROLLERS,
+    "roller and full": ["left", Clamp(on="right", y=-1e-3)],
+    "all around": [*SIDES],
+}
 
 
 @both_orders
@@ -197,7 +268,9 @@ def test_clamps_against_elimination_by_scipy(clamps, order):
             if value is not None:
                 held[nodes, i] = True
                 affine = isinstance(value, AffineScalar)
-                given[nodes, i] = value.constant + value.x_slope * mesh.points[nodes, 0] if affine else value
+                given[nodes, i] = (
+                    value.constant + value.x_slope * mesh.points[nodes, 0] if affine else value
+                )
     f = load_of(mesh, LinearForm(lambda v, w: 0.03 * v[0] + 0.01 * v[1]))
     shares = [1 / 2, 1 / 2] if order == 1 else [1 / 6, 1 / 6, 4 / 6]
     for edge in mesh.groups["top"]:
@@ -225,10 +298,17 @@ LOOSE = {
 }
 
 
-@pytest.mark.parametrize("geometry", [
-    {}, {"divisions": (1, 1), "order": 2}, {"divisions": (30, 7), "size": (1e-9, 1e-9), "origin": (0.0, 0.0)},
-    {"size": (1.0, 1.0), "origin": (1e5, 1e5)}, {"divisions": (40, 2), "size": (100.0, 1.0)}],
-    ids=["plain", "coarse, order 2", "nano", "far", "slender"])
+@pytest.mark.parametrize(
+    "geometry",
+    [
+        {},
+        {"divisions": (1, 1), "order": 2},
+        {"divisions": (30, 7), "size": (1e-9, 1e-9), "origin": (0.0, 0.0)},
+        {"size": (1.0, 1.0), "origin": (1e5, 1e5)},
+        {"divisions": (40, 2), "size": (100.0, 1.0)},
+    ],
+    ids=["plain", "coarse, order 2", "nano", "far", "slender"],
+)
 @pytest.mark.parametrize("case", LOOSE)
 def test_motions_of_a_loose_body(case, geometry):
     """Translations by one, and scaled rotations about a point that the clamps allow, the centroid if they can."""
@@ -257,14 +337,19 @@ def two_squares() -> Mesh:
     """Two separate squares in one mesh."""
     square = rectangle((2, 2), (1.0, 1.0), (0.0, 0.0))
     count = len(square.points)
-    return Mesh(np.vstack([square.points, square.points + np.array([3.0, 0.0])]),
-                np.vstack([square.triangles, square.triangles + count]),
-                square.groups | {"other": square.groups["right"] + count})
+    return Mesh(
+        np.vstack([square.points, square.points + np.array([3.0, 0.0])]),
+        np.vstack([square.triangles, square.triangles + count]),
+        square.groups | {"other": square.groups["right"] + count},
+    )
 
 
 @pytest.mark.parametrize("clamps", [[], ["left"], ["left", Clamp(on="other", x=0.0)]])
 def test_piece_that_no_clamp_holds_is_refused(clamps):
     """A body of two pieces, one of which is loose, is refused, as their motions are not those of one body."""
-    with pytest.raises(InputError, match=r"body\.block\.clamp: a piece of the body .* can still .*; make each piece a "
-                                         r"body of its own"):
+    with pytest.raises(
+        InputError,
+        match=r"body\.block\.clamp: a piece of the body .* can still .*; make each piece a "
+        r"body of its own",
+    ):
         assemble(two_squares(), body(clamp=clamps))

@@ -30,7 +30,9 @@ def layered(order: int, divisions=(6, 8)) -> Mesh:
     mesh = generate_rectangle(MeshSpec(shape="rectangle", size=(2.0, 1.0), divisions=divisions))
     points = mesh.points.copy()
     inner = (points > 0).all(axis=1) & (points < (2.0, 1.0)).all(axis=1) & (points[:, 1] != 0.5)
-    points[inner] += np.random.default_rng(3).uniform(-0.02, 0.02, (inner.sum(), 2)) * 8 / divisions[1]
+    points[inner] += (
+        np.random.default_rng(3).uniform(-0.02, 0.02, (inner.sum(), 2)) * 8 / divisions[1]
+    )
     upper = points[mesh.triangles, 1].mean(axis=1) > 0.5
     surfaces = {"core": np.flatnonzero(upper), "rim": np.flatnonzero(~upper)}
     mesh = Mesh(points, mesh.triangles, mesh.groups, {}, surfaces)
@@ -38,8 +40,12 @@ def layered(order: int, divisions=(6, 8)) -> Mesh:
 
 
 def body(*parts: dict, **rest) -> BodySpec:
-    return BodySpec(name="block", mesh=MeshSpec(file="unused.msh"), material=[PartMaterial(**part) for part in parts],
-                    **rest)
+    return BodySpec(
+        name="block",
+        mesh=MeshSpec(file="unused.msh"),
+        material=[PartMaterial(**part) for part in parts],
+        **rest,
+    )
 
 
 @both_orders
@@ -69,7 +75,7 @@ def test_estimate_knows_that_stress_jumps_where_materials_meet(order, ratio):
         part = np.isclose(E, young)
         density = energy_density(Material(young=young, poisson=0.0), difference[..., part])
         true += weights @ density @ mesh.measures()[part]
-    assert estimate_error(mesh, material, u).total**0.5 == pytest.approx(true**0.5, rel=0.05)
+    assert estimate_error(mesh, material, u).total ** 0.5 == pytest.approx(true**0.5, rel=0.05)
 
 
 @both_orders
@@ -79,8 +85,10 @@ def test_linear_triangles_lock_in_any_part(order):
     mesh = layered(order)
     squares = estimate_error(mesh, material_of(mesh, spec), np.sin(mesh.points)).squares
     assert np.isnan(squares).all() == (order == 1)
-    assert spec.settled(1).locking == \
-        "block: no estimate: linear elements lock at nu = 0.4999; write mesh.order = 2"
+    assert (
+        spec.settled(1).locking
+        == "block: no estimate: linear elements lock at nu = 0.4999; write mesh.order = 2"
+    )
     assert spec.settled(2).locking == ""
 
 
@@ -92,7 +100,9 @@ def test_entries_of_one_material_are_the_body_of_that_material(order):
         material = material_of(mesh, spec)
         assert isinstance(material, Material)
         one, other = sum_stiffness(mesh, material), sum_stiffness(mesh, Material(**CORE))
-        assert np.array_equal(one.upper, other.upper) and np.array_equal(one.diagonal, other.diagonal)
+        assert np.array_equal(one.upper, other.upper) and np.array_equal(
+            one.diagonal, other.diagonal
+        )
 
 
 def test_modulus_beside_a_contact():
@@ -102,15 +112,33 @@ def test_modulus_beside_a_contact():
     core, rim = (Material(**each).plane_modulus for each in (CORE, RIM))
     assert modulus_beside(mesh, material, mesh.facets("top")) == pytest.approx(core, rel=1e-14)
     assert modulus_beside(mesh, material, mesh.facets("bottom")) == pytest.approx(rim, rel=1e-14)
-    assert modulus_beside(mesh, material, mesh.facets("left")) == pytest.approx(2 / (1 / core + 1 / rim), rel=1e-12)
+    assert modulus_beside(mesh, material, mesh.facets("left")) == pytest.approx(
+        2 / (1 / core + 1 / rim), rel=1e-12
+    )
     assert modulus_beside(mesh, Material(**CORE), mesh.facets("left")) == core
 
 
-@pytest.mark.parametrize("parts, words", [
-    (["core", "rimm"], r"material\.1\.on: the mesh has no physical surface 'rimm'; did you mean 'rim'\? \(it has core"),
-    (["core"], r"material: the triangle at \(.*\), in the physical surface 'rim', has no material; add an entry"),
-    (["core", "half", None], r"material\.1\.on: the triangle at \(.*\) is in the physical surfaces 'half' and 'core'"),
-    (["core", "empty", None], r"material\.1\.on: the physical surface 'empty' of the mesh has a name, but no tri")])
+@pytest.mark.parametrize(
+    "parts, words",
+    [
+        (
+            ["core", "rimm"],
+            r"material\.1\.on: the mesh has no physical surface 'rimm'; did you mean 'rim'\? \(it has core",
+        ),
+        (
+            ["core"],
+            r"material: the triangle at \(.*\), in the physical surface 'rim', has no material; add an entry",
+        ),
+        (
+            ["core", "half", None],
+            r"material\.1\.on: the triangle at \(.*\) is in the physical surfaces 'half' and 'core'",
+        ),
+        (
+            ["core", "empty", None],
+            r"material\.1\.on: the physical surface 'empty' of the mesh has a name, but no tri",
+        ),
+    ],
+)
 def test_each_triangle_has_one_material(parts, words):
     """A triangle with no material, or with two, is refused; the message names the surface."""
     mesh = layered(1)
@@ -125,4 +153,6 @@ def test_rest_takes_what_the_others_leave():
     material = material_of(mesh, spec)
     assert isinstance(material, Composite)
     poisson = np.array([each.poisson for each in material.materials])[material.number]
-    assert (poisson[mesh.surfaces["rim"]] == 0.45).all() and (poisson[mesh.surfaces["core"]] == 0.3).all()
+    assert (poisson[mesh.surfaces["rim"]] == 0.45).all() and (
+        poisson[mesh.surfaces["core"]] == 0.3
+    ).all()

@@ -25,13 +25,24 @@ def rotation(angle: float, d: int = 2) -> np.ndarray:
     R = np.array([[c, -s], [s, c]])
     if d == 3:
         R = np.block([[R, np.zeros((2, 1))], [np.zeros((1, 2)), 1.0]]) @ np.array(
-            [[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+            [[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]]
+        )
     return R
 
 
 def box(d: int, order: int) -> Mesh:
-    return build_mesh(BodySpec(name="box", material=STEEL, mesh=MeshSpec(
-        shape="rectangle" if d == 2 else "box", size=(2.0, 1.0, 1.5)[:d], divisions=(4, 3, 2)[:d], order=order)))
+    return build_mesh(
+        BodySpec(
+            name="box",
+            material=STEEL,
+            mesh=MeshSpec(
+                shape="rectangle" if d == 2 else "box",
+                size=(2.0, 1.0, 1.5)[:d],
+                divisions=(4, 3, 2)[:d],
+                order=order,
+            ),
+        )
+    )
 
 
 def turned(mesh: Mesh, R: np.ndarray) -> Mesh:
@@ -40,15 +51,31 @@ def turned(mesh: Mesh, R: np.ndarray) -> Mesh:
 
 def ring(angles: np.ndarray, order: int = 1, across: int = 3) -> Mesh:
     """A ring from 1 to 2 m; its nodes stand at the same angles (rad) on all circles, which are curved in order 2."""
-    whole = generate_annulus(MeshSpec(shape="annulus", center=(0.0, 0.0), radii=(1.0, 2.0), angles=(0.0, 360.0),
-                                      divisions=(len(angles), across)))
+    whole = generate_annulus(
+        MeshSpec(
+            shape="annulus",
+            center=(0.0, 0.0),
+            radii=(1.0, 2.0),
+            angles=(0.0, 360.0),
+            divisions=(len(angles), across),
+        )
+    )
     radius, at = np.hypot(*whole.points.T), np.arctan2(*whole.points.T[::-1]) % (2 * np.pi)
-    at = np.interp(at, np.arange(len(angles) + 1) * 2 * np.pi / len(angles), np.append(angles, angles[0] + 2 * np.pi))
-    mesh = Mesh(radius[:, None] * np.column_stack([np.cos(at), np.sin(at)]), whole.triangles, whole.groups)
+    at = np.interp(
+        at,
+        np.arange(len(angles) + 1) * 2 * np.pi / len(angles),
+        np.append(angles, angles[0] + 2 * np.pi),
+    )
+    mesh = Mesh(
+        radius[:, None] * np.column_stack([np.cos(at), np.sin(at)]), whole.triangles, whole.groups
+    )
     if order == 1:
         return mesh
     fine = raise_order(mesh, "mesh")
-    ends, middles = fine.triangles[:, fine.cell.edges[:, :2]], fine.triangles[:, fine.cell.edges[:, 2]]
+    ends, middles = (
+        fine.triangles[:, fine.cell.edges[:, :2]],
+        fine.triangles[:, fine.cell.edges[:, 2]],
+    )
     points, size = fine.points.copy(), np.hypot(*fine.points.T)
     along = np.isclose(size[ends[..., 0]], size[ends[..., 1]])
     points[middles[along]] *= (size[ends[along][:, 0]] / size[middles[along]])[:, None]
@@ -68,13 +95,21 @@ def body(**more) -> BodySpec:
 def test_a_turned_body_on_symmetry_planes_is_its_twin(d, angle, order):
     """On planes of symmetry and under a moved side at any angle a body does what it does along the axes."""
     R, upright = rotation(angle, d), box(d, order)
-    planes = [("left", 0.0), ("bottom", 0.0), ("right", 2e-3), *([("front", 0.0)] if d == 3 else [])]
+    planes = [
+        ("left", 0.0),
+        ("bottom", 0.0),
+        ("right", 2e-3),
+        *([("front", 0.0)] if d == 3 else []),
+    ]
     clamps = [Clamp(on=on, normal=value) for on, value in planes]
     axes = {"left": "x", "bottom": "y" if d == 2 else "z", "right": "x", "front": "y"}
     plain = [Clamp(on=on, **{axes[on]: value}) for on, value in planes]
     load = (1e6, -3e8, 2e8)[:d]
     found = []
-    for mesh, held, force in ((upright, plain, load), (turned(upright, R), clamps, tuple(R @ load))):
+    for mesh, held, force in (
+        (upright, plain, load),
+        (turned(upright, R), clamps, tuple(R @ load)),
+    ):
         spec = body(clamp=held, traction=[Traction(on="top", value=force)])
         u, problem = solve(mesh, spec), assemble(mesh, spec)
         reactions = resultants(mesh, clamp_forces(mesh, spec, problem, u, np.zeros_like(u)))
@@ -91,20 +126,32 @@ def test_a_turned_body_on_symmetry_planes_is_its_twin(d, angle, order):
 @both_orders
 def test_each_plane_of_a_wedge_reacts_along_its_own_normal(order):
     """On planes that are not at right angles, their common node included."""
-    spec = BodySpec(name="wedge", material=STEEL, mesh=MeshSpec(
-        shape="quadrilateral", corners=((0.0, 0.0), (2.0, 0.0), (3.0, 2.0), (1.0, 2.0)), divisions=(4, 3), order=order),
+    spec = BodySpec(
+        name="wedge",
+        material=STEEL,
+        mesh=MeshSpec(
+            shape="quadrilateral",
+            corners=((0.0, 0.0), (2.0, 0.0), (3.0, 2.0), (1.0, 2.0)),
+            divisions=(4, 3),
+            order=order,
+        ),
         clamp=[Clamp(on="bottom", normal=0.0), Clamp(on="left", normal=0.0)],
-        traction=[Traction(on="top", value=(4e6, -1e7))])
+        traction=[Traction(on="top", value=(4e6, -1e7))],
+    )
     mesh = build_mesh(spec)
     u, problem = solve(mesh, spec), assemble(mesh, spec)
     found = resultants(mesh, clamp_forces(mesh, spec, problem, u, np.zeros_like(u)))
     planes = np.array([outer_normals(mesh, on, "key")[1][0] for on in ("bottom", "left")])
     expected = planes * np.linalg.solve(planes.T, [-8e6, 2e7])[:, None]
-    assert [found[on]["force"] for on in ("bottom", "left")] == [pytest.approx(force, rel=1e-9) for force in expected]
+    assert [found[on]["force"] for on in ("bottom", "left")] == [
+        pytest.approx(force, rel=1e-9) for force in expected
+    ]
 
 
 @both_orders
-@pytest.mark.parametrize("angles", [np.arange(24) * 2 * np.pi / 24, IRREGULAR], ids=["even", "irregular"])
+@pytest.mark.parametrize(
+    "angles", [np.arange(24) * 2 * np.pi / 24, IRREGULAR], ids=["even", "irregular"]
+)
 def test_normals_of_a_circle_are_radial(order, angles):
     """Wherever the nodes stand on a circle, normals are its own: a body can turn in a bore that clamps its normals."""
     mesh = ring(angles, order)
@@ -115,7 +162,10 @@ def test_normals_of_a_circle_are_radial(order, angles):
         problem = assemble(mesh, body(clamp=[Clamp(on=on, normal=0.0)]))
         assert problem.motions.shape[2] == 1
         motion = problem.motions[..., 0] / np.abs(problem.motions).max() * 2.0
-        assert np.abs(motion - np.sign(motion[0, 1]) * mesh.points[:, ::-1] * [-1.0, 1.0]).max() <= 1e-9
+        assert (
+            np.abs(motion - np.sign(motion[0, 1]) * mesh.points[:, ::-1] * [-1.0, 1.0]).max()
+            <= 1e-9
+        )
 
 
 def test_normals_of_a_sphere_are_radial(monkeypatch):
@@ -137,12 +187,25 @@ def test_normals_of_a_sphere_are_radial(monkeypatch):
 def test_a_corner_inside_a_group_is_refused_with_its_place():
     """A group that goes around a corner has no normal there."""
     mesh = box(2, 1)
-    both = Mesh(mesh.points, mesh.triangles, {"flank": np.concatenate([mesh.groups["left"], mesh.groups["top"]])})
-    with pytest.raises(InputError, match=r"body.body.clamp: 'flank' has a corner at \(0, 1\), where it has no normal"):
+    both = Mesh(
+        mesh.points,
+        mesh.triangles,
+        {"flank": np.concatenate([mesh.groups["left"], mesh.groups["top"]])},
+    )
+    with pytest.raises(
+        InputError,
+        match=r"body.body.clamp: 'flank' has a corner at \(0, 1\), where it has no normal",
+    ):
         assemble(both, body(clamp=[Clamp(on="flank", normal=0.0)]))
     solid = box(3, 2)
-    both = Mesh(solid.points, solid.triangles, {"flank": np.concatenate([solid.groups["left"], solid.groups["top"]])})
-    with pytest.raises(InputError, match=r"'flank' has a corner at \(0, [\d.]+, 1.5\), where it has no normal"):
+    both = Mesh(
+        solid.points,
+        solid.triangles,
+        {"flank": np.concatenate([solid.groups["left"], solid.groups["top"]])},
+    )
+    with pytest.raises(
+        InputError, match=r"'flank' has a corner at \(0, [\d.]+, 1.5\), where it has no normal"
+    ):
         assemble(both, body(clamp=[Clamp(on="flank", normal=0.0)]))
 
 
@@ -150,7 +213,9 @@ def test_a_point_has_no_normal():
     """Only boundary groups have one."""
     mesh = box(2, 1)
     mesh = Mesh(mesh.points, mesh.triangles, mesh.groups, {"tip": np.array([0])})
-    with pytest.raises(InputError, match="'tip' is no boundary group of the mesh and has no normal; give x, y or z"):
+    with pytest.raises(
+        InputError, match="'tip' is no boundary group of the mesh and has no normal; give x, y or z"
+    ):
         assemble(mesh, body(clamp=[Clamp(on="tip", normal=0.0)]))
 
 
@@ -158,18 +223,29 @@ def test_a_point_has_no_normal():
 def test_several_clamps_at_a_node(angle):
     """Both normals hold at the node where two groups meet; what they prescribe there goes together or is refused."""
     mesh = turned(box(2, 1), rotation(angle))
-    held = supports(mesh, body(clamp=[Clamp(on="left", normal=1e-3), Clamp(on="bottom", normal="2e-3", history="on")],
-                               traction=[Traction(on="top", pressure=1.0, history="on")]))
+    held = supports(
+        mesh,
+        body(
+            clamp=[Clamp(on="left", normal=1e-3), Clamp(on="bottom", normal="2e-3", history="on")],
+            traction=[Traction(on="top", pressure=1.0, history="on")],
+        ),
+    )
     corner = np.intersect1d(*(mesh.groups[on] for on in ("left", "bottom")))
     assert not held.free[corner].any()
     left, bottom = -rotation(angle).T
     assert held.moved[None][corner[0]] == pytest.approx(1e-3 * left, abs=1e-15)
     assert held.moved["on"][corner[0]] == pytest.approx(2e-3 * bottom, abs=1e-15)
-    supports(mesh, body(clamp=[Clamp(on="left", normal=1e-3), Clamp(on="left", normal="1e-3 + 0*x")]))
-    for clash in ([Clamp(on="left", normal=1e-3), Clamp(on="left", normal=2e-3)],
-                  [Clamp(on="left", normal=1e-3), Clamp(on="left", x=0.0, y=0.0)],
-                  ["left", Clamp(on="left", normal=1e-3)]):
-        with pytest.raises(InputError, match=r"body.body.clamp: \w+ at .* is prescribed twice, as "):
+    supports(
+        mesh, body(clamp=[Clamp(on="left", normal=1e-3), Clamp(on="left", normal="1e-3 + 0*x")])
+    )
+    for clash in (
+        [Clamp(on="left", normal=1e-3), Clamp(on="left", normal=2e-3)],
+        [Clamp(on="left", normal=1e-3), Clamp(on="left", x=0.0, y=0.0)],
+        ["left", Clamp(on="left", normal=1e-3)],
+    ):
+        with pytest.raises(
+            InputError, match=r"body.body.clamp: \w+ at .* is prescribed twice, as "
+        ):
             supports(mesh, body(clamp=clash))
 
 
@@ -178,7 +254,9 @@ def test_groups_that_join_smoothly_have_one_normal():
     mesh = ring(np.arange(24) * 2 * np.pi / 24)
     outer = mesh.groups["outer"]
     halves = Mesh(mesh.points, mesh.triangles, {"one": outer[:12], "other": outer[12:]})
-    held = supports(halves, body(clamp=[Clamp(on="one", normal=0.0), Clamp(on="other", normal=0.0)]))
+    held = supports(
+        halves, body(clamp=[Clamp(on="one", normal=0.0), Clamp(on="other", normal=0.0)])
+    )
     assert np.einsum("kii->k", held.free)[np.unique(outer)] == pytest.approx(1.0)
 
 
@@ -187,7 +265,14 @@ def test_a_load_that_a_clamp_takes_up_is_warned_of(angle):
     """A pressure on a group that is clamped along its normal is lost; a load along the group is not."""
     R = rotation(angle)
     mesh, along = turned(box(2, 1), R), tuple(R @ [0.0, 1e6])
-    for load, lost in ((Traction(on="left", pressure=1e6), True), (Traction(on="left", force=along), False),
-                       (Traction(on="top", pressure=1e6), False)):
-        warnings = assemble(mesh, body(clamp=[Clamp(on="left", normal=0.0)], traction=[load])).warnings
-        assert any("is lost, as clamps constrain the whole group" in each for each in warnings) == lost
+    for load, lost in (
+        (Traction(on="left", pressure=1e6), True),
+        (Traction(on="left", force=along), False),
+        (Traction(on="top", pressure=1e6), False),
+    ):
+        warnings = assemble(
+            mesh, body(clamp=[Clamp(on="left", normal=0.0)], traction=[load])
+        ).warnings
+        assert (
+            any("is lost, as clamps constrain the whole group" in each for each in warnings) == lost
+        )

@@ -39,7 +39,9 @@ def test_stiffness_is_that_of_skfem(order, material):
     mesh = box((3, 2, 2), (3.0, 1.0, 2.0), order, jitter=0.2)
     corners = mesh.corners.max() + 1
     rng = np.random.default_rng(4)
-    number = np.concatenate([rng.permutation(corners), corners + rng.permutation(len(mesh.points) - corners)])
+    number = np.concatenate(
+        [rng.permutation(corners), corners + rng.permutation(len(mesh.points) - corners)]
+    )
     mesh = Mesh(mesh.points[np.argsort(number)], number[mesh.triangles], {})
     expected, K = stiffness_of(mesh, material), sum_stiffness(mesh, material)
     assert abs(matrix(mesh, K) - expected).max() <= 1e-14 * abs(expected).max()
@@ -61,33 +63,61 @@ def test_loads_are_those_of_skfem(order):
     right, top = mesh.groups["right"], mesh.groups["top"]
     cases = [
         ({"volume_force": FORCE}, load_of(mesh, LinearForm(lambda v, w: dot(force(*w.x), v)), 8)),
-        ({"volume_force": (2.0, -3.0, 5.0)}, load_of(mesh, LinearForm(lambda v, w: 2 * v[0] - 3 * v[1] + 5 * v[2]))),
-        ({"traction": [Traction(on="right", value=FORCE)]},
-         load_of(mesh, LinearForm(lambda v, w: dot(force(*w.x), v)), 8, right)),
-        ({"traction": [Traction(on="top", value=(2.0, -3.0, 5.0)), Traction(on="right", pressure=7.0)]},
-         load_of(mesh, LinearForm(lambda v, w: 2 * v[0] - 3 * v[1] + 5 * v[2]), 4, top)
-         - load_of(mesh, LinearForm(lambda v, w: 7 * dot(w.n, v)), 4, right)),
-        ({"traction": [Traction(on="top", pressure="x*y + z")]},
-         load_of(mesh, LinearForm(lambda v, w: -(w.x[0] * w.x[1] + w.x[2]) * dot(w.n, v)), 8, top))]
+        (
+            {"volume_force": (2.0, -3.0, 5.0)},
+            load_of(mesh, LinearForm(lambda v, w: 2 * v[0] - 3 * v[1] + 5 * v[2])),
+        ),
+        (
+            {"traction": [Traction(on="right", value=FORCE)]},
+            load_of(mesh, LinearForm(lambda v, w: dot(force(*w.x), v)), 8, right),
+        ),
+        (
+            {
+                "traction": [
+                    Traction(on="top", value=(2.0, -3.0, 5.0)),
+                    Traction(on="right", pressure=7.0),
+                ]
+            },
+            load_of(mesh, LinearForm(lambda v, w: 2 * v[0] - 3 * v[1] + 5 * v[2]), 4, top)
+            - load_of(mesh, LinearForm(lambda v, w: 7 * dot(w.n, v)), 4, right),
+        ),
+        (
+            {"traction": [Traction(on="top", pressure="x*y + z")]},
+            load_of(
+                mesh, LinearForm(lambda v, w: -(w.x[0] * w.x[1] + w.x[2]) * dot(w.n, v)), 8, top
+            ),
+        ),
+    ]
     for loads, expected in cases:
-        assert np.abs(nodal_loads(mesh, body(**loads)).ravel() - expected).max() <= 1e-13 * np.abs(expected).max()
+        assert (
+            np.abs(nodal_loads(mesh, body(**loads)).ravel() - expected).max()
+            <= 1e-13 * np.abs(expected).max()
+        )
 
 
 def test_pressure_all_around_a_curved_body_is_its_buoyancy():
     """∮ p n dA is the integral of ∇p over the curved tetrahedra, exactly; the moment of a constant one is zero."""
     mesh = wavy()
-    f = nodal_loads(mesh, body(traction=[Traction(on=on, pressure="2 + x - 3*y + 5*z") for on in SIDES]))
-    assert f.sum(axis=0) == pytest.approx(mesh.measures().sum() * np.array([-1.0, 3.0, -5.0]), rel=1e-12)
+    f = nodal_loads(
+        mesh, body(traction=[Traction(on=on, pressure="2 + x - 3*y + 5*z") for on in SIDES])
+    )
+    assert f.sum(axis=0) == pytest.approx(
+        mesh.measures().sum() * np.array([-1.0, 3.0, -5.0]), rel=1e-12
+    )
     f = nodal_loads(mesh, body(traction=[Traction(on=on, pressure=2.0) for on in SIDES]))
     assert np.abs(np.cross(mesh.points, f).sum(axis=0)).max() <= 1e-13
     weight = nodal_loads(mesh, body(volume_force=(1.0, 2.0, 3.0)))
-    assert weight.sum(axis=0) == pytest.approx(mesh.measures().sum() * np.array([1.0, 2.0, 3.0]), rel=1e-13)
+    assert weight.sum(axis=0) == pytest.approx(
+        mesh.measures().sum() * np.array([1.0, 2.0, 3.0]), rel=1e-13
+    )
 
 
 # Rigid motions
 
 
-@pytest.mark.parametrize(("order", "iterative"), [(1, True), (2, False)], ids=["multigrid", "factors"])
+@pytest.mark.parametrize(
+    ("order", "iterative"), [(1, True), (2, False)], ids=["multigrid", "factors"]
+)
 def test_a_loose_body_under_pressure(order, iterative):
     """Held by its six springs alone, a cube under the same pressure all around shrinks alike in all directions."""
     mesh = box((3, 3, 3), order=order, jitter=0.2)
@@ -103,23 +133,35 @@ def test_a_loose_body_under_pressure(order, iterative):
 def test_centroid_is_that_of_the_volume():
     """Rotations are about the centroid of an octant of a hollow ball, whose place its spheres give."""
     mesh = shell(6)
-    motions = body_motions(mesh, sum_stiffness(mesh, STEEL), np.tile(np.eye(3), (len(mesh.points), 1, 1)), "ball")
-    for rotation, (i, j) in zip(np.moveaxis(motions[:, :, 3:], 2, 0), ((1, 2), (0, 2), (0, 1)), strict=True):
+    motions = body_motions(
+        mesh, sum_stiffness(mesh, STEEL), np.tile(np.eye(3), (len(mesh.points), 1, 1)), "ball"
+    )
+    for rotation, (i, j) in zip(
+        np.moveaxis(motions[:, :, 3:], 2, 0), ((1, 2), (0, 2), (0, 1)), strict=True
+    ):
         for moved, along in ((i, j), (j, i)):  # u_i grows with x_j, and is zero at the centre
             slope, start = np.polyfit(mesh.points[:, along], rotation[:, moved], 1)
-            assert -start / slope == pytest.approx(3 / 8 * (1.0 - 0.5**4) / (1.0 - 0.5**3), rel=1e-4)
+            assert -start / slope == pytest.approx(
+                3 / 8 * (1.0 - 0.5**4) / (1.0 - 0.5**3), rel=1e-4
+            )
 
 
 GRADIENT = np.array([[1e-3, -4e-4, 2e-4], [7e-4, 5e-4, -6e-4], [3e-4, 8e-4, -9e-4]])
 
 
 def linear_clamps() -> list:
-    rows = [" + ".join(f"{value}*{axis}" for value, axis in zip(row, "xyz", strict=True)) for row in GRADIENT.tolist()]
+    rows = [
+        " + ".join(f"{value}*{axis}" for value, axis in zip(row, "xyz", strict=True))
+        for row in GRADIENT.tolist()
+    ]
     return [hold(side, *rows) for side in SIDES]
 
 
-@pytest.mark.parametrize("mesh", [box((3, 2, 2), jitter=0.2), box((3, 2, 2), order=2, jitter=0.2), wavy()],
-                         ids=["order 1", "order 2", "curved"])
+@pytest.mark.parametrize(
+    "mesh",
+    [box((3, 2, 2), jitter=0.2), box((3, 2, 2), order=2, jitter=0.2), wavy()],
+    ids=["order 1", "order 2", "curved"],
+)
 def test_linear_displacement_is_exact(mesh):
     """Prescribed all around, it is found inside; the stress is constant and the estimated error zero."""
     exact = mesh.points @ GRADIENT.T
@@ -153,7 +195,8 @@ def wave_stress(points: np.ndarray) -> np.ndarray:
     """(3, 3, …) at points (…, 3)."""
     (first, shear), both = MATERIAL.lame, np.outer(A, K)
     return (first * np.trace(both) * np.eye(3) + shear * (both + both.T))[
-        (...,) + (None,) * (points.ndim - 1)] * np.cos(points @ K + 1)
+        (...,) + (None,) * (points.ndim - 1)
+    ] * np.cos(points @ K + 1)
 
 
 def waving(n: int, order: int, jitter: float = 0.15) -> tuple[Mesh, np.ndarray]:
@@ -164,14 +207,22 @@ def waving(n: int, order: int, jitter: float = 0.15) -> tuple[Mesh, np.ndarray]:
     tractions = []
     for k, side in enumerate(SIDES[1:], start=1):
         normal = (2 * (k % 2) - 1) * np.eye(3)[k // 2]
-        tractions.append(Traction(on=side, value=tuple(f"{t}*cos({PHASE})" for t in (unit @ normal).tolist())))
+        tractions.append(
+            Traction(on=side, value=tuple(f"{t}*cos({PHASE})" for t in (unit @ normal).tolist()))
+        )
     weight = (first + shear) * (A @ K) * K + shear * (K @ K) * A
-    spec = body(MATERIAL, clamp=[hold("left", *(f"{a}*sin({PHASE})" for a in A.tolist()))], traction=tractions,
-                volume_force=tuple(f"{w}*sin({PHASE})" for w in weight.tolist()))
+    spec = body(
+        MATERIAL,
+        clamp=[hold("left", *(f"{a}*sin({PHASE})" for a in A.tolist()))],
+        traction=tractions,
+        volume_force=tuple(f"{w}*sin({PHASE})" for w in weight.tolist()),
+    )
     return mesh, solve(mesh, spec)
 
 
-@pytest.mark.parametrize(("order", "sizes", "largest"), [(1, (4, 8, 12), 0.1), (2, (2, 4, 6), 0.02)])
+@pytest.mark.parametrize(
+    ("order", "sizes", "largest"), [(1, (4, 8, 12), 0.1), (2, (2, 4, 6), 0.02)]
+)
 def test_rates(order, sizes, largest):
     """The error falls with h^(p+1) in L2 and h^p in energy; the estimate is that error, but for a fifth."""
     errors, points, weights = [], *RULES[3]
@@ -181,16 +232,23 @@ def test_rates(order, sizes, largest):
         found = np.einsum("qk,tkd->qtd", mesh.cell.shapes(points), u[mesh.triangles])
         exact = wave(places.reshape(-1, 3)).reshape(places.shape)
         off = components(stress_at(mesh, MATERIAL, u, points) - wave_stress(places))
-        energy = [weights @ energy_density(MATERIAL, each) @ mesh.measures()
-                  for each in (off, components(wave_stress(places)))]
+        energy = [
+            weights @ energy_density(MATERIAL, each) @ mesh.measures()
+            for each in (off, components(wave_stress(places)))
+        ]
         l2 = [weights @ (each**2).sum(axis=2) @ mesh.measures() for each in (found - exact, exact)]
         errors.append(np.sqrt([l2[0] / l2[1], energy[0] / energy[1]]))
         estimate = estimate_error(mesh, MATERIAL, u)
-        assert estimate.energy == pytest.approx(float((u * sum_stiffness(mesh, MATERIAL).mult(u)).sum()), rel=1e-11)
+        assert estimate.energy == pytest.approx(
+            float((u * sum_stiffness(mesh, MATERIAL).mult(u)).sum()), rel=1e-11
+        )
         effectivity = np.sqrt(estimate.total / energy[0])
     rates = -np.polyfit(np.log(sizes), np.log(errors), 1)[0]
     assert rates == pytest.approx([order + 1, order], abs=0.25), rates
-    assert errors[-1][1] < largest and effectivity == pytest.approx(1.0, abs=0.2), (errors, effectivity)
+    assert errors[-1][1] < largest and effectivity == pytest.approx(1.0, abs=0.2), (
+        errors,
+        effectivity,
+    )
 
 
 def contact(order: int, held: bool) -> tuple[PETSc.Mat, csr_matrix, np.ndarray]:
@@ -198,15 +256,27 @@ def contact(order: int, held: bool) -> tuple[PETSc.Mat, csr_matrix, np.ndarray]:
     mesh = box((3, 2, 2), (3.0, 1.0, 1.0), order, jitter=0.2)
     problem = assemble(mesh, body(clamp=[hold("left", 0.0, 0.0, 0.0)] if held else []))
     A = problem.A if held else add_springs(problem.A, support(problem.motions[problem.nodes]))
-    facets = np.searchsorted(problem.nodes, mesh.groups["bottom"][np.isin(mesh.groups["bottom"], problem.nodes).all(1)])
+    facets = np.searchsorted(
+        problem.nodes, mesh.groups["bottom"][np.isin(mesh.groups["bottom"], problem.nodes).all(1)]
+    )
     rows, number = np.unique(facets[:, :3], return_inverse=True)
-    ends = np.repeat(number.reshape(-1, 3), facets.shape[1], axis=1).ravel(), np.tile(facets, 3).ravel()
+    ends = (
+        np.repeat(number.reshape(-1, 3), facets.shape[1], axis=1).ravel(),
+        np.tile(facets, 3).ravel(),
+    )
     B = csr_matrix((np.arange(1.0, 1 + len(ends[0])), ends), (len(rows), len(problem.nodes)))
     return A, kron(B, identity(3), "csr"), mesh.points[problem.nodes]
 
 
-@pytest.mark.parametrize(("order", "held", "route"), [
-    (1, True, "own order"), (2, False, "own order"), (2, True, "MUMPS's order"), (2, True, "through PETSc")])
+@pytest.mark.parametrize(
+    ("order", "held", "route"),
+    [
+        (1, True, "own order"),
+        (2, False, "own order"),
+        (2, True, "MUMPS's order"),
+        (2, True, "through PETSc"),
+    ],
+)
 def test_compliance_is_the_dense_one(order, held, route, petsc_options, monkeypatch):
     """With its order of elimination, without, and where PETSc calls MUMPS."""
     monkeypatch.setattr("ddmpi.petsc.dissection.FEWEST", 0 if route == "own order" else 10**9)

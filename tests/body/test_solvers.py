@@ -1,6 +1,5 @@
 """Solves with a stiffness matrix, direct and iterative, what fails and how; the contact compliance."""
 
-
 import numpy as np
 import pytest
 import scipy.sparse as sparse
@@ -25,14 +24,23 @@ from ddmpi.surface.boundary import contact_side
 
 def block(divisions=(12, 6), young=2e11, clamp=("left",), size=(2.0, 1.0)) -> Elasticity:
     mesh = generate_rectangle(MeshSpec(shape="rectangle", size=size, divisions=divisions))
-    return assemble(mesh, BodySpec(name="upper", mesh=MeshSpec(file="unused.msh"), clamp=list(clamp),
-                                   material=Material(young=young, poisson=0.3),
-                                   traction=[Traction(on="top", value=(1e6, -2e6))]))
+    return assemble(
+        mesh,
+        BodySpec(
+            name="upper",
+            mesh=MeshSpec(file="unused.msh"),
+            clamp=list(clamp),
+            material=Material(young=young, poisson=0.3),
+            traction=[Traction(on="top", value=(1e6, -2e6))],
+        ),
+    )
 
 
 def from_dense(matrix) -> PETSc.Mat:
     rows = sparse.csr_matrix(np.asarray(matrix, float))
-    A = PETSc.Mat().createAIJ(rows.shape, csr=(rows.indptr, rows.indices, rows.data), comm=PETSc.COMM_SELF)
+    A = PETSc.Mat().createAIJ(
+        rows.shape, csr=(rows.indptr, rows.indices, rows.data), comm=PETSc.COMM_SELF
+    )
     A.setOption(PETSc.Mat.Option.SPD, True)
     return A
 
@@ -47,7 +55,9 @@ def solve(A: PETSc.Mat, f: PETSc.Vec) -> np.ndarray:
     return u.array_r.copy()
 
 
-needs_mumps = pytest.mark.skipif(best_cholesky(block().A) != "mumps", reason="this PETSc has no MUMPS")
+needs_mumps = pytest.mark.skipif(
+    best_cholesky(block().A) != "mumps", reason="this PETSc has no MUMPS"
+)
 known_mumps = pytest.mark.skipif(not mumps_is_known(), reason="MUMPS is not called directly")
 
 
@@ -57,6 +67,7 @@ known_mumps = pytest.mark.skipif(not mumps_is_known(), reason="MUMPS is not call
 @needs_mumps
 def test_ordering_of_mumps(petsc_options):
     """Minimum fill (2), which leaves no option behind; who names another (0, minimum degree) gets it."""
+
     def ordering() -> int:
         return StiffnessSolver(block().A, "upper").ksp.getPC().getFactorMatrix().getMumpsInfog(7)
 
@@ -68,12 +79,17 @@ def test_ordering_of_mumps(petsc_options):
 
 
 @pytest.mark.parametrize("package", [None, "mumps", "cholmod", "petsc"])
-def test_default_is_a_direct_cholesky_factorization_by_the_best_package_or_that_asked_for(package, petsc_options):
+def test_default_is_a_direct_cholesky_factorization_by_the_best_package_or_that_asked_for(
+    package, petsc_options
+):
     problem = block()
     if package:
         petsc_options(body_pc_factor_mat_solver_type=package)
     solver, u = StiffnessSolver(problem.A, "upper"), problem.b.duplicate()
-    assert solver.direct and solver.description == f"preonly + cholesky ({package or best_cholesky(problem.A)})"
+    assert (
+        solver.direct
+        and solver.description == f"preonly + cholesky ({package or best_cholesky(problem.A)})"
+    )
     expected = spsolve(to_scipy(problem.A).tocsc(), problem.b.array_r)
     for factor in (1.0, -2.0):  # the second solve uses the same factorization
         solver.solve(factor * problem.b, u)
@@ -113,14 +129,24 @@ def test_precision_asked_for_is_that_of_the_true_residual(petsc_options):
     problem = block((24, 12))
     petsc_options(**ITERATIVE["cg + gamg"], body_ksp_norm_type="preconditioned", body_ksp_rtol=1e-6)
     u = vector(solve(problem.A, problem.b))
-    assert np.linalg.norm(problem.b.array_r - to_scipy(problem.A) @ u.array_r) <= 2e-6 * problem.b.norm()
+    assert (
+        np.linalg.norm(problem.b.array_r - to_scipy(problem.A) @ u.array_r)
+        <= 2e-6 * problem.b.norm()
+    )
 
 
 def test_an_iterative_solve_is_no_more_precise_than_it_is_asked_to_be():
     """A solve that may be rough takes fewer iterations; the next one is as precise as usual again."""
     problem = block((24, 12))
-    solver, u, taken = StiffnessSolver(problem.A, "block", iterative=True), problem.b.duplicate(), []
-    load, random = problem.b.duplicate(), np.random.default_rng(0)  # of a load that it knows, it knows the solution
+    solver, u, taken = (
+        StiffnessSolver(problem.A, "block", iterative=True),
+        problem.b.duplicate(),
+        [],
+    )
+    load, random = (
+        problem.b.duplicate(),
+        np.random.default_rng(0),
+    )  # of a load that it knows, it knows the solution
     for relative, least, most in ((1e-2, 1e-5, 2e-2), (0.0, 0.0, 1e-8), (1e-5, 1e-8, 2e-5)):
         load.array[:] = random.standard_normal(load.size)
         solver.solve(load, u, relative)
@@ -132,13 +158,26 @@ def test_an_iterative_solve_is_no_more_precise_than_it_is_asked_to_be():
 
 @pytest.mark.parametrize("shape, size", [("rectangle", (3.0, 1.0)), ("box", (3.0, 1.0, 1.0))])
 @pytest.mark.parametrize("clamp", [{"x": 0.0, "y": 0.0, "z": 0.0}, {"x": 0.0}])
-def test_quadratic_elements_take_linear_ones_as_their_coarse_level(shape, size, clamp, petsc_options):
+def test_quadratic_elements_take_linear_ones_as_their_coarse_level(
+    shape, size, clamp, petsc_options
+):
     """In few iterations; algebraic multigrid alone is there by its option."""
-    mesh = MeshSpec(shape=shape, origin=(0.0,) * len(size), size=size, divisions=(12, *(4,) * (len(size) - 1)), order=2)
-    components = {name: value for name, value in clamp.items() if name in "xyz"[:len(size)]}
-    walls = [Clamp(on=on, **components) for on in ("left", "bottom")[:1 + (len(clamp) == 1)]]
-    spec = BodySpec(name="block", mesh=mesh, clamp=walls, material=Material(young=2e11, poisson=0.3),
-                    foundation=[Foundation(on="right", normal=1e9, tangential=1e9)])
+    mesh = MeshSpec(
+        shape=shape,
+        origin=(0.0,) * len(size),
+        size=size,
+        divisions=(12, *(4,) * (len(size) - 1)),
+        order=2,
+    )
+    components = {name: value for name, value in clamp.items() if name in "xyz"[: len(size)]}
+    walls = [Clamp(on=on, **components) for on in ("left", "bottom")[: 1 + (len(clamp) == 1)]]
+    spec = BodySpec(
+        name="block",
+        mesh=mesh,
+        clamp=walls,
+        material=Material(young=2e11, poisson=0.3),
+        foundation=[Foundation(on="right", normal=1e9, tangential=1e9)],
+    )
     problem = assemble(build_mesh(spec), spec)
     load, u = problem.b.duplicate(), problem.b.duplicate()
     load.array[:] = np.random.default_rng(0).standard_normal(load.size)
@@ -180,7 +219,9 @@ def test_iteration_limit_names_the_reason(petsc_options):
     petsc_options(body_ksp_type="cg", body_pc_type="jacobi", body_ksp_max_it=1)
     problem = block()
     solver = StiffnessSolver(problem.A, "upper")
-    with pytest.raises(SolverError, match=r"'upper': cg \+ jacobi failed.* DIVERGED_\w+ after 1 iter"):
+    with pytest.raises(
+        SolverError, match=r"'upper': cg \+ jacobi failed.* DIVERGED_\w+ after 1 iter"
+    ):
         solver.solve(problem.b, problem.b.duplicate())
 
 
@@ -212,9 +253,15 @@ def test_load_that_is_no_number_is_an_error(options, petsc_options):
         solve(problem.A, f)
 
 
-@pytest.mark.parametrize("options", [
-    {"body_ksp_type": "cgg"}, {"body_pc_type": "gmag"}, {"body_pc_factor_mat_solver_type": "mump"}],
-    ids=["ksp", "pc", "package"])
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"body_ksp_type": "cgg"},
+        {"body_pc_type": "gmag"},
+        {"body_pc_factor_mat_solver_type": "mump"},
+    ],
+    ids=["ksp", "pc", "package"],
+)
 def test_unknown_type_is_an_error_for_the_user(options, petsc_options):
     petsc_options(**options)
     problem = block()
@@ -225,31 +272,54 @@ def test_unknown_type_is_an_error_for_the_user(options, petsc_options):
 # The compliance, of a block whose bottom is the contact
 
 
-def contact_problem(divisions=(8, 4), clamp=("left",), order=1) -> tuple[Elasticity, sparse.csr_matrix, np.ndarray]:
+def contact_problem(
+    divisions=(8, 4), clamp=("left",), order=1
+) -> tuple[Elasticity, sparse.csr_matrix, np.ndarray]:
     """The upper block's problem, its trace B, and C = B A⁻¹ Bᵀ by dense algebra."""
-    upper, lower = (generate_rectangle(MeshSpec(shape="rectangle", origin=(0.0, y), size=(2.0, 1.0),
-                                                divisions=divisions)) for y in (1.0, 0.0))
+    upper, lower = (
+        generate_rectangle(
+            MeshSpec(shape="rectangle", origin=(0.0, y), size=(2.0, 1.0), divisions=divisions)
+        )
+        for y in (1.0, 0.0)
+    )
     if order == 2:
         upper, lower = (raise_order(mesh, "mesh") for mesh in (upper, lower))
-    spec = BodySpec(name="upper", mesh=MeshSpec(file="unused.msh"), clamp=list(clamp),
-                    material=Material(young=2e11, poisson=0.3), traction=[Traction(on="top", value=(1e6, -2e6))])
+    spec = BodySpec(
+        name="upper",
+        mesh=MeshSpec(file="unused.msh"),
+        clamp=list(clamp),
+        material=Material(young=2e11, poisson=0.3),
+        traction=[Traction(on="top", value=(1e6, -2e6))],
+    )
     problem, other = assemble(upper, spec), assemble(lower, spec)
-    sides = [contact_side(upper, upper.facets("bottom"), problem.supports, "upper", 2e11),
-             contact_side(lower, lower.facets("top"), other.supports, "lower", 2e11)]
-    contact = SettledContact(name="upper-lower", bodies=("upper", "lower"), on=("bottom", "top"),
-                             friction=Coulomb(coefficient=0.3))
+    sides = [
+        contact_side(upper, upper.facets("bottom"), problem.supports, "upper", 2e11),
+        contact_side(lower, lower.facets("top"), other.supports, "lower", 2e11),
+    ]
+    contact = SettledContact(
+        name="upper-lower",
+        bodies=("upper", "lower"),
+        on=("bottom", "top"),
+        friction=Coulomb(coefficient=0.3),
+    )
     B = trace(pair(*sides, contact), 0, problem)
     dense = B.toarray()
     return problem, B, dense @ np.linalg.solve(to_scipy(problem.A).toarray(), dense.T)
 
 
-KINDS = {"default": (None, {}, 1e-12), "explicit": ("explicit", {}, 1e-12), "direct": ("direct", {}, 1e-12),
-         "explicit by solves": ("explicit", {"body_pc_factor_mat_solver_type": "cholmod"}, 1e-12),
-         "explicit by multigrid": ("explicit", ITERATIVE["cg + gamg"], 1e-8),
-         "iterative": ("iterative", {}, 1e-8)}
+KINDS = {
+    "default": (None, {}, 1e-12),
+    "explicit": ("explicit", {}, 1e-12),
+    "direct": ("direct", {}, 1e-12),
+    "explicit by solves": ("explicit", {"body_pc_factor_mat_solver_type": "cholmod"}, 1e-12),
+    "explicit by multigrid": ("explicit", ITERATIVE["cg + gamg"], 1e-8),
+    "iterative": ("iterative", {}, 1e-8),
+}
 
 
-@pytest.mark.parametrize(("divisions", "order"), [((8, 4), 1), ((4, 2), 2)], ids=["linear", "quadratic"])
+@pytest.mark.parametrize(
+    ("divisions", "order"), [((8, 4), 1), ((4, 2), 2)], ids=["linear", "quadratic"]
+)
 @pytest.mark.parametrize("name", KINDS)
 def test_compliance_counts_by_purpose(name, divisions, order, petsc_options):
     """It is the dense one, and counts products and solves; zero costs nothing."""
@@ -287,8 +357,16 @@ ROUTES = {  # options, what counts in MUMPS's module, why MUMPS is not called di
     "own order": ({}, {}, ""),
     "MUMPS's order": ({}, {}, ""),
     "an ordering by option": ({"body_mat_mumps_icntl_7": 0}, {}, ""),
-    "an option of PETSc's": ({"body_mat_mumps_icntl_10": 0}, {}, "-body_mat_mumps_icntl_10 is an option of PETSc's"),
-    "another MUMPS": ({}, {"VERSIONS": (("4.1",), ("4.2",), ("4.3",))}, "is not among those that ddmpi knows"),
+    "an option of PETSc's": (
+        {"body_mat_mumps_icntl_10": 0},
+        {},
+        "-body_mat_mumps_icntl_10 is an option of PETSc's",
+    ),
+    "another MUMPS": (
+        {},
+        {"VERSIONS": (("4.1",), ("4.2",), ("4.3",))},
+        "is not among those that ddmpi knows",
+    ),
     "no agreement": ({}, {"AGREEMENT": -1.0}, "the compliance does not agree with a solve"),
 }
 
@@ -304,11 +382,15 @@ def test_one_factorization_gives_the_compliance_and_solves(route, petsc_options,
     problem, B, C = contact_problem()
     order = np.random.default_rng(1).permutation(problem.b.size).astype(np.int32)
     solver = StiffnessSolver(problem.A, "upper", B, None if route == "MUMPS's order" else order)
-    assert refused in solver.refused and bool(refused) == bool(solver.refused) == (solver._factors is None)
+    assert refused in solver.refused and bool(refused) == bool(solver.refused) == (
+        solver._factors is None
+    )
     assert bool(refused) == (solver.condensed is None)
     if solver._factors:
         assert np.abs(np.triu(solver.condensed) - np.triu(C)).max() <= 1e-12 * np.abs(C).max()
-        assert (solver._factors._data.infog[6] == 1) == (route == "own order")  # ICNTL(7) as it was used
+        assert (solver._factors._data.infog[6] == 1) == (
+            route == "own order"
+        )  # ICNTL(7) as it was used
         for f in (problem.b.array_r, B[3].toarray()[0]):  # many entries and one
             found, moved = B @ solver._factors.solve(f), B @ spsolve(to_scipy(problem.A).tocsc(), f)
             assert np.abs(found - moved).max() <= 1e-12 * np.abs(moved).max()
@@ -325,7 +407,9 @@ def test_singular_matrix_with_a_compliance_is_an_error():
     for matrix in SINGULAR.values():
         size = len(matrix)
         with pytest.raises(SolverError, match="body 'upper'"):
-            solver = StiffnessSolver(from_dense(matrix), "upper", sparse.csr_matrix(np.eye(size)[:1]))
+            solver = StiffnessSolver(
+                from_dense(matrix), "upper", sparse.csr_matrix(np.eye(size)[:1])
+            )
             solver.solve(vector(1.0 + np.arange(size)), vector(np.zeros(size)))
 
 

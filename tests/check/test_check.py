@@ -21,12 +21,18 @@ from ddmpi.scene.reader import read_scene
 @pytest.fixture
 def looked_at(tmp_path, caplog):
     """What `check` logs of a scene; with pictures in a folder `name`."""
+
     def look(scene: dict, name: str = "") -> str:
         caplog.set_level("INFO", "ddmpi")
         caplog.clear()
         with contextlib.suppress(NotConvergedError):
-            check(MPI.COMM_SELF, read_scene("scene.toml", to_toml(scene)), str(tmp_path / "scene.toml"),
-                  str(tmp_path / name), bool(name))
+            check(
+                MPI.COMM_SELF,
+                read_scene("scene.toml", to_toml(scene)),
+                str(tmp_path / "scene.toml"),
+                str(tmp_path / name),
+                bool(name),
+            )
         return "\n".join(record.getMessage() for record in caplog.records)
 
     return look
@@ -45,28 +51,49 @@ def sides(contacts: list[dict]) -> set[frozenset]:
 
 def boxes_on_floor() -> dict:
     """Three boxes in a row on a rigid plane, of other meshes each, and a box on top of two of them."""
-    bodies = [box("a", (0, 0, 0), (1, 1, 1), (2, 2, 2)), box("b", (1, 0, 0), (1, 1, 1), (3, 3, 3)),
-              box("c", (2, 0, 0), (1, 1, 1), (4, 2, 2)), box("d", (0.5, 0, 1), (1, 1, 1), (3, 2, 2))]
-    return {"body": [each | {"clamp": [{"on": "front"} | HELD]} for each in bodies],
-            "rigid": [{"name": "floor", "shape": "plane", "point": [0, 0, 0], "normal": [0, 0, 1]}],
-            "contact": [*({"bodies": pair, "on": ["right", "left"]} for pair in (["a", "b"], ["b", "c"])),
-                        *({"bodies": ["d", name], "on": ["bottom", "top"]} for name in "ab"),
-                        *({"bodies": [name, "floor"], "on": ["bottom"]} for name in "abc")]}
+    bodies = [
+        box("a", (0, 0, 0), (1, 1, 1), (2, 2, 2)),
+        box("b", (1, 0, 0), (1, 1, 1), (3, 3, 3)),
+        box("c", (2, 0, 0), (1, 1, 1), (4, 2, 2)),
+        box("d", (0.5, 0, 1), (1, 1, 1), (3, 2, 2)),
+    ]
+    return {
+        "body": [each | {"clamp": [{"on": "front"} | HELD]} for each in bodies],
+        "rigid": [{"name": "floor", "shape": "plane", "point": [0, 0, 0], "normal": [0, 0, 1]}],
+        "contact": [
+            *({"bodies": pair, "on": ["right", "left"]} for pair in (["a", "b"], ["b", "c"])),
+            *({"bodies": ["d", name], "on": ["bottom", "top"]} for name in "ab"),
+            *({"bodies": [name, "floor"], "on": ["bottom"]} for name in "abc"),
+        ],
+    }
 
 
 def plug_in_ring() -> dict:
     """Around an axis, a plug on a rigid floor that a rigid stamp pushes, in a ring on springs that no contact names."""
+
     def turned(name: str, radius: float, **more) -> dict:
         return rectangle(name, (radius, 0), (10, 20), (4, 8), young=2.1e5, **more)
 
     def plane(name: str, y: float, normal: float, **more) -> dict:
         return {"name": name, "shape": "plane", "point": [0.0, y], "normal": [0.0, normal]} | more
 
-    return {"axisymmetric": True,
-            "body": [turned("plug", 0.0, traction=[{"on": "top", "force": [0.0, -100.0]}], volume_force=[0.0, -1e-3]),
-                     turned("ring", 10.0, foundation=[{"on": "right", "normal": 1e3, "tangential": 10.0}])],
-            "rigid": [plane("floor", 0.0, 1.0), plane("stamp", 20.0, -1.0, force=[0.0, -50.0])],
-            "contact": [{"bodies": ["plug", "floor"], "on": ["bottom"]}, {"bodies": ["plug", "stamp"], "on": ["top"]}]}
+    return {
+        "axisymmetric": True,
+        "body": [
+            turned(
+                "plug",
+                0.0,
+                traction=[{"on": "top", "force": [0.0, -100.0]}],
+                volume_force=[0.0, -1e-3],
+            ),
+            turned("ring", 10.0, foundation=[{"on": "right", "normal": 1e3, "tangential": 10.0}]),
+        ],
+        "rigid": [plane("floor", 0.0, 1.0), plane("stamp", 20.0, -1.0, force=[0.0, -50.0])],
+        "contact": [
+            {"bodies": ["plug", "floor"], "on": ["bottom"]},
+            {"bodies": ["plug", "stamp"], "on": ["top"]},
+        ],
+    }
 
 
 @pytest.mark.slow
@@ -75,13 +102,20 @@ def test_around_an_axis_with_springs_and_pushed_partners(looked_at, tmp_path):
     """Forces are of the whole circumference; what is not clamped is said to be held by springs, or loose."""
     pytest.importorskip("matplotlib")
     text = looked_at(plug_in_ring(), "out")
-    for words in ("load on top: force (0, -100), moment 0", "loose: it can move along y", "foundation on right",
-                  "rigid stamp: pushed by (0, -50)", "forces in N,"):
+    for words in (
+        "load on top: force (0, -100), moment 0",
+        "loose: it can move along y",
+        "foundation on right",
+        "rigid stamp: pushed by (0, -50)",
+        "forces in N,",
+    ):
         assert words in text
     assert text.count("loose") == 1
-    assert sides(proposed(text)) == {frozenset({("plug", "right"), ("ring", "left")}),
-                                     frozenset({("ring", "bottom"), ("floor", "")}),
-                                     frozenset({("ring", "top"), ("stamp", "")})}
+    assert sides(proposed(text)) == {
+        frozenset({("plug", "right"), ("ring", "left")}),
+        frozenset({("ring", "bottom"), ("floor", "")}),
+        frozenset({("ring", "top"), ("stamp", "")}),
+    }
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"bodies.png", "contacts.png"}
 
 
@@ -91,21 +125,40 @@ def test_nothing_is_factored():
     whole, seen = (prepare(MPI.COMM_SELF, scene, factor=factor) for factor in (True, False))
     assert not any(hasattr(body.member, "C") for body in seen.bodies)
     assert (seen.n, seen.m) == (whole.n, whole.m)
-    assert [body.member.C.kind for body in whole.bodies] == [body.member.kind for body in seen.bodies]
+    assert [body.member.C.kind for body in whole.bodies] == [
+        body.member.kind for body in seen.bodies
+    ]
 
 
 @pytest.mark.parametrize("unit", [1.0, 1e-3])
-@pytest.mark.parametrize("scene, order", [(tower(4, 3), 1), (tower(4, 3), -1), (boxes_on_floor(), 1)])
+@pytest.mark.parametrize(
+    "scene, order", [(tower(4, 3), 1), (tower(4, 3), -1), (boxes_on_floor(), 1)]
+)
 def test_contacts_that_are_missing_are_proposed(scene, order, unit, looked_at):
     """All but the first, by the names of their groups, in any unit and any order of bodies; none that is there."""
-    scene = scene | {"body": [body | {"mesh": body["mesh"] | {
-        key: (unit * np.array(body["mesh"][key])).tolist() for key in ("corners", "origin", "size")
-        if key in body["mesh"]}} for body in scene["body"]][::order]}
+    scene = scene | {
+        "body": [
+            body
+            | {
+                "mesh": body["mesh"]
+                | {
+                    key: (unit * np.array(body["mesh"][key])).tolist()
+                    for key in ("corners", "origin", "size")
+                    if key in body["mesh"]
+                }
+            }
+            for body in scene["body"]
+        ][::order]
+    }
     assert not proposed(looked_at(scene))
-    assert sides(proposed(looked_at(scene | {"contact": scene["contact"][:1]}))) == sides(scene["contact"][1:])
+    assert sides(proposed(looked_at(scene | {"contact": scene["contact"][:1]}))) == sides(
+        scene["contact"][1:]
+    )
 
 
-@pytest.mark.parametrize("gap, found", [(0.9 * NEAR, True), (1.1 * NEAR, False), (-0.9 * NEAR, True)])
+@pytest.mark.parametrize(
+    "gap, found", [(0.9 * NEAR, True), (1.1 * NEAR, False), (-0.9 * NEAR, True)]
+)
 def test_what_lies_near_is_measured_by_the_smaller_facet(gap, found, looked_at):
     """Also where bodies overlap."""
     scene = tower(3, 4)
@@ -119,10 +172,14 @@ def test_what_lies_near_is_measured_by_the_smaller_facet(gap, found, looked_at):
 
 def test_a_second_contact_of_two_bodies_has_a_name(looked_at):
     """Two contacts of the same bodies must be told apart, and so a scene with the lines is read."""
-    scene = {"body": [box("slot", (0, 0, 0), (3, 1, 1), (6, 2, 2), clamp=[{"on": "bottom"} | HELD]),
-                      box("block", (0, 1, 0), (3, 1, 1), (6, 2, 2))],
-             "rigid": [{"name": "wall", "shape": "plane", "point": [0, 0, 0], "normal": [1, 0, 0]}],
-             "contact": [{"name": "block-wall", "bodies": ["slot", "wall"], "on": ["left"]}]}
+    scene = {
+        "body": [
+            box("slot", (0, 0, 0), (3, 1, 1), (6, 2, 2), clamp=[{"on": "bottom"} | HELD]),
+            box("block", (0, 1, 0), (3, 1, 1), (6, 2, 2)),
+        ],
+        "rigid": [{"name": "wall", "shape": "plane", "point": [0, 0, 0], "normal": [1, 0, 0]}],
+        "contact": [{"name": "block-wall", "bodies": ["slot", "wall"], "on": ["left"]}],
+    }
     new = proposed(looked_at(scene))
     assert [each.get("name") for each in new] == [None, "block-wall-2"]
     assert not proposed(looked_at(scene | {"contact": scene["contact"] + new}))
@@ -131,7 +188,9 @@ def test_a_second_contact_of_two_bodies_has_a_name(looked_at):
 def test_the_lines_quote_all_names():
     lack, taken = Missing(('a"b', "c"), ("\\x", "é"), np.empty(0), (0.0, 0.0)), set()
     first, second = proposed(lack.lines(taken) + "\n" + lack.lines(taken))
-    assert first == {"bodies": ['a"b', "c"], "on": ["\\x", "é"]} and second == first | {"name": 'a"b-c-2'}
+    assert first == {"bodies": ['a"b', "c"], "on": ["\\x", "é"]} and second == first | {
+        "name": 'a"b-c-2'
+    }
 
 
 @pytest.mark.slow
@@ -141,7 +200,7 @@ def test_the_lines_mend_the_scene(tmp_path):
     path = ROOT / "configs" / "bolted_plates.toml"
     text = path.read_text(encoding="utf-8")
     start = text.index("[[contact]]", text.index("[[contact]]") + 1)
-    broken = text[:start] + text[text.index("[history.tighten]"):]
+    broken = text[:start] + text[text.index("[history.tighten]") :]
     (tmp_path / "scene.toml").write_text(broken, encoding="utf-8")
     seen = call("check", str(tmp_path / "scene.toml"), "--no-figures")
     assert seen.code == 3
@@ -158,22 +217,35 @@ def test_what_there_is_to_say(looked_at):
     scene["body"][1]["mesh"]["divisions"] = [90, 2]
     scene["body"][1]["mesh"]["size"] = [0.3, 1.0]
     text = looked_at(scene)
-    for words in ("load on top: force (0, -1.8e+08), moment -2.7e+08", "load on volume_force: force (0, -3e+04)",
-                  "loads in all: force (2e+07, -1.5e+08), moment -2.1e+08", "fixed along x on left",
-                  "loose: it can move along y", "fixed along x, y on left", "mortar, slave upper, law coulomb",
-                  "body.lower.mesh: 360 of 360 triangles are thin", "Newton"):
+    for words in (
+        "load on top: force (0, -1.8e+08), moment -2.7e+08",
+        "load on volume_force: force (0, -3e+04)",
+        "loads in all: force (2e+07, -1.5e+08), moment -2.1e+08",
+        "fixed along x on left",
+        "loose: it can move along y",
+        "fixed along x, y on left",
+        "mortar, slave upper, law coulomb",
+        "body.lower.mesh: 360 of 360 triangles are thin",
+        "Newton",
+    ):
         assert words in text
 
 
 def test_clamps_along_normals_and_heat_are_told(looked_at):
     """What slides along its group, and how warm a body is."""
     scene = pinched_blocks(4)
-    scene["body"][0]["clamp"] = [{"on": "left", "normal": 0.0}, {"on": "right", "normal": 1e-3, "y": 0.0}]
+    scene["body"][0]["clamp"] = [
+        {"on": "left", "normal": 0.0},
+        {"on": "right", "normal": 1e-3, "y": 0.0},
+    ]
     scene["body"][1] |= {"temperature": "20 + 10 * x"}
     scene["body"][1]["material"] |= {"expansion": 1.2e-5}
     text = looked_at(scene)
-    for words in ("fixed along its normal on left", "fixed along y, moved along its normal on right",
-                  "temperature 20 + 10 * x"):
+    for words in (
+        "fixed along its normal on left",
+        "fixed along y, moved along its normal on right",
+        "temperature 20 + 10 * x",
+    ):
         assert words in text
 
 
@@ -191,11 +263,20 @@ def drawn_parts(tmp_path) -> dict:
         cad.fuse([rings[0]], [rings[1]])
         cad.synchronize()
         gmsh.write(str(tmp_path / "all.step"))
-    bodies = [{"name": name, "mesh": {"geometry": "all.step", "part": k, "size": 2.0, "contact_size": 1.0},
-               "material": {"young": 1.0, "poisson": 0.3}} | ({"clamp": [1]} if k == block else {})
-              for k, name in enumerate(("block", "pin", "tube"), 1)]
-    return {"body": bodies, "rigid": [{"name": "wall", "shape": "plane", "point": [0, 0, -1], "normal": [0, 0, 1]}],
-            "contact": [{"bodies": ["block", "wall"], "on": [[5]]}]}
+    bodies = [
+        {
+            "name": name,
+            "mesh": {"geometry": "all.step", "part": k, "size": 2.0, "contact_size": 1.0},
+            "material": {"young": 1.0, "poisson": 0.3},
+        }
+        | ({"clamp": [1]} if k == block else {})
+        for k, name in enumerate(("block", "pin", "tube"), 1)
+    ]
+    return {
+        "body": bodies,
+        "rigid": [{"name": "wall", "shape": "plane", "point": [0, 0, -1], "normal": [0, 0, 1]}],
+        "contact": [{"bodies": ["block", "wall"], "on": [[5]]}],
+    }
 
 
 @pytest.mark.slow
@@ -203,13 +284,21 @@ def test_numbered_faces_are_told_and_proposed(looked_at, tmp_path):
     """Faces of a drawing without names: number, kind and size; those of one contact are proposed together."""
     scene = drawn_parts(tmp_path)
     text = looked_at(scene)
-    for words in (r"\n    5: plane, normal -z, 16 m², about \(0, 0, -1\)\n", r"\n    \d+: cylinder, r 1, 3.142 m²",
-                  r"\n    \d+: cylinder, r 0.5, hollow, 1.571 m²", r"; groups by number\n"):
+    for words in (
+        r"\n    5: plane, normal -z, 16 m², about \(0, 0, -1\)\n",
+        r"\n    \d+: cylinder, r 1, 3.142 m²",
+        r"\n    \d+: cylinder, r 0.5, hollow, 1.571 m²",
+        r"; groups by number\n",
+    ):
         assert re.search(words, text), words
-    lines = text[text.index("# block and pin"):]
+    lines = text[text.index("# block and pin") :]
     assert len(tomllib.loads(lines.partition("\nbody.")[0])["contact"]) == 3
     new = proposed(lines)
-    assert [each["bodies"] for each in new] == [["block", "pin"], ["block", "tube"], ["pin", "tube"]]
+    assert [each["bodies"] for each in new] == [
+        ["block", "pin"],
+        ["block", "tube"],
+        ["pin", "tube"],
+    ]
     faces = [[on if isinstance(on, list) else [on] for on in each["on"]] for each in new]
     assert [[len(on) for on in pair] for pair in faces] == [[1, 2], [1, 2], [2, 2]]
     assert not proposed(looked_at(scene | {"contact": scene["contact"] + new}))
@@ -219,7 +308,9 @@ def test_numbered_faces_are_told_and_proposed(looked_at, tmp_path):
 def test_contacts_are_proposed_for_loose_bodies_without_any(looked_at, tmp_path):
     """The first look at an assembly: no contact yet, and nothing is clamped."""
     scene = drawn_parts(tmp_path)
-    scene = {"body": [body | {"clamp": [], "volume_force": [0.0, 0.0, 0.0]} for body in scene["body"]]}
+    scene = {
+        "body": [body | {"clamp": [], "volume_force": [0.0, 0.0, 0.0]} for body in scene["body"]]
+    }
     text = looked_at(scene)
     assert len(proposed(text)) == 3 and text.count("it can move freely, whatever touches") == 3
 
@@ -236,20 +327,31 @@ def test_numbered_faces_are_drawn(looked_at, tmp_path):
     for name in names - {"contacts.png"}:
         assert (drawn[name].min(axis=2) < 0.9).mean() > 0.1, name
     # the clamped face x = -2 is on the left, so its marks are seen from behind alone: a green that nothing else has
-    green = {name: (np.abs(drawn[name] - [0.12, 0.435, 0.29]).max(axis=2) < 0.05).sum() for name in names}
+    green = {
+        name: (np.abs(drawn[name] - [0.12, 0.435, 0.29]).max(axis=2) < 0.05).sum() for name in names
+    }
     assert green["bodies_behind.png"] > 2 * green["bodies.png"]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("scene", [pinched_blocks(4), two_boxes(2, 3),
-                                   two_boxes(2) | {"output": {"cut": {"y": 1.5}, "view": [-60.0, 24.0]}}])
+@pytest.mark.parametrize(
+    "scene",
+    [
+        pinched_blocks(4),
+        two_boxes(2, 3),
+        two_boxes(2) | {"output": {"cut": {"y": 1.5}, "view": [-60.0, 24.0]}},
+    ],
+)
 def test_pictures(scene, looked_at, tmp_path):
     """They are drawn with missing contacts, too, and nothing is overwritten."""
     pytest.importorskip("matplotlib")
     scene["body"].append(scene["body"][1] | {"name": "third"})
     looked_at(scene, "out")
     solid = {"bodies_behind.png"} if scene["body"][0]["mesh"]["shape"] == "box" else set()
-    assert {path.name for path in (tmp_path / "out").iterdir()} == {"bodies.png", "contacts.png"} | solid
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {
+        "bodies.png",
+        "contacts.png",
+    } | solid
     with pytest.raises(InputError, match="name a new folder"):
         looked_at(scene, "out")
 
@@ -269,8 +371,10 @@ def test_a_check_that_is_interrupted_has_nothing_to_save(monkeypatch):
 def test_ranks_and_ends(tmp_path):
     """On any number of ranks it says the same; scenes that are wrong end as a run of them does."""
     path, said = str(write_scene(two_boxes(2, 3), tmp_path / "scene.toml")), {}
-    for ranks, run in ((1, call("check", path, "--no-figures")),
-                       (3, run_python(["-m", "ddmpi", "check", path, "--no-figures"], 3))):
+    for ranks, run in (
+        (1, call("check", path, "--no-figures")),
+        (3, run_python(["-m", "ddmpi", "check", path, "--no-figures"], 3)),
+    ):
         assert (run.code, run.own_stderr) == (0, "")
         said[ranks] = run.stdout.replace(f"ranks: {ranks}", "")
     assert said[1] == said[3]

@@ -21,7 +21,9 @@ def test_an_assembly_becomes_a_scene(tmp_path, caplog, monkeypatch):
     monkeypatch.setattr(nearby, "FINE", 2.0)
     drawn_parts(tmp_path)
     step = tmp_path / "all.step"
-    step.write_text(re.sub(r"'Open CASCADE STEP translator [\d.]+ \d+\.1'", "'a block'", step.read_text()))
+    step.write_text(
+        re.sub(r"'Open CASCADE STEP translator [\d.]+ \d+\.1'", "'a block'", step.read_text())
+    )
     said = draft_scene(step, tmp_path / "made")
     assert "made/scene.toml: 3 bodies, 3 contacts" in said
     assert "contact of part_2 and part_3: on = [[7, 9], [18, 20]]" in said
@@ -32,7 +34,9 @@ def test_an_assembly_becomes_a_scene(tmp_path, caplog, monkeypatch):
     caplog.set_level("INFO", "ddmpi")
     with contextlib.suppress(NotConvergedError):  # nothing is clamped yet
         check(MPI.COMM_SELF, scene, str(path), None, False)
-    assert "contact a_block-part_2: " in caplog.text and "where they may touch, add" not in caplog.text
+    assert (
+        "contact a_block-part_2: " in caplog.text and "where they may touch, add" not in caplog.text
+    )
     with pytest.raises(TakenError, match="is there already; nothing is overwritten"):
         draft_scene(step, tmp_path / "made")
     step.write_text("no drawing")

@@ -24,12 +24,16 @@ from ddmpi.judge.motions import MotionsOfBody
 from ddmpi.results.summary import write_mechanism
 from ddmpi.system import interrupt
 
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+CHROMIUM = (
+    shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+)
 
 VOID = {"meta", "img"}
 
-PIXEL = (b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR\x00\x00\x00\x01\x00\x00\x00\x01\x08\x00\x00\x00\x00:~\x9bU\x00\x00\x00\n"
-         b"IDATx\x9cc`\x00\x00\x00\x02\x00\x01H\xaf\xa4q\x00\x00\x00\x00IEND\xaeB`\x82")
+PIXEL = (
+    b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR\x00\x00\x00\x01\x00\x00\x00\x01\x08\x00\x00\x00\x00:~\x9bU\x00\x00\x00\n"
+    b"IDATx\x9cc`\x00\x00\x00\x02\x00\x01H\xaf\xa4q\x00\x00\x00\x00IEND\xaeB`\x82"
+)
 
 
 class Page(HTMLParser):
@@ -99,23 +103,47 @@ def test_a_report_has_verdict_numbers_and_pictures(run):
     """A converged run: the verdict first, every number with its unit, each picture inside the file."""
     for name in ("bodies.png", "contact.png", "convergence.png", "animation.gif"):
         (run / name).write_bytes(PIXEL)
-    summary = change(run, warnings=["the mesh is coarse"], undetermined=["lower is free to slide"],
-                     seconds={"total": 2}, options={"body_pc_type": "gamg"}, command="ddmpi run scene.toml",
-                     hosts=["node1", "node1"], started="2026-11-22T04:19:14Z",
-                     versions={"ddmpi": "9.8.7", "petsc": "3.18.5"})
+    summary = change(
+        run,
+        warnings=["the mesh is coarse"],
+        undetermined=["lower is free to slide"],
+        seconds={"total": 2},
+        options={"body_pc_type": "gamg"},
+        command="ddmpi run scene.toml",
+        hosts=["node1", "node1"],
+        started="2026-11-22T04:19:14Z",
+        versions={"ddmpi": "9.8.7", "petsc": "3.18.5"},
+    )
     page = report(run)
     contact = summary["contacts"]["upper-lower"]
-    assert page.text.index("Made up") < page.text.index("Certified") < page.text.index("the mesh is coarse")
+    assert (
+        page.text.index("Made up")
+        < page.text.index("Certified")
+        < page.text.index("the mesh is coarse")
+    )
     assert page.column("Force and moment", "force y MN/m") == [number(contact["force"][1] / 1e6)]
     assert page.column("Force and moment", "slip") == [str(contact["slip"])]
     assert page.column("Largest displacement", "von Mises stress MPa") == ["80.00", "80.00"]
     assert page.column("The worst", "verdict") == ["holds"] * 5
     assert page.column("Time of", "time s") == ["2.00"]
-    assert [src[:15] for src in page.pictures.values()] == ["data:image/png;", "data:image/png;", "data:image/gif;",
-                                                          "data:image/png;"]
+    assert [src[:15] for src in page.pictures.values()] == [
+        "data:image/png;",
+        "data:image/png;",
+        "data:image/gif;",
+        "data:image/png;",
+    ]
     assert all(page.pictures)  # each says what it shows
-    for words in ("7.0 %", "lower is free to slide", "-body_pc_type gamg", "ddmpi run scene.toml", "2026-11-22",
-                  "node1", "petsc 3.18.5", 'title = "Made up"', "bound"):
+    for words in (
+        "7.0 %",
+        "lower is free to slide",
+        "-body_pc_type gamg",
+        "ddmpi run scene.toml",
+        "2026-11-22",
+        "node1",
+        "petsc 3.18.5",
+        'title = "Made up"',
+        "bound",
+    ):
         assert words in page.text, words
     assert len(set(page.ids)) == len(page.ids) and "script" not in page.elements
 
@@ -123,11 +151,19 @@ def test_a_report_has_verdict_numbers_and_pictures(run):
 def test_loads_and_forces_of_clamps_are_told_by_group(run):
     """What acts on a body is listed by group; of earlier results, which do not say it, nothing is."""
     page, caption = report(run), "What loads and supports do to bodies, by group"
-    assert [row[:3] for row in page.table(caption)[1:3]] == [["upper", "top", "loads"], ["upper", "left", "reactions"]]
+    assert [row[:3] for row in page.table(caption)[1:3]] == [
+        ["upper", "top", "loads"],
+        ["upper", "left", "reactions"],
+    ]
     assert page.column(caption, "moment N·m/m")[:2] == ["3.000", "-3.000"]
     bodies = change(run)["bodies"]
-    change(run, bodies={name: {key: body[key] for key in body if key not in ("loads", "reactions")}
-                        for name, body in bodies.items()})
+    change(
+        run,
+        bodies={
+            name: {key: body[key] for key in body if key not in ("loads", "reactions")}
+            for name, body in bodies.items()
+        },
+    )
     assert caption not in report(run).text
 
 
@@ -137,8 +173,17 @@ def test_everything_is_escaped(run):
     summary = json.loads((run / "summary.json").read_text(encoding="utf-8"))
     scene = summary["scene"] | {"title": evil}
     scene["contact"][0]["name"] = scene["contact"][0]["bodies"][0] = evil
-    change(run, title=evil, warnings=[evil], reason=evil, command=evil, scene=scene, options={evil: evil},
-           contacts={evil: summary["contacts"]["upper-lower"]}, units=dict.fromkeys(summary["units"], evil))
+    change(
+        run,
+        title=evil,
+        warnings=[evil],
+        reason=evil,
+        command=evil,
+        scene=scene,
+        options={evil: evil},
+        contacts={evil: summary["contacts"]["upper-lower"]},
+        units=dict.fromkeys(summary["units"], evil),
+    )
     (run / "contact.png").write_bytes(PIXEL)
     page = report(run)
     assert not {"script", "x"} & page.elements
@@ -162,13 +207,24 @@ def test_a_run_that_has_not_converged_says_so(run):
     change(run, **summary)
     page = report(run)
     assert "No certified answer" in page.text and "Certified" not in page.text
-    assert "Above the limit of 5e-07: penetration –, friction 0.24. The numbers below are those" in page.text
+    assert (
+        "Above the limit of 5e-07: penetration –, friction 0.24. The numbers below are those"
+        in page.text
+    )
     assert page.column("The worst", "verdict") == ["holds", "fails", "holds", "fails", "holds"]
 
 
-@pytest.mark.parametrize(("reason", "head", "words"), [
-    ("the estimated discretization error is 0.07", "Accuracy not reached", "is 0.07"),
-    ("no equilibrium found: lower drifts to the left", "No equilibrium foundlower drifts to the left", "no answer")])
+@pytest.mark.parametrize(
+    ("reason", "head", "words"),
+    [
+        ("the estimated discretization error is 0.07", "Accuracy not reached", "is 0.07"),
+        (
+            "no equilibrium found: lower drifts to the left",
+            "No equilibrium foundlower drifts to the left",
+            "no answer",
+        ),
+    ],
+)
 def test_other_ends_have_heads_of_their_own(run, reason, head, words):
     """A certified answer on too coarse a mesh; no equilibrium found, which is no mechanism: its numbers stay."""
     change(run, converged=False, reason=reason)
@@ -180,9 +236,12 @@ def test_other_ends_have_heads_of_their_own(run, reason, head, words):
 def test_a_mechanism_is_shown_instead_of_numbers(run):
     """A refused run shows how the bodies would move, and no forces or stresses."""
     square = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
-    motions = np.stack([np.tile(axis, (4, 1)) for axis in np.eye(2)] + [square[:, ::-1] * (-1.0, 1.0)], axis=2)
-    mechanism = Mechanism((MotionsOfBody.of("upper", square, motions),), np.array([[-0.35, 0.35, 0.7]]),
-                          0.1)
+    motions = np.stack(
+        [np.tile(axis, (4, 1)) for axis in np.eye(2)] + [square[:, ::-1] * (-1.0, 1.0)], axis=2
+    )
+    mechanism = Mechanism(
+        (MotionsOfBody.of("upper", square, motions),), np.array([[-0.35, 0.35, 0.7]]), 0.1
+    )
     write_mechanism(run, mechanism)
     reason = json.loads((run / "mechanism.json").read_text(encoding="utf-8"))["reason"]
     change(run, converged=False, reason=reason)
@@ -191,7 +250,10 @@ def test_a_mechanism_is_shown_instead_of_numbers(run):
     (run / "mechanism.png").write_bytes(PIXEL)
     page = report(run)
     assert list(page.pictures) == [reason]
-    assert f"No equilibrium{reason.partition(': ')[2]}" in page.text and "imbalance is 0.10" in page.text
+    assert (
+        f"No equilibrium{reason.partition(': ')[2]}" in page.text
+        and "imbalance is 0.10" in page.text
+    )
     assert not [name for name in page.tables if "Force" in name or "residual" in name]
 
 
@@ -201,11 +263,22 @@ def test_many_load_steps_are_condensed(run, contacts, shown):
     summary = json.loads((run / "summary.json").read_text(encoding="utf-8"))
     contact, asked = summary["contacts"]["upper-lower"], summary["scene"]["contact"][0]
     names = [f"c{k}" for k in range(contacts)]
-    steps = [{"time": k / 10, "outer_iterations": 5, "contacts": dict.fromkeys(names, contact)} for k in range(1, 31)]
-    scene = summary["scene"] | {"time": {"points": [1.0, 2.0, 3.0], "steps": 10, "tolerance": None},
-                                "contact": [asked | {"name": name} for name in names]}
-    energy = {"external_work": 3.0, "strain_energy": 2.0, "interface_work": 1.0, "dissipated": 0.75, "lost": 0.25,
-              "residual": 1e-14}
+    steps = [
+        {"time": k / 10, "outer_iterations": 5, "contacts": dict.fromkeys(names, contact)}
+        for k in range(1, 31)
+    ]
+    scene = summary["scene"] | {
+        "time": {"points": [1.0, 2.0, 3.0], "steps": 10, "tolerance": None},
+        "contact": [asked | {"name": name} for name in names],
+    }
+    energy = {
+        "external_work": 3.0,
+        "strain_energy": 2.0,
+        "interface_work": 1.0,
+        "dissipated": 0.75,
+        "lost": 0.25,
+        "residual": 1e-14,
+    }
     change(run, contacts=dict.fromkeys(names, contact), steps=steps, scene=scene, energy=energy)
     page = report(run)
     caption = "Forces on the first body;" if contacts == 1 else "Nodes of all contacts"
@@ -224,13 +297,20 @@ def test_a_sweep_has_a_report(tmp_path):
         write_report(tmp_path)
     (tmp_path / "sweep.csv").write_text(
         "case,method.theta,status,exit,reason,outer_iterations,n_A,displacement_max,seconds.total,folder,"
-        "warnings\n0,0.2,certified,0,,9,120,0.001,0.5,a,slid <far>\n1,2.0,not converged,3,diverged,,,,,b,\n")
+        "warnings\n0,0.2,certified,0,,9,120,0.001,0.5,a,slid <far>\n1,2.0,not converged,3,diverged,,,,,b,\n"
+    )
     (tmp_path / "n_A-theta.png").write_bytes(PIXEL)
     page = report(tmp_path)
-    assert "Two <blocks>" in page.text and "1 of 2 cases certified" in page.text and list(page.pictures)
+    assert (
+        "Two <blocks>" in page.text
+        and "1 of 2 cases certified" in page.text
+        and list(page.pictures)
+    )
     assert "Cases that warn: 1." in page.text and "Case 0: slid <far>" in page.text
-    assert page.table("A line")[1:] == [["0", "0.2", "certified", "9", "120", "1.00", "–", "0.50"],
-                                        ["1", "2", "not converged: diverged", "–", "–", "–", "–", "–"]]
+    assert page.table("A line")[1:] == [
+        ["0", "0.2", "certified", "9", "120", "1.00", "–", "0.50"],
+        ["1", "2", "not converged: diverged", "–", "–", "–", "–", "–"],
+    ]
 
 
 def test_the_name_of_the_folder_may_be_no_text(run):
@@ -253,14 +333,21 @@ def test_only_reports_are_overwritten(run):
         write_report(run, str(run / "absent" / "report.html"))
 
 
-@pytest.mark.parametrize(("files", "words"), [
-    ({}, "not a complete folder of results: there is no summary.json"), ({"checkpoint.h5": ""}, "--restart"),
-    ({"summary.json": "["}, "not a complete folder"), ({"summary.json": "[]"}, "not a complete folder"),
-    ({"summary.json": '{"format": 7}'}, "format 7"), ({"summary.json": '{"format": 2}'}, "there is no 'scene'"),
-    ({"sweep.json": '{"scene": {}}'}, "has no sweep.csv yet"),
-    ({"sweep.json": "{", "sweep.csv": "case\n1\n"}, "not the record of a sweep"),
-    ({"sweep.json": "{}", "sweep.csv": "case\n1\n"}, "not the record of a sweep"),
-    ({"sweep.json": '{"scene": {}}', "sweep.csv": "case,status\n"}, "has no cases")])
+@pytest.mark.parametrize(
+    ("files", "words"),
+    [
+        ({}, "not a complete folder of results: there is no summary.json"),
+        ({"checkpoint.h5": ""}, "--restart"),
+        ({"summary.json": "["}, "not a complete folder"),
+        ({"summary.json": "[]"}, "not a complete folder"),
+        ({"summary.json": '{"format": 7}'}, "format 7"),
+        ({"summary.json": '{"format": 2}'}, "there is no 'scene'"),
+        ({"sweep.json": '{"scene": {}}'}, "has no sweep.csv yet"),
+        ({"sweep.json": "{", "sweep.csv": "case\n1\n"}, "not the record of a sweep"),
+        ({"sweep.json": "{}", "sweep.csv": "case\n1\n"}, "not the record of a sweep"),
+        ({"sweep.json": '{"scene": {}}', "sweep.csv": "case,status\n"}, "has no cases"),
+    ],
+)
 def test_what_is_no_run_is_refused(tmp_path, capsys, files, words):
     """Another folder is refused with one message and exit code 2, and nothing is written into it."""
     for name, content in files.items():
@@ -285,15 +372,34 @@ try:
 finally:
     print(*[name for name in ("petsc4py.PETSc", "matplotlib", "h5py", "gmsh", "meshio") if name in sys.modules])
 """
-    child = subprocess.run([sys.executable, "-c", code, run, run / "a b.html"], capture_output=True, text=True,
-                           timeout=scenes.LIMIT, env=scenes.clean_environment(), cwd=scenes.ROOT)
-    assert (child.returncode, child.stdout.splitlines()) == (0, [str(run / "a b.html"), ""]), child.stderr
+    child = subprocess.run(
+        [sys.executable, "-c", code, run, run / "a b.html"],
+        capture_output=True,
+        text=True,
+        timeout=scenes.LIMIT,
+        env=scenes.clean_environment(),
+        cwd=scenes.ROOT,
+    )
+    assert (child.returncode, child.stdout.splitlines()) == (0, [str(run / "a b.html"), ""]), (
+        child.stderr
+    )
     assert "Certified" in Page((run / "a b.html").read_text(encoding="utf-8")).text
 
 
-@pytest.mark.parametrize(("value", "shown"), [
-    (0.0, "0"), (-0.0, "0"), (12, "12"), (None, "–"), (115.0e6, "115.0 MN/m"), (-8.3688e6, "-8.369 MN/m"),
-    (0.9999, "999.9 mN/m"), (9.99996, "10.00 N/m"), (2.5e-17, "2.500e-17 N/m")])
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [
+        (0.0, "0"),
+        (-0.0, "0"),
+        (12, "12"),
+        (None, "–"),
+        (115.0e6, "115.0 MN/m"),
+        (-8.3688e6, "-8.369 MN/m"),
+        (0.9999, "999.9 mN/m"),
+        (9.99996, "10.00 N/m"),
+        (2.5e-17, "2.500e-17 N/m"),
+    ],
+)
 def test_numbers(value, shown):
     """Numbers have four digits and a prefix that suits them."""
     assert number(value, unit="N/m" if isinstance(value, float) and value else "") == shown
@@ -301,10 +407,18 @@ def test_numbers(value, shown):
 
 def test_numbers_of_a_table_share_a_prefix():
     """Columns of one unit have one prefix; rounding errors are about zero, a zero and a missing number are not."""
-    text = table("t", Column("name", ["a", "b", "c"]), Column("x", [2.0e6, 1e-9, None], "Pa"),
-                 Column("y", [-5.0e3, 0.0, 1.0], "Pa"))
-    assert Page(text).tables["t"] == [["name", "x MPa", "y MPa"], ["a", "2.000", "-0.005000"], ["b", "≈ 0", "0"],
-                                      ["c", "–", "1.000e-06"]]
+    text = table(
+        "t",
+        Column("name", ["a", "b", "c"]),
+        Column("x", [2.0e6, 1e-9, None], "Pa"),
+        Column("y", [-5.0e3, 0.0, 1.0], "Pa"),
+    )
+    assert Page(text).tables["t"] == [
+        ["name", "x MPa", "y MPa"],
+        ["a", "2.000", "-0.005000"],
+        ["b", "≈ 0", "0"],
+        ["c", "–", "1.000e-06"],
+    ]
 
 
 @pytest.mark.slow
@@ -320,11 +434,25 @@ def test_a_report_fits_a_phone(run):
           box => [box, box.querySelector("tbody th")].map(one => one.getBoundingClientRect().left))};
     })))</script>"""
     frame = '<iframe style="width: {}px; height: 800px; border: 0" srcdoc="{}"></iframe>'
-    (run / "two.html").write_text(script + "".join(frame.format(width, escape(page)) for width in (390, 1200)),
-                                  encoding="utf-8")
-    dom = subprocess.run([CHROMIUM, "--headless=new", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=20000",
-                          f"--user-data-dir={run / 'profile'}", "--dump-dom", f"file://{run}/two.html"],
-                         capture_output=True, text=True, timeout=scenes.LIMIT)
+    (run / "two.html").write_text(
+        script + "".join(frame.format(width, escape(page)) for width in (390, 1200)),
+        encoding="utf-8",
+    )
+    dom = subprocess.run(
+        [
+            CHROMIUM,
+            "--headless=new",
+            "--no-sandbox",
+            "--disable-gpu",
+            "--virtual-time-budget=20000",
+            f"--user-data-dir={run / 'profile'}",
+            "--dump-dom",
+            f"file://{run}/two.html",
+        ],
+        capture_output=True,
+        text=True,
+        timeout=scenes.LIMIT,
+    )
     phone, desk = json.loads(unescape(re.search("<title>(.*?)</title>", dom.stdout)[1]))
     assert phone["beyond"] == 0 and len(phone["moved"]) >= 3 and desk == {"beyond": 0, "moved": []}
     assert all(name == box for box, name in phone["moved"])

@@ -45,7 +45,9 @@ def test_an_abort_waits_for_the_message_to_be_read(monkeypatch, reads):
         if reads:
             mpirun.start()
         # Time stands still until the message is read, or flies.
-        monkeypatch.setattr(cli.time, "monotonic", (lambda: 0.0) if reads else itertools.count().__next__)
+        monkeypatch.setattr(
+            cli.time, "monotonic", (lambda: 0.0) if reads else itertools.count().__next__
+        )
         cli._abort(world, 3)
     os.close(pipe)
     assert world.code == 3
@@ -63,13 +65,33 @@ def test_a_reader_that_stops_early_does_not_end_the_check(tmp_path):
     read, write = os.pipe()
     os.close(read)
     scene = scenes.write_scene(scenes.pinched_blocks(2), tmp_path / "scene.toml")
-    command = [sys.executable, "-m", "ddmpi", "check", str(scene), "--no-figures", "--output", str(tmp_path / "out")]
+    command = [
+        sys.executable,
+        "-m",
+        "ddmpi",
+        "check",
+        str(scene),
+        "--no-figures",
+        "--output",
+        str(tmp_path / "out"),
+    ]
     try:
-        job = subprocess.run(command, stdout=write, stderr=subprocess.PIPE, text=True, cwd=scenes.ROOT,
-                             env=scenes.clean_environment(), check=False)
+        job = subprocess.run(
+            command,
+            stdout=write,
+            stderr=subprocess.PIPE,
+            text=True,
+            cwd=scenes.ROOT,
+            env=scenes.clean_environment(),
+            check=False,
+        )
     finally:
         os.close(write)
-    assert job.returncode == 0 and len(job.stderr.splitlines()) == 1 and "cannot be printed any more" in job.stderr
+    assert (
+        job.returncode == 0
+        and len(job.stderr.splitlines()) == 1
+        and "cannot be printed any more" in job.stderr
+    )
 
 
 def test_two_cuts_are_refused():
@@ -82,5 +104,7 @@ def test_two_cuts_are_refused():
 
 def test_the_script_knows_all_commands():
     """scripts/run.sh takes any other first word for a scene."""
-    line = re.search(r"\n    (run \|.*)\) ;;", (scenes.ROOT / "scripts" / "run.sh").read_text(encoding="utf-8"))
+    line = re.search(
+        r"\n    (run \|.*)\) ;;", (scenes.ROOT / "scripts" / "run.sh").read_text(encoding="utf-8")
+    )
     assert set(COMMANDS) <= set(line[1].split(" | "))

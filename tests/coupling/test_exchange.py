@@ -22,8 +22,15 @@ one_to_four_ranks = pytest.mark.mpi(ranks=[1, 2, 3, 4])
 WORD = 8
 """Bytes of a double."""
 
-CONTACTS = {"ab": ("a", "b", 3), "bd": ("b", "d", 2), "again": ("b", "a", 4), "floor": ("a", None, 5),
-            "empty": ("d", "c", 0), "ca": ("c", "a", 1), "wall": ("d", None, 2)}
+CONTACTS = {
+    "ab": ("a", "b", 3),
+    "bd": ("b", "d", 2),
+    "again": ("b", "a", 4),
+    "floor": ("a", None, 5),
+    "empty": ("d", "c", 0),
+    "ca": ("c", "a", 1),
+    "wall": ("d", None, 2),
+}
 """First and second body, None for a rigid partner, and the size of the interface's vectors."""
 
 CHAIN = {"ab": ("a", "b", 3), "bc": ("b", "c", 5), "cd": ("c", "d", 7)}
@@ -41,15 +48,37 @@ class Bodies:
     def __init__(self, comm, contacts: dict = CONTACTS) -> None:
         homes = {name: k % comm.size for k, name in enumerate("abcd")}
         here = {name: homes[name] == comm.rank for name in homes} | {None: False}
-        self.contacts = {key: each for key, each in contacts.items() if here[each[0]] or here[each[1]]}
-        self.mine = {name: self._parts({key: (each[2], each.index(name)) for key, each in contacts.items()
-                                        if name in each[:2]}) for name in homes if here[name]}
-        self.owned = {key: part for key, (part, _) in self._parts(
-            {key: (each[2], 0) for key, each in contacts.items() if here[each[0]]}).items()}
+        self.contacts = {
+            key: each for key, each in contacts.items() if here[each[0]] or here[each[1]]
+        }
+        self.mine = {
+            name: self._parts(
+                {
+                    key: (each[2], each.index(name))
+                    for key, each in contacts.items()
+                    if name in each[:2]
+                }
+            )
+            for name in homes
+            if here[name]
+        }
+        self.owned = {
+            key: part
+            for key, (part, _) in self._parts(
+                {key: (each[2], 0) for key, each in contacts.items() if here[each[0]]}
+            ).items()
+        }
         self.size = max((part.stop for part in self.owned.values()), default=0)
-        self.exchange = Exchange(comm, [Ends(key, homes[first], homes.get(second, homes[first]))
-                                        for key, (first, second, _) in self.contacts.items()])
-        self.exchange.connect(SimpleNamespace(size=self.size, parts=self.owned), list(self.mine.values()))
+        self.exchange = Exchange(
+            comm,
+            [
+                Ends(key, homes[first], homes.get(second, homes[first]))
+                for key, (first, second, _) in self.contacts.items()
+            ],
+        )
+        self.exchange.connect(
+            SimpleNamespace(size=self.size, parts=self.owned), list(self.mine.values())
+        )
 
     @staticmethod
     def _parts(sizes: dict[str, tuple[int, int]]) -> dict[str, tuple[slice, int]]:
@@ -61,13 +90,24 @@ class Bodies:
 
     def vector(self, seed: int = 0) -> np.ndarray:
         """A vector of the owned interfaces that is random, but known to all."""
-        return np.concatenate([np.empty(0), *(known(key, part.stop - part.start, seed) for key, part in
-                                              self.owned.items())])
+        return np.concatenate(
+            [
+                np.empty(0),
+                *(known(key, part.stop - part.start, seed) for key, part in self.owned.items()),
+            ]
+        )
 
     def of_bodies(self) -> list[np.ndarray]:
         """Vectors of the bodies of this rank that are random, but known to all."""
-        return [np.concatenate([np.empty(0), *(known(key, part.stop - part.start, name) for key, (part, _) in
-                                               parts.items())]) for name, parts in self.mine.items()]
+        return [
+            np.concatenate(
+                [
+                    np.empty(0),
+                    *(known(key, part.stop - part.start, name) for key, (part, _) in parts.items()),
+                ]
+            )
+            for name, parts in self.mine.items()
+        ]
 
 
 def known(contact: str, size: int, salt: object) -> np.ndarray:
@@ -126,12 +166,16 @@ def test_both_bodies_contributions_come_to_the_owner(comm):
     bodies = Bodies(comm)
     mine = bodies.of_bodies()
     first, second = bodies.exchange.collect(mine, "test")
-    assert all(np.array_equal(one, other) for one, other in zip(mine, bodies.of_bodies(), strict=True))
+    assert all(
+        np.array_equal(one, other) for one, other in zip(mine, bodies.of_bodies(), strict=True)
+    )
     assert len(first) == len(second) == bodies.size
     for key, part in bodies.owned.items():
         one, other, size = CONTACTS[key]
         assert np.array_equal(first[part], known(key, size, one)), key
-        assert np.array_equal(second[part], known(key, size, other) if other else np.zeros(size)), key
+        assert np.array_equal(second[part], known(key, size, other) if other else np.zeros(size)), (
+            key
+        )
     assert np.array_equal(bodies.exchange.total(mine, "test"), first + second)
 
 
@@ -139,10 +183,17 @@ def test_both_bodies_contributions_come_to_the_owner(comm):
 def test_objects_of_both_bodies_come_to_both_ranks(comm):
     """By contact, the first body's first; None for a rigid partner's."""
     bodies = Bodies(comm)
-    both = bodies.exchange.swap_objects({(key, side): (key, name) for name, own in bodies.mine.items()
-                                         for key, (_, side) in own.items()})
-    assert both == {key: ((key, first), (key, second) if second else None)
-                    for key, (first, second, _) in bodies.contacts.items()}
+    both = bodies.exchange.swap_objects(
+        {
+            (key, side): (key, name)
+            for name, own in bodies.mine.items()
+            for key, (_, side) in own.items()
+        }
+    )
+    assert both == {
+        key: ((key, first), (key, second) if second else None)
+        for key, (first, second, _) in bodies.contacts.items()
+    }
 
 
 @pytest.mark.mpi(ranks=4)
@@ -151,25 +202,52 @@ def test_messages_and_bytes_of_vectors_are_counted(comm):
     without a common contact talk of errors only, all together."""
     bodies = Bodies(comm)
     exchange = bodies.exchange
-    exchange.swap_objects({(key, side): None for own in bodies.mine.values() for key, (_, side) in own.items()})
+    exchange.swap_objects(
+        {(key, side): None for own in bodies.mine.values() for key, (_, side) in own.items()}
+    )
     exchange.meet("test")
-    assert exchange.state() == {"messages": 0, "bytes": 0, "reductions": 1, "reduced_bytes": 24}  # of `meet`
-    lent = {rank: [each for each in CONTACTS.values() if each[0] == "abcd"[comm.rank] and each[1] == "abcd"[rank]]
-            for rank in range(4)}
-    borrowed = {rank: [each for each in CONTACTS.values() if each[1] == "abcd"[comm.rank] and each[0] == "abcd"[rank]]
-                for rank in range(4)}
+    assert exchange.state() == {
+        "messages": 0,
+        "bytes": 0,
+        "reductions": 1,
+        "reduced_bytes": 24,
+    }  # of `meet`
+    lent = {
+        rank: [
+            each
+            for each in CONTACTS.values()
+            if each[0] == "abcd"[comm.rank] and each[1] == "abcd"[rank]
+        ]
+        for rank in range(4)
+    }
+    borrowed = {
+        rank: [
+            each
+            for each in CONTACTS.values()
+            if each[1] == "abcd"[comm.rank] and each[0] == "abcd"[rank]
+        ]
+        for rank in range(4)
+    }
     messages = sent = 0
     traffic = exchange.world = Traffic(comm)
     for _ in range(2):
-        for work, vectors in ((lambda: exchange.spread(bodies.vector()), lent),
-                              (lambda: exchange.collect(bodies.of_bodies(), "test"), borrowed)):
+        for work, vectors in (
+            (lambda: exchange.spread(bodies.vector()), lent),
+            (lambda: exchange.collect(bodies.of_bodies(), "test"), borrowed),
+        ):
             work()
             messages += sum(len(each) > 0 for each in vectors.values())
             sent += WORD * sum(size for each in vectors.values() for _, _, size in each)
             assert (exchange.sent["messages"], exchange.sent["bytes"]) == (messages, sent)
     assert comm.allreduce(messages) == 2 * 10
-    assert traffic.partners == {rank for rank in range(4) if lent[rank] or borrowed[rank]} == {
-        "abcd".index(name) for name in {"a": "bc", "b": "ad", "c": "ad", "d": "bc"}["abcd"[comm.rank]]}
+    assert (
+        traffic.partners
+        == {rank for rank in range(4) if lent[rank] or borrowed[rank]}
+        == {
+            "abcd".index(name)
+            for name in {"a": "bc", "b": "ad", "c": "ad", "d": "bc"}["abcd"[comm.rank]]
+        }
+    )
     assert sorted(set(traffic.calls)) == ["Allreduce", "Irecv", "Isend"]
     assert traffic.calls.count("Allreduce") == 2 and traffic.calls.count("Isend") == messages
 
@@ -197,8 +275,10 @@ def exchange_of_two(comm, first: int = 0) -> Exchange:
 
 # Errors
 
-WAYS = {"collect": lambda bodies, about: bodies.exchange.collect(bodies.of_bodies(), about),
-        "meet": lambda bodies, about: bodies.exchange.meet(about)}
+WAYS = {
+    "collect": lambda bodies, about: bodies.exchange.collect(bodies.of_bodies(), about),
+    "meet": lambda bodies, about: bodies.exchange.meet(about),
+}
 
 
 @three_ranks

@@ -12,7 +12,9 @@ from ddmpi.coupling.joint import STEERING, Joint
 class AllSeeAll:
     """An exchange between bodies that each take part in all interfaces, on one rank."""
 
-    world = SimpleNamespace(allgather=lambda each: [each], Allreduce=lambda here, each, operation: None)
+    world = SimpleNamespace(
+        allgather=lambda each: [each], Allreduce=lambda here, each, operation: None
+    )
     deferred = staticmethod(contextlib.nullcontext)
 
     def spread(self, x):
@@ -24,16 +26,26 @@ class AllSeeAll:
 
 def joint(asked: list[float]) -> Joint:
     """Of two bodies, which multiply by 1.5 and 2.5, and note the precision that they are asked for."""
+
     def member(name: str, factor: float, h: float) -> SimpleNamespace:
         def mult(x, y, purpose, relative):
             asked.append(relative)
             y[:] = factor * x
 
-        return SimpleNamespace(name=name, dear=False, G=np.empty((0, 3)), mult=mult,
-                               response=lambda history: (np.full(3, h), np.empty(0)))
+        return SimpleNamespace(
+            name=name,
+            dear=False,
+            G=np.empty((0, 3)),
+            mult=mult,
+            response=lambda history: (np.full(3, h), np.empty(0)),
+        )
 
-    space = SimpleNamespace(size=3, gap=np.array([0.25, 0.0, 0.0]), interfaces=[],
-                            norm=lambda x: float(np.linalg.norm(x)))
+    space = SimpleNamespace(
+        size=3,
+        gap=np.array([0.25, 0.0, 0.0]),
+        interfaces=[],
+        norm=lambda x: float(np.linalg.norm(x)),
+    )
     return Joint([member("upper", 1.5, 0.75), member("lower", 2.5, 1.25)], AllSeeAll(), space)
 
 
@@ -53,4 +65,6 @@ def test_a_product_that_is_kept_is_as_precise_as_matters():
     operator.product(1e-5 * x, "newton")
     operator.product(0.0 * x, "newton")
     operator.product(x, "newton", 0.5)
-    assert asked == [value for each in (pytest.approx(1e-4), STEERING, 0.0, 0.5) for value in (each, each)]
+    assert asked == [
+        value for each in (pytest.approx(1e-4), STEERING, 0.0, 0.5) for value in (each, each)
+    ]

@@ -18,9 +18,13 @@ from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec, Traction
 YOUNG, POISSON = 2e11, 0.3
 LOADS = {"right": (3e6, -1e6), "left": (1e6, 2e6), "bottom": (-5e5, 4e6)}
 
-CLAMPS = {"loose": [], "slides along x": [Clamp(on="bottom", y=0.0)], "slides along y": [Clamp(on="left", x=1e-5)],
-          "slides and turns": [Clamp(on="bottom", x=0.0)],
-          "turns about a corner": [Clamp(on="bottom", x=0.0), Clamp(on="left", y=0.0)]}
+CLAMPS = {
+    "loose": [],
+    "slides along x": [Clamp(on="bottom", y=0.0)],
+    "slides along y": [Clamp(on="left", x=1e-5)],
+    "slides and turns": [Clamp(on="bottom", x=0.0)],
+    "turns about a corner": [Clamp(on="bottom", x=0.0), Clamp(on="left", y=0.0)],
+}
 """3, 1, 1, 2 and 1 motions are left."""
 
 FACES = {"a side": ["top"], "two sides": ["top", "right"], "nothing": []}
@@ -38,11 +42,21 @@ def rectangle(divisions=(9, 3), order=1) -> Mesh:
 
 def elastic(mesh: Mesh, clamp: Sequence = (), loads=LOADS) -> Elasticity:
     traction = [Traction(on=on, value=value) for on, value in loads.items()]
-    return assemble(mesh, BodySpec(name="block", mesh=MeshSpec(file="unused.msh"), clamp=list(clamp),
-                                   material=Material(young=YOUNG, poisson=POISSON), traction=traction))
+    return assemble(
+        mesh,
+        BodySpec(
+            name="block",
+            mesh=MeshSpec(file="unused.msh"),
+            clamp=list(clamp),
+            material=Material(young=YOUNG, poisson=POISSON),
+            traction=traction,
+        ),
+    )
 
 
-def touch(mesh: Mesh, group: str, number: int | None = None, friction: bool = True) -> SimpleNamespace:
+def touch(
+    mesh: Mesh, group: str, number: int | None = None, friction: bool = True
+) -> SimpleNamespace:
     """A stand-in for an interface at a side of the rectangle, or at some of its nodes."""
     ends = mesh.points[mesh.groups[group][0, :2]]
     along = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
@@ -52,16 +66,31 @@ def touch(mesh: Mesh, group: str, number: int | None = None, friction: bool = Tr
     normal *= np.sign(normal @ (ends[0] - mesh.points.mean(axis=0)))
     m = len(nodes)
     sliding = np.arange(m if friction else 0)
-    directions = np.vstack([np.tile(normal, (m, 1)), np.tile([-normal[1], normal[0]], (len(sliding), 1))])
+    directions = np.vstack(
+        [np.tile(normal, (m, 1)), np.tile([-normal[1], normal[0]], (len(sliding), 1))]
+    )
     identity = sparse.identity(m, format="csr")
     return SimpleNamespace(
-        name=group, dimension=2, size=m + len(sliding), m=m, nodes=(nodes, nodes), transfer=(identity, identity),
-        directions=directions, sliding=sliding, side=lambda body: 0, normal=directions[:m],
+        name=group,
+        dimension=2,
+        size=m + len(sliding),
+        m=m,
+        nodes=(nodes, nodes),
+        transfer=(identity, identity),
+        directions=directions,
+        sliding=sliding,
+        side=lambda body: 0,
+        normal=directions[:m],
         law=SimpleNamespace(node=np.append(np.arange(m), sliding)),
-        fixed=SimpleNamespace(nodes=(np.empty(0, int),) * 2, normal=np.empty((0, 2)), gap=np.empty(0)))
+        fixed=SimpleNamespace(
+            nodes=(np.empty(0, int),) * 2, normal=np.empty((0, 2)), gap=np.empty(0)
+        ),
+    )
 
 
-def member(mesh: Mesh, problem: Elasticity, faces: Sequence[str], kind: str | None = None, **rest) -> Member:
+def member(
+    mesh: Mesh, problem: Elasticity, faces: Sequence[str], kind: str | None = None, **rest
+) -> Member:
     return Member("block", problem, [touch(mesh, group, **rest) for group in faces], kind).factor()
 
 
@@ -77,7 +106,9 @@ def multiplied(body: Member) -> np.ndarray:
 
 def balancing(body: Member, seed: int = 0) -> np.ndarray:
     """Contact forces with G s = e, as large as the load, otherwise arbitrary."""
-    s = np.random.default_rng(seed).standard_normal(body.C.size) * np.linalg.norm(body.elasticity.b.array_r)
+    s = np.random.default_rng(seed).standard_normal(body.C.size) * np.linalg.norm(
+        body.elasticity.b.array_r
+    )
     return s - np.linalg.pinv(body.G) @ (body.G @ s - body.e)
 
 
@@ -85,7 +116,9 @@ def large(x: np.ndarray) -> float:
     return float(np.abs(x).max(initial=0.0))
 
 
-@pytest.mark.parametrize("order, kind", [(1, "explicit"), (2, "explicit"), (1, "direct"), (1, "iterative")])
+@pytest.mark.parametrize(
+    "order, kind", [(1, "explicit"), (2, "explicit"), (1, "direct"), (1, "iterative")]
+)
 @pytest.mark.parametrize("faces", FACES.values(), ids=FACES)
 @pytest.mark.parametrize("clamp", CLAMPS.values(), ids=CLAMPS)
 def test_loose_body_against_dense_algebra(clamp, faces, order, kind):
@@ -115,7 +148,11 @@ def test_displacement_of_a_loose_body(clamp, kind):
     mesh = rectangle()
     problem = elastic(mesh, clamp)
     body = member(mesh, problem, ["top", "right"], kind)
-    s, alpha, Cs = balancing(body), 1e-3 * np.array([1.0, -2.0, 3.0])[:len(body.e)], np.empty(body.C.size)
+    s, alpha, Cs = (
+        balancing(body),
+        1e-3 * np.array([1.0, -2.0, 3.0])[: len(body.e)],
+        np.empty(body.C.size),
+    )
     body.mult(s, Cs, "newton")
     u, residual = displaced(body, s, alpha)
     assert residual <= 1e-11
@@ -145,13 +182,21 @@ def other_supports(motions: np.ndarray) -> np.ndarray:
     for dof in range(len(rows) // 2, len(rows)):
         if np.linalg.matrix_rank(rows[[*chosen, dof]], 1e-6) > len(chosen):
             chosen.append(dof)
-    return np.array(chosen[:motions.shape[2]])
+    return np.array(chosen[: motions.shape[2]])
 
 
-@pytest.mark.parametrize("faces, rest", [
-    (["top", "right"], {}), (["top"], {"friction": False}), (["top"], {"number": 1}), (["top"], {"number": 2}),
-    (["top"], {"number": 1, "friction": False}), ([], {})],
-    ids=["two sides", "no friction", "one node", "two nodes", "one node, no friction", "nothing"])
+@pytest.mark.parametrize(
+    "faces, rest",
+    [
+        (["top", "right"], {}),
+        (["top"], {"friction": False}),
+        (["top"], {"number": 1}),
+        (["top"], {"number": 2}),
+        (["top"], {"number": 1, "friction": False}),
+        ([], {}),
+    ],
+    ids=["two sides", "no friction", "one node", "two nodes", "one node, no friction", "nothing"],
+)
 @pytest.mark.parametrize("clamp", CLAMPS.values(), ids=CLAMPS)
 def test_nothing_depends_on_the_supports(clamp, faces, rest, monkeypatch):
     """Even where the contact does not see all motions, and the load cannot be balanced."""

@@ -7,7 +7,17 @@ from types import SimpleNamespace
 import bolts
 import numpy as np
 import pytest
-from differences import TIGHT, changed, difference, plain, results, ring, rubbed, vice, with_derivatives
+from differences import (
+    TIGHT,
+    changed,
+    difference,
+    plain,
+    results,
+    ring,
+    rubbed,
+    vice,
+    with_derivatives,
+)
 from mpi4py import MPI
 from scenes import COULOMB, FLOOR, ROOT, pinched_blocks, rectangle, tower
 from solid_scenes import two_boxes
@@ -28,10 +38,14 @@ CLOSE, SAME = 1e-5, 1e-8
 """Central differences of answers to 1e-12 are as precise; gradients and derivatives are solved to 1e-10."""
 
 
-def check(scene: dict, sizes: dict[str, float | None], gradients: Sequence[str] = (), close: float = CLOSE):
+def check(
+    scene: dict, sizes: dict[str, float | None], gradients: Sequence[str] = (), close: float = CLOSE
+):
     """The answer with derivatives, once these are those of differences, and gradients those of the derivatives by all
     keys; `sizes` of the numbers that are zero."""
-    every = [key for key in derivable(plain(scene)) if key != "body.shaft.clamp.0.x"]  # an axis cannot move
+    every = [
+        key for key in derivable(plain(scene)) if key != "body.shaft.clamp.0.x"
+    ]  # an axis cannot move
     answer = ddmpi.solve(with_derivatives(scene, every if gradients else [*sizes]), overrides=TIGHT)
     assert answer.certified, answer.reason
     entries = answer.summary["derivatives"]
@@ -59,7 +73,9 @@ def same_gradient(answer, result: str) -> None:
     size = abs(entry_of(answer.summary, result)) or 1.0
     for key, entry in answer.summary["derivatives"].items():
         # derivatives that are zero are rounding of those of the parts of a result
-        assert gradient[key] == pytest.approx(entry_of(entry, result), rel=SAME, abs=1e-8 * size), f"{result} by {key}"
+        assert gradient[key] == pytest.approx(entry_of(entry, result), rel=SAME, abs=1e-8 * size), (
+            f"{result} by {key}"
+        )
 
 
 def blocks(law: str = "coulomb", **contact) -> dict:
@@ -72,64 +88,153 @@ def blocks(law: str = "coulomb", **contact) -> dict:
 
 def profile(law: str, key: str, *values: float) -> dict:
     """Blocks that do not match, with a given gap, and friction that changes along them."""
-    scene = blocks(gap="1e-6 + 1e-6 * x", friction={"law": law, key: {
-        "along": "x", "points": [0.0, 3.0], "values": [*values]}})
-    scene["body"][1] |= {"clamp": pinched_blocks(4)["body"][1]["clamp"], "mesh": scene["body"][1]["mesh"] | {
-        "divisions": [9, 3]}}
+    scene = blocks(
+        gap="1e-6 + 1e-6 * x",
+        friction={"law": law, key: {"along": "x", "points": [0.0, 3.0], "values": [*values]}},
+    )
+    scene["body"][1] |= {
+        "clamp": pinched_blocks(4)["body"][1]["clamp"],
+        "mesh": scene["body"][1]["mesh"] | {"divisions": [9, 3]},
+    }
     return scene
 
 
 PAIR, FIT = "contact.upper-lower", "contact.fit"
 CASES = {
     # name: scene, keys whose derivatives are compared with differences, and results whose gradients are with these
-    "supported blocks": (blocks(gap=0.0), {
-        f"{PAIR}.friction.coefficient": None, "body.upper.traction.0": None, "body.upper.traction.1.value.0": None,
-        "body.upper.material.young": None, "body.lower.clamp.0": None, "body.lower.clamp.0.x": 1e-4,
-        "body.lower.volume_force.1": 1e6}, [
-        *(f"contacts.upper-lower.{name}" for name in ("normal_force", "force.x", "tangential_force", "moment",
-                                                      "pressure_max", "dissipated")),
-        "bodies.upper.reaction.x", "bodies.lower.reaction.y"]),
-    "a profile of a slip bound": (profile("tresca", "slip_bound", 8e6, 1.5e7), {
-        f"{PAIR}.friction.slip_bound": None, f"{PAIR}.gap": None}, []),
-    "a profile of friction": (profile("coulomb", "coefficient", 0.1, 0.5), {
-        f"{PAIR}.friction.coefficient": None, f"{PAIR}.gap": None}, []),
+    "supported blocks": (
+        blocks(gap=0.0),
+        {
+            f"{PAIR}.friction.coefficient": None,
+            "body.upper.traction.0": None,
+            "body.upper.traction.1.value.0": None,
+            "body.upper.material.young": None,
+            "body.lower.clamp.0": None,
+            "body.lower.clamp.0.x": 1e-4,
+            "body.lower.volume_force.1": 1e6,
+        },
+        [
+            *(
+                f"contacts.upper-lower.{name}"
+                for name in (
+                    "normal_force",
+                    "force.x",
+                    "tangential_force",
+                    "moment",
+                    "pressure_max",
+                    "dissipated",
+                )
+            ),
+            "bodies.upper.reaction.x",
+            "bodies.lower.reaction.y",
+        ],
+    ),
+    "a profile of a slip bound": (
+        profile("tresca", "slip_bound", 8e6, 1.5e7),
+        {f"{PAIR}.friction.slip_bound": None, f"{PAIR}.gap": None},
+        [],
+    ),
+    "a profile of friction": (
+        profile("coulomb", "coefficient", 0.1, 0.5),
+        {f"{PAIR}.friction.coefficient": None, f"{PAIR}.gap": None},
+        [],
+    ),
     # the bound also weighs what was dissipated at first; a gap of zero is a number, too
-    "a slip bound": (blocks("tresca", gap=0.0), {f"{PAIR}.friction.slip_bound": None, f"{PAIR}.gap": 1e-6}, [
-        "contacts.upper-lower.tangential_force", "contacts.upper-lower.dissipated"]),
+    "a slip bound": (
+        blocks("tresca", gap=0.0),
+        {f"{PAIR}.friction.slip_bound": None, f"{PAIR}.gap": 1e-6},
+        ["contacts.upper-lower.tangential_force", "contacts.upper-lower.dissipated"],
+    ),
     # motions of a loose body and of a pushed partner follow, by displacement and by force
-    "a loose body": (vice(), {
-        "rigid.ram.force": None, "rigid.ram.force.0": None, "rigid.fixed.displacement": None,
-        "rigid.fixed.displacement.1": 1e-3, "body.part.traction.0": None, "body.part.volume_force.1": 1e-2,
-        "contact.part-fixed.friction.coefficient": None, "contact.part-ram.friction.coefficient": None}, [
-        "rigid.ram.displacement.x", "rigid.fixed.displacement.y", "rigid.ram.force.y",
-        "contacts.part-fixed.tangential_force", "contacts.part-ram.dissipated"]),
-    "loose blocks on each other": (tower(3, 2), {
-        "contact.block2-block1.friction.coefficient": None, "body.block3.traction.0": None,
-        "body.block2.material.young": None}, []),
+    "a loose body": (
+        vice(),
+        {
+            "rigid.ram.force": None,
+            "rigid.ram.force.0": None,
+            "rigid.fixed.displacement": None,
+            "rigid.fixed.displacement.1": 1e-3,
+            "body.part.traction.0": None,
+            "body.part.volume_force.1": 1e-2,
+            "contact.part-fixed.friction.coefficient": None,
+            "contact.part-ram.friction.coefficient": None,
+        },
+        [
+            "rigid.ram.displacement.x",
+            "rigid.fixed.displacement.y",
+            "rigid.ram.force.y",
+            "contacts.part-fixed.tangential_force",
+            "contacts.part-ram.dissipated",
+        ],
+    ),
+    "loose blocks on each other": (
+        tower(3, 2),
+        {
+            "contact.block2-block1.friction.coefficient": None,
+            "body.block3.traction.0": None,
+            "body.block2.material.young": None,
+        },
+        [],
+    ),
     # the axial reaction follows from equilibrium
-    "around an axis with heat": (ring(), {
-        f"{FIT}.gap": None, "body.ring.temperature": None, "body.ring.material.young": None,
-        "body.ring.traction.0": None, f"{FIT}.friction.coefficient": None}, [
-        "bodies.shaft.reaction.y", "contacts.fit.normal_force"]),
+    "around an axis with heat": (
+        ring(),
+        {
+            f"{FIT}.gap": None,
+            "body.ring.temperature": None,
+            "body.ring.material.young": None,
+            "body.ring.traction.0": None,
+            f"{FIT}.friction.coefficient": None,
+        },
+        ["bodies.shaft.reaction.y", "contacts.fit.normal_force"],
+    ),
     # friction that turns
-    "boxes": (two_boxes(2, law=COULOMB), {
-        f"{PAIR}.friction.coefficient": None, "body.upper.traction.0": None, "body.upper.material.young": None,
-        "body.lower.material.young": None}, [
-        "contacts.upper-lower.moment.x", "contacts.upper-lower.tangential_force", "contacts.upper-lower.dissipated",
-        "bodies.upper.reaction.z"]),
+    "boxes": (
+        two_boxes(2, law=COULOMB),
+        {
+            f"{PAIR}.friction.coefficient": None,
+            "body.upper.traction.0": None,
+            "body.upper.material.young": None,
+            "body.lower.material.young": None,
+        },
+        [
+            "contacts.upper-lower.moment.x",
+            "contacts.upper-lower.tangential_force",
+            "contacts.upper-lower.dissipated",
+            "bodies.upper.reaction.z",
+        ],
+    ),
     # an interference that grows is there from the first step on
-    "a gap with a history": (rubbed(steps=1), {f"{FIT}.gap": None, f"{FIT}.friction.coefficient": None}, []),
+    "a gap with a history": (
+        rubbed(steps=1),
+        {f"{FIT}.gap": None, f"{FIT}.friction.coefficient": None},
+        [],
+    ),
     # a bolt keeps its offset once it is tightened, and this its derivative; the force in it then follows the load
-    "a pretension that is kept": (bolts.joint(n=2), {
-        "contact.cut.pretension.force": None, "body.sleeve.material.young": None, "rigid.head.force": None}, []),
+    "a pretension that is kept": (
+        bolts.joint(n=2),
+        {
+            "contact.cut.pretension.force": None,
+            "body.sleeve.material.young": None,
+            "rigid.head.force": None,
+        },
+        [],
+    ),
 }
-SLOW = ("a loose body", "loose blocks on each other", "around an axis with heat", "a profile of friction", "boxes",
-        "a pretension that is kept")
+SLOW = (
+    "a loose body",
+    "loose blocks on each other",
+    "around an axis with heat",
+    "a profile of friction",
+    "boxes",
+    "a pretension that is kept",
+)
 CASES["a gap with a history"][0]["contact"][0]["gap"] = {"value": -1e-3, "history": "press"}
 CASES["a pretension that is kept"][0]["time"]["points"] = [1.0, 2.0]
 
 
-@pytest.mark.parametrize("name", [pytest.param(name, marks=pytest.mark.slow if name in SLOW else ()) for name in CASES])
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow if name in SLOW else ()) for name in CASES]
+)
 def test_derivatives_are_those_of_differences(name):
     """And gradients, by one solve of the transposed equations, are derivatives by all keys."""
     check(*CASES[name])
@@ -158,20 +263,35 @@ def test_parts_of_a_body():
     """Moduli of one part: a wheel and its lining."""
     scene = tomllib.loads((ROOT / "configs" / "lined_wheel.toml").read_text(encoding="utf-8"))
     scene["body"][0]["mesh"]["file"] = str(ROOT / "meshes" / "lined_wheel.msh")
-    keys, name = ["body.wheel.material.0.young", "body.wheel.material.1.young"], "contacts.wheel-ground.pressure_max"
+    keys, name = (
+        ["body.wheel.material.0.young", "body.wheel.material.1.young"],
+        "contacts.wheel-ground.pressure_max",
+    )
     answer = ddmpi.solve(with_derivatives(scene, keys), overrides=TIGHT)
     for key in keys:  # by symmetry the other results hardly change
         _, young = changed(plain(scene), key, None)
-        below, above = (results(ddmpi.solve(changed(plain(scene), key, by)[0], overrides=TIGHT).summary)
-                        for by in (-1e-3 * young, 1e-3 * young))
+        below, above = (
+            results(ddmpi.solve(changed(plain(scene), key, by)[0], overrides=TIGHT).summary)
+            for by in (-1e-3 * young, 1e-3 * young)
+        )
         found = answer.derivative(key).contacts["wheel-ground"].pressure_max
         assert found == pytest.approx((above[name] - below[name]) / (2e-3 * young), rel=CLOSE)
 
 
 def test_load_steps_are_chained():
     """Where slip begins depends on the steps before; at the ends of legs too."""
-    answer = check(rubbed(steps=2), dict.fromkeys((f"{FIT}.friction.coefficient", f"{FIT}.gap", "body.pad.clamp.0",
-                                                   "body.pad.clamp.1", "body.base.material.young")))
+    answer = check(
+        rubbed(steps=2),
+        dict.fromkeys(
+            (
+                f"{FIT}.friction.coefficient",
+                f"{FIT}.gap",
+                "body.pad.clamp.0",
+                "body.pad.clamp.1",
+                "body.base.material.young",
+            )
+        ),
+    )
     steps = answer.summary["steps"]
     assert ["derivatives" in step for step in steps] == [False, True] * 3
     assert steps[-1]["derivatives"] == answer.summary["derivatives"]
@@ -184,7 +304,9 @@ def test_until_is_that_of_all_steps():
     ends = np.array([step["derivatives"][key]["until"] for step in answer.summary["steps"]], float)
     assert (np.diff(ends[:, 0]) >= 0.0).all() and (np.diff(ends[:, 1]) <= 0.0).all()
     alone = scene | {"time": {"points": [1.0], "steps": 1}}
-    assert ddmpi.solve(with_derivatives(alone, [key]), overrides=TIGHT).derivative(key).until == pytest.approx(ends[0])
+    assert ddmpi.solve(with_derivatives(alone, [key]), overrides=TIGHT).derivative(
+        key
+    ).until == pytest.approx(ends[0])
 
 
 def test_a_march_goes_on_from_a_checkpoint(tmp_path):
@@ -205,11 +327,16 @@ def test_a_march_goes_on_from_a_checkpoint(tmp_path):
     again.restore(read(tmp_path / "state")[1][0])
     again.run()
     for key in keys:
-        (one, arrays), (other, more) = ((march.log.derived[0][key], march.log.derived[1][key])
-                                        for march in (whole, again))
-        assert other["contacts"]["fit"]["dissipated"] == pytest.approx(one["contacts"]["fit"]["dissipated"], rel=1e-6)
+        (one, arrays), (other, more) = (
+            (march.log.derived[0][key], march.log.derived[1][key]) for march in (whole, again)
+        )
+        assert other["contacts"]["fit"]["dissipated"] == pytest.approx(
+            one["contacts"]["fit"]["dissipated"], rel=1e-6
+        )
         size = np.abs(arrays.contacts.fit.pressure).max()
-        assert more.contacts.fit.pressure == pytest.approx(arrays.contacts.fit.pressure, rel=1e-6, abs=1e-6 * size)
+        assert more.contacts.fit.pressure == pytest.approx(
+            arrays.contacts.fit.pressure, rel=1e-6, abs=1e-6 * size
+        )
         assert other["until"] == pytest.approx(one["until"], rel=1e-6)
 
 
@@ -221,15 +348,30 @@ def test_both_sides_of_a_change_of_status():
     for _ in range(4):  # the forecast is linear, so that it is repeated
         scene["contact"][0]["friction"]["coefficient"] = edge = entry.until[1]
         entry = ddmpi.solve(with_derivatives(scene, [key]), overrides=TIGHT).derivative(key)
-    assert min(abs(end - edge) for end in entry.until) < 1e-7 * edge < 1e-3 * (entry.until[1] - entry.until[0])
+    assert (
+        min(abs(end - edge) for end in entry.until)
+        < 1e-7 * edge
+        < 1e-3 * (entry.until[1] - entry.until[0])
+    )
     worst, name = difference(scene, key, entry, step=1e-3)
     assert worst < CLOSE, name
 
 
-@pytest.mark.parametrize("key, words", [
-    ("contact.uper-lower.friction.coefficient", "nearest ones are contact.upper-lower.friction.coefficient, "),
-    ("contact.upper-lower.friction.slip_bound", "nearest ones are contact.upper-lower.friction.coefficient, "),
-    ("body.upper.traction.7", "nearest ones are body.upper.traction."), ("", "nearest ones are")])
+@pytest.mark.parametrize(
+    "key, words",
+    [
+        (
+            "contact.uper-lower.friction.coefficient",
+            "nearest ones are contact.upper-lower.friction.coefficient, ",
+        ),
+        (
+            "contact.upper-lower.friction.slip_bound",
+            "nearest ones are contact.upper-lower.friction.coefficient, ",
+        ),
+        ("body.upper.traction.7", "nearest ones are body.upper.traction."),
+        ("", "nearest ones are"),
+    ],
+)
 def test_a_key_that_names_nothing_is_refused(key, words):
     """Before any work, with the nearest valid keys."""
     with pytest.raises(InputError, match=r"output.derivatives: .* is no number.*") as caught:
@@ -248,10 +390,14 @@ def test_what_else_is_refused():
     with pytest.raises(InputError, match="does not name it; did you mean"):
         answer.derivative(key + "s")
     with pytest.raises(InputError, match="only a certified answer has derivatives"):
-        ddmpi.solve(scene | {"method": {"max_iterations": 1}, "output": {"derivatives": [key]}}).derivative(key)
+        ddmpi.solve(
+            scene | {"method": {"max_iterations": 1}, "output": {"derivatives": [key]}}
+        ).derivative(key)
     scene["body"][0]["clamp"] = [{"on": on, "x": 1e-5, "y": 0.0} for on in ("left", "right")]
     scene["body"][0]["clamp"][1]["on"] = "left"
-    with pytest.raises(InputError, match=r"output.derivatives: body.upper.clamp.0: .* is prescribed twice"):
+    with pytest.raises(
+        InputError, match=r"output.derivatives: body.upper.clamp.0: .* is prescribed twice"
+    ):
         ddmpi.solve(scene | {"output": {"derivatives": ["body.upper.clamp.0"]}})
 
 
@@ -259,32 +405,59 @@ def test_what_else_is_refused():
 @pytest.mark.mpi(ranks=3)
 def test_any_number_of_ranks(comm):
     """One, two and three ranks give the same; bodies may have several ranks each."""
-    for scene, keys in (pinched_blocks(4), ["contact.upper-lower.friction.coefficient", "body.lower.material.young"]), (
-            tower(3, 2), ["contact.block2-block1.friction.coefficient", "body.block3.traction.0"]), (
-            two_boxes(2, law=COULOMB), ["contact.upper-lower.friction.coefficient", "body.lower.material.young"]):
+    for scene, keys in (
+        (
+            pinched_blocks(4),
+            ["contact.upper-lower.friction.coefficient", "body.lower.material.young"],
+        ),
+        (tower(3, 2), ["contact.block2-block1.friction.coefficient", "body.block3.traction.0"]),
+        (
+            two_boxes(2, law=COULOMB),
+            ["contact.upper-lower.friction.coefficient", "body.lower.material.young"],
+        ),
+    ):
         scene = with_derivatives(scene, keys)
-        alone, together = (ddmpi.solve(scene, world, TIGHT) for world in (comm.Split(comm.rank), comm))
+        alone, together = (
+            ddmpi.solve(scene, world, TIGHT) for world in (comm.Split(comm.rank), comm)
+        )
         for key in keys:
             one, all_of_them = alone.derivative(key), together.derivative(key)
             for name, contact in one.contacts.items():
                 other, size = all_of_them.contacts[name], np.abs(contact.normal_forces).max()
-                assert np.allclose(other.normal_forces, contact.normal_forces, rtol=0.0, atol=1e-6 * size)
+                assert np.allclose(
+                    other.normal_forces, contact.normal_forces, rtol=0.0, atol=1e-6 * size
+                )
                 assert np.allclose(other.force, contact.force, rtol=0.0, atol=1e-6 * size)
-            assert all(end == other or end == pytest.approx(other, rel=1e-6, abs=1e-6)
-                       for end, other in zip(all_of_them.until, one.until, strict=True))
-            assert all(all_of_them.bodies[name].reaction == pytest.approx(body.reaction, rel=1e-6, abs=1e-6 * size)
-                       for name, body in one.bodies.items())
+            assert all(
+                end == other or end == pytest.approx(other, rel=1e-6, abs=1e-6)
+                for end, other in zip(all_of_them.until, one.until, strict=True)
+            )
+            assert all(
+                all_of_them.bodies[name].reaction
+                == pytest.approx(body.reaction, rel=1e-6, abs=1e-6 * size)
+                for name, body in one.bodies.items()
+            )
 
 
 def test_a_loose_body_that_nothing_holds_along_the_floor_has_no_derivative():
     """Without friction a sideways force has no answer, and its derivative none that could be told."""
-    body = rectangle("block", (0, 0), (2, 1), (4, 2), traction=[{"on": "top", "value": [0.0, -1e5]}])
-    scene = {"body": [body], "rigid": [FLOOR], "contact": [{"bodies": ["block", "floor"], "on": ["bottom"]}]}
+    body = rectangle(
+        "block", (0, 0), (2, 1), (4, 2), traction=[{"on": "top", "value": [0.0, -1e5]}]
+    )
+    scene = {
+        "body": [body],
+        "rigid": [FLOOR],
+        "contact": [{"bodies": ["block", "floor"], "on": ["bottom"]}],
+    }
     keys = ["body.block.traction.0", "body.block.traction.0.value.0"]
     answer = ddmpi.solve(with_derivatives(scene, keys))
-    assert answer.derivative(keys[0]).contacts["block-floor"].normal_force == pytest.approx(2e5, rel=1e-6)
+    assert answer.derivative(keys[0]).contacts["block-floor"].normal_force == pytest.approx(
+        2e5, rel=1e-6
+    )
     assert answer.derivative(keys[1]) is None and answer.summary["derivatives"][keys[1]] is None
-    assert any(f"derivatives.{keys[1]}: not given" in warning for warning in answer.summary["warnings"])
+    assert any(
+        f"derivatives.{keys[1]}: not given" in warning for warning in answer.summary["warnings"]
+    )
 
 
 # Gradients
@@ -294,18 +467,28 @@ def test_a_loose_body_that_nothing_holds_along_the_floor_has_no_derivative():
 def test_gradients_on_two_ranks(comm):
     """There GMRES solves, and all ranks have the same gradient; some nodes slip, so that the system is unsymmetric."""
     for scene, keys, contact in (
-            (pinched_blocks(4), ["contact.upper-lower.friction.coefficient", "body.lower.traction.0"], "upper-lower"),
-            (tower(3, 2), ["body.block3.traction.0", "body.block2.volume_force.1"], "block2-block1")):
+        (
+            pinched_blocks(4),
+            ["contact.upper-lower.friction.coefficient", "body.lower.traction.0"],
+            "upper-lower",
+        ),
+        (tower(3, 2), ["body.block3.traction.0", "body.block2.volume_force.1"], "block2-block1"),
+    ):
         answer = ddmpi.solve(with_derivatives(scene, keys), comm, TIGHT)
         same_gradient(answer, f"contacts.{contact}.force.x")
         nodes = answer.gradient(f"contacts.{contact}.normal_force").gap[contact]
         assert np.array_equal(nodes, comm.bcast(nodes))
 
 
-@pytest.mark.parametrize("result, words", [
-    ("contacts.upper-lower.force", "no such result; did you mean 'contacts.upper-lower.force."),
-    ("contacts.upper-lower.normal_forces", "did you mean 'contacts.upper-lower.normal_force'"),
-    ("bodies.uper.reaction.x", "did you mean 'bodies.upper.reaction.x'"), ("", "there is no such result")])
+@pytest.mark.parametrize(
+    "result, words",
+    [
+        ("contacts.upper-lower.force", "no such result; did you mean 'contacts.upper-lower.force."),
+        ("contacts.upper-lower.normal_forces", "did you mean 'contacts.upper-lower.normal_force'"),
+        ("bodies.uper.reaction.x", "did you mean 'bodies.upper.reaction.x'"),
+        ("", "there is no such result"),
+    ],
+)
 def test_a_result_that_there_is_not(result, words):
     """It is refused with the nearest one."""
     answer = ddmpi.solve(pinched_blocks(2))
@@ -319,6 +502,8 @@ def test_what_has_no_gradient():
     with pytest.raises(InputError, match="not possible with load steps"):
         ddmpi.solve(rubbed(steps=1)).gradient("contacts.fit.normal_force")
     with pytest.raises(InputError, match="needs a certified answer"):
-        ddmpi.solve(pinched_blocks(4, max_iterations=1)).gradient("contacts.upper-lower.normal_force")
+        ddmpi.solve(pinched_blocks(4, max_iterations=1)).gradient(
+            "contacts.upper-lower.normal_force"
+        )
     with pytest.raises(InputError, match="radial reactions"):
         ddmpi.solve(ring()).gradient("bodies.shaft.reaction.x")

@@ -40,9 +40,16 @@ def test_all_nodes_are_closed_and_stick_whatever_the_forces():
         assert s - LAW.project(s - 2.0 * r) == pytest.approx(2.0 * r)
         active = LAW.active_set(s)
         assert active.closed.all() and not active.slip.any() and LAW.closed(s, 0.5).all()
-        assert LAW.settle(s, active).tolist() == s.tolist() and active.pressure.tolist() == s[:4].tolist()
+        assert (
+            LAW.settle(s, active).tolist() == s.tolist()
+            and active.pressure.tolist() == s[:4].tolist()
+        )
         linear = Linearised.of([LAW.linearise(active)])
-        assert linear.number == 7 and not linear.given.any() and linear.expand(s).tolist() == s.tolist()
+        assert (
+            linear.number == 7
+            and not linear.given.any()
+            and linear.expand(s).tolist() == s.tolist()
+        )
     for s in (np.zeros(7), np.full(7, 1e300), -np.full(7, 1e300)):
         assert not LAW.reaches_bound(s, LAW.bound_at(s)).any()
     box = LAW.cone(LAW.bound_at(np.zeros(7)))
@@ -65,8 +72,10 @@ def test_a_bond_holds_along_the_contact_too():
 def test_a_roller_along_the_normal_does_not_break_the_bond():
     """A node that both bodies hold along the normal may still slide; a bond holds it, friction cannot."""
     upper, lower = blocks()
-    sides = [side(mesh, group, where=lambda x, y: x == 0.0, y=True) for mesh, group in ((upper, "bottom"),
-                                                                                        (lower, "top"))]
+    sides = [
+        side(mesh, group, where=lambda x, y: x == 0.0, y=True)
+        for mesh, group in ((upper, "bottom"), (lower, "top"))
+    ]
     assert (bonded(*sides).m, len(bonded(*sides).fixed.gap)) == (7, 0)
     assert held_beside(bonded(*sides)) == pytest.approx(0.0, abs=1e-12)
     assert pair(*sides, Coulomb(coefficient=0.3), "seam").m == 6
@@ -86,7 +95,10 @@ def test_a_given_gap_takes_the_place_of_the_measured_one(kind):
     assert pair(*sides, NoFriction(), "seam", gap=0.0, kind=kind).gap.tolist() == [0.0] * 6
     assert uncovered_profile(contact, NoFriction(), profile) == []
     short = Profile(along="x", points=[0.0, 2.0], values=[0.0, 1e-4])
-    assert "contact.seam.gap: the profile covers x from 0 to 2" in uncovered_profile(contact, NoFriction(), short)[0]
+    assert (
+        "contact.seam.gap: the profile covers x from 0 to 2"
+        in uncovered_profile(contact, NoFriction(), short)[0]
+    )
 
 
 def test_a_body_bonded_to_a_moving_floor_moves_as_if_clamped_to_it():

@@ -21,16 +21,36 @@ meshes = pytest.mark.parametrize("below", [6, 7], ids=["pairs", "mortar"])
 orders = pytest.mark.parametrize("order", [1, 2])
 
 
-def blocks(upper: Clamp, lower: Clamp, below: int = 6, order: int = 1, drawn: float = 0.0, kind: str = "unilateral",
-           gap: float | None = None, angle: float = 0.0, factors=None, swapped: bool = False) -> str:
+def blocks(
+    upper: Clamp,
+    lower: Clamp,
+    below: int = 6,
+    order: int = 1,
+    drawn: float = 0.0,
+    kind: str = "unilateral",
+    gap: float | None = None,
+    angle: float = 0.0,
+    factors=None,
+    swapped: bool = False,
+) -> str:
     """What is said of blocks of 3 × 1, one on the other, whose left ends are clamped; nothing if they are solved."""
     found = []
-    for (n, y, on), name, clamp in zip(((6, 1.0 + drawn, "bottom"), (below, 0.0, "top")), ("upper", "lower"),
-                                       (upper, lower), strict=True):
+    for (n, y, on), name, clamp in zip(
+        ((6, 1.0 + drawn, "bottom"), (below, 0.0, "top")),
+        ("upper", "lower"),
+        (upper, lower),
+        strict=True,
+    ):
         mesh = rectangle((n, 2), (3.0, 1.0), (0.0, y), order)
         left = np.unique(mesh.groups["left"])
-        boundary = side(turned(mesh, angle), on, body=name, x=clamp.x is not None, y=clamp.y is not None,
-                        where=lambda x, y, left=left: np.isin(np.arange(len(x)), left))
+        boundary = side(
+            turned(mesh, angle),
+            on,
+            body=name,
+            x=clamp.x is not None,
+            y=clamp.y is not None,
+            where=lambda x, y, left=left: np.isin(np.arange(len(x)), left),
+        )
         found.append(Mover(moved(boundary, clamp), [clamp]))
     if swapped:
         found.reverse()
@@ -61,15 +81,29 @@ def left(x=None, y=None, history=None) -> Clamp:
 def test_clamps_that_push_bodies_into_each_other_are_named(swapped, below, order):
     """The place, both clamps, their values and the overlap, whichever body comes first."""
     said = blocks(left(x=0.0, y=-0.005), left(x=0.0, y=0.001), below, order, swapped=swapped)
-    for words in ("contact.seam: at (0, 1) ", "body.upper.clamp.0 on 'left' prescribes y = -0.005",
-                  "body.lower.clamp.0 on 'left' prescribes y = 0.001", "into each other by 0.006"):
+    for words in (
+        "contact.seam: at (0, 1) ",
+        "body.upper.clamp.0 on 'left' prescribes y = -0.005",
+        "body.lower.clamp.0 on 'left' prescribes y = 0.001",
+        "into each other by 0.006",
+    ):
         assert words in said
-    assert blocks(left(x=0.0, y=0.005), left(x=0.0, y=0.001), below, order, swapped=swapped) == ""  # they part
+    assert (
+        blocks(left(x=0.0, y=0.005), left(x=0.0, y=0.001), below, order, swapped=swapped) == ""
+    )  # they part
 
 
 @meshes
-@pytest.mark.parametrize(("drawn", "y", "said"), [
-    (0.01, -0.01, ""), (0.01, -0.012, "by 0.002"), (-0.01, 0.0, ""), (-0.01, 0.004, ""), (-0.01, -0.003, "by 0.003")])
+@pytest.mark.parametrize(
+    ("drawn", "y", "said"),
+    [
+        (0.01, -0.01, ""),
+        (0.01, -0.012, "by 0.002"),
+        (-0.01, 0.0, ""),
+        (-0.01, 0.004, ""),
+        (-0.01, -0.003, "by 0.003"),
+    ],
+)
 def test_gaps_may_close_and_overlaps_may_stay(drawn, y, said, below):
     """A drawn clearance may be used up; a fit is no mistake, but clamps must not deepen it."""
     found = blocks(left(x=0.0, y=y), left(x=0.0, y=0.0), below, drawn=drawn)
@@ -79,17 +113,26 @@ def test_gaps_may_close_and_overlaps_may_stay(drawn, y, said, below):
 
 
 @meshes
-@pytest.mark.parametrize(("x", "y", "gap", "said"), [
-    (0.0, 0.0, None, ""), (0.0, 0.0, -1e-5, ""), (0.0, 1e-5, -1e-5, ""), (0.0, 2e-5, -1e-5, "prescribes y = 2e-05"),
-    (0.0, 1e-3, None, "prescribes y = 0.001"), (0.0, -1e-3, None, "prescribes y = -0.001"),
-    (1e-3, 0.0, None, "prescribes x = 0.001")])
+@pytest.mark.parametrize(
+    ("x", "y", "gap", "said"),
+    [
+        (0.0, 0.0, None, ""),
+        (0.0, 0.0, -1e-5, ""),
+        (0.0, 1e-5, -1e-5, ""),
+        (0.0, 2e-5, -1e-5, "prescribes y = 2e-05"),
+        (0.0, 1e-3, None, "prescribes y = 0.001"),
+        (0.0, -1e-3, None, "prescribes y = -0.001"),
+        (1e-3, 0.0, None, "prescribes x = 0.001"),
+    ],
+)
 def test_a_bond_must_not_be_torn(x, y, gap, said, below):
     """Neither apart nor along itself; where it closes a gap or a fit, clamps may do so, too."""
     found = blocks(left(x=x, y=y), left(x=0.0, y=0.0), below, kind="bonded", gap=gap)
     assert said in found and bool(found) == bool(said)
     assert ("they tear the bond apart by" in found) == bool(said)
-    assert blocks(left(x=x, y=y), left(x=0.0, y=0.0), below) == ("" if y >= 0.0 else blocks(
-        left(x=0.0, y=y), left(x=0.0, y=0.0), below))  # without a bond they may slide
+    assert blocks(left(x=x, y=y), left(x=0.0, y=0.0), below) == (
+        "" if y >= 0.0 else blocks(left(x=0.0, y=y), left(x=0.0, y=0.0), below)
+    )  # without a bond they may slide
 
 
 @meshes
@@ -99,7 +142,9 @@ def test_what_clamps_leave_free_contradicts_nothing(below):
         assert blocks(left(x=0.0), left(x=0.0, y=1.0), below, kind=kind) == ""
         assert blocks(left(x=0.0, y=-1.0), left(x=0.0), below, kind=kind) == ""
     assert blocks(left(y=-1.0), left(y=0.0), below) != ""  # along y they cannot, whatever x does
-    assert blocks(left(y=-1.0), left(y=0.0), below, angle=0.1) == ""  # along the normal they can, a little
+    assert (
+        blocks(left(y=-1.0), left(y=0.0), below, angle=0.1) == ""
+    )  # along the normal they can, a little
     said = blocks(left(x=0.1, y=-1.0), left(x=0.0, y=0.0), below, angle=0.1)
     assert "prescribes x = 0.1, body.upper.clamp.0 on 'left' prescribes y = -1, and" in said
     closing = np.cos(0.1) + 0.1 * np.sin(0.1)
@@ -110,24 +155,39 @@ def test_what_clamps_leave_free_contradicts_nothing(below):
 def test_rounding_contradicts_nothing(below):
     """Both clamps follow one formula, which rounding makes differ."""
     formula = "-1e-3 * (1 + x + sin(y))"
-    assert blocks(left(x=0.0, y=formula), left(x=0.0, y=f"1e-17 + 3 * ({formula}) / 3"), below) == ""
+    assert (
+        blocks(left(x=0.0, y=formula), left(x=0.0, y=f"1e-17 + 3 * ({formula}) / 3"), below) == ""
+    )
     assert blocks(left(x=0.0, y=f"1.001 * {formula}"), left(x=0.0, y=formula), below) != ""
 
 
 def test_the_time_at_which_clamps_contradict_each_other_is_named():
     """The worst of the given times, between which displacements are linear."""
-    factors = {time: {None: 1.0, "press": factor} for time, factor in ((0.0, 0.0), (1.0, 2.0), (2.0, 1.0))}
+    factors = {
+        time: {None: 1.0, "press": factor} for time, factor in ((0.0, 0.0), (1.0, 2.0), (2.0, 1.0))
+    }
     said = blocks(left(x=0.0, y=-0.001, history="press"), left(x=0.0, y=-0.001), factors=factors)
-    assert "at (0, 1), at time 1, " in said and "prescribes y = -0.002" in said and "by 0.001" in said
+    assert (
+        "at (0, 1), at time 1, " in said and "prescribes y = -0.002" in said and "by 0.001" in said
+    )
     factors[1.0]["press"] = 1.0
-    assert blocks(left(x=0.0, y=-0.001, history="press"), left(x=0.0, y=-0.001), factors=factors) == ""
+    assert (
+        blocks(left(x=0.0, y=-0.001, history="press"), left(x=0.0, y=-0.001), factors=factors) == ""
+    )
 
 
-@pytest.mark.parametrize(("U", "said"), [((0.3, 0.02), "by 0.01"), ((0.0, 0.01), ""), ((0.0, -0.02), "")])
+@pytest.mark.parametrize(
+    ("U", "said"), [((0.3, 0.02), "by 0.01"), ((0.0, 0.01), ""), ((0.0, -0.02), "")]
+)
 def test_a_rigid_partner_that_moves_into_clamped_nodes_is_refused(U, said):
     """A floor that is lifted by more than its distance from a held edge; one that is lowered may be."""
-    clamp, floor = left(y=0.0), Plane(name="floor", point=(0.0, 0.0), normal=(0.0, 1.0), displacement=U, history="lift")
-    boundary = side(rectangle((6, 2), (3.0, 1.0), (0.0, 0.01)), "bottom", where=lambda x, y: x == 0.0, y=True)
+    clamp, floor = (
+        left(y=0.0),
+        Plane(name="floor", point=(0.0, 0.0), normal=(0.0, 1.0), displacement=U, history="lift"),
+    )
+    boundary = side(
+        rectangle((6, 2), (3.0, 1.0), (0.0, 0.01)), "bottom", where=lambda x, y: x == 0.0, y=True
+    )
     interface = touch(boundary, floor, NoFriction(), "seam")
     movers = [Mover(moved(boundary, clamp), [clamp]), Mover(floor)]
     refuse_contradiction(interface, movers, {0.0: {None: 1.0, "lift": 0.0}})
@@ -136,31 +196,46 @@ def test_a_rigid_partner_that_moves_into_clamped_nodes_is_refused(U, said):
         return refuse_contradiction(interface, movers, times)
     with pytest.raises(InputError) as error:
         refuse_contradiction(interface, movers, times)
-    assert said in str(error.value) and "rigid.floor.displacement prescribes y = 0.02" in str(error.value)
+    assert said in str(error.value) and "rigid.floor.displacement prescribes y = 0.02" in str(
+        error.value
+    )
     every = np.tile(np.eye(2), (len(boundary.xy), 1, 1))
     free = replace(boundary, clamps=np.full_like(boundary.clamps, -1), free=every)
-    refuse_contradiction(interface, [replace(movers[0], side=free), movers[1]], times)  # the body can give way
+    refuse_contradiction(
+        interface, [replace(movers[0], side=free), movers[1]], times
+    )  # the body can give way
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.7, 2.0])
 @meshes
 def test_clamps_along_normals_that_push_bodies_into_each_other(below, angle):
     """At any angle they are refused where they push into each other, and not where they part."""
+
     def said(push: float) -> str:
         movers = []
-        for (n, y, on), name, value in zip(((6, 1.0, "bottom"), (below, 0.0, "top")), ("upper", "lower"),
-                                           (push, 1e-3), strict=True):
+        for (n, y, on), name, value in zip(
+            ((6, 1.0, "bottom"), (below, 0.0, "top")), ("upper", "lower"), (push, 1e-3), strict=True
+        ):
             mesh = turned(rectangle((n, 2), (3.0, 1.0), (0.0, y)), angle)
             edges = mesh.groups[on]
             along = mesh.points[edges].mean(axis=1) @ [np.cos(angle), np.sin(angle)]
             mesh = Mesh(mesh.points, mesh.triangles, mesh.groups | {"part": edges[along < 1.6]})
             clamp = Clamp(on="part", normal=value)
-            held = supports(mesh, BodySpec(name=name, mesh=MeshSpec(file="none.msh"), clamp=[clamp],
-                                           material=Material(young=1.0, poisson=0.3)))
+            held = supports(
+                mesh,
+                BodySpec(
+                    name=name,
+                    mesh=MeshSpec(file="none.msh"),
+                    clamp=[clamp],
+                    material=Material(young=1.0, poisson=0.3),
+                ),
+            )
             movers.append(Mover(contact_side(mesh, mesh.facets(on), held, name, 1.0), [clamp]))
         interface = join(*(mover.side for mover in movers), NoFriction(), "seam")
         if below == 6:
-            assert interface.m == 3 and len(interface.fixed.gap) == 4  # the pairs that both sides hold carry no row
+            assert (
+                interface.m == 3 and len(interface.fixed.gap) == 4
+            )  # the pairs that both sides hold carry no row
         try:
             refuse_contradiction(interface, movers, NOW)
         except InputError as error:

@@ -21,16 +21,25 @@ UNEVEN = np.cumsum([0.0, 0.2, 0.12, 0.25, 0.16, 0.2, 0.1, 0.22, 0.15])
 def curved_ring(inner: float, outer: float, angles: np.ndarray, closed: bool = False) -> Mesh:
     """A ring of one layer whose middles lie at the mean angle and radius of their ends."""
     mesh = ring(inner, outer, angles, order=2, closed=closed)
-    ends, middle = mesh.points[mesh.triangles[:, mesh.cell.edges[:, :2]]], mesh.points[mesh.triangles[:, 3:]]
+    ends, middle = (
+        mesh.points[mesh.triangles[:, mesh.cell.edges[:, :2]]],
+        mesh.points[mesh.triangles[:, 3:]],
+    )
     radius = np.linalg.norm(ends, axis=3)
     direction = (ends / radius[..., None]).sum(axis=2)
-    target = direction / np.linalg.norm(direction, axis=2, keepdims=True) * radius.mean(axis=2)[..., None]
+    target = (
+        direction
+        / np.linalg.norm(direction, axis=2, keepdims=True)
+        * radius.mean(axis=2)[..., None]
+    )
     return bend(mesh, target - middle)
 
 
 def points(boundary: Side, links: np.ndarray, t: np.ndarray) -> np.ndarray:
     """Where on links (q,) the parameters t (q,) are."""
-    return np.einsum("ql,qld->qd", boundary.cell.shapes(on_line(t)), boundary.xy[boundary.facets[links]])
+    return np.einsum(
+        "ql,qld->qd", boundary.cell.shapes(on_line(t)), boundary.xy[boundary.facets[links]]
+    )
 
 
 def test_normals_and_lengths_of_a_graded_circle():
@@ -58,7 +67,10 @@ def test_points_that_face_each_other_lie_on_one_ray():
     slave = side(curved_ring(0.5, 1.0, np.linspace(0.0, 1.5, 7)), "outer", body="slave")
     master = side(curved_ring(1.01, 1.5, np.linspace(0.0, 1.5, 9)), "inner", body="master")
     over = cover(slave, master)
-    here, there = points(slave, over.facet, over.at[:, 1]), points(master, over.other, over.there[:, 1])
+    here, there = (
+        points(slave, over.facet, over.at[:, 1]),
+        points(master, over.other, over.there[:, 1]),
+    )
     inside = over.there.min(axis=1) > 1e-6
     assert inside.mean() > 0.8
     assert cross(there - here, over.direction)[inside] == pytest.approx(0.0, abs=1e-14)
@@ -70,16 +82,36 @@ def test_points_that_face_each_other_lie_on_one_ray():
 def test_gap_between_curved_sides_is_that_of_the_circles():
     """Matching, non-matching and rigid circles: gaps are those between circles, not between parabolas."""
     angles = np.linspace(0.0, 1.5, 13)
-    first, second = (side(curved_ring(*radii, angles), group, body=name) for radii, group, name in
-                     (((0.5, 1.0), "outer", "first"), ((1.001, 1.5), "inner", "second")))
-    straight = [side(ring(*radii, angles, order=2, closed=False), group, body=name) for radii, group, name in
-                (((0.5, 1.0), "outer", "first"), ((1.001, 1.5), "inner", "second"))]
-    parabola = first.xy[first.facets[:, 0]] * 0.375 + first.xy[first.facets[:, 2]] * 0.75 \
+    first, second = (
+        side(curved_ring(*radii, angles), group, body=name)
+        for radii, group, name in (
+            ((0.5, 1.0), "outer", "first"),
+            ((1.001, 1.5), "inner", "second"),
+        )
+    )
+    straight = [
+        side(ring(*radii, angles, order=2, closed=False), group, body=name)
+        for radii, group, name in (
+            ((0.5, 1.0), "outer", "first"),
+            ((1.001, 1.5), "inner", "second"),
+        )
+    ]
+    parabola = (
+        first.xy[first.facets[:, 0]] * 0.375
+        + first.xy[first.facets[:, 2]] * 0.75
         - first.xy[first.facets[:, 1]] * 0.125
+    )
     assert np.abs(np.linalg.norm(parabola, axis=1) - 1.0).max() > 1e-7
-    for interface in (pair(first, second, NoFriction(), "seam"), mortar(first, second, NoFriction(), "seam"),
-                      touch(first, Circle(name="bore", center=(0.0, 0.0), radius=1.001, inside=True), NoFriction(),
-                            "seam")):
+    for interface in (
+        pair(first, second, NoFriction(), "seam"),
+        mortar(first, second, NoFriction(), "seam"),
+        touch(
+            first,
+            Circle(name="bore", center=(0.0, 0.0), radius=1.001, inside=True),
+            NoFriction(),
+            "seam",
+        ),
+    ):
         assert interface.gap == pytest.approx(1e-3, abs=1e-9)
     assert pair(*straight, NoFriction(), "seam").gap[1:-1] == pytest.approx(1e-3, abs=1e-9)
     curved, chords = (pair(*sides, NoFriction(), "seam") for sides in ((first, second), straight))
@@ -91,7 +123,9 @@ def test_gap_between_curved_sides_is_that_of_the_circles():
 def test_normals_at_an_edge_of_a_solid_are_those_of_its_faces(order):
     """Where faces meet at a sharp edge each keeps its own normal; along a wheel they are radial."""
     boundary = side(box(divisions=(3, 2, 2), order=order), "top", "right")
-    assert boundary.fans == pytest.approx(np.repeat(boundary.outward[:, None], 3, axis=1), abs=1e-15)
+    assert boundary.fans == pytest.approx(
+        np.repeat(boundary.outward[:, None], 3, axis=1), abs=1e-15
+    )
     rim = side(tube((0.5, 1.0), 1.0, order=order), "outer")
     assert rim.fans[..., :2] == pytest.approx(rim.xy[rim.corners][..., :2], abs=1e-3)
 
@@ -99,12 +133,17 @@ def test_normals_at_an_edge_of_a_solid_are_those_of_its_faces(order):
 @pytest.mark.parametrize("rise", [0.0, 0.4])
 def test_areas_of_curved_facets_in_space_are_those_of_the_surface(rise):
     """A top of the height 1 + c x (1 − x), c the rise, has the area ∫ (1 + c² (1 − 2x)²)^½ dx."""
-    vault, roof = box((0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (2, 2, 1), 2), box((-1.0, 0.0, 1.5), (3.0, 1.0, 1.0), (4, 3, 1))
+    vault, roof = (
+        box((0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (2, 2, 1), 2),
+        box((-1.0, 0.0, 1.5), (3.0, 1.0, 1.0), (4, 3, 1)),
+    )
     x, _, z = vault.points.T
     vault.points[:, 2] += rise * x * (1.0 - x) * z
     over = cover(side(vault, "top"), side(roof, "bottom"))
     t, weights = np.polynomial.legendre.leggauss(20)
-    assert over.weight.sum() == pytest.approx(weights @ np.sqrt(1.0 + (rise * t) ** 2) / 2, rel=1e-4)
+    assert over.weight.sum() == pytest.approx(
+        weights @ np.sqrt(1.0 + (rise * t) ** 2) / 2, rel=1e-4
+    )
 
 
 def test_single_curved_side_has_its_own_slopes():
@@ -117,14 +156,22 @@ def test_single_curved_side_has_its_own_slopes():
     here, up = np.array([0]), np.array([[0.0, 1.0]])
     assert boundary.bulge(here, np.array([0.5]), up) == pytest.approx(0.05, rel=0.02)
     assert boundary.rise(boundary.facets[here, 2], up) == pytest.approx(0.0, abs=1e-3)
-    assert side(raise_order(rectangle((1, 1), (1.0, 1.0)), "mesh"), "top").slopes.tolist() == [[0.0, 0.0]]
+    assert side(raise_order(rectangle((1, 1), (1.0, 1.0)), "mesh"), "top").slopes.tolist() == [
+        [0.0, 0.0]
+    ]
 
 
 def test_a_curved_triangle_meets_its_corners():
     """However coordinates round there, the boundary that is meant goes through the corners of a ball's facets."""
-    ball = SimpleNamespace(xy=np.eye(3), corners=np.arange(3)[None], outward=np.full((1, 3), 3**-0.5),
-                           fans=np.eye(3)[None])
-    at = np.array([[1.0, -3e-16, 2e-16], [2e-16, 1.0, -4e-16], [-1e-16, -1e-16, 1.0], [0.5, 0.5, -1e-17]])
+    ball = SimpleNamespace(
+        xy=np.eye(3),
+        corners=np.arange(3)[None],
+        outward=np.full((1, 3), 3**-0.5),
+        fans=np.eye(3)[None],
+    )
+    at = np.array(
+        [[1.0, -3e-16, 2e-16], [2e-16, 1.0, -4e-16], [-1e-16, -1e-16, 1.0], [0.5, 0.5, -1e-17]]
+    )
     off = Patch.bulge(ball, np.zeros(4, int), at, np.tile(np.full(3, 3**-0.5), (4, 1)))
     assert np.abs(off[:3]).max() < 1e-15
     assert off[3] == pytest.approx(np.sqrt(5 / 6) - np.sqrt(1 / 3), rel=1e-12)

@@ -18,7 +18,9 @@ LEFT = {"where": lambda x, y: x == 0.0}
 
 def blocks(gap: float = 0.0, aside: float = 0.0, order: int = 1) -> tuple[Mesh, Mesh]:
     """Upper and lower block, 3 × 1 each, six contact edges; different meshes across the height."""
-    return rectangle((6, 2), (3.0, 1.0), (aside, 1.0 + gap), order), rectangle((6, 3), (3.0, 1.0), order=order)
+    return rectangle((6, 2), (3.0, 1.0), (aside, 1.0 + gap), order), rectangle(
+        (6, 3), (3.0, 1.0), order=order
+    )
 
 
 def interface_of(upper: Mesh, lower: Mesh, friction=COULOMB, *clamps: dict) -> Interface:
@@ -30,8 +32,15 @@ def interface_of(upper: Mesh, lower: Mesh, friction=COULOMB, *clamps: dict) -> I
 # One side
 
 
-@pytest.mark.parametrize(("group", "normal", "component"), [
-    ("bottom", (0.0, -1.0), 0), ("top", (0.0, 1.0), 0), ("left", (-1.0, 0.0), 1), ("right", (1.0, 0.0), 1)])
+@pytest.mark.parametrize(
+    ("group", "normal", "component"),
+    [
+        ("bottom", (0.0, -1.0), 0),
+        ("top", (0.0, 1.0), 0),
+        ("left", (-1.0, 0.0), 1),
+        ("right", (1.0, 0.0), 1),
+    ],
+)
 def test_side_of_a_rectangle(group, normal, component):
     mesh = rectangle((6, 4), (3.0, 1.0))
     boundary = side(mesh, group)
@@ -51,7 +60,9 @@ def test_side_around_a_corner_averages_normals_by_length():
     boundary = side(mesh, "right", "bottom")
     expected = [(0, 0), (1, 0), (2, 0), (3, 0), (3, 0.25), (3, 0.5), (3, 0.75), (3, 1)]
     assert boundary.xy.tolist() == [list(p) for p in expected]
-    assert boundary.normal[3] == pytest.approx(np.array([0.25, -1.0]) / np.hypot(0.25, 1.0), rel=1e-14)
+    assert boundary.normal[3] == pytest.approx(
+        np.array([0.25, -1.0]) / np.hypot(0.25, 1.0), rel=1e-14
+    )
     assert boundary.area[3] == pytest.approx(0.625, rel=1e-14)
     assert boundary.area.sum() == pytest.approx(4.0, rel=1e-14)
 
@@ -64,7 +75,12 @@ def test_area_and_normal_are_those_of_both_sides():
     upper, lower = blocks()
     first, second = side(upper, "bottom"), side(lower, "top")
     turned = np.array([np.sin(0.2), np.cos(0.2)])
-    contact = pair(first, replace(second, area=3.0 * second.area, normal=np.tile(turned, (7, 1))), NoFriction(), "seam")
+    contact = pair(
+        first,
+        replace(second, area=3.0 * second.area, normal=np.tile(turned, (7, 1))),
+        NoFriction(),
+        "seam",
+    )
     assert contact.area == pytest.approx(2.0 * first.area)
     assert contact.normal == pytest.approx(np.tile([-np.sin(0.1), -np.cos(0.1)], (7, 1)))
 
@@ -92,13 +108,30 @@ def one_moved() -> tuple[Mesh, Mesh]:
 AROUND = 2 * np.pi * np.arange(24) / 24
 
 REFUSED = {
-    "numbers": ((blocks()[0], rectangle((5, 2), (3.0, 1.0))), ("bottom", "top"), "7 and 6 nodes;.*match node by node"),
+    "numbers": (
+        (blocks()[0], rectangle((5, 2), (3.0, 1.0))),
+        ("bottom", "top"),
+        "7 and 6 nodes;.*match node by node",
+    ),
     "one node": (one_moved(), ("bottom", "top"), r"\(1.5, 1\) against \(1.6, 1\)\)"),
-    "aside": (blocks(aside=0.02), ("bottom", "top"), r"opposite.*\((\d?.?\d?)2, 1\) against \(\1, 1\)"),
-    "far apart": (blocks(aside=10.0), ("bottom", "top"), r"one to one.*\(13, 1\) against \(3, 1\)\)"),
+    "aside": (
+        blocks(aside=0.02),
+        ("bottom", "top"),
+        r"opposite.*\((\d?.?\d?)2, 1\) against \(\1, 1\)",
+    ),
+    "far apart": (
+        blocks(aside=10.0),
+        ("bottom", "top"),
+        r"one to one.*\(13, 1\) against \(3, 1\)\)",
+    ),
     "backs": ((blocks()[1],) * 2, ("top", "top"), r"near \(0, 1\).*do not face each other"),
-    "turned": ((ring(2.0, 3.0, AROUND + 0.01), ring(1.0, 2.0, AROUND)), ("inner", "outer"), "opposite"),
-    "held": (blocks(), ("bottom", "top"), "all nodes of the contact are clamped")}
+    "turned": (
+        (ring(2.0, 3.0, AROUND + 0.01), ring(1.0, 2.0, AROUND)),
+        ("inner", "outer"),
+        "opposite",
+    ),
+    "held": (blocks(), ("bottom", "top"), "all nodes of the contact are clamped"),
+}
 
 
 @pytest.mark.parametrize("case", REFUSED)
@@ -106,7 +139,11 @@ def test_sides_that_do_not_match_are_refused_with_coordinates(case):
     meshes, groups, words = REFUSED[case]
     held = {"where": lambda x, y: y == 1.0, "x": True, "y": True} if case == "held" else {}
     with pytest.raises(InputError, match=rf"contact\.seam: .*{words}"):
-        pair(*(side(mesh, group, **held) for mesh, group in zip(meshes, groups, strict=True)), COULOMB, "seam")
+        pair(
+            *(side(mesh, group, **held) for mesh, group in zip(meshes, groups, strict=True)),
+            COULOMB,
+            "seam",
+        )
 
 
 # Clamps
@@ -124,7 +161,9 @@ def test_clamped_nodes_drop_out():
 
 
 def test_clamped_node_in_the_middle_parts_its_neighbours():
-    contact = interface_of(*blocks(), COULOMB, *[{"where": lambda x, y: x == 1.5, "x": True, "y": True}] * 2)
+    contact = interface_of(
+        *blocks(), COULOMB, *[{"where": lambda x, y: x == 1.5, "x": True, "y": True}] * 2
+    )
     assert joined(contact).tolist() == [True, True, False, True, True]
     assert held_beside(contact) == pytest.approx([0, 0, 2, 2, 0, 0], abs=1e-12)
 
@@ -132,7 +171,9 @@ def test_clamped_node_in_the_middle_parts_its_neighbours():
 @pytest.mark.parametrize("which", [0, 1])
 def test_node_that_one_body_holds_stays(which):
     """The other body can move there, and must not move into the first."""
-    contact = interface_of(*blocks(), COULOMB, *(LEFT | {"x": k == which, "y": k == which} for k in (0, 1)))
+    contact = interface_of(
+        *blocks(), COULOMB, *(LEFT | {"x": k == which, "y": k == which} for k in (0, 1))
+    )
     assert (contact.m, len(contact.fixed.gap), contact.size) == (7, 0, 14)
     assert np.flatnonzero(contact.one_sided).tolist() == [0, 7]
     assert held_beside(contact) == pytest.approx(0.0, abs=1e-12)
@@ -171,4 +212,6 @@ def test_quadratic_edges_with_a_node_without_unknowns_are_left_out():
         held = {"where": lambda at, y, x=x: at == x, "x": True, "y": True}
         contact = interface_of(*blocks(order=2), COULOMB, held, held)
         assert len(contact.facets) == left and contact.m == 12
-        assert contact.xy[contact.facets[:, :2]].mean(axis=1) == pytest.approx(contact.xy[contact.facets[:, 2]])
+        assert contact.xy[contact.facets[:, :2]].mean(axis=1) == pytest.approx(
+            contact.xy[contact.facets[:, 2]]
+        )

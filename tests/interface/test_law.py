@@ -11,9 +11,12 @@ from ddmpi.methods.krylov import Linearised
 from ddmpi.scene.contacts import Coulomb, NoFriction, Tresca
 
 SLIDING = np.array([0, 2, 3])
-LAWS = {"none": Law(4, np.empty(0, int), 1), "coulomb": CoulombLaw(4, SLIDING, 1, np.array([0.3, 0.5, 2.0])),
-        "tresca": TrescaLaw(4, SLIDING, 1, np.array([0.4, 1.0, 0.0])),
-        "coulomb in space": CoulombLaw(4, SLIDING, 2, np.array([0.3, 0.5, 2.0]))}
+LAWS = {
+    "none": Law(4, np.empty(0, int), 1),
+    "coulomb": CoulombLaw(4, SLIDING, 1, np.array([0.3, 0.5, 2.0])),
+    "tresca": TrescaLaw(4, SLIDING, 1, np.array([0.4, 1.0, 0.0])),
+    "coulomb in space": CoulombLaw(4, SLIDING, 2, np.array([0.3, 0.5, 2.0])),
+}
 every_law = pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
 
 
@@ -46,7 +49,9 @@ def test_the_linearised_law_is_the_tangent_of_the_equations(law):
         r = (s - q) / c
         linear = Linearised.of([law.linearise(law.active_set(q))])
         assert linear.move(s) == pytest.approx(np.zeros(law.size), abs=1e-14)
-        assert linear.restrict(r) == pytest.approx(-(linear.spring / c)[linear.unknown] * linear.restrict(s), abs=1e-14)
+        assert linear.restrict(r) == pytest.approx(
+            -(linear.spring / c)[linear.unknown] * linear.restrict(s), abs=1e-14
+        )
         y = rng.standard_normal(linear.number)
         dr = rng.standard_normal(law.size)
         dr -= linear.basis @ (linear.restrict(dr) + (linear.spring / c)[linear.unknown] * y)
@@ -60,10 +65,14 @@ def test_friction_turns_in_space_only():
         law = CoulombLaw(2, np.arange(2), components, np.full(2, 0.5))
         q = np.concatenate([[2.0, -1.0], np.full(2 * components, 7.0)])
         linear = Linearised.of([law.linearise(law.active_set(q))])
-        assert linear.number == 1 + unknown and (linear.spring[2:2 + components] > 0.0).all() == (unknown > 0)
+        assert linear.number == 1 + unknown and (linear.spring[2 : 2 + components] > 0.0).all() == (
+            unknown > 0
+        )
         assert (linear.basis.T @ linear.basis).toarray() == pytest.approx(np.eye(linear.number))
-        friction = law.project(q)[2:2 + components]
-        assert linear.basis.toarray()[2:2 + components].T @ friction == pytest.approx(np.zeros(linear.number))
+        friction = law.project(q)[2 : 2 + components]
+        assert linear.basis.toarray()[2 : 2 + components].T @ friction == pytest.approx(
+            np.zeros(linear.number)
+        )
 
 
 @every_law
@@ -81,7 +90,9 @@ def test_settled_forces_lie_on_their_bounds(law):
 
 def test_cones_of_laws_with_boxes_and_discs():
     """The product of cones projects each part, in the plane and in space."""
-    together = Laws([LAWS["coulomb in space"], BondedLaw(2, np.arange(2), 2), Law(3, SLIDING[:0], 2)])
+    together = Laws(
+        [LAWS["coulomb in space"], BondedLaw(2, np.arange(2), 2), Law(3, SLIDING[:0], 2)]
+    )
     for q in np.random.default_rng(5).standard_normal((10, together.size)):
         found = together.cone(together.bound_at(q)).project(q)
         assert found == pytest.approx(together.project(q))
@@ -93,7 +104,11 @@ def test_a_slip_bound_is_a_stress_and_a_coefficient_a_number():
     xy, arc = np.column_stack([np.arange(4.0), np.zeros(4)]), np.arange(4.0)
     area = np.array([0.5, 1.0, 2.0, 4.0])
     pressure = np.array([1.0, 2.0, 3.0, 4.0])
-    assert law_of(Tresca(slip_bound=3.0), xy, arc, area, SLIDING).slip_bound(pressure).tolist() == [1.5, 6.0, 12.0]
+    assert law_of(Tresca(slip_bound=3.0), xy, arc, area, SLIDING).slip_bound(pressure).tolist() == [
+        1.5,
+        6.0,
+        12.0,
+    ]
     coulomb = law_of(Coulomb(coefficient=0.5), xy, arc, area, SLIDING)
     assert coulomb.slip_bound(pressure).tolist() == [0.5, 1.5, 2.0]
     assert coulomb.slope(pressure).tolist() == [0.5, 0.5, 0.5]

@@ -45,7 +45,9 @@ def test_a_brick_on_two_bricks(order):
         assert contact.normal == pytest.approx(np.tile([0.0, -1.0], (contact.m, 1)))
         assert len(contact.facets) == 2
         if order == 2:
-            assert contact.xy[contact.facets[:, :2]].mean(axis=1) == pytest.approx(contact.xy[contact.facets[:, 2]])
+            assert contact.xy[contact.facets[:, :2]].mean(axis=1) == pytest.approx(
+                contact.xy[contact.facets[:, 2]]
+            )
     total = dict.fromkeys(lower.nodes.tolist(), 0.0)
     for contact in contacts:
         for node, length in zip(contact.nodes[1].tolist(), contact.area, strict=True):
@@ -59,7 +61,9 @@ def test_a_shift_by_a_part_of_an_element_is_refused(order, part):
     """Whatever overlaps: no node, one by accident, or ends that nearly coincide."""
     for elements in (0, 1, 2, 3):
         aside = 0.5 / order * (elements * order + part)
-        text = refused(side(brick(aside, 1.0, order), "bottom"), side(brick(0.0, order=order), "top"))
+        text = refused(
+            side(brick(aside, 1.0, order), "bottom"), side(brick(0.0, order=order), "top")
+        )
         assert "one to one" in text or "opposite" in text
 
 
@@ -78,11 +82,19 @@ def test_a_contact_of_one_node(order):
     assert contact.area == pytest.approx([(0.25 + 0.5) / 2 / order])
     assert contact.normal == pytest.approx(np.array([[0.0, -1.0]]))
     assert held_beside(contact) == 0.0 and len(contact.facets) == 0
-    assert contact.pointwise and contact.lines.area.tolist() == [0.0] and contact.shares.tolist() == [1.0]
-    assert not met(side(brick(1.0, 1.0, order), "bottom"), side(brick(0.0, order=order), "top")).pointwise
+    assert (
+        contact.pointwise
+        and contact.lines.area.tolist() == [0.0]
+        and contact.shares.tolist() == [1.0]
+    )
+    assert not met(
+        side(brick(1.0, 1.0, order), "bottom"), side(brick(0.0, order=order), "top")
+    ).pointwise
 
 
-@pytest.mark.parametrize("groups", [("left", "right"), ("bottom", "left"), ("top", "bottom"), ("top", "top")])
+@pytest.mark.parametrize(
+    "groups", [("left", "right"), ("bottom", "left"), ("top", "bottom"), ("top", "top")]
+)
 def test_a_corner_seen_from_behind_is_no_contact(groups):
     """Sides that do not face each other, or only through their own bodies, may share a node by accident."""
     refused(side(brick(0.0, 1.0), groups[0]), side(brick(1.0), groups[1]))
@@ -94,7 +106,9 @@ def test_a_hole_in_one_side_is_not_bridged():
     edges = mesh.groups["top"]
     x = mesh.points[edges, 0].mean(axis=1)
     mesh.groups["pieces"] = edges[(x < 1.0) | (x > 1.5)]
-    contact = met(side(brick(-0.5, 1.0, divisions=(6, 2), size=(3.0, 1.0)), "bottom"), side(mesh, "pieces"))
+    contact = met(
+        side(brick(-0.5, 1.0, divisions=(6, 2), size=(3.0, 1.0)), "bottom"), side(mesh, "pieces")
+    )
     assert contact.xy[:, 0] == pytest.approx([0.0, 0.5, 1.0, 1.5, 2.0])
     assert joined(contact).tolist() == [True, True, False, True]
     assert contact.area == pytest.approx([0.25, 0.5, 0.25, 0.25, 0.25])
@@ -113,6 +127,8 @@ def test_a_half_ring_in_a_ring(order):
         assert not contact.gap.any() and joined(contact).all()
         swapped = met(side(outer, "inner"), side(inner, "outer"))
         assert sorted(swapped.area) == pytest.approx(sorted(contact.area))
-        assert (swapped.laplacian.nnz - swapped.m) == 2 * 12 * order  # a closed chain begins somewhere
+        assert (
+            swapped.laplacian.nnz - swapped.m
+        ) == 2 * 12 * order  # a closed chain begins somewhere
         assert contact.laplacian[0, contact.m - 1] == 0.0
         assert len(swapped.facets) == 12

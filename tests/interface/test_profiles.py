@@ -17,11 +17,19 @@ orders = pytest.mark.parametrize("order", [1, 2])
 slaves = pytest.mark.parametrize("slave", [None, "left", "right"])
 
 
-def columns(order: int, divisions: tuple[int, int] = (6, 6), angle: float = 0.0, lean: float = 0.0,
-            clamped: tuple[str, ...] = ()) -> list[Side]:
+def columns(
+    order: int,
+    divisions: tuple[int, int] = (6, 6),
+    angle: float = 0.0,
+    lean: float = 0.0,
+    clamped: tuple[str, ...] = (),
+) -> list[Side]:
     """Two blocks side by side that touch along an upright line, which leans by `lean`, all turned by `angle`."""
     found = []
-    for name, group, x, number in (("left", "right", -1.0, divisions[0]), ("right", "left", 0.0, divisions[1])):
+    for name, group, x, number in (
+        ("left", "right", -1.0, divisions[0]),
+        ("right", "left", 0.0, divisions[1]),
+    ):
         mesh = rectangle((2, number), (1.0, LENGTH), (x, 0.0), order)
         mesh.points[:, 0] += lean * (1.0 - mesh.points[:, 1] / LENGTH)
         hold = {"where": lambda x, y: y == 0.0, "x": True, "y": True} if name in clamped else {}
@@ -71,16 +79,28 @@ def test_clamps_do_not_move_the_origin(clamped, slave):
 @slaves
 def test_what_does_not_face_the_partner_counts_as_well(slave):
     """The origin is that of the first body's boundary, not that of the contact."""
-    first, second = rectangle((2, 12), (1.0, LENGTH), (-1.0, 0.0)), rectangle((2, 5), (1.0, 1.0), (0.0, 1.3))
-    contact = join(side(first, "right", body="left"), side(second, "left", body="right"), RISING, "seam", 1, GAP,
-                   slave=slave)
+    first, second = (
+        rectangle((2, 12), (1.0, LENGTH), (-1.0, 0.0)),
+        rectangle((2, 5), (1.0, 1.0), (0.0, 1.3)),
+    )
+    contact = join(
+        side(first, "right", body="left"),
+        side(second, "left", body="right"),
+        RISING,
+        "seam",
+        1,
+        GAP,
+        slave=slave,
+    )
     places = np.clip(along(contact), 1.3, 2.3) if slave == "right" else along(contact)
     check(contact, places)
 
 
 @orders
 @pytest.mark.parametrize("slave", ["shaft", "hub"])
-@pytest.mark.parametrize(("numbers", "begin"), [((12, 12), 0.0), ((12, 17), 1.0), ((17, 12), np.pi)])
+@pytest.mark.parametrize(
+    ("numbers", "begin"), [((12, 12), 0.0), ((12, 17), 1.0), ((17, 12), np.pi)]
+)
 def test_a_closed_chain_starts_where_the_mesh_starts(numbers, begin, slave, order):
     """A shaft counts counterclockwise from the first node of its group, a bore clockwise."""
     for nudge in (0.0, 1e-15, -1e-15):
@@ -89,27 +109,40 @@ def test_a_closed_chain_starts_where_the_mesh_starts(numbers, begin, slave, orde
         hub = side(ring(1.0, 2.0, angles[1] + nudge, order), "inner", body="hub")
         contact = join(shaft, hub, RISING, "fit", 1, GAP, pairing="mortar", slave=slave)
         for first, found, sign in (
-                (shaft, contact, 1.0),
-                (hub, join(hub, shaft, RISING, "fit", 1, GAP, pairing="mortar", slave=slave), -1.0)):
+            (shaft, contact, 1.0),
+            (hub, join(hub, shaft, RISING, "fit", 1, GAP, pairing="mortar", slave=slave), -1.0),
+        ):
             angle = sign * (np.arctan2(*found.xy.T[::-1]) - begin) % (2 * np.pi)
             angle[angle > 2 * np.pi - 1e-6] = 0.0
             perimeter = first.lengths.sum()
             check(found, perimeter * angle / (2 * np.pi), 0.02 * perimeter / min(numbers))
-            assert (angle.min(), found.arc[np.argmin(angle)]) == pytest.approx((0.0, 0.0), abs=1e-12)
+            assert (angle.min(), found.arc[np.argmin(angle)]) == pytest.approx(
+                (0.0, 0.0), abs=1e-12
+            )
 
 
 def test_every_chain_counts_from_its_own_start():
     """So their order makes no difference: two feet of a table on one floor."""
     feet = [rectangle((4, 1), (1.0, 1.0), (x, 1.0)) for x in (2.0, 0.0)]
     size = len(feet[0].points)
-    both = Mesh(np.concatenate([foot.points for foot in feet]), np.concatenate([foot.triangles + k * size for k, foot
-                                                                                in enumerate(feet)]),
-                {"soles": np.concatenate([foot.groups["bottom"] + k * size for k, foot in enumerate(feet)])})
+    both = Mesh(
+        np.concatenate([foot.points for foot in feet]),
+        np.concatenate([foot.triangles + k * size for k, foot in enumerate(feet)]),
+        {
+            "soles": np.concatenate(
+                [foot.groups["bottom"] + k * size for k, foot in enumerate(feet)]
+            )
+        },
+    )
     soles = side(both, "soles", body="table")
     ground = side(rectangle((12, 1), (3.0, 1.0)), "top", body="ground")
-    for contact in (pair(soles, ground, RISING, "stand", gap=GAP),
-                    join(soles, ground, RISING, "stand", 1, GAP, pairing="mortar", slave="ground"),
-                    touch(soles, Plane(name="ground", point=(0.0, 1.0), normal=(0.0, 1.0)), RISING, "stand", GAP)):
+    for contact in (
+        pair(soles, ground, RISING, "stand", gap=GAP),
+        join(soles, ground, RISING, "stand", 1, GAP, pairing="mortar", slave="ground"),
+        touch(
+            soles, Plane(name="ground", point=(0.0, 1.0), normal=(0.0, 1.0)), RISING, "stand", GAP
+        ),
+    ):
         inside = np.abs(contact.xy[:, 0] - 1.5) >= 0.5
         expected = np.where(contact.xy[:, 0] < 1.5, contact.xy[:, 0], contact.xy[:, 0] - 2.0)
         assert contact.m - inside.sum() <= 2

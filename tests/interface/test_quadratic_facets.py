@@ -16,8 +16,14 @@ def seam(above: tuple[int, int], below: tuple[int, int], scale: float = 1.0, **h
     """A block of 1 × 1 × 1 on one of 3 × 3 × 1, both times `scale`, with so many cells along x and y."""
     upper = box((0.0, 0.0, scale), (scale, scale, scale), (*above, 1), 2)
     lower = box((-scale, -scale, 0.0), (3 * scale, 3 * scale, scale), (*below, 1), 2)
-    return join(side(upper, "bottom", body="upper", **held), side(lower, "top", body="lower"),
-                Coulomb(coefficient=0.3), "seam", pairing="mortar", slave="upper")
+    return join(
+        side(upper, "bottom", body="upper", **held),
+        side(lower, "top", body="lower"),
+        Coulomb(coefficient=0.3),
+        "seam",
+        pairing="mortar",
+        slave="upper",
+    )
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1.0])
@@ -42,17 +48,34 @@ def test_a_clamped_edge_keeps_its_rows(place):
 def test_the_force_of_two_boxes():
     """The meshes of N = 8 give the force of meshes 3.5 times finer to a tenth of a percent."""
     totals = ddmpi.solve(two_boxes(4, 3, 2)).contacts["upper-lower"].totals
-    found, fine = np.array([totals.normal_force, totals.tangential_force]), np.array([1.15831e8, 9.3032e6])
+    found, fine = (
+        np.array([totals.normal_force, totals.tangential_force]),
+        np.array([1.15831e8, 9.3032e6]),
+    )
     assert np.linalg.norm(found - fine) < 1e-3 * np.linalg.norm(fine)
 
 
 def test_the_top_of_a_loose_stack():
     """Three cells a cube give the displacement of twelve to 1.5 %; the push lifts a part of each cube off the next."""
-    cubes = [block(f"cube{k}", (0, 0, k), (1, 1, 1), (3, 3, 3), 2, 2.119e11, 0.277) for k in range(4)]
+    cubes = [
+        block(f"cube{k}", (0, 0, k), (1, 1, 1), (3, 3, 3), 2, 2.119e11, 0.277) for k in range(4)
+    ]
     cubes[0]["clamp"] = ["bottom"]
     cubes[3]["traction"] = [{"on": "top", "value": [5.0e6, 2.5e6, -6.0e7]}]
-    top = ddmpi.solve({"body": cubes, "contact": [
-        {"bodies": [f"cube{k + 1}", f"cube{k}"], "on": ["bottom", "top"],
-         "friction": {"law": "coulomb", "coefficient": 0.3}} for k in range(3)]}).bodies["cube3"]
+    top = ddmpi.solve(
+        {
+            "body": cubes,
+            "contact": [
+                {
+                    "bodies": [f"cube{k + 1}", f"cube{k}"],
+                    "on": ["bottom", "top"],
+                    "friction": {"law": "coulomb", "coefficient": 0.3},
+                }
+                for k in range(3)
+            ],
+        }
+    ).bodies["cube3"]
     fine = np.array([7.0728e-3, 3.7250e-3, -2.9795e-3])
-    assert np.linalg.norm(top.displacement[top.points.sum(axis=1).argmax()] - fine) < 0.015 * np.linalg.norm(fine)
+    assert np.linalg.norm(
+        top.displacement[top.points.sum(axis=1).argmax()] - fine
+    ) < 0.015 * np.linalg.norm(fine)

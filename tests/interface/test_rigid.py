@@ -32,6 +32,7 @@ def refused(*arguments) -> str:
 
 # Planes
 
+
 @pytest.mark.parametrize("order", [1, 2])
 def test_a_block_above_a_floor(order):
     """The gap is the distance from the plane, the directions are the body's, the lengths its own."""
@@ -56,9 +57,17 @@ def test_rounding_is_no_gap():
 
 def test_a_boundary_that_does_not_face_the_surface_is_refused():
     text = refused(side(block(), "top"), FLOOR, COULOMB, "seam")
-    assert "near (0, 1) the boundary of 'body' does not face 'floor'; a plane's normal points towards the" in text
+    assert (
+        "near (0, 1) the boundary of 'body' does not face 'floor'; a plane's normal points towards the"
+        in text
+    )
     refused(side(block(), "left"), FLOOR, COULOMB, "seam")
-    refused(side(block(), "bottom"), Plane(name="floor", point=(0.0, 0.0), normal=(0.0, -1.0)), COULOMB, "seam")
+    refused(
+        side(block(), "bottom"),
+        Plane(name="floor", point=(0.0, 0.0), normal=(0.0, -1.0)),
+        COULOMB,
+        "seam",
+    )
 
 
 def test_what_does_not_face_the_surface_carries_no_row():
@@ -82,14 +91,19 @@ def test_a_body_behind_the_surface_is_refused():
             assert len(warnings) == (origin < 0.0)
             assert not warnings or "50.0% of the body's depth" in warnings[0]
         else:
-            with pytest.raises(InputError, match=r"'body' lies .* deep in 'floor', more than its depth of 1"):
+            with pytest.raises(
+                InputError, match=r"'body' lies .* deep in 'floor', more than its depth of 1"
+            ):
                 check_overlap(contact, boundary)
     small = side(block((4, 4), (0.2, 0.2), (0.0, 0.5)), "bottom")
     with pytest.raises(InputError, match="turned the wrong way"):
-        check_overlap(touch(small, Circle(name="disc", center=(0.1, 0.0), radius=1.0), COULOMB, "seam"), small)
+        check_overlap(
+            touch(small, Circle(name="disc", center=(0.1, 0.0), radius=1.0), COULOMB, "seam"), small
+        )
 
 
 # Circles
+
 
 def test_the_distance_from_a_disc():
     """A flat block on a roller: exact gaps, and no rows where the flat looks past the roller."""
@@ -103,18 +117,24 @@ def test_the_distance_from_a_disc():
     assert contact.m == 13  # 1.5 aside of a centre 1 below: 56°
     small = Circle(name="roller", center=(1.5, -0.5), radius=0.5)
     contact = touch(side(block((12, 2)), "bottom"), small, COULOMB, "seam")
-    assert contact.xy[:, 0] == pytest.approx([0.75, 1.0, 1.25, 1.5, 1.75, 2.0, 2.25])  # up to 60°: 0.866 aside
+    assert contact.xy[:, 0] == pytest.approx(
+        [0.75, 1.0, 1.25, 1.5, 1.75, 2.0, 2.25]
+    )  # up to 60°: 0.866 aside
     assert contact.area == pytest.approx([0.125, *[0.25] * 5, 0.125])
     assert joined(contact).all() and held_beside(contact) == pytest.approx(0.0, abs=1e-12)
 
 
 @pytest.mark.parametrize(("closed", "graded"), [(True, False), (False, True)])
-@pytest.mark.parametrize(("group", "rigid", "gap"), [
-    ("outer", Circle(name="bore", center=(0.0, 0.0), radius=1.001, inside=True), 0.001),
-    ("inner", Circle(name="shaft", center=(0.0, 0.0), radius=0.6), -0.1)])
+@pytest.mark.parametrize(
+    ("group", "rigid", "gap"),
+    [
+        ("outer", Circle(name="bore", center=(0.0, 0.0), radius=1.001, inside=True), 0.001),
+        ("inner", Circle(name="shaft", center=(0.0, 0.0), radius=0.6), -0.1),
+    ],
+)
 def test_middles_of_straight_sides_stand_off_no_circle(group, rigid, gap, closed, graded):
     """Quadratic sides are chords of the boundary that is meant: the gap of their middles is that of the corners."""
-    angles = circle_of(24, graded)[:None if closed else 15]
+    angles = circle_of(24, graded)[: None if closed else 15]
     mesh = ring(0.5, 1.0, angles, order=2, closed=closed)
     contact = touch(side(mesh, group), rigid, COULOMB, "seam")
     off = np.abs(np.linalg.norm(contact.xy, axis=1) - (1.0 if group == "outer" else 0.5))
@@ -124,13 +144,18 @@ def test_middles_of_straight_sides_stand_off_no_circle(group, rigid, gap, closed
 
 # Motion and clamps
 
+
 def test_middles_of_a_flat_stay_where_they_are():
     """Straight boundaries and corners are no curves."""
     disc = Circle(name="roller", center=(1.0, -1.0), radius=1.0)
-    contact = touch(side(block((4, 2), (2.0, 1.0), order=2), "bottom", "right"), disc, COULOMB, "seam")
+    contact = touch(
+        side(block((4, 2), (2.0, 1.0), order=2), "bottom", "right"), disc, COULOMB, "seam"
+    )
     flat = contact.xy[:, 1] == 0.0
     assert flat.sum() == 9
-    assert contact.gap[flat] == pytest.approx(np.hypot(contact.xy[flat, 0] - 1.0, 1.0) - 1.0, abs=1e-15)
+    assert contact.gap[flat] == pytest.approx(
+        np.hypot(contact.xy[flat, 0] - 1.0, 1.0) - 1.0, abs=1e-15
+    )
 
 
 def test_a_partner_that_comes_closer_closes_the_gap():
@@ -157,20 +182,29 @@ def test_nodes_that_clamps_hold_along_the_normal_carry_no_row():
     assert contact.fixed.gap == pytest.approx([0.01]) and len(contact.probes.gap) == 0
     assert len(contact.fixed.nodes[0]) == 1 and len(contact.fixed.nodes[1]) == 0
     assert held_beside(contact) == pytest.approx([2.0, 0, 0, 0, 0, 0], abs=1e-12)
-    slope = touch(boundary, Plane(name="slope", point=(0.0, 0.0), normal=(0.1, 1.0)), COULOMB, "seam")
-    assert len(slope.fixed.gap) == len(slope.probes.gap) == 1  # it can still move a little along the normal
+    slope = touch(
+        boundary, Plane(name="slope", point=(0.0, 0.0), normal=(0.1, 1.0)), COULOMB, "seam"
+    )
+    assert (
+        len(slope.fixed.gap) == len(slope.probes.gap) == 1
+    )  # it can still move a little along the normal
     assert len(slope.probes.nodes[0]) == 1 and len(slope.probes.nodes[1]) == 0
-    boundary = side(block(), "bottom", where=lambda x, y: x == 0.0, x=True)  # held along the tangent only
+    boundary = side(
+        block(), "bottom", where=lambda x, y: x == 0.0, x=True
+    )  # held along the tangent only
     contact = touch(boundary, moving, COULOMB, "seam")
     assert (contact.m, contact.sliding.tolist()) == (7, [1, 2, 3, 4, 5, 6])
     assert "all nodes of the contact are clamped" in refused(
-        side(block(), "bottom", where=lambda x, y: y == 0.0, y=True), moving, COULOMB, "seam")
+        side(block(), "bottom", where=lambda x, y: y == 0.0, y=True), moving, COULOMB, "seam"
+    )
 
 
 def test_a_given_gap_and_a_bond():
     boundary = side(block(origin=(0.0, 0.25)), "bottom")
     assert touch(boundary, FLOOR, COULOMB, "seam", gap=-1e-3).gap.tolist() == [-1e-3] * 7
     profile = Profile(along="x", points=[0.0, 3.0], values=[-3.0, 3.0])
-    assert touch(boundary, FLOOR, COULOMB, "seam", gap=profile).gap == pytest.approx(np.linspace(-3.0, 3.0, 7))
+    assert touch(boundary, FLOOR, COULOMB, "seam", gap=profile).gap == pytest.approx(
+        np.linspace(-3.0, 3.0, 7)
+    )
     contact = touch(boundary, FLOOR, NoFriction(), "seam", kind="bonded")
     assert (contact.size, contact.law.name, contact.gap.any()) == (14, "bonded", False)

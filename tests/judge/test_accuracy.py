@@ -38,34 +38,70 @@ def scene_of(made: dict, *settings: str):
 
 # How fine
 
+
 @pytest.mark.parametrize("rate", [0.5, 1.0, 2.0])
 def test_the_rate_that_was_seen_leads_to_the_target(rate):
     """Errors that fall exactly with a power of the refinement: the third mesh meets the target, and hardly more."""
+
     def level(k: int) -> Level:
         return Level(k, 1000 * k * k, 0.1 * k**-rate, 1000 * k * k)
-    found = next_refinement([level(1), level(2)], goal=0.1 * 6**-rate, most=10**9, doubling=False, dimension=2)
+
+    found = next_refinement(
+        [level(1), level(2)], goal=0.1 * 6**-rate, most=10**9, doubling=False, dimension=2
+    )
     assert 6 <= found <= 8
     assert level(found).error <= 0.1 * 6**-rate
 
 
-GROWTH, FAR, GOOD = LADDER["growth"], [Level(1, 900, 0.5, 1000)], [Level(1, 1000, 0.8, 1000), Level(2, 4000, 0.4, 4000)]
+GROWTH, FAR, GOOD = (
+    LADDER["growth"],
+    [Level(1, 900, 0.5, 1000)],
+    [Level(1, 1000, 0.8, 1000), Level(2, 4000, 0.4, 4000)],
+)
 
 
-@pytest.mark.parametrize(("levels", "goal", "most", "doubling", "dimension", "least", "largest"), [
-    # finer in any case, but not by more than the greatest step and the most unknowns allow
-    (FAR, 1e-4, 10**9, False, 2, GROWTH, GROWTH), (FAR, 0.4999, 10**9, False, 2, 2, 2),
-    (FAR, 1e-4, 9500, False, 2, 3, 3), (FAR, 1e-4, 9500, True, 2, 2, 2), (FAR, 1e-4, 3999, True, 2, None, None),
-    ([Level(2, 1000, 0.5, 1000)], 0.35, 10**9, True, 2, 4, 4),
-    ([Level(1, 1000, 0.4, 1000), Level(2, 4000, 0.5, 4000)], 0.3, 10**9, False, 2, 3, 2 * GROWTH),  # no rate to be seen
-    # what takes more than the greatest step is done in two, not in one that hardly misses and one that does all again
-    (GOOD, 0.08, 10**9, False, 2, 4, 5), ([*GOOD, Level(5, 25_000, 0.16, 25_000)], 0.08, 10**9, False, 2, 10, 11),
-    # where even the largest meshes would miss the target by far, the last steps are spared
-    (GOOD, 0.15, 36_000, False, 2, 6, 6), (GOOD, 0.15, 30_000, False, 2, 5, 5),
-    (GOOD, 0.15, 16_000, False, 2, None, None),
-    # the rate of coarse meshes is not that of finer ones (blocks of 3 × 1 elements: 0.009 took 240,000 unknowns)
-    ([Level(1, 72, 0.156, 100), Level(4, 864, 0.0805, 1000)], 0.009, 3_000_000, False, 2, 16, 16),
-    # unknowns of solids are those of the refinement cubed
-    (FAR, 1e-4, 27_500, False, 3, 3, 3), (FAR, 1e-4, 26_500, False, 3, 2, 2), (FAR, 1e-4, 7_900, False, 3, None, None)])
+@pytest.mark.parametrize(
+    ("levels", "goal", "most", "doubling", "dimension", "least", "largest"),
+    [
+        # finer in any case, but not by more than the greatest step and the most unknowns allow
+        (FAR, 1e-4, 10**9, False, 2, GROWTH, GROWTH),
+        (FAR, 0.4999, 10**9, False, 2, 2, 2),
+        (FAR, 1e-4, 9500, False, 2, 3, 3),
+        (FAR, 1e-4, 9500, True, 2, 2, 2),
+        (FAR, 1e-4, 3999, True, 2, None, None),
+        ([Level(2, 1000, 0.5, 1000)], 0.35, 10**9, True, 2, 4, 4),
+        (
+            [Level(1, 1000, 0.4, 1000), Level(2, 4000, 0.5, 4000)],
+            0.3,
+            10**9,
+            False,
+            2,
+            3,
+            2 * GROWTH,
+        ),  # no rate to be seen
+        # what takes more than the greatest step is done in two, not in one that hardly misses and one that does all again
+        (GOOD, 0.08, 10**9, False, 2, 4, 5),
+        ([*GOOD, Level(5, 25_000, 0.16, 25_000)], 0.08, 10**9, False, 2, 10, 11),
+        # where even the largest meshes would miss the target by far, the last steps are spared
+        (GOOD, 0.15, 36_000, False, 2, 6, 6),
+        (GOOD, 0.15, 30_000, False, 2, 5, 5),
+        (GOOD, 0.15, 16_000, False, 2, None, None),
+        # the rate of coarse meshes is not that of finer ones (blocks of 3 × 1 elements: 0.009 took 240,000 unknowns)
+        (
+            [Level(1, 72, 0.156, 100), Level(4, 864, 0.0805, 1000)],
+            0.009,
+            3_000_000,
+            False,
+            2,
+            16,
+            16,
+        ),
+        # unknowns of solids are those of the refinement cubed
+        (FAR, 1e-4, 27_500, False, 3, 3, 3),
+        (FAR, 1e-4, 26_500, False, 3, 2, 2),
+        (FAR, 1e-4, 7_900, False, 3, None, None),
+    ],
+)
 def test_limits_of_refinement(levels, goal, most, doubling, dimension, least, largest):
     found = next_refinement(levels, goal, most, doubling=doubling, dimension=dimension)
     assert found is None if least is None else least <= found <= largest
@@ -77,10 +113,15 @@ def test_refined_scene_has_finer_meshes_and_nothing_else():
     fine = refine_scene(scene, 3)
     assert [body.mesh.divisions for body in fine.body] == [(54, 18)] * 2
     assert refine_scene(fine, 1) == fine
-    assert (fine.method, fine.contact, fine.body[0].material) == (scene.method, scene.contact, scene.body[0].material)
+    assert (fine.method, fine.contact, fine.body[0].material) == (
+        scene.method,
+        scene.contact,
+        scene.body[0].material,
+    )
 
 
 # Geometries
+
 
 def square(order: int = 1, sides: int = 10):
     return build_mesh(scene_of(pinched_blocks(sides), f"body.0.mesh.order={order}").body[0])
@@ -95,7 +136,9 @@ def test_equal_errors_ask_for_equal_sizes(order):
     scale = (total / 9 / share) ** (0.5 / order)
     sizes = finer_sizes(mesh, squares, order, scale)
     assert sizes.sizes == pytest.approx(0.1 * np.sqrt(2 / np.sqrt(3)) * (1 / 3) ** (1 / order))
-    assert share / scale**2 == pytest.approx(triangles * 9 ** (1 / order))  # elements of the next mesh
+    assert share / scale**2 == pytest.approx(
+        triangles * 9 ** (1 / order)
+    )  # elements of the next mesh
 
 
 def drawn_ladder(*settings: str, done: bool = True) -> tuple[MeshLadder, dict]:
@@ -112,18 +155,24 @@ def drawn_ladder(*settings: str, done: bool = True) -> tuple[MeshLadder, dict]:
 def test_ladder_of_drawn_meshes():
     """Drawn meshes have as many unknowns as their errors take; shapes beside them are finer by a whole number."""
     ladder, _ = drawn_ladder()
-    assert ladder.refinement == pytest.approx((0.3 / (LADDER["aim drawn"] * 0.09)) ** 0.5, rel=1e-2)  # equal errors
+    assert ladder.refinement == pytest.approx(
+        (0.3 / (LADDER["aim drawn"] * 0.09)) ** 0.5, rel=1e-2
+    )  # equal errors
     assert ladder.factor == 1 and "about 3900 unknowns" in ladder.meshes
     assert ladder.proceed(4000, 0.08, 4200) is None and not ladder.missed
     assert ladder.levels[-1].refinement == 2.0  # what it has become
-    mixed, _ = drawn_ladder('body.block.mesh={shape="rectangle", size=[100, 200], divisions=[2, 4]}')
+    mixed, _ = drawn_ladder(
+        'body.block.mesh={shape="rectangle", size=[100, 200], divisions=[2, 4]}'
+    )
     assert isinstance(mixed.refinement, int) and mixed.factor == mixed.refinement > 1
     assert set(mixed.sizes) == {"roller"}
     assert refine_scene(mixed.scene, 3).body[0] == mixed.scene.body[0]
     assert refine_scene(mixed.scene, 3).body[1].mesh.divisions == (6, 12)
     one_step = MeshLadder(ladder.scene)
     step = one_step.proceed(1000, 100.0, 1050, {"roller": demand(np.ones(200), 2, 2)})
-    assert step == pytest.approx((1 / LADDER["drop"]) ** 0.5)  # coarse meshes do not say how fine the last one must be
+    assert step == pytest.approx(
+        (1 / LADDER["drop"]) ** 0.5
+    )  # coarse meshes do not say how fine the last one must be
 
 
 def test_ladder_of_drawn_meshes_is_restored(tmp_path):
@@ -140,7 +189,11 @@ def test_ladder_of_drawn_meshes_is_restored(tmp_path):
     assert (again.refinement, again.levels) == (ladder.refinement, ladder.levels)
     for each in (again, ladder):
         assert np.array_equal(each.sizes["roller"].sizes, ladder.sizes["roller"].sizes)
-        assert each.fall_back("of this kind") and "unknowns" in each.missed and "of this kind" in each.missed
+        assert (
+            each.fall_back("of this kind")
+            and "unknowns" in each.missed
+            and "of this kind" in each.missed
+        )
         assert each.refinement == ladder.levels[-1].refinement
     assert again.sizes["roller"].sizes.max() > 0.0
 
@@ -149,7 +202,10 @@ def test_drawn_meshes_do_not_exceed_the_most_unknowns():
     """A target that would take more unknowns than allowed is given up with the reason."""
     ladder, own = drawn_ladder("method.max_unknowns=2000")
     assert ladder.refinement <= np.sqrt(2000 / 1050) and not ladder.missed
-    assert ladder.proceed(1900, 0.2, 1990, {"roller": demand(own["roller"][1], ladder.rate(0.2), 2)}) is None
+    assert (
+        ladder.proceed(1900, 0.2, 1990, {"roller": demand(own["roller"][1], ladder.rate(0.2), 2)})
+        is None
+    )
     assert "method.max_unknowns = 2000" in ladder.missed
 
 
@@ -169,6 +225,7 @@ def test_a_drawn_roller_meets_its_target(tmp_path):
 
 
 # When it stops
+
 
 def test_ladder_of_an_interrupted_run_goes_on_where_it_was():
     """A run that is interrupted on a finer mesh goes on with that mesh."""
@@ -197,8 +254,13 @@ def test_no_target_for_linear_triangles_that_lock():
     """At nu = 0.4999 their estimate was 0.14 where the error was 0.87."""
     soft = ["body.upper.material.poisson=0.4999", "method.target_error=0.1"]
     assert {body.mesh.order for body in scene_of(pinched_blocks(6), *soft).body} == {2}
-    assert {body.mesh.order for body in scene_of(pinched_blocks(6), *soft, "method.preset=fast").body} == {2}
-    with pytest.raises(InputError, match=r"body\.upper: linear elements lock at nu = 0\.4999.*leave mesh\.order out"):
+    assert {
+        body.mesh.order for body in scene_of(pinched_blocks(6), *soft, "method.preset=fast").body
+    } == {2}
+    with pytest.raises(
+        InputError,
+        match=r"body\.upper: linear elements lock at nu = 0\.4999.*leave mesh\.order out",
+    ):
         scene_of(pinched_blocks(6), *soft, "body.lower.mesh.order=1")
     assert {body.mesh.order for body in scene_of(pinched_blocks(6), soft[0]).body} == {1}
     plane = [f'body.{k}.material.plane="stress"' for k in (0, 1)]
@@ -215,7 +277,9 @@ def test_the_tolerance_follows_the_target_unless_it_is_named():
     """The iteration stops at a hundredth of the target."""
     bare = pinched_blocks(6) | {"method": {}}
     assert scene_of(bare, "method.target_error=0.02").method.tolerance == pytest.approx(2e-4)
-    assert scene_of(bare, "method.target_error=0.02", "method.tolerance=1e-6").method.tolerance == 1e-6
+    assert (
+        scene_of(bare, "method.target_error=0.02", "method.tolerance=1e-6").method.tolerance == 1e-6
+    )
     assert scene_of(bare).method.tolerance == 1e-8
 
 
@@ -225,12 +289,17 @@ def test_presets_fill_in_what_is_left_out():
     for name, preset in PRESETS.items():
         scene = scene_of(bare, f"method.preset={name}")
         assert {body.mesh.order for body in scene.body} == {preset["order"]}
-        assert (scene.method.tolerance, scene.method.target_error) == (preset["tolerance"], preset.get("target_error"))
+        assert (scene.method.tolerance, scene.method.target_error) == (
+            preset["tolerance"],
+            preset.get("target_error"),
+        )
     named = scene_of(bare, "method.preset=accurate", "body.0.mesh.order=1", "method.tolerance=1e-5")
     assert {body.mesh.order for body in named.body} == {1}
     assert named.method.tolerance == 1e-5
     assert scene_of(bare, "method.preset=fast", "method.target_error=0.1").method.tolerance == 1e-4
-    assert scene_of(bare, "method.preset=fast", "method.target_error=1e-3").method.tolerance == pytest.approx(1e-5)
+    assert scene_of(
+        bare, "method.preset=fast", "method.target_error=1e-3"
+    ).method.tolerance == pytest.approx(1e-5)
 
 
 def test_a_preset_asks_no_target_of_meshes_that_are_given():
@@ -238,49 +307,78 @@ def test_a_preset_asks_no_target_of_meshes_that_are_given():
     text = Path(PUNCH).read_text(encoding="utf-8")
     assert read_scene(PUNCH, text, ["method.preset=accurate"]).method.target_error is None
     both = [f'body.{k}.mesh.refine="as needed"' for k in (0, 1)]
-    assert read_scene(PUNCH, text, ["method.preset=accurate", *both]).method.target_error is not None
+    assert (
+        read_scene(PUNCH, text, ["method.preset=accurate", *both]).method.target_error is not None
+    )
 
 
 # Runs
 
+
 def test_linear_triangles_that_lock_have_no_estimate(tmp_path):
     """Where linear triangles lock, the estimated error is null, not 0.14, and a warning says what would be right."""
     scene = pinched_blocks(6) | {"output": {"error": True}}
-    done = run_here(write_scene(scene, tmp_path / "scene.toml"), tmp_path / "results", "--no-figures",
-                    "--set", "body.upper.material.poisson=0.4999")
+    done = run_here(
+        write_scene(scene, tmp_path / "scene.toml"),
+        tmp_path / "results",
+        "--no-figures",
+        "--set",
+        "body.upper.material.poisson=0.4999",
+    )
     assert done.code == 0, done.output
     warning = "upper: no estimate: linear elements lock at nu = 0.4999; write mesh.order = 2"
     assert done.summary["warnings"] == [warning] and done.output.count(warning) == 1
     assert "estimated discretization error" not in done.output
     error = done.summary["discretization_error"]
     assert error["energy_norm"] is None and error["levels"][0]["error"] is None
-    assert [body["discretization_error"] for body in done.summary["bodies"].values()] == [None, None]
-    assert "error" not in read_results(tmp_path / "results").fields  # of which there is then no picture
-    quadratic = run_here(write_scene(scene, tmp_path / "scene.toml"), tmp_path / "quadratic", "--no-figures",
-                         "--set", "body.upper.material.poisson=0.4999", "body.upper.mesh.order=2")
+    assert [body["discretization_error"] for body in done.summary["bodies"].values()] == [
+        None,
+        None,
+    ]
+    assert (
+        "error" not in read_results(tmp_path / "results").fields
+    )  # of which there is then no picture
+    quadratic = run_here(
+        write_scene(scene, tmp_path / "scene.toml"),
+        tmp_path / "quadratic",
+        "--no-figures",
+        "--set",
+        "body.upper.material.poisson=0.4999",
+        "body.upper.mesh.order=2",
+    )
     assert 0.0 < quadratic.summary["discretization_error"]["energy_norm"] < 0.3
     assert quadratic.summary["warnings"] == []
 
 
 def test_target_is_met_and_told(tmp_path):
     """A run refines until the estimate meets the target, and reports every mesh; nodes that pair off go on so."""
-    scene = pinched_blocks(6) | {"method": {"target_error": 0.06}, "output": {"error": True, "figures": False}}
+    scene = pinched_blocks(6) | {
+        "method": {"target_error": 0.06},
+        "output": {"error": True, "figures": False},
+    }
     scene["body"][1]["mesh"]["origin"] = [5e-4, -1e-3]  # the nodes at the ends allow 1/1200
     done = run_here(write_scene(scene, tmp_path / "scene.toml"), tmp_path / "results")
     assert done.code == 0, done.output
     told = done.summary["discretization_error"]
     assert told["energy_norm"] <= 0.8 * 0.06 < told["levels"][-2]["error"]
-    assert [level["refinement"] for level in told["levels"]] == sorted({
-        level["refinement"] for level in told["levels"]})
+    assert [level["refinement"] for level in told["levels"]] == sorted(
+        {level["refinement"] for level in told["levels"]}
+    )
     finest = told["levels"][-1]["refinement"]
     assert done.summary["scene"]["body"][0]["mesh"]["divisions"] == [18 * finest, 6 * finest]
     assert done.summary["n"] == told["levels"][-1]["n"]
-    assert "going on with meshes" in done.stdout and "error" in read_results(tmp_path / "results").fields
+    assert (
+        "going on with meshes" in done.stdout
+        and "error" in read_results(tmp_path / "results").fields
+    )
 
 
 def test_target_out_of_reach_is_an_error_with_results(tmp_path):
     """A run that cannot meet its target ends with code 3, the reason, and results."""
-    scene = pinched_blocks(6) | {"method": {"target_error": 0.02, "max_unknowns": 5000}, "output": {"figures": False}}
+    scene = pinched_blocks(6) | {
+        "method": {"target_error": 0.02, "max_unknowns": 5000},
+        "output": {"figures": False},
+    }
     done = run_here(write_scene(scene, tmp_path / "scene.toml"), tmp_path / "results")
     assert done.code == 3
     assert len(done.messages) == 1
@@ -296,21 +394,32 @@ def test_the_last_certified_answer_survives_a_finer_mesh(tmp_path):
     path = write_scene(scene, tmp_path / "scene.toml")
     coarse = run_here(path, tmp_path / "coarse")
     most = coarse.summary["outer_iterations"]
-    done = run_here(path, tmp_path / "fine", "--set", "method.target_error=0.03", f"method.max_iterations={most}",
-                    "method.tolerance=1e-8")
+    done = run_here(
+        path,
+        tmp_path / "fine",
+        "--set",
+        "method.target_error=0.03",
+        f"method.max_iterations={most}",
+        "method.tolerance=1e-8",
+    )
     assert done.code == 3, done.output
     assert len(done.messages) == 1 and "max_iterations is reached" in done.messages[0]
     assert done.files == coarse.files
     told = done.summary
     assert told["converged"] is False and "max_iterations is reached" in told["reason"]
     levels = told["discretization_error"]["levels"]
-    assert (levels[-1]["n"], levels[-1]["error"]) == (told["n"], told["discretization_error"]["energy_norm"])
+    assert (levels[-1]["n"], levels[-1]["error"]) == (
+        told["n"],
+        told["discretization_error"]["energy_norm"],
+    )
     assert max(told["certificate"].values()) <= told["certificate_limit"]
 
 
 @two_ranks
 @pytest.mark.parametrize("failure", [InputError, SolverError])
-def test_errors_on_a_finer_mesh_leave_the_last_certified_answer(comm, tmp_path, monkeypatch, failure):
+def test_errors_on_a_finer_mesh_leave_the_last_certified_answer(
+    comm, tmp_path, monkeypatch, failure
+):
     """Pairing or a solver that fails on a finer mesh ends with NotConvergedError, the reason, and results."""
     from ddmpi.run import run as module
 
@@ -353,11 +462,19 @@ def test_a_ladder_that_went_back_stays_there():
 
 def test_given_meshes_are_refined_on_request_only(tmp_path):
     """Meshes of files are refined only with mesh.refine = "as needed"."""
-    given = run_here(PUNCH, tmp_path / "given", "--set", "method.target_error=0.07", "output.figures=false")
+    given = run_here(
+        PUNCH, tmp_path / "given", "--set", "method.target_error=0.07", "output.figures=false"
+    )
     assert given.code == 3
     assert 'mesh.refine = "as needed"' in given.messages[0]
-    allowed = run_here(PUNCH, tmp_path / "allowed", "--set", "method.target_error=0.07", "output.figures=false",
-                       *(f'body.{k}.mesh.refine="as needed"' for k in (0, 1)))
+    allowed = run_here(
+        PUNCH,
+        tmp_path / "allowed",
+        "--set",
+        "method.target_error=0.07",
+        "output.figures=false",
+        *(f'body.{k}.mesh.refine="as needed"' for k in (0, 1)),
+    )
     assert allowed.code == 0, allowed.output
     assert allowed.summary["discretization_error"]["energy_norm"] <= 0.8 * 0.07
     assert allowed.summary["scene"]["body"][0]["mesh"]["refine"] > 0
@@ -374,7 +491,9 @@ def test_the_iteration_leaves_a_small_part_of_the_discretization_error():
         u = answer.displacements[body.spec.name]
         estimate = estimate_error(body.mesh, body.material, u)
         total, energy = total + estimate.total, energy + estimate.energy
-        left += estimate_error(body.mesh, body.material, u - exact.displacements[body.spec.name]).energy
+        left += estimate_error(
+            body.mesh, body.material, u - exact.displacements[body.spec.name]
+        ).energy
     assert 0.0 < relative_error(left, energy) <= 0.1 * relative_error(total, energy)
 
 

@@ -10,7 +10,12 @@ import scipy.sparse as sparse
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.law import BondedLaw, CoulombLaw, Law, TrescaLaw
 from ddmpi.interface.state import ContactState, contact_state
-from ddmpi.judge.certificate import Certificate, ContactResiduals, certificate_limit, contact_residuals
+from ddmpi.judge.certificate import (
+    Certificate,
+    ContactResiduals,
+    certificate_limit,
+    contact_residuals,
+)
 from ddmpi.methods.newton import Newton
 from ddmpi.run.solve import Solution, solve
 
@@ -22,7 +27,11 @@ KINDS = ("force_mismatch", "penetration", "complementarity", "friction")
 NORMAL, TANGENTIAL = np.array([2e6, 1e6, 1e6, 0.0]), np.array([0.3e6, 0.5e6, -0.5e6, 0.0])
 """Forces (N) of an answer with coefficient 0.5: a node that sticks, two that slip to both sides, an open one."""
 
-GAP, APPROACH, SLIP = np.array([0.0, 1e-3, 0.0, 2e-3]), np.array([0.0, 1e-3, 0.0, 1e-3]), [0.0, 2e-4, -2e-4, 5e-4]
+GAP, APPROACH, SLIP = (
+    np.array([0.0, 1e-3, 0.0, 2e-3]),
+    np.array([0.0, 1e-3, 0.0, 1e-3]),
+    [0.0, 2e-4, -2e-4, 5e-4],
+)
 """Its initial gaps, and how far the bodies move towards and along each other (m)."""
 
 S, U, LOAD, OFF = 2e6, 0.7e-3, 1e7, 1e-2
@@ -33,30 +42,55 @@ def contact(gap: np.ndarray = GAP, law: Law | None = None) -> Interface:
     """Four nodes at x = 1, 2, 3, 4 below the first body."""
     nodes, alone = np.arange(4), sparse.identity(4, format="csr")
     law = law or CoulombLaw(4, nodes, 1, np.full(4, 0.5))
-    return Interface(name="seam", bodies=("upper", "lower"), xy=np.column_stack([nodes + 1.0, np.zeros(4)]),
-                     frame=np.tile([[0.0, -1.0], [1.0, 0.0]], (4, 1, 1)), area=np.full(4, 0.5), gap=gap.copy(),
-                     nodes=(nodes, nodes), transfer=(alone, alone), law=law, modulus=1e11,
-                     facets=np.empty((0, 2), int), laplacian=sparse.csr_matrix((4, 4)),
-                     one_sided=np.zeros(law.size, bool), displacement=np.zeros(2))
+    return Interface(
+        name="seam",
+        bodies=("upper", "lower"),
+        xy=np.column_stack([nodes + 1.0, np.zeros(4)]),
+        frame=np.tile([[0.0, -1.0], [1.0, 0.0]], (4, 1, 1)),
+        area=np.full(4, 0.5),
+        gap=gap.copy(),
+        nodes=(nodes, nodes),
+        transfer=(alone, alone),
+        law=law,
+        modulus=1e11,
+        facets=np.empty((0, 2), int),
+        laplacian=sparse.csr_matrix((4, 4)),
+        one_sided=np.zeros(law.size, bool),
+        displacement=np.zeros(2),
+    )
 
 
 def answer() -> dict[str, np.ndarray]:
     """All that a contact's residuals are computed from; the first body takes seven tenths of each displacement."""
     u = np.concatenate([APPROACH, SLIP])
-    return {"s": np.concatenate([NORMAL, TANGENTIAL]), "mismatch": np.zeros(8), "first": 0.7 * u, "second": 0.3 * u,
-            "gap": GAP.copy()}
+    return {
+        "s": np.concatenate([NORMAL, TANGENTIAL]),
+        "mismatch": np.zeros(8),
+        "first": 0.7 * u,
+        "second": 0.3 * u,
+        "gap": GAP.copy(),
+    }
 
 
 def state_of(parts: dict[str, np.ndarray], law: Law | None = None) -> ContactState:
     interface = contact(parts["gap"], law)
-    return contact_state(interface, parts["s"], interface.law.bound_at(parts["s"]), parts["first"] + parts["second"])
+    return contact_state(
+        interface, parts["s"], interface.law.bound_at(parts["s"]), parts["first"] + parts["second"]
+    )
 
 
-def judged(parts: dict[str, np.ndarray], law: Law | None = None, **numbers: float) -> ContactResiduals:
+def judged(
+    parts: dict[str, np.ndarray], law: Law | None = None, **numbers: float
+) -> ContactResiduals:
     numbers = {"load": LOAD, "yielding": 1.0, "moved": 1e-3} | numbers
     numbers["everywhere"] = numbers.pop("moved"), numbers["yielding"]  # there is no other contact
-    return contact_residuals(state_of(parts, law), parts["s"], parts["mismatch"], (parts["first"], parts["second"]),
-                             **numbers)
+    return contact_residuals(
+        state_of(parts, law),
+        parts["s"],
+        parts["mismatch"],
+        (parts["first"], parts["second"]),
+        **numbers,
+    )
 
 
 def test_a_right_answer_has_no_residual():
@@ -67,14 +101,24 @@ def test_a_right_answer_has_no_residual():
 
 SPOILT = {
     # what: changes (part, entry, by), residuals that they cause
-    "forces that do not cancel": ([("mismatch", 3, OFF * np.hypot(*[np.linalg.norm(f) for f in (NORMAL, TANGENTIAL)]))],
-                                  {"force_mismatch": OFF / np.hypot(1.0, OFF)}),
-    "overlap under pressure": ([("second", 0, OFF * U)], {"penetration": OFF, "complementarity": OFF / 2}),
+    "forces that do not cancel": (
+        [("mismatch", 3, OFF * np.hypot(*[np.linalg.norm(f) for f in (NORMAL, TANGENTIAL)]))],
+        {"force_mismatch": OFF / np.hypot(1.0, OFF)},
+    ),
+    "overlap under pressure": (
+        [("second", 0, OFF * U)],
+        {"penetration": OFF, "complementarity": OFF / 2},
+    ),
     "gap under pressure": ([("second", 0, -OFF * U)], {"complementarity": OFF / 2}),
     "overlap of an open node": ([("gap", 3, -1e-3 - OFF * U)], {"penetration": OFF}),
-    "overlap through the initial gap": ([("gap", 0, -OFF * U)], {"penetration": OFF, "complementarity": OFF / 2}),
-    "force at an open node": ([("s", 3, OFF * S)], {"complementarity": OFF * S * 1e-3 / ((4e6 + OFF * S) * U),
-                                                    "friction": OFF / 2}),  # it slips, with no force along
+    "overlap through the initial gap": (
+        [("gap", 0, -OFF * U)],
+        {"penetration": OFF, "complementarity": OFF / 2},
+    ),
+    "force at an open node": (
+        [("s", 3, OFF * S)],
+        {"complementarity": OFF * S * 1e-3 / ((4e6 + OFF * S) * U), "friction": OFF / 2},
+    ),  # it slips, with no force along
     "tension": ([("s", 3, -OFF * S)], {"complementarity": OFF}),
     "friction beyond its bound": ([("s", 5, OFF * S)], {"friction": OFF}),
     "friction below its bound where the node slips": ([("s", 5, -OFF * S)], {"friction": OFF}),
@@ -85,13 +129,17 @@ SPOILT = {
 }
 
 
-def check_spoilt(parts, changes, expected: dict[str, float], law: Law | None = None) -> ContactResiduals:
+def check_spoilt(
+    parts, changes, expected: dict[str, float], law: Law | None = None
+) -> ContactResiduals:
     """Residuals of a right answer after changes (part, entry, by): the expected ones, and no others."""
     for part, entry, by in changes:
         parts[part][entry] += by
     found = judged(parts, law)
     for kind in KINDS:
-        assert getattr(found, kind) == pytest.approx(expected.get(kind, 0.0), rel=1e-6, abs=1e-14), kind
+        assert getattr(found, kind) == pytest.approx(
+            expected.get(kind, 0.0), rel=1e-6, abs=1e-14
+        ), kind
     return found
 
 
@@ -100,7 +148,9 @@ def test_a_wrong_answer_has_the_residual_of_its_error(what):
     changes, expected = SPOILT[what]
     found = check_spoilt(answer(), changes, expected)
     said = Certificate({"seam": found}, {"upper": 0.0}).violations(LIMIT)
-    assert {text.rpartition(" of ")[0].rpartition(" ")[0].replace(" ", "_") for text in said} == set(expected)
+    assert {
+        text.rpartition(" of ")[0].rpartition(" ")[0].replace(" ", "_") for text in said
+    } == set(expected)
 
 
 @pytest.mark.parametrize("part", ["s", "mismatch", "first", "second", "gap"])
@@ -146,9 +196,13 @@ def test_displacements_are_compared_with_what_the_forces_cause():
     parts["second"] -= 1.0
     parts["second"][0] += OFF * U
     assert judged(parts, yielding=U, moved=1.0).penetration == pytest.approx(OFF, rel=1e-6)
-    assert judged(parts, yielding=0.0, moved=1.0).penetration == pytest.approx(1.0)  # no more than the overlap itself
+    assert judged(parts, yielding=0.0, moved=1.0).penetration == pytest.approx(
+        1.0
+    )  # no more than the overlap itself
     parts["second"][0] = -parts["first"][0] + 1e-10
-    assert judged(parts, yielding=0.0, moved=1.0).penetration == pytest.approx(0.01)  # rounding of that motion
+    assert judged(parts, yielding=0.0, moved=1.0).penetration == pytest.approx(
+        0.01
+    )  # rounding of that motion
 
 
 def test_bodies_that_overlap_and_do_not_move_are_not_certified():
@@ -180,8 +234,9 @@ def test_in_space_friction_has_a_direction():
     s, along, across = np.array([10.0, 3.0, 4.0]), np.array([[0.6, 0.8]]), np.array([[-0.8, 0.6]])
     assert law.violation(s, 2.0 * along, 1.0) <= 1e-14
     assert law.violation(s, -2.0 * along, 1.0) == pytest.approx(2.0)
-    assert law.violation(s, 12.0 * across, 1.0) == pytest.approx(5.0 * np.linalg.norm(
-        (5.0 * along + 12.0 * across) / 13.0 - along))
+    assert law.violation(s, 12.0 * across, 1.0) == pytest.approx(
+        5.0 * np.linalg.norm((5.0 * along + 12.0 * across) / 13.0 - along)
+    )
     assert law.violation(1.1 * s - [1.0, 0.0, 0.0], 0.0 * along, 1.0) == pytest.approx(0.5)
 
 
@@ -201,22 +256,30 @@ def test_the_spoilt_contact_and_body_are_named():
     right, parts = judged(answer()), answer()
     parts["gap"][3] -= 1e-3 + OFF * U
     for names in (("left", "right"), ("right", "left")):
-        certificate = Certificate(dict(zip(names, (judged(parts), right), strict=True)),
-                                  {"upper": 1e-15, "middle": 1e-3, "lower": 1e-14})
+        certificate = Certificate(
+            dict(zip(names, (judged(parts), right), strict=True)),
+            {"upper": 1e-15, "middle": 1e-3, "lower": 1e-14},
+        )
         worst = certificate.worst()
         assert worst["penetration"] == (pytest.approx(OFF), names[0])
         assert worst["equilibrium"] == (1e-3, "middle")
-        assert certificate.violations(LIMIT) == [f"penetration 1.0e-02 of {names[0]}", "equilibrium 1.0e-03 of middle"]
+        assert certificate.violations(LIMIT) == [
+            f"penetration 1.0e-02 of {names[0]}",
+            "equilibrium 1.0e-03 of middle",
+        ]
         assert certificate.violations(2e-3) == [f"penetration 1.0e-02 of {names[0]}"]
         assert certificate.contacts[names[1]].penetration <= 1e-15
 
 
-@pytest.mark.parametrize("tolerance, limit", [(1e-15, 1e-10), (1e-8, 5e-7), (1e-4, 5e-3), (0.01, 0.05), (0.5, 0.05)])
+@pytest.mark.parametrize(
+    "tolerance, limit", [(1e-15, 1e-10), (1e-8, 5e-7), (1e-4, 5e-3), (0.01, 0.05), (0.5, 0.05)]
+)
 def test_the_limit_follows_the_tolerance_within_bounds(tolerance, limit):
     assert certificate_limit(tolerance) == pytest.approx(limit, rel=1e-12)
 
 
 # The certificate of a run
+
 
 @pytest.mark.slow
 @two_ranks
@@ -249,7 +312,7 @@ def test_a_solved_scene_that_is_spoilt_is_not_certified(comm, monkeypatch):
     newton._at = newton._at._replace(s=0.99 * forces)
     assert large(worst()) >= {"penetration", "complementarity"}
     newton._at = newton._at._replace(s=forces.copy())
-    newton._at.s[sum(each.m for each in assembly.space.interfaces):] = 0.0  # of this rank
+    newton._at.s[sum(each.m for each in assembly.space.interfaces) :] = 0.0  # of this rank
     assert "friction" in large(worst())
     newton._at = newton._at._replace(s=forces)
     assert large(worst()) == set()
@@ -262,6 +325,7 @@ def test_a_solved_scene_that_is_spoilt_is_not_certified(comm, monkeypatch):
 
     right = assembly.member.C.solve
     for rank, body in enumerate(("upper", "lower")):
+
         def wrong(f, u, *rest, rank=rank):
             right(f, u, *rest)
             if comm.rank == rank:
@@ -281,7 +345,9 @@ def test_friction_is_judged_at_the_nodes_that_slide():
     for name in ("s", "mismatch", "first", "second"):
         parts[name] = np.delete(parts[name], 4)
     assert judged(parts, law).friction <= 1e-15
-    assert judged(parts, replace(law, coefficient=np.array([0.4, 0.5, 0.5]))).friction == pytest.approx(0.1e6 / S)
+    assert judged(
+        parts, replace(law, coefficient=np.array([0.4, 0.5, 0.5]))
+    ).friction == pytest.approx(0.1e6 / S)
 
 
 # Bonded contacts
@@ -297,8 +363,10 @@ TORN = {
     "an opening under no force": ([("gap", 3, OFF * U)], {"penetration": OFF}),
     "slip": ([("second", 5, OFF * U)], {"friction": OFF}),
     "slip to the other side": ([("second", 6, -OFF * U)], {"friction": OFF}),
-    "forces that do not cancel": ([("mismatch", 3, OFF * np.hypot(*[np.linalg.norm(f) for f in (NORMAL, TANGENTIAL)]))],
-                                  {"force_mismatch": OFF / np.hypot(1.0, OFF)}),
+    "forces that do not cancel": (
+        [("mismatch", 3, OFF * np.hypot(*[np.linalg.norm(f) for f in (NORMAL, TANGENTIAL)]))],
+        {"force_mismatch": OFF / np.hypot(1.0, OFF)},
+    ),
 }
 
 
@@ -319,7 +387,11 @@ def test_a_bond_neither_opens_nor_slips_whatever_its_forces(what):
 def test_slip_without_any_force_is_seen(load):
     """A bond, or a given slip bound, that bears nothing although the bodies slide past each other."""
     tresca = TrescaLaw(4, np.arange(4), 1, np.full(4, 0.5e6))
-    for law, least in ((BONDED, OFF), (tresca, 1e-6), (CoulombLaw(4, np.arange(4), 1, np.full(4, 0.5)), None)):
+    for law, least in (
+        (BONDED, OFF),
+        (tresca, 1e-6),
+        (CoulombLaw(4, np.arange(4), 1, np.full(4, 0.5)), None),
+    ):
         parts = bond()
         parts["s"][:] = 0.0
         assert judged(parts, law, load=load, yielding=U).friction == 0.0

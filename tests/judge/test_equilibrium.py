@@ -20,8 +20,10 @@ pytestmark = pytest.mark.clarabel
 def find(interfaces, G, e, bodies, load=0.0):
     """The mechanism of a scene; None where there may be equilibrium."""
     ends = np.cumsum([0, *(interface.size for interface in interfaces)])
-    forces = [Forces.of(interface, sparse.csc_matrix(G[:, start:stop]))
-              for interface, start, stop in zip(interfaces, ends, ends[1:], strict=False)]
+    forces = [
+        Forces.of(interface, sparse.csc_matrix(G[:, start:stop]))
+        for interface, start, stop in zip(interfaces, ends, ends[1:], strict=False)
+    ]
     return find_mechanism(forces, e, bodies, load)
 
 
@@ -42,27 +44,39 @@ def words(scene) -> str:
 
 def check(scene, mechanism) -> None:
     """By velocities at corners and contact nodes alone: nothing is pressed into, and the loads do work."""
-    moving = {body.name: (body, v) for body, v in zip(mechanism.bodies, mechanism.velocities, strict=True)}
+    moving = {
+        body.name: (body, v) for body, v in zip(mechanism.bodies, mechanism.velocities, strict=True)
+    }
 
     def velocity(name, points):
-        return moving[name][0].at(moving[name][1], points) if name in moving else np.zeros_like(points)
+        return (
+            moving[name][0].at(moving[name][1], points) if name in moving else np.zeros_like(points)
+        )
 
-    fastest = max(np.linalg.norm(velocity(name, body.outline), axis=1).max() for name, (body, _) in moving.items())
+    fastest = max(
+        np.linalg.norm(velocity(name, body.outline), axis=1).max()
+        for name, (body, _) in moving.items()
+    )
     assert fastest == pytest.approx(1.0, rel=1e-12)
     for contact in scene.contacts:
         apart = velocity(contact.bodies[1], contact.xy) - velocity(contact.bodies[0], contact.xy)
         opening = np.einsum("md,md->m", apart, contact.normal)
         assert opening.min() >= -2e-6
         assert contact.law.name != "bonded" or np.abs(apart).max() <= 2e-6
-    work = sum((scene.turn @ np.array(load)) @ velocity(name, scene.place(at))[0]
-               for name, loads in scene.loads.items() for load, at in loads)
+    work = sum(
+        (scene.turn @ np.array(load)) @ velocity(name, scene.place(at))[0]
+        for name, loads in scene.loads.items()
+        for load, at in loads
+    )
     assert work > 0.0
 
 
 # What is said of scenes in the plane
 
+
 def capped(push):
     """A law that nothing else knows: what it allows is asked of the law itself, not by its name."""
+
     @dataclass(frozen=True)
     class Capped(CoulombLaw):
         name = "capped"
@@ -72,18 +86,28 @@ def capped(push):
 
     scene = pushed(push)
     known = scene.contacts[0].law
-    scene.contacts[0] = replace(scene.contacts[0], law=Capped(known.m, known.sliding, 1, known.coefficient))
+    scene.contacts[0] = replace(
+        scene.contacts[0], law=Capped(known.m, known.sliding, 1, known.coefficient)
+    )
     return scene
 
 
 def bonded_to_a_wall():
-    return (Blocks().box("a", 0, 0, 1, 1, ((9.0, 9.0), (0.0, 0.25)))
-            .contact("a", "floor", (0, 0), (1, 0), "bonded"))
+    return (
+        Blocks()
+        .box("a", 0, 0, 1, 1, ((9.0, 9.0), (0.0, 0.25)))
+        .contact("a", "floor", (0, 0), (1, 0), "bonded")
+    )
 
 
 def two_bonded(load=0.0):
     """Both weigh the same, and the joint is above the edge."""
-    two = Blocks().box("a", 0, 0, 1, 1).box("b", 1, 0, 1, 1).contact("b", "a", (1, 1), (1, 0), "bonded")
+    two = (
+        Blocks()
+        .box("a", 0, 0, 1, 1)
+        .box("b", 1, 0, 1, 1)
+        .contact("b", "a", (1, 1), (1, 0), "bonded")
+    )
     two.loads["b"] += (((0.0, -load), (1.5, 0.5)),)
     return two.contact("a", "floor", (0, 0), (1, 0), "coulomb", 0.5)
 
@@ -111,43 +135,66 @@ EQUILIBRIUM, SLIDES = "equilibrium", "block would move along x"
 
 PLANE = [
     # a block is held up to the coefficient of friction times its weight, or to a bound that needs no pressure
-    (pushed(0.0), EQUILIBRIUM), (pushed(0.499), EQUILIBRIUM), (pushed(0.5), EQUILIBRIUM), (pushed(0.5001), SLIDES),
-    (pushed(0.299, "tresca", 0.3), EQUILIBRIUM), (pushed(0.301, "tresca", 0.3), SLIDES),
-    (pushed(0.0, "none"), EQUILIBRIUM), (pushed(1e-5, "none"), SLIDES),
-    (capped(0.499), EQUILIBRIUM), (capped(0.501), SLIDES),
+    (pushed(0.0), EQUILIBRIUM),
+    (pushed(0.499), EQUILIBRIUM),
+    (pushed(0.5), EQUILIBRIUM),
+    (pushed(0.5001), SLIDES),
+    (pushed(0.299, "tresca", 0.3), EQUILIBRIUM),
+    (pushed(0.301, "tresca", 0.3), SLIDES),
+    (pushed(0.0, "none"), EQUILIBRIUM),
+    (pushed(1e-5, "none"), SLIDES),
+    (capped(0.499), EQUILIBRIUM),
+    (capped(0.501), SLIDES),
     # between wall and jaw if 2 𝓕 times the pressure is at least its weight
-    (squeezed(1.0), EQUILIBRIUM), (squeezed(0.99), "block would move along -y"),
+    (squeezed(1.0), EQUILIBRIUM),
+    (squeezed(0.99), "block would move along -y"),
     # bonds hold, and bodies move as one
-    (bonded_to_a_wall(), EQUILIBRIUM), (two_bonded(), EQUILIBRIUM),
+    (bonded_to_a_wall(), EQUILIBRIUM),
+    (two_bonded(), EQUILIBRIUM),
     (two_bonded(0.1), "a and b would move most at (2, 1), along (0.71, -0.71)"),
     # shifted blocks stand as long as the centre of all above a joint is above it: (n − 1) shift/2 ≤ ½
-    (tower(0.25, 5), EQUILIBRIUM), (tower(0.5, 3), EQUILIBRIUM), (tower(0.75, 2), EQUILIBRIUM),
+    (tower(0.25, 5), EQUILIBRIUM),
+    (tower(0.5, 3), EQUILIBRIUM),
+    (tower(0.75, 2), EQUILIBRIUM),
     (tower(0.75, 3), "b0, b1 and b2 would move most at (-1.5, 3), along (-0.89, -0.45)"),
     (tower(0.25, 6), "b0, b1 (and 4 more) would move most at (-1.25, 6), along (-0.98, -0.2)"),
     (tower(0.3), "b0, b1 (and 3 more) would move most at (-1.2, 5), along (-0.97, -0.23)"),
     # a beam lies on its posts as long as its centre is between them, and tips about the outer edge of one
-    (beam(0.0, 0.0, 1.7), EQUILIBRIUM), (beam(-0.69, 0.0), "beam would turn clockwise about (0.3, 1)"),
+    (beam(0.0, 0.0, 1.7), EQUILIBRIUM),
+    (beam(-0.69, 0.0), "beam would turn clockwise about (0.3, 1)"),
     (beam(-1.1, 0.0, 0.6), "beam would turn counterclockwise about (0, 1)"),
     (beam(0.31, 1.0), "beam would turn clockwise about (1.3, 1)"),
     # a semicircular arch stands from thickness 0.1075 of its mean radius on (Couplet, Heyman), if it does not slide
     (arch(0.109), EQUILIBRIUM),
-    (arch(0.106), "v0, v1 (and 4 more) would move most at (-0.876, 0.585), along (-0.96, 0.29); v26, v27 (and 4 more) "
-     "would move most at (0.876, 0.585), along (0.96, 0.29); v6, v7 (and 18 more) would move, too"),
-    (arch(0.2, 0.3), "v11, v12 (and 8 more) would move along -y; v0, v1 (and 20 more) would move, too"),
+    (
+        arch(0.106),
+        "v0, v1 (and 4 more) would move most at (-0.876, 0.585), along (-0.96, 0.29); v26, v27 (and 4 more) "
+        "would move most at (0.876, 0.585), along (0.96, 0.29); v6, v7 (and 18 more) would move, too",
+    ),
+    (
+        arch(0.2, 0.3),
+        "v11, v12 (and 8 more) would move along -y; v0, v1 (and 20 more) would move, too",
+    ),
     # what leaves all its contacts, or has none, however light
-    (lifted_lid(), "lid would move along y"), (pushed(0.0).box("lid", 0, 3, 1, 0.1), "lid would move along -y"),
+    (lifted_lid(), "lid would move along y"),
+    (pushed(0.0).box("lid", 0, 3, 1, 0.1), "lid would move along -y"),
     (pushed(0.0).box("lid", 0, 3, 1, 0.1, weight=1e-6), "lid would move along -y"),
-    (light_lid(0.4e-6), EQUILIBRIUM), (light_lid(0.6e-6), "lid would move along x"),
+    (light_lid(0.4e-6), EQUILIBRIUM),
+    (light_lid(0.6e-6), "lid would move along x"),
     # the whole highest row slides, however many ways there are to balance the others
-    (wall(4, 4, 0.5), EQUILIBRIUM), (wall(4, 4, 30.0), "r3b0, r3b1 (and 2 more) would move along x"),
+    (wall(4, 4, 0.5), EQUILIBRIUM),
+    (wall(4, 4, 30.0), "r3b0, r3b1 (and 2 more) would move along x"),
     # a thousand nodes of a bore
-    (bore(0.999), EQUILIBRIUM), (bore(1.01), "shaft would turn counterclockwise about (0, 0)"),
+    (bore(0.999), EQUILIBRIUM),
+    (bore(1.01), "shaft would turn counterclockwise about (0, 0)"),
     # directions and places turn with the scene, and are mirrored with it
     (pushed(0.6, angle=np.arccos(0.8)), "block would move along (0.8, 0.6)"),
     (pushed(0.6, mirror=True), "block would move along -x"),
-    (tall(0.124), EQUILIBRIUM), (tall(0.2), "tower would move most at (3, 4), along (-0.97, 0.24)"),
+    (tall(0.124), EQUILIBRIUM),
+    (tall(0.2), "tower would move most at (3, 4), along (-0.97, 0.24)"),
     (tall(0.2, mirror=True), "tower would move most at (-3, 4), along (0.97, 0.24)"),
-    (tall(0.2, angle=np.pi), "tower would move most at (-3, -4), along (0.97, -0.24)")]
+    (tall(0.2, angle=np.pi), "tower would move most at (-3, -4), along (0.97, -0.24)"),
+]
 
 
 @pytest.mark.parametrize(("scene", "said"), PLANE)
@@ -159,7 +206,9 @@ def test_what_stands_and_what_moves(scene, said):
 def test_a_pushed_block_slides_beyond_it(force):
     """It slides along the floor: it is not lifted, as associated flow would have it."""
     assert found(pushed(force)).velocities[0] == pytest.approx([1.0, 0.0, 0.0], abs=1e-9)
-    excess = (force - 0.5) / np.hypot(force, 1.0)  # over the load; the work on a motion, which lifts it, shows less
+    excess = (force - 0.5) / np.hypot(
+        force, 1.0
+    )  # over the load; the work on a motion, which lifts it, shows less
     assert 0.7 * excess < found(pushed(force)).imbalance < excess
 
 
@@ -173,14 +222,20 @@ def test_a_block_that_is_pushed_hard_slides_and_tips(force, tips):
 
 def test_the_imbalance_of_given_friction():
     """What friction of given bounds takes of a push is balanced; the rest is compared with push, weight and moment."""
-    loads = np.sqrt(0.4 ** 2 + 1.0 + 6.0 * (0.4 / 4) ** 2)  # the moment over the radius of gyration, 1/√6
+    loads = np.sqrt(
+        0.4**2 + 1.0 + 6.0 * (0.4 / 4) ** 2
+    )  # the moment over the radius of gyration, 1/√6
     assert found(pushed(0.4, "tresca", 0.3)).imbalance == pytest.approx(0.1 / loads, rel=1e-5)
 
 
-@pytest.mark.parametrize("v", [(0.0, -1.0, 0.0), (-1.0, 1.0, 0.0), (np.nan, np.nan, np.nan), (0.0, 0.0, 0.0)])
+@pytest.mark.parametrize(
+    "v", [(0.0, -1.0, 0.0), (-1.0, 1.0, 0.0), (np.nan, np.nan, np.nan), (0.0, 0.0, 0.0)]
+)
 def test_what_a_solver_returns_is_no_proof_by_itself(v, monkeypatch):
     """A motion into the floor, one against the loads, and none at all prove nothing."""
-    monkeypatch.setattr(_Free, "start", lambda self, slope, bound: (np.array(v), np.zeros_like(slope)))
+    monkeypatch.setattr(
+        _Free, "start", lambda self, slope, bound: (np.array(v), np.zeros_like(slope))
+    )
     assert found(pushed(0.6)) is None
 
 
@@ -191,8 +246,14 @@ def test_a_wedge_is_driven_by_the_known_force(friction, slope):
     least = (slope - friction) / (1 + friction * slope) - friction
     for push in (0.999 * most, least + 0.001):
         assert words(wedge(push, friction, slope)) == "equilibrium"
-    assert words(wedge(1.001 * most, friction, slope)) == "wedge would move along x; block would move, too"
-    assert words(wedge(least - 0.001, friction, slope)) == "wedge would move along -x; block would move, too"
+    assert (
+        words(wedge(1.001 * most, friction, slope))
+        == "wedge would move along x; block would move, too"
+    )
+    assert (
+        words(wedge(least - 0.001, friction, slope))
+        == "wedge would move along -x; block would move, too"
+    )
 
 
 def test_without_loads_nothing_is_looked_for():
@@ -205,8 +266,11 @@ def test_without_loads_nothing_is_looked_for():
     assert find(interfaces, G, e + 1e-5, bodies) is not None
 
 
-@pytest.mark.parametrize("how", [{"force": 1e12, "length": 1e-6}, {"force": 1e-12, "length": 1e6},
-                                 {"shift": (1e4, -1e4)}], ids=str)
+@pytest.mark.parametrize(
+    "how",
+    [{"force": 1e12, "length": 1e-6}, {"force": 1e-12, "length": 1e6}, {"shift": (1e4, -1e4)}],
+    ids=str,
+)
 def test_units_and_origin_do_not_matter(how):
     """Newtons or giganewtons, metres or micrometres, near the origin or far from it: the same is said."""
     assert words(pushed(0.499, **how)) == words(arch(0.109, **how)) == "equilibrium"
@@ -218,7 +282,9 @@ def test_units_and_origin_do_not_matter(how):
 def assert_tips(scene, at, along: str) -> None:
     """The tower of a scene moves most at a place (d,), in its units, along what is said."""
     said = words(scene).removeprefix("tower would move most at (").removesuffix(f"), along {along}")
-    assert np.array(said.split(", "), float) == pytest.approx(scene.place(at)[0], abs=0.02 * scene.length)
+    assert np.array(said.split(", "), float) == pytest.approx(
+        scene.place(at)[0], abs=0.02 * scene.length
+    )
 
 
 @pytest.mark.parametrize("seed", range(15))
@@ -231,12 +297,21 @@ def test_random_stacks(seed):
         for k in range(5):
             x += random.uniform(-0.5, 0.5)
             width = random.uniform(0.5, 1.5)
-            scene.box(f"b{k}", x, k, width, 1, (random.uniform(-0.15, 0.15, 2), (x, k + random.uniform())))
+            scene.box(
+                f"b{k}", x, k, width, 1, (random.uniform(-0.15, 0.15, 2), (x, k + random.uniform()))
+            )
             low, high = max(x, below[0]), min(x + width, below[1])
             if low < high:
                 law = random.choice(["coulomb", "tresca", "none", "bonded"], p=[0.5, 0.2, 0.1, 0.2])
-                scene.contact(f"b{k}", f"b{k - 1}" if k else "floor", (low, k), (high, k), law,
-                              random.uniform(0.2, 0.8), nodes=9)
+                scene.contact(
+                    f"b{k}",
+                    f"b{k - 1}" if k else "floor",
+                    (low, k),
+                    (high, k),
+                    law,
+                    random.uniform(0.2, 0.8),
+                    nodes=9,
+                )
                 if curved:  # by less than what counts, but not straight any more
                     xy = scene.contacts[-1].xy
                     xy[1::2] += 1e-5 * np.random.default_rng(k).standard_normal((4, 2))
@@ -253,13 +328,17 @@ def test_random_stacks(seed):
 
 # What stays undetermined
 
+
 def active(scene, *kinds):
     """Columns of G of the contacts' normal, tangential or all forces, by contact."""
     interfaces, G, _, bodies = scene.equilibrium()
     columns, start = [], 0
     for interface, kind in zip(interfaces, kinds, strict=True):
-        columns += {"open": [], "slip": range(start, start + interface.m),
-                    "stick": range(start, start + interface.size)}[kind]
+        columns += {
+            "open": [],
+            "slip": range(start, start + interface.m),
+            "stick": range(start, start + interface.size),
+        }[kind]
         start += interface.size
     return G[:, columns], bodies
 
@@ -267,21 +346,39 @@ def active(scene, *kinds):
 def test_undetermined_motions():
     """What no closed contact resists is listed: along a floor without friction, about a bore, or everything."""
     assert undetermined(*active(pushed(0.1), "stick")) == []
-    assert undetermined(*active(pushed(0.1), "slip")) == ["block can move along x without any force"]
-    assert undetermined(*active(pushed(0.1, angle=np.pi / 2), "slip")) == ["block can move along y without any force"]
-    assert undetermined(*active(pushed(0.1), "open")) == ["nothing touches block: it can move freely"]
-    for along, sign in (("x", 1.0), ("-x", -1.0)):  # friction at its limit pushes: against it the block is held
+    assert undetermined(*active(pushed(0.1), "slip")) == [
+        "block can move along x without any force"
+    ]
+    assert undetermined(*active(pushed(0.1, angle=np.pi / 2), "slip")) == [
+        "block can move along y without any force"
+    ]
+    assert undetermined(*active(pushed(0.1), "open")) == [
+        "nothing touches block: it can move freely"
+    ]
+    for along, sign in (
+        ("x", 1.0),
+        ("-x", -1.0),
+    ):  # friction at its limit pushes: against it the block is held
         pushes = np.array([[sign, 0.0, 0.0], [1.0, 0.0, 0.0]])
         said = undetermined(*active(pushed(0.1), "slip"), pushes)
         assert said == [f"block can move along {along} without any force"]
-    one = Blocks().box("block", 0, 0, 1, 1).contact("block", "floor", (0, 0), (1, 0), "coulomb", 0.5, nodes=1)
+    one = (
+        Blocks()
+        .box("block", 0, 0, 1, 1)
+        .contact("block", "floor", (0, 0), (1, 0), "coulomb", 0.5, nodes=1)
+    )
     assert undetermined(*active(one, "stick")) == [
-        "block can move most at (1, 1), along (-0.71, 0.71) without any force"]
+        "block can move most at (1, 1), along (-0.71, 0.71) without any force"
+    ]
     assert len(undetermined(*active(one, "slip"))) == 2
     turn = np.linspace(0, 5, 9)
     normal = np.column_stack([np.cos(turn), np.sin(turn)])
-    shaft = Blocks(shift=(2, 1)).body("shaft", 0.5 * normal).curve("shaft", "hub", 0.5 * normal, normal)
-    assert undetermined(*active(shaft, "slip")) == ["shaft can turn counterclockwise about (2, 1) without any force"]
+    shaft = (
+        Blocks(shift=(2, 1)).body("shaft", 0.5 * normal).curve("shaft", "hub", 0.5 * normal, normal)
+    )
+    assert undetermined(*active(shaft, "slip")) == [
+        "shaft can turn counterclockwise about (2, 1) without any force"
+    ]
 
 
 def test_undetermined_motions_of_many_bodies(monkeypatch):
@@ -317,34 +414,47 @@ AXES = (np.eye(3)[0], np.eye(3)[1])
 def slab(push, law="coulomb", value=0.5, angle=0.0, **how):
     """A block of weight one on a floor, pushed along a direction in the floor, low enough not to tip."""
     along = (push * np.cos(angle), push * np.sin(angle), 0.0)
-    return (Boxes(**how).box("block", (0, 0, 0), (1, 1, 1), (along, (0.5, 0.5, 0.0)))
-            .contact("block", "floor", (0, 0, 0), *AXES, law, value))
+    return (
+        Boxes(**how)
+        .box("block", (0, 0, 0), (1, 1, 1), (along, (0.5, 0.5, 0.0)))
+        .contact("block", "floor", (0, 0, 0), *AXES, law, value)
+    )
 
 
 def column(push, nodes=5, **how):
     """A slender block pushed along x at its top, in the middle of the edge."""
-    return (Boxes(**how).box("tower", (2, 0, 0), (1, 1, 4), ((push, 0.0, 0.0), (2.5, 0.5, 4.0)))
-            .contact("tower", "floor", (2, 0, 0), *AXES, "coulomb", 0.8, nodes))
+    return (
+        Boxes(**how)
+        .box("tower", (2, 0, 0), (1, 1, 4), ((push, 0.0, 0.0), (2.5, 0.5, 4.0)))
+        .contact("tower", "floor", (2, 0, 0), *AXES, "coulomb", 0.8, nodes)
+    )
 
 
 def thread(force, pitch=0.25, **how):
     """A bolt without friction in a thread, pulled along z: at angle φ the thread's height is pitch times φ."""
     angle = np.linspace(0, 2 * np.pi, 13)[:-1]
-    radial, around = (np.column_stack([f(angle), g(angle), 0 * angle]) for f, g in (
-        (np.cos, np.sin), (lambda a: -np.sin(a), np.cos)))
+    radial, around = (
+        np.column_stack([f(angle), g(angle), 0 * angle])
+        for f, g in ((np.cos, np.sin), (lambda a: -np.sin(a), np.cos))
+    )
     flank = [0, 0, 1.0] - pitch * around
     scene = Boxes(**how).box("bolt", (-1, -1, 0), (2, 2, 4), ((0, 0, force), (0, 0, 2)), weight=0.0)
     up = np.array([0, 0, 1.0])
     for side in (1, -1):
         scene.curve("bolt", "nut", radial + up, side * flank)
-    return scene.curve("bolt", "nut", np.vstack([radial, radial + 3 * up]), np.vstack([radial, radial]))
+    return scene.curve(
+        "bolt", "nut", np.vstack([radial, radial + 3 * up]), np.vstack([radial, radial])
+    )
 
 
 def loaded(push, at=(0.5, 0.5, 0.0), nodes=5, **how):
     """A block of weight ten on a floor of Tresca's friction of 0.5, pushed along (cos 17°, sin 17°)."""
     along = push * np.cos(np.radians(17.0)), push * np.sin(np.radians(17.0)), 0.0
-    return (Boxes(**how).box("block", (0, 0, 0), (1, 1, 1), (along, at), weight=10.0)
-            .contact("block", "floor", (0, 0, 0), *AXES, "tresca", 0.5, nodes))
+    return (
+        Boxes(**how)
+        .box("block", (0, 0, 0), (1, 1, 1), (along, at), weight=10.0)
+        .contact("block", "floor", (0, 0, 0), *AXES, "tresca", 0.5, nodes)
+    )
 
 
 def two_blocks(lower, upper):
@@ -354,7 +464,9 @@ def two_blocks(lower, upper):
     scene = Boxes().box("block", (0, 0, 0), (1, 1, 1), weight=10.0)
     scene.box("top", (0.25, 0.25, 1), (0.5, 0.5, 0.5), (along, (0.5, 0.5, 1.0)), weight=10.0)
     scene.contact("block", "floor", (0, 0, 0), *AXES, "tresca", lower, 12)
-    return scene.contact("top", "block", (0.25, 0.25, 1), AXES[0] / 2, AXES[1] / 2, "tresca", upper, 12)
+    return scene.contact(
+        "top", "block", (0.25, 0.25, 1), AXES[0] / 2, AXES[1] / 2, "tresca", upper, 12
+    )
 
 
 def on_its_corner():
@@ -377,26 +489,46 @@ def stack(shift, push):
     for k in range(3):
         pushed_at = ((0, push * (k == 2), 0), (shift * k + 0.5, 0.5, k))
         scene.box(f"b{k}", (shift * k, 0, k), (1, 1, 1), pushed_at)
-        scene.contact(f"b{k}", f"b{k - 1}" if k else "floor", (shift * k, 0, k),
-                      np.array([1 - shift * bool(k), 0, 0]), AXES[1], "coulomb", 0.5)
+        scene.contact(
+            f"b{k}",
+            f"b{k - 1}" if k else "floor",
+            (shift * k, 0, k),
+            np.array([1 - shift * bool(k), 0, 0]),
+            AXES[1],
+            "coulomb",
+            0.5,
+        )
     return scene
 
 
-@pytest.mark.parametrize(("scene", "said"), [
-    (slab(1e-5, "none"), SLIDES), (slab(9.0, "bonded"), EQUILIBRIUM),
-    (column(0.1249), EQUILIBRIUM), (column(0.1251), "tower would move most at (2, 1, 4), along (0.97, 0, 0.24)"),
-    (column(-0.15), "tower would move most at (3, 1, 4), along (-0.97, 0, 0.24)"),
-    (on_its_corner(), "tower would move most at (0, 0, 4), along (0.67, 0.67, 0.33)"),
-    (two_blocks(0.6, 3.0), "block and top would move along (0.96, 0.29, 0)"),
-    (two_blocks(0.6, 0.3), "top would move along (0.96, 0.29, 0)"),
-    (twisted(0.499 * np.sqrt(0.5)), EQUILIBRIUM),
-    (twisted(0.6 * np.sqrt(0.5)), "block would turn about the axis through (0.5, 0.5, 0.5) along z"),
-    (twisted(-0.6 * np.sqrt(0.5)), "block would turn about the axis through (0.5, 0.5, 0.5) along -z"),
-    (thread(1.0), "bolt would turn about the axis through (0, 0, 2) along z"),
-    (thread(-1.0), "bolt would turn about the axis through (0, 0, 2) along -z"),
-    (thread(1.0, -0.25), "bolt would turn about the axis through (0, 0, 2) along -z"),
-    (stack(0.25, 0.45), EQUILIBRIUM), (stack(0.25, 0.6), "b2 would move along y"),
-    (stack(0.6, 0.0), "b1 and b2 would move most at (2.2, 1, 3), along (0.86, 0, -0.51)")])
+@pytest.mark.parametrize(
+    ("scene", "said"),
+    [
+        (slab(1e-5, "none"), SLIDES),
+        (slab(9.0, "bonded"), EQUILIBRIUM),
+        (column(0.1249), EQUILIBRIUM),
+        (column(0.1251), "tower would move most at (2, 1, 4), along (0.97, 0, 0.24)"),
+        (column(-0.15), "tower would move most at (3, 1, 4), along (-0.97, 0, 0.24)"),
+        (on_its_corner(), "tower would move most at (0, 0, 4), along (0.67, 0.67, 0.33)"),
+        (two_blocks(0.6, 3.0), "block and top would move along (0.96, 0.29, 0)"),
+        (two_blocks(0.6, 0.3), "top would move along (0.96, 0.29, 0)"),
+        (twisted(0.499 * np.sqrt(0.5)), EQUILIBRIUM),
+        (
+            twisted(0.6 * np.sqrt(0.5)),
+            "block would turn about the axis through (0.5, 0.5, 0.5) along z",
+        ),
+        (
+            twisted(-0.6 * np.sqrt(0.5)),
+            "block would turn about the axis through (0.5, 0.5, 0.5) along -z",
+        ),
+        (thread(1.0), "bolt would turn about the axis through (0, 0, 2) along z"),
+        (thread(-1.0), "bolt would turn about the axis through (0, 0, 2) along -z"),
+        (thread(1.0, -0.25), "bolt would turn about the axis through (0, 0, 2) along -z"),
+        (stack(0.25, 0.45), EQUILIBRIUM),
+        (stack(0.25, 0.6), "b2 would move along y"),
+        (stack(0.6, 0.0), "b1 and b2 would move most at (2.2, 1, 3), along (0.86, 0, -0.51)"),
+    ],
+)
 def test_what_stands_and_what_moves_in_space(scene, said):
     assert words(scene) == said
 
@@ -406,7 +538,9 @@ def test_a_solid_block_slides_where_it_is_pushed(angle):
     """The cone is round: polygons of 16 sides around it would let the block stay up to 1.02 of the bound at 11.25°."""
     assert words(slab(0.4999, angle=angle)) == "equilibrium"
     x, y = np.cos(angle), np.sin(angle)
-    assert found(slab(0.6, angle=angle)).velocities[0] == pytest.approx([x, y, 0, 0, 0, 0], abs=1e-3)
+    assert found(slab(0.6, angle=angle)).velocities[0] == pytest.approx(
+        [x, y, 0, 0, 0, 0], abs=1e-3
+    )
     assert words(slab(0.5001, angle=angle)).startswith("block would move along ")
 
 
@@ -424,8 +558,11 @@ def test_given_friction_lets_a_block_slide_where_it_is_pushed(push, nodes):
     assert found(loaded(push, nodes=nodes)).velocities[0] == pytest.approx(exact, abs=2e-4)
 
 
-@pytest.mark.parametrize("how", [{"force": 1e9, "length": 1e3}, {"force": 1e-9, "length": 1e-3},
-                                 {"shift": (1e3, -1e3, 1e3)}], ids=str)
+@pytest.mark.parametrize(
+    "how",
+    [{"force": 1e9, "length": 1e3}, {"force": 1e-9, "length": 1e-3}, {"shift": (1e3, -1e3, 1e3)}],
+    ids=str,
+)
 def test_units_and_origin_of_solids_do_not_matter(how):
     """The same is said, at the place that is meant."""
     assert words(column(0.1249, **how)) == "equilibrium"
@@ -433,10 +570,17 @@ def test_units_and_origin_of_solids_do_not_matter(how):
     assert_tips(column(0.13, **how), (2, 1, 4), "(0.97, 0, 0.24)")
 
 
-@pytest.mark.parametrize("make", [lambda **how: slab(0.6, **how), lambda **how: column(0.13, **how),
-                                  lambda **how: thread(1.0, **how), lambda **how: loaded(0.6, **how),
-                                  lambda **how: loaded(0.6, (0.5, 0.2, 0.0), **how)],
-                         ids=["slab", "column", "thread", "loaded", "off centre"])
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda **how: slab(0.6, **how),
+        lambda **how: column(0.13, **how),
+        lambda **how: thread(1.0, **how),
+        lambda **how: loaded(0.6, **how),
+        lambda **how: loaded(0.6, (0.5, 0.2, 0.0), **how),
+    ],
+    ids=["slab", "column", "thread", "loaded", "off centre"],
+)
 def test_a_turned_solid_moves_as_it_did_but_turned(make):
     """The mechanism does not depend on the axes."""
     turn, _ = np.linalg.qr(np.random.default_rng(3).standard_normal((3, 3)))
@@ -450,7 +594,9 @@ def test_a_turned_solid_moves_as_it_did_but_turned(make):
 def test_corners_of_flat_contacts_serve_as_well_as_all_nodes(bent):
     """Nodes that are moved out of the plane are all kept, and give the same."""
     scene = column(0.13, nodes=9)
-    scene.contacts[0].xy[:, 2] += bent * np.random.default_rng(0).uniform(0, 1, 81) * (scene.contacts[0].xy[:, 0] < 2.9)
+    scene.contacts[0].xy[:, 2] += (
+        bent * np.random.default_rng(0).uniform(0, 1, 81) * (scene.contacts[0].xy[:, 0] < 2.9)
+    )
     assert found(scene).imbalance == pytest.approx(found(column(0.13)).imbalance, rel=1e-3)
 
 
@@ -459,30 +605,48 @@ def test_undetermined_motions_in_space():
     tail = "without any force"
     assert undetermined(*active(slab(0.1), "stick")) == []
     assert sorted(undetermined(*active(slab(0.1), "slip"))) == [
-        f"block can move along x {tail}", f"block can move along y {tail}",
-        f"block can turn about the axis through (0.6, 0.6, 0.5) along z {tail}"]  # the centre that the scene has
+        f"block can move along x {tail}",
+        f"block can move along y {tail}",
+        f"block can turn about the axis through (0.6, 0.6, 0.5) along z {tail}",
+    ]  # the centre that the scene has
     assert undetermined(*active(slab(0.1), "open")) == ["nothing touches block: it can move freely"]
     one = Boxes().box("block", (0, 0, 0), (1, 1, 1))
     one.contact("block", "floor", (0, 0, 0), *AXES, "coulomb", 0.5, nodes=1)
-    assert sorted(undetermined(*active(one, "stick"))) == [  # about the axes through the node at the origin
-        f"block can move most at (1, 1, 1), along {way} {tail}" for way in (
-            "(-0.71, 0.71, 0)", "(0, -0.71, 0.71)", "(0.71, 0, -0.71)")]
+    assert sorted(
+        undetermined(*active(one, "stick"))
+    ) == [  # about the axes through the node at the origin
+        f"block can move most at (1, 1, 1), along {way} {tail}"
+        for way in ("(-0.71, 0.71, 0)", "(0, -0.71, 0.71)", "(0.71, 0, -0.71)")
+    ]
     assert undetermined(*active(thread(1.0), "slip", "slip", "slip")) == [
-        f"bolt can turn about the axis through (0, 0, 2) along z {tail}"]
+        f"bolt can turn about the axis through (0, 0, 2) along z {tail}"
+    ]
 
 
 # Motions and words
+
 
 def test_motions_of_nodes_on_a_line():
     """Nodes that span no area have motions, too."""
     points = np.array([[0.0, 0.0], [1.0, 1.0], [2.0, 2.0]])
     body = MotionsOfBody.of("line", points, np.ones((3, 2, 1)))
-    assert body.basis @ np.ones(1) == pytest.approx([1.0, 1.0, 0.0], abs=1e-12) and body.inertia[0, 0] > 0.0
+    assert (
+        body.basis @ np.ones(1) == pytest.approx([1.0, 1.0, 0.0], abs=1e-12)
+        and body.inertia[0, 0] > 0.0
+    )
 
 
-@pytest.mark.parametrize("vector, said", [
-    ((0, -1e-9), "-y"), ((8, 6), "(0.8, 0.6)"), ((-1, 1e-4), "-x"), ((0, 0, -2), "-z"), ((1, 1e-9, 0), "x"),
-    ((0, 3, -4), "(0, 0.6, -0.8)")])
+@pytest.mark.parametrize(
+    "vector, said",
+    [
+        ((0, -1e-9), "-y"),
+        ((8, 6), "(0.8, 0.6)"),
+        ((-1, 1e-4), "-x"),
+        ((0, 0, -2), "-z"),
+        ((1, 1e-9, 0), "x"),
+        ((0, 3, -4), "(0, 0.6, -0.8)"),
+    ],
+)
 def test_directions(vector, said):
     """Directions along an axis are named by it."""
     assert direction(np.array(vector)) == said
@@ -490,7 +654,9 @@ def test_directions(vector, said):
 
 def test_motions_of_solids_are_found_from_displacements():
     """Turnings are about the axes by the right hand, and the inertia is that of a box of density one."""
-    points = 50.0 + np.array([(x, y, z) for x in (0, 2) for y in (0, 1) for z in (0, 3)] + [(1.0, 0.5, 1.0)])
+    points = 50.0 + np.array(
+        [(x, y, z) for x in (0, 2) for y in (0, 1) for z in (0, 3)] + [(1.0, 0.5, 1.0)]
+    )
     axes = np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1]])
     turns = [np.cross(3 * axis, points - points[0]) for axis in axes]
     motions = np.stack([*turns, np.tile([0, 2.0, 0], (9, 1))], axis=2)
@@ -509,8 +675,14 @@ def test_a_drift_is_named_by_how_far_nodes_move(monkeypatch):
     """A plate of 200 m that slides by 1 m and turns by 0.01 m at its farthest corner slides, whatever its size."""
     points = 100.0 * np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.0], [0.0, 1.0]])
     x, y = (points - points.mean(axis=0)).T / np.hypot(100.0, 50.0)
-    motions = np.stack([np.outer(np.ones(4), axis) for axis in np.eye(2)] + [np.column_stack([-y, x])], axis=2)
+    motions = np.stack(
+        [np.outer(np.ones(4), axis) for axis in np.eye(2)] + [np.column_stack([-y, x])], axis=2
+    )
     body = MotionsOfBody.of("plate", points, motions)
     monkeypatch.setattr(equilibrium, "_with_partners", lambda *parts: [body])
-    assembly = SimpleNamespace(world=MPI.COMM_SELF, joint=SimpleNamespace(slices={"plate": slice(0, 3)}))
-    assert "plate would move along -x" in equilibrium.describe_drift(assembly, np.array([-1.0, 0.0, 0.01]))
+    assembly = SimpleNamespace(
+        world=MPI.COMM_SELF, joint=SimpleNamespace(slices={"plate": slice(0, 3)})
+    )
+    assert "plate would move along -x" in equilibrium.describe_drift(
+        assembly, np.array([-1.0, 0.0, 0.01])
+    )

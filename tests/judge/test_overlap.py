@@ -16,7 +16,9 @@ from ddmpi.system.numbers import nearest_in
 
 
 def rectangle(origin, size, divisions=(4, 4)) -> Mesh:
-    return generate_rectangle(MeshSpec(shape="rectangle", origin=origin, size=size, divisions=divisions))
+    return generate_rectangle(
+        MeshSpec(shape="rectangle", origin=origin, size=size, divisions=divisions)
+    )
 
 
 def of(mesh: Mesh, motion=(0.0, 0.0)) -> Solid:
@@ -28,16 +30,26 @@ def strip(first, second) -> Solid:
     """A body between two closed curves of equally many points, the second to the left of the first."""
     n, k = len(first), np.arange(len(first))
     around = np.roll(k, -1)
-    cells = np.concatenate([np.column_stack([k, around, n + around]), np.column_stack([k, n + around, n + k])])
+    cells = np.concatenate(
+        [np.column_stack([k, around, n + around]), np.column_stack([k, n + around, n + k])]
+    )
     at = np.concatenate([first, second])
     return Solid.of(Mesh(at, cells, {}), np.zeros_like(at))
 
 
 def squares(filled, side: float) -> Mesh:
     """A mesh of the squares (i, j) in `filled`, in two triangles each."""
-    nodes = {at: k for k, at in enumerate(sorted({(i + a, j + b) for i, j in filled for a in (0, 1) for b in (0, 1)}))}
-    cells = [[nodes[i + a, j + b] for a, b in corners] for i, j in sorted(filled)
-             for corners in (((0, 0), (1, 0), (1, 1)), ((0, 0), (1, 1), (0, 1)))]
+    nodes = {
+        at: k
+        for k, at in enumerate(
+            sorted({(i + a, j + b) for i, j in filled for a in (0, 1) for b in (0, 1)})
+        )
+    }
+    cells = [
+        [nodes[i + a, j + b] for a, b in corners]
+        for i, j in sorted(filled)
+        for corners in (((0, 0), (1, 0), (1, 1)), ((0, 0), (1, 1), (0, 1)))
+    ]
     return Mesh(side * np.array(list(nodes), float), np.array(cells), {})
 
 
@@ -62,7 +74,10 @@ def through(first: Solid, second: Solid, y: float = np.nan) -> tuple[float, floa
 DEEP = {
     "corner in corner": (rectangle((0.5, 0.5), (1, 1)), 0.5),
     "inside": (rectangle((0.4, 0.3), (0.2, 0.2)), 0.5),
-    "around": (rectangle((-1, -1), (3, 3), (2, 2)), 1.0 + 0.25 / 4),  # of places a quarter of a segment inward
+    "around": (
+        rectangle((-1, -1), (3, 3), (2, 2)),
+        1.0 + 0.25 / 4,
+    ),  # of places a quarter of a segment inward
     "the same": (rectangle((0, 0), (1, 1)), 0.0625),
     "thin bar across, no node inside": (rectangle((0.45, -1), (0.1, 3), (1, 1)), 0.45),
     "coarse bar across an edge": (rectangle((0.9, 0.3), (5, 0.1), (1, 1)), 0.1),
@@ -107,11 +122,14 @@ def test_the_sagitta_of_a_curve_is_no_overlap(phase):
 
 
 def test_a_roller_near_a_flat_is_no_overlap():
-    assert through(disc(1.0, 0.0, 60, (0.0, 1.0)), of(rectangle((-2, -1), (4, 1), (33, 4))))[0] == 0.0
+    assert (
+        through(disc(1.0, 0.0, 60, (0.0, 1.0)), of(rectangle((-2, -1), (4, 1), (33, 4))))[0] == 0.0
+    )
 
 
 def test_a_contact_that_closes_is_no_overlap():
     """Its nodes are kept apart by the contact, where they slide along a wavy surface too."""
+
     def wave(at: np.ndarray) -> np.ndarray:
         return 1e-3 * np.column_stack([np.sin(3 * at[:, 0]), np.sin(7 * at[:, 0])])
 
@@ -140,7 +158,10 @@ def test_overlaps_by_the_load_are_found_whatever_the_units(size):
 
 def test_a_body_that_has_passed_a_thin_one_is_found():
     """In the end they are apart again."""
-    rod, block = of(rectangle((1.02, 0), (0.01, 1), (1, 50))), of(rectangle((0.9, 0.2), (0.1, 0.5)), (0.15, 0.0))
+    rod, block = (
+        of(rectangle((1.02, 0), (0.01, 1), (1, 50))),
+        of(rectangle((0.9, 0.2), (0.1, 0.5)), (0.15, 0.0)),
+    )
     assert through(block, rod)[0] > 0.003
 
 
@@ -151,11 +172,15 @@ def test_displacements_that_mean_nothing_leave_the_drawing():
         assert through(fixed, of(apart, (size, 0.0)))[0] == 0.0
 
 
-@pytest.mark.parametrize(("turn", "closed"), [(0.0, False), (0.05, False), (0.2, True), (-0.2, False)])
+@pytest.mark.parametrize(
+    ("turn", "closed"), [(0.0, False), (0.05, False), (0.2, True), (-0.2, False)]
+)
 @pytest.mark.parametrize("scale", [1.0, 1e-6])
 def test_a_clip_that_closes_through_itself_is_found(turn, closed, scale):
     """The upper arm of a C is turned down by an angle; sides that touch as drawn, at its root, do not count."""
-    mesh = squares({(i, j) for i in range(20) for j in range(12) if i < 5 or j not in (5, 6)}, 0.2 * scale)
+    mesh = squares(
+        {(i, j) for i in range(20) for j in range(12) if i < 5 or j not in (5, 6)}, 0.2 * scale
+    )
     root, (c, s) = np.array([0.5, 1.9]) * scale, (np.cos(turn), np.sin(turn))
 
     def motion(at: np.ndarray) -> np.ndarray:
@@ -172,22 +197,32 @@ def test_a_clip_that_closes_through_itself_is_found(turn, closed, scale):
 def test_a_slot_that_closes_is_found_in_the_cells_at_the_boundary(down, closed):
     """The slot of a C narrows to 0.01 at its tip; by 1.5 it jumps over several cells."""
     mesh = squares({(i, j) for i in range(20) for j in range(12) if i < 5 or j not in (5, 6)}, 0.2)
-    bent = np.where(mesh.points[:, 1] > 1.3, np.maximum(mesh.points[:, 0] - 1.0, 0.0) / 3.0, 0.0)[:, None] * [0.0, 1.0]
+    bent = np.where(mesh.points[:, 1] > 1.3, np.maximum(mesh.points[:, 0] - 1.0, 0.0) / 3.0, 0.0)[
+        :, None
+    ] * [0.0, 1.0]
     body = of(replace(mesh, points=mesh.points - 0.39 * bent), lambda _: -down * bent)
     assert (penetrates_itself(body) is not None) == closed
 
 
 # In space
 
+
 def moved_box(origin, size=(1.0, 1.0, 1.0), divisions=(3, 3, 3), order=1) -> Solid:
     mesh = solids.box(divisions, size, order)
     return of(replace(mesh, points=mesh.points + origin), np.zeros(3))
 
 
-@pytest.mark.parametrize(("origin", "size", "depth"), [
-    ((0.9, 0.3, 0.3), (1.0, 0.4, 0.4), 0.1), ((0.45, -1.0, 0.45), (0.1, 3.0, 0.1), 0.45),
-    ((1.0, 0.0, 0.0), (1.0, 1.0, 1.0), 0.0), ((1.0, 1.0, 0.3), (1.0, 1.0, 1.0), 0.0),
-    ((0.2, 0.3, 1.0), (0.5, 0.5, 1.0), 0.0), ((1.1, 0.0, 0.0), (1.0, 1.0, 1.0), 0.0)])
+@pytest.mark.parametrize(
+    ("origin", "size", "depth"),
+    [
+        ((0.9, 0.3, 0.3), (1.0, 0.4, 0.4), 0.1),
+        ((0.45, -1.0, 0.45), (0.1, 3.0, 0.1), 0.45),
+        ((1.0, 0.0, 0.0), (1.0, 1.0, 1.0), 0.0),
+        ((1.0, 1.0, 0.3), (1.0, 1.0, 1.0), 0.0),
+        ((0.2, 0.3, 1.0), (0.5, 0.5, 1.0), 0.0),
+        ((1.1, 0.0, 0.0), (1.0, 1.0, 1.0), 0.0),
+    ],
+)
 @pytest.mark.parametrize("order", [1, 2])
 def test_boxes_that_overlap_in_space(origin, size, depth, order):
     """One in the other, a bar across and no node inside; never where they share a face, an edge or a part of one."""
@@ -204,7 +239,12 @@ def test_the_nearest_of_flat_facets_is_found(flat):
     body = moved_box((0, 0, 0), (1.0, flat, 1.0), (1, 1, 40))
     facets = body.at[body.facets[:, :-1]]
     points = facets.mean(axis=1) + np.array([0.0, 1e-2 * flat, 0.0])
-    by_all = np.array([np.linalg.norm(nearest_in(np.tile(p, (len(facets), 1)), facets) - p, axis=1) for p in points])
+    by_all = np.array(
+        [
+            np.linalg.norm(nearest_in(np.tile(p, (len(facets), 1)), facets) - p, axis=1)
+            for p in points
+        ]
+    )
     distance, number = distance_to(points, facets)
     assert distance == pytest.approx(by_all.min(axis=1), rel=1e-12, abs=1e-15)
     assert by_all[np.arange(len(points)), number] == pytest.approx(distance, rel=1e-12, abs=1e-15)
@@ -214,21 +254,35 @@ def test_the_nearest_of_flat_facets_is_found(flat):
 def test_points_and_the_boxes_that_contain_them(dimension):
     """All pairs, whatever the sizes of the boxes, where points crowd and where many have the same coordinate."""
     rng = np.random.default_rng(dimension)
-    points = np.concatenate([rng.random((50, dimension)), 1e-3 * rng.random((50, dimension)),
-                             rng.integers(0, 3, (30, dimension)) / 2.0])
+    points = np.concatenate(
+        [
+            rng.random((50, dimension)),
+            1e-3 * rng.random((50, dimension)),
+            rng.integers(0, 3, (30, dimension)) / 2.0,
+        ]
+    )
     low = rng.random((80, dimension)) * rng.choice([1e-3, 1.0], (80, 1))
     high = low + rng.choice([0.0, 1e-3, 0.1, 1.0], (80, 1))
     low[:30], high[:20] = points[-30:], np.maximum(points[-20:], low[:20])
     pairs = np.argwhere(((low <= points[:, None]) & (points[:, None] <= high)).all(axis=2))
-    assert np.unique(np.column_stack(contained(points, low, high)), axis=0).tolist() == pairs.tolist()
-    assert contained(points[:0], low, high)[0].size == contained(points, low[:0], high[:0])[0].size == 0
+    assert (
+        np.unique(np.column_stack(contained(points, low, high)), axis=0).tolist() == pairs.tolist()
+    )
+    assert (
+        contained(points[:0], low, high)[0].size
+        == contained(points, low[:0], high[:0])[0].size
+        == 0
+    )
 
 
 def test_a_solid_that_is_moved_through_another_is_found():
     """A box that is pushed into its neighbour; kept apart by a contact it may be."""
     first = moved_box((0, 0, 0))
     mesh = solids.box((2, 2, 2))
-    second = of(replace(mesh, points=mesh.points + np.eye(3)[2]), lambda at: -0.2 * (3 - at[:, 2:]) * np.eye(3)[2:])
+    second = of(
+        replace(mesh, points=mesh.points + np.eye(3)[2]),
+        lambda at: -0.2 * (3 - at[:, 2:]) * np.eye(3)[2:],
+    )
     kept = np.abs(first.at[:, 2] - 1.0) < 1e-9, np.abs(second.at[:, 2] - 1.0) < 1e-9
     assert penetration(first, second, (0 * kept[0] > 0, 0 * kept[1] > 0))[0].depth > 0.1
     assert penetration(first, second, kept)[0].depth == 0.0
@@ -240,8 +294,12 @@ def test_creases_of_a_solid():
     cells = mesh.triangles[(mesh.points[mesh.triangles].mean(axis=1)[:, :2] < 0.5).any(axis=1)]
     for some, edges, hollow in ((mesh.triangles, 24, 0), (cells, 28, 2)):
         facets = Solid.of(Mesh(mesh.points, some, {}), np.zeros(1)).facets
-        found = creases(mesh.points, facets[:, :-1], mesh.points[facets[:, 0]] - mesh.points[facets[:, -1]])
-        assert (np.isclose(np.abs(found.turn), np.pi / 2) | np.isclose(found.turn, 0.0, atol=1e-6)).all()
+        found = creases(
+            mesh.points, facets[:, :-1], mesh.points[facets[:, 0]] - mesh.points[facets[:, -1]]
+        )
+        assert (
+            np.isclose(np.abs(found.turn), np.pi / 2) | np.isclose(found.turn, 0.0, atol=1e-6)
+        ).all()
         assert (np.abs(found.turn) > 1.0).sum() == edges and (found.turn < -1.0).sum() == hollow
         assert not len(found.rim)
         assert (mesh.points[found.nodes[found.turn < -1.0]][:, :, :2] == 0.5).all()

@@ -25,16 +25,28 @@ STEEL = {"young": 2e11, "poisson": 0.3}
 
 def doubts(scene: dict, about: str = "") -> list[str]:
     """The warnings of the certified answer to a scene that match a pattern."""
-    return [warning for warning in certified(scene).summary["warnings"] if re.search(about, warning)]
+    return [
+        warning for warning in certified(scene).summary["warnings"] if re.search(about, warning)
+    ]
 
 
 def block(name: str, x: float, y: float, size, clamp, traction=(), divisions=(8, 8)) -> dict:
-    return scenes.rectangle(name, (x, y), size, divisions, young=2e11, clamp=clamp, traction=list(traction))
+    return scenes.rectangle(
+        name, (x, y), size, divisions, young=2e11, clamp=clamp, traction=list(traction)
+    )
 
 
 def pair_of(upper: dict, lower: dict, friction: dict = COULOMB) -> dict:
-    return {"body": [upper, lower], "contact": [{"bodies": [upper["name"], lower["name"]], "on": ["bottom", "top"],
-                                                 "friction": friction}]}
+    return {
+        "body": [upper, lower],
+        "contact": [
+            {
+                "bodies": [upper["name"], lower["name"]],
+                "on": ["bottom", "top"],
+                "friction": friction,
+            }
+        ],
+    }
 
 
 # Before anything is computed
@@ -55,17 +67,37 @@ def clamped_twice() -> dict:
 
 def contradicting_history() -> dict:
     """Clamps push bodies into each other in the midst of a history, though they agree at its ends."""
-    upper = block("upper", 0.0, 1.0, (2, 1), [{"on": "left", "x": 0.0, "y": 1e-4, "history": "swing"}])
+    upper = block(
+        "upper", 0.0, 1.0, (2, 1), [{"on": "left", "x": 0.0, "y": 1e-4, "history": "swing"}]
+    )
     swing = {"times": [0.0, 1.0, 2.0, 3.0], "factors": [0.0, 1.0, -1.0, 0.0]}
     return pair_of(upper, block("lower", 0.0, 0.0, (2, 1), ["bottom", "left"])) | {
-        "time": {"points": [3.0]}, "history": {"swing": swing}}
+        "time": {"points": [3.0]},
+        "history": {"swing": swing},
+    }
 
 
-@pytest.mark.parametrize(("scene", "words"), [
-    (turned_backs, ("contact.upper-lower", "overlap by 2 m,", "'upper' (1 m)", "order of `bodies`")),
-    (clamped_twice, ("body.upper.clamp: x at (0, 2) is prescribed twice, as 0 and, on 'top', as 0.001",)),
-    (contradicting_history, ("at (0, 1), at time 2, body.upper.clamp.0 on 'left' prescribes y = -0.0001",
-                             "body.lower.clamp.1 on 'left' prescribes y = 0", "into each other by 0.0001"))])
+@pytest.mark.parametrize(
+    ("scene", "words"),
+    [
+        (
+            turned_backs,
+            ("contact.upper-lower", "overlap by 2 m,", "'upper' (1 m)", "order of `bodies`"),
+        ),
+        (
+            clamped_twice,
+            ("body.upper.clamp: x at (0, 2) is prescribed twice, as 0 and, on 'top', as 0.001",),
+        ),
+        (
+            contradicting_history,
+            (
+                "at (0, 1), at time 2, body.upper.clamp.0 on 'left' prescribes y = -0.0001",
+                "body.lower.clamp.1 on 'left' prescribes y = 0",
+                "into each other by 0.0001",
+            ),
+        ),
+    ],
+)
 def test_what_no_contact_can_mean_is_refused(scene, words):
     with pytest.raises(InputError) as error:
         ddmpi.solve(scene(), MPI.COMM_SELF)
@@ -75,25 +107,45 @@ def test_what_no_contact_can_mean_is_refused(scene, words):
 def test_a_large_initial_overlap_is_a_warning_and_every_one_is_in_the_plan(tmp_path):
     """A warning stands once on stderr and once in the summary."""
     for overlap, warned in ((0.5, True), (0.001, False)):
-        scene = pair_of(block("upper", 0.0, 1.0 - overlap, (1, 1), ["top"]),
-                        block("lower", 0.0, 0.0, (1, 1), ["bottom"]))
-        done = scenes.run_here(scenes.write_scene(scene, tmp_path / "scene.toml"), tmp_path / str(overlap),
-                               "--no-figures")
+        scene = pair_of(
+            block("upper", 0.0, 1.0 - overlap, (1, 1), ["top"]),
+            block("lower", 0.0, 0.0, (1, 1), ["bottom"]),
+        )
+        done = scenes.run_here(
+            scenes.write_scene(scene, tmp_path / "scene.toml"),
+            tmp_path / str(overlap),
+            "--no-figures",
+        )
         assert f"upper-lower: initial overlap up to {overlap:g} m\n" in done.stdout
         found = done.summary["warnings"]
-        assert sum("overlap by 0.5 m at first, 50.0% of the thinner one's depth" in each for each in found) == warned
+        assert (
+            sum(
+                "overlap by 0.5 m at first, 50.0% of the thinner one's depth" in each
+                for each in found
+            )
+            == warned
+        )
         assert done.stderr.count("ddmpi: warning: ") == len(found)
-        assert all(done.stderr.count(f"ddmpi: warning: {each}\n") == 1 and each not in done.stdout for each in found)
+        assert all(
+            done.stderr.count(f"ddmpi: warning: {each}\n") == 1 and each not in done.stdout
+            for each in found
+        )
 
 
 @pytest.mark.parametrize("below", [8, 7], ids=["pairs", "mortar"])
 def test_a_fit_that_clamps_keep_is_certified(below):
-    upper = block("upper", 0.0, 1.0, (2, 1), [{"on": on, "x": 0.0, "y": 0.0} for on in ("top", "left")])
-    scene = pair_of(upper, block("lower", 0.0, 0.0, (2, 1), ["bottom", "left"], divisions=(below, 8)))
+    upper = block(
+        "upper", 0.0, 1.0, (2, 1), [{"on": on, "x": 0.0, "y": 0.0} for on in ("top", "left")]
+    )
+    scene = pair_of(
+        upper, block("lower", 0.0, 0.0, (2, 1), ["bottom", "left"], divisions=(below, 8))
+    )
     scene["contact"][0]["gap"] = -1e-5
     answer = certified(scene)
     assert answer.summary["warnings"] == []
-    assert below == 7 or answer.summary["contacts"]["upper-lower"]["m"] == 8  # one of nine pairs is clamped
+    assert (
+        below == 7 or answer.summary["contacts"]["upper-lower"]["m"] == 8
+    )  # one of nine pairs is clamped
 
 
 def test_lost_and_doubled_loads_are_warnings():
@@ -102,7 +154,10 @@ def test_lost_and_doubled_loads_are_warnings():
     scene["body"][0]["clamp"] = ["left", {"on": "right", "x": 0.0}]
     scene["body"][1]["traction"] *= 2
     lost, doubled = doubts(scene)
-    assert "the load on 'right' along x is lost" in lost and "body.lower: 'bottom' is loaded 2 times" in doubled
+    assert (
+        "the load on 'right' along x is lost" in lost
+        and "body.lower: 'bottom' is loaded 2 times" in doubled
+    )
 
 
 # Of the answer: one warning with these words, or none where there are no words
@@ -118,7 +173,11 @@ def agreeing_clamps() -> dict:
 def profile(first: float) -> dict:
     """Of friction, from `first` to x = 4; the contact goes from 0.25 to 3."""
     scene = pinched_blocks(4)
-    scene["contact"][0]["friction"]["coefficient"] = {"along": "x", "points": [first, 4.0], "values": [0.2, 0.4]}
+    scene["contact"][0]["friction"]["coefficient"] = {
+        "along": "x",
+        "points": [first, 4.0],
+        "values": [0.2, 0.4],
+    }
     return scene
 
 
@@ -133,13 +192,17 @@ def pressed_layer() -> dict:
     """A strain of 500 % in a layer, however small the displacement beside the body's length."""
     layer = block("layer", 0.0, 0.0, (3.0, 0.01), ["bottom"], divisions=(12, 4))
     layer["material"]["young"] = 1e6
-    upper = block("upper", 0.0, 0.01, (3.0, 1.0), [{"on": "top", "x": 0.0, "y": -0.05}], divisions=(12, 4))
+    upper = block(
+        "upper", 0.0, 0.01, (3.0, 1.0), [{"on": "top", "x": 0.0, "y": -0.05}], divisions=(12, 4)
+    )
     return pair_of(upper, layer, {"law": "none"})
 
 
 def beams(order: int) -> dict:
     """A slender beam of linear triangles is ten times too stiff, and its estimated error is 0.8."""
-    beam = block("beam", 0.0, 1.001, (100, 1), ["left"], [{"on": "top", "value": [0.0, -1e-4]}], (30, 1))
+    beam = block(
+        "beam", 0.0, 1.001, (100, 1), ["left"], [{"on": "top", "value": [0.0, -1e-4]}], (30, 1)
+    )
     base = block("base", 0.0, 0.0, (100, 1), ["bottom"], divisions=(30, 1))
     for body in (beam, base):
         body["mesh"]["order"] = order
@@ -149,69 +212,142 @@ def beams(order: int) -> dict:
 def punch(order: int, n: int) -> dict:
     """With one quadratic element on half its width a flat punch bears 11 % too little in its inner half."""
     mirror = {"on": "left", "x": 0.0}
-    upper = scenes.rectangle("punch", (0, 0), (0.5, 0.5), (n, n), order, 2.1e11, clamp=[mirror],
-                             traction=[{"on": "top", "pressure": 1e8}])
-    return pair_of(upper, scenes.rectangle("base", (0, -0.75), (1.5, 0.75), (3 * n, (3 * n) // 2), order, 7e10, 0.33,
-                                           clamp=["bottom", mirror]), {"law": "none"})
+    upper = scenes.rectangle(
+        "punch",
+        (0, 0),
+        (0.5, 0.5),
+        (n, n),
+        order,
+        2.1e11,
+        clamp=[mirror],
+        traction=[{"on": "top", "pressure": 1e8}],
+    )
+    return pair_of(
+        upper,
+        scenes.rectangle(
+            "base",
+            (0, -0.75),
+            (1.5, 0.75),
+            (3 * n, (3 * n) // 2),
+            order,
+            7e10,
+            0.33,
+            clamp=["bottom", mirror],
+        ),
+        {"law": "none"},
+    )
 
 
 def stop(**partner) -> dict:
     """Another body's rigid partner does not stop a block; a plane drawn through a body ends before it."""
-    pushed = block("block", 0.0, 0.0, (2, 1), [{"on": "left", "x": 1e-3, "y": 0.0}], divisions=(8, 4))
-    on, at = ("right", (partner["point"][0] - 0.8, 3.0)) if "point" in partner else ("bottom", (2.0, 1.0))
+    pushed = block(
+        "block", 0.0, 0.0, (2, 1), [{"on": "left", "x": 1e-3, "y": 0.0}], divisions=(8, 4)
+    )
+    on, at = (
+        ("right", (partner["point"][0] - 0.8, 3.0))
+        if "point" in partner
+        else ("bottom", (2.0, 1.0))
+    )
     if "inside" in partner:
         on, at = "top", (-0.4, partner["radius"] - 0.6)
     other = block("other", *at, (0.8, 0.5), ["bottom" if on == "top" else "top"], divisions=(4, 4))
-    return {"body": [pushed, other], "rigid": [{"name": "stop", **partner}],
-            "contact": [{"bodies": ["other", "stop"], "on": [on]}]}
+    return {
+        "body": [pushed, other],
+        "rigid": [{"name": "stop", **partner}],
+        "contact": [{"bodies": ["other", "stop"], "on": [on]}],
+    }
 
 
 def light_beside_heavy(weight: float) -> dict:
     """What acts on a light body is below what the convex program and the certificate resolve."""
-    bodies = [block(name, x, 0.0, (1, 1), [], [{"on": "top", "value": [0.0, -w]}], (4, 4))
-              for name, x, w in (("light", 0.0, weight), ("heavy", 3.0, 1e8))]
-    return {"body": bodies, "rigid": [FLOOR], "contact": [
-        {"bodies": [name, "floor"], "on": ["bottom"], "friction": COULOMB} for name in ("light", "heavy")]}
+    bodies = [
+        block(name, x, 0.0, (1, 1), [], [{"on": "top", "value": [0.0, -w]}], (4, 4))
+        for name, x, w in (("light", 0.0, weight), ("heavy", 3.0, 1e8))
+    ]
+    return {
+        "body": bodies,
+        "rigid": [FLOOR],
+        "contact": [
+            {"bodies": [name, "floor"], "on": ["bottom"], "friction": COULOMB}
+            for name in ("light", "heavy")
+        ],
+    }
 
 
 def around_a_knob(push: float) -> dict:
     """Nodes that slide far around a small rigid circle meet it where its normal is another."""
-    slope = scenes.rectangle("slope", (-10, 1), (20, 4), (40, 4), young=1.0,
-                             clamp=[{"on": "top", "x": push, "y": -0.05}])
-    return {"body": [slope], "rigid": [{"name": "knob", "shape": "circle", "center": [0.0, 0.0], "radius": 1.0}],
-            "contact": [{"bodies": ["slope", "knob"], "on": ["bottom"]}]}
+    slope = scenes.rectangle(
+        "slope", (-10, 1), (20, 4), (40, 4), young=1.0, clamp=[{"on": "top", "x": push, "y": -0.05}]
+    )
+    return {
+        "body": [slope],
+        "rigid": [{"name": "knob", "shape": "circle", "center": [0.0, 0.0], "radius": 1.0}],
+        "contact": [{"bodies": ["slope", "knob"], "on": ["bottom"]}],
+    }
 
 
 def wheel(around: int, order: int) -> dict:
     """A contact that is narrower than its elements has a force, but no pressure."""
-    body = {"name": "wheel", "material": STEEL | {"young": 1e9}, "clamp": [{"on": "inner", "x": 0, "y": -0.01}],
-            "mesh": {"shape": "annulus", "center": [0.0, 1.0], "radii": [0.5, 1.0], "angles": [180, 360],
-                     "divisions": [around, 4], "order": order}}
-    return {"body": [body], "rigid": [FLOOR], "contact": [{"bodies": ["wheel", "floor"], "on": ["outer"]}]}
+    body = {
+        "name": "wheel",
+        "material": STEEL | {"young": 1e9},
+        "clamp": [{"on": "inner", "x": 0, "y": -0.01}],
+        "mesh": {
+            "shape": "annulus",
+            "center": [0.0, 1.0],
+            "radii": [0.5, 1.0],
+            "angles": [180, 360],
+            "divisions": [around, 4],
+            "order": order,
+        },
+    }
+    return {
+        "body": [body],
+        "rigid": [FLOOR],
+        "contact": [{"bodies": ["wheel", "floor"], "on": ["outer"]}],
+    }
 
 
 def ball(approach: float, divisions: tuple[int, ...]) -> dict:
     """In space a zone is as wide as a few nodes where it has their square; strains are found in tetrahedra."""
     box = solid_scenes.box("box", (0, 0, 0), (1, 1, 1), divisions, clamp=["bottom"])
-    partner = {"name": "ball", "shape": "sphere", "center": [0.5, 0.5, 2.0], "radius": 1.0,
-               "displacement": [0, 0, -approach]}
-    return {"body": [box], "rigid": [partner], "contact": [{"bodies": ["box", "ball"], "on": ["top"]}]}
+    partner = {
+        "name": "ball",
+        "shape": "sphere",
+        "center": [0.5, 0.5, 2.0],
+        "radius": 1.0,
+        "displacement": [0, 0, -approach],
+    }
+    return {
+        "body": [box],
+        "rigid": [partner],
+        "contact": [{"bodies": ["box", "ball"], "on": ["top"]}],
+    }
 
 
 def small_disc(radius: float) -> dict:
     """Nodes alone touch a rigid partner, so a small disc passes between them."""
-    upper = block("upper", 0.0, 0.0, (2, 1), [{"on": "top", "x": 0.0, "y": -0.08}], divisions=(4, 2))
+    upper = block(
+        "upper", 0.0, 0.0, (2, 1), [{"on": "top", "x": 0.0, "y": -0.08}], divisions=(4, 2)
+    )
     disc = {"name": "disc", "shape": "circle", "center": [0.75, -radius], "radius": radius}
-    return {"body": [upper], "rigid": [disc], "contact": [{"bodies": ["upper", "disc"], "on": ["bottom"]}]}
+    return {
+        "body": [upper],
+        "rigid": [disc],
+        "contact": [{"bodies": ["upper", "disc"], "on": ["bottom"]}],
+    }
 
 
 def cubes_on_planes() -> dict:
     """At the corner of a free face where two planes of symmetry meet, rollers hold all nodes of a facet that no clamp
     names; the largest stress is there, as a load grows towards the planes."""
     planes = [{"on": "left", "x": 0.0}, {"on": "front", "y": 0.0}]
-    one, two = (solid_scenes.box(name, (0, 0, z), (1, 1, 1), (n, n, n), young=125,
-                                 clamp=[{"on": on, "z": 0.0}, *planes])
-                for name, z, n, on in (("one", 0.0, 2, "bottom"), ("two", 0.99, 3, "top")))
+    one, two = (
+        solid_scenes.box(
+            name, (0, 0, z), (1, 1, 1), (n, n, n), young=125, clamp=[{"on": on, "z": 0.0}, *planes]
+        )
+        for name, z, n, on in (("one", 0.0, 2, "bottom"), ("two", 0.99, 3, "top"))
+    )
     one["traction"] = [{"on": "right", "pressure": "10 * (1 - y)"}]
     return {"body": [one, two], "contact": [{"bodies": ["one", "two"], "on": ["top", "bottom"]}]}
 
@@ -219,52 +355,110 @@ def cubes_on_planes() -> dict:
 def missing_contact() -> dict:
     """A row of blocks slides over the edge of the row below; no boundary of a contact is too short."""
     ll, lr, ul, ur = bodies = [
-        block(name, x, y, (1, 1), ["bottom"] if y == 0.0 else [], [], divisions) for name, x, y, divisions in (
-            ("ll", 0.0, 0.0, (4, 4)), ("lr", 1.0, 0.0, (5, 6)), ("ul", 0.0, 1.0, (7, 5)), ("ur", 1.0, 1.0, (6, 7)))]
+        block(name, x, y, (1, 1), ["bottom"] if y == 0.0 else [], [], divisions)
+        for name, x, y, divisions in (
+            ("ll", 0.0, 0.0, (4, 4)),
+            ("lr", 1.0, 0.0, (5, 6)),
+            ("ul", 0.0, 1.0, (7, 5)),
+            ("ur", 1.0, 1.0, (6, 7)),
+        )
+    ]
     for each in (ul, ur):
         each["traction"] = [{"on": "top", "value": [4e7, -2e8]}]
     ul["traction"] += [{"on": "left", "pressure": 2e8}]
     ll["traction"] = [{"on": "left", "pressure": 2e8}]
     lr["traction"] = [{"on": "right", "pressure": 1e8}]
     ur["traction"] += [{"on": "right", "pressure": 1e8}]
-    return {"body": bodies, "contact": [
-        {"bodies": list(pair), "on": list(on), "friction": COULOMB | {"coefficient": 0.5}} for pair, on in (
-            (("ll", "lr"), ("right", "left")), (("ul", "ur"), ("right", "left")), (("ul", "ll"), ("bottom", "top")),
-            (("ur", "lr"), ("bottom", "top")))]}
+    return {
+        "body": bodies,
+        "contact": [
+            {"bodies": list(pair), "on": list(on), "friction": COULOMB | {"coefficient": 0.5}}
+            for pair, on in (
+                (("ll", "lr"), ("right", "left")),
+                (("ul", "ur"), ("right", "left")),
+                (("ul", "ll"), ("bottom", "top")),
+                (("ur", "lr"), ("bottom", "top")),
+            )
+        ],
+    }
 
 
 APART = "no contact keeps them apart"
 
 WARNED = [
-    (agreeing_clamps(), "", ()), (confined_blocks(3, gap=4e-4).scene(), "", ()),
+    (agreeing_clamps(), "", ()),
+    (confined_blocks(3, gap=4e-4).scene(), "", ()),
     (sheared_stack(3, 1e-4, COULOMB).scene(), "", ()),
-    (profile(0.0), "", ()), (profile(1.0), "", ("covers x from 1 to 4, the contact goes from 0.25 to 3",)),
+    (profile(0.0), "", ()),
+    (profile(1.0), "", ("covers x from 1 to 4, the contact goes from 0.25 to 3",)),
     (ineffective_slave(), "contact.upper-lower.slave", ("no side is a slave",)),
     (ineffective_slave(pairing="mortar"), "contact.upper-lower.slave", ()),
     (pressed_layer(), "", ("body.layer: strains and rotations reach 5",)),
-    (beams(1), "", ("body.beam: linear elements make it too stiff", "error is 0.8", "quadratic elements (mesh.order")),
+    (
+        beams(1),
+        "",
+        (
+            "body.beam: linear elements make it too stiff",
+            "error is 0.8",
+            "quadratic elements (mesh.order",
+        ),
+    ),
     (beams(2), "", ()),
-    (punch(1, 1), "coarse", ()), (punch(2, 4), "coarse", ()),
-    (punch(2, 1), "coarse", ("forces at the edges of contacts are uncertain: the estimated discretization error is "
-                             "0.19", "; use a finer mesh")),
-    (stop(shape="plane", point=[2.0005, 0.0], normal=[-1.0, 0.0]), "penetrates",
-     (f"{APART}: block penetrates stop by 0.0005", "add a [[contact]] between them")),
+    (punch(1, 1), "coarse", ()),
+    (punch(2, 4), "coarse", ()),
+    (
+        punch(2, 1),
+        "coarse",
+        (
+            "forces at the edges of contacts are uncertain: the estimated discretization error is "
+            "0.19",
+            "; use a finer mesh",
+        ),
+    ),
+    (
+        stop(shape="plane", point=[2.0005, 0.0], normal=[-1.0, 0.0]),
+        "penetrates",
+        (f"{APART}: block penetrates stop by 0.0005", "add a [[contact]] between them"),
+    ),
     (stop(shape="plane", point=[1.0, 0.0], normal=[-1.0, 0.0]), "penetrates", ()),
-    (stop(shape="circle", center=[2.4, 0.5], radius=0.4), "penetrates", (f"{APART}: block penetrates stop by 0.00",)),
-    (stop(shape="circle", center=[0.0, 0.0], radius=5**0.5, inside=True), "penetrates",
-     (f"{APART}: block penetrates stop by 0.00",)),
+    (
+        stop(shape="circle", center=[2.4, 0.5], radius=0.4),
+        "penetrates",
+        (f"{APART}: block penetrates stop by 0.00",),
+    ),
+    (
+        stop(shape="circle", center=[0.0, 0.0], radius=5**0.5, inside=True),
+        "penetrates",
+        (f"{APART}: block penetrates stop by 0.00",),
+    ),
     (stop(shape="circle", center=[0.0, 0.0], radius=2.1, inside=True), "penetrates", ()),
     (light_beside_heavy(1e-3), "negligible beside the loads", ("body.light",)),
     (light_beside_heavy(1e3), "negligible beside the loads", ()),
-    (around_a_knob(0.05), "slid around", ()), (around_a_knob(0.6), "slid around", ("nodes slid around 'knob'",)),
-    (wheel(16, 1), "too few nodes", ("contact.wheel-floor", "at (")), (wheel(160, 1), "too few nodes", ()),
-    (wheel(16, 2), "too few nodes", ("contact.wheel-floor", "at (")), (wheel(96, 2), "too few nodes", ()),
-    (ball(0.01, (6, 6, 6)), "too few|strains", ("at (0.5, 0.5, 1) is on too few nodes to resolve it, 1:",)),
+    (around_a_knob(0.05), "slid around", ()),
+    (around_a_knob(0.6), "slid around", ("nodes slid around 'knob'",)),
+    (wheel(16, 1), "too few nodes", ("contact.wheel-floor", "at (")),
+    (wheel(160, 1), "too few nodes", ()),
+    (wheel(16, 2), "too few nodes", ("contact.wheel-floor", "at (")),
+    (wheel(96, 2), "too few nodes", ()),
+    (
+        ball(0.01, (6, 6, 6)),
+        "too few|strains",
+        ("at (0.5, 0.5, 1) is on too few nodes to resolve it, 1:",),
+    ),
     (ball(0.1, (14, 14, 4)), "too few|strains", ("strains and rotations reach 0.29",)),
-    (small_disc(0.3), "between two of them", ("contact.upper-disc: disc is small", "penetrates it by")),
+    (
+        small_disc(0.3),
+        "between two of them",
+        ("contact.upper-disc: disc is small", "penetrates it by"),
+    ),
     (small_disc(2.0), "between two of them", ()),
     (cubes_on_planes(), "von Mises", ()),
-    (missing_contact(), "", ("body.lr and body.ul penetrate each other", "add a [[contact]] between them"))]
+    (
+        missing_contact(),
+        "",
+        ("body.lr and body.ul penetrate each other", "add a [[contact]] between them"),
+    ),
+]
 
 
 @pytest.mark.parametrize(("scene", "about", "words"), WARNED)
@@ -291,33 +485,70 @@ def test_large_displacements_and_far_slips_are_warnings():
 def split_bottom(path: Path, mirror: bool = False) -> str:
     """A block 2 × 1 with groups top, bottom and part, the left half of the bottom; mirrored it lies below y = 0."""
     mesh = rectangle((16, 8), (2.0, 1.0))
-    groups = {"bottom": mesh.groups["bottom"], "part": mesh.groups["bottom"][:8], "top": mesh.groups["top"]}
-    return write_msh(path, Mesh(mesh.points * [1.0, -1.0 if mirror else 1.0], mesh.triangles, groups))
+    groups = {
+        "bottom": mesh.groups["bottom"],
+        "part": mesh.groups["bottom"][:8],
+        "top": mesh.groups["top"],
+    }
+    return write_msh(
+        path, Mesh(mesh.points * [1.0, -1.0 if mirror else 1.0], mesh.triangles, groups)
+    )
 
 
 @pytest.mark.parametrize("on", ["bottom", "part"])
 def test_contact_that_reaches_the_end_of_its_group_is_a_warning(tmp_path, on):
     """Beyond the end of a group the surfaces may go on into each other; no unknown keeps them apart there."""
-    upper = {"name": "upper", "mesh": {"file": split_bottom(tmp_path / "block.msh")}, "material": STEEL,
-             "clamp": [{"on": "top", "x": 0.0, "y": -1e-4}]}
-    base = {"name": "lower", "mesh": {"file": split_bottom(tmp_path / "base.msh", mirror=True)}, "material": STEEL,
-            "clamp": ["top"]}
-    found = doubts({"body": [upper, base], "contact": [{"bodies": ["upper", "lower"], "on": [on, on],
-                                                        "friction": COULOMB}]})
+    upper = {
+        "name": "upper",
+        "mesh": {"file": split_bottom(tmp_path / "block.msh")},
+        "material": STEEL,
+        "clamp": [{"on": "top", "x": 0.0, "y": -1e-4}],
+    }
+    base = {
+        "name": "lower",
+        "mesh": {"file": split_bottom(tmp_path / "base.msh", mirror=True)},
+        "material": STEEL,
+        "clamp": ["top"],
+    }
+    found = doubts(
+        {
+            "body": [upper, base],
+            "contact": [{"bodies": ["upper", "lower"], "on": [on, on], "friction": COULOMB}],
+        }
+    )
     assert len(found) == (on == "part"), found
-    assert all("body.upper and body.lower penetrate each other by 0.000106" in each and "name the whole" in each
-               for each in found), found
+    assert all(
+        "body.upper and body.lower penetrate each other by 0.000106" in each
+        and "name the whole" in each
+        for each in found
+    ), found
 
 
 @pytest.mark.parametrize("on", ["bottom", "part"])
 def test_the_largest_stress_at_the_end_of_a_clamp_is_a_warning(tmp_path, on):
     """A clamp that ends on a straight boundary; at the corners of a block it does what it does in all scenes."""
-    base = {"name": "base", "mesh": {"file": split_bottom(tmp_path / "base.msh")}, "clamp": [on], "material": STEEL}
-    upper = block("upper", 0.0, 1.0, (2, 1), [{"on": "left", "x": 0.0}], [{"on": "top", "value": [0.0, -1e6]}], (16, 8))
+    base = {
+        "name": "base",
+        "mesh": {"file": split_bottom(tmp_path / "base.msh")},
+        "clamp": [on],
+        "material": STEEL,
+    }
+    upper = block(
+        "upper",
+        0.0,
+        1.0,
+        (2, 1),
+        [{"on": "left", "x": 0.0}],
+        [{"on": "top", "value": [0.0, -1e6]}],
+        (16, 8),
+    )
     found = doubts(pair_of(upper, base), "von Mises")
     assert len(found) == (on == "part"), found
-    assert all("body.base: the largest von Mises stress, " in each and "is at the end of a clamp at (1, 0)" in each
-               for each in found)
+    assert all(
+        "body.base: the largest von Mises stress, " in each
+        and "is at the end of a clamp at (1, 0)" in each
+        for each in found
+    )
 
 
 def squares(path: Path, filled: set[tuple[int, int]]) -> str:
@@ -330,18 +561,34 @@ def squares(path: Path, filled: set[tuple[int, int]]) -> str:
     return write_msh(path, Mesh(mesh.points, triangles, groups))
 
 
-WALL = {(i, j) for i in range(14) for j in range(4)} | {(i, j) for i in (12, 13) for j in range(4, 8)}
+WALL = {(i, j) for i in range(14) for j in range(4)} | {
+    (i, j) for i in (12, 13) for j in range(4, 8)
+}
 ROOF = WALL | {(i, 6) for i in range(8, 12)}
 
 
-@pytest.mark.parametrize(("filled", "traction", "depth"), [
-    (WALL, (-1e7, 0.0), None), (WALL, (0.0, 3e7), "by 0.00299"), (WALL, (1e9, 3e7), "by 0.0166"),
-    (ROOF, (0.0, 3e7), "by 0.493 m (0.5 m as drawn)")])
-def test_bodies_that_run_through_each_other_beside_an_open_contact_are_a_warning(tmp_path, filled, traction, depth):
+@pytest.mark.parametrize(
+    ("filled", "traction", "depth"),
+    [
+        (WALL, (-1e7, 0.0), None),
+        (WALL, (0.0, 3e7), "by 0.00299"),
+        (WALL, (1e9, 3e7), "by 0.0166"),
+        (ROOF, (0.0, 3e7), "by 0.493 m (0.5 m as drawn)"),
+    ],
+)
+def test_bodies_that_run_through_each_other_beside_an_open_contact_are_a_warning(
+    tmp_path, filled, traction, depth
+):
     """A wall beside the upper block and a roof within it belong to the lower body, but not to the contact."""
-    upper = block("upper", 0.0, 1.0, (3, 1), ["left"], [{"on": "right", "value": traction}], (12, 4))
-    lower = {"name": "lower", "mesh": {"file": squares(tmp_path / "wall.msh", filled)}, "clamp": ["bottom"],
-             "material": STEEL}
+    upper = block(
+        "upper", 0.0, 1.0, (3, 1), ["left"], [{"on": "right", "value": traction}], (12, 4)
+    )
+    lower = {
+        "name": "lower",
+        "mesh": {"file": squares(tmp_path / "wall.msh", filled)},
+        "clamp": ["bottom"],
+        "material": STEEL,
+    }
     found = doubts(pair_of(upper, lower))
     assert len(found) == (depth is not None), found
     assert all(f"penetrate each other {depth}" in each for each in found), found
@@ -362,19 +609,28 @@ BooleanDifference(7) = { Surface{8}; Delete; }{ Surface{9}; Delete; };
 BooleanUnion(6) = { Surface{3}; Delete; }{ Surface{7}; Delete; };"""
 
 
-@pytest.mark.parametrize(("rounding", "size", "order"), [
-    ("", 0.2, 1), ("", 0.1, 2), (FILLET, 0.1, 1), (FILLET, 0.1, 2)])
+@pytest.mark.parametrize(
+    ("rounding", "size", "order"), [("", 0.2, 1), ("", 0.1, 2), (FILLET, 0.1, 1), (FILLET, 0.1, 2)]
+)
 def test_the_largest_stress_at_a_sharp_corner_is_a_warning(tmp_path, rounding, size, order):
     """A bracket, bent open: at its inner corner no mesh has the stress, and with a fillet every fine one has."""
     path = tmp_path / "bracket.geo"
     path.write_text(BRACKET % rounding)
-    bracket = {"name": "bracket", "mesh": {"geometry": str(path), "size": size, "order": order}, "material": STEEL,
-               "clamp": ["end"], "traction": [{"on": "top", "value": [-1e6, 0.0]}]}
+    bracket = {
+        "name": "bracket",
+        "mesh": {"geometry": str(path), "size": size, "order": order},
+        "material": STEEL,
+        "clamp": ["end"],
+        "traction": [{"on": "top", "value": [-1e6, 0.0]}],
+    }
     base = block("base", 0.0, 0.0, (2, 1), ["bottom"])
     base["mesh"]["order"] = order
     found = doubts(pair_of(bracket, base), "von Mises")
     assert len(found) == (not rounding), found
-    for words in ("body.bracket: the largest von Mises stress, ", "at a re-entrant corner at (0.5, 1.5), where it"):
+    for words in (
+        "body.bracket: the largest von Mises stress, ",
+        "at a re-entrant corner at (0.5, 1.5), where it",
+    ):
         assert all(words in each for each in found)
 
 
@@ -384,9 +640,17 @@ def test_the_largest_stress_at_a_sharp_corner_is_a_warning(tmp_path, rounding, s
 EITHER = "its forces are uncertain by about|rounding decides that it is open"
 
 
-@pytest.mark.parametrize(("press", "pull", "words"), [
-    (-1e-11, 0.0, ""), (-1e-11, 1e-5, ""), (-1e-11, 1e3, "its forces are uncertain by about 0.1 of the largest"),
-    (-1e-11, 1e7, EITHER), (-1e-11, -1e7, EITHER), (0.0, -1e7, EITHER)])
+@pytest.mark.parametrize(
+    ("press", "pull", "words"),
+    [
+        (-1e-11, 0.0, ""),
+        (-1e-11, 1e-5, ""),
+        (-1e-11, 1e3, "its forces are uncertain by about 0.1 of the largest"),
+        (-1e-11, 1e7, EITHER),
+        (-1e-11, -1e7, EITHER),
+        (0.0, -1e7, EITHER),
+    ],
+)
 def test_forces_that_rounding_makes_are_a_warning(press, pull, words):
     """A sideways pull moves no node of a body with nu = 0 across, but its rounding does, one way or the other.
 
@@ -396,7 +660,10 @@ def test_forces_that_rounding_makes_are_a_warning(press, pull, words):
     upper, lower = scene["body"]
     for body in (upper, lower):
         body["material"]["poisson"] = 0.0
-    upper["traction"] = [{"on": "top", "value": [0.0, press]}, {"on": "right", "value": [pull, 0.0]}]
+    upper["traction"] = [
+        {"on": "top", "value": [0.0, press]},
+        {"on": "right", "value": [pull, 0.0]},
+    ]
     lower |= {"traction": [], "clamp": ["bottom"]}
     found = doubts(scene)
     assert len(found) == bool(words)
@@ -423,36 +690,60 @@ def test_a_box_on_planes_of_symmetry_has_no_end_of_a_clamp(order):
 def test_rounding_does_not_choose_where_friction_crosses_air(more):
     """Nodes that slip all bear their bound; the one whose gap is widest is named."""
     interface = SimpleNamespace(name="c", law=SimpleNamespace(name="tresca"), xy=np.eye(3, 2))
-    state = SimpleNamespace(interface=interface, status=np.array(["slip", "open", "open"]),
-                            gap=np.array([0.0, 0.2, 0.1]), forces=np.array([[0, 3], [1, 0], [1 + more, 0]]))
+    state = SimpleNamespace(
+        interface=interface,
+        status=np.array(["slip", "open", "open"]),
+        gap=np.array([0.0, 0.2, 0.1]),
+        forces=np.array([[0, 3], [1, 0], [1 + more, 0]]),
+    )
     (found,) = _held_through_air(state, 0.0, "m")
     assert "at (0, 1), where the gap is 0.2 m" in found
 
 
-@pytest.mark.parametrize(("friction", "warned"), [
-    ({"law": "tresca", "slip_bound": 1e5}, True), ({"law": "tresca", "slip_bound": 1e3}, True),
-    ({"law": "coulomb", "coefficient": 0.3}, False)])
+@pytest.mark.parametrize(
+    ("friction", "warned"),
+    [
+        ({"law": "tresca", "slip_bound": 1e5}, True),
+        ({"law": "tresca", "slip_bound": 1e3}, True),
+        ({"law": "coulomb", "coefficient": 0.3}, False),
+    ],
+)
 def test_friction_across_air_is_a_warning(friction, warned, capfd):
     """Tresca's bound, as it is published, holds a block half a metre from the wall; a clamp bears it, too."""
     held = block("block", 0.5, 0.0, (1, 1), [{"on": "right", "x": 0.0, "y": 0.0}])
     held["volume_force"] = [0.0, -1e4]
-    scene = {"body": [held], "rigid": [{"name": "wall", "shape": "plane", "point": [0, 0], "normal": [1, 0]}],
-             "contact": [{"bodies": ["block", "wall"], "on": ["left"], "friction": friction}]}
+    scene = {
+        "body": [held],
+        "rigid": [{"name": "wall", "shape": "plane", "point": [0, 0], "normal": [1, 0]}],
+        "contact": [{"bodies": ["block", "wall"], "on": ["left"], "friction": friction}],
+    }
     found = ddmpi.solve(scene, MPI.COMM_SELF, progress=True).summary["warnings"]
     assert len(found) == warned, found
-    assert all("contact.block-wall: friction of open nodes bears 100% of its forces, as at (0.5, " in each
-               and "the gap is 0.5 m:" in each for each in found)
+    assert all(
+        "contact.block-wall: friction of open nodes bears 100% of its forces, as at (0.5, " in each
+        and "the gap is 0.5 m:" in each
+        for each in found
+    )
     assert "closed nowhere: block-wall (at least 0.5 apart)\n" in capfd.readouterr().out
 
 
-@pytest.mark.parametrize(("friction", "factors", "said"), [
-    ({"law": "tresca", "slip_bound": 1e6}, [0, 1, 0], ""),
-    ({"law": "none"}, [0, -1, -2], "closed nowhere at any time: upper-lower (at least 0.000")])
+@pytest.mark.parametrize(
+    ("friction", "factors", "said"),
+    [
+        ({"law": "tresca", "slip_bound": 1e6}, [0, 1, 0], ""),
+        ({"law": "none"}, [0, -1, -2], "closed nowhere at any time: upper-lower (at least 0.000"),
+    ],
+)
 def test_a_contact_that_was_closed_before_is_not_said_to_be_open(friction, factors, said, capfd):
     """Nor is its friction worth a warning, when at last it holds nothing."""
-    upper = block("upper", 0.0, 1.0, (2, 1), [{"on": "top", "x": 0.0, "y": -1e-4, "history": "press"}])
+    upper = block(
+        "upper", 0.0, 1.0, (2, 1), [{"on": "top", "x": 0.0, "y": -1e-4, "history": "press"}]
+    )
     scene = pair_of(upper, block("lower", 0.0, 0.0, (2, 1), ["bottom"]), friction)
-    scene |= {"time": {"points": [1.0, 2.0]}, "history": {"press": {"times": [0.0, 1.0, 2.0], "factors": factors}}}
+    scene |= {
+        "time": {"points": [1.0, 2.0]},
+        "history": {"press": {"times": [0.0, 1.0, 2.0], "factors": factors}},
+    }
     answer = ddmpi.solve(scene, MPI.COMM_SELF, progress=True)
     assert answer.certified and not any("open nodes" in each for each in answer.summary["warnings"])
     told = capfd.readouterr().out
@@ -463,34 +754,69 @@ def test_a_contact_that_was_closed_before_is_not_said_to_be_open(friction, facto
 def test_a_deep_overlap_between_nodes_is_a_warning(slave, scale):
     """Rows at the nodes of a coarse base do not see the ripples of a layer that is pressed on it."""
     base = block("base", 0.0, 0.0, (2 * scale, scale), ["bottom"], divisions=(2, 2))
-    layer = block("layer", 0.1 * scale, scale, (1.8 * scale, 0.1 * scale), [
-        {"on": "top", "x": 0.0, "y": f"-{1e-5 * scale} * cos(6 * pi * x / {scale})"}], divisions=(32, 4))
+    layer = block(
+        "layer",
+        0.1 * scale,
+        scale,
+        (1.8 * scale, 0.1 * scale),
+        [{"on": "top", "x": 0.0, "y": f"-{1e-5 * scale} * cos(6 * pi * x / {scale})"}],
+        divisions=(32, 4),
+    )
     scene = pair_of(layer, base, {"law": "none"})
     scene["contact"][0]["slave"] = slave
     summary = certified(scene).summary
     found = [each for each in summary["warnings"] if "between nodes" in each]
     assert len(found) == (slave == "base")
-    assert all("contact.layer-base: the bodies overlap by" in each and "slave = 'layer'" in each for each in found)
-    assert (summary["contacts"]["layer-base"]["pointwise_penetration"] > 0.5e-5 * scale) == (slave == "base")
+    assert all(
+        "contact.layer-base: the bodies overlap by" in each and "slave = 'layer'" in each
+        for each in found
+    )
+    assert (summary["contacts"]["layer-base"]["pointwise_penetration"] > 0.5e-5 * scale) == (
+        slave == "base"
+    )
 
 
-@pytest.mark.parametrize(("order", "rigid", "moved"), [(1, False, -1e-3), (2, False, 1e-3), (2, True, -1e-3)])
+@pytest.mark.parametrize(
+    ("order", "rigid", "moved"), [(1, False, -1e-3), (2, False, 1e-3), (2, True, -1e-3)]
+)
 def test_a_tip_that_no_row_feels_is_a_warning(order, rigid, moved, capfd):
     """A corner of a hexahedron sinks by 1 mm into a base whose rows, or into a plane that its own rows, feel only a
     mean of the gaps: the answer says so, and not that the two stand apart."""
-    corners = [[0.3, 0.3, 0.0], [0.8, 0.2, 0.1], [0.8, 0.8, 0.1], [0.2, 0.8, 0.1],
-               [0.2, 0.2, 0.8], [0.8, 0.2, 0.8], [0.8, 0.8, 0.8], [0.2, 0.8, 0.8]]
-    tip = {"name": "tip", "clamp": [{"on": "top", "x": 0.0, "y": 0.0, "z": moved}],
-           "mesh": {"shape": "hexahedron", "corners": corners, "divisions": [4, 4, 4], "order": order},
-           "material": {"young": 1e9, "poisson": 0.3}}
-    base = solid_scenes.box("base", (0, 0, -1), (1, 1, 1), (5, 5, 5), order, young=1e9, clamp=["bottom"])
+    corners = [
+        [0.3, 0.3, 0.0],
+        [0.8, 0.2, 0.1],
+        [0.8, 0.8, 0.1],
+        [0.2, 0.8, 0.1],
+        [0.2, 0.2, 0.8],
+        [0.8, 0.2, 0.8],
+        [0.8, 0.8, 0.8],
+        [0.2, 0.8, 0.8],
+    ]
+    tip = {
+        "name": "tip",
+        "clamp": [{"on": "top", "x": 0.0, "y": 0.0, "z": moved}],
+        "mesh": {"shape": "hexahedron", "corners": corners, "divisions": [4, 4, 4], "order": order},
+        "material": {"young": 1e9, "poisson": 0.3},
+    }
+    base = solid_scenes.box(
+        "base", (0, 0, -1), (1, 1, 1), (5, 5, 5), order, young=1e9, clamp=["bottom"]
+    )
     floor = {"name": "floor", "shape": "plane", "point": [0, 0, 0], "normal": [0, 0, 1]}
     scene = {"body": [tip, base], "contact": [{"bodies": ["tip", "base"], "on": ["bottom", "top"]}]}
     if rigid:
-        scene = {"body": [tip], "rigid": [floor], "contact": [{"bodies": ["tip", "floor"], "on": ["bottom"]}]}
+        scene = {
+            "body": [tip],
+            "rigid": [floor],
+            "contact": [{"bodies": ["tip", "floor"], "on": ["bottom"]}],
+        }
     answer = ddmpi.solve(scene, MPI.COMM_SELF, progress=True)
-    (state,), found = answer.contacts.values(), [each for each in answer.summary["warnings"] if "overlap by" in each]
+    (state,), found = (
+        answer.contacts.values(),
+        [each for each in answer.summary["warnings"] if "overlap by" in each],
+    )
     assert answer.certified and not state.normal_force.any() and len(found) == (moved < 0.0)
-    assert all("by 0.001 m between nodes that bear forces, as at (0.3, 0.3, " in each for each in found)
+    assert all(
+        "by 0.001 m between nodes that bear forces, as at (0.3, 0.3, " in each for each in found
+    )
     assert state.deepest == pytest.approx(max(-moved, 0.0), rel=1e-9, abs=1e-15)
     assert f"(at least {'0' if moved < 0 else '0.001'} apart)" in capfd.readouterr().out

@@ -24,12 +24,34 @@ def test_a_digest_is_of_the_content():
     things = [PART, matrix, [1, "x"], {"a": 1.0}]
     copy = [replace(PART, xy=PART.xy.copy()), matrix.copy(), [1, "x"], {"a": 1.0}]
     assert digest(*things) == digest(*copy)
-    others = [PART, replace(PART, xy=np.nextafter(PART.xy, 9.0)), replace(PART, name="b"),
-              replace(PART, moved={None: np.zeros(2), "push": np.zeros(2)}), replace(PART, xy=PART.xy.reshape(2, 2)),
-              replace(PART, xy=np.arange(4)), replace(PART, moved={"push": np.zeros(2), None: np.ones(2)}),
-              matrix, 2 * matrix, matrix.T.tocsr(), [1, "x"], ["x", 1], [[1], "x"], [[1, "x"]], 1, 1.0, "1", True, None,
-              [], np.array([[1.0, 2.0], [3.0, 4.0]]), np.array([[1.0, 3.0], [2.0, 4.0]]), {"a": 1}, {"b": 1},
-              0.1 + 0.2, 0.3]
+    others = [
+        PART,
+        replace(PART, xy=np.nextafter(PART.xy, 9.0)),
+        replace(PART, name="b"),
+        replace(PART, moved={None: np.zeros(2), "push": np.zeros(2)}),
+        replace(PART, xy=PART.xy.reshape(2, 2)),
+        replace(PART, xy=np.arange(4)),
+        replace(PART, moved={"push": np.zeros(2), None: np.ones(2)}),
+        matrix,
+        2 * matrix,
+        matrix.T.tocsr(),
+        [1, "x"],
+        ["x", 1],
+        [[1], "x"],
+        [[1, "x"]],
+        1,
+        1.0,
+        "1",
+        True,
+        None,
+        [],
+        np.array([[1.0, 2.0], [3.0, 4.0]]),
+        np.array([[1.0, 3.0], [2.0, 4.0]]),
+        {"a": 1},
+        {"b": 1},
+        0.1 + 0.2,
+        0.3,
+    ]
     assert len({digest(thing) for thing in others}) == len(others)
 
 
@@ -38,9 +60,18 @@ def test_values_are_taken_by_key():
     kept, made = Kept(), []
 
     def get(key, owner="upper", lasts=True):
-        return kept.get("mesh", owner, key, lambda: made.append(key) or f"{owner} {key}", lambda value: lasts)
+        return kept.get(
+            "mesh", owner, key, lambda: made.append(key) or f"{owner} {key}", lambda value: lasts
+        )
 
-    for conditions, key, number in (1, "a", 1), (1, "a", 1), (1, "b", 2), (1, "a", 3), (2, "a", 4), (2, "a", 4):
+    for conditions, key, number in (
+        (1, "a", 1),
+        (1, "a", 1),
+        (1, "b", 2),
+        (1, "a", 3),
+        (2, "a", 4),
+        (2, "a", 4),
+    ):
         kept.begin(conditions)
         assert get(key) == f"upper {key}"
         assert len(made) == number
@@ -62,11 +93,15 @@ def test_what_depends_on_something_not_kept_is_not_taken():
     key = kept.key("mesh", "upper")
     assert kept.key("mesh", "upper") == key
     kept.begin(None)
-    assert len({key, kept.key("mesh", "upper"), kept.key("mesh", "upper"), kept.key("mesh", "lower")}) == 4
+    assert (
+        len({key, kept.key("mesh", "upper"), kept.key("mesh", "upper"), kept.key("mesh", "lower")})
+        == 4
+    )
 
 
 def test_what_is_not_met_again_goes_first():
     """Before factors are made those that the case will not take go, and in the end what it has not met."""
+
     class Factors:
         alive = 0
 

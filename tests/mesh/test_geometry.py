@@ -19,24 +19,31 @@ Curve Loop(1) = {1, 2, 3, 4};
 """
 """The sides of a plate 2 × 1."""
 
-SURFACE = PLATE + """
+SURFACE = (
+    PLATE
+    + """
 Plane Surface(1) = {1};
 Physical Surface("plate") = {1};
 """
+)
 
 GROUPS = """
 Physical Curve("bottom") = {1}; Physical Curve("right") = {2};
 Physical Curve("top") = {3}; Physical Curve("left") = {4};
 """
 
-HOLE = PLATE + """
+HOLE = (
+    PLATE
+    + """
 Point(5) = {1, 0.5, 0}; Point(6) = {1.2, 0.5, 0}; Point(7) = {0.8, 0.5, 0};
 Circle(5) = {6, 5, 7}; Circle(6) = {7, 5, 6};
 Curve Loop(2) = {5, 6};
 Plane Surface(1) = {1, 2};
 Physical Surface("plate") = {1};
 Physical Curve("hole") = {5, 6};
-""" + GROUPS
+"""
+    + GROUPS
+)
 
 
 drawn = partial(drawn_of, size=0.25)
@@ -50,10 +57,17 @@ def test_geometry_has_its_groups_and_is_as_fine_as_asked(tmp_path):
     path = write(tmp_path / "plate.geo", SURFACE + GROUPS)
     meshes = [drawn(path), drawn(path)]
     assert meshes[0].measures().sum() == pytest.approx(2.0, rel=1e-12, abs=0.0)
-    assert {name: round(lengths(meshes[0], name).sum(), 12) for name in meshes[0].groups} == \
-        {"bottom": 2.0, "right": 1.0, "top": 2.0, "left": 1.0}
+    assert {name: round(lengths(meshes[0], name).sum(), 12) for name in meshes[0].groups} == {
+        "bottom": 2.0,
+        "right": 1.0,
+        "top": 2.0,
+        "left": 1.0,
+    }
     assert 0.2 < longest(meshes[0]) < 1.4 * 0.25
-    assert all(np.array_equal(getattr(meshes[0], key), getattr(meshes[1], key)) for key in ("points", "triangles"))
+    assert all(
+        np.array_equal(getattr(meshes[0], key), getattr(meshes[1], key))
+        for key in ("points", "triangles")
+    )
     assert drawn(path, order=2).triangles.shape == (len(meshes[0].triangles), 6)
 
 
@@ -91,16 +105,22 @@ def test_circles_have_enough_elements(tmp_path):
 @pytest.mark.slow
 def test_given_sizes_are_followed(tmp_path):
     """They replace all others, constraints of the file and nodes on curves as well, but stay below `size`."""
-    path = write(tmp_path / "hole.geo", HOLE + "Transfinite Curve {1, 2, 3, 4} = 2; MeshSize{:} = 0.01;")
+    path = write(
+        tmp_path / "hole.geo", HOLE + "Transfinite Curve {1, 2, 3, 4} = 2; MeshSize{:} = 0.01;"
+    )
     start = drawn(write(tmp_path / "start.geo", HOLE))
     wanted = np.where(start.points[start.triangles].mean(axis=1)[:, 0] < 1.0, 0.05, 5.0)
     meshes = [drawn(path, sizes=graded(start, wanted), contacts=("top",)) for _ in range(2)]
     assert np.array_equal(meshes[0].points, meshes[1].points)
     assert lengths(meshes[0], "left") == pytest.approx(np.full(20, 0.05), rel=0.1)
     assert 0.15 < lengths(meshes[0], "right").min() < 0.26
-    occ = ('SetFactory("OpenCASCADE"); Rectangle(1) = {0, 0, 0, 2, 1}; Physical Curve("bottom") = {1};'
-           "Transfinite Curve {1} = 2;")
-    mesh = drawn(write(tmp_path / "plate.geo", occ), sizes=graded(start, np.full(len(start.triangles), 0.1)))
+    occ = (
+        'SetFactory("OpenCASCADE"); Rectangle(1) = {0, 0, 0, 2, 1}; Physical Curve("bottom") = {1};'
+        "Transfinite Curve {1} = 2;"
+    )
+    mesh = drawn(
+        write(tmp_path / "plate.geo", occ), sizes=graded(start, np.full(len(start.triangles), 0.1))
+    )
     assert lengths(mesh, "bottom") == pytest.approx(np.full(20, 0.1), rel=0.1)
 
 
@@ -129,10 +149,16 @@ def test_sizes_grow_slowly():
     assert np.allclose(graded(mesh, np.full(len(mesh.triangles), 0.3)).sizes, 0.3)
 
 
-@pytest.mark.parametrize("also", ["Mesh.ElementOrder = 2; Mesh 2; RefineMesh;", "Mesh.RecombineAll = 1;",
-                                  "Mesh.SaveAll = 1; Mesh.MshFileVersion = 2.2;",
-                                  "Transfinite Surface {1}; Recombine Surface {1};",
-                                  "General.NumThreads = 2; Mesh.ScalingFactor = 1000;"])
+@pytest.mark.parametrize(
+    "also",
+    [
+        "Mesh.ElementOrder = 2; Mesh 2; RefineMesh;",
+        "Mesh.RecombineAll = 1;",
+        "Mesh.SaveAll = 1; Mesh.MshFileVersion = 2.2;",
+        "Transfinite Surface {1}; Recombine Surface {1};",
+        "General.NumThreads = 2; Mesh.ScalingFactor = 1000;",
+    ],
+)
 def test_scripts_that_also_mesh(tmp_path, also):
     """What a .geo says of meshing, beside sizes, does no harm: there are straight triangles of the right shape."""
     mesh = drawn(write(tmp_path / "plate.geo", SURFACE + GROUPS + also))
@@ -142,7 +168,9 @@ def test_scripts_that_also_mesh(tmp_path, also):
 
 def test_groups_without_names(tmp_path):
     """Physical curves by number are groups of that number; a single surface needs no physical one, a line no end."""
-    mesh = drawn(write(tmp_path / "plate.geo", PLATE + "Plane Surface(1) = {1}; Physical Curve(7) = {1, 3};"))
+    mesh = drawn(
+        write(tmp_path / "plate.geo", PLATE + "Plane Surface(1) = {1}; Physical Curve(7) = {1, 3};")
+    )
     assert set(mesh.groups) == {"7"} and lengths(mesh, "7").sum() == pytest.approx(4.0)
 
 
@@ -156,19 +184,29 @@ def test_scripts_of_several_files(tmp_path):
     cad(folder / "part.step", lambda occ: occ.addRectangle(0, 0, 0, 3, 1))
     script = 'SetFactory("OpenCASCADE"); Merge "part.step"; Physical Curve("ends") = {2, 4};'
     mesh = drawn(write(folder / "merged.geo", script))
-    assert [mesh.measures().sum(), lengths(mesh, "ends").sum()] == pytest.approx([3.0, 2.0], rel=1e-9)
+    assert [mesh.measures().sum(), lengths(mesh, "ends").sum()] == pytest.approx(
+        [3.0, 2.0], rel=1e-9
+    )
 
 
 @pytest.mark.parametrize("suffix", [".step", ".brep"])
 def test_curves_of_cad_files_are_groups_by_number(tmp_path, suffix):
     """Curves of STEP and BREP files are called by their numbers, which the message about a wrong one explains; broken
     and missing files are refused."""
-    path = cad(tmp_path / f"plate{suffix}", lambda occ: occ.cut(
-        [(2, occ.addRectangle(0, 0, 0, 20, 10))], [(2, occ.addDisk(10, 5, 0, 2, 2))]))
-    with pytest.raises(InputError, match=r"no curve 'left'; it has .*(\d) from \(0, 10\) by \(0, 5\) to \(0, 0\)"):
+    path = cad(
+        tmp_path / f"plate{suffix}",
+        lambda occ: occ.cut(
+            [(2, occ.addRectangle(0, 0, 0, 20, 10))], [(2, occ.addDisk(10, 5, 0, 2, 2))]
+        ),
+    )
+    with pytest.raises(
+        InputError, match=r"no curve 'left'; it has .*(\d) from \(0, 10\) by \(0, 5\) to \(0, 0\)"
+    ):
         drawn(path, size=2.0, clamp=["left"])
     mesh = drawn(path, size=2.0, clamp=["1"])
-    assert len(mesh.groups) == 5 and mesh.measures().sum() == pytest.approx(200 - 4 * np.pi, rel=2e-3)
+    assert len(mesh.groups) == 5 and mesh.measures().sum() == pytest.approx(
+        200 - 4 * np.pi, rel=2e-3
+    )
     assert sorted(round(lengths(mesh, name).sum()) for name in mesh.groups) == [10, 10, 13, 20, 20]
     with pytest.raises(InputError, match=r"cannot be read|has no surface"):
         drawn(write(path, "no drawing"))
@@ -180,27 +218,56 @@ def test_curves_of_cad_files_are_groups_by_number(tmp_path, suffix):
 # What is refused
 
 
-@pytest.mark.parametrize(("text", "words"), [
-    (PLATE + "Point(9) = {1, 0, 0,};\nfoo bar;\n", "cannot be read (gmsh: "),
-    (PLATE + GROUPS, "has no surface"),
-    (SURFACE, "has no named physical groups of lines"),
-    (SURFACE + GROUPS + "Exit;", "ends gmsh (exit code 0); leave out Exit"),
-    (SURFACE + GROUPS + 'Physical Curve("plate") = {1};', "both a physical curve and a physical surface"),
-    (SURFACE.replace("{2, 1, 0}", "{2, 1, 1}").replace("{0, 1, 0}", "{0, 1, 1}") + GROUPS, "is not plane"),
-    (SURFACE.replace('Physical Surface("plate") = {1};', "") + GROUPS
-     + "Point(9) = {5, 0, 0}; Line(9) = {2, 9}; Line(10) = {9, 3}; Curve Loop(2) = {9, 10, -2};"
-     + "Plane Surface(2) = {2};",
-     "has 2 surfaces and no physical one"),
-    (PLATE.replace("{1, 2, 3, 4};\n", "{1, 2, 3};\n") + "Plane Surface(1) = {1};" + GROUPS, "cannot be "),
-], ids=["syntax", "no surface", "no curves", "exit", "two names", "not plane", "two surfaces", "open loop"])
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (PLATE + "Point(9) = {1, 0, 0,};\nfoo bar;\n", "cannot be read (gmsh: "),
+        (PLATE + GROUPS, "has no surface"),
+        (SURFACE, "has no named physical groups of lines"),
+        (SURFACE + GROUPS + "Exit;", "ends gmsh (exit code 0); leave out Exit"),
+        (
+            SURFACE + GROUPS + 'Physical Curve("plate") = {1};',
+            "both a physical curve and a physical surface",
+        ),
+        (
+            SURFACE.replace("{2, 1, 0}", "{2, 1, 1}").replace("{0, 1, 0}", "{0, 1, 1}") + GROUPS,
+            "is not plane",
+        ),
+        (
+            SURFACE.replace('Physical Surface("plate") = {1};', "")
+            + GROUPS
+            + "Point(9) = {5, 0, 0}; Line(9) = {2, 9}; Line(10) = {9, 3}; Curve Loop(2) = {9, 10, -2};"
+            + "Plane Surface(2) = {2};",
+            "has 2 surfaces and no physical one",
+        ),
+        (
+            PLATE.replace("{1, 2, 3, 4};\n", "{1, 2, 3};\n") + "Plane Surface(1) = {1};" + GROUPS,
+            "cannot be ",
+        ),
+    ],
+    ids=[
+        "syntax",
+        "no surface",
+        "no curves",
+        "exit",
+        "two names",
+        "not plane",
+        "two surfaces",
+        "open loop",
+    ],
+)
 def test_bad_geometries_are_refused(tmp_path, text, words):
     """A geometry that cannot be a plane body is refused with its name and the reason; the next one is not."""
     path = write(tmp_path / "plate.geo", text)
     with pytest.raises(InputError) as error:
         drawn(path)
-    assert str(error.value).startswith(f"body.body.mesh.geometry: {path}") and words in str(error.value)
+    assert str(error.value).startswith(f"body.body.mesh.geometry: {path}") and words in str(
+        error.value
+    )
     assert len(str(error.value).splitlines()) == 1
-    assert "Exit" not in text or drawn(write(tmp_path / "good.geo", SURFACE + GROUPS)).triangles.size
+    assert (
+        "Exit" not in text or drawn(write(tmp_path / "good.geo", SURFACE + GROUPS)).triangles.size
+    )
 
 
 def test_any_error_of_gmsh_is_the_drawings(tmp_path, monkeypatch):
@@ -225,13 +292,21 @@ def test_any_error_of_gmsh_is_the_drawings(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("key", ["size", "contact_size"])
-@pytest.mark.parametrize("text", [HOLE, """SetFactory("OpenCASCADE"); Rectangle(1) = {0, 0, 0, 2, 1};
+@pytest.mark.parametrize(
+    "text",
+    [
+        HOLE,
+        """SetFactory("OpenCASCADE"); Rectangle(1) = {0, 0, 0, 2, 1};
 Disk(2) = {1, 0.5, 0, 0.2}; BooleanDifference(3) = { Surface{1}; Delete; }{ Surface{2}; Delete; };
-Physical Curve("hole") = {Curve In BoundingBox{0.7, 0.2, -1, 1.3, 0.8, 1}};"""])
+Physical Curve("hole") = {Curve In BoundingBox{0.7, 0.2, -1, 1.3, 0.8, 1}};""",
+    ],
+)
 def test_a_size_in_other_units_is_refused(tmp_path, text, key):
     """A size that would make millions of elements is refused before gmsh begins, with key, number and extent."""
     path = write(tmp_path / "plate.geo", text)
-    triangles = (2 - 0.04 * np.pi if key == "size" else 2e-8 * 0.4 * np.pi) / (np.sqrt(3) / 4 * 1e-16)
+    triangles = (2 - 0.04 * np.pi if key == "size" else 2e-8 * 0.4 * np.pi) / (
+        np.sqrt(3) / 4 * 1e-16
+    )
     message = f"plate.geo: {key} = 1e-08 would make {triangles:.1g} triangles of a drawing of 2 by 1; is it in the"
     with pytest.raises(InputError, match=re.escape(message)):
         drawn(path, **{"size": 0.5, key: 1e-8}, contacts=("hole",))

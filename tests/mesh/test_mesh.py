@@ -30,20 +30,32 @@ NAMES = ("bottom", "right", "top", "left")
 
 
 def rectangle(divisions, size=(3.0, 1.0), origin=(0.0, 0.0)) -> Mesh:
-    return generate_rectangle(MeshSpec(shape="rectangle", origin=origin, size=size, divisions=divisions))
+    return generate_rectangle(
+        MeshSpec(shape="rectangle", origin=origin, size=size, divisions=divisions)
+    )
 
 
-def write_square(path: Path, *, points=SQUARE, triangles=HALVES, lines=SIDES, tags=(1, 2, 3, 4), names=NAMES) -> Path:
+def write_square(
+    path: Path, *, points=SQUARE, triangles=HALVES, lines=SIDES, tags=(1, 2, 3, 4), names=NAMES
+) -> Path:
     """A hand-made mesh in format 2.2; line i carries the physical tag ``tags[i]``, name i the tag i + 1. With lines of
     three nodes and triangles of six, elements of order 2."""
     lines, triangles = np.asarray(lines), np.asarray(triangles)
-    cells = [("line" if lines.shape[1] == 2 else "line3", lines),
-             ("triangle" if triangles.shape[1] == 3 else "triangle6", triangles)]
+    cells = [
+        ("line" if lines.shape[1] == 2 else "line3", lines),
+        ("triangle" if triangles.shape[1] == 3 else "triangle6", triangles),
+    ]
     physical = [np.array(tags, int), np.full(len(triangles), 9)]
-    groups = {name: np.array([i + 1, 1]) for i, name in enumerate(names)} | {"volume": np.array([9, 2])}
+    groups = {name: np.array([i + 1, 1]) for i, name in enumerate(names)} | {
+        "volume": np.array([9, 2])
+    }
     points = np.pad(points, ((0, 0), (0, 3 - points.shape[1])))
-    mesh = meshio.Mesh(points, cells, cell_data={"gmsh:physical": physical, "gmsh:geometrical": physical},
-                       field_data=groups)
+    mesh = meshio.Mesh(
+        points,
+        cells,
+        cell_data={"gmsh:physical": physical, "gmsh:geometrical": physical},
+        field_data=groups,
+    )
     meshio.write(path, mesh, file_format="gmsh22", binary=False)
     return path
 
@@ -56,7 +68,9 @@ def draw_square(size: float) -> tuple[list[int], int]:
     return sides, geometry.addPlaneSurface([geometry.addCurveLoop(sides)])
 
 
-def write_by_gmsh(path: Path, version: float, binary: bool = False, surfaces=("volume",), order: int = 1) -> Path:
+def write_by_gmsh(
+    path: Path, version: float, binary: bool = False, surfaces=("volume",), order: int = 1
+) -> Path:
     """The unit square as gmsh meshes and saves it."""
     with gmsh_session():
         sides, surface = draw_square(0.4)
@@ -85,23 +99,28 @@ def refused(path: Path) -> str:
 # Rectangles
 
 
-@pytest.mark.parametrize(("size", "origin"), [((3.0, 1.0), (0.0, 1.0)), ((1e-9, 1e6), (1e-9, -5e5)),
-                                              ((1.0, 1.0), (1e6, -1e6))])
+@pytest.mark.parametrize(
+    ("size", "origin"),
+    [((3.0, 1.0), (0.0, 1.0)), ((1e-9, 1e6), (1e-9, -5e5)), ((1.0, 1.0), (1e6, -1e6))],
+)
 def test_rectangle_keeps_size_and_origin(size, origin):
     mesh = rectangle((5, 4), size, origin)
     corner, (width, height) = np.array(origin), size
     assert mesh.points.min(axis=0) == pytest.approx(corner, rel=1e-15, abs=0.0)
     assert mesh.points.max(axis=0) == pytest.approx(corner + size, rel=1e-15, abs=0.0)
     rounding = (np.abs(mesh.points).max(axis=0) / size).max()  # what the offset costs
-    assert signed_measures(mesh.points, mesh.triangles) == \
-        pytest.approx(np.full(40, width * height / 40), rel=1e-14 * (1 + rounding), abs=0.0)
+    assert signed_measures(mesh.points, mesh.triangles) == pytest.approx(
+        np.full(40, width * height / 40), rel=1e-14 * (1 + rounding), abs=0.0
+    )
     assert mesh.extent == pytest.approx(np.hypot(*size), rel=1e-9, abs=0.0)
 
 
 def test_the_extent_of_a_body_does_not_depend_on_the_axes():
     mesh = rectangle((5, 4), (3.0, 2.0), (1.0, -1.0))
     turned = mesh.points @ np.array([[0.8, 0.6], [-0.6, 0.8]])
-    assert dataclasses.replace(mesh, points=turned).extent == pytest.approx(np.sqrt(13.0), rel=1e-12)
+    assert dataclasses.replace(mesh, points=turned).extent == pytest.approx(
+        np.sqrt(13.0), rel=1e-12
+    )
 
 
 @pytest.mark.parametrize("divisions", [(1, 3), (66, 22)])
@@ -132,8 +151,11 @@ def test_rectangle_is_numbered_as_gmsh_does(divisions):
 def test_a_name_of_two_dimensions_is_refused(tmp_path, version, binary):
     """A file of gmsh with one name for a curve and a surface is refused: one of them would be lost."""
     path = write_by_gmsh(tmp_path / "twice.msh", version, binary, surfaces=("volume", "left"))
-    with pytest.raises(InputError, match=r"^body\.body\.mesh\.file: .*twice\.msh: 'left' is the name of both a "
-                                         r"physical curve and a physical surface; rename one$"):
+    with pytest.raises(
+        InputError,
+        match=r"^body\.body\.mesh\.file: .*twice\.msh: 'left' is the name of both a "
+        r"physical curve and a physical surface; rename one$",
+    ):
         build_mesh(body_of(file=str(path)))
 
 
@@ -151,12 +173,16 @@ for number in interrupt.SIGNALS:
     os.kill(os.getpid(), number)
 print(*sorted(interrupt._received))
 """
-    child = subprocess.run([sys.executable, "-c", code, path], capture_output=True, text=True, timeout=LIMIT)
+    child = subprocess.run(
+        [sys.executable, "-c", code, path], capture_output=True, text=True, timeout=LIMIT
+    )
     assert (child.returncode, child.stdout) == (0, "SIGINT SIGTERM SIGUSR1\n"), child.stderr
 
 
 def test_clockwise_triangles_are_turned(tmp_path):
-    mesh = read_mesh(write_square(tmp_path / "square.msh", triangles=[[0, 2, 1], [0, 2, 3]]), "upper")
+    mesh = read_mesh(
+        write_square(tmp_path / "square.msh", triangles=[[0, 2, 1], [0, 2, 3]]), "upper"
+    )
     assert signed_measures(mesh.points, mesh.triangles) == pytest.approx([0.5, 0.5])
     assert [sorted(t) for t in mesh.triangles.tolist()] == HALVES.tolist()
 
@@ -164,8 +190,12 @@ def test_clockwise_triangles_are_turned(tmp_path):
 def test_unused_points_are_dropped(tmp_path):
     points = np.vstack([[[7.0, 7.0]], SQUARE[:2], [[8.0, 8.0]], SQUARE[2:], [[9.0, 9.0]]])
     number = np.array([1, 2, 4, 5])
-    mesh = read_mesh(write_square(tmp_path / "square.msh", points=points, triangles=number[HALVES],
-                                  lines=number[SIDES]), "upper")
+    mesh = read_mesh(
+        write_square(
+            tmp_path / "square.msh", points=points, triangles=number[HALVES], lines=number[SIDES]
+        ),
+        "upper",
+    )
     assert np.array_equal(mesh.points, SQUARE)
     assert np.array_equal(mesh.triangles, HALVES)
     assert np.array_equal(np.vstack([mesh.groups[name] for name in NAMES]), SIDES)
@@ -179,17 +209,30 @@ def test_straight_second_order_file_is_that_of_first_order(tmp_path):
     linear = read_mesh(write_by_gmsh(tmp_path / "linear.msh", 2.2), "upper")
     path = write_by_gmsh(tmp_path / "quadratic.msh", 4.1, order=2)
     read = read_mesh(path, "upper", 2)
-    for ours, theirs in ((read_mesh(path, "upper"), linear), (read, raise_order(linear, "mesh")),
-                         (halve(read, "mesh"), raise_order(halve(linear, "mesh"), "mesh"))):
-        assert np.array_equal(ours.points, theirs.points) and np.array_equal(ours.triangles, theirs.triangles)
-        assert all(np.array_equal(ours.groups[name], theirs.groups[name]) for name in NAMES) and not len(ours.curved)
+    for ours, theirs in (
+        (read_mesh(path, "upper"), linear),
+        (read, raise_order(linear, "mesh")),
+        (halve(read, "mesh"), raise_order(halve(linear, "mesh"), "mesh")),
+    ):
+        assert np.array_equal(ours.points, theirs.points) and np.array_equal(
+            ours.triangles, theirs.triangles
+        )
+        assert all(
+            np.array_equal(ours.groups[name], theirs.groups[name]) for name in NAMES
+        ) and not len(ours.curved)
 
 
 def test_group_across_triangles_has_no_middles(tmp_path):
-    path = write_square(tmp_path / "square.msh", lines=[*SIDES.tolist(), [1, 3]], tags=(1, 2, 3, 4, 5),
-                        names=(*NAMES, "across"))
+    path = write_square(
+        tmp_path / "square.msh",
+        lines=[*SIDES.tolist(), [1, 3]],
+        tags=(1, 2, 3, 4, 5),
+        names=(*NAMES, "across"),
+    )
     assert len(read_mesh(path, "upper").points) == 4
-    with pytest.raises(InputError, match=r"body\.body\.mesh: .*'across' has lines that are not sides"):
+    with pytest.raises(
+        InputError, match=r"body\.body\.mesh: .*'across' has lines that are not sides"
+    ):
         build_mesh(body_of(2, file=str(path)))
 
 
@@ -209,8 +252,12 @@ def test_curved_triangles(tmp_path, moved, by):
     """The middle of a side on the boundary, that of the diagonal, and one that is off along its side, stay there."""
     points = np.vstack([SQUARE, (SQUARE + np.roll(SQUARE, -1, axis=0)) / 2, [[0.5, 0.5]]])
     points[moved] += by
-    path = write_square(tmp_path / "curved.msh", points=points, triangles=[[0, 1, 2, 4, 5, 8], [0, 2, 3, 8, 6, 7]],
-                        lines=np.column_stack([SIDES, [4, 5, 6, 7]]))
+    path = write_square(
+        tmp_path / "curved.msh",
+        points=points,
+        triangles=[[0, 1, 2, 4, 5, 8], [0, 2, 3, 8, 6, 7]],
+        lines=np.column_stack([SIDES, [4, 5, 6, 7]]),
+    )
     straight, mesh = (read_mesh(path, "upper", order) for order in (1, 2))
     assert np.array_equal(straight.points, SQUARE) and np.array_equal(straight.triangles, HALVES)
     middle = mesh.groups[NAMES[0]][0, 2] if moved == 4 else mesh.triangles[0, 5]
@@ -220,10 +267,38 @@ def test_curved_triangles(tmp_path, moved, by):
 
 def test_quadrilaterals_are_cut_along_the_shorter_diagonal():
     """Quadrilaterals of a file are cut into triangles, whatever the order of their corners, convex or not."""
-    points = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [2, 0], [3, 0.2], [2, 1], [4, -5], [4.5, 1], [4.2, 0],
-                       [3.9, 1]], float)
-    quads = [[0, 1, 2, 3], [1, 4, 6, 2], [4, 5, 6, 2], [7, 8, 9, 10]]  # two squares, a kite, one with an inner corner
-    expected = {(0, 1, 2), (0, 2, 3), (1, 4, 6), (1, 2, 6), (4, 5, 6), (2, 4, 6), (7, 8, 9), (7, 9, 10)}
+    points = np.array(
+        [
+            [0, 0],
+            [1, 0],
+            [1, 1],
+            [0, 1],
+            [2, 0],
+            [3, 0.2],
+            [2, 1],
+            [4, -5],
+            [4.5, 1],
+            [4.2, 0],
+            [3.9, 1],
+        ],
+        float,
+    )
+    quads = [
+        [0, 1, 2, 3],
+        [1, 4, 6, 2],
+        [4, 5, 6, 2],
+        [7, 8, 9, 10],
+    ]  # two squares, a kite, one with an inner corner
+    expected = {
+        (0, 1, 2),
+        (0, 2, 3),
+        (1, 4, 6),
+        (1, 2, 6),
+        (4, 5, 6),
+        (2, 4, 6),
+        (7, 8, 9),
+        (7, 9, 10),
+    }
     for turn in range(4):
         for way in (1, -1):
             turned = np.roll(quads, turn, axis=1)[:, ::way]
@@ -240,20 +315,34 @@ def test_file_that_is_not_there(tmp_path):
         build_mesh(body_of(file="absent.msh"), tmp_path)
 
 
-UNREADABLE = {"empty": lambda text: "", "words": lambda text: "not a mesh\n",
-              "version": lambda text: "$MeshFormat\n9.9 0 8\n$EndMeshFormat\n", "end": lambda text: text[:-40],
-              "half": lambda text: text[:-400], "nodes": lambda text: text.replace("$Nodes", "$Nodez")}
+UNREADABLE = {
+    "empty": lambda text: "",
+    "words": lambda text: "not a mesh\n",
+    "version": lambda text: "$MeshFormat\n9.9 0 8\n$EndMeshFormat\n",
+    "end": lambda text: text[:-40],
+    "half": lambda text: text[:-400],
+    "nodes": lambda text: text.replace("$Nodes", "$Nodez"),
+}
 """What spoils the text of a file."""
 
 
-@pytest.mark.parametrize(("version", "spoilt"), [
-    *((2.2, spoilt) for spoilt in UNREADABLE if spoilt != "end"), (4.1, "half"), (4.0, "half"), (1.0, "end")])
+@pytest.mark.parametrize(
+    ("version", "spoilt"),
+    [
+        *((2.2, spoilt) for spoilt in UNREADABLE if spoilt != "end"),
+        (4.1, "half"),
+        (4.0, "half"),
+        (1.0, "end"),
+    ],
+)
 def test_file_that_is_not_a_mesh(tmp_path, version, spoilt):
     """A file that is cut short or something else is refused with its name, and with gmsh's reason where it reads it."""
     path = write_by_gmsh(tmp_path / "notes.msh", version)
     path.write_text(UNREADABLE[spoilt](path.read_text()))
     text = refused(path)
-    assert "is not a mesh that meshio or gmsh can read" in text and ("gmsh: " in text or version in (2.2, 4.1))
+    assert "is not a mesh that meshio or gmsh can read" in text and (
+        "gmsh: " in text or version in (2.2, 4.1)
+    )
 
 
 def test_third_order_triangles(tmp_path):
@@ -265,17 +354,36 @@ FAN = [[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]]
 FIVE = [*SQUARE.tolist(), [0.5, 0.5]]
 
 REFUSED = {
-    "no triangles": ({"triangles": np.empty((0, 3), int)}, "has neither triangles nor tetrahedra.*Physical Surface"),
+    "no triangles": (
+        {"triangles": np.empty((0, 3), int)},
+        "has neither triangles nor tetrahedra.*Physical Surface",
+    ),
     "no names": ({"names": ()}, r'no named physical groups of lines.*Physical Curve\("'),
-    "no area": ({"points": [*FIVE[:4], [0.5, 0.0]], "triangles": [*HALVES.tolist(), [0, 4, 1]]},
-                "triangles without area"),
-    "folded": ({"points": [*FIVE[:4], [0.5, 1.5]], "triangles": FAN}, r"has triangles that overlap at \("),
-    "twice": ({"points": [*FIVE, [0.5, 0.8]], "triangles": [*FAN, [0, 1, 5]]}, r"that overlap at \(0.5, 0\)"),
-    "no number": ({"points": [[np.nan, 0.0], *FIVE[1:4]]}, "has coordinates that are not numbers, or above 1e"),
-    "not plane": ({"points": np.column_stack([SQUARE, [0.0, 0.1, 0.0, 0.0]])},
-                  r"is not plane \(its z coordinates differ\), and has no tetrahedra; a solid needs its cells: Phys"),
-    "line apart": ({"points": [*FIVE[:4], [2.0, 2.0]], "lines": [[0, 1], [1, 2], [2, 3], [3, 4]]},
-                   "belong to no triangle")}
+    "no area": (
+        {"points": [*FIVE[:4], [0.5, 0.0]], "triangles": [*HALVES.tolist(), [0, 4, 1]]},
+        "triangles without area",
+    ),
+    "folded": (
+        {"points": [*FIVE[:4], [0.5, 1.5]], "triangles": FAN},
+        r"has triangles that overlap at \(",
+    ),
+    "twice": (
+        {"points": [*FIVE, [0.5, 0.8]], "triangles": [*FAN, [0, 1, 5]]},
+        r"that overlap at \(0.5, 0\)",
+    ),
+    "no number": (
+        {"points": [[np.nan, 0.0], *FIVE[1:4]]},
+        "has coordinates that are not numbers, or above 1e",
+    ),
+    "not plane": (
+        {"points": np.column_stack([SQUARE, [0.0, 0.1, 0.0, 0.0]])},
+        r"is not plane \(its z coordinates differ\), and has no tetrahedra; a solid needs its cells: Phys",
+    ),
+    "line apart": (
+        {"points": [*FIVE[:4], [2.0, 2.0]], "lines": [[0, 1], [1, 2], [2, 3], [3, 4]]},
+        "belong to no triangle",
+    ),
+}
 
 
 @pytest.mark.parametrize(("changes", "words"), REFUSED.values(), ids=REFUSED)

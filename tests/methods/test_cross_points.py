@@ -16,22 +16,40 @@ pytestmark = pytest.mark.slow
 def cube(side: int, N: int, pairing: str) -> dict:
     """Loose cubes in rows, columns and layers on a rigid floor, Coulomb 0.5; by mortar every other one is finer."""
     law = {"friction": {"law": "coulomb", "coefficient": 0.5}}
-    scene: dict = {"rigid": [{"name": "floor", "shape": "plane", "point": [0, 0, 0], "normal": [0, 0, 1]}], "body": [],
-                    "contact": [], "method": {"tolerance": 1e-8}}
+    scene: dict = {
+        "rigid": [{"name": "floor", "shape": "plane", "point": [0, 0, 0], "normal": [0, 0, 1]}],
+        "body": [],
+        "contact": [],
+        "method": {"tolerance": 1e-8},
+    }
     for x, y, z in np.ndindex(side, side, side):
         fine = N + ((x + y + z) % 2 if pairing == "mortar" else 0)
         loads = [{"on": "top", "value": [0.0, 0.0, -1e5]}] * (z == side - 1)
-        scene["body"].append({
-            "name": f"b{x}{y}{z}", "mesh": {"shape": "box", "origin": [x, y, z], "size": [1, 1, 1],
-                                            "divisions": [fine, fine, fine]},
-            "material": {"young": 2e9, "poisson": 0.3}, "volume_force": [0.0, 0.0, -25e3],
-            "traction": loads + [{"on": "left", "value": [2e3, 0.0, 0.0]}] * (x == 0)})
+        scene["body"].append(
+            {
+                "name": f"b{x}{y}{z}",
+                "mesh": {
+                    "shape": "box",
+                    "origin": [x, y, z],
+                    "size": [1, 1, 1],
+                    "divisions": [fine, fine, fine],
+                },
+                "material": {"young": 2e9, "poisson": 0.3},
+                "volume_force": [0.0, 0.0, -25e3],
+                "traction": loads + [{"on": "left", "value": [2e3, 0.0, 0.0]}] * (x == 0),
+            }
+        )
         if z == 0:
             scene["contact"].append({"bodies": [f"b{x}{y}0", "floor"], "on": ["bottom"]} | law)
-        for X, Y, Z, *on in ((x + 1, y, z, "right", "left"), (x, y + 1, z, "back", "front"),
-                             (x, y, z + 1, "top", "bottom")):
+        for X, Y, Z, *on in (
+            (x + 1, y, z, "right", "left"),
+            (x, y + 1, z, "back", "front"),
+            (x, y, z + 1, "top", "bottom"),
+        ):
             if max(X, Y, Z) < side:
-                scene["contact"].append({"bodies": [f"b{x}{y}{z}", f"b{X}{Y}{Z}"], "on": on, "pairing": pairing} | law)
+                scene["contact"].append(
+                    {"bodies": [f"b{x}{y}{z}", f"b{X}{Y}{Z}"], "on": on, "pairing": pairing} | law
+                )
     return scene
 
 
@@ -44,9 +62,19 @@ def test_gmres_knows_edges_where_bricks_meet(pairing, most):
     assert outer.inner_steps["gmres"] <= most * len(outer.history)
 
 
-@pytest.mark.parametrize("residuals, in_space, wanted", [
-    ([], True, 1e-3), ([0.2], True, 1e-2), ([0.2, 0.1], True, 1e-2), ([0.2, 0.4], True, 1e-3), ([0.0, 0.1], True, 1e-3),
-    ([0.2, 0.014], True, 0.9 * 0.07**2), ([0.2, 0.002], True, 1e-3), ([0.2, 0.1], False, 1e-3)])
+@pytest.mark.parametrize(
+    "residuals, in_space, wanted",
+    [
+        ([], True, 1e-3),
+        ([0.2], True, 1e-2),
+        ([0.2, 0.1], True, 1e-2),
+        ([0.2, 0.4], True, 1e-3),
+        ([0.0, 0.1], True, 1e-3),
+        ([0.2, 0.014], True, 0.9 * 0.07**2),
+        ([0.2, 0.002], True, 1e-3),
+        ([0.2, 0.1], False, 1e-3),
+    ],
+)
 def test_gmres_is_as_precise_as_steps_are_good(residuals, in_space, wanted):
     """Less precise after a step that gained little, but not the first one, and not in the plane."""
     assert forcing(residuals, in_space) == pytest.approx(wanted, rel=1e-12)
@@ -87,15 +115,29 @@ def fit_across_bonds(d: int, gap: float, **contact) -> dict:
     """Four blocks around a point, in space around an edge: bonded but for the upper two, which do not fit by `gap`."""
     make, up = (rectangle, (0.0, 1.0)) if d == 2 else (box, (0.0, 0.0, 1.0))
     steps = {"a": 0.0 * np.array(up), "b": np.eye(d)[0], "c": np.array(up), "d": np.eye(d)[0] + up}
-    bodies = [make(name, at.tolist(), (1.0,) * d, (3,) * d, young=3e10, poisson=0.2) for name, at in steps.items()]
+    bodies = [
+        make(name, at.tolist(), (1.0,) * d, (3,) * d, young=3e10, poisson=0.2)
+        for name, at in steps.items()
+    ]
     for body in bodies[:2]:
         body["clamp"] = ["bottom"]
-    bonds = [{"bodies": list(names), "on": list(on), "kind": "bonded"} for *names, on in (
-        ("a", "b", ("right", "left")), ("c", "a", ("bottom", "top")), ("d", "b", ("bottom", "top")))]
-    return {"body": bodies, "contact": [*bonds, {"bodies": ["c", "d"], "on": ["right", "left"], "gap": gap} | contact]}
+    bonds = [
+        {"bodies": list(names), "on": list(on), "kind": "bonded"}
+        for *names, on in (
+            ("a", "b", ("right", "left")),
+            ("c", "a", ("bottom", "top")),
+            ("d", "b", ("bottom", "top")),
+        )
+    ]
+    return {
+        "body": bodies,
+        "contact": [*bonds, {"bodies": ["c", "d"], "on": ["right", "left"], "gap": gap} | contact],
+    }
 
 
-@pytest.mark.parametrize("law", [{}, {"friction": {"law": "coulomb", "coefficient": 0.3}}], ids=["smooth", "rough"])
+@pytest.mark.parametrize(
+    "law", [{}, {"friction": {"law": "coulomb", "coefficient": 0.3}}], ids=["smooth", "rough"]
+)
 @pytest.mark.parametrize("d", [2, 3])
 def test_an_overlap_that_bonds_keep_is_left_out(d, law):
     """A chain of bonds holds both sides of the fit at the cross point: the rest is solved, with a warning."""
@@ -104,7 +146,9 @@ def test_an_overlap_that_bonds_keep_is_left_out(d, law):
     assert warning.startswith("contact.c-d: ") and "overlap of 4e-06" in warning
     state = answer.contacts["c-d"]
     at_edge = state.interface.xy[:, -1] == 1.0
-    assert (state.interface.gap[at_edge] == 0.0).all() and (state.interface.gap[~at_edge] == -4e-6).all()
+    assert (state.interface.gap[at_edge] == 0.0).all() and (
+        state.interface.gap[~at_edge] == -4e-6
+    ).all()
     assert state.force[0] < -1e3
 
 

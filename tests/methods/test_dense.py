@@ -20,14 +20,22 @@ def stack(make=rectangle) -> dict:
     d = 2 if make is rectangle else 3
     up, unit = np.eye(d)[-1], (1.0,) * d
     load = [{"on": "top", "value": (-1e6 * up + 2e5 * np.eye(d)[0]).tolist()}]
-    return {"body": [make("upper", tuple(up), unit, (2,) * d, traction=load),
-                     make("lower", (0.0,) * d, unit, (3,) * d)],
-            "rigid": [FLOOR if d == 2 else FLOOR | {"point": [0.0] * d, "normal": up.tolist()}],
-            "contact": [{"bodies": ["upper", "lower"], "on": ["bottom", "top"], "friction": COULOMB},
-                        {"bodies": ["lower", "floor"], "on": ["bottom"], "friction": COULOMB}]}
+    return {
+        "body": [
+            make("upper", tuple(up), unit, (2,) * d, traction=load),
+            make("lower", (0.0,) * d, unit, (3,) * d),
+        ],
+        "rigid": [FLOOR if d == 2 else FLOOR | {"point": [0.0] * d, "normal": up.tolist()}],
+        "contact": [
+            {"bodies": ["upper", "lower"], "on": ["bottom", "top"], "friction": COULOMB},
+            {"bodies": ["lower", "floor"], "on": ["bottom"], "friction": COULOMB},
+        ],
+    }
 
 
-@pytest.mark.parametrize("scene", [blocks, stack, lambda: stack(box)], ids=["blocks", "loose", "loose in space"])
+@pytest.mark.parametrize(
+    "scene", [blocks, stack, lambda: stack(box)], ids=["blocks", "loose", "loose in space"]
+)
 def test_a_direct_direction_solves_its_equations(scene):
     """r + D y is what is wanted along unknown forces, and loose bodies are in balance; products are counted."""
     newton, rng = Newton(prepare_scene(MPI.COMM_SELF, scene()).joint, 60), np.random.default_rng(5)
@@ -35,10 +43,16 @@ def test_a_direct_direction_solves_its_equations(scene):
     assert newton.run(1e-8) == "converged" and not newton.direct.long
     spread = (0.7, 1.3) if joint.rigid.size else (0.2, 2.0)
     point = newton._at._replace(s=newton.forces * rng.uniform(*spread, joint.size))
-    point = point._replace(r=joint.product(point.s, "newton") - joint.d - joint.rigid.spread(point.alpha),
-                           left=joint.imbalance(point.s, point.alpha))
-    linearised = Linearised.of(newton._laws.linearise(newton._laws.active_sets(point.s - newton._c * point.r)))
-    assert linearised.coupling.any() and (joint.space.interfaces[0].dimension == 2) == (linearised.turn is None)
+    point = point._replace(
+        r=joint.product(point.s, "newton") - joint.d - joint.rigid.spread(point.alpha),
+        left=joint.imbalance(point.s, point.alpha),
+    )
+    linearised = Linearised.of(
+        newton._laws.linearise(newton._laws.active_sets(point.s - newton._c * point.r))
+    )
+    assert linearised.coupling.any() and (joint.space.interfaces[0].dimension == 2) == (
+        linearised.turn is None
+    )
     layer = rng.uniform(0.0, 1.0, joint.size) / newton._c
     move, wanted = linearised.move(point.s), rng.standard_normal(joint.size) * np.abs(joint.d).max()
     asked = point, linearised, move, wanted, layer, 1.0, 1.0, True
@@ -48,8 +62,10 @@ def test_a_direct_direction_solves_its_equations(scene):
     assert change is not None
     assert joint.multiplications() == before + 2 * len(joint.members)
     found = point.along(change, 1.0)
-    assert found.r == pytest.approx(joint.product(found.s, "newton") - joint.d - joint.rigid.spread(found.alpha),
-                                    abs=1e-9 * np.abs(found.r).max())
+    assert found.r == pytest.approx(
+        joint.product(found.s, "newton") - joint.d - joint.rigid.spread(found.alpha),
+        abs=1e-9 * np.abs(found.r).max(),
+    )
     y = linearised.restrict(found.s - point.s - move)
     left = linearised.restrict(found.r - wanted) + layer[linearised.unknown] * y
     assert np.abs(left).max() < 1e-8 * np.abs(wanted).max()
@@ -61,9 +77,20 @@ def test_a_direct_direction_solves_its_equations(scene):
 def test_needles_side_by_side_take_few_steps(cells):
     """Quadratic needles of 1 : 100: ten steps at most, once GMRES has shown by 300 iterations how slender they are."""
     size, load = (0.01, 0.01, 1.0), 60.0
-    needles = [box("upper", (0.01, 0, 0), size, (2, 2, 30), 2, clamp=[{"on": "bottom"} | HELD],
-                   traction=[{"on": "right", "value": [-load, 0.1 * load, 0.0]}]),
-               box("lower", (0, 0, 0), size, cells, 2, clamp=[{"on": "bottom"} | HELD])]
+    needles = [
+        box(
+            "upper",
+            (0.01, 0, 0),
+            size,
+            (2, 2, 30),
+            2,
+            clamp=[{"on": "bottom"} | HELD],
+            traction=[{"on": "right", "value": [-load, 0.1 * load, 0.0]}],
+        ),
+        box("lower", (0, 0, 0), size, cells, 2, clamp=[{"on": "bottom"} | HELD]),
+    ]
     contact = {"bodies": ["upper", "lower"], "on": ["left", "right"], "friction": COULOMB}
-    summary = certified({"body": needles, "contact": [contact], "output": {"stress": False}}).summary
+    summary = certified(
+        {"body": needles, "contact": [contact], "output": {"stress": False}}
+    ).summary
     assert summary["outer_iterations"] <= 10 and 40 < summary["inner_iterations"] <= 300

@@ -37,6 +37,7 @@ MODULUS = 3e11
 
 # The preconditioner
 
+
 def interface(x, sliding: list[int], dropped: int = 0, area=None) -> Interface:
     """Contact nodes along y = 0 at `x`; nodes more than twice as far apart as others belong to two chains."""
     x, sliding = np.array(x), np.array(sliding, dtype=int)
@@ -47,16 +48,29 @@ def interface(x, sliding: list[int], dropped: int = 0, area=None) -> Interface:
         if dropped:  # the first node's neighbour is clamped
             area[0] += 0.5 * edges[0]
     m, nodes = len(x), np.arange(len(x))
-    alone, segments = sparse.identity(m, format="csr"), np.column_stack([nodes[:-1], nodes[1:]])[edges > 0.0]
+    alone, segments = (
+        sparse.identity(m, format="csr"),
+        np.column_stack([nodes[:-1], nodes[1:]])[edges > 0.0],
+    )
     places, row = np.append(x, 2 * x[0] - x[min(1, m - 1)])[:, None], np.append(nodes, -1)
-    beside = np.array([[0, m]])[:dropped if m > 1 else 0]
+    beside = np.array([[0, m]])[: dropped if m > 1 else 0]
     return Interface(
-        name="upper-lower", bodies=("upper", "lower"), xy=np.column_stack([x, np.zeros(m)]),
-        frame=np.tile([[0.0, -1.0], [1.0, 0.0]], (m, 1, 1)), area=area, gap=np.zeros(m), nodes=(nodes, nodes),
-        transfer=(alone, alone), law=CoulombLaw(m, sliding, 1, np.full(len(sliding), 0.3)), modulus=MODULUS,
-        facets=segments, laplacian=laplacian(places, np.concatenate([segments, beside]), row, m),
-        one_sided=np.zeros(m + len(sliding), bool), displacement=np.zeros(2),
-        fixed=Places(gap=np.zeros(dropped)))
+        name="upper-lower",
+        bodies=("upper", "lower"),
+        xy=np.column_stack([x, np.zeros(m)]),
+        frame=np.tile([[0.0, -1.0], [1.0, 0.0]], (m, 1, 1)),
+        area=area,
+        gap=np.zeros(m),
+        nodes=(nodes, nodes),
+        transfer=(alone, alone),
+        law=CoulombLaw(m, sliding, 1, np.full(len(sliding), 0.3)),
+        modulus=MODULUS,
+        facets=segments,
+        laplacian=laplacian(places, np.concatenate([segments, beside]), row, m),
+        one_sided=np.zeros(m + len(sliding), bool),
+        displacement=np.zeros(2),
+        fixed=Places(gap=np.zeros(dropped)),
+    )
 
 
 def dense_stiffness(contact, modulus: float) -> np.ndarray:
@@ -69,12 +83,17 @@ def dense_stiffness(contact, modulus: float) -> np.ndarray:
     K = np.zeros((m, m))
     for k, distance in enumerate(np.diff(x)):
         if distance < 1.01 * (length[k] + length[k + 1]):
-            K[k:k + 2, k:k + 2] += np.array([[1.0, -1.0], [-1.0, 1.0]]) / distance
+            K[k : k + 2, k : k + 2] += np.array([[1.0, -1.0], [-1.0, 1.0]]) / distance
     if len(contact.fixed.gap):
         K[0, 0] += 1.0 / (x[1] - x[0])
     A = K / np.sqrt(np.outer(length, length)) + (1.5 / length.sum()) ** 2 * np.eye(m)
     values, vectors = np.linalg.eigh(A)
-    block = 0.5 * modulus * np.sqrt(np.outer(length, length)) * ((vectors * np.sqrt(values)) @ vectors.T)
+    block = (
+        0.5
+        * modulus
+        * np.sqrt(np.outer(length, length))
+        * ((vectors * np.sqrt(values)) @ vectors.T)
+    )
     P = np.zeros((contact.size, contact.size))
     P[:m, :m] = block
     P[m:, m:] = block[np.ix_(contact.sliding, contact.sliding)]
@@ -86,18 +105,33 @@ def columns(operator, size: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("scale", [1e-9, 1e6])
-@pytest.mark.parametrize(("x", "sliding", "dropped"), [
-    (np.linspace(0, 3, 40), range(40), 0),
-    (np.linspace(0, 3, 40)[1:], range(39), 1),
-    (np.linspace(0, 3, 25), [*range(3, 12), *range(15, 25)], 0),
-    (np.linspace(0, 3, 25), [], 0),
-    (np.linspace(0, 1, 30) ** 1.5, range(30), 0),
-    ([*np.linspace(0, 1, 12), *np.linspace(2, 3, 12)], range(24), 0),
-    ([0.0, 1.0], [0, 1], 0),
-], ids=["even", "first node dropped", "some slide", "no friction", "graded", "two chains", "two nodes"])
+@pytest.mark.parametrize(
+    ("x", "sliding", "dropped"),
+    [
+        (np.linspace(0, 3, 40), range(40), 0),
+        (np.linspace(0, 3, 40)[1:], range(39), 1),
+        (np.linspace(0, 3, 25), [*range(3, 12), *range(15, 25)], 0),
+        (np.linspace(0, 3, 25), [], 0),
+        (np.linspace(0, 1, 30) ** 1.5, range(30), 0),
+        ([*np.linspace(0, 1, 12), *np.linspace(2, 3, 12)], range(24), 0),
+        ([0.0, 1.0], [0, 1], 0),
+    ],
+    ids=[
+        "even",
+        "first node dropped",
+        "some slide",
+        "no friction",
+        "graded",
+        "two chains",
+        "two nodes",
+    ],
+)
 def test_half_space_is_the_square_root(x, sliding, dropped, scale):
     contact = interface([scale * value for value in x], list(sliding), dropped)
-    P, expected = columns(HalfSpace(Space([contact])), contact.size), dense_stiffness(contact, MODULUS)
+    P, expected = (
+        columns(HalfSpace(Space([contact])), contact.size),
+        dense_stiffness(contact, MODULUS),
+    )
     assert np.linalg.norm(P - expected, 2) <= 1e-3 * np.linalg.norm(expected, 2)
     assert np.linalg.norm(np.linalg.solve(expected, P) - np.eye(contact.size), 2) <= 1e-3
     assert np.abs(P - P.T).max() <= 1e-12 * np.abs(P).max()
@@ -134,7 +168,9 @@ def test_half_space_of_a_closed_chain(start):
 
 def test_half_space_of_one_node():
     """Its only neighbour, 0.5 m away, is clamped."""
-    one = replace(interface([0.0], [0], 1, area=np.array([0.25])), laplacian=sparse.csr_matrix([[2.0]]))
+    one = replace(
+        interface([0.0], [0], 1, area=np.array([0.25])), laplacian=sparse.csr_matrix([[2.0]])
+    )
     expected = 0.5 * MODULUS * 0.25 * math.hypot(1.5 / 0.25, math.sqrt(1.0 / (0.5 * 0.25)))
     assert columns(HalfSpace(Space([one])), 2) == pytest.approx(expected * np.eye(2), rel=1e-3)
 
@@ -161,7 +197,9 @@ def test_preconditioned_compliance_is_well_conditioned_at_every_h_and_contrast(c
             values = np.linalg.eigvals(np.column_stack([P.mult(column) for column in C.T]))
             assert np.abs(values.imag).max() <= 1e-9 * np.abs(values).max()
             conditions.append(values.real.max() / values.real.min())
-        assert max(conditions) < 1.2 * min(conditions), conditions  # that of C alone grows four times
+        assert max(conditions) < 1.2 * min(conditions), (
+            conditions
+        )  # that of C alone grows four times
         assert conditions[-1] < 0.05 * np.linalg.cond(C)
 
 
@@ -183,6 +221,7 @@ def test_the_preconditioner_knows_waves_within_quadratic_facets():
 
 
 # The methods
+
 
 def solve(assembly, **method):
     from ddmpi.run.solve import solve
@@ -223,10 +262,13 @@ def test_each_path_alone_leads_to_the_same_answer(comm, monkeypatch, path):
         word = {"softening": "layer", "interior points": "barrier"}[path.kind]
         assert [step.stage.split()[0] for step in outer.history if step.stage][:4] == [word] * 4
         assert len(outer.history) <= 25
-        assert outer.forces == pytest.approx(usual.forces, rel=1e-5, abs=1e-6 * np.abs(usual.forces).max(initial=0.0))
+        assert outer.forces == pytest.approx(
+            usual.forces, rel=1e-5, abs=1e-6 * np.abs(usual.forces).max(initial=0.0)
+        )
 
 
 # What is said of a run that fails
+
 
 def line(m: int, coefficient: float = 0.5) -> Space:
     """One interface of m nodes at (0, 1), (1, 1), …"""
@@ -240,16 +282,36 @@ def recorded(*statuses: str, coefficient: float = 0.5) -> StatusLog:
     log = StatusLog(line(len(statuses[0]) if statuses else 3, coefficient))
     for letters in statuses:
         normal = np.array([0.0 if letter == "o" else 2.0 for letter in letters])
-        tangential = np.array([{"o": 0.0, "s": 0.1, "r": 1.0, "l": -1.0}[letter] for letter in letters])
+        tangential = np.array(
+            [{"o": 0.0, "s": 0.1, "r": 1.0, "l": -1.0}[letter] for letter in letters]
+        )
         log.record(np.concatenate([normal, tangential]), 0.5 * normal)
     return log
 
 
-@pytest.mark.parametrize(("statuses", "cycles", "unsettled"), [
-    ([], False, []), (["osr"], False, []), (["osr", "osr", "osr"], False, []), (["ooo", "osr", "osr"], False, [1, 2]),
-    (["osr", "osl", "osr"], True, [2]), (["osr", "ssr", "srr", "osr"], True, [0, 1]),
-    (["osr", "srr", "rrr"], False, [0, 1]), (["oos", *["osr"] * 10], False, []),
-], ids=["nothing", "one", "settled", "settled later", "two-cycle", "three-cycle", "moving on", "long settled"])
+@pytest.mark.parametrize(
+    ("statuses", "cycles", "unsettled"),
+    [
+        ([], False, []),
+        (["osr"], False, []),
+        (["osr", "osr", "osr"], False, []),
+        (["ooo", "osr", "osr"], False, [1, 2]),
+        (["osr", "osl", "osr"], True, [2]),
+        (["osr", "ssr", "srr", "osr"], True, [0, 1]),
+        (["osr", "srr", "rrr"], False, [0, 1]),
+        (["oos", *["osr"] * 10], False, []),
+    ],
+    ids=[
+        "nothing",
+        "one",
+        "settled",
+        "settled later",
+        "two-cycle",
+        "three-cycle",
+        "moving on",
+        "long settled",
+    ],
+)
 def test_status_log(statuses, cycles, unsettled):
     log = recorded(*statuses)
     assert log.cycles() is cycles
@@ -259,7 +321,9 @@ def test_status_log(statuses, cycles, unsettled):
 def history(factor: float, length: int = 15, first: float = 1.0):
     from ddmpi.methods.outer import Step
 
-    return [Step(k + 1, first * factor**k, first * factor**(2 * k), 0.0, 0) for k in range(length)]
+    return [
+        Step(k + 1, first * factor**k, first * factor ** (2 * k), 0.0, 0) for k in range(length)
+    ]
 
 
 def test_contraction_factor():
@@ -270,38 +334,79 @@ def test_contraction_factor():
         assert contraction(history(factor), "residual") == pytest.approx(factor**2)
     assert contraction([*history(0.1), *history(0.8, 11)]) == pytest.approx(0.8)  # the latest count
     random = np.random.default_rng(0)
-    noisy = [type(step)(step.iteration, step.update * float(random.uniform(0.8, 1.25)), 0.0, 0.0, 0)
-             for step in history(0.5)]
+    noisy = [
+        type(step)(step.iteration, step.update * float(random.uniform(0.8, 1.25)), 0.0, 0.0, 0)
+        for step in history(0.5)
+    ]
     assert contraction(noisy) == pytest.approx(0.5, rel=0.1)
     assert math.isnan(contraction(history(0.5, 2)))
     assert math.isnan(contraction(history(0.0, 5)))
     assert math.isnan(contraction(history(1.0, 5, math.inf)))
 
 
-def diagnosis(stopped: str, steps: list, coefficient: float = 0.3, statuses=(), violations=(), **method) -> str:
+def diagnosis(
+    stopped: str, steps: list, coefficient: float = 0.3, statuses=(), violations=(), **method
+) -> str:
     from ddmpi.judge.diagnosis import diagnose
     from ddmpi.scene.method import Method
 
-    return diagnose("the reason", stopped, list(violations), Method(**method).settled(), steps,
-                    recorded(*statuses, coefficient=coefficient), ("friction", "anderson"))
+    return diagnose(
+        "the reason",
+        stopped,
+        list(violations),
+        Method(**method).settled(),
+        steps,
+        recorded(*statuses, coefficient=coefficient),
+        ("friction", "anderson"),
+    )
 
 
 WANTED = 15 + 1.5 * math.log(1e-4 / 0.9**14) / math.log(0.9)
 
 
-@pytest.mark.parametrize(("stopped", "factor", "keys", "words", "unsaid"), [
-    ("diverged", 2.0, {"theta": 0.9}, ("the reason (iteration 15, update 1.6e+04", "divergence",
-                                       "smaller method.theta than 0.9", "default method"), ()),
-    ("max_iterations", 0.9, {"theta": 0.1, "tolerance": 1e-4},
-     ("slow convergence, a factor of 0.900", f"max_iterations of {WANTED:.0f} or more"), ("changed", "unique")),
-    ("max_iterations", 1.1, {"theta": 0.1}, ("growth",), ()),
-    ("max_iterations", 1.0, {"theta": 0.1}, ("no progress",), ()),
-    ("max_iterations", 1.0, {"statuses": ["osr", "osl", "osr"]},
-     ("1 of 3 nodes changed between open, slip and stick in a cycle, at (2, 1)", "anderson"), ()),
-    ("max_iterations", 1.0, {"statuses": ["osr", "osr"]}, (), ("changed",)),
-    ("max_iterations", 1.0, {"coefficient": 1.0}, ("need not be unique",), ()),
-    ("max_iterations", 1.0, {"coefficient": 10.0}, ("coefficient of 10 ",), ()),
-    ("converged", 0.1, {"violations": ["penetration 1e-3"]}, ("the certificate fails: penetration 1e-3",), ())])
+@pytest.mark.parametrize(
+    ("stopped", "factor", "keys", "words", "unsaid"),
+    [
+        (
+            "diverged",
+            2.0,
+            {"theta": 0.9},
+            (
+                "the reason (iteration 15, update 1.6e+04",
+                "divergence",
+                "smaller method.theta than 0.9",
+                "default method",
+            ),
+            (),
+        ),
+        (
+            "max_iterations",
+            0.9,
+            {"theta": 0.1, "tolerance": 1e-4},
+            ("slow convergence, a factor of 0.900", f"max_iterations of {WANTED:.0f} or more"),
+            ("changed", "unique"),
+        ),
+        ("max_iterations", 1.1, {"theta": 0.1}, ("growth",), ()),
+        ("max_iterations", 1.0, {"theta": 0.1}, ("no progress",), ()),
+        (
+            "max_iterations",
+            1.0,
+            {"statuses": ["osr", "osl", "osr"]},
+            ("1 of 3 nodes changed between open, slip and stick in a cycle, at (2, 1)", "anderson"),
+            (),
+        ),
+        ("max_iterations", 1.0, {"statuses": ["osr", "osr"]}, (), ("changed",)),
+        ("max_iterations", 1.0, {"coefficient": 1.0}, ("need not be unique",), ()),
+        ("max_iterations", 1.0, {"coefficient": 10.0}, ("coefficient of 10 ",), ()),
+        (
+            "converged",
+            0.1,
+            {"violations": ["penetration 1e-3"]},
+            ("the certificate fails: penetration 1e-3",),
+            (),
+        ),
+    ],
+)
 def test_diagnosis(stopped, factor, keys, words, unsaid):
     """What was seen, how many iterations it would take, which nodes change, that answers need not be unique."""
     text = diagnosis(stopped, history(factor), **keys)
@@ -316,16 +421,33 @@ def test_diagnosis_names_what_the_scene_can_do():
 
     def tried(scene: dict, stopped: str) -> str:
         able = helpful(read_scene("scene", to_toml(scene)))
-        return diagnose("the reason", stopped, [], Method().settled(), history(0.9), recorded(), able).split("try: ")[1]
+        return diagnose(
+            "the reason", stopped, [], Method().settled(), history(0.9), recorded(), able
+        ).split("try: ")[1]
 
     two, smooth = pinched_blocks(2), pinched_blocks(2, "none")
-    assert all(words in tried(two, "max_iterations") for words in ("max_iterations", "anderson", "less friction"))
-    assert "max_iterations" not in tried(two, "converged") and "less friction" in tried(two, "stalled")
-    assert "friction" not in tried(smooth, "max_iterations") and "anderson" in tried(smooth, "max_iterations")
-    for more in ({"time": {"points": [1.0]}}, {"body": [*two["body"], rectangle("third", (9, 0), (1, 1), (1, 1))]}):
+    assert all(
+        words in tried(two, "max_iterations")
+        for words in ("max_iterations", "anderson", "less friction")
+    )
+    assert "max_iterations" not in tried(two, "converged") and "less friction" in tried(
+        two, "stalled"
+    )
+    assert "friction" not in tried(smooth, "max_iterations") and "anderson" in tried(
+        smooth, "max_iterations"
+    )
+    for more in (
+        {"time": {"points": [1.0]}},
+        {"body": [*two["body"], rectangle("third", (9, 0), (1, 1), (1, 1))]},
+    ):
         assert "anderson" not in tried(two | more, "max_iterations")
-    bonded = two | {"contact": [{"bodies": ["upper", "lower"], "on": ["bottom", "top"], "kind": "bonded"}]}
-    assert tried(bonded, "max_iterations") == "a larger method.max_iterations, or a tighter -newton_ksp_rtol"
+    bonded = two | {
+        "contact": [{"bodies": ["upper", "lower"], "on": ["bottom", "top"], "kind": "bonded"}]
+    }
+    assert (
+        tried(bonded, "max_iterations")
+        == "a larger method.max_iterations, or a tighter -newton_ksp_rtol"
+    )
 
 
 def test_the_plan_says_what_is_left_out(tmp_path):
@@ -333,10 +455,18 @@ def test_the_plan_says_what_is_left_out(tmp_path):
     scene["body"][1]["traction"] = []
     done = run_here(write_scene(scene, tmp_path / "scene.toml"), tmp_path / "results")
     assert done.code == 0, done.output
-    left_out = next(line for line in done.stdout.splitlines() if "left out: " in line).partition("left out: ")[2]
-    assert left_out.split(", ") == ["rigid motions (all bodies are supported)", "stress in the files (not asked for)",
-                                    "pictures (not asked for)"]
-    assert "upper-lower: all nodes touch at first; no friction; clamps constrain 1 contact node\n" in done.stdout
+    left_out = next(line for line in done.stdout.splitlines() if "left out: " in line).partition(
+        "left out: "
+    )[2]
+    assert left_out.split(", ") == [
+        "rigid motions (all bodies are supported)",
+        "stress in the files (not asked for)",
+        "pictures (not asked for)",
+    ]
+    assert (
+        "upper-lower: all nodes touch at first; no friction; clamps constrain 1 contact node\n"
+        in done.stdout
+    )
     assert "lower: no loads\n" in done.stdout
     assert "semi-smooth Newton, GMRES with half-plane preconditioner" in done.stdout
     assert "upper, lower: direct solver\n" in done.stdout
@@ -350,10 +480,14 @@ def test_model_of_the_compliance_learns_products_and_stays_positive():
     assembly = prepare_scene(MPI.COMM_SELF, pinched_blocks(6, "coulomb"))
     joint, rng = assembly.joint, np.random.default_rng(0)
     half_space, x = HalfSpace(joint.space), rng.standard_normal(joint.size)
-    assert np.allclose(half_space.mult(half_space.mult(x, inverse=True)), x, rtol=0.0, atol=2e-3 * np.abs(x).max())
+    assert np.allclose(
+        half_space.mult(half_space.mult(x, inverse=True)), x, rtol=0.0, atol=2e-3 * np.abs(x).max()
+    )
     model = Model(joint)
-    C, before = (np.column_stack([operator.product(e, "test", 0.0) for e in np.eye(joint.size)])
-                 for operator in (joint, model))
+    C, before = (
+        np.column_stack([operator.product(e, "test", 0.0) for e in np.eye(joint.size)])
+        for operator in (joint, model)
+    )
     assert np.abs(np.linalg.solve(C, before) - np.eye(joint.size)).max() > 1e-2
     known = rng.standard_normal((5, joint.size))
     for each in known:

@@ -25,9 +25,15 @@ two_ranks = pytest.mark.mpi(ranks=2)
 def approach() -> dict:
     """A block that is moved across a gap far wider than what it is then strained by."""
     moved = [{"on": "right", "x": -0.01001, "y": 2e-6}]
-    return {"body": [scenes.rectangle("left", (0, 0), (1, 1), (8, 8), clamp=["left"]),
-                     scenes.rectangle("right", (1.01, 0), (1, 1), (8, 8), young=3e9, clamp=moved)],
-            "contact": [{"bodies": ["left", "right"], "on": ["right", "left"], "friction": scenes.COULOMB}]}
+    return {
+        "body": [
+            scenes.rectangle("left", (0, 0), (1, 1), (8, 8), clamp=["left"]),
+            scenes.rectangle("right", (1.01, 0), (1, 1), (8, 8), young=3e9, clamp=moved),
+        ],
+        "contact": [
+            {"bodies": ["left", "right"], "on": ["right", "left"], "friction": scenes.COULOMB}
+        ],
+    }
 
 
 @two_ranks
@@ -35,10 +41,16 @@ def approach() -> dict:
 def test_certificate_is_not_flattered_by_a_rigid_approach(comm, method):
     assembly = scenes.prepare_scene(comm, approach() | {"method": method})
     answer, exact = solve(assembly, assembly.scene.method), exact_forces(assembly)
-    forces, mismatch = (everywhere(assembly, each) for each in (answer.outer.forces, answer.outer.mismatch))
+    forces, mismatch = (
+        everywhere(assembly, each) for each in (answer.outer.forces, answer.outer.mismatch)
+    )
     mismatch = np.linalg.norm(mismatch)
-    assert answer.certified and np.linalg.norm(forces - exact) <= answer.limit * np.linalg.norm(exact)
-    assert answer.certificate.worst()["force_mismatch"][0] == pytest.approx(mismatch / np.linalg.norm(forces), rel=0.1)
+    assert answer.certified and np.linalg.norm(forces - exact) <= answer.limit * np.linalg.norm(
+        exact
+    )
+    assert answer.certificate.worst()["force_mismatch"][0] == pytest.approx(
+        mismatch / np.linalg.norm(forces), rel=0.1
+    )
 
 
 def test_newton_that_goes_on_knows_its_gaps():
@@ -51,12 +63,22 @@ def test_newton_that_goes_on_knows_its_gaps():
     assert np.linalg.norm(newton.forces - exact) <= 1e-8 * np.linalg.norm(exact)
 
 
-@pytest.mark.parametrize("worst, rounds", [((3e-6, 5e-6, 4e-8), 3), ((3e-6, 5e-6, 2.9e-6), 3), ((3e-6, 1e-6, 9e-8), 5),
-                                           ((3e-6, 5e-6, 2e-6, 3e-6, 1e-6, 1e-8), 6)])
+@pytest.mark.parametrize(
+    "worst, rounds",
+    [
+        ((3e-6, 5e-6, 4e-8), 3),
+        ((3e-6, 5e-6, 2.9e-6), 3),
+        ((3e-6, 1e-6, 9e-8), 5),
+        ((3e-6, 5e-6, 2e-6, 3e-6, 1e-6, 1e-8), 6),
+    ],
+)
 def test_one_useless_round_is_not_the_last(monkeypatch, worst, rounds):
     """Where the certificate fails, the tolerance tightens until two rounds in a row gain nothing."""
     assembly = scenes.prepare_scene(MPI.COMM_SELF, scenes.pinched_blocks(2, tolerance=1e-9))
-    solved, values = solve(assembly, assembly.scene.method), [*worst, *itertools.repeat(worst[-1], 9)]
+    solved, values = (
+        solve(assembly, assembly.scene.method),
+        [*worst, *itertools.repeat(worst[-1], 9)],
+    )
     iteration = Iteration(assembly, assembly.scene.method, no_report, Clock())
 
     def run(tolerance: float) -> str:
@@ -82,9 +104,12 @@ def test_fallback_that_fails_on_one_rank_ends_on_both(comm, monkeypatch):
         C, mult, calls = assembly.member.C, assembly.member.C.mult, itertools.count(1)
 
         def fail(x, y, purpose, *arguments):
-            if purpose == "newton" and next(calls) == 9:  # within a linear problem of the third stage
+            if (
+                purpose == "newton" and next(calls) == 9
+            ):  # within a linear problem of the third stage
                 raise SolverError("this rank alone")
             mult(x, y, purpose, *arguments)
+
         monkeypatch.setattr(C, "mult", fail)
     with pytest.raises(SolverError, match=r"^this rank alone$") as error:
         solve(assembly, assembly.scene.method)
@@ -100,4 +125,6 @@ def test_methods_agree(comm, contrast):
     assembly = scenes.prepare_scene(comm, scene | {"method": {"outer": "anderson"}})
     answer, exact = solve(assembly, assembly.scene.method), exact_forces(assembly)
     assert answer.certified
-    assert np.linalg.norm(everywhere(assembly, answer.outer.forces) - exact) <= 1e-5 * np.linalg.norm(exact)
+    assert np.linalg.norm(
+        everywhere(assembly, answer.outer.forces) - exact
+    ) <= 1e-5 * np.linalg.norm(exact)

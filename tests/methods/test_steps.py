@@ -25,19 +25,37 @@ from ddmpi.methods.paths import InteriorPoints, Softening
 class Dense:
     """A joint operator of two bodies that clamps hold, with the matrix C and the free gaps d."""
 
-    members, bodies, e, dear, kept, still = (), 2, np.empty(0), False, np.empty(0, bool), np.empty(0)
+    members, bodies, e, dear, kept, still = (
+        (),
+        2,
+        np.empty(0),
+        False,
+        np.empty(0, bool),
+        np.empty(0),
+    )
 
-    def __init__(self, C: np.ndarray, d: np.ndarray, coefficient: float, components: int = 1) -> None:
+    def __init__(
+        self, C: np.ndarray, d: np.ndarray, coefficient: float, components: int = 1
+    ) -> None:
         dimension, size = 1 + components, len(d)
         m = size // dimension
         nodes, alone = np.arange(m), sparse.identity(m, format="csr")
         interface = Interface(
-            name="seam", bodies=("upper", "lower"), xy=np.eye(1, dimension) * nodes[:, None],
-            frame=np.tile(np.roll(np.eye(dimension), 1, axis=0), (m, 1, 1)), area=np.ones(m), gap=np.zeros(m),
-            nodes=(nodes, nodes), transfer=(alone, alone),
+            name="seam",
+            bodies=("upper", "lower"),
+            xy=np.eye(1, dimension) * nodes[:, None],
+            frame=np.tile(np.roll(np.eye(dimension), 1, axis=0), (m, 1, 1)),
+            area=np.ones(m),
+            gap=np.zeros(m),
+            nodes=(nodes, nodes),
+            transfer=(alone, alone),
             law=CoulombLaw(m, nodes, components, np.full(m, coefficient)),
-            modulus=1.0, facets=np.empty((0, dimension), int), laplacian=sparse.csr_matrix((m, m)),
-            one_sided=np.zeros(size, bool), displacement=np.zeros(dimension))
+            modulus=1.0,
+            facets=np.empty((0, dimension), int),
+            laplacian=sparse.csr_matrix((m, m)),
+            one_sided=np.zeros(size, bool),
+            displacement=np.zeros(dimension),
+        )
         self.C, self.d, self.size, self.space, self.neglected = C, d, size, Space([interface]), 0.0
         self.steering, self.far = 1.0, False
         self.rigid = Motions(self.space, 0, ())
@@ -50,7 +68,9 @@ class Dense:
         return 0
 
     def cross_points(self) -> CrossPoints:
-        exchange = SimpleNamespace(total=lambda parts, about: np.zeros(self.size), world=MPI.COMM_SELF)
+        exchange = SimpleNamespace(
+            total=lambda parts, about: np.zeros(self.size), world=MPI.COMM_SELF
+        )
         return CrossPoints((), cast(Exchange, exchange), self.space)
 
     def shared(self) -> np.ndarray:
@@ -78,7 +98,9 @@ class Dense:
 def random_joint(seed: int, m: int = 6, coefficient: float = 1.0, components: int = 1) -> Dense:
     rng, size = np.random.default_rng(seed), m * (1 + components)
     root = rng.standard_normal((size, size))
-    return Dense(root @ root.T / m + 0.05 * np.eye(size), rng.standard_normal(size), coefficient, components)
+    return Dense(
+        root @ root.T / m + 0.05 * np.eye(size), rng.standard_normal(size), coefficient, components
+    )
 
 
 def turned(joint: Dense, turns: np.ndarray) -> np.ndarray:
@@ -93,7 +115,10 @@ def turned(joint: Dense, turns: np.ndarray) -> np.ndarray:
 def test_friction_in_space_finds_its_direction(seed, path):
     """Vectors of friction: few steps, by Newton's method or through a layer, and the same whatever the tangents are."""
     joint = random_joint(seed, m=10, coefficient=0.4, components=2)
-    joint.C, joint.d[:10] = joint.C + 2.0 * np.eye(30), np.abs(joint.d[:10])  # held well, so that the answer is one
+    joint.C, joint.d[:10] = (
+        joint.C + 2.0 * np.eye(30),
+        np.abs(joint.d[:10]),
+    )  # held well, so that the answer is one
     Q = turned(joint, np.random.default_rng(1).uniform(0.0, 6.0, 10))
     found = []
     for each in (joint, Dense(Q.T @ joint.C @ Q, Q.T @ joint.d, 0.4, components=2)):
@@ -105,7 +130,9 @@ def test_friction_in_space_finds_its_direction(seed, path):
     s, r = found[0], joint.C @ found[0] - joint.d
     law = joint.space.interfaces[0].law
     assert s == pytest.approx(law.project(s - 3.0 * r), abs=1e-8)
-    assert (np.linalg.norm(law.split(s)[1], axis=1) > 0.0).sum() > 3 and law.active_set(s - r).excess.any()
+    assert (np.linalg.norm(law.split(s)[1], axis=1) > 0.0).sum() > 3 and law.active_set(
+        s - r
+    ).excess.any()
     assert Q @ found[1] == pytest.approx(s, abs=1e-8)
 
 
@@ -116,7 +143,9 @@ def test_a_step_of_interior_points_is_newtons(components, monkeypatch):
     joint = random_joint(3, coefficient=0.4, components=components)
     path, rng = InteriorPoints(joint, np.full(joint.size, 0.5)), np.random.default_rng(2)
     m, law = joint.size // (1 + components), joint.space.interfaces[0].law
-    path.point = path.point._replace(s=np.append(rng.uniform(1.0, 2.0, m), 0.1 * rng.standard_normal(m * components)))
+    path.point = path.point._replace(
+        s=np.append(rng.uniform(1.0, 2.0, m), 0.1 * rng.standard_normal(m * components))
+    )
     path._slip, path._steps = 0.1 * rng.standard_normal(path._slip.shape) * path._most, 1
     monkeypatch.setattr(ddmpi.methods.paths, "TO_BOUND", 1e-6)
 
@@ -128,17 +157,32 @@ def test_a_step_of_interior_points_is_newtons(components, monkeypatch):
     before, ds = products(), rng.standard_normal(joint.size)
     path.step(lambda *_: Point(ds, ds, joint.e, joint.e))
     assert not path.failed and path._last < 1e-4
-    assert (products() - before) / path._last == pytest.approx(path._barrier - before, abs=1e-3 * before.max())
+    assert (products() - before) / path._last == pytest.approx(
+        path._barrier - before, abs=1e-3 * before.max()
+    )
 
 
 def test_the_coarse_problem_holds_motions_however_forces_follow_each_other():
     """Ẑ y + D a = h, with friction that follows pressure, so that S is not symmetric."""
     space, rng = random_joint(3).space, np.random.default_rng(4)
     size, number = space.size, 3
-    motions = Motions(space, number, [(slice(0, size), np.arange(number), rng.standard_normal((size, number)))])
-    E, D, root = np.eye(size) + 0.3 * rng.standard_normal((size, size)), rng.random(number), rng.random((size, size))
-    coarse = CoarseSystem(motions, sparse.identity(size, format="csr"), sparse.csr_matrix(E), np.ones(size),
-                          lambda _, columns: root @ root.T @ columns, sparse.diags(D), np.zeros(number, bool))
+    motions = Motions(
+        space, number, [(slice(0, size), np.arange(number), rng.standard_normal((size, number)))]
+    )
+    E, D, root = (
+        np.eye(size) + 0.3 * rng.standard_normal((size, size)),
+        rng.random(number),
+        rng.random((size, size)),
+    )
+    coarse = CoarseSystem(
+        motions,
+        sparse.identity(size, format="csr"),
+        sparse.csr_matrix(E),
+        np.ones(size),
+        lambda _, columns: root @ root.T @ columns,
+        sparse.diags(D),
+        np.zeros(number, bool),
+    )
     h = rng.standard_normal(number)
     y, a = coarse.correct(rng.standard_normal(size), h)
     assert motions.sums(E @ y) + D * a == pytest.approx(h, rel=1e-8)
@@ -192,8 +236,14 @@ def test_the_full_step_is_taken_where_it_gains_and_the_best_one_elsewhere():
         assert norm == norms[way]
         return way
 
-    taken = [(length(far * (exact - s) + 0.1 * rng.standard_normal(len(s))), min(LENGTHS, key=norms.get),
-              norms[1.0] <= GAIN * norms[0.0]) for far in np.linspace(0.2, 8.0, 40)]
+    taken = [
+        (
+            length(far * (exact - s) + 0.1 * rng.standard_normal(len(s))),
+            min(LENGTHS, key=norms.get),
+            norms[1.0] <= GAIN * norms[0.0],
+        )
+        for far in np.linspace(0.2, 8.0, 40)
+    ]
     assert len({best for _, best, gains in taken if not gains}) >= 4
     assert 0 < sum(gains for _, _, gains in taken) < 40
     assert all(chosen == (1.0 if gains else best) for chosen, best, gains in taken)

@@ -12,7 +12,9 @@ from ddmpi.petsc.dissection import _cover, dissect, elimination_order, layers_of
 
 def grid(*counts: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Nodes of a grid, and the pairs of those that share a cell."""
-    points = np.stack(np.meshgrid(*map(np.arange, counts), indexing="ij"), axis=-1).reshape(-1, len(counts))
+    points = np.stack(np.meshgrid(*map(np.arange, counts), indexing="ij"), axis=-1).reshape(
+        -1, len(counts)
+    )
     near = np.abs(points[:, None] - points).max(axis=2) == 1
     return points.astype(float), *np.argwhere(np.triu(near)).T
 
@@ -23,7 +25,7 @@ def entries(place: np.ndarray, first: np.ndarray, second: np.ndarray) -> int:
     linked = np.zeros((size, size), bool)
     linked[place[first], place[second]] = linked[place[second], place[first]] = True
     for k in range(size):
-        later = k + 1 + np.flatnonzero(linked[k, k + 1:])
+        later = k + 1 + np.flatnonzero(linked[k, k + 1 :])
         linked[np.ix_(later, later)] = True
     return int(np.triu(linked, 1).sum())
 
@@ -35,10 +37,18 @@ def test_layers(counts, width):
     points, first, second = grid(*counts)
     for seed in range(3):
         place = np.random.default_rng(seed).permutation(len(points))
-        pairs = sparse.csr_matrix((np.ones(len(first)), (place[first], place[second])), (len(points),) * 2)
-        blocks = sparse.kron(pairs + pairs.T + sparse.identity(len(points)), np.ones((width, width))).tocsr()
-        A = PETSc.Mat().createAIJ(blocks.shape, bsize=width, csr=(blocks.indptr, blocks.indices, blocks.data),
-                                  comm=PETSc.COMM_SELF)
+        pairs = sparse.csr_matrix(
+            (np.ones(len(first)), (place[first], place[second])), (len(points),) * 2
+        )
+        blocks = sparse.kron(
+            pairs + pairs.T + sparse.identity(len(points)), np.ones((width, width))
+        ).tocsr()
+        A = PETSc.Mat().createAIJ(
+            blocks.shape,
+            bsize=width,
+            csr=(blocks.indptr, blocks.indices, blocks.data),
+            comm=PETSc.COMM_SELF,
+        )
         assert layers_of(A) == max(counts)
 
 
@@ -62,7 +72,9 @@ def test_nodes_at_one_place_and_few_nodes():
     everywhere = np.triu_indices(50, 1)
     assert sorted(dissect(np.zeros((50, 2)), *everywhere)) == list(range(50))
     for k in (0, 1, 2):
-        assert sorted(dissect(np.zeros((k, 2)), np.zeros(0, int), np.zeros(0, int))) == list(range(k))
+        assert sorted(dissect(np.zeros((k, 2)), np.zeros(0, int), np.zeros(0, int))) == list(
+            range(k)
+        )
 
 
 def test_smallest_cover():
@@ -73,8 +85,10 @@ def test_smallest_cover():
         first, second = pairs[:, 0], pairs[:, 1] + 5
         found = _cover(first, second)
         assert (np.isin(first, found) | np.isin(second, found)).all()
-        assert not any((np.isin(first, less) | np.isin(second, less)).all()
-                       for less in itertools.combinations(range(10), len(found) - 1))
+        assert not any(
+            (np.isin(first, less) | np.isin(second, less)).all()
+            for less in itertools.combinations(range(10), len(found) - 1)
+        )
 
 
 def test_dofs_of_a_node_stay_together(monkeypatch):

@@ -9,15 +9,63 @@ import pytest
 import scipy.sparse as sparse
 from petsc4py import PETSc
 
-from ddmpi.petsc.mumps import _SPACE, _STRUCTURES, TOO_SMALL, VERSIONS, Factors, MumpsError, RefusedError, _end
+from ddmpi.petsc.mumps import (
+    _SPACE,
+    _STRUCTURES,
+    TOO_SMALL,
+    VERSIONS,
+    Factors,
+    MumpsError,
+    RefusedError,
+    _end,
+)
 
 OFFSETS = {  # in bytes, by a C compiler from the headers in Debian's libmumps-headers-dev
-    "5.5.1": {"n": 5416, "irn": 5440, "a_loc": 5496, "perm_in": 5552, "rhs": 5600, "irhs_ptr": 5648, "lrhs": 5676,
-              "nz_rhs": 5684, "infog": 6048, "rinfog": 6688, "size_schur": 7032, "schur": 7048, "version_number": 7072},
-    "5.7.3": {"n": 5416, "irn": 5440, "a_loc": 5496, "perm_in": 5552, "rhs": 5640, "irhs_ptr": 5696, "lrhs": 5740,
-              "nz_rhs": 5748, "infog": 6120, "rinfog": 6760, "size_schur": 7112, "schur": 7128, "version_number": 7144},
-    "5.9.0": {"n": 5416, "irn": 5440, "a_loc": 5496, "perm_in": 5552, "rhs": 5640, "irhs_ptr": 5696, "lrhs": 5740,
-              "nz_rhs": 5748, "infog": 6120, "rinfog": 6760, "size_schur": 7108, "schur": 7120, "version_number": 7136},
+    "5.5.1": {
+        "n": 5416,
+        "irn": 5440,
+        "a_loc": 5496,
+        "perm_in": 5552,
+        "rhs": 5600,
+        "irhs_ptr": 5648,
+        "lrhs": 5676,
+        "nz_rhs": 5684,
+        "infog": 6048,
+        "rinfog": 6688,
+        "size_schur": 7032,
+        "schur": 7048,
+        "version_number": 7072,
+    },
+    "5.7.3": {
+        "n": 5416,
+        "irn": 5440,
+        "a_loc": 5496,
+        "perm_in": 5552,
+        "rhs": 5640,
+        "irhs_ptr": 5696,
+        "lrhs": 5740,
+        "nz_rhs": 5748,
+        "infog": 6120,
+        "rinfog": 6760,
+        "size_schur": 7112,
+        "schur": 7128,
+        "version_number": 7144,
+    },
+    "5.9.0": {
+        "n": 5416,
+        "irn": 5440,
+        "a_loc": 5496,
+        "perm_in": 5552,
+        "rhs": 5640,
+        "irhs_ptr": 5696,
+        "lrhs": 5740,
+        "nz_rhs": 5748,
+        "infog": 6120,
+        "rinfog": 6760,
+        "size_schur": 7108,
+        "schur": 7120,
+        "version_number": 7136,
+    },
 }
 
 
@@ -32,7 +80,9 @@ def started(version: str, number: int) -> SimpleNamespace:
 @pytest.mark.parametrize("number", range(len(VERSIONS)))
 def test_structure_of_the_headers(number):
     for version in set(VERSIONS[number]) & set(OFFSETS):
-        assert {name: getattr(_STRUCTURES[number], name).offset for name in OFFSETS[version]} == OFFSETS[version]
+        assert {
+            name: getattr(_STRUCTURES[number], name).offset for name in OFFSETS[version]
+        } == OFFSETS[version]
 
 
 def test_a_version_is_known_where_its_structure_has_it():
@@ -91,6 +141,7 @@ def test_a_compliance_that_solves_contradict_is_refused(monkeypatch):
 @pytest.mark.parametrize("code", TOO_SMALL)
 def test_a_factorization_short_of_memory_gets_more(code):
     """Each try has twice the reserve of the one before; other errors end it at once."""
+
     def factor(code: int, enough: int) -> list[int]:
         data, tried = SimpleNamespace(icntl=dict.fromkeys(range(60), 20), infog=[code]), []
 
@@ -103,5 +154,9 @@ def test_a_factorization_short_of_memory_gets_more(code):
             Factors._factor(SimpleNamespace(_data=data, _do=do))
         return tried
 
-    assert factor(code, 20) == [20] and factor(code, 100) == [20, 40, 80, 160] and factor(-10, 100) == [20]
+    assert (
+        factor(code, 20) == [20]
+        and factor(code, 100) == [20, 40, 80, 160]
+        and factor(-10, 100) == [20]
+    )
     assert factor(code, 10**9) == [20, 40, 80, 160, 320]

@@ -29,4 +29,9 @@ def test_options_keep_their_values(odd):
 def test_the_source_of_an_option_is_no_part_of_its_value():
     """Later versions of PETSc print it."""
     lines = "-a", "-a b -x 3 # (source: command line)", "-flag # (source: code)", "-note # (source"
-    assert [options._SOURCE.sub("", line) for line in lines] == ["-a", "-a b -x 3", "-flag", "-note # (source"]
+    assert [options._SOURCE.sub("", line) for line in lines] == [
+        "-a",
+        "-a b -x 3",
+        "-flag",
+        "-note # (source",
+    ]

@@ -42,7 +42,9 @@ def ones() -> PETSc.Vec:
 
 
 @pytest.mark.parametrize("preconditioner", ["none", "python"])
-@pytest.mark.parametrize("kind", [SolverError, ValueError, RuntimeError, MemoryError, KeyboardInterrupt])
+@pytest.mark.parametrize(
+    "kind", [SolverError, ValueError, RuntimeError, MemoryError, KeyboardInterrupt]
+)
 def test_error_of_a_callback_comes_out_as_it_was_raised(kind, preconditioner):
     error = kind("mine")
     b = ones()

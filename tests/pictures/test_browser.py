@@ -19,13 +19,17 @@ from ddmpi.pictures.browser import _page, write_view
 from ddmpi.pictures.moved import magnify
 from ddmpi.results.tables import read_results
 
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+CHROMIUM = (
+    shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+)
 
 
 def unpacked(path) -> tuple[dict, dict[str, np.ndarray]]:
     """The head of a view, and its arrays as the page reads them."""
     text = path.read_text(encoding="utf-8")
-    head, data = (re.search(rf'id="{name}">(.*?)</script>', text, re.S)[1] for name in ("head", "data"))
+    head, data = (
+        re.search(rf'id="{name}">(.*?)</script>', text, re.S)[1] for name in ("head", "data")
+    )
     block, arrays = zlib.decompress(b64decode(data)), {}
     for name, of in json.loads(head)["arrays"].items():
         raw = np.frombuffer(block, f"<{of['type']}", of["size"], of["at"])
@@ -38,9 +42,14 @@ def test_a_view_has_what_the_results_have(tmp_path):
     results = stacked(tmp_path, times=(1.0, 2.0))
     path = write_view(tmp_path)
     head, arrays = unpacked(path)
-    assert "://" not in re.sub(r'id="data">.*?</script>', "", path.read_text(encoding="utf-8"), flags=re.S)
-    assert head["times"] == [1.0, 2.0] and not head["flat"] and [field["name"] for field in head["fields"]] == [
-        "von_mises", "pressure", "displacement"]
+    assert "://" not in re.sub(
+        r'id="data">.*?</script>', "", path.read_text(encoding="utf-8"), flags=re.S
+    )
+    assert (
+        head["times"] == [1.0, 2.0]
+        and not head["flat"]
+        and [field["name"] for field in head["fields"]] == ["von_mises", "pressure", "displacement"]
+    )
     assert arrays["points"].reshape(-1, 3) == pytest.approx(results.points, abs=1e-4)
     assert np.array_equal(arrays["cells"].reshape(-1, 4), results.fields["cells"])
     assert len(arrays["facets"]) == 3 * 2 * 2 * (2 * 6 * 2 + 2 * 6 * 2 + 2 * 2 * 2)
@@ -49,11 +58,17 @@ def test_a_view_has_what_the_results_have(tmp_path):
     assert arrays["moved0"].reshape(-1, 3) == pytest.approx(0.5 * u, abs=1e-4 * np.abs(u).max())
     surface, stress = results.surfaces["upper-lower"], head["fields"][0]
     assert arrays["pressure1"] == pytest.approx(np.tile(surface["pressure"], 2) / 1e6, abs=0.01)
-    assert stress["unit"] == "MPa" and stress["marks"][1][0] == pytest.approx(results.fields["von_mises"].max() / 1e6)
+    assert stress["unit"] == "MPa" and stress["marks"][1][0] == pytest.approx(
+        results.fields["von_mises"].max() / 1e6
+    )
     most = arrays["surface"].reshape(-1, 3)[head["fields"][1]["marks"][1][1]]
     assert np.linalg.norm(most - surface["points"][surface["pressure"].argmax()]) < 1e-3
-    above = arrays["above"].reshape(2, -1, 3)  # the upper body's side looks down, the lower one's up
-    assert above[0, :, 2] == pytest.approx(-3e-3, rel=1e-3) and above[1, :, 2] == pytest.approx(3e-3, rel=1e-3)
+    above = arrays["above"].reshape(
+        2, -1, 3
+    )  # the upper body's side looks down, the lower one's up
+    assert above[0, :, 2] == pytest.approx(-3e-3, rel=1e-3) and above[1, :, 2] == pytest.approx(
+        3e-3, rel=1e-3
+    )
     upper, lower = np.array(head["shifts"])
     assert upper[2] - lower[2] == pytest.approx(0.45 * np.sqrt(3.0))  # apart along the normal
 
@@ -68,7 +83,9 @@ def test_a_view_closes_gaps_as_pictures_do(tmp_path):
     factor, shift = magnify(results)
     drawn = arrays["points"].reshape(-1, 3) + head["scale"] * arrays["moved0"].reshape(-1, 3)
     assert head["scale"] == factor and np.abs(shift).max() > 1e-3
-    assert drawn == pytest.approx(results.points + shift + results.displacement(factor), abs=1e-3 * np.abs(shift).max())
+    assert drawn == pytest.approx(
+        results.points + shift + results.displacement(factor), abs=1e-3 * np.abs(shift).max()
+    )
 
 
 def test_contacts_in_the_plane_are_ribbons(tmp_path):
@@ -76,7 +93,11 @@ def test_contacts_in_the_plane_are_ribbons(tmp_path):
     made_up.results(tmp_path, title="<script>$data</script>")
     path = write_view(tmp_path)
     head, arrays = unpacked(path)
-    assert head["flat"] and len(arrays["cells"]) == 0 and "<script>$data" not in path.read_text(encoding="utf-8")
+    assert (
+        head["flat"]
+        and len(arrays["cells"]) == 0
+        and "<script>$data" not in path.read_text(encoding="utf-8")
+    )
     at = arrays["surface"].reshape(-1, 3)[arrays["painted"].reshape(-1, 3)]
     across = np.cross(at[:, 1] - at[:, 0], at[:, 2] - at[:, 0])[:, 2]
     assert np.abs(across).sum() / 2 == pytest.approx(2 * 3.0 * 0.012 * 3.0, rel=1e-3)
@@ -84,18 +105,42 @@ def test_contacts_in_the_plane_are_ribbons(tmp_path):
 
 def test_contacts_of_bodies_that_move_far_are_painted_where_they_are(tmp_path):
     """Each load step has the pressure of its own contact, on both sides, where the bodies are then."""
-    made = {"history": {name: {"times": [k, k + 1.0], "factors": [0.0, 1.0]} for k, name in enumerate(("press", "go"))},
-            "time": {"points": [1.0, 2.0], "steps": 2, "motions": "far"}, "output": {"steps": "all", "figures": False},
-            "body": [rectangle("block", (0, 0.1), (1, 0.5), (8, 4), young=1000.0, clamp=["top"], motion=[
-                         {"shift": [0.0, -0.104], "history": "press"}, {"shift": [1.2, 0.0], "history": "go"}]),
-                     rectangle("base", (-1, -1), (4, 1), (27, 6), young=1000.0, clamp=["bottom"])],
-            "contact": [{"bodies": ["block", "base"], "on": ["bottom", "top"]}]}
+    made = {
+        "history": {
+            name: {"times": [k, k + 1.0], "factors": [0.0, 1.0]}
+            for k, name in enumerate(("press", "go"))
+        },
+        "time": {"points": [1.0, 2.0], "steps": 2, "motions": "far"},
+        "output": {"steps": "all", "figures": False},
+        "body": [
+            rectangle(
+                "block",
+                (0, 0.1),
+                (1, 0.5),
+                (8, 4),
+                young=1000.0,
+                clamp=["top"],
+                motion=[
+                    {"shift": [0.0, -0.104], "history": "press"},
+                    {"shift": [1.2, 0.0], "history": "go"},
+                ],
+            ),
+            rectangle("base", (-1, -1), (4, 1), (27, 6), young=1000.0, clamp=["bottom"]),
+        ],
+        "contact": [{"bodies": ["block", "base"], "on": ["bottom", "top"]}],
+    }
     run_here(write_scene(made, tmp_path / "scene.toml"), tmp_path / "out")
-    legs, (head, arrays) = read_results(tmp_path / "out").legs["block-base"], unpacked(write_view(tmp_path / "out"))
+    legs, (head, arrays) = (
+        read_results(tmp_path / "out").legs["block-base"],
+        unpacked(write_view(tmp_path / "out")),
+    )
     field = next(field for field in head["fields"] if field["name"] == "pressure")
     assert head["times"] == [0.5, 1.0, 1.5, 2.0]
     for k, (time, shift) in enumerate(zip(head["times"], (0.0, 0.0, 0.6, 1.2), strict=True)):
-        largest, at = legs["normal_stress"][legs["time"] == time].max(), arrays[f"surface{k}"].reshape(-1, 3)
+        largest, at = (
+            legs["normal_stress"][legs["time"] == time].max(),
+            arrays[f"surface{k}"].reshape(-1, 3),
+        )
         assert [at[:, 0].min(), at[:, 0].max()] == pytest.approx([shift, shift + 1.0], abs=1e-3)
         assert np.abs(at[:, 1]).max() < 0.1 and set(arrays[f"bearer{k}"]) == {0, 1}
         assert len(arrays[f"pressure{k}"]) == len(at) and (largest > 0.0) == (k > 0)
@@ -122,15 +167,23 @@ def test_without_equilibrium_there_is_no_view(tmp_path):
 
 def test_a_run_writes_the_view_and_its_report_has_it(tmp_path):
     """With `[output] view = true`; the command `view` writes it anew."""
-    scene = write_scene(pinched_blocks(2) | {"output": {"view": True, "figures": False}}, tmp_path / "scene.toml")
+    scene = write_scene(
+        pinched_blocks(2) | {"output": {"view": True, "figures": False}}, tmp_path / "scene.toml"
+    )
     assert run_here(scene, tmp_path / "out").code == 0
     view = tmp_path / "out" / "view.html"
     first = view.read_text(encoding="utf-8")
     assert call("view", str(view.parent)).code == 0 and view.read_text(encoding="utf-8") == first
     assert call("report", str(view.parent)).code == 0
     page = (view.parent / "report.html").read_text(encoding="utf-8")
-    assert "<iframe srcdoc=" in page and "script-src" in page and first[-60:-40].replace("<", "&lt;") in page
-    assert "Drag to move, wheel to zoom." in page and "Drag to turn" not in page  # in the plane nothing turns
+    assert (
+        "<iframe srcdoc=" in page
+        and "script-src" in page
+        and first[-60:-40].replace("<", "&lt;") in page
+    )
+    assert (
+        "Drag to move, wheel to zoom." in page and "Drag to turn" not in page
+    )  # in the plane nothing turns
 
 
 def opened(folder, changes) -> dict[str, dict[str, str]]:
@@ -147,14 +200,30 @@ def opened(folder, changes) -> dict[str, dict[str, str]]:
       }
       document.title = JSON.stringify(found);
     }, 100);</script>""".replace("CHANGES", json.dumps(changes))
-    (folder / "moved.html").write_text(page.replace("</body>", script + "</body>"), encoding="utf-8")
+    (folder / "moved.html").write_text(
+        page.replace("</body>", script + "</body>"), encoding="utf-8"
+    )
     dom = subprocess.run(
-        [CHROMIUM, "--headless=new", "--no-sandbox", "--enable-unsafe-swiftshader", "--use-angle=swiftshader",
-         f"--user-data-dir={folder / 'profile'}", "--window-size=500,400", "--virtual-time-budget=60000",
-         "--dump-dom", f"file://{folder}/moved.html#look"], capture_output=True, text=True,
-        timeout=LIMIT)
+        [
+            CHROMIUM,
+            "--headless=new",
+            "--no-sandbox",
+            "--enable-unsafe-swiftshader",
+            "--use-angle=swiftshader",
+            f"--user-data-dir={folder / 'profile'}",
+            "--window-size=500,400",
+            "--virtual-time-budget=60000",
+            "--dump-dom",
+            f"file://{folder}/moved.html#look",
+        ],
+        capture_output=True,
+        text=True,
+        timeout=LIMIT,
+    )
     found = json.loads(unescape(re.search("<title>(.*?)</title>", dom.stdout)[1]))
-    assert all(int(each["colours"]) > 8 and int(each["pixels"]) > 2000 for each in found.values()), found
+    assert all(
+        int(each["colours"]) > 8 and int(each["pixels"]) > 2000 for each in found.values()
+    ), found
     assert len({each["sum"] for each in found.values()}) == len(found), found
     return found
 
@@ -165,7 +234,9 @@ def test_a_browser_draws_the_view_and_its_slider_moves(tmp_path):
     """In headless Chromium: bodies in many colours; another picture at the other load step, cut open, and apart."""
     stacked(tmp_path, times=(1.0, 2.0))
     found = opened(tmp_path, [("step", 0), ("axis", "x"), ("apart", 1), ("field", "pressure")])
-    assert found["as_it_was"]["folded"]  # in a window of 500 pixels: the controls would hide the bodies
+    assert found["as_it_was"][
+        "folded"
+    ]  # in a window of 500 pixels: the controls would hide the bodies
     assert found["step 0"]["step"] == "0" and found["field pressure"]["field"] == "pressure"
     assert int(found["axis x"]["triangles"]) > int(found["step 0"]["triangles"])  # those of the cut
 
@@ -180,8 +251,20 @@ def test_axisymmetric_bodies_turn_around_their_axis(tmp_path):
     (tmp_path / "summary.json").write_text(json.dumps(summary), encoding="utf-8")
     found = opened(tmp_path, [("turn", 180), ("turn", 360), ("turn", 0)])
     head, arrays = unpacked(tmp_path / "view.html")
-    points, section, strip = arrays["points"].reshape(-1, 3), len(arrays["facets"]) // 3, len(arrays["edges"])
-    assert head["turned"] and not head["flat"] and head["high"][0] == pytest.approx(points[:, 0].max(), rel=1e-3)
+    points, section, strip = (
+        arrays["points"].reshape(-1, 3),
+        len(arrays["facets"]) // 3,
+        len(arrays["edges"]),
+    )
+    assert (
+        head["turned"]
+        and not head["flat"]
+        and head["high"][0] == pytest.approx(points[:, 0].max(), rel=1e-3)
+    )
     assert head["low"][::2] == [-head["high"][0]] * 2 and len(arrays["rims"]) > 0
     assert [float(each["triangles"]) for each in found.values()] == [
-        2 * section + 54 * strip, 2 * section + 36 * strip, 72 * strip, section]
+        2 * section + 54 * strip,
+        2 * section + 36 * strip,
+        72 * strip,
+        section,
+    ]

@@ -13,31 +13,60 @@ from ddmpi.results.tables import Results
 TOUCHES = 1e-12
 
 
-def deformed(meshes: dict[str, Mesh], u: dict[str, np.ndarray], contacts: dict[str, tuple[str, str]],
-             magnification: float | None = None, rows: int = 0) -> tuple[Results, list]:
+def deformed(
+    meshes: dict[str, Mesh],
+    u: dict[str, np.ndarray],
+    contacts: dict[str, tuple[str, str]],
+    magnification: float | None = None,
+    rows: int = 0,
+) -> tuple[Results, list]:
     """Results of bodies with displacements `u`, whose tables have the nodes of role `rows`; and their interfaces."""
     start = np.cumsum([0, *(len(mesh.points) for mesh in meshes.values())])
-    fields = {"points": np.concatenate([mesh.points for mesh in meshes.values()]),
-              "displacement": np.concatenate([np.broadcast_to(u[name], mesh.points.shape)
-                                              for name, mesh in meshes.items()]),
-              "cells": np.concatenate([mesh.triangles + k for mesh, k in zip(meshes.values(), start, strict=False)]),
-              "body": np.repeat(np.arange(len(meshes)), [len(mesh.triangles) for mesh in meshes.values()])}
+    fields = {
+        "points": np.concatenate([mesh.points for mesh in meshes.values()]),
+        "displacement": np.concatenate(
+            [np.broadcast_to(u[name], mesh.points.shape) for name, mesh in meshes.items()]
+        ),
+        "cells": np.concatenate(
+            [mesh.triangles + k for mesh, k in zip(meshes.values(), start, strict=False)]
+        ),
+        "body": np.repeat(
+            np.arange(len(meshes)), [len(mesh.triangles) for mesh in meshes.values()]
+        ),
+    }
     tables, interfaces = {}, []
     for name, on in contacts.items():
         bodies = name.split("-")
         interface = made_up.interface(name, *(meshes[body] for body in bodies), on)
-        closing, slip = np.split(sum(
-            displacement_trace(interface, k, np.broadcast_to(u[body], meshes[body].points.shape))
-            for k, body in enumerate(bodies)), 2)
+        closing, slip = np.split(
+            sum(
+                displacement_trace(
+                    interface, k, np.broadcast_to(u[body], meshes[body].points.shape)
+                )
+                for k, body in enumerate(bodies)
+            ),
+            2,
+        )
         gap = interface.gap - closing
         assert gap.min() > -TOUCHES
         xy = meshes[bodies[1]].points[interface.nodes[1]] if rows else interface.xy
-        tables[name] = {"x": xy[:, 0], "y": xy[:, 1], "nx": interface.normal[:, 0],
-                        "ny": interface.normal[:, 1], "gap": gap, "initial_gap": interface.gap, "slip": slip,
-                        "status": np.where(gap > TOUCHES, "open", "stick")}
+        tables[name] = {
+            "x": xy[:, 0],
+            "y": xy[:, 1],
+            "nx": interface.normal[:, 0],
+            "ny": interface.normal[:, 1],
+            "gap": gap,
+            "initial_gap": interface.gap,
+            "slip": slip,
+            "status": np.where(gap > TOUCHES, "open", "stick"),
+        }
         interfaces.append(interface)
-    summary = {"title": "", "bodies": dict.fromkeys(meshes), "scene": made_up.scene(list(contacts)),
-               "units": {"length": "m", "stress": "Pa"}}
+    summary = {
+        "title": "",
+        "bodies": dict.fromkeys(meshes),
+        "scene": made_up.scene(list(contacts)),
+        "units": {"length": "m", "stress": "Pa"},
+    }
     summary["scene"]["output"]["magnification"] = magnification
     return Results(summary, tables, {}, {}, {}, fields), interfaces
 
@@ -46,12 +75,16 @@ def drawn_gaps(results: Results, interfaces: list) -> tuple[float, list[np.ndarr
     """The magnification, and the normal distances at which each contact's nodes are drawn."""
     factor, shift = magnify(results)
     at = results.fields["points"] + shift + factor * results.fields["displacement"]
-    first = [np.flatnonzero(np.bincount(results.fields["cells"][results.fields["body"] == k].ravel()))[0]
-             for k in range(len(results.summary["bodies"]))]
+    first = [
+        np.flatnonzero(np.bincount(results.fields["cells"][results.fields["body"] == k].ravel()))[0]
+        for k in range(len(results.summary["bodies"]))
+    ]
     found = []
     for interface in interfaces:
-        one, two = (at[nodes + first[list(results.summary["bodies"]).index(body)]]
-                    for nodes, body in zip(interface.nodes, interface.bodies, strict=True))
+        one, two = (
+            at[nodes + first[list(results.summary["bodies"]).index(body)]]
+            for nodes, body in zip(interface.nodes, interface.bodies, strict=True)
+        )
         found.append(np.einsum("ij,ij->i", two - one, interface.normal))
     return factor, found
 
@@ -63,18 +96,31 @@ def rings(inside: float, outside: float) -> dict[str, Mesh]:
 RINGS = {"inner-outer": ("outside", "inside")}
 
 
-@pytest.mark.parametrize(("gap", "left", "given", "factor"), [
-    (1e-4, 0.0, None, 2000.0), (-1e-4, 0.0, None, 2000.0), (0.02, 0.0, None, 10.0), (2e-4, 1e-4, 50.0, 50.0),
-    (1.0, 0.9999, None, 1.0)])
+@pytest.mark.parametrize(
+    ("gap", "left", "given", "factor"),
+    [
+        (1e-4, 0.0, None, 2000.0),
+        (-1e-4, 0.0, None, 2000.0),
+        (0.02, 0.0, None, 10.0),
+        (2e-4, 1e-4, 50.0, 50.0),
+        (1.0, 0.9999, None, 1.0),
+    ],
+)
 def test_gaps_are_magnified_like_displacements(gap, left, given, factor):
     """What closes is drawn closed, the rest as large as displacements; a visible gap leaves no room for a factor."""
     meshes = {"upper": made_up.block((0.0, 1.0 + gap)), "lower": made_up.block()}
-    results, interfaces = deformed(meshes, {"upper": [1e-5, left - gap], "lower": [0.0, 0.0]},
-                                   {"upper-lower": ("bottom", "top")}, given)
+    results, interfaces = deformed(
+        meshes,
+        {"upper": [1e-5, left - gap], "lower": [0.0, 0.0]},
+        {"upper-lower": ("bottom", "top")},
+        given,
+    )
     drawn, (gaps,) = drawn_gaps(results, interfaces)
     assert drawn == factor and gaps == pytest.approx(factor * left, abs=1e-9)
     fixed = results.fields["body"] == 1
-    assert not magnify(results)[1][results.fields["cells"][fixed]].any()  # what does not move is drawn where it is
+    assert not magnify(results)[1][
+        results.fields["cells"][fixed]
+    ].any()  # what does not move is drawn where it is
 
 
 @pytest.mark.parametrize("drawn", [True, False])
@@ -82,12 +128,17 @@ def test_gaps_are_magnified_like_displacements(gap, left, given, factor):
 def test_a_shrink_fit_is_drawn_without_air(overlap, drawn):
     """Bodies that no shift makes touch are magnified so little that the overlap, or the air, is invisible."""
     meshes = rings(1.0 + drawn * overlap / 2, 1.0 - drawn * overlap / 2)
-    u = {name: sign * overlap / 2 * mesh.points / np.linalg.norm(mesh.points, axis=1)[:, None]
-         for (name, mesh), sign in zip(meshes.items(), (-1, 1), strict=True)}
+    u = {
+        name: sign * overlap / 2 * mesh.points / np.linalg.norm(mesh.points, axis=1)[:, None]
+        for (name, mesh), sign in zip(meshes.items(), (-1, 1), strict=True)
+    }
     results, interfaces = deformed(meshes, u, RINGS)
     if not drawn:
-        results.contacts["inner-outer"] |= {"gap": np.zeros(24), "initial_gap": np.full(24, -overlap),
-                                            "status": np.full(24, "stick")}
+        results.contacts["inner-outer"] |= {
+            "gap": np.zeros(24),
+            "initial_gap": np.full(24, -overlap),
+            "status": np.full(24, "stick"),
+        }
     factor, (gaps,) = drawn_gaps(results, interfaces)
     assert factor == {1e-6: 5000.0, 1e-3: 5.0, 0.05: 1.0}[overlap]
     assert np.abs(gaps).max() <= 0.002 * 4.0 + overlap * (not drawn)
@@ -97,8 +148,13 @@ def test_a_shrink_fit_is_drawn_without_air(overlap, drawn):
 def test_open_nodes_are_magnified_until_their_overlap_is_seen(gap):
     """A gap g is drawn as F g − (F − 1) l, where l is what shifts leave of the gap at first."""
     left, now = gap + 1e-3, gap + 5e-4
-    table = {"initial_gap": np.array([gap]), "gap": np.array([now]), "nx": np.array([0.0]), "ny": np.array([-1.0]),
-             "status": np.array(["open"])}
+    table = {
+        "initial_gap": np.array([gap]),
+        "gap": np.array([now]),
+        "nx": np.array([0.0]),
+        "ny": np.array([-1.0]),
+        "status": np.array(["open"]),
+    }
     (limit,) = _limits(table, np.array([0.0, 1e-3]), 0.1)
     assert limit * now - (limit - 1.0) * left == pytest.approx(-0.1)
 
@@ -108,14 +164,18 @@ def test_the_middle_of_a_body_is_far_from_its_own_boundary(far):
     """Where other bodies are does not matter."""
     meshes = {"upper": made_up.block((0.0, 1.0)), "lower": made_up.block((far, 0.0))}
     results, _ = deformed(meshes, {"upper": [0.0, 0.0], "lower": [0.0, 0.0]}, {})
-    assert np.array(middles(results)) == pytest.approx(np.array([[1.5, 1.5], [1.5 + far, 0.5]]), abs=1e-9)
+    assert np.array(middles(results)) == pytest.approx(
+        np.array([[1.5, 1.5], [1.5 + far, 0.5]]), abs=1e-9
+    )
 
 
 def test_rows_on_the_second_body_are_drawn_alike():
     """The magnification does not depend on which body the rows of a table stand at, as by mortar they may at either."""
     meshes = {"inner": made_up.ring((0.2, 0.999)), "outer": made_up.ring((1.0, 2.0))}
     u = {"inner": [0.0, -0.001], "outer": [0.0, 0.0]}
-    (one, shift), (other, again) = (magnify(deformed(meshes, u, RINGS, rows=rows)[0]) for rows in (0, 1))
+    (one, shift), (other, again) = (
+        magnify(deformed(meshes, u, RINGS, rows=rows)[0]) for rows in (0, 1)
+    )
     assert one == other > 1.0 and again == pytest.approx(shift, abs=1e-3)
 
 
@@ -140,9 +200,13 @@ def test_no_magnification_moves_bodies_out_of_all_bounds():
 def test_bodies_are_drawn_at_the_magnification_in_the_title():
     """bodies.png has bodies that touch, and the magnification in its title."""
     meshes = {"upper": made_up.block((0.0, 1.0 + 1e-4)), "lower": made_up.block()}
-    results, _ = deformed(meshes, {"upper": [0.0, -1e-4], "lower": [0.0, 0.0]}, {"upper-lower": ("bottom", "top")})
+    results, _ = deformed(
+        meshes, {"upper": [0.0, -1e-4], "lower": [0.0, 0.0]}, {"upper-lower": ("bottom", "top")}
+    )
     figure = draw_bodies(results)
     outline = np.concatenate(figure.axes[0].collections[-1].get_segments())
     heights = outline[np.isclose(outline[:, 0], 3.0), 1]
-    assert np.unique(heights.round(9)) == pytest.approx(np.linspace(0.0, 2.0, 17))  # one line where they touch
+    assert np.unique(heights.round(9)) == pytest.approx(
+        np.linspace(0.0, 2.0, 17)
+    )  # one line where they touch
     assert "displacement × 2000, largest 100 µm" in figure._suptitle.get_text()

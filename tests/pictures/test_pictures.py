@@ -29,8 +29,12 @@ def made(folder, *missing: int, **how) -> Results:
     results = read_results(folder)
     for name, table in results.contacts.items():
         some = ~np.isin(np.arange(len(table["x"])), missing)
-        lines = Lines(np.arange(len(some)), np.column_stack([table["x"], table["y"]]), table["length"],
-                      results.facets[name]).only(some)
+        lines = Lines(
+            np.arange(len(some)),
+            np.column_stack([table["x"], table["y"]]),
+            table["length"],
+            results.facets[name],
+        ).only(some)
         results.facets[name] = drawn_facets(lines)
         results.contacts[name] = {column: values[some] for column, values in table.items()}
     return results
@@ -42,22 +46,32 @@ def pressure(results: Results):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("how, contacts", [
-    ({"stresses": False, "friction": made_up.NoFriction()}, ["contact.png"]),
-    ({"kind": "row", "error": True, "order": 2, "divisions": (12, 4)}, [
-        "contact_left-middle.png", "contact_middle-right.png", "contacts.png", "error.png"])])
+@pytest.mark.parametrize(
+    "how, contacts",
+    [
+        ({"stresses": False, "friction": made_up.NoFriction()}, ["contact.png"]),
+        (
+            {"kind": "row", "error": True, "order": 2, "divisions": (12, 4)},
+            ["contact_left-middle.png", "contact_middle-right.png", "contacts.png", "error.png"],
+        ),
+    ],
+)
 def test_there_is_a_picture_of_everything(tmp_path, how, contacts):
     """Bodies and several contacts share a picture, each contact has its own; these files are documented. Drawn again,
     they are the same to the last pixel."""
     made_up.results(tmp_path, **how)
     drawn = draw_all(tmp_path)
     assert undocumented(tmp_path) == []
-    assert sorted(path.name for path in drawn) == sorted(["bodies.png", "convergence.png", *contacts])
+    assert sorted(path.name for path in drawn) == sorted(
+        ["bodies.png", "convergence.png", *contacts]
+    )
     for path in drawn:
         pixels = image.imread(path)
         inked = (pixels[..., :3] < 0.99).any(axis=2)
         assert min(pixels.shape[:2]) > 300 and 0.01 < inked.mean() < 0.99, path.name
-        assert len({colour.tobytes() for colour in pixels[::3, ::3].reshape(-1, pixels.shape[2])}) > 20, path.name
+        assert (
+            len({colour.tobytes() for colour in pixels[::3, ::3].reshape(-1, pixels.shape[2])}) > 20
+        ), path.name
     (tmp_path / "again").mkdir()
     for path in draw_all(tmp_path, 0, 2, into=tmp_path / "again"):  # every other one
         assert path.read_bytes() == (tmp_path / path.name).read_bytes(), path.name
@@ -70,10 +84,18 @@ def test_pieces_of_a_contact_are_not_joined(tmp_path):
     figure = draw_contact(results, "upper-lower")
     for axes in figure.axes:
         for line in axes.lines:
-            if line.get_label() in ("normal (pressure)", "tangential", "gap", "slip", "± slip bound"):
+            if line.get_label() in (
+                "normal (pressure)",
+                "tangential",
+                "gap",
+                "slip",
+                "± slip bound",
+            ):
                 assert len(line.get_xdata()) == 49 - 8 + 1
                 assert np.flatnonzero(np.isnan(line.get_xdata())).tolist() == [16]
-        reach = [patch.get_extents().transformed(axes.transData.inverted()) for patch in axes.patches]
+        reach = [
+            patch.get_extents().transformed(axes.transData.inverted()) for patch in axes.patches
+        ]
         middle = 1.2  # between x = 1 and 1.5
         assert reach and not any(box.x0 < middle < box.x1 for box in reach)
 
@@ -94,10 +116,16 @@ def test_the_curve_ends_where_the_contact_ends(tmp_path, end):
     whole = pressure(results).get_xdata()
     x, row, inner = results.contacts["upper-lower"]["x"], np.arange(25), (1, -2)[end]
     row[end] = row[inner]
-    for length, shown in ((0.03, whole), (0.01, np.delete(whole, end)), (-0.001, np.delete(whole, end))):
+    for length, shown in (
+        (0.03, whole),
+        (0.01, np.delete(whole, end)),
+        (-0.001, np.delete(whole, end)),
+    ):
         area = np.full(25, 1.0)
         area[end] = length
-        lines = Lines(row, np.column_stack([x, x]), area, np.column_stack([np.arange(24), np.arange(1, 25)]))
+        lines = Lines(
+            row, np.column_stack([x, x]), area, np.column_stack([np.arange(24), np.arange(1, 25)])
+        )
         results.facets["upper-lower"] = drawn_facets(lines)
         assert pressure(results).get_xdata().tolist() == shown.tolist()
 
@@ -107,14 +135,22 @@ def test_a_vertical_contact_is_drawn_over_y(tmp_path):
     results = made(tmp_path, kind="row")
     assert draw_contact(results, "left-middle").axes[1].get_xlabel() == "y (m)"
     results.contacts["left-middle"]["x"][4] += 0.1
-    assert draw_contact(results, "left-middle").axes[1].get_xlabel() == "arc length along the contact (m)"
+    assert (
+        draw_contact(results, "left-middle").axes[1].get_xlabel()
+        == "arc length along the contact (m)"
+    )
 
 
 def in_steps(results: Results) -> Results:
     """The same with what is drawn of load steps."""
     energies = ("external_work", "strain_energy", "interface_work", "dissipated")
     results.energy.update(dict.fromkeys(("time", *energies), np.ones(1)))
-    results.legs.update({name: {"time": np.ones(len(table["x"])), **table} for name, table in results.contacts.items()})
+    results.legs.update(
+        {
+            name: {"time": np.ones(len(table["x"])), **table}
+            for name, table in results.contacts.items()
+        }
+    )
     results.summary["scene"]["history"] = {}
     return results
 
@@ -122,8 +158,11 @@ def in_steps(results: Results) -> Results:
 def test_bonded_contacts_have_no_loops(tmp_path):
     """steps.png draws the loops of contacts that can slip, and of bonded ones only if there are no others."""
     results = in_steps(made(tmp_path, kind="row"))
-    for bonded, shown in ((0, {"left-middle", "middle-right"}), (1, {"middle-right"}),
-                          (2, {"left-middle", "middle-right"})):
+    for bonded, shown in (
+        (0, {"left-middle", "middle-right"}),
+        (1, {"middle-right"}),
+        (2, {"left-middle", "middle-right"}),
+    ):
         for contact in results.summary["scene"]["contact"][:bonded]:
             contact["kind"] = "bonded"
         labels = {line.get_label() for line in draw_steps(results).axes[0].lines}
@@ -133,16 +172,23 @@ def test_bonded_contacts_have_no_loops(tmp_path):
 def test_stresses_of_load_steps_have_prefixes(tmp_path):
     """steps.png labels stresses as contact.png does: kPa for what is some thousand Pa."""
     results = in_steps(made(tmp_path))
-    results.legs["upper-lower"]["normal_stress"] = np.linspace(0.0, 3e4, len(results.legs["upper-lower"]["time"]))
+    results.legs["upper-lower"]["normal_stress"] = np.linspace(
+        0.0, 3e4, len(results.legs["upper-lower"]["time"])
+    )
     normal = draw_steps(results).axes[2]
-    assert normal.get_ylabel() == "normal stress (kPa)" and normal.lines[0].get_ydata().max() == pytest.approx(30.0)
+    assert normal.get_ylabel() == "normal stress (kPa)" and normal.lines[
+        0
+    ].get_ydata().max() == pytest.approx(30.0)
 
 
 def test_iterations_of_all_load_steps_follow_each_other(tmp_path):
     """Iterations count on over the load steps, whose curves are not joined."""
     made_up.results(tmp_path)
-    write_table(tmp_path / "history.csv", HISTORY,
-                [(step, k, 10.0**-k, 10.0**-k, 0.0, 0, 0, 0, 0) for step in (1, 2) for k in (1, 2, 3)])
+    write_table(
+        tmp_path / "history.csv",
+        HISTORY,
+        [(step, k, 10.0**-k, 10.0**-k, 0.0, 0, 0, 0, 0) for step in (1, 2) for k in (1, 2, 3)],
+    )
     axes = draw_convergence(read_results(tmp_path)).axes[0]
     assert axes.lines[0].get_xdata() == pytest.approx([1, 2, 3, np.nan, 4, 5, 6], nan_ok=True)
 
@@ -158,9 +204,21 @@ def test_what_is_wrong_is_named(tmp_path):
     assert not plt.get_fignums()
 
 
-FLOOR = {"name": "floor", "shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 2.0], "displacement": [0.0, 0.0]}
-BORE = {"name": "floor", "shape": "circle", "center": [1.5, 3.0], "radius": 3.0, "inside": True,
-        "displacement": [1e-5, 0.0]}
+FLOOR = {
+    "name": "floor",
+    "shape": "plane",
+    "point": [0.0, 0.0],
+    "normal": [0.0, 2.0],
+    "displacement": [0.0, 0.0],
+}
+BORE = {
+    "name": "floor",
+    "shape": "circle",
+    "center": [1.5, 3.0],
+    "radius": 3.0,
+    "inside": True,
+    "displacement": [1e-5, 0.0],
+}
 
 
 def with_rigid(folder, rigid: dict) -> Results:
@@ -170,8 +228,9 @@ def with_rigid(folder, rigid: dict) -> Results:
     results.contacts["lower-floor"] = {**results.contacts["upper-lower"], "y": np.zeros(25)}
     results.facets["lower-floor"] = results.facets["upper-lower"]
     results.summary["contacts"]["lower-floor"] = results.summary["contacts"]["upper-lower"]
-    results.summary["scene"]["contact"].append({"name": "lower-floor", "bodies": ["lower", "floor"],
-                                                "friction": {"law": "none"}})
+    results.summary["scene"]["contact"].append(
+        {"name": "lower-floor", "bodies": ["lower", "floor"], "friction": {"law": "none"}}
+    )
     results.summary["scene"]["rigid"] = [rigid]
     return results
 
@@ -221,7 +280,11 @@ def test_the_axis_is_drawn(tmp_path, mirrored):
 
 def arrows(axes) -> list[np.ndarray]:
     """Start and end (2, 2) of the resultants."""
-    return [np.array([text.xyann, text.xy]) for text in axes.texts if text.arrow_patch and not text.get_text()]
+    return [
+        np.array([text.xyann, text.xy])
+        for text in axes.texts
+        if text.arrow_patch and not text.get_text()
+    ]
 
 
 def test_resultants_are_drawn_where_they_act(tmp_path):
@@ -242,16 +305,22 @@ def test_resultants_of_rounding_are_not_drawn(tmp_path):
     results = made(tmp_path)
     for factor, drawn in ((1.0, True), (1e-9, False)):
         contact = results.summary["contacts"]["upper-lower"]
-        results.summary["contacts"]["upper-lower"] = contact | {"force": [factor * x for x in contact["force"]]}
+        results.summary["contacts"]["upper-lower"] = contact | {
+            "force": [factor * x for x in contact["force"]]
+        }
         axes = draw_contacts(results).axes[0]
-        assert any("resultants" in text.get_text() for text in axes.get_legend().get_texts()) == drawn
+        assert (
+            any("resultants" in text.get_text() for text in axes.get_legend().get_texts()) == drawn
+        )
         assert bool(arrows(axes)) == drawn
 
 
 def test_several_ranks_share_the_pictures(tmp_path, monkeypatch):
     """Each picture is drawn once, whoever draws it."""
     made_up.results(tmp_path)
-    monkeypatch.setattr(draw, "pictures_of", lambda *_: ((f"{k}.png", plt.figure) for k in range(4)))
+    monkeypatch.setattr(
+        draw, "pictures_of", lambda *_: ((f"{k}.png", plt.figure) for k in range(4))
+    )
     shares = [[path.name for path in draw_all(tmp_path, number, 3)] for number in range(3)]
     assert shares == [["0.png", "3.png"], ["1.png"], ["2.png"]] and (tmp_path / "3.png").exists()
 
@@ -266,7 +335,9 @@ def test_of_many_contacts_only_the_overview_is_drawn(tmp_path, monkeypatch, cont
     results.contacts.clear()
     results.contacts.update(dict.fromkeys(names, table))
     results.facets.update(dict.fromkeys(names, results.facets["upper-lower"]))
-    results.summary["scene"]["contact"] = [results.summary["scene"]["contact"][0] | {"name": name} for name in names]
+    results.summary["scene"]["contact"] = [
+        results.summary["scene"]["contact"][0] | {"name": name} for name in names
+    ]
     drawn = [name for name, _ in pictures_of(results, results)]
     assert "contacts.png" in drawn and sum(name.startswith("contact_") for name in drawn) == single
 
@@ -274,7 +345,9 @@ def test_of_many_contacts_only_the_overview_is_drawn(tmp_path, monkeypatch, cont
 def test_results_of_an_earlier_version_name_it(tmp_path):
     """A folder without the facets of contacts has no pictures: the message has the version that wrote it."""
     made_up.results(tmp_path)
-    summary = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8")) | {"versions": {"ddmpi": "0.7.0"}}
+    summary = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8")) | {
+        "versions": {"ddmpi": "0.7.0"}
+    }
     (tmp_path / "summary.json").write_text(json.dumps(summary), encoding="utf-8")
     with h5py.File(tmp_path / "result.h5", "r+") as file:
         del file["contacts"]

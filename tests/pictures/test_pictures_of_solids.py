@@ -78,15 +78,19 @@ def test_load_steps_are_read_as_far_as_they_are_shown(tmp_path, still, marched):
     assert write_view(tmp_path / "still").exists()
     results = read_results(marched)
     results.summary["scene"]["output"]["animation"] = "displacement"
-    for hidden, draw in ((("stress", "nodal_stress", "nodal_principal"), write_view),
-                         (("von_mises", "nodal_von_mises"), lambda folder: animate(results, folder, ""))):
+    for hidden, draw in (
+        (("stress", "nodal_stress", "nodal_principal"), write_view),
+        (("von_mises", "nodal_von_mises"), lambda folder: animate(results, folder, "")),
+    ):
         with h5py.File(tmp_path / "marched" / "result.h5", "r+") as file:
             for name in hidden:
                 del file[group_of(0)][name]
                 file[group_of(0)].create_group(name)  # which cannot be read as a field
         assert draw(tmp_path / "marched").exists()
     page = write_report(marched).read_text(encoding="utf-8")
-    assert all(f"{what} {axis}" in page for what in ("force", "moment", "reaction") for axis in "xyz")
+    assert all(
+        f"{what} {axis}" in page for what in ("force", "moment", "reaction") for axis in "xyz"
+    )
 
 
 @pytest.mark.parametrize("cut", [0.0, 1.0])
@@ -104,8 +108,11 @@ def test_what_is_nearer_hides_what_is_behind(monkeypatch, cut):
     for row, column in itertools.product(range(20), range(20)):
         a = np.concatenate([corners[..., :2].transpose(0, 2, 1), np.ones((40, 1, 3))], axis=1)
         at = np.linalg.solve(a, np.tile([[column + 0.5], [row + 0.5], [1.0]], (40, 1, 1)))[..., 0]
-        z = np.where((at >= 0.0).all(axis=1) & ((at * corners[..., 3]).sum(axis=1) <= 0.0),
-                     (at * corners[..., 2]).sum(axis=1), -np.inf)
+        z = np.where(
+            (at >= 0.0).all(axis=1) & ((at * corners[..., 3]).sum(axis=1) <= 0.0),
+            (at * corners[..., 2]).sum(axis=1),
+            -np.inf,
+        )
         assert depth[row, column] == pytest.approx(z.max())
         assert face[row, column] == (z.argmax() if np.isfinite(z.max()) else -1)
         if face[row, column] >= 0:
@@ -134,27 +141,47 @@ def test_edges_are_drawn_where_facets_meet_at_an_angle_and_are_seen():
     at[:, :2] -= at[:, :2].min(axis=0) - 2.0
     edges = views.outlines(at, facets, np.zeros(len(at)))
     assert len(edges) == 24
-    seen = np.cross(at[facets[:, 1]] - at[facets[:, 0]], at[facets[:, 2]] - at[facets[:, 0]])[:, 2] > 0.0
+    seen = (
+        np.cross(at[facets[:, 1]] - at[facets[:, 0]], at[facets[:, 2]] - at[facets[:, 0]])[:, 2]
+        > 0.0
+    )
     corners = np.pad(at, ((0, 0), (0, 1)))[facets[seen]]
     depth = views.rasterise(corners, np.ceil(at[:, 1::-1].max(axis=0)).astype(int) + 2)[2]
     lines = views.unhidden(edges, depth)
     length = np.linalg.norm(200.0 * view.place(np.eye(3))[:, :2], axis=1).sum()
-    assert np.linalg.norm(lines[:, 1] - lines[:, 0], axis=1).sum() == pytest.approx(3.0 * length, rel=0.03)
+    assert np.linalg.norm(lines[:, 1] - lines[:, 0], axis=1).sum() == pytest.approx(
+        3.0 * length, rel=0.03
+    )
 
 
 def flattened(mesh, group):
     face = made_up_solids.interface("a-b", mesh, group)
     at, labels, along = flatten(face.xy, face.facets, *directions(face.normal, face.area))
     a, b, c = at.transpose(1, 0, 2)
-    return at, labels, along, np.abs(np.linalg.det(np.stack([b - a, c - a], axis=1))).sum() / 2, face
+    return (
+        at,
+        labels,
+        along,
+        np.abs(np.linalg.det(np.stack([b - a, c - a], axis=1))).sum() / 2,
+        face,
+    )
 
 
 def test_the_rim_of_a_contact_is_where_it_ends():
     """Not where cells meet others that have points along their edges."""
-    points = np.array([[0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0], [4, 0, 0], [4, 2, 0], [2, 1, 0]], float)
+    points = np.array(
+        [[0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0], [4, 0, 0], [4, 2, 0], [2, 1, 0]], float
+    )
     cells = np.array([[0, 1, 2], [0, 2, 3], [1, 4, 6], [4, 5, 6], [6, 5, 2]])
     edges, owner = views.rim(points, cells)
-    assert sorted(map(tuple, np.sort(edges, axis=1))) == [(0, 1), (0, 3), (1, 4), (2, 3), (2, 5), (4, 5)]
+    assert sorted(map(tuple, np.sort(edges, axis=1))) == [
+        (0, 1),
+        (0, 3),
+        (1, 4),
+        (2, 3),
+        (2, 5),
+        (4, 5),
+    ]
     assert all(set(edge) <= set(cells[cell]) for edge, cell in zip(edges, owner, strict=True))
 
 
@@ -162,32 +189,49 @@ def test_flats_behind_each_other_stand_side_by_side():
     """Two faces with opposite normals keep their shape and area, and do not lie on each other."""
     box = made_up_solids.box(size=(3.0, 2.0, 1.0), divisions=(3, 2, 2))
     low, high = (made_up_solids.interface("a-b", box, group) for group in ("bottom", "top"))
-    points, facets = np.vstack([low.xy, high.xy]), np.vstack([low.facets, high.facets + len(low.xy)])
+    points, facets = (
+        np.vstack([low.xy, high.xy]),
+        np.vstack([low.facets, high.facets + len(low.xy)]),
+    )
     normal, area = np.vstack([low.normal, high.normal]), np.append(low.area, high.area)
     at, labels, _ = flatten(points, facets, *directions(normal, area))
     a, b, c = at.transpose(1, 0, 2)
-    assert np.abs(np.cross(b - a, c - a)).sum() / 2 == pytest.approx(12.0) and labels == ("x (side by side)", "y")
-    first, second = at[:len(low.facets), :, 0], at[len(low.facets):, :, 0]
+    assert np.abs(np.cross(b - a, c - a)).sum() / 2 == pytest.approx(12.0) and labels == (
+        "x (side by side)",
+        "y",
+    )
+    first, second = at[: len(low.facets), :, 0], at[len(low.facets) :, :, 0]
     assert first.max() < second.min() or second.max() < first.min()
 
 
 def test_flat_contacts_are_drawn_in_their_coordinates():
     """A face of a box is drawn over the two coordinates that vary on it; an inclined one keeps its area."""
     mesh = made_up_solids.box((1.0, 2.0, 3.0), (3.0, 1.0, 2.0))
-    for group, labels, low, high in (("bottom", ("x", "y"), (1, 2), (4, 3)), ("left", ("y", "z"), (2, 3), (3, 5)),
-                                     ("back", ("x", "z"), (1, 3), (4, 5))):
+    for group, labels, low, high in (
+        ("bottom", ("x", "y"), (1, 2), (4, 3)),
+        ("left", ("y", "z"), (2, 3), (3, 5)),
+        ("back", ("x", "z"), (1, 3), (4, 5)),
+    ):
         at, found, _, area, face = flattened(mesh, group)
         assert found == labels and area == pytest.approx(face.area.sum())
-        assert at.min(axis=(0, 1)) == pytest.approx(low) and at.max(axis=(0, 1)) == pytest.approx(high)
+        assert at.min(axis=(0, 1)) == pytest.approx(low) and at.max(axis=(0, 1)) == pytest.approx(
+            high
+        )
     turn = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
-    *_, along, area, face = flattened(dataclasses.replace(mesh, points=mesh.points @ turn.T), "bottom")
-    assert area == pytest.approx(face.area.sum()) and along[0] @ face.normal[0] == pytest.approx([0.0, 0.0], abs=1e-12)
+    *_, along, area, face = flattened(
+        dataclasses.replace(mesh, points=mesh.points @ turn.T), "bottom"
+    )
+    assert area == pytest.approx(face.area.sum()) and along[0] @ face.normal[0] == pytest.approx(
+        [0.0, 0.0], abs=1e-12
+    )
 
 
 def test_contacts_around_an_axis_are_unrolled():
     """A bore is as wide as its circumference, each facet once and whole; slip turns with it."""
     at, labels, along, area, face = flattened(made_up_solids.tube((0.5, 1.0), 2.0), "inner")
-    assert labels == ("around the axis", "z") and area == pytest.approx(2.0 * np.pi * 0.5 * 2.0, rel=1e-9)
+    assert labels == ("around the axis", "z") and area == pytest.approx(
+        2.0 * np.pi * 0.5 * 2.0, rel=1e-9
+    )
     assert np.ptp(at, axis=(0, 1)) == pytest.approx([np.pi, 2.0], rel=1e-6)
     assert np.ptp(at[..., 0], axis=1).max() < 0.2
     assert np.einsum("lcd,ld->lc", along, face.normal) == pytest.approx(0.0, abs=0.05)
@@ -197,9 +241,18 @@ def test_contacts_around_an_axis_are_unrolled():
 def test_rigid_partners_are_drawn_where_bodies_may_touch_them(tmp_path, inside):
     """A part of a rigid surface around the contact, moved as the bodies are, and turned to them."""
     bodies = {"tube": made_up_solids.tube((0.5, 1.0), 2.0)}
-    partner = {"shape": "cylinder", "name": "rod", "point": [0.0, 0.0, 0.0], "axis": [0.0, 0.0, 1.0],
-               "radius": 1.1 if inside else 0.45, "inside": inside, "displacement": [0.1, 0.0, 0.0]}
-    made_up_solids.results(tmp_path, bodies, {"tube-rod": ("tube", "outer" if inside else "inner")}, rigid=[partner])
+    partner = {
+        "shape": "cylinder",
+        "name": "rod",
+        "point": [0.0, 0.0, 0.0],
+        "axis": [0.0, 0.0, 1.0],
+        "radius": 1.1 if inside else 0.45,
+        "inside": inside,
+        "displacement": [0.1, 0.0, 0.0],
+    }
+    made_up_solids.results(
+        tmp_path, bodies, {"tube-rod": ("tube", "outer" if inside else "inner")}, rigid=[partner]
+    )
     results = read_results(tmp_path)
     (drawn,) = rigid_parts(results, 2.0)
     off = drawn.at - (0.2, 0.0, 0.0)
@@ -214,9 +267,21 @@ def test_rigid_partners_are_drawn_where_bodies_may_touch_them(tmp_path, inside):
 def test_a_mechanism_of_solids_is_drawn(tmp_path):
     """Bodies move by velocity and turning about their centres, not by more than a tenth of the extent."""
     stacked(tmp_path)
-    (tmp_path / "mechanism.json").write_text(json.dumps({
-        "reason": "no equilibrium: upper turns", "imbalance": 0.1,
-        "bodies": [{"name": "upper", "centre": [1.5, 0.5, 1.5], "velocity": [0.0, 0.2, 0.0, 0.0, 0.0, 0.6]}]}))
+    (tmp_path / "mechanism.json").write_text(
+        json.dumps(
+            {
+                "reason": "no equilibrium: upper turns",
+                "imbalance": 0.1,
+                "bodies": [
+                    {
+                        "name": "upper",
+                        "centre": [1.5, 0.5, 1.5],
+                        "velocity": [0.0, 0.2, 0.0, 0.0, 0.0, 0.6],
+                    }
+                ],
+            }
+        )
+    )
     (drawn,) = draw_all(tmp_path)
     assert drawn.name == "mechanism.png" and image.imread(drawn)[..., :3].std() > 0.05
 
@@ -224,7 +289,10 @@ def test_a_mechanism_of_solids_is_drawn(tmp_path):
 def test_a_contact_has_maps_of_what_may_vary_there(tmp_path, still):
     """Without friction none of friction; bonded none of the gap, and of normal stress, which may be tension."""
     results = stacked(tmp_path, friction=made_up.NoFriction())
-    assert [axes.get_ylabel() for axes in draw_maps(results, "upper-lower").axes[3:]] == ["pressure (MPa)", "gap (µm)"]
+    assert [axes.get_ylabel() for axes in draw_maps(results, "upper-lower").axes[3:]] == [
+        "pressure (MPa)",
+        "gap (µm)",
+    ]
     results = read_results(still)
     surface = results.surfaces["upper-lower"]
     surface["gap"][:] = surface["slip"][:] = 0.0
@@ -233,11 +301,19 @@ def test_a_contact_has_maps_of_what_may_vary_there(tmp_path, still):
     assert labels == ["normal stress (MPa)", "friction (MPa)"]
 
 
-@pytest.mark.parametrize(("name", "right", "eye"), [
-    ("front", [1, 0, 0], [0, -1, 0]), ("back", [-1, 0, 0], [0, 1, 0]), ("left", [0, -1, 0], [-1, 0, 0]),
-    ("right", [0, 1, 0], [1, 0, 0]), ("top", [1, 0, 0], [0, 0, 1]), ("bottom", [1, 0, 0], [0, 0, -1]),
-    ("iso", [0.5**0.5, 0.5**0.5, 0], [3**-0.5, -(3**-0.5), 3**-0.5]), ([30, 0], [-0.5, 0.75**0.5, 0],
-                                                                     [0.75**0.5, 0.5, 0])])
+@pytest.mark.parametrize(
+    ("name", "right", "eye"),
+    [
+        ("front", [1, 0, 0], [0, -1, 0]),
+        ("back", [-1, 0, 0], [0, 1, 0]),
+        ("left", [0, -1, 0], [-1, 0, 0]),
+        ("right", [0, 1, 0], [1, 0, 0]),
+        ("top", [1, 0, 0], [0, 0, 1]),
+        ("bottom", [1, 0, 0], [0, 0, -1]),
+        ("iso", [0.5**0.5, 0.5**0.5, 0], [3**-0.5, -(3**-0.5), 3**-0.5]),
+        ([30, 0], [-0.5, 0.75**0.5, 0], [0.75**0.5, 0.5, 0]),
+    ],
+)
 def test_views_look_at_the_groups_of_a_box_by_their_names(name, right, eye):
     """The eye is in front of the side that gives the view its name, or where its angles say; axes are right-handed."""
     box = made_up_solids.box()
@@ -245,15 +321,22 @@ def test_views_look_at_the_groups_of_a_box_by_their_names(name, right, eye):
     assert axes[[0, 2]] == pytest.approx(np.array([right, eye]), abs=1e-5)
     assert np.cross(axes[0], axes[1]) == pytest.approx(axes[2])
     if str(name) in box.groups:
-        assert ((box.points[box.groups[name]].mean(axis=(0, 1)) - box.points.mean(axis=0)) @ axes[2]) > 0.0
+        assert (
+            (box.points[box.groups[name]].mean(axis=(0, 1)) - box.points.mean(axis=0)) @ axes[2]
+        ) > 0.0
     assert set(VIEWS) >= set(box.groups)
 
 
-@pytest.mark.parametrize(("axis", "order", "at"), [("x", 1, 1.0), ("x", 2, 1.1), ("y", 1, 0.25), ("z", 2, 0.25),
-                                                   ("z", 1, 1.1)])
+@pytest.mark.parametrize(
+    ("axis", "order", "at"),
+    [("x", 1, 1.0), ("x", 2, 1.1), ("y", 1, 0.25), ("z", 2, 0.25), ("z", 1, 1.1)],
+)
 def test_a_cut_has_a_face(axis, order, at):
     """As large as the section, facing the eye, with values of nodes; its rim is closed; what is in front is hidden."""
-    mesh, k = made_up_solids.box(size=(2.0, 1.5, 1.25), divisions=(4, 3, 5), order=order), "xyz".index(axis)
+    mesh, k = (
+        made_up_solids.box(size=(2.0, 1.5, 1.25), divisions=(4, 3, 5), order=order),
+        "xyz".index(axis),
+    )
     view = views.View(mesh.points, {"cut": {axis: at}})
     skin = views.Skin(view, mesh.points, mesh.triangles)
     points, cap = skin.extended(mesh.points), skin.facets[skin.of < 0]
@@ -266,7 +349,9 @@ def test_a_cut_has_a_face(axis, order, at):
     rim = views.outlines(view.place(points), cap, np.zeros(len(points)))
     assert np.linalg.norm(rim[:, 1] - rim[:, 0], axis=1).sum() == pytest.approx(2.0 * size.sum())
     corners = mesh.points[mesh.triangles[skin.cell[skin.of < 0], :4]]
-    assert (corners[..., k].min(axis=1) <= at + 1e-9).all() and (corners[..., k].max(axis=1) >= at - 1e-9).all()
+    assert (corners[..., k].min(axis=1) <= at + 1e-9).all() and (
+        corners[..., k].max(axis=1) >= at - 1e-9
+    ).all()
     kept = points[np.unique(skin.facets)][skin.beyond[np.unique(skin.facets)] <= 0.0]
     assert ((at - kept[:, k]) * view.axes[2, k] >= -1e-9).all()
 
@@ -274,11 +359,15 @@ def test_a_cut_has_a_face(axis, order, at):
 @pytest.mark.parametrize("order", [1, 2])
 def test_a_cut_along_a_side_leaves_nothing_of_what_is_in_front(order):
     """Of two boxes that touch there the one behind the cut is seen as a whole, the other one not at all."""
-    below, above = (made_up_solids.box((0, 0, z), (1.0, 1.5, 1.0), (2, 3, 2), order) for z in (0.0, 1.0))
+    below, above = (
+        made_up_solids.box((0, 0, z), (1.0, 1.5, 1.0), (2, 3, 2), order) for z in (0.0, 1.0)
+    )
     points = np.concatenate([below.points, above.points])
     cells = np.concatenate([below.triangles, above.triangles + len(below.points)])
     skin = views.Skin(views.View(points, {"cut": {"z": 1.0}}), points, cells)
-    assert (skin.cell < len(below.triangles)).all() and (skin.of >= 0).sum() >= len(below.boundary[0])
+    assert (skin.cell < len(below.triangles)).all() and (skin.of >= 0).sum() >= len(
+        below.boundary[0]
+    )
     with pytest.raises(InputError, match="meets no body"):
         views.View(points, {"cut": {"z": 1e-12}})
 
@@ -287,7 +376,9 @@ def test_a_cut_along_a_side_leaves_nothing_of_what_is_in_front(order):
 def test_pictures_are_cut_and_seen_as_asked_for(tmp_path, marched):
     """By keys of the scene or options of the command; colours and limits are those of what is left."""
     asked = {"view": "front", "cut": {"y": 0.5}, "magnification": 3.0}
-    drawn = {path.name: image.imread(path) for path in draw_all(marched, 0, 2, into=tmp_path, **asked)}
+    drawn = {
+        path.name: image.imread(path) for path in draw_all(marched, 0, 2, into=tmp_path, **asked)
+    }
     for name in ("bodies.png", "error.png"):
         whole = image.imread(marched / name)
         assert drawn[name].shape != whole.shape or np.abs(drawn[name] - whole).max() > 0.1
@@ -305,18 +396,29 @@ def test_pictures_are_cut_and_seen_as_asked_for(tmp_path, marched):
     assert draw_contacts(results).axes[0].get_xlim()[1] > 0.8
 
 
-@pytest.mark.parametrize(("what", "label"), [
-    (True, "von Mises stress"), ("displacement", "displacement"), ("displacement_z", "displacement z"),
-    ("stress_xz", "stress xz"), ("principal_3", "principal 3")])
+@pytest.mark.parametrize(
+    ("what", "label"),
+    [
+        (True, "von Mises stress"),
+        ("displacement", "displacement"),
+        ("displacement_z", "displacement z"),
+        ("stress_xz", "stress xz"),
+        ("principal_3", "principal 3"),
+    ],
+)
 def test_animations_show_the_field_that_is_asked_for(tmp_path, marched, what, label):
     """By its name, with the column of its file; stresses need stress = true."""
     results = read_results(marched)
     results.summary["scene"]["output"]["animation"] = what
     values, name, _ = coloured(results, results.fields, what)
     fields, tensor = results.fields, results.fields["nodal_stress"]
-    expected = {True: fields["nodal_von_mises"], "displacement": np.linalg.norm(results.displacement(), axis=1),
-                "displacement_z": results.displacement()[:, 2], "stress_xz": tensor[:, 2],
-                "principal_3": np.linalg.eigvalsh(tensor[:, [[0, 1, 2], [1, 3, 4], [2, 4, 5]]])[:, 0]}[what]
+    expected = {
+        True: fields["nodal_von_mises"],
+        "displacement": np.linalg.norm(results.displacement(), axis=1),
+        "displacement_z": results.displacement()[:, 2],
+        "stress_xz": tensor[:, 2],
+        "principal_3": np.linalg.eigvalsh(tensor[:, [[0, 1, 2], [1, 3, 4], [2, 4, 5]]])[:, 0],
+    }[what]
     assert name == label and values == pytest.approx(expected, abs=1e-9 * np.abs(expected).max())
     if what == "stress_xz":
         before = (marched / "animation.gif").read_bytes()
@@ -344,11 +446,17 @@ def test_animations_show_pressures(tmp_path):
     animate(results, tmp_path, "")
     half, whole = red_pixels(tmp_path / "animation.gif")
     assert whole > 2 * half > 0
-    flat = pinched_blocks(2) | {"time": {"points": [1.0, 2.0], "steps": 1}, "history": {
-        "load": {"times": [0.0, 2.0], "factors": [0.0, 1.0]}}, "output": {"animation": "pressure", "stress": False}}
+    flat = pinched_blocks(2) | {
+        "time": {"points": [1.0, 2.0], "steps": 1},
+        "history": {"load": {"times": [0.0, 2.0], "factors": [0.0, 1.0]}},
+        "output": {"animation": "pressure", "stress": False},
+    }
     for body in flat["body"]:
         body["traction"] = [each | {"history": "load"} for each in body["traction"]]
-    assert run_here(write_scene(flat, tmp_path / "scene.toml"), tmp_path / "flat", "--no-figures").code == 0
+    assert (
+        run_here(write_scene(flat, tmp_path / "scene.toml"), tmp_path / "flat", "--no-figures").code
+        == 0
+    )
     animate(read_results(tmp_path / "flat"), tmp_path / "flat", "")
     half, whole = red_pixels(tmp_path / "flat" / "animation.gif")
     assert whole > half + 50
@@ -380,12 +488,19 @@ def test_animations_of_solids_have_no_bands(marched):
     assert len(frame.getcolors(256)) > 140
 
 
-@pytest.mark.parametrize(("asked", "words"), [
-    ({"view": "frnt"}, "--view: 'frnt' is not valid; expected one of .*did you mean 'front'"),
-    ({"view": [10.0, 95.0]}, r"--view\.1: expected a number <= 90"), ({"view": [1.0]}, "--view: expected a list"),
-    ({"cut": {"w": 1.0}}, r"--cut\.w: unknown key"), ({"cut": {"x": float("nan")}}, "finite number"),
-    ({"cut": {"x": 1.0, "y": 0.5}}, "a cut has one of x, y and z"), ({"magnification": -1.0}, "--magnification"),
-    ({"cut": {"x": 3.0}}, "x = 3 meets no body; they reach from 0 to 3")])
+@pytest.mark.parametrize(
+    ("asked", "words"),
+    [
+        ({"view": "frnt"}, "--view: 'frnt' is not valid; expected one of .*did you mean 'front'"),
+        ({"view": [10.0, 95.0]}, r"--view\.1: expected a number <= 90"),
+        ({"view": [1.0]}, "--view: expected a list"),
+        ({"cut": {"w": 1.0}}, r"--cut\.w: unknown key"),
+        ({"cut": {"x": float("nan")}}, "finite number"),
+        ({"cut": {"x": 1.0, "y": 0.5}}, "a cut has one of x, y and z"),
+        ({"magnification": -1.0}, "--magnification"),
+        ({"cut": {"x": 3.0}}, "x = 3 meets no body; they reach from 0 to 3"),
+    ],
+)
 def test_what_is_asked_for_is_checked(still, asked, words):
     """In one message, with the option and what would have been right."""
     with pytest.raises(InputError, match=words):
@@ -394,10 +509,17 @@ def test_what_is_asked_for_is_checked(still, asked, words):
 
 def test_a_cut_beside_all_bodies_is_refused_before_a_run():
     """Not when the pictures are drawn; and in the plane there is none."""
-    for scene, words in ((two_boxes(2) | {"output": {"cut": {"x": 9.0}}}, "scene.toml: a cut at x = 9 meets no body"),
-                         (pinched_blocks(2) | {"output": {"view": "iso"}}, "output.view: only pictures of solids")):
+    for scene, words in (
+        (
+            two_boxes(2) | {"output": {"cut": {"x": 9.0}}},
+            "scene.toml: a cut at x = 9 meets no body",
+        ),
+        (pinched_blocks(2) | {"output": {"view": "iso"}}, "output.view: only pictures of solids"),
+    ):
         with pytest.raises(InputError, match=words):
-            prepare_scene(MPI.COMM_SELF, read_scene("scene.toml", to_toml(scene)), "scene.toml", factor=False)
+            prepare_scene(
+                MPI.COMM_SELF, read_scene("scene.toml", to_toml(scene)), "scene.toml", factor=False
+            )
 
 
 def test_maps_show_what_is_closed(still):
@@ -407,7 +529,9 @@ def test_maps_show_what_is_closed(still):
     whole = draw_maps(results, "upper-lower").axes[0]
     assert whole.get_xlim()[1] > 2.9
     x, y, _ = surface["points"].T
-    surface["status"][:] = np.where((x <= 0.5) & (y <= 0.25), STATUS.index("stick"), STATUS.index("open"))
+    surface["status"][:] = np.where(
+        (x <= 0.5) & (y <= 0.25), STATUS.index("stick"), STATUS.index("open")
+    )
     small = draw_maps(results, "upper-lower").axes[0]
     assert 0.5 < small.get_xlim()[1] < 1.5
 
@@ -430,7 +554,9 @@ def test_what_turns_has_a_loop_of_its_moment(marched):
         results.steps[f"force_{axis}"][:] = 0.0
     results.steps["moment_y"][:] = [1e9, -1e9]
     axes = draw_steps(results).axes[0]
-    assert axes.get_ylabel() == "moment (N·m)" and axes.lines[0].get_label() == "upper-lower, moment y"
+    assert (
+        axes.get_ylabel() == "moment (N·m)" and axes.lines[0].get_label() == "upper-lower, moment y"
+    )
     assert axes.lines[0].get_ydata().tolist() == [0.0, 1e9, -1e9]
 
 
@@ -440,12 +566,18 @@ def test_resultants_of_solids_lie_on_their_line_of_action(still):
     axes = draw_contacts(results).axes[0]
     contact, view = results.summary["contacts"]["upper-lower"], views.View(results.points)
     force, moment = np.array(contact["force"]), np.array(contact["moment"])
-    line = next(np.array([text.xyann, text.xy]) for text in axes.texts
-                if text.arrow_patch and np.linalg.norm(text.xy - view.place(results.points.mean(axis=0))[:2]) < 2.0)
+    line = next(
+        np.array([text.xyann, text.xy])
+        for text in axes.texts
+        if text.arrow_patch
+        and np.linalg.norm(text.xy - view.place(results.points.mean(axis=0))[:2]) < 2.0
+    )
     line = line - view.place(apart(results, view)["upper"])[:2]
     at = np.cross(force, moment) / (force @ force)
     direction, off = view.place(force)[:2], line[1] - view.place(at)[:2]
-    assert direction[0] * off[1] == pytest.approx(direction[1] * off[0], abs=1e-9 * np.linalg.norm(direction))
+    assert direction[0] * off[1] == pytest.approx(
+        direction[1] * off[0], abs=1e-9 * np.linalg.norm(direction)
+    )
     assert np.linalg.norm(line[1] - view.place(np.array([1.5, 0.5, 1.0]))[:2]) < 0.5
 
 
@@ -456,7 +588,9 @@ def test_resultants_on_one_line_stand_side_by_side():
     first, down, second, away, behind = _aside([up, up[::-1], raised, other, on_end], 0.1)
     assert (first == up).all() and (away == other).all() and (behind == on_end).all()
     assert np.abs(down[:, 0]) == pytest.approx(0.1) and down[:, 1] == pytest.approx([1.0, 0.0])
-    assert second[:, 0] == pytest.approx(2.0 * down[:, 0]) and second[:, 1] == pytest.approx([0.3, 1.3])
+    assert second[:, 0] == pytest.approx(2.0 * down[:, 0]) and second[:, 1] == pytest.approx(
+        [0.3, 1.3]
+    )
 
 
 def test_a_largest_value_out_of_sight_is_said_to_be(still):
@@ -474,4 +608,6 @@ def test_a_largest_value_out_of_sight_is_said_to_be(still):
         title = draw_bodies(results)._suptitle.get_text()
         assert "up to 2 " in title and ("(out of sight)" in title) == behind, title
     fields["nodal_von_mises"] = np.full(len(points), 3.0)  # as its colours show
-    assert re.search(r"up to 2 (\w+) in a cell, 3 \1 at a node", draw_bodies(results)._suptitle.get_text())
+    assert re.search(
+        r"up to 2 (\w+) in a cell, 3 \1 at a node", draw_bodies(results)._suptitle.get_text()
+    )

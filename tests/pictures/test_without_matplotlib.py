@@ -20,10 +20,14 @@ HIDDEN = "import sys; sys.modules['matplotlib'] = None; from ddmpi.cli.main impo
 def test_a_run_writes_all_but_pictures(tmp_path):
     """Without matplotlib a run ends well, writes all its data, and says what to install for pictures."""
     scene, output = scenes.write_scene(pinched_blocks(2), tmp_path / "scene.toml"), tmp_path / "out"
-    run = scenes.run_python(["-c", HIDDEN, "run", str(scene), "--output", str(output)], 1, folder=output)
+    run = scenes.run_python(
+        ["-c", HIDDEN, "run", str(scene), "--output", str(output)], 1, folder=output
+    )
     assert run.code == 0, run.output
     assert run.files == scenes.DATA
-    assert "pictures (matplotlib is not installed: pip install matplotlib, or Debian's" in run.output
+    assert (
+        "pictures (matplotlib is not installed: pip install matplotlib, or Debian's" in run.output
+    )
 
 
 @pytest.mark.parametrize("draw", [draw_all, lambda folder: draw_plot(folder, "n_A:theta")])

@@ -40,7 +40,9 @@ def test_our_types_take_the_variable_bounds_of_any_tao(name, kind, petsc_options
     matrix = np.array([[2.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 2.0]])
     right = np.array([1.0, 4.0, -1.0])
     H = PETSc.Mat().createDense((3, 3), array=matrix, comm=PETSc.COMM_SELF)
-    x, lower, upper = (PETSc.Vec().createWithArray(np.full(3, v), comm=PETSc.COMM_SELF) for v in (0.0, 0.0, 2.0))
+    x, lower, upper = (
+        PETSc.Vec().createWithArray(np.full(3, v), comm=PETSc.COMM_SELF) for v in (0.0, 0.0, 2.0)
+    )
     tao = PETSc.TAO().create(PETSc.COMM_SELF)
     tao.setSolution(x)
     tao.setVariableBounds((lower, upper))

@@ -18,7 +18,9 @@ def contact(m: int, radius: np.ndarray) -> Discs:
     return Discs(lower, np.full(size, np.inf), np.arange(m, size).reshape(m, 2), radius)
 
 
-def on_discs(m: int, condition: float = 100.0, norm: float = 1.0, linear: float = 1.0, seed: int = 0) -> QP:
+def on_discs(
+    m: int, condition: float = 100.0, norm: float = 1.0, linear: float = 1.0, seed: int = 0
+) -> QP:
     """Some nodes open and some closed, some slip and some stick, one has no friction."""
     matrix, rng = random_matrix(3 * m, condition, seed), np.random.default_rng(seed + 1)
     d = rng.normal(size=3 * m)
@@ -39,8 +41,14 @@ def multipliers(qp: QP, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     vectors, against = s[discs.entries], -g[discs.entries]
     size = magnitude(vectors)
     on = size >= (1 - 1e-9) * discs.radius
-    hold = np.where(on & (size > 0), np.einsum("kc,kc->k", vectors, against) / np.where(size > 0, size, 1.0)**2, 0.0)
-    left[discs.entries] = np.where((discs.radius > 0.0)[:, None], hold[:, None] * vectors - against, 0.0)
+    hold = np.where(
+        on & (size > 0),
+        np.einsum("kc,kc->k", vectors, against) / np.where(size > 0, size, 1.0) ** 2,
+        0.0,
+    )
+    left[discs.entries] = np.where(
+        (discs.radius > 0.0)[:, None], hold[:, None] * vectors - against, 0.0
+    )
     return left, hold
 
 
@@ -60,7 +68,14 @@ def test_without_a_free_disc_the_set_is_a_box():
     discs = contact(3, np.array([1.0, 2.0, 3.0]))
     assert type(discs.holding(x, slice(0, 3))) is Box
     assert type(contact(3, np.full(3, np.inf)).holding(x, slice(None))) is Box
-    assert type(Discs(np.zeros(3), np.ones(3), np.empty((0, 2), int), np.empty(0)).holding(x[:3], slice(None))) is Box
+    assert (
+        type(
+            Discs(np.zeros(3), np.ones(3), np.empty((0, 2), int), np.empty(0)).holding(
+                x[:3], slice(None)
+            )
+        )
+        is Box
+    )
     held = discs.holding(x, slice(3, None))
     assert isinstance(held, Discs)
     found = held.project(np.full(9, 7.0))
@@ -72,9 +87,15 @@ def test_without_a_free_disc_the_set_is_a_box():
 def test_one_disc_in_an_ellipse_of_forces(unit):
     """min ½ sᵀ diag(a, b) s − sᵀ d, |s| ≤ r: s = d / (a + λ, b + λ) with the λ at which |s| = r."""
     a, b, radius, d = 1.0, 0.04, 2.0, np.array([1.0, 3.0])
-    lam = brentq(lambda lam: np.linalg.norm(d / (np.array([a, b]) + lam)) - radius, 0.0, 100.0, xtol=1e-15)
+    lam = brentq(
+        lambda lam: np.linalg.norm(d / (np.array([a, b]) + lam)) - radius, 0.0, 100.0, xtol=1e-15
+    )
     free = np.full(2, np.inf)
-    qp = QP(Dense(np.diag([a, b]) / unit), d, Discs(-free, free, np.array([[0, 1]]), np.array([radius * unit])))
+    qp = QP(
+        Dense(np.diag([a, b]) / unit),
+        d,
+        Discs(-free, free, np.array([[0, 1]]), np.array([radius * unit])),
+    )
     result = solve(qp, 1e-12)
     assert result.s == pytest.approx(unit * d / (np.array([a, b]) + lam), rel=1e-9)
     assert np.linalg.norm(result.s) == pytest.approx(radius * unit, rel=1e-14)
@@ -82,7 +103,9 @@ def test_one_disc_in_an_ellipse_of_forces(unit):
     assert solve(qp, 1e-12).s == pytest.approx(unit * d / [a, b], rel=1e-9)
 
 
-@pytest.mark.parametrize(("condition", "norm", "linear"), [(10.0, 1.0, 1.0), (1e4, 1e-11, 1e-4), (100.0, 1e6, 1e7)])
+@pytest.mark.parametrize(
+    ("condition", "norm", "linear"), [(10.0, 1.0, 1.0), (1e4, 1e-11, 1e-4), (100.0, 1e6, 1e7)]
+)
 def test_random_programs_fulfil_the_conditions_of_optimality(condition, norm, linear):
     for seed in range(4):
         qp = on_discs(12, condition, norm, linear, seed)
@@ -108,10 +131,16 @@ def test_a_step_costs_one_product_and_a_start_at_the_answer_none():
     assert np.array_equal(again.s, result.s)
 
 
-@pytest.mark.parametrize("options", [
-    {"qp_tao_type": "tron"}, {"qp_tao_type": "bqpip"}, {"qp_tao_type": "blmvm"},
-    {"qp_tao_type": "python", "qp_tao_python_type": "ddmpi.mprgp.MPRGP"},
-    {"qp_tao_type": "python", "qp_tao_python_type": "ddmpi.apg.APG"}])
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"qp_tao_type": "tron"},
+        {"qp_tao_type": "bqpip"},
+        {"qp_tao_type": "blmvm"},
+        {"qp_tao_type": "python", "qp_tao_python_type": "ddmpi.mprgp.MPRGP"},
+        {"qp_tao_type": "python", "qp_tao_python_type": "ddmpi.apg.APG"},
+    ],
+)
 def test_types_that_know_bounds_only_leave_discs_to_projected_gradients(options, petsc_options):
     qp = on_discs(10)
     expected = solve(qp, 1e-9)

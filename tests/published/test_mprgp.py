@@ -1,6 +1,5 @@
 """Quadratic programs with bounds: MPRGP and PETSc's types against exact solutions; products are counted."""
 
-
 import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
@@ -42,15 +41,15 @@ def bounds(kind: str, free: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarr
     lower, upper = np.full(n, -np.inf), np.full(n, np.inf)
     size = np.median(np.abs(free))
     if kind in ("lower", "contact", "mixed"):
-        lower[:n // 2 if kind != "lower" else n] = 0.0
+        lower[: n // 2 if kind != "lower" else n] = 0.0
     if kind == "upper":
         upper[:] = 0.3 * size
     if kind in ("box", "zero width", "shifted box"):
         upper[:] = size * rng.uniform(0.2, 1.5, n)
         lower[:] = -size * rng.uniform(0.2, 1.5, n)
     if kind in ("contact", "mixed"):
-        upper[n // 2:] = size * rng.uniform(0.2, 1.5, n - n // 2)
-        lower[n // 2:] = -upper[n // 2:]
+        upper[n // 2 :] = size * rng.uniform(0.2, 1.5, n - n // 2)
+        lower[n // 2 :] = -upper[n // 2 :]
     if kind == "mixed":
         lower[::5], upper[::5] = -np.inf, np.inf
         lower[1::5] = upper[1::5] = 0.4 * size
@@ -64,12 +63,20 @@ def bounds(kind: str, free: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarr
 KINDS = ["none", "lower", "upper", "box", "contact", "mixed", "zero width", "shifted box"]
 
 
-def program(n: int, kind: str, condition: float = 100.0, norm: float = 1.0, linear: float = 1.0,
-            seed: int = 0) -> QP:
+def program(
+    n: int,
+    kind: str,
+    condition: float = 100.0,
+    norm: float = 1.0,
+    linear: float = 1.0,
+    seed: int = 0,
+) -> QP:
     matrix = random_matrix(n, condition, seed)
     d = np.random.default_rng(seed + 1).normal(size=n)
     lower, upper = bounds(kind, np.linalg.solve(matrix, d), seed + 2)
-    return QP(Dense(norm * matrix), linear * d, Box(lower * (linear / norm), upper * (linear / norm)))
+    return QP(
+        Dense(norm * matrix), linear * d, Box(lower * (linear / norm), upper * (linear / norm))
+    )
 
 
 def exact(qp: QP) -> np.ndarray:
@@ -170,7 +177,9 @@ def test_zero_tolerance_is_reached_to_rounding_or_not_at_all(kind):
             continue
         assert error == 0.0
         true = np.linalg.norm(qp.constraints.projected_gradient(qp.C.matrix @ s - qp.d, s))
-        assert true <= 2 * GRADIENT_ROUNDING * max(np.linalg.norm(qp.d), np.linalg.norm(qp.C.matrix @ s))
+        assert true <= 2 * GRADIENT_ROUNDING * max(
+            np.linalg.norm(qp.d), np.linalg.norm(qp.C.matrix @ s)
+        )
 
 
 def noisy(C: Dense, error: float):
@@ -179,6 +188,7 @@ def noisy(C: Dense, error: float):
     def mult(x, y, purpose, relative=0.0):
         y[:] = C.matrix @ x
         y += error * np.linalg.norm(y) * random.standard_normal(len(y))
+
     return mult
 
 
@@ -213,7 +223,9 @@ def test_error_in_a_product_comes_through(kind, petsc_options):
 
 
 @pytest.mark.parametrize("scale", [1e-12, 1.0, 1e12])
-@pytest.mark.parametrize(("n", "condition"), [(1, 1.0), (2, 10.0), (40, 10.0), (40, 1e6), (300, 1e3)])
+@pytest.mark.parametrize(
+    ("n", "condition"), [(1, 1.0), (2, 10.0), (40, 10.0), (40, 1e6), (300, 1e3)]
+)
 def test_estimate_norm_is_a_little_too_small(n, condition, scale):
     operator = Dense(scale * random_matrix(n, condition, seed=n))
     estimate = operator.norm()
@@ -233,6 +245,7 @@ def test_estimate_norm_where_the_softest_mode_is_orthogonal_to_the_start():
 
 # PETSc's types
 
+
 @pytest.mark.parametrize("kind", ["python", "bntr"])
 def test_what_lies_on_a_bound_lies_there_exactly(kind, petsc_options):
     """Also where scaling there and back would leave it a rounding error away."""
@@ -241,9 +254,14 @@ def test_what_lies_on_a_bound_lies_there_exactly(kind, petsc_options):
         qp = program(10, "shifted box", norm=0.7e-11, linear=1.3e-4, seed=seed)
         result = solve(qp, 1e-10 * np.linalg.norm(qp.d))
         s = exact(qp)
-        held = np.minimum(np.abs(s - qp.constraints.lower), np.abs(s - qp.constraints.upper)) <= 1e-12 * np.abs(s).max()
+        held = (
+            np.minimum(np.abs(s - qp.constraints.lower), np.abs(s - qp.constraints.upper))
+            <= 1e-12 * np.abs(s).max()
+        )
         assert held.any()
-        assert np.all((result.s == qp.constraints.lower) | (result.s == qp.constraints.upper) | ~held)
+        assert np.all(
+            (result.s == qp.constraints.lower) | (result.s == qp.constraints.upper) | ~held
+        )
 
 
 def test_unknown_type_is_a_solver_error(petsc_options):

@@ -23,7 +23,7 @@ class Shared:
 
     def __init__(self, comm, matrix: np.ndarray) -> None:
         self.comm, self.matrix = comm, matrix
-        start, stop = PARTS[comm.size][comm.rank:comm.rank + 2]
+        start, stop = PARTS[comm.size][comm.rank : comm.rank + 2]
         self.own, self.size = slice(start, stop), stop - start
 
     def whole(self, x: np.ndarray) -> np.ndarray:
@@ -36,8 +36,9 @@ class Shared:
 def solve_shared(C: Shared, d: np.ndarray, kind, constraints: Box) -> np.ndarray:
     """The solution of a user's own TAO of this kind on all ranks, after the same steps on each."""
     petsc_comm = MPI.Intracomm(C.comm)  # PETSc takes no subclass of it
-    H = PETSc.Mat().createDense(((C.size, SIZE), (C.size, SIZE)), array=np.asfortranarray(C.matrix[C.own]),
-                                comm=petsc_comm)
+    H = PETSc.Mat().createDense(
+        ((C.size, SIZE), (C.size, SIZE)), array=np.asfortranarray(C.matrix[C.own]), comm=petsc_comm
+    )
     H.assemble()
     x, right = H.createVecs()
     right.array[:] = d[C.own]
@@ -71,7 +72,9 @@ def test_mprgp_of_a_users_own_tao_is_solved_on_several_ranks(comm):
     lower, upper = bounds("contact", np.linalg.solve(matrix, d), 5)
     C = Shared(comm, matrix)
     s = solve_shared(C, d, MPRGP, Box(lower[C.own], upper[C.own]))
-    assert np.linalg.norm(Box(lower, upper).projected_gradient(matrix @ s - d, s)) <= 1.1 * PRECISION
+    assert (
+        np.linalg.norm(Box(lower, upper).projected_gradient(matrix @ s - d, s)) <= 1.1 * PRECISION
+    )
 
 
 @one_to_three_ranks
@@ -82,8 +85,12 @@ def test_discs_on_several_ranks_are_solved_by_the_same_steps(comm):
 
     def discs(number: int) -> Discs:
         normals, k = np.arange(number) % 3 == 0, number // 3
-        return Discs(np.where(normals, 0.0, -np.inf), np.full(number, np.inf), 3 * np.arange(k)[:, None] + [1, 2],
-                     radius * (1 + np.arange(k) % 5) / 5)
+        return Discs(
+            np.where(normals, 0.0, -np.inf),
+            np.full(number, np.inf),
+            3 * np.arange(k)[:, None] + [1, 2],
+            radius * (1 + np.arange(k) % 5) / 5,
+        )
 
     parts = [discs(number) for number in np.diff(PARTS[comm.size])]
     s = solve_shared(Shared(comm, matrix), d, APG, parts[comm.rank])

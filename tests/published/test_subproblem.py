@@ -24,9 +24,15 @@ def subproblem(role: int, asked: list) -> Subproblem:
     return found
 
 
-@pytest.mark.parametrize(("algorithm", "role", "lower", "upper"), [
-    ("original", 1, [-INF] * 4, [INF] * 4), ("original", 2, [0.0, 0.0, -1.0, -2.0], [INF, INF, 1.0, 2.0]),
-    ("modified", 1, [-INF, -INF, -1.0, -2.0], [INF, INF, 1.0, 2.0]), ("modified", 2, [0, 0, -INF, -INF], [INF] * 4)])
+@pytest.mark.parametrize(
+    ("algorithm", "role", "lower", "upper"),
+    [
+        ("original", 1, [-INF] * 4, [INF] * 4),
+        ("original", 2, [0.0, 0.0, -1.0, -2.0], [INF, INF, 1.0, 2.0]),
+        ("modified", 1, [-INF, -INF, -1.0, -2.0], [INF, INF, 1.0, 2.0]),
+        ("modified", 2, [0, 0, -INF, -INF], [INF] * 4),
+    ],
+)
 def test_each_role_has_the_bounds_of_the_algorithm(algorithm, role, lower, upper):
     box = subproblem(role, []).constraints(np.array([1.0, 2.0]), algorithm)
     assert (box.lower.tolist(), box.upper.tolist()) == (lower, upper)

@@ -17,10 +17,30 @@ SPLITTINGS = ("none", "step1", "step2", "step1+2")
 
 ITERATIONS = {
     # N = 6 and N = 22 at theta = 0.2, tolerance 1e-4; inner solves so precise that rounding does not decide
-    ("tresca", "original"): {"none": (36, 38), "step1": (43, 43), "step2": (35, 39), "step1+2": (43, 43)},
-    ("tresca", "modified"): {"none": (25, 26), "step1": (29, 33), "step2": (36, 41), "step1+2": (40, 40)},
-    ("coulomb", "original"): {"none": (39, 41), "step1": (43, 47), "step2": (39, 40), "step1+2": (43, 43)},
-    ("coulomb", "modified"): {"none": (29, 28), "step1": (30, 34), "step2": (41, 41), "step1+2": (40, 40)},
+    ("tresca", "original"): {
+        "none": (36, 38),
+        "step1": (43, 43),
+        "step2": (35, 39),
+        "step1+2": (43, 43),
+    },
+    ("tresca", "modified"): {
+        "none": (25, 26),
+        "step1": (29, 33),
+        "step2": (36, 41),
+        "step1+2": (40, 40),
+    },
+    ("coulomb", "original"): {
+        "none": (39, 41),
+        "step1": (43, 47),
+        "step2": (39, 40),
+        "step1+2": (43, 43),
+    },
+    ("coulomb", "modified"): {
+        "none": (29, 28),
+        "step1": (30, 34),
+        "step2": (41, 41),
+        "step1+2": (40, 40),
+    },
 }
 
 
@@ -28,8 +48,12 @@ def run(assembly, algorithm: str, splitting: str, **changes):
     from ddmpi.run.solve import solve
     from ddmpi.scene.method import Method
 
-    return solve(assembly, Method(outer="relaxation", algorithm=algorithm, splitting=splitting,
-                                  **{"theta": 0.2} | changes))
+    return solve(
+        assembly,
+        Method(
+            outer="relaxation", algorithm=algorithm, splitting=splitting, **{"theta": 0.2} | changes
+        ),
+    )
 
 
 @pytest.mark.mpi(ranks=2)
@@ -41,7 +65,9 @@ def test_every_variant_reaches_the_answer_of_the_coupled_problem(comm):
             answer = run(assembly, *kind, tolerance=1e-10)
             outer = answer.outer
             assert answer.certified, (law, kind, answer.reason)
-            error = np.linalg.norm(everywhere(assembly, outer.forces) - reference) / np.linalg.norm(reference)
+            error = np.linalg.norm(everywhere(assembly, outer.forces) - reference) / np.linalg.norm(
+                reference
+            )
             assert error <= 1e-7, (law, kind)
 
 
@@ -50,12 +76,18 @@ def test_outer_iterations_do_not_depend_on_the_mesh(comm):
     for law in ("tresca", "coulomb"):
         assemblies = [prepare_scene(comm, pinched_blocks(N, law)) for N in (6, 22)]
         for kind in itertools.product(ALGORITHMS, SPLITTINGS):
-            answers = [run(assembly, *kind, tolerance=1e-4, inner_precision=1e-3) for assembly in assemblies]
+            answers = [
+                run(assembly, *kind, tolerance=1e-4, inner_precision=1e-3)
+                for assembly in assemblies
+            ]
             assert all(answer.certified for answer in answers), (law, kind)
             k = [len(answer.outer.history) for answer in answers]
             assert max(k) <= 1.25 * min(k), (law, kind, k)
             expected = ITERATIONS[law, kind[0]][kind[1]]
-            swings = kind == ("modified", "step2")  # a complex pair: rounding decides which dip ends it
+            swings = kind == (
+                "modified",
+                "step2",
+            )  # a complex pair: rounding decides which dip ends it
             assert k == pytest.approx(expected, rel=0.15 if swings else 0.1), (law, kind, k)
 
 
@@ -65,7 +97,9 @@ def test_unsplit_original_fails_at_a_large_theta_and_says_so(comm):
     for law in ("tresca", "coulomb"):
         assembly = prepare_scene(comm, pinched_blocks(6, law))
         for theta, splitting, certified in ((0.5, "none", False), (0.8, "step1+2", True)):
-            answer = run(assembly, "original", splitting, theta=theta, tolerance=1e-4, max_iterations=200)
+            answer = run(
+                assembly, "original", splitting, theta=theta, tolerance=1e-4, max_iterations=200
+            )
             assert answer.certified is certified, (law, theta, splitting, answer.reason)
             assert certified or answer.stopped in ("diverged", "max_iterations")
 
@@ -77,15 +111,23 @@ def test_every_variant_in_space_finds_newtons_answer(comm):
     from ddmpi.scene.method import Method
 
     every = list(itertools.product(ALGORITHMS, SPLITTINGS))
-    for law, half in (({"law": "tresca", "slip_bound": 1.2e7}, every[:4:2] + every[5::2]),
-                      ({"law": "coulomb", "coefficient": 0.3}, every[1:4:2] + every[4::2])):
+    for law, half in (
+        ({"law": "tresca", "slip_bound": 1.2e7}, every[:4:2] + every[5::2]),
+        ({"law": "coulomb", "coefficient": 0.3}, every[1:4:2] + every[4::2]),
+    ):
         assembly = prepare_scene(comm, two_boxes(2, law=law))
         newton = solve(assembly, Method(outer="newton", tolerance=1e-10))
-        reference, contact = everywhere(assembly, newton.outer.forces), newton.contacts["upper-lower"]
+        reference, contact = (
+            everywhere(assembly, newton.outer.forces),
+            newton.contacts["upper-lower"],
+        )
         assert newton.certified and contact.slip and contact.stick and contact.open
         for kind in [*half, None]:
-            answer = (run(assembly, *kind, tolerance=1e-6) if kind else
-                      solve(assembly, Method(outer="anderson", tolerance=1e-6)))
+            answer = (
+                run(assembly, *kind, tolerance=1e-6)
+                if kind
+                else solve(assembly, Method(outer="anderson", tolerance=1e-6))
+            )
             assert answer.certified, (law, kind, answer.reason)
             error = np.linalg.norm(everywhere(assembly, answer.outer.forces) - reference)
             assert error <= 5e-5 * np.linalg.norm(reference), (law, kind)

@@ -80,22 +80,43 @@ def start(comm, scene: dict, folder: Path, restart: bool = False) -> tuple:
     assembly = scenes.prepare_scene(comm, scene)
     identity = identify(assembly.scene, {}, VERSIONS)
     state = continue_from(comm, str(folder), identity) if restart else None
-    return assembly, Checkpoints(comm, folder if comm.rank == 0 else None, identity, assembly.scene.checkpoint, Clock(),
-                                 MeshLadder(assembly.scene), state)
+    return assembly, Checkpoints(
+        comm,
+        folder if comm.rank == 0 else None,
+        identity,
+        assembly.scene.checkpoint,
+        Clock(),
+        MeshLadder(assembly.scene),
+        state,
+    )
 
 
 def outcome(assembly, answer) -> dict:
     """All that must be the same, to the last bit."""
     outer, states = answer.outer, answer.states.values()
-    arrays = [outer.forces, outer.mismatch, outer.bound, *outer.body_forces(), *answer.displacements.values(),
-              *answer.statuses.state()["recent"]]
-    arrays += [array for state in states for array in (state.normal_force, state.tangential_force, state.gap,
-                                                       state.slip)]
-    return {"arrays": [array.tobytes() for array in arrays], "status": [state.status.tolist() for state in states],
-            "history": outer.history, "stopped": answer.stopped, "inner steps": dict(outer.inner_steps),
-            "certificate": answer.certificate,
-            "counts": [list(body.member.C.count.items()) for body in assembly.bodies],
-            "exchange": assembly.exchange.state()}
+    arrays = [
+        outer.forces,
+        outer.mismatch,
+        outer.bound,
+        *outer.body_forces(),
+        *answer.displacements.values(),
+        *answer.statuses.state()["recent"],
+    ]
+    arrays += [
+        array
+        for state in states
+        for array in (state.normal_force, state.tangential_force, state.gap, state.slip)
+    ]
+    return {
+        "arrays": [array.tobytes() for array in arrays],
+        "status": [state.status.tolist() for state in states],
+        "history": outer.history,
+        "stopped": answer.stopped,
+        "inner steps": dict(outer.inner_steps),
+        "certificate": answer.certificate,
+        "counts": [list(body.member.C.count.items()) for body in assembly.bodies],
+        "exchange": assembly.exchange.state(),
+    }
 
 
 def run(comm, scene: dict, folder: Path, restart: bool = False) -> dict:
@@ -114,7 +135,8 @@ def alike(one: dict, other: dict, scene: dict) -> bool:
     forces, others = (np.frombuffer(each["arrays"][0]) for each in (one, other))
     distance = max(MULTIGRID, scene["method"].get("tolerance", 0.0))
     return (one["stopped"], one["status"]) == (other["stopped"], other["status"]) and bool(
-        np.abs(forces - others).max(initial=0.0) <= distance * np.abs(others).max(initial=0.0))
+        np.abs(forces - others).max(initial=0.0) <= distance * np.abs(others).max(initial=0.0)
+    )
 
 
 def listing(comm, folder: Path) -> list[str]:
@@ -159,7 +181,9 @@ def test_restart_gives_the_same_bits(comm, shared, monkeypatch, kind):
 
 
 @two_ranks
-def test_restart_where_the_certificate_failed_and_the_tolerance_was_tightened(comm, shared, monkeypatch):
+def test_restart_where_the_certificate_failed_and_the_tolerance_was_tightened(
+    comm, shared, monkeypatch
+):
     monkeypatch.setattr(ddmpi.run.solve, "certificate_limit", lambda tolerance: 1e-3 * tolerance)
     monkeypatch.setattr(ddmpi.run.solve, "TIGHTER", 0.3)
     scene = pinched_blocks(2, outer="relaxation", tolerance=1e-2)
@@ -170,7 +194,10 @@ def test_restart_where_the_certificate_failed_and_the_tolerance_was_tightened(co
 def test_newtons_method_is_not_kept_within_a_load_step(comm, shared, monkeypatch):
     """Also not where it goes on as the certificate has failed: the state of the former end is none of this one."""
     monkeypatch.setattr(ddmpi.run.solve, "certificate_limit", lambda tolerance: 1e-3 * tolerance)
-    assert interrupt_everywhere(comm, pinched_blocks(2, tolerance=1e-3), shared, 29, monkeypatch) == set()
+    assert (
+        interrupt_everywhere(comm, pinched_blocks(2, tolerance=1e-3), shared, 29, monkeypatch)
+        == set()
+    )
 
 
 @two_ranks
@@ -208,8 +235,13 @@ def test_a_restored_state_is_the_whole_state(comm, shared, kind):
         comm.barrier()
         restored = []
         assembly, again = start(comm, scene, shared, restart=True)
-        solve_looking(again, assembly, lambda found, restored=restored: restored.append(
-            {name: data_of(part) for name, part in found._followed.items()}))
+        solve_looking(
+            again,
+            assembly,
+            lambda found, restored=restored: restored.append(
+                {name: data_of(part) for name, part in found._followed.items()}
+            ),
+        )
         assert restored[0].keys() == held[k].keys()
         for name, part in restored[0].items():
             for key, value in part.items():
@@ -229,7 +261,9 @@ def data_of(part: object) -> dict:
 
 def same(one: object, other: object) -> bool:
     if isinstance(one, dict):
-        return one.keys() == other.keys() and all(same(value, other[key]) for key, value in one.items())
+        return one.keys() == other.keys() and all(
+            same(value, other[key]) for key, value in one.items()
+        )
     if isinstance(one, list | tuple | deque):
         return len(one) == len(other) and all(map(same, one, other))
     return np.array_equal(one, other)
@@ -284,7 +318,9 @@ def test_every_so_many_seconds_by_the_clock_of_rank_0(comm, shared, monkeypatch)
 
 
 @two_ranks
-def test_a_run_goes_on_without_a_checkpoint_that_cannot_be_written(comm, shared, monkeypatch, caplog):
+def test_a_run_goes_on_without_a_checkpoint_that_cannot_be_written(
+    comm, shared, monkeypatch, caplog
+):
     monkeypatch.setattr(logging.getLogger("ddmpi"), "propagate", True)
     scene = pinched_blocks(2, **RELAXATION)
     reference = run(comm, scene, shared)
@@ -300,7 +336,9 @@ def test_a_run_goes_on_without_a_checkpoint_that_cannot_be_written(comm, shared,
 
 @two_ranks
 @pytest.mark.parametrize("former", [True, False])
-def test_an_interruption_whose_checkpoint_cannot_be_written_says_so(comm, shared, monkeypatch, former):
+def test_an_interruption_whose_checkpoint_cannot_be_written_says_so(
+    comm, shared, monkeypatch, former
+):
     note_signal_at(monkeypatch, 60)
     if comm.rank == 0:
         if former:
@@ -315,9 +353,16 @@ def test_an_interruption_whose_checkpoint_cannot_be_written_says_so(comm, shared
 
 
 @two_ranks
-@pytest.mark.parametrize(("kind", "more", "scene"), [
-    (OutputError, "", pinched_blocks(2, **RELAXATION)), (TakenError, " --output OTHER", scenes.tower(3, 2, True))])
-def test_results_that_cannot_be_written_leave_a_checkpoint(comm, shared, monkeypatch, kind, more, scene):
+@pytest.mark.parametrize(
+    ("kind", "more", "scene"),
+    [
+        (OutputError, "", pinched_blocks(2, **RELAXATION)),
+        (TakenError, " --output OTHER", scenes.tower(3, 2, True)),
+    ],
+)
+def test_results_that_cannot_be_written_leave_a_checkpoint(
+    comm, shared, monkeypatch, kind, more, scene
+):
     """From which they follow without another iteration, bit for bit."""
     reference = run(comm, scene, shared)
     assembly, checkpoints = start(comm, scene, shared)
@@ -351,14 +396,20 @@ def test_another_mesh_is_refused_on_both_ranks(comm, shared, monkeypatch):
 
 def a_checkpoint(folder: Path, options: dict | None = None) -> Path:
     """A file with a made-up state of one rank."""
-    identity = identify(read_scene("x.toml", scenes.to_toml(pinched_blocks(2))), options or {}, VERSIONS)
+    identity = identify(
+        read_scene("x.toml", scenes.to_toml(pinched_blocks(2))), options or {}, VERSIONS
+    )
     state = {"outer": {"lam": np.arange(6.0), "history": []}, "goal": {"tolerance": 1e-8}}
     checkpoint.write(folder / checkpoint.CHECKPOINT, identity, [state])
     return folder / checkpoint.CHECKPOINT
 
 
-def accept(folder: Path, scene: dict | None = None, options: dict | None = None, versions: dict = VERSIONS) -> dict:
-    identity = identify(read_scene("x.toml", scenes.to_toml(scene or pinched_blocks(2))), options or {}, versions)
+def accept(
+    folder: Path, scene: dict | None = None, options: dict | None = None, versions: dict = VERSIONS
+) -> dict:
+    identity = identify(
+        read_scene("x.toml", scenes.to_toml(scene or pinched_blocks(2))), options or {}, versions
+    )
     return continue_from(MPI.COMM_SELF, str(folder), identity)
 
 
@@ -366,10 +417,22 @@ def test_a_file_gives_back_what_was_written(tmp_path):
     """Also once more, as of a run that is interrupted twice; whole numbers stay whole, as in history.csv."""
     from ddmpi.methods.outer import Step
 
-    steps = [Step(1, 1.0, np.inf, 1e-300, 7), Step(2, 0.1, 0.3, 2.0 / 3.0, np.int64(2**40), "softened")]
-    state = {"outer": {"history": tuple(steps)}, "a": np.array([np.nan, -0.0, 5e-324]), "b": np.float64(np.inf),
-             "c": True, "d": {"z": 3, "a": 1}, "e": [np.arange(3), np.arange(3)], "f": [], "g": "text",
-             "rows": ((1, 2, 0.5), (2, 3, 0.25)), "times": [0.5, 1.0]}
+    steps = [
+        Step(1, 1.0, np.inf, 1e-300, 7),
+        Step(2, 0.1, 0.3, 2.0 / 3.0, np.int64(2**40), "softened"),
+    ]
+    state = {
+        "outer": {"history": tuple(steps)},
+        "a": np.array([np.nan, -0.0, 5e-324]),
+        "b": np.float64(np.inf),
+        "c": True,
+        "d": {"z": 3, "a": 1},
+        "e": [np.arange(3), np.arange(3)],
+        "f": [],
+        "g": "text",
+        "rows": ((1, 2, 0.5), (2, 3, 0.25)),
+        "times": [0.5, 1.0],
+    }
     first, second = state, {"a": np.empty(0)}
     for _ in range(2):
         checkpoint.write(tmp_path / "c.h5", {"scene": {"a": 1}}, [first, second])
@@ -380,7 +443,10 @@ def test_a_file_gives_back_what_was_written(tmp_path):
     assert first["b"] == np.inf and first["c"] is True and first["g"] == "text"
     assert list(first["d"].items()) == [("z", 3), ("a", 1)]
     assert np.array_equal(first["e"], [[0, 1, 2]] * 2) and len(first["f"]) == 0
-    assert str(first["rows"]) == "[[1, 2, 0.5], [2, 3, 0.25]]" and list(first["times"]) == [0.5, 1.0]
+    assert str(first["rows"]) == "[[1, 2, 0.5], [2, 3, 0.25]]" and list(first["times"]) == [
+        0.5,
+        1.0,
+    ]
     assert second["a"].shape == (0,)
     assert [path.name for path in tmp_path.iterdir()] == ["c.h5"]
     with h5py.File(tmp_path / "c.h5") as file:  # a plain HDF5 file for other programs
@@ -419,9 +485,17 @@ def test_every_damaged_byte_is_noticed(tmp_path):
         accept(tmp_path)
 
 
-@pytest.mark.parametrize(("scene", "options", "words"), [
-    (pinched_blocks(2, "tresca"), {}, "contact.upper-lower.friction.law is 'tresca' here, 'coulomb' there"),
-    (None, {"newton_ksp_rtol": "1e-6"}, "newton_ksp_rtol is '1e-6' here, not set there")])
+@pytest.mark.parametrize(
+    ("scene", "options", "words"),
+    [
+        (
+            pinched_blocks(2, "tresca"),
+            {},
+            "contact.upper-lower.friction.law is 'tresca' here, 'coulomb' there",
+        ),
+        (None, {"newton_ksp_rtol": "1e-6"}, "newton_ksp_rtol is '1e-6' here, not set there"),
+    ],
+)
 def test_another_run_is_refused_with_the_reason(tmp_path, scene, options, words):
     path = a_checkpoint(tmp_path)
     with pytest.raises(InputError) as error:
@@ -439,8 +513,11 @@ def test_other_versions_are_a_warning(tmp_path, caplog, monkeypatch):
 
 def test_what_changes_no_iterate_may_differ(tmp_path):
     a_checkpoint(tmp_path, options={"log_view": None, "newton_ksp_monitor": None})
-    scene = pinched_blocks(2, max_iterations=7) | {"title": "another", "output": {"figures": False},
-                                                   "checkpoint": {"seconds": 1}}
+    scene = pinched_blocks(2, max_iterations=7) | {
+        "title": "another",
+        "output": {"figures": False},
+        "checkpoint": {"seconds": 1},
+    }
     assert accept(tmp_path, scene, {"body_ksp_view": None, "newton_ksp_converged_reason": None})
 
 

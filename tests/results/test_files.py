@@ -56,7 +56,9 @@ def test_a_file_that_cannot_be_written_leaves_the_former_one(tmp_path, monkeypat
         raise error
 
     monkeypatch.setattr(os, step, fail)
-    with pytest.raises(OutputError if isinstance(error, OSError) else RuntimeError, match=r"No space left|a bug"):
+    with pytest.raises(
+        OutputError if isinstance(error, OSError) else RuntimeError, match=r"No space left|a bug"
+    ):
         write_atomically(path, b"new", durable=True)
     assert path.read_bytes() == b"former"
     assert names(tmp_path) == {"file"}
@@ -65,7 +67,9 @@ def test_a_file_that_cannot_be_written_leaves_the_former_one(tmp_path, monkeypat
 def test_an_error_of_writing_names_the_file(tmp_path, monkeypatch):
     """Also where the system does not: only what opens a file knows its name."""
     monkeypatch.setattr(Path, "write_text", full)
-    with pytest.raises(OutputError, match=rf"^results could not be written: {tmp_path}/summary.json: No space left"):
+    with pytest.raises(
+        OutputError, match=rf"^results could not be written: {tmp_path}/summary.json: No space left"
+    ):
         write_summary(tmp_path, {})
 
 
@@ -82,8 +86,13 @@ try:
 except OSError as error:
     print(error.strerror, error.filename)
 """
-    child = subprocess.run([sys.executable, "-c", code, str(tmp_path / "x.h5")], capture_output=True, text=True,
-                           timeout=scenes.LIMIT, env=scenes.clean_environment())
+    child = subprocess.run(
+        [sys.executable, "-c", code, str(tmp_path / "x.h5")],
+        capture_output=True,
+        text=True,
+        timeout=scenes.LIMIT,
+        env=scenes.clean_environment(),
+    )
     assert child.returncode == 0
     assert child.stdout == f"File too large {tmp_path / 'x.h5'}\n"
     assert scenes.own_lines(child.stderr) == ""
@@ -152,9 +161,13 @@ def test_a_folder_that_holds_anything_is_refused(tmp_path):
     """A run makes its folder or finds it empty, but for its own log and the record of its sweep."""
     for name in (RECORD, "notes"):
         (tmp_path / name).write_text("")
-    logs.configure(0, quiet=True, file=str(tmp_path / "run.log"), heading="ddmpi 0 on h 1: ddmpi run")
+    logs.configure(
+        0, quiet=True, file=str(tmp_path / "run.log"), heading="ddmpi 0 on h 1: ddmpi run"
+    )
     try:
-        with pytest.raises(InputError, match=rf"--output {tmp_path}: is not empty \(it holds notes\)"):
+        with pytest.raises(
+            InputError, match=rf"--output {tmp_path}: is not empty \(it holds notes\)"
+        ):
             chosen(tmp_path)
         (tmp_path / "notes").unlink()
         assert chosen(tmp_path) == tmp_path
@@ -174,7 +187,9 @@ def test_two_runs_do_not_have_one_folder(tmp_path, restart):
             (tmp_path / CHECKPOINT).write_text("precious")
         before = names(tmp_path)
         assert running(tmp_path) == f"{HOST} {other.pid}"
-        with pytest.raises(InputError, match=rf"at work there \({HOST} {other.pid}\).*remove {claim.parent}"):
+        with pytest.raises(
+            InputError, match=rf"at work there \({HOST} {other.pid}\).*remove {claim.parent}"
+        ):
             chosen(None if restart else tmp_path, tmp_path if restart else None)
         assert names(tmp_path) == before
         other.communicate()
@@ -186,7 +201,9 @@ def test_a_run_on_another_host(tmp_path, monkeypatch):
     """It counts as running, unless it is of the same batch job."""
     claim = tmp_path / UNFINISHED / "elsewhere 7 job 12"
     claim.mkdir(parents=True)
-    with pytest.raises(InputError, match=r"another run is at work there .elsewhere 7 job 12.*remove"):
+    with pytest.raises(
+        InputError, match=r"another run is at work there .elsewhere 7 job 12.*remove"
+    ):
         chosen(tmp_path)
     assert running(tmp_path) == claim.name
     monkeypatch.setenv("SLURM_JOB_ID", "12")
@@ -209,15 +226,25 @@ try:
 except InputError as error:
     print(error, flush=True)
 """
-    runs = [subprocess.Popen([sys.executable, "-c", code, str(tmp_path / "out")], stdin=subprocess.PIPE, text=True,
-                             stdout=subprocess.PIPE, env=scenes.clean_environment()) for _ in range(4)]
+    runs = [
+        subprocess.Popen(
+            [sys.executable, "-c", code, str(tmp_path / "out")],
+            stdin=subprocess.PIPE,
+            text=True,
+            stdout=subprocess.PIPE,
+            env=scenes.clean_environment(),
+        )
+        for _ in range(4)
+    ]
     for run in runs:
         assert run.stdout.readline() == "ready\n"
     for run in runs:
         run.stdin.write("\n")
         run.stdin.flush()
     said = [run.stdout.readline() for run in runs]
-    for run, line in zip(runs, said, strict=True):  # PETSc would die of writing to one that has ended
+    for run, line in zip(
+        runs, said, strict=True
+    ):  # PETSc would die of writing to one that has ended
         run.communicate("\n" if line == "mine\n" else None, timeout=scenes.LIMIT)
     assert said.count("mine\n") == 1, said
     assert all("another run is at work there" in line for line in said if line != "mine\n"), said
@@ -225,7 +252,10 @@ except InputError as error:
 
 def test_without_a_name_the_first_new_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    with choose_folder(None, None, "a/scene.toml") as one, choose_folder(None, None, "b/scene.toml") as two:
+    with (
+        choose_folder(None, None, "a/scene.toml") as one,
+        choose_folder(None, None, "b/scene.toml") as two,
+    ):
         assert [str(one), str(two)] == ["results/scene", "results/scene-2"]
         (two / "result.h5").write_text("")
     assert names(tmp_path / "results") == {"scene-2"}
@@ -249,7 +279,11 @@ def staged(folder: Path) -> Staging:
 def test_what_is_written_is_published(tmp_path):
     """No list of names decides: every file appears, the summary last."""
     staging = staged(tmp_path)
-    assert [path.name for path in staging.publish()] == ["bodies.png", "what nobody has heard of.csv", "summary.json"]
+    assert [path.name for path in staging.publish()] == [
+        "bodies.png",
+        "what nobody has heard of.csv",
+        "summary.json",
+    ]
     assert names(tmp_path) == {"bodies.png", "what nobody has heard of.csv", "summary.json"}
 
 
@@ -258,7 +292,9 @@ def test_files_of_another_host_are_published_before_they_are_listed(tmp_path, mo
     staging = staged(tmp_path)
     monkeypatch.setattr(os, "listdir", lambda folder: ["summary.json"])
     assert [path.name for path in staging.publish(["bodies.png", "contact_a-b_legs.csv"])] == [
-        "bodies.png", "summary.json"]
+        "bodies.png",
+        "summary.json",
+    ]
 
 
 @pytest.mark.parametrize("in_the_way", ["bodies.png", "summary.json"])
@@ -289,7 +325,9 @@ def test_publishing_that_fails_leaves_nothing(tmp_path, monkeypatch):
 
 def test_a_full_disk_at_the_start_is_an_error_of_writing(tmp_path, monkeypatch):
     (tmp_path / "out").mkdir()
-    monkeypatch.setattr(Path, "mkdir", lambda path, **options: full() if UNFINISHED in str(path) else os.mkdir(path))
+    monkeypatch.setattr(
+        Path, "mkdir", lambda path, **options: full() if UNFINISHED in str(path) else os.mkdir(path)
+    )
     with pytest.raises(OutputError, match=f"{tmp_path}/out: cannot write there: No space left"):
         chosen(tmp_path / "out")
 
@@ -304,7 +342,9 @@ def test_what_may_not_be_reached_is_refused(tmp_path):
         chosen(tmp_path / name)
     scene["body"][0]["mesh"] = {"file": f"{name}.msh"}
     body, _ = read_scene("scene.toml", scenes.to_toml(scene)).body
-    with pytest.raises(InputError, match=r"body\.upper\.mesh\.file: there is no file .*\(File name too long\)"):
+    with pytest.raises(
+        InputError, match=r"body\.upper\.mesh\.file: there is no file .*\(File name too long\)"
+    ):
         locate_mesh(body, tmp_path)
 
 
@@ -321,9 +361,17 @@ def executable(path: Path, text: str) -> Path:
 def test_run_sh_says_that_a_signal_has_ended_a_rank(tmp_path, number, said):
     """A quiet mpirun does not. The rank has begun MPI: before that MPICH's mpirun may itself fail, with 255."""
     dies = f"import os; from mpi4py import MPI; MPI.COMM_WORLD.Barrier(); os.kill(os.getpid(), {number})"
-    python = executable(tmp_path / "python", f"exec {shlex.quote(sys.executable)} -c '{dies}'" if number else "exit 3")
-    run = subprocess.run([str(scenes.ROOT / "scripts" / "run.sh"), "scene.toml"], capture_output=True, text=True,
-                         timeout=scenes.LIMIT, env=scenes.clean_environment() | {"DDMPI_PYTHON": str(python)})
+    python = executable(
+        tmp_path / "python",
+        f"exec {shlex.quote(sys.executable)} -c '{dies}'" if number else "exit 3",
+    )
+    run = subprocess.run(
+        [str(scenes.ROOT / "scripts" / "run.sh"), "scene.toml"],
+        capture_output=True,
+        text=True,
+        timeout=scenes.LIMIT,
+        env=scenes.clean_environment() | {"DDMPI_PYTHON": str(python)},
+    )
     ours = [line for line in run.stderr.splitlines() if line.startswith("ddmpi")]
     if number:
         assert run.returncode == 128 + number
@@ -333,15 +381,24 @@ def test_run_sh_says_that_a_signal_has_ended_a_rank(tmp_path, number, said):
         assert ours == []
 
 
-@pytest.mark.parametrize(("number", "answer", "code"), [
-    (signal.SIGUSR1, "exit 6", 6), (signal.SIGTERM, "", 0), (signal.SIGINT, "exit 6", 6)])
+@pytest.mark.parametrize(
+    ("number", "answer", "code"),
+    [(signal.SIGUSR1, "exit 6", 6), (signal.SIGTERM, "", 0), (signal.SIGINT, "exit 6", 6)],
+)
 def test_run_sh_returns_the_exit_code_of_an_interrupted_run(tmp_path, number, answer, code):
     """Of one that a signal ended, or whose results were complete; also where SIGINT is ignored, as in background."""
-    python = executable(tmp_path / "python", f'trap "{answer}" USR1 TERM; touch {tmp_path}/ready-$$\n'
-                                             f"until [ -e {tmp_path}/complete ]; do sleep 0.1; done")
-    with subprocess.Popen([str(scenes.ROOT / "scripts" / "run.sh"), "scene.toml"], stderr=subprocess.PIPE, text=True,
-                          preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
-                          env=scenes.clean_environment() | {"DDMPI_PYTHON": str(python)}) as run:
+    python = executable(
+        tmp_path / "python",
+        f'trap "{answer}" USR1 TERM; touch {tmp_path}/ready-$$\n'
+        f"until [ -e {tmp_path}/complete ]; do sleep 0.1; done",
+    )
+    with subprocess.Popen(
+        [str(scenes.ROOT / "scripts" / "run.sh"), "scene.toml"],
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+        env=scenes.clean_environment() | {"DDMPI_PYTHON": str(python)},
+    ) as run:
         end = time.monotonic() + scenes.LIMIT
         while len(list(tmp_path.glob("ready-*"))) < 2 and time.monotonic() < end:
             time.sleep(0.05)
@@ -358,10 +415,16 @@ def test_a_set_up_that_was_interrupted_is_not_taken_for_a_complete_one(tmp_path)
     environment = scenes.clean_environment() | {"DDMPI_VENV": str(tmp_path / "venv")}
     environment["PATH"] = os.pathsep.join([str(tools), environment["PATH"]])
     environment.pop("DDMPI_PYTHON", None)
-    command = ["bash", "-c", f'. {shlex.quote(str(scenes.ROOT))}/scripts/setup.sh && echo "$PYTHON"']
+    command = [
+        "bash",
+        "-c",
+        f'. {shlex.quote(str(scenes.ROOT))}/scripts/setup.sh && echo "$PYTHON"',
+    ]
 
     executable(tools / "python3", f"touch {tmp_path}/looking; exec sleep 60")
-    with subprocess.Popen(command, env=environment, start_new_session=True, stdout=subprocess.PIPE) as first:
+    with subprocess.Popen(
+        command, env=environment, start_new_session=True, stdout=subprocess.PIPE
+    ) as first:
         end = time.monotonic() + scenes.LIMIT
         while not (tmp_path / "looking").exists() and time.monotonic() < end:
             time.sleep(0.05)
@@ -371,7 +434,9 @@ def test_a_set_up_that_was_interrupted_is_not_taken_for_a_complete_one(tmp_path)
     (tmp_path / "venv" / "bin").mkdir(parents=True, exist_ok=True)
     executable(tmp_path / "venv" / "bin" / "python", "echo half of a venv; exit 1")
     python = executable(tools / "python3", f'exec {shlex.quote(sys.executable)} "$@"')
-    again = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=scenes.LIMIT)
+    again = subprocess.run(
+        command, env=environment, capture_output=True, text=True, timeout=scenes.LIMIT
+    )
     assert again.returncode == 0, again.stderr
     assert again.stdout.strip() == str(python)
     assert (tmp_path / "venv" / "ddmpi-setup").exists()

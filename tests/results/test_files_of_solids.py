@@ -9,9 +9,29 @@ import numpy as np
 import pytest
 from made_up_solids import stacked
 
-COLUMNS = ["x", "y", "z", "nx", "ny", "nz", "area", "normal_force", "tangential_force", "normal_stress",
-           "tangential_stress", "gap", "slip", "slip_total", "status", "force_x", "force_y", "force_z", "slip_x",
-           "slip_y", "slip_z"]
+COLUMNS = [
+    "x",
+    "y",
+    "z",
+    "nx",
+    "ny",
+    "nz",
+    "area",
+    "normal_force",
+    "tangential_force",
+    "normal_stress",
+    "tangential_stress",
+    "gap",
+    "slip",
+    "slip_total",
+    "status",
+    "force_x",
+    "force_y",
+    "force_z",
+    "slip_x",
+    "slip_y",
+    "slip_z",
+]
 
 
 def vectors(table, *names: str) -> np.ndarray:
@@ -26,8 +46,10 @@ def test_tables_have_vectors_in_space(tmp_path, order):
         assert next(csv.reader(file)) == COLUMNS
     assert not results.sides and results.dimension == 3
     table, contact = results.contacts["upper-lower"], results.summary["contacts"]["upper-lower"]
-    at, normal, force, slip = (vectors(table, *names) for names in (
-        COLUMNS[:3], COLUMNS[3:6], COLUMNS[15:18], COLUMNS[18:]))
+    at, normal, force, slip = (
+        vectors(table, *names)
+        for names in (COLUMNS[:3], COLUMNS[3:6], COLUMNS[15:18], COLUMNS[18:])
+    )
     assert table["area"].sum() == pytest.approx(3.0)
     assert force.sum(axis=0) == pytest.approx(contact["force"])
     assert np.cross(at, force).sum(axis=0) == pytest.approx(contact["moment"])
@@ -39,14 +61,28 @@ def test_tables_have_vectors_in_space(tmp_path, order):
     assert np.linalg.norm(slip, axis=1) == pytest.approx(table["slip"]) and table["slip"].any()
     assert (friction * slip).sum() < 0.0  # friction on the first body acts against its slip
     assert table["normal_stress"] == pytest.approx(table["normal_force"] / table["area"])
-    assert results.summary["units"] == {"length": "m", "stress": "Pa", "force": "N", "moment": "N·m", "energy": "J"}
+    assert results.summary["units"] == {
+        "length": "m",
+        "stress": "Pa",
+        "force": "N",
+        "moment": "N·m",
+        "energy": "J",
+    }
     for k, axis in enumerate("xyz"):
         assert results.steps[f"force_{axis}"] == contact["force"][k]
         assert results.steps[f"moment_{axis}"] == contact["moment"][k]
     with open(tmp_path / "steps.csv", encoding="utf-8") as file:
-        assert next(csv.reader(file)) == ["time", "contact", *(f"{what}_{axis}" for what in ("force", "moment")
-                                                               for axis in "xyz"),
-                                          "normal_force", "tangential_force", "open", "slip", "stick", "dissipated"]
+        assert next(csv.reader(file)) == [
+            "time",
+            "contact",
+            *(f"{what}_{axis}" for what in ("force", "moment") for axis in "xyz"),
+            "normal_force",
+            "tangential_force",
+            "open",
+            "slip",
+            "stick",
+            "dissipated",
+        ]
 
 
 @pytest.mark.parametrize("order", [1, 2])
@@ -55,18 +91,25 @@ def test_meshio_and_paraview_read_solids(tmp_path, order):
     table = stacked(tmp_path, order, error=True).contacts["upper-lower"]
     mesh = meshio.read(tmp_path / "result.xdmf")
     assert [cells.type for cells in mesh.cells] == [{1: "tetra", 2: "tetra10"}[order]]
-    upper = made_up_solids.fields(made_up_solids.box((0.0, 0.0, 1.0), divisions=(6, 2, 2), order=order))
+    upper = made_up_solids.fields(
+        made_up_solids.box((0.0, 0.0, 1.0), divisions=(6, 2, 2), order=order)
+    )
     own = mesh.cell_data["body"][0] == 0
     assert np.array_equal(mesh.points[mesh.cells[0].data[own]], upper.points[upper.triangles])
     assert np.array_equal(mesh.cell_data["stress"][0][own], upper.stress[:, [0, 3, 5, 1, 4, 2]])
-    assert np.array_equal(mesh.point_data["displacement"][:len(upper.points)], upper.displacement)
+    assert np.array_equal(mesh.point_data["displacement"][: len(upper.points)], upper.displacement)
     (grid,) = made_up.named_grids(tmp_path)["upper-lower"]
     a, b, c = grid["Geometry"][grid["Topology"]].transpose(1, 0, 2)
     assert np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2 == pytest.approx(3.0)
     assert np.linalg.norm(grid["friction_vector"], axis=1) == pytest.approx(grid["friction"])
     assert np.array_equal(grid["slip_vector"], vectors(table, "slip_x", "slip_y", "slip_z"))
-    for field, column in {"pressure": "normal_stress", "friction": "tangential_stress", "gap": "gap", "slip": "slip",
-                          "slip_total": "slip_total"}.items():
+    for field, column in {
+        "pressure": "normal_stress",
+        "friction": "tangential_stress",
+        "gap": "gap",
+        "slip": "slip",
+        "slip_total": "slip_total",
+    }.items():
         assert np.array_equal(grid[field], table[column]), field
 
 

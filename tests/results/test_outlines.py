@@ -16,41 +16,83 @@ def surface(answer, name: str, folder) -> tuple[np.ndarray, np.ndarray, np.ndarr
     state = answer.contacts[name]
     write_surface(folder, name, contact_fields(state))
     mesh = meshio.read(folder / f"contact_{name}.vtu")
-    at, cells = mesh.points[:, :state.interface.dimension], mesh.cells[0].data
+    at, cells = mesh.points[:, : state.interface.dimension], mesh.cells[0].data
     return mesh, cells, facet_measures(at[cells], state.interface.axisymmetric), state
 
 
 @pytest.mark.parametrize("order", [1, 2])
 def test_a_face_that_ends_within_facets_is_drawn_as_it_is(tmp_path, order):
     """A block covers facets of a wider base partly: the surface is its face, with values between those of the rows."""
-    answer = certified({
-        "body": [box("block", (0.31, 0.42, 0), (1.0, 0.9, 0.5), (3, 3, 2), order=order,
-                     clamp=[{"on": "top", "x": 0.0, "y": 0.0, "z": -1e-4}]),
-                 box("base", (0, 0, -0.5), (2, 2, 0.5), (4, 4, 2), order=order, clamp=["bottom"])],
-        "contact": [{"name": "foot", "bodies": ["block", "base"], "on": ["bottom", "top"], "slave": "base",
-                     "friction": {"law": "coulomb", "coefficient": 0.3}}]})
+    answer = certified(
+        {
+            "body": [
+                box(
+                    "block",
+                    (0.31, 0.42, 0),
+                    (1.0, 0.9, 0.5),
+                    (3, 3, 2),
+                    order=order,
+                    clamp=[{"on": "top", "x": 0.0, "y": 0.0, "z": -1e-4}],
+                ),
+                box("base", (0, 0, -0.5), (2, 2, 0.5), (4, 4, 2), order=order, clamp=["bottom"]),
+            ],
+            "contact": [
+                {
+                    "name": "foot",
+                    "bodies": ["block", "base"],
+                    "on": ["bottom", "top"],
+                    "slave": "base",
+                    "friction": {"law": "coulomb", "coefficient": 0.3},
+                }
+            ],
+        }
+    )
     mesh, cells, areas, state = surface(answer, "foot", tmp_path)
-    assert areas.sum() == pytest.approx(0.9, rel=1e-9) and state.interface.area.sum() == pytest.approx(0.9, rel=1e-9)
+    assert areas.sum() == pytest.approx(
+        0.9, rel=1e-9
+    ) and state.interface.area.sum() == pytest.approx(0.9, rel=1e-9)
     used = mesh.points[np.unique(cells)]
-    assert used.min(axis=0) == pytest.approx((0.31, 0.42, 0.0)) and used.max(axis=0) == pytest.approx((1.31, 1.32, 0.0))
+    assert used.min(axis=0) == pytest.approx((0.31, 0.42, 0.0)) and used.max(
+        axis=0
+    ) == pytest.approx((1.31, 1.32, 0.0))
     pressure = mesh.point_data["pressure"]
-    assert state.pressure.min() - 1.0 <= pressure.min() and pressure.max() <= state.pressure.max() + 1.0
-    assert (areas * pressure[cells].mean(axis=1)).sum() == pytest.approx(state.normal_force.sum(), rel=0.03)
+    assert (
+        state.pressure.min() - 1.0 <= pressure.min()
+        and pressure.max() <= state.pressure.max() + 1.0
+    )
+    assert (areas * pressure[cells].mean(axis=1)).sum() == pytest.approx(
+        state.normal_force.sum(), rel=0.03
+    )
     assert set(mesh.point_data["status"]) <= {0, 1, 2}
-    write_contact(tmp_path, "foot", state)  # whose lines, nodes that share rows at the rim, have the contact's moment
+    write_contact(
+        tmp_path, "foot", state
+    )  # whose lines, nodes that share rows at the rim, have the contact's moment
     lines = Run(0, "", "", tmp_path).table("contact_foot.csv")
-    at, force = (np.column_stack([lines[f"{what}{axis}"] for axis in "xyz"]) for what in ("", "force_"))
+    at, force = (
+        np.column_stack([lines[f"{what}{axis}"] for axis in "xyz"]) for what in ("", "force_")
+    )
     assert np.cross(at, force).sum(axis=0) == pytest.approx(state.moment, abs=1e-3)
 
 
 def test_cells_of_clamped_nodes_alone_are_left_out(tmp_path):
     """Nodes that both bodies clamp bear no row. A cell with one row has its value everywhere; one with none is none."""
     clamp = [{"on": "left", "x": 0.0, "y": 0.0, "z": 0.0}]
-    answer = certified({
-        "body": [box("upper", (0, 0, 1), (2, 1, 1), (4, 2, 2), clamp=clamp,
-                     traction=[{"on": "top", "value": [0.0, 0.0, -1e6]}]),
-                 box("lower", (0, 0, 0), (2, 1, 1), (4, 2, 2), clamp=[*clamp, "bottom"])],
-        "contact": [{"name": "seam", "bodies": ["upper", "lower"], "on": ["bottom", "top"]}]})
+    answer = certified(
+        {
+            "body": [
+                box(
+                    "upper",
+                    (0, 0, 1),
+                    (2, 1, 1),
+                    (4, 2, 2),
+                    clamp=clamp,
+                    traction=[{"on": "top", "value": [0.0, 0.0, -1e6]}],
+                ),
+                box("lower", (0, 0, 0), (2, 1, 1), (4, 2, 2), clamp=[*clamp, "bottom"]),
+            ],
+            "contact": [{"name": "seam", "bodies": ["upper", "lower"], "on": ["bottom", "top"]}],
+        }
+    )
     mesh, _, areas, state = surface(answer, "seam", tmp_path)
     assert areas.sum() == pytest.approx(2.0) and state.interface.xy[:, 0].min() > 0.4
     at_wall = mesh.points[:, 0] == 0.0
@@ -60,10 +102,29 @@ def test_cells_of_clamped_nodes_alone_are_left_out(tmp_path):
 @pytest.mark.parametrize("order", [1, 2])
 def test_a_line_ends_where_the_other_side_does(tmp_path, order):
     """In the plane as well: a punch ends within a facet of the base, the slave."""
-    answer = certified({"body": [
-        rectangle("punch", (0.33, 1.0), (1.0, 0.5), (5, 3), order, clamp=[{"on": "top", "x": 0.0, "y": -1e-4}]),
-        rectangle("base", (0.0, 0.0), (2.0, 1.0), (6, 4), order, clamp=["bottom"])],
-        "contact": [{"name": "foot", "bodies": ["punch", "base"], "on": ["bottom", "top"], "slave": "base"}]})
+    answer = certified(
+        {
+            "body": [
+                rectangle(
+                    "punch",
+                    (0.33, 1.0),
+                    (1.0, 0.5),
+                    (5, 3),
+                    order,
+                    clamp=[{"on": "top", "x": 0.0, "y": -1e-4}],
+                ),
+                rectangle("base", (0.0, 0.0), (2.0, 1.0), (6, 4), order, clamp=["bottom"]),
+            ],
+            "contact": [
+                {
+                    "name": "foot",
+                    "bodies": ["punch", "base"],
+                    "on": ["bottom", "top"],
+                    "slave": "base",
+                }
+            ],
+        }
+    )
     mesh, cells, lengths, _ = surface(answer, "foot", tmp_path)
     assert lengths.sum() == pytest.approx(1.0, rel=1e-9)
     assert np.ptp(mesh.points[np.unique(cells), 0]) == pytest.approx(1.0, rel=1e-9)
@@ -71,14 +132,31 @@ def test_a_line_ends_where_the_other_side_does(tmp_path, order):
 
 def test_arcs_have_their_length_in_straight_cells(tmp_path):
     """Cells on curved facets are straight and measure as much as the arcs; their corners hardly leave these."""
-    def half(name: str, radii: list[float], n: int, **more) -> dict:
-        return {"name": name, "material": {"young": 1e9, "poisson": 0.3}, "mesh": {
-            "shape": "annulus", "center": [0.0, 0.0], "radii": radii, "angles": [0, 180], "divisions": [n, 2],
-            "order": 2}, "clamp": [{"on": side, "y": 0.0} for side in ("start", "end")]} | more
 
-    answer = certified({"body": [half("tube", [1.0, 1.5], 9), half("core", [0.5, 1.0], 7)],
-                        "contact": [{"name": "fit", "bodies": ["tube", "core"], "on": ["inner", "outer"],
-                                     "gap": -1e-4}]}, **{"method.tolerance": 1e-8})
+    def half(name: str, radii: list[float], n: int, **more) -> dict:
+        return {
+            "name": name,
+            "material": {"young": 1e9, "poisson": 0.3},
+            "mesh": {
+                "shape": "annulus",
+                "center": [0.0, 0.0],
+                "radii": radii,
+                "angles": [0, 180],
+                "divisions": [n, 2],
+                "order": 2,
+            },
+            "clamp": [{"on": side, "y": 0.0} for side in ("start", "end")],
+        } | more
+
+    answer = certified(
+        {
+            "body": [half("tube", [1.0, 1.5], 9), half("core", [0.5, 1.0], 7)],
+            "contact": [
+                {"name": "fit", "bodies": ["tube", "core"], "on": ["inner", "outer"], "gap": -1e-4}
+            ],
+        },
+        **{"method.tolerance": 1e-8},
+    )
     mesh, _, lengths, state = surface(answer, "fit", tmp_path)
     assert lengths.sum() == pytest.approx(state.interface.area.sum(), rel=1e-9)
     assert np.linalg.norm(mesh.points, axis=1) == pytest.approx(1.0, abs=0.01)

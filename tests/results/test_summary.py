@@ -14,42 +14,87 @@ from ddmpi.results.tables import leg_values, read_results
 from ddmpi.run.gather import StepLog
 from ddmpi.system.provenance import provenance
 
-STEP = {"force", "moment", "normal_force", "tangential_force", "open", "slip", "stick", "dissipated"}
+STEP = {
+    "force",
+    "moment",
+    "normal_force",
+    "tangential_force",
+    "open",
+    "slip",
+    "stick",
+    "dissipated",
+}
 
 
 def row() -> dict[str, ContactState]:
     """Both contacts of three blocks side by side."""
     blocks = {name: made_up.block(origin) for name, origin in made_up.ROW.items()}
-    return {name: made_up.state(made_up.interface(name, *(blocks[body] for body in name.split("-")), on))
-            for name, on in made_up.CONTACTS["row"].items()}
+    return {
+        name: made_up.state(
+            made_up.interface(name, *(blocks[body] for body in name.split("-")), on)
+        )
+        for name, on in made_up.CONTACTS["row"].items()
+    }
 
 
-def summary_of(contacts: dict[str, ContactState], run=None, residuals=None, **of_the_first_body) -> dict:
-    bodies = {name: made_up.body(**(of_the_first_body if name == "left" else {})) for name in made_up.ROW}
-    return summarize(made_up.scene(list(contacts)), made_up.run(contacts, **run or {}), bodies,
-                     made_up.totals(contacts), made_up.certificate(contacts, bodies, **residuals or {}))
+def summary_of(
+    contacts: dict[str, ContactState], run=None, residuals=None, **of_the_first_body
+) -> dict:
+    bodies = {
+        name: made_up.body(**(of_the_first_body if name == "left" else {})) for name in made_up.ROW
+    }
+    return summarize(
+        made_up.scene(list(contacts)),
+        made_up.run(contacts, **run or {}),
+        bodies,
+        made_up.totals(contacts),
+        made_up.certificate(contacts, bodies, **residuals or {}),
+    )
 
 
 def test_every_entry_is_documented():
     """What a summary holds, load steps included, is what the reference says."""
-    balance = dict.fromkeys(("external_work", "strain_energy", "interface_work", "dissipated", "lost", "residual"), 0.0)
-    by = {"until": [None, 0.4], "contacts": {"a-b": {}}, "bodies": {"a": {}}, "rigid": {"floor": {}}}
-    more = {"reused": {"a": ["mesh"]}, "energy": balance, "cycles": {"run": 3, "change": 0.5},
-            "derivatives": {"contact.a-b.gap": by}}
+    balance = dict.fromkeys(
+        ("external_work", "strain_energy", "interface_work", "dissipated", "lost", "residual"), 0.0
+    )
+    by = {
+        "until": [None, 0.4],
+        "contacts": {"a-b": {}},
+        "bodies": {"a": {}},
+        "rigid": {"floor": {}},
+    }
+    more = {
+        "reused": {"a": ["mesh"]},
+        "energy": balance,
+        "cycles": {"run": 3, "change": 0.5},
+        "derivatives": {"contact.a-b.gap": by},
+    }
     summary = summary_of(row(), more) | provenance(0.0, ["host"])
-    summary["rigid"] = {"floor": {"displacement": [0.0, 0.0], "force": [1.0, 2.0], "turn": 0.0,
-                                  "moment": 0.0}}
+    summary["rigid"] = {
+        "floor": {"displacement": [0.0, 0.0], "force": [1.0, 2.0], "turn": 0.0, "moment": 0.0}
+    }
     summary["contacts"]["left-middle"]["pretension"] = {"force": 1.0, "offset": 0.0}
     assert set(entries(summary)) == set(SUMMARY) >= set(ROWS)
 
 
-@pytest.mark.parametrize("length, stress, force, moment, energy", [
-    ("m", "Pa", "N/m", "N·m/m", "J/m"), ("mm", "MPa", "N/mm", "N·mm/mm", "mJ/mm"),
-    ("in", "psi", "psi·in", "psi·in·in", "psi·in·in")])
+@pytest.mark.parametrize(
+    "length, stress, force, moment, energy",
+    [
+        ("m", "Pa", "N/m", "N·m/m", "J/m"),
+        ("mm", "MPa", "N/mm", "N·mm/mm", "mJ/mm"),
+        ("in", "psi", "psi·in", "psi·in·in", "psi·in·in"),
+    ],
+)
 def test_results_carry_their_units(length, stress, force, moment, energy):
     """Units are those of the scene; forces, moments and energies are per unit of depth."""
     found = units({"output": {"length_unit": length, "stress_unit": stress}}, 2)
-    assert found == {"length": length, "stress": stress, "force": force, "moment": moment, "energy": energy}
+    assert found == {
+        "length": length,
+        "stress": stress,
+        "force": force,
+        "moment": moment,
+        "energy": energy,
+    }
 
 
 def test_sums_are_those_of_all_bodies_and_contacts():
@@ -69,12 +114,18 @@ def test_the_work_of_all_load_steps_is_added_up():
     again = StepLog()
     again.restore(log.state())
     bodies = {name: made_up.body() for name in made_up.ROW}
-    summary = summarize(made_up.scene(list(contacts)), made_up.run(contacts, steps=again.steps), bodies,
-                        made_up.totals(contacts), made_up.certificate(contacts, bodies))
+    summary = summarize(
+        made_up.scene(list(contacts)),
+        made_up.run(contacts, steps=again.steps),
+        bodies,
+        made_up.totals(contacts),
+        made_up.certificate(contacts, bodies),
+    )
     for name, state in contacts.items():
         assert summary["contacts"][name]["dissipated"] == 2 * state.dissipated > 0.0
         assert [step["contacts"][name] for step in summary["steps"]] == [
-            {key: summary["contacts"][name][key] for key in STEP} | {"dissipated": state.dissipated}] * 2
+            {key: summary["contacts"][name][key] for key in STEP} | {"dissipated": state.dissipated}
+        ] * 2
         assert type(summary["steps"][0]["contacts"][name]["open"]) is int
 
 
@@ -93,7 +144,10 @@ def test_what_is_kept_of_load_steps_outlives_a_restart():
     again = StepLog()
     again.restore(log.state())
     np.testing.assert_equal(vars(again), vars(log))
-    assert all(np.size(value) and np.all(value) if np.isscalar(value) else len(value) for value in vars(log).values())
+    assert all(
+        np.size(value) and np.all(value) if np.isscalar(value) else len(value)
+        for value in vars(log).values()
+    )
     assert log.most["sizes"].all()
 
 
@@ -102,25 +156,46 @@ def test_doubts_of_different_bodies_are_different():
     log = StepLog()
     log.doubt(1.0, ["nothing touches block1: it can move freely", "block-2 slides by -0.5"])
     log.doubt(2.0, ["block-2 slides by 1.5e-3"])
-    told = ["nothing touches block1: it can move freely (at time 1)", "block-2 slides by -0.5 (at time 1)"]
-    assert log.doubts_beside(["nothing touches block2: it can move freely", "block-3 slides by 1"]) == told
+    told = [
+        "nothing touches block1: it can move freely (at time 1)",
+        "block-2 slides by -0.5 (at time 1)",
+    ]
+    assert (
+        log.doubts_beside(["nothing touches block2: it can move freely", "block-3 slides by 1"])
+        == told
+    )
     assert log.doubts_beside(["block-2 slides by 0.1"]) == told[:1]
 
 
 def test_the_worst_residual_is_at_the_top():
     """Each residual at the top is the largest of all contacts or bodies, whichever they are."""
-    summary = summary_of(row(), residuals={"left_middle": {"penetration": 0.5}, "middle_right": {"friction": 0.25},
-                                           "equilibrium": {"left": 0.125}})
-    assert summary["certificate"] == {"force_mismatch": 0.0, "penetration": 0.5, "complementarity": 2e-12,
-                                      "friction": 0.25, "equilibrium": 0.125}
+    summary = summary_of(
+        row(),
+        residuals={
+            "left_middle": {"penetration": 0.5},
+            "middle_right": {"friction": 0.25},
+            "equilibrium": {"left": 0.125},
+        },
+    )
+    assert summary["certificate"] == {
+        "force_mismatch": 0.0,
+        "penetration": 0.5,
+        "complementarity": 2e-12,
+        "friction": 0.25,
+        "equilibrium": 0.125,
+    }
     assert summary["contacts"]["left-middle"]["certificate"]["penetration"] == 0.5
     assert summary["bodies"]["left"]["certificate"] == {"equilibrium": 0.125}
 
 
 def test_numbers_that_are_not_finite_are_null(tmp_path):
     """A diverged run has a summary, too; a residual that is no number is the worst."""
-    summary = summary_of(row(), {"energy_norm": np.nan}, {
-        "middle_right": {"penetration": np.nan, "friction": np.inf}}, reaction=np.array([np.inf, 1.0]))
+    summary = summary_of(
+        row(),
+        {"energy_norm": np.nan},
+        {"middle_right": {"penetration": np.nan, "friction": np.inf}},
+        reaction=np.array([np.inf, 1.0]),
+    )
     write_summary(tmp_path, summary)
     read = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
     assert read == summary
@@ -152,12 +227,15 @@ def test_results_are_read_back(tmp_path, order):
         assert (table["status"] == "stick").sum() == summary["contacts"][name]["stick"]
     assert results.history["iteration"].tolist() == list(range(1, 10))
     assert results.steps["contact"].tolist() == list(results.contacts)
-    assert results.steps["dissipated"].tolist() == [c["dissipated"] for c in summary["contacts"].values()]
+    assert results.steps["dissipated"].tolist() == [
+        c["dissipated"] for c in summary["contacts"].values()
+    ]
     assert np.unique(results.fields["body"]).tolist() == [0, 1, 2]
 
 
-@pytest.mark.parametrize("missing", ["summary.json", "contact_upper-lower.csv", "history.csv", "steps.csv",
-                                     "result.h5"])
+@pytest.mark.parametrize(
+    "missing", ["summary.json", "contact_upper-lower.csv", "history.csv", "steps.csv", "result.h5"]
+)
 def test_incomplete_results_are_refused(tmp_path, missing):
     """Where a file is missing, read_results raises an InputError that names it."""
     made_up.results(tmp_path)

@@ -30,8 +30,10 @@ def rows(path) -> list[list[str]]:
 
 def columns(path) -> dict[str, np.ndarray]:
     header, *lines = rows(path)
-    return {name: np.array(column, str if name in ("status", "contact") else float)
-            for name, column in zip(header, zip(*lines, strict=True), strict=True)}
+    return {
+        name: np.array(column, str if name in ("status", "contact") else float)
+        for name, column in zip(header, zip(*lines, strict=True), strict=True)
+    }
 
 
 def stack(order: int = 1, divisions=(24, 8)):
@@ -40,11 +42,20 @@ def stack(order: int = 1, divisions=(24, 8)):
     return made_up.state(made_up.interface("upper-lower", upper, lower, ("bottom", "top")))
 
 
-@pytest.mark.parametrize(("name", "columns"), {
-    "contact_NAME_sides.csv": SIDES, "contact_NAME_legs.csv": LEGS_IN[2],
-    "contact_NAME_legs.csv of solids": LEGS_IN[3], "history.csv": HISTORY,
-    "steps.csv": STEPS_IN[2] + CYCLE, "steps.csv of solids": STEPS_IN[3] + CYCLE, "energy.csv": ENERGY + CYCLE,
-    "frames.csv": {*FRAMES_IN[2], *FRAMES_IN[3]}, "path.csv": PATH}.items())
+@pytest.mark.parametrize(
+    ("name", "columns"),
+    {
+        "contact_NAME_sides.csv": SIDES,
+        "contact_NAME_legs.csv": LEGS_IN[2],
+        "contact_NAME_legs.csv of solids": LEGS_IN[3],
+        "history.csv": HISTORY,
+        "steps.csv": STEPS_IN[2] + CYCLE,
+        "steps.csv of solids": STEPS_IN[3] + CYCLE,
+        "energy.csv": ENERGY + CYCLE,
+        "frames.csv": {*FRAMES_IN[2], *FRAMES_IN[3]},
+        "path.csv": PATH,
+    }.items(),
+)
 def test_the_reference_has_all_columns(name, columns):
     """What a table holds is what docs/reference/results.md says, in its order."""
     assert NAMES[name] == list(columns) if name != "frames.csv" else set(NAMES[name]) == columns
@@ -55,15 +66,34 @@ def test_a_contact_has_a_line_per_node_with_all_digits(tmp_path):
     state = stack()
     write_contact(tmp_path, "upper-lower", state)
     assert rows(tmp_path / "contact_upper-lower.csv")[0] == [
-        "x", "y", "nx", "ny", "length", "normal_force", "tangential_force", "normal_stress", "tangential_stress", "gap",
-        "slip", "slip_total", "status"]
+        "x",
+        "y",
+        "nx",
+        "ny",
+        "length",
+        "normal_force",
+        "tangential_force",
+        "normal_stress",
+        "tangential_stress",
+        "gap",
+        "slip",
+        "slip_total",
+        "status",
+    ]
     table = columns(tmp_path / "contact_upper-lower.csv")
     assert np.array_equal(np.column_stack([table["x"], table["y"]]), state.interface.xy)
-    assert np.array_equal(np.column_stack([table["nx"], table["ny"]]), np.tile([0.0, -1.0], (25, 1)))
+    assert np.array_equal(
+        np.column_stack([table["nx"], table["ny"]]), np.tile([0.0, -1.0], (25, 1))
+    )
     assert table["length"] == pytest.approx([1 / 16, *[1 / 8] * 23, 1 / 16])
-    for name, values in {"normal_force": state.normal_force, "gap": state.gap, "status": state.status,
-                         "tangential_force": state.tangential_force[:, 0], "slip": state.slip[:, 0],
-                         "slip_total": state.slip[:, 0]}.items():
+    for name, values in {
+        "normal_force": state.normal_force,
+        "gap": state.gap,
+        "status": state.status,
+        "tangential_force": state.tangential_force[:, 0],
+        "slip": state.slip[:, 0],
+        "slip_total": state.slip[:, 0],
+    }.items():
         assert np.array_equal(table[name], values), name
     for kind in ("normal", "tangential"):
         assert np.array_equal(table[f"{kind}_stress"], table[f"{kind}_force"] / table["length"])
@@ -83,7 +113,9 @@ def ring():
     return made_up.state(made_up.interface("inner-outer", inner, outer, ("outside", "inside")))
 
 
-@pytest.mark.parametrize(("state", "length"), [(stack(order=2), 1 / 8), (ring(), 4.0 * np.sin(np.pi / 24))])
+@pytest.mark.parametrize(
+    ("state", "length"), [(stack(order=2), 1 / 8), (ring(), 4.0 * np.sin(np.pi / 24))]
+)
 def test_means_over_sides_carry_the_force_of_quadratic_elements(tmp_path, state, length):
     """contact_NAME_sides.csv has one line per side; length times stress sums up to the resultant of the nodes."""
     write_sides(tmp_path, "c", state)
@@ -91,19 +123,47 @@ def test_means_over_sides_carry_the_force_of_quadratic_elements(tmp_path, state,
     assert list(table) == ["x", "y", "length", "normal_stress", "tangential_stress"]
     assert table["length"] == pytest.approx([length] * 24)
     assert np.array_equal(np.column_stack([table["x"], table["y"]]), state.interface.xy[1::2])
-    assert table["length"] @ table["normal_stress"] == pytest.approx(state.normal_force.sum(), rel=1e-12)
-    assert table["length"] @ table["tangential_stress"] == pytest.approx(state.tangential_force.sum(), rel=1e-12)
+    assert table["length"] @ table["normal_stress"] == pytest.approx(
+        state.normal_force.sum(), rel=1e-12
+    )
+    assert table["length"] @ table["tangential_stress"] == pytest.approx(
+        state.tangential_force.sum(), rel=1e-12
+    )
 
 
 def test_steps_has_a_line_per_step_and_contact(tmp_path):
     """steps.csv has what the summary says of each contact at each step; its null is nan."""
-    step = {"force": [1.0, None], "moment": 3.0, "normal_force": 4.0, "tangential_force": 5.0, "open": 6, "slip": 7,
-            "stick": 8, "dissipated": 9.0}
-    write_steps(tmp_path, [{"time": 0.5, "outer_iterations": 3, "contacts": {"a": step, "b": step | {"open": 0}}},
-                           {"time": 1.0, "outer_iterations": 3, "contacts": {"a": step, "b": step}}])
+    step = {
+        "force": [1.0, None],
+        "moment": 3.0,
+        "normal_force": 4.0,
+        "tangential_force": 5.0,
+        "open": 6,
+        "slip": 7,
+        "stick": 8,
+        "dissipated": 9.0,
+    }
+    write_steps(
+        tmp_path,
+        [
+            {"time": 0.5, "outer_iterations": 3, "contacts": {"a": step, "b": step | {"open": 0}}},
+            {"time": 1.0, "outer_iterations": 3, "contacts": {"a": step, "b": step}},
+        ],
+    )
     header, *lines = rows(tmp_path / "steps.csv")
-    assert header == ["time", "contact", "force_x", "force_y", "moment", "normal_force", "tangential_force", "open",
-                      "slip", "stick", "dissipated"]
+    assert header == [
+        "time",
+        "contact",
+        "force_x",
+        "force_y",
+        "moment",
+        "normal_force",
+        "tangential_force",
+        "open",
+        "slip",
+        "stick",
+        "dissipated",
+    ]
     assert [line[:2] for line in lines] == [["0.5", "a"], ["0.5", "b"], ["1.0", "a"], ["1.0", "b"]]
     assert lines[0][2:] == ["1.0", "nan", "3.0", "4.0", "5.0", "6", "7", "8", "9.0"]
     assert lines[1][7] == "0"

@@ -10,7 +10,16 @@ import numpy as np
 import pytest
 from documented import NAMES
 from mpi4py import MPI
-from scenes import confined_blocks, pinched_blocks, rectangle, run_here, run_python, to_toml, tower, write_scene
+from scenes import (
+    confined_blocks,
+    pinched_blocks,
+    rectangle,
+    run_here,
+    run_python,
+    to_toml,
+    tower,
+    write_scene,
+)
 from solid_scenes import two_boxes
 
 import ddmpi
@@ -41,10 +50,17 @@ def test_gaps_close_and_multiplications_are_counted_step_by_step(comm):
 def test_a_rank_writes_the_tables_of_contacts_that_it_owns(comm, tmp_path):
     """Those of which it holds the first body, and no others: the first rank need not write all."""
     solved = ddmpi.solve(to_toml(tower(3, 2)), comm).solved
-    _write_contacts(tmp_path, solved, {name: contact_fields(each) for name, each in solved.solution.states.items()}, [])
+    _write_contacts(
+        tmp_path,
+        solved,
+        {name: contact_fields(each) for name, each in solved.solution.states.items()},
+        [],
+    )
     own = {name for name, first, _ in solved.assembly.exchange.ends if first == comm.rank}
     files = [path.name for path in tmp_path.iterdir()]
-    assert sorted(files) == sorted(f"contact_{name}.{end}" for name in own for end in ("csv", "vtu"))
+    assert sorted(files) == sorted(
+        f"contact_{name}.{end}" for name in own for end in ("csv", "vtu")
+    )
     everyone = comm.allgather(sorted(own))
     contacts = sorted(contact.name for contact in solved.assembly.scene.contact)
     assert sorted(name for each in everyone for name in each) == contacts
@@ -56,7 +72,10 @@ def test_a_clamp_on_the_contact_moves_it():
     stack = confined_blocks(3, 0.0)
     scene = stack.scene()
     for body, on, y in zip(scene["body"], ("top", "top"), (0.0, 1e-3), strict=True):
-        body["clamp"] = [{"on": on, "x": 0.0, "y": y}, *({"on": side, "x": 0.0} for side in ("left", "right"))]
+        body["clamp"] = [
+            {"on": on, "x": 0.0, "y": y},
+            *({"on": side, "x": 0.0} for side in ("left", "right")),
+        ]
     (state,) = ddmpi.solve(to_toml(scene)).contacts.values()
     expected = 1e-3 * stack.upper.confined("strain") / stack.upper.height
     assert state.pressure == pytest.approx(np.full(4, expected), rel=1e-6)
@@ -65,18 +84,32 @@ def test_a_clamp_on_the_contact_moves_it():
 @two_ranks
 def test_petsc_options_of_a_scene_hold_for_its_run_only(comm):
     scene = to_toml(pinched_blocks(3))
-    asked = {"petsc.body_ksp_type": "cg", "petsc.body_pc_type": "jacobi", "petsc.body_ksp_rtol": np.float64(1e-12)}
+    asked = {
+        "petsc.body_ksp_type": "cg",
+        "petsc.body_pc_type": "jacobi",
+        "petsc.body_ksp_rtol": np.float64(1e-12),
+    }
     for overrides, solver in (asked, "cg"), ({}, "mumps"):
         answer = ddmpi.solve(scene, comm, overrides)
         assert answer.certified and not answer.summary["options_unused"]
-        assert all(solver in body["solver"] for body in answer.summary["bodies"].values()), answer.summary["bodies"]
+        assert all(solver in body["solver"] for body in answer.summary["bodies"].values()), (
+            answer.summary["bodies"]
+        )
 
 
 def test_overrides_are_values_of_a_scene():
     scene = to_toml(pinched_blocks(2))
     title = 'a "quoted" Größe\\n in µm'
-    answer = ddmpi.solve(scene, None, {"title": title, "body.upper.mesh.divisions": np.array([6, 2]),
-                                       "output": {"figures": False}, "method.tolerance": 1e-9})
+    answer = ddmpi.solve(
+        scene,
+        None,
+        {
+            "title": title,
+            "body.upper.mesh.divisions": np.array([6, 2]),
+            "output": {"figures": False},
+            "method.tolerance": 1e-9,
+        },
+    )
     assert answer.summary["title"] == title and answer.certified
     for value in None, {1, 2}, 1j, datetime.date(2020, 1, 1):
         with pytest.raises(InputError, match=r"^overrides: title: .* is no value of a scene"):
@@ -87,9 +120,14 @@ def test_data_that_contain_themselves_are_refused():
     data, overrides, endless = pinched_blocks(2), {"method": {}}, []
     data["body"][1]["mesh"]["size"] = overrides["method"]["theta"] = endless
     endless.append(endless)
-    with pytest.raises(InputError, match=r"^scene: body\.lower\.mesh…: is nested too deeply, or contains itself$"):
+    with pytest.raises(
+        InputError, match=r"^scene: body\.lower\.mesh…: is nested too deeply, or contains itself$"
+    ):
         ddmpi.solve(data)
-    with pytest.raises(InputError, match=r"^overrides: method\.theta\.0…: is nested too deeply, or contains itself$"):
+    with pytest.raises(
+        InputError,
+        match=r"^overrides: method\.theta\.0…: is nested too deeply, or contains itself$",
+    ):
         ddmpi.solve(pinched_blocks(2), None, overrides)
 
 
@@ -108,18 +146,31 @@ def test_a_dict_is_a_scene(tmp_path, monkeypatch):
     with pytest.raises(InputError, match=r"^scene: title: .* is no value of a scene"):
         ddmpi.solve(data | {"title": {1, 2}})
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(InputError, match=r"^scene: body.upper.mesh.file: there is no file none.msh$"):
-        ddmpi.solve(data | {"body": [data["body"][0] | {"mesh": {"file": Path("none.msh")}}, data["body"][1]]})
+    with pytest.raises(
+        InputError, match=r"^scene: body.upper.mesh.file: there is no file none.msh$"
+    ):
+        ddmpi.solve(
+            data
+            | {"body": [data["body"][0] | {"mesh": {"file": Path("none.msh")}}, data["body"][1]]}
+        )
 
 
 def test_an_answer_and_its_parts_are_short_in_words():
     """An answer prints as a few lines: title, certificate, reason, largest displacement, forces; bodies as one line."""
-    answer = ddmpi.solve(pinched_blocks(6) | {"output": {"length_unit": "mm", "stress_unit": "MPa"}})
+    answer = ddmpi.solve(
+        pinched_blocks(6) | {"output": {"length_unit": "mm", "stress_unit": "MPa"}}
+    )
     first, moved, contact = repr(answer).splitlines()
-    assert first == f"Answer({answer.summary['title']!r}, certified=True, reason='converged and certified')"
+    assert (
+        first
+        == f"Answer({answer.summary['title']!r}, certified=True, reason='converged and certified')"
+    )
     assert moved == f"    largest displacement {answer.summary['displacement_max']:.4g} mm"
     x, y = answer.contacts["upper-lower"].force
-    assert f"; force ({x:.4g}, {y:.4g}) N/mm on upper, largest pressure " in contact and contact.endswith(" MPa")
+    assert (
+        f"; force ({x:.4g}, {y:.4g}) N/mm on upper, largest pressure " in contact
+        and contact.endswith(" MPa")
+    )
     assert repr(answer.contacts["upper-lower"]) == "ContactState(upper-lower, 18 nodes)"
     assert all(repr(body).startswith("Fields(133 nodes") for body in answer.bodies.values())
 
@@ -155,11 +206,20 @@ def test_progress_is_told_by_rank_0_alone():
 @pytest.mark.parametrize("scene", ["plane", "axis", "space"])
 def test_a_contact_is_a_table(scene, tmp_path):
     """`ContactState.table` has the names, rows and numbers of contact_NAME.csv."""
-    plain = {"plane": lambda: pinched_blocks(2), "space": lambda: two_boxes(2, 3),
-             "axis": lambda: {"axisymmetric": True, "body": [
-                 rectangle("disc", (0.0, 1.0), (1.0, 1.0), (2, 2), 2, clamp=[{"on": "top", "y": -1e-3}]),
-                 rectangle("core", (0.0, 0.0), (1.0, 1.0), (3, 2), 2, clamp=["bottom"])],
-                 "contact": [{"bodies": ["disc", "core"], "on": ["bottom", "top"]}]}}[scene]()
+    plain = {
+        "plane": lambda: pinched_blocks(2),
+        "space": lambda: two_boxes(2, 3),
+        "axis": lambda: {
+            "axisymmetric": True,
+            "body": [
+                rectangle(
+                    "disc", (0.0, 1.0), (1.0, 1.0), (2, 2), 2, clamp=[{"on": "top", "y": -1e-3}]
+                ),
+                rectangle("core", (0.0, 0.0), (1.0, 1.0), (3, 2), 2, clamp=["bottom"]),
+            ],
+            "contact": [{"bodies": ["disc", "core"], "on": ["bottom", "top"]}],
+        },
+    }[scene]()
     run = run_here(write_scene(plain, tmp_path / "scene.toml"), tmp_path / "out", "--no-figures")
     ((name, state),) = ddmpi.solve(plain, MPI.COMM_SELF).contacts.items()
     table, file = state.table(), run.table(f"contact_{name}.csv")
@@ -171,21 +231,29 @@ def test_a_contact_is_a_table(scene, tmp_path):
     assert (len(table) > state.interface.m) == (scene == "axis")
     assert table["normal_force"].sum() == pytest.approx(state.normal_force.sum(), rel=1e-12)
     assert table["normal_stress"] @ table["area" if "area" in file else "length"] == pytest.approx(
-        state.normal_force.sum(), rel=1e-12)
+        state.normal_force.sum(), rel=1e-12
+    )
     forces = [table[f"force_{axis}"].sum() for axis in "xyz"] if scene == "space" else []
-    assert forces == pytest.approx(state.force[:len(forces)], rel=1e-9)
+    assert forces == pytest.approx(state.force[: len(forces)], rel=1e-9)
     assert set(table["status"]) <= {"open", "slip", "stick"} and table["normal_force"].any()
 
 
-@pytest.mark.parametrize("scene", [lambda: pinched_blocks(2), lambda: two_boxes(2), lambda: tower(3, 2)],
-                         ids=["plane", "space", "tower"])
+@pytest.mark.parametrize(
+    "scene",
+    [lambda: pinched_blocks(2), lambda: two_boxes(2), lambda: tower(3, 2)],
+    ids=["plane", "space", "tower"],
+)
 def test_a_notebook_shows_an_answer(scene, monkeypatch):
     """HTML with each contact's numbers, whatever its name, and a picture; without matplotlib the table alone."""
     scene = scene() | {"title": "<Two> & more $x"}
     scene["contact"][0]["name"] = "a<b>&$"
     answer = ddmpi.solve(scene, MPI.COMM_SELF)
     shown = answer._repr_html_()
-    assert "&lt;Two&gt; &amp; more" in shown and "<th>a&lt;b&gt;&amp;$</th>" in shown and "a<b>" not in shown
+    assert (
+        "&lt;Two&gt; &amp; more" in shown
+        and "<th>a&lt;b&gt;&amp;$</th>" in shown
+        and "a<b>" not in shown
+    )
     assert shown.count("<tr>") == 1 + len(answer.contacts)
     contact = answer.summary["contacts"]["a<b>&$"]
     cells = re.findall(r"<td>(.*?)</td>", shown)

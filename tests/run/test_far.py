@@ -25,44 +25,114 @@ def history(*corners: float) -> dict:
 
 def block(order: int = 1, steps: int = 4, way: float = 1.3) -> dict:
     """A block that is pressed onto a longer one, and pushed along it."""
-    return {"time": {"points": [1.0, 2.0], "steps": steps, "motions": "far"},
-            "history": {"press": history(0.0, 1.0), "push": history(1.0, 2.0)},
-            "body": [rectangle("slider", (0, 0), (1, 0.5), (8, 4), order, young=1000.0, clamp=["top"], motion=[
-                         {"shift": [0.0, -0.004], "history": "press"}, {"shift": [way, 0.0], "history": "push"}]),
-                     rectangle("base", (-1, -1), (4, 1), (27, 6), order, young=1000.0, clamp=["bottom"])],
-            "contact": [{"bodies": ["slider", "base"], "on": ["bottom", "top"], "friction": COULOMB}]}
+    return {
+        "time": {"points": [1.0, 2.0], "steps": steps, "motions": "far"},
+        "history": {"press": history(0.0, 1.0), "push": history(1.0, 2.0)},
+        "body": [
+            rectangle(
+                "slider",
+                (0, 0),
+                (1, 0.5),
+                (8, 4),
+                order,
+                young=1000.0,
+                clamp=["top"],
+                motion=[
+                    {"shift": [0.0, -0.004], "history": "press"},
+                    {"shift": [way, 0.0], "history": "push"},
+                ],
+            ),
+            rectangle("base", (-1, -1), (4, 1), (27, 6), order, young=1000.0, clamp=["bottom"]),
+        ],
+        "contact": [{"bodies": ["slider", "base"], "on": ["bottom", "top"], "friction": COULOMB}],
+    }
 
 
 def disc(order: int = 1, turn: float = 90.0) -> dict:
     """A ring that is pressed onto a block and rubbed; then both are turned and shifted together."""
     spin = {"shift": [3.0, -1.0], "turn": turn, "pivot": [0.3, 0.2], "history": "spin"}
-    ring = {"name": "ring", "mesh": {"shape": "annulus", "center": [0.0, 0.0], "radii": [0.5, 1.0], "angles": [0, 360],
-                                     "divisions": [48, 4], "order": order},
-            "material": {"young": 1000.0, "poisson": 0.3}, "clamp": ["inner"],
-            "motion": [{"shift": [0.0, -0.03], "history": "press"}, {"shift": [0.002, 0.0], "history": "rub"}, spin]}
-    return {"time": {"points": [1.0, 2.0, 3.0], "steps": 3, "motions": "far"},
-            "history": {"press": history(0.0, 1.0), "rub": history(1.0, 2.0), "spin": history(2.0, 3.0)},
-            "body": [ring, rectangle("base", (-2, -2), (4, 1), (31, 6), order, young=1000.0, clamp=["bottom"],
-                                     motion=spin)],
-            "contact": [{"bodies": ["ring", "base"], "on": ["outer", "top"], "friction": COULOMB}]}
+    ring = {
+        "name": "ring",
+        "mesh": {
+            "shape": "annulus",
+            "center": [0.0, 0.0],
+            "radii": [0.5, 1.0],
+            "angles": [0, 360],
+            "divisions": [48, 4],
+            "order": order,
+        },
+        "material": {"young": 1000.0, "poisson": 0.3},
+        "clamp": ["inner"],
+        "motion": [
+            {"shift": [0.0, -0.03], "history": "press"},
+            {"shift": [0.002, 0.0], "history": "rub"},
+            spin,
+        ],
+    }
+    return {
+        "time": {"points": [1.0, 2.0, 3.0], "steps": 3, "motions": "far"},
+        "history": {
+            "press": history(0.0, 1.0),
+            "rub": history(1.0, 2.0),
+            "spin": history(2.0, 3.0),
+        },
+        "body": [
+            ring,
+            rectangle(
+                "base",
+                (-2, -2),
+                (4, 1),
+                (31, 6),
+                order,
+                young=1000.0,
+                clamp=["bottom"],
+                motion=spin,
+            ),
+        ],
+        "contact": [{"bodies": ["ring", "base"], "on": ["outer", "top"], "friction": COULOMB}],
+    }
 
 
 def pin(way: float = 20.0, back: float = 1.0) -> dict:
     """A pin, wider than the bore by 0.01 mm, that is pushed into a hub from above it, and back."""
-    return {"axisymmetric": True, "time": {"points": [1.0, 2.0], "steps": 6, "motions": "far"},
-            "history": {"push": {"times": [0.0, 1.0, 2.0], "factors": [0.0, 1.0, back]}},
-            "body": [{"name": "pin", "mesh": {"shape": "rectangle", "origin": [0.0, 20.0], "size": [10.01, 25.0],
-                                              "divisions": [5, 26]}, "material": {"young": 2.1e5, "poisson": 0.3},
-                      "clamp": [{"on": "top", "y": 0.0}], "motion": {"shift": [0.0, -way], "history": "push"}},
-                     {"name": "hub", "mesh": {"shape": "rectangle", "origin": [10.0, 0.0], "size": [10.0, 20.0],
-                                              "divisions": [5, 20]}, "material": {"young": 2.1e5, "poisson": 0.3},
-                      "clamp": [{"on": "bottom", "y": 0.0}]}],
-            "contact": [{"bodies": ["pin", "hub"], "on": ["right", "left"], "friction": COULOMB}]}
+    return {
+        "axisymmetric": True,
+        "time": {"points": [1.0, 2.0], "steps": 6, "motions": "far"},
+        "history": {"push": {"times": [0.0, 1.0, 2.0], "factors": [0.0, 1.0, back]}},
+        "body": [
+            {
+                "name": "pin",
+                "mesh": {
+                    "shape": "rectangle",
+                    "origin": [0.0, 20.0],
+                    "size": [10.01, 25.0],
+                    "divisions": [5, 26],
+                },
+                "material": {"young": 2.1e5, "poisson": 0.3},
+                "clamp": [{"on": "top", "y": 0.0}],
+                "motion": {"shift": [0.0, -way], "history": "push"},
+            },
+            {
+                "name": "hub",
+                "mesh": {
+                    "shape": "rectangle",
+                    "origin": [10.0, 0.0],
+                    "size": [10.0, 20.0],
+                    "divisions": [5, 20],
+                },
+                "material": {"young": 2.1e5, "poisson": 0.3},
+                "clamp": [{"on": "bottom", "y": 0.0}],
+            },
+        ],
+        "contact": [{"bodies": ["pin", "hub"], "on": ["right", "left"], "friction": COULOMB}],
+    }
 
 
 def forces(answer) -> np.ndarray:
     """The force on the first body of the only contact, at the ends of all steps."""
-    return np.array([next(iter(step["contacts"].values()))["force"] for step in answer.summary["steps"]])
+    return np.array(
+        [next(iter(step["contacts"].values()))["force"] for step in answer.summary["steps"]]
+    )
 
 
 @pytest.mark.parametrize("order", [1, 2])
@@ -72,10 +142,14 @@ def test_a_block_slides_with_the_friction_of_its_pressure(order):
     T, N = forces(answer)[4:].T
     assert np.abs(-T / N - MU).max() < 1e-12 and N.min() > 0.0
     for steps in (1, 7):
-        assert forces(certified(block(order, steps)))[-1] == pytest.approx(forces(answer)[-1], rel=1e-9)
+        assert forces(certified(block(order, steps)))[-1] == pytest.approx(
+            forces(answer)[-1], rel=1e-9
+        )
     assert answer.summary["energy"]["dissipated"] == pytest.approx(MU * N.mean() * 1.3, rel=0.02)
     external = np.array(answer.solved.steps.energies)[:, 1]
-    assert np.diff(external)[-3:] == pytest.approx(-0.5 * (T[1:] + T[:-1]) * 1.3 / 4.0, rel=1e-6)  # of the pusher
+    assert np.diff(external)[-3:] == pytest.approx(
+        -0.5 * (T[1:] + T[:-1]) * 1.3 / 4.0, rel=1e-6
+    )  # of the pusher
 
 
 def test_a_small_motion_is_that_of_a_clamp():
@@ -97,13 +171,23 @@ def test_a_motion_of_both_bodies_changes_nothing(order, turn):
     answer = certified(disc(order, turn))
     steps, frame = answer.summary["steps"], Frame.of((0.0, 0.0), turn)
     before, after = forces(answer)[[5, -1]]
-    assert after == pytest.approx(frame.along(before), rel=1e-9) and abs(before[0]) > 0.01 * before[1]
-    assert [step["contacts"]["ring-base"]["dissipated"] for step in steps[6:]] == pytest.approx([0.0] * 3, abs=1e-12)
+    assert (
+        after == pytest.approx(frame.along(before), rel=1e-9) and abs(before[0]) > 0.01 * before[1]
+    )
+    assert [step["contacts"]["ring-base"]["dissipated"] for step in steps[6:]] == pytest.approx(
+        [0.0] * 3, abs=1e-12
+    )
     at = answer.contacts["ring-base"].interface
-    assert at.normal == pytest.approx(frame.along(np.array([[0.0, -1.0]])).repeat(at.m, axis=0), abs=0.7)
+    assert at.normal == pytest.approx(
+        frame.along(np.array([[0.0, -1.0]])).repeat(at.m, axis=0), abs=0.7
+    )
     closed = answer.contacts["ring-base"].status != "open"
     assert at.xy[closed] == pytest.approx(
-        Frame.of((3.0, -1.0), turn, (0.3, 0.2)).at(np.array([[0.002, -1.0]])).repeat(closed.sum(), axis=0), abs=0.3)
+        Frame.of((3.0, -1.0), turn, (0.3, 0.2))
+        .at(np.array([[0.002, -1.0]]))
+        .repeat(closed.sum(), axis=0),
+        abs=0.3,
+    )
     reaction = answer.summary["bodies"]["base"]["reaction"]
     assert reaction == pytest.approx(after, rel=1e-8)
 
@@ -117,27 +201,44 @@ def test_a_pin_enters_a_hub_and_leaves_it():
     assert (N[inside] > 0.0).all() and np.abs(T[inside] / N[inside] - MU).max() < 1e-12
     assert np.abs(T[6:-1] / N[6:-1] + MU).max() < 1e-12 and found[-1].tolist() == [0.0, 0.0]
     assert np.diff(N[inside]).min() > 0.0
-    assert "contact.pin-hub: pin and hub do not face each other; " in "".join(answer.summary["warnings"])
+    assert "contact.pin-hub: pin and hub do not face each other; " in "".join(
+        answer.summary["warnings"]
+    )
     assert answer.contacts["pin-hub"].interface.m == 0
 
 
 def test_a_rigid_partner_that_turns_rubs_as_far_as_it_goes():
     """A rigid disc that turns about its centre under a block slides at every node; its place is that of its frame."""
-    made = {"time": {"points": [1.0, 2.0], "steps": 3, "motions": "far"},
-            "history": {"lift": history(0.0, 1.0), "spin": history(1.0, 2.0)},
-            "body": [rectangle("block", (-1, 1), (2, 1), (16, 6), young=1000.0, clamp=["top"])],
-            "rigid": [{"name": "disc", "shape": "circle", "center": [0.0, 0.0], "radius": 1.0, "motion": [
-                {"shift": [0.0, 0.03], "history": "lift"}, {"turn": 36.0, "pivot": [0.0, 0.03], "history": "spin"}]}],
-            "contact": [{"bodies": ["block", "disc"], "on": ["bottom"], "friction": COULOMB}]}
+    made = {
+        "time": {"points": [1.0, 2.0], "steps": 3, "motions": "far"},
+        "history": {"lift": history(0.0, 1.0), "spin": history(1.0, 2.0)},
+        "body": [rectangle("block", (-1, 1), (2, 1), (16, 6), young=1000.0, clamp=["top"])],
+        "rigid": [
+            {
+                "name": "disc",
+                "shape": "circle",
+                "center": [0.0, 0.0],
+                "radius": 1.0,
+                "motion": [
+                    {"shift": [0.0, 0.03], "history": "lift"},
+                    {"turn": 36.0, "pivot": [0.0, 0.03], "history": "spin"},
+                ],
+            }
+        ],
+        "contact": [{"bodies": ["block", "disc"], "on": ["bottom"], "friction": COULOMB}],
+    }
     answer = certified(made)
     state, steps = answer.contacts["block-disc"], answer.summary["steps"]
     slips = state.status == "slip"
     assert slips.sum() >= 2 and not (state.status == "stick").any()
-    assert np.abs(state.tangential_force[slips, 0]) == pytest.approx(MU * state.normal_force[slips], rel=1e-9)
+    assert np.abs(state.tangential_force[slips, 0]) == pytest.approx(
+        MU * state.normal_force[slips], rel=1e-9
+    )
     assert np.abs(state.slip[slips, 0]) == pytest.approx(np.radians(36.0 / 3), rel=0.03)
     # a disc that only turns about its centre leaves the pressure as it is but for friction
     assert steps[-1]["contacts"]["block-disc"]["normal_force"] == pytest.approx(
-        steps[2]["contacts"]["block-disc"]["normal_force"], rel=0.05)
+        steps[2]["contacts"]["block-disc"]["normal_force"], rel=0.05
+    )
     still = copy.deepcopy(made)
     still["rigid"][0]["motion"] = still["rigid"][0]["motion"][0] | {"shift": [0.0, 0.03]}
     still["history"].pop("spin")
@@ -147,11 +248,16 @@ def test_a_rigid_partner_that_turns_rubs_as_far_as_it_goes():
 def sagging() -> dict:
     """A ring above a block, bent down to it by its weight, which is fifty times larger in the second step."""
     made = disc()
-    made["body"][0] |= {"motion": {"shift": [0.0, 1e-3]}, "volume_force": {"value": [0.0, -30.0], "history": "load"}}
+    made["body"][0] |= {
+        "motion": {"shift": [0.0, 1e-3]},
+        "volume_force": {"value": [0.0, -30.0], "history": "load"},
+    }
     made["body"][0]["mesh"]["divisions"] = [144, 3]
     made["body"][1].pop("motion")
-    return made | {"history": {"load": {"times": [0.0, 1.0, 2.0], "factors": [0.0, 0.02, 1.0]}},
-                   "time": {"points": [1.0, 2.0], "steps": 1, "motions": "far"}}
+    return made | {
+        "history": {"load": {"times": [0.0, 1.0, 2.0], "factors": [0.0, 0.02, 1.0]}},
+        "time": {"points": [1.0, 2.0], "steps": 1, "motions": "far"},
+    }
 
 
 @pytest.mark.parametrize("make", [disc, sagging])
@@ -165,7 +271,11 @@ def test_rows_that_stay_open_are_left_out(make, monkeypatch, caplog):
     assert forces(few) == pytest.approx(forces(whole), rel=1e-9, abs=1e-12)
     assert forces(few)[-1, 1] ** 2 + forces(few)[-1, 0] ** 2 > 1.0
     (state,), (other,) = few.contacts.values(), whole.contacts.values()
-    assert state.interface.m == other.interface.m if make is sagging else 2 * state.interface.m < other.interface.m
+    assert (
+        state.interface.m == other.interface.m
+        if make is sagging
+        else 2 * state.interface.m < other.interface.m
+    )
     assert state.deepest == pytest.approx(other.deepest, rel=1e-9)
     assert few.summary["energy"] == pytest.approx(whole.summary["energy"], rel=1e-9, abs=1e-9)
 
@@ -205,7 +315,9 @@ def test_ranks_do_not_matter(comm, make):
         alone = ddmpi.solve(make(), MPI.COMM_SELF).summary
         for one, other in zip(alone["steps"], many["steps"], strict=True):
             for name, contact in one["contacts"].items():
-                assert other["contacts"][name]["force"] == pytest.approx(contact["force"], rel=1e-6, abs=1e-6)
+                assert other["contacts"][name]["force"] == pytest.approx(
+                    contact["force"], rel=1e-6, abs=1e-6
+                )
 
 
 def changed(*changes, make=block) -> dict:
@@ -225,29 +337,80 @@ SHIFT = {"shift": [0.1, 0.0]}
 RIGID = {"name": "wall", "shape": "plane", "point": [0.0, -3.0], "normal": [0.0, 1.0]}
 
 REFUSED = {
-    "no far motions": (changed(("time", "motions", None)), "body.slider.motion: bodies move far with"),
-    "no motion": (changed(("body", 0, "motion", None), ("history", {})), "time.motions: no body and no rigid partner"),
+    "no far motions": (
+        changed(("time", "motions", None)),
+        "body.slider.motion: bodies move far with",
+    ),
+    "no motion": (
+        changed(("body", 0, "motion", None), ("history", {})),
+        "time.motions: no body and no rigid partner",
+    ),
     "an empty motion": (changed(("body", 0, "motion", {})), "a motion has a shift"),
-    "a pivot alone": (changed(("body", 0, "motion", SHIFT | {"pivot": [0, 0]})), "pivot is that of a turn"),
-    "a displacement as well": (changed(("rigid", [RIGID | {"displacement": [0.1, 0.0], "motion": SHIFT}])),
-                               "rigid.wall: has both a motion and a displacement"),
+    "a pivot alone": (
+        changed(("body", 0, "motion", SHIFT | {"pivot": [0, 0]})),
+        "pivot is that of a turn",
+    ),
+    "a displacement as well": (
+        changed(("rigid", [RIGID | {"displacement": [0.1, 0.0], "motion": SHIFT}])),
+        "rigid.wall: has both a motion and a displacement",
+    ),
     "a force": (changed(("rigid", [RIGID | {"force": [0.0, 1.0]}])), "moves as its motion says"),
-    "a bond": (changed(("contact", 0, "kind", "bonded"), ("contact", 0, "friction", {"law": "none"})),
-               "contact.slider-base.kind: does not go with"),
+    "a bond": (
+        changed(("contact", 0, "kind", "bonded"), ("contact", 0, "friction", {"law": "none"})),
+        "contact.slider-base.kind: does not go with",
+    ),
     "a gap": (changed(("contact", 0, "gap", 0.0)), "contact.slider-base.gap: does not go with"),
-    "pairs": (changed(("contact", 0, "pairing", "nodes")), "contact.slider-base.pairing: does not go with"),
-    "a profile": (changed(("contact", 0, "friction", "coefficient", {
-        "along": "x", "points": [0, 1], "values": [0, 1]})), "contact.slider-base.friction: does not go with"),
+    "pairs": (
+        changed(("contact", 0, "pairing", "nodes")),
+        "contact.slider-base.pairing: does not go with",
+    ),
+    "a profile": (
+        changed(
+            (
+                "contact",
+                0,
+                "friction",
+                "coefficient",
+                {"along": "x", "points": [0, 1], "values": [0, 1]},
+            )
+        ),
+        "contact.slider-base.friction: does not go with",
+    ),
     "cycles": (changed(("time", "cycle", {"from": 1.0, "to": 1.0, "repeat": 2})), "cycle"),
-    "derivatives": (changed(("output", {"derivatives": ["body.base.material.young"]})), "output.derivatives: there"),
-    "solves": (changed(("method", {"compliance": "direct"})), "method.compliance: 'direct' does not go with"),
-    "a turn around an axis": (changed(("body", 0, "motion", {"turn": 90.0}), make=pin), "shift along y only"),
-    "follows without far": (changed(("time", "motions", None), ("body", 0, "motion", None), ("body", 0, "traction", [
-        {"on": "left", "value": [1.0, 0.0], "follows": True}])), "slider.traction.0.follows: bodies move far"),
-    "a loose body": (changed(("body", 0, "clamp", [])), "body.slider: clamps leave a rigid motion free"),
-    "past": (changed(("body", 0, "motion", {"shift": [6.0, -2.5], "history": "press"}), ("time", "steps", 1)),
-             "they would pass through"),
-    "through": (changed(("body", 0, "motion", {"shift": [0.0, -0.7], "history": "press"})), "they would pass through"),
+    "derivatives": (
+        changed(("output", {"derivatives": ["body.base.material.young"]})),
+        "output.derivatives: there",
+    ),
+    "solves": (
+        changed(("method", {"compliance": "direct"})),
+        "method.compliance: 'direct' does not go with",
+    ),
+    "a turn around an axis": (
+        changed(("body", 0, "motion", {"turn": 90.0}), make=pin),
+        "shift along y only",
+    ),
+    "follows without far": (
+        changed(
+            ("time", "motions", None),
+            ("body", 0, "motion", None),
+            ("body", 0, "traction", [{"on": "left", "value": [1.0, 0.0], "follows": True}]),
+        ),
+        "slider.traction.0.follows: bodies move far",
+    ),
+    "a loose body": (
+        changed(("body", 0, "clamp", [])),
+        "body.slider: clamps leave a rigid motion free",
+    ),
+    "past": (
+        changed(
+            ("body", 0, "motion", {"shift": [6.0, -2.5], "history": "press"}), ("time", "steps", 1)
+        ),
+        "they would pass through",
+    ),
+    "through": (
+        changed(("body", 0, "motion", {"shift": [0.0, -0.7], "history": "press"})),
+        "they would pass through",
+    ),
 }
 
 
@@ -258,9 +421,19 @@ def test_what_does_not_go_together_is_refused(made, words):
 
 def test_motions_of_nothing_are_motions():
     """A shift or a turn of zero, as at the first value of a sweep, leaves bodies where they are."""
-    still = [{"shift": [0.0, -0.004], "history": "press"}, {"turn": 0.0, "pivot": [1.0, 0.0]}, {"shift": [0.0, 0.0]}]
-    one, two = (certified(changed(("body", 0, "motion", motion), ("time", "points", [1.0]), ("history", "push", None)))
-                for motion in (still, still[0]))
+    still = [
+        {"shift": [0.0, -0.004], "history": "press"},
+        {"turn": 0.0, "pivot": [1.0, 0.0]},
+        {"shift": [0.0, 0.0]},
+    ]
+    one, two = (
+        certified(
+            changed(
+                ("body", 0, "motion", motion), ("time", "points", [1.0]), ("history", "push", None)
+            )
+        )
+        for motion in (still, still[0])
+    )
     assert forces(one).tolist() == forces(two).tolist() and forces(one)[-1, 1] > 0.0
 
 
@@ -270,8 +443,10 @@ def test_files_are_of_the_world(tmp_path):
     made = disc() | {"output": {"steps": "all", "figures": True}}
     run = run_here(write_scene(made, tmp_path / "scene.toml"), tmp_path / "results")
     folder, legs = run.folder, run.table("contact_ring-base_legs.csv")
-    frames = {(time, name): Frame.of(shift).after(Frame.of((0.0, 0.0), turn)) for time, name, *shift, turn in zip(
-        *run.table("frames.csv").values(), strict=True)}
+    frames = {
+        (time, name): Frame.of(shift).after(Frame.of((0.0, 0.0), turn))
+        for time, name, *shift, turn in zip(*run.table("frames.csv").values(), strict=True)
+    }
     assert len(frames) == 9 * 2
     results = read_results(folder)
     with h5py.File(folder / "result.h5") as file:
@@ -279,21 +454,31 @@ def test_files_are_of_the_world(tmp_path):
         body[file["cells"][()]] = file["body"][()][:, None]
         for number, time in enumerate(sorted({time for time, _ in frames})):
             group = file.get(f"step_{number:06d}", file)
-            u, total = (group[name][()][:, :2] for name in ("displacement_in_frame", "displacement"))
+            u, total = (
+                group[name][()][:, :2] for name in ("displacement_in_frame", "displacement")
+            )
             for k, name in enumerate(("ring", "base")):
                 mine = body == k
                 assert points[mine] + total[mine] == pytest.approx(
-                    frames[time, name].at(points[mine] + u[mine]), abs=1e-12)
+                    frames[time, name].at(points[mine] + u[mine]), abs=1e-12
+                )
             # rows of the contact stand on the slave's boundary where it is
             at = np.column_stack([legs["x"], legs["y"]])[legs["time"] == time]
             surface = group["surfaces/points"][()][:, :2]
-            assert len(at) and np.abs(at[:, None] - surface[None]).sum(axis=2).min(axis=1).max() < 0.05
+            assert (
+                len(at) and np.abs(at[:, None] - surface[None]).sum(axis=2).min(axis=1).max() < 0.05
+            )
         stress = file["von_mises"][()]
     found = results.summary["bodies"]["base"]["von_mises_max"]
     assert found == pytest.approx(stress[results.fields["body"] == 1].max())
     last = results.summary["steps"][-1]
-    assert last["bodies"]["base"]["reaction"] == pytest.approx(last["contacts"]["ring-base"]["force"], rel=1e-8)
-    assert {path.name for path in draw_all(folder, time=1.0, into=tmp_path)} >= {"bodies.png", "contact.png"}
+    assert last["bodies"]["base"]["reaction"] == pytest.approx(
+        last["contacts"]["ring-base"]["force"], rel=1e-8
+    )
+    assert {path.name for path in draw_all(folder, time=1.0, into=tmp_path)} >= {
+        "bodies.png",
+        "contact.png",
+    }
 
 
 @pytest.mark.slow
@@ -302,8 +487,16 @@ def test_pictures_are_of_where_bodies_are(tmp_path):
     from ddmpi.pictures.moved import rigid_parts
     from ddmpi.results.histories import at_step, placed
 
-    made = block() | {"rigid": [RIGID | {"point": [0.0, 0.5], "normal": [0.0, -1.0], "motion": {
-        "shift": [0.0, 0.25], "history": "push"}}]}
+    made = block() | {
+        "rigid": [
+            RIGID
+            | {
+                "point": [0.0, 0.5],
+                "normal": [0.0, -1.0],
+                "motion": {"shift": [0.0, 0.25], "history": "push"},
+            }
+        ]
+    }
     made["contact"].append({"bodies": ["slider", "wall"], "on": ["top"]})
     made["body"][0]["clamp"] = [{"on": "left", "x": 0.0, "y": 0.0}]
     made["output"] = {"steps": "all", "animation": True}

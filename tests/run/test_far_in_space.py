@@ -20,14 +20,27 @@ from ddmpi.system.numbers import Frame
 box = functools.partial(solid_scenes.box, young=1000.0)
 
 
-def pressed(way: dict, order: int = 1, steps: int = 3, together: dict | None = None, n: int = 4) -> dict:
+def pressed(
+    way: dict, order: int = 1, steps: int = 3, together: dict | None = None, n: int = 4
+) -> dict:
     """A block that is pressed onto a plate and goes its way; then both go `together`."""
     motion = [{"shift": [0.0, 0.0, -0.004], "history": "press"}, way | {"history": "go"}]
-    made = {"time": {"points": [1.0, 2.0], "steps": steps, "motions": "far"},
-            "history": {"press": history(0.0, 1.0), "go": history(1.0, 2.0)},
-            "body": [box("block", [0, 0, 0], [1, 1, 0.4], [n, n, 2], order, clamp=["top"], motion=motion),
-                     box("plate", [-1, -1, -0.4], [3, 3, 0.4], [2 * n + 1, 2 * n + 1, 2], order, clamp=["bottom"])],
-            "contact": [{"bodies": ["block", "plate"], "on": ["bottom", "top"], "friction": COULOMB}]}
+    made = {
+        "time": {"points": [1.0, 2.0], "steps": steps, "motions": "far"},
+        "history": {"press": history(0.0, 1.0), "go": history(1.0, 2.0)},
+        "body": [
+            box("block", [0, 0, 0], [1, 1, 0.4], [n, n, 2], order, clamp=["top"], motion=motion),
+            box(
+                "plate",
+                [-1, -1, -0.4],
+                [3, 3, 0.4],
+                [2 * n + 1, 2 * n + 1, 2],
+                order,
+                clamp=["bottom"],
+            ),
+        ],
+        "contact": [{"bodies": ["block", "plate"], "on": ["bottom", "top"], "friction": COULOMB}],
+    }
     if together:
         made["time"]["points"].append(3.0)
         made["history"]["both"] = history(2.0, 3.0)
@@ -36,7 +49,10 @@ def pressed(way: dict, order: int = 1, steps: int = 3, together: dict | None = N
     return made
 
 
-SLIDE, TURN = {"shift": [0.6, 0.3, 0.0]}, {"turn": 30.0, "axis": [0.0, 0.0, 2.0], "pivot": [0.5, 0.5, 0.0]}
+SLIDE, TURN = (
+    {"shift": [0.6, 0.3, 0.0]},
+    {"turn": 30.0, "axis": [0.0, 0.0, 2.0], "pivot": [0.5, 0.5, 0.0]},
+)
 
 
 @pytest.mark.parametrize("axis", [[0.0, 0.0, 1.0], [1.0, -2.0, 0.5]])
@@ -44,25 +60,33 @@ def test_a_motion_of_both_bodies_changes_nothing(axis):
     """Turned about any axis, forces, moments, reactions and stresses turn along, and nothing slips."""
     together = {"shift": [0.3, 0.1, -2.0], "turn": 110.0, "axis": axis, "pivot": [0.2, 0.4, 0.1]}
     answer = certified(pressed(SLIDE, together=together))
-    frame = Frame.of(together["shift"], 110.0 * np.array(axis) / np.linalg.norm(axis), together["pivot"])
+    frame = Frame.of(
+        together["shift"], 110.0 * np.array(axis) / np.linalg.norm(axis), together["pivot"]
+    )
     before, after = forces(answer)[[5, -1]]
     assert after == pytest.approx(frame.along(before), rel=1e-7)
     steps = answer.summary["steps"]
     moments = [np.array(steps[k]["contacts"]["block-plate"]["moment"]) for k in (5, -1)]
-    assert moments[1] == pytest.approx(frame.along(moments[0]) + np.cross(frame.shift, after), rel=1e-6)
+    assert moments[1] == pytest.approx(
+        frame.along(moments[0]) + np.cross(frame.shift, after), rel=1e-6
+    )
     lost = [step["contacts"]["block-plate"]["dissipated"] for step in steps]
     assert sum(lost[6:]) < 1e-6 * sum(lost[3:6])
     assert answer.summary["bodies"]["plate"]["reaction"] == pytest.approx(after, rel=1e-6)
     still = certified(pressed(SLIDE))
     for name in ("block", "plate"):
         assert answer.solved.fields[name].stress == pytest.approx(
-            stress_turned(still.solved.fields[name].stress, frame.turned), abs=1e-5)
+            stress_turned(still.solved.fields[name].stress, frame.turned), abs=1e-5
+        )
 
 
 def test_stresses_turn_as_tensors():
     """Columns xx, yy, zz, xy, yz, xz in other axes."""
     rng = np.random.default_rng(1)
-    sigma, Q = rng.standard_normal((5, 6)), Frame.of(np.zeros(3), rng.standard_normal(3) * 60.0).turned
+    sigma, Q = (
+        rng.standard_normal((5, 6)),
+        Frame.of(np.zeros(3), rng.standard_normal(3) * 60.0).turned,
+    )
     xx, yy, zz, xy, yz, xz = sigma.T
     tensors = np.moveaxis(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]), 2, 0)
     found = Q @ tensors @ Q.T
@@ -72,13 +96,29 @@ def test_stresses_turn_as_tensors():
 
 def ball(turn: float = 20.0, steps: int = 3) -> dict:
     """A rigid ball on a plate: its turn is prescribed, forces take it along."""
-    return {"time": {"points": [1.0, 2.0], "steps": steps, "motions": "far"},
-            "history": {"load": history(0.0, 1.0), "roll": history(1.0, 2.0)},
-            "body": [box("plate", [-0.5, -0.4, -0.3], [1.4, 0.8, 0.3], [21, 12, 3], clamp=["bottom"])],
-            "rigid": [{"name": "ball", "shape": "sphere", "center": [0.0, 0.0, 1.0], "radius": 1.0, "motion": [
-                {"turn": turn, "axis": [0.0, 1.0, 0.0], "pivot": [0.0, 0.0, 1.0], "history": "roll"},
-                {"free": ["x", "y", "z"], "force": [-0.1, 0.0, -4.0], "history": "load"}]}],
-            "contact": [{"bodies": ["plate", "ball"], "on": ["top"], "friction": COULOMB}]}
+    return {
+        "time": {"points": [1.0, 2.0], "steps": steps, "motions": "far"},
+        "history": {"load": history(0.0, 1.0), "roll": history(1.0, 2.0)},
+        "body": [box("plate", [-0.5, -0.4, -0.3], [1.4, 0.8, 0.3], [21, 12, 3], clamp=["bottom"])],
+        "rigid": [
+            {
+                "name": "ball",
+                "shape": "sphere",
+                "center": [0.0, 0.0, 1.0],
+                "radius": 1.0,
+                "motion": [
+                    {
+                        "turn": turn,
+                        "axis": [0.0, 1.0, 0.0],
+                        "pivot": [0.0, 0.0, 1.0],
+                        "history": "roll",
+                    },
+                    {"free": ["x", "y", "z"], "force": [-0.1, 0.0, -4.0], "history": "load"},
+                ],
+            }
+        ],
+        "contact": [{"bodies": ["plate", "ball"], "on": ["top"], "friction": COULOMB}],
+    }
 
 
 @pytest.mark.slow
@@ -92,18 +132,30 @@ def test_a_ball_rolls_where_forces_take_it():
     assert abs(way[-1, 1]) < 0.01 and not way[:, 3:].any()
     entry = answer.summary["rigid"]["ball"]
     assert entry["displacement"] == pytest.approx(way[-1, :3]) and entry["turn"] == pytest.approx(
-        [0.0, np.radians(20.0), 0.0])
+        [0.0, np.radians(20.0), 0.0]
+    )
     assert all(1 < step["passes"] < 12 for step in answer.summary["steps"])
 
 
 def flap(moment, axis) -> dict:
     """A board on a hinge along an axis, that a moment presses onto a plate."""
     motion = {"free": ["turn"], "pivot": [0.0, 0.0, 0.3], "moment": moment, "history": "load"}
-    return {"time": {"points": [1.0], "steps": 2, "motions": "far"}, "history": {"load": history(0.0, 1.0)},
-            "body": [box("board", [0.8, -0.3, 0.002], [0.6, 0.6, 0.3], [3, 3, 2], clamp=["top"],
-                         motion=motion | ({"axis": axis} if axis else {})),
-                     box("plate", [0.0, -1.0, -0.4], [2, 2, 0.4], [9, 9, 2], clamp=["bottom"])],
-            "contact": [{"bodies": ["board", "plate"], "on": ["bottom", "top"], "friction": COULOMB}]}
+    return {
+        "time": {"points": [1.0], "steps": 2, "motions": "far"},
+        "history": {"load": history(0.0, 1.0)},
+        "body": [
+            box(
+                "board",
+                [0.8, -0.3, 0.002],
+                [0.6, 0.6, 0.3],
+                [3, 3, 2],
+                clamp=["top"],
+                motion=motion | ({"axis": axis} if axis else {}),
+            ),
+            box("plate", [0.0, -1.0, -0.4], [2, 2, 0.4], [9, 9, 2], clamp=["bottom"]),
+        ],
+        "contact": [{"bodies": ["board", "plate"], "on": ["bottom", "top"], "friction": COULOMB}],
+    }
 
 
 @pytest.mark.parametrize("moment, axis", [(2.0, [0.0, 1.0, 0.0]), ([0.0, 2.0, 0.0], None)])
@@ -114,24 +166,50 @@ def test_a_hinge_in_space_balances_its_moment(moment, axis):
         contact = step["contacts"]["board-plate"]
         about = np.array(contact["moment"]) - np.cross([0.0, 0.0, 0.3], contact["force"])
         free = slice(None) if axis is None else slice(1, 2)
-        assert about[free] == pytest.approx(np.array([0.0, -2.0 * step["time"], 0.0])[free], abs=1e-7)
+        assert about[free] == pytest.approx(
+            np.array([0.0, -2.0 * step["time"], 0.0])[free], abs=1e-7
+        )
 
 
 def test_a_loose_block_lies_on_a_plate_that_moves():
     """By its weight it is carried along, without supports of its own."""
-    made = {"time": {"points": [1.0, 2.0], "steps": 2, "motions": "far"},
-            "history": {"load": history(0.0, 1.0), "go": history(1.0, 2.0)},
-            "body": [box("block", [0, 0, 0], [1, 1, 0.4], [4, 4, 2], volume_force={"value": [0.0, 0.0, -5.0],
-                                                                                "history": "load"}),
-                     box("plate", [-1, -1, -0.4], [3, 3, 0.4], [9, 9, 2], clamp=["bottom"], motion={
-                         "turn": 40.0, "axis": [0.0, 0.0, 1.0], "pivot": [2.0, 0.0, 0.0], "history": "go"})],
-            "contact": [{"bodies": ["block", "plate"], "on": ["bottom", "top"], "friction": COULOMB}]}
+    made = {
+        "time": {"points": [1.0, 2.0], "steps": 2, "motions": "far"},
+        "history": {"load": history(0.0, 1.0), "go": history(1.0, 2.0)},
+        "body": [
+            box(
+                "block",
+                [0, 0, 0],
+                [1, 1, 0.4],
+                [4, 4, 2],
+                volume_force={"value": [0.0, 0.0, -5.0], "history": "load"},
+            ),
+            box(
+                "plate",
+                [-1, -1, -0.4],
+                [3, 3, 0.4],
+                [9, 9, 2],
+                clamp=["bottom"],
+                motion={
+                    "turn": 40.0,
+                    "axis": [0.0, 0.0, 1.0],
+                    "pivot": [2.0, 0.0, 0.0],
+                    "history": "go",
+                },
+            ),
+        ],
+        "contact": [{"bodies": ["block", "plate"], "on": ["bottom", "top"], "friction": COULOMB}],
+    }
     answer = certified(made)
-    steps = [step for step in answer.summary["steps"] if step["time"] >= 1.0]  # where a step is halved, more
+    steps = [
+        step for step in answer.summary["steps"] if step["time"] >= 1.0
+    ]  # where a step is halved, more
     weighed = np.array([step["contacts"]["block-plate"]["force"] for step in steps])
     assert len(weighed) >= 3 and np.abs(weighed - [0.0, 0.0, 2.0]).max() < 1e-6
     middle = answer.solved.assembly.frames["block"].at(np.array([0.5, 0.5, 0.2]))
-    carried = Frame.of(np.zeros(3), np.array([0.0, 0.0, 40.0]), [2.0, 0.0, 0.0]).at(np.array([0.5, 0.5, 0.2]))
+    carried = Frame.of(np.zeros(3), np.array([0.0, 0.0, 40.0]), [2.0, 0.0, 0.0]).at(
+        np.array([0.5, 0.5, 0.2])
+    )
     assert middle == pytest.approx(carried, abs=0.01)
 
 
@@ -151,17 +229,36 @@ def test_a_free_turn_goes_on_beyond_half_a_turn():
 
 
 REFUSED = {
-    "a turn without axis": (changed(("body", 0, "motion", {"turn": 9.0}), make=lambda: pressed(SLIDE)),
-                            "a turn in space has an axis"),
-    "an axis of nothing": (changed(("body", 0, "motion", SLIDE | {"axis": [0.0, 0.0, 1.0]}),
-                                   make=lambda: pressed(SLIDE)), "axis is that of a turn"),
-    "no axis": (changed(("body", 0, "motion", TURN | {"axis": [0.0] * 3}), make=lambda: pressed(SLIDE)), "not be zero"),
-    "an axis in the plane": (changed(("body", 0, "motion", {"turn": 9.0, "axis": [0.0, 0.0, 1.0]})), "in the plane"),
-    "z in the plane": (changed(("body", 0, "motion", {"free": ["z"]})), "there is no z in the plane"),
-    "a rigid hinge": (changed(("rigid", 0, "motion", {"free": ["turn"], "axis": [0.0, 0.0, 1.0]}), make=ball),
-                      "turns freely about all axes"),
-    "held in part": (changed(("body", 0, "clamp", [{"on": "top", "z": 0.0}]), make=lambda: pressed(SLIDE)),
-                     "clamps leave a rigid motion free"),
+    "a turn without axis": (
+        changed(("body", 0, "motion", {"turn": 9.0}), make=lambda: pressed(SLIDE)),
+        "a turn in space has an axis",
+    ),
+    "an axis of nothing": (
+        changed(
+            ("body", 0, "motion", SLIDE | {"axis": [0.0, 0.0, 1.0]}), make=lambda: pressed(SLIDE)
+        ),
+        "axis is that of a turn",
+    ),
+    "no axis": (
+        changed(("body", 0, "motion", TURN | {"axis": [0.0] * 3}), make=lambda: pressed(SLIDE)),
+        "not be zero",
+    ),
+    "an axis in the plane": (
+        changed(("body", 0, "motion", {"turn": 9.0, "axis": [0.0, 0.0, 1.0]})),
+        "in the plane",
+    ),
+    "z in the plane": (
+        changed(("body", 0, "motion", {"free": ["z"]})),
+        "there is no z in the plane",
+    ),
+    "a rigid hinge": (
+        changed(("rigid", 0, "motion", {"free": ["turn"], "axis": [0.0, 0.0, 1.0]}), make=ball),
+        "turns freely about all axes",
+    ),
+    "held in part": (
+        changed(("body", 0, "clamp", [{"on": "top", "z": 0.0}]), make=lambda: pressed(SLIDE)),
+        "clamps leave a rigid motion free",
+    ),
 }
 
 
@@ -176,7 +273,9 @@ def test_files_are_of_the_world(tmp_path):
     made = pressed(TURN, steps=2) | {"output": {"steps": "all", "figures": True, "animation": True}}
     run = run_here(write_scene(made, tmp_path / "scene.toml"), tmp_path / "results")
     folder, frames = run.folder, run.table("frames.csv")
-    shift, turn = (np.array([frames[f"{kind}_{axis}"][-2] for axis in "xyz"]) for kind in ("shift", "turn"))
+    shift, turn = (
+        np.array([frames[f"{kind}_{axis}"][-2] for axis in "xyz"]) for kind in ("shift", "turn")
+    )
     assert frames["body"][-2] == "block" and turn == pytest.approx([0.0, 0.0, 30.0])
     frame = Frame.of(shift).after(Frame.of(np.zeros(3), turn))
     results = read_results(folder)
@@ -185,8 +284,10 @@ def test_files_are_of_the_world(tmp_path):
     total, u = (results.fields[name][block] for name in ("displacement", "displacement_in_frame"))
     assert points + total == pytest.approx(frame.at(points + u), abs=1e-9)
     assert placed(results).points[block] == pytest.approx(frame.at(points), abs=1e-9)
-    assert all((folder / name).stat().st_size > 5000 for name in (
-        "bodies.png", "contact.png", "animation.gif"))
+    assert all(
+        (folder / name).stat().st_size > 5000
+        for name in ("bodies.png", "contact.png", "animation.gif")
+    )
 
 
 @pytest.mark.slow

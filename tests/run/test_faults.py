@@ -21,12 +21,19 @@ RELAXATION = ("--set", "method.outer=relaxation")
 WHOLE = set(RESULTS)
 
 DEADLY = [
-    "outer, published: KeyboardInterrupt on rank 1", "factor: SIGSEGV on rank 1", "output: RuntimeError on rank 1",
-    "writing a checkpoint: SIGKILL", "publishing: SIGKILL between two files",
+    "outer, published: KeyboardInterrupt on rank 1",
+    "factor: SIGSEGV on rank 1",
+    "output: RuntimeError on rank 1",
+    "writing a checkpoint: SIGKILL",
+    "publishing: SIGKILL between two files",
 ]
 ORDERLY = [
-    "output: gone on rank 0", "NaN in the stiffness on rank 1", "zero pivot on rank 0", "NaN from a product on rank 1",
-    "an error of PETSc on rank 1", "conclude: full on rank 0",
+    "output: gone on rank 0",
+    "NaN in the stiffness on rank 1",
+    "zero pivot on rank 0",
+    "NaN from a product on rank 1",
+    "an error of PETSc on rank 1",
+    "conclude: full on rank 0",
 ]
 """These end on all ranks, one after another in one child; after the last one no file of it grows."""
 
@@ -36,8 +43,12 @@ def outcomes(tmp_path_factory) -> dict[str, Outcome]:
     cases = {case.name: case for case in all_cases()}
     ground = Ground(tmp_path_factory.mktemp("faults"))
     with ThreadPoolExecutor(2) as pool:
-        found = dict(zip(DEADLY, pool.map(ground.try_case, [cases[name] for name in DEADLY]), strict=True))
-    return found | dict(zip(ORDERLY, ground.try_together([cases[name] for name in ORDERLY]), strict=True))
+        found = dict(
+            zip(DEADLY, pool.map(ground.try_case, [cases[name] for name in DEADLY]), strict=True)
+        )
+    return found | dict(
+        zip(ORDERLY, ground.try_together([cases[name] for name in ORDERLY]), strict=True)
+    )
 
 
 @pytest.mark.parametrize("name", DEADLY + ORDERLY)
@@ -53,10 +64,23 @@ RAISED = [
     (1, "ddmpi.coupling.assembly.build_mesh", 1, "SolverError", ()),
     (0, "ddmpi.coupling.assembly.assemble", 1, "OutputError", ()),
     (1, "ddmpi.body.solver.StiffnessSolver.__init__", 1, "SolverError", ()),
-    (0, "ddmpi.body.compliance.Compliance.mult", 12, "SolverError", ()),  # within GMRES of the Newton method
+    (
+        0,
+        "ddmpi.body.compliance.Compliance.mult",
+        12,
+        "SolverError",
+        (),
+    ),  # within GMRES of the Newton method
     (1, "ddmpi.published.published.Subproblem.neumann", 3, "OutputError", RELAXATION),
-    (0, "ddmpi.system.files.put", 1, "SolverError", ()), (1, "ddmpi.system.files.put", 1, "OutputError", ()),
-    (0, "ddmpi.run.gather.write_summary", 1, "OutputError", ()),  # by rank 0 alone, when all else is there
+    (0, "ddmpi.system.files.put", 1, "SolverError", ()),
+    (1, "ddmpi.system.files.put", 1, "OutputError", ()),
+    (
+        0,
+        "ddmpi.run.gather.write_summary",
+        1,
+        "OutputError",
+        (),
+    ),  # by rank 0 alone, when all else is there
 ]
 EXIT = {"SolverError": 4, "OutputError": 5}
 
@@ -64,15 +88,21 @@ EXIT = {"SolverError": 4, "OutputError": 5}
 def test_own_error_on_one_rank_is_raised_on_all(tmp_path):
     """They end in an orderly way, so that one child has them one after another."""
     scene = scenes.write_scene(pinched_blocks(2), tmp_path / "scene.toml")
-    runs = run_in_one_go([(*where, str(tmp_path / f"{k}"), more) for k, (*where, more) in enumerate(RAISED)], "run",
-                         str(scene), "--no-figures")
+    runs = run_in_one_go(
+        [(*where, str(tmp_path / f"{k}"), more) for k, (*where, more) in enumerate(RAISED)],
+        "run",
+        str(scene),
+        "--no-figures",
+    )
     for run, (_, target, _, error, _) in zip(runs, RAISED, strict=True):
         kept = error == "OutputError" and "assembly" not in target
         assert run.code == EXIT[error] and len(run.messages) == 1, (target, run.output)
         assert run.messages[0].startswith(f"ddmpi: error: {fault.MESSAGE}")
         assert run.own_stderr.strip() == run.messages[0]
         assert (f"--restart {run.folder} goes on" in run.messages[0]) == kept
-        assert run.files == ({"checkpoint.h5"} if kept else set())  # nor a folder in which results are made
+        assert run.files == (
+            {"checkpoint.h5"} if kept else set()
+        )  # nor a folder in which results are made
 
 
 # A disk that is full
@@ -83,8 +113,11 @@ def small_disk(tmp_path) -> Iterator[Path]:
     """A file system of 300 KiB."""
     place = tmp_path / "disk"
     place.mkdir()
-    mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=300k", "tmpfs", str(place)], capture_output=True,
-                             text=True)
+    mounted = subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", "size=300k", "tmpfs", str(place)],
+        capture_output=True,
+        text=True,
+    )
     if mounted.returncode:
         pytest.skip(f"a small file system cannot be mounted here: {mounted.stderr.strip()}")
     yield place
@@ -102,8 +135,16 @@ def test_a_sweep_on_a_full_disk_ends_in_good_order(small_disk, tmp_path, leave):
     """And when there is room again, the same command goes on."""
     scene = scenes.write_scene(pinched_blocks(2), tmp_path / "scene.toml")
     fill(small_disk, leave)
-    sweep = ["sweep", str(scene), "--vary", "contact.0.friction.coefficient=0.1:0.4:2", "--output",
-             str(small_disk / "out"), "--set", "output.figures=false"]
+    sweep = [
+        "sweep",
+        str(scene),
+        "--vary",
+        "contact.0.friction.coefficient=0.1:0.4:2",
+        "--output",
+        str(small_disk / "out"),
+        "--set",
+        "output.figures=false",
+    ]
     run = scenes.run_python(["-m", "ddmpi", *sweep], 1)
     assert run.code in (3, 5), run.output
     assert len(run.messages) == 1 and "Traceback" not in run.output
@@ -127,5 +168,7 @@ def test_a_run_on_a_full_disk_ends_in_good_order(small_disk, tmp_path, leave):
     assert run.files <= {"checkpoint.h5"}
     (small_disk / "filler").unlink()
     (small_disk / "run.log").unlink(missing_ok=True)
-    again = scenes.run_command(scene, folder, "--no-figures", *(["--restart", str(folder)] if run.files else []))
+    again = scenes.run_command(
+        scene, folder, "--no-figures", *(["--restart", str(folder)] if run.files else [])
+    )
     assert again.code == 0 and again.files == WHOLE, again.output

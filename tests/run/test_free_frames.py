@@ -17,45 +17,125 @@ SOFT = {"young": 1000.0, "poisson": 0.3}
 WEIGHT = 8.0
 
 
-def ring(name: str, center: tuple[float, float], radii: tuple[float, float], divisions: tuple[int, int],
-         order: int = 1, **more) -> dict:
-    return {"name": name, "mesh": {"shape": "annulus", "center": list(center), "radii": list(radii),
-                                   "angles": [0, 360], "divisions": list(divisions), "order": order},
-            "material": SOFT} | more
+def ring(
+    name: str,
+    center: tuple[float, float],
+    radii: tuple[float, float],
+    divisions: tuple[int, int],
+    order: int = 1,
+    **more,
+) -> dict:
+    return {
+        "name": name,
+        "mesh": {
+            "shape": "annulus",
+            "center": list(center),
+            "radii": list(radii),
+            "angles": [0, 360],
+            "divisions": list(divisions),
+            "order": order,
+        },
+        "material": SOFT,
+    } | more
 
 
 def rolling(turn: float = 15.0, order: int = 1, steps: int = 5, coarse: int = 1) -> dict:
     """A loose disc that falls onto the bottom of a bore by its weight; then the bore turns."""
     area, less = np.pi * (1.0 - 0.25**2), order * coarse
-    return {"time": {"points": [1.0, 2.0], "steps": steps, "motions": "far"}, "history": {"turn": history(1.0, 2.0)},
-            "body": [ring("disc", (0.0, -0.45), (0.25, 1.0), (120 // less, 10 // coarse), order,
-                          volume_force=[0.0, -WEIGHT / area]),
-                     ring("bore", (0.0, 0.0), (1.5, 2.2), (175 // less, 6 // coarse), order, clamp=["outer"],
-                          motion={"turn": turn, "history": "turn"})],
-            "contact": [{"bodies": ["disc", "bore"], "on": ["outer", "inner"], "slave": "disc", "friction": COULOMB}]}
+    return {
+        "time": {"points": [1.0, 2.0], "steps": steps, "motions": "far"},
+        "history": {"turn": history(1.0, 2.0)},
+        "body": [
+            ring(
+                "disc",
+                (0.0, -0.45),
+                (0.25, 1.0),
+                (120 // less, 10 // coarse),
+                order,
+                volume_force=[0.0, -WEIGHT / area],
+            ),
+            ring(
+                "bore",
+                (0.0, 0.0),
+                (1.5, 2.2),
+                (175 // less, 6 // coarse),
+                order,
+                clamp=["outer"],
+                motion={"turn": turn, "history": "turn"},
+            ),
+        ],
+        "contact": [
+            {
+                "bodies": ["disc", "bore"],
+                "on": ["outer", "inner"],
+                "slave": "disc",
+                "friction": COULOMB,
+            }
+        ],
+    }
 
 
 def lever(moment: float = -3.0, friction: dict = COULOMB) -> dict:
     """A ring on an arm that turns about a hinge, by a moment, onto a block."""
-    return {"time": {"points": [1.0], "steps": 2, "motions": "far"}, "history": {"press": history(0.0, 1.0)},
-            "body": [ring("ring", (2.0, 0.0), (0.25, 0.5), (60, 4), clamp=["inner"], motion={
-                         "free": ["turn"], "pivot": [0.0, 0.1], "moment": moment, "history": "press"}),
-                     rectangle("block", (-1, -1.5), (5, 1), (61, 6), young=1000.0, clamp=["bottom"])],
-            "contact": [{"bodies": ["ring", "block"], "on": ["outer", "top"], "friction": friction}]}
+    return {
+        "time": {"points": [1.0], "steps": 2, "motions": "far"},
+        "history": {"press": history(0.0, 1.0)},
+        "body": [
+            ring(
+                "ring",
+                (2.0, 0.0),
+                (0.25, 0.5),
+                (60, 4),
+                clamp=["inner"],
+                motion={
+                    "free": ["turn"],
+                    "pivot": [0.0, 0.1],
+                    "moment": moment,
+                    "history": "press",
+                },
+            ),
+            rectangle("block", (-1, -1.5), (5, 1), (61, 6), young=1000.0, clamp=["bottom"]),
+        ],
+        "contact": [{"bodies": ["ring", "block"], "on": ["outer", "top"], "friction": friction}],
+    }
 
 
-def axle(turn: float = -40.0, force: tuple[float, float] = (-0.5, -8.0), rigid: bool = False) -> dict:
+def axle(
+    turn: float = -40.0, force: tuple[float, float] = (-0.5, -8.0), rigid: bool = False
+) -> dict:
     """A wheel, elastic or rigid, on a plate: its turn is prescribed, forces decide where its axle goes."""
-    motion = [{"turn": turn, "pivot": [0.0, 1.0], "history": "roll"},
-              {"free": ["x", "y"], "force": list(force), "history": "load"}]
+    motion = [
+        {"turn": turn, "pivot": [0.0, 1.0], "history": "roll"},
+        {"free": ["x", "y"], "force": list(force), "history": "load"},
+    ]
     wheel = ring("wheel", (0.0, 1.0), (0.4, 1.0), (120, 6), clamp=["inner"], motion=motion)
-    made = {"time": {"points": [1.0, 2.0], "steps": 4, "motions": "far"},
-            "history": {"load": history(0.0, 1.0), "roll": history(1.0, 2.0)},
-            "body": [rectangle("plate", (-1, -1), (3, 1), (121, 10), young=1000.0, clamp=["bottom"]), wheel],
-            "contact": [{"bodies": ["plate", "wheel"], "on": ["top", "outer"], "slave": "plate", "friction": COULOMB}]}
+    made = {
+        "time": {"points": [1.0, 2.0], "steps": 4, "motions": "far"},
+        "history": {"load": history(0.0, 1.0), "roll": history(1.0, 2.0)},
+        "body": [
+            rectangle("plate", (-1, -1), (3, 1), (121, 10), young=1000.0, clamp=["bottom"]),
+            wheel,
+        ],
+        "contact": [
+            {
+                "bodies": ["plate", "wheel"],
+                "on": ["top", "outer"],
+                "slave": "plate",
+                "friction": COULOMB,
+            }
+        ],
+    }
     if rigid:
         made["body"].pop()
-        made["rigid"] = [{"name": "wheel", "shape": "circle", "center": [0.0, 1.0], "radius": 1.0, "motion": motion}]
+        made["rigid"] = [
+            {
+                "name": "wheel",
+                "shape": "circle",
+                "center": [0.0, 1.0],
+                "radius": 1.0,
+                "motion": motion,
+            }
+        ]
         made["contact"][0]["on"] = ["top"]
         made["contact"][0].pop("slave")
     return made
@@ -81,7 +161,9 @@ def test_a_loose_disc_rolls_in_a_bore_that_turns(order):
     frame = answer.solved.assembly.frames["disc"]
     x, y = frame.at(np.array([0.0, -0.45]))
     assert abs(x) < 5e-3 and -0.53 < y < -0.5
-    assert answer.summary["energy"]["dissipated"] < 5e-3 * weight * np.radians(15.0) * 1.5  # sliding that far takes 0.3
+    assert (
+        answer.summary["energy"]["dissipated"] < 5e-3 * weight * np.radians(15.0) * 1.5
+    )  # sliding that far takes 0.3
     assert not [words for words in answer.summary["warnings"] if "not stable" in words]
 
 
@@ -93,19 +175,25 @@ def test_a_hinge_balances_its_moment(friction):
         contact = step["contacts"]["ring-block"]
         about = contact["moment"] - np.cross([0.0, 0.1], contact["force"])
         assert about == pytest.approx(3.0 * step["time"], rel=1e-9)
-    assert (np.diff(gone(answer, "ring")[:, 2]) < 0.0).all() and not gone(answer, "ring")[:, :2].any()
+    assert (np.diff(gone(answer, "ring")[:, 2]) < 0.0).all() and not gone(answer, "ring")[
+        :, :2
+    ].any()
     assert answer.summary["certificate"]["equilibrium"] < 1e-10
 
 
 def test_what_holds_a_free_frame_is_judged():
     """The certificate has the balance of a frame with clamps, beside that of the body in it."""
     residuals = certified(lever()).solved.solution.certificate.equilibrium
-    assert {"ring", "frame of ring", "block"} == residuals.keys() and residuals["frame of ring"] < 1e-10
+    assert {"ring", "frame of ring", "block"} == residuals.keys() and residuals[
+        "frame of ring"
+    ] < 1e-10
 
 
 def test_a_wheel_under_a_large_pull_stays_on_its_plate():
     """Passes that are far from their place are not mixed, or bodies leave each other."""
-    assert forces(certified(axle(force=(-1.8, -8.0), rigid=True)))[-1] == pytest.approx([-1.8, -8.0], rel=1e-9)
+    assert forces(certified(axle(force=(-1.8, -8.0), rigid=True)))[-1] == pytest.approx(
+        [-1.8, -8.0], rel=1e-9
+    )
 
 
 @pytest.mark.slow
@@ -124,7 +212,9 @@ def test_a_wheel_rolls_where_forces_take_its_axle(rigid):
     assert gone(back, "wheel")[-1] == pytest.approx(way[-1] * [-1.0, 1.0, 1.0], abs=5e-3)
     if rigid:
         entry = answer.summary["rigid"]["wheel"]
-        assert entry["displacement"] == pytest.approx(way[-1, :2]) and entry["turn"] == pytest.approx(-np.radians(40.0))
+        assert entry["displacement"] == pytest.approx(way[-1, :2]) and entry[
+            "turn"
+        ] == pytest.approx(-np.radians(40.0))
         assert entry["force"] == pytest.approx([0.5, 8.0], rel=1e-9)
 
 
@@ -145,20 +235,50 @@ def test_loads_keep_their_direction_on_a_body_that_turns(follows):
     """Its reaction balances the load as the world sees it; stresses are those under the load as its frame sees it."""
     load, turned = np.array([2.0, 0.5]), Frame.of((0.0, 0.0), 37.0)
     spin = {"shift": [0.3, 0.0], "turn": 37.0, "pivot": [0.2, 0.1], "history": "spin"}
-    made = {"time": {"points": [1.0], "steps": 1, "motions": "far"}, "history": {"spin": history(0.0, 1.0)},
-            "body": [rectangle("block", (0, 0), (1, 0.5), (8, 4), young=1000.0, clamp=["left"], motion=spin, traction=[
-                {"on": "right", "value": load.tolist()} | ({"follows": True} if follows else {})],
-                               volume_force=[0.0, -1.0])]}
+    made = {
+        "time": {"points": [1.0], "steps": 1, "motions": "far"},
+        "history": {"spin": history(0.0, 1.0)},
+        "body": [
+            rectangle(
+                "block",
+                (0, 0),
+                (1, 0.5),
+                (8, 4),
+                young=1000.0,
+                clamp=["left"],
+                motion=spin,
+                traction=[
+                    {"on": "right", "value": load.tolist()} | ({"follows": True} if follows else {})
+                ],
+                volume_force=[0.0, -1.0],
+            )
+        ],
+    }
     answer = certified(made)
     world = turned.along(load) if follows else load
-    assert answer.summary["bodies"]["block"]["loads"]["right"]["force"] == pytest.approx(0.5 * world, rel=1e-12)
-    assert answer.summary["bodies"]["block"]["reaction"] == pytest.approx([-0.5 * world[0], -0.5 * world[1] + 0.5])
+    assert answer.summary["bodies"]["block"]["loads"]["right"]["force"] == pytest.approx(
+        0.5 * world, rel=1e-12
+    )
+    assert answer.summary["bodies"]["block"]["reaction"] == pytest.approx(
+        [-0.5 * world[0], -0.5 * world[1] + 0.5]
+    )
     seen = turned.undone
-    still = {"body": [made["body"][0] | {"volume_force": seen.along(np.array([0.0, -1.0])).tolist(), "traction": [
-        {"on": "right", "value": (load if follows else seen.along(load)).tolist()}]}]}
+    still = {
+        "body": [
+            made["body"][0]
+            | {
+                "volume_force": seen.along(np.array([0.0, -1.0])).tolist(),
+                "traction": [
+                    {"on": "right", "value": (load if follows else seen.along(load)).tolist()}
+                ],
+            }
+        ]
+    }
     del still["body"][0]["motion"]
     rest = certified(still)
-    assert answer.solved.fields["block"].von_mises == pytest.approx(rest.solved.fields["block"].von_mises, rel=1e-9)
+    assert answer.solved.fields["block"].von_mises == pytest.approx(
+        rest.solved.fields["block"].von_mises, rel=1e-9
+    )
 
 
 @pytest.mark.parametrize("d", [2, 3])
@@ -168,7 +288,9 @@ def test_loads_resist_motions_by_their_own_change(d):
     turned = Frame.of(still, 25.0 if d == 2 else np.array([20.0, -35.0, 50.0])).turned
     points, dead, following = rng.standard_normal((3, 9, d))
     force = np.array([1.5, -0.7, 0.2])[:d]
-    frame = FreeFrame.of(Motion(free=[*"xyz"[:d], "turn"], pivot=(0.3, -0.2, 0.1)[:d], force=tuple(force)), points)
+    frame = FreeFrame.of(
+        Motion(free=[*"xyz"[:d], "turn"], pivot=(0.3, -0.2, 0.1)[:d], force=tuple(force)), points
+    )
 
     def loads(alpha: np.ndarray) -> np.ndarray:
         """Loads along motions about the place where the pivot was, after motions α."""
@@ -180,7 +302,9 @@ def test_loads_resist_motions_by_their_own_change(d):
 
     K, step = frame.resists(points, turned, dead, following) + frame.levers, 1e-5
     for k, along in enumerate(np.eye(d * (d + 1) // 2)):
-        assert -(loads(step * along) - loads(-step * along)) / (2 * step) == pytest.approx(K[:, k], abs=1e-7)
+        assert -(loads(step * along) - loads(-step * along)) / (2 * step) == pytest.approx(
+            K[:, k], abs=1e-7
+        )
 
 
 @pytest.mark.parametrize("x, y, outer", [(0.0, 2.499, False), (0.1, -0.5, True)])
@@ -189,23 +313,55 @@ def test_an_unstable_equilibrium_is_told_of(x, y, outer):
     area = np.pi * (1.0 - 0.25**2)
     radii, clamp = ((1.5, 2.2), "outer") if outer else ((0.5, 1.5), "inner")
     body = ring("ring", (0.0, 0.0), radii, (175, 8), clamp=[clamp])
-    made = {"time": {"points": [1.0], "steps": 2, "motions": "far"}, "history": {"load": history(0.0, 1.0)},
-            "body": [ring("disc", (x, y), (0.25, 1.0), (120, 10), volume_force={
-                         "value": [0.0, -WEIGHT / area], "history": "load"}), body],
-            "contact": [{"bodies": ["disc", "ring"], "on": ["outer", "inner" if outer else "outer"], "slave": "disc",
-                         "friction": {"law": "coulomb", "coefficient": 0.5}}]}
-    told = [words for words in certified(made).summary["warnings"] if "the equilibrium is not stable: disc" in words]
+    made = {
+        "time": {"points": [1.0], "steps": 2, "motions": "far"},
+        "history": {"load": history(0.0, 1.0)},
+        "body": [
+            ring(
+                "disc",
+                (x, y),
+                (0.25, 1.0),
+                (120, 10),
+                volume_force={"value": [0.0, -WEIGHT / area], "history": "load"},
+            ),
+            body,
+        ],
+        "contact": [
+            {
+                "bodies": ["disc", "ring"],
+                "on": ["outer", "inner" if outer else "outer"],
+                "slave": "disc",
+                "friction": {"law": "coulomb", "coefficient": 0.5},
+            }
+        ],
+    }
+    told = [
+        words
+        for words in certified(made).summary["warnings"]
+        if "the equilibrium is not stable: disc" in words
+    ]
     assert bool(told) != outer
 
 
 def test_a_loose_ring_moves_along_its_axis():
     """Around an axis: a ring without supports slides down to a stop under a load, and carries it."""
-    made = {"axisymmetric": True, "time": {"points": [1.0], "steps": 2, "motions": "far"},
-            "history": {"load": history(0.0, 1.0)},
-            "body": [rectangle("ring", (1, 0.3), (0.5, 0.5), (5, 5), young=1000.0, traction=[
-                         {"on": "top", "force": [0.0, -4.0], "history": "load"}]),
-                     rectangle("stop", (0.5, -0.5), (1.5, 0.5), (12, 5), young=1000.0, clamp=["bottom"])],
-            "contact": [{"bodies": ["ring", "stop"], "on": ["bottom", "top"]}]}
+    made = {
+        "axisymmetric": True,
+        "time": {"points": [1.0], "steps": 2, "motions": "far"},
+        "history": {"load": history(0.0, 1.0)},
+        "body": [
+            rectangle(
+                "ring",
+                (1, 0.3),
+                (0.5, 0.5),
+                (5, 5),
+                young=1000.0,
+                traction=[{"on": "top", "force": [0.0, -4.0], "history": "load"}],
+            ),
+            rectangle("stop", (0.5, -0.5), (1.5, 0.5), (12, 5), young=1000.0, clamp=["bottom"]),
+        ],
+        "contact": [{"bodies": ["ring", "stop"], "on": ["bottom", "top"]}],
+    }
     answer = certified(made)
     assert forces(answer)[:, 1] == pytest.approx([2.0, 4.0], rel=1e-9)
     assert gone(answer, "ring")[-1] == pytest.approx([0.0, -0.3, 0.0], abs=0.01)
@@ -220,7 +376,9 @@ def test_a_body_falls_until_it_touches():
     weight = -answer.summary["bodies"]["disc"]["loads"]["volume_force"]["force"][1]
     assert forces(answer)[-1] == pytest.approx([0.0, weight], rel=1e-9, abs=1e-9)
     *shift, turn = gone(answer, "disc")[-1]
-    assert Frame.of(shift, turn).at(np.array([[0.2, 0.2]])) == pytest.approx(np.array([[0.0, -0.5]]), abs=0.03)
+    assert Frame.of(shift, turn).at(np.array([[0.2, 0.2]])) == pytest.approx(
+        np.array([[0.0, -0.5]]), abs=0.03
+    )
 
 
 def test_what_nothing_stops_is_an_error_in_words():
@@ -234,12 +392,21 @@ def test_what_nothing_stops_is_an_error_in_words():
 
 
 REFUSED = {
-    "twice": ([{"turn": 9.0}, {"free": ["turn"]}], "prescribes turn in one part and frees it in another"),
-    "twice along": ([{"shift": [0.0, 9.0]}, {"free": ["x", "y"]}], "prescribes y in one part and frees it in another"),
+    "twice": (
+        [{"turn": 9.0}, {"free": ["turn"]}],
+        "prescribes turn in one part and frees it in another",
+    ),
+    "twice along": (
+        [{"shift": [0.0, 9.0]}, {"free": ["x", "y"]}],
+        "prescribes y in one part and frees it in another",
+    ),
     "two free parts": ([{"free": ["x"]}, {"free": ["y"]}], "has 2 free parts"),
     "both at once": ({"free": ["x"], "shift": [1.0, 0.0]}, "or it is free"),
     "a moment of nothing": ({"free": ["x"], "moment": 1.0}, "moment: needs a free turn"),
-    "a force across": ({"free": ["x"], "force": [0.0, 1.0]}, "force: acts along y, which is not free"),
+    "a force across": (
+        {"free": ["x"], "force": [0.0, 1.0]},
+        "force: acts along y, which is not free",
+    ),
     "a pivot of nothing": ({"free": ["x"], "pivot": [0.0, 1.0]}, "pivot is that of a turn"),
     "one twice": ({"free": ["x", "x"]}, "free names a component twice"),
 }
@@ -253,8 +420,12 @@ def test_a_motion_that_is_free_and_not_is_refused(motion, words):
 @pytest.mark.slow
 def test_free_frames_go_on_from_any_step(tmp_path):
     """From each checkpoint, frames.csv too."""
-    assert "frames.csv" in go_on_from_checkpoints(rolling(turn=6.0, steps=2, coarse=2) | {
-        "checkpoint": {"iterations": 1}, "output": {"steps": "all", "stress": False}}, tmp_path, slice(0, None, 2))
+    assert "frames.csv" in go_on_from_checkpoints(
+        rolling(turn=6.0, steps=2, coarse=2)
+        | {"checkpoint": {"iterations": 1}, "output": {"steps": "all", "stress": False}},
+        tmp_path,
+        slice(0, None, 2),
+    )
 
 
 def test_a_scene_is_checked_without_factors(tmp_path):
@@ -276,7 +447,13 @@ def test_a_prepared_model_has_free_frames():
 @pytest.mark.parametrize("axis", [(0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.6, 0.0, 0.8)])
 def test_a_partner_moves_contacts_as_its_frame_moves(axis):
     """In space a rigid partner turns about its own axis, wherever it is: to first order as its frame does."""
-    points, frame = np.random.default_rng(0).random((5, 3)), Frame.of((0.3, 0.1, -0.2), np.array([10.0, 70.0, 5.0]))
+    points, frame = (
+        np.random.default_rng(0).random((5, 3)),
+        Frame.of((0.3, 0.1, -0.2), np.array([10.0, 70.0, 5.0])),
+    )
     free = FreeFrame.of(Motion(free=["x", "turn"], axis=axis, pivot=(0.5, 0.2, 0.1)), points)
     moved = np.einsum("ij,njk->nik", frame.turned, free.motions(points, frame.turned))
-    assert np.abs(Driven.of_frame("follower", free, frame).motions(frame.at(points)) - moved).max() <= 1e-14
+    assert (
+        np.abs(Driven.of_frame("follower", free, frame).motions(frame.at(points)) - moved).max()
+        <= 1e-14
+    )

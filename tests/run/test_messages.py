@@ -19,7 +19,9 @@ def test_what_ranks_other_than_the_first_get_does_not_grow_with_the_bodies(comm,
         before = counted.counts()
         assert ddmpi.solve(scenes.tower(blocks, 2), comm).certified
         now = counted.counts()
-        found.append({kind: [b - a for a, b in zip(before[kind], now[kind], strict=True)] for kind in now})
+        found.append(
+            {kind: [b - a for a, b in zip(before[kind], now[kind], strict=True)] for kind in now}
+        )
     few, many = found
     given, got = 0, 1
     assert few[counted.OTHERS][got] > 0 and few[counted.NEIGHBOURS][given] > 0
@@ -37,7 +39,9 @@ def test_what_the_first_rank_gets_does_not_grow_with_the_nodes(comm, monkeypatch
     monkeypatch.setenv(LOCKSTEP, counted.__file__)
     got = []
     for n in (3, 12):
-        scene = scenes.tower(4, n) | ({"time": {"points": [1.0, 2.0]}} if load == "in steps" else {})
+        scene = scenes.tower(4, n) | (
+            {"time": {"points": [1.0, 2.0]}} if load == "in steps" else {}
+        )
         before = counted.counts()[counted.FIRST][1]
         assert ddmpi.solve(scene, comm).certified
         got.append(counted.counts()[counted.FIRST][1] - before)

@@ -16,39 +16,88 @@ MU = "contact.upper-lower.friction.coefficient"
 def pressed() -> dict:
     """A heated block on springs between a block that is loaded and drawn along in two legs, and a rigid one."""
     material = {"young": 1e9, "poisson": 0.3, "expansion": 1e-5}
-    lower = rectangle("lower", [0.0, 0.0], [3.0, 1.0], [3, 1], foundation=[{"on": "left", "normal": 1e8}],
-                      temperature=10.0) | {"material": material}
-    upper = rectangle("upper", [0.5, 1.0], [2.0, 1.0], [3, 1], order=1, young=2e9,
-                      clamp=[{"on": "top", "x": 1e-3, "history": "push"}],
-                      traction=[{"on": "top", "value": [0.0, -1e6]}])
-    floor = {"name": "floor", "shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0], "displacement": [0.0, 1e-4],
-             "history": "push"}
+    lower = rectangle(
+        "lower",
+        [0.0, 0.0],
+        [3.0, 1.0],
+        [3, 1],
+        foundation=[{"on": "left", "normal": 1e8}],
+        temperature=10.0,
+    ) | {"material": material}
+    upper = rectangle(
+        "upper",
+        [0.5, 1.0],
+        [2.0, 1.0],
+        [3, 1],
+        order=1,
+        young=2e9,
+        clamp=[{"on": "top", "x": 1e-3, "history": "push"}],
+        traction=[{"on": "top", "value": [0.0, -1e6]}],
+    )
+    floor = {
+        "name": "floor",
+        "shape": "plane",
+        "point": [0.0, 0.0],
+        "normal": [0.0, 1.0],
+        "displacement": [0.0, 1e-4],
+        "history": "push",
+    }
     friction = {"law": "coulomb", "coefficient": 0.4}
-    return {"body": [upper, lower], "rigid": [floor],
-            "contact": [{"bodies": ["upper", "lower"], "on": ["bottom", "top"], "friction": friction},
-                        {"bodies": ["lower", "floor"], "on": ["bottom"], "friction": friction, "gap": 1e-5}],
-            "history": {"push": {"times": [0.0, 1.0, 2.0], "factors": [0.0, 1.0, -1.0]}},
-            "time": {"points": [1.0, 2.0], "steps": 1}}
+    return {
+        "body": [upper, lower],
+        "rigid": [floor],
+        "contact": [
+            {"bodies": ["upper", "lower"], "on": ["bottom", "top"], "friction": friction},
+            {"bodies": ["lower", "floor"], "on": ["bottom"], "friction": friction, "gap": 1e-5},
+        ],
+        "history": {"push": {"times": [0.0, 1.0, 2.0], "factors": [0.0, 1.0, -1.0]}},
+        "time": {"points": [1.0, 2.0], "steps": 1},
+    }
 
 
 def around() -> dict:
     """Two rings around an axis, meshes that do not match."""
-    inner = rectangle("inner", [0.5, 0.0], [1.0, 1.0], [3, 4], order=2, clamp=["bottom"],
-                      traction=[{"on": "left", "pressure": 1e6}])
-    outer = rectangle("outer", [1.5, 0.0], [1.0, 1.0], [2, 3], order=2, clamp=[{"on": "bottom", "y": 1e-6}])
-    return {"axisymmetric": True, "body": [inner, outer],
-            "contact": [{"bodies": ["inner", "outer"], "on": ["right", "left"],
-                         "friction": {"law": "coulomb", "coefficient": 0.2}}]}
+    inner = rectangle(
+        "inner",
+        [0.5, 0.0],
+        [1.0, 1.0],
+        [3, 4],
+        order=2,
+        clamp=["bottom"],
+        traction=[{"on": "left", "pressure": 1e6}],
+    )
+    outer = rectangle(
+        "outer", [1.5, 0.0], [1.0, 1.0], [2, 3], order=2, clamp=[{"on": "bottom", "y": 1e-6}]
+    )
+    return {
+        "axisymmetric": True,
+        "body": [inner, outer],
+        "contact": [
+            {
+                "bodies": ["inner", "outer"],
+                "on": ["right", "left"],
+                "friction": {"law": "coulomb", "coefficient": 0.2},
+            }
+        ],
+    }
 
 
-SCENES = {"held": pinched_blocks(3), "load steps": pressed(), "loose": tower(2, 2), "space": two_boxes(2),
-          "around an axis": around()}
+SCENES = {
+    "held": pinched_blocks(3),
+    "load steps": pressed(),
+    "loose": tower(2, 2),
+    "space": two_boxes(2),
+    "around an axis": around(),
+}
 
 
 def compare(model, scene: dict, overrides: dict, comm=None, only: str | None = None) -> None:
     """A model and a run by itself end alike: with the same answer, or the same error."""
     ends = []
-    for solve in (lambda: model.solve(overrides, only), lambda: ddmpi.solve(scene, comm, overrides, only=only)):
+    for solve in (
+        lambda: model.solve(overrides, only),
+        lambda: ddmpi.solve(scene, comm, overrides, only=only),
+    ):
         try:
             ends.append(content(solve()))
         except (InputError, SolverError) as error:
@@ -74,8 +123,15 @@ def test_the_ranks_of_a_body_stay(comm):
     """On several ranks a body: their factors are kept from solve to solve, and anew where a mesh needs other ranks."""
     scene = pinched_blocks(4)
     with ddmpi.prepare(scene, comm) as model:
-        for overrides in ({}, {MU: 0.5}, {"body.upper.material.poisson": 0.2}, {MU: 0.1}, {"method.max_iterations": 1},
-                          {"body.lower.traction.0.value": [0.0, 3e7]}, {"body.lower.mesh.divisions": [30, 10]}):
+        for overrides in (
+            {},
+            {MU: 0.5},
+            {"body.upper.material.poisson": 0.2},
+            {MU: 0.1},
+            {"method.max_iterations": 1},
+            {"body.lower.traction.0.value": [0.0, 3e7]},
+            {"body.lower.mesh.divisions": [30, 10]},
+        ):
             answer, other = model.solve(overrides), ddmpi.solve(scene, comm, overrides)
             (state,), (fresh,) = answer.contacts.values(), other.contacts.values()
             # on several ranks MUMPS adds up in any order
@@ -90,11 +146,26 @@ def test_the_ranks_of_a_body_stay(comm):
         assert model.solve({}).certified
 
 
-PUSHED = {"body": [rectangle("upper", [0.5, 1.0], [2.0, 1.0], [8, 4], clamp=[{"on": "top", "x": 1e-4, "y": -1e-4}],
-                              traction=[{"on": "left", "value": [1e5, 0.0]}])],
-          "rigid": [{"name": "lower", "shape": "plane", "point": [0.0, 1.0], "normal": [0.0, 1.0]}],
-          "contact": [{"bodies": ["upper", "lower"], "on": ["bottom"],
-                       "friction": {"law": "coulomb", "coefficient": 0.3}}]}
+PUSHED = {
+    "body": [
+        rectangle(
+            "upper",
+            [0.5, 1.0],
+            [2.0, 1.0],
+            [8, 4],
+            clamp=[{"on": "top", "x": 1e-4, "y": -1e-4}],
+            traction=[{"on": "left", "value": [1e5, 0.0]}],
+        )
+    ],
+    "rigid": [{"name": "lower", "shape": "plane", "point": [0.0, 1.0], "normal": [0.0, 1.0]}],
+    "contact": [
+        {
+            "bodies": ["upper", "lower"],
+            "on": ["bottom"],
+            "friction": {"law": "coulomb", "coefficient": 0.3},
+        }
+    ],
+}
 """One body, so that all ranks are its."""
 
 
@@ -104,20 +175,34 @@ PUSHED = {"body": [rectangle("upper", [0.5, 1.0], [2.0, 1.0], [8, 4], clamp=[{"o
 def test_changes_on_several_ranks(comm, scene):
     """Contacts alone are those of runs by themselves, up to the order of additions where a body has several ranks."""
     kept, load = {"factors", "compliance"}, scene["body"][0]["traction"][0]["value"]
-    changed = {MU: 0.5}, {"body.upper.traction.0.value": [2 * x for x in load]}, {"contact.upper-lower.gap": 1e-6}
+    changed = (
+        {MU: 0.5},
+        {"body.upper.traction.0.value": [2 * x for x in load]},
+        {"contact.upper-lower.gap": 1e-6},
+    )
     stiffer = {"body.upper.material.young": 3e11}
     with ddmpi.prepare(scene, comm) as model:
         model.solve(only="contacts")
-        for overrides, spared in (*((change, True) for change in changed), (stiffer, False), ({}, False)):
+        for overrides, spared in (
+            *((change, True) for change in changed),
+            (stiffer, False),
+            ({}, False),
+        ):
             answer = model.solve(overrides, only="contacts")
             assert (kept <= set(model.reused.get("upper", ()))) is spared
             fresh = ddmpi.solve(scene, comm, overrides, only="contacts")
-            assert answer.certified and answer.summary["n_A"] == pytest.approx(fresh.summary["n_A"], rel=0.1)
+            assert answer.certified and answer.summary["n_A"] == pytest.approx(
+                fresh.summary["n_A"], rel=0.1
+            )
             one, other = answer.contacts["upper-lower"], fresh.contacts["upper-lower"]
             assert (one.status == other.status).all()
-            assert one.forces == pytest.approx(other.forces, rel=1e-9, abs=1e-9 * abs(other.forces).max())
+            assert one.forces == pytest.approx(
+                other.forces, rel=1e-9, abs=1e-9 * abs(other.forces).max()
+            )
             for name, body in fresh.summary["bodies"].items():
-                assert answer.summary["bodies"][name]["reaction"] == pytest.approx(body["reaction"], rel=1e-8, abs=1e-3)
+                assert answer.summary["bodies"][name]["reaction"] == pytest.approx(
+                    body["reaction"], rel=1e-8, abs=1e-3
+                )
 
 
 def test_nobody_changes_what_is_kept():
@@ -143,8 +228,11 @@ def test_what_is_kept_is_told():
             model.solve({"body.lower.clamp": ["nowhere"]})
         model.solve({"body.upper.material.poisson": 0.3, MU: 0.2})
         assert model.reused["upper"] == parts
-        for overrides in ({"petsc.body_mat_mumps_icntl_7": 0}, {"method.compliance": "direct"},
-                          {"method.compliance": "explicit"}):
+        for overrides in (
+            {"petsc.body_mat_mumps_icntl_7": 0},
+            {"method.compliance": "direct"},
+            {"method.compliance": "explicit"},
+        ):
             model.solve()
             model.solve(overrides)
             assert "compliance" not in model.reused.get("lower", ())
@@ -158,27 +246,59 @@ def test_what_is_kept_is_told():
 
 def drawn(folder) -> dict:
     """A drawn block that is pressed on a floor and against a wall, with elements that are finer along contacts."""
-    (folder / "block.geo").write_text("""SetFactory("OpenCASCADE"); Rectangle(1) = {0, 0, 0, 1, 1};
+    (folder / "block.geo").write_text(
+        """SetFactory("OpenCASCADE"); Rectangle(1) = {0, 0, 0, 1, 1};
         Physical Curve("bottom") = {1}; Physical Curve("right") = {2}; Physical Curve("top") = {3};
-        Physical Curve("left") = {4}; Physical Surface("block") = {1};""", encoding="utf-8")
-    block = {"name": "block", "mesh": {"geometry": str(folder / "block.geo"), "size": 0.5},
-             "material": {"young": 1e9, "poisson": 0.3},
-             "clamp": [{"on": "top", "y": -1e-3}, {"on": "right", "x": -1e-3}]}
+        Physical Curve("left") = {4}; Physical Surface("block") = {1};""",
+        encoding="utf-8",
+    )
+    block = {
+        "name": "block",
+        "mesh": {"geometry": str(folder / "block.geo"), "size": 0.5},
+        "material": {"young": 1e9, "poisson": 0.3},
+        "clamp": [{"on": "top", "y": -1e-3}, {"on": "right", "x": -1e-3}],
+    }
     partners = ("floor", [0.0, 1.0], "bottom"), ("wall", [1.0, 0.0], "left")
-    return {"body": [block],
-            "rigid": [{"name": name, "shape": "plane", "point": [0.0, 0.0], "normal": normal}
-                      for name, normal, _ in partners],
-            "contact": [{"name": on, "bodies": ["block", name], "on": [on]} for name, _, on in partners]}
+    return {
+        "body": [block],
+        "rigid": [
+            {"name": name, "shape": "plane", "point": [0.0, 0.0], "normal": normal}
+            for name, normal, _ in partners
+        ],
+        "contact": [
+            {"name": on, "bodies": ["block", name], "on": [on]} for name, _, on in partners
+        ],
+    }
 
 
-@pytest.mark.parametrize(("scene", "overrides"), [
-    ("held", {"body.upper.mesh.size": [3.0, 1.2]}), ("held", {"body.upper.material.young": 1e11}),
-    ("held", {"method.compliance": "explicit"}), ("held", {"body.lower.traction.0.on": "nowhere"}),
-    ("load steps", {"body.lower.volume_force": {"value": [0.0, -1e5], "history": "push"}}),
-    ("drawn", {"contact.0.name": "left", "contact.1.name": "bottom"}), ("around an axis", {"axisymmetric": False}),
-    ("drawn", {"contact": [{"bodies": ["block", "floor"], "on": ["bottom"]}]}), ("drawn", {
-        "method.target_error": 0.04, "body.0.clamp": [{"on": "top", "y": "-1e-3 * x"}, {"on": "right", "x": -1e-3}]}),
-    ("drawn", {f"rigid.{k}.{key}": [0.0, 0.0, float(key == "normal")] for k in (0, 1) for key in ("point", "normal")})])
+@pytest.mark.parametrize(
+    ("scene", "overrides"),
+    [
+        ("held", {"body.upper.mesh.size": [3.0, 1.2]}),
+        ("held", {"body.upper.material.young": 1e11}),
+        ("held", {"method.compliance": "explicit"}),
+        ("held", {"body.lower.traction.0.on": "nowhere"}),
+        ("load steps", {"body.lower.volume_force": {"value": [0.0, -1e5], "history": "push"}}),
+        ("drawn", {"contact.0.name": "left", "contact.1.name": "bottom"}),
+        ("around an axis", {"axisymmetric": False}),
+        ("drawn", {"contact": [{"bodies": ["block", "floor"], "on": ["bottom"]}]}),
+        (
+            "drawn",
+            {
+                "method.target_error": 0.04,
+                "body.0.clamp": [{"on": "top", "y": "-1e-3 * x"}, {"on": "right", "x": -1e-3}],
+            },
+        ),
+        (
+            "drawn",
+            {
+                f"rigid.{k}.{key}": [0.0, 0.0, float(key == "normal")]
+                for k in (0, 1)
+                for key in ("point", "normal")
+            },
+        ),
+    ],
+)
 def test_each_dependency_counts(scene, overrides, tmp_path):
     """A change that one entry of the key of a stage alone tells of; others touch several entries."""
     scene = drawn(tmp_path) if scene == "drawn" else SCENES[scene]
@@ -203,7 +323,11 @@ def test_multigrid_remembers_nothing():
     with ddmpi.prepare(scene) as model:
         model.solve({MU: 0.5})
         compare(model, scene, {MU: 0.2})
-        assert model.reused == {"upper": ["mesh", "stiffness"], "lower": ["mesh", "stiffness"], "upper-lower": ["rows"]}
+        assert model.reused == {
+            "upper": ["mesh", "stiffness"],
+            "lower": ["mesh", "stiffness"],
+            "upper-lower": ["rows"],
+        }
 
 
 def test_the_content_of_a_mesh_file_counts(tmp_path):
@@ -212,15 +336,31 @@ def test_the_content_of_a_mesh_file_counts(tmp_path):
 
     def write(height: float) -> None:
         points = [[0, 0, 0], [1, 0, 0], [1, height, 0], [0, height, 0]]
-        meshio.write(tmp_path / "block.msh", meshio.Mesh(
-            points, [("line", [[0, 1], [2, 3]]), ("triangle", [[0, 1, 2], [0, 2, 3]])],
-            cell_data={"gmsh:physical": [[1, 2], [3, 3]], "gmsh:geometrical": [[1, 2], [3, 3]]},
-            field_data={"bottom": [1, 1], "top": [2, 1], "block": [3, 2]}), file_format="gmsh22", binary=False)
+        meshio.write(
+            tmp_path / "block.msh",
+            meshio.Mesh(
+                points,
+                [("line", [[0, 1], [2, 3]]), ("triangle", [[0, 1, 2], [0, 2, 3]])],
+                cell_data={"gmsh:physical": [[1, 2], [3, 3]], "gmsh:geometrical": [[1, 2], [3, 3]]},
+                field_data={"bottom": [1, 1], "top": [2, 1], "block": [3, 2]},
+            ),
+            file_format="gmsh22",
+            binary=False,
+        )
 
     floor = {"name": "floor", "shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}
-    block = {"name": "block", "mesh": {"file": str(tmp_path / "block.msh")}, "material": {"young": 1e9, "poisson": 0.0},
-             "traction": [{"on": "top", "pressure": 1e6}], "clamp": [{"on": "bottom", "x": 0.0}]}
-    scene = {"body": [block], "rigid": [floor], "contact": [{"bodies": ["block", "floor"], "on": ["bottom"]}]}
+    block = {
+        "name": "block",
+        "mesh": {"file": str(tmp_path / "block.msh")},
+        "material": {"young": 1e9, "poisson": 0.0},
+        "traction": [{"on": "top", "pressure": 1e6}],
+        "clamp": [{"on": "bottom", "x": 0.0}],
+    }
+    scene = {
+        "body": [block],
+        "rigid": [floor],
+        "contact": [{"bodies": ["block", "floor"], "on": ["bottom"]}],
+    }
     write(1.0)
     with ddmpi.prepare(scene) as model:
         one = model.solve().summary["displacement_max"]
@@ -243,17 +383,31 @@ def test_an_answer_to_begin_with():
         (state,), (other,) = near.contacts.values(), far.contacts.values()
         assert state.normal_force == pytest.approx(other.normal_force, rel=1e-6)
         with pytest.raises(InputError, match="other nodes"):
-            model.solve({f"body.{name}.mesh.divisions": [12, 4] for name in ("upper", "lower")}, start=first)
-    with ddmpi.prepare(pressed()) as model, pytest.raises(InputError, match="a scene without load steps"):
+            model.solve(
+                {f"body.{name}.mesh.divisions": [12, 4] for name in ("upper", "lower")}, start=first
+            )
+    with (
+        ddmpi.prepare(pressed()) as model,
+        pytest.raises(InputError, match="a scene without load steps"),
+    ):
         model.solve(start=first)
 
 
-@pytest.mark.parametrize(("wrong", "words"), [
-    ({"overrides": [("title", 1)]}, "overrides: expected a table"), ({"overrides": {MU: True}}, MU),
-    ({"overrides": {"contact.lower.gap": 0.0}}, r"^overrides: contact\.lower\.gap: there is no entry"),
-    ({"overrides": {"title": "\udc80"}}, "overrides: title: '.udc80' is not text"),
-    ({"start": {}}, "start: expected an"), ({"only": 3}, "output.only: expected words"),
-    ({"outer": int}, "method.outer = .builtins:int. is no class")])
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ({"overrides": [("title", 1)]}, "overrides: expected a table"),
+        ({"overrides": {MU: True}}, MU),
+        (
+            {"overrides": {"contact.lower.gap": 0.0}},
+            r"^overrides: contact\.lower\.gap: there is no entry",
+        ),
+        ({"overrides": {"title": "\udc80"}}, "overrides: title: '.udc80' is not text"),
+        ({"start": {}}, "start: expected an"),
+        ({"only": 3}, "output.only: expected words"),
+        ({"outer": int}, "method.outer = .builtins:int. is no class"),
+    ],
+)
 def test_values_of_wrong_types_are_refused(wrong, words):
     """By one message that names the argument or the key."""
     with ddmpi.prepare(pinched_blocks(3)) as model:
@@ -269,7 +423,9 @@ def test_values_of_wrong_types_are_refused(wrong, words):
 def test_what_is_no_scene_is_refused(scene):
     """By words, not as a file that is missing; so is what is no communicator."""
     for call in ddmpi.prepare, ddmpi.solve:
-        with pytest.raises(InputError, match=r"^scene: expected a path, the text of a scene, or a table"):
+        with pytest.raises(
+            InputError, match=r"^scene: expected a path, the text of a scene, or a table"
+        ):
             call(scene)
     with pytest.raises(InputError, match=r"^comm: expected a communicator"):
         ddmpi.prepare(pinched_blocks(2), comm=3)

@@ -19,7 +19,9 @@ PAGE = Path(__file__).parents[2] / "docs/use/methods.md"
 @pytest.fixture
 def projected(tmp_path, monkeypatch):
     """The class of the page, in a module of its own."""
-    (code,) = re.findall(r"```python\n(import numpy.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    (code,) = re.findall(
+        r"```python\n(import numpy.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL
+    )
     (tmp_path / "projected.py").write_text(code, encoding="utf-8")
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.delitem(sys.modules, "projected", raising=False)
@@ -35,7 +37,9 @@ def test_an_outside_method_has_newtons_answer(comm, projected):
     wanted = ddmpi.solve(scene, comm, only="contacts").contacts["upper-lower"].forces
     answer = ddmpi.solve(scene, comm, only="contacts", outer=projected)
     assert answer.certified and answer.summary["outer"] == "projected:Projected", answer.reason
-    assert answer.contacts["upper-lower"].forces == pytest.approx(wanted, abs=1e-5 * np.abs(wanted).max())
+    assert answer.contacts["upper-lower"].forces == pytest.approx(
+        wanted, abs=1e-5 * np.abs(wanted).max()
+    )
     few = ddmpi.solve(scene, comm, {"method.max_iterations": 3}, outer=projected)
     assert not few.certified and "max_iterations is reached" in few.reason
 
@@ -45,21 +49,33 @@ def test_what_one_rank_cannot_import_is_refused_on_both(comm, projected, monkeyp
     if comm.rank:
         monkeypatch.delitem(sys.modules, "projected")
         monkeypatch.setattr(sys, "path", sys.path[1:])  # without its folder
-    with pytest.raises(InputError, match='"projected:Projected" cannot be imported: ModuleNotFoundError'):
+    with pytest.raises(
+        InputError, match='"projected:Projected" cannot be imported: ModuleNotFoundError'
+    ):
         ddmpi.solve(pinched_blocks(2), comm, outer="projected:Projected")
 
 
 def test_a_run_writes_results_of_an_outside_method(tmp_path, projected):
-    scene = write_scene(pinched_blocks(2, outer="projected:Projected", max_iterations=20_000), tmp_path / "scene.toml")
+    scene = write_scene(
+        pinched_blocks(2, outer="projected:Projected", max_iterations=20_000),
+        tmp_path / "scene.toml",
+    )
     run = run_here(scene, tmp_path / "out", "--no-figures")
     assert run.code == 0 and "projected:Projected, not of ddmpi, update below 1e-08" in run.output
 
 
-@pytest.mark.parametrize("outer, message", [
-    ("no.such.package:Class", "cannot be imported: ModuleNotFoundError"),
-    ("json:Class", "cannot be imported: AttributeError"),
-    ("json:JSONDecoder", "is no class that is based on ddmpi.methods.outer.Outer"),
-    ("ddmpi.methods.outer:Outer", "has no run, forces, bound, body_forces, refresh, state, restore of its own")])
+@pytest.mark.parametrize(
+    "outer, message",
+    [
+        ("no.such.package:Class", "cannot be imported: ModuleNotFoundError"),
+        ("json:Class", "cannot be imported: AttributeError"),
+        ("json:JSONDecoder", "is no class that is based on ddmpi.methods.outer.Outer"),
+        (
+            "ddmpi.methods.outer:Outer",
+            "has no run, forces, bound, body_forces, refresh, state, restore of its own",
+        ),
+    ],
+)
 def test_what_is_no_method_is_refused(outer, message):
     with pytest.raises(InputError, match=f'scene: method.outer = "{outer}" {message}'):
         ddmpi.solve(pinched_blocks(2), overrides={"method.outer": outer})

@@ -20,24 +20,45 @@ def test_many_names_are_counted():
 def test_many_tables_are_one():
     few = ["bodies.png", "contact_a.csv", "contact_b.csv", "summary.json"]
     assert describe_files(few) == ", ".join(few)
-    many = ["bodies.png", *(f"contact_{k}.{end}" for k in range(9) for end in ("csv", "vtu")), "summary.json"]
+    many = [
+        "bodies.png",
+        *(f"contact_{k}.{end}" for k in range(9) for end in ("csv", "vtu")),
+        "summary.json",
+    ]
     assert describe_files(many) == "bodies.png, contact_NAME (18 files), summary.json"
 
 
 def test_what_lies_between_nodes_is_said_of_the_worst_contacts():
     """Of contacts whose nodes do not match, apart from the certificate; of others nothing."""
+
     def said(**contacts: tuple[str | None, float, float, float]) -> list[str]:
         keys = ("slave", "pointwise_penetration", "moment_imbalance", "moment_imbalance_bound")
-        return list(_between_nodes({
-            "units": {"length": "mm", "stress": "MPa", "force": "N/mm", "moment": "N·mm/mm"},
-            "contacts": {name: dict(zip(keys, values, strict=True)) for name, values in contacts.items()}}))
+        return list(
+            _between_nodes(
+                {
+                    "units": {
+                        "length": "mm",
+                        "stress": "MPa",
+                        "force": "N/mm",
+                        "moment": "N·mm/mm",
+                    },
+                    "contacts": {
+                        name: dict(zip(keys, values, strict=True))
+                        for name, values in contacts.items()
+                    },
+                }
+            )
+        )
 
     assert not said(ab=(None, 1.0, 9.0, 9.0))
     assert said(ab=(None, 1.0, 9.0, 9.0), bc=("b", 2e-3, 0.5, 4.0), cd=("d", 1e-3, 0.75, 3.0)) == [
         "non-matching meshes at bc: penetration between nodes up to 0.002 mm",
-        "non-matching meshes at cd: moment imbalance 0.75 N·mm/mm (bound 3)"]
-    assert said(bc=("b", 2e-3, 0.5, 4.0)) == ["non-matching meshes at bc: penetration between nodes up to 0.002 mm; "
-                                              "moment imbalance 0.5 N·mm/mm (bound 4)"]
+        "non-matching meshes at cd: moment imbalance 0.75 N·mm/mm (bound 3)",
+    ]
+    assert said(bc=("b", 2e-3, 0.5, 4.0)) == [
+        "non-matching meshes at bc: penetration between nodes up to 0.002 mm; "
+        "moment imbalance 0.5 N·mm/mm (bound 4)"
+    ]
 
 
 def test_what_is_printed_has_units_and_says_how_bodies_are_held(tmp_path):
@@ -46,21 +67,52 @@ def test_what_is_printed_has_units_and_says_how_bodies_are_held(tmp_path):
     path = scenes.write_scene(scene, tmp_path / "scene.toml")
     run = scenes.run_here(path, tmp_path / "out", "--no-figures")
     assert run.code == 0, run.output
-    for word in ("not supported by clamps (3 rigid motions); direct solver\n", " bodies on 1 rank\n",
-                 ") N/mm on ", " MPa\n", " N/mm, largest displacement ", " mm, von Mises stress ",
-                 " pictures (not asked for)\n"):
+    for word in (
+        "not supported by clamps (3 rigid motions); direct solver\n",
+        " bodies on 1 rank\n",
+        ") N/mm on ",
+        " MPa\n",
+        " N/mm, largest displacement ",
+        " mm, von Mises stress ",
+        " pictures (not asked for)\n",
+    ):
         assert word in run.stdout, run.stdout
 
 
 def test_steps_whose_forces_agree_though_slip_is_coarse_are_said_to_dissipate_too_much(tmp_path):
     """A cube that is dragged over a floor: in one step the force is exact, and the work half of the friction's."""
-    scene = {"history": {"drag": {"times": [1.0, 2.0], "factors": [0.0, 1.0]}}, "time": {"points": [1.0, 2.0]},
-             "body": [{"name": "block", "mesh": {"shape": "box", "origin": [0, 0, 0], "size": [1, 1, 1],
-                                                 "divisions": [1, 1, 1]}, "material": {"young": 1e9, "poisson": 0.0},
-                       "clamp": [{"on": "top", "x": 1e-3, "history": "drag"}, {"on": "top", "y": 0.0, "z": -1e-4}]}],
-             "rigid": [{"name": "floor", "shape": "plane", "point": [0, 0, 0], "normal": [0, 0, 1]}],
-             "contact": [{"bodies": ["block", "floor"], "on": ["bottom"],
-                          "friction": {"law": "coulomb", "coefficient": 0.3}}]}
-    run = scenes.run_here(scenes.write_scene(scene, tmp_path / "scene.toml"), tmp_path / "out", "--no-figures")
+    scene = {
+        "history": {"drag": {"times": [1.0, 2.0], "factors": [0.0, 1.0]}},
+        "time": {"points": [1.0, 2.0]},
+        "body": [
+            {
+                "name": "block",
+                "mesh": {
+                    "shape": "box",
+                    "origin": [0, 0, 0],
+                    "size": [1, 1, 1],
+                    "divisions": [1, 1, 1],
+                },
+                "material": {"young": 1e9, "poisson": 0.0},
+                "clamp": [
+                    {"on": "top", "x": 1e-3, "history": "drag"},
+                    {"on": "top", "y": 0.0, "z": -1e-4},
+                ],
+            }
+        ],
+        "rigid": [{"name": "floor", "shape": "plane", "point": [0, 0, 0], "normal": [0, 0, 1]}],
+        "contact": [
+            {
+                "bodies": ["block", "floor"],
+                "on": ["bottom"],
+                "friction": {"law": "coulomb", "coefficient": 0.3},
+            }
+        ],
+    }
+    run = scenes.run_here(
+        scenes.write_scene(scene, tmp_path / "scene.toml"), tmp_path / "out", "--no-figures"
+    )
     assert run.code == 0, run.output
-    assert re.search(r"agree to \S+e-\d+, but friction dissipates more than contacts take\n", run.stdout), run.stdout
+    assert re.search(
+        r"agree to \S+e-\d+, but friction dissipates more than contacts take\n", run.stdout
+    ), run.stdout

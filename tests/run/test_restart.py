@@ -24,10 +24,13 @@ pytestmark = pytest.mark.slow
 
 FILES = set(RESULTS)
 
+
 def solids_in_steps() -> dict:
     """Two boxes that are loaded in four steps and then in the other direction."""
-    scene = two_boxes(2) | {"history": {"load": {"times": [0.0, 1.0, 2.0], "factors": [0.0, 1.0, 0.5]}},
-                            "time": {"points": [1.0, 2.0], "steps": 2}}
+    scene = two_boxes(2) | {
+        "history": {"load": {"times": [0.0, 1.0, 2.0], "factors": [0.0, 1.0, 0.5]}},
+        "time": {"points": [1.0, 2.0], "steps": 2},
+    }
     for body in scene["body"]:
         body["traction"] = [load | {"history": "load"} for load in body["traction"]]
     return scene
@@ -37,7 +40,8 @@ METHODS = {
     "newton": pinched_blocks(2),
     "published": pinched_blocks(2, theta=0.2, tolerance=1e-3),
     "drawn": scenes.drawn_roller(target_error=0.05),
-    "solids": solids_in_steps(), "bolt": bolts.joint(steps=2),
+    "solids": solids_in_steps(),
+    "bolt": bolts.joint(steps=2),
 }
 FACTOR, MULT = "ddmpi.body.solver.StiffnessSolver.__init__", "ddmpi.body.compliance.Compliance.mult"
 INTERRUPTED = {
@@ -63,17 +67,28 @@ def here(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def undisturbed(here) -> dict[str, Run]:
-    runs = run_in_one_go([(0, "", 0, "", str(here / f"undisturbed {name}"), [str(here / f"{name}.toml")])
-                          for name in METHODS], "run", "--no-figures")
+    runs = run_in_one_go(
+        [
+            (0, "", 0, "", str(here / f"undisturbed {name}"), [str(here / f"{name}.toml")])
+            for name in METHODS
+        ],
+        "run",
+        "--no-figures",
+    )
     return dict(zip(METHODS, runs, strict=True))
 
 
 @pytest.fixture(scope="module")
 def interrupted(here) -> dict[str, Run]:
     """By name, the runs that a signal ended."""
-    runs = run_in_one_go([(rank, target, call, number, str(here / name), [str(here / f"{method}.toml")])
-                          for name, (method, number, rank, target, call, _) in INTERRUPTED.items()],
-                         "run", "--no-figures")
+    runs = run_in_one_go(
+        [
+            (rank, target, call, number, str(here / name), [str(here / f"{method}.toml")])
+            for name, (method, number, rank, target, call, _) in INTERRUPTED.items()
+        ],
+        "run",
+        "--no-figures",
+    )
     return dict(zip(INTERRUPTED, runs, strict=True))
 
 
@@ -93,14 +108,28 @@ def whole(interrupted) -> bytes:
 def continued(here, interrupted, files_then, whole) -> dict[str, Run]:
     """By name, the runs that go on from a checkpoint."""
     names = [name for name, row in INTERRUPTED.items() if row[5]]
-    runs = run_in_one_go([(0, "", 0, "", str(here / name),
-                           [str(here / f"{INTERRUPTED[name][0]}.toml"), "--restart", str(here / name)])
-                          for name in names], "run", "--no-figures")
+    runs = run_in_one_go(
+        [
+            (
+                0,
+                "",
+                0,
+                "",
+                str(here / name),
+                [str(here / f"{INTERRUPTED[name][0]}.toml"), "--restart", str(here / name)],
+            )
+            for name in names
+        ],
+        "run",
+        "--no-figures",
+    )
     return dict(zip(names, runs, strict=True))
 
 
 @pytest.mark.parametrize("name", INTERRUPTED)
-def test_a_signal_ends_the_run_with_its_own_exit_code_and_one_message(interrupted, files_then, name):
+def test_a_signal_ends_the_run_with_its_own_exit_code_and_one_message(
+    interrupted, files_then, name
+):
     run = interrupted[name]
     number, kept = INTERRUPTED[name][1], INTERRUPTED[name][5]
     assert run.code == 6, run.output
@@ -112,7 +141,9 @@ def test_a_signal_ends_the_run_with_its_own_exit_code_and_one_message(interrupte
 
 
 @pytest.mark.parametrize("name", [name for name in INTERRUPTED if INTERRUPTED[name][5]])
-def test_restart_ends_with_the_results_of_the_run_that_was_not_interrupted(continued, undisturbed, name):
+def test_restart_ends_with_the_results_of_the_run_that_was_not_interrupted(
+    continued, undisturbed, name
+):
     run = continued[name]
     assert run.code == 0, run.output
     expected = undisturbed[INTERRUPTED[name][0]]
@@ -125,13 +156,32 @@ def test_restart_ends_with_the_results_of_the_run_that_was_not_interrupted(conti
 
 def test_a_signal_to_mpirun_is_heard(here):
     """It passes the signal on to a run that would not end in time. MPICH's mpirun may then return zero."""
-    scene = scenes.write_scene(pinched_blocks(12, theta=0.01, tolerance=1e-9, max_iterations=10**6),
-                               here / "endless.toml")
+    scene = scenes.write_scene(
+        pinched_blocks(12, theta=0.01, tolerance=1e-9, max_iterations=10**6), here / "endless.toml"
+    )
     folder = here / "from outside"
-    command = [*os.environ.get("MPIRUN", "mpirun").split(), "-n", "2", sys.executable, "-m", "ddmpi", "run",
-               str(scene), "--output", str(folder), "--set", "checkpoint.iterations=5"]
-    with subprocess.Popen(command, env=scenes.clean_environment(), text=True, stdin=subprocess.DEVNULL,
-                          stdout=subprocess.PIPE, stderr=subprocess.PIPE) as child:
+    command = [
+        *os.environ.get("MPIRUN", "mpirun").split(),
+        "-n",
+        "2",
+        sys.executable,
+        "-m",
+        "ddmpi",
+        "run",
+        str(scene),
+        "--output",
+        str(folder),
+        "--set",
+        "checkpoint.iterations=5",
+    ]
+    with subprocess.Popen(
+        command,
+        env=scenes.clean_environment(),
+        text=True,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    ) as child:
         end = time.monotonic() + scenes.LIMIT
         while not (folder / "checkpoint.h5").exists() and time.monotonic() < end:
             time.sleep(0.1)
@@ -173,25 +223,51 @@ def run_with(hook: str, here: Path, monkeypatch, *arguments: str, ranks: int = 2
     return scenes.run_python(["-m", "ddmpi", *arguments], ranks, here / "out")
 
 
-@pytest.mark.parametrize(("name", "number"), [("ddmpi.cli.main", "SIGUSR1"), ("petsc4py", "SIGTERM")])
+@pytest.mark.parametrize(
+    ("name", "number"), [("ddmpi.cli.main", "SIGUSR1"), ("petsc4py", "SIGTERM")]
+)
 def test_a_signal_while_the_program_is_loaded(here, tmp_path, monkeypatch, name, number):
-    run = run_with(START.format(name=name, number=number), tmp_path, monkeypatch, "run", str(here / "newton.toml"),
-                   "--output", str(tmp_path / "out"))
+    run = run_with(
+        START.format(name=name, number=number),
+        tmp_path,
+        monkeypatch,
+        "run",
+        str(here / "newton.toml"),
+        "--output",
+        str(tmp_path / "out"),
+    )
     assert run.code == 6, run.output
-    assert only_message(run) == f"ddmpi: interrupted by {number}: in the first load step or before it; there was \
+    assert (
+        only_message(run)
+        == f"ddmpi: interrupted by {number}: in the first load step or before it; there was \
 nothing to save"
+    )
     assert not run.folder.exists()
 
 
 def test_a_signal_after_the_results_comes_too_late(here, tmp_path, monkeypatch):
     """While the interpreter ends: it has taken its own handlers away then."""
-    run = run_with(END, tmp_path, monkeypatch, "run", str(here / "newton.toml"), "--no-figures",
-                   "--output", str(tmp_path / "out"))
+    run = run_with(
+        END,
+        tmp_path,
+        monkeypatch,
+        "run",
+        str(here / "newton.toml"),
+        "--no-figures",
+        "--output",
+        str(tmp_path / "out"),
+    )
     assert (run.code, run.own_stderr, run.files) == (0, "", FILES)
 
 
 def test_what_has_nothing_to_save_is_ended_by_a_signal(tmp_path, monkeypatch):
-    run = run_with(START.format(name="ddmpi.cli.info", number="SIGTERM"), tmp_path, monkeypatch, "info", ranks=1)
+    run = run_with(
+        START.format(name="ddmpi.cli.info", number="SIGTERM"),
+        tmp_path,
+        monkeypatch,
+        "info",
+        ranks=1,
+    )
     assert run.code not in range(7) and run.messages == []
 
 
@@ -202,9 +278,18 @@ def test_what_is_not_the_same_run_is_refused_with_the_reason(here, whole, tmp_pa
     """Another option of PETSc; test_checkpoint and test_files have further reasons."""
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "checkpoint.h5").write_bytes(whole)
-    run = scenes.run_command(here / "published.toml", tmp_path / "out", "--restart", "out", "-qp_tao_type", "gpcg",
-                             cwd=tmp_path)
-    assert run.code == 2 and "qp_tao_type is 'gpcg' here, not set there" in only_message(run), run.output
+    run = scenes.run_command(
+        here / "published.toml",
+        tmp_path / "out",
+        "--restart",
+        "out",
+        "-qp_tao_type",
+        "gpcg",
+        cwd=tmp_path,
+    )
+    assert run.code == 2 and "qp_tao_type is 'gpcg' here, not set there" in only_message(run), (
+        run.output
+    )
     assert run.files == {"checkpoint.h5"} and (run.folder / "checkpoint.h5").read_bytes() == whole
 
 
@@ -224,15 +309,28 @@ def test_a_run_has_one_answer(tmp_path):
     for name, scene in SAME.items():
         for what, way in {"first": 1, "again": 1, "swapped": -1}.items():
             (tmp_path / f"{name} {what}").mkdir()
-            scenes.write_scene(scene | {"body": scene["body"][::way]}, tmp_path / f"{name} {what}" / "scene.toml")
+            scenes.write_scene(
+                scene | {"body": scene["body"][::way]}, tmp_path / f"{name} {what}" / "scene.toml"
+            )
 
     def runs(what: str, cwd: Path) -> list[Run]:
         places = [tmp_path / f"{name} {what}" for name in SAME]
-        return run_in_one_go([(0, "", 0, "", str(place / "out"), [os.path.relpath(place / "scene.toml", cwd)])
-                              for place in places], "run", "--no-figures", cwd=cwd)
+        return run_in_one_go(
+            [
+                (0, "", 0, "", str(place / "out"), [os.path.relpath(place / "scene.toml", cwd)])
+                for place in places
+            ],
+            "run",
+            "--no-figures",
+            cwd=cwd,
+        )
 
-    for first, again, swapped in zip(runs("first", tmp_path), runs("again", tmp_path / "newton again"),
-                                     runs("swapped", tmp_path), strict=True):
+    for first, again, swapped in zip(
+        runs("first", tmp_path),
+        runs("again", tmp_path / "newton again"),
+        runs("swapped", tmp_path),
+        strict=True,
+    ):
         assert first.code == again.code == swapped.code == 0, first.output + again.output
         assert contents(first.folder) == contents(again.folder)
         for file in ("history.csv", "steps.csv", "contact_upper-lower.csv"):

@@ -16,28 +16,50 @@ from ddmpi.system.numbers import bisect
 
 pytestmark = pytest.mark.slow
 
-METHODS = {"explicit": {"compliance": "explicit"}, "direct": {"compliance": "direct"},
-           "iterative": {"compliance": "iterative", "tolerance": 1e-11}}
+METHODS = {
+    "explicit": {"compliance": "explicit"},
+    "direct": {"compliance": "direct"},
+    "iterative": {"compliance": "iterative", "tolerance": 1e-11},
+}
 
 
 def loose_block(**method) -> dict:
     """A block that rests on a rigid floor, held along it by its weight's friction and a roller only."""
-    return {"title": "loose", "method": method,
-            "body": [rectangle("block", (0, 0), (3, 1), (18, 6), young=2e11, clamp=[{"on": "left", "x": 0.0}],
-                               traction=[{"on": "top", "value": [2e6, -1e7]}])],
-            "rigid": [FLOOR], "contact": [{"bodies": ["block", "floor"], "on": ["bottom"], "friction": COULOMB}]}
+    return {
+        "title": "loose",
+        "method": method,
+        "body": [
+            rectangle(
+                "block",
+                (0, 0),
+                (3, 1),
+                (18, 6),
+                young=2e11,
+                clamp=[{"on": "left", "x": 0.0}],
+                traction=[{"on": "top", "value": [2e6, -1e7]}],
+            )
+        ],
+        "rigid": [FLOOR],
+        "contact": [{"bodies": ["block", "floor"], "on": ["bottom"], "friction": COULOMB}],
+    }
 
 
 def free_block(**method) -> dict:
     """A block without any clamp in a corner of two rigid planes."""
     scene = loose_block(**method)
     scene["body"][0] |= {"clamp": [], "traction": [{"on": "top", "value": [-2e6, -1e7]}]}
-    scene["rigid"].append({"name": "wall", "shape": "plane", "point": [0.0, 0.0], "normal": [1.0, 0.0]})
+    scene["rigid"].append(
+        {"name": "wall", "shape": "plane", "point": [0.0, 0.0], "normal": [1.0, 0.0]}
+    )
     scene["contact"].append({"bodies": ["block", "wall"], "on": ["left"], "friction": COULOMB})
     return scene
 
 
-SCENES = {"two blocks": pinched_blocks, "one loose block": loose_block, "one free block": free_block}
+SCENES = {
+    "two blocks": pinched_blocks,
+    "one loose block": loose_block,
+    "one free block": free_block,
+}
 
 
 def both_ways(comm, scene: dict) -> tuple[Answer, Answer, dict, dict]:
@@ -49,8 +71,14 @@ def both_ways(comm, scene: dict) -> tuple[Answer, Answer, dict, dict]:
     part = comm.Split(int(comm.rank >= bodies))
     few = ddmpi.solve(text, part) if comm.rank < bodies else None
     many = ddmpi.solve(text, comm)
-    moved = [{name: body.displacement for own in comm.allgather(answer.bodies if answer else {})
-              for name, body in own.items()} for answer in (few, many)]
+    moved = [
+        {
+            name: body.displacement
+            for own in comm.allgather(answer.bodies if answer else {})
+            for name, body in own.items()
+        }
+        for answer in (few, many)
+    ]
     part.Free()
     return few or many, many, *moved
 
@@ -59,7 +87,9 @@ def compare(comm, scene: dict) -> None:
     few, many, u, v = both_ways(comm, scene)
     assert few.certified and many.certified
     assert many.summary["ranks"] == len(many.summary["hosts"]) == comm.size
-    assert sorted(rank for body in many.summary["bodies"].values() for rank in body["ranks"]) == list(range(comm.size))
+    assert sorted(
+        rank for body in many.summary["bodies"].values() for rank in body["ranks"]
+    ) == list(range(comm.size))
     assert set(u) == set(v) == {body["name"] for body in scene["body"]}
     for name in u:
         assert np.abs(u[name] - v[name]).max() <= 1e-9 * np.abs(u[name]).max()
@@ -70,8 +100,15 @@ def compare(comm, scene: dict) -> None:
 
 
 @pytest.mark.mpi(ranks=3)
-@pytest.mark.parametrize("name, kind", [*(("two blocks", kind) for kind in METHODS), ("one loose block", "explicit"),
-                                        ("one loose block", "iterative"), ("one free block", "direct")])
+@pytest.mark.parametrize(
+    "name, kind",
+    [
+        *(("two blocks", kind) for kind in METHODS),
+        ("one loose block", "explicit"),
+        ("one loose block", "iterative"),
+        ("one free block", "direct"),
+    ],
+)
 def test_three_ranks_answer_as_one_for_each_body(comm, name, kind):
     """However a body's compliance is made, and whether clamps hold it: displacements to 1e-9, the same statuses."""
     compare(comm, SCENES[name](**(METHODS[kind] | ({"N": 6} if name == "two blocks" else {}))))
@@ -91,8 +128,17 @@ def test_five_ranks(comm):
     scene["body"][0]["mesh"]["divisions"] = [1, 1]
     compare(comm, scene)
     scene = pinched_blocks(6)
-    scene["body"].append(rectangle("alone", (9, 0), (3, 3), (20, 20), young=1e11, clamp=["bottom"],
-                                   traction=[{"on": "top", "value": [0.0, -1e7]}]))
+    scene["body"].append(
+        rectangle(
+            "alone",
+            (9, 0),
+            (3, 3),
+            (20, 20),
+            young=1e11,
+            clamp=["bottom"],
+            traction=[{"on": "top", "value": [0.0, -1e7]}],
+        )
+    )
     compare(comm, scene)
 
 
@@ -121,11 +167,29 @@ FAULTS = {
     "mesh, root": (0, "ddmpi.coupling.assembly.build_mesh", 1, "InputError", {2}),
     "assemble, other root": (2, "ddmpi.coupling.assembly.assemble", 1, "SolverError", {4}),
     "outer, root": (0, "ddmpi.body.compliance.Compliance.mult", 12, "SolverError", {4}),
-    "outer, internal error on a root": (2, "ddmpi.body.compliance.Compliance.mult", 12, "RuntimeError", {1}),
+    "outer, internal error on a root": (
+        2,
+        "ddmpi.body.compliance.Compliance.mult",
+        12,
+        "RuntimeError",
+        {1},
+    ),
     "factor, root, before PETSc": (0, "ddmpi.coupling.team.Share.factor", 1, "SolverError", {4}),
-    "factor, other rank, after MUMPS": (1, "ddmpi.petsc.mumps.Factors._check", 1, "RuntimeError", {1}),
+    "factor, other rank, after MUMPS": (
+        1,
+        "ddmpi.petsc.mumps.Factors._check",
+        1,
+        "RuntimeError",
+        {1},
+    ),
     "end of a command, other rank": (1, "ddmpi.coupling.team.Share.machine", 1, "MemoryError", {4}),
-    "an error of a solver, other rank": (1, "ddmpi.body.solver.StiffnessSolver._solve_with", 1, "SolverError", {4}),
+    "an error of a solver, other rank": (
+        1,
+        "ddmpi.body.solver.StiffnessSolver._solve_with",
+        1,
+        "SolverError",
+        {4},
+    ),
     "killed, other rank": (1, "ddmpi.coupling.team.Share.solve", 1, "SIGKILL", None),
     "terminated, root": (0, "ddmpi.body.compliance.Compliance.mult", 12, "SIGTERM", {6}),
 }
@@ -144,8 +208,13 @@ ORDERLY = ("mesh, root", "assemble, other root", "outer, root", "terminated, roo
 def test_an_error_that_is_agreed_on_ends_all_in_order(tmp_path):
     """With one message, one exit code and no results."""
     scene = scenes.write_scene(pinched_blocks(2), tmp_path / "scene.toml")
-    runs = run_in_one_go([(*FAULTS[where][:4], str(tmp_path / where), []) for where in ORDERLY], "run", str(scene),
-                         "--no-figures", ranks=3)
+    runs = run_in_one_go(
+        [(*FAULTS[where][:4], str(tmp_path / where), []) for where in ORDERLY],
+        "run",
+        str(scene),
+        "--no-figures",
+        ranks=3,
+    )
     for where, run in zip(ORDERLY, runs, strict=True):
         assert {run.code} == FAULTS[where][4]
         assert run.stderr.count("ddmpi: ") == 1 and run.files == set(), run.output
@@ -157,7 +226,9 @@ def test_an_error_on_any_rank_ends_all(where, tmp_path):
     rank, target, call, kind, codes = FAULTS[where]
     scene = scenes.write_scene(pinched_blocks(2), tmp_path / "scene.toml")
     faults = [(rank, target, call, kind, str(tmp_path / "results"), [])]
-    run = scenes.run_python(["-c", IMPATIENT, json.dumps(faults), "run", str(scene), "--no-figures"], 3)
+    run = scenes.run_python(
+        ["-c", IMPATIENT, json.dumps(faults), "run", str(scene), "--no-figures"], 3
+    )
     assert run.code in codes if codes else run.code != 0
     assert not codes or sum("ddmpi: " in line for line in run.stderr.splitlines()) == 1, run.output
     assert not (tmp_path / "results" / "summary.json").exists()

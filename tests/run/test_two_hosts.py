@@ -25,8 +25,12 @@ pytestmark = [pytest.mark.hosts, pytest.mark.slow]
 
 SCRIPTS = scenes.ROOT / "scripts"
 MULT = "ddmpi.body.compliance.Compliance.mult"
-ENVIRONMENT = [name for name in scenes.clean_environment()
-               if name in ("PYTHONPATH", "PYTHONPYCACHEPREFIX", "OMP_NUM_THREADS") or name.startswith("OPENBLAS_")]
+ENVIRONMENT = [
+    name
+    for name in scenes.clean_environment()
+    if name in ("PYTHONPATH", "PYTHONPYCACHEPREFIX", "OMP_NUM_THREADS")
+    or name.startswith("OPENBLAS_")
+]
 """What mpirun is to hand on to ranks that it starts by ssh; OpenBLAS's kernels round differently."""
 
 PUBLISHED = pinched_blocks(2, theta=0.2, tolerance=1e-3) | {"checkpoint": {"iterations": 1}}
@@ -43,8 +47,12 @@ HOSTS = {"one": "a:4", "two": "a:2,b:2"}
 
 @pytest.fixture(scope="module", autouse=True)
 def permitted() -> None:
-    tried = subprocess.run([SCRIPTS / "local_hosts.sh", "mpirun", "--version"], capture_output=True, text=True,
-                           timeout=scenes.LIMIT)
+    tried = subprocess.run(
+        [SCRIPTS / "local_hosts.sh", "mpirun", "--version"],
+        capture_output=True,
+        text=True,
+        timeout=scenes.LIMIT,
+    )
     if tried.returncode == 125:
         pytest.skip(tried.stderr.strip())
     assert tried.returncode == 0, tried.stderr
@@ -64,12 +72,36 @@ def runs(tmp_path_factory) -> dict[tuple[int, str, str], Run]:
         for name, scene in some.items():
             scenes.write_scene(scene, here / f"{name}.toml")
         for where, hosts in HOSTS.items():
-            launcher = [SCRIPTS / "local_hosts.sh", "mpirun", "--quiet", "--host", hosts, "--map-by", "node", *given]
-            faults = {name: (0, "", 0, "", str(here / f"{name} {ranks} {where}"), [str(here / f"{name}.toml")])
-                      for name in some}
+            launcher = [
+                SCRIPTS / "local_hosts.sh",
+                "mpirun",
+                "--quiet",
+                "--host",
+                hosts,
+                "--map-by",
+                "node",
+                *given,
+            ]
+            faults = {
+                name: (
+                    0,
+                    "",
+                    0,
+                    "",
+                    str(here / f"{name} {ranks} {where}"),
+                    [str(here / f"{name}.toml")],
+                )
+                for name in some
+            }
             if "published" in some:
-                faults["interrupted"] = (1, MULT, 60, "SIGUSR1", str(here / f"interrupted {ranks} {where}"),
-                                         [str(here / "published.toml")])
+                faults["interrupted"] = (
+                    1,
+                    MULT,
+                    60,
+                    "SIGUSR1",
+                    str(here / f"interrupted {ranks} {where}"),
+                    [str(here / "published.toml")],
+                )
             with pytest.MonkeyPatch.context() as patch:
                 patch.setenv("MPIRUN", " ".join(map(str, launcher)))
                 ended = run_in_one_go(list(faults.values()), "run", "--no-figures", ranks=ranks)
@@ -77,17 +109,24 @@ def runs(tmp_path_factory) -> dict[tuple[int, str, str], Run]:
     return found
 
 
-@pytest.mark.parametrize(("ranks", "name"), [(ranks, name) for ranks in SCENES for name in SCENES[ranks]])
+@pytest.mark.parametrize(
+    ("ranks", "name"), [(ranks, name) for ranks in SCENES for name in SCENES[ranks]]
+)
 def test_two_hosts_give_the_results_of_one(runs, ranks, name):
     """Bit for bit; to rounding where a body has several ranks."""
     one, two = (runs[ranks, name, where] for where in HOSTS)
     assert one.code == two.code == 0, one.output + two.output
-    assert one.summary["hosts"] == ["a"] * ranks and two.summary["hosts"] == ["a", "b"] * (ranks // 2)
+    assert one.summary["hosts"] == ["a"] * ranks and two.summary["hosts"] == ["a", "b"] * (
+        ranks // 2
+    )
     assert one.files == two.files
     if (ranks, name) not in SHARED:
         assert contents(one.folder, one.files) == contents(two.folder, two.files)
         return
-    with h5py.File(one.folder / "result.h5") as first, h5py.File(two.folder / "result.h5") as second:
+    with (
+        h5py.File(one.folder / "result.h5") as first,
+        h5py.File(two.folder / "result.h5") as second,
+    ):
         u, v = first["displacement"][:], second["displacement"][:]
     assert np.abs(u - v).max() <= 1e-9 * np.abs(u).max()
     (contact,) = one.summary["contacts"]
@@ -118,11 +157,20 @@ class Hosts:
         self.here, self.scene = here, scenes.write_scene(PUBLISHED, here / "scene.toml")
         environment = scenes.clean_environment() | {
             "OMPI_MCA_mca_base_env_list": ";".join(ENVIRONMENT),
-            "OMPI_MCA_orte_default_hostfile": str(here / "hosts"), "DDMPI_PYTHON": str(here / "python"),
-            "OMPI_MCA_oob_tcp_keepalive_time": "1", "OMPI_MCA_oob_tcp_keepalive_intvl": "1",
-            "OMPI_MCA_oob_tcp_keepalive_probes": "2", "DDMPI_RANKS": "2"}
-        self.shell = subprocess.Popen([SCRIPTS / "local_hosts.sh", "bash"], env=environment, text=True,
-                                      stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+            "OMPI_MCA_orte_default_hostfile": str(here / "hosts"),
+            "DDMPI_PYTHON": str(here / "python"),
+            "OMPI_MCA_oob_tcp_keepalive_time": "1",
+            "OMPI_MCA_oob_tcp_keepalive_intvl": "1",
+            "OMPI_MCA_oob_tcp_keepalive_probes": "2",
+            "DDMPI_RANKS": "2",
+        }
+        self.shell = subprocess.Popen(
+            [SCRIPTS / "local_hosts.sh", "bash"],
+            env=environment,
+            text=True,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+        )
 
     def run(self, hosts: str, folder: Path, *arguments: str, rank: int = 1, kind: str = "") -> Run:
         """scripts/run.sh on a, with its two ranks on `hosts`; with a `kind`, the host of `rank` is lost under way."""
@@ -131,10 +179,16 @@ class Hosts:
         (self.here / "python").write_text(f'#!/bin/sh\nshift 2\nexec {shlex.join(program)} "$@"\n')
         (self.here / "python").chmod(0o755)
         slots = {host: hosts.count(host) for host in hosts}
-        (self.here / "hosts").write_text("".join(f"{host} slots={number}\n" for host, number in slots.items()))
+        (self.here / "hosts").write_text(
+            "".join(f"{host} slots={number}\n" for host, number in slots.items())
+        )
         out, err = self.here / "stdout", self.here / "stderr"
-        command = shlex.join([str(SCRIPTS / "run.sh"), "run", str(self.scene), "--no-figures", *arguments])
-        self.shell.stdin.write(f"timeout -k 5 {scenes.LIMIT} {command} >{out} 2>{err} </dev/null; echo $?\n")
+        command = shlex.join(
+            [str(SCRIPTS / "run.sh"), "run", str(self.scene), "--no-figures", *arguments]
+        )
+        self.shell.stdin.write(
+            f"timeout -k 5 {scenes.LIMIT} {command} >{out} 2>{err} </dev/null; echo $?\n"
+        )
         self.shell.stdin.flush()
         return Run(int(self.shell.stdout.readline()), out.read_text(), err.read_text(), folder)
 

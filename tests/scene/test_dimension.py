@@ -60,13 +60,17 @@ material = { young = 2e11, poisson = 0.3 }
 
 
 def scene(text: str, *settings: str, **kinds: tuple) -> Settled:
-    return read_scene("case.toml", text, settings, (lambda body: kinds[body.name]) if kinds else None)
+    return read_scene(
+        "case.toml", text, settings, (lambda body: kinds[body.name]) if kinds else None
+    )
 
 
 @pytest.mark.parametrize("more, size", [("", 0.25), (", contact_size = 0.1", 0.1)])
 def test_drawn_bodies_are_finer_along_contacts(more, size):
     """A quarter of the size where nothing else is given; bodies from files have none."""
-    upper, lower = scene(FILES.replace("size = 1", f"size = 1{more}"), upper=(2, 1), lower=(2, 1)).body
+    upper, lower = scene(
+        FILES.replace("size = 1", f"size = 1{more}"), upper=(2, 1), lower=(2, 1)
+    ).body
     assert lower.mesh.contact_size == size and upper.mesh.contact_size is None
 
 
@@ -85,11 +89,18 @@ def test_solid_scene_is_filled_in():
 def test_files_say_the_dimension_where_nothing_else_does():
     """Shapes come first, then places and vectors, then files; these are only asked where they must be."""
     assert scene(FILES, upper=(3, 1), lower=(3, 1)).dimension == 3
-    assert scene(FILES, "body.upper.mesh.origin=[0.0, 0.0]") == scene(FILES)  # older versions wrote it with any mesh
+    assert scene(FILES, "body.upper.mesh.origin=[0.0, 0.0]") == scene(
+        FILES
+    )  # older versions wrote it with any mesh
     assert scene(FILES, upper=(2, 1), lower=(2, 1)).dimension == scene(FILES).dimension == 2
-    assert scene(FILES, "body.upper.volume_force=[0, 0, -1]", "body.upper.mesh.order=1").dimension == 3
-    with pytest.raises(InputError, match=r"^case\.toml: body\.lower\.mesh\.geometry: lower\.step is in the plane, and "
-                                         r"body\.upper\.mesh\.file = upper\.msh is in space"):
+    assert (
+        scene(FILES, "body.upper.volume_force=[0, 0, -1]", "body.upper.mesh.order=1").dimension == 3
+    )
+    with pytest.raises(
+        InputError,
+        match=r"^case\.toml: body\.lower\.mesh\.geometry: lower\.step is in the plane, and "
+        r"body\.upper\.mesh\.file = upper\.msh is in space",
+    ):
         scene(FILES, upper=(3, 1), lower=(2, 1))
 
 
@@ -104,55 +115,112 @@ def test_scene_around_an_axis_is_filled_in():
     assert not scene(PLANE).axisymmetric
 
 
-BOTTOM, TOP = "[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]", "[0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]"
+BOTTOM, TOP = (
+    "[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]",
+    "[0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]",
+)
 
 REFUSED = [
-    (SOLID, "body.lower.mesh={shape='rectangle', size=[1, 1], divisions=[1, 1]}",
-     "body.lower.mesh.shape: rectangle is in the plane, and body.upper.mesh.shape = box is in space; a scene has "
-     "plane shapes and lists [x, y], or solid ones and lists [x, y, z]"),
+    (
+        SOLID,
+        "body.lower.mesh={shape='rectangle', size=[1, 1], divisions=[1, 1]}",
+        "body.lower.mesh.shape: rectangle is in the plane, and body.upper.mesh.shape = box is in space; a scene has "
+        "plane shapes and lists [x, y], or solid ones and lists [x, y, z]",
+    ),
     (SOLID, "body.upper.mesh.origin=[0, 0]", "body.upper.mesh.origin: [0.0, 0.0] is in the plane"),
-    (SOLID, "body.lower.volume_force={constant=[0, 0, 1], x_slope=[0, 1]}",
-     "body.lower.volume_force.x_slope: [0.0, 1.0] is in the plane"),
+    (
+        SOLID,
+        "body.lower.volume_force={constant=[0, 0, 1], x_slope=[0, 1]}",
+        "body.lower.volume_force.x_slope: [0.0, 1.0] is in the plane",
+    ),
     (PLANE, "rigid.floor.normal=[0, 1, 0]", "rigid.floor.normal: [0.0, 1.0, 0.0] is in space"),
-    (PLANE, "body.upper.clamp=[{on='left', z=0.0}]",
-     "body.upper.clamp.0.z: there is no z in the plane; this scene is in the plane, as body.upper.mesh.shape = "
-     "rectangle"),
-    (PLANE, "body.upper.clamp=[{on='left', x={z_slope=1}}]", "body.upper.clamp.0.x.z_slope: there is no z"),
-    (PLANE, "contact.0.gap={along='z', points=[0], values=[1]}",
-     "contact.upper-floor.gap.along: there is no z in the plane"),
-    (SOLID, "contact.0.gap={along='arc', points=[0], values=[1]}",
-     "contact.upper-lower.gap.along: surfaces have no arc length; take a coordinate"),
-    (SOLID, "body.upper.material.plane=strain",
-     "body.upper.material.plane: solids and axisymmetric bodies are neither in plane strain nor in plane stress; "
-     "leave it out"),
-    (SOLID, "body.upper.material={young=[3e9, 2e9, 1e9], poisson=[0.3, 0.3, 0.3], shear=[1e9, 1e9, 1e9], angle=30}",
-     "body.upper.material.angle: the axes 1, 2, 3 of solids are x, y, z; leave it out"),
-    (SOLID, "body.upper.material={young=[3e9, 2e9, 1e9], poisson=[0.3, 0.3, 0.3], shear=1e9}",
-     "body.upper.material.shear: solids have shear = [G12, G13, G23]"),
-    (SOLID, "rigid.0={name='ball', shape='circle', center=[0, 0, 0], radius=1}",
-     "rigid.ball.shape: a circle is a shape in the plane; in space there are plane, sphere, cylinder; this scene is "
-     "in space, as body.upper.mesh.shape = box"),
-    (PLANE, "rigid.0={name='floor', shape='sphere', center=[0, 0, 0], radius=1}",
-     "rigid.floor.shape: a sphere is a shape in space; in the plane there are plane, circle"),
-    (SOLID, "axisymmetric=true",
-     "axisymmetric: axisymmetric bodies are drawn in the half-plane x >= 0; this scene is in space, as "
-     "body.upper.mesh.shape = box"),
-    (AROUND, "body.upper.clamp=[{on='left', z=0.1}]",
-     "body.upper.clamp.0.z: nothing is twisted around the axis; this scene is around an axis, as axisymmetric = true"),
-    (PLANE, "rigid.0={name='floor', shape='plane', point=[0, -1], normal=[0, 1], displacement=[0, 0], force=[0, 0, 1]}",
-     "rigid.floor.force: [0.0, 0.0, 1.0] is in space"),
+    (
+        PLANE,
+        "body.upper.clamp=[{on='left', z=0.0}]",
+        "body.upper.clamp.0.z: there is no z in the plane; this scene is in the plane, as body.upper.mesh.shape = "
+        "rectangle",
+    ),
+    (
+        PLANE,
+        "body.upper.clamp=[{on='left', x={z_slope=1}}]",
+        "body.upper.clamp.0.x.z_slope: there is no z",
+    ),
+    (
+        PLANE,
+        "contact.0.gap={along='z', points=[0], values=[1]}",
+        "contact.upper-floor.gap.along: there is no z in the plane",
+    ),
+    (
+        SOLID,
+        "contact.0.gap={along='arc', points=[0], values=[1]}",
+        "contact.upper-lower.gap.along: surfaces have no arc length; take a coordinate",
+    ),
+    (
+        SOLID,
+        "body.upper.material.plane=strain",
+        "body.upper.material.plane: solids and axisymmetric bodies are neither in plane strain nor in plane stress; "
+        "leave it out",
+    ),
+    (
+        SOLID,
+        "body.upper.material={young=[3e9, 2e9, 1e9], poisson=[0.3, 0.3, 0.3], shear=[1e9, 1e9, 1e9], angle=30}",
+        "body.upper.material.angle: the axes 1, 2, 3 of solids are x, y, z; leave it out",
+    ),
+    (
+        SOLID,
+        "body.upper.material={young=[3e9, 2e9, 1e9], poisson=[0.3, 0.3, 0.3], shear=1e9}",
+        "body.upper.material.shear: solids have shear = [G12, G13, G23]",
+    ),
+    (
+        SOLID,
+        "rigid.0={name='ball', shape='circle', center=[0, 0, 0], radius=1}",
+        "rigid.ball.shape: a circle is a shape in the plane; in space there are plane, sphere, cylinder; this scene is "
+        "in space, as body.upper.mesh.shape = box",
+    ),
+    (
+        PLANE,
+        "rigid.0={name='floor', shape='sphere', center=[0, 0, 0], radius=1}",
+        "rigid.floor.shape: a sphere is a shape in space; in the plane there are plane, circle",
+    ),
+    (
+        SOLID,
+        "axisymmetric=true",
+        "axisymmetric: axisymmetric bodies are drawn in the half-plane x >= 0; this scene is in space, as "
+        "body.upper.mesh.shape = box",
+    ),
+    (
+        AROUND,
+        "body.upper.clamp=[{on='left', z=0.1}]",
+        "body.upper.clamp.0.z: nothing is twisted around the axis; this scene is around an axis, as axisymmetric = true",
+    ),
+    (
+        PLANE,
+        "rigid.0={name='floor', shape='plane', point=[0, -1], normal=[0, 1], displacement=[0, 0], force=[0, 0, 1]}",
+        "rigid.floor.force: [0.0, 0.0, 1.0] is in space",
+    ),
     (PLANE, "output.mirrored=true", "output.mirrored: shows the other half of axisymmetric bodies"),
     (SOLID, "rigid.shaft.axis=[0, 0, 0]", "rigid.shaft: axis must not be zero"),
-    (SOLID, "body.upper.mesh.size=[3, 1]",
-     "body.upper.mesh.size: a box has size = [length, depth, height], got [3.0, 1.0]"),
-    (SOLID, f"body.lower.mesh.corners=[{TOP}, {BOTTOM}]",
-     "body.lower.mesh: corners make a hexahedron that is turned inside out"),
-    (SOLID, f"body.lower.mesh.corners=[{BOTTOM}, [1, 1, 1], [0, 1, 1], [0, 0, 1], [1, 0, 1]]",
-     "body.lower.mesh: corners must be those of a convex hexahedron"),
+    (
+        SOLID,
+        "body.upper.mesh.size=[3, 1]",
+        "body.upper.mesh.size: a box has size = [length, depth, height], got [3.0, 1.0]",
+    ),
+    (
+        SOLID,
+        f"body.lower.mesh.corners=[{TOP}, {BOTTOM}]",
+        "body.lower.mesh: corners make a hexahedron that is turned inside out",
+    ),
+    (
+        SOLID,
+        f"body.lower.mesh.corners=[{BOTTOM}, [1, 1, 1], [0, 1, 1], [0, 0, 1], [1, 0, 1]]",
+        "body.lower.mesh: corners must be those of a convex hexahedron",
+    ),
 ]
 
 
-@pytest.mark.parametrize("text, setting, words", REFUSED, ids=[setting[:60] for _, setting, _ in REFUSED])
+@pytest.mark.parametrize(
+    "text, setting, words", REFUSED, ids=[setting[:60] for _, setting, _ in REFUSED]
+)
 def test_what_belongs_to_the_other_dimension_is_refused(text, setting, words):
     """One message with the key says what does not belong into this scene."""
     assert message(setting, text=text).startswith(f"case.toml: {words}")
@@ -160,6 +228,8 @@ def test_what_belongs_to_the_other_dimension_is_refused(text, setting, words):
 
 def test_expansions_along_three_axes_are_no_place_in_space():
     """An orthotropic material has three of them, in the plane as well."""
-    material = "material={young=[3, 2, 1], poisson=[0.3, 0.2, 0.1], shear=1, expansion=[1e-5, 2e-5, 3e-5]}"
+    material = (
+        "material={young=[3, 2, 1], poisson=[0.3, 0.2, 0.1], shear=1, expansion=[1e-5, 2e-5, 3e-5]}"
+    )
     warm = scene(PLANE, f"body.upper.{material}", "body.upper.temperature=10.0").body[0]
     assert np.diag(warm.material.expansions) == pytest.approx([1e-5, 2e-5, 3e-5])

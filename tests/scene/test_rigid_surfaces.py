@@ -14,14 +14,17 @@ EXAMPLES = {
     "a bore": Circle(name="bore", center=(0.5, -0.25), radius=1.5, inside=True),
     "a plane in space": Plane(name="wall", point=(1.0, 0.5, 0.0), normal=(1.0, 2.0, 2.0)),
     "a ball": Sphere(name="ball", center=(0.5, -0.25, 0.25), radius=0.75),
-    "a shaft": Cylinder(name="shaft", point=(0.5, -0.25, 0.25), axis=(1.0, 2.0, -2.0), radius=0.75)}
+    "a shaft": Cylinder(name="shaft", point=(0.5, -0.25, 0.25), axis=(1.0, 2.0, -2.0), radius=0.75),
+}
 
 STEP = 1e-6
 
 
 def random_points(shape: RigidSurface, *number: int) -> np.ndarray:
     """In a square or cube around the origin, of the shape's dimension."""
-    return np.random.default_rng(27).uniform(-2.0, 2.0, (*number, len(getattr(shape, "center", None) or shape.point)))
+    return np.random.default_rng(27).uniform(
+        -2.0, 2.0, (*number, len(getattr(shape, "center", None) or shape.point))
+    )
 
 
 def test_every_shape_has_an_example():
@@ -33,8 +36,12 @@ def test_normals_are_those_of_the_distance(shape):
     """They are its gradient, and lead to the surface."""
     points = random_points(shape, 40)
     normal, distance = shape.facing(points)
-    slopes = np.transpose([(shape.facing(points + e)[1] - shape.facing(points - e)[1]) / (2 * STEP)
-                           for e in STEP * np.eye(points.shape[1])])
+    slopes = np.transpose(
+        [
+            (shape.facing(points + e)[1] - shape.facing(points - e)[1]) / (2 * STEP)
+            for e in STEP * np.eye(points.shape[1])
+        ]
+    )
     assert slopes == pytest.approx(normal, abs=1e-8)
     again, left = shape.facing(points - distance[:, None] * normal)
     assert again == pytest.approx(normal) and left == pytest.approx(np.zeros(40), abs=1e-12)

@@ -13,22 +13,35 @@ pytestmark = pytest.mark.slow
 TIGHT = {"method": {"tolerance": 1e-12}}
 
 
-def disc(name: str, y: float, divisions: tuple[int, int], order: int = 1, inner: float = 0.0, **more) -> dict:
+def disc(
+    name: str, y: float, divisions: tuple[int, int], order: int = 1, inner: float = 0.0, **more
+) -> dict:
     """A disc 1 m high from the radius `inner` to 2 m, with its bottom at y."""
     return rectangle(name, (inner, y), (2.0 - inner, 1.0), divisions, order, **more)
 
 
-def pressed(order: int = 1, law: dict | None = None, loose: bool = False, inner: float = 0.0, **contact) -> dict:
+def pressed(
+    order: int = 1, law: dict | None = None, loose: bool = False, inner: float = 0.0, **contact
+) -> dict:
     """Two discs of unlike stiffness, the upper one pressed at its rim; the lower one held, or loose on a floor."""
     lower = {} if loose else {"clamp": ["bottom"]}
-    scene = {"axisymmetric": True, "body": [
-        disc("upper", 1.0, (6, 3), order, inner, traction=[{"on": "top", "pressure": 1e6}]),
-        disc("lower", 0.0, (7, 4), order, inner, **lower)]}
+    scene = {
+        "axisymmetric": True,
+        "body": [
+            disc("upper", 1.0, (6, 3), order, inner, traction=[{"on": "top", "pressure": 1e6}]),
+            disc("lower", 0.0, (7, 4), order, inner, **lower),
+        ],
+    }
     scene["body"][1]["material"] = {"young": 3e9, "poisson": 0.2}
-    scene["contact"] = [{"bodies": ["upper", "lower"], "on": ["bottom", "top"], "friction": law or COULOMB} | contact]
+    scene["contact"] = [
+        {"bodies": ["upper", "lower"], "on": ["bottom", "top"], "friction": law or COULOMB}
+        | contact
+    ]
     if loose:
         scene["rigid"] = [FLOOR]
-        scene["contact"].append({"bodies": ["lower", "floor"], "on": ["bottom"], "friction": COULOMB})
+        scene["contact"].append(
+            {"bodies": ["lower", "floor"], "on": ["bottom"], "friction": COULOMB}
+        )
     return scene
 
 
@@ -36,8 +49,11 @@ def pressed(order: int = 1, law: dict | None = None, loose: bool = False, inner:
 def test_multigrid_knows_the_motion_along_the_axis(order, more):
     """Products by multigrid give the answer of dense compliances."""
     scene = pressed(order, **more)
-    assert_same(found(scene | TIGHT), found(scene | {"method": {"tolerance": 1e-10, "compliance": "iterative"}}),
-                within=1e-6)
+    assert_same(
+        found(scene | TIGHT),
+        found(scene | {"method": {"tolerance": 1e-10, "compliance": "iterative"}}),
+        within=1e-6,
+    )
 
 
 @pytest.mark.mpi(ranks=2)
@@ -53,15 +69,29 @@ def test_published_iteration(comm):
 
 def test_a_clamp_along_the_normal_is_a_cone_without_friction():
     """A ring that slides on a cone by a clamp along the normal moves as on a rigid cone that it is pressed onto."""
-    ring = {"name": "ring", "material": {"young": 1e9, "poisson": 0.3}, "traction": [{"on": "top", "pressure": 1e6}],
-            "mesh": {"shape": "quadrilateral", "corners": [[1.0, 0.0], [2.0, 0.0], [2.0, 1.0], [0.6, 1.0]],
-                     "divisions": [5, 5], "order": 2}}
+    ring = {
+        "name": "ring",
+        "material": {"young": 1e9, "poisson": 0.3},
+        "traction": [{"on": "top", "pressure": 1e6}],
+        "mesh": {
+            "shape": "quadrilateral",
+            "corners": [[1.0, 0.0], [2.0, 0.0], [2.0, 1.0], [0.6, 1.0]],
+            "divisions": [5, 5],
+            "order": 2,
+        },
+    }
     cone = {"name": "cone", "shape": "plane", "point": [1.0, 0.0], "normal": [1.0, 0.4]}
-    scene = {"axisymmetric": True, "body": [ring], "rigid": [cone, FLOOR | {"point": [0.0, -9.0]}],
-             "contact": [{"bodies": ["ring", "cone"], "on": ["left"]}]} | TIGHT
+    scene = {
+        "axisymmetric": True,
+        "body": [ring],
+        "rigid": [cone, FLOOR | {"point": [0.0, -9.0]}],
+        "contact": [{"bodies": ["ring", "cone"], "on": ["left"]}],
+    } | TIGHT
     one = certified(scene)
     clamped = ring | {"clamp": [{"on": "left", "normal": 0.0}]}
-    other = certified(scene | {"body": [clamped], "contact": [{"bodies": ["ring", "floor"], "on": ["bottom"]}]})
+    other = certified(
+        scene | {"body": [clamped], "contact": [{"bodies": ["ring", "floor"], "on": ["bottom"]}]}
+    )
     assert one.summary["contacts"]["ring-cone"]["open"] == 0
     u = one.bodies["ring"].displacement
     assert other.bodies["ring"].displacement == pytest.approx(u, abs=1e-9 * np.abs(u).max())
@@ -95,7 +125,9 @@ def test_target_error_refines_the_meshes():
     answer = certified(scene)
     assert answer.summary["discretization_error"]["energy_norm"] <= 0.003
     assert len(answer.summary["discretization_error"]["levels"]) > 1
-    assert answer.summary["contacts"]["upper-lower"]["normal_force"] == pytest.approx(2 * np.pi * 8 / 3 * 1e6)
+    assert answer.summary["contacts"]["upper-lower"]["normal_force"] == pytest.approx(
+        2 * np.pi * 8 / 3 * 1e6
+    )
 
 
 @pytest.mark.clarabel
@@ -116,10 +148,20 @@ def test_what_slides_along_the_axis_is_named():
 @pytest.mark.parametrize("partner", [(24, 4), (19, 4), None], ids=["pairs", "mortar", "rigid"])
 def test_rows_on_the_axis_are_merged(partner):
     """With those of the next nodes, on arcs of order 2: the pressure between balls is constant up to the poles."""
+
     def shell(name, radii, divisions):
-        return {"name": name, "material": {"young": 1e9, "poisson": 0.3}, "mesh": {
-            "shape": "annulus", "center": [0.0, 0.0], "radii": radii, "angles": [-90, 90], "divisions": list(divisions),
-            "order": 2}}
+        return {
+            "name": name,
+            "material": {"young": 1e9, "poisson": 0.3},
+            "mesh": {
+                "shape": "annulus",
+                "center": [0.0, 0.0],
+                "radii": radii,
+                "angles": [-90, 90],
+                "divisions": list(divisions),
+                "order": 2,
+            },
+        }
 
     scene = {"axisymmetric": True, "body": [shell("ball", [1.0, 2.0], (24, 4))]} | TIGHT
     contact = {"bodies": ["ball", "shell"], "on": ["outer", "inner"], "gap": -1e-4}
@@ -127,7 +169,15 @@ def test_rows_on_the_axis_are_merged(partner):
         scene["body"].append(shell("shell", [2.0, 3.0], partner))
     else:
         contact = {"bodies": ["ball", "shell"], "on": ["outer"], "gap": -1e-4}
-        scene["rigid"] = [{"name": "shell", "shape": "circle", "center": [0.0, 0.0], "radius": 2.0, "inside": True}]
+        scene["rigid"] = [
+            {
+                "name": "shell",
+                "shape": "circle",
+                "center": [0.0, 0.0],
+                "radius": 2.0,
+                "inside": True,
+            }
+        ]
     scene["contact"] = [contact]
     state = certified(scene).contacts["ball-shell"]
     lines = state.interface.lines

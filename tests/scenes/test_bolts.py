@@ -15,8 +15,10 @@ def pretension(summary: dict, name: str = "cut") -> list[float]:
     return list(summary["contacts"][name]["pretension"].values())
 
 
-@pytest.mark.parametrize(("d", "order", "n", "sign", "swapped"), [
-    (2, 1, 2, 1.0, False), (2, 2, 3, -1.0, True), (3, 1, 3, 1.0, True), (3, 2, 2, -1.0, False)])
+@pytest.mark.parametrize(
+    ("d", "order", "n", "sign", "swapped"),
+    [(2, 1, 2, 1.0, False), (2, 2, 3, -1.0, True), (3, 1, 3, 1.0, True), (3, 2, 2, -1.0, False)],
+)
 def test_a_bar_that_is_pulled_in_the_middle(d, order, n, sign, swapped):
     """The force is the given one, and the offset F L / E A; in any direction, order of bodies, on any meshes."""
     scene = bar(d, order, n, force=sign * FORCE, along=[2.5] + [0.0] * (d - 1))
@@ -25,19 +27,25 @@ def test_a_bar_that_is_pulled_in_the_middle(d, order, n, sign, swapped):
         contact |= {"bodies": ["two", "one"], "on": ["left", "right"]}
         contact["pretension"]["along"][0] *= -1.0
     answer = certified(scene)
-    assert pretension(answer.summary) == pytest.approx([sign * FORCE, sign * 3.0 * FORCE / YOUNG], rel=1e-8)
+    assert pretension(answer.summary) == pytest.approx(
+        [sign * FORCE, sign * 3.0 * FORCE / YOUNG], rel=1e-8
+    )
     assert answer.summary["bodies"]["one"]["reaction"][0] == pytest.approx(-sign * FORCE, rel=1e-8)
     assert np.abs(answer.contacts["cut"].gap).max() <= 1e-8 * 3.0 * FORCE / YOUNG
     assert set(answer.contacts["cut"].status) == {"stick"} and answer.summary["warnings"] == []
 
 
-@pytest.mark.parametrize(("kind", "order", "n"), [("plane", 1, 3), ("plane", 2, 4), ("axis", 1, 4), ("axis", 2, 3),
-                                                  ("space", 1, 3)])
+@pytest.mark.parametrize(
+    ("kind", "order", "n"),
+    [("plane", 1, 3), ("plane", 2, 4), ("axis", 1, 4), ("axis", 2, 3), ("space", 1, 3)],
+)
 def test_a_joint_under_load(kind, order, n):
     """The offset stays, to the bit; the bolt takes a part of the load by the stiffness ratio, then all of it."""
     summary = certified(joint(kind, order, n, steps=2)).summary
     for step in summary["steps"]:
-        assert pretension(step) == pytest.approx(of_joint(kind, step["time"]), rel=1e-8), step["time"]
+        assert pretension(step) == pytest.approx(of_joint(kind, step["time"]), rel=1e-8), step[
+            "time"
+        ]
     assert len({pretension(step)[1] for step in summary["steps"][1:]}) == 1
     assert pretension(summary) == pretension(summary["steps"][-1])
     assert summary["energy"]["residual"] <= 1e-10
@@ -74,7 +82,8 @@ def test_all_ways_to_the_answer_keep_the_offset(path, monkeypatch):
     monkeypatch.setattr(newton, "PATIENCE", 0)
     monkeypatch.setattr(newton, "PATHS", [path])
     assert [pretension(step) for step in certified(scene).summary["steps"]] == [
-        pytest.approx(one, rel=1e-7) for one in expected]
+        pytest.approx(one, rel=1e-7) for one in expected
+    ]
 
 
 def test_products_by_multigrid():
@@ -82,7 +91,8 @@ def test_products_by_multigrid():
     scene = joint(steps=1)
     steps = certified(scene, method__compliance="iterative").summary["steps"]
     assert [pretension(step) for step in steps] == [
-        pytest.approx(of_joint("plane", step["time"]), rel=1e-7) for step in steps]
+        pytest.approx(of_joint("plane", step["time"]), rel=1e-7) for step in steps
+    ]
 
 
 @pytest.mark.clarabel
@@ -91,8 +101,10 @@ def test_a_nut_in_the_air(tmp_path):
     scene = joint()
     del scene["body"][0]["clamp"]
     answer = ddmpi.solve(scene, MPI.COMM_SELF)
-    assert answer.reason.startswith("no equilibrium: lower and pretension of cut would move along y "
-                                    "(or should its `along` be turned round?)")
+    assert answer.reason.startswith(
+        "no equilibrium: lower and pretension of cut would move along y "
+        "(or should its `along` be turned round?)"
+    )
     run = run_here(write_scene(scene, tmp_path / "scene.toml"), tmp_path / "out")
     assert run.code == 3
 
@@ -100,20 +112,40 @@ def test_a_nut_in_the_air(tmp_path):
 def test_check_and_log_tell_it(tmp_path):
     """`ddmpi check` names the pull; the log ends with force and offset."""
     path = write_scene(bar(), tmp_path / "scene.toml")
-    assert "contact cut: pulled by 100000 along (1, 0)" in call("check", str(path), "--no-figures").output
+    assert (
+        "contact cut: pulled by 100000 along (1, 0)"
+        in call("check", str(path), "--no-figures").output
+    )
     run = run_here(path, tmp_path / "out", "--no-figures")
-    assert run.code == 0 and "; pretension 1e+05 N/m at the offset 0.0003 m" in run.stdout, run.stdout
+    assert run.code == 0 and "; pretension 1e+05 N/m at the offset 0.0003 m" in run.stdout, (
+        run.stdout
+    )
 
 
-@pytest.mark.parametrize(("contact", "words"), [
-    ({"kind": "unilateral"}, 'contact.cut: pretension goes with kind = "bonded", a bond that is pulled as a whole; '
-                             "this contact is unilateral"),
-    ({"kind": "guided"}, "this contact is guided"),
-    ({"pretension": {"force": 1.0, "along": [0.0, 0.0]}}, "contact.cut.pretension: along must not be zero"),
-    ({"pretension": {"force": 1.0, "along": [1.0, 0.0], "history": "before"}},
-     "contact.cut.pretension.history: [history.before] ends at time 0, before the first load step"),
-    ({"clamp": True}, "contact.cut.pretension: at (1, 0) clamps hold both sides along (0, 1)"),
-    ({"axisymmetric": True}, "contact.cut.pretension.along: an axisymmetric bond is pulled along y only")])
+@pytest.mark.parametrize(
+    ("contact", "words"),
+    [
+        (
+            {"kind": "unilateral"},
+            'contact.cut: pretension goes with kind = "bonded", a bond that is pulled as a whole; '
+            "this contact is unilateral",
+        ),
+        ({"kind": "guided"}, "this contact is guided"),
+        (
+            {"pretension": {"force": 1.0, "along": [0.0, 0.0]}},
+            "contact.cut.pretension: along must not be zero",
+        ),
+        (
+            {"pretension": {"force": 1.0, "along": [1.0, 0.0], "history": "before"}},
+            "contact.cut.pretension.history: [history.before] ends at time 0, before the first load step",
+        ),
+        ({"clamp": True}, "contact.cut.pretension: at (1, 0) clamps hold both sides along (0, 1)"),
+        (
+            {"axisymmetric": True},
+            "contact.cut.pretension.along: an axisymmetric bond is pulled along y only",
+        ),
+    ],
+)
 def test_a_pretension_is_refused(contact, words):
     """Each mistake of a pretension has one message, before any work."""
     scene = bar()
@@ -125,5 +157,8 @@ def test_a_pretension_is_refused(contact, words):
         scene["contact"][0]["pretension"]["along"] = [0.0, 1.0]
     scene["contact"][0] |= contact
     if "history" in scene["contact"][0]["pretension"]:
-        scene |= {"history": {"before": {"times": [-1.0, 0.0], "factors": [0.0, 1.0]}}, "time": {"points": [1.0]}}
+        scene |= {
+            "history": {"before": {"times": [-1.0, 0.0], "factors": [0.0, 1.0]}},
+            "time": {"points": [1.0]},
+        }
     assert_refused(scene, words)

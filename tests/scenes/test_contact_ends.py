@@ -15,14 +15,35 @@ def tipping(sideways: float, end: float, cells: int, order: int, slave: str, spa
     shape = box if space else rectangle
     depth, thick = ([1.0], [cells]) if space else ([], [])
     push = [sideways * PRESSURE, *[0.0] * space, -PRESSURE]
-    block = shape("block", [0.0, *[0.0] * space, 0.0], [1.0, *depth, 1.0], [cells, *thick, cells], order,
-                  traction=[{"on": "top", "value": push}])
+    block = shape(
+        "block",
+        [0.0, *[0.0] * space, 0.0],
+        [1.0, *depth, 1.0],
+        [cells, *thick, cells],
+        order,
+        traction=[{"on": "top", "value": push}],
+    )
     clamp = {"on": "bottom"} | (HELD if space else {"x": 0.0, "y": 0.0})
-    slab = shape("slab", [end - 2.0, *[-0.5] * space, -0.5], [2.0, *[2.0] * space, 0.5], [5, *[5] * space, 2], order,
-                 clamp=[clamp])
-    return {"body": [block, slab], "contact": [
-        {"bodies": ["block", "slab"], "on": ["bottom", "top"], "slave": slave, "pairing": "mortar",
-         "friction": {"law": "coulomb", "coefficient": 1.0}}]}
+    slab = shape(
+        "slab",
+        [end - 2.0, *[-0.5] * space, -0.5],
+        [2.0, *[2.0] * space, 0.5],
+        [5, *[5] * space, 2],
+        order,
+        clamp=[clamp],
+    )
+    return {
+        "body": [block, slab],
+        "contact": [
+            {
+                "bodies": ["block", "slab"],
+                "on": ["bottom", "top"],
+                "slave": slave,
+                "pairing": "mortar",
+                "friction": {"law": "coulomb", "coefficient": 1.0},
+            }
+        ],
+    }
 
 
 @pytest.mark.parametrize("space", [False, True])

@@ -23,14 +23,22 @@ CYCLE = {"from": 1.0, "to": 3.0, "repeat": 3}
 
 def rubbed(points=(1.0, 1.5, 2.5, 3.0, 4.0), factors=(0.0, 1.0, -1.0, 0.0, 0.5), **time) -> dict:
     """Unlike blocks, one loose, of which the upper one is pressed on and then rubbed to and fro by its load."""
-    loads = [{"on": "top", "value": [0.0, -1e6], "history": "press"},
-             {"on": "right", "value": [2.7e5, 0.0], "history": "rub"}]
-    return {"body": [rectangle("upper", (0, 1), (2, 1), (5, 3), young=2e9, traction=loads),
-                     rectangle("lower", (-1, 0), (4, 1), (12, 3), clamp=["bottom"])],
-            "contact": [{"bodies": ["upper", "lower"], "on": ["bottom", "top"], "friction": COULOMB}],
-            "history": {"press": {"times": [0.0, 1.0], "factors": [0.0, 1.0]},
-                        "rub": {"times": list(points), "factors": list(factors)}},
-            "time": {"points": list(points)} | time}
+    loads = [
+        {"on": "top", "value": [0.0, -1e6], "history": "press"},
+        {"on": "right", "value": [2.7e5, 0.0], "history": "rub"},
+    ]
+    return {
+        "body": [
+            rectangle("upper", (0, 1), (2, 1), (5, 3), young=2e9, traction=loads),
+            rectangle("lower", (-1, 0), (4, 1), (12, 3), clamp=["bottom"]),
+        ],
+        "contact": [{"bodies": ["upper", "lower"], "on": ["bottom", "top"], "friction": COULOMB}],
+        "history": {
+            "press": {"times": [0.0, 1.0], "factors": [0.0, 1.0]},
+            "rub": {"times": list(points), "factors": list(factors)},
+        },
+        "time": {"points": list(points)} | time,
+    }
 
 
 def unrolled(scene: dict, run: int) -> dict:
@@ -41,9 +49,11 @@ def unrolled(scene: dict, run: int) -> dict:
     shifts = [k * (cycle["to"] - cycle["from"]) for k in range(run)]
     drawn = [(time, factor) for time, factor in zip(rub["times"], rub["factors"], strict=True)]
     within = [(t, f) for t, f in drawn if cycle["from"] < t <= cycle["to"]]
-    course = [*((t, f) for t, f in drawn if t <= cycle["from"]),
-              *((t + shift, f) for shift in shifts for t, f in within),
-              *((t + shifts[-1], f) for t, f in drawn if t > cycle["to"])]
+    course = [
+        *((t, f) for t, f in drawn if t <= cycle["from"]),
+        *((t + shift, f) for shift in shifts for t, f in within),
+        *((t + shifts[-1], f) for t, f in drawn if t > cycle["to"]),
+    ]
     rub["times"], rub["factors"] = (list(values) for values in zip(*course, strict=True))
     time["points"] = rub["times"]
     return scene
@@ -51,9 +61,20 @@ def unrolled(scene: dict, run: int) -> dict:
 
 def rows(answer: Answer) -> np.ndarray:
     """Times, forces, dissipation and counts of all steps."""
-    return np.array([[step["time"], *contact["force"], contact["normal_force"], contact["dissipated"],
-                      contact["open"], contact["slip"]] for step in answer.solved.steps.steps
-                     for contact in step["contacts"].values()])
+    return np.array(
+        [
+            [
+                step["time"],
+                *contact["force"],
+                contact["normal_force"],
+                contact["dissipated"],
+                contact["open"],
+                contact["slip"],
+            ]
+            for step in answer.solved.steps.steps
+            for contact in step["contacts"].values()
+        ]
+    )
 
 
 @pytest.mark.parametrize("time", [{"steps": 2}, {"tolerance": 0.05}])
@@ -66,14 +87,20 @@ def test_cycles_are_what_a_long_history_gives(time):
     if "steps" in time:
         theirs = rows(plain)
         assert ours == pytest.approx(theirs, rel=1e-8, abs=1e-9 * np.abs(theirs).max())
-        assert answer.summary["energy"] == pytest.approx(plain.summary["energy"], rel=1e-8, abs=1e-12)
+        assert answer.summary["energy"] == pytest.approx(
+            plain.summary["energy"], rel=1e-8, abs=1e-12
+        )
         slip, other = (each.contacts["upper-lower"].slip_total for each in (answer, plain))
         assert slip == pytest.approx(other, rel=1e-6, abs=1e-8 * np.abs(other).max())
     numbers = [step["cycle"] for step in answer.solved.steps.steps]
     per_cycle = [numbers.count(k) for k in (1, 2, 3)]
-    assert numbers == sorted(numbers[:-numbers[::-1].index(3)]) + [0] * numbers[::-1].index(3)
-    assert per_cycle[0] == per_cycle[1] == per_cycle[2] >= 4  # later cycles take the steps of the first
-    assert [step["cycle"] for step in answer.summary["steps"] if step["cycle"]] == [3] * per_cycle[2]
+    assert numbers == sorted(numbers[: -numbers[::-1].index(3)]) + [0] * numbers[::-1].index(3)
+    assert (
+        per_cycle[0] == per_cycle[1] == per_cycle[2] >= 4
+    )  # later cycles take the steps of the first
+    assert [step["cycle"] for step in answer.summary["steps"] if step["cycle"]] == [3] * per_cycle[
+        2
+    ]
     expected = sum(row[4] for row in ours)
     dissipated = answer.summary["contacts"]["upper-lower"]["dissipated"]
     assert dissipated == pytest.approx(expected, rel=1e-12) and expected > 0.0
@@ -84,13 +111,19 @@ def test_cycles_are_what_a_long_history_gives(time):
 def test_cycles_end_when_forces_stay(unit):
     """Shaken down, they end early, in any unit of time; without a bound all are run; a cycle may begin at time 0."""
     points = [unit * time for time in (1.0, 1.5, 2.5, 3.0, 4.0)]
-    scene = rubbed(points, steps=2, cycle={"from": points[0], "to": points[3], "repeat": 50, "until": 1e-6})
+    scene = rubbed(
+        points, steps=2, cycle={"from": points[0], "to": points[3], "repeat": 50, "until": 1e-6}
+    )
     scene["history"]["press"]["times"] = [0.0, unit]
     answer = certified(scene)
     cycles, steps = answer.summary["cycles"], answer.summary["steps"]
     assert 2 <= cycles["run"] < 10 and cycles["change"] < 1e-6
-    assert steps[-1]["time"] == pytest.approx(points[-1] + (cycles["run"] - 1) * 2.0 * unit, rel=1e-12)
-    all_run = certified(scene, time__cycle={"from": points[0], "to": points[3], "repeat": 4}).summary["cycles"]
+    assert steps[-1]["time"] == pytest.approx(
+        points[-1] + (cycles["run"] - 1) * 2.0 * unit, rel=1e-12
+    )
+    all_run = certified(
+        scene, time__cycle={"from": points[0], "to": points[3], "repeat": 4}
+    ).summary["cycles"]
     assert all_run["run"] == 4 and all_run["change"] < 1e-6
     early = rubbed((1.0, 2.0), (1.0, 0.0), steps=1, cycle={"from": 0.0, "to": 2.0, "repeat": 3})
     early["history"]["press"] = {"times": [0.0, 1.0, 2.0], "factors": [1.0, 1.5, 1.0]}
@@ -106,19 +139,38 @@ def test_files_of_cycles(tmp_path):
     path = write_scene(rubbed(steps=2, cycle=CYCLE), tmp_path / "scene.toml")
     done = run_here(path, tmp_path / "out", "--no-figures")
     steps, energy = done.table("steps.csv"), done.table("energy.csv")
-    assert steps["cycle"].tolist() == [0] * 2 + [1] * 6 + [2] * 6 + [3] * 6 + [0] * 2 == energy["cycle"].tolist()
+    assert (
+        steps["cycle"].tolist()
+        == [0] * 2 + [1] * 6 + [2] * 6 + [3] * 6 + [0] * 2
+        == energy["cycle"].tolist()
+    )
     assert step_times(tmp_path / "out") == [1.0, 5.5, 6.5, 7.0, 8.0]
     results = read_results(tmp_path / "out")
     assert set(results.legs["upper-lower"]["time"]) == {1.0, 5.5, 6.5, 7.0, 8.0}
     times = (1.0, 1.5, 2.5, 3.5, 5.0, 6.5, 7.0, 7.5, 8.0, None)
-    assert [factor_at(results.summary, "rub", time) for time in times] == [0, 1, -1, 1, 0, -1, 0, 0.25, 0.5, 0.5]
+    assert [factor_at(results.summary, "rub", time) for time in times] == [
+        0,
+        1,
+        -1,
+        1,
+        0,
+        -1,
+        0,
+        0.25,
+        0.5,
+        0.5,
+    ]
     assert at_step(results, tmp_path / "out").time == 6.5
     loop = draw_steps(results).axes[0].lines[0]
     assert loop.get_xdata().tolist() == [0, 0, 0, *3 * [0.5, 1, 0, -1, -0.5, 0], 0.25, 0.5]
-    assert "at time 6.5" in write_report(tmp_path / "out", str(tmp_path / "r.html"), 6.5).read_text(encoding="utf-8")
+    assert "at time 6.5" in write_report(tmp_path / "out", str(tmp_path / "r.html"), 6.5).read_text(
+        encoding="utf-8"
+    )
     told = {step["time"]: step for step in results.summary["steps"]}
     for time, load in ((5.5, 2.7e5), (6.5, -2.7e5), (8.0, 1.35e5)):
-        assert told[time]["bodies"]["upper"]["loads"]["right"]["force"] == pytest.approx([load, 0.0])
+        assert told[time]["bodies"]["upper"]["loads"]["right"]["force"] == pytest.approx(
+            [load, 0.0]
+        )
         assert told[time]["bodies"]["lower"]["reaction"] == pytest.approx([-load, 2e6], rel=1e-6)
 
 
@@ -126,8 +178,12 @@ def test_files_of_cycles(tmp_path):
 @pytest.mark.parametrize("time", [{"steps": 2}, {"tolerance": 0.05}])
 def test_a_run_goes_on_within_cycles(time, tmp_path):
     """From checkpoints here and there."""
-    go_on_from_checkpoints(rubbed(cycle=CYCLE | {"until": 1e-9}, **time) | {"checkpoint": {"iterations": 1}}, tmp_path,
-                           slice(3, None, 9), ("steps", "cycles", "n_A", "energy", "certificate"))
+    go_on_from_checkpoints(
+        rubbed(cycle=CYCLE | {"until": 1e-9}, **time) | {"checkpoint": {"iterations": 1}},
+        tmp_path,
+        slice(3, None, 9),
+        ("steps", "cycles", "n_A", "energy", "certificate"),
+    )
 
 
 def test_a_cycle_without_equilibrium_is_named():
@@ -140,14 +196,21 @@ def test_a_cycle_without_equilibrium_is_named():
     assert [step["time"] for step in answer.summary["steps"]][:2] == [0.5, 1.0]
 
 
-@pytest.mark.parametrize("cycle, words", [
-    ({"from": 3.5, "to": 1.5, "repeat": 2}, ["time.cycle.from: 3.5 must be before to = 1.5"]),
-    ({"from": 1.0, "to": 3.0, "repeat": 0}, ["cycle.repeat", ">= 1"]),
-    ({"from": -1.0, "to": 3.0, "repeat": 2}, ["cycle.from", ">= 0"]),
-    ({"from": 1.0, "to": 5.5, "repeat": 2}, ["time.cycle: to = 5.5", "4"]),
-    ({"from": 1.5, "to": 2.5, "repeat": 2}, ["time.cycle", "history.rub", "factor 1 at from = 1.5", "-1 at to = 2.5"]),
-    ({"from": 0.0, "to": 1.0, "repeat": 2}, ["time.cycle", "history.press"]),
-    ({"from": 1.5, "to": 3.5, "repeat": 2, "until": 1.5}, ["cycle.until"])])
+@pytest.mark.parametrize(
+    "cycle, words",
+    [
+        ({"from": 3.5, "to": 1.5, "repeat": 2}, ["time.cycle.from: 3.5 must be before to = 1.5"]),
+        ({"from": 1.0, "to": 3.0, "repeat": 0}, ["cycle.repeat", ">= 1"]),
+        ({"from": -1.0, "to": 3.0, "repeat": 2}, ["cycle.from", ">= 0"]),
+        ({"from": 1.0, "to": 5.5, "repeat": 2}, ["time.cycle: to = 5.5", "4"]),
+        (
+            {"from": 1.5, "to": 2.5, "repeat": 2},
+            ["time.cycle", "history.rub", "factor 1 at from = 1.5", "-1 at to = 2.5"],
+        ),
+        ({"from": 0.0, "to": 1.0, "repeat": 2}, ["time.cycle", "history.press"]),
+        ({"from": 1.5, "to": 3.5, "repeat": 2, "until": 1.5}, ["cycle.until"]),
+    ],
+)
 def test_what_cycles_cannot_be_is_refused(cycle, words):
     """Before any work, by one message that names the key."""
     assert_refused(rubbed(cycle=cycle), *words)
@@ -155,13 +218,19 @@ def test_what_cycles_cannot_be_is_refused(cycle, words):
 
 def test_a_pretension_is_given_before_or_throughout_cycles():
     """One that ends within cycles would be given and kept in turns; one that ends with a single cycle is kept after."""
-    scene = bolts.joint() | {"time": {"points": [1.0, 3.0, 4.0], "cycle": {"from": 1.0, "to": 3.0, "repeat": 2}}}
+    scene = bolts.joint() | {
+        "time": {"points": [1.0, 3.0, 4.0], "cycle": {"from": 1.0, "to": 3.0, "repeat": 2}}
+    }
     scene["history"] = {"work": {"times": [1.0, 2.0, 3.0, 4.0], "factors": [0.0, 1.0, 0.0, 1.0]}}
     for end in 1.5, 3.0:
         scene["history"]["tighten"] = {"times": [0.0, 1.0, end], "factors": [0.0, 1.0, 1.0]}
-        with pytest.raises(InputError, match=r"contact.cut.pretension.history: .* within the cycle from 1 to 3"):
+        with pytest.raises(
+            InputError, match=r"contact.cut.pretension.history: .* within the cycle from 1 to 3"
+        ):
             ddmpi.solve(scene, MPI.COMM_SELF)
     scene["history"]["tighten"]["times"][-1] = 3.5
-    *given, last = [step["contacts"]["cut"]["pretension"]["force"] for step in certified(scene).summary["steps"]]
+    *given, last = [
+        step["contacts"]["cut"]["pretension"]["force"] for step in certified(scene).summary["steps"]
+    ]
     assert given[:-1] == pytest.approx([bolts.FORCE] * (len(given) - 1), rel=1e-8)
     assert last > 1.01 * bolts.FORCE

@@ -1,6 +1,5 @@
 """Bodies that touch only along an edge or at a vertex: forces without an area."""
 
-
 import numpy as np
 import pytest
 from scenes import rectangle, run_here, write_scene
@@ -9,7 +8,11 @@ from solid_scenes import box
 import ddmpi
 from ddmpi.errors import InputError
 
-PLACES = {"edge": ((1.0, 0.0, 1.0), 4), "vertex": ((1.0, 1.0, 1.0), 1), "corner in the plane": ((1.0, 1.0), 1)}
+PLACES = {
+    "edge": ((1.0, 0.0, 1.0), 4),
+    "vertex": ((1.0, 1.0, 1.0), 1),
+    "corner in the plane": ((1.0, 1.0), 1),
+}
 """Where the upper body begins, and how many nodes it shares with the lower one."""
 
 
@@ -17,11 +20,27 @@ def scene(place: str, cells: int = 3, **more) -> dict:
     """A unit body that presses with its weight on one of 3 cells a side, which it touches at the `place`."""
     origin, d = PLACES[place][0], len(PLACES[place][0])
     make, still = (rectangle, {"x": 0.0}) if d == 2 else (box, {"x": 0.0, "y": 0.0})
-    return {"body": [make("a", (0.0,) * d, (1.0,) * d, (3,) * d, clamp=["bottom"]),
-                     make("b", origin, (1.0,) * d, (cells,) * d, clamp=[{"on": "right"} | still],
-                          volume_force=[0.0] * (d - 1) + [-1e3])],
-            "contact": [{"bodies": ["b", "a"], "on": ["bottom", "top"],
-                         "friction": {"law": "coulomb", "coefficient": 0.3}} | more]}
+    return {
+        "body": [
+            make("a", (0.0,) * d, (1.0,) * d, (3,) * d, clamp=["bottom"]),
+            make(
+                "b",
+                origin,
+                (1.0,) * d,
+                (cells,) * d,
+                clamp=[{"on": "right"} | still],
+                volume_force=[0.0] * (d - 1) + [-1e3],
+            ),
+        ],
+        "contact": [
+            {
+                "bodies": ["b", "a"],
+                "on": ["bottom", "top"],
+                "friction": {"law": "coulomb", "coefficient": 0.3},
+            }
+            | more
+        ],
+    }
 
 
 @pytest.mark.parametrize("place", PLACES)
@@ -50,7 +69,9 @@ def test_a_slip_bound_without_an_area_is_refused(place):
 @pytest.mark.parametrize("cells", [2, 4, 6])
 def test_nodes_along_an_edge_must_match(cells):
     """Where they do not, no pair of them stands for the edge, at its ends neither."""
-    with pytest.raises(InputError, match="along an edge or at a vertex only, their nodes there must match"):
+    with pytest.raises(
+        InputError, match="along an edge or at a vertex only, their nodes there must match"
+    ):
         ddmpi.solve(scene("edge", cells))
 
 

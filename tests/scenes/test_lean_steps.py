@@ -17,7 +17,10 @@ def heated() -> dict:
     scene = pinched_blocks(2)
     upper, lower = scene["body"]
     upper["mesh"]["divisions"] = [5, 3]
-    upper |= {"temperature": {"value": 30.0, "history": "press"}, "foundation": [{"on": "top", "normal": 1e12}]}
+    upper |= {
+        "temperature": {"value": 30.0, "history": "press"},
+        "foundation": [{"on": "top", "normal": 1e12}],
+    }
     upper["material"] = upper["material"] | {"expansion": 1e-5}
     upper["clamp"] = [{"on": "left", "x": 1e-4, "y": 0.0, "history": "press"}]
     for body in (upper, lower):
@@ -31,36 +34,69 @@ def loose(make=rectangle, **keys) -> dict:
     """A loose block upon a loose one upon a floor without friction, pressed and pushed aside."""
     d = 2 if make is rectangle else 3
     up, unit = np.eye(d)[-1], (1.0,) * d
-    loads = [{"on": "top", "value": (-1e6 * up).tolist(), "history": "press"},
-             {"on": "right", "value": (-1e5 * np.eye(d)[0]).tolist(), "history": "pull"}]
+    loads = [
+        {"on": "top", "value": (-1e6 * up).tolist(), "history": "press"},
+        {"on": "right", "value": (-1e5 * np.eye(d)[0]).tolist(), "history": "pull"},
+    ]
     stop = {"name": "wall", "shape": "plane", "point": [0.0] * d, "normal": np.eye(d)[0].tolist()}
-    return {"body": [make("upper", tuple(up), unit, (2,) * d, traction=loads),
-                     make("lower", (0.0,) * d, unit, (3,) * d)],
-            "rigid": [FLOOR if d == 2 else FLOOR | {"point": [0.0] * d, "normal": up.tolist()}, stop],
-            "contact": [{"bodies": ["upper", "lower"], "on": ["bottom", "top"], "friction": COULOMB},
-                        {"bodies": ["lower", "floor"], "on": ["bottom"]},
-                        {"bodies": ["lower", "wall"], "on": ["left"]}]}
+    return {
+        "body": [
+            make("upper", tuple(up), unit, (2,) * d, traction=loads),
+            make("lower", (0.0,) * d, unit, (3,) * d),
+        ],
+        "rigid": [FLOOR if d == 2 else FLOOR | {"point": [0.0] * d, "normal": up.tolist()}, stop],
+        "contact": [
+            {"bodies": ["upper", "lower"], "on": ["bottom", "top"], "friction": COULOMB},
+            {"bodies": ["lower", "floor"], "on": ["bottom"]},
+            {"bodies": ["lower", "wall"], "on": ["left"]},
+        ],
+    }
 
 
 def turned() -> dict:
     """A ring that is pressed upon a disc, both around an axis, and pushed along it."""
-    ring = rectangle("ring", (1.0, 0.0), (0.5, 1.0), (2, 4), clamp=[{"on": "right", "x": -1e-4, "history": "press"}],
-                     traction=[{"on": "top", "value": [0.0, -1e4], "history": "pull"}])
+    ring = rectangle(
+        "ring",
+        (1.0, 0.0),
+        (0.5, 1.0),
+        (2, 4),
+        clamp=[{"on": "right", "x": -1e-4, "history": "press"}],
+        traction=[{"on": "top", "value": [0.0, -1e4], "history": "pull"}],
+    )
     disc = rectangle("disc", (0.0, -0.5), (1.0, 2.0), (3, 6), clamp=["bottom"])
-    return {"axisymmetric": True, "body": [ring, disc],
-            "contact": [{"bodies": ["ring", "disc"], "on": ["left", "right"], "friction": COULOMB,
-                         "gap": {"value": -1e-6, "history": "press"}}]}
+    return {
+        "axisymmetric": True,
+        "body": [ring, disc],
+        "contact": [
+            {
+                "bodies": ["ring", "disc"],
+                "on": ["left", "right"],
+                "friction": COULOMB,
+                "gap": {"value": -1e-6, "history": "press"},
+            }
+        ],
+    }
 
 
-SCENES = {"heat, clamps, springs": heated, "loose": loose, "loose in space": lambda: loose(box), "axis": turned,
-          "tresca": lambda: heated() | {"contact": [heated()["contact"][0] | {"friction": TRESCA}]}}
+SCENES = {
+    "heat, clamps, springs": heated,
+    "loose": loose,
+    "loose in space": lambda: loose(box),
+    "axis": turned,
+    "tresca": lambda: heated() | {"contact": [heated()["contact"][0] | {"friction": TRESCA}]},
+}
 
 
 def stepped(scene: dict, output: str, **time) -> dict:
-    histories = {"press": {"times": [0.0, 1.0], "factors": [0.0, 1.0]},
-                 "pull": {"times": [1.0, 2.0, 3.0], "factors": [0.1, 1.0, 0.4]}}
-    return copy.deepcopy(scene) | {"history": histories, "time": {"points": [1.0, 2.0, 3.0]} | time,
-                                   "output": {"steps": output, "figures": False}}
+    histories = {
+        "press": {"times": [0.0, 1.0], "factors": [0.0, 1.0]},
+        "pull": {"times": [1.0, 2.0, 3.0], "factors": [0.1, 1.0, 0.4]},
+    }
+    return copy.deepcopy(scene) | {
+        "history": histories,
+        "time": {"points": [1.0, 2.0, 3.0]} | time,
+        "output": {"steps": output, "figures": False},
+    }
 
 
 @pytest.mark.parametrize("name", SCENES)
@@ -69,11 +105,24 @@ def test_steps_without_displacements_are_those_with_them(name):
     answers = [certified(stepped(SCENES[name](), output, steps=3)) for output in ("legs", "all")]
     (lean, whole), rows = (answer.summary for answer in answers), []
     for summary in (lean, whole):
-        rows.append(np.array([[*contact["force"], contact["normal_force"], contact["tangential_force"],
-                               *(1e3 * contact[status] for status in ("open", "slip", "stick"))]
-                              for step in summary["steps"] for contact in step["contacts"].values()]))
+        rows.append(
+            np.array(
+                [
+                    [
+                        *contact["force"],
+                        contact["normal_force"],
+                        contact["tangential_force"],
+                        *(1e3 * contact[status] for status in ("open", "slip", "stick")),
+                    ]
+                    for step in summary["steps"]
+                    for contact in step["contacts"].values()
+                ]
+            )
+        )
     assert rows[0] == pytest.approx(rows[1], rel=1e-9, abs=1e-9 * np.abs(rows[1]).max())
-    assert lean["energy"] == pytest.approx(whole["energy"], rel=1e-9, abs=1e-9 * abs(whole["energy"]["strain_energy"]))
+    assert lean["energy"] == pytest.approx(
+        whole["energy"], rel=1e-9, abs=1e-9 * abs(whole["energy"]["strain_energy"])
+    )
     assert lean["energy"]["residual"] < 1e-11
     assert lean["warnings"] == whole["warnings"]
     ours, theirs = (np.array(each.solved.steps.energies) for each in answers)
@@ -83,7 +132,9 @@ def test_steps_without_displacements_are_those_with_them(name):
         other = answers[1].contacts[name]
         for key in ("slip", "slip_total", "gap", "normal_force"):
             size = np.abs(getattr(other, key)).max()
-            assert getattr(contact, key) == pytest.approx(getattr(other, key), rel=1e-6, abs=1e-7 * size + 1e-16), key
+            assert getattr(contact, key) == pytest.approx(
+                getattr(other, key), rel=1e-6, abs=1e-7 * size + 1e-16
+            ), key
 
 
 def test_what_a_lean_certificate_doubts_is_judged_by_displacements(monkeypatch):
@@ -95,7 +146,9 @@ def test_what_a_lean_certificate_doubts_is_judged_by_displacements(monkeypatch):
         return u + 1.0, *others
 
     monkeypatch.setattr(Member, "at_contacts", wrong)
-    monkeypatch.setattr(Member, "displacement", lambda *what: seen.append(what) or displacement(*what))
+    monkeypatch.setattr(
+        Member, "displacement", lambda *what: seen.append(what) or displacement(*what)
+    )
     scene = stepped(turned(), "legs", steps=2)
     answer = certified(scene)
     assert len(answer.summary["steps"]) == 6 and len(seen) > 12

@@ -49,14 +49,24 @@ def turned_stack(**time) -> tuple[dict, float, float]:
     stack = dataclasses.replace(stack, shift=limit)
     scene = stack.scene(tolerance=1e-10)
     top = scene["body"][0]["clamp"][0]
-    scene["body"][0]["clamp"] = [{"on": "top", "y": top["y"]}, {"on": "top", "x": limit, "history": "shift"}]
+    scene["body"][0]["clamp"] = [
+        {"on": "top", "y": top["y"]},
+        {"on": "top", "x": limit, "history": "shift"},
+    ]
     for body in scene["body"]:
-        body["traction"] = [each for load in body["traction"] for each in (
-            {"on": load["on"], "value": [load["value"][0], 0.0]},
-            {"on": load["on"], "value": [0.0, load["value"][1]], "history": "shear"})]
+        body["traction"] = [
+            each
+            for load in body["traction"]
+            for each in (
+                {"on": load["on"], "value": [load["value"][0], 0.0]},
+                {"on": load["on"], "value": [0.0, load["value"][1]], "history": "shear"},
+            )
+        ]
     times = [float(k) for k in range(len(SHIFTS))]
-    scene["history"] = {"shift": {"times": times, "factors": list(SHIFTS)},
-                        "shear": {"times": times, "factors": list(SHEARS)}}
+    scene["history"] = {
+        "shift": {"times": times, "factors": list(SHIFTS)},
+        "shear": {"times": times, "factors": list(SHEARS)},
+    }
     return scene | {"time": {"points": times[1:]} | time}, limit, bound
 
 
@@ -66,41 +76,65 @@ def sheared_blocks(**time) -> dict:
     scene["body"][0]["traction"][0]["history"] = "press"
     scene["body"][0]["traction"][1] |= {"value": [6.0e7, 3.0e7], "history": "pull"}
     scene["body"][1]["traction"][0]["history"] = "press"
-    scene["history"] = {"press": {"times": [0.0, 1.0], "factors": [0.0, 1.0]},
-                        "pull": {"times": [1.0, 2.0, 3.0], "factors": [0.0, 1.0, 0.4]}}
+    scene["history"] = {
+        "press": {"times": [0.0, 1.0], "factors": [0.0, 1.0]},
+        "pull": {"times": [1.0, 2.0, 3.0], "factors": [0.0, 1.0, 0.4]},
+    }
     return scene | {"time": {"points": [1.0, 2.0, 3.0]} | time}
 
 
 def circle(**time) -> dict:
     """Unlike blocks that touch along y = 0 with the gap of a circle, pressed: nodes slip while the contact grows."""
     x, clamp = np.linspace(-4.0, 4.0, 33), [{"on": "top", "x": 0.0, "y": -0.06, "history": "press"}]
-    return {"body": [rectangle("soft", (-4, 0), (8, 4), (32, 16), young=1.0, clamp=clamp),
-                     rectangle("hard", (-4, -4), (8, 4), (32, 16), young=10.0, clamp=["bottom"])],
-            "contact": [{"bodies": ["soft", "hard"], "on": ["bottom", "top"], "friction": COULOMB,
-                         "gap": {"along": "x", "points": x.tolist(), "values": (x**2 / 60.0).tolist()}}],
-            "history": {"press": {"times": [0.0, 1.0], "factors": [0.0, 1.0]}},
-            "time": {"points": [1.0]} | time}
+    return {
+        "body": [
+            rectangle("soft", (-4, 0), (8, 4), (32, 16), young=1.0, clamp=clamp),
+            rectangle("hard", (-4, -4), (8, 4), (32, 16), young=10.0, clamp=["bottom"]),
+        ],
+        "contact": [
+            {
+                "bodies": ["soft", "hard"],
+                "on": ["bottom", "top"],
+                "friction": COULOMB,
+                "gap": {"along": "x", "points": x.tolist(), "values": (x**2 / 60.0).tolist()},
+            }
+        ],
+        "history": {"press": {"times": [0.0, 1.0], "factors": [0.0, 1.0]}},
+        "time": {"points": [1.0]} | time,
+    }
 
 
 def sheared(press: float, **gap) -> dict:
     """Blocks that are pressed by a clamp, or a gap below zero, from time 0 on, and sheared in two legs."""
     top = [{"on": "top", "y": -press}, {"on": "top", "x": 1e-4, "history": "shift"}]
-    return {"body": [rectangle(name, (0, y), (2, 1), (6, 4), young=2e11, clamp=clamp)
-                     for name, y, clamp in (("up", 1.0, top), ("low", 0.0, ["bottom"]))],
-            "contact": [{"bodies": ["up", "low"], "on": ["bottom", "top"], "friction": COULOMB, **gap}],
-            "history": {"shift": {"times": [0.0, 1.0, 2.0], "factors": [0.0, 0.2, 1.0]}},
-            "time": {"points": [1.0, 2.0]}}
+    return {
+        "body": [
+            rectangle(name, (0, y), (2, 1), (6, 4), young=2e11, clamp=clamp)
+            for name, y, clamp in (("up", 1.0, top), ("low", 0.0, ["bottom"]))
+        ],
+        "contact": [{"bodies": ["up", "low"], "on": ["bottom", "top"], "friction": COULOMB, **gap}],
+        "history": {"shift": {"times": [0.0, 1.0, 2.0], "factors": [0.0, 0.2, 1.0]}},
+        "time": {"points": [1.0, 2.0]},
+    }
 
 
 def pressed_blocks(factors: list[float], friction: dict = COULOMB) -> dict:
     """A loose block upon a loose one upon a floor, with a mirror at the left, pressed from above by `factors`."""
     times, mirror = [float(k) for k in range(len(factors))], [{"on": "left", "x": 0.0}]
     load = {"on": "top", "value": [0.0, -1.0e6], "history": "press"}
-    return {"body": [rectangle("upper", (0, 1), (2, 1), (12, 6), clamp=mirror, traction=[load]),
-                     rectangle("lower", (0, 0), (2, 1), (8, 4), young=3e9, clamp=mirror)], "rigid": [dict(FLOOR)],
-            "contact": [{"bodies": ["upper", "lower"], "on": ["bottom", "top"], "friction": friction},
-                        {"bodies": ["lower", "floor"], "on": ["bottom"], "friction": friction}],
-            "history": {"press": {"times": times, "factors": factors}}, "time": {"points": times[1:]}}
+    return {
+        "body": [
+            rectangle("upper", (0, 1), (2, 1), (12, 6), clamp=mirror, traction=[load]),
+            rectangle("lower", (0, 0), (2, 1), (8, 4), young=3e9, clamp=mirror),
+        ],
+        "rigid": [dict(FLOOR)],
+        "contact": [
+            {"bodies": ["upper", "lower"], "on": ["bottom", "top"], "friction": friction},
+            {"bodies": ["lower", "floor"], "on": ["bottom"], "friction": friction},
+        ],
+        "history": {"press": {"times": times, "factors": factors}},
+        "time": {"points": times[1:]},
+    }
 
 
 @pytest.mark.parametrize("steps", [1, 3])
@@ -114,7 +148,9 @@ def test_friction_remembers_how_it_was_sheared(steps):
     steps_of = {step["time"]: step["contacts"][name] for step in answer.summary["steps"]}
     assert len(steps_of) == 5 * steps
     for time, factor in enumerate(SHEARS[1:], start=1):
-        assert abs(steps_of[float(time)]["force"][0]) == pytest.approx(abs(factor) * bound * width, abs=1e-6 * bound)
+        assert abs(steps_of[float(time)]["force"][0]) == pytest.approx(
+            abs(factor) * bound * width, abs=1e-6 * bound
+        )
     assert steps_of[3.0]["force"][0] == pytest.approx(-steps_of[2.0]["force"][0], rel=1e-6)
     assert np.abs(contact.shear).max() <= 1e-6 * bound
     total = 2.0 * bound * limit * width
@@ -122,20 +158,27 @@ def test_friction_remembers_how_it_was_sheared(steps):
     energy = answer.summary["energy"]
     assert energy["residual"] <= 1e-9
     assert energy["dissipated"] == pytest.approx(total, rel=1e-6)
-    assert energy["external_work"] == pytest.approx(energy["strain_energy"] + energy["interface_work"], rel=1e-9)
+    assert energy["external_work"] == pytest.approx(
+        energy["strain_energy"] + energy["interface_work"], rel=1e-9
+    )
 
 
 def test_a_proportional_load_dissipates_the_same_in_any_number_of_steps():
     """Blocks that slide as they are pressed: friction dissipates all that the contacts take, also without [time]."""
     scene = pressed_blocks([0.0, 1.0]) | {"method": {"tolerance": 1e-10}}
-    ends = [certified(scene | {"time": {"points": [1.0]} | time}) for time in ({"steps": 1}, {"steps": 4}, {})]
+    ends = [
+        certified(scene | {"time": {"points": [1.0]} | time})
+        for time in ({"steps": 1}, {"steps": 4}, {})
+    ]
     for answer in ends:
         energy = answer.summary["energy"]
         assert energy["dissipated"] == pytest.approx(energy["interface_work"], rel=1e-7) != 0.0
     del scene["history"], scene["time"], scene["body"][0]["traction"][0]["history"]
     for name, contact in certified(scene).summary["contacts"].items():
         assert contact["slip"] > 0
-        assert contact["dissipated"] == pytest.approx(ends[1].summary["contacts"][name]["dissipated"], rel=1e-7)
+        assert contact["dissipated"] == pytest.approx(
+            ends[1].summary["contacts"][name]["dissipated"], rel=1e-7
+        )
 
 
 @pytest.mark.parametrize("law", [COULOMB, {"law": "none"}])
@@ -149,7 +192,9 @@ def test_what_is_unloaded_is_zero(caplog, law):
     steps = {step["time"]: step["contacts"] for step in answer.summary["steps"]}
     for name, contact in answer.contacts.items():
         assert not contact.forces.any() and contact.count("open") == contact.interface.m
-        assert steps[3.0][name]["force"] == pytest.approx(steps[1.0][name]["force"], rel=1e-6, abs=1.0)
+        assert steps[3.0][name]["force"] == pytest.approx(
+            steps[1.0][name]["force"], rel=1e-6, abs=1.0
+        )
         assert steps[2.0][name]["force"] == [0.0, 0.0]
     assert not any(body.displacement.any() or body.stress.any() for body in answer.bodies.values())
     pressed = certified(pressed_blocks([0.0, 1.0], law)).summary["certificate"]
@@ -161,10 +206,15 @@ def test_what_is_unloaded_is_zero(caplog, law):
 @pytest.mark.parametrize("little", [1e-3, 1e-9])
 def test_a_small_load_after_a_large_one_is_solved_by_itself(little):
     """What is left of a load is no rounding: without friction all is in proportion."""
-    full, left = (certified(pressed_blocks(factors, {"law": "none"})) for factors in ([0.0, 1.0], [0.0, 1.0, little]))
+    full, left = (
+        certified(pressed_blocks(factors, {"law": "none"}))
+        for factors in ([0.0, 1.0], [0.0, 1.0, little])
+    )
     for name, body in full.bodies.items():
         size = np.abs(body.displacement).max()
-        assert left.bodies[name].displacement / little == pytest.approx(body.displacement, abs=1e-5 * size)
+        assert left.bodies[name].displacement / little == pytest.approx(
+            body.displacement, abs=1e-5 * size
+        )
         assert left.bodies[name].stress.any()
 
 
@@ -213,9 +263,16 @@ def test_legs_are_solved_in_as_many_steps_as_the_tolerance_asks_for():
         errors[tolerance] = np.linalg.norm(contact.tangential_force - fine.tangential_force) / size
         times = [step["time"] for step in answer.summary["steps"]]
         assert len(times) >= 2 and times[-1] == 1.0
-        assert times[0] < 0.5 / len(times)  # steps equal in the growth of the contact are short at first
+        assert times[0] < 0.5 / len(
+            times
+        )  # steps equal in the growth of the contact are short at first
     once = certified(circle(steps=1)).contacts["soft-hard"]
-    assert errors[0.05] <= 0.05 < errors[0.2] < np.linalg.norm(once.tangential_force - fine.tangential_force) / size
+    assert (
+        errors[0.05]
+        <= 0.05
+        < errors[0.2]
+        < np.linalg.norm(once.tangential_force - fine.tangential_force) / size
+    )
 
 
 def test_an_overlap_that_acts_at_once_asks_for_no_steps():
@@ -228,19 +285,36 @@ def test_an_overlap_that_acts_at_once_asks_for_no_steps():
 
 def test_gaps_that_close_within_the_first_step_do_not_agree_by_accident():
     """One step and two of a leg would place the slip of all nodes that touch alike, and wrongly."""
+
     def crowned(**time) -> dict:
         x = np.linspace(0.0, 2.0, 5)
         top = [{"on": "top", "y": -1.84e-3, "x": -1.17e-3, "history": "press"}]
         load = [{"on": "right", "value": [0.0, 94.4], "history": "press"}]
-        return {"body": [rectangle("upper", (0, 0), (2, 1), (5, 2), young=1.0e5, clamp=top, traction=load),
-                         rectangle("lower", (0, -1), (2, 1), (5, 2), young=1.43e6, clamp=["bottom"])],
-                "contact": [{"bodies": ["upper", "lower"], "on": ["bottom", "top"],
-                             "friction": COULOMB | {"coefficient": 0.5},
-                             "gap": {"along": "x", "points": x.tolist(), "values": (3.15e-4 * (x - 1.0)**2).tolist()}}],
-                "history": {"press": {"times": [0.0, 1.0], "factors": [0.0, 1.0]}},
-                "time": {"points": [1.0]} | time}
+        return {
+            "body": [
+                rectangle("upper", (0, 0), (2, 1), (5, 2), young=1.0e5, clamp=top, traction=load),
+                rectangle("lower", (0, -1), (2, 1), (5, 2), young=1.43e6, clamp=["bottom"]),
+            ],
+            "contact": [
+                {
+                    "bodies": ["upper", "lower"],
+                    "on": ["bottom", "top"],
+                    "friction": COULOMB | {"coefficient": 0.5},
+                    "gap": {
+                        "along": "x",
+                        "points": x.tolist(),
+                        "values": (3.15e-4 * (x - 1.0) ** 2).tolist(),
+                    },
+                }
+            ],
+            "history": {"press": {"times": [0.0, 1.0], "factors": [0.0, 1.0]}},
+            "time": {"points": [1.0]} | time,
+        }
 
-    fine, found = (certified(crowned(**time)).contacts["upper-lower"] for time in ({"steps": 64}, {"tolerance": 0.02}))
+    fine, found = (
+        certified(crowned(**time)).contacts["upper-lower"]
+        for time in ({"steps": 64}, {"tolerance": 0.02})
+    )
     error = np.linalg.norm(found.tangential_force - fine.tangential_force)
     assert error <= 0.02 * np.linalg.norm(0.5 * fine.normal_force)
 
@@ -248,7 +322,11 @@ def test_gaps_that_close_within_the_first_step_do_not_agree_by_accident():
 def test_a_later_step_of_a_leg_begins_where_the_one_before_leads():
     """Under loads in proportion later load steps take one step of Newton's method, else as statuses change: two."""
     answer = certified(sheared_blocks(steps=8))
-    pressed, *others = np.array([step["outer_iterations"] for step in answer.summary["steps"]]).reshape(3, 8).tolist()
+    pressed, *others = (
+        np.array([step["outer_iterations"] for step in answer.summary["steps"]])
+        .reshape(3, 8)
+        .tolist()
+    )
     assert pressed[0] > 1 and pressed[1:] == [1] * 7
     assert all(max(leg) <= 2 and sum(leg[1:]) <= 9 for leg in others)
 
@@ -306,11 +384,20 @@ def test_halving_ends_before_a_load_that_nothing_holds(monkeypatch):
 @pytest.mark.clarabel
 def test_a_load_that_nothing_holds_at_first_is_named_though_it_is_held_at_last():
     """A block that is pushed from time 0 on, and pressed more and more: no forces hold it before time 2/3."""
-    loads = [{"on": "top", "value": [0.0, -1.0e5], "history": "press"}, {"on": "left", "value": [4.0e4, 0.0]}]
-    answer = ddmpi.solve({"body": [rectangle("block", (0, 0), (2, 1), (4, 2), traction=loads)], "rigid": [FLOOR],
-                          "contact": [{"bodies": ["block", "floor"], "on": ["bottom"], "friction": COULOMB}],
-                          "history": {"press": {"times": [0.0, 1.0], "factors": [0.0, 1.0]}},
-                          "time": {"points": [1.0], "steps": 2}}, MPI.COMM_SELF)
+    loads = [
+        {"on": "top", "value": [0.0, -1.0e5], "history": "press"},
+        {"on": "left", "value": [4.0e4, 0.0]},
+    ]
+    answer = ddmpi.solve(
+        {
+            "body": [rectangle("block", (0, 0), (2, 1), (4, 2), traction=loads)],
+            "rigid": [FLOOR],
+            "contact": [{"bodies": ["block", "floor"], "on": ["bottom"], "friction": COULOMB}],
+            "history": {"press": {"times": [0.0, 1.0], "factors": [0.0, 1.0]}},
+            "time": {"points": [1.0], "steps": 2},
+        },
+        MPI.COMM_SELF,
+    )
     assert answer.reason.startswith("no equilibrium: block would") and not answer.summary["steps"]
 
 
@@ -319,8 +406,11 @@ def test_adaptive_steps_go_on_from_wherever_they_were(tmp_path):
     times = [0.0, 1.0, 2.0, 3.0, 4.0]
     scene = circle(points=times[1:], tolerance=0.07)
     scene["history"]["press"] = {"times": times, "factors": [0.0, 1.0, 0.02, 0.2, 0.0]}
-    go_on_from_checkpoints(scene | {"checkpoint": {"iterations": 9}, "output": {"steps": "all", "stress": False}},
-                           tmp_path, slice(2, None, 6))
+    go_on_from_checkpoints(
+        scene | {"checkpoint": {"iterations": 9}, "output": {"steps": "all", "stress": False}},
+        tmp_path,
+        slice(2, None, 6),
+    )
 
 
 def test_a_restored_march_is_the_whole_one(monkeypatch):
@@ -328,8 +418,11 @@ def test_a_restored_march_is_the_whole_one(monkeypatch):
     states, step, made = [], March._step, noted_marches(monkeypatch)
 
     def known(march: March) -> dict:
-        parts = {name: vars(value) if name in MARKS else value for name, value in vars(march).items()
-                 if name not in ("assembly", "iteration", "outer", "log", "_safe", "_d", "_chain")}
+        parts = {
+            name: vars(value) if name in MARKS else value
+            for name, value in vars(march).items()
+            if name not in ("assembly", "iteration", "outer", "log", "_safe", "_d", "_chain")
+        }
         return copy.deepcopy(parts)
 
     def note(march: March, time: float):
@@ -364,7 +457,10 @@ def test_files_of_load_steps(tmp_path):
     assert [grid["time"] for grid in grids["upper"]] == [1.0, 2.0, 3.0]
     assert list(grids) == ["upper", "lower", "upper-lower"]
     for grid in grids["upper-lower"]:
-        for field, column in (("pressure", "normal_stress"), ("slip_total", "slip_total")):  # at nodes, and in between
+        for field, column in (
+            ("pressure", "normal_stress"),
+            ("slip_total", "slip_total"),
+        ):  # at nodes, and in between
             assert np.isin(legs[column][legs["time"] == grid["time"]], grid[field]).all()
     assert np.array_equal(legs["tangential_stress"][legs["time"] == 3.0], last["tangential_stress"])
     (loop, *_) = draw_steps(results).axes
@@ -372,7 +468,9 @@ def test_files_of_load_steps(tmp_path):
     assert loop.lines[0].get_ydata()[1:].tolist() == results.steps["tangential_force"].tolist()
     pressed = certified(sheared_blocks(steps=2), time__points=[1.0])
     u = np.concatenate([pressed.bodies[name].displacement for name in ("upper", "lower")])
-    assert found[0][1]["displacement"][:, :2] == pytest.approx(u, rel=1e-9, abs=1e-9 * np.abs(u).max())
+    assert found[0][1]["displacement"][:, :2] == pytest.approx(
+        u, rel=1e-9, abs=1e-9 * np.abs(u).max()
+    )
 
 
 def test_the_step_of_the_largest_load_is_shown(tmp_path):
@@ -392,8 +490,12 @@ def test_the_step_of_the_largest_load_is_shown(tmp_path):
     assert shown.summary["displacement_max"] == end.summary["displacement_max"] > 0.0
     for name, table in end.contacts.items():
         for ours, theirs in ((shown.contacts[name], table), (shown.sides[name], end.sides[name])):
-            assert all(np.array_equal(ours[column], values) if column == "status" else
-                       ours[column] == pytest.approx(values, rel=1e-12) for column, values in theirs.items())
+            assert all(
+                np.array_equal(ours[column], values)
+                if column == "status"
+                else ours[column] == pytest.approx(values, rel=1e-12)
+                for column, values in theirs.items()
+            )
         for key in ("force", "normal_force", "open", "slip", "stick", "pressure_max"):
             assert shown.summary["contacts"][name][key] == end.summary["contacts"][name][key], key
     for name in ("displacement", "stress", "von_mises"):
@@ -402,27 +504,56 @@ def test_the_step_of_the_largest_load_is_shown(tmp_path):
     assert np.array_equal(rigid_parts(shown, 1.0)[0].at, rigid_parts(end, 1.0)[0].at)
     last = at_step(whole, folders["whole"], 3.0)
     assert last.fields is whole.fields and not last.fields["displacement"].any()
-    with pytest.raises(InputError, match=r"no fields of time 1.5; the times that have some: 1, 2, 3"):
+    with pytest.raises(
+        InputError, match=r"no fields of time 1.5; the times that have some: 1, 2, 3"
+    ):
         at_step(whole, folders["whole"], 1.5)
     for time, words in ((None, "at time 2"), (3.0, "of the last load step")):
-        page = write_report(folders["whole"], str(tmp_path / "report.html"), time).read_text(encoding="utf-8")
+        page = write_report(folders["whole"], str(tmp_path / "report.html"), time).read_text(
+            encoding="utf-8"
+        )
         assert f"are those {words};" in page and ("data:image/png" in page) == (time is not None)
 
 
-@pytest.mark.parametrize("change, words", [
-    ({"history": {"pull": {"times": [0.0], "factors": [1.0]}}}, ["history.pull", "[time]"]),
-    ({"time": {"points": [1.0], "steps": 2, "tolerance": 0.1}}, ["time", "steps and tolerance"]),
-    ({"time": {"points": [1.0, 1.0]}}, ["time", "ascend"]),
-    ({"time": {"points": [0.0]}}, ["time", "positive"]),
-    ({"output": {"animation": True}}, ["output.animation", "[time]"]),
-    ({"time": {"points": [1.0]}, "method": {"outer": "anderson"}}, ["time", "anderson", "newton"]),
-    ({"time": {"points": [1.0]}, "method": {"target_error": 0.1}}, ["time", "target_error"]),
-    ({"time": {"points": [1.0]}, "history": {"pull": {"times": [0.0, 0.0], "factors": [1.0, 2.0]}}},
-     ["history.pull", "ascend"]),
-    ({"time": {"points": [1.0]}, "history": {"a": {"times": [0.0], "factors": [1.0]}, "b": {"times": [0.0, 1.0],
-                                                                                       "factors": [1.0]}}},
-     ["history.b", "equally many"]),
-    ({"time": {"points": [1.0]}, "history": {'"a b"': {"times": [0.0], "factors": [1.0]}}}, ["history", "name"])])
+@pytest.mark.parametrize(
+    "change, words",
+    [
+        ({"history": {"pull": {"times": [0.0], "factors": [1.0]}}}, ["history.pull", "[time]"]),
+        (
+            {"time": {"points": [1.0], "steps": 2, "tolerance": 0.1}},
+            ["time", "steps and tolerance"],
+        ),
+        ({"time": {"points": [1.0, 1.0]}}, ["time", "ascend"]),
+        ({"time": {"points": [0.0]}}, ["time", "positive"]),
+        ({"output": {"animation": True}}, ["output.animation", "[time]"]),
+        (
+            {"time": {"points": [1.0]}, "method": {"outer": "anderson"}},
+            ["time", "anderson", "newton"],
+        ),
+        ({"time": {"points": [1.0]}, "method": {"target_error": 0.1}}, ["time", "target_error"]),
+        (
+            {
+                "time": {"points": [1.0]},
+                "history": {"pull": {"times": [0.0, 0.0], "factors": [1.0, 2.0]}},
+            },
+            ["history.pull", "ascend"],
+        ),
+        (
+            {
+                "time": {"points": [1.0]},
+                "history": {
+                    "a": {"times": [0.0], "factors": [1.0]},
+                    "b": {"times": [0.0, 1.0], "factors": [1.0]},
+                },
+            },
+            ["history.b", "equally many"],
+        ),
+        (
+            {"time": {"points": [1.0]}, "history": {'"a b"': {"times": [0.0], "factors": [1.0]}}},
+            ["history", "name"],
+        ),
+    ],
+)
 def test_what_load_steps_cannot_be_is_refused_by_its_key(change, words):
     """Bad histories and load steps are refused before any work, by one message that names the key."""
     assert_refused(pinched_blocks(2) | change, *words)
@@ -430,9 +561,13 @@ def test_what_load_steps_cannot_be_is_refused_by_its_key(change, words):
 
 def test_clamps_that_contradict_each_other_by_their_histories_are_refused():
     scene = sheared_blocks()
-    scene["body"][0]["clamp"] = [{"on": "left", "x": 1e-4, "history": "pull"},
-                                 {"on": "left", "x": 1e-4, "y": 0.0, "history": "press"}]
-    with pytest.raises(InputError, match=r"body\.upper\.clamp: x at .*prescribed twice.*another history"):
+    scene["body"][0]["clamp"] = [
+        {"on": "left", "x": 1e-4, "history": "pull"},
+        {"on": "left", "x": 1e-4, "y": 0.0, "history": "press"},
+    ]
+    with pytest.raises(
+        InputError, match=r"body\.upper\.clamp: x at .*prescribed twice.*another history"
+    ):
         ddmpi.solve(scene, MPI.COMM_SELF)
 
 
@@ -449,13 +584,20 @@ def test_motions_that_come_back_are_doubted():
 
 def test_unloading_dissipates_no_more_than_the_loads_did():
     """A blade slides back in its slot: slip begins within a step whose forces agree; energies ask for more steps."""
-    scene = tomllib.loads((ROOT / "configs" / "drawn" / "dovetail.toml").read_text(encoding="utf-8"))
+    scene = tomllib.loads(
+        (ROOT / "configs" / "drawn" / "dovetail.toml").read_text(encoding="utf-8")
+    )
     for body in scene["body"]:
-        body["mesh"] = {"geometry": str(ROOT / "configs" / "drawn" / body["mesh"]["geometry"]), "size": 12.0}
+        body["mesh"] = {
+            "geometry": str(ROOT / "configs" / "drawn" / body["mesh"]["geometry"]),
+            "size": 12.0,
+        }
     scene["body"][0]["traction"][0]["history"] = "spin"
-    scene |= {"method": {}, "history": {"spin": {"times": [0.0, 1.0, 1.8, 2.0],
-                                                     "factors": [0.0, 1.0, 0.2, 0.0]}},
-              "time": {"points": [1.0, 1.8, 2.0]}}
+    scene |= {
+        "method": {},
+        "history": {"spin": {"times": [0.0, 1.0, 1.8, 2.0], "factors": [0.0, 1.0, 0.2, 0.0]}},
+        "time": {"points": [1.0, 1.8, 2.0]},
+    }
     answer = certified(scene)
     energy = answer.summary["energy"]
     assert 0.0 < energy["dissipated"] <= 1.02 * energy["external_work"]
@@ -463,14 +605,31 @@ def test_unloading_dissipates_no_more_than_the_loads_did():
 
 def test_a_body_that_is_let_loose_on_the_way_is_named():
     """Where all load is taken off a body and comes back, the answer depends on a place that nothing determines."""
-    block = rectangle("block", (0, 0), (2, 1), (4, 2), poisson=0.0,
-                      traction=[{"on": "top", "value": [0.0, -1e6], "history": "press"}])
-    scene = {"body": [block], "rigid": [FLOOR],
-             "contact": [{"bodies": ["block", "floor"], "on": ["bottom"], "friction": COULOMB | {"coefficient": 0.1}}],
-             "history": {"press": {"times": [0.0, 1.0, 2.0, 3.0], "factors": [0.0, 1.0, 0.0, 1.0]}}}
-    for last, told, left in ((3.0, ["nothing touches block: it can move freely (at time 2)"], []),
-                             (2.0, [], ["nothing touches block: it can move freely"])):
-        time = {"points": [1.0, 2.0, 3.0][:int(last)], "steps": 1}
+    block = rectangle(
+        "block",
+        (0, 0),
+        (2, 1),
+        (4, 2),
+        poisson=0.0,
+        traction=[{"on": "top", "value": [0.0, -1e6], "history": "press"}],
+    )
+    scene = {
+        "body": [block],
+        "rigid": [FLOOR],
+        "contact": [
+            {
+                "bodies": ["block", "floor"],
+                "on": ["bottom"],
+                "friction": COULOMB | {"coefficient": 0.1},
+            }
+        ],
+        "history": {"press": {"times": [0.0, 1.0, 2.0, 3.0], "factors": [0.0, 1.0, 0.0, 1.0]}},
+    }
+    for last, told, left in (
+        (3.0, ["nothing touches block: it can move freely (at time 2)"], []),
+        (2.0, [], ["nothing touches block: it can move freely"]),
+    ):
+        time = {"points": [1.0, 2.0, 3.0][: int(last)], "steps": 1}
         summary = ddmpi.solve(scene | {"time": time}, MPI.COMM_SELF).summary
         assert [each for each in summary["warnings"] if "freely" in each] == told
         assert summary["undetermined"] == left
@@ -479,17 +638,29 @@ def test_a_body_that_is_let_loose_on_the_way_is_named():
 @pytest.mark.clarabel
 def test_legs_that_have_an_answer_keep_their_warnings():
     """Though a later leg has none: the first one moves the block far, the second one pulls it off."""
-    loads = [{"on": "top", "value": [0.0, -3e5], "history": "press"},
-             {"on": "right", "value": [1e6, 0.0], "history": "pull"}]
-    answer = ddmpi.solve({
-        "body": [rectangle("up", (0, 1), (2, 1), (8, 4), young=1e6, traction=loads),
-                 rectangle("low", (0, 0), (2, 1), (8, 4), young=1e6, clamp=["bottom"])],
-        "contact": [{"bodies": ["up", "low"], "on": ["bottom", "top"], "friction": COULOMB}],
-        "history": {"press": {"times": [0.0, 1.0, 2.0], "factors": [0.0, 1.0, 1.0]},
-                    "pull": {"times": [1.0, 2.0], "factors": [0.0, 1.0]}},
-        "time": {"points": [1.0, 2.0], "steps": 1}}, MPI.COMM_SELF)
+    loads = [
+        {"on": "top", "value": [0.0, -3e5], "history": "press"},
+        {"on": "right", "value": [1e6, 0.0], "history": "pull"},
+    ]
+    answer = ddmpi.solve(
+        {
+            "body": [
+                rectangle("up", (0, 1), (2, 1), (8, 4), young=1e6, traction=loads),
+                rectangle("low", (0, 0), (2, 1), (8, 4), young=1e6, clamp=["bottom"]),
+            ],
+            "contact": [{"bodies": ["up", "low"], "on": ["bottom", "top"], "friction": COULOMB}],
+            "history": {
+                "press": {"times": [0.0, 1.0, 2.0], "factors": [0.0, 1.0, 1.0]},
+                "pull": {"times": [1.0, 2.0], "factors": [0.0, 1.0]},
+            },
+            "time": {"points": [1.0, 2.0], "steps": 1},
+        },
+        MPI.COMM_SELF,
+    )
     assert "no equilibrium" in answer.reason
-    assert answer.summary["warnings"] and all("(at time 1)" in each for each in answer.summary["warnings"])
+    assert answer.summary["warnings"] and all(
+        "(at time 1)" in each for each in answer.summary["warnings"]
+    )
 
 
 @pytest.mark.parametrize("partner", ["body", "rigid"])
@@ -498,14 +669,27 @@ def test_slip_without_friction(d, partner):
     """A block that is moved over another one, or over a rigid plane, slips by what it is moved, in steps and in all."""
     make, up = (rectangle, [0.0, 1.0]) if d == 2 else (box, [0.0, 0.0, 1.0])
     sides = [{"on": on, "x": 1e-3, "history": "go"} for on in ("left", "right")]
-    upper = make("upper", up, (1.0,) * d, (2,) * d, poisson=0.0, clamp=sides,
-                 traction=[{"on": "top", "value": [-1e6 * each for each in up]}])
-    scene = {"body": [upper], "contact": [{"name": "c", "bodies": ["upper", "lower"], "on": ["bottom"]}],
-             "history": {"go": {"times": [0.0, 1.0, 2.0], "factors": [0.0, 1.0, 3.0]}}, "time": {"points": [1.0, 2.0]}}
+    upper = make(
+        "upper",
+        up,
+        (1.0,) * d,
+        (2,) * d,
+        poisson=0.0,
+        clamp=sides,
+        traction=[{"on": "top", "value": [-1e6 * each for each in up]}],
+    )
+    scene = {
+        "body": [upper],
+        "contact": [{"name": "c", "bodies": ["upper", "lower"], "on": ["bottom"]}],
+        "history": {"go": {"times": [0.0, 1.0, 2.0], "factors": [0.0, 1.0, 3.0]}},
+        "time": {"points": [1.0, 2.0]},
+    }
     if d == 3:
         upper["clamp"].append({"on": "front", "y": 0.0})
     if partner == "body":
-        scene["body"].append(make("lower", (0.0,) * d, (1.0,) * d, (2,) * d, poisson=0.0, clamp=["bottom"]))
+        scene["body"].append(
+            make("lower", (0.0,) * d, (1.0,) * d, (2,) * d, poisson=0.0, clamp=["bottom"])
+        )
         scene["contact"][0]["on"].append("top")
     else:
         scene["rigid"] = [{"name": "lower", "shape": "plane", "point": up, "normal": up}]

@@ -7,7 +7,13 @@ from scenes import certified, pinched_blocks, solve_scene
 pytestmark = pytest.mark.slow
 
 SIX_DIGITS = 1e-6
-PUBLISHED = {"outer": "relaxation", "algorithm": "original", "splitting": "none", "theta": 0.2, "tolerance": 1e-4}
+PUBLISHED = {
+    "outer": "relaxation",
+    "algorithm": "original",
+    "splitting": "none",
+    "theta": 0.2,
+    "tolerance": 1e-4,
+}
 
 ANSWERS = {
     # design, section 3: open, slip, stick; normal, tangential resultant (N/m); displacement at (3, 2) (m)
@@ -31,13 +37,20 @@ def test_table_of_the_design(N, law):
     assert contact["normal_force"] == pytest.approx(normal, rel=SIX_DIGITS)
     assert contact["tangential_force"] == pytest.approx(tangential, rel=SIX_DIGITS)
     corner = np.abs(answer.bodies["upper"].points - [3.0, 2.0]).sum(axis=1).argmin()
-    assert answer.bodies["upper"].displacement[corner] == pytest.approx(displacement, rel=SIX_DIGITS)
+    assert answer.bodies["upper"].displacement[corner] == pytest.approx(
+        displacement, rel=SIX_DIGITS
+    )
     assert 0 < summary["certificate_limit"] <= 1e-7
-    assert all(0 <= residual <= summary["certificate_limit"] for residual in summary["certificate"].values())
+    assert all(
+        0 <= residual <= summary["certificate_limit"]
+        for residual in summary["certificate"].values()
+    )
 
 
 @pytest.mark.mpi(ranks=2)
-@pytest.mark.parametrize(("law", "iterations", "n_A"), [("coulomb", (40, 47), 1000), ("tresca", (37, 43), 850)])
+@pytest.mark.parametrize(
+    ("law", "iterations", "n_A"), [("coulomb", (40, 47), 1000), ("tresca", (37, 43), 850)]
+)
 def test_published_iteration_takes_the_published_counts(comm, law, iterations, n_A):
     """Design, section 3: N = 22, original, θ = 0.2, tol = 1e-4, η = 0.1."""
     solution = solve_scene(comm, pinched_blocks(22, law, **PUBLISHED))
@@ -54,8 +67,10 @@ def test_published_iteration_takes_the_published_counts(comm, law, iterations, n
 def test_no_bit_of_the_published_iteration_depends_on_the_units(comm, law):
     """Powers of two scale without rounding, so that only a number with a hidden unit can change the course."""
     length, stress = 2.0**10, 2.0**-20
-    base, other = (solve_scene(comm, pinched_blocks(6, law, *unit, **PUBLISHED)) for unit in (
-        (1.0, 1.0), (length, stress)))
+    base, other = (
+        solve_scene(comm, pinched_blocks(6, law, *unit, **PUBLISHED))
+        for unit in ((1.0, 1.0), (length, stress))
+    )
     assert base["certified"]
     for key in ("certified", "outer_iterations", "n_A_by_body", "status", "certificate"):
         assert other[key] == base[key], key

@@ -28,7 +28,12 @@ def test_all_methods_give_the_same_forces(comm):
     answer, exact = solve(assembly, assembly.scene.method), scenes.exact_forces(assembly)
     assert answer.certified
     size = np.linalg.norm(exact)
-    assert np.linalg.norm(scenes.everywhere(assembly, answer.outer.forces) - exact) <= answer.limit * size
+    assert (
+        np.linalg.norm(scenes.everywhere(assembly, answer.outer.forces) - exact)
+        <= answer.limit * size
+    )
     published = solve_scene(comm, blocks(12, 2, outer="relaxation", tolerance=1e-6))
-    forces = np.concatenate([published["normal_force"], published["tangential_force"][published["sliding"]]])
+    forces = np.concatenate(
+        [published["normal_force"], published["tangential_force"][published["sliding"]]]
+    )
     assert published["certified"] and np.linalg.norm(forces - exact) <= 1e-3 * size

@@ -15,7 +15,11 @@ from solid_scenes import two_boxes
 
 import ddmpi
 
-SOLIDS = {"verified": (46, 3, 5, 23, 26, 29, 217, 4039), "reported": (10, 52, 0, 31, 214, 229), "edge": (220,)}
+SOLIDS = {
+    "verified": (46, 3, 5, 23, 26, 29, 217, 4039),
+    "reported": (10, 52, 0, 31, 214, 229),
+    "edge": (220,),
+}
 """Seeds by verdict.
 
 217 needs that full steps which multiply the residual are not taken. Tresca's friction does not hold the torsion of 214;
@@ -24,19 +28,28 @@ much unless interior points are steered less. 52 has no friction, only faces z =
 act from time 1 on: without a force along x or y nothing balances it, though at time 1 itself all bodies are held.
 """
 
-PLANE = {"verified": (80, 168, 9, 25, 10, 170, 43, 107, 12, 172, 5, 189, 166, 79, 191),
-         "reported": (88, 161, 194, 115, 70)}
+PLANE = {
+    "verified": (80, 168, 9, 25, 10, 170, 43, 107, 12, 172, 5, 189, 166, 79, 191),
+    "reported": (88, 161, 194, 115, 70),
+}
 RANKS = {29: 4, 229: 3}
 QUICK = {46, 10, 52, 88, 80, 161}
-RUNS = [pytest.param(kind, seed, verdict, marks=[] if seed in QUICK else pytest.mark.slow)
-        for kind, chosen in ((assembly_scenes, PLANE), (solid_assemblies, SOLIDS))
-        for verdict, seeds in chosen.items() for seed in seeds]
+RUNS = [
+    pytest.param(kind, seed, verdict, marks=[] if seed in QUICK else pytest.mark.slow)
+    for kind, chosen in ((assembly_scenes, PLANE), (solid_assemblies, SOLIDS))
+    for verdict, seeds in chosen.items()
+    for seed in seeds
+]
 
 
 @pytest.mark.parametrize("kind, seed, verdict", RUNS)
 def test_random_assembly(kind, seed, verdict, tmp_path):
     """Certified and verified, or without equilibrium; some on several ranks."""
-    command = functools.partial(scenes.run_command, ranks=RANKS[seed]) if seed in RANKS else scenes.run_here
+    command = (
+        functools.partial(scenes.run_command, ranks=RANKS[seed])
+        if seed in RANKS
+        else scenes.run_here
+    )
     tolerance = 1e-8 if kind is assembly_scenes else 1e-5
     found = random_assemblies.judge(kind.random_scene(seed), tmp_path, tolerance, command)
     assert found[0] == verdict, found
@@ -60,15 +73,25 @@ def solved(tmp_path_factory) -> dict:
     folder, made = tmp_path_factory.mktemp("solved"), {}
     for name, scene in SOLVED.items():
         made[name] = scene(), folder / name
-        run = scenes.run_here(scenes.write_scene(scene(), folder / f"{name}.toml"), folder / name, "--no-figures")
+        run = scenes.run_here(
+            scenes.write_scene(scene(), folder / f"{name}.toml"), folder / name, "--no-figures"
+        )
         assert run.code == 0, run.output
     return made
 
 
-@pytest.mark.parametrize("name, column, law", [
-    ("solids", "force_x", "at nodes"), ("solids", "force_y", "force"), ("solids", "gap", "penetration"),
-    ("solids", "slip_x", "slip against friction"), ("plane", "normal_force", "at nodes"),
-    ("plane", "tangential_force", "at nodes"), ("plane", "gap", "penetration")])
+@pytest.mark.parametrize(
+    "name, column, law",
+    [
+        ("solids", "force_x", "at nodes"),
+        ("solids", "force_y", "force"),
+        ("solids", "gap", "penetration"),
+        ("solids", "slip_x", "slip against friction"),
+        ("plane", "normal_force", "at nodes"),
+        ("plane", "tangential_force", "at nodes"),
+        ("plane", "gap", "penetration"),
+    ],
+)
 def test_the_check_sees_what_is_wrong(solved, monkeypatch, name, column, law):
     """A column that is not what was computed."""
     scene, folder = solved[name]

@@ -17,53 +17,124 @@ from test_elsewhere import RANDOM, SCENES
 
 pytestmark = pytest.mark.slow
 
-PLACED = ("coulomb", "tower", "held tower", "mortar", "loose solids", "discs 1", "plane 9", "plane 88")
+PLACED = (
+    "coulomb",
+    "tower",
+    "held tower",
+    "mortar",
+    "loose solids",
+    "discs 1",
+    "plane 9",
+    "plane 88",
+)
 EXACT = {"method": {"tolerance": 1e-11}}
 """One rank solves by dense factors, several by GMRES."""
 
 
 def row_of_guides() -> dict:
     """Three blocks in a row of guides, the last one pulled."""
-    bodies = [test_guided.block(name, 2, float(k), n, 1, ("left",),
-                                traction=[{"on": "top", "value": [0.0, test_guided.PULL]}])
-              for k, (name, n) in enumerate((("one", 4), ("two", 3), ("three", 4)))]
+    bodies = [
+        test_guided.block(
+            name,
+            2,
+            float(k),
+            n,
+            1,
+            ("left",),
+            traction=[{"on": "top", "value": [0.0, test_guided.PULL]}],
+        )
+        for k, (name, n) in enumerate((("one", 4), ("two", 3), ("three", 4)))
+    ]
     bodies[0]["clamp"].append({"on": "bottom", "y": 0.0})
-    return {"body": bodies, "contact": [{"bodies": [one, two], "on": ["top", "bottom"], "kind": "guided"}
-                                        for one, two in (("one", "two"), ("two", "three"))]}
+    return {
+        "body": bodies,
+        "contact": [
+            {"bodies": [one, two], "on": ["top", "bottom"], "kind": "guided"}
+            for one, two in (("one", "two"), ("two", "three"))
+        ],
+    }
 
 
 def under_a_ram() -> dict:
     """Two blocks under one ram, in load steps."""
     return EXACT | {
-        "body": [test_pushed_partners.block(name, 2, (3.0 * k, 0.0), clamp=["bottom"])
-                 for k, name in enumerate(("one", "two"))],
-        "rigid": [{"name": "ram", "shape": "plane", "point": [0.0, 1.2], "normal": [0.0, -1.0],
-                   "force": [1e5, -1e6], "history": "push"}],
-        "contact": [{"bodies": [name, "ram"], "on": ["top"], "friction": COULOMB | {"coefficient": 0.5}}
-                    for name in ("one", "two")],
+        "body": [
+            test_pushed_partners.block(name, 2, (3.0 * k, 0.0), clamp=["bottom"])
+            for k, name in enumerate(("one", "two"))
+        ],
+        "rigid": [
+            {
+                "name": "ram",
+                "shape": "plane",
+                "point": [0.0, 1.2],
+                "normal": [0.0, -1.0],
+                "force": [1e5, -1e6],
+                "history": "push",
+            }
+        ],
+        "contact": [
+            {"bodies": [name, "ram"], "on": ["top"], "friction": COULOMB | {"coefficient": 0.5}}
+            for name in ("one", "two")
+        ],
         "history": {"push": {"times": [0.0, 1.0, 2.0], "factors": [0.0, 1.0, 0.5]}},
-        "time": {"points": [1.0, 2.0], "steps": 2}}
+        "time": {"points": [1.0, 2.0], "steps": 2},
+    }
 
 
 def under_a_head() -> dict:
     """Three blocks under one head that turns."""
-    bodies = [rectangle(name, (3.0 * k, 0.0), (1.0, 1.0), (3, 3), clamp=["bottom"])
-              for k, name in enumerate(("one", "two", "three"))]
-    return {"body": bodies, "rigid": [{"name": "head", "shape": "plane", "point": [0.0, 1.0], "normal": [0.0, -1.0],
-                                       "force": [0.0, -1e6], "pivot": [2.0, 3.0], "moment": -2e5}],
-            "contact": [{"bodies": [body["name"], "head"], "on": ["top"]} for body in bodies]}
+    bodies = [
+        rectangle(name, (3.0 * k, 0.0), (1.0, 1.0), (3, 3), clamp=["bottom"])
+        for k, name in enumerate(("one", "two", "three"))
+    ]
+    return {
+        "body": bodies,
+        "rigid": [
+            {
+                "name": "head",
+                "shape": "plane",
+                "point": [0.0, 1.0],
+                "normal": [0.0, -1.0],
+                "force": [0.0, -1e6],
+                "pivot": [2.0, 3.0],
+                "moment": -2e5,
+            }
+        ],
+        "contact": [{"bodies": [body["name"], "head"], "on": ["top"]} for body in bodies],
+    }
 
 
 MADE = {
-    "gaps that follow a history": (4, lambda: test_fits.GROWS | test_fits.rings(
-        {"value": -1e-4, "history": "fit"}, friction=COULOMB)),
+    "gaps that follow a history": (
+        4,
+        lambda: (
+            test_fits.GROWS | test_fits.rings({"value": -1e-4, "history": "fit"}, friction=COULOMB)
+        ),
+    ),
     "foundations": (4, lambda: test_foundations.beside(True, tangential=1e8, pull=1e5)),
-    "guides": (3, row_of_guides), "a ram": (4, under_a_ram), "a head": (3, under_a_head),
-    "a bolt": (3, lambda: EXACT | test_bolts.joint(steps=1, poisson=0.3, law={"law": "coulomb", "coefficient": 0.2})),
+    "guides": (3, row_of_guides),
+    "a ram": (4, under_a_ram),
+    "a head": (3, under_a_head),
+    "a bolt": (
+        3,
+        lambda: (
+            EXACT
+            | test_bolts.joint(steps=1, poisson=0.3, law={"law": "coulomb", "coefficient": 0.2})
+        ),
+    ),
     "heat": (2, lambda: test_lean_steps.stepped(test_lean_steps.heated(), "all", steps=2) | EXACT),
     "steps by accuracy": (2, lambda: test_load_steps.circle(tolerance=0.5) | EXACT),
-    "cycles": (2, lambda: EXACT | test_cycles.rubbed(steps=2, cycle=test_cycles.CYCLE | {"repeat": 20, "until": 1e-6})),
-    "lean steps": (3, lambda: EXACT | test_lean_steps.stepped(test_lean_steps.loose(), "legs", steps=3)),
+    "cycles": (
+        2,
+        lambda: (
+            EXACT
+            | test_cycles.rubbed(steps=2, cycle=test_cycles.CYCLE | {"repeat": 20, "until": 1e-6})
+        ),
+    ),
+    "lean steps": (
+        3,
+        lambda: EXACT | test_lean_steps.stepped(test_lean_steps.loose(), "legs", steps=3),
+    ),
     "planes": (2, lambda: test_loads_and_supports.wedge(2, 33.0, 2, "mortar")),
     "planes in space": (2, lambda: test_loads_and_supports.wedge(3, 33.0, 1, "nodes")),
 }
@@ -107,12 +178,18 @@ def test_ranks_agree(comm, name):
         return
     assert_same(one, other)
     energy, found_there = (each.summary.get("energy", {}) for each in (one, other))
-    assert found_there == pytest.approx(energy, rel=1e-8, abs=1e-9 * energy.get("strain_energy", 1.0))
+    assert found_there == pytest.approx(
+        energy, rel=1e-8, abs=1e-9 * energy.get("strain_energy", 1.0)
+    )
     for mine, theirs in zip(one.summary["steps"], other.summary["steps"], strict=True):
         assert theirs["time"] == pytest.approx(mine["time"], rel=1e-6)
         for each, same in zip(mine["contacts"].values(), theirs["contacts"].values(), strict=True):
             for key in {"normal_force", "pretension"} & each.keys():
                 assert same[key] == pytest.approx(each[key], rel=1e-9), key
-        for each, same in zip(mine.get("rigid", {}).values(), theirs.get("rigid", {}).values(), strict=True):
+        for each, same in zip(
+            mine.get("rigid", {}).values(), theirs.get("rigid", {}).values(), strict=True
+        ):
             for key, value in each.items():
-                assert same[key] == pytest.approx(value, rel=1e-9, abs=1e-9 * np.abs(value).max()), key
+                assert same[key] == pytest.approx(
+                    value, rel=1e-9, abs=1e-9 * np.abs(value).max()
+                ), key

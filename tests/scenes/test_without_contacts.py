@@ -16,10 +16,27 @@ def bar(name: str, way: str, at: float = 0.0, order: int = 1, **more) -> dict:
     up = [0.0] * (2 if way == "space" else 1)
     load = {"on": "top", "force": [*up, FORCE], **more}
     if way == "space":
-        return box(name, [at, 0, 0], [1, 1, LENGTH], [2, 2, 3], order, young=YOUNG, poisson=0.3, traction=[load],
-                   clamp=[{"on": "bottom", "z": 0.0}, {"on": "left", "x": 0.0}, {"on": "front", "y": 0.0}])
-    body = rectangle(name, [at, 0.0], [1.0, LENGTH], [3, 4], order, young=YOUNG, traction=[load],
-                     clamp=[{"on": "bottom", "y": 0.0}, {"on": "left", "x": 0.0}])
+        return box(
+            name,
+            [at, 0, 0],
+            [1, 1, LENGTH],
+            [2, 2, 3],
+            order,
+            young=YOUNG,
+            poisson=0.3,
+            traction=[load],
+            clamp=[{"on": "bottom", "z": 0.0}, {"on": "left", "x": 0.0}, {"on": "front", "y": 0.0}],
+        )
+    body = rectangle(
+        name,
+        [at, 0.0],
+        [1.0, LENGTH],
+        [3, 4],
+        order,
+        young=YOUNG,
+        traction=[load],
+        clamp=[{"on": "bottom", "y": 0.0}, {"on": "left", "x": 0.0}],
+    )
     body["material"] |= {"plane": "stress"} if way == "plane" else {}
     return body
 
@@ -28,7 +45,9 @@ def stretched(answer, name: str, way: str, factor: float = 1.0) -> None:
     area = {"plane": 1.0, "axis": 3.141592653589793, "space": 1.0}[way]
     moved = answer.bodies[name].displacement[:, -1].max()
     assert moved == pytest.approx(factor * FORCE / area * LENGTH / YOUNG, rel=1e-6)
-    assert answer.summary["bodies"][name]["reaction"][-1] == pytest.approx(-factor * FORCE, rel=1e-9)
+    assert answer.summary["bodies"][name]["reaction"][-1] == pytest.approx(
+        -factor * FORCE, rel=1e-9
+    )
 
 
 @pytest.mark.parametrize("order", [1, 2])
@@ -45,9 +64,11 @@ def test_one_body_alone(way, order):
 @pytest.mark.parametrize("bodies", [1, 3])
 def test_bodies_alone_on_ranks(comm, bodies):
     """So are several bodies; a warning names each, on fewer and on more ranks than bodies, and load steps go on."""
-    scene = {"body": [bar(f"bar{k}", "space", 5.0 * k, history="pull") for k in range(bodies)],
-             "history": {"pull": {"times": [0.0, 1.0, 2.0], "factors": [0.0, 1.0, 0.5]}},
-             "time": {"points": [1.0, 2.0], "steps": 1}}
+    scene = {
+        "body": [bar(f"bar{k}", "space", 5.0 * k, history="pull") for k in range(bodies)],
+        "history": {"pull": {"times": [0.0, 1.0, 2.0], "factors": [0.0, 1.0, 0.5]}},
+        "time": {"points": [1.0, 2.0], "steps": 1},
+    }
     answer = certified(scene, comm)
     for name in answer.bodies:
         stretched(answer, name, "space", 0.5)
@@ -70,7 +91,9 @@ def test_files_of_a_body_alone(tmp_path, way):
     path = write_scene({"body": [bar("bar", way)]}, tmp_path / "scene.toml")
     run = run_here(path, tmp_path / "run")
     assert run.code == 0 and "friction" not in run.stdout.split("\n")[1] and not run.stderr
-    assert {"bodies.png", "result.h5", "steps.csv", "summary.json"} <= {file.name for file in run.folder.iterdir()}
+    assert {"bodies.png", "result.h5", "steps.csv", "summary.json"} <= {
+        file.name for file in run.folder.iterdir()
+    }
     assert call("report", str(run.folder)).code == 0
     checked = call("check", str(path), "--output", str(tmp_path / "check"))
     assert checked.code == 0 and not (tmp_path / "check" / "contacts.png").exists()

@@ -42,8 +42,13 @@ def digests(wheel: Path) -> dict[str, int]:
 @pytest.fixture(scope="module")
 def clean(tmp_path_factory) -> Path:
     """The files that git follows, in a folder of their own."""
-    listed = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, timeout=LIMIT) \
-        if shutil.which("git") else None
+    listed = (
+        subprocess.run(
+            ["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, timeout=LIMIT
+        )
+        if shutil.which("git")
+        else None
+    )
     if not listed or listed.returncode:
         pytest.skip("not a git checkout")
     folder = tmp_path_factory.mktemp("package") / "clean"
@@ -82,7 +87,10 @@ def test_wheel_is_the_package(wheel, clean):
     with zipfile.ZipFile(wheel) as archive:
         metadata = archive.read(f"{info}/METADATA").decode()
     assert "License-Expression: BSD-2-Clause" in metadata
-    assert set(re.findall("^Provides-Extra: (.*)$", metadata, re.M)) == PROJECT["optional-dependencies"].keys()
+    assert (
+        set(re.findall("^Provides-Extra: (.*)$", metadata, re.M))
+        == PROJECT["optional-dependencies"].keys()
+    )
 
 
 def test_sdist_is_the_checkout(clean, wheel):
@@ -90,20 +98,40 @@ def test_sdist_is_the_checkout(clean, wheel):
     copy = shutil.copytree(clean, clean.parent / "for_sdist")
     shutil.unpack_archive(build("sdist", copy, clean.parent / "sdist"), clean.parent / "unpacked")
     (folder,) = (clean.parent / "unpacked").iterdir()
-    made = {name for name in files(folder) if name in ("PKG-INFO", "setup.cfg") or name.startswith("ddmpi.egg-info/")}
+    made = {
+        name
+        for name in files(folder)
+        if name in ("PKG-INFO", "setup.cfg") or name.startswith("ddmpi.egg-info/")
+    }
     assert files(folder) - made == {name for name in files(clean) if not name.startswith(".")}
     assert digests(build("wheel", folder, clean.parent / "second")) == digests(wheel)
 
 
 def test_the_wheel_runs_outside_of_the_checkout(installed, tmp_path):
     """The command of an installed wheel solves a scene on two ranks, in a folder far from any checkout."""
-    paths = [path for path in os.environ.get("PYTHONPATH", "").split(os.pathsep) if path and Path(path) != ROOT]
-    start = functools.partial(run, cwd=tmp_path, PYTHONPATH=os.pathsep.join([str(installed), *paths]))
+    paths = [
+        path
+        for path in os.environ.get("PYTHONPATH", "").split(os.pathsep)
+        if path and Path(path) != ROOT
+    ]
+    start = functools.partial(
+        run, cwd=tmp_path, PYTHONPATH=os.pathsep.join([str(installed), *paths])
+    )
     place = start(sys.executable, "-c", "import ddmpi; print(ddmpi.__file__)")
     assert Path(place.strip()) == installed / "ddmpi" / "__init__.py"
     scene = scenes.write_scene(pinched_blocks(2), tmp_path / "scene.toml")
-    start(*os.environ.get("MPIRUN", "mpirun").split(), "-n", "2", sys.executable, installed / "bin" / "ddmpi", "run",
-          scene, "--output", tmp_path / "out", "--no-figures")
+    start(
+        *os.environ.get("MPIRUN", "mpirun").split(),
+        "-n",
+        "2",
+        sys.executable,
+        installed / "bin" / "ddmpi",
+        "run",
+        scene,
+        "--output",
+        tmp_path / "out",
+        "--no-figures",
+    )
     assert {"summary.json", "result.h5"} <= files(tmp_path / "out")
 
 
@@ -122,8 +150,13 @@ def test_extras_are_in_the_tests():
     assert {*extras["figures"], *extras["docs"], *extras["equilibrium"]} <= {*extras["test"]}
     setup = (ROOT / "scripts" / "setup.sh").read_text(encoding="utf-8")
     modules = " ".join(re.findall(r'^MODULES\+?="(.*)"', setup, re.M)).split()
-    names = {re.match(r"[\w-]+", each)[0].replace("-", "_") for each in PROJECT["dependencies"] + extras["test"]}
-    assert {*modules} == names - {"setuptools", "scikit_fem", "clarabel", "pytest_xdist"} | {"skfem"}
+    names = {
+        re.match(r"[\w-]+", each)[0].replace("-", "_")
+        for each in PROJECT["dependencies"] + extras["test"]
+    }
+    assert {*modules} == names - {"setuptools", "scikit_fem", "clarabel", "pytest_xdist"} | {
+        "skfem"
+    }
     assert re.findall(r'^CLARABEL="(.*?)"', setup, re.M) == extras["equilibrium"]
 
 
@@ -136,13 +169,22 @@ def wanted() -> dict[str, str]:
 
 def test_conda_recipe():
     """The conda recipe names this version, this command, and the packages and lower bounds of pyproject.toml."""
-    recipe = yaml.safe_load((ROOT / "packaging" / "conda" / "recipe.yaml").read_text(encoding="utf-8"))
+    recipe = yaml.safe_load(
+        (ROOT / "packaging" / "conda" / "recipe.yaml").read_text(encoding="utf-8")
+    )
     assert recipe["context"]["version"] == ddmpi.__version__
-    assert recipe["build"]["python"]["entry_points"] == [f"{k} = {v}" for k, v in PROJECT["scripts"].items()]
+    assert recipe["build"]["python"]["entry_points"] == [
+        f"{k} = {v}" for k, v in PROJECT["scripts"].items()
+    ]
     names = {"python": "python", "gmsh": "python-gmsh", "matplotlib": "matplotlib-base"}
     bounds = {"python": PROJECT["requires-python"].removeprefix(">="), **wanted()}
-    assert sorted(recipe["requirements"]["run"]) == sorted(f"{names.get(k, k)} >={v}" for k, v in bounds.items())
-    assert recipe["about"]["summary"] == PROJECT["description"] and recipe["about"]["license"] == PROJECT["license"]
+    assert sorted(recipe["requirements"]["run"]) == sorted(
+        f"{names.get(k, k)} >={v}" for k, v in bounds.items()
+    )
+    assert (
+        recipe["about"]["summary"] == PROJECT["description"]
+        and recipe["about"]["license"] == PROJECT["license"]
+    )
 
 
 def test_spack_package():

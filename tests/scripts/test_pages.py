@@ -21,11 +21,15 @@ pytestmark = pytest.mark.slow
 DOCS = scenes.ROOT / "docs"
 
 
-@pytest.mark.parametrize("name", ["start/tutorial.md", "start/tutorial_in_space.md", "start/drawing.md"])
+@pytest.mark.parametrize(
+    "name", ["start/tutorial.md", "start/tutorial_in_space.md", "start/drawing.md"]
+)
 def test_commands_of_a_page_do_what_it_says(name, tmp_path):
     """Each command of the page runs as its reader would run it, on one rank, prints what is shown, makes pictures."""
     page = (DOCS / name).read_text(encoding="utf-8")
-    outcomes = pages.run(page, tmp_path, scenes.clean_environment() | {"DDMPI_RANKS": "1"}, scenes.LIMIT)
+    outcomes = pages.run(
+        page, tmp_path, scenes.clean_environment() | {"DDMPI_RANKS": "1"}, scenes.LIMIT
+    )
     assert len(outcomes) > 3
     assert pages.differences(outcomes, pages.slack(page)) == []
     for picture, made in pages.IMAGE.findall(page):
@@ -39,9 +43,15 @@ Curve Loop(1) = {1 : 4};
 Plane Surface(1) = {1};
 """
 BODY = 'Physical Surface("plate") = {1};\n'
-NAMES = 'Physical Curve("bottom") = {1};\nPhysical Curve("left") = {4};\nPhysical Curve("top") = {3};\n'
-SQUARES = 'SetFactory("OpenCASCADE");\nRectangle(1) = {0, 0, 0, 1, 1};\nRectangle(2) = {1, 0, 0, 1, 1};\n'
-SOLID = 'SetFactory("OpenCASCADE");\nBox(1) = {0, 0, 0, 1, 1, 1};\nPhysical Curve("bottom") = {1};\n'
+NAMES = (
+    'Physical Curve("bottom") = {1};\nPhysical Curve("left") = {4};\nPhysical Curve("top") = {3};\n'
+)
+SQUARES = (
+    'SetFactory("OpenCASCADE");\nRectangle(1) = {0, 0, 0, 1, 1};\nRectangle(2) = {1, 0, 0, 1, 1};\n'
+)
+SOLID = (
+    'SetFactory("OpenCASCADE");\nBox(1) = {0, 0, 0, 1, 1, 1};\nPhysical Curve("bottom") = {1};\n'
+)
 POINT = 'Physical Point("corner") = {2};\n'
 ENDS = 'Physical Curve("bottom") = {1};\nPhysical Curve("top") = {3};\n'
 
@@ -50,12 +60,20 @@ MISTAKES: dict[str, dict] = {
     "a name that is spelt otherwise in the scene": {"clamp": ["Bottom"]},
     "the surface's name in the place of a curve's": {"clamp": ["plate"]},
     "one name for a curve and a surface": {"geo": PLATE + BODY.replace("plate", "left") + NAMES},
-    "a force on a point": {"geo": PLATE + BODY + NAMES + POINT, "traction": [{"on": "corner", "value": [1.0, 0.0]}]},
+    "a force on a point": {
+        "geo": PLATE + BODY + NAMES + POINT,
+        "traction": [{"on": "corner", "value": [1.0, 0.0]}],
+    },
     "several surfaces, none named": {"geo": SQUARES + ENDS},
-    "surfaces that touch without common nodes": {"geo": SQUARES + ENDS + 'Physical Surface("plate") = {1, 2};\n'},
+    "surfaces that touch without common nodes": {
+        "geo": SQUARES + ENDS + 'Physical Surface("plate") = {1, 2};\n'
+    },
     "a named surface without a material": {
-        "geo": SQUARES + 'Coherence;\nPhysical Surface("one") = {1};\nPhysical Surface("two") = {2};\n' + ENDS,
-        "material": [{"on": "one", "young": 1.0, "poisson": 0.3}]},
+        "geo": SQUARES
+        + 'Coherence;\nPhysical Surface("one") = {1};\nPhysical Surface("two") = {2};\n'
+        + ENDS,
+        "material": [{"on": "one", "young": 1.0, "poisson": 0.3}],
+    },
     "no `Plane Surface`": {"geo": PLATE.replace("Plane Surface(1) = {1};\n", "") + NAMES},
     "a solid without names": {"geo": SOLID.replace('Curve("bottom")', 'Volume("body")')},
     "a tilted plane": {"geo": PLATE.replace("1, 0}", "1, 1}") + BODY + NAMES},
@@ -64,17 +82,25 @@ MISTAKES: dict[str, dict] = {
     "`contact_size` larger than `size`": {"mesh": {"contact_size": 5.0}},
     "a mesh as a geometry": {"mesh": {"geometry": "plate.msh"}},
     "the names of a contact in the wrong order, or bodies drawn on each other's wrong side": {
-        "contact": {"on": ["top", "bottom"]}},
+        "contact": {"on": ["top", "bottom"]}
+    },
     "a contact along a line inside the body": {
-        "geo": SQUARES + 'Coherence;\nPhysical Surface("plate") = {1, 2};\nPhysical Curve("top") = {2, 3};\n'
-        'Physical Curve("bottom") = {1};\n'},
-    '`pairing = "nodes"` without matching nodes': {"mesh": {"size": 0.3}, "contact": {"pairing": "nodes"}},
+        "geo": SQUARES
+        + 'Coherence;\nPhysical Surface("plate") = {1, 2};\nPhysical Curve("top") = {2, 3};\n'
+        'Physical Curve("bottom") = {1};\n'
+    },
+    '`pairing = "nodes"` without matching nodes': {
+        "mesh": {"size": 0.3},
+        "contact": {"pairing": "nodes"},
+    },
     "a contact between clamped sides": {"clamp": ["top"], "above": "bottom"},
     "a statement that writes a file": {"geo": PLATE + BODY + NAMES + 'Mesh 2; Save "plate.msh";\n'},
     "`Exit`": {"geo": PLATE + BODY + NAMES + "Exit;\n"},
     "a mesh file saved without any groups": {"saved": PLATE},
     "a mesh file with groups of curves only": {"saved": PLATE + NAMES},
-    "the surface of a solid without its cells": {"saved": SOLID + 'Physical Surface("skin") = Surface{:};\n'},
+    "the surface of a solid without its cells": {
+        "saved": SOLID + 'Physical Surface("skin") = Surface{:};\n'
+    },
     "a part that is not there": {"mesh": {"part": "bolt"}},
     "a number that no curve has": {"clamp": [9]},
     "a size on a group that is not there": {"mesh": {"size_on": {"Top": 0.1}}},
@@ -85,7 +111,9 @@ MISTAKES: dict[str, dict] = {
 
 def messages() -> dict[str, str]:
     """The table of the page: the messages by their mistakes."""
-    rows = re.findall(r"^\| (.+) \| `(.+)` \|$", (DOCS / "start" / "drawing.md").read_text(encoding="utf-8"), re.M)
+    rows = re.findall(
+        r"^\| (.+) \| `(.+)` \|$", (DOCS / "start" / "drawing.md").read_text(encoding="utf-8"), re.M
+    )
     assert {mistake for mistake, _ in rows} == set(MISTAKES)
     return {mistake: message.strip("`") for mistake, message in rows}
 
@@ -111,12 +139,29 @@ def test_each_mistake_has_the_message_of_the_page(mistake, tmp_path, monkeypatch
     if "saved" in made:
         mesh = save(tmp_path, made.pop("saved"), "plate.msh")
     if made.pop("step", False):
-        mesh = save(tmp_path, 'SetFactory("OpenCASCADE");\nRectangle(1) = {0, 0, 0, 2, 1};\n', "plate.step")
+        mesh = save(
+            tmp_path, 'SetFactory("OpenCASCADE");\nRectangle(1) = {0, 0, 0, 2, 1};\n', "plate.step"
+        )
     steel = {"young": 1.0, "poisson": 0.3}
-    scene = {"contact": [{"bodies": ["upper", "lower"], "on": ["bottom", "top"]} | made.pop("contact", {})],
-             "body": [{"name": "upper", "material": steel, "clamp": [made.pop("above", "top")], "mesh": {
-                         "shape": "rectangle", "origin": [0.0, 1.0], "size": [2.0, 1.0], "divisions": [4, 2]}},
-                      {"name": "lower", "mesh": mesh, "material": steel, "clamp": ["bottom"]} | made]}
+    scene = {
+        "contact": [
+            {"bodies": ["upper", "lower"], "on": ["bottom", "top"]} | made.pop("contact", {})
+        ],
+        "body": [
+            {
+                "name": "upper",
+                "material": steel,
+                "clamp": [made.pop("above", "top")],
+                "mesh": {
+                    "shape": "rectangle",
+                    "origin": [0.0, 1.0],
+                    "size": [2.0, 1.0],
+                    "divisions": [4, 2],
+                },
+            },
+            {"name": "lower", "mesh": mesh, "material": steel, "clamp": ["bottom"]} | made,
+        ],
+    }
     with pytest.raises(InputError) as refused:
         scenes.prepare_scene(MPI.COMM_SELF, scene)
     assert pages.agrees(messages()[mistake], str(refused.value)), refused.value
@@ -127,20 +172,22 @@ def test_theory_has_the_numbers_of_the_code():
     page = " ".join((DOCS / "understand" / "theory.md").read_text(encoding="utf-8").split())
     count = {3: "three", 6: "six", 10: "ten"}
     for words in (
-            f"three and more bodies also the deformations v = M_a⁻¹x with C_a x = μ M_a⁻¹ x, μ > {krylov.SMOOTH[1]:g}"
-            f" (in space {krylov.SMOOTH[2]:g})",
-            f"loose bodies or {count[krylov.MANY]} and more bodies",
-            f"where it leaves at most {newton.GAIN:g} of the residual",
-            f"the length, 1 to {newton.LENGTHS[-1]:g}, that leaves least",
-            f"is below {count[int(newton.ERROR)]} times that",
-            f"Where {count[newton.PATIENCE]} steps leave more than {newton.PROGRESS:g} of the smallest residual",
-            f"as long as each leaves less than {newton.PROGRESS:g} of the residual", f"δ = {paths.SOFTEST:g}, 100, 10",
-            f"are tried where the residual is below {paths.NEAR:g}",
-            f"ε = 1e{np.log10(krylov.HELD_LOOSELY):.0f}, and D_s",
-            f"GMRES solves it to 1e{np.log10(krylov.FORCING):.0f}",
-            f"all below {certificate.FACTOR:g} times the tolerance (and {certificate.LARGEST_LIMIT:g}, whatever",
-            f"covered by less than {100 * mortar.UNCOVERED:g} %",
-            f"turns by more than {np.rad2deg(boundary.SHARPEST):.0f}°"):
+        f"three and more bodies also the deformations v = M_a⁻¹x with C_a x = μ M_a⁻¹ x, μ > {krylov.SMOOTH[1]:g}"
+        f" (in space {krylov.SMOOTH[2]:g})",
+        f"loose bodies or {count[krylov.MANY]} and more bodies",
+        f"where it leaves at most {newton.GAIN:g} of the residual",
+        f"the length, 1 to {newton.LENGTHS[-1]:g}, that leaves least",
+        f"is below {count[int(newton.ERROR)]} times that",
+        f"Where {count[newton.PATIENCE]} steps leave more than {newton.PROGRESS:g} of the smallest residual",
+        f"as long as each leaves less than {newton.PROGRESS:g} of the residual",
+        f"δ = {paths.SOFTEST:g}, 100, 10",
+        f"are tried where the residual is below {paths.NEAR:g}",
+        f"ε = 1e{np.log10(krylov.HELD_LOOSELY):.0f}, and D_s",
+        f"GMRES solves it to 1e{np.log10(krylov.FORCING):.0f}",
+        f"all below {certificate.FACTOR:g} times the tolerance (and {certificate.LARGEST_LIMIT:g}, whatever",
+        f"covered by less than {100 * mortar.UNCOVERED:g} %",
+        f"turns by more than {np.rad2deg(boundary.SHARPEST):.0f}°",
+    ):
         assert words in page
     assert accuracy.CAUTION == 1 / 5  # "by a fifth in order 1 and a tenth in order 2"
 
@@ -148,7 +195,7 @@ def test_theory_has_the_numbers_of_the_code():
 def test_theory_points_to_what_there_is():
     """Classes, attributes and modules in the table of symbols of docs/understand/theory.md exist."""
     page = (DOCS / "understand" / "theory.md").read_text(encoding="utf-8")
-    table = page[page.index("## Symbols"):page.index("## Sources")]
+    table = page[page.index("## Symbols") : page.index("## Sources")]
     sources = [path.read_text(encoding="utf-8") for path in (scenes.ROOT / "ddmpi").rglob("*.py")]
     cells = [row.split("|")[-2] for row in table.splitlines()[4:] if row.startswith("|")]
     assert len(cells) > 10

@@ -6,8 +6,12 @@ PLACES = {"boxes": 4, "tall": 3, "ball": 4, "wall": 1}
 CLOSE = {"calculix-faces": 0.25, "calculix-mortar": 0.05, "calculix-2": 0.05, "getfem-2": 0.05}
 """Springs, pressures at nodes; other multipliers at order 2. Everybody else solves the same equations."""
 
-SOLVED = {"boxes": ("petsc", "getfem", "calculix-faces", "calculix-mortar", "calculix-2", "getfem-2"),
-          "tall": ("petsc", "getfem"), "wall": ("petsc", "getfem"), "ball": ("petsc", "getfem", "calculix-faces")}
+SOLVED = {
+    "boxes": ("petsc", "getfem", "calculix-faces", "calculix-mortar", "calculix-2", "getfem-2"),
+    "tall": ("petsc", "getfem"),
+    "wall": ("petsc", "getfem"),
+    "ball": ("petsc", "getfem", "calculix-faces"),
+}
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +34,9 @@ def solved(tmp_path_factory):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("scene", "name"), [(scene, name) for scene, names in SOLVED.items() for name in names])
+@pytest.mark.parametrize(
+    ("scene", "name"), [(scene, name) for scene, names in SOLVED.items() for name in names]
+)
 def test_peer_agrees(scene, name, solved):
     """A peer's forces, largest pressure and displacement are those of ddmpi on the same mesh."""
     from compare_peers import PEERS, difference, measure, row_of

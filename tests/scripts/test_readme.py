@@ -27,4 +27,7 @@ def test_ratios_to_other_programs_are_those_of_the_table():
     for row in rows:
         program, *ratios = (cell.strip() for cell in row.strip("|").split("|"))
         for scene, size, ratio in zip(("boxes", "ball", "wall"), sizes, ratios, strict=True):
-            assert re.search(rf"\| {scene} \| {re.escape(program)} \| \d+ \| {size} \| [\d.]+ \| {ratio} \|", peers)
+            assert re.search(
+                rf"\| {scene} \| {re.escape(program)} \| \d+ \| {size} \| [\d.]+ \| {ratio} \|",
+                peers,
+            )

@@ -18,8 +18,10 @@ SCENES = sorted(path.relative_to(ROOT).as_posix() for path in (ROOT / "configs")
 
 def mistakes(scene: dict) -> list[str]:
     jsonschema = pytest.importorskip("jsonschema", reason="needs the package jsonschema")
-    return ["/".join(map(str, error.absolute_path))
-            for error in jsonschema.Draft7Validator(json_schema(Scene)).iter_errors(scene)]
+    return [
+        "/".join(map(str, error.absolute_path))
+        for error in jsonschema.Draft7Validator(json_schema(Scene)).iter_errors(scene)
+    ]
 
 
 def content(path: Path) -> Any:
@@ -31,11 +33,15 @@ def content(path: Path) -> Any:
 def test_committed_pages_are_those_of_the_code(tmp_path):
     """The pages in docs/reference/ are generated from the code as it is."""
     start(tmp_path, "reference", str(tmp_path / "made"))
-    made, committed = ({path.name: content(path) for path in folder.iterdir()}
-                       for folder in (tmp_path / "made", ROOT / "docs" / "reference"))
+    made, committed = (
+        {path.name: content(path) for path in folder.iterdir()}
+        for folder in (tmp_path / "made", ROOT / "docs" / "reference")
+    )
     assert made.keys() == committed.keys() - {"results.md"}
     for name in made:
-        assert made[name] == committed[name], f"docs/reference/{name} is stale: run scripts/reference.py"
+        assert made[name] == committed[name], (
+            f"docs/reference/{name} is stale: run scripts/reference.py"
+        )
 
 
 @pytest.mark.parametrize("path", SCENES)
@@ -44,11 +50,22 @@ def test_schema_accepts(path):
     assert mistakes(tomllib.loads((ROOT / path).read_text(encoding="utf-8"))) == []
 
 
-@pytest.mark.parametrize("key, value, where", [
-    ("titel", "misspelt", ""), ("title", 3, "title"), ("output", {"stress": "yes"}, "output/stress"),
-    ("method", {"tolerance": 2.0}, "method/tolerance"), ("method", {"theata": 0.2}, "method"),
-    ("contact", [{"bodies": ["upper", "lower", "both"], "on": ["bottom", "top"]}], "contact/0/bodies"),
-    ("history", {"a b": {"times": [0.0], "factors": [1.0]}}, "history")])
+@pytest.mark.parametrize(
+    "key, value, where",
+    [
+        ("titel", "misspelt", ""),
+        ("title", 3, "title"),
+        ("output", {"stress": "yes"}, "output/stress"),
+        ("method", {"tolerance": 2.0}, "method/tolerance"),
+        ("method", {"theata": 0.2}, "method"),
+        (
+            "contact",
+            [{"bodies": ["upper", "lower", "both"], "on": ["bottom", "top"]}],
+            "contact/0/bodies",
+        ),
+        ("history", {"a b": {"times": [0.0], "factors": [1.0]}}, "history"),
+    ],
+)
 def test_schema_refuses(key, value, where):
     """The schema refuses misspelt keys, wrong types and numbers beyond their limits, and says where."""
     scene = json.loads(json.dumps(pinched_blocks(2)))
@@ -65,8 +82,18 @@ def test_the_command_prints_the_schema():
 
 def test_every_key_has_a_meaning():
     """Every key of a scene is described, but for those that only choose a table."""
-    described = {f"{name}.{key}": "description" in value for name, table in json_schema(Scene)["$defs"].items()
-                 for key, value in table["properties"].items()}
+    described = {
+        f"{name}.{key}": "description" in value
+        for name, table in json_schema(Scene)["$defs"].items()
+        for key, value in table["properties"].items()
+    }
     assert len(described) > 90
     assert {key for key, has in described.items() if not has} == {
-        "Plane.shape", "Circle.shape", "Sphere.shape", "Cylinder.shape", "Coulomb.law", "Tresca.law", "NoFriction.law"}
+        "Plane.shape",
+        "Circle.shape",
+        "Sphere.shape",
+        "Cylinder.shape",
+        "Coulomb.law",
+        "Tresca.law",
+        "NoFriction.law",
+    }

@@ -24,8 +24,13 @@ def root(tmp_path: Path) -> Path:
     (tmp_path / "scripts").mkdir()
     for name in ("run.sh", "attend.sh"):
         shutil.copy(scenes.ROOT / "scripts" / name, tmp_path / "scripts")
-    (tmp_path / "scripts" / "setup.sh").write_text(f"ROOT={tmp_path} MPIRUN=mpirun PYTHON=python OMP_NUM_THREADS=1\n")
-    programs = {"mpirun": "printf '%s\\n' \"$@\" >calls\nexit 3", "nproc": "echo ${OMP_NUM_THREADS:-${CORES:-8}}"}
+    (tmp_path / "scripts" / "setup.sh").write_text(
+        f"ROOT={tmp_path} MPIRUN=mpirun PYTHON=python OMP_NUM_THREADS=1\n"
+    )
+    programs = {
+        "mpirun": "printf '%s\\n' \"$@\" >calls\nexit 3",
+        "nproc": "echo ${OMP_NUM_THREADS:-${CORES:-8}}",
+    }
     for name, text in programs.items():
         executable(tmp_path / "bin" / name, text)
     (tmp_path / "configs").mkdir()
@@ -39,16 +44,33 @@ def root(tmp_path: Path) -> Path:
 
 def start(root: Path, *arguments: str, **environment: str) -> list[str]:
     """What run.sh gives to mpirun."""
-    environment = {"OMP_NUM_THREADS": "1", **environment, "PATH": f"{root / 'bin'}:{os.environ['PATH']}"}
-    assert run("bash", root / "scripts" / "run.sh", *arguments, cwd=root, code=3, **environment) == ""
+    environment = {
+        "OMP_NUM_THREADS": "1",
+        **environment,
+        "PATH": f"{root / 'bin'}:{os.environ['PATH']}",
+    }
+    assert (
+        run("bash", root / "scripts" / "run.sh", *arguments, cwd=root, code=3, **environment) == ""
+    )
     return (root / "calls").read_text().splitlines()
 
 
 RANKS = {
     # arguments of run.sh: ranks
-    ("1.toml",): 1, ("2.toml",): 2, ("5.toml",): 5, ("run", "5.toml"): 5, ("12.toml",): 8,
-    (): 2, ("--quiet",): 2, ("--help",): 2, ("info",): 2, ("absent.toml",): 2, ("blanks.toml",): 3,
-    ("inline.toml",): 2, ("run", "--set", "title=1.toml", "5.toml"): 5, ("sweep", "3.toml", "--vary", "a=1,2"): 3,
+    ("1.toml",): 1,
+    ("2.toml",): 2,
+    ("5.toml",): 5,
+    ("run", "5.toml"): 5,
+    ("12.toml",): 8,
+    (): 2,
+    ("--quiet",): 2,
+    ("--help",): 2,
+    ("info",): 2,
+    ("absent.toml",): 2,
+    ("blanks.toml",): 3,
+    ("inline.toml",): 2,
+    ("run", "--set", "title=1.toml", "5.toml"): 5,
+    ("sweep", "3.toml", "--vary", "a=1,2"): 3,
     ("run", "-options_file", "inline.toml", "3.toml"): 3,
 }
 
@@ -62,11 +84,27 @@ def test_one_rank_per_body_up_to_the_cores(root, arguments):
 
 def test_arguments_are_handed_on(root):
     """The command gets its arguments as they are; several bodies have two ranks at least, or DDMPI_RANKS."""
-    assert start(root, "5.toml", CORES="1")[1] == "2" and start(root, "5.toml", DDMPI_RANKS="11")[1] == "11"
-    assert start(root, "5.toml", "--set", "title=a b")[2:] == \
-        ["python", "-m", "ddmpi", "run", "5.toml", "--set", "title=a b"]
+    assert (
+        start(root, "5.toml", CORES="1")[1] == "2"
+        and start(root, "5.toml", DDMPI_RANKS="11")[1] == "11"
+    )
+    assert start(root, "5.toml", "--set", "title=a b")[2:] == [
+        "python",
+        "-m",
+        "ddmpi",
+        "run",
+        "5.toml",
+        "--set",
+        "title=a b",
+    ]
     assert start(root, "report", "out")[2:] == ["python", "-m", "ddmpi", "report", "out"]
-    assert start(root)[2:] == ["python", "-m", "ddmpi", "run", f"{root}/configs/pinched_blocks.toml"]
+    assert start(root)[2:] == [
+        "python",
+        "-m",
+        "ddmpi",
+        "run",
+        f"{root}/configs/pinched_blocks.toml",
+    ]
 
 
 @pytest.mark.parametrize("name", ["thesis.txt", "pyvenv.cfg"])
@@ -79,7 +117,9 @@ def test_a_set_up_removes_no_folder_of_others(tmp_path, name):
     script = script.replace("\nchoose_python\n", "\nLOG=/dev/null; make_venv\n")
     (tmp_path / "scripts").mkdir()
     (tmp_path / "scripts" / "setup.sh").write_text(script.replace("/usr/bin/python3", "false"))
-    said = run("bash", tmp_path / "scripts" / "setup.sh", cwd=tmp_path, code=1, DDMPI_VENV=str(place))
+    said = run(
+        "bash", tmp_path / "scripts" / "setup.sh", cwd=tmp_path, code=1, DDMPI_VENV=str(place)
+    )
     assert place.exists() == (name == "thesis.txt")
     assert ("no virtual environment; name another folder in DDMPI_VENV" in said) == place.exists()
 
@@ -105,7 +145,11 @@ def in_terminal(program: Path, here: Path, command: list[str], *ready: str) -> t
     """
     python = executable(here / "python", f'exec {sys.executable} {program} "$@"')
     said = b""
-    environment = scenes.clean_environment() | {"DDMPI_PYTHON": str(python), "READY": f"{here}/ready", "TERM": "dumb"}
+    environment = scenes.clean_environment() | {
+        "DDMPI_PYTHON": str(python),
+        "READY": f"{here}/ready",
+        "TERM": "dumb",
+    }
     process, terminal = pty.fork()
     if process == 0:
         signal.signal(signal.SIGINT, signal.SIG_DFL)  # a shell's job in the background ignores it
@@ -126,16 +170,24 @@ def in_terminal(program: Path, here: Path, command: list[str], *ready: str) -> t
 def test_ctrl_c_leaves_a_checkpoint_and_one_message(tmp_path, alone):
     """Ctrl-C, which a terminal sends to all that runs in it, ends a run with a checkpoint, its name, and code 6."""
     scene, folder = scenes.pinched_blocks(2), tmp_path / "out"
-    scene |= {"history": {"load": {"times": [0.0, 1.0, 2.0], "factors": [0.0, 1.0, 0.0]}},
-              "time": {"points": [1.0, 2.0], "steps": 9}}
+    scene |= {
+        "history": {"load": {"times": [0.0, 1.0, 2.0], "factors": [0.0, 1.0, 0.0]}},
+        "time": {"points": [1.0, 2.0], "steps": 9},
+    }
     for body in scene["body"]:
         body["traction"] = [load | {"history": "load"} for load in body["traction"]]
     scenes.write_scene(scene, tmp_path / "scene.toml")
     arguments = ["run", str(tmp_path / "scene.toml"), "--no-figures", "--output", str(folder)]
-    command = [str(tmp_path / "python"), "-m", "ddmpi"] if alone else [str(scenes.ROOT / "scripts" / "run.sh")]
-    code, said = in_terminal(scenes.ROOT / "tests" / "support" / "held.py", tmp_path, [*command, *arguments], "ready")
+    command = (
+        [str(tmp_path / "python"), "-m", "ddmpi"]
+        if alone
+        else [str(scenes.ROOT / "scripts" / "run.sh")]
+    )
+    code, said = in_terminal(
+        scenes.ROOT / "tests" / "support" / "held.py", tmp_path, [*command, *arguments], "ready"
+    )
     assert code == 6, said
-    message, = re.findall(r"ddmpi: .*", said)
+    (message,) = re.findall(r"ddmpi: .*", said)
     kept = rf"ddmpi: interrupted by SIGINT: the state after iteration \d+ is kept, --restart {folder} goes on"
     assert re.match(kept, message)
     assert [path.name for path in folder.iterdir()] == ["checkpoint.h5"]
@@ -150,7 +202,9 @@ def test_a_second_ctrl_c_does_not_wait(tmp_path):
     assert "ending at once" in said
     for rank in ("", "1"):
         number = (tmp_path / f"ready{rank}").read_text()
-        await_that(lambda number=number: not scenes.is_alive(number), f"process {number} is still there")
+        await_that(
+            lambda number=number: not scenes.is_alive(number), f"process {number} is still there"
+        )
 
 
 ATTEND = f'. {scenes.ROOT}/scripts/attend.sh; attend bash -c "$1"; explain; exit "$code"'
@@ -161,11 +215,16 @@ def test_the_name_of_a_signal_is_handed_on(tmp_path, name):
     """What run.sh hands on as SIGUSR1 is called by its own name; the file that has the name does not stay."""
     waits = 'trap "echo heard $(cat $DDMPI_SIGNAL); exit 6" USR1\ntouch ready; while :; do sleep 0.02; done'
     waits = waits.replace("$", "\\$", 1)  # read when the signal comes
-    assert attended(ATTEND, waits, name, tmp_path, TMPDIR=str(tmp_path)) == (6, f"heard SIG{name}\n")
+    assert attended(ATTEND, waits, name, tmp_path, TMPDIR=str(tmp_path)) == (
+        6,
+        f"heard SIG{name}\n",
+    )
     assert [path.name for path in tmp_path.iterdir()] == ["ready"]
 
 
 def test_what_hears_no_signal_is_said_to_be_interrupted(tmp_path):
     """As `ddmpi path`, which has nothing to keep: by the signal that came, not by the one that was handed on."""
     assert attended(ATTEND, "touch ready; exec sleep 600", "TERM", tmp_path) == (
-        128 + signal.SIGUSR1, "ddmpi: error: interrupted by SIGTERM\n")
+        128 + signal.SIGUSR1,
+        "ddmpi: error: interrupted by SIGTERM\n",
+    )

@@ -18,31 +18,71 @@ pytestmark = pytest.mark.slow
 ROOT = Path(__file__).resolve().parents[2]
 STUDIES = {
     # script: arguments; words of what it prints and of its pages; numbers of tables and figures
-    "large_bodies": ("--millions 0.001 --solids 0.001 --ranks 1 --kinds chosen iterative",
-                     ("## pinched_blocks, 0.001 million unknowns on 1 ranks", "## two_boxes, 0.001 million",
-                      "| chosen | explicit |", "| iterative | iterative |"), 1, 0),
-    "reproduce_tables": ("--sizes 6 --laws tresca",
-                         ("| 504 \\| 18 | 36 · ", "8 of them converged and certified"), 1, 2),
-    "tradeoff": ("--finest 2 --scenes boxes", ("| order 1, N = 2, pairs | ", "| order 2, N = 2, mortar | "), 1, 0),
-    "verification": ("--coarse --only cgs-1 rings", (
-        "| NAFEMS CGS-1: contact patch test of unlike bodies, every value | ≤ 1e-08 | ", "(exact) |",
-        "## Two rings with interference", "| mean pressure, gap given (Pa) | 2575.5 | "), 0, 2),
+    "large_bodies": (
+        "--millions 0.001 --solids 0.001 --ranks 1 --kinds chosen iterative",
+        (
+            "## pinched_blocks, 0.001 million unknowns on 1 ranks",
+            "## two_boxes, 0.001 million",
+            "| chosen | explicit |",
+            "| iterative | iterative |",
+        ),
+        1,
+        0,
+    ),
+    "reproduce_tables": (
+        "--sizes 6 --laws tresca",
+        ("| 504 \\| 18 | 36 · ", "8 of them converged and certified"),
+        1,
+        2,
+    ),
+    "tradeoff": (
+        "--finest 2 --scenes boxes",
+        ("| order 1, N = 2, pairs | ", "| order 2, N = 2, mortar | "),
+        1,
+        0,
+    ),
+    "verification": (
+        "--coarse --only cgs-1 rings",
+        (
+            "| NAFEMS CGS-1: contact patch test of unlike bodies, every value | ≤ 1e-08 | ",
+            "(exact) |",
+            "## Two rings with interference",
+            "| mean pressure, gap given (Pa) | 2575.5 | ",
+        ),
+        0,
+        2,
+    ),
 }
 
 
 def start(folder: Path, *arguments: str, code: int = 0) -> str:
-    return run(ROOT / "scripts/study", *arguments, cwd=folder, code=code, DDMPI_PYTHON=sys.executable, DDMPI_RANKS="1")
+    return run(
+        ROOT / "scripts/study",
+        *arguments,
+        cwd=folder,
+        code=code,
+        DDMPI_PYTHON=sys.executable,
+        DDMPI_RANKS="1",
+    )
 
 
-LISTED = re.findall(r"^    (\w+) +[12]  (\S+\.py)", (ROOT / "scripts/study").read_text(encoding="utf-8"), re.M)
+LISTED = re.findall(
+    r"^    (\w+) +[12]  (\S+\.py)", (ROOT / "scripts/study").read_text(encoding="utf-8"), re.M
+)
 
 
 def test_studies_are_listed(tmp_path):
     """Without a name, or by --help, the command lists all studies; a name that is none ends with a message."""
     said = start(tmp_path)
     assert [line.split()[0] for line in said.splitlines()[1:]] == [name for name, _ in LISTED]
-    commands = {path.resolve() for path in (ROOT / "scripts").glob("*.py") if "__main__" in path.read_text("utf-8")}
-    assert len(LISTED) > 10 and commands <= {(ROOT / "scripts" / file).resolve() for _, file in LISTED}
+    commands = {
+        path.resolve()
+        for path in (ROOT / "scripts").glob("*.py")
+        if "__main__" in path.read_text("utf-8")
+    }
+    assert len(LISTED) > 10 and commands <= {
+        (ROOT / "scripts" / file).resolve() for _, file in LISTED
+    }
     assert start(tmp_path, "--help") == said
     assert "there is no study nothing" in start(tmp_path, "nothing", code=2)
 
@@ -52,13 +92,23 @@ def test_pages_name_commands_that_there_are():
     listed = {name for name, _ in LISTED}
     for page in [*(ROOT / "docs").rglob("*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md"]:
         text = page.read_text(encoding="utf-8")
-        gone = {name for name in re.findall(r"scripts/study ([a-z]\w+)", text) if name not in listed}
-        gone |= {path for path in re.findall(r"\bscripts/[\w/]+\.(?:py|sh|sbatch)", text) if not
-                 ((ROOT / path).exists() or (ROOT / "tests" / path).exists())}
-        assert not gone or re.search(r"no\s+longer\s+has|of that\s+version|in version", text), (page, gone)
+        gone = {
+            name for name in re.findall(r"scripts/study ([a-z]\w+)", text) if name not in listed
+        }
+        gone |= {
+            path
+            for path in re.findall(r"\bscripts/[\w/]+\.(?:py|sh|sbatch)", text)
+            if not ((ROOT / path).exists() or (ROOT / "tests" / path).exists())
+        }
+        assert not gone or re.search(r"no\s+longer\s+has|of that\s+version|in version", text), (
+            page,
+            gone,
+        )
 
 
-@pytest.mark.parametrize("name", [name for name, _ in LISTED if name not in {"extremes", "fault_injection", *STUDIES}])
+@pytest.mark.parametrize(
+    "name", [name for name, _ in LISTED if name not in {"extremes", "fault_injection", *STUDIES}]
+)
 def test_start(tmp_path, name, monkeypatch, capsys):
     """Every study that no other test starts, starts by its name, on one rank, and says what its arguments are.
 
@@ -86,8 +136,7 @@ def test_study(tmp_path, name):
 
 
 def test_mutants_are_of_this_code():
-    """Every mutant of the mutation study has its line in the code, once, and its test; equivalent ones have the line.
-    """
+    """Every mutant of the mutation study has its line in the code, once, and its test; equivalent ones have the line."""
     assert len(mutation.MUTANTS) >= 40
     assert mutation.wrong_texts([*mutation.MUTANTS, *mutants.EQUIVALENT]) == []
     for mutant in mutation.MUTANTS:

@@ -58,7 +58,9 @@ def test_ranks_report_under_the_name_of_their_test(example):
     """
     pytest_ = (sys.executable, "-m", "pytest")
     said = run(*pytest_, cwd=example, code=1, DDMPI_TEST_LIMIT="5")
-    names = [f"test_example.py::test_{name}" for name in ("alone[2]", "bad[2-0]", "bad[2-1]", "hangs[2]")]
+    names = [
+        f"test_example.py::test_{name}" for name in ("alone[2]", "bad[2-0]", "bad[2-1]", "hangs[2]")
+    ]
     assert re.findall(r"^FAILED (\S+)", said, re.M) == names
     assert all(f"- on rank {rank} -" in said for rank in (0, 1)) and "time limit of 5.0s" in said
     assert re.findall(r"\[ *(\d+)%\]", said)[-1] == "100"
@@ -71,8 +73,10 @@ def test_ranks_report_under_the_name_of_their_test(example):
 def test_a_shared_mpirun_that_ends_without_a_word_is_a_failure(example):
     """Of the test in which it ended, though that passes alone."""
     ends = "    if len(request.session.items) > 1 and comm.rank:\n        os.kill(os.getpid(), 9)\n"
-    tests = "".join(f"@pytest.mark.mpi(ranks=2)\ndef test_{name}(comm, mpi_ranks, request):\n{body}\n"
-                    for name, body in (("first", "    pass\n"), ("ends", ends), ("last", "    pass\n")))
+    tests = "".join(
+        f"@pytest.mark.mpi(ranks=2)\ndef test_{name}(comm, mpi_ranks, request):\n{body}\n"
+        for name, body in (("first", "    pass\n"), ("ends", ends), ("last", "    pass\n"))
+    )
     (example / "test_example.py").write_text(f"import os\nimport pytest\n\n{tests}")
     said = run(sys.executable, "-m", "pytest", cwd=example, code=1)
     assert re.findall(r"^FAILED (\S+)", said, re.M) == ["test_example.py::test_ends[2]"]
@@ -82,8 +86,10 @@ def test_a_shared_mpirun_that_ends_without_a_word_is_a_failure(example):
 def test_with_workers_the_tests_of_a_folder_share_an_mpirun(example):
     """Those on as many ranks go to one worker of pytest-xdist, in whatever file they are."""
     pytest.importorskip("xdist")
-    test = ('import os\nimport pytest\n\n@pytest.mark.mpi(ranks=2)\ndef test(comm, mpi_ranks):\n'
-            '    open(f"mpirun-{os.getppid()}", "a").close()\n')
+    test = (
+        "import os\nimport pytest\n\n@pytest.mark.mpi(ranks=2)\ndef test(comm, mpi_ranks):\n"
+        '    open(f"mpirun-{os.getppid()}", "a").close()\n'
+    )
     for name in ("a", "b", "c", "example"):
         (example / f"test_{name}.py").write_text(test)
     assert "8 passed" in run(sys.executable, "-m", "pytest", "-n", "2", cwd=example)
@@ -93,8 +99,10 @@ def test_with_workers_the_tests_of_a_folder_share_an_mpirun(example):
 def test_no_test_has_a_time_limit_of_its_own():
     """The limit is to catch what hangs, on any machine, and stands in one place."""
     own = re.compile(r"\b(?:timeout|limit)=\d|monotonic\(\) \+ \d|^LIMIT = \d", re.M)
-    found = {path.name: len(own.findall(path.read_text(encoding="utf-8")))
-             for path in (scenes.ROOT / "tests").rglob("*.py")}
+    found = {
+        path.name: len(own.findall(path.read_text(encoding="utf-8")))
+        for path in (scenes.ROOT / "tests").rglob("*.py")
+    }
     found["test_peers.py"] -= 3  # of programs to compare with: what is tested
     found["mutation.py"] -= 1  # of a mutant, which may hang
     found["scenes.py"] -= 1  # until mpirun, which is told to end, is killed
@@ -108,7 +116,8 @@ def test_test_sh_runs_tests_and_nothing_else(tmp_path):
     """Neither types nor style stand before the tests of a user, on a machine whose python notes how it was called."""
     shutil.copytree(SCRIPTS, tmp_path / "scripts")
     (tmp_path / "scripts" / "setup.sh").write_text(
-        'ROOT=$PWD PYTHON=$PWD/bin/python; say() { echo "$@"; }; install_packages() { echo installs >>calls; }\n')
+        'ROOT=$PWD PYTHON=$PWD/bin/python; say() { echo "$@"; }; install_packages() { echo installs >>calls; }\n'
+    )
     executable(tmp_path / "bin" / "python", 'echo "$*" >>calls')
     executable(tmp_path / "bin" / "apt-get", "true")
     for name in ("bash", "dirname", "cat", "mktemp", "env"):
@@ -121,4 +130,6 @@ def test_test_sh_runs_tests_and_nothing_else(tmp_path):
 def test_a_checkout_of_somebody_else_asks_for_a_folder(tmp_path):
     """Who cannot write where the set-up would go is told of DDMPI_VENV."""
     said = run("bash", SCRIPTS / "run.sh", cwd=tmp_path, code=1, DDMPI_VENV="/dev/null/venv")
-    assert said == "ddmpi set-up: cannot write /dev/null/venv; name a folder of yours in DDMPI_VENV\n"
+    assert (
+        said == "ddmpi set-up: cannot write /dev/null/venv; name a folder of yours in DDMPI_VENV\n"
+    )

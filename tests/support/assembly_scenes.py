@@ -1,7 +1,7 @@
 """Random assemblies, the same for the same seed: small scenes of all kinds, some of them without equilibrium.
 
-    scene = random_scene(7)             # a dict with the keys of a scene's TOML file
-    text = scenes.to_toml(scene)
+scene = random_scene(7)             # a dict with the keys of a scene's TOML file
+text = scenes.to_toml(scene)
 """
 
 from __future__ import annotations
@@ -49,49 +49,104 @@ class Maker:
         share = self.rng.random() if self.random_contrast else len(self.tables["body"]) % 2
         return float(2e10 * self.contrast**share)
 
-    def body(self, corners: list[tuple[float, float]], divisions: tuple[int, int], clamp: list | None = None,
-             loads: dict[str, tuple[float, float]] | None = None, weight: tuple[float, float] = (0.0, 0.0)) -> str:
+    def body(
+        self,
+        corners: list[tuple[float, float]],
+        divisions: tuple[int, int],
+        clamp: list | None = None,
+        loads: dict[str, tuple[float, float]] | None = None,
+        weight: tuple[float, float] = (0.0, 0.0),
+    ) -> str:
         """Adds a body; loads by side and weight are in units of `stress`."""
         name = f"body{len(self.tables['body'])}"
         placed = [self.vector(*corner) for corner in corners]
-        mesh = {"shape": "quadrilateral", "corners": placed, "divisions": [int(n) for n in divisions]}
+        mesh = {
+            "shape": "quadrilateral",
+            "corners": placed,
+            "divisions": [int(n) for n in divisions],
+        }
         (x, y), (X, Y) = corners[0], corners[2]
         if not self.quadrilaterals and list(corners) == [(x, y), (X, y), (X, Y), (x, Y)]:
-            mesh = {"shape": "rectangle", "origin": [float(x), float(y)], "size": [float(X - x), float(Y - y)],
-                    "divisions": [int(n) for n in divisions]}
-        self.tables["body"].append({
-            "name": name, "mesh": mesh, "clamp": clamp or [],
-            "material": {"young": self.young(), "poisson": round(float(self.rng.uniform(0.0, 0.4)), 3)},
-            "traction": [{"on": on, "value": self.vector(*(self.stress * q for q in load))}
-                         for on, load in (loads or {}).items()],
-            "volume_force": self.vector(*(self.stress * q for q in weight))})
+            mesh = {
+                "shape": "rectangle",
+                "origin": [float(x), float(y)],
+                "size": [float(X - x), float(Y - y)],
+                "divisions": [int(n) for n in divisions],
+            }
+        self.tables["body"].append(
+            {
+                "name": name,
+                "mesh": mesh,
+                "clamp": clamp or [],
+                "material": {
+                    "young": self.young(),
+                    "poisson": round(float(self.rng.uniform(0.0, 0.4)), 3),
+                },
+                "traction": [
+                    {"on": on, "value": self.vector(*(self.stress * q for q in load))}
+                    for on, load in (loads or {}).items()
+                ],
+                "volume_force": self.vector(*(self.stress * q for q in weight)),
+            }
+        )
         return name
 
     def block(self, x: float, y: float, width: float, height: float = 1.0, **more) -> str:
-        return self.body([(x, y), (x + width, y), (x + width, y + height), (x, y + height)],
-                         (round(width * self.N), round(height * self.N)), **more)
+        return self.body(
+            [(x, y), (x + width, y), (x + width, y + height), (x, y + height)],
+            (round(width * self.N), round(height * self.N)),
+            **more,
+        )
 
-    def plane(self, x: float, y: float, nx: float, ny: float, moved: tuple[float, float] = (0.0, 0.0)) -> str:
+    def plane(
+        self, x: float, y: float, nx: float, ny: float, moved: tuple[float, float] = (0.0, 0.0)
+    ) -> str:
         name = f"plane{len(self.tables['rigid'])}"
-        self.tables["rigid"].append({"name": name, "shape": "plane", "point": self.vector(x, y),
-                                     "normal": self.vector(nx, ny), "displacement": self.vector(*moved)})
+        self.tables["rigid"].append(
+            {
+                "name": name,
+                "shape": "plane",
+                "point": self.vector(x, y),
+                "normal": self.vector(nx, ny),
+                "displacement": self.vector(*moved),
+            }
+        )
         return name
 
-    def contact(self, first: str, second: str, on: list[str], bonded: bool = False,
-                coefficient: float | None = None) -> None:
-        law = str(self.rng.choice(["coulomb", "coulomb", "tresca", "none"])) if self.law == "mixed" else self.law
-        table: dict = {"name": f"c{len(self.tables['contact'])}", "bodies": [first, second], "on": on,
-                       "kind": "bonded" if bonded else "unilateral"}
+    def contact(
+        self,
+        first: str,
+        second: str,
+        on: list[str],
+        bonded: bool = False,
+        coefficient: float | None = None,
+    ) -> None:
+        law = (
+            str(self.rng.choice(["coulomb", "coulomb", "tresca", "none"]))
+            if self.law == "mixed"
+            else self.law
+        )
+        table: dict = {
+            "name": f"c{len(self.tables['contact'])}",
+            "bodies": [first, second],
+            "on": on,
+            "kind": "bonded" if bonded else "unilateral",
+        }
         if not bonded:
             F = self.coefficient if coefficient is None else coefficient
-            table["friction"] = {"coulomb": {"law": "coulomb", "coefficient": F},
-                                 "tresca": {"law": "tresca", "slip_bound": F * self.stress},
-                                 "none": {"law": "none"}}[law]
+            table["friction"] = {
+                "coulomb": {"law": "coulomb", "coefficient": F},
+                "tresca": {"law": "tresca", "slip_bound": F * self.stress},
+                "none": {"law": "none"},
+            }[law]
         self.tables["contact"].append(table)
 
     def scene(self, title: str) -> Scene:
-        return {"title": title, **{key: value for key, value in self.tables.items() if value},
-                "method": {"tolerance": 1e-9}}
+        return {
+            "title": title,
+            **{key: value for key, value in self.tables.items() if value},
+            "method": {"tolerance": 1e-9},
+        }
 
 
 def _load(rng: np.random.Generator, F: float, most: float = 1.2) -> tuple[float, float]:
@@ -116,7 +171,9 @@ def stack(make: Maker) -> None:
         loads = {"top": shear} if top else {}
         if held == "sides" and k == 0:
             loads["bottom"] = (0.0, float(rng.uniform(0.2, 1.0)))
-        names.append(make.block(float(x[k]), float(k), float(width), clamp=clamp, loads=loads, weight=weight))
+        names.append(
+            make.block(float(x[k]), float(k), float(width), clamp=clamp, loads=loads, weight=weight)
+        )
     for a, b in zip(names[1:], names, strict=False):
         make.contact(a, b, ["bottom", "top"])
 
@@ -127,22 +184,42 @@ def wall(make: Maker) -> None:
     columns, rows = int(rng.integers(1, 4)), int(rng.integers(2, 5))
     joints, floor, partly = rng.random() < 0.5, rng.random() < 0.3, rng.random() < 0.2
     aside = make.aside
-    weight = (float(rng.uniform(-0.3, 0.3)) * make.coefficient * aside, -float(rng.uniform(0.1, 1))) \
-        if rng.random() < 0.5 else (0.0, 0.0)
+    weight = (
+        (float(rng.uniform(-0.3, 0.3)) * make.coefficient * aside, -float(rng.uniform(0.1, 1)))
+        if rng.random() < 0.5
+        else (0.0, 0.0)
+    )
     shear = _load(rng, min(make.coefficient, columns / rows / 1.5), 0.9 * aside)
     push = float(rng.uniform(0, 0.4)) * make.coefficient * aside if rng.random() < 0.4 else 0.0
     layers = []
     for row in range(rows):
-        ends = [0, *range(2, 2 * columns, 2), 2 * columns] if row % 2 == 0 else \
-            [0, *range(1, 2 * columns, 2), 2 * columns]
+        ends = (
+            [0, *range(2, 2 * columns, 2), 2 * columns]
+            if row % 2 == 0
+            else [0, *range(1, 2 * columns, 2), 2 * columns]
+        )
         layer = []
         for left, right in pairwise(ends):
-            loads = {"top": shear} if row == rows - 1 and not (partly and rng.random() < 0.5) else {}
+            loads = (
+                {"top": shear} if row == rows - 1 and not (partly and rng.random() < 0.5) else {}
+            )
             if left == 0 and row == rows - 1 and push:
                 loads["left"] = (push, 0.0)
             clamp = ["bottom"] if row == 0 and not floor else []
-            layer.append((left, right, make.block(float(left), float(row), float(right - left), clamp=clamp,
-                                                  loads=loads, weight=weight)))
+            layer.append(
+                (
+                    left,
+                    right,
+                    make.block(
+                        float(left),
+                        float(row),
+                        float(right - left),
+                        clamp=clamp,
+                        loads=loads,
+                        weight=weight,
+                    ),
+                )
+            )
         layers.append(layer)
     if floor:
         plane = make.plane(float(columns), 0.0, 0.0, 1.0)
@@ -167,18 +244,33 @@ def arch(make: Maker) -> None:
     across = max(2, round(thickness * make.N / 2))
     angles = np.pi / 2 + np.linspace(half, -half, n + 1)  # from the left to the right
     inner = [(radius * float(np.cos(a)), radius * float(np.sin(a))) for a in angles]
-    outer = [((radius + thickness) * float(np.cos(a)), (radius + thickness) * float(np.sin(a))) for a in angles]
+    outer = [
+        ((radius + thickness) * float(np.cos(a)), (radius + thickness) * float(np.sin(a)))
+        for a in angles
+    ]
     along = max(1, round(radius * 2 * half / n * make.N / 3))
     loaded = int(rng.integers(n))
     names = []
     for k in range(n):
-        loads = {"top": (0.0, -float(rng.uniform(0, 1.0)))} if k == loaded and rng.random() < 0.7 else {}
-        names.append(make.body([inner[k], inner[k + 1], outer[k + 1], outer[k]], (along, across), loads=loads,
-                               weight=(float(rng.uniform(-0.02, 0.02)), -1.0)))
+        loads = (
+            {"top": (0.0, -float(rng.uniform(0, 1.0)))}
+            if k == loaded and rng.random() < 0.7
+            else {}
+        )
+        names.append(
+            make.body(
+                [inner[k], inner[k + 1], outer[k + 1], outer[k]],
+                (along, across),
+                loads=loads,
+                weight=(float(rng.uniform(-0.02, 0.02)), -1.0),
+            )
+        )
     for a, b in pairwise(names):
         make.contact(a, b, ["right", "left"])
-    for name, side, (x, y), angle, sign in ((names[0], "left", inner[0], angles[0], -1.0),
-                                            (names[-1], "right", inner[-1], angles[-1], 1.0)):
+    for name, side, (x, y), angle, sign in (
+        (names[0], "left", inner[0], angles[0], -1.0),
+        (names[-1], "right", inner[-1], angles[-1], 1.0),
+    ):
         springing = make.plane(x, y, -sign * float(np.sin(angle)), sign * float(np.cos(angle)))
         make.contact(name, springing, [side])
     if make.law in ("none", "mixed"):
@@ -192,9 +284,21 @@ def row(make: Maker) -> None:
     closing = float(10 ** rng.uniform(-1, 1)) * K * make.stress / 2e10
     left = make.plane(0.0, 0.0, 1.0, 0.0, (closing, 0.0))
     pressed = rng.random() < 0.4
-    weight = -float(rng.uniform(0.05, 1.5)) * min(make.coefficient, 1.0 if make.contrast == 1 else 0.5) / K
-    names = [make.block(float(k), 0.0, 1.0, weight=(0.0, weight), loads={"right": (-2.0, 0.0)} if
-                        pressed and k == K - 1 else {}) for k in range(K)]
+    weight = (
+        -float(rng.uniform(0.05, 1.5))
+        * min(make.coefficient, 1.0 if make.contrast == 1 else 0.5)
+        / K
+    )
+    names = [
+        make.block(
+            float(k),
+            0.0,
+            1.0,
+            weight=(0.0, weight),
+            loads={"right": (-2.0, 0.0)} if pressed and k == K - 1 else {},
+        )
+        for k in range(K)
+    ]
     rng.random()  # the further numbers stay what they were
     make.contact(names[0], left, ["left"])
     for a, b in pairwise(names):
@@ -218,7 +322,9 @@ def checkerboard(make: Maker) -> None:
                 loads["left"] = (side, 0.0)
             if i == columns - 1 and j:
                 loads["right"] = (-side, 0.0)
-            grid[i, j] = make.block(i * width, float(j), width, clamp=["bottom"] if j == 0 else [], loads=loads)
+            grid[i, j] = make.block(
+                i * width, float(j), width, clamp=["bottom"] if j == 0 else [], loads=loads
+            )
 
     def bonded() -> bool:
         return bool(kind == "bonded" or (kind == "both" and rng.random() < 0.5))
@@ -236,8 +342,12 @@ def tower(make: Maker) -> None:
     K, width = int(rng.integers(2, 6)), int(rng.integers(1, 3))
     shift = int(rng.integers(0, N // 2 + 1)) / N
     weight = float(rng.uniform(-0.2, 0.2)) * make.coefficient * make.aside, -1.0
-    names = [make.block(k * shift, float(k), float(width), weight=weight, clamp=["bottom"] if k == 0 else [])
-             for k in range(K)]
+    names = [
+        make.block(
+            k * shift, float(k), float(width), weight=weight, clamp=["bottom"] if k == 0 else []
+        )
+        for k in range(K)
+    ]
     for a, b in zip(names[1:], names, strict=False):
         make.contact(a, b, ["bottom", "top"])
 
@@ -266,8 +376,10 @@ def lintel(make: Maker) -> None:
     post, span = 1, int(rng.integers(1, 4))
     over = int(rng.integers(0, 2))
     floor = rng.random() < 0.4
-    names = [make.block(x, 0.0, float(post), clamp=[] if floor else ["bottom"], weight=(0.0, -0.5))
-             for x in (0.0, float(post + span))]
+    names = [
+        make.block(x, 0.0, float(post), clamp=[] if floor else ["bottom"], weight=(0.0, -0.5))
+        for x in (0.0, float(post + span))
+    ]
     if floor:
         plane = make.plane(0.0, 0.0, 0.0, 1.0)
         for name in names:
@@ -277,11 +389,19 @@ def lintel(make: Maker) -> None:
     for name in names:
         make.contact(lie, name, ["bottom", "top"])
     x = float(rng.integers(-over, total + over))
-    top = make.block(x, 2.0, 1.0, loads={"top": _load(rng, make.coefficient, 1.1 * make.aside)}, weight=(0.0, -0.5))
+    top = make.block(
+        x,
+        2.0,
+        1.0,
+        loads={"top": _load(rng, make.coefficient, 1.1 * make.aside)},
+        weight=(0.0, -0.5),
+    )
     make.contact(top, lie, ["bottom", "top"])
 
 
-FAMILIES = {each.__name__: each for each in (stack, wall, arch, row, checkerboard, tower, pushed, lintel)}
+FAMILIES = {
+    each.__name__: each for each in (stack, wall, arch, row, checkerboard, tower, pushed, lintel)
+}
 
 
 def random_scene(seed: int) -> Scene:

@@ -24,7 +24,9 @@ YOUNG, POISSON = 1e9, 0.3
 
 
 def rectangle(divisions, size, origin=(0.0, 0.0), order: int = 1) -> Mesh:
-    mesh = generate_rectangle(MeshSpec(shape="rectangle", origin=origin, size=size, divisions=divisions))
+    mesh = generate_rectangle(
+        MeshSpec(shape="rectangle", origin=origin, size=size, divisions=divisions)
+    )
     return raise_order(mesh, "mesh") if order == 2 else mesh
 
 
@@ -36,33 +38,54 @@ def write_msh(path: Path, mesh: Mesh, surfaces: Mapping[str, np.ndarray] | None 
     names = {name: np.array([k, 1]) for k, name in enumerate(mesh.groups, start=1)}
     for k, (name, cells) in enumerate((surfaces or {}).items(), start=11):
         number[cells], names[name] = k, np.array([k, 2])
-    tags = [*(np.full(len(lines), k) for k, lines in enumerate(mesh.groups.values(), start=1)), number]
+    tags = [
+        *(np.full(len(lines), k) for k, lines in enumerate(mesh.groups.values(), start=1)),
+        number,
+    ]
     cells = [*(("line", lines) for lines in mesh.groups.values()), ("triangle", mesh.triangles)]
-    meshio.Mesh(np.pad(mesh.points, ((0, 0), (0, 1))), cells, field_data=names,
-                cell_data={"gmsh:physical": tags, "gmsh:geometrical": tags},
-                ).write(path, file_format="gmsh22", binary=False)
+    meshio.Mesh(
+        np.pad(mesh.points, ((0, 0), (0, 1))),
+        cells,
+        field_data=names,
+        cell_data={"gmsh:physical": tags, "gmsh:geometrical": tags},
+    ).write(path, file_format="gmsh22", binary=False)
     return str(path)
 
 
-def ring(inner: float, outer: float, angles: np.ndarray, order: int = 1, closed: bool = True) -> Mesh:
+def ring(
+    inner: float, outer: float, angles: np.ndarray, order: int = 1, closed: bool = True
+) -> Mesh:
     """A ring of one layer of quadrilaterals cut in two; groups ``inner`` and ``outer``."""
     n = len(angles)
-    points = np.concatenate([r * np.column_stack([np.cos(angles), np.sin(angles)]) for r in (inner, outer)])
+    points = np.concatenate(
+        [r * np.column_stack([np.cos(angles), np.sin(angles)]) for r in (inner, outer)]
+    )
     a = np.arange(n if closed else n - 1)
     b = (a + 1) % n
     triangles = np.concatenate([np.column_stack([a, b + n, b]), np.column_stack([a, a + n, b + n])])
-    mesh = Mesh(points, triangles, {"inner": np.column_stack([a, b]), "outer": np.column_stack([a, b]) + n})
+    mesh = Mesh(
+        points, triangles, {"inner": np.column_stack([a, b]), "outer": np.column_stack([a, b]) + n}
+    )
     return raise_order(mesh, "mesh") if order == 2 else mesh
 
 
-def side(mesh: Mesh, *groups: str, body: str = "body", where=None, x: bool = False, y: bool = False,
-         z: bool = False) -> Side:
+def side(
+    mesh: Mesh,
+    *groups: str,
+    body: str = "body",
+    where=None,
+    x: bool = False,
+    y: bool = False,
+    z: bool = False,
+) -> Side:
     """The boundary `groups`; nodes for which `where` holds are clamped along those of x, y and z."""
     clamps = np.full(mesh.points.shape, -1)
     if where is not None:
-        clamps[np.ix_(where(*mesh.points.T), [x, y, z][:mesh.dimension])] = 0
+        clamps[np.ix_(where(*mesh.points.T), [x, y, z][: mesh.dimension])] = 0
     edges = np.concatenate([mesh.groups[group] for group in groups])
-    return contact_side(mesh, turn_outward(mesh, edges), holding(clamps), body, YOUNG / (1 - POISSON**2))
+    return contact_side(
+        mesh, turn_outward(mesh, edges), holding(clamps), body, YOUNG / (1 - POISSON**2)
+    )
 
 
 def holding(clamps: np.ndarray, *displacements: tuple[str | None, np.ndarray]) -> Supports:
@@ -80,8 +103,16 @@ def body_side(mesh: Mesh, body: Elasticity, group: str, name: str = "body") -> S
 
 
 def elastic(mesh: Mesh, clamp: list, **loads) -> Elasticity:
-    return assemble(mesh, BodySpec(name="body", mesh=MeshSpec(file="unused.msh"), clamp=clamp,
-                                   material=Material(young=YOUNG, poisson=POISSON), **loads))
+    return assemble(
+        mesh,
+        BodySpec(
+            name="body",
+            mesh=MeshSpec(file="unused.msh"),
+            clamp=clamp,
+            material=Material(young=YOUNG, poisson=POISSON),
+            **loads,
+        ),
+    )
 
 
 def stiffness(body: Elasticity) -> sparse.csc_matrix:
@@ -121,17 +152,28 @@ def held_beside(contact: Interface) -> np.ndarray:
     return contact.laplacian @ np.ones(contact.m)
 
 
-def asked(friction, name: str = "seam", gap=None, kind: str = "unilateral", **how) -> SettledContact:
+def asked(
+    friction, name: str = "seam", gap=None, kind: str = "unilateral", **how
+) -> SettledContact:
     """What a scene says of a contact."""
-    return SettledContact(name=name, bodies=("one", "other"), on=("on", "on"), friction=friction, gap=gap, kind=kind,
-                          **how)
+    return SettledContact(
+        name=name,
+        bodies=("one", "other"),
+        on=("on", "on"),
+        friction=friction,
+        gap=gap,
+        kind=kind,
+        **how,
+    )
 
 
 def pair(first: Side, second: Side, friction, name: str, refinement: int = 1, **how) -> Interface:
     return matching.pair(first, second, asked(friction, name, **how), refinement)
 
 
-def touch(boundary: Side, rigid, friction, name: str, gap=None, kind: str = "unilateral") -> Interface:
+def touch(
+    boundary: Side, rigid, friction, name: str, gap=None, kind: str = "unilateral"
+) -> Interface:
     return matching.face_rigid(boundary, rigid, asked(friction, name, gap, kind))
 
 
@@ -139,7 +181,9 @@ def mortar(first: Side, second: Side, friction, name: str, **how) -> Interface:
     return mortars.mortar(first, second, asked(friction, name, **how))
 
 
-def join(first: Side, second: Side, friction, name: str, refinement: int = 1, gap=None, **how) -> Interface:
+def join(
+    first: Side, second: Side, friction, name: str, refinement: int = 1, gap=None, **how
+) -> Interface:
     return mortars.connect(first, second, asked(friction, name, gap, **how), refinement)
 
 

@@ -40,11 +40,17 @@ def solve_coupled(assembly: Assembly) -> np.ndarray:
     assert assembly.joint.bodies == 2 and len(assembly.scene.contact) == 1 and not assembly.loose
     C = sum(assembly.world.allgather(sum(dense(body.member) for body in assembly.bodies)))
     try:
-        s = solve_dense(C, assembly.joint.d, assembly.space.laws.laws[0]) if assembly.space.interfaces else np.empty(0)
+        s = (
+            solve_dense(C, assembly.joint.d, assembly.space.laws.laws[0])
+            if assembly.space.interfaces
+            else np.empty(0)
+        )
         failed = ""
     except AssertionError as error:
         failed = str(error) or "brute force fails"
-    assert not (told := "".join(assembly.world.allgather(failed))), told  # on both bodies, not on one alone
+    assert not (told := "".join(assembly.world.allgather(failed))), (
+        told
+    )  # on both bodies, not on one alone
     return s
 
 
@@ -60,14 +66,20 @@ def solve_dense(C: np.ndarray, d: np.ndarray, law: Law) -> np.ndarray:
         s = _bounded(C, d, m, g)
         change = law.bound_at(s) - g
         size = norm(change)
-        if size <= FIXED_POINT * np.linalg.norm(s):  # at once, where the bound does not follow the normal forces
-            assert _error(C, d, m, g, s) <= USABLE, "rounding hides the normal or the tangential part of the answer"
+        if size <= FIXED_POINT * np.linalg.norm(
+            s
+        ):  # at once, where the bound does not follow the normal forces
+            assert _error(C, d, m, g, s) <= USABLE, (
+                "rounding hides the normal or the tangential part of the answer"
+            )
             return s
         if size > 0.9 * last:
             relaxation = max(0.7 * relaxation, 0.02)
         last = size
         g = g + relaxation * change
-    raise AssertionError("the fixed point of the slip bound is not found; a solution need not be unique")
+    raise AssertionError(
+        "the fixed point of the slip bound is not found; a solution need not be unique"
+    )
 
 
 def _bounded(C: np.ndarray, d: np.ndarray, m: int, g: np.ndarray) -> np.ndarray:
@@ -94,8 +106,12 @@ def _error(C: np.ndarray, d: np.ndarray, m: int, g: np.ndarray, s: np.ndarray) -
     return max(norm(left[part]) / (norm(size[part]) or 1.0) for part in parts)
 
 
-def _least_squares(C: np.ndarray, d: np.ndarray, lower: np.ndarray, upper: np.ndarray,
-                   ) -> tuple[np.ndarray, np.ndarray]:
+def _least_squares(
+    C: np.ndarray,
+    d: np.ndarray,
+    lower: np.ndarray,
+    upper: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
     """min ½ sᵀCs − sᵀd within bounds by BVLS, scaled free of units; s, and where it is on a bound: −1, 0, 1."""
     force = np.linalg.norm(d) / np.linalg.norm(C, 2) or 1.0
     lower, upper = lower / force, upper / force

@@ -24,13 +24,18 @@ from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import BodySpec, Material
 
 
-def basis_of(mesh: Mesh, intorder: int = 4, on: np.ndarray | None = None) -> tuple[AbstractBasis, np.ndarray]:
+def basis_of(
+    mesh: Mesh, intorder: int = 4, on: np.ndarray | None = None
+) -> tuple[AbstractBasis, np.ndarray]:
     """skfem's basis, and the number that each of its dofs has with us (x of node i is d i).
 
     It is that of the cells, or of the facets `on` with corners (·, d).
     """
     d, size = mesh.dimension, mesh.corners.max() + 1  # the corners are the first nodes
-    meshes, elements = (MeshTri, MeshTet), ((ElementTriP1, ElementTriP2), (ElementTetP1, ElementTetP2))
+    meshes, elements = (
+        (MeshTri, MeshTet),
+        ((ElementTriP1, ElementTriP2), (ElementTetP1, ElementTetP2)),
+    )
     other = meshes[d - 2](mesh.points[:size].T.copy(), mesh.corners.T.copy())
     element = ElementVector(elements[d - 2][mesh.order - 1]())
     if on is None:

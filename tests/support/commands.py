@@ -18,14 +18,24 @@ def executable(path: Path, text: str) -> Path:
 
 def without_settings() -> dict[str, str]:
     """The environment of a test without the settings of ddmpi's scripts, but for the folder of the set-up."""
-    return {key: value for key, value in scenes.clean_environment().items()
-            if not key.startswith("DDMPI_") or key == "DDMPI_VENV"}
+    return {
+        key: value
+        for key, value in scenes.clean_environment().items()
+        if not key.startswith("DDMPI_") or key == "DDMPI_VENV"
+    }
 
 
 def run(*command: str | Path, cwd: Path, code: int = 0, **environment: str) -> str:
     """What a command prints, which must end with this code, without the settings of ddmpi's scripts."""
-    done = subprocess.run(command, cwd=cwd, env=without_settings() | environment, timeout=scenes.LIMIT, text=True,
-                          stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+    done = subprocess.run(
+        command,
+        cwd=cwd,
+        env=without_settings() | environment,
+        timeout=scenes.LIMIT,
+        text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+    )
     assert done.returncode == code, done.stdout
     return done.stdout
 
@@ -37,13 +47,20 @@ def await_that(happens: Callable[[], bool], what: str) -> None:
         time.sleep(0.02)
 
 
-def attended(script: str, command: str, name: str, here: Path, **environment: str) -> tuple[int, str]:
+def attended(
+    script: str, command: str, name: str, here: Path, **environment: str
+) -> tuple[int, str]:
     """Exit code and words of a script which attends to the command, its $1, and gets the signal of that `name` once
     there is a file `ready`."""
-    with subprocess.Popen(["bash", "-c", f"set -euo pipefail; {script}", "bash", command], cwd=here, text=True,
-                          env=scenes.clean_environment() | environment, stdout=subprocess.PIPE,
-                          stderr=subprocess.STDOUT,
-                          preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)) as job:
+    with subprocess.Popen(
+        ["bash", "-c", f"set -euo pipefail; {script}", "bash", command],
+        cwd=here,
+        text=True,
+        env=scenes.clean_environment() | environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    ) as job:
         await_that((here / "ready").exists, "it does not start")
         job.send_signal(getattr(signal, f"SIG{name}"))
         said, _ = job.communicate(timeout=scenes.LIMIT)

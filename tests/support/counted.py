@@ -24,8 +24,12 @@ from mpi4py import MPI
 import ddmpi
 
 NEIGHBOURS, FIRST, COARSE, SCENE, OTHERS = KINDS = (
-    "neighbours", "to the first rank", "coarse problem", "scene, and in Python the answer",
-    "the same for any number of bodies")
+    "neighbours",
+    "to the first rank",
+    "coarse problem",
+    "scene, and in Python the answer",
+    "the same for any number of bodies",
+)
 
 TO_NEIGHBOURS = ("isend", "Isend", "recv", "Irecv")
 TO_FIRST = ("gather", "scatter")
@@ -85,12 +89,17 @@ def _counted(name: str) -> Callable[..., Any]:
         _found[kind][GIVEN] += _size(given, arrays)
         if name in ("allgather", "gather"):
             _found[kind][GOT] += sum(_size(each, arrays) for each in result or ())
-        elif name in ("isend", "Isend") or (name in ("Reduce", "Bcast", "bcast") and (self.rank == 0) == (
-                name != "Reduce")):
+        elif name in ("isend", "Isend") or (
+            name in ("Reduce", "Bcast", "bcast") and (self.rank == 0) == (name != "Reduce")
+        ):
             pass
         else:
-            _found[kind][GOT] += _size(arguments[min(name[1:] in ("llreduce", "llgather", "educe"),
-                                                     len(arguments) - 1)] if arrays else result, arrays)
+            _found[kind][GOT] += _size(
+                arguments[min(name[1:] in ("llreduce", "llgather", "educe"), len(arguments) - 1)]
+                if arrays
+                else result,
+                arrays,
+            )
         return result
 
     return call

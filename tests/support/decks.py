@@ -8,8 +8,14 @@ from itertools import product
 import numpy as np
 
 
-def grid(name: str, divisions: Sequence[int], size: Sequence[float], origin: Sequence[float] | None = None,
-         first: int = 1, kind: str = "") -> str:
+def grid(
+    name: str,
+    divisions: Sequence[int],
+    size: Sequence[float],
+    origin: Sequence[float] | None = None,
+    first: int = 1,
+    kind: str = "",
+) -> str:
     """Nodes and elements of a rectangle or a box, with the sets NAME of elements and NAME_X0, NAME_X1, … of nodes.
 
     Elements are in the order of x, then y, then z; the face of an element at the least z is S1, at the largest S2.
@@ -27,7 +33,9 @@ def grid(name: str, divisions: Sequence[int], size: Sequence[float], origin: Seq
     corners = [(0, 0), (1, 0), (1, 1), (0, 1)]
     corners = corners if d == 2 else [(*at, z) for z in (0, 1) for at in corners]
     for number, at in enumerate(product(*(range(k) for k in n[::-1]))):
-        nodes = [first + int(np.dot(np.array(at[::-1]) + corner, strides[:d])) for corner in corners]
+        nodes = [
+            first + int(np.dot(np.array(at[::-1]) + corner, strides[:d])) for corner in corners
+        ]
         lines.append(", ".join(map(str, [first + number, *nodes])))
     for k, axis in enumerate("XYZ"[:d]):
         for end in (0, 1):
@@ -41,4 +49,6 @@ STEEL = "*MATERIAL, NAME=STEEL\n*ELASTIC\n210000., 0.3\n*DENSITY\n7.8e-9\n*EXPAN
 
 def step(*cards: str, time: str = "", options: str = "") -> str:
     """A static step with these cards."""
-    return f"*STEP{options}\n*STATIC\n" + f"{time}\n" * bool(time) + "\n".join(cards) + "\n*END STEP\n"
+    return (
+        f"*STEP{options}\n*STATIC\n" + f"{time}\n" * bool(time) + "\n".join(cards) + "\n*END STEP\n"
+    )

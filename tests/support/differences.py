@@ -21,6 +21,7 @@ TIGHT = {"method.tolerance": 1e-12}
 
 def plain(scene: dict[str, Any]) -> dict[str, Any]:
     """The scene with all defaults, as data without None; clamps in the long form."""
+
     def filled(value: Any) -> Any:
         if isinstance(value, dict):
             return {key: filled(entry) for key, entry in value.items() if entry is not None}
@@ -29,7 +30,9 @@ def plain(scene: dict[str, Any]) -> dict[str, Any]:
     data = filled(read_scene("scene", scene, file_kind=kind_of_files("scene")).resolved())
     for body in data["body"]:
         still = dict(zip("xyz", [0.0] * len(body["volume_force"]), strict=False))
-        body["clamp"] = [{"on": clamp} | still if isinstance(clamp, str) else clamp for clamp in body["clamp"]]
+        body["clamp"] = [
+            {"on": clamp} | still if isinstance(clamp, str) else clamp for clamp in body["clamp"]
+        ]
     return data
 
 
@@ -43,9 +46,20 @@ def _numbers(value: Any, key: str = "") -> Iterator[tuple[str, float]]:
 
 def results(summary: dict[str, Any]) -> dict[str, float]:
     """The numbers of an answer that have derivatives, by their names in an entry of ``derivatives``."""
-    contacts = {name: {key: contact[key] for key in ("force", "moment", "normal_force", "tangential_force",
-                                                     "pressure_max", "dissipated")}
-                for name, contact in summary["contacts"].items()}
+    contacts = {
+        name: {
+            key: contact[key]
+            for key in (
+                "force",
+                "moment",
+                "normal_force",
+                "tangential_force",
+                "pressure_max",
+                "dissipated",
+            )
+        }
+        for name, contact in summary["contacts"].items()
+    }
     bodies = {name: {"reaction": body["reaction"]} for name, body in summary["bodies"].items()}
     return dict(_numbers({"contacts": contacts, "rigid": summary["rigid"], "bodies": bodies}))
 
@@ -53,23 +67,28 @@ def results(summary: dict[str, Any]) -> dict[str, float]:
 def _scaled(value: Any, factor: float) -> Any:
     """A load, a clamp or a profile times a factor."""
     if isinstance(value, dict):
-        return {key: entry if key in ("on", "history", "points", "along") else _scaled(entry, factor)
-                for key, entry in value.items()}
+        return {
+            key: entry if key in ("on", "history", "points", "along") else _scaled(entry, factor)
+            for key, entry in value.items()
+        }
     if isinstance(value, list):
         return [_scaled(entry, factor) for entry in value]
     return f"({value}) * {factor!r}" if isinstance(value, str) else value * factor
 
 
 def changed(data: dict[str, Any], key: str, by: float | None) -> tuple[dict[str, Any], float]:
-    """A plain scene with a key of ``output.derivatives`` changed `by` something, and what stood there, 1 for a factor.
-    """
+    """A plain scene with a key of ``output.derivatives`` changed `by` something, and what stood there, 1 for a factor."""
     data = copy.deepcopy(data)
     kind, name, *rest = key.split(".")
     place: Any = next(entry for entry in data[kind] if entry["name"] == name)
     for part in rest[:-1]:
         place = place[int(part) if part.isdigit() else part]
     last: Any = int(rest[-1]) if rest[-1].isdigit() else rest[-1]
-    if last in ("gap", "temperature") and isinstance(place[last], dict) and isinstance(place[last].get("value"), float):
+    if (
+        last in ("gap", "temperature")
+        and isinstance(place[last], dict)
+        and isinstance(place[last].get("value"), float)
+    ):
         place, last = place[last], "value"
     value = place[last]
     if isinstance(value, float | int):
@@ -79,8 +98,14 @@ def changed(data: dict[str, Any], key: str, by: float | None) -> tuple[dict[str,
     return data, 1.0
 
 
-def difference(scene: dict[str, Any], key: str, entry: dict[str, Any], step: float = 1e-4,
-               size: float | None = None, only: str = "") -> tuple[float, str]:
+def difference(
+    scene: dict[str, Any],
+    key: str,
+    entry: dict[str, Any],
+    step: float = 1e-4,
+    size: float | None = None,
+    only: str = "",
+) -> tuple[float, str]:
     """The largest difference of an `entry` of ``derivatives`` and central differences, over the largest derivative of
     its kind, with its name.
 
@@ -89,7 +114,10 @@ def difference(scene: dict[str, Any], key: str, entry: dict[str, Any], step: flo
     """
     data = plain(scene)
     _, value = changed(data, key, None)
-    low, high = (end if end is not None else sign * np.inf for end, sign in zip(entry["until"], (-1, 1), strict=True))
+    low, high = (
+        end if end is not None else sign * np.inf
+        for end, sign in zip(entry["until"], (-1, 1), strict=True)
+    )
     h, room = step * (size or abs(value)), (value - low, high - value)
 
     def at(shift: float) -> dict[str, float]:
@@ -99,7 +127,10 @@ def difference(scene: dict[str, Any], key: str, entry: dict[str, Any], step: flo
         sign = 1.0 if room[1] > room[0] else -1.0
         h = min(h, 0.2 * max(room))
         here, near, far = at(0.0), at(sign * h), at(2.0 * sign * h)
-        exact = {name: sign * (4.0 * near[name] - 3.0 * here[name] - far[name]) / (2.0 * h) for name in here}
+        exact = {
+            name: sign * (4.0 * near[name] - 3.0 * here[name] - far[name]) / (2.0 * h)
+            for name in here
+        }
     else:
         h = min(h, 0.3 * min(room))
         here, below = at(h), at(-h)
@@ -112,8 +143,10 @@ def difference(scene: dict[str, Any], key: str, entry: dict[str, Any], step: flo
     worst = [(0.0, "")]
     for names in groups.values():
         # answers to 1e-12 over 1e-4 of a number tell derivatives to 1e-8 of the results, 1e-5 of a thousandth
-        largest = max(max(abs(exact[name]), abs(found[name]), 1e-3 * abs(here[name]) / (size or abs(value)))
-                      for name in names)
+        largest = max(
+            max(abs(exact[name]), abs(found[name]), 1e-3 * abs(here[name]) / (size or abs(value)))
+            for name in names
+        )
         worst += [(abs(found[name] - exact[name]) / largest, name) for name in names if largest]
     return max(worst)
 
@@ -125,37 +158,106 @@ def with_derivatives(scene: dict[str, Any], keys: list[str]) -> dict[str, Any]:
 
 def vice() -> dict[str, Any]:
     """A loose block between a moved and a pushed plane, in millimetres."""
-    sides = [{"name": "fixed", "shape": "plane", "point": [0.0, 0.0], "normal": [1.0, 0.0],
-              "displacement": [1e-3, 0.0]},
-             {"name": "ram", "shape": "plane", "point": [40.0, 0.0], "normal": [-1.0, 0.0], "force": [-200.0, 0.0]}]
+    sides = [
+        {
+            "name": "fixed",
+            "shape": "plane",
+            "point": [0.0, 0.0],
+            "normal": [1.0, 0.0],
+            "displacement": [1e-3, 0.0],
+        },
+        {
+            "name": "ram",
+            "shape": "plane",
+            "point": [40.0, 0.0],
+            "normal": [-1.0, 0.0],
+            "force": [-200.0, 0.0],
+        },
+    ]
     friction = {"law": "coulomb", "coefficient": 0.3}
-    return {"body": [rectangle("part", (0, 0), (40, 20), (6, 4), young=7e4,
-                               traction=[{"on": "top", "value": [0.0, -1.5]}])],
-            "rigid": sides, "contact": [{"bodies": ["part", "fixed"], "on": ["left"], "friction": friction},
-                                        {"bodies": ["part", "ram"], "on": ["right"], "friction": friction}]}
+    return {
+        "body": [
+            rectangle(
+                "part",
+                (0, 0),
+                (40, 20),
+                (6, 4),
+                young=7e4,
+                traction=[{"on": "top", "value": [0.0, -1.5]}],
+            )
+        ],
+        "rigid": sides,
+        "contact": [
+            {"bodies": ["part", "fixed"], "on": ["left"], "friction": friction},
+            {"bodies": ["part", "ram"], "on": ["right"], "friction": friction},
+        ],
+    }
 
 
 def rubbed(**time: int) -> dict[str, Any]:
     """A block that is pressed onto another one through a gap, rubbed to and fro, and warmed."""
-    history = {"press": {"times": [0, 1], "factors": [0, 1]},
-               "rub": {"times": [0, 1, 2, 3], "factors": [0, 0, 1, -0.6]}}
+    history = {
+        "press": {"times": [0, 1], "factors": [0, 1]},
+        "rub": {"times": [0, 1, 2, 3], "factors": [0, 0, 1, -0.6]},
+    }
     steel = {"young": 2.1e5, "poisson": 0.3}
-    return {"body": [rectangle("pad", (1, 4), (4, 2), (4, 2), young=2.1e5, clamp=[
-                         {"on": "top", "x": 0.004, "history": "rub"}, {"on": "top", "y": -0.01, "history": "press"}]),
-                     {"name": "base", "material": steel, "clamp": ["bottom"],
-                      "mesh": {"shape": "rectangle", "size": [6, 4], "divisions": [6, 4]}}],
-            "contact": [{"name": "fit", "bodies": ["pad", "base"], "on": ["bottom", "top"], "gap": "5e-4 * (x - 1)**2",
-                         "friction": {"law": "coulomb", "coefficient": 0.3}}],
-            "history": history, "time": {"points": [1.0, 2.0, 3.0]} | time}
+    return {
+        "body": [
+            rectangle(
+                "pad",
+                (1, 4),
+                (4, 2),
+                (4, 2),
+                young=2.1e5,
+                clamp=[
+                    {"on": "top", "x": 0.004, "history": "rub"},
+                    {"on": "top", "y": -0.01, "history": "press"},
+                ],
+            ),
+            {
+                "name": "base",
+                "material": steel,
+                "clamp": ["bottom"],
+                "mesh": {"shape": "rectangle", "size": [6, 4], "divisions": [6, 4]},
+            },
+        ],
+        "contact": [
+            {
+                "name": "fit",
+                "bodies": ["pad", "base"],
+                "on": ["bottom", "top"],
+                "gap": "5e-4 * (x - 1)**2",
+                "friction": {"law": "coulomb", "coefficient": 0.3},
+            }
+        ],
+        "history": history,
+        "time": {"points": [1.0, 2.0, 3.0]} | time,
+    }
 
 
 def ring(warm: float = 40.0) -> dict[str, Any]:
     """A heated ring that is shrunk onto a shaft and pushed along it, around an axis, in millimetres."""
     mesh = {"shape": "rectangle", "origin": [20.0, 5.0], "size": [10.0, 12.0], "divisions": [3, 5]}
     steel = {"young": 2.1e5, "poisson": 0.3, "expansion": 1.2e-5}
-    return {"axisymmetric": True, "body": [
-        rectangle("shaft", (0, 0), (20, 22), (4, 8), young=2.1e5, clamp=["bottom"]),
-        {"name": "ring", "mesh": mesh, "material": steel, "temperature": warm,
-         "traction": [{"on": "top", "value": [0.0, -5.0]}]}],
-        "contact": [{"name": "fit", "bodies": ["ring", "shaft"], "on": ["left", "right"], "gap": -0.03,
-                     "friction": {"law": "coulomb", "coefficient": 0.2}}]}
+    return {
+        "axisymmetric": True,
+        "body": [
+            rectangle("shaft", (0, 0), (20, 22), (4, 8), young=2.1e5, clamp=["bottom"]),
+            {
+                "name": "ring",
+                "mesh": mesh,
+                "material": steel,
+                "temperature": warm,
+                "traction": [{"on": "top", "value": [0.0, -5.0]}],
+            },
+        ],
+        "contact": [
+            {
+                "name": "fit",
+                "bodies": ["ring", "shaft"],
+                "on": ["left", "right"],
+                "gap": -0.03,
+                "friction": {"law": "coulomb", "coefficient": 0.2},
+            }
+        ],
+    }

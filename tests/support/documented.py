@@ -7,23 +7,37 @@ from typing import Any
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "reference" / "results.md"
 
-NAMES = {section.partition("\n")[0]: re.findall(r"^\| `(.+?)` \|", section, re.MULTILINE)
-         for section in PAGE.read_text(encoding="utf-8").removeprefix("# ").split("\n## ")}
+NAMES = {
+    section.partition("\n")[0]: re.findall(r"^\| `(.+?)` \|", section, re.MULTILINE)
+    for section in PAGE.read_text(encoding="utf-8").removeprefix("# ").split("\n## ")
+}
 """By the heading of a section what its table has: files, or columns of a file, or entries of the summary."""
 
 FILES, SUMMARY = NAMES["Files of results"], NAMES["summary.json"]
 
 CONTACT = re.compile(r"contact_.+?((?:_sides|_legs)?\.csv|\.png|\.vtu)")
 
-PARTS = {"bodies": "NAME", "contacts": "NAME", "rigid": "NAME", "bodies.NAME.loads": "GROUP",
-         "bodies.NAME.reactions": "GROUP", "derivatives": "KEY",
-         **dict.fromkeys((f"derivatives.KEY.{part}" for part in ("contacts", "bodies", "rigid")), "NAME")}
+PARTS = {
+    "bodies": "NAME",
+    "contacts": "NAME",
+    "rigid": "NAME",
+    "bodies.NAME.loads": "GROUP",
+    "bodies.NAME.reactions": "GROUP",
+    "derivatives": "KEY",
+    **dict.fromkeys(
+        (f"derivatives.KEY.{part}" for part in ("contacts", "bodies", "rigid")), "NAME"
+    ),
+}
 """What stands for the names in tables by name."""
 
 
 def undocumented(folder: Path) -> list[str]:
     """Files in a folder of results that the page does not know."""
-    return sorted(path.name for path in folder.iterdir() if CONTACT.sub(r"contact_NAME\1", path.name) not in FILES)
+    return sorted(
+        path.name
+        for path in folder.iterdir()
+        if CONTACT.sub(r"contact_NAME\1", path.name) not in FILES
+    )
 
 
 def entries(value: Any, path: str = "") -> Iterator[str]:

@@ -10,8 +10,13 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-MIRRORED = {2: ([0, 3, 2, 1], {"bottom": "left", "left": "bottom", "top": "right", "right": "top"}),
-            3: ([0, 3, 2, 1, 4, 7, 6, 5], {"left": "front", "front": "left", "right": "back", "back": "right"})}
+MIRRORED = {
+    2: ([0, 3, 2, 1], {"bottom": "left", "left": "bottom", "top": "right", "right": "top"}),
+    3: (
+        [0, 3, 2, 1, 4, 7, 6, 5],
+        {"left": "front", "front": "left", "right": "back", "back": "right"},
+    ),
+}
 """Of a mirrored mesh: its corners, from the same one in the order of a mesh, and the groups that change places."""
 
 
@@ -56,9 +61,17 @@ class Elsewhere:
             self._put(body)
         d = len(corners(scene["body"][0]["mesh"])[0])
         for rigid in scene.get("rigid", []):
-            rigid |= {key: self.place(rigid[key]).tolist() for key in ("point", "center", "pivot") if key in rigid}
+            rigid |= {
+                key: self.place(rigid[key]).tolist()
+                for key in ("point", "center", "pivot")
+                if key in rigid
+            }
             force = self.stress * self.length ** (d - 1)
-            rigid |= {"force": (self.turned(rigid["force"]) / force).tolist()} if "force" in rigid else {}
+            rigid |= (
+                {"force": (self.turned(rigid["force"]) / force).tolist()}
+                if "force" in rigid
+                else {}
+            )
             rigid |= {"normal": self.turned(rigid["normal"]).tolist()} if "normal" in rigid else {}
             rigid |= {key: rigid[key] / self.length for key in ("radius",) if key in rigid}
             if "displacement" in rigid:
@@ -68,12 +81,15 @@ class Elsewhere:
             contact.setdefault("name", "-".join(contact["bodies"]))
             contact["on"] = [swap.get(on, on) for on in contact["on"]]
             if len(contact["on"]) == 2:
-                contact["bodies"], contact["on"] = contact["bodies"][::self.role], contact["on"][::self.role]
+                contact["bodies"], contact["on"] = (
+                    contact["bodies"][:: self.role],
+                    contact["on"][:: self.role],
+                )
             if "slip_bound" in contact.get("friction", {}):
                 contact["friction"]["slip_bound"] /= self.stress
             if "gap" in contact:
                 contact["gap"] /= self.length
-        return scene | {key: scene[key][::self.order] for key in ("body", "contact")}
+        return scene | {key: scene[key][:: self.order] for key in ("body", "contact")}
 
     def _swap(self, dimension: int) -> tuple[list[int], dict[str, str]]:
         mirrored = self.Q is not None and np.linalg.det(self.Q) < 0
@@ -83,9 +99,15 @@ class Elsewhere:
         mesh = body["mesh"]
         at = corners(mesh)
         order, swap = self._swap(at.shape[1])
-        divisions = mesh["divisions"][:2][::-1] + mesh["divisions"][2:] if swap else mesh["divisions"]
-        body["mesh"] = {"shape": "quadrilateral" if at.shape[1] == 2 else "hexahedron", "divisions": divisions,
-                        "corners": self.place(at[order]).tolist(), "order": mesh.get("order", 1)}
+        divisions = (
+            mesh["divisions"][:2][::-1] + mesh["divisions"][2:] if swap else mesh["divisions"]
+        )
+        body["mesh"] = {
+            "shape": "quadrilateral" if at.shape[1] == 2 else "hexahedron",
+            "divisions": divisions,
+            "corners": self.place(at[order]).tolist(),
+            "order": mesh.get("order", 1),
+        }
         body["material"]["young"] /= self.stress
         clamps = [{"on": each} if isinstance(each, str) else each for each in body.get("clamp", [])]
         for each in [*clamps, *body.get("traction", [])]:
@@ -100,7 +122,9 @@ class Elsewhere:
             each |= moved
         body["clamp"] = [each if len(each) > 1 else each["on"] for each in clamps]
         if "volume_force" in body:
-            body["volume_force"] = (self.turned(body["volume_force"]) * self.length / self.stress).tolist()
+            body["volume_force"] = (
+                self.turned(body["volume_force"]) * self.length / self.stress
+            ).tolist()
 
 
 HERE = Elsewhere()
@@ -125,12 +149,21 @@ def found(scene: dict, comm=None) -> Found:
 
     comm = comm or MPI.COMM_SELF
     answer = ddmpi.solve(scene, comm)
-    bodies = {name: body for part in comm.allgather(dict(answer.bodies)) for name, body in part.items()}
-    return Found(answer.certified, answer.reason, answer.summary, {name: body.points for name, body in bodies.items()},
-                 {name: body.displacement for name, body in bodies.items()})
+    bodies = {
+        name: body for part in comm.allgather(dict(answer.bodies)) for name, body in part.items()
+    }
+    return Found(
+        answer.certified,
+        answer.reason,
+        answer.summary,
+        {name: body.points for name, body in bodies.items()},
+        {name: body.displacement for name, body in bodies.items()},
+    )
 
 
-def assert_same(one: Found, other: Found, where: Elsewhere = HERE, within: float = 1e-9, forces: bool = True) -> None:
+def assert_same(
+    one: Found, other: Found, where: Elsewhere = HERE, within: float = 1e-9, forces: bool = True
+) -> None:
     """The second answer is the first one elsewhere: displacements, and the resultants and statuses of contacts.
 
     Without `forces` displacements alone are compared: forces of nodes that several contacts share are not unique. What
@@ -138,7 +171,10 @@ def assert_same(one: Found, other: Found, where: Elsewhere = HERE, within: float
     """
     assert one.certified == other.certified, (one.reason, other.reason)
     if not one.certified:
-        assert "no equilibrium" in one.reason and "no equilibrium" in other.reason, (one.reason, other.reason)
+        assert "no equilibrium" in one.reason and "no equilibrium" in other.reason, (
+            one.reason,
+            other.reason,
+        )
         return
     undetermined = one.summary["undetermined"]
     assert len(undetermined) == len(other.summary["undetermined"])
@@ -150,9 +186,20 @@ def assert_same(one: Found, other: Found, where: Elsewhere = HERE, within: float
         assert undetermined or np.abs(error).max() <= within * largest, name
     in_newtons = one.summary["units"]["force"] == "N"
     unit = where.stress * where.length ** (2 if in_newtons else 1)
-    bodies = {contact["name"]: set(contact["bodies"]) for contact in other.summary["scene"]["contact"]}
+    bodies = {
+        contact["name"]: set(contact["bodies"]) for contact in other.summary["scene"]["contact"]
+    }
     for name, contact in one.summary["contacts"].items() if forces else ():
         same = other.summary["contacts"][name]
-        assert [same[key] for key in ("open", "slip", "stick")] == [contact[key] for key in ("open", "slip", "stick")]
-        force = (where.role if bodies[name] <= one.points.keys() else 1) * np.array(same["force"]) * unit
-        assert np.abs(force - where.turned(contact["force"])).max() <= within * np.abs(contact["force"]).max()
+        assert [same[key] for key in ("open", "slip", "stick")] == [
+            contact[key] for key in ("open", "slip", "stick")
+        ]
+        force = (
+            (where.role if bodies[name] <= one.points.keys() else 1)
+            * np.array(same["force"])
+            * unit
+        )
+        assert (
+            np.abs(force - where.turned(contact["force"])).max()
+            <= within * np.abs(contact["force"]).max()
+        )

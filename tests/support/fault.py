@@ -76,7 +76,9 @@ def act(fault: str, folder: str) -> None:
     elif fault == "cut host":
         subprocess.run(["ip", "link", "set", "eth0", "down"], check=True)
     elif fault in ("full", "little room"):
-        resource.setrlimit(resource.RLIMIT_FSIZE, (0 if fault == "full" else 6000, resource.RLIM_INFINITY))
+        resource.setrlimit(
+            resource.RLIMIT_FSIZE, (0 if fault == "full" else 6000, resource.RLIM_INFINITY)
+        )
     elif fault == "gone":
         while os.path.exists(folder):  # the other rank may be writing there
             shutil.rmtree(folder, ignore_errors=True)
@@ -105,7 +107,9 @@ def injected(target: str, call: int, fault: str, folder: str, here: bool) -> Ite
             raise error
         result = original(*arguments, **options)
         if fault == "nan":
-            outputs = (arguments[2:], result) if result is None else (result,)  # (self, in, out, …), or returned
+            outputs = (
+                (arguments[2:], result) if result is None else (result,)
+            )  # (self, in, out, …), or returned
             result = [fill_with_nan(value) for value in outputs][-1]
         elif fault == "singular":
             result = make_singular(result)
@@ -134,7 +138,9 @@ def main() -> None:
         codes = world.gather(code)
         if world.rank == 0:
             for stream in (sys.stdout, sys.stderr):
-                stream.write(" ".join([END, *map(str, codes)]) + "\n")  # whole lines, see ddmpi.system.logs
+                stream.write(
+                    " ".join([END, *map(str, codes)]) + "\n"
+                )  # whole lines, see ddmpi.system.logs
                 stream.flush()
 
 

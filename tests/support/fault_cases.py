@@ -38,7 +38,11 @@ PHASES = {
     "mesh": ("newton", "ddmpi.coupling.assembly.build_mesh", 1),
     "assemble": ("newton", "ddmpi.coupling.assembly.assemble", 1),
     "factor": ("newton", "ddmpi.body.solver.StiffnessSolver.__init__", 1),
-    "outer": ("newton", "ddmpi.body.compliance.Compliance.mult", 30),  # within GMRES, some iterations on
+    "outer": (
+        "newton",
+        "ddmpi.body.compliance.Compliance.mult",
+        30,
+    ),  # within GMRES, some iterations on
     "outer, published": ("published", "ddmpi.published.published.Subproblem.neumann", 5),
     "conclude": ("newton", "ddmpi.coupling.member.Member.displacement", 1),
     "output": ("newton", "ddmpi.system.files.put", 1),
@@ -94,41 +98,144 @@ def all_cases() -> list[Case]:
         for kind, codes in KINDS.items():
             for rank in (0, 1):
                 after = phase in KEPT
-                over = phase == "output" and kind in ("SIGTERM", "SIGUSR1")  # the writing is finished first
-                harmless = kind in ("full", "little room") and rank == 1  # rank 0 is the one that makes files grow
-                cases.append(Case(f"{phase}: {kind} on rank {rank}", method, rank, target, call, kind,
-                                  None if codes is None else frozenset(codes), whole=over or harmless,
-                                  kept=after and kind != "gone"))
+                over = phase == "output" and kind in (
+                    "SIGTERM",
+                    "SIGUSR1",
+                )  # the writing is finished first
+                harmless = (
+                    kind in ("full", "little room") and rank == 1
+                )  # rank 0 is the one that makes files grow
+                cases.append(
+                    Case(
+                        f"{phase}: {kind} on rank {rank}",
+                        method,
+                        rank,
+                        target,
+                        call,
+                        kind,
+                        None if codes is None else frozenset(codes),
+                        whole=over or harmless,
+                        kept=after and kind != "gone",
+                    )
+                )
     for rank in (0, 1):
-        def numbers(name: str, target: str, call: int, kind: str, method: str = "newton", codes=(3, 4), whole=False,
-                    kept=False, rank=rank) -> None:
-            cases.append(Case(f"{name} on rank {rank}", method, rank, target, call, kind, frozenset(codes),
-                              whole=whole, kept=kept))
+
+        def numbers(
+            name: str,
+            target: str,
+            call: int,
+            kind: str,
+            method: str = "newton",
+            codes=(3, 4),
+            whole=False,
+            kept=False,
+            rank=rank,
+        ) -> None:
+            cases.append(
+                Case(
+                    f"{name} on rank {rank}",
+                    method,
+                    rank,
+                    target,
+                    call,
+                    kind,
+                    frozenset(codes),
+                    whole=whole,
+                    kept=kept,
+                )
+            )
+
         numbers("NaN in the stiffness", "ddmpi.coupling.assembly.assemble", 1, "nan")
         numbers("zero pivot", "ddmpi.coupling.assembly.assemble", 1, "singular")
-        numbers("NaN from the first product", "ddmpi.body.compliance.Compliance.mult", 1, "nan", whole=True)
-        numbers("NaN from a product", "ddmpi.body.compliance.Compliance.mult", 30, "nan", whole=True)
-        numbers("NaN from a product, published", "ddmpi.body.compliance.Compliance.mult", 40, "nan", "published",
-                whole=True)
-        numbers("NaN from a Neumann problem", "ddmpi.published.published.Subproblem.neumann", 5, "nan", "published",
-                whole=True)
+        numbers(
+            "NaN from the first product",
+            "ddmpi.body.compliance.Compliance.mult",
+            1,
+            "nan",
+            whole=True,
+        )
+        numbers(
+            "NaN from a product", "ddmpi.body.compliance.Compliance.mult", 30, "nan", whole=True
+        )
+        numbers(
+            "NaN from a product, published",
+            "ddmpi.body.compliance.Compliance.mult",
+            40,
+            "nan",
+            "published",
+            whole=True,
+        )
+        numbers(
+            "NaN from a Neumann problem",
+            "ddmpi.published.published.Subproblem.neumann",
+            5,
+            "nan",
+            "published",
+            whole=True,
+        )
         numbers("NaN from a solve", "ddmpi.body.solver.StiffnessSolver._solve", 1, "nan")
-        numbers("NaN from the last solve", "ddmpi.body.solver.StiffnessSolver._solve", 2, "nan", whole=True)
-        numbers("NaN in the displacement", "ddmpi.coupling.member.Member.displacement", 1, "nan", whole=True)
-        numbers("an error of PETSc", "ddmpi.body.solver.StiffnessSolver._set_up", 1, "PETSc.Error", codes=(4,))
+        numbers(
+            "NaN from the last solve",
+            "ddmpi.body.solver.StiffnessSolver._solve",
+            2,
+            "nan",
+            whole=True,
+        )
+        numbers(
+            "NaN in the displacement",
+            "ddmpi.coupling.member.Member.displacement",
+            1,
+            "nan",
+            whole=True,
+        )
+        numbers(
+            "an error of PETSc",
+            "ddmpi.body.solver.StiffnessSolver._set_up",
+            1,
+            "PETSc.Error",
+            codes=(4,),
+        )
     for kind, codes in KINDS.items():  # where files are renamed, on rank 0
         codes = None if codes is None else frozenset(codes)
         signal = kind in ("SIGTERM", "SIGUSR1")
         if kind not in ("full", "little room", "gone"):
-            cases.append(Case(f"writing a checkpoint: {kind}", "published", target="ddmpi.system.files.os.replace",
-                              call=3, fault=kind, codes=codes, kept=True))
-        cases.append(Case(f"end of output: {kind}", target="ddmpi.run.gather.write_summary", call=1, fault=kind,
-                          codes=codes, kept=kind != "gone",
-                          whole=signal or kind == "little room"))  # a summary still fits
+            cases.append(
+                Case(
+                    f"writing a checkpoint: {kind}",
+                    "published",
+                    target="ddmpi.system.files.os.replace",
+                    call=3,
+                    fault=kind,
+                    codes=codes,
+                    kept=True,
+                )
+            )
+        cases.append(
+            Case(
+                f"end of output: {kind}",
+                target="ddmpi.run.gather.write_summary",
+                call=1,
+                fault=kind,
+                codes=codes,
+                kept=kind != "gone",
+                whole=signal or kind == "little room",
+            )
+        )  # a summary still fits
     cases += [
-        Case("publishing: SIGKILL between two files", target="ddmpi.system.files.os.rename", call=3, fault="SIGKILL",
-             kept=True, torn=True),
-        Case("one rank for two bodies of the published iteration", "published", ranks=1, codes=frozenset({2})),
+        Case(
+            "publishing: SIGKILL between two files",
+            target="ddmpi.system.files.os.rename",
+            call=3,
+            fault="SIGKILL",
+            kept=True,
+            torn=True,
+        ),
+        Case(
+            "one rank for two bodies of the published iteration",
+            "published",
+            ranks=1,
+            codes=frozenset({2}),
+        ),
         Case("folder below a file", folder="a file/results", codes=frozenset({2})),
         Case("folder with results", folder="earlier", codes=frozenset({2})),
         Case("no checkpoint to go on from", more=("--restart", "nowhere"), codes=frozenset({2})),
@@ -136,7 +243,9 @@ def all_cases() -> list[Case]:
     return cases
 
 
-def run_in_one_go(faults: list[tuple], *arguments: str, cwd: Path | None = None, ranks: int = 2) -> list[scenes.Run]:
+def run_in_one_go(
+    faults: list[tuple], *arguments: str, cwd: Path | None = None, ranks: int = 2
+) -> list[scenes.Run]:
     """The command once for each of the `faults` (see fault.py) that end in an orderly way, all in the same
     processes. The codes of all ranks must be the same.
     """
@@ -144,10 +253,15 @@ def run_in_one_go(faults: list[tuple], *arguments: str, cwd: Path | None = None,
     assert everything.code == 0, everything.output
     *stdout, _ = re.split(rf"^{fault.END} .*\n", everything.stdout, flags=re.MULTILINE)
     *stderr, _ = re.split(rf"^{fault.END} .*\n", everything.stderr, flags=re.MULTILINE)
-    codes = [set(line.split()) for line in re.findall(rf"^{fault.END} (.*)\n", everything.stderr, re.MULTILINE)]
+    codes = [
+        set(line.split())
+        for line in re.findall(rf"^{fault.END} (.*)\n", everything.stderr, re.MULTILINE)
+    ]
     assert all(len(each) == 1 for each in codes), f"the ranks ended with {codes}"
-    return [scenes.Run(int(*code), *said, Path(entry[4]))
-            for code, *said, entry in zip(codes, stdout, stderr, faults, strict=True)]
+    return [
+        scenes.Run(int(*code), *said, Path(entry[4]))
+        for code, *said, entry in zip(codes, stdout, stderr, faults, strict=True)
+    ]
 
 
 @dataclass
@@ -161,8 +275,18 @@ class Outcome:
     output: str = ""
 
 
-TALLY = ("hangs", "lost results", "half-written results", "wrong results", "exit code zero", "wrong exit code",
-         "no message", "several messages", "earlier results touched", "leftovers")
+TALLY = (
+    "hangs",
+    "lost results",
+    "half-written results",
+    "wrong results",
+    "exit code zero",
+    "wrong exit code",
+    "no message",
+    "several messages",
+    "earlier results touched",
+    "leftovers",
+)
 
 
 class Ground:
@@ -205,17 +329,31 @@ class Ground:
 
     def try_together(self, cases: list[Case]) -> list[Outcome]:
         """Run cases of Newton's method that end in an orderly way, and judge them."""
-        faults = [(case.rank, case.target, case.call, case.fault, str(self.here / re.sub(r"\W+", "-", case.name)), [])
-                  for case in cases]
+        faults = [
+            (
+                case.rank,
+                case.target,
+                case.call,
+                case.fault,
+                str(self.here / re.sub(r"\W+", "-", case.name)),
+                [],
+            )
+            for case in cases
+        ]
         runs = run_in_one_go(faults, "run", str(self.here / "newton.toml"), cwd=self.here)
-        outcomes = [Outcome(case, run.code, 0.0, output=run.output) for case, run in zip(cases, runs, strict=True)]
+        outcomes = [
+            Outcome(case, run.code, 0.0, output=run.output)
+            for case, run in zip(cases, runs, strict=True)
+        ]
         for outcome, run in zip(outcomes, runs, strict=True):
             self._judge(outcome, run)
         return outcomes
 
     def _judge(self, outcome: Outcome, run: scenes.Run) -> None:
         case, faults = outcome.case, outcome.faults
-        ends = re.search(rf"^{fault.END} (.*)\n", run.stderr, re.MULTILINE)  # the launcher went on: an orderly end
+        ends = re.search(
+            rf"^{fault.END} (.*)\n", run.stderr, re.MULTILINE
+        )  # the launcher went on: an orderly end
         codes = {int(code) for code in ends[1].split()} if ends else {run.code}
         code = outcome.code = max(codes, key=abs)
         there = run.files & set(RESULTS) if case.folder != "earlier" else set()
@@ -238,12 +376,16 @@ class Ground:
                 faults.append("several messages" if messages(run) else "no message")
         if digest(self.here / "earlier") != self.earlier:
             faults.append("earlier results touched")
-        killed = case.codes is None or run.code == 1  # rank 0 has no time to clear up then; the next run does it
+        killed = (
+            case.codes is None or run.code == 1
+        )  # rank 0 has no time to clear up then; the next run does it
         left = {name for name in run.files if not (name in (*RESULTS, "checkpoint.h5") or killed)}
         if left and case.folder != "earlier":
             faults.append("leftovers")
         if case.kept and code != 0:
-            again = scenes.run_command(self.here / f"{case.method}.toml", run.folder, "--restart", str(run.folder))
+            again = scenes.run_command(
+                self.here / f"{case.method}.toml", run.folder, "--restart", str(run.folder)
+            )
             if again.code != 0 or contents(run.folder) != self.reference[case.method]:
                 faults.append("lost results")
                 outcome.output += "\nand with --restart:\n" + again.output
@@ -253,9 +395,16 @@ class Ground:
 
 def messages(run: scenes.Run) -> list[str]:
     """Where a message about the end begins: ours, PETSc's about a deadly signal, or else mpirun's about it."""
-    ours = [line for line in run.output.splitlines()
-            if re.match(r"ddmpi: (error|internal error|interrupted)|\[\d\]PETSC ERROR: Caught signal", line)]
-    return ours or re.findall(r"noticed that process rank \d|BAD TERMINATION OF ONE", run.output)  # Open MPI, MPICH
+    ours = [
+        line
+        for line in run.output.splitlines()
+        if re.match(
+            r"ddmpi: (error|internal error|interrupted)|\[\d\]PETSC ERROR: Caught signal", line
+        )
+    ]
+    return ours or re.findall(
+        r"noticed that process rank \d|BAD TERMINATION OF ONE", run.output
+    )  # Open MPI, MPICH
 
 
 def contents(folder: Path, files: Collection[str] = RESULTS) -> dict:
@@ -269,13 +418,21 @@ def contents(folder: Path, files: Collection[str] = RESULTS) -> dict:
         del body["memory_mib"]
     with h5py.File(folder / "result.h5") as file:
         fields = {name: np.array(data).tobytes() for name, data in file.items()}
-    return {"summary": summary, "fields": fields,
-            **{name: (folder / name).read_text() for name in set(files) - {"result.h5", "summary.json"}}}
+    return {
+        "summary": summary,
+        "fields": fields,
+        **{
+            name: (folder / name).read_text() for name in set(files) - {"result.h5", "summary.json"}
+        },
+    }
 
 
 def digest(folder: Path) -> dict[str, str]:
     """What is in the files of a folder."""
-    return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(folder.iterdir())}
+    return {
+        path.name: hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in sorted(folder.iterdir())
+    }
 
 
 def show(outcomes: list[Outcome]) -> None:
@@ -287,7 +444,9 @@ def show(outcomes: list[Outcome]) -> None:
         print(f"{word:26} {sum(word in outcome.faults for outcome in outcomes)}")
     for outcome in outcomes:
         if outcome.faults:
-            print(f"\n=== {outcome.case.name}: {', '.join(outcome.faults)} (exit code {outcome.code})")
+            print(
+                f"\n=== {outcome.case.name}: {', '.join(outcome.faults)} (exit code {outcome.code})"
+            )
             print(outcome.output)
 
 
@@ -302,7 +461,11 @@ def main(words: list[str]) -> int:
 
         def attempt(case: Case) -> Outcome:
             outcome = ground.try_case(case)
-            print(f"{case.name:50} {outcome.code!s:>5} {outcome.seconds:6.1f} s ", *outcome.faults, flush=True)
+            print(
+                f"{case.name:50} {outcome.code!s:>5} {outcome.seconds:6.1f} s ",
+                *outcome.faults,
+                flush=True,
+            )
             return outcome
 
         outcomes = list(pool.map(attempt, cases))

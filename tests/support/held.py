@@ -24,9 +24,15 @@ def main() -> None:
     original, calls = Compliance.mult, itertools.count(1)
 
     def mult(*arguments):
-        if next(calls) == 100 and MPI.COMM_WORLD.rank == 0 and "SLURM_RESTART_COUNT" not in os.environ:
+        if (
+            next(calls) == 100
+            and MPI.COMM_WORLD.rank == 0
+            and "SLURM_RESTART_COUNT" not in os.environ
+        ):
             if "SLURM_JOB_ID" in os.environ:
-                subprocess.run(["scancel", "--batch", "--signal=USR1", os.environ["SLURM_JOB_ID"]], check=True)
+                subprocess.run(
+                    ["scancel", "--batch", "--signal=USR1", os.environ["SLURM_JOB_ID"]], check=True
+                )
             else:
                 Path(os.environ["READY"]).touch()
             end = time.monotonic() + scenes.LIMIT

@@ -20,8 +20,27 @@ from mpi4py import MPI
 
 import ddmpi
 
-COLLECTIVES = ("allgather", "Allgather", "allreduce", "Allreduce", "barrier", "Barrier", "bcast", "Bcast", "gather",
-               "Gather", "Gatherv", "reduce", "Reduce", "scatter", "Scatter", "Scatterv", "Split", "Split_type", "Dup")
+COLLECTIVES = (
+    "allgather",
+    "Allgather",
+    "allreduce",
+    "Allreduce",
+    "barrier",
+    "Barrier",
+    "bcast",
+    "Bcast",
+    "gather",
+    "Gather",
+    "Gatherv",
+    "reduce",
+    "Reduce",
+    "scatter",
+    "Scatter",
+    "Scatterv",
+    "Split",
+    "Split_type",
+    "Dup",
+)
 
 TYPED = ("Allgather", "Allreduce", "Bcast", "Reduce")
 """Those of arrays, which must be of one type on all ranks: MPI takes the bits of integers for those of numbers."""
@@ -54,15 +73,21 @@ def _compared(name: str) -> Callable[..., Any]:
 
     @functools.wraps(plain)
     def call(self: Lockstep, *arguments: Any, **named: Any) -> Any:
-        kinds = {str(each.dtype) for each in arguments if isinstance(each, np.ndarray)} if name in TYPED else ()
+        kinds = (
+            {str(each.dtype) for each in arguments if isinstance(each, np.ndarray)}
+            if name in TYPED
+            else ()
+        )
         where = ", ".join((name, _whereabouts(), *sorted(kinds)))
         own = np.array([zlib.crc32(where.encode())])
         everyone = np.empty(self.size, own.dtype)
         self.meeting.Allgather(own, everyone)
         if (everyone != own).any():
             places = self.meeting.allgather(where)
-            raise LockstepError("ranks are at different collectives:\n" + "\n".join(
-                f"rank {rank}: {place}" for rank, place in enumerate(places)))
+            raise LockstepError(
+                "ranks are at different collectives:\n"
+                + "\n".join(f"rank {rank}: {place}" for rank, place in enumerate(places))
+            )
         result = plain(self, *arguments, **named)
         if isinstance(result, Lockstep):  # a duplicate
             result.meeting = self.meeting
@@ -77,7 +102,7 @@ def _whereabouts() -> str:
     while frame and len(found) < DEPTH:
         code = frame.f_code
         if code.co_filename.startswith(_PACKAGE):
-            found.append(f"{code.co_filename[len(_PACKAGE):]}:{frame.f_lineno} {code.co_name}")
+            found.append(f"{code.co_filename[len(_PACKAGE) :]}:{frame.f_lineno} {code.co_name}")
         frame = frame.f_back  # type: ignore[assignment]
     return " < ".join(found)
 
@@ -91,7 +116,9 @@ _meetings: list[MPI.Comm] = []
 
 def compared(comm: MPI.Comm) -> Lockstep:
     """The communicator as a `Lockstep`. Collective."""
-    same = (each for each in _meetings if MPI.Comm.Compare(each, comm) in (MPI.IDENT, MPI.CONGRUENT))
+    same = (
+        each for each in _meetings if MPI.Comm.Compare(each, comm) in (MPI.IDENT, MPI.CONGRUENT)
+    )
     found = Lockstep(comm)
     found.meeting = next(same, None) or MPI.Intracomm(comm).Dup()
     if found.meeting not in _meetings:

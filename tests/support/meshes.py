@@ -27,7 +27,9 @@ def body_of(order: int = 1, **keys) -> BodySpec:
     return BodySpec(name="body", mesh=MeshSpec(order=order, **keys), **own)
 
 
-def mesh_of(order: int = 1, contacts: Collection[str] = (), sizes: Sizes | None = None, **keys) -> Mesh:
+def mesh_of(
+    order: int = 1, contacts: Collection[str] = (), sizes: Sizes | None = None, **keys
+) -> Mesh:
     """The mesh of such a body, of a drawing with sizes as a run has them."""
     dimension = len(keys.get("divisions", "xyz"))
     return build_mesh(body_of(order, **keys).settled(order, dimension), Path("."), contacts, sizes)
@@ -54,8 +56,8 @@ def cad(path: Path, draw: Callable) -> Path:
 
 def lengths(mesh: Mesh, group: str) -> np.ndarray:
     """Distances between neighbouring corners of the facets of a group."""
-    ends = mesh.points[mesh.groups[group][:, :mesh.dimension]]
-    return np.linalg.norm(ends - np.roll(ends, 1, axis=1), axis=2)[:, mesh.dimension == 2:].ravel()
+    ends = mesh.points[mesh.groups[group][:, : mesh.dimension]]
+    return np.linalg.norm(ends - np.roll(ends, 1, axis=1), axis=2)[:, mesh.dimension == 2 :].ravel()
 
 
 def area(mesh: Mesh, group: str) -> float:

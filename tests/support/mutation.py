@@ -33,20 +33,39 @@ class Checkout:
     def __init__(self, folder: Path) -> None:
         self.folder = folder / "ddmpi"
         for name in ("ddmpi", "tests", "scripts", "configs", "meshes", "docs"):
-            shutil.copytree(ROOT / name, self.folder / name, ignore=shutil.ignore_patterns("__pycache__"))
+            shutil.copytree(
+                ROOT / name, self.folder / name, ignore=shutil.ignore_patterns("__pycache__")
+            )
         for file in ROOT.glob("*.*"):
             if file.is_file():
                 shutil.copy(file, self.folder)
         # Without bytecode: a mutant of the same size, made in the same second, would not be noticed.
-        self._environment = os.environ | {"PYTHONPATH": str(self.folder), "PYTHONDONTWRITEBYTECODE": "1",
-                                          "MPLBACKEND": "agg"}
+        self._environment = os.environ | {
+            "PYTHONPATH": str(self.folder),
+            "PYTHONDONTWRITEBYTECODE": "1",
+            "MPLBACKEND": "agg",
+        }
 
     def test(self, names: list[str], limit: float = LIMIT) -> tuple[int | None, str]:
         """Exit code of pytest (None where it took too long), and its output."""
-        command = [sys.executable, "-m", "pytest", "-x", "-p", "no:cacheprovider",
-                   *(f"tests/{name}" for name in names)]
-        with subprocess.Popen(command, cwd=self.folder, env=self._environment, start_new_session=True, text=True,
-                              stdout=subprocess.PIPE, stderr=subprocess.STDOUT) as child:
+        command = [
+            sys.executable,
+            "-m",
+            "pytest",
+            "-x",
+            "-p",
+            "no:cacheprovider",
+            *(f"tests/{name}" for name in names),
+        ]
+        with subprocess.Popen(
+            command,
+            cwd=self.folder,
+            env=self._environment,
+            start_new_session=True,
+            text=True,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+        ) as child:
             try:
                 output, _ = child.communicate(timeout=limit)
             except subprocess.TimeoutExpired:
@@ -85,17 +104,29 @@ def mutated(source: str, mutant: Mutant) -> str:
 def wrong_texts(mutants: list[Mutant]) -> list[str]:
     """What is wrong with the table itself."""
     files = {mutant.file for mutant in mutants}
-    normal = {file: normal_form((ROOT / "ddmpi" / f"{file}.py").read_text(encoding="utf-8")) for file in files}
+    normal = {
+        file: normal_form((ROOT / "ddmpi" / f"{file}.py").read_text(encoding="utf-8"))
+        for file in files
+    }
     counts = [len(places(normal[mutant.file], mutant.text)) for mutant in mutants]
-    return [f"{mutant.name}: the text is {count} times in ddmpi/{mutant.file}.py"
-            for mutant, count in zip(mutants, counts, strict=True) if count != 1]
+    return [
+        f"{mutant.name}: the text is {count} times in ddmpi/{mutant.file}.py"
+        for mutant, count in zip(mutants, counts, strict=True)
+        if count != 1
+    ]
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--only", default="", metavar="WORD", help="mutants with this word in name, file or tests")
+    parser.add_argument(
+        "--only", default="", metavar="WORD", help="mutants with this word in name, file or tests"
+    )
     word = parser.parse_args().only
-    mutants = [mutant for mutant in MUTANTS if any(word in part for part in (mutant.name, mutant.file, mutant.tests))]
+    mutants = [
+        mutant
+        for mutant in MUTANTS
+        if any(word in part for part in (mutant.name, mutant.file, mutant.tests))
+    ]
     wrong = wrong_texts(mutants) or ([] if mutants else [f"no mutant has the word {word!r}"])
     if wrong:
         print("\n".join(wrong), file=sys.stderr)
@@ -107,7 +138,12 @@ def main() -> int:
         if code != 0:
             print(output, "these tests fail without a mutant", sep="\n", file=sys.stderr)
             return 2
-        print("| in `ddmpi/` | mutant | test in `tests/` | caught in s |", "|---|---|---|---|", sep="\n", flush=True)
+        print(
+            "| in `ddmpi/` | mutant | test in `tests/` | caught in s |",
+            "|---|---|---|---|",
+            sep="\n",
+            flush=True,
+        )
         for mutant in mutants:
             start = time.monotonic()
             code, output = checkout.try_mutant(mutant)
@@ -115,8 +151,15 @@ def main() -> int:
                 print(output, f"{mutant.name}: pytest ended with {code}", sep="\n", file=sys.stderr)
                 return 2
             survivors += code == 0
-            end = "SURVIVED" if code == 0 else f"{time.monotonic() - start:.1f}" + " (time limit)" * (code is None)
-            print(f"| {mutant.file}.py | {mutant.name} | {mutant.tests.replace('::', ': ')} | {end} |", flush=True)
+            end = (
+                "SURVIVED"
+                if code == 0
+                else f"{time.monotonic() - start:.1f}" + " (time limit)" * (code is None)
+            )
+            print(
+                f"| {mutant.file}.py | {mutant.name} | {mutant.tests.replace('::', ': ')} | {end} |",
+                flush=True,
+            )
     print(f"\n{len(mutants) - survivors} of {len(mutants)} mutants are caught.")
     return int(survivors > 0)
 

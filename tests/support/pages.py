@@ -78,20 +78,29 @@ def blocks(page: str) -> list[File | Command]:
         if language == "console":
             for part in re.split(r"^\$ ", text, flags=re.M)[1:]:
                 command, *shown = part.replace("\\\n", "\\\0").splitlines()
-                found.append(Command(command.replace("\0", "\n"), tuple(line for line in shown if line.strip())))
+                found.append(
+                    Command(
+                        command.replace("\0", "\n"), tuple(line for line in shown if line.strip())
+                    )
+                )
         elif name:
             found.append(File(name[1], text))
     return found
 
 
-def run(page: str, folder: Path, environment: dict[str, str], limit: float = 600.0) -> list[Outcome]:
+def run(
+    page: str, folder: Path, environment: dict[str, str], limit: float = 600.0
+) -> list[Outcome]:
     """Write the files and run the commands of a page in an empty `folder`, in `limit` seconds."""
     for part in ("configs", "ddmpi", "meshes", "pyproject.toml", "scripts"):
         (folder / part).symlink_to(ROOT / part)
     programs, printed = folder / ".venv" / "bin", folder / ".printed"
     programs.mkdir(parents=True)
     printed.mkdir()
-    for name, text in (("python", f'#!/bin/sh\nexec {shlex.quote(sys.executable)} "$@"\n'), ("sbatch", SBATCH)):
+    for name, text in (
+        ("python", f'#!/bin/sh\nexec {shlex.quote(sys.executable)} "$@"\n'),
+        ("sbatch", SBATCH),
+    ):
         (programs / name).write_text(text, encoding="utf-8")
         (programs / name).chmod(0o755)
     lines, commands = ["code=0"], []
@@ -100,14 +109,29 @@ def run(page: str, folder: Path, environment: dict[str, str], limit: float = 600
             lines.append(f"cat >{block.name} <<'END OF FILE'\n{block.text}END OF FILE")
         else:
             here = shlex.quote(f"{printed}/{len(commands)}")
-            lines.append(f"(exit $code)\n{{ {block.text}\n}} >{here} 2>&1\ncode=$?\necho $code >{here}.code")
+            lines.append(
+                f"(exit $code)\n{{ {block.text}\n}} >{here} 2>&1\ncode=$?\necho $code >{here}.code"
+            )
             commands.append(block)
     (folder / ".page.sh").write_text("\n".join([*lines, "exit 0"]), encoding="utf-8")
-    variables = environment | {"PATH": f"{programs}:{environment['PATH']}", "DDMPI_PYTHON": sys.executable}
-    subprocess.run(["timeout", "-k", "5", str(limit), "bash", ".page.sh"], cwd=folder, env=variables, check=True)
-    return [Outcome(command, int((printed / f"{k}.code").read_text()),
-                    tuple((printed / str(k)).read_text(encoding="utf-8").splitlines()))
-            for k, command in enumerate(commands)]
+    variables = environment | {
+        "PATH": f"{programs}:{environment['PATH']}",
+        "DDMPI_PYTHON": sys.executable,
+    }
+    subprocess.run(
+        ["timeout", "-k", "5", str(limit), "bash", ".page.sh"],
+        cwd=folder,
+        env=variables,
+        check=True,
+    )
+    return [
+        Outcome(
+            command,
+            int((printed / f"{k}.code").read_text()),
+            tuple((printed / str(k)).read_text(encoding="utf-8").splitlines()),
+        )
+        for k, command in enumerate(commands)
+    ]
 
 
 def differences(outcomes: list[Outcome], slack: float = 0.0) -> list[str]:
@@ -118,8 +142,12 @@ def differences(outcomes: list[Outcome], slack: float = 0.0) -> list[str]:
         said = "\n".join(outcome.printed)
         if outcome.code and not asked:
             found.append(f"$ {outcome.command.text}\nends with exit code {outcome.code}:\n{said}")
-        found += [f"$ {outcome.command.text}\ndoes not print\n{line}\nbut\n{said}" for line in outcome.command.shown
-                  if line.strip() != "…" and not any(agrees(line, other, slack) for other in outcome.printed)]
+        found += [
+            f"$ {outcome.command.text}\ndoes not print\n{line}\nbut\n{said}"
+            for line in outcome.command.shown
+            if line.strip() != "…"
+            and not any(agrees(line, other, slack) for other in outcome.printed)
+        ]
     return found
 
 
@@ -127,17 +155,21 @@ def agrees(shown: str, printed: str, slack: float = 0.0) -> bool:
     """Whether a printed line is the one that is shown."""
     pattern, at = "", 0
     for number in NUMBER.finditer(shown):
-        pattern += _words(shown[at:number.start()]) + f"({NUMBER.pattern})"
+        pattern += _words(shown[at : number.start()]) + f"({NUMBER.pattern})"
         at = number.end()
     match = re.fullmatch(pattern + _words(shown[at:]), printed.strip())
-    return match is not None and all(_equal(one[0], other, slack)
-                                     for one, other in zip(NUMBER.finditer(shown), match.groups(), strict=True))
+    return match is not None and all(
+        _equal(one[0], other, slack)
+        for one, other in zip(NUMBER.finditer(shown), match.groups(), strict=True)
+    )
 
 
 def _words(text: str) -> str:
     """The pattern of what stands between numbers: any blanks for blanks, anything for …"""
     parts = re.split(r"(…|\s+)", text)
-    return "".join(".*" if part == "…" else r"\s*" if part.isspace() else re.escape(part) for part in parts)
+    return "".join(
+        ".*" if part == "…" else r"\s*" if part.isspace() else re.escape(part) for part in parts
+    )
 
 
 def _equal(shown: str, printed: str, slack: float) -> bool:
@@ -170,7 +202,9 @@ def write_pictures(page: str, made: Path, docs: Path) -> list[str]:
 
 def main() -> int:
     """The command above."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("page", type=Path)
     parser.add_argument("--write", action="store_true", help="write the pictures of the page")
     chosen = parser.parse_args()

@@ -26,7 +26,9 @@ def _noted(clock: Clock, name: str) -> Iterator[None]:
     with _phase(clock, name):
         yield
     _found[name] = peak_memory()
-    Path(os.environ["PEAKS"], f"{MPI.COMM_WORLD.rank}.json").write_text(json.dumps(_found), encoding="utf-8")
+    Path(os.environ["PEAKS"], f"{MPI.COMM_WORLD.rank}.json").write_text(
+        json.dumps(_found), encoding="utf-8"
+    )
 
 
 def compared(comm: MPI.Comm) -> MPI.Comm:

@@ -14,7 +14,9 @@ from ddmpi.run.run import run
 from ddmpi.scene.reader import read_scene_file
 
 
-def go_on_from_checkpoints(scene: dict, folder: Path, some: slice, keys: tuple[str, ...] = ("steps",)) -> list[str]:
+def go_on_from_checkpoints(
+    scene: dict, folder: Path, some: slice, keys: tuple[str, ...] = ("steps",)
+) -> list[str]:
     """Run a scene, and go on from `some` of the checkpoints that it writes: the tables and fields, byte for byte, and
     the `keys` of the summary are those of the run without an interruption. Returns the names of the files."""
     path, kept, write = write_scene(scene, folder / "scene.toml"), [], checkpoint.write
@@ -25,10 +27,18 @@ def go_on_from_checkpoints(scene: dict, folder: Path, some: slice, keys: tuple[s
         write(kept[-1] / target.name, *arguments)
 
     def compute(into: Path, restart: Path | None = None) -> dict:
-        run(MPI.COMM_SELF, read_scene_file(path), str(path), str(into), False, restart and str(restart))
+        run(
+            MPI.COMM_SELF,
+            read_scene_file(path),
+            str(path),
+            str(into),
+            False,
+            restart and str(restart),
+        )
         summary = json.loads((into / "summary.json").read_text(encoding="utf-8"))
         return {key: summary[key] for key in keys} | {
-            each.name: each.read_bytes() for each in [*into.glob("*.csv"), into / "result.h5"]}
+            each.name: each.read_bytes() for each in [*into.glob("*.csv"), into / "result.h5"]
+        }
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(checkpoint, "write", keep)

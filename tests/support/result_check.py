@@ -23,20 +23,35 @@ from ddmpi.scene.bodies import Material
 
 Scene = dict
 
-FACES = {2: {"bottom": (0, 1), "right": (1, 2), "top": (2, 3), "left": (3, 0)},
-         3: {"left": (0, 3, 7, 4), "right": (1, 2, 6, 5), "front": (0, 1, 5, 4), "back": (3, 2, 6, 7),
-             "bottom": (0, 1, 2, 3), "top": (4, 5, 6, 7)}}
+FACES = {
+    2: {"bottom": (0, 1), "right": (1, 2), "top": (2, 3), "left": (3, 0)},
+    3: {
+        "left": (0, 3, 7, 4),
+        "right": (1, 2, 6, 5),
+        "front": (0, 1, 5, 4),
+        "back": (3, 2, 6, 7),
+        "bottom": (0, 1, 2, 3),
+        "top": (4, 5, 6, 7),
+    },
+}
 """The corners of faces, around them."""
 
 NOTHING = 1e-6
 """Forces below this fraction of the scene's are compared with it: bodies and contacts without forces have rounding."""
 
-MOTIONS = {"penetration", "gap under pressure", "slip against friction", "slip of sticking", "opening of bonds",
-           "clamps"}
+MOTIONS = {
+    "penetration",
+    "gap under pressure",
+    "slip against friction",
+    "slip of sticking",
+    "opening of bonds",
+    "clamps",
+}
 """Violations that are displacements; the others are forces."""
 
 
 # What was written
+
 
 def factor(scene: Scene, name: str | None, time: float = np.inf) -> float:
     """Of a history."""
@@ -54,7 +69,11 @@ def face(body: dict, group: str) -> tuple[np.ndarray, np.ndarray]:
 
 def turning(place: np.ndarray, force: np.ndarray) -> np.ndarray:
     """The moment (1,) or (3,) of a force about the origin."""
-    return np.cross(place, force) if len(place) == 3 else np.array([place[0] * force[1] - place[1] * force[0]])
+    return (
+        np.cross(place, force)
+        if len(place) == 3
+        else np.array([place[0] * force[1] - place[1] * force[0]])
+    )
 
 
 def loads(scene: Scene, body: dict, time: float = np.inf) -> tuple[np.ndarray, np.ndarray, float]:
@@ -69,32 +88,52 @@ def loads(scene: Scene, body: dict, time: float = np.inf) -> tuple[np.ndarray, n
     parts = [(size * np.array(body.get("volume_force", 0.0 * middle)), middle)]
     for each in body.get("traction", []):
         on, _ = face(body, each["on"])
-        area = np.prod([np.linalg.norm(on[k] - on[0]) for k in (1, -1)[:len(middle) - 1]])
-        parts.append((area * factor(scene, each.get("history"), time) * np.array(each["value"]), on.mean(axis=0)))
-    return (sum(force for force, _ in parts), sum(turning(place, force) for force, place in parts),
-            sum(np.linalg.norm(force) for force, _ in parts))
+        area = np.prod([np.linalg.norm(on[k] - on[0]) for k in (1, -1)[: len(middle) - 1]])
+        parts.append(
+            (
+                area * factor(scene, each.get("history"), time) * np.array(each["value"]),
+                on.mean(axis=0),
+            )
+        )
+    return (
+        sum(force for force, _ in parts),
+        sum(turning(place, force) for force, place in parts),
+        sum(np.linalg.norm(force) for force, _ in parts),
+    )
 
 
 def violations(scene: Scene, folder: Path) -> dict[str, float]:
     """The largest violation of each law, relative to the largest force, moment or displacement."""
     results = read_results(folder)
     u = results.displacement()
-    axes, largest = "xyz"[:u.shape[1]], np.abs(u).max() or 1.0
+    axes, largest = "xyz"[: u.shape[1]], np.abs(u).max() or 1.0
     found = dict.fromkeys(("force", "moment", "inside", "at nodes", "clamps"), 0.0)
     forces = {name: contact_forces(table, axes) for name, table in results.contacts.items()}
-    size = max(sum(loads(scene, body)[2] for body in scene["body"]),
-               *(np.linalg.norm(each, axis=1).sum() for each in forces.values())) or 1.0
+    size = (
+        max(
+            sum(loads(scene, body)[2] for body in scene["body"]),
+            *(np.linalg.norm(each, axis=1).sum() for each in forces.values()),
+        )
+        or 1.0
+    )
     arm = np.abs(results.points).max()
     for number, body in enumerate(scene["body"]):
         force, moment, _ = loads(scene, body)
         held = bool(body.get("clamp"))
-        force = force + (np.array(results.summary["bodies"][body["name"]]["reaction"]) if held else 0.0)
+        force = force + (
+            np.array(results.summary["bodies"][body["name"]]["reaction"]) if held else 0.0
+        )
         for contact in scene["contact"]:
             if body["name"] in contact["bodies"]:
                 sign = 1.0 if contact["bodies"][0] == body["name"] else -1.0
                 force = force + sign * forces[contact["name"]].sum(axis=0)
-                moment = moment + sign * np.array(results.summary["contacts"][contact["name"]]["moment"])
-        told = {"force": np.abs(force).max() / size, "moment": 0.0 if held else np.abs(moment).max() / (arm * size)}
+                moment = moment + sign * np.array(
+                    results.summary["contacts"][contact["name"]]["moment"]
+                )
+        told = {
+            "force": np.abs(force).max() / size,
+            "moment": 0.0 if held else np.abs(moment).max() / (arm * size),
+        }
         told |= _residual(scene, results, number, forces, u, NOTHING * size)
         told["clamps"] /= largest
         found = {law: max(value, float(told[law])) for law, value in found.items()}
@@ -121,24 +160,31 @@ def contact_forces(table: Columns, axes: str) -> np.ndarray:
     """(m, d) on the first body."""
     if len(axes) == 3:
         return along(table, axes, "force")
-    return -table["normal_force"][:, None] * normals(table, axes) - along(table, axes, "tangential_force")
+    return -table["normal_force"][:, None] * normals(table, axes) - along(
+        table, axes, "tangential_force"
+    )
 
 
 def _laws(contact: dict, table: Columns, force: np.ndarray, nothing: float) -> dict[str, float]:
-    """Violations of the contact's laws at its nodes: forces (N) and displacements (m). Forces below `nothing` are none.
-    """
-    axes = "xyz"[:force.shape[1]]
+    """Violations of the contact's laws at its nodes: forces (N) and displacements (m). Forces below `nothing` are none."""
+    axes = "xyz"[: force.shape[1]]
     n, slip = normals(table, axes), along(table, axes, "slip")
     p = -np.einsum("md,md->m", force, n)
     t = force + p[:, None] * n
     if contact.get("kind") == "bonded":
         return {"opening of bonds": float(max(np.abs(table["gap"]).max(), np.abs(slip).max()))}
     law = contact.get("friction", {"law": "none"})
-    bound = {"none": 0.0 * p, "coulomb": law.get("coefficient", 0.0) * p,
-             "tresca": law.get("slip_bound", 0.0) * table["area" if "area" in table else "length"]}[law["law"]]
-    found = {"tension": float(-p.min()), "penetration": float(-table["gap"].min()),
-             "gap under pressure": float((np.maximum(p, 0.0) * table["gap"]).max())
-             / (max(np.abs(p).max(), nothing) or 1.0)}
+    bound = {
+        "none": 0.0 * p,
+        "coulomb": law.get("coefficient", 0.0) * p,
+        "tresca": law.get("slip_bound", 0.0) * table["area" if "area" in table else "length"],
+    }[law["law"]]
+    found = {
+        "tension": float(-p.min()),
+        "penetration": float(-table["gap"].min()),
+        "gap under pressure": float((np.maximum(p, 0.0) * table["gap"]).max())
+        / (max(np.abs(p).max(), nothing) or 1.0),
+    }
     size, moves = np.linalg.norm(t, axis=1), np.linalg.norm(slip, axis=1)
     found["friction bound"] = float((size - bound).max())
     sticks, slips = table["status"] == "stick", table["status"] == "slip"
@@ -148,12 +194,20 @@ def _laws(contact: dict, table: Columns, force: np.ndarray, nothing: float) -> d
         off = slip[slips] - np.einsum("md,md->m", slip[slips], direction)[:, None] * direction
         back = np.minimum(0.0, np.einsum("md,md->m", slip[slips], direction))
         carries = size[slips] > 1e-9 * np.abs(force).max()
-        found["slip against friction"] = float((np.linalg.norm(off, axis=1) - back)[carries].max(initial=0.0))
+        found["slip against friction"] = float(
+            (np.linalg.norm(off, axis=1) - back)[carries].max(initial=0.0)
+        )
     return found
 
 
-def _residual(scene: Scene, results: Results, number: int, forces: dict[str, np.ndarray],
-              u: np.ndarray, nothing: float) -> dict[str, float]:
+def _residual(
+    scene: Scene,
+    results: Results,
+    number: int,
+    forces: dict[str, np.ndarray],
+    u: np.ndarray,
+    nothing: float,
+) -> dict[str, float]:
     """What elasticity leaves of a body, by another program's stiffness, over its largest nodal force or `nothing`.
 
     Inside, at nodes of no clamp and no contact; and, where all of its contacts have pairs of nodes, also at those of
@@ -165,19 +219,28 @@ def _residual(scene: Scene, results: Results, number: int, forces: dict[str, np.
     mesh = Mesh(results.points[nodes], cells.reshape(-1, results.fields["cells"].shape[1]), {})
     at = corners(body["mesh"])
     near = 1e-9 * (np.abs(at).max() + np.ptp(at, axis=0).max())
-    on = {group: np.abs((mesh.points - place[0]) @ normal) < near
-          for group in FACES[d] for place, normal in [face(body, group)]}
+    on = {
+        group: np.abs((mesh.points - place[0]) @ normal) < near
+        for group in FACES[d]
+        for place, normal in [face(body, group)]
+    }
     residual = -(stiffness_of(mesh, Material(**body["material"])) @ u[nodes].ravel())
     acting = [(None, body.get("volume_force", [0.0] * d))]
-    acting += [(each["on"], factor(scene, each.get("history")) * np.array(each["value"]))
-               for each in body.get("traction", [])]
+    acting += [
+        (each["on"], factor(scene, each.get("history")) * np.array(each["value"]))
+        for each in body.get("traction", [])
+    ]
     facets = boundary_facets(mesh.triangles)[0]
     for group, value in acting:
         form = LinearForm(lambda v, w, value=value: sum(q * v[k] for k, q in enumerate(value)))
         part = None if group is None else facets[on[group][facets].all(axis=1)]
         residual += load_of(mesh, form, on=part)
     residual = residual.reshape(-1, d)
-    exact, largest, touched = mesh.order == 1, max(np.abs(residual).max(), nothing) or 1.0, np.zeros(len(nodes), bool)
+    exact, largest, touched = (
+        mesh.order == 1,
+        max(np.abs(residual).max(), nothing) or 1.0,
+        np.zeros(len(nodes), bool),
+    )
     clamped, off = np.zeros(len(nodes), bool), 0.0
     for clamp in body.get("clamp", []):
         clamp = {"on": clamp} | dict.fromkeys("xyz"[:d], 0.0) if isinstance(clamp, str) else clamp
@@ -192,13 +255,18 @@ def _residual(scene: Scene, results: Results, number: int, forces: dict[str, np.
         touched |= on[contact["on"][contact["bodies"].index(body["name"])]]
         exact &= results.summary["contacts"][contact["name"]]["pairing"] == "nodes"
         if exact:
-            table, sign = results.contacts[contact["name"]], 1.0 if contact["bodies"][0] == body["name"] else -1.0
+            table, sign = (
+                results.contacts[contact["name"]],
+                1.0 if contact["bodies"][0] == body["name"] else -1.0,
+            )
             places = np.stack([table[axis] for axis in "xyz"[:d]], axis=1)
             node = np.linalg.norm(mesh.points[:, None] - places[None], axis=2).argmin(axis=0)
             np.add.at(residual, node, sign * forces[contact["name"]])
-    return {"inside": np.abs(residual[~clamped & ~touched]).max(initial=0.0) / largest,
-            "at nodes": np.abs(residual[~clamped]).max(initial=0.0) / largest if exact else 0.0,
-            "clamps": off}
+    return {
+        "inside": np.abs(residual[~clamped & ~touched]).max(initial=0.0) / largest,
+        "at nodes": np.abs(residual[~clamped]).max(initial=0.0) / largest if exact else 0.0,
+        "clamps": off,
+    }
 
 
 # Whether forces at the corners of contacts can hold the bodies
@@ -236,17 +304,21 @@ def _feasible(scene: Scene, time: float, reach: float) -> bool:
     for contact in scene["contact"]:
         places, axes, area, normal = _patch(contact, bodies, reach)
         angles = 2 * np.pi * (np.arange(SIDES) + 0.5) / SIDES if d == 3 else np.array([0.0, np.pi])
-        tangents = np.column_stack([np.cos(angles), np.sin(angles)])[:, :d - 1] @ axes
+        tangents = np.column_stack([np.cos(angles), np.sin(angles)])[:, : d - 1] @ axes
         around = 1.0 / np.cos(np.pi / SIDES) if d == 3 else 1.0  # the pyramid is around the cone
         law = contact.get("friction", {"law": "none"})
         if contact.get("kind") == "bonded":
             rays = [(place, force, True) for place in places for force in (normal, *axes)]
         elif law["law"] == "coulomb":
-            rays = [(place, -normal + around * law["coefficient"] * t, False) for place in places for t in tangents]
+            rays = [
+                (place, -normal + around * law["coefficient"] * t, False)
+                for place in places
+                for t in tangents
+            ]
         else:
             rays = [(place, -normal, False) for place in places]
         if law["law"] == "tresca":
-            spans = places[[1, 3][:d - 1]] - places[0]
+            spans = places[[1, 3][: d - 1]] - places[0]
             for shares in itertools.product(GRID, repeat=d - 1):
                 start = len(columns) + len(rays)
                 capped.append(range(start, start + len(tangents)))
@@ -268,17 +340,26 @@ def _feasible(scene: Scene, time: float, reach: float) -> bool:
     bounds = np.zeros((len(capped), len(columns)))
     for row, some in zip(bounds, capped, strict=True):
         row[list(some)] = 1.0
-    found = linprog(np.zeros(len(columns)), bounds if capped else None, np.array(most) / scale if capped else None,
-                    np.array(columns).T, wanted / scale, signed, method="highs")
+    found = linprog(
+        np.zeros(len(columns)),
+        bounds if capped else None,
+        np.array(most) / scale if capped else None,
+        np.array(columns).T,
+        wanted / scale,
+        signed,
+        method="highs",
+    )
     return found.status == 0
 
 
-def _patch(contact: dict, bodies: dict, reach: float) -> tuple[np.ndarray, np.ndarray, float, np.ndarray]:
+def _patch(
+    contact: dict, bodies: dict, reach: float
+) -> tuple[np.ndarray, np.ndarray, float, np.ndarray]:
     """Of what the faces of a contact have in common: its corners (2 or 4, d), which lie farther out by `reach` of a
     cell, the axes (d − 1, d) along it, its length or area, and the first body's normal."""
     first, second = (bodies.get(name) for name in contact["bodies"])
     on, normal = face(first, contact["on"][0])
-    axes = np.stack([on[k] - on[0] for k in (1, -1)[:len(normal) - 1]])
+    axes = np.stack([on[k] - on[0] for k in (1, -1)[: len(normal) - 1]])
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)
     low, high = ((bound((on - on[0]) @ axes.T, axis=0)) for bound in (np.min, np.max))
     if second:
@@ -286,10 +367,18 @@ def _patch(contact: dict, bodies: dict, reach: float) -> tuple[np.ndarray, np.nd
         low, high = np.maximum(low, other.min(axis=0)), np.minimum(high, other.max(axis=0))
     area = float(np.prod(high - low))
     if second and reach:
-        cell = np.max([np.abs(np.ptp(corners(each["mesh"]), axis=0) / each["mesh"]["divisions"] @ axes.T)
-                       for each in (first, second)], axis=0)
+        cell = np.max(
+            [
+                np.abs(np.ptp(corners(each["mesh"]), axis=0) / each["mesh"]["divisions"] @ axes.T)
+                for each in (first, second)
+            ],
+            axis=0,
+        )
         more = np.maximum(reach * cell, -(high - low) / 2)
         low, high = low - more, high + more
-    ends = np.array([[low[0]], [high[0]]]) if len(low) == 1 else np.array(
-        [low, [high[0], low[1]], high, [low[0], high[1]]])
+    ends = (
+        np.array([[low[0]], [high[0]]])
+        if len(low) == 1
+        else np.array([low, [high[0], low[1]], high, [low[0], high[1]]])
+    )
     return on[0] + ends @ axes, axes, area, normal

@@ -25,8 +25,15 @@ from unittest import mock
 import numpy as np
 
 ROOT = Path(__file__).resolve().parents[2]
-DATA = {"result.h5", "result.xdmf", "history.csv", "steps.csv", "contact_upper-lower.csv", "contact_upper-lower.vtu",
-        "summary.json"}
+DATA = {
+    "result.h5",
+    "result.xdmf",
+    "history.csv",
+    "steps.csv",
+    "contact_upper-lower.csv",
+    "contact_upper-lower.vtu",
+    "summary.json",
+}
 """Files of a run of `pinched_blocks`, or of a `Stack`, without pictures."""
 
 LIMIT = float(os.environ.get("DDMPI_TEST_LIMIT", "1200"))
@@ -55,28 +62,67 @@ def mumps_is_known() -> bool:
 # Scenes
 
 
-def pinched_blocks(N: int, law: str = "coulomb", length: float = 1.0, stress: float = 1.0, **method) -> dict:
+def pinched_blocks(
+    N: int, law: str = "coulomb", length: float = 1.0, stress: float = 1.0, **method
+) -> dict:
     """The model scene of the design with squares of side 1/N, in units of `length` m and `stress` Pa."""
+
     def block(name: str, y: float, traction: dict) -> dict:
-        return {"name": name, "clamp": ["left"],
-                "mesh": {"shape": "rectangle", "origin": [0.0, y * length], "size": [3 * length, length],
-                         "divisions": [3 * N, N]},
-                "material": {"young": 2.119e11 * stress, "poisson": 0.277},
-                "traction": [{"on": on, "value": [q * stress for q in value]} for on, value in traction.items()]}
+        return {
+            "name": name,
+            "clamp": ["left"],
+            "mesh": {
+                "shape": "rectangle",
+                "origin": [0.0, y * length],
+                "size": [3 * length, length],
+                "divisions": [3 * N, N],
+            },
+            "material": {"young": 2.119e11 * stress, "poisson": 0.277},
+            "traction": [
+                {"on": on, "value": [q * stress for q in value]} for on, value in traction.items()
+            ],
+        }
 
-    friction = {"coulomb": {"coefficient": 0.3}, "tresca": {"slip_bound": 1.2e7 * stress}, "none": {}}[law]
-    return {"title": f"pinched blocks, N = {N}",
-            "body": [block("upper", 1.0, {"top": (0.0, -6.0e7), "right": (2.0e7, 3.0e7)}),
-                     block("lower", 0.0, {"bottom": (0.0, 4.0e7)})],
-            "contact": [{"bodies": ["upper", "lower"], "on": ["bottom", "top"], "friction": {"law": law} | friction}],
-            "method": method}
+    friction = {
+        "coulomb": {"coefficient": 0.3},
+        "tresca": {"slip_bound": 1.2e7 * stress},
+        "none": {},
+    }[law]
+    return {
+        "title": f"pinched blocks, N = {N}",
+        "body": [
+            block("upper", 1.0, {"top": (0.0, -6.0e7), "right": (2.0e7, 3.0e7)}),
+            block("lower", 0.0, {"bottom": (0.0, 4.0e7)}),
+        ],
+        "contact": [
+            {
+                "bodies": ["upper", "lower"],
+                "on": ["bottom", "top"],
+                "friction": {"law": law} | friction,
+            }
+        ],
+        "method": method,
+    }
 
 
-def rectangle(name: str, origin: Sequence[float], size: Sequence[float], divisions: Sequence[int], order: int = 1,
-              young: float = 1e9, poisson: float = 0.3, **more) -> dict:
+def rectangle(
+    name: str,
+    origin: Sequence[float],
+    size: Sequence[float],
+    divisions: Sequence[int],
+    order: int = 1,
+    young: float = 1e9,
+    poisson: float = 0.3,
+    **more,
+) -> dict:
     """A body that is a rectangle; `more` are its other keys."""
-    mesh = {"shape": "rectangle", "origin": list(origin), "size": list(size), "divisions": list(divisions),
-            "order": order}
+    mesh = {
+        "shape": "rectangle",
+        "origin": list(origin),
+        "size": list(size),
+        "divisions": list(divisions),
+        "order": order,
+    }
     return {"name": name, "mesh": mesh, "material": {"young": young, "poisson": poisson}} | more
 
 
@@ -94,17 +140,33 @@ def tower(blocks: int, n: int, loose: bool = True, **method) -> dict:
 
     Clamps hold the lowest block at its bottom and, unless they are `loose`, all others at their left sides.
     """
-    def block(k: int) -> dict:
-        return {"name": f"block{k}", "clamp": ["bottom"] if k == 1 else [] if loose else ["left"],
-                "mesh": {"shape": "quadrilateral", "divisions": [3 * n, n],
-                         "corners": [[0.0, k - 1.0], [3.0, k - 1.0], [3.0, float(k)], [0.0, float(k)]]},
-                "material": {"young": 2.119e11, "poisson": 0.277},
-                "traction": [{"on": "top", "value": [3.0e6, -6.0e7]}] if k == blocks else []}
 
-    return {"title": f"tower of {blocks} blocks", "body": [block(k + 1) for k in range(blocks)],
-            "contact": [{"bodies": [f"block{k + 1}", f"block{k}"], "on": ["bottom", "top"],
-                         "friction": {"law": "coulomb", "coefficient": 0.3}} for k in range(1, blocks)],
-            "method": method}
+    def block(k: int) -> dict:
+        return {
+            "name": f"block{k}",
+            "clamp": ["bottom"] if k == 1 else [] if loose else ["left"],
+            "mesh": {
+                "shape": "quadrilateral",
+                "divisions": [3 * n, n],
+                "corners": [[0.0, k - 1.0], [3.0, k - 1.0], [3.0, float(k)], [0.0, float(k)]],
+            },
+            "material": {"young": 2.119e11, "poisson": 0.277},
+            "traction": [{"on": "top", "value": [3.0e6, -6.0e7]}] if k == blocks else [],
+        }
+
+    return {
+        "title": f"tower of {blocks} blocks",
+        "body": [block(k + 1) for k in range(blocks)],
+        "contact": [
+            {
+                "bodies": [f"block{k + 1}", f"block{k}"],
+                "on": ["bottom", "top"],
+                "friction": {"law": "coulomb", "coefficient": 0.3},
+            }
+            for k in range(1, blocks)
+        ],
+        "method": method,
+    }
 
 
 @dataclass(frozen=True)
@@ -176,13 +238,18 @@ class Stack:
     def slip_bound(self) -> float:
         """Largest tangential stress (Pa); Tresca's holds whether the gap is open or not."""
         law = self.friction["law"]
-        return {"coulomb": self.friction.get("coefficient", 0.0) * self.pressure,
-                "tresca": self.friction.get("slip_bound", 0.0), "none": 0.0}[law]
+        return {
+            "coulomb": self.friction.get("coefficient", 0.0) * self.pressure,
+            "tresca": self.friction.get("slip_bound", 0.0),
+            "none": 0.0,
+        }[law]
 
     @property
     def shear(self) -> float:
         """τ = min(U / (H₁/G₁ + H₂/G₂), bound), with the sign of U, Pa."""
-        return float(np.clip(self.shift / self._shear_compliance, -self.slip_bound, self.slip_bound))
+        return float(
+            np.clip(self.shift / self._shear_compliance, -self.slip_bound, self.slip_bound)
+        )
 
     @property
     def slip(self) -> float:
@@ -221,11 +288,17 @@ class Stack:
         return constant + np.multiply.outer(points[:, 1], slope)
 
     def scene(self, **method) -> dict:
-        return {"body": [self._body("upper"), self._body("lower")],
-                "contact": [{"bodies": [self.first, "lower" if self.first == "upper" else "upper"],
-                             "on": ["bottom", "top"] if self.first == "upper" else ["top", "bottom"],
-                             "friction": self.friction}],
-                "method": method}
+        return {
+            "body": [self._body("upper"), self._body("lower")],
+            "contact": [
+                {
+                    "bodies": [self.first, "lower" if self.first == "upper" else "upper"],
+                    "on": ["bottom", "top"] if self.first == "upper" else ["top", "bottom"],
+                    "friction": self.friction,
+                }
+            ],
+            "method": method,
+        }
 
     def _body(self, name: str) -> dict:
         block, (x, y) = self.blocks[name], self.corner
@@ -237,14 +310,29 @@ class Stack:
         across = -block.side_ratio(self.plane) * self.pressure
         constant, slope = self.field(name)
         affine = {c: {"constant": constant[i], "y_slope": slope[i]} for i, c in enumerate("xy")}
-        sides = {"rollers": {"clamp": [{"on": on, "x": 0.0} for on in ("left", "right")]},
-                 "displacements": {"clamp": [{"on": on, **affine} for on in ("left", "right")]},
-                 "tractions": {"traction": [{"on": on, "value": [sign * across, sign * self.shear]}
-                                            for on, sign in (("right", 1.0), ("left", -1.0))]}}[self.sides]
-        return {"name": name, "clamp": clamp + sides.get("clamp", []), "traction": sides.get("traction", []),
-                "mesh": {"shape": "rectangle", "origin": [x, y], "size": [self.width, block.height],
-                         "divisions": [self.n, self.n], "order": self.order},
-                "material": {"young": block.young, "poisson": block.poisson, "plane": self.plane}}
+        sides = {
+            "rollers": {"clamp": [{"on": on, "x": 0.0} for on in ("left", "right")]},
+            "displacements": {"clamp": [{"on": on, **affine} for on in ("left", "right")]},
+            "tractions": {
+                "traction": [
+                    {"on": on, "value": [sign * across, sign * self.shear]}
+                    for on, sign in (("right", 1.0), ("left", -1.0))
+                ]
+            },
+        }[self.sides]
+        return {
+            "name": name,
+            "clamp": clamp + sides.get("clamp", []),
+            "traction": sides.get("traction", []),
+            "mesh": {
+                "shape": "rectangle",
+                "origin": [x, y],
+                "size": [self.width, block.height],
+                "divisions": [self.n, self.n],
+                "order": self.order,
+            },
+            "material": {"young": block.young, "poisson": block.poisson, "plane": self.plane},
+        }
 
 
 def confined_blocks(n: int, gap: float, friction: dict | None = None, **changes) -> Stack:
@@ -341,21 +429,40 @@ def solve_scene(comm, scene: dict) -> dict:
     interface, own = state.interface, []
     for body in assembly.bodies:
         u = solution.displacements[body.spec.name]
-        own.append({"name": body.spec.name, "points": body.mesh.points, "u": u,
-                    "energy": estimate_error(body.mesh, body.material, u,
-                                              body.member.elasticity.acting.heated).energy / 2,
-                    "n_A": body.member.C.count.total()})
+        own.append(
+            {
+                "name": body.spec.name,
+                "points": body.mesh.points,
+                "u": u,
+                "energy": estimate_error(
+                    body.mesh, body.material, u, body.member.elasticity.acting.heated
+                ).energy
+                / 2,
+                "n_A": body.member.C.count.total(),
+            }
+        )
     bodies = [each for rank in comm.allgather(own) for each in rank]
     energies = {b["name"]: b["energy"] for b in bodies}
-    return {"certified": solution.certified, "reason": solution.reason,
-            "outer_iterations": len(solution.outer.history),
-            "n_A": sum(b["n_A"] for b in bodies), "n_A_by_body": {b["name"]: b["n_A"] for b in bodies},
-            "n": assembly.n, "m": interface.m, "sliding": interface.sliding, "length": interface.area,
-            "normal_force": state.normal_force, "tangential_force": state.tangential_force[:, 0],
-            "gap": state.gap, "slip": state.slip[:, 0], "status": state.status.tolist(),
-            "certificate": {kind: value for kind, (value, _) in solution.certificate.worst().items()},
-            "limit": solution.limit, "energy": [energies[name] for name in interface.bodies],
-            "body": {b["name"]: (b["points"], b["u"]) for b in bodies}}
+    return {
+        "certified": solution.certified,
+        "reason": solution.reason,
+        "outer_iterations": len(solution.outer.history),
+        "n_A": sum(b["n_A"] for b in bodies),
+        "n_A_by_body": {b["name"]: b["n_A"] for b in bodies},
+        "n": assembly.n,
+        "m": interface.m,
+        "sliding": interface.sliding,
+        "length": interface.area,
+        "normal_force": state.normal_force,
+        "tangential_force": state.tangential_force[:, 0],
+        "gap": state.gap,
+        "slip": state.slip[:, 0],
+        "status": state.status.tolist(),
+        "certificate": {kind: value for kind, (value, _) in solution.certificate.worst().items()},
+        "limit": solution.limit,
+        "energy": [energies[name] for name in interface.bodies],
+        "body": {b["name"]: (b["points"], b["u"]) for b in bodies},
+    }
 
 
 # As a child process
@@ -399,8 +506,12 @@ class Run:
         with open(self.folder / name, newline="", encoding="utf-8") as file:
             header, *rows = csv.reader(file)
         columns = zip(*rows, strict=True)
-        return {key: np.array(column) if key in ("status", "contact", "body") else np.array(column, float)
-                for key, column in zip(header, columns, strict=True)}
+        return {
+            key: np.array(column)
+            if key in ("status", "contact", "body")
+            else np.array(column, float)
+            for key, column in zip(header, columns, strict=True)
+        }
 
 
 def own_lines(stderr: str) -> str:
@@ -415,30 +526,57 @@ def clean_environment() -> dict[str, str]:
     After MPI_Abort, Open MPI 4 gives the other ranks a second to end. Told to kill them at once
     (odls_base_sigkill_timeout 0), it deadlocked in PMIx_server_finalize in one or two of a hundred starts.
     """
-    environment = {key: value for key, value in os.environ.items()
-                   if not key.startswith(("OMPI_", "PMIX_", "PRTE_", "PMI_", "ORTE_", "OPAL_", "PYTEST_"))}
-    environment |= {"OMPI_MCA_rmaps_base_oversubscribe": "1",
-                    "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe",
-                    "OMPI_MCA_reachable": "weighted", "OMPI_MCA_pml": "ob1", "OMPI_MCA_mpi_yield_when_idle": "1",
-                    "OMP_NUM_THREADS": "1", "MPLBACKEND": "agg", "PYTHONUNBUFFERED": "1"}
-    environment["PYTHONPATH"] = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
+    environment = {
+        key: value
+        for key, value in os.environ.items()
+        if not key.startswith(("OMPI_", "PMIX_", "PRTE_", "PMI_", "ORTE_", "OPAL_", "PYTEST_"))
+    }
+    environment |= {
+        "OMPI_MCA_rmaps_base_oversubscribe": "1",
+        "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe",
+        "OMPI_MCA_reachable": "weighted",
+        "OMPI_MCA_pml": "ob1",
+        "OMPI_MCA_mpi_yield_when_idle": "1",
+        "OMP_NUM_THREADS": "1",
+        "MPLBACKEND": "agg",
+        "PYTHONUNBUFFERED": "1",
+    }
+    environment["PYTHONPATH"] = os.pathsep.join(
+        [str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
+    )
     if os.getuid() == 0:
         for name in ("OMPI_ALLOW_RUN_AS_ROOT", "PRTE_ALLOW_RUN_AS_ROOT"):
             environment |= {name: "1", f"{name}_CONFIRM": "1"}
     return environment
 
 
-def run_python(arguments: list[str], ranks: int = 2, folder: Path | None = None, cwd: Path | None = None,
-               quiet: bool = True, limit: float = LIMIT) -> Run:
+def run_python(
+    arguments: list[str],
+    ranks: int = 2,
+    folder: Path | None = None,
+    cwd: Path | None = None,
+    quiet: bool = True,
+    limit: float = LIMIT,
+) -> Run:
     """``mpirun -n RANKS python ARGUMENTS``; an AssertionError when it has not ended after `limit` seconds.
 
     Unless `quiet`, mpirun says what it has to say of a rank that was killed, also where it is told to be quiet.
     Open MPI 5 ends what it says about a run that failed with a zero byte, which is taken out.
     """
-    launcher = [word for word in os.environ.get("MPIRUN", "mpirun").split() if quiet or word != "--quiet"]
+    launcher = [
+        word for word in os.environ.get("MPIRUN", "mpirun").split() if quiet or word != "--quiet"
+    ]
     command = [*launcher, "-n", str(ranks), sys.executable, *arguments]
-    with subprocess.Popen(command, env=clean_environment(), cwd=cwd, text=True, encoding="utf-8",
-                          stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as child:
+    with subprocess.Popen(
+        command,
+        env=clean_environment(),
+        cwd=cwd,
+        text=True,
+        encoding="utf-8",
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    ) as child:
         try:
             stdout, stderr = child.communicate(timeout=limit)
         except subprocess.TimeoutExpired:
@@ -448,7 +586,9 @@ def run_python(arguments: list[str], ranks: int = 2, folder: Path | None = None,
             except subprocess.TimeoutExpired:
                 child.kill()
                 stdout, stderr = child.communicate()
-            raise AssertionError(f"still running after {limit:g} s: {' '.join(command)}\n{stdout}{stderr}") from None
+            raise AssertionError(
+                f"still running after {limit:g} s: {' '.join(command)}\n{stdout}{stderr}"
+            ) from None
     return Run(child.returncode, stdout, stderr.replace("\0", ""), folder)
 
 
@@ -460,11 +600,22 @@ def is_alive(process: str) -> bool:
         return False
 
 
-def run_command(scene: Path | str, folder: Path, *arguments: str, ranks: int = 2, cwd: Path | None = None,
-                limit: float = LIMIT) -> Run:
+def run_command(
+    scene: Path | str,
+    folder: Path,
+    *arguments: str,
+    ranks: int = 2,
+    cwd: Path | None = None,
+    limit: float = LIMIT,
+) -> Run:
     """``mpirun -n RANKS python -m ddmpi run SCENE --output FOLDER ARGUMENTS``."""
-    return run_python(["-m", "ddmpi", "run", str(scene), "--output", str(folder), *arguments], ranks, folder, cwd,
-                      limit=limit)
+    return run_python(
+        ["-m", "ddmpi", "run", str(scene), "--output", str(folder), *arguments],
+        ranks,
+        folder,
+        cwd,
+        limit=limit,
+    )
 
 
 def run_here(scene: Path | str, folder: Path, *arguments: str) -> Run:
@@ -484,10 +635,17 @@ def call(*arguments: str, folder: Path | None = None) -> Run:
 
     own, petsc = cli.split_arguments(list(arguments))
     assert not petsc, "PETSc reads its options once in a process"
-    before, noted = {number: signal.getsignal(number) for number in interrupt.SIGNALS}, dict(interrupt._handlers)
+    before, noted = (
+        {number: signal.getsignal(number) for number in interrupt.SIGNALS},
+        dict(interrupt._handlers),
+    )
     stdout, stderr = io.StringIO(), io.StringIO()
-    with (logs.told_by_first(0, False), contextlib.redirect_stdout(stdout), contextlib.redirect_stderr(stderr),
-          mock.patch("gc.freeze")):  # what tests have left is no part of the start of a process
+    with (
+        logs.told_by_first(0, False),
+        contextlib.redirect_stdout(stdout),
+        contextlib.redirect_stderr(stderr),
+        mock.patch("gc.freeze"),
+    ):  # what tests have left is no part of the start of a process
         try:
             code = cli._main(MPI.COMM_SELF, own, petsc)
         finally:

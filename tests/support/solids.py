@@ -14,8 +14,17 @@ SIDES = ("left", "right", "front", "back", "bottom", "top")
 
 
 def body(material=STEEL, **rest) -> BodySpec:
-    return BodySpec(**({"name": "block", "mesh": MeshSpec(file="unused.msh"), "material": material,
-                         "volume_force": (0.0, 0.0, 0.0)} | rest))
+    return BodySpec(
+        **(
+            {
+                "name": "block",
+                "mesh": MeshSpec(file="unused.msh"),
+                "material": material,
+                "volume_force": (0.0, 0.0, 0.0),
+            }
+            | rest
+        )
+    )
 
 
 def solve(mesh: Mesh, spec: BodySpec) -> np.ndarray:
@@ -32,14 +41,18 @@ def hold(on: str, *values: float | str | None) -> Clamp:
 
 def grid(divisions: tuple[int, int, int]) -> Mesh:
     """The unit cube, each cell of a grid cut into six tetrahedra."""
-    return generate_rectangle(MeshSpec(shape="box", origin=(0.0,) * 3, size=(1.0,) * 3, divisions=divisions))
+    return generate_rectangle(
+        MeshSpec(shape="box", origin=(0.0,) * 3, size=(1.0,) * 3, divisions=divisions)
+    )
 
 
 def box(divisions=(3, 2, 2), size=(1.0, 1.0, 1.0), order=1, jitter=0.0) -> Mesh:
     """A box whose inner nodes are moved at random by up to `jitter` of a cell."""
     mesh = grid(divisions)
     inner = ((mesh.points > 0.0) & (mesh.points < 1.0)).all(axis=1)
-    mesh.points[inner] += jitter * np.random.default_rng(1).uniform(-1, 1, (inner.sum(), 3)) / divisions
+    mesh.points[inner] += (
+        jitter * np.random.default_rng(1).uniform(-1, 1, (inner.sum(), 3)) / divisions
+    )
     mesh = Mesh(mesh.points * size, mesh.triangles, mesh.groups)
     return raise_order(mesh, "mesh") if order == 2 else mesh
 
@@ -48,7 +61,9 @@ def wavy() -> Mesh:
     """A cube of order 2 of which some edges, on the boundary and inside, are bent in all directions."""
     mesh = box((2, 2, 2), order=2, jitter=0.1)
     at = mesh.points[mesh.triangles[:, 4:]]
-    bends = 0.02 * np.sin(at @ np.array([[11.0, 7.0, 3.0], [5.0, 13.0, 2.0], [1.0, 4.0, 9.0]]) + [0.3, 1.1, 0.7])
+    bends = 0.02 * np.sin(
+        at @ np.array([[11.0, 7.0, 3.0], [5.0, 13.0, 2.0], [1.0, 4.0, 9.0]]) + [0.3, 1.1, 0.7]
+    )
     return bend(mesh, np.where(at[..., :1] > 0.4, bends, 0.0))
 
 
@@ -63,9 +78,12 @@ def shell(n: int, radii=(0.5, 1.0), order=2) -> Mesh:
     both = np.concatenate([np.roll(points, k, axis=1) for k in range(3)])
     _, first, number = np.unique(np.round(both, 9), axis=0, return_index=True, return_inverse=True)
     number = number.reshape(3, -1)
-    groups = {name: np.concatenate([part[cube.groups[side]] for part in number])
-              for name, side in (("inner", "left"), ("outer", "right"))}
+    groups = {
+        name: np.concatenate([part[cube.groups[side]] for part in number])
+        for name, side in (("inner", "left"), ("outer", "right"))
+    }
     for k, name in enumerate("xyz"):
-        groups[name] = np.concatenate([number[(k - 1) % 3][cube.groups["front"]],
-                                       number[(k - 2) % 3][cube.groups["bottom"]]])
+        groups[name] = np.concatenate(
+            [number[(k - 1) % 3][cube.groups["front"]], number[(k - 2) % 3][cube.groups["bottom"]]]
+        )
     return Mesh(both[first], np.concatenate([part[cube.triangles] for part in number]), groups)

@@ -25,7 +25,10 @@ VALUES = {
     "k=none, step1": ["none", "step1"],
     "k=[66,22],[132, 44]": ["[66,22]", "[132, 44]"],
     'k="a,b",c': ['"a,b"', "c"],
-    'k={law="none"},{law="tresca", slip_bound=1e7}': ['{law="none"}', '{law="tresca", slip_bound=1e7}'],
+    'k={law="none"},{law="tresca", slip_bound=1e7}': [
+        '{law="none"}',
+        '{law="tresca", slip_bound=1e7}',
+    ],
     "k=meshes/a:b.msh": ["meshes/a:b.msh"],
     "k=true": ["true"],
 }
@@ -36,20 +39,47 @@ def test_values(text):
     assert parse_axis(text)[1] == VALUES[text]
 
 
-MALFORMED = ["method.theta", "=1,2", "a,=3", "k=", "k=1,,2", "k=1:2", "k=1:2:3:4", "k=1:x:3", "k=1:2:1", "k=1:2:2.5",
-             "k=-1:1:3:log", "k=1:2:100000000000"]
+MALFORMED = [
+    "method.theta",
+    "=1,2",
+    "a,=3",
+    "k=",
+    "k=1,,2",
+    "k=1:2",
+    "k=1:2:3:4",
+    "k=1:x:3",
+    "k=1:2:1",
+    "k=1:2:2.5",
+    "k=-1:1:3:log",
+    "k=1:2:100000000000",
+]
 REFUSED = [
-    ((), ["--vary"]), *(((text,), [f"--vary {text}: expected KEY=first:last:number"]) for text in MALFORMED),
-    (("method.thetta=0.1,0.2",), ["--vary method.thetta=0.1", "scene.toml", "unknown key", "'theta'"]),
-    (("body.uper.material.young=1e9,2e9",), ["--vary body.uper.material.young=1e9", "'uper'", "'upper'"]),
+    ((), ["--vary"]),
+    *(((text,), [f"--vary {text}: expected KEY=first:last:number"]) for text in MALFORMED),
+    (
+        ("method.thetta=0.1,0.2",),
+        ["--vary method.thetta=0.1", "scene.toml", "unknown key", "'theta'"],
+    ),
+    (
+        ("body.uper.material.young=1e9,2e9",),
+        ["--vary body.uper.material.young=1e9", "'uper'", "'upper'"],
+    ),
     (("method.theta=0.1,-1",), ["--vary method.theta=-1", "method.theta", "> 0"]),
-    (("method.max_iterations=1:10:3",), ["--vary method.max_iterations=5.5", "method.max_iterations"]),
+    (
+        ("method.max_iterations=1:10:3",),
+        ["--vary method.max_iterations=5.5", "method.max_iterations"],
+    ),
     (("method.theta=0.1:1:1000", "contact.0.friction.coefficient=0:1:1000"), ["1000000 cases"]),
     # a value given twice, or a key that another --vary sets, makes two equal cases
     (("method.theta=0.1,0.10",), ["method.theta=0.1 and method.theta=0.10 are the same"]),
-    (("method.theta=1:1.0:3",), ["are the same"]), (("method.theta=0.1,0.2", "method.theta=0.3"), ["are the same"]),
+    (("method.theta=1:1.0:3",), ["are the same"]),
+    (("method.theta=0.1,0.2", "method.theta=0.3"), ["are the same"]),
     (("body.0.material.young=1e9,2e9", "body.upper.material.young=3e9"), ["are the same"]),
-    (("contact.0.friction.coefficient=0.1,0.2", 'contact.0.friction={law="none"}'), ["are the same"])]
+    (
+        ("contact.0.friction.coefficient=0.1,0.2", 'contact.0.friction={law="none"}'),
+        ["are the same"],
+    ),
+]
 
 
 @pytest.mark.parametrize(("varied", "words"), REFUSED)
@@ -61,49 +91,77 @@ def test_refused(varied, words):
 
 def test_a_table_and_then_an_entry_of_it():
     assert len(build("petsc.a=true,1")) == 2
-    cases = build('petsc={-a=1},{a=2, b=3}', "petsc.c=true,false", "body.0.material={young=1e9, poisson=0}")
-    assert [case.scene.petsc for case in cases] == [{"-a": 1, "c": True}, {"-a": 1, "c": False},
-                                                    {"a": 2, "b": 3, "c": True}, {"a": 2, "b": 3, "c": False}]
+    cases = build(
+        "petsc={-a=1},{a=2, b=3}", "petsc.c=true,false", "body.0.material={young=1e9, poisson=0}"
+    )
+    assert [case.scene.petsc for case in cases] == [
+        {"-a": 1, "c": True},
+        {"-a": 1, "c": False},
+        {"a": 2, "b": 3, "c": True},
+        {"a": 2, "b": 3, "c": False},
+    ]
 
 
 def test_all_combinations_the_last_key_fastest():
     cases = build("contact.0.friction.coefficient=0.1,0.2", "method.theta=0.1:0.3:3")
     assert [case.number for case in cases] == list(range(6))
-    assert [tuple(case.values.values()) for case in cases] == [(f, t) for f in (0.1, 0.2) for t in (0.1, 0.2, 0.3)]
-    assert [(case.scene.contact[0].friction.coefficient, case.scene.method.theta) for case in cases] == [
-        tuple(case.values.values()) for case in cases]
+    assert [tuple(case.values.values()) for case in cases] == [
+        (f, t) for f in (0.1, 0.2) for t in (0.1, 0.2, 0.3)
+    ]
+    assert [
+        (case.scene.contact[0].friction.coefficient, case.scene.method.theta) for case in cases
+    ] == [tuple(case.values.values()) for case in cases]
 
 
 def test_keys_that_vary_together():
     cases = build("body.upper.mesh.divisions,body.lower.mesh.divisions=[6,2],[12,4]")
-    assert [[body.mesh.divisions for body in case.scene.body] for case in cases] == [[(6, 2)] * 2, [(12, 4)] * 2]
+    assert [[body.mesh.divisions for body in case.scene.body] for case in cases] == [
+        [(6, 2)] * 2,
+        [(12, 4)] * 2,
+    ]
 
 
 def test_integers_stay_integers_and_settings_come_first():
-    case = build("method.max_iterations=3:5:3", settings=("method.max_iterations=7", "method.theta=0.5"))[1]
-    assert case.scene.method.max_iterations == 4 and isinstance(case.values["method.max_iterations"], int)
+    case = build(
+        "method.max_iterations=3:5:3", settings=("method.max_iterations=7", "method.theta=0.5")
+    )[1]
+    assert case.scene.method.max_iterations == 4 and isinstance(
+        case.values["method.max_iterations"], int
+    )
     assert case.scene.method.theta == 0.5
 
 
 def test_folders_tell_cases_apart_and_stay_when_the_sweep_grows():
     """They are readable, and contain nothing that a file system would refuse."""
-    case, = build("method.theta=0.1", "body.upper.mesh.divisions,body.lower.mesh.divisions=[6,2]")
+    (case,) = build("method.theta=0.1", "body.upper.mesh.divisions,body.lower.mesh.divisions=[6,2]")
     assert case.folder == "method.theta=0.1,body.upper.mesh.divisions=6x2"
     long = [f'"{"x" * 200}{k}"' for k in range(2)]
     few = build("method.theta=0.1,0.2", f"title=a b,a_b,[a b],{','.join(long)}")
     folders = [case.folder for case in few]
     assert len(set(folders)) == len(few)
     for folder in folders:
-        assert all(c.isascii() and (c.isalnum() or c in ".,=+-_") for c in folder) and len(folder) < 200
+        assert (
+            all(c.isascii() and (c.isalnum() or c in ".,=+-_") for c in folder)
+            and len(folder) < 200
+        )
     assert build("method.theta=0.1,0.2,0.3", "title=a_b,c")[2].folder == next(
-        case.folder for case in few if tuple(case.values.values()) == (0.2, "a_b"))
+        case.folder for case in few if tuple(case.values.values()) == (0.2, "a_b")
+    )
 
 
 def test_long_names_of_plots_are_cut():
     """Whatever the lengths of names in keys; what is cut differs as the whole does."""
-    names = [f"contacts.{'é' * length}.pressure_max-{key}" for length in (9, 99) for key in ("x" * 80, "y" * 80)]
+    names = [
+        f"contacts.{'é' * length}.pressure_max-{key}"
+        for length in (9, 99)
+        for key in ("x" * 80, "y" * 80)
+    ]
     found = [cut(name, name) for name in names]
-    assert found[:2] == names[:2] and len(set(found)) == 4 and all(len(name.encode()) < 200 for name in found)
+    assert (
+        found[:2] == names[:2]
+        and len(set(found)) == 4
+        and all(len(name.encode()) < 200 for name in found)
+    )
 
 
 def test_cases_that_would_share_a_folder(monkeypatch):
@@ -113,8 +171,10 @@ def test_cases_that_would_share_a_folder(monkeypatch):
         build(f"title={'x' * 200}0,{'x' * 200}1")
 
 
-@pytest.mark.parametrize(("index", "numbers"), [(None, range(7)), ("0", [0]), ("6", [6]), ("1/3", [1, 4]),
-                                                ("0/1", range(7)), ("8/9", [])])
+@pytest.mark.parametrize(
+    ("index", "numbers"),
+    [(None, range(7)), ("0", [0]), ("6", [6]), ("1/3", [1, 4]), ("0/1", range(7)), ("8/9", [])],
+)
 def test_index(index, numbers):
     cases = build("method.theta=0.1:0.7:7")
     assert [case.number for case in choose(cases, index)] == list(numbers)

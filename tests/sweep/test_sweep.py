@@ -23,7 +23,10 @@ from ddmpi.system.provenance import whereabouts
 
 pytestmark = pytest.mark.slow
 
-COEFFICIENT, NEUMANN = "contact.0.friction.coefficient", "ddmpi.published.published.Subproblem.neumann"
+COEFFICIENT, NEUMANN = (
+    "contact.0.friction.coefficient",
+    "ddmpi.published.published.Subproblem.neumann",
+)
 
 
 def run_sweep(scene: Path, folder: Path, *arguments: str, ranks: int | None = None) -> Run:
@@ -51,9 +54,16 @@ def small(tmp_path_factory) -> Path:
 
 # One sweep in which cases end in every way
 
-MIXED = ["--set", "petsc.body_ksp_type=cg", "petsc.body_pc_type=none", "contact.0.pairing=nodes",
-         "--vary", "body.upper.mesh.divisions=[7,2],[6,2]", "petsc.body_ksp_max_it=3,1000",
-         "method.max_iterations=1,500"]
+MIXED = [
+    "--set",
+    "petsc.body_ksp_type=cg",
+    "petsc.body_pc_type=none",
+    "contact.0.pairing=nodes",
+    "--vary",
+    "body.upper.mesh.divisions=[7,2],[6,2]",
+    "petsc.body_ksp_max_it=3,1000",
+    "method.max_iterations=1,500",
+]
 GIVEN = ["-body_ksp_norm_type", "unpreconditioned", "-not_an_option", "7"]
 EXPECTED = ["refused"] * 4 + ["solver failed"] * 2 + ["not converged", "certified"]
 EXITS = {"refused": "2", "solver failed": "4", "not converged": "3", "certified": "0"}
@@ -69,8 +79,10 @@ def test_failing_cases_do_not_stop_the_others(mixed):
     assert mixed.code == 3, mixed.output
     assert [row["status"] for row in rows(mixed)] == EXPECTED
     assert [row["exit"] for row in rows(mixed)] == [EXITS[status] for status in EXPECTED]
-    assert mixed.messages == [f"ddmpi: error: 1 of 8 cases in {mixed.folder} have a certified answer; 4 refused, "
-                              "2 solver failed, 1 not converged"]
+    assert mixed.messages == [
+        f"ddmpi: error: 1 of 8 cases in {mixed.folder} have a certified answer; 4 refused, "
+        "2 solver failed, 1 not converged"
+    ]
     lines = [line for line in mixed.stdout.splitlines() if re.match(r"\d/8  case ", line)]
     assert [line.partition("  case ")[2][0] for line in lines] == list("01234567")
     assert all(f": {status}" in line for line, status in zip(lines, EXPECTED, strict=True))
@@ -97,15 +109,23 @@ def test_the_table_has_reasons_and_repeats_the_summaries(mixed):
 
 def test_as_if_it_had_run_alone(mixed, small, tmp_path):
     """The same numbers to the last bit as the command makes, after six failures in the same processes."""
-    alone = scenes.run_command(small, tmp_path / "alone", *MIXED[:4], "petsc.body_ksp_max_it=1000", "--no-figures",
-                               "-body_ksp_norm_type", "unpreconditioned")
+    alone = scenes.run_command(
+        small,
+        tmp_path / "alone",
+        *MIXED[:4],
+        "petsc.body_ksp_max_it=1000",
+        "--no-figures",
+        "-body_ksp_norm_type",
+        "unpreconditioned",
+    )
     assert alone.code == 0, alone.output
     swept = mixed.folder / rows(mixed)[7]["folder"]
     for name in ("contact_upper-lower.csv", "history.csv"):
         assert (swept / name).read_bytes() == (alone.folder / name).read_bytes()
     summary = json.loads((swept / "summary.json").read_text())
-    assert {name: value for name, value in summary["options"].items() if name != "not_an_option"} == \
-        alone.summary["options"]
+    assert {
+        name: value for name, value in summary["options"].items() if name != "not_an_option"
+    } == alone.summary["options"]
     assert summary["options_unused"] == ["not_an_option"]
 
 
@@ -114,7 +134,9 @@ def test_again_only_what_has_no_results(mixed, small):
     listed = run_sweep(small, mixed.folder, *MIXED, *GIVEN, "--list")
     assert listed.code == 0 and listed.own_stderr == ""
     assert [line.split()[0] for line in listed.stdout.splitlines()] == list("01234567")
-    assert all(status in line for line, status in zip(listed.stdout.splitlines(), EXPECTED, strict=True))
+    assert all(
+        status in line for line, status in zip(listed.stdout.splitlines(), EXPECTED, strict=True)
+    )
     before = {path: stamp(path) for path in mixed.folder.glob("*/summary.json")}
     assert len(before) == 2
     again = run_sweep(small, mixed.folder, *MIXED, *GIVEN)
@@ -130,16 +152,26 @@ def test_another_sweep_is_refused(mixed, small):
     before = {path: stamp(path) for path in mixed.folder.rglob("*")}
     run = run_sweep(small, mixed.folder, *MIXED, *GIVEN, "-body_ksp_rtol", "1e-3")
     assert run.code == 2
-    assert len(run.messages) == 1 and all(word in run.messages[0] for word in ("PETSc options", "to another sweep"))
+    assert len(run.messages) == 1 and all(
+        word in run.messages[0] for word in ("PETSc options", "to another sweep")
+    )
     assert {path: stamp(path) for path in mixed.folder.rglob("*")} == before
 
 
 # Refused before any work
 
 
-@pytest.mark.parametrize(("arguments", "ranks", "words"), [
-    (["--vary", "method.thetta=0.1,0.2"], 2, ["--vary method.thetta=0.1", "'theta'"]),
-    (["--vary", f"{COEFFICIENT}=0.1:0.3:3", "--set", "method.outer=relaxation"], None, ["mpirun -n 2"])])
+@pytest.mark.parametrize(
+    ("arguments", "ranks", "words"),
+    [
+        (["--vary", "method.thetta=0.1,0.2"], 2, ["--vary method.thetta=0.1", "'theta'"]),
+        (
+            ["--vary", f"{COEFFICIENT}=0.1:0.3:3", "--set", "method.outer=relaxation"],
+            None,
+            ["mpirun -n 2"],
+        ),
+    ],
+)
 def test_bad_input(small, tmp_path, arguments, ranks, words):
     run = run_sweep(small, tmp_path / "out", *arguments, ranks=ranks)
     assert run.code == 2
@@ -147,7 +179,9 @@ def test_bad_input(small, tmp_path, arguments, ranks, words):
     assert not run.folder.exists()
 
 
-@pytest.mark.parametrize("varied", ["output.cut.x=1.0,9.0", "body.upper.mesh.origin=[0,1,0],[1e20,1,0]"])
+@pytest.mark.parametrize(
+    "varied", ["output.cut.x=1.0,9.0", "body.upper.mesh.origin=[0,1,0],[1e20,1,0]"]
+)
 def test_what_only_meshes_show_is_refused_in_its_case_alone(tmp_path, varied):
     """A cut that meets no body, and a mesh of cells without a volume, do not end the sweep."""
     boxes = two_boxes(2) | {"output": {"figures": False, "cut": {"x": 1.0}}}
@@ -163,8 +197,10 @@ def test_tasks_of_an_array_share_a_folder(small, tmp_path):
     """Tasks that start at once run disjoint cases of one sweep in one folder."""
     arguments = ["--vary", f"{COEFFICIENT}=0.1:0.3:3"]
     with ThreadPoolExecutor() as pool:
-        tasks = [pool.submit(run_sweep, small, tmp_path / "out", *arguments, "--index", index, ranks=1)
-                 for index in ("0/2", "1/2")]
+        tasks = [
+            pool.submit(run_sweep, small, tmp_path / "out", *arguments, "--index", index, ranks=1)
+            for index in ("0/2", "1/2")
+        ]
         runs = [task.result() for task in tasks]
     assert [run.code for run in runs] == [0, 0], "".join(run.output for run in runs)
     assert not (tmp_path / "out" / "sweep.csv").exists()
@@ -184,22 +220,33 @@ def test_a_case_that_another_process_runs_is_left_to_it(small, tmp_path):
     claim.mkdir(parents=True)
     run = run_sweep(small, tmp_path / "out", *arguments, ranks=1)
     assert run.code == 3 and "1 of 2 cases" in run.messages[0], run.output
-    assert f"is left to another process ({whereabouts()})" in run.stdout and list(place.iterdir()) == [claim.parent]
+    assert f"is left to another process ({whereabouts()})" in run.stdout and list(
+        place.iterdir()
+    ) == [claim.parent]
     claim.rmdir()
     assert run_sweep(small, tmp_path / "out", *arguments).code == 0
 
 
 def test_a_single_case_ends_with_its_own_exit_code(small, tmp_path):
-    run = run_sweep(small, tmp_path / "out", "--set", "contact.0.pairing=nodes", "--vary",
-                    "body.upper.mesh.divisions=[7,2],[6,2]", "--index", "0")
+    run = run_sweep(
+        small,
+        tmp_path / "out",
+        "--set",
+        "contact.0.pairing=nodes",
+        "--vary",
+        "body.upper.mesh.divisions=[7,2],[6,2]",
+        "--index",
+        "0",
+    )
     assert run.code == 2
     assert len(run.messages) == 1 and "contact.upper-lower" in run.messages[0]
 
 
 def inject(small: Path, folder: Path, target: str, call: int, what: str, *arguments: str) -> Run:
     faults = [(1, target, call, what, str(folder), [])]
-    return scenes.run_python([fault.__file__, json.dumps(faults), "sweep", str(small), *arguments],
-                             folder=folder)
+    return scenes.run_python(
+        [fault.__file__, json.dumps(faults), "sweep", str(small), *arguments], folder=folder
+    )
 
 
 def test_a_crash_costs_one_case(small, tmp_path):
@@ -233,7 +280,13 @@ def test_no_case_is_started_after_a_signal(small, tmp_path, monkeypatch):
 
 
 def test_a_signal_ends_the_sweep_and_the_next_start_continues_the_case(small, tmp_path):
-    arguments = ["--set", "method.outer=relaxation", "method.tolerance=1e-3", "--vary", f"{COEFFICIENT}=0.1:0.3:3"]
+    arguments = [
+        "--set",
+        "method.outer=relaxation",
+        "method.tolerance=1e-3",
+        "--vary",
+        f"{COEFFICIENT}=0.1:0.3:3",
+    ]
     whole = run_sweep(small, tmp_path / "whole", *arguments, ranks=2)
     assert whole.code == 0, whole.output
     # in the middle of the second case: every case has the same calls or more
@@ -250,8 +303,9 @@ def test_a_signal_ends_the_sweep_and_the_next_start_continues_the_case(small, tm
     assert "continuing after iteration" in (run.folder / case / "run.log").read_text()
     for row in rows(again):
         for name in ("contact_upper-lower.csv", "history.csv"):
-            assert (run.folder / row["folder"] / name).read_bytes() == \
-                (whole.folder / row["folder"] / name).read_bytes()
+            assert (run.folder / row["folder"] / name).read_bytes() == (
+                whole.folder / row["folder"] / name
+            ).read_bytes()
 
 
 # PETSc's options
@@ -267,7 +321,11 @@ def test_options_do_not_leak_from_case_to_case(petsc_options):
     database = PETSc.Options()
     options, outside = RunOptions(), database.getAll()
     options.use({"own": 2, "given": 3, "flag": True, "-dash": False})
-    assert database.getAll() == outside | {"own": "2", "flag": None, "dash": "false"}  # the command line wins
+    assert database.getAll() == outside | {
+        "own": "2",
+        "flag": None,
+        "dash": "false",
+    }  # the command line wins
     assert database.getString("own") == "2" and "own" not in unused_options()
     database.setValue("set_by_a_solver", 1)
     options.use({"own": 4})
@@ -282,7 +340,14 @@ def test_options_do_not_leak_from_case_to_case(petsc_options):
 
 def test_find_column():
     """A unique ending of a column's name will do."""
-    names = ["case", "contact.0.friction.coefficient", "n_A", "contacts.a-b.n_A", "seconds.total", "method.theta"]
+    names = [
+        "case",
+        "contact.0.friction.coefficient",
+        "n_A",
+        "contacts.a-b.n_A",
+        "seconds.total",
+        "method.theta",
+    ]
     assert find_column("theta", names, "a plot") == "method.theta"
     assert find_column("n_A", names, "a plot") == "n_A"
     assert find_column("a-b.n_A", names, "a plot") == "contacts.a-b.n_A"
@@ -296,8 +361,13 @@ def table(**columns) -> list[dict]:
     """Rows as `read_table` gives them."""
     fixed = {"status": "certified", "exit": 0, "reason": "", "n_A": 5, "folder": ""}
     length = len(next(iter(columns.values())))
-    return [{"case": k} | {name: values[k] for name, values in columns.items() if "." in name} | fixed
-            | {name: values[k] for name, values in columns.items() if "." not in name} for k in range(length)]
+    return [
+        {"case": k}
+        | {name: values[k] for name, values in columns.items() if "." in name}
+        | fixed
+        | {name: values[k] for name, values in columns.items() if "." not in name}
+        for k in range(length)
+    ]
 
 
 SUMMARY = {"title": "t", "units": units({"output": {"length_unit": "mm", "stress_unit": "MPa"}}, 2)}
@@ -314,32 +384,58 @@ def draw(rows: list[dict], result: str, key: str):
 
 def test_curves():
     """A curve for each value of the other key; keys that vary together count once; only certified answers."""
-    rows = table(**{"a.young": [1, 2, 1, 2], "b.young": [1, 2, 1, 2], "method.theta": [0.1, 0.1, 0.2, 0.2]},
-                 n_A=[10, 20, 30, 40], status=["certified"] * 3 + ["not converged"])
+    rows = table(
+        **{"a.young": [1, 2, 1, 2], "b.young": [1, 2, 1, 2], "method.theta": [0.1, 0.1, 0.2, 0.2]},
+        n_A=[10, 20, 30, 40],
+        status=["certified"] * 3 + ["not converged"],
+    )
     axes = draw(rows, "n_A", "a.young")
     assert [line.get_label() for line in axes.get_legend().get_lines()] == ["0.1", "0.2"]
-    assert [list(zip(*line.get_data(), strict=True)) for line in axes.lines] == [[(1, 10), (2, 20)], [(1, 30)]]
+    assert [list(zip(*line.get_data(), strict=True)) for line in axes.lines] == [
+        [(1, 10), (2, 20)],
+        [(1, 30)],
+    ]
     assert "3 cases, 1 without a certified answer left out" in axes.get_title()
 
 
-@pytest.mark.parametrize(("result", "label"), [
-    ("contacts.tyre-road.normal_force", "normal force of tyre-road (N/mm)"),
-    ("bodies.tyre.energy", "strain energy of tyre (mJ/mm)"),
-    ("body.tyre.traction.0.value.1", "traction value y of tyre"), ("displacement_max", "largest displacement (mm)"),
-    ("seconds.total", "time (s)"), ("n_A", "solves with stiffnesses")])
+@pytest.mark.parametrize(
+    ("result", "label"),
+    [
+        ("contacts.tyre-road.normal_force", "normal force of tyre-road (N/mm)"),
+        ("bodies.tyre.energy", "strain energy of tyre (mJ/mm)"),
+        ("body.tyre.traction.0.value.1", "traction value y of tyre"),
+        ("displacement_max", "largest displacement (mm)"),
+        ("seconds.total", "time (s)"),
+        ("n_A", "solves with stiffnesses"),
+    ],
+)
 def test_labels(result, label):
     """Names have their units, those of the scene; numbers stand by size, words beside each other."""
     varied = {"method.splitting": ["step2", "none", "none"], "k.v": [2e11, 20000000000, 2e9]}
     axes = draw([row | {result: 1.0} for row in table(**varied)], result, "method.splitting")
     assert axes.get_ylabel() == label
     assert [each.get_text() for each in axes.get_xticklabels()] == ["none", "step2"]
-    assert [line.get_label() for line in axes.get_legend().get_lines()] == ["2e+09", "2e+10", "2e+11"]
+    assert [line.get_label() for line in axes.get_legend().get_lines()] == [
+        "2e+09",
+        "2e+10",
+        "2e+11",
+    ]
 
 
-@pytest.mark.parametrize(("values", "scale"), [
-    ([1, 100], "log"), ([1, 20], "linear"), ([2, 9, 50], "log"), ([0.1, 0.2, 0.4, 0.9], "linear"),
-    ([1, 2, 3, 4, 100], "log"), ([1, 60, 70, 80, 100], "linear"), ([0.1, 0.1, 1, 10], "log"),
-    ([0, 1, 100], "linear"), ([-1, 1, 100], "linear")])
+@pytest.mark.parametrize(
+    ("values", "scale"),
+    [
+        ([1, 100], "log"),
+        ([1, 20], "linear"),
+        ([2, 9, 50], "log"),
+        ([0.1, 0.2, 0.4, 0.9], "linear"),
+        ([1, 2, 3, 4, 100], "log"),
+        ([1, 60, 70, 80, 100], "linear"),
+        ([0.1, 0.1, 1, 10], "log"),
+        ([0, 1, 100], "linear"),
+        ([-1, 1, 100], "linear"),
+    ],
+)
 def test_an_axis_on_which_values_crowd(values, scale):
     """An axis is logarithmic where values are far apart and half of them are small; else it is linear."""
     rows = table(**{"a.young": values}, n_A=list(range(1, len(values) + 1)))
@@ -350,10 +446,18 @@ def test_an_axis_on_which_values_crowd(values, scale):
     assert (axes.get_xscale(), axes.get_yscale()) == ("linear", scale)
 
 
-@pytest.mark.parametrize(("columns", "result", "word"), [
-    ({"method.theta": [1, 2], "status": ["refused"] * 2, "n_A": [None, None]}, "n_A", "no case with a certified"),
-    ({"method.theta": [1, 2], "status": ["certified"] * 2}, "status", "status is not a number"),
-    ({"method.theta": [0] * 13, "a.x": list(range(13)), "n_A": [1] * 13}, "n_A", "13 curves")])
+@pytest.mark.parametrize(
+    ("columns", "result", "word"),
+    [
+        (
+            {"method.theta": [1, 2], "status": ["refused"] * 2, "n_A": [None, None]},
+            "n_A",
+            "no case with a certified",
+        ),
+        ({"method.theta": [1, 2], "status": ["certified"] * 2}, "status", "status is not a number"),
+        ({"method.theta": [0] * 13, "a.x": list(range(13)), "n_A": [1] * 13}, "n_A", "13 curves"),
+    ],
+)
 def test_plots_that_cannot_be_drawn(columns, result, word):
     with pytest.raises(InputError, match=word):
         draw(table(**columns), result, "method.theta")

@@ -18,7 +18,15 @@ from ddmpi.scene.reader import read_data
 from ddmpi.sweep import table as sweep_table
 from ddmpi.sweep.cases import build_cases
 from ddmpi.sweep.sweep import Sweep, _judge
-from ddmpi.sweep.table import check_sweep, claim_sweep, find_column, gather, identify, numbers, record_case
+from ddmpi.sweep.table import (
+    check_sweep,
+    claim_sweep,
+    find_column,
+    gather,
+    identify,
+    numbers,
+    record_case,
+)
 from ddmpi.system.files import RECORD, SWEEP
 
 pytestmark = pytest.mark.slow
@@ -27,7 +35,11 @@ TWO = ["--vary", f"{COEFFICIENT}=0.1,0.2"]
 
 
 def build(*varied: str, settings: tuple[str, ...] = ()) -> list:
-    return build_cases("scene.toml", read_data("scene.toml", scenes.to_toml(pinched_blocks(2)), settings), list(varied))
+    return build_cases(
+        "scene.toml",
+        read_data("scene.toml", scenes.to_toml(pinched_blocks(2)), settings),
+        list(varied),
+    )
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +50,9 @@ def small(tmp_path_factory) -> Path:
 @pytest.fixture(scope="module")
 def finished(small, tmp_path_factory):
     """Two cases with results; not to be changed."""
-    run = run_sweep(small, tmp_path_factory.mktemp("finished") / "out", *TWO, "--plot", "n_A:coefficient")
+    run = run_sweep(
+        small, tmp_path_factory.mktemp("finished") / "out", *TWO, "--plot", "n_A:coefficient"
+    )
     assert run.code == 0, run.output
     return run
 
@@ -98,7 +112,9 @@ def test_a_sweep_grows(finished, small, tmp_path):
     grown = run_sweep(small, folder, "--vary", f"{COEFFICIENT}=0.1,0.15,0.2")
     assert grown.code == 0 and "1 to run, 2 finished" in grown.stdout, grown.output
     assert [row["status"] for row in rows(grown)] == ["certified"] * 3
-    more = run_sweep(small, folder, "--vary", f"{COEFFICIENT}=0.1", "--vary", "method.max_iterations=400")
+    more = run_sweep(
+        small, folder, "--vary", f"{COEFFICIENT}=0.1", "--vary", "method.max_iterations=400"
+    )
     assert more.code == 0 and "1 to run" in more.stdout, more.output
     assert [row["method.max_iterations"] for row in rows(more)] == ["400"]
 
@@ -118,32 +134,95 @@ def test_meshes_that_a_target_has_refined_are_the_sweeps_own(tmp_path):
 
 
 SUMMARY = {
-    "format": 2, "title": "t", "converged": True, "reason": "", "order": 1, "n": 12, "m": 3, "ranks": 2,
-    "outer_iterations": 4, "inner_iterations": 7, "n_A": 20, "eff": 3.5, "displacement_max": 1e-4, "started": "then",
-    "bodies": {name: {"n": 6, "ranks": [0, 1, 2, 3], "held": True, "energy": energy, "reaction": [1.0, 2.0],
-                      "memory_mib": 80} for name, energy in {"a": 1.5, "b": 2, "c": 3}.items()},
-    "contacts": {name: {"m": 3, "pairing": "nodes", "slave": None, "normal_force": 5.0, "force": [0.5, 0.25], "open": 1,
-                        "certificate": {"friction": 1e-9}} for name in ("a-b", "b-c")},
-    "certificate": {"friction": 1e-9, "equilibrium": 1e-10}, "steps": [{"time": 1.0}], "warnings": ["one", "two"],
-    "discretization_error": {"energy_norm": None, "levels": [{"n": 1}, {"n": 2}]}, "seconds": {"total": 1.0}}
+    "format": 2,
+    "title": "t",
+    "converged": True,
+    "reason": "",
+    "order": 1,
+    "n": 12,
+    "m": 3,
+    "ranks": 2,
+    "outer_iterations": 4,
+    "inner_iterations": 7,
+    "n_A": 20,
+    "eff": 3.5,
+    "displacement_max": 1e-4,
+    "started": "then",
+    "bodies": {
+        name: {
+            "n": 6,
+            "ranks": [0, 1, 2, 3],
+            "held": True,
+            "energy": energy,
+            "reaction": [1.0, 2.0],
+            "memory_mib": 80,
+        }
+        for name, energy in {"a": 1.5, "b": 2, "c": 3}.items()
+    },
+    "contacts": {
+        name: {
+            "m": 3,
+            "pairing": "nodes",
+            "slave": None,
+            "normal_force": 5.0,
+            "force": [0.5, 0.25],
+            "open": 1,
+            "certificate": {"friction": 1e-9},
+        }
+        for name in ("a-b", "b-c")
+    },
+    "certificate": {"friction": 1e-9, "equilibrium": 1e-10},
+    "steps": [{"time": 1.0}],
+    "warnings": ["one", "two"],
+    "discretization_error": {"energy_norm": None, "levels": [{"n": 1}, {"n": 2}]},
+    "seconds": {"total": 1.0},
+}
 
 
 def test_columns_follow_from_the_summaries(tmp_path):
     """Numbers of every body and contact by name, however many; no texts, flags and histories."""
     cases = build("method.max_iterations=7,8,9")
-    results = [SUMMARY, SUMMARY | {"contacts": {"a-b": SUMMARY["contacts"]["a-b"] | {"dissipated": 3.0}}}]
+    results = [
+        SUMMARY,
+        SUMMARY | {"contacts": {"a-b": SUMMARY["contacts"]["a-b"] | {"dissipated": 3.0}}},
+    ]
     for case, summary in zip(cases, results, strict=False):
         (tmp_path / case.folder).mkdir()
         (tmp_path / case.folder / "summary.json").write_text(json.dumps(summary))
     table = sweep_table.read_table(gather(tmp_path, cases))
     names = list(table[0])
-    assert names[:12] == ["case", "method.max_iterations", "status", "exit", "reason", "outer_iterations",
-                          "inner_iterations", "n_A", "eff", "n", "m", "displacement_max"]
-    body = [f"bodies.{name}.{entry}" for name in "abc"
-            for entry in ("n", "energy", "reaction.x", "reaction.y", "memory_mib")]
-    contact = [f"contacts.{name}.{entry}" for name in ("a-b", "b-c")
-               for entry in ("m", "normal_force", "force.x", "force.y", "open", "certificate.friction")]
-    rest = ["certificate.friction", "certificate.equilibrium", "seconds.total", "started", "folder", "warnings"]
+    assert names[:12] == [
+        "case",
+        "method.max_iterations",
+        "status",
+        "exit",
+        "reason",
+        "outer_iterations",
+        "inner_iterations",
+        "n_A",
+        "eff",
+        "n",
+        "m",
+        "displacement_max",
+    ]
+    body = [
+        f"bodies.{name}.{entry}"
+        for name in "abc"
+        for entry in ("n", "energy", "reaction.x", "reaction.y", "memory_mib")
+    ]
+    contact = [
+        f"contacts.{name}.{entry}"
+        for name in ("a-b", "b-c")
+        for entry in ("m", "normal_force", "force.x", "force.y", "open", "certificate.friction")
+    ]
+    rest = [
+        "certificate.friction",
+        "certificate.equilibrium",
+        "seconds.total",
+        "started",
+        "folder",
+        "warnings",
+    ]
     assert sorted(names[12:]) == sorted([*body, *contact, *rest, "contacts.a-b.dissipated"])
     assert [row["warnings"] for row in table] == ["one | two", "one | two", None]
     assert [row["bodies.c.energy"] for row in table] == [3, 3, None]
@@ -156,10 +235,14 @@ def test_columns_of_derivatives():
     """A column for each number of each derivative; what is null has none, nor has the interval."""
     entry = {"until": [0.2, None], "contacts": {"a-b": {"force": [1.0, 2.0], "dissipated": 3.0}}}
     columns = numbers({"derivatives": {"contact.a-b.gap": entry, "body.a.traction.0": None}})
-    assert columns == {"d contacts.a-b.force.x / d contact.a-b.gap": 1.0,
-                       "d contacts.a-b.force.y / d contact.a-b.gap": 2.0,
-                       "d contacts.a-b.dissipated / d contact.a-b.gap": 3.0}
-    assert find_column("dissipated / d contact.a-b.gap", list(columns), "--plot") == list(columns)[2]
+    assert columns == {
+        "d contacts.a-b.force.x / d contact.a-b.gap": 1.0,
+        "d contacts.a-b.force.y / d contact.a-b.gap": 2.0,
+        "d contacts.a-b.dissipated / d contact.a-b.gap": 3.0,
+    }
+    assert (
+        find_column("dissipated / d contact.a-b.gap", list(columns), "--plot") == list(columns)[2]
+    )
 
 
 # What wins over what is varied
@@ -167,7 +250,9 @@ def test_columns_of_derivatives():
 
 def test_an_option_that_would_win(small, tmp_path):
     """What is varied must not be given on the command line, however it is written there."""
-    run = run_sweep(small, tmp_path / "out", "--vary", "petsc.body_ksp_max_it=1,2,100", "-Body_KSP_max_it", "50")
+    run = run_sweep(
+        small, tmp_path / "out", "--vary", "petsc.body_ksp_max_it=1,2,100", "-Body_KSP_max_it", "50"
+    )
     assert run.code == 2 and len(run.messages) == 1, run.output
     assert "--vary petsc.body_ksp_max_it: this option is on the command line" in run.messages[0]
     assert not run.folder.exists()
@@ -177,14 +262,16 @@ def test_an_option_that_would_win(small, tmp_path):
 
 
 def test_impossible_plots_are_a_warning(finished, small):
-    run = run_sweep(small, finished.folder, *TWO, "--gather", "--plot", "n_A", "--plot", "n_A:coeficient")
+    run = run_sweep(
+        small, finished.folder, *TWO, "--gather", "--plot", "n_A", "--plot", "n_A:coeficient"
+    )
     assert run.code == 0 and run.stderr.count("not drawn: ") == 2
     assert "expected RESULT:KEY" in run.stderr and "'coefficient'" in run.stderr
 
 
 def test_a_plot_that_cannot_be_written(finished, small, tmp_path):
     folder = copied(finished, tmp_path)
-    picture, = folder.glob("*.png")
+    (picture,) = folder.glob("*.png")
     picture.unlink()
     picture.mkdir()
     run = run_sweep(small, folder, *TWO, "--plot", "n_A:coefficient")
@@ -192,14 +279,20 @@ def test_a_plot_that_cannot_be_written(finished, small, tmp_path):
     assert str(picture) in run.messages[0]
 
 
-@pytest.mark.parametrize(("codes", "error"), [((0, 5), OutputError), ((3, 2), NotConvergedError), ((0, 0), None)])
+@pytest.mark.parametrize(
+    ("codes", "error"), [((0, 5), OutputError), ((3, 2), NotConvergedError), ((0, 0), None)]
+)
 def test_a_sweep_whose_results_cannot_be_written_ends_like_a_run(tmp_path, codes, error):
     """On a full disk a run ends with exit code 5, and so does the sweep."""
     sweep = Sweep("scene.toml", {}, tmp_path, build(*TWO[1:]), build(*TWO[1:]), False, [])
     for case, code in zip(sweep.cases, codes, strict=True):
         sweep.place(case).mkdir()
         record_case(sweep.place(case), case, code, "")
-    with pytest.raises(error, match=r"of 2 cases in .* have a certified answer; ") if error else nullcontext():
+    with (
+        pytest.raises(error, match=r"of 2 cases in .* have a certified answer; ")
+        if error
+        else nullcontext()
+    ):
         _judge(sweep)
 
 
@@ -218,13 +311,22 @@ def test_mesh_files_are_part_of_a_sweep(tmp_path):
     """Those that both sweeps have: more cases may bring more of them."""
     for name in ("punch_base.msh", "punch_block.msh"):
         shutil.copy(scenes.ROOT / "meshes" / name, tmp_path)
-    text = re.sub(r'file = "[^"]*/', 'file = "', (scenes.ROOT / "configs" / "punch.toml").read_text())
+    text = re.sub(
+        r'file = "[^"]*/', 'file = "', (scenes.ROOT / "configs" / "punch.toml").read_text()
+    )
     cases = build_cases("scene.toml", tomllib.loads(text), [f"{COEFFICIENT}=0.1"])
     first = identify({}, [], cases, tmp_path)
     assert first["mesh files"].keys() == {"punch_base.msh", "punch_block.msh"}
-    assert first.keys() == {"scene", "PETSc options", "mesh files"}  # no versions: after an update a sweep goes on
-    claim_sweep(tmp_path / "out", {**first, "mesh files": {"punch_base.msh": first["mesh files"]["punch_base.msh"]}},
-                cases)
+    assert first.keys() == {
+        "scene",
+        "PETSc options",
+        "mesh files",
+    }  # no versions: after an update a sweep goes on
+    claim_sweep(
+        tmp_path / "out",
+        {**first, "mesh files": {"punch_base.msh": first["mesh files"]["punch_base.msh"]}},
+        cases,
+    )
     check_sweep(tmp_path / "out", first)
     with open(tmp_path / "punch_base.msh", "a") as file:
         file.write("\n")

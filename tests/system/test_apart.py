@@ -15,13 +15,26 @@ def test_work_is_done_elsewhere(tmp_path, monkeypatch):
     monkeypatch.setenv("PMIX_RANK", "1")
     known = interrupt.apart(tmp_path, dict, [("pid", 1)])
     assert known == {"pid": 1} and interrupt.apart(tmp_path, os.getpid) != os.getpid()
-    assert interrupt.apart(tmp_path, os.getcwd) == str(tmp_path) == interrupt.apart(tmp_path, os.getenv, "HOME")
-    assert [interrupt.apart(tmp_path, os.getenv, name) for name in ("OMPI_COMM_WORLD_RANK", "PMIX_RANK")] == [None] * 2
+    assert (
+        interrupt.apart(tmp_path, os.getcwd)
+        == str(tmp_path)
+        == interrupt.apart(tmp_path, os.getenv, "HOME")
+    )
+    assert [
+        interrupt.apart(tmp_path, os.getenv, name) for name in ("OMPI_COMM_WORLD_RANK", "PMIX_RANK")
+    ] == [None] * 2
 
 
-@pytest.mark.parametrize(("work", "words"), [
-    ((os._exit, 3), "exit code 3"), ((os._exit, 0), "exit code 0"), ((os.abort,), "signal SIGABRT"),
-    ((sys.exit, "words"), "exit code 1: words"), ((int, "x"), "exit code 1: ValueError: invalid literal for int")])
+@pytest.mark.parametrize(
+    ("work", "words"),
+    [
+        ((os._exit, 3), "exit code 3"),
+        ((os._exit, 0), "exit code 0"),
+        ((os.abort,), "signal SIGABRT"),
+        ((sys.exit, "words"), "exit code 1: words"),
+        ((int, "x"), "exit code 1: ValueError: invalid literal for int"),
+    ],
+)
 def test_how_the_other_process_ends_is_told(tmp_path, work, words):
     """An end without a result is an error that says how, whatever ends the process."""
     with pytest.raises(ChildProcessError, match=words):

@@ -17,8 +17,12 @@ def test_ranks_at_different_collectives_are_told_where_they_are(comm):
             merged(comm, {})
         else:
             agree(comm, None)
-    assert "rank 0: Allreduce, system/agreement.py" in str(told.value) and " agree" in str(told.value)
-    assert "rank 1: allgather, system/agreement.py" in str(told.value) and " merged" in str(told.value)
+    assert "rank 0: Allreduce, system/agreement.py" in str(told.value) and " agree" in str(
+        told.value
+    )
+    assert "rank 1: allgather, system/agreement.py" in str(told.value) and " merged" in str(
+        told.value
+    )
 
 
 @two_ranks

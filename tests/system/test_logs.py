@@ -30,10 +30,15 @@ def here(tmp_path_factory):
 @pytest.fixture(scope="module")
 def runs(here) -> dict[str, Run]:
     def run(name: str, *arguments: str) -> Run:
-        return scenes.run_command("scene.toml", here / name, "--log", "the.log", *arguments, cwd=here)
+        return scenes.run_command(
+            "scene.toml", here / name, "--log", "the.log", *arguments, cwd=here
+        )
 
-    return {"said": run("said"), "quiet": run("quiet", "--quiet", "--no-figures"),
-            "failed": run("failed", "--quiet", "--no-figures", "--set", "method.max_iterations=1")}
+    return {
+        "said": run("said"),
+        "quiet": run("quiet", "--quiet", "--no-figures"),
+        "failed": run("failed", "--quiet", "--no-figures", "--set", "method.max_iterations=1"),
+    }
 
 
 @pytest.fixture(scope="module")
@@ -52,25 +57,34 @@ def log(here, runs) -> list[list[str]]:
 def test_the_log_has_what_the_screen_has(runs, log):
     """Also of a quiet run, and of one that fails; each begins with a line that says where and what ran."""
     for (name, run), part in zip(runs.items(), log, strict=True):
-        assert re.match(r"ddmpi \d+\.\d+\.\d+ on \S+ \d+: ddmpi run scene\.toml", part[0]) and name in part[0]
+        assert (
+            re.match(r"ddmpi \d+\.\d+\.\d+ on \S+ \d+: ddmpi run scene\.toml", part[0])
+            and name in part[0]
+        )
         assert run.code == (3 if name == "failed" else 0)
     assert log[0][1:] == [line.rstrip() for line in runs["said"].stdout.splitlines()]
     assert (runs["quiet"].stdout, runs["quiet"].own_stderr) == ("", "")
     assert any(line.startswith("converged and certified") for line in log[1])
     error = runs["failed"].own_stderr.splitlines()
-    assert error[0].startswith("ddmpi: error: ") and log[2][-len(error):] == [line.rstrip() for line in error]
+    assert error[0].startswith("ddmpi: error: ") and log[2][-len(error) :] == [
+        line.rstrip() for line in error
+    ]
 
 
 def test_a_log_that_cannot_be_written_is_refused_at_once(here, tmp_path):
     (tmp_path / "no").write_text("not a folder")
-    run = scenes.run_here(here / "scene.toml", tmp_path / "out", "--log", str(tmp_path / "no" / "x.log"))
+    run = scenes.run_here(
+        here / "scene.toml", tmp_path / "out", "--log", str(tmp_path / "no" / "x.log")
+    )
     assert run.code == 2 and "--log" in run.messages[0]
     assert not run.folder.exists()
 
 
 def test_a_log_may_be_in_the_new_folder_of_the_results(here, tmp_path):
     folder = tmp_path / "new" / "out"
-    run = scenes.run_here(here / "scene.toml", folder, "--log", str(folder / "run.log"), "--no-figures")
+    run = scenes.run_here(
+        here / "scene.toml", folder, "--log", str(folder / "run.log"), "--no-figures"
+    )
     assert run.code == 0, run.output
     assert run.files == scenes.DATA | {"run.log"}
     assert "converged and certified" in (folder / "run.log").read_text()
@@ -86,7 +100,12 @@ def test_a_log_is_not_added_to_something_else(tmp_path, monkeypatch, capsys, nam
     monkeypatch.chdir(tmp_path)
     (tmp_path / name).write_text("iteration,update\n")
     try:
-        assert cli._main(MPI.COMM_SELF, ["run", "scene.toml", "--log", f"../{tmp_path.name}/{name}"], []) == 2
+        assert (
+            cli._main(
+                MPI.COMM_SELF, ["run", "scene.toml", "--log", f"../{tmp_path.name}/{name}"], []
+            )
+            == 2
+        )
     finally:
         interrupt._handlers.clear()
         cli.logs.configure(0)
@@ -95,9 +114,16 @@ def test_a_log_is_not_added_to_something_else(tmp_path, monkeypatch, capsys, nam
     assert [path.read_text() for path in tmp_path.iterdir()] == ["iteration,update\n"]
 
 
-@pytest.mark.parametrize("arguments", [
-    ["run", "s.toml", "--output", ""], ["run", "s.toml", "--restart="], ["run", "s.toml", "--log", ""],
-    ["sweep", "s.toml", "--output", ""], ["figures", ""]])
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["run", "s.toml", "--output", ""],
+        ["run", "s.toml", "--restart="],
+        ["run", "s.toml", "--log", ""],
+        ["sweep", "s.toml", "--output", ""],
+        ["figures", ""],
+    ],
+)
 def test_empty_names_are_refused(arguments):
     from ddmpi.cli.arguments import build_parser
 
@@ -130,29 +156,46 @@ def test_a_log_that_fills_the_disk_does_not_stop_the_run(tmp_path, capsys, monke
 def test_results_and_pictures_lead_back_to_their_run(runs):
     """By its name, time, command, folder and versions."""
     summary = runs["said"].summary
-    assert re.fullmatch(rf"{STAMP[:-1]}\.\d{{3}}Z \S+ \d+", summary["run"]) and summary["slurm"] == {}
-    assert re.fullmatch(STAMP, summary["started"]) and summary["run"] != runs["quiet"].summary["run"]
+    assert (
+        re.fullmatch(rf"{STAMP[:-1]}\.\d{{3}}Z \S+ \d+", summary["run"]) and summary["slurm"] == {}
+    )
+    assert (
+        re.fullmatch(STAMP, summary["started"]) and summary["run"] != runs["quiet"].summary["run"]
+    )
     assert summary["command"].startswith("ddmpi run scene.toml --output ")
     assert summary["working_folder"] == str(runs["said"].folder.parent)
     assert summary["versions"]["numpy"] == np.__version__
     assert not {"unknown", "not there"} & set(summary["versions"].values())
-    assert len(summary["hosts"]) == 2 and all(10 < body["memory_mib"] < 4000 for body in summary["bodies"].values())
+    assert len(summary["hosts"]) == 2 and all(
+        10 < body["memory_mib"] < 4000 for body in summary["bodies"].values()
+    )
     seconds = summary["seconds"]
     assert min(seconds.values()) > 0 and seconds["total"] == max(seconds.values())
     assert runs["said"].files == scenes.DATA | {"bodies.png", "contact.png", "convergence.png"}
     for name in ("bodies.png", "contact.png", "convergence.png"):
         with Image.open(runs["said"].folder / name) as picture:
             assert picture.text["Title"] == summary["title"]
-            assert picture.text["Description"] == (f"run {summary['run']}: {summary['command']}, "
-                                                   f"in {summary['working_folder']}")
+            assert picture.text["Description"] == (
+                f"run {summary['run']}: {summary['command']}, in {summary['working_folder']}"
+            )
 
 
 def test_a_batch_job_is_named(here, tmp_path, monkeypatch):
-    for name, value in {"JOB_ID": "12", "ARRAY_JOB_ID": "10", "ARRAY_TASK_ID": "2", "JOB_NODELIST": "n1"}.items():
+    for name, value in {
+        "JOB_ID": "12",
+        "ARRAY_JOB_ID": "10",
+        "ARRAY_TASK_ID": "2",
+        "JOB_NODELIST": "n1",
+    }.items():
         monkeypatch.setenv(f"SLURM_{name}", value)
     from ddmpi.system.provenance import batch_job, whereabouts
 
-    assert batch_job() == {"job_id": "12", "array_job_id": "10", "array_task_id": "2", "nodes": "n1"}
+    assert batch_job() == {
+        "job_id": "12",
+        "array_job_id": "10",
+        "array_task_id": "2",
+        "nodes": "n1",
+    }
     assert whereabouts().endswith(" job 10_2")
     monkeypatch.delenv("SLURM_ARRAY_JOB_ID")  # as in a shell that kept the task's number only
     assert whereabouts().endswith(" job 12")
@@ -163,12 +206,18 @@ def test_what_cannot_be_printed_is_told(arguments):
     """Without mpirun, which prints what its ranks say."""
     for unbuffered in ("", "1"):
         with open("/dev/full", "w") as full:
-            child = subprocess.run([sys.executable, "-m", "ddmpi", *arguments.split()], stdout=full, text=True,
-                                   stderr=subprocess.PIPE, timeout=scenes.LIMIT,
-                                   env=scenes.clean_environment() | {"PYTHONUNBUFFERED": unbuffered})
+            child = subprocess.run(
+                [sys.executable, "-m", "ddmpi", *arguments.split()],
+                stdout=full,
+                text=True,
+                stderr=subprocess.PIPE,
+                timeout=scenes.LIMIT,
+                env=scenes.clean_environment() | {"PYTHONUNBUFFERED": unbuffered},
+            )
         assert child.returncode == 5
         assert scenes.own_lines(child.stderr) == (
-            "ddmpi: error: what was asked for could not be printed: No space left on device\n")
+            "ddmpi: error: what was asked for could not be printed: No space left on device\n"
+        )
 
 
 def test_a_run_whose_words_cannot_be_printed_goes_on():
@@ -181,8 +230,14 @@ for k in range(3):
     logging.getLogger("ddmpi").info("line %d", k)
 """
     with open("/dev/full", "w") as full:
-        child = subprocess.run([sys.executable, "-c", code], stdout=full, stderr=subprocess.PIPE, text=True,
-                               timeout=scenes.LIMIT, env=scenes.clean_environment() | {"PYTHONUNBUFFERED": ""})
+        child = subprocess.run(
+            [sys.executable, "-c", code],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            timeout=scenes.LIMIT,
+            env=scenes.clean_environment() | {"PYTHONUNBUFFERED": ""},
+        )
     assert child.returncode == 0
     ours = scenes.own_lines(child.stderr)
     assert ours.count("\n") == 1 and "No space left on device" in ours
@@ -195,15 +250,22 @@ def test_info(tmp_path):
     assert run.code == 0 and run.own_stderr == ""
     lines = dict(re.split(r" {2,}", line, maxsplit=1) for line in run.stdout.splitlines())
     assert lines.keys() >= {"ddmpi", "petsc", "mpi", "gmsh", "Cholesky factorizations", "machine"}
-    assert "petsc" in lines["Cholesky factorizations"] and "MPRGP" in lines["contact subproblems (TAO)"]
+    assert (
+        "petsc" in lines["Cholesky factorizations"]
+        and "MPRGP" in lines["contact subproblems (TAO)"]
+    )
     assert all(lines.values()) and list(tmp_path.iterdir()) == []
 
 
 def test_options_that_nothing_used_are_named_once(here):
     """By us, and not by PETSc as well when it ends."""
-    run = scenes.run_command(here / "scene.toml", here / "unused", "--no-figures", "-not_an_option", "1")
+    run = scenes.run_command(
+        here / "scene.toml", here / "unused", "--no-figures", "-not_an_option", "1"
+    )
     assert run.code == 0 and run.output.count("not_an_option") == 1
-    assert run.summary["options_unused"] == ["not_an_option"] and run.summary["options"] == {"not_an_option": "1"}
+    assert run.summary["options_unused"] == ["not_an_option"] and run.summary["options"] == {
+        "not_an_option": "1"
+    }
 
 
 def test_paths_that_cannot_be_read_end_no_run(tmp_path, monkeypatch):
@@ -216,8 +278,15 @@ def test_paths_that_cannot_be_read_end_no_run(tmp_path, monkeypatch):
         return listdir(folder)
 
     (tmp_path / "a.zip").touch()
-    for name in ("closed", "a/h5py-3.1.dist-info", "a/h5py-stubs-4.0.egg-info", "b/h5py-2.0-py3.11.egg-info"):
+    for name in (
+        "closed",
+        "a/h5py-3.1.dist-info",
+        "a/h5py-stubs-4.0.egg-info",
+        "b/h5py-2.0-py3.11.egg-info",
+    ):
         (tmp_path / name).mkdir(parents=True)
     monkeypatch.setattr(os, "listdir", refuse)
-    monkeypatch.setattr(sys, "path", [str(tmp_path / name) for name in ("closed", "a.zip", "none", "a", "b")])
+    monkeypatch.setattr(
+        sys, "path", [str(tmp_path / name) for name in ("closed", "a.zip", "none", "a", "b")]
+    )
     assert provenance._installed() == {"h5py": "3.1"}

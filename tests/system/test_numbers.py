@@ -7,9 +7,16 @@ from ddmpi.system.logs import printable
 from ddmpi.system.numbers import in_words
 
 
-@pytest.mark.parametrize(("point", "words"), [
-    ([1.133e-15, 4.0, 9.6], "(0, 4, 9.6)"), ([-1e-16, 2e-3], "(0, 0.002)"), ([1e-9, 1.0], "(1e-09, 1)"),
-    ([0.0, 0.0], "(0, 0)"), ([np.nan, 1.0], "(nan, 1)")])
+@pytest.mark.parametrize(
+    ("point", "words"),
+    [
+        ([1.133e-15, 4.0, 9.6], "(0, 4, 9.6)"),
+        ([-1e-16, 2e-3], "(0, 0.002)"),
+        ([1e-9, 1.0], "(1e-09, 1)"),
+        ([0.0, 0.0], "(0, 0)"),
+        ([np.nan, 1.0], "(nan, 1)"),
+    ],
+)
 def test_rounding_is_no_coordinate(point, words):
     assert in_words(np.array(point), 4) == words
 
