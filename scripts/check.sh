@@ -14,4 +14,5 @@ print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependenc
     cp pyproject.toml .venv-dev/ # last: an interrupted set-up starts anew
 fi
 .venv-dev/bin/python -m ruff check .
+.venv-dev/bin/python -m ruff format --check --diff .
 PYTHONPATH="" .venv-dev/bin/python -m mypy

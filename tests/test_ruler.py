@@ -85,6 +85,50 @@ COMPLEX = {
 }
 """Functions of the program beyond `ruler.MOST_COMPLEX`, with their complexity. Numbers only fall."""
 
+LONG = {
+    "check/check:_page": 73,
+    "check/drawing:draw_bodies": 61,
+    "check/nearby:find_missing": 82,
+    "cli/arguments:build_parser": 175,
+    "coupling/assembly:prepare": 224,
+    "coupling/joint:Joint.__init__": 61,
+    "decks/acting:Acts.heat": 66,
+    "decks/deck:Deck._take": 79,
+    "decks/deck:Deck.mesh": 67,
+    "decks/joints:Joints._take": 73,
+    "decks/joints:Joints.bolts": 63,
+    "decks/joints:Joints.contacts": 61,
+    "derive/entries:entries_of": 62,
+    "derive/gradient:functional": 70,
+    "derive/gradient:gradient": 77,
+    "derive/parameters:parameter": 69,
+    "interface/matching:face_rigid": 62,
+    "interface/rows:build": 82,
+    "interface/vertices:rows_at_vertices": 74,
+    "mesh/read:read_mesh": 63,
+    "petsc/mumps:Factors.__init__": 62,
+    "pictures/bodies:animate": 109,
+    "pictures/browser:_page": 135,
+    "pictures/contacts:draw_contacts": 110,
+    "pictures/contacts:draw_maps": 88,
+    "pictures/curves:draw_contact": 90,
+    "published/mprgp:MPRGP.iterate": 73,
+    "results/histories:at_step": 105,
+    "run/gather:_write_steps": 64,
+    "run/gather:gather_summary": 69,
+    "run/gather:write_files": 86,
+    "run/places:FarMarch._settle": 76,
+    "run/solve:Iteration._contacts": 63,
+    "run/solve:Iteration.conclude": 68,
+    "run/steps:March._accept": 71,
+    "scene/keys:explain": 71,
+    "scene/meshes:MeshSpec.__post_init__": 66,
+    "scene/meshes:check_motions": 84,
+    "scene/scene:Scene._misplaced": 87,
+    "system/interrupt:apart": 64,
+}
+"""Functions of the program beyond `ruler.MOST_LINES`, with the lines of their bodies. Numbers only fall."""
+
 
 def beyond(measured: dict[str, int], listed: dict[str, int], most: int) -> dict[str, int]:
     """What is beyond the limit and beyond its number in the list."""
@@ -98,13 +142,23 @@ def functions() -> list[ruler.Function]:
     return ruler.measure("ddmpi")[1]
 
 
+def overstated(measured: dict[str, int], listed: dict[str, int]) -> dict[str, int]:
+    """What the list puts higher than it is: the number is to be lowered, or the entry goes."""
+    return {name: number for name, number in listed.items() if number > measured.get(name, 0)}
+
+
 def test_functions_are_simple(functions):
     """No function is more complex than the ruler allows, or than it was when it was listed."""
     measured = {each.name: each.complexity for each in functions}
     assert beyond(measured, COMPLEX, ruler.MOST_COMPLEX) == {}
-    assert {
-        name: number for name, number in COMPLEX.items() if measured.get(name) != number
-    } == {}, "lower the number"
+    assert overstated(measured, COMPLEX) == {}
+
+
+def test_functions_are_short(functions):
+    """No function is longer than the ruler allows, or than it was when it was listed."""
+    measured = {each.name: each.lines for each in functions}
+    assert beyond(measured, LONG, ruler.MOST_LINES) == {}
+    assert overstated(measured, LONG) == {}
 
 
 def test_the_ruler_counts_branches_and_operands():
