@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import difflib
 from collections.abc import Iterator
 
 
@@ -32,6 +33,16 @@ def naming(place: str) -> Iterator[None]:
     except InputError as error:
         error.args = (f"{place}: {error}",)
         raise
+
+
+SIMILAR = 0.65
+"""Least similarity of a word to a misspelling of it."""
+
+
+def nearest(word: str, words: list[str]) -> str:
+    """The end of a message that proposes the most similar of `words`; empty if none is similar."""
+    close = difflib.get_close_matches(word, words, n=1, cutoff=SIMILAR)
+    return f"; did you mean {close[0]!r}?" if close else ""
 
 
 class NotConvergedError(DdmpiError):

@@ -25,9 +25,9 @@ import ddmpi.published.mprgp
 from ddmpi import errors
 from ddmpi.cli.arguments import build_parser
 from ddmpi.run import answer
-from ddmpi.scene.keys import json_schema, meanings, read_docstring
 from ddmpi.scene.method import PRESETS
 from ddmpi.scene.scene import Scene
+from ddmpi.scene.schema import json_schema, meanings, read_docstring
 from ddmpi.scene.values import FUNCTIONS
 
 PAGES = ROOT / "docs" / "reference"

@@ -167,8 +167,8 @@ def _info(options: argparse.Namespace) -> None:
 
 
 def _schema(options: argparse.Namespace) -> None:
-    from ddmpi.scene.keys import json_schema
     from ddmpi.scene.scene import Scene
+    from ddmpi.scene.schema import json_schema
 
     print(json.dumps(json_schema(Scene), indent=1, ensure_ascii=False))
 

@@ -14,11 +14,11 @@ from ddmpi.coupling.assembly import Assembly
 from ddmpi.derive.chain import Answered
 from ddmpi.derive.entries import ENOUGH, Entry, measures
 from ddmpi.derive.parameters import parameter, scaled
-from ddmpi.errors import InputError, SolverError
+from ddmpi.errors import InputError, SolverError, nearest
 from ddmpi.interface.state import ContactState
 from ddmpi.methods.linear import AIM, PURPOSE
 from ddmpi.methods.newton import Newton
-from ddmpi.scene.keys import derivable, nearest
+from ddmpi.scene.derivable import derivable
 from ddmpi.sets import magnitude
 from ddmpi.system.agreement import agreed, merged
 

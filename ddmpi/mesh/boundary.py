@@ -12,12 +12,11 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ddmpi.errors import InputError, naming
+from ddmpi.errors import InputError, naming, nearest
 from ddmpi.mesh.elements import CELLS, cell_with, normals
 from ddmpi.mesh.mesh import PHYSICAL, Face, Mesh, boundary_facets
 from ddmpi.mesh.refine import KINDS, distinct, middle_nodes, simplices
 from ddmpi.scene.bodies import BodySpec
-from ddmpi.scene.keys import nearest
 from ddmpi.system.numbers import across, in_words
 
 SHARPEST = np.deg2rad(40.0)

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ddmpi.errors import InputError
+from ddmpi.errors import InputError, nearest
 from ddmpi.mesh.boundary import (
     OFF,
     box,
@@ -33,7 +33,6 @@ from ddmpi.mesh.read import MSH, gmsh_session, name_groups, read_mesh
 from ddmpi.mesh.refine import GRADE, Sizes
 from ddmpi.mesh.shapes import draw_shape
 from ddmpi.scene.bodies import BodySpec
-from ddmpi.scene.keys import nearest
 from ddmpi.system.interrupt import apart
 
 TRUST = "DDMPI_TRUST_GEOMETRY"

@@ -14,9 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ddmpi.errors import InputError
+from ddmpi.errors import InputError, nearest
 from ddmpi.mesh.elements import FACETS, RULES, Cell, Mapped, cell_with, cross
-from ddmpi.scene.keys import nearest
 from ddmpi.system.numbers import in_words
 
 MEASURE = ("", "length", "area", "volume")

@@ -14,12 +14,11 @@ from pathlib import Path
 import numpy as np
 
 from ddmpi.decks.deck import Deck
-from ddmpi.errors import DdmpiError, InputError, InterruptionError
+from ddmpi.errors import DdmpiError, InputError, InterruptionError, nearest
 from ddmpi.mesh.boundary import file_groups, file_members, set_nodes
 from ddmpi.mesh.elements import CELLS
 from ddmpi.mesh.mesh import MEASURE, PHYSICAL, Mesh, refuse_overlaps, signed_measures
 from ddmpi.mesh.refine import KINDS, SIMPLICES, bend, distinct, raise_order, simplices
-from ddmpi.scene.keys import nearest
 from ddmpi.scene.values import LARGEST
 from ddmpi.system import interrupt
 from ddmpi.system.numbers import ALIKE

@@ -15,7 +15,7 @@ from mpi4py import MPI
 
 from ddmpi.derive.entries import Entry, joined
 from ddmpi.derive.gradient import gradient
-from ddmpi.errors import InputError
+from ddmpi.errors import InputError, nearest
 from ddmpi.interface.state import ContactState
 from ddmpi.mesh.build import kind_of_files
 from ddmpi.methods.newton import Newton
@@ -26,7 +26,7 @@ from ddmpi.results.tables import STATUS, chains
 from ddmpi.run.gather import Solved
 from ddmpi.run.report import LISTED, NAMED, describe_contact
 from ddmpi.run.run import Cases
-from ddmpi.scene.keys import nearest, override
+from ddmpi.scene.keys import override
 from ddmpi.scene.reader import as_data, read_data, read_scene, read_text
 from ddmpi.scene.scene import Settled
 from ddmpi.system import logs

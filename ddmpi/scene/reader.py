@@ -14,8 +14,9 @@ import msgspec
 import numpy as np
 
 from ddmpi.errors import InputError
-from ddmpi.scene.keys import explain, explain_syntax, name_of, override, parse_value
+from ddmpi.scene.keys import name_of, override, parse_value
 from ddmpi.scene.meshes import GEOMETRIES
+from ddmpi.scene.mistakes import explain, explain_syntax
 from ddmpi.scene.scene import FileKind, Scene, Settled
 
 DEEP = re.compile(r"""(?<![\w"'-])(?:[\w"'-]++\s*+\.\s*+){100}""")

@@ -13,9 +13,11 @@ from typing import Annotated, Any, get_args
 
 import msgspec
 
+from ddmpi.errors import nearest
 from ddmpi.scene.bodies import BodySpec, Material, SettledBody, Traction
+from ddmpi.scene.checks import check_heat, check_thickness
 from ddmpi.scene.contacts import ContactSpec, Rigid, SettledContact
-from ddmpi.scene.keys import check_heat, check_thickness, nearest, refuse_underivable
+from ddmpi.scene.derivable import refuse_underivable
 from ddmpi.scene.meshes import Motion, check_motions
 from ddmpi.scene.method import (
     PRESETS,

@@ -16,10 +16,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ddmpi.errors import InputError
+from ddmpi.errors import InputError, nearest
 from ddmpi.mesh.build import locate_mesh
 from ddmpi.results.tables import reading
-from ddmpi.scene.keys import differences, flatten, nearest
+from ddmpi.scene.keys import differences, flatten
 from ddmpi.sweep.cases import Case
 from ddmpi.system.files import RECORD, SUMMARY, SWEEP, TABLE, write_atomically
 

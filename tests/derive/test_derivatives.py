@@ -30,7 +30,7 @@ from ddmpi.results.checkpoint import read, write
 from ddmpi.run.gather import StepLog
 from ddmpi.run.solve import Iteration
 from ddmpi.run.steps import March
-from ddmpi.scene.keys import derivable
+from ddmpi.scene.derivable import derivable
 from ddmpi.scene.reader import read_scene
 from ddmpi.system.clock import Clock
 

@@ -9,8 +9,8 @@ import pytest
 from scenes import pinched_blocks, run_python
 from test_studies import start
 
-from ddmpi.scene.keys import json_schema
 from ddmpi.scene.scene import Scene
+from ddmpi.scene.schema import json_schema
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENES = sorted(path.relative_to(ROOT).as_posix() for path in (ROOT / "configs").rglob("*.toml"))

@@ -251,9 +251,9 @@ MUTANTS = [
         ),
         (
             "an unknown key has no name",
-            "scene/keys",
-            "[*named, found[2]]",
-            "[*named, found[3]]",
+            "scene/mistakes",
+            "key = '.'.join([*place.named, field])",
+            "key = '.'.join(place.named)",
             "scene/test_scene.py::test_refusal_names_file_key_and_remedy",
         ),
         # mesh
@@ -2208,7 +2208,7 @@ MUTANTS = [
         ),
         (
             "a key that names nothing is taken",
-            "scene/keys",
+            "scene/derivable",
             "        if key not in able:",
             "        if False:",
             f"{DERIVED}::test_a_key_that_names_nothing_is_refused",
