@@ -69,9 +69,6 @@ COMPLEX = {
     "run/steps:March._refine": 16,
     "scene/bodies:Material.__post_init__": 16,
     "scene/contacts:RigidSurface.__post_init__": 16,
-    "scene/meshes:MeshSpec.__post_init__": 39,
-    "scene/meshes:Motion.__post_init__": 17,
-    "scene/meshes:check_motions": 40,
     "scene/scene:Scene.__post_init__": 24,
     "scene/scene:Scene._check_histories": 21,
     "scene/scene:Scene._check_partners": 20,
@@ -117,8 +114,6 @@ LONG = {
     "run/solve:Iteration._contacts": 63,
     "run/solve:Iteration.conclude": 68,
     "run/steps:March._accept": 71,
-    "scene/meshes:MeshSpec.__post_init__": 66,
-    "scene/meshes:check_motions": 84,
     "scene/scene:Scene._misplaced": 87,
     "system/interrupt:apart": 64,
 }

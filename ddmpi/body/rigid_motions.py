@@ -19,7 +19,7 @@ from ddmpi.body.stiffness import Stiffness
 from ddmpi.errors import InputError
 from ddmpi.mesh.elements import RULES
 from ddmpi.mesh.mesh import Mesh
-from ddmpi.scene.meshes import Motion
+from ddmpi.scene.motions import Motion
 from ddmpi.system.numbers import Frame, crossed, is_touched, norm
 
 if TYPE_CHECKING:

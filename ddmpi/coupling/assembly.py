@@ -34,7 +34,7 @@ from ddmpi.mesh.refine import Sizes
 from ddmpi.petsc.options import conditions
 from ddmpi.scene.bodies import Material, SettledBody
 from ddmpi.scene.contacts import NoFriction, SettledContact
-from ddmpi.scene.meshes import frames_of, freed_part
+from ddmpi.scene.motions import frames_of, freed_part
 from ddmpi.scene.scene import Settled
 from ddmpi.surface.boundary import contact_side
 from ddmpi.surface.side import Side

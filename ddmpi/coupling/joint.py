@@ -26,7 +26,7 @@ from ddmpi.kept.kept import Kept
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import SettledBody
 from ddmpi.scene.contacts import Rigid, SettledContact
-from ddmpi.scene.meshes import Freed, frames_of, freed_part, parts_of
+from ddmpi.scene.motions import Freed, frames_of, freed_part, parts_of
 from ddmpi.scene.scene import Settled
 from ddmpi.surface.side import Side
 from ddmpi.system.agreement import agreed

@@ -24,7 +24,7 @@ from ddmpi.judge.equilibrium import Forces, Mechanism, find_mechanism
 from ddmpi.judge.motions import RESISTED, MotionsOfBody, describe_motions, undetermined
 from ddmpi.methods.newton import Newton
 from ddmpi.methods.outer import Outer
-from ddmpi.scene.meshes import parts_of
+from ddmpi.scene.motions import parts_of
 from ddmpi.system.agreement import agreed, from_first, gathered
 from ddmpi.system.numbers import Frame, RigidMotion, norm
 from ddmpi.system.provenance import has_clarabel

@@ -33,7 +33,7 @@ from ddmpi.run.gather import StepLog
 from ddmpi.run.solve import Iteration, Solution, solve
 from ddmpi.run.steps import March
 from ddmpi.scene.contacts import SettledContact
-from ddmpi.scene.meshes import Freed, frames_of
+from ddmpi.scene.motions import Freed, frames_of
 from ddmpi.scene.scene import Settled
 from ddmpi.surface.cover import DEEPEST
 from ddmpi.surface.side import Side

@@ -9,7 +9,8 @@ import msgspec
 import numpy as np
 from msgspec.structs import force_setattr, replace
 
-from ddmpi.scene.meshes import TOWARDS_CONTACTS, WITH_ORIGIN, MeshSpec, Motions, SettledMesh
+from ddmpi.scene.meshes import TOWARDS_CONTACTS, WITH_ORIGIN, MeshSpec, SettledMesh
+from ddmpi.scene.motions import Motions
 from ddmpi.scene.values import (
     AffineScalar,
     AffineVector,

@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 from msgspec.structs import force_setattr
 
-from ddmpi.scene.meshes import Motions
+from ddmpi.scene.motions import Motions
 from ddmpi.scene.values import (
     Formula,
     Gap,

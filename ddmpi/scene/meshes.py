@@ -1,16 +1,15 @@
-"""Types of the mesh of one body: a shape, a file, or a geometry; and of motions that take bodies far from there."""
+"""Types of the mesh of one body: a shape, a file, or a geometry."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from itertools import product
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import msgspec
 import numpy as np
 
-from ddmpi.scene.values import Count, Group, Name, NonNegative, Number, Point, Positive, Table
-from ddmpi.system.numbers import ALIKE, Frame
+from ddmpi.scene.values import Count, Group, NonNegative, Point, Positive, Table
+from ddmpi.system.numbers import ALIKE
 
 LARGEST_SIZE = "h, the largest size of an element"
 """What ``size`` is of a drawing."""
@@ -156,6 +155,28 @@ class MeshSpec(Table, frozen=True, kw_only=True):
         return self.angles is not None and abs(self.angles[1] - self.angles[0] - 360) <= 360 * ALIKE
 
     def __post_init__(self) -> None:
+        self._check_source()
+        self._check_others()
+        needed = SIZED if self.geometry else SHAPES.get(self.shape or "", {})
+        self._check_keys(needed)
+        self._check_numbers(needed)
+        if self.drawn:
+            self._check_sizes()
+        if self.corners and all(len(corner) == self.dimension for corner in self.corners):
+            _check_corners(self.corners)
+        if self.radii and self.radii[0] >= self.radii[1]:
+            raise ValueError(
+                f"radii = [inner, outer] must ascend, got [{self.radii[0]:g}, {self.radii[1]:g}]"
+            )
+        if self.axis and not any(self.axis):
+            raise ValueError(
+                "axis must not be zero; it goes from the bottom of a cylinder to its top"
+            )
+        if self.radii and self.angles and self.divisions:
+            self._check_ring(self.radii, self.angles, self.divisions[0])
+
+    def _check_source(self) -> None:
+        """Raise ValueError unless the mesh is either a shape, a file of a mesh, or a drawing."""
         if self.file is None and self.refine:
             raise ValueError(
                 "refine belongs to a file; for a shape, raise divisions, for a geometry, lower size"
@@ -170,58 +191,47 @@ class MeshSpec(Table, frozen=True, kw_only=True):
                 f'{self.file} is a drawing; write geometry = "{self.file}", size = h, the largest size of '
                 "an element"
             )
-        if any(self.origin or ()) and self.shape not in WITH_ORIGIN:
-            raise ValueError(f"origin belongs to a rectangle or a box, not to {self._what}")
         if self.geometry is not None and not self.geometry.lower().endswith(GEOMETRIES):
             mesh = "; a mesh is given by file = …" * self.geometry.endswith(".msh")
             raise ValueError(
                 f"geometry = {self.geometry!r} must end with one of {', '.join(GEOMETRIES)}{mesh}"
             )
-        for key, wrong in (
-            ("contact_size", not self.drawn),
-            ("size_on", not self.drawn),
-            ("part", bool(self.shape)),
-        ):
-            if getattr(self, key) and wrong:
-                raise ValueError(
-                    f"{key} belongs to a geometry{' or a file' * (key == 'part')}, not to {self._what}"
-                )
-        needed = SIZED if self.geometry else SHAPES.get(self.shape or "", {})
-        self._check_keys(needed)
+
+    def _check_others(self) -> None:
+        """Raise ValueError if a key is given that belongs to other meshes."""
+        if any(self.origin or ()) and self.shape not in WITH_ORIGIN:
+            raise ValueError(f"origin belongs to a rectangle or a box, not to {self._what}")
+        for key in ("contact_size", "size_on"):
+            if getattr(self, key) and not self.drawn:
+                raise ValueError(f"{key} belongs to a geometry, not to {self._what}")
+        if self.part and self.shape:
+            raise ValueError(f"part belongs to a geometry or a file, not to {self._what}")
+
+    def _check_numbers(self, needed: dict[str, str]) -> None:
+        """Raise ValueError unless lists have as many numbers as the shape has directions or corners."""
         d = self.dimension or 0
-        for key, number in (("size", d * (not self.drawn)), ("divisions", d), ("corners", 2**d)):
+        what = self.shape or "geometry"
+        for key, number in (("size", 0 if self.drawn else d), ("divisions", d), ("corners", 2**d)):
             value = getattr(self, key)
-            if key in needed and (len(value) if isinstance(value, tuple) else 0) != number:
-                got = list(value) if isinstance(value, tuple) else value
-                raise ValueError(
-                    f"{key}: a {self.shape or 'geometry'} has "
-                    + (
-                        f"{number} corners, got {len(got)}"
-                        if key == "corners"
-                        else f"{key} = {needed[key]}, got {got}"
-                    )
-                )
-        smaller = {"contact_size": (self.contact_size or 0.0, "contacts")} | {
-            f"size_on.{name}": (size, repr(name)) for name, size in self.size_on.items()
-        }
+            given = len(value) if isinstance(value, tuple) else 0
+            if key not in needed or given == number:
+                continue
+            if key == "corners":
+                raise ValueError(f"{key}: a {what} has {number} corners, got {given}")
+            got = list(value) if isinstance(value, tuple) else value
+            raise ValueError(f"{key}: a {what} has {key} = {needed[key]}, got {got}")
+
+    def _check_sizes(self) -> None:
+        """Raise ValueError if an element may be larger along a contact or a group than elsewhere."""
+        smaller = {"contact_size": (self.contact_size or 0.0, "contacts")}
+        for name, size in self.size_on.items():
+            smaller[f"size_on.{name}"] = size, repr(name)
         for key, (size, along) in smaller.items():
-            if self.drawn and size > self.largest:
+            if size > self.largest:
                 raise ValueError(
                     f"{key} = {size:g}, along {along}, must not exceed size = {self.largest:g}, which is "
                     "the largest"
                 )
-        if self.corners and all(len(corner) == self.dimension for corner in self.corners):
-            _check_corners(self.corners)
-        if self.radii and self.radii[0] >= self.radii[1]:
-            raise ValueError(
-                f"radii = [inner, outer] must ascend, got [{self.radii[0]:g}, {self.radii[1]:g}]"
-            )
-        if self.axis and not any(self.axis):
-            raise ValueError(
-                "axis must not be zero; it goes from the bottom of a cylinder to its top"
-            )
-        if self.radii and self.angles and self.divisions:
-            self._check_ring(self.radii, self.angles, self.divisions[0])
 
     @property
     def dimension(self) -> int | None:
@@ -308,196 +318,3 @@ class SettledMesh(MeshSpec, frozen=True, kw_only=True):
     """A mesh of known order."""
 
     order: Literal[1, 2]
-
-
-class Motion(Table, frozen=True, kw_only=True):
-    """A motion of any size, prescribed or free; see docs/use/far.md.
-
-    Attributes
-    ----------
-    shift : along the axes (m); left out, none
-    turn : about the pivot, counterclockwise (degrees); left out, none
-    pivot : of a turn, also of a free one, in the coordinates of the drawing (m); left out, the origin
-    axis : of a turn in space, by the right-hand rule; a free turn without it is one about all axes
-    history : [history.NAME] whose factor multiplies shift and turn, or force and moment
-    free : instead of shift and turn, components that forces decide, as in ["turn"] or ["x", "y"]
-    force : along the free axes, at the pivot (N; in the plane per metre of depth)
-    moment : of a free turn, about the pivot (N m; in the plane per metre of depth), in space about the axis or [x, y,
-        z]
-    """
-
-    shift: Point | None = None
-    turn: Number | None = None
-    pivot: Point | None = None
-    axis: Point | None = None
-    history: Name | None = None
-    free: Annotated[list[Literal["x", "y", "z", "turn"]], msgspec.Meta(min_length=1)] | None = None
-    force: Point | None = None
-    moment: Number | Point = 0.0
-
-    def __post_init__(self) -> None:
-        prescribed, free = self.turn is not None or self.shift is not None, self.free or ()
-        if prescribed == bool(free):
-            raise ValueError(
-                "a motion has a shift (m), as in shift = [0.0, -20.0], or a turn (degrees), as in turn = "
-                '90.0, or both; or it is free, as in free = ["turn"]'
-            )
-        for key in ("pivot", "axis"):
-            if getattr(self, key) is not None and self.turn is None and "turn" not in free:
-                raise ValueError(
-                    f"{key} is that of a turn; leave it out, or write turn = … (degrees)"
-                )
-        if self.axis is not None and not any(self.axis):
-            raise ValueError("axis must not be zero; a turn is about it, by the right-hand rule")
-        if len({*free}) < len(free):
-            raise ValueError("free names a component twice")
-        if self.moment and "turn" not in free:
-            raise ValueError('moment: needs a free turn: write free = ["turn"], or leave it out')
-        for axis, component in zip("xyz", self.force or (), strict=False):
-            if component and axis not in free:
-                raise ValueError(
-                    f'force: acts along {axis}, which is not free; write free = ["{axis}"], or 0 there'
-                )
-
-    def frame(self, factor: float, dimension: int) -> Frame:
-        """Where it leads at a factor of its history; nowhere if it is free."""
-        shift = np.zeros(dimension) if self.shift is None else factor * np.array(self.shift)
-        return Frame.of(shift, factor * (self.turn or 0.0) * self.about, self.pivot)
-
-    @property
-    def about(self) -> np.ndarray:
-        """The axis of its turn, a unit vector (3,); in the plane (1,)."""
-        return np.ones(1) if self.axis is None else np.array(self.axis) / np.linalg.norm(self.axis)
-
-
-Motions = Motion | Annotated[list[Motion], msgspec.Meta(min_length=1)]
-
-
-def frame_of(motion: Motions | None, factors: Mapping[str | None, float], dimension: int) -> Frame:
-    """Where motions lead, one after the other, at factors by history."""
-    frame = Frame.of((0.0,) * dimension)
-    for part in parts_of(motion):
-        frame = part.frame(factors[part.history], dimension).after(frame)
-    return frame
-
-
-Freed = Mapping[str, np.ndarray]
-"""How far free frames have gone, by name: a shift along the axes (d,) in m, and the turn about the pivot (1,), in space
-a vector (3,), in degrees."""
-
-
-def parts_of(motion: Motions | None) -> list[Motion]:
-    """The parts of a motion, in their order."""
-    return [motion] if isinstance(motion, Motion) else motion or []
-
-
-def freed_part(motion: Motions | None) -> Motion | None:
-    """The free part of a motion."""
-    return next((part for part in parts_of(motion) if part.free), None)
-
-
-def frames_of(scene: Any, time: float, freed: Freed | None = None) -> dict[str, Frame]:
-    """Where the frames of the bodies and rigid partners of a `Settled` scene are at `time`, by name, if free ones have
-    gone as far as in `freed`."""
-    factors, frames = scene.factors(time), {}
-    for each in (*scene.body, *scene.rigid):
-        frame, gone = frame_of(each.motion, factors, scene.dimension), (freed or {}).get(each.name)
-        if gone is not None:
-            # a free turn is that of the body, a free shift one along the axes of the world
-            free = freed_part(each.motion)
-            shift, turn = np.split(gone, [scene.dimension])
-            frame = (
-                Frame.of(shift)
-                .after(frame)
-                .after(Frame.of(0.0 * shift, turn, free.pivot if free else None))
-            )
-        frames[each.name] = frame
-    return frames
-
-
-def check_motions(scene: Any) -> None:
-    """ValueError where a `Scene` has motions that do not go with the rest of it."""
-    far = scene.time is not None and scene.time.motions == "far"
-    movers = [
-        (f"{kind}.{each.name}", each) for kind in ("body", "rigid") for each in getattr(scene, kind)
-    ]
-    moving = [(key, each, parts_of(each.motion)) for key, each in movers if each.motion]
-    following = [
-        f"body.{body.name}.traction.{k}.follows"
-        for body in scene.body
-        for k, load in enumerate(body.traction)
-        if load.follows
-    ]
-    if not far:
-        for key in [*(f"{key}.motion" for key, *_ in moving), *following]:
-            raise ValueError(
-                f'{key}: bodies move far with motions = "far" in [time] only; write it there, or leave '
-                "this out" + "; small motions are those of clamps" * key.endswith("motion")
-            )
-        return
-    if not moving and all(body.clamp or body.foundation for body in scene.body):
-        raise ValueError(
-            "time.motions: no body and no rigid partner has a motion, and clamps hold all bodies; leave "
-            'motions = "far" out'
-        )
-    if scene.time.cycle:
-        raise ValueError(
-            'time.cycle: does not go with motions = "far"; write the times of all turning points'
-        )
-    if scene.output.derivatives:
-        raise ValueError(
-            'output.derivatives: there are none with time.motions = "far"; leave one of them out'
-        )
-    if scene.method.compliance not in (None, "explicit"):
-        raise ValueError(
-            f'method.compliance: {scene.method.compliance!r} does not go with time.motions = "far", for '
-            "which the compliance of all contact nodes is made once; leave it out"
-        )
-    for key, mover, motions in moving:
-        free = [part.free for part in motions if part.free]
-        moved = {"turn"} & {"turn" * bool(part.turn) for part in motions} | {
-            axis
-            for part in motions
-            for axis, way in zip("xyz", part.shift or (), strict=False)
-            if way
-        }
-        if scene.axisymmetric and not moved | set(*free[:1]) <= {"y"}:
-            raise ValueError(
-                f"{key}.motion: axisymmetric bodies shift along y only, as in shift = [0.0, -20.0]"
-            )
-        if len(free) > 1:
-            raise ValueError(
-                f'{key}.motion: has {len(free)} free parts; write one, as in free = ["x", "turn"]'
-            )
-        for axis in sorted(moved & set(*free)):
-            raise ValueError(
-                f"{key}.motion: prescribes {axis} in one part and frees it in another; leave one of them "
-                "out"
-            )
-        if key.startswith("rigid") and any(part.free and part.axis for part in motions):
-            raise ValueError(
-                f"{key}.motion.axis: a rigid partner turns freely about all axes through its pivot; leave "
-                "axis out"
-            )
-        if getattr(mover, "displacement", None):
-            raise ValueError(f"{key}: has both a motion and a displacement; leave one of them out")
-    for rigid in scene.rigid:
-        if rigid.yields or any(rigid.displacement or ()):
-            raise ValueError(
-                f'rigid.{rigid.name}: with time.motions = "far" a partner moves as its motion says, not '
-                "by a displacement, forces or moments; write motion = { shift = […] }"
-            )
-    for contact in scene.contact:
-        name, law = f"contact.{contact.called}", contact.friction
-        for key, given, why in (
-            ("kind", contact.kind != "unilateral", "only unilateral contacts slide far"),
-            ("gap", contact.gap is not None, "gaps are measured where the bodies are"),
-            ("pairing", contact.pairing == "nodes", "nodes do not stay opposite each other"),
-            (
-                "friction",
-                not all(isinstance(value, float | int) for value in msgspec.structs.astuple(law)),
-                "profiles along a contact are not possible yet",
-            ),
-        ):
-            if given:
-                raise ValueError(f'{name}.{key}: does not go with time.motions = "far": {why}')

@@ -18,7 +18,6 @@ from ddmpi.scene.bodies import BodySpec, Material, SettledBody, Traction
 from ddmpi.scene.checks import check_heat, check_thickness
 from ddmpi.scene.contacts import ContactSpec, Rigid, SettledContact
 from ddmpi.scene.derivable import refuse_underivable
-from ddmpi.scene.meshes import Motion, check_motions
 from ddmpi.scene.method import (
     PRESETS,
     Checkpoint,
@@ -29,6 +28,7 @@ from ddmpi.scene.method import (
     check_petsc,
     units,
 )
+from ddmpi.scene.motions import Motion, check_motions
 from ddmpi.scene.values import (
     WHERE,
     History,

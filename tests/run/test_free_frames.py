@@ -10,7 +10,7 @@ from test_far import changed, forces, history
 import ddmpi
 from ddmpi.body.rigid_motions import FreeFrame
 from ddmpi.coupling.coarse import Driven
-from ddmpi.scene.meshes import Motion
+from ddmpi.scene.motions import Motion
 from ddmpi.system.numbers import Frame
 
 SOFT = {"young": 1000.0, "poisson": 0.3}

@@ -1,0 +1,237 @@
+"""Types of motions that take bodies and rigid partners far from where they are drawn, and checks of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+import msgspec
+import numpy as np
+
+from ddmpi.scene.values import Name, Number, Point, Table
+from ddmpi.system.numbers import Frame
+
+
+class Motion(Table, frozen=True, kw_only=True):
+    """A motion of any size, prescribed or free; see docs/use/far.md.
+
+    Attributes
+    ----------
+    shift : along the axes (m); left out, none
+    turn : about the pivot, counterclockwise (degrees); left out, none
+    pivot : of a turn, also of a free one, in the coordinates of the drawing (m); left out, the origin
+    axis : of a turn in space, by the right-hand rule; a free turn without it is one about all axes
+    history : [history.NAME] whose factor multiplies shift and turn, or force and moment
+    free : instead of shift and turn, components that forces decide, as in ["turn"] or ["x", "y"]
+    force : along the free axes, at the pivot (N; in the plane per metre of depth)
+    moment : of a free turn, about the pivot (N m; in the plane per metre of depth), in space about the axis or [x, y,
+        z]
+    """
+
+    shift: Point | None = None
+    turn: Number | None = None
+    pivot: Point | None = None
+    axis: Point | None = None
+    history: Name | None = None
+    free: Annotated[list[Literal["x", "y", "z", "turn"]], msgspec.Meta(min_length=1)] | None = None
+    force: Point | None = None
+    moment: Number | Point = 0.0
+
+    def __post_init__(self) -> None:
+        prescribed, free = self.turn is not None or self.shift is not None, self.free or ()
+        if prescribed == bool(free):
+            raise ValueError(
+                "a motion has a shift (m), as in shift = [0.0, -20.0], or a turn (degrees), as in turn = "
+                '90.0, or both; or it is free, as in free = ["turn"]'
+            )
+        for key in ("pivot", "axis"):
+            if getattr(self, key) is not None and self.turn is None and "turn" not in free:
+                raise ValueError(
+                    f"{key} is that of a turn; leave it out, or write turn = … (degrees)"
+                )
+        if self.axis is not None and not any(self.axis):
+            raise ValueError("axis must not be zero; a turn is about it, by the right-hand rule")
+        if len({*free}) < len(free):
+            raise ValueError("free names a component twice")
+        if self.moment and "turn" not in free:
+            raise ValueError('moment: needs a free turn: write free = ["turn"], or leave it out')
+        self._check_force()
+
+    def _check_force(self) -> None:
+        free = self.free or ()
+        for axis, component in zip("xyz", self.force or (), strict=False):
+            if component and axis not in free:
+                raise ValueError(
+                    f'force: acts along {axis}, which is not free; write free = ["{axis}"], or 0 there'
+                )
+
+    def frame(self, factor: float, dimension: int) -> Frame:
+        """Where it leads at a factor of its history; nowhere if it is free."""
+        shift = np.zeros(dimension) if self.shift is None else factor * np.array(self.shift)
+        return Frame.of(shift, factor * (self.turn or 0.0) * self.about, self.pivot)
+
+    @property
+    def about(self) -> np.ndarray:
+        """The axis of its turn, a unit vector (3,); in the plane (1,)."""
+        return np.ones(1) if self.axis is None else np.array(self.axis) / np.linalg.norm(self.axis)
+
+
+Motions = Motion | Annotated[list[Motion], msgspec.Meta(min_length=1)]
+
+
+def frame_of(motion: Motions | None, factors: Mapping[str | None, float], dimension: int) -> Frame:
+    """Where motions lead, one after the other, at factors by history."""
+    frame = Frame.of((0.0,) * dimension)
+    for part in parts_of(motion):
+        frame = part.frame(factors[part.history], dimension).after(frame)
+    return frame
+
+
+Freed = Mapping[str, np.ndarray]
+"""How far free frames have gone, by name: a shift along the axes (d,) in m, and the turn about the pivot (1,), in space
+a vector (3,), in degrees."""
+
+
+def parts_of(motion: Motions | None) -> list[Motion]:
+    """The parts of a motion, in their order."""
+    return [motion] if isinstance(motion, Motion) else motion or []
+
+
+def freed_part(motion: Motions | None) -> Motion | None:
+    """The free part of a motion."""
+    return next((part for part in parts_of(motion) if part.free), None)
+
+
+def frames_of(scene: Any, time: float, freed: Freed | None = None) -> dict[str, Frame]:
+    """Where the frames of the bodies and rigid partners of a `Settled` scene are at `time`, by name, if free ones have
+    gone as far as in `freed`."""
+    factors, frames = scene.factors(time), {}
+    for each in (*scene.body, *scene.rigid):
+        frame, gone = frame_of(each.motion, factors, scene.dimension), (freed or {}).get(each.name)
+        if gone is not None:
+            # a free turn is that of the body, a free shift one along the axes of the world
+            free = freed_part(each.motion)
+            shift, turn = np.split(gone, [scene.dimension])
+            frame = (
+                Frame.of(shift)
+                .after(frame)
+                .after(Frame.of(0.0 * shift, turn, free.pivot if free else None))
+            )
+        frames[each.name] = frame
+    return frames
+
+
+ONLY_FAR = 'bodies move far with motions = "far" in [time] only; write it there, or leave this out'
+"""What is said of keys that mean something for far motions alone."""
+
+
+def check_motions(scene: Any) -> None:
+    """ValueError where a `Scene` has motions that do not go with the rest of it."""
+    movers = {
+        f"{kind}.{each.name}": each for kind in ("body", "rigid") for each in getattr(scene, kind)
+    }
+    moving = {key: parts_of(each.motion) for key, each in movers.items() if each.motion}
+    if scene.time is None or scene.time.motions != "far":
+        _refuse_far(scene, moving)
+        return
+    if not moving and all(body.clamp or body.foundation for body in scene.body):
+        raise ValueError(
+            "time.motions: no body and no rigid partner has a motion, and clamps hold all bodies; leave "
+            'motions = "far" out'
+        )
+    _check_method(scene)
+    for key, motions in moving.items():
+        _check_motion(key, motions, scene.axisymmetric)
+        if getattr(movers[key], "displacement", None):
+            raise ValueError(f"{key}: has both a motion and a displacement; leave one of them out")
+    _check_partners(scene.rigid)
+    for contact in scene.contact:
+        _check_contact(contact)
+
+
+def _refuse_far(scene: Any, moving: Mapping[str, list[Motion]]) -> None:
+    """ValueError if a key is given that means something for far motions alone."""
+    for key in moving:
+        raise ValueError(f"{key}.motion: {ONLY_FAR}; small motions are those of clamps")
+    for body in scene.body:
+        for k, load in enumerate(body.traction):
+            if load.follows:
+                raise ValueError(f"body.{body.name}.traction.{k}.follows: {ONLY_FAR}")
+
+
+def _check_partners(partners: list[Any]) -> None:
+    """ValueError where a rigid partner is pushed or displaced, and does not move as its motion says."""
+    for rigid in partners:
+        if rigid.yields or any(rigid.displacement or ()):
+            raise ValueError(
+                f'rigid.{rigid.name}: with time.motions = "far" a partner moves as its motion says, not '
+                "by a displacement, forces or moments; write motion = { shift = […] }"
+            )
+
+
+def _check_method(scene: Any) -> None:
+    """ValueError where cycles, derivatives or the kind of compliance do not go with far motions."""
+    if scene.time.cycle:
+        raise ValueError(
+            'time.cycle: does not go with motions = "far"; write the times of all turning points'
+        )
+    if scene.output.derivatives:
+        raise ValueError(
+            'output.derivatives: there are none with time.motions = "far"; leave one of them out'
+        )
+    if scene.method.compliance not in (None, "explicit"):
+        raise ValueError(
+            f'method.compliance: {scene.method.compliance!r} does not go with time.motions = "far", for '
+            "which the compliance of all contact nodes is made once; leave it out"
+        )
+
+
+def _prescribed(motions: list[Motion]) -> set[str]:
+    """The components, "x", "y", "z" and "turn", that parts of a motion prescribe."""
+    moved = {
+        axis for part in motions for axis, way in zip("xyz", part.shift or (), strict=False) if way
+    }
+    if any(part.turn for part in motions):
+        moved.add("turn")
+    return moved
+
+
+def _check_motion(key: str, motions: list[Motion], axisymmetric: bool) -> None:
+    """ValueError where the parts of a motion of the body or partner `key` do not go with one another."""
+    free = [part.free for part in motions if part.free]
+    first: set[str] = set(*free[:1])
+    moved = _prescribed(motions)
+    if axisymmetric and not moved | first <= {"y"}:
+        raise ValueError(
+            f"{key}.motion: axisymmetric bodies shift along y only, as in shift = [0.0, -20.0]"
+        )
+    if len(free) > 1:
+        raise ValueError(
+            f'{key}.motion: has {len(free)} free parts; write one, as in free = ["x", "turn"]'
+        )
+    for axis in sorted(moved & first):
+        raise ValueError(
+            f"{key}.motion: prescribes {axis} in one part and frees it in another; leave one of them "
+            "out"
+        )
+    if key.startswith("rigid") and any(part.free and part.axis for part in motions):
+        raise ValueError(
+            f"{key}.motion.axis: a rigid partner turns freely about all axes through its pivot; leave "
+            "axis out"
+        )
+
+
+def _check_contact(contact: Any) -> None:
+    """ValueError where a contact is none of bodies that may slide far."""
+    numbers = msgspec.structs.astuple(contact.friction)
+    profiles = not all(isinstance(value, float | int) for value in numbers)
+    for key, given, why in (
+        ("kind", contact.kind != "unilateral", "only unilateral contacts slide far"),
+        ("gap", contact.gap is not None, "gaps are measured where the bodies are"),
+        ("pairing", contact.pairing == "nodes", "nodes do not stay opposite each other"),
+        ("friction", profiles, "profiles along a contact are not possible yet"),
+    ):
+        if given:
+            raise ValueError(
+                f'contact.{contact.called}.{key}: does not go with time.motions = "far": {why}'
+            )
