@@ -25,10 +25,10 @@ import ddmpi.published.mprgp
 from ddmpi import errors
 from ddmpi.cli.arguments import build_parser
 from ddmpi.run import answer
+from ddmpi.scene.formulas import FUNCTIONS
 from ddmpi.scene.method import PRESETS
 from ddmpi.scene.scene import Scene
 from ddmpi.scene.schema import json_schema, meanings, read_docstring
-from ddmpi.scene.values import FUNCTIONS
 
 PAGES = ROOT / "docs" / "reference"
 

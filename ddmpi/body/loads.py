@@ -23,7 +23,8 @@ from ddmpi.mesh.boundary import SHARPEST, outer_normals
 from ddmpi.mesh.elements import FINE, RULES, circumference, exact_rule
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import BodySpec, Clamp, Material, Traction
-from ddmpi.scene.values import AffineVector, Vector, evaluate, histories, varies
+from ddmpi.scene.formulas import evaluate, varies
+from ddmpi.scene.values import AffineVector, Vector, histories
 from ddmpi.system.numbers import ALIKE, SAME, in_words, moment
 
 EXACT = 1e-14

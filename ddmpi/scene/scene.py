@@ -18,6 +18,7 @@ from ddmpi.scene.bodies import BodySpec, Material, SettledBody, Traction
 from ddmpi.scene.checks import check_heat, check_thickness
 from ddmpi.scene.contacts import ContactSpec, Rigid, SettledContact
 from ddmpi.scene.derivable import refuse_underivable
+from ddmpi.scene.formulas import check_formulas, varies
 from ddmpi.scene.method import (
     PRESETS,
     Checkpoint,
@@ -29,18 +30,7 @@ from ddmpi.scene.method import (
     units,
 )
 from ddmpi.scene.motions import Motion, check_motions
-from ddmpi.scene.values import (
-    WHERE,
-    History,
-    Name,
-    Number,
-    Table,
-    check_formulas,
-    histories,
-    settle,
-    tables,
-    varies,
-)
+from ddmpi.scene.values import WHERE, History, Name, Number, Table, histories, settle, tables
 from ddmpi.system.files import LONGEST, contact_files
 
 FileKind = Callable[[BodySpec], tuple[int, int]]

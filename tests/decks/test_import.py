@@ -13,7 +13,7 @@ from scenes import call
 import ddmpi
 from ddmpi.decks.scene import import_deck
 from ddmpi.errors import InputError, TakenError
-from ddmpi.scene.values import evaluate
+from ddmpi.scene.formulas import evaluate
 
 SECTION = "*SOLID SECTION, ELSET=A, MATERIAL=STEEL\n"
 BOX = grid("A", (2, 2, 3), (1.0, 1.0, 3.0)) + STEEL + SECTION

@@ -12,7 +12,7 @@ from ddmpi.interface.interface import Mover, refuse_contradiction
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec
 from ddmpi.scene.contacts import NoFriction, Plane
-from ddmpi.scene.values import evaluate
+from ddmpi.scene.formulas import evaluate
 from ddmpi.surface.boundary import contact_side
 from ddmpi.surface.side import Side
 

@@ -195,7 +195,7 @@ MUTANTS = [
         ),
         (
             "affine values mix x and y",
-            "scene/values",
+            "scene/formulas",
             "zip((value.constant, value.x_slope, value.y_slope",
             "zip((value.constant, value.y_slope, value.x_slope",
             "scene/test_scene.py::test_evaluate_keeps_shape",
