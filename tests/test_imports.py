@@ -13,31 +13,16 @@ from scenes import LIMIT
 
 PACKAGE = Path(__file__).resolve().parents[1] / "ddmpi"
 
-ROOMS = [
-    "errors",
-    "sets",
-    "petsc",
-    "system",
-    "kept",
-    "scene",
-    "decks",
-    "mesh",
-    "body",
-    "surface",
-    "interface",
-    "coupling",
-    "methods",
-    "published",
-    "judge",
-    "results",
-    "pictures",
-    "derive",
-    "run",
-    "check",
-    "sweep",
-    "cli",
-]
-"""From the bottom to the top: a room imports only itself and rooms to its left."""
+STOREYS = {
+    "ground": ["errors", "sets", "petsc", "system", "kept"],
+    "what the user says": ["scene", "decks", "mesh"],
+    "mechanics": ["body", "surface", "interface", "coupling", "methods", "published"],
+    "judgement": ["judge", "results"],
+    "use": ["pictures", "derive", "run", "check", "sweep", "cli"],
+}
+"""The rooms by storey, from the bottom to the top: a room imports only itself and rooms before it."""
+
+ROOMS = [room for rooms in STOREYS.values() for room in rooms]
 
 ENTRANCES = {"__init__", "__main__", "mprgp", "apg"}
 """Modules outside the rooms: the package, ``python -m ddmpi``, and names that stand in users' options."""
@@ -117,6 +102,13 @@ def imported(module: str) -> set[str]:
 def imported_rooms(module: str) -> set[str]:
     parts = [name.split(".") for name in imported(module)]
     return {part[1] for part in parts if part[0] == "ddmpi" and len(part) > 1} & set(ROOMS)
+
+
+def test_the_map_has_the_storeys():
+    """The map of the code names the storeys and their rooms, in the order of imports."""
+    page = (PACKAGE.parent / "docs/rooms.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| \d ([^|]+) \|[^|]+\| ([^|]+) \|$", page, re.M)
+    assert {name.lower(): re.findall(r"\w+", rooms) for name, rooms in rows} == STOREYS
 
 
 def test_all_rooms_are_looked_at():
