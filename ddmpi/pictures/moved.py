@@ -121,7 +121,7 @@ def rigid_parts(
         contacts = [contact for contact in scene["contact"] if contact["bodies"][1] == rigid.name]
         now = results.time if time is None else time
         moved = motion_at(results.summary, rigid, now) if going is None else going.get(rigid.name)
-        if not contacts or moved is None:
+        if not contacts or moved is None or not rigid.surface:
             continue
         if results.dimension > 2:
             shapes = (

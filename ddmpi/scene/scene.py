@@ -298,6 +298,13 @@ class Scene(Table, frozen=True, kw_only=True):
                 f"{key}.slave: {contact.slave!r} is not a body of this contact"
                 f"{nearest(contact.slave, list(contact.bodies))} (bodies: {first}, {second})"
             )
+        if contact.kind != "bonded" and any(
+            one.name == second and not one.surface for one in self.rigid
+        ):
+            raise ValueError(
+                f"{key}.kind: {second!r} is a node, which has no surface that could be touched; write "
+                'kind = "bonded", or give it another shape'
+            )
         if second in rigid and (contact.slave or contact.pairing):
             raise ValueError(
                 f"{key}.{'slave' if contact.slave else 'pairing'}: {second!r} is rigid and has no nodes; "
