@@ -51,6 +51,7 @@ class Acts:
         self.axisymmetric = family == "CAX"
         self.axes = "xyz" if family == "C3D" else "xy"
         self.histories: dict[Course, str] = {}
+        self.rigid_nodes = {node for rigid in model.rigid for node in (rigid.ref, rigid.turn)}
         friction = any("FRICTION" in of for of in model.interactions.values())
         odd = [
             acting
@@ -143,7 +144,11 @@ class Acts:
             if component <= d and not any(value for _, value in acting.course)
         )
         for (node, component), acting in supports.items():
-            if node not in piece.place or (component > d and not acting.course[-1][1]):
+            if (
+                node not in piece.place
+                or node in self.rigid_nodes
+                or (component > d and not acting.course[-1][1])
+            ):
                 continue
             if component > d:
                 self.notes.add("lost", acting.card, "a displacement out of the plane")
@@ -239,12 +244,7 @@ class Acts:
             )
         for piece in self.pieces:
             found[piece.name] += self._forces(piece)
-        inside = (
-            fluid
-            | self.home.keys()
-            | self.model.bolt_nodes
-            | {node for rigid in self.model.rigid for node in (rigid.ref, rigid.turn)}
-        )
+        inside = fluid | self.home.keys() | self.model.bolt_nodes | self.rigid_nodes
         for (node, _), acting in self.model.kinds["forces"].items():
             if node not in inside and any(value for _, value in acting.course):
                 self.notes.add("lost", acting.card, "a force at a node of no body")
@@ -284,7 +284,7 @@ class Acts:
         cards: dict[int, Card] = {}
         for (node, component), acting in self.model.kinds["forces"].items():
             value, history = self.factor(acting)
-            if self.home.get(node) is piece and value:
+            if self.home.get(node) is piece and node not in self.rigid_nodes and value:
                 k, way = (
                     piece.place[node],
                     self._flat(acting.card, self._way(piece, node, component)),
@@ -375,7 +375,11 @@ class Acts:
             return None
         history, *others = fields
         for other in others:
-            self.notes.add("lost", fields[other][0], "volume forces that change in different ways")
+            self.notes.add(
+                "lost",
+                fields[other][0],
+                "volume forces that change in different ways" + steps_hint(self.model),
+            )
         constant, *slopes = fields[history][1]
         force = [formula(float(constant[k]), np.array(slopes)[:, k], self.axes) for k in range(d)]
         return {"value": force, "history": history} if history else force
@@ -407,7 +411,11 @@ class Acts:
             end[k] = start[k] + rise
             histories |= {history} if rise else set()
         if len(histories) > 1:
-            self.notes.add("lost", card, "temperatures that change in different ways in one body")
+            self.notes.add(
+                "lost",
+                card,
+                "temperatures that change in different ways in one body" + steps_hint(self.model),
+            )
         names = dict.fromkeys(self.model.sections[k][1] for k in self.matter.sections(piece))
         uniform = np.ptp(start) == np.ptp(end) == 0.0
         fields, expansions = [], {}
@@ -498,6 +506,11 @@ def _alike(piece: Piece, places: np.ndarray, values: np.ndarray) -> list[tuple[n
 def later(history: str | None) -> dict[str, Any]:
     """The entry of a history, if there is one."""
     return {"history": history} if history else {}
+
+
+def steps_hint(model: Model) -> str:
+    """Advice where something changes from step to step in ways that a scene has not."""
+    return "; if its steps are load cases, keep one step per deck" * (len(model.ends) > 1)
 
 
 def _scaled(course: Course) -> tuple[float, Course]:

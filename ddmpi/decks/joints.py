@@ -1,4 +1,4 @@
-"""What joins the bodies of a deck: contacts and ties, the sections of bolts, and rigid sets of nodes."""
+"""What joins the bodies of a deck: contacts and ties, and the sections of bolts."""
 
 from __future__ import annotations
 
@@ -10,54 +10,16 @@ from typing import Any
 import numpy as np
 
 from ddmpi.decks.acting import Acts, later
-from ddmpi.decks.cards import EXACT, Card, Rigid, number
-from ddmpi.decks.pieces import Piece, formula, own_name
+from ddmpi.decks.cards import Card, number
+from ddmpi.decks.pieces import Piece
 from ddmpi.errors import InputError
-from ddmpi.system.numbers import ROUNDING
 
 
 class Joints:
-    """What joins the bodies of a deck, as entries of a scene.
-
-    Attributes
-    ----------
-    clamps, tractions : of rigid sets, by body
-    partners, held : rigid partners of rigid sets, and the contacts with them
-    """
+    """What joins the bodies of a deck, as entries of a scene."""
 
     def __init__(self, acts: Acts) -> None:
         self.acts, self.notes, self.model, self.deck = acts, acts.notes, acts.model, acts.model.deck
-        self.clamps: dict[str, list[dict[str, Any]]] = {piece.name: [] for piece in acts.pieces}
-        self.tractions: dict[str, list[dict[str, Any]]] = {piece.name: [] for piece in acts.pieces}
-        self.partners: list[dict[str, Any]] = []
-        self.held: list[dict[str, Any]] = []
-        for rigid in self.model.rigid:
-            own, reason = self.acts.at(rigid.nodes), "its nodes are no whole faces of one body"
-            free = np.isnan(self._parts("supports", rigid)[0]).all()
-            points = len(own) == 1 and not len(own[0][1]) and free
-            if len(own) == 1 and own[0][2]:
-                reason = self._take(rigid, *own[0][:2])
-            elif points:
-                patches, _ = own[0][0].patches(np.flatnonzero(own[0][0].within(rigid.nodes)))
-                facets = np.unique(np.concatenate([facets for facets, _ in patches] or [own[0][1]]))
-                if len(facets):
-                    reason = self._take(rigid._replace(spread=True), own[0][0], facets)
-                    self.notes.add(
-                        "changed",
-                        rigid.card,
-                        "points alone hold nothing in a solid; the loads on "
-                        "them are spread over the faces around them",
-                    )
-            self.notes.add(
-                "lost" if reason else "taken",
-                rigid.card,
-                reason
-                or (
-                    "forces spread over a face"
-                    if rigid.spread or points
-                    else "a face that moves as a rigid one"
-                ),
-            )
 
     def _side(self, card: Card, name: str) -> list[tuple[Piece, np.ndarray]]:
         """The facets of a surface, of elements or of nodes, by body. Raises InputError where there is no surface."""
@@ -233,90 +195,3 @@ class Joints:
                         one.group(one.whole(one.within(around)), "layer") for one in (piece, other)
                     ]
                 }
-
-    def _take(self, rigid: Rigid, piece: Piece, facets: np.ndarray) -> str:
-        """Write a rigid set that has whole faces of a body; the reason where it is not possible."""
-        axes = self.acts.axes
-        if len(axes) < 3:
-            return "in the plane"
-        (held, of_held), (loads, of_loads) = (
-            self._parts(kind, rigid) for kind in ("supports", "forces")
-        )
-        if np.nan_to_num([held[6:], loads[6:]]).any():
-            return "a node of rotations has components 1 to 3 alone"
-        held, loads = held[:6], loads[:6]
-        if len(of_held | of_loads) > 1:
-            return "its loads and displacements change in different ways"
-        more = later(next(iter(of_held | of_loads), None))
-        given, held, loads = ~np.isnan(held), np.nan_to_num(held), np.nan_to_num(loads)
-        pivot = np.array(self.model.deck.points[rigid.ref])
-        if rigid.spread:
-            if given.any():
-                return "a distributing coupling whose reference node is held"
-            (force, moment), (x, w) = np.split(loads, 2), piece.quadrature(facets, False)
-            centre = w @ x / w.sum()
-            moment = moment + np.cross(pivot - centre, force)  # about the centre of the faces
-            moment[
-                np.abs(moment) <= ROUNDING * np.abs(force).max() * np.abs([pivot, centre]).max()
-            ] = 0.0
-            on = piece.group(facets, "coupled")
-            self.tractions[piece.name] += [
-                {"on": on, key: value.tolist()} | more
-                for key, value in (("force", force), ("moment", moment))
-                if value.any()
-            ]
-            return ""
-        if given.all():  # u = u_r + θ × (x − x_r)
-            shift, turn = np.split(held, 2)
-            slopes = np.cross(turn, np.eye(3))  # row k: ∂u/∂x_k
-            self.clamps[piece.name].append(
-                {"on": piece.group(facets, "rigid")}
-                | {
-                    axis: formula(float(shift[k] - slopes[:, k] @ pivot), slopes[:, k], axes)
-                    for k, axis in enumerate(axes)
-                }
-                | more
-            )
-            return ""
-        normal = piece.outward(facets)
-        if np.abs(np.abs(piece.normals(facets) @ normal) - 1.0).max() > EXACT:
-            return "its faces are not flat"
-        if given[3:].any() and (not given[3:].all() or held[3:].any()):
-            return "some of its turns are given, and others are free"
-        partner: dict[str, Any] = {
-            "name": own_name("rigid", [*(one["name"] for one in self.partners), *self.clamps]),
-            "shape": "plane",
-            "point": piece.points[piece.facets[facets[0], 0]].tolist(),
-            "normal": (-normal).tolist(),
-            "displacement": held[:3].tolist(),
-            "free": [
-                axis
-                for axis, one, load in zip(axes, given, loads, strict=False)
-                if not one and not load
-            ],
-        }
-        partner |= {"force": loads[:3].tolist()} if loads[:3].any() else {}
-        if not given[3:].any():
-            partner |= {"pivot": pivot.tolist()} | (
-                {"moment": loads[3:].tolist()} if loads[3:].any() else {"turns": True}
-            )
-        self.partners.append({key: value for key, value in partner.items() if value != []} | more)
-        self.held.append(
-            {
-                "bodies": [piece.name, partner["name"]],
-                "on": [piece.group(facets, "rigid")],
-                "kind": "bonded",
-            }
-        )
-        return ""
-
-    def _parts(self, kind: str, rigid: Rigid) -> tuple[np.ndarray, set[str | None]]:
-        """Shifts or forces, and turns or moments of the reference nodes, and what has no meaning (9,), NaN where there
-        is none; and the histories of those that are not zero."""
-        values, histories = np.full(9, np.nan), set[str | None]()
-        for (node, component), acting in self.model.kinds[kind].items():
-            if node in (rigid.ref, rigid.turn):
-                value, history = self.acts.factor(acting)
-                values[component - 1 + 3 * (node == rigid.turn and rigid.turn != rigid.ref)] = value
-                histories |= {history} if value else set()
-        return values, histories

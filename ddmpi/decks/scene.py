@@ -16,6 +16,7 @@ from ddmpi.decks.joints import Joints
 from ddmpi.decks.material import Matter
 from ddmpi.decks.model import Model
 from ddmpi.decks.pieces import Cut, Piece, cut, own_name, rows_of, split
+from ddmpi.decks.rigid import RigidSets
 from ddmpi.errors import InputError, TakenError
 from ddmpi.scene.reader import write_toml
 
@@ -134,7 +135,12 @@ class Importer:
     def scene(self, title: str) -> dict[str, Any]:
         """The scene as plain data, and groups in the pieces. Raises InputError."""
         bodies = []
-        acts, tractions, joints = self.acts, self.acts.loads(), Joints(self.acts)
+        acts, tractions, joints, sets = (
+            self.acts,
+            self.acts.loads(),
+            Joints(self.acts),
+            RigidSets(self.acts),
+        )
         for piece in self.pieces:
             heat, expansions = acts.heat(piece)
             materials = self.matter.of(piece, expansions)
@@ -142,14 +148,14 @@ class Importer:
                 "name": piece.name,
                 "mesh": {"file": f"{piece.name}.inp", "order": self.order},
                 "material": materials[0] if len(materials) == 1 else materials,
-                "clamp": acts.clamps(piece) + joints.clamps[piece.name],
-                "traction": tractions[piece.name] + joints.tractions[piece.name],
+                "clamp": acts.clamps(piece) + sets.clamps[piece.name],
+                "traction": tractions[piece.name] + sets.tractions[piece.name],
                 "volume_force": acts.volume_forces(piece),
                 "temperature": heat,
             }
             bodies.append({key: value for key, value in body.items() if value not in (None, [])})
         contacts = [contact for pair in self.model.pairs for contact in joints.contacts(*pair)]
-        contacts += [*joints.held, *joints.bolts()]
+        contacts += [*sets.bonds, *joints.bolts()]
         names: list[str] = []
         for contact in contacts:
             names.append(own_name("-".join(contact["bodies"]), names))
@@ -165,7 +171,7 @@ class Importer:
             "title": title,
             "axisymmetric": self.family == "CAX" or None,
             "body": bodies,
-            "rigid": joints.partners,
+            "rigid": sets.partners,
             "contact": [{"name": contact["name"]} | contact for contact in contacts],
             "history": histories,
         }

@@ -1,0 +1,234 @@
+"""Rigid sets of nodes, and sets over which the forces of a reference node are spread.
+
+Sets with one reference node are one rigid body, whatever keywords and however many bodies they are of.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ddmpi.decks.acting import Acts, later, steps_hint
+from ddmpi.decks.cards import EXACT, Rigid
+from ddmpi.decks.pieces import Piece, formula, own_name
+from ddmpi.system.numbers import ROUNDING
+
+Face = tuple[Piece, np.ndarray]
+"""A body, and facets of it."""
+
+
+class RigidSets:
+    """What rigid sets are in a scene.
+
+    Attributes
+    ----------
+    clamps, tractions : by body
+    partners, bonds : rigid partners, and the contacts with them
+    """
+
+    def __init__(self, acts: Acts) -> None:
+        self.acts, self.notes, self.model = acts, acts.notes, acts.model
+        self.clamps: dict[str, list[dict[str, Any]]] = {piece.name: [] for piece in acts.pieces}
+        self.tractions: dict[str, list[dict[str, Any]]] = {piece.name: [] for piece in acts.pieces}
+        self.partners: list[dict[str, Any]] = []
+        self.bonds: list[dict[str, Any]] = []
+        by_node = defaultdict[int, list[Rigid]](list)
+        for rigid in self.model.rigid:
+            by_node[rigid.ref].append(rigid)
+        for sets in by_node.values():
+            reason = self._apart(sets) or self._join(sets)
+            for one in sets if reason else ():
+                self.notes.add("lost", one.card, reason)
+
+    def _apart(self, sets: Sequence[Rigid]) -> str:
+        """Why sets with one reference node are not one rigid body of a scene; empty if they are."""
+        first, nodes = sets[0], set().union(*(one.nodes for one in sets))
+        others = [one for one in self.model.rigid if one.ref != first.ref]
+        for one in others:
+            line = f"line {one.card.line}"
+            if {first.ref, first.turn} & {one.ref, one.turn}:
+                return f"its node of rotations is also that of {line}"
+            if not first.spread and not one.spread and not nodes.isdisjoint(one.nodes):
+                return (
+                    f"some of its nodes are in the set of {line}, which has another reference node"
+                )
+            if {one.ref, one.turn} & nodes or {first.ref, first.turn} & one.nodes:
+                return f"the reference node of one set is in the other: this one and that of {line}"
+        if len(sets) > 1 and any(one.spread for one in sets):
+            lines = ", ".join(str(one.card.line) for one in sets)
+            return (
+                f"lines {lines} have one reference node; how its force divides between sets over "
+                "which it is spread is not known"
+            )
+        if len({one.turn for one in sets}) > 1:
+            return "sets with one reference node turn by different nodes"
+        if first.ref in self.acts.home and (first.spread or first.ref not in nodes):
+            return "its reference node is one of a body, and not one of the set"
+        acting = (*self.model.kinds["supports"], *self.model.kinds["forces"])
+        if any(
+            node in (first.ref, first.turn) and node in self.model.transforms for node, _ in acting
+        ):
+            return "its reference node has a *TRANSFORM"
+        return ""
+
+    def _join(self, sets: Sequence[Rigid]) -> str:
+        """Write sets with one reference node; the reason where it is not possible."""
+        rigid = sets[0]._replace(nodes=set().union(*(one.nodes for one in sets)))
+        own = self.acts.at(rigid.nodes)
+        free = np.isnan(self._parts("supports", rigid)[0]).all()
+        if own and all(covered for *_, covered in own):
+            faces = [(piece, facets) for piece, facets, _ in own]
+            if reason := self._take(rigid, faces):
+                return reason
+            words = (
+                "forces spread over a face" if rigid.spread else "a face that moves as a rigid one"
+            )
+        elif len(sets) == 1 and len(own) == 1 and not len(own[0][1]) and free:
+            piece = own[0][0]
+            patches, _ = piece.patches(np.flatnonzero(piece.within(rigid.nodes)))
+            facets = np.unique(np.concatenate([some for some, _ in patches] or [own[0][1]]))
+            if reason := self._take(rigid._replace(spread=True), [(piece, facets)]):
+                return reason
+            words = "forces spread over a face"
+            self.notes.add(
+                "changed",
+                rigid.card,
+                "points alone hold nothing in a solid; the loads on them are spread over the faces around them",
+            )
+        else:
+            return "its nodes are no whole faces of " + ("one body" if len(own) < 2 else "bodies")
+        for one in sets:
+            self.notes.add("taken", one.card, words)
+            if len(sets) > 1:
+                self.notes.add(
+                    "changed",
+                    one.card,
+                    f"{len(sets)} sets with one reference node are one rigid body, as in Abaqus; "
+                    "CalculiX turns the sets of couplings apart",
+                )
+        return ""
+
+    def _take(self, rigid: Rigid, faces: Sequence[Face]) -> str:
+        """Write a rigid set that has whole faces of bodies; the reason where it is not possible."""
+        if self.acts.axisymmetric:
+            return "around an axis"
+        (held, of_held), (loads, of_loads) = (
+            self._parts(kind, rigid) for kind in ("supports", "forces")
+        )
+        d = len(self.acts.axes)
+        in_plane = np.array([True, True, False, False, False, True]) if d == 2 else np.ones(6, bool)
+        if np.nan_to_num([held[6:], loads[6:]]).any():
+            return "a node of rotations has components 1 to 3 alone"
+        if np.nan_to_num([held[:6][~in_plane], loads[:6][~in_plane]]).any():
+            return "its reference node is loaded or moved out of the plane"
+        held, loads = held[:6][in_plane], loads[:6][in_plane] / self.acts.matter.depth
+        if len(of_held | of_loads) > 1:
+            return "its loads and displacements change in different ways" + steps_hint(self.model)
+        more = later(next(iter(of_held | of_loads), None))
+        if rigid.spread:
+            return self._spread(rigid, faces, held, np.nan_to_num(loads), more)
+        given, held, loads = ~np.isnan(held), np.nan_to_num(held), np.nan_to_num(loads)
+        pivot = np.array(self.model.deck.points[rigid.ref][:d])
+        if given.all():
+            self._move(faces, held, pivot, more)
+            return ""
+        turns, moment = held[d:], loads[d:]
+        if given[d:].any() and not given[d:].all():
+            return "some of its turns are given, and others are free"
+        if turns.any():
+            return "its turns are given, and some of its displacements are free"
+        if (given & (loads != 0.0)).any():
+            self.notes.add(
+                "changed", rigid.card, "forces along displacements that are given change nothing"
+            )
+            loads[given] = 0.0
+        name = own_name("rigid", [*(one["name"] for one in self.partners), *self.clamps])
+        partner: dict[str, Any] = (
+            {"name": name} | self._surface(faces) | {"displacement": held[:d].tolist()}
+        )
+        axes = zip(self.acts.axes, given, loads, strict=False)
+        partner["free"] = [axis for axis, one, load in axes if not one and not load]
+        if loads[:d].any():
+            partner["force"] = loads[:d].tolist()
+        if not given[d:].any():
+            partner["pivot"] = pivot.tolist()
+            whole = moment.tolist() if d == 3 else float(moment[0])
+            partner |= {"moment": whole} if moment.any() else {"turns": True}
+        self.partners.append({key: value for key, value in partner.items() if value != []} | more)
+        for piece, facets in faces:
+            on = [piece.group(facets, "rigid")]
+            self.bonds.append({"bodies": [piece.name, name], "on": on, "kind": "bonded"})
+        return ""
+
+    def _surface(self, faces: Sequence[Face]) -> dict[str, Any]:
+        """The surface of a rigid partner: of one flat face in space its plane, which pictures show; else none."""
+        (piece, facets), *others = faces
+        normal = piece.outward(facets)
+        if (
+            others
+            or len(normal) < 3
+            or np.abs(np.abs(piece.normals(facets) @ normal) - 1.0).max() > EXACT
+        ):
+            return {"shape": "node"}
+        point = piece.points[piece.facets[facets[0], 0]].tolist()
+        return {"shape": "plane", "point": point, "normal": (-normal).tolist()}
+
+    def _spread(
+        self,
+        rigid: Rigid,
+        faces: Sequence[Face],
+        held: np.ndarray,
+        loads: np.ndarray,
+        more: dict[str, Any],
+    ) -> str:
+        """Write the forces of a reference node as tractions on the faces of a body."""
+        if len(faces) > 1:
+            return "it spreads forces over several bodies; how they divide is not known"
+        if not np.isnan(held).all():
+            return "a distributing coupling whose reference node is held"
+        ((piece, facets),), d = faces, len(self.acts.axes)
+        (force, moment), (x, w) = np.split(loads, [d]), piece.quadrature(facets, False)
+        pivot, centre = np.array(self.model.deck.points[rigid.ref][:d]), w @ x / w.sum()
+        arm, wide = pivot - centre, np.abs([pivot, centre]).max()
+        # about the centre of the faces
+        moment = moment + (
+            np.cross(arm, force) if d == 3 else arm[0] * force[1] - arm[1] * force[0]
+        )
+        moment[np.abs(moment) <= ROUNDING * np.abs(force).max() * wide] = 0.0
+        on = piece.group(facets, "coupled")
+        for key, value in ("force", force), ("moment", moment):
+            if value.any():
+                given = float(value[0]) if len(value) == 1 else value.tolist()
+                self.tractions[piece.name].append({"on": on, key: given} | more)
+        return ""
+
+    def _move(
+        self, faces: Sequence[Face], held: np.ndarray, pivot: np.ndarray, more: dict[str, Any]
+    ) -> None:
+        """Write a rigid motion that is given: u = u_r + θ × (x − x_r)."""
+        d, axes = len(pivot), self.acts.axes
+        shift, turn = np.split(held, [d])
+        turn = turn if d == 3 else np.array([0.0, 0.0, turn[0]])
+        slopes = np.cross(turn, np.eye(3))[:d, :d]  # row k: ∂u/∂x_k
+        moved = {
+            axis: formula(float(shift[k] - slopes[:, k] @ pivot), slopes[:, k], axes)
+            for k, axis in enumerate(axes)
+        }
+        for piece, facets in faces:
+            self.clamps[piece.name].append({"on": piece.group(facets, "rigid")} | moved | more)
+
+    def _parts(self, kind: str, rigid: Rigid) -> tuple[np.ndarray, set[str | None]]:
+        """Shifts or forces, and turns or moments of the reference nodes, and what has no meaning (9,), NaN where there
+        is none; and the histories of those that are not zero."""
+        values, histories = np.full(9, np.nan), set[str | None]()
+        apart = rigid.turn != rigid.ref
+        for (node, component), acting in self.model.kinds[kind].items():
+            if node in (rigid.ref, rigid.turn):
+                value, history = self.acts.factor(acting)
+                k = component - 1 + 3 * (node == rigid.turn and apart)
+                values[k] = np.nansum([values[k], value]) if kind == "forces" else value
+                histories |= {history} if value else set()
+        return values, histories
