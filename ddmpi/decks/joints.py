@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ddmpi.decks.acting import Acts, later
-from ddmpi.decks.cards import Card, number
+from ddmpi.decks.cards import Card, called, number
 from ddmpi.decks.pieces import Piece
 from ddmpi.errors import InputError
 
@@ -20,11 +20,53 @@ class Joints:
 
     def __init__(self, acts: Acts) -> None:
         self.acts, self.notes, self.model, self.deck = acts, acts.notes, acts.model, acts.model.deck
+        self.cleared: list[Card] = []
+        self.met: list[
+            tuple[Card, tuple[bool, float], dict[str, set[int]]]
+        ] = []  # faces in contact so far
+
+    def unmet(self) -> None:
+        """Note clearances of surfaces that are in no contact."""
+        for clearance in self.model.clearances.values():
+            if clearance not in self.cleared:
+                self.notes.add("lost", clearance, "no *CONTACT PAIR has these surfaces")
+
+    def _again(
+        self,
+        card: Card,
+        laws: tuple[bool, float],
+        slave: Piece,
+        on: np.ndarray,
+        master: Piece,
+        against: np.ndarray,
+    ) -> bool:
+        """Whether a contact of the same faces is there already, in either order. Those that share some of their faces
+        on both sides, or differ in their laws, are lost."""
+        sides = {slave.name: set(on.tolist()), master.name: set(against.tolist())}
+        for other, law, others in self.met:
+            if others.keys() != sides.keys() or any(
+                others[name].isdisjoint(sides[name]) for name in sides
+            ):
+                continue
+            if others == sides and law == laws:
+                return True
+            self.notes.add(
+                "lost", card, f"a contact beside that of line {other.line}, between the same faces"
+            )
+        self.met.append((card, laws, sides))
+        return False
 
     def _side(self, card: Card, name: str) -> list[tuple[Piece, np.ndarray]]:
         """The facets of a surface, of elements or of nodes, by body. Raises InputError where there is no surface."""
         if self.deck.key("SURFACE", card.scope, name):
-            return self.acts.on(self.deck.ends(card, name))
+            ends = set(self.deck.ends(card, name))
+            if inner := len(ends - self.acts.where.keys()):
+                self.notes.add(
+                    "changed",
+                    card,
+                    f"{inner} faces of the surface {name} are on no boundary, and left out",
+                )
+            return self.acts.on(ends)
         if not self.deck.key("NODES", card.scope, name):
             raise InputError(card.tells(f"there is no surface {name}"))
         sides = self.acts.at(self.deck.chosen(card, "NODES", name))
@@ -38,7 +80,7 @@ class Joints:
         """The contacts of a pair of surfaces, one for each two bodies that they have."""
         notes, law = self.notes, dict[str, Card]()
         if card.word != "TIE":
-            name = card.says("INTERACTION")
+            name = card.name_of("INTERACTION").upper()
             if name not in self.model.interactions:
                 raise InputError(card.tells(f"there is no *SURFACE INTERACTION {name}"))
             law = self.model.interactions[name]
@@ -54,11 +96,16 @@ class Joints:
             {node for node, _ in self.model.kinds["supports"]},
             *(one.nodes for one in self.model.rigid),
         )
+        laws = (tied, coefficient)
         joined = [
             (slave, on, master, against)
             for (slave, on), (master, against) in product(slaves, masters)
             if slave is not master
         ]
+        twice = [one for one in joined if self._again(card, laws, *one)]
+        if twice:
+            self.notes.add("changed", card, "a contact that is there already, is one contact")
+            joined = [one for one in joined if not any(one is other for other in twice)]
         for slave, on, master, against in joined:
             contact: dict[str, Any] = {
                 "bodies": [slave.name, master.name],
@@ -68,16 +115,15 @@ class Joints:
                 contact["kind"] = "bonded"
             elif coefficient:
                 contact["friction"] = {"law": "coulomb", "coefficient": coefficient}
-            if not tied and not held.issuperset(slave.nodes[np.unique(slave.facets[on])].tolist()):
+            if not held.issuperset(slave.nodes[np.unique(slave.facets[on])].tolist()):
                 contact["slave"] = slave.name  # supported or rigid all over it could be none
             clearance, gap = (
-                self.model.clearances.get(
-                    frozenset((slave_surface.upper(), master_surface.upper()))
-                ),
+                self.model.clearances.get(frozenset(map(called, (slave_surface, master_surface)))),
                 None,
             )
             if clearance:
                 gap = number(clearance.given["VALUE"])
+                self.cleared.append(clearance)
                 notes.add("taken", clearance, "gap")
             elif not tied and card.says("ADJUST", "NO") != "NO":
                 gap = self._adjusted(card, slave, slave.heights(on, master, against))
@@ -85,7 +131,7 @@ class Joints:
         own = {piece.name for piece, _ in slaves} & {piece.name for piece, _ in masters}
         if own:
             notes.add("lost", card, f"contact of {', '.join(sorted(own))} with itself")
-        elif not joined:
+        elif not joined and not twice:
             notes.add("lost", card, f"{slave_surface} or {master_surface} has no faces on a body")
         if joined:
             notes.add("taken", card, "bonded contact" if tied else "contact")
@@ -140,6 +186,20 @@ class Joints:
                 if len(facets) and not any(piece is one for one, _ in sides)
             ]
             node = self.model.node(card, card.given["NODE"])
+            beside = [
+                one
+                for one, *_ in self.acts.cuts
+                if one is not card and self.model.node(one, one.given["NODE"]) == node
+            ]
+            if beside or node in self.acts.rigid_nodes:
+                self.notes.add(
+                    "lost",
+                    card,
+                    f"its node is also that of line {beside[0].line}"
+                    if beside
+                    else "its node is the reference node of a rigid set",
+                )
+                continue
             force, offset = (
                 self.model.kinds[kind].get((node, 1)) for kind in ("forces", "supports")
             )

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ddmpi.decks.acting import Acts
-from ddmpi.decks.cards import FAMILIES, PARAMETERS, Block, DeckError, Notes, axes
+from ddmpi.decks.cards import FAMILIES, PARAMETERS, Block, DeckError, Notes, axes, called
 from ddmpi.decks.deck import STRIDE, Deck
 from ddmpi.decks.joints import Joints
 from ddmpi.decks.material import Matter
@@ -53,7 +53,7 @@ class Importer:
             if card.word in ("TRANSFORM", "ORIENTATION") and card.says("SYSTEM", "R")[0] == "R":
                 with card.reading():
                     axes(card)
-            for name in card.given:
+            for name in card.given if card.place not in self.model.left_out else ():
                 if name not in PARAMETERS.get(card.word, card.given) and not (
                     name == "PERTURBATION" and linear
                 ):
@@ -124,7 +124,7 @@ class Importer:
     def _element_sets(self) -> dict[frozenset[int], str]:
         """Names of sets of elements by their members; those of sections first; within instances their names."""
         found: dict[frozenset[int], str] = {}
-        of_sections = {card.given["ELSET"].lower() for *_, card in self.model.sections}
+        of_sections = {called(card.given["ELSET"]) for *_, card in self.model.sections}
         named = {key: name for (kind, key), name in self.deck.names.items() if kind == "ELSET"}
         for key in sorted(named, key=lambda key: key.rpartition(".")[2] not in of_sections):
             scope = key.rpartition(".")[0]
@@ -155,6 +155,7 @@ class Importer:
             }
             bodies.append({key: value for key, value in body.items() if value not in (None, [])})
         contacts = [contact for pair in self.model.pairs for contact in joints.contacts(*pair)]
+        joints.unmet()
         contacts += [*sets.bonds, *joints.bolts()]
         names: list[str] = []
         for contact in contacts:
