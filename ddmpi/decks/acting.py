@@ -137,6 +137,8 @@ class Acts:
         )
         # in directions of *TRANSFORM, by component and whether it is moved: direction by place
         turned: dict[tuple[int, bool], dict[int, np.ndarray]] = defaultdict(dict)
+        # those of them that are along x, y or z
+        ways: dict[int, dict[int, np.ndarray]] = defaultdict(dict)
         cards: dict[int, Card] = {}
         zero = Counter(
             node
@@ -161,11 +163,16 @@ class Acts:
             )
             (value, history), main = self.factor(acting), int(np.abs(way).argmax())
             if abs(abs(way[main]) - 1.0) < EXACT:
+                if node in self.model.transforms and not value:
+                    ways[component][piece.place[node]] = way
                 at[main][bool(value), history][piece.place[node]] = value * np.sign(way[main])
             else:
                 turned[component, bool(value)][piece.place[node]] = way
                 cards[component] = acting.card
-        found = self._guided(piece, turned, cards)
+        found, guided = self._guided(piece, turned, ways, cards)
+        for component, place in guided:  # by their faces, and not along an axis as well
+            main = int(np.abs(ways[component][place]).argmax())
+            at[main][False, None].pop(place, None)
         together: dict[tuple[bytes, str | None], tuple[np.ndarray, dict[str, Any]]] = {}
         for component, by_history in sorted(at.items()):
             for (_, history), held in by_history.items():
@@ -182,15 +189,19 @@ class Acts:
         self,
         piece: Piece,
         turned: dict[tuple[int, bool], dict[int, np.ndarray]],
+        along: dict[int, dict[int, np.ndarray]],
         cards: dict[int, Card],
-    ) -> list[dict[str, Any]]:
-        """Supports in directions of *TRANSFORM, which are the normals of whole faces, as clamps along these."""
-        found = []
+    ) -> tuple[list[dict[str, Any]], set[tuple[int, int]]]:
+        """Supports in directions of *TRANSFORM, which are the normals of whole faces, as clamps along these; and the
+        places, by component, of those `along` x, y or z that these faces have too."""
+        found, guided = [], set[tuple[int, int]]()
         for (component, moved), ways in turned.items():
             given = np.full(
                 (len(piece.nodes) + 1, len(self.axes)), np.nan
             )  # −1, no node, is the last
-            given[list(ways)] = list(ways.values())
+            for some in (along.get(component, {}), ways):
+                if some:
+                    given[list(some)] = list(some.values())
             facets = piece.whole(~np.isnan(given[:-1, 0]))
             mean = np.nanmean(given[piece.facets[facets, :4]], axis=1)
             facets = facets[np.abs((piece.normals(facets) * mean).sum(axis=1)) > ALONG]
@@ -203,7 +214,9 @@ class Acts:
                 )
             else:
                 found.append({"on": piece.group(facets, "guided"), "normal": 0.0})
-        return found
+                on = set(piece.facets[facets].ravel().tolist())
+                guided |= {(component, place) for place in along.get(component, ()) if place in on}
+        return found, guided
 
     def loads(self) -> dict[str, list[dict[str, Any]]]:
         """The tractions of all bodies by name: pressures on faces, and forces at nodes spread over faces."""

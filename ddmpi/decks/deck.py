@@ -76,7 +76,7 @@ class Deck:
             kind: {} for kind in ("NSET", "ELSET", "NODES", "SURFACE")
         }
         self.names: dict[tuple[str, str], str] = {}
-        self._surfaces: dict[str, Card] = {}
+        self._surfaces: dict[tuple[str, str], Card] = {}
         for card in self.cards:
             with card.reading():
                 self._take(card)
@@ -166,10 +166,13 @@ class Deck:
         """Note a surface of nodes or of faces of elements."""
         given, rows = card.given, card.rows
         key = called(f"{card.scope}.{given['NAME']}" if card.scope else given["NAME"])
-        other = self._surfaces.setdefault(key, card)
+        kind = (
+            "NODES" if card.says("TYPE") == "NODE" else "SURFACE"
+        )  # one of nodes may have the name of one of faces
+        other = self._surfaces.setdefault((kind, key), card)
         if other.place != card.place:
             raise DeckError(f"there is a surface {given['NAME']} on line {other.line} already")
-        if card.says("TYPE") == "NODE":
+        if kind == "NODES":
             self._set("NODES", given["NAME"], card, self._entries(card, (row[0] for row in rows)))
         else:
             self._set(

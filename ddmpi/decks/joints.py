@@ -64,7 +64,7 @@ class Joints:
                 self.notes.add(
                     "changed",
                     card,
-                    f"{inner} faces of the surface {name} are on no boundary, and left out",
+                    f"faces of the surface {name} that are on no boundary ({inner}) are left out",
                 )
             return self.acts.on(ends)
         if not self.deck.key("NODES", card.scope, name):

@@ -115,6 +115,7 @@ class Model:
         )  # the material or interaction whose keywords follow
         self._fresh: dict[str, dict[Any, tuple[Card, float]]] = {kind: {} for kind in self.kinds}
         self._renewed: set[str] = set()
+        self._since = 0  # place of the first card of this step
         self._opened: dict[str, Card] = {}  # the first card of each kind in a step
         self._read()
 
@@ -244,7 +245,7 @@ class Model:
             self.notes.add(
                 "changed", cards[0], "warning: NLGEOM: displacements and strains are small here"
             )
-        self._renewed, self._opened = set(), {}
+        self._renewed, self._opened, self._since = set(), {}, cards[0].place
         for card in cards:
             self._take(card)
         for kind, acting in self.kinds.items():
@@ -317,6 +318,7 @@ class Model:
             self.notes.add("changed", card, f"left out: {WITHOUT_EFFECT[card.word]}")
         elif card.word in REFUSED:
             self.notes.add("lost", card, f"{REFUSED[card.word]}: not possible")
+            self._within = "CHANGED" if card.word.startswith("CHANGE") else self._within
         elif not self._known(card.word):
             self.notes.add("lost", card, "this keyword is not known")
         elif method := self._method(card.word):
@@ -344,10 +346,12 @@ class Model:
     _on_surfaceinteraction = _on_material
 
     def _keep(self, card: Card, within: str = "MATERIAL") -> None:
+        if self._within == "CHANGED":  # in a step; that this changes is lost
+            return
         if self._within != within.replace(" ", ""):
             raise DeckError(f"it does not follow *{within}")
         other = self._inside.setdefault(card.word, card)
-        if other.place != card.place:
+        if other.place != card.place and (other.rows, other.given) != (card.rows, card.given):
             raise DeckError(f"there is one of this *{within} on line {other.line} already")
 
     def _on_elastic(self, card: Card) -> None:
@@ -470,7 +474,7 @@ class Model:
                 most = 6 if node in self._refs else 3
                 for k in (k for k in components if k <= most):
                     other, before = self._fresh["supports"].get((node, k), (card, value))
-                    if before != value:
+                    if before != value and other.place >= self._since:
                         self.notes.add(
                             "changed",
                             card,
