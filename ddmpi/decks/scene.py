@@ -18,7 +18,7 @@ from ddmpi.decks.model import Model
 from ddmpi.decks.pieces import Cut, Piece, cut, own_name, rows_of, split
 from ddmpi.decks.rigid import RigidSets
 from ddmpi.errors import InputError, TakenError
-from ddmpi.scene.reader import write_toml
+from ddmpi.scene.reader import read_scene, write_toml
 
 VARIANTS = {
     "": "",
@@ -214,9 +214,11 @@ def import_deck(
             f"{deck}: a scene would be another problem without what is not possible; nothing is written "
             "(--partial writes it all the same)" + "".join(f"\n  {line}" for line in lists["lost"])
         )
+    tried = write_toml(scene)
+    kind = 2 if importer.family != "C3D" else 3, importer.order
+    read_scene(f"{deck}: its scene", tried, file_kind=lambda spec: kind)
     text = (
-        f"# from {path.name}; lengths, stresses and forces are in the units of the deck\n"
-        + write_toml(scene)
+        f"# from {path.name}; lengths, stresses and forces are in the units of the deck\n" + tried
     )
     files = ["scene.toml", *(f"{piece.name}.inp" for piece in importer.pieces)]
     there = [name for name in files if (folder / name).exists()]
@@ -228,6 +230,12 @@ def import_deck(
     for piece in importer.pieces:
         piece.write(folder / f"{piece.name}.inp")
     (folder / "scene.toml").write_text(text, encoding="utf-8")
+    touched = {name for contact in scene.get("contact", []) for name in contact["bodies"]}
+    loose = [
+        body["name"]
+        for body in scene["body"]
+        if "clamp" not in body and body["name"] not in touched
+    ]
     return "\n".join(
         [
             *(
@@ -241,6 +249,10 @@ def import_deck(
                 else "labelled m and Pa; others: length_unit, stress_unit of [output]"
             )
             + "\n",
+            *(
+                f"warning: no support and no contact holds {name}; what acts on it must be in balance\n"
+                for name in loose
+            ),
             f"{folder / 'scene.toml'}: {_count(len(importer.pieces), 'body', 'bodies')}, "
             + _count(len(scene.get("contact", [])), "contact", "contacts"),
         ]

@@ -377,6 +377,11 @@ def file_groups(
                         break
     points_of = raw.cells_dict.get("vertex", np.empty((0, 1), int))[:, 0]
     alone |= {name: np.unique(points_of[members]) for name, members in file_members(raw, 0).items()}
+    if not any((*kinds, alone)) and label.lower().endswith(".inp"):
+        raise InputError(
+            f"{label} has no sets of nodes and no surfaces; clamps, tractions and contacts refer to "
+            "boundaries by such names: *NSET, NSET=LEFT or *SURFACE, NAME=LEFT"
+        )
     if not any((*kinds, alone)):
         raise InputError(
             f"{label} has no named physical groups of {CELLS[d - 1, 1].names}; clamps, tractions and "
