@@ -91,6 +91,7 @@ class Model:
         for card in deck.cards:
             if card.word == "TRANSFORM":
                 self._on_transform_of_nodes(card)
+        self.large = False  # whether a step has NLGEOM
         self.left_out = set[int]()  # places of the cards of steps that leave the state as it is
         self.rigid: list[Rigid] = []
         self.bolts = [card for card in deck.cards if card.word == "PRE-TENSIONSECTION"]
@@ -242,6 +243,7 @@ class Model:
         if end <= begin:
             raise DeckError("the time of a step is not positive")
         if cards[0].says("NLGEOM", "NO") != "NO":
+            self.large = True
             self.notes.add(
                 "changed", cards[0], "warning: NLGEOM: displacements and strains are small here"
             )

@@ -16,6 +16,9 @@ from ddmpi.decks.cards import EXACT, Rigid
 from ddmpi.decks.pieces import Piece, formula, own_name
 from ddmpi.system.numbers import ROUNDING
 
+SMALL_TURN = 0.2
+"""Largest turn (radians) of a rigid set with NLGEOM: displacements of small turns are 2 % off."""
+
 Face = tuple[Piece, np.ndarray]
 """A body, and facets of it."""
 
@@ -102,12 +105,12 @@ class RigidSets:
             return "its nodes are no whole faces of " + ("one body" if len(own) < 2 else "bodies")
         for one in sets:
             self.notes.add("taken", one.card, words)
-            if len(sets) > 1:
+            if len(sets) > 1 and rigid.turn == rigid.ref:
                 self.notes.add(
                     "changed",
                     one.card,
                     f"{len(sets)} sets with one reference node are one rigid body, as in Abaqus; "
-                    "CalculiX turns the sets of couplings apart",
+                    "CalculiX lets each turn by itself",
                 )
         return ""
 
@@ -132,6 +135,8 @@ class RigidSets:
             return self._spread(rigid, faces, held, np.nan_to_num(loads), more)
         given, held, loads = ~np.isnan(held), np.nan_to_num(held), np.nan_to_num(loads)
         pivot = np.array(self.model.deck.points[rigid.ref][:d])
+        if self.model.large and np.linalg.norm(held[d:]) > SMALL_TURN:
+            return f"it turns by {np.linalg.norm(held[d:]):.3g}, and turns are small in a scene"
         if given.all():
             self._move(faces, held, pivot, more)
             return ""
