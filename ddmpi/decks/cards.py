@@ -158,6 +158,11 @@ PERTURBATIONS = frozenset(
 )
 """Steps that leave the state of a deck as it is."""
 
+OF_STEPS = frozenset(
+    ("STATIC", "CLOAD", "DLOAD", "DSLOAD", "TEMPERATURE", "MODELCHANGE", "CHANGESOLIDSECTION")
+)
+"""Keywords that have no meaning outside of steps."""
+
 REFUSED = {
     "EQUATION": "equations between nodes",
     "MPC": "constraints between nodes",

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ddmpi.decks.cards import (
+    OF_STEPS,
     PARAMETERS,
     PERTURBATIONS,
     REFUSED,
@@ -180,7 +181,7 @@ class Model:
 
     def _read(self) -> None:
         steps: list[list[Card]] = []
-        inside = None
+        inside, early = None, list[Card]()
         for card in self.deck.cards:
             if card.word == "STEP":
                 if inside is not None:
@@ -189,12 +190,28 @@ class Model:
                     )
                 inside = card
                 steps.append([])
+            if inside is None and card.word in OF_STEPS:
+                early.append(card)
+            if inside is None and card.word == "ENDSTEP":
+                raise InputError(card.tells("no *STEP begins before it"))
             take = self._take if inside is None else steps[-1].append
             take(card)
             inside = None if card.word == "ENDSTEP" else inside
         if inside is not None:
             raise InputError(
                 inside.tells("the step that begins here does not end; is the deck cut off?")
+            )
+        for card in early:
+            after = not steps or card.place > steps[-1][0].place
+            self.notes.add(
+                "lost" if after else "changed",
+                card,
+                "it stands in no *STEP"
+                + (
+                    ", but after the last one"
+                    if after
+                    else "; it counts from the beginning of the next one"
+                ),
             )
         # a step that is not static is called by its first keyword that static ones do not have
         ways = [
@@ -211,6 +228,9 @@ class Model:
             )
             raise InputError(f"it has no *STATIC step{what}; ddmpi computes static equilibrium")
         for k, (step, way) in enumerate(zip(steps, ways, strict=True)):
+            others = [card.line for card in step if card.word == way.word and card.rows != way.rows]
+            if others:
+                raise InputError(way.tells(f"line {others[0]} gives the same step other times"))
             if way.word == "STATIC":
                 with way.reading():
                     self._follow(step, way)
@@ -450,6 +470,12 @@ class Model:
         """A load, which adds to those of the same step at the same place."""
         other, before = self._fresh[kind].get(key, (card, 0.0))
         self._fresh[kind][key] = card, before + value
+        if other.place != card.place:
+            self.notes.add(
+                "taken",
+                card,
+                f"added to line {other.line} where places are the same, as in CalculiX",
+            )
         ways = {
             (one.name_of("AMPLITUDE"), number(one.given.get("TIMEDELAY") or "0"))
             for one in (other, card)
