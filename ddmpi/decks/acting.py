@@ -41,17 +41,12 @@ class Acts:
         family: str,
         cuts: Sequence[Cut],
     ) -> None:
-        self.model, self.notes, self.matter, self.pieces, self.cuts = (
-            model,
-            notes,
-            matter,
-            pieces,
-            cuts,
-        )
+        self.model, self.notes, self.matter = model, notes, matter
+        self.pieces, self.cuts = pieces, cuts
         self.axisymmetric = family == "CAX"
         self.axes = "xyz" if family == "C3D" else "xy"
         self.histories: dict[Course, str] = {}
-        self.rigid_nodes = {node for rigid in model.rigid for node in (rigid.ref, rigid.turn)}
+        self.rigid_nodes = model.rigid_nodes
         friction = any("FRICTION" in of for of in model.interactions.values())
         odd = [
             acting
@@ -145,16 +140,7 @@ class Acts:
             for (node, component), acting in supports.items()
             if component <= d and not any(value for _, value in acting.course)
         )
-        for (node, component), acting in supports.items():
-            if (
-                node not in piece.place
-                or node in self.rigid_nodes
-                or (component > d and not acting.course[-1][1])
-            ):
-                continue
-            if component > d:
-                self.notes.add("lost", acting.card, "a displacement out of the plane")
-                continue
+        for node, component, acting in self._held(piece):
             # where all components are zero, their directions do not matter
             way = (
                 self._way(piece, node, component)[:d]
@@ -173,6 +159,22 @@ class Acts:
         for component, place in guided:  # by their faces, and not along an axis as well
             main = int(np.abs(ways[component][place]).argmax())
             at[main][False, None].pop(place, None)
+        return found + self._together(piece, at)
+
+    def _held(self, piece: Piece) -> Iterable[tuple[int, int, Acting]]:
+        """The node, the component and the value of each support of a body in the directions of the scene."""
+        for (node, component), acting in self.model.kinds["supports"].items():
+            if node not in piece.place or node in self.rigid_nodes:
+                continue
+            if component <= len(self.axes):
+                yield node, component, acting
+            elif acting.course[-1][1]:
+                self.notes.add("lost", acting.card, "a displacement out of the plane")
+
+    def _together(
+        self, piece: Piece, at: dict[int, dict[tuple[bool, str | None], dict[int, float]]]
+    ) -> list[dict[str, Any]]:
+        """Clamps of values by component, history and place; of the same nodes they are one."""
         together: dict[tuple[bytes, str | None], tuple[np.ndarray, dict[str, Any]]] = {}
         for component, by_history in sorted(at.items()):
             for (_, history), held in by_history.items():
@@ -180,7 +182,7 @@ class Acts:
                 for some, value in _alike(piece, places, values):
                     _, entry = together.setdefault((some.tobytes(), history), (some, {}))
                     entry[self.axes[component]] = value
-        return found + [
+        return [
             {"on": self._named(piece, some, "fixed")} | entry | later(history)
             for (_, history), (some, entry) in together.items()
         ]
@@ -388,11 +390,8 @@ class Acts:
             return None
         history, *others = fields
         for other in others:
-            self.notes.add(
-                "lost",
-                fields[other][0],
-                "volume forces that change in different ways" + steps_hint(self.model),
-            )
+            words = "volume forces that change in different ways"
+            self.notes.lost_between_steps(fields[other][0], words)
         constant, *slopes = fields[history][1]
         force = [formula(float(constant[k]), np.array(slopes)[:, k], self.axes) for k in range(d)]
         return {"value": force, "history": history} if history else force
@@ -424,11 +423,8 @@ class Acts:
             end[k] = start[k] + rise
             histories |= {history} if rise else set()
         if len(histories) > 1:
-            self.notes.add(
-                "lost",
-                card,
-                "temperatures that change in different ways in one body" + steps_hint(self.model),
-            )
+            words = "temperatures that change in different ways in one body"
+            self.notes.lost_between_steps(card, words)
         names = dict.fromkeys(self.model.sections[k][1] for k in self.matter.sections(piece))
         uniform = np.ptp(start) == np.ptp(end) == 0.0
         fields, expansions = [], {}
@@ -519,11 +515,6 @@ def _alike(piece: Piece, places: np.ndarray, values: np.ndarray) -> list[tuple[n
 def later(history: str | None) -> dict[str, Any]:
     """The entry of a history, if there is one."""
     return {"history": history} if history else {}
-
-
-def steps_hint(model: Model) -> str:
-    """Advice where something changes from step to step in ways that a scene has not."""
-    return "; if its steps are load cases, keep one step per deck" * (len(model.ends) > 1)
 
 
 def _scaled(course: Course) -> tuple[float, Course]:

@@ -440,10 +440,16 @@ class Notes:
 
     def __init__(self, main: Path) -> None:
         self.main, self.entries = main, list[tuple[str, Card, str]]()
+        self.cases = False  # whether it would help to import one step alone
 
     def add(self, which: str, card: Card, reason: str) -> None:
         """Note in a list what became of a keyword."""
         self.entries.append((which, card, reason))
+
+    def lost_between_steps(self, card: Card, reason: str) -> None:
+        """Note what is lost as it changes from step to step in ways that a scene has not."""
+        self.add("lost", card, reason)
+        self.cases = True
 
     def words(self, which: str) -> list[str]:
         """A line of text for each entry of a list, in the order of the deck. A keyword that is lost, if only in part,

@@ -394,16 +394,13 @@ def flattened(path: Path) -> tuple[list[Card], list[Instance]]:
     parts: dict[str, list[Card]] = {}
     names: dict[str, str] = {}
     cards, instances, scopes = list[Card](), list[Instance](), [("", "")]
-    for place, read in enumerate(read_cards(path)):
+    every = read_cards(path)
+    for place, read in enumerate(every):
         card = read._replace(place=place)
         if card.word in WITHIN:
             name = card.given.get("NAME", card.given.get("INSTANCE", ""))
             scopes.append((card.word, name))
             if card.word == "PART":
-                if called(name) in parts:
-                    raise DeckError(
-                        f"line {card.line} of {card.path.name}: there are two parts of the name {name}"
-                    )
                 parts[called(name)], names[called(name)] = [], name
             elif card.word == "INSTANCE":
                 part = card.given.get("PART", "")
@@ -417,6 +414,8 @@ def flattened(path: Path) -> tuple[list[Card], list[Instance]]:
             parts[called(scopes[-1][1])].append(card)
         else:
             cards.append(card._replace(scope=scopes[-1][1] if scopes[-1][0] == "INSTANCE" else ""))
+    if len(names) < sum(card.word == "PART" for card in every):
+        raise DeckError("two of its parts have one name")
     if parts and not instances:  # a part that nothing places stands where it was drawn
         instances = [Instance(name, name, []) for name in names.values()]
         cards = [

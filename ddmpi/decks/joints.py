@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from itertools import product
 from typing import Any
 
@@ -13,6 +13,9 @@ from ddmpi.decks.acting import Acts, later
 from ddmpi.decks.cards import Card, called, number
 from ddmpi.decks.pieces import Piece
 from ddmpi.errors import InputError
+
+Side = tuple[Piece, np.ndarray]
+"""A body, and its facets of a surface."""
 
 
 class Joints:
@@ -78,34 +81,13 @@ class Joints:
         self, card: Card, slave_surface: str, master_surface: str
     ) -> Iterable[dict[str, Any]]:
         """The contacts of a pair of surfaces, one for each two bodies that they have."""
-        notes, law = self.notes, dict[str, Card]()
-        if card.word != "TIE":
-            name = card.name_of("INTERACTION").upper()
-            if name not in self.model.interactions:
-                raise InputError(card.tells(f"there is no *SURFACE INTERACTION {name}"))
-            law = self.model.interactions[name]
-        behaviour = law.get("SURFACEBEHAVIOR", card).says("PRESSURE-OVERCLOSURE")
-        tied = card.word == "TIE" or behaviour == "TIED"
-        coefficient = (
-            number(law["FRICTION"].rows[0][0])
-            if "FRICTION" in law and law["FRICTION"].rows
-            else 0.0
-        )
+        tied, friction = self._law(card)
         slaves, masters = (self._side(card, name) for name in (slave_surface, master_surface))
         held = set().union(
             {node for node, _ in self.model.kinds["supports"]},
             *(one.nodes for one in self.model.rigid),
         )
-        laws = (tied, coefficient)
-        joined = [
-            (slave, on, master, against)
-            for (slave, on), (master, against) in product(slaves, masters)
-            if slave is not master
-        ]
-        twice = [one for one in joined if self._again(card, laws, *one)]
-        if twice:
-            self.notes.add("changed", card, "a contact that is there already, is one contact")
-            joined = [one for one in joined if not any(one is other for other in twice)]
+        joined = self._joined(card, (tied, friction), slaves, masters)
         for slave, on, master, against in joined:
             contact: dict[str, Any] = {
                 "bodies": [slave.name, master.name],
@@ -113,28 +95,20 @@ class Joints:
             }
             if tied:
                 contact["kind"] = "bonded"
-            elif coefficient:
-                contact["friction"] = {"law": "coulomb", "coefficient": coefficient}
+            elif friction:
+                contact["friction"] = {"law": "coulomb", "coefficient": friction}
             if not held.issuperset(slave.nodes[np.unique(slave.facets[on])].tolist()):
                 contact["slave"] = slave.name  # supported or rigid all over it could be none
-            clearance, gap = (
-                self.model.clearances.get(frozenset(map(called, (slave_surface, master_surface)))),
-                None,
-            )
-            if clearance:
+            pair, gap = frozenset(map(called, (slave_surface, master_surface))), None
+            if clearance := self.model.clearances.get(pair):
                 gap = number(clearance.given["VALUE"])
                 self.cleared.append(clearance)
-                notes.add("taken", clearance, "gap")
+                self.notes.add("taken", clearance, "gap")
             elif not tied and card.says("ADJUST", "NO") != "NO":
                 gap = self._adjusted(card, slave, slave.heights(on, master, against))
             yield contact | ({} if gap is None else {"gap": gap})
-        own = {piece.name for piece, _ in slaves} & {piece.name for piece, _ in masters}
-        if own:
-            notes.add("lost", card, f"contact of {', '.join(sorted(own))} with itself")
-        elif not joined and not twice:
-            notes.add("lost", card, f"{slave_surface} or {master_surface} has no faces on a body")
         if joined:
-            notes.add("taken", card, "bonded contact" if tied else "contact")
+            self.notes.add("taken", card, "bonded contact" if tied else "contact")
         for slave, on in slaves if tied else ():
             found = [
                 slave.heights(on, master, against)
@@ -143,6 +117,34 @@ class Joints:
             ]
             if found:
                 self._tell_gap(card, slave.points[slave.facets[on][:, :2]], np.concatenate(found))
+
+    def _law(self, card: Card) -> tuple[bool, float]:
+        """Whether a pair of surfaces is tied, and its coefficient of friction. Raises InputError."""
+        law = dict[str, Card]()
+        if card.word != "TIE":
+            name = card.name_of("INTERACTION").upper()
+            if name not in self.model.interactions:
+                raise InputError(card.tells(f"there is no *SURFACE INTERACTION {name}"))
+            law = self.model.interactions[name]
+        behaviour = law.get("SURFACEBEHAVIOR", card).says("PRESSURE-OVERCLOSURE")
+        friction = number(law["FRICTION"].rows[0][0] or "0") if "FRICTION" in law else 0.0
+        return card.word == "TIE" or behaviour == "TIED", friction
+
+    def _joined(
+        self, card: Card, law: tuple[bool, float], slaves: Sequence[Side], masters: Sequence[Side]
+    ) -> list[tuple[Piece, np.ndarray, Piece, np.ndarray]]:
+        """The sides of a pair of surfaces by two bodies, without those that are in contact already."""
+        found = [(*a, *b) for a, b in product(slaves, masters) if a[0] is not b[0]]
+        fresh = [not self._again(card, law, *one) for one in found]
+        own = {piece.name for piece, _ in slaves} & {piece.name for piece, _ in masters}
+        if own:
+            self.notes.add("lost", card, f"contact of {', '.join(sorted(own))} with itself")
+        elif not found:
+            words = f"{card.rows and ' or '.join(card.rows[0][:2])} has no faces on a body"
+            self.notes.add("lost", card, words)
+        if not all(fresh):
+            self.notes.add("changed", card, "a contact that is there already is one contact")
+        return [one for one, new in zip(found, fresh, strict=True) if new]
 
     def _adjusted(self, card: Card, slave: Piece, heights: np.ndarray) -> float | None:
         """The gap by ADJUST of nodes of a slave with these heights (k,) over the master."""
@@ -186,72 +188,45 @@ class Joints:
                 if len(facets) and not any(piece is one for one, _ in sides)
             ]
             node = self.model.node(card, card.given["NODE"])
-            beside = [
-                one
-                for one, *_ in self.acts.cuts
-                if one is not card and self.model.node(one, one.given["NODE"]) == node
-            ]
-            if beside or node in self.acts.rigid_nodes:
-                self.notes.add(
-                    "lost",
-                    card,
-                    f"its node is also that of line {beside[0].line}"
-                    if beside
-                    else "its node is the reference node of a rigid set",
-                )
-                continue
             force, offset = (
                 self.model.kinds[kind].get((node, 1)) for kind in ("forces", "supports")
             )
             given = force or offset
-            if len(sides) != 1 or len(others) != 1 or not given or (force and offset):
-                self.notes.add(
-                    "lost",
-                    card,
-                    "a section that does not cut a body in two"
-                    if given
-                    else "a pre-tension whose node has neither a force nor a displacement",
-                )
+            reason = self._shared(card, node)
+            if not reason and not given:
+                reason = "a pre-tension whose node has neither a force nor a displacement"
+            if not reason and (len(sides) != 1 or len(others) != 1 or (force and offset)):
+                reason = "a section that does not cut a body in two"
+            if reason or not given:
+                self.notes.add("lost", card, reason)
                 continue
             ((piece, facets),), ((other, against),) = sides, others
             if force and node in self.model.locked:  # after its last point the offset is kept
-                given = force._replace(
-                    course=tuple(p for p in force.course if p[0] <= self.model.locked[node])
-                )
+                kept = tuple(p for p in force.course if p[0] <= self.model.locked[node])
+                given = force._replace(course=kept)
             value, history = self.acts.factor(given)
             normal = piece.outward(facets)
             if card.rows and normal @ card.values()[: len(normal)] < 0.0:
-                value = (
-                    -value
-                )  # the normal that the card gives points into the elements of the surface
-            self.notes.add(
-                "taken", card, "a bond with a pretension" if force else "a bond over a gap"
-            )
+                value = -value  # its normal points into the elements of the surface
+            words = "a bond with a pretension" if force else "a bond over a gap"
+            self.notes.add("taken", card, words)
             bond: dict[str, Any] = {"bodies": [piece.name, other.name], "kind": "bonded"}
-            yield (
-                bond
-                | {"on": [piece.group(facets, "section"), other.group(against, "section")]}
-                | (
-                    {
-                        "pretension": {
-                            "force": value / self.acts.matter.depth,
-                            "along": normal.tolist(),
-                        }
-                        | later(history)
-                    }
-                    if force
-                    else {"gap": {"value": value} | later(history)}
-                )
-            )
+            on = [piece.group(facets, "section"), other.group(against, "section")]
+            pull = {"force": value / self.acts.matter.depth, "along": normal.tolist()}
+            how = {"pretension": pull} if force else {"gap": {"value": value}}
+            yield bond | {"on": on} | {key: entry | later(history) for key, entry in how.items()}
             if len(around):
-                self.notes.add(
-                    "changed",
-                    card,
-                    "the elements at the section are a body of their own, bonded "
-                    "to the others, which hang together without it",
-                )
+                words = "the elements at the section are a body of their own, bonded to the others, which hang together"
+                self.notes.add("changed", card, f"{words} without it")
                 yield bond | {
                     "on": [
                         one.group(one.whole(one.within(around)), "layer") for one in (piece, other)
                     ]
                 }
+
+    def _shared(self, card: Card, node: int) -> str:
+        """Why the node of a section cannot be that of this section alone; empty if it can."""
+        for one, *_ in self.acts.cuts:
+            if one is not card and self.model.node(one, one.given["NODE"]) == node:
+                return f"its node is also that of line {one.line}"
+        return "its node is the reference node of a rigid set" * (node in self.acts.rigid_nodes)

@@ -109,6 +109,7 @@ class Model:
             if key in card.given
             for node in self._of(card, "NSET", card.given[key])
         }
+        self.rigid_nodes = set[int]()  # reference nodes of rigid sets, and their nodes of rotations
         self._coupling: Rigid | None = None  # a *COUPLING before its second keyword
         self._defined: dict[tuple[str, str], Card] = {}
         self._within, self._inside = (
@@ -180,39 +181,7 @@ class Model:
         return nodes.pop()
 
     def _read(self) -> None:
-        steps: list[list[Card]] = []
-        inside, early = None, list[Card]()
-        for card in self.deck.cards:
-            if card.word == "STEP":
-                if inside is not None:
-                    raise InputError(
-                        inside.tells("the step does not end before the next one begins")
-                    )
-                inside = card
-                steps.append([])
-            if inside is None and card.word in OF_STEPS:
-                early.append(card)
-            if inside is None and card.word == "ENDSTEP":
-                raise InputError(card.tells("no *STEP begins before it"))
-            take = self._take if inside is None else steps[-1].append
-            take(card)
-            inside = None if card.word == "ENDSTEP" else inside
-        if inside is not None:
-            raise InputError(
-                inside.tells("the step that begins here does not end; is the deck cut off?")
-            )
-        for card in early:
-            after = not steps or card.place > steps[-1][0].place
-            self.notes.add(
-                "lost" if after else "changed",
-                card,
-                "it stands in no *STEP"
-                + (
-                    ", but after the last one"
-                    if after
-                    else "; it counts from the beginning of the next one"
-                ),
-            )
+        steps = self._steps()
         # a step that is not static is called by its first keyword that static ones do not have
         ways = [
             next((card for card in step if card.word == "STATIC"), None)
@@ -221,11 +190,9 @@ class Model:
         ]
         static = [k for k, way in enumerate(ways) if way.word == "STATIC"]
         if not static:
-            what = (
-                f"; its first step, on line {steps[0][0].line}, is *{ways[0].name}"
-                if steps
-                else " (is it cut off?)"
-            )
+            what = " (is it cut off?)"
+            if steps:
+                what = f"; its first step, on line {steps[0][0].line}, is *{ways[0].name}"
             raise InputError(f"it has no *STATIC step{what}; ddmpi computes static equilibrium")
         for k, (step, way) in enumerate(zip(steps, ways, strict=True)):
             others = [card.line for card in step if card.word == way.word and card.rows != way.rows]
@@ -235,26 +202,56 @@ class Model:
                 with way.reading():
                     self._follow(step, way)
             elif k > static[-1] and any(card.word in PERTURBATIONS for card in step):
-                self.notes.add(
-                    "changed",
-                    way,
-                    "this step is left out, as are its loads and supports; the scene is that "
-                    "of the *STATIC steps before",
-                )
+                words = "this step is left out, as are its loads and supports; the scene is that "
+                self.notes.add("changed", way, words + "of the *STATIC steps before")
                 self.left_out |= {card.place for card in step}
             else:
                 self.notes.add("lost", way, "only *STATIC steps are computed")
-        # elastic bodies without friction forget the way to a state, unless the offset of a bolt is kept
-        forgets = not self.locked and not any(
-            "FRICTION" in law for law in self.interactions.values()
-        )
+        self.rigid_nodes = {node for rigid in self.rigid for node in (rigid.ref, rigid.turn)}
+        self._tell_changes()
+
+    def _steps(self) -> list[list[Card]]:
+        """The keywords of each step; those outside of steps are taken. Raises InputError."""
+        steps: list[list[Card]] = []
+        inside, early = None, list[Card]()
+        for card in self.deck.cards:
+            if card.word == "STEP":
+                if inside is not None:
+                    words = "the step does not end before the next one begins"
+                    raise InputError(inside.tells(words))
+                inside = card
+                steps.append([])
+            if inside is not None:
+                steps[-1].append(card)
+            elif card.word == "ENDSTEP":
+                raise InputError(card.tells("no *STEP begins before it"))
+            else:
+                early += [card] if card.word in OF_STEPS else []
+                self._take(card)
+            inside = None if card.word == "ENDSTEP" else inside
+        if inside is not None:
+            words = "the step that begins here does not end; is the deck cut off?"
+            raise InputError(inside.tells(words))
+        for card in early:
+            if steps and card.place < steps[-1][0].place:
+                words = "it stands in no *STEP, and counts from the beginning of the next one"
+                self.notes.add("changed", card, words)
+            else:
+                self.notes.add("lost", card, "it stands after the last *STEP")
+        return steps
+
+    def _tell_changes(self) -> None:
+        """Note what changes from step to step. Elastic bodies without friction forget the way to a state, unless the
+        offset of a bolt is kept."""
+        friction = any("FRICTION" in law for law in self.interactions.values())
+        forgets = not self.locked and not friction
         self.final = forgets and bool(self.changing)
+        words = ": only the state at the end of the last step is computed"
         for card, what in self.changing:
-            self.notes.add(
-                "changed" if forgets else "lost",
-                card,
-                what + ": only the state at the end of the last step is computed" * forgets,
-            )
+            if forgets:
+                self.notes.add("changed", card, what + words)
+            else:
+                self.notes.lost_between_steps(card, what)
 
     def _follow(self, cards: list[Card], way: Card) -> None:
         """Take the cards of a step, and follow all loads and supports to its end."""
@@ -492,33 +489,28 @@ class Model:
             self.locked |= dict.fromkeys(fixed, self.ends[-1])
             return
         if {"SUBMODEL", "USER", "FIXED"} & card.given.keys() or card.says("TYPE", "D")[0] != "D":
-            self.notes.add(
-                "lost", card, "displacements of another model, a routine, or of the step before"
-            )
+            words = "displacements of another model, a routine, or of the step before"
+            self.notes.add("lost", card, words)
             return
         for row in card.rows:
-            components, value = held(row)
             for node in self.deck.chosen(card, "NSET", row[0]):
-                most = 6 if node in self._refs else 3
-                for k in (k for k in components if k <= most):
-                    other, before = self._fresh["supports"].get((node, k), (card, value))
-                    if before != value and other.place >= self._since:
-                        self.notes.add(
-                            "changed",
-                            card,
-                            f"line {other.line} gives another displacement of the same "
-                            "nodes; the last one counts, as in CalculiX",
-                        )
-                    self._fresh["supports"][node, k] = card, value
-                if components[-1] > max(most, 6) or (components[-1] > most and value):
-                    self.notes.add("lost", card, f"component {components[-1]} of the displacement")
-                elif components[0] > most:
-                    self.notes.add(
-                        "changed",
-                        card,
-                        "nodes of solids have no turns: components 4 to 6 have no effect",
-                    )
+                self._hold(card, node, *held(row))
         self.notes.add("taken", card, "clamps")
+
+    def _hold(self, card: Card, node: int, components: Sequence[int], value: float) -> None:
+        """A support of a node; the last one of a step counts."""
+        most = 6 if node in self._refs else 3
+        for k in (k for k in components if k <= most):
+            other, before = self._fresh["supports"].get((node, k), (card, value))
+            if before != value and other.place >= self._since:
+                words = f"line {other.line} gives another displacement of the same nodes"
+                self.notes.add("changed", card, f"{words}; the last one counts, as in CalculiX")
+            self._fresh["supports"][node, k] = card, value
+        if components[-1] > 6 or (components[-1] > most and value):
+            self.notes.add("lost", card, f"component {components[-1]} of the displacement")
+        elif components[0] > most:
+            words = "nodes of solids have no turns: components 4 to 6 have no effect"
+            self.notes.add("changed", card, words)
 
     def _on_cload(self, card: Card) -> None:
         self._renew("forces", card)
@@ -537,15 +529,7 @@ class Model:
         surface = card.word == "DSLOAD"
         for kind in ("pressures", "body_forces")[: 2 - surface]:
             self._renew(kind, card)
-        pulled = (
-            {}
-            if "pressures" in self._renewed
-            else {
-                key[:2]: key[2]
-                for key, acting in self.kinds["pressures"].items()
-                if len(key[2]) == 3 and acting.value
-            }
-        )
+        before = self._pulled()
         for row in card.rows:
             what, label, values = row[0], row[1].upper(), numbers(row[2:])
             way: tuple[float, ...] = ()
@@ -554,51 +538,45 @@ class Model:
                 ends, words = self.deck.ends(card, what), "pressure on a surface"
                 way = (*along(values[1:4]).tolist(),) if label == "TRVEC" else ()
             elif not surface and re.fullmatch(r"P\d(NP)?", label):
-                ends, words = (
-                    product(self.deck.chosen(card, "ELSET", what), [int(label[1])]),
-                    "pressure",
-                )
+                ends = product(self.deck.chosen(card, "ELSET", what), [int(label[1])])
+                words = "pressure"
                 if label[2:]:  # P1NP is that of a fluid at a node, the second component there
                     way, values = (self.node(card, row[2]),), [0.0]
             elif not surface and label in ("GRAV", "CENTRIF", "BX", "BY", "BZ"):
-                self.deck.chosen(card, "ELSET", what)
-                slopes = np.zeros((3, 3))
-                if label == "CENTRIF":  # ω² times the distance from the axis through a place
-                    slopes = np.eye(3) - np.outer(along(values[4:7]), along(values[4:7]))
-                    constant = -slopes @ vector(values[1:4])
-                else:
-                    constant = (
-                        along(values[1:4]) if label == "GRAV" else np.eye(3)["XYZ".index(label[1])]
-                    )
-                words, way = "volume force", (*constant, *slopes.ravel())
-                key = (called(what), card.scope, label)
-                if (
-                    any(
-                        one[:3] == key and one[3] != way and acting.value
-                        for one, acting in self.kinds["body_forces"].items()
-                    )
-                    and "body_forces" not in self._renewed
-                ):
-                    self.notes.add(
-                        "changed",
-                        card,
-                        f"{label} adds to that of the step before, which has another "
-                        "direction or axis, as in CalculiX; OP=NEW would replace it",
-                    )
-                self._add("body_forces", (*key, way), card, values[0])
+                words = "volume force"
+                self._body_force(card, what, label, values)
             else:
                 self.notes.add("lost", card, f"the load {label}")
                 continue
             for element, face in ends:
-                if len(way) == 3 and pulled.get((element, face), way) != way:
-                    self.notes.add(
-                        "lost",
-                        card,
-                        "TRVEC in another direction than in the step before; OP=NEW would "
-                        "replace that",
-                    )
+                if len(way) == 3 and before.get((element, face), way) != way:
+                    words = "TRVEC in another direction than in the step before; OP=NEW would replace that"
+                    self.notes.add("lost", card, words)
                 self._add("pressures", (element, face, way), card, values[0])
             self.notes.add("taken", card, words)
+
+    def _pulled(self) -> dict[tuple[int, int], tuple[float, ...]]:
+        """The directions of TRVEC of the steps before, by element and face, unless OP=NEW ends them."""
+        acting = {} if "pressures" in self._renewed else self.kinds["pressures"]
+        return {key[:2]: key[2] for key, one in acting.items() if len(key[2]) == 3 and one.value}
+
+    def _body_force(self, card: Card, what: str, label: str, values: list[float]) -> None:
+        """A load on the volume of elements, which adds to others of its kind in another direction."""
+        self.deck.chosen(card, "ELSET", what)
+        slopes = np.zeros((3, 3))
+        if label == "CENTRIF":  # ω² times the distance from the axis through a place
+            slopes = np.eye(3) - np.outer(along(values[4:7]), along(values[4:7]))
+            constant = -slopes @ vector(values[1:4])
+        elif label == "GRAV":
+            constant = along(values[1:4])
+        else:
+            constant = np.eye(3)["XYZ".index(label[1])]
+        way, key = (*constant, *slopes.ravel()), (called(what), card.scope, label)
+        acting = {} if "body_forces" in self._renewed else self.kinds["body_forces"]
+        if any(one[:3] == key and one[3] != way and load.value for one, load in acting.items()):
+            words = f"{label} adds to that of the step before, which has another direction or axis"
+            self.notes.add("changed", card, f"{words}, as in CalculiX; OP=NEW would replace it")
+        self._add("body_forces", (*key, way), card, values[0])
 
     _on_dsload = _on_dload
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ddmpi.decks.acting import Acts, later, steps_hint
+from ddmpi.decks.acting import Acts, later
 from ddmpi.decks.cards import EXACT, Rigid
 from ddmpi.decks.pieces import Piece, formula, own_name
 from ddmpi.system.numbers import ROUNDING
@@ -49,70 +49,57 @@ class RigidSets:
     def _apart(self, sets: Sequence[Rigid]) -> str:
         """Why sets with one reference node are not one rigid body of a scene; empty if they are."""
         first, nodes = sets[0], set().union(*(one.nodes for one in sets))
-        others = [one for one in self.model.rigid if one.ref != first.ref]
-        for one in others:
-            line = f"line {one.card.line}"
-            if {first.ref, first.turn} & {one.ref, one.turn}:
-                return f"its node of rotations is also that of {line}"
-            if not first.spread and not one.spread and not nodes.isdisjoint(one.nodes):
-                return (
-                    f"some of its nodes are in the set of {line}, which has another reference node"
-                )
-            if {one.ref, one.turn} & nodes or {first.ref, first.turn} & one.nodes:
-                return f"the reference node of one set is in the other: this one and that of {line}"
+        for one in self.model.rigid:
+            if one.ref != first.ref and (reason := _crossing(first, nodes, one)):
+                return reason
         if len(sets) > 1 and any(one.spread for one in sets):
             lines = ", ".join(str(one.card.line) for one in sets)
-            return (
-                f"lines {lines} have one reference node; how its force divides between sets over "
-                "which it is spread is not known"
-            )
+            words = "how its force divides between sets over which it is spread is not known"
+            return f"lines {lines} have one reference node; {words}"
         if len({one.turn for one in sets}) > 1:
             return "sets with one reference node turn by different nodes"
         if first.ref in self.acts.home and (first.spread or first.ref not in nodes):
             return "its reference node is one of a body, and not one of the set"
-        acting = (*self.model.kinds["supports"], *self.model.kinds["forces"])
-        if any(
-            node in (first.ref, first.turn) and node in self.model.transforms for node, _ in acting
-        ):
-            return "its reference node has a *TRANSFORM"
-        return ""
+        acting = {node for kind in ("supports", "forces") for node, _ in self.model.kinds[kind]}
+        turned = {first.ref, first.turn} & self.model.transforms.keys()
+        return "its reference node has a *TRANSFORM" * bool(turned & acting)
 
     def _join(self, sets: Sequence[Rigid]) -> str:
         """Write sets with one reference node; the reason where it is not possible."""
         rigid = sets[0]._replace(nodes=set().union(*(one.nodes for one in sets)))
         own = self.acts.at(rigid.nodes)
-        free = np.isnan(self._parts("supports", rigid)[0]).all()
-        if own and all(covered for *_, covered in own):
-            faces = [(piece, facets) for piece, facets, _ in own]
-            if reason := self._take(rigid, faces):
-                return reason
-            words = (
-                "forces spread over a face" if rigid.spread else "a face that moves as a rigid one"
-            )
-        elif len(sets) == 1 and len(own) == 1 and not len(own[0][1]) and free:
-            piece = own[0][0]
-            patches, _ = piece.patches(np.flatnonzero(piece.within(rigid.nodes)))
-            facets = np.unique(np.concatenate([some for some, _ in patches] or [own[0][1]]))
-            if reason := self._take(rigid._replace(spread=True), [(piece, facets)]):
-                return reason
-            words = "forces spread over a face"
-            self.notes.add(
-                "changed",
-                rigid.card,
-                "points alone hold nothing in a solid; the loads on them are spread over the faces around them",
-            )
-        else:
-            return "its nodes are no whole faces of " + ("one body" if len(own) < 2 else "bodies")
+        faces = [(piece, facets) for piece, facets, _ in own]
+        if not own or not all(covered for *_, covered in own):
+            facets = self._around(sets, own)
+            if facets is None:
+                return "its nodes are no whole faces of one body"
+            rigid, faces = rigid._replace(spread=True), [(own[0][0], facets)]
+        if reason := self._take(rigid, faces):
+            return reason
+        words = "forces spread over a face" if rigid.spread else "a face that moves as a rigid one"
+        together = f"{len(sets)} sets with one reference node are one rigid body, as in Abaqus"
         for one in sets:
             self.notes.add("taken", one.card, words)
-            if len(sets) > 1 and rigid.turn == rigid.ref:
+            if len(sets) > 1 and one.turn == one.ref:
                 self.notes.add(
-                    "changed",
-                    one.card,
-                    f"{len(sets)} sets with one reference node are one rigid body, as in Abaqus; "
-                    "CalculiX lets each turn by itself",
+                    "changed", one.card, f"{together}; CalculiX lets each turn by itself"
                 )
+        if rigid.spread and not sets[0].spread:
+            words = "points alone hold nothing in a solid; the loads on them are spread over the faces around them"
+            self.notes.add("changed", rigid.card, words)
         return ""
+
+    def _around(
+        self, sets: Sequence[Rigid], own: Sequence[tuple[Piece, np.ndarray, bool]]
+    ) -> np.ndarray | None:
+        """The facets around a set of points of one body that is free to move; None for other sets."""
+        if len(sets) > 1 or len(own) != 1 or len(own[0][1]):
+            return None
+        if not np.isnan(self._parts("supports", sets[0])[0]).all():
+            return None
+        piece = own[0][0]
+        patches, _ = piece.patches(np.flatnonzero(piece.within(sets[0].nodes)))
+        return np.unique(np.concatenate([some for some, _ in patches])) if patches else None
 
     def _take(self, rigid: Rigid, faces: Sequence[Face]) -> str:
         """Write a rigid set that has whole faces of bodies; the reason where it is not possible."""
@@ -121,47 +108,58 @@ class RigidSets:
         (held, of_held), (loads, of_loads) = (
             self._parts(kind, rigid) for kind in ("supports", "forces")
         )
-        d = len(self.acts.axes)
-        in_plane = np.array([True, True, False, False, False, True]) if d == 2 else np.ones(6, bool)
-        if np.nan_to_num([held[6:], loads[6:]]).any():
+        d, both = len(self.acts.axes), np.nan_to_num([held, loads])
+        within = [0, 1, 5] if d == 2 else [*range(6)]
+        if both[:, 6:].any():
             return "a node of rotations has components 1 to 3 alone"
-        if np.nan_to_num([held[:6][~in_plane], loads[:6][~in_plane]]).any():
+        if np.delete(both[:, :6], within, axis=1).any():
             return "its reference node is loaded or moved out of the plane"
-        held, loads = held[:6][in_plane], loads[:6][in_plane] / self.acts.matter.depth
         if len(of_held | of_loads) > 1:
-            return "its loads and displacements change in different ways" + steps_hint(self.model)
+            self.notes.cases = len(self.model.ends) > 1
+            return "its loads and displacements change in different ways"
+        held, loads = held[within], both[1, within] / self.acts.matter.depth
         more = later(next(iter(of_held | of_loads), None))
+        turn = float(np.linalg.norm(both[0, within[d:]]))
+        if self.model.large and turn > SMALL_TURN:
+            return f"it turns by {turn:.3g}, and turns are small in a scene"
         if rigid.spread:
-            return self._spread(rigid, faces, held, np.nan_to_num(loads), more)
-        given, held, loads = ~np.isnan(held), np.nan_to_num(held), np.nan_to_num(loads)
+            return self._spread(rigid, faces, held, loads, more)
         pivot = np.array(self.model.deck.points[rigid.ref][:d])
-        if self.model.large and np.linalg.norm(held[d:]) > SMALL_TURN:
-            return f"it turns by {np.linalg.norm(held[d:]):.3g}, and turns are small in a scene"
-        if given.all():
-            self._move(faces, held, pivot, more)
-            return ""
-        turns, moment = held[d:], loads[d:]
+        if np.isnan(held).any():
+            return self._push(rigid, faces, held, loads, pivot, more)
+        self._move(faces, held, pivot, more)
+        return ""
+
+    def _push(
+        self,
+        rigid: Rigid,
+        faces: Sequence[Face],
+        held: np.ndarray,
+        loads: np.ndarray,
+        pivot: np.ndarray,
+        more: dict[str, Any],
+    ) -> str:
+        """Write a rigid partner that moves as forces want, where displacements `held` are not given (NaN)."""
+        d, given, held = len(pivot), ~np.isnan(held), np.nan_to_num(held)
         if given[d:].any() and not given[d:].all():
             return "some of its turns are given, and others are free"
-        if turns.any():
+        if held[d:].any():
             return "its turns are given, and some of its displacements are free"
         if (given & (loads != 0.0)).any():
-            self.notes.add(
-                "changed", rigid.card, "forces along displacements that are given change nothing"
-            )
-            loads[given] = 0.0
+            words = "forces along displacements that are given change nothing"
+            self.notes.add("changed", rigid.card, words)
+        loads = np.where(given, 0.0, loads)
         name = own_name("rigid", [*(one["name"] for one in self.partners), *self.clamps])
-        partner: dict[str, Any] = (
-            {"name": name} | self._surface(faces) | {"displacement": held[:d].tolist()}
-        )
+        partner: dict[str, Any] = {"name": name} | self._surface(faces)
+        partner["displacement"] = held[:d].tolist()
         axes = zip(self.acts.axes, given, loads, strict=False)
         partner["free"] = [axis for axis, one, load in axes if not one and not load]
         if loads[:d].any():
             partner["force"] = loads[:d].tolist()
         if not given[d:].any():
             partner["pivot"] = pivot.tolist()
-            whole = moment.tolist() if d == 3 else float(moment[0])
-            partner |= {"moment": whole} if moment.any() else {"turns": True}
+            moment = loads[d:].tolist() if d == 3 else float(loads[d])
+            partner |= {"moment": moment} if np.any(moment) else {"turns": True}
         self.partners.append({key: value for key, value in partner.items() if value != []} | more)
         for piece, facets in faces:
             on = [piece.group(facets, "rigid")]
@@ -237,3 +235,15 @@ class RigidSets:
                 values[k] = np.nansum([values[k], value]) if kind == "forces" else value
                 histories |= {history} if value else set()
         return values, histories
+
+
+def _crossing(first: Rigid, nodes: set[int], other: Rigid) -> str:
+    """Why a set with these `nodes` and one of another reference node are no two bodies; empty if they are."""
+    line = f"line {other.card.line}"
+    if {first.ref, first.turn} & {other.ref, other.turn}:
+        return f"its node of rotations is also that of {line}"
+    if not first.spread and not other.spread and not nodes.isdisjoint(other.nodes):
+        return f"some of its nodes are in the set of {line}, which has another reference node"
+    if {other.ref, other.turn} & nodes or {first.ref, first.turn} & other.nodes:
+        return f"the reference node of one set is in the other: this one and that of {line}"
+    return ""

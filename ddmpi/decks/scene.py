@@ -212,7 +212,9 @@ def import_deck(
     if lists["lost"] and not partial:
         raise InputError(
             f"{deck}: a scene would be another problem without what is not possible; nothing is written "
-            "(--partial writes it all the same)" + "".join(f"\n  {line}" for line in lists["lost"])
+            "(--partial writes it all the same)"
+            + "".join(f"\n  {line}" for line in lists["lost"])
+            + "\n  if its steps are load cases, keep one step per deck" * importer.notes.cases
         )
     tried = write_toml(scene)
     kind = 2 if importer.family != "C3D" else 3, importer.order
@@ -230,6 +232,13 @@ def import_deck(
     for piece in importer.pieces:
         piece.write(folder / f"{piece.name}.inp")
     (folder / "scene.toml").write_text(text, encoding="utf-8")
+    return _told(importer, scene, lists, folder)
+
+
+def _told(
+    importer: Importer, scene: dict[str, Any], lists: dict[str, list[str]], folder: Path
+) -> str:
+    """The lists, with the units and the size of the scene."""
     touched = {name for contact in scene.get("contact", []) for name in contact["bodies"]}
     loose = [
         body["name"]
