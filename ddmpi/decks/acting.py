@@ -20,6 +20,9 @@ KEEPS = 1e-9
 ALONG = 0.97
 """Least cosine between the normals of straight facets and the directions of supports at their nodes."""
 
+DIFFERENTLY = "temperatures that change in different ways in one body"
+"""Why a body has no one history of its temperature."""
+
 Key = tuple[float, str | None]
 """The value of a load, and its history."""
 
@@ -423,8 +426,7 @@ class Acts:
             end[k] = start[k] + rise
             histories |= {history} if rise else set()
         if len(histories) > 1:
-            words = "temperatures that change in different ways in one body"
-            self.notes.lost_between_steps(card, words)
+            self.notes.lost_between_steps(card, DIFFERENTLY)
         names = dict.fromkeys(self.model.sections[k][1] for k in self.matter.sections(piece))
         uniform = np.ptp(start) == np.ptp(end) == 0.0
         fields, expansions = [], {}

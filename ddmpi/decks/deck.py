@@ -26,6 +26,7 @@ from ddmpi.decks.cards import (
     read_cards,
     vector,
 )
+from ddmpi.errors import InputError
 
 GENERATING = ("NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "SYSTEM")
 """Keywords that make nodes or elements from others, or move them; they are not read."""
@@ -310,6 +311,12 @@ class Deck:
             )
         return of[0] if of else None if len(self.places) > 1 else next(iter(self.places), "")
 
+    def _within(self, only: str | None, name: str) -> str:
+        """What a set or surface is called within an instance, in whose name its own begins."""
+        if only and called(name).startswith(f"{only}."):
+            return name[len(self.places[only].name) + 1 :]
+        return name
+
     def mesh(self, part: str | None = None):
         """All of it as a mesh of meshio; surfaces are elements between corners. Of several parts the `part` alone, by
         the name of its instance or its own; its elements are a set of that name, too."""
@@ -345,11 +352,7 @@ class Deck:
             self.names.items(), key=lambda entry: entry[0][0] == "SURFACE"
         ):
             # within its own instance a set goes by its name alone
-            label = (
-                name[len(self.places[only].name) + 1 :]
-                if only and called(name).startswith(f"{only}.")
-                else name
-            )
+            label = self._within(only, name)
             if kind == "SURFACE":
                 for what, where in self.sets[kind][key]:
                     some = list(self.members("ELSET", what))
@@ -386,6 +389,15 @@ class Deck:
         )
 
 
+def _refuse_alike(cards: Iterable[Card]) -> None:
+    """Refuse two parts of one name. Raises InputError."""
+    found = set[str]()
+    for card in (card for card in cards if card.word == "PART"):
+        if card.name_of("NAME") in found:
+            raise InputError(card.tells(f"there are two of the name {card.given['NAME']}"))
+        found.add(card.name_of("NAME"))
+
+
 def flattened(path: Path) -> tuple[list[Card], list[Instance]]:
     """The keywords of a deck, those of a part once for each instance of it; and the instances, none without parts.
 
@@ -395,6 +407,7 @@ def flattened(path: Path) -> tuple[list[Card], list[Instance]]:
     names: dict[str, str] = {}
     cards, instances, scopes = list[Card](), list[Instance](), [("", "")]
     every = read_cards(path)
+    _refuse_alike(every)
     for place, read in enumerate(every):
         card = read._replace(place=place)
         if card.word in WITHIN:
@@ -414,8 +427,6 @@ def flattened(path: Path) -> tuple[list[Card], list[Instance]]:
             parts[called(scopes[-1][1])].append(card)
         else:
             cards.append(card._replace(scope=scopes[-1][1] if scopes[-1][0] == "INSTANCE" else ""))
-    if len(names) < sum(card.word == "PART" for card in every):
-        raise DeckError("two of its parts have one name")
     if parts and not instances:  # a part that nothing places stands where it was drawn
         instances = [Instance(name, name, []) for name in names.values()]
         cards = [

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ddmpi.decks.acting import Acts, later
-from ddmpi.decks.cards import Card, called, number
+from ddmpi.decks.cards import Acting, Card, called, number
 from ddmpi.decks.pieces import Piece
 from ddmpi.errors import InputError
 
@@ -192,11 +192,8 @@ class Joints:
                 self.model.kinds[kind].get((node, 1)) for kind in ("forces", "supports")
             )
             given = force or offset
-            reason = self._shared(card, node)
-            if not reason and not given:
-                reason = "a pre-tension whose node has neither a force nor a displacement"
-            if not reason and (len(sides) != 1 or len(others) != 1 or (force and offset)):
-                reason = "a section that does not cut a body in two"
+            cuts = len(sides) == len(others) == 1 and not (force and offset)
+            reason = self._shared(card, node) or _incomplete(given, cuts)
             if reason or not given:
                 self.notes.add("lost", card, reason)
                 continue
@@ -230,3 +227,10 @@ class Joints:
             if one is not card and self.model.node(one, one.given["NODE"]) == node:
                 return f"its node is also that of line {one.line}"
         return "its node is the reference node of a rigid set" * (node in self.acts.rigid_nodes)
+
+
+def _incomplete(given: Acting | None, cuts: bool) -> str:
+    """Why a section is no bolt; empty if it is one."""
+    if not given:
+        return "a pre-tension whose node has neither a force nor a displacement"
+    return "" if cuts else "a section that does not cut a body in two"

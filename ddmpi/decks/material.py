@@ -35,16 +35,8 @@ class Matter:
         self.model, self.notes, self.family = model, notes, family
         self.owner: dict[int, int] = {}  # section by element; the last one counts
         for k, (members, _, thick, _, card) in enumerate(model.sections):
-            before = {self.owner[element] for element in members if element in self.owner}
-            if card.word != "CHANGESOLIDSECTION" and any(
-                model.sections[j][1:4] != model.sections[k][1:4] for j in before
-            ):
-                lines = ", ".join(str(model.sections[j][4].line) for j in sorted(before))
-                notes.add(
-                    "changed",
-                    card,
-                    f"elements that line {lines} gives another section have this one, as in CalculiX",
-                )
+            if card.word != "CHANGESOLIDSECTION":
+                self._tell_others(k)
             self.owner |= dict.fromkeys(members, k)
             if thick < 0.0:
                 raise InputError(card.tells("the thickness is negative"))
@@ -58,6 +50,16 @@ class Matter:
                 "bodies in contact, have one depth"
             )
         self.depth = depths.pop() if family in ("CPE", "CPS") and len(depths) == 1 else 1.0
+
+    def _tell_others(self, k: int) -> None:
+        """Note the elements of a section that have another one before it."""
+        sections = self.model.sections
+        members, *own, card = sections[k]
+        before = {self.owner[element] for element in members if element in self.owner}
+        lines = [sections[j][4].line for j in before if [*sections[j][1:4]] != own]
+        if lines:
+            words = f"elements that line {', '.join(map(str, sorted(lines)))} gives another section"
+            self.notes.add("changed", card, f"{words} have this one, as in CalculiX")
 
     def sections(self, piece: Piece) -> dict[int, np.ndarray]:
         """The sections of a body, and their elements. Raises InputError for elements without one."""

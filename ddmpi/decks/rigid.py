@@ -49,13 +49,12 @@ class RigidSets:
     def _apart(self, sets: Sequence[Rigid]) -> str:
         """Why sets with one reference node are not one rigid body of a scene; empty if they are."""
         first, nodes = sets[0], set().union(*(one.nodes for one in sets))
-        for one in self.model.rigid:
-            if one.ref != first.ref and (reason := _crossing(first, nodes, one)):
-                return reason
+        others = (_crossing(first, nodes, one) for one in self.model.rigid if one.ref != first.ref)
+        if reason := next(filter(None, others), ""):
+            return reason
         if len(sets) > 1 and any(one.spread for one in sets):
-            lines = ", ".join(str(one.card.line) for one in sets)
             words = "how its force divides between sets over which it is spread is not known"
-            return f"lines {lines} have one reference node; {words}"
+            return f"lines {_lines(sets)} have one reference node; {words}"
         if len({one.turn for one in sets}) > 1:
             return "sets with one reference node turn by different nodes"
         if first.ref in self.acts.home and (first.spread or first.ref not in nodes):
@@ -235,6 +234,10 @@ class RigidSets:
                 values[k] = np.nansum([values[k], value]) if kind == "forces" else value
                 histories |= {history} if value else set()
         return values, histories
+
+
+def _lines(sets: Sequence[Rigid]) -> str:
+    return ", ".join(str(one.card.line) for one in sets)
 
 
 def _crossing(first: Rigid, nodes: set[int], other: Rigid) -> str:

@@ -97,6 +97,7 @@ class Scene(Table, frozen=True, kw_only=True):
                 check_formulas(f"{key}.{name}", getattr(table, name, None))
         for contact in self.contact:
             self._check_partners(contact)
+            self._check_nodes(contact)
         check_thickness(self.body, {name for contact in self.contact for name in contact.bodies})
         orders = sorted({body.mesh.order for body in self.body if body.mesh.order})
         if len(orders) > 1:
@@ -254,6 +255,15 @@ class Scene(Table, frozen=True, kw_only=True):
                 "mesh.refine"
             )
 
+    def _check_nodes(self, contact: ContactSpec) -> None:
+        """What has no surface has bonds alone."""
+        nodes = [one.name for one in self.rigid if not one.surface]
+        if contact.bodies[1] in nodes and contact.kind != "bonded":
+            raise ValueError(
+                f"contact.{contact.called}.kind: {contact.bodies[1]!r} is a node, which has no surface "
+                'that could be touched; write kind = "bonded", or give it another shape'
+            )
+
     def _check_partners(self, contact: ContactSpec) -> None:
         """A contact is between two bodies, or a body and then a rigid partner, with a group for each body."""
         key, bodies = f"contact.{contact.called}", {body.name: body for body in self.body}
@@ -297,13 +307,6 @@ class Scene(Table, frozen=True, kw_only=True):
             raise ValueError(
                 f"{key}.slave: {contact.slave!r} is not a body of this contact"
                 f"{nearest(contact.slave, list(contact.bodies))} (bodies: {first}, {second})"
-            )
-        if contact.kind != "bonded" and any(
-            one.name == second and not one.surface for one in self.rigid
-        ):
-            raise ValueError(
-                f"{key}.kind: {second!r} is a node, which has no surface that could be touched; write "
-                'kind = "bonded", or give it another shape'
             )
         if second in rigid and (contact.slave or contact.pairing):
             raise ValueError(
