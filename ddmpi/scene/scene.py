@@ -395,7 +395,7 @@ class Scene(Table, frozen=True, kw_only=True):
                 others = [
                     shape.__struct_config__.tag
                     for shape in get_args(Rigid)
-                    if shape.only_in != rigid.only_in
+                    if shape.only_in != rigid.only_in and shape.surface
                 ]
                 yield (
                     rigid.only_in,
