@@ -54,6 +54,9 @@ EXTENTS = (
 FORMULAS = ("x", "y", "z", "normal", "value", "pressure", "volume_force", "gap", "temperature")
 """Keys whose values may be formulas."""
 
+SURFACES = [shape for shape in get_args(Rigid) if shape.surface]
+"""Shapes of rigid partners that bodies can touch."""
+
 PETScOptions = dict[str, str | int | Number | bool]
 
 
@@ -394,8 +397,8 @@ class Scene(Table, frozen=True, kw_only=True):
             if rigid.only_in:
                 others = [
                     shape.__struct_config__.tag
-                    for shape in get_args(Rigid)
-                    if shape.only_in != rigid.only_in and shape.surface
+                    for shape in SURFACES
+                    if shape.only_in != rigid.only_in
                 ]
                 yield (
                     rigid.only_in,
