@@ -126,7 +126,6 @@ SILENT = frozenset(
         "SPRING",
         "DASHPOT",
         "MASS",
-        "NOANALYSIS",
     )
 )
 """Keywords about output, those that count where others name them, and those of elements that are lost themselves."""

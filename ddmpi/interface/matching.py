@@ -99,7 +99,7 @@ def pair(first: Side, second: Side, contact: SettledContact, refinement: int = 1
 def faces_rigid(side: Side, rigid: Rigid) -> bool:
     """Whether a facet of a side faces a rigid partner. Not collective."""
     outward = rigid.facing(side.xy)[0]
-    return not rigid.surface or bool(
+    return bool(
         (np.einsum("icj,ij->ic", outward[side.facets], side.outward) < FACING).all(axis=1).any()
     )
 
