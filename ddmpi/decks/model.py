@@ -128,14 +128,12 @@ class Model:
         for card in self.deck.cards:
             if card.word == word:
                 scope = f"{called(card.scope)}." if card.scope and word == "ORIENTATION" else ""
-                other = found.setdefault(scope + card.name_of("NAME"), card)
-                if other.place != card.place:
-                    raise InputError(
-                        card.tells(
-                            f"there is one of the name {card.given.get('NAME')} on line "
-                            f"{other.line} already"
-                        )
-                    )
+                with card.reading():
+                    name = card.given["NAME"]
+                    other = found.setdefault(scope + called(name), card)
+                    if other.place != card.place:
+                        words = f"there is one of the name {name} on line {other.line} already"
+                        raise DeckError(words)
         return found
 
     def _standing(self, card: Card) -> Card:

@@ -18,6 +18,8 @@ from test_import import (
     stack,
 )
 
+from ddmpi.scene.formulas import evaluate
+
 PULL = step("*CLOAD", "A_Z1, 3, 1.")
 TWO = (
     grid("A", (2, 1, 1), (2.0, 1.0, 1.0))
@@ -61,6 +63,16 @@ def test_a_reference_node_of_several_faces_is_one_rigid_body(tmp_path, sets):
     assert summary["rigid"]["rigid"]["force"] == pytest.approx(
         [0.0, 0.0, -100.0], rel=1e-9, abs=1e-9
     )
+
+
+def test_a_given_motion_is_that_of_all_faces(tmp_path):
+    """A reference node with all six displacements moves the faces of both bodies by one rigid motion."""
+    moved = ("900, 1, 2", "900, 3, 3, 0.01", "900, 4, 4", "900, 5, 5, 0.002", "900, 6, 6")
+    scene, _ = imported(tmp_path, TWO + SETS["couplings"] + step("*BOUNDARY", *moved))
+    a, b = ([clamp for clamp in body["clamp"] if clamp["on"] == "rigid"] for body in scene["body"])
+    assert a == b and "rigid" not in scene
+    z = np.array([2.0, 3.0])
+    assert evaluate(a[0]["z"], z) == pytest.approx(0.01 - 0.002 * (z - 2.5))
 
 
 def test_a_rigid_body_in_the_plane(tmp_path):
@@ -216,6 +228,7 @@ TWICE = [
         + "*END ASSEMBLY\n",
         "two of its instances have one name",
     ),
+    (BOX + "*AMPLITUDE\n0., 0., 1., 1.\n", "*AMPLITUDE: it lacks NAME"),
     (BOX + "*END STEP\n", "*END STEP: no *STEP begins before it"),
     (BOX + LAW + "*FRICTION\n-0.1\n", "a coefficient of friction, which is not negative"),
     (BOX.replace("0.3\n", "0.7\n", 1), "its scene: body.A.material.poisson"),
@@ -528,6 +541,7 @@ KEYWORDS = (
 )
 
 
+@pytest.mark.slow
 def test_a_deck_with_lines_twice_missing_or_moved(tmp_path):
     """Each is one message, or a scene; never a traceback."""
     lines = KEYWORDS.splitlines()
